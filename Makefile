@@ -1,0 +1,45 @@
+# Every target that needs the environment makes it first. Bare `make` lists the targets.
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test test-long check bench lock clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(READY) ## make .venv with the pinned dependencies, the command skyproof and its compiled kernels
+
+$(READY): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "skyproof needs Python 3.11 or newer; name one with: make PYTHON=python3.12 setup")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
+	$(BIN)/python -m skyproof.app.warm
+	@touch $(READY)
+
+demo: $(READY) ## simulate two receivers under a meaconer, protect them, write demo/report.html
+	$(BIN)/skyproof demo --out demo
+
+test: $(READY) ## the tests, at most five minutes
+	$(BIN)/python -m pytest -n 2 -m "not long"
+
+test-long: $(READY) ## the counts and whole scenes that need more time
+	$(BIN)/python -m pytest -n 2 -m long
+
+check: $(READY) ## ruff, mypy, the import contracts, then the tests
+	$(BIN)/ruff check src tests bench
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+	$(MAKE) --no-print-directory test
+
+bench: $(READY) ## speed, each figure beside what it is compared with
+	$(BIN)/python bench/run.py
+
+lock: $(READY) ## pin the newest versions anew (needs uv)
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
+	    --no-emit-index-url --no-emit-find-links --group dev pyproject.toml -o requirements.lock
+
+clean: ## remove the environment and what was made
+	rm -rf .venv demo .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,1 @@
+"""skyproof tells true satellite-navigation signals from false ones, and gives the true position and time back."""

@@ -1,0 +1,1 @@
+"""What is true without us: constants, time, frames, codes, messages, orbits, atmosphere, sky geometry."""

@@ -1,0 +1,274 @@
+"""The vocabulary: what flows between the rooms.
+
+Frozen dataclasses of arrays, time along axis 0, channels along axis 1, NaN where there is nothing, units in the names.
+An instant is a label: `numpy.datetime64[ns]` read as GPS time (no leap seconds, no zone). A measurement is never the
+difference of two labels. Frames are ECEF WGS-84 unless a name says otherwise; angles are radians unless a name says deg.
+
+Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views; the caller's arrays stay writable.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
+
+__all__ = [
+    "CELL_STATUS", "FIX_STATUS", "ConsistentSet", "Ephemeris", "Evidence", "Fix", "Instants", "Klobuchar",
+    "NavigationData", "Observations", "Reals", "Records", "Samples", "SignalId", "SignalRef", "UtcParameters", "freeze",
+]  # fmt: skip
+
+Reals = NDArray[np.float64]
+Instants = NDArray[np.datetime64]
+
+CELL_STATUS: dict[int, str] = {
+    0: "ok",
+    1: "not tracked",
+    2: "no time of week decoded yet",
+    3: "cycle slip since the epoch before",
+}
+"""Why a cell of `Observations` is as it is. Codes 0 and 3 have numbers; the others NaN."""
+
+FIX_STATUS: dict[int, str] = {
+    0: "ok",
+    1: "fewer than four satellites with an ephemeris",
+    2: "geometry too weak",
+    3: "did not converge",
+}
+
+
+def freeze(record: Any, shapes: Mapping[str, tuple[str, ...]]) -> None:
+    """Replace each named array by a read-only view after checking that shapes agree.
+
+    Parameters
+    ----------
+    record : dataclass instance under construction.
+    shapes : field name to symbolic shape, e.g. {"pseudorange_m": ("epoch", "channel")}; equal symbols must be equal
+        sizes; a symbol that is a number is that size.
+
+    Raises
+    ------
+    ValueError : a shape does not fit; the message names the record, the field, and both shapes.
+    """
+    sizes: dict[str, int] = {}
+    for name, symbols in shapes.items():
+        array = np.asarray(getattr(record, name))
+        if array.ndim != len(symbols):
+            raise ValueError(f"{type(record).__name__}.{name} has shape {array.shape}, expected ({', '.join(symbols)})")
+        for size, symbol in zip(array.shape, symbols, strict=True):
+            wanted = int(symbol) if symbol.isdigit() else sizes.setdefault(symbol, size)
+            if size != wanted:
+                raise ValueError(
+                    f"{type(record).__name__}.{name} has shape {array.shape}, but {symbol} is {wanted} elsewhere"
+                )
+        view = array.view()
+        view.flags.writeable = False
+        object.__setattr__(record, name, view)
+
+
+@dataclass(frozen=True, order=True)
+class SignalId:
+    """One received signal. `copy` tells several signals of one satellite apart in order of finding, nothing more."""
+
+    sat: str  # "G05"
+    band: str = "L1"
+    code: str = "CA"
+    copy: str = "a"
+
+    def __str__(self) -> str:
+        return f"{self.sat} {self.band} {self.code} {self.copy}"
+
+
+@dataclass(frozen=True, order=True)
+class SignalRef:
+    """A signal in one receiver."""
+
+    receiver: str
+    signal: SignalId
+
+    def __str__(self) -> str:
+        return f"{self.receiver}:{self.signal}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Samples:
+    """An open recording: yields any stretch of samples on demand, never the whole file.
+
+    `read(start, count)` gives float32 of shape (2, count): I and Q (Q zero for real samples), at `rate_hz`, in which a
+    signal on the nominal carrier appears at `if_hz` (higher carrier, higher frequency). It is short at the end only.
+    """
+
+    name: str
+    rate_hz: float
+    n_samples: int
+    read: Callable[[int, int], NDArray[np.float32]]
+    centre_hz: float = 1575.42e6
+    if_hz: float = 0.0
+    start_gpst: np.datetime64 | None = None  # rough, by the recorder's clock
+    antenna: str = "1"
+    path: str = ""
+    format: str = ""
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def duration_s(self) -> float:
+        return self.n_samples / self.rate_hz
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Observations:
+    """One receiver's measurements at common receiver times: epochs along axis 0, channels along axis 1.
+
+    gpst : (n_epochs,) what the receiver's clock shows at each epoch; true GPS time is this minus the clock bias.
+    elapsed_s : (n_epochs,) samples since the first one over the nominal rate.
+    pseudorange_m : c times (gpst minus the time of transmission that the code shows); formed from sample counts and
+        fractions. With `averaged_s` > 0 it is the mean over that time, centred on the epoch: white from epoch to epoch.
+    carrier_cyc : accumulated carrier phase, same sign as the range (grows when the range grows), arbitrary start.
+    doppler_hz : apparent carrier frequency minus nominal; falls with a growing range rate; contains the clock drift.
+    pseudorange_sigma_m, carrier_sigma_cyc, doppler_sigma_hz : thermal noise, one sigma.
+    status : (n_epochs, n_channels) uint8, see CELL_STATUS. NaN always has a reason here.
+    found_elapsed_s : (n_channels,) when the search found the signal.
+    missed_elapsed_s : (n_channels,) the last search before that which looked and did not find it; NaN if the first
+        search already found it. The signal came between the two.
+    """
+
+    receiver: str
+    signals: tuple[SignalId, ...]
+    gpst: Instants
+    elapsed_s: Reals
+    pseudorange_m: Reals
+    carrier_cyc: Reals
+    doppler_hz: Reals
+    cn0_dbhz: Reals
+    pseudorange_sigma_m: Reals
+    carrier_sigma_cyc: Reals
+    doppler_sigma_hz: Reals
+    status: NDArray[np.uint8]
+    found_elapsed_s: Reals
+    missed_elapsed_s: Reals
+    carrier_hz: float = 1575.42e6
+    averaged_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        cell = ("epoch", "channel")
+        cells = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
+                 "doppler_sigma_hz", "status")  # fmt: skip
+        freeze(
+            self,
+            {"gpst": ("epoch",), "elapsed_s": ("epoch",), "found_elapsed_s": ("channel",),
+             "missed_elapsed_s": ("channel",)} | {name: cell for name in cells},
+        )  # fmt: skip
+        if len(self.signals) != self.found_elapsed_s.size:
+            raise ValueError(f"Observations has {len(self.signals)} signals for {self.found_elapsed_s.size} channels")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fix:
+    """Position, velocity and clock of one receiver from one set of signals, epoch by epoch.
+
+    gpst : (n_epochs,) true time of reception (the clock bias is taken off), to the nanosecond.
+    clock_bias_s : what the receiver's clock shows minus what the signals' time says.
+    covariance_m2 : (n_epochs, 4, 4) of ECEF position and c times clock bias.
+    residual_m : (n_epochs, n_signals) measured minus modelled pseudorange, NaN where not used.
+    status : (n_epochs,) uint8, see FIX_STATUS; NaN in the numbers unless 0.
+    """
+
+    receiver: str
+    signals: tuple[SignalId, ...]
+    gpst: Instants
+    position_ecef_m: Reals
+    velocity_ecef_m_s: Reals
+    clock_bias_s: Reals
+    clock_drift: Reals
+    covariance_m2: Reals
+    residual_m: Reals
+    status: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        freeze(
+            self,
+            {"gpst": ("epoch",), "position_ecef_m": ("epoch", "3"), "velocity_ecef_m_s": ("epoch", "3"),
+             "clock_bias_s": ("epoch",), "clock_drift": ("epoch",), "covariance_m2": ("epoch", "4", "4"),
+             "residual_m": ("epoch", "signal"), "status": ("epoch",)},
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ConsistentSet:
+    """Signals of one receiver, at most one a satellite, that together fit one position and clock in one window.
+
+    The set says nothing of authenticity: a meaconed sky is as consistent as the true one.
+    statistic is the sum of squared normalised residuals, chi-square with `dof` degrees if the set is consistent.
+    """
+
+    receiver: str
+    signals: tuple[SignalId, ...]
+    gpst: np.datetime64  # middle of the window
+    position_ecef_m: Reals  # (3,)
+    clock_bias_s: float
+    covariance_m2: Reals  # (4, 4)
+    statistic: float
+    dof: int
+    p_value: float
+
+    def __post_init__(self) -> None:
+        freeze(self, {"position_ecef_m": ("3",), "covariance_m2": ("4", "4")})
+
+
+Says = Literal["authentic", "spoofed", "attack", "clean", "undecided"]
+"""What a piece of evidence says of its subject.
+
+authentic : the subject's signals come from the sky (positive evidence).
+spoofed : the subject's signals are imitations.
+attack : some of the subject's signals are imitations; not which.
+clean : no sign of an attack; no evidence of authenticity either.
+undecided : the test could not tell, or could not run; `because` says why and what would help.
+"""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Evidence:
+    """One test's outcome on one window: the statistic, its threshold and what it says, with the error rate asked for.
+
+    p_value : probability of a statistic at least as extreme under the hypothesis that `says` rejects
+        ("authentic" rejects "from one antenna"; "spoofed" and "attack" reject "clean sky").
+    log_likelihood_ratio : of what it says over its opposite, natural logarithm; None where no model is stated.
+    """
+
+    detector: str
+    start_gpst: np.datetime64
+    end_gpst: np.datetime64
+    subject: tuple[SignalRef, ...]
+    says: Says
+    because: str
+    statistic: float | None = None
+    threshold: float | None = None
+    false_alarm_probability: float | None = None
+    p_value: float | None = None
+    log_likelihood_ratio: float | None = None
+    would_need: str | None = None
+    group: int | None = None  # evidence of one group decision shares a number within its window
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Records:
+    """All that is known of one window, for detectors to look at. A detector declares which of these it needs."""
+
+    start_gpst: np.datetime64
+    end_gpst: np.datetime64
+    observations: tuple[Observations, ...] = ()
+    navigation: NavigationData | None = None
+    sets: tuple[ConsistentSet, ...] = ()
+    extras: Mapping[str, Any] = field(default_factory=dict)
+
+    def has(self, need: str) -> bool:
+        """Whether the record named in a detector's `needs` is there."""
+        if need == "observations of two receivers":
+            return len({o.receiver for o in self.observations}) >= 2
+        if need in {f.name for f in fields(self)}:
+            value = getattr(self, need)
+            return value is not None and (not hasattr(value, "__len__") or len(value) > 0)
+        return need in self.extras
