@@ -74,9 +74,10 @@ class NavigationData:
     ionosphere: Klobuchar | None = None
     utc: UtcParameters | None = None
     source: str = ""
+    remarks: tuple[str, ...] = ()  # what was skipped or mended on the way in
 
     def best(self, sat: str, gpst: np.datetime64, *, max_age_s: float = 7500.0) -> Ephemeris | None:
-        """The ephemeris of `sat` whose time of ephemeris is nearest to `gpst`, or None if none is within `max_age_s`."""
+        """The ephemeris of `sat` whose time of ephemeris is nearest to `gpst`; None if none is within `max_age_s`."""
         epoch = np.datetime64("1980-01-06T00:00:00", "ns")
         t_s = float((gpst - epoch) / np.timedelta64(1, "s"))
         near = [(abs(t_s - (e.week * 604800.0 + e.toe)), e) for e in self.ephemerides if e.sat == sat]

@@ -1,0 +1,39 @@
+"""How long work tells how far it is: the promise that the use cases call, and the one that keeps silent."""
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Protocol
+
+__all__ = ["Progress", "Silent", "Stage"]
+
+
+class Stage(Protocol):
+    """A stretch of work with a known amount to do."""
+
+    def advance(self, to: float) -> None:
+        """Say that `to` of the stage's total is done: the amount since its start, not since the last call."""
+
+
+class Progress(Protocol):
+    """Whoever wants to know how far the work is."""
+
+    def stage(self, name: str, total: float) -> AbstractContextManager[Stage]:
+        """Begin a stage. `name` reads as what is being done ("tracking rx1.bin"); `total` is in any unit."""
+
+    def say(self, text: str) -> None:
+        """Tell the user one line that is not an error."""
+
+
+class Silent:
+    """Progress that nobody watches: the default of every use case."""
+
+    def advance(self, to: float) -> None:
+        """Nothing."""
+
+    def say(self, text: str) -> None:
+        """Nothing."""
+
+    @contextmanager
+    def stage(self, name: str, total: float) -> Iterator[Stage]:
+        """A stage that says nothing."""
+        yield self

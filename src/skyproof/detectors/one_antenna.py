@@ -1,0 +1,239 @@
+"""Do signals of several receivers come from one transmit antenna? The group decision's mathematics, no records.
+
+Source: N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1), 2022, doi 10.33012/navi.510, whose data model is
+kept; the decision by groups of satellites and its treatment of noise that is not white are our own.
+
+A table of pseudoranges at a common instant, K satellites by R receivers, is
+
+    rho[k, i] = a_k + c_i - b_i . u_k + e[k, i]        b_i = p_i - p_1,  u_k receiver to satellite.
+
+Signals of one antenna all take the same path from it to receiver i, so H0, "one antenna", is b = 0: the table is a
+satellite's term plus a receiver's term. M = (K-1)(R-1) contrasts remove both terms (`statistics.lines.additive_contrasts`,
+weighted by the thermal sigma of each track, which need be known up to a common factor only). Under H0 they have zero mean.
+
+What is tested is the mean over the window. The slope is left out, although it is zero under H0 as well: antennas that stand
+still some tens of metres apart see it change by b/r * v = 1e-3 m/s, a thousandth of what the mean shows after a minute,
+and testing it would only spend degrees of freedom. The noise is measured from the residuals around a line, so that a slope
+cannot hide in it.
+
+Noise: thermal and slow errors are AR(1) with unknown coefficient phi, common to the window; each track has a constant error
+besides, of known sigma (multipath). With neither (`WHITE`) the statistic is exactly F. With unknown phi the p-value is the
+largest over a confidence set of phi plus the probability that the set misses the true one (Berger and Boos, JASA 89, 1994,
+doi 10.1080/01621459.1994.10476836). In short windows that set is wide, and steady noise could be the visible tip of a slow
+error of any size; so a second test, which does not look at the noise, takes the error of a track as bounded. The smaller of the
+two p-values, doubled, holds.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.statistics.autoregression import ar1_line, correlation_grid
+from skyproof.statistics.distributions import f_survival
+from skyproof.statistics.lines import additive_contrasts
+
+__all__ = [
+    "WHITE", "Baseline", "Levels", "NoiseModel", "baseline_design", "baseline_estimate", "contrast_levels",
+    "distance_p_value", "one_antenna_p_value", "ratio_p_value", "table_contrasts",
+]  # fmt: skip
+
+Reals = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """What is assumed of the errors of a track (one signal in one receiver).
+
+    multipath_sigma_m : error that stays constant over the window, one sigma.
+    correlation_max : largest coefficient of AR(1) noise from epoch to epoch; 0 if the noise is white.
+    miss_probability : chance, added to every p-value, that the confidence set of the coefficient misses it.
+    bound_m : no track's AR(1) error has a larger sigma than this, however slow it is; infinite if nothing is known.
+    """
+
+    multipath_sigma_m: float = 1.0
+    correlation_max: float = 0.98
+    miss_probability: float = 1e-4
+    bound_m: float = 3.0
+
+
+WHITE = NoiseModel(multipath_sigma_m=0.0, correlation_max=0.0, miss_probability=0.0, bound_m=np.inf)
+
+
+class Levels(NamedTuple):
+    """Mean contrasts of a window under each noise that is considered (axis 0): a grid of coefficients, then the bound.
+
+    level : (G, ..., M) estimated mean of each contrast.
+    variance : (G, ..., M) of the estimates.
+    plausible : (G, ...) whether the noise is in the confidence set.
+    dof : (G,) degrees of freedom of the variance; infinite for the bound, which is known.
+    miss_probability : chance that the confidence set misses the true coefficient.
+    bounded : whether the last entry of axis 0 is the bound.
+    """
+
+    level: Reals
+    variance: Reals
+    plausible: NDArray[np.bool_]
+    dof: Reals
+    miss_probability: float
+    bounded: bool
+
+    def worst(self, p_values: Reals) -> tuple[Reals, NDArray[np.intp]]:
+        """One p-value (...) from those of each noise (G, ...), and which noise (...) decides."""
+        grid = np.where(self.plausible, p_values, -1.0)
+        decides = np.argmax(grid[:-1] if self.bounded else grid, axis=0)
+        p_value = np.take_along_axis(grid, decides[None], 0)[0] + self.miss_probability
+        if self.bounded:
+            decides = np.where(grid[-1] < p_value, grid.shape[0] - 1, decides)
+            p_value = 2.0 * np.minimum(p_value, grid[-1])
+        return np.minimum(p_value, 1.0), decides
+
+    def dof_over(self, array: Reals) -> Reals:
+        """`dof` shaped to go along axis 0 of `array`."""
+        return self.dof.reshape((-1,) + (1,) * (array.ndim - 1))
+
+
+def table_contrasts(ranges_m: Reals, sigma_m: Reals) -> tuple[Reals, Reals, Reals]:
+    """Contrasts of a series of tables.
+
+    Parameters
+    ----------
+    ranges_m : (..., N, K, R) pseudoranges at common instants.
+    sigma_m : (..., K, R) thermal noise of each track, up to a common factor.
+
+    Returns
+    -------
+    values : (..., N, M); gain : (..., M) variance that a constant error of 1 m per track adds;
+    matrix : (..., K*R, M), as of `additive_contrasts`.
+    """
+    matrix, gain = additive_contrasts(sigma_m)
+    flat = ranges_m.reshape(*ranges_m.shape[:-2], -1)
+    # Ranges are 2e7 m and what is sought is millimetres: take the common part off before multiplying.
+    flat = flat - flat[..., :1]
+    return flat @ matrix, gain, matrix
+
+
+def contrast_levels(values: Reals, gain: Reals, noise: NoiseModel, gaps: Reals | None = None) -> Levels:
+    """Means of contrasts (..., N, M), N >= 4, with the variances that the noise model gives them.
+
+    gaps : (N-1,) steps between the epochs, in units of the usual step.
+    """
+    n, m = values.shape[-2:]
+    phi = correlation_grid(noise.correlation_max)
+    fit = ar1_line(values, phi.reshape((-1,) + (1,) * (values.ndim - 2)), gaps)
+    dof = np.full(phi.size, (n - 2.0) * m)
+    level = fit.level / fit.gain[..., None]
+    constant = noise.multipath_sigma_m**2 * gain
+    variance = (fit.rss / dof[0] / fit.gain**2)[..., None] + constant
+    plausible = fit.support >= noise.miss_probability
+    plausible[0] = True  # residuals that swing more than white noise: white it is
+    bounded = bool(np.isfinite(noise.bound_m))
+    if bounded:
+        largest = np.broadcast_to(noise.bound_m**2 * gain + constant, variance.shape[1:])
+        level = np.concatenate([level, level[:1]])
+        variance = np.concatenate([variance, largest[None]])
+        plausible = np.concatenate([plausible, np.ones_like(plausible[:1])])
+        dof = np.append(dof, np.inf)
+    return Levels(level, variance, plausible, dof, noise.miss_probability, bounded)
+
+
+def one_antenna_p_value(levels: Levels, expected: Reals | None = None) -> tuple[Reals, Reals]:
+    """Test that the mean contrasts are zero (one antenna), or `expected` (..., M) (a known baseline).
+
+    Returns
+    -------
+    p_value : (...); statistic : (...) under the noise that decides. Under H0 with white noise and no constant error: F with M
+        and `dof` degrees. With a constant error part of the denominator is known, not estimated; the law is then between F and
+        chi-square/M, and the p-value errs to the safe side (high).
+    """
+    level = levels.level if expected is None else levels.level - expected
+    statistic = np.mean(level**2 / levels.variance, axis=-1)
+    p_value, decides = levels.worst(f_survival(statistic, level.shape[-1], levels.dof_over(statistic)))
+    return p_value, np.take_along_axis(statistic, decides[None], 0)[0]
+
+
+def ratio_p_value(
+    larger_m: Reals, larger_sigma_m: Reals, smaller_m: Reals, smaller_sigma_m: Reals, *, mixtures: int = 5
+) -> tuple[Reals, Reals]:
+    """Test that the first table of means, not the second, is the one of one antenna.
+
+    If the first is from one antenna, its contrasts have zero mean, and those of the second a mean that depends on the
+    baseline; at worst, with no baseline, zero as well. The ratio of the mean squares is then F with as many degrees as each
+    has contrasts, whatever the noise, if both have the same: correlation and constant errors cancel. Any baseline makes
+    the ratio smaller. Two tables that share tracks are correlated, which makes large ratios rarer still.
+
+    Parameters
+    ----------
+    larger_m, smaller_m : (..., K, R) and (..., K', R) mean ranges over the window.
+    larger_sigma_m, smaller_sigma_m : same shapes, thermal sigma of these means up to a common factor.
+    mixtures : variances between all thermal (proportional to sigma^2) and all constant (the same for every track) are tried
+        in this many steps; the largest p-value counts. With equal sigmas all steps agree.
+
+    Returns
+    -------
+    p_value, statistic : (...), the statistic at the largest p-value.
+    """
+    typical = np.mean(np.concatenate([larger_sigma_m**2, smaller_sigma_m**2], axis=-2), axis=(-1, -2), keepdims=True)
+    share = np.linspace(0.0, 1.0, mixtures).reshape((-1,) + (1,) * larger_sigma_m.ndim)
+    mean_squares, dofs = [], []
+    for means_m, sigma_m in ((larger_m, larger_sigma_m), (smaller_m, smaller_sigma_m)):
+        mixed = np.sqrt(share * (sigma_m**2 / typical) + (1.0 - share))
+        values, _, _ = table_contrasts(means_m[..., None, :, :], mixed)
+        mean_squares.append(np.mean(values[..., 0, :] ** 2, axis=-1))
+        dofs.append(values.shape[-1])
+    statistic = mean_squares[0] / np.maximum(mean_squares[1], 1e-300)
+    p_values = f_survival(statistic, dofs[0], dofs[1])
+    worst = np.argmax(p_values, axis=0)[None]
+    return np.take_along_axis(p_values, worst, 0)[0], np.take_along_axis(statistic, worst, 0)[0]
+
+
+class Baseline(NamedTuple):
+    """Baseline b = p_2 - p_1 from the mean contrasts of two receivers, for each coefficient of `Levels`.
+
+    enu_m : (G, ..., 3); covariance_m2 : (G, ..., 3, 3).
+    """
+
+    enu_m: Reals
+    covariance_m2: Reals
+
+
+def baseline_design(matrix: Reals, unit_enu: Reals) -> Reals:
+    """(M, 3 (R-1)): mean contrasts = design @ (b_2, ..., b_R), each east, north, up in metres.
+
+    matrix : (K*R, M) of `table_contrasts`; unit_enu : (K, 3) receiver to satellite.
+    """
+    n_sats = unit_enu.shape[0]
+    n_receivers = matrix.shape[0] // n_sats
+    table = np.zeros((n_sats, n_receivers, n_receivers - 1, 3))
+    for other in range(1, n_receivers):
+        table[:, other, other - 1] = -unit_enu
+    return np.asarray(matrix.T @ table.reshape(n_sats * n_receivers, -1), float)
+
+
+def baseline_estimate(levels: Levels, design: Reals) -> Baseline:
+    """Least squares for one baseline; design (M, 3) of rank 3."""
+    weighted = design / levels.variance[..., None]
+    covariance = np.linalg.inv(np.swapaxes(weighted, -1, -2) @ design)
+    enu = covariance @ np.swapaxes(weighted, -1, -2) @ levels.level[..., None]
+    return Baseline(enu[..., 0], covariance)
+
+
+def distance_p_value(
+    levels: Levels, baseline: Baseline, distance_m: float, hypothesis: Literal["at least", "at most"]
+) -> Reals:
+    """Test that the antennas stand `at least`, or `at most`, so far apart in the horizontal; (...) p-values.
+
+    The vertical is left free, since it is what satellites tell worst. The statistic is the squared distance, in the metric of
+    the covariance, of the estimate from the nearest baseline that the hypothesis allows; for the true baseline it is
+    twice an F with 2 and `dof` degrees, so the nearest allowed one gives a p-value that is never too small.
+    """
+    horizontal_m, covariance_m2 = baseline.enu_m[..., :2], baseline.covariance_m2[..., :2, :2]
+    allowed = np.hypot(horizontal_m[..., 0], horizontal_m[..., 1]) >= distance_m
+    if hypothesis == "at most":
+        allowed = ~allowed
+    angle_rad = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
+    rim_m = distance_m * np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
+    off_m = horizontal_m[..., None, :] - rim_m
+    squared = np.einsum("...ai,...ij,...aj->...a", off_m, np.linalg.inv(covariance_m2), off_m).min(axis=-1)
+    return levels.worst(np.where(allowed, 1.0, f_survival(squared / 2.0, 2, levels.dof_over(squared))))[0]

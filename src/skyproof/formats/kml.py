@@ -1,0 +1,89 @@
+"""Tracks for a globe: KML 2.2 (OGC 07-147r2) with Google's gx:Track, which gives every point its time."""
+
+import os
+from collections.abc import Iterator, Mapping
+from typing import Final
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skyproof.formats.place import write_lines
+from skyproof.gnss.time import iso, utc_from_gpst
+from skyproof.records import Instants, Reals
+
+__all__ = ["Track", "kml_lines", "write_kml"]
+
+Track = tuple[Instants, ArrayLike, ArrayLike, ArrayLike]
+"""gpst, lat_deg, lon_deg, height_m above the ellipsoid, each of shape (n_points,); a point with a NaN is left out."""
+
+_STYLES: Final = {  # kind: colour as aabbggrr, width in pixels
+    "trusted": ("ff4bb33c", 4),  # green
+    "false": ("ff2b2be0", 4),  # red
+    "unprotected": ("ffa0a0a0", 2),  # grey
+}
+
+
+def write_kml(path: str | os.PathLike[str], tracks: Mapping[str, Track], *, name: str = "skyproof") -> None:
+    """Write `tracks` to `path`, as `kml_lines` says. Raises ValueError as that does, OutputError as `writing` does."""
+    write_lines(path, list(kml_lines(tracks, name=name)), encoding="utf-8")
+
+
+def kml_lines(tracks: Mapping[str, Track], *, name: str = "skyproof") -> Iterator[str]:
+    """The lines of a KML document with one placemark a track, times in UTC to the millisecond.
+
+    Points are laid on the ground: KML counts heights from the geoid, ours count from the ellipsoid, and the two are up
+    to 100 m apart. The heights stand in the file all the same.
+
+    Parameters
+    ----------
+    tracks : each with a name whose last word is its kind, "trusted", "false" or "unprotected": "rx1 trusted". The kind
+        gives the colour. A track without a point is left out.
+
+    Raises
+    ------
+    ValueError : a name that ends in no kind.
+    """
+    for track in tracks:
+        if _kind(track) not in _STYLES:
+            raise ValueError(f'the track "{track}" must end in one of {", ".join(_STYLES)}')
+    yield '<?xml version="1.0" encoding="UTF-8"?>'
+    yield '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">'
+    yield "<Document>"
+    yield f"<name>{_text(name)}</name>"
+    for kind, (colour, width) in _STYLES.items():
+        yield (
+            f"<Style id={quoteattr(kind)}><IconStyle><color>{colour}</color></IconStyle>"
+            f"<LineStyle><color>{colour}</color><width>{width}</width></LineStyle></Style>"
+        )
+    for track, points in tracks.items():
+        yield from _placemark(track, *points)
+    yield "</Document>"
+    yield "</kml>"
+
+
+def _placemark(
+    track: str, gpst: Instants, lat_deg: ArrayLike, lon_deg: ArrayLike, height_m: ArrayLike
+) -> Iterator[str]:
+    places: Reals = np.stack([np.asarray(column, np.float64) for column in (lon_deg, lat_deg, height_m)], axis=-1)
+    good = np.isfinite(places).all(axis=-1) & ~np.isnat(gpst)
+    if not good.any():
+        return
+    yield "<Placemark>"
+    yield f"<name>{_text(track)}</name>"
+    yield "<description>Heights are above the WGS-84 ellipsoid; the track is drawn on the ground.</description>"
+    yield f"<styleUrl>#{_kind(track)}</styleUrl>"
+    yield "<gx:Track><altitudeMode>clampToGround</altitudeMode>"
+    yield from (f"<when>{iso(utc_from_gpst(instant), 3)}Z</when>" for instant in gpst[good])
+    yield from (f"<gx:coord>{lon:.9f} {lat:.9f} {height:.3f}</gx:coord>" for lon, lat, height in places[good].tolist())
+    yield "</gx:Track>"
+    yield "</Placemark>"
+
+
+def _kind(track: str) -> str:
+    return track.rpartition(" ")[2]
+
+
+def _text(text: str) -> str:
+    """Text that XML can hold: escaped, and no control characters, for which XML has no form at all."""
+    return escape("".join(letter if letter.isprintable() else " " for letter in text))

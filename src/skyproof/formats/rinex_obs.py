@@ -1,0 +1,218 @@
+"""GPS L1 C/A observations as a RINEX 3.05 observation file.
+
+Tables A2 (header) and A3 (records) of "RINEX: The Receiver Independent Exchange Format, version 3.05" (IGS and
+RTCM SC-104, 2020-12-01).
+"""
+
+import itertools
+import os
+import textwrap
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyproof.formats.place import write_lines
+from skyproof.gnss.time import leap_seconds
+from skyproof.records import Instants, Observations, Reals, SignalId
+
+__all__ = ["obs_lines", "write_obs"]
+
+_TICK_NS: Final = 100  # an epoch's last digit: seconds are F11.7
+_LOWEST, _HIGHEST = -1e9 + 1e-3, 1e10 - 1e-3  # what F14.3 holds
+_SLIP: Final = 3  # the cell status of a cycle slip
+_COLUMNS: Final = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz")  # C1C L1C D1C S1C
+
+
+def write_obs(
+    path: str | os.PathLike[str],
+    observations: Observations,
+    *,
+    signals: Sequence[SignalId],
+    holds: str,
+    marker: str,
+    version: str,
+    position_ecef_m: ArrayLike | None = None,
+    comments: Sequence[str] = (),
+    created_utc: datetime | None = None,
+) -> None:
+    """Write the named channels of `observations` to `path`, as `obs_lines` says.
+
+    Raises
+    ------
+    ValueError : as `obs_lines` does; nothing is written then.
+    OutputError : the file cannot be written.
+    """
+    lines = obs_lines(
+        observations, signals=signals, holds=holds, marker=marker, version=version, position_ecef_m=position_ecef_m,
+        comments=comments, created_utc=created_utc,
+    )  # fmt: skip
+    write_lines(path, lines)
+
+
+def obs_lines(
+    observations: Observations,
+    *,
+    signals: Sequence[SignalId],
+    holds: str,
+    marker: str,
+    version: str,
+    position_ecef_m: ArrayLike | None = None,
+    comments: Sequence[str] = (),
+    created_utc: datetime | None = None,
+) -> Iterator[str]:
+    """The lines of a RINEX 3.05 observation file, without their ends.
+
+    Epochs are the receiver's own (`observations.gpst`, to 100 ns) and its clock bias is not taken off. The phase has
+    the sign of the range, and Doppler is positive for an approaching satellite, as in the record. An epoch without a
+    measurement is left out, and so is a satellite without one, and a number too long for its field.
+
+    Parameters
+    ----------
+    signals : which channels; at every epoch at most one of each satellite.
+    holds : the label that these signals have, "authentic" for instance; comments say so and list the signals.
+    marker : name of the site or receiver.
+    version : of this program.
+    position_ecef_m : (3,), approximate; without it the file has none, as for a moving receiver (table A2).
+    created_utc : when the file is made; now, if not given.
+
+    Raises
+    ------
+    ValueError : a signal is not in the observations or is not GPS L1 C/A, two channels have one satellite at one
+        epoch, or nothing was measured on any of them.
+    """
+    channels = _channels(observations, signals)
+    sats = [observations.signals[channel].sat for channel in channels]
+    values = np.stack([getattr(observations, name)[:, channels] for name in _COLUMNS], axis=-1)
+    values[~((values > _LOWEST) & (values < _HIGHEST))] = np.nan
+    there = np.isfinite(values[..., :3]).any(axis=-1)
+    for sat in sorted({sat for sat in sats if sats.count(sat) > 1}):
+        if (there[:, [s == sat for s in sats]].sum(axis=1) > 1).any():
+            raise ValueError(f"two of the signals of {sat} are there at one epoch; write them to separate files")
+    kept = there.any(axis=1)
+    if not kept.any():
+        raise ValueError(f"{marker}: no measurement on any of the {len(channels)} signals; there is nothing to write")
+    ticks = _in_ticks(observations.gpst)
+    lost = _lock_was_lost(observations.status[:, channels] == _SLIP, np.isfinite(values[..., 1]), sats)
+
+    listed = ", ".join(f"{signal.sat}{signal.copy}" for signal in sorted(signals))
+    header = _header(
+        ticks[kept], marker=marker, version=version, position_ecef_m=position_ecef_m, created_utc=created_utc,
+        comments=(f"Signals labelled {holds}: {listed}", *comments),
+    )  # fmt: skip
+    return itertools.chain(header, _body(ticks, sats, values, there, lost))
+
+
+def _channels(observations: Observations, signals: Sequence[SignalId]) -> list[int]:
+    """Where the signals stand, by satellite."""
+    for signal in signals:
+        if signal not in observations.signals:
+            raise ValueError(f"{signal} is not among the signals of {observations.receiver}")
+        if not signal.sat.startswith("G") or (signal.band, signal.code) != ("L1", "CA"):
+            raise ValueError(f"{signal} is not a GPS L1 C/A signal")
+    return [observations.signals.index(signal) for signal in sorted(set(signals))]
+
+
+def _in_ticks(instants: Instants) -> Instants:
+    ns = instants.astype("datetime64[ns]").astype(np.int64)
+    return ((ns + _TICK_NS // 2) // _TICK_NS * _TICK_NS).astype("datetime64[ns]")
+
+
+def _lock_was_lost(slip: NDArray[np.bool_], phase: NDArray[np.bool_], sats: list[str]) -> NDArray[np.bool_]:
+    """Where a satellite's phase does not continue that of the epoch before: a slip, a gap, or another channel."""
+    begins = phase.copy()
+    begins[1:] &= ~phase[:-1]
+    for sat in set(sats):
+        own = np.flatnonzero([s == sat for s in sats])
+        epochs = np.flatnonzero(phase[:, own].any(axis=1))
+        if epochs.size:
+            begins[epochs[0], own] = False  # nothing came before it
+    return phase & (slip | begins)
+
+
+# --- the header: 60 columns of text, 20 of label (table A2)
+
+
+def _header(
+    epochs: Instants,
+    *,
+    marker: str,
+    version: str,
+    position_ecef_m: ArrayLike | None,
+    comments: Sequence[str],
+    created_utc: datetime | None,
+) -> Iterator[str]:
+    created = (created_utc or datetime.now(UTC)).strftime("%Y%m%d %H%M%S UTC")
+    yield _line(f"{3.05:9.2f}{'':11}{'OBSERVATION DATA':20}{'G: GPS':20}", "RINEX VERSION / TYPE")
+    yield _line(f"{f'skyproof {version}':20.20}{'':20}{created:20}", "PGM / RUN BY / DATE")
+    for comment in comments:
+        for part in textwrap.wrap(comment, 60):
+            yield _line(part, "COMMENT")
+    yield _line(marker, "MARKER NAME")
+    yield _line("NON_GEODETIC", "MARKER TYPE")
+    yield _line("", "OBSERVER / AGENCY")
+    yield _line(f"{'':20}{'skyproof':20}{version:20.20}", "REC # / TYPE / VERS")
+    yield _line("", "ANT # / TYPE")
+    if position_ecef_m is not None:
+        x_m, y_m, z_m = np.asarray(position_ecef_m, np.float64)
+        yield _line(f"{x_m:14.4f}{y_m:14.4f}{z_m:14.4f}", "APPROX POSITION XYZ")
+    yield _line(f"{0.0:14.4f}{0.0:14.4f}{0.0:14.4f}", "ANTENNA: DELTA H/E/N")
+    yield _line("G    4 C1C L1C D1C S1C", "SYS / # / OBS TYPES")
+    yield _line("DBHZ", "SIGNAL STRENGTH UNIT")
+    if epochs.size > 1:
+        interval_s = float(np.median(np.diff(epochs).astype(np.int64))) / 1e9
+        yield _line(f"{interval_s:10.3f}", "INTERVAL")
+    for epoch, label in ((epochs[0], "TIME OF FIRST OBS"), (epochs[-1], "TIME OF LAST OBS")):
+        year, month, day, hour, minute, second_ticks = _calendar(epoch)
+        yield _line(
+            f"{year:6d}{month:6d}{day:6d}{hour:6d}{minute:6d}{_seconds(second_ticks):>13}{'':5}{'GPS':3}", label
+        )
+    yield _line(f"{0:6d}", "RCV CLOCK OFFS APPL")
+    yield _line("G L1C  0.00000", "SYS / PHASE SHIFT")
+    yield _line(f"{leap_seconds(epochs[0]):6d}", "LEAP SECONDS")
+    yield _line("", "END OF HEADER")
+
+
+def _line(text: str, label: str) -> str:
+    plain = "".join(letter if letter.isprintable() else " " for letter in text)
+    return f"{plain:60.60}{label:20}"
+
+
+# --- the records (table A3)
+
+
+def _body(
+    ticks: Instants, sats: list[str], values: Reals, there: NDArray[np.bool_], lost: NDArray[np.bool_]
+) -> Iterator[str]:
+    for epoch in np.flatnonzero(there.any(axis=1)):
+        year, month, day, hour, minute, second_ticks = _calendar(ticks[epoch])
+        present = np.flatnonzero(there[epoch])
+        yield (
+            f"> {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d}{_seconds(second_ticks):>11}  0{present.size:3d}"
+        )
+        for channel in present:
+            yield _satellite(sats[channel], values[epoch, channel].tolist(), bool(lost[epoch, channel]))
+
+
+def _satellite(sat: str, values: list[float], lost: bool) -> str:
+    """C1C L1C D1C S1C of one satellite: each F14.3, loss of lock (phase alone), strength (code and phase)."""
+    cn0_dbhz = values[3]
+    strength = str(int(min(max(cn0_dbhz // 6.0, 1.0), 9.0))) if np.isfinite(cn0_dbhz) else " "
+    marks = (f" {strength}", f"{'1' if lost else ' '}{strength}", "  ", "  ")
+    cells = (f"{v:14.3f}{m}" if np.isfinite(v) else " " * 16 for v, m in zip(values, marks, strict=True))
+    return (sat + "".join(cells)).rstrip()
+
+
+def _calendar(instant: np.datetime64) -> tuple[int, int, int, int, int, int]:
+    """Year, month, day, hour, minute and ticks of the second."""
+    minute = instant.astype("datetime64[m]")
+    moment = minute.item()
+    ticks = int((instant - minute).astype(np.int64)) // _TICK_NS
+    return moment.year, moment.month, moment.day, moment.hour, moment.minute, ticks
+
+
+def _seconds(ticks: int) -> str:
+    whole, fraction = divmod(ticks, 10_000_000)
+    return f"{whole:3d}.{fraction:07d}"

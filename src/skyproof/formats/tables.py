@@ -1,0 +1,126 @@
+"""Tables of columns, as CSV for people and Parquet for programs, and the columns of the table of fixes."""
+
+import csv
+import io
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from skyproof.errors import OutputError
+from skyproof.formats.place import write_lines, writing
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.records import Fix
+
+__all__ = ["FIXES_COLUMNS", "Column", "fixes_columns", "write_table"]
+
+Column = NDArray[Any]
+
+FIXES_COLUMNS: Final = (
+    "receiver", "gpst", "kind", "lat_deg", "lon_deg", "height_m", "sigma_east_m", "sigma_north_m", "sigma_up_m",
+    "clock_bias_m", "satellites",
+)  # fmt: skip
+_CSV_ROWS: Final = 8192  # turned to text at once, so that memory does not grow with the table
+
+
+def write_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> None:
+    """Write `columns`, each of shape (n_rows,), to a file that ends in .csv or .parquet.
+
+    What is missing (NaN, NaT, None) is an empty field in CSV and null in Parquet. CSV is UTF-8 with a line of names,
+    instants as ISO 8601 without a zone (microseconds, or nanoseconds where a column needs them), floats with the
+    fewest digits that read back the same. Parquet holds instants as timestamps in nanoseconds without a zone.
+
+    Raises
+    ------
+    OutputError : the file cannot be written, or its ending is another one.
+    ValueError : the columns are not of one length.
+    """
+    shapes = {name: np.shape(column) for name, column in columns.items()}
+    if len(set(shapes.values())) > 1 or any(len(shape) != 1 for shape in shapes.values()):
+        raise ValueError(f"columns must be of one dimension and one length, not {shapes}")
+    match Path(path).suffix.lower():
+        case ".csv":
+            write_lines(path, _csv_lines(columns), encoding="utf-8")
+        case ".parquet":
+            table = pa.table({name: _arrow(np.asarray(column)) for name, column in columns.items()})
+            with writing(path) as file:
+                pq.write_table(table, file)
+        case ending:
+            raise OutputError(f'{os.fspath(path)}: cannot write a table that ends in "{ending}"; use .csv or .parquet')
+
+
+def fixes_columns(fixes: Iterable[tuple[str, Fix]]) -> dict[str, Column]:
+    """The table of fixes, `FIXES_COLUMNS`, of any number of (kind, Fix): one row per receiver, kind and epoch.
+
+    `kind` is "trusted", "false" or "unprotected". An epoch without a fix (status not 0) has no row. Sigmas are the
+    roots of the diagonal of the covariance, turned from ECEF to east, north, up at the fix itself; `clock_bias_m` is
+    c times the clock bias; `satellites` counts those used. Rows stand in the order given.
+    """
+    parts = [_fix_columns(kind, fix) for kind, fix in fixes]
+    empty = {name: np.empty(0) for name in FIXES_COLUMNS}
+    empty |= {"receiver": np.empty(0, "U1"), "kind": np.empty(0, "U1"), "gpst": np.empty(0, "datetime64[ns]"),
+              "satellites": np.empty(0, np.int64)}  # fmt: skip
+    return {name: np.concatenate([empty[name], *(part[name] for part in parts)]) for name in FIXES_COLUMNS}
+
+
+def _fix_columns(kind: str, fix: Fix) -> dict[str, Column]:
+    good = np.asarray(fix.status == 0)
+    lat_rad, lon_rad, height_m = geodetic_from_ecef(fix.position_ecef_m[good])
+    rot_enu = rot_enu_ecef(lat_rad, lon_rad)
+    covariance_enu_m2 = rot_enu @ fix.covariance_m2[good, :3, :3] @ np.swapaxes(rot_enu, -1, -2)
+    sigma_m = np.sqrt(np.diagonal(covariance_enu_m2, axis1=-2, axis2=-1))
+    sats, sat_of_signal = np.unique([signal.sat for signal in fix.signals], return_inverse=True)
+    used = np.isfinite(fix.residual_m[good])
+    is_of_sat = sat_of_signal[:, np.newaxis] == np.arange(len(sats))  # (signal, satellite)
+    satellites = (used.astype(np.int64) @ is_of_sat > 0).sum(axis=1)
+    values = (
+        np.full(lat_rad.size, fix.receiver), fix.gpst[good].astype("datetime64[ns]"), np.full(lat_rad.size, kind),
+        np.degrees(lat_rad), np.degrees(lon_rad), height_m, *sigma_m.T, SPEED_OF_LIGHT_M_S * fix.clock_bias_s[good],
+        satellites,
+    )  # fmt: skip
+    return dict(zip(FIXES_COLUMNS, values, strict=True))
+
+
+def _arrow(column: Column) -> Any:
+    if column.dtype.kind == "M":
+        column = column.astype("datetime64[ns]")
+    return pa.array(column, from_pandas=True)  # NaN to null
+
+
+def _csv_lines(columns: Mapping[str, Column]) -> Iterator[str]:
+    arrays = [np.asarray(column) for column in columns.values()]
+    units = ["us" if a.dtype.kind != "M" or _whole_microseconds(a) else "ns" for a in arrays]
+    yield _csv_text([columns.keys()])
+    for start in range(0, len(arrays[0]) if arrays else 0, _CSV_ROWS):
+        part = [_texts(a[start : start + _CSV_ROWS], unit) for a, unit in zip(arrays, units, strict=True)]
+        yield _csv_text(zip(*part, strict=True))
+
+
+def _csv_text(rows: Iterable[Iterable[str]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().removesuffix("\n")
+
+
+def _whole_microseconds(instants: Column) -> bool:
+    known = instants[~np.isnat(instants)].astype("datetime64[ns]")
+    return not (known.astype(np.int64) % 1000).any()
+
+
+def _texts(values: Column, unit: str) -> list[str]:
+    if values.dtype.kind == "M":
+        texts: list[str] = np.datetime_as_string(values.astype(f"datetime64[{unit}]")).tolist()
+        return ["" if text == "NaT" else text for text in texts]
+    return [_text(value) for value in values.tolist()]
+
+
+def _text(value: object) -> str:
+    if value is None or value != value:  # NaN alone differs from itself
+        return ""
+    return str(value).lower() if isinstance(value, bool) else repr(value) if isinstance(value, float) else str(value)

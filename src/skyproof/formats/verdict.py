@@ -1,0 +1,72 @@
+"""`verdict.json`: the verdict as one UTF-8 document, and its published JSON Schema.
+
+The schema is the file `verdict.schema.json` beside this module (JSON Schema 2020-12); `verdict_schema` makes it from the
+models, and a test holds the two together.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from skyproof.errors import InputError
+from skyproof.formats.place import writing
+from skyproof.verdict import VERDICT_FORMAT, Verdict
+
+__all__ = ["SCHEMA_PATH", "read_verdict", "verdict_json", "verdict_schema", "write_verdict"]
+
+SCHEMA_PATH = Path(__file__).with_name("verdict.schema.json")
+FAULTS_SHOWN = 5
+
+
+def verdict_json(verdict: Verdict) -> str:
+    """The document: keys in the order of the models, numbers unrounded, null for what is absent, a newline at the end."""
+    return json.dumps(verdict.model_dump(mode="json"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_verdict(path: str | os.PathLike[str], verdict: Verdict) -> None:
+    """Write the document, whole or not at all.
+
+    Raises
+    ------
+    OutputError : the file cannot be written.
+    """
+    with writing(path) as file:
+        file.write(verdict_json(verdict).encode())
+
+
+def read_verdict(path: str | os.PathLike[str]) -> Verdict:
+    """Read a document that `write_verdict` wrote.
+
+    Raises
+    ------
+    InputError : the file cannot be read, is not JSON or is not a verdict; the message lists what is wrong and where.
+    """
+    name = os.fspath(path)
+    try:
+        text = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"{name} cannot be read ({error.strerror}): give the path of a verdict.json") from error
+    try:
+        return Verdict.model_validate_json(text, strict=True)
+    except ValidationError as error:
+        faults = [f"{_place(fault['loc'])}{fault['msg']}" for fault in error.errors(include_url=False)]
+        more = [f"and {len(faults) - FAULTS_SHOWN} more"] if len(faults) > FAULTS_SHOWN else []
+        raise InputError(
+            f"{name} is not a {VERDICT_FORMAT} document: {'; '.join(faults[:FAULTS_SHOWN] + more)}. "
+            "Let skyproof write it anew, or compare it with the published schema, verdict.schema.json"
+        ) from error
+
+
+def _place(location: tuple[int | str, ...]) -> str:
+    path = ""
+    for step in location:
+        path += f"[{step}]" if isinstance(step, int) else f".{step}" if path else step
+    return f"{path}: " if path else ""
+
+
+def verdict_schema() -> dict[str, Any]:
+    """The JSON Schema of the document: every key required, none beside them."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Verdict.model_json_schema()}

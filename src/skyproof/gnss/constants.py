@@ -1,0 +1,21 @@
+"""Constants of the GPS interface. Each is the value that the message's users must use, not the best known one."""
+
+from typing import Final
+
+__all__ = [
+    "CA_CHIP_RATE_HZ", "CA_CODE_LENGTH", "EARTH_ROTATION_RAD_S", "GPS_PI", "L1_HZ", "MU_M3_S2", "RELATIVITY_F_S_SQRT_M",
+    "SECONDS_PER_DAY", "SECONDS_PER_WEEK", "SPEED_OF_LIGHT_M_S", "WGS84_A_M", "WGS84_F",
+]  # fmt: skip
+
+SPEED_OF_LIGHT_M_S: Final = 299_792_458.0  # IS-GPS-200N, 20.3.4.3 (and the SI)
+L1_HZ: Final = 1575.42e6  # IS-GPS-200N, 3.3.1.1
+CA_CHIP_RATE_HZ: Final = 1.023e6  # IS-GPS-200N, 3.3.2.3
+CA_CODE_LENGTH: Final = 1023  # chips; IS-GPS-200N, 3.2.1.3
+GPS_PI: Final = 3.1415926535898  # turns the message's semicircles to radians; IS-GPS-200N, table 20-IV
+MU_M3_S2: Final = 3.986005e14  # WGS-84 value for GPS users; IS-GPS-200N, table 20-IV
+EARTH_ROTATION_RAD_S: Final = 7.2921151467e-5  # IS-GPS-200N, table 20-IV
+RELATIVITY_F_S_SQRT_M: Final = -4.442807633e-10  # F, in s / m^(1/2); IS-GPS-200N, 20.3.3.3.3.1
+SECONDS_PER_DAY: Final = 86_400
+SECONDS_PER_WEEK: Final = 604_800  # IS-GPS-200N, 3.3.4
+WGS84_A_M: Final = 6_378_137.0  # semi-major axis; NGA.STND.0036_1.0.0_WGS84, table 3.1
+WGS84_F: Final = 1.0 / 298.257223563  # flattening; NGA.STND.0036_1.0.0_WGS84, table 3.1

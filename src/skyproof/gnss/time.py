@@ -1,0 +1,125 @@
+"""GPS time as labels: `numpy.datetime64[ns]` that counts GPS seconds, without leap seconds or zone.
+
+UTC appears only at the edges (`utc_from_gpst`, `gpst_from_utc`). A difference of labels is no measurement.
+"""
+
+import re
+from typing import Any, Final, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyproof.gnss.constants import SECONDS_PER_WEEK
+
+__all__ = [
+    "GPS_EPOCH", "gpst", "gpst_from_utc", "iso", "leap_seconds", "parse_iso", "resolve_week", "seconds_between",
+    "utc_from_gpst", "week_and_tow",
+]  # fmt: skip
+
+GPS_EPOCH: Final = np.datetime64("1980-01-06T00:00:00", "ns")  # IS-GPS-200N, 3.3.4
+
+_NS: Final = 1_000_000_000
+_NS_PER_WEEK: Final = SECONDS_PER_WEEK * _NS
+_LEAPS_AT_UTC: Final = np.array(
+    ["1981-07-01", "1982-07-01", "1983-07-01", "1985-07-01", "1988-01-01", "1990-01-01", "1991-01-01", "1992-07-01",
+     "1993-07-01", "1994-07-01", "1996-01-01", "1997-07-01", "1999-01-01", "2006-01-01", "2009-01-01", "2012-07-01",
+     "2015-07-01", "2017-01-01"],
+    dtype="datetime64[ns]",
+)  # fmt: skip
+"""When GPS minus UTC became 1, 2, ... 18 s: IERS Bulletin C (none announced from 2017 to the end of 2026)."""
+_LEAPS_AT_GPST: Final = _LEAPS_AT_UTC + np.arange(1, _LEAPS_AT_UTC.size + 1) * np.timedelta64(1, "s")
+_ISO: Final = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}(:\d{2}(\.\d{1,9})?)?)?")
+
+
+@overload
+def gpst(week: int, tow_s: float) -> np.datetime64: ...
+@overload
+def gpst(week: NDArray[Any], tow_s: ArrayLike) -> NDArray[np.datetime64]: ...
+@overload
+def gpst(week: ArrayLike, tow_s: NDArray[Any]) -> NDArray[np.datetime64]: ...
+def gpst(week: Any, tow_s: Any) -> Any:
+    """The instant of full GPS week `week` and second `tow_s` of that week, to the nanosecond.
+
+    Scalars or arrays that broadcast. `tow_s` may lie outside 0..604800: it is carried over.
+    """
+    tow_s = np.asarray(tow_s, dtype=np.float64)
+    whole_s = np.floor(tow_s)
+    ns = np.asarray(week, dtype=np.int64) * _NS_PER_WEEK + whole_s.astype(np.int64) * _NS
+    ns = ns + np.rint((tow_s - whole_s) * _NS).astype(np.int64)
+    return (GPS_EPOCH + ns.astype("timedelta64[ns]"))[()]
+
+
+@overload
+def week_and_tow(t: np.datetime64) -> tuple[int, float]: ...
+@overload
+def week_and_tow(t: NDArray[np.datetime64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]: ...
+def week_and_tow(t: Any) -> Any:
+    """Full GPS week and second of week of instants of any shape; the second is good to a nanosecond."""
+    week, in_week_ns = np.divmod(_ns_since(t, GPS_EPOCH), _NS_PER_WEEK)
+    tow_s = in_week_ns / _NS
+    return (int(week), float(tow_s)) if np.ndim(week) == 0 else (week, tow_s)
+
+
+def seconds_between(later: Any, earlier: Any) -> Any:
+    """`later` minus `earlier` in seconds (float64; arrays broadcast): a difference of labels, never a measurement."""
+    seconds = _ns_since(later, earlier) / _NS
+    return float(seconds) if np.ndim(seconds) == 0 else seconds
+
+
+def iso(t: np.datetime64, digits: int = 3) -> str:
+    """ISO 8601 without zone, rounded to `digits` (0 to 9) decimals of the second: "2022-01-01T21:45:58.000"."""
+    if not 0 <= digits <= 9:
+        raise ValueError(f"digits is {digits}, expected 0 to 9")
+    step_ns = 10 ** (9 - digits)
+    ns = int(_instant(t).astype(np.int64))
+    rounded = np.datetime64((ns + step_ns // 2) // step_ns * step_ns, "ns")
+    whole, _, fraction = str(rounded).partition(".")
+    return f"{whole}.{fraction[:digits]}" if digits else whole
+
+
+def parse_iso(text: str) -> np.datetime64:
+    """The instant that ISO 8601 `text` without a zone names, such as "2022-01-01T21:45:58.5" or "2022-01-01".
+
+    Raises ValueError for anything else, a zone included: GPS time has none.
+    """
+    if not _ISO.fullmatch(text.strip()):
+        raise ValueError(f"{text!r} is no instant; expected GPS time as 2022-01-01T21:45:58.5, without a zone")
+    return np.datetime64(text.strip().replace(" ", "T"), "ns")
+
+
+def leap_seconds(t: np.datetime64) -> int:
+    """GPS minus UTC in seconds at GPS instant `t`, from the table built in (18 from 2017 on)."""
+    return int(np.searchsorted(_LEAPS_AT_GPST, _instant(t), side="right"))
+
+
+def utc_from_gpst(t: np.datetime64) -> np.datetime64:
+    """UTC label of GPS instant `t`. A leap second itself (23:59:60) gets the label of the second after it."""
+    return _instant(t) - np.timedelta64(leap_seconds(t), "s")
+
+
+def gpst_from_utc(t: np.datetime64) -> np.datetime64:
+    """GPS instant of UTC label `t`."""
+    leaps = int(np.searchsorted(_LEAPS_AT_UTC, _instant(t), side="right"))
+    return _instant(t) + np.timedelta64(leaps, "s")
+
+
+def resolve_week(week_mod_1024: int, near: np.datetime64) -> int:
+    """The full week that is `week_mod_1024` modulo 1024 and nearest to the instant `near`, ten years either way."""
+    week_near, _ = week_and_tow(_instant(near))
+    return nearest_week(week_mod_1024, week_near, 1024)
+
+
+def nearest_week(week: int, week_near: int, modulus: int) -> int:
+    """The full week nearest to `week_near` that equals `week` modulo `modulus` (1024 or 256 in LNAV)."""
+    return week_near + (week - week_near + modulus // 2) % modulus - modulus // 2
+
+
+def _instant(t: np.datetime64) -> np.datetime64:
+    """A label of any resolution as one of nanoseconds."""
+    instant: np.datetime64 = t.astype("datetime64[ns]")
+    return instant
+
+
+def _ns_since(later: Any, earlier: Any) -> Any:
+    difference = np.asarray(later, dtype="datetime64[ns]") - np.asarray(earlier, dtype="datetime64[ns]")
+    return difference.astype(np.int64)

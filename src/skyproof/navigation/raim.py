@@ -1,0 +1,127 @@
+"""Receiver autonomous integrity monitoring: do the measurements fit one position, and if not, which one spoils it?
+
+After R. G. Brown, "A baseline GPS RAIM scheme and a note on the equivalence of three RAIM methods", NAVIGATION 39(3),
+1992, and W. Baarda, "A testing procedure for use in geodetic networks", 1968. Leading axes are free (epochs, trials);
+the last axis is the satellite; a sigma that is not finite means that a measurement is not used.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.navigation.least_squares import spd_inverse
+from skyproof.records import Reals
+from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
+
+__all__ = ["Exclusion", "GlobalTest", "exclude_one", "global_test", "normalised_residuals", "residual_statistic"]
+
+_UNKNOWNS = 4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GlobalTest:
+    """statistic, dof, threshold, p_value and consistent, all of shape (...).
+
+    Without redundancy (dof < 1) threshold and p-value are NaN and `consistent` is False: nothing was shown.
+    """
+
+    statistic: Reals
+    dof: NDArray[np.int64]
+    threshold: Reals
+    p_value: Reals
+    consistent: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Exclusion:
+    """excluded (...) index of the measurement left out, -1 for none; and the test of what is left."""
+
+    excluded: NDArray[np.int64]
+    test: GlobalTest
+
+
+def residual_statistic(residual_m: Reals, sigma_m: Reals) -> tuple[Reals, NDArray[np.int64]]:
+    """Sum of squared normalised residuals of a weighted fit, and its degrees of freedom n - 4; arguments (..., k).
+
+    Chi-square with n - 4 degrees if each measurement has independent Gaussian noise of its sigma. Residuals that are
+    NaN are not counted.
+    """
+    used = np.isfinite(residual_m) & np.isfinite(sigma_m)
+    normalised = np.where(used, residual_m, 0.0) / np.where(used, sigma_m, 1.0)
+    return np.sum(normalised**2, axis=-1), used.sum(axis=-1) - _UNKNOWNS
+
+
+def global_test(residual_m: Reals, sigma_m: Reals, *, false_alarm_probability: float) -> GlobalTest:
+    """Whether residuals (..., k) of a weighted fit are as small as noise alone leaves them."""
+    return _judged(*residual_statistic(residual_m, sigma_m), false_alarm_probability)
+
+
+def normalised_residuals(design: Reals, misfit_m: Reals, sigma_m: Reals) -> Reals:
+    """Residuals (..., k) of the linear fit of `misfit_m` (..., k) by `design` (..., k, 4), over their own sigma.
+
+    Standard normal each under the model (Baarda's w). NaN where not used or where a measurement is uncontrolled: the
+    others alone do not determine the position, so that its residual is always zero.
+    """
+    residual, redundancy = _whitened_fit(design, misfit_m, sigma_m)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(redundancy > 1e-9, residual / np.sqrt(redundancy), np.nan))
+
+
+def exclude_one(design: Reals, misfit_m: Reals, sigma_m: Reals, *, false_alarm_probability: float) -> Exclusion:
+    """If the fit fails the global test, leave out the measurement with the largest normalised residual, and test again.
+
+    For faults of single measurements only: a satellite clock that jumps, a reflected signal, a bad word of data. It
+    must never decide who is authentic. It believes the majority, and an attacker can be the majority: of 6 imitated
+    satellites beside 5 true ones it throws out the true ones, and what is left passes with flying colours. Which of
+    several consistent skies is the true one is for the detectors and the fusion; they get all the sets that
+    `sets.consistent_sets` finds, small ones too.
+
+    Leaving out measurement i lowers the statistic by its normalised residual squared, exactly, in the linear fit.
+
+    Parameters
+    ----------
+    design : (..., k, 4). misfit_m : (..., k) measured minus modelled at a converged position. sigma_m : (..., k).
+    """
+    residual, _ = _whitened_fit(design, misfit_m, sigma_m)
+    statistic, dof = residual_statistic(residual, np.ones_like(residual))
+    before = _judged(statistic, dof, false_alarm_probability)
+    w = normalised_residuals(design, misfit_m, sigma_m)
+    size = np.where(np.isfinite(w), np.abs(w), -1.0)
+    worst = np.argmax(size, axis=-1)
+    reduction = np.take_along_axis(size, worst[..., None], axis=-1)[..., 0] ** 2
+    possible = ~before.consistent & (dof >= 2) & (np.max(size, axis=-1) >= 0.0)
+    after = _judged(
+        np.where(possible, np.maximum(statistic - reduction, 0.0), statistic),
+        np.where(possible, dof - 1, dof),
+        false_alarm_probability,
+    )
+    return Exclusion(excluded=np.where(possible, worst, -1), test=after)
+
+
+def _whitened_fit(design: Reals, misfit_m: Reals, sigma_m: Reals) -> tuple[Reals, Reals]:
+    """Residuals over sigma, and the share of each one's variance that the fit leaves (0 to 1); NaN where not used."""
+    used = np.isfinite(misfit_m) & np.isfinite(sigma_m)
+    root_weight = np.where(used, 1.0 / np.where(used, sigma_m, 1.0), 0.0)
+    scaled = np.where(used[..., None], design, 0.0) * root_weight[..., None]
+    target = np.where(used, misfit_m, 0.0) * root_weight
+    transposed = np.swapaxes(scaled, -1, -2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        covariance = spd_inverse(transposed @ scaled)
+        redundancy = 1.0 - np.sum((scaled @ covariance) * scaled, axis=-1)
+        residual = target - (scaled @ (covariance @ (transposed @ target[..., None])))[..., 0]
+    return np.where(used, residual, np.nan), np.where(used, redundancy, np.nan)
+
+
+def _judged(statistic: Reals, dof: NDArray[np.int64], false_alarm_probability: float) -> GlobalTest:
+    testable = dof >= 1
+    safe_dof = np.maximum(dof, 1)
+    threshold = np.where(testable, chi_square_threshold(false_alarm_probability, safe_dof), np.nan)
+    p_value = np.where(testable, chi_square_survival(statistic, safe_dof), np.nan)
+    return GlobalTest(
+        statistic=np.asarray(statistic),
+        dof=np.asarray(dof),
+        threshold=threshold,
+        p_value=p_value,
+        consistent=testable & (statistic <= threshold),
+    )

@@ -1,0 +1,95 @@
+"""One value per channel for a whole window: pseudoranges brought to the middle epoch by their own carrier."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.records import Observations, Reals, SignalId
+
+__all__ = ["WindowMean", "window_mean"]
+
+_SLIP = 3  # a code of records.CELL_STATUS
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WindowMean:
+    """gpst : label of the middle epoch. signals, pseudorange_m, sigma_m (n,) : one for each channel that is kept."""
+
+    gpst: np.datetime64
+    signals: tuple[SignalId, ...]
+    pseudorange_m: Reals
+    sigma_m: Reals
+
+
+def window_mean(observations: Observations, *, min_share: float = 0.5) -> WindowMean:
+    """Pseudoranges at the window's middle epoch: carrier there plus the mean of (code - carrier) over the window.
+
+    The mean is weighted by 1/sigma^2, and its sigma is 1 / sqrt(sum(1/sigma^2)): thermal noise that is white from epoch
+    to epoch. Across slips and gaps the range is carried on by the Doppler (trapezoids), which adds its own noise to the
+    sigma; so a channel that has lost its carrier is still used. Channels that move differently (each by its own
+    carrier, the receiver may move) come to one instant, at which the fix is for all.
+
+    Parameters
+    ----------
+    min_share : channels with a pseudorange in less than this share of the epochs are left out.
+    """
+    n = observations.gpst.size
+    if n == 0:
+        raise ValueError(f"the window of {observations.receiver} has no epoch")
+    middle = n // 2
+    there = np.isfinite(observations.pseudorange_m) & np.isfinite(observations.pseudorange_sigma_m)
+    kept = np.flatnonzero(there.mean(axis=0) >= max(min_share, 0.5 / n))
+    there = there[:, kept]
+    motion_m, bridge_m2 = _motion(observations, kept, middle)
+    code_m = np.where(there, observations.pseudorange_m[:, kept], 0.0)
+    weight = np.where(there, 1.0 / np.where(there, observations.pseudorange_sigma_m[:, kept], 1.0) ** 2, 0.0)
+    weight = np.where(np.isfinite(motion_m), weight, 0.0)  # cut off by a gap in both carrier and Doppler
+    total = weight.sum(axis=0)
+    usable = total > 0.0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean_m = np.sum(weight * (code_m - np.nan_to_num(motion_m)), axis=0) / total
+        sigma_m = np.sqrt(1.0 / total + bridge_m2)
+    return WindowMean(
+        gpst=observations.gpst[middle],
+        signals=tuple(observations.signals[k] for k in kept[usable]),
+        pseudorange_m=mean_m[usable],
+        sigma_m=sigma_m[usable],
+    )
+
+
+def _motion(observations: Observations, kept: NDArray[np.intp], middle: int) -> tuple[Reals, Reals]:
+    """Range at each epoch minus range at the middle, (n, kept), and the variance that bridges by Doppler add."""
+    wavelength_m = SPEED_OF_LIGHT_M_S / observations.carrier_hz
+    elapsed_s = observations.elapsed_s
+    dt_s = np.diff(elapsed_s)[:, None]
+    carrier_m = observations.carrier_cyc[:, kept] * wavelength_m
+    rate_m_s = -wavelength_m * _filled(elapsed_s, observations.doppler_hz[:, kept])
+    rate_sigma_m_s = wavelength_m * _filled(elapsed_s, observations.doppler_sigma_hz[:, kept])
+    by_carrier = np.diff(carrier_m, axis=0)
+    whole = np.isfinite(by_carrier) & (observations.status[1:, kept] != _SLIP)
+    by_doppler = 0.5 * dt_s * (rate_m_s[1:] + rate_m_s[:-1])
+    doppler_m2 = 0.25 * dt_s**2 * (rate_sigma_m_s[1:] ** 2 + rate_sigma_m_s[:-1] ** 2)
+    # Summed away from the middle: where neither is known only what lies beyond is lost.
+    step_m = np.where(whole, by_carrier, by_doppler)
+    before_m = -np.cumsum(step_m[:middle][::-1], axis=0)[::-1]
+    after_m = np.cumsum(step_m[middle:], axis=0)
+    motion_m = np.vstack((before_m, np.zeros((1, kept.size)), after_m))
+
+    # Only bridges between cells with a pseudorange, or to the middle, matter.
+    there = np.isfinite(observations.pseudorange_m[:, kept])
+    there[middle] = True
+    needed = np.maximum.accumulate(there, axis=0)[:-1] & np.maximum.accumulate(there[::-1], axis=0)[::-1][1:]
+    return motion_m, np.sum(np.where(~whole & needed, np.nan_to_num(doppler_m2), 0.0), axis=0)
+
+
+def _filled(elapsed_s: Reals, values: Reals) -> Reals:
+    """Columns with their gaps filled by straight lines, the ends held; NaN where a column has nothing."""
+    filled = np.full_like(values, np.nan)
+    for column in range(values.shape[1]):  # a few channels, each one call
+        known = np.isfinite(values[:, column])
+        if known.any():
+            filled[:, column] = np.interp(elapsed_s, elapsed_s[known], values[known, column])
+    return filled
+

@@ -1,0 +1,110 @@
+"""Prompt correlations to navigation bits and time of week: one small state a channel, advanced frame by frame."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.gnss.lnav import Subframe, decode_how, decode_subframe, find_subframes
+
+PERIODS_PER_BIT = 20
+BIT_SYNC_PERIODS = 1500
+"""Code periods looked at to find where bits begin: some 35 transitions, enough down to 28 dB-Hz."""
+BITS_PER_SUBFRAME = 300
+BITS_KEPT = 2 * BITS_PER_SUBFRAME + 60
+"""Two subframes and a head: a subframe is always whole in it, and starts can be checked against each other."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Telemetry:
+    """What is known of one channel's message.
+
+    prompts : in-phase prompts not yet made into bits; the first one is that of code period `prompts_period`.
+    bits : the latest bits, 0 or 1, polarity unknown; the first begins with code period `bits_period`.
+    tow_ms_at_period_0 : time of week at which the satellite sent the start of code period 0; None until decoded.
+    subframes : the latest of each kind: 1, 2, 3, and page 18 of 4 as 4.
+    """
+
+    prompts: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
+    prompts_period: int = 0
+    synchronised: bool = False
+    bits: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, np.int8))
+    bits_period: int = 0
+    tow_ms_at_period_0: int | None = None
+    subframes: Mapping[int, Subframe] = field(default_factory=dict)
+    failures: int = 0
+
+
+def step(telemetry: Telemetry, prompts: NDArray[np.float64], first_period: int) -> Telemetry:
+    """Take the in-phase prompts (n,) of the code periods from `first_period` on, which follow on those before."""
+    if telemetry.prompts.size == 0:
+        telemetry = replace(telemetry, prompts_period=first_period)
+    telemetry = replace(telemetry, prompts=np.concatenate([telemetry.prompts, prompts.astype(np.float32)]))
+    if not telemetry.synchronised:
+        if telemetry.prompts.size < BIT_SYNC_PERIODS:
+            return telemetry
+        telemetry = _synchronise(telemetry)
+    return _decode(_make_bits(telemetry))
+
+
+def bit_energy(prompts: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Mean energy of sums over 20 periods that begin at period 0, 1, ... 19: largest where the bits begin."""
+    sums = np.convolve(prompts.astype(np.float64), np.ones(PERIODS_PER_BIT), "valid")
+    n = sums.size // PERIODS_PER_BIT * PERIODS_PER_BIT
+    energy: NDArray[np.float64] = np.mean(sums[:n].reshape(-1, PERIODS_PER_BIT) ** 2, axis=0)
+    return energy
+
+
+def _synchronise(telemetry: Telemetry) -> Telemetry:
+    offset = int(np.argmax(bit_energy(telemetry.prompts)))
+    return replace(
+        telemetry,
+        synchronised=True,
+        prompts=telemetry.prompts[offset:],
+        prompts_period=telemetry.prompts_period + offset,
+        bits=np.empty(0, np.int8),
+        bits_period=telemetry.prompts_period + offset,
+    )
+
+
+def _make_bits(telemetry: Telemetry) -> Telemetry:
+    n = telemetry.prompts.size // PERIODS_PER_BIT
+    if n == 0:
+        return telemetry
+    used = n * PERIODS_PER_BIT
+    new = (telemetry.prompts[:used].reshape(n, PERIODS_PER_BIT).sum(axis=1) < 0.0).astype(np.int8)
+    return replace(
+        telemetry,
+        bits=np.concatenate([telemetry.bits, new]),
+        prompts=telemetry.prompts[used:],
+        prompts_period=telemetry.prompts_period + used,
+    )
+
+
+def _decode(telemetry: Telemetry) -> Telemetry:
+    """Look for subframes once a second's worth of bits is new; forget what no subframe can need any more."""
+    if telemetry.bits.size < 60 or (telemetry.bits.size % 50 >= 5 and telemetry.bits.size < BITS_KEPT):
+        return telemetry
+    subframes = dict(telemetry.subframes)
+    tow_ms = telemetry.tow_ms_at_period_0
+    for start in find_subframes(telemetry.bits):
+        how = decode_how(telemetry.bits[start : start + 60])
+        if how is None:
+            continue
+        tow_ms = how.tow_s * 1000 - (telemetry.bits_period + start * PERIODS_PER_BIT)
+        subframe = decode_subframe(telemetry.bits[start : start + 300]) if start + 300 <= telemetry.bits.size else None
+        if subframe is not None and (subframe.id < 4 or "alpha0" in subframe.fields):
+            subframes[subframe.id] = subframe
+    if telemetry.bits.size < BITS_KEPT:
+        return replace(telemetry, tow_ms_at_period_0=tow_ms, subframes=subframes)
+    if tow_ms is None:  # two subframes' time without a subframe: the bits do not begin where we think
+        return Telemetry(failures=telemetry.failures + 1)
+    drop = telemetry.bits.size - (BITS_PER_SUBFRAME + 60)
+    return replace(
+        telemetry,
+        tow_ms_at_period_0=tow_ms,
+        subframes=subframes,
+        bits=telemetry.bits[drop:],
+        bits_period=telemetry.bits_period + drop * PERIODS_PER_BIT,
+    )

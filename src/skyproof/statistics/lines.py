@@ -1,0 +1,72 @@
+"""Fitting a straight line by orthonormal columns, and orthonormal contrasts of several series."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LineFit", "additive_contrasts", "difference_whitener", "fit_line", "line_columns"]
+
+Reals = NDArray[np.float64]
+
+
+class LineFit(NamedTuple):
+    """A line through each series, in orthonormal columns.
+
+    level : (..., M) coefficient on 1/sqrt(N); the mean is level/sqrt(N).
+    slope : (..., M) coefficient on (t - mean t)/norm.
+    residual : (..., N, M).
+    """
+
+    level: Reals
+    slope: Reals
+    residual: Reals
+
+
+def line_columns(n: int, times: Reals | None = None) -> Reals:
+    """Orthonormal columns (n, 2) of level and slope; `times` (n,) if the points are not evenly spaced."""
+    centred = np.arange(n, dtype=float) if times is None else np.asarray(times, float)
+    centred = centred - centred.mean()
+    return np.column_stack([np.full(n, n**-0.5), centred / np.linalg.norm(centred)])
+
+
+def fit_line(values: Reals, times: Reals | None = None) -> LineFit:
+    """Least-squares line through `values` (..., N, M), time along the second last axis."""
+    columns = line_columns(values.shape[-2], times)
+    coefficients = columns.T @ values
+    return LineFit(coefficients[..., 0, :], coefficients[..., 1, :], values - columns @ coefficients)
+
+
+def difference_whitener(n: int) -> Reals:
+    """(n, n) inverse root of I + 1 1^T, the covariance of n differences against one common reference.
+
+    Its eigenvalue along 1 is 1 + n and 1 elsewhere, so the inverse root is I - (1 - 1/sqrt(1+n))/n 1 1^T. The printed
+    root in the paper (NAVIGATION 69(1), 2022, doi 10.33012/navi.510, equation 8) colours instead of whitening.
+    """
+    return np.eye(n) - (1.0 - (1.0 + n) ** -0.5) / n * np.ones((n, n))
+
+
+def additive_contrasts(sigma: Reals) -> tuple[Reals, Reals]:
+    """Orthonormal contrasts that remove row + column effects from a table of noisy numbers.
+
+    Parameters
+    ----------
+    sigma : (..., K, R), standard deviations, up to a common factor, of the table's entries.
+
+    Returns
+    -------
+    contrasts : (..., K*R, M) with M = (K-1)(R-1). `table.reshape(K*R) @ contrasts` does not see a_k + b_r, and has unit
+        covariance if the entries are independent with these sigmas.
+    gain : (..., M) what an independent error of variance 1 added to every entry adds to each contrast's variance; the
+        contrasts are rotated so that these errors too are uncorrelated.
+    """
+    *lead, n_rows, n_columns = sigma.shape
+    additive = np.zeros((n_rows, n_columns, n_rows + n_columns - 1))
+    additive[np.arange(n_rows), :, np.arange(n_rows)] = 1.0
+    for column in range(1, n_columns):
+        additive[:, column, n_rows + column - 1] = 1.0
+    inverse = 1.0 / sigma.reshape(*lead, n_rows * n_columns)
+    q = np.linalg.qr(inverse[..., None] * additive.reshape(n_rows * n_columns, -1), mode="complete").Q
+    whitened = inverse[..., None] * q[..., n_rows + n_columns - 1 :]
+    gain, rotation = np.linalg.eigh(np.swapaxes(whitened, -1, -2) @ whitened)
+    return whitened @ rotation, gain

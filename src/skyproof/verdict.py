@@ -1,0 +1,181 @@
+"""The answer: `Verdict`, the document that `protect` gives and `verdict.json` holds.
+
+Immutable models whose fields stand in the order of the document. Every key is always there; what is absent is None
+(`null`), never NaN. An instant is text, ISO 8601 without a zone, in GPS time. Angles are degrees: this is an edge.
+
+Building a model checks it (`pydantic.ValidationError`, a ValueError): unknown keys, numbers that are not finite,
+probabilities outside 0 to 1, and names that point nowhere are refused.
+"""
+
+import warnings
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
+
+__all__ = [
+    "VERDICT_FORMAT", "Because", "InputFile", "Label", "Method", "Place", "Position", "Receiver", "Signal", "Source",
+    "Verdict", "VerdictWord",
+]  # fmt: skip
+
+VERDICT_FORMAT: Literal["skyproof-verdict/1"] = "skyproof-verdict/1"
+
+VerdictWord = Literal["authentic", "spoofed", "undecided"]
+Label = Literal["authentic", "spoofed", "multipath", "unknown"]
+
+Gpst = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?$")]
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Sigma = Annotated[float, Field(ge=0.0)]
+LatDeg = Annotated[float, Field(ge=-90.0, le=90.0, description="Geodetic latitude, WGS-84, degrees, north positive.")]
+LonDeg = Annotated[float, Field(ge=-180.0, le=180.0, description="Longitude, WGS-84, degrees, east positive.")]
+HeightM = Annotated[float, Field(description="Height above the WGS-84 ellipsoid, metres.")]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Place(_Model):
+    """A point on or near the Earth."""
+
+    lat_deg: LatDeg
+    lon_deg: LonDeg
+    height_m: HeightM
+
+
+class Position(_Model):
+    """A position fix at one instant with its uncertainty."""
+
+    gpst: Gpst = Field(description="Time of the fix, GPS time, ISO 8601 without a zone.")
+    lat_deg: LatDeg
+    lon_deg: LonDeg
+    height_m: HeightM
+    sigma_east_m: Sigma = Field(description="Standard deviation to the east, metres.")
+    sigma_north_m: Sigma = Field(description="Standard deviation to the north, metres.")
+    sigma_up_m: Sigma = Field(description="Standard deviation upwards, metres.")
+
+
+class Receiver(_Model):
+    """One receiver: what it recorded, and the three positions that its signals give."""
+
+    name: str = Field(description="Name by which the other parts of this document refer to the receiver.")
+    input: str = Field(description="File or stream that the receiver's signals came from.")
+    start_gpst: Gpst | None = Field(description="Start of the stretch examined, GPS time; null if no time is known.")
+    duration_s: Sigma = Field(description="Length of the stretch examined, seconds.")
+    trusted_fix: Position | None = Field(description="From authentic signals only; null if none are known to be so.")
+    false_fix: Position | None = Field(description="What the false signals show; null if there are none.")
+    unprotected_fix: Position | None = Field(description="What a receiver without protection shows.")
+
+
+class Because(_Model):
+    """A detector that speaks for a signal's label."""
+
+    detector: str = Field(description="Name of the detector.")
+    p_value: Probability | None = Field(
+        description="Probability of evidence at least this strong if the label were wrong; null where none is stated."
+    )
+
+
+# The document's key `copy` hides a method of BaseModel that is deprecated for `model_copy`; nothing here misses it.
+with warnings.catch_warnings():
+    warnings.filterwarnings("ignore", message='Field name "copy"', category=UserWarning)
+
+    class Signal(_Model):
+        """One received signal and its label. One satellite may be received as several signals."""
+
+        receiver: str = Field(description="Name of the receiver.")
+        sat: str = Field(description="Satellite that the signal claims to come from, as RINEX names it: G05.")
+        band: str = Field(description="Frequency band: L1.")
+        code: str = Field(description="Ranging code: CA.")
+        copy: str = Field(  # type: ignore[assignment]
+            description="Tells several signals of one satellite apart, in order of finding; nothing more."
+        )
+        label: Label = Field(description="What the evidence says of the signal; unknown where it says nothing.")
+        source: str | None = Field(description="Name of the source the signal is ascribed to; null if to none.")
+        from_gpst: Gpst | None = Field(description="First instant at which the signal was received, GPS time.")
+        to_gpst: Gpst | None = Field(description="Last instant at which the signal was received, GPS time.")
+        cn0_dbhz: float | None = Field(description="Carrier to noise density, mean over the time received, dB-Hz.")
+        doppler_hz: float | None = Field(description="Apparent carrier minus nominal carrier, mean, hertz.")
+        delay_to_authentic_m: float | None = Field(
+            description="Code delay behind the same satellite's authentic signal, metres; null without one."
+        )
+        because: tuple[Because, ...] = Field(description="The evidence for the label; empty for unknown.")
+
+
+class Source(_Model):
+    """A transmitter of false signals, as far as it is known."""
+
+    name: str = Field(description="Name by which signals refer to the source.")
+    kind: str = Field(description="What is known of it in words: one antenna.")
+    sats: tuple[str, ...] = Field(description="Satellites that it imitates.")
+    azimuth_deg: float | None = Field(ge=0.0, le=360.0, description="Direction seen, clockwise from north, degrees.")
+    elevation_deg: float | None = Field(ge=-90.0, le=90.0, description="Direction seen, above the horizon, degrees.")
+    direction_sigma_deg: Sigma | None = Field(description="Standard deviation of the direction, degrees.")
+    shows: Place | None = Field(description="The place that a receiver of these signals is led to believe.")
+    time_offset_s: float | None = Field(description="Time shown by these signals minus true GPS time, seconds.")
+
+
+class Method(_Model):
+    """One detector: what it found, or why it did not run and what it would need."""
+
+    detector: str = Field(description="Name of the detector.")
+    ran: bool = Field(description="Whether it could run on this input.")
+    why_not: str | None = Field(description="Why it did not run; null if it ran.")
+    would_need: str | None = Field(description="What would let it run, or decide; null if nothing is missing.")
+    decision: str | None = Field(
+        description="What it says of the whole: authentic, spoofed, attack, clean, undecided; null if it did not run."
+    )
+    tests: int = Field(ge=0, description="Number of tests that it made.")
+    statistic: float | None = Field(description="Statistic of its most telling test, in the detector's own unit.")
+    threshold: float | None = Field(description="Threshold of that test, in the same unit.")
+    p_value: Probability | None = Field(description="p-value of that test.")
+    false_alarm_probability: Probability | None = Field(description="False-alarm probability asked of one decision.")
+
+    @model_validator(mode="after")
+    def _tells_why_it_did_not_run(self) -> Self:
+        if not self.ran and not self.why_not:
+            raise ValueError(f"{self.detector} did not run, but why_not does not say why")
+        return self
+
+
+class InputFile(_Model):
+    """One input as it was read."""
+
+    path: str = Field(description="Path or address as given.")
+    format: str = Field(description="What it was read as: raw, RINEX navigation.")
+    sha256: str | None = Field(description="SHA-256 of the whole file, hexadecimal; null for a stream.")
+    remarks: tuple[str, ...] = Field(description="What was odd about it; also warnings.")
+
+
+class Verdict(_Model):
+    """Whether satellite-navigation signals were spoofed, how sure that is, and the positions that can be trusted."""
+
+    format: Literal["skyproof-verdict/1"] = Field(description="Name and version of this format.")
+    verdict: VerdictWord = Field(description="The answer. Never stronger than the evidence.")
+    summary: str = Field(description="The answer in one sentence.")
+    since_gpst: Gpst | None = Field(description="Onset of the attack, GPS time; null if none or unknown.")
+    since_sigma_s: Sigma | None = Field(description="Standard deviation of the onset, seconds.")
+    until_gpst: Gpst | None = Field(description="End of the attack, GPS time; null while it lasts.")
+    false_alarm_probability_per_hour: Probability = Field(
+        description="Probability asked for of calling clean signals spoofed, per hour."
+    )
+    undecided_because: str | None = Field(description="What is not decided, why, and what would decide it.")
+    receivers: tuple[Receiver, ...]
+    signals: tuple[Signal, ...]
+    sources: tuple[Source, ...]
+    methods: tuple[Method, ...]
+    inputs: tuple[InputFile, ...]
+    settings: dict[str, JsonValue] = Field(description="The settings in force, with units in their names.")
+    versions: dict[str, str] = Field(description="Versions of the programs that made this document.")
+
+    @model_validator(mode="after")
+    def _names_point_somewhere(self) -> Self:
+        receivers = {receiver.name for receiver in self.receivers}
+        sources = {source.name for source in self.sources}
+        for signal in self.signals:
+            if signal.receiver not in receivers:
+                raise ValueError(f"signal {signal.sat} is of receiver {signal.receiver}, which is not in receivers")
+            if signal.source is not None and signal.source not in sources:
+                raise ValueError(f"signal {signal.sat} is of source {signal.source}, which is not in sources")
+        if self.verdict == "undecided" and not self.undecided_because:
+            raise ValueError("an undecided verdict says in undecided_because what would decide it")
+        return self
