@@ -1,27 +1,28 @@
 """Do signals of several receivers come from one transmit antenna? The group decision's mathematics, no records.
 
-Source: N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1), 2022, doi 10.33012/navi.510, whose data model is
-kept; the decision by groups of satellites and its treatment of noise that is not white are our own.
+Source: N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1), 2022, doi 10.33012/navi.510, whose data
+model is kept; the decision by groups of satellites and its treatment of noise that is not white are our own.
 
 A table of pseudoranges at a common instant, K satellites by R receivers, is
 
     rho[k, i] = a_k + c_i - b_i . u_k + e[k, i]        b_i = p_i - p_1,  u_k receiver to satellite.
 
 Signals of one antenna all take the same path from it to receiver i, so H0, "one antenna", is b = 0: the table is a
-satellite's term plus a receiver's term. M = (K-1)(R-1) contrasts remove both terms (`statistics.lines.additive_contrasts`,
-weighted by the thermal sigma of each track, which need be known up to a common factor only). Under H0 they have zero mean.
+satellite's term plus a receiver's term. M = (K-1)(R-1) contrasts remove both terms
+(`statistics.lines.additive_contrasts`, weighted by the thermal sigma of each track, which need be known up to a common
+factor only). Under H0 they have zero mean.
 
-What is tested is the mean over the window. The slope is left out, although it is zero under H0 as well: antennas that stand
-still some tens of metres apart see it change by b/r * v = 1e-3 m/s, a thousandth of what the mean shows after a minute,
-and testing it would only spend degrees of freedom. The noise is measured from the residuals around a line, so that a slope
-cannot hide in it.
+What is tested is the mean over the window. The slope is left out, although it is zero under H0 as well: antennas that
+stand still see it change by 1e-4 m/s per metre of baseline, which after a minute is a five hundredth of what the mean
+shows, and testing it would only spend degrees of freedom. The noise is measured from the residuals around a line, so
+that a slope cannot hide in it.
 
-Noise: thermal and slow errors are AR(1) with unknown coefficient phi, common to the window; each track has a constant error
-besides, of known sigma (multipath). With neither (`WHITE`) the statistic is exactly F. With unknown phi the p-value is the
-largest over a confidence set of phi plus the probability that the set misses the true one (Berger and Boos, JASA 89, 1994,
-doi 10.1080/01621459.1994.10476836). In short windows that set is wide, and steady noise could be the visible tip of a slow
-error of any size; so a second test, which does not look at the noise, takes the error of a track as bounded. The smaller of the
-two p-values, doubled, holds.
+Noise: thermal and slow errors are AR(1) with unknown coefficient phi, common to the window; each track has a constant
+error besides, of known sigma (multipath). With neither (`WHITE`) the statistic is exactly F. With unknown phi the
+p-value is the largest over a confidence set of phi plus the probability that the set misses the true one (Berger and
+Boos, JASA 89, 1994, doi 10.1080/01621459.1994.10476836). In short windows that set is wide, and steady noise could be
+the visible tip of a slow error of any size; so a second test, which does not look at the noise, takes the error of a
+track as bounded. The smaller of the two p-values, doubled, holds.
 """
 
 from dataclasses import dataclass
@@ -31,12 +32,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.statistics.autoregression import ar1_line, correlation_grid
-from skyproof.statistics.distributions import f_survival
+from skyproof.statistics.distributions import f_survival, f_threshold
 from skyproof.statistics.lines import additive_contrasts
 
 __all__ = [
-    "WHITE", "Baseline", "Levels", "NoiseModel", "baseline_design", "baseline_estimate", "contrast_levels",
-    "distance_p_value", "one_antenna_p_value", "ratio_p_value", "table_contrasts",
+    "WHITE", "Baseline", "Levels", "MeanTest", "NoiseModel", "baseline_design", "baseline_estimate", "contrast_levels",
+    "distance_p_value", "one_antenna_test", "ratio_test", "table_contrasts",
 ]  # fmt: skip
 
 Reals = NDArray[np.float64]
@@ -89,6 +90,13 @@ class Levels(NamedTuple):
             p_value = 2.0 * np.minimum(p_value, grid[-1])
         return np.minimum(p_value, 1.0), decides
 
+    def threshold(self, false_alarm_probability: float, dof_num: int, decides: NDArray[np.intp]) -> Reals:
+        """The mean square (...) beyond which `worst` gives less than `false_alarm_probability`, under noise
+        `decides`.""" share = false_alarm_probability / (2.0 if self.bounded else 1.0)
+        known = np.isinf(self.dof[decides])
+        tail = np.where(known, share, np.maximum(share - self.miss_probability, 0.0))
+        return f_threshold(tail, dof_num, self.dof[decides])
+
     def dof_over(self, array: Reals) -> Reals:
         """`dof` shaped to go along axis 0 of `array`."""
         return self.dof.reshape((-1,) + (1,) * (array.ndim - 1))
@@ -138,41 +146,65 @@ def contrast_levels(values: Reals, gain: Reals, noise: NoiseModel, gaps: Reals |
     return Levels(level, variance, plausible, dof, noise.miss_probability, bounded)
 
 
-def one_antenna_p_value(levels: Levels, expected: Reals | None = None) -> tuple[Reals, Reals]:
+class MeanTest(NamedTuple):
+    """p_value (...), statistic (...), and which noise (...) of `Levels` gave them."""
+
+    p_value: Reals
+    statistic: Reals
+    decides: NDArray[np.intp]
+
+
+def one_antenna_test(levels: Levels, expected: Reals | None = None) -> MeanTest:
     """Test that the mean contrasts are zero (one antenna), or `expected` (..., M) (a known baseline).
 
-    Returns
-    -------
-    p_value : (...); statistic : (...) under the noise that decides. Under H0 with white noise and no constant error: F with M
-        and `dof` degrees. With a constant error part of the denominator is known, not estimated; the law is then between F and
-        chi-square/M, and the p-value errs to the safe side (high).
+    The statistic is the mean square of the means over their sigmas, under the noise that decides. Under H0 with white
+    noise and no constant error: F with M
+        and `dof` degrees. With a constant error part of the denominator is known, not estimated; the law is then
+        between F and chi-square/M, and the p-value errs to the safe side (high).
     """
     level = levels.level if expected is None else levels.level - expected
     statistic = np.mean(level**2 / levels.variance, axis=-1)
     p_value, decides = levels.worst(f_survival(statistic, level.shape[-1], levels.dof_over(statistic)))
-    return p_value, np.take_along_axis(statistic, decides[None], 0)[0]
+    return MeanTest(p_value, np.take_along_axis(statistic, decides[None], 0)[0], decides)
 
 
-def ratio_p_value(
+class RatioTest(NamedTuple):
+    """p_value, statistic (...); dof_num, dof_den of the F law; log_likelihood_ratio (...) of the second over the
+    first."""
+
+    p_value: Reals
+    statistic: Reals
+    dof_num: int
+    dof_den: int
+    log_likelihood_ratio: Reals
+
+    def threshold(self, false_alarm_probability: float) -> float:
+        """What the statistic has to exceed."""
+        return float(f_threshold(false_alarm_probability, self.dof_num, self.dof_den))
+
+
+def ratio_test(
     larger_m: Reals, larger_sigma_m: Reals, smaller_m: Reals, smaller_sigma_m: Reals, *, mixtures: int = 5
-) -> tuple[Reals, Reals]:
+) -> RatioTest:
     """Test that the first table of means, not the second, is the one of one antenna.
 
     If the first is from one antenna, its contrasts have zero mean, and those of the second a mean that depends on the
-    baseline; at worst, with no baseline, zero as well. The ratio of the mean squares is then F with as many degrees as each
-    has contrasts, whatever the noise, if both have the same: correlation and constant errors cancel. Any baseline makes
-    the ratio smaller. Two tables that share tracks are correlated, which makes large ratios rarer still.
+    baseline; at worst, with no baseline, zero as well. The ratio of the mean squares is then F with as many degrees as
+    each has contrasts, whatever the noise, if both have the same: correlation and constant errors cancel. Any baseline
+    makes the ratio smaller. Two tables that share tracks are correlated, which makes large ratios rarer still.
 
     Parameters
     ----------
     larger_m, smaller_m : (..., K, R) and (..., K', R) mean ranges over the window.
     larger_sigma_m, smaller_sigma_m : same shapes, thermal sigma of these means up to a common factor.
-    mixtures : variances between all thermal (proportional to sigma^2) and all constant (the same for every track) are tried
-        in this many steps; the largest p-value counts. With equal sigmas all steps agree.
+    mixtures : variances between all thermal (proportional to sigma^2) and all constant (the same for every track) are
+        tried in this many steps; the largest p-value counts. With equal sigmas all steps agree.
 
     Returns
     -------
-    p_value, statistic : (...), the statistic at the largest p-value.
+    RatioTest : at the mixture of the largest p-value. The log likelihood ratio is that of "the second is the one of one
+        antenna" over "the first is", for equal noise of unknown variance (density 1/variance) and any mean of the
+        contrasts (flat density) of the other one: half the number of contrasts times the log of the ratio.
     """
     typical = np.mean(np.concatenate([larger_sigma_m**2, smaller_sigma_m**2], axis=-2), axis=(-1, -2), keepdims=True)
     share = np.linspace(0.0, 1.0, mixtures).reshape((-1,) + (1,) * larger_sigma_m.ndim)
@@ -185,7 +217,11 @@ def ratio_p_value(
     statistic = mean_squares[0] / np.maximum(mean_squares[1], 1e-300)
     p_values = f_survival(statistic, dofs[0], dofs[1])
     worst = np.argmax(p_values, axis=0)[None]
-    return np.take_along_axis(p_values, worst, 0)[0], np.take_along_axis(statistic, worst, 0)[0]
+    statistic = np.take_along_axis(statistic, worst, 0)[0]
+    return RatioTest(
+        np.take_along_axis(p_values, worst, 0)[0], statistic, dofs[0], dofs[1],
+        np.asarray(0.25 * (dofs[0] + dofs[1]) * np.log(statistic), float),
+    )  # fmt: skip
 
 
 class Baseline(NamedTuple):
@@ -216,7 +252,7 @@ def baseline_estimate(levels: Levels, design: Reals) -> Baseline:
     weighted = design / levels.variance[..., None]
     covariance = np.linalg.inv(np.swapaxes(weighted, -1, -2) @ design)
     enu = covariance @ np.swapaxes(weighted, -1, -2) @ levels.level[..., None]
-    return Baseline(enu[..., 0], covariance)
+    return Baseline(enu[..., 0], np.asarray(covariance, float))
 
 
 def distance_p_value(
@@ -224,9 +260,10 @@ def distance_p_value(
 ) -> Reals:
     """Test that the antennas stand `at least`, or `at most`, so far apart in the horizontal; (...) p-values.
 
-    The vertical is left free, since it is what satellites tell worst. The statistic is the squared distance, in the metric of
-    the covariance, of the estimate from the nearest baseline that the hypothesis allows; for the true baseline it is
-    twice an F with 2 and `dof` degrees, so the nearest allowed one gives a p-value that is never too small.
+    The vertical is left free, since it is what satellites tell worst. The statistic is the squared distance, in the
+    metric of the covariance, of the estimate from the nearest baseline that the hypothesis allows; for the true
+    baseline it is twice an F with 2 and `dof` degrees, so the nearest allowed one gives a p-value that is never too
+    small.
     """
     horizontal_m, covariance_m2 = baseline.enu_m[..., :2], baseline.covariance_m2[..., :2, :2]
     allowed = np.hypot(horizontal_m[..., 0], horizontal_m[..., 1]) >= distance_m

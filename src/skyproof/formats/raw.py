@@ -300,8 +300,9 @@ class _Reader:
             # "clip" because "raise" makes a copy of the result; a byte is never out of range
             np.take(table, codes, axis=0, out=plane[body].reshape(n_bytes, per_byte), mode="clip")
         for edge in (slice(0, head), slice(body.stop, count)):
-            index = np.arange(start + edge.start, start + edge.stop)
-            planes[: len(tables), edge] = tables[:, self.octets[index // per_byte], index % per_byte]
+            if edge.start < edge.stop:
+                index = np.arange(start + edge.start, start + edge.stop)
+                planes[: len(tables), edge] = tables[:, self.octets[index // per_byte], index % per_byte]
 
     def _convert(self, start: int, planes: Floats) -> None:
         """One or more bytes a number."""

@@ -123,7 +123,7 @@ class _Header:
     def ionosphere(self) -> Klobuchar | None:
         if len(self.alpha) != 4 or len(self.beta) != 4:
             return None
-        return Klobuchar(alpha=self.alpha, beta=self.beta)  # type: ignore[arg-type]  # four each, as just checked
+        return Klobuchar(alpha=self.alpha, beta=self.beta)
 
     def utc(self, week: int, at: np.datetime64) -> UtcParameters | None:
         if self.leaps is None and not self.utc_terms:
@@ -140,7 +140,7 @@ def _header(body: Iterator[tuple[int, str]], source: str) -> _Header:
     if label != "RINEX VERSION / TYPE":
         what = "a compressed RINEX observation file" if label == "CRINEX VERS   / TYPE" else repr(first[:40])
         raise InputError(f"{source}, line 1: {what}, expected RINEX VERSION / TYPE in column 61; {_TO_DO}")
-    version = _number(first[:9])
+    version = float(first[:9]) if re.fullmatch(r" *\d+(\.\d*)? *", first[:9]) else math.nan
     if not 2.0 <= version < 5.0:
         raise InputError(f"{source}, line 1: RINEX version {first[:9].strip()!r}, expected 2, 3 or 4; {_TO_DO}")
     if kind != "N":
@@ -333,13 +333,18 @@ def _numbers(line: str, first_column: int, width: int, count: int) -> tuple[floa
 
 
 def _number(text: str) -> float:
-    """The number in a field, NaN for a blank one; FORTRAN's D exponents too."""
-    text = text.strip()
-    if not text:
-        return math.nan
-    if not re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([DdEe][-+ ]?\d+)?", text):
-        raise ValueError(f"{text!r} is no number")
-    return float(re.sub("[Dd] ?", "e", text).replace(" ", ""))
+    """The number in a field, NaN for a blank one.
+
+    FORTRAN's ways are known: D exponents, and no letter before three digits ("0.499063314480-269", which stands for
+    zero as anything that small does: no field of the message has steps below 1e-17).
+    """
+    match = re.fullmatch(r"([-+]?(?:\d+\.?\d*|\.\d+))(?:[DdEe] ?([-+]?\d+)|([-+]\d{3}))?", text.strip())
+    if match:
+        value = float(f"{match[1]}e{match[2] or match[3] or 0}")
+        return value if abs(value) >= 1e-99 else 0.0
+    if text.strip():
+        raise ValueError(f"{text.strip()!r} is no number")
+    return math.nan
 
 
 def _whole(value: float, default: int) -> int:

@@ -44,7 +44,7 @@ def saastamoinen_zenith_m(lat_rad: ArrayLike, height_m: ArrayLike, humidity: flo
     """
     height_m = np.clip(np.asarray(height_m, np.float64), 0.0, 11000.0)
     pressure_hpa = 1013.25 * (1.0 - 2.2557e-5 * height_m) ** 5.2568
-    temperature_k = 15.0 - 6.5e-3 * height_m + 273.16
+    temperature_k = 15.0 - 6.5e-3 * height_m + 273.15
     vapour_hpa = 6.108 * humidity * np.exp((17.15 * temperature_k - 4684.0) / (temperature_k - 38.45))
     gravity = 1.0 - 0.00266 * np.cos(2.0 * np.asarray(lat_rad, np.float64)) - 0.00028e-3 * height_m
     return np.asarray(0.0022768 * pressure_hpa / gravity + 0.002277 * (1255.0 / temperature_k + 0.05) * vapour_hpa)

@@ -28,7 +28,9 @@ def anchored(observations: Observations, clock_bias_s: ArrayLike) -> Observation
     """
     bias_s = np.asarray(clock_bias_s, np.float64)
     if bias_s.shape not in ((), observations.gpst.shape) or not np.all(np.isfinite(bias_s)):
-        raise ValueError(f"clock_bias_s must be finite, one number or {observations.gpst.size}; got shape {bias_s.shape}")
+        raise ValueError(
+            f"clock_bias_s must be finite, one number or {observations.gpst.size}; got shape {bias_s.shape}"
+        )
     shift_ms = np.broadcast_to(np.rint(bias_s * 1e3).astype(np.int64), observations.gpst.shape)
     return replace(
         observations,

@@ -138,7 +138,9 @@ def _fix_block(
     design = np.where(used[..., None], design_matrix(unit), 0.0)
     gdop = np.sqrt(np.trace(spd_inverse(np.swapaxes(design, -1, -2) @ design), axis1=-2, axis2=-1))
     status = np.select(
-        [used.sum(axis=1) < 4, ~(gdop <= settings.max_gdop), ~(solution.last_step_m < _CONVERGED_M)], [1.0, 2.0, 3.0], 0.0
+        [used.sum(axis=1) < 4, ~(gdop <= settings.max_gdop), ~(solution.last_step_m < _CONVERGED_M)],
+        [1.0, 2.0, 3.0],
+        0.0,
     )
     bad = status > 0
     for array in (solution.state_m, velocity, solution.covariance_m2):

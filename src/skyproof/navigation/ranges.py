@@ -25,8 +25,8 @@ _UNKNOWN_IN_NIGHTS = 2.0  # 3 m at the zenith: between the 1.5 m of any night an
 class Ranges:
     """The satellites' side of every cell (epoch, channel); NaN without a pseudorange or an ephemeris.
 
-    week, transmission_tow_s : GPS time of transmission; the week is that of the epoch, (epoch,), and the seconds may run
-        over its ends. Good to a tenth of a nanosecond, which moves a satellite by less than a micrometre.
+    week, transmission_tow_s : GPS time of transmission; the week is that of the epoch, (epoch,), and the seconds may
+        run over its ends. Good to a tenth of a nanosecond, which moves a satellite by less than a micrometre.
     satellite_ecef_m, satellite_velocity_ecef_m_s : (epoch, channel, 3) at transmission, in the frame of transmission.
     satellite_drift : rate of the satellite's clock.
     range_m : pseudorange plus c times the satellite's clock: geometric range, receiver clock and atmosphere.
@@ -74,7 +74,7 @@ def corrected_ranges(
         if (signal.band, signal.code) == ("L1", "CA"):
             columns.setdefault(signal.sat, []).append(column)
     for ephemeris, rows, sat in _in_use(navigation, tuple(columns), gpst):
-        cells = np.ix_(rows, columns[sat])
+        cells = np.ix_(rows, np.array(columns[sat]))
         sent_week, sent_tow_s = week[rows][:, None], shown_tow_s[cells]
         sent_tow_s = sent_tow_s - _clock_polynomial_s(ephemeris, sent_week, sent_tow_s)
         state = satellite_state_s(ephemeris, sent_week, sent_tow_s)

@@ -17,8 +17,8 @@ def smooth(observations: Observations, *, window_s: float = 100.0, max_gap_epoch
     """Pseudoranges smoothed by their own carrier, within `window_s`/2 on either side and within one arc.
 
     Each becomes carrier plus the mean of (code - carrier), weighted by 1/sigma^2, over the cells of its arc in the
-    window (R. Hatch, "The synergism of GPS code and carrier measurements", 1982, made two-sided). Running sums: the cost
-    does not depend on the window.
+    window (R. Hatch, "The synergism of GPS code and carrier measurements", 1982, made two-sided). Running sums: the
+    cost does not depend on the window.
 
     An arc ends at a slip and at a gap of more than `max_gap_epochs` epochs. A cell with code and no carrier keeps its
     code; a cell without code stays NaN, with its status.

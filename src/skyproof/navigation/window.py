@@ -92,4 +92,3 @@ def _filled(elapsed_s: Reals, values: Reals) -> Reals:
         if known.any():
             filled[:, column] = np.interp(elapsed_s, elapsed_s[known], values[known, column])
     return filled
-

@@ -7,7 +7,9 @@ tracked, and what a stronger peak of the same satellite explains (its own triang
 reported again.
 """
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +65,7 @@ class Searcher:
         wanted = min(rate_hz, 4.2e6) * self.period_s
         self.n = round(wanted) if abs(wanted - round(wanted)) < 1e-9 else fft.next_fast_len(int(wanted) - 32)
         self._spectra: dict[str, NDArray[np.complex64]] = {}
+        self._threads = ThreadPoolExecutor(os.cpu_count())
 
     @property
     def duration_s(self) -> float:
@@ -91,11 +94,13 @@ class Searcher:
         spectra = self._signal_spectra(samples, if_hz, np.unique(np.concatenate(list(dopplers_hz.values()))))
         n_cells = sum(d.size for d in dopplers_hz.values()) * self.n
         threshold = self.threshold(n_cells)
-        peaks: list[Peak] = []
-        for sat, dopplers in dopplers_hz.items():
-            power = self._power(sat, dopplers, spectra)
-            peaks += self._peaks(sat, dopplers, power, threshold, known(sat), samples, if_hz)
-        return peaks
+
+        def look(sat: str) -> list[Peak]:
+            power = self._power(sat, dopplers_hz[sat], spectra)
+            return self._peaks(sat, dopplers_hz[sat], power, threshold, known(sat), samples, if_hz)
+
+        # Satellites in parallel (the transforms release the interpreter); the order of the result is that of the sats.
+        return [peak for peaks in self._threads.map(look, dopplers_hz) for peak in peaks]
 
     def threshold(self, n_cells: int) -> float:
         """Cell over noise mean that noise alone exceeds anywhere with the false-alarm probability of the settings."""
@@ -120,7 +125,7 @@ class Searcher:
             if m * n != count:
                 edges = np.ceil(np.arange(m * n) * (count / (m * n)) - 1e-9).astype(np.int64)
                 base = np.add.reduceat(base, edges)
-            spectra[float(offset)] = fft.fft(base.astype(np.complex64).reshape(m, n), axis=1, workers=-1)
+            spectra[float(offset)] = fft.fft(base.astype(np.complex64).reshape(m, n), axis=1)
         return spectra
 
     def _code_spectrum(self, sat: str) -> NDArray[np.complex64]:
@@ -143,8 +148,8 @@ class Searcher:
             offset = float(np.mod(doppler, bin_hz))
             shift = round((doppler - offset) / bin_hz)
             product = spectra[offset] * np.roll(code, shift)[None, :]
-            correlation = fft.ifft(product, axis=1, overwrite_x=True, workers=-1)
-            power[row] = np.sum(correlation.real**2 + correlation.imag**2, axis=0)
+            correlation = fft.ifft(product, axis=1, overwrite_x=True).view(np.float32)
+            power[row] = np.einsum("pnc,pnc->n", *[correlation.reshape(-1, self.n, 2)] * 2)
         # Signals lift the mean; the median of Gamma(m) is that of the noise almost whatever the signals do.
         m = self.settings.n_periods
         power *= special.gammaincinv(m, 0.5) / m / np.median(power)

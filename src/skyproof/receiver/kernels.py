@@ -164,7 +164,7 @@ def _early_minus_late(sums: NDArray[np.float64], power: float) -> float:
     The triangle's slope makes (E - L)/P twice the error, whatever the spacing (Kaplan & Hegarty, 8.7.3: coherent dot
     product, normalised). Early means ahead in code phase: positive when the signal is ahead of the replica.
     """
-    dot = (sums[0] - sums[4]) * sums[2] + (sums[1] - sums[5]) * sums[3]
+    dot = float((sums[0] - sums[4]) * sums[2] + (sums[1] - sums[5]) * sums[3])
     return 0.5 * dot / power
 
 

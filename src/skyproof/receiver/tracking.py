@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.gnss.lnav import Subframe
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, SignalDescription, prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver import telemetry as tm
@@ -45,7 +46,7 @@ class ReceiverSettings:
     lose_after_s: float = 0.5
     merge_chips: float = 0.5
     near_search_s: float = 0.5
-    full_search_s: float = 2.0
+    full_search_s: float = 5.0
     doppler_max_hz: float = 7000.0
     near_doppler_hz: float = 1000.0
     search: SearchSettings = field(default_factory=SearchSettings)
@@ -92,7 +93,7 @@ class Arc:
     tow_ms_at_period_0: int | None
     bit_synchronised: bool
     bits_period: int
-    subframes: Mapping[int, tm.Subframe]
+    subframes: Mapping[int, Subframe]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -216,7 +217,8 @@ class Receiver:
             for channel, loop in zip(state.channels, state.loops, strict=True):
                 centre = self._bin(loop[k.FREQUENCY] - self.if_hz)
                 bins.setdefault(channel.sat, set()).update(range(centre - reach, centre + reach + 1))
-            return {sat: np.array(sorted(b)) * step_hz for sat, b in bins.items()}
+            grids = {sat: np.array(sorted(b), dtype=np.float64) for sat, b in bins.items()}
+            return {sat: step_hz * grid for sat, grid in grids.items()}
         return {}
 
     def _known(self, state: ReceiverState, sat: str, begin: int) -> Sequence[tuple[float, float]]:

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from skyproof.report import pictures as draw
 from skyproof.report.pictures import FixTrack, SignalSeries, SkyPosition, SkySource
-from skyproof.report.words import chance_words, instant_words, rate_words
+from skyproof.report.words import chance_words, instant_words, rate_words, seconds_words
 from skyproof.verdict import Method, Place, Verdict
 
 __all__ = ["FixTrack", "Pictures", "SignalSeries", "SkyPosition", "report_html"]
@@ -95,7 +95,7 @@ def how_sure(verdict: Verdict) -> list[str]:
 
 def _by_chance(decision: str | None, p_value: float) -> str:
     otherwise = "were the signals false" if decision == "authentic" else "in a clean sky"
-    return f"{otherwise}, chance alone would give as much {chance_words(p_value)} (p = {p_value:.2g})."
+    return f"{otherwise}, chance alone gives as much {chance_words(p_value)} (p = {p_value:.2g})."
 
 
 def _words_of_test(method: Method) -> list[str]:
@@ -197,7 +197,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"fixed": _fixed, "instant": instant_words}
+    environment.filters |= {"fixed": _fixed, "instant": instant_words, "seconds": seconds_words}
     return environment
 
 

@@ -255,7 +255,7 @@ def local_map(tracks: Sequence[FixTrack], *, title: str, least_m: float = 10.0, 
         kept = fixes[np.unique(np.linspace(0, len(fixes) - 1, 150).astype(int))]
         parts.append(_path(east.pixels(kept[:, 0]), north.pixels(kept[:, 1]), f"track {track.kind}"))
         parts.append(_ellipse(track, east, north))
-        marks.append((east(fixes[-1, 0]), north(fixes[-1, 1]), track.kind, track.receiver))
+        marks.append((east(float(fixes[-1, 0])), north(float(fixes[-1, 1])), track.kind, track.receiver))
     parts += [_mark(x, y, kind) for x, y, kind, _ in marks]
     return _svg(348.0, title, [*parts, *(_names(marks, (left + right) / 2.0, top, bottom) if names else [])])
 
@@ -271,11 +271,11 @@ def _names(marks: Sequence[tuple[float, float, Kind, str]], middle: float, top: 
             near[3].append(receiver)
     parts: list[Markup] = []
     for side in (False, True):  # the labels of each half are spread among themselves
-        half = [group for group in groups if (group[0] > middle) is side]
+        half = [group for group in groups if (group[0] > middle) == side]
         heights = _spread([y + 4.0 for _, y, _, _ in half], 14.0, top + 12.0, bottom - 4.0)
         for (x, _, kind, receivers), y in zip(half, heights, strict=True):
             text = f"{kind}: {', '.join(receivers)}"
-            parts.append(_text(x - 13.0 if side else x + 13.0, y, text, anchor="end" if side else "start",
+            parts.append(_text(x - 15.0 if side else x + 15.0, y, text, anchor="end" if side else "start",
                                css=f"name {kind}"))  # fmt: skip
     return parts
 
@@ -288,11 +288,12 @@ def _time_unit(span_s: float) -> tuple[str, float]:
 
 
 def _row_range(series: Sequence[SignalSeries]) -> tuple[float, float]:
+    """Bounds of C/N0 in dB-Hz that hold all values and have a round middle."""
     values = np.concatenate([s.cn0_dbhz[np.isfinite(s.cn0_dbhz)] for s in series])
     if not values.size:
         return 30.0, 50.0
-    low, high = 10.0 * math.floor(values.min() / 10.0), 10.0 * math.ceil(values.max() / 10.0)
-    return low, max(high, low + 10.0)
+    low = 5.0 * math.floor(values.min() / 5.0)
+    return low, low + 10.0 * max(math.ceil((values.max() - low) / 10.0), 1)
 
 
 def time_line(
@@ -322,10 +323,10 @@ def time_line(
                        css="axis", turn=True))  # fmt: skip
     for index, sat in enumerate(rows):
         row = Scale(low, high, top + height * (index + 1) - 2.0, top + height * index + 2.0)
-        middle = 10.0 * round((low + high) / 20.0)
+        middle = (low + high) / 2.0
         parts += [_line(left, top + height * index, right, top + height * index, "frame"),
                   _line(left, row(middle), right, row(middle), "grid"),
-                  _text(left - 4.0, row((low + high) / 2.0) + 4.0, sat, anchor="end"),
+                  _text(left - 4.0, row(middle) + 4.0, sat, anchor="end"),
                   _text(right + 3.0, row(middle) + 3.0, f"{middle:g}", css="small")]  # fmt: skip
         for one in (s for s in series if s.signal.split()[0] == sat):
             seconds, cn0_dbhz = thin(one.seconds, one.cn0_dbhz, points)
@@ -345,7 +346,7 @@ def sky_plot(positions: Sequence[SkyPosition], sources: Sequence[SkySource] = ()
     """Satellites by azimuth and elevation, north up and east right, each a disc in the colours of its signals' labels."""
     if not positions:
         return Markup("")
-    x0, y0, radius = WIDTH / 2.0, 160.0, 135.0
+    x0, y0, radius = WIDTH / 2.0, 148.0, 124.0
 
     def place(azimuth_deg: float, elevation_deg: float) -> tuple[float, float]:
         out = radius * (90.0 - max(elevation_deg, 0.0)) / 90.0
@@ -375,7 +376,7 @@ def sky_plot(positions: Sequence[SkyPosition], sources: Sequence[SkySource] = ()
         x, y = place(source.azimuth_deg, source.elevation_deg)
         parts += [Markup('<path class="cross" d="M{:.1f} {:.1f}l10 10m0 -10l-10 10"/>').format(x - 5.0, y - 5.0),
                   _text(x, y + 18.0, source.name, anchor="middle", css="small halo")]  # fmt: skip
-    return _svg(318.0, title, parts)
+    return _svg(294.0, title, parts)
 
 
 def _disc(x: float, y: float, radius: float, labels: Sequence[Label]) -> list[Markup]:

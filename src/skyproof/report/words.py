@@ -2,7 +2,7 @@
 
 import math
 
-__all__ = ["chance_words", "instant_words", "rate_words"]
+__all__ = ["chance_words", "instant_words", "rate_words", "seconds_words"]
 
 _SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -38,3 +38,11 @@ def rate_words(probability_per_hour: float) -> str:
 def instant_words(gpst: str | None) -> str:
     """An instant of the verdict as a person writes it: date, space, time."""
     return "unknown" if gpst is None else gpst.replace("T", " ")
+
+
+def seconds_words(seconds: float) -> str:
+    """A time in the unit that suits its size, three figures."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if abs(seconds) >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds * 1e9:.3g} ns"

@@ -47,8 +47,8 @@ class Ar1Line(NamedTuple):
     level : (..., M), variance s^2 where the true level and slope are zero.
     gain : (...), what a level of 1 adds to `level`; so level/gain estimates the level with variance (s/gain)^2.
     rss : (...), residual sum of squares over all series: s^2 chi-square with (N-2) M degrees.
-    support : (...), if phi is right, the chance that the whitened residuals' pooled lag-one correlation is as low as it is
-        or lower. Small means that the whitening has overdone it: the noise is less correlated than phi.
+    support : (...), if phi is right, the chance that the whitened residuals' pooled lag-one correlation is as low as it
+        is or lower. Small means that the whitening has overdone it: the noise is less correlated than phi.
     """
 
     level: Reals
@@ -80,8 +80,8 @@ def _lag_one_cumulative(lag: Reals, q: Reals, m: int) -> Reals:
     """P(r <= lag) for the pooled lag-one correlation of m white series after projection off the columns q (..., N, 2).
 
     r is a ratio of quadratic forms e^T A e / e^T e, independent of its denominator, so its mean and variance are exact
-    traces; a Beta law on the range of r is matched to them (Henshaw 1966 does the same for the Durbin-Watson statistic).
-    Counted: a chance of 1e-3 comes true within 20 % from N = 15 on, within a factor of 2 at N = 5.
+    traces; a Beta law on the range of r is matched to them (Henshaw 1966 does the same for the Durbin-Watson
+    statistic). Counted: a chance of 1e-3 comes true within 20 % from N = 15 on, within a factor of 2 at N = 5.
     """
     n = q.shape[-2]
     shifted = np.zeros_like(q)
@@ -101,8 +101,8 @@ def _lag_one_cumulative(lag: Reals, q: Reals, m: int) -> Reals:
 
 
 def _shift_range(q: Reals) -> tuple[Reals, Reals]:
-    """Smallest and largest lag-one correlation that a series can have after projection off the columns q (..., N, 2)."""
-    n = q.shape[-2]
+    """Smallest and largest lag-one correlation that a series can have after projection off the columns q (..., N,
+    2).""" n = q.shape[-2]
     if n > 16:  # the projection no longer matters: the range of A itself
         bound = np.asarray(np.cos(np.pi / (n + 1)))
         return -bound, bound
@@ -130,7 +130,8 @@ def lag_one_expectation(n: int, largest: float = 0.98) -> tuple[Reals, Reals]:
 
 
 def estimate_ar1(residual: Reals, *, largest: float = 0.98) -> Reals:
-    """Coefficient (...) of AR(1) noise from line residuals (..., N, M), pooled over the last axis, between 0 and `largest`.
+    """Coefficient (...) of AR(1) noise from line residuals (..., N, M), pooled over the last axis, between 0 and
+    `largest`.
 
     The fitted line makes residuals look less correlated than the noise was; the estimate is the phi whose expected
     lag-one coefficient equals the measured one.

@@ -43,7 +43,7 @@ def difference_whitener(n: int) -> Reals:
     Its eigenvalue along 1 is 1 + n and 1 elsewhere, so the inverse root is I - (1 - 1/sqrt(1+n))/n 1 1^T. The printed
     root in the paper (NAVIGATION 69(1), 2022, doi 10.33012/navi.510, equation 8) colours instead of whitening.
     """
-    return np.eye(n) - (1.0 - (1.0 + n) ** -0.5) / n * np.ones((n, n))
+    return np.asarray(np.eye(n) - (1.0 - (1.0 + n) ** -0.5) / n, float)
 
 
 def additive_contrasts(sigma: Reals) -> tuple[Reals, Reals]:

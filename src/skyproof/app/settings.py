@@ -1,0 +1,57 @@
+"""The settings of a run: what options and the platform file say, else defaults; written with every output."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from skyproof.errors import InputError, SettingsError
+
+__all__ = ["Settings", "resolve_settings"]
+
+
+class Settings(BaseModel):
+    """Everything that a user may set. The same keys stand in the table [protect] of a platform file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    false_alarm_probability_per_hour: float = Field(
+        default=1e-3, gt=0.0, lt=0.5, description="Probability of a false label or verdict in an hour of clean sky."
+    )
+    antenna_separation_m: float = Field(
+        default=5.0, ge=0.0, description="The antennas stand at least this far apart; 0 if they may share one."
+    )
+    multipath_sigma_m: float = Field(
+        default=1.0, ge=0.0, description="Constant error of one pseudorange that multipath may cause, one sigma."
+    )
+    window_s: float = Field(default=10.0, ge=2.0, description="Length of the windows that are decided one by one.")
+    smoothing_s: float = Field(default=100.0, gt=0.0, description="Carrier smoothing of the positions given.")
+    elevation_mask_deg: float = Field(default=5.0, ge=0.0, lt=90.0, description="Satellites below are not used.")
+    doppler_max_hz: float = Field(default=7000.0, gt=0.0, description="Reach of the search, oscillator error included.")
+    start_s: float = Field(default=0.0, ge=0.0, description="Skip this much of every recording.")
+    duration_s: float | None = Field(default=None, gt=0.0, description="Use no more than this of every recording.")
+
+
+def resolve_settings(platform: Path | None = None, **options: Any) -> Settings:
+    """Options first, then the platform file, then defaults. An option that is None was not given.
+
+    Raises SettingsError or InputError: what is wrong, where, and what is expected.
+    """
+    table: dict[str, Any] = {}
+    if platform is not None:
+        try:
+            table = tomllib.loads(Path(platform).read_text(encoding="utf-8")).get("protect", {})
+        except OSError as error:
+            raise InputError(f"{platform}: the platform file cannot be read: {error.strerror}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"{platform}: not a TOML file: {error}") from error
+    try:
+        return Settings(**(table | {key: value for key, value in options.items() if value is not None}))
+    except ValidationError as error:
+        fault = error.errors()[0]
+        key = ".".join(str(part) for part in fault["loc"])
+        where = f"{platform}: [protect] {key}" if key in table and options.get(key) is None else f"setting {key}"
+        known = ", ".join(Settings.model_fields)
+        hint = f"; known settings: {known}" if fault["type"] == "extra_forbidden" else ""
+        raise SettingsError(f"{where}: {fault['msg']}, but came {fault['input']!r}{hint}") from error

@@ -1,0 +1,91 @@
+"""The plug: what a detector is, and how it is found."""
+
+from importlib.metadata import entry_points
+from typing import Any, Protocol, runtime_checkable
+
+from skyproof.errors import SettingsError
+from skyproof.records import Evidence, Observations, Records, SignalRef
+
+__all__ = ["NEEDS", "Detector", "load_detectors", "missing", "signals_of", "undecided"]
+
+NEEDS: dict[str, str] = {
+    "observations": "measurements of a receiver",
+    "observations of two receivers": "measurements of a second receiver nearby, over the same time",
+    "navigation": "orbits: a navigation file, or 30 s of signals whose messages can be read",
+    "sets": "signals that fit one position: pseudoranges of at least 5 satellites with their orbits",
+}
+"""What detectors may need, in words for the user; other needs are names of `Records.extras`."""
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """One method of telling true from false.
+
+    A class with this shape, registered under the entry point group `skyproof.detectors`, joins every run. It is made
+    with no argument or with its `settings`, a frozen dataclass with a default for every field and a field
+    `false_alarm_probability`. It sees records of one window at a time, leaves them as they are, and says what it finds.
+
+    `state` is what it wants to remember: None at the start, given back by `examine`, and passed in again with the next
+    window, so that a recording in pieces gives what the whole gives. `skyproof.testing.check_detector` holds the
+    contract.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def needs(self) -> tuple[str, ...]: ...
+
+    @property
+    def settings(self) -> Any: ...
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]: ...
+
+
+def load_detectors() -> dict[str, type[Detector]]:
+    """The installed detectors by name, ours and others', in order of name.
+
+    Raises
+    ------
+    SettingsError : a registered detector cannot be imported; the message says from which package and why.
+    """
+    found: dict[str, type[Detector]] = {}
+    for point in sorted(entry_points(group="skyproof.detectors"), key=lambda point: point.name):
+        try:
+            found[point.name] = point.load()
+        except (ImportError, AttributeError) as error:
+            package = point.dist.name if point.dist is not None else "an unknown package"
+            raise SettingsError(
+                f"detector {point.name!r} of {package} cannot be loaded from {point.value}: {error}; "
+                "mend or uninstall that package"
+            ) from error
+    return found
+
+
+def signals_of(observations: tuple[Observations, ...]) -> tuple[SignalRef, ...]:
+    """Every signal of every receiver."""
+    return tuple(SignalRef(o.receiver, signal) for o in observations for signal in o.signals)
+
+
+def undecided(
+    detector: Detector, records: Records, subject: tuple[SignalRef, ...], *, because: str, would_need: str | None = None
+) -> Evidence:
+    """The test could not tell, or could not run."""
+    return Evidence(
+        detector=detector.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst, subject=subject,
+        says="undecided", because=because, would_need=would_need,
+        false_alarm_probability=detector.settings.false_alarm_probability,
+    )  # fmt: skip
+
+
+def missing(detector: Detector, records: Records) -> list[Evidence]:
+    """One undecided Evidence that names the records that `detector` needs and does not get; empty if it gets all."""
+    lacking = [need for need in detector.needs if not records.has(need)]
+    if not lacking:
+        return []
+    return [
+        undecided(
+            detector, records, signals_of(records.observations), because=f"without {' and '.join(lacking)}",
+            would_need="; ".join(NEEDS.get(need, need) for need in lacking),
+        )
+    ]  # fmt: skip

@@ -1,0 +1,77 @@
+"""How probable it is that signals with no common origin look like one sky."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from skyproof.records import Reals
+
+__all__ = ["chance_p_value", "set_combinations"]
+
+_UNKNOWNS = 4
+
+
+def chance_p_value(
+    sigma_m: ArrayLike, *, window_m: ArrayLike, largest_statistic: ArrayLike, combinations: ArrayLike = 1.0
+) -> Reals:
+    """Upper bound of the probability that some set of K unrelated signals fits one position and clock.
+
+    Unrelated means: pseudoranges independent and uniform in a window of `window_m`. Take any four of the K signals:
+    they have a solution H_B^-1 z_B, which predicts the K - 4 others with covariance C = S_R + G S_B G^T, where
+    G = H_R H_B^-1 and S is diag(sigma^2). The statistic of the least-squares fit is the squared Mahalanobis distance of
+    the others from the prediction. So it is below t if they lie in an ellipsoid of volume V(K-4) sqrt(t^(K-4) det C),
+    of which what lies in the window has the probability; V(d) is the volume of the unit ball. By the determinant lemma
+    and Cauchy-Binet
+
+        det C = det S det(H^T S^-1 H) / det(H_B)^2
+              = sum over fours A of (det(H_A)/det(H_B))^2 prod_(k not in A) sigma_k^2
+
+    With B the four of largest |det| each ratio is at most one, hence for every geometry
+
+        p <= V(K-4) sqrt(t^(K-4) e_(K-4)(sigma_1^2, ..., sigma_K^2)) / window^(K-4)
+
+    with e the elementary symmetric polynomial; for equal sigmas sqrt(e) = sqrt(binomial(K, 4)) sigma^(K-4). The union
+    bound over all sets that could be formed multiplies by their number. Linear in the position over the window:
+    right for windows that are small beside the distance of the satellites.
+
+    Parameters
+    ----------
+    sigma_m : (..., K) of the set's signals.
+    window_m : (...) range of possible delays: 293 km (1 ms) if only the code phase is known, else the spread searched.
+    largest_statistic : (...) the threshold below which a set counts as consistent (or a set's own statistic).
+    combinations : (...) number of sets that were tried, see `set_combinations`.
+
+    Returns
+    -------
+    (...) at most 1; 1 for K of 4 and below, where every set fits.
+    """
+    sigma = np.asarray(sigma_m, np.float64)
+    window, limit, count = (np.asarray(value, np.float64) for value in (window_m, largest_statistic, combinations))
+    d = sigma.shape[-1] - _UNKNOWNS
+    if d < 1:
+        return np.ones(np.broadcast_shapes(sigma.shape[:-1], window.shape, limit.shape, count.shape))
+    log_ball = 0.5 * d * np.log(np.pi) - special.gammaln(0.5 * d + 1.0)
+    relative = np.moveaxis((sigma / window[..., None]) ** 2, -1, 0)
+    with np.errstate(divide="ignore"):
+        log_p = log_ball + 0.5 * d * np.log(limit) + 0.5 * np.log(_elementary_symmetric(relative, d)) + np.log(count)
+    return np.asarray(np.exp(np.minimum(log_p, 0.0)))
+
+
+def set_combinations(copies: ArrayLike, satellites: ArrayLike) -> Reals:
+    """Number of sets of `satellites` signals, one a satellite, when each satellite k has `copies[k]` signals.
+
+    Shapes: copies (n,), satellites (...) -> (...).
+    """
+    counts = np.asarray(copies, np.float64)
+    sizes = np.asarray(satellites)
+    by_size = np.array([float(_elementary_symmetric(counts, size)) for size in range(counts.size + 1)])
+    return np.asarray(np.where(sizes <= counts.size, by_size[np.minimum(sizes, counts.size)], 0.0))
+
+
+def _elementary_symmetric(values: Reals, degree: int) -> Reals:
+    """Sum over all choices of `degree` of the values along axis 0 of their product."""
+    sums = np.zeros((degree + 1, *values.shape[1:]))
+    sums[0] = 1.0
+    for value in values:
+        sums[1:] = sums[1:] + value * sums[:-1]
+    return np.asarray(sums[degree])

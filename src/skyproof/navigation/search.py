@@ -1,0 +1,284 @@
+"""Branch and bound for sets of signals, at most one a satellite, that fit one position and clock.
+
+Breadth first over the satellites: each candidate takes one of a satellite's signals or skips it. All candidates of a
+level are arrays with one leading axis. Four signals have their own closed-form solutions as start (two skies can be
+thousands of kilometres apart: no common linearisation serves both); every further signal is checked against the
+prediction, then the candidate is solved anew. The statistic can only grow with further signals, so a candidate beyond
+the threshold of the full set is dropped without loss. How many satellites may be skipped is given: the caller begins
+with none (iterative deepening), so that the work grows only as far as it must.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S, WGS84_A_M
+from skyproof.gnss.frames import geodetic_from_ecef
+from skyproof.gnss.sky import rotate_to_reception
+from skyproof.navigation.chance import set_combinations
+from skyproof.navigation.least_squares import design_matrix, gauss_newton, line_of_sight
+from skyproof.navigation.ranges import atmosphere
+from skyproof.records import Klobuchar, Reals
+from skyproof.statistics.distributions import chi_square_threshold
+
+__all__ = ["Candidates", "Measurements", "consistent_of_size", "innovation", "plausible", "solve"]
+
+_UNKNOWNS = 4
+_MOST_QUADS = 300_000
+_MOST_CANDIDATES = 20_000
+_LINEAR_SLACK = 2.0  # the prediction is linear; twice the threshold leaves room for what that costs
+_LOWEST_M, _FARTHEST_M = -20e3, 50e6
+_TRAVEL_S = 0.075  # of a signal from orbit to ground, within 0.01 s
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measurements:
+    """One window's signals: satellite_ecef_m (n, 3) at transmission, range_m (n,) without the satellite's clock,
+    sigma_m (n,) of all but the ionosphere, tow_s of the window, and how the ionosphere is to be taken off."""
+
+    satellite_ecef_m: Reals
+    range_m: Reals
+    sigma_m: Reals
+    tow_s: float
+    ionosphere: Klobuchar | None
+    ionosphere_share: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Candidates:
+    """choice (m, satellites): row of `Measurements`, or -1 for skipped; state_m (m, 4), covariance_m2 (m, 4, 4) and
+    statistic (m,): NaN, NaN and zero below four signals."""
+
+    choice: NDArray[np.intp]
+    state_m: Reals
+    covariance_m2: Reals
+    statistic: Reals
+
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Candidates":
+        return Candidates(
+            choice=self.choice[rows],
+            state_m=self.state_m[rows],
+            covariance_m2=self.covariance_m2[rows],
+            statistic=self.statistic[rows],
+        )
+
+
+def consistent_of_size(
+    measurements: Measurements, copies: list[NDArray[np.intp]], size: int, *, false_alarm_probability: float
+) -> Candidates:
+    """All consistent candidates with `size` satellites, the smallest statistic first; `choice` is (m, size).
+
+    Parameters
+    ----------
+    copies : per satellite, the rows of `measurements` that are its signals.
+    size : of the sets wanted, five at least.
+
+    The work is bounded. Empty without a search, if the first satellites, of which four are taken, give more than
+    300 000 combinations (beyond 12 satellites of 3 signals each: sets so small among so many signals mean nothing).
+    And of the candidates on a level the 20 000 with the smallest statistics stay: more there are only where the copies
+    of many satellites are within the noise of each other and can be exchanged.
+    """
+    copies = [copies[k] for k in _spread_first(measurements, copies)]
+    skips = len(copies) - size
+    found = _root(size).take(np.zeros(1, dtype=np.bool_))
+    if skips >= 0 and set_combinations([len(c) for c in copies[: _UNKNOWNS + skips]], _UNKNOWNS) <= _MOST_QUADS:
+        limit = float(chi_square_threshold(false_alarm_probability, size - _UNKNOWNS))
+        found = _search(measurements, copies, skips, limit)
+        found = found.take((found.choice >= 0).sum(axis=1) == size)
+        found = found.take(plausible(found.state_m[:, :3]))
+        found = found.take(np.argsort(found.statistic, kind="stable"))
+    return Candidates(
+        choice=found.choice[found.choice >= 0].reshape(-1, size),
+        state_m=found.state_m,
+        covariance_m2=found.covariance_m2,
+        statistic=found.statistic,
+    )
+
+
+def solve(measurements: Measurements, choice: NDArray[np.intp], start_m: Reals, *, rounds: int = 1) -> Candidates:
+    """Position and clock of each row of `choice` (m, k), from `start_m` (m, 4), with the atmosphere of the start.
+
+    A last step of 100 m is taken linearly: what that neglects in a range is its square over the distance, 0.5 mm.
+    """
+    taken = choice >= 0
+    rows = np.where(taken, choice, 0)
+    satellite = measurements.satellite_ecef_m[rows]
+    state = start_m
+    for _ in range(rounds):
+        turned, _, _ = line_of_sight(satellite, state[:, :3])
+        delay_m, delay_sigma_m = _atmosphere(measurements, state, turned)
+        sigma_m = np.hypot(measurements.sigma_m[rows], delay_sigma_m)
+        solution = gauss_newton(
+            satellite,
+            measurements.range_m[rows] - delay_m,
+            np.where(taken, sigma_m, np.nan),
+            state,
+            max_steps=6,
+            tolerance_m=100.0,
+        )
+        state = solution.state_m
+    return Candidates(
+        choice=choice,
+        state_m=state,
+        covariance_m2=solution.covariance_m2,
+        statistic=np.sum((solution.residual_m / sigma_m) ** 2, axis=-1),
+    )
+
+
+def innovation(
+    measurements: Measurements, rows: NDArray[np.intp], state_m: Reals, covariance_m2: Reals
+) -> tuple[Reals, Reals]:
+    """Each measurement (m,) minus its prediction from a fit without it, and the variance of that, m and m^2."""
+    satellite = measurements.satellite_ecef_m[rows][:, None, :]
+    turned, unit, distance_m = line_of_sight(satellite, state_m[:, :3])
+    delay_m, delay_sigma_m = _atmosphere(measurements, state_m, turned)
+    predicted_m = (distance_m + delay_m)[:, 0] + state_m[:, 3]
+    design = design_matrix(unit)
+    prediction_m2 = (design @ covariance_m2 @ np.swapaxes(design, -1, -2))[:, 0, 0]
+    variance_m2 = prediction_m2 + measurements.sigma_m[rows] ** 2 + delay_sigma_m[:, 0] ** 2
+    return measurements.range_m[rows] - predicted_m, variance_m2
+
+
+def plausible(position_ecef_m: Reals, slack_m: Reals | float = 0.0) -> NDArray[np.bool_]:
+    """Not deeper than 20 km, nor more than 50 000 km from the Earth's centre: a spoofer may show a strange place."""
+    _, _, height_m = geodetic_from_ecef(position_ecef_m)
+    far_m = np.linalg.norm(position_ecef_m, axis=-1)
+    return np.asarray((height_m >= _LOWEST_M - slack_m) & (far_m <= _FARTHEST_M + slack_m))
+
+
+def _search(measurements: Measurements, copies: list[NDArray[np.intp]], skips: int, limit: float) -> Candidates:
+    """All candidates with at most `skips` satellites left out and a statistic that is not beyond `limit`."""
+    candidates = _root(len(copies))
+    for level, signals in enumerate(copies):
+        options = np.append(signals, -1)
+        parents = len(candidates.statistic)
+        children = candidates.take(np.repeat(np.arange(parents), options.size))
+        children.choice[:, level] = np.tile(options, parents)  # `take` by index has made a copy
+        left_out = (children.choice[:, : level + 1] < 0).sum(axis=1)
+        children = children.take(left_out <= skips)
+        members = (children.choice >= 0).sum(axis=1)
+        new = children.choice[:, level] >= 0
+        candidates = _joined(
+            children.take(~new | (members < _UNKNOWNS)),
+            _first_four(measurements, children.take(new & (members == _UNKNOWNS))),
+            _one_more(measurements, children.take(new & (members > _UNKNOWNS)), level, limit),
+        )
+    return candidates
+
+
+def _first_four(measurements: Measurements, candidates: Candidates) -> Candidates:
+    """Both closed-form solutions of each four, solved with the atmosphere; those nowhere near the Earth dropped."""
+    rows = candidates.choice[candidates.choice >= 0].reshape(-1, _UNKNOWNS)
+    starts = _bancroft(measurements.satellite_ecef_m[rows], measurements.range_m[rows])  # (m, 2, 4)
+    candidates = candidates.take(np.repeat(np.arange(len(rows)), 2))
+    rows, start = np.repeat(rows, 2, axis=0), starts.reshape(-1, _UNKNOWNS)
+    near = plausible(start[:, :3], 500e3)  # closed form and a poor geometry; NaN is nowhere
+    solved = solve(measurements, rows[near], start[near])
+    kept = _plausible_within_sigma(solved)
+    return Candidates(
+        choice=candidates.choice[near][kept],
+        state_m=solved.state_m[kept],
+        covariance_m2=solved.covariance_m2[kept],
+        statistic=np.zeros(int(kept.sum())),
+    )
+
+
+def _one_more(measurements: Measurements, candidates: Candidates, level: int, limit: float) -> Candidates:
+    """Candidates with a fifth or further signal, just chosen at `level`: predicted, then solved anew."""
+    rows = candidates.choice[:, level]
+    misfit_m, variance_m2 = innovation(measurements, rows, candidates.state_m, candidates.covariance_m2)
+    candidates = candidates.take(candidates.statistic + misfit_m**2 / variance_m2 <= _LINEAR_SLACK * limit)
+    solved = solve(measurements, candidates.choice[:, : level + 1], candidates.state_m)
+    kept = np.flatnonzero((solved.statistic <= limit) & _plausible_within_sigma(solved))
+    if kept.size > _MOST_CANDIDATES:
+        kept = kept[np.argpartition(solved.statistic[kept], _MOST_CANDIDATES)[:_MOST_CANDIDATES]]
+    return Candidates(
+        choice=candidates.choice[kept],
+        state_m=solved.state_m[kept],
+        covariance_m2=solved.covariance_m2[kept],
+        statistic=solved.statistic[kept],
+    )
+
+
+def _plausible_within_sigma(solved: Candidates) -> NDArray[np.bool_]:
+    """Of few signals in poor geometry the place is only roughly known: ten sigma are allowed."""
+    spread_m2 = np.trace(solved.covariance_m2[:, :3, :3], axis1=-2, axis2=-1)
+    return plausible(solved.state_m[:, :3], 10.0 * np.sqrt(spread_m2))
+
+
+def _atmosphere(measurements: Measurements, state_m: Reals, turned_ecef_m: Reals) -> tuple[Reals, Reals]:
+    delays = atmosphere(
+        state_m[:, :3],
+        turned_ecef_m,
+        np.full(len(state_m), measurements.tow_s),
+        measurements.ionosphere,
+        ionosphere_share=measurements.ionosphere_share,
+    )
+    return delays.delay_m, delays.sigma_m
+
+
+def _bancroft(satellite_ecef_m: Reals, range_m: Reals) -> Reals:
+    """Both solutions (m, 2, 4) for four ranges (m, 4) to satellites (m, 4, 3), NaN where there is none.
+
+    S. Bancroft, "An algebraic solution of the GPS equations", IEEE Trans. AES 21(1), 1985. The Earth's turn is taken
+    for 75 ms, which leaves metres; the atmosphere is left in.
+    """
+    satellite = rotate_to_reception(satellite_ecef_m, np.full(range_m.shape, _TRAVEL_S))
+    common_m = range_m.mean(axis=1, keepdims=True) - SPEED_OF_LIGHT_M_S * _TRAVEL_S  # keeps the numbers of one size
+    unit = WGS84_A_M
+    a = np.concatenate((satellite, (range_m - common_m)[..., None]), axis=-1) / unit
+    minkowski = np.array([1.0, 1.0, 1.0, -1.0])
+    solvable = np.linalg.det(a) != 0.0  # also what LAPACK would refuse, batch and all
+    a = np.where(solvable[:, None, None], a, np.eye(_UNKNOWNS))
+    half_squares = 0.5 * np.sum(a * a * minkowski, axis=-1)
+    both = np.linalg.solve(a, np.stack((np.ones_like(half_squares), half_squares), axis=-1))
+    u, v = both[..., 0], both[..., 1]
+    uu, uv, vv = (np.sum(p * q * minkowski, axis=-1) for p, q in ((u, u), (u, v), (v, v)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        # uu x^2 + 2 (uv - 1) x + vv = 0, in the form that keeps its digits when uu is small.
+        half = uv - 1.0
+        # Noise can make a double root complex: then the real part is the start.
+        root = -half - np.copysign(np.sqrt(np.maximum(half**2 - uu * vv, 0.0)), half)
+        x = np.stack((root / uu, vv / root), axis=-1)
+    solutions = (v[:, None, :] + x[..., None] * u[:, None, :]) * minkowski * unit
+    solutions[..., 3] += common_m
+    solutions[~solvable] = np.nan
+    return np.asarray(solutions)
+
+
+def _spread_first(measurements: Measurements, copies: list[NDArray[np.intp]]) -> list[int]:
+    """Order of satellites in which the first few already have a good geometry, seen from below their middle."""
+    satellite = measurements.satellite_ecef_m[[c[0] for c in copies]]
+    below = satellite.sum(axis=0)
+    below *= WGS84_A_M / np.linalg.norm(below)
+    _, unit, _ = line_of_sight(satellite, below)
+    design = design_matrix(unit)
+    covariance = np.eye(_UNKNOWNS) * 1e3
+    order: list[int] = []
+    for _ in copies:
+        gained = np.einsum("ki,ij,kj->k", design, covariance, design)
+        gained[order] = -1.0
+        best = int(np.argmax(gained))
+        order.append(best)
+        along = covariance @ design[best]
+        covariance = covariance - np.outer(along, along) / (1.0 + design[best] @ along)
+    return order
+
+
+def _root(n_satellites: int) -> Candidates:
+    return Candidates(
+        choice=np.full((1, n_satellites), -1, dtype=np.intp),
+        state_m=np.full((1, _UNKNOWNS), np.nan),
+        covariance_m2=np.full((1, _UNKNOWNS, _UNKNOWNS), np.nan),
+        statistic=np.zeros(1),
+    )
+
+
+def _joined(*parts: Candidates) -> Candidates:
+    return Candidates(
+        choice=np.concatenate([part.choice for part in parts]),
+        state_m=np.concatenate([part.state_m for part in parts]),
+        covariance_m2=np.concatenate([part.covariance_m2 for part in parts]),
+        statistic=np.concatenate([part.statistic for part in parts]),
+    )

@@ -1,0 +1,198 @@
+"""The consistent sets of one receiver's window: which signals, together, look like one sky?
+
+A set says nothing of authenticity; a meaconed sky is as consistent as the true one. Four signals always fit, so that
+sets begin at five; and small sets can fit by chance (`chance.chance_p_value`).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import week_and_tow
+from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.search import Candidates, Measurements, consistent_of_size, innovation, plausible, solve
+from skyproof.navigation.window import WindowMean, window_mean
+from skyproof.records import ConsistentSet, NavigationData, Observations, Reals, SignalId
+from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
+
+__all__ = ["consistent_sets", "members"]
+
+_FORBIDDEN = 1e6  # cost of an assignment that cannot be
+
+
+def consistent_sets(
+    window: Observations,
+    navigation: NavigationData,
+    *,
+    multipath_sigma_m: float = 1.0,
+    ionosphere_share: float = 0.25,
+    false_alarm_probability: float = 1e-4,
+    min_satellites: int = 5,
+    max_sets: int = 4,
+    min_share: float = 0.5,
+) -> tuple[ConsistentSet, ...]:
+    """Disjoint sets of signals, at most one a satellite in each, that fit one position and clock; largest first.
+
+    The largest consistent set is found (of several the one with the smallest statistic), its signals are taken out,
+    and so on. Then every satellite's signals are dealt out anew among the sets by the
+    likelihood of each beside the others of a set: the first set may have taken a signal that fits it by chance, or the
+    wrong one of two that are within the noise of each other, while the right one was another set's.
+
+    Under the null (a true sky, noise as stated) the full set fails its chi-square test, and loses a signal, with
+    `false_alarm_probability`.
+
+    Parameters
+    ----------
+    window : one receiver's observations, all of the window.
+    multipath_sigma_m : what stays over the window: multipath, orbit and clock errors, the same for all.
+    ionosphere_share : of the ionosphere's delay, one sigma of what the model leaves.
+    min_satellites : five at least. Wrong sets of five signals are frequent where there are many signals.
+    min_share : signals with a pseudorange in less than this share of the window are left out.
+
+    Returns
+    -------
+    Sets below 20 km underground or beyond 50 000 km of the Earth's centre are dropped. `gpst` is the label of the
+    middle epoch, by the receiver's clock, and position and clock hold there.
+    """
+    if min_satellites < 5:
+        raise ValueError(f"min_satellites is {min_satellites}: four signals always fit one position, take 5 or more")
+    mean, measurements, usable = _measurements(window, navigation, multipath_sigma_m, ionosphere_share, min_share)
+    found: list[Candidates] = []
+    free = usable.copy()
+    for size in range(len(_by_satellite(mean.signals, free)), min_satellites - 1, -1):
+        copies = list(_by_satellite(mean.signals, free).values())
+        if len(copies) < size:
+            continue
+        candidates = consistent_of_size(measurements, copies, size, false_alarm_probability=false_alarm_probability)
+        for k, rows in enumerate(candidates.choice):
+            if free[rows].all() and len(found) < max_sets:
+                found.append(solve(measurements, rows[None, :], candidates.state_m[k : k + 1], rounds=2))
+                free[rows] = False
+    found = _dealt_anew(measurements, mean.signals, found, false_alarm_probability, min_satellites)
+    found.sort(key=lambda candidate: (-candidate.choice.size, candidate.statistic[0]))
+    return tuple(_record(window.receiver, mean, candidate) for candidate in found)
+
+
+def members(
+    consistent: ConsistentSet,
+    window: Observations,
+    navigation: NavigationData,
+    *,
+    multipath_sigma_m: float = 1.0,
+    ionosphere_share: float = 0.25,
+    false_alarm_probability: float = 1e-4,
+    min_share: float = 0.5,
+) -> tuple[SignalId, ...]:
+    """Further signals of the same window that fit the set's position and clock: copies within the noise of a member,
+    signals that fit two sets. Each true one is missed with `false_alarm_probability`.
+
+    Raises
+    ------
+    ValueError : the window's middle is not the set's.
+    """
+    mean, measurements, usable = _measurements(window, navigation, multipath_sigma_m, ionosphere_share, min_share)
+    if mean.gpst != consistent.gpst:
+        raise ValueError(f"the set belongs to the window around {consistent.gpst}, not {mean.gpst}")
+    others = np.flatnonzero(usable & [signal not in consistent.signals for signal in mean.signals])
+    state = np.append(consistent.position_ecef_m, consistent.clock_bias_s * SPEED_OF_LIGHT_M_S)
+    misfit_m, variance_m2 = innovation(
+        measurements,
+        others,
+        np.broadcast_to(state, (others.size, 4)),
+        np.broadcast_to(consistent.covariance_m2, (others.size, 4, 4)),
+    )
+    fits = misfit_m**2 / variance_m2 <= chi_square_threshold(false_alarm_probability, 1)
+    return tuple(mean.signals[k] for k in others[fits])
+
+
+def _measurements(
+    window: Observations,
+    navigation: NavigationData,
+    multipath_sigma_m: float,
+    ionosphere_share: float,
+    min_share: float,
+) -> tuple[WindowMean, Measurements, NDArray[np.bool_]]:
+    """The window's signals at its middle, and which of them have an ephemeris."""
+    mean = window_mean(window, min_share=min_share)
+    ranges = corrected_ranges(mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], navigation)
+    measurements = Measurements(
+        satellite_ecef_m=ranges.satellite_ecef_m[0],
+        range_m=ranges.range_m[0],
+        sigma_m=np.hypot(mean.sigma_m, multipath_sigma_m),
+        tow_s=week_and_tow(mean.gpst)[1],
+        ionosphere=navigation.ionosphere,
+        ionosphere_share=ionosphere_share,
+    )
+    return mean, measurements, np.isfinite(ranges.range_m[0])
+
+
+def _by_satellite(signals: tuple[SignalId, ...], free: NDArray[np.bool_]) -> dict[str, NDArray[np.intp]]:
+    sats = sorted({signals[k].sat for k in np.flatnonzero(free)})
+    return {sat: np.array([k for k in np.flatnonzero(free) if signals[k].sat == sat]) for sat in sats}
+
+
+def _dealt_anew(
+    measurements: Measurements,
+    signals: tuple[SignalId, ...],
+    found: list[Candidates],
+    false_alarm_probability: float,
+    min_satellites: int,
+) -> list[Candidates]:
+    """Each satellite's signals to the sets where they are likeliest, as long as every set stays consistent."""
+    if len(found) < 2:
+        return found
+    sats = np.array([signal.sat for signal in signals])
+    for _ in range(3):
+        owner = np.full(len(signals), -1)
+        for k, candidate in enumerate(found):
+            owner[candidate.choice] = k
+        cost = _costs(measurements, sats, found)
+        dealt = owner.copy()
+        for rows in _by_satellite(signals, owner >= 0).values():
+            _, dealt[rows] = linear_sum_assignment(cost[rows])
+        if np.array_equal(dealt, owner):
+            break
+        sizes = np.bincount(dealt[dealt >= 0], minlength=len(found))
+        if np.any(sizes < min_satellites):
+            break
+        anew = [
+            solve(measurements, np.flatnonzero(dealt == k)[None, :], found[k].state_m, rounds=2)
+            for k in range(len(found))
+        ]
+        limits = chi_square_threshold(false_alarm_probability, sizes - 4)
+        if not all(c.statistic[0] <= t and plausible(c.state_m[:, :3])[0] for c, t in zip(anew, limits, strict=True)):
+            break
+        found = anew
+    return found
+
+
+def _costs(measurements: Measurements, sats: NDArray[np.str_], found: list[Candidates]) -> Reals:
+    """Minus twice the log-likelihood (n_signals, n_sets) of each signal beside a set's signals of other satellites."""
+    rows = np.arange(sats.size)
+    cost = np.empty((sats.size, len(found)))
+    for k, candidate in enumerate(found):
+        choice = np.repeat(candidate.choice, rows.size, axis=0)
+        others = np.where(sats[choice] == sats[:, None], -1, choice)
+        alone = solve(measurements, others, np.repeat(candidate.state_m, rows.size, axis=0))
+        misfit_m, variance_m2 = innovation(measurements, rows, alone.state_m, alone.covariance_m2)
+        cost[:, k] = misfit_m**2 / variance_m2 + np.log(variance_m2)
+    return np.minimum(np.nan_to_num(cost, nan=_FORBIDDEN), _FORBIDDEN)
+
+
+def _record(receiver: str, mean: WindowMean, candidate: Candidates) -> ConsistentSet:
+    signals = tuple(sorted(mean.signals[k] for k in candidate.choice[0]))
+    dof = len(signals) - 4
+    state: Reals = candidate.state_m[0]
+    statistic = float(candidate.statistic[0])
+    return ConsistentSet(
+        receiver=receiver,
+        signals=signals,
+        gpst=mean.gpst,
+        position_ecef_m=state[:3],
+        clock_bias_s=float(state[3]) / SPEED_OF_LIGHT_M_S,
+        covariance_m2=candidate.covariance_m2[0],
+        statistic=statistic,
+        dof=dof,
+        p_value=float(chi_square_survival(statistic, dof)),
+    )

@@ -1,0 +1,148 @@
+"""Measurements from first principles, for the tests of this room: the light-time equation solved per satellite.
+
+Written on its own: it shares orbits and atmosphere with the package, but neither the solver nor the correction of
+ranges. Everything is done in an inertial frame that agrees with ECEF at reception.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
+from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.time import week_and_tow
+from skyproof.records import NavigationData, Observations, SignalId
+
+C = 299792458.0
+EARTH_RATE = 7.2921151467e-5
+WAVELENGTH = C / 1575.42e6
+START = np.datetime64("2022-03-04T05:10:00", "ns")
+
+
+def navigation(start: np.datetime64 = START) -> NavigationData:
+    return nominal_constellation(start)
+
+
+def place(lat_deg: float, lon_deg: float, height_m: float) -> np.ndarray:
+    return ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), height_m)
+
+
+def moved(position: np.ndarray, east_m: float, north_m: float, up_m: float) -> np.ndarray:
+    lat, lon, _ = geodetic_from_ecef(position)
+    return position + rot_enu_ecef(lat, lon).T @ np.array([east_m, north_m, up_m])
+
+
+def turned(vector: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
+    """Rotation about the Earth's axis by `angle_rad`, in the sense in which the Earth turns."""
+    s, c = np.sin(angle_rad), np.cos(angle_rad)
+    x, y, z = np.moveaxis(vector, -1, 0)
+    return np.stack((c * x - s * y, s * x + c * y, z), axis=-1)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What one satellite's signal measures: arrays (n_epochs,)."""
+
+    pseudorange_m: np.ndarray
+    carrier_m: np.ndarray
+    elevation_rad: np.ndarray
+
+
+def measured(nav: NavigationData, sat: str, gpst: np.ndarray, position: np.ndarray, bias_s, *, air: bool = True) -> Truth:
+    """Pseudorange and carrier range at clock labels `gpst`, for a receiver at `position` (3,) or (n, 3).
+
+    `bias_s`: label minus true time. The true time of reception is never formed as a number: times count from the label.
+    """
+    (ephemeris,) = [e for e in nav.ephemerides if e.sat == sat]
+    week, tow = week_and_tow(gpst)
+    position = np.broadcast_to(position, (gpst.size, 3))
+    bias_s = np.broadcast_to(np.asarray(bias_s, float), gpst.shape)
+    travel = np.full(gpst.shape, 0.07)
+    for _ in range(12):
+        state = satellite_state_s(ephemeris, week, tow - bias_s - travel)
+        # In the inertial frame that is ECEF at reception, a thing fixed to the Earth stood `travel` further west.
+        satellite = turned(state.position_ecef_m, -EARTH_RATE * travel)
+        distance = np.linalg.norm(satellite - position, axis=-1)
+        travel = distance / C
+    lat, lon, height = geodetic_from_ecef(position)
+    enu = np.einsum("nij,nj->ni", rot_enu_ecef(lat, lon), satellite - position)
+    elevation = np.arcsin(enu[:, 2] / distance)
+    azimuth = np.arctan2(enu[:, 0], enu[:, 1])
+    troposphere, ionosphere = np.zeros_like(distance), np.zeros_like(distance)
+    if air:
+        above = np.maximum(elevation, 0.0)
+        troposphere = troposphere_delay_m(lat, height, above) * np.exp(-np.clip(height - 11000, 0, 1e6) / 6340)
+        ionosphere = C * klobuchar_delay_s(nav.ionosphere, lat, lon, azimuth, above, tow - bias_s)
+    common = distance + C * bias_s - C * (state.clock_s - ephemeris.tgd) + troposphere
+    return Truth(common + ionosphere, common - ionosphere, elevation)
+
+
+def visible(nav: NavigationData, position: np.ndarray, mask_deg: float = 7.0, at: np.datetime64 = START) -> list[str]:
+    sats = [e.sat for e in nav.ephemerides]
+    elevations = [measured(nav, s, np.array([at]), position, 0.0).elevation_rad[0] for s in sats]
+    return [s for s, e in zip(sats, elevations, strict=True) if np.degrees(e) > mask_deg]
+
+
+def observations(
+    nav: NavigationData,
+    skies: list[tuple[list[str], np.ndarray, float]],
+    *,
+    n: int = 10,
+    step_s: float = 1.0,
+    noise_m: float = 0.0,
+    constant_m: float = 0.0,
+    carrier_noise_m: float = 0.0,
+    drift: float = 0.0,
+    start: np.datetime64 = START,
+    air: bool = True,
+    rng: np.random.Generator | None = None,
+    shuffle: bool = False,
+) -> Observations:
+    """Skies (satellites, position shown, clock bias shown) as seen by one receiver, channels a, b, c of a satellite.
+
+    noise_m : white, per epoch; constant_m : once per channel; both Gaussian, one sigma. With `shuffle` which sky gets
+    which copy letter is random, satellite by satellite.
+    """
+    rng = rng or np.random.default_rng(0)
+    elapsed = np.arange(n) * step_s
+    gpst = start + np.rint(elapsed * 1e9).astype("timedelta64[ns]")
+    found: dict[str, list[Truth]] = {}
+    owner: dict[str, list[int]] = {}
+    for k, (sats, position, bias_s) in enumerate(skies):
+        for sat in sats:
+            found.setdefault(sat, []).append(measured(nav, sat, gpst, position, bias_s + drift * elapsed, air=air))
+            owner.setdefault(sat, []).append(k)
+    signals, code, carrier, owners = [], [], [], []
+    for sat in sorted(found):
+        order = rng.permutation(len(found[sat])) if shuffle else np.arange(len(found[sat]))
+        for letter, k in zip("abcdef", order, strict=False):
+            signals.append(SignalId(sat, copy=letter))
+            owners.append(owner[sat][k])
+            code.append(found[sat][k].pseudorange_m)
+            carrier.append(found[sat][k].carrier_m)
+    code, carrier = np.array(code).T, np.array(carrier).T
+    code = code + noise_m * rng.standard_normal(code.shape) + constant_m * rng.standard_normal(code.shape[1])
+    carrier = carrier + carrier_noise_m * rng.standard_normal(carrier.shape)
+    rate = np.gradient(carrier, elapsed, axis=0) if n > 1 else np.zeros_like(carrier)
+    channels = len(signals)
+    result = Observations(
+        receiver="rx",
+        signals=tuple(signals),
+        gpst=gpst,
+        elapsed_s=elapsed,
+        pseudorange_m=code,
+        carrier_cyc=(carrier - carrier[0] + np.arange(channels) * 1000.0) / WAVELENGTH,
+        doppler_hz=-rate / WAVELENGTH,
+        cn0_dbhz=np.full(code.shape, 45.0),
+        pseudorange_sigma_m=np.full(code.shape, max(noise_m, 1e-3)),
+        carrier_sigma_cyc=np.full(code.shape, max(carrier_noise_m, 1e-6) / WAVELENGTH),
+        doppler_sigma_hz=np.full(code.shape, 0.1),
+        status=np.zeros(code.shape, np.uint8),
+        found_elapsed_s=np.zeros(channels),
+        missed_elapsed_s=np.full(channels, np.nan),
+        averaged_s=step_s,
+    )
+    object.__setattr__(result, "owners", np.array(owners))  # the answer, for the tests to compare with
+    return result
