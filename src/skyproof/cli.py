@@ -1,1 +1,308 @@
-"""Arguments in, words out: one function a command."""
+"""Arguments in, words out: one function a command.
+
+Results go to standard output, everything else to standard error. Exit codes: 0 it ran to its end; with --exit-code
+0 authentic, 1 spoofed, 3 undecided; 2 an error, told in one line; 130 interrupted, with what was decided so far.
+"""
+
+import sys
+import traceback
+import webbrowser
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Protocol
+
+from cyclopts import App, CycloptsError, Parameter
+from rich import progress as rich_progress
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from skyproof.app.demo import demo as run_demo
+from skyproof.app.progress import Progress, Stage
+from skyproof.app.protect import ProtectResult
+from skyproof.app.protect import protect as run_protect
+from skyproof.app.receive import receive as run_receive
+from skyproof.app.settings import Settings
+from skyproof.errors import SkyproofError
+from skyproof.formats.verdict import verdict_json
+from skyproof.report.words import instant_words
+from skyproof.verdict import Position, Verdict
+
+__all__ = ["app", "main"]
+
+EXIT_CODES = {"authentic": 0, "spoofed": 1, "undecided": 3}
+ERROR, INTERRUPTED = 2, 130
+STYLES = {"authentic": "bold blue", "trusted": "blue", "spoofed": "bold dark_orange", "false": "dark_orange"}
+
+app = App(
+    name="skyproof",
+    help="Tells true satellite-navigation signals from false ones, and gives the true position and time back.",
+    help_epilogue="Try it: `skyproof demo --out demo`",
+    version=lambda: version("skyproof"),
+    default_parameter=Parameter(negative=()),
+    suppress_keyboard_interrupt=False,
+)
+
+
+def _setting(name: str) -> Parameter:
+    """The help of an option that is a setting: its description and default, from where they are defined."""
+    field = Settings.model_fields[name]
+    default = "the end" if field.default is None else f"{field.default:g}"
+    return Parameter(help=f"{field.description} Default: {default}.", show_default=False)
+
+
+Nav = Annotated[Path | None, Parameter(help="RINEX navigation file; without it the signals' own messages are used.")]
+Json = Annotated[bool, Parameter(name="--json", help="Print verdict.json on standard output, and nothing else there.")]
+# `main` looks for --debug itself, since it is to work for errors in the options as well; here it is for the help.
+Debug = Annotated[bool, Parameter(help="Show the traceback of an error.")]
+
+
+@app.command(help_epilogue="Example: `skyproof protect rx1.bin rx2.bin --nav brdc0010.22n --out result`")
+def protect(
+    inputs: Annotated[list[Path], Parameter(name="INPUT", help="Recordings, one a receiver, each with its sidecar.")],
+    /,
+    *,
+    out: Annotated[Path, Parameter(help="Folder for the verdict, the report, fixes and all other files.")],
+    nav: Nav = None,
+    platform: Annotated[Path | None, Parameter(help="Platform file: settings in its table [protect].")] = None,
+    false_alarm_probability_per_hour: Annotated[float | None, _setting("false_alarm_probability_per_hour")] = None,
+    antenna_separation_m: Annotated[float | None, _setting("antenna_separation_m")] = None,
+    start_s: Annotated[float | None, _setting("start_s")] = None,
+    duration_s: Annotated[float | None, _setting("duration_s")] = None,
+    json: Json = False,
+    exit_code: Annotated[bool, Parameter(help="Exit with 0 authentic, 1 spoofed, 3 undecided.")] = False,
+    debug: Debug = False,
+) -> int:
+    """Say whether signals in recordings are spoofed, since when and which, and give the position to be trusted."""
+    result = run_protect(
+        inputs,
+        nav=nav,
+        platform=platform,
+        out=out,
+        false_alarm_probability_per_hour=false_alarm_probability_per_hour,
+        antenna_separation_m=antenna_separation_m,
+        start_s=start_s,
+        duration_s=duration_s,
+        progress=_progress(),
+    )
+    _tell(result, as_json=json)
+    if result.interrupted:
+        return INTERRUPTED
+    return EXIT_CODES[result.verdict.verdict] if exit_code else 0
+
+
+@app.command(help_epilogue="Example: `skyproof receive rx1.bin --nav brdc0010.22n --out received`")
+def receive(
+    files: Annotated[list[Path], Parameter(name="FILE", help="Recordings, one a receiver, each with its sidecar.")],
+    /,
+    *,
+    out: Annotated[Path, Parameter(help="Folder for RINEX observations and navigation data.")],
+    nav: Nav = None,
+    debug: Debug = False,
+) -> int:
+    """Track every signal in recordings and write RINEX observations and navigation data, without judging them."""
+    result = run_receive(files, out=out, nav=nav, progress=_progress())
+    console = Console()
+    for reception in result.receptions:
+        console.print(Text(f"{reception.samples.name}: {reception.n_signals} signals"))
+        for remark in reception.remarks:
+            console.print(Text(f"  {remark}", style="dim"))
+    if result.folder is not None:
+        _print_path("files in", result.folder)
+    return INTERRUPTED if result.interrupted else 0
+
+
+@app.command(help_epilogue="Example: `skyproof demo --out demo`")
+def demo(
+    *,
+    out: Annotated[Path, Parameter(help="Folder for the recordings and the results.")] = Path("skyproof-demo"),
+    json: Json = False,
+    open_report: Annotated[bool, Parameter(name="--open", help="Open the report in the browser.")] = False,
+    debug: Debug = False,
+) -> int:
+    """Simulate two receivers near a meaconer, which rebroadcasts the sky of another place, and protect them."""
+    result = run_demo(out, progress=_progress())
+    _tell(result, as_json=json)
+    if open_report and result.folder is not None:
+        webbrowser.open((result.folder / "report.html").resolve().as_uri())
+    return INTERRUPTED if result.interrupted else 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line (without the program's name) and return its exit code; never raises."""
+    tokens = list(sys.argv[1:] if argv is None else argv)
+    try:
+        result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        return result if isinstance(result, int) else 0
+    except KeyboardInterrupt:
+        _complain("interrupted before anything was decided")
+        return INTERRUPTED
+    except Exception as error:
+        if "--debug" in tokens:
+            traceback.print_exc()
+        _complain(_words_of(error))
+        return ERROR
+
+
+def _words_of(error: Exception) -> str:
+    if isinstance(error, SkyproofError):
+        return str(error)
+    if isinstance(error, CycloptsError):
+        command = " ".join(("skyproof", *(error.command_chain or ())))
+        return f"{error} For help: {command} --help"
+    return (
+        f"unexpected {type(error).__name__}: {error}. This is a fault of skyproof, not of the input: run the command "
+        "again with --debug and report what it prints"
+    )
+
+
+def _complain(text: str) -> None:
+    print(f"skyproof: {' '.join(text.split())}", file=sys.stderr)
+
+
+# What a person reads
+
+
+class _Result(Protocol):
+    @property
+    def verdict(self) -> Verdict: ...
+    @property
+    def folder(self) -> Path | None: ...
+    @property
+    def interrupted(self) -> bool: ...
+
+
+def _tell(result: _Result | ProtectResult, *, as_json: bool) -> None:
+    if result.interrupted:
+        _complain("interrupted: this is what was decided so far")
+    if as_json:
+        sys.stdout.write(verdict_json(result.verdict))
+    else:
+        _print_summary(result.verdict)
+        if result.folder is not None:
+            _print_path("report:", result.folder / "report.html")
+
+
+def _print_path(words: str, path: Path) -> None:
+    """A path on one line however long it is, so that it can be copied."""
+    Console().print(Text(f"{words} {path}"), soft_wrap=True)
+
+
+def _print_summary(verdict: Verdict) -> None:
+    console = Console()
+    console.print(Text(verdict.verdict.upper(), style=STYLES.get(verdict.verdict, "bold")))
+    console.print(Text(verdict.summary))
+    if verdict.since_gpst is not None:
+        sigma = "" if verdict.since_sigma_s is None else f" ± {verdict.since_sigma_s:.2g} s"
+        until = "" if verdict.until_gpst is None else f", until {instant_words(verdict.until_gpst)}"
+        console.print(Text(f"since {instant_words(verdict.since_gpst)}{sigma} GPS time{until}"))
+    if verdict.undecided_because:
+        console.print(Text(f"not decided: {verdict.undecided_because}"))
+    console.print()
+    if (positions := _positions(verdict)).row_count:
+        console.print(positions)
+        console.print()
+    if (signals := _signals(verdict)).row_count:
+        console.print(signals)
+        console.print()
+    if absent := [method.detector for method in verdict.methods if not method.ran]:
+        console.print(Text(f"not tested: {', '.join(absent)} (the report says why)"))
+
+
+def _table(*headings: str, numbers: int = 0) -> Table:
+    """A table without lines; its last `numbers` columns hold numbers."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    for index, heading in enumerate(headings):
+        number = index >= len(headings) - numbers
+        table.add_column(heading, justify="right" if number else "left", no_wrap=number)
+    return table
+
+
+def _positions(verdict: Verdict) -> Table:
+    table = _table("receiver", "position", "latitude °", "longitude °", "height m", "± E/N/U m", numbers=4)
+    for receiver in verdict.receivers:
+        kinds: tuple[tuple[str, Position | None], ...] = (
+            ("trusted", receiver.trusted_fix),
+            ("false", receiver.false_fix),
+            ("unprotected", receiver.unprotected_fix),
+        )
+        for kind, fix in kinds:
+            if fix is not None:
+                sigmas = f"{fix.sigma_east_m:.1f}/{fix.sigma_north_m:.1f}/{fix.sigma_up_m:.1f}"
+                table.add_row(Text(receiver.name), Text(kind, style=STYLES.get(kind, "")), f"{fix.lat_deg:.7f}",
+                              f"{fix.lon_deg:.7f}", f"{fix.height_m:.1f}", sigmas)  # fmt: skip
+    return table
+
+
+def _signals(verdict: Verdict) -> Table:
+    table = _table("receiver", "signals", "label", "satellites")
+    for receiver in verdict.receivers:
+        for label in ("authentic", "spoofed", "multipath", "unknown"):
+            sats = [s.sat for s in verdict.signals if s.receiver == receiver.name and s.label == label]
+            if sats:
+                table.add_row(Text(receiver.name), str(len(sats)), Text(label, style=STYLES.get(label, "")),
+                              Text(" ".join(sorted(set(sats)))))  # fmt: skip
+    return table
+
+
+# Progress
+
+
+def _progress() -> Progress:
+    """Bars for a person at a terminal, lines for a log."""
+    console = Console(stderr=True)
+    return _Bars(console) if console.is_terminal else _Lines()
+
+
+class _Lines:
+    """Progress as one line a stage."""
+
+    def advance(self, to: float) -> None:
+        pass
+
+    def say(self, text: str) -> None:
+        _complain(text)
+
+    @contextmanager
+    def stage(self, name: str, total: float) -> Iterator[Stage]:
+        self.say(name)
+        yield self
+
+
+class _Bar:
+    def __init__(self, bars: rich_progress.Progress, task: rich_progress.TaskID) -> None:
+        self._bars, self._task = bars, task
+
+    def advance(self, to: float) -> None:
+        self._bars.update(self._task, completed=to)
+
+
+class _Bars:
+    """Progress as bars with the time left, gone when the work is done."""
+
+    def __init__(self, console: Console) -> None:
+        self._bars = rich_progress.Progress(
+            rich_progress.TextColumn("{task.description}", markup=False),
+            rich_progress.BarColumn(),
+            rich_progress.TaskProgressColumn(),
+            rich_progress.TimeRemainingColumn(),
+            console=console,
+            transient=True,
+        )
+
+    def say(self, text: str) -> None:
+        self._bars.console.print(Text(f"skyproof: {text}"), soft_wrap=True)
+
+    @contextmanager
+    def stage(self, name: str, total: float) -> Iterator[Stage]:
+        if not self._bars.tasks:
+            self._bars.start()
+        task = self._bars.add_task(name, total=total)
+        try:
+            yield _Bar(self._bars, task)
+        finally:
+            self._bars.remove_task(task)
+            if not self._bars.tasks:
+                self._bars.stop()

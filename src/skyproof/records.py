@@ -97,8 +97,8 @@ class SignalRef:
 class Samples:
     """An open recording: yields any stretch of samples on demand, never the whole file.
 
-    `read(start, count)` gives float32 of shape (2, count): I and Q (Q zero for real samples), at `rate_hz`, in which a
-    signal on the nominal carrier appears at `if_hz` (higher carrier, higher frequency). It is short at the end only.
+    `read(start, count)` gives float32 of shape (2, count): I and Q (Q zero for real samples), at `rate_hz`. The radio
+    frequency `centre_hz` lies at `if_hz` in them, and higher frequencies lie higher. It is short at the end only.
     """
 
     name: str

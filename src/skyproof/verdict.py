@@ -111,7 +111,10 @@ class Source(_Model):
     elevation_deg: float | None = Field(ge=-90.0, le=90.0, description="Direction seen, above the horizon, degrees.")
     direction_sigma_deg: Sigma | None = Field(description="Standard deviation of the direction, degrees.")
     shows: Place | None = Field(description="The place that a receiver of these signals is led to believe.")
-    time_offset_s: float | None = Field(description="Time shown by these signals minus true GPS time, seconds.")
+    time_offset_s: float | None = Field(
+        description="Clock bias of a receiver by these signals minus that by authentic ones (while it is open which "
+        "those are: by the sky that arrives first), seconds; positive for signals that come late."
+    )
 
 
 class Method(_Model):

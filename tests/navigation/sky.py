@@ -43,10 +43,11 @@ def turned(vector: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Truth:
-    """What one satellite's signal measures: arrays (n_epochs,)."""
+    """What one satellite's signal measures: arrays (n_epochs,); `airless_m` is without ionosphere and troposphere."""
 
     pseudorange_m: np.ndarray
     carrier_m: np.ndarray
+    airless_m: np.ndarray
     elevation_rad: np.ndarray
 
 
@@ -75,8 +76,19 @@ def measured(nav: NavigationData, sat: str, gpst: np.ndarray, position: np.ndarr
         above = np.maximum(elevation, 0.0)
         troposphere = troposphere_delay_m(lat, height, above) * np.exp(-np.clip(height - 11000, 0, 1e6) / 6340)
         ionosphere = C * klobuchar_delay_s(nav.ionosphere, lat, lon, azimuth, above, tow - bias_s)
-    common = distance + C * bias_s - C * (state.clock_s - ephemeris.tgd) + troposphere
-    return Truth(common + ionosphere, common - ionosphere, elevation)
+    airless = distance + C * bias_s - C * (state.clock_s - ephemeris.tgd)
+    return Truth(airless + troposphere + ionosphere, airless + troposphere - ionosphere, airless, elevation)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A receiver's observations and, per channel, the index of the sky that it belongs to."""
+
+    observations: Observations
+    owners: np.ndarray
+
+    def owners_of(self, signals: tuple[SignalId, ...]) -> list[int]:
+        return [int(self.owners[self.observations.signals.index(signal)]) for signal in signals]
 
 
 def visible(nav: NavigationData, position: np.ndarray, mask_deg: float = 7.0, at: np.datetime64 = START) -> list[str]:
@@ -85,7 +97,7 @@ def visible(nav: NavigationData, position: np.ndarray, mask_deg: float = 7.0, at
     return [s for s, e in zip(sats, elevations, strict=True) if np.degrees(e) > mask_deg]
 
 
-def observations(
+def scene(
     nav: NavigationData,
     skies: list[tuple[list[str], np.ndarray, float]],
     *,
@@ -93,14 +105,13 @@ def observations(
     step_s: float = 1.0,
     noise_m: float = 0.0,
     constant_m: float = 0.0,
-    carrier_noise_m: float = 0.0,
     drift: float = 0.0,
     start: np.datetime64 = START,
     air: bool = True,
     rng: np.random.Generator | None = None,
     shuffle: bool = False,
-) -> Observations:
-    """Skies (satellites, position shown, clock bias shown) as seen by one receiver, channels a, b, c of a satellite.
+) -> Scene:
+    """Skies (satellites, position shown, clock bias shown) as one receiver sees them, channels a, b, c of a satellite.
 
     noise_m : white, per epoch; constant_m : once per channel; both Gaussian, one sigma. With `shuffle` which sky gets
     which copy letter is random, satellite by satellite.
@@ -108,26 +119,26 @@ def observations(
     rng = rng or np.random.default_rng(0)
     elapsed = np.arange(n) * step_s
     gpst = start + np.rint(elapsed * 1e9).astype("timedelta64[ns]")
-    found: dict[str, list[Truth]] = {}
-    owner: dict[str, list[int]] = {}
+    found: dict[str, list[tuple[int, Truth]]] = {}
     for k, (sats, position, bias_s) in enumerate(skies):
         for sat in sats:
-            found.setdefault(sat, []).append(measured(nav, sat, gpst, position, bias_s + drift * elapsed, air=air))
-            owner.setdefault(sat, []).append(k)
-    signals, code, carrier, owners = [], [], [], []
+            truth = measured(nav, sat, gpst, position, bias_s + drift * elapsed, air=air)
+            found.setdefault(sat, []).append((k, truth))
+    signals, truths, owners = [], [], []
     for sat in sorted(found):
         order = rng.permutation(len(found[sat])) if shuffle else np.arange(len(found[sat]))
-        for letter, k in zip("abcdef", order, strict=False):
+        for letter, k in zip("abcdefgh", order, strict=False):
+            owner, truth = found[sat][k]
             signals.append(SignalId(sat, copy=letter))
-            owners.append(owner[sat][k])
-            code.append(found[sat][k].pseudorange_m)
-            carrier.append(found[sat][k].carrier_m)
-    code, carrier = np.array(code).T, np.array(carrier).T
+            truths.append(truth)
+            owners.append(owner)
+    code, carrier, airless = (
+        np.array([getattr(t, name) for t in truths]).T for name in ("pseudorange_m", "carrier_m", "airless_m")
+    )
     code = code + noise_m * rng.standard_normal(code.shape) + constant_m * rng.standard_normal(code.shape[1])
-    carrier = carrier + carrier_noise_m * rng.standard_normal(carrier.shape)
-    rate = np.gradient(carrier, elapsed, axis=0) if n > 1 else np.zeros_like(carrier)
+    rate = np.gradient(airless, elapsed, axis=0) if n > 1 else np.zeros_like(carrier)
     channels = len(signals)
-    result = Observations(
+    observations = Observations(
         receiver="rx",
         signals=tuple(signals),
         gpst=gpst,
@@ -137,12 +148,11 @@ def observations(
         doppler_hz=-rate / WAVELENGTH,
         cn0_dbhz=np.full(code.shape, 45.0),
         pseudorange_sigma_m=np.full(code.shape, max(noise_m, 1e-3)),
-        carrier_sigma_cyc=np.full(code.shape, max(carrier_noise_m, 1e-6) / WAVELENGTH),
+        carrier_sigma_cyc=np.full(code.shape, 1e-6),
         doppler_sigma_hz=np.full(code.shape, 0.1),
         status=np.zeros(code.shape, np.uint8),
         found_elapsed_s=np.zeros(channels),
         missed_elapsed_s=np.full(channels, np.nan),
         averaged_s=step_s,
     )
-    object.__setattr__(result, "owners", np.array(owners))  # the answer, for the tests to compare with
-    return result
+    return Scene(observations, np.array(owners))

@@ -9,7 +9,8 @@ import numpy as np
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.settings import Settings
 from skyproof.errors import InputError, NotEnoughData
-from skyproof.formats.raw import check_levels, open_raw
+from skyproof.formats.raw import open_raw
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import iso, resolve_week, seconds_between, week_and_tow
 from skyproof.navigation.clock import anchored
 from skyproof.navigation.fix import fix
@@ -61,7 +62,6 @@ def open_inputs(paths: Sequence[Path], settings: Settings) -> list[Samples]:
     opened: list[Samples] = []
     for path in paths:
         samples = open_raw(path)
-        samples = replace(samples, remarks=(*samples.remarks, *check_levels(samples)))
         if any(samples.name == other.name for other in opened):
             samples = replace(samples, name=f"{samples.name}-{sum(samples.name == o.name for o in opened) + 1}")
         opened.append(stretch(samples, settings.start_s, settings.duration_s))
@@ -97,7 +97,7 @@ def track(
     progress = progress or Silent()
     receiver_settings = ReceiverSettings(doppler_max_hz=settings.doppler_max_hz)
     trackers = [
-        Tracker(samples=s, receiver=Receiver(s.rate_hz, s.if_hz, receiver_settings)) for s in recordings
+        Tracker(samples=s, receiver=Receiver(s.rate_hz, carrier_at_hz(s), receiver_settings)) for s in recordings
     ]
     names = ", ".join(s.name for s in recordings)
     total_s = sum(s.duration_s for s in recordings)
@@ -112,6 +112,11 @@ def track(
     except KeyboardInterrupt:
         return trackers, True
     return trackers, False
+
+
+def carrier_at_hz(samples: Samples) -> float:
+    """Where the nominal carrier lies in the samples: the frequency `centre_hz` lies at `if_hz`."""
+    return samples.if_hz + GPS_L1_CA.carrier_hz - samples.centre_hz
 
 
 def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
@@ -144,7 +149,7 @@ def nothing_heard(samples: Samples) -> NotEnoughData:
     """The error for a recording in which no satellite was found: what to check, in the order of likelihood."""
     return NotEnoughData(
         f"{samples.path or samples.name}: no GPS L1 C/A signal found in {samples.duration_s:.1f} s. "
-        f"It was read as {samples.format} at {samples.rate_hz:g} samples/s with the carrier at {samples.if_hz:g} Hz; "
+        f"It was read as {samples.format}, {samples.rate_hz:g} samples/s, carrier at {carrier_at_hz(samples):g} Hz; "
         "check rate_hz, if_hz, kind, encoding, bits and bit_order in its sidecar, that the antenna was connected, and "
         "whether the oscillator may be off by more than the search reaches (doppler_max_hz)"
     )

@@ -11,8 +11,6 @@ from skyproof.records import ConsistentSet, Observations, Reals, Records
 
 __all__ = ["CommonRanges", "common_ranges"]
 
-_CLOCK_TOLERANCE = np.timedelta64(2, "ms")  # a label at the window's edge may be off by a receiver's clock
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CommonRanges:
@@ -54,8 +52,7 @@ def common_ranges(
     """
     sats = tuple(sorted(set.intersection(*({s.sat for s in chosen.signals} for chosen in sets))))
     receivers = {o.receiver: o for o in records.observations}
-    first = _window(receivers[sets[0].receiver], records)
-    instants_s = _true_time_s(receivers[sets[0].receiver], records, sets[0])[first]
+    instants_s = _true_time_s(receivers[sets[0].receiver], records, sets[0])
     step_s = float(np.median(np.diff(instants_s))) if instants_s.size > 1 else 1.0
     ranges = np.full((instants_s.size, len(sats), len(sets)), np.nan)
     sigma_m = np.full_like(ranges, np.nan)
@@ -78,13 +75,6 @@ def common_ranges(
     return _without_holes(sats, ranges, sigma_m, instants_s / step_s, min_share, min_satellites)
 
 
-def _window(observations: Observations, records: Records) -> NDArray[np.bool_]:
-    return np.asarray(
-        (observations.gpst >= records.start_gpst - _CLOCK_TOLERANCE)
-        & (observations.gpst <= records.end_gpst + _CLOCK_TOLERANCE)
-    )
-
-
 def _true_time_s(observations: Observations, records: Records, chosen: ConsistentSet) -> Reals:
     """Seconds since the window's start, by GPS time: to pair and move epochs, never a measurement."""
     return np.asarray(seconds_between(observations.gpst, records.start_gpst) - chosen.clock_bias_s, float)
@@ -103,7 +93,7 @@ def _nearest(times_s: Reals, wanted_s: Reals) -> NDArray[np.intp]:
 def _without_holes(
     sats: tuple[str, ...], ranges: Reals, sigma_m: Reals, steps: Reals, min_share: float, min_satellites: int
 ) -> CommonRanges:
-    whole: NDArray[np.bool_] = np.isfinite(ranges + sigma_m).all(axis=2)  # (N, K)
+    whole = np.asarray(np.isfinite(ranges + sigma_m).all(axis=2))  # (N, K)
     epochs = whole.sum(axis=0)
     kept = epochs >= min_share * epochs.max(initial=1)
     if kept.sum() < min_satellites:

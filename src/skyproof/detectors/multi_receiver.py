@@ -77,8 +77,8 @@ class MultiReceiverSettings:
             raise SettingsError(f"multi_receiver: correlation_max is {self.correlation_max}, expected 0 to below 1")
 
     def noise(self, tests: int) -> NoiseModel:
-        """The noise model for one of `tests` tests; a tenth of each one's error rate goes to the unknown
-        correlation.""" white = self.correlation_max == 0.0
+        """The noise model for one of `tests` tests; a tenth of the error rate goes to the unknown correlation."""
+        white = self.correlation_max == 0.0
         return NoiseModel(
             multipath_sigma_m=self.multipath_sigma_m,
             correlation_max=self.correlation_max,
@@ -279,10 +279,10 @@ class _Window:
         )  # fmt: skip
 
     def _too_far(self, pairing: Pairing) -> str:
-        far_m = max(pairing.distances_m or (0.0,))
+        far_m, limit_m = max(pairing.distances_m or (0.0,)), self.settings.max_separation_m
         return (
-            f"{_names(pairing)} put the antennas {far_m:.0f} m apart, more than the {self.settings.max_separation_m:g} m"
-            " that they may be: one receiver may follow a false sky and another the true one"
+            f"{_names(pairing)} put the antennas {far_m:.0f} m apart, more than the {limit_m:g} m that they may be: "
+            "one receiver may follow a false sky and another the true one"
         )
 
     def _where(self) -> str:

@@ -91,8 +91,8 @@ class Levels(NamedTuple):
         return np.minimum(p_value, 1.0), decides
 
     def threshold(self, false_alarm_probability: float, dof_num: int, decides: NDArray[np.intp]) -> Reals:
-        """The mean square (...) beyond which `worst` gives less than `false_alarm_probability`, under noise
-        `decides`.""" share = false_alarm_probability / (2.0 if self.bounded else 1.0)
+        """The mean square (...) beyond which `worst` is below `false_alarm_probability`, under the noise `decides`."""
+        share = false_alarm_probability / (2.0 if self.bounded else 1.0)
         known = np.isinf(self.dof[decides])
         tail = np.where(known, share, np.maximum(share - self.miss_probability, 0.0))
         return f_threshold(tail, dof_num, self.dof[decides])

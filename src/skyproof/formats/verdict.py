@@ -1,7 +1,7 @@
 """`verdict.json`: the verdict as one UTF-8 document, and its published JSON Schema.
 
-The schema is the file `verdict.schema.json` beside this module (JSON Schema 2020-12); `verdict_schema` makes it from the
-models, and a test holds the two together.
+The schema is the file `verdict.schema.json` beside this module (JSON Schema 2020-12); `verdict_schema` makes it from
+the models, and a test holds the two together.
 """
 
 import json
@@ -22,7 +22,7 @@ FAULTS_SHOWN = 5
 
 
 def verdict_json(verdict: Verdict) -> str:
-    """The document: keys in the order of the models, numbers unrounded, null for what is absent, a newline at the end."""
+    """The document: keys in the order of the models, numbers unrounded, null for what is absent."""
     return json.dumps(verdict.model_dump(mode="json"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 

@@ -217,7 +217,7 @@ class Subframe(How):
 
 
 def decode_how(bits: Bits) -> How | None:
-    """The time of week from the first 60 bits of a subframe, of either polarity; None if preamble or parity fail."""
+    """The time of week from the first 60 bits of a subframe, of either polarity; None as for `decode_subframe`."""
     source, inverted = _source(np.asarray(bits[:60], dtype=np.int8), 2)
     return None if source is None else _how(source, inverted)
 
@@ -225,7 +225,8 @@ def decode_how(bits: Bits) -> How | None:
 def decode_subframe(bits: Bits) -> Subframe | None:
     """The subframe in `bits`, shape (300,), of either polarity.
 
-    None unless the preamble, the subframe's number and the parity of all ten words hold.
+    None unless the preamble, the subframe's number, the zeros that words 2 and 10 end in, and the parity of all ten
+    words hold.
     """
     source, inverted = _source(np.asarray(bits, dtype=np.int8), 10)
     how = None if source is None else _how(source, inverted)
@@ -236,18 +237,16 @@ def decode_subframe(bits: Bits) -> Subframe | None:
     if how.id == 4 and values["sv_id"] == _IONOSPHERE_SV_ID:
         values |= {field.name: field.value(source) for field in _IONOSPHERE_AND_UTC}
     words = tuple(source >> 24 * (9 - k) & 0xFFFFFF for k in range(10))
-    return Subframe(
-        id=how.id, tow_s=how.tow_s, inverted=how.inverted, alert=how.alert, words=words, fields=values
-    )  # fmt: skip
+    return Subframe(**vars(how), words=words, fields=values)
 
 
 def find_subframes(bits: Bits) -> list[int]:
     """Where subframes start in a stream of bits (n,) of one unknown polarity, rising.
 
-    A start is where a preamble stands at the head of two words that hold, with a subframe number that exists; the last
-    one may be cut off after these 60 bits. As all of this happens by chance once in some million bits, the starts
+    A start is where a preamble stands at the head of two words that hold, with a subframe number that fits the time;
+    the last one may be cut off after these 60 bits. All of this happens by chance once in 2^24 bits, so the starts
     must also agree: whole subframes apart, one polarity, and hand-over words that count on. The largest family that
-    agrees is returned, so a damaged subframe is missing and a false start does not appear beside true ones.
+    agrees is returned: a damaged subframe is missing, and a false start does not appear beside true ones.
     """
     bits = np.asarray(bits, dtype=np.int8)
     if bits.size < 60:
@@ -256,7 +255,7 @@ def find_subframes(bits: Bits) -> list[int]:
     families: dict[tuple[int, bool, int], list[int]] = {}
     for start in np.flatnonzero((same == 8) | (same == 0)).tolist():
         how = decode_how(bits[start : start + 60])
-        if how is not None and how.id == how.tow_s // SUBFRAME_S % 5 + 1:
+        if how is not None:
             number, phase = divmod(start, BITS_PER_SUBFRAME)
             count_at_zero = (how.tow_s // SUBFRAME_S - number) % _HOW_COUNTS
             families.setdefault((phase, how.inverted, count_at_zero), []).append(start)
@@ -277,8 +276,10 @@ def _source(bits: Bits, n_words: int) -> tuple[int | None, bool]:
     if bits.size != 30 * n_words:
         raise ValueError(f"{bits.size} bits given, expected {30 * n_words}")
     inverted = bool(bits[0] == 0)  # the preamble begins with a one
-    data, holds = words_hold(bits ^ np.int8(inverted))
-    if not holds.all() or (data[0, :8] != _PREAMBLE).any():
+    upright = bits ^ np.int8(inverted)
+    data, holds = words_hold(upright)
+    ends = upright.reshape(-1, 30)[1::8, 28:]  # words 2 and 10 end in zeros: 20.3.3.2
+    if not holds.all() or ends.any() or (data[0, :8] != _PREAMBLE).any():
         return None, inverted
     source = int.from_bytes(np.packbits(data.astype(np.uint8)).tobytes(), "big")
     return source << 24 * (10 - n_words), inverted
@@ -286,10 +287,15 @@ def _source(bits: Bits, n_words: int) -> tuple[int | None, bool]:
 
 def _how(source: int, inverted: bool) -> How | None:
     values = {field.name: int(field.value(source)) for field in _HOW}
-    if not 1 <= values["id"] <= 5 or values["how"] >= _HOW_COUNTS:
-        return None
     tow_s = (values["how"] - 1) % _HOW_COUNTS * SUBFRAME_S  # the word tells the start of the next subframe
+    if values["how"] >= _HOW_COUNTS or values["id"] != _id_at(tow_s):
+        return None
     return How(id=values["id"], tow_s=tow_s, inverted=inverted, alert=bool(values["alert"]))
+
+
+def _id_at(tow_s: int) -> int:
+    """The subframe that starts at this second: every half minute of the week starts with 1 (20.3.4.1)."""
+    return tow_s // SUBFRAME_S % 5 + 1
 
 
 # ---------------------------------------------------------------- gathering
@@ -388,7 +394,7 @@ def encode_subframes(
     stream = np.empty((count, BITS_PER_SUBFRAME), dtype=np.int8)
     for k in range(count):
         week_k, number = divmod(first + k, _HOW_COUNTS)
-        sub_id, page = number % 5 + 1, number // 5 % 25 + 1
+        sub_id, page = _id_at(number * SUBFRAME_S), number // 5 % 25 + 1
         kind = page * 10 + sub_id if sub_id > 3 else sub_id
         if (week_k, kind) not in bodies:
             bodies[week_k, kind] = _body(ephemeris, klobuchar, utc, sub_id, page, week_k)

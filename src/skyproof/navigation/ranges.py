@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.frames import geodetic_from_ecef
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import seconds_between, week_and_tow
 from skyproof.records import Ephemeris, Instants, Klobuchar, NavigationData, Reals, SignalId
@@ -109,7 +108,12 @@ def atmosphere(
     the horizon get the delay of the horizon. Above 11 km the troposphere thins out with a scale height of 6.3 km.
     """
     lat_rad, lon_rad, height_m = (value[..., None] for value in geodetic_from_ecef(position_ecef_m))
-    az_rad, el_rad = azimuth_elevation(position_ecef_m[..., None, :], satellite_ecef_m)
+    # As `sky.azimuth_elevation`, which would find the place once more: the dearest step where candidates are many.
+    enu_m = (satellite_ecef_m - position_ecef_m[..., None, :]) @ np.swapaxes(
+        rot_enu_ecef(lat_rad, lon_rad)[..., 0, :, :], -1, -2
+    )
+    az_rad = np.arctan2(enu_m[..., 0], enu_m[..., 1])
+    el_rad = np.arctan2(enu_m[..., 2], np.hypot(enu_m[..., 0], enu_m[..., 1]))
     above_rad = np.maximum(el_rad, 0.0)
     place = (lat_rad, lon_rad, az_rad, above_rad, np.asarray(tow_s)[..., None])
     if ionosphere is None:

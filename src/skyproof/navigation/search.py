@@ -1,19 +1,20 @@
 """Branch and bound for sets of signals, at most one a satellite, that fit one position and clock.
 
-Breadth first over the satellites: each candidate takes one of a satellite's signals or skips it. All candidates of a
-level are arrays with one leading axis. Four signals have their own closed-form solutions as start (two skies can be
-thousands of kilometres apart: no common linearisation serves both); every further signal is checked against the
-prediction, then the candidate is solved anew. The statistic can only grow with further signals, so a candidate beyond
-the threshold of the full set is dropped without loss. How many satellites may be skipped is given: the caller begins
-with none (iterative deepening), so that the work grows only as far as it must.
+Every four signals have closed-form solutions of their own (two skies can be thousands of kilometres apart: no common
+linearisation serves both). From there breadth first over the further satellites: each candidate takes one of a
+satellite's signals, or skips it; a signal is checked against the prediction, then the candidate is solved anew. All
+candidates of a level are arrays with one leading axis. The statistic can only grow with further signals, so a candidate
+beyond the threshold of the full set is dropped without loss. How many satellites may be skipped follows from the size
+wanted: the caller begins with all (iterative deepening), so that the work grows only as far as it must.
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S, WGS84_A_M
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S, WGS84_A_M, WGS84_F
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.navigation.chance import set_combinations
@@ -22,11 +23,11 @@ from skyproof.navigation.ranges import atmosphere
 from skyproof.records import Klobuchar, Reals
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["Candidates", "Measurements", "consistent_of_size", "innovation", "plausible", "solve"]
+__all__ = ["Candidates", "Measurements", "SetSearch", "innovation", "plausible", "solve"]
 
 _UNKNOWNS = 4
-_MOST_QUADS = 300_000
-_MOST_CANDIDATES = 20_000
+_MOST_FOURS = 300_000
+_MOST_CANDIDATES = 10_000
 _LINEAR_SLACK = 2.0  # the prediction is linear; twice the threshold leaves room for what that costs
 _LOWEST_M, _FARTHEST_M = -20e3, 50e6
 _TRAVEL_S = 0.075  # of a signal from orbit to ground, within 0.01 s
@@ -48,7 +49,7 @@ class Measurements:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Candidates:
     """choice (m, satellites): row of `Measurements`, or -1 for skipped; state_m (m, 4), covariance_m2 (m, 4, 4) and
-    statistic (m,): NaN, NaN and zero below four signals."""
+    statistic (m,)."""
 
     choice: NDArray[np.intp]
     state_m: Reals
@@ -64,36 +65,82 @@ class Candidates:
         )
 
 
-def consistent_of_size(
-    measurements: Measurements, copies: list[NDArray[np.intp]], size: int, *, false_alarm_probability: float
-) -> Candidates:
-    """All consistent candidates with `size` satellites, the smallest statistic first; `choice` is (m, size).
+class SetSearch:
+    """Finds consistent sets among the signals of several satellites; remembers the solutions of the fours.
 
     Parameters
     ----------
     copies : per satellite, the rows of `measurements` that are its signals.
-    size : of the sets wanted, five at least.
-
-    The work is bounded. Empty without a search, if the first satellites, of which four are taken, give more than
-    300 000 combinations (beyond 12 satellites of 3 signals each: sets so small among so many signals mean nothing).
-    And of the candidates on a level the 20 000 with the smallest statistics stay: more there are only where the copies
-    of many satellites are within the noise of each other and can be exchanged.
     """
-    copies = [copies[k] for k in _spread_first(measurements, copies)]
-    skips = len(copies) - size
-    found = _root(size).take(np.zeros(1, dtype=np.bool_))
-    if skips >= 0 and set_combinations([len(c) for c in copies[: _UNKNOWNS + skips]], _UNKNOWNS) <= _MOST_QUADS:
+
+    def __init__(self, measurements: Measurements, copies: list[NDArray[np.intp]]) -> None:
+        self._measurements = measurements
+        self._copies = [copies[k] for k in _spread_first(measurements, copies)]
+        self._fours: dict[int, Candidates] = {}
+
+    def of_size(self, size: int, free: NDArray[np.bool_], *, false_alarm_probability: float) -> Candidates:
+        """All consistent candidates of `size` satellites, the smallest statistic first; `choice` is (m, size).
+
+        Parameters
+        ----------
+        size : five at least.
+        free : (n,) which of the measurements may be used.
+
+        The work is bounded. Nothing is found if the first satellites, of which four are taken, give more than 300 000
+        combinations (beyond 12 satellites of 3 signals each: sets so small among so many signals mean nothing). And of
+        the candidates on a level the 10 000 with the smallest statistics stay: more there are only where the copies of
+        many satellites are within the noise of each other and can be exchanged.
+        """
+        n = len(self._copies)
+        if sum(bool(free[rows].any()) for rows in self._copies) < size:
+            return _nothing(size)
+        skips = n - size
+        first = [int(free[rows].sum()) for rows in self._copies[: _UNKNOWNS + skips]]
         limit = float(chi_square_threshold(false_alarm_probability, size - _UNKNOWNS))
-        found = _search(measurements, copies, skips, limit)
+        found = _nothing(n)
+        if set_combinations(first, _UNKNOWNS) <= _MOST_FOURS:
+            for level in range(_UNKNOWNS - 1, n):
+                found = self._extended(found, level, skips, free, limit)
+                if level - (_UNKNOWNS - 1) <= skips:
+                    fours = self._fours_up_to(level)
+                    found = _joined(found, fours.take(np.all((fours.choice < 0) | free[fours.choice], axis=1)))
         found = found.take((found.choice >= 0).sum(axis=1) == size)
         found = found.take(plausible(found.state_m[:, :3]))
         found = found.take(np.argsort(found.statistic, kind="stable"))
-    return Candidates(
-        choice=found.choice[found.choice >= 0].reshape(-1, size),
-        state_m=found.state_m,
-        covariance_m2=found.covariance_m2,
-        statistic=found.statistic,
-    )
+        return Candidates(
+            choice=found.choice[found.choice >= 0].reshape(-1, size),
+            state_m=found.state_m,
+            covariance_m2=found.covariance_m2,
+            statistic=found.statistic,
+        )
+
+    def _extended(
+        self, candidates: Candidates, level: int, skips: int, free: NDArray[np.bool_], limit: float
+    ) -> Candidates:
+        """The candidates with each free signal of the satellite at `level`, where it fits, and with none of them."""
+        signals = self._copies[level][free[self._copies[level]]]
+        skipped = candidates.take((candidates.choice[:, : level + 1] < 0).sum(axis=1) <= skips)
+        parents = len(candidates.statistic)
+        children = candidates.take(np.repeat(np.arange(parents), signals.size))
+        children.choice[:, level] = np.tile(signals, parents)  # `take` by index has made a copy
+        return _joined(skipped, _one_more(self._measurements, children, level, limit))
+
+    def _fours_up_to(self, level: int) -> Candidates:
+        """All fours whose last satellite is at `level`: both solutions of each, unless nowhere near the Earth."""
+        if level not in self._fours:
+            table = np.full((level + 1, max(map(len, self._copies))), -1)
+            for k, rows in enumerate(self._copies[: level + 1]):
+                table[k, : rows.size] = rows
+            sats = np.array([(*three, level) for three in combinations(range(level), 3)])
+            picks = np.stack(np.meshgrid(*[np.arange(table.shape[1])] * _UNKNOWNS, indexing="ij"), axis=-1).reshape(
+                -1, 4
+            )
+            rows = table[sats[:, None, :], picks[None, :, :]].reshape(-1, _UNKNOWNS)
+            choice = np.full((len(rows), len(self._copies)), -1)
+            np.put_along_axis(choice, np.repeat(sats, len(picks), axis=0), rows, axis=1)
+            real = np.all(rows >= 0, axis=1)
+            self._fours[level] = _solved_fours(self._measurements, choice[real], rows[real])
+        return self._fours[level]
 
 
 def solve(measurements: Measurements, choice: NDArray[np.intp], start_m: Reals, *, rounds: int = 1) -> Candidates:
@@ -140,47 +187,23 @@ def innovation(
     return measurements.range_m[rows] - predicted_m, variance_m2
 
 
-def plausible(position_ecef_m: Reals, slack_m: Reals | float = 0.0) -> NDArray[np.bool_]:
+def plausible(position_ecef_m: Reals) -> NDArray[np.bool_]:
     """Not deeper than 20 km, nor more than 50 000 km from the Earth's centre: a spoofer may show a strange place."""
     _, _, height_m = geodetic_from_ecef(position_ecef_m)
-    far_m = np.linalg.norm(position_ecef_m, axis=-1)
-    return np.asarray((height_m >= _LOWEST_M - slack_m) & (far_m <= _FARTHEST_M + slack_m))
+    return np.asarray((height_m >= _LOWEST_M) & (np.linalg.norm(position_ecef_m, axis=-1) <= _FARTHEST_M))
 
 
-def _search(measurements: Measurements, copies: list[NDArray[np.intp]], skips: int, limit: float) -> Candidates:
-    """All candidates with at most `skips` satellites left out and a statistic that is not beyond `limit`."""
-    candidates = _root(len(copies))
-    for level, signals in enumerate(copies):
-        options = np.append(signals, -1)
-        parents = len(candidates.statistic)
-        children = candidates.take(np.repeat(np.arange(parents), options.size))
-        children.choice[:, level] = np.tile(options, parents)  # `take` by index has made a copy
-        left_out = (children.choice[:, : level + 1] < 0).sum(axis=1)
-        children = children.take(left_out <= skips)
-        members = (children.choice >= 0).sum(axis=1)
-        new = children.choice[:, level] >= 0
-        candidates = _joined(
-            children.take(~new | (members < _UNKNOWNS)),
-            _first_four(measurements, children.take(new & (members == _UNKNOWNS))),
-            _one_more(measurements, children.take(new & (members > _UNKNOWNS)), level, limit),
-        )
-    return candidates
-
-
-def _first_four(measurements: Measurements, candidates: Candidates) -> Candidates:
-    """Both closed-form solutions of each four, solved with the atmosphere; those nowhere near the Earth dropped."""
-    rows = candidates.choice[candidates.choice >= 0].reshape(-1, _UNKNOWNS)
-    starts = _bancroft(measurements.satellite_ecef_m[rows], measurements.range_m[rows])  # (m, 2, 4)
-    candidates = candidates.take(np.repeat(np.arange(len(rows)), 2))
-    rows, start = np.repeat(rows, 2, axis=0), starts.reshape(-1, _UNKNOWNS)
-    near = plausible(start[:, :3], 500e3)  # closed form and a poor geometry; NaN is nowhere
+def _solved_fours(measurements: Measurements, choice: NDArray[np.intp], rows: NDArray[np.intp]) -> Candidates:
+    start = _bancroft(measurements.satellite_ecef_m[rows], measurements.range_m[rows]).reshape(-1, _UNKNOWNS)
+    choice, rows = np.repeat(choice, 2, axis=0), np.repeat(rows, 2, axis=0)
+    near = _roughly_plausible(start, 500e3)  # closed form and a poor geometry; NaN is nowhere
     solved = solve(measurements, rows[near], start[near])
     kept = _plausible_within_sigma(solved)
     return Candidates(
-        choice=candidates.choice[near][kept],
+        choice=choice[near][kept],
         state_m=solved.state_m[kept],
         covariance_m2=solved.covariance_m2[kept],
-        statistic=np.zeros(int(kept.sum())),
+        statistic=np.zeros(int(kept.sum())),  # four always fit
     )
 
 
@@ -204,7 +227,14 @@ def _one_more(measurements: Measurements, candidates: Candidates, level: int, li
 def _plausible_within_sigma(solved: Candidates) -> NDArray[np.bool_]:
     """Of few signals in poor geometry the place is only roughly known: ten sigma are allowed."""
     spread_m2 = np.trace(solved.covariance_m2[:, :3, :3], axis1=-2, axis2=-1)
-    return plausible(solved.state_m[:, :3], 10.0 * np.sqrt(spread_m2))
+    return _roughly_plausible(solved.state_m, 10.0 * np.sqrt(spread_m2))
+
+
+def _roughly_plausible(state_m: Reals, slack_m: Reals | float) -> NDArray[np.bool_]:
+    """As `plausible`, with the smallest radius of the Earth for its surface."""
+    centre_m = np.linalg.norm(state_m[:, :3], axis=-1)
+    polar_m = WGS84_A_M * (1.0 - WGS84_F)
+    return np.asarray((centre_m >= polar_m + _LOWEST_M - slack_m) & (centre_m <= _FARTHEST_M + slack_m))
 
 
 def _atmosphere(measurements: Measurements, state_m: Reals, turned_ecef_m: Reals) -> tuple[Reals, Reals]:
@@ -266,12 +296,12 @@ def _spread_first(measurements: Measurements, copies: list[NDArray[np.intp]]) ->
     return order
 
 
-def _root(n_satellites: int) -> Candidates:
+def _nothing(n_satellites: int) -> Candidates:
     return Candidates(
-        choice=np.full((1, n_satellites), -1, dtype=np.intp),
-        state_m=np.full((1, _UNKNOWNS), np.nan),
-        covariance_m2=np.full((1, _UNKNOWNS, _UNKNOWNS), np.nan),
-        statistic=np.zeros(1),
+        choice=np.empty((0, n_satellites), dtype=np.intp),
+        state_m=np.empty((0, _UNKNOWNS)),
+        covariance_m2=np.empty((0, _UNKNOWNS, _UNKNOWNS)),
+        statistic=np.empty(0),
     )
 
 

@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import corrected_ranges
-from skyproof.navigation.search import Candidates, Measurements, consistent_of_size, innovation, plausible, solve
+from skyproof.navigation.search import Candidates, Measurements, SetSearch, innovation, plausible, solve
 from skyproof.navigation.window import WindowMean, window_mean
 from skyproof.records import ConsistentSet, NavigationData, Observations, Reals, SignalId
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
@@ -35,7 +35,8 @@ def consistent_sets(
     """Disjoint sets of signals, at most one a satellite in each, that fit one position and clock; largest first.
 
     The largest consistent set is found (of several the one with the smallest statistic), its signals are taken out,
-    and so on. Then every satellite's signals are dealt out anew among the sets by the
+    and so on. A set within the noise of an earlier one, in position and clock, is the same sky tracked twice and is not
+    reported (see `members`). Then every satellite's signals are dealt out anew among the sets by the
     likelihood of each beside the others of a set: the first set may have taken a signal that fits it by chance, or the
     wrong one of two that are within the noise of each other, while the right one was another set's.
 
@@ -58,17 +59,23 @@ def consistent_sets(
     if min_satellites < 5:
         raise ValueError(f"min_satellites is {min_satellites}: four signals always fit one position, take 5 or more")
     mean, measurements, usable = _measurements(window, navigation, multipath_sigma_m, ionosphere_share, min_share)
-    found: list[Candidates] = []
+    copies = list(_by_satellite(mean.signals, usable).values())
+    if len(copies) < min_satellites:
+        return ()
+    search = SetSearch(measurements, copies)
     free = usable.copy()
-    for size in range(len(_by_satellite(mean.signals, free)), min_satellites - 1, -1):
-        copies = list(_by_satellite(mean.signals, free).values())
-        if len(copies) < size:
-            continue
-        candidates = consistent_of_size(measurements, copies, size, false_alarm_probability=false_alarm_probability)
+    found: list[Candidates] = []
+    size = len(copies)
+    while size >= min_satellites and len(found) < max_sets:
+        candidates = search.of_size(size, free, false_alarm_probability=false_alarm_probability)
+        if not candidates.choice.size:
+            size -= 1
         for k, rows in enumerate(candidates.choice):
             if free[rows].all() and len(found) < max_sets:
-                found.append(solve(measurements, rows[None, :], candidates.state_m[k : k + 1], rounds=2))
                 free[rows] = False
+                candidate = solve(measurements, rows[None, :], candidates.state_m[k : k + 1], rounds=2)
+                if not any(_same_sky(candidate, other, false_alarm_probability) for other in found):
+                    found.append(candidate)
     found = _dealt_anew(measurements, mean.signals, found, false_alarm_probability, min_satellites)
     found.sort(key=lambda candidate: (-candidate.choice.size, candidate.statistic[0]))
     return tuple(_record(window.receiver, mean, candidate) for candidate in found)
@@ -130,6 +137,14 @@ def _measurements(
 def _by_satellite(signals: tuple[SignalId, ...], free: NDArray[np.bool_]) -> dict[str, NDArray[np.intp]]:
     sats = sorted({signals[k].sat for k in np.flatnonzero(free)})
     return {sat: np.array([k for k in np.flatnonzero(free) if signals[k].sat == sat]) for sat in sats}
+
+
+def _same_sky(one: Candidates, other: Candidates, false_alarm_probability: float) -> bool:
+    """Whether two disjoint sets' positions and clocks differ by no more than their covariances explain."""
+    difference_m = one.state_m[0] - other.state_m[0]
+    covariance_m2 = one.covariance_m2[0] + other.covariance_m2[0]
+    distance = difference_m @ np.linalg.solve(covariance_m2, difference_m)
+    return bool(distance <= chi_square_threshold(false_alarm_probability, 4))
 
 
 def _dealt_anew(

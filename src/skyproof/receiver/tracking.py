@@ -217,8 +217,7 @@ class Receiver:
             for channel, loop in zip(state.channels, state.loops, strict=True):
                 centre = self._bin(loop[k.FREQUENCY] - self.if_hz)
                 bins.setdefault(channel.sat, set()).update(range(centre - reach, centre + reach + 1))
-            grids = {sat: np.array(sorted(b), dtype=np.float64) for sat, b in bins.items()}
-            return {sat: step_hz * grid for sat, grid in grids.items()}
+            return {sat: np.array([step_hz * b for b in sorted(numbers)]) for sat, numbers in bins.items()}
         return {}
 
     def _known(self, state: ReceiverState, sat: str, begin: int) -> Sequence[tuple[float, float]]:

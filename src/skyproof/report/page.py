@@ -13,7 +13,14 @@ from markupsafe import Markup
 
 from skyproof.report import pictures as draw
 from skyproof.report.pictures import FixTrack, SignalSeries, SkyPosition, SkySource
-from skyproof.report.words import chance_words, instant_words, rate_words, seconds_words
+from skyproof.report.words import (
+    chance_words,
+    instant_words,
+    p_value_words,
+    rate_words,
+    seconds_words,
+    span_words,
+)
 from skyproof.verdict import Method, Place, Verdict
 
 __all__ = ["FixTrack", "Pictures", "SignalSeries", "SkyPosition", "report_html"]
@@ -95,7 +102,7 @@ def how_sure(verdict: Verdict) -> list[str]:
 
 def _by_chance(decision: str | None, p_value: float) -> str:
     otherwise = "were the signals false" if decision == "authentic" else "in a clean sky"
-    return f"{otherwise}, chance alone gives as much {chance_words(p_value)} (p = {p_value:.2g})."
+    return f"{otherwise}, chance alone gives as much {chance_words(p_value)} ({p_value_words(p_value)})."
 
 
 def _words_of_test(method: Method) -> list[str]:
@@ -184,8 +191,8 @@ def _lines(settings: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     return lines
 
 
-def _fixed(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
+def _fixed(value: float | None, digits: int) -> str | None:
+    return None if value is None else f"{value:.{digits}f}"
 
 
 def _environment() -> Environment:
@@ -197,7 +204,9 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"fixed": _fixed, "instant": instant_words, "seconds": seconds_words}
+    environment.filters |= {"fixed": _fixed, "instant": instant_words, "p_value": p_value_words,
+                            "seconds": seconds_words}  # fmt: skip
+    environment.globals["span"] = span_words
     return environment
 
 

@@ -1,7 +1,7 @@
 """Records to SVG: the map, the time line, the sky and the scale of evidence, drawn by hand for one offline page.
 
-Every picture is 360 units wide, so that it can be read on a telephone; colours, fonts and the dark and printed looks come
-from the page's style sheet through the classes set here. The same input gives the same characters. Text is escaped.
+Every picture is 360 units wide, so that it can be read on a telephone; colours, fonts and the dark and printed looks
+come from the page's style sheet through the classes set here. Same input, same characters. Text is escaped.
 """
 
 import math
@@ -17,8 +17,8 @@ from skyproof.records import Reals, freeze
 from skyproof.verdict import Label
 
 __all__ = [
-    "FixTrack", "Kind", "SignalSeries", "SkyPosition", "SkySource", "evidence_scale", "local_map", "nice_ticks", "sky_plot",
-    "thin", "time_line",
+    "LABELS", "FixTrack", "Kind", "SignalSeries", "SkyPosition", "SkySource", "evidence_scale", "extent_m", "local_map",
+    "nice_ticks", "sky_plot", "thin", "time_line",
 ]  # fmt: skip
 
 Kind = Literal["trusted", "false", "unprotected"]
@@ -334,8 +334,9 @@ def time_line(
     parts.append(_line(left, bottom, right, bottom, "frame"))
     if onset_s is not None and time.low <= onset_s <= time.high:
         x = time(onset_s)
-        parts.append(_line(x, top - 4.0, x, bottom, "onset"))
-        parts.append(_text(min(max(x, left + 24.0), right - 24.0), top - 8.0, "onset", anchor="middle", css="name false"))
+        parts += [_line(x, top - 4.0, x, bottom, "onset"),
+                  _text(min(max(x, left + 20.0), right - 20.0), top - 8.0, "onset", anchor="middle",
+                        css="name false")]  # fmt: skip
     return _svg(bottom + 38.0, title, parts)
 
 
@@ -343,7 +344,7 @@ def time_line(
 
 
 def sky_plot(positions: Sequence[SkyPosition], sources: Sequence[SkySource] = (), *, title: str) -> Markup:
-    """Satellites by azimuth and elevation, north up and east right, each a disc in the colours of its signals' labels."""
+    """Satellites by azimuth and elevation, north up, east right, each a disc in the colours of its signals' labels."""
     if not positions:
         return Markup("")
     x0, y0, radius = WIDTH / 2.0, 148.0, 124.0
@@ -387,11 +388,8 @@ def _disc(x: float, y: float, radius: float, labels: Sequence[Label]) -> list[Ma
     slices = []
     for label, start, end in zip(labels, edges, edges[1:], strict=False):
         corners = [(x + radius * math.cos(angle), y - radius * math.sin(angle)) for angle in (start, end)]
-        slices.append(
-            Markup('<path class="disc {}" d="M{:.1f} {:.1f}L{:.1f} {:.1f}A{r:.1f} {r:.1f} 0 0 0 {:.1f} {:.1f}z"/>').format(
-                label, x, y, *corners[0], *corners[1], r=radius
-            )
-        )
+        shape = Markup('<path class="disc {}" d="M{:.1f} {:.1f}L{:.1f} {:.1f}A{r:.1f} {r:.1f} 0 0 0 {:.1f} {:.1f}z"/>')
+        slices.append(shape.format(label, x, y, *corners[0], *corners[1], r=radius))
     return slices
 
 
@@ -410,8 +408,9 @@ def evidence_scale(statistic: float, threshold: float, *, title: str) -> Markup:
              _text(scale(0.0), y - 13.0, "threshold", anchor="middle", css="small")]  # fmt: skip
     for tick in (0.01, 0.1, 1.0, 10.0, 100.0):
         edge = "≤ " if tick == least else "≥ " if tick == most else ""
-        parts += [_line(scale(math.log10(tick)), y - 3.0, scale(math.log10(tick)), y + 3.0, "frame"),
-                  _text(scale(math.log10(tick)), y + 18.0, f"{edge}{tick:g}", anchor="middle", css="small")]  # fmt: skip
+        at = scale(math.log10(tick))
+        parts += [_line(at, y - 3.0, at, y + 3.0, "frame"),
+                  _text(at, y + 18.0, f"{edge}{tick:g}", anchor="middle", css="small")]  # fmt: skip
     parts.append(_circle(x, y, 5.0, "mark statistic"))
     parts.append(_text((left + right) / 2.0, y + 33.0, "statistic divided by threshold (no unit)", anchor="middle",
                        css="small axis"))  # fmt: skip

@@ -2,25 +2,28 @@
 
 import math
 
-__all__ = ["chance_words", "instant_words", "rate_words", "seconds_words"]
+__all__ = ["chance_words", "instant_words", "p_value_words", "rate_words", "seconds_words", "span_words"]
 
-_SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_LEAST = 1e-300  # below this a float64 soon holds nothing; said as "practically never"
+
+
+def _power(exponent: int) -> str:
+    return "10" + str(exponent).translate(_SUPERSCRIPTS)
 
 
 def _count(number: float) -> str:
-    """A large number, cut to one figure: 3 000, 10⁹."""
-    if not math.isfinite(number):  # the inverse of a denormal
-        return "10³⁰⁰"
+    """A number of at least one, cut to one figure: 3 000, 7·10⁸."""
     power = math.floor(math.log10(number) + 1e-9)
+    figure = math.floor(number / 10.0**power + 1e-9)
     if power >= 7:
-        return "10" + str(power).translate(_SUPERSCRIPTS)
-    size = 10**power
-    return f"{int(number / size + 1e-9) * size:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
+        return f"{figure}·{_power(power)}" if figure > 1 else _power(power)
+    return f"{figure * 10**power:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
 
 
 def chance_words(probability: float) -> str:
     """How often something of this probability happens; rare things are told a little more often than they are."""
-    if probability < 1e-300:
+    if probability < _LEAST:
         return "practically never"
     if probability >= 0.01:
         percent = 100.0 * probability
@@ -28,16 +31,37 @@ def chance_words(probability: float) -> str:
     return f"once in {_count(1.0 / probability)} cases"
 
 
+def p_value_words(p_value: float) -> str:
+    """A p-value to two figures: p = 0.33, p = 1.3·10⁻⁹, p < 10⁻³⁰⁰."""
+    if p_value < _LEAST:
+        return f"p < {_power(-300)}"
+    if p_value >= 1e-3:
+        return f"p = {p_value:.2g}"
+    figures, exponent = f"{p_value:.1e}".split("e")
+    return f"p = {figures}·{_power(int(exponent))}"
+
+
 def rate_words(probability_per_hour: float) -> str:
     """How often something of this probability per hour happens."""
-    if probability_per_hour < 1e-300:
+    if probability_per_hour < _LEAST:
         return "practically never"
-    return f"once in {_count(1.0 / probability_per_hour)} hours" if probability_per_hour < 1.0 else "every hour"
+    return f"once in {_count(1.0 / probability_per_hour)} hours" if probability_per_hour <= 0.5 else "every hour"
 
 
 def instant_words(gpst: str | None) -> str:
-    """An instant of the verdict as a person writes it: date, space, time."""
-    return "unknown" if gpst is None else gpst.replace("T", " ")
+    """An instant of the verdict as a person writes it: date, space, time, no idle zeros."""
+    if gpst is None:
+        return "unknown"
+    whole, _, fraction = gpst.replace("T", " ").partition(".")
+    fraction = fraction.rstrip("0")
+    return f"{whole}.{fraction}" if fraction else whole
+
+
+def span_words(first: str | None, last: str | None) -> str:
+    """A stretch of time; the date stands once if it is the same."""
+    begin, end = instant_words(first), instant_words(last)
+    same_day = first is not None and last is not None and first[:10] == last[:10]
+    return f"{begin} to {end[11:] if same_day else end}"
 
 
 def seconds_words(seconds: float) -> str:

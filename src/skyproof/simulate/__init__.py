@@ -1,1 +1,23 @@
-""
+"""Scenes to samples and measurements, with the truth. Knows no receiver and no detector: none hides its faults."""
+
+from skyproof.simulate.files import truth_of, write
+from skyproof.simulate.measurements import NoiseModel, draw, geometry_of, observations_of
+from skyproof.simulate.samples import samples_of
+from skyproof.simulate.scenario import (
+    FrontEnd,
+    Meaconer,
+    Place,
+    Receiver,
+    Scenario,
+    Sky,
+    Spoofer,
+    parse_scenario,
+    read_scenario,
+)
+from skyproof.simulate.scenes import clean, demo
+from skyproof.simulate.sky import scene_of
+
+__all__ = [
+    "FrontEnd", "Meaconer", "NoiseModel", "Place", "Receiver", "Scenario", "Sky", "Spoofer", "clean", "demo", "draw",
+    "geometry_of", "observations_of", "parse_scenario", "read_scenario", "samples_of", "scene_of", "truth_of", "write",
+]  # fmt: skip

@@ -21,6 +21,8 @@ from skyproof.simulate.sky import ReceiverSky, Scene, scene_of
 
 __all__ = ["truth_of", "write"]
 
+Reals = NDArray[np.float64]
+
 
 def write(
     scenario: Scenario, navigation: NavigationData, folder: Path, *, progress: Callable[[int, int], None] | None = None
@@ -96,6 +98,7 @@ def _signal_truths(scene: Scene, sky: ReceiverSky) -> list[dict[str, Any]]:
     authentic = {heard.id.sat: column for column, heard in enumerate(sky.signals) if heard.label == "authentic"}
     rows = []
     for column, heard in enumerate(sky.signals):
+        seen = sky.delays[column]
         ends_s = np.clip([heard.from_s, heard.until_s], start_s, end_s)
         code_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(ends_s)
         lag_m = code_m[:, column] - code_m[:, authentic[heard.id.sat]] if heard.id.sat in authentic else None
@@ -103,8 +106,8 @@ def _signal_truths(scene: Scene, sky: ReceiverSky) -> list[dict[str, Any]]:
             "sat": heard.id.sat, "copy": heard.id.copy, "label": heard.label, "source": heard.source,
             "from_gpst": iso(_later(scene, ends_s[0]), 9), "to_gpst": iso(_later(scene, ends_s[1]), 9),
             "cn0_dbhz_first_last": _rounded(sky.cn0_dbhz(ends_s)[:, column], 3),
-            "az_deg_first_last": _rounded(np.degrees(np.interp(ends_s, sky.knots_s, np.unwrap(sky.delays[column].az_rad))) % 360, 3),
-            "el_deg_first_last": _rounded(np.degrees(np.interp(ends_s, sky.knots_s, sky.delays[column].el_rad)), 3),
+            "az_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, np.unwrap(seen.az_rad)) % 360.0, 3),
+            "el_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, seen.el_rad), 3),
             "delay_to_authentic_m_first_last": None if lag_m is None else _rounded(lag_m, 4),
         })  # fmt: skip
     return rows
@@ -112,14 +115,15 @@ def _signal_truths(scene: Scene, sky: ReceiverSky) -> list[dict[str, Any]]:
 
 def _attack_truth(scene: Scene, number: int) -> dict[str, Any]:
     scenario, attack = scene.scenario, scene.scenario.attacks[number]
+    name = scenario.attack_names[number]
     return {
-        "name": scenario.attack_names[number],
+        "name": name,
         "kind": attack.kind,
         "transmit_antenna": _place(attack.transmit),
         "onset_gpst": iso(_later(scene, attack.onset_s), 9),
         "until_gpst": None if attack.until_s is None else iso(_later(scene, attack.until_s), 9),
         "onset_means": "first wave leaves the transmit antenna at this GPS time",
-        "sats": sorted({h.id.sat for sky in scene.skies for h in sky.signals if h.source == scenario.attack_names[number]}),
+        "sats": sorted({heard.id.sat for sky in scene.skies for heard in sky.signals if heard.source == name}),
         "captured_receiver_shows_position": _place(attack.shows),
         "captured_clock_extra_s": {
             sky.receiver.name: attack.added_delay_s + float(path_m) / SPEED_OF_LIGHT_M_S
@@ -137,7 +141,11 @@ def _later(scene: Scene, true_s: float) -> np.datetime64:
     return later
 
 
-def _rounded(values: NDArray[np.float64], digits: int) -> list[float]:
+def _degrees(at_s: Reals, knots_s: Reals, angle_rad: Reals) -> Reals:
+    return np.degrees(np.interp(at_s, knots_s, angle_rad))
+
+
+def _rounded(values: Reals, digits: int) -> list[float]:
     return [round(float(value), digits) for value in values]
 
 

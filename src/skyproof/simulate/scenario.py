@@ -180,7 +180,9 @@ class Scenario(_Model):
                 raise ValueError(f"two {what} have one name ({', '.join(names)}); give each its own")
         for index, attack in enumerate(self.attacks):
             if attack.onset_s >= self.duration_s:
-                raise ValueError(f"attacks[{index}].onset_s {attack.onset_s:g} is not before the end, {self.duration_s:g}")
+                raise ValueError(
+                    f"attacks[{index}].onset_s {attack.onset_s:g} is not before the scene's end, {self.duration_s:g}"
+                )
         return self
 
     @property

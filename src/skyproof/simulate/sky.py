@@ -98,15 +98,15 @@ class ReceiverSky:
 
     def true_minus_elapsed_s(self, elapsed_s: ArrayLike) -> Reals:
         """True time minus what the sampling clock has counted, any shape: small, so that it keeps its digits."""
-        return self.receiver.start_offset_s - np.asarray(elapsed_s, np.float64) * self._lag
+        return self.receiver.start_offset_s - np.asarray(elapsed_s, np.float64) * self.clock_drift
 
     def elapsed_at(self, true_s: ArrayLike) -> Reals:
         """What the sampling clock has counted at a true time, any shape."""
-        return np.asarray((np.asarray(true_s, np.float64) - self.receiver.start_offset_s) / (1.0 - self._lag))
+        return np.asarray((np.asarray(true_s, np.float64) - self.receiver.start_offset_s) / (1.0 - self.clock_drift))
 
     @property
-    def _lag(self) -> float:
-        """Seconds that the true time falls behind in one second of the sampling clock."""
+    def clock_drift(self) -> float:
+        """Seconds by which the sampling clock gets ahead of true time in one second of its own."""
         fast = self.receiver.lo_ppm * 1e-6
         return fast / (1.0 + fast)
 
@@ -213,7 +213,8 @@ class _Arrival:
 def _receiver_sky(scenario: Scenario, navigation: NavigationData, index: int, path_m: Reals) -> ReceiverSky:
     receiver = scenario.receivers[index]
     first_s = receiver.start_offset_s - _MARGIN_S
-    knots_s = first_s + KNOT_S * np.arange(int(np.ceil((scenario.duration_s + 2 * _MARGIN_S) / KNOT_S)) + 1)
+    n_knots = int(np.ceil((scenario.duration_s + 2 * _MARGIN_S) / KNOT_S)) + 1
+    knots_s: Reals = first_s + KNOT_S * np.arange(n_knots, dtype=np.float64)
     arrivals = _from_the_sky(scenario, navigation, receiver, knots_s)
     noises = []
     for number, attack in enumerate(scenario.attacks):

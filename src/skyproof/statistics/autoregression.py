@@ -101,8 +101,8 @@ def _lag_one_cumulative(lag: Reals, q: Reals, m: int) -> Reals:
 
 
 def _shift_range(q: Reals) -> tuple[Reals, Reals]:
-    """Smallest and largest lag-one correlation that a series can have after projection off the columns q (..., N,
-    2).""" n = q.shape[-2]
+    """Smallest and largest lag-one correlation of a series after projection off the columns q (..., N, 2)."""
+    n = q.shape[-2]
     if n > 16:  # the projection no longer matters: the range of A itself
         bound = np.asarray(np.cos(np.pi / (n + 1)))
         return -bound, bound

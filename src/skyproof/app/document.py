@@ -1,0 +1,325 @@
+"""The outcome of a run as the verdict document, in words that are never stronger than the evidence."""
+
+import importlib.metadata
+import platform as machine
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from skyproof.app.receive import Reception
+from skyproof.app.settings import Settings
+from skyproof.fusion.fuse import Decision
+from skyproof.fusion.labels import LabelledSignal
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.time import iso
+from skyproof.records import ConsistentSet, Evidence, Fix, NavigationData, Observations, Reals, SignalRef
+from skyproof.verdict import (
+    VERDICT_FORMAT,
+    Because,
+    InputFile,
+    Method,
+    Place,
+    Position,
+    Receiver,
+    Signal,
+    Verdict,
+)
+from skyproof.verdict import Source as SourceModel
+
+__all__ = ["InputNote", "Outcome", "ReceiverOutcome", "document", "versions"]
+
+DIGITS = 6  # of a second in instants
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputNote:
+    """One input as it was read."""
+
+    path: str
+    format: str
+    sha256: str | None
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReceiverOutcome:
+    """One receiver's fixes by kind; `shown` by the name of a source or of one of two open skies."""
+
+    reception: Reception
+    trusted: Fix | None = None
+    false: Fix | None = None
+    unprotected: Fix | None = None
+    shown: Mapping[str, Fix] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Outcome:
+    """Everything that a run found out."""
+
+    receivers: tuple[ReceiverOutcome, ...]
+    decision: Decision
+    evidence: tuple[Evidence, ...]
+    sets: tuple[ConsistentSet, ...]
+    navigation: NavigationData
+
+
+def document(
+    outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *, interrupted: bool = False
+) -> Verdict:
+    """The verdict document of an outcome."""
+    decision = outcome.decision
+    receivers = tuple(_receiver(r) for r in outcome.receivers)
+    onset = decision.onset
+    summary = _summary(outcome)
+    if interrupted:
+        summary = f"Interrupted; of what was read until then: {summary}"
+    return Verdict(
+        format=VERDICT_FORMAT,
+        verdict=decision.verdict,
+        summary=summary,
+        since_gpst=None if onset is None else iso(onset.gpst, DIGITS),
+        since_sigma_s=None if onset is None else onset.sigma_s,
+        until_gpst=None if decision.until is None else iso(decision.until, DIGITS),
+        false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
+        undecided_because=decision.undecided_because,
+        receivers=receivers,
+        signals=tuple(_signals(outcome)),
+        sources=tuple(_sources(outcome)),
+        methods=tuple(_methods(outcome.evidence)),
+        inputs=tuple(
+            InputFile(path=n.path, format=n.format, sha256=n.sha256, remarks=n.remarks) for n in notes
+        ),
+        settings=settings.model_dump(),
+        versions=versions(),
+    )
+
+
+def versions() -> dict[str, str]:
+    """What matters for doing the same again."""
+    names = ("skyproof", "numpy", "scipy", "numba")
+    return {name: importlib.metadata.version(name) for name in names} | {"python": machine.python_version()}
+
+
+# ---------------------------------------------------------------------- words
+
+
+def _summary(outcome: Outcome) -> str:
+    decision = outcome.decision
+    if decision.verdict == "authentic":
+        n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
+        return f"The signals of {n} satellites come from the sky; no sign of spoofing.{_kept(outcome, ' The')}"
+    if decision.verdict == "undecided":
+        return f"Not decided whether the signals are true: {decision.undecided_because}."
+    since = _since(decision)
+    if decision.sources:
+        sats = {s.signal.sat for source in decision.sources for s in source.signals}
+        n = len(decision.sources)
+        by = "one transmitter" if n == 1 else f"{n} transmitters"
+        were = "satellite was" if len(sats) == 1 else "satellites were"
+        return f"{since}{len(sats)} {were} imitated by {by}{_kept(outcome, '; the')}"
+    if decision.skies:
+        return (
+            f"{since}two or more skies are received, each consistent with a position and time of its own; "
+            "which of them is true is not decided."
+        )
+    return f"{since}signals are received that no true sky gives; which of them are true is not decided."
+
+
+def _since(decision: Decision) -> str:
+    if decision.onset is None:
+        return ""
+    clock = iso(decision.onset.gpst, 0)[11:]
+    return f"From {clock} on, " if decision.onset.sigma_s is not None else f"From the start ({clock}) on, "
+
+
+def _kept(outcome: Outcome, begin: str) -> str:
+    """How far the trusted positions can be relied on: the largest 95 % horizontal radius of the last fixes."""
+    radii = []
+    for r in outcome.receivers:
+        last = None if r.trusted is None else _last(r.trusted)
+        if r.trusted is not None and last is not None:
+            east, north, _ = _sigmas_enu_m(r.trusted, last)
+            radii.append(2.45 * float(np.sqrt(0.5 * (east**2 + north**2))))
+    if not radii:
+        return "." if begin.startswith(";") else ""
+    return f"{begin} true position is known to within {max(radii):.1f} m (95 %)."
+
+
+# ---------------------------------------------------------------------- parts
+
+
+def _receiver(r: ReceiverOutcome) -> Receiver:
+    samples = r.reception.samples
+    o = r.reception.observations
+    start = samples.start_gpst if o is None or o.gpst.size == 0 else _start(o)
+    return Receiver(
+        name=samples.name,
+        input=samples.path or samples.name,
+        start_gpst=None if start is None else iso(start, DIGITS),
+        duration_s=samples.duration_s,
+        trusted_fix=_position(r.trusted),
+        false_fix=_position(r.false),
+        unprotected_fix=_position(r.unprotected),
+    )
+
+
+def _start(o: Observations) -> np.datetime64:
+    start: np.datetime64 = o.gpst[0] - np.timedelta64(round(float(o.elapsed_s[0]) * 1e9), "ns")
+    return start
+
+
+def _last(fix: Fix) -> int | None:
+    good = np.flatnonzero(fix.status == 0)
+    return int(good[-1]) if good.size else None
+
+
+def _position(fix: Fix | None) -> Position | None:
+    last = None if fix is None else _last(fix)
+    if fix is None or last is None:
+        return None
+    place = place_of(fix.position_ecef_m[last])
+    east, north, up = _sigmas_enu_m(fix, last)
+    return Position(
+        gpst=iso(fix.gpst[last], DIGITS), lat_deg=place.lat_deg, lon_deg=place.lon_deg, height_m=place.height_m,
+        sigma_east_m=east, sigma_north_m=north, sigma_up_m=up,
+    )  # fmt: skip
+
+
+def place_of(ecef_m: Reals) -> Place:
+    """A point on the Earth in degrees."""
+    lat, lon, height = geodetic_from_ecef(ecef_m)
+    return Place(lat_deg=float(np.degrees(lat)), lon_deg=float(np.degrees(lon)), height_m=float(height))
+
+
+def _sigmas_enu_m(fix: Fix, epoch: int) -> tuple[float, float, float]:
+    lat, lon, _ = geodetic_from_ecef(fix.position_ecef_m[epoch])
+    rot = rot_enu_ecef(lat, lon)
+    variances = np.diag(rot @ fix.covariance_m2[epoch, :3, :3] @ rot.T)
+    east, north, up = (float(s) for s in np.sqrt(variances))
+    return east, north, up
+
+
+def _signals(outcome: Outcome) -> list[Signal]:
+    sources = {
+        ref: source.name
+        for source in (*outcome.decision.sources, *outcome.decision.skies)
+        for ref in source.signals
+    }
+    by_receiver = {r.reception.samples.name: r.reception.observations for r in outcome.receivers}
+    signals = []
+    for s in outcome.decision.labels:
+        o = by_receiver[s.ref.receiver]
+        assert o is not None
+        signals.append(_signal(s, o, outcome.decision.labels, None if s.label == "authentic" else sources.get(s.ref)))
+    return signals
+
+
+def _signal(
+    s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal], source: str | None
+) -> Signal:
+    rows = slice(s.first_epoch, s.last_epoch + 1)
+    column = o.signals.index(s.ref.signal)
+    return Signal(
+        receiver=s.ref.receiver, sat=s.ref.signal.sat, band=s.ref.signal.band, code=s.ref.signal.code,
+        copy=s.ref.signal.copy, label=s.label, source=source,
+        from_gpst=iso(o.gpst[s.first_epoch], DIGITS), to_gpst=iso(o.gpst[s.last_epoch], DIGITS),
+        cn0_dbhz=float(np.nanmean(o.cn0_dbhz[rows, column])),
+        doppler_hz=float(np.nanmean(o.doppler_hz[rows, column])),
+        delay_to_authentic_m=_delay_m(s, o, labels),
+        because=tuple(Because(detector=name, p_value=p) for name, p in s.because),
+    )  # fmt: skip
+
+
+def _delay_m(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal]) -> float | None:
+    """Mean code delay behind the authentic signal of the same satellite, over the epochs that both have."""
+    if s.label == "authentic":
+        return 0.0
+    delays = []
+    for other in labels:
+        same = other.ref.receiver == s.ref.receiver and other.ref.signal.sat == s.ref.signal.sat
+        if same and other.label == "authentic":
+            first = max(s.first_epoch, other.first_epoch)
+            rows = slice(first, max(min(s.last_epoch, other.last_epoch) + 1, first))
+            a, b = o.signals.index(s.ref.signal), o.signals.index(other.ref.signal)
+            delays.append(o.pseudorange_m[rows, a] - o.pseudorange_m[rows, b])
+    together = np.concatenate(delays) if delays else np.empty(0)
+    together = together[np.isfinite(together)]
+    return float(np.mean(together)) if together.size else None
+
+
+def _sources(outcome: Outcome) -> list[SourceModel]:
+    decided = bool(outcome.decision.sources)
+    models = []
+    for source in outcome.decision.sources or outcome.decision.skies:
+        fixes = [r.shown[source.name] for r in outcome.receivers if source.name in r.shown]
+        places = [fix.position_ecef_m[_last(fix)] for fix in fixes if _last(fix) is not None]
+        models.append(
+            SourceModel(
+                name=source.name,
+                kind="one antenna" if decided else "a consistent sky; whether the true one is not decided",
+                sats=tuple(sorted({ref.signal.sat for ref in source.signals})),
+                azimuth_deg=None, elevation_deg=None, direction_sigma_deg=None,
+                shows=place_of(places[0]) if places else None,
+                time_offset_s=_time_offset_s(source.name, outcome),
+            )
+        )
+    return models
+
+
+def _time_offset_s(name: str, outcome: Outcome) -> float | None:
+    """How late the signals of a source are, by the first receiver that tells: its clock bias from them minus that from
+    authentic ones; while it is open which those are, from the sky that arrives first.
+    """
+    for r in outcome.receivers:
+        if name not in r.shown:
+            continue
+        reference = [r.trusted] if r.trusted is not None else list(r.shown.values())
+        offsets = [_median_difference_s(r.shown[name], other) for other in reference]
+        known = [offset for offset in offsets if offset is not None]
+        if known:
+            return max(known) if r.trusted is None else known[0]
+    return None
+
+
+def _median_difference_s(a: Fix, b: Fix) -> float | None:
+    difference = a.clock_bias_s - b.clock_bias_s
+    difference = difference[np.isfinite(difference)]
+    return float(np.median(difference)) if difference.size else None
+
+
+STRENGTH = ("undecided", "clean", "authentic", "attack", "spoofed")
+
+
+def _methods(evidence: Sequence[Evidence]) -> list[Method]:
+    methods = []
+    for name in sorted({e.detector for e in evidence}):
+        own = [e for e in evidence if e.detector == name]
+        ran = [e for e in own if e.p_value is not None]
+        decision = max((e.says for e in own), key=STRENGTH.index)
+        telling = min((e for e in ran if e.says == decision), key=_p, default=min(ran, key=_p, default=None))
+        needs = [e for e in own if e.says == "undecided"]
+        methods.append(
+            Method(
+                detector=name,
+                ran=bool(ran) or any(e.would_need is None for e in own),
+                why_not=None if ran or not needs else needs[0].because,
+                would_need=needs[0].would_need if needs and decision in ("undecided", "clean", "attack") else None,
+                decision=decision if ran else None,
+                tests=len(ran),
+                statistic=None if telling is None else telling.statistic,
+                threshold=None if telling is None else telling.threshold,
+                p_value=None if telling is None else telling.p_value,
+                false_alarm_probability=own[0].false_alarm_probability,
+            )
+        )
+    return methods
+
+
+def _p(evidence: Evidence) -> float:
+    return 1.0 if evidence.p_value is None else evidence.p_value
+
+
+def refs_of(outcome: Outcome, label: str) -> set[SignalRef]:
+    """All signals that carry a label at any time."""
+    return {s.ref for s in outcome.decision.labels if s.label == label}

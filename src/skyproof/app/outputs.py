@@ -1,0 +1,301 @@
+"""Everything that a run writes into its folder."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skyproof.app.document import Outcome, ReceiverOutcome, place_of, versions
+from skyproof.app.progress import Progress
+from skyproof.app.settings import Settings
+from skyproof.errors import OutputError
+from skyproof.formats.kml import write_kml
+from skyproof.formats.nmea import nmea_sentences, write_nmea
+from skyproof.formats.place import write_lines
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.formats.rinex_obs import write_obs
+from skyproof.formats.tables import fixes_columns, write_table
+from skyproof.formats.verdict import write_verdict
+from skyproof.fusion.labels import LabelledSignal
+from skyproof.fusion.trusted import labelled
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.time import iso, seconds_between
+from skyproof.records import CELL_STATUS, Evidence, Fix, Observations, SignalId
+from skyproof.report.page import Pictures, report_html
+from skyproof.report.pictures import FixTrack, SignalSeries, SkyPosition
+from skyproof.verdict import Verdict
+
+__all__ = ["check_folder", "write_outputs"]
+
+
+def check_folder(folder: Path) -> None:
+    """Make the folder and try to write in it, before the long work and not after it. Raises OutputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".skyproof-probe"
+        probe.write_bytes(b"")
+        probe.unlink()
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: cannot be written: {error.strerror}; name a folder that can with --out"
+        ) from error
+
+
+def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> None:
+    """Write the verdict first, then tables, RINEX, tracks and the report."""
+    with progress.stage("writing outputs", 5) as stage:
+        write_verdict(folder / "verdict.json", verdict)
+        write_lines(folder / "settings.toml", _settings_lines(settings))
+        stage.advance(1)
+        _write_tables(folder, outcome)
+        stage.advance(2)
+        _write_rinex(folder, outcome)
+        stage.advance(3)
+        _write_tracks(folder, outcome)
+        stage.advance(4)
+        write_lines(folder / "report.html", [report_html(verdict, _pictures(outcome))], encoding="utf-8")
+        stage.advance(5)
+
+
+def _settings_lines(settings: Settings) -> list[str]:
+    lines = [f"# the settings of this run; skyproof {versions()['skyproof']}", "[protect]"]
+    for name, value in settings.model_dump().items():
+        lines.append(f"{name} = {json.dumps(value)}" if value is not None else f"# {name} not given")
+    return lines
+
+
+def _kinds(r: ReceiverOutcome) -> list[tuple[str, Fix]]:
+    kinds = (("trusted", r.trusted), ("false", r.false), ("unprotected", r.unprotected))
+    return [(kind, fix) for kind, fix in kinds if fix is not None]
+
+
+# ---------------------------------------------------------------------- tables
+
+
+def _write_tables(folder: Path, outcome: Outcome) -> None:
+    fixes = fixes_columns([pair for r in outcome.receivers for pair in _kinds(r)])
+    write_table(folder / "fixes.csv", fixes)
+    write_table(folder / "fixes.parquet", fixes)
+    write_table(folder / "signals.parquet", _signal_columns(outcome))
+    write_table(folder / "evidence.parquet", _evidence_columns(outcome.evidence))
+
+
+def _signal_columns(outcome: Outcome) -> dict[str, Any]:
+    """One row a receiver, epoch and signal: the measurement, why it is missing, and its label."""
+    parts: list[Mapping[str, Any]] = []
+    for r in outcome.receivers:
+        o = r.reception.observations
+        if o is not None:
+            labels = _label_cells(o, outcome.decision.labels)
+            n_epochs, n_signals = o.pseudorange_m.shape
+            each = {name: np.tile([getattr(s, name) for s in o.signals], n_epochs)
+                    for name in ("sat", "band", "code", "copy")}  # fmt: skip
+            words = np.array([CELL_STATUS[code] for code in sorted(CELL_STATUS)])
+            values = {name: getattr(o, name).ravel() for name in (
+                "pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
+                "doppler_sigma_hz")}  # fmt: skip
+            parts.append(
+                {"receiver": np.repeat(o.receiver, n_epochs * n_signals), "gpst": np.repeat(o.gpst, n_signals)}
+                | each
+                | values
+                | {"status": words[o.status.ravel()], "label": labels.ravel()}
+            )
+    names = parts[0].keys() if parts else ()
+    return {name: np.concatenate([part[name] for part in parts]) for name in names}
+
+
+def _label_cells(o: Observations, labels: Sequence[LabelledSignal]) -> Any:
+    cells = np.full(o.pseudorange_m.shape, "unknown", dtype="U9")
+    for s in labels:
+        if s.ref.receiver == o.receiver:
+            cells[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)] = s.label
+    return cells
+
+
+def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
+    def numbers(name: str) -> Any:
+        return np.array([np.nan if getattr(e, name) is None else getattr(e, name) for e in evidence], np.float64)
+
+    def words(name: str) -> Any:
+        return np.array([getattr(e, name) or "" for e in evidence], dtype=str)
+
+    def instants(name: str) -> Any:
+        return np.array([getattr(e, name) for e in evidence], dtype="datetime64[ns]")
+
+    return {
+        "detector": words("detector"), "start_gpst": instants("start_gpst"), "end_gpst": instants("end_gpst"),
+        "says": words("says"), "subject": np.array([", ".join(map(str, e.subject)) for e in evidence], dtype=str),
+        "statistic": numbers("statistic"), "threshold": numbers("threshold"), "p_value": numbers("p_value"),
+        "false_alarm_probability": numbers("false_alarm_probability"),
+        "log_likelihood_ratio": numbers("log_likelihood_ratio"), "because": words("because"),
+        "would_need": words("would_need"),
+    }  # fmt: skip
+
+
+# ---------------------------------------------------------------------- RINEX, KML, NMEA
+
+
+def _write_rinex(folder: Path, outcome: Outcome) -> None:
+    if outcome.navigation.ephemerides:
+        write_nav(folder / "nav.rnx", outcome.navigation)
+    for r in outcome.receivers:
+        o = r.reception.observations
+        if o is None:
+            continue
+        place = None if r.trusted is None else _last_position(r.trusted)
+        authentic = labelled(o, outcome.decision.labels, "authentic")
+        _write_channels(folder / f"{o.receiver}-authentic.obs", authentic, "authentic", place)
+        for label, name in (("spoofed", "other"), ("unknown", "unknown")):
+            others = labelled(o, outcome.decision.labels, label)  # type: ignore[arg-type]
+            for number, signals in enumerate(_one_a_satellite(others)):
+                suffix = name if number == 0 else f"{name}-{number + 1}"
+                _write_channels(folder / f"{o.receiver}-{suffix}.obs", others, label, None, signals)
+
+
+def _one_a_satellite(o: Observations) -> list[tuple[SignalId, ...]]:
+    """The signals that were measured, dealt into groups with at most one of a satellite in each."""
+    groups: list[dict[str, SignalId]] = []
+    for column, signal in enumerate(o.signals):
+        if np.isfinite(o.pseudorange_m[:, column]).any():
+            free = next((g for g in groups if signal.sat not in g), None)
+            if free is None:
+                free = {}
+                groups.append(free)
+            free[signal.sat] = signal
+    return [tuple(g.values()) for g in groups]
+
+
+def _write_channels(
+    path: Path, o: Observations, holds: str, place: Any, signals: tuple[SignalId, ...] | None = None
+) -> None:
+    if signals is None:
+        groups = _one_a_satellite(o)
+        signals = groups[0] if groups else ()
+    if signals:
+        write_obs(
+            path, o, signals=signals, holds=holds, marker=o.receiver, version=versions()["skyproof"],
+            position_ecef_m=place,
+        )  # fmt: skip
+
+
+def _last_position(fix: Fix) -> Any:
+    good = np.flatnonzero(fix.status == 0)
+    return fix.position_ecef_m[good[-1]] if good.size else None
+
+
+def _geodetic_deg(fix: Fix) -> tuple[Any, Any, Any]:
+    lat, lon, height = geodetic_from_ecef(fix.position_ecef_m)
+    return np.degrees(lat), np.degrees(lon), height
+
+
+def _write_tracks(folder: Path, outcome: Outcome) -> None:
+    tracks = {
+        f"{r.reception.samples.name} {kind}": (fix.gpst, *_geodetic_deg(fix))
+        for r in outcome.receivers
+        for kind, fix in _kinds(r)
+    }
+    write_kml(folder / "tracks.kml", tracks)
+    first = True
+    for r in outcome.receivers:
+        if r.trusted is not None:
+            columns = fixes_columns([("trusted", r.trusted)])
+            name = "trusted.nmea" if first else f"{r.reception.samples.name}-trusted.nmea"
+            first = False
+            write_nmea(
+                folder / name,
+                nmea_sentences(
+                    columns["gpst"], columns["lat_deg"], columns["lon_deg"], columns["height_m"],
+                    columns["satellites"], sigma_east_m=columns["sigma_east_m"],
+                    sigma_north_m=columns["sigma_north_m"], sigma_up_m=columns["sigma_up_m"],
+                ),
+            )  # fmt: skip
+
+
+# ---------------------------------------------------------------------- report
+
+
+def _pictures(outcome: Outcome) -> Pictures:
+    observed = [r for r in outcome.receivers if r.reception.observations is not None]
+    if not observed:
+        return Pictures(zero_gpst="1980-01-06T00:00:00")
+    zero = min(r.reception.observations.gpst[0] for r in observed if r.reception.observations is not None)
+    onset = outcome.decision.onset
+    origin = _origin(outcome)
+    return Pictures(
+        zero_gpst=iso(zero, 3),
+        origin=None if origin is None else place_of(origin),
+        onset_s=None if onset is None or onset.sigma_s is None else float(seconds_between(onset.gpst, zero)),
+        series=tuple(s for r in observed for s in _series(r.reception.observations, outcome, zero)),
+        tracks=() if origin is None else tuple(t for r in observed for t in _tracks(r, origin)),
+        sky=tuple(p for r in observed for p in _sky(r, outcome)),
+    )
+
+
+def _origin(outcome: Outcome) -> Any:
+    """The first trusted place; without one, the first of any kind."""
+    for kind in ("trusted", "unprotected", "false"):
+        for r in outcome.receivers:
+            fix = getattr(r, kind)
+            place = None if fix is None else _last_position(fix)
+            if place is not None:
+                return place
+    return None
+
+
+def _series(o: Observations | None, outcome: Outcome, zero: np.datetime64) -> list[SignalSeries]:
+    assert o is not None
+    series = []
+    for s in outcome.decision.labels:
+        if s.ref.receiver == o.receiver:
+            rows = slice(s.first_epoch, s.last_epoch + 1)
+            series.append(
+                SignalSeries(
+                    receiver=o.receiver, signal=str(s.ref.signal), label=s.label,
+                    seconds=np.asarray(seconds_between(o.gpst[rows], zero), np.float64),
+                    cn0_dbhz=o.cn0_dbhz[rows, o.signals.index(s.ref.signal)],
+                )
+            )
+    return series
+
+
+def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
+    lat, lon, _ = geodetic_from_ecef(origin)
+    rot = rot_enu_ecef(lat, lon)
+    tracks = []
+    for kind, fix in _kinds(r):
+        good = np.flatnonzero(fix.status == 0)
+        if good.size:
+            enu = (fix.position_ecef_m - origin) @ rot.T
+            covariance = (rot @ fix.covariance_m2[good[-1], :3, :3] @ rot.T)[:2, :2]
+            tracks.append(
+                FixTrack(
+                    receiver=r.reception.samples.name, kind=kind, east_m=enu[:, 0], north_m=enu[:, 1],  # type: ignore[arg-type]
+                    covariance_m2=covariance,
+                )
+            )
+    return tracks
+
+
+def _sky(r: ReceiverOutcome, outcome: Outcome) -> list[SkyPosition]:
+    o = r.reception.observations
+    fix = r.trusted or r.unprotected
+    place = None if fix is None else _last_position(fix)
+    if o is None or place is None:
+        return []
+    positions = []
+    for s in outcome.decision.labels:
+        ephemeris = outcome.navigation.best(s.ref.signal.sat, o.gpst[s.last_epoch])
+        if s.ref.receiver == o.receiver and ephemeris is not None:
+            state = satellite_state(ephemeris, o.gpst[s.last_epoch])
+            azimuth, elevation = azimuth_elevation(place, state.position_ecef_m)
+            positions.append(
+                SkyPosition(
+                    receiver=o.receiver, signal=str(s.ref.signal), label=s.label,
+                    azimuth_deg=float(np.degrees(azimuth)) % 360.0, elevation_deg=float(np.degrees(elevation)),
+                )
+            )
+    return positions

@@ -1,0 +1,185 @@
+"""The main job: recordings in, spoofed signals named, the true position out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skyproof.app.document import InputNote, Outcome, ReceiverOutcome, document
+from skyproof.app.outputs import check_folder, write_outputs
+from skyproof.app.progress import Progress, Silent
+from skyproof.app.receive import Reception, first_copies, nothing_heard, observe, open_inputs, overlap_s, track
+from skyproof.app.settings import Settings, resolve_settings
+from skyproof.app.windows import detectors_for, examine, window_records
+from skyproof.errors import InputError
+from skyproof.formats.raw import sha256
+from skyproof.formats.rinex_nav import read_nav
+from skyproof.fusion.fuse import Decision, fuse
+from skyproof.fusion.trusted import fix_of, labelled, only
+from skyproof.gnss.time import iso
+from skyproof.navigation.smooth import smooth
+from skyproof.records import Evidence, Fix, NavigationData, Observations, Records
+from skyproof.verdict import Verdict
+
+__all__ = ["ProtectResult", "protect"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ProtectResult:
+    """What `protect` gives: the verdict, the folder with all outputs, and whether Ctrl-C ended it early.
+
+    outcome : everything behind the verdict, for a notebook: observations, evidence, fixes, labels.
+    """
+
+    verdict: Verdict
+    outcome: Outcome
+    folder: Path | None = None
+    interrupted: bool = False
+
+
+def protect(
+    inputs: Sequence[str | Path],
+    *,
+    nav: str | Path | None = None,
+    platform: str | Path | None = None,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> ProtectResult:
+    """Tell true signals from false ones in the recordings of one or several receivers.
+
+    Parameters
+    ----------
+    inputs : recordings, each with its sidecar NAME.toml; one a receiver.
+    nav : RINEX navigation file; without one the orbits come from the signals.
+    platform : TOML file with a table [protect] of settings.
+    out : folder for the outputs, made if absent; None writes nothing.
+    options : any field of `Settings`; None means not given.
+
+    Raises
+    ------
+    SkyproofError : an input, option or folder that cannot be used; says what to do.
+    """
+    progress = progress or Silent()
+    settings = resolve_settings(None if platform is None else Path(platform), **options)
+    if out is not None:
+        check_folder(Path(out))
+    recordings = open_inputs([Path(p) for p in inputs], settings)
+    navigation = None if nav is None else read_nav(Path(nav))
+    if navigation is not None:
+        for samples in recordings:
+            if samples.start_gpst is not None:
+                _same_day(navigation, samples.start_gpst, samples.path)
+    trackers, interrupted = track(recordings, settings, progress)
+    for tracker in trackers:
+        if not tracker.arcs and not interrupted:
+            raise nothing_heard(tracker.samples)
+    receptions = [observe(tracker, navigation) for tracker in trackers]
+    _same_time([r.observations for r in receptions if r.observations is not None], receptions)
+    outcome = judge(receptions, navigation, settings, progress)
+    notes = [_note(r, progress) for r in receptions]
+    if nav is not None:
+        notes.append(InputNote(path=str(nav), format="RINEX navigation", sha256=sha256(nav), remarks=_told(navigation)))
+    verdict = document(outcome, notes, settings, interrupted=interrupted)
+    if out is not None:
+        write_outputs(Path(out), verdict, outcome, settings, progress)
+    return ProtectResult(
+        verdict=verdict, outcome=outcome, folder=None if out is None else Path(out), interrupted=interrupted
+    )
+
+
+def judge(
+    receptions: Sequence[Reception], navigation: NavigationData | None, settings: Settings, progress: Progress
+) -> Outcome:
+    """Windows, evidence, decision and fixes from what the receivers heard."""
+    orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
+    observed = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
+    windows: list[Records] = []
+    evidence: list[Evidence] = []
+    if observed and orbits.ephemerides:
+        if navigation is not None:
+            _same_day(navigation, observed[0].gpst[0], receptions[0].samples.path)
+        windows = window_records(observed, orbits, settings, progress)
+        evidence = examine(windows, detectors_for(settings))
+    sets = [s for w in windows for s in w.sets]
+    decision = fuse(evidence, observed, sets)
+    outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
+    return Outcome(
+        receivers=tuple(outcomes), decision=decision, evidence=tuple(evidence), sets=tuple(sets), navigation=orbits
+    )  # fmt: skip
+
+
+def _receiver_outcome(
+    reception: Reception, decision: Decision, orbits: NavigationData, settings: Settings
+) -> ReceiverOutcome:
+    o = reception.observations
+    if o is None or not orbits.ephemerides:
+        return ReceiverOutcome(reception=reception)
+    smoothed = smooth(o, window_s=settings.smoothing_s)
+
+    def fixed(part: Observations) -> Fix | None:
+        return fix_of(
+            part, orbits, multipath_sigma_m=settings.multipath_sigma_m, elevation_mask_deg=settings.elevation_mask_deg
+        )
+
+    shown = {
+        source.name: fixed(only(smoothed, [r.signal for r in source.signals if r.receiver == o.receiver]))
+        for source in (*decision.sources, *decision.skies)
+    }
+    return ReceiverOutcome(
+        reception=reception,
+        trusted=fixed(labelled(smoothed, decision.labels, "authentic")),
+        false=fixed(labelled(smoothed, decision.labels, "spoofed")),
+        unprotected=fixed(only(smoothed, first_copies(smoothed))),
+        shown={name: fix for name, fix in shown.items() if fix is not None},
+    )
+
+
+def _pooled(told: Sequence[NavigationData]) -> NavigationData:
+    """What all receivers' signals told, each data set once."""
+    sets = {(e.sat, e.week, e.toe): e for data in told for e in data.ephemerides}
+    ionosphere = next((d.ionosphere for d in told if d.ionosphere is not None), None)
+    utc = next((d.utc for d in told if d.utc is not None), None)
+    return NavigationData(
+        ephemerides=tuple(sets[key] for key in sorted(sets)), ionosphere=ionosphere, utc=utc, source="the signals"
+    )
+
+
+def _same_day(navigation: NavigationData, gpst: np.datetime64, path: str) -> None:
+    """Raise InputError if no orbit of the file holds at the recording's time."""
+    if any(navigation.best(e.sat, gpst) is not None for e in navigation.ephemerides):
+        return
+    weeks = [np.datetime64("1980-01-06", "ns") + np.timedelta64(round(e.week * 604800 + e.toe), "s")
+             for e in navigation.ephemerides]  # fmt: skip
+    raise InputError(
+        f"{navigation.source}: its orbits are for {iso(min(weeks), 0)} to {iso(max(weeks), 0)}, but {path} was "
+        f"recorded at {iso(gpst, 0)}; give the navigation file of that day, or none to take the orbits from the "
+        "signals (if the date is wrong, mend start_gpst in the sidecar)"
+    )
+
+
+def _same_time(observed: Sequence[Observations], receptions: Sequence[Reception]) -> None:
+    """Raise InputError if two receivers were recorded at different times."""
+    for i, a in enumerate(observed):
+        for b in observed[i + 1 :]:
+            if a.gpst.size and b.gpst.size and overlap_s(a, b) <= 0.0:
+                raise InputError(
+                    f"{b.receiver} was recorded from {iso(b.gpst[0], 1)} to {iso(b.gpst[-1], 1)}, but {a.receiver} "
+                    f"from {iso(a.gpst[0], 1)} to {iso(a.gpst[-1], 1)} (GPS time of the signals): there is no common "
+                    "time to compare them in; give recordings of the same time, or protect each alone"
+                )
+
+
+def _note(reception: Reception, progress: Progress) -> InputNote:
+    samples = reception.samples
+    digest = sha256(samples.path) if samples.path else None
+    return InputNote(
+        path=samples.path or samples.name, format=samples.format or "raw", sha256=digest,
+        remarks=(*samples.remarks, *reception.remarks),
+    )  # fmt: skip
+
+
+def _told(navigation: NavigationData | None) -> tuple[str, ...]:
+    return () if navigation is None else tuple(getattr(navigation, "remarks", ()))

@@ -1,0 +1,111 @@
+"""All evidence to one decision.
+
+The words are never stronger than the evidence: *spoofed* needs evidence of an attack, *authentic* needs positive
+evidence for every receiver and no sign of an attack; everything else is *undecided*, with what would decide it.
+Nothing here knows a particular detector.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from skyproof.fusion.labels import LabelledSignal, Source, label_signals, linked, sources_of
+from skyproof.fusion.timeline import Onset, end_of, onset_of
+from skyproof.records import ConsistentSet, Evidence, Observations, SignalRef
+
+__all__ = ["Decision", "fuse"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Decision:
+    """The partition of all signals and what follows from it.
+
+    skies : under an attack that leaves open who is true, the consistent sets of signals of each receiver, linked over
+        the windows; each is one position and time. Empty when the partition is decided.
+    """
+
+    verdict: Literal["authentic", "spoofed", "undecided"]
+    labels: tuple[LabelledSignal, ...]
+    sources: tuple[Source, ...]
+    skies: tuple[Source, ...]
+    onset: Onset | None
+    until: np.datetime64 | None
+    undecided_because: str | None
+
+
+def fuse(
+    evidence: Sequence[Evidence], observations: Sequence[Observations], sets: Sequence[ConsistentSet]
+) -> Decision:
+    """The decision that the evidence of all windows bears."""
+    labels = label_signals(evidence, observations)
+    sources = sources_of(evidence)
+    attacked = any(e.says in ("spoofed", "attack") for e in evidence)
+    false = [s for s in labels if s.label == "spoofed"]
+    trusted = {s.ref.receiver for s in labels if s.label == "authentic"}
+    if attacked:
+        skies = _skies(sets) if not sources else ()
+        onset, until = _time_line(false, skies, observations)
+        everyone = trusted == {o.receiver for o in observations}
+        return Decision(
+            verdict="spoofed", labels=labels, sources=sources, skies=skies, onset=onset, until=until,
+            undecided_because=None if everyone else _because(evidence, observations, trusted),
+        )  # fmt: skip
+    if observations and trusted == {o.receiver for o in observations}:
+        return Decision(
+            verdict="authentic", labels=labels, sources=(), skies=(), onset=None, until=None, undecided_because=None
+        )
+    return Decision(
+        verdict="undecided", labels=labels, sources=(), skies=(), onset=None, until=None,
+        undecided_because=_because(evidence, observations, trusted),
+    )  # fmt: skip
+
+
+def _skies(sets: Sequence[ConsistentSet]) -> tuple[Source, ...]:
+    """Sets of a receiver that stand beside another one in the same window, linked over windows by shared signals."""
+    rivals = [
+        s for s in sets if any(o is not s and o.receiver == s.receiver and o.gpst == s.gpst for o in sets)
+    ]  # fmt: skip
+    groups = linked([SignalRef(s.receiver, signal) for signal in s.signals] for s in rivals)
+    return tuple(Source(name=f"S{n + 1}", signals=tuple(sorted(group))) for n, group in enumerate(groups))
+
+
+def _time_line(
+    false: Sequence[LabelledSignal], skies: Sequence[Source], observations: Sequence[Observations]
+) -> tuple[Onset | None, np.datetime64 | None]:
+    if false:
+        captured = [s for s in false if s.first_epoch > 0 and _had_another_life(s, observations)]
+        onset = onset_of([s.ref for s in false if s not in captured], observations)
+        for s in captured:
+            o = next(o for o in observations if o.receiver == s.ref.receiver)
+            moment = Onset(gpst=o.gpst[s.first_epoch], sigma_s=float(np.median(np.diff(o.elapsed_s))) * 10.0)
+            onset = moment if onset is None or moment.gpst < onset.gpst else onset
+        return onset, end_of(false, observations)
+    if skies:
+        # Who is false is open, but from when on a second sky was there is not: the last of them to appear.
+        onsets = [onset_of(sky.signals, observations) for sky in skies]
+        known = [onset for onset in onsets if onset is not None]
+        return max(known, key=lambda onset: onset.gpst, default=None), None
+    return None, None
+
+
+def _had_another_life(s: LabelledSignal, observations: Sequence[Observations]) -> bool:
+    """Whether the signal was measured before this stretch: a channel pulled away from what it followed."""
+    o = next(o for o in observations if o.receiver == s.ref.receiver)
+    column = o.signals.index(s.ref.signal)
+    return bool(np.isfinite(o.pseudorange_m[: s.first_epoch, column]).any())
+
+
+def _because(evidence: Sequence[Evidence], observations: Sequence[Observations], trusted: set[str]) -> str:
+    """Which receivers' signals are open, why, and what would decide it: each reason once, the most frequent first."""
+    if not observations:
+        return "no receiver gave measurements with a time"
+    reasons: dict[str, int] = {}
+    for e in evidence:
+        if e.says in ("undecided", "attack"):
+            text = e.because + (f"; would need {e.would_need}" if e.would_need else "")
+            reasons[text] = reasons.get(text, 0) + 1
+    open_receivers = ", ".join(o.receiver for o in observations if o.receiver not in trusted)
+    most = sorted(reasons, key=lambda text: -reasons[text])[:3]
+    return f"which signals of {open_receivers} are true: " + ("; ".join(most) if most else "no detector could tell")

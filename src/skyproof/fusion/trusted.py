@@ -1,0 +1,59 @@
+"""Positions from signals of one label: the trusted fix, and what the false signals show."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.fusion.labels import Label, LabelledSignal
+from skyproof.navigation.fix import fix
+from skyproof.records import Fix, NavigationData, Observations, SignalId
+
+__all__ = ["fix_of", "labelled", "only"]
+
+
+def labelled(observations: Observations, labels: Sequence[LabelledSignal], label: Label) -> Observations:
+    """The observations with every cell that does not carry `label` emptied."""
+    mask = np.zeros(observations.pseudorange_m.shape, np.bool_)
+    for s in labels:
+        if s.ref.receiver == observations.receiver and s.label == label:
+            mask[s.first_epoch : s.last_epoch + 1, observations.signals.index(s.ref.signal)] = True
+    return _masked(observations, mask)
+
+
+def only(observations: Observations, signals: Sequence[SignalId]) -> Observations:
+    """The observations with all other signals' cells emptied."""
+    chosen = np.array([signal in signals for signal in observations.signals], np.bool_)
+    return _masked(observations, np.broadcast_to(chosen, observations.pseudorange_m.shape))
+
+
+def _masked(observations: Observations, mask: NDArray[np.bool_]) -> Observations:
+    names = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
+             "doppler_sigma_hz")  # fmt: skip
+    emptied: dict[str, Any] = {name: np.where(mask, getattr(observations, name), np.nan) for name in names}
+    status = np.where(mask | (observations.status == 1), observations.status, np.uint8(1)).astype(np.uint8)
+    return replace(observations, status=status, **emptied)
+
+
+def fix_of(
+    observations: Observations, navigation: NavigationData, *, multipath_sigma_m: float, elevation_mask_deg: float
+) -> Fix | None:
+    """The fix from all cells that are left, at most one signal of a satellite at a time; None without any.
+
+    Two signals of one satellite with the same label leave it open which is meant: neither is used.
+    """
+    usable = np.isfinite(observations.pseudorange_m)
+    for sat in {signal.sat for signal in observations.signals}:
+        columns = [i for i, signal in enumerate(observations.signals) if signal.sat == sat]
+        twice = usable[:, columns].sum(axis=1) > 1
+        usable[np.ix_(twice, columns)] = False
+    kept = np.flatnonzero(usable.any(axis=0))
+    if kept.size < 4:
+        return None
+    signals = tuple(observations.signals[k] for k in kept)
+    return fix(
+        _masked(observations, usable), navigation, signals=signals, multipath_sigma_m=multipath_sigma_m,
+        elevation_mask_deg=elevation_mask_deg,
+    )  # fmt: skip

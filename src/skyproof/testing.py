@@ -1,0 +1,419 @@
+"""The contract that every detector meets, for ours and for other people's; and records at measurement level to hold it.
+
+    from skyproof.testing import MeasuredScene, check_detector
+
+    def test_my_detector_meets_the_contract():
+        scene = MeasuredScene(epochs=10)                     # a true sky over two receivers
+        check_detector(MyDetector, scene.records, np.random.default_rng(1))
+
+The contract: a detector declares itself, tells what it lacks, leaves its inputs alone, gives the same for the same
+input and for channels in another order, gives in pieces what it gives in one run, and raises false alarms at the rate
+that it states: not more, and not fewer without a reason. Each check raises AssertionError with what was found.
+"""
+
+import pickle
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.detectors.base import Detector
+from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
+from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
+from skyproof.gnss.time import week_and_tow
+from skyproof.records import (
+    ConsistentSet,
+    Ephemeris,
+    Evidence,
+    NavigationData,
+    Observations,
+    Reals,
+    Records,
+    SignalId,
+)
+from skyproof.statistics.distributions import binomial_survival, binomial_two_sided
+
+__all__ = [
+    "FalseSky", "MeasuredScene", "TrackErrors", "check_channel_order", "check_declarations", "check_detector",
+    "check_false_alarms", "check_inputs_untouched", "check_missing_told", "check_pieces", "check_repeatable",
+]  # fmt: skip
+
+ALARMS = ("spoofed", "attack")
+
+
+# The contract ---------------------------------------------------------------------------------------------------------
+
+
+def check_detector(
+    make: Callable[[], Detector],
+    null_records: Callable[[np.random.Generator], Records],
+    rng: np.random.Generator,
+    *,
+    alarms: Collection[str] = ALARMS,
+    windows: int = 1000,
+    conservative: str | None = None,
+) -> None:
+    """Run the whole contract.
+
+    Parameters
+    ----------
+    make : makes the detector anew, with the same settings each time.
+    null_records : one window under the hypothesis that the alarms reject. For "spoofed" and "attack" that is a true
+        sky; for "authentic", signals that all come from one antenna.
+    alarms : what a false alarm says.
+    windows : how many to count false alarms in. Two-sided counts need several expected ones to mean something.
+    conservative : why there may be fewer false alarms than stated; without a reason too few are a fault, too.
+
+    Raises
+    ------
+    AssertionError : a promise is broken; the message says which and by what.
+    """
+    detector = make()
+    check_declarations(detector)
+    examples = [null_records(rng) for _ in range(4)]
+    check_missing_told(detector, examples[0])
+    for records in examples:
+        check_inputs_untouched(make, records)
+        check_repeatable(make, records)
+        check_channel_order(make, records, rng)
+    check_pieces(make, examples)
+    check_false_alarms(
+        make, (null_records(rng) for _ in range(windows)), alarms=alarms, conservative=conservative
+    )
+
+
+def check_declarations(detector: Detector) -> None:
+    """Name, needs and settings are declared, and the settings are a frozen dataclass with defaults."""
+    kind = type(detector).__name__
+    assert isinstance(detector, Detector), f"{kind} lacks one of name, needs, settings, examine"
+    assert detector.name.isidentifier(), f"{kind}.name is {detector.name!r}, expected a lower-case identifier"
+    assert detector.needs, f"{kind}.needs is empty: a detector that needs nothing says nothing"
+    assert all(isinstance(need, str) for need in detector.needs), f"{kind}.needs must be strings"
+    settings = detector.settings
+    assert is_dataclass(settings), f"settings of {kind} are not a dataclass"
+    assert type(settings).__dataclass_params__.frozen, f"settings of {kind} are not frozen"  # type: ignore[attr-defined]
+    without = [f.name for f in fields(settings) if f.default is MISSING and f.default_factory is MISSING]
+    assert not without, f"settings of {kind} have no default for {', '.join(without)}"
+    rate = getattr(settings, "false_alarm_probability", None)
+    assert isinstance(rate, float), f"settings of {kind} state no false_alarm_probability"
+    assert 0.0 < rate < 1.0, f"settings of {kind} state no false_alarm_probability between 0 and 1"
+
+
+def check_missing_told(detector: Detector, records: Records) -> None:
+    """Without a record that it needs it does not raise, nor is it silent: "undecided", why, and what would be needed."""
+    empty = Records(start_gpst=records.start_gpst, end_gpst=records.end_gpst)
+    poorer = [empty]
+    for name in ("navigation", "sets"):
+        if name in detector.needs:
+            poorer.append(replace(records, **{name: None if name == "navigation" else ()}))
+    if "observations of two receivers" in detector.needs:
+        poorer.append(replace(records, observations=records.observations[:1]))
+    for less in poorer:
+        evidence, _ = detector.examine(less)
+        assert evidence, f"{detector.name} says nothing where what it needs is missing"
+        for said in evidence:
+            assert said.says == "undecided", f"{detector.name} says {said.says!r} without what it needs"
+            assert said.because, f"{detector.name} is undecided without saying why"
+            assert said.would_need, f"{detector.name} is undecided without saying what it would need"
+
+
+def check_inputs_untouched(make: Callable[[], Detector], records: Records) -> None:
+    """Every array has the same bytes afterwards."""
+    before = [array.tobytes() for array in _arrays(records)]
+    make().examine(records)
+    changed = sum(a != b.tobytes() for a, b in zip(before, _arrays(records), strict=True))
+    assert changed == 0, f"{make().name} has changed {changed} arrays of its input"
+
+
+def check_repeatable(make: Callable[[], Detector], records: Records) -> None:
+    """The same input gives the same evidence, also from a detector made anew."""
+    detector = make()
+    first, second, third = detector.examine(records)[0], detector.examine(records)[0], make().examine(records)[0]
+    assert [_told(e) for e in first] == [_told(e) for e in second] == [_told(e) for e in third], (
+        f"{detector.name} gives different evidence for the same records"
+    )
+
+
+def check_channel_order(make: Callable[[], Detector], records: Records, rng: np.random.Generator) -> None:
+    """The order of a receiver's channels means nothing."""
+    shuffled = replace(records, observations=tuple(_permuted(o, rng) for o in records.observations))
+    one, other = make().examine(records)[0], make().examine(shuffled)[0]
+    assert len(one) == len(other), f"{make().name} finds {len(one)} or {len(other)} things by the order of the channels"
+    for a, b in zip(sorted(one, key=_key), sorted(other, key=_key), strict=True):
+        assert _key(a) == _key(b), f"{make().name} says other things if the channels come in another order"
+        same = np.allclose(_numbers(a), _numbers(b), rtol=1e-6, atol=1e-12, equal_nan=True)
+        assert same, f"{make().name} finds other numbers if the channels come in another order"
+
+
+def check_pieces(make: Callable[[], Detector], windows: Iterable[Records]) -> None:
+    """A run that is stopped, saved and resumed by another process between windows gives what the whole gives."""
+    whole, pieces = make(), make()
+    state, saved = None, None
+    for records in windows:
+        expected, state = whole.examine(records, state)
+        found, saved = pieces.examine(records, saved)
+        assert [_told(e) for e in found] == [_told(e) for e in expected], f"{whole.name}: pieces do not equal the whole"
+        pieces, saved = make(), pickle.loads(pickle.dumps(saved))
+
+
+def check_false_alarms(
+    make: Callable[[], Detector],
+    windows: Iterable[Records],
+    *,
+    alarms: Collection[str] = ALARMS,
+    conservative: str | None = None,
+    significance: float = 1e-4,
+) -> tuple[int, int, float]:
+    """Count false alarms against the stated rates (`Evidence.false_alarm_probability`), two-sided unless
+    `conservative`.
+
+    Returns
+    -------
+    alarms, tests, stated rate.
+    """
+    detector = make()
+    state, count, rates = None, 0, []
+    for records in windows:
+        evidence, state = detector.examine(records, state)
+        for said in evidence:
+            assert said.false_alarm_probability is not None, f"{detector.name} states no false alarm probability"
+            rates.append(said.false_alarm_probability)
+            count += said.says in alarms
+    rate = float(np.mean(rates))
+    if conservative is None:
+        chance = binomial_two_sided(count, len(rates), rate)
+    else:
+        chance = float(binomial_survival(count, len(rates), rate))
+    assert chance >= significance, (
+        f"{detector.name}: {count} false alarms in {len(rates)} tests at a stated rate of {rate:.3g}, "
+        f"that is {count / len(rates):.3g}; the chance of this is {chance:.1g}"
+    )
+    return count, len(rates), rate
+
+
+def _arrays(record: Any) -> list[NDArray[Any]]:
+    if isinstance(record, np.ndarray):
+        return [record]
+    if isinstance(record, (tuple, list)):
+        return [array for item in record for array in _arrays(item)]
+    if isinstance(record, Mapping):
+        return [array for item in record.values() for array in _arrays(item)]
+    if is_dataclass(record):
+        return [array for f in fields(record) for array in _arrays(getattr(record, f.name))]
+    return []
+
+
+def _told(evidence: Evidence) -> tuple[str, ...]:
+    """All of it, NaN equal to NaN."""
+    return tuple(repr(getattr(evidence, f.name)) for f in fields(evidence))
+
+
+def _key(evidence: Evidence) -> tuple[str, tuple[str, ...], str]:
+    return evidence.says, tuple(sorted(map(str, evidence.subject))), str(evidence.would_need)
+
+
+def _numbers(evidence: Evidence) -> list[float]:
+    numbers = (evidence.statistic, evidence.threshold, evidence.p_value, evidence.log_likelihood_ratio)
+    return [np.nan if number is None else number for number in numbers]
+
+
+def _permuted(observations: Observations, rng: np.random.Generator) -> Observations:
+    order = rng.permutation(len(observations.signals))
+    changes: dict[str, Any] = {"signals": tuple(observations.signals[k] for k in order)}
+    for f in fields(observations):
+        value = getattr(observations, f.name)
+        if isinstance(value, np.ndarray) and f.name not in {"gpst", "elapsed_s"}:
+            changes[f.name] = value[..., order].copy()
+    return replace(observations, **changes)
+
+
+# Records at measurement level -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class TrackErrors:
+    """Pseudorange errors of every track: AR(1) of standard deviation `sigma_m` and coefficient `correlation` from epoch
+    to epoch, and a constant one of standard deviation `constant_m`."""
+
+    sigma_m: float = 1.0
+    correlation: float = 0.0
+    constant_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class FalseSky:
+    """One antenna that sends what was received elsewhere. Places are east, north, up of the scene's place, in metres.
+
+    antenna_enu_m : where it sends. shows_enu_m : the position that the signals show. delay_m : added to the way.
+    receivers : who hears it; all if empty.
+    """
+
+    antenna_enu_m: tuple[float, float, float] = (400.0, 300.0, 10.0)
+    shows_enu_m: tuple[float, float, float] = (250.0, -600.0, 5.0)
+    delay_m: float = 400.0
+    receivers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasuredScene:
+    """Receivers that stand still under a true sky, false ones, or both. Ranges are computed once, errors drawn each
+    time.
+
+    antennas_enu_m : where each receiver's antenna is, east, north, up of `place_deg` (latitude, longitude, height in
+        m).
+    sky : the receivers that hear the true sky; None for all.
+    clock_bias_s, first_epoch_s : of each receiver; by default some tenths of a millisecond and of an epoch apart.
+    max_satellites : keep the highest only.
+
+    The sets in the records are the true ones, with true positions and clocks: they are not searched for.
+    """
+
+    antennas_enu_m: Mapping[str, tuple[float, float, float]] = field(
+        default_factory=lambda: {"rx1": (0.0, 0.0, 0.0), "rx2": (20.0, 0.0, 0.0)}
+    )
+    sky: tuple[str, ...] | None = None
+    false: tuple[FalseSky, ...] = ()
+    epochs: int = 30
+    step_s: float = 1.0
+    errors: TrackErrors = TrackErrors()
+    place_deg: tuple[float, float, float] = (59.0, 17.0, 100.0)
+    start_gpst: np.datetime64 = np.datetime64("2022-01-01T20:00:00", "ns")  # noqa: RUF009
+    mask_deg: float = 8.0
+    max_satellites: int = 32
+    cn0_dbhz: float = 45.0
+    clock_bias_s: tuple[float, ...] = (2.1e-4, -3.3e-4, 7.0e-4, -9.0e-4)
+    first_epoch_s: tuple[float, ...] = (0.0, 0.3, 0.4, 0.1)
+    navigation: NavigationData = field(init=False)
+    _exact: list[Observations] = field(init=False)
+    _sets: tuple[ConsistentSet, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        navigation = nominal_constellation(self.start_gpst)
+        object.__setattr__(self, "navigation", navigation)
+        lat_deg, lon_deg, height_m = self.place_deg
+        geodetic = np.radians(lat_deg), np.radians(lon_deg), height_m
+        place_ecef_m, rot = ecef_from_geodetic(*geodetic), rot_enu_ecef(*geodetic[:2])
+
+        def ecef(enu_m: tuple[float, float, float]) -> Reals:
+            return np.asarray(place_ecef_m + np.array(enu_m) @ rot)
+
+        orbits = self._in_view(navigation, place_ecef_m)
+        exact, sets = [], []
+        for i, (receiver, enu_m) in enumerate(self.antennas_enu_m.items()):
+            bias_s = self.clock_bias_s[i]
+            since_s = self.first_epoch_s[i] * self.step_s + self.step_s * np.arange(self.epochs)
+            # Where the signals are received that this receiver hears, and how far they go from there.
+            heard = [(ecef(enu_m), 0.0)] if self.sky is None or receiver in self.sky else []
+            for attack in self.false:
+                if not attack.receivers or receiver in attack.receivers:
+                    way_m = float(np.linalg.norm(np.subtract(enu_m, attack.antenna_enu_m))) + attack.delay_m
+                    heard.append((ecef(attack.shows_enu_m), way_m))
+            ranges_m, signals = [], []
+            for copy, (there_ecef_m, way_m) in enumerate(heard):
+                true_s = since_s - bias_s - way_m / SPEED_OF_LIGHT_M_S
+                ranges_m += [
+                    _range_m(orbit, navigation, there_ecef_m, self.start_gpst, true_s) + way_m
+                    + SPEED_OF_LIGHT_M_S * bias_s
+                    for orbit in orbits
+                ]  # fmt: skip
+                names = tuple(SignalId(orbit.sat, copy="abcdefgh"[copy]) for orbit in orbits)
+                signals += names
+                middle = self.start_gpst + np.timedelta64(round(since_s[self.epochs // 2] * 1e9), "ns")
+                sets.append(
+                    ConsistentSet(
+                        receiver=receiver, signals=names, gpst=middle, position_ecef_m=there_ecef_m,
+                        clock_bias_s=bias_s + way_m / SPEED_OF_LIGHT_M_S, covariance_m2=np.eye(4),
+                        statistic=float(len(names) - 4), dof=len(names) - 4, p_value=0.4,
+                    )
+                )  # fmt: skip
+            exact.append(self._observations(receiver, tuple(signals), since_s, np.array(ranges_m).T))
+        object.__setattr__(self, "_exact", exact)
+        object.__setattr__(self, "_sets", tuple(sets))
+
+    def records(self, rng: np.random.Generator) -> Records:
+        """One window with new errors."""
+        return Records(
+            start_gpst=self.start_gpst,
+            end_gpst=self.start_gpst + np.timedelta64(round((self.epochs + 0.5) * self.step_s * 1e9), "ns"),
+            observations=tuple(self._with_errors(exact, rng) for exact in self._exact),
+            navigation=self.navigation,
+            sets=self._sets,
+        )
+
+    def _in_view(self, navigation: NavigationData, place_ecef_m: Reals) -> list[Ephemeris]:
+        week, tow_s = week_and_tow(self.start_gpst)
+        heights = []
+        for orbit in navigation.ephemerides:
+            position = satellite_state_s(orbit, week, tow_s).position_ecef_m
+            heights.append(float(azimuth_elevation(place_ecef_m, position)[1]))
+        highest = np.argsort(heights)[::-1][: self.max_satellites]
+        return [navigation.ephemerides[k] for k in sorted(highest) if np.degrees(heights[k]) >= self.mask_deg]
+
+    def _observations(
+        self, receiver: str, signals: tuple[SignalId, ...], since_s: Reals, range_m: Reals
+    ) -> Observations:
+        ones = np.ones(range_m.shape)
+        rate_m_s = np.gradient(range_m, self.step_s, axis=0, edge_order=2)
+        return Observations(
+            receiver=receiver,
+            signals=signals,
+            gpst=self.start_gpst + np.rint(since_s * 1e9).astype("timedelta64[ns]"),
+            elapsed_s=since_s - since_s[0],
+            pseudorange_m=range_m,
+            carrier_cyc=range_m * (L1_HZ / SPEED_OF_LIGHT_M_S),
+            doppler_hz=-rate_m_s * (L1_HZ / SPEED_OF_LIGHT_M_S),
+            cn0_dbhz=self.cn0_dbhz * ones,
+            pseudorange_sigma_m=self.errors.sigma_m * ones,
+            carrier_sigma_cyc=0.01 * ones,
+            doppler_sigma_hz=0.1 * ones,
+            status=np.zeros(range_m.shape, np.uint8),
+            found_elapsed_s=np.zeros(len(signals)),
+            missed_elapsed_s=np.full(len(signals), np.nan),
+            averaged_s=self.step_s,
+        )
+
+    def _with_errors(self, exact: Observations, rng: np.random.Generator) -> Observations:
+        shape = exact.pseudorange_m.shape
+        errors = self.errors
+        code_m = errors.sigma_m * _ar1(rng, shape, errors.correlation)
+        code_m += errors.constant_m * rng.standard_normal(shape[1])
+        return replace(
+            exact,
+            pseudorange_m=exact.pseudorange_m + code_m,
+            carrier_cyc=exact.carrier_cyc + 0.01 * rng.standard_normal(shape),
+            doppler_hz=exact.doppler_hz + 0.1 * rng.standard_normal(shape),
+        )
+
+
+def _ar1(rng: np.random.Generator, shape: tuple[int, ...], correlation: float) -> Reals:
+    """Stationary AR(1) along axis 0 with variance 1."""
+    noise = rng.standard_normal(shape)
+    for n in range(1, shape[0]):
+        noise[n] = correlation * noise[n - 1] + np.sqrt(1.0 - correlation**2) * noise[n]
+    return noise
+
+
+def _range_m(
+    orbit: Ephemeris, navigation: NavigationData, place_ecef_m: Reals, start_gpst: np.datetime64, true_s: Reals
+) -> Reals:
+    """Pseudorange of a receiver with a perfect clock at `true_s` after the start; light time by iteration."""
+    week, tow_s = week_and_tow(start_gpst)
+    travel_s = np.full(true_s.shape, 0.075)
+    for _ in range(4):  # each takes the error down by v/c
+        state = satellite_state_s(orbit, week, tow_s + true_s - travel_s)
+        turned_ecef_m = rotate_to_reception(state.position_ecef_m, travel_s)
+        travel_s = np.linalg.norm(turned_ecef_m - place_ecef_m, axis=-1) / SPEED_OF_LIGHT_M_S
+    az_rad, el_rad = azimuth_elevation(place_ecef_m, turned_ecef_m)
+    lat_rad, lon_rad, height_m = geodetic_from_ecef(place_ecef_m)
+    delay_m = troposphere_delay_m(lat_rad, height_m, el_rad)
+    if navigation.ionosphere is not None:
+        delay_m = delay_m + SPEED_OF_LIGHT_M_S * klobuchar_delay_s(
+            navigation.ionosphere, lat_rad, lon_rad, az_rad, el_rad, tow_s
+        )
+    return np.asarray(SPEED_OF_LIGHT_M_S * (travel_s - state.clock_s + orbit.tgd) + delay_m, float)

@@ -1,0 +1,29 @@
+import numpy as np
+import pytest
+
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of, sat_name
+
+
+def test_the_signal_is_described_in_one_place():
+    assert GPS_L1_CA.code(7).shape == (GPS_L1_CA.code_length,)
+    assert GPS_L1_CA.period_s == pytest.approx(1e-3, abs=1e-18)
+    assert GPS_L1_CA.carrier_hz / GPS_L1_CA.chip_rate_hz == 1540.0  # IS-GPS-200N, 3.3.1.1: both from 10.23 MHz
+    assert np.isclose(GPS_L1_CA.period_s * GPS_L1_CA.periods_per_symbol, GPS_L1_CA.symbol_s)
+
+
+def test_names_and_numbers_of_satellites_agree():
+    assert [prn_of(sat) for sat in GPS_SATS] == list(range(1, 33))
+    assert tuple(sat_name(prn) for prn in range(1, 33)) == GPS_SATS
+    assert prn_of("G5") == 5
+
+
+@pytest.mark.parametrize("sat", ["G00", "G33", "E05", "5", "", "G005", "g05"])
+def test_a_name_that_is_no_gps_satellite_is_refused(sat):
+    with pytest.raises(ValueError, match="no GPS satellite"):
+        prn_of(sat)
+
+
+@pytest.mark.parametrize("prn", [0, 33])
+def test_a_number_that_is_no_gps_satellite_is_refused(prn):
+    with pytest.raises(ValueError, match="no GPS satellite"):
+        sat_name(prn)

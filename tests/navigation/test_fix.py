@@ -1,0 +1,168 @@
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from skyproof.formats.rinex_nav import read_nav
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.time import gpst as instant
+from skyproof.navigation import fix as fix_module
+from skyproof.navigation.fix import fix
+from skyproof.records import Observations, SignalId
+
+
+@pytest.mark.parametrize("bias_s", [0.0, 0.0213, -0.93, 1.0])
+@pytest.mark.parametrize("where", [(59.0, 17.0, 100.0), (-33.0, 151.0, -20.0), (0.0, 180.0, 12000.0)])
+def test_without_noise_the_fix_is_right_to_a_millimetre(sky, bias_s, where):
+    nav, position = sky.navigation(), sky.place(*where)
+    seen = sky.scene(nav, [(sky.visible(nav, position), position, bias_s)], n=20, drift=3e-7).observations
+    found = fix(seen, nav)
+    assert (found.status == 0).all()
+    np.testing.assert_allclose(found.position_ecef_m, np.tile(position, (20, 1)), atol=1e-3)
+    np.testing.assert_allclose(found.clock_bias_s, bias_s + 3e-7 * np.arange(20), atol=1e-3 / sky.C)
+    error_ns = (found.gpst - (seen.gpst - np.rint(found.clock_bias_s * 1e9).astype("timedelta64[ns]"))).astype(int)
+    np.testing.assert_array_equal(error_ns, 0)
+    inner = slice(1, -1)  # the generator's Doppler is a central difference
+    np.testing.assert_allclose(found.velocity_ecef_m_s[inner], 0.0, atol=2e-4)
+    np.testing.assert_allclose(found.clock_drift[inner], 3e-7, atol=1e-12)
+    assert np.nanmax(np.abs(found.residual_m)) < 1e-3
+
+
+def test_a_moving_receiver_has_its_velocity(sky):
+    nav, position = sky.navigation(), sky.place(48.0, 11.0, 9000.0)
+    velocity = np.array([120.0, -180.0, 90.0])
+    path = position + np.arange(9)[:, None] * velocity
+    seen = sky.scene(nav, [(sky.visible(nav, position), path, 5e-3)], n=9).observations
+    found = fix(seen, nav)
+    np.testing.assert_allclose(found.position_ecef_m, path, atol=1e-3)
+    np.testing.assert_allclose(found.velocity_ecef_m_s[1:-1], np.tile(velocity, (7, 1)), atol=2e-4)
+
+
+def test_errors_are_as_large_as_the_covariance_says(sky):
+    rng = np.random.default_rng(11)
+    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    sats = sky.visible(nav, position)
+    seen = sky.scene(nav, [(sats, position, 2e-4)], n=3000, step_s=0.1).observations
+    elevation = np.stack([sky.measured(nav, s, seen.gpst, position, 0.0).elevation_rad for s in sats], axis=1)
+    thermal = rng.uniform(0.5, 4.0, seen.pseudorange_m.shape)
+    sigma = np.hypot(thermal, 0.7 / np.sin(elevation))
+    noise = sigma * rng.standard_normal(sigma.shape)
+    seen = replace(seen, pseudorange_m=seen.pseudorange_m + noise, pseudorange_sigma_m=thermal)
+    found = fix(seen, nav, multipath_sigma_m=0.7, ionosphere_share=0.0)
+    error = np.concatenate(
+        (found.position_ecef_m - position, (found.clock_bias_s[:, None] - 2e-4) * sky.C), axis=1
+    )
+    squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance_m2), error)
+    assert stats.kstest(squared, stats.chi2(4).cdf).pvalue > 1e-3
+    residual = np.nansum((found.residual_m / sigma) ** 2, axis=1)
+    assert stats.kstest(residual, stats.chi2(len(sats) - 4).cdf).pvalue > 1e-3
+
+
+def test_bad_epochs_have_a_status_and_nan_and_the_good_ones_do_not_notice(sky):
+    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=6, noise_m=1.0).observations
+    pseudorange = seen.pseudorange_m.copy()
+    pseudorange[1, 3:] = np.nan
+    pseudorange[2] = np.nan
+    pseudorange[4, ::2] += 3e8 * np.arange(pseudorange[4, ::2].size)  # fits no place near the Earth
+    found = fix(replace(seen, pseudorange_m=pseudorange), nav)
+    assert found.status[[0, 3, 5]].tolist() == [0, 0, 0]
+    assert found.status[[1, 2]].tolist() == [1, 1]
+    assert found.status[4] != 0
+    bad = [1, 2, 4]
+    for numbers in (found.position_ecef_m, found.velocity_ecef_m_s, found.clock_bias_s, found.covariance_m2, found.residual_m):
+        assert np.isnan(numbers[bad]).all()
+    clean = fix(seen, nav)
+    np.testing.assert_allclose(found.position_ecef_m[[0, 3, 5]], clean.position_ecef_m[[0, 3, 5]], atol=1e-6)
+    assert (fix(seen, nav, max_gdop=1.0).status == 2).all()
+
+
+def test_low_satellites_are_left_out_and_their_residual_is_nan(sky):
+    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    sats = sky.visible(nav, position, 3.0)
+    seen = sky.scene(nav, [(sats, position, 0.0)], n=2).observations
+    elevation = np.array([sky.measured(nav, s, seen.gpst, position, 0.0).elevation_rad[0] for s in sats])
+    found = fix(seen, nav, elevation_mask_deg=20.0)
+    np.testing.assert_array_equal(np.isfinite(found.residual_m[0]), np.degrees(elevation) >= 20.0)
+    assert (np.degrees(elevation) < 20.0).any()
+
+
+def test_two_signals_of_a_satellite_at_once_are_refused_but_one_after_the_other_is_fine(sky):
+    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    sats = sky.visible(nav, position)
+    seen = sky.scene(nav, [(sats, position, 0.0), (sats[:1], position, 1e-6)], n=4).observations
+    with pytest.raises(ValueError, match=f"several signals of {sats[0]}"):
+        fix(seen, nav)
+    with pytest.raises(ValueError, match="no signal G32"):
+        fix(seen, nav, signals=(SignalId("G32"),))
+    chosen = tuple(s for s in seen.signals if s.copy == "a")
+    assert (fix(seen, nav, signals=chosen).status == 0).all()
+    relay = seen.pseudorange_m.copy()
+    a, b = (seen.signals.index(SignalId(sats[0], copy=c)) for c in "ab")
+    relay[2:, a], relay[:2, b] = np.nan, np.nan
+    relay[2:, b] -= 1e-6 * sky.C
+    np.testing.assert_allclose(
+        fix(replace(seen, pseudorange_m=relay), nav).position_ecef_m, np.tile(position, (4, 1)), atol=1e-3
+    )
+
+
+def test_blocks_of_epochs_give_what_the_whole_gives(sky, monkeypatch):
+    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=25, noise_m=2.0).observations
+    whole = fix(seen, nav)
+    monkeypatch.setattr(fix_module, "_BLOCK_EPOCHS", 7)
+    pieces = fix(seen, nav)
+    np.testing.assert_allclose(pieces.position_ecef_m, whole.position_ecef_m, atol=1e-5)
+    np.testing.assert_allclose(pieces.residual_m, whole.residual_m, atol=1e-5)
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("receiver", ["rx1", "rx2"])
+@pytest.mark.parametrize("label", ["authentic", "spoofed"])
+def test_the_true_measurements_of_the_meaconing_pair_give_the_places_of_its_truth(shared_data, receiver, label):
+    folder = shared_data / "rf" / "meaconing-pair"
+    truth = json.loads((folder / "truth.json").read_text())
+    with open(folder / "truth.csv", newline="") as lines:
+        rows = [r for r in csv.DictReader(lines) if (r["receiver"], r["label"]) == (receiver, label)]
+    sats = sorted({int(r["prn"]) for r in rows})
+    tows = sorted({int(r["tow_s"]) for r in rows})
+    cell = {(int(r["tow_s"]), int(r["prn"])): r for r in rows}
+    table = {
+        name: np.array([[float(cell[t, p][name]) for p in sats] for t in tows])
+        for name in ("code_delay_s", "pseudorange_m", "doppler_hz")
+    }
+    # The clock shows its error beside the whole second; a label holds whole nanoseconds, the measurement the same ones.
+    c = 299792458.0
+    shown_ns = np.rint(1e9 * np.median(table["pseudorange_m"] / c - table["code_delay_s"], axis=1))
+    ones = np.ones_like(table["code_delay_s"])
+    seen = Observations(
+        receiver=receiver,
+        signals=tuple(SignalId(f"G{p:02d}") for p in sats),
+        gpst=instant(truth["epoch_gps_week"], np.array(tows, float)) + shown_ns.astype("timedelta64[ns]"),
+        elapsed_s=np.arange(len(tows), dtype=float),
+        pseudorange_m=c * (table["code_delay_s"] + 1e-9 * shown_ns[:, None]),
+        carrier_cyc=np.nan * ones,
+        doppler_hz=table["doppler_hz"],
+        cn0_dbhz=45.0 * ones,
+        pseudorange_sigma_m=ones,
+        carrier_sigma_cyc=np.nan * ones,
+        doppler_sigma_hz=ones,
+        status=np.zeros(ones.shape, np.uint8),
+        found_elapsed_s=np.zeros(len(sats)),
+        missed_elapsed_s=np.full(len(sats), np.nan),
+    )
+    found = fix(seen, read_nav(shared_data / "rf" / "brdc0010.22n"))
+    if label == "authentic":
+        place = next(r for r in truth["receivers"] if r["name"] == receiver)["position"]["ecef_m"]
+        extra_s = 0.0
+    else:
+        place = truth["transmitters"][0]["captured_receiver_shows_position"]["ecef_m"]
+        extra_s = truth["transmitters"][0]["captured_clock_extra_s"][receiver]
+    assert (found.status == 0).all()
+    np.testing.assert_allclose(found.position_ecef_m, np.tile(place, (len(tows), 1)), atol=0.02)
+    np.testing.assert_allclose(found.clock_bias_s, 1e-9 * shown_ns + extra_s, atol=0.02 / c)
+    lat, lon, _ = geodetic_from_ecef(np.array(place))
+    np.testing.assert_allclose(found.velocity_ecef_m_s @ rot_enu_ecef(lat, lon).T, 0.0, atol=0.01)

@@ -1,0 +1,56 @@
+import numpy as np
+
+from skyproof.navigation.least_squares import gauss_newton, line_of_sight, spd_inverse
+
+
+def test_the_inverse_is_that_of_numpy():
+    root = np.random.default_rng(1).standard_normal((50, 7, 4))
+    matrix = np.swapaxes(root, -1, -2) @ root
+    np.testing.assert_allclose(spd_inverse(matrix), np.linalg.inv(matrix), rtol=1e-9, atol=1e-12)
+
+
+def test_a_singular_matrix_is_nan_and_leaves_the_others_alone():
+    matrix = np.stack((np.eye(4), np.ones((4, 4)), 4.0 * np.eye(4), np.zeros((4, 4))))
+    inverse = spd_inverse(matrix)
+    np.testing.assert_array_equal(np.isnan(inverse).any(axis=(1, 2)), [False, True, False, True])
+    np.testing.assert_allclose(inverse[2], np.eye(4) / 4.0)
+
+
+def test_the_distance_solves_the_light_time_equation(sky):
+    nav, position = sky.navigation(), sky.place(10.0, 20.0, 30.0)
+    sats = sky.visible(nav, position)
+    gpst = np.array([sky.START])
+    week, tow = sky.week_and_tow(gpst)
+    for sat in sats:
+        truth = sky.measured(nav, sat, gpst, position, 0.0, air=False)
+        (ephemeris,) = [e for e in nav.ephemerides if e.sat == sat]
+        # Transmission, from the truth's own distance; only then the line of sight under test.
+        state = sky.satellite_state_s(ephemeris, week, tow)
+        distance = truth.airless_m + sky.C * (state.clock_s - ephemeris.tgd)
+        sent = sky.satellite_state_s(ephemeris, week, tow - distance / sky.C).position_ecef_m
+        turned, unit, length = line_of_sight(sent[:, None, :], position[None, :])
+        np.testing.assert_allclose(length[0, 0], distance[0], atol=2e-5)  # the clock moves by 1e-11 s meanwhile
+        np.testing.assert_allclose(turned[0, 0], position + length[0, 0] * unit[0, 0], atol=1e-6)
+
+
+def test_problems_solve_side_by_side_as_they_do_alone_and_unused_ranges_do_not_matter(sky):
+    rng = np.random.default_rng(2)
+    satellite = rng.standard_normal((6, 8, 3))
+    satellite[..., 2] = np.abs(satellite[..., 2]) + 0.5
+    satellite *= 2.66e7 / np.linalg.norm(satellite, axis=-1, keepdims=True)
+    position = np.array([100e3, -200e3, 6.3e6]) + 1e5 * rng.standard_normal((6, 3))
+    clock = rng.uniform(-3e8, 3e8, 6)
+    _, _, distance = line_of_sight(satellite, position)
+    ranges = distance + clock[:, None]
+    ranges[:, 7] = 1e9 * rng.standard_normal(6)
+    ranges[2, 3:] = np.nan
+    sigma = np.ones_like(ranges)
+    sigma[:, 7] = np.nan
+    together = gauss_newton(satellite, ranges, sigma, np.zeros((6, 4)))
+    solvable = [0, 1, 3, 4, 5]
+    np.testing.assert_allclose(together.state_m[solvable, :3], position[solvable], atol=1e-5)
+    np.testing.assert_allclose(together.state_m[solvable, 3], clock[solvable], atol=1e-5)
+    assert np.isnan(together.state_m[2]).all()
+    alone = gauss_newton(satellite[4], ranges[4], sigma[4], np.zeros(4))
+    np.testing.assert_allclose(alone.state_m, together.state_m[4], atol=1e-6)
+    np.testing.assert_array_equal(together.residual_m[:, 7], 0.0)
