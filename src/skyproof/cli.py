@@ -41,7 +41,7 @@ app = App(
     help="Tells true satellite-navigation signals from false ones, and gives the true position and time back.",
     help_epilogue="Try it: `skyproof demo --out demo`",
     version=lambda: version("skyproof"),
-    default_parameter=Parameter(negative=()),
+    default_parameter=Parameter(negative=(), show_default=False),
     suppress_keyboard_interrupt=False,
 )
 
@@ -50,7 +50,7 @@ def _setting(name: str) -> Parameter:
     """The help of an option that is a setting: its description and default, from where they are defined."""
     field = Settings.model_fields[name]
     default = "the end" if field.default is None else f"{field.default:g}"
-    return Parameter(help=f"{field.description} Default: {default}.", show_default=False)
+    return Parameter(help=f"{field.description} Default: {default}.")
 
 
 Nav = Annotated[Path | None, Parameter(help="RINEX navigation file; without it the signals' own messages are used.")]
@@ -117,7 +117,7 @@ def receive(
 @app.command(help_epilogue="Example: `skyproof demo --out demo`")
 def demo(
     *,
-    out: Annotated[Path, Parameter(help="Folder for the recordings and the results.")] = Path("skyproof-demo"),
+    out: Annotated[Path, Parameter(help="Folder for all results.", show_default=True)] = Path("skyproof-demo"),
     json: Json = False,
     open_report: Annotated[bool, Parameter(name="--open", help="Open the report in the browser.")] = False,
     debug: Debug = False,
@@ -240,10 +240,12 @@ def _signals(verdict: Verdict) -> Table:
     table = _table("receiver", "signals", "label", "satellites")
     for receiver in verdict.receivers:
         for label in ("authentic", "spoofed", "multipath", "unknown"):
-            sats = [s.sat for s in verdict.signals if s.receiver == receiver.name and s.label == label]
-            if sats:
-                table.add_row(Text(receiver.name), str(len(sats)), Text(label, style=STYLES.get(label, "")),
-                              Text(" ".join(sorted(set(sats)))))  # fmt: skip
+            own = {(s.sat, s.band, s.code, s.copy) for s in verdict.signals
+                   if s.receiver == receiver.name and s.label == label}  # fmt: skip
+            if own:
+                sats = sorted({signal[0] for signal in own})
+                table.add_row(Text(receiver.name), str(len(own)), Text(label, style=STYLES.get(label, "")),
+                              Text(" ".join(sats)))  # fmt: skip
     return table
 
 

@@ -95,9 +95,10 @@ def check_declarations(detector: Detector) -> None:
     assert detector.name.isidentifier(), f"{kind}.name is {detector.name!r}, expected a lower-case identifier"
     assert detector.needs, f"{kind}.needs is empty: a detector that needs nothing says nothing"
     assert all(isinstance(need, str) for need in detector.needs), f"{kind}.needs must be strings"
-    settings = detector.settings
+    settings: Any = detector.settings
     assert is_dataclass(settings), f"settings of {kind} are not a dataclass"
-    assert type(settings).__dataclass_params__.frozen, f"settings of {kind} are not frozen"  # type: ignore[attr-defined]
+    made: Any = type(settings)
+    assert made.__dataclass_params__.frozen, f"settings of {kind} are not frozen"
     without = [f.name for f in fields(settings) if f.default is MISSING and f.default_factory is MISSING]
     assert not without, f"settings of {kind} have no default for {', '.join(without)}"
     rate = getattr(settings, "false_alarm_probability", None)
@@ -106,12 +107,13 @@ def check_declarations(detector: Detector) -> None:
 
 
 def check_missing_told(detector: Detector, records: Records) -> None:
-    """Without a record that it needs it does not raise, nor is it silent: "undecided", why, and what would be needed."""
+    """Without a record that it needs it does not raise, nor is it silent: "undecided", why, what would be needed."""
     empty = Records(start_gpst=records.start_gpst, end_gpst=records.end_gpst)
     poorer = [empty]
-    for name in ("navigation", "sets"):
-        if name in detector.needs:
-            poorer.append(replace(records, **{name: None if name == "navigation" else ()}))
+    if "navigation" in detector.needs:
+        poorer.append(replace(records, navigation=None))
+    if "sets" in detector.needs:
+        poorer.append(replace(records, sets=()))
     if "observations of two receivers" in detector.needs:
         poorer.append(replace(records, observations=records.observations[:1]))
     for less in poorer:
@@ -307,16 +309,17 @@ class MeasuredScene:
         exact, sets = [], []
         for i, (receiver, enu_m) in enumerate(self.antennas_enu_m.items()):
             bias_s = self.clock_bias_s[i]
-            since_s = self.first_epoch_s[i] * self.step_s + self.step_s * np.arange(self.epochs)
+            since_s = self.step_s * np.asarray(self.first_epoch_s[i] + np.arange(self.epochs), float)
             # Where the signals are received that this receiver hears, and how far they go from there.
             heard = [(ecef(enu_m), 0.0)] if self.sky is None or receiver in self.sky else []
             for attack in self.false:
                 if not attack.receivers or receiver in attack.receivers:
                     way_m = float(np.linalg.norm(np.subtract(enu_m, attack.antenna_enu_m))) + attack.delay_m
                     heard.append((ecef(attack.shows_enu_m), way_m))
-            ranges_m, signals = [], []
+            ranges_m: list[Reals] = []
+            signals: list[SignalId] = []
             for copy, (there_ecef_m, way_m) in enumerate(heard):
-                true_s = since_s - bias_s - way_m / SPEED_OF_LIGHT_M_S
+                true_s = np.asarray(since_s - bias_s - way_m / SPEED_OF_LIGHT_M_S, float)
                 ranges_m += [
                     _range_m(orbit, navigation, there_ecef_m, self.start_gpst, true_s) + way_m
                     + SPEED_OF_LIGHT_M_S * bias_s
@@ -404,7 +407,7 @@ def _range_m(
 ) -> Reals:
     """Pseudorange of a receiver with a perfect clock at `true_s` after the start; light time by iteration."""
     week, tow_s = week_and_tow(start_gpst)
-    travel_s = np.full(true_s.shape, 0.075)
+    travel_s: Reals = np.full(true_s.shape, 0.075)
     for _ in range(4):  # each takes the error down by v/c
         state = satellite_state_s(orbit, week, tow_s + true_s - travel_s)
         turned_ecef_m = rotate_to_reception(state.position_ecef_m, travel_s)

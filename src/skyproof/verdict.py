@@ -102,11 +102,14 @@ with warnings.catch_warnings():
 
 
 class Source(_Model):
-    """A transmitter of false signals, as far as it is known."""
+    """Signals that come from one place: a transmitter of false ones or, while that is open, one consistent sky of several.
+
+    `kind` says which of the two, in words.
+    """
 
     name: str = Field(description="Name by which signals refer to the source.")
-    kind: str = Field(description="What is known of it in words: one antenna.")
-    sats: tuple[str, ...] = Field(description="Satellites that it imitates.")
+    kind: str = Field(description="What is known of it, in words: one antenna.")
+    sats: tuple[str, ...] = Field(description="Satellites whose signals are ascribed to it.")
     azimuth_deg: float | None = Field(ge=0.0, le=360.0, description="Direction seen, clockwise from north, degrees.")
     elevation_deg: float | None = Field(ge=-90.0, le=90.0, description="Direction seen, above the horizon, degrees.")
     direction_sigma_deg: Sigma | None = Field(description="Standard deviation of the direction, degrees.")

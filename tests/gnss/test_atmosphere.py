@@ -31,7 +31,7 @@ def test_the_ionosphere_depends_on_the_time_of_day_only_and_peaks_in_the_afterno
 def test_hydrostatic_and_wet_zenith_delays_are_the_textbook_ones():
     # Saastamoinen 1972: 0.0022768 m per hPa at 45 degrees and sea level.
     assert saastamoinen_zenith_m(np.pi / 4, 0.0, humidity=0.0) == pytest.approx(0.0022768 * 1013.25, abs=1e-6)
-    # Saturation pressure at 15 C is 17.04 hPa (WMO No. 8, annex 4.B), ours 0.6 % more; 0.002277 (1255 / T + 0.05) m/hPa.
+    # Saturation pressure at 15 C is 17.04 hPa (WMO No. 8, annex 4.B), ours 0.6 % more; 0.002277 (1255/T + 0.05) m/hPa.
     wet_m = saastamoinen_zenith_m(np.pi / 4, 0.0, humidity=1.0) - saastamoinen_zenith_m(np.pi / 4, 0.0, humidity=0.0)
     assert wet_m == pytest.approx(0.002277 * (1255.0 / 288.15 + 0.05) * 17.04, abs=2e-3)
 

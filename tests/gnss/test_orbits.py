@@ -169,7 +169,8 @@ def two_line_position_m(first, second):
 def test_satellites_are_where_the_tracking_radars_see_them(shared_data):
     """Two-line elements near 31 October 2012 (NORAD) against the broadcast of that day.
 
-    They leave out what the Moon, the Sun and the Earth's shape do within a revolution: up to some ten kilometres.
+    Mean elements read as plain Kepler leave out what the Moon, the Sun and the Earth's shape do: some tens of
+    kilometres, a tenth of a degree. A coarse check, but of everything, the Earth's orientation included.
     """
     text = (shared_data / "real" / "brdc" / "TLE_GNSS_20121101.txt").read_text(encoding="latin-1")
     lines = [line for line in text.splitlines() if line[:1] not in ("#", "")]
@@ -181,5 +182,6 @@ def test_satellites_are_where_the_tracking_radars_see_them(shared_data):
             eph = navigation.best(name.strip(), gpst_from_utc(utc), max_age_s=3600.0)
             if eph is not None:
                 gaps_m.append(np.linalg.norm(satellite_state(eph, gpst_from_utc(utc)).position_ecef_m - radar_m))
-    assert len(gaps_m) >= 5
-    assert max(gaps_m) < 20e3
+    assert len(gaps_m) >= 15
+    assert np.median(gaps_m) < 25e3
+    assert max(gaps_m) < 60e3

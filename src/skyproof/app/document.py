@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from skyproof.app.receive import Reception
+from skyproof.app.reception import Reception
 from skyproof.app.settings import Settings
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import LabelledSignal

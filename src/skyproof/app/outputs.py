@@ -9,6 +9,7 @@ import numpy as np
 
 from skyproof.app.document import Outcome, ReceiverOutcome, place_of, versions
 from skyproof.app.progress import Progress
+from skyproof.app.reception import Reception
 from skyproof.app.settings import Settings
 from skyproof.errors import OutputError
 from skyproof.formats.kml import write_kml
@@ -24,7 +25,7 @@ from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import iso, seconds_between
-from skyproof.records import CELL_STATUS, Evidence, Fix, Observations, SignalId
+from skyproof.records import CELL_STATUS, Evidence, Fix, NavigationData, Observations, SignalId
 from skyproof.report.page import Pictures, report_html
 from skyproof.report.pictures import FixTrack, SignalSeries, SkyPosition
 from skyproof.verdict import Verdict
@@ -299,3 +300,19 @@ def _sky(r: ReceiverOutcome, outcome: Outcome) -> list[SkyPosition]:
                 )
             )
     return positions
+
+
+# ---------------------------------------------------------------------- receive
+
+
+def write_received(folder: Path, receptions: Sequence[Reception], navigation: NavigationData | None) -> None:
+    """RINEX observation files of every signal, one a receiver and copy, and a navigation file of what was told."""
+    for reception in receptions:
+        o = reception.observations
+        orbits = navigation if navigation is not None else reception.told
+        if orbits.ephemerides:
+            write_nav(folder / f"{reception.samples.name}-nav.rnx", orbits)
+        if o is not None:
+            for number, signals in enumerate(_one_a_satellite(o)):
+                name = f"{o.receiver}.obs" if number == 0 else f"{o.receiver}-{number + 1}.obs"
+                _write_channels(folder / name, o, "unjudged", None, signals)

@@ -10,7 +10,7 @@ import numpy as np
 from skyproof.app.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.outputs import check_folder, write_outputs
 from skyproof.app.progress import Progress, Silent
-from skyproof.app.receive import Reception, first_copies, nothing_heard, observe, open_inputs, overlap_s, track
+from skyproof.app.reception import Reception, first_copies, nothing_heard, observe, open_inputs, overlap_s, track
 from skyproof.app.settings import Settings, resolve_settings
 from skyproof.app.windows import detectors_for, examine, window_records
 from skyproof.errors import InputError

@@ -1,210 +1,60 @@
-"""Recordings to observations: open, track everything, tell what was heard."""
+"""Track every signal in recordings and write what was measured, without judging it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-
+from skyproof.app.outputs import check_folder, write_received
 from skyproof.app.progress import Progress, Silent
-from skyproof.app.settings import Settings
-from skyproof.errors import InputError, NotEnoughData
-from skyproof.formats.raw import open_raw
-from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.gnss.time import iso, resolve_week, seconds_between, week_and_tow
-from skyproof.navigation.clock import anchored
-from skyproof.navigation.fix import fix
-from skyproof.receiver.observables import ClockLabel, assemble, clock_label, navigation_of, week_told
-from skyproof.receiver.tracking import Arc, Epoch, Receiver, ReceiverSettings, ReceiverState
-from skyproof.records import NavigationData, Observations, Samples, SignalId
+from skyproof.app.reception import Reception, nothing_heard, observe, open_inputs, track
+from skyproof.app.settings import resolve_settings
+from skyproof.formats.rinex_nav import read_nav
 
-__all__ = ["Reception", "Tracker", "observe", "open_inputs", "stretch", "track"]
-
-BLOCK_S = 1.0
+__all__ = ["ReceiveResult", "receive"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Reception:
-    """One receiver's recording after tracking. `observations` is None if no time of week could be decoded."""
+class ReceiveResult:
+    """What each receiver heard, the folder with its files, and whether Ctrl-C ended it early."""
 
-    samples: Samples
-    observations: Observations | None
-    told: NavigationData  # by the signals themselves
-    n_signals: int
-    remarks: tuple[str, ...] = ()
+    receptions: tuple[Reception, ...]
+    folder: Path | None = None
+    interrupted: bool = False
 
-
-@dataclass(kw_only=True)
-class Tracker:
-    """One recording on its way through the receiver: which sample comes next, and all that came out so far."""
-
-    samples: Samples
-    receiver: Receiver
-    state: ReceiverState = field(default_factory=ReceiverState)
-    position: int = 0
-    epochs: list[Epoch] = field(default_factory=list)
-    arcs: dict[int, Arc] = field(default_factory=dict)
-
-    def advance(self) -> bool:
-        """Work on the next block; False when the recording has ended."""
-        count = min(int(BLOCK_S * self.samples.rate_hz), self.samples.n_samples - self.position)
-        if count <= 0:
-            return False
-        output, self.state = self.receiver.step(self.state, self.samples.read(self.position, count))
-        self.position += count
-        self.epochs += output.epochs
-        self.arcs |= output.arcs
-        return True
+    @property
+    def observations(self) -> Any:
+        """Those of the first receiver; None if no time of week could be decoded."""
+        return self.receptions[0].observations
 
 
-def open_inputs(paths: Sequence[Path], settings: Settings) -> list[Samples]:
-    """Open recordings, check their levels, cut them to the stretch asked for, and give each receiver its own name."""
-    opened: list[Samples] = []
-    for path in paths:
-        samples = open_raw(path)
-        if any(samples.name == other.name for other in opened):
-            samples = replace(samples, name=f"{samples.name}-{sum(samples.name == o.name for o in opened) + 1}")
-        opened.append(stretch(samples, settings.start_s, settings.duration_s))
-    return opened
+def receive(
+    inputs: str | Path | Sequence[str | Path],
+    *,
+    nav: str | Path | None = None,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> ReceiveResult:
+    """Track everything in one or several recordings.
 
-
-def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Samples:
-    """The part of a recording from `start_s` on, `duration_s` long at most."""
-    if start_s == 0.0 and duration_s is None:
-        return samples
-    first = round(start_s * samples.rate_hz)
-    if first >= samples.n_samples:
-        raise InputError(f"{samples.path}: lasts {samples.duration_s:.3f} s, but start_s is {start_s:g}; give less")
-    count = samples.n_samples - first
-    if duration_s is not None:
-        count = min(count, round(duration_s * samples.rate_hz))
-    start_gpst = samples.start_gpst
-    return replace(
-        samples,
-        n_samples=count,
-        read=lambda start, n: samples.read(first + start, min(n, count - start)),
-        start_gpst=None if start_gpst is None else start_gpst + np.timedelta64(round(start_s * 1e9), "ns"),
-    )
-
-
-def track(
-    recordings: Sequence[Samples], settings: Settings, progress: Progress | None = None
-) -> tuple[list[Tracker], bool]:
-    """Track all recordings side by side, so that an interruption leaves all equally far.
-
-    Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
+    Parameters and errors are those of `protect`; outputs are RINEX observation files, one a receiver and copy, and a
+    navigation file.
     """
     progress = progress or Silent()
-    receiver_settings = ReceiverSettings(doppler_max_hz=settings.doppler_max_hz)
-    trackers = [
-        Tracker(samples=s, receiver=Receiver(s.rate_hz, carrier_at_hz(s), receiver_settings)) for s in recordings
-    ]
-    names = ", ".join(s.name for s in recordings)
-    total_s = sum(s.duration_s for s in recordings)
-    try:
-        with progress.stage(f"tracking {names}", total_s) as stage:
-            running = True
-            while running:
-                running = False
-                for tracker in trackers:
-                    running |= tracker.advance()
-                    stage.advance(sum(t.position / t.samples.rate_hz for t in trackers))
-    except KeyboardInterrupt:
-        return trackers, True
-    return trackers, False
-
-
-def carrier_at_hz(samples: Samples) -> float:
-    """Where the nominal carrier lies in the samples: the frequency `centre_hz` lies at `if_hz`."""
-    return samples.if_hz + GPS_L1_CA.carrier_hz - samples.centre_hz
-
-
-def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
-    """Time, observations and navigation data of one tracked recording.
-
-    The week comes from the recording's date, else from the navigation file, else from the message (which knows it
-    modulo 1024, resolved by nothing better than the calendar's present era).
-    """
-    samples = tracker.samples
-    heard = {arc.signal for arc in tracker.arcs.values()}
-    remarks: list[str] = []
-    week = _week(tracker, navigation, remarks)
-    told = navigation_of(tracker.arcs, week, samples.path or samples.name)
-    label = clock_label(tracker.epochs, tracker.arcs, week)
-    observations = None
-    if label is not None:
-        label = _near_date(label, samples, remarks)
-        settings = tracker.receiver.settings
-        observations = assemble(
-            samples.name, tracker.epochs, tracker.arcs, label, carrier_hz=settings.signal.carrier_hz,
-            averaged_s=2.0 * settings.frame_s,
-        )  # fmt: skip
-        observations = _anchored(observations, navigation if navigation is not None else told)
-    return Reception(
-        samples=samples, observations=observations, told=told, n_signals=len(heard), remarks=tuple(remarks)
-    )
-
-
-def nothing_heard(samples: Samples) -> NotEnoughData:
-    """The error for a recording in which no satellite was found: what to check, in the order of likelihood."""
-    return NotEnoughData(
-        f"{samples.path or samples.name}: no GPS L1 C/A signal found in {samples.duration_s:.1f} s. "
-        f"It was read as {samples.format}, {samples.rate_hz:g} samples/s, carrier at {carrier_at_hz(samples):g} Hz; "
-        "check rate_hz, if_hz, kind, encoding, bits and bit_order in its sidecar, that the antenna was connected, and "
-        "whether the oscillator may be off by more than the search reaches (doppler_max_hz)"
-    )
-
-
-def _week(tracker: Tracker, navigation: NavigationData | None, remarks: list[str]) -> int:
-    start = tracker.samples.start_gpst
-    if start is not None:
-        return int(week_and_tow(start)[0])
-    if navigation is not None and navigation.ephemerides:
-        week = int(np.median([e.week for e in navigation.ephemerides]))
-        remarks.append(f"no date in the sidecar: GPS week {week} taken from the navigation file")
-        return week
-    told = week_told(tracker.arcs)
-    near = np.datetime64("now", "ns")
-    week = resolve_week(told, near) if told is not None else int(week_and_tow(near)[0])
-    remarks.append(
-        f"no date in the sidecar and no navigation file: GPS week {week} taken "
-        + ("from the message, as the one nearest to today" if told is not None else "as today's; give start_gpst")
-    )
-    return week
-
-
-def _near_date(label: ClockLabel, samples: Samples, remarks: list[str]) -> ClockLabel:
-    """The label in the week that brings it nearest to the recording's date; tell if the two disagree."""
-    if samples.start_gpst is None:
-        return label
-    week, tow_s = week_and_tow(samples.start_gpst)
-    ahead_s = label.tow_ms * 1e-3 - tow_s
-    turned = round(ahead_s / 604800.0)
-    label = replace(label, week=int(week) - turned)
-    off_s = ahead_s - 604800.0 * turned
-    if abs(off_s) > 2.0:
-        remarks.append(
-            f"the sidecar's start_gpst is {iso(samples.start_gpst, 0)}, but the signals' own time differs from it by "
-            f"{off_s:+.1f} s; the signals' time is used"
-        )
-    return label
-
-
-def _anchored(observations: Observations, navigation: NavigationData) -> Observations:
-    """Move the clock label to within half a millisecond of what most signals say, when they give a fix at all."""
-    shown = fix(observations, navigation, signals=first_copies(observations), elevation_mask_deg=0.0)
-    biases_s = shown.clock_bias_s[np.isfinite(shown.clock_bias_s)]
-    return anchored(observations, float(np.median(biases_s))) if biases_s.size else observations
-
-
-def first_copies(observations: Observations) -> tuple[SignalId, ...]:
-    """What a receiver without protection follows: of each satellite the signal that was found first."""
-    first: dict[str, SignalId] = {}
-    for signal in sorted(observations.signals, key=lambda s: (len(s.copy), s.copy)):
-        first.setdefault(signal.sat, signal)
-    return tuple(first.values())
-
-
-def overlap_s(a: Observations, b: Observations) -> float:
-    """Common time of two receivers, seconds; negative if they were recorded one after the other."""
-    return float(seconds_between(min(a.gpst[-1], b.gpst[-1]), max(a.gpst[0], b.gpst[0])))
+    settings = resolve_settings(None, **options)
+    if out is not None:
+        check_folder(Path(out))
+    paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
+    recordings = open_inputs([Path(p) for p in paths], settings)
+    navigation = None if nav is None else read_nav(Path(nav))
+    trackers, interrupted = track(recordings, settings, progress)
+    for tracker in trackers:
+        if not tracker.arcs and not interrupted:
+            raise nothing_heard(tracker.samples)
+    receptions = tuple(observe(tracker, navigation) for tracker in trackers)
+    if out is not None:
+        write_received(Path(out), receptions, navigation)
+    return ReceiveResult(
+        receptions=receptions, folder=None if out is None else Path(out), interrupted=interrupted
+    )  # fmt: skip

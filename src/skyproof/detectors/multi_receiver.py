@@ -166,7 +166,8 @@ class _Window:
             pairing.subject,
             because=f"{_names(pairing)} could come from one antenna or from the sky: range differences between the "
             f"receivers vary by {pairing.scatter_m:.1f} m between satellites, which errors may explain",
-            would_need="a longer window, antennas farther apart, or a known baseline",
+            would_need="a longer window, antennas farther apart, or to know how far apart they are "
+            "(antenna_separation_m) or where they stand (antennas_enu_m)",
         )
 
     # Several sets in some receiver ------------------------------------------------------------------------------------
@@ -244,7 +245,10 @@ class _Window:
         p_value = min(1.0, len(p_values) * min(p_values))
         counts = ", ".join(f"{len(sets)} in {receiver}" for receiver, sets in self.sets.items())
         because = f"several sets of signals that each fit one position ({counts}); which is true was not decided"
-        would_need = "a longer window, antennas farther apart, both skies tracked in all receivers, or a known baseline"
+        would_need = (
+            "a longer window, antennas farther apart, both skies tracked in all receivers, or to know where the "
+            "antennas stand (antennas_enu_m)"
+        )
         if p_value >= self.settings.false_alarm_probability:
             return self._undecided(self._signals(), because=because, would_need=would_need)
         return self._say("attack", self._signals(), p_value=p_value, because=because, would_need=would_need)

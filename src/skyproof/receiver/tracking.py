@@ -209,7 +209,7 @@ class Receiver:
         step_hz = settings.search.doppler_step_hz
         if state.frame % round(settings.full_search_s / settings.frame_s) == 0:
             n = int(settings.doppler_max_hz // step_hz)
-            grid = np.arange(-n, n + 1) * step_hz
+            grid: NDArray[np.float64] = np.arange(-n, n + 1) * step_hz
             return {sat: grid for sat in settings.sats}
         if state.frame % round(settings.near_search_s / settings.frame_s) == 0:
             reach = int(settings.near_doppler_hz // step_hz)
@@ -217,7 +217,7 @@ class Receiver:
             for channel, loop in zip(state.channels, state.loops, strict=True):
                 centre = self._bin(loop[k.FREQUENCY] - self.if_hz)
                 bins.setdefault(channel.sat, set()).update(range(centre - reach, centre + reach + 1))
-            return {sat: np.array([step_hz * b for b in sorted(numbers)]) for sat, numbers in bins.items()}
+            return {sat: step_hz * np.array(sorted(numbers), dtype=np.float64) for sat, numbers in bins.items()}
         return {}
 
     def _known(self, state: ReceiverState, sat: str, begin: int) -> Sequence[tuple[float, float]]:

@@ -94,9 +94,11 @@ def how_sure(verdict: Verdict) -> list[str]:
         sentences.append(
             f"The strongest evidence is that of {best.detector}: {_by_chance(best.decision, best.p_value)}"
         )
-    counts = [(label, sum(signal.label == label for signal in verdict.signals)) for label in draw.LABELS]
-    told = ", ".join(f"{count} {label}" for label, count in counts if count)
-    sentences.append(f"Of {len(verdict.signals)} received signals: {told}." if told else "No signals were received.")
+    labels = {(s.receiver, s.sat, s.band, s.code, s.copy, s.label) for s in verdict.signals}
+    count = len({label[:-1] for label in labels})  # a signal may carry one label after another
+    told = ", ".join(f"{sum(x[-1] == label for x in labels)} {label}" for label in draw.LABELS
+                     if any(x[-1] == label for x in labels))  # fmt: skip
+    sentences.append(f"{count} signals received: {told}." if told else "No signals were received.")
     return sentences
 
 
@@ -133,7 +135,7 @@ def _maps(pictures: Pictures) -> list[Figure]:
         "Where it was, where it seemed to be", overview,
         f"Metres east and north of {pictures.origin.lat_deg:.6f}°, {pictures.origin.lon_deg:.6f}°. Disc: last trusted "
         "fix with its 95 % ellipse; diamond: what the false signals show; ring: what a receiver without protection "
-        "shows; lines: the way there.",
+        "shows; triangle: a place that the evidence leaves open; lines: the way there.",
     )]  # fmt: skip
     for track in pictures.tracks:
         if track.kind == "trusted" and draw.extent_m([track]) < 0.1 * draw.extent_m(pictures.tracks):

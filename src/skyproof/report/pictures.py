@@ -21,7 +21,8 @@ __all__ = [
     "nice_ticks", "sky_plot", "thin", "time_line",
 ]  # fmt: skip
 
-Kind = Literal["trusted", "false", "unprotected"]
+Kind = Literal["trusted", "false", "unprotected", "possible"]
+"""What a position comes from; possible: from a consistent sky of which it is open whether it is the true one."""
 
 WIDTH = 360.0
 LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
@@ -213,11 +214,13 @@ def _ellipse(track: FixTrack, east: Scale, north: Scale) -> Markup:
 
 
 def _mark(x: float, y: float, kind: Kind) -> Markup:
-    """One shape a kind, so that colour is not needed: disc, diamond, ring."""
+    """One shape a kind, so that colour is not needed: disc, diamond, triangle, ring."""
     if kind == "trusted":
         return _circle(x, y, 4.5, "mark trusted")
     if kind == "false":
         return Markup('<path class="mark false" d="M{:.1f} {:.1f}l6 6l-6 6l-6 -6z"/>').format(x, y - 6.0)
+    if kind == "possible":
+        return Markup('<path class="mark possible" d="M{:.1f} {:.1f}l5.5 9.5h-11z"/>').format(x, y - 6.0)
     return _circle(x, y, 8.5, "ring unprotected")
 
 
@@ -250,7 +253,7 @@ def local_map(tracks: Sequence[FixTrack], *, title: str, least_m: float = 10.0, 
               _text(11.0, (top + bottom) / 2.0, "north, m", anchor="middle", css="axis", turn=True)]  # fmt: skip
 
     marks: list[tuple[float, float, Kind, str]] = []
-    for track in sorted(tracks, key=lambda track: ("unprotected", "false", "trusted").index(track.kind)):
+    for track in sorted(tracks, key=lambda track: ("unprotected", "possible", "false", "trusted").index(track.kind)):
         fixes = track.points()
         kept = fixes[np.unique(np.linspace(0, len(fixes) - 1, 150).astype(int))]
         parts.append(_path(east.pixels(kept[:, 0]), north.pixels(kept[:, 1]), f"track {track.kind}"))

@@ -30,13 +30,17 @@ def _instant(value: Any) -> np.datetime64:
     return value.astype("datetime64[ns]") if isinstance(value, np.datetime64) else parse_iso(value)
 
 
+def _written(value: np.datetime64) -> str:
+    return iso(value, 9)
+
+
 def _sat(value: Any) -> str:
     if value not in GPS_SATS:
         raise ValueError(f"{value!r} is no GPS satellite; write G01 to G32")
     return str(value)
 
 
-Instant = Annotated[np.datetime64, PlainValidator(_instant), PlainSerializer(iso, return_type=str)]
+Instant = Annotated[np.datetime64, PlainValidator(_instant), PlainSerializer(_written, return_type=str)]
 SatName = Annotated[str, PlainValidator(_sat)]
 
 

@@ -13,7 +13,9 @@ from scipy import special
 
 from skyproof.statistics.lines import line_columns
 
-__all__ = ["Ar1Line", "ar1_line", "ar1_whiten", "correlation_grid", "estimate_ar1", "lag_one_expectation"]
+__all__ = [
+    "Ar1Fit", "Ar1Line", "ar1_fit", "ar1_line", "ar1_whiten", "correlation_grid", "estimate_ar1", "lag_one_expectation",
+]  # fmt: skip
 
 Reals = NDArray[np.float64]
 
@@ -41,11 +43,26 @@ def ar1_whiten(values: Reals, phi: ArrayLike, gaps: Reals | None = None) -> Real
     return np.concatenate([first, later], axis=-2)
 
 
-class Ar1Line(NamedTuple):
-    """Generalised least squares of level and slope under AR(1) noise of a given phi, leading axes as broadcast.
+class Ar1Fit(NamedTuple):
+    """Generalised least squares of level and slope under AR(1) noise of a given phi, in orthonormal columns.
 
-    level : (..., M), variance s^2 where the true level and slope are zero.
-    gain : (...), what a level of 1 adds to `level`; so level/gain estimates the level with variance (s/gain)^2.
+    level, slope : (..., M), variance s^2 each. `level` is made of the true level times `gain` and, with gaps in time, a
+        share of the slope; `slope` of the true slope alone.
+    gain : (...), so level/gain estimates the level with variance (s/gain)^2; sqrt(N) for white noise.
+    residual : (..., N, M), whitened.
+    columns : (..., N, 2).
+    """
+
+    level: Reals
+    slope: Reals
+    gain: Reals
+    residual: Reals
+    columns: Reals
+
+
+class Ar1Line(NamedTuple):
+    """What `Ar1Fit` says of the noise.
+
     rss : (...), residual sum of squares over all series: s^2 chi-square with (N-2) M degrees.
     support : (...), if phi is right, the chance that the whitened residuals' pooled lag-one correlation is as low as it
         is or lower. Small means that the whitening has overdone it: the noise is less correlated than phi.
@@ -57,23 +74,26 @@ class Ar1Line(NamedTuple):
     support: Reals
 
 
-def ar1_line(values: Reals, phi: ArrayLike, gaps: Reals | None = None) -> Ar1Line:
+def ar1_fit(values: Reals, phi: ArrayLike, gaps: Reals | None = None) -> Ar1Fit:
     """Fit a line to each of `values` (..., N, M) under AR(1) noise with coefficient `phi` (broadcasts with ...)."""
-    n, m = values.shape[-2:]
+    n = values.shape[-2]
     times = np.arange(n, dtype=float) if gaps is None else np.concatenate([[0.0], np.cumsum(gaps)])
-    columns = ar1_whiten(line_columns(n, times), phi, gaps)
-    gain = np.linalg.norm(columns[..., 0], axis=-1)
-    q0 = columns[..., 0] / gain[..., None]
-    q1 = columns[..., 1] - q0 * np.sum(q0 * columns[..., 1], axis=-1, keepdims=True)
-    q1 = q1 / np.linalg.norm(q1, axis=-1, keepdims=True)
-    q = np.stack([q0, q1], axis=-1)
+    line = ar1_whiten(np.column_stack([np.ones(n), times - times.mean()]), phi, gaps)
+    gain = np.linalg.norm(line[..., 0], axis=-1)
+    q0 = line[..., 0] / gain[..., None]
+    q1 = line[..., 1] - q0 * np.sum(q0 * line[..., 1], axis=-1, keepdims=True)
+    columns = np.stack([q0, q1 / np.linalg.norm(q1, axis=-1, keepdims=True)], axis=-1)
     white = ar1_whiten(values, phi, gaps)
-    coefficients = np.swapaxes(q, -1, -2) @ white
-    residual = white - q @ coefficients
-    rss = np.sum(residual**2, axis=(-1, -2))
-    lag = np.sum(residual[..., 1:, :] * residual[..., :-1, :], axis=(-1, -2)) / np.maximum(rss, 1e-300)
-    # The column 1/sqrt(N) of the line has level 1/sqrt(N) only: gain per unit of level is larger by sqrt(N).
-    return Ar1Line(coefficients[..., 0, :], gain * np.sqrt(n), rss, _lag_one_cumulative(lag, q, m))
+    coefficients = np.swapaxes(columns, -1, -2) @ white
+    return Ar1Fit(coefficients[..., 0, :], coefficients[..., 1, :], gain, white - columns @ coefficients, columns)
+
+
+def ar1_line(values: Reals, phi: ArrayLike, gaps: Reals | None = None) -> Ar1Line:
+    """Level and noise of `values` (..., N, M) as AR(1) of coefficient `phi` (broadcasts with ...) around a line."""
+    fit = ar1_fit(values, phi, gaps)
+    rss = np.sum(fit.residual**2, axis=(-1, -2))
+    lag = np.sum(fit.residual[..., 1:, :] * fit.residual[..., :-1, :], axis=(-1, -2)) / np.maximum(rss, 1e-300)
+    return Ar1Line(fit.level, fit.gain, rss, _lag_one_cumulative(lag, fit.columns, values.shape[-1]))
 
 
 def _lag_one_cumulative(lag: Reals, q: Reals, m: int) -> Reals:

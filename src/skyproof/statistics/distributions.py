@@ -42,13 +42,16 @@ def f_survival(statistic: ArrayLike, dof_num: ArrayLike, dof_den: ArrayLike) -> 
 
 
 def f_threshold(probability: ArrayLike, dof_num: ArrayLike, dof_den: ArrayLike) -> Reals:
-    """The value that F with (dof_num, dof_den) degrees exceeds with `probability`.
+    """The value that F with (dof_num, dof_den) degrees exceeds with `probability`; `dof_den` may be infinite.
 
     d2/(d2 + d1 X) is Beta(d2/2, d1/2), so the upper tail of F is a lower tail of Beta and keeps its digits.
     """
-    d1, d2 = np.asarray(dof_num, float), np.asarray(dof_den, float)
-    share = special.betaincinv(d2 / 2, d1 / 2, np.asarray(probability, float))
-    return np.asarray(d2 * (1.0 - share) / (d1 * share), float)
+    p, d1, d2 = np.asarray(probability, float), np.asarray(dof_num, float), np.asarray(dof_den, float)
+    finite = np.where(np.isinf(d2), 1.0, d2)
+    share = special.betaincinv(finite / 2, d1 / 2, p)
+    with np.errstate(divide="ignore"):
+        threshold = finite * (1.0 - share) / (d1 * share)
+    return np.asarray(np.where(np.isinf(d2), special.chdtri(d1, p) / d1, threshold), float)
 
 
 def noncentral_f_survival(

@@ -1,0 +1,32 @@
+"""The demonstration: simulate two receivers under a meaconer, protect them, write the report."""
+
+from pathlib import Path
+
+from skyproof.app.outputs import check_folder
+from skyproof.app.progress import Progress, Silent
+from skyproof.app.protect import ProtectResult, protect
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.simulate import scenes
+from skyproof.simulate.files import write
+
+__all__ = ["demo"]
+
+
+def demo(out: str | Path, *, progress: Progress | None = None, seed: int = 1) -> ProtectResult:
+    """Recordings, navigation file and truth go into `out`, and so do the outputs of `protect`.
+
+    Raises
+    ------
+    OutputError : the folder cannot be written.
+    """
+    progress = progress or Silent()
+    folder = Path(out)
+    check_folder(folder)
+    scenario = scenes.demo(seed=seed)
+    navigation = nominal_constellation(scenario.start_gpst)
+    nav = folder / "broadcast.rnx"
+    write_nav(nav, navigation)
+    with progress.stage("simulating two receivers under a meaconer", 1.0) as stage:
+        recordings = write(scenario, navigation, folder, progress=lambda done, total: stage.advance(done / total))
+    return protect(recordings, nav=nav, out=folder, progress=progress)
