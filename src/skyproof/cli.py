@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter
 from rich import progress as rich_progress
@@ -35,6 +35,7 @@ __all__ = ["app", "main"]
 EXIT_CODES = {"authentic": 0, "spoofed": 1, "undecided": 3}
 ERROR, INTERRUPTED = 2, 130
 STYLES = {"authentic": "bold blue", "trusted": "blue", "spoofed": "bold dark_orange", "false": "dark_orange"}
+AFTER_DEMO, RECORDINGS = "Example, with the recordings of `skyproof demo --out demo`:", "demo/bow.bin demo/stern.bin"
 
 app = App(
     name="skyproof",
@@ -59,7 +60,7 @@ Json = Annotated[bool, Parameter(name="--json", help="Print verdict.json on stan
 Debug = Annotated[bool, Parameter(help="Show the traceback of an error.")]
 
 
-@app.command(help_epilogue="Example: `skyproof protect rx1.bin rx2.bin --nav brdc0010.22n --out result`")
+@app.command(help_epilogue=f"{AFTER_DEMO} `skyproof protect {RECORDINGS} --nav demo/broadcast.rnx --out result`")
 def protect(
     inputs: Annotated[list[Path], Parameter(name="INPUT", help="Recordings, one a receiver, each with its sidecar.")],
     /,
@@ -93,7 +94,7 @@ def protect(
     return EXIT_CODES[result.verdict.verdict] if exit_code else 0
 
 
-@app.command(help_epilogue="Example: `skyproof receive rx1.bin --nav brdc0010.22n --out received`")
+@app.command(help_epilogue=f"{AFTER_DEMO} `skyproof receive {RECORDINGS} --nav demo/broadcast.rnx --out received`")
 def receive(
     files: Annotated[list[Path], Parameter(name="FILE", help="Recordings, one a receiver, each with its sidecar.")],
     /,
@@ -117,7 +118,7 @@ def receive(
 @app.command(help_epilogue="Example: `skyproof demo --out demo`")
 def demo(
     *,
-    out: Annotated[Path, Parameter(help="Folder for all results.", show_default=True)] = Path("skyproof-demo"),
+    out: Annotated[Path, Parameter(help="Folder for the recordings and the results.", show_default=True)] = Path("skyproof-demo"),
     json: Json = False,
     open_report: Annotated[bool, Parameter(name="--open", help="Open the report in the browser.")] = False,
     debug: Debug = False,
@@ -165,16 +166,7 @@ def _complain(text: str) -> None:
 # What a person reads
 
 
-class _Result(Protocol):
-    @property
-    def verdict(self) -> Verdict: ...
-    @property
-    def folder(self) -> Path | None: ...
-    @property
-    def interrupted(self) -> bool: ...
-
-
-def _tell(result: _Result | ProtectResult, *, as_json: bool) -> None:
+def _tell(result: ProtectResult, *, as_json: bool) -> None:
     if result.interrupted:
         _complain("interrupted: this is what was decided so far")
     if as_json:

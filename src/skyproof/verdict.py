@@ -102,7 +102,7 @@ with warnings.catch_warnings():
 
 
 class Source(_Model):
-    """Signals that come from one place: a transmitter of false ones or, while that is open, one consistent sky of several.
+    """Signals of one origin: a transmitter of false ones or, while that is open, one consistent sky of several.
 
     `kind` says which of the two, in words.
     """

@@ -42,12 +42,11 @@ def twin(
             number = scenario.attack_names.index(heard.source)
             seen_at = scenario.attacks[number].shows
             added_s = scenario.attacks[number].added_delay_s + scene.path_m[number, receiver] / 299_792_458.0
-        delays = delays_at(seen_at, ephemeris, scene.navigation, scenario.start_gpst, true_s - added_s)
-        if count > 10_000:  # orbits bend little
-            fits = [Polynomial.fit(true_s[::500], delay_s[::500], 4) for delay_s in (delays.code_s, delays.carrier_s)]
-            code_s, carrier_s = (fit(true_s) for fit in fits)
-        else:
-            code_s, carrier_s = delays.code_s, delays.carrier_s
+        at_s = true_s if count < 10_000 else true_s[:: count // 20]  # orbits bend little
+        delays = delays_at(seen_at, ephemeris, scene.navigation, scenario.start_gpst, at_s - added_s)
+        code_s, carrier_s = delays.code_s, delays.carrier_s
+        if at_s.size < count:
+            code_s, carrier_s = (Polynomial.fit(at_s, delay_s, 4)(true_s) for delay_s in (code_s, carrier_s))
         chip = CA_CHIP_RATE_HZ * (tow_s - first_tow + true_s - (code_s + added_s))
         bits = encode_subframes(
             ephemeris, scene.navigation.ionosphere, scene.navigation.utc, first_tow, week,
@@ -179,7 +178,7 @@ def test_the_carrier_to_noise_density_is_as_asked(
     """Losses of quantisation: 2 / pi for one bit, 0.55 dB for two (Max, 1960)."""
     scene = few_satellites(scenario, navigation, front_end)
     assert 1 <= len(scene.skies[0].signals) <= 3
-    rate_hz, count = front_end.rate_hz, int(0.3 * front_end.rate_hz)
+    rate_hz, count = front_end.rate_hz, int(0.2 * front_end.rate_hz)
     planes = samples_of(scene.scenario, navigation)[0].read(0, count).astype(float)
     received = planes[0] + 1j * planes[1]
     for column, heard in enumerate(scene.skies[0].signals):
@@ -191,4 +190,4 @@ def test_the_carrier_to_noise_density_is_as_asked(
             power, band_hz = 2.0 * power, rate_hz / 2.0
         noise_density = (np.mean(np.abs(received) ** 2) - power) / band_hz
         cn0_dbhz = 10.0 * np.log10(power / noise_density)
-        assert cn0_dbhz == pytest.approx(float(scene.skies[0].cn0_dbhz(0.15)[column]) - loss_db, abs=0.2), heard.id
+        assert cn0_dbhz == pytest.approx(float(scene.skies[0].cn0_dbhz(0.1)[column]) - loss_db, abs=0.2), heard.id

@@ -1,6 +1,6 @@
 """Recordings to observations: open, track everything, tell what was heard."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,11 +10,13 @@ from skyproof.app.progress import Progress, Silent
 from skyproof.app.settings import Settings
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.raw import open_raw
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import iso, resolve_week, seconds_between, week_and_tow
 from skyproof.navigation.clock import anchored
 from skyproof.navigation.fix import fix
-from skyproof.receiver.observables import ClockLabel, assemble, clock_label, navigation_of, week_told
+from skyproof.receiver.observables import ClockLabel, assemble, clock_label, navigation_of, timed_by_range, week_told
 from skyproof.receiver.tracking import Arc, Epoch, Receiver, ReceiverSettings, ReceiverState
 from skyproof.records import NavigationData, Observations, Samples, SignalId
 
@@ -130,16 +132,16 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
     remarks: list[str] = []
     week = _week(tracker, navigation, remarks)
     told = navigation_of(tracker.arcs, week, samples.path or samples.name)
+    orbits = navigation if navigation is not None else told
     label = clock_label(tracker.epochs, tracker.arcs, week)
     observations = None
     if label is not None:
         label = _near_date(label, samples, remarks)
-        settings = tracker.receiver.settings
-        observations = assemble(
-            samples.name, tracker.epochs, tracker.arcs, label, carrier_hz=settings.signal.carrier_hz,
-            averaged_s=2.0 * settings.frame_s,
-        )  # fmt: skip
-        observations = _anchored(observations, navigation if navigation is not None else told)
+        observations = _assembled(tracker, tracker.arcs, label)
+        arcs = _all_timed(tracker, observations, orbits, label, remarks)
+        if arcs is not None:
+            observations = _assembled(tracker, arcs, label)
+        observations = _anchored(observations, orbits)
     return Reception(
         samples=samples, observations=observations, told=told, n_signals=len(heard), remarks=tuple(remarks)
     )
@@ -188,6 +190,54 @@ def _near_date(label: ClockLabel, samples: Samples, remarks: list[str]) -> Clock
             f"{off_s:+.1f} s; the signals' time is used"
         )
     return label
+
+
+def _assembled(tracker: Tracker, arcs: Mapping[int, Arc], label: ClockLabel) -> Observations:
+    settings = tracker.receiver.settings
+    return assemble(
+        tracker.samples.name, tracker.epochs, arcs, label, carrier_hz=settings.signal.carrier_hz,
+        averaged_s=2.0 * settings.frame_s,
+    )  # fmt: skip
+
+
+def _all_timed(
+    tracker: Tracker, observations: Observations, orbits: NavigationData, label: ClockLabel, remarks: list[str]
+) -> dict[int, Arc] | None:
+    """Arcs too short for a subframe take their time of week from the position that the others give; None if no arc
+    gains by it.
+    """
+    untimed = [arc for arc in tracker.arcs.values() if arc.tow_ms_at_period_0 is None and arc.bit_synchronised]
+    if not untimed:
+        return None
+    shown = fix(observations, orbits, signals=first_copies(observations), elevation_mask_deg=0.0)
+    good = np.flatnonzero(shown.status == 0)
+    if good.size == 0:
+        return None
+
+    def range_m(sat: str, elapsed_s: float) -> float | None:
+        row = good[np.argmin(np.abs(observations.elapsed_s[good] - elapsed_s))]
+        ephemeris = orbits.best(sat, shown.gpst[row])
+        if ephemeris is None:
+            return None
+        later = np.timedelta64(round((elapsed_s - float(observations.elapsed_s[row])) * 1e9), "ns")
+        state = satellite_state(ephemeris, shown.gpst[row] + later - np.timedelta64(75, "ms"))
+        clock_s = float(shown.clock_bias_s[row]) - float(state.clock_s)
+        away_m = float(np.linalg.norm(state.position_ecef_m - shown.position_ecef_m[row]))
+        return away_m + SPEED_OF_LIGHT_M_S * clock_s
+
+    arcs = timed_by_range(tracker.arcs, tracker.epochs, label, range_m)
+    gained = sorted(
+        str(arc.signal)
+        for number, arc in arcs.items()
+        if arc.tow_ms_at_period_0 is not None and tracker.arcs[number].tow_ms_at_period_0 is None
+    )
+    if not gained:
+        return None
+    remarks.append(
+        f"{', '.join(gained)}: received too shortly for a time of week of their own; it was taken from the range that "
+        "the position of the others predicts"
+    )
+    return arcs
 
 
 def _anchored(observations: Observations, navigation: NavigationData) -> Observations:

@@ -53,6 +53,7 @@ def gold_code(delay_chips: int) -> NDArray[np.int8]:
     return code
 
 
+@cache
 def _register(taps: tuple[int, ...]) -> NDArray[np.int8]:
     """One period of a 10-stage shift register, all ones at the start, fed back from `taps`, output at stage 10."""
     stages = [1] * 10

@@ -81,7 +81,8 @@ def _motion(observations: Observations, kept: NDArray[np.intp], middle: int) -> 
     there = np.isfinite(observations.pseudorange_m[:, kept])
     there[middle] = True
     needed = np.maximum.accumulate(there, axis=0)[:-1] & np.maximum.accumulate(there[::-1], axis=0)[::-1][1:]
-    return motion_m, np.sum(np.where(~whole & needed, np.nan_to_num(doppler_m2), 0.0), axis=0)
+    bridges = ~whole & needed & np.isfinite(by_doppler)
+    return motion_m, np.sum(np.where(bridges, np.nan_to_num(doppler_m2), 0.0), axis=0)
 
 
 def _filled(elapsed_s: Reals, values: Reals) -> Reals:

@@ -3,8 +3,8 @@
 Whole milliseconds are counted as integers and only fractions are floating point, so no digit of a range is lost.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -106,6 +106,40 @@ def assemble(
         averaged_s=averaged_s,
         **table,
     )
+
+
+def timed_by_range(
+    arcs: Mapping[int, Arc], epochs: Sequence[Epoch], label: ClockLabel, range_m: Callable[[str, float], float | None]
+) -> dict[int, Arc]:
+    """The arcs, those without a time of week given one by the range that their satellite should have.
+
+    Bits begin at whole 20 ms, so a channel that knows where its bits begin is open by multiples of 20 ms (6000 km)
+    only, and the predicted pseudorange closes that. A false signal off by more than half of it would come out wrong by
+    20 ms; it then fits no position.
+
+    Parameters
+    ----------
+    range_m : pseudorange expected of a satellite (name) at an epoch (elapsed_s), on the receiver's clock; None where
+        that is not known.
+    """
+    first: dict[int, Epoch] = {}
+    for epoch in epochs:
+        for number in epoch.measurements:
+            first.setdefault(number, epoch)
+    timed = dict(arcs)
+    for number, arc in arcs.items():
+        if arc.tow_ms_at_period_0 is not None or not arc.bit_synchronised or number not in first:
+            continue
+        epoch = first[number]
+        expected_m = range_m(arc.signal.sat, epoch.elapsed_s)
+        if expected_m is None:
+            continue
+        measurement = epoch.measurements[number]
+        sent_ms = label.tow_ms + epoch.elapsed_s * 1e3 - expected_m / SPEED_OF_LIGHT_M_S * 1e3
+        at_period_0_ms = sent_ms - measurement.periods - measurement.fraction_s * 1e3
+        at_bits_ms = 20 * round((at_period_0_ms + arc.bits_period) / 20.0)
+        timed[number] = replace(arc, tow_ms_at_period_0=(at_bits_ms - arc.bits_period) % WEEK_MS)
+    return timed
 
 
 def navigation_of(arcs: Mapping[int, Arc], week_near: int, source: str) -> NavigationData:

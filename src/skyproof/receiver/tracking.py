@@ -209,7 +209,7 @@ class Receiver:
         step_hz = settings.search.doppler_step_hz
         if state.frame % round(settings.full_search_s / settings.frame_s) == 0:
             n = int(settings.doppler_max_hz // step_hz)
-            grid: NDArray[np.float64] = np.arange(-n, n + 1) * step_hz
+            grid = np.arange(-n, n + 1, dtype=np.float64) * step_hz
             return {sat: grid for sat in settings.sats}
         if state.frame % round(settings.near_search_s / settings.frame_s) == 0:
             reach = int(settings.near_doppler_hz // step_hz)
@@ -222,13 +222,12 @@ class Receiver:
 
     def _known(self, state: ReceiverState, sat: str, begin: int) -> Sequence[tuple[float, float]]:
         """(delay in s after sample `begin`, power over noise of the search) of the channels of a satellite."""
-        known = []
-        for channel, loop in zip(state.channels, state.loops, strict=True):
-            if channel.sat == sat:
-                amplitude2 = loop[k.POWER] / (self.rate_hz * self.signal.period_s)
-                sample_power = float(np.mean(state.tail[:, :2000] ** 2) * 2.0)
-                known.append((self._delay_s(loop, begin), amplitude2 / sample_power))
-        return known
+        noise = 2.0 * float(np.mean(state.tail[:, :2000] ** 2)) * self.rate_hz * self.signal.period_s
+        return [
+            (self._delay_s(loop, begin), float(loop[k.POWER]) / noise)
+            for channel, loop in zip(state.channels, state.loops, strict=True)
+            if channel.sat == sat
+        ]
 
     def _delay_s(self, loop: NDArray[np.float64], begin: int) -> float:
         """Of the first start of a code period at or after sample `begin`."""

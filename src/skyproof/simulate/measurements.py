@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
+from skyproof.gnss.time import GPS_EPOCH
 from skyproof.records import Instants, Observations, SignalId, SignalRef
 from skyproof.simulate.scenario import Scenario
 from skyproof.simulate.sky import ReceiverSky, Scene, scene_of
@@ -84,8 +85,8 @@ def observations_of(
 def geometry_of(scene: Scene, *, interval_s: float = 1.0) -> tuple[Geometry, ...]:
     """Measurements without noise, at the times when each receiver's clock shows a whole multiple of `interval_s`.
 
-    An epoch is a mean over `interval_s`, centred on it, so it needs that much of the recording around it. Multiples
-    count from the scenario's start: receivers share labels, while their true times differ by their clock errors.
+    An epoch is a mean over `interval_s`, centred on it, so it needs that much of the recording around it. Receivers
+    share the labels, while their true times differ by their clock errors.
     """
     return tuple(_geometry(scene, sky, interval_s) for sky in scene.skies)
 
@@ -127,9 +128,10 @@ def noise_of(geometry: Geometry, noise: NoiseModel, *, rng: np.random.Generator,
 def _geometry(scene: Scene, sky: ReceiverSky, interval_s: float) -> Geometry:
     receiver, carrier_hz, half_s = sky.receiver, sky.signal.carrier_hz, 0.5 * interval_s
     shown_at_start_s = receiver.start_offset_s + receiver.clock_offset_s  # by its own clock
-    first = int(np.ceil((shown_at_start_s + half_s) / interval_s))
-    last = int(np.floor((shown_at_start_s + scene.scenario.duration_s - half_s) / interval_s))
-    shown_s: Reals = interval_s * np.arange(first, last + 1, dtype=np.float64)
+    off_grid_s = int((scene.scenario.start_gpst - GPS_EPOCH) / np.timedelta64(1, "ns")) % round(interval_s * 1e9) * 1e-9
+    first = int(np.ceil((off_grid_s + shown_at_start_s + half_s) / interval_s))
+    last = int(np.floor((off_grid_s + shown_at_start_s + scene.scenario.duration_s - half_s) / interval_s))
+    shown_s: Reals = interval_s * np.arange(first, last + 1, dtype=np.float64) - off_grid_s  # since the scene's start
     elapsed_s = shown_s - shown_at_start_s
 
     # ends and middle of each epoch's mean; its true time is what has elapsed and a small number

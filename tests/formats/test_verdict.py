@@ -1,0 +1,196 @@
+"""verdict.json: exactly the document of the design, whatever goes in comes out, and a schema that says the same."""
+
+import copy
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skyproof.errors import InputError, OutputError
+from skyproof.formats.verdict import SCHEMA_PATH, read_verdict, verdict_json, verdict_schema, write_verdict
+from skyproof.verdict import Verdict
+
+SAMPLE_PATH = Path(__file__).with_name("verdict-sample.json")
+SAMPLE = json.loads(SAMPLE_PATH.read_text(encoding="utf-8"))
+
+# The keys of the documented format, in order; what reads these files elsewhere relies on them.
+FIX = "gpst lat_deg lon_deg height_m sigma_east_m sigma_north_m sigma_up_m"
+KEYS = {
+    "": "format verdict summary since_gpst since_sigma_s until_gpst false_alarm_probability_per_hour undecided_because "
+    "receivers signals sources methods inputs settings versions",
+    "receivers": "name input start_gpst duration_s trusted_fix false_fix unprotected_fix",
+    "receivers.trusted_fix": FIX,
+    "receivers.false_fix": FIX,
+    "signals": "receiver sat band code copy label source from_gpst to_gpst cn0_dbhz doppler_hz delay_to_authentic_m "
+    "because",
+    "signals.because": "detector p_value",
+    "sources": "name kind sats azimuth_deg elevation_deg direction_sigma_deg shows time_offset_s",
+    "sources.shows": "lat_deg lon_deg height_m",
+    "methods": "detector ran why_not would_need decision tests statistic threshold p_value false_alarm_probability",
+    "inputs": "path format sha256 remarks",
+}
+
+
+def objects(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    if isinstance(value, list):
+        for item in value:
+            yield from objects(item, path)
+    elif isinstance(value, dict) and path not in ("settings", "versions"):
+        yield path, " ".join(value)
+        for key, item in value.items():
+            yield from objects(item, f"{path}.{key}".strip("."))
+
+
+def test_the_keys_are_those_of_the_format_in_its_order() -> None:
+    found = set(objects(json.loads(verdict_json(Verdict.model_validate(SAMPLE)))))
+    assert found == set(KEYS.items())
+
+
+def test_what_was_written_reads_back_the_same(tmp_path: Path) -> None:
+    verdict = read_verdict(SAMPLE_PATH)
+    write_verdict(tmp_path / "verdict.json", verdict)
+    text = (tmp_path / "verdict.json").read_text(encoding="utf-8")
+    assert text == verdict_json(verdict)
+    assert text.endswith("}\n")
+    assert text.startswith('{\n "format": "skyproof-verdict/1",\n "verdict"')
+    assert json.loads(text) == SAMPLE
+    assert read_verdict(tmp_path / "verdict.json") == verdict
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_numbers_are_not_rounded(value: float) -> None:
+    document = copy.deepcopy(SAMPLE)
+    document["signals"][0]["doppler_hz"] = value
+    text = verdict_json(Verdict.model_validate(document))
+    assert json.loads(text)["signals"][0]["doppler_hz"] == value
+
+
+def test_text_stays_text() -> None:
+    document = copy.deepcopy(SAMPLE)
+    document["inputs"][0]["path"] = 'Ø "båt".bin'
+    assert 'Ø \\"båt\\".bin' in verdict_json(Verdict.model_validate(document))
+
+
+# The schema
+
+
+def faults(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> Iterator[str]:
+    """What is wrong with a value by the keywords of JSON Schema 2020-12 that the published schema uses."""
+    kinds = {"object": dict, "array": list, "string": str, "boolean": bool, "integer": int, "number": (int, float),
+             "null": type(None)}  # fmt: skip
+    known = {"$schema", "$defs", "$ref", "title", "description", "type", "const", "anyOf", "enum", "pattern", "minimum",
+             "maximum", "items", "properties", "required", "additionalProperties"}  # fmt: skip
+    assert set(schema) <= known
+    if "$ref" in schema:
+        yield from faults(value, root["$defs"][schema["$ref"].removeprefix("#/$defs/")], root)
+    if "anyOf" in schema and all(list(faults(value, choice, root)) for choice in schema["anyOf"]):
+        yield f"{value!r} fits no choice"
+    if "type" in schema:
+        kind = kinds[schema["type"]]
+        if not isinstance(value, kind) or (isinstance(value, bool) and schema["type"] != "boolean"):
+            yield f"{value!r} is no {schema['type']}"
+            return
+    if "const" in schema and value != schema["const"]:
+        yield f"{value!r} is not {schema['const']!r}"
+    if "enum" in schema and value not in schema["enum"]:
+        yield f"{value!r} is not one of {schema['enum']}"
+    if "pattern" in schema and not re.search(schema["pattern"], value):
+        yield f"{value!r} does not match"
+    if "minimum" in schema and value < schema["minimum"] or "maximum" in schema and value > schema["maximum"]:
+        yield f"{value!r} is out of bounds"
+    for item in value if "items" in schema else ():
+        yield from faults(item, schema["items"], root)
+    if schema.get("type") == "object":
+        properties, extra = schema.get("properties", {}), schema.get("additionalProperties", True)
+        yield from (f"{key} is missing" for key in schema.get("required", ()) if key not in value)
+        for key, item in value.items():
+            if key in properties:
+                yield from faults(item, properties[key], root)
+            elif extra is False:
+                yield f"{key} is unknown"
+            elif isinstance(extra, dict):
+                yield from faults(item, extra, root)
+
+
+def test_the_published_schema_is_the_one_of_the_models() -> None:
+    published = json.loads(SCHEMA_PATH.read_text(encoding="utf-8"))
+    assert published == verdict_schema(), (
+        "write it anew: python -c 'import json; from skyproof.formats.verdict import *; "
+        'SCHEMA_PATH.write_text(json.dumps(verdict_schema(), indent=1) + "\\n")\''
+    )
+
+
+def test_the_published_schema_takes_the_sample() -> None:
+    schema = json.loads(SCHEMA_PATH.read_text(encoding="utf-8"))
+    assert list(faults(SAMPLE, schema, schema)) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d.pop("undecided_because"),
+        lambda d: d.update(comment="hello"),
+        lambda d: d.update(format="skyproof-verdict/2"),
+        lambda d: d["signals"][0].update(label="false"),
+        lambda d: d["methods"][0].update(p_value=2.0),
+        lambda d: d["receivers"][0]["trusted_fix"].update(gpst="2022-01-01T10:00:00+01:00"),
+        lambda d: d["signals"][0]["because"][0].pop("p_value"),
+    ],
+)
+def test_the_published_schema_refuses_what_the_models_refuse(change: Callable[[dict[str, Any]], object]) -> None:
+    document, schema = copy.deepcopy(SAMPLE), json.loads(SCHEMA_PATH.read_text(encoding="utf-8"))
+    change(document)
+    assert list(faults(document, schema, schema))
+    with pytest.raises(ValueError, match="validation error"):
+        Verdict.model_validate(document)
+
+
+def descriptions(schema: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    for model in (schema, *schema["$defs"].values()):
+        for name, field in model.get("properties", {}).items():
+            yield name, field.get("description", "")
+
+
+def test_every_number_has_its_unit_in_the_schema() -> None:
+    units = {"_m": "metres", "_s": "seconds", "_hz": "hertz", "_deg": "degrees", "_dbhz": "dB-Hz", "_gpst": "GPS time"}
+    for name, description in descriptions(verdict_schema()):
+        for suffix, unit in units.items():
+            assert not name.endswith(suffix) or unit in description, name
+
+
+# Faults of files
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "not a skyproof-verdict/1 document: Invalid JSON"),
+        ("[1]", "not a skyproof-verdict/1 document"),
+        ("{}", "format: Field required; verdict: Field required; .* and 10 more"),
+        (json.dumps(SAMPLE | {"format": "skyproof-verdict/2"}), "format: Input should be 'skyproof-verdict/1'"),
+        (json.dumps(SAMPLE).replace('"label": "spoofed"', '"label": 1'), r"signals\[1\].label: Input should be"),
+        (json.dumps(SAMPLE).replace("44.1", "NaN"), r"signals\[0\].cn0_dbhz"),
+        (json.dumps(SAMPLE).replace("44.1", '"44.1"'), r"signals\[0\].cn0_dbhz"),
+    ],
+)
+def test_a_file_that_is_no_verdict_says_what_is_wrong_and_where(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "verdict.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=words) as caught:
+        read_verdict(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_a_file_that_is_not_there_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_verdict(tmp_path / "verdict.json")
+
+
+def test_a_place_that_cannot_be_written_is_an_output_error(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_verdict(tmp_path / "nowhere" / "verdict.json", Verdict.model_validate(SAMPLE))

@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+
+from skyproof.navigation.clock import anchored
+from skyproof.navigation.fix import fix
+from skyproof.navigation.ranges import corrected_ranges
+
+
+@pytest.mark.parametrize("bias_s", [0.0, 0.00049, 0.00051, -0.0214, 0.93])
+def test_the_clock_comes_within_half_a_millisecond_and_nothing_else_moves(sky, bias_s):
+    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    seen = sky.scene(nav, [(sky.visible(nav, position), position, bias_s)], n=5).observations
+    moved = anchored(seen, bias_s)
+    before, after = fix(seen, nav), fix(moved, nav)
+    assert (np.abs(after.clock_bias_s) <= 0.0005).all()
+    np.testing.assert_allclose(after.position_ecef_m, before.position_ecef_m, atol=1e-5)
+    assert np.abs((after.gpst - before.gpst).astype(int)).max() <= 1  # a nanosecond of rounding
+    k = round(bias_s * 1e3)
+    np.testing.assert_array_equal((seen.gpst - moved.gpst).astype(int), k * 1_000_000)
+    np.testing.assert_allclose(seen.pseudorange_m - moved.pseudorange_m, k * 299792.458, atol=1e-7)
+    np.testing.assert_allclose(seen.carrier_cyc - moved.carrier_cyc, k * 1575420.0, atol=1e-5)
+
+
+def test_times_of_transmission_stay(sky):
+    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    seen = sky.scene(nav, [(sky.visible(nav, position), position, -0.0437)], n=3).observations
+    moved = anchored(seen, -0.0437)
+    a = corrected_ranges(seen.signals, seen.gpst, seen.pseudorange_m, nav)
+    b = corrected_ranges(moved.signals, moved.gpst, moved.pseudorange_m, nav)
+    np.testing.assert_allclose(a.transmission_tow_s, b.transmission_tow_s, atol=3e-10)
+
+
+def test_a_drifting_clock_steps_by_a_millisecond_with_code_and_carrier_together(sky):
+    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    drift = 1e-4
+    seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=30, drift=drift).observations
+    moved = anchored(seen, drift * np.arange(30))
+    found = fix(moved, nav)
+    assert (np.abs(found.clock_bias_s) < 0.00051).all()
+    assert np.ptp(np.diff(found.clock_bias_s)) > 0.9e-3
+    level = seen.pseudorange_m - seen.carrier_cyc * sky.WAVELENGTH
+    np.testing.assert_allclose(moved.pseudorange_m - moved.carrier_cyc * sky.WAVELENGTH, level, atol=1e-6)
+
+
+@pytest.mark.parametrize("bias_s", [np.nan, np.zeros(3), np.array([0.0, np.nan, 0.0, 0.0, 0.0])])
+def test_a_bias_that_is_no_number_or_does_not_fit_is_refused(sky, bias_s):
+    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=5).observations
+    with pytest.raises(ValueError, match="clock_bias_s must be finite"):
+        anchored(seen, bias_s)

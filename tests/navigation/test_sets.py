@@ -1,0 +1,261 @@
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from skyproof.navigation import search
+from skyproof.navigation.sets import consistent_sets, members
+from skyproof.records import NavigationData
+
+WHITE = {"multipath_sigma_m": 0.01, "ionosphere_share": 0.0}  # the noise of these tests: thermal only
+
+
+@pytest.fixture(scope="module")
+def nav(sky):
+    return sky.navigation()
+
+
+@pytest.fixture(scope="module")
+def here(sky):
+    return sky.place(0.0, 150.0, 50.0)
+
+
+@pytest.fixture(scope="module")
+def twelve(sky, nav, here):
+    return sky.visible(nav, here, 5.0)[:12]
+
+
+def far_from(sky, rng, position, distance_m):
+    """A place on the Earth `distance_m` away along the great circle, in any direction, up to 300 m higher or lower."""
+    up = position / np.linalg.norm(position)
+    along = np.cross(up, rng.standard_normal(3))
+    angle = distance_m / np.linalg.norm(position)
+    direction = np.cos(angle) * up + np.sin(angle) * along / np.linalg.norm(along)
+    lat, lon, _ = sky.geodetic_from_ecef(direction * np.linalg.norm(position))
+    return sky.ecef_from_geodetic(lat, lon, rng.uniform(0.0, 300.0))
+
+
+def strangers(scene, consistent, nav, sky, skies):
+    """Members of a set that are of another sky than most, and by how many metres its own copy differs."""
+    owners = scene.owners_of(consistent.signals)
+    own = int(np.bincount(owners).argmax())
+    middle = scene.observations.gpst[scene.observations.gpst.size // 2 :][:1]
+    found = []
+    for signal, owner in zip(consistent.signals, owners, strict=True):
+        if owner != own:
+            of, own_one = (
+                sky.measured(nav, signal.sat, middle, skies[k][1], skies[k][2]).pseudorange_m[0] for k in (owner, own)
+            )
+            found.append(abs(of - own_one))
+    return found
+
+
+def trial(sky, nav, rng, n_skies):
+    """Random places, offsets from 100 m to 3000 km, clocks, missing satellites and noise from 1 to 5 m."""
+    sats: list[str] = []
+    while len(sats) < 8:
+        first = sky.place(np.degrees(np.arcsin(rng.uniform(-0.95, 0.95))), rng.uniform(-180.0, 180.0), 100.0)
+        sats = sky.visible(nav, first, 5.0)
+    places = [first] + [far_from(sky, rng, first, 10 ** rng.uniform(2.0, 6.48)) for _ in range(n_skies - 1)]
+    clock = rng.uniform(-1e-3, 1e-3)
+    clocks = [clock] + [clock + rng.choice([0.0, 1e-6, 1e-3, 0.3]) * rng.uniform(-1, 1) for _ in range(n_skies - 1)]
+    skies = [([s for s in sats if rng.random() > 0.1], p, b) for p, b in zip(places, clocks, strict=True)]
+    noise_m = rng.uniform(1.0, 5.0)
+    return sky.scene(nav, skies, n=6, noise_m=noise_m * np.sqrt(6), rng=rng, shuffle=True), skies, noise_m
+
+
+def count_mistakes(sky, nav, rng, trials, n_skies):
+    wrong_sizes = mixed = 0
+    for _ in range(trials):
+        scene, skies, noise_m = trial(sky, nav, rng, n_skies)
+        sets = consistent_sets(scene.observations, nav, **WHITE)
+        expected = sorted((len(sats) for sats, _, _ in skies if len(sats) >= 5), reverse=True)
+        wrong_sizes += [len(s.signals) for s in sets] != expected
+        for found in sets:
+            # Within six sigma of each other copies cannot be told apart, nor does it matter.
+            mixed += sum(difference > 6.0 * noise_m for difference in strangers(scene, found, nav, sky, skies))
+    return wrong_sizes, mixed
+
+
+@pytest.mark.parametrize(("n_skies", "trials"), [(2, 120), (3, 40)])
+def test_skies_are_not_mixed(sky, nav, n_skies, trials):
+    wrong_sizes, mixed = count_mistakes(sky, nav, np.random.default_rng(n_skies), trials, n_skies)
+    assert mixed == 0
+    assert wrong_sizes <= 0.03 * trials  # a missing satellite's place can be taken by chance
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("n_skies", "trials"), [(2, 1000), (3, 500)])
+def test_skies_are_not_mixed_in_many_trials(sky, nav, n_skies, trials):
+    wrong_sizes, mixed = count_mistakes(sky, nav, np.random.default_rng(100 + n_skies), trials, n_skies)
+    print(f"{n_skies} skies: {wrong_sizes} of {trials} with another size, {mixed} strangers beyond six sigma")
+    assert mixed <= 0.003 * trials
+    assert wrong_sizes <= 0.02 * trials
+
+
+def test_each_sky_has_its_place_clock_and_covariance(sky, nav, here, twelve):
+    rng = np.random.default_rng(5)
+    there = sky.moved(here, 900.0, -250.0, 15.0)
+    squares = {0: 0.0, 1: 0.0}
+    statistics = []
+    for _ in range(60):
+        scene = sky.scene(
+            nav, [(twelve, here, 2e-4), (twelve, there, 2.05e-4)], noise_m=3.0, rng=rng, n=9, shuffle=True
+        )
+        sets = consistent_sets(scene.observations, nav, **WHITE)
+        assert len(sets) == 2
+        for found in sets:
+            (owner,) = set(scene.owners_of(found.signals))
+            error = np.append(found.position_ecef_m - (here, there)[owner], 0.0)
+            error[3] = (found.clock_bias_s - (2e-4, 2.05e-4)[owner]) * sky.C
+            squares[owner] += error @ np.linalg.solve(found.covariance_m2, error)
+            statistics.append(found.statistic)
+            assert found.gpst == scene.observations.gpst[4]
+            assert found.dof == 8
+            np.testing.assert_allclose(found.p_value, stats.chi2(8).sf(found.statistic))
+    for total in squares.values():
+        assert 1e-3 < stats.chi2(4 * 60).cdf(total) < 1 - 1e-3
+    assert stats.kstest(statistics, stats.chi2(8).cdf).pvalue > 1e-3
+
+
+def test_a_clean_sky_loses_a_signal_at_the_stated_rate(sky, nav, here, twelve):
+    rng = np.random.default_rng(6)
+    clean = sky.scene(nav, [(twelve[:8], here, 0.0)], n=1).observations
+    trials, short = 1500, 0
+    for _ in range(trials):
+        noisy = clean.pseudorange_m + 3.0 * rng.standard_normal(clean.pseudorange_m.shape)
+        seen = replace(clean, pseudorange_m=noisy, pseudorange_sigma_m=np.full(noisy.shape, 3.0))
+        sets = consistent_sets(seen, nav, false_alarm_probability=0.02, **WHITE)
+        short += not sets or len(sets[0].signals) < 8
+    assert stats.binomtest(short, trials, 0.02).pvalue > 1e-3
+
+
+def test_a_clean_sky_with_one_faulty_signal_is_one_set_without_it(sky, nav, here, twelve):
+    seen = sky.scene(nav, [(twelve, here, 0.0)], noise_m=2.0).observations
+    pseudorange = seen.pseudorange_m.copy()
+    pseudorange[:, 4] += 150.0
+    (found,) = consistent_sets(replace(seen, pseudorange_m=pseudorange), nav)
+    assert set(seen.signals) - set(found.signals) == {seen.signals[4]}
+    assert members(found, replace(seen, pseudorange_m=pseudorange), nav) == ()
+
+
+def test_four_satellites_make_no_set_and_five_do(sky, nav, here, twelve):
+    for count, sets in ((4, 0), (5, 1)):
+        seen = sky.scene(nav, [(twelve[:count], here, 0.0)], noise_m=1.0).observations
+        assert len(consistent_sets(seen, nav)) == sets
+    with pytest.raises(ValueError, match="four signals always fit"):
+        consistent_sets(seen, nav, min_satellites=4)
+
+
+def test_without_ephemerides_there_is_no_set(sky, nav, here, twelve):
+    seen = sky.scene(nav, [(twelve, here, 0.0)]).observations
+    assert consistent_sets(seen, NavigationData(ephemerides=())) == ()
+
+
+def test_a_spoofer_of_few_satellites_shows_beside_the_full_sky(sky, nav, here, twelve):
+    rng = np.random.default_rng(8)
+    there = sky.moved(here, -2000.0, 4000.0, 100.0)
+    scene = sky.scene(nav, [(twelve, here, 0.0), (twelve[3:9], there, 3e-6)], noise_m=2.0, rng=rng, shuffle=True)
+    sets = consistent_sets(scene.observations, nav)
+    assert [len(s.signals) for s in sets] == [12, 6]
+    assert [set(scene.owners_of(s.signals)) for s in sets] == [{0}, {1}]
+
+
+def test_a_timing_attack_shows_as_two_clocks_at_one_place(sky, nav, here, twelve):
+    scene = sky.scene(nav, [(twelve, here, 0.0), (twelve, here, 1e-6)], noise_m=2.0, shuffle=True)
+    one, two = consistent_sets(scene.observations, nav)
+    assert np.linalg.norm(one.position_ecef_m - two.position_ecef_m) < 15.0
+    np.testing.assert_allclose(abs(one.clock_bias_s - two.clock_bias_s), 1e-6, atol=3e-8)
+
+
+def test_one_sky_tracked_thrice_is_one_set_and_its_members_are_named(sky, nav, here, twelve):
+    scene = sky.scene(nav, [(twelve, here, 0.0)] * 3, noise_m=2.0, rng=np.random.default_rng(9))
+    (found,) = consistent_sets(scene.observations, nav)
+    assert len(found.signals) == 12
+    further = members(found, scene.observations, nav)
+    assert set(further) | set(found.signals) == set(scene.observations.signals)
+
+
+def test_members_are_missed_at_the_stated_rate(sky, nav, here, twelve):
+    rng = np.random.default_rng(10)
+    missed = tried = 0
+    for _ in range(60):
+        scene = sky.scene(nav, [(twelve, here, 0.0), (twelve, here, 0.0)], noise_m=2.0, n=1, rng=rng)
+        first = [s.copy == "a" for s in scene.observations.signals]
+        hidden = np.where(first, scene.observations.pseudorange_m, np.nan)
+        sets = consistent_sets(replace(scene.observations, pseudorange_m=hidden), nav, **WHITE)
+        further = members(sets[0], scene.observations, nav, false_alarm_probability=0.05, **WHITE)
+        tried += 12
+        missed += 12 - sum(s.copy == "b" for s in further)
+    assert stats.binomtest(missed, tried, 0.05).pvalue > 1e-3
+    other = sky.scene(nav, [(twelve, here, 0.0)], n=4).observations
+    with pytest.raises(ValueError, match="the set belongs to the window around"):
+        members(sets[0], other, nav)
+
+
+def test_underground_there_is_no_set_and_in_low_orbit_there_is(sky, nav, twelve):
+    for height_m, sets in ((-15e3, 1), (900e3, 1), (-30e3, 0)):
+        position = sky.place(0.0, 150.0, height_m)
+        seen = sky.scene(nav, [(twelve, position, 0.0)], noise_m=1.0).observations
+        assert len(consistent_sets(seen, nav)) == sets, height_m
+
+
+def test_a_chance_member_goes_back_to_the_set_where_it_is_likelier(sky, nav, here, twelve):
+    rng = np.random.default_rng(12)
+    there = sky.moved(here, 400.0, 300.0, 0.0)
+    lent = twelve[5]
+    scene = sky.scene(nav, [([s for s in twelve if s != lent], here, 0.0), (twelve[:10], there, 0.0)], n=1)
+    seen = scene.observations
+    column = next(k for k, s in enumerate(seen.signals) if s.sat == lent)
+    # The false copy of a satellite that the true sky lacks, moved to lie nearly as well in the true one.
+    true = sky.measured(nav, lent, seen.gpst, here, 0.0).pseudorange_m[0]
+    pseudorange = seen.pseudorange_m.copy()
+    false = pseudorange[0, column]
+    sigma = abs(false - true) / 5.0
+    pseudorange += 0.2 * sigma * rng.standard_normal(pseudorange.shape)
+    pseudorange[0, column] = false
+    seen = replace(seen, pseudorange_m=pseudorange, pseudorange_sigma_m=np.full(pseudorange.shape, sigma))
+    if sigma > 60.0:
+        pytest.skip("this satellite's copies are too far apart for the case")
+    sets = consistent_sets(seen, nav, **WHITE)
+    owner = {signal: k for k, found in enumerate(sets) for signal in found.signals}
+    same = {owner[s] for s, o in zip(seen.signals, scene.owners, strict=True) if o == 1 and s in owner}
+    assert owner[seen.signals[column]] in same
+
+
+def test_the_search_finds_what_trying_all_combinations_finds(sky, nav, here, twelve):
+    rng = np.random.default_rng(13)
+    there = sky.moved(here, 120.0, 80.0, 10.0)
+    for _ in range(5):
+        scene = sky.scene(nav, [(twelve[:6], here, 0.0), (twelve[:6], there, 0.0)], noise_m=3.0, n=1, rng=rng)
+        seen = scene.observations
+        ranges = sky_measurements(seen, nav)
+        copies = [np.flatnonzero([s.sat == sat for s in seen.signals]) for sat in twelve[:6]]
+        free = np.ones(12, bool)
+        found = search.SetSearch(ranges, copies).of_size(6, free, false_alarm_probability=1e-2)
+        everything = np.array(list(product(*copies)))
+        start = np.tile(np.append(here, 0.0), (len(everything), 1))
+        solved = search.solve(ranges, everything, start, rounds=3)
+        passing = solved.statistic <= stats.chi2(2).isf(1e-2)
+        assert {frozenset(row) for row in found.choice.tolist()} == {
+            frozenset(row) for row in everything[passing].tolist()
+        }
+        assert (np.diff(found.statistic) >= 0).all()
+        np.testing.assert_allclose(found.statistic, np.sort(solved.statistic[passing]), atol=1e-3)
+
+
+def sky_measurements(seen, nav):
+    from skyproof.navigation.sets import _measurements  # noqa: PLC0415
+
+    return _measurements(seen, nav, 0.01, 0.0, 0.5)[1]
+
+
+def test_both_closed_form_solutions_come_out(sky, nav, here, twelve):
+    seen = sky.scene(nav, [(twelve[:4], here, 1e-3)], n=1, air=False).observations
+    measurements = sky_measurements(seen, nav)
+    solutions = search._bancroft(measurements.satellite_ecef_m[None], measurements.range_m[None])[0]
+    assert min(np.linalg.norm(s[:3] - here) for s in solutions) < 300.0  # the Earth's turn is rough there
+    flat = np.repeat(measurements.satellite_ecef_m[None, :1], 4, axis=1)
+    assert np.isnan(search._bancroft(flat, np.full((1, 4), 2.2e7))).all()

@@ -1,0 +1,60 @@
+"""The verdict's models: what they refuse, and that they stay as they were made."""
+
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from skyproof.verdict import Verdict
+
+SAMPLE = json.loads((Path(__file__).parent / "formats" / "verdict-sample.json").read_text(encoding="utf-8"))
+Document = dict[str, Any]
+
+
+def changed(change: Callable[[Document], object]) -> Document:
+    document = copy.deepcopy(SAMPLE)
+    change(document)
+    return document
+
+
+def test_the_sample_is_a_verdict_and_keeps_what_it_was_given() -> None:
+    verdict = Verdict.model_validate(SAMPLE)
+    assert verdict.model_dump(mode="json") == SAMPLE
+    assert verdict.signals[1].copy == "b"
+
+
+def test_a_verdict_cannot_be_changed() -> None:
+    verdict = Verdict.model_validate(SAMPLE)
+    with pytest.raises(ValidationError, match="frozen"):
+        verdict.verdict = "authentic"  # type: ignore[misc]
+    with pytest.raises(AttributeError):
+        verdict.signals.append(verdict.signals[0])  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d.update(extra=1), "Extra inputs are not permitted"),
+        (lambda d: d.pop("until_gpst"), "Field required"),
+        (lambda d: d.update(verdict="clean"), "'authentic', 'spoofed' or 'undecided'"),
+        (lambda d: d["signals"][0].update(label="false"), "'authentic', 'spoofed', 'multipath' or 'unknown'"),
+        (lambda d: d["signals"][0].update(cn0_dbhz=float("nan")), "finite number"),
+        (lambda d: d["methods"][0].update(statistic=float("inf")), "finite number"),
+        (lambda d: d["settings"].update(window_s=float("nan")), "finite number"),
+        (lambda d: d["methods"][0].update(p_value=1.5), "less than or equal to 1"),
+        (lambda d: d.update(since_sigma_s=-0.1), "greater than or equal to 0"),
+        (lambda d: d.update(since_gpst="2022-01-01T10:00:24Z"), "should match pattern"),
+        (lambda d: d["receivers"][0]["trusted_fix"].update(lat_deg=100.0), "less than or equal to 90"),
+        (lambda d: d["signals"][0].update(receiver="rx9"), "rx9, which is not in receivers"),
+        (lambda d: d["signals"][1].update(source="S2"), "S2, which is not in sources"),
+        (lambda d: d["methods"][1].update(why_not=None), "ins_array did not run, but why_not does not say why"),
+        (lambda d: d.update(verdict="undecided"), "says in undecided_because what would decide it"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(change: Callable[[Document], object], words: str) -> None:
+    with pytest.raises(ValidationError, match=words):
+        Verdict.model_validate(changed(change))
