@@ -35,7 +35,7 @@ __all__ = ["app", "main"]
 EXIT_CODES = {"authentic": 0, "spoofed": 1, "undecided": 3}
 ERROR, INTERRUPTED = 2, 130
 STYLES = {"authentic": "bold blue", "trusted": "blue", "spoofed": "bold dark_orange", "false": "dark_orange"}
-AFTER_DEMO, RECORDINGS = "Example, with the recordings of `skyproof demo --out demo`:", "demo/bow.bin demo/stern.bin"
+AFTER_DEMO = "Example, with the recordings that `skyproof demo --out demo` makes:\n\n"
 
 app = App(
     name="skyproof",
@@ -60,7 +60,9 @@ Json = Annotated[bool, Parameter(name="--json", help="Print verdict.json on stan
 Debug = Annotated[bool, Parameter(help="Show the traceback of an error.")]
 
 
-@app.command(help_epilogue=f"{AFTER_DEMO} `skyproof protect {RECORDINGS} --nav demo/broadcast.rnx --out result`")
+@app.command(
+    help_epilogue=AFTER_DEMO + "skyproof protect demo/bow.bin demo/stern.bin --nav demo/broadcast.rnx --out out"
+)
 def protect(
     inputs: Annotated[list[Path], Parameter(name="INPUT", help="Recordings, one a receiver, each with its sidecar.")],
     /,
@@ -94,7 +96,7 @@ def protect(
     return EXIT_CODES[result.verdict.verdict] if exit_code else 0
 
 
-@app.command(help_epilogue=f"{AFTER_DEMO} `skyproof receive {RECORDINGS} --nav demo/broadcast.rnx --out received`")
+@app.command(help_epilogue=AFTER_DEMO + "skyproof receive demo/bow.bin --nav demo/broadcast.rnx --out out")
 def receive(
     files: Annotated[list[Path], Parameter(name="FILE", help="Recordings, one a receiver, each with its sidecar.")],
     /,
@@ -115,10 +117,12 @@ def receive(
     return INTERRUPTED if result.interrupted else 0
 
 
-@app.command(help_epilogue="Example: `skyproof demo --out demo`")
+@app.command(help_epilogue="Example:\n\nskyproof demo --out demo")
 def demo(
     *,
-    out: Annotated[Path, Parameter(help="Folder for the recordings and the results.", show_default=True)] = Path("skyproof-demo"),
+    out: Annotated[
+        Path, Parameter(help="Folder for the recordings and the results.", show_default=True)
+    ] = Path("skyproof-demo"),
     json: Json = False,
     open_report: Annotated[bool, Parameter(name="--open", help="Open the report in the browser.")] = False,
     debug: Debug = False,

@@ -101,7 +101,7 @@ def faults(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> Iterator
         yield f"{value!r} is not one of {schema['enum']}"
     if "pattern" in schema and not re.search(schema["pattern"], value):
         yield f"{value!r} does not match"
-    if "minimum" in schema and value < schema["minimum"] or "maximum" in schema and value > schema["maximum"]:
+    if ("minimum" in schema and value < schema["minimum"]) or ("maximum" in schema and value > schema["maximum"]):
         yield f"{value!r} is out of bounds"
     for item in value if "items" in schema else ():
         yield from faults(item, schema["items"], root)

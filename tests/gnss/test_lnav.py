@@ -261,8 +261,12 @@ def test_every_field_of_an_ephemeris_comes_back(eph, inverted):
 @settings(max_examples=60)
 @given(
     st.lists(st.integers(-128, 127), min_size=8, max_size=8),
-    full_range(32, 2.0**-30), full_range(24, 2.0**-50), st.integers(0, 147), st.integers(2100, 2300), st.integers(0, 60),
-)  # fmt: skip
+    full_range(32, 2.0**-30),
+    full_range(24, 2.0**-50),
+    st.integers(0, 147),
+    st.integers(2100, 2300),
+    st.integers(0, 60),
+)
 def test_ionosphere_and_utc_come_back(raw, a0, a1, tot, wnt, leaps):
     alpha = (raw[0] * 2.0**-30, raw[1] * 2.0**-27, raw[2] * 2.0**-24, raw[3] * 2.0**-24)
     beta = (raw[4] * 2.0**11, raw[5] * 2.0**14, raw[6] * 2.0**16, raw[7] * 2.0**16)

@@ -51,7 +51,9 @@ class Truth:
     elevation_rad: np.ndarray
 
 
-def measured(nav: NavigationData, sat: str, gpst: np.ndarray, position: np.ndarray, bias_s, *, air: bool = True) -> Truth:
+def measured(
+    nav: NavigationData, sat: str, gpst: np.ndarray, position: np.ndarray, bias_s, *, air: bool = True
+) -> Truth:
     """Pseudorange and carrier range at clock labels `gpst`, for a receiver at `position` (3,) or (n, 3).
 
     `bias_s`: label minus true time. The true time of reception is never formed as a number: times count from the label.
@@ -61,7 +63,7 @@ def measured(nav: NavigationData, sat: str, gpst: np.ndarray, position: np.ndarr
     position = np.broadcast_to(position, (gpst.size, 3))
     bias_s = np.broadcast_to(np.asarray(bias_s, float), gpst.shape)
     travel = np.full(gpst.shape, 0.07)
-    for _ in range(12):
+    for _ in range(5):  # each round is a million times closer
         state = satellite_state_s(ephemeris, week, tow - bias_s - travel)
         # In the inertial frame that is ECEF at reception, a thing fixed to the Earth stood `travel` further west.
         satellite = turned(state.position_ecef_m, -EARTH_RATE * travel)

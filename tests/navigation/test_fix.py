@@ -52,9 +52,7 @@ def test_errors_are_as_large_as_the_covariance_says(sky):
     noise = sigma * rng.standard_normal(sigma.shape)
     seen = replace(seen, pseudorange_m=seen.pseudorange_m + noise, pseudorange_sigma_m=thermal)
     found = fix(seen, nav, multipath_sigma_m=0.7, ionosphere_share=0.0)
-    error = np.concatenate(
-        (found.position_ecef_m - position, (found.clock_bias_s[:, None] - 2e-4) * sky.C), axis=1
-    )
+    error = np.concatenate((found.position_ecef_m - position, (found.clock_bias_s[:, None] - 2e-4) * sky.C), axis=1)
     squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance_m2), error)
     assert stats.kstest(squared, stats.chi2(4).cdf).pvalue > 1e-3
     residual = np.nansum((found.residual_m / sigma) ** 2, axis=1)
@@ -73,7 +71,13 @@ def test_bad_epochs_have_a_status_and_nan_and_the_good_ones_do_not_notice(sky):
     assert found.status[[1, 2]].tolist() == [1, 1]
     assert found.status[4] != 0
     bad = [1, 2, 4]
-    for numbers in (found.position_ecef_m, found.velocity_ecef_m_s, found.clock_bias_s, found.covariance_m2, found.residual_m):
+    for numbers in (
+        found.position_ecef_m,
+        found.velocity_ecef_m_s,
+        found.clock_bias_s,
+        found.covariance_m2,
+        found.residual_m,
+    ):
         assert np.isnan(numbers[bad]).all()
     clean = fix(seen, nav)
     np.testing.assert_allclose(found.position_ecef_m[[0, 3, 5]], clean.position_ecef_m[[0, 3, 5]], atol=1e-6)

@@ -112,5 +112,5 @@ def test_a_transmit_antenna_inside_a_receiver_is_refused(navigation: NavigationD
 
 
 def test_a_mask_above_every_satellite_is_refused(navigation: NavigationData) -> None:
-    with pytest.raises(ScenarioError, match="mask_deg: nothing stands above 89.9 degrees"):
+    with pytest.raises(ScenarioError, match=r"mask_deg: nothing stands above 89\.9 degrees"):
         scene_of(parse_scenario(TABLE | {"attacks": [], "mask_deg": 89.9}), navigation)

@@ -62,7 +62,8 @@ def test_double_differences_of_authentic_signals_are_the_baseline_on_the_sight_l
         ephemeris = navigation.best(sat, scene.scenario.start_gpst)
         assert ephemeris is not None
         sent = scene.scenario.start_gpst + np.timedelta64(round((true_s - 0.075) * 1e9), "ns")
-        sights.append(unit_vectors(middle, rotate_to_reception(satellite_state(ephemeris, sent).position_ecef_m, 0.075)))
+        sat_ecef_m = rotate_to_reception(satellite_state(ephemeris, sent).position_ecef_m, 0.075)
+        sights.append(unit_vectors(middle, sat_ecef_m))
     expected_m = -np.array(sights) @ (ecef(two) - ecef(one))
     double_m = (two_m - one_m) - (two_m - one_m)[0]
     assert np.abs(expected_m - expected_m[0]).max() > 30.0
@@ -97,7 +98,7 @@ def test_between_the_knots_the_splines_keep_a_tenth_of_a_millimetre(scene: Scene
                 assert SPEED_OF_LIGHT_M_S * np.abs(spline(true_s)[:, column] - exact_s).max() < 1e-4
 
 
-def test_a_copy_is_as_strong_as_asked_and_fades_with_the_distance(scenario: Scenario, navigation: NavigationData) -> None:
+def test_a_copy_is_as_strong_as_asked_and_fades_with_distance(scenario: Scenario, navigation: NavigationData) -> None:
     attack = scenario.attacks[0].model_copy(update={"power_db": 3.0, "sat_db": {}})
     scene = scene_of(scenario.model_copy(update={"attacks": (attack,)}), navigation)
     excess_db = []

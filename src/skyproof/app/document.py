@@ -71,7 +71,7 @@ def document(
     decision = outcome.decision
     receivers = tuple(_receiver(r) for r in outcome.receivers)
     onset = decision.onset
-    summary = _summary(outcome)
+    summary = _summary(outcome) + _left_out(outcome)
     if interrupted:
         summary = f"Interrupted; of what was read until then: {summary}"
     return Verdict(
@@ -82,7 +82,7 @@ def document(
         since_sigma_s=None if onset is None else onset.sigma_s,
         until_gpst=None if decision.until is None else iso(decision.until, DIGITS),
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
-        undecided_because=decision.undecided_because,
+        undecided_because=_undecided_because(outcome),
         receivers=receivers,
         signals=tuple(_signals(outcome)),
         sources=tuple(_sources(outcome)),
@@ -110,7 +110,7 @@ def _summary(outcome: Outcome) -> str:
         n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
         return f"The signals of {n} satellites come from the sky; no sign of spoofing.{_kept(outcome, ' The')}"
     if decision.verdict == "undecided":
-        return f"Not decided whether the signals are true: {decision.undecided_because}."
+        return f"Not decided whether the signals are true: {_undecided_because(outcome)}."
     since = _since(decision)
     if decision.sources:
         sats = {s.signal.sat for source in decision.sources for s in source.signals}
@@ -124,6 +124,21 @@ def _summary(outcome: Outcome) -> str:
             "which of them is true is not decided."
         )
     return f"{since}signals are received that no true sky gives; which of them are true is not decided."
+
+
+def _undecided_because(outcome: Outcome) -> str | None:
+    """The decision's reason; if no receiver was of any use, why each was not."""
+    reasons = [f"{r.reception.samples.name}: {r.reception.left_out}" for r in outcome.receivers]
+    useless = all(r.reception.left_out is not None for r in outcome.receivers)
+    return "; ".join(reasons) if useless else outcome.decision.undecided_because
+
+
+def _left_out(outcome: Outcome) -> str:
+    """Which receivers had no part in the decision, where others had."""
+    names = [r.reception.samples.name for r in outcome.receivers if r.reception.left_out is not None]
+    if not names or len(names) == len(outcome.receivers):
+        return ""
+    return f" Without {' and '.join(names)}, which gave no measurements (the remarks on the inputs say why)."
 
 
 def _since(decision: Decision) -> str:
@@ -157,7 +172,7 @@ def _receiver(r: ReceiverOutcome) -> Receiver:
         name=samples.name,
         input=samples.path or samples.name,
         start_gpst=None if start is None else iso(start, DIGITS),
-        duration_s=samples.duration_s,
+        duration_s=r.reception.examined_s,
         trusted_fix=_position(r.trusted),
         false_fix=_position(r.false),
         unprotected_fix=_position(r.unprotected),

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from skyproof.app.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.outputs import check_folder, write_outputs
 from skyproof.app.progress import Progress, Silent
-from skyproof.app.reception import Reception, first_copies, nothing_heard, observe, open_inputs, overlap_s, track
+from skyproof.app.reception import Reception, first_copies, observe, open_inputs, overlap_s, require_signals, track
 from skyproof.app.settings import Settings, resolve_settings
 from skyproof.app.windows import detectors_for, examine, window_records
 from skyproof.errors import InputError
@@ -73,42 +74,48 @@ def protect(
             if samples.start_gpst is not None:
                 _same_day(navigation, samples.start_gpst, samples.path)
     trackers, interrupted = track(recordings, settings, progress)
-    for tracker in trackers:
-        if not tracker.arcs and not interrupted:
-            raise nothing_heard(tracker.samples)
+    if not interrupted:
+        require_signals(trackers)
     receptions = [observe(tracker, navigation) for tracker in trackers]
-    _same_time([r.observations for r in receptions if r.observations is not None], receptions)
-    outcome = judge(receptions, navigation, settings, progress)
-    notes = [_note(r, progress) for r in receptions]
+    _same_time(receptions, navigation)
+    outcome, cut_short = judge(receptions, navigation, settings, progress)
+    interrupted |= cut_short
+    notes = [_note(r, interrupted) for r in receptions]
     if nav is not None:
         notes.append(InputNote(path=str(nav), format="RINEX navigation", sha256=sha256(nav), remarks=_told(navigation)))
     verdict = document(outcome, notes, settings, interrupted=interrupted)
     if out is not None:
-        write_outputs(Path(out), verdict, outcome, settings, progress)
+        interrupted |= _write(Path(out), verdict, outcome, settings, progress)
     return ProtectResult(
         verdict=verdict, outcome=outcome, folder=None if out is None else Path(out), interrupted=interrupted
     )
 
 
+def _write(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> bool:
+    """Write all outputs, through one Ctrl-C: everything is decided by now. Returns whether it came."""
+    try:
+        write_outputs(folder, verdict, outcome, settings, progress)
+    except KeyboardInterrupt:
+        write_outputs(folder, verdict, outcome, settings, progress)
+        return True
+    return False
+
+
 def judge(
     receptions: Sequence[Reception], navigation: NavigationData | None, settings: Settings, progress: Progress
-) -> Outcome:
-    """Windows, evidence, decision and fixes from what the receivers heard."""
+) -> tuple[Outcome, bool]:
+    """Windows, evidence, decision and fixes from what the receivers heard, and whether Ctrl-C left windows out."""
     orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
     observed = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
-    windows: list[Records] = []
-    evidence: list[Evidence] = []
-    if observed and orbits.ephemerides:
-        if navigation is not None:
-            _same_day(navigation, observed[0].gpst[0], receptions[0].samples.path)
-        windows = window_records(observed, orbits, settings, progress)
-        evidence = examine(windows, detectors_for(settings))
+    windows, interrupted = window_records(observed, orbits, settings, progress)
+    evidence = examine(windows, detectors_for(settings))
     sets = [s for w in windows for s in w.sets]
     decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
-    return Outcome(
+    outcome = Outcome(
         receivers=tuple(outcomes), decision=decision, evidence=tuple(evidence), sets=tuple(sets), navigation=orbits
     )  # fmt: skip
+    return outcome, interrupted
 
 
 def _receiver_outcome(
@@ -160,24 +167,30 @@ def _same_day(navigation: NavigationData, gpst: np.datetime64, path: str) -> Non
     )
 
 
-def _same_time(observed: Sequence[Observations], receptions: Sequence[Reception]) -> None:
-    """Raise InputError if two receivers were recorded at different times."""
-    for i, a in enumerate(observed):
-        for b in observed[i + 1 :]:
-            if a.gpst.size and b.gpst.size and overlap_s(a, b) <= 0.0:
-                raise InputError(
-                    f"{b.receiver} was recorded from {iso(b.gpst[0], 1)} to {iso(b.gpst[-1], 1)}, but {a.receiver} "
-                    f"from {iso(a.gpst[0], 1)} to {iso(a.gpst[-1], 1)} (GPS time of the signals): there is no common "
-                    "time to compare them in; give recordings of the same time, or protect each alone"
-                )
+def _same_time(receptions: Sequence[Reception], navigation: NavigationData | None) -> None:
+    """Raise InputError if two receivers were recorded at different times, or the orbits are of another one."""
+    heard = [(r.samples.path, r.observations) for r in receptions if r.observations is not None]
+    heard = [(path, o) for path, o in heard if o.gpst.size]
+    for (path, a), (other_path, b) in combinations(heard, 2):
+        if overlap_s(a, b) <= 0.0:
+            raise InputError(
+                f"{other_path} was recorded from {iso(b.gpst[0], 1)} to {iso(b.gpst[-1], 1)}, but {path} from "
+                f"{iso(a.gpst[0], 1)} to {iso(a.gpst[-1], 1)} (GPS time, as the signals tell it): there is no common "
+                "time to compare them in; give recordings of the same time, or protect each alone"
+            )
+    if navigation is not None:
+        for path, o in heard:
+            _same_day(navigation, o.gpst[0], path)
 
 
-def _note(reception: Reception, progress: Progress) -> InputNote:
+def _note(reception: Reception, interrupted: bool) -> InputNote:
+    """One input's row. Whoever interrupts does not wait for the sum of a large file."""
     samples = reception.samples
-    digest = sha256(samples.path) if samples.path else None
+    digest = None if interrupted or not samples.path else sha256(samples.path)
+    read = f"{reception.examined_s:.1f} of {samples.duration_s:.1f} s were worked on before the run was interrupted"
     return InputNote(
         path=samples.path or samples.name, format=samples.format or "raw", sha256=digest,
-        remarks=(*samples.remarks, *reception.remarks),
+        remarks=(*samples.remarks, *reception.remarks, *((read,) if interrupted else ())),
     )  # fmt: skip
 
 

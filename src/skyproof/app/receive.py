@@ -7,7 +7,7 @@ from typing import Any
 
 from skyproof.app.outputs import check_folder, write_received
 from skyproof.app.progress import Progress, Silent
-from skyproof.app.reception import Reception, nothing_heard, observe, open_inputs, track
+from skyproof.app.reception import Reception, observe, open_inputs, require_signals, track
 from skyproof.app.settings import resolve_settings
 from skyproof.formats.rinex_nav import read_nav
 
@@ -49,9 +49,8 @@ def receive(
     recordings = open_inputs([Path(p) for p in paths], settings)
     navigation = None if nav is None else read_nav(Path(nav))
     trackers, interrupted = track(recordings, settings, progress)
-    for tracker in trackers:
-        if not tracker.arcs and not interrupted:
-            raise nothing_heard(tracker.samples)
+    if not interrupted:
+        require_signals(trackers)
     receptions = tuple(observe(tracker, navigation) for tracker in trackers)
     if out is not None:
         write_received(Path(out), receptions, navigation)

@@ -20,19 +20,27 @@ from skyproof.receiver.observables import ClockLabel, assemble, clock_label, nav
 from skyproof.receiver.tracking import Arc, Epoch, Receiver, ReceiverSettings, ReceiverState
 from skyproof.records import NavigationData, Observations, Samples, SignalId
 
-__all__ = ["Reception", "Tracker", "observe", "open_inputs", "stretch", "track"]
+__all__ = ["Reception", "Tracker", "observe", "open_inputs", "require_signals", "stretch", "track"]
 
 BLOCK_S = 1.0
+SAME_SAMPLES = 1 << 16  # compared, to tell whether two recordings are one
+TIME_OF_WEEK_S = 12.0  # by then a signal has told its time of week: it does so every 6 s, once its bits can be read
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reception:
-    """One receiver's recording after tracking. `observations` is None if no time of week could be decoded."""
+    """One receiver's recording after tracking.
+
+    observations : None if there are none; `left_out` then says why.
+    examined_s : how much of the recording was worked on.
+    """
 
     samples: Samples
     observations: Observations | None
     told: NavigationData  # by the signals themselves
     n_signals: int
+    examined_s: float
+    left_out: str | None = None
     remarks: tuple[str, ...] = ()
 
 
@@ -54,20 +62,45 @@ class Tracker:
             return False
         output, self.state = self.receiver.step(self.state, self.samples.read(self.position, count))
         self.position += count
+        self.arcs |= output.arcs  # before the epochs that name them, whenever Ctrl-C comes
         self.epochs += output.epochs
-        self.arcs |= output.arcs
         return True
+
+    @property
+    def examined_s(self) -> float:
+        return self.position / self.samples.rate_hz
 
 
 def open_inputs(paths: Sequence[Path], settings: Settings) -> list[Samples]:
-    """Open recordings, check their levels, cut them to the stretch asked for, and give each receiver its own name."""
+    """Open recordings, check their levels, cut them to the stretch asked for, and give each receiver its own name.
+
+    Raises
+    ------
+    InputError : a recording cannot be opened, or is the same as another one.
+    """
     opened: list[Samples] = []
     for path in paths:
         samples = open_raw(path)
-        if any(samples.name == other.name for other in opened):
-            samples = replace(samples, name=f"{samples.name}-{sum(samples.name == o.name for o in opened) + 1}")
-        opened.append(stretch(samples, settings.start_s, settings.duration_s))
-    return opened
+        for other in opened:
+            if _is_same(other, samples):
+                raise InputError(
+                    f"{samples.path}: the same recording as {other.path}; two receivers that are one would look like "
+                    "signals from one antenna: give each receiver's own recording, and each once"
+                )
+        names = [other.name for other in opened]
+        candidates = (samples.name, *(f"{samples.name}-{number}" for number in range(2, len(names) + 3)))
+        opened.append(replace(samples, name=next(name for name in candidates if name not in names)))
+    return [stretch(samples, settings.start_s, settings.duration_s) for samples in opened]
+
+
+def _is_same(a: Samples, b: Samples) -> bool:
+    """Whether two recordings have a stretch in common, where both are long enough: noise never repeats itself."""
+    if Path(a.path).resolve() == Path(b.path).resolve():
+        return True
+    count = min(SAME_SAMPLES, a.n_samples, b.n_samples)
+    starts = (0, (min(a.n_samples, b.n_samples) - count) // 2)
+    pairs = [(a.read(start, count), b.read(start, count)) for start in starts]
+    return all(np.array_equal(*pair) for pair in pairs) and any(np.ptp(one) > 0.0 for one, _ in pairs)
 
 
 def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Samples:
@@ -110,7 +143,7 @@ def track(
                 running = False
                 for tracker in trackers:
                     running |= tracker.advance()
-                    stage.advance(sum(t.position / t.samples.rate_hz for t in trackers))
+                    stage.advance(sum(t.examined_s for t in trackers))
     except KeyboardInterrupt:
         return trackers, True
     return trackers, False
@@ -142,19 +175,41 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
         if arcs is not None:
             observations = _assembled(tracker, arcs, label)
         observations = _anchored(observations, orbits)
+    left_out = None
+    if observations is None:
+        left_out = _no_time(tracker, len(heard)) if heard else _nothing_heard(tracker)
+        remarks.append(f"left out: {left_out}")
     return Reception(
-        samples=samples, observations=observations, told=told, n_signals=len(heard), remarks=tuple(remarks)
-    )
+        samples=samples, observations=observations, told=told, n_signals=len(heard), examined_s=tracker.examined_s,
+        left_out=left_out, remarks=tuple(remarks),
+    )  # fmt: skip
 
 
-def nothing_heard(samples: Samples) -> NotEnoughData:
-    """The error for a recording in which no satellite was found: what to check, in the order of likelihood."""
-    return NotEnoughData(
-        f"{samples.path or samples.name}: no GPS L1 C/A signal found in {samples.duration_s:.1f} s. "
-        f"It was read as {samples.format}, {samples.rate_hz:g} samples/s, carrier at {carrier_at_hz(samples):g} Hz; "
+def require_signals(trackers: Sequence[Tracker]) -> None:
+    """Raise NotEnoughData if no recording holds a signal; one that holds none beside others that do is left out."""
+    if trackers and not any(tracker.arcs for tracker in trackers):
+        paths = ", ".join(t.samples.path or t.samples.name for t in trackers)
+        raise NotEnoughData(f"{paths}: {_nothing_heard(trackers[0])}")
+
+
+def _nothing_heard(tracker: Tracker) -> str:
+    """What to check if no satellite was found, in the order of likelihood."""
+    samples = tracker.samples
+    return (
+        f"no GPS L1 C/A signal found in {tracker.examined_s:.1f} s; it was read as {samples.format}, "
+        f"{samples.rate_hz:g} samples/s, carrier at {carrier_at_hz(samples):g} Hz: "
         "check rate_hz, if_hz, kind, encoding, bits and bit_order in its sidecar, that the antenna was connected, and "
         "whether the oscillator may be off by more than the search reaches (doppler_max_hz)"
     )
+
+
+def _no_time(tracker: Tracker, n_signals: int) -> str:
+    """Why signals without a time of week are of no use, and what would give it."""
+    cure = (
+        f"give {TIME_OF_WEEK_S:g} s of signal or more" if tracker.examined_s < TIME_OF_WEEK_S
+        else "the signals are too weak or too often interrupted to read their messages"
+    )  # fmt: skip
+    return f"{n_signals} signals found, but no time of week read from them in {tracker.examined_s:.1f} s: {cure}"
 
 
 def _week(tracker: Tracker, navigation: NavigationData | None, remarks: list[str]) -> int:

@@ -16,6 +16,7 @@ from skyproof.records import ConsistentSet, Evidence, NavigationData, Observatio
 
 __all__ = ["cut", "detectors_for", "examine", "window_records"]
 
+NO_TIME = np.datetime64("NaT", "ns")
 MIN_WINDOW_SHARE = 0.5
 """A last window shorter than this share of a whole one is joined to the one before."""
 
@@ -40,6 +41,8 @@ def take(observations: Observations, rows: NDArray[np.bool_]) -> Observations:
 
 def window_edges(observations: Sequence[Observations], window_s: float) -> list[np.datetime64]:
     """Edges of the windows, common to all receivers: from the first epoch of any to past the last."""
+    if not observations:
+        return [NO_TIME, NO_TIME]
     first = min(o.gpst[0] for o in observations)
     last = max(o.gpst[-1] for o in observations) + np.timedelta64(1, "ms")
     step = np.timedelta64(round(window_s * 1e9), "ns")
@@ -50,23 +53,29 @@ def window_edges(observations: Sequence[Observations], window_s: float) -> list[
 
 def window_records(
     observations: Sequence[Observations], navigation: NavigationData, settings: Settings, progress: Progress
-) -> list[Records]:
-    """One `Records` a window: each receiver's epochs in it, and the consistent sets that they hold."""
+) -> tuple[list[Records], bool]:
+    """One `Records` a window: each receiver's epochs in it, and the consistent sets that they hold.
+
+    Returns the windows and whether Ctrl-C ended it early. Without observations there is one empty window, in which
+    every detector can tell what it lacks.
+    """
+    orbits = navigation if navigation.ephemerides else None
     edges = window_edges(observations, settings.window_s)
     windows: list[Records] = []
-    with progress.stage("finding consistent sets", len(edges) - 1) as stage:
-        for number, (start, end) in enumerate(pairwise(edges)):
-            cuts = tuple(c for c in (cut(o, start, end) for o in observations) if c.gpst.size > 1)
-            sets: list[ConsistentSet] = []
-            for window in cuts:
-                sets += consistent_sets(window, navigation, multipath_sigma_m=settings.multipath_sigma_m)
-            windows.append(
-                Records(
-                    start_gpst=start, end_gpst=end, observations=cuts, navigation=navigation, sets=tuple(sets)
+    try:
+        with progress.stage("finding consistent sets", len(edges) - 1) as stage:
+            for start, end in pairwise(edges):
+                cuts = tuple(c for c in (cut(o, start, end) for o in observations) if c.gpst.size > 1)
+                sets: list[ConsistentSet] = []
+                for window in cuts if orbits is not None else ():
+                    sets += consistent_sets(window, navigation, multipath_sigma_m=settings.multipath_sigma_m)
+                windows.append(
+                    Records(start_gpst=start, end_gpst=end, observations=cuts, navigation=orbits, sets=tuple(sets))
                 )
-            )  # fmt: skip
-            stage.advance(number + 1)
-    return windows
+                stage.advance(len(windows))
+    except KeyboardInterrupt:
+        return windows, True
+    return windows, False
 
 
 def detectors_for(settings: Settings) -> list[Detector]:

@@ -196,7 +196,7 @@ def ratio_test(
     Parameters
     ----------
     larger_m, smaller_m : (..., K, R) and (..., K', R) mean ranges over the window.
-    larger_sigma_m, smaller_sigma_m : same shapes, thermal sigma of these means up to a common factor.
+    larger_sigma_m, smaller_sigma_m : thermal sigma of these means up to a common factor; leading axes broadcast.
     mixtures : variances between all thermal (proportional to sigma^2) and all constant (the same for every track) are
         tried in this many steps; the largest p-value counts. With equal sigmas all steps agree.
 
@@ -207,11 +207,11 @@ def ratio_test(
         contrasts (flat density) of the other one: half the number of contrasts times the log of the ratio.
     """
     typical = np.mean(np.concatenate([larger_sigma_m**2, smaller_sigma_m**2], axis=-2), axis=(-1, -2), keepdims=True)
-    share = np.linspace(0.0, 1.0, mixtures).reshape((-1,) + (1,) * larger_sigma_m.ndim)
     mean_squares, dofs = [], []
     for means_m, sigma_m in ((larger_m, larger_sigma_m), (smaller_m, smaller_sigma_m)):
-        mixed = np.sqrt(share * (sigma_m**2 / typical) + (1.0 - share))
-        values, _, _ = table_contrasts(means_m[..., None, :, :], mixed)
+        relative = (sigma_m**2 / typical)[(None,) * (means_m.ndim - sigma_m.ndim)]
+        share = np.linspace(0.0, 1.0, mixtures).reshape((-1,) + (1,) * means_m.ndim)
+        values, _, _ = table_contrasts(means_m[..., None, :, :], np.sqrt(share * relative + (1.0 - share)))
         mean_squares.append(np.mean(values[..., 0, :] ** 2, axis=-1))
         dofs.append(values.shape[-1])
     statistic = mean_squares[0] / np.maximum(mean_squares[1], 1e-300)

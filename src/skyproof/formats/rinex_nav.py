@@ -45,7 +45,7 @@ def read_nav(path: str | os.PathLike[str]) -> NavigationData:
     return parse_nav(_text(Path(path)).splitlines(), source=str(path))
 
 
-def parse_nav(lines: Iterable[str], *, source: str = "") -> NavigationData:
+def parse_nav(lines: Iterable[str], *, source: str = "navigation data") -> NavigationData:
     """The GPS navigation data in the lines of a RINEX navigation file; `source` names it in messages.
 
     Only LNAV records of GPS are taken. Weeks are full ones: the epoch of each record resolves them, whatever modulus

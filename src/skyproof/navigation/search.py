@@ -194,13 +194,21 @@ def plausible(position_ecef_m: Reals) -> NDArray[np.bool_]:
 
 
 def _solved_fours(measurements: Measurements, choice: NDArray[np.intp], rows: NDArray[np.intp]) -> Candidates:
-    start = _bancroft(measurements.satellite_ecef_m[rows], measurements.range_m[rows]).reshape(-1, _UNKNOWNS)
-    choice, rows = np.repeat(choice, 2, axis=0), np.repeat(rows, 2, axis=0)
-    near = _roughly_plausible(start, 500e3)  # closed form and a poor geometry; NaN is nowhere
-    solved = solve(measurements, rows[near], start[near])
+    satellite, range_m = measurements.satellite_ecef_m[rows], measurements.range_m[rows]
+    starts = _bancroft(satellite, range_m)
+    near = _roughly_plausible(starts, 500e3)  # closed form and a poor geometry; NaN is nowhere
+    four, _ = np.nonzero(near)
+    # To the place first, so that the atmosphere is that of the place and not that of a rough start.
+    rough = gauss_newton(
+        satellite[four], range_m[four], measurements.sigma_m[rows[four]], starts[near], max_steps=5, tolerance_m=1e3
+    )
+    new = np.ones(len(four), dtype=np.bool_)
+    moved_m = np.linalg.norm(np.diff(rough.state_m, axis=0), axis=-1)
+    new[1:] = (np.diff(four) != 0) | (moved_m > 10.0)  # else both starts are of one solution
+    solved = solve(measurements, rows[four[new]], rough.state_m[new])
     kept = _plausible_within_sigma(solved)
     return Candidates(
-        choice=choice[near][kept],
+        choice=choice[four[new][kept]],
         state_m=solved.state_m[kept],
         covariance_m2=solved.covariance_m2[kept],
         statistic=np.zeros(int(kept.sum())),  # four always fit
@@ -232,7 +240,7 @@ def _plausible_within_sigma(solved: Candidates) -> NDArray[np.bool_]:
 
 def _roughly_plausible(state_m: Reals, slack_m: Reals | float) -> NDArray[np.bool_]:
     """As `plausible`, with the smallest radius of the Earth for its surface."""
-    centre_m = np.linalg.norm(state_m[:, :3], axis=-1)
+    centre_m = np.linalg.norm(state_m[..., :3], axis=-1)
     polar_m = WGS84_A_M * (1.0 - WGS84_F)
     return np.asarray((centre_m >= polar_m + _LOWEST_M - slack_m) & (centre_m <= _FARTHEST_M + slack_m))
 
@@ -273,7 +281,8 @@ def _bancroft(satellite_ecef_m: Reals, range_m: Reals) -> Reals:
         x = np.stack((root / uu, vv / root), axis=-1)
     solutions = (v[:, None, :] + x[..., None] * u[:, None, :]) * minkowski * unit
     solutions[..., 3] += common_m
-    solutions[~solvable] = np.nan
+    backwards = np.any(range_m[:, None, :] < solutions[..., 3:], axis=-1)  # squaring lets negative distances in
+    solutions[backwards | ~solvable[:, None]] = np.nan
     return np.asarray(solutions)
 
 

@@ -131,9 +131,12 @@ class Searcher:
     def _code_spectrum(self, sat: str) -> NDArray[np.complex64]:
         if sat not in self._spectra:
             chips = self.signal.code(prn_of(sat))
-            # The mean chip over each sample: no sharper than the samples that were averaged.
-            fine = np.floor((np.arange(8 * self.n) + 0.5) * chips.size / (8 * self.n)).astype(np.int64)
-            replica = chips[fine].reshape(self.n, 8).mean(axis=1)
+            # The mean chip over each cell: no sharper than the samples that were averaged, the first of which stands
+            # at the cell's beginning and not half a sample after it.
+            half_sample = 0.5 * self.n / (self.rate_hz * self.period_s)
+            fine = (np.arange(8 * self.n) + 0.5) / 8.0 - half_sample
+            replica = chips[np.floor(fine * chips.size / self.n).astype(np.int64) % chips.size]
+            replica = replica.reshape(self.n, 8).mean(axis=1)
             self._spectra[sat] = np.conj(fft.fft(replica)).astype(np.complex64)
         return self._spectra[sat]
 

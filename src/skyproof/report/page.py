@@ -16,6 +16,7 @@ from skyproof.report.pictures import FixTrack, SignalSeries, SkyPosition, SkySou
 from skyproof.report.words import (
     chance_words,
     instant_words,
+    number_words,
     p_value_words,
     rate_words,
     seconds_words,
@@ -110,8 +111,8 @@ def _by_chance(decision: str | None, p_value: float) -> str:
 def _words_of_test(method: Method) -> list[str]:
     sentences = [f"{method.tests} {'test' if method.tests == 1 else 'tests'} made."]
     if method.statistic is not None:
-        against = f", its threshold {method.threshold:.4g}" if method.threshold is not None else ""
-        sentences.append(f"The statistic of the most telling one is {method.statistic:.4g}{against}.")
+        against = f", its threshold {number_words(method.threshold)}" if method.threshold is not None else ""
+        sentences.append(f"The statistic of the most telling one is {number_words(method.statistic)}{against}.")
     if method.p_value is not None:
         words = _by_chance(method.decision, method.p_value)
         sentences.append(words[0].upper() + words[1:])
@@ -123,7 +124,7 @@ def _words_of_test(method: Method) -> list[str]:
 def _scale(method: Method) -> Markup:
     if method.statistic is None or method.threshold is None:
         return Markup("")
-    title = f"{method.detector}: statistic {method.statistic:.4g}, threshold {method.threshold:.4g}"
+    title = f"{method.detector}: statistic {number_words(method.statistic)}, threshold {number_words(method.threshold)}"
     return draw.evidence_scale(method.statistic, method.threshold, title=title)
 
 

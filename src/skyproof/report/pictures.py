@@ -24,6 +24,8 @@ __all__ = [
 Kind = Literal["trusted", "false", "unprotected", "possible"]
 """What a position comes from; possible: from a consistent sky of which it is open whether it is the true one."""
 
+KINDS: tuple[Kind, ...] = ("trusted", "false", "possible", "unprotected")  # in the order of their weight
+
 WIDTH = 360.0
 LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
 ELLIPSE_95 = math.sqrt(-2.0 * math.log(0.05))  # sigmas that hold 95 % of a normal distribution in the plane
@@ -252,8 +254,8 @@ def local_map(tracks: Sequence[FixTrack], *, title: str, least_m: float = 10.0, 
     parts += [_text((left + right) / 2.0, bottom + 32.0, "east, m", anchor="middle", css="axis"),
               _text(11.0, (top + bottom) / 2.0, "north, m", anchor="middle", css="axis", turn=True)]  # fmt: skip
 
-    marks: list[tuple[float, float, Kind, str]] = []
-    for track in sorted(tracks, key=lambda track: ("unprotected", "possible", "false", "trusted").index(track.kind)):
+    marks: list[Mark] = []
+    for track in sorted(tracks, key=lambda track: -KINDS.index(track.kind)):
         fixes = track.points()
         kept = fixes[np.unique(np.linspace(0, len(fixes) - 1, 150).astype(int))]
         parts.append(_path(east.pixels(kept[:, 0]), north.pixels(kept[:, 1]), f"track {track.kind}"))
@@ -263,24 +265,47 @@ def local_map(tracks: Sequence[FixTrack], *, title: str, least_m: float = 10.0, 
     return _svg(348.0, title, [*parts, *(_names(marks, (left + right) / 2.0, top, bottom) if names else [])])
 
 
-def _names(marks: Sequence[tuple[float, float, Kind, str]], middle: float, top: float, bottom: float) -> list[Markup]:
-    """A label beside each mark, towards the middle; receivers whose marks of one kind coincide share it."""
-    groups: list[tuple[float, float, Kind, list[str]]] = []
-    for x, y, kind, receiver in marks:
-        near = next((g for g in groups if g[2] == kind and math.hypot(g[0] - x, g[1] - y) < 10.0), None)
-        if near is None:
-            groups.append((x, y, kind, [receiver]))
-        else:
-            near[3].append(receiver)
+Mark = tuple[float, float, Kind, str]
+"""x, y, kind and receiver."""
+
+
+def _names(marks: Sequence[Mark], middle: float, top: float, bottom: float) -> list[Markup]:
+    """A label beside each place that is marked, towards the middle of the map: kinds, then receivers."""
     parts: list[Markup] = []
-    for side in (False, True):  # the labels of each half are spread among themselves
-        half = [group for group in groups if (group[0] > middle) == side]
-        heights = _spread([y + 4.0 for _, y, _, _ in half], 14.0, top + 12.0, bottom - 4.0)
-        for (x, _, kind, receivers), y in zip(half, heights, strict=True):
-            text = f"{kind}: {', '.join(receivers)}"
-            parts.append(_text(x - 15.0 if side else x + 15.0, y, text, anchor="end" if side else "start",
-                               css=f"name {kind}"))  # fmt: skip
+    for left_of_mark in (False, True):
+        labels = [label for place in _places(marks) if (place[0][0] > middle) == left_of_mark for label in _said(place)]
+        heights = _spread([y + 4.0 for _, y, _, _ in labels], 14.0, top + 12.0, bottom - 4.0)
+        for (x, _, kind, text), height in zip(labels, heights, strict=True):
+            sign = -1.0 if left_of_mark else 1.0
+            near = [mark for mark in marks if abs(mark[1] + 4.0 - height) < 14.0 and abs(mark[0] - x) < 60.0]
+            parts.append(_text(sign * max([sign * x, *(sign * mark[0] for mark in near)]) + sign * 14.0, height, text,
+                               anchor="end" if left_of_mark else "start", css=f"name {kind}"))  # fmt: skip
     return parts
+
+
+def _places(marks: Sequence[Mark]) -> list[list[Mark]]:
+    """Marks that (nearly) coincide, together."""
+    places: list[list[Mark]] = []
+    for mark in marks:
+        near = next((p for p in places if math.hypot(p[0][0] - mark[0], p[0][1] - mark[1]) < 10.0), None)
+        if near is None:
+            places.append([mark])
+        else:
+            near.append(mark)
+    return places
+
+
+def _said(place: Sequence[Mark]) -> list[tuple[float, float, Kind, str]]:
+    """The labels of one place: x, y, kind that gives the colour, text; kinds of the same receivers share a label."""
+    receivers: dict[Kind, list[str]] = {}
+    for _, _, kind, receiver in place:
+        receivers.setdefault(kind, []).append(receiver)
+    kinds: dict[tuple[str, ...], list[Kind]] = {}
+    for kind in KINDS:
+        if kind in receivers:
+            kinds.setdefault(tuple(receivers[kind]), []).append(kind)
+    x, y = place[0][:2]
+    return [(x, y, same[0], f"{', '.join(same)}: {', '.join(names)}") for names, same in kinds.items()]
 
 
 # The time line

@@ -2,7 +2,9 @@
 
 import math
 
-__all__ = ["chance_words", "instant_words", "p_value_words", "rate_words", "seconds_words", "span_words"]
+__all__ = [
+    "chance_words", "instant_words", "number_words", "p_value_words", "rate_words", "seconds_words", "span_words",
+]  # fmt: skip
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LEAST = 1e-300  # below this a float64 soon holds nothing; said as "practically never"
@@ -31,6 +33,11 @@ def chance_words(probability: float) -> str:
     return f"once in {_count(1.0 / probability)} cases"
 
 
+def number_words(value: float) -> str:
+    """A number of any size to four figures, without an exponent as long as that is readable."""
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
+
+
 def p_value_words(p_value: float) -> str:
     """A p-value to two figures: p = 0.33, p = 1.3·10⁻⁹, p < 10⁻³⁰⁰."""
     if p_value < _LEAST:
@@ -49,11 +56,11 @@ def rate_words(probability_per_hour: float) -> str:
 
 
 def instant_words(gpst: str | None) -> str:
-    """An instant of the verdict as a person writes it: date, space, time, no idle zeros."""
+    """An instant of the verdict as a person writes it: date, space, time, to the millisecond, no idle zeros."""
     if gpst is None:
         return "unknown"
     whole, _, fraction = gpst.replace("T", " ").partition(".")
-    fraction = fraction.rstrip("0")
+    fraction = fraction[:3].rstrip("0")
     return f"{whole}.{fraction}" if fraction else whole
 
 

@@ -128,7 +128,8 @@ def noise_of(geometry: Geometry, noise: NoiseModel, *, rng: np.random.Generator,
 def _geometry(scene: Scene, sky: ReceiverSky, interval_s: float) -> Geometry:
     receiver, carrier_hz, half_s = sky.receiver, sky.signal.carrier_hz, 0.5 * interval_s
     shown_at_start_s = receiver.start_offset_s + receiver.clock_offset_s  # by its own clock
-    off_grid_s = int((scene.scenario.start_gpst - GPS_EPOCH) / np.timedelta64(1, "ns")) % round(interval_s * 1e9) * 1e-9
+    start_ns = (scene.scenario.start_gpst - GPS_EPOCH).astype(np.int64)
+    off_grid_s = float(start_ns % round(interval_s * 1e9)) * 1e-9
     first = int(np.ceil((off_grid_s + shown_at_start_s + half_s) / interval_s))
     last = int(np.floor((off_grid_s + shown_at_start_s + scene.scenario.duration_s - half_s) / interval_s))
     shown_s: Reals = interval_s * np.arange(first, last + 1, dtype=np.float64) - off_grid_s  # since the scene's start

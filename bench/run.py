@@ -1,0 +1,38 @@
+"""Speed and worth, measured on this machine: `make bench`, or `python bench/run.py kernel sets` for some.
+
+Every figure is the median of several runs with their range, beside a peer, a plain version or a limit measured in the
+same run. A figure without the machine and its load says nothing, so they come first.
+"""
+
+import sys
+from time import perf_counter
+
+import accuracy
+import acquisition
+import deciding
+import kernel
+import protection
+import sets
+import simulator
+from timing import machine
+
+BENCHES = {
+    "kernel": kernel, "acquisition": acquisition, "sets": sets, "simulator": simulator, "accuracy": accuracy,
+    "deciding": deciding, "protection": protection,
+}  # fmt: skip
+
+
+def main(names: list[str]) -> None:
+    unknown = [name for name in names if name not in BENCHES]
+    if unknown:
+        raise SystemExit(f"no bench named {', '.join(unknown)}; there are {', '.join(BENCHES)}")
+    begin = perf_counter()
+    print(machine())
+    for name in names or BENCHES:
+        for text in BENCHES[name].report():
+            print(text, flush=True)
+    print(f"{perf_counter() - begin:.0f} s in all")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

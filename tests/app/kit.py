@@ -1,0 +1,141 @@
+"""Scenes through the whole job, and the truth that its answer is held against. Loaded by `conftest.py`."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.app.protect import ProtectResult, protect
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.gnss.frames import ecef_from_geodetic
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.time import seconds_between
+from skyproof.records import Fix, NavigationData, Observations
+from skyproof.simulate.files import write
+from skyproof.simulate.scenario import FrontEnd, Place, Receiver, Scenario, Sky
+from skyproof.simulate.sky import ReceiverSky, Scene, scene_of
+
+LIGHT_M_S = 299_792_458.0
+NEAR_M = 100.0  # a signal whose delay is no nearer than this to any true one is none of them
+START = np.datetime64("2024-05-14T09:59:58", "ns")  # two seconds before subframe 1
+
+PLACES = (
+    Receiver(name="bow", lat_deg=57.7012, lon_deg=11.9321, height_m=52.0, start_offset_s=2.1e-5, clock_offset_s=1.9e-4,
+             lo_ppm=0.4),
+    Receiver(name="stern", lat_deg=57.7009, lon_deg=11.93295, height_m=51.0, start_offset_s=6.4e-5,
+             clock_offset_s=-2.7e-4, lo_ppm=-0.6),
+    Receiver(name="mast", lat_deg=57.70145, lon_deg=11.93285, height_m=64.0, start_offset_s=-3.1e-5,
+             clock_offset_s=4.2e-4, lo_ppm=0.9),
+)  # fmt: skip
+TRANSMIT = Place(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0)
+ELSEWHERE = Place(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0)
+
+
+def scenario_of(
+    *, receivers: int = 2, duration_s: float = 34.0, start_gpst: np.datetime64 = START, attacks: tuple = (),
+    front_end: FrontEnd | None = None, seed: int = 1,
+) -> Scenario:  # fmt: skip
+    """Receivers on a ship at a quay: 60 m and 45 m apart."""
+    return Scenario(
+        seed=seed, start_gpst=start_gpst, duration_s=duration_s, receivers=PLACES[:receivers], attacks=attacks,
+        front_end=front_end or FrontEnd(), sky=Sky(zenith_cn0_dbhz=50.0, horizon_cn0_dbhz=42.0),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A scene on disk: recordings, the navigation file of the day, and the truth."""
+
+    paths: list[Path]
+    nav: Path
+    scene: Scene
+
+
+def record(scenario: Scenario, folder: Path, *, navigation: NavigationData | None = None) -> Recorded:
+    navigation = navigation or nominal_constellation(scenario.start_gpst)
+    paths = write(scenario, navigation, folder)
+    write_nav(folder / "broadcast.rnx", navigation)
+    return Recorded(paths, folder / "broadcast.rnx", scene_of(scenario, navigation))
+
+
+def protected(scenario: Scenario, folder: Path, *, with_nav: bool = True, **options: object) -> "Judged":
+    recorded = record(scenario, folder)
+    result = protect(recorded.paths, nav=recorded.nav if with_nav else None, out=folder / "out", **options)
+    return Judged(result, recorded.scene)
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What came out, beside the truth."""
+
+    result: ProtectResult
+    scene: Scene
+
+    @property
+    def verdict(self):
+        return self.result.verdict
+
+    def false_labels(self) -> list[str]:
+        """Every stretch that is called authentic and is spoofed, or the other way round, for a second or more."""
+        faults = []
+        for o in self.observed():
+            true = true_labels(o, self._sky(o.receiver), self.scene)
+            for s in self.result.outcome.decision.labels:
+                if s.ref.receiver == o.receiver and s.label in ("authentic", "spoofed"):
+                    rows = slice(s.first_epoch, s.last_epoch + 1)
+                    column = true[rows, o.signals.index(s.ref.signal)]
+                    wrong = (column != "") & (column != s.label)
+                    if np.sum(wrong) * np.median(np.diff(o.elapsed_s)) >= 1.0:
+                        faults.append(f"{s.ref} is called {s.label}, but is {set(column[wrong])} in {wrong.sum()} "
+                                      f"of {wrong.size} epochs")  # fmt: skip
+        return faults
+
+    def named(self, label: str, receiver: str) -> set[str]:
+        """Satellites with a signal of that label whose label is right in truth."""
+        o = next(o for o in self.observed() if o.receiver == receiver)
+        true = true_labels(o, self._sky(receiver), self.scene)
+        return {
+            s.ref.signal.sat
+            for s in self.result.outcome.decision.labels
+            if s.ref.receiver == receiver and s.label == label
+            and (true[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)] == label).any()
+        }  # fmt: skip
+
+    def trusted_error_m(self, receiver: str) -> NDArray[np.float64]:
+        """(n_epochs,) distance of the trusted fixes from the truth, NaN where there is none."""
+        r = next(r for r in self.result.outcome.receivers if r.reception.samples.name == receiver)
+        return np.empty(0) if r.trusted is None else error_m(r.trusted, self._sky(receiver).receiver)
+
+    def observed(self) -> Iterable[Observations]:
+        receptions = (r.reception.observations for r in self.result.outcome.receivers)
+        return [o for o in receptions if o is not None]
+
+    def _sky(self, receiver: str) -> ReceiverSky:
+        return next(sky for sky in self.scene.skies if sky.receiver.name == receiver)
+
+
+def error_m(fix: Fix, place: Place) -> NDArray[np.float64]:
+    """(n_epochs,)"""
+    return np.linalg.norm(fix.position_ecef_m - ecef_from_geodetic(*place.geodetic_rad), axis=1)
+
+
+def true_labels(o: Observations, sky: ReceiverSky, scene: Scene) -> NDArray[np.str_]:
+    """(n_epochs, n_channels) of what each measured signal is, by the nearest delay among the true signals of its
+    satellite that are there; "" where none is near, where two of different labels are, or where nothing was measured.
+    """
+    true_s = o.elapsed_s + sky.true_minus_elapsed_s(o.elapsed_s)
+    clock_s = seconds_between(o.gpst, scene.scenario.start_gpst) - true_s
+    there_m = o.pseudorange_m - LIGHT_M_S * clock_s[:, None]  # what is left is delay alone
+    delay_m = LIGHT_M_S * sky.code_delay_s(true_s)
+    for column, heard in enumerate(sky.signals):
+        delay_m[(true_s < heard.from_s) | (true_s >= heard.until_s), column] = np.nan
+    labels = np.full(o.pseudorange_m.shape, "", dtype="U9")
+    for channel, signal in enumerate(o.signals):
+        own = [column for column, heard in enumerate(sky.signals) if heard.id.sat == signal.sat]
+        near = np.abs(there_m[:, channel, None] - delay_m[:, own]) < NEAR_M
+        one = near.sum(axis=1) == 1
+        which = np.array([sky.signals[column].label for column in own] or [""])
+        labels[one, channel] = which[near.argmax(axis=1)[one]] if own else ""
+    return labels

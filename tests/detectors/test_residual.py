@@ -1,0 +1,113 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.residual import Residual, ResidualSettings, plain_fix
+from skyproof.detectors.second_sky import second_sky_p_value
+from skyproof.errors import SettingsError
+from skyproof.navigation.sets import consistent_sets
+from skyproof.statistics.distributions import binomial_two_sided
+from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
+
+ERRORS = TrackErrors(sigma_m=1.0, constant_m=1.0)
+ONE = {"rx1": (0.0, 0.0, 0.0)}
+
+
+def scene(**changes):
+    return MeasuredScene(**({"antennas_enu_m": ONE, "errors": ERRORS, "epochs": 10} | changes))
+
+
+def shifted(records, column, metres):
+    """The same records with one channel's pseudoranges moved."""
+    first = records.observations[0]
+    pseudorange_m = first.pseudorange_m.copy()
+    pseudorange_m[:, column] += metres
+    return replace(records, observations=(replace(first, pseudorange_m=pseudorange_m), *records.observations[1:]))
+
+
+def test_a_clean_sky_fits_one_position():
+    (evidence,) = Residual().examine(scene().records(np.random.default_rng(0)))[0]
+    assert evidence.says == "clean"
+    assert "fit one position" in evidence.because
+
+
+def test_raim_fails_as_often_as_stated():
+    # The model leaves nothing of the ionosphere, as the simulation does.
+    settings = ResidualSettings(false_alarm_probability=0.1, ionosphere_share=0.0)
+    clean, rng, trials = scene(epochs=4), np.random.default_rng(1), 250
+    failed = 0
+    for _ in range(trials):
+        records = clean.records(rng)
+        failed += not plain_fix(records.observations[0], records.navigation, settings).test.consistent
+    assert binomial_two_sided(failed, trials, 0.1) > 1e-3
+
+
+def test_a_single_fault_is_told_and_nothing_else():
+    records = scene().records(np.random.default_rng(0))
+    (evidence,) = Residual().examine(shifted(records, 4, 60.0))[0]
+    assert evidence.says == "undecided"
+    assert str(records.observations[0].signals[4]) in evidence.because
+    assert "fault" in evidence.because
+
+
+def test_a_mixture_is_no_single_fault():
+    records = scene().records(np.random.default_rng(0))
+    for column, metres in ((1, 200.0), (4, 330.0), (7, -150.0), (9, 500.0)):
+        records = shifted(records, column, metres)
+    (evidence,) = Residual().examine(records)[0]
+    assert evidence.says == "undecided"
+    assert "no single one" in evidence.because
+
+
+def test_two_skies_are_an_attack():
+    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    found = consistent_sets(records.observations[0], records.navigation)
+    (evidence,) = Residual().examine(replace(records, sets=found))[0]
+    assert evidence.says == "attack"
+    assert evidence.p_value < 1e-9
+    assert {ref.signal.copy for ref in evidence.subject} == {"a", "b"}
+
+
+def test_a_false_sky_at_the_true_place_shows_by_its_time():
+    late = FalseSky(shows_enu_m=(0.0, 0.0, 0.0))
+    (evidence,) = Residual().examine(scene(false=(late,)).records(np.random.default_rng(0)))[0]
+    assert evidence.says == "attack"
+    assert "us" in evidence.because
+
+
+def test_a_small_second_set_proves_nothing():
+    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    sky, false = records.sets
+    few = replace(false, signals=false.signals[:5], statistic=1.0, dof=1)
+    (evidence,) = Residual().examine(replace(records, sets=(sky, few)))[0]
+    assert evidence.says == "undecided"
+    assert "by chance" in evidence.because
+
+
+def test_the_chance_of_a_second_set_falls_with_its_size_and_is_one_without():
+    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    sky, false = records.sets
+    observations = records.observations[0]
+    by_size = [
+        second_sky_p_value(
+            observations,
+            (sky, replace(false, signals=false.signals[:k], statistic=k - 4.0, dof=k - 4)),
+            unrelated_spread_m=300.0,
+        )
+        for k in (6, 8, 10, 12)
+    ]
+    assert np.all(np.diff(by_size) < 0)
+    assert second_sky_p_value(observations, (sky,), unrelated_spread_m=300.0) == 1.0
+
+
+def test_four_satellites_are_too_few_to_be_clean():
+    (evidence,) = Residual().examine(scene(max_satellites=4).records(np.random.default_rng(0)))[0]
+    assert evidence.says == "undecided"
+    assert "five" in evidence.would_need
+
+
+@pytest.mark.parametrize("wrong", [{"false_alarm_probability": 1.0}, {"min_satellites": 4}])
+def test_settings_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(SettingsError, match=next(iter(wrong))):
+        ResidualSettings(**wrong)

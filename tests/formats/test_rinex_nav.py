@@ -1,0 +1,451 @@
+"""RINEX navigation: real files of many writers, and damage of every kind done to a small one."""
+
+import gzip
+import math
+import re
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skyproof.errors import InputError, OutputError
+from skyproof.formats.rinex_nav import parse_nav, read_nav, write_nav
+from skyproof.gnss.ephemeris import NavigationData, UtcParameters
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.time import gpst, parse_iso, seconds_between
+
+VERSION_2 = """\
+     2              NAVIGATION DATA                         RINEX VERSION / TYPE
+CCRINEXN V1.6.0 UX  CDDIS               02-JAN-22 18:31     PGM / RUN BY / DATE
+    0.1211D-07 -0.7451D-08 -0.5960D-07  0.1192D-06          ION ALPHA
+    0.1167D+06 -0.2458D+06 -0.6554D+05  0.1114D+07          ION BETA
+    0.279396772385D-08 0.799360577730D-14   147456     2191 DELTA-UTC: A0,A1,T,W
+    18                                                      LEAP SECONDS
+                                                            END OF HEADER
+ 1 22  1  1  0  0  0.0 0.469126738608D-03-0.100044417195D-10 0.000000000000D+00
+    0.390000000000D+02-0.141125000000D+03 0.398838041777D-08-0.624294238235D+00
+   -0.736303627491D-05 0.112181392033D-01 0.469572842121D-05 0.515367499542D+04
+    0.518400000000D+06-0.316649675369D-07-0.103661124009D+01 0.195577740669D-06
+    0.986418769490D+00 0.299750000000D+03 0.884087601569D+00-0.813355308085D-08
+   -0.377872882780D-09 0.100000000000D+01 0.219000000000D+04 0.000000000000D+00
+    0.200000000000D+01 0.000000000000D+00 0.512227416039D-08 0.390000000000D+02
+    0.511218000000D+06 0.400000000000D+01 0.000000000000D+00 0.000000000000D+00
+ 2 22  1  1  0  0  0.0-0.647393986583D-03-0.113686837722D-11 0.000000000000D+00
+    0.410000000000D+02-0.142718750000D+03 0.455626121514D-08-0.453245129719D+00
+   -0.748783349991D-05 0.206388905644D-01 0.423192977905D-05 0.515366817474D+04
+    0.518400000000D+06-0.258907675743D-06-0.112496293255D+01 0.122934579849D-06
+    0.964744088915D+00 0.303625000000D+03-0.146476911829D+01-0.868964767299D-08
+   -0.262153776900D-09 0.100000000000D+01 0.219000000000D+04 0.000000000000D+00
+    0.200000000000D+01 0.630000000000D+02-0.176951289177D-07 0.410000000000D+02
+    0.512376000000D+06 0.400000000000D+01 0.000000000000D+00 0.000000000000D+00
+""".splitlines()
+
+VERSION_3_HEADER = """\
+     3.04           N: GNSS NAV DATA    M: MIXED            RINEX VERSION / TYPE
+sbf2rin-15.9.0                          20240624 104231 UTC PGM / RUN BY / DATE
+GPSA   1.8626E-08  2.2352E-08 -1.1921E-07 -5.9605E-08       IONOSPHERIC CORR
+GPSB   1.2902E+05  1.6384E+05 -1.9661E+05 -2.6214E+05       IONOSPHERIC CORR
+GAL    1.6175E+02  6.6016E-01  1.9379E-02  0.0000E+00       IONOSPHERIC CORR
+GPUT -9.3132257462E-10-7.993605777E-15 319488 2320          TIME SYSTEM CORR
+    18    18  2185     7                                    LEAP SECONDS
+    14    14  2185     7BDS                                 LEAP SECONDS
+                                                            END OF HEADER
+""".splitlines()
+GPS_RECORD = """\
+G05 2024 06 24 10 00 00-1.774230040610E-04-1.364242052659E-12 0.000000000000E+00
+     7.200000000000E+01-9.821875000000E+01 4.293035965037E-09 1.714815412488E+00
+    -5.291774868965E-06 5.927642923780E-03 1.830980181694E-06 5.153635631561E+03
+     1.224000000000E+05 3.352761268616E-08 2.520897825810E+00-5.774199962616E-08
+     9.719266524177E-01 3.536250000000E+02 1.273307347665E+00-8.275344701323E-09
+    -2.610823036973E-10 1.000000000000E+00 2.320000000000E+03 0.000000000000E+00
+     2.000000000000E+00 0.000000000000E+00-1.071020960808E-08 7.200000000000E+01
+     1.152180000000E+05 4.000000000000E+00
+""".splitlines()
+OTHER_RECORDS = """\
+R05 2024 06 24 08 15 00 3.219847567379E-05 0.000000000000E+00 1.152000000000E+05
+     1.188000000000E+04-1.767650246620E+00-2.712457791886E-09 0.000000000000E+00
+     1.164990423670E+04-6.385937500000E-01-4.683612896077E-09 1.000000000000E+00
+     0.000000000000E+00 2.000000000000E+00 2.320000000000E-09 0.000000000000E+00
+E12 2024 06 24 08 20 00 3.219847567379E-04-3.410605131648E-13 0.000000000000E+00
+     1.188000000000E+05-1.767650246620E-06-2.712457791886E-09 0.000000000000E+00
+""".splitlines()
+VERSION_3 = [*VERSION_3_HEADER, *GPS_RECORD, *OTHER_RECORDS]
+
+VERSION_4 = [
+    "     4.00           N: GNSS NAV DATA    M: MIXED            RINEX VERSION / TYPE",
+    "    18                                                      LEAP SECONDS",
+    "                                                            END OF HEADER",
+    "> EPH G05 LNAV",
+    *GPS_RECORD,
+    "> EPH G05 CNAV",
+    *GPS_RECORD,
+    "> STO G05 LNAV",
+    "    2022 06 10 19 56 48 GPUT                                  UTC(USNO)",
+    "     2.952840000000E+05 9.313225746155E-10 2.664535259100E-15 0.000000000000E+00",
+    "> ION G29 LNAV",
+    "    2022 06 08 09 59 48 1.024454832077E-08 2.235174179077E-08-5.960464477539E-08",
+    "    -1.192092895508E-07 9.625600000000E+04 1.310720000000E+05-6.553600000000E+04",
+    "    -5.898240000000E+05 0.000000000000E+00",
+    "> EPH E12 INAV",
+    *OTHER_RECORDS[4:],
+]
+
+
+def without(lines, number):
+    return [*lines[:number], *lines[number + 1 :]]
+
+
+def changed(lines, number, old, new):
+    assert old in lines[number]
+    return [*lines[:number], lines[number].replace(old, new), *lines[number + 1 :]]
+
+
+# ---------------------------------------------------------------- what stands where
+
+
+def test_version_2_gives_every_value_its_place():
+    navigation = parse_nav(VERSION_2, source="brdc")
+    eph, second = navigation.ephemerides
+    assert asdict(eph) == {
+        "sat": "G01", "week": 2190, "toe": 518400.0, "toc_week": 2190, "toc": 518400.0, "af0": 0.469126738608e-03,
+        "af1": -0.100044417195e-10, "af2": 0.0, "tgd": 0.512227416039e-08, "iode": 39, "iodc": 39,
+        "sqrt_a": 0.515367499542e04, "e": 0.112181392033e-01, "i0": 0.986418769490, "omega0": -0.103661124009e01,
+        "omega": 0.884087601569, "m0": -0.624294238235, "delta_n": 0.398838041777e-08, "idot": -0.377872882780e-09,
+        "omega_dot": -0.813355308085e-08, "crs": -141.125, "crc": 299.75, "cus": 0.469572842121e-05,
+        "cuc": -0.736303627491e-05, "cis": 0.195577740669e-06, "cic": -0.316649675369e-07, "health": 0, "ura_index": 0,
+        "fit_interval_h": 4.0, "code_on_l2": 1, "l2_p_flag": 0, "transmission_tow": 511218.0,
+    }  # fmt: skip
+    assert (second.sat, second.health) == ("G02", 63)
+    assert navigation.ionosphere.alpha == (0.1211e-07, -0.7451e-08, -0.5960e-07, 0.1192e-06)
+    assert navigation.ionosphere.beta == (0.1167e06, -0.2458e06, -0.6554e05, 0.1114e07)
+    assert navigation.utc == UtcParameters(
+        a0=0.279396772385e-08, a1=0.799360577730e-14, tot=147456.0, wnt=2191, leap_seconds=18
+    )
+    assert (navigation.source, navigation.remarks) == ("brdc", ())
+
+
+def test_version_3_gives_the_same_and_leaves_out_other_systems():
+    navigation = parse_nav(VERSION_3)
+    (eph,) = navigation.ephemerides
+    assert (eph.sat, eph.week, eph.toe, eph.toc) == ("G05", 2320, 122400.0, 122400.0)
+    assert (eph.crs, eph.m0) == (-98.21875, 1.714815412488)
+    assert (eph.omega_dot, eph.tgd) == (-8.275344701323e-09, -1.071020960808e-08)
+    assert navigation.ionosphere.alpha == (1.8626e-08, 2.2352e-08, -1.1921e-07, -5.9605e-08)
+    assert navigation.ionosphere.beta == (1.2902e05, 1.6384e05, -1.9661e05, -2.6214e05)
+    assert navigation.utc == UtcParameters(
+        a0=-9.3132257462e-10, a1=-7.993605777e-15, tot=319488.0, wnt=2320, leap_seconds=18
+    )
+    assert navigation.source == "navigation data"
+    assert navigation.remarks == ("2 records of other kinds left out (E: 1, R: 1)",)
+
+
+def test_version_4_takes_lnav_orbits_and_ionosphere_only():
+    navigation = parse_nav(VERSION_4)
+    assert repr(navigation.ephemerides) == repr(parse_nav(VERSION_3).ephemerides)
+    alpha = (1.024454832077e-08, 2.235174179077e-08, -5.960464477539e-08, -1.192092895508e-07)
+    assert navigation.ionosphere.alpha == alpha
+    assert navigation.ionosphere.beta == (96256.0, 131072.0, -65536.0, -589824.0)
+    assert navigation.utc.leap_seconds == 18
+    assert navigation.remarks == ("3 records of other kinds left out (E EPH INAV: 1, G EPH CNAV: 1, G STO LNAV: 1)",)
+
+
+@pytest.mark.parametrize("spelling", ["-.774230040610D-04", "-7.74230040610e-05", "-7.74230040610d-05"])
+def test_numbers_are_read_in_every_spelling(spelling):
+    lines = changed(VERSION_3, 9, "-1.774230040610E-04", f"{spelling:>19}")
+    assert parse_nav(lines).ephemerides[0].af0 == -7.74230040610e-05
+
+
+def test_a_three_digit_exponent_without_a_letter_is_zero():
+    lines = changed(VERSION_3, 9, "-1.364242052659E-12", " 0.499063314480-269")  # as in a file of the IGS
+    assert parse_nav(lines).ephemerides[0].af1 == 0.0
+
+
+def test_missing_trailing_and_blank_fields_have_their_defaults():
+    lines = [*VERSION_3_HEADER, *GPS_RECORD[:6], "     2.000000000000E+00", ""]
+    lines[14] = GPS_RECORD[5][:23]  # nothing after IDOT
+    (eph,) = parse_nav(lines).ephemerides
+    assert (eph.week, eph.code_on_l2, eph.l2_p_flag, eph.health, eph.tgd) == (2320, 0, 0, 0, 0.0)
+    assert (eph.iodc, eph.fit_interval_h) == (72, 4.0)
+    assert math.isnan(eph.transmission_tow)
+    assert repr(parse_nav([*VERSION_3_HEADER, *GPS_RECORD[:6], GPS_RECORD[6]]).ephemerides[0]) == repr(
+        replace(parse_nav(VERSION_3).ephemerides[0], transmission_tow=math.nan)
+    )
+
+
+@pytest.mark.parametrize(
+    ("metres", "index"),
+    [("2.000", 0), ("2.400", 0), ("2.800", 1), ("3.400", 1), ("5.700", 3), ("16.00", 6), ("24.00", 6), ("4096.", 14),
+     ("8192.", 15), ("0.000", 0)],
+)  # fmt: skip
+def test_accuracy_in_metres_finds_its_index(metres, index):
+    lines = changed(VERSION_3, 15, "     2.000000000000E+00", f"    {metres:>19}")
+    assert parse_nav(lines).ephemerides[0].ura_index == index
+
+
+@pytest.mark.parametrize("fit", ["0.000000000000E+00", "                  "])
+def test_an_unknown_fit_interval_is_four_hours(fit):
+    lines = changed(VERSION_3, 16, "4.000000000000E+00", fit)
+    assert parse_nav(lines).ephemerides[0].fit_interval_h == 4.0
+
+
+# ---------------------------------------------------------------- weeks
+
+
+@pytest.mark.parametrize("written", ["2.720000000000E+02", "1.296000000000E+03"])
+def test_the_date_resolves_the_week_whatever_the_writer_counted(written):
+    navigation = parse_nav(changed(VERSION_3, 14, "2.320000000000E+03", written))
+    assert navigation.ephemerides[0].week == 2320
+    assert "GPS week resolved by the date in 1 records that tell another one" in navigation.remarks
+
+
+def test_an_orbit_of_the_next_week_with_a_clock_of_this_one_is_put_right():
+    lines = changed(VERSION_3, 9, "2024 06 24 10 00 00", "2024 06 22 23 59 44")
+    lines = changed(lines, 12, "1.224000000000E+05", "0.000000000000E+00")
+    eph = parse_nav(lines).ephemerides[0]
+    assert (eph.toc_week, eph.toc, eph.week, eph.toe) == (2319, 604784.0, 2320, 0.0)
+
+
+def test_the_week_of_utc_is_resolved_whatever_the_writer_counted():
+    # 1061 stands for 1317 in a file of 2005 (rinex-gsi-3km): modulo 256 both are 37.
+    for written in ("2320", "  16", " 272"):
+        lines = changed(VERSION_3, 5, "319488 2320", f"319488 {written}")
+        assert parse_nav(lines).utc.wnt == 2320
+
+
+# ---------------------------------------------------------------- damage
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda lines: changed(lines, 9, "0.398838041777D-08", "0.39883x041777D-08"), "is no number"),
+        (lambda lines: changed(lines, 9, "0.390000000000D+02", "*" * 18), "is no number"),
+        (lambda lines: without(without(lines, 10), 10), "6 lines of 8"),
+        (lambda lines: changed(lines, 8, "22  1  1  0", "22 13  1  0"), "is no date and time"),
+        (lambda lines: changed(lines, 8, " 1 22", "77 22"), "no GPS satellite"),
+        (lambda lines: changed(lines, 10, "0.515367499542D+04", "0.515367499542D+01"), "no GPS satellite can have"),
+        (lambda lines: changed(lines, 9, "-0.141125000000D+03", " " * 19), "is missing"),
+        (lambda lines: changed(lines, 8, " 1 22  1  1", " 1 21  1  1"), "its date is in GPS week 2138"),
+    ],
+    ids=["letter", "overflow", "lines gone", "month 13", "satellite 77", "orbit", "blank", "year"],
+)  # fmt: skip
+def test_a_damaged_record_costs_that_record_only(damage, words):
+    navigation = parse_nav(damage(["", *VERSION_2])[1:])  # the numbers above are those of the lines
+    assert [eph.sat for eph in navigation.ephemerides] == ["G02"]
+    (remark,) = navigation.remarks
+    assert remark.startswith("line 8: ")
+    assert words in remark
+
+
+def test_many_damaged_records_are_counted_not_listed():
+    record = changed(VERSION_2[7:15], 1, "0.390000000000D+02", "0.39x000000000D+02")
+    navigation = parse_nav([*VERSION_2, *record * 30])
+    assert len(navigation.ephemerides) == 2
+    assert len(navigation.remarks) == 21
+    assert navigation.remarks[-1] == "10 further damaged records left out"
+
+
+def test_a_damaged_header_line_is_told_and_left_out():
+    navigation = parse_nav(changed(VERSION_2, 2, "0.1211D-07", "0.1211D-x7"))
+    assert navigation.ionosphere is None
+    assert navigation.remarks == ("line 3: ION ALPHA cannot be read and is left out",)
+
+
+def test_leap_seconds_come_from_the_date_where_only_the_polynomial_is_told():
+    assert parse_nav(without(VERSION_2, 5)).utc.leap_seconds == 18
+    nothing = parse_nav(without(without(VERSION_2, 4), 4))
+    assert nothing.utc is None
+    only = parse_nav(without(VERSION_2, 4)).utc
+    assert (only.a0, only.a1, only.leap_seconds, only.wnt) == (0.0, 0.0, 18, 2190)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.data())
+def test_no_damage_ends_in_anything_but_data_or_a_message(data):
+    text = bytearray("\n".join(data.draw(st.sampled_from([VERSION_2, VERSION_3, VERSION_4]))), "latin-1")
+    for _ in range(data.draw(st.integers(1, 6))):
+        at = data.draw(st.integers(0, len(text) - 1))
+        text[at : at + data.draw(st.integers(0, 90))] = data.draw(st.binary(max_size=4))
+        if not text:
+            break
+    try:
+        navigation = parse_nav(text.decode("latin-1").splitlines(), source="x")
+    except InputError:
+        return
+    assert navigation.ephemerides
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ([], "line 1: '', expected RINEX VERSION / TYPE"),
+        (["hello world"], "line 1: 'hello world', expected RINEX VERSION / TYPE"),
+        (["     3.04           OBSERVATION DATA    M: MIXED            RINEX VERSION / TYPE"], "holds observations"),
+        (["     2.11           G: GLONASS NAV DATA                     RINEX VERSION / TYPE"], "GLONASS navigation"),
+        (["     5.00           N: GNSS NAV DATA    M: MIXED            RINEX VERSION / TYPE"], "RINEX version '5.00'"),
+        (["     x              N: GNSS NAV DATA    M: MIXED            RINEX VERSION / TYPE"], "RINEX version 'x'"),
+        (["1.0                 COMPACT RINEX FORMAT                    CRINEX VERS   / TYPE"], "compressed RINEX obs"),
+        (VERSION_3_HEADER[:-1], "line 8: the file ends before END OF HEADER"),
+        (VERSION_3_HEADER, "no GPS ephemeris after line 9;"),
+        ([*VERSION_3_HEADER, *OTHER_RECORDS], "2 records of other kinds left out"),
+        ([*VERSION_3_HEADER, *GPS_RECORD[:3]], "line 10: G05 left out, 3 lines of 8"),
+    ],
+)
+def test_what_is_no_gps_navigation_file_is_told_with_place_and_remedy(lines, words):
+    with pytest.raises(InputError) as caught:
+        parse_nav(lines, source="some.file")
+    assert str(caught.value).startswith("some.file")
+    assert words in str(caught.value)
+    assert "give a RINEX navigation file" in str(caught.value) or "fetch it again" in str(caught.value)
+
+
+def test_files_that_cannot_be_read_are_told(tmp_path):
+    for name, content in (("cut.gz", gzip.compress("\n".join(VERSION_2).encode())[:-20]), ("junk.gz", b"\x1f\x8bjunk")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(InputError, match=f"{re.escape(name)}: damaged gzip file"):
+            read_nav(tmp_path / name)
+    (tmp_path / "old.Z").write_bytes(b"\x1f\x9d\x90abc")
+    with pytest.raises(InputError, match="uncompress it first"):
+        read_nav(tmp_path / "old.Z")
+    with pytest.raises(InputError, match="absent: cannot be read"):
+        read_nav(tmp_path / "absent")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_nav(tmp_path)
+
+
+def test_line_ends_of_any_system_and_gzip_read_the_same(tmp_path):
+    expected = repr(parse_nav(VERSION_3).ephemerides)
+    for name, content in (("unix", "\n".join(VERSION_3)), ("dos", "\r\n".join(VERSION_3) + "\r\n")):
+        (tmp_path / name).write_bytes(content.encode())
+        (tmp_path / f"{name}.gz").write_bytes(gzip.compress(content.encode()))
+        assert repr(read_nav(tmp_path / name).ephemerides) == expected
+        assert repr(read_nav(str(tmp_path / f"{name}.gz")).ephemerides) == expected
+
+
+# ---------------------------------------------------------------- writing
+
+
+def same(first, second):
+    """Equal, where NaN equals NaN."""
+    return repr(first) == repr(second)
+
+
+@pytest.mark.parametrize("lines", [VERSION_2, VERSION_3, VERSION_4], ids=["2", "3", "4"])
+def test_what_is_written_reads_back_the_same(tmp_path, lines):
+    navigation = parse_nav(lines)
+    write_nav(tmp_path / "nav.rnx", navigation, created=parse_iso("2026-01-02T03:04:05"))
+    back = read_nav(tmp_path / "nav.rnx")
+    assert same(back.ephemerides, navigation.ephemerides)
+    np.testing.assert_allclose(back.ionosphere.alpha, navigation.ionosphere.alpha, rtol=5e-5)  # five digits
+    np.testing.assert_allclose(back.ionosphere.beta, navigation.ionosphere.beta, rtol=5e-5)
+    assert back.utc.a0 == pytest.approx(navigation.utc.a0, rel=1e-10)
+    assert back.utc.a1 == pytest.approx(navigation.utc.a1, rel=1e-9)
+    assert replace(back.utc, a0=0.0, a1=0.0) == replace(navigation.utc, a0=0.0, a1=0.0)
+    assert back.remarks == ()
+    write_nav(tmp_path / "again.rnx", back, created=parse_iso("2026-01-02T03:04:05"))
+    assert (tmp_path / "again.rnx").read_bytes() == (tmp_path / "nav.rnx").read_bytes()
+
+
+def test_a_written_file_has_the_columns_of_the_format(tmp_path):
+    navigation = nominal_constellation(parse_iso("2022-01-01T21:46:00"))
+    write_nav(tmp_path / "nav.rnx", navigation)
+    lines = (tmp_path / "nav.rnx").read_text(encoding="ascii").splitlines()
+    assert lines[0] == "     3.05           N: GNSS NAV DATA    G: GPS              RINEX VERSION / TYPE"
+    assert all(len(line) <= 80 for line in lines)
+    end = next(k for k, line in enumerate(lines) if line[60:].strip() == "END OF HEADER")
+    assert {line[60:].strip() for line in lines[:end]} == {
+        "RINEX VERSION / TYPE", "PGM / RUN BY / DATE", "IONOSPHERIC CORR", "TIME SYSTEM CORR", "LEAP SECONDS"
+    }  # fmt: skip
+    assert len(lines) == end + 1 + 8 * len(navigation.ephemerides)
+    assert lines[end + 1].startswith("G01 2022 01 01 22 00 00")
+    assert re.fullmatch(r"G01 2022 01 01 22 00 00([- ]\d\.\d{12}E[-+]\d\d){3}", lines[end + 1])
+    assert all(re.fullmatch(r"    ([- ]\d\.\d{12}E[-+]\d\d){4}", line) for line in lines[end + 2 : end + 8])
+    back = read_nav(tmp_path / "nav.rnx")
+    for written, read in zip(navigation.ephemerides, back.ephemerides, strict=True):
+        assert read.sat == written.sat
+        for name, value in asdict(replace(written, sat=0)).items():
+            assert getattr(replace(read, sat=0), name) == pytest.approx(value, rel=5e-13, nan_ok=True), name
+    assert back.utc == navigation.utc
+
+
+def test_every_accuracy_index_and_week_survives(tmp_path):
+    base = parse_nav(VERSION_3).ephemerides[0]
+    variants = [replace(base, ura_index=index) for index in range(16)]
+    variants.append(replace(base, week=2321, toe=0.0, toc=604784.0))
+    variants.append(replace(base, fit_interval_h=26.0, iodc=500, iode=244))
+    write_nav(tmp_path / "nav.rnx", NavigationData(ephemerides=tuple(variants)))
+    back = read_nav(tmp_path / "nav.rnx")
+    assert same(back.ephemerides, tuple(variants))
+    assert (back.ionosphere, back.utc) == (None, None)
+
+
+def test_a_place_that_cannot_be_written_is_told(tmp_path):
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_nav(tmp_path / "absent" / "nav.rnx", parse_nav(VERSION_3))
+
+
+# ---------------------------------------------------------------- real files
+
+# Records of GPS in each file, counted with grep: lines that begin with a PRN (version 2), "G" (3) or "> EPH G" (4).
+REAL = {
+    "rf/brdc0010.22n": 422,
+    "real/brdc/brdc3050.12n": 423,
+    "real/rinex-gsi-3km/07590920.05n": 162,
+    "real/rinex-gsi-3km/30400920.05n": 164,
+    "real/rinex-mosaic-1m/base.nav": 13,
+    "real/rinex-mosaic-5km/SEPT2650.21P": 49,
+    "real/rinex-variety/KMS300DNK_R_20221591000_01H_MN.rnx.gz": 30,
+    "real/rinex-variety/cbw10010.21n.gz": 187,
+}
+WITHOUT_GPS = {
+    "real/rinex-variety/AMEL00NLD_R_20210010000_01D_MN.rnx": "C: 2, E: 2, R: 2",
+    "real/rinex-variety/BRDC00GOP_R_20210010000_01D_MN.rnx.gz": "C: 1, E: 1, R: 1, S: 1",
+    "real/rinex-variety/NYA100NOR_S_20241240000_01D_CN.rnx.gz": "C: 194",
+    "real/rinex-variety/amel0010.21g": "GLONASS navigation data",
+}
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", REAL)
+def test_every_record_of_a_real_file_is_read_and_written(shared_data, tmp_path, name):
+    navigation = read_nav(shared_data / name)
+    assert len(navigation.ephemerides) == REAL[name]
+    assert not [remark for remark in navigation.remarks if "left out, " in remark]
+    assert navigation.ionosphere is not None
+    for eph in navigation.ephemerides:
+        assert abs(seconds_between(gpst(eph.week, eph.toe), gpst(eph.toc_week, eph.toc))) < 7200.0
+    write_nav(tmp_path / "nav.rnx", navigation)
+    assert same(read_nav(tmp_path / "nav.rnx").ephemerides, navigation.ephemerides)
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", WITHOUT_GPS)
+def test_a_real_file_without_gps_says_so(shared_data, name):
+    with pytest.raises(InputError, match=re.escape(WITHOUT_GPS[name])):
+        read_nav(shared_data / name)
+
+
+@pytest.mark.shared_data
+def test_no_other_real_file_passes_for_a_navigation_file(shared_data):
+    known = {*REAL, *WITHOUT_GPS}
+    files = [path for path in sorted((shared_data / "real").rglob("*")) if path.is_file() and path.stat().st_size < 3e6]
+    others = [path for path in files if str(path.relative_to(shared_data)) not in known]
+    assert len(others) > 30
+    for path in others:
+        with pytest.raises(InputError, match=re.escape(str(path))):
+            read_nav(path)
+
+
+@pytest.mark.shared_data
+def test_two_writers_of_one_day_agree(shared_data):
+    """Two stations' receivers wrote what the same satellites sent."""
+    folder: Path = shared_data / "real" / "rinex-gsi-3km"
+    first, second = ({(e.sat, e.week, e.toe, e.iode): e for e in read_nav(folder / name).ephemerides}
+                     for name in ("07590920.05n", "30400920.05n"))  # fmt: skip
+    common = first.keys() & second.keys()
+    assert len(common) > 150
+    for key in common:
+        assert replace(first[key], transmission_tow=0.0) == replace(second[key], transmission_tow=0.0)

@@ -1,0 +1,40 @@
+"""A short clean sky and a short meaconed one, rendered once."""
+
+import numpy as np
+import pytest
+
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.simulate import scenes
+from skyproof.simulate.samples import samples_of
+from skyproof.simulate.scenario import FrontEnd, Place
+from skyproof.simulate.sky import Scene, scene_of
+
+START = np.datetime64("2024-03-03T11:59:58", "ns")
+PLACE = Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
+
+
+class Rendered:
+    """A scene with the samples of its first receiver in memory."""
+
+    def __init__(self, scenario) -> None:  # type: ignore[no-untyped-def]
+        self.scenario = scenario
+        self.navigation = nominal_constellation(scenario.start_gpst)
+        self.scene: Scene = scene_of(scenario, self.navigation)
+        self.samples = samples_of(scenario, self.navigation)[0]
+        self.planes = self.samples.read(0, self.samples.n_samples)
+
+
+@pytest.fixture(scope="session")
+def clean() -> Rendered:
+    """15 s of clean sky, two-bit samples: long enough for the time of week."""
+    front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
+    return Rendered(
+        scenes.clean(PLACE, START, duration_s=15.0, zenith_cn0_dbhz=48.0, horizon_cn0_dbhz=44.0, receivers=1,
+                     mask_deg=10.0, front_end=front_end, seed=3)
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def meaconed() -> Rendered:
+    """6 s under a meaconer from 2 s on."""
+    return Rendered(scenes.demo(duration_s=6.0, onset_s=2.0, seed=5))

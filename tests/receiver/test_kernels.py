@@ -1,0 +1,108 @@
+"""The tracking kernel against a plain NumPy twin."""
+
+import numpy as np
+import pytest
+
+from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.receiver import kernels as k
+
+RATE_HZ = 2.6e6
+CODE = GPS_L1_CA.code(7)
+
+
+def correlate_numpy(planes, begin, n, chip, code_rate_hz, phase_cyc, frequency_hz, taps_chips):
+    """Sums of one period with the exact code at every sample."""
+    index = np.arange(n)
+    base = (planes[0, begin : begin + n] + 1j * planes[1, begin : begin + n]) * np.exp(
+        -2j * np.pi * (phase_cyc + index * frequency_hz / RATE_HZ)
+    )
+    chips = chip + index * code_rate_hz / RATE_HZ
+    return np.array([np.sum(base * CODE[np.floor(chips + tap).astype(int) % 1023]) for tap in taps_chips])
+
+
+def signal(n, *, delay_chips, doppler_hz, phase_cyc=0.2, amplitude=1.0):
+    """A noiseless signal, I and Q in float32."""
+    index = np.arange(n)
+    chips = index * 1.023e6 * (1.0 + doppler_hz / 1575.42e6) / RATE_HZ - delay_chips
+    wave = amplitude * CODE[np.floor(chips).astype(int) % 1023] * np.exp(
+        2j * np.pi * (phase_cyc + index * doppler_hz / RATE_HZ)
+    )
+    return np.stack([wave.real, wave.imag]).astype(np.float32)
+
+
+def run(planes, state, taps_chips, *, first_sample=0):
+    out = np.zeros((1, planes.shape[1] // 2600 + 2, k.OUT_TAPS + 2 * taps_chips.size))
+    counts = np.zeros(1, np.int64)
+    table = k.code_table(CODE, 1.023e6 / RATE_HZ, 32, 2601)[None]
+    power = float(np.mean(planes**2) * 2.0)
+    k.advance(
+        planes[0], planes[1], first_sample, power, state, table, np.zeros(1, np.int64), taps_chips, RATE_HZ, 0.0,
+        1.023e6, 1575.42e6, 1023, out, counts,
+    )  # fmt: skip
+    return out[0, : counts[0]]
+
+
+def state_for(*, delay_chips, doppler_hz, phase_cyc=0.2, pll=0.0, dll=0.0):
+    first = int(np.ceil(delay_chips / 1.023e6 * RATE_HZ))
+    state = np.zeros((1, k.N_STATE))
+    state[0, k.START] = first
+    state[0, k.CHIP] = first * 1.023e6 / RATE_HZ - delay_chips
+    state[0, k.PHASE] = phase_cyc + first * doppler_hz / RATE_HZ
+    state[0, k.FREQUENCY] = state[0, k.PLL_VELOCITY] = doppler_hz
+    state[0, k.CODE_RATE] = 1.023e6 * (1.0 + doppler_hz / 1575.42e6)
+    state[0, k.PLL_BANDWIDTH] = pll
+    state[0, k.DLL_BANDWIDTH] = dll
+    return state
+
+
+@pytest.mark.parametrize("doppler_hz", [-7000.0, 0.0, 3210.7])
+@pytest.mark.parametrize("taps", [(0.125, 0.0, -0.125), (0.5, 0.0, -0.5, 1.0, -1.0)])
+def test_the_kernel_equals_its_numpy_twin(doppler_hz, taps):
+    rng = np.random.default_rng(1)
+    taps_chips = np.array(taps)
+    planes = signal(8000, delay_chips=300.3, doppler_hz=doppler_hz) + rng.normal(size=(2, 8000)).astype(np.float32)
+    rows = run(planes, state_for(delay_chips=300.3, doppler_hz=doppler_hz), taps_chips)
+    assert len(rows) == 2
+    for row in rows:
+        n = int(np.ceil((1023 - row[k.OUT_CHIP]) / (row[k.OUT_CODE_RATE] / RATE_HZ)))
+        twin = correlate_numpy(
+            planes, int(row[k.OUT_START]), n, row[k.OUT_CHIP], row[k.OUT_CODE_RATE], row[k.OUT_PHASE],
+            row[k.OUT_FREQUENCY], taps_chips,
+        )  # fmt: skip
+        ours = row[k.OUT_TAPS :: 2] + 1j * row[k.OUT_TAPS + 1 :: 2]
+        # The code is read at the nearest of 32 fractions of a sample: a few of 2600 samples differ.
+        assert np.abs(ours - twin).max() < 0.02 * n
+
+
+def test_the_discriminator_tells_the_error_it_was_given():
+    for error_chips in (-0.08, -0.03, 0.0, 0.02, 0.07):
+        planes = signal(400_000, delay_chips=100.0, doppler_hz=1234.5)
+        state = state_for(delay_chips=100.0 + error_chips, doppler_hz=1234.5)
+        rows = run(planes, state, np.array([0.125, 0.0, -0.125]))
+        # The replica is late by error_chips, so the signal is ahead by as much; the mean over all sample fractions.
+        assert np.mean(rows[50:, k.OUT_CODE_ERROR]) == pytest.approx(error_chips, abs=0.004)
+
+
+def test_a_frequency_error_is_pulled_in_and_the_phase_locked():
+    planes = signal(2_600_000, delay_chips=17.2, doppler_hz=2003.0)
+    state = state_for(delay_chips=17.2, doppler_hz=1990.0, pll=15.0, dll=1.0)
+    state[0, k.FLL_BANDWIDTH] = 8.0
+    rows = run(planes, state, np.array([0.125, 0.0, -0.125]))
+    late = rows[900:]
+    assert np.abs(late[:, k.OUT_FREQUENCY] - 2003.0).max() < 0.5
+    assert np.abs(late[:, k.OUT_PHASE_ERROR]).max() < 0.01
+
+
+def test_two_calls_give_what_one_gives():
+    rng = np.random.default_rng(2)
+    planes = signal(60_000, delay_chips=5.0, doppler_hz=-800.0) + rng.normal(size=(2, 60_000)).astype(np.float32)
+    taps = np.array([0.125, 0.0, -0.125])
+    whole = run(planes, state_for(delay_chips=5.0, doppler_hz=-800.0, pll=15.0, dll=1.0), taps)
+    state = state_for(delay_chips=5.0, doppler_hz=-800.0, pll=15.0, dll=1.0)
+    first = run(planes[:, :31_234], state, taps)
+    cut = int(state[0, k.START])
+    second = run(planes[:, cut:], state, taps, first_sample=cut)
+    pieces = np.concatenate([first, second])
+    columns = [c for c in range(pieces.shape[1]) if c not in (k.OUT_CODE_ERROR,)]
+    # Only the stretch's mean power, which normalises the discriminator, may differ between calls.
+    np.testing.assert_allclose(pieces[:5, columns], whole[:5, columns], rtol=1e-4, atol=0.05)

@@ -1,0 +1,61 @@
+"""Prompts to bits, time and subframes."""
+
+import numpy as np
+import pytest
+
+from skyproof.gnss.lnav import encode_subframes
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.receiver import telemetry as tm
+
+NAVIGATION = nominal_constellation(np.datetime64("2024-03-03T12:00:00", "ns"))
+WEEK = NAVIGATION.ephemerides[0].week
+TOW_S = 43_200
+
+
+def prompts(seconds, *, lead_periods, cn0_dbhz, polarity=1.0, seed=1):
+    """In-phase prompts of 1 ms that begin `lead_periods` before a subframe."""
+    bits = encode_subframes(NAVIGATION.ephemerides[0], NAVIGATION.ionosphere, None, TOW_S - 6, WEEK, seconds // 6 + 3)
+    symbols = np.repeat(1.0 - 2.0 * bits, 20)
+    start = 6000 - lead_periods
+    rng = np.random.default_rng(seed)
+    amplitude = np.sqrt(2.0 * 10.0 ** (cn0_dbhz / 10.0) * 1e-3)
+    return polarity * amplitude * symbols[start : start + 1000 * seconds] + rng.normal(size=1000 * seconds)
+
+
+def feed(values, *, block=100):
+    state = tm.Telemetry()
+    for start in range(0, values.size, block):
+        state = tm.step(state, values[start : start + block], start)
+    return state
+
+
+@pytest.mark.parametrize("lead_periods", [0, 7, 1313, 5999])
+@pytest.mark.parametrize("polarity", [1.0, -1.0])
+def test_the_time_of_week_is_that_of_code_period_0(lead_periods, polarity):
+    state = feed(prompts(20, lead_periods=lead_periods, cn0_dbhz=38.0, polarity=polarity))
+    assert state.tow_ms_at_period_0 == TOW_S * 1000 - lead_periods
+
+
+def test_blocks_of_any_size_give_the_same():
+    values = prompts(20, lead_periods=777, cn0_dbhz=35.0)
+    a, b = feed(values, block=100), feed(values, block=137)
+    assert a.tow_ms_at_period_0 == b.tow_ms_at_period_0
+    assert a.subframes.keys() == b.subframes.keys()
+
+
+def test_subframes_1_to_3_are_kept_as_they_come():
+    state = feed(prompts(26, lead_periods=100, cn0_dbhz=40.0))
+    first = TOW_S // 6 % 5 + 1
+    expected = {(first - 1 + i) % 5 + 1 for i in range(4)} & {1, 2, 3}
+    assert expected <= state.subframes.keys()
+
+
+def test_noise_has_no_time_of_week():
+    rng = np.random.default_rng(9)
+    assert feed(rng.normal(size=40_000)).tow_ms_at_period_0 is None
+
+
+def test_memory_does_not_grow():
+    state = feed(prompts(120, lead_periods=0, cn0_dbhz=40.0))
+    assert state.bits.size <= tm.BITS_KEPT
+    assert state.prompts.size < 2000

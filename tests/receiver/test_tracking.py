@@ -1,0 +1,155 @@
+"""The receiver as a step, against the simulator's truth."""
+
+from dataclasses import fields
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import week_and_tow
+from skyproof.receiver.measurement import carrier_to_noise_hz, code_sigma_chips
+from skyproof.receiver.observables import assemble, clock_label
+from skyproof.receiver.tracking import Receiver, ReceiverState, letter
+from skyproof.records import Observations
+
+
+def receive(rendered, cuts):
+    """Epochs and arcs of a recording that comes in pieces with these edges (sample indices)."""
+    receiver = Receiver(rendered.samples.rate_hz, rendered.samples.if_hz)
+    state, epochs, arcs = ReceiverState(), [], {}
+    edges = [0, *cuts, rendered.planes.shape[1]]
+    for first, end in pairwise(edges):
+        output, state = receiver.step(state, rendered.planes[:, first:end])
+        epochs += output.epochs
+        arcs |= output.arcs
+    return epochs, arcs
+
+
+def observations(rendered, epochs, arcs):
+    week = week_and_tow(rendered.scenario.start_gpst)[0]
+    label = clock_label(epochs, arcs, week)
+    assert label is not None
+    return assemble("rx", epochs, arcs, label, carrier_hz=1575.42e6, averaged_s=0.2)
+
+
+@pytest.fixture(scope="session")
+def tracked(clean):
+    return receive(clean, [])
+
+
+@pytest.fixture(scope="session")
+def meaconed_tracked(meaconed):
+    return receive(meaconed, [])
+
+
+def truth_of(rendered, o: Observations):
+    """True code delay (s), carrier delay (s) and Doppler (Hz) at every epoch, columns as in `o`."""
+    sky = rendered.scene.skies[0]
+    true_s = o.elapsed_s + sky.true_minus_elapsed_s(o.elapsed_s)
+    columns = [[heard.id.sat for heard in sky.signals].index(signal.sat) for signal in o.signals]
+    drift = sky.receiver.lo_ppm * 1e-6
+    doppler_hz = -1575.42e6 * (sky.carrier_delay_s(true_s, 1)[:, columns] + drift)
+    return true_s, sky.code_delay_s(true_s)[:, columns], sky.carrier_delay_s(true_s)[:, columns], doppler_hz
+
+
+@pytest.mark.parametrize(
+    "cuts", [[1_300_000], [1, 260_000, 260_001, 3_333_333], list(range(100_003, 15_000_000, 999_983))]
+)
+def test_pieces_give_what_the_whole_gives(meaconed, meaconed_tracked, cuts):
+    whole_epochs, whole_arcs = meaconed_tracked
+    epochs, arcs = receive(meaconed, [c for c in cuts if c < meaconed.planes.shape[1]])
+    assert len(whole_arcs) > 10
+    assert arcs.keys() == whole_arcs.keys()
+    assert [e.elapsed_s for e in epochs] == [e.elapsed_s for e in whole_epochs]
+    for a, b in zip(epochs, whole_epochs, strict=True):
+        assert a.measurements == b.measurements  # to the last bit
+
+
+def test_every_satellite_has_one_signal_and_a_time(clean, tracked):
+    o = observations(clean, *tracked)
+    there = sorted(heard.id.sat for heard in clean.scene.skies[0].signals)
+    assert [signal.sat for signal in o.signals] == there
+    assert {signal.copy for signal in o.signals} == {"a"}
+    assert np.isfinite(o.pseudorange_m[5:]).all()
+
+
+def test_the_time_of_week_is_exact_to_the_millisecond(clean, tracked):
+    epochs, arcs = tracked
+    sky = clean.scene.skies[0]
+    start_s = week_and_tow(clean.scenario.start_gpst)[1]
+    sats = [heard.id.sat for heard in sky.signals]
+    for number, arc in arcs.items():
+        epoch = epochs[-1]
+        m = epoch.measurements[number]
+        true_s = epoch.elapsed_s + float(sky.true_minus_elapsed_s(epoch.elapsed_s))
+        sent_s = start_s + true_s - float(sky.code_delay_s(true_s)[sats.index(arc.signal.sat)])
+        told_s = (arc.tow_ms_at_period_0 + m.periods) * 1e-3 + m.fraction_s
+        assert abs(told_s - sent_s) < 1e-7
+
+
+def test_pseudorange_noise_is_white_unbiased_and_as_large_as_stated(clean, tracked):
+    o = observations(clean, *tracked)
+    _, code_s, _, _ = truth_of(clean, o)
+    error_m = o.pseudorange_m - SPEED_OF_LIGHT_M_S * code_s
+    error_m -= np.median(error_m, axis=1, keepdims=True)  # the receiver's clock
+    error_m = error_m[5:]
+    ratio = error_m.std(axis=0) / o.pseudorange_sigma_m[5:].mean(axis=0)
+    assert 0.8 < np.median(ratio) < 1.3
+    assert np.abs(error_m.mean(axis=0)).max() < 0.6
+    lag_one = np.mean(error_m[1:] * error_m[:-1], axis=0) / error_m.var(axis=0)
+    assert abs(np.mean(lag_one)) < 0.15
+
+
+def test_carrier_and_doppler_agree_with_the_truth(clean, tracked):
+    o = observations(clean, *tracked)
+    _, _, carrier_s, doppler_hz = truth_of(clean, o)
+    o_rows = slice(8, None)
+    sky = clean.scene.skies[0]
+    clock_s = -sky.true_minus_elapsed_s(o.elapsed_s)[:, None]
+    error_cyc = (o.carrier_cyc - 1575.42e6 * (carrier_s + clock_s))[o_rows]
+    # One arbitrary start a channel, and bits leave half cycles open: the change over time is what counts.
+    moved = error_cyc - error_cyc[0]
+    assert np.abs(moved).max() < 0.06
+    assert np.abs((o.doppler_hz - doppler_hz)[o_rows]).max() < 0.5
+
+
+def test_carrier_to_noise_is_unbiased():
+    rng = np.random.default_rng(3)
+    for cn0_dbhz in (28.0, 35.0, 45.0, 52.0):
+        amplitude = np.sqrt(2.0 * 10.0 ** (cn0_dbhz / 10.0) * 1e-3)
+        i, q = rng.normal(size=(2, 2000, 200))
+        hz = [carrier_to_noise_hz(a, b, 1e-3) for a, b in zip(i + amplitude, q, strict=True)]
+        assert 10.0 * np.log10(np.mean(hz)) == pytest.approx(cn0_dbhz, abs=0.15)
+
+
+def test_code_sigma_shrinks_with_the_root_of_time_and_power():
+    one = code_sigma_chips(1e4, 0.25, 0.2, 1e-3)
+    assert code_sigma_chips(1e4, 0.25, 0.8, 1e-3) == pytest.approx(one / 2.0)
+    assert code_sigma_chips(4e6, 0.25, 0.2, 1e-3) == pytest.approx(one / 20.0, rel=0.06)
+
+
+def test_copies_appear_when_the_meaconer_does_and_bracket_its_onset(meaconed, meaconed_tracked):
+    _, arcs = meaconed_tracked
+    late = [arc for arc in arcs.values() if arc.signal.copy == "b"]
+    assert len(late) == len(meaconed.scene.skies[0].signals) // 2
+    for arc in late:
+        assert arc.missed_s <= 2.0 + 0.1
+        assert arc.found_s >= 2.0 - 0.1
+        assert arc.found_s - arc.missed_s <= 5.0
+
+
+def test_state_does_not_grow_with_time(clean):
+    receiver = Receiver(clean.samples.rate_hz)
+    state = ReceiverState()
+    sizes = []
+    for second in range(5):
+        part = clean.planes[:, int(second * 2.6e6) : int((second + 1) * 2.6e6)]
+        _, state = receiver.step(state, part)
+        sizes.append(state.tail.shape[1])
+    assert max(sizes) < 8000
+    assert "lost" in {f.name for f in fields(state)}
+
+
+def test_letters_go_on_after_z():
+    assert [letter(n) for n in (0, 1, 25, 26, 27, 701, 702)] == ["a", "b", "z", "aa", "ab", "zz", "aaa"]

@@ -1,0 +1,191 @@
+"""The page: everything is told, nothing is loaded, nothing gets in unescaped, and it is the same every time."""
+
+import copy
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skyproof.report.page import FixTrack, Pictures, SignalSeries, SkyPosition, how_sure, report_html
+from skyproof.verdict import Place, Verdict
+
+SAMPLE = json.loads((Path(__file__).parents[1] / "formats" / "verdict-sample.json").read_text(encoding="utf-8"))
+VERDICT = Verdict.model_validate(SAMPLE)
+EMPTY = Pictures(zero_gpst="2022-01-01T10:00:00")
+
+
+def pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
+    rng = np.random.default_rng(7)
+    names = [f"rx{i + 1}" for i in range(receivers)]
+    signals = [(f"G{sat + 1:02} L1 CA {copy}", label) for sat in range(sats)
+               for copy, label in (("a", "authentic"), ("b", "spoofed"))]  # fmt: skip
+    return Pictures(
+        zero_gpst="2022-01-01T10:00:00",
+        onset_s=24.0,
+        origin=Place(lat_deg=59.4121, lon_deg=16.8837, height_m=31.0),
+        series=tuple(
+            SignalSeries(receiver=name, signal=signal, label=label, seconds=np.arange(epochs) * 1.0,
+                         cn0_dbhz=rng.normal(45.0, 0.5, epochs))
+            for name in names for signal, label in signals
+        ),
+        tracks=tuple(
+            FixTrack(receiver=name, kind=kind, east_m=east_m + rng.normal(0.0, 0.5, epochs),
+                     north_m=rng.normal(0.0, 0.5, epochs), covariance_m2=np.eye(2))
+            for name in names for kind, east_m in (("trusted", 0.0), ("false", 700.0), ("unprotected", 700.0))
+        ),
+        sky=tuple(
+            SkyPosition(receiver=name, signal=signal, label=label, azimuth_deg=40.0 * i, elevation_deg=30.0)
+            for name in names for i, (signal, label) in enumerate(signals)
+        ),
+    )  # fmt: skip
+
+
+class Reader(HTMLParser):
+    """Collects tags, attributes and text, and checks that every tag is closed where it should be."""
+
+    VOID = frozenset({"meta", "br"})
+    SHAPES = frozenset({"path", "line", "circle", "rect"})
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str | None]] = []
+        self.text = ""
+        self.feed(page)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += attrs
+        if tag not in self.VOID | self.SHAPES:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.SHAPES:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] != "style":
+            self.text += data
+
+
+def read(page: str) -> Reader:
+    reader = Reader(page)
+    reader.text = re.sub(r"[ \n]+", " ", reader.text)
+    return reader
+
+
+def test_the_page_tells_everything_that_the_verdict_tells() -> None:
+    text = read(report_html(VERDICT, pictures())).text
+    for told in (
+        VERDICT.summary, "2022-01-01 10:00:24 GPS time ± 0.5 s", "59.4121000", "16.8951443", "rx1.bin",
+        SAMPLE["inputs"][0]["sha256"], "I/Q imbalance 0.3 dB", "multi_receiver", "66 tests made", "812", "13.8",
+        "each receiver has one antenna", "an antenna array and its attitude", "p = 1.3·10⁻⁹", "no evidence",
+        "antenna_separation_m = 5.0", "loops.dll_hz = 1.0", "duration_s = null", "numpy 2.4.6", "4.46 µs behind",
+        "skyproof-verdict/1", "once in 1\u202f000 hours", "3 signals received: 1 authentic, 1 spoofed, 1 unknown.",
+    ):  # fmt: skip
+        assert told in text, told
+
+
+def test_the_page_draws_what_it_was_given() -> None:
+    page = report_html(VERDICT, pictures())
+    for heading in ("Where it was, where it seemed to be", "rx1 close up", "rx2 close up", "Sky over rx1",
+                    "Sky over rx2", "Signals of rx1", "Signals of rx2"):  # fmt: skip
+        assert f"<h3>{heading}</h3>" in page
+    assert read(page).tags.count("figure") == 7
+
+
+def test_the_same_input_gives_the_same_bytes() -> None:
+    assert report_html(VERDICT, pictures()) == report_html(copy.deepcopy(VERDICT), pictures())
+
+
+def test_the_page_loads_nothing_and_runs_nothing() -> None:
+    page = report_html(VERDICT, pictures())
+    reader = read(page)
+    assert not {"script", "link", "img", "iframe", "object", "embed", "image", "use", "base", "form"} & set(reader.tags)
+    names = {name for name, _ in reader.attributes}
+    assert not {name for name in names if name in ("src", "href", "xlink:href", "style") or name.startswith("on")}
+    assert not re.search(r"https?:|url\(|@import|//", page.replace("tcp://receiver:2101", ""))  # an input's name
+    assert "default-src 'none'" in page
+
+
+def test_what_comes_from_outside_is_escaped_everywhere() -> None:
+    evil = "</style><script>alert('x')</script>\"<b>&"
+
+    def poison(value: Any) -> Any:
+        fixed = ("format", "verdict", "label", "gpst")
+        if isinstance(value, dict):
+            return {key: item if any(word in key for word in fixed) and isinstance(item, str) else poison(item)
+                    for key, item in value.items()}  # fmt: skip
+        if isinstance(value, list):
+            return [poison(item) for item in value]
+        return evil if isinstance(value, str) else value
+
+    document = poison(SAMPLE) | {"undecided_because": evil, "settings": {evil: evil, "a": {evil: [evil]}},
+                                 "versions": {evil: evil}}  # fmt: skip
+    given = pictures(1, 1)
+    poisoned = Pictures(
+        zero_gpst=evil, origin=given.origin, onset_s=1.0,
+        series=tuple(SignalSeries(receiver=evil, signal=evil, label=s.label, seconds=s.seconds, cn0_dbhz=s.cn0_dbhz)
+                     for s in given.series),
+        tracks=tuple(FixTrack(receiver=evil, kind=t.kind, east_m=t.east_m, north_m=t.north_m) for t in given.tracks),
+        sky=tuple(SkyPosition(receiver=evil, signal=evil, label=p.label, azimuth_deg=1.0, elevation_deg=2.0)
+                  for p in given.sky),
+    )  # fmt: skip
+    page = report_html(Verdict.model_validate(document), poisoned)
+    reader = read(page)
+    assert "script" not in reader.tags
+    assert "b" not in reader.tags
+    assert "alert('x')" in reader.text
+
+
+def test_colours_follow_the_label_in_light_dark_and_print() -> None:
+    page = report_html(VERDICT, pictures())
+    assert page.count("--true:") == page.count("--false:") == 3
+    assert "@media (prefers-color-scheme: dark)" in page
+    assert "@media print" in page
+    assert '<header class="spoofed">' in page
+
+
+def test_an_hour_of_many_receivers_stays_below_a_megabyte() -> None:
+    assert len(report_html(VERDICT, pictures(8, 12, 3600)).encode()) < 1_000_000
+
+
+def test_a_page_without_pictures_or_signals_says_so() -> None:
+    receiver = SAMPLE["receivers"][1]
+    document = SAMPLE | {
+        "verdict": "undecided", "undecided_because": "no signal was found; a longer recording would decide",
+        "since_gpst": None, "receivers": [receiver], "signals": [], "sources": [], "methods": [],
+    }  # fmt: skip
+    reader = read(report_html(Verdict.model_validate(document), EMPTY))
+    for told in ("No position could be computed.", "No signals were received.", "No method could run",
+                 "Not decided: no signal was found; a longer recording would decide"):  # fmt: skip
+        assert told in reader.text
+    assert "figure" not in reader.tags
+    assert "Since" not in reader.text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "decision", "words"),
+    [("spoofed", "attack", "in a clean sky, chance alone gives as much once in 1\u202f000 cases"),
+     ("authentic", "authentic", "were the signals false, chance alone gives as much once in 1\u202f000 cases")],
+)  # fmt: skip
+def test_how_sure_names_the_strongest_evidence_for_the_verdict(verdict: str, decision: str, words: str) -> None:
+    document = copy.deepcopy(SAMPLE)
+    other = document["methods"][0]
+    methods = [other | {"decision": "clean", "p_value": 1e-9}, other | {"detector": "d2", "decision": decision,
+               "p_value": 1e-3}, other | {"detector": "d3", "decision": decision, "p_value": 0.4}]  # fmt: skip
+    told = " ".join(how_sure(Verdict.model_validate(document | {"verdict": verdict, "methods": methods})))
+    assert f"that of d2: {words}" in told
+
+
+def test_a_signal_that_changes_its_label_is_one_signal() -> None:
+    signals = [SAMPLE["signals"][0], SAMPLE["signals"][0] | {"label": "unknown"}]
+    told = how_sure(Verdict.model_validate(SAMPLE | {"signals": signals}))[-1]
+    assert told == "1 signals received: 1 authentic, 1 unknown."

@@ -1,0 +1,265 @@
+"""The drawings: what stands where, with which unit, in whose colour."""
+
+import math
+import re
+import xml.etree.ElementTree as ElementTree
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skyproof.report.pictures import (
+    FixTrack,
+    SignalSeries,
+    SkyPosition,
+    SkySource,
+    evidence_scale,
+    local_map,
+    nice_ticks,
+    sky_plot,
+    thin,
+    time_line,
+)
+
+
+def parsed(svg: str) -> ElementTree.Element:
+    assert svg
+    return ElementTree.fromstring(svg)
+
+
+def of_class(root: ElementTree.Element, *names: str) -> list[ElementTree.Element]:
+    return [e for e in root.iter() if set(names) <= set(e.get("class", "").split())]
+
+
+def texts(root: ElementTree.Element) -> list[str]:
+    return [e.text or "" for e in root.iter("text")]
+
+
+def corners(path: ElementTree.Element) -> np.ndarray[Any, Any]:
+    return np.array(re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", path.get("d", "")), dtype=float)
+
+
+def number(element: ElementTree.Element, name: str) -> float:
+    return float(element.get(name, "nan"))
+
+
+# Ticks and thinning
+
+
+@given(st.floats(-1e9, 1e9), st.floats(1e-3, 1e9))
+def test_ticks_are_few_even_and_inside(low: float, span: float) -> None:
+    high = low + span
+    ticks = np.array(nice_ticks(low, high))
+    assert 2 <= len(ticks) <= 6
+    step = np.diff(ticks)
+    np.testing.assert_allclose(step, step[0], rtol=1e-3)
+    assert ticks[0] >= low - 1e-6 * step[0]
+    assert ticks[-1] <= high + 1e-6 * step[0]
+    assert min(abs(step[0] / 10 ** math.floor(math.log10(step[0]) + 0.01) - nice) for nice in (1, 2, 5)) < 1e-2
+
+
+def test_ticks_stand_at_round_numbers() -> None:
+    assert nice_ticks(0.0, 60.0) == [0.0, 20.0, 40.0, 60.0]
+    assert nice_ticks(-7.0, 9.0) == [-5.0, 0.0, 5.0]
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.0, 1.0), (2.0, 1.0), (0.0, math.inf), (math.nan, 1.0)])
+def test_an_empty_axis_has_no_ticks(low: float, high: float) -> None:
+    with pytest.raises(ValueError, match="no ticks"):
+        nice_ticks(low, high)
+
+
+def test_thinning_averages_and_keeps_gaps() -> None:
+    seconds = np.arange(1000.0)
+    values = np.full(1000, 45.0)
+    values[::2] += 2.0
+    values[500:700] = np.nan
+    s, v = thin(seconds, values, 100)
+    assert s.shape == v.shape == (100,)
+    np.testing.assert_allclose(v[:50], 46.0)
+    assert np.isnan(v[50:70]).all()
+    assert np.isfinite(v[70:]).all()
+    np.testing.assert_allclose(s[:2], [4.5, 14.5])
+
+
+@given(st.integers(1, 500), st.integers(1, 50))
+def test_thinning_never_leaves_more_than_asked(size: int, limit: int) -> None:
+    seconds, values = thin(np.arange(float(size)), np.ones(size), limit)
+    assert seconds.size == values.size <= max(limit, 1)
+    assert np.isfinite(values).all()
+
+
+# The map
+
+
+def track(kind: Any, east_m: float, north_m: float, receiver: str = "rx1", **more: Any) -> FixTrack:
+    return FixTrack(receiver=receiver, kind=kind, east_m=np.array([east_m]), north_m=np.array([north_m]), **more)
+
+
+def test_the_map_has_equal_scales_and_north_up() -> None:
+    root = parsed(local_map([track("trusted", 0.0, 0.0), track("false", 300.0, 400.0)], title="map"))
+    (disc,), (diamond,) = of_class(root, "mark", "trusted"), of_class(root, "mark", "false")
+    x, y = corners(diamond)[0] + (0.0, 6.0)
+    right, up = x - number(disc, "cx"), number(disc, "cy") - y
+    assert right > 0
+    assert up > 0
+    assert right / up == pytest.approx(300.0 / 400.0, rel=1e-2)
+
+
+def test_the_map_names_its_axes_with_units() -> None:
+    found = texts(parsed(local_map([track("trusted", 0.0, 0.0)], title="map")))
+    assert "east, m" in found
+    assert "north, m" in found
+    assert "0" in found
+
+
+def test_the_ellipse_holds_95_percent() -> None:
+    rng = np.random.default_rng(4)
+    covariance_m2 = np.array([[4.0, 1.5], [1.5, 1.0]])
+    root = parsed(local_map([track("trusted", 10.0, -5.0, covariance_m2=covariance_m2)], title="map"))
+    (ellipse,), (disc,) = of_class(root, "ellipse"), of_class(root, "mark", "trusted")
+    # metres per pixel, from two labelled ticks of the east axis
+    ticks = [(float(e.text.replace("\N{MINUS SIGN}", "-")), number(e, "x")) for e in root.iter("text")
+             if e.get("text-anchor") == "middle" and re.fullmatch("\N{MINUS SIGN}?[0-9.]+", e.text or "")]  # fmt: skip
+    (m0, x0), (m1, x1) = ticks[0], ticks[-1]
+    ring_m = (corners(ellipse) - (number(disc, "cx"), number(disc, "cy"))) * (m1 - m0) / (x1 - x0) * (1.0, -1.0)
+    draws_m = rng.multivariate_normal(np.zeros(2), covariance_m2, 20000)
+    ring_angle, draw_angle = (np.arctan2(p[:, 1], p[:, 0]) for p in (ring_m[:-1], draws_m))
+    order = np.argsort(ring_angle)
+    reach_m = np.interp(draw_angle, ring_angle[order], np.linalg.norm(ring_m[:-1], axis=1)[order], period=2 * np.pi)
+    inside = np.mean(np.linalg.norm(draws_m, axis=1) < reach_m)
+    assert inside == pytest.approx(0.95, abs=0.01)
+
+
+def test_places_that_coincide_share_a_label_and_others_do_not_overlap() -> None:
+    tracks = [track(kind, e, n, receiver) for receiver, e, n in (("rx1", 0.0, 0.0), ("rx2", 50.0, -30.0))
+              for kind in ("trusted", "unprotected")]  # fmt: skip
+    tracks += [track("false", 600.0, -600.0, receiver) for receiver in ("rx1", "rx2")]
+    root = parsed(local_map(tracks, title="map"))
+    names = {e.text: number(e, "y") for e in of_class(root, "name")}
+    assert set(names) == {"trusted, unprotected: rx1", "trusted, unprotected: rx2", "false: rx1, rx2"}
+    assert abs(names["trusted, unprotected: rx1"] - names["trusted, unprotected: rx2"]) >= 13.9
+
+
+def test_a_track_without_a_fix_draws_nothing() -> None:
+    nothing = FixTrack(receiver="rx1", kind="trusted", east_m=np.array([np.nan]), north_m=np.array([np.nan]))
+    assert local_map([nothing], title="map") == ""
+    assert len(of_class(parsed(local_map([nothing, track("false", 1.0, 2.0)], title="map")), "mark")) == 1
+
+
+# The time line
+
+
+def series(sat: str, label: Any, start_s: float, stop_s: float, cn0_dbhz: float, copy: str = "a") -> SignalSeries:
+    seconds = np.arange(float(start_s), float(stop_s))
+    return SignalSeries(
+        receiver="rx1", signal=f"{sat} L1 CA {copy}", label=label, seconds=seconds,
+        cn0_dbhz=np.full(seconds.size, float(cn0_dbhz)),
+    )  # fmt: skip
+
+
+def test_the_time_line_shows_labels_rows_units_and_onset() -> None:
+    lines = [series("G05", "authentic", 0, 61, 44), series("G05", "spoofed", 30, 61, 46, "b"),
+             series("G07", "unknown", 0, 61, 42)]  # fmt: skip
+    root = parsed(time_line(lines, title="time", zero="ten o'clock", onset_s=30.0))
+    found = texts(root)
+    assert {"G05", "G07", "onset", "time since ten o'clock, s", "C/N₀, each row 40 to 50 dB-Hz"} <= set(found)
+    (onset,) = of_class(root, "onset")
+    (authentic,), (spoofed,), _ = (of_class(root, "series", label) for label in ("authentic", "spoofed", "unknown"))
+    x = corners(authentic)[:, 0]
+    assert number(onset, "x1") == pytest.approx((x[0] + x[-1]) / 2.0, abs=0.2)
+    assert corners(spoofed)[0, 0] == pytest.approx(number(onset, "x1"), abs=0.2)
+    assert corners(spoofed)[0, 1] < corners(authentic)[0, 1]  # stronger is higher
+
+
+def test_a_gap_in_a_signal_is_a_gap_in_its_line() -> None:
+    line = series("G05", "authentic", 0, 10, 44)
+    cn0_dbhz = line.cn0_dbhz.copy()
+    cn0_dbhz[4:6] = np.nan
+    broken = SignalSeries(
+        receiver="rx1", signal=line.signal, label="authentic", seconds=line.seconds, cn0_dbhz=cn0_dbhz
+    )
+    (path,) = of_class(parsed(time_line([broken], title="t", zero="z")), "series")
+    assert path.get("d", "").count("M") == 2
+
+
+def test_long_recordings_are_told_in_minutes_and_stay_small() -> None:
+    svg = time_line([series("G05", "authentic", 0, 3601, 44)], title="t", zero="z", points=100)
+    assert "time since z, min" in texts(parsed(svg))
+    assert len(svg) < 6000
+
+
+def test_an_onset_before_the_recording_is_not_drawn() -> None:
+    svg = time_line([series("G05", "spoofed", 0, 10, 44)], title="t", zero="z", onset_s=-5.0)
+    assert not of_class(parsed(svg), "onset")
+
+
+# The sky
+
+
+def at(sat: str, azimuth_deg: float, elevation_deg: float, label: Any = "authentic") -> SkyPosition:
+    return SkyPosition(
+        receiver="rx1", signal=f"{sat} L1 CA a", label=label, azimuth_deg=azimuth_deg, elevation_deg=elevation_deg
+    )
+
+
+def test_the_sky_has_north_up_east_right_and_the_zenith_in_the_middle() -> None:
+    root = parsed(sky_plot([at("G01", 0, 0), at("G02", 90, 0), at("G03", 45, 90)], title="sky"))
+    north, east, zenith = ((number(d, "cx"), number(d, "cy")) for d in of_class(root, "disc"))
+    assert north[0] == zenith[0]
+    assert north[1] < zenith[1]
+    assert east[1] == zenith[1]
+    assert east[0] - zenith[0] == pytest.approx(zenith[1] - north[1])
+    assert {"N 0°", "E 90°", "S 180°", "W 270°", "30°", "60°"} <= set(texts(root))
+
+
+def test_a_satellite_with_two_labels_is_one_divided_disc() -> None:
+    root = parsed(sky_plot([at("G05", 30, 40), at("G05", 31, 40, "spoofed"), at("G07", 200, 20)], title="sky"))
+    assert [len(of_class(root, "disc", label)) for label in ("authentic", "spoofed")] == [2, 1]
+    assert texts(root).count("G05") == 1
+
+
+def test_a_source_that_was_seen_is_marked() -> None:
+    root = parsed(sky_plot([at("G05", 30, 40)], [SkySource(name="S1", azimuth_deg=120, elevation_deg=5)], title="sky"))
+    assert len(of_class(root, "cross")) == 1
+    assert "S1" in texts(root)
+
+
+# The evidence
+
+
+@pytest.mark.parametrize(("ratio", "side"), [(0.1, -1), (1.0, 0), (10.0, 1), (1e9, 1), (1e-9, -1)])
+def test_the_statistic_stands_on_its_side_of_the_threshold(ratio: float, side: int) -> None:
+    root = parsed(evidence_scale(5.0 * ratio, 5.0, title="evidence"))
+    (mark,), (limit,) = of_class(root, "mark"), of_class(root, "limit")
+    assert np.sign(round(number(mark, "cx") - number(limit, "x1"), 3)) == side
+    assert 0 < number(mark, "cx") < 360
+
+
+def test_no_scale_without_a_multiple_of_the_threshold() -> None:
+    assert evidence_scale(-1.0, 5.0, title="e") == evidence_scale(1.0, 0.0, title="e") == ""
+
+
+# All of them
+
+
+def test_names_from_outside_are_escaped() -> None:
+    svg = local_map([track("trusted", 0.0, 0.0, "<b>&")], title='"<i>')
+    assert "&lt;b&gt;&amp;" in svg
+    assert "<i>" not in svg
+    parsed(svg)
+
+
+def test_records_of_pictures_are_checked_and_frozen() -> None:
+    with pytest.raises(ValueError, match="but epoch is 2 elsewhere"):
+        SignalSeries(receiver="r", signal="G01 L1 CA a", label="unknown", seconds=np.zeros(2), cn0_dbhz=np.zeros(3))
+    with pytest.raises(ValueError, match="covariance_m2"):
+        track("trusted", 0.0, 0.0, covariance_m2=np.eye(3))
+    with pytest.raises(ValueError, match="read-only"):
+        series("G05", "authentic", 0, 10, 44).seconds[0] = 1.0
+
+
+def test_without_anything_to_draw_nothing_is_drawn() -> None:
+    assert local_map([], title="t") == time_line([], title="t", zero="z") == sky_plot([], title="t") == ""

@@ -1,0 +1,57 @@
+"""Numbers in plain words."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skyproof.report.words import (
+    chance_words,
+    instant_words,
+    number_words,
+    p_value_words,
+    rate_words,
+    seconds_words,
+    span_words,
+)
+
+
+@pytest.mark.parametrize(
+    ("probability", "words"),
+    [(1.0, "in 100 of 100 cases"), (0.33, "in 33 of 100 cases"), (0.015, "in 1.5 of 100 cases"),
+     (0.02, "in 2 of 100 cases"), (0.001, "once in 1\u202f000 cases"), (2.9e-5, "once in 30\u202f000 cases"),
+     (1.3e-9, "once in 7·10⁸ cases"), (1e-20, "once in 10²⁰ cases"), (0.0, "practically never"),
+     (5e-324, "practically never")],
+)  # fmt: skip
+def test_chances_read_as_people_say_them(probability: float, words: str) -> None:
+    assert chance_words(probability) == words
+
+
+@given(st.floats(0.0, 1.0))
+def test_every_probability_has_words(probability: float) -> None:
+    assert chance_words(probability)
+    assert p_value_words(probability).startswith("p ")
+    assert rate_words(probability)
+
+
+def test_p_values_and_rates() -> None:
+    assert [p_value_words(p) for p in (0.33, 1.3e-9, 0.0)] == ["p = 0.33", "p = 1.3·10⁻⁹", "p < 10⁻³⁰⁰"]
+    assert [rate_words(p) for p in (1e-3, 0.5, 0.9)] == ["once in 1\u202f000 hours", "once in 2 hours", "every hour"]
+
+
+def test_numbers_of_any_size_stay_readable() -> None:
+    assert [number_words(x) for x in (27104.24, 13.80001, 3e-9, -1234.5)] == ["27104", "13.8", "3e-09", "-1234"]
+
+
+def test_instants_lose_idle_zeros_and_stretches_a_second_date() -> None:
+    assert instant_words("2022-01-01T10:00:24.500000") == "2022-01-01 10:00:24.5"
+    assert instant_words("2022-01-01T10:00:20") == "2022-01-01 10:00:20"
+    assert instant_words(None) == "unknown"
+    assert span_words("2022-01-01T10:00:00", "2022-01-01T10:01:00") == "2022-01-01 10:00:00 to 10:01:00"
+    assert span_words("2022-01-01T23:59:00", "2022-01-02T00:01:00") == "2022-01-01 23:59:00 to 2022-01-02 00:01:00"
+    assert span_words(None, "2022-01-01T10:01:00") == "unknown to 2022-01-01 10:01:00"
+
+
+def test_times_come_in_the_unit_of_their_size() -> None:
+    assert [seconds_words(s) for s in (2.0, -0.0125, 4.46e-6, 0.0, 3e-10)] == [
+        "2 s", "-12.5 ms", "4.46 µs", "0 ns", "0.3 ns",
+    ]  # fmt: skip

@@ -1,0 +1,296 @@
+"""The command line: exit codes, one line for an error, one document for --json, help with an example that parses."""
+
+import json
+import re
+import shlex
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from skyproof import cli
+from skyproof.errors import InputError, OutputError
+from skyproof.formats.verdict import read_verdict, verdict_json
+from skyproof.verdict import Verdict
+
+VERDICT = read_verdict(Path(__file__).parent / "formats" / "verdict-sample.json")
+PROTECT = ["protect", "rx1.bin", "rx2.bin", "--out", "result"]
+COMMANDS = ("protect", "receive", "demo")
+
+
+def said(word: str) -> Verdict:
+    because = {"undecided_because": "a second receiver would decide"}
+    return Verdict.model_validate(VERDICT.model_dump(mode="json") | {"verdict": word} | because)
+
+
+class App:
+    """Stands for the use cases: notes the calls, gives a result or raises an error."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, Any, dict[str, Any]]] = []
+        self.verdict = VERDICT
+        self.interrupted = False
+        self.error: BaseException | None = None
+
+    def run(self, name: str, inputs: Any, options: dict[str, Any]) -> Any:
+        progress = options.pop("progress")
+        with progress.stage(f"doing {name}", 10.0) as stage:
+            stage.advance(5.0)
+            progress.say("a remark [red]")
+        self.calls.append((name, inputs, options))
+        if self.error is not None:
+            raise self.error
+        receptions = (SimpleNamespace(samples=SimpleNamespace(name="rx1"), n_signals=12, remarks=("a [dim] remark",)),)
+        return SimpleNamespace(
+            verdict=self.verdict, folder=options.get("out", inputs), interrupted=self.interrupted, receptions=receptions
+        )
+
+
+@pytest.fixture
+def app(monkeypatch: pytest.MonkeyPatch) -> Iterator[App]:
+    fake = App()
+    monkeypatch.setattr(cli, "run_protect", lambda inputs, **options: fake.run("protect", inputs, options))
+    monkeypatch.setattr(cli, "run_receive", lambda inputs, **options: fake.run("receive", inputs, options))
+    monkeypatch.setattr(cli, "run_demo", lambda out, **options: fake.run("demo", out, options))
+    return fake
+
+
+# Exit codes
+
+
+@pytest.mark.parametrize("word", ["authentic", "spoofed", "undecided"])
+def test_a_run_to_the_end_exits_with_0_whatever_the_verdict(app: App, word: str) -> None:
+    app.verdict = said(word)
+    assert cli.main(PROTECT) == 0
+
+
+@pytest.mark.parametrize(("word", "code"), [("authentic", 0), ("spoofed", 1), ("undecided", 3)])
+def test_the_exit_code_tells_the_verdict_when_asked_to(app: App, word: str, code: int) -> None:
+    app.verdict = said(word)
+    assert cli.main([*PROTECT, "--exit-code"]) == code
+    assert cli.main([*PROTECT, "--exit-code", "--json"]) == code
+
+
+@pytest.mark.parametrize("command", [PROTECT, ["receive", "rx1.bin", "--out", "d"], ["demo"]])
+def test_an_error_of_the_input_is_one_line_and_2(
+    app: App, capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    app.error = InputError("rx1.bin: odd number of bytes,\n  expected pairs; cut the last one")
+    assert cli.main(command) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines()[-1] == "skyproof: rx1.bin: odd number of bytes, expected pairs; cut the last one"
+    assert "Traceback" not in err
+
+
+def test_our_own_mistake_is_one_line_too_and_says_whose_it_is(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.error = ZeroDivisionError("division by zero")
+    assert cli.main(PROTECT) == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith("skyproof: unexpected ZeroDivisionError: division by zero. This is a fault of skyproof")
+    assert "--debug" in last
+
+
+def test_debug_shows_the_traceback(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.error = OutputError("cannot be written")
+    assert cli.main([*PROTECT, "--debug"]) == 2
+    err = capsys.readouterr().err
+    assert "Traceback (most recent call last)" in err
+    assert err.splitlines()[-1] == "skyproof: cannot be written"
+
+
+def test_an_interrupted_run_tells_what_is_decided_and_exits_with_130(
+    app: App, capsys: pytest.CaptureFixture[str]
+) -> None:
+    app.interrupted = True
+    assert cli.main([*PROTECT, "--exit-code"]) == 130
+    out, err = capsys.readouterr()
+    assert out.startswith("SPOOFED\n")
+    assert "skyproof: interrupted: this is what was decided so far" in err
+    assert cli.main([*PROTECT, "--json"]) == 130
+    assert json.loads(capsys.readouterr().out)["verdict"] == "spoofed"
+    assert cli.main(["demo"]) == cli.main(["receive", "rx1.bin", "--out", "d"]) == 130
+
+
+def test_an_interruption_before_anything_is_decided_exits_with_130(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, "run_protect", lambda *_, **__: signal.raise_signal(signal.SIGINT))
+    assert cli.main(PROTECT) == 130
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", "skyproof: interrupted before anything was decided\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("protect", "INPUT requires an argument.*skyproof protect --help"),
+        ("protect rx1.bin", "--out requires an argument"),
+        ("protect rx1.bin --out", "--out requires an argument"),
+        ("protect rx1.bin --uot d", "--uot. Did you mean --out?"),
+        ("protect rx1.bin --out d --nva f", "--nva. Did you mean --nav?"),
+        ("protect rx1.bin --out d --start-s soon", "--start-s: unable to convert .soon. into float"),
+        ("protct rx1.bin", "protct.*Did you mean .protect."),
+        ("receive --out d", "FILE requires an argument"),
+        ("demo --jsn", "--jsn. Did you mean --json?"),
+        ("inspect rx1.bin", "Unknown command .inspect"),
+    ],
+)
+def test_a_usage_error_is_one_line_that_helps(
+    app: App, capsys: pytest.CaptureFixture[str], line: str, words: str
+) -> None:
+    assert cli.main(shlex.split(line)) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith("skyproof: ")
+    assert re.search(words, err)
+    assert not app.calls
+
+
+# What goes in
+
+
+def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> None:
+    cli.main([*PROTECT, "--nav", "b.22n", "--platform", "p.toml", "--false-alarm-probability-per-hour", "1e-4",
+              "--antenna-separation-m", "2.5", "--start-s", "27", "--duration-s", "33"])  # fmt: skip
+    cli.main(PROTECT)
+    cli.main(["receive", "rx1.bin", "--out", "d", "--nav", "b.22n"])
+    cli.main(["demo", "--out", "there"])
+    settings = ("false_alarm_probability_per_hour", "antenna_separation_m", "start_s", "duration_s")
+    assert app.calls == [
+        ("protect", [Path("rx1.bin"), Path("rx2.bin")],
+         {"nav": Path("b.22n"), "platform": Path("p.toml"), "out": Path("result"),
+          **dict(zip(settings, (1e-4, 2.5, 27.0, 33.0), strict=True))}),
+        ("protect", [Path("rx1.bin"), Path("rx2.bin")],
+         {"nav": None, "platform": None, "out": Path("result"), **dict.fromkeys(settings)}),
+        ("receive", [Path("rx1.bin")], {"out": Path("d"), "nav": Path("b.22n")}),
+        ("demo", Path("there"), {}),
+    ]  # fmt: skip
+
+
+# What comes out
+
+
+@pytest.mark.parametrize("command", [PROTECT, ["demo"]])
+def test_json_is_one_document_and_nothing_else(
+    app: App, capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    cli.main([*command, "--json"])
+    out, err = capsys.readouterr()
+    assert out == verdict_json(VERDICT)
+    assert f"skyproof: doing {command[0]}\nskyproof: a remark [red]\n" in err
+
+
+def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    cli.main(PROTECT)
+    out = capsys.readouterr().out
+    lines = [re.sub(" +", " ", line).strip() for line in out.splitlines()]
+    assert lines[0] == "SPOOFED"
+    assert len(lines) < 25
+    for line in (
+        "since 2022-01-01 10:00:24 ± 0.5 s GPS time", "rx1 trusted 59.4121000 16.8837000 31.0 0.8/1.1/2.3",
+        "rx1 false 59.4064892 16.8951443 43.1 0.8/1.1/2.3", "rx1 1 authentic G05", "rx1 1 spoofed G05",
+        "rx2 1 unknown G07", "not tested: ins_array (the report says why)", "report: result/report.html",
+    ):  # fmt: skip
+        assert line in lines, line
+
+
+def test_what_is_not_decided_is_said(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.verdict = said("undecided")
+    cli.main(PROTECT)
+    out = capsys.readouterr().out
+    assert out.startswith("UNDECIDED\n")
+    assert "not decided: a second receiver would decide" in out
+
+
+def test_a_long_path_stays_on_one_line(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = "/".join(["a-folder"] * 30)
+    cli.main(["protect", "rx1.bin", "--out", folder])
+    assert f"report: {folder}/report.html\n" in capsys.readouterr().out
+
+
+def test_receive_says_what_was_heard(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["receive", "rx1.bin", "--out", "d"]) == 0
+    assert capsys.readouterr().out == "rx1: 12 signals\n  a [dim] remark\nfiles in d\n"
+
+
+def test_demo_opens_the_report_when_asked_to(app: App, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(cli.webbrowser, "open", opened.append)
+    cli.main(["demo", "--out", str(tmp_path)])
+    assert opened == []
+    cli.main(["demo", "--out", str(tmp_path), "--open"])
+    assert opened == [(tmp_path / "report.html").as_uri()]
+
+
+def test_bars_at_a_terminal_go_to_standard_error_and_leave_nothing_behind(
+    app: App, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # Rich then takes the stream for a terminal
+    cli.main([*PROTECT, "--json"])
+    out, err = capsys.readouterr()
+    assert out == verdict_json(VERDICT)
+    assert "doing protect" in err
+    assert "a remark [red]" in err
+    assert "skyproof: doing protect" not in err
+
+
+def test_a_bar_shows_what_is_done_of_the_total(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    progress = cli._progress()
+    assert isinstance(progress, cli._Bars)
+    with progress.stage("outer", 8.0) as outer, progress.stage("inner", 1.0):
+        outer.advance(2.0)
+        outer.advance(6.0)
+        assert [task.percentage for task in progress._bars.tasks] == [75.0, 0.0]
+    assert not progress._bars.tasks
+
+
+def test_an_error_in_a_stage_gives_the_terminal_back(
+    app: App, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    progress = cli._progress()
+    with pytest.raises(KeyboardInterrupt), progress.stage("outer", 1.0), progress.stage("inner", 1.0):
+        raise KeyboardInterrupt
+    assert capsys.readouterr().err.count("\x1b[?25h") == 1  # the cursor is shown again, once
+
+
+# Help
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example_that_parses(
+    app: App, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    assert cli.main([command, "--help"]) == 0
+    out = capsys.readouterr().out
+    example = re.search(rf"^(skyproof {command} .*)", out, re.MULTILINE)
+    assert example
+    assert cli.main(shlex.split(example[1])[1:]) == 0
+    assert app.calls[-1][0] == command
+
+
+def test_help_states_the_defaults_of_the_settings(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    cli.main(["protect", "--help"])
+    out = re.sub(r"[\s│]+", " ", capsys.readouterr().out)
+    assert "Probability of a false label or verdict in an hour of clean sky. Default: 0.001." in out
+    assert "Use no more than this of every recording. Default: the end." in out
+
+
+def test_without_a_command_the_commands_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([]) == 0
+    out = capsys.readouterr().out
+    assert all(f" {command} " in out for command in COMMANDS)
+
+
+def test_version_is_printed_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--version"]) == 0
+    assert re.fullmatch(r"\d+\.\d+\.\d+\S*\n", capsys.readouterr().out)
