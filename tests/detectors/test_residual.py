@@ -6,7 +6,9 @@ import pytest
 from skyproof.detectors.residual import Residual, ResidualSettings, plain_fix
 from skyproof.detectors.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError
+from skyproof.navigation.chance import chance_p_value
 from skyproof.navigation.sets import consistent_sets
+from skyproof.navigation.window import window_mean
 from skyproof.statistics.distributions import binomial_two_sided
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -83,6 +85,23 @@ def test_a_small_second_set_proves_nothing():
     (evidence,) = Residual().examine(replace(records, sets=(sky, few)))[0]
     assert evidence.says == "undecided"
     assert "by chance" in evidence.because
+
+
+def test_four_signals_are_no_second_sky():
+    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    sky, false = records.sets
+    four = replace(false, signals=false.signals[:4], statistic=0.0, dof=0)
+    (evidence,) = Residual().examine(replace(records, sets=(sky, four)))[0]
+    assert evidence.says == "clean"
+
+
+def test_the_chance_counts_the_sets_that_second_signals_could_form_and_no_others():
+    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    sky, false = records.sets
+    mean = window_mean(records.observations[0])
+    sigma_m = [np.hypot(mean.sigma_m[mean.signals.index(s)], 1.0) for s in false.signals]
+    alone = chance_p_value(sigma_m, window_m=300.0, largest_statistic=false.statistic)  # one set of all of them
+    assert second_sky_p_value(records.observations[0], (sky, false), unrelated_spread_m=300.0) == pytest.approx(alone)
 
 
 def test_the_chance_of_a_second_set_falls_with_its_size_and_is_one_without():

@@ -19,6 +19,7 @@ from skyproof.report.pictures import (
     local_map,
     nice_ticks,
     sky_plot,
+    spread,
     thin,
     time_line,
 )
@@ -141,6 +142,32 @@ def test_places_that_coincide_share_a_label_and_others_do_not_overlap() -> None:
     names = {e.text: number(e, "y") for e in of_class(root, "name")}
     assert set(names) == {"trusted, unprotected: rx1", "trusted, unprotected: rx2", "false: rx1, rx2"}
     assert abs(names["trusted, unprotected: rx1"] - names["trusted, unprotected: rx2"]) >= 13.9
+
+
+def test_labels_stand_towards_the_middle_of_the_map() -> None:
+    root = parsed(local_map([track("trusted", 0.0, 0.0), track("false", 300.0, 400.0)], title="map"))
+    assert {e.text: e.get("text-anchor") for e in of_class(root, "name")} == {
+        "trusted: rx1": "start", "false: rx1": "end",
+    }  # fmt: skip
+
+
+@given(st.lists(st.floats(0.0, 300.0), max_size=15))
+def test_labels_are_spread_in_order_within_bounds(wanted: list[float]) -> None:
+    placed = np.array(spread(wanted, 14.0, 10.0, 290.0))
+    order = np.argsort(wanted, kind="stable")
+    assert (np.diff(placed[order]) >= 14.0 - 1e-9).all()
+    assert all(10.0 <= p <= 290.0 for p in placed)
+
+
+def test_labels_that_are_far_apart_stay_where_they_are() -> None:
+    assert spread([200.0, 20.0, 100.0], 14.0, 10.0, 290.0) == [200.0, 20.0, 100.0]
+
+
+def test_a_possible_position_is_drawn_as_such() -> None:
+    tracks = [track("possible", 0.0, 0.0, "rx1 A"), track("possible", 500.0, 0.0, "rx1 B")]
+    root = parsed(local_map(tracks, title="map"))
+    assert len(of_class(root, "mark", "possible")) == 2
+    assert {"possible: rx1 A", "possible: rx1 B"} <= set(texts(root))
 
 
 def test_a_track_without_a_fix_draws_nothing() -> None:

@@ -75,7 +75,7 @@ def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
     return scene_of(scenario, navigation)
 
 
-# the copies arrive at sample 3899971 of the first receiver and 3901063 of the second, within a step of the carrier
+# the copies arrive at sample 3899972 of the first receiver and 3901063 of the second, within a step of the carrier
 @pytest.mark.parametrize("start", [0, CHUNK - 50, BLOCK - 700, 2_600_000 - 800, 3_899_000, 3_900_500, 5_200_000])
 @pytest.mark.parametrize("receiver", [0, 1])
 def test_the_samples_are_those_of_the_slow_twin(scene: Scene, receiver: int, start: int) -> None:

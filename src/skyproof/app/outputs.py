@@ -1,6 +1,7 @@
 """Everything that a run writes into its folder."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,14 @@ from skyproof.app.document import Outcome, ReceiverOutcome, place_of, versions
 from skyproof.app.progress import Progress
 from skyproof.app.reception import Reception
 from skyproof.app.settings import Settings
-from skyproof.errors import OutputError
+from skyproof.errors import InputError, OutputError
 from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
 from skyproof.formats.place import write_lines
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.formats.tables import fixes_columns, write_table
-from skyproof.formats.verdict import write_verdict
+from skyproof.formats.verdict import read_verdict, write_verdict
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.trusted import labelled
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
@@ -49,6 +50,7 @@ def check_folder(folder: Path) -> None:
 def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> None:
     """Write the verdict first, then tables, RINEX, tracks and the report."""
     with progress.stage("writing outputs", 5) as stage:
+        _remove_older(folder)
         write_verdict(folder / "verdict.json", verdict)
         write_lines(folder / "settings.toml", _settings_lines(settings))
         stage.advance(1)
@@ -60,6 +62,23 @@ def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Se
         stage.advance(4)
         write_lines(folder / "report.html", [report_html(verdict, _pictures(outcome))], encoding="utf-8")
         stage.advance(5)
+
+
+def _remove_older(folder: Path) -> None:
+    """Remove what an earlier run wrote here and this one may not write anew: the results of two runs never mix."""
+    try:
+        names = "|".join(re.escape(r.name) for r in read_verdict(folder / "verdict.json").receivers)
+    except InputError:
+        return
+    own = re.compile(rf"({names})-((authentic|other|unknown)(-\d+)?\.obs|trusted\.nmea)|trusted\.nmea|nav\.rnx")
+    try:
+        for path in folder.iterdir():
+            if own.fullmatch(path.name):
+                path.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: what an earlier run wrote cannot be removed: {error.strerror}; name another folder with --out"
+        ) from error
 
 
 def _settings_lines(settings: Settings) -> list[str]:

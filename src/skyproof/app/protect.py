@@ -1,7 +1,7 @@
 """The main job: recordings in, spoofed signals named, the true position out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -19,12 +19,15 @@ from skyproof.formats.raw import sha256
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.fusion.trusted import fix_of, labelled, only
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import iso, seconds_between
 from skyproof.navigation.smooth import smooth
-from skyproof.records import Evidence, Fix, NavigationData, Observations, Records
+from skyproof.records import Fix, NavigationData, Observations
 from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect"]
+
+COMMON_SHARE = 0.9
+"""Of a recording: if another receiver's covers less, it is told."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -78,27 +81,34 @@ def protect(
         require_signals(trackers)
     receptions = [observe(tracker, navigation) for tracker in trackers]
     _same_time(receptions, navigation)
+    receptions = [_with_common_time(r, receptions) for r in receptions]
     outcome, cut_short = judge(receptions, navigation, settings, progress)
+    if interrupted and cut_short:
+        raise KeyboardInterrupt  # a second time: the user wants out
     interrupted |= cut_short
     notes = [_note(r, interrupted) for r in receptions]
     if nav is not None:
         notes.append(InputNote(path=str(nav), format="RINEX navigation", sha256=sha256(nav), remarks=_told(navigation)))
     verdict = document(outcome, notes, settings, interrupted=interrupted)
     if out is not None:
-        interrupted |= _write(Path(out), verdict, outcome, settings, progress)
+        interrupted = _write(Path(out), verdict, outcome, settings, progress, interrupted)
     return ProtectResult(
         verdict=verdict, outcome=outcome, folder=None if out is None else Path(out), interrupted=interrupted
     )
 
 
-def _write(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> bool:
-    """Write all outputs, through one Ctrl-C: everything is decided by now. Returns whether it came."""
+def _write(
+    folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress, interrupted: bool
+) -> bool:
+    """Write all outputs, through a first Ctrl-C: everything is decided by now. Returns whether there was one."""
     try:
         write_outputs(folder, verdict, outcome, settings, progress)
     except KeyboardInterrupt:
+        if interrupted:
+            raise
         write_outputs(folder, verdict, outcome, settings, progress)
         return True
-    return False
+    return interrupted
 
 
 def judge(
@@ -181,6 +191,22 @@ def _same_time(receptions: Sequence[Reception], navigation: NavigationData | Non
     if navigation is not None:
         for path, o in heard:
             _same_day(navigation, o.gpst[0], path)
+
+
+def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> Reception:
+    """Tell how much of a recording another one covers, if that is not nearly all: the rest cannot be compared."""
+    own = reception.observations
+    others = [r for r in receptions if r is not reception and r.observations is not None]
+    if own is None or own.gpst.size < 2:
+        return reception
+    length_s = seconds_between(own.gpst[-1], own.gpst[0])
+    told = tuple(
+        f"{overlap_s(own, r.observations):.1f} of its {length_s:.1f} s with measurements are common with "
+        f"{r.samples.path or r.samples.name}"
+        for r in others
+        if r.observations is not None and overlap_s(own, r.observations) < COMMON_SHARE * length_s
+    )
+    return replace(reception, remarks=(*reception.remarks, *told))
 
 
 def _note(reception: Reception, interrupted: bool) -> InputNote:

@@ -76,8 +76,10 @@ def open_inputs(paths: Sequence[Path], settings: Settings) -> list[Samples]:
 
     Raises
     ------
-    InputError : a recording cannot be opened, or is the same as another one.
+    InputError : no recording, one that cannot be opened, or one that is the same as another.
     """
+    if not paths:
+        raise InputError("no recording given; give one file of samples a receiver, each with its sidecar")
     opened: list[Samples] = []
     for path in paths:
         samples = open_raw(path)

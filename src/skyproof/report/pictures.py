@@ -18,7 +18,7 @@ from skyproof.verdict import Label
 
 __all__ = [
     "LABELS", "FixTrack", "Kind", "SignalSeries", "SkyPosition", "SkySource", "evidence_scale", "extent_m", "local_map",
-    "nice_ticks", "sky_plot", "thin", "time_line",
+    "nice_ticks", "sky_plot", "spread", "thin", "time_line",
 ]  # fmt: skip
 
 Kind = Literal["trusted", "false", "unprotected", "possible"]
@@ -179,7 +179,7 @@ def _svg(height: float, title: str, parts: Iterable[Markup]) -> Markup:
     )
 
 
-def _spread(wanted: Sequence[float], gap: float, lowest: float, highest: float) -> list[float]:
+def spread(wanted: Sequence[float], gap: float, lowest: float, highest: float) -> list[float]:
     """Places near the wanted ones, in their order, `gap` apart and within bounds: for labels that would overlap."""
     order = sorted(range(len(wanted)), key=lambda index: wanted[index])
     placed = [0.0] * len(wanted)
@@ -274,7 +274,7 @@ def _names(marks: Sequence[Mark], middle: float, top: float, bottom: float) -> l
     parts: list[Markup] = []
     for left_of_mark in (False, True):
         labels = [label for place in _places(marks) if (place[0][0] > middle) == left_of_mark for label in _said(place)]
-        heights = _spread([y + 4.0 for _, y, _, _ in labels], 14.0, top + 12.0, bottom - 4.0)
+        heights = spread([y + 4.0 for _, y, _, _ in labels], 14.0, top + 12.0, bottom - 4.0)
         for (x, _, kind, text), height in zip(labels, heights, strict=True):
             sign = -1.0 if left_of_mark else 1.0
             near = [mark for mark in marks if abs(mark[1] + 4.0 - height) < 14.0 and abs(mark[0] - x) < 60.0]

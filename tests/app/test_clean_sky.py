@@ -1,0 +1,93 @@
+"""Clean sky at many places, times and strengths: nothing of it may be called spoofed, and what is labelled is right."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from skyproof.app.progress import Silent
+from skyproof.app.protect import judge
+from skyproof.app.reception import Reception, observe, track
+from skyproof.app.settings import Settings
+from skyproof.app.windows import detectors_for, examine, window_records
+from skyproof.fusion.fuse import fuse
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.simulate import scenes
+from skyproof.simulate.measurements import NoiseModel, observations_of
+from skyproof.simulate.samples import samples_of
+from skyproof.simulate.scenario import Place
+
+
+def anywhere(rng: np.random.Generator) -> tuple[Place, np.datetime64]:
+    """A place on land or sea between 70 S and 70 N, and a moment in four years."""
+    place = Place(
+        lat_deg=float(np.degrees(np.arcsin(rng.uniform(-0.94, 0.94)))), lon_deg=float(rng.uniform(-180.0, 180.0)),
+        height_m=float(rng.uniform(0.0, 1500.0)),
+    )  # fmt: skip
+    return place, np.datetime64("2021-01-01T00:00:00", "ns") + np.timedelta64(int(rng.integers(126_230_400)), "s")
+
+
+def clean_windows_by_measurement(n_scenes: int, seed: int) -> tuple[int, int, int]:
+    """Windows examined, false labels and false verdicts of scenes of 60 s at the level of measurements."""
+    rng = np.random.default_rng(seed)
+    settings = Settings()
+    windows_seen = false_labels = false_verdicts = 0
+    for number in range(n_scenes):
+        place, start = anywhere(rng)
+        scenario = scenes.clean(
+            place, start, duration_s=61.0, baseline_m=float(rng.uniform(20.0, 200.0)), mask_deg=10.0, seed=number,
+            zenith_cn0_dbhz=float(rng.uniform(42.0, 52.0)), horizon_cn0_dbhz=float(rng.uniform(34.0, 42.0)),
+        )  # fmt: skip
+        navigation = nominal_constellation(start)
+        noise = NoiseModel(sigma_m=0.7, ar1=float(rng.choice([0.0, 0.9])), constant_m=1.0)
+        observed, _ = observations_of(scenario, navigation, rng=rng, noise=noise)
+        windows, _ = window_records(observed, navigation, settings, Silent())
+        evidence = examine(windows, detectors_for(settings))
+        decision = fuse(evidence, observed, [s for w in windows for s in w.sets])
+        windows_seen += len(windows)
+        false_labels += sum(s.label == "spoofed" for s in decision.labels)
+        false_verdicts += decision.verdict == "spoofed"
+    return windows_seen, false_labels, false_verdicts
+
+
+def test_forty_clean_scenes_bear_no_false_label():
+    windows, labels, verdicts = clean_windows_by_measurement(40, seed=11)
+    assert windows >= 200
+    # Stated: 0.001 an hour, here 40 minutes of sky: one false verdict has probability 7e-4.
+    assert (labels, verdicts) == (0, 0)
+
+
+@pytest.mark.long
+def test_false_verdicts_on_clean_measurements_come_at_most_at_the_stated_rate():
+    windows, _, verdicts = clean_windows_by_measurement(1500, seed=12)
+    hours = windows * 10.0 / 3600.0
+    assert stats.poisson.sf(verdicts - 1, 1e-3 * hours) > 1e-3
+
+
+def protect_in_memory(scenario):
+    """Verdict's decision on a scene rendered to samples, without files."""
+    navigation = nominal_constellation(scenario.start_gpst)
+    settings = Settings()
+    trackers, _ = track(samples_of(scenario, navigation), settings)
+    receptions: list[Reception] = [observe(tracker, navigation) for tracker in trackers]
+    outcome, _ = judge(receptions, navigation, settings, Silent())
+    return outcome
+
+
+@pytest.mark.long
+def test_two_hundred_windows_of_clean_samples_bear_no_false_label():
+    """34 scenes of 60 s at sample level, 45 down to 36 dB-Hz at the horizon: about 20 minutes."""
+    rng = np.random.default_rng(13)
+    windows = false = authentic = 0
+    for number in range(34):
+        place, start = anywhere(rng)
+        scenario = scenes.clean(
+            place, start, duration_s=60.5, baseline_m=float(rng.uniform(30.0, 150.0)), mask_deg=8.0, seed=number,
+            zenith_cn0_dbhz=float(rng.uniform(44.0, 51.0)), horizon_cn0_dbhz=float(rng.uniform(36.0, 42.0)),
+        )  # fmt: skip
+        outcome = protect_in_memory(scenario)
+        windows += len({e.start_gpst for e in outcome.evidence})
+        false += sum(s.label == "spoofed" for s in outcome.decision.labels) + (outcome.decision.verdict == "spoofed")
+        authentic += outcome.decision.verdict == "authentic"
+    assert windows >= 200
+    assert false == 0
+    assert authentic >= 30
