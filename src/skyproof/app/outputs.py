@@ -285,15 +285,19 @@ def _series(o: Observations | None, outcome: Outcome, zero: np.datetime64) -> li
 def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
     lat, lon, _ = geodetic_from_ecef(origin)
     rot = rot_enu_ecef(lat, lon)
+    name = r.reception.samples.name
+    drawn: list[tuple[str, Any, Fix]] = [(name, kind, fix) for kind, fix in _kinds(r)]
+    if r.trusted is None and r.false is None:  # which of the skies is true is open: both are possible
+        drawn += [(f"{name} {sky}", "possible", fix) for sky, fix in r.shown.items()]
     tracks = []
-    for kind, fix in _kinds(r):
+    for receiver, kind, fix in drawn:
         good = np.flatnonzero(fix.status == 0)
         if good.size:
             enu = (fix.position_ecef_m - origin) @ rot.T
             covariance = (rot @ fix.covariance_m2[good[-1], :3, :3] @ rot.T)[:2, :2]
             tracks.append(
                 FixTrack(
-                    receiver=r.reception.samples.name, kind=kind, east_m=enu[:, 0], north_m=enu[:, 1],  # type: ignore[arg-type]
+                    receiver=receiver, kind=kind, east_m=enu[:, 0], north_m=enu[:, 1],
                     covariance_m2=covariance,
                 )
             )

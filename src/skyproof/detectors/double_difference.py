@@ -79,7 +79,7 @@ def pooled_correlation(sd_m: Reals) -> Reals:
     """AR(1) coefficient (...) of the noise from all single differences (..., Q, N, R-1) of a window together."""
     *lead, q, n, m = sd_m.shape
     residual = fit_line(sd_m @ difference_whitener(m)).residual
-    return np.asarray(estimate_ar1(np.moveaxis(residual, -3, -2).reshape(*lead, n, q * m)))
+    return estimate_ar1(np.moveaxis(residual, -3, -2).reshape(*lead, n, q * m))
 
 
 def _line_test(
@@ -99,7 +99,7 @@ def _squared_distances(vectors: Reals) -> Reals:
     centred = vectors - vectors.mean(axis=-2, keepdims=True)
     gram = centred @ np.swapaxes(centred, -1, -2)
     squares = np.einsum("...kk->...k", gram)
-    return np.maximum(squares[..., :, None] + squares[..., None, :] - 2.0 * gram, 0.0)
+    return np.asarray(np.maximum(squares[..., :, None] + squares[..., None, :] - 2.0 * gram, 0.0))
 
 
 class CountingRule(NamedTuple):

@@ -1,7 +1,8 @@
 """All evidence to one decision.
 
 The words are never stronger than the evidence: *spoofed* needs evidence of an attack, *authentic* needs positive
-evidence for every receiver and no sign of an attack; everything else is *undecided*, with what would decide it.
+evidence for every receiver at all times and no sign of an attack; everything else is *undecided*, with what would
+decide it.
 Nothing here knows a particular detector.
 """
 
@@ -16,6 +17,9 @@ from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.records import ConsistentSet, Evidence, Observations, SignalRef
 
 __all__ = ["Decision", "fuse"]
+
+ENOUGH = 4  # signals for a fix
+MOMENT_S = 5.0  # after a loss of all signals it takes so long until a window can speak for the new ones
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,8 +47,8 @@ def fuse(
     sources = sources_of(evidence)
     attacked = any(e.says in ("spoofed", "attack") for e in evidence)
     false = [s for s in labels if s.label == "spoofed"]
-    trusted = {s.ref.receiver for s in labels if s.label == "authentic"}
     if attacked:
+        trusted = {s.ref.receiver for s in labels if s.label == "authentic"}
         skies = _skies(sets) if not sources else ()
         onset, until = _time_line(false, skies, observations)
         everyone = trusted == {o.receiver for o in observations}
@@ -52,6 +56,7 @@ def fuse(
             verdict="spoofed", labels=labels, sources=sources, skies=skies, onset=onset, until=until,
             undecided_because=None if everyone else _because(evidence, observations, trusted),
         )  # fmt: skip
+    trusted = {o.receiver for o in observations if _always_authentic(o, labels)}
     if observations and trusted == {o.receiver for o in observations}:
         return Decision(
             verdict="authentic", labels=labels, sources=(), skies=(), onset=None, until=None, undecided_because=None
@@ -60,6 +65,19 @@ def fuse(
         verdict="undecided", labels=labels, sources=(), skies=(), onset=None, until=None,
         undecided_because=_because(evidence, observations, trusted),
     )  # fmt: skip
+
+
+def _always_authentic(o: Observations, labels: Sequence[LabelledSignal]) -> bool:
+    """Whether a fix could be made of authentic signals, but for moments, whenever enough signals were received."""
+    authentic = np.zeros(o.pseudorange_m.shape, np.bool_)
+    for s in labels:
+        if s.ref.receiver == o.receiver and s.label == "authentic":
+            authentic[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)] = True
+    received = np.isfinite(o.pseudorange_m)
+    enough = received.sum(axis=1) > ENOUGH
+    kept_s = o.elapsed_s[~enough | ((received & authentic).sum(axis=1) >= ENOUGH)]
+    edges_s = np.concatenate([o.elapsed_s[:1], kept_s, o.elapsed_s[-1:]])
+    return bool(authentic.any() and np.diff(edges_s).max() <= MOMENT_S)
 
 
 def _skies(sets: Sequence[ConsistentSet]) -> tuple[Source, ...]:

@@ -3,21 +3,32 @@
 A signal that is tracked without interruption is one transmitter's, unless the evidence itself changes: what some
 windows say of it holds for its neighbours that say nothing. Where windows contradict each other the signal was captured
 and its life is cut there; where one window contradicts itself the label is unknown.
+
+A window in which a test of the signal failed (its p-value is below what it was asked for, and it says "undecided")
+does not say nothing: true and false signals may be mixed in it. What was authentic before is open there, unless the
+window itself has evidence of authenticity for nearly all of the signals that failed together.
 """
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from skyproof.records import Evidence, Observations, SignalRef
+from skyproof.records import Evidence, Observations, Reals, SignalRef
 
 __all__ = ["Label", "LabelledSignal", "Source", "label_signals", "sources_of"]
 
 Label = Literal["authentic", "spoofed", "unknown"]
+LABELS: tuple[Label, ...] = ("authentic", "spoofed", "unknown")
+SILENT = -1
 SLIP = 3  # a code of records.CELL_STATUS
+MIN_WINDOW_SHARE = 0.4
+HOLD_S = 30.0
+"""So long a signal that is tracked on stays authentic without new evidence: some windows of usual length."""
+NEARLY_ALL = 0.75
+"""Of the signals that failed a test together: if fewer of them are authentic, that many are not just faulty ones."""
 Node = TypeVar("Node", bound=Hashable)
 
 
@@ -45,6 +56,8 @@ class Source:
 
 @dataclass(frozen=True, kw_only=True)
 class _Vote:
+    """What one piece of evidence says of one signal, in the epochs of its window."""
+
     label: Label
     first_epoch: int
     last_epoch: int
@@ -56,17 +69,47 @@ def label_signals(evidence: Sequence[Evidence], observations: Sequence[Observati
     """Every signal of every receiver, cut where its label changes; in order of receiver, signal and time."""
     labelled: list[LabelledSignal] = []
     for o in observations:
-        by_signal: dict[SignalRef, list[Evidence]] = {}
-        for e in evidence:
-            if e.says in ("authentic", "spoofed"):
-                for ref in e.subject:
-                    by_signal.setdefault(ref, []).append(e)
+        votes = _votes(evidence, o)
         for column, signal in enumerate(o.signals):
             ref = SignalRef(o.receiver, signal)
-            told = by_signal.get(ref, [])
-            pieces = [p for arc in _arcs(o, column) for p in _label_arc(ref, o, arc, told)]
+            pieces = [p for arc in _arcs(o, column) for p in _label_arc(ref, o, arc, votes.get(ref, ()))]
             labelled += _joined(pieces)
     return tuple(labelled)
+
+
+def _votes(evidence: Sequence[Evidence], o: Observations) -> dict[SignalRef, list[_Vote]]:
+    """What is said of each of a receiver's signals. A failed test is a vote for "unknown" where nothing else speaks."""
+    windows: dict[tuple[int, int], list[Evidence]] = {}
+    for e in evidence:
+        first, end = (int(np.searchsorted(o.gpst, t)) for t in (e.start_gpst, e.end_gpst))
+        if end > first:
+            windows.setdefault((first, end - 1), []).append(e)
+    votes: dict[SignalRef, list[_Vote]] = {}
+    for (first, last), said in windows.items():
+        failed = [own for e in said if _failed(e) and (own := {r for r in e.subject if r.receiver == o.receiver})]
+        spoken: set[SignalRef] = set()
+        for e in said:
+            own = {ref for ref in e.subject if ref.receiver == o.receiver}
+            label: Label = "authentic" if e.says == "authentic" else "spoofed"
+            if e.says == "authentic" and any(len(own & f) < NEARLY_ALL * len(f) for f in failed):
+                label = "unknown"
+            if e.says in ("authentic", "spoofed"):
+                spoken |= own
+                for ref in own:
+                    votes.setdefault(ref, []).append(
+                        _Vote(label=label, first_epoch=first, last_epoch=last, detector=e.detector, p_value=e.p_value)
+                    )
+        for ref in set().union(*failed) - spoken:
+            votes.setdefault(ref, []).append(
+                _Vote(label="unknown", first_epoch=first, last_epoch=last, detector="", p_value=None)
+            )
+    return votes
+
+
+def _failed(e: Evidence) -> bool:
+    """Whether a test's null was rejected without telling why."""
+    asked = e.false_alarm_probability
+    return e.says == "undecided" and e.p_value is not None and asked is not None and e.p_value < asked
 
 
 def sources_of(evidence: Sequence[Evidence]) -> tuple[Source, ...]:
@@ -103,43 +146,59 @@ def _arcs(o: Observations, column: int) -> list[tuple[int, int]]:
     return [(int(there[a]), int(there[b])) for a, b in zip(starts, ends, strict=True)]
 
 
-def _label_arc(
-    ref: SignalRef, o: Observations, arc: tuple[int, int], told: Sequence[Evidence]
-) -> list[LabelledSignal]:
-    """One label if all windows that say something agree; else one piece a window's worth."""
-    votes = []
-    for e in told:
-        inside = np.flatnonzero((o.gpst >= e.start_gpst) & (o.gpst < e.end_gpst))
-        if inside.size and inside[0] <= arc[1] and inside[-1] >= arc[0]:
-            first, last = max(int(inside[0]), arc[0]), min(int(inside[-1]), arc[1])
-            # A window speaks for the stretch of the signal that fills most of it.
-            if last - first + 1 >= 0.4 * inside.size:
-                label: Label = "authentic" if e.says == "authentic" else "spoofed"
-                votes.append(
-                    _Vote(label=label, first_epoch=first, last_epoch=last, detector=e.detector, p_value=e.p_value)
-                )
-    if len({vote.label for vote in votes}) <= 1:
-        return [_piece(ref, votes[0].label if votes else "unknown", arc[0], arc[1], votes)]
-    votes.sort(key=lambda vote: vote.first_epoch)
-    pieces: list[LabelledSignal] = []
-    edges = [arc[0], *sorted({v.first_epoch for v in votes} - {arc[0]}), arc[1] + 1]
-    for first, end in pairwise(edges):
-        here = [v for v in votes if v.first_epoch <= first <= v.last_epoch]
-        labels = {v.label for v in here}
-        pieces.append(_piece(ref, labels.pop() if len(labels) == 1 else "unknown", first, end - 1, here))
-    return _joined(pieces)
+def _label_arc(ref: SignalRef, o: Observations, arc: tuple[int, int], told: Sequence[_Vote]) -> list[LabelledSignal]:
+    """The stretches of an arc that carry one label each: what windows say, and between them what both neighbours say.
+
+    What only one side says holds on and on if it is *spoofed*; *authentic* fades, since a channel can be captured
+    without a slip.
+    """
+    votes = [cut for vote in told if (cut := _within(vote, arc)) is not None]
+    said = np.full(arc[1] - arc[0] + 1, SILENT)
+    for vote in votes:
+        here = said[vote.first_epoch - arc[0] : vote.last_epoch - arc[0] + 1]
+        code = LABELS.index(vote.label)
+        here[:] = np.where((here == SILENT) | (here == code), code, LABELS.index("unknown"))
+    codes = _filled(said, o.elapsed_s[arc[0] : arc[1] + 1])
+    starts = np.flatnonzero(np.diff(codes, prepend=SILENT))
+    ends = np.append(starts[1:], codes.size) - 1
+    return [
+        _piece(ref, LABELS[codes[first]], arc[0] + int(first), arc[0] + int(last), votes)
+        for first, last in zip(starts, ends, strict=True)
+    ]
+
+
+def _within(vote: _Vote, arc: tuple[int, int]) -> _Vote | None:
+    """The part of a vote that lies in an arc; None if that is little of it: a window speaks for what fills it."""
+    first, last = max(vote.first_epoch, arc[0]), min(vote.last_epoch, arc[1])
+    if last - first + 1 < MIN_WINDOW_SHARE * (vote.last_epoch - vote.first_epoch + 1):
+        return None
+    return replace(vote, first_epoch=first, last_epoch=last)
+
+
+def _filled(said: NDArray[np.int64], elapsed_s: Reals) -> NDArray[np.int64]:
+    """Codes of labels (n_epochs,) with the silent ones filled from the nearest that are not on either side."""
+    unknown, authentic = LABELS.index("unknown"), LABELS.index("authentic")
+    row = np.arange(said.size)
+    before = np.maximum.accumulate(np.where(said != SILENT, row, -1))
+    after = np.minimum.accumulate(np.where(said != SILENT, row, said.size)[::-1])[::-1]
+    codes, times_s = np.append(said, SILENT), np.append(elapsed_s, np.nan)  # the last cell stands for "none"
+    before[before < 0] = said.size
+    one, other = codes[before], codes[after]
+    agreed = np.where(one == SILENT, other, np.where((other == SILENT) | (one == other), one, unknown))
+    agreed[agreed == SILENT] = unknown
+    far_s = np.fmin(np.abs(elapsed_s - times_s[before]), np.abs(times_s[after] - elapsed_s))
+    return np.where((agreed == authentic) & (far_s > HOLD_S), unknown, agreed)
 
 
 def _piece(ref: SignalRef, label: Label, first: int, last: int, votes: Sequence[_Vote]) -> LabelledSignal:
     strongest: dict[str, float | None] = {}
     for vote in votes:
-        if vote.label == label:
+        if vote.label == label and vote.detector and vote.first_epoch <= last and vote.last_epoch >= first:
             known = strongest.get(vote.detector)
             if vote.detector not in strongest or known is None or (vote.p_value is not None and vote.p_value < known):
                 strongest[vote.detector] = vote.p_value
-    return LabelledSignal(
-        ref=ref, label=label, first_epoch=first, last_epoch=last, because=tuple(strongest.items())
-    )  # fmt: skip
+    because = tuple(strongest.items()) if label != "unknown" else ()
+    return LabelledSignal(ref=ref, label=label, first_epoch=first, last_epoch=last, because=because)
 
 
 def _joined(pieces: Sequence[LabelledSignal]) -> list[LabelledSignal]:

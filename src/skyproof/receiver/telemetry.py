@@ -33,7 +33,6 @@ class Telemetry:
     bits_period: int = 0
     tow_ms_at_period_0: int | None = None
     subframes: Mapping[int, Subframe] = field(default_factory=dict)
-    failures: int = 0
 
 
 def step(telemetry: Telemetry, prompts: NDArray[np.float64], first_period: int) -> Telemetry:
@@ -99,7 +98,7 @@ def _decode(telemetry: Telemetry) -> Telemetry:
     if telemetry.bits.size < BITS_KEPT:
         return replace(telemetry, tow_ms_at_period_0=tow_ms, subframes=subframes)
     if tow_ms is None:  # two subframes' time without a subframe: the bits do not begin where we think
-        return Telemetry(failures=telemetry.failures + 1)
+        return Telemetry()
     drop = telemetry.bits.size - (BITS_PER_SUBFRAME + 60)
     return replace(
         telemetry,

@@ -19,6 +19,9 @@ from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.measurement import Measurement, measure
 from skyproof.records import SignalId
 
+FORGET_S = 30.0
+"""A lost signal that is found again within this time, near its old delay, keeps its letter."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReceiverSettings:
@@ -358,7 +361,7 @@ class Receiver:
             apart_s = self._delay_s(loop, end) - signal.delay_s - drift_s
             apart_s -= self.signal.period_s * round(apart_s / self.signal.period_s)
             chips = abs(apart_s) * self.signal.chip_rate_hz
-            if signal.sat == channel.sat and gap_s < 30.0 and chips < 0.3 + 0.02 * gap_s:
+            if signal.sat == channel.sat and chips < 0.3 + 0.02 * gap_s:
                 return signal
         return None
 
@@ -367,7 +370,7 @@ class Receiver:
         settings = self.settings
         end_s = (state.frame + 1) * settings.frame_s
         drop: set[int] = set()
-        lost = list(state.lost)
+        lost = [signal for signal in state.lost if end_s - signal.lost_s < FORGET_S]
         for i, channel in enumerate(state.channels):
             never = channel.copy is None and end_s - channel.began_s >= settings.confirm_s - 1e-9
             gone = channel.copy is not None and channel.unlocked_frames * settings.frame_s >= settings.lose_after_s

@@ -1,0 +1,78 @@
+"""The page that shows the house shows it as it is built: rooms, floors and every arrow between them."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import grimp
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "src" / "skyproof"
+PAGE = ROOT / "docs" / "design" / "house.md"
+
+
+def name_of(cell: str) -> str:
+    """The room that a cell or a file names."""
+    return cell.strip().strip("`").removesuffix("/").removesuffix(".py")
+
+
+def rooms_told(text: str) -> dict[str, tuple[int, set[str]]]:
+    """Floor and imports of each room, from the table with the columns floor, room, ..., imports."""
+    rows = [line.strip("|").split("|") for line in text.splitlines() if re.match(r"\| *\d+ *\|", line)]
+    return {name_of(row[1]): (int(row[0]), set(re.findall(r"`(\w+)`", row[-1]))) for row in rows}
+
+
+def rooms_built(package: str) -> dict[str, set[str]]:
+    """Imports of each room: the first level of modules below the package, and `__init__` for the package itself."""
+    graph = grimp.build_graph(package, cache_dir=None)
+
+    def room(module: str) -> str:
+        return module.split(".")[1] if "." in module else "__init__"
+
+    arrows: dict[str, set[str]] = {room(module): set() for module in graph.modules}
+    for module in graph.modules:
+        for imported in graph.find_modules_directly_imported_by(module):
+            if room(imported) != room(module):
+                arrows[room(module)].add(room(imported))
+    return arrows
+
+
+@pytest.fixture(scope="module")
+def told() -> dict[str, tuple[int, set[str]]]:
+    return rooms_told(PAGE.read_text(encoding="utf-8"))
+
+
+def test_the_page_tells_every_arrow_between_rooms_and_no_other(told):
+    assert {room: imports for room, (_, imports) in told.items()} == rooms_built("skyproof")
+
+
+def test_the_page_tells_every_room(told):
+    files = {name_of(path.name) for path in PACKAGE.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+    assert set(told) == files
+
+
+def test_every_arrow_points_down(told):
+    up = [(room, other) for room, (floor, imports) in told.items() for other in imports if told[other][0] >= floor]
+    assert up == []
+
+
+def test_the_floors_are_those_of_the_contract(told):
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
+    (layers,) = [contract["layers"] for contract in contracts if contract["type"] == "layers"]
+    held = [{room.strip().removeprefix("skyproof.") for room in layer.split("|")} for layer in layers]
+    floors = sorted({floor for floor, _ in told.values()}, reverse=True)
+    assert [{room for room, (floor, _) in told.items() if floor == f} for f in floors] == [{"__init__"}, *held]
+
+
+def test_an_arrow_in_the_code_that_the_page_does_not_tell_is_seen(tmp_path, monkeypatch):
+    house = tmp_path / "smallhouse"
+    house.mkdir()
+    (house / "__init__.py").write_text("from smallhouse.attic import view\n", encoding="utf-8")
+    (house / "attic.py").write_text("from smallhouse.cellar import wine as view\n", encoding="utf-8")
+    (house / "cellar.py").write_text("wine = 1\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    page = "| floor | room | imports |\n|---|---|---|\n| 2 | `__init__.py` | `attic` |\n| 1 | `attic.py` | |\n| 0 | `cellar/` | |"
+    built, told = rooms_built("smallhouse"), {room: imports for room, (_, imports) in rooms_told(page).items()}
+    assert built == {"__init__": {"attic"}, "attic": {"cellar"}, "cellar": set()}
+    assert told == {"__init__": {"attic"}, "attic": set(), "cellar": set()}
