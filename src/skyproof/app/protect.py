@@ -134,22 +134,25 @@ def _receiver_outcome(
     o = reception.observations
     if o is None or not orbits.ephemerides:
         return ReceiverOutcome(reception=reception)
-    smoothed = smooth(o, window_s=settings.smoothing_s)
 
     def fixed(part: Observations) -> Fix | None:
+        # Smoothed after the choice: what a channel followed before or after it was captured does not leak across.
         return fix_of(
-            part, orbits, multipath_sigma_m=settings.multipath_sigma_m, elevation_mask_deg=settings.elevation_mask_deg
-        )
+            smooth(part, window_s=settings.smoothing_s), orbits, multipath_sigma_m=settings.multipath_sigma_m,
+            elevation_mask_deg=settings.elevation_mask_deg,
+        )  # fmt: skip
 
+    false = labelled(o, decision.labels, "spoofed")
     shown = {
-        source.name: fixed(only(smoothed, [r.signal for r in source.signals if r.receiver == o.receiver]))
-        for source in (*decision.sources, *decision.skies)
+        source.name: fixed(only(part, [r.signal for r in source.signals if r.receiver == o.receiver]))
+        for part, sources in ((false, decision.sources), (o, decision.skies))
+        for source in sources
     }
     return ReceiverOutcome(
         reception=reception,
-        trusted=fixed(labelled(smoothed, decision.labels, "authentic")),
-        false=fixed(labelled(smoothed, decision.labels, "spoofed")),
-        unprotected=fixed(only(smoothed, first_copies(smoothed))),
+        trusted=fixed(labelled(o, decision.labels, "authentic")),
+        false=fixed(false),
+        unprotected=fixed(only(o, first_copies(o))),
         shown={name: fix for name, fix in shown.items() if fix is not None},
     )
 

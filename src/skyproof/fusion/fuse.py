@@ -116,13 +116,16 @@ def _had_another_life(s: LabelledSignal, observations: Sequence[Observations]) -
 
 
 def _because(evidence: Sequence[Evidence], observations: Sequence[Observations], trusted: set[str]) -> str:
-    """Which receivers' signals are open, why, and what would decide it: each reason once, the most frequent first."""
+    """Which receivers' signals are open, why, and what would decide it: each reason once, the most frequent first.
+
+    Evidence of an attack that needs nothing further explains the attack, not what is open about it.
+    """
     if not observations:
         return "no receiver gave measurements with a time"
     reasons: dict[str, int] = {}
     for e in evidence:
-        if e.says in ("undecided", "attack"):
-            text = e.because + (f"; would need {e.would_need}" if e.would_need else "")
+        if e.says == "undecided" or (e.says == "attack" and e.would_need):
+            text = e.because + (f" (would decide it: {e.would_need})" if e.would_need else "")
             reasons[text] = reasons.get(text, 0) + 1
     open_receivers = ", ".join(o.receiver for o in observations if o.receiver not in trusted)
     most = sorted(reasons, key=lambda text: -reasons[text])[:3]
