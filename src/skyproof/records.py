@@ -2,7 +2,8 @@
 
 Frozen dataclasses of arrays, time along axis 0, channels along axis 1, NaN where there is nothing, units in the names.
 An instant is a label: `numpy.datetime64[ns]` read as GPS time (no leap seconds, no zone). A measurement is never the
-difference of two labels. Frames are ECEF WGS-84 unless a name says otherwise; angles are radians unless a name says deg.
+difference of two labels. Frames are ECEF WGS-84 unless a name says otherwise; angles are radians unless a name says
+deg.
 
 Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views; the caller's arrays stay writable.
 """

@@ -213,7 +213,8 @@ class _Window:
         possible = self._p_possible(sky) if p_known is None else p_known
         if max(p_one, p_ratio) >= alpha or possible < alpha:
             return None
-        return self._authentic(sky, max(p_one, p_ratio), because="; the receivers' other signals come from one antenna")
+        because = "; the receivers' other signals come from one antenna" if false else "; they fit the known baseline"
+        return self._authentic(sky, max(p_one, p_ratio), because=because)
 
     def _left_over(self, false: list[Pairing]) -> Pairing | None:
         """The pairing of sets that no false group takes, if it can only be one and is not of one antenna.
