@@ -94,16 +94,15 @@ def _straightened(values: list[float]) -> Reals:
 
 def _shift() -> Iterator[str]:
     """Noise-free signals at 200 code phases: the error of the discriminator on the right code phase."""
-    yield "error of one period's discriminator without noise, rms of 200 code phases"
+    yield "error of one period's discriminator without noise, rms of 200 code phases and worst"
     for rate_hz in (2.6e6, 25e6):
         for n_phases in (32, 4):
             with_m, without_m = np.array([_discriminator_m(rate_hz, n_phases, chip) for chip in _chips(200)]).T
-            worst = f"worst {np.abs(with_m).max():.2g} m; with the shift left in {_rms(without_m):.2g} m, worst "
-            figure = _rms(with_m)
-            yield line(
-                f"{rate_hz / 1e6:g} Msps, replicas every 1/{n_phases} sample", Spread(figure, figure, figure), "m",
-                worst + f"{np.abs(without_m).max():.2g} m",
-            )  # fmt: skip
+            left_in = f"with the replica's shift left in {_rms(without_m):.2g} m, worst {np.abs(without_m).max():.2g} m"
+            yield (
+                f"  {rate_hz / 1e6:g} Msps, replicas every 1/{n_phases} sample: {_rms(with_m):.2g} m, worst "
+                f"{np.abs(with_m).max():.2g} m; {left_in}"
+            )
 
 
 def _chips(count: int) -> Reals:

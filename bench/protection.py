@@ -24,14 +24,14 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulate import scenes, write
 
 RUNS = 3
-DURATION_S = 34.0
+DURATION_S, ONSET_S = 24.0, 8.0
 SAMPLE_S = 0.005
 PACKAGE = Path(skyproof.__file__).parent
 
 
 def report() -> Iterator[str]:
     """Rows of the table."""
-    scenario = scenes.demo(duration_s=DURATION_S)
+    scenario = scenes.demo(duration_s=DURATION_S, onset_s=ONSET_S)
     navigation = nominal_constellation(scenario.start_gpst)
     with tempfile.TemporaryDirectory() as folder:
         write(scenario, navigation, Path(folder))
@@ -43,13 +43,19 @@ def report() -> Iterator[str]:
     yield line("whole run", seconds, "s", f"{DURATION_S / seconds.median:.2f} times real time (of both at once)")
     yield line("peak memory", Spread.of([run["peak_mb"] for run in runs]), "MB", "the samples as float32 would be "
                f"{2 * 2 * 4 * DURATION_S * rate:.0f} MB")  # fmt: skip
-    shares = Counter[str]()
+    modules, rooms = Counter[str](), Counter[str]()
     for run in runs:
-        shares.update(run["shares"])
+        modules.update(run["shares"])
+    for module, count in modules.items():
+        rooms[module.partition("/")[0]] += count
+    yield f"  share of the time by room: {_told(rooms)}"
+    yield f"  by module: {_told(modules)}"
+
+
+def _told(shares: Counter[str]) -> str:
+    """All that have half a percent or more."""
     total = sum(shares.values())
-    yield "  share of the time by room: " + ", ".join(
-        f"{room} {100.0 * count / total:.0f} %" for room, count in shares.most_common() if count >= 0.005 * total
-    )
+    return ", ".join(f"{k} {100.0 * n / total:.0f} %" for k, n in shares.most_common() if n >= 0.005 * total)
 
 
 def _run_of_its_own(folder: str) -> dict:  # type: ignore[type-arg]
@@ -68,7 +74,7 @@ def _one_run(folder: Path) -> None:
 
     def watch() -> None:
         while not done.wait(SAMPLE_S):
-            shares[_room(sys._current_frames().get(watched))] += 1
+            shares[_module(sys._current_frames().get(watched))] += 1
 
     watcher = threading.Thread(target=watch)
     begin = perf_counter()
@@ -84,12 +90,12 @@ def _one_run(folder: Path) -> None:
                       "shares": shares}))  # fmt: skip
 
 
-def _room(frame: FrameType | None) -> str:
-    """The room whose code runs, or has called what runs."""
+def _module(frame: FrameType | None) -> str:
+    """The module (room/name) whose code runs, or has called what runs."""
     while frame is not None:
         path = Path(frame.f_code.co_filename)
         if path.is_relative_to(PACKAGE):
-            return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+            return path.relative_to(PACKAGE).with_suffix("").as_posix()
         frame = frame.f_back
     return "imports"
 

@@ -215,6 +215,14 @@ def test_the_week_of_utc_is_resolved_whatever_the_writer_counted():
         assert parse_nav(lines).utc.wnt == 2320
 
 
+@pytest.mark.parametrize(("year", "full"), [("80", 1980), ("99", 1999), ("00", 2000), ("79", 2079)])
+def test_years_of_two_digits_run_from_1980_to_2079(year, full):
+    lines = changed(VERSION_2[:15], 7, " 1 22  1  1", f" 1 {year}  1 12")
+    lines = changed(lines, 12, "0.219000000000D+04", " " * 18)
+    eph = parse_nav(lines).ephemerides[0]
+    assert gpst(eph.toc_week, eph.toc) == parse_iso(f"{full}-01-12")
+
+
 # ---------------------------------------------------------------- damage
 
 

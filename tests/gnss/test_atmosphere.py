@@ -28,6 +28,16 @@ def test_the_ionosphere_depends_on_the_time_of_day_only_and_peaks_in_the_afterno
     assert tow_s[np.argmax(delay_s[:96])] == 50400.0  # 14 h local, at longitude 0
 
 
+def test_the_ionosphere_stays_as_it_is_beyond_three_quarters_of_the_way_to_the_pole():
+    # IS-GPS-200N, 20.3.3.5.2.5: the piercing point's latitude is held to 0.416 semicircles, 74.9 degrees.
+    klobuchar = Klobuchar(alpha=(1e-8, 1e-7, 0.0, 0.0), beta=(1.2e5, 0.0, 0.0, 0.0))
+    lat_rad = np.radians([73.5, 74.5, 76.0, 85.0])
+    delay_s = klobuchar_delay_s(klobuchar, np.stack([lat_rad, -lat_rad]), 0.0, np.pi / 2, np.pi / 2, 43200.0)
+    assert (delay_s[:, 2] == delay_s[:, 3]).all()
+    assert delay_s[0, 0] < delay_s[0, 1] < delay_s[0, 2]
+    assert delay_s[1, 0] >= delay_s[1, 1] >= delay_s[1, 2]
+
+
 def test_hydrostatic_and_wet_zenith_delays_are_the_textbook_ones():
     # Saastamoinen 1972: 0.0022768 m per hPa at 45 degrees and sea level.
     assert saastamoinen_zenith_m(np.pi / 4, 0.0, humidity=0.0) == pytest.approx(0.0022768 * 1013.25, abs=1e-6)

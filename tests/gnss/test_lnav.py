@@ -198,6 +198,14 @@ def test_two_or_three_flipped_bits_of_a_word_are_caught(word, flips):
     assert decode_subframe(damaged) is None
 
 
+@pytest.mark.parametrize("word", [1, 9])
+def test_a_word_that_must_end_in_zeros_and_does_not_is_no_subframe(word):
+    damaged = SUBFRAME.copy()
+    damaged[[30 * word + bit - 1 for bit in (23, 25, 28, 30)]] ^= 1  # bit 23 and the parity bits that it is in
+    assert decode_subframe(damaged) is None
+    assert word == 9 or decode_how(damaged[:60]) is None
+
+
 def test_each_word_follows_the_equations_of_the_standard():
     """Slow twin of the parity: table 20-XIV bit by bit, over half a minute."""
     rng = np.random.default_rng(1)
@@ -371,6 +379,8 @@ def test_a_false_start_does_not_appear_beside_true_ones():
     stream = STREAM.copy()
     stream[400:460] = encode_subframes(EPHEMERIS, None, None, 12, 2190, 1)[:60]  # a perfect head in the wrong place
     assert 400 not in find_subframes(stream)
+    whole = encode_subframes(EPHEMERIS, None, None, 12, 2190, 1)
+    assert find_subframes(np.concatenate([whole, stream[283:]])) == list(range(317, 300 - 283 + 3000, 300))
 
 
 def test_a_cut_subframe_still_tells_the_time():

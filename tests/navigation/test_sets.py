@@ -1,5 +1,5 @@
 from dataclasses import replace
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 import pytest
@@ -226,18 +226,49 @@ def test_a_chance_member_goes_back_to_the_set_where_it_is_likelier(sky, nav, her
     sigma = min(apart) / 4.5
     scene = sky.scene(nav, [([s for s in twelve if s != lent], here, 0.0), (twelve, there, 0.0)], n=1)
     seen = scene.observations
-    noise = 0.3 * sigma * rng.standard_normal(seen.pseudorange_m.shape)
+    (column,) = (k for k, s in enumerate(seen.signals) if s.sat == lent)
+    false = scene.owners == 1
+    amount = np.where(false & (np.arange(false.size) != column), 1.5, 0.1)  # a noisy false sky beside a quiet true one
+    noise = sigma * amount * rng.standard_normal(seen.pseudorange_m.shape)
     sigmas = np.full(noise.shape, sigma)
     seen = replace(seen, pseudorange_m=seen.pseudorange_m + noise, pseudorange_sigma_m=sigmas)
-    (column,) = (k for k, s in enumerate(seen.signals) if s.sat == lent)
-    free = np.ones(len(seen.signals), bool)
-    free[[k for k in range(free.size) if scene.owners[k] == 1 and k != column]] = False
-    measurements = measurements_of(seen, nav)
-    fitting = search.SetSearch(measurements, copies_of(seen, twelve)).of_size(12, free, false_alarm_probability=1e-4)
-    assert len(fitting.choice) == 1  # the true sky with the lent signal is consistent
+    whole = search.SetSearch(measurements_of(seen, nav), copies_of(seen, twelve))
+    robber = whole.of_size(12, ~false | (np.arange(false.size) == column), false_alarm_probability=1e-4)
+    robbed = whole.of_size(12, false, false_alarm_probability=1e-4)
+    assert robber.statistic[0] < robbed.statistic[0]  # so the true sky comes first, and takes the lent signal
     sets = consistent_sets(seen, nav, **WHITE)
     assert [set(scene.owners_of(s.signals)) for s in sets] == [{1}, {0}]
     assert [len(s.signals) for s in sets] == [12, 11]
+
+
+def test_the_cost_of_a_signal_in_a_set_is_its_likelihood_beside_the_others(sky, nav, here, twelve):
+    seen = sky.scene(nav, [(twelve[:7], here, 0.0)], n=1, noise_m=2.0).observations
+    measurements, sats = measurements_of(seen, nav), np.array([s.sat for s in seen.signals])
+    start = np.append(here, 0.0)[None]
+    whole = search.solve(measurements, np.arange(7)[None], start)
+    cost = sets_module._costs(measurements, sats, [whole])[:, 0]
+    for k in range(7):
+        others = search.solve(measurements, np.delete(np.arange(7), k)[None], start)
+        misfit, variance = search.innovation(measurements, np.array([k]), others.state_m, others.covariance_m2)
+        logarithm = stats.norm.logpdf(misfit[0], scale=np.sqrt(variance[0]))
+        np.testing.assert_allclose(cost[k], -2.0 * logarithm - np.log(2.0 * np.pi), atol=1e-2)
+
+
+def test_a_sky_through_a_narrow_gap_is_found(sky, nav, here):
+    position = np.concatenate((here, [0.0]))
+    sats = sky.visible(nav, here, 5.0)
+    seen = sky.scene(nav, [(sats, here, 0.0)], n=1).observations
+    measurements = measurements_of(seen, nav)
+    dilution = {
+        six: np.trace(search.solve(measurements, np.array([six]), position[None]).covariance_m2[0])
+        for six in combinations(range(len(sats)), 6)
+    }
+    narrow = [seen.signals[k].sat for k in max(dilution, key=dilution.get)]
+    for seed in range(8):
+        window = sky.scene(nav, [(narrow, here, 1e-4)], n=4, noise_m=2.0, rng=np.random.default_rng(seed)).observations
+        (found,) = consistent_sets(window, nav, **WHITE)
+        assert len(found.signals) == 6
+        assert np.sqrt(np.trace(found.covariance_m2)) > 20.0  # narrow indeed
 
 
 def test_the_search_finds_what_trying_all_combinations_finds(sky, nav, here, twelve):

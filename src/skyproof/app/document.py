@@ -287,7 +287,7 @@ def _time_offset_s(name: str, outcome: Outcome) -> float | None:
     authentic ones; while it is open which those are, from the sky that arrives first.
     """
     for r in outcome.receivers:
-        if name not in r.shown:
+        if name not in r.shown or (r.trusted is None and len(r.shown) < 2):
             continue
         reference = [r.trusted] if r.trusted is not None else list(r.shown.values())
         offsets = [_median_difference_s(r.shown[name], other) for other in reference]

@@ -312,8 +312,10 @@ def _sky(r: ReceiverOutcome, outcome: Outcome) -> list[SkyPosition]:
         return []
     positions = []
     for s in outcome.decision.labels:
+        if s.ref.receiver != o.receiver:
+            continue
         ephemeris = outcome.navigation.best(s.ref.signal.sat, o.gpst[s.last_epoch])
-        if s.ref.receiver == o.receiver and ephemeris is not None:
+        if ephemeris is not None:
             state = satellite_state(ephemeris, o.gpst[s.last_epoch])
             azimuth, elevation = azimuth_elevation(place, state.position_ecef_m)
             positions.append(

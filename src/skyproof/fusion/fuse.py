@@ -1,8 +1,8 @@
 """All evidence to one decision.
 
 The words are never stronger than the evidence: *spoofed* needs evidence of an attack, *authentic* needs positive
-evidence for every receiver at all times and no sign of an attack; everything else is *undecided*, with what would
-decide it.
+evidence for every receiver, all the time that the receivers have in common, and no sign of an attack; everything else
+is *undecided*, with what would decide it.
 Nothing here knows a particular detector.
 """
 
@@ -56,7 +56,7 @@ def fuse(
             verdict="spoofed", labels=labels, sources=sources, skies=skies, onset=onset, until=until,
             undecided_because=None if everyone else _because(evidence, observations, trusted),
         )  # fmt: skip
-    trusted = {o.receiver for o in observations if _always_authentic(o, labels)}
+    trusted = {o.receiver for o in observations if _always_authentic(o, labels, _common(observations))}
     if observations and trusted == {o.receiver for o in observations}:
         return Decision(
             verdict="authentic", labels=labels, sources=(), skies=(), onset=None, until=None, undecided_because=None
@@ -67,15 +67,23 @@ def fuse(
     )  # fmt: skip
 
 
-def _always_authentic(o: Observations, labels: Sequence[LabelledSignal]) -> bool:
+def _common(observations: Sequence[Observations]) -> tuple[np.datetime64, np.datetime64]:
+    """First and last epoch of the time in which all receivers were recorded."""
+    heard = [o.gpst for o in observations if o.gpst.size]
+    return max(gpst[0] for gpst in heard), min(gpst[-1] for gpst in heard)
+
+
+def _always_authentic(
+    o: Observations, labels: Sequence[LabelledSignal], common: tuple[np.datetime64, np.datetime64]
+) -> bool:
     """Whether a fix could be made of authentic signals, but for moments, whenever enough signals were received."""
     authentic = np.zeros(o.pseudorange_m.shape, np.bool_)
     for s in labels:
         if s.ref.receiver == o.receiver and s.label == "authentic":
             authentic[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)] = True
     received = np.isfinite(o.pseudorange_m)
-    enough = received.sum(axis=1) > ENOUGH
-    kept_s = o.elapsed_s[~enough | ((received & authentic).sum(axis=1) >= ENOUGH)]
+    matters = (received.sum(axis=1) > ENOUGH) & (o.gpst >= common[0]) & (o.gpst <= common[1])
+    kept_s = o.elapsed_s[~matters | ((received & authentic).sum(axis=1) >= ENOUGH)]
     edges_s = np.concatenate([o.elapsed_s[:1], kept_s, o.elapsed_s[-1:]])
     return bool(authentic.any() and np.diff(edges_s).max() <= MOMENT_S)
 

@@ -1,8 +1,9 @@
 """Evidence of many windows to one label per signal and stretch of time, and to the sources of the false ones.
 
 A signal that is tracked without interruption is one transmitter's, unless the evidence itself changes: what some
-windows say of it holds for its neighbours that say nothing. Where windows contradict each other the signal was captured
-and its life is cut there; where one window contradicts itself the label is unknown.
+windows say of it holds for their neighbours that say nothing, *spoofed* as long as it is tracked, *authentic* from one
+window that says so to the next. Where windows contradict each other the signal was captured and its life is cut there;
+where one window contradicts itself the label is unknown.
 
 A window in which a test of the signal failed (its p-value is below what it was asked for, and it says "undecided")
 does not say nothing: true and false signals may be mixed in it. What was authentic before is open there, unless the
@@ -25,8 +26,9 @@ LABELS: tuple[Label, ...] = ("authentic", "spoofed", "unknown")
 SILENT = -1
 SLIP = 3  # a code of records.CELL_STATUS
 MIN_WINDOW_SHARE = 0.4
-HOLD_S = 30.0
-"""So long a signal that is tracked on stays authentic without new evidence: some windows of usual length."""
+BRIDGE_S = 11.0
+"""Between two windows that say so, a signal that is tracked on is authentic for so long without evidence: one usual
+window. Before the first and after the last it is not: a channel can be captured without a slip."""
 NEARLY_ALL = 0.75
 """Of the signals that failed a test together: if fewer of them are authentic, that many are not just faulty ones."""
 Node = TypeVar("Node", bound=Hashable)
@@ -149,8 +151,7 @@ def _arcs(o: Observations, column: int) -> list[tuple[int, int]]:
 def _label_arc(ref: SignalRef, o: Observations, arc: tuple[int, int], told: Sequence[_Vote]) -> list[LabelledSignal]:
     """The stretches of an arc that carry one label each: what windows say, and between them what both neighbours say.
 
-    What only one side says holds on and on if it is *spoofed*; *authentic* fades, since a channel can be captured
-    without a slip.
+    What only one side says holds on if it is *spoofed*; *authentic* does not.
     """
     votes = [cut for vote in told if (cut := _within(vote, arc)) is not None]
     said = np.full(arc[1] - arc[0] + 1, SILENT)
@@ -176,18 +177,18 @@ def _within(vote: _Vote, arc: tuple[int, int]) -> _Vote | None:
 
 
 def _filled(said: NDArray[np.int64], elapsed_s: Reals) -> NDArray[np.int64]:
-    """Codes of labels (n_epochs,) with the silent ones filled from the nearest that are not on either side."""
+    """Codes of labels (n_epochs,) with the silent ones filled from the nearest that are not, before and after."""
     unknown, authentic = LABELS.index("unknown"), LABELS.index("authentic")
     row = np.arange(said.size)
     before = np.maximum.accumulate(np.where(said != SILENT, row, -1))
     after = np.minimum.accumulate(np.where(said != SILENT, row, said.size)[::-1])[::-1]
-    codes, times_s = np.append(said, SILENT), np.append(elapsed_s, np.nan)  # the last cell stands for "none"
     before[before < 0] = said.size
+    codes, times_s = np.append(said, SILENT), np.append(elapsed_s, np.inf)  # the last cell stands for "none"
     one, other = codes[before], codes[after]
     agreed = np.where(one == SILENT, other, np.where((other == SILENT) | (one == other), one, unknown))
     agreed[agreed == SILENT] = unknown
-    far_s = np.fmin(np.abs(elapsed_s - times_s[before]), np.abs(times_s[after] - elapsed_s))
-    return np.where((agreed == authentic) & (far_s > HOLD_S), unknown, agreed)
+    bridged = times_s[after] - np.where(before < said.size, times_s[before], -np.inf) <= BRIDGE_S
+    return np.where((agreed == authentic) & ~bridged, unknown, agreed)
 
 
 def _piece(ref: SignalRef, label: Label, first: int, last: int, votes: Sequence[_Vote]) -> LabelledSignal:

@@ -194,21 +194,16 @@ def plausible(position_ecef_m: Reals) -> NDArray[np.bool_]:
 
 
 def _solved_fours(measurements: Measurements, choice: NDArray[np.intp], rows: NDArray[np.intp]) -> Candidates:
-    satellite, range_m = measurements.satellite_ecef_m[rows], measurements.range_m[rows]
-    starts = _bancroft(satellite, range_m)
+    starts = _bancroft(measurements.satellite_ecef_m[rows], measurements.range_m[rows])
     near = _roughly_plausible(starts, 500e3)  # closed form and a poor geometry; NaN is nowhere
     four, _ = np.nonzero(near)
-    # To the place first, so that the atmosphere is that of the place and not that of a rough start.
-    rough = gauss_newton(
-        satellite[four], range_m[four], measurements.sigma_m[rows[four]], starts[near], max_steps=5, tolerance_m=1e3
-    )
-    new = np.ones(len(four), dtype=np.bool_)
-    moved_m = np.linalg.norm(np.diff(rough.state_m, axis=0), axis=-1)
-    new[1:] = (np.diff(four) != 0) | (moved_m > 10.0)  # else both starts are of one solution
-    solved = solve(measurements, rows[four[new]], rough.state_m[new])
+    # Twice: the start has no atmosphere, and in a poor geometry is kilometres away from the place whose it should be.
+    solved = solve(measurements, rows[four], starts[near], rounds=2)
     kept = _plausible_within_sigma(solved)
+    moved_m = np.linalg.norm(np.diff(solved.state_m, axis=0), axis=-1)
+    kept[1:] &= (np.diff(four) != 0) | (moved_m > 10.0)  # else both starts led to one solution
     return Candidates(
-        choice=choice[four[new][kept]],
+        choice=choice[four[kept]],
         state_m=solved.state_m[kept],
         covariance_m2=solved.covariance_m2[kept],
         statistic=np.zeros(int(kept.sum())),  # four always fit

@@ -1,0 +1,402 @@
+"""The rendered pair of recordings under a meaconer, through the command: its files against the truth of the scene.
+
+Which copy of a satellite's signal is authentic is told by the truth alone: by the nearest true delay.
+"""
+
+import contextlib
+import csv
+import io
+import json
+import tomllib
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from skyproof import cli
+from skyproof.formats.verdict import read_verdict
+from skyproof.gnss.frames import ecef_from_geodetic
+from skyproof.verdict import Verdict
+
+pytestmark = pytest.mark.shared_data
+
+LIGHT_M_S = 299_792_458.0
+EPOCH, EPOCH_TOW_S = np.datetime64("2022-01-01T21:45:58", "ns"), 596_758
+ONSET_S = 24.0
+SECOND = np.timedelta64(10**9, "ns")
+RECEIVERS = ("rx1", "rx2")
+
+
+class Truth:
+    """truth.json, and the columns of truth.csv."""
+
+    def __init__(self, folder: Path) -> None:
+        self.scene = json.loads((folder / "truth.json").read_text())
+        with (folder / "truth.csv").open() as lines:
+            rows = list(csv.DictReader(lines))
+        self.table = {name: np.array([row[name] for row in rows]) for name in ("receiver", "prn", "label")}
+        for name in ("tow_s", "receiver_elapsed_s", "code_delay_s"):
+            self.table[name] = np.array([float(row[name]) for row in rows])
+        self.sats = {f"G{prn:02d}" for prn in self.scene["authentic_prns"]}
+        self.shown_ecef_m = np.array(self.scene["transmitters"][0]["captured_receiver_shows_position"]["ecef_m"])
+        self.late_s = self.scene["transmitters"][0]["captured_clock_extra_s"]
+
+    def place_ecef_m(self, receiver: str) -> np.ndarray:
+        return np.array(next(r for r in self.scene["receivers"] if r["name"] == receiver)["position"]["ecef_m"])
+
+    def labels(self, receiver: str, sat: str, gpst: np.ndarray, elapsed_s: np.ndarray, range_m: np.ndarray) -> np.ndarray:
+        """What each pseudorange is: "authentic" or "spoofed" if it is within 100 m of that signal's alone, else ""."""
+        near = {}
+        for label in ("authentic", "spoofed"):
+            own = (self.table["receiver"] == receiver) & (self.table["prn"] == str(int(sat[1:])))
+            own &= self.table["label"] == label
+            true_s = np.interp(elapsed_s, self.table["receiver_elapsed_s"][own], self.table["tow_s"][own] - EPOCH_TOW_S,
+                               left=np.nan, right=np.nan)  # fmt: skip
+            delay_s = np.interp(true_s, self.table["tow_s"][own] - EPOCH_TOW_S, self.table["code_delay_s"][own])
+            near[label] = np.abs(range_m - LIGHT_M_S * (delay_s + ((gpst - EPOCH) / SECOND - true_s))) < 100.0
+        both = near["authentic"] & near["spoofed"]
+        return np.where(both, "", np.where(near["authentic"], "authentic", np.where(near["spoofed"], "spoofed", "")))
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a command line left behind."""
+
+    folder: Path
+    truth: Truth
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        return read_verdict(self.folder / "verdict.json")
+
+    @cached_property
+    def fixes(self) -> list[dict[str, str]]:
+        with (self.folder / "fixes.csv").open() as lines:
+            return list(csv.DictReader(lines))
+
+    @cached_property
+    def signals(self) -> dict[str, np.ndarray]:
+        """signals.parquet where there is a pseudorange, with a column `true` of what each cell is in truth."""
+        table = pq.read_table(self.folder / "signals.parquet")
+        cells = {name: table[name].to_numpy() for name in ("receiver", "gpst", "sat", "copy", "pseudorange_m", "label")}
+        there = np.isfinite(cells["pseudorange_m"].astype(float))
+        cells = {name: column[there] for name, column in cells.items()}
+        cells["true"] = np.full(there.sum(), "", "U9")
+        for receiver in self.verdict.receivers:
+            start = np.datetime64(receiver.start_gpst, "ns")
+            begun_s = (start - EPOCH) / SECOND
+            for sat in self.truth.sats:
+                own = (cells["receiver"] == receiver.name) & (cells["sat"] == sat)
+                gpst = cells["gpst"][own]
+                elapsed_s = (gpst - start) / SECOND + round(begun_s)  # of the whole recording
+                cells["true"][own] = self.truth.labels(receiver.name, sat, gpst, elapsed_s, cells["pseudorange_m"][own])
+        return cells
+
+    def trusted(self, receiver: str) -> tuple[np.ndarray, np.ndarray]:
+        """Seconds since the scene's epoch and distance from the truth, of each trusted fix."""
+        rows = [row for row in self.fixes if row["receiver"] == receiver and row["kind"] == "trusted"]
+        seconds = np.array([(np.datetime64(row["gpst"], "ns") - EPOCH) / SECOND for row in rows])
+        return seconds, np.array([distance_m(row, self.truth.place_ecef_m(receiver)) for row in rows])
+
+
+def distance_m(place, ecef_m: np.ndarray) -> float:
+    """From a row or record with lat_deg, lon_deg, height_m to a point."""
+    get = place.get if isinstance(place, dict) else lambda name: getattr(place, name)
+    lat_deg, lon_deg, height_m = (float(get(name)) for name in ("lat_deg", "lon_deg", "height_m"))
+    return float(np.linalg.norm(ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), height_m) - ecef_m))
+
+
+@pytest.fixture(scope="session")
+def truth(shared_data):
+    return Truth(shared_data / "rf" / "meaconing-pair")
+
+
+@pytest.fixture(scope="session")
+def protected(shared_data, truth, made_once):
+    """Run the command once for each set of arguments; what it printed is in stdout.json."""
+
+    def protected(name: str, *options: str, receivers: tuple[str, ...] = RECEIVERS, nav: bool = True) -> Run:
+        def fill(folder: Path) -> None:
+            data = shared_data / "rf"
+            argv = ["protect", *(str(data / "meaconing-pair" / f"{r}.bin") for r in receivers), *options, "--json"]
+            argv += ["--nav", str(data / "brdc0010.22n")] if nav else []
+            printed = io.StringIO()
+            with contextlib.redirect_stdout(printed):
+                assert cli.main([*argv, "--out", str(folder)]) == 0
+            (folder / "stdout.json").write_text(printed.getvalue())
+
+        return Run(made_once(f"meaconing-pair-{name}", fill), truth)
+
+    return protected
+
+
+@pytest.fixture(scope="session")
+def whole(protected):
+    return protected("whole")
+
+
+# --- what every run on the pair must meet
+
+
+def assert_no_false_label(run: Run) -> None:
+    cells = run.signals
+    known = (cells["true"] != "") & (cells["label"] != "unknown")
+    wrong = known & (cells["true"] != cells["label"])
+    names = [f"{cells['receiver'][i]} {cells['sat'][i]} {cells['copy'][i]} {cells['label'][i]}" for i in np.flatnonzero(wrong)]
+    assert sorted(set(names)) == []
+    # and nothing that is neither of the two is called authentic
+    assert np.mean(cells["true"][cells["label"] == "authentic"] == "authentic") > 0.98
+
+
+def assert_named(run: Run, label: str, at_least: int) -> None:
+    """That many satellites' signals of that label have it nearly all of their time, in both receivers."""
+    cells = run.signals
+    for receiver in RECEIVERS:
+        named = [
+            sat
+            for sat in run.truth.sats
+            if (own := (cells["receiver"] == receiver) & (cells["sat"] == sat) & (cells["true"] == label)).any()
+            and np.mean(cells["label"][own] == label) > 0.95
+        ]
+        assert len(named) >= at_least, (receiver, sorted(named))
+
+
+def assert_trusted_fixes(run: Run, begin_s: float, end_s: float) -> None:
+    """Within 5 m in 95 % of epochs before the onset and after it; one a second from 5 s after the beginning on."""
+    for receiver in RECEIVERS:
+        seconds, error_m = run.trusted(receiver)
+        for part in (seconds < ONSET_S, seconds >= ONSET_S):
+            assert not part.any() or np.percentile(error_m[part], 95) < 5.0
+        wanted = set(range(int(begin_s) + 5, int(end_s) - 1))
+        assert wanted - set(np.floor(seconds).astype(int)) == set()
+
+
+def assert_onset(run: Run) -> None:
+    off_s = (np.datetime64(run.verdict.since_gpst, "ns") - EPOCH) / SECOND - ONSET_S
+    assert abs(off_s) < 3.0
+    assert abs(off_s) < 5.0 * run.verdict.since_sigma_s
+
+
+# --- the whole pair
+
+
+def test_the_pair_is_spoofed_since_the_onset(whole):
+    assert whole.verdict.verdict == "spoofed"
+    assert whole.verdict.undecided_because is None
+    assert_onset(whole)
+    assert whole.verdict.until_gpst is None
+
+
+def test_no_label_is_false_and_all_satellites_are_named(whole):
+    assert_no_false_label(whole)
+    assert_named(whole, "authentic", 10)
+    assert_named(whole, "spoofed", 10)
+
+
+def test_the_trusted_position_is_the_true_one_before_and_after_the_onset(whole):
+    assert_trusted_fixes(whole, 0.0, 60.0)
+    for receiver in whole.verdict.receivers:
+        assert distance_m(receiver.trusted_fix, whole.truth.place_ecef_m(receiver.name)) < 5.0
+
+
+def test_the_source_shows_the_meaconers_ears_late(whole):
+    (source,) = whole.verdict.sources
+    assert source.kind == "one antenna"
+    assert distance_m(source.shows, whole.truth.shown_ecef_m) < 10.0
+    assert source.time_offset_s == pytest.approx(whole.truth.late_s["rx1"], abs=3e-8)
+    assert len(whole.truth.sats & set(source.sats)) >= 10
+    for receiver in whole.verdict.receivers:
+        assert distance_m(receiver.false_fix, whole.truth.shown_ecef_m) < 10.0
+
+
+def test_delays_to_the_authentic_signals_are_those_of_the_truth(whole):
+    chips = whole.truth.scene["transmitters"][0]["copy_minus_authentic_chips_first_last"]
+    checked = 0
+    for s in whole.verdict.signals:
+        if s.label == "spoofed" and s.delay_to_authentic_m is not None:
+            first, last = chips[s.receiver][str(int(s.sat[1:]))]
+            assert s.delay_to_authentic_m == pytest.approx(0.5 * (first + last) * LIGHT_M_S / 1.023e6, abs=30.0)
+            checked += 1
+    assert checked >= 20
+
+
+# --- the files of the whole pair
+
+
+def test_every_output_is_there(whole):
+    found = {path.name for path in whole.folder.iterdir()} - {"stdout.json"}
+    named = {"verdict.json", "fixes.parquet", "fixes.csv", "signals.parquet", "evidence.parquet", "report.html",
+             "tracks.kml", "trusted.nmea", "nav.rnx", "settings.toml"}  # fmt: skip
+    assert found >= named | {f"{receiver}-{kind}.obs" for receiver in RECEIVERS for kind in ("authentic", "other")}
+
+
+def test_standard_output_is_the_document_and_nothing_else(whole):
+    assert (whole.folder / "stdout.json").read_text() == (whole.folder / "verdict.json").read_text(encoding="utf-8")
+
+
+def test_the_document_is_complete(whole):
+    verdict = whole.verdict  # read against the schema
+    assert [r.name for r in verdict.receivers] == list(RECEIVERS)
+    assert [len(i.sha256) for i in verdict.inputs] == [64] * 3
+    assert {m.detector for m in verdict.methods} >= {"multi_receiver", "peaks", "residual"}
+    assert all(m.ran and m.tests > 0 for m in verdict.methods)
+    assert all(s.because for s in verdict.signals if s.label != "unknown")
+    assert tomllib.loads((whole.folder / "settings.toml").read_text())["protect"].items() <= verdict.settings.items()
+
+
+def test_both_tables_of_fixes_hold_the_same(whole):
+    table = pq.read_table(whole.folder / "fixes.parquet").to_pydict()
+    assert list(table) == list(whole.fixes[0])
+    assert len(whole.fixes) == len(table["kind"])
+    for name in ("kind", "receiver"):
+        assert [row[name] for row in whole.fixes] == table[name]
+    for name in ("lat_deg", "sigma_up_m", "clock_bias_m", "satellites"):
+        assert [float(row[name]) for row in whole.fixes] == table[name]
+    assert {(row["receiver"], row["kind"]) for row in whole.fixes} == {
+        (receiver, kind) for receiver in RECEIVERS for kind in ("trusted", "false", "unprotected")
+    }
+
+
+def test_evidence_is_a_table_of_all_detectors(whole):
+    table = pq.read_table(whole.folder / "evidence.parquet").to_pydict()
+    assert set(table["detector"]) >= {"multi_receiver", "peaks", "residual"}
+    assert {"authentic", "spoofed", "attack"} <= set(table["says"])
+    assert all(because for because in table["because"])
+
+
+def observed(path: Path) -> dict[tuple[datetime, str], float]:
+    """C1C of a RINEX 3 file by epoch and satellite: a reader of its own."""
+    lines = path.read_text(encoding="ascii").splitlines()
+    assert lines[0][:9].strip() == "3.05"
+    assert lines[0][20] == "O"
+    end = next(i for i, line in enumerate(lines) if line[60:].startswith("END OF HEADER"))
+    codes = next(line for line in lines if line[60:].startswith("SYS / # / OBS TYPES"))[6:60].split()
+    ranges, epoch = {}, None
+    for line in lines[end + 1 :]:
+        if line.startswith(">"):
+            year, month, day, hour, minute = (int(part) for part in line[1:18].split())
+            second = float(line[18:29])
+            epoch = datetime(year, month, day, hour, minute, int(second), round(second % 1.0 * 1e6))
+        elif field := line[3 + 16 * codes.index("C1C") :][:14].strip():
+            assert (epoch, line[:3]) not in ranges
+            ranges[epoch, line[:3]] = float(field)
+    return ranges
+
+
+@pytest.mark.parametrize(("kind", "label"), [("authentic", "authentic"), ("other", "spoofed")])
+def test_rinex_observations_are_those_with_the_label(whole, kind, label):
+    cells = whole.signals
+    for receiver in RECEIVERS:
+        written = observed(whole.folder / f"{receiver}-{kind}.obs")
+        own = (cells["receiver"] == receiver) & (cells["label"] == label)
+        expected = {
+            (gpst.astype("datetime64[us]").item(), sat): range_m
+            for gpst, sat, range_m in zip(cells["gpst"][own], cells["sat"][own], cells["pseudorange_m"][own], strict=True)
+        }
+        assert written.keys() == expected.keys()
+        assert max(abs(written[cell] - expected[cell]) for cell in written) < 0.001
+
+
+def test_the_navigation_file_has_the_orbits_of_all_satellites(whole):
+    lines = (whole.folder / "nav.rnx").read_text(encoding="ascii").splitlines()
+    body = lines[next(i for i, line in enumerate(lines) if line[60:].startswith("END OF HEADER")) + 1 :]
+    assert whole.truth.sats <= {line[:3] for line in body if line.startswith("G")}
+    for line in body:
+        columns = (23, 42, 61) if line.startswith("G") else (4, 23, 42, 61)
+        assert all(np.isfinite(float(line[c : c + 19].replace("D", "E"))) for c in columns if line[c : c + 19].strip())
+
+
+def test_tracks_are_xml_and_lie_where_the_fixes_are(whole):
+    root = ElementTree.parse(whole.folder / "tracks.kml").getroot()
+    assert root.tag.endswith("}kml")
+    names = {e.text for e in root.iter("{http://www.opengis.net/kml/2.2}name")}
+    assert {f"{r} {kind}" for r in RECEIVERS for kind in ("trusted", "false", "unprotected")} <= names
+    coordinates = [e.text.split() for e in root.iter("{http://www.google.com/kml/ext/2.2}coord")]
+    assert len(coordinates) == len(whole.fixes)
+    lon_deg, lat_deg = np.array(coordinates, float)[:, :2].T
+    np.testing.assert_allclose(lat_deg, 59.41, atol=0.01)
+    np.testing.assert_allclose(lon_deg, 16.89, atol=0.02)
+
+
+def test_sentences_have_their_checksums_and_one_position_a_trusted_fix(whole):
+    sentences = (whole.folder / "trusted.nmea").read_text(encoding="ascii").splitlines()
+    for sentence in sentences:
+        body, checksum = sentence[1:].split("*")
+        assert np.bitwise_xor.reduce(np.frombuffer(body.encode(), np.uint8)) == int(checksum, 16)
+    seconds, _ = whole.trusted("rx1")
+    assert sum(sentence[3:6] == "GGA" for sentence in sentences) == seconds.size
+
+
+def test_the_report_says_the_verdict_and_needs_no_network(whole):
+    page = (whole.folder / "report.html").read_text(encoding="utf-8")
+    assert "spoofed" in page.lower()
+    assert whole.verdict.summary.split(",")[0] in page
+    assert not any(word in page for word in ('src="http', 'href="http', "@import", "url(http"))
+
+
+# --- parts and variants
+
+
+@pytest.mark.long
+def test_without_a_navigation_file_the_labels_and_the_accuracy_are_the_same(protected):
+    run = protected("no-nav", nav=False)
+    assert run.verdict.verdict == "spoofed"
+    assert_onset(run)
+    assert_no_false_label(run)
+    assert_named(run, "authentic", 10)
+    assert_named(run, "spoofed", 10)
+    assert_trusted_fixes(run, 0.0, 60.0)
+
+
+@pytest.mark.long
+def test_the_part_before_the_onset_is_authentic(protected):
+    run = protected("before", "--duration-s", "22")
+    assert run.verdict.verdict == "authentic"
+    assert (run.verdict.since_gpst, run.verdict.sources) == (None, ())
+    assert {s.label for s in run.verdict.signals} == {"authentic"}
+    assert_no_false_label(run)
+    assert_named(run, "authentic", 10)
+    assert_trusted_fixes(run, 0.0, 22.0)
+
+
+@pytest.mark.long
+def test_the_part_that_begins_under_attack_is_judged_as_well(protected):
+    run = protected("after", "--start-s", "27")
+    assert run.verdict.verdict == "spoofed"
+    assert run.verdict.summary.startswith("From the start")
+    assert run.verdict.since_sigma_s is None
+    assert_no_false_label(run)
+    assert_named(run, "authentic", 10)
+    assert_named(run, "spoofed", 10)
+    assert_trusted_fixes(run, 27.0, 60.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("nav", [True, False])
+def test_one_receiver_alone_sees_two_skies_and_leaves_open_which_is_true(protected, nav):
+    run = protected(f"alone-{nav}", receivers=("rx1",), nav=nav)
+    assert run.verdict.verdict == "spoofed"
+    assert run.verdict.undecided_because
+    assert {s.label for s in run.verdict.signals} == {"unknown"}
+    assert_onset(run)
+    assert run.verdict.receivers[0].trusted_fix is None
+    assert len(run.verdict.sources) == 2
+    cells = run.signals
+    for label, place_ecef_m, late_s in (
+        ("authentic", run.truth.place_ecef_m("rx1"), 0.0),
+        ("spoofed", run.truth.shown_ecef_m, run.truth.late_s["rx1"]),
+    ):
+        source = min(run.verdict.sources, key=lambda source: distance_m(source.shows, place_ecef_m))
+        assert distance_m(source.shows, place_ecef_m) < 10.0
+        assert source.time_offset_s == pytest.approx(late_s, abs=3e-8)
+        own = [s for s in run.verdict.signals if s.source == source.name]
+        assert {s.sat for s in own} == set(source.sats)
+        assert len(own) >= 10
+        for s in own:
+            mine = (cells["sat"] == s.sat) & (cells["copy"] == s.copy)
+            assert np.mean(cells["true"][mine] == label) > 0.95
