@@ -49,7 +49,9 @@ class Truth:
     def place_ecef_m(self, receiver: str) -> np.ndarray:
         return np.array(next(r for r in self.scene["receivers"] if r["name"] == receiver)["position"]["ecef_m"])
 
-    def labels(self, receiver: str, sat: str, gpst: np.ndarray, elapsed_s: np.ndarray, range_m: np.ndarray) -> np.ndarray:
+    def labels(
+        self, receiver: str, sat: str, gpst: np.ndarray, elapsed_s: np.ndarray, range_m: np.ndarray
+    ) -> np.ndarray:
         """What each pseudorange is: "authentic" or "spoofed" if it is within 100 m of that signal's alone, else ""."""
         near = {}
         for label in ("authentic", "spoofed"):
@@ -147,7 +149,7 @@ def assert_no_false_label(run: Run) -> None:
     cells = run.signals
     known = (cells["true"] != "") & (cells["label"] != "unknown")
     wrong = known & (cells["true"] != cells["label"])
-    names = [f"{cells['receiver'][i]} {cells['sat'][i]} {cells['copy'][i]} {cells['label'][i]}" for i in np.flatnonzero(wrong)]
+    names = zip(*(cells[name][wrong] for name in ("receiver", "sat", "copy", "label")), strict=True)
     assert sorted(set(names)) == []
     # and nothing that is neither of the two is called authentic
     assert np.mean(cells["true"][cells["label"] == "authentic"] == "authentic") > 0.98
@@ -250,13 +252,13 @@ def test_the_document_is_complete(whole):
 
 
 def test_both_tables_of_fixes_hold_the_same(whole):
-    table = pq.read_table(whole.folder / "fixes.parquet").to_pydict()
-    assert list(table) == list(whole.fixes[0])
-    assert len(whole.fixes) == len(table["kind"])
-    for name in ("kind", "receiver"):
-        assert [row[name] for row in whole.fixes] == table[name]
+    table = pq.read_table(whole.folder / "fixes.parquet")
+    assert table.column_names == list(whole.fixes[0])
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    assert [row["kind"] for row in whole.fixes] == columns["kind"].tolist()
+    assert [np.datetime64(row["gpst"], "ns") for row in whole.fixes] == list(columns["gpst"])
     for name in ("lat_deg", "sigma_up_m", "clock_bias_m", "satellites"):
-        assert [float(row[name]) for row in whole.fixes] == table[name]
+        assert [float(row[name]) for row in whole.fixes] == columns[name].tolist()
     assert {(row["receiver"], row["kind"]) for row in whole.fixes} == {
         (receiver, kind) for receiver in RECEIVERS for kind in ("trusted", "false", "unprotected")
     }
@@ -294,10 +296,8 @@ def test_rinex_observations_are_those_with_the_label(whole, kind, label):
     for receiver in RECEIVERS:
         written = observed(whole.folder / f"{receiver}-{kind}.obs")
         own = (cells["receiver"] == receiver) & (cells["label"] == label)
-        expected = {
-            (gpst.astype("datetime64[us]").item(), sat): range_m
-            for gpst, sat, range_m in zip(cells["gpst"][own], cells["sat"][own], cells["pseudorange_m"][own], strict=True)
-        }
+        chosen = (cells["gpst"][own].astype("datetime64[us]").tolist(), cells["sat"][own], cells["pseudorange_m"][own])
+        expected = {(gpst, sat): range_m for gpst, sat, range_m in zip(*chosen, strict=True)}
         assert written.keys() == expected.keys()
         assert max(abs(written[cell] - expected[cell]) for cell in written) < 0.001
 

@@ -79,7 +79,7 @@ def test_multi_receiver_false_alarms_at_one_percent_and_one_per_mille(receivers,
         errors=TrackErrors(1.0), max_satellites=6,
     )  # fmt: skip
     rng = np.random.default_rng(6)
-    for rate, windows in ((0.01, 10_000), (0.001, 20_000)):
+    for rate, windows in ((0.01, 4000), (0.001, 4000)):
         check_false_alarms(
             lambda rate=rate: exact(rate), (captured.records(rng) for _ in range(windows)), alarms={"authentic"}
         )

@@ -212,7 +212,7 @@ def test_settings_that_make_no_sense_are_refused(wrong):
 @pytest.mark.parametrize("errors", [ERRORS, TrackErrors(1.0, 0.9, 1.0), TrackErrors(3.0, 0.9, 1.0)], ids=str)
 @pytest.mark.parametrize("sats", [7, 12])
 def test_no_label_is_wrong_more_often_than_stated(sats, errors):
-    windows, rate = 1000, 0.01
+    windows, rate = 500, 0.01
     near = {"rx1": (0.0, 0.0, 0.0), "rx2": (4.0, 3.0, 0.0)}  # where mistakes would be made
     both = scene(antennas_enu_m=near, epochs=15, errors=errors, false=(MEACONER,), max_satellites=sats)
     captured = scene(antennas_enu_m=near, epochs=15, errors=errors, sky=(), false=(MEACONER,), max_satellites=sats)
@@ -224,4 +224,4 @@ def test_no_label_is_wrong_more_often_than_stated(sats, errors):
         copies = [{copy for _, copy in named(found[0], says)} for says in ("authentic", "spoofed")]
         wrong += ["b" in copies[0] or "a" in copies[1], bool(named(found[1], "authentic")),
                   bool(named(found[2], "spoofed") | named(found[2], "attack"))]  # fmt: skip
-    assert np.all(wrong <= 20)  # 10 expected at most
+    assert np.all(wrong <= 13)  # 5 expected at most

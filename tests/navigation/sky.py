@@ -4,7 +4,10 @@ Written on its own: it shares orbits and atmosphere with the package, but neithe
 ranges. Everything is done in an inertial frame that agrees with ECEF at reception.
 """
 
+import csv
+import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +15,7 @@ from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import week_and_tow
 from skyproof.records import NavigationData, Observations, SignalId
 
@@ -158,3 +162,53 @@ def scene(
         averaged_s=step_s,
     )
     return Scene(observations, np.array(owners))
+
+
+def meaconing_pair(shared_data: Path, receiver: str) -> tuple[Observations, np.ndarray, dict]:
+    """The noise-free measurements of `truth.csv`: the sky is copy a, the meaconer, while it is on, copy b.
+
+    Also what the clock shows minus true time, (n_epochs,), and the contents of `truth.json`.
+    """
+    folder = shared_data / "rf" / "meaconing-pair"
+    truth = json.loads((folder / "truth.json").read_text())
+    with open(folder / "truth.csv", newline="") as lines:
+        rows = [r for r in csv.DictReader(lines) if r["receiver"] == receiver]
+    tows = sorted({int(r["tow_s"]) for r in rows})
+    signals = sorted({SignalId(f"G{int(r['prn']):02d}", copy="ab"[r["source"] == "meaconer"]) for r in rows})
+    delay_s, pseudorange_m, doppler_hz = np.full((3, len(tows), len(signals)), np.nan)
+    for r in rows:
+        if r["on"] == "1":
+            signal = SignalId(f"G{int(r['prn']):02d}", copy="ab"[r["source"] == "meaconer"])
+            cell = tows.index(int(r["tow_s"])), signals.index(signal)
+            delay_s[cell], pseudorange_m[cell] = float(r["code_delay_s"]), float(r["pseudorange_m"])
+            doppler_hz[cell] = float(r["doppler_hz"])
+    # The clock shows its error beside the whole second; a label holds whole nanoseconds, the measurement the same ones.
+    clock_ns = np.rint(1e9 * np.nanmedian(pseudorange_m / C - delay_s, axis=1))
+    ones = np.where(np.isfinite(delay_s), 1.0, np.nan)
+    observations = Observations(
+        receiver=receiver,
+        signals=tuple(signals),
+        gpst=instant(truth["epoch_gps_week"], np.array(tows, float)) + clock_ns.astype("timedelta64[ns]"),
+        elapsed_s=np.arange(len(tows), dtype=float),
+        pseudorange_m=C * (delay_s + 1e-9 * clock_ns[:, None]),
+        carrier_cyc=np.nan * ones,
+        doppler_hz=doppler_hz,
+        cn0_dbhz=45.0 * ones,
+        pseudorange_sigma_m=ones,
+        carrier_sigma_cyc=np.nan * ones,
+        doppler_sigma_hz=0.1 * ones,
+        status=np.where(np.isfinite(delay_s), 0, 1).astype(np.uint8),
+        found_elapsed_s=np.zeros(len(signals)),
+        missed_elapsed_s=np.full(len(signals), np.nan),
+    )
+    return observations, 1e-9 * clock_ns, truth
+
+
+def shown(truth: dict, receiver: str, label: str) -> tuple[np.ndarray, float]:
+    """The place that a receiver of these signals shows, and how much later its clock seems."""
+    if label == "authentic":
+        (place,) = (r["position"]["ecef_m"] for r in truth["receivers"] if r["name"] == receiver)
+        return np.array(place), 0.0
+    meaconer = truth["transmitters"][0]
+    place = meaconer["captured_receiver_shows_position"]["ecef_m"]
+    return np.array(place), meaconer["captured_clock_extra_s"][receiver]

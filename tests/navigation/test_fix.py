@@ -1,5 +1,3 @@
-import csv
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -7,11 +5,9 @@ import pytest
 from scipy import stats
 
 from skyproof.formats.rinex_nav import read_nav
-from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.time import gpst as instant
 from skyproof.navigation import fix as fix_module
 from skyproof.navigation.fix import fix
-from skyproof.records import Observations, SignalId
+from skyproof.records import SignalId
 
 
 @pytest.mark.parametrize("bias_s", [0.0, 0.0213, -0.93, 1.0])
@@ -126,47 +122,16 @@ def test_blocks_of_epochs_give_what_the_whole_gives(sky, monkeypatch):
 @pytest.mark.shared_data
 @pytest.mark.parametrize("receiver", ["rx1", "rx2"])
 @pytest.mark.parametrize("label", ["authentic", "spoofed"])
-def test_the_true_measurements_of_the_meaconing_pair_give_the_places_of_its_truth(shared_data, receiver, label):
-    folder = shared_data / "rf" / "meaconing-pair"
-    truth = json.loads((folder / "truth.json").read_text())
-    with open(folder / "truth.csv", newline="") as lines:
-        rows = [r for r in csv.DictReader(lines) if (r["receiver"], r["label"]) == (receiver, label)]
-    sats = sorted({int(r["prn"]) for r in rows})
-    tows = sorted({int(r["tow_s"]) for r in rows})
-    cell = {(int(r["tow_s"]), int(r["prn"])): r for r in rows}
-    table = {
-        name: np.array([[float(cell[t, p][name]) for p in sats] for t in tows])
-        for name in ("code_delay_s", "pseudorange_m", "doppler_hz")
-    }
-    # The clock shows its error beside the whole second; a label holds whole nanoseconds, the measurement the same ones.
-    c = 299792458.0
-    shown_ns = np.rint(1e9 * np.median(table["pseudorange_m"] / c - table["code_delay_s"], axis=1))
-    ones = np.ones_like(table["code_delay_s"])
-    seen = Observations(
-        receiver=receiver,
-        signals=tuple(SignalId(f"G{p:02d}") for p in sats),
-        gpst=instant(truth["epoch_gps_week"], np.array(tows, float)) + shown_ns.astype("timedelta64[ns]"),
-        elapsed_s=np.arange(len(tows), dtype=float),
-        pseudorange_m=c * (table["code_delay_s"] + 1e-9 * shown_ns[:, None]),
-        carrier_cyc=np.nan * ones,
-        doppler_hz=table["doppler_hz"],
-        cn0_dbhz=45.0 * ones,
-        pseudorange_sigma_m=ones,
-        carrier_sigma_cyc=np.nan * ones,
-        doppler_sigma_hz=ones,
-        status=np.zeros(ones.shape, np.uint8),
-        found_elapsed_s=np.zeros(len(sats)),
-        missed_elapsed_s=np.full(len(sats), np.nan),
+def test_the_true_measurements_of_the_meaconing_pair_give_the_places_of_its_truth(sky, shared_data, receiver, label):
+    seen, clock_s, truth = sky.meaconing_pair(shared_data, receiver)
+    found = fix(
+        seen,
+        read_nav(shared_data / "rf" / "brdc0010.22n"),
+        signals=tuple(s for s in seen.signals if s.copy == {"authentic": "a", "spoofed": "b"}[label]),
     )
-    found = fix(seen, read_nav(shared_data / "rf" / "brdc0010.22n"))
-    if label == "authentic":
-        place = next(r for r in truth["receivers"] if r["name"] == receiver)["position"]["ecef_m"]
-        extra_s = 0.0
-    else:
-        place = truth["transmitters"][0]["captured_receiver_shows_position"]["ecef_m"]
-        extra_s = truth["transmitters"][0]["captured_clock_extra_s"][receiver]
-    assert (found.status == 0).all()
-    np.testing.assert_allclose(found.position_ecef_m, np.tile(place, (len(tows), 1)), atol=0.02)
-    np.testing.assert_allclose(found.clock_bias_s, 1e-9 * shown_ns + extra_s, atol=0.02 / c)
-    lat, lon, _ = geodetic_from_ecef(np.array(place))
-    np.testing.assert_allclose(found.velocity_ecef_m_s @ rot_enu_ecef(lat, lon).T, 0.0, atol=0.01)
+    place, extra_s = sky.shown(truth, receiver, label)
+    epochs = np.flatnonzero(np.isfinite(found.clock_bias_s))
+    assert epochs.size == {"authentic": 59, "spoofed": 35}[label]
+    np.testing.assert_allclose(found.position_ecef_m[epochs], np.tile(place, (epochs.size, 1)), atol=0.02)
+    np.testing.assert_allclose(found.clock_bias_s[epochs], clock_s[epochs] + extra_s, atol=0.02 / sky.C)
+    np.testing.assert_allclose(found.velocity_ecef_m_s[epochs], 0.0, atol=0.01)

@@ -1,10 +1,11 @@
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import combinations, product
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from skyproof.formats.rinex_nav import read_nav
 from skyproof.navigation import search
 from skyproof.navigation import sets as sets_module
 from skyproof.navigation.sets import consistent_sets, members
@@ -312,3 +313,28 @@ def test_each_four_is_solved_with_the_atmosphere_of_its_own_place(sky, nav, here
         distance = np.linalg.norm(fours.state_m[good, :3] - here, axis=1)
         assert good.any()
         assert (distance < 1.0).sum() == len({tuple(c) for c in fours.choice[good].tolist()})
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("receiver", ["rx1", "rx2"])
+def test_the_meaconing_pair_shows_two_skies_after_the_onset_and_one_before(sky, shared_data, receiver):
+    rng = np.random.default_rng(14)
+    nav = read_nav(shared_data / "rf" / "brdc0010.22n")
+    seen, clock_s, truth = sky.meaconing_pair(shared_data, receiver)
+    noisy = replace(seen, pseudorange_m=seen.pseudorange_m + 3.0 * rng.standard_normal(seen.pseudorange_m.shape))
+    for first, labels in ((2, ["authentic"]), (30, ["authentic", "spoofed"]), (45, ["authentic", "spoofed"])):
+        sets = consistent_sets(rows_of(noisy, slice(first, first + 9)), nav)
+        copies = sorted("".join({s.copy for s in found.signals}) for found in sets)
+        assert copies == ["a", "b"][: len(labels)]
+        for found in sets:
+            assert len(found.signals) == 12
+            label = "authentic" if found.signals[0].copy == "a" else "spoofed"
+            place, extra_s = sky.shown(truth, receiver, label)
+            assert np.linalg.norm(found.position_ecef_m - place) < 8.0
+            assert abs(found.clock_bias_s - clock_s[first + 4] - extra_s) * sky.C < 8.0
+
+
+def rows_of(seen, rows):
+    n = seen.gpst.size
+    arrays = {f.name: getattr(seen, f.name) for f in fields(seen)}
+    return replace(seen, **{k: v[rows] for k, v in arrays.items() if isinstance(v, np.ndarray) and len(v) == n})

@@ -159,7 +159,8 @@ class Receiver:
             arcs |= frame_arcs
             if epoch is not None:
                 epochs.append(epoch)
-        return StepOutput(epochs=tuple(epochs), arcs=arcs), state
+        # A copy of what is left, so that the state does not hold on to the whole block.
+        return StepOutput(epochs=tuple(epochs), arcs=arcs), replace(state, tail=state.tail.copy())
 
     def _frame(self, state: ReceiverState) -> tuple[ReceiverState, Epoch | None, dict[int, Arc]]:
         begin, end = self.frame_start(state.frame), self.frame_start(state.frame + 1)
@@ -179,7 +180,7 @@ class Receiver:
         state = self._drop(state, end)
         keep = int(min([end, *state.loops[:, k.START].tolist()]))
         state = replace(
-            state, frame=state.frame + 1, tail=state.tail[:, keep - state.tail_start :].copy(), tail_start=keep
+            state, frame=state.frame + 1, tail=state.tail[:, keep - state.tail_start :], tail_start=keep
         )
         return state, epoch, arcs
 
