@@ -17,6 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from scipy.interpolate import make_interp_spline
 
 from skyproof import cli
 from skyproof.formats.verdict import read_verdict
@@ -57,9 +58,9 @@ class Truth:
         for label in ("authentic", "spoofed"):
             own = (self.table["receiver"] == receiver) & (self.table["prn"] == str(int(sat[1:])))
             own &= self.table["label"] == label
-            true_s = np.interp(elapsed_s, self.table["receiver_elapsed_s"][own], self.table["tow_s"][own] - EPOCH_TOW_S,
-                               left=np.nan, right=np.nan)  # fmt: skip
-            delay_s = np.interp(true_s, self.table["tow_s"][own] - EPOCH_TOW_S, self.table["code_delay_s"][own])
+            known_s, counted_s = self.table["tow_s"][own] - EPOCH_TOW_S, self.table["receiver_elapsed_s"][own]
+            true_s = make_interp_spline(counted_s, known_s, k=1)(elapsed_s)  # goes on straight for the last second
+            delay_s = make_interp_spline(known_s, self.table["code_delay_s"][own], k=1)(true_s)
             near[label] = np.abs(range_m - LIGHT_M_S * (delay_s + ((gpst - EPOCH) / SECOND - true_s))) < 100.0
         both = near["authentic"] & near["spoofed"]
         return np.where(both, "", np.where(near["authentic"], "authentic", np.where(near["spoofed"], "spoofed", "")))

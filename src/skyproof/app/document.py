@@ -110,7 +110,8 @@ def _summary(outcome: Outcome) -> str:
         n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
         return f"The signals of {n} satellites come from the sky; no sign of spoofing.{_kept(outcome, ' The')}"
     if decision.verdict == "undecided":
-        return f"Not decided whether the signals are true: {_undecided_because(outcome)}."
+        first = (_undecided_because(outcome) or "").split("; ")[0]  # the document has all of them
+        return f"Not decided whether the signals are true: {first}."
     since = _since(decision)
     if decision.sources:
         sats = {s.signal.sat for source in decision.sources for s in source.signals}

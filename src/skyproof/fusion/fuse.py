@@ -6,13 +6,14 @@ is *undecided*, with what would decide it.
 Nothing here knows a particular detector.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from skyproof.fusion.labels import LabelledSignal, Source, label_signals, linked, sources_of
+from skyproof.fusion.labels import LabelledSignal, Source, label_signals, sources_of
 from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.records import ConsistentSet, Evidence, Observations, SignalRef
 
@@ -89,12 +90,31 @@ def _always_authentic(
 
 
 def _skies(sets: Sequence[ConsistentSet]) -> tuple[Source, ...]:
-    """Sets of a receiver that stand beside another one in the same window, linked over windows by shared signals."""
-    rivals = [
-        s for s in sets if any(o is not s and o.receiver == s.receiver and o.gpst == s.gpst for o in sets)
-    ]  # fmt: skip
-    groups = linked([SignalRef(s.receiver, signal) for signal in s.signals] for s in rivals)
-    return tuple(Source(name=f"S{n + 1}", signals=tuple(sorted(group))) for n, group in enumerate(groups))
+    """Sets of a receiver that stand beside another one in the same window, followed from window to window.
+
+    A set goes on with the sky whose signals it has most of, and a signal belongs to the sky that it was seen in most:
+    a set that takes a wrong signal for a window does not tie two skies together.
+    """
+    windows: dict[tuple[np.datetime64, str], list[ConsistentSet]] = {}
+    for s in sets:
+        windows.setdefault((s.gpst, s.receiver), []).append(s)
+    skies: list[Counter[SignalRef]] = []
+    for (_, receiver), rivals in sorted(windows.items()):
+        members = [{SignalRef(receiver, signal) for signal in s.signals} for s in rivals if len(rivals) > 1]
+        shared = [(sum(sky[r] for r in own), n, m) for n, own in enumerate(members) for m, sky in enumerate(skies)]
+        goes_on: dict[int, int] = {}
+        for seen, n, m in sorted(shared, reverse=True):
+            if seen > 0 and n not in goes_on and m not in goes_on.values():
+                goes_on[n] = m
+        for n, own in enumerate(members):
+            if n not in goes_on:
+                skies.append(Counter())
+            skies[goes_on.get(n, -1)].update(own)
+    home = {ref: max(range(len(skies)), key=lambda m: skies[m][ref]) for sky in skies for ref in sky}
+    return tuple(
+        Source(name=f"S{m + 1}", signals=tuple(sorted(ref for ref in sky if home[ref] == m)))
+        for m, sky in enumerate(skies)
+    )
 
 
 def _time_line(

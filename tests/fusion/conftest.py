@@ -1,0 +1,81 @@
+"""Invented records: what detectors might say of receivers that might have measured."""
+
+import numpy as np
+import pytest
+
+from skyproof.records import ConsistentSet, Evidence, Observations, SignalId, SignalRef
+
+START = np.datetime64("2024-05-14T10:00:00", "ns")
+WINDOW_S = 10.0
+
+
+def at(seconds: float) -> np.datetime64:
+    return START + np.timedelta64(round(seconds * 1e9), "ns")
+
+
+def ref(name: str, receiver: str = "rx1") -> SignalRef:
+    """ "G05a" in a receiver."""
+    return SignalRef(receiver, SignalId(name[:3], copy=name[3:]))
+
+
+class Invented:
+    """Makers of records: a second between epochs, windows of ten."""
+
+    @staticmethod
+    def observations(
+        names=("G05a", "G07a", "G10a", "G13a", "G15a"), *, receiver="rx1", duration_s=40, begin_s=0,
+        there=None, slips=None, found=None,
+    ):  # fmt: skip
+        """there: name to (first, last) epoch; slips: name to epochs; found: name to (missed_s, found_s)."""
+        n, k = duration_s, len(names)
+        measured = np.ones((n, k), bool)
+        status = np.zeros((n, k), np.uint8)
+        missed_s, found_s = np.full(k, np.nan), np.zeros(k)
+        for column, name in enumerate(names):
+            if there and name in there:
+                first, last = there[name]
+                measured[:, column] = (np.arange(n) >= first) & (np.arange(n) <= last)
+            for epoch in (slips or {}).get(name, ()):
+                status[epoch, column] = 3
+            if found and name in found:
+                missed_s[column], found_s[column] = found[name]
+        status[~measured] = 1
+        range_m = np.where(measured, 2.2e7, np.nan)
+        numbers = dict.fromkeys(
+            ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
+             "doppler_sigma_hz"), range_m,
+        )  # fmt: skip
+        elapsed_s = np.arange(n, dtype=float)
+        return Observations(
+            receiver=receiver, signals=tuple(ref(name).signal for name in names),
+            gpst=at(begin_s) + (elapsed_s * 1e9).astype("timedelta64[ns]"), elapsed_s=elapsed_s, status=status,
+            found_elapsed_s=found_s, missed_elapsed_s=missed_s, **numbers,
+        )  # fmt: skip
+
+    @staticmethod
+    def evidence(
+        window: int, says: str, *names: str, receivers=("rx1",), detector="one", p_value=1e-9, asked=1e-6,
+        because="why", would_need=None,
+    ):  # fmt: skip
+        """What a detector says of the same signals in all of these receivers, in a window."""
+        return Evidence(
+            detector=detector, start_gpst=at(window * WINDOW_S), end_gpst=at((window + 1) * WINDOW_S),
+            subject=tuple(ref(name, receiver) for receiver in receivers for name in names), says=says, because=because,
+            p_value=p_value, false_alarm_probability=asked, would_need=would_need,
+        )  # fmt: skip
+
+    @staticmethod
+    def sky(window: int, *names: str, receiver="rx1"):
+        """A consistent set."""
+        return ConsistentSet(
+            receiver=receiver, signals=tuple(ref(name).signal for name in names), gpst=at((window + 0.5) * WINDOW_S),
+            position_ecef_m=np.zeros(3), clock_bias_s=0.0, covariance_m2=np.eye(4), statistic=1.0, dof=1, p_value=0.3,
+        )  # fmt: skip
+
+    at = staticmethod(at)
+    ref = staticmethod(ref)
+
+
+@pytest.fixture
+def invented() -> type[Invented]:
+    return Invented

@@ -1,0 +1,196 @@
+"""Evidence of many windows to labels: what it holds for, and what it does not."""
+
+from itertools import pairwise
+
+import pytest
+
+from skyproof.fusion.labels import label_signals, linked, sources_of
+
+ALL = ("G05a", "G07a", "G10a", "G13a", "G15a")
+
+
+def stretches(labels, name="G05a", receiver="rx1"):
+    """(label, first epoch, last epoch) of one signal's life, which must be without gap or overlap."""
+    own = [s for s in labels if str(s.ref) == f"{receiver}:{name[:3]} L1 CA {name[3:]}"]
+    for before, after in pairwise(own):
+        assert before.last_epoch < after.first_epoch
+    return [(s.label, s.first_epoch, s.last_epoch) for s in own]
+
+
+def test_nothing_is_labelled_without_evidence(invented):
+    labels = label_signals([], [invented.observations()])
+    assert stretches(labels) == [("unknown", 0, 39)]
+    assert {s.because for s in labels} == {()}
+
+
+@pytest.mark.parametrize("says", ["clean", "attack", "undecided"])
+def test_what_names_no_signal_true_or_false_labels_none(invented, says):
+    evidence = [invented.evidence(window, says, *ALL, p_value=0.5) for window in range(4)]
+    assert {s.label for s in label_signals(evidence, [invented.observations()])} == {"unknown"}
+
+
+@pytest.mark.parametrize("says", ["authentic", "spoofed"])
+def test_windows_that_agree_make_one_stretch(invented, says):
+    evidence = [invented.evidence(window, says, *ALL) for window in range(4)]
+    assert stretches(label_signals(evidence, [invented.observations()])) == [(says, 0, 39)]
+
+
+def test_because_names_each_detector_with_its_strongest_p_value(invented):
+    evidence = [
+        invented.evidence(0, "authentic", "G05a", p_value=1e-7),
+        invented.evidence(1, "authentic", "G05a", p_value=1e-12),
+        invented.evidence(2, "authentic", "G05a", p_value=1e-9, detector="two"),
+        invented.evidence(3, "authentic", "G05a", p_value=None, detector="three"),
+    ]
+    labels = label_signals(evidence, [invented.observations()])
+    assert dict(labels[0].because) == {"one": 1e-12, "two": 1e-9, "three": None}
+
+
+def test_a_label_holds_for_its_receiver_only(invented):
+    observed = [invented.observations(receiver=receiver) for receiver in ("rx1", "rx2")]
+    labels = label_signals([invented.evidence(w, "authentic", *ALL) for w in range(4)], observed)
+    assert stretches(labels, receiver="rx1") == [("authentic", 0, 39)]
+    assert stretches(labels, receiver="rx2") == [("unknown", 0, 39)]
+
+
+def test_one_copy_says_nothing_of_the_other(invented):
+    labels = label_signals(
+        [invented.evidence(w, "authentic", "G05a") for w in range(4)], [invented.observations(("G05a", "G05b"))]
+    )
+    assert stretches(labels, "G05b") == [("unknown", 0, 39)]
+
+
+# --- windows that say nothing
+
+
+def test_authentic_reaches_across_one_silent_window_but_not_two(invented):
+    observed = [invented.observations(duration_s=60)]
+    near = [invented.evidence(w, "authentic", "G05a") for w in (0, 1, 3, 4, 5)]
+    assert stretches(label_signals(near, observed)) == [("authentic", 0, 59)]
+    far = [invented.evidence(w, "authentic", "G05a") for w in (0, 1, 4, 5)]
+    assert stretches(label_signals(far, observed)) == [
+        ("authentic", 0, 19), ("unknown", 20, 39), ("authentic", 40, 59)
+    ]  # fmt: skip
+
+
+def test_authentic_ends_with_its_evidence(invented):
+    """A channel that was captured without a slip goes on as if nothing had happened."""
+    labels = label_signals([invented.evidence(1, "authentic", *ALL)], [invented.observations()])
+    assert stretches(labels) == [("unknown", 0, 9), ("authentic", 10, 19), ("unknown", 20, 39)]
+
+
+def test_spoofed_holds_as_long_as_the_signal_is_tracked(invented):
+    labels = label_signals([invented.evidence(2, "spoofed", *ALL)], [invented.observations(duration_s=100)])
+    assert stretches(labels) == [("spoofed", 0, 99)]
+
+
+def test_no_label_reaches_over_a_slip(invented):
+    observed = [invented.observations(slips={"G05a": [20]})]
+    labels = label_signals([invented.evidence(0, "spoofed", "G05a")], observed)
+    assert stretches(labels) == [("spoofed", 0, 19), ("unknown", 20, 39)]
+
+
+def test_a_window_speaks_for_what_fills_it(invented):
+    observed = [invented.observations(slips={"G05a": [17]})]  # 3 s of the window lie behind the slip
+    labels = label_signals([invented.evidence(1, "spoofed", "G05a")], observed)
+    assert stretches(labels) == [("spoofed", 0, 16), ("unknown", 17, 39)]
+
+
+def test_labels_stay_where_the_signal_was_measured(invented):
+    observed = [invented.observations(there={"G05a": (12, 33)})]
+    labels = label_signals([invented.evidence(w, "spoofed", "G05a") for w in range(4)], observed)
+    assert stretches(labels) == [("spoofed", 12, 33)]
+    never = [invented.observations(there={"G05a": (50, 60)})]
+    assert stretches(label_signals([invented.evidence(1, "spoofed", "G05a")], never)) == []
+
+
+# --- windows that contradict each other
+
+
+def test_a_captured_channel_is_cut_where_the_evidence_turns(invented):
+    says = ["authentic", "authentic", "spoofed", "spoofed"]
+    labels = label_signals([invented.evidence(w, s, "G05a") for w, s in enumerate(says)], [invented.observations()])
+    assert stretches(labels) == [("authentic", 0, 19), ("spoofed", 20, 39)]
+
+
+def test_between_contradicting_windows_nothing_is_known(invented):
+    evidence = [invented.evidence(0, "authentic", "G05a"), invented.evidence(3, "spoofed", "G05a")]
+    labels = label_signals(evidence, [invented.observations()])
+    assert stretches(labels) == [("authentic", 0, 9), ("unknown", 10, 29), ("spoofed", 30, 39)]
+
+
+@pytest.mark.parametrize("detectors", [("one", "one"), ("one", "two")])
+def test_a_window_that_contradicts_itself_decides_nothing(invented, detectors):
+    evidence = [
+        invented.evidence(1, says, "G05a", detector=detector)
+        for says, detector in zip(("authentic", "spoofed"), detectors, strict=True)
+    ]
+    labels = label_signals(evidence, [invented.observations()])
+    assert stretches(labels) == [("unknown", 0, 39)]
+    assert labels[0].because == ()
+
+
+def test_two_lives_of_one_signal_have_labels_of_their_own(invented):
+    observed = [invented.observations(slips={"G05a": [20]})]
+    evidence = [invented.evidence(w, s, "G05a") for w, s in enumerate(["authentic", "authentic", "spoofed", "spoofed"])]
+    assert stretches(label_signals(evidence, observed)) == [("authentic", 0, 19), ("spoofed", 20, 39)]
+
+
+# --- tests that failed
+
+
+def test_authentic_does_not_reach_across_a_failed_test(invented):
+    evidence = [invented.evidence(w, "authentic", *ALL) for w in (0, 2, 3)]
+    failed = invented.evidence(1, "undecided", *ALL, detector="two", p_value=1e-30)
+    labels = label_signals([*evidence, failed], [invented.observations()])
+    assert stretches(labels) == [("authentic", 0, 9), ("unknown", 10, 19), ("authentic", 20, 39)]
+
+
+@pytest.mark.parametrize("p_value", [None, 0.01])
+def test_a_test_that_did_not_fail_changes_nothing(invented, p_value):
+    evidence = [invented.evidence(w, "authentic", *ALL) for w in (0, 2, 3)]
+    undecided = invented.evidence(1, "undecided", *ALL, detector="two", p_value=p_value)
+    assert stretches(label_signals([*evidence, undecided], [invented.observations()])) == [("authentic", 0, 39)]
+
+
+def test_a_single_fault_costs_its_signal_and_not_the_others(invented):
+    failed = [invented.evidence(w, "undecided", *ALL, detector="two", p_value=1e-30) for w in range(4)]
+    evidence = [invented.evidence(w, "authentic", *ALL[1:]) for w in range(4)]
+    labels = label_signals([*failed, *evidence], [invented.observations()])
+    assert stretches(labels, "G05a") == [("unknown", 0, 39)]
+    assert stretches(labels, "G07a") == [("authentic", 0, 39)]
+
+
+def test_a_minority_is_not_authentic_where_most_fail_together(invented):
+    """Signals that are drawn off their true delays: a few of them fit each other by chance."""
+    failed = [invented.evidence(w, "undecided", *ALL, detector="two", p_value=1e-30) for w in (2, 3)]
+    evidence = [invented.evidence(w, "authentic", *(ALL if w < 2 else ALL[:3])) for w in range(4)]
+    labels = label_signals([*failed, *evidence], [invented.observations()])
+    assert stretches(labels, "G05a") == [("authentic", 0, 19), ("unknown", 20, 39)]
+
+
+def test_spoofed_stays_where_a_test_fails(invented):
+    evidence = [invented.evidence(0, "spoofed", "G05a"),
+                invented.evidence(0, "undecided", *ALL, detector="two", p_value=1e-30)]  # fmt: skip
+    assert stretches(label_signals(evidence, [invented.observations()]))[0][0] == "spoofed"
+
+
+# --- sources
+
+
+def test_groups_are_linked_by_what_they_share():
+    assert linked([{1, 2}, {3}, {4, 5}, {2, 4}, {6}]) == [{1, 2, 4, 5}, {3}, {6}]
+    assert linked([{1}, {2}, {3}, {1, 2, 3}]) == [{1, 2, 3}]
+    assert linked([]) == []
+
+
+def test_a_transmitter_is_the_same_in_all_windows(invented):
+    evidence = [
+        invented.evidence(0, "spoofed", "G05b", "G07b"), invented.evidence(1, "spoofed", "G07b", "G10b"),
+        invented.evidence(1, "spoofed", "G05c", "G07c"), invented.evidence(2, "authentic", "G05a", "G05b"),
+        invented.evidence(2, "attack", "G05a", "G07c"),
+    ]  # fmt: skip
+    sources = sources_of(evidence)
+    assert [source.name for source in sources] == ["S1", "S2"]
+    assert [ref.signal.sat + ref.signal.copy for ref in sources[0].signals] == ["G05b", "G07b", "G10b"]
+    assert [ref.signal.sat + ref.signal.copy for ref in sources[1].signals] == ["G05c", "G07c"]

@@ -1,0 +1,54 @@
+"""When an attack began and ended."""
+
+import numpy as np
+import pytest
+
+from skyproof.fusion.labels import LabelledSignal
+from skyproof.fusion.timeline import end_of, onset_of
+
+
+def false(invented, name, first, last, receiver="rx1"):
+    return LabelledSignal(
+        ref=invented.ref(name, receiver), label="spoofed", first_epoch=first, last_epoch=last, because=()
+    )
+
+
+def test_the_onset_lies_between_the_search_that_missed_and_the_one_that_found(invented):
+    o = invented.observations(("G05a", "G05b"), found={"G05b": (11.5, 12.0)})
+    onset = onset_of([invented.ref("G05b")], [o])
+    assert onset.gpst == invented.at(11.75)
+    assert onset.sigma_s == pytest.approx(0.5 / np.sqrt(12.0))
+
+
+def test_the_earliest_of_all_receivers_counts(invented):
+    observed = [
+        invented.observations(("G05b", "G07b"), found={"G05b": (12.0, 12.5), "G07b": (11.0, 12.0)}),
+        invented.observations(("G05b",), receiver="rx2", begin_s=3, found={"G05b": (6.5, 7.0)}),
+    ]
+    refs = [invented.ref("G05b"), invented.ref("G07b"), invented.ref("G05b", "rx2")]
+    assert onset_of(refs, observed).gpst == invented.at(9.75)  # by rx2, which began 3 s later
+    assert onset_of(refs[:2], observed).gpst == invented.at(11.5)
+
+
+def test_what_the_first_search_found_was_there_from_the_start(invented):
+    o = invented.observations(("G05b", "G07b"), begin_s=5, found={"G07b": (11.0, 12.0)})
+    onset = onset_of([invented.ref("G05b"), invented.ref("G07b")], [o])
+    assert (onset.gpst, onset.sigma_s) == (invented.at(5), None)
+
+
+def test_no_signal_has_no_onset(invented):
+    assert onset_of([], [invented.observations()]) is None
+
+
+def test_the_attack_ends_when_all_receivers_go_on_without_it(invented):
+    observed = [invented.observations(("G05b",), receiver=receiver) for receiver in ("rx1", "rx2")]
+    ended = [false(invented, "G05b", 10, 30), false(invented, "G05b", 10, 31, "rx2")]
+    assert end_of(ended, observed) == invented.at(31)
+    assert end_of([ended[0], false(invented, "G05b", 10, 38, "rx2")], observed) is None  # one s before the end
+    assert end_of([], observed) is None
+
+
+def test_the_last_false_signal_decides_the_end(invented):
+    o = invented.observations(("G05b", "G07b"))
+    assert end_of([false(invented, "G05b", 10, 20), false(invented, "G07b", 12, 33)], [o]) == invented.at(33)
+    assert end_of([false(invented, "G05b", 10, 20), false(invented, "G07b", 12, 39)], [o]) is None
