@@ -263,7 +263,11 @@ def later(kit, tmp_path_factory):
     return kit.record(kit.scenario_of(duration_s=7.0, start_gpst=start), tmp_path_factory.mktemp("later"))
 
 
-@pytest.mark.parametrize("date", [None, '"2024-05-14T09:59:56"'], ids=["true-dates", "the-dates-agree"])
+@pytest.mark.parametrize(
+    "date",
+    [pytest.param(None, id="true-dates", marks=pytest.mark.long),
+     pytest.param('"2024-05-14T09:59:56"', id="the-dates-agree")],
+)  # fmt: skip
 def test_receivers_recorded_at_different_times_are_refused(run, pair, later, tmp_path, date):
     """By the signals' own time: a recorder's date may be wrong, and may hide it."""
     other = later.paths[1] if date is None else copied(later.paths[1], tmp_path, start_gpst=date)
@@ -332,6 +336,7 @@ def test_without_a_time_of_week_it_is_undecided_and_says_what_is_missing(run, pa
     assert {"report.html", "verdict.json", "fixes.csv"} <= {p.name for p in ended.folder.iterdir()}
 
 
+@pytest.mark.long
 def test_a_receiver_without_a_time_of_week_costs_itself_and_not_the_run(run, pair, tmp_path):
     ended = run(copied(pair.paths[1], tmp_path, n_bytes=2 * 650_000), pair.paths[0], nav=pair.nav)
     assert ended.code == 0

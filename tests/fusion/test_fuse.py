@@ -106,9 +106,11 @@ def decided(invented, windows=range(1, 4)):
 
 def test_a_decided_attack_has_source_onset_and_no_open_question(invented):
     clean = [invented.evidence(0, "authentic", *SKY, receivers=BOTH)]
-    decision = fuse([*clean, *decided(invented)], attacked_pair(invented), [])
+    sets = [invented.sky(w, *names) for w in (1, 2, 3) for names in (SKY, FALSE)]
+    decision = fuse([*clean, *decided(invented)], attacked_pair(invented), sets)
     assert decision.verdict == "spoofed"
     assert decision.undecided_because is None
+    assert decision.skies == ()
     assert len(decision.sources) == 1
     assert len(decision.sources[0].signals) == 10
     assert decision.onset.gpst == invented.at(11.75)

@@ -113,10 +113,11 @@ def test_a_captured_channel_is_cut_where_the_evidence_turns(invented):
     assert stretches(labels) == [("authentic", 0, 19), ("spoofed", 20, 39)]
 
 
-def test_between_contradicting_windows_nothing_is_known(invented):
-    evidence = [invented.evidence(0, "authentic", "G05a"), invented.evidence(3, "spoofed", "G05a")]
-    labels = label_signals(evidence, [invented.observations()])
-    assert stretches(labels) == [("authentic", 0, 9), ("unknown", 10, 29), ("spoofed", 30, 39)]
+@pytest.mark.parametrize(("first", "last"), [("authentic", "spoofed"), ("spoofed", "authentic")])
+def test_between_contradicting_windows_nothing_is_known(invented, first, last):
+    evidence = [invented.evidence(0, first, "G05a"), invented.evidence(2, last, "G05a")]
+    labels = label_signals(evidence, [invented.observations(duration_s=30)])
+    assert stretches(labels) == [(first, 0, 9), ("unknown", 10, 19), (last, 20, 29)]
 
 
 @pytest.mark.parametrize("detectors", [("one", "one"), ("one", "two")])
@@ -167,6 +168,7 @@ def test_a_minority_is_not_authentic_where_most_fail_together(invented):
     evidence = [invented.evidence(w, "authentic", *(ALL if w < 2 else ALL[:3])) for w in range(4)]
     labels = label_signals([*failed, *evidence], [invented.observations()])
     assert stretches(labels, "G05a") == [("authentic", 0, 19), ("unknown", 20, 39)]
+    assert all(s.because == () for s in labels if s.label == "unknown")
 
 
 def test_spoofed_stays_where_a_test_fails(invented):

@@ -72,6 +72,7 @@ def document(
     receivers = tuple(_receiver(r) for r in outcome.receivers)
     onset = decision.onset
     summary = _summary(outcome) + _left_out(outcome)
+    summary = summary[:1].upper() + summary[1:]
     if interrupted:
         summary = f"Interrupted; of what was read until then: {summary}"
     return Verdict(

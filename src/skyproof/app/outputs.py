@@ -84,8 +84,15 @@ def _remove_older(folder: Path) -> None:
 def _settings_lines(settings: Settings) -> list[str]:
     lines = [f"# the settings of this run; skyproof {versions()['skyproof']}", "[protect]"]
     for name, value in settings.model_dump().items():
-        lines.append(f"{name} = {json.dumps(value)}" if value is not None else f"# {name} not given")
+        lines.append(f"{name} = {_toml(value)}" if value is not None else f"# {name} not given")
     return lines
+
+
+def _toml(value: Any) -> str:
+    """A setting as TOML: numbers, texts and arrays as JSON has them, a table inline."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(v)}" for key, v in value.items()) + "}"
+    return json.dumps(value)
 
 
 def _kinds(r: ReceiverOutcome) -> list[tuple[str, Fix]]:

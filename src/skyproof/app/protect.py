@@ -118,7 +118,7 @@ def judge(
     orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
     observed = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
     windows, interrupted = window_records(observed, orbits, settings, progress)
-    evidence = examine(windows, detectors_for(settings))
+    evidence = examine(windows, detectors_for(settings, len(observed)))
     sets = [s for w in windows for s in w.sets]
     decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]

@@ -20,7 +20,15 @@ class Settings(BaseModel):
         default=1e-3, gt=0.0, lt=0.5, description="Probability of a false label or verdict in an hour of clean sky."
     )
     antenna_separation_m: float = Field(
-        default=5.0, ge=0.0, description="The antennas stand at least this far apart; 0 if they may share one."
+        default=5.0, ge=0.0,
+        description="The antennas stand at least this far apart, horizontally; 0 if they may share one.",
+    )
+    max_separation_m: float = Field(
+        default=300.0, gt=0.0, description="The antennas stand at most this far apart, horizontally."
+    )
+    antennas_enu_m: dict[str, tuple[float, float, float]] | None = Field(
+        default=None,
+        description="Where each receiver's antenna stands: east, north, up of any common point; by receiver name.",
     )
     multipath_sigma_m: float = Field(
         default=1.0, ge=0.0, description="Constant error of one pseudorange that multipath may cause, one sigma."

@@ -78,14 +78,15 @@ def window_records(
     return windows, False
 
 
-def detectors_for(settings: Settings) -> list[Detector]:
+def detectors_for(settings: Settings, n_receivers: int) -> list[Detector]:
     """Every installed detector with the run's settings.
 
-    The probability allowed per hour is shared evenly among windows and detectors (union bound), so that the whole
-    keeps it whatever the dependence between tests.
+    The probability allowed per hour is shared evenly among windows, detectors and receivers (union bound; a detector
+    may test each receiver), so that the whole keeps it whatever the dependence between tests.
     """
     classes = load_detectors()
-    alpha = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0 / max(len(classes), 1)
+    tests = max(len(classes), 1) * max(n_receivers, 1)
+    alpha = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0 / tests
     shared: dict[str, Any] = settings.model_dump() | {"false_alarm_probability": alpha}
     detectors = []
     for cls in classes.values():

@@ -1,1 +1,1 @@
-""
+"""Files to records and back."""

@@ -112,8 +112,8 @@ def _skies(sets: Sequence[ConsistentSet]) -> tuple[Source, ...]:
             skies[goes_on.get(n, -1)].update(own)
     home = {ref: max(range(len(skies)), key=lambda m: skies[m][ref]) for sky in skies for ref in sky}
     return tuple(
-        Source(name=f"S{m + 1}", signals=tuple(sorted(ref for ref in sky if home[ref] == m)))
-        for m, sky in enumerate(skies)
+        Source(name=f"S{number}", signals=tuple(sorted(ref for ref in skies[m] if home[ref] == m)))
+        for number, m in enumerate(sorted(set(home.values())), 1)
     )
 
 

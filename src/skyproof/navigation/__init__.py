@@ -1,1 +1,1 @@
-""
+"""Position fix, residual tests, consistent sets of signals, smoothing, the clock's label."""
