@@ -1,5 +1,6 @@
 """The command line: exit codes, one line for an error, one document for --json, help with an example that parses."""
 
+import io
 import json
 import re
 import shlex
@@ -10,6 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from skyproof import cli
 from skyproof.errors import InputError, OutputError
@@ -275,12 +277,10 @@ def test_help_has_an_example_that_parses(
     assert app.calls[-1][0] == command
 
 
-def test_help_states_the_defaults_of_the_settings(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("COLUMNS", "200")
-    cli.main(["protect", "--help"])
-    out = re.sub(r"[\s│]+", " ", capsys.readouterr().out)
+def test_help_states_the_defaults_of_the_settings() -> None:
+    page = io.StringIO()
+    cli.app.help_print(["protect"], console=Console(file=page, width=200))
+    out = re.sub(r"[\s│]+", " ", page.getvalue())
     assert "Probability of a false label or verdict in an hour of clean sky. Default: 0.001." in out
     assert "Use no more than this of every recording. Default: the end." in out
 

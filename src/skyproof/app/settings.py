@@ -20,8 +20,9 @@ class Settings(BaseModel):
         default=1e-3, gt=0.0, lt=0.5, description="Probability of a false label or verdict in an hour of clean sky."
     )
     antenna_separation_m: float = Field(
-        default=5.0, ge=0.0,
-        description="The antennas stand at least this far apart, horizontally; 0 if they may share one.",
+        default=0.0, ge=0.0,
+        description="The antennas stand at least this far apart, horizontally; 0 if they may share one or it is not "
+        "known.",
     )
     max_separation_m: float = Field(
         default=300.0, gt=0.0, description="The antennas stand at most this far apart, horizontally."

@@ -46,7 +46,7 @@ class MultiReceiverSettings:
     correlation_max : largest AR(1) coefficient of the noise from epoch to epoch; 0 if it is known to be white.
     error_bound_m : no track's slow error has a larger sigma; infinite if that is not known.
     antenna_separation_m : the antennas stand at least this far from the first one, horizontally; 0 if they may share
-        one.
+        one, or nobody said.
     max_separation_m : they stand at most this far from it. It catches pairings of one receiver's true with another's
         false signals, but for false positions nearer than this.
     antennas_enu_m : where each receiver's antenna is, east, north, up of any common point, to a decimetre or two; it
@@ -61,7 +61,7 @@ class MultiReceiverSettings:
     multipath_sigma_m: float = 1.0
     correlation_max: float = 0.98
     error_bound_m: float = 3.0
-    antenna_separation_m: float = 5.0
+    antenna_separation_m: float = 0.0
     max_separation_m: float = 300.0
     antennas_enu_m: Mapping[str, tuple[float, float, float]] | None = None
     unrelated_spread_m: float = 300.0
