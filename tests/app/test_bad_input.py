@@ -287,6 +287,16 @@ def test_a_wrong_date_is_told_and_the_signals_time_is_used(run, pair, tmp_path):
     assert ended.verdict.receivers[0].start_gpst.startswith("2024-05-14T09:59:56")
 
 
+@pytest.mark.long
+def test_a_date_in_the_wrong_week_is_told_and_the_messages_week_is_used(kit, run, tmp_path):
+    recorded = kit.record(kit.scenario_of(receivers=1, duration_s=10.0), tmp_path)  # subframe 1 is whole after 8.1 s
+    wrong = copied(recorded.paths[0], tmp_path / "wrong", start_gpst='"2024-05-07T09:59:58"')
+    ended = run(wrong)
+    assert ended.code == 0
+    assert "differs from it by +604800.0 s; the signals' time is used" in ended.remarks(0)
+    assert ended.verdict.receivers[0].start_gpst.startswith("2024-05-14T09:59:58")
+
+
 @pytest.mark.usefixtures("untracked")
 def test_one_recording_given_twice_is_refused(run, pair, tmp_path):
     """It would look like one antenna that feeds both."""

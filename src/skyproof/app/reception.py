@@ -1,5 +1,6 @@
 """Recordings to observations: open, track everything, tell what was heard."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -166,12 +167,14 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
     heard = {arc.signal for arc in tracker.arcs.values()}
     remarks: list[str] = []
     week = _week(tracker, navigation, remarks)
+    label = clock_label(tracker.epochs, tracker.arcs, week)
+    if label is not None:
+        label = _near_date(label, samples, tracker.arcs, remarks)
+        week = label.week
     told = navigation_of(tracker.arcs, week, samples.path or samples.name)
     orbits = navigation if navigation is not None else told
-    label = clock_label(tracker.epochs, tracker.arcs, week)
     observations = None
     if label is not None:
-        label = _near_date(label, samples, remarks)
         observations = _assembled(tracker, tracker.arcs, label)
         arcs = _all_timed(tracker, observations, orbits, label, remarks)
         if arcs is not None:
@@ -232,8 +235,13 @@ def _week(tracker: Tracker, navigation: NavigationData | None, remarks: list[str
     return week
 
 
-def _near_date(label: ClockLabel, samples: Samples, remarks: list[str]) -> ClockLabel:
-    """The label in the week that brings it nearest to the recording's date; tell if the two disagree."""
+def _near_date(
+    label: ClockLabel, samples: Samples, arcs: Mapping[int, Arc], remarks: list[str]
+) -> ClockLabel:
+    """The label in the week that brings it nearest to the recording's date; tell if the signals say otherwise.
+
+    A recorder's clock may never have been set. The message knows the week modulo 1024.
+    """
     if samples.start_gpst is None:
         return label
     week, tow_s = week_and_tow(samples.start_gpst)
@@ -241,12 +249,27 @@ def _near_date(label: ClockLabel, samples: Samples, remarks: list[str]) -> Clock
     turned = round(ahead_s / 604800.0)
     label = replace(label, week=int(week) - turned)
     off_s = ahead_s - 604800.0 * turned
+    told = _week_of_message(arcs, label)
+    if told is not None and (told - label.week) % 1024 != 0:
+        label = replace(label, week=resolve_week(told, samples.start_gpst))
+        off_s += 604800.0 * (label.week - int(week) + turned)
     if abs(off_s) > 2.0:
         remarks.append(
             f"the sidecar's start_gpst is {iso(samples.start_gpst, 0)}, but the signals' own time differs from it by "
             f"{off_s:+.1f} s; the signals' time is used"
         )
     return label
+
+
+def _week_of_message(arcs: Mapping[int, Arc], label: ClockLabel) -> int | None:
+    """The week at `label`, modulo 1024, that most signals tell; None if none does."""
+    half_week_s = 302_400
+    weeks = Counter(
+        (int(first.fields["week_mod_1024"]) - (first.tow_s < label.tow_ms * 1e-3 - half_week_s)) % 1024
+        for arc in arcs.values()
+        if (first := arc.subframes.get(1)) is not None
+    )
+    return weeks.most_common(1)[0][0] if weeks else None
 
 
 def _assembled(tracker: Tracker, arcs: Mapping[int, Arc], label: ClockLabel) -> Observations:
