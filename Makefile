@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long check bench lock clean
+.PHONY: help setup demo test test-long check bench interop lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -36,6 +36,9 @@ check: $(READY) ## ruff, mypy, the import contracts, then the tests
 
 bench: $(READY) ## speed, each figure beside what it is compared with
 	$(BIN)/python bench/run.py
+
+interop: $(READY) ## the same recordings through independent receivers, signal by signal (where installed)
+	$(BIN)/python interop/run.py
 
 lock: $(READY) ## pin the newest versions anew (needs uv)
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \

@@ -101,7 +101,7 @@ def _single_difference_m(records: Records, sat: str, of_one: str, of_other: str)
         channel = next(i for i, s in enumerate(observations.signals) if (s.sat, s.copy) == (sat, copy))
         true = next(s for s in records.sets if s.receiver == observations.receiver and s.signals[0].copy == "a")
         late = (observations.gpst - records.start_gpst) / np.timedelta64(1, "s") - true.clock_bias_s
-        rate_m_s = -observations.doppler_hz[:, channel] * 299_792_458.0 / observations.carrier_hz
+        rate_m_s = -observations.doppler_hz[:, channel] * 299_792_458.0 / observations.carrier_hz[channel]
         ranges_m.append((late, observations.pseudorange_m[:, channel], rate_m_s))
     (at_one_s, one_m, _), (at_other_s, other_m, rate_m_s) = ranges_m
     return np.asarray(other_m + rate_m_s * (at_one_s - at_other_s) - one_m)

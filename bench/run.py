@@ -11,14 +11,19 @@ import accuracy
 import acquisition
 import deciding
 import kernel
+import position
 import protection
+import reading
+import receiver_peer
+import rinex
 import sets
 import simulator
 from timing import machine
 
 BENCHES = {
     "kernel": kernel, "acquisition": acquisition, "sets": sets, "simulator": simulator, "accuracy": accuracy,
-    "deciding": deciding, "protection": protection,
+    "deciding": deciding, "protection": protection, "receiver_peer": receiver_peer, "reading": reading, "rinex": rinex,
+    "position": position,
 }  # fmt: skip
 
 

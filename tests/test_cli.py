@@ -138,7 +138,7 @@ def test_an_interruption_before_anything_is_decided_exits_with_130(
         ("protct rx1.bin", "protct.*Did you mean .protect."),
         ("receive --out d", "FILE requires an argument"),
         ("demo --jsn", "--jsn. Did you mean --json?"),
-        ("inspect rx1.bin", "Unknown command .inspect"),
+        ("triangulate rx1.bin", "Unknown command .triangulate"),
     ],
 )
 def test_a_usage_error_is_one_line_that_helps(

@@ -15,11 +15,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 
 __all__ = [
     "CELL_STATUS", "FIX_STATUS", "ConsistentSet", "Ephemeris", "Evidence", "Fix", "Instants", "Klobuchar",
-    "NavigationData", "Observations", "Reals", "Records", "Samples", "SignalId", "SignalRef", "UtcParameters", "freeze",
+    "NavigationData", "Observations", "Reals", "Records", "SampleGap", "Samples", "SignalId", "SignalRef",
+    "UtcParameters", "freeze",
 ]  # fmt: skip
 
 Reals = NDArray[np.float64]
@@ -94,12 +96,23 @@ class SignalRef:
         return f"{self.receiver}:{self.signal}"
 
 
+@dataclass(frozen=True, order=True)
+class SampleGap:
+    """Samples that were never recorded: `missing_samples` of them, just before the one numbered `at_sample`."""
+
+    at_sample: int
+    missing_samples: int
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Samples:
     """An open recording: yields any stretch of samples on demand, never the whole file.
 
     `read(start, count)` gives float32 of shape (2, count): I and Q (Q zero for real samples), at `rate_hz`. The radio
     frequency `centre_hz` lies at `if_hz` in them, and higher frequencies lie higher. It is short at the end only.
+
+    gaps : what the recording itself says is missing, in order; samples are numbered as recorded, so that `read` goes
+        over a gap without a sign.
     """
 
     name: str
@@ -113,6 +126,7 @@ class Samples:
     path: str = ""
     format: str = ""
     remarks: tuple[str, ...] = ()
+    gaps: tuple[SampleGap, ...] = ()
 
     @property
     def duration_s(self) -> float:
@@ -134,6 +148,7 @@ class Observations:
     found_elapsed_s : (n_channels,) when the search found the signal.
     missed_elapsed_s : (n_channels,) the last search before that which looked and did not find it; NaN if the first
         search already found it. The signal came between the two.
+    carrier_hz : (n_channels,) nominal carrier; one number at construction stands for all channels.
     """
 
     receiver: str
@@ -150,17 +165,20 @@ class Observations:
     status: NDArray[np.uint8]
     found_elapsed_s: Reals
     missed_elapsed_s: Reals
-    carrier_hz: float = 1575.42e6
+    carrier_hz: Reals = field(default_factory=lambda: np.array(L1_HZ))
     averaged_s: float = 0.0
 
     def __post_init__(self) -> None:
+        carrier_hz = np.asarray(self.carrier_hz, np.float64)
+        if carrier_hz.ndim == 0:
+            object.__setattr__(self, "carrier_hz", np.full(len(self.signals), carrier_hz))
         cell = ("epoch", "channel")
         cells = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
                  "doppler_sigma_hz", "status")  # fmt: skip
         freeze(
             self,
             {"gpst": ("epoch",), "elapsed_s": ("epoch",), "found_elapsed_s": ("channel",),
-             "missed_elapsed_s": ("channel",)} | {name: cell for name in cells},
+             "missed_elapsed_s": ("channel",), "carrier_hz": ("channel",)} | {name: cell for name in cells},
         )  # fmt: skip
         if len(self.signals) != self.found_elapsed_s.size:
             raise ValueError(f"Observations has {len(self.signals)} signals for {self.found_elapsed_s.size} channels")
@@ -175,6 +193,9 @@ class Fix:
     covariance_m2 : (n_epochs, 4, 4) of ECEF position and c times clock bias.
     residual_m : (n_epochs, n_signals) measured minus modelled pseudorange, NaN where not used.
     status : (n_epochs,) uint8, see FIX_STATUS; NaN in the numbers unless 0.
+    inter_system_s : time scale ("G", "E", "C", "R") to (n_epochs,), the clock bias by its signals minus
+        `clock_bias_s`; NaN where it has none. Zero for the scale that the clock bias refers to: the first of G, E, C, R
+        that is there. Empty from sources that do not tell.
     """
 
     receiver: str
@@ -187,6 +208,7 @@ class Fix:
     covariance_m2: Reals
     residual_m: Reals
     status: NDArray[np.uint8]
+    inter_system_s: Mapping[str, Reals] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         freeze(

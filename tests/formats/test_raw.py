@@ -345,6 +345,55 @@ def test_the_digest_is_that_of_the_file_and_its_progress_is_told(tmp_path):
         sha256(tmp_path / "gone")
 
 
+# --- damage
+
+
+@given(cut=st.integers(0, 4 + 400 * 4), bits=st.sampled_from([4, 8, 16]))
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_recording_cut_anywhere_loses_what_is_cut_and_no_more(tmp_path, cut, bits):
+    octets = np.random.default_rng(1).bytes(400 * 4)
+    layout = layout_of("int", bits, header_bytes=4)
+    path = write(tmp_path, layout, octets)
+    whole = open_raw(path)
+    expected = whole.read(0, whole.n_samples)
+    path.write_bytes(path.read_bytes()[:cut])
+    kept = max(0, cut - 4) * 8 // (2 * bits)
+    try:
+        samples = open_raw(path)
+    except InputError:
+        kept_values = expected[:, :kept]
+        constant = bool((kept_values == kept_values[:, :1]).all()) if kept else True
+        samples = None
+    if samples is None:
+        assert constant
+    else:
+        assert samples.n_samples == kept
+        np.testing.assert_array_equal(samples.read(0, 9999), expected[:, :kept])
+        assert any("less than one sample" in r for r in samples.remarks) == ((cut - 4) % max(1, bits // 4) != 0)
+
+
+@given(place=st.integers(0, 10**6), bit=st.integers(0, 7))
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_sidecar_with_a_flipped_bit_is_refused_or_read_as_it_stands(tmp_path, place, bit):
+    layout = layout_of(centre_hz=1575e6, header_bytes=2, start_gpst="2022-01-01T21:45:58", swap_iq=True, antenna="mast")
+    path = write(tmp_path, layout, noise(400).astype(np.int8).tobytes())
+    sidecar = path.with_suffix(".toml")
+    text = bytearray(sidecar.read_bytes())
+    text[place % len(text)] ^= 1 << bit
+    sidecar.write_bytes(text)
+    try:
+        samples = open_raw(path)
+    except InputError as error:
+        refusal = str(error)
+    else:
+        refusal = ""
+        assert samples.read(0, 9999).shape == (2, samples.n_samples)
+        read = read_sidecar(sidecar)
+        commented = text.count(b"#") > 1  # a key may become a remark; then its default holds, as in a text without it
+        assert commented or read.model_fields_set == layout.model_fields_set
+    assert "\n" not in refusal
+
+
 # --- the levels
 
 

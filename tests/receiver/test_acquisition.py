@@ -1,89 +1,350 @@
-"""The search: what it finds, how exactly, and how often it finds what is not there."""
+"""The search: what it finds, how exactly, what it takes out, and how often it finds what is not there."""
 
 import numpy as np
 import pytest
+from scipy import signal as filters
 from scipy import stats
 
-from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
-from skyproof.receiver.acquisition import Searcher, SearchSettings
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
+from skyproof.receiver.acquisition import KnownSignal, Searcher, SearchSettings
+from skyproof.receiver.calibration import exponent, tail_of
+from skyproof.receiver.cancellation import remove
+from skyproof.receiver.fourier import N_CELLS, correlate_rows
 
 GRID = np.arange(-10, 11) * 500.0
+EVERYWHERE = {sat: GRID for sat in GPS_SATS}
+RATE_HZ = 2.6e6
+CHIP_S = 1.0 / 1.023e6
+NEAR = SearchSettings(coherent_periods=4, n_sums=10)
 
 
-def nothing_known(sat):
-    return []
+def wave(rng, n, sat, cn0_dbhz, delay_s, doppler_hz, rate_hz=RATE_HZ):
+    """One signal with random bits and phase, beside noise of variance 2 a complex sample."""
+    k = np.arange(n)
+    chips = (k / rate_hz - delay_s) * 1.023e6 * (1.0 + doppler_hz / 1575.42e6)
+    number = np.floor(chips / 1023 / 20 + rng.integers(20) / 20).astype(int)
+    bits = rng.choice([-1, 1], n // int(0.02 * rate_hz) + 3)[number + 1]
+    code = GPS_L1_CA.code(prn_of(sat))[np.floor(chips).astype(int) % 1023]
+    turns = doppler_hz / rate_hz * k + rng.random()
+    return np.sqrt(2.0 * 10.0 ** (cn0_dbhz / 10.0) / rate_hz) * code * bits * np.exp(2j * np.pi * turns)
+
+
+def noise(rng, n):
+    return rng.normal(size=n) + 1j * rng.normal(size=n)
+
+
+def planes_of(samples):
+    return np.stack([samples.real, samples.imag]).astype(np.float32)
+
+
+def apart_chips(delay_s, truth_s):
+    return ((delay_s - truth_s + 0.5e-3) % 1e-3 - 0.5e-3) / CHIP_S
+
+
+def near_grid(doppler_hz, settings=NEAR, reach_hz=250.0):
+    steps = int(reach_hz // settings.doppler_step_hz)
+    return (round(doppler_hz / settings.doppler_step_hz) + np.arange(-steps, steps + 1.0)) * settings.doppler_step_hz
+
+
+# ---------------------------------------------------------------------- the kernel
+
+
+def test_the_kernel_equals_its_numpy_twin():
+    rng = np.random.default_rng(1)
+    spectra = rng.normal(size=(2, 3, 2, N_CELLS)).astype(np.float32)
+    codes = rng.normal(size=(2, 2, N_CELLS)).astype(np.float32)
+    row, code = np.array([0, 1, 1]), np.array([1, 0, 1])
+    power, highest = np.empty((3, N_CELLS), np.float32), np.empty(3, np.float32)
+    correlate_rows(spectra, codes, row, code, 0, 3, power, highest)
+    product = (spectra[row, :, 0] + 1j * spectra[row, :, 1]) * (codes[code, 0] + 1j * codes[code, 1])[:, None]
+    twin = np.sum(np.abs(np.fft.ifft(product)) ** 2, axis=1)
+    twin /= twin.mean(axis=-1, keepdims=True)
+    np.testing.assert_allclose(power, twin, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(highest, twin.max(axis=-1), rtol=1e-5)
+
+
+# ---------------------------------------------------------------------- what is found
 
 
 def test_the_satellites_of_the_sky_are_found_and_no_others(clean):
     searcher = Searcher(GPS_L1_CA, clean.samples.rate_hz, SearchSettings())
-    peaks = searcher.search(clean.planes, 0.0, {sat: GRID for sat in GPS_SATS}, nothing_known)
+    peaks = searcher.search(clean.planes, 0.0, EVERYWHERE, {})
     there = {heard.id.sat for heard in clean.scene.skies[0].signals}
     assert {peak.sat for peak in peaks} == there
     assert len(peaks) == len(there)
 
 
-def test_delay_and_doppler_are_within_half_a_sample_and_30_hz(clean):
+def test_delay_is_within_a_tenth_of_a_chip_and_doppler_within_10_hz(clean):
     searcher = Searcher(GPS_L1_CA, clean.samples.rate_hz, SearchSettings())
     sky = clean.scene.skies[0]
     start = 1_000_000
-    peaks = searcher.search(clean.planes[:, start:], 0.0, {sat: GRID for sat in GPS_SATS}, nothing_known)
+    peaks = searcher.search(clean.planes[:, start:], 0.0, EVERYWHERE, {})
     true_s = start / clean.samples.rate_hz + sky.true_minus_elapsed_s(start / clean.samples.rate_hz)
+    assert peaks
     for peak in peaks:
         column = [heard.id.sat for heard in sky.signals].index(peak.sat)
-        sent_s = true_s - sky.code_delay_s(true_s)[column]
         # Scenes start at whole seconds, so code periods begin at whole milliseconds of transmission.
-        truth_s = (-sent_s) % 1e-3
-        apart_s = (peak.delay_s - truth_s + 0.5e-3) % 1e-3 - 0.5e-3
-        assert abs(apart_s) * clean.samples.rate_hz < 0.5
+        truth_s = (sky.code_delay_s(true_s)[column] - true_s) % 1e-3
+        assert abs(apart_chips(peak.delay_s, truth_s)) < 0.1
         rate = sky.carrier_delay_s(true_s, 1)[column]
         drift = sky.receiver.lo_ppm * 1e-6
-        assert peak.doppler_hz == pytest.approx(-1575.42e6 * (rate + drift), abs=30.0)
+        assert peak.doppler_hz == pytest.approx(-1575.42e6 * (rate + drift), abs=10.0)
 
 
 def test_both_copies_are_found_once_the_meaconer_is_on(meaconed):
     searcher = Searcher(GPS_L1_CA, meaconed.samples.rate_hz, SearchSettings())
     start = int(4.0 * meaconed.samples.rate_hz)
-    peaks = searcher.search(meaconed.planes[:, start:], 0.0, {sat: GRID for sat in GPS_SATS}, nothing_known)
+    peaks = searcher.search(meaconed.planes[:, start:], 0.0, EVERYWHERE, {})
     there = sorted(heard.id.sat for heard in meaconed.scene.skies[0].signals)
     assert sorted(peak.sat for peak in peaks) == there
 
 
 def test_what_is_known_is_not_found_again(clean):
     searcher = Searcher(GPS_L1_CA, clean.samples.rate_hz, SearchSettings())
-    grid = {sat: GRID for sat in GPS_SATS}
-    first = {peak.sat: peak for peak in searcher.search(clean.planes, 0.0, grid, nothing_known)}
-
-    def known(sat):
-        return [(first[sat].delay_s, first[sat].power)] if sat in first else []
-
-    assert searcher.search(clean.planes, 0.0, grid, known) == []
+    known = {
+        peak.sat: [KnownSignal(delay_s=peak.delay_s, doppler_hz=peak.doppler_hz)]
+        for peak in searcher.search(clean.planes, 0.0, EVERYWHERE, {})
+    }
+    assert known
+    assert searcher.search(clean.planes, 0.0, EVERYWHERE, known) == []
 
 
 @pytest.mark.parametrize("rate_hz", [2.6e6, 4.0e6, 5.456e6, 16.3676e6])
 def test_any_sample_rate_will_do(rate_hz):
     rng = np.random.default_rng(4)
-    n = int(0.03 * rate_hz)
-    chips = np.arange(n) * 1.023e6 / rate_hz - 321.7
-    turns = 1510.0 * np.arange(n) / rate_hz
-    wave = 0.3 * GPS_L1_CA.code(9)[np.floor(chips).astype(int) % 1023] * np.exp(2j * np.pi * turns)
-    planes = (np.stack([wave.real, wave.imag]) + rng.normal(size=(2, n))).astype(np.float32)
     searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings())
-    (peak,) = searcher.search(planes, 0.0, {"G09": GRID}, nothing_known)
-    assert peak.delay_s * 1.023e6 == pytest.approx(321.7, abs=0.1)
-    assert peak.doppler_hz == pytest.approx(1510.0, abs=15.0)
+    n = searcher.n_samples
+    samples = wave(rng, n, "G09", 46.0, 321.7 * CHIP_S, 1510.0, rate_hz) + noise(rng, n)
+    (peak,) = searcher.search(planes_of(samples), 0.0, {"G09": GRID}, {})
+    assert abs(apart_chips(peak.delay_s, 321.7 * CHIP_S)) < 0.1
+    assert peak.doppler_hz == pytest.approx(1510.0, abs=5.0)
+    assert peak.cn0_dbhz == pytest.approx(46.0, abs=1.25)  # three sigma
+
+
+def test_real_samples_at_an_intermediate_frequency_are_searched_as_well():
+    rng = np.random.default_rng(6)
+    rate_hz, if_hz = 12e6, 3e6
+    searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings())
+    n = searcher.n_samples
+    turned = wave(rng, n, "G09", 43.0, 50.3 * CHIP_S, -2210.0, rate_hz)
+    turned *= np.exp(2j * np.pi * if_hz / rate_hz * np.arange(n))
+    planes = np.stack([turned.real + rng.normal(size=n) / np.sqrt(2.0), np.zeros(n)]).astype(np.float32)
+    (peak,) = searcher.search(planes, if_hz, {"G09": GRID, "G10": GRID}, {})
+    assert abs(apart_chips(peak.delay_s, 50.3 * CHIP_S)) < 0.1
+    assert peak.doppler_hz == pytest.approx(-2210.0, abs=5.0)
+
+
+def test_the_samples_asked_for_are_enough_and_left_as_they_were():
+    rng = np.random.default_rng(7)
+    searcher = Searcher(GPS_L1_CA, 4e6, SearchSettings(n_sums=4))
+    assert searcher.n_samples == 16000  # a recording of 4 ms
+    planes = planes_of(noise(rng, 16000))
+    before = planes.copy()
+    searcher.search(planes, 0.0, EVERYWHERE, {"G01": [KnownSignal(delay_s=1e-4, doppler_hz=0.0)]})
+    np.testing.assert_array_equal(planes, before)
+
+
+# ---------------------------------------------------------------------- several signals of one satellite
+
+
+def test_taking_a_signal_out_leaves_the_noise():
+    rng = np.random.default_rng(8)
+    n = 104_000
+    alone = planes_of(noise(rng, n))
+    strong = wave(rng, n, "G07", 55.0, 123.4 * CHIP_S, 2345.0)
+    planes = alone + planes_of(strong)
+    power = remove(
+        planes, GPS_L1_CA, RATE_HZ, 0.0, [("G07", KnownSignal(delay_s=123.4 * CHIP_S, doppler_hz=2345.0))]
+    )
+    # One complex amplitude a period of 2600 samples goes with it.
+    assert np.sum((planes - alone) ** 2) / np.sum(np.abs(strong) ** 2) < 0.01
+    assert power[0] / (2.0 * 2600.0) == pytest.approx(10.0**5.5 * 1e-3, rel=0.1)
+
+
+@pytest.mark.parametrize("doppler_apart_hz", [0.0, 50.0])
+@pytest.mark.parametrize(("apart", "relative_db"), [(1.5, -10.0), (4.0, -10.0), (1.0, -6.0), (8.0, 10.0)])
+def test_a_second_signal_beside_a_known_one_is_found(apart, relative_db, doppler_apart_hz):
+    rng = np.random.default_rng(9)
+    searcher = Searcher(GPS_L1_CA, RATE_HZ, NEAR)
+    n = searcher.n_samples
+    found = 0
+    for _ in range(10):
+        delay_s, doppler_hz = rng.uniform(0.0, 1e-3), rng.uniform(-4000.0, 4000.0)
+        second_s = delay_s + apart * CHIP_S
+        samples = noise(rng, n) + wave(rng, n, "G07", 45.0, delay_s, doppler_hz)
+        samples += wave(rng, n, "G07", 45.0 + relative_db, second_s, doppler_hz + doppler_apart_hz)
+        known = {"G07": [KnownSignal(delay_s=delay_s + 0.01 * CHIP_S, doppler_hz=doppler_hz + 1.0)]}
+        peaks = searcher.search(planes_of(samples), 0.0, {"G07": near_grid(doppler_hz)}, known)
+        found += len(peaks) == 1 and abs(apart_chips(peaks[0].delay_s, second_s)) < 0.25
+    assert found >= 9
+
+
+def test_two_unknown_signals_a_chip_and_a_half_apart_are_both_found():
+    rng = np.random.default_rng(10)
+    searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
+    n = searcher.n_samples
+    samples = noise(rng, n) + wave(rng, n, "G07", 50.0, 0.4e-3, 1100.0)
+    samples += wave(rng, n, "G07", 45.0, 0.4e-3 + 1.5 * CHIP_S, 1130.0)
+    peaks = searcher.search(planes_of(samples), 0.0, EVERYWHERE, {})
+    assert [peak.sat for peak in peaks] == ["G07", "G07"]
+    errors = sorted(apart_chips(peak.delay_s, 0.4e-3) for peak in peaks)
+    np.testing.assert_allclose(errors, [0.0, 1.5], atol=0.15)
+
+
+def test_a_reflection_within_half_a_chip_is_not_another_signal():
+    rng = np.random.default_rng(11)
+    searcher = Searcher(GPS_L1_CA, RATE_HZ, NEAR)
+    n = searcher.n_samples
+    for _ in range(10):
+        samples = noise(rng, n) + wave(rng, n, "G07", 45.0, 0.4e-3, 1100.0)
+        samples += wave(rng, n, "G07", 37.0, 0.4e-3 + 0.4 * CHIP_S, 1100.0)
+        known = {"G07": [KnownSignal(delay_s=0.4e-3 + 0.05 * CHIP_S, doppler_hz=1100.0)]}
+        assert searcher.search(planes_of(samples), 0.0, {"G07": near_grid(1100.0)}, known) == []
+
+
+def test_a_strong_signal_is_not_taken_for_other_satellites_nor_for_itself_again():
+    """At 60 dB-Hz its side lobes and cross-correlations stand 12 dB above the noise of 20 x 1 ms."""
+    rng = np.random.default_rng(12)
+    searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
+    n = searcher.n_samples
+    for _ in range(3):
+        samples = noise(rng, n) + wave(rng, n, "G07", 60.0, rng.uniform(0.0, 1e-3), 1000.0)
+        assert [p.sat for p in searcher.search(planes_of(samples), 0.0, EVERYWHERE, {})] == ["G07"]
+
+
+def test_a_weak_satellite_is_found_below_a_strong_known_one():
+    """38 dB-Hz beside 60 dB-Hz, whole kilohertz apart, where cross-correlation is worst."""
+    rng = np.random.default_rng(13)
+    searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
+    n = searcher.n_samples
+    samples = noise(rng, n) + wave(rng, n, "G07", 60.0, 0.2e-3, 1000.0) + wave(rng, n, "G11", 40.0, 0.7e-3, -2000.0)
+    known = {"G07": [KnownSignal(delay_s=0.2e-3, doppler_hz=1000.0)]}
+    peaks = searcher.search(planes_of(samples), 0.0, EVERYWHERE, known)
+    assert [peak.sat for peak in peaks] == ["G11"]
+
+
+# ---------------------------------------------------------------------- false alarms
+
+
+def test_the_tail_of_white_noise_is_that_of_gamma():
+    rng = np.random.default_rng(14)
+    tail = tail_of(rng.gamma(10.0, 0.1, 500_000).astype(np.float32), 10)
+    assert 1.0 <= tail.scale < 1.1
+    threshold = tail.threshold(1_000_000, 1e-4)
+    assert float(exponent(np.array(threshold), 10)) == pytest.approx(np.log(1e10), rel=0.07)
+    assert tail.p_value(threshold, 1_000_000) == pytest.approx(1e-4, rel=1e-6)
+
+
+def test_a_heavier_tail_raises_the_threshold():
+    rng = np.random.default_rng(15)
+    power = rng.gamma(10.0, 0.1, 500_000) + 0.3 * rng.exponential(size=500_000)
+    tail = tail_of((power / power.mean()).astype(np.float32), 10)
+    assert tail.scale > 1.2
+
+
+def _white(rng, n):
+    return noise(rng, n)
+
+
+def _coloured(rng, n):
+    return filters.lfilter(*filters.butter(3, 0.35), noise(rng, n))
+
+
+def _with_lines(rng, n):
+    turns = rng.uniform(-1e6, 1e6, (3, 1)) / RATE_HZ * np.arange(n) + rng.random((3, 1))
+    return noise(rng, n) + np.sum(10.0 ** (rng.uniform(-20.0, 5.0, (3, 1)) / 20.0) * np.exp(2j * np.pi * turns), axis=0)
+
+
+def _under_strong_satellites(rng, n):
+    strong = [wave(rng, n, sat, rng.uniform(48.0, 54.0), rng.uniform(0.0, 1e-3), 1000.0 * rng.integers(-3, 4))
+              for sat in ("G30", "G31", "G32")]  # fmt: skip
+    return noise(rng, n) + sum(strong)
 
 
 @pytest.mark.long
-def test_noise_alone_is_found_at_the_stated_rate():
-    """One Doppler and as many searches as give 50 alarms: neighbouring cells of a sampled code are correlated, so the
-    union bound makes it too few rather than too many."""
-    rng = np.random.default_rng(5)
-    rate_hz, wanted = 2.046e6, 0.05
-    searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings(false_alarm_probability=wanted, n_periods=4))
-    trials = 1500
+@pytest.mark.parametrize(
+    "made",
+    [
+        _white, _coloured, _with_lines,
+        pytest.param(_under_strong_satellites, marks=pytest.mark.xfail(
+            strict=True, reason="three unknown satellites of 48 to 54 dB-Hz, whole kilohertz off: 6 times the stated "
+            "rate at 0.03 and 19 times at 0.001 in 1500 searches; it holds once they are known")),
+    ],
+)  # fmt: skip
+def test_false_alarms_come_at_the_stated_rate(made):
+    """At most as stated, and at least half of it: a tail is never taken as thinner than that of white noise."""
+    rng = np.random.default_rng(16)
+    trials, wanted = 1500, 0.05
+    settings = SearchSettings(coherent_periods=4, n_sums=5, false_alarm_probability=wanted)
+    searcher = Searcher(GPS_L1_CA, RATE_HZ, settings)
     alarms = 0
     for _ in range(trials):
-        planes = rng.normal(size=(2, searcher.n_samples)).astype(np.float32)
-        alarms += bool(searcher.search(planes, 0.0, {"G20": np.array([0.0])}, nothing_known))
+        centre_hz = 0.0 if made is _under_strong_satellites else settings.doppler_step_hz * rng.integers(-10, 10)
+        grid = {f"G{prn:02d}": near_grid(centre_hz, settings) for prn in range(1, 13)}
+        alarms += bool(searcher.search(planes_of(made(rng, searcher.n_samples)), 0.0, grid, {}))
     low, high = stats.binom.interval(0.999, trials, wanted)
     assert 0.5 * low <= alarms <= high
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("cn0_dbhz", [38.0, 45.0, 52.0])
+def test_a_tracked_satellite_alone_gives_no_second_signal(cn0_dbhz):
+    """2000 searches, at 1e-4 each; tracked within 0.02 chip and 2 Hz."""
+    rng = np.random.default_rng(17)
+    searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings(coherent_periods=4, n_sums=5))
+    false = 0
+    for _ in range(2000):
+        delay_s, doppler_hz = rng.uniform(0.0, 1e-3), rng.uniform(-4000.0, 4000.0)
+        samples = noise(rng, searcher.n_samples) + wave(rng, searcher.n_samples, "G07", cn0_dbhz, delay_s, doppler_hz)
+        one = KnownSignal(delay_s=delay_s + 0.02 * rng.normal() * CHIP_S, doppler_hz=doppler_hz + 2.0 * rng.normal())
+        grid = {"G07": near_grid(doppler_hz, searcher.settings)}
+        false += bool(searcher.search(planes_of(samples), 0.0, grid, {"G07": [one]}))
+    assert false <= 2  # 0.2 are expected
+
+
+# ---------------------------------------------------------------------- recordings
+
+REAL = {
+    "iq-pocketsdr/L1_20211125_004000_12MHz_I.bin": (12e6, 3e6, 87, 28, {
+        2: (-2748, 454.2), 5: (147, 478.3), 11: (-3272, 938.1), 13: (-241, 511.8), 15: (1743, 794.1), 18: (3229, 560.9),
+        20: (-1347, 696.7), 24: (4224, 325.1), 28: (2316, 368.5), 29: (-2011, 773.6), 30: (-1865, 402.3)}),
+    "iq-pocketsdr/L1_20211201_054600_24MHz_I.bin": (24e6, 6e6, 43, 23, {
+        10: (-2036, 871.1), 12: (-1850, 154.2), 23: (-3282, 788.2), 24: (-2439, 11.8), 25: (368, 684.9),
+        29: (3322, 148.6), 31: (2542, 458.1), 32: (2124, 66.2)}),
+    "iq-pocketsdr/L1_20211202_084700_4MHz_IQ.bin": (4e6, 0.0, 100, 25, {
+        4: (3234, 958.0), 16: (2577, 1012.0), 18: (2726, 624.0), 25: (-2782, 140.4), 26: (649, 920.4),
+        29: (-2216, 422.8), 31: (-205, 296.4), 32: (-3284, 707.4)}),
+    "iq-pocketsdr/L2_20211202_084700_4MHz_IQ_first100ms.bin": (4e6, 0.0, 99, None, {}),
+    "iq-cttc/GSoC_CTTC_capture_2012_07_26_4Msps_4ms.dat": (4e6, 0.0, 4, 30, {
+        2: (8050, 223.3), 12: (7200, 130.4), 25: (9000, 175.4), 29: (9725, 947.6), 30: (12750, 945.8),
+        31: (11800, 498.5)}),
+}  # fmt: skip
+"""Rate, intermediate frequency, periods that are continuous, the weakest satellite, and all of them with Doppler in Hz
+and code phase in chips: README of the recordings."""
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", REAL)
+def test_a_real_capture_gives_the_satellites_known_to_be_in_it(shared_data, name):
+    rate_hz, if_hz, periods, weakest, there = REAL[name]
+    planes = _read(shared_data / "real" / name, conjugate="L1_20211202" in name)
+    reach = 32 if "cttc" in name else 14
+    searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings(n_sums=periods))
+    peaks = searcher.search(planes, if_hz, dict.fromkeys(GPS_SATS, 500.0 * np.arange(-reach, reach + 1)), {})
+    found = [prn_of(peak.sat) for peak in peaks]
+    assert len(found) == len(set(found))
+    assert set(found) <= set(there)
+    assert set(there) - set(found) <= {weakest}
+    for peak in peaks:
+        doppler_hz, chips = there[prn_of(peak.sat)]
+        assert abs(apart_chips(peak.delay_s, chips * CHIP_S)) < 1.0
+        assert peak.doppler_hz == pytest.approx(doppler_hz, abs=50.0 if periods > 4 else 125.0)
+
+
+def _read(path, *, conjugate):
+    if path.suffix == ".dat":
+        return np.fromfile(path, np.float32).reshape(-1, 2).T
+    values = np.fromfile(path, np.int8).astype(np.float32)
+    if path.stem.endswith("_I"):
+        return np.stack([values, np.zeros_like(values)])
+    return values.reshape(-1, 2).T * np.array([[1.0], [-1.0 if conjugate else 1.0]], np.float32)

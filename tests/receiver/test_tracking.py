@@ -8,29 +8,32 @@ import pytest
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
-from skyproof.receiver.measurement import carrier_to_noise_hz, code_sigma_chips
+from skyproof.receiver import measurement as m
+from skyproof.receiver.channels import letter
+from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.observables import assemble, clock_label
-from skyproof.receiver.tracking import Receiver, ReceiverState, letter
+from skyproof.receiver.tracking import Receiver, ReceiverState
 from skyproof.records import Observations
 
 
 def receive(rendered, cuts):
-    """Epochs and arcs of a recording that comes in pieces with these edges (sample indices)."""
+    """Measurements and arcs of a recording that comes in pieces with these edges (sample indices)."""
     receiver = Receiver(rendered.samples.rate_hz, rendered.samples.if_hz)
-    state, epochs, arcs = ReceiverState(), [], {}
+    state, parts, arcs = ReceiverState(), [], {}
     edges = [0, *cuts, rendered.planes.shape[1]]
     for first, end in pairwise(edges):
         output, state = receiver.step(state, rendered.planes[:, first:end])
-        epochs += output.epochs
+        parts.append(output.measurements)
         arcs |= output.arcs
-    return epochs, arcs
+    return Measurements.joined(parts), arcs
 
 
-def observations(rendered, epochs, arcs):
+def observations(rendered, measurements, arcs):
     week = week_and_tow(rendered.scenario.start_gpst)[0]
-    label = clock_label(epochs, arcs, week)
+    label = clock_label(measurements, arcs, week)
     assert label is not None
-    return assemble("rx", epochs, arcs, label, carrier_hz=1575.42e6, averaged_s=0.2)
+    elapsed_s = 0.2 * np.arange(1, round(measurements.elapsed_s[-1] / 0.2) + 1)
+    return assemble("rx", measurements, arcs, label, elapsed_s, carrier_hz=1575.42e6, averaged_s=0.2)
 
 
 @pytest.fixture(scope="session")
@@ -57,13 +60,12 @@ def truth_of(rendered, o: Observations):
     "cuts", [[1_300_000], [1, 260_000, 260_001, 3_333_333], list(range(100_003, 15_000_000, 999_983))]
 )
 def test_pieces_give_what_the_whole_gives(meaconed, meaconed_tracked, cuts):
-    whole_epochs, whole_arcs = meaconed_tracked
-    epochs, arcs = receive(meaconed, [c for c in cuts if c < meaconed.planes.shape[1]])
+    whole, whole_arcs = meaconed_tracked
+    pieces, arcs = receive(meaconed, [c for c in cuts if c < meaconed.planes.shape[1]])
     assert len(whole_arcs) > 10
     assert arcs.keys() == whole_arcs.keys()
-    assert [e.elapsed_s for e in epochs] == [e.elapsed_s for e in whole_epochs]
-    for a, b in zip(epochs, whole_epochs, strict=True):
-        assert a.measurements == b.measurements  # to the last bit
+    for name in ("elapsed_s", "arc", "table", "taps"):
+        assert np.array_equal(getattr(pieces, name), getattr(whole, name))  # to the last bit
 
 
 def test_every_satellite_has_one_signal_and_a_time(clean, tracked):
@@ -75,16 +77,16 @@ def test_every_satellite_has_one_signal_and_a_time(clean, tracked):
 
 
 def test_the_time_of_week_is_exact_to_the_millisecond(clean, tracked):
-    epochs, arcs = tracked
+    measurements, arcs = tracked
     sky = clean.scene.skies[0]
     start_s = week_and_tow(clean.scenario.start_gpst)[1]
     sats = [heard.id.sat for heard in sky.signals]
     for number, arc in arcs.items():
-        epoch = epochs[-1]
-        m = epoch.measurements[number]
-        true_s = epoch.elapsed_s + float(sky.true_minus_elapsed_s(epoch.elapsed_s))
+        last = np.flatnonzero(measurements.arc == number)[-1]
+        elapsed_s, row = float(measurements.elapsed_s[last]), measurements.table[last]
+        true_s = elapsed_s + float(sky.true_minus_elapsed_s(elapsed_s))
         sent_s = start_s + true_s - float(sky.code_delay_s(true_s)[sats.index(arc.signal.sat)])
-        told_s = (arc.tow_ms_at_period_0 + m.periods) * 1e-3 + m.fraction_s
+        told_s = (arc.tow_ms_at_period_0 + row[m.PERIODS]) * 1e-3 + row[m.FRACTION_S]
         assert abs(told_s - sent_s) < 1e-7
 
 
@@ -112,21 +114,6 @@ def test_carrier_and_doppler_agree_with_the_truth(clean, tracked):
     moved = error_cyc - error_cyc[0]
     assert np.abs(moved).max() < 0.06
     assert np.abs((o.doppler_hz - doppler_hz)[o_rows]).max() < 0.5
-
-
-def test_carrier_to_noise_is_unbiased():
-    rng = np.random.default_rng(3)
-    for cn0_dbhz in (28.0, 35.0, 45.0, 52.0):
-        amplitude = np.sqrt(2.0 * 10.0 ** (cn0_dbhz / 10.0) * 1e-3)
-        i, q = rng.normal(size=(2, 2000, 200))
-        hz = [carrier_to_noise_hz(a, b, 1e-3) for a, b in zip(i + amplitude, q, strict=True)]
-        assert 10.0 * np.log10(np.mean(hz)) == pytest.approx(cn0_dbhz, abs=0.15)
-
-
-def test_code_sigma_shrinks_with_the_root_of_time_and_power():
-    one = code_sigma_chips(1e4, 0.25, 0.2, 1e-3)
-    assert code_sigma_chips(1e4, 0.25, 0.8, 1e-3) == pytest.approx(one / 2.0)
-    assert code_sigma_chips(4e6, 0.25, 0.2, 1e-3) == pytest.approx(one / 20.0, rel=0.06)
 
 
 def test_copies_appear_when_the_meaconer_does_and_bracket_its_onset(meaconed, meaconed_tracked):

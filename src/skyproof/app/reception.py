@@ -10,15 +10,17 @@ import numpy as np
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.settings import Settings
 from skyproof.errors import InputError, NotEnoughData
-from skyproof.formats.raw import open_raw
+from skyproof.formats.recording import open_recording
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import iso, resolve_week, seconds_between, week_and_tow
 from skyproof.navigation.clock import anchored
 from skyproof.navigation.fix import fix
+from skyproof.receiver.channels import Arc, Gap
+from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.observables import ClockLabel, assemble, clock_label, navigation_of, timed_by_range, week_told
-from skyproof.receiver.tracking import Arc, Epoch, Receiver, ReceiverSettings, ReceiverState
+from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
 from skyproof.records import NavigationData, Observations, Samples, SignalId
 
 __all__ = ["Reception", "Tracker", "observe", "open_inputs", "require_signals", "stretch", "track"]
@@ -53,8 +55,9 @@ class Tracker:
     receiver: Receiver
     state: ReceiverState = field(default_factory=ReceiverState)
     position: int = 0
-    epochs: list[Epoch] = field(default_factory=list)
+    measured: list[Measurements] = field(default_factory=list)
     arcs: dict[int, Arc] = field(default_factory=dict)
+    gaps: list[Gap] = field(default_factory=list)
 
     def advance(self) -> bool:
         """Work on the next block; False when the recording has ended."""
@@ -63,13 +66,23 @@ class Tracker:
             return False
         output, self.state = self.receiver.step(self.state, self.samples.read(self.position, count))
         self.position += count
-        self.arcs |= output.arcs  # before the epochs that name them, whenever Ctrl-C comes
-        self.epochs += output.epochs
+        self.arcs |= output.arcs  # before the measurements that name them, whenever Ctrl-C comes
+        self.measured.append(output.measurements)
+        self.gaps += output.gaps
         return True
 
     @property
     def examined_s(self) -> float:
         return self.position / self.samples.rate_hz
+
+    @property
+    def measurements(self) -> Measurements:
+        return Measurements.joined(self.measured)
+
+    @property
+    def epoch_s(self) -> float:
+        """From one row of measurements to the next."""
+        return MEASURE_FRAMES * self.receiver.settings.frame_s
 
 
 def open_inputs(paths: Sequence[Path], settings: Settings) -> list[Samples]:
@@ -83,22 +96,22 @@ def open_inputs(paths: Sequence[Path], settings: Settings) -> list[Samples]:
         raise InputError("no recording given; give one file of samples a receiver, each with its sidecar")
     opened: list[Samples] = []
     for path in paths:
-        samples = open_raw(path)
-        for other in opened:
-            if _is_same(other, samples):
-                raise InputError(
-                    f"{samples.path}: the same recording as {other.path}; two receivers that are one would look like "
-                    "signals from one antenna: give each receiver's own recording, and each once"
-                )
-        names = [other.name for other in opened]
-        candidates = (samples.name, *(f"{samples.name}-{number}" for number in range(2, len(names) + 3)))
-        opened.append(replace(samples, name=next(name for name in candidates if name not in names)))
+        for samples in open_recording(path):  # several if the file has several channels
+            for other in opened:
+                if _is_same(other, samples):
+                    raise InputError(
+                        f"{samples.path}: the same recording as {other.path}; two receivers that are one would look "
+                        "like signals from one antenna: give each receiver's own recording, and each once"
+                    )
+            names = [other.name for other in opened]
+            candidates = (samples.name, *(f"{samples.name}-{number}" for number in range(2, len(names) + 3)))
+            opened.append(replace(samples, name=next(name for name in candidates if name not in names)))
     return [stretch(samples, settings.start_s, settings.duration_s) for samples in opened]
 
 
 def _is_same(a: Samples, b: Samples) -> bool:
     """Whether two recordings have a stretch in common, where both are long enough: noise never repeats itself."""
-    if Path(a.path).resolve() == Path(b.path).resolve():
+    if Path(a.path).resolve() == Path(b.path).resolve() and a.name == b.name:
         return True
     count = min(SAME_SAMPLES, a.n_samples, b.n_samples)
     starts = (0, (min(a.n_samples, b.n_samples) - count) // 2)
@@ -116,12 +129,18 @@ def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Sampl
     count = samples.n_samples - first
     if duration_s is not None:
         count = min(count, round(duration_s * samples.rate_hz))
-    start_gpst = samples.start_gpst
+    missing_s = sum(gap.missing_samples for gap in samples.gaps if gap.at_sample <= first) / samples.rate_hz
+    later = np.timedelta64(round((start_s + missing_s) * 1e9), "ns")
     return replace(
         samples,
         n_samples=count,
         read=lambda start, n: samples.read(first + start, min(n, count - start)),
-        start_gpst=None if start_gpst is None else start_gpst + np.timedelta64(round(start_s * 1e9), "ns"),
+        start_gpst=None if samples.start_gpst is None else samples.start_gpst + later,
+        gaps=tuple(
+            replace(gap, at_sample=gap.at_sample - first)
+            for gap in samples.gaps
+            if first < gap.at_sample < first + count
+        ),
     )
 
 
@@ -167,7 +186,8 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
     heard = {arc.signal for arc in tracker.arcs.values()}
     remarks: list[str] = []
     week = _week(tracker, navigation, remarks)
-    label = clock_label(tracker.epochs, tracker.arcs, week)
+    measurements = tracker.measurements
+    label = clock_label(measurements, tracker.arcs, week)
     if label is not None:
         label = _near_date(label, samples, tracker.arcs, remarks)
         week = label.week
@@ -274,9 +294,11 @@ def _week_of_message(arcs: Mapping[int, Arc], label: ClockLabel) -> int | None:
 
 def _assembled(tracker: Tracker, arcs: Mapping[int, Arc], label: ClockLabel) -> Observations:
     settings = tracker.receiver.settings
+    n_epochs = int(tracker.state.frame - 1) // MEASURE_FRAMES
+    elapsed_s = settings.frame_s * MEASURE_FRAMES * np.arange(1.0, n_epochs + 1)
     return assemble(
-        tracker.samples.name, tracker.epochs, arcs, label, carrier_hz=settings.signal.carrier_hz,
-        averaged_s=2.0 * settings.frame_s,
+        tracker.samples.name, tracker.measurements, arcs, label, elapsed_s, carrier_hz=settings.signal.carrier_hz,
+        averaged_s=tracker.epoch_s,
     )  # fmt: skip
 
 
@@ -305,7 +327,7 @@ def _all_timed(
         away_m = float(np.linalg.norm(state.position_ecef_m - shown.position_ecef_m[row]))
         return away_m + SPEED_OF_LIGHT_M_S * clock_s
 
-    arcs = timed_by_range(tracker.arcs, tracker.epochs, label, range_m)
+    arcs = timed_by_range(tracker.arcs, tracker.measurements, label, range_m)
     gained = sorted(
         str(arc.signal)
         for number, arc in arcs.items()

@@ -8,14 +8,20 @@ from skyproof.app.settings import Settings
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulate import scenes
 from skyproof.simulate.files import write
+from skyproof.simulate.scenario import FrontEnd
 
 
 def warm() -> None:
-    """A fraction of a second through simulator and receiver: too short to hear anything, long enough to compile."""
-    scenario = scenes.demo(duration_s=0.3, onset_s=0.1)
+    """A second through simulator and receiver, then a moment of each kind of whole bytes: all that is compiled."""
+    scenario = scenes.demo(duration_s=1.3, onset_s=0.5)
     with tempfile.TemporaryDirectory() as folder:
-        recordings = write(scenario, nominal_constellation(scenario.start_gpst), Path(folder))
+        recordings = write(scenario, nominal_constellation(scenario.start_gpst), Path(folder) / "bits")
         track(open_inputs(recordings, Settings()), Settings())
+        for bits in (8, 16):
+            front_end = FrontEnd(encoding="int", bits=bits)
+            short = scenario.model_copy(update={"duration_s": 0.1, "front_end": front_end})
+            recordings = write(short, nominal_constellation(scenario.start_gpst), Path(folder) / f"int{bits}")
+            track(open_inputs(recordings, Settings()), Settings())
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ def take(observations: Observations, rows: NDArray[np.bool_]) -> Observations:
         for f in fields(observations)
         if isinstance(getattr(observations, f.name), np.ndarray)
         and getattr(observations, f.name).shape[:1] == (n,)
-        and f.name not in ("found_elapsed_s", "missed_elapsed_s")
+        and f.name not in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
     }
     return replace(observations, **chosen)
 

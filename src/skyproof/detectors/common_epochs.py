@@ -66,7 +66,7 @@ def common_ranges(
             continue
         dt_s = instants_s - time_s[nearest]
         cells = np.ix_(nearest, columns)
-        rate_m_s = -SPEED_OF_LIGHT_M_S / observations.carrier_hz * observations.doppler_hz[cells]
+        rate_m_s = -SPEED_OF_LIGHT_M_S / observations.carrier_hz[columns] * observations.doppler_hz[cells]
         # With equal instants the Doppler is not needed, and may be missing.
         shift_m = np.where(np.abs(dt_s)[:, None] > 1e-9, rate_m_s * dt_s[:, None], 0.0)
         near = np.abs(dt_s) <= 0.51 * step_s

@@ -1,4 +1,4 @@
-"""RINEX navigation files, GPS LNAV: versions 2.10 and 2.11, 3.0x (mixed too) and 4.0x in; version 3.05 out.
+"""RINEX navigation files of GPS, QZSS, Galileo, BeiDou, GLONASS: versions 2.1x, 3.0x and 4.0x in; version 3.05 out.
 
 A damaged record costs that record, never the file; what was left out is told in `NavigationData.remarks`.
 """
@@ -19,65 +19,89 @@ import numpy as np
 
 from skyproof.errors import InputError
 from skyproof.formats.place import write_lines
-from skyproof.gnss.constants import SECONDS_PER_WEEK
-from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
+from skyproof.gnss.constants import SECONDS_PER_DAY, SECONDS_PER_WEEK
+from skyproof.gnss.ephemeris import (
+    BroadcastEphemeris,
+    Ephemeris,
+    GlonassEphemeris,
+    Klobuchar,
+    NavigationData,
+    UtcParameters,
+)
 from skyproof.gnss.lnav import URA_M, is_plausible
-from skyproof.gnss.signals import sat_name
-from skyproof.gnss.time import gpst, iso, leap_seconds, nearest_week, week_and_tow
+from skyproof.gnss.time import gpst, gpst_from_utc, iso, leap_seconds, nearest_week, utc_from_gpst, week_and_tow
 
-__all__ = ["parse_nav", "read_nav", "write_nav"]
+__all__ = ["glonass_channels", "parse_nav", "read_nav", "write_nav"]
 
-_TO_DO: Final = "give a RINEX navigation file of GPS (2.11, 3 or 4), such as brdc0010.22n or ..._MN.rnx, plain or .gz"
+_TO_DO: Final = "give a RINEX navigation file (2.11, 3 or 4), such as brdc0010.22n or ..._MN.rnx, plain or .gz"
 _FIELD_WIDTH: Final = 19
 _MOST_REMARKS: Final = 20  # of damaged records, one a line; the rest is counted
 _UNKNOWN_TIME_S: Final = 0.9999e9  # RINEX 3.05, table A6: transmission time not known
+_READ: Final = {
+    "G": ("EPH", "EPH LNAV", "ION LNAV"), "J": ("EPH", "EPH LNAV"), "E": ("EPH", "EPH INAV", "EPH FNAV"),
+    "C": ("EPH", "EPH D1", "EPH D2"), "R": ("EPH", "EPH FDMA"),
+}  # fmt: skip
+_NAMES: Final = {"G": "GPS", "J": "QZSS", "E": "Galileo", "C": "BeiDou", "R": "GLONASS"}
+_MOST_SATS: Final = {"G": 32, "J": 10, "E": 36, "C": 63, "R": 28}
+_ORBITS: Final = {
+    "E": (5150.0, 5600.0, 0.2, 0.8, 1.2), "J": (6300.0, 6700.0, 0.2, -0.1, 1.2), "C": (5100.0, 6700.0, 0.1, -0.2, 1.3),
+}  # fmt: skip
+"""Bounds of sqrt_a, e and i0; two Galileo satellites missed their orbit (e 0.17), i0 of GEOs is small."""
+_BDT_WEEK_0: Final = 1356  # the GPS week in which BDT began
+_D2_SATS: Final = frozenset((*(f"C{n:02d}" for n in range(1, 6)), *(f"C{n:02d}" for n in range(59, 64))))
 _NOMINAL_URA_M: Final = (2.0, 2.8, 4.0, 5.7, 8.0, 11.3, *(2.0 ** (k - 2) for k in range(6, 16)))
 """What files give for accuracy index 0 to 15 (IS-GPS-200N, 20.3.3.3.1.3)."""
 
 
 def read_nav(path: str | os.PathLike[str]) -> NavigationData:
-    """The GPS navigation data in a RINEX file, plain or gzip.
+    """The navigation data in a RINEX file, plain or gzip.
 
     Raises
     ------
-    InputError : the file cannot be read, is not a RINEX navigation file, or holds no GPS ephemeris.
+    InputError : the file cannot be read, is not a RINEX navigation file, or holds no ephemeris.
     """
     return parse_nav(_text(Path(path)).splitlines(), source=str(path))
 
 
 def parse_nav(lines: Iterable[str], *, source: str = "navigation data") -> NavigationData:
-    """The GPS navigation data in the lines of a RINEX navigation file; `source` names it in messages.
+    """The navigation data in the lines of a RINEX navigation file; `source` names it in messages.
 
-    Only LNAV records of GPS are taken. Weeks are full ones: the epoch of each record resolves them, whatever modulus
-    the writer had. A file that tells the leap seconds but not the polynomial of UTC gives one of zeros.
+    Taken are LNAV of GPS and QZSS, I/NAV and F/NAV of Galileo, D1 and D2 of BeiDou, FDMA of GLONASS, and GPS's
+    ionosphere. Weeks are full ones: the epoch of each record resolves them, whatever modulus the writer had. A file
+    that tells the leap seconds but not the polynomial of UTC gives one of zeros.
 
     Raises
     ------
-    InputError : not a RINEX navigation file, or no GPS ephemeris in it.
+    InputError : not a RINEX navigation file, or no ephemeris in it.
     """
     body = iter(enumerate(lines, start=1))
     header = _header(body, source)
     found = _Found()
-    for record in _records(body, header.version):
+    for record in _records(body, header.version, header.default_system):
         found.take(record, header.version)
     if not found.ephemerides:
         others = f"; {found.others_told()}" if found.others else ""
         broken = f"; {found.damaged[0]}" if found.damaged else ""
-        raise InputError(f"{source}: no GPS ephemeris after line {header.last_line}{others}{broken}; {_TO_DO}")
+        raise InputError(f"{source}: no ephemeris after line {header.last_line}{others}{broken}; {_TO_DO}")
     week = max(e.week for e in found.ephemerides)
     return NavigationData(
         ephemerides=tuple(found.ephemerides),
         ionosphere=found.ionosphere or header.ionosphere,
-        utc=header.utc(week, gpst(found.ephemerides[0].toc_week, found.ephemerides[0].toc)),
+        utc=header.utc(week, found.ephemerides[0].reference_gpst),
         source=source,
         remarks=tuple(header.remarks + found.remarks()),
     )
 
 
+def glonass_channels(navigation: NavigationData) -> dict[str, int]:
+    """The frequency number of every GLONASS satellite that the navigation data tell of."""
+    return {e.sat: e.frequency_number for e in navigation.ephemerides if isinstance(e, GlonassEphemeris)}
+
+
 def write_nav(
     path: str | os.PathLike[str], navigation: NavigationData, *, created: np.datetime64 | None = None
 ) -> None:
-    """Write GPS ephemerides, ionosphere and leap seconds as a RINEX 3.05 navigation file.
+    """Write ephemerides, GPS's ionosphere and leap seconds as a RINEX 3.05 navigation file.
 
     Orbits and clocks keep 13 digits, the ionosphere 5, as the format has them. `created` (UTC) goes into the header,
     which leaves the date blank without it: equal data make equal bytes.
@@ -113,6 +137,7 @@ def _text(path: Path) -> str:
 class _Header:
     version: float
     last_line: int
+    default_system: str = "G"  # of version 2, whose records do not tell it
     alpha: tuple[float, ...] = ()
     beta: tuple[float, ...] = ()
     utc_terms: tuple[float, ...] = ()  # A0, A1, reference time, reference week of any modulus
@@ -143,10 +168,10 @@ def _header(body: Iterator[tuple[int, str]], source: str) -> _Header:
     version = float(first[:9]) if re.fullmatch(r" *\d+(\.\d*)? *", first[:9]) else math.nan
     if not 2.0 <= version < 5.0:
         raise InputError(f"{source}, line 1: RINEX version {first[:9].strip()!r}, expected 2, 3 or 4; {_TO_DO}")
-    if kind != "N":
+    if kind != "N" and not (kind == "G" and version < 3.0):
         kinds = {"O": "observations", "G": "GLONASS navigation data", "M": "weather", "H": "SBAS navigation data"}
         raise InputError(f"{source}, line 1: the file holds {kinds.get(kind, repr(kind))}, expected type N; {_TO_DO}")
-    header = _Header(version=version, last_line=1)
+    header = _Header(version=version, last_line=1, default_system="R" if kind == "G" else "G")
     for number, line in body:
         header.last_line = number
         label = line[60:80].strip()
@@ -190,11 +215,11 @@ class _Record:
     lines: Sequence[str]
 
 
-def _records(body: Iterator[tuple[int, str]], version: float) -> Iterator[_Record]:
+def _records(body: Iterator[tuple[int, str]], version: float, default_system: str) -> Iterator[_Record]:
     """Records in the order of the file: a new one begins wherever a line begins like one, so a gap costs one record."""
     kind, sat, start, lines = "", "", 0, list[str]()
     for number, line in body:
-        begins = _beginning(line, version)
+        begins = _beginning(line, version, default_system)
         if begins is None:
             lines.append(line)
             continue
@@ -208,38 +233,41 @@ def _records(body: Iterator[tuple[int, str]], version: float) -> Iterator[_Recor
         yield _Record(start, sat, kind, lines)
 
 
-def _beginning(line: str, version: float) -> tuple[str, str] | None:
-    """Satellite and kind if a record begins with this line, else None."""
+def _beginning(line: str, version: float, default_system: str) -> tuple[str, str] | None:
+    """Satellite and kind if a record begins with this line, else None; versions 2 and 3 do not tell the message."""
     if version >= 4.0:
         match = re.match(r"> *(EPH|STO|EOP|ION) +([A-Z][ \d]\d) *(\w*)", line)
         return (match[2].replace(" ", "0"), f"{match[1]} {match[3]}") if match else None
     if version >= 3.0:
         match = re.match(r"[A-Z][ \d]\d(?= )", line)
-        return (match[0].replace(" ", "0"), "EPH LNAV") if match else None
+        return (match[0].replace(" ", "0"), "EPH") if match else None
     prn = line[:2].strip()
-    return (f"G{int(prn):02d}", "EPH LNAV") if prn.isdigit() else None
+    return (f"{default_system}{int(prn):02d}", "EPH") if prn.isdigit() else None
 
 
 @dataclass
 class _Found:
     """What the records give, and what was wrong with those that give nothing."""
 
-    ephemerides: list[Ephemeris] = field(default_factory=list)
+    ephemerides: list[BroadcastEphemeris] = field(default_factory=list)
     ionosphere: Klobuchar | None = None
     others: Counter[str] = field(default_factory=Counter)
     damaged: list[str] = field(default_factory=list)
     weeks_off: int = 0
 
     def take(self, record: _Record, version: float) -> None:
+        system = record.sat[:1]
         try:
-            if record.sat[:1] == "G" and record.kind == "EPH LNAV":
+            if record.kind not in _READ.get(system, ()):
+                self.others[f"{system} {record.kind}".removesuffix(" EPH")] += 1
+            elif record.kind == "ION LNAV":
+                self.ionosphere = _ionosphere(record)
+            elif system == "R":
+                self.ephemerides.append(_glonass(record, version))
+            else:
                 ephemeris, week_as_written = _ephemeris(record, version)
                 self.ephemerides.append(ephemeris)
                 self.weeks_off += week_as_written != ephemeris.week
-            elif record.sat[:1] == "G" and record.kind == "ION LNAV":
-                self.ionosphere = _ionosphere(record)
-            else:
-                self.others[f"{record.sat[:1]} {record.kind}".removesuffix(" EPH LNAV")] += 1
         except ValueError as error:
             self.damaged.append(f"line {record.line_number}: {record.sat} left out, {error}")
 
@@ -260,35 +288,104 @@ class _Found:
 
 def _ephemeris(record: _Record, version: float) -> tuple[Ephemeris, int]:
     """The ephemeris of a record, and the week as it is written there. ValueError says what is wrong with the record."""
-    first_column = 4 if version >= 3.0 else 3
-    if len(record.lines) < 7:
-        raise ValueError(f"{len(record.lines)} lines of 8")
-    if version >= 4.0 and record.lines[0][:3].replace(" ", "0") != record.sat:
-        raise ValueError(f"its data are of {record.lines[0][:3]!r}")
-    toc_week, toc = week_and_tow(_epoch(record.lines[0], version))
-    af0, af1, af2 = _row(record.lines[0], first_column + _FIELD_WIDTH, 3)
-    orbit = [value for line in record.lines[1:8] for value in _row(line, first_column, 4)]
-    orbit += [math.nan] * (28 - len(orbit))
+    toc_instant, (af0, af1, af2), orbit = _values(record, version, rows=7)
+    toc_week, toc = week_and_tow(toc_instant)
     iode, crs, delta_n, m0, cuc, e, cus, sqrt_a, toe, cic, omega0, cis, i0, crc, omega, omega_dot, idot = orbit[:17]
     if any(math.isnan(value) for value in (af0, af1, af2, *orbit[:17])):
         raise ValueError("a number of its orbit or clock is missing")
     week = toc_week + round((toc - toe) / SECONDS_PER_WEEK)
+    system = record.sat[0]
     week_as_written = _whole(orbit[18], week)
+    if system == "C" and week_as_written < week - _BDT_WEEK_0 // 2:
+        week_as_written += _BDT_WEEK_0
     if abs(nearest_week(week_as_written, week, 1024) - week) > 1:
         raise ValueError(f"its date is in GPS week {week}, but it tells week {week_as_written}")
     sent_s, fit_h = orbit[24], orbit[25]
+    gps = system in "GJ"
+    group_delays = (orbit[22], 0.0) if gps else (orbit[22], orbit[23])
+    issue_of_clock = {"E": iode, "C": fit_h}.get(system, orbit[23])
     ephemeris = Ephemeris(
-        sat=sat_name(int(record.sat[1:])), week=week, toe=toe, toc_week=toc_week, toc=toc, af0=af0, af1=af1, af2=af2,
-        tgd=0.0 if math.isnan(orbit[22]) else orbit[22], iode=int(iode), iodc=_whole(orbit[23], int(iode)),
-        sqrt_a=sqrt_a, e=e, i0=i0, omega0=omega0, omega=omega, m0=m0, delta_n=delta_n, idot=idot, omega_dot=omega_dot,
-        crs=crs, crc=crc, cus=cus, cuc=cuc, cis=cis, cic=cic, health=_whole(orbit[21], 0),
-        ura_index=_ura_index(orbit[20]), fit_interval_h=fit_h if fit_h >= 4.0 else 4.0,  # 0 or blank: not known
-        code_on_l2=_whole(orbit[17], 0), l2_p_flag=_whole(orbit[19], 0),
+        sat=record.sat, week=week, toe=toe, toc_week=toc_week, toc=toc, af0=af0, af1=af1, af2=af2,
+        tgd=_or(group_delays[0], 0.0), tgd2=_or(group_delays[1], 0.0), iode=int(iode),
+        iodc=_whole(issue_of_clock, int(iode)), sqrt_a=sqrt_a, e=e, i0=i0, omega0=omega0, omega=omega, m0=m0,
+        delta_n=delta_n, idot=idot, omega_dot=omega_dot, crs=crs, crc=crc, cus=cus, cuc=cuc, cis=cis, cic=cic,
+        health=_whole(orbit[21], 0), ura_index=_ura_index(orbit[20]),
+        fit_interval_h=fit_h if gps and fit_h >= 4.0 else 4.0,  # 0 or blank: not known
+        code_on_l2=_whole(orbit[17], 0) if gps else 0, l2_p_flag=_whole(orbit[19], 0) if gps else 0,
         transmission_tow=sent_s if sent_s < _UNKNOWN_TIME_S else math.nan,
+        message=_message(record, orbit[17]),
     )  # fmt: skip
-    if not is_plausible(ephemeris):
-        raise ValueError("no GPS satellite can have its orbit")
+    if not _is_flyable(ephemeris):
+        raise ValueError(f"no {_NAMES[system]} satellite can have its orbit")
     return ephemeris, week_as_written
+
+
+def _message(record: _Record, sources: float) -> str:
+    """As version 4 tells it; of Galileo else by the pair of signals that its clock is for (RINEX 3.05, table A8)."""
+    if record.kind != "EPH":
+        return record.kind.removeprefix("EPH ")
+    if record.sat[0] == "E":
+        bits = _whole(sources, 0)
+        return "FNAV" if bits & 1 << 8 or (bits & 0b010 and not bits & 0b101) else "INAV"
+    if record.sat[0] == "C":
+        return "D2" if record.sat in _D2_SATS else "D1"
+    return "LNAV"
+
+
+def _is_flyable(eph: Ephemeris) -> bool:
+    """Whether this is an orbit of the system: a damaged file has any number in it."""
+    if eph.sat[0] == "G":
+        return is_plausible(eph)
+    sqrt_a_from, sqrt_a_to, e_to, i0_from, i0_to = _ORBITS[eph.sat[0]]
+    return (
+        sqrt_a_from < eph.sqrt_a < sqrt_a_to
+        and 0.0 <= eph.e < e_to
+        and i0_from < eph.i0 < i0_to
+        and abs(eph.omega_dot) < 2e-8
+        and 0.0 <= eph.toe < SECONDS_PER_WEEK
+    )
+
+
+def _glonass(record: _Record, version: float) -> GlonassEphemeris:
+    """RINEX 2.11, tables A10 and A11; 3.05, table A10; 4.00, table A23. The epoch is UTC."""
+    utc, (bias_s, gamma_n, frame_s), state = _values(record, version, rows=3)
+    if any(math.isnan(value) for value in (bias_s, gamma_n, *state[:3], *state[4:7], *state[7:11])):
+        raise ValueError("a number of its orbit or clock is missing")
+    x, y, z = state[0:4], state[4:8], state[8:12]
+    position, velocity, acceleration = (
+        (1e3 * x[k], 1e3 * y[k], 1e3 * _or(z[k], 0.0)) for k in range(3)
+    )
+    if not (2.4e7 < math.hypot(*position) < 2.7e7 and 2e3 < math.hypot(*velocity) < 5e3):
+        raise ValueError("no GLONASS satellite can have its orbit")
+    if abs(_or(y[3], 0.0)) > 13:
+        raise ValueError(f"its frequency number is {y[3]:g}, expected -7 to 13")
+    _, utc_s = week_and_tow(utc)
+    week, toe = week_and_tow(gpst_from_utc(utc))
+    day_s = utc_s // SECONDS_PER_DAY * SECONDS_PER_DAY if version < 3.0 else 0.0  # version 2 counts from midnight
+    return GlonassEphemeris(
+        sat=record.sat, week=week, toe=toe, tau_n=-bias_s, gamma_n=gamma_n, frequency_number=_whole(y[3], 0),
+        position_m=position, velocity_m_s=velocity, acceleration_m_s2=acceleration, health=_whole(x[3], 0),
+        age_days=_or(z[3], 0.0), message_tow=frame_s + day_s,
+        delta_tau_n=state[13] if abs(state[13]) < 1e-6 else math.nan,  # 0.999999999999E+09 is not known
+    )  # fmt: skip
+
+
+def _values(
+    record: _Record, version: float, *, rows: int
+) -> tuple[np.datetime64, tuple[float, ...], tuple[float, ...]]:
+    """Epoch, the three numbers beside it, and those of the lines below, NaN to 28. `rows` lines below have to be there;
+    of eight lines the last may be missing.
+    """
+    first_column = 4 if version >= 3.0 else 3
+    if len(record.lines) < min(rows + 1, 7):
+        raise ValueError(f"{len(record.lines)} lines of {rows + 1}")
+    if version >= 4.0 and record.lines[0][:3].replace(" ", "0") != record.sat:
+        raise ValueError(f"its data are of {record.lines[0][:3]!r}")
+    if not 1 <= int(record.sat[1:]) <= _MOST_SATS[record.sat[0]]:
+        raise ValueError("there is no such satellite")
+    clock = _row(record.lines[0], first_column + _FIELD_WIDTH, 3)
+    below = [value for line in record.lines[1:8] for value in _row(line, first_column, 4)]
+    return _epoch(record.lines[0], version), clock, (*below, *[math.nan] * (28 - len(below)))
 
 
 def _ionosphere(record: _Record) -> Klobuchar:
@@ -351,6 +448,10 @@ def _whole(value: float, default: int) -> int:
     return default if math.isnan(value) else round(value)
 
 
+def _or(value: float, default: float) -> float:
+    return default if math.isnan(value) else value
+
+
 def _ura_index(ura_m: float) -> int:
     """Index of the accuracy in metres: writers give the nominal value of a step or its upper limit."""
     return 0 if math.isnan(ura_m) else bisect.bisect_left(URA_M, ura_m)
@@ -361,7 +462,7 @@ def _ura_index(ura_m: float) -> int:
 
 def _header_lines(navigation: NavigationData, created: np.datetime64 | None) -> Iterator[str]:
     date = "" if created is None else re.sub("[-:]", "", iso(created, 0)).replace("T", " ") + " UTC"
-    yield _header_line(f"{3.05:9.2f}{'':11}{'N: GNSS NAV DATA':20}{'G: GPS':20}", "RINEX VERSION / TYPE")
+    yield _header_line(f"{3.05:9.2f}{'':11}{'N: GNSS NAV DATA':20}{_systems(navigation):20}", "RINEX VERSION / TYPE")
     yield _header_line(f"{'skyproof':20}{'':20}{date:20}", "PGM / RUN BY / DATE")
     if navigation.ionosphere is not None:
         for name, values in (("GPSA", navigation.ionosphere.alpha), ("GPSB", navigation.ionosphere.beta)):
@@ -378,22 +479,50 @@ def _header_line(content: str, label: str) -> str:
     return f"{content:60}{label:20}"
 
 
-def _record_lines(ephemerides: Iterable[Ephemeris]) -> Iterator[str]:
+def _systems(navigation: NavigationData) -> str:
+    letters = {e.sat[0] for e in navigation.ephemerides} or {"G"}
+    return "M: MIXED" if len(letters) > 1 else f"{min(letters)}: {_NAMES[min(letters)]}"
+
+
+def _record_lines(ephemerides: Iterable[BroadcastEphemeris]) -> Iterator[str]:
     for e in ephemerides:
-        toc = iso(gpst(e.toc_week, e.toc), 0)
-        yield f"{e.sat} {re.sub('[-T:]', ' ', toc)}" + _columns(e.af0, e.af1, e.af2)
-        sent_s = _UNKNOWN_TIME_S if math.isnan(e.transmission_tow) else e.transmission_tow
-        for row in (
-            (e.iode, e.crs, e.delta_n, e.m0),
-            (e.cuc, e.e, e.cus, e.sqrt_a),
-            (e.toe, e.cic, e.omega0, e.cis),
-            (e.i0, e.crc, e.omega, e.omega_dot),
-            (e.idot, e.code_on_l2, e.week, e.l2_p_flag),
-            (_NOMINAL_URA_M[e.ura_index], e.health, e.tgd, e.iodc),
-            (sent_s, e.fit_interval_h),
-        ):
-            yield "    " + _columns(*row)
+        epoch, clock, rows = _glonass_rows(e) if isinstance(e, GlonassEphemeris) else _kepler_rows(e)
+        yield f"{e.sat} {re.sub('[-T:]', ' ', iso(epoch, 0))}" + _columns(*clock)
+        for row in rows:
+            yield ("    " + _columns(*row)).rstrip()
+
+
+_Numbers = tuple[float, ...]
+
+
+def _glonass_rows(e: GlonassEphemeris) -> tuple[np.datetime64, _Numbers, tuple[_Numbers, ...]]:
+    x, y, z = (
+        tuple(1e-3 * vector[k] for vector in (e.position_m, e.velocity_m_s, e.acceleration_m_s2)) for k in range(3)
+    )
+    delay_s = 0.999999999999e9 if math.isnan(e.delta_tau_n) else e.delta_tau_n
+    rows = ((*x, e.health), (*y, e.frequency_number), (*z, e.age_days), (math.nan, delay_s))
+    return utc_from_gpst(e.reference_gpst), (-e.tau_n, e.gamma_n, e.message_tow), rows
+
+
+def _kepler_rows(e: Ephemeris) -> tuple[np.datetime64, _Numbers, tuple[_Numbers, ...]]:
+    sent_s = _UNKNOWN_TIME_S if math.isnan(e.transmission_tow) else e.transmission_tow
+    system = e.sat[0]
+    sources = {"INAV": 1 << 9 | 0b101, "FNAV": 1 << 8 | 0b010}.get(e.message, 0)
+    fifth, after_tgd, last = {
+        "E": ((e.idot, sources, e.week), e.tgd2, (sent_s,)),
+        "C": ((e.idot, math.nan, e.week - _BDT_WEEK_0), e.tgd2, (sent_s, e.iodc)),
+    }.get(system, ((e.idot, e.code_on_l2, e.week, e.l2_p_flag), e.iodc, (sent_s, e.fit_interval_h)))
+    rows = (
+        (e.iode, e.crs, e.delta_n, e.m0),
+        (e.cuc, e.e, e.cus, e.sqrt_a),
+        (e.toe, e.cic, e.omega0, e.cis),
+        (e.i0, e.crc, e.omega, e.omega_dot),
+        fifth,
+        (_NOMINAL_URA_M[e.ura_index], e.health, e.tgd, after_tgd),
+        last,
+    )
+    return gpst(e.toc_week, e.toc), (e.af0, e.af1, e.af2), rows
 
 
 def _columns(*values: float) -> str:
-    return "".join(f"{value:19.12E}" for value in values)
+    return "".join(" " * _FIELD_WIDTH if math.isnan(value) else f"{value:19.12E}" for value in values)

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.gnss.codes import ca_code
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ, CA_CODE_LENGTH, L1_HZ
+from skyproof.gnss.constants import CA_CHIP_RATE_HZ, CA_CODE_LENGTH, L1_HZ, SPEED_OF_LIGHT_M_S
 
-__all__ = ["GPS_L1_CA", "GPS_SATS", "SignalDescription", "prn_of", "sat_name"]
+__all__ = [
+    "GPS_L1_CA", "GPS_SATS", "SignalDescription", "carrier_hz_of", "chip_m_of", "prn_of", "rinex_signal", "sat_name",
+]  # fmt: skip
 
 GPS_SATS: Final = tuple(f"G{prn:02d}" for prn in range(1, 33))
 
@@ -57,3 +59,65 @@ def sat_name(prn: int) -> str:
     if not 1 <= prn <= 32:
         raise ValueError(f"PRN {prn} is no GPS satellite; expected 1 to 32")
     return GPS_SATS[prn - 1]
+
+
+# --- names, carriers and chips of all systems' signals (RINEX 3.05, tables 4 to 10)
+
+_BANDS: Final = {
+    "G": {"1": "L1", "2": "L2", "5": "L5"},
+    "J": {"1": "L1", "2": "L2", "5": "L5", "6": "L6"},
+    "E": {"1": "E1", "5": "E5a", "6": "E6", "7": "E5b", "8": "E5"},
+    "R": {"1": "G1", "2": "G2", "3": "G3", "4": "G1a", "6": "G2a"},
+    "C": {"1": "B1C", "2": "B1", "5": "B2a", "6": "B3", "7": "B2", "8": "B2ab"},
+    "S": {"1": "L1", "5": "L5"},
+    "I": {"1": "L1", "5": "L5", "9": "S"},
+}
+_MHZ: Final = {
+    "L1": 1575.42, "L2": 1227.60, "L5": 1176.45, "L6": 1278.75, "S": 2492.028,
+    "E1": 1575.42, "E5a": 1176.45, "E5b": 1207.14, "E5": 1191.795, "E6": 1278.75,
+    "G3": 1202.025, "G1a": 1600.995, "G2a": 1248.06,
+    "B1C": 1575.42, "B1": 1561.098, "B2a": 1176.45, "B2": 1207.14, "B2b": 1207.14, "B2ab": 1191.795, "B3": 1268.52,
+}  # fmt: skip
+_FDMA_MHZ: Final = {"G1": (1602.0, 0.5625), "G2": (1246.0, 0.4375)}  # of number 0, and the step (ICD 5.1, 3.3.1.1)
+_CHIPS_MHZ: Final = {
+    "G1": 0.511, "G2": 0.511, "B1": 2.046, "B2": 2.046, "B3": 10.23, "L5": 10.23, "E5a": 10.23, "E5b": 10.23,
+    "E5": 10.23, "E6": 5.115, "L6": 5.115, "G3": 10.23, "B2a": 10.23, "B2b": 10.23, "B2ab": 10.23,
+}  # fmt: skip
+_PRECISE: Final = frozenset("PYWDM")
+
+
+def rinex_signal(system: str, attribute: str, version: float = 3.05) -> tuple[str, str] | None:
+    """Band and code of a RINEX 3 signal such as "1C"; None for a band that the system does not have.
+
+    C/A codes are "CA" (GPS, QZSS, SBAS on L1, GLONASS on G1 and G2), BeiDou's codes keep the band's digit ("2I", "1P"),
+    all others are the attribute ("Q"). Version 3.02 wrote BeiDou's B1I as band 1.
+    """
+    digit, letter = attribute[0], attribute[1:]
+    if system == "C" and digit == "1" and (letter in "IQ" or (letter == "X" and 3.015 < version < 3.025)):
+        digit = "2"
+    band = _BANDS.get(system, {}).get(digit)
+    if band is None or not letter:
+        return None
+    if system == "C":
+        return ("B2b" if digit == "7" and letter in "DPZ" else band), digit + letter
+    if letter == "C" and (band == "L1" or (system == "R" and band in _FDMA_MHZ)):
+        return band, "CA"
+    return band, letter
+
+
+def carrier_hz_of(band: str, frequency_number: int | None = None) -> float:
+    """Carrier of a band in Hz; of GLONASS's G1 and G2 by the satellite's frequency number, NaN without it."""
+    if band in _FDMA_MHZ:
+        centre_mhz, step_mhz = _FDMA_MHZ[band]
+        return float("nan") if frequency_number is None else 1e6 * (centre_mhz + step_mhz * frequency_number)
+    return 1e6 * _MHZ[band]
+
+
+def chip_m_of(sat: str, band: str, code: str) -> float:
+    """Length of a chip in metres, for the noise of code to be expected."""
+    rate_mhz = _CHIPS_MHZ.get(band, 1.023)
+    if sat[0] == "R" and code == "P":
+        rate_mhz = 5.11
+    elif sat[0] == "G" and band in ("L1", "L2") and code in _PRECISE:
+        rate_mhz = 10.23
+    return SPEED_OF_LIGHT_M_S / (1e6 * rate_mhz)

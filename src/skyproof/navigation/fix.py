@@ -8,14 +8,35 @@ from numpy.typing import NDArray
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.least_squares import Solution, design_matrix, gauss_newton, line_of_sight, spd_inverse
-from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges
+from skyproof.navigation.least_squares import (
+    Solution,
+    design_matrix,
+    gauss_newton,
+    line_of_sight,
+    normal_inverse,
+    spd_inverse,
+)
+from skyproof.navigation.raim import exclude_several
+from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scales
 from skyproof.records import Fix, NavigationData, Observations, Reals, SignalId
 
-__all__ = ["fix"]
+__all__ = ["Geometry", "RangeRates", "fix", "fix_and_geometry", "range_rates"]
 
 _BLOCK_EPOCHS = 4096  # bounds the memory of a day at 1 Hz
 _CONVERGED_M = 1e-2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Geometry:
+    """The linear problem at each epoch's fix, for `raim` and `protection`.
+
+    design (n_epochs, n_signals, 3 + c) by position and the clock of each time scale; misfit_m and sigma_m
+    (n_epochs, n_signals), NaN where not used.
+    """
+
+    design: Reals
+    misfit_m: Reals
+    sigma_m: Reals
 
 
 @dataclass(frozen=True)
@@ -25,6 +46,19 @@ class _Settings:
     elevation_mask_rad: float
     start_ecef_m: Reals
     max_gdop: float
+    false_alarm_probability: float | None
+
+
+@dataclass(frozen=True)
+class _Channels:
+    """What does not change with time: columns, carrier_hz (k,), clocks (k, c) or None for one scale, space_m (k,)."""
+
+    signals: tuple[SignalId, ...]
+    columns: list[int]
+    carrier_hz: Reals
+    scales: tuple[str, ...]
+    clocks: Reals | None
+    space_m: Reals
 
 
 def fix(
@@ -37,15 +71,20 @@ def fix(
     elevation_mask_deg: float = 5.0,
     start_ecef_m: Reals | None = None,
     max_gdop: float = 50.0,
+    false_alarm_probability: float | None = None,
 ) -> Fix:
     """Weighted least squares for position and clock from pseudoranges, and for velocity and drift from Dopplers.
 
     The receiver's clock may be off by seconds. Klobuchar, Saastamoinen, group delay, relativity and Sagnac are taken
     off. One pseudorange has
 
-        sigma^2 = thermal^2 + (multipath_sigma_m / sin el)^2 + (ionosphere_share * ionosphere)^2
+        sigma^2 = thermal^2 + (multipath_sigma_m / sin el)^2 + (ionosphere_share * ionosphere)^2 + space^2
 
-    the law of the RTKLIB 2.4.2 manual, appendix E.6 (a^2 + b^2 / sin^2 el) with the measured thermal noise for a.
+    the law of the RTKLIB 2.4.2 manual, appendix E.6 (a^2 + b^2 / sin^2 el) with the measured thermal noise for a, and
+    `ranges.space_sigma_m`, what a system's orbits and clocks are worse than those of GPS.
+
+    Each time scale among the signals (GPS and QZSS share one) has a clock bias of its own at every epoch: the receiver
+    delays its signals in its own way, and the scales differ. A scale without a satellite is left out of that epoch.
 
     Parameters
     ----------
@@ -55,36 +94,61 @@ def fix(
     elevation_mask_deg : satellites lower than this are not used.
     start_ecef_m : (3,) where to start, by default the Earth's centre.
     max_gdop : geometry beyond this is status 2.
+    false_alarm_probability : if given, epochs whose residuals fail `raim.global_test` at this rate leave out as few
+        measurements as make them pass, by `raim.exclude_several`; where that does not help, all are kept. Never to be
+        used to decide who is authentic.
 
     Returns
     -------
-    Fix, with status 1 for fewer than four satellites, 2 for weak geometry, 3 without convergence. Velocity and drift
-    are NaN, too, where fewer than four of the satellites have a Doppler.
+    Fix, with status 1 for fewer satellites than unknowns, 2 for weak geometry, 3 without convergence. Velocity and
+    drift are NaN, too, where fewer than four of the satellites have a Doppler.
 
     Raises
     ------
     ValueError : a signal is not in the observations, or two signals of a satellite are to be used at once.
     """
-    signals = observations.signals if signals is None else signals
-    columns = _columns(observations, signals)
+    return fix_and_geometry(
+        observations, navigation, signals=signals, multipath_sigma_m=multipath_sigma_m,
+        ionosphere_share=ionosphere_share, elevation_mask_deg=elevation_mask_deg, start_ecef_m=start_ecef_m,
+        max_gdop=max_gdop, false_alarm_probability=false_alarm_probability,
+    )[0]  # fmt: skip
+
+
+def fix_and_geometry(
+    observations: Observations,
+    navigation: NavigationData,
+    *,
+    signals: tuple[SignalId, ...] | None = None,
+    multipath_sigma_m: float = 0.5,
+    ionosphere_share: float = 0.25,
+    elevation_mask_deg: float = 5.0,
+    start_ecef_m: Reals | None = None,
+    max_gdop: float = 50.0,
+    false_alarm_probability: float | None = None,
+) -> tuple[Fix, Geometry]:
+    """As `fix`, and the linear problem that it ended with."""
+    channels = _channels(observations, observations.signals if signals is None else signals)
     settings = _Settings(
         multipath_sigma_m,
         ionosphere_share,
         np.radians(elevation_mask_deg),
         np.zeros(3) if start_ecef_m is None else np.asarray(start_ecef_m, np.float64),
         max_gdop,
+        false_alarm_probability,
     )
     n = observations.gpst.size
     blocks = [
-        _fix_block(observations, navigation, signals, columns, slice(first, first + _BLOCK_EPOCHS), settings)
+        _fix_block(observations, navigation, channels, slice(first, first + _BLOCK_EPOCHS), settings)
         for first in range(0, max(n, 1), _BLOCK_EPOCHS)
     ]
-    state, velocity, covariance, residual, status = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    state, offset_m, velocity, covariance, residual, status, design, sigma = (
+        np.concatenate(parts) for parts in zip(*blocks, strict=True)
+    )
     bias_s = state[:, 3] / SPEED_OF_LIGHT_M_S
     bias_ns = np.rint(np.nan_to_num(bias_s) * 1e9).astype(np.int64)
-    return Fix(
+    found = Fix(
         receiver=observations.receiver,
-        signals=signals,
+        signals=channels.signals,
         gpst=observations.gpst - bias_ns.astype("timedelta64[ns]"),
         position_ecef_m=state[:, :3],
         velocity_ecef_m_s=velocity[:, :3],
@@ -93,10 +157,12 @@ def fix(
         covariance_m2=covariance,
         residual_m=residual,
         status=status.astype(np.uint8),
+        inter_system_s={scale: offset_m[:, k] / SPEED_OF_LIGHT_M_S for k, scale in enumerate(channels.scales)},
     )
+    return found, Geometry(design=design, misfit_m=residual, sigma_m=sigma)
 
 
-def _columns(observations: Observations, signals: tuple[SignalId, ...]) -> list[int]:
+def _channels(observations: Observations, signals: tuple[SignalId, ...]) -> _Channels:
     where = {signal: column for column, signal in enumerate(observations.signals)}
     missing = [str(signal) for signal in signals if signal not in where]
     if missing:
@@ -107,23 +173,28 @@ def _columns(observations: Observations, signals: tuple[SignalId, ...]) -> list[
         at_once = there[:, [signal.sat == sat for signal in signals]].sum(axis=1)
         if np.any(at_once > 1):
             raise ValueError(f"several signals of {sat} at once in {observations.receiver}; say which with `signals`")
-    return columns
+    scales, clocks = time_scales(signals)
+    return _Channels(
+        signals, columns, observations.carrier_hz[columns], scales, clocks if len(scales) > 1 else None,
+        space_sigma_m(signals),
+    )  # fmt: skip
 
 
 def _fix_block(
     observations: Observations,
     navigation: NavigationData,
-    signals: tuple[SignalId, ...],
-    columns: list[int],
+    channels: _Channels,
     rows: slice,
     settings: _Settings,
-) -> tuple[Reals, Reals, Reals, Reals, Reals]:
-    """State (n, 4), velocity and drift in m/s (n, 4), covariance (n, 4, 4), residuals (n, k), status (n,)."""
-    gpst = observations.gpst[rows]
-    ranges = corrected_ranges(signals, gpst, observations.pseudorange_m[rows][:, columns], navigation)
+) -> tuple[Reals, ...]:
+    """State (n, 4), other clocks minus that one in metres (n, c), velocity and drift in m/s (n, 4), covariance
+    (n, 4, 4), residuals (n, k), status (n,), design (n, k, 3 + c), sigma (n, k)."""
+    gpst, columns = observations.gpst[rows], channels.columns
+    ranges = corrected_ranges(channels.signals, gpst, observations.pseudorange_m[rows][:, columns], navigation)
     thermal_m = observations.pseudorange_sigma_m[rows][:, columns]
     _, tow_s = week_and_tow(gpst)  # of the label: the ionosphere does not care for a second
-    solution, used = _position(ranges, thermal_m, tow_s, navigation, settings)
+    solution, sigma_m = _position(ranges, thermal_m, tow_s, navigation, channels, settings)
+    used = np.isfinite(sigma_m)
     satellite, unit, distance_m = line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
     velocity = _velocity(
         ranges,
@@ -133,48 +204,91 @@ def _fix_block(
         used,
         observations.doppler_hz[rows][:, columns],
         observations.doppler_sigma_hz[rows][:, columns],
-        observations.carrier_hz,
+        channels.carrier_hz,
     )
-    design = np.where(used[..., None], design_matrix(unit), 0.0)
-    gdop = np.sqrt(np.trace(spd_inverse(np.swapaxes(design, -1, -2) @ design), axis1=-2, axis2=-1))
+    design = np.where(used[..., None], design_matrix(unit, channels.clocks), 0.0)
+    present = np.any(design[..., 3:] != 0.0, axis=1)
+    reference = np.argmax(present, axis=1)  # scales stand in the order of preference
+    gain = _of_reference(normal_inverse(np.swapaxes(design, -1, -2) @ design), reference)
+    gdop = np.sqrt(np.trace(gain, axis1=-2, axis2=-1))
     status = np.select(
-        [used.sum(axis=1) < 4, ~(gdop <= settings.max_gdop), ~(solution.last_step_m < _CONVERGED_M)],
+        [
+            used.sum(axis=1) < 3 + np.maximum(present.sum(axis=1), 1),
+            ~(gdop <= settings.max_gdop),
+            ~(solution.last_step_m < _CONVERGED_M),
+        ],
         [1.0, 2.0, 3.0],
         0.0,
     )
     bad = status > 0
-    for array in (solution.state_m, velocity, solution.covariance_m2):
+    clocks_m = np.where(present, solution.state_m[:, 3:], np.nan)
+    clock_m = np.take_along_axis(clocks_m, reference[:, None], axis=1)
+    state = np.concatenate((solution.state_m[:, :3], clock_m), axis=1)
+    covariance = _of_reference(solution.covariance_m2, reference)
+    for array in (state, clocks_m, velocity, covariance):
         array[bad] = np.nan
-    residual = np.where(used & ~bad[:, None], solution.residual_m, np.nan)
-    return solution.state_m, velocity, solution.covariance_m2, residual, status
+    kept = used & ~bad[:, None]
+    residual = np.where(kept, solution.residual_m, np.nan)
+    return state, clocks_m - clock_m, velocity, covariance, residual, status, design, np.where(kept, sigma_m, np.nan)
+
+
+def _of_reference(matrix: Reals, reference: NDArray[np.intp]) -> Reals:
+    """Rows and columns of position and the reference clock: (n, 4, 4) of (n, 3 + c, 3 + c)."""
+    if matrix.shape[-1] == 4:
+        return matrix
+    kept = np.concatenate((np.broadcast_to(np.arange(3), (len(matrix), 3)), 3 + reference[:, None]), axis=1)
+    return matrix[np.arange(len(matrix))[:, None, None], kept[:, :, None], kept[:, None, :]]
 
 
 def _position(
-    ranges: Ranges, thermal_m: Reals, tow_s: Reals, navigation: NavigationData, settings: _Settings
-) -> tuple[Solution, NDArray[np.bool_]]:
-    """Rough position without atmosphere, then twice with the atmosphere of the position so far."""
+    ranges: Ranges,
+    thermal_m: Reals,
+    tow_s: Reals,
+    navigation: NavigationData,
+    channels: _Channels,
+    settings: _Settings,
+) -> tuple[Solution, Reals]:
+    """Rough position without atmosphere, then twice with the atmosphere of the position so far; sigma NaN if unused."""
     n = len(ranges.range_m)
-    start = np.broadcast_to(np.append(settings.start_ecef_m, 0.0), (n, 4))
-    solution = gauss_newton(ranges.satellite_ecef_m, ranges.range_m, thermal_m, start, tolerance_m=10.0)
+    start = np.zeros((n, 3 + len(channels.scales)))
+    start[:, :3] = settings.start_ecef_m
+    solution = gauss_newton(
+        ranges.satellite_ecef_m, ranges.range_m, thermal_m, start, clocks=channels.clocks, tolerance_m=10.0
+    )
     used = np.isfinite(ranges.range_m) & np.isfinite(thermal_m)
     for last in (False, True):
         satellite, _, _ = line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
         delays = atmosphere(
-            solution.state_m[:, :3], satellite, tow_s, navigation.ionosphere, ionosphere_share=settings.ionosphere_share
-        )
+            solution.state_m[:, :3], satellite, tow_s, navigation.ionosphere,
+            ionosphere_share=settings.ionosphere_share, carrier_hz=channels.carrier_hz,
+        )  # fmt: skip
         if not last:
             used &= delays.elevation_rad >= settings.elevation_mask_rad
         sigma_m = np.sqrt(
-            thermal_m**2 + (settings.multipath_sigma_m / np.sin(delays.elevation_rad)) ** 2 + delays.sigma_m**2
+            thermal_m**2
+            + (settings.multipath_sigma_m / np.sin(delays.elevation_rad)) ** 2
+            + delays.sigma_m**2
+            + channels.space_m**2
         )
+        sigma_m = np.where(used, sigma_m, np.nan)
+        range_m = ranges.range_m - delays.delay_m
         solution = gauss_newton(
-            ranges.satellite_ecef_m,
-            ranges.range_m - delays.delay_m,
-            np.where(used, sigma_m, np.nan),
-            solution.state_m,
-            max_steps=6,
+            ranges.satellite_ecef_m, range_m, sigma_m, solution.state_m, clocks=channels.clocks, max_steps=6
         )
-    return solution, used
+    if settings.false_alarm_probability is None:
+        return solution, sigma_m
+    _, unit, _ = line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
+    excluded, _ = exclude_several(
+        design_matrix(unit, channels.clocks), np.where(used, solution.residual_m, np.nan), sigma_m,
+        false_alarm_probability=settings.false_alarm_probability,
+    )  # fmt: skip
+    if not np.any(excluded):
+        return solution, sigma_m
+    sigma_m = np.where(excluded, np.nan, sigma_m)
+    again = gauss_newton(
+        ranges.satellite_ecef_m, range_m, sigma_m, solution.state_m, clocks=channels.clocks, max_steps=6
+    )
+    return again, sigma_m
 
 
 def _velocity(
@@ -185,9 +299,36 @@ def _velocity(
     used: NDArray[np.bool_],
     doppler_hz: Reals,
     doppler_sigma_hz: Reals,
-    carrier_hz: float,
+    carrier_hz: Reals,
 ) -> Reals:
-    """Velocity and c times clock drift, (n, 4), m/s.
+    """Velocity and c times clock drift, (n, 4), m/s, by `range_rates`."""
+    rates = range_rates(ranges, satellite_ecef_m, unit, distance_m, doppler_hz, doppler_sigma_hz, carrier_hz)
+    there = used & np.isfinite(rates.measured_m_s) & np.isfinite(rates.sigma_m_s)
+    design = np.where(there[..., None], np.concatenate((-unit, rates.drift_gain[..., None]), axis=-1), 0.0)
+    weighted = np.swapaxes(design / np.where(there, rates.sigma_m_s, 1.0)[..., None] ** 2, -1, -2)
+    solved = spd_inverse(weighted @ design) @ (weighted @ np.where(there, rates.measured_m_s, 0.0)[..., None])
+    return np.asarray(solved[..., 0])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RangeRates:
+    """measured_m_s = -unit . velocity + drift_gain * c * drift, with noise of sigma_m_s; all (..., k)."""
+
+    measured_m_s: Reals
+    drift_gain: Reals
+    sigma_m_s: Reals
+
+
+def range_rates(
+    ranges: Ranges,
+    satellite_ecef_m: Reals,
+    unit: Reals,
+    distance_m: Reals,
+    doppler_hz: Reals,
+    doppler_sigma_hz: Reals,
+    carrier_hz: Reals,
+) -> RangeRates:
+    """Dopplers as linear equations for the receiver's velocity and clock drift.
 
     With q = 1 + doppler/carrier, satellite drift s and receiver drift d, what is received runs at
     q = (1 + s) (1 - r'/c) / (1 + d), and the range at r' = u.(v_s (1 - r'/c) - w x s r'/c - v): the satellite moves
@@ -203,9 +344,4 @@ def _velocity(
     factor = 1.0 + (along + turning) / c
     pace = (1.0 + doppler_hz / carrier_hz) / (1.0 + ranges.satellite_drift)
     measured = factor * c * (1.0 - pace) - along  # = -u.v + factor pace c d
-    sigma = doppler_sigma_hz * c / carrier_hz
-    there = used & np.isfinite(measured) & np.isfinite(sigma)
-    design = np.where(there[..., None], np.concatenate((-unit, (factor * pace)[..., None]), axis=-1), 0.0)
-    weighted = np.swapaxes(design / np.where(there, sigma, 1.0)[..., None] ** 2, -1, -2)
-    solved = spd_inverse(weighted @ design) @ (weighted @ np.where(there, measured, 0.0)[..., None])
-    return np.asarray(solved[..., 0])
+    return RangeRates(measured_m_s=measured, drift_gain=factor * pace, sigma_m_s=doppler_sigma_hz * c / carrier_hz)

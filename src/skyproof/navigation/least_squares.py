@@ -1,7 +1,8 @@
-"""Gauss-Newton for position and clock from ranges, any number of problems at once.
+"""Gauss-Newton for position and clocks from ranges, any number of problems at once.
 
-State: ECEF position and c times clock bias, all in metres. Leading axes are problems (epochs, candidates), the axis
-before the last one is the satellite. Problems that cannot be solved come out as NaN, without an exception.
+State: ECEF position and c times clock bias, one for each time scale that the satellites keep, all in metres.
+Leading axes are problems (epochs, candidates), the axis before the last one is the satellite. Problems that cannot be
+solved come out as NaN, without an exception.
 """
 
 from dataclasses import dataclass
@@ -12,12 +13,15 @@ from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.records import Reals
 
-__all__ = ["Solution", "design_matrix", "gauss_newton", "line_of_sight", "spd_inverse"]
+__all__ = ["Solution", "design_matrix", "gauss_newton", "line_of_sight", "normal_inverse", "spd_inverse"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Solution:
-    """state_m (..., 4), covariance_m2 (..., 4, 4), residual_m (..., k) zero where unused, last_step_m (...)."""
+    """state_m (..., 3 + c), covariance_m2 (..., 3 + c, 3 + c), residual_m (..., k) zero if unused, last_step_m (...).
+
+    A clock without a satellite keeps its start, with a variance of 1 m^2 that means nothing.
+    """
 
     state_m: Reals
     covariance_m2: Reals
@@ -68,9 +72,27 @@ def line_of_sight(satellite_ecef_m: Reals, position_ecef_m: Reals) -> tuple[Real
     return satellite, difference / distance_m[..., None], distance_m
 
 
-def design_matrix(unit_vector: Reals) -> Reals:
-    """Derivative of range plus clock by position and clock: (..., k, 4) from unit vectors (..., k, 3)."""
-    return np.concatenate((-unit_vector, np.ones_like(unit_vector[..., :1])), axis=-1)
+def design_matrix(unit_vector: Reals, clocks: Reals | None = None) -> Reals:
+    """Derivative of range plus clock by position and clocks: (..., k, 3 + c) from unit vectors (..., k, 3).
+
+    clocks : (k, c), 1 where a satellite keeps the time of that clock; without it, one clock for all.
+    """
+    if clocks is None:
+        return np.concatenate((-unit_vector, np.ones_like(unit_vector[..., :1])), axis=-1)
+    return np.concatenate((-unit_vector, np.broadcast_to(clocks, (*unit_vector.shape[:-1], clocks.shape[1]))), axis=-1)
+
+
+def normal_inverse(normal: Reals) -> Reals:
+    """Inverse of normal matrices (..., n, n) in which clocks (from column 3 on) may have no measurement at all.
+
+    Such a clock gets a weight of one of its own, so that it touches nothing and the others are solved.
+    """
+    n = normal.shape[-1]
+    if n > 4:
+        empty = np.diagonal(normal, axis1=-2, axis2=-1) == 0.0
+        empty[..., :3] = False
+        normal = normal + empty[..., None] * np.eye(n)
+    return spd_inverse(normal)
 
 
 def gauss_newton(
@@ -79,17 +101,19 @@ def gauss_newton(
     sigma_m: Reals,
     start_m: Reals,
     *,
+    clocks: Reals | None = None,
     max_steps: int = 12,
     tolerance_m: float = 1e-4,
 ) -> Solution:
-    """Weighted least squares of position and clock, iterated until no problem moves by more than `tolerance_m`.
+    """Weighted least squares of position and clocks, iterated until no problem moves by more than `tolerance_m`.
 
     Parameters
     ----------
     satellite_ecef_m : (..., k, 3) at transmission, in the ECEF frame of transmission.
     range_m : (..., k) geometric range plus c times clock bias; all other delays are taken off.
     sigma_m : (..., k) one sigma. Not finite in any of the three means: not used.
-    start_m : (..., 4) where to start. Earth's centre with any clock does for a position near the Earth.
+    start_m : (..., 3 + c) where to start. Earth's centre with any clock does for a position near the Earth.
+    clocks : (k, c) as in `design_matrix`.
     """
     used = np.isfinite(range_m) & np.isfinite(sigma_m) & np.isfinite(satellite_ecef_m[..., 0])
     weight = np.where(used, 1.0 / np.where(used, sigma_m, 1.0) ** 2, 0.0)
@@ -99,10 +123,11 @@ def gauss_newton(
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         for _ in range(max_steps):
             _, unit, distance = line_of_sight(satellite_ecef_m, state[..., :3])
-            misfit = np.where(used, range_m - distance - state[..., 3:], 0.0)
-            design = design_matrix(unit)
+            clock = state[..., 3:] if clocks is None else state[..., 3:] @ clocks.T
+            misfit = np.where(used, range_m - distance - clock, 0.0)
+            design = design_matrix(unit, clocks)
             weighted = np.swapaxes(design * weight[..., None], -1, -2)
-            covariance = spd_inverse(weighted @ design)
+            covariance = normal_inverse(weighted @ design)
             step = (covariance @ (weighted @ misfit[..., None]))[..., 0]
             state = state + step
             step_m = np.linalg.norm(step, axis=-1)

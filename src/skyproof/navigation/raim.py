@@ -8,13 +8,16 @@ the last axis is the satellite; a sigma that is not finite means that a measurem
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from skyproof.navigation.least_squares import spd_inverse
+from skyproof.navigation.least_squares import normal_inverse
 from skyproof.records import Reals
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
-__all__ = ["Exclusion", "GlobalTest", "exclude_one", "global_test", "normalised_residuals", "residual_statistic"]
+__all__ = [
+    "Exclusion", "GlobalTest", "exclude_one", "exclude_several", "global_test", "normalised_residuals",
+    "residual_statistic", "unknowns_of", "whitened_fit",
+]  # fmt: skip
 
 _UNKNOWNS = 4
 
@@ -41,29 +44,39 @@ class Exclusion:
     test: GlobalTest
 
 
-def residual_statistic(residual_m: Reals, sigma_m: Reals) -> tuple[Reals, NDArray[np.int64]]:
-    """Sum of squared normalised residuals of a weighted fit, and its degrees of freedom n - 4; arguments (..., k).
+def unknowns_of(design: Reals, used: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """How many unknowns (...) the used rows of `design` (..., k, 3 + c) have: position, and the clocks they touch."""
+    touched = np.any(used[..., None] & (design != 0.0), axis=-2)
+    return np.asarray(3 + touched[..., 3:].sum(axis=-1))
 
-    Chi-square with n - 4 degrees if each measurement has independent Gaussian noise of its sigma. Residuals that are
-    NaN are not counted.
+
+def residual_statistic(
+    residual_m: Reals, sigma_m: Reals, *, unknowns: ArrayLike = _UNKNOWNS
+) -> tuple[Reals, NDArray[np.int64]]:
+    """Sum of squared normalised residuals of a weighted fit, and its degrees of freedom; arguments (..., k).
+
+    Chi-square with n - `unknowns` degrees if each measurement has independent Gaussian noise of its sigma. Residuals
+    that are NaN are not counted. `unknowns` (...) is 4 for position and one clock; each further clock is one more.
     """
     used = np.isfinite(residual_m) & np.isfinite(sigma_m)
     normalised = np.where(used, residual_m, 0.0) / np.where(used, sigma_m, 1.0)
-    return np.sum(normalised**2, axis=-1), used.sum(axis=-1) - _UNKNOWNS
+    return np.sum(normalised**2, axis=-1), used.sum(axis=-1) - np.asarray(unknowns)
 
 
-def global_test(residual_m: Reals, sigma_m: Reals, *, false_alarm_probability: float) -> GlobalTest:
+def global_test(
+    residual_m: Reals, sigma_m: Reals, *, false_alarm_probability: float, unknowns: ArrayLike = _UNKNOWNS
+) -> GlobalTest:
     """Whether residuals (..., k) of a weighted fit are as small as noise alone leaves them."""
-    return _judged(*residual_statistic(residual_m, sigma_m), false_alarm_probability)
+    return _judged(*residual_statistic(residual_m, sigma_m, unknowns=unknowns), false_alarm_probability)
 
 
 def normalised_residuals(design: Reals, misfit_m: Reals, sigma_m: Reals) -> Reals:
-    """Residuals (..., k) of the linear fit of `misfit_m` (..., k) by `design` (..., k, 4), over their own sigma.
+    """Residuals (..., k) of the linear fit of `misfit_m` (..., k) by `design` (..., k, 3 + c), over their own sigma.
 
     Standard normal each under the model (Baarda's w). NaN where not used or where a measurement is uncontrolled: the
     others alone do not determine the position, so that its residual is always zero.
     """
-    residual, redundancy = _whitened_fit(design, misfit_m, sigma_m)
+    residual, redundancy, _ = whitened_fit(design, misfit_m, sigma_m)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.where(redundancy > 1e-9, residual / np.sqrt(redundancy), np.nan))
 
@@ -81,10 +94,13 @@ def exclude_one(design: Reals, misfit_m: Reals, sigma_m: Reals, *, false_alarm_p
 
     Parameters
     ----------
-    design : (..., k, 4). misfit_m : (..., k) measured minus modelled at a converged position. sigma_m : (..., k).
+    design : (..., k, 3 + c), as `least_squares.design_matrix` makes it, of one or several clocks. A satellite that is
+        alone with its clock cannot be tested and is never left out.
+    misfit_m : (..., k) measured minus modelled at a converged position. sigma_m : (..., k).
     """
-    residual, _ = _whitened_fit(design, misfit_m, sigma_m)
-    statistic, dof = residual_statistic(residual, np.ones_like(residual))
+    residual, _, _ = whitened_fit(design, misfit_m, sigma_m)
+    unknowns = unknowns_of(design, np.isfinite(residual))
+    statistic, dof = residual_statistic(residual, np.ones_like(residual), unknowns=unknowns)
     before = _judged(statistic, dof, false_alarm_probability)
     w = normalised_residuals(design, misfit_m, sigma_m)
     size = np.where(np.isfinite(w), np.abs(w), -1.0)
@@ -99,18 +115,41 @@ def exclude_one(design: Reals, misfit_m: Reals, sigma_m: Reals, *, false_alarm_p
     return Exclusion(excluded=np.where(possible, worst, -1), test=after)
 
 
-def _whitened_fit(design: Reals, misfit_m: Reals, sigma_m: Reals) -> tuple[Reals, Reals]:
-    """Residuals over sigma, and the share of each one's variance that the fit leaves (0 to 1); NaN where not used."""
+def exclude_several(
+    design: Reals, misfit_m: Reals, sigma_m: Reals, *, false_alarm_probability: float, most: int = 4
+) -> tuple[NDArray[np.bool_], GlobalTest]:
+    """Leave out one measurement after the other, as `exclude_one` does, until the rest passes the global test.
+
+    Returns which (..., k) are left out and the test of the rest. Where `most` exclusions do not cure the fit, none is
+    made: what fails for another reason than a few faults is not mended by throwing data away.
+    """
+    excluded = np.zeros(misfit_m.shape, np.bool_)
+    for _ in range(most):
+        found = exclude_one(
+            design, misfit_m, np.where(excluded, np.nan, sigma_m), false_alarm_probability=false_alarm_probability
+        )
+        excluded |= np.arange(misfit_m.shape[-1]) == found.excluded[..., None]
+        if not np.any((found.excluded >= 0) & ~found.test.consistent):
+            break
+    return excluded & found.test.consistent[..., None], found.test
+
+
+def whitened_fit(design: Reals, misfit_m: Reals, sigma_m: Reals) -> tuple[Reals, Reals, Reals]:
+    """The linear fit of `misfit_m` (..., k) by `design` (..., k, 3 + c), each measurement over its sigma.
+
+    Returns residuals over sigma, and the share of each one's variance that the fit leaves (0 to 1), both (..., k) and
+    NaN where not used; and the covariance (..., 3 + c, 3 + c).
+    """
     used = np.isfinite(misfit_m) & np.isfinite(sigma_m)
     root_weight = np.where(used, 1.0 / np.where(used, sigma_m, 1.0), 0.0)
     scaled = np.where(used[..., None], design, 0.0) * root_weight[..., None]
     target = np.where(used, misfit_m, 0.0) * root_weight
     transposed = np.swapaxes(scaled, -1, -2)
     with np.errstate(invalid="ignore", divide="ignore"):
-        covariance = spd_inverse(transposed @ scaled)
+        covariance = normal_inverse(transposed @ scaled)
         redundancy = 1.0 - np.sum((scaled @ covariance) * scaled, axis=-1)
         residual = target - (scaled @ (covariance @ (transposed @ target[..., None])))[..., 0]
-    return np.where(used, residual, np.nan), np.where(used, redundancy, np.nan)
+    return np.where(used, residual, np.nan), np.where(used, redundancy, np.nan), covariance
 
 
 def _judged(statistic: Reals, dof: NDArray[np.int64], false_alarm_probability: float) -> GlobalTest:

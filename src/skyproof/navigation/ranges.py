@@ -6,16 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.ephemeris import MAX_AGE_S, BroadcastEphemeris
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.time import gpst as instant
+from skyproof.gnss.orbits import clock_polynomial_s, group_delay_s, satellite_state_s
 from skyproof.gnss.time import seconds_between, week_and_tow
-from skyproof.records import Ephemeris, Instants, Klobuchar, NavigationData, Reals, SignalId
+from skyproof.records import Instants, Klobuchar, NavigationData, Reals, SignalId
 
-__all__ = ["Delays", "Ranges", "atmosphere", "corrected_ranges"]
+__all__ = ["Delays", "Ranges", "atmosphere", "corrected_ranges", "space_sigma_m", "time_scale", "time_scales"]
 
-_MAX_AGE_S = 7500.0  # half of the usual fit interval and the time that a change of ephemeris may take
+_SCALE_OF = {"J": "G", "S": "G"}  # QZSS and SBAS keep GPS time; every other system its own
+_PREFERENCE = "GECR"
+_SPACE_M = {"G": 0.6, "J": 0.6, "E": 0.2, "C": 1.0, "R": 2.0}
+"""Error of a range by broadcast orbit and clock, rms: O. Montenbruck, P. Steigenberger and A. Hauschild, "Multi-GNSS
+signal-in-space range error assessment", Advances in Space Research 61(12), 2018 (abstract); QZSS taken as GPS."""
+
 _NIGHT = Klobuchar(alpha=(0.0, 0.0, 0.0, 0.0), beta=(0.0, 0.0, 0.0, 0.0))  # leaves 5 ns times the obliquity
 _UNKNOWN_IN_NIGHTS = 2.0  # 3 m at the zenith: between the 1.5 m of any night and the 5 m of an ordinary day
 
@@ -41,11 +46,13 @@ class Ranges:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Delays:
-    """elevation_rad, delay_m of ionosphere and troposphere, and sigma_m of what the models leave, all (..., k)."""
+    """elevation_rad, delay_m of ionosphere and troposphere, sigma_m of what the models leave, and ionosphere_m, the
+    ionosphere's part of the delay; all (..., k)."""
 
     elevation_rad: Reals
     delay_m: Reals
     sigma_m: Reals
+    ionosphere_m: Reals
 
 
 def corrected_ranges(
@@ -55,12 +62,12 @@ def corrected_ranges(
 
     The time of transmission is the receiver's label minus pseudorange over c, so an error of the label cancels: a clock
     that is wrong by a second still puts the satellites where they were. Ephemerides are those nearest in time among the
-    healthy ones (at most 7500 s away), the same for all copies of a satellite.
+    healthy ones (at most `MAX_AGE_S` of the system away), the same for all copies of a satellite.
 
     Parameters
     ----------
-    gpst : (n_epochs,) labels. pseudorange_m : (n_epochs, n_channels), one column a signal. GPS L1 C/A; the columns of
-        other signals come out as NaN.
+    gpst : (n_epochs,) labels. pseudorange_m : (n_epochs, n_channels), one column a signal. The columns of signals whose
+        group delay the message does not tell come out as NaN.
     """
     pseudorange_m = np.asarray(pseudorange_m, np.float64)
     week, tow_s = week_and_tow(gpst)
@@ -70,18 +77,18 @@ def corrected_ranges(
     position, velocity = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
     columns: dict[str, list[int]] = {}
     for column, signal in enumerate(signals):
-        if (signal.band, signal.code) == ("L1", "CA"):
-            columns.setdefault(signal.sat, []).append(column)
+        columns.setdefault(signal.sat, []).append(column)
     for ephemeris, rows, sat in _in_use(navigation, tuple(columns), gpst):
-        cells = np.ix_(rows, np.array(columns[sat]))
+        delay_s = np.array([group_delay_s(ephemeris, signals[c].band, signals[c].code) for c in columns[sat]])
+        known = np.isfinite(delay_s)
+        cells = np.ix_(rows, np.array(columns[sat])[known])
         sent_week, sent_tow_s = week[rows][:, None], shown_tow_s[cells]
-        sent_tow_s = sent_tow_s - _clock_polynomial_s(ephemeris, sent_week, sent_tow_s)
+        sent_tow_s = sent_tow_s - clock_polynomial_s(ephemeris, sent_week, sent_tow_s)
         state = satellite_state_s(ephemeris, sent_week, sent_tow_s)
         transmission_tow_s[cells] = sent_tow_s
         position[cells], velocity[cells] = state.position_ecef_m, state.velocity_ecef_m_s
         drift[cells] = state.clock_drift
-        # IS-GPS-200N, 20.3.3.3.3.2: the user of one frequency takes the group delay off the clock.
-        range_m[cells] = pseudorange_m[cells] + SPEED_OF_LIGHT_M_S * (state.clock_s - ephemeris.tgd)
+        range_m[cells] = pseudorange_m[cells] + SPEED_OF_LIGHT_M_S * (state.clock_s - delay_s[known])
     return Ranges(
         week=week,
         transmission_tow_s=transmission_tow_s,
@@ -92,6 +99,27 @@ def corrected_ranges(
     )
 
 
+def time_scale(signal: SignalId) -> str:
+    """The letter of the system whose time the signal keeps: GPS's for QZSS and SBAS."""
+    return _SCALE_OF.get(signal.sat[0], signal.sat[0])
+
+
+def time_scales(signals: tuple[SignalId, ...]) -> tuple[tuple[str, ...], Reals]:
+    """The time scales that the signals keep, in the order of preference as a reference, and who keeps which (k, c)."""
+    of = [time_scale(signal) for signal in signals]
+    scales = tuple(sorted(set(of), key=lambda scale: (_PREFERENCE + scale).index(scale))) or ("G",)
+    return scales, np.array([[float(scale == own) for scale in scales] for own in of]).reshape(len(of), len(scales))
+
+
+def space_sigma_m(signals: tuple[SignalId, ...]) -> Reals:
+    """(k,) what orbit and clock of each signal's system add to the error of a range, beyond those of GPS, one sigma.
+
+    The error of GPS itself is as large as the least multipath and is counted with it, in `multipath_sigma_m`.
+    """
+    rms_m = np.array([_SPACE_M.get(signal.sat[0], max(_SPACE_M.values())) for signal in signals])
+    return np.asarray(np.sqrt(np.maximum(rms_m**2 - _SPACE_M["G"] ** 2, 0.0)))
+
+
 def atmosphere(
     position_ecef_m: Reals,
     satellite_ecef_m: Reals,
@@ -99,13 +127,15 @@ def atmosphere(
     ionosphere: Klobuchar | None,
     *,
     ionosphere_share: float = 0.25,
+    carrier_hz: Reals | None = None,
 ) -> Delays:
-    """Delays of L1 code at `position_ecef_m` (..., 3) from satellites (..., k, 3) in the frame of reception.
+    """Delays of the code at `position_ecef_m` (..., 3) from satellites (..., k, 3) in the frame of reception.
 
     `sigma_m` is `ionosphere_share` of the ionosphere's delay: the broadcast model takes away about half of it
     (IS-GPS-200N, 20.3.3.5.2.5), and position and clock take up about half of what it leaves, which is alike for all
     satellites. Without the model's parameters 3 m at the zenith are taken, with a sigma of as much. Satellites below
-    the horizon get the delay of the horizon. Above 11 km the troposphere thins out with a scale height of 6.3 km.
+    the horizon get the delay of the horizon. The ionosphere's delay goes with the inverse square of `carrier_hz`
+    (k,), L1 without it (IS-GPS-200N, 20.3.3.3.3.3). Above 11 km the troposphere thins out with a scale of 6.3 km.
     """
     lat_rad, lon_rad, height_m = (value[..., None] for value in geodetic_from_ecef(position_ecef_m))
     # As `sky.azimuth_elevation`, which would find the place once more: the dearest step where candidates are many.
@@ -122,32 +152,30 @@ def atmosphere(
     else:
         ionosphere_m = SPEED_OF_LIGHT_M_S * klobuchar_delay_s(ionosphere, *place)
         ionosphere_sigma_m = ionosphere_share * ionosphere_m
+    if carrier_hz is not None:
+        slower = (L1_HZ / carrier_hz) ** 2
+        ionosphere_m, ionosphere_sigma_m = slower * ionosphere_m, slower * ionosphere_sigma_m
     thin = np.exp(-np.clip(height_m - 11000.0, 0.0, 1e6) / 6340.0)
     return Delays(
         elevation_rad=el_rad,
         delay_m=ionosphere_m + thin * troposphere_delay_m(lat_rad, height_m, above_rad),
         sigma_m=ionosphere_sigma_m,
+        ionosphere_m=ionosphere_m,
     )
 
 
 def _in_use(
     navigation: NavigationData, sats: tuple[str, ...], gpst: Instants
-) -> list[tuple[Ephemeris, NDArray[np.intp], str]]:
+) -> list[tuple[BroadcastEphemeris, NDArray[np.intp], str]]:
     """Every (ephemeris, rows of `gpst` that it serves, satellite): the nearest in time of ephemeris, as `best` does."""
     uses = []
     for sat in sats:
         candidates = [e for e in navigation.ephemerides if e.sat == sat and e.health == 0]
         if not candidates:
             continue
-        toe = instant(np.array([e.week for e in candidates]), np.array([e.toe for e in candidates]))
+        toe = np.array([e.reference_gpst for e in candidates])
         age_s = np.abs(seconds_between(gpst[:, None], toe))
         nearest = np.argmin(age_s, axis=1)
-        fresh = np.take_along_axis(age_s, nearest[:, None], axis=1)[:, 0] <= _MAX_AGE_S
+        fresh = np.take_along_axis(age_s, nearest[:, None], axis=1)[:, 0] <= MAX_AGE_S.get(sat[0], 0.0)
         uses += [(candidates[k], np.flatnonzero(fresh & (nearest == k)), sat) for k in np.unique(nearest[fresh])]
     return uses
-
-
-def _clock_polynomial_s(ephemeris: Ephemeris, week: NDArray[np.int64], tow_s: Reals) -> Reals:
-    """IS-GPS-200N, 20.3.3.3.3.1, without relativity, whose 50 ns do not move a satellite by a millimetre."""
-    dt_s = (week - ephemeris.toc_week) * 604800.0 + (tow_s - ephemeris.toc)
-    return np.asarray(ephemeris.af0 + ephemeris.af1 * dt_s + ephemeris.af2 * dt_s**2)

@@ -61,7 +61,7 @@ def window_mean(observations: Observations, *, min_share: float = 0.5) -> Window
 
 def _motion(observations: Observations, kept: NDArray[np.intp], middle: int) -> tuple[Reals, Reals]:
     """Range at each epoch minus range at the middle, (n, kept), and the variance that bridges by Doppler add."""
-    wavelength_m = SPEED_OF_LIGHT_M_S / observations.carrier_hz
+    wavelength_m = SPEED_OF_LIGHT_M_S / observations.carrier_hz[kept]
     elapsed_s = observations.elapsed_s
     dt_s = np.diff(elapsed_s)[:, None]
     carrier_m = observations.carrier_cyc[:, kept] * wavelength_m

@@ -1,25 +1,51 @@
-"""Where signals are: parallel code-phase search over Doppler, several peaks a satellite.
+"""Where signals are: parallel code-phase search over Doppler, several signals a satellite, strong ones taken out.
 
-The search correlates 1 ms at a time (circularly, by FFT) and adds powers over `n_periods`. Under noise alone a cell
-over its mean is Gamma(n_periods, 1/n_periods), so a threshold follows from the false-alarm probability of the whole
-search (Kay, Detection Theory, 5.3; Kaplan & Hegarty, 8.5). A peak is a cell above the threshold; what is already
-tracked, and what a stronger peak of the same satellite explains (its own triangle, its code side lobes), is not
-reported again.
+The search folds `coherent_periods` code periods after wipe-off, correlates them circularly by FFT and adds powers over
+`n_sums` such blocks. What noise reaches is learnt from codes that nobody sends (`calibration`). A signal found is
+measured, taken out of the samples with its whole correlation shape (`cancellation`), and its satellite is looked at
+again: so a second signal of a satellite comes to light, and no side lobe or cross-correlation is taken for one.
+
+Time is saved (docs/design/receiver.md) by 2 cells a chip, cut out of the spectrum, so that any sample rate is resampled
+for nothing; by transforms shared between satellites and between Dopplers that differ by whole kilohertz; and by a
+kernel of its own for what is done for each satellite, Doppler and block (`fourier`).
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, special
+from scipy import fft
 
 from skyproof.gnss.signals import SignalDescription, prn_of
+from skyproof.receiver.calibration import tail_of, unused_codes
+from skyproof.receiver.cancellation import KnownSignal, Measured, measure, noise_of, remove
+from skyproof.receiver.fourier import N_CELLS, correlate_rows
 
-CODE_SIDELOBE = 0.0204
-"""Highest code side lobe in power over the peak with a margin of 3 dB: -19.9 + 3 dB (C/A: 65/1023, or 1/15.7)."""
+__all__ = ["KnownSignal", "Peak", "SearchSettings", "Searcher"]
+
+Floats = NDArray[np.float32]
+Dopplers = NDArray[np.float64]
+
+_CROSS: Final = 0.02
+"""Power over the strongest's of what may be its cross-correlation: -23.9 dB at most without Doppler, -21.6 dB with a
+difference of whole kilohertz, -19 dB with a margin and the noise on it (Kaplan and Hegarty, 4.3.4)."""
+_LEFT: Final = 1e-3
+"""Power over its own that a signal taken out may leave anywhere: the front end's shape, motion within the stretch."""
+_SHOULDER: Final = 0.05
+"""The same within `shoulder_chips`, where an error of delay and reflections leave most."""
+_LINE: Final = 30.0
+"""Power of a spectral bin over its neighbours' median that no noise reaches: 21 times the mean, once in 10^9."""
+_CODE_LINE_HZ: Final = 1e4
+"""The strongest line of a C/A code holds a hundredth of its power. Lines up to those of a signal of 60 dB-Hz are left:
+they add at most a tenth to the noise, and cutting the lines out of a code would leave what cannot be taken out."""
+_FREQUENCY: Final = fft.fftfreq(N_CELLS)  # of the cells of a row's spectrum, cycles a cell
+_WORTH_THREADS: Final = 1000  # transforms: a few milliseconds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,192 +53,420 @@ class SearchSettings:
     """How the search looks.
 
     false_alarm_probability : per search of all satellites, delays and Dopplers asked for.
-    n_periods : code periods added non-coherently.
-    doppler_step_hz : at 1 ms the loss between two bins of 500 Hz is at most 0.9 dB.
-    mask_chips : half width of what a known peak covers.
+    coherent_periods, n_sums : code periods added coherently, and such blocks whose powers are added.
+    doppler_step_hz : the grid of Dopplers; zero means half the reciprocal of a block, which costs at most 0.9 dB.
+    mask_chips : nearer to a stronger signal of the same Doppler nothing is called another signal but a reflection.
+    shoulder_chips : up to here a second signal must stand out from what errors of the model leave of the first.
+    max_peaks : new signals of one satellite in one search.
     """
 
     false_alarm_probability: float = 1e-4
-    n_periods: int = 20
-    doppler_step_hz: float = 500.0
-    mask_chips: float = 1.2
+    coherent_periods: int = 1
+    n_sums: int = 20
+    doppler_step_hz: float = 0.0
+    mask_chips: float = 0.7
+    shoulder_chips: float = 1.5
     max_peaks: int = 3
+
+    def __post_init__(self) -> None:
+        if self.doppler_step_hz == 0.0:
+            object.__setattr__(self, "doppler_step_hz", 500.0 / self.coherent_periods)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Peak:
-    """A signal found: its code period began `delay_s` after the stretch searched did.
+    """A signal found: a code period begins `delay_s` after the stretch searched does.
 
     doppler_hz is the apparent carrier minus the nominal one (intermediate frequency taken off).
+    power : highest cell over the mean of its row; p_value : of such a cell anywhere in the search, under noise.
     """
 
     sat: str
     delay_s: float
     doppler_hz: float
-    power: float  # cell over noise mean
     cn0_dbhz: float
+    power: float
+    p_value: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Candidate:
+    sat: str
+    row_hz: float
+    delay_s: float
+    power: float
+    p_value: float
 
 
 class Searcher:
     """Keeps the code spectra of one signal and sample rate; `search` looks at one stretch of samples."""
 
     def __init__(self, signal: SignalDescription, rate_hz: float, settings: SearchSettings) -> None:
+        if 2 * signal.code_length > N_CELLS:
+            raise ValueError(f"{signal.name} has {signal.code_length} chips a period; the search takes {N_CELLS // 2}")
         self.signal = signal
         self.rate_hz = rate_hz
         self.settings = settings
-        self.period_s = signal.code_length / signal.chip_rate_hz
-        # At most about four samples a chip are searched: more costs time and finds nothing more.
-        wanted = min(rate_hz, 4.2e6) * self.period_s
-        self.n = round(wanted) if abs(wanted - round(wanted)) < 1e-9 else fft.next_fast_len(int(wanted) - 32)
-        self._spectra: dict[str, NDArray[np.complex64]] = {}
+        self.period_s = signal.period_s
+        self._per_period = rate_hz * signal.period_s
+        self._n_fft = round(self._per_period)
+        self._codes: dict[str, Floats] = {}
+        self._unused_codes = unused_codes(8)
+        self._unused = [self._code_spectrum(code) for code in self._unused_codes]
         self._threads = ThreadPoolExecutor(os.cpu_count())
 
     @property
     def duration_s(self) -> float:
         """How long a stretch the search needs."""
-        return self.settings.n_periods * self.period_s
+        return self.settings.coherent_periods * self.settings.n_sums * self.period_s
+
+    @property
+    def _near_hz(self) -> float:
+        """Signals whose Dopplers differ by less disturb each other within a block."""
+        return 1.5 / (self.settings.coherent_periods * self.period_s)
 
     @property
     def n_samples(self) -> int:
-        return int(np.ceil(self.duration_s * self.rate_hz)) + 2
+        """How many samples the search needs."""
+        return int(np.ceil(self.duration_s * self.rate_hz - 1e-6))
 
     def search(
         self,
         samples: NDArray[np.float32],
         if_hz: float,
-        dopplers_hz: dict[str, NDArray[np.float64]],
-        known: Callable[[str], Sequence[tuple[float, float]]],
+        dopplers_hz: Mapping[str, Dopplers],
+        known: Mapping[str, Sequence[KnownSignal]],
     ) -> list[Peak]:
-        """All credible new peaks.
+        """All credible new signals.
 
         samples : (2, >= n_samples) I and Q.
-        dopplers_hz : for each satellite to look for, the Dopplers to try (multiples of the step).
-        known : for a satellite, (delay_s, power) of signals already tracked; power may be NaN.
+        dopplers_hz : for each satellite to look for, the Dopplers to try; multiples of the step share most work.
+        known : for each satellite, the signals that are not to be found again; also of satellites not looked for.
         """
         if not dopplers_hz:
             return []
-        spectra = self._signal_spectra(samples, if_hz, np.unique(np.concatenate(list(dopplers_hz.values()))))
-        n_cells = sum(d.size for d in dopplers_hz.values()) * self.n
-        threshold = self.threshold(n_cells)
+        planes = np.array(samples[:, : self.n_samples], dtype=np.float32)
+        taken: dict[str, list[tuple[KnownSignal, float]]] = {}
+        self._take_out(planes, if_hz, [(sat, one) for sat, ones in known.items() for one in ones], taken)
+        wanted = dict(dopplers_hz)
+        peaks: list[Peak] = []
+        for _ in range(self.settings.max_peaks + 1):
+            candidates = self._candidates(planes, if_hz, wanted, taken)
+            if not candidates:
+                break
+            known_before = {sat: [one for one, _ in ones] for sat, ones in taken.items()}
+            least = _CROSS * max(c.power - 1.0 for c in candidates)
+            clear = [c for c in candidates if c.power - 1.0 >= least]
+            fresh = [(c, self._measured(planes, if_hz, c)) for c in clear]
+            self._take_out(planes, if_hz, [(c.sat, m.signal) for c, m in fresh], taken)
+            noise = self._noise(planes, if_hz)
+            peaks += [
+                Peak(
+                    sat=c.sat, delay_s=m.signal.delay_s, doppler_hz=m.signal.doppler_hz, power=c.power,
+                    p_value=c.p_value, cn0_dbhz=10.0 * np.log10(max(m.power / noise - 1.0, 1e-3) / self.period_s),
+                )
+                for c, m in fresh
+                if not self._shoulder(m.signal, known_before.get(c.sat, []))
+            ]  # fmt: skip
+            wanted = {c.sat: dopplers_hz[c.sat] for c in candidates}
+        order = list(dopplers_hz)
+        return sorted(peaks, key=lambda peak: order.index(peak.sat))
 
-        def look(sat: str) -> list[Peak]:
-            power = self._power(sat, dopplers_hz[sat], spectra)
-            return self._peaks(sat, dopplers_hz[sat], power, threshold, known(sat), samples, if_hz)
+    # ------------------------------------------------------------------ one look
 
-        # Satellites in parallel (the transforms release the interpreter); the order of the result is that of the sats.
-        return [peak for peaks in self._threads.map(look, dopplers_hz) for peak in peaks]
+    def _candidates(
+        self, planes: Floats, if_hz: float, dopplers_hz: Mapping[str, Dopplers],
+        taken: Mapping[str, list[tuple[KnownSignal, float]]],
+    ) -> list[_Candidate]:  # fmt: skip
+        """The highest cell of each satellite that noise does not explain."""
+        rows_hz = np.unique(np.concatenate(list(dopplers_hz.values())))
+        spectra = self._rows(planes, if_hz, rows_hz)
+        sats = list(dopplers_hz)
+        row = np.concatenate([np.searchsorted(rows_hz, dopplers_hz[sat]) for sat in sats])
+        of_sat = np.repeat(np.arange(len(sats)), [dopplers_hz[sat].size for sat in sats])
+        # Every row as often as the satellites use it, thinned to a quarter, each time with another unused code.
+        n_unused = max(16, row.size // 4)
+        unused_row = np.sort(row)[np.linspace(0, row.size - 1, n_unused).astype(np.int64)]
+        codes = np.stack([self._code(sat) for sat in sats] + self._unused)
+        power, highest = self._correlate(
+            spectra, codes, np.concatenate([row, unused_row]),
+            np.concatenate([of_sat, len(sats) + np.arange(n_unused) % len(self._unused)]),
+        )  # fmt: skip
+        tail = tail_of(power[row.size :], self.settings.n_sums)
+        n_cells = row.size * N_CELLS
+        threshold = tail.threshold(n_cells, self.settings.false_alarm_probability)
+        found = []
+        noise: float | None = None  # needed rarely
+        for number, sat in enumerate(sats):
+            mine = np.flatnonzero(of_sat == number)
+            if highest[mine].max() <= threshold:
+                continue
+            cells = power[mine[0] : mine[-1] + 1]
+            if sat in taken:
+                noise = self._noise(planes, if_hz) if noise is None else noise
+                cells = cells * self._weights(taken[sat], dopplers_hz[sat], threshold, noise)
+            at, column = np.unravel_index(int(np.argmax(cells)), cells.shape)
+            if cells[at, column] > threshold:
+                value = float(power[mine[at], column])
+                found.append(
+                    _Candidate(
+                        sat=sat, row_hz=float(dopplers_hz[sat][at]), power=value, p_value=tail.p_value(value, n_cells),
+                        delay_s=self._delay_s(int(column), float(dopplers_hz[sat][at])),
+                    )
+                )  # fmt: skip
+        return found
 
-    def threshold(self, n_cells: int) -> float:
-        """Cell over noise mean that noise alone exceeds anywhere with the false-alarm probability of the settings."""
-        m = self.settings.n_periods
-        return float(special.gammainccinv(m, self.settings.false_alarm_probability / n_cells) / m)
+    def _correlate(
+        self, spectra: Floats, codes: Floats, row: NDArray[np.int64], code: NDArray[np.int64]
+    ) -> tuple[Floats, Floats]:
+        """Power over its mean of each job's cells, (n_jobs, N_CELLS), and the highest of each; many jobs in threads."""
+        power, highest = np.empty((row.size, N_CELLS), np.float32), np.empty(row.size, np.float32)
 
-    def _signal_spectra(
-        self, samples: NDArray[np.float32], if_hz: float, dopplers_hz: NDArray[np.float64]
-    ) -> dict[float, NDArray[np.complex64]]:
-        """Spectra of each code period after wipe-off, (n_periods, n), one for each Doppler modulo the FFT's bin.
+        def work(part: tuple[int, int]) -> None:
+            correlate_rows(spectra, codes, row, code, *part, power, highest)
 
-        Dopplers that differ by whole bins share a transform: a circular shift of the spectrum does the rest.
-        """
-        m, n = self.settings.n_periods, self.n
+        if row.size * spectra.shape[1] < _WORTH_THREADS:
+            work((0, row.size))
+        else:
+            edges = np.linspace(0, row.size, 4 * (os.cpu_count() or 1) + 1).astype(int).tolist()
+            list(self._threads.map(work, pairwise(edges)))
+        return power, highest
+
+    def _weights(
+        self, taken: Sequence[tuple[KnownSignal, float]], dopplers_hz: Dopplers, threshold: float, noise: float
+    ) -> Floats:
+        """Factors, (n_dopplers, N_CELLS), that leave above the threshold what the signals taken out do not explain."""
+        settings = self.settings
+        limit = np.full((dopplers_hz.size, N_CELLS), threshold)
+        cells = np.arange(N_CELLS)
+        for one, power in taken:
+            centre_chips = self._cell(one) * self.signal.code_length / N_CELLS
+            apart = np.abs(
+                (cells * self.signal.code_length / N_CELLS - centre_chips + 0.5 * self.signal.code_length)
+                % self.signal.code_length - 0.5 * self.signal.code_length
+            )  # fmt: skip
+            near = np.abs(dopplers_hz - one.doppler_hz) < self._near_hz
+            snr = power / noise * settings.coherent_periods
+            limit[near] = np.maximum(limit[near], 1.0 + _LEFT * snr)
+            shoulder = np.where(apart < settings.shoulder_chips, 1.0 + _SHOULDER * snr, 0.0)
+            shoulder[apart < settings.mask_chips] = np.inf
+            limit[near] = np.maximum(limit[near], shoulder)
+        return (threshold / limit).astype(np.float32)
+
+    # ------------------------------------------------------------------ spectra
+
+    def _rows(self, planes: Floats, if_hz: float, rows_hz: Dopplers) -> Floats:
+        """Spectra of the blocks at each Doppler, (n_rows, n_sums, 2, N_CELLS), in the order of `fft.fftfreq`."""
         bin_hz = 1.0 / self.period_s
-        spectra: dict[float, NDArray[np.complex64]] = {}
-        count = self.n_samples - 2
-        k = np.arange(count)
-        for offset in np.unique(np.mod(dopplers_hz, bin_hz)):
-            cycles = np.mod((if_hz + offset) / self.rate_hz * k, 1.0)
-            base = (samples[0, :count] + 1j * samples[1, :count]) * np.exp(-2j * np.pi * cycles)
-            if m * n != count:
-                edges = np.ceil(np.arange(m * n) * (count / (m * n)) - 1e-9).astype(np.int64)
-                base = np.add.reduceat(base, edges)
-            spectra[float(offset)] = fft.fft(base.astype(np.complex64).reshape(m, n), axis=1)
+        offset_hz = np.mod(rows_hz, bin_hz)
+        offsets_hz, which = np.unique(offset_hz, return_inverse=True)
+        shifts = np.round((rows_hz - offset_hz) / bin_hz).astype(np.int64)
+        base = self._spectra(planes, if_hz, offsets_hz)
+        if self._has_lines(base):
+            _notch(planes, _LINE + _CODE_LINE_HZ * planes.shape[1] / self.rate_hz)
+            base = self._spectra(planes, if_hz, offsets_hz)
+        settings = self.settings
+        middle = 0.5 * (settings.n_sums - 1)
+        blocks_s = (np.arange(settings.n_sums) - middle) * settings.coherent_periods * self.period_s
+        # Cells by which the code runs ahead of the middle of the stretch.
+        ahead = rows_hz[:, None] / self.signal.carrier_hz * blocks_s * (N_CELLS / self.period_s)
+        rows = np.empty((rows_hz.size, settings.n_sums, 2, N_CELLS), np.float32)
+        for number in range(rows_hz.size):
+            spectra = base[which[number]]
+            _cut(spectra.view(np.float32), int(shifts[number]), rows[number])
+            if np.abs(ahead[number]).max() > 0.3:  # costs less than 0.1 dB below
+                turns = np.exp(2j * np.pi * _FREQUENCY * ahead[number][:, None])
+                turned = (rows[number, :, 0] + 1j * rows[number, :, 1]) * turns
+                rows[number, :, 0], rows[number, :, 1] = turned.real, turned.imag
+        return rows
+
+    def _spectra(self, planes: Floats, if_hz: float, offsets_hz: Dopplers) -> NDArray[np.complex64]:
+        """Of each block, folded to one code period after wipe-off at each offset: (n_offsets, n_sums, n_fft)."""
+        settings = self.settings
+        n_periods = settings.coherent_periods * settings.n_sums
+        exact = np.arange(n_periods) * self._per_period
+        starts = np.minimum(np.round(exact), planes.shape[1] - self._n_fft).astype(np.int64)
+        folded = np.zeros((offsets_hz.size, settings.n_sums, self._n_fft), np.complex64)
+        for number, offset_hz in enumerate(offsets_hz):
+            _fold(
+                planes[0], planes[1], starts, settings.coherent_periods, (if_hz + offset_hz) / self.rate_hz,
+                folded[number],
+            )  # fmt: skip
+        spectra: NDArray[np.complex64] = fft.fft(folded, axis=-1, overwrite_x=True)
+        late = (starts - exact).reshape(settings.n_sums, -1).mean(axis=1)
+        if np.abs(late).max() > 1e-6:
+            spectra *= np.exp(-2j * np.pi * fft.fftfreq(self._n_fft) * late[:, None]).astype(np.complex64)
         return spectra
 
-    def _code_spectrum(self, sat: str) -> NDArray[np.complex64]:
-        if sat not in self._spectra:
-            chips = self.signal.code(prn_of(sat))
-            # The mean chip over each cell: no sharper than the samples that were averaged, the first of which stands
-            # at the cell's beginning and not half a sample after it.
-            half_sample = 0.5 * self.n / (self.rate_hz * self.period_s)
-            fine = (np.arange(8 * self.n) + 0.5) / 8.0 - half_sample
-            replica = chips[np.floor(fine * chips.size / self.n).astype(np.int64) % chips.size]
-            replica = replica.reshape(self.n, 8).mean(axis=1)
-            self._spectra[sat] = np.conj(fft.fft(replica)).astype(np.complex64)
-        return self._spectra[sat]
+    def _has_lines(self, spectra: NDArray[np.complex64]) -> bool:
+        psd = _mean_power(spectra.view(np.float32))
+        limit = _LINE + _CODE_LINE_HZ * self.settings.coherent_periods * self.period_s
+        return bool(np.any(psd > limit * _level(psd.mean(axis=0))))
 
-    def _power(
-        self, sat: str, dopplers_hz: NDArray[np.float64], spectra: dict[float, NDArray[np.complex64]]
-    ) -> NDArray[np.float64]:
-        """Correlation power over its mean, (n_dopplers, n)."""
-        code = self._code_spectrum(sat)
-        power = np.empty((dopplers_hz.size, self.n))
-        bin_hz = 1.0 / self.period_s
-        for row, doppler in enumerate(dopplers_hz):
-            offset = float(np.mod(doppler, bin_hz))
-            shift = round((doppler - offset) / bin_hz)
-            product = spectra[offset] * np.roll(code, shift)[None, :]
-            correlation = fft.ifft(product, axis=1, overwrite_x=True).view(np.float32)
-            power[row] = np.einsum("pnc,pnc->n", *[correlation.reshape(-1, self.n, 2)] * 2)
-        # Signals lift the mean; the median of Gamma(m) is that of the noise almost whatever the signals do.
-        m = self.settings.n_periods
-        power *= special.gammaincinv(m, 0.5) / m / np.median(power)
-        return power
+    def _code(self, sat: str) -> Floats:
+        if sat not in self._codes:
+            self._codes[sat] = self._code_spectrum(self.signal.code(prn_of(sat)))
+        return self._codes[sat]
 
-    def _peaks(
-        self, sat: str, dopplers_hz: NDArray[np.float64], power: NDArray[np.float64], threshold: float,
-        known: Sequence[tuple[float, float]], samples: NDArray[np.float32], if_hz: float,
-    ) -> list[Peak]:  # fmt: skip
-        power = power.copy()
-        peaks: list[Peak] = []
-        strongest = max((p for _, p in known if np.isfinite(p)), default=0.0)
-        for delay_s, _ in known:
-            self._mask(power, delay_s)
-        for _ in range(self.settings.max_peaks):
-            row, column = np.unravel_index(int(np.argmax(power)), power.shape)
-            value = float(power[row, column])
-            if value < threshold or value - 1.0 < CODE_SIDELOBE * (strongest - 1.0):
-                break
-            strongest = max(strongest, value)
-            delay_s = self._interpolate(power[row], int(column))
-            doppler_hz = self._fine_doppler(sat, delay_s, float(dopplers_hz[row]), samples, if_hz)
-            cn0_dbhz = 10.0 * np.log10((value - 1.0) / self.period_s)
-            peaks.append(Peak(sat=sat, delay_s=delay_s, doppler_hz=doppler_hz, power=value, cn0_dbhz=cn0_dbhz))
-            self._mask(power, delay_s)
-        return peaks
+    def _code_spectrum(self, chips: NDArray[np.int8]) -> Floats:
+        """Conjugate spectrum of rectangular chips, (2, N_CELLS): that of the chips as points, times sinc."""
+        lines = np.round(_FREQUENCY * N_CELLS).astype(np.int64)
+        points = fft.fft(chips.astype(np.float64))[lines % chips.size]
+        turns = lines / chips.size
+        spectrum = np.conj(points * np.sinc(turns) * np.exp(-1j * np.pi * turns))
+        return np.stack([spectrum.real, spectrum.imag]).astype(np.float32)
 
-    def _mask(self, power: NDArray[np.float64], delay_s: float) -> None:
-        half = self.settings.mask_chips / self.signal.code_length * self.n
-        centre = delay_s / self.period_s * self.n
-        columns = np.arange(int(np.floor(centre - half)), int(np.ceil(centre + half)) + 1) % self.n
-        power[:, columns] = 0.0
+    # ------------------------------------------------------------------ cells, delays, signals
 
-    def _interpolate(self, row: NDArray[np.float64], column: int) -> float:
-        """Delay of the triangle through the highest cell and its neighbours (amplitudes), in seconds."""
-        amplitude = np.sqrt(np.maximum(row[[column - 1, column, (column + 1) % self.n]] - 1.0, 0.0))
-        low = min(amplitude[0], amplitude[2])
-        rise = amplitude[1] - low
-        shift = 0.5 * (amplitude[2] - amplitude[0]) / rise if rise > 0.0 else 0.0
-        return float((column + shift) % self.n * self.period_s / self.n)
+    def _delay_s(self, column: int, doppler_hz: float) -> float:
+        """At the first sample, of a cell, which holds for the middle of the stretch."""
+        cell_s = self._n_fft / self.rate_hz / N_CELLS
+        ran_s = 0.5 * (self.duration_s - self.settings.coherent_periods * self.period_s)
+        return float((column * cell_s + doppler_hz / self.signal.carrier_hz * ran_s) % self.period_s)
 
-    def _fine_doppler(
-        self, sat: str, delay_s: float, doppler_hz: float, samples: NDArray[np.float32], if_hz: float
-    ) -> float:
-        """Doppler to a few hertz: spectrum of the squared prompts (free of data bits), within half a bin."""
-        chips = self.signal.code(prn_of(sat))
-        m = self.settings.n_periods - 1
-        begin = int(np.ceil(delay_s * self.rate_hz))
-        count = int(m * self.period_s * self.rate_hz)
-        k = np.arange(begin, min(begin + count, samples.shape[1]))
-        code_rate = self.signal.chip_rate_hz * (1.0 + doppler_hz / self.signal.carrier_hz)
-        replica = chips[np.floor((k / self.rate_hz - delay_s) * code_rate).astype(np.int64) % chips.size]
-        base = (samples[0, k] + 1j * samples[1, k]) * replica
-        base *= np.exp(-2j * np.pi * np.mod((if_hz + doppler_hz) / self.rate_hz * k, 1.0))
-        # Half a period at a time: unambiguous over twice the search's step.
-        parts = 2 * m
-        edges = (np.arange(parts) * (k.size / parts)).astype(np.int64)
-        prompts = np.add.reduceat(base, edges)
-        n_fft = 1024
-        spectrum = np.abs(fft.fft(prompts**2, n_fft))
-        frequency = fft.fftfreq(n_fft, self.period_s / 2.0) / 2.0
-        spectrum[np.abs(frequency) > 0.75 * self.settings.doppler_step_hz] = 0.0
-        return doppler_hz + float(frequency[int(np.argmax(spectrum))])
+    def _cell(self, one: KnownSignal) -> float:
+        """Inverse of `_delay_s`, fractional."""
+        ran_s = 0.5 * (self.duration_s - self.settings.coherent_periods * self.period_s)
+        delay_s = one.delay_s - one.doppler_hz / self.signal.carrier_hz * ran_s
+        return float(delay_s / self.period_s * N_CELLS % N_CELLS)
+
+    def _noise(self, planes: Floats, if_hz: float) -> float:
+        """Mean power of the correlation of one code period with noise alone, through the code's own band."""
+        return noise_of(planes, self.signal, self.rate_hz, if_hz, self._unused_codes[0])
+
+    def _measured(self, planes: Floats, if_hz: float, candidate: _Candidate) -> Measured:
+        return measure(
+            planes, self.signal, self.rate_hz, if_hz, candidate.sat,
+            KnownSignal(delay_s=candidate.delay_s, doppler_hz=candidate.row_hz),
+            doppler_reach_hz=min(0.75 * self.settings.doppler_step_hz, 499.0),
+        )  # fmt: skip
+
+    def _shoulder(self, found: KnownSignal, ones: Sequence[KnownSignal]) -> bool:
+        """Whether a signal lies so near one taken out before that it is called its reflection."""
+        for one in ones:
+            apart_s = (found.delay_s - one.delay_s + 0.5 * self.period_s) % self.period_s - 0.5 * self.period_s
+            chips = abs(apart_s) * self.signal.chip_rate_hz
+            if chips < self.settings.mask_chips and abs(found.doppler_hz - one.doppler_hz) < self._near_hz:
+                return True
+        return False
+
+    def _take_out(
+        self, planes: Floats, if_hz: float, fresh: Sequence[tuple[str, KnownSignal]],
+        taken: dict[str, list[tuple[KnownSignal, float]]],
+    ) -> None:  # fmt: skip
+        """Take signals out of the samples; with those of the same satellite taken out before, until they agree."""
+        power = remove(planes, self.signal, self.rate_hz, if_hz, fresh)
+        for (sat, one), value in zip(fresh, power, strict=True):
+            taken.setdefault(sat, []).append((one, float(value)))
+        together = [(sat, one) for sat in {sat for sat, _ in fresh} if len(taken[sat]) > 1 for one, _ in taken[sat]]
+        if together:
+            remove(planes, self.signal, self.rate_hz, if_hz, sorted(together, key=lambda pair: pair[0]), rounds=2)
+
+
+def _notch(planes: Floats, limit: float) -> None:
+    """Bring lines above `limit` times their neighbours' median down to it, in place, with the skirts that reach it.
+
+    Over the whole stretch, not a code period at a time: there the skirts of a line between two bins reach everywhere,
+    and cutting its top off leaves short pulses.
+    """
+    spectrum = fft.fft(planes[0] + 1j * planes[1])
+    psd = spectrum.real**2 + spectrum.imag**2
+    level = _level(psd)
+    cut = np.zeros(psd.size, np.bool_)
+    for k in np.flatnonzero(psd > limit * level):
+        reach = int(np.sqrt(psd[k] / level[k]) / np.pi)
+        cut[np.arange(k - reach, k + reach + 1) % psd.size] = True
+    cut &= psd > level
+    spectrum[cut] *= np.sqrt(level[cut] / psd[cut])
+    wave = fft.ifft(spectrum, overwrite_x=True)
+    planes[0], planes[1] = wave.real, wave.imag
+
+
+def _level(psd: Floats) -> Floats:
+    """Median of the surroundings of each bin, 64 of them."""
+    width = psd.size // 64
+    level = np.empty(psd.size, np.float32)
+    level[: 64 * width] = np.repeat(np.median(psd[: 64 * width].reshape(64, width), axis=-1), width)
+    level[64 * width :] = level[64 * width - 1]
+    return level
+
+
+@numba.njit(cache=True, nogil=True)
+def _mean_power(spectra: Floats) -> Floats:
+    """Over the blocks, (n_offsets, n_fft), of interleaved real and imaginary parts (n_offsets, n_blocks, 2 n_fft)."""
+    n = spectra.shape[2] // 2
+    power = np.zeros((spectra.shape[0], n), np.float32)
+    for offset in range(spectra.shape[0]):
+        for block in range(spectra.shape[1]):
+            line = spectra[offset, block]
+            out = power[offset]
+            for k in range(n):
+                out[k] += line[2 * k] * line[2 * k] + line[2 * k + 1] * line[2 * k + 1]
+    power *= np.float32(1.0 / spectra.shape[1])
+    return power
+
+
+@numba.njit(cache=True, nogil=True)
+def _cut(spectra: Floats, shift: int, out: Floats) -> None:
+    """The N_CELLS bins around bin `shift`, zero where there are none.
+
+    spectra : (n_sums, 2 n_fft), interleaved real and imaginary parts, periodic; out : (n_sums, 2, N_CELLS), filled.
+    """
+    n_fft, n = spectra.shape[1] // 2, out.shape[2]
+    half = min(n // 2, (n_fft - 1) // 2)
+    out[:] = np.float32(0.0)
+    for block in range(spectra.shape[0]):
+        line, real, imag = spectra[block], out[block, 0], out[block, 1]
+        k = -half
+        while k < half:  # in runs without a wrap on either side
+            source, cell = (k + shift) % n_fft, k % n
+            count = min(half - k, n_fft - source, n - cell)
+            _unweave(line[2 * source : 2 * (source + count)], real[cell : cell + count], imag[cell : cell + count])
+            k += count
+
+
+@numba.njit(cache=True, nogil=True)
+def _unweave(line: Floats, real: Floats, imag: Floats) -> None:
+    for k in range(real.shape[0]):
+        real[k] = line[2 * k]
+        imag[k] = line[2 * k + 1]
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+def _turn(i: Floats, q: Floats, cosines: Floats, sines: Floats, c: np.float32, s: np.float32, out: Floats) -> None:
+    """Add samples turned back by the rotations and by (c, s) to `out`, (n, 2)."""
+    for k in range(i.shape[0]):
+        real = cosines[k] * c - sines[k] * s
+        imag = cosines[k] * s + sines[k] * c
+        out[2 * k] += i[k] * real + q[k] * imag
+        out[2 * k + 1] += q[k] * real - i[k] * imag
+
+
+@numba.njit(cache=True, nogil=True)
+def _fold_planes(
+    i: Floats, q: Floats, starts: NDArray[np.int64], coherent: int, cycle_step: float, out: Floats
+) -> None:
+    n = out.shape[1] // 2
+    chunk = 512
+    cosines, sines = np.empty(chunk, np.float32), np.empty(chunk, np.float32)
+    for k in range(chunk):
+        angle = 2.0 * np.pi * ((k * cycle_step) % 1.0)
+        cosines[k] = np.cos(angle)
+        sines[k] = np.sin(angle)
+    for period in range(starts.shape[0]):
+        block = out[period // coherent]
+        for at in range(0, n, chunk):
+            to = min(n, at + chunk)
+            begin = starts[period] + at
+            angle = 2.0 * np.pi * ((begin * cycle_step) % 1.0)
+            _turn(
+                i[begin : begin + to - at], q[begin : begin + to - at], cosines, sines,
+                np.float32(np.cos(angle)), np.float32(np.sin(angle)), block[2 * at : 2 * to],
+            )  # fmt: skip
+
+
+def _fold(
+    i: Floats, q: Floats, starts: NDArray[np.int64], coherent: int, cycle_step: float, out: NDArray[np.complex64]
+) -> None:
+    """Samples wiped off and added over the periods of each block: into `out`, (n_blocks, n)."""
+    _fold_planes(i, q, starts, coherent, cycle_step, out.view(np.float32))

@@ -1,94 +1,309 @@
-"""Code periods of one channel to one measurement at a common receiver time.
+"""Code periods of every channel to one row of measurements at a common receiver time.
 
-The loops' own states are correlated in time. What is measured here is not them but the mean over the interval of the
-code phase used plus the discriminator: white from epoch to epoch, whatever the loop bandwidth.
+The loops' own states are correlated in time. What is measured here is not them but the loop's replica plus what the
+correlators find beside it, fitted over the block: white from block to block, whatever the loops' bandwidths.
+Correlators are summed over a data bit first (as soon as bits are known) and the bits wiped off, so that hardly any
+squaring loss remains; the discriminators are ratios of sums over the whole block.
 """
 
+import math
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.gnss.signals import SignalDescription
 from skyproof.receiver import kernels as k
+from skyproof.receiver.discriminator import Discriminator
+
+# Columns of what `measure` gives for a channel (float64).
+PERIODS = 0  # whole code periods that the received code shows, since the start of the channel's code period 0
+FRACTION_S = 1  # the rest, s
+CARRIER_CYC = 2  # grows with the range; arbitrary start
+DOPPLER_HZ = 3
+CN0_DBHZ = 4
+CODE_SIGMA_S = 5
+CARRIER_SIGMA_CYC = 6
+DOPPLER_SIGMA_HZ = 7
+SLIP = 8  # 1 if the carrier slipped, or may have, since the block before
+N_COLUMNS = 9
+
+UNSYNCHRONISED_PERIODS = 10  # a group, while it is not known where bits begin
+SLIP_SUSPECTED_CYC = 0.2  # a change of the residual between two groups that may hide a slip of half a cycle
+MIN_GROUPS = 5
+LEAST_CN0_HZ = 10.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Measurement:
-    """One channel at one receiver time.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measurements:
+    """Measurements of any number of channels and epochs, one a row, in order of time.
 
-    periods, fraction_s : time that the received code shows, since the start of the channel's code period 0: whole code
-        periods, and the rest in seconds.
-    carrier_cyc : grows with the range; arbitrary start.
+    elapsed_s : (n,) receiver time. arc : (n,) int64, which stretch of tracking. table : (n, N_COLUMNS).
+    taps : (n, n_taps) complex64, mean correlator of a code period with bits and carrier wiped off, over the block.
     """
 
-    periods: int
-    fraction_s: float
-    carrier_cyc: float
-    doppler_hz: float
-    cn0_dbhz: float
-    code_sigma_s: float
-    carrier_sigma_cyc: float
-    doppler_sigma_hz: float
+    elapsed_s: NDArray[np.float64]
+    arc: NDArray[np.int64]
+    table: NDArray[np.float64]
+    taps: NDArray[np.complex64]
+
+    def __len__(self) -> int:
+        return int(self.arc.size)
+
+    def column(self, index: int) -> NDArray[np.float64]:
+        """One column of the table, (n,)."""
+        return self.table[:, index]
+
+    @staticmethod
+    def joined(parts: "list[Measurements]") -> "Measurements":
+        """All parts as one; at least one part."""
+        return Measurements(
+            elapsed_s=np.concatenate([p.elapsed_s for p in parts]),
+            arc=np.concatenate([p.arc for p in parts]),
+            table=np.concatenate([p.table for p in parts]),
+            taps=np.concatenate([p.taps for p in parts]),
+        )
 
 
 def measure(
-    rows: NDArray[np.float64], elapsed_s: float, rate_hz: float, if_hz: float, signal: SignalDescription,
-    early_late_chips: float, pll_bandwidth_hz: float,
-) -> Measurement:  # fmt: skip
-    """Measurement at receiver time `elapsed_s` from the periods (n, columns of the kernel's output) around it.
+    states: NDArray[np.float64],
+    before: tuple[NDArray[np.float64], NDArray[np.int64]],
+    now: tuple[NDArray[np.float64], NDArray[np.int64]],
+    elapsed_s: float,
+    rate_hz: float,
+    if_hz: float,
+    signal: SignalDescription,
+    discriminator: Discriminator,
+) -> tuple[NDArray[np.float64], NDArray[np.complex64]]:
+    """Measurements at receiver time `elapsed_s` from the code periods around it.
 
-    Every period's code phase is carried to the epoch by the carrier, which makes the mean right under any motion that
-    the phase loop follows.
+    states : (n_channels, N_STATE); the columns that belong to the measurements are carried forward in place.
+    before, now : rows (n_channels, max_periods, columns) of the kernel and how many of them count, of the two frames.
+
+    Returns
+    -------
+    table (n_channels, N_COLUMNS), NaN for a channel with too few periods; taps (n_channels, n_taps).
+
+    Phase and frequency come from a parabola through the phases of the groups (so a constant acceleration biases
+    neither); their sigmas are the Cramer-Rao bound of that model times the squaring loss of a group, 1 + 1/(2 C/N0 T)
+    (Kaplan & Hegarty, 8.6.1). The code's sigma is that of a coherent early-minus-late discriminator over the block.
     """
-    starts = rows[:, k.OUT_START]
+    n_taps = (before[0].shape[2] - k.OUT_TAPS) // 2
+    table = np.full((states.shape[0], N_COLUMNS), np.nan)
+    taps = np.zeros((states.shape[0], n_taps), np.complex128)
+    _measure(
+        states, *before, *now, elapsed_s, rate_hz, if_hz, signal.carrier_hz, signal.chip_rate_hz, signal.period_s,
+        signal.periods_per_symbol, discriminator.gain, discriminator.noise_chips2, table, taps,
+    )  # fmt: skip
+    return table, taps.astype(np.complex64)
+
+
+@numba.njit(cache=True, nogil=True)
+def _measure(
+    states: NDArray[np.float64], rows_before: NDArray[np.float64], count_before: NDArray[np.int64],
+    rows_now: NDArray[np.float64], count_now: NDArray[np.int64], elapsed_s: float, rate_hz: float, if_hz: float,
+    carrier_hz: float, chip_rate_hz: float, period_s: float, periods_per_bit: int, code_gain: float,
+    code_noise_chips2: float, table: NDArray[np.float64], taps: NDArray[np.complex128],
+) -> None:  # fmt: skip
+    for channel in range(states.shape[0]):
+        n_before, n = count_before[channel], count_before[channel] + count_now[channel]
+        if n_before == 0 or n == n_before:
+            continue
+        rows = np.empty((n, rows_now.shape[2]))
+        rows[:n_before] = rows_before[channel, :n_before]
+        rows[n_before:] = rows_now[channel, : n - n_before]
+        _measure_channel(
+            states[channel], rows, elapsed_s, rate_hz, if_hz, carrier_hz, chip_rate_hz, period_s, periods_per_bit,
+            code_gain, code_noise_chips2, table[channel], taps[channel],
+        )  # fmt: skip
+
+
+@numba.njit(cache=True, nogil=True)
+def _measure_channel(
+    state: NDArray[np.float64], rows: NDArray[np.float64], elapsed_s: float, rate_hz: float, if_hz: float,
+    carrier_hz: float, chip_rate_hz: float, period_s: float, periods_per_bit: int, code_gain: float,
+    code_noise_chips2: float, result: NDArray[np.float64], taps: NDArray[np.complex128],
+) -> None:  # fmt: skip
+    n = rows.shape[0]
+    synchronised = state[k.BIT_START] >= 0.0
+    group = _groups(rows[:, k.OUT_PERIOD], state[k.BIT_START], periods_per_bit)
+    n_groups = group[n - 1] + 1
+    if n_groups < MIN_GROUPS:
+        return
     epoch = elapsed_s * rate_hz
-    here = max(int(np.searchsorted(starts, epoch, side="right")) - 1, 0)
-    phase = rows[here, k.OUT_PHASE] + rows[here, k.OUT_FREQUENCY] * (epoch - starts[here]) / rate_hz
-    ahead_s = (epoch - starts) / rate_hz
-    carrier_ahead_s = (phase - rows[:, k.OUT_PHASE] - if_hz * ahead_s) / signal.carrier_hz
-    period = rows[here, k.OUT_PERIOD]
-    code_s = (rows[:, k.OUT_PERIOD] - period) * signal.period_s + (
-        rows[:, k.OUT_CHIP] + rows[:, k.OUT_CODE_ERROR]
-    ) / signal.chip_rate_hz
-    first, last = rows[0], rows[-1]
-    span_s = (last[k.OUT_START] - first[k.OUT_START]) / rate_hz
-    doppler_hz = (last[k.OUT_PHASE] - first[k.OUT_PHASE]) / span_s - if_hz
-    duration_s = rows.shape[0] * signal.period_s
-    cn0_hz = carrier_to_noise_hz(rows[:, k.OUT_TAPS + 2], rows[:, k.OUT_TAPS + 3], signal.period_s)
-    code_sigma_s = code_sigma_chips(cn0_hz, early_late_chips, duration_s, signal.period_s) / signal.chip_rate_hz
-    carrier_sigma_cyc = phase_sigma_cyc(cn0_hz, pll_bandwidth_hz, signal.period_s)
-    return Measurement(
-        periods=int(period),
-        fraction_s=float(np.mean(code_s + ahead_s + carrier_ahead_s)),
-        carrier_cyc=float(if_hz * elapsed_s - phase),
-        doppler_hz=float(doppler_hz),
-        cn0_dbhz=float(10.0 * np.log10(cn0_hz)),
-        code_sigma_s=code_sigma_s,
-        carrier_sigma_cyc=carrier_sigma_cyc,
-        doppler_sigma_hz=np.sqrt(2.0) * carrier_sigma_cyc / duration_s,
-    )
+    here = 0
+    while here + 1 < n and rows[here + 1, k.OUT_START] <= epoch:
+        here += 1
+    reference_hz = rows[here, k.OUT_FREQUENCY]
+    phase = rows[here, k.OUT_PHASE] + reference_hz * (epoch - rows[here, k.OUT_START]) / rate_hz
+
+    prompt = rows[:, k.OUT_TAPS + 2] + 1j * rows[:, k.OUT_TAPS + 3]
+    sums = np.zeros(n_groups, np.complex128)
+    squares = np.zeros(n_groups, np.complex128)
+    weight, middle_s, loop_cyc = np.zeros(n_groups), np.zeros(n_groups), np.zeros(n_groups)
+    for r in range(n):
+        g = group[r]
+        t = (rows[r, k.OUT_START] - epoch) / rate_hz + 0.5 * period_s
+        sums[g] += prompt[r]
+        squares[g] += prompt[r] * prompt[r]
+        weight[g] += 1.0
+        middle_s[g] += t
+        loop_cyc[g] += rows[r, k.OUT_PHASE] + 0.5 * period_s * rows[r, k.OUT_FREQUENCY] - phase - reference_hz * t
+    middle_s /= weight
+    loop_cyc /= weight
+    if synchronised:
+        squares = sums * sums
+
+    residual_cyc, slipped = _unwrapped(state, squares)
+    fit, variance = _parabola(middle_s, loop_cyc + residual_cyc, weight)
+
+    # Rotations that leave the signal on the real axis, bits wiped off.
+    wipe = np.empty(n, np.complex128)
+    for r in range(n):
+        g = group[r]
+        t = middle_s[g]
+        turn = np.exp(-2j * np.pi * (fit[0] + fit[1] * t + fit[2] * t * t - loop_cyc[g]))
+        seen = sums[g] * turn if synchronised else prompt[r] * turn
+        wipe[r] = turn if seen.real >= 0.0 else -turn
+    code_chips, difference, level = 0.0, 0.0, 0.0
+    code_s = 0.0
+    for r in range(n):
+        for tap in range(taps.shape[0]):
+            value = complex(rows[r, k.OUT_TAPS + 2 * tap], rows[r, k.OUT_TAPS + 2 * tap + 1])
+            taps[tap] += value * wipe[r] / n
+        ahead_s = (epoch - rows[r, k.OUT_START]) / rate_hz
+        carrier_ahead_s = (phase - rows[r, k.OUT_PHASE] - if_hz * ahead_s) / carrier_hz
+        code_chips += (rows[r, k.OUT_CHIP] - rows[r, k.OUT_SHIFT]) / n
+        code_s += ((rows[r, k.OUT_PERIOD] - rows[here, k.OUT_PERIOD]) * period_s + ahead_s + carrier_ahead_s) / n
+    difference = (taps[0] - taps[2]).real
+    level = taps[1].real
+    if not level > 0.0:
+        return
+    code_chips += difference / level / code_gain
+
+    cn0_hz = max(_carrier_to_noise_hz(prompt, wipe, group, synchronised, period_s), LEAST_CN0_HZ)
+    coherent_s = period_s * (n / n_groups if synchronised else 1.0)
+    period_variance = (1.0 + 0.5 / (cn0_hz * coherent_s)) / (2.0 * cn0_hz * period_s) / (2.0 * math.pi) ** 2
+    result[PERIODS] = rows[here, k.OUT_PERIOD]
+    result[FRACTION_S] = code_s + code_chips / chip_rate_hz
+    result[CARRIER_CYC] = if_hz * elapsed_s - phase - fit[0]
+    result[DOPPLER_HZ] = reference_hz + fit[1] - if_hz
+    result[CN0_DBHZ] = 10.0 * math.log10(cn0_hz)
+    result[CODE_SIGMA_S] = math.sqrt(code_noise_chips2 / (n * period_s * cn0_hz)) / chip_rate_hz
+    result[CARRIER_SIGMA_CYC] = math.sqrt(variance[0] * period_variance)
+    result[DOPPLER_SIGMA_HZ] = math.sqrt(variance[1] * period_variance)
+    result[SLIP] = 1.0 if slipped else 0.0
 
 
-def carrier_to_noise_hz(i_prompt: NDArray[np.float64], q_prompt: NDArray[np.float64], period_s: float) -> float:
-    """C/N0 as a ratio in hertz of a phase-locked signal: I carries signal and noise, Q noise alone.
+@numba.njit(cache=True, nogil=True)
+def _groups(periods: NDArray[np.float64], bit_start: float, periods_per_bit: int) -> NDArray[np.int64]:
+    """To which group each period belongs: its data bit, or a run of a few periods while bits are not known."""
+    length = periods_per_bit if bit_start >= 0.0 else UNSYNCHRONISED_PERIODS
+    start = max(bit_start, 0.0)
+    group = np.empty(periods.size, np.int64)
+    first = math.floor((periods[0] - start) / length)
+    for r in range(periods.size):
+        group[r] = math.floor((periods[r] - start) / length) - first
+    return group
 
-    The difference of the mean squares is free of noise bias at any C/N0. At least 10 dB-Hz is returned.
+
+@numba.njit(cache=True, nogil=True)
+def _unwrapped(state: NDArray[np.float64], squares: NDArray[np.complex128]) -> tuple[NDArray[np.float64], bool]:
+    """Phase of the signal less the loop's in each group, cycles, continued from the block before; whether it slipped.
+
+    A bit turns the phase by half a cycle and squaring hides that, so the residual is known modulo half a cycle. The
+    loop holds it near a multiple of that; when it moves to another one, the loop has slipped.
     """
-    noise = float(np.mean(q_prompt**2))
-    signal = float(np.mean(i_prompt**2)) - noise
-    return max(signal / (2.0 * noise * period_s), 10.0) if noise > 0.0 else 10.0
+    before, offset = state[k.RESIDUAL], state[k.HALF_CYCLES]
+    began = offset
+    suspected = False
+    residual = np.empty(squares.size)
+    for g in range(squares.size):
+        wrapped = 0.25 * math.atan2(squares[g].imag, squares[g].real) / math.pi
+        if math.isnan(before):
+            before = wrapped
+        step = wrapped + 0.5 * offset - before
+        turns = math.floor(2.0 * step + 0.5)
+        offset -= turns
+        if abs(step - 0.5 * turns) > SLIP_SUSPECTED_CYC:
+            suspected = True
+        before = wrapped + 0.5 * offset
+        residual[g] = before
+    state[k.RESIDUAL], state[k.HALF_CYCLES] = before, offset
+    return residual, suspected or offset != began
 
 
-def code_sigma_chips(cn0_hz: float, early_late_chips: float, duration_s: float, period_s: float) -> float:
-    """Thermal noise of a dot-product discriminator averaged over `duration_s`, chips.
+@numba.njit(cache=True, nogil=True)
+def _parabola(
+    t: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Coefficients (3,) of the weighted least-squares parabola, and their variances for unit variance at weight 1."""
+    scale = max(abs(t[0]), abs(t[t.size - 1]))
+    normal = np.zeros((3, 3))
+    right = np.zeros(3)
+    for g in range(t.size):
+        x = t[g] / scale
+        powers = (1.0, x, x * x)
+        for i in range(3):
+            right[i] += weight[g] * powers[i] * y[g]
+            for j in range(3):
+                normal[i, j] += weight[g] * powers[i] * powers[j]
+    # The adjugate: three by three needs no library.
+    inverse = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            a, b = (j + 1) % 3, (j + 2) % 3
+            c, d = (i + 1) % 3, (i + 2) % 3
+            inverse[i, j] = normal[a, c] * normal[b, d] - normal[a, d] * normal[b, c]
+    determinant = normal[0, 0] * inverse[0, 0] + normal[0, 1] * inverse[1, 0] + normal[0, 2] * inverse[2, 0]
+    inverse /= determinant
+    scales = np.array([1.0, scale, scale * scale])
+    fit = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            fit[i] += inverse[i, j] * right[j] / scales[i]
+    return fit, np.array([inverse[0, 0], inverse[1, 1], inverse[2, 2]]) / scales**2
 
-    Kaplan & Hegarty, eq. 8.81 with the loop's noise bandwidth replaced by that of the average, 1/(2 duration).
+
+@numba.njit(cache=True, nogil=True)
+def _carrier_to_noise_hz(
+    prompt: NDArray[np.complex128], wipe: NDArray[np.complex128], group: NDArray[np.int64], synchronised: bool,
+    period_s: float,
+) -> float:  # fmt: skip
+    """C/N0 as a ratio in hertz.
+
+    Noise from the differences of neighbouring prompts within a bit, signal from the bit's sum less the noise in it:
+    neither cares for the loop's phase, and noise biases neither. While bits are not known, the real axis carries
+    signal and noise, the imaginary one noise alone.
     """
-    squaring = 1.0 + 1.0 / (cn0_hz * period_s)
-    return float(np.sqrt(early_late_chips / (4.0 * duration_s * cn0_hz) * squaring))
-
-
-def phase_sigma_cyc(cn0_hz: float, bandwidth_hz: float, period_s: float) -> float:
-    """Thermal noise of a Costas loop, cycles (Kaplan & Hegarty, eq. 8.74)."""
-    return float(np.sqrt(bandwidth_hz / cn0_hz * (1.0 + 0.5 / (cn0_hz * period_s))) / (2.0 * np.pi))
+    n = prompt.size
+    if not synchronised:
+        noise = 0.0
+        power = 0.0
+        for r in range(n):
+            turned = prompt[r] * wipe[r]
+            power += turned.real * turned.real / n
+            noise += turned.imag * turned.imag / n
+        return (power - noise) / (2.0 * noise * period_s) if noise > 0.0 else 0.0
+    differences, pairs = 0.0, 0
+    for r in range(1, n):
+        if group[r] == group[r - 1]:
+            step = prompt[r] - prompt[r - 1]
+            differences += step.real * step.real + step.imag * step.imag
+            pairs += 1
+    if pairs == 0 or differences <= 0.0:
+        return 0.0
+    noise = 0.5 * differences / pairs
+    signal, squares = 0.0, 0.0
+    total, length = 0.0 + 0.0j, 0.0
+    for r in range(n):
+        total += prompt[r]
+        length += 1.0
+        if r == n - 1 or group[r + 1] != group[r]:
+            signal += total.real * total.real + total.imag * total.imag - length * noise
+            squares += length * length
+            total, length = 0.0 + 0.0j, 0.0
+    # A ratio of means: the inverse of an estimated variance is large by 1 + 1/(its degrees of freedom), 3/2 of them a
+    # pair lost to the overlap of neighbouring differences.
+    return signal / squares / (noise * period_s) * (1.0 - 1.5 / pairs)

@@ -1,9 +1,9 @@
-"""Epochs and arcs to `Observations`: integer code periods become time of transmission, and that pseudoranges.
+"""Measurements and arcs to `Observations`: integer code periods become time of transmission, and that pseudoranges.
 
 Whole milliseconds are counted as integers and only fractions are floating point, so no digit of a range is lost.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,12 +12,23 @@ from skyproof.gnss.constants import SECONDS_PER_WEEK, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris, NavigationData
 from skyproof.gnss.lnav import Subframe, ephemeris_from_subframes, ionosphere_and_utc
 from skyproof.gnss.time import gpst
-from skyproof.receiver.tracking import Arc, Epoch
-from skyproof.records import Observations
+from skyproof.receiver import measurement as m
+from skyproof.receiver.channels import Arc
+from skyproof.receiver.measurement import Measurements
+from skyproof.records import Observations, Reals
 
 TYPICAL_TRAVEL_MS = 77
 WEEK_MS = SECONDS_PER_WEEK * 1000
 NOT_TRACKED, NO_TIME, SLIP = 1, 2, 3
+_AS_MEASURED = {
+    "carrier_cyc": (m.CARRIER_CYC, 1.0),
+    "doppler_hz": (m.DOPPLER_HZ, 1.0),
+    "cn0_dbhz": (m.CN0_DBHZ, 1.0),
+    "pseudorange_sigma_m": (m.CODE_SIGMA_S, SPEED_OF_LIGHT_M_S),
+    "carrier_sigma_cyc": (m.CARRIER_SIGMA_CYC, 1.0),
+    "doppler_sigma_hz": (m.DOPPLER_SIGMA_HZ, 1.0),
+}
+"""Observable to column of the measurements and factor."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,20 +42,17 @@ class ClockLabel:
     tow_ms: int
 
 
-def clock_label(epochs: Sequence[Epoch], arcs: Mapping[int, Arc], week: int) -> ClockLabel | None:
+def clock_label(measurements: Measurements, arcs: Mapping[int, Arc], week: int) -> ClockLabel | None:
     """The label that puts the middle travel time at 77 ms; None while no time of week is decoded.
 
     `week` is that of the first sample, or of the one nearest in time to it.
     """
     starts_ms = []
-    for number, arc in arcs.items():
-        if arc.tow_ms_at_period_0 is None:
-            continue
-        for epoch in epochs:
-            if number in epoch.measurements:
-                sent_ms = arc.tow_ms_at_period_0 + epoch.measurements[number].periods
-                starts_ms.append(sent_ms + TYPICAL_TRAVEL_MS - round(epoch.elapsed_s * 1000))
-                break
+    for number, row in _first_rows(measurements).items():
+        tow_ms = arcs[number].tow_ms_at_period_0
+        if tow_ms is not None:
+            sent_ms = tow_ms + int(measurements.table[row, m.PERIODS])
+            starts_ms.append(sent_ms + TYPICAL_TRAVEL_MS - round(float(measurements.elapsed_s[row]) * 1000))
     if not starts_ms:
         return None
     # The week may turn over between satellites: count from the first one seen.
@@ -53,47 +61,51 @@ def clock_label(epochs: Sequence[Epoch], arcs: Mapping[int, Arc], week: int) -> 
     return ClockLabel(week=week + tow_ms // WEEK_MS, tow_ms=tow_ms % WEEK_MS)
 
 
+def _first_rows(measurements: Measurements) -> dict[int, int]:
+    """The first row of each arc."""
+    numbers, rows = np.unique(measurements.arc, return_index=True)
+    return dict(zip(numbers.tolist(), rows.tolist(), strict=True))
+
+
 def assemble(
-    receiver: str, epochs: Sequence[Epoch], arcs: Mapping[int, Arc], label: ClockLabel, *, carrier_hz: float,
-    averaged_s: float,
+    receiver: str, measurements: Measurements, arcs: Mapping[int, Arc], label: ClockLabel, elapsed_s: Reals, *,
+    carrier_hz: float, averaged_s: float,
 ) -> Observations:  # fmt: skip
-    """All epochs as one record, one column a signal; a signal lost and found again keeps its column."""
+    """All measurements as one record, one column a signal; a signal lost and found again keeps its column.
+
+    elapsed_s : (n_epochs,) times of the rows, multiples of `averaged_s`; those without a measurement are there too.
+    """
     signals = tuple(sorted({arc.signal for arc in arcs.values()}))
     column = {signal: i for i, signal in enumerate(signals)}
-    shape = (len(epochs), len(signals))
-    table = {
-        name: np.full(shape, np.nan)
-        for name in ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m",
-                     "carrier_sigma_cyc", "doppler_sigma_hz")
-    }  # fmt: skip
+    shape = (elapsed_s.size, len(signals))
     status = np.full(shape, NOT_TRACKED, np.uint8)
-    last_arc: dict[int, int] = {}
-    for row, epoch in enumerate(epochs):
-        elapsed_ms = round(epoch.elapsed_s * 1000)
-        for number, m in epoch.measurements.items():
-            arc = arcs[number]
-            cell = row, column[arc.signal]
-            if arc.tow_ms_at_period_0 is None:
-                status[cell] = NO_TIME
-                continue
-            whole_ms = label.tow_ms + elapsed_ms - arc.tow_ms_at_period_0 - m.periods
-            whole_ms = (whole_ms + WEEK_MS // 2) % WEEK_MS - WEEK_MS // 2
-            status[cell] = SLIP if last_arc.get(cell[1], number) != number else 0
-            last_arc[cell[1]] = number
-            table["pseudorange_m"][cell] = SPEED_OF_LIGHT_M_S * (whole_ms * 1e-3 - m.fraction_s)
-            table["carrier_cyc"][cell] = m.carrier_cyc
-            table["doppler_hz"][cell] = m.doppler_hz
-            table["cn0_dbhz"][cell] = m.cn0_dbhz
-            table["pseudorange_sigma_m"][cell] = SPEED_OF_LIGHT_M_S * m.code_sigma_s
-            table["carrier_sigma_cyc"][cell] = m.carrier_sigma_cyc
-            table["doppler_sigma_hz"][cell] = m.doppler_sigma_hz
+    cells = {name: np.full(shape, np.nan) for name in ("pseudorange_m", *_AS_MEASURED)}
+    for number in np.unique(measurements.arc).tolist():
+        arc = arcs[number]
+        chosen = measurements.arc == number
+        table = measurements.table[chosen]
+        measured_s = measurements.elapsed_s[chosen]
+        rows = np.rint((measured_s - elapsed_s[0]) / averaged_s).astype(np.int64) if elapsed_s.size else []
+        cell = rows, column[arc.signal]
+        if arc.tow_ms_at_period_0 is None:
+            status[cell] = NO_TIME
+            continue
+        # Two arcs of one signal cannot overlap, but a new one is not the old one's continuation.
+        begun_before = bool(np.isfinite(cells["pseudorange_m"][: rows[0], cell[1]]).any())
+        status[cell] = np.where(table[:, m.SLIP] > 0.0, SLIP, 0)
+        status[rows[0], cell[1]] = SLIP if begun_before or table[0, m.SLIP] > 0.0 else 0
+        elapsed_ms = np.rint(measured_s * 1000).astype(np.int64)
+        whole_ms = label.tow_ms + elapsed_ms - arc.tow_ms_at_period_0 - table[:, m.PERIODS].astype(np.int64)
+        whole_ms = (whole_ms + WEEK_MS // 2) % WEEK_MS - WEEK_MS // 2
+        cells["pseudorange_m"][cell] = SPEED_OF_LIGHT_M_S * (whole_ms * 1e-3 - table[:, m.FRACTION_S])
+        for name, (index, factor) in _AS_MEASURED.items():
+            cells[name][cell] = factor * table[:, index]
     found = np.full(len(signals), np.inf)
     missed = np.full(len(signals), np.nan)
     for arc in arcs.values():
         i = column[arc.signal]
         if arc.found_s < found[i]:
             found[i], missed[i] = arc.found_s, arc.missed_s
-    elapsed_s = np.array([e.elapsed_s for e in epochs], dtype=np.float64)
     return Observations(
         receiver=receiver,
         signals=signals,
@@ -102,15 +114,16 @@ def assemble(
         status=status,
         found_elapsed_s=found,
         missed_elapsed_s=missed,
-        carrier_hz=carrier_hz,
+        carrier_hz=np.full(len(signals), carrier_hz),
         averaged_s=averaged_s,
-        **table,
+        **cells,
     )
 
 
 def timed_by_range(
-    arcs: Mapping[int, Arc], epochs: Sequence[Epoch], label: ClockLabel, range_m: Callable[[str, float], float | None]
-) -> dict[int, Arc]:
+    arcs: Mapping[int, Arc], measurements: Measurements, label: ClockLabel,
+    range_m: Callable[[str, float], float | None],
+) -> dict[int, Arc]:  # fmt: skip
     """The arcs, those without a time of week given one by the range that their satellite should have.
 
     Bits begin at whole 20 ms, so a channel that knows where its bits begin is open by multiples of 20 ms (6000 km)
@@ -122,21 +135,18 @@ def timed_by_range(
     range_m : pseudorange expected of a satellite (name) at an epoch (elapsed_s), on the receiver's clock; None where
         that is not known.
     """
-    first: dict[int, Epoch] = {}
-    for epoch in epochs:
-        for number in epoch.measurements:
-            first.setdefault(number, epoch)
+    first = _first_rows(measurements)
     timed = dict(arcs)
     for number, arc in arcs.items():
         if arc.tow_ms_at_period_0 is not None or not arc.bit_synchronised or number not in first:
             continue
-        epoch = first[number]
-        expected_m = range_m(arc.signal.sat, epoch.elapsed_s)
+        row = measurements.table[first[number]]
+        elapsed_s = float(measurements.elapsed_s[first[number]])
+        expected_m = range_m(arc.signal.sat, elapsed_s)
         if expected_m is None:
             continue
-        measurement = epoch.measurements[number]
-        sent_ms = label.tow_ms + epoch.elapsed_s * 1e3 - expected_m / SPEED_OF_LIGHT_M_S * 1e3
-        at_period_0_ms = sent_ms - measurement.periods - measurement.fraction_s * 1e3
+        sent_ms = label.tow_ms + elapsed_s * 1e3 - expected_m / SPEED_OF_LIGHT_M_S * 1e3
+        at_period_0_ms = sent_ms - row[m.PERIODS] - row[m.FRACTION_S] * 1e3
         at_bits_ms = 20 * round((at_period_0_ms + arc.bits_period) / 20.0)
         timed[number] = replace(arc, tow_ms_at_period_0=(at_bits_ms - arc.bits_period) % WEEK_MS)
     return timed

@@ -35,7 +35,7 @@ class Telemetry:
     subframes: Mapping[int, Subframe] = field(default_factory=dict)
 
 
-def step(telemetry: Telemetry, prompts: NDArray[np.float64], first_period: int) -> Telemetry:
+def step(telemetry: Telemetry, prompts: NDArray[np.floating], first_period: int) -> Telemetry:
     """Take the in-phase prompts (n,) of the code periods from `first_period` on, which follow on those before."""
     if telemetry.prompts.size == 0:
         telemetry = replace(telemetry, prompts_period=first_period)
@@ -44,7 +44,7 @@ def step(telemetry: Telemetry, prompts: NDArray[np.float64], first_period: int) 
         if telemetry.prompts.size < BIT_SYNC_PERIODS:
             return telemetry
         telemetry = _synchronise(telemetry)
-    return _decode(_make_bits(telemetry))
+    return _decode(_make_bits(telemetry), telemetry.bits.size)
 
 
 def bit_energy(prompts: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -81,9 +81,10 @@ def _make_bits(telemetry: Telemetry) -> Telemetry:
     )
 
 
-def _decode(telemetry: Telemetry) -> Telemetry:
+def _decode(telemetry: Telemetry, n_before: int) -> Telemetry:
     """Look for subframes once a second's worth of bits is new; forget what no subframe can need any more."""
-    if telemetry.bits.size < 60 or (telemetry.bits.size % 50 >= 5 and telemetry.bits.size < BITS_KEPT):
+    n = telemetry.bits.size
+    if n < 60 or (n // 50 == n_before // 50 and n < BITS_KEPT):
         return telemetry
     subframes = dict(telemetry.subframes)
     tow_ms = telemetry.tow_ms_at_period_0

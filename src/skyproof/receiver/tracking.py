@@ -2,25 +2,44 @@
 
 Samples are worked on in frames of a tenth of a second counted from the first sample, whatever blocks they come in: any
 cut of the recording gives the same result. Each frame: search for new signals when it is time, one kernel call that
-advances all channels, telemetry, lock control, and at every second frame a row of measurements.
+advances all channels, lock control, telemetry, and at every second frame a row of measurements for each channel.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.gnss.lnav import Subframe
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, SignalDescription, prn_of
 from skyproof.receiver import kernels as k
+from skyproof.receiver import measurement as m
 from skyproof.receiver import telemetry as tm
-from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
-from skyproof.receiver.measurement import Measurement, measure
-from skyproof.records import SignalId
+from skyproof.receiver.acquisition import KnownSignal, Peak, Searcher, SearchSettings
+from skyproof.receiver.channels import FORGET_S, Arc, Channel, Gap, LostSignal, Place, arc_of, continued, letter
+from skyproof.receiver.correlator import REACH_CHIPS, table_pad
+from skyproof.receiver.discriminator import discriminator
+from skyproof.receiver.lock import lock_threshold, lock_value
+from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.replica import CODE_SCALE, code_table
 
-FORGET_S = 30.0
-"""A lost signal that is found again within this time, near its old delay, keeps its letter."""
+Reals = NDArray[np.float64]
+
+MEASURE_FRAMES = 2
+TELEMETRY_FRAMES = 5
+LOCK_FRAMES = 5
+DOPPLER_BIN_HZ = 500.0
+"""How finely it is remembered where was searched last."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopSettings:
+    """Coherent integration in code periods (a divisor of a bit's) and loop bandwidths in hertz."""
+
+    integration: int
+    pll_bandwidth_hz: float
+    fll_bandwidth_hz: float = 0.0
+    dll_bandwidth_hz: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,87 +47,63 @@ class ReceiverSettings:
     """How the receiver works. Times in seconds of receiver time.
 
     early_late_chips : spacing between early and late tap.
-    pull_in_s : how long the frequency loop helps; confirm_s : after that time a channel must be locked or is dropped.
-    min_lock : mean of (I^2 - Q^2)/(I^2 + Q^2) that counts as locked: 0.4 is met above about 28 dB-Hz.
-    near_search_s, full_search_s : how often further signals are looked for near the Doppler of tracked ones, and
-        of all satellites at every Doppler.
+    further_taps_chips : taps beside early, prompt and late, ahead of prompt positive.
+    further_taps_hz : Dopplers beside the carrier's at which all taps are taken as well.
+    pull_in, searching_bits, tracking, weak : the loops for `pull_in_s`; until bits are known; then; and below
+        `weak_dbhz` (with 2 dB of hysteresis).
+    confirm_s : after that time a channel must be locked or is dropped.
+    false_hold_probability : that noise passes for a locked signal in one look at the last half second.
+    near_search_s, full_search_s : how often further signals are looked for near the Doppler of tracked and lost ones,
+        and of every satellite at every Doppler (a share of them at a time).
+    pulled_chips : by as much code and carrier may part before a channel counts as pulled away from its signal.
     """
 
     signal: SignalDescription = GPS_L1_CA
     sats: tuple[str, ...] = GPS_SATS
     frame_s: float = 0.1
     early_late_chips: float = 0.25
+    further_taps_chips: tuple[float, ...] = ()
+    further_taps_hz: tuple[float, ...] = ()
     code_phases: int = 32
-    pll_bandwidth_hz: float = 15.0
-    fll_bandwidth_hz: float = 8.0
-    dll_bandwidth_hz: float = 1.0
-    dll_pull_in_hz: float = 4.0
+    pull_in: LoopSettings = LoopSettings(
+        integration=1, pll_bandwidth_hz=15.0, fll_bandwidth_hz=8.0, dll_bandwidth_hz=4.0
+    )
+    searching_bits: LoopSettings = LoopSettings(integration=1, pll_bandwidth_hz=15.0)
+    tracking: LoopSettings = LoopSettings(integration=5, pll_bandwidth_hz=15.0)
+    weak: LoopSettings = LoopSettings(integration=20, pll_bandwidth_hz=6.0, dll_bandwidth_hz=0.5)
+    weak_dbhz: float = 31.0
     pull_in_s: float = 0.5
     confirm_s: float = 0.8
-    min_lock: float = 0.4
-    lose_after_s: float = 0.5
+    false_hold_probability: float = 1e-4
     merge_chips: float = 0.5
+    pulled_chips: float = 0.1
     near_search_s: float = 0.5
     full_search_s: float = 5.0
     doppler_max_hz: float = 7000.0
     near_doppler_hz: float = 1000.0
     search: SearchSettings = field(default_factory=SearchSettings)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Channel:
-    """One tracked signal: what is known of it beside its loops.
-
-    copy is None until the channel is confirmed. missed_s is NaN if the first search found it.
-    """
-
-    sat: str
-    began_s: float
-    found_s: float
-    missed_s: float
-    arc: int
-    copy: str | None = None
-    lock: float = 1.0
-    unlocked_frames: int = 0
-    telemetry: tm.Telemetry = field(default_factory=tm.Telemetry)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LostSignal:
-    """A confirmed signal that is not tracked at the moment; found again near its old delay it keeps its letter."""
-
-    sat: str
-    copy: str
-    found_s: float
-    missed_s: float
-    lost_s: float
-    delay_s: float  # of the code period's start after the frame's start, at lost_s
-    doppler_hz: float
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Arc:
-    """A stretch of uninterrupted tracking: which signal, and what its message told (as of the last frame)."""
-
-    signal: SignalId
-    found_s: float
-    missed_s: float
-    tow_ms_at_period_0: int | None
-    bit_synchronised: bool
-    bits_period: int
-    subframes: Mapping[int, Subframe]
+    near_search: SearchSettings = field(default_factory=SearchSettings)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ReceiverState:
-    """All that the receiver remembers between two blocks of samples."""
+    """All that the receiver remembers between two blocks of samples.
+
+    The arrays have a row a channel: loops as in `kernels`; rows and counts of the frame before; the lock value and
+    number of prompts of the last frames, NaN before the channel began; where it was when it was last locked (time,
+    delay, Doppler).
+    """
 
     tail: NDArray[np.float32] = field(default_factory=lambda: np.empty((2, 0), np.float32))
     tail_start: int = 0
     frame: int = 0
     channels: tuple[Channel, ...] = ()
-    loops: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, k.N_STATE)))
-    periods: tuple[NDArray[np.float64], ...] = ()  # of the frame before, a channel each
+    loops: Reals = field(default_factory=lambda: np.empty((0, k.N_STATE)))
+    rows: Reals = field(default_factory=lambda: np.empty((0, 0, 0)))
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    prompts: tuple[tuple[NDArray[np.float32], ...], ...] = ()  # in phase, of the frames since the last telemetry
+    lock: Reals = field(default_factory=lambda: np.empty((0, LOCK_FRAMES, 2)))
+    locked_at: Reals = field(default_factory=lambda: np.empty((0, 3)))
     lost: tuple[LostSignal, ...] = ()
     letters: Mapping[str, int] = field(default_factory=dict)
     searched: Mapping[str, Mapping[int, float]] = field(default_factory=dict)  # sat -> Doppler bin -> last time
@@ -116,19 +111,12 @@ class ReceiverState:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Epoch:
-    """The measurements of one moment, by arc."""
-
-    elapsed_s: float
-    measurements: Mapping[int, Measurement]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
 class StepOutput:
-    """What a step gives: new epochs, and the arcs as they stand."""
+    """What a step gives: measurements, the arcs that were followed as they stand, and gaps that were bridged."""
 
-    epochs: tuple[Epoch, ...]
+    measurements: Measurements
     arcs: Mapping[int, Arc]
+    gaps: tuple[Gap, ...] = ()
 
 
 class Receiver:
@@ -140,8 +128,15 @@ class Receiver:
         self.if_hz = if_hz
         self.signal = self.settings.signal
         self.searcher = Searcher(self.signal, rate_hz, self.settings.search)
+        self.near_searcher = Searcher(self.signal, rate_hz, self.settings.near_search)
+        self.discriminator = discriminator(self.signal.chip_rate_hz / rate_hz, self.settings.early_late_chips)
         half = 0.5 * self.settings.early_late_chips
-        self.taps_chips = np.array([half, 0.0, -half])
+        self.taps_chips = np.array([half, 0.0, -half, *self.settings.further_taps_chips])
+        self.taps_hz = np.array([0.0, *self.settings.further_taps_hz])
+        self.n_taps = self.taps_chips.size * self.taps_hz.size
+        self._reach_chips = max(REACH_CHIPS, float(np.max(np.abs(self.taps_chips))) + 1.0)
+        self._pad = table_pad(self.signal.chip_rate_hz / rate_hz, self._reach_chips)
+        self._max_periods = int(self.settings.frame_s / self.signal.period_s) + 4
         self._tables: dict[str, NDArray[np.int8]] = {}
         self._stacked: tuple[tuple[str, ...], NDArray[np.int8]] | None = None
 
@@ -152,94 +147,97 @@ class Receiver:
     def step(self, state: ReceiverState, samples: NDArray[np.float32]) -> tuple[StepOutput, ReceiverState]:
         """Work on all frames that are complete with these samples, shape (2, n), which follow on those before."""
         state = replace(state, tail=np.concatenate([state.tail, samples], axis=1))
-        epochs: list[Epoch] = []
+        measured = [self._nothing_measured()]
         arcs: dict[int, Arc] = {}
+        gaps: list[Gap] = []
         while self.frame_start(state.frame + 1) <= state.tail_start + state.tail.shape[1]:
-            state, epoch, frame_arcs = self._frame(state)
-            arcs |= frame_arcs
-            if epoch is not None:
-                epochs.append(epoch)
+            state = self._frame(state, measured, arcs, gaps)
+        arcs |= {c.arc: arc_of(c, self.signal) for c in state.channels if c.copy is not None}
+        output = StepOutput(measurements=Measurements.joined(measured), arcs=arcs, gaps=tuple(gaps))
         # A copy of what is left, so that the state does not hold on to the whole block.
-        return StepOutput(epochs=tuple(epochs), arcs=arcs), replace(state, tail=state.tail.copy())
+        return output, replace(state, tail=state.tail.copy())
 
-    def _frame(self, state: ReceiverState) -> tuple[ReceiverState, Epoch | None, dict[int, Arc]]:
+    def _frame(
+        self, state: ReceiverState, measured: list[Measurements], arcs: dict[int, Arc], gaps: list[Gap]
+    ) -> ReceiverState:
         begin, end = self.frame_start(state.frame), self.frame_start(state.frame + 1)
         state = self._look_for_signals(state, begin)
-        buffer = state.tail[:, : end - state.tail_start]
-        loops, periods = self._advance(state, buffer, begin)
-        channels = tuple(
-            self._attend(channel, rows, loops[i], state.frame)
-            for i, (channel, rows) in enumerate(zip(state.channels, periods, strict=True))
-        )
-        before = state.periods
-        state = replace(state, channels=channels, loops=loops)
-        epoch = self._epoch(state, before, periods) if state.frame % 2 == 0 and state.frame > 0 else None
-        arcs = {c.arc: _arc(c, self.signal) for c in channels if c.copy is not None}
-        state = replace(state, periods=periods)
-        state = self._confirm(state, end)
-        state = self._drop(state, end)
+        before = state.rows, state.counts
+        state = self._advance(state, begin, end)
+        state = self._check_locks(state, end)
+        if state.frame > 0 and state.frame % MEASURE_FRAMES == 0:
+            state = self._measure(state, before, measured, arcs)
+        state = self._steer_slowly(self._read_messages(state))
+        state = self._confirm(state, gaps)
+        state = self._drop(state, end, arcs)
         keep = int(min([end, *state.loops[:, k.START].tolist()]))
-        state = replace(
-            state, frame=state.frame + 1, tail=state.tail[:, keep - state.tail_start :], tail_start=keep
-        )
-        return state, epoch, arcs
+        return replace(state, frame=state.frame + 1, tail=state.tail[:, keep - state.tail_start :], tail_start=keep)
 
     # ------------------------------------------------------------------ searching
 
     def _look_for_signals(self, state: ReceiverState, begin: int) -> ReceiverState:
-        offset = begin - state.tail_start
-        if state.tail.shape[1] - offset < self.searcher.n_samples:
-            return state
         now_s = state.frame * self.settings.frame_s
-        dopplers = self._dopplers(state)
-        if not dopplers:
-            return state
-        peaks = self.searcher.search(
-            state.tail[:, offset:], self.if_hz, dopplers, lambda sat: self._known(state, sat, begin)
-        )
-        for peak in peaks:
-            state = self._start(state, peak, begin, now_s)
-        searched = {sat: dict(bins) for sat, bins in state.searched.items()}
-        for sat, grid in dopplers.items():
-            searched.setdefault(sat, {}).update({self._bin(d): now_s for d in grid})
-        return replace(state, searched=searched)
+        for searcher, dopplers in (
+            (self.searcher, self._everywhere(state.frame)),
+            (self.near_searcher, self._nearby(state, now_s)),
+        ):
+            samples = state.tail[:, begin - state.tail_start :]
+            if not dopplers or samples.shape[1] < searcher.n_samples:
+                continue
+            peaks = searcher.search(samples, self.if_hz, dopplers, self._known(state, begin))
+            for peak in peaks:
+                state = self._start(state, peak, begin, now_s)
+            searched = {sat: dict(bins) for sat, bins in state.searched.items()}
+            for sat, grid in dopplers.items():
+                searched.setdefault(sat, {}).update({_bin(d): now_s for d in grid})
+            state = replace(state, searched=searched)
+        return state
 
-    def _bin(self, doppler_hz: float) -> int:
-        return round(doppler_hz / self.settings.search.doppler_step_hz)
-
-    def _dopplers(self, state: ReceiverState) -> dict[str, NDArray[np.float64]]:
-        """Which Dopplers to try in this frame, for each satellite."""
+    def _everywhere(self, frame: int) -> dict[str, Reals]:
+        """Every Doppler of the satellites whose turn it is: all of them first, then a share each second."""
         settings = self.settings
-        step_hz = settings.search.doppler_step_hz
-        if state.frame % round(settings.full_search_s / settings.frame_s) == 0:
-            n = int(settings.doppler_max_hz // step_hz)
-            grid = np.arange(-n, n + 1, dtype=np.float64) * step_hz
-            return {sat: grid for sat in settings.sats}
-        if state.frame % round(settings.near_search_s / settings.frame_s) == 0:
-            reach = int(settings.near_doppler_hz // step_hz)
-            bins: dict[str, set[int]] = {}
-            for channel, loop in zip(state.channels, state.loops, strict=True):
-                centre = self._bin(loop[k.FREQUENCY] - self.if_hz)
-                bins.setdefault(channel.sat, set()).update(range(centre - reach, centre + reach + 1))
-            return {sat: step_hz * np.array(sorted(numbers), dtype=np.float64) for sat, numbers in bins.items()}
-        return {}
+        frames = round(1.0 / settings.frame_s)
+        shares = max(round(settings.full_search_s), 1)
+        if frame % frames:
+            return {}
+        share = (frame // frames) % shares
+        sats = settings.sats if frame == 0 else settings.sats[share::shares]
+        n = int(settings.doppler_max_hz // settings.search.doppler_step_hz)
+        grid = np.arange(-n, n + 1, dtype=np.float64) * settings.search.doppler_step_hz
+        return {sat: grid for sat in sats}
 
-    def _known(self, state: ReceiverState, sat: str, begin: int) -> Sequence[tuple[float, float]]:
-        """(delay in s after sample `begin`, power over noise of the search) of the channels of a satellite."""
-        noise = 2.0 * float(np.mean(state.tail[:, :2000] ** 2)) * self.rate_hz * self.signal.period_s
-        return [
-            (self._delay_s(loop, begin), float(loop[k.POWER]) / noise)
-            for channel, loop in zip(state.channels, state.loops, strict=True)
-            if channel.sat == sat
-        ]
+    def _nearby(self, state: ReceiverState, now_s: float) -> dict[str, Reals]:
+        """Dopplers near those of tracked signals, and of those lost a moment ago."""
+        settings = self.settings
+        if state.frame == 0 or state.frame % round(settings.near_search_s / settings.frame_s):
+            return {}
+        step_hz = settings.near_search.doppler_step_hz
+        reach = int(settings.near_doppler_hz // step_hz)
+        centres: dict[str, set[int]] = {}
+        for channel, loop in zip(state.channels, state.loops, strict=True):
+            centres.setdefault(channel.sat, set()).add(round((loop[k.FREQUENCY] - self.if_hz) / step_hz))
+        for old in state.lost:
+            if now_s - old.place.at_s < FORGET_S:
+                centres.setdefault(old.sat, set()).add(round(old.place.doppler_hz / step_hz))
+        return {
+            sat: step_hz * np.array(sorted({c + d for c in found for d in range(-reach, reach + 1)}), np.float64)
+            for sat, found in centres.items()
+        }
 
-    def _delay_s(self, loop: NDArray[np.float64], begin: int) -> float:
+    def _known(self, state: ReceiverState, begin: int) -> dict[str, list[KnownSignal]]:
+        """The tracked signals of each satellite, as of sample `begin`."""
+        known: dict[str, list[KnownSignal]] = {}
+        for channel, loop in zip(state.channels, state.loops, strict=True):
+            signal = KnownSignal(delay_s=self._delay_s(loop, begin), doppler_hz=loop[k.FREQUENCY] - self.if_hz)
+            known.setdefault(channel.sat, []).append(signal)
+        return known
+
+    def _delay_s(self, loop: Reals, begin: int) -> float:
         """Of the first start of a code period at or after sample `begin`."""
         delay = (loop[k.START] - begin) / self.rate_hz - loop[k.CHIP] / loop[k.CODE_RATE]
         return float(np.mod(delay, self.signal.period_s))
 
     def _start(self, state: ReceiverState, peak: Peak, begin: int, now_s: float) -> ReceiverState:
-        settings = self.settings
         chips_per_sample = self.signal.chip_rate_hz / self.rate_hz
         first = np.ceil(peak.delay_s * self.rate_hz)
         loop = np.zeros(k.N_STATE)
@@ -248,187 +246,277 @@ class Receiver:
         loop[k.PLL_VELOCITY] = peak.doppler_hz
         loop[k.FREQUENCY] = self.if_hz + peak.doppler_hz
         loop[k.CODE_RATE] = self.signal.chip_rate_hz * (1.0 + peak.doppler_hz / self.signal.carrier_hz)
-        loop[k.PLL_BANDWIDTH] = settings.pll_bandwidth_hz
-        loop[k.FLL_BANDWIDTH] = settings.fll_bandwidth_hz
-        loop[k.DLL_BANDWIDTH] = settings.dll_pull_in_hz
-        missed = state.searched.get(peak.sat, {}).get(self._bin(peak.doppler_hz), np.nan)
-        channel = Channel(sat=peak.sat, began_s=now_s, found_s=now_s, missed_s=missed, arc=state.next_arc)
+        loop[k.BIT_START] = -1.0
+        loop[[k.RESIDUAL, k.CODE_MINUS_CARRIER]] = np.nan
+        loop[k.CN0_DBHZ] = peak.cn0_dbhz
+        _set_loops(loop, self.settings.pull_in)
+        missed_s = state.searched.get(peak.sat, {}).get(_bin(peak.doppler_hz), np.nan)
+        channel = Channel(sat=peak.sat, began_s=now_s, found_s=now_s, missed_s=missed_s, arc=state.next_arc)
+        rows = np.empty((1, self._max_periods, k.OUT_TAPS + 2 * self.n_taps))
+        old_rows = state.rows if state.channels else rows[:0]
         return replace(
             state,
             channels=(*state.channels, channel),
-            loops=np.concatenate([state.loops, loop[None, :]]),
-            periods=(*state.periods, np.empty((0, k.OUT_TAPS + 2 * self.taps_chips.size))),
+            loops=np.concatenate([state.loops, loop[None]]),
+            rows=np.concatenate([old_rows, rows]),
+            counts=np.append(state.counts, 0),
+            prompts=(*state.prompts, ()),
+            lock=np.concatenate([state.lock, np.full((1, LOCK_FRAMES, 2), np.nan)]),
+            locked_at=np.concatenate([state.locked_at, [[now_s, peak.delay_s, peak.doppler_hz]]]),
             next_arc=state.next_arc + 1,
         )
 
     # ------------------------------------------------------------------ tracking
 
-    def _advance(
-        self, state: ReceiverState, buffer: NDArray[np.float32], begin: int
-    ) -> tuple[NDArray[np.float64], tuple[NDArray[np.float64], ...]]:
+    def _advance(self, state: ReceiverState, begin: int, end: int) -> ReceiverState:
         n = len(state.channels)
         if n == 0:
-            return state.loops, ()
+            return state
+        buffer = state.tail[:, : end - state.tail_start]
         sats, tables = self._stack(tuple(sorted({c.sat for c in state.channels})))
-        max_periods = int(buffer.shape[1] / self.rate_hz / self.signal.period_s) + 3
-        out = np.empty((n, max_periods, k.OUT_TAPS + 2 * self.taps_chips.size))
+        rows = np.empty((n, self._max_periods, k.OUT_TAPS + 2 * self.n_taps))
         counts = np.zeros(n, np.int64)
         loops = state.loops.copy()
-        i_samples, q_samples = buffer[0], buffer[1]
-        fresh = buffer[:, begin - state.tail_start :]
+        loops[:, [k.LOCK_I, k.LOCK_Q, k.LOCK_COUNT]] = 0.0
+        # What noise of the samples' power gives in a correlator, a sample.
+        power = 2.0 * float(np.mean(buffer[:, begin - state.tail_start :] ** 2)) * CODE_SCALE**2
         k.advance(
-            i_samples, q_samples, state.tail_start, float(np.mean(fresh**2) * 2.0), loops, tables,
-            np.array([sats.index(c.sat) for c in state.channels]), self.taps_chips, self.rate_hz, self.if_hz,
-            self.signal.chip_rate_hz, self.signal.carrier_hz, self.signal.code_length, out, counts,
+            buffer[0], buffer[1], state.tail_start, power, loops, tables, self._pad,
+            np.array([sats.index(c.sat) for c in state.channels]), self.taps_chips, self.taps_hz, self.rate_hz,
+            self.if_hz,
+            self.signal.chip_rate_hz, self.signal.carrier_hz, self.signal.code_length, self.discriminator.gain, rows,
+            counts,
         )  # fmt: skip
-        return loops, tuple(out[i, : counts[i]] for i in range(n))
+        in_phase = k.OUT_TAPS + 2
+        prompts = tuple(
+            (*old, rows[i, : counts[i], in_phase].astype(np.float32)) for i, old in enumerate(state.prompts)
+        )
+        return replace(state, loops=loops, rows=rows, counts=counts, prompts=prompts)
 
     def _stack(self, sats: tuple[str, ...]) -> tuple[tuple[str, ...], NDArray[np.int8]]:
         if self._stacked is None or self._stacked[0] != sats:
             n = int(np.ceil(self.rate_hz * self.signal.period_s)) + 1
             for sat in sats:
                 if sat not in self._tables:
-                    self._tables[sat] = k.code_table(
+                    self._tables[sat] = code_table(
                         self.signal.code(prn_of(sat)), self.signal.chip_rate_hz / self.rate_hz,
-                        self.settings.code_phases, n,
+                        self.settings.code_phases, n, self._reach_chips,
                     )  # fmt: skip
             self._stacked = sats, np.stack([self._tables[sat] for sat in sats])
         return self._stacked
 
-    def _attend(
-        self, channel: Channel, rows: NDArray[np.float64], loop: NDArray[np.float64], frame: int
-    ) -> Channel:
-        """Lock control and telemetry after a frame; changes the loop's bandwidths when pull-in is over."""
-        settings = self.settings
-        i_prompt, q_prompt = rows[:, k.OUT_TAPS + 2], rows[:, k.OUT_TAPS + 3]
-        lock = lock_indicator(i_prompt, q_prompt)
-        smoothed = channel.lock + 0.25 * (lock - channel.lock)
-        age_s = (frame + 1) * settings.frame_s - channel.began_s
-        if loop[k.FLL_BANDWIDTH] > 0.0:
-            if age_s < settings.pull_in_s:
-                return replace(channel, lock=lock)
-            loop[k.FLL_BANDWIDTH] = 0.0
-            loop[k.DLL_BANDWIDTH] = settings.dll_bandwidth_hz
-        return replace(
-            channel,
-            lock=smoothed,
-            unlocked_frames=channel.unlocked_frames + 1 if smoothed < settings.min_lock else 0,
-            telemetry=tm.step(channel.telemetry, i_prompt, int(rows[0, k.OUT_PERIOD])),
-        )
+    def _check_locks(self, state: ReceiverState, end: int) -> ReceiverState:
+        """Note the lock value of the frame, and where the channels are that hold their signal in it."""
+        loops = state.loops
+        now = np.stack([lock_value(loops[:, k.LOCK_I], loops[:, k.LOCK_Q]), loops[:, k.LOCK_COUNT]], axis=-1)
+        state = replace(state, lock=np.concatenate([state.lock[:, 1:], now[:, None]], axis=1))
+        locked_at = state.locked_at.copy()
+        end_s = (state.frame + 1) * self.settings.frame_s
+        for i in np.flatnonzero(self._holds(state, MEASURE_FRAMES)):
+            locked_at[i] = end_s, self._delay_s(loops[i], end), loops[i, k.FREQUENCY] - self.if_hz
+        return replace(state, locked_at=locked_at)
 
-    def _epoch(
-        self, state: ReceiverState, before: tuple[NDArray[np.float64], ...], now: tuple[NDArray[np.float64], ...]
-    ) -> Epoch:
-        elapsed_s = state.frame * self.settings.frame_s
-        measurements = {}
-        for i, channel in enumerate(state.channels):
-            if channel.copy is not None and before[i].size and now[i].size:
-                measurements[channel.arc] = measure(
-                    np.concatenate([before[i], now[i]]), elapsed_s, self.rate_hz, self.if_hz, self.signal,
-                    self.settings.early_late_chips, self.settings.pll_bandwidth_hz,
-                )  # fmt: skip
-        return Epoch(elapsed_s=elapsed_s, measurements=measurements)
+    def _holds(self, state: ReceiverState, n_frames: int) -> NDArray[np.bool_]:
+        """Whether each channel holds its signal, by its last `n_frames` frames (fewer if it is younger)."""
+        recent = state.lock[:, -n_frames:]
+        frames = np.sum(np.isfinite(recent[:, :, 0]), axis=1)
+        value = np.nansum(recent[:, :, 0], axis=1) / np.maximum(frames, 1)
+        prompts = np.nansum(recent[:, :, 1], axis=1) / np.maximum(frames, 1)
+        # A short look may err more often: it decides on one row of measurements, not on the channel.
+        error = self.settings.false_hold_probability if n_frames == LOCK_FRAMES else 1e-2
+        return np.asarray(value > lock_threshold(np.maximum(prompts, 1.0), np.maximum(frames, 1), error))
+
+    def _measure(
+        self, state: ReceiverState, before: tuple[Reals, NDArray[np.int64]], measured: list[Measurements],
+        arcs: dict[int, Arc],
+    ) -> ReceiverState:  # fmt: skip
+        """A row of measurements for each confirmed channel that holds its signal, at the start of the frame."""
+        settings = self.settings
+        n = len(state.channels)
+        if n == 0:
+            return state
+        elapsed_s = state.frame * settings.frame_s
+        loops = state.loops.copy()
+        rows, counts = before
+        older = np.zeros(n, np.int64)
+        older[: counts.size] = counts
+        rows = np.concatenate([rows, state.rows[counts.size :]]) if counts.size else state.rows
+        table, taps = m.measure(
+            loops, (rows, older), (state.rows, state.counts), elapsed_s, self.rate_hz, self.if_hz, self.signal,
+            self.discriminator,
+        )  # fmt: skip
+        good = self._holds(state, MEASURE_FRAMES) & np.isfinite(table[:, m.FRACTION_S])
+        # Telling fast what the strength is matters while it is not known; later, what it is on average.
+        share = np.where(np.isfinite(loops[:, k.CODE_MINUS_CARRIER]), 0.2, 1.0)
+        loops[good, k.CN0_DBHZ] += (share * (table[:, m.CN0_DBHZ] - loops[:, k.CN0_DBHZ]))[good]
+        state = self._mind_pulls(replace(state, loops=loops), table, good, elapsed_s, arcs)
+        good &= np.array([c.copy is not None for c in state.channels])
+        numbers = np.array([c.arc for c in state.channels], np.int64)
+        measured.append(
+            Measurements(
+                elapsed_s=np.full(int(good.sum()), elapsed_s), arc=numbers[good], table=table[good], taps=taps[good]
+            )
+        )
+        return state
+
+    def _nothing_measured(self) -> Measurements:
+        return Measurements(
+            elapsed_s=np.empty(0), arc=np.empty(0, np.int64), table=np.empty((0, m.N_COLUMNS)),
+            taps=np.empty((0, self.n_taps), np.complex64),
+        )  # fmt: skip
+
+    def _mind_pulls(
+        self, state: ReceiverState, table: Reals, good: NDArray[np.bool_], elapsed_s: float, arcs: dict[int, Arc]
+    ) -> ReceiverState:
+        """End the arc of a channel whose code has left its carrier: it was pulled to another signal's peak.
+
+        On one signal code minus carrier moves with the ionosphere only, millimetres a second.
+        """
+        loops, channels = state.loops.copy(), list(state.channels)
+        code_s = table[:, m.PERIODS] * self.signal.period_s - elapsed_s + table[:, m.FRACTION_S]
+        apart_s = code_s + table[:, m.CARRIER_CYC] / self.signal.carrier_hz
+        reference = loops[:, k.CODE_MINUS_CARRIER]
+        limit_s = np.maximum(self.settings.pulled_chips / self.signal.chip_rate_hz, 6.0 * table[:, m.CODE_SIGMA_S])
+        new = good & ~np.isfinite(reference)
+        pulled = good & (np.abs(apart_s - reference) > limit_s)
+        loops[good, k.CODE_MINUS_CARRIER] += 0.02 * (apart_s - reference)[good]
+        loops[new | pulled, k.CODE_MINUS_CARRIER] = apart_s[new | pulled]
+        number = state.next_arc
+        for i in np.flatnonzero(pulled):
+            if channels[i].copy is not None:
+                arcs[channels[i].arc] = arc_of(channels[i], self.signal)
+                channels[i] = replace(channels[i], arc=number, began="pulled away")
+                number += 1
+        return replace(state, loops=loops, channels=tuple(channels), next_arc=number)
+
+    def _read_messages(self, state: ReceiverState) -> ReceiverState:
+        """Telemetry every few frames, of channels past their pull-in; tells the loops where bits begin."""
+        if (state.frame + 1) % TELEMETRY_FRAMES:
+            return state
+        now_s = (state.frame + 1) * self.settings.frame_s
+        channels, loops = list(state.channels), state.loops.copy()
+        prompts = list(state.prompts)
+        for i, channel in enumerate(channels):
+            new = np.concatenate(prompts[i])
+            prompts[i] = ()
+            if new.size == 0 or now_s - channel.began_s <= self.settings.pull_in_s:
+                continue
+            first = int(loops[i, k.PERIODS]) - new.size
+            telemetry = tm.step(channel.telemetry, new, first)
+            channels[i] = replace(channel, telemetry=telemetry)
+            loops[i, k.BIT_START] = (
+                float(telemetry.bits_period % tm.PERIODS_PER_BIT) if telemetry.synchronised else -1.0
+            )
+        return replace(state, channels=tuple(channels), loops=loops, prompts=tuple(prompts))
+
+    def _steer_slowly(self, state: ReceiverState) -> ReceiverState:
+        """Integration and bandwidths by what is known of each channel."""
+        settings = self.settings
+        now_s = (state.frame + 1) * settings.frame_s
+        loops = state.loops.copy()
+        for channel, loop in zip(state.channels, loops, strict=True):
+            if now_s - channel.began_s < settings.pull_in_s - 1e-9:
+                choice = settings.pull_in
+            elif loop[k.BIT_START] < 0.0:
+                choice = settings.searching_bits
+            else:
+                is_weak = loop[k.INTEGRATION] == settings.weak.integration
+                limit = settings.weak_dbhz + (2.0 if is_weak else 0.0)
+                choice = settings.weak if loop[k.CN0_DBHZ] < limit else settings.tracking
+            _set_loops(loop, choice)
+        return replace(state, loops=loops)
 
     # ------------------------------------------------------------------ which channels stay
 
-    def _confirm(self, state: ReceiverState, end: int) -> ReceiverState:
+    def _confirm(self, state: ReceiverState, gaps: list[Gap]) -> ReceiverState:
         """Give channels that have proved themselves a letter: that of a lost signal they continue, or the next one."""
-        letters, lost = dict(state.letters), list(state.lost)
-        channels = list(state.channels)
         end_s = (state.frame + 1) * self.settings.frame_s
-        for i, channel in enumerate(channels):
-            if channel.copy is None and end_s - channel.began_s >= self.settings.confirm_s - 1e-9:
-                if channel.lock < self.settings.min_lock:
-                    continue
-                again = self._continues(lost, channel, state.loops[i], end, end_s)
-                if again is not None:
-                    lost.remove(again)
-                    channels[i] = replace(
-                        channel, copy=again.copy, found_s=again.found_s, missed_s=again.missed_s
-                    )  # fmt: skip
-                    continue
+        holds = self._holds(state, LOCK_FRAMES)
+        due = [
+            i for i, channel in enumerate(state.channels)
+            if channel.copy is None and holds[i] and end_s - channel.began_s >= self.settings.confirm_s - 1e-9
+        ]  # fmt: skip
+        if not due:
+            return state
+        letters, channels = dict(state.letters), list(state.channels)
+        places = [(channels[i].sat, _place(state.locked_at[i])) for i in due]
+        matches, gap = continued(state.lost, places, self.signal)
+        if gap is not None:
+            gaps.append(gap)
+        for i, old in zip(due, matches, strict=True):
+            channel = channels[i]
+            if old is not None:
+                channels[i] = replace(
+                    channel, copy=old.copy, found_s=old.found_s, missed_s=old.missed_s, began="found again"
+                )
+            else:
                 number = letters.get(channel.sat, 0)
                 letters[channel.sat] = number + 1
                 channels[i] = replace(channel, copy=letter(number))
-        return replace(state, channels=tuple(channels), letters=letters, lost=tuple(lost))
+        lost = tuple(old for old in state.lost if not any(old is match for match in matches))
+        return replace(state, channels=tuple(channels), letters=letters, lost=lost)
 
-    def _continues(
-        self, lost: Sequence[LostSignal], channel: Channel, loop: NDArray[np.float64], end: int, end_s: float
-    ) -> LostSignal | None:
-        for signal in lost:
-            gap_s = end_s - signal.lost_s
-            doppler_hz = 0.5 * (signal.doppler_hz + loop[k.FREQUENCY] - self.if_hz)
-            drift_s = -doppler_hz / self.signal.carrier_hz * gap_s
-            apart_s = self._delay_s(loop, end) - signal.delay_s - drift_s
-            apart_s -= self.signal.period_s * round(apart_s / self.signal.period_s)
-            chips = abs(apart_s) * self.signal.chip_rate_hz
-            if signal.sat == channel.sat and chips < 0.3 + 0.02 * gap_s:
-                return signal
-        return None
-
-    def _drop(self, state: ReceiverState, end: int) -> ReceiverState:
+    def _drop(self, state: ReceiverState, end: int, arcs: dict[int, Arc]) -> ReceiverState:
         """Let go of channels that never locked, lost lock, or fell on the signal of another channel."""
-        settings = self.settings
-        end_s = (state.frame + 1) * settings.frame_s
-        drop: set[int] = set()
-        lost = [signal for signal in state.lost if end_s - signal.lost_s < FORGET_S]
+        end_s = (state.frame + 1) * self.settings.frame_s
+        holds = self._holds(state, LOCK_FRAMES)
+        lost = [old for old in state.lost if end_s - old.place.at_s < FORGET_S]
+        stay: list[int] = []
         for i, channel in enumerate(state.channels):
-            never = channel.copy is None and end_s - channel.began_s >= settings.confirm_s - 1e-9
-            gone = channel.copy is not None and channel.unlocked_frames * settings.frame_s >= settings.lose_after_s
-            if never or gone or self._falls_on_another(state, i, end):
-                drop.add(i)
-                if channel.copy is not None:
-                    loop = state.loops[i]
-                    lost.append(
-                        LostSignal(
-                            sat=channel.sat, copy=channel.copy, found_s=channel.found_s, missed_s=channel.missed_s,
-                            lost_s=end_s, delay_s=self._delay_s(loop, end), doppler_hz=loop[k.FREQUENCY] - self.if_hz,
-                        )
-                    )  # fmt: skip
-        stay = [i for i in range(len(state.channels)) if i not in drop]
+            young = end_s - channel.began_s < self.settings.confirm_s - 1e-9
+            twin = self._twin(state, i, end)
+            if twin is None and (young or holds[i]):
+                stay.append(i)
+            elif channel.copy is not None:
+                arcs[channel.arc] = arc_of(channel, self.signal)
+                lost.append(
+                    LostSignal(
+                        sat=channel.sat, copy=channel.copy, found_s=channel.found_s, missed_s=channel.missed_s,
+                        place=_place(state.locked_at[i]),
+                    )
+                )  # fmt: skip
+        if len(stay) == len(state.channels):
+            return replace(state, lost=tuple(lost))
         return replace(
             state,
             channels=tuple(state.channels[i] for i in stay),
             loops=state.loops[stay],
-            periods=tuple(state.periods[i] for i in stay),
+            rows=state.rows[stay],
+            counts=state.counts[stay],
+            prompts=tuple(state.prompts[i] for i in stay),
+            lock=state.lock[stay],
+            locked_at=state.locked_at[stay],
             lost=tuple(lost),
         )
 
-    def _falls_on_another(self, state: ReceiverState, i: int, end: int) -> bool:
-        """Whether an older channel of the same satellite follows the same signal (delay and Doppler)."""
-        for j in range(i):
-            if state.channels[j].sat == state.channels[i].sat:
-                apart_s = self._delay_s(state.loops[i], end) - self._delay_s(state.loops[j], end)
-                apart_s -= self.signal.period_s * round(apart_s / self.signal.period_s)
-                if abs(apart_s) * self.signal.chip_rate_hz < self.settings.merge_chips:
-                    return True
-        return False
+    def _twin(self, state: ReceiverState, i: int, end: int) -> int | None:
+        """The channel of the same satellite that follows the same signal and has the better right to it: the one not
+        pulled there, else the older.
+        """
+        own = state.channels[i]
+        for j, other in enumerate(state.channels):
+            if j == i or other.sat != own.sat:
+                continue
+            apart_s = self._delay_s(state.loops[i], end) - self._delay_s(state.loops[j], end)
+            apart_s -= self.signal.period_s * round(apart_s / self.signal.period_s)
+            apart_hz = abs(state.loops[i, k.FREQUENCY] - state.loops[j, k.FREQUENCY])
+            better = (other.began == "pulled away", j) < (own.began == "pulled away", i)
+            if better and abs(apart_s) * self.signal.chip_rate_hz < self.settings.merge_chips and apart_hz < 100.0:
+                return j
+        return None
 
 
-def lock_indicator(i_prompt: NDArray[np.float64], q_prompt: NDArray[np.float64]) -> float:
-    """Mean of I^2 - Q^2 over mean of I^2 + Q^2: 1 in perfect lock, 0 on noise."""
-    i2, q2 = float(np.sum(i_prompt**2)), float(np.sum(q_prompt**2))
-    return (i2 - q2) / (i2 + q2) if i2 + q2 > 0.0 else 0.0
+def _set_loops(loop: Reals, choice: LoopSettings) -> None:
+    loop[k.INTEGRATION] = choice.integration
+    loop[k.PLL_BANDWIDTH] = choice.pll_bandwidth_hz
+    loop[k.FLL_BANDWIDTH] = choice.fll_bandwidth_hz
+    loop[k.DLL_BANDWIDTH] = choice.dll_bandwidth_hz
 
 
-def letter(number: int) -> str:
-    """a, b, ... z, aa, ab, ...: the name of the n-th copy found."""
-    text = ""
-    number += 1
-    while number > 0:
-        number, digit = divmod(number - 1, 26)
-        text = chr(ord("a") + digit) + text
-    return text
+def _bin(doppler_hz: float) -> int:
+    return round(doppler_hz / DOPPLER_BIN_HZ)
 
 
-def _arc(channel: Channel, signal: SignalDescription) -> Arc:
-    assert channel.copy is not None
-    return Arc(
-        signal=SignalId(channel.sat, signal.band, signal.code_name, channel.copy),
-        found_s=channel.found_s,
-        missed_s=channel.missed_s,
-        tow_ms_at_period_0=channel.telemetry.tow_ms_at_period_0,
-        bit_synchronised=channel.telemetry.synchronised,
-        bits_period=channel.telemetry.bits_period,
-        subframes=channel.telemetry.subframes,
-    )
+def _place(locked_at: Reals) -> Place:
+    at_s, delay_s, doppler_hz = locked_at.tolist()
+    return Place(at_s=at_s, delay_s=delay_s, doppler_hz=doppler_hz)

@@ -192,7 +192,7 @@ def _observations(
         status=np.where(there, 0, _NOT_TRACKED).astype(np.uint8),
         found_elapsed_s=found_s,
         missed_elapsed_s=np.where(first > 0, found_s - geometry.averaged_s, np.nan),
-        carrier_hz=geometry.carrier_hz,
+        carrier_hz=np.full(len(signals), geometry.carrier_hz),
         averaged_s=geometry.averaged_s,
     )
 

@@ -310,7 +310,7 @@ def _end_s(attack: Attack) -> float:
 def _ephemeris(navigation: NavigationData, sat: str, scenario: Scenario) -> Ephemeris | None:
     """One for the whole scene; none if the satellite is unhealthy."""
     ephemeris = navigation.best(sat, scenario.start_gpst)
-    return ephemeris if ephemeris is not None and ephemeris.health == 0 else None
+    return ephemeris if isinstance(ephemeris, Ephemeris) else None
 
 
 def _ecef(place: Place) -> Reals:

@@ -1,0 +1,390 @@
+"""What is in a recording, and is it usable: front end, satellites, lost samples, mirrored spectrum, oscillator."""
+
+import json
+import math
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from skyproof.errors import NotEnoughData, SettingsError
+from skyproof.formats.raw import SampleLayout, open_raw, read_sidecar, sidecar_text
+from skyproof.formats.recording import open_recording
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
+from skyproof.gnss.time import iso
+from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
+from skyproof.receiver.conditioning import FrontEnd, conditioned, measure_front_end
+from skyproof.receiver.survey import DOPPLER_LIMIT_HZ, OscillatorError, Survey, oscillator_error, survey
+from skyproof.records import Samples
+
+__all__ = ["Inspection", "Satellite", "document_json", "inspect", "inspect_samples"]
+
+FALSE_ALARM_PROBABILITY: Final = 1e-4
+"""Of each search, of the lines, and of the gaps."""
+
+_ENOUGH_SATS: Final = 4
+_ATTEMPTS: Final = ((20, 7e3), (100, 20e3))
+"""Code periods and reach in Doppler of the first looks: short and near, then long and wide."""
+_LONGEST_PERIODS: Final = 100
+"""Of a search: finds 34 dB-Hz. Five times as many find cross-correlations of what cannot be taken out well enough."""
+_LEAST_PERIODS: Final = 2
+_LEVELS_TOLD: Final = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class Satellite:
+    """One satellite heard. `code_phase_chips`: how long after the recording's first sample a code period begins, 0 to
+    1023. `peaks` : how many signals of it there are; the numbers are those of the strongest."""
+
+    sat: str
+    cn0_dbhz: float
+    doppler_hz: float
+    code_phase_chips: float
+    peaks: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Inspection:
+    """What `inspect` finds in one recording.
+
+    conjugate : whether the samples, as they were read, are the complex conjugate of what they should be; None if that
+        cannot be told. Dopplers are those of the right reading.
+    stretch : first and last sample (exclusive) of the longest stretch without a gap; satellites are those of its first
+        tenth of a second.
+    """
+
+    samples: Samples
+    front_end: FrontEnd
+    satellites: tuple[Satellite, ...]
+    survey: Survey
+    conjugate: bool | None
+    oscillator: OscillatorError
+    stretch: tuple[int, int]
+    remarks: tuple[str, ...]
+    summary: str
+
+    def document(self) -> dict[str, Any]:
+        """As `--json` prints it: keys in order, numbers unrounded, None for what is absent."""
+        samples, front, told = self.samples, self.front_end, self.survey
+        few = front.levels.size <= _LEVELS_TOLD
+        start = samples.start_gpst
+        document = {
+            "format": "skyproof-inspect/1",
+            "path": samples.path,
+            "name": samples.name,
+            "sample_format": samples.format,
+            "kind": "real" if front.real else "complex",
+            "rate_hz": samples.rate_hz,
+            "centre_hz": samples.centre_hz,
+            "if_hz": samples.if_hz,
+            "duration_s": samples.duration_s,
+            "start_gpst": None if start is None else iso(start),
+            "levels": {
+                "rms": front.rms,
+                "dc_over_rms": np.where(front.rms > 0.0, front.dc / np.where(front.rms > 0.0, front.rms, 1.0), 0.0),
+                "gain_imbalance_db": front.gain_imbalance_db,
+                "phase_imbalance_deg": front.phase_imbalance_deg,
+                "image_db": front.image_db,
+                "values": front.levels if few else None,
+                "shares": front.level_shares if few else None,
+                "extreme_share": front.extreme_share,
+            },
+            "band_hz": list(front.band_hz),
+            "noise_bandwidth_hz": front.noise_bandwidth_hz,
+            "lines": [
+                {"frequency_hz": line.frequency_hz, "over_floor_db": line.over_floor_db, "jn0_dbhz": line.jn0_dbhz,
+                 "loss_db": line.loss_db, "notched": line in front.notched}
+                for line in front.lines
+            ],
+            "line_threshold_db": front.line_threshold_db,
+            "conjugate": self.conjugate,
+            "conjugate_error_probability": told.conjugate_error_probability,
+            "doppler_ratio": told.doppler_ratio,
+            "doppler_ratio_sigma": told.doppler_ratio_sigma,
+            "gaps": [
+                {"at_sample": gap.at_sample, "at_sigma_samples": gap.at_sigma_samples,
+                 "missing_samples_modulo_period": gap.missing_samples,
+                 "missing_sigma_samples": gap.missing_sigma_samples, "period_samples": gap.period_samples}
+                for gap in told.gaps
+            ],
+            "gaps_told": [
+                {"at_sample": gap.at_sample, "missing_samples": gap.missing_samples} for gap in samples.gaps
+            ],
+            "oscillator_error_hz": self.oscillator.doppler_hz,
+            "oscillator_error_sigma_hz": self.oscillator.sigma_hz,
+            "oscillator_error_ppm": self.oscillator.doppler_hz / GPS_L1_CA.carrier_hz * 1e6,
+            "oscillator_error_sigma_ppm": self.oscillator.sigma_hz / GPS_L1_CA.carrier_hz * 1e6,
+            "clock_minus_lo_ppm": told.clock_minus_lo_ppm,
+            "clock_minus_lo_sigma_ppm": told.clock_minus_lo_sigma_ppm,
+            "examined_samples": list(self.stretch),
+            "satellites": [vars(satellite) for satellite in self.satellites],
+            "remarks": list(self.remarks),
+            "summary": self.summary,
+        }  # fmt: skip
+        cleaned: dict[str, Any] = _plain(document)
+        return cleaned
+
+
+def inspect(
+    path: str | Path, *, sidecar: str | Path | None = None, layout: Mapping[str, object] | None = None
+) -> tuple[Inspection, ...]:
+    """Say what is in a recording: one `Inspection` for each channel that the file holds.
+
+    Parameters
+    ----------
+    path : any file that `skyproof.formats.recording.open_recording` opens.
+    sidecar : how to read raw samples; NAME.toml beside NAME.bin if not given.
+    layout : keys of a sidecar's table [samples], which go before those of the sidecar and may stand for it.
+
+    Raises
+    ------
+    InputError : the file cannot be opened or read. SettingsError : the layout makes no sense.
+    NotEnoughData : fewer than two code periods.
+    """
+    given = {key: value for key, value in (layout or {}).items() if value is not None}
+    recordings = _opened_as(Path(path), sidecar, given) if given else open_recording(path, sidecar)
+    return tuple(inspect_samples(samples) for samples in recordings)
+
+
+def document_json(inspections: Sequence[Inspection]) -> str:
+    """The document of one recording; of several channels, a list of them."""
+    documents = [inspection.document() for inspection in inspections]
+    return json.dumps(documents[0] if len(documents) == 1 else documents, indent=1, allow_nan=False) + "\n"
+
+
+def _opened_as(path: Path, sidecar: str | Path | None, given: Mapping[str, object]) -> tuple[Samples, ...]:
+    beside = Path(sidecar) if sidecar is not None else path.with_suffix(".toml")
+    told = read_sidecar(beside).model_dump(exclude_unset=True) if sidecar is not None or beside.is_file() else {}
+    told = {key: iso(value) if isinstance(value, np.datetime64) else value for key, value in told.items()}
+    try:
+        layout = SampleLayout.model_validate({**told, **given})
+    except ValidationError as error:
+        faults = "; ".join(f"{'.'.join(map(str, one['loc'])) or 'layout'}: {one['msg']}" for one in error.errors())
+        raise SettingsError(
+            f"{path}: the options do not tell how to read it: {faults}; give rate_hz, kind, encoding and bits at least"
+        ) from error
+    with tempfile.TemporaryDirectory() as folder:
+        written = Path(folder) / "options.toml"
+        written.write_text(sidecar_text(layout), encoding="utf-8")
+        return (open_raw(path, written),)
+
+
+# --- one recording
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _View:
+    """The samples in one reading of their spectrum, and where the nominal carrier lies in that."""
+
+    samples: Samples
+    carrier_hz: float
+    mirrored: bool = False
+
+    def flipped(self, *, carrier_too: bool) -> "_View":
+        """The complex conjugate. With `carrier_too` what lay at the carrier is still looked at, mirrored in itself."""
+        read = self.samples.read
+
+        def conjugate(start: int, count: int) -> NDArray[np.float32]:
+            planes = read(start, count).copy()
+            np.negative(planes[1], out=planes[1])
+            return planes
+
+        return _View(
+            samples=replace(self.samples, read=conjugate), carrier_hz=(-1.0 if carrier_too else 1.0) * self.carrier_hz,
+            mirrored=not self.mirrored,
+        )  # fmt: skip
+
+
+def inspect_samples(samples: Samples) -> Inspection:
+    """Say what is in an open recording, from its front end's statistics and half a second of signals at most.
+
+    Raises NotEnoughData for fewer than two code periods.
+    """
+    if samples.duration_s < _LEAST_PERIODS * GPS_L1_CA.period_s:
+        raise NotEnoughData(
+            f"{samples.path or samples.name}: {samples.duration_s * 1e3:.2g} ms of samples; a search needs "
+            f"{_LEAST_PERIODS} ms at least: give a longer recording, or check rate_hz and bits"
+        )
+    front = measure_front_end(samples, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+    view = _View(samples=conditioned(samples, front), carrier_hz=front.carrier_hz)
+    if abs(front.carrier_hz) > 0.5 * samples.rate_hz:
+        away = f"the band recorded, around {samples.centre_hz / 1e6:.3f} MHz, does not hold {GPS_L1_CA.name}"
+        return _told(samples, front, (), Survey(), None, (0, 0), (f"{away}; nothing was looked for",))
+    view, peaks = _first_looks(view, front.real)
+    if not peaks:
+        return _told(samples, front, (), Survey(), None, (0, samples.n_samples))
+    told = survey(view.samples, view.carrier_hz, peaks, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+    conjugate = None if _readings(view, front.real) == 1 else view.mirrored
+    if told.conjugate is not None:
+        conjugate = view.mirrored != told.conjugate
+    if told.conjugate:
+        view = view.flipped(carrier_too=True)
+        peaks = [replace(peak, doppler_hz=-peak.doppler_hz) for peak in peaks]
+    stretch = _longest_stretch(samples, told)
+    common = oscillator_error([peak.doppler_hz for peak in peaks])
+    reach_hz = DOPPLER_LIMIT_HZ + 2.0 * common.sigma_hz
+    periods = _periods(samples, stretch[1] - stretch[0])
+    final = _search(view, stretch[0], periods, common.doppler_hz, reach_hz)
+    satellites = _satellites(final, stretch[0], samples) if final else _satellites(peaks, 0, samples)
+    return _told(samples, front, satellites, told, conjugate, stretch)
+
+
+def _periods(samples: Samples, n_samples: int) -> int:
+    """Whole code periods in so many samples, up to the most that are searched."""
+    return min(math.floor(n_samples / samples.rate_hz / GPS_L1_CA.period_s + 1e-6), _LONGEST_PERIODS)
+
+
+def _readings(view: _View, real: bool) -> int:
+    """How many readings of the spectrum differ in where they show satellites: one if the carrier is at zero."""
+    return 1 if real or abs(view.carrier_hz) < 1.0 / GPS_L1_CA.period_s else 2
+
+
+def _first_looks(view: _View, real: bool) -> tuple[_View, list[Peak]]:
+    """The reading of the spectrum that shows satellites, and those: the first that shows enough, else the one that
+    shows most."""
+    views = [view, view.flipped(carrier_too=False)][: _readings(view, real)]
+    best: tuple[int, _View, list[Peak]] = (0, view, [])
+    for periods, reach_hz in _ATTEMPTS:
+        for one in views:
+            length = min(periods, _periods(one.samples, one.samples.n_samples))
+            peaks = _search(one, 0, length, 0.0, reach_hz)
+            n_sats = len({peak.sat for peak in peaks})
+            if n_sats > best[0]:
+                best = (n_sats, one, peaks)
+        if best[0] >= _ENOUGH_SATS:
+            break
+    return best[1], best[2]
+
+
+def _search(view: _View, start: int, periods: int, middle_hz: float, reach_hz: float) -> list[Peak]:
+    settings = SearchSettings(false_alarm_probability=FALSE_ALARM_PROBABILITY, n_sums=periods)
+    searcher = Searcher(GPS_L1_CA, view.samples.rate_hz, settings)
+    step_hz = settings.doppler_step_hz
+    steps = np.arange(math.floor((middle_hz - reach_hz) / step_hz), math.ceil((middle_hz + reach_hz) / step_hz) + 1)
+    dopplers_hz = steps.astype(np.float64) * step_hz
+    planes = view.samples.read(start, searcher.n_samples)
+    return searcher.search(planes, view.carrier_hz, {sat: dopplers_hz for sat in GPS_SATS}, {})
+
+
+def _longest_stretch(samples: Samples, told: Survey) -> tuple[int, int]:
+    """Between gaps, found or told; the first of those that are all but as long as the longest."""
+    guards = [(gap.at_sample, math.ceil(3.0 * gap.at_sigma_samples)) for gap in told.gaps]
+    guards += [(gap.at_sample, 0) for gap in samples.gaps]
+    guards.sort()
+    begins = [0, *(at + guard for at, guard in guards)]
+    ends = [*(at - guard for at, guard in guards), samples.n_samples]
+    stretches = [(begin, end) for begin, end in zip(begins, ends, strict=True) if end > begin]
+    most = max(end - begin for begin, end in stretches)
+    return next(stretch for stretch in stretches if stretch[1] - stretch[0] >= 0.9 * most)
+
+
+def _satellites(peaks: Sequence[Peak], start: int, samples: Samples) -> tuple[Satellite, ...]:
+    found: dict[str, list[Peak]] = {}
+    for peak in peaks:
+        found.setdefault(peak.sat, []).append(peak)
+    satellites = []
+    for sat, mine in sorted(found.items()):
+        strongest = max(mine, key=lambda peak: peak.cn0_dbhz)
+        start_s = start / samples.rate_hz
+        period_s = GPS_L1_CA.period_s * (1.0 - strongest.doppler_hz / GPS_L1_CA.carrier_hz)
+        phase_s = (start_s + strongest.delay_s) % period_s
+        satellites.append(
+            Satellite(
+                sat=sat, cn0_dbhz=strongest.cn0_dbhz, doppler_hz=strongest.doppler_hz,
+                code_phase_chips=float(phase_s / period_s * GPS_L1_CA.code_length), peaks=len(mine),
+            )
+        )  # fmt: skip
+    return tuple(satellites)
+
+
+# --- words
+
+
+def _told(
+    samples: Samples, front: FrontEnd, satellites: tuple[Satellite, ...], told: Survey, conjugate: bool | None,
+    stretch: tuple[int, int], remarks: Sequence[str] = (),
+) -> Inspection:  # fmt: skip
+    oscillator = oscillator_error([satellite.doppler_hz for satellite in satellites])
+    return Inspection(
+        samples=samples, front_end=front, satellites=satellites, survey=told, conjugate=conjugate,
+        oscillator=oscillator, stretch=stretch,
+        remarks=(*samples.remarks, *remarks, *front.remarks, *_signal_remarks(samples, told, conjugate, oscillator)),
+        summary=_summary(samples, satellites, told, conjugate, front),
+    )  # fmt: skip
+
+
+def _signal_remarks(
+    samples: Samples, told: Survey, conjugate: bool | None, oscillator: OscillatorError
+) -> list[str]:
+    remarks = []
+    if conjugate:
+        remarks.append("the spectrum is mirrored: negate Q (or swap I and Q, or give the intermediate frequency the "
+                       "other sign) in what says how to read the file")  # fmt: skip
+    for gap in told.gaps:
+        remarks.append(
+            f"samples are missing at sample {gap.at_sample} ± {gap.at_sigma_samples:.0f} "
+            f"({gap.at_sample / samples.rate_hz * 1e3:.2f} ms): {gap.missing_samples:.1f} "
+            f"± {gap.missing_sigma_samples:.1f}, or that and whole code periods of {gap.period_samples:g}"
+        )
+    for known in samples.gaps:
+        remarks.append(f"the recording says that {known.missing_samples} samples are missing at {known.at_sample}")
+    if abs(oscillator.doppler_hz) > 3.0 * oscillator.sigma_hz:
+        high = "high" if oscillator.doppler_hz > 0.0 else "low"
+        off_khz, sigma_khz = abs(oscillator.doppler_hz) / 1e3, oscillator.sigma_hz / 1e3
+        ppm = 1e9 / GPS_L1_CA.carrier_hz
+        remarks.append(
+            f"all signals appear {off_khz:.1f} ± {sigma_khz:.1f} kHz too {high}: the local oscillator is off by "
+            f"{off_khz * ppm:.1f} ± {sigma_khz * ppm:.1f} ppm"
+        )
+    if abs(told.clock_minus_lo_ppm) > 4.0 * told.clock_minus_lo_sigma_ppm:
+        remarks.append(
+            f"the sampling clock is {told.clock_minus_lo_ppm:+.3f} ± {told.clock_minus_lo_sigma_ppm:.3f} ppm off the "
+            "local oscillator: they are not of one source, or rate_hz is not exact"
+        )
+    return remarks
+
+
+def _summary(
+    samples: Samples, satellites: tuple[Satellite, ...], told: Survey, conjugate: bool | None, front: FrontEnd
+) -> str:
+    """One or two sentences: what is there, and whether it can be used."""
+    long = f"{samples.duration_s:.1f} s" if samples.duration_s >= 1.0 else f"{samples.duration_s * 1e3:.0f} ms"
+    n = len(satellites)
+    if n == 0:
+        heard = f"{long} in which no {GPS_L1_CA.name} signal was found"
+    else:
+        strongest = max(satellite.cn0_dbhz for satellite in satellites)
+        heard = f"{long} with {n} GPS satellite{'' if n == 1 else 's'}, the strongest at {strongest:.0f} dB-Hz"
+    if several := [satellite.sat for satellite in satellites if satellite.peaks > 1]:
+        heard += f"; more than one signal of {', '.join(several)}"
+    but = []
+    if conjugate:
+        but.append("the spectrum is mirrored")
+    if n_gaps := max(len(told.gaps), len(samples.gaps)):
+        but.append("samples are missing" + ("" if n_gaps == 1 else f" in {n_gaps} places"))
+    if front.notched:
+        hurting = len(front.notched)
+        but.append("a narrow-band line hurts" if hurting == 1 else f"{hurting} narrow-band lines hurt")
+    if n and n < _ENOUGH_SATS:
+        but.append("fewer than four satellites give no position")
+    return heard + (f"; but {', '.join(but[:-1])}{' and ' if but[:-1] else ''}{but[-1]}." if but else ".")
+
+
+def _plain(value: Any) -> Any:
+    """For JSON: arrays as lists, numbers that are not finite as None."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(item) for item in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.integer):
+        return int(value)
+    return value

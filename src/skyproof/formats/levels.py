@@ -1,0 +1,106 @@
+"""Are the samples plausible? A look at a few stretches of a recording, whatever container it came in."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.errors import InputError
+from skyproof.formats.layout import PackedSamples
+from skyproof.records import Samples
+
+__all__ = ["check_levels", "looked_at"]
+
+_STRETCHES, _STRETCH_SAMPLES = 16, 32768  # what the check of levels looks at: at most half a million samples
+_DC_LIMIT = 0.05  # of the rms; above that the line at zero frequency costs acquisition more than 0.01 dB
+_IMBALANCE_LIMIT_DB = 0.2
+_FEW_LEVELS = 4
+_SATURATED, _SATURATED_FEW_LEVELS = 0.10, 0.60
+"""Shares at the extreme codes. With up to four levels a good gain control puts 30 to 40 % there, with more under 10 %
+(Max, IRE Trans. Inf. Theory 6, 1960: 32 % with 4, 8 % with 8 equally spaced levels of least distortion)."""
+
+
+def looked_at(samples: Samples, packed: PackedSamples, told_by: str) -> Samples:
+    """The recording with what its levels tell added to its remarks.
+
+    told_by : what says how to read it, for the words: "encoding and bits of rx.toml".
+
+    Raises
+    ------
+    InputError : no stretch that was looked at changes, or none holds finite numbers.
+    """
+    finite = _finite_remarks(samples, packed, told_by) if packed.packing.encoding == "float" else ()
+    levels = check_levels(samples, kind=packed.packing.kind, told_by=told_by)
+    return replace(samples, remarks=(*samples.remarks, *finite, *levels))
+
+
+def check_levels(
+    samples: Samples, *, kind: Literal["real", "complex"] = "complex", told_by: str = "what says how to read it"
+) -> tuple[str, ...]:
+    """What the levels of the samples tell, from at most 16 stretches spread over the recording.
+
+    Remarks on stretches that do not change, saturation, DC offset and I/Q imbalance, in words.
+
+    Raises
+    ------
+    InputError : no stretch changes at all.
+    """
+    stretches = [samples.read(start, count) for start, count in _stretches(samples.n_samples)]
+    planes = np.concatenate(stretches, axis=1)[: 2 if kind == "complex" else 1].astype(np.float64)
+    still = [bool((stretch == stretch[:, :1]).all()) for stretch in stretches]
+    if all(still):
+        what = "all samples are zero" if not planes.any() else f"all samples are {planes[0, 0]:g}"
+        raise InputError(
+            f"{samples.path or samples.name}: {what} in each of the {len(stretches)} stretches looked at; there is "
+            f"nothing to receive: check the recorder, and {told_by}"
+        )
+    remarks = []
+    if any(still):
+        first_s = _stretches(samples.n_samples)[still.index(True)][0] / samples.rate_hz
+        remarks.append(f"the samples do not change in {sum(still)} of {len(still)} stretches looked at, first at "
+                       f"{first_s:.3f} s: the recorder left gaps, or the front end was off")  # fmt: skip
+    return (*remarks, *_saturation(planes), *_offsets(planes, told_by))
+
+
+def _stretches(n_samples: int) -> list[tuple[int, int]]:
+    if n_samples <= _STRETCHES * _STRETCH_SAMPLES:
+        return [(start, min(_STRETCH_SAMPLES, n_samples - start)) for start in range(0, n_samples, _STRETCH_SAMPLES)]
+    starts = np.linspace(0, n_samples - _STRETCH_SAMPLES, _STRETCHES).astype(np.int64)
+    return [(int(start), _STRETCH_SAMPLES) for start in starts]
+
+
+def _saturation(planes: NDArray[np.float64]) -> list[str]:
+    levels = np.unique(planes[:, :_STRETCH_SAMPLES]).size
+    extreme = np.mean((planes == planes.max()) | (planes == planes.min()))
+    if levels <= 2 or extreme <= (_SATURATED_FEW_LEVELS if levels <= _FEW_LEVELS else _SATURATED):
+        return []
+    return [f"saturated: {extreme:.0%} of the samples are at the extreme codes {planes.min():g} and {planes.max():g}; "
+            "lower the gain"]  # fmt: skip
+
+
+def _offsets(planes: NDArray[np.float64], told_by: str) -> list[str]:
+    mean, deviation = planes.mean(axis=1), planes.std(axis=1)
+    names = "IQ"[: len(planes)]
+    if not deviation.all():
+        dead = names[int(np.argmin(deviation))]
+        return [f"{dead} never changes: check {told_by}, and the front end"]
+    offset = mean / deviation
+    remarks = []
+    if np.abs(offset).max() > _DC_LIMIT:
+        remarks.append("DC offset " + " and ".join(f"{o:+.2f} in {n}" for o, n in zip(offset, names, strict=True))
+                       + " (1 is the rms)")  # fmt: skip
+    if len(planes) == 2 and abs(imbalance_db := 20.0 * np.log10(deviation[0] / deviation[1])) > _IMBALANCE_LIMIT_DB:
+        remarks.append(f"I/Q imbalance {imbalance_db:+.1f} dB (I over Q)")
+    return remarks
+
+
+def _finite_remarks(samples: Samples, packed: PackedSamples, told_by: str) -> tuple[str, ...]:
+    planes = np.concatenate([packed.read_as_stored(*stretch) for stretch in _stretches(packed.n_samples)], axis=1)
+    bad = 1.0 - np.isfinite(planes).all(axis=0).mean()
+    if bad == 0.0:
+        return ()
+    what = f"{bad:.2%} of the samples looked at are not finite numbers"
+    if bad == 1.0:
+        raise InputError(f"{samples.path}: {what}; check {told_by}")
+    return (f"{what} and read as zero: check {told_by}, and the recorder",)

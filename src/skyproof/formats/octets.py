@@ -1,0 +1,66 @@
+"""Files as bytes: how long they are, a map of them, their digest, and words for the ways in which that fails."""
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.errors import InputError
+
+__all__ = ["digest", "mapped", "reading", "sha256", "size_of"]
+
+_HASH_BLOCK = 1 << 22
+
+
+def size_of(path: Path) -> int:
+    """Length of a regular file in bytes. Raises InputError if it is none or cannot be looked at."""
+    with reading(path):
+        size = path.stat().st_size
+    if not path.is_file():
+        raise InputError(f"{path} is no regular file; give the file of a recording")
+    return size
+
+
+def mapped(path: Path, start: int, size: int) -> NDArray[np.uint8]:
+    """`size` (more than zero) bytes of a file from byte `start` on, read only when they are touched; InputError."""
+    with reading(path):
+        # a plain view of the map: slices of np.memmap cost microseconds each
+        return np.asarray(np.memmap(path, np.uint8, "r", offset=start, shape=(size,)))
+
+
+def sha256(path: str | os.PathLike[str], progress: Callable[[int, int], None] | None = None) -> str:
+    """SHA-256 of a file, in hexadecimal; `progress(bytes_done, bytes_in_all)` is called after every 4 MiB.
+
+    Raises InputError if the file cannot be read.
+    """
+    return digest(Path(path), "sha256", 0, size_of(Path(path)), progress)
+
+
+def digest(
+    path: Path, algorithm: str, start: int, size: int, progress: Callable[[int, int], None] | None = None
+) -> str:
+    """The digest, in hexadecimal, of at most `size` bytes from byte `start` on; otherwise as `sha256`."""
+    state, done = hashlib.new(algorithm), 0
+    with reading(path), open(path, "rb") as file:
+        file.seek(start)
+        while block := file.read(min(_HASH_BLOCK, size - done)):
+            state.update(block)
+            done += len(block)
+            if progress is not None:
+                progress(done, size)
+    return state.hexdigest()
+
+
+@contextlib.contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """What the system says of a file that cannot be read, as InputError."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise InputError(f"{path} does not exist; check the name and the folder") from error
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror or error}); check its permissions") from error

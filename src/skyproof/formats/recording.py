@@ -1,0 +1,49 @@
+"""Any recording of samples: what kind of file it is decides how it is opened."""
+
+import os
+from pathlib import Path
+
+from skyproof.errors import InputError
+from skyproof.formats.raw import open_raw
+from skyproof.formats.sigmf import open_sigmf
+from skyproof.records import Samples
+
+__all__ = ["open_recording"]
+
+_PACKED = (".sigmf.gz", ".sigmf.xz", ".sigmf.zip")
+
+
+def open_recording(
+    path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None
+) -> tuple[Samples, ...]:
+    """Open the recordings that a file holds: SigMF by its names, anything else as raw samples with a sidecar.
+
+    Raw samples that have no sidecar NAME.toml, but NAME.sigmf-meta beside them, are read as that says.
+
+    Parameters
+    ----------
+    path : NAME.sigmf-meta, NAME.sigmf-data, the archive NAME.sigmf, or a file of raw samples.
+    sidecar : how to read raw samples; not for SigMF, except to read NAME.sigmf-data otherwise than its metadata say.
+
+    Returns
+    -------
+    tuple of Samples : one from raw samples, as `open_raw`; one or several from SigMF, as `open_sigmf`.
+
+    Raises
+    ------
+    InputError : as `open_raw` and `open_sigmf`; a container that is not read.
+    """
+    path = Path(path)
+    if path.name.endswith(_PACKED):
+        raise InputError(f"{path}: a compressed archive would have to be unpacked as a whole; unpack it first")
+    if path.suffix == ".sigmf-collection":
+        raise InputError(f"{path}: a collection holds names only; give the .sigmf-meta of each recording in it")
+    if sidecar is not None:
+        if path.suffix in (".sigmf-meta", ".sigmf"):
+            raise InputError(f"{path}: says itself how to read its samples; leave the sidecar {sidecar} out")
+        return (open_raw(path, sidecar),)
+    if path.suffix in (".sigmf-meta", ".sigmf-data", ".sigmf"):
+        return open_sigmf(path)
+    if path.is_file() and not path.with_suffix(".toml").exists() and path.with_suffix(".sigmf-meta").exists():
+        return open_sigmf(path)
+    return (open_raw(path),)

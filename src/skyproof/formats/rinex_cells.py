@@ -1,0 +1,348 @@
+"""The body of a RINEX observation file as columns: which lines are which satellite's, and the numbers in them.
+
+Lines are found and numbers parsed for the whole body at once; only the line that begins an epoch is looked at by
+itself. RINEX 2.11, tables A2 and 5.1; 3.05, table A3.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Cells", "Layout", "Lines", "Rows", "cells", "layout_change", "lines_of", "rows_2", "rows_3"]
+
+Layout = dict[str, tuple[str, ...]]
+"""Observation types by system; of version 2 the same for all, under ""."""
+
+_FIELD: Final = 16
+_AT_ONCE: Final = 1 << 23  # characters of text that are parsed at once
+_EVENTS: Final = {2: "antenna starts to move", 3: "new site", 4: "header lines", 5: "external event", 6: "cycle slips"}
+_SCALE: Final = 10.0 ** np.arange(12, -1, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Text and where its lines begin and end (without their line ends)."""
+
+    text: NDArray[np.uint8]
+    start: NDArray[np.int64]
+    end: NDArray[np.int64]
+    first_number: int  # of the first line, for messages
+
+    def __getitem__(self, k: int) -> str:
+        return self.text[self.start[k] : self.end[k]].tobytes().decode("latin-1")
+
+    def __len__(self) -> int:
+        return self.start.size
+
+    def column(self, k: int) -> NDArray[np.uint8]:
+        """Character `k` of every line, a space beyond its end."""
+        at = self.start + k
+        inside = at < self.end
+        return np.where(inside, self.text[np.where(inside, at, 0)], np.uint8(32)) if len(self) else self.text[:0]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Satellites' records in the order of the file, and the epochs they belong to.
+
+    instant_ns : (n_epochs,) since 1970 as written, flag : (n_epochs,). sat : (n_rows,) letter times 100 plus number.
+    epoch, line, layout : (n_rows,) index of the epoch, first line of the record, and number of its layout.
+    """
+
+    instant_ns: NDArray[np.int64]
+    flag: NDArray[np.int64]
+    sat: NDArray[np.int64]
+    epoch: NDArray[np.int64]
+    line: NDArray[np.int64]
+    layout: NDArray[np.int64]
+    layouts: tuple[Layout, ...]
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Numbers of some records: value (NaN without one), lli and strength 0 to 9, all (n_rows, n_types).
+
+    bad : lines with a field that is no number.
+    """
+
+    value: NDArray[np.float64]
+    lli: NDArray[np.uint8]
+    strength: NDArray[np.uint8]
+    bad: NDArray[np.int64]
+
+
+def lines_of(text: NDArray[np.uint8], first_number: int = 1) -> Lines:
+    """Lines that end by LF or CR LF; the last may have no end."""
+    pieces = [np.flatnonzero(text[k : k + _AT_ONCE] == 10) + k for k in range(0, text.size, _AT_ONCE)]
+    end = np.concatenate(pieces) if pieces else np.empty(0, np.int64)
+    if text.size and (end.size == 0 or end[-1] != text.size - 1):
+        end = np.append(end, text.size)
+    start = np.append(0, end[:-1] + 1)[: end.size]
+    returned = (end > start) & (text[np.maximum(end - 1, 0)] == 13) if text.size else np.zeros(0, np.bool_)
+    return Lines(text, start, end - returned, first_number)
+
+
+# --- which lines are whose
+
+
+@dataclass
+class _Walk:
+    """What has been found so far on the way through the body."""
+
+    layouts: list[Layout]
+    instant_ns: list[int] = field(default_factory=list)
+    flag: list[int] = field(default_factory=list)
+    layout: list[int] = field(default_factory=list)
+    events: Counter[str] = field(default_factory=Counter)
+    damaged: list[int] = field(default_factory=list)
+    days: dict[str, int] = field(default_factory=dict)
+
+    def begin(self, instant_ns: int, flag: int) -> None:
+        self.instant_ns.append(instant_ns)
+        self.flag.append(flag)
+        self.layout.append(len(self.layouts) - 1)
+
+    def event(self, flag: int, told: Sequence[str]) -> None:
+        self.events[_EVENTS[flag]] += 1
+        changed = layout_change(told, self.layouts[-1])
+        if changed != self.layouts[-1]:
+            self.layouts.append(changed)
+
+    def instant(self, date: str, clock: str) -> int:
+        """Nanoseconds since 1970 of "2022 06 08" and "10 00 00.0000000"; ValueError for anything else."""
+        day = self.days.get(date)
+        if day is None:
+            year, month, number = (int(part) for part in (date[:-6], date[-5:-3], date[-2:]))
+            if len(date) < 10:
+                year += 1900 if year >= 80 else 2000
+            day = int(np.datetime64(f"{year:04d}-{month:02d}-{number:02d}", "D").astype(np.int64)) * 86_400
+            self.days[date] = day
+        hour, minute, second = int(clock[:2]), int(clock[3:5]), float(clock[6:])
+        if not (0 <= hour < 24 and 0 <= minute < 60 and 0.0 <= second < 61.0):
+            raise ValueError(clock)
+        return (day + hour * 3600 + minute * 60) * 1_000_000_000 + round(second * 1e9)
+
+    def rows(
+        self, sat: NDArray[np.int64], epoch: NDArray[np.int64], line: NDArray[np.int64], first_number: int
+    ) -> Rows:
+        remarks = [f"{count} events inside the data: {name}" for name, count in sorted(self.events.items())]
+        remarks += [f"line {first_number + k}: what belongs to no whole epoch is left out" for k in self.damaged[:10]]
+        if len(self.damaged) > 10:
+            remarks.append(f"{len(self.damaged) - 10} further places with damaged epochs left out")
+        layout = np.array(self.layout, np.int64)
+        return Rows(
+            np.array(self.instant_ns, np.int64), np.array(self.flag, np.int64), sat, epoch, line,
+            layout[epoch], tuple(self.layouts), tuple(remarks),
+        )  # fmt: skip
+
+
+def layout_change(lines: Sequence[str], layout: Layout) -> Layout:
+    """The layout after these header lines, which tell observation types or not."""
+    changed = dict(layout)
+    system, wanted, found = "", 0, list[str]()
+    for line in lines:
+        label, text = line[60:80].rstrip(), line[:60]
+        if label == "SYS / # / OBS TYPES":
+            if text[0] != " ":
+                system, wanted, found = text[0], _count(text[3:6]), []
+            found += text[6:].split()
+        elif label == "# / TYPES OF OBSERV":
+            if text[:6].strip():
+                system, wanted, found = "", _count(text[:6]), []
+            found += text[6:].split()
+        else:
+            continue
+        changed[system] = tuple(found[:wanted])
+    return changed
+
+
+def _count(text: str) -> int:
+    return int(text) if text.strip().isdigit() else 0
+
+
+def rows_3(lines: Lines, layout: Layout) -> Rows:
+    """Versions 3 and 4: an epoch begins with ">", and every satellite has a line that begins with its name."""
+    walk = _Walk([layout])
+    heads = np.flatnonzero(lines.column(0) == ord(">"))
+    nexts = np.append(heads, len(lines))[1:]
+    owner = np.full(len(lines), -1, np.int64)
+    for k, following in zip(heads.tolist(), nexts.tolist(), strict=True):
+        text = lines[k]
+        try:
+            flag, count = int(text[31:32]), int(text[32:35] or 0)
+            if 2 <= flag <= 5:
+                walk.event(flag, [lines[j] for j in range(k + 1, min(k + 1 + count, following))])
+                continue
+            if flag > 6:
+                raise ValueError(text)
+            walk.begin(walk.instant(text[2:12], text[13:29]), flag)
+        except (ValueError, KeyError):
+            walk.damaged.append(k)
+            continue
+        if following - k - 1 != count:
+            walk.damaged.append(following)
+        owner[k + 1 : following] = len(walk.flag) - 1
+    line = np.flatnonzero(owner >= 0)
+    sat = _sat(lines.column(0)[line], lines.column(1)[line], lines.column(2)[line])
+    known = sat > 0
+    if walk.flag and not known.all():
+        walk.damaged.extend(k for k in line[~known].tolist() if lines.end[k] > lines.start[k])
+    return walk.rows(sat[known], owner[line[known]], line[known], lines.first_number)
+
+
+def _sat(letter: NDArray[np.uint8], tens: NDArray[np.uint8], ones: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Letter times 100 plus number; 0 where it is no name. "G 3" is G03."""
+    tens = np.where(tens == 32, np.uint8(48), tens)
+    number = (tens.astype(np.int64) - 48) * 10 + ones.astype(np.int64) - 48
+    digits = (tens >= 48) & (tens <= 57) & (ones >= 48) & (ones <= 57)
+    is_letter = np.isin(letter, np.frombuffer(b"GRECJSI", np.uint8))
+    return np.where(digits & is_letter & (number > 0), letter.astype(np.int64) * 100 + number, 0)
+
+
+def rows_2(lines: Lines, layout: Layout, system: str) -> Rows:
+    """Version 2: a head of one line or more names the satellites, whose records are lines of five fields, unnamed."""
+    walk = _Walk([layout])
+    heads = np.flatnonzero(_looks_like_a_head(lines))
+    sat, epoch, first = list[int](), list[int](), list[int]()
+    k, total = 0, len(lines)
+    while k < total:
+        at = int(np.searchsorted(heads, k))
+        head = int(heads[at]) if at < heads.size else total
+        if head > k:
+            if any(lines[j].strip() for j in range(k, min(head, k + 3))):
+                walk.damaged.append(k)
+            k = head
+            continue
+        following = int(heads[at + 1]) if at + 1 < heads.size else total
+        text = lines[k]
+        try:
+            flag, count = int(text[28:29] or 0), int(text[29:32] or 0)
+            if 2 <= flag <= 5:
+                walk.event(flag, [lines[j] for j in range(k + 1, min(k + 1 + count, total))])
+                k += 1 + count
+                continue
+            date, clock = f"{text[1:3]} {text[4:6]} {text[7:9]}", f"{text[10:12]} {text[13:15]} {text[15:26]}"
+            instant_ns = walk.instant(date, clock)
+        except ValueError:
+            walk.damaged.append(k)
+            k += 1
+            continue
+        n_heads = max(-(-count // 12), 1)
+        each = max(-(-len(walk.layouts[-1].get("", ())) // 5), 1)
+        data = k + n_heads
+        names = "".join(lines[j].ljust(68)[32:68] for j in range(k, min(data, total)))
+        codes = [_code(names[3 * j : 3 * j + 3], system) for j in range(count)]
+        end = data + count * each
+        if end > following and not (following == total and end > total):
+            walk.damaged.append(k)  # a line is missing: nothing says whose
+            k = following
+            continue
+        walk.begin(instant_ns, flag)
+        whole = min(count, max(following - data, 0) // each)
+        kept = [j for j in range(whole) if codes[j]]
+        sat += [codes[j] for j in kept]
+        epoch += [len(walk.flag) - 1] * len(kept)
+        first += [data + j * each for j in kept]
+        if whole < count or len(kept) < whole:
+            walk.damaged.append(k)
+        k = end
+    return walk.rows(np.array(sat, np.int64), np.array(epoch, np.int64), np.array(first, np.int64), lines.first_number)
+
+
+def _code(name: str, system: str) -> int:
+    letter, number = name[:1].strip() or system, name[1:].strip()
+    return ord(letter) * 100 + int(number) if letter in "GRECJSI" and number.isdigit() and int(number) > 0 else 0
+
+
+def _looks_like_a_head(lines: Lines) -> NDArray[np.bool_]:
+    """Where the point of the seconds and the flag stand as in no line of data, or an event without a time."""
+    digit = lines.column(28)
+    blank = lines.column(26) == 32
+    blank &= lines.column(27) == 32
+    timed = (lines.column(18) == ord(".")) & (lines.column(0) == 32) & (lines.column(3) == 32)
+    timed &= (digit >= 48) & (digit <= 54)
+    untimed = (digit >= 50) & (digit <= 53) & blank
+    for k in (1, 2, 4, 5, 7, 8, 10, 11, 13, 14, 16, 17, 18, 20, 22, 24):
+        untimed &= lines.column(k) == 32
+    return np.asarray((blank & timed) | untimed)
+
+
+# --- the numbers
+
+
+def cells(
+    lines: Lines, first: NDArray[np.int64], kept: Sequence[int], *, five_a_line: bool, name_columns: int
+) -> Cells:
+    """Fields number `kept` of the records whose first lines are given.
+
+    Each field is a number in 14 columns (F14.3), the loss-of-lock indicator and the strength. Zero and blank are no
+    measurement.
+    """
+    n, m = first.size, len(kept)
+    value = np.full((n, m), np.nan)
+    lli, strength = np.zeros((n, m), np.uint8), np.zeros((n, m), np.uint8)
+    bad = np.zeros(n, np.bool_)
+    which = np.array(kept, np.int64)
+    line_of = which // 5 if five_a_line else np.zeros_like(which)
+    column_of = name_columns + _FIELD * (which % 5 if five_a_line else which)
+    step = max(_AT_ONCE // (_FIELD * max(m, 1)), 1)
+    for begin in range(0, n, step):
+        rows = slice(begin, min(begin + step, n))
+        line = first[rows, None] + line_of
+        at = lines.start[line] + column_of
+        room = lines.end[line] - at
+        offset = np.arange(_FIELD)
+        where = at[..., None] + offset
+        text = np.where(offset < room[..., None], lines.text[np.minimum(where, lines.text.size - 1)], np.uint8(32))
+        value[rows], wrong = _numbers(text, room)
+        bad[rows] = wrong.any(axis=1)
+        for marks, k in ((lli, 14), (strength, 15)):
+            digit = text[..., k] - np.uint8(48)
+            marks[rows] = np.where(digit < 10, digit, 0)
+    return Cells(value, lli, strength, first[bad])
+
+
+def _numbers(text: NDArray[np.uint8], room: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """F14.3 of characters (..., 16) as float64, NaN for blank or zero; and where a field is no number, or is cut."""
+    value = np.full(text.shape[:-1], np.nan)
+    wrong = np.zeros(text.shape[:-1], np.bool_)
+    filled = np.flatnonzero((text[..., :14] != 32).any(axis=-1))
+    if filled.size == 0:
+        return value, wrong
+    field_ = text.reshape(-1, _FIELD)[filled, :14]
+    body = np.delete(field_, 10, axis=1)
+    digit = body - np.uint8(48)
+    is_digit = digit < 10
+    leading = np.where(is_digit.any(axis=1), is_digit.argmax(axis=1), 13)
+    minus = body == ord("-")
+    spaces = (body == 32).sum(axis=1)
+    plain = (field_[:, 10] == ord(".")) & is_digit[:, 10:].all(axis=1) & (is_digit.sum(axis=1) == 13 - leading)
+    n_minus = minus.sum(axis=1)
+    before = minus[np.arange(len(body)), np.maximum(leading - 1, 0)]
+    plain &= ((n_minus == 0) & (spaces == leading)) | ((n_minus == 1) & before & (spaces == leading - 1))
+    number = np.where(is_digit, digit, 0).astype(np.float64) @ _SCALE / 1000.0  # whole numbers below 2^53: exact
+    number = np.where(n_minus == 1, -number, number)
+    odd = np.flatnonzero(~plain)
+    number[odd] = [_number(field_[k].tobytes()) for k in odd]
+    number[room.reshape(-1)[filled] < 14] = np.nan  # cut before its last digit
+    wrong.reshape(-1)[filled] = np.isnan(number)
+    value.reshape(-1)[filled] = np.where(number == 0.0, np.nan, number)
+    return value, wrong
+
+
+def _number(text: bytes) -> float:
+    """A number that is not written as F14.3; NaN for what is none."""
+    plain = text.strip()
+    if not plain or plain.strip(b"+-.0123456789"):
+        return float("nan")
+    try:
+        return float(plain)
+    except ValueError:
+        return float("nan")
+
+

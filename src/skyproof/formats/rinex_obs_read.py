@@ -1,0 +1,423 @@
+"""RINEX observation files to observations: versions 2.10 and 2.11, 3.0x and 4.0x, compact and gzip too, all systems.
+
+Damage costs the cell, the satellite or the epoch that is damaged and is told in the remarks, never the file.
+"""
+
+import gzip
+import os
+import re
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.errors import InputError
+from skyproof.formats.crinex import expanded, is_compact
+from skyproof.formats.rinex_cells import Layout, Lines, Rows, cells, layout_change, lines_of, rows_2, rows_3
+from skyproof.gnss.constants import BDT_BEHIND_GPST_S
+from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal
+from skyproof.gnss.time import gpst_from_utc
+from skyproof.records import Instants, Observations, Reals, SignalId
+
+__all__ = ["ObservationFile", "parse_obs", "read_obs"]
+
+_TO_DO: Final = "give a RINEX observation file (2.1x, 3.0x, 4.0x), plain, compact (.crx, .21d) or gzip"
+_SLIP: Final = 3  # the cell status of a cycle slip
+_TIME_SYSTEMS: Final = {"R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS"}  # of a file of one system that tells none
+_BY_TYPE_2: Final = {
+    "C1": "1C", "P1": "1P", "C2": "2C", "P2": "2P", "C5": "5X", "C6": "6X", "C7": "7X", "C8": "8X",
+}  # fmt: skip
+"""The RINEX 3 signal of a code of version 2 (RINEX 3.05, section 10): the channel of a modern code is not told: X."""
+_BY_SYSTEM_2: Final = {
+    "G": {"P1": "1W", "P2": "2W", "C2": "2X"}, "E": {"C1": "1X"}, "C": {"C1": "2I", "C2": "2I", "C7": "7I", "C6": "6I"},
+}  # fmt: skip
+_UNTOLD_CN0_DBHZ: Final = 40.0
+_DLL_HZ, _SPACING_CHIPS, _PLL_HZ, _INTEGRATION_S = 1.0, 0.5, 15.0, 0.02
+_KINDS: Final = ("C", "L", "D", "S")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ObservationFile:
+    """One receiver's observations and what the header tells beside them; None or "" where it does not.
+
+    observations : epochs in GPS time, in order, one channel a signal, every copy "a".
+    position_ecef_m : (3,) approximate. antenna_delta_hen_m : (3,) height, east, north of the antenna over the marker.
+    time_system : of the file, "GPS" for instance. glonass_channels : frequency numbers by satellite.
+    """
+
+    observations: Observations
+    version: float
+    marker: str = ""
+    receiver: str = ""
+    antenna: str = ""
+    position_ecef_m: Reals | None = None
+    antenna_delta_hen_m: Reals | None = None
+    interval_s: float | None = None
+    time_system: str = "GPS"
+    leap_seconds: int | None = None
+    glonass_channels: Mapping[str, int] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+
+def read_obs(
+    path: str | os.PathLike[str],
+    *,
+    keep: Callable[[SignalId], bool] | None = None,
+    glonass_channels: Mapping[str, int] | None = None,
+) -> ObservationFile:
+    """The observations in a RINEX file, plain, compact or gzip.
+
+    Parameters
+    ----------
+    keep : which signals; all without it. What is left out is not even parsed.
+    glonass_channels : frequency numbers where the header has none, as `rinex_nav.glonass_channels` gives them.
+
+    Raises
+    ------
+    InputError : the file cannot be read, is no RINEX observation file, or holds no observation.
+    """
+    return parse_obs(_content(Path(path)), source=str(path), keep=keep, glonass_channels=glonass_channels)
+
+
+def parse_obs(
+    content: bytes,
+    *,
+    source: str = "observations",
+    keep: Callable[[SignalId], bool] | None = None,
+    glonass_channels: Mapping[str, int] | None = None,
+) -> ObservationFile:
+    """The observations in the bytes of a RINEX file; `source` names it in messages.
+
+    Loss of lock, slips told by event records and a power failure become status 3 (cycle slip). Sigmas are those of
+    thermal noise in textbook loops: code by an early-minus-late loop of 1 Hz and 0.5 chip, phase and frequency by loops
+    of 15 Hz, 20 ms of integration (Kaplan and Hegarty, Understanding GPS/GNSS, 3rd ed., 8.9); without C/N0 by that of
+    the strength indicator, and 40 dB-Hz where there is none either, which the remarks tell.
+
+    Raises
+    ------
+    InputError : as `read_obs` does.
+    """
+    if is_compact(content[:100].split(b"\n", 1)[0].decode("latin-1").rstrip("\r")):
+        content = "\n".join(expanded(content.decode("latin-1").splitlines(), source=source)).encode("latin-1") + b"\n"
+    text = np.frombuffer(content, np.uint8)
+    header, body_at = _header(content, source)
+    lines = lines_of(text[body_at:], header.n_lines + 1)
+    rows = rows_3(lines, header.layout) if header.version >= 3.0 else rows_2(lines, header.layout, header.system)
+    table = _Table.of(lines, rows, header, keep)
+    if not table.signals:
+        raise InputError(f"{source}: no observation after line {header.n_lines}{header.words(rows)}; {_TO_DO}")
+    numbers = dict(glonass_channels or {}) | header.glonass_channels
+    remarks = [*header.remarks, *rows.remarks, *table.remarks]
+    untold = sorted({s.sat for s in table.signals if s.band in ("G1", "G2") and s.sat not in numbers})
+    if untold:
+        remarks.append(f"no frequency number of {', '.join(untold)}: their carriers are not known")
+    return ObservationFile(
+        observations=_observations(table, header, numbers, remarks), version=header.version, marker=header.marker,
+        receiver=header.receiver, antenna=header.antenna, position_ecef_m=header.position_ecef_m,
+        antenna_delta_hen_m=header.antenna_delta_hen_m, interval_s=header.interval_s, time_system=header.time_system,
+        leap_seconds=header.leap_seconds, glonass_channels=header.glonass_channels, remarks=tuple(remarks),
+    )  # fmt: skip
+
+
+def _content(path: Path) -> bytes:
+    try:
+        content = path.read_bytes()
+        if content[:2] == b"\x1f\x8b":
+            content = gzip.decompress(content)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise InputError(f"{path}: damaged gzip file ({error}); fetch or compress it again") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {_TO_DO}") from None
+    if content[:2] == b"\x1f\x9d":
+        raise InputError(f"{path}: compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
+    return content
+
+
+# --- the header
+
+
+@dataclass
+class _Header:
+    version: float
+    system: str
+    n_lines: int = 0
+    layout: Layout = field(default_factory=dict)
+    marker: str = ""
+    receiver: str = ""
+    antenna: str = ""
+    position_ecef_m: Reals | None = None
+    antenna_delta_hen_m: Reals | None = None
+    interval_s: float | None = None
+    time_system: str = ""
+    leap_seconds: int | None = None
+    glonass_channels: dict[str, int] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+
+    def words(self, rows: Rows) -> str:
+        return f"; {rows.remarks[0]}" if rows.remarks else ""
+
+    def take(self, line: str, label: str) -> None:
+        """What the line tells. ValueError if it cannot be read."""
+        text = line[:60]
+        if label == "MARKER NAME":
+            self.marker = text.strip()
+        elif label == "REC # / TYPE / VERS":
+            self.receiver = text[20:40].strip()
+        elif label == "ANT # / TYPE":
+            self.antenna = text[20:40].strip()
+        elif label == "APPROX POSITION XYZ":
+            position_m = _vector(text)
+            self.position_ecef_m = position_m if np.linalg.norm(position_m) > 1e6 else None
+        elif label == "ANTENNA: DELTA H/E/N":
+            self.antenna_delta_hen_m = _vector(text)
+        elif label == "INTERVAL":
+            self.interval_s = float(text[:10]) if float(text[:10]) > 0.0 else None
+        elif label == "TIME OF FIRST OBS":
+            self.time_system = text[48:51].strip()
+        elif label == "LEAP SECONDS":
+            self.leap_seconds = int(text[:6])
+        elif label == "GLONASS SLOT / FRQ #":
+            pairs = re.findall(r"R(\d\d) +(-?\d+)", text)  # writers differ by a column
+            self.glonass_channels |= {f"R{slot}": int(number) for slot, number in pairs}
+
+
+def _vector(text: str) -> Reals:
+    vector = np.array([float(text[k : k + 14]) for k in (0, 14, 28)])
+    if not np.isfinite(vector).all():
+        raise ValueError(text)
+    return vector
+
+
+def _header(content: bytes, source: str) -> tuple[_Header, int]:
+    """The header and where the body begins."""
+    first = content[: max(content.find(b"\n"), 0) or 80].decode("latin-1")
+    if first[60:80].rstrip() != "RINEX VERSION / TYPE":
+        raise InputError(f"{source}, line 1: {first[:40]!r}, expected RINEX VERSION / TYPE in column 61; {_TO_DO}")
+    number = first[:9].strip()
+    version = float(number) if number.replace(".", "", 1).isdigit() else 0.0
+    if not 2.0 <= version < 5.0:
+        raise InputError(f"{source}, line 1: RINEX version {number!r}, expected 2, 3 or 4; {_TO_DO}")
+    if first[20:21].upper() != "O":
+        raise InputError(f"{source}, line 1: the file is of type {first[20:40].strip()!r}, not observations; {_TO_DO}")
+    system = first[40:41].strip() or "G"
+    header = _Header(version=version, system="G" if system == "M" else system)
+    told = list[str]()
+    at = 0
+    while at < len(content):
+        end = content.find(b"\n", at)
+        end = len(content) if end < 0 else end
+        line = content[at:end].decode("latin-1").rstrip("\r")
+        at = end + 1
+        header.n_lines += 1
+        label = line[60:80].rstrip()
+        if label == "END OF HEADER":
+            break
+        told.append(line)
+        try:
+            header.take(line, label)
+        except ValueError:
+            header.remarks.append(f"line {header.n_lines}: {label} cannot be read and is left out")
+    else:
+        raise InputError(f"{source}, line {header.n_lines}: the file ends before END OF HEADER; fetch it again")
+    header.layout = layout_change(told, {})
+    if not any(header.layout.values()):
+        raise InputError(f"{source}: the header names no observation types; fetch the file again")
+    header.time_system = header.time_system or _TIME_SYSTEMS.get(system, "GPS")
+    return header, at
+
+
+# --- signals
+
+
+def _signals_of(types: Sequence[str], system: str, version: float) -> dict[tuple[str, str], dict[str, int]]:
+    """Band and code to the field of its code, phase, Doppler and strength."""
+    found: dict[tuple[str, str], dict[str, int]] = {}
+    for column, name in enumerate(types):
+        told = name if version >= 3.0 else _as_version_3(name, types, system)
+        signal = rinex_signal(system, told[1:], version) if len(told) == 3 and told[0] in _KINDS else None
+        if signal is not None:
+            found.setdefault(signal, {}).setdefault(told[0], column)
+    return found
+
+
+def _as_version_3(name: str, types: Sequence[str], system: str) -> str:
+    """Version 2 does not say of which code a phase is: of C/A on the first band if there is one, else of the other."""
+    kind, band = name[:1], name[1:]
+    codes = (f"C{band}", f"P{band}") if band == "1" or system != "G" else (f"P{band}", f"C{band}")
+    code = name if kind in "CP" else next((c for c in codes if c in types), codes[0])
+    attribute = _BY_SYSTEM_2.get(system, {}).get(code, _BY_TYPE_2.get(code, ""))
+    return ("C" if kind == "P" else kind) + attribute
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Every signal's numbers by epoch, (n_epochs, n_signals) each."""
+
+    signals: tuple[SignalId, ...]
+    instant_ns: NDArray[np.int64]
+    numbers: Mapping[str, Reals]  # by kind
+    strength: NDArray[np.uint8]
+    lost: NDArray[np.bool_]
+    remarks: tuple[str, ...]
+
+    @classmethod
+    def of(cls, lines: Lines, rows: Rows, header: _Header, keep: Callable[[SignalId], bool] | None) -> "_Table":
+        place, instant_ns, remarks = _epochs_in_order(rows)
+        observed = rows.flag[rows.epoch] < 6
+        bad: list[int] = []
+        blocks: list[tuple[SignalId, NDArray[np.int64], dict[str, Reals], NDArray[np.uint8], NDArray[np.bool_]]] = []
+        for layout, types_by_system in enumerate(rows.layouts):
+            for letter in sorted({chr(k) for k in np.unique(rows.sat // 100)}):
+                types = types_by_system.get(letter, types_by_system.get("", ()))
+                its = np.flatnonzero(observed & (rows.layout == layout) & (rows.sat // 100 == ord(letter)))
+                its = its[place[rows.epoch[its]] >= 0]
+                fields = _signals_of(types, letter, header.version)
+                blocks += _blocks(lines, rows, its, fields, header, keep, place, bad)
+        signals = tuple(sorted({block[0] for block in blocks}))
+        column = {signal: k for k, signal in enumerate(signals)}
+        shape = (instant_ns.size, len(signals))
+        numbers = {kind: np.full(shape, np.nan) for kind in _KINDS}
+        strength, lost = np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
+        for signal, epochs, values, marks, slips in blocks:
+            for kind, value in values.items():
+                numbers[kind][epochs, column[signal]] = value
+            strength[epochs, column[signal]] = marks
+            lost[epochs, column[signal]] = slips
+        lost |= _told_slips(rows, place, instant_ns, signals)
+        told = [f"line {lines.first_number + k}: a field that is no number is left out" for k in sorted(set(bad))[:10]]
+        if len(set(bad)) > 10:
+            told.append(f"{len(set(bad)) - 10} further lines with fields that are no numbers")
+        return cls(signals, instant_ns, numbers, strength, lost, (*remarks, *told))
+
+
+def _epochs_in_order(rows: Rows) -> tuple[NDArray[np.int64], NDArray[np.int64], list[str]]:
+    """Where each epoch of the file stands in time (-1 for what is none), those times, and what was put right."""
+    epochs = np.flatnonzero(rows.flag < 6)
+    order = epochs[np.argsort(rows.instant_ns[epochs], kind="stable")]
+    instant_ns = rows.instant_ns[order]
+    new = np.append(True, np.diff(instant_ns) > 0)[: order.size]
+    place = np.full(rows.flag.size, -1, np.int64)
+    place[order[new]] = np.arange(int(new.sum()))
+    remarks = []
+    if not new.all():
+        remarks.append(f"{int((~new).sum())} epochs come twice; the first of each is taken")
+    if (np.diff(epochs[np.argsort(order, kind="stable")]) < 0).any() or (np.diff(rows.instant_ns[epochs]) < 0).any():
+        remarks.append("epochs are not in order of time; they were sorted")
+    return place, instant_ns[new], remarks
+
+
+def _blocks(
+    lines: Lines, rows: Rows, its: NDArray[np.int64], fields: Mapping[tuple[str, str], Mapping[str, int]],
+    header: _Header, keep: Callable[[SignalId], bool] | None, place: NDArray[np.int64], bad: list[int],
+) -> Iterable[tuple[SignalId, NDArray[np.int64], dict[str, Reals], NDArray[np.uint8], NDArray[np.bool_]]]:  # fmt: skip
+    """Each signal's epochs, numbers by kind, strength and loss of lock, from the rows `its` of one system."""
+    sats = np.unique(rows.sat[its]).tolist()
+    names = {sat: f"{chr(sat // 100)}{sat % 100:02d}" for sat in sats}
+    wanted = {
+        signal: columns
+        for signal, columns in fields.items()
+        if keep is None or any(keep(SignalId(name, *signal)) for name in names.values())
+    }
+    kept = sorted({column for columns in wanted.values() for column in columns.values()})
+    if not kept or its.size == 0:
+        return []
+    old = header.version < 3.0
+    parsed = cells(lines, rows.line[its], kept, five_a_line=old, name_columns=0 if old else 3)
+    bad.extend(parsed.bad.tolist())
+    at = {column: k for k, column in enumerate(kept)}
+    blocks = []
+    failed = rows.flag[rows.epoch[its]] == 1
+    for sat in sats:
+        own = np.flatnonzero(rows.sat[its] == sat)
+        for signal, columns in wanted.items():
+            if keep is not None and not keep(SignalId(names[sat], *signal)):
+                continue
+            values = {kind: parsed.value[own, at[column]] for kind, column in columns.items()}
+            there = np.any([np.isfinite(values[kind]) for kind in "CLD" if kind in values] or [[False]], axis=0)
+            if not there.any():
+                continue
+            first = at[columns.get("C", columns.get("L", next(iter(columns.values()))))]
+            phase = at.get(columns.get("L", -1))
+            slip = np.zeros(own.size, np.bool_)
+            if phase is not None:
+                slip = np.isfinite(values["L"]) & ((parsed.lli[own, phase] & 1 > 0) | failed[own])
+            strength = parsed.strength[own, first]
+            if phase is not None:
+                strength = np.maximum(strength, parsed.strength[own, phase])
+            epochs = place[rows.epoch[its[own[there]]]]
+            chosen = {kind: value[there] for kind, value in values.items()}
+            blocks.append((SignalId(names[sat], *signal), epochs, chosen, strength[there], slip[there]))
+    return blocks
+
+
+def _told_slips(
+    rows: Rows, place: NDArray[np.int64], instant_ns: NDArray[np.int64], signals: tuple[SignalId, ...]
+) -> NDArray[np.bool_]:
+    """Where event records (flag 6) tell a slip: at their satellites' first epoch from then on."""
+    lost = np.zeros((instant_ns.size, len(signals)), np.bool_)
+    for row in np.flatnonzero(rows.flag[rows.epoch] == 6):
+        epoch = int(np.searchsorted(instant_ns, rows.instant_ns[rows.epoch[row]]))
+        sat = f"{chr(rows.sat[row] // 100)}{rows.sat[row] % 100:02d}"
+        if epoch < instant_ns.size:
+            lost[epoch, [k for k, signal in enumerate(signals) if signal.sat == sat]] = True
+    return lost
+
+
+# --- the record
+
+
+def _observations(
+    table: _Table, header: _Header, channels: Mapping[str, int], remarks: list[str]
+) -> Observations:
+    code_m, phase_cyc, doppler_hz, cn0_dbhz = (table.numbers[kind] for kind in _KINDS)
+    there = np.isfinite(code_m) | np.isfinite(phase_cyc) | np.isfinite(doppler_hz)
+    by_strength = np.where(table.strength > 0, 6.0 * table.strength + 3.0, _UNTOLD_CN0_DBHZ)
+    untold = there & ~np.isfinite(cn0_dbhz)
+    if untold.any():
+        remarks.append(
+            f"C/N0 is not told in {untold.sum() / there.sum():.0%} of the cells: sigmas there are those of the strength"
+            f" indicator or of {_UNTOLD_CN0_DBHZ:g} dB-Hz"
+        )
+    cn0 = 10.0 ** (np.clip(np.where(np.isfinite(cn0_dbhz), cn0_dbhz, by_strength), 15.0, 60.0) / 10.0)
+    chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in table.signals])
+    code_sigma_m = chip_m * np.sqrt(
+        _DLL_HZ * _SPACING_CHIPS / (2.0 * cn0) * (1.0 + 2.0 / (_INTEGRATION_S * cn0 * (2.0 - _SPACING_CHIPS)))
+    )
+    phase_sigma_cyc = np.sqrt(_PLL_HZ / cn0 * (1.0 + 0.5 / (_INTEGRATION_S * cn0))) / (2.0 * np.pi)
+    doppler_sigma_hz = np.sqrt(4.0 * _PLL_HZ / cn0 * (1.0 + 1.0 / (_INTEGRATION_S * cn0))) / (
+        2.0 * np.pi * _INTEGRATION_S
+    )
+    elapsed_s = (table.instant_ns - table.instant_ns[0]) * 1e-9
+    first = there.argmax(axis=0)
+    return Observations(
+        receiver=header.marker or "rx1",
+        signals=table.signals,
+        gpst=_gpst(table.instant_ns.astype("datetime64[ns]"), header),
+        elapsed_s=elapsed_s,
+        pseudorange_m=code_m,
+        carrier_cyc=phase_cyc,
+        doppler_hz=doppler_hz,
+        cn0_dbhz=np.where(there, cn0_dbhz, np.nan),
+        pseudorange_sigma_m=np.where(np.isfinite(code_m), code_sigma_m, np.nan),
+        carrier_sigma_cyc=np.where(np.isfinite(phase_cyc), phase_sigma_cyc, np.nan),
+        doppler_sigma_hz=np.where(np.isfinite(doppler_hz), doppler_sigma_hz, np.nan),
+        status=np.where(there, np.where(table.lost, _SLIP, 0), 1).astype(np.uint8),
+        found_elapsed_s=elapsed_s[first],
+        missed_elapsed_s=np.where(first > 0, elapsed_s[np.maximum(first - 1, 0)], np.nan),
+        carrier_hz=np.array([carrier_hz_of(s.band, channels.get(s.sat)) for s in table.signals]),
+    )
+
+
+def _gpst(instants: Instants, header: _Header) -> Instants:
+    """Instants of the file's time system as GPS time (RINEX 3.05, 4.1): GLONASS's is UTC."""
+    if header.time_system in ("GLO", "UTC"):
+        return np.asarray(instants + (gpst_from_utc(instants[0]) - instants[0]))
+    if header.time_system in ("BDT", "BDS"):
+        return np.asarray(instants + np.timedelta64(round(BDT_BEHIND_GPST_S), "s"))
+    return instants
+
+

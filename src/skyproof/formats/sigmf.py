@@ -1,0 +1,483 @@
+"""SigMF recordings (Signal Metadata Format, specification 1.2.6): NAME.sigmf-meta and its samples, or an archive.
+
+Read are all data types (real and complex f32 f64 i32 i16 i8 u32 u16 u8, either byte order), interleaved channels, any
+number of captures, and data sets that do not conform (core:dataset, core:header_bytes, core:trailing_bytes). Unsigned
+numbers are offset binary: v has the value 2v - (2^bits - 1), so that the middle of the range is zero.
+
+- Each channel is a recording of its own, NAME-1, NAME-2, ...
+- Captures of one tuning are one recording; another tuning is another recording, NAME-1575.42MHz, ...
+- Where core:global_index runs ahead of the samples, samples are missing: a `SampleGap`.
+- core:datetime is UTC and becomes `start_gpst`, carried back to the first sample.
+- Without core:frequency the samples are taken to be centred on L1, which is told.
+
+What SigMF has no word for stands in keys of the namespace skyproof; the first three in a capture, or in the global
+object for all captures; the others in the global object.
+
+    skyproof:if_hz       where core:frequency lies in the samples; real samples need it, and a negative one tells of an
+                         inverted spectrum. Complex samples have it at zero
+    skyproof:conjugate   true if the spectrum of complex samples is inverted (Q is negated then)
+    skyproof:swap_iq     true if Q comes before I
+    skyproof:encoding    "sign", "sign-magnitude", ... of skyproof.formats.layout, in place of what core:datatype says;
+                         of the data type "c" or "r" still counts, and the byte order
+    skyproof:bits        of one number; needs skyproof:encoding. With fewer than 8, several numbers fill a byte
+    skyproof:bit_order   "msb-first" or "lsb-first"
+    skyproof:antenna     the antenna's name
+"""
+
+import math
+import os
+import re
+import tarfile
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.errors import InputError
+from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, PackedSamples, Packing
+from skyproof.formats.levels import looked_at
+from skyproof.formats.octets import digest, mapped, reading, size_of
+from skyproof.formats.raw import SampleLayout
+from skyproof.formats.sigmf_keys import DATATYPE, LARGEST, Capture, Global, Meta, checked, expected, parsed, shown, some
+from skyproof.gnss.constants import L1_HZ
+from skyproof.gnss.time import GPS_EPOCH, gpst_from_utc, iso, utc_from_gpst
+from skyproof.records import SampleGap, Samples
+
+__all__ = ["open_sigmf", "sha512_remarks", "sigmf_meta"]
+
+_LARGEST_META: Final = 1 << 28  # bytes; what is larger is no text about samples
+_SMALL_DATA: Final = 1 << 26  # bytes; a check of them is done in passing, in a tenth of a second
+_MOST_TUNINGS: Final = 32
+_CLOCK_S: Final = 0.1  # to which a recorder's dates of its captures may differ from its count of samples
+_ISO_UTC: Final = re.compile(
+    r"(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d):(\d\d)(?:[.,](\d+))? ?(?:[Zz]|([+-])(\d\d):?(\d\d))?", re.ASCII
+)
+
+
+# --- what the metadata mean
+
+
+@dataclass(frozen=True)
+class _Tuning:
+    centre_hz: float | None
+    if_hz: float
+    conjugate: bool
+    swap_iq: bool
+
+
+@dataclass(frozen=True)
+class _Segment:
+    """The samples of one capture, as far as the file has them."""
+
+    capture: Capture
+    chunk: Chunk
+    index: int  # of its first sample in the stream that was recorded
+    place: str  # in the metadata, for words
+
+
+def _packing(general: Global, where: str, remarks: list[str]) -> Packing:
+    """What the bytes mean, but for swapped or inverted Q, which a capture may tell."""
+    match = DATATYPE.fullmatch(general.datatype)
+    assert match is not None  # checked with the other keys
+    encoding: Encoding = {"f": "float", "i": "int", "u": "offset-binary"}[match[2][0]]  # type: ignore[assignment]
+    bits = int(match[2][1:])
+    if (general.encoding is None) != (general.bits is None):
+        raise InputError(f"{where}: global.skyproof:encoding and global.skyproof:bits go together; give both or none")
+    if general.encoding is not None and general.bits is not None:
+        encoding, bits = general.encoding, general.bits
+        if bits not in FITTING_BITS[encoding]:
+            fitting = ", ".join(map(str, FITTING_BITS[encoding]))
+            raise InputError(f'{where}: global.skyproof:bits = {bits} does not go with global.skyproof:encoding = '
+                             f'"{encoding}", expected {fitting}')  # fmt: skip
+    if bits > 8 and match[3] is None:
+        remarks.append(f"core:datatype {general.datatype} does not tell the byte order; read as little-endian")
+    return Packing(
+        kind="complex" if match[1] == "c" else "real", encoding=encoding, bits=bits, bit_order=general.bit_order,
+        byte_order="big" if match[3] == "b" else "little", n_channels=general.num_channels,
+    )  # fmt: skip
+
+
+def _tuning(general: Global, segment: _Segment, packing: Packing, where: str) -> _Tuning:
+    def told(key: str) -> Any:
+        here = getattr(segment.capture, key)
+        return here if here is not None else getattr(general, key)
+
+    if packing.kind == "real" and told("if_hz") is None:
+        raise InputError(
+            f"{where}: {segment.place}.skyproof:if_hz is missing, and real samples need it: give where core:frequency "
+            "lies in them, in hertz, negative if the spectrum is inverted"
+        )
+    if packing.kind == "real" and (told("conjugate") or told("swap_iq")):
+        raise InputError(
+            f"{where}: {segment.place}: skyproof:conjugate and skyproof:swap_iq need complex samples; for an inverted "
+            "spectrum of real samples give a negative skyproof:if_hz"
+        )
+    if_hz = math.remainder(told("if_hz") or 0.0, general.sample_rate)  # sampling folds it so
+    return _Tuning(segment.capture.frequency, if_hz, bool(told("conjugate")), bool(told("swap_iq")))
+
+
+def _segments(meta: Meta, packing: Packing, size: int, where: str, remarks: list[str]) -> list[_Segment]:
+    """The captures as they lie in a data set of `size` bytes. What stands before the first belongs to the first."""
+    general, frame_bits = meta.general, packing.frame_bits
+    end = size - general.trailing_bytes
+    captures = list(meta.captures) or [Capture.model_validate({"core:sample_start": general.offset})]
+    places = [f"captures[{number}]" for number in range(len(captures))]
+    starts = [capture.sample_start - general.offset for capture in captures]
+    headers = [capture.header_bytes for capture in captures]
+    indices = [capture.global_index for capture in captures]
+    index = captures[0].sample_start if indices[0] is None else indices[0]
+    if starts[0] > 0:
+        index -= starts[0]
+        captures, places = [captures[0].model_copy(update={"datetime": None}), *captures], [places[0], *places]
+        starts, headers, indices = [0, *starts], [0, *headers], [index, *indices]
+    segments: list[_Segment] = []
+    at_byte = 0
+    for number, (capture, start) in enumerate(zip(captures, starts, strict=True)):
+        before = starts[number - 1] if number else 0
+        if start < before:
+            raise InputError(
+                f"{where}: {places[number]}.core:sample_start = {capture.sample_start} is less than that of the "
+                "capture before it, or than core:offset; captures stand in order"
+            )
+        if start * frame_bits % 8:
+            raise InputError(
+                f"{where}: {places[number]}.core:sample_start = {capture.sample_start} does not begin with a whole byte"
+            )
+        at_byte += (start - before) * frame_bits // 8 + headers[number]
+        given = indices[number]
+        index = given if given is not None else index + start - before
+        room = (end - at_byte) * 8 // frame_bits
+        last = number + 1 == len(captures)
+        planned = room if last else starts[number + 1] - start
+        n_samples = max(0, min(planned, room))
+        segments.append(_Segment(capture, Chunk(at_byte, n_samples), index, places[number]))
+        if room < planned or room < 0:
+            remarks.append(
+                f"the data end after sample {start + n_samples + general.offset}, within {places[number]}: the file is "
+                "cut, or core:datatype, core:num_channels or core:header_bytes are wrong"
+            )
+            break
+        if last and (tail := end - at_byte - -(-n_samples * frame_bits // 8)):
+            remarks.append(
+                f"the last {tail} bytes are less than one sample and left out: the file is cut, or core:datatype, "
+                "core:num_channels, core:header_bytes or core:trailing_bytes are wrong"
+            )
+    if not any(segment.chunk.n_samples for segment in segments):
+        raise InputError(
+            f"{where}: {size} bytes of data hold no sample of {frame_bits} bits after {sum(headers)} header bytes and "
+            f"before {general.trailing_bytes} trailing bytes; the data are cut, or the metadata are not theirs"
+        )
+    return segments
+
+
+def _gaps(segments: Sequence[_Segment], rate_hz: float, remarks: list[str]) -> tuple[SampleGap, ...]:
+    """Where the count of the stream runs ahead of the samples of one recording."""
+    gaps, told = [], []
+    at_sample = segments[0].chunk.n_samples
+    for before, after in pairwise(segments):
+        missing = after.index - before.index - before.chunk.n_samples
+        if missing > 0:
+            gaps.append(SampleGap(at_sample, missing))
+            told.append(f"{missing} before sample {at_sample} ({at_sample / rate_hz:.3f} s)")
+        elif missing < 0:
+            remarks.append(
+                f"core:global_index goes back by {-missing} samples at {after.place}: the count began anew, or samples "
+                "stand twice; what is missing there is not known"
+            )
+        at_sample += after.chunk.n_samples
+    remarks += [f"samples are missing by core:global_index: {text}" for text in some(told, ", ")]
+    return tuple(gaps)
+
+
+def _dates(segments: Sequence[_Segment], rate_hz: float, where: str, remarks: list[str]) -> np.datetime64 | None:
+    """GPS time of the first sample, by the first capture that is dated; a remark where dates and samples disagree."""
+    dated = [(segment, date) for segment in segments if (date := _date(segment, where, remarks)) is not None]
+    if not dated:
+        return None
+    for (before, earlier), (after, later) in pairwise(dated):
+        ahead_s = (later - earlier) / np.timedelta64(1, "s") - (after.index - before.index) / rate_hz
+        if abs(ahead_s) > _CLOCK_S:
+            remarks.append(
+                f"core:datetime of {after.place} is {ahead_s:+.3f} s off what the samples since {before.place} say: "
+                "samples may be missing there that core:global_index does not tell of"
+            )
+    first, date = dated[0]
+    back_s = (first.index - segments[0].index) / rate_hz
+    start: np.datetime64 = date - np.timedelta64(round(min(max(back_s, -1e9), 1e9) * 1e9), "ns")
+    return start if start >= GPS_EPOCH else None
+
+
+def _date(segment: _Segment, where: str, remarks: list[str]) -> np.datetime64 | None:
+    text = segment.capture.datetime
+    if text is None:
+        return None
+    match = _ISO_UTC.fullmatch(text.strip())
+    try:
+        if match is None:
+            raise ValueError("another form")
+        year, month, day, hour, minute, second = map(int, match.groups()[:6])
+        leap_s = 1 if second == 60 else 0
+        label = datetime(year, month, day, hour, minute, second - leap_s, tzinfo=UTC)
+        zone = timedelta(hours=int(match[9] or 0), minutes=int(match[10] or 0))
+        label += zone if match[8] == "-" else -zone
+    except (ValueError, OverflowError) as error:
+        raise InputError(
+            f"{where}: {segment.place}.core:datetime = {shown(text)}, expected UTC, as 2022-01-01T21:45:40.000Z"
+        ) from error
+    if not 1980 <= label.year < 2200 or np.datetime64(label.replace(tzinfo=None), "ns") < GPS_EPOCH:
+        remarks.append(f"core:datetime of {segment.place}, {text}, is no time of GPS: the recorder's clock was not set")
+        return None
+    utc = np.datetime64(label.replace(tzinfo=None), "ns") + int(f"{match[7] or '':0<9}"[:9])
+    return gpst_from_utc(utc) + np.timedelta64(leap_s, "s")
+
+
+def _annotation_remarks(meta: Meta) -> list[str]:
+    if not meta.annotations:
+        return []
+    labels = []
+    for annotation in meta.annotations:
+        label = annotation.get("core:label") if isinstance(annotation, dict) else None
+        start = annotation.get("core:sample_start") if isinstance(annotation, dict) else None
+        if isinstance(label, str) and label and isinstance(start, int | float) and abs(start) < LARGEST:
+            labels.append(f"{shown(label)} at {(start - meta.general.offset) / meta.general.sample_rate:.3f} s")
+    texts = some(labels, ", ")
+    return [f"{len(meta.annotations)} annotation{'s' * (len(meta.annotations) > 1)}" + "".join(f": {t}" for t in texts)]
+
+
+# --- the files
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Metadata, and where the bytes of their samples are."""
+
+    meta: Meta
+    where: str  # the metadata, for words
+    name: str
+    data: Path
+    start: int
+    size: int
+    remarks: tuple[str, ...] = ()
+
+
+def open_sigmf(path: str | os.PathLike[str]) -> tuple[Samples, ...]:
+    """Open the recordings that NAME.sigmf-meta, NAME.sigmf-data or the archive NAME.sigmf holds.
+
+    Nothing but a few stretches of the samples, for the check of levels, is read now, however long they are; only data
+    of less than 64 MiB are held against core:sha512 (`sha512_remarks` does it for any).
+
+    Returns
+    -------
+    tuple of Samples : one for each channel and tuning, in the order of the file; `path` is the file that holds the
+        samples. `gaps` is what core:global_index tells; annotations and what is doubtful are told in `remarks`. A
+        channel that never changes is left out and told, where others do.
+
+    Raises
+    ------
+    InputError : a file is missing or unreadable, the metadata are wrong or need an extension that is not known, or no
+        sample ever changes.
+    """
+    return tuple(samples for source in _sources(Path(path)) for samples in _recordings(source))
+
+
+def sha512_remarks(
+    path: str | os.PathLike[str], progress: Callable[[int, int], None] | None = None
+) -> tuple[str, ...]:
+    """A remark for each data set that is not the one its core:sha512 was made of; all their bytes are read.
+
+    progress : called with the bytes done and the bytes in all of a data set after every 4 MiB.
+
+    Raises InputError as `open_sigmf` for files that cannot be read.
+    """
+    return tuple(remark for source in _sources(Path(path)) for remark in _digest_remarks(source, progress))
+
+
+def _digest_remarks(source: _Source, progress: Callable[[int, int], None] | None = None) -> list[str]:
+    told = source.meta.general.sha512
+    if told is None or digest(source.data, "sha512", source.start, source.size, progress) == told.lower():
+        return []
+    return ["the samples are not those that core:sha512 tells of: they were damaged, or changed after it was written"]
+
+
+def _recordings(source: _Source) -> list[Samples]:
+    meta, where, rate_hz = source.meta, source.where, source.meta.general.sample_rate
+    remarks = [*source.remarks, *checked(meta, where)]
+    packing = _packing(meta.general, where, remarks)
+    segments = _segments(meta, packing, source.size, where, remarks)
+    if source.size < _SMALL_DATA:
+        remarks += _digest_remarks(source)
+    remarks += _annotation_remarks(meta)
+    tuned: dict[_Tuning, list[_Segment]] = {}
+    for segment in segments:
+        if segment.chunk.n_samples:
+            tuned.setdefault(_tuning(meta.general, segment, packing, where), []).append(segment)
+    if len(tuned) > _MOST_TUNINGS:
+        raise InputError(f"{where}: its captures have {len(tuned)} tunings, more than {_MOST_TUNINGS}; cut out those "
+                         "that are wanted")  # fmt: skip
+    if len(tuned) > 1:
+        remarks.append(f"the captures have {len(tuned)} tunings: each is a recording of its own")
+    octets = mapped(source.data, source.start, source.size)
+    told_by = f"core:datatype, core:num_channels and core:header_bytes of {where}"
+    opened: list[Samples] = []
+    dead: list[InputError] = []
+    for tuning, name in zip(tuned, _names(source.name, tuned), strict=True):
+        here = list(remarks)
+        samples = Samples(
+            name=name, rate_hz=rate_hz, n_samples=sum(s.chunk.n_samples for s in tuned[tuning]), read=_unread,
+            centre_hz=L1_HZ if tuning.centre_hz is None else tuning.centre_hz, if_hz=tuning.if_hz,
+            start_gpst=_dates(tuned[tuning], rate_hz, where, here), antenna=meta.general.antenna,
+            path=str(source.data), format="SigMF", gaps=_gaps(tuned[tuning], rate_hz, here),
+        )  # fmt: skip
+        if tuning.centre_hz is None:
+            here.append("no core:frequency is told: the samples are taken to be centred on L1, 1575.42 MHz")
+        packing_here = replace(packing, swap_iq=tuning.swap_iq, conjugate=tuning.conjugate)
+        chunks = _joined([segment.chunk for segment in tuned[tuning]], packing)
+        for channel in range(packing.n_channels):
+            packed = PackedSamples(octets, packing_here, chunks, channel)
+            one = replace(samples, read=packed.read, remarks=tuple(here))
+            if packing.n_channels > 1:
+                one = replace(one, name=f"{name}-{channel + 1}", antenna=f"{one.antenna}-{channel + 1}")
+            try:
+                opened.append(looked_at(one, packed, told_by))
+            except InputError as error:
+                dead.append(InputError(f"{one.name}: {error}"))
+    if not opened:
+        raise dead[0]
+    return [replace(one, remarks=(*one.remarks, *(f"left out: {error}" for error in dead))) for one in opened]
+
+
+def _unread(start: int, count: int) -> Any:
+    raise NotImplementedError
+
+
+def _names(name: str, tunings: Iterable[_Tuning]) -> list[str]:
+    """A name for each tuning: that of the data set, with the frequency where there are several."""
+    names = [name if t.centre_hz is None else f"{name}-{t.centre_hz / 1e6:.9g}MHz" for t in tunings]
+    if len(names) == 1:
+        return [name]
+    return [text if names.count(text) == 1 else f"{text}-{number}" for number, text in enumerate(names, 1)]
+
+
+def _joined(chunks: Iterable[Chunk], packing: Packing) -> list[Chunk]:
+    """Chunks that follow each other without a byte between are one."""
+    joined: list[Chunk] = []
+    for chunk in chunks:
+        last = joined[-1] if joined else None
+        if last is not None and (chunk.at_byte - last.at_byte) * 8 == last.n_samples * packing.frame_bits:
+            joined[-1] = Chunk(last.at_byte, last.n_samples + chunk.n_samples)
+        else:
+            joined.append(chunk)
+    return joined
+
+
+def _sources(path: Path) -> list[_Source]:
+    if path.suffix == ".sigmf":
+        return _archived(path)
+    meta_path = path.with_suffix(".sigmf-meta")
+    if path != meta_path:
+        size_of(path)  # the file that was asked for comes first
+        if not meta_path.exists():
+            raise InputError(f"{path}: nothing tells how to read it, for there is no {meta_path} beside it")
+    with reading(meta_path):
+        if size_of(meta_path) > _LARGEST_META:
+            raise InputError(f"{meta_path}: too long for metadata of SigMF; is it the file of samples?")
+        meta = parsed(meta_path.read_bytes(), str(meta_path))
+    dataset = _dataset(meta, meta_path.stem, str(meta_path))
+    data, remarks = meta_path.with_name(dataset), []
+    if path != meta_path:
+        if meta.general.dataset not in (None, path.name):
+            remarks.append(f"core:dataset names {dataset}, but the samples were read from {path.name}")
+        data = path
+    elif meta.general.metadata_only and not data.exists():
+        raise InputError(f"{meta_path}: these are metadata without samples (core:metadata_only)")
+    size = size_of(data)
+    if size == 0:
+        raise InputError(f"{data} is empty; check the recorder or the copy")
+    return [_Source(meta, str(meta_path), meta_path.stem, data, 0, size, tuple(remarks))]
+
+
+def _dataset(meta: Meta, stem: str, where: str) -> str:
+    name = meta.general.dataset
+    if name is None:
+        return f"{stem}.sigmf-data"
+    if not name.strip(".") or {"/", "\\", "\0"} & set(name):
+        raise InputError(f"{where}: global.core:dataset = {shown(name)}, expected {expected('core:dataset')}")
+    return name
+
+
+def _archived(path: Path) -> list[_Source]:
+    """The recordings of an archive: its samples lie in one piece each, so that they can be read where they are."""
+    size = size_of(path)
+    members: dict[str, tarfile.TarInfo] = {}
+    metas: dict[str, bytes] = {}
+    remarks: tuple[str, ...] = ()
+    try:
+        with reading(path), tarfile.open(path, "r:") as tar:
+            try:
+                for member in tar:
+                    members[member.name] = member
+                    if member.isfile() and member.name.endswith(".sigmf-meta") and member.size <= _LARGEST_META:
+                        file = tar.extractfile(member)
+                        metas[member.name] = file.read() if file is not None else b""
+            except tarfile.TarError:
+                remarks = ("the archive is cut or damaged: what stands after the damage is lost",)
+    except (tarfile.TarError, ValueError, OverflowError, EOFError) as error:
+        raise InputError(f"{path}: no archive of SigMF, or a damaged one ({error})") from error
+    if not metas:
+        raise InputError(f"{path}: holds no .sigmf-meta; an archive of SigMF is a tar file with NAME.sigmf-meta in it")
+    return [_archived_one(path, size, name, text, members, remarks) for name, text in metas.items()]
+
+
+def _archived_one(
+    path: Path, size: int, name: str, text: bytes, members: dict[str, tarfile.TarInfo], remarks: tuple[str, ...]
+) -> _Source:
+    where, inside = f"{path}: {name}", PurePosixPath(name)
+    meta = parsed(text, where)
+    dataset = str(inside.with_name(_dataset(meta, inside.stem, where)))
+    member = members.get(dataset)
+    if member is None or not member.isfile() or member.issparse():
+        raise InputError(f"{where}: its samples, {dataset}, are not in the archive in one piece; unpack it with tar")
+    present = min(member.size, size - member.offset_data)
+    if present <= 0:
+        raise InputError(f"{where}: no byte of its samples, {dataset}, is there; the archive is cut or empty")
+    return _Source(meta, where, inside.stem, path, member.offset_data, present, remarks)
+
+
+# --- and back
+
+
+def sigmf_meta(layout: SampleLayout, *, n_channels: int = 1) -> dict[str, Any]:
+    """The metadata of SigMF that say what a sidecar says, as an object of JSON: `open_sigmf` reads the same samples.
+
+    n_channels : how many channels follow each other in the file.
+    """
+    packing = layout.packing
+    letter = {"int": "i", "float": "f"}.get(packing.encoding, "u")
+    plain = packing.bits >= 8 and packing.encoding in ("int", "float", "offset-binary")
+    order = f"_{packing.byte_order[0]}e" if packing.bits > 8 else ""
+    general: dict[str, Any] = {
+        "core:datatype": f"{packing.kind[0]}{letter}{max(packing.bits, 8)}{order}",
+        "core:sample_rate": layout.rate_hz,
+        "core:version": "1.2.6",
+        "core:num_channels": n_channels,
+    }
+    capture: dict[str, Any] = {"core:sample_start": 0, "core:frequency": layout.centre_hz}
+    if layout.header_bytes:
+        capture["core:header_bytes"] = layout.header_bytes
+    if layout.start_gpst is not None:
+        capture["core:datetime"] = f"{iso(utc_from_gpst(layout.start_gpst), 9)}Z"
+    ours: dict[str, Any] = {} if layout.antenna == "1" else {"skyproof:antenna": layout.antenna}
+    if not plain:
+        ours |= {"skyproof:encoding": packing.encoding, "skyproof:bits": packing.bits,
+                 "skyproof:bit_order": packing.bit_order}  # fmt: skip
+    if packing.kind == "real" or layout.if_hz:
+        capture["skyproof:if_hz"] = layout.if_hz
+    capture |= {f"skyproof:{key}": True for key in ("conjugate", "swap_iq") if getattr(layout, key)}
+    optional = plain and not layout.conjugate and not layout.swap_iq
+    if ours or any(key.startswith("skyproof:") for key in capture):
+        general["core:extensions"] = [{"name": "skyproof", "version": "1.0.0", "optional": optional}]
+    return {"global": general | ours, "captures": [capture], "annotations": []}

@@ -1,0 +1,598 @@
+"""Position, velocity and clock over time: a Kalman filter on code, carrier and Doppler of one frequency.
+
+State, all in metres and seconds: ECEF position and velocity; c times clock bias and drift; c times the offset of every
+further time scale; and for each signal two errors of its own:
+
+    code    = range + clock + offset + troposphere + ionosphere + b + noise
+    carrier = range + clock + offset + troposphere - ionosphere + n + noise
+
+b, the error that stays in the code (multipath, what the models leave of the ionosphere, orbit and clock), fades and
+renews itself with time: a Gauss-Markov process. Without it a filter at rest would average for an hour and claim
+millimetres. n, the ambiguity, is constant in an arc but for a random walk, which takes up the carrier's own slow
+errors and the drift of the ionosphere against the code. An ambiguity for each arc, and not differences of the carrier
+from epoch to epoch: those share the noise of an epoch in two differences, and a filter that takes them for independent
+claims too much.
+"""
+
+from dataclasses import dataclass, fields, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from skyproof.errors import SettingsError
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import week_and_tow
+from skyproof.navigation.fix import RangeRates, fix, range_rates
+from skyproof.navigation.least_squares import line_of_sight
+from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scale
+from skyproof.records import Fix, Instants, NavigationData, Observations, Reals, SignalId
+from skyproof.statistics.distributions import chi_square_threshold
+
+__all__ = ["FilterSettings", "FilterState", "Filtered", "step"]
+
+_POSITION, _VELOCITY, _CLOCK, _DRIFT = slice(0, 3), slice(3, 6), 6, 7
+_CORE = 8
+_SLIP = 3  # a code of records.CELL_STATUS
+# Priors that say nothing beside any measurement, and are small enough to keep all digits beside the carrier's noise.
+_OPEN_M = 100.0
+_OPEN_M_S = 300.0
+_OPEN_DRIFT_M_S = 3000.0  # 1e-5
+_FAR_M = 50.0  # beyond this a range is no longer linear to a tenth of a millimetre
+_JUMP_M = 1000.0  # receivers move their clocks by a millisecond, 300 km; oscillators do not do the hundredth of it
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """Settings of `step`; noises are densities of random walks.
+
+    mode : "static": the velocity is zero; "kinematic": it walks by `acceleration_m2_s3`.
+    acceleration_m2_s3 : 1 m/s of change in a second: cars, ships and walkers; take 100 for flight with turns.
+    clock_m2_s, drift_m2_s3 : a quartz oscillator (h0 = 2e-19, h-2 = 2e-20; R. G. Brown and P. Y. C. Hwang,
+        "Introduction to Random Signals and Applied Kalman Filtering", 4th ed., table 9.3).
+    offset_m2_s : of one time scale against another, with the receiver's delays: centimetres in an hour.
+    ambiguity_m2_s : 20 cm in 100 s: an ordinary 1 mm/s of the ionosphere, twice, for code against carrier.
+    multipath_sigma_m, ionosphere_share, elevation_mask_deg : as in `fix`; they make the sigma of b.
+    error_time_s : after which b is another one, between multipath (a minute) and orbits (hours).
+    carrier_sigma_m : at the zenith, beside the thermal noise; grows by 1/sin(elevation).
+    range_rate_sigma_m_s : of a Doppler, beside the thermal noise.
+    false_alarm_probability : of the test, at each epoch, by which measurements that do not fit are left out.
+    max_gap_s : an arc does not last over a gap of the carrier longer than this.
+    """
+
+    mode: Literal["static", "kinematic"] = "kinematic"
+    acceleration_m2_s3: float = 1.0
+    clock_m2_s: float = 0.009
+    drift_m2_s3: float = 0.036
+    offset_m2_s: float = 1e-6
+    ambiguity_m2_s: float = 4e-4
+    multipath_sigma_m: float = 0.5
+    ionosphere_share: float = 0.25
+    elevation_mask_deg: float = 5.0
+    error_time_s: float = 600.0
+    carrier_sigma_m: float = 0.003
+    range_rate_sigma_m_s: float = 0.05
+    false_alarm_probability: float = 1e-4
+    max_gap_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        if self.mode not in ("static", "kinematic"):
+            raise SettingsError(f"filter: mode is {self.mode!r}, expected 'static' or 'kinematic'")
+        if not 0.0 < self.false_alarm_probability < 1.0:
+            raise SettingsError(
+                f"filter: false_alarm_probability is {self.false_alarm_probability}, expected between 0 and 1"
+            )
+        if self.error_time_s <= 0.0:
+            raise SettingsError(f"filter: error_time_s is {self.error_time_s}, expected more than 0")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FilterState:
+    """What is known after an epoch. `None` in its place means that nothing is known yet.
+
+    gpst : the epoch's label. scales : the time scales, the clock's own first.
+    mean (n,), covariance (n, n) : core of 8, an offset for each scale but the first, b of each signal, n of each.
+    signals : (k). seen, carried : (k,) label of the last code and the last carrier. error_sigma_m : (k,) of b.
+    """
+
+    gpst: np.datetime64
+    scales: tuple[str, ...]
+    mean: Reals
+    covariance: Reals
+    signals: tuple[SignalId, ...]
+    seen: NDArray[np.datetime64]
+    carried: NDArray[np.datetime64]
+    error_sigma_m: Reals
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Filtered:
+    """What `step` gives out.
+
+    fix : residuals are of the code, with the errors b left in. Status 1 where no measurement was used.
+    nis, nis_dof : (n_epochs,) normalised innovation squared, chi-square with that many degrees; NaN at a start.
+    rejected : (n_epochs, n_signals) a code or Doppler did not fit and was not used.
+    slipped : (n_epochs, n_signals) a carrier did not fit the one before: a slip that nothing had told.
+    """
+
+    fix: Fix
+    nis: Reals
+    nis_dof: NDArray[np.int64]
+    rejected: NDArray[np.bool_]
+    slipped: NDArray[np.bool_]
+
+
+def step(
+    state: FilterState | None,
+    observations: Observations,
+    navigation: NavigationData,
+    *,
+    settings: FilterSettings | None = None,
+    signals: tuple[SignalId, ...] | None = None,
+) -> tuple[Filtered, FilterState | None]:
+    """Filter the epochs of `observations`, after those that `state` comes from; pieces give what the whole gives.
+
+    Ends and beginnings of signals need no care. An arc ends at a slip (status 3, or a carrier that does not fit), at a
+    gap, and when the receiver moves its clock. The filter starts at the first epoch with a fix.
+
+    Parameters
+    ----------
+    state : from the piece before, None at the start.
+    signals : those to use, by default all; at most one of a satellite at a time.
+
+    Raises
+    ------
+    ValueError : as `fix`; or the epochs do not come in the order of time.
+    """
+    settings = settings or FilterSettings()
+    signals = observations.signals if signals is None else signals
+    if np.any(np.diff(observations.gpst) <= np.timedelta64(0)) or (
+        state is not None and observations.gpst.size and observations.gpst[0] <= state.gpst
+    ):
+        raise ValueError(f"the epochs of {observations.receiver} must come in the order of time, after those filtered")
+    rows = _rows(observations, signals, navigation)
+    n = observations.gpst.size
+    out, first = _Out(observations.gpst, len(signals)), 0
+    if state is None:
+        state, first = _start(observations, navigation, signals, settings)
+    if state is not None:
+        for row in range(first, n):
+            state = _epoch(state, rows, row, navigation, settings, out)
+    return out.filtered(observations.receiver, signals), state
+
+
+# ---------------------------------------------------------------- what comes in and what goes out
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Rows:
+    """The signals in use over all epochs of a piece: arrays (epoch, channel), or (channel,) for what does not change.
+
+    carrier_m has the satellite's clock taken off, as ranges.range_m has.
+    """
+
+    gpst: Instants
+    tow_s: Reals
+    signals: tuple[SignalId, ...]
+    scales: tuple[str, ...]  # of each channel
+    ranges: Ranges
+    carrier_m: Reals
+    doppler_hz: Reals
+    code_sigma_m: Reals
+    carrier_sigma_m: Reals
+    doppler_sigma_hz: Reals
+    slip: NDArray[np.bool_]
+    carrier_hz: Reals
+    space_m: Reals
+
+
+def _rows(observations: Observations, signals: tuple[SignalId, ...], navigation: NavigationData) -> _Rows:
+    columns = [observations.signals.index(signal) for signal in signals]
+    pseudorange_m = observations.pseudorange_m[:, columns]
+    carrier_hz = observations.carrier_hz[columns]
+    wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz
+    ranges = corrected_ranges(signals, observations.gpst, pseudorange_m, navigation)
+    return _Rows(
+        gpst=observations.gpst,
+        tow_s=week_and_tow(observations.gpst)[1],
+        signals=signals,
+        scales=tuple(time_scale(signal) for signal in signals),
+        ranges=ranges,
+        carrier_m=observations.carrier_cyc[:, columns] * wavelength_m + (ranges.range_m - pseudorange_m),
+        doppler_hz=observations.doppler_hz[:, columns],
+        code_sigma_m=observations.pseudorange_sigma_m[:, columns],
+        carrier_sigma_m=observations.carrier_sigma_cyc[:, columns] * wavelength_m,
+        doppler_sigma_hz=observations.doppler_sigma_hz[:, columns],
+        slip=observations.status[:, columns] == _SLIP,
+        carrier_hz=carrier_hz,
+        space_m=space_sigma_m(signals),
+    )
+
+
+class _Out:
+    """Where the epochs of a piece write their results."""
+
+    def __init__(self, gpst: Instants, channels: int) -> None:
+        n = gpst.size
+        self.gpst = gpst
+        self.core, self.covariance = np.full((n, _CORE), np.nan), np.full((n, 4, 4), np.nan)
+        self.residual_m = np.full((n, channels), np.nan)
+        self.status = np.ones(n, np.uint8)
+        self.offset_m: dict[str, Reals] = {}
+        self.nis, self.nis_dof = np.full(n, np.nan), np.zeros(n, np.int64)
+        self.rejected, self.slipped = np.zeros((n, channels), np.bool_), np.zeros((n, channels), np.bool_)
+
+    def write(self, row: int, state: FilterState) -> None:
+        self.core[row] = state.mean[:_CORE]
+        kept = [0, 1, 2, _CLOCK]
+        self.covariance[row] = state.covariance[np.ix_(kept, kept)]
+        self.status[row] = 0
+        offsets_m = np.concatenate(([0.0], state.mean[_CORE : _CORE + len(state.scales) - 1]))
+        for scale, offset_m in zip(state.scales, offsets_m, strict=True):
+            self.offset_m.setdefault(scale, np.full(self.gpst.size, np.nan))[row] = offset_m
+
+    def filtered(self, receiver: str, signals: tuple[SignalId, ...]) -> Filtered:
+        bias_s = self.core[:, _CLOCK] / SPEED_OF_LIGHT_M_S
+        bias_ns = np.rint(np.nan_to_num(bias_s) * 1e9).astype(np.int64)
+        found = Fix(
+            receiver=receiver,
+            signals=signals,
+            gpst=self.gpst - bias_ns.astype("timedelta64[ns]"),
+            position_ecef_m=self.core[:, _POSITION],
+            velocity_ecef_m_s=self.core[:, _VELOCITY],
+            clock_bias_s=bias_s,
+            clock_drift=self.core[:, _DRIFT] / SPEED_OF_LIGHT_M_S,
+            covariance_m2=self.covariance,
+            residual_m=self.residual_m,
+            status=self.status,
+            inter_system_s={scale: offset_m / SPEED_OF_LIGHT_M_S for scale, offset_m in self.offset_m.items()},
+        )
+        return Filtered(
+            fix=found, nis=self.nis, nis_dof=self.nis_dof, rejected=self.rejected, slipped=self.slipped
+        )
+
+
+def _start(
+    observations: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], settings: FilterSettings
+) -> tuple[FilterState | None, int]:
+    """A state without signals at the first epoch with a fix, and that epoch; the fix is the place to begin, no more."""
+    found = fix(
+        observations, navigation, signals=signals, elevation_mask_deg=settings.elevation_mask_deg,
+        multipath_sigma_m=settings.multipath_sigma_m, ionosphere_share=settings.ionosphere_share,
+        false_alarm_probability=settings.false_alarm_probability,
+    )  # fmt: skip
+    good = np.flatnonzero(found.status == 0)
+    if good.size == 0:
+        return None, 0
+    row = int(good[0])
+    offsets_m = {scale: SPEED_OF_LIGHT_M_S * float(s[row]) for scale, s in found.inter_system_s.items()}
+    scales = tuple(scale for scale, offset_m in offsets_m.items() if np.isfinite(offset_m))
+    velocity = np.append(found.velocity_ecef_m_s[row], SPEED_OF_LIGHT_M_S * found.clock_drift[row])
+    sigma_m_s = np.where(np.isfinite(velocity), _OPEN_M_S, [_OPEN_M_S, _OPEN_M_S, _OPEN_M_S, _OPEN_DRIFT_M_S])
+    velocity = np.nan_to_num(velocity)
+    if settings.mode == "static":
+        velocity[:3], sigma_m_s[:3] = 0.0, 0.0
+    clock_m = SPEED_OF_LIGHT_M_S * found.clock_bias_s[row]
+    further = [offsets_m[scale] for scale in scales[1:]]
+    mean = np.concatenate((found.position_ecef_m[row], velocity[:3], [clock_m, velocity[3]], further))
+    sigma = np.concatenate(([_OPEN_M] * 3, sigma_m_s[:3], [_OPEN_M, sigma_m_s[3]], [_OPEN_M] * len(further)))
+    none = np.zeros(0, "datetime64[ns]")
+    return FilterState(
+        gpst=observations.gpst[row], scales=scales, mean=mean, covariance=np.diag(sigma**2), signals=(), seen=none,
+        carried=none, error_sigma_m=np.zeros(0),
+    ), row  # fmt: skip
+
+
+# ---------------------------------------------------------------- one epoch
+
+
+def _epoch(
+    state: FilterState, rows: _Rows, row: int, navigation: NavigationData, settings: FilterSettings, out: _Out
+) -> FilterState:
+    starting = not state.signals
+    state = _predicted(state, rows.gpst[row], settings)
+    columns = np.flatnonzero(np.isfinite(rows.ranges.range_m[row]) & np.isfinite(rows.code_sigma_m[row]))
+    view = _view(state.mean, rows, row, columns, navigation, settings)
+    state = _without_the_old(state, settings)
+    if columns.size == 0 or not np.any(view.elevation_rad >= np.radians(settings.elevation_mask_deg)):
+        return state
+    high = view.elevation_rad >= np.radians(settings.elevation_mask_deg)
+    columns, view = columns[high], view.kept(high)
+    scales_before = len(state.scales)
+    state = _with_the_new(state, rows, columns, view)
+    problem = _Problem(state, rows, row, columns, view, settings)
+    unknown = 4 + scales_before - 1 if starting else len(state.scales) - scales_before
+    problem.begin_arcs()
+    problem.leave_out(unknown, settings.false_alarm_probability)
+    if not starting:
+        out.nis[row], out.nis_dof[row] = problem.nis(), problem.dof(unknown)
+    state = problem.updated()
+    out.write(row, state)
+    out.residual_m[row, columns] = problem.code_residual_m(state)
+    out.rejected[row, columns], out.slipped[row, columns] = problem.rejected, problem.slipped
+    return state
+
+
+def _predicted(state: FilterState, gpst: np.datetime64, settings: FilterSettings) -> FilterState:
+    """The state at a later epoch: F x and F P F' + Q, F of blocks."""
+    dt_s = float((gpst - state.gpst) / np.timedelta64(1, "ns")) * 1e-9
+    mean, k = state.mean.copy(), len(state.signals)
+    first_error = mean.size - 2 * k
+    errors, ambiguities = slice(first_error, first_error + k), slice(first_error + k, None)
+    fade = np.exp(-dt_s / settings.error_time_s)
+    transition = np.eye(mean.size)
+    transition[_POSITION, _VELOCITY] = dt_s * np.eye(3)
+    transition[_CLOCK, _DRIFT] = dt_s
+    transition[errors, errors] *= fade
+    noise = np.zeros(mean.size)
+    noise[_CORE:first_error] = settings.offset_m2_s * dt_s
+    noise[errors] = (1.0 - fade**2) * state.error_sigma_m**2
+    noise[ambiguities] = settings.ambiguity_m2_s * dt_s
+    covariance = transition @ state.covariance @ transition.T + np.diag(noise)
+    walk = np.array([[dt_s**3 / 3.0, dt_s**2 / 2.0], [dt_s**2 / 2.0, dt_s]])
+    covariance[np.ix_([_CLOCK, _DRIFT], [_CLOCK, _DRIFT])] += settings.drift_m2_s3 * walk
+    covariance[_CLOCK, _CLOCK] += settings.clock_m2_s * dt_s
+    if settings.mode == "kinematic":
+        for axis in range(3):
+            covariance[np.ix_([axis, axis + 3], [axis, axis + 3])] += settings.acceleration_m2_s3 * walk
+    return replace(state, gpst=gpst, mean=transition @ mean, covariance=covariance)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _View:
+    """The satellites of an epoch as the state sees them, (k,): delays and sigmas that do not change as it improves."""
+
+    elevation_rad: Reals
+    delay_m: Reals
+    ionosphere_m: Reals
+    error_sigma_m: Reals
+
+    def kept(self, which: NDArray[np.bool_]) -> "_View":
+        return _View(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
+
+
+def _view(
+    mean: Reals, rows: _Rows, row: int, columns: NDArray[np.intp], navigation: NavigationData, settings: FilterSettings
+) -> _View:
+    satellite, _, _ = line_of_sight(rows.ranges.satellite_ecef_m[row, columns], mean[_POSITION])
+    delays = atmosphere(
+        mean[_POSITION], satellite, rows.tow_s[row], navigation.ionosphere,
+        ionosphere_share=settings.ionosphere_share, carrier_hz=rows.carrier_hz[columns],
+    )  # fmt: skip
+    low = np.maximum(np.sin(delays.elevation_rad), 0.05)
+    return _View(
+        elevation_rad=delays.elevation_rad,
+        delay_m=delays.delay_m,
+        ionosphere_m=delays.ionosphere_m,
+        error_sigma_m=np.sqrt(
+            (settings.multipath_sigma_m / low) ** 2 + delays.sigma_m**2 + rows.space_m[columns] ** 2
+        ),
+    )
+
+
+def _without_the_old(state: FilterState, settings: FilterSettings) -> FilterState:
+    """Forget signals that were not seen for so long that nothing of theirs is worth keeping."""
+    last_s = max(settings.max_gap_s, 2.0 * settings.error_time_s)
+    kept = (state.gpst - state.seen) / np.timedelta64(1, "s") <= last_s
+    if np.all(kept):
+        return state
+    core = np.ones(state.mean.size - 2 * kept.size, np.bool_)
+    which = np.concatenate((core, kept, kept))
+    return replace(
+        state,
+        mean=state.mean[which],
+        covariance=state.covariance[np.ix_(which, which)],
+        signals=tuple(signal for signal, keep in zip(state.signals, kept, strict=True) if keep),
+        seen=state.seen[kept],
+        carried=state.carried[kept],
+        error_sigma_m=state.error_sigma_m[kept],
+    )
+
+
+def _with_the_new(state: FilterState, rows: _Rows, columns: NDArray[np.intp], view: _View) -> FilterState:
+    """Room for time scales and signals that come up, in the order of their coming."""
+    k, first_error = len(state.signals), state.mean.size - 2 * len(state.signals)
+    new = [i for i, column in enumerate(columns) if rows.signals[column] not in state.signals]
+    scales = tuple(dict.fromkeys(rows.scales[columns[i]] for i in new if rows.scales[columns[i]] not in state.scales))
+    signals = state.signals + tuple(rows.signals[columns[i]] for i in new)
+    # Where the old entries go, and the sigmas of all; b begins at zero, n when its first carrier comes.
+    first = first_error + len(scales)
+    place = np.concatenate(
+        (np.arange(first_error), first + np.arange(k), first + len(signals) + np.arange(k))
+    ).astype(np.intp)
+    mean = np.zeros(first + 2 * len(signals))
+    variance = np.zeros(mean.size)
+    variance[first_error:] = _OPEN_M**2
+    variance[first + k : first + len(signals)] = view.error_sigma_m[new] ** 2
+    mean[place] = state.mean
+    covariance = np.diag(variance)
+    covariance[np.ix_(place, place)] = state.covariance
+    error_sigma_m = np.concatenate((state.error_sigma_m, view.error_sigma_m[new]))
+    error_sigma_m[[signals.index(rows.signals[column]) for column in columns]] = view.error_sigma_m
+    seen = np.concatenate((state.seen, np.full(len(new), state.gpst)))
+    seen[[signals.index(rows.signals[column]) for column in columns]] = state.gpst
+    return replace(
+        state,
+        scales=state.scales + scales,
+        mean=mean,
+        covariance=covariance,
+        signals=signals,
+        seen=seen,
+        carried=np.concatenate((state.carried, np.full(len(new), np.datetime64("NaT"), "datetime64[ns]"))),
+        error_sigma_m=error_sigma_m,
+    )
+
+
+class _Problem:
+    """The measurements of one epoch against the predicted state: innovations, faults, update.
+
+    Rows: codes, then carriers, then range rates, of the satellites that have them (`of`: which satellite).
+    """
+
+    def __init__(
+        self, state: FilterState, rows: _Rows, row: int, columns: NDArray[np.intp], view: _View,
+        settings: FilterSettings,
+    ) -> None:  # fmt: skip
+        self.state, self.view, self.settings = state, view, settings
+        self.mean, self.covariance = state.mean.copy(), state.covariance.copy()
+        k, n_signals = columns.size, len(state.signals)
+        index = np.array([state.signals.index(rows.signals[column]) for column in columns])
+        self.index = index
+        first_error = state.mean.size - 2 * n_signals
+        self.error, self.ambiguity = first_error + index, first_error + n_signals + index
+        clock_of = [state.scales.index(rows.scales[column]) for column in columns]
+        self.offset = np.array([_CORE + c - 1 if c else -1 for c in clock_of])
+        self.ranges, self.rows, self.row, self.columns = rows.ranges, rows, row, columns
+        self.satellite_ecef_m = rows.ranges.satellite_ecef_m[row, columns]
+        carrier_m, carrier_sigma_m = rows.carrier_m[row, columns], rows.carrier_sigma_m[row, columns]
+        grown = settings.carrier_sigma_m / np.maximum(np.sin(view.elevation_rad), 0.05)
+        rates = self._rates()
+        carried = np.flatnonzero(np.isfinite(carrier_m) & np.isfinite(carrier_sigma_m))
+        rated = np.flatnonzero(np.isfinite(rates.measured_m_s) & np.isfinite(rates.sigma_m_s))
+        self.of = np.concatenate((np.arange(k), carried, rated))
+        self.codes, self.carriers = slice(0, k), slice(k, k + carried.size)
+        self.measured = np.concatenate(
+            (rows.ranges.range_m[row, columns], carrier_m[carried], rates.measured_m_s[rated])
+        )
+        self.variance = np.concatenate(
+            (
+                rows.code_sigma_m[row, columns] ** 2,
+                carrier_sigma_m[carried] ** 2 + grown[carried] ** 2,
+                rates.sigma_m_s[rated] ** 2 + settings.range_rate_sigma_m_s**2,
+            )
+        )
+        self.drift_gain = rates.drift_gain
+        self.on = np.ones(self.of.size, np.bool_)
+        self.rejected, self.slipped = np.zeros(k, np.bool_), np.zeros(k, np.bool_)
+        self.begun = 0
+        self.innovation, self.design = self._linear(self.mean)
+        self._begin_scales()
+        self._follow_clock()
+
+    def _rates(self) -> RangeRates:
+        """Along today's lines of sight: a position better by 100 m turns them by 5 urad."""
+        rows, cells = self.rows, (self.row, self.columns)
+        satellite, unit, distance_m = line_of_sight(self.satellite_ecef_m, self.mean[_POSITION])
+        ranges = replace(
+            self.ranges,
+            satellite_velocity_ecef_m_s=self.ranges.satellite_velocity_ecef_m_s[cells],
+            satellite_drift=self.ranges.satellite_drift[cells],
+        )
+        return range_rates(
+            ranges, satellite, unit, distance_m, rows.doppler_hz[cells], rows.doppler_sigma_hz[cells],
+            rows.carrier_hz[self.columns],
+        )  # fmt: skip
+
+    def _linear(self, at: Reals) -> tuple[Reals, Reals]:
+        """Measured minus modelled at `at`, (m,), and the model's derivative, (m, n)."""
+        _, unit, distance_m = line_of_sight(self.satellite_ecef_m, at[_POSITION])
+        k, m = len(self.columns), self.of.size
+        design = np.zeros((m, at.size))
+        ranging = np.arange(self.carriers.stop)
+        sat = self.of[ranging]
+        design[ranging, _POSITION] = -unit[sat]
+        design[ranging, _CLOCK] = 1.0
+        further = self.offset[sat] >= 0
+        design[ranging[further], self.offset[sat][further]] = 1.0
+        design[np.arange(k), self.error] = 1.0
+        carried = self.of[self.carriers]
+        design[k + np.arange(carried.size), self.ambiguity[carried]] = 1.0
+        rated = self.of[self.carriers.stop :]
+        design[self.carriers.stop :, _VELOCITY] = -unit[rated]
+        design[self.carriers.stop :, _DRIFT] = self.drift_gain[rated]
+        modelled = design @ np.concatenate((np.zeros(3), at[3:]))
+        modelled[ranging] += distance_m[sat] + self.view.delay_m[sat]
+        modelled[self.carriers] -= 2.0 * self.view.ionosphere_m[carried]
+        return self.measured - modelled, design
+
+    def _shift(self, entry: int, by_m: float) -> None:
+        """Make one entry of the state unknown, and move it so that it fits."""
+        self.mean[entry] += by_m
+        self.covariance[entry, :] = self.covariance[:, entry] = 0.0
+        self.covariance[entry, entry] = _OPEN_M**2
+        self.innovation = self.innovation - self.design[:, entry] * by_m
+
+    def _begin_scales(self) -> None:
+        """A time scale that is new may be far off: it begins where its codes say."""
+        first_error = self.mean.size - 2 * len(self.state.signals)
+        for entry in range(_CORE, first_error):
+            own = self.offset == entry
+            if self.mean[entry] == 0.0 and np.any(own):
+                self._shift(entry, float(np.median(self.innovation[self.codes][own])))
+
+    def _follow_clock(self) -> None:
+        """When all codes jump alike, the receiver has moved its clock; its carriers may or may not have followed."""
+        jump_m = float(np.median(self.innovation[self.codes]))
+        if abs(jump_m) > max(_JUMP_M, 10.0 * float(np.sqrt(self.covariance[_CLOCK, _CLOCK]))):
+            self._shift(_CLOCK, jump_m)
+            self.state = replace(self.state, carried=np.full_like(self.state.carried, np.datetime64("NaT")))
+            self.begun += 1
+
+    def begin_arcs(self) -> None:
+        """Ambiguities anew where the carrier is new, has slipped, or was away for long."""
+        carried_at = self.state.carried[self.index]
+        away_s = (self.state.gpst - carried_at) / np.timedelta64(1, "s")
+        slip = self.rows.slip[self.row, self.columns]
+        anew = slip | ~(away_s <= self.settings.max_gap_s)  # NaN, too
+        for line in np.arange(self.of.size)[self.carriers]:
+            if anew[self.of[line]]:
+                self._begin_arc(line)
+
+    def _begin_arc(self, line: int) -> None:
+        self._shift(int(self.ambiguity[self.of[line]]), float(self.innovation[line]))
+        self.begun += 1
+
+    def dof(self, unknown: int) -> int:
+        return int(self.on.sum()) - self.begun - unknown
+
+    def _spread(self) -> Reals:
+        """Covariance of the innovations in use."""
+        design = self.design[self.on]
+        return np.asarray(design @ self.covariance @ design.T + np.diag(self.variance[self.on]))
+
+    def nis(self) -> float:
+        innovation = self.innovation[self.on]
+        return float(innovation @ linalg.solve(self._spread(), innovation, assume_a="pos"))
+
+    def leave_out(self, unknown: int, false_alarm_probability: float) -> None:
+        """While the innovations are too large together, drop the one that alone explains most (Baarda's test).
+
+        A carrier is not dropped: it begins a new arc.
+        """
+        for _ in range(self.of.size):
+            dof = self.dof(unknown)
+            if dof < 1 or self.nis() <= float(chi_square_threshold(false_alarm_probability, dof)):
+                return
+            inverse = linalg.inv(self._spread())
+            w = np.abs(inverse @ self.innovation[self.on]) / np.sqrt(np.diag(inverse))
+            line = int(np.flatnonzero(self.on)[np.argmax(w)])
+            if self.carriers.start <= line < self.carriers.stop:
+                self._begin_arc(line)
+                self.slipped[self.of[line]] = True
+            else:
+                self.on[line] = False
+                self.rejected[self.of[line]] = True
+
+    def updated(self) -> FilterState:
+        """The state with the measurements in it; linearised again while the position moves far."""
+        at, design, innovation = self.mean, self.design[self.on], self.innovation[self.on]
+        for _ in range(3):
+            spread = design @ self.covariance @ design.T + np.diag(self.variance[self.on])
+            gain = linalg.solve(spread, design @ self.covariance, assume_a="pos").T
+            mean = self.mean + gain @ innovation
+            if np.linalg.norm(mean[_POSITION] - at[_POSITION]) < _FAR_M:
+                break
+            at = mean
+            innovation, design = (part[self.on] for part in self._linear(at))
+            innovation = innovation - design @ (self.mean - at)
+        kept = np.eye(mean.size) - gain @ design  # Joseph's form: positive whatever the rounding of the gain
+        covariance = kept @ self.covariance @ kept.T + (gain * self.variance[self.on]) @ gain.T
+        carried = self.state.carried.copy()
+        carried[self.index[self.of[self.carriers]]] = self.state.gpst
+        return replace(self.state, mean=mean, covariance=0.5 * (covariance + covariance.T), carried=carried)
+
+    def code_residual_m(self, state: FilterState) -> Reals:
+        """Measured minus modelled, with b; NaN where not used."""
+        innovation, _ = self._linear(state.mean)
+        return np.where(self.on[self.codes], innovation[self.codes] + state.mean[self.error], np.nan)

@@ -1,0 +1,118 @@
+"""Protection levels: how far the position may be off without an alarm when one satellite has a bias of any size.
+
+By solution separation, after M. Brenner, "Integrated GPS/inertial fault detection availability", NAVIGATION 43(2),
+1996, and J. Blanch et al., "Baseline advanced RAIM user algorithm and possible improvements", IEEE Trans. AES 51(1),
+2015. Of one faulty satellite i, the solution without it has no bias, so
+
+    |all - truth| <= |all - without i| + |without i - truth|
+
+and the first term is known up to the alarm's threshold while there is no alarm, the second is Gaussian. That holds for
+a bias of any size, without a search for the worst. Leading axes are free, the axis before the last is the satellite.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from skyproof.navigation.raim import unknowns_of, whitened_fit
+from skyproof.records import Reals
+from skyproof.statistics.distributions import chi_square_threshold
+
+__all__ = ["Protection", "protection_levels"]
+
+_UNCONTROLLED = 1e-9  # a share of variance in the residual below this is rounding
+_UNMOVED_M = 1e-6  # a position that a metre of bias moves by less is not touched
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Protection:
+    """Arrays of shape (...).
+
+    horizontal_m, vertical_m : the levels; infinite where a satellite that moves the position is not controlled by the
+        others, NaN where there is no position.
+    statistic : largest normalised residual (Baarda's w), without sign; NaN if none can be tested.
+    threshold : what it exceeds with the false-alarm probability.
+    alarm : whether it does.
+    """
+
+    horizontal_m: Reals
+    vertical_m: Reals
+    statistic: Reals
+    threshold: Reals
+    alarm: NDArray[np.bool_]
+
+
+def protection_levels(
+    design: Reals,
+    misfit_m: Reals,
+    sigma_m: Reals,
+    rot_enu_ecef: Reals,
+    *,
+    integrity_risk: float = 1e-7,
+    false_alarm_probability: float = 1e-5,
+) -> Protection:
+    """Levels of the weighted fit of `misfit_m` (..., k) by `design` (..., k, 3 + c), and the alarm that goes with them.
+
+    If every measurement has independent Gaussian noise of its sigma, and at most one of them a bias besides, of any
+    size, then the horizontal error exceeds `horizontal_m` without an alarm with probability `integrity_risk` at most,
+    given the fault; and the vertical one `vertical_m`. Who knows how rare faults are may divide by that. Several faults
+    at once, as an attacker makes them, are outside of what is promised.
+
+    Without a fault the alarm comes with `false_alarm_probability` at most; exactly with one degree of redundancy, and
+    nearly so where residuals are many and weakly correlated: the threshold is the lower one of two bounds, Bonferroni's
+    and that of the whole sum of squares.
+
+    Parameters
+    ----------
+    design : as `least_squares.design_matrix` makes it, at a converged position, in ECEF.
+    sigma_m : (..., k); not finite means not used.
+    rot_enu_ecef : (..., 3, 3), as `gnss.frames.rot_enu_ecef` makes it.
+    """
+    residual, redundancy, covariance = whitened_fit(design, misfit_m, sigma_m)
+    used = np.isfinite(residual)
+    tested = used & (redundancy > _UNCONTROLLED)
+    n, dof = tested.sum(axis=-1), used.sum(axis=-1) - unknowns_of(design, used)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        w = np.where(tested, np.abs(residual) / np.sqrt(redundancy), 0.0)
+        threshold = np.fmin(
+            -special.ndtri(0.5 * false_alarm_probability / np.maximum(n, 1)),
+            np.sqrt(chi_square_threshold(false_alarm_probability, np.maximum(dof, 1))),
+        )
+        # East, north, up that one metre of each measurement's whitened error gives.
+        enu = rot_enu_ecef @ covariance[..., :3, :]
+        gain = np.swapaxes(enu @ np.swapaxes(np.where(used[..., None], design, 0.0), -1, -2), -1, -2)
+        gain = gain / np.where(used, sigma_m, 1.0)[..., None]
+        apart = gain / np.sqrt(np.where(tested, redundancy, np.nan))[..., None]  # all minus without it, one sigma
+    variance = (enu[..., :3] @ np.swapaxes(rot_enu_ecef, -1, -2))[..., None, :, :]
+    without = variance + apart[..., :, None] * apart[..., None, :]
+    moved = used & ~tested & (np.linalg.norm(gain, axis=-1) * np.where(used, sigma_m, 1.0) > _UNMOVED_M)
+
+    def level(axes: slice, quantile: float) -> Reals:
+        def spread(matrix: Reals) -> Reals:
+            return np.sqrt(_largest_variance(matrix[..., axes, axes]))
+
+        each = threshold[..., None] * np.linalg.norm(apart[..., axes], axis=-1) + quantile * spread(without)
+        each = np.where(tested, each, np.where(moved, np.inf, 0.0))
+        nominal = quantile * spread(variance)[..., 0]
+        return np.asarray(np.where(np.isnan(nominal), np.nan, np.maximum(nominal, np.max(each, axis=-1))))
+
+    statistic = np.where(n > 0, np.max(w, axis=-1), np.nan)
+    return Protection(
+        # Of two axes with the larger one's sigma: Rayleigh; of one: Gaussian on both sides.
+        horizontal_m=level(slice(0, 2), float(np.sqrt(-2.0 * np.log(integrity_risk)))),
+        vertical_m=level(slice(2, 3), float(-special.ndtri(0.5 * integrity_risk))),
+        statistic=statistic,
+        threshold=np.asarray(threshold),
+        alarm=statistic > threshold,
+    )
+
+
+def _largest_variance(matrix: Reals) -> Reals:
+    """The largest eigenvalue of symmetric matrices (..., 1, 1) or (..., 2, 2)."""
+    if matrix.shape[-1] == 1:
+        return matrix[..., 0, 0]
+    mean = 0.5 * (matrix[..., 0, 0] + matrix[..., 1, 1])
+    half = 0.5 * (matrix[..., 0, 0] - matrix[..., 1, 1])
+    return np.asarray(mean + np.hypot(half, matrix[..., 0, 1]))

@@ -1,0 +1,601 @@
+"""What the front end did to the samples, measured; and what of it costs signals, taken off.
+
+Measured on stretches spread over a recording: DC, imbalance of I and Q, levels, the band, narrow-band lines. A line of
+power J at the distance f from the carrier raises the noise density N0 that a signal with the chip rate Rc meets to
+
+    N0 + J sinc^2(f / Rc) / Rc
+
+(Betz, Navigation 48(4), 2001, eqs. 6 and 7, the spectrum of the code taken as smooth; DC is a line at zero frequency).
+What costs more than `LOSS_LIMIT_DB` is taken off; nothing is done where nothing hurts, and then it costs nothing.
+
+What it does to signals: removing DC and balancing I and Q leave them as they are but for a common factor. A notch is
+one minus a triangular low-pass around the line, symmetric in time after a delay of `delay_samples`, so its frequency
+response is real: every correlation function stays Hermitian around its peak, for any code, Doppler and bandwidth. Code
+and carrier are therefore not biased (`tests/receiver/test_conditioning.py` measures it), and the delay is common to all
+satellites. `conditioned` takes the delay off; `Conditioner.step`, for what runs over time, states it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, optimize, signal, special
+
+from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
+from skyproof.records import Reals, Samples, freeze
+
+__all__ = ["LOSS_LIMIT_DB", "Conditioner", "ConditionerState", "FrontEnd", "Line", "conditioned", "measure_front_end"]
+
+Floats = NDArray[np.float32]
+Complexes = NDArray[np.complex128]
+
+LOSS_LIMIT_DB: Final = 0.05
+"""Of C/N0, averaged over Doppler. A line that costs less than that has 41 dB-Hz over the noise density; met by one of
+the strongest lines of a C/A code (21 dB below the whole) it stays under the noise of a millisecond by 10 dB."""
+
+IMAGE_LIMIT_DB: Final = -30.0
+"""A signal of 60 dB-Hz has then an image at the negative frequency of 30 dB-Hz, about the weakest a search finds."""
+
+IMBALANCE_SIGMAS: Final = 5.0
+NOTCH_HZ: Final = 10e3
+"""Least width of a notch: about a hundredth of a C/A signal is lost with it, 0.03 dB; a line known to 200 Hz is
+attenuated by more than 50 dB."""
+MOST_NOTCHES: Final = 8
+
+_STRETCHES, _STRETCH_SAMPLES = 16, 32768
+_SEGMENTS, _LEAST_FFT, _MOST_FFT = 16, 256, 4096
+_GUARD, _SIDE = 5, 24
+"""Bins to either side of the one looked at: left out (the window's main lobe), then used for the floor."""
+_STOP_BAND = 0.03
+"""Of the highest floor: where a filter leaves less, its ripples are not looked at for lines; none could hurt there."""
+_LEVELS = 256
+_RENEW = 4096  # samples after which a notch's phasor is worked out anew, counted from the recording's first
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """A narrow-band line.
+
+    frequency_hz : in the samples, -rate/2 to rate/2 (real samples: 0 to rate/2).
+    over_floor_db : power in the bin of the spectrum where it is highest, over the floor there.
+    jn0_dbhz : its power over the noise density at the signal.
+    width_hz : its own rms width, 0 where the spectrum does not resolve it.
+    loss_db : what it takes of the C/N0 of signals, averaged over their Dopplers.
+    """
+
+    frequency_hz: float
+    over_floor_db: float
+    jn0_dbhz: float
+    width_hz: float
+    loss_db: float
+
+    @property
+    def hurts(self) -> bool:
+        return self.loss_db > LOSS_LIMIT_DB
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FrontEnd:
+    """What `measure_front_end` finds. Powers are in squares of the samples' own unit; planes are I, Q.
+
+    dc, rms : (2,), the rms without DC. dc_loss_db : as a line's.
+    gain_imbalance_db, phase_imbalance_deg : I over Q, and how much less than 90 degrees lie between them; each with
+        one sigma; NaN for real samples. image_db : power of the image of a signal over the signal's, by both.
+    levels, level_shares : the values that occur and how often, or up to 256 equal classes of them.
+    extreme_share : of samples at the least or greatest value.
+    frequency_hz, density : (n_bins,) power per hertz, one-sided for real samples, lines included.
+    floor : (n_bins,) the density without the lines, smooth over some 50 bins. n0 : the floor as the signal meets it.
+    noise_bandwidth_hz : of white noise with the density n0 and the floor's whole power.
+    band_hz : where the floor first falls 3 dB below its highest on either side of it.
+    resolution_hz : noise bandwidth of a bin. line_threshold_db : over the floor; noise alone exceeds it anywhere in the
+        spectrum with `false_alarm_probability` at most.
+    """
+
+    rate_hz: float
+    real: bool
+    carrier_hz: float
+    n_examined: int
+    dc: Reals
+    rms: Reals
+    dc_loss_db: float
+    gain_imbalance_db: float
+    gain_imbalance_sigma_db: float
+    phase_imbalance_deg: float
+    phase_imbalance_sigma_deg: float
+    image_db: float
+    levels: Reals
+    level_shares: Reals
+    extreme_share: float
+    frequency_hz: Reals
+    density: Reals
+    floor: Reals
+    n0: float
+    noise_bandwidth_hz: float
+    band_hz: tuple[float, float]
+    resolution_hz: float
+    line_threshold_db: float
+    false_alarm_probability: float
+    lines: tuple[Line, ...]
+
+    def __post_init__(self) -> None:
+        freeze(
+            self,
+            {"dc": ("2",), "rms": ("2",), "levels": ("level",), "level_shares": ("level",), "frequency_hz": ("bin",),
+             "density": ("bin",), "floor": ("bin",)},
+        )  # fmt: skip
+
+    @property
+    def removes_dc(self) -> bool:
+        return self.dc_loss_db > LOSS_LIMIT_DB
+
+    @property
+    def balances(self) -> bool:
+        """Whether the imbalance is both certain and felt."""
+        certain = (
+            abs(self.gain_imbalance_db) > IMBALANCE_SIGMAS * self.gain_imbalance_sigma_db
+            or abs(self.phase_imbalance_deg) > IMBALANCE_SIGMAS * self.phase_imbalance_sigma_deg
+        )
+        return certain and self.image_db > IMAGE_LIMIT_DB
+
+    @property
+    def notched(self) -> tuple[Line, ...]:
+        """The lines that are taken off: those that hurt, the worst first."""
+        worst = sorted((line for line in self.lines if line.hurts), key=lambda line: -line.loss_db)
+        return tuple(worst[:MOST_NOTCHES])
+
+    @property
+    def acts(self) -> bool:
+        return self.removes_dc or self.balances or bool(self.notched)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was found and what is done about it, in words; empty for a clean front end."""
+        remarks = []
+        if self.removes_dc:
+            offsets = " and ".join(f"{o:+.2f}" for o in (self.dc / self.rms)[: 1 if self.real else 2])
+            remarks.append(f"DC of {offsets} rms costs {self.dc_loss_db:.2f} dB of C/N0 and is removed")
+        if self.balances:
+            remarks.append(
+                f"I/Q imbalance of {self.gain_imbalance_db:+.2f} dB and {self.phase_imbalance_deg:+.1f} degrees makes "
+                f"images of {self.image_db:.0f} dB and is corrected"
+            )
+        hurting = [line for line in self.lines if line.hurts]
+        for line in self.notched:
+            remarks.append(f"a line at {line.frequency_hz / 1e3:+.1f} kHz, {line.jn0_dbhz:.0f} dB-Hz over the noise "
+                           f"density, costs {line.loss_db:.2f} dB of C/N0 and is notched")  # fmt: skip
+        if len(hurting) > MOST_NOTCHES:
+            left = hurting[MOST_NOTCHES:]
+            remarks.append(f"{len(left)} more lines hurt and are left in, for at most {MOST_NOTCHES} are notched")
+        if harmless := [line for line in self.lines if not line.hurts]:
+            at = ", ".join(f"{line.frequency_hz / 1e3:+.1f}" for line in harmless[:6])
+            more = f" and {len(harmless) - 6} more" if len(harmless) > 6 else ""
+            what = "line that costs" if len(harmless) == 1 else "lines that cost"
+            remarks.append(f"{len(harmless)} narrow {what} less than {LOSS_LIMIT_DB:g} dB left in, at {at} kHz{more}")
+        return tuple(remarks)
+
+
+# --- measuring
+
+
+def measure_front_end(
+    samples: Samples, *, signal: SignalDescription = GPS_L1_CA, false_alarm_probability: float = 1e-3
+) -> FrontEnd:
+    """Measure the front end on at most half a million samples, in 16 stretches spread over the recording.
+
+    Parameters
+    ----------
+    samples : the recording; samples whose Q is zero throughout are taken as real.
+    signal : what is to be received, for what hurts it.
+    false_alarm_probability : of one line or more reported where there is only noise, however its spectrum is shaped
+        (as long as it changes little over some 60 bins of rate/4096).
+
+    Raises
+    ------
+    ValueError : fewer than 1024 samples, or samples that never change.
+    """
+    if samples.n_samples < 4 * _LEAST_FFT:
+        raise ValueError(f"{samples.n_samples} samples are too few to measure a front end; at least {4 * _LEAST_FFT}")
+    stretches = [samples.read(start, count).astype(np.float64) for start, count in _stretches(samples.n_samples)]
+    planes = np.concatenate(stretches, axis=1)
+    real = not planes[1].any()
+    dc, rms = planes.mean(axis=1), planes.std(axis=1)
+    if not rms.any():
+        raise ValueError("the samples never change")
+    carrier_hz = samples.if_hz + signal.carrier_hz - samples.centre_hz
+    n_fft = _fft_length(min(stretch.shape[1] for stretch in stretches), planes.shape[1])
+    frequency_hz, density, n_averaged = _density(stretches, dc, samples.rate_hz, n_fft, real=real)
+    step_hz = samples.rate_hz / n_fft
+    usable = np.ones(frequency_hz.size, bool)
+    if real:  # next to zero and to half the rate a bin holds its own image: another distribution
+        usable[:_GUARD] = usable[-_GUARD:] = False
+    threshold = line_threshold(n_averaged, false_alarm_probability / np.count_nonzero(usable))
+    mean_over_median = n_averaged / float(special.gammaincinv(n_averaged, 0.5))
+    floor, groups = _floor_and_lines(density, threshold, usable, mean_over_median, circular=not real)
+    weight = np.sinc((frequency_hz - carrier_hz) / signal.chip_rate_hz) ** 2
+    inside = np.abs(carrier_hz) <= samples.rate_hz / 2.0
+    n0 = float(np.sum(floor * weight) / np.sum(weight)) if inside else math.nan
+
+    def loss_db(power: float, at_hz: float) -> float:
+        share = float(np.sinc((at_hz - carrier_hz) / signal.chip_rate_hz) ** 2) / signal.chip_rate_hz
+        return 10.0 * math.log10(1.0 + power * share / n0) if inside else 0.0
+
+    lines = []
+    for bins in groups:
+        at_hz, power, width_hz = _tone(bins, frequency_hz, density, floor, step_hz)
+        lines.append(
+            Line(
+                frequency_hz=at_hz, over_floor_db=float(10.0 * np.log10(np.max(density[bins] / floor[bins]))),
+                jn0_dbhz=10.0 * math.log10(power / n0) if inside else math.nan, width_hz=width_hz,
+                loss_db=loss_db(power, at_hz),
+            )
+        )  # fmt: skip
+    gain, skew, image_db = (math.nan, math.nan, math.nan) if real else _imbalance(planes, dc, rms)
+    levels, shares, extreme = _levels(planes[:1] if real else planes)
+    low, high = _band(frequency_hz, floor, carrier_hz)
+    return FrontEnd(
+        rate_hz=samples.rate_hz, real=real, carrier_hz=carrier_hz, n_examined=planes.shape[1], dc=dc, rms=rms,
+        dc_loss_db=loss_db(float(np.sum(dc**2)), 0.0), gain_imbalance_db=20.0 * math.log10(gain) if not real else gain,
+        # of two standard deviations and of a correlation coefficient, each from n independent numbers
+        gain_imbalance_sigma_db=math.nan if real else 20.0 / math.log(10.0) / math.sqrt(planes.shape[1]),
+        phase_imbalance_deg=math.degrees(skew), image_db=image_db,
+        phase_imbalance_sigma_deg=math.nan if real else math.degrees(1.0 / math.sqrt(planes.shape[1])),
+        levels=levels, level_shares=shares, extreme_share=extreme, frequency_hz=frequency_hz, density=density,
+        floor=floor, n0=n0, noise_bandwidth_hz=float(np.sum(floor) * step_hz / n0), band_hz=(low, high),
+        resolution_hz=_noise_bins(n_fft) * step_hz, line_threshold_db=10.0 * math.log10(threshold),
+        false_alarm_probability=false_alarm_probability,
+        lines=tuple(sorted(lines, key=lambda line: (-line.loss_db, -line.over_floor_db))),
+    )  # fmt: skip
+
+
+def line_threshold(n_averaged: int, probability: float) -> float:
+    """What a bin over its floor exceeds with `probability`, if there is only noise.
+
+    A bin is the mean of `n_averaged` independent exponential variables: Gamma. The floor is the greater one of the
+    medians of `_SIDE` bins on either side, each nearly normal; the threshold allows for its spread.
+    """
+    independent = _SIDE / _ALIKE
+    spread = 1.2533 / math.sqrt(independent * n_averaged)  # of a median: sqrt(pi / 2) that of a mean
+    z, weights = special.roots_hermitenorm(40)
+    weights = weights * 2.0 * special.ndtr(z)  # the greater one of two
+    weights /= weights.sum()
+    floors = np.maximum(1.0 + spread * z, 0.05)
+
+    def excess(threshold: float) -> float:
+        tail = np.sum(weights * special.gammaincc(n_averaged, n_averaged * threshold * floors))
+        return math.log(max(float(tail), 1e-300)) - math.log(probability)
+
+    return float(optimize.brentq(excess, 1.0, 1e3))
+
+
+def _alike() -> float:
+    """How many neighbouring bins the window makes of one: the sum of the correlations of their powers."""
+    window = _window(256)
+    return float(256 * np.sum(window**4) / np.sum(window**2) ** 2)
+
+
+def _stretches(n_samples: int) -> list[tuple[int, int]]:
+    if n_samples <= _STRETCHES * _STRETCH_SAMPLES:
+        count = min(n_samples, _STRETCH_SAMPLES)
+        return [(start, count) for start in range(0, n_samples - count + 1, count)]
+    starts = np.linspace(0, n_samples - _STRETCH_SAMPLES, _STRETCHES).astype(np.int64)
+    return [(int(start), _STRETCH_SAMPLES) for start in starts]
+
+
+def _fft_length(stretch: int, n_samples: int) -> int:
+    wanted = min(_MOST_FFT, stretch, max(n_samples // _SEGMENTS, _LEAST_FFT))
+    return int(2 ** math.floor(math.log2(wanted)))
+
+
+def _window(n_fft: int) -> Reals:
+    # side lobes of -92 dB: a line 60 dB above the floor is nine bins and no more
+    window: Reals = signal.get_window("blackmanharris", n_fft)
+    return window
+
+
+def _noise_bins(n_fft: int) -> float:
+    window = _window(n_fft)
+    return float(n_fft * np.sum(window**2) / np.sum(window) ** 2)
+
+
+def _density(
+    stretches: Sequence[Reals], dc: Reals, rate_hz: float, n_fft: int, *, real: bool
+) -> tuple[Reals, Reals, int]:
+    """Power density by Welch's method, frequencies ascending; and how many periodograms it is the mean of.
+
+    Neighbours overlap by half, which this window makes all but independent (correlation of powers 0.001).
+    """
+    window = _window(n_fft)
+    total: Reals = np.zeros(n_fft)
+    count = 0
+    for planes in stretches:
+        wave = (planes[0] - dc[0]) + 1j * (planes[1] - dc[1])
+        segments = np.lib.stride_tricks.sliding_window_view(wave, n_fft)[:: n_fft // 2] * window
+        spectra = fft.fft(segments.astype(np.complex64), axis=-1)
+        total += np.sum(spectra.real.astype(np.float64) ** 2 + spectra.imag.astype(np.float64) ** 2, axis=0)
+        count += segments.shape[0]
+    density = total / (count * rate_hz * np.sum(window**2))
+    if real:
+        half = n_fft // 2
+        return np.arange(half) * rate_hz / n_fft, 2.0 * density[:half], count
+    return fft.fftshift(fft.fftfreq(n_fft, 1.0 / rate_hz)), fft.fftshift(density), count
+
+
+def _floor_and_lines(
+    density: Reals, threshold: float, usable: NDArray[np.bool_], mean_over_median: float, *, circular: bool
+) -> tuple[Reals, list[NDArray[np.int64]]]:
+    """The floor, and for each line the bins it covers. Lines found are left out of the floor, until no more come."""
+    covered: NDArray[np.bool_] = np.zeros(density.size, np.bool_)
+    found: NDArray[np.bool_] = covered
+    floor = density
+    for _ in range(8):
+        floor = mean_over_median * _floor(density, covered, circular=circular)
+        found = np.asarray((density > threshold * np.maximum(floor, _STOP_BAND * floor.max())) & usable)
+        wide = _widened(found, _GUARD - 1, circular=circular)
+        if not (wide & ~covered).any():
+            break
+        covered = np.asarray(covered | wide, np.bool_)
+    if not found.any():
+        return floor, []
+    # bins of one line lie closer than the window's main lobe
+    groups = np.split(np.flatnonzero(found), np.flatnonzero(np.diff(np.flatnonzero(found)) >= _GUARD) + 1)
+    reach = np.arange(-(_GUARD - 1), _GUARD)
+    bins = [np.unique((group[:, np.newaxis] + reach).ravel()) for group in groups]
+    return floor, [b % density.size if circular else b[(b >= 0) & (b < density.size)] for b in bins]
+
+
+def _widened(flags: NDArray[np.bool_], reach: int, *, circular: bool) -> NDArray[np.bool_]:
+    padded = np.pad(flags, reach, mode="wrap" if circular else "constant")
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).any(axis=1), np.bool_)
+
+
+def _floor(density: Reals, covered: NDArray[np.bool_], *, circular: bool) -> Reals:
+    """The greater one of the medians on either side, so that no slope or edge of the band is taken for a line."""
+    reach = _GUARD + _SIDE
+    kept = np.where(covered, np.nan, density)
+    padded = np.pad(kept, reach, mode="wrap") if circular else np.pad(kept, reach, mode="reflect")
+    window = np.lib.stride_tricks.sliding_window_view(padded, _SIDE)
+    with np.errstate(all="ignore"):
+        medians = _nan_median(window)
+    left, right = medians[: density.size], medians[_GUARD + reach + 1 : _GUARD + reach + 1 + density.size]
+    floor = np.fmax(left, right)
+    fallback = float(np.nanmedian(kept)) if not covered.all() else float(np.median(density))
+    return np.where(np.isfinite(floor) & (floor > 0.0), floor, fallback)
+
+
+def _nan_median(windows: Reals) -> Reals:
+    """Median along the last axis of what is not NaN (NaN if fewer than a quarter is not)."""
+    ordered = np.sort(windows, axis=-1)  # NaN come last
+    count = np.count_nonzero(np.isfinite(ordered), axis=-1)
+    rows = np.arange(ordered.shape[0])
+    middle = 0.5 * (ordered[rows, np.maximum(count - 1, 0) // 2] + ordered[rows, np.minimum(count, _SIDE - 1) // 2])
+    return np.where(count >= _SIDE // 4, middle, np.nan)
+
+
+def _tone(
+    bins: NDArray[np.int64], frequency_hz: Reals, density: Reals, floor: Reals, step_hz: float
+) -> tuple[float, float, float]:
+    """Frequency, power and rms width of the line in `bins`."""
+    excess = np.maximum(density[bins] - floor[bins], 0.0)
+    power = float(np.sum(excess) * step_hz)
+    top = int(np.argmax(excess))
+    # the logarithm of this window's main lobe is a parabola to 0.01 bin
+    shift = 0.0
+    if 0 < top < bins.size - 1 and excess[top - 1] > 0.0 and excess[top + 1] > 0.0:
+        below, middle, above = np.log(excess[top - 1 : top + 2])
+        shift = 0.5 * (below - above) / (below - 2.0 * middle + above)
+    at_hz = float(frequency_hz[bins[top]] + shift * step_hz)
+    offset = np.arange(bins.size) - top - shift
+    variance = float(np.sum(excess * offset**2) / np.sum(excess)) - _LOBE_VARIANCE
+    strong = excess[top] > 10.0 * floor[bins[top]]  # below that the wings are noise
+    width_hz = step_hz * math.sqrt(variance) if strong and variance > 0.5 else 0.0
+    return at_hz, power, width_hz
+
+
+def _lobe_variance() -> float:
+    """Of the power of the window's main lobe around its middle, in squared bins."""
+    lobe = np.abs(fft.fft(_window(256)))[np.arange(-4, 5)] ** 2
+    return float(np.sum(lobe * np.arange(-4, 5) ** 2) / np.sum(lobe))
+
+
+_LOBE_VARIANCE: Final = _lobe_variance()
+_ALIKE: Final = _alike()
+
+
+def _imbalance(planes: Reals, dc: Reals, rms: Reals) -> tuple[float, float, float]:
+    """Gain of I over Q, how much less than a right angle lies between them (rad), and the image's power in dB.
+
+    Noise and signals from a band that is not symmetric around zero by chance have E[I^2] = E[Q^2] and E[IQ] = 0.
+    """
+    if not rms.all():
+        return math.nan, math.nan, 0.0
+    skew = math.asin(float(np.clip(np.mean((planes[0] - dc[0]) * (planes[1] - dc[1])) / (rms[0] * rms[1]), -1.0, 1.0)))
+    gain = float(rms[0] / rms[1])
+    turn = np.exp(1j * skew)
+    return gain, skew, float(10.0 * np.log10(max(abs(gain - turn) ** 2 / abs(gain + turn) ** 2, 1e-12)))
+
+
+def _levels(planes: Reals) -> tuple[Reals, Reals, float]:
+    values, counts = np.unique(planes, return_counts=True)
+    extreme = float((counts[0] + counts[-1]) / planes.size)
+    if values.size > _LEVELS:
+        counts, edges = np.histogram(planes, _LEVELS)
+        values = 0.5 * (edges[:-1] + edges[1:])
+    return values, counts / planes.size, extreme
+
+
+def _band(frequency_hz: Reals, floor: Reals, carrier_hz: float) -> tuple[float, float]:
+    """Where the floor falls to half its level at the carrier, going away from there on either side."""
+    smooth = np.convolve(np.pad(floor, 8, mode="edge"), np.ones(17) / 17.0, mode="valid")
+    near = int(np.argmin(np.abs(frequency_hz - carrier_hz)))
+    low_bins = np.flatnonzero(smooth[: near + 1] < 0.5 * smooth[near])
+    high_bins = np.flatnonzero(smooth[near:] < 0.5 * smooth[near])
+    low = frequency_hz[low_bins[-1]] if low_bins.size else frequency_hz[0]
+    high = frequency_hz[near + high_bins[0]] if high_bins.size else frequency_hz[-1]
+    return float(low), float(high)
+
+
+# --- correcting
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ConditionerState:
+    """Where the conditioner stands: how many samples went in, the last of them, and the notches' running sums."""
+
+    position: int
+    held: Floats  # (2, delay_samples)
+    waves: Complexes  # (n_notches, length)
+    firsts: Complexes  # (n_notches, length)
+    sums: Complexes  # (n_notches, 3): the first and the second running sum, and the phasor
+
+
+class Conditioner:
+    """Takes off what hurts: DC, imbalance of I and Q, lines. Does nothing, at no cost, where nothing hurts."""
+
+    def __init__(self, front_end: FrontEnd) -> None:
+        self.front_end = front_end
+        self.turns = np.array([line.frequency_hz / front_end.rate_hz for line in front_end.notched])
+        width_hz = max((20.0 * line.width_hz for line in front_end.notched), default=0.0)
+        spacing_hz = min(max(width_hz, NOTCH_HZ), 10.0 * NOTCH_HZ)
+        self.length = max(round(front_end.rate_hz / spacing_hz), 2) if self.turns.size else 1
+        self.matrix, self.offset = _correction(front_end)
+
+    @property
+    def delay_samples(self) -> int:
+        """How much later each sample comes out than it went in: the same for all signals."""
+        return self.length - 1
+
+    @property
+    def initial(self) -> ConditionerState:
+        n, length = self.turns.size, self.length
+        return ConditionerState(
+            position=0, held=np.zeros((2, length - 1), np.float32), waves=np.zeros((n, length), np.complex128),
+            firsts=np.zeros((n, length), np.complex128), sums=np.zeros((n, 3), np.complex128),
+        )  # fmt: skip
+
+    def step(self, state: ConditionerState | None, block: Floats) -> tuple[Floats, ConditionerState]:
+        """The next samples, corrected and `delay_samples` late, and the state after them.
+
+        Parameters
+        ----------
+        state : what the step before gave; None at the start (zeros are taken to come before it).
+        block : float32, shape (2, n), any n; not changed.
+
+        Returns
+        -------
+        float32, shape (2, n), the very block if nothing is to be done; and the new state. Pieces of any lengths give,
+        bit by bit, what the whole gives.
+        """
+        state = state if state is not None else self.initial
+        n = block.shape[1]
+        position = state.position + n
+        if not self.front_end.acts:
+            return block, replace(state, position=position)
+        straight = np.empty((2, n), np.float32)
+        _straighten(block, self.matrix, self.offset, straight)
+        if not self.turns.size:
+            return straight, replace(state, position=position)
+        late = np.concatenate([state.held, straight], axis=1)
+        held = late[:, n:].copy()
+        out = late[:, :n].copy()
+        waves, firsts, sums = state.waves.copy(), state.firsts.copy(), state.sums.copy()
+        for row in range(self.turns.size):
+            _notch(straight, out, waves[row], firsts[row], sums[row], self.turns[row], state.position,
+                   2.0 if self.front_end.real else 1.0)  # fmt: skip
+        if self.front_end.real:
+            out[1] = 0.0
+        return out, ConditionerState(position=position, held=held, waves=waves, firsts=firsts, sums=sums)
+
+
+def conditioned(samples: Samples, front_end: FrontEnd) -> Samples:
+    """The recording with what hurts taken off, sample for sample at its own time; itself if nothing hurts.
+
+    A stretch read is the same whatever was read before, but for the last bit of the rounding. Within two
+    `delay_samples` of the recording's ends a notch knows only part of the line, and leaves the rest.
+    """
+    if not front_end.acts:
+        return samples
+    conditioner = Conditioner(front_end)
+    ahead = conditioner.delay_samples
+    lead = 2 * ahead  # all that a notch remembers
+
+    def read(start: int, count: int) -> Floats:
+        if start < 0 or count < 0:
+            raise ValueError(f"start {start} and count {count} must not be negative")
+        count = max(0, min(count, samples.n_samples - start))
+        first = max(0, start - lead)
+        block = samples.read(first, start + count + ahead - first)
+        missing = start + count + ahead - first - block.shape[1]
+        block = np.pad(block, ((0, 0), (0, missing))) if missing else block
+        state = replace(conditioner.initial, position=first)
+        out, _ = conditioner.step(state, block)
+        return out[:, start - first + ahead :]
+
+    return replace(samples, read=read)
+
+
+def _correction(front_end: FrontEnd) -> tuple[Reals, Reals]:
+    """Matrix and offset so that matrix @ (planes - offset) is centred and balanced; I keeps its scale."""
+    matrix, offset = np.eye(2), np.zeros(2)
+    if front_end.removes_dc:
+        offset = np.array(front_end.dc)
+    if front_end.balances:
+        gain = 10.0 ** (front_end.gain_imbalance_db / 20.0)
+        skew = math.radians(front_end.phase_imbalance_deg)
+        matrix[1] = -math.tan(skew), gain / math.cos(skew)
+    return matrix, offset
+
+
+@numba.njit(cache=True, nogil=True)
+def _straighten(block: Floats, matrix: Reals, offset: Reals, out: Floats) -> None:
+    a = np.float32(matrix[1, 0])
+    b = np.float32(matrix[1, 1])
+    at_i = np.float32(offset[0])
+    at_q = np.float32(offset[1])
+    for k in range(block.shape[1]):
+        i = block[0, k] - at_i
+        out[0, k] = i
+        out[1, k] = a * i + b * (block[1, k] - at_q)
+
+
+@numba.njit(cache=True, nogil=True)
+def _notch(
+    block: Floats, out: Floats, waves: Complexes, firsts: Complexes, sums: Complexes, turns: float, position: int,
+    factor: float,
+) -> None:  # fmt: skip
+    """Take the line at `turns` cycles a sample off `out`, which is `block` delayed by the length less one.
+
+    The line is turned to zero frequency and averaged by two running means, one after the other: a triangle, whose
+    middle is `length - 1` samples ago. Sums run in double precision; what goes in comes out again exactly later, so
+    rounding adds up to nothing that float32 would show in 10^10 samples.
+    """
+    length, n_samples = waves.shape[0], block.shape[1]
+    scale = factor / (length * length)
+    step = complex(math.cos(2.0 * math.pi * turns), -math.sin(2.0 * math.pi * turns))
+    back_angle = 2.0 * math.pi * ((turns * (length - 1)) % 1.0)
+    back = complex(math.cos(back_angle), -math.sin(back_angle)) * scale
+    first, second, phasor = sums[0], sums[1], sums[2]
+    done = 0
+    while done < n_samples:
+        n = position + done
+        place = n % length
+        if n % _RENEW == 0 or phasor == 0.0:
+            angle = 2.0 * math.pi * ((turns * n) % 1.0)
+            phasor = complex(math.cos(angle), -math.sin(angle))
+        # a span has neither the ring's end nor the phasor's renewal inside
+        span = min(n_samples - done, _RENEW - n % _RENEW, length - place)
+        for k in range(span):
+            wave = complex(block[0, done + k], block[1, done + k]) * phasor
+            first += wave - waves[place + k]
+            waves[place + k] = wave
+            second += first - firsts[place + k]
+            firsts[place + k] = first
+            line = second * phasor.conjugate() * back
+            out[0, done + k] -= np.float32(line.real)
+            out[1, done + k] -= np.float32(line.imag)
+            phasor *= step
+        done += span
+    sums[0], sums[1], sums[2] = first, second, phasor

@@ -1,0 +1,339 @@
+"""Observation files of many writers, small ones with every oddity, and damage of every kind."""
+
+import gzip
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skyproof.errors import InputError
+from skyproof.formats.crinex import expanded
+from skyproof.formats.rinex_obs import write_obs
+from skyproof.formats.rinex_obs_read import parse_obs, read_obs
+from skyproof.records import Observations, SignalId
+
+
+def line(text, label):
+    return f"{text:60}{label}"
+
+
+HEADER_2 = [
+    line("     2.11           OBSERVATION DATA    M (MIXED)", "RINEX VERSION / TYPE"),
+    line("KOSG", "MARKER NAME"),
+    line("R117                ROGUE SNR-8         Meenix 7.8", "REC # / TYPE / VERS"),
+    line("119                 AOAD/M_B", "ANT # / TYPE"),
+    line("  3899242.6490   396728.6934  5015081.6508", "APPROX POSITION XYZ"),
+    line("        0.1050        0.0000        0.0010", "ANTENNA: DELTA H/E/N"),
+    line("     6    C1    P1    L1    L2    S1    D1", "# / TYPES OF OBSERV"),
+    line("    30.0000", "INTERVAL"),
+    line("  2005     4     2     0     0    0.0000000     GPS", "TIME OF FIRST OBS"),
+    line("    13", "LEAP SECONDS"),
+    line("", "END OF HEADER"),
+]
+HEADER_3 = [
+    line("     3.04           OBSERVATION DATA    M", "RINEX VERSION / TYPE"),
+    line("SEPT", "MARKER NAME"),
+    line("G    4 C1C L1C D1C S1C", "SYS / # / OBS TYPES"),
+    line("C    2 C2I L2I", "SYS / # / OBS TYPES"),
+    line("R    2 C1C L1C", "SYS / # / OBS TYPES"),
+    line("  2024    10    27    15    47   37.0000000     GPS", "TIME OF FIRST OBS"),
+    line(" 2 R01  1 R02 -4", "GLONASS SLOT / FRQ #"),
+    line("", "END OF HEADER"),
+]
+
+
+def cell(value=None, lli=" ", strength=" "):
+    return " " * 16 if value is None else f"{value:14.3f}{lli}{strength}"
+
+
+def record_2(k, lli=" "):
+    """C1 P1 L1 L2 S1, and D1 on the second line."""
+    return [cell(2e7 + k) + cell() + cell(1e8 + k, lli, "7") + cell(8e7 + k) + cell(45.25), cell(-1234.5).rstrip()]
+
+
+def epoch_2(second, names, flag=0):
+    rows = [names[k : k + 12] for k in range(0, len(names), 12)]
+    head = f" 05  4  2  0  0{second:11.7f}  {flag}{len(names):3d}"
+    return [head + "".join(rows[0]), *(" " * 32 + "".join(row) for row in rows[1:])]
+
+
+def epoch_3(second, lines, flag=0):
+    return [f"> 2024 10 27 15 47{second:11.7f}  {flag}{len(lines):3d}", *lines]
+
+
+def sat_3(name, k=0.0, lli=" "):
+    if name[0] == "G":
+        return name + cell(2e7 + k) + cell(1e8 + k, lli) + cell(-100.0) + cell(44.0).rstrip()
+    return name + cell(2e7 + k) + cell(1e8 + k, lli).rstrip()
+
+
+def parsed(lines, **options):
+    return parse_obs("\n".join(lines).encode() + b"\n", **options)
+
+
+def column(observations, sat, band="L1", code="CA"):
+    return observations.signals.index(SignalId(sat, band, code))
+
+
+# --- small files with every oddity
+
+
+def test_version_2_is_read_with_blank_numbers_events_and_clocks_off_the_second():
+    body = [
+        *epoch_2(0.0, ["G 3", "G12", "R 5"]), *record_2(1.0), *record_2(2.0), *record_2(3.0),
+        "                            4  2", line("RINEX FILE SPLICE", "COMMENT"), line("x", "COMMENT"),
+        *epoch_2(29.996, ["G 3", "G12"]), *record_2(4.0, "1"), *record_2(5.0),
+        *epoch_2(59.999, ["G 3"], flag=1), *record_2(6.0),
+    ]  # fmt: skip
+    file = parsed([*HEADER_2, *body])
+    seen = file.observations
+    assert (file.marker, file.receiver, file.antenna) == ("KOSG", "ROGUE SNR-8", "AOAD/M_B")
+    assert (file.interval_s, file.time_system, file.leap_seconds) == (30.0, "GPS", 13)
+    np.testing.assert_array_equal(file.position_ecef_m, [3899242.649, 396728.6934, 5015081.6508])
+    np.testing.assert_array_equal(file.antenna_delta_hen_m, [0.105, 0.0, 0.001])
+    assert [str(t) for t in seen.gpst] == [
+        "2005-04-02T00:00:00.000000000", "2005-04-02T00:00:29.996000000", "2005-04-02T00:00:59.999000000"
+    ]  # fmt: skip
+    g3 = column(seen, "G03")
+    np.testing.assert_array_equal(seen.pseudorange_m[:, g3], [2e7 + 1, 2e7 + 4, 2e7 + 6])
+    np.testing.assert_array_equal(seen.status[:, g3], [0, 3, 3])  # loss of lock, power failure
+    np.testing.assert_array_equal(seen.status[:, column(seen, "G12")], [0, 0, 1])
+    np.testing.assert_array_equal(seen.doppler_hz[0, g3], -1234.5)
+    np.testing.assert_array_equal(seen.cn0_dbhz[0, g3], 45.25)
+    assert column(seen, "R05", "G1") >= 0
+    assert any("events inside the data" in remark for remark in file.remarks)
+    assert np.isnan(seen.carrier_hz[column(seen, "R05", "G1")])
+
+
+def test_more_than_twelve_satellites_continue_on_the_next_line():
+    names = [f"G{n:02d}" for n in range(1, 28)]
+    body = [*epoch_2(0.0, names), *(text for k in range(27) for text in record_2(float(k)))]
+    seen = parsed([*HEADER_2, *body]).observations
+    l1 = [column(seen, name) for name in names]
+    np.testing.assert_array_equal(seen.pseudorange_m[0, l1], 2e7 + np.arange(27))
+
+
+def test_slips_told_by_an_event_record_are_told():
+    slips = [*epoch_2(30.0, ["G 3"], flag=6), *record_2(1.0)]
+    body = [*epoch_2(0.0, ["G 3"]), *record_2(0.0), *slips, *epoch_2(30.0, ["G 3"]), *record_2(1.0)]
+    seen = parsed([*HEADER_2, *body]).observations
+    np.testing.assert_array_equal(seen.status[:, column(seen, "G03")], [0, 3])
+
+
+def test_new_observation_types_inside_the_data_hold_from_there_on():
+    new = line("G    2 L1C C1C", "SYS / # / OBS TYPES")
+    swapped = "G05" + cell(1e8) + cell(2.1e7)
+    body = [*epoch_3(37.0, [sat_3("G05")]), ">                              4  1", new, *epoch_3(38.0, [swapped])]
+    seen = parsed([*HEADER_3, *body]).observations
+    np.testing.assert_array_equal(seen.pseudorange_m[:, column(seen, "G05")], [2e7, 2.1e7])
+    np.testing.assert_array_equal(seen.carrier_cyc[:, column(seen, "G05")], [1e8, 1e8])
+
+
+def test_a_file_that_begins_with_an_event_and_has_no_position_is_read():
+    body = ["> 2024 10 27 15 47 36.4427602  2  0", *epoch_3(37.9774381, [sat_3("G10"), sat_3("C 6"), sat_3("R02")])]
+    file = parsed([*HEADER_3, *body])
+    assert file.position_ecef_m is None
+    assert str(file.observations.gpst[0]) == "2024-10-27T15:47:37.977438100"
+    carriers = dict(zip((s.sat for s in file.observations.signals), file.observations.carrier_hz, strict=True))
+    assert carriers == {"G10": 1575.42e6, "C06": 1561.098e6, "R02": 1602e6 - 4 * 0.5625e6}
+
+
+@pytest.mark.parametrize(("system", "shift_s"), [("GPS", 0), ("GAL", 0), ("BDT", 14), ("GLO", 18)])
+def test_every_time_system_becomes_gps_time(system, shift_s):
+    header = [text.replace("     GPS", f"     {system}") for text in HEADER_3]
+    seen = parsed([*header, *epoch_3(37.0, [sat_3("G05")])]).observations
+    assert seen.gpst[0] == np.datetime64("2024-10-27T15:47:37", "ns") + np.timedelta64(shift_s, "s")
+
+
+def test_only_what_is_kept_is_there():
+    body = epoch_3(37.0, [sat_3("G05"), sat_3("C06")])
+    seen = parsed([*HEADER_3, *body], keep=lambda signal: signal.sat[0] == "C").observations
+    assert seen.signals == (SignalId("C06", "B1", "2I"),)
+
+
+def test_a_zero_is_no_measurement_and_odd_spellings_are_numbers():
+    odd = "G05" + f"{'0.000':>14}  " + f"{'12345.67':>14}  " + f"{'-.500':>14}  " + f"{'44':>14}"
+    seen = parsed([*HEADER_3, *epoch_3(37.0, [odd])]).observations
+    assert np.isnan(seen.pseudorange_m[0, 0])
+    assert (seen.carrier_cyc[0, 0], seen.doppler_hz[0, 0], seen.cn0_dbhz[0, 0]) == (12345.67, -0.5, 44.0)
+
+
+# --- damage
+
+
+def test_a_damaged_epoch_costs_that_epoch_and_is_told():
+    bodies = [[*epoch_2(float(t), ["G 3", "G12"]), *record_2(t), *record_2(t)] for t in range(5)]
+    del bodies[2][3]
+    file = parsed([*HEADER_2, *(text for body in bodies for text in body)])
+    np.testing.assert_array_equal(file.observations.elapsed_s, [0.0, 1.0, 3.0, 4.0])
+    assert any(remark.startswith("line 22: ") for remark in file.remarks)
+
+
+def test_a_number_cut_by_the_end_of_the_file_is_not_taken():
+    text = "\n".join([*HEADER_3, *epoch_3(37.0, [sat_3("G05")]), *epoch_3(38.0, [sat_3("G05")])])
+    end = text.rindex("20000000.000") + 5
+    seen = parse_obs(text[:end].encode()).observations
+    assert seen.gpst.size == 2
+    assert np.isnan(seen.pseudorange_m[1]).all()
+    assert seen.pseudorange_m[0, 0] == 2e7
+
+
+FILES = (
+    [*HEADER_2, *(t for k in range(4) for t in (*epoch_2(float(k), ["G 3", "G12"]), *record_2(k), *record_2(k)))],
+    [*HEADER_3, *(t for k in range(4) for t in epoch_3(40.0 + k, [sat_3("G05", k), sat_3("C06"), sat_3("R02")]))],
+)  # fmt: skip
+
+
+@settings(max_examples=250, deadline=None)
+@given(st.data())
+def test_no_damage_ends_in_anything_but_data_or_a_message(data):
+    text = bytearray("\n".join(data.draw(st.sampled_from(FILES))), "latin-1")
+    for _ in range(data.draw(st.integers(1, 6))):
+        at = data.draw(st.integers(0, max(len(text) - 1, 0)))
+        text[at : at + data.draw(st.integers(0, 90))] = data.draw(st.binary(max_size=4))
+    try:
+        file = parse_obs(bytes(text))
+    except InputError:
+        return
+    assert (np.diff(file.observations.elapsed_s) > 0).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 1), st.floats(0.0, 1.0))
+def test_a_cut_costs_only_what_is_cut(which, share):
+    whole = "\n".join(FILES[which]).encode() + b"\n"
+    header = whole.index(b"END OF HEADER") + 20
+    try:
+        seen = parse_obs(whole[: header + round(share * (len(whole) - header))]).observations
+    except InputError:
+        return
+    full = parse_obs(whole).observations
+    at = [full.signals.index(signal) for signal in seen.signals]
+    there = np.isfinite(seen.pseudorange_m)
+    expected = full.pseudorange_m[: len(seen.gpst), at]
+    np.testing.assert_array_equal(seen.pseudorange_m[there], expected[there])
+    np.testing.assert_array_equal(there[:-1], np.isfinite(expected)[:-1])
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "expected RINEX VERSION / TYPE"),
+        ("\n".join(FILES[1]).replace("     3.04", "     5.04").encode(), "RINEX version '5.04'"),
+        ("\n".join(FILES[1]).replace("OBSERVATION", "NAVIGATION ").encode(), "not observations"),
+        ("\n".join(HEADER_3[:-1]).encode(), "before END OF HEADER"),
+        ("\n".join(HEADER_3).encode(), "no observation after line 8"),
+        ("\n".join([HEADER_3[0], HEADER_3[-1]]).encode(), "no observation types"),
+    ],
+)
+def test_what_is_no_observation_file_is_told(content, words):
+    with pytest.raises(InputError, match=words):
+        parse_obs(content)
+
+
+# --- there and back
+
+
+def test_what_our_writer_writes_is_read_back(tmp_path):
+    rng = np.random.default_rng(3)
+    shape, ones = (20, 9), np.ones((20, 9))
+    signals = tuple(SignalId(f"G{n:02d}") for n in range(1, 10))
+    status = np.zeros(shape, np.uint8)
+    status[7, 3] = 3
+    written = Observations(
+        receiver="rx", signals=signals, elapsed_s=np.arange(20) * 0.5,
+        gpst=np.datetime64("2022-01-01T21:46:00.25", "ns") + np.arange(20) * np.timedelta64(500, "ms"),
+        pseudorange_m=rng.uniform(2e7, 2.6e7, shape), carrier_cyc=rng.uniform(-1e8, 1.4e8, shape),
+        doppler_hz=rng.uniform(-5e3, 5e3, shape), cn0_dbhz=rng.uniform(20.0, 55.0, shape), status=status,
+        pseudorange_sigma_m=ones, carrier_sigma_cyc=ones, doppler_sigma_hz=ones, found_elapsed_s=np.zeros(9),
+        missed_elapsed_s=np.full(9, np.nan),
+    )  # fmt: skip
+    write_obs(tmp_path / "a.obs", written, signals=signals, holds="authentic", marker="rx", version="1",
+              created_utc=datetime(2022, 1, 1, tzinfo=UTC))  # fmt: skip
+    back = read_obs(tmp_path / "a.obs").observations
+    assert back.signals == signals
+    np.testing.assert_array_equal(back.gpst, written.gpst)
+    np.testing.assert_array_equal(back.status, status)
+    for name in ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz"):
+        np.testing.assert_allclose(getattr(back, name), getattr(written, name), rtol=0, atol=5.01e-4, err_msg=name)
+    (tmp_path / "a.obs.gz").write_bytes(gzip.compress((tmp_path / "a.obs").read_bytes()))
+    np.testing.assert_array_equal(read_obs(tmp_path / "a.obs.gz").observations.pseudorange_m, back.pseudorange_m)
+
+
+# --- real files
+
+# Epochs, satellites in all, most at one epoch, by a plain count over the heads of the epochs (compact files expanded by
+# RNXCMP); the same as the README of the recordings, but for KMS3, which holds 19 of the 120 epochs its header tells.
+REAL = {
+    "rinex-variety/KOSG0010.95O": (3, 18, 8),
+    "rinex-variety/aopr0010.17o": (3, 19, 11),
+    "rinex-variety/barq071q.19o": (1, 15, 15),
+    "rinex-variety/rovn0010.21o": (6, 34, 25),
+    "rinex-variety/zegv0010.21o": (19, 24, 24),
+    "rinex-variety/AJAC3550.21O": (2, 26, 26),
+    "rinex-variety/DUTH0630.22O": (3, 20, 18),
+    "rinex-variety/ACOR00ESP_R_20213550000_01D_30S_MO.rnx": (25, 38, 38),
+    "rinex-variety/KMS300DNK_R_20221591000_01H_30S_MO.crx": (19, 51, 49),
+    "rinex-variety/GEOP092I.24o.gz": (599, 36, 34),
+    "rinex-variety/gps.23O.gz": (216, 6, 5),
+    "rinex-variety/gnss_log_2024_10_27_11_47_14.24o": (113, 25, 22),
+    "rinex-variety/gnss_log_2024_10_27_10_51_38.24o": (120, 25, 22),
+    "rinex-mosaic-1m/base.obs": (301, 57, 57),
+    "rinex-mosaic-1m/rover.obs": (301, 58, 57),
+    "rinex-mosaic-5km/3034265G.21O": (360, 18, 18),
+    "rinex-mosaic-5km/SEPT265G.21O": (360, 20, 20),
+    "rinex-gsi-3km/07590920.05o": (120, 11, 9),
+    "rinex-gsi-3km/30400920.05o": (120, 12, 10),
+}
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", REAL)
+def test_every_real_file_has_its_epochs_and_satellites(shared_data, name):
+    seen = read_obs(shared_data / "real" / name).observations
+    sats = sorted({signal.sat for signal in seen.signals})
+    there = np.array([(seen.status[:, [s.sat == sat for s in seen.signals]] != 1).any(axis=1) for sat in sats])
+    assert (seen.gpst.size, len(sats), int(there.sum(axis=0).max())) == REAL[name]
+    assert (np.isfinite(seen.pseudorange_m) <= np.isfinite(seen.pseudorange_sigma_m)).all()
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize(
+    ("compact", "plain"),
+    [("AJAC3550.21D", "AJAC3550.21O"), ("DUTH0630.22D", "DUTH0630.22O"), ("zegv0010.21d", "zegv0010.21o"),
+     ("ACOR00ESP_R_20213550000_01D_30S_MO.crx", "ACOR00ESP_R_20213550000_01D_30S_MO.rnx")],
+)  # fmt: skip
+def test_compact_files_hold_what_the_plain_ones_hold(shared_data, compact, plain):
+    a, b = (read_obs(shared_data / "real" / "rinex-variety" / name).observations for name in (compact, plain))
+    assert a.signals == b.signals
+    for name in ("gpst", "pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "status"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+
+
+@pytest.mark.shared_data
+@settings(max_examples=40, deadline=None)
+@given(st.data())
+def test_a_damaged_compact_file_ends_in_data_or_a_message(shared_data, data):
+    text = bytearray((shared_data / "real" / "rinex-variety" / "AJAC3550.21D").read_bytes())
+    for _ in range(data.draw(st.integers(1, 5))):
+        at = data.draw(st.integers(0, len(text) - 1))
+        text[at : at + data.draw(st.integers(0, 60))] = data.draw(st.binary(max_size=3))
+    try:
+        parse_obs(bytes(text))
+    except InputError:
+        return
+
+
+def test_compact_differences_of_every_order_and_a_fresh_start_are_summed():
+    header = [line("3.0                 COMPACT RINEX FORMAT", "CRINEX VERS   / TYPE"), line("x", "CRINEX PROG / DATE"),
+              *HEADER_3[:2], line("G    1 C1C", "SYS / # / OBS TYPES"), HEADER_3[5], HEADER_3[7]]  # fmt: skip
+    values = [20000000000, 20000000100, 20000000250, 20000000470, 20000000800]
+    told = ["3&20000000000", "100", "50", "20", "40", "3&20000000800"]
+    body = ["> 2024 10 27 15 47 40.0000000  0  1      G05", "", told[0]]
+    for k, number in enumerate(told[1:], start=1):
+        body += [" " * 20 + f"{k}", "", number]
+    lines = list(expanded([*header, *body]))
+    numbers = [round(1e3 * float(text[3:17])) for text in lines if text.startswith("G05")]
+    assert numbers == [*values, 20000000800]

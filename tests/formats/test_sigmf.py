@@ -1,0 +1,564 @@
+"""SigMF: every data type, channel and capture reads back, every fault is told, and an independent writer agrees."""
+
+import hashlib
+import json
+import tarfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from sigmf import SigMFFile, sigmffile, validate
+
+from skyproof.errors import InputError
+from skyproof.formats.layout import FITTING_BITS
+from skyproof.formats.raw import SampleLayout, open_raw, sidecar_text
+from skyproof.formats.sigmf import open_sigmf, sha512_remarks, sigmf_meta
+from skyproof.records import SampleGap
+
+NUMBERS = ("f32", "f64", "i32", "i16", "i8", "u32", "u16", "u8")
+DATATYPES = [
+    f"{kind}{number}{order}"
+    for kind in "cr" for number in NUMBERS for order in (("",) if "8" in number else ("_le", "_be"))
+]  # fmt: skip
+RATE_HZ = 4e6
+NO_TMP_PER_EXAMPLE = [HealthCheck.function_scoped_fixture]
+
+
+def stored_type(datatype):
+    order = ">" if datatype.endswith("_be") else "<"
+    return np.dtype(f"{order}{datatype[1]}{int(datatype[2:].split('_')[0]) // 8}")
+
+
+def numbers_of(datatype, shape, seed=1):
+    """Numbers over the whole range of the type, as stored."""
+    dtype, rng = stored_type(datatype), np.random.default_rng(seed)
+    if dtype.kind == "f":
+        return rng.normal(size=shape).astype(np.float32).astype(dtype)
+    limits = np.iinfo(dtype)
+    return rng.integers(limits.min, limits.max, shape, endpoint=True, dtype=dtype.newbyteorder("=")).astype(dtype)
+
+
+def planes_of(stored):
+    """What samples (n, numbers) mean, float32 of shape (2, n): the slow way, number by number."""
+    def value(number):
+        if stored.dtype.kind != "u":
+            return float(number)
+        return float(2 * int(number) - (2 ** (8 * stored.dtype.itemsize) - 1))
+
+    planes = np.zeros((2, len(stored)), np.float32)
+    for row, column in zip(planes, stored.T, strict=False):
+        row[:] = [value(number) for number in column]
+    return planes
+
+
+def meta_of(datatype="ci8", *, captures=None, annotations=(), **more):
+    """Metadata; keys of the global object by their names, skyproof__if_hz for skyproof:if_hz."""
+    keys = {(k.replace("__", ":") if "__" in k else f"core:{k}"): v for k, v in more.items()}
+    if datatype[0] == "r":
+        keys = {"skyproof:if_hz": 1e6} | keys
+    general = {"core:datatype": datatype, "core:sample_rate": RATE_HZ, "core:version": "1.2.0"} | keys
+    if captures is None:
+        captures = [{"core:sample_start": 0, "core:frequency": 1575.42e6}]
+    return {"global": general, "captures": captures, "annotations": list(annotations)}
+
+
+def write(folder, meta, octets, name="rec"):
+    path = Path(folder) / f"{name}.sigmf-meta"
+    path.write_text(meta if isinstance(meta, str) else json.dumps(meta), encoding="utf-8")
+    path.with_name(meta["global"].get("core:dataset", f"{name}.sigmf-data") if isinstance(meta, dict)
+                   else f"{name}.sigmf-data").write_bytes(octets)  # fmt: skip
+    return path
+
+
+def noise(n_samples, seed=1):
+    return np.random.default_rng(seed).normal(0.0, 20.0, (n_samples, 2)).round().clip(-127, 127).astype(np.int8)
+
+
+def attempt(path):
+    """The recordings, and what was said if they were refused."""
+    try:
+        return open_sigmf(path), ""
+    except InputError as error:
+        return (), str(error)
+
+
+def one(path):
+    (samples,) = open_sigmf(path)
+    return samples
+
+
+# --- what is read
+
+
+@pytest.mark.parametrize("datatype", DATATYPES)
+@settings(max_examples=15, deadline=None, suppress_health_check=NO_TMP_PER_EXAMPLE)
+@given(data=st.data())
+def test_every_data_type_with_channels_captures_and_headers_reads_back_from_any_place(tmp_path, datatype, data):
+    n_channels = data.draw(st.integers(1, 3))
+    lengths = data.draw(st.lists(st.integers(0, 5), min_size=1, max_size=4).filter(lambda n: sum(n) > 1))
+    headers = data.draw(st.lists(st.integers(0, 3), min_size=len(lengths), max_size=len(lengths)))
+    missing = data.draw(st.lists(st.integers(0, 2), min_size=len(lengths), max_size=len(lengths)))
+    trailing, offset = data.draw(st.integers(0, 4)), data.draw(st.integers(0, 9))
+    numbers = 2 if datatype[0] == "c" else 1
+    stored = numbers_of(datatype, (sum(lengths), n_channels, numbers), data.draw(st.integers(0, 99)))
+    starts = np.cumsum([0, *lengths])
+    octets = b"".join(
+        b"\xa5" * header + stored[start : start + n].tobytes()
+        for header, start, n in zip(headers, starts, lengths, strict=False)
+    ) + b"\x5a" * trailing  # fmt: skip
+    captures = [
+        {"core:sample_start": int(start) + offset, "core:header_bytes": header, "core:frequency": 1.5e9,
+         "core:global_index": int(start) + sum(missing[: number + 1])}
+        for number, (start, header) in enumerate(zip(starts, headers, strict=False))
+    ]  # fmt: skip
+    meta = meta_of(datatype, captures=captures, num_channels=n_channels, trailing_bytes=trailing, offset=offset,
+                   dataset="rec.dat")  # fmt: skip
+    opened = open_sigmf(write(tmp_path, meta, octets))
+    assert [s.name for s in opened] == (["rec"] if n_channels == 1 else [f"rec-{n + 1}" for n in range(n_channels)])
+    jumps = {}
+    for start, n in zip(starts[1:-1], missing[1:], strict=True):
+        if start > 0:
+            jumps[int(start)] = jumps.get(int(start), 0) + n
+    jumps = {start: n for start, n in jumps.items() if n and start < sum(lengths)}
+    for channel, samples in enumerate(opened):
+        expected = planes_of(stored[:, channel])
+        assert samples.n_samples == sum(lengths)
+        start, count = data.draw(st.integers(0, sum(lengths))), data.draw(st.integers(0, sum(lengths)))
+        np.testing.assert_array_equal(samples.read(start, count), expected[:, start : start + count])
+        np.testing.assert_array_equal(samples.read(0, sum(lengths)), expected)
+        assert {gap.at_sample: gap.missing_samples for gap in samples.gaps} == jumps
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=NO_TMP_PER_EXAMPLE)
+@given(data=st.data())
+def test_what_a_sidecar_says_metadata_of_sigmf_say_as_well(tmp_path, data):
+    encoding = data.draw(st.sampled_from(list(FITTING_BITS)))
+    kind = data.draw(st.sampled_from(["real", "complex"]))
+    flags = st.booleans() if kind == "complex" else st.just(False)
+    layout = SampleLayout(
+        rate_hz=RATE_HZ, kind=kind, encoding=encoding, bits=data.draw(st.sampled_from(FITTING_BITS[encoding])),
+        if_hz=data.draw(st.floats(-1e7, 1e7)), centre_hz=data.draw(st.floats(1e9, 2e9)),
+        bit_order=data.draw(st.sampled_from(["msb-first", "lsb-first"])),
+        byte_order=data.draw(st.sampled_from(["little", "big"])), header_bytes=data.draw(st.integers(0, 5)),
+        swap_iq=data.draw(flags), conjugate=data.draw(flags), antenna=data.draw(st.sampled_from(["1", "mast"])),
+        **data.draw(st.sampled_from([{}, {"start_gpst": "2022-01-01T21:45:58.123456789"}])),
+    )  # fmt: skip
+    octets = np.random.default_rng(data.draw(st.integers(0, 9))).bytes(960)
+    (tmp_path / "rec.bin").write_bytes(b"\xa5" * layout.header_bytes + octets)
+    (tmp_path / "rec.toml").write_text(sidecar_text(layout))
+    meta = sigmf_meta(layout)
+    validate.validate(meta)
+    raw, samples = open_raw(tmp_path / "rec.bin"), one(write(tmp_path, meta, (tmp_path / "rec.bin").read_bytes()))
+    np.testing.assert_array_equal(samples.read(0, 9999), raw.read(0, 9999))
+    for field in ("rate_hz", "n_samples", "centre_hz", "if_hz", "start_gpst", "antenna"):
+        assert getattr(samples, field) == getattr(raw, field)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=NO_TMP_PER_EXAMPLE)
+@given(data=st.data())
+def test_packed_channels_read_as_each_by_itself(tmp_path, data):
+    encoding = data.draw(st.sampled_from(["sign", "sign-magnitude", "offset-binary", "int"]))
+    layout = SampleLayout(
+        rate_hz=RATE_HZ, kind=data.draw(st.sampled_from(["real", "complex"])), encoding=encoding, if_hz=0.0,
+        bits=data.draw(st.sampled_from([b for b in FITTING_BITS[encoding] if b < 8])),
+        bit_order=data.draw(st.sampled_from(["msb-first", "lsb-first"])),
+    )  # fmt: skip
+    n_channels = data.draw(st.integers(2, 4))
+    octets = np.random.default_rng(data.draw(st.integers(0, 9))).bytes(240)
+    flat = one(write(tmp_path, sigmf_meta(layout), octets, "flat")).read(0, 9999)
+    for channel, samples in enumerate(open_sigmf(write(tmp_path, sigmf_meta(layout, n_channels=n_channels), octets))):
+        start = data.draw(st.integers(0, samples.n_samples))
+        np.testing.assert_array_equal(samples.read(start, 77), flat[:, channel::n_channels][:, start : start + 77])
+
+
+@pytest.mark.parametrize("datatype", DATATYPES)
+@pytest.mark.parametrize("n_channels", [1, 2])
+def test_the_package_sigmf_reads_the_same_samples(tmp_path, datatype, n_channels):
+    numbers = 2 if datatype[0] == "c" else 1
+    stored = numbers_of(datatype, (40, n_channels, numbers))
+    path = write(tmp_path, meta_of(datatype, num_channels=n_channels), stored.tobytes())
+    theirs = sigmffile.fromfile(str(path), autoscale=False)[:].reshape(40, n_channels)
+    for channel, samples in enumerate(open_sigmf(path)):
+        ours = samples.read(0, 40)
+        their = np.stack([theirs[:, channel].real, theirs[:, channel].imag]).astype(np.float64)
+        if datatype[1] == "u":
+            bits = 8 * stored.dtype.itemsize
+            their[:numbers] = 2.0 * their[:numbers] - (2.0**bits - 1.0)
+        tolerance = 2.0**10 if datatype[1:4] in ("u32", "i32") else 0.0  # theirs passes through float32 first
+        np.testing.assert_allclose(ours, their, atol=tolerance, rtol=0.0)
+
+
+def test_what_the_package_sigmf_writes_is_read(tmp_path):
+    stored = noise(1000)
+    stored.tofile(tmp_path / "theirs.sigmf-data")
+    meta = SigMFFile(data_file=str(tmp_path / "theirs.sigmf-data"), global_info={
+        "core:datatype": "ci8", "core:sample_rate": RATE_HZ, "core:author": "someone"})  # fmt: skip
+    meta.add_capture(0, {"core:frequency": 1575.42e6, "core:datetime": "2022-01-01T21:45:40.250Z"})
+    meta.add_annotation(100, 50, {"core:label": "tone"})
+    meta.tofile(str(tmp_path / "theirs"))
+    samples = one(tmp_path / "theirs.sigmf-meta")
+    np.testing.assert_array_equal(samples.read(0, 1000), planes_of(stored))
+    assert samples.start_gpst == np.datetime64("2022-01-01T21:45:58.250")
+    assert samples.remarks == ('1 annotation: "tone" at 0.000 s',)
+    meta.archive(str(tmp_path / "packed.sigmf"))
+    packed = one(tmp_path / "packed.sigmf")
+    np.testing.assert_array_equal(packed.read(0, 1000), planes_of(stored))
+    assert packed.path == str(tmp_path / "packed.sigmf")
+
+
+def test_the_record_tells_what_the_metadata_told(tmp_path):
+    captures = [{"core:sample_start": 0, "core:frequency": 1575e6, "skyproof:if_hz": 0.42e6,
+                 "core:datetime": "2016-12-31T23:59:60.5Z"}]  # fmt: skip
+    meta = meta_of(captures=captures, skyproof__antenna="mast")
+    samples = one(write(tmp_path, meta, noise(4000).tobytes(), "rx7"))
+    assert (samples.name, samples.format, samples.antenna) == ("rx7", "SigMF", "mast")
+    assert samples.path == str(tmp_path / "rx7.sigmf-data")
+    assert (samples.rate_hz, samples.centre_hz, samples.if_hz) == (4e6, 1575e6, 0.42e6)
+    assert samples.start_gpst == np.datetime64("2017-01-01T00:00:17.5")  # within the leap second
+    assert samples.remarks == ()
+    assert one(tmp_path / "rx7.sigmf-data").name == "rx7"
+
+
+@pytest.mark.parametrize(
+    ("text", "gpst"),
+    [
+        ("2022-01-01T21:45:40Z", "2022-01-01T21:45:58"),
+        ("2022-01-01T21:45:40.1234567891Z", "2022-01-01T21:45:58.123456789"),
+        ("2022-01-02T00:45:40+03:00", "2022-01-01T21:45:58"),
+        ("2005-06-01T00:00:00z", "2005-06-01T00:00:13"),
+    ],
+)
+def test_dates_are_utc_and_become_gps_time(tmp_path, text, gpst):
+    meta = meta_of(captures=[{"core:sample_start": 0, "core:frequency": 1.5e9, "core:datetime": text}])
+    assert one(write(tmp_path, meta, noise(100).tobytes())).start_gpst == np.datetime64(gpst)
+
+
+def test_a_clock_that_was_never_set_is_told_and_not_used(tmp_path):
+    captures = [{"core:sample_start": 0, "core:frequency": 1.5e9, "core:datetime": "1970-01-01T00:00:07Z"}]
+    samples = one(write(tmp_path, meta_of(captures=captures), noise(100).tobytes()))
+    assert samples.start_gpst is None
+    assert "clock was not set" in samples.remarks[0]
+
+
+def test_the_start_is_carried_back_from_the_capture_that_is_dated(tmp_path):
+    captures = [{"core:sample_start": 0, "core:frequency": 1.5e9},
+                {"core:sample_start": 400, "core:frequency": 1.5e9, "core:global_index": 2000400,
+                 "core:datetime": "2022-01-01T21:45:40Z"}]  # fmt: skip
+    samples = one(write(tmp_path, meta_of(captures=captures), noise(1000).tobytes()))
+    assert samples.gaps == (SampleGap(400, 2_000_000),)
+    assert samples.start_gpst == np.datetime64("2022-01-01T21:45:57.4999")
+    assert any("2000000 before sample 400" in remark for remark in samples.remarks)
+
+
+def test_dates_that_samples_contradict_are_told(tmp_path):
+    captures = [{"core:sample_start": start, "core:frequency": 1.5e9, "core:datetime": f"2022-01-01T00:00:{second}Z"}
+                for start, second in ((0, "00"), (400, "07"))]  # fmt: skip
+    samples = one(write(tmp_path, meta_of(captures=captures), noise(1000).tobytes()))
+    assert samples.gaps == ()
+    assert any("captures[1] is +7.000 s off" in remark for remark in samples.remarks)
+
+
+def test_a_count_that_goes_back_is_told_and_is_no_gap(tmp_path):
+    captures = [{"core:sample_start": 0, "core:frequency": 1.5e9, "core:global_index": 900},
+                {"core:sample_start": 400, "core:frequency": 1.5e9, "core:global_index": 1000}]  # fmt: skip
+    samples = one(write(tmp_path, meta_of(captures=captures), noise(1000).tobytes()))
+    assert samples.gaps == ()
+    assert any("goes back by 300 samples at captures[1]" in remark for remark in samples.remarks)
+
+
+def test_captures_of_another_tuning_are_another_recording(tmp_path):
+    stored = noise(900)
+    captures = [{"core:sample_start": 300 * n, "core:frequency": frequency_hz}
+                for n, frequency_hz in enumerate((1575.42e6, 1227.6e6, 1575.42e6))]  # fmt: skip
+    l1, l2 = open_sigmf(write(tmp_path, meta_of(captures=captures), stored.tobytes()))
+    assert (l1.name, l2.name) == ("rec-1575.42MHz", "rec-1227.6MHz")
+    assert (l1.centre_hz, l2.centre_hz) == (1575.42e6, 1227.6e6)
+    np.testing.assert_array_equal(l1.read(0, 999), planes_of(np.concatenate([stored[:300], stored[600:]])))
+    np.testing.assert_array_equal(l2.read(0, 999), planes_of(stored[300:600]))
+    assert (l1.gaps, l2.gaps) == ((SampleGap(300, 300),), ())
+    assert "the captures have 2 tunings: each is a recording of its own" in l1.remarks
+
+
+def test_an_inverted_spectrum_is_turned_back(tmp_path):
+    stored = noise(500)
+    plain = one(write(tmp_path, meta_of(), stored.tobytes())).read(0, 500)
+    turned = one(write(tmp_path, meta_of(skyproof__conjugate=True), stored.tobytes())).read(0, 500)
+    swapped = one(write(tmp_path, meta_of(skyproof__swap_iq=True), stored.tobytes())).read(0, 500)
+    np.testing.assert_array_equal(turned, plain * [[1], [-1]])
+    np.testing.assert_array_equal(swapped, plain[::-1])
+
+
+def test_samples_before_the_first_capture_are_read(tmp_path):
+    stored = noise(500)
+    captures = [{"core:sample_start": 100, "core:frequency": 1.5e9, "core:header_bytes": 4,
+                 "core:datetime": "2022-01-01T21:45:40Z"}]  # fmt: skip
+    octets = stored[:100].tobytes() + b"HEAD" + stored[100:].tobytes()
+    samples = one(write(tmp_path, meta_of(captures=captures), octets))
+    np.testing.assert_array_equal(samples.read(0, 999), planes_of(stored))
+    assert samples.start_gpst == np.datetime64("2022-01-01T21:45:57.999975")
+    assert samples.gaps == ()
+
+
+def test_no_capture_is_one_capture_on_l1_and_told(tmp_path):
+    samples = one(write(tmp_path, meta_of(captures=[]), noise(500).tobytes()))
+    assert samples.centre_hz == 1575.42e6
+    assert "no core:frequency is told" in samples.remarks[0]
+
+
+def test_annotations_are_counted_and_labels_told(tmp_path):
+    annotations = [{"core:sample_start": 4000 * n, "core:label": f"mark {n}"} for n in range(7)] + [{}, "damaged"]
+    (remark,) = one(write(tmp_path, meta_of(annotations=annotations), noise(5000).tobytes())).remarks
+    assert remark == '9 annotations: ' + ", ".join(f'"mark {n}" at 0.00{n} s' for n in range(5)) + ", and 2 more"
+
+
+def test_extensions_that_are_not_needed_are_passed_over(tmp_path):
+    extensions = [{"name": "antenna", "version": "1.0.0", "optional": True}]
+    meta = meta_of(extensions=extensions, antenna__model="patch")
+    assert one(write(tmp_path, meta, noise(5000).tobytes())).remarks == ()
+    samples = one(write(tmp_path, meta_of(cpre__offset=3), noise(5000).tobytes()))
+    assert "cpre:offset" in samples.remarks[0]
+    of_old = meta_of(extensions={"antenna": "0.9"}, antenna__model="patch")
+    assert one(write(tmp_path, of_old, noise(5000).tobytes())).remarks == ()
+
+
+def test_a_channel_that_never_changes_costs_itself_only(tmp_path):
+    stored = np.zeros((5000, 2, 2), np.int8)
+    stored[:, 1] = noise(5000)
+    (samples,) = open_sigmf(write(tmp_path, meta_of(num_channels=2), stored.tobytes()))
+    assert samples.name == "rec-2"
+    assert any("left out: rec-1" in remark and "all samples are zero" in remark for remark in samples.remarks)
+
+
+# --- the digest
+
+
+def test_a_digest_that_differs_is_told_and_one_that_agrees_is_not(tmp_path):
+    octets = noise(5000).tobytes()
+    right = hashlib.sha512(octets).hexdigest()
+    path = write(tmp_path, meta_of(sha512=right), octets)
+    assert one(path).remarks == ()
+    told = []
+    assert sha512_remarks(path, lambda done, size: told.append((done, size))) == ()
+    assert told == [(10_000, 10_000)]
+    path.with_suffix(".sigmf-data").write_bytes(octets[:-1] + b"\x00")
+    assert "not those that core:sha512 tells of" in one(path).remarks[0]
+    assert len(sha512_remarks(path)) == 1
+
+
+def test_long_data_are_not_digested_on_opening(tmp_path):
+    path = write(tmp_path, meta_of(sha512="0" * 128), noise(5000).tobytes())
+    with open(path.with_suffix(".sigmf-data"), "r+b") as file:
+        file.truncate(1 << 26)
+    assert not any("sha512" in remark for remark in one(path).remarks)
+
+
+# --- what is refused
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"core:datatype": "cf16_le"}, ['global.core:datatype = "cf16_le"', "ci8 or cf32_le"]),
+        ({"core:datatype": "ci16_leX"}, ["global.core:datatype"]),
+        ({"core:sample_rate": None}, ["global.core:sample_rate = null", "in hertz"]),
+        ({"core:sample_rate": 2.6}, ["global.core:sample_rate = 2.6", "in hertz"]),
+        ({"core:num_channels": 0}, ["global.core:num_channels = 0", "from 1 to 1024"]),
+        ({"core:num_channels": 2**62}, ["global.core:num_channels", "from 1 to 1024"]),
+        ({"core:trailing_bytes": -1}, ["global.core:trailing_bytes = -1", "zero or more"]),
+        ({"core:trailing_bytes": 9999}, ["hold no sample of 16 bits", "before 9999 trailing bytes"]),
+        ({"core:sha512": "12"}, ['global.core:sha512 = "12"', "128 hexadecimal digits"]),
+        ({"core:dataset": "../secret"}, ['global.core:dataset = "../secret"', "in the same folder"]),
+        ({"core:dataset": "gone.bin"}, ["gone.bin does not exist"]),
+        ({"core:extensions": [{"name": "vita49", "version": "1", "optional": False}]}, ["extension vita49"]),
+        ({"skyproof:if": 1.0}, ["global.skyproof:if is no known key", "did you mean skyproof:if_hz?"]),
+        ({"skyproof:encoding": "sign"}, ["skyproof:encoding and global.skyproof:bits go together"]),
+        ({"skyproof:encoding": "sign", "skyproof:bits": 2}, ["global.skyproof:bits = 2 does not go with"]),
+        ({"core:datatype": "ri8"}, ["captures[0].skyproof:if_hz is missing", "real samples need it"]),
+        ({"core:datatype": "ri8", "skyproof:if_hz": 0.0, "skyproof:conjugate": True}, ["need complex samples"]),
+        ({"core:datatype": "no", "core:num_channels": -1}, ["core:datatype", "core:num_channels"]),
+    ],
+    ids=lambda value: json.dumps(value)[:60],
+)
+def test_wrong_metadata_are_told_with_file_key_and_what_is_expected(tmp_path, change, words):
+    meta = meta_of()
+    path = write(tmp_path, meta, noise(100).tobytes())
+    meta["global"] |= change
+    path.write_text(json.dumps(meta))
+    with pytest.raises(InputError) as raised:
+        open_sigmf(path)
+    assert str(tmp_path) in str(raised.value)
+    assert "\n" not in str(raised.value)
+    for word in words:
+        assert word in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("captures", "words"),
+    [
+        ([{}], "captures[0].core:sample_start is missing"),
+        ([{"core:sample_start": 0, "core:frequency": 0}], "captures[0].core:frequency = 0"),
+        ([{"core:sample_start": 9}, {"core:sample_start": 3}], "captures stand in order"),
+        ([{"core:sample_start": 0, "core:datetime": "yesterday"}], 'captures[0].core:datetime = "yesterday"'),
+        ([{"core:sample_start": 0, "core:datetime": "2022-02-30T00:00:00Z"}], "expected UTC"),
+        ([{"core:sample_start": 0, "core:header_bytes": 2.5}], "captures[0].core:header_bytes = 2.5"),
+        ("none", 'captures = "none", expected a list of captures'),
+        ([{"core:sample_start": n, "core:frequency": 1e9 + n} for n in range(40)], "40 tunings, more than 32"),
+    ],
+)
+def test_wrong_captures_are_told_with_their_place(tmp_path, captures, words):
+    with pytest.raises(InputError) as raised:
+        open_sigmf(write(tmp_path, meta_of(captures=captures), noise(100).tobytes()))
+    assert words in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "not valid JSON"),
+        ("[]", "expected an object with global"),
+        ("{}", "global is missing"),
+        ('{"global": 3, "captures": []}', "global = 3, expected an object"),
+        ('{"global": {}, "captuses": []}', '"captuses" is no part of the metadata of SigMF; did you mean captures?'),
+        ("[" * 100_000, "nested too deep"),
+        ('{"global": ' + "9" * 5000 + "}", "not valid JSON"),
+    ],
+)
+def test_metadata_of_another_form_are_told(tmp_path, text, words):
+    with pytest.raises(InputError) as raised:
+        open_sigmf(write(tmp_path, text, noise(100).tobytes()))
+    assert str(tmp_path / "rec.sigmf-meta") in str(raised.value)
+    assert words in str(raised.value)
+
+
+def test_missing_files_are_told(tmp_path):
+    with pytest.raises(InputError, match=r"gone\.sigmf-meta does not exist"):
+        open_sigmf(tmp_path / "gone.sigmf-meta")
+    path = write(tmp_path, meta_of(), noise(100).tobytes())
+    path.unlink()
+    with pytest.raises(InputError, match=r"no .*rec\.sigmf-meta beside it"):
+        open_sigmf(tmp_path / "rec.sigmf-data")
+    path.write_text(json.dumps(meta_of(metadata_only=True)))
+    (tmp_path / "rec.sigmf-data").unlink()
+    with pytest.raises(InputError, match="metadata without samples"):
+        open_sigmf(path)
+    (tmp_path / "rec.sigmf-data").write_bytes(b"")
+    with pytest.raises(InputError, match="is empty"):
+        open_sigmf(path)
+
+
+def test_a_misspelt_key_that_would_move_the_samples_is_told(tmp_path):
+    captures = [{"core:sample_start": 0, "core:frequency": 1.5e9, "core:headr_bytes": 4}]
+    (remark,) = one(write(tmp_path, meta_of(captures=captures), noise(5000).tobytes())).remarks
+    assert remark == "captures[0].core:headr_bytes is no known key; did you mean core:header_bytes?"
+
+
+# --- damage
+
+CAPTURES = [
+    {"core:sample_start": 0, "core:header_bytes": 3, "core:frequency": 1575.42e6,
+     "core:datetime": "2022-01-01T00:00:00Z"},
+    {"core:sample_start": 60, "core:header_bytes": 5, "core:frequency": 1575.42e6, "core:global_index": 70},
+    {"core:sample_start": 90, "core:frequency": 1575.42e6},
+]  # fmt: skip
+
+
+@given(cut=st.integers(0, 3 + 5 + 100 * 8 - 1))
+@settings(max_examples=80, deadline=None, suppress_health_check=NO_TMP_PER_EXAMPLE)
+def test_data_cut_anywhere_lose_what_is_cut_and_say_so(tmp_path, cut):
+    stored = numbers_of("ci16_le", (100, 2, 2))
+    octets = b"\x01" * 3 + stored[:60].tobytes() + b"\x02" * 5 + stored[60:].tobytes()
+    meta = meta_of("ci16_le", captures=CAPTURES, num_channels=2)
+    path = write(tmp_path, meta, octets[:cut])
+    whole = sum(1 for n in range(100) if (n + 1) * 8 + (3 if n < 60 else 8) <= cut)
+    opened, refusal = attempt(path)
+    assert not refusal or whole < 2  # one sample never changes
+    for channel, samples in enumerate(opened):
+        np.testing.assert_array_equal(samples.read(0, 200), planes_of(stored[:whole, channel]))
+        told = any("cut" in remark for remark in samples.remarks)
+        assert told or cut == 3 + 5 + 8 * whole  # the last capture has no end of its own
+
+
+@given(place=st.integers(0, 10**6), bit=st.integers(0, 7))
+@settings(max_examples=400, deadline=None, suppress_health_check=NO_TMP_PER_EXAMPLE)
+def test_metadata_with_a_flipped_bit_are_refused_or_told_or_read_as_they_stand(tmp_path, place, bit):
+    stored = noise(100)
+    octets = b"\x01" * 3 + stored[:60].tobytes() + b"\x02" * 5 + stored[60:].tobytes()
+    meta = meta_of(captures=CAPTURES, sha512=hashlib.sha512(octets).hexdigest(), num_channels=1)
+    path = write(tmp_path, meta, octets)
+    right = one(path)
+    text = bytearray(path.read_bytes())
+    text[place % len(text)] ^= 1 << bit
+    path.write_bytes(text)
+    opened, refusal = attempt(path)
+    if refusal:
+        assert str(tmp_path) in refusal
+        assert "\n" not in refusal
+        return
+    told = opened[0].remarks != right.remarks or len(opened) > 1
+    differs = not np.array_equal(opened[0].read(0, 999), right.read(0, 999)) or any(
+        getattr(opened[0], field) != getattr(right, field)
+        for field in ("rate_hz", "centre_hz", "if_hz", "gaps", "start_gpst")
+    )
+    if differs and not told:  # then a value was changed to another one that can stand there; no key went unread
+        flipped = json.loads(text)
+        assert [list(c) for c in flipped["captures"]] == [list(c) for c in meta["captures"]]
+        assert set(flipped["global"]) == set(meta["global"])
+
+
+# --- archives
+
+
+def archive(path, members):
+    with tarfile.open(path, "w") as tar:
+        for member in members:
+            tar.add(member, arcname=f"{path.stem}/{member.name}")
+    return path
+
+
+def test_an_archive_is_read_where_it_lies(tmp_path):
+    paths = [write(tmp_path, meta_of(), noise(3000, seed).tobytes(), f"rx{seed}") for seed in (1, 2)]
+    packed = archive(tmp_path / "both.sigmf", [p for m in paths for p in (m.with_suffix(".sigmf-data"), m)])
+    opened = open_sigmf(packed)
+    assert [samples.name for samples in opened] == ["rx1", "rx2"]
+    for seed, samples in enumerate(opened, 1):
+        np.testing.assert_array_equal(samples.read(0, 9999), planes_of(noise(3000, seed)))
+
+
+def test_a_cut_archive_loses_what_is_cut_and_says_so(tmp_path):
+    path = write(tmp_path, meta_of(), noise(3000).tobytes())
+    packed = archive(tmp_path / "rec.sigmf", [path, path.with_suffix(".sigmf-data")])
+    octets = packed.read_bytes()
+    lengths = set()
+    for cut in range(100, octets.rindex(noise(3000)[-9:].tobytes()), 500):
+        packed.write_bytes(octets[:cut])
+        opened, refusal = attempt(packed)
+        assert opened or str(packed) in refusal
+        for samples in opened:
+            lengths.add(samples.n_samples)
+            assert any("cut" in remark for remark in samples.remarks)
+            np.testing.assert_array_equal(samples.read(0, 9999), planes_of(noise(3000))[:, : samples.n_samples])
+    assert len(lengths) > 5
+    assert max(lengths) < 3000
+
+
+def test_no_archive_is_told(tmp_path):
+    (tmp_path / "a.sigmf").write_bytes(b"no tar at all" * 100)
+    with pytest.raises(InputError, match="no archive of SigMF"):
+        open_sigmf(tmp_path / "a.sigmf")
+    other = tmp_path / "b.txt"
+    other.write_text("hello")
+    with pytest.raises(InputError, match=r"holds no \.sigmf-meta"):
+        open_sigmf(archive(tmp_path / "b.sigmf", [other]))
+
+
+# --- length
+
+
+def test_many_captures_without_a_byte_between_are_read_in_one_go(tmp_path):
+    captures = [{"core:sample_start": n, "core:frequency": 1.5e9} for n in range(0, 3000, 3)]
+    samples = one(write(tmp_path, meta_of(captures=captures), noise(3000).tobytes()))
+    np.testing.assert_array_equal(samples.read(0, 3000), planes_of(noise(3000)))
+    assert replace(samples, remarks=()).gaps == ()

@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+from skyproof.navigation.protection import protection_levels
+
+EYE = np.eye(3)
+
+
+def sky(rng, leading, k, clocks=1):
+    """Design matrices of random skies, east-north-up for ECEF, the satellites dealt out to the clocks in turn."""
+    azimuth, elevation = rng.uniform(0, 2 * np.pi, (*leading, k)), np.arcsin(rng.uniform(0.1, 1.0, (*leading, k)))
+    unit = np.stack(
+        (np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)), axis=-1
+    )
+    of = np.eye(clocks)[np.arange(k) % clocks]
+    return np.concatenate((-unit, np.broadcast_to(of, (*leading, k, clocks))), axis=-1)
+
+
+def estimates(design, misfit, sigma):
+    """Position errors of the weighted fit by NumPy's own solver."""
+    return np.einsum("...ij,...j->...i", np.linalg.pinv(design / sigma[..., None]), misfit / sigma)[..., :3]
+
+
+def most_harmful(design, sigma):
+    """The satellite whose bias moves the position farthest for what it adds to the residuals."""
+    scaled = design / sigma[..., None]
+    inverse = np.linalg.pinv(scaled)
+    redundancy = 1.0 - np.einsum("...ij,...ji->...i", scaled, inverse)
+    return np.argmax(np.linalg.norm(inverse[..., :3, :], axis=-2) / np.sqrt(redundancy), axis=-1), redundancy
+
+
+@pytest.mark.parametrize(("k", "clocks"), [(6, 1), (9, 1), (12, 2), (16, 3)])
+def test_alarms_without_a_fault_come_at_most_at_the_stated_rate_and_not_much_below(k, clocks):
+    rng = np.random.default_rng(k)
+    trials, rate = 20000, 0.01
+    design = sky(rng, (trials,), k, clocks)
+    sigma = rng.uniform(0.5, 3.0, (trials, k))
+    found = protection_levels(
+        design, sigma * rng.standard_normal(sigma.shape), sigma, EYE, false_alarm_probability=rate
+    )
+    alarms = int(found.alarm.sum())
+    assert stats.binomtest(alarms, trials, rate, alternative="greater").pvalue > 1e-3
+    assert alarms > 0.4 * rate * trials  # correlated residuals are why it is not all of it
+
+
+def test_with_one_redundant_satellite_the_alarm_comes_exactly_at_the_stated_rate():
+    rng = np.random.default_rng(1)
+    design, trials = sky(rng, (40000,), 5), 40000
+    found = protection_levels(
+        design, rng.standard_normal((trials, 5)), np.ones((trials, 5)), EYE, false_alarm_probability=0.02
+    )
+    assert stats.binomtest(int(found.alarm.sum()), trials, 0.02).pvalue > 1e-3
+
+
+def worst_count(k, clocks, biases_sigma, trials, risk, rng, scale=1.0):
+    """How many errors exceed `scale` levels without an alarm, for the worst bias of the most harmful satellite.
+
+    Biases in sigmas of the residual's own test, so that those near the threshold are among them everywhere.
+    """
+    design = sky(rng, (trials,), k, clocks)
+    sigma = rng.uniform(0.5, 3.0, (trials, k))
+    faulty, redundancy = most_harmful(design, sigma)
+    cell = np.arange(trials), faulty
+    worst = 0
+    for bias in biases_sigma:
+        misfit = sigma * rng.standard_normal(sigma.shape)
+        misfit[cell] += bias * sigma[cell] / np.sqrt(redundancy[cell])
+        found = protection_levels(design, misfit, sigma, EYE, integrity_risk=risk, false_alarm_probability=0.01)
+        error = estimates(design, misfit, sigma)
+        horizontal = np.hypot(error[:, 0], error[:, 1]) > scale * found.horizontal_m
+        vertical = np.abs(error[:, 2]) > scale * found.vertical_m
+        worst = max(worst, int((horizontal & ~found.alarm).sum()), int((vertical & ~found.alarm).sum()))
+    return worst
+
+
+@pytest.mark.parametrize(("k", "clocks"), [(6, 1), (9, 1), (14, 3)])
+def test_a_bias_of_any_size_on_one_satellite_leaves_the_level_without_alarm_at_most_at_the_stated_rate(k, clocks):
+    rng = np.random.default_rng(20 + k)
+    trials, risk = 6000, 0.01
+    worst = worst_count(k, clocks, (0.0, 1.0, 2.0, 3.0, 3.5, 4.0, 4.5, 5.0, 7.0, 30.0), trials, risk, rng)
+    assert stats.binomtest(worst, trials, risk, alternative="greater").pvalue > 1e-3
+
+
+def test_the_level_is_not_so_wide_that_it_says_nothing():
+    worst = worst_count(9, 1, (2.5, 3.0, 3.5), 6000, 0.01, np.random.default_rng(3), scale=0.6)
+    assert worst > 0.03 * 6000  # three fifths of it would be left more often than stated
+
+
+def test_an_uncontrolled_satellite_has_no_finite_level_unless_it_moves_nothing():
+    rng = np.random.default_rng(4)
+    design = sky(rng, (), 4)
+    four = protection_levels(design, np.zeros(4), np.ones(4), EYE)
+    assert np.isinf(four.horizontal_m)
+    assert np.isnan(four.statistic)
+    assert not four.alarm
+    alone = np.zeros((8, 5))  # seven of one clock, and one that is alone with its own
+    alone[:7, :4], alone[7, :3], alone[7, 4] = sky(rng, (), 7), [0.3, -0.4, -0.87], 1.0
+    assert np.isfinite(protection_levels(alone, np.zeros(8), np.ones(8), EYE).horizontal_m)
+    none = protection_levels(design, np.zeros(4), np.array([1.0, 1.0, 1.0, np.nan]), EYE)
+    assert np.isnan(none.horizontal_m)
+
+
+def test_levels_turn_with_the_axes_and_shrink_with_the_noise():
+    rng = np.random.default_rng(5)
+    design, misfit = sky(rng, (30,), 9), rng.standard_normal((30, 9))
+    plain = protection_levels(design, misfit, np.ones((30, 9)), EYE)
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    turned = design.copy()
+    turned[..., :3] = design[..., :3] @ turn  # columns are x' = turn.T x
+    again = protection_levels(turned, misfit, np.ones((30, 9)), turn)
+    np.testing.assert_allclose(again.horizontal_m, plain.horizontal_m, rtol=1e-8)
+    np.testing.assert_allclose(again.vertical_m, plain.vertical_m, rtol=1e-8)
+    half = protection_levels(design, misfit, np.full((30, 9), 0.5), EYE)
+    np.testing.assert_allclose(half.vertical_m, 0.5 * plain.vertical_m, rtol=1e-8)

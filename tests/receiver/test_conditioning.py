@@ -1,0 +1,274 @@
+"""The front end measured and mended: what is found, what it costs, what is left of it; and signals stay unharmed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal as filters
+from scipy import stats
+
+from skyproof.gnss.codes import ca_code
+from skyproof.receiver.conditioning import LOSS_LIMIT_DB, Conditioner, conditioned, measure_front_end
+from skyproof.records import Samples
+
+RATE_HZ = 4e6
+LINE_HZ = 212_345.6
+
+
+def recording(planes, *, if_hz=0.0, rate_hz=RATE_HZ) -> Samples:
+    planes = np.asarray(planes, np.float32)
+    return Samples(name="x", rate_hz=rate_hz, n_samples=planes.shape[1], if_hz=if_hz,
+                   read=lambda start, count: planes[:, start : start + count])  # fmt: skip
+
+
+def noise(n, seed=0):
+    return np.random.default_rng(seed).standard_normal((2, n)).astype(np.float32)
+
+
+def wave(n, frequency_hz, power_over_n0_dbhz, rate_hz=RATE_HZ):
+    """A line over noise of variance 1 in I and in Q."""
+    amplitude = np.sqrt(2.0 * 10.0 ** (power_over_n0_dbhz / 10.0) / rate_hz)
+    turn = amplitude * np.exp(2j * np.pi * np.mod(frequency_hz / rate_hz * np.arange(n), 1.0))
+    return np.stack([turn.real, turn.imag]).astype(np.float32)
+
+
+def replica(prn, n, *, delay_chips=0.0, doppler_hz=0.0, rate_hz=RATE_HZ):
+    time_s = np.arange(n) / rate_hz
+    chips = ca_code(prn)[np.floor(time_s * 1.023e6 - delay_chips).astype(int) % 1023]
+    return chips * np.exp(2j * np.pi * np.mod(doppler_hz * time_s, 1.0))
+
+
+def cn0_dbhz(planes, prn=7, doppler_hz=1234.0):
+    """C/N0 of an unmodulated signal at delay zero; the noise is that of other codes, Dopplers and delays."""
+    base = (planes[0] + 1j * planes[1]).astype(np.complex128)
+    n = base.size
+    carrier = abs(np.mean(base * np.conj(replica(prn, n, doppler_hz=doppler_hz)))) ** 2
+    others = []
+    for other in range(1, 33, 2):
+        product = base * np.conj(replica(other, n, delay_chips=31.0 * other, doppler_hz=311.0 * other - 5000.0))
+        others.append(np.mean(np.abs(product.reshape(-1, 4000).mean(axis=1)) ** 2))
+    return 10.0 * np.log10(carrier / (np.mean(others) * 1e-3))
+
+
+def sky(n, dbhz=45.0):
+    base = replica(7, n, doppler_hz=1234.0) * np.sqrt(2.0 * 10.0 ** (dbhz / 10.0) / RATE_HZ)
+    return noise(n) + np.stack([base.real, base.imag]).astype(np.float32)
+
+
+# Nothing to do
+
+
+def test_a_clean_front_end_is_left_alone_and_costs_nothing():
+    samples = recording(sky(400_000))
+    front = measure_front_end(samples)
+    assert not front.acts
+    assert front.remarks == ()
+    assert conditioned(samples, front) is samples
+    block = samples.read(0, 1000)
+    out, state = Conditioner(front).step(None, block)
+    assert out is block
+    assert state.position == 1000
+
+
+@pytest.mark.parametrize("kind", ["white", "filtered", "real", "two-bit"])
+def test_lines_are_seen_in_noise_as_seldom_as_stated(kind):
+    """Filtered noise gives fewer, for where the filter stops no line is looked for; white noise as many as stated."""
+    rng = np.random.default_rng(3)
+    trials, wanted = 150, 0.1
+    low_pass = filters.firwin(63, 0.5)
+    band_pass = filters.butter(4, [0.35, 0.75], "band", output="sos")
+    alarms = 0
+    for _ in range(trials):
+        planes = rng.standard_normal((2, 12_000))
+        if kind in ("filtered", "two-bit"):
+            planes = filters.lfilter(low_pass, 1.0, planes, axis=1)[:, 100:]
+        if kind == "two-bit":
+            planes = np.copysign(np.where(np.abs(planes) > planes.std(), 3.0, 1.0), planes)
+        if kind == "real":
+            planes = np.stack([filters.sosfilt(band_pass, planes[0]), np.zeros(planes.shape[1])])
+        samples = recording(planes, if_hz=1e6 if kind == "real" else 0.0)
+        alarms += bool(measure_front_end(samples, false_alarm_probability=wanted).lines)
+    low, high = stats.binom.interval(0.998, trials, wanted)
+    assert alarms <= high
+    assert alarms >= (low if kind == "white" else 1)
+
+
+# Lines
+
+
+@pytest.mark.parametrize("over_signal_db", [20.0, 35.0, 50.0])
+def test_a_line_costs_what_theory_says_and_is_notched(over_signal_db):
+    n = 400_000
+    clean = sky(n)
+    samples = recording(clean + wave(n, LINE_HZ, 45.0 + over_signal_db))
+    front = measure_front_end(samples)
+    (line,) = front.notched
+    assert line.frequency_hz == pytest.approx(LINE_HZ, abs=20.0)
+    assert line.jn0_dbhz == pytest.approx(45.0 + over_signal_db, abs=0.3)
+    power_over_n0 = 10.0 ** ((45.0 + over_signal_db) / 10.0)
+    theory_db = 10.0 * np.log10(1.0 + power_over_n0 * np.sinc(LINE_HZ / 1.023e6) ** 2 / 1.023e6)
+    assert line.loss_db == pytest.approx(theory_db, abs=0.3)
+    undisturbed_dbhz = cn0_dbhz(clean[:, 4000:-4000])
+    assert undisturbed_dbhz - cn0_dbhz(samples.read(0, n)) == pytest.approx(theory_db, abs=1.5)  # few codes, few lines
+    mended = conditioned(samples, front).read(4000, n - 8000)  # at the ends a notch is not settled
+    assert undisturbed_dbhz - cn0_dbhz(mended) < 0.15
+
+
+def test_a_line_that_does_not_hurt_is_told_and_left():
+    n = 800_000
+    samples = recording(noise(n) + wave(n, LINE_HZ, 38.0))
+    front = measure_front_end(samples)
+    (line,) = front.lines
+    assert line.frequency_hz == pytest.approx(LINE_HZ, abs=300.0)
+    assert line.loss_db < LOSS_LIMIT_DB
+    assert not front.acts
+    assert "left in" in front.remarks[0]
+
+
+def test_a_strong_line_outside_the_signals_band_is_left():
+    n = 400_000
+    front = measure_front_end(recording(noise(n) + wave(n, 1.023e6, 60.0)))  # a null of the code's spectrum
+    assert front.lines
+    assert not front.notched
+
+
+def test_a_line_in_real_samples_is_notched():
+    n, rate_hz = 1_200_000, 12e6
+    line = np.sqrt(4.0 * 10.0**7.0 / rate_hz) * np.cos(2.0 * np.pi * np.mod(3.1e6 / rate_hz * np.arange(n), 1.0))
+    still = noise(n) * [[1.0], [0.0]]
+    samples = recording(still + [line, 0.0 * line], if_hz=3e6, rate_hz=rate_hz)
+    front = measure_front_end(samples)
+    assert front.real
+    (found,) = front.notched
+    assert found.frequency_hz == pytest.approx(3.1e6, abs=60.0)
+    assert found.jn0_dbhz == pytest.approx(70.0, abs=0.3)
+    mended = conditioned(samples, front).read(50_000, 1_000_000)
+    assert not mended[1].any()
+    left = 2.0 * np.mean(mended[0] * np.exp(-2j * np.pi * np.mod(3.1e6 / rate_hz * np.arange(50_000, 1_050_000), 1.0)))
+    assert abs(left) < 0.01 * np.sqrt(4.0 * 10.0**7.0 / rate_hz)
+
+
+@pytest.mark.parametrize("line_hz", [3e3, -211_003.0, 511_500.0])
+@pytest.mark.parametrize("prn", [1, 22])
+def test_a_notch_biases_neither_code_nor_carrier(line_hz, prn):
+    n = 400_000
+    front = measure_front_end(recording(noise(n) + wave(n, line_hz, 75.0)))
+    assert len(front.notched) == 1
+    delay_chips, doppler_hz = 200.3, -2750.0
+    base = replica(prn, n, delay_chips=delay_chips, doppler_hz=doppler_hz)
+    mended = conditioned(recording(np.stack([base.real, base.imag])), front).read(40_000, 320_000)
+    mended = (mended[0] + 1j * mended[1]).astype(np.complex128)
+
+    def correlation(offset_chips, planes):
+        local = replica(prn, n, delay_chips=delay_chips + offset_chips, doppler_hz=doppler_hz)[40_000:360_000]
+        return np.mean(planes * np.conj(local))
+
+    plain = base[40_000:360_000]
+    spacing = 0.1
+    early, prompt, late = (correlation(offset, mended) for offset in (-spacing, 0.0, spacing))
+    reference = [correlation(offset, plain) for offset in (-spacing, 0.0, spacing)]
+
+    def error_chips(before, after):
+        return 0.5 * (1.0 - spacing) * (abs(after) - abs(before)) / (abs(after) + abs(before))
+
+    assert abs(error_chips(early, late) - error_chips(reference[0], reference[2])) * 293.0 < 0.05  # metres
+    assert abs(np.angle(prompt / reference[1])) / (2.0 * np.pi) < 1e-4
+    assert 20.0 * np.log10(abs(reference[1]) / abs(prompt)) < 0.3
+
+
+# DC and imbalance
+
+
+def test_dc_of_one_rms_is_measured_and_removed():
+    n = 400_000
+    clean = sky(n)
+    samples = recording(clean + np.array([[1.0], [0.0]], np.float32))
+    front = measure_front_end(samples)
+    assert front.removes_dc
+    assert front.dc_loss_db == pytest.approx(10.0 * np.log10(1.0 + 0.5 * RATE_HZ / 1.023e6), abs=0.1)
+    mended = conditioned(samples, front).read(0, n)
+    assert np.abs(mended.mean(axis=1)).max() < 0.01
+    assert cn0_dbhz(clean) - cn0_dbhz(mended) < 0.05
+
+
+def test_imbalance_of_a_decibel_and_five_degrees_is_measured_and_its_image_removed():
+    n = 800_000
+    clean = noise(n) + wave(n, LINE_HZ, 70.0)
+    gain, skew = 10.0 ** (1.0 / 20.0), np.radians(5.0)
+    # Q is what lies 85 degrees from I, and weaker by 1 dB
+    skewed = np.stack([gain * clean[0], np.cos(skew) * clean[1] + np.sin(skew) * clean[0]])
+    samples = recording(skewed)
+    front = measure_front_end(samples)
+    assert front.gain_imbalance_db == pytest.approx(1.0, abs=0.05)
+    assert front.phase_imbalance_deg == pytest.approx(5.0, abs=0.3)
+    assert front.image_db == pytest.approx(-22.8, abs=0.3)
+    assert front.balances
+    mended = conditioned(samples, replace(front, lines=())).read(0, n)
+
+    def power_at(frequency_hz, planes):
+        base = (planes[0] + 1j * planes[1]).astype(np.complex128)
+        return abs(np.mean(base * np.exp(-2j * np.pi * np.mod(frequency_hz / RATE_HZ * np.arange(n), 1.0)))) ** 2
+
+    assert 10.0 * np.log10(power_at(-LINE_HZ, skewed) / power_at(LINE_HZ, skewed)) == pytest.approx(-22.8, abs=0.3)
+    assert 10.0 * np.log10(power_at(-LINE_HZ, mended) / power_at(LINE_HZ, mended)) < -40.0
+
+
+# The rest of what is told
+
+
+def test_band_levels_and_clipping_are_told():
+    low_pass = filters.firwin(255, 0.5)  # of half the rate: -1 to 1 MHz
+    planes = filters.lfilter(low_pass, 1.0, noise(300_000), axis=1)[:, 300:]
+    front = measure_front_end(recording(np.clip(np.round(planes * 3.0), -3, 3)))
+    assert front.band_hz == pytest.approx((-1e6, 1e6), abs=30e3)
+    assert front.noise_bandwidth_hz == pytest.approx(2e6, rel=0.1)
+    assert front.levels.tolist() == [-3, -2, -1, 0, 1, 2, 3]
+    assert front.level_shares.sum() == pytest.approx(1.0)
+    assert front.extreme_share == pytest.approx(front.level_shares[0] + front.level_shares[-1])
+
+
+def test_too_few_samples_are_refused():
+    with pytest.raises(ValueError, match="at least 1024"):
+        measure_front_end(recording(noise(1000)))
+
+
+# Pieces
+
+
+HURT = sky(30_000) + wave(30_000, LINE_HZ, 80.0) + wave(30_000, -150e3, 75.0) + np.float32(0.5)
+FRONT = measure_front_end(recording(HURT))
+
+
+@settings(max_examples=25, deadline=None)
+@given(cuts=st.lists(st.integers(0, HURT.shape[1]), max_size=6))
+def test_pieces_give_bit_by_bit_what_the_whole_gives(cuts):
+    conditioner = Conditioner(FRONT)
+    whole, _ = conditioner.step(None, HURT)
+    state, pieces = None, []
+    for begin, end in zip([0, *sorted(cuts)], [*sorted(cuts), HURT.shape[1]], strict=True):
+        piece, state = conditioner.step(state, HURT[:, begin:end])
+        pieces.append(piece)
+    np.testing.assert_array_equal(np.concatenate(pieces, axis=1), whole)
+
+
+def test_a_step_changes_neither_its_state_nor_its_block():
+    conditioner = Conditioner(FRONT)
+    _, state = conditioner.step(None, HURT[:, :5000])
+    block = HURT[:, 5000:9000].copy()
+    first, _ = conditioner.step(state, block)
+    again, _ = conditioner.step(state, block)
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(block, HURT[:, 5000:9000])
+
+
+@pytest.mark.parametrize(("start", "count"), [(0, 3000), (12_345, 777), (29_000, 5000), (30_000, 10)])
+def test_a_stretch_read_is_that_of_the_whole_at_its_own_time(start, count):
+    mended = conditioned(recording(HURT), FRONT)
+    whole = mended.read(0, HURT.shape[1])
+    assert whole.shape == HURT.shape
+    np.testing.assert_allclose(mended.read(start, count), whole[:, start : start + count], rtol=0.0, atol=1e-5)
+    late = Conditioner(FRONT).delay_samples
+    stepped, _ = Conditioner(FRONT).step(None, HURT)
+    np.testing.assert_allclose(whole[:, : HURT.shape[1] - late], stepped[:, late:], rtol=0.0, atol=1e-5)
