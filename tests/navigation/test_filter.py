@@ -115,6 +115,25 @@ def test_at_rest_the_filter_is_better_than_the_fix_and_stands_still(sky):
     assert np.linalg.norm(np.diff(found.fix.position_ecef_m[60:], axis=0), axis=1).max() < 0.3
 
 
+def test_the_carrier_is_as_early_as_the_code_is_late(sky):
+    # Over an hour the model's ionosphere changes by metres; ambiguities that may not walk must not notice.
+    seen, nav, place = clean(sky, n=60, noise_m=0.0, sats=7, step_s=60.0, start=sky.START - np.timedelta64(30, "m"))
+    fixed = replace(STATIC, ambiguity_m2_s=1e-9, elevation_mask_deg=0.0)
+    found, _ = step(None, replace(seen, doppler_hz=np.full_like(seen.doppler_hz, np.nan)), nav, settings=fixed)
+    assert not found.slipped.any()
+    assert np.linalg.norm(found.fix.position_ecef_m - place, axis=1).max() < 0.02
+
+
+def test_errors_that_stay_are_not_averaged_away_without_a_carrier(sky):
+    seen, nav, _ = clean(sky, n=60)
+    code_only = replace(
+        seen, carrier_cyc=np.full_like(seen.carrier_cyc, np.nan), doppler_hz=np.full_like(seen.doppler_hz, np.nan)
+    )
+    found, _ = step(None, code_only, nav, settings=STATIC)
+    sigma = np.sqrt(np.trace(found.fix.covariance_m2[:, :3, :3], axis1=1, axis2=2))
+    assert sigma[-1] > 0.7 * sigma[0]  # a tenth of the time after which they are others
+
+
 def test_a_moving_receiver_has_its_path_and_velocity(sky):
     nav, place = sky.navigation(), sky.place(48.0, 11.0, 200.0)
     angle = np.arange(90) * 0.1

@@ -92,6 +92,17 @@ def test_without_parameters_the_ionosphere_is_uncertain_by_as_much_as_is_taken(s
     np.testing.assert_allclose(delays.delay_m - delays.sigma_m, troposphere_delay_m(np.radians(45.0), 0.0, np.pi / 2))
 
 
+def test_the_ionosphere_goes_with_the_inverse_square_of_the_carrier(sky):
+    nav, position = sky.navigation(), sky.place(45.0, 5.0, 300.0)
+    satellite = np.stack([sky.moved(position, x, 0.0, 2e7) for x in (0.0, 1e7)])
+    one = atmosphere(position, satellite, np.float64(43200.0), nav.ionosphere)
+    carrier_hz = np.array([1575.42e6, 1575.42e6 / 2.0])
+    two = atmosphere(position, satellite, np.float64(43200.0), nav.ionosphere, carrier_hz=carrier_hz)
+    np.testing.assert_allclose(two.ionosphere_m / one.ionosphere_m, [1.0, 4.0])
+    np.testing.assert_allclose(two.sigma_m / one.sigma_m, [1.0, 4.0])
+    np.testing.assert_allclose(two.delay_m - one.delay_m, [0.0, 3.0 * one.ionosphere_m[1]], atol=1e-9)
+
+
 def test_strange_places_have_finite_delays(sky):
     nav = sky.navigation()
     satellite = np.array([[2.6e7, 0.0, 0.0], [-2.6e7, 1e6, 0.0]])  # overhead and under the feet

@@ -506,11 +506,11 @@ class _Problem:
         modelled[self.carriers] -= 2.0 * self.view.ionosphere_m[carried]
         return self.measured - modelled, design
 
-    def _shift(self, entry: int, by_m: float) -> None:
+    def _shift(self, entry: int, by_m: float, sigma: float = _OPEN_M) -> None:
         """Make one entry of the state unknown, and move it so that it fits."""
         self.mean[entry] += by_m
         self.covariance[entry, :] = self.covariance[:, entry] = 0.0
-        self.covariance[entry, entry] = _OPEN_M**2
+        self.covariance[entry, entry] = sigma**2
         self.innovation = self.innovation - self.design[:, entry] * by_m
 
     def _begin_scales(self) -> None:
@@ -524,7 +524,15 @@ class _Problem:
     def _follow_clock(self) -> None:
         """When all codes jump alike, the receiver has moved its clock; its carriers may or may not have followed."""
         jump_m = float(np.median(self.innovation[self.codes]))
-        if abs(jump_m) > max(_JUMP_M, 10.0 * float(np.sqrt(self.covariance[_CLOCK, _CLOCK]))):
+        variance_m2 = self.covariance[_CLOCK, _CLOCK]
+        if variance_m2 > _JUMP_M**2:
+            # The drift is still unknown, or the gap was long: begin where the codes say. So large a variance beside the
+            # carrier's millimetres would leave no digits.
+            drift_m_s = float(self.covariance[_DRIFT, _CLOCK] / variance_m2) * jump_m
+            self._shift(_CLOCK, jump_m)
+            self._shift(_DRIFT, drift_m_s, sigma=_OPEN_M_S)
+            self.begun += 1
+        elif abs(jump_m) > max(_JUMP_M, 10.0 * float(np.sqrt(variance_m2))):
             self._shift(_CLOCK, jump_m)
             self.state = replace(self.state, carried=np.full_like(self.state.carried, np.datetime64("NaT")))
             self.begun += 1

@@ -8,7 +8,7 @@ Statistical Modeling of Extreme Values, 4.2, with shape zero). What was seen up 
 carried to the few in 10^11 of a threshold for the whole search.
 
 Counted: it holds on white and coloured noise, on lines, and beside strong signals that are known and taken out. It does
-not hold under strong signals that are neither known nor looked for, and is worst for Dopplers whole kilohertz off, where
+not hold under strong signals that are neither known nor looked for. Worst are Dopplers whole kilohertz off, where
 false alarms at 0.001 came 19 times too often: one tail for all Dopplers is too thin for those that such signals reach.
 """
 

@@ -21,7 +21,7 @@ FORGET_S = 30.0
 GAP_VOTES = 3
 """So many signals that come back with one common shift of delay say that samples are missing."""
 
-Began = Literal["found", "found again", "pulled away"]
+Began = Literal["found", "found again", "pulled away", "after a gap"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,7 +68,7 @@ class LostSignal:
 
 @dataclass(frozen=True, kw_only=True)
 class Gap:
-    """Samples that are missing: all signals came back with their code shifted alike.
+    """Samples that are missing: the carriers of all signals jumped at once, or they came back with one shift of code.
 
     shift_s : of the code's delay, modulo a code period; that many seconds less are missing, modulo the same.
     """

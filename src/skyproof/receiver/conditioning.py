@@ -292,8 +292,7 @@ def _fft_length(stretch: int, n_samples: int) -> int:
 
 def _window(n_fft: int) -> Reals:
     # side lobes of -92 dB: a line 60 dB above the floor is nine bins and no more
-    window: Reals = signal.get_window("blackmanharris", n_fft)
-    return window
+    return np.asarray(signal.get_window("blackmanharris", n_fft), np.float64)
 
 
 def _noise_bins(n_fft: int) -> float:

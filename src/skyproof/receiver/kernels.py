@@ -70,6 +70,9 @@ def _steer(
     duration_s = state[SUM_SAMPLES] / rate_hz
     i_early, q_early, i_prompt, q_prompt, i_late, q_late = state[SUM_TAPS : SUM_TAPS + 6]
     power = i_prompt * i_prompt + q_prompt * q_prompt
+    if power <= 0.0:  # samples of zero, where some are missing: the loops go on as they were
+        state[SUM_PERIODS : SUM_TAPS + 6] = 0.0
+        return
     noise = state[SUM_SAMPLES] * sample_power
     if state[POWER] <= 0.0:
         state[POWER] = power / periods**2

@@ -7,6 +7,7 @@ squaring loss remains; the discriminators are ratios of sums over the whole bloc
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -27,7 +28,8 @@ CODE_SIGMA_S = 5
 CARRIER_SIGMA_CYC = 6
 DOPPLER_SIGMA_HZ = 7
 SLIP = 8  # 1 if the carrier slipped, or may have, since the block before
-N_COLUMNS = 9
+JUMP = 9  # largest step of the carrier's phase from group to group, over its sigma
+N_COLUMNS = 10
 
 UNSYNCHRONISED_PERIODS = 10  # a group, while it is not known where bits begin
 SLIP_SUSPECTED_CYC = 0.2  # a change of the residual between two groups that may hide a slip of half a cycle
@@ -56,8 +58,18 @@ class Measurements:
         return self.table[:, index]
 
     @staticmethod
-    def joined(parts: "list[Measurements]") -> "Measurements":
-        """All parts as one; at least one part."""
+    def nothing(n_taps: int = 0) -> "Measurements":
+        """No row."""
+        return Measurements(
+            elapsed_s=np.empty(0), arc=np.empty(0, np.int64), table=np.empty((0, N_COLUMNS)),
+            taps=np.empty((0, n_taps), np.complex64),
+        )  # fmt: skip
+
+    @staticmethod
+    def joined(parts: Sequence["Measurements"]) -> "Measurements":
+        """The rows of all parts, in their order."""
+        if not parts:
+            return Measurements.nothing()
         return Measurements(
             elapsed_s=np.concatenate([p.elapsed_s for p in parts]),
             arc=np.concatenate([p.arc for p in parts]),
@@ -155,7 +167,7 @@ def _measure_channel(
     if synchronised:
         squares = sums * sums
 
-    residual_cyc, slipped = _unwrapped(state, squares)
+    residual_cyc, slipped, step_cyc = _unwrapped(state, squares)
     fit, variance = _parabola(middle_s, loop_cyc + residual_cyc, weight)
 
     # Rotations that leave the signal on the real axis, bits wiped off.
@@ -194,6 +206,7 @@ def _measure_channel(
     result[CARRIER_SIGMA_CYC] = math.sqrt(variance[0] * period_variance)
     result[DOPPLER_SIGMA_HZ] = math.sqrt(variance[1] * period_variance)
     result[SLIP] = 1.0 if slipped else 0.0
+    result[JUMP] = step_cyc / math.sqrt(2.0 * period_variance * n_groups / n)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -209,15 +222,18 @@ def _groups(periods: NDArray[np.float64], bit_start: float, periods_per_bit: int
 
 
 @numba.njit(cache=True, nogil=True)
-def _unwrapped(state: NDArray[np.float64], squares: NDArray[np.complex128]) -> tuple[NDArray[np.float64], bool]:
-    """Phase of the signal less the loop's in each group, cycles, continued from the block before; whether it slipped.
+def _unwrapped(
+    state: NDArray[np.float64], squares: NDArray[np.complex128]
+) -> tuple[NDArray[np.float64], bool, float]:
+    """Phase of the signal less the loop's in each group, cycles, continued from the block before; whether it slipped;
+    the largest step between groups.
 
     A bit turns the phase by half a cycle and squaring hides that, so the residual is known modulo half a cycle. The
     loop holds it near a multiple of that; when it moves to another one, the loop has slipped.
     """
     before, offset = state[k.RESIDUAL], state[k.HALF_CYCLES]
     began = offset
-    suspected = False
+    largest = 0.0
     residual = np.empty(squares.size)
     for g in range(squares.size):
         wrapped = 0.25 * math.atan2(squares[g].imag, squares[g].real) / math.pi
@@ -226,12 +242,11 @@ def _unwrapped(state: NDArray[np.float64], squares: NDArray[np.complex128]) -> t
         step = wrapped + 0.5 * offset - before
         turns = math.floor(2.0 * step + 0.5)
         offset -= turns
-        if abs(step - 0.5 * turns) > SLIP_SUSPECTED_CYC:
-            suspected = True
+        largest = max(largest, abs(step - 0.5 * turns))
         before = wrapped + 0.5 * offset
         residual[g] = before
     state[k.RESIDUAL], state[k.HALF_CYCLES] = before, offset
-    return residual, suspected or offset != began
+    return residual, largest > SLIP_SUSPECTED_CYC or offset != began, largest
 
 
 @numba.njit(cache=True, nogil=True)

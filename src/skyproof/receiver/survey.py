@@ -426,7 +426,7 @@ def _smaller_jumps(
         if not scores:
             break
         best = max(scores, key=lambda k: abs(scores[k]))
-        if abs(scores[best]) <= limit or significance(best, 1) * math.copysign(1.0, scores[best]) <= 3.0:
+        if abs(scores[best]) <= limit or significance(best, 1) * math.copysign(1.0, scores[best]) <= 0.5 * limit:
             break
         used = without(best)
         breaks = sorted([*breaks, best])

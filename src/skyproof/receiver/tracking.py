@@ -16,7 +16,18 @@ from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver import telemetry as tm
 from skyproof.receiver.acquisition import KnownSignal, Peak, Searcher, SearchSettings
-from skyproof.receiver.channels import FORGET_S, Arc, Channel, Gap, LostSignal, Place, arc_of, continued, letter
+from skyproof.receiver.channels import (
+    FORGET_S,
+    GAP_VOTES,
+    Arc,
+    Channel,
+    Gap,
+    LostSignal,
+    Place,
+    arc_of,
+    continued,
+    letter,
+)  # fmt: skip
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
 from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.lock import lock_threshold, lock_value
@@ -28,8 +39,12 @@ Reals = NDArray[np.float64]
 MEASURE_FRAMES = 2
 TELEMETRY_FRAMES = 5
 LOCK_FRAMES = 5
+JUMP_SIGMAS = 6.0
 DOPPLER_BIN_HZ = 500.0
 """How finely it is remembered where was searched last."""
+
+SEARCH = SearchSettings(coherent_periods=1, n_sums=20)
+NEAR_SEARCH = SearchSettings(coherent_periods=4, n_sums=5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +69,7 @@ class ReceiverSettings:
     confirm_s : after that time a channel must be locked or is dropped.
     false_hold_probability : that noise passes for a locked signal in one look at the last half second.
     near_search_s, full_search_s : how often further signals are looked for near the Doppler of tracked and lost ones,
-        and of every satellite at every Doppler (a share of them at a time).
+        and of every satellite at every Doppler.
     pulled_chips : by as much code and carrier may part before a channel counts as pulled away from its signal.
     """
 
@@ -78,11 +93,11 @@ class ReceiverSettings:
     merge_chips: float = 0.5
     pulled_chips: float = 0.1
     near_search_s: float = 0.5
-    full_search_s: float = 5.0
+    full_search_s: float = 10.0
     doppler_max_hz: float = 7000.0
-    near_doppler_hz: float = 1000.0
-    search: SearchSettings = field(default_factory=SearchSettings)
-    near_search: SearchSettings = field(default_factory=SearchSettings)
+    near_doppler_hz: float = 250.0
+    search: SearchSettings = SEARCH
+    near_search: SearchSettings = NEAR_SEARCH
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,7 +162,7 @@ class Receiver:
     def step(self, state: ReceiverState, samples: NDArray[np.float32]) -> tuple[StepOutput, ReceiverState]:
         """Work on all frames that are complete with these samples, shape (2, n), which follow on those before."""
         state = replace(state, tail=np.concatenate([state.tail, samples], axis=1))
-        measured = [self._nothing_measured()]
+        measured = [Measurements.nothing(self.n_taps)]
         arcs: dict[int, Arc] = {}
         gaps: list[Gap] = []
         while self.frame_start(state.frame + 1) <= state.tail_start + state.tail.shape[1]:
@@ -166,7 +181,7 @@ class Receiver:
         state = self._advance(state, begin, end)
         state = self._check_locks(state, end)
         if state.frame > 0 and state.frame % MEASURE_FRAMES == 0:
-            state = self._measure(state, before, measured, arcs)
+            state = self._measure(state, before, measured, arcs, gaps)
         state = self._steer_slowly(self._read_messages(state))
         state = self._confirm(state, gaps)
         state = self._drop(state, end, arcs)
@@ -194,17 +209,14 @@ class Receiver:
         return state
 
     def _everywhere(self, frame: int) -> dict[str, Reals]:
-        """Every Doppler of the satellites whose turn it is: all of them first, then a share each second."""
+        """Every Doppler of every satellite, when it is time."""
         settings = self.settings
-        frames = round(1.0 / settings.frame_s)
-        shares = max(round(settings.full_search_s), 1)
-        if frame % frames:
+        if frame % round(settings.full_search_s / settings.frame_s):
             return {}
-        share = (frame // frames) % shares
-        sats = settings.sats if frame == 0 else settings.sats[share::shares]
-        n = int(settings.doppler_max_hz // settings.search.doppler_step_hz)
-        grid = np.arange(-n, n + 1, dtype=np.float64) * settings.search.doppler_step_hz
-        return {sat: grid for sat in sats}
+        step_hz = settings.search.doppler_step_hz
+        n = int(settings.doppler_max_hz // step_hz)
+        grid = np.arange(-n, n + 1, dtype=np.float64) * step_hz
+        return {sat: grid for sat in settings.sats}
 
     def _nearby(self, state: ReceiverState, now_s: float) -> dict[str, Reals]:
         """Dopplers near those of tracked signals, and of those lost a moment ago."""
@@ -328,7 +340,7 @@ class Receiver:
 
     def _measure(
         self, state: ReceiverState, before: tuple[Reals, NDArray[np.int64]], measured: list[Measurements],
-        arcs: dict[int, Arc],
+        arcs: dict[int, Arc], gaps: list[Gap],
     ) -> ReceiverState:  # fmt: skip
         """A row of measurements for each confirmed channel that holds its signal, at the start of the frame."""
         settings = self.settings
@@ -349,7 +361,12 @@ class Receiver:
         # Telling fast what the strength is matters while it is not known; later, what it is on average.
         share = np.where(np.isfinite(loops[:, k.CODE_MINUS_CARRIER]), 0.2, 1.0)
         loops[good, k.CN0_DBHZ] += (share * (table[:, m.CN0_DBHZ] - loops[:, k.CN0_DBHZ]))[good]
-        state = self._mind_pulls(replace(state, loops=loops), table, good, elapsed_s, arcs)
+        state = replace(state, loops=loops)
+        jumped = good & (table[:, m.JUMP] > JUMP_SIGMAS)
+        if jumped.sum() >= GAP_VOTES and jumped.sum() > 0.7 * good.sum():
+            gaps.append(Gap(elapsed_s=elapsed_s, shift_s=0.0, signals=int(jumped.sum())))
+            return self._forget_time(state, arcs)
+        state = self._mind_pulls(state, table, good, elapsed_s, arcs)
         good &= np.array([c.copy is not None for c in state.channels])
         numbers = np.array([c.arc for c in state.channels], np.int64)
         measured.append(
@@ -359,11 +376,24 @@ class Receiver:
         )
         return state
 
-    def _nothing_measured(self) -> Measurements:
-        return Measurements(
-            elapsed_s=np.empty(0), arc=np.empty(0, np.int64), table=np.empty((0, m.N_COLUMNS)),
-            taps=np.empty((0, self.n_taps), np.complex64),
-        )  # fmt: skip
+    def _forget_time(self, state: ReceiverState, arcs: dict[int, Arc]) -> ReceiverState:
+        """New arcs for all channels, with bits and time of week to be found anew.
+
+        Samples that are missing shift both by the same unknown time; if whole code periods are missing nothing but the
+        phases of the carriers shows it. If none are missing after all, nothing is lost: an arc's time, once read, holds
+        from its beginning.
+        """
+        channels, loops = list(state.channels), state.loops.copy()
+        loops[:, k.BIT_START] = -1.0
+        loops[:, [k.RESIDUAL, k.CODE_MINUS_CARRIER]] = np.nan
+        number = state.next_arc
+        for i, channel in enumerate(channels):
+            if channel.copy is not None:
+                arcs[channel.arc] = arc_of(channel, self.signal)
+                channel = replace(channel, arc=number, began="after a gap")
+                number += 1
+            channels[i] = replace(channel, telemetry=tm.Telemetry())
+        return replace(state, channels=tuple(channels), loops=loops, next_arc=number)
 
     def _mind_pulls(
         self, state: ReceiverState, table: Reals, good: NDArray[np.bool_], elapsed_s: float, arcs: dict[int, Arc]
