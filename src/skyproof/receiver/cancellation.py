@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 import numba
 import numpy as np
@@ -24,7 +24,9 @@ __all__ = ["KnownSignal", "Measured", "measure", "noise_of", "remove"]
 
 Floats = NDArray[np.float32]
 
-CHUNK: Final = 256
+CHUNK: Final = 512
+FRACTIONS: Final = 64
+"""Fractions of a sample at which the code that is taken out is tabled: at 2.6 Msps 0.3 % of the power stays, at edges."""
 _FAST: Final = {"reassoc", "contract", "nsz"}
 
 
@@ -59,8 +61,11 @@ def remove(
     power = np.zeros((rounds, len(known)))
     for turn in range(rounds):
         for number, (sat, one) in enumerate(known):
+            chip, chip_step, cycle_step = _phases(signal, rate_hz, if_hz, one)
+            nominal = signal.chip_rate_hz / rate_hz
             power[turn, number] = _subtract(
-                planes[0], planes[1], _code_of(signal, sat), *_phases(signal, rate_hz, if_hz, one), signal.code_length
+                planes[0], planes[1], _table_of(signal, sat, nominal), chip, chip_step, nominal, cycle_step,
+                signal.code_length,
             )
     scaled: NDArray[np.float64] = (rate_hz * signal.period_s) ** 2 * power[0]
     return scaled
@@ -117,6 +122,17 @@ def noise_of(
 
 
 @cache
+def _table_of(signal: SignalDescription, sat: str, chips_per_sample: float) -> NDArray[np.int8]:
+    """The code at fractions of a sample, (FRACTIONS, n): row p, column k is the chip (k + p / FRACTIONS - 1) samples
+    after the code's start. Read in a row it costs a fraction of looking up the chip of each sample.
+    """
+    n = math.ceil(signal.code_length / chips_per_sample) + CHUNK + 4
+    samples = np.arange(n)[None, :] - 1.0 + np.arange(FRACTIONS)[:, None] / FRACTIONS
+    chips = signal.code(prn_of(sat))
+    return np.asarray(chips[np.floor(samples * chips_per_sample).astype(np.int64) % chips.size])
+
+
+@cache
 def _code_of(signal: SignalDescription, sat: str) -> Floats:
     return _padded(signal.code(prn_of(sat)))
 
@@ -153,60 +169,67 @@ def _correlate(
 
 @numba.njit(cache=True, nogil=True, fastmath=_FAST)
 def _turns(cycle_step: float, cosines: Floats, sines: Floats) -> None:
-    """exp(j 2 pi k cycle_step) for k < CHUNK."""
-    for k in range(CHUNK):
-        angle = 2.0 * math.pi * ((k * cycle_step) % 1.0)
-        cosines[k] = math.cos(angle)
-        sines[k] = math.sin(angle)
+    """exp(j 2 pi k cycle_step) for k < CHUNK, by doubling."""
+    cosines[0], sines[0] = np.float32(1.0), np.float32(0.0)
+    length = 1
+    while length < CHUNK:
+        angle = 2.0 * math.pi * ((length * cycle_step) % 1.0)
+        c, s = np.float32(math.cos(angle)), np.float32(math.sin(angle))
+        for k in range(length):
+            cosines[length + k] = cosines[k] * c - sines[k] * s
+            sines[length + k] = cosines[k] * s + sines[k] * c
+        length *= 2
 
 
 @numba.njit(cache=True, nogil=True, fastmath=_FAST)
-def _replica(code: Floats, chip: float, chip_step: float, out: Floats) -> None:
-    # float32 is good to 1e-4 chip here, and twice as many fit a vector.
-    begin, step = np.float32(chip), np.float32(chip_step)
-    for k in range(out.shape[0]):
-        out[k] = code[np.int32(begin + np.float32(np.int32(k)) * step)]
-
-
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
-def _sum(i: Floats, q: Floats, replica: Floats, cosines: Floats, sines: Floats) -> tuple[float, float]:
+def _sum(
+    i: Floats, q: Floats, replica: NDArray[Any], cosines: Floats, sines: Floats
+) -> tuple[float, float]:
     real = np.float32(0.0)
     imag = np.float32(0.0)
     for k in range(replica.shape[0]):
-        real += (i[k] * cosines[k] + q[k] * sines[k]) * replica[k]
-        imag += (q[k] * cosines[k] - i[k] * sines[k]) * replica[k]
+        chip = np.float32(replica[k])
+        real += (i[k] * cosines[k] + q[k] * sines[k]) * chip
+        imag += (q[k] * cosines[k] - i[k] * sines[k]) * chip
     return float(real), float(imag)
 
 
 @numba.njit(cache=True, nogil=True, fastmath=_FAST)
 def _less(
-    i: Floats, q: Floats, replica: Floats, cosines: Floats, sines: Floats, real: np.float32, imag: np.float32
-) -> None:
+    i: Floats, q: Floats, replica: NDArray[np.int8], cosines: Floats, sines: Floats, real: np.float32,
+    imag: np.float32,
+) -> None:  # fmt: skip
     for k in range(replica.shape[0]):
-        i[k] -= (real * cosines[k] - imag * sines[k]) * replica[k]
-        q[k] -= (real * sines[k] + imag * cosines[k]) * replica[k]
+        chip = np.float32(replica[k])
+        i[k] -= (real * cosines[k] - imag * sines[k]) * chip
+        q[k] -= (real * sines[k] + imag * cosines[k]) * chip
+
+
+@numba.njit(cache=True, nogil=True)
+def _place(sample: float) -> tuple[int, int]:
+    """Row and first column of the table for a chunk whose first sample lies so many samples after the code's start."""
+    steps = math.floor((sample + 1.0) * FRACTIONS + 0.5)
+    return steps % FRACTIONS, steps // FRACTIONS
 
 
 @numba.njit(cache=True, nogil=True)
 def _subtract(
-    i: Floats, q: Floats, code: Floats, chip: float, chip_step: float, cycle_step: float, length: int
-) -> float:
+    i: Floats, q: Floats, table: NDArray[np.int8], chip: float, chip_step: float, nominal: float, cycle_step: float,
+    length: int,
+) -> float:  # fmt: skip
     """Take one signal out, a code period at a time. Returns the mean power of its amplitudes."""
     n = i.shape[0]
     cosines, sines = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
     _turns(cycle_step, cosines, sines)
-    replica = np.empty(int(length / chip_step) + 2, np.float32)
     begin, period = 0, 0
     power, weight = 0.0, 0.0
     while begin < n:
         end = min(n, math.ceil((length * (period + 1) - chip) / chip_step))
-        rep = replica[: end - begin]
-        # One chip is added since the padded code begins one early.
-        _replica(code, max(chip + begin * chip_step - length * period, 0.0) + 1.0, chip_step, rep)
         re, im = 0.0, 0.0
         for at in range(begin, end, CHUNK):
             to = min(end, at + CHUNK)
-            a, b = _sum(i[at:to], q[at:to], rep[at - begin : to - begin], cosines, sines)
+            row, column = _place(max(chip + at * chip_step - length * period, 0.0) / nominal)
+            a, b = _sum(i[at:to], q[at:to], table[row, column : column + to - at], cosines, sines)
             angle = 2.0 * math.pi * ((at * cycle_step) % 1.0)
             c, s = math.cos(angle), math.sin(angle)
             re += a * c + b * s
@@ -218,10 +241,11 @@ def _subtract(
         weight += end - begin
         for at in range(begin, end, CHUNK):
             to = min(end, at + CHUNK)
+            row, column = _place(max(chip + at * chip_step - length * period, 0.0) / nominal)
             angle = 2.0 * math.pi * ((at * cycle_step) % 1.0)
             c, s = math.cos(angle), math.sin(angle)
             _less(
-                i[at:to], q[at:to], rep[at - begin : to - begin], cosines, sines,
+                i[at:to], q[at:to], table[row, column : column + to - at], cosines, sines,
                 np.float32(re * c - im * s), np.float32(re * s + im * c),
             )  # fmt: skip
         begin, period = end, period + 1

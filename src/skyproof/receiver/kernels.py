@@ -105,7 +105,7 @@ def _steer(
     state[SUM_PERIODS : SUM_TAPS + 6] = 0.0
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
+@numba.njit(cache=True, nogil=True)
 def advance(
     i_samples: NDArray[np.float32],
     q_samples: NDArray[np.float32],
@@ -128,6 +128,9 @@ def advance(
 ) -> None:
     """Advance every channel over all code periods that lie wholly inside the samples given.
 
+    The interpreter is not held: callers share channels among threads. (Numba's own parallel loops would do, but their
+    threads burn a core while they wait for the next frame, 40 % of all processor time.)
+
     i_samples, q_samples : (n,) float32; element 0 is the sample of absolute index `first_sample`.
     sample_power : mean of I^2 + Q^2 times that of the replica: tells the noise in a correlator, to unbias the
         normalisation of the discriminator.
@@ -141,7 +144,7 @@ def advance(
     """
     nominal = code_rate_hz / rate_hz
     n_taps = taps_hz.shape[0] * taps_chips.shape[0]
-    for channel in numba.prange(states.shape[0]):
+    for channel in range(states.shape[0]):
         state = states[channel]
         table = tables[table_of_channel[channel]]
         scratch = scratch_for(math.ceil(code_length / nominal) + 64, taps_chips.shape[0])

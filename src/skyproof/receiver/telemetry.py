@@ -22,6 +22,7 @@ class Telemetry:
 
     prompts : in-phase prompts not yet made into bits; the first one is that of code period `prompts_period`.
     bits : the latest bits, 0 or 1, polarity unknown; the first begins with code period `bits_period`.
+    due_bits : so many bits make the next subframe whole; None while none is found.
     tow_ms_at_period_0 : time of week at which the satellite sent the start of code period 0; None until decoded.
     subframes : the latest of each kind: 1, 2, 3, and page 18 of 4 as 4.
     """
@@ -31,6 +32,7 @@ class Telemetry:
     synchronised: bool = False
     bits: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, np.int8))
     bits_period: int = 0
+    due_bits: int | None = None
     tow_ms_at_period_0: int | None = None
     subframes: Mapping[int, Subframe] = field(default_factory=dict)
 
@@ -82,29 +84,34 @@ def _make_bits(telemetry: Telemetry) -> Telemetry:
 
 
 def _decode(telemetry: Telemetry, n_before: int) -> Telemetry:
-    """Look for subframes once a second's worth of bits is new; forget what no subframe can need any more."""
+    """Look for subframes each second until one is found, then each time one is whole; forget what no subframe can need
+    any more.
+    """
     n = telemetry.bits.size
-    if n < 60 or (n // 50 == n_before // 50 and n < BITS_KEPT):
+    is_due = n // 50 > n_before // 50 if telemetry.due_bits is None else n >= telemetry.due_bits
+    if n < 60 or not (is_due or n >= BITS_KEPT):
         return telemetry
     subframes = dict(telemetry.subframes)
-    tow_ms = telemetry.tow_ms_at_period_0
+    tow_ms, due_bits = telemetry.tow_ms_at_period_0, None
     for start in find_subframes(telemetry.bits):
         how = decode_how(telemetry.bits[start : start + 60])
         if how is None:
             continue
         tow_ms = how.tow_s * 1000 - (telemetry.bits_period + start * PERIODS_PER_BIT)
-        subframe = decode_subframe(telemetry.bits[start : start + 300]) if start + 300 <= telemetry.bits.size else None
+        end = start + BITS_PER_SUBFRAME
+        due_bits = end if end > n else end + BITS_PER_SUBFRAME
+        subframe = decode_subframe(telemetry.bits[start:end]) if end <= n else None
         if subframe is not None and (subframe.id < 4 or "alpha0" in subframe.fields):
             subframes[subframe.id] = subframe
-    if telemetry.bits.size < BITS_KEPT:
-        return replace(telemetry, tow_ms_at_period_0=tow_ms, subframes=subframes)
-    if tow_ms is None:  # two subframes' time without a subframe: the bits do not begin where we think
+    if n >= BITS_KEPT and due_bits is None:  # two subframes' time without one: bits do not begin where we think
         return Telemetry()
-    drop = telemetry.bits.size - (BITS_PER_SUBFRAME + 60)
+    telemetry = replace(telemetry, tow_ms_at_period_0=tow_ms, due_bits=due_bits, subframes=subframes)
+    drop = n - (BITS_PER_SUBFRAME + 60)
+    if n < BITS_KEPT or due_bits is None:
+        return telemetry
     return replace(
         telemetry,
-        tow_ms_at_period_0=tow_ms,
-        subframes=subframes,
+        due_bits=due_bits - drop,
         bits=telemetry.bits[drop:],
         bits_period=telemetry.bits_period + drop * PERIODS_PER_BIT,
     )

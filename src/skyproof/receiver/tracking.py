@@ -5,7 +5,9 @@ cut of the recording gives the same result. Each frame: search for new signals w
 advances all channels, lock control, telemetry, and at every second frame a row of measurements for each channel.
 """
 
+import os
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -40,6 +42,8 @@ MEASURE_FRAMES = 2
 TELEMETRY_FRAMES = 5
 LOCK_FRAMES = 5
 JUMP_SIGMAS = 6.0
+POWER_STRIDE = 7
+"""Every so many samples tell the level of a frame."""
 DOPPLER_BIN_HZ = 500.0
 """How finely it is remembered where was searched last."""
 
@@ -152,6 +156,8 @@ class Receiver:
         self._reach_chips = max(REACH_CHIPS, float(np.max(np.abs(self.taps_chips))) + 1.0)
         self._pad = table_pad(self.signal.chip_rate_hz / rate_hz, self._reach_chips)
         self._max_periods = int(self.settings.frame_s / self.signal.period_s) + 4
+        self._n_threads = os.cpu_count() or 1
+        self._threads = ThreadPoolExecutor(self._n_threads)
         self._tables: dict[str, NDArray[np.int8]] = {}
         self._stacked: tuple[tuple[str, ...], NDArray[np.int8]] | None = None
 
@@ -182,7 +188,7 @@ class Receiver:
         state = self._check_locks(state, end)
         if state.frame > 0 and state.frame % MEASURE_FRAMES == 0:
             state = self._measure(state, before, measured, arcs, gaps)
-        state = self._steer_slowly(self._read_messages(state))
+        state = self._steer_slowly(self._read_messages(state, arcs))
         state = self._confirm(state, gaps)
         state = self._drop(state, end, arcs)
         keep = int(min([end, *state.loops[:, k.START].tolist()]))
@@ -291,14 +297,19 @@ class Receiver:
         loops = state.loops.copy()
         loops[:, [k.LOCK_I, k.LOCK_Q, k.LOCK_COUNT]] = 0.0
         # What noise of the samples' power gives in a correlator, a sample.
-        power = 2.0 * float(np.mean(buffer[:, begin - state.tail_start :] ** 2)) * CODE_SCALE**2
-        k.advance(
-            buffer[0], buffer[1], state.tail_start, power, loops, tables, self._pad,
-            np.array([sats.index(c.sat) for c in state.channels]), self.taps_chips, self.taps_hz, self.rate_hz,
-            self.if_hz,
-            self.signal.chip_rate_hz, self.signal.carrier_hz, self.signal.code_length, self.discriminator.gain, rows,
-            counts,
-        )  # fmt: skip
+        fresh = buffer[:, begin - state.tail_start :: POWER_STRIDE]
+        power = 2.0 * float(np.mean(fresh**2)) * CODE_SCALE**2
+        table_of = np.array([sats.index(c.sat) for c in state.channels])
+
+        def work(part: slice) -> None:
+            k.advance(
+                buffer[0], buffer[1], state.tail_start, power, loops[part], tables, self._pad, table_of[part],
+                self.taps_chips, self.taps_hz, self.rate_hz, self.if_hz, self.signal.chip_rate_hz,
+                self.signal.carrier_hz, self.signal.code_length, self.discriminator.gain, rows[part], counts[part],
+            )  # fmt: skip
+
+        share = -(-n // self._n_threads)
+        list(self._threads.map(work, [slice(first, first + share) for first in range(0, n, share)]))
         in_phase = k.OUT_TAPS + 2
         prompts = tuple(
             (*old, rows[i, : counts[i], in_phase].astype(np.float32)) for i, old in enumerate(state.prompts)
@@ -330,13 +341,14 @@ class Receiver:
 
     def _holds(self, state: ReceiverState, n_frames: int) -> NDArray[np.bool_]:
         """Whether each channel holds its signal, by its last `n_frames` frames (fewer if it is younger)."""
-        recent = state.lock[:, -n_frames:]
-        frames = np.sum(np.isfinite(recent[:, :, 0]), axis=1)
-        value = np.nansum(recent[:, :, 0], axis=1) / np.maximum(frames, 1)
-        prompts = np.nansum(recent[:, :, 1], axis=1) / np.maximum(frames, 1)
+        value, prompts = state.lock[:, -n_frames:, 0], state.lock[:, -n_frames:, 1]
+        there = ~np.isnan(value)
+        frames = np.maximum(there.sum(axis=1), 1)
+        mean_value = np.sum(value, axis=1, where=there) / frames
+        mean_prompts = np.maximum(np.sum(prompts, axis=1, where=there) / frames, 1.0)
         # A short look may err more often: it decides on one row of measurements, not on the channel.
         error = self.settings.false_hold_probability if n_frames == LOCK_FRAMES else 1e-2
-        return np.asarray(value > lock_threshold(np.maximum(prompts, 1.0), np.maximum(frames, 1), error))
+        return np.asarray(mean_value > lock_threshold(mean_prompts, frames, error))
 
     def _measure(
         self, state: ReceiverState, before: tuple[Reals, NDArray[np.int64]], measured: list[Measurements],
@@ -419,25 +431,34 @@ class Receiver:
                 number += 1
         return replace(state, loops=loops, channels=tuple(channels), next_arc=number)
 
-    def _read_messages(self, state: ReceiverState) -> ReceiverState:
-        """Telemetry every few frames, of channels past their pull-in; tells the loops where bits begin."""
+    def _read_messages(self, state: ReceiverState, arcs: dict[int, Arc]) -> ReceiverState:
+        """Telemetry every few frames, of channels past their pull-in; tells the loops where bits begin.
+
+        A time of week that moves against the code periods counted means that samples are missing: a new arc.
+        """
         if (state.frame + 1) % TELEMETRY_FRAMES:
             return state
         now_s = (state.frame + 1) * self.settings.frame_s
         channels, loops = list(state.channels), state.loops.copy()
         prompts = list(state.prompts)
+        number = state.next_arc
         for i, channel in enumerate(channels):
             new = np.concatenate(prompts[i])
             prompts[i] = ()
             if new.size == 0 or now_s - channel.began_s <= self.settings.pull_in_s:
                 continue
             first = int(loops[i, k.PERIODS]) - new.size
+            told_ms = channel.telemetry.tow_ms_at_period_0
             telemetry = tm.step(channel.telemetry, new, first)
-            channels[i] = replace(channel, telemetry=telemetry)
             loops[i, k.BIT_START] = (
                 float(telemetry.bits_period % tm.PERIODS_PER_BIT) if telemetry.synchronised else -1.0
             )
-        return replace(state, channels=tuple(channels), loops=loops, prompts=tuple(prompts))
+            if channel.copy is not None and told_ms is not None and told_ms != telemetry.tow_ms_at_period_0:
+                arcs[channel.arc] = arc_of(channel, self.signal)
+                channel = replace(channel, arc=number, began="after a gap")
+                number += 1
+            channels[i] = replace(channel, telemetry=telemetry)
+        return replace(state, channels=tuple(channels), loops=loops, prompts=tuple(prompts), next_arc=number)
 
     def _steer_slowly(self, state: ReceiverState) -> ReceiverState:
         """Integration and bandwidths by what is known of each channel."""
@@ -525,7 +546,7 @@ class Receiver:
         """
         own = state.channels[i]
         for j, other in enumerate(state.channels):
-            if j == i or other.sat != own.sat:
+            if other.sat != own.sat or j == i:
                 continue
             apart_s = self._delay_s(state.loops[i], end) - self._delay_s(state.loops[j], end)
             apart_s -= self.signal.period_s * round(apart_s / self.signal.period_s)
