@@ -14,15 +14,16 @@ import kernel
 import position
 import protection
 import reading
-import receiver_peer
 import rinex
 import sets
 import simulator
 from timing import machine
 
+import receiver
+
 BENCHES = {
     "kernel": kernel, "acquisition": acquisition, "sets": sets, "simulator": simulator, "accuracy": accuracy,
-    "deciding": deciding, "protection": protection, "receiver_peer": receiver_peer, "reading": reading, "rinex": rinex,
+    "deciding": deciding, "protection": protection, "receiver": receiver, "reading": reading, "rinex": rinex,
     "position": position,
 }  # fmt: skip
 

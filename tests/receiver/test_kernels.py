@@ -7,7 +7,7 @@ from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
 from skyproof.receiver.correlator import table_pad
 from skyproof.receiver.discriminator import discriminator
-from skyproof.receiver.replica import CODE_SCALE, code_table
+from skyproof.receiver.replica import CODE_SCALE, code_table, passed
 
 RATE_HZ = 2.6e6
 CODE = GPS_L1_CA.code(7)
@@ -25,13 +25,11 @@ def correlate_numpy(planes, begin, n, chip, code_rate_hz, phase_cyc, frequency_h
 
 
 def smoothed(chips):
-    """The code's mean under a triangle of one sample to either side, times its scale."""
-    offsets = (np.arange(200) + 0.5) / 100.0 - 1.0
-    weights = (1.0 - np.abs(offsets)) / np.sum(1.0 - np.abs(offsets))
-    return CODE_SCALE * sum(
-        w * CODE[np.floor(chips + o * 1.023e6 / RATE_HZ).astype(int) % 1023]
-        for o, w in zip(offsets, weights, strict=True)
-    )
+    """The code behind the replica's low-pass, times its scale, from its line spectrum."""
+    line = np.arange(-1300, 1301)  # kilohertz: the low-pass ends at half the rate
+    spectrum = np.fft.fft(CODE)[line % 1023] / 1023.0 * np.sinc(line / 1023.0) * np.exp(-1j * np.pi * line / 1023.0)
+    spectrum *= passed(line * 1e3 / RATE_HZ)
+    return CODE_SCALE * np.real(np.exp(2j * np.pi * np.outer(chips / 1023.0, line)) @ spectrum)
 
 
 def signal(n, *, delay_chips, doppler_hz, phase_cyc=0.2, amplitude=1.0):

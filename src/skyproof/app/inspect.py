@@ -22,7 +22,7 @@ from skyproof.receiver.conditioning import FrontEnd, conditioned, measure_front_
 from skyproof.receiver.survey import DOPPLER_LIMIT_HZ, OscillatorError, Survey, oscillator_error, survey
 from skyproof.records import Samples
 
-__all__ = ["Inspection", "Satellite", "document_json", "inspect", "inspect_samples"]
+__all__ = ["Inspection", "Satellite", "document_json", "inspect", "inspect_samples", "oscillator_remarks"]
 
 FALSE_ALARM_PROBABILITY: Final = 1e-4
 """Of each search, of the lines, and of the gaps."""
@@ -333,20 +333,26 @@ def _signal_remarks(
         )
     for known in samples.gaps:
         remarks.append(f"the recording says that {known.missing_samples} samples are missing at {known.at_sample}")
-    if abs(oscillator.doppler_hz) > 3.0 * oscillator.sigma_hz:
-        high = "high" if oscillator.doppler_hz > 0.0 else "low"
-        off_khz, sigma_khz = abs(oscillator.doppler_hz) / 1e3, oscillator.sigma_hz / 1e3
-        ppm = 1e9 / GPS_L1_CA.carrier_hz
-        remarks.append(
-            f"all signals appear {off_khz:.1f} ± {sigma_khz:.1f} kHz too {high}: the local oscillator is off by "
-            f"{off_khz * ppm:.1f} ± {sigma_khz * ppm:.1f} ppm"
-        )
+    remarks += oscillator_remarks(oscillator)
     if abs(told.clock_minus_lo_ppm) > 4.0 * told.clock_minus_lo_sigma_ppm:
         remarks.append(
             f"the sampling clock is {told.clock_minus_lo_ppm:+.3f} ± {told.clock_minus_lo_sigma_ppm:.3f} ppm off the "
             "local oscillator: they are not of one source, or rate_hz is not exact"
         )
     return remarks
+
+
+def oscillator_remarks(oscillator: OscillatorError) -> tuple[str, ...]:
+    """One remark if the oscillator is off for certain."""
+    if not abs(oscillator.doppler_hz) > 3.0 * oscillator.sigma_hz:
+        return ()
+    high = "high" if oscillator.doppler_hz > 0.0 else "low"
+    off_khz, sigma_khz = abs(oscillator.doppler_hz) / 1e3, oscillator.sigma_hz / 1e3
+    ppm = 1e9 / GPS_L1_CA.carrier_hz
+    return (
+        f"all signals appear {off_khz:.1f} ± {sigma_khz:.1f} kHz too {high}: the local oscillator is off by "
+        f"{off_khz * ppm:.1f} ± {sigma_khz * ppm:.1f} ppm",
+    )
 
 
 def _summary(

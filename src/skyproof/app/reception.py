@@ -6,7 +6,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from skyproof.app.bridge import bridged
+from skyproof.app.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_told
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.settings import Settings
 from skyproof.errors import InputError, NotEnoughData
@@ -18,7 +21,8 @@ from skyproof.gnss.time import iso, resolve_week, seconds_between, week_and_tow
 from skyproof.navigation.clock import anchored
 from skyproof.navigation.fix import fix
 from skyproof.receiver.channels import Arc, Gap
-from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.conditioning import conditioned, measure_front_end
+from skyproof.receiver.measurement import DOPPLER_HZ, Measurements
 from skyproof.receiver.observables import ClockLabel, assemble, clock_label, navigation_of, timed_by_range, week_told
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
 from skyproof.records import NavigationData, Observations, Samples, SignalId
@@ -27,6 +31,8 @@ __all__ = ["Reception", "Tracker", "observe", "open_inputs", "require_signals", 
 
 BLOCK_S = 1.0
 SAME_SAMPLES = 1 << 16  # compared, to tell whether two recordings are one
+ENOUGH_SATS = 4
+MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
 TIME_OF_WEEK_S = 12.0  # by then a signal has told its time of week: it does so every 6 s, once its bits can be read
 
 
@@ -49,10 +55,14 @@ class Reception:
 
 @dataclass(kw_only=True)
 class Tracker:
-    """One recording on its way through the receiver: which sample comes next, and all that came out so far."""
+    """One recording on its way through the receiver: which sample comes next, and all that came out so far.
+
+    told : what was done to the samples before.
+    """
 
     samples: Samples
     receiver: Receiver
+    told: tuple[str, ...] = ()
     state: ReceiverState = field(default_factory=ReceiverState)
     position: int = 0
     measured: list[Measurements] = field(default_factory=list)
@@ -74,6 +84,11 @@ class Tracker:
     @property
     def examined_s(self) -> float:
         return self.position / self.samples.rate_hz
+
+    @property
+    def ended(self) -> bool:
+        """Whether all of the recording was worked on."""
+        return self.position >= self.samples.n_samples
 
     @property
     def measurements(self) -> Measurements:
@@ -152,10 +167,7 @@ def track(
     Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
     """
     progress = progress or Silent()
-    receiver_settings = ReceiverSettings(doppler_max_hz=settings.doppler_max_hz)
-    trackers = [
-        Tracker(samples=s, receiver=Receiver(s.rate_hz, carrier_at_hz(s), receiver_settings)) for s in recordings
-    ]
+    trackers = [_tracker(samples, settings) for samples in recordings]
     names = ", ".join(s.name for s in recordings)
     total_s = sum(s.duration_s for s in recordings)
     try:
@@ -171,6 +183,34 @@ def track(
     return trackers, False
 
 
+def _tracker(samples: Samples, settings: Settings) -> Tracker:
+    """A recording made ready: what hurts in its samples taken off, gaps that it tells of bridged."""
+    clean, cleaned = _cleaned(samples)
+    whole, filled = bridged(clean, begun_s=settings.start_s)
+    receiver_settings = ReceiverSettings(doppler_max_hz=settings.doppler_max_hz)
+    receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), receiver_settings)
+    return Tracker(samples=whole, receiver=receiver, told=(*cleaned, *filled))
+
+
+def _cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """The recording without what costs C/N0, and what was done; itself where nothing does, or too little tells it.
+
+    Figures of DC and imbalance are told with the levels when a file is opened, and not again.
+    """
+    try:
+        front = measure_front_end(samples)
+    except ValueError:  # too few samples, or none that changes
+        return samples, ()
+    told = [f"the DC offset cost {front.dc_loss_db:.2f} dB of C/N0 and is removed"] if front.removes_dc else []
+    if front.balances:
+        told.append(f"the I/Q imbalance made images of {front.image_db:.0f} dB and is corrected")
+    told += [
+        f"a line at {line.frequency_hz / 1e3:+.1f} kHz cost {line.loss_db:.2f} dB of C/N0 and is notched"
+        for line in front.notched
+    ]
+    return conditioned(samples, front), tuple(told)
+
+
 def carrier_at_hz(samples: Samples) -> float:
     """Where the nominal carrier lies in the samples: the frequency `centre_hz` lies at `if_hz`."""
     return samples.if_hz + GPS_L1_CA.carrier_hz - samples.centre_hz
@@ -184,10 +224,9 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
     """
     samples = tracker.samples
     heard = {arc.signal for arc in tracker.arcs.values()}
-    remarks: list[str] = []
+    remarks: list[str] = [*tracker.told]
     week = _week(tracker, navigation, remarks)
-    measurements = tracker.measurements
-    label = clock_label(measurements, tracker.arcs, week)
+    label = _label(tracker, week)
     if label is not None:
         label = _near_date(label, samples, tracker.arcs, remarks)
         week = label.week
@@ -199,11 +238,18 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
         arcs = _all_timed(tracker, observations, orbits, label, remarks)
         if arcs is not None:
             observations = _assembled(tracker, arcs, label)
-        observations = _anchored(observations, orbits)
+        observations = _anchored(observations, orbits, tracker.gaps)
+    found = _diagnosed(tracker) if observations is None or _is_doubtful(tracker) else None
+    if found is None or not found.mirrored:  # signals of a mirrored spectrum are lost all the time: no gaps are told
+        remarks += gap_remarks(tracker.gaps, tracker.receiver.signal.period_s)
+        remarks += oscillator_told(_dopplers_hz(tracker))
     left_out = None
     if observations is None:
         left_out = _no_time(tracker, len(heard)) if heard else _nothing_heard(tracker)
+        left_out += "" if found is None else f"; {found.cure}"
         remarks.append(f"left out: {left_out}")
+    elif found is not None:
+        remarks.append(f"few signals as it was read, or none for long: {found.cure}")
     return Reception(
         samples=samples, observations=observations, told=told, n_signals=len(heard), examined_s=tracker.examined_s,
         left_out=left_out, remarks=tuple(remarks),
@@ -214,7 +260,28 @@ def require_signals(trackers: Sequence[Tracker]) -> None:
     """Raise NotEnoughData if no recording holds a signal; one that holds none beside others that do is left out."""
     if trackers and not any(tracker.arcs for tracker in trackers):
         paths = ", ".join(t.samples.path or t.samples.name for t in trackers)
-        raise NotEnoughData(f"{paths}: {_nothing_heard(trackers[0])}")
+        found = diagnosis(trackers[0].samples, trackers[0].receiver.settings.doppler_max_hz)
+        raise NotEnoughData(f"{paths}: {_nothing_heard(trackers[0])}; {found.cure}")
+
+
+def _is_doubtful(tracker: Tracker) -> bool:
+    """Whether what was heard looks as if the recording was not read as it should be."""
+    n_sats = len({arc.signal.sat for arc in tracker.arcs.values()})
+    return n_sats < ENOUGH_SATS or len(tracker.arcs) > MANY_ARCS * n_sats
+
+
+def _diagnosed(tracker: Tracker) -> Diagnosis | None:
+    """None of a recording that was left before its end: whoever interrupts does not wait."""
+    return diagnosis(tracker.samples, tracker.receiver.settings.doppler_max_hz) if tracker.ended else None
+
+
+def _dopplers_hz(tracker: Tracker) -> list[float]:
+    """The mean of each satellite's signals."""
+    measurements = tracker.measurements
+    values: dict[str, list[float]] = {}
+    for number, doppler_hz in zip(measurements.arc.tolist(), measurements.column(DOPPLER_HZ).tolist(), strict=True):
+        values.setdefault(tracker.arcs[number].signal.sat, []).append(doppler_hz)
+    return [float(np.nanmean(of_sat)) for of_sat in values.values()]
 
 
 def _nothing_heard(tracker: Tracker) -> str:
@@ -253,6 +320,22 @@ def _week(tracker: Tracker, navigation: NavigationData | None, remarks: list[str
         + ("from the message, as the one nearest to today" if told is not None else "as today's; give start_gpst")
     )
     return week
+
+
+def _label(tracker: Tracker, week: int) -> ClockLabel | None:
+    """The label at the first sample: from what was measured before samples were missing, if that tells it."""
+    whole = tracker.measurements
+    rows = _segment(whole.elapsed_s, tracker.gaps) == 0
+    before = Measurements(
+        elapsed_s=whole.elapsed_s[rows], arc=whole.arc[rows], table=whole.table[rows], taps=whole.taps[rows]
+    )
+    label = clock_label(before, tracker.arcs, week)
+    return label if label is not None else clock_label(whole, tracker.arcs, week)
+
+
+def _segment(elapsed_s: ArrayLike, gaps: Sequence[Gap]) -> NDArray[np.intp]:
+    """How many unmarked gaps lie before each moment."""
+    return np.searchsorted(np.sort([gap.elapsed_s for gap in gaps]), np.asarray(elapsed_s, float), side="right")
 
 
 def _near_date(
@@ -316,8 +399,14 @@ def _all_timed(
     if good.size == 0:
         return None
 
+    segment = _segment(observations.elapsed_s[good], tracker.gaps)
+
     def range_m(sat: str, elapsed_s: float) -> float | None:
-        row = good[np.argmin(np.abs(observations.elapsed_s[good] - elapsed_s))]
+        # Beyond a gap the receiver's clock is another one.
+        near = good[segment == _segment(elapsed_s, tracker.gaps)]
+        if near.size == 0:
+            return None
+        row = near[np.argmin(np.abs(observations.elapsed_s[near] - elapsed_s))]
         ephemeris = orbits.best(sat, shown.gpst[row])
         if ephemeris is None:
             return None
@@ -342,11 +431,21 @@ def _all_timed(
     return arcs
 
 
-def _anchored(observations: Observations, navigation: NavigationData) -> Observations:
-    """Move the clock label to within half a millisecond of what most signals say, when they give a fix at all."""
+def _anchored(observations: Observations, navigation: NavigationData, gaps: Sequence[Gap]) -> Observations:
+    """Move the clock label to within half a millisecond of what most signals say, when they give a fix at all; where
+    samples are missing unmarked it steps by what is missing.
+    """
     shown = fix(observations, navigation, signals=first_copies(observations), elevation_mask_deg=0.0)
-    biases_s = shown.clock_bias_s[np.isfinite(shown.clock_bias_s)]
-    return anchored(observations, float(np.median(biases_s))) if biases_s.size else observations
+    known = np.isfinite(shown.clock_bias_s)
+    if not known.any():
+        return observations
+    segment = _segment(observations.elapsed_s, gaps)
+    told = np.unique(segment[known])
+    biases_s = np.array([np.median(shown.clock_bias_s[known & (segment == one)]) for one in told])
+    chosen = biases_s[np.clip(np.searchsorted(told, segment), 0, told.size - 1)]
+    # When a gap began is known to a few epochs only: the fixes themselves tell on which side of it they lie.
+    chosen[known] = biases_s[np.argmin(np.abs(shown.clock_bias_s[known][:, None] - biases_s), axis=1)]
+    return anchored(observations, chosen)
 
 
 def first_copies(observations: Observations) -> tuple[SignalId, ...]:

@@ -26,7 +26,7 @@ Floats = NDArray[np.float32]
 
 CHUNK: Final = 512
 FRACTIONS: Final = 64
-"""Fractions of a sample at which the code that is taken out is tabled: at 2.6 Msps 0.3 % of the power stays, at edges."""
+"""Fractions of a sample at which a code to be taken out is tabled: at 2.6 Msps 0.3 % of its power stays, at edges."""
 _FAST: Final = {"reassoc", "contract", "nsz"}
 
 

@@ -3,7 +3,7 @@
 Four things keep a sample cheap (`bench/kernel.py` measures them; docs/design/receiver.md says what was left):
 
 - The samples are worked through in chunks. Within one, the carrier is wiped off with a table of rotations that is made
-  once a period; what the carrier had turned by until the chunk began turns the sums, not the samples.
+  anew when the frequency changes; what the carrier had turned by until the chunk began turns the sums, not the samples.
 - The code is a table of the resampled code at fractions of a sample, read in a row as int8. What rounding to the
   nearest fraction shifts the replica by is known and told, so it causes no bias.
 - The carrier is wiped off and the first three delays are summed in one loop; further delays go four at a time over what
@@ -34,7 +34,8 @@ REACH_CHIPS = 2.0
 _BLOCK = 16  # rotations that are made one by one; and chunks are a multiple of it
 _FAST = {"reassoc", "contract", "nsz"}
 
-Scratch = tuple[NDArray[np.float32], NDArray[np.uint64], NDArray[np.float64]]
+Scratch = tuple[NDArray[np.float32], NDArray[np.uint64], NDArray[np.float64], NDArray[np.float64]]
+"""Planes of samples, rows of the table, sums of chunks; and which rotations stand in the planes: step, how many."""
 
 
 def table_pad(chips_per_sample: float, reach_chips: float = REACH_CHIPS) -> int:
@@ -57,7 +58,8 @@ def scratch_for(n_samples: int, n_delays: int) -> Scratch:
     n_chunks = n_samples // CHUNK + 2
     # Rows a multiple of 4 KiB apart would look alike to the processor's check of loads against earlier stores.
     planes = np.empty((4, 2 * CHUNK + 48), np.float32)
-    return planes, np.empty((n_chunks, n_delays), np.uint64), np.empty((n_chunks, n_delays, 2), np.float64)
+    rows, chunk_sums = np.empty((n_chunks, n_delays), np.uint64), np.empty((n_chunks, n_delays, 2), np.float64)
+    return planes, rows, chunk_sums, np.zeros(2)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -252,7 +254,7 @@ def correlate_period(
     """
     n_delays = delays_chips.shape[0]
     n_phases, columns = table.shape
-    planes, rows, chunk_sums = scratch
+    planes, rows, chunk_sums, made = scratch
     shifts_chips[:] = 0.0
     if n_samples < 1:
         sums[:] = 0.0
@@ -280,7 +282,9 @@ def correlate_period(
             float(columns), float(pad), nominal_chips_per_sample * size / n_samples, rows, chunk, shifts_chips,
         )  # fmt: skip
     cosines, sines, i_base, q_base = planes[0], planes[1], planes[2], planes[3]
-    _rotations(cycles_per_sample, length, cosines, sines)
+    if made[0] != cycles_per_sample or made[1] < length:  # loops that sum over several periods keep their frequency
+        _rotations(cycles_per_sample, length, cosines, sines)
+        made[0], made[1] = cycles_per_sample, length
     cosine_chunk, sine_chunk = _rotation(cycles_per_sample * length)
     cosine, sine = _rotation(phase_cyc)
     chips = table.reshape(-1)

@@ -1,17 +1,18 @@
 """What an early-minus-late discriminator gives for an error, and with how much noise, at a sample rate and a spacing.
 
-The replica is the code smoothed under a triangle of one sample to either side (`kernels.code_table`). With rectangular
-chips the correlation of signal and replica is the chips' triangle R smoothed once, that of the replica with itself R
-smoothed twice: both follow from the chips a sample alone.
+The replica is the code behind a low-pass (`replica.passed`). With rectangular chips the spectra of signal and replica,
+and so gain and noise, follow from the chips a sample alone.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from skyproof.receiver.replica import passed
+
 __all__ = ["Discriminator", "discriminator"]
 
-_STEP_CHIPS = 1e-3
+_LINES = 4000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,16 +29,11 @@ class Discriminator:
 
 
 def discriminator(chips_per_sample: float, early_late_chips: float) -> Discriminator:
-    """Gain and noise for replicas smoothed under a triangle of `chips_per_sample` to either side."""
-    reach = 1.0 + 2.0 * chips_per_sample + early_late_chips
-    x = np.arange(-round(reach / _STEP_CHIPS), round(reach / _STEP_CHIPS) + 1) * _STEP_CHIPS
-    chips = np.maximum(1.0 - np.abs(x), 0.0)
-    weight = np.maximum(1.0 - np.abs(x) / chips_per_sample, 0.0)
-    weight = weight[weight > 0.0] / np.sum(weight)
-    once = np.convolve(chips, weight, "same")
-    twice = np.convolve(once, weight, "same")
-    half, step = 0.5 * early_late_chips, 0.01
-    seen = np.interp([0.0, half - step, half + step], x, once)
-    gain = (seen[1] - seen[2]) / step / seen[0]
-    apart = np.interp(early_late_chips, x, twice) / np.interp(0.0, x, twice)
-    return Discriminator(gain=float(gain), noise_chips2=float((1.0 - apart) / gain**2))
+    """Gain and noise for sharp chips and the replica's low-pass, from their spectra, in white noise."""
+    f = (np.arange(_LINES) + 0.5) / _LINES * 0.5 / chips_per_sample  # cycles a chip, to half the rate
+    low_pass, chip = passed(f * chips_per_sample), np.sinc(f) ** 2
+    signal, noise = chip * low_pass, chip * low_pass**2
+    apart = np.pi * f * early_late_chips
+    gain = np.sum(signal * 4.0 * np.pi * f * np.sin(apart)) / np.sum(signal)
+    noise_chips2 = 2.0 * np.sum(noise * np.sin(apart) ** 2) / np.sum(noise) / gain**2
+    return Discriminator(gain=float(gain), noise_chips2=float(noise_chips2))

@@ -41,7 +41,8 @@ RESIDUAL = 28  # of the measurements: carrier phase minus the loop's at the end 
 HALF_CYCLES = 29  # of the measurements: slips of the loop mended so far, half cycles
 CN0_DBHZ = 30  # smoothed over a second
 CODE_MINUS_CARRIER = 31  # seconds, slow mean; NaN before the first measurement
-N_STATE = 32
+SHIFT_OWED = 32  # chips by which the replica was late so far, all periods together
+N_STATE = 33
 
 # Columns of what one code period of one channel gives (float64), followed by real and imaginary part of every tap.
 OUT_START = 0
@@ -158,11 +159,13 @@ def advance(
             if begin + n > i_samples.shape[0]:
                 break
             correlate_period(
-                i_samples, q_samples, begin, n, state[CHIP], chips_per_sample, state[PHASE],
+                i_samples, q_samples, begin, n, state[CHIP] + state[SHIFT_OWED], chips_per_sample, state[PHASE],
                 state[FREQUENCY] / rate_hz, table, pad, nominal, taps_chips, taps_hz / rate_hz, scratch, grid, shifts,
             )  # fmt: skip
             sums = grid.reshape(-1)
-            shift = 0.5 * (shifts[0] + shifts[2])
+            # Rounding is made up for in the next period, so that its mean vanishes also where the code stands still.
+            shift = 0.5 * (shifts[0] + shifts[2]) - state[SHIFT_OWED]
+            state[SHIFT_OWED] += shift
             row = out[channel, count]
             row[OUT_START] = state[START]
             row[OUT_CHIP] = state[CHIP]

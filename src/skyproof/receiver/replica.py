@@ -1,16 +1,24 @@
 """The replica that samples are correlated with: the code as a front end lets it pass, at fractions of a sample."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
 
-__all__ = ["CODE_SCALE", "code_table"]
+__all__ = ["CODE_SCALE", "code_table", "passed"]
 
-CODE_SCALE = 127
-"""What a chip is in the code tables."""
-SMOOTHING_STEPS = 64
-"""Steps a sample in which the code is smoothed."""
+CODE_SCALE = 92
+"""What a chip is in the code tables: a filtered code overshoots by up to a third."""
+POINTS = 16
+"""Points a sample, with straight lines between them, from which the table is read."""
+
+
+def passed(cycles_per_sample: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Amplitude that the replica's low-pass leaves at a frequency: 1 to 0.3, 0 from 0.5 on, a cosine between."""
+    falling = np.clip((np.abs(cycles_per_sample) - 0.3) / 0.2, 0.0, 1.0)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * falling))
 
 
 def code_table(
@@ -20,7 +28,7 @@ def code_table(
     n_samples: int,
     reach_chips: float = REACH_CHIPS,
 ) -> NDArray[np.int8]:
-    """The code resampled at `n_phases` fractions of a sample, smoothed, times `CODE_SCALE`.
+    """The code resampled at `n_phases` fractions of a sample behind a low-pass, times `CODE_SCALE`.
 
     code : (n_chips,) of +1 and -1, repeated without end.
     chips_per_sample : at the nominal code rate.
@@ -28,20 +36,19 @@ def code_table(
     reach_chips : how far from the prompt a delay may lie.
 
     Gives (n_phases, n_samples + 2 pad), pad being `table_pad(chips_per_sample, reach_chips)`. Row p, column k is the
-    mean of the code under a triangle of one sample to either side of the time (k - pad + p / n_phases) samples after
-    the start of the code.
+    filtered code at the time (k - pad + p / n_phases) samples after the start of the code.
 
     Samples are band-limited to half their rate and the edges of chips are not: read at the samples' instants alone, a
-    replica's spectrum folds back and shifts the code by metres, differently for every delay. The triangle takes away
-    what would fold; it is nearly the matched filter of what a front end lets pass (docs/design/receiver.md).
+    replica's spectrum folds back and shifts the code by metres, differently for every delay. The low-pass takes away
+    all that would fold; what it leaves is the matched filter of a front end that passes 0.8 of the rate.
     """
     pad = table_pad(chips_per_sample, reach_chips)
-    steps = n_phases * max(round(SMOOTHING_STEPS / n_phases), 1)
-    # A triangle is a box over one sample, twice; boxes of an even number of steps are centred half a step off.
-    at = (np.arange(-steps, steps * (n_samples + 2 * pad + 1)) + 1.0) / steps - pad
-    once = np.cumsum(np.concatenate([[0.0], code[np.floor(at * chips_per_sample).astype(np.int64) % code.size]]))
-    once = (once[steps:] - once[:-steps]) / steps
-    twice = np.cumsum(np.concatenate([[0.0], once]))
-    twice = (twice[steps:] - twice[:-steps]) / steps
-    start = np.arange(n_samples + 2 * pad)[None, :] * steps + (np.arange(n_phases) * (steps // n_phases))[:, None]
-    return np.asarray(np.rint(CODE_SCALE * twice[start]), np.int8)
+    points = 2 ** math.ceil(math.log2(max(POINTS / chips_per_sample, POINTS)))  # a chip
+    line = np.arange(code.size * points // 2 + 1)
+    cycles_per_chip = line / code.size
+    chip = np.sinc(cycles_per_chip) * np.exp(-1j * np.pi * cycles_per_chip) * passed(cycles_per_chip * chips_per_sample)
+    period = np.fft.irfft(np.fft.fft(code)[line % code.size] * chip, code.size * points) * points
+    samples = np.arange(n_samples + 2 * pad) - pad + np.arange(n_phases)[:, np.newaxis] / n_phases
+    at = samples * (chips_per_sample * points)
+    smooth = np.interp(at, np.arange(period.size), period, period=period.size)
+    return np.asarray(np.clip(np.rint(CODE_SCALE * smooth), -127, 127), np.int8)

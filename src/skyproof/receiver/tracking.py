@@ -5,6 +5,7 @@ cut of the recording gives the same result. Each frame: search for new signals w
 advances all channels, lock control, telemetry, and at every second frame a row of measurements for each channel.
 """
 
+import math
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -44,6 +45,7 @@ LOCK_FRAMES = 5
 JUMP_SIGMAS = 6.0
 POWER_STRIDE = 7
 """Every so many samples tell the level of a frame."""
+MERGE_HZ = 100.0
 DOPPLER_BIN_HZ = 500.0
 """How finely it is remembered where was searched last."""
 
@@ -99,7 +101,7 @@ class ReceiverSettings:
     near_search_s: float = 0.5
     full_search_s: float = 10.0
     doppler_max_hz: float = 7000.0
-    near_doppler_hz: float = 250.0
+    near_doppler_hz: float = 125.0
     search: SearchSettings = SEARCH
     near_search: SearchSettings = NEAR_SEARCH
 
@@ -148,8 +150,10 @@ class Receiver:
         self.signal = self.settings.signal
         self.searcher = Searcher(self.signal, rate_hz, self.settings.search)
         self.near_searcher = Searcher(self.signal, rate_hz, self.settings.near_search)
-        self.discriminator = discriminator(self.signal.chip_rate_hz / rate_hz, self.settings.early_late_chips)
-        half = 0.5 * self.settings.early_late_chips
+        # Early and late are whole steps of the table off the prompt, so that all three are rounded alike.
+        step_chips = self.signal.chip_rate_hz / rate_hz / self.settings.code_phases
+        half = step_chips * max(round(0.5 * self.settings.early_late_chips / step_chips), 1)
+        self.discriminator = discriminator(self.signal.chip_rate_hz / rate_hz, 2.0 * half)
         self.taps_chips = np.array([half, 0.0, -half, *self.settings.further_taps_chips])
         self.taps_hz = np.array([0.0, *self.settings.further_taps_hz])
         self.n_taps = self.taps_chips.size * self.taps_hz.size
@@ -245,15 +249,17 @@ class Receiver:
     def _known(self, state: ReceiverState, begin: int) -> dict[str, list[KnownSignal]]:
         """The tracked signals of each satellite, as of sample `begin`."""
         known: dict[str, list[KnownSignal]] = {}
-        for channel, loop in zip(state.channels, state.loops, strict=True):
-            signal = KnownSignal(delay_s=self._delay_s(loop, begin), doppler_hz=loop[k.FREQUENCY] - self.if_hz)
-            known.setdefault(channel.sat, []).append(signal)
+        delays_s, dopplers_hz = self._delay_s(state.loops, begin), state.loops[:, k.FREQUENCY] - self.if_hz
+        for channel, delay_s, doppler_hz in zip(
+            state.channels, delays_s.tolist(), dopplers_hz.tolist(), strict=True
+        ):
+            known.setdefault(channel.sat, []).append(KnownSignal(delay_s=delay_s, doppler_hz=doppler_hz))
         return known
 
-    def _delay_s(self, loop: Reals, begin: int) -> float:
-        """Of the first start of a code period at or after sample `begin`."""
-        delay = (loop[k.START] - begin) / self.rate_hz - loop[k.CHIP] / loop[k.CODE_RATE]
-        return float(np.mod(delay, self.signal.period_s))
+    def _delay_s(self, loops: Reals, begin: int) -> Reals:
+        """Of the first start of a code period at or after sample `begin`; loops (..., N_STATE), gives (...)."""
+        delay = (loops[..., k.START] - begin) / self.rate_hz - loops[..., k.CHIP] / loops[..., k.CODE_RATE]
+        return np.asarray(np.mod(delay, self.signal.period_s))
 
     def _start(self, state: ReceiverState, peak: Peak, begin: int, now_s: float) -> ReceiverState:
         chips_per_sample = self.signal.chip_rate_hz / self.rate_hz
@@ -333,11 +339,11 @@ class Receiver:
         loops = state.loops
         now = np.stack([lock_value(loops[:, k.LOCK_I], loops[:, k.LOCK_Q]), loops[:, k.LOCK_COUNT]], axis=-1)
         state = replace(state, lock=np.concatenate([state.lock[:, 1:], now[:, None]], axis=1))
-        locked_at = state.locked_at.copy()
-        end_s = (state.frame + 1) * self.settings.frame_s
-        for i in np.flatnonzero(self._holds(state, MEASURE_FRAMES)):
-            locked_at[i] = end_s, self._delay_s(loops[i], end), loops[i, k.FREQUENCY] - self.if_hz
-        return replace(state, locked_at=locked_at)
+        here = np.empty_like(state.locked_at)
+        here[:, 0] = (state.frame + 1) * self.settings.frame_s
+        here[:, 1] = self._delay_s(loops, end)
+        here[:, 2] = loops[:, k.FREQUENCY] - self.if_hz
+        return replace(state, locked_at=np.where(self._holds(state, MEASURE_FRAMES)[:, None], here, state.locked_at))
 
     def _holds(self, state: ReceiverState, n_frames: int) -> NDArray[np.bool_]:
         """Whether each channel holds its signal, by its last `n_frames` frames (fewer if it is younger)."""
@@ -511,23 +517,22 @@ class Receiver:
         """Let go of channels that never locked, lost lock, or fell on the signal of another channel."""
         end_s = (state.frame + 1) * self.settings.frame_s
         holds = self._holds(state, LOCK_FRAMES)
-        lost = [old for old in state.lost if end_s - old.place.at_s < FORGET_S]
+        doubles = self._doubles(state, end)
+        lost = tuple(old for old in state.lost if end_s - old.place.at_s < FORGET_S)
+        if holds.all() and not doubles:
+            return replace(state, lost=lost) if lost != state.lost else state
         stay: list[int] = []
         for i, channel in enumerate(state.channels):
-            young = end_s - channel.began_s < self.settings.confirm_s - 1e-9
-            twin = self._twin(state, i, end)
-            if twin is None and (young or holds[i]):
+            is_young = end_s - channel.began_s < self.settings.confirm_s - 1e-9
+            if i not in doubles and (is_young or holds[i]):
                 stay.append(i)
             elif channel.copy is not None:
                 arcs[channel.arc] = arc_of(channel, self.signal)
-                lost.append(
-                    LostSignal(
-                        sat=channel.sat, copy=channel.copy, found_s=channel.found_s, missed_s=channel.missed_s,
-                        place=_place(state.locked_at[i]),
-                    )
+                gone = LostSignal(
+                    sat=channel.sat, copy=channel.copy, found_s=channel.found_s, missed_s=channel.missed_s,
+                    place=_place(state.locked_at[i]),
                 )  # fmt: skip
-        if len(stay) == len(state.channels):
-            return replace(state, lost=tuple(lost))
+                lost = (*lost, gone)
         return replace(
             state,
             channels=tuple(state.channels[i] for i in stay),
@@ -537,24 +542,27 @@ class Receiver:
             prompts=tuple(state.prompts[i] for i in stay),
             lock=state.lock[stay],
             locked_at=state.locked_at[stay],
-            lost=tuple(lost),
+            lost=lost,
         )
 
-    def _twin(self, state: ReceiverState, i: int, end: int) -> int | None:
-        """The channel of the same satellite that follows the same signal and has the better right to it: the one not
-        pulled there, else the older.
+    def _doubles(self, state: ReceiverState, end: int) -> set[int]:
+        """Channels that follow the signal of another one of their satellite, which has the better right to it: it was
+        not pulled there, or is older.
         """
-        own = state.channels[i]
-        for j, other in enumerate(state.channels):
-            if other.sat != own.sat or j == i:
-                continue
-            apart_s = self._delay_s(state.loops[i], end) - self._delay_s(state.loops[j], end)
-            apart_s -= self.signal.period_s * round(apart_s / self.signal.period_s)
-            apart_hz = abs(state.loops[i, k.FREQUENCY] - state.loops[j, k.FREQUENCY])
-            better = (other.began == "pulled away", j) < (own.began == "pulled away", i)
-            if better and abs(apart_s) * self.signal.chip_rate_hz < self.settings.merge_chips and apart_hz < 100.0:
-                return j
-        return None
+        delays_s, hz = self._delay_s(state.loops, end).tolist(), state.loops[:, k.FREQUENCY].tolist()
+        of_sat: dict[str, list[int]] = {}
+        for i, channel in enumerate(state.channels):
+            of_sat.setdefault(channel.sat, []).append(i)
+        doubles = set()
+        for numbers in of_sat.values():
+            by_right = sorted(numbers, key=lambda i: (state.channels[i].began == "pulled away", i))
+            for place, i in enumerate(by_right):
+                for j in by_right[:place]:
+                    apart_s = math.remainder(delays_s[i] - delays_s[j], self.signal.period_s)
+                    same_hz = abs(hz[i] - hz[j]) < MERGE_HZ
+                    if same_hz and abs(apart_s) * self.signal.chip_rate_hz < self.settings.merge_chips:
+                        doubles.add(i)
+        return doubles
 
 
 def _set_loops(loop: Reals, choice: LoopSettings) -> None:

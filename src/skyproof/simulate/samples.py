@@ -3,6 +3,14 @@
 The receiver's noise has variance 1 in I and in Q before quantisation, so a complex signal of carrier-to-noise density C
 has the amplitude sqrt(2 C / rate) (real samples: sqrt(4 C / rate), since the noise fills only half the rate).
 
+A front end of a stated bandwidth filters the signals: instead of the chips, one period of the code as the filter lets
+it pass is read, from a table of rows at fractions of a sample, which costs no more. C is the power that is left of
+the signal behind the filter, so that the samples have the carrier-to-noise density asked for. The noise stays white
+over the samples: that is what the theory of correlators assumes, a recorder's converter adds its own noise behind the
+filter anyway, and blocks stay independent of each other. Left out: the filter rings for some chips across a data bit
+that turns over, which is one edge of ten thousand, and it follows each signal's own carrier, kilohertz off the front
+end's.
+
 Everything lies on a grid that is fixed from the first sample on: chunks, within which phases run straight, and blocks
 of chunks, each with its own noise stream. What is asked for is cut out of whole blocks, so the same samples come
 whichever stretches are asked for, by however many threads.
@@ -34,6 +42,10 @@ Reals = NDArray[np.float64]
 CHUNK = 4096
 """Samples over which carrier and code phase run straight: at most 4 ms, where a GPS range bends by nanometres."""
 BLOCK = 32 * CHUNK
+ROWS = 32
+"""Fractions of a sample at which a filtered code is tabled, with straight lines between them: they leave out a
+thousandth of what lies at half the rate."""
+_SPARE = 2  # columns of such a table before the code's start and after its end
 _STEP = 128  # within a chunk the carrier is (128 phasors) x (32 phasors): 160 to work out, not 4096
 _FRACTION_BITS = 40  # of the fixed-point chip counter, whose rounding reaches 2e-9 chips at the end of a chunk
 _INT_SIGMA = {8: 24.0, 16: 4096.0}
@@ -50,6 +62,7 @@ class Rendering:
     stream: int  # the receiver's number: its noise is its own
     n_samples: int
     codes: NDArray[np.int8]  # (n_signals, code_length)
+    waves: Floats  # (n_signals, ROWS + 1, columns) of `filtered_codes`, or (n_signals, 0, 0)
     symbols: NDArray[np.int8]  # (n_sats, n_symbols)
     rows: NDArray[np.int64]  # (n_signals,) row of `symbols` for each signal
     lead_s: float  # of the symbols before the scenario's start
@@ -82,17 +95,46 @@ def samples_of(scenario: Scenario, navigation: NavigationData) -> tuple[Samples,
 def rendering_of(scene: Scene, index: int) -> Rendering:
     """What is needed to render receiver number `index`. The number of samples is a multiple of 8: whole bytes."""
     sky, front_end, messages = scene.skies[index], scene.scenario.front_end, scene.messages
+    codes = codes_of(sky.signals, sky.signal)
     return Rendering(
         sky=sky,
         front_end=front_end,
         seed=scene.scenario.seed,
         stream=index,
         n_samples=int(scene.scenario.duration_s * front_end.rate_hz) // 8 * 8,
-        codes=codes_of(sky.signals, sky.signal),
+        codes=codes,
+        waves=filtered_codes(codes, sky.signal.chip_rate_hz, front_end),
         symbols=messages.symbols,
         rows=row_of(messages, sky.signals),
         lead_s=messages.lead_s,
     )
+
+
+def filtered_codes(codes: NDArray[np.int8], chip_rate_hz: float, front_end: FrontEnd) -> Floats:
+    """Codes (n, code_length) behind the front end's low-pass: sharp chips' line spectrum times the filter's.
+
+    Row p, column k of each is the code (k - 2 + p / ROWS) samples after its start, for ROWS + 1 rows; (n, 0, 0) without
+    a bandwidth. The filter has no phase and half its amplitude at half the bandwidth; from 3/4 to 5/4 of that it falls
+    like a cosine from one to zero, so that nothing folds back if the bandwidth is at most 4/5 of the rate. The mean
+    square of each code is 1.
+    """
+    n_codes, length = codes.shape
+    if front_end.bandwidth_hz is None:
+        return np.empty((n_codes, 0, 0), np.float32)
+    points = 2 ** math.ceil(math.log2(ROWS * max(front_end.rate_hz / chip_rate_hz, 1.0)))  # a chip
+    turns = np.arange(length * points // 2 + 1) / length  # of each line, a chip
+    falling = np.clip((turns * chip_rate_hz / (0.5 * front_end.bandwidth_hz) - 0.75) / 0.5, 0.0, 1.0)
+    passed = np.sinc(turns) * np.exp(-1j * np.pi * turns) * (0.5 + 0.5 * np.cos(np.pi * falling))
+    chips_per_sample = chip_rate_hz / front_end.rate_hz
+    columns = math.ceil(length / chips_per_sample) + 2 * _SPARE + 1
+    at = (np.arange(columns) - _SPARE + np.arange(ROWS + 1)[:, np.newaxis] / ROWS) * chips_per_sample * points
+    waves = np.empty((n_codes, ROWS + 1, columns), np.float32)
+    for wave, code in zip(waves, codes, strict=True):
+        lines = np.fft.fft(code)[np.arange(turns.size) % length] * passed
+        period = np.fft.irfft(lines, length * points)
+        period /= np.sqrt(np.mean(period**2))
+        wave[:] = np.interp(at, np.arange(period.size), period, period=period.size)
+    return waves
 
 
 def render(rendering: Rendering, block: int, *, noise: bool = True) -> Floats:
@@ -100,7 +142,8 @@ def render(rendering: Rendering, block: int, *, noise: bool = True) -> Floats:
     planes = _noise(rendering, block) if noise else np.zeros((2, BLOCK), np.float32)
     chunks = _chunks(rendering, block)
     _add_signals(
-        planes, rendering.codes, rendering.symbols, rendering.rows, rendering.sky.signal.periods_per_symbol,
+        planes, rendering.codes, rendering.waves, rendering.sky.signal.chip_rate_hz / rendering.front_end.rate_hz,
+        rendering.symbols, rendering.rows, rendering.sky.signal.periods_per_symbol,
         chunks.period, chunks.chip, chunks.chip_step, chunks.phase_cyc, chunks.phase_step_cyc, chunks.amplitude,
         chunks.first, chunks.last,
     )  # fmt: skip
@@ -269,6 +312,31 @@ def _spread(code: Floats, chips: Floats, chip: float, chip_step: float) -> None:
 
 
 @numba.njit(cache=True, nogil=True)
+def _spread_wave(code: Floats, wave: Floats, symbol: np.float32, begin: float, step: float) -> None:
+    """A filtered code to samples, within one period: sample k lies `begin` + k `step` samples of the table after the
+    period's start.
+
+    Over 128 samples what the step is off from 1 is taken as it is in their middle: 2e-4 sample off at their ends at
+    3 ppm, to both sides.
+    """
+    for first in range(0, code.shape[0], _STEP):
+        n = min(_STEP, code.shape[0] - first)
+        middle = 0.5 * (n - 1)
+        at = begin + (first + middle) * step - middle + _SPARE
+        column = np.int64(math.floor(at))
+        row = min(int((at - column) * ROWS), ROWS - 1)
+        later = np.float32((at - column) * ROWS - row)
+        _blend(code[first : first + n], wave[row, column : column + n], wave[row + 1, column : column + n],
+               symbol * (np.float32(1.0) - later), symbol * later)  # fmt: skip
+
+
+@numba.njit(cache=True, nogil=True)
+def _blend(code: Floats, one: Floats, other: Floats, share: np.float32, other_share: np.float32) -> None:
+    for k in range(code.shape[0]):
+        code[k] = share * one[k] + other_share * other[k]
+
+
+@numba.njit(cache=True, nogil=True)
 def _mix(i_plane: Floats, q_plane: Floats, code: Floats, re: np.float32, im: np.float32, cosine: Floats,
          sine: Floats) -> None:  # fmt: skip
     for k in range(i_plane.shape[0]):
@@ -277,13 +345,14 @@ def _mix(i_plane: Floats, q_plane: Floats, code: Floats, re: np.float32, im: np.
 
 
 @numba.njit(cache=True, nogil=True)
-def _add_signals(planes: Floats, codes: NDArray[np.int8], symbols: NDArray[np.int8], rows: NDArray[np.int64],
-                 periods_per_symbol: int, period: NDArray[np.int64], chip: Reals, chip_step: Reals, phase_cyc: Reals,
-                 phase_step_cyc: Reals, amplitude: Reals, first: NDArray[np.int64],
-                 last: NDArray[np.int64]) -> None:  # fmt: skip
+def _add_signals(planes: Floats, codes: NDArray[np.int8], waves: Floats, chips_per_sample: float,
+                 symbols: NDArray[np.int8], rows: NDArray[np.int64], periods_per_symbol: int,
+                 period: NDArray[np.int64], chip: Reals, chip_step: Reals, phase_cyc: Reals, phase_step_cyc: Reals,
+                 amplitude: Reals, first: NDArray[np.int64], last: NDArray[np.int64]) -> None:  # fmt: skip
     """Add every signal to planes (2, n_chunks * CHUNK); the other arrays are those of `Rendering` and `_Chunks`."""
     n_signals, n_chunks = chip.shape
     length = codes.shape[1]
+    filtered = waves.shape[2] > 0
     chips = np.empty(int(np.max(chip_step) * CHUNK) + 2 * length + 2, np.float32)
     code = np.empty(CHUNK, np.float32)
     cosine, sine = np.empty(_STEP, np.float32), np.empty(_STEP, np.float32)
@@ -294,11 +363,20 @@ def _add_signals(planes: Floats, codes: NDArray[np.int8], symbols: NDArray[np.in
             if begin >= end:
                 continue
             n_chips = int(chip[s, c] + chip_step[s, c] * CHUNK) + 2
+            done = 0
             for turn in range(-(-n_chips // length)):
                 symbol = symbols[rows[s], (period[s, c] + turn) // periods_per_symbol]
-                for k in range(length):
-                    chips[turn * length + k] = codes[s, k] * symbol
-            _spread(code, chips, chip[s, c], chip_step[s, c])
+                if filtered:
+                    until = min(math.ceil(((turn + 1) * length - chip[s, c]) / chip_step[s, c]), CHUNK)
+                    behind = chip[s, c] + done * chip_step[s, c] - turn * length  # the period's start, chips
+                    _spread_wave(code[done:until], waves[s], np.float32(symbol), behind / chips_per_sample,
+                                 chip_step[s, c] / chips_per_sample)  # fmt: skip
+                    done = until
+                else:
+                    for k in range(length):
+                        chips[turn * length + k] = codes[s, k] * symbol
+            if not filtered:
+                _spread(code, chips, chip[s, c], chip_step[s, c])
             _turn(phase_step_cyc[s, c], cosine, sine)
             _turn(phase_step_cyc[s, c] * _STEP, coarse_cosine, coarse_sine)
             angle_rad = 2.0 * math.pi * (phase_cyc[s, c] - math.floor(phase_cyc[s, c]))

@@ -75,13 +75,19 @@ class Receiver(Place):
 
 
 class FrontEnd(_Model):
-    """How every receiver samples. Rates are whole hertz, so that sample counts make exact times."""
+    """How every receiver samples. Rates are whole hertz, so that sample counts make exact times.
+
+    bandwidth_hz : of the signals, on both sides of the carrier together, at half amplitude; all if absent. Chips that
+        are sampled unfiltered fold back: their code is then off by decimetres at a few Msps, whoever receives it, as
+        that of no real front end is. 0.8 of the rate is usual. `skyproof.simulate.samples` has the filter's shape.
+    """
 
     rate_hz: float = Field(default=2.6e6, ge=1e6, le=1e9, multiple_of=1)
     if_hz: float = Field(default=0.0, multiple_of=1)
     kind: Literal["complex", "real"] = "complex"
     encoding: Literal["sign", "sign-magnitude", "int", "float"] = "sign"
     bits: int = 1
+    bandwidth_hz: float | None = Field(default=None, ge=1e5)
 
     BITS: ClassVar[Mapping[str, tuple[int, ...]]] = {
         "sign": (1,), "sign-magnitude": (2,), "int": (8, 16), "float": (32,),
@@ -96,6 +102,9 @@ class FrontEnd(_Model):
             raise ValueError(f"real samples need 0 < if_hz < {self.rate_hz / 2:g} (half the rate), not {self.if_hz:g}")
         if abs(self.if_hz) >= self.rate_hz / 2:
             raise ValueError(f"if_hz {self.if_hz:g} is not below half the rate, {self.rate_hz / 2:g}")
+        room_hz = self.rate_hz if self.kind == "complex" else self.rate_hz / 2
+        if self.bandwidth_hz is not None and self.bandwidth_hz > room_hz:
+            raise ValueError(f"bandwidth_hz {self.bandwidth_hz:g} is more than {self.kind} samples hold, {room_hz:g}")
         return self
 
 

@@ -1,0 +1,60 @@
+"""Samples that were never recorded, as zeros in their place: receiver time goes on, and with it every signal's code."""
+
+import itertools
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.records import Samples
+
+__all__ = ["LONGEST_S", "bridged"]
+
+LONGEST_S: Final = 10.0
+"""Of all gaps together. Signals then come back with a Doppler and a delay that the search near them still reaches."""
+
+
+def bridged(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tuple[str, ...]]:
+    """The recording with its known gaps filled with zeros, and what was done in words; itself if it has none.
+
+    It ends before the gap that would make more than `LONGEST_S` of zeros; a remark says how to go on behind it.
+
+    begun_s : how much of the file lies before the recording's first sample, for that remark.
+    """
+    if not samples.gaps:
+        return samples, ()
+    zeros = np.cumsum([gap.missing_samples for gap in samples.gaps])
+    n_kept = int(np.searchsorted(zeros, LONGEST_S * samples.rate_hz, side="right"))
+    kept, rest = samples.gaps[:n_kept], samples.gaps[n_kept:]
+    n_zeros = int(zeros[n_kept - 1]) if kept else 0
+    n_recorded = rest[0].at_sample if rest else samples.n_samples
+    firsts = [0, *(gap.at_sample for gap in kept)]  # as recorded, of the stretches between gaps
+    shifts = [0, *zeros[:n_kept].tolist()]  # by so much later each of them stands now
+    stretches = [
+        (first, end, shift) for (first, end), shift in zip(itertools.pairwise([*firsts, n_recorded]), shifts, strict=True)
+    ]
+    n_samples = n_recorded + n_zeros
+
+    def read(start: int, count: int) -> NDArray[np.float32]:
+        if start < 0 or count < 0:
+            raise ValueError(f"start {start} and count {count} must not be negative")
+        stop = min(start + count, n_samples)
+        planes = np.zeros((2, max(stop - start, 0)), np.float32)
+        for first, end, shift in stretches:
+            begin, until = max(start, first + shift), min(stop, end + shift)
+            if begin < until:
+                planes[:, begin - start : until - start] = samples.read(begin - shift, until - begin)
+        return planes
+
+    remarks = []
+    if kept:
+        places = "a gap" if len(kept) == 1 else f"{len(kept)} gaps"
+        remarks.append(f"{places} of {n_zeros / samples.rate_hz:.6g} s bridged with zeros")
+    if rest:
+        gap = rest[0]
+        remarks.append(
+            f"used up to the gap of {gap.missing_samples / samples.rate_hz:.6g} s only, for {LONGEST_S:g} s of gaps are "
+            f"bridged at most; for what comes after it give start_s = {begun_s + gap.at_sample / samples.rate_hz:.9g}"
+        )
+    return replace(samples, n_samples=n_samples, read=read, gaps=()), tuple(remarks)

@@ -1,0 +1,83 @@
+"""What a recording's signals tell of the recorder, in words: why little was heard, and what was mended on the way."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from skyproof.app.inspect import inspect_samples, oscillator_remarks
+from skyproof.errors import NotEnoughData
+from skyproof.receiver.channels import Gap
+from skyproof.receiver.survey import oscillator_error
+from skyproof.records import Samples
+
+__all__ = ["Diagnosis", "diagnosis", "gap_remarks", "oscillator_told"]
+
+_REACH_STEP_HZ: Final = 1e3
+_ONE_EVENT_S: Final = 3.0
+"""Jumps of the carriers, and signals that come back shifted, are the same gap within this time."""
+_MOST_GAPS: Final = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """mirrored : whether the spectrum is inverted. cure : what to do, in words."""
+
+    mirrored: bool
+    cure: str
+
+
+def diagnosis(samples: Samples, doppler_max_hz: float) -> Diagnosis:
+    """Why the receiver finds few satellites or none in a recording, or no message in what it finds.
+
+    doppler_max_hz : how far it searched.
+    """
+    more = f"`skyproof inspect {samples.path or samples.name}` tells what is in it"
+    try:
+        found = inspect_samples(samples)
+    except NotEnoughData:
+        return Diagnosis(mirrored=False, cure=more)
+    cures = []
+    if found.conjugate:
+        cures.append(
+            "its spectrum is mirrored: give conjugate = true where it is told how to read it (false if that is so now; "
+            "of real samples, if_hz with the other sign)"
+        )
+    highest_hz = max((abs(satellite.doppler_hz) for satellite in found.satellites), default=0.0)
+    if highest_hz > doppler_max_hz:
+        reach_hz = _REACH_STEP_HZ * math.ceil(highest_hz / _REACH_STEP_HZ + 0.5)
+        cures.append(f"satellites appear at up to {highest_hz:.0f} Hz: give doppler_max_hz = {reach_hz:.0f}")
+    return Diagnosis(mirrored=bool(found.conjugate), cure="; ".join([*cures, more]))
+
+
+def oscillator_told(dopplers_hz: Sequence[float]) -> tuple[str, ...]:
+    """A remark if the Dopplers of all satellites, one each, lie far to one side."""
+    return oscillator_remarks(oscillator_error(dopplers_hz))
+
+
+def gap_remarks(gaps: Sequence[Gap], period_s: float) -> tuple[str, ...]:
+    """Where samples are missing unmarked, as the receiver noticed it."""
+    events: list[Gap] = []
+    for gap in sorted(gaps, key=lambda gap: gap.elapsed_s):
+        if events and gap.elapsed_s - events[-1].elapsed_s < _ONE_EVENT_S:
+            if events[-1].shift_s == 0.0:
+                events[-1] = gap
+        else:
+            events.append(gap)
+    remarks = [_told(gap, period_s) for gap in events[:_MOST_GAPS]]
+    if len(events) > _MOST_GAPS:
+        remarks.append(f"and so at {len(events) - _MOST_GAPS} more places")
+    return tuple(remarks)
+
+
+def _told(gap: Gap, period_s: float) -> str:
+    if gap.shift_s == 0.0:
+        return (
+            f"the carriers of {gap.signals} signals jumped at once near {gap.elapsed_s:.1f} s: whole code periods of "
+            "samples may be missing there; time was read anew after it"
+        )
+    missing_ms = (-gap.shift_s % period_s) * 1e3
+    return (
+        f"samples are missing near {gap.elapsed_s:.1f} s: {missing_ms:.4f} ms, or that and whole code periods of "
+        f"{period_s * 1e3:g} ms ({gap.signals} signals came back with one shift); time was read anew after it"
+    )
