@@ -1,8 +1,8 @@
 """The whole receiver, each run a process of its own: CPU a sample and channel, share of real time, peak memory.
 
-Start of the interpreter, search, output files: all is in. Beside it gnss-sdr on the same samples, in turn; its CPU grows
-with what else the machine does (12 ns idle, 60 under a load of 12), so only an idle machine is fair. SKYPROOF_DATA may
-name a folder with the recording rf/meaconing-pair/rx1.bin, which is then received too.
+Start of the interpreter, search, output files: all is in. Beside it gnss-sdr on the same samples, in turn; its CPU
+grows with what else the machine does (12 ns idle, 60 under a load of 12), so only an idle machine is fair.
+SKYPROOF_DATA may name a folder with the recording rf/meaconing-pair/rx1.bin, which is then received too.
 """
 
 import importlib.util
@@ -116,10 +116,8 @@ def _received(path: Path, out: Path) -> Run:
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise SystemExit(f"{' '.join(command)} ended with {process.returncode}")
-    cells = sum(
-        sum(line.startswith("G") for line in file.read_text(encoding="ascii").partition("END OF HEADER")[2].splitlines())
-        for file in out.glob("*.obs")
-    )
+    bodies = [file.read_text(encoding="ascii").partition("END OF HEADER")[2] for file in out.glob("*.obs")]
+    cells = sum(row.startswith("G") for body in bodies for row in body.splitlines())
     return Run(wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3, cells * 0.2)  # kilobytes on Linux
 
 

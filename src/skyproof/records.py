@@ -21,7 +21,7 @@ from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcPar
 __all__ = [
     "CELL_STATUS", "FIX_STATUS", "ConsistentSet", "Ephemeris", "Evidence", "Fix", "Instants", "Klobuchar",
     "NavigationData", "Observations", "Reals", "Records", "SampleGap", "Samples", "SignalId", "SignalRef",
-    "UtcParameters", "freeze",
+    "Taps", "UtcParameters", "freeze",
 ]  # fmt: skip
 
 Reals = NDArray[np.float64]
@@ -182,6 +182,31 @@ class Observations:
         )  # fmt: skip
         if len(self.signals) != self.found_elapsed_s.size:
             raise ValueError(f"Observations has {len(self.signals)} signals for {self.found_elapsed_s.size} channels")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Taps:
+    """Correlator outputs of one receiver at common receiver times, carrier and data bits wiped off.
+
+    elapsed_s : (n_epochs,) as in `Observations`.
+    delays_chips : (n_delays,) of the replica ahead of the tracked code; dopplers_hz : (n_dopplers,) off the carrier.
+    value : (n_epochs, n_channels, n_dopplers, n_delays) complex64, correlation a sample, so in the samples' own unit,
+        mean over the epoch's averaging time; NaN where nothing is tracked. The prompt is real but for noise.
+    """
+
+    receiver: str
+    signals: tuple[SignalId, ...]
+    elapsed_s: Reals
+    delays_chips: Reals
+    dopplers_hz: Reals
+    value: NDArray[np.complex64]
+
+    def __post_init__(self) -> None:
+        freeze(
+            self,
+            {"elapsed_s": ("epoch",), "delays_chips": ("delay",), "dopplers_hz": ("doppler",),
+             "value": ("epoch", "channel", "doppler", "delay")},
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

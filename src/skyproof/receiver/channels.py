@@ -7,12 +7,14 @@ one of its satellite. Letters say nothing of authenticity.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Literal
+from typing import Final, Literal, overload
+
+import numpy as np
 
 from skyproof.gnss.lnav import Subframe
 from skyproof.gnss.signals import SignalDescription
 from skyproof.receiver import telemetry as tm
-from skyproof.records import SignalId
+from skyproof.records import Reals, SignalId
 
 __all__ = ["Arc", "Channel", "Gap", "LostSignal", "Place", "arc_of", "continued", "letter"]
 
@@ -20,6 +22,9 @@ FORGET_S = 30.0
 """A lost signal that is found again within this time, near its old delay, keeps its letter."""
 GAP_VOTES = 3
 """So many signals that come back with one common shift of delay say that samples are missing."""
+
+_ALIKE_CHIPS: Final = 0.5
+_HIGHEST_HZ: Final = 5e3  # of a satellite's Doppler
 
 Began = Literal["found", "found again", "pulled away", "after a gap"]
 
@@ -71,11 +76,13 @@ class Gap:
     """Samples that are missing: the carriers of all signals jumped at once, or they came back with one shift of code.
 
     shift_s : of the code's delay, modulo a code period; that many seconds less are missing, modulo the same.
+    missing_s : roughly, by how far the satellites moved meanwhile; 0 where that is too little to tell.
     """
 
     elapsed_s: float
     shift_s: float
     signals: int
+    missing_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -112,50 +119,84 @@ def continued(
 ) -> tuple[list[LostSignal | None], Gap | None]:
     """Which lost signal each of the found ones (satellite, place) goes on with.
 
-    One goes on with the other if their delays agree after the time between. Where they do not, but several disagree by
-    the same shift, samples are missing.
+    One goes on with the other if their delays agree after the time between. Where they do not, but those of several
+    satellites do once the same time is taken to be missing, samples are.
     """
     matches: list[LostSignal | None] = [None] * len(found)
     free = list(lost)
 
-    def match(shift_chips: float) -> int:
+    def match(shift_chips: float, missing_s: float) -> int:
         count = 0
         for i, (sat, place) in enumerate(found):
             if matches[i] is not None:
                 continue
             for old in free:
-                if old.sat == sat and _agree(old.place, place, shift_chips, signal):
+                apart = _wrapped(_shift_chips(old.place, place, signal, missing_s) - shift_chips, signal)
+                if old.sat == sat and abs(apart) < 0.3 + 0.02 * (place.at_s - old.place.at_s):
                     matches[i] = old
                     free.remove(old)
                     count += 1
                     break
         return count
 
-    match(0.0)
+    match(0.0, 0.0)
     open_found = [item for item, old in zip(found, matches, strict=True) if old is None]
-    shifts = [
-        _shift_chips(old.place, place, signal) for old, (sat, place) in product(free, open_found) if old.sat == sat
-    ]
-    votes = [sum(abs(_wrapped(a - b, signal)) < 0.5 for b in shifts) for a in shifts]
-    if not votes or max(votes) < GAP_VOTES:
+    pairs = [(old, place) for old, (sat, place) in product(free, open_found) if old.sat == sat]
+    common = _common_shift(pairs, signal) if len({old.sat for old, _ in pairs}) >= GAP_VOTES else None
+    if common is None:
         return matches, None
-    shift = shifts[votes.index(max(votes))]
+    shift, missing_s = common
     gone_s = max(old.place.at_s for old in free)
-    count = match(shift)
-    return matches, Gap(elapsed_s=gone_s, shift_s=shift / signal.chip_rate_hz, signals=count)
+    count = match(shift, missing_s)
+    return matches, Gap(elapsed_s=gone_s, shift_s=shift / signal.chip_rate_hz, signals=count, missing_s=missing_s)
 
 
-def _shift_chips(old: Place, new: Place, signal: SignalDescription) -> float:
-    return _wrapped((new.delay_s - old.delay_at_s(new.at_s, signal)) * signal.chip_rate_hz, signal)
+def _common_shift(
+    pairs: Sequence[tuple[LostSignal, Place]], signal: SignalDescription
+) -> tuple[float, float] | None:
+    """The shift of code (chips) that most satellites share, and the missing time (s) that makes them share it.
+
+    Missing time shifts all codes alike, and each by its own range rate besides: half a chip in 0.15 s at 5 kHz. The
+    shortest is taken, for without need none is told. None if fewer than `GAP_VOTES` satellites share one.
+    """
+    sats = np.array([old.sat for old, _ in pairs])
+    steps_s = np.arange(0.0, FORGET_S, 0.5 * _ALIKE_CHIPS * signal.carrier_hz / signal.chip_rate_hz / _HIGHEST_HZ)
+    shifts = np.stack([_shift_chips(old.place, place, signal, steps_s) for old, place in pairs])  # (pair, step)
+    votes = np.empty(shifts.shape, np.int64)
+    for i in range(len(pairs)):
+        alike = np.abs(_wrapped(shifts - shifts[i], signal)) < _ALIKE_CHIPS
+        votes[i] = sum(alike[sats == sat].any(axis=0) for sat in np.unique(sats))
+    step = int(np.argmax(votes.max(axis=0)))
+    best = int(np.argmax(votes[:, step]))
+    if votes[best, step] < GAP_VOTES:
+        return None
+    apart = _wrapped(shifts[:, step] - shifts[best, step], signal)
+    alike = np.abs(apart) < _ALIKE_CHIPS
+    if step == 0:
+        return float(shifts[best, 0] + np.mean(apart[alike])), 0.0
+    rates = _wrapped(shifts[:, 1] - shifts[:, 0], signal) / steps_s[1]  # chips a second that is missing
+    design = np.stack([np.ones(int(alike.sum())), -rates[alike]], axis=1)
+    (further, later_s), *_ = np.linalg.lstsq(design, apart[alike], rcond=None)
+    return float(shifts[best, step] + further), float(steps_s[step] + later_s)
 
 
-def _agree(old: Place, new: Place, shift_chips: float, signal: SignalDescription) -> bool:
-    apart = _wrapped(_shift_chips(old, new, signal) - shift_chips, signal)
-    return abs(apart) < 0.3 + 0.02 * (new.at_s - old.at_s)
+@overload
+def _shift_chips(old: Place, new: Place, signal: SignalDescription, missing_s: float) -> float: ...
+@overload
+def _shift_chips(old: Place, new: Place, signal: SignalDescription, missing_s: Reals) -> Reals: ...
+def _shift_chips(old: Place, new: Place, signal: SignalDescription, missing_s: float | Reals) -> float | Reals:
+    """By how much the code comes later than it should, if so much time is missing as well."""
+    predicted_s = old.delay_at_s(new.at_s, signal)
+    moved_s = 0.5 * (old.doppler_hz + new.doppler_hz) / signal.carrier_hz * missing_s
+    return _wrapped((new.delay_s - predicted_s + moved_s) * signal.chip_rate_hz, signal)
 
 
-def _wrapped(chips: float, signal: SignalDescription) -> float:
-    return chips - signal.code_length * round(chips / signal.code_length)
+@overload
+def _wrapped(chips: float, signal: SignalDescription) -> float: ...
+@overload
+def _wrapped(chips: Reals, signal: SignalDescription) -> Reals: ...
+def _wrapped(chips: float | Reals, signal: SignalDescription) -> float | Reals:
+    return chips - signal.code_length * np.rint(chips / signal.code_length)
 
 
 def letter(number: int) -> str:

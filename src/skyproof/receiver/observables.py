@@ -15,7 +15,8 @@ from skyproof.gnss.time import gpst
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.measurement import Measurements
-from skyproof.records import Observations, Reals
+from skyproof.receiver.replica import CODE_SCALE
+from skyproof.records import Observations, Reals, Taps
 
 TYPICAL_TRAVEL_MS = 77
 WEEK_MS = SECONDS_PER_WEEK * 1000
@@ -118,6 +119,48 @@ def assemble(
         averaged_s=averaged_s,
         **cells,
     )
+
+
+def taps_of(
+    receiver: str, measurements: Measurements, arcs: Mapping[int, Arc], elapsed_s: Reals, *, delays_chips: Reals,
+    dopplers_hz: Reals, samples_per_period: float, averaged_s: float,
+) -> Taps:  # fmt: skip
+    """All correlators as one record, with rows and columns as in `assemble`."""
+    signals = tuple(sorted({arc.signal for arc in arcs.values()}))
+    column = {signal: i for i, signal in enumerate(signals)}
+    shape = (elapsed_s.size, len(signals), dopplers_hz.size, delays_chips.size)
+    value = np.full(shape, complex(np.nan, np.nan), np.complex64)
+    rows = np.rint(measurements.elapsed_s / averaged_s).astype(np.int64) - round(float(elapsed_s[0]) / averaged_s)
+    columns = np.array([column[arcs[number].signal] for number in measurements.arc.tolist()], np.int64)
+    sums = measurements.taps.reshape(-1, dopplers_hz.size, delays_chips.size)
+    value[rows, columns] = sums / (CODE_SCALE * samples_per_period)
+    return Taps(
+        receiver=receiver, signals=signals, elapsed_s=elapsed_s, delays_chips=delays_chips, dopplers_hz=dopplers_hz,
+        value=value,
+    )  # fmt: skip
+
+
+def messages_that_differ(arcs: Mapping[int, Arc]) -> list[str]:
+    """Where signals of one satellite tell different orbits or clocks for one issue of data, in words.
+
+    A satellite sends one message. A repeater repeats it; a forger who makes his own may err.
+    """
+    seen: dict[tuple[str, int, float], dict[str, Subframe]] = {}
+    for arc in arcs.values():
+        for number, subframe in arc.subframes.items():
+            issue = subframe.fields.get("iode", subframe.fields.get("iodc"))
+            if number < 4 and issue is not None:
+                seen.setdefault((arc.signal.sat, number, issue), {})[arc.signal.copy] = subframe
+    words = []
+    for (sat, number, _), copies in sorted(seen.items()):
+        first, *others = sorted(copies)
+        for other in others:
+            a, b = copies[first].fields, copies[other].fields
+            keys = sorted(key for key in a.keys() & b.keys() if a[key] != b[key])
+            if keys:
+                words.append(f"{sat}: signals {first} and {other} tell different messages (subframe {number}: "
+                             f"{', '.join(keys)})")  # fmt: skip
+    return words
 
 
 def timed_by_range(

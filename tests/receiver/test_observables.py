@@ -1,0 +1,54 @@
+"""Records made of what the channels measured."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.gnss.lnav import Subframe
+from skyproof.receiver.channels import Arc
+from skyproof.receiver.observables import messages_that_differ, taps_of
+from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
+from skyproof.records import SignalId
+
+
+def test_taps_show_the_correlation_function_on_the_real_axis(clean):
+    settings = ReceiverSettings(further_taps_chips=(0.5, -0.5, 1.5), further_taps_hz=(400.0,))
+    receiver = Receiver(clean.samples.rate_hz, clean.samples.if_hz, settings)
+    output, _ = receiver.step(ReceiverState(), clean.planes[:, : int(3.05 * clean.samples.rate_hz)])
+    elapsed_s = 0.2 * np.arange(1.0, 15.0)
+    taps = taps_of(
+        "rx", output.measurements, output.arcs, elapsed_s, delays_chips=receiver.taps_chips,
+        dopplers_hz=receiver.taps_hz, samples_per_period=receiver.rate_hz * 1e-3, averaged_s=0.2,
+    )  # fmt: skip
+    assert taps.value.shape == (14, len(taps.signals), 2, 6)
+    late = taps.value[10:]
+    prompt = late[:, :, 0, 1]
+    assert np.median(np.abs(prompt.imag)) < 0.05 * np.median(prompt.real)
+    shape = np.median(late[:, :, 0].real / prompt.real[..., None], axis=(0, 1))
+    assert shape[3] == pytest.approx(shape[4], abs=0.03)
+    assert 0.45 < shape[3] < 0.75  # half a chip off: a triangle with a round top
+    assert abs(shape[5]) < 0.1
+    off = np.median(late[:, :, 1, 1].real / prompt.real)
+    assert off == pytest.approx(np.sinc(0.4) * np.cos(0.4 * np.pi), abs=0.1)  # 400 Hz over 1 ms, phase from its start
+    missing = np.isnan(taps.value[:3])
+    assert missing.all()
+
+
+def arc(copy: str, crs: float) -> Arc:
+    fields = {"iode": 17.0, "crs": crs, "toe": 7200.0}
+    subframe = Subframe(id=2, tow_s=6, inverted=False, alert=False, words=(), fields=fields)
+    return Arc(
+        signal=SignalId("G05", copy=copy), found_s=0.0, missed_s=float("nan"), began="found",
+        tow_ms_at_period_0=0, bit_synchronised=True, bits_period=0, subframes={2: subframe},
+    )  # fmt: skip
+
+
+def test_messages_of_one_satellite_are_compared():
+    true, repeated, forged = arc("a", 1.5), arc("b", 1.5), arc("b", 1.53125)
+    assert messages_that_differ({1: true, 2: repeated}) == []
+    (words,) = messages_that_differ({1: true, 2: forged})
+    assert "G05" in words
+    assert "crs" in words
+    later = replace(forged, subframes={2: replace(forged.subframes[2], fields={"iode": 18.0, "crs": 9.0})})
+    assert messages_that_differ({1: true, 2: later}) == []  # another issue of data
