@@ -1,6 +1,5 @@
 """Samples that were never recorded, as zeros in their place: receiver time goes on, and with it every signal's code."""
 
-import itertools
 from dataclasses import replace
 from typing import Final
 
@@ -31,9 +30,7 @@ def bridged(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tuple[s
     n_recorded = rest[0].at_sample if rest else samples.n_samples
     firsts = [0, *(gap.at_sample for gap in kept)]  # as recorded, of the stretches between gaps
     shifts = [0, *zeros[:n_kept].tolist()]  # by so much later each of them stands now
-    stretches = [
-        (first, end, shift) for (first, end), shift in zip(itertools.pairwise([*firsts, n_recorded]), shifts, strict=True)
-    ]
+    stretches = list(zip(firsts, [*firsts[1:], n_recorded], shifts, strict=True))
     n_samples = n_recorded + n_zeros
 
     def read(start: int, count: int) -> NDArray[np.float32]:
@@ -53,8 +50,9 @@ def bridged(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tuple[s
         remarks.append(f"{places} of {n_zeros / samples.rate_hz:.6g} s bridged with zeros")
     if rest:
         gap = rest[0]
+        start_s = begun_s + gap.at_sample / samples.rate_hz
         remarks.append(
-            f"used up to the gap of {gap.missing_samples / samples.rate_hz:.6g} s only, for {LONGEST_S:g} s of gaps are "
-            f"bridged at most; for what comes after it give start_s = {begun_s + gap.at_sample / samples.rate_hz:.9g}"
+            f"used up to the gap of {gap.missing_samples / samples.rate_hz:.6g} s only, for {LONGEST_S:g} s of gaps "
+            f"are bridged at most; for what comes after it give start_s = {start_s:.9g}"
         )
     return replace(samples, n_samples=n_samples, read=read, gaps=()), tuple(remarks)

@@ -77,7 +77,8 @@ def _told(gap: Gap, period_s: float) -> str:
             "samples may be missing there; time was read anew after it"
         )
     missing_ms = (-gap.shift_s % period_s) * 1e3
+    about = "" if gap.missing_s < 0.5 else f", by the satellites' motion about {gap.missing_s:.1f} s in all"
     return (
         f"samples are missing near {gap.elapsed_s:.1f} s: {missing_ms:.4f} ms, or that and whole code periods of "
-        f"{period_s * 1e3:g} ms ({gap.signals} signals came back with one shift); time was read anew after it"
+        f"{period_s * 1e3:g} ms{about} ({gap.signals} signals came back with one shift); time was read anew after it"
     )
