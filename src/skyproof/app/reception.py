@@ -29,7 +29,7 @@ from skyproof.records import NavigationData, Observations, Samples, SignalId
 
 __all__ = ["Reception", "Tracker", "observe", "open_inputs", "require_signals", "stretch", "track"]
 
-BLOCK_S = 1.0
+BLOCK_S = 0.5
 SAME_SAMPLES = 1 << 16  # compared, to tell whether two recordings are one
 ENOUGH_SATS = 4
 MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
@@ -160,14 +160,16 @@ def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Sampl
 
 
 def track(
-    recordings: Sequence[Samples], settings: Settings, progress: Progress | None = None
+    recordings: Sequence[Samples], settings: Settings, progress: Progress | None = None, *, watchful: bool = True
 ) -> tuple[list[Tracker], bool]:
     """Track all recordings side by side, so that an interruption leaves all equally far.
+
+    watchful : look for further signals twice as often as receiving alone needs.
 
     Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
     """
     progress = progress or Silent()
-    trackers = [_tracker(samples, settings) for samples in recordings]
+    trackers = [_tracker(samples, settings, watchful) for samples in recordings]
     names = ", ".join(s.name for s in recordings)
     total_s = sum(s.duration_s for s in recordings)
     try:
@@ -183,11 +185,15 @@ def track(
     return trackers, False
 
 
-def _tracker(samples: Samples, settings: Settings) -> Tracker:
+def _tracker(samples: Samples, settings: Settings, watchful: bool) -> Tracker:
     """A recording made ready: what hurts in its samples taken off, gaps that it tells of bridged."""
     clean, cleaned = _cleaned(samples)
     whole, filled = bridged(clean, begun_s=settings.start_s)
-    receiver_settings = ReceiverSettings(doppler_max_hz=settings.doppler_max_hz)
+    receiver_settings = ReceiverSettings(
+        doppler_max_hz=settings.doppler_max_hz,
+        near_search_s=0.5 if watchful else 1.0,
+        full_search_s=10.0 if watchful else 20.0,
+    )
     receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), receiver_settings)
     return Tracker(samples=whole, receiver=receiver, told=(*cleaned, *filled))
 
