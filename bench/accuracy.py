@@ -1,130 +1,309 @@
-"""What the receiver's ranges are worth: the noise beside its stated sigma, its colour, and what a replica's shift does.
+"""How exact the receiver is: errors against signals whose motion is known in closed form, beside what theory allows.
 
-Beside each figure stands what the same data give without the measure that was taken.
+One satellite a rendering, so that no other signal adds noise. Channels are started by hand where the signal is, since
+a search would not find the weakest; all but that is the receiver as it runs. Theory:
+
+- code: the discriminator's formula (`receiver.discriminator`; Kaplan & Hegarty, 8.7.3) and the Cramer-Rao bound of the
+  front end's band, 1/(2 C/N0 T b^2) with b the rms bandwidth of the signal (Kay, Estimation Theory, 3.11);
+- carrier and Doppler: the bound of a phase that may accelerate over T = 0.2 s, 9/4 of 1/(2 C/N0 T) in the middle, and
+  6/(C/N0 T^3) of the slope (rad and rad/s, squared).
 """
 
-from collections.abc import Iterator
-from unittest import mock
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from timing import Spread, line
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.receiver import kernels as k
-from skyproof.receiver import tracking
-from skyproof.receiver.measurement import Measurement, measure
-from skyproof.receiver.tracking import Epoch, Receiver, ReceiverState
-from skyproof.simulate import Place, samples_of, scenes
+from skyproof.receiver import measurement as m
+from skyproof.receiver.acquisition import Peak
+from skyproof.receiver.discriminator import discriminator
+from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.tracking import LoopSettings, Receiver, ReceiverSettings, ReceiverState
+from skyproof.simulate.ideal import Motion, ideal_signals
+from skyproof.simulate.samples import BLOCK, render
+from skyproof.simulate.scenario import FrontEnd
 
 Reals = NDArray[np.float64]
 
-DURATION_S = 30.0
+BANDS_HZ = ((2.6e6, 2.0e6), (4e6, 3.2e6), (5e6, 4e6), (25e6, 20e6))
+SPACINGS_CHIPS = (0.1, 0.25, 0.5, 1.0)
+INTEGRATIONS = (1, 2, 5, 10, 20)
+PLAIN = BANDS_HZ[0]
+SATS = ("G05", "G11", "G23")
+BLOCK_S = 0.2
+SETTLED_S = 2.6
+"""Bits are known after two seconds, and the loops have changed to what they then are."""
+SPREAD_S = 60.0  # of signal for each spread
 CHIP_M = SPEED_OF_LIGHT_M_S / GPS_L1_CA.chip_rate_hz
+TWO_G_M_S2 = 19.6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One signal: front end (rate, bandwidth or None), strength, motion, length; noise or none."""
+
+    front_end_hz: tuple[float, float | None] = PLAIN
+    cn0_dbhz: float = 45.0
+    doppler_hz: float = 1234.5
+    accelerations: tuple[tuple[float, float], ...] = ()
+    duration_s: float = SETTLED_S + SPREAD_S
+    noise: bool = True
+    sat: str = "G05"
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Errors:
+    """Measured minus true, an epoch a row; carrier modulo half a cycle, and how often it jumped by one."""
+
+    elapsed_s: Reals
+    code_m: Reals
+    carrier_cyc: Reals
+    doppler_hz: Reals
+    cn0_dbhz: Reals
+    stated: Reals  # (n, 3): sigmas of code, carrier, Doppler
+    slips: int
+
+    def where(self, keep: NDArray[np.bool_]) -> "Errors":
+        """Some of the epochs."""
+        return Errors(
+            elapsed_s=self.elapsed_s[keep], code_m=self.code_m[keep], carrier_cyc=self.carrier_cyc[keep],
+            doppler_hz=self.doppler_hz[keep], cn0_dbhz=self.cn0_dbhz[keep], stated=self.stated[keep], slips=self.slips,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Theory:
+    """One sigma of a measurement over `BLOCK_S`."""
+
+    code_m: float
+    code_bound_m: float
+    carrier_cyc: float
+    doppler_hz: float
 
 
 def report() -> Iterator[str]:
-    """Rows of the table."""
-    yield from _colour()
-    yield from _shift()
+    """Rows of the tables."""
+    yield from _without_noise()
+    yield from _bands_and_spacings()
+    yield from _strengths()
+    yield from _integrations()
+    yield from _motions()
+    yield from _carrier_to_noise()
 
 
-def _colour() -> Iterator[str]:
-    """Code minus carrier of every channel, less a line: noise of the code alone."""
-    measured, loops, stated_m = _code_minus_carrier()
-    channels = f"code minus carrier of {len(measured)} channels over {DURATION_S:g} s, an epoch every 0.2 s"
-    yield f"pseudoranges, {channels}"
-    ratio = [float(np.std(m, ddof=2)) / s for m, s in zip(measured, stated_m, strict=True)]
-    yield line("noise over its stated sigma", Spread.of(ratio), "")
-    yield line(
-        "correlation with the epoch before", Spread.of([_lag_one(m) for m in measured]), "",
-        f"of the loop alone, without its discriminator: {np.median([_lag_one(m) for m in loops]):.2f}",
+# ---------------------------------------------------------------------- what is measured
+
+
+def errors(case: Case, settings: Sequence[ReceiverSettings]) -> list[Errors]:
+    """Errors of receivers of these settings on the same samples."""
+    rate_hz, bandwidth_hz = case.front_end_hz
+    front_end = FrontEnd(rate_hz=rate_hz, bandwidth_hz=bandwidth_hz, encoding="float", bits=32)
+    # Code phases and starts of bits that differ from case to case.
+    rng = np.random.default_rng((case.seed, int(case.sat[1:]), int(abs(case.doppler_hz))))
+    motion = Motion(
+        delay_s=rng.uniform(0.065, 0.085, 1), doppler_hz=np.array([case.doppler_hz]), accelerations=case.accelerations
+    )
+    rendering = ideal_signals(
+        [case.sat], motion, case.cn0_dbhz, front_end, duration_s=case.duration_s, seed=case.seed
+    )
+    receivers = [Receiver(rate_hz, 0.0, replace(s, sats=(), near_search_s=1e9)) for s in settings]
+    states = [_started(receiver, case, motion) for receiver in receivers]
+    parts: list[list[Measurements]] = [[] for _ in receivers]
+    for block in range(-(-rendering.n_samples // BLOCK)):
+        planes = render(rendering, block, noise=case.noise)[:, : rendering.n_samples - block * BLOCK]
+        for i, receiver in enumerate(receivers):
+            output, states[i] = receiver.step(states[i], planes)
+            parts[i].append(output.measurements)
+    return [_against_truth(Measurements.joined(p), motion) for p in parts]
+
+
+def _started(receiver: Receiver, case: Case, motion: Motion) -> ReceiverState:
+    peak = Peak(
+        sat=case.sat, delay_s=float(motion.delay_s[0] % GPS_L1_CA.period_s), doppler_hz=case.doppler_hz + 2.0,
+        power=1.0, p_value=0.0, cn0_dbhz=case.cn0_dbhz,
     )  # fmt: skip
+    return receiver._start(ReceiverState(), peak, 0, 0.0)
 
 
-def _lag_one(noise_m: Reals) -> float:
-    return float(noise_m[1:] @ noise_m[:-1] / (noise_m @ noise_m))
+def _against_truth(measured: Measurements, motion: Motion) -> Errors:
+    keep = measured.elapsed_s > SETTLED_S - 1e-6
+    t, table = measured.elapsed_s[keep], measured.table[keep]
+    sent_s = table[:, m.PERIODS] * GPS_L1_CA.period_s + table[:, m.FRACTION_S]
+    late_s = t - motion.code_delay_s(t)[:, 0] - sent_s  # modulo the code's period: which one is not known
+    late_s -= GPS_L1_CA.period_s * np.rint(late_s / GPS_L1_CA.period_s)
+    cycles = table[:, m.CARRIER_CYC] - motion.carrier_delay_s(t)[:, 0] * GPS_L1_CA.carrier_hz
+    return Errors(
+        elapsed_s=t,
+        code_m=SPEED_OF_LIGHT_M_S * late_s,
+        carrier_cyc=cycles - 0.5 * np.rint(2.0 * cycles),
+        doppler_hz=table[:, m.DOPPLER_HZ] - motion.doppler_at_hz(t)[:, 0],
+        cn0_dbhz=table[:, m.CN0_DBHZ],
+        stated=table[:, [m.CODE_SIGMA_S, m.CARRIER_SIGMA_CYC, m.DOPPLER_SIGMA_HZ]] * (SPEED_OF_LIGHT_M_S, 1.0, 1.0),
+        slips=int(np.sum(np.abs(np.diff(cycles)) > 0.3)),
+    )
 
 
-def _code_minus_carrier() -> tuple[list[Reals], list[Reals], list[float]]:
-    """For each channel tracked to the end: as measured, by the loop alone, and the mean sigma stated; metres."""
-    start = np.datetime64("2024-05-14T09:59:58", "ns")
-    scenario = scenes.clean(Place(lat_deg=57.7, lon_deg=11.9, height_m=50.0), start, receivers=1, duration_s=DURATION_S)
-    recording = samples_of(scenario, nominal_constellation(start))[0]
-    by_loop_s: dict[Measurement, float] = {}
-
-    def both(rows: Reals, *settings: object) -> Measurement:
-        """The measurement, after noting what the loop's own code phase would have given."""
-        measured = measure(rows, *settings)  # type: ignore[arg-type]
-        undiscriminated = rows.copy()
-        undiscriminated[:, k.OUT_CODE_ERROR] = 0.0
-        by_loop_s[measured] = measure(undiscriminated, *settings).fraction_s  # type: ignore[arg-type]
-        return measured
-
-    receiver, state, epochs = Receiver(recording.rate_hz), ReceiverState(), list[Epoch]()
-    block = int(recording.rate_hz)
-    with mock.patch.object(tracking, "measure", both):
-        for first in range(0, recording.n_samples, block):
-            output, state = receiver.step(state, recording.read(first, block))
-            epochs += output.epochs
-    settled = [epoch for epoch in epochs if epoch.elapsed_s > 2.0]
-    measured, loops, stated_m = [], [], []
-    for arc in settled[-1].measurements:
-        rows = [(e.elapsed_s, e.measurements[arc]) for e in settled if arc in e.measurements]
-        if len(rows) > 100:
-            measured.append(_straightened([_minus_carrier_m(t, m, m.fraction_s) for t, m in rows]))
-            loops.append(_straightened([_minus_carrier_m(t, m, by_loop_s[m]) for t, m in rows]))
-            stated_m.append(SPEED_OF_LIGHT_M_S * float(np.sqrt(np.mean([m.code_sigma_s**2 for _, m in rows]))))
-    return measured, loops, stated_m
+def theory(case: Case, spacing_chips: float) -> Theory:
+    """What theory says of a case."""
+    rate_hz, bandwidth_hz = case.front_end_hz
+    ratio = 10.0 ** (0.1 * case.cn0_dbhz) * BLOCK_S
+    spread = discriminator(GPS_L1_CA.chip_rate_hz / rate_hz, spacing_chips)
+    f = np.linspace(0.0, 0.5 * rate_hz, 20_001) / GPS_L1_CA.chip_rate_hz  # cycles a chip
+    power = np.sinc(f) ** 2
+    if bandwidth_hz is not None:
+        fall = np.clip((2.0 * f * GPS_L1_CA.chip_rate_hz / bandwidth_hz - 0.75) / 0.5, 0.0, 1.0)
+        power *= (0.5 + 0.5 * np.cos(np.pi * fall)) ** 2
+    rms = np.sum((2.0 * np.pi * f) ** 2 * power) / np.sum(power)
+    return Theory(
+        code_m=CHIP_M * float(np.sqrt(spread.noise_chips2 / ratio)),
+        code_bound_m=CHIP_M * float(np.sqrt(1.0 / (2.0 * ratio * rms))),
+        carrier_cyc=float(np.sqrt(9.0 / (8.0 * ratio))) / (2.0 * np.pi),
+        doppler_hz=float(np.sqrt(6.0 / ratio)) / (2.0 * np.pi * BLOCK_S),
+    )
 
 
-def _minus_carrier_m(elapsed_s: float, m: Measurement, fraction_s: float) -> float:
-    code_s = (round(elapsed_s * 1e3) - m.periods) * GPS_L1_CA.period_s - fraction_s
-    return SPEED_OF_LIGHT_M_S * (code_s - m.carrier_cyc / GPS_L1_CA.carrier_hz)
+# ---------------------------------------------------------------------- tables
 
 
-def _straightened(values: list[float]) -> Reals:
-    """Less a straight line."""
-    n = np.arange(len(values))
-    centred = np.array(values) - values[0]
-    return np.asarray(centred - np.polyval(np.polyfit(n, centred, 1), n))
+@dataclass
+class _Table:
+    """Rows with a bar between the columns, as Markdown has them."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]] = field(default_factory=list)
+
+    def text(self) -> Iterator[str]:
+        widths = [max(map(len, cells)) for cells in zip(self.columns, *self.rows, strict=True)]
+        yield ""
+        yield self.title
+        yield ""
+        for cells in (self.columns, tuple("-" * (w - 1) + ":" for w in widths), *self.rows):
+            yield "| " + " | ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)) + " |"
 
 
-def _shift() -> Iterator[str]:
-    """Noise-free signals at 200 code phases: the error of the discriminator on the right code phase."""
-    yield "error of one period's discriminator without noise, rms of 200 code phases and worst"
-    for rate_hz in (2.6e6, 25e6):
-        for n_phases in (32, 4):
-            with_m, without_m = np.array([_discriminator_m(rate_hz, n_phases, chip) for chip in _chips(200)]).T
-            left_in = f"with the replica's shift left in {_rms(without_m):.2g} m, worst {np.abs(without_m).max():.2g} m"
-            yield (
-                f"  {rate_hz / 1e6:g} Msps, replicas every 1/{n_phases} sample: {_rms(with_m):.2g} m, worst "
-                f"{np.abs(with_m).max():.2g} m; {left_in}"
-            )
+_SPREADS = (
+    "code bias m", "spread", "/ discr.", "/ bound", "carrier bias cyc", "spread", "/ bound", "Doppler bias Hz", "spread",
+    "/ bound", "spread / stated", "slips", "epochs",
+)  # fmt: skip
 
 
-def _chips(count: int) -> Reals:
-    return np.random.default_rng(1).uniform(0.0, 0.04, count)
+def _spreads(e: Errors, expected: Theory) -> tuple[str, ...]:
+    """Biases with their own standard error, spreads, and these over theory and over what the receiver states."""
+    cells: list[str] = []
+    stated = []
+    n = e.code_m.size
+    if n < 20:
+        return ("lost",) + ("",) * (len(_SPREADS) - 3) + (str(e.slips), str(n))
+    kinds = (
+        (e.code_m, (expected.code_m, expected.code_bound_m), 3),
+        (e.carrier_cyc, (expected.carrier_cyc,), 5),
+        (e.doppler_hz, (expected.doppler_hz,), 4),
+    )
+    for i, (values, sigmas, digits) in enumerate(kinds):
+        spread = float(np.std(values))
+        cells += [f"{np.mean(values):.{digits}f} ± {spread / n**0.5:.{digits}f}", f"{spread:.3g}"]
+        cells += [f"{spread / sigma:.2f}" for sigma in sigmas]
+        stated.append(f"{spread / np.sqrt(np.mean(e.stated[:, i] ** 2)):.2f}")
+    return (*cells, " ".join(stated), str(e.slips), str(n))
 
 
-def _rms(values: Reals) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _without_noise() -> Iterator[str]:
+    """The worst of three satellites at three Dopplers: codes that stand still, creep and run past the samples."""
+    table = _Table(
+        "bias without noise: the worst of 3 satellites and 3 Dopplers (0, 60, 1234.5 Hz), 45 dB-Hz",
+        ("Msps", "band MHz", *(f"code m, d = {d:g}" for d in SPACINGS_CHIPS), "carrier cyc", "Doppler Hz"),
+    )
+    settings = [ReceiverSettings(early_late_chips=d) for d in SPACINGS_CHIPS]
+    for band in (*BANDS_HZ, (4e6, None)):
+        sats, dopplers_hz = (SATS[:1], (0.0, 1234.5)) if band[0] > 1e7 else (SATS, (0.0, 60.0, 1234.5))
+        found = [
+            errors(Case(front_end_hz=band, doppler_hz=f, sat=sat, noise=False, duration_s=4.7, seed=i), settings)
+            for i, sat in enumerate(sats) for f in dopplers_hz
+        ]  # fmt: skip
+        code = [max(abs(float(np.mean(run[i].code_m))) for run in found) for i in range(len(settings))]
+        carrier = max(abs(float(np.mean(e.carrier_cyc))) for run in found for e in run)
+        doppler = max(abs(float(np.mean(e.doppler_hz))) for run in found for e in run)
+        table.rows.append((*_named(band), *(f"{c:.3f}" for c in code), f"{carrier:.6f}", f"{doppler:.5f}"))
+    yield from table.text()
 
 
-def _discriminator_m(rate_hz: float, n_phases: int, chip: float) -> tuple[float, float]:
-    """Error in metres, with the replica's known shift taken off and without."""
-    code = GPS_L1_CA.code(7)
-    nominal = GPS_L1_CA.chip_rate_hz / rate_hz
-    chips_a_sample = nominal * (1.0 + 1e-6)
-    n = int((code.size - chip) / chips_a_sample)
-    samples = code[np.floor(chip + np.arange(n) * chips_a_sample).astype(np.int64) % code.size].astype(np.float32)
-    table = k.code_table(code, nominal, n_phases, n + 1)
-    sums, shifts = np.empty(6), np.empty(3)
-    k._correlate_period(
-        samples, np.zeros_like(samples), chip, chips_a_sample, 0.0, 0.0, table, nominal,
-        np.array([0.125, 0.0, -0.125]), np.empty((4, k.CHUNK), np.float32), sums, shifts,
-    )  # fmt: skip
-    error = k._early_minus_late(sums, sums[2] ** 2 + sums[3] ** 2)
-    return CHIP_M * (error - 0.5 * (shifts[0] + shifts[2])), CHIP_M * error
+def _named(band_hz: tuple[float, float | None]) -> tuple[str, str]:
+    return f"{band_hz[0] / 1e6:g}", "open" if band_hz[1] is None else f"{band_hz[1] / 1e6:g}"
+
+
+def _bands_and_spacings() -> Iterator[str]:
+    table = _Table("front ends and tap spacings, 45 dB-Hz", ("Msps", "band MHz", "spacing", *_SPREADS))
+    settings = [ReceiverSettings(early_late_chips=d) for d in SPACINGS_CHIPS]
+    for seed, band in enumerate((*BANDS_HZ, (4e6, None))):
+        case = Case(front_end_hz=band, seed=seed, duration_s=SETTLED_S + (SPREAD_S if band[0] < 1e7 else 20.0))
+        for d, e in zip(SPACINGS_CHIPS, errors(case, settings), strict=True):
+            table.rows.append((*_named(band), f"{d:g}", *_spreads(e, theory(case, d))))
+    yield from table.text()
+
+
+def _strengths() -> Iterator[str]:
+    table = _Table("strengths, 2.6 Msps, 2 MHz, spacing 0.25", ("C/N0", *_SPREADS))
+    for cn0_dbhz in (30.0, 35.0, 40.0, 45.0, 50.0):
+        case = Case(cn0_dbhz=cn0_dbhz, seed=int(cn0_dbhz))
+        table.rows.append((f"{cn0_dbhz:g}", *_spreads(*errors(case, [ReceiverSettings()]), theory(case, 0.25))))
+    yield from table.text()
+
+
+def _integrations() -> Iterator[str]:
+    """Coherent integration of the loops; the carrier's bandwidth is what this time allows, at most 15 Hz."""
+    table = _Table("integration of the loops, 2.6 Msps, 2 MHz, spacing 0.25", ("C/N0", "ms", *_SPREADS))
+    settings = []
+    for n in INTEGRATIONS:
+        loops = LoopSettings(integration=n, pll_bandwidth_hz=min(15.0, 120.0 / n))
+        settings.append(ReceiverSettings(tracking=loops, weak=replace(loops, integration=n)))
+    for cn0_dbhz in (35.0, 45.0):
+        case = Case(cn0_dbhz=cn0_dbhz, seed=int(cn0_dbhz) + 100)
+        for n, e in zip(INTEGRATIONS, errors(case, settings), strict=True):
+            table.rows.append((f"{cn0_dbhz:g}", f"{n}", *_spreads(e, theory(case, 0.25))))
+    yield from table.text()
+
+
+def _motions() -> Iterator[str]:
+    """Steps fall on the edge of two blocks, and in the middle of one, by turns."""
+    table = _Table("motion, 2.6 Msps, 2 MHz, spacing 0.25, 45 dB-Hz", ("motion", *_SPREADS))
+    steps_s = SETTLED_S + np.arange(0.9, SPREAD_S, 1.1)
+    signs = np.resize([1.0, 0.0, -1.0, 0.0], steps_s.size)
+    motions: dict[str, tuple[tuple[float, float], ...]] = {
+        "at rest": (),
+        "1 Hz/s": ((0.0, -SPEED_OF_LIGHT_M_S / GPS_L1_CA.carrier_hz),),
+        "2 g": ((2.0, TWO_G_M_S2),),
+        "2 g steps": tuple(zip(steps_s.tolist(), (TWO_G_M_S2 * signs).tolist(), strict=True)),
+    }
+    for seed, (name, accelerations) in enumerate(motions.items()):
+        doppler_hz = 3000.0 if name == "2 g" else 1234.5
+        case = Case(accelerations=accelerations, seed=seed + 200, doppler_hz=doppler_hz)
+        (e,) = errors(case, [ReceiverSettings()])
+        if name == "2 g steps":
+            near = np.abs(e.elapsed_s[:, None] - steps_s).min(axis=1) < 0.5 * BLOCK_S - 1e-6
+            table.rows.append(("blocks with a 2 g step in them", *_spreads(e.where(near), theory(case, 0.25))))
+            name, e = "all other blocks", e.where(~near)
+        table.rows.append((name, *_spreads(e, theory(case, 0.25))))
+    yield from table.text()
+
+
+def _carrier_to_noise() -> Iterator[str]:
+    table = _Table(
+        "C/N0 as told, 2.6 Msps, 2 MHz: mean of the ratio in dB less the true one, and spread of one epoch",
+        ("C/N0", "bias dB", "spread dB", "epochs"),
+    )
+    for cn0_dbhz in range(25, 60, 5):
+        (e,) = errors(Case(cn0_dbhz=float(cn0_dbhz), seed=cn0_dbhz + 300, duration_s=42.6), [ReceiverSettings()])
+        n = e.cn0_dbhz.size
+        if n < 20:
+            table.rows.append((f"{cn0_dbhz}", "lost", "", f"{n}"))
+            continue
+        ratio = 10.0 ** (0.1 * e.cn0_dbhz)
+        bias_db = 10.0 * float(np.log10(np.mean(ratio))) - cn0_dbhz
+        own_db = 4.34 * float(np.std(ratio) / np.mean(ratio)) / n**0.5
+        table.rows.append((f"{cn0_dbhz}", f"{bias_db:.2f} ± {own_db:.2f}", f"{np.std(e.cn0_dbhz):.2f}", f"{n}"))
+    yield from table.text()

@@ -16,7 +16,8 @@ from timing import Spread, line, take_turns
 
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
-from skyproof.receiver.correlator import code_table, correlate_period, scratch_for, table_pad
+from skyproof.receiver.correlator import correlate_period, scratch_for, table_pad
+from skyproof.receiver.replica import code_table
 
 Reals = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -43,8 +43,8 @@ MEASURE_FRAMES = 2
 TELEMETRY_FRAMES = 5
 LOCK_FRAMES = 5
 JUMP_SIGMAS = 6.0
-POWER_STRIDE = 7
-"""Every so many samples tell the level of a frame."""
+POWER_STRIDE = 61
+"""Every so many samples tell the level of a frame, to a per cent or better."""
 MERGE_HZ = 100.0
 DOPPLER_BIN_HZ = 500.0
 """How finely it is remembered where was searched last."""
@@ -487,6 +487,8 @@ class Receiver:
 
     def _confirm(self, state: ReceiverState, gaps: list[Gap]) -> ReceiverState:
         """Give channels that have proved themselves a letter: that of a lost signal they continue, or the next one."""
+        if all(channel.copy is not None for channel in state.channels):
+            return state
         end_s = (state.frame + 1) * self.settings.frame_s
         holds = self._holds(state, LOCK_FRAMES)
         due = [
