@@ -11,19 +11,21 @@ a search would not find the weakest; all but that is the receiver as it runs. Th
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
+from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import LoopSettings, Receiver, ReceiverSettings, ReceiverState
 from skyproof.simulate.ideal import Motion, ideal_signals
-from skyproof.simulate.samples import BLOCK, render
+from skyproof.simulate.samples import BLOCK, Rendering, render
 from skyproof.simulate.scenario import FrontEnd
 
 Reals = NDArray[np.float64]
@@ -36,7 +38,8 @@ SATS = ("G05", "G11", "G23")
 BLOCK_S = 0.2
 SETTLED_S = 2.6
 """Bits are known after two seconds, and the loops have changed to what they then are."""
-SPREAD_S = 60.0  # of signal for each spread
+SPREAD_S = 40.0  # of signal for each spread, which is then known to 5 %
+_NO_SEARCH: dict[str, Any] = {"sats": (), "near_search_s": 1e9}
 CHIP_M = SPEED_OF_LIGHT_M_S / GPS_L1_CA.chip_rate_hz
 TWO_G_M_S2 = 19.6
 
@@ -57,7 +60,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Errors:
-    """Measured minus true, an epoch a row; carrier modulo half a cycle, and how often it jumped by one."""
+    """Measured minus true, an epoch a row; carrier modulo half a cycle, how often it jumped by one, and was said to."""
 
     elapsed_s: Reals
     code_m: Reals
@@ -66,12 +69,14 @@ class Errors:
     cn0_dbhz: Reals
     stated: Reals  # (n, 3): sigmas of code, carrier, Doppler
     slips: int
+    flags: int
 
     def where(self, keep: NDArray[np.bool_]) -> "Errors":
         """Some of the epochs."""
         return Errors(
             elapsed_s=self.elapsed_s[keep], code_m=self.code_m[keep], carrier_cyc=self.carrier_cyc[keep],
             doppler_hz=self.doppler_hz[keep], cn0_dbhz=self.cn0_dbhz[keep], stated=self.stated[keep], slips=self.slips,
+            flags=self.flags,
         )  # fmt: skip
 
 
@@ -93,6 +98,8 @@ def report() -> Iterator[str]:
     yield from _integrations()
     yield from _motions()
     yield from _carrier_to_noise()
+    yield from _holding()
+    yield from _locks()
 
 
 # ---------------------------------------------------------------------- what is measured
@@ -107,11 +114,9 @@ def errors(case: Case, settings: Sequence[ReceiverSettings]) -> list[Errors]:
     motion = Motion(
         delay_s=rng.uniform(0.065, 0.085, 1), doppler_hz=np.array([case.doppler_hz]), accelerations=case.accelerations
     )
-    rendering = ideal_signals(
-        [case.sat], motion, case.cn0_dbhz, front_end, duration_s=case.duration_s, seed=case.seed
-    )
-    receivers = [Receiver(rate_hz, 0.0, replace(s, sats=(), near_search_s=1e9)) for s in settings]
-    states = [_started(receiver, case, motion) for receiver in receivers]
+    rendering = ideal_signals([case.sat], motion, case.cn0_dbhz, front_end, duration_s=case.duration_s, seed=case.seed)
+    receivers = [Receiver(rate_hz, 0.0, replace(s, **_NO_SEARCH)) for s in settings]
+    states = [_started(receiver, [case.sat], motion, case.cn0_dbhz) for receiver in receivers]
     parts: list[list[Measurements]] = [[] for _ in receivers]
     for block in range(-(-rendering.n_samples // BLOCK)):
         planes = render(rendering, block, noise=case.noise)[:, : rendering.n_samples - block * BLOCK]
@@ -121,12 +126,16 @@ def errors(case: Case, settings: Sequence[ReceiverSettings]) -> list[Errors]:
     return [_against_truth(Measurements.joined(p), motion) for p in parts]
 
 
-def _started(receiver: Receiver, case: Case, motion: Motion) -> ReceiverState:
-    peak = Peak(
-        sat=case.sat, delay_s=float(motion.delay_s[0] % GPS_L1_CA.period_s), doppler_hz=case.doppler_hz + 2.0,
-        power=1.0, p_value=0.0, cn0_dbhz=case.cn0_dbhz,
-    )  # fmt: skip
-    return receiver._start(ReceiverState(), peak, 0, 0.0)
+def _started(receiver: Receiver, sats: Sequence[str], motion: Motion, cn0_dbhz: float) -> ReceiverState:
+    """Channels on all signals, 2 Hz beside."""
+    state = ReceiverState()
+    for sat, delay_s, doppler_hz in zip(sats, motion.delay_s.tolist(), motion.doppler_hz.tolist(), strict=True):
+        peak = Peak(
+            sat=sat, delay_s=delay_s % GPS_L1_CA.period_s, doppler_hz=doppler_hz + 2.0, power=1.0, p_value=0.0,
+            cn0_dbhz=cn0_dbhz,
+        )  # fmt: skip
+        state = receiver._start(state, peak, 0, 0.0)
+    return state
 
 
 def _against_truth(measured: Measurements, motion: Motion) -> Errors:
@@ -144,6 +153,7 @@ def _against_truth(measured: Measurements, motion: Motion) -> Errors:
         cn0_dbhz=table[:, m.CN0_DBHZ],
         stated=table[:, [m.CODE_SIGMA_S, m.CARRIER_SIGMA_CYC, m.DOPPLER_SIGMA_HZ]] * (SPEED_OF_LIGHT_M_S, 1.0, 1.0),
         slips=int(np.sum(np.abs(np.diff(cycles)) > 0.3)),
+        flags=int(np.sum(table[:, m.SLIP])),
     )
 
 
@@ -187,8 +197,8 @@ class _Table:
 
 
 _SPREADS = (
-    "code bias m", "spread", "/ discr.", "/ bound", "carrier bias cyc", "spread", "/ bound", "Doppler bias Hz", "spread",
-    "/ bound", "spread / stated", "slips", "epochs",
+    "code bias m", "spread", "/ discr.", "/ bound", "carrier bias cyc", "spread", "/ bound", "Doppler bias Hz",
+    "spread", "/ bound", "spread / stated", "slips", "flags", "epochs",
 )  # fmt: skip
 
 
@@ -198,7 +208,7 @@ def _spreads(e: Errors, expected: Theory) -> tuple[str, ...]:
     stated = []
     n = e.code_m.size
     if n < 20:
-        return ("lost",) + ("",) * (len(_SPREADS) - 3) + (str(e.slips), str(n))
+        return ("lost", *[""] * (len(_SPREADS) - 4), str(e.slips), str(e.flags), str(n))
     kinds = (
         (e.code_m, (expected.code_m, expected.code_bound_m), 3),
         (e.carrier_cyc, (expected.carrier_cyc,), 5),
@@ -209,7 +219,7 @@ def _spreads(e: Errors, expected: Theory) -> tuple[str, ...]:
         cells += [f"{np.mean(values):.{digits}f} ± {spread / n**0.5:.{digits}f}", f"{spread:.3g}"]
         cells += [f"{spread / sigma:.2f}" for sigma in sigmas]
         stated.append(f"{spread / np.sqrt(np.mean(e.stated[:, i] ** 2)):.2f}")
-    return (*cells, " ".join(stated), str(e.slips), str(n))
+    return (*cells, " ".join(stated), str(e.slips), str(e.flags), str(n))
 
 
 def _without_noise() -> Iterator[str]:
@@ -240,7 +250,7 @@ def _bands_and_spacings() -> Iterator[str]:
     table = _Table("front ends and tap spacings, 45 dB-Hz", ("Msps", "band MHz", "spacing", *_SPREADS))
     settings = [ReceiverSettings(early_late_chips=d) for d in SPACINGS_CHIPS]
     for seed, band in enumerate((*BANDS_HZ, (4e6, None))):
-        case = Case(front_end_hz=band, seed=seed, duration_s=SETTLED_S + (SPREAD_S if band[0] < 1e7 else 20.0))
+        case = Case(front_end_hz=band, seed=seed, duration_s=SETTLED_S + (SPREAD_S if band[0] < 1e7 else 16.0))
         for d, e in zip(SPACINGS_CHIPS, errors(case, settings), strict=True):
             table.rows.append((*_named(band), f"{d:g}", *_spreads(e, theory(case, d))))
     yield from table.text()
@@ -307,3 +317,112 @@ def _carrier_to_noise() -> Iterator[str]:
         own_db = 4.34 * float(np.std(ratio) / np.mean(ratio)) / n**0.5
         table.rows.append((f"{cn0_dbhz}", f"{bias_db:.2f} ± {own_db:.2f}", f"{np.std(e.cn0_dbhz):.2f}", f"{n}"))
     yield from table.text()
+
+
+HOLDING_S = 24.0
+_STRONG_S = 3.0  # so long all signals are strong, so that all are held when they fade
+_DEFAULT = ReceiverSettings()
+LOOPS = {
+    "tracking": replace(_DEFAULT, weak=_DEFAULT.tracking),
+    "weak": replace(_DEFAULT, tracking=_DEFAULT.weak),
+    "by strength": _DEFAULT,
+}
+
+
+def _fading(cn0_dbhz: float, duration_s: float, n: int = 16) -> tuple[Rendering, Motion]:
+    """Signals of n satellites, of 42 dB-Hz for 3 s and then of this strength."""
+    rng = np.random.default_rng(int(10 * cn0_dbhz))
+    motion = Motion(delay_s=rng.uniform(0.065, 0.08, n), doppler_hz=rng.uniform(-4e3, 4e3, n))
+    front_end = FrontEnd(rate_hz=PLAIN[0], bandwidth_hz=PLAIN[1], encoding="float", bits=32)
+    rendering = ideal_signals(GPS_SATS[:n], motion, cn0_dbhz, front_end, duration_s=duration_s, seed=int(cn0_dbhz))
+
+    def strength(elapsed_s: Reals) -> Reals:
+        return np.where(np.asarray(elapsed_s)[..., None] < _STRONG_S, 42.0, cn0_dbhz) * np.ones(n)
+
+    return replace(rendering, sky=replace(rendering.sky, cn0_dbhz=strength)), motion  # type: ignore[arg-type]
+
+
+def _holding() -> Iterator[str]:
+    """How long signals are held that fade to a strength, and how often their carriers slip meanwhile."""
+    table = _Table(
+        f"holding faded signals: 16 for {HOLDING_S - _STRONG_S:g} s each, 2.6 Msps, 2 MHz",
+        ("C/N0", "loops", "lost", "mean time to lose s", "slips a minute", "of them flagged", "other flags a minute"),
+    )
+    for cn0_dbhz in (20.0, 22.0, 24.0, 26.0, 28.0, 33.0):
+        rendering, motion = _fading(cn0_dbhz, HOLDING_S)
+        sats = [heard.id.sat for heard in rendering.sky.signals]
+        receivers = [Receiver(PLAIN[0], 0.0, replace(s, **_NO_SEARCH)) for s in LOOPS.values()]
+        states = [_started(receiver, sats, motion, 42.0) for receiver in receivers]
+        parts: list[list[Measurements]] = [[] for _ in receivers]
+        ends_s: list[dict[str, float]] = [{} for _ in receivers]
+        signals: list[dict[int, str]] = [{} for _ in receivers]
+        for block in range(-(-rendering.n_samples // BLOCK)):
+            planes = render(rendering, block)[:, : rendering.n_samples - block * BLOCK]
+            for i, receiver in enumerate(receivers):
+                output, states[i] = receiver.step(states[i], planes)
+                parts[i].append(output.measurements)
+                signals[i] |= {number: arc.signal.sat for number, arc in output.arcs.items()}
+                ends_s[i].update((c.sat, states[i].frame * _DEFAULT.frame_s) for c in states[i].channels)
+        for name, measured, ends, sat_of in zip(LOOPS, parts, ends_s, signals, strict=True):
+            table.rows.append((f"{cn0_dbhz:g}", name, *_held(Measurements.joined(measured), motion, ends, sat_of)))
+    yield from table.text()
+
+
+def _held(measured: Measurements, motion: Motion, ends_s: dict[str, float], sat_of: dict[int, str]) -> tuple[str, ...]:
+    begin_s = _STRONG_S + 1.0
+    held_s = sum(max(end - begin_s, 0.0) for end in ends_s.values())
+    lost = sum(end < HOLDING_S - 0.3 for end in ends_s.values())
+    slips = flagged = flags = 0
+    for i, sat in enumerate(GPS_SATS[: motion.delay_s.size]):
+        numbers = [number for number, of in sat_of.items() if of == sat]
+        rows = np.isin(measured.arc, numbers) & (measured.elapsed_s > begin_s)
+        t, table = measured.elapsed_s[rows], measured.table[rows]
+        cycles = table[:, m.CARRIER_CYC] - motion.carrier_delay_s(t)[:, i] * GPS_L1_CA.carrier_hz
+        slipped = np.abs(np.diff(cycles)) > 0.3
+        slips += int(slipped.sum())
+        flagged += int(np.sum(table[1:, m.SLIP][slipped]))
+        flags += int(np.sum(table[:, m.SLIP]))
+    minutes = max(held_s, 1.0) / 60.0
+    mean_s = f"{held_s / lost:.0f}" if lost else f"> {held_s:.0f}"
+    return f"{lost}", mean_s, f"{slips / minutes:.1f}", f"{flagged} of {slips}", f"{(flags - flagged) / minutes:.1f}"
+
+
+def _locks() -> Iterator[str]:
+    """The lock detector: loops run on noise, which they follow, and on weak signals that they hold."""
+    table = _Table(
+        f"looks of the lock detector, 16 channels for {HOLDING_S:g} s",
+        ("signal", "loops", "look s", "looks", "held", "stated for noise"),
+    )
+    for cn0_dbhz in (-40.0, 22.0, 25.0, 28.0):
+        rendering, motion = _fading(cn0_dbhz, HOLDING_S)
+        sats = [heard.id.sat for heard in rendering.sky.signals]
+        planes = [render(rendering, b) for b in range(-(-rendering.n_samples // BLOCK))]
+        samples = np.concatenate(planes, axis=1)[:, : rendering.n_samples]
+        for name in ("tracking", "weak"):
+            # Never confirmed, so never dropped: all looks are seen.
+            receiver = Receiver(PLAIN[0], 0.0, replace(LOOPS[name], confirm_s=1e9, **_NO_SEARCH))
+            state = _started(receiver, sats, motion, 42.0)
+            held: dict[int, list[NDArray[np.bool_]]] = {2: [], 5: []}
+            for frame in range(int(HOLDING_S / _DEFAULT.frame_s)):
+                begin, end = receiver.frame_start(frame), receiver.frame_start(frame + 1)
+                _, state = receiver.step(state, samples[:, begin:end])
+                on_signal = np.ones(len(sats), bool) if cn0_dbhz < 0.0 else _is_near(receiver, state, motion, end)
+                for n_frames, seen in held.items():
+                    if frame > 40 and frame % n_frames == 0:
+                        seen.append(receiver._holds(state, n_frames)[on_signal])
+            for n_frames, seen in held.items():
+                looks = np.concatenate(seen)
+                stated = f"{_DEFAULT.false_hold_probability if n_frames == 5 else 0.01:g}" if cn0_dbhz < 0.0 else ""
+                signal = "noise" if cn0_dbhz < 0.0 else f"{cn0_dbhz:g} dB-Hz"
+                share = f"{looks.mean():.4f}"
+                table.rows.append((signal, name, f"{0.1 * n_frames:g}", f"{looks.size}", share, stated))
+    yield from table.text()
+
+
+def _is_near(receiver: Receiver, state: ReceiverState, motion: Motion, sample: int) -> NDArray[np.bool_]:
+    """Which channels are within a tenth of a chip and 5 Hz of their signal."""
+    at_s = sample / receiver.rate_hz
+    late_s = receiver._delay_s(state.loops, sample) - motion.code_delay_s([at_s])[0] + at_s
+    late_s -= GPS_L1_CA.period_s * np.rint(late_s / GPS_L1_CA.period_s)
+    beside_hz = state.loops[:, k.FREQUENCY] - motion.doppler_at_hz([at_s])[0]
+    return np.asarray((np.abs(late_s) * GPS_L1_CA.chip_rate_hz < 0.1) & (np.abs(beside_hz) < 5.0))

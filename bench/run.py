@@ -11,6 +11,7 @@ import accuracy
 import acquisition
 import deciding
 import kernel
+import pairs
 import position
 import protection
 import reading
@@ -24,7 +25,7 @@ import receiver
 BENCHES = {
     "kernel": kernel, "acquisition": acquisition, "sets": sets, "simulator": simulator, "accuracy": accuracy,
     "deciding": deciding, "protection": protection, "receiver": receiver, "reading": reading, "rinex": rinex,
-    "position": position,
+    "position": position, "pairs": pairs,
 }  # fmt: skip
 
 

@@ -1,10 +1,13 @@
 """The command line: exit codes, one line for an error, one document for --json, help with an example that parses."""
 
+import importlib
 import io
 import json
 import re
 import shlex
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,13 +17,19 @@ import pytest
 from rich.console import Console
 
 from skyproof import cli
+from skyproof.app.receive import ReceiveResult
+from skyproof.cli import demo as demo_command
+from skyproof.cli import inspect as inspect_command
+from skyproof.cli import progress as progress_of
+from skyproof.cli import protect as protect_command
+from skyproof.cli import receive as receive_command
 from skyproof.errors import InputError, OutputError
 from skyproof.formats.verdict import read_verdict, verdict_json
 from skyproof.verdict import Verdict
 
 VERDICT = read_verdict(Path(__file__).parent / "formats" / "verdict-sample.json")
 PROTECT = ["protect", "rx1.bin", "rx2.bin", "--out", "result"]
-COMMANDS = ("protect", "receive", "demo")
+COMMANDS = ("protect", "inspect", "receive", "demo")
 
 
 def said(word: str) -> Verdict:
@@ -45,18 +54,30 @@ class App:
         self.calls.append((name, inputs, options))
         if self.error is not None:
             raise self.error
-        receptions = (SimpleNamespace(samples=SimpleNamespace(name="rx1"), n_signals=12, remarks=("a [dim] remark",)),)
-        return SimpleNamespace(
-            verdict=self.verdict, folder=options.get("out", inputs), interrupted=self.interrupted, receptions=receptions
-        )
+        samples = SimpleNamespace(name="rx1", path="rx1.bin", remarks=())
+        reception = SimpleNamespace(
+            samples=samples, n_signals=12, remarks=("a [dim] remark",), observations=None, examined_s=4.0,
+            left_out="no time", messages_differ=(), told=SimpleNamespace(ephemerides=()),
+        )  # fmt: skip
+        if name == "receive":
+            return ReceiveResult(
+                receptions=(reception,), folder=options["out"], files=(("rx1-nav.rnx",),), interrupted=self.interrupted
+            )
+        folder = options.get("out", inputs)
+        return SimpleNamespace(verdict=self.verdict, folder=folder, interrupted=self.interrupted)
+
+    def inspect(self, file: Path, **options: Any) -> list[Any]:
+        self.calls.append(("inspect", file, options))
+        return []
 
 
 @pytest.fixture
 def app(monkeypatch: pytest.MonkeyPatch) -> Iterator[App]:
     fake = App()
-    monkeypatch.setattr(cli, "run_protect", lambda inputs, **options: fake.run("protect", inputs, options))
-    monkeypatch.setattr(cli, "run_receive", lambda inputs, **options: fake.run("receive", inputs, options))
-    monkeypatch.setattr(cli, "run_demo", lambda out, **options: fake.run("demo", out, options))
+    monkeypatch.setattr(protect_command, "run_protect", lambda inputs, **options: fake.run("protect", inputs, options))
+    monkeypatch.setattr(receive_command, "run_receive", lambda inputs, **options: fake.run("receive", inputs, options))
+    monkeypatch.setattr(demo_command, "run_demo", lambda out, **options: fake.run("demo", out, options))
+    monkeypatch.setattr(inspect_command, "run_inspect", fake.inspect)
     return fake
 
 
@@ -120,7 +141,7 @@ def test_an_interrupted_run_tells_what_is_decided_and_exits_with_130(
 def test_an_interruption_before_anything_is_decided_exits_with_130(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cli, "run_protect", lambda *_, **__: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(protect_command, "run_protect", lambda *_, **__: signal.raise_signal(signal.SIGINT))
     assert cli.main(PROTECT) == 130
     out, err = capsys.readouterr()
     assert (out, err) == ("", "skyproof: interrupted before anything was decided\n")
@@ -158,18 +179,23 @@ def test_a_usage_error_is_one_line_that_helps(
 
 def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> None:
     cli.main([*PROTECT, "--nav", "b.22n", "--platform", "p.toml", "--false-alarm-probability-per-hour", "1e-4",
-              "--antenna-separation-m", "2.5", "--start-s", "27", "--duration-s", "33"])  # fmt: skip
+              "--antenna-separation-m", "2.5", "--doppler-max-hz", "9e3", "--start-s", "27",
+              "--duration-s", "33"])  # fmt: skip
     cli.main(PROTECT)
     cli.main(["receive", "rx1.bin", "--out", "d", "--nav", "b.22n"])
+    cli.main(["receive", "rx1.bin", "--out", "d", "--doppler-max-hz", "9e3", "--start-s", "27", "--duration-s", "33"])
     cli.main(["demo", "--out", "there"])
-    settings = ("false_alarm_probability_per_hour", "antenna_separation_m", "start_s", "duration_s")
+    stretch = ("doppler_max_hz", "start_s", "duration_s")
+    settings = ("false_alarm_probability_per_hour", "antenna_separation_m", *stretch)
     assert app.calls == [
         ("protect", [Path("rx1.bin"), Path("rx2.bin")],
          {"nav": Path("b.22n"), "platform": Path("p.toml"), "out": Path("result"),
-          **dict(zip(settings, (1e-4, 2.5, 27.0, 33.0), strict=True))}),
+          **dict(zip(settings, (1e-4, 2.5, 9e3, 27.0, 33.0), strict=True))}),
         ("protect", [Path("rx1.bin"), Path("rx2.bin")],
          {"nav": None, "platform": None, "out": Path("result"), **dict.fromkeys(settings)}),
-        ("receive", [Path("rx1.bin")], {"out": Path("d"), "nav": Path("b.22n")}),
+        ("receive", [Path("rx1.bin")], {"out": Path("d"), "nav": Path("b.22n"), **dict.fromkeys(stretch)}),
+        ("receive", [Path("rx1.bin")],
+         {"out": Path("d"), "nav": None, **dict(zip(stretch, (9e3, 27.0, 33.0), strict=True))}),
         ("demo", Path("there"), {}),
     ]  # fmt: skip
 
@@ -220,9 +246,17 @@ def test_receive_says_what_was_heard(app: App, capsys: pytest.CaptureFixture[str
     assert capsys.readouterr().out == "rx1: 12 signals\n  a [dim] remark\nfiles in d\n"
 
 
+def test_receive_tells_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["receive", "rx1.bin", "--out", "d", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["format"], document["folder"], document["interrupted"]) == ("skyproof-receive/1", "d", False)
+    (receiver,) = document["receivers"]
+    assert (receiver["n_signals"], receiver["remarks"], receiver["files"]) == (12, ["a [dim] remark"], ["rx1-nav.rnx"])
+
+
 def test_demo_opens_the_report_when_asked_to(app: App, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     opened: list[str] = []
-    monkeypatch.setattr(cli.webbrowser, "open", opened.append)
+    monkeypatch.setattr(demo_command.webbrowser, "open", opened.append)
     cli.main(["demo", "--out", str(tmp_path)])
     assert opened == []
     cli.main(["demo", "--out", str(tmp_path), "--open"])
@@ -243,8 +277,8 @@ def test_bars_at_a_terminal_go_to_standard_error_and_leave_nothing_behind(
 
 def test_a_bar_shows_what_is_done_of_the_total(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
-    progress = cli._progress()
-    assert isinstance(progress, cli._Bars)
+    progress = progress_of.progress()
+    assert isinstance(progress, progress_of._Bars)
     with progress.stage("outer", 8.0) as outer, progress.stage("inner", 1.0):
         outer.advance(2.0)
         outer.advance(6.0)
@@ -256,7 +290,7 @@ def test_an_error_in_a_stage_gives_the_terminal_back(
     app: App, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
-    progress = cli._progress()
+    progress = progress_of.progress()
     with pytest.raises(KeyboardInterrupt), progress.stage("outer", 1.0), progress.stage("inner", 1.0):
         raise KeyboardInterrupt
     assert capsys.readouterr().err.count("\x1b[?25h") == 1  # the cursor is shown again, once
@@ -294,3 +328,24 @@ def test_without_a_command_the_commands_are_listed(capsys: pytest.CaptureFixture
 def test_version_is_printed_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["--version"]) == 0
     assert re.fullmatch(r"\d+\.\d+\.\d+\S*\n", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_list_says_of_a_command_what_its_function_says(command: str) -> None:
+    module = importlib.import_module(f"skyproof.cli.{command}")
+    assert cli.COMMANDS[command][0] == getattr(module, command).__doc__
+
+
+@pytest.mark.parametrize(
+    ("line", "not_loaded"),
+    [
+        ("['--help']", ("numpy", "numba", "pydantic", "skyproof.app")),
+        ("['--version']", ("numpy", "numba", "pydantic", "skyproof.app")),
+        ("['receive', '--help']", ("pyarrow", "jinja2", "scipy.signal", "scipy.stats", "scipy.optimize")),
+    ],
+)
+def test_a_command_loads_nothing_that_it_does_not_need(line: str, not_loaded: tuple[str, ...]) -> None:
+    """Each of these takes a quarter of a second and more."""
+    program = f"import sys; from skyproof.cli import main; assert main({line}) == 0; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert set(run.stdout.split()) & set(not_loaded) == set()

@@ -9,24 +9,21 @@ The vocabulary is `skyproof.records` and `skyproof.verdict`. Frames are ECEF WGS
 numpy.datetime64[ns], angles are radians inside and degrees where a name says so, units stand in the names.
 """
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from skyproof.app.protect import protect as _protect
-from skyproof.app.receive import receive
-from skyproof.verdict import Verdict
+if TYPE_CHECKING:
+    from skyproof.app.protect import verdict_of as protect
+    from skyproof.app.receive import receive
 
 __all__ = ["protect", "receive"]
 
+_FROM = {"protect": ("skyproof.app.protect", "verdict_of"), "receive": ("skyproof.app.receive", "receive")}
 
-def protect(
-    inputs: str | Path | Sequence[str | Path], *, nav: str | Path | None = None, out: str | Path | None = None,
-    **options: Any,
-) -> Verdict:
-    """The verdict on recordings of one or several receivers; with `out`, all output files as well.
 
-    Parameters and errors are those of `skyproof.app.protect.protect`, which also gives everything behind the verdict.
-    """
-    paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
-    return _protect(paths, nav=nav, out=out, **options).verdict
+def __getattr__(name: str) -> Any:
+    """Load a use case when it is first asked for: `skyproof --help` needs none of them."""
+    if name not in _FROM:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, function = _FROM[name]
+    return getattr(import_module(module), function)

@@ -9,9 +9,10 @@ import pytest
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records import SignalRef
+from skyproof.simulate.heard import Scene
 from skyproof.simulate.measurements import NoiseModel, draw, geometry_of, noise_of, observations_of
 from skyproof.simulate.scenario import Scenario
-from skyproof.simulate.sky import Scene, scene_of
+from skyproof.simulate.sky import scene_of
 
 SILENT = NoiseModel(sigma_m=0.0, carrier_sigma_cyc=0.0, doppler_sigma_hz=0.0)
 
@@ -31,7 +32,8 @@ def test_pseudoranges_are_on_the_receivers_own_clock(scene: Scene) -> None:
     assert observed.elapsed_s[epoch] == pytest.approx(elapsed_s, abs=1e-14)
     true_s = 1.23e-5 + elapsed_s / (1.0 + 0.7e-6)
     # over one second the mean differs from the middle by a twenty-fourth of the acceleration
-    bend_s = sky.code_delay_s(true_s, 2) / 24.0
+    before_s, now_s, after_s = sky.code_delay_s(true_s + np.array([-1.0, 0.0, 1.0]))
+    bend_s = (before_s - 2.0 * now_s + after_s) / 24.0
     expected_m = SPEED_OF_LIGHT_M_S * (shown_s - true_s + sky.code_delay_s(true_s) + bend_s)
     columns = [observed.signals.index(heard.id) for heard in sky.signals]
     np.testing.assert_allclose(observed.pseudorange_m[epoch, columns], expected_m, rtol=0.0, atol=1e-5)

@@ -5,6 +5,7 @@ import os
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
+from tests.simulate.exact import delays_at
 
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ
 from skyproof.gnss.ephemeris import NavigationData
@@ -12,9 +13,10 @@ from skyproof.gnss.lnav import encode_subframes
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.simulate import samples as samples_module
+from skyproof.simulate.heard import Scene
 from skyproof.simulate.samples import BLOCK, CHUNK, Rendering, render, rendering_of, samples_of
 from skyproof.simulate.scenario import FrontEnd, Scenario
-from skyproof.simulate.sky import Scene, delays_at, scene_of
+from skyproof.simulate.sky import scene_of
 
 
 def twin(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.simulate.exact import delays_at
 
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.gnss.atmosphere import klobuchar_delay_s
@@ -17,8 +18,9 @@ from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
 from skyproof.gnss.time import week_and_tow
 from skyproof.records import SignalRef
+from skyproof.simulate.heard import ReceiverSky, Scene
 from skyproof.simulate.scenario import Place, Scenario, Spoofer, parse_scenario
-from skyproof.simulate.sky import ReceiverSky, Scene, delays_at, scene_of
+from skyproof.simulate.sky import scene_of
 
 MM = 1e-3
 
@@ -76,11 +78,11 @@ def test_code_minus_carrier_is_twice_the_ionosphere(scene: Scene, navigation: Na
     sky, knot = scene.skies[0], 4
     true_s = float(sky.knots_s[knot])
     apart_s = sky.code_delay_s(true_s) - sky.carrier_delay_s(true_s)
-    for column, (heard, delays) in enumerate(zip(sky.signals, sky.delays, strict=True)):
+    for column, heard in enumerate(sky.signals):
         place = sky.receiver if heard.label == "authentic" else scene.scenario.attacks[0].shows
         ionosphere_s = klobuchar_delay_s(
-            navigation.ionosphere, np.radians(place.lat_deg), np.radians(place.lon_deg), delays.az_rad[knot],
-            delays.el_rad[knot], tow_s + true_s,
+            navigation.ionosphere, np.radians(place.lat_deg), np.radians(place.lon_deg), sky.az_rad[knot, column],
+            sky.el_rad[knot, column], tow_s + true_s,
         )  # fmt: skip
         assert apart_s[column] == pytest.approx(2.0 * ionosphere_s, abs=1e-13)
         assert ionosphere_s > 1e-9
@@ -194,8 +196,10 @@ def test_delays_and_doppler_agree_with_another_simulator(shared_data: Path) -> N
             wander = receiver["wander"]
             turn = 2.0 * np.pi / wander["period_s"]
             drift = wander["amp_s"] * turn * np.cos(turn * true_s + wander["phase_rad"])
-            delay_rate = sky.carrier_delay_s(true_s, 1)[:, column]
-            doppler_hz = -L1_HZ * (sky.clock_drift + drift + (1.0 - sky.clock_drift) * delay_rate)
+            ahead = sky.receiver.lo_ppm * 1e-6 / (1.0 + sky.receiver.lo_ppm * 1e-6)  # by its own seconds
+            around_s = sky.carrier_delay_s(true_s + np.array([[-0.01], [0.01]]))[..., column]
+            delay_rate = (around_s[1] - around_s[0]) / 0.02
+            doppler_hz = -L1_HZ * (ahead + drift + (1.0 - ahead) * delay_rate)
             assert np.abs(doppler_hz - table["doppler_hz"]).max() < 0.01  # 2 mm/s
             compared += len(mine)
     assert compared > 2500

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from skyproof.app.outputs import check_folder
+from skyproof.app.folder import check_folder
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.protect import ProtectResult, protect
 from skyproof.formats.rinex_nav import write_nav

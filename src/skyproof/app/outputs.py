@@ -1,4 +1,4 @@
-"""Everything that a run writes into its folder."""
+"""Everything that `protect` writes into its folder."""
 
 import json
 import re
@@ -10,14 +10,13 @@ import numpy as np
 
 from skyproof.app.document import Outcome, ReceiverOutcome, place_of, versions
 from skyproof.app.progress import Progress
-from skyproof.app.reception import Reception
+from skyproof.app.rinex import one_a_satellite, write_channels
 from skyproof.app.settings import Settings
 from skyproof.errors import InputError, OutputError
 from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
 from skyproof.formats.place import write_lines
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.formats.rinex_obs import write_obs
 from skyproof.formats.tables import fixes_columns, write_table
 from skyproof.formats.verdict import read_verdict, write_verdict
 from skyproof.fusion.labels import LabelledSignal
@@ -26,25 +25,12 @@ from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import iso, seconds_between
-from skyproof.records import CELL_STATUS, Evidence, Fix, NavigationData, Observations, SignalId
+from skyproof.records import CELL_STATUS, Evidence, Fix, Observations
 from skyproof.report.page import Pictures, report_html
 from skyproof.report.pictures import FixTrack, SignalSeries, SkyPosition
 from skyproof.verdict import Verdict
 
-__all__ = ["check_folder", "write_outputs"]
-
-
-def check_folder(folder: Path) -> None:
-    """Make the folder and try to write in it, before the long work and not after it. Raises OutputError."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".skyproof-probe"
-        probe.write_bytes(b"")
-        probe.unlink()
-    except OSError as error:
-        raise OutputError(
-            f"{folder}: cannot be written: {error.strerror}; name a folder that can with --out"
-        ) from error
+__all__ = ["write_outputs"]
 
 
 def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> None:
@@ -175,38 +161,12 @@ def _write_rinex(folder: Path, outcome: Outcome) -> None:
             continue
         place = None if r.trusted is None else _last_position(r.trusted)
         authentic = labelled(o, outcome.decision.labels, "authentic")
-        _write_channels(folder / f"{o.receiver}-authentic.obs", authentic, "authentic", place)
+        write_channels(folder / f"{o.receiver}-authentic.obs", authentic, "authentic", place)
         for label, name in (("spoofed", "other"), ("unknown", "unknown")):
             others = labelled(o, outcome.decision.labels, label)  # type: ignore[arg-type]
-            for number, signals in enumerate(_one_a_satellite(others)):
+            for number, signals in enumerate(one_a_satellite(others)):
                 suffix = name if number == 0 else f"{name}-{number + 1}"
-                _write_channels(folder / f"{o.receiver}-{suffix}.obs", others, label, None, signals)
-
-
-def _one_a_satellite(o: Observations) -> list[tuple[SignalId, ...]]:
-    """The signals that were measured, dealt into groups with at most one of a satellite in each."""
-    groups: list[dict[str, SignalId]] = []
-    for column, signal in enumerate(o.signals):
-        if np.isfinite(o.pseudorange_m[:, column]).any():
-            free = next((g for g in groups if signal.sat not in g), None)
-            if free is None:
-                free = {}
-                groups.append(free)
-            free[signal.sat] = signal
-    return [tuple(g.values()) for g in groups]
-
-
-def _write_channels(
-    path: Path, o: Observations, holds: str, place: Any, signals: tuple[SignalId, ...] | None = None
-) -> None:
-    if signals is None:
-        groups = _one_a_satellite(o)
-        signals = groups[0] if groups else ()
-    if signals:
-        write_obs(
-            path, o, signals=signals, holds=holds, marker=o.receiver, version=versions()["skyproof"],
-            position_ecef_m=place,
-        )  # fmt: skip
+                write_channels(folder / f"{o.receiver}-{suffix}.obs", others, label, None, signals)
 
 
 def _last_position(fix: Fix) -> Any:
@@ -332,19 +292,3 @@ def _sky(r: ReceiverOutcome, outcome: Outcome) -> list[SkyPosition]:
                 )
             )
     return positions
-
-
-# ---------------------------------------------------------------------- receive
-
-
-def write_received(folder: Path, receptions: Sequence[Reception], navigation: NavigationData | None) -> None:
-    """RINEX observation files of every signal, one a receiver and copy, and a navigation file of what was told."""
-    for reception in receptions:
-        o = reception.observations
-        orbits = navigation if navigation is not None else reception.told
-        if orbits.ephemerides:
-            write_nav(folder / f"{reception.samples.name}-nav.rnx", orbits)
-        if o is not None:
-            for number, signals in enumerate(_one_a_satellite(o)):
-                name = f"{o.receiver}.obs" if number == 0 else f"{o.receiver}-{number + 1}.obs"
-                _write_channels(folder / name, o, "unjudged", None, signals)

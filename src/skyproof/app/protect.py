@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from skyproof.app.document import InputNote, Outcome, ReceiverOutcome, document
-from skyproof.app.outputs import check_folder, write_outputs
+from skyproof.app.folder import check_folder
+from skyproof.app.outputs import write_outputs
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.reception import Reception, first_copies, observe, open_inputs, overlap_s, require_signals, track
 from skyproof.app.settings import Settings, resolve_settings
@@ -24,7 +25,7 @@ from skyproof.navigation.smooth import smooth
 from skyproof.records import Fix, NavigationData, Observations
 from skyproof.verdict import Verdict
 
-__all__ = ["ProtectResult", "protect"]
+__all__ = ["ProtectResult", "protect", "verdict_of"]
 
 COMMON_SHARE = 0.9
 """Of a recording: if another receiver's covers less, it is told."""
@@ -95,6 +96,18 @@ def protect(
     return ProtectResult(
         verdict=verdict, outcome=outcome, folder=None if out is None else Path(out), interrupted=interrupted
     )
+
+
+def verdict_of(
+    inputs: str | Path | Sequence[str | Path], *, nav: str | Path | None = None, out: str | Path | None = None,
+    **options: Any,
+) -> Verdict:  # fmt: skip
+    """The verdict on recordings of one or several receivers; with `out`, all output files as well.
+
+    Parameters and errors are those of `protect`, which also gives everything behind the verdict.
+    """
+    paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
+    return protect(paths, nav=nav, out=out, **options).verdict
 
 
 def _write(

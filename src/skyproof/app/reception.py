@@ -23,7 +23,15 @@ from skyproof.navigation.fix import fix
 from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.conditioning import conditioned, measure_front_end
 from skyproof.receiver.measurement import DOPPLER_HZ, Measurements
-from skyproof.receiver.observables import ClockLabel, assemble, clock_label, navigation_of, timed_by_range, week_told
+from skyproof.receiver.observables import (
+    ClockLabel,
+    assemble,
+    clock_label,
+    messages_that_differ,
+    navigation_of,
+    timed_by_range,
+    week_told,
+)
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
 from skyproof.records import NavigationData, Observations, Samples, SignalId
 
@@ -42,6 +50,7 @@ class Reception:
 
     observations : None if there are none; `left_out` then says why.
     examined_s : how much of the recording was worked on.
+    messages_differ : where signals of one satellite tell different messages, in words; among the remarks as well.
     """
 
     samples: Samples
@@ -51,6 +60,7 @@ class Reception:
     examined_s: float
     left_out: str | None = None
     remarks: tuple[str, ...] = ()
+    messages_differ: tuple[str, ...] = ()
 
 
 @dataclass(kw_only=True)
@@ -249,6 +259,8 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
     if found is None or not found.mirrored:  # signals of a mirrored spectrum are lost all the time: no gaps are told
         remarks += gap_remarks(tracker.gaps, tracker.receiver.signal.period_s)
         remarks += oscillator_told(_dopplers_hz(tracker))
+    differ = tuple(messages_that_differ(tracker.arcs))
+    remarks += differ
     left_out = None
     if observations is None:
         left_out = _no_time(tracker, len(heard)) if heard else _nothing_heard(tracker)
@@ -258,7 +270,7 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
         remarks.append(f"few signals as it was read, or none for long: {found.cure}")
     return Reception(
         samples=samples, observations=observations, told=told, n_signals=len(heard), examined_s=tracker.examined_s,
-        left_out=left_out, remarks=tuple(remarks),
+        left_out=left_out, remarks=tuple(remarks), messages_differ=differ,
     )  # fmt: skip
 
 

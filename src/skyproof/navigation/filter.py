@@ -15,15 +15,24 @@ claims too much.
 """
 
 from dataclasses import dataclass, fields, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from skyproof.errors import SettingsError
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
+from skyproof.navigation.filter_state import (
+    CLOCK,
+    CORE,
+    DRIFT,
+    POSITION,
+    VELOCITY,
+    FilterSettings,
+    FilterState,
+    predicted,
+    without_the_old,
+)
 from skyproof.navigation.fix import RangeRates, fix, range_rates
 from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scale
@@ -32,8 +41,6 @@ from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["FilterSettings", "FilterState", "Filtered", "step"]
 
-_POSITION, _VELOCITY, _CLOCK, _DRIFT = slice(0, 3), slice(3, 6), 6, 7
-_CORE = 8
 _SLIP = 3  # a code of records.CELL_STATUS
 # Priors that say nothing beside any measurement, and are small enough to keep all digits beside the carrier's noise.
 _OPEN_M = 100.0
@@ -41,69 +48,6 @@ _OPEN_M_S = 300.0
 _OPEN_DRIFT_M_S = 3000.0  # 1e-5
 _FAR_M = 50.0  # beyond this a range is no longer linear to a tenth of a millimetre
 _JUMP_M = 1000.0  # receivers move their clocks by a millisecond, 300 km; oscillators do not do the hundredth of it
-
-
-@dataclass(frozen=True)
-class FilterSettings:
-    """Settings of `step`; noises are densities of random walks.
-
-    mode : "static": the velocity is zero; "kinematic": it walks by `acceleration_m2_s3`.
-    acceleration_m2_s3 : 1 m/s of change in a second: cars, ships and walkers; take 100 for flight with turns.
-    clock_m2_s, drift_m2_s3 : a quartz oscillator (h0 = 2e-19, h-2 = 2e-20; R. G. Brown and P. Y. C. Hwang,
-        "Introduction to Random Signals and Applied Kalman Filtering", 4th ed., table 9.3).
-    offset_m2_s : of one time scale against another, with the receiver's delays: centimetres in an hour.
-    ambiguity_m2_s : 20 cm in 100 s: an ordinary 1 mm/s of the ionosphere, twice, for code against carrier.
-    multipath_sigma_m, ionosphere_share, elevation_mask_deg : as in `fix`; they make the sigma of b.
-    error_time_s : after which b is another one, between multipath (a minute) and orbits (hours).
-    carrier_sigma_m : at the zenith, beside the thermal noise; grows by 1/sin(elevation).
-    range_rate_sigma_m_s : of a Doppler, beside the thermal noise.
-    false_alarm_probability : of the test, at each epoch, by which measurements that do not fit are left out.
-    max_gap_s : an arc does not last over a gap of the carrier longer than this.
-    """
-
-    mode: Literal["static", "kinematic"] = "kinematic"
-    acceleration_m2_s3: float = 1.0
-    clock_m2_s: float = 0.009
-    drift_m2_s3: float = 0.036
-    offset_m2_s: float = 1e-6
-    ambiguity_m2_s: float = 4e-4
-    multipath_sigma_m: float = 0.5
-    ionosphere_share: float = 0.25
-    elevation_mask_deg: float = 5.0
-    error_time_s: float = 600.0
-    carrier_sigma_m: float = 0.003
-    range_rate_sigma_m_s: float = 0.05
-    false_alarm_probability: float = 1e-4
-    max_gap_s: float = 60.0
-
-    def __post_init__(self) -> None:
-        if self.mode not in ("static", "kinematic"):
-            raise SettingsError(f"filter: mode is {self.mode!r}, expected 'static' or 'kinematic'")
-        if not 0.0 < self.false_alarm_probability < 1.0:
-            raise SettingsError(
-                f"filter: false_alarm_probability is {self.false_alarm_probability}, expected between 0 and 1"
-            )
-        if self.error_time_s <= 0.0:
-            raise SettingsError(f"filter: error_time_s is {self.error_time_s}, expected more than 0")
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FilterState:
-    """What is known after an epoch. `None` in its place means that nothing is known yet.
-
-    gpst : the epoch's label. scales : the time scales, the clock's own first.
-    mean (n,), covariance (n, n) : core of 8, an offset for each scale but the first, b of each signal, n of each.
-    signals : (k). seen, carried : (k,) label of the last code and the last carrier. error_sigma_m : (k,) of b.
-    """
-
-    gpst: np.datetime64
-    scales: tuple[str, ...]
-    mean: Reals
-    covariance: Reals
-    signals: tuple[SignalId, ...]
-    seen: NDArray[np.datetime64]
-    carried: NDArray[np.datetime64]
-    error_sigma_m: Reals
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -216,7 +160,7 @@ class _Out:
     def __init__(self, gpst: Instants, channels: int) -> None:
         n = gpst.size
         self.gpst = gpst
-        self.core, self.covariance = np.full((n, _CORE), np.nan), np.full((n, 4, 4), np.nan)
+        self.core, self.covariance = np.full((n, CORE), np.nan), np.full((n, 4, 4), np.nan)
         self.residual_m = np.full((n, channels), np.nan)
         self.status = np.ones(n, np.uint8)
         self.offset_m: dict[str, Reals] = {}
@@ -224,25 +168,25 @@ class _Out:
         self.rejected, self.slipped = np.zeros((n, channels), np.bool_), np.zeros((n, channels), np.bool_)
 
     def write(self, row: int, state: FilterState) -> None:
-        self.core[row] = state.mean[:_CORE]
-        kept = [0, 1, 2, _CLOCK]
+        self.core[row] = state.mean[:CORE]
+        kept = [0, 1, 2, CLOCK]
         self.covariance[row] = state.covariance[np.ix_(kept, kept)]
         self.status[row] = 0
-        offsets_m = np.concatenate(([0.0], state.mean[_CORE : _CORE + len(state.scales) - 1]))
+        offsets_m = np.concatenate(([0.0], state.mean[CORE : CORE + len(state.scales) - 1]))
         for scale, offset_m in zip(state.scales, offsets_m, strict=True):
             self.offset_m.setdefault(scale, np.full(self.gpst.size, np.nan))[row] = offset_m
 
     def filtered(self, receiver: str, signals: tuple[SignalId, ...]) -> Filtered:
-        bias_s = self.core[:, _CLOCK] / SPEED_OF_LIGHT_M_S
+        bias_s = self.core[:, CLOCK] / SPEED_OF_LIGHT_M_S
         bias_ns = np.rint(np.nan_to_num(bias_s) * 1e9).astype(np.int64)
         found = Fix(
             receiver=receiver,
             signals=signals,
             gpst=self.gpst - bias_ns.astype("timedelta64[ns]"),
-            position_ecef_m=self.core[:, _POSITION],
-            velocity_ecef_m_s=self.core[:, _VELOCITY],
+            position_ecef_m=self.core[:, POSITION],
+            velocity_ecef_m_s=self.core[:, VELOCITY],
             clock_bias_s=bias_s,
-            clock_drift=self.core[:, _DRIFT] / SPEED_OF_LIGHT_M_S,
+            clock_drift=self.core[:, DRIFT] / SPEED_OF_LIGHT_M_S,
             covariance_m2=self.covariance,
             residual_m=self.residual_m,
             status=self.status,
@@ -291,10 +235,10 @@ def _epoch(
     state: FilterState, rows: _Rows, row: int, navigation: NavigationData, settings: FilterSettings, out: _Out
 ) -> FilterState:
     starting = not state.signals
-    state = _predicted(state, rows.gpst[row], settings)
+    state = predicted(state, rows.gpst[row], settings)
     columns = np.flatnonzero(np.isfinite(rows.ranges.range_m[row]) & np.isfinite(rows.code_sigma_m[row]))
     view = _view(state.mean, rows, row, columns, navigation, settings)
-    state = _without_the_old(state, settings)
+    state = without_the_old(state, settings)
     if columns.size == 0 or not np.any(view.elevation_rad >= np.radians(settings.elevation_mask_deg)):
         return state
     high = view.elevation_rad >= np.radians(settings.elevation_mask_deg)
@@ -314,31 +258,6 @@ def _epoch(
     return state
 
 
-def _predicted(state: FilterState, gpst: np.datetime64, settings: FilterSettings) -> FilterState:
-    """The state at a later epoch: F x and F P F' + Q, F of blocks."""
-    dt_s = float((gpst - state.gpst) / np.timedelta64(1, "ns")) * 1e-9
-    mean, k = state.mean.copy(), len(state.signals)
-    first_error = mean.size - 2 * k
-    errors, ambiguities = slice(first_error, first_error + k), slice(first_error + k, None)
-    fade = np.exp(-dt_s / settings.error_time_s)
-    transition = np.eye(mean.size)
-    transition[_POSITION, _VELOCITY] = dt_s * np.eye(3)
-    transition[_CLOCK, _DRIFT] = dt_s
-    transition[errors, errors] *= fade
-    noise = np.zeros(mean.size)
-    noise[_CORE:first_error] = settings.offset_m2_s * dt_s
-    noise[errors] = (1.0 - fade**2) * state.error_sigma_m**2
-    noise[ambiguities] = settings.ambiguity_m2_s * dt_s
-    covariance = transition @ state.covariance @ transition.T + np.diag(noise)
-    walk = np.array([[dt_s**3 / 3.0, dt_s**2 / 2.0], [dt_s**2 / 2.0, dt_s]])
-    covariance[np.ix_([_CLOCK, _DRIFT], [_CLOCK, _DRIFT])] += settings.drift_m2_s3 * walk
-    covariance[_CLOCK, _CLOCK] += settings.clock_m2_s * dt_s
-    if settings.mode == "kinematic":
-        for axis in range(3):
-            covariance[np.ix_([axis, axis + 3], [axis, axis + 3])] += settings.acceleration_m2_s3 * walk
-    return replace(state, gpst=gpst, mean=transition @ mean, covariance=covariance)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _View:
     """The satellites of an epoch as the state sees them, (k,): delays and sigmas that do not change as it improves."""
@@ -355,9 +274,9 @@ class _View:
 def _view(
     mean: Reals, rows: _Rows, row: int, columns: NDArray[np.intp], navigation: NavigationData, settings: FilterSettings
 ) -> _View:
-    satellite, _, _ = line_of_sight(rows.ranges.satellite_ecef_m[row, columns], mean[_POSITION])
+    satellite, _, _ = line_of_sight(rows.ranges.satellite_ecef_m[row, columns], mean[POSITION])
     delays = atmosphere(
-        mean[_POSITION], satellite, rows.tow_s[row], navigation.ionosphere,
+        mean[POSITION], satellite, rows.tow_s[row], navigation.ionosphere,
         ionosphere_share=settings.ionosphere_share, carrier_hz=rows.carrier_hz[columns],
     )  # fmt: skip
     low = np.maximum(np.sin(delays.elevation_rad), 0.05)
@@ -368,25 +287,6 @@ def _view(
         error_sigma_m=np.sqrt(
             (settings.multipath_sigma_m / low) ** 2 + delays.sigma_m**2 + rows.space_m[columns] ** 2
         ),
-    )
-
-
-def _without_the_old(state: FilterState, settings: FilterSettings) -> FilterState:
-    """Forget signals that were not seen for so long that nothing of theirs is worth keeping."""
-    last_s = max(settings.max_gap_s, 2.0 * settings.error_time_s)
-    kept = (state.gpst - state.seen) / np.timedelta64(1, "s") <= last_s
-    if np.all(kept):
-        return state
-    core = np.ones(state.mean.size - 2 * kept.size, np.bool_)
-    which = np.concatenate((core, kept, kept))
-    return replace(
-        state,
-        mean=state.mean[which],
-        covariance=state.covariance[np.ix_(which, which)],
-        signals=tuple(signal for signal, keep in zip(state.signals, kept, strict=True) if keep),
-        seen=state.seen[kept],
-        carried=state.carried[kept],
-        error_sigma_m=state.error_sigma_m[kept],
     )
 
 
@@ -442,7 +342,7 @@ class _Problem:
         first_error = state.mean.size - 2 * n_signals
         self.error, self.ambiguity = first_error + index, first_error + n_signals + index
         clock_of = [state.scales.index(rows.scales[column]) for column in columns]
-        self.offset = np.array([_CORE + c - 1 if c else -1 for c in clock_of])
+        self.offset = np.array([CORE + c - 1 if c else -1 for c in clock_of])
         self.ranges, self.rows, self.row, self.columns = rows.ranges, rows, row, columns
         self.satellite_ecef_m = rows.ranges.satellite_ecef_m[row, columns]
         carrier_m, carrier_sigma_m = rows.carrier_m[row, columns], rows.carrier_sigma_m[row, columns]
@@ -473,7 +373,7 @@ class _Problem:
     def _rates(self) -> RangeRates:
         """Along today's lines of sight: a position better by 100 m turns them by 5 urad."""
         rows, cells = self.rows, (self.row, self.columns)
-        satellite, unit, distance_m = line_of_sight(self.satellite_ecef_m, self.mean[_POSITION])
+        satellite, unit, distance_m = line_of_sight(self.satellite_ecef_m, self.mean[POSITION])
         ranges = replace(
             self.ranges,
             satellite_velocity_ecef_m_s=self.ranges.satellite_velocity_ecef_m_s[cells],
@@ -486,21 +386,21 @@ class _Problem:
 
     def _linear(self, at: Reals) -> tuple[Reals, Reals]:
         """Measured minus modelled at `at`, (m,), and the model's derivative, (m, n)."""
-        _, unit, distance_m = line_of_sight(self.satellite_ecef_m, at[_POSITION])
+        _, unit, distance_m = line_of_sight(self.satellite_ecef_m, at[POSITION])
         k, m = len(self.columns), self.of.size
         design = np.zeros((m, at.size))
         ranging = np.arange(self.carriers.stop)
         sat = self.of[ranging]
-        design[ranging, _POSITION] = -unit[sat]
-        design[ranging, _CLOCK] = 1.0
+        design[ranging, POSITION] = -unit[sat]
+        design[ranging, CLOCK] = 1.0
         further = self.offset[sat] >= 0
         design[ranging[further], self.offset[sat][further]] = 1.0
         design[np.arange(k), self.error] = 1.0
         carried = self.of[self.carriers]
         design[k + np.arange(carried.size), self.ambiguity[carried]] = 1.0
         rated = self.of[self.carriers.stop :]
-        design[self.carriers.stop :, _VELOCITY] = -unit[rated]
-        design[self.carriers.stop :, _DRIFT] = self.drift_gain[rated]
+        design[self.carriers.stop :, VELOCITY] = -unit[rated]
+        design[self.carriers.stop :, DRIFT] = self.drift_gain[rated]
         modelled = design @ np.concatenate((np.zeros(3), at[3:]))
         modelled[ranging] += distance_m[sat] + self.view.delay_m[sat]
         modelled[self.carriers] -= 2.0 * self.view.ionosphere_m[carried]
@@ -516,7 +416,7 @@ class _Problem:
     def _begin_scales(self) -> None:
         """A time scale that is new may be far off: it begins where its codes say."""
         first_error = self.mean.size - 2 * len(self.state.signals)
-        for entry in range(_CORE, first_error):
+        for entry in range(CORE, first_error):
             own = self.offset == entry
             if self.mean[entry] == 0.0 and np.any(own):
                 self._shift(entry, float(np.median(self.innovation[self.codes][own])))
@@ -524,16 +424,16 @@ class _Problem:
     def _follow_clock(self) -> None:
         """When all codes jump alike, the receiver has moved its clock; its carriers may or may not have followed."""
         jump_m = float(np.median(self.innovation[self.codes]))
-        variance_m2 = self.covariance[_CLOCK, _CLOCK]
+        variance_m2 = self.covariance[CLOCK, CLOCK]
         if variance_m2 > _JUMP_M**2:
             # The drift is still unknown, or the gap was long: begin where the codes say. So large a variance beside the
             # carrier's millimetres would leave no digits.
-            drift_m_s = float(self.covariance[_DRIFT, _CLOCK] / variance_m2) * jump_m
-            self._shift(_CLOCK, jump_m)
-            self._shift(_DRIFT, drift_m_s, sigma=_OPEN_M_S)
+            drift_m_s = float(self.covariance[DRIFT, CLOCK] / variance_m2) * jump_m
+            self._shift(CLOCK, jump_m)
+            self._shift(DRIFT, drift_m_s, sigma=_OPEN_M_S)
             self.begun += 1
         elif abs(jump_m) > max(_JUMP_M, 10.0 * float(np.sqrt(variance_m2))):
-            self._shift(_CLOCK, jump_m)
+            self._shift(CLOCK, jump_m)
             self.state = replace(self.state, carried=np.full_like(self.state.carried, np.datetime64("NaT")))
             self.begun += 1
 
@@ -589,7 +489,7 @@ class _Problem:
             spread = design @ self.covariance @ design.T + np.diag(self.variance[self.on])
             gain = linalg.solve(spread, design @ self.covariance, assume_a="pos").T
             mean = self.mean + gain @ innovation
-            if np.linalg.norm(mean[_POSITION] - at[_POSITION]) < _FAR_M:
+            if np.linalg.norm(mean[POSITION] - at[POSITION]) < _FAR_M:
                 break
             at = mean
             innovation, design = (part[self.on] for part in self._linear(at))

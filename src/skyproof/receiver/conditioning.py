@@ -16,16 +16,16 @@ satellites. `conditioned` takes the delay off; `Conditioner.step`, for what runs
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, optimize, signal, special
+from scipy import special
 
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
+from skyproof.receiver.spectrum import GUARD, density_of, floor_and_lines, line_threshold, noise_bins, tone
 from skyproof.records import Reals, Samples, freeze
 
 __all__ = ["LOSS_LIMIT_DB", "Conditioner", "ConditionerState", "FrontEnd", "Line", "conditioned", "measure_front_end"]
@@ -48,10 +48,6 @@ MOST_NOTCHES: Final = 8
 
 _STRETCHES, _STRETCH_SAMPLES = 16, 32768
 _SEGMENTS, _LEAST_FFT, _MOST_FFT = 16, 256, 4096
-_GUARD, _SIDE = 5, 24
-"""Bins to either side of the one looked at: left out (the window's main lobe), then used for the floor."""
-_STOP_BAND = 0.03
-"""Of the highest floor: where a filter leaves less, its ripples are not looked at for lines; none could hurt there."""
 _LEVELS = 256
 _RENEW = 4096  # samples after which a notch's phasor is worked out anew, counted from the recording's first
 
@@ -207,14 +203,14 @@ def measure_front_end(
         raise ValueError("the samples never change")
     carrier_hz = samples.if_hz + signal.carrier_hz - samples.centre_hz
     n_fft = _fft_length(min(stretch.shape[1] for stretch in stretches), planes.shape[1])
-    frequency_hz, density, n_averaged = _density(stretches, dc, samples.rate_hz, n_fft, real=real)
+    frequency_hz, density, n_averaged = density_of(stretches, dc, samples.rate_hz, n_fft, real=real)
     step_hz = samples.rate_hz / n_fft
     usable = np.ones(frequency_hz.size, bool)
     if real:  # next to zero and to half the rate a bin holds its own image: another distribution
-        usable[:_GUARD] = usable[-_GUARD:] = False
+        usable[:GUARD] = usable[-GUARD:] = False
     threshold = line_threshold(n_averaged, false_alarm_probability / np.count_nonzero(usable))
     mean_over_median = n_averaged / float(special.gammaincinv(n_averaged, 0.5))
-    floor, groups = _floor_and_lines(density, threshold, usable, mean_over_median, circular=not real)
+    floor, groups = floor_and_lines(density, threshold, usable, mean_over_median, circular=not real)
     weight = np.sinc((frequency_hz - carrier_hz) / signal.chip_rate_hz) ** 2
     inside = np.abs(carrier_hz) <= samples.rate_hz / 2.0
     n0 = float(np.sum(floor * weight) / np.sum(weight)) if inside else math.nan
@@ -225,7 +221,7 @@ def measure_front_end(
 
     lines = []
     for bins in groups:
-        at_hz, power, width_hz = _tone(bins, frequency_hz, density, floor, step_hz)
+        at_hz, power, width_hz = tone(bins, frequency_hz, density, floor, step_hz)
         lines.append(
             Line(
                 frequency_hz=at_hz, over_floor_db=float(10.0 * np.log10(np.max(density[bins] / floor[bins]))),
@@ -245,36 +241,10 @@ def measure_front_end(
         phase_imbalance_sigma_deg=math.nan if real else math.degrees(1.0 / math.sqrt(planes.shape[1])),
         levels=levels, level_shares=shares, extreme_share=extreme, frequency_hz=frequency_hz, density=density,
         floor=floor, n0=n0, noise_bandwidth_hz=float(np.sum(floor) * step_hz / n0), band_hz=(low, high),
-        resolution_hz=_noise_bins(n_fft) * step_hz, line_threshold_db=10.0 * math.log10(threshold),
+        resolution_hz=noise_bins(n_fft) * step_hz, line_threshold_db=10.0 * math.log10(threshold),
         false_alarm_probability=false_alarm_probability,
         lines=tuple(sorted(lines, key=lambda line: (-line.loss_db, -line.over_floor_db))),
     )  # fmt: skip
-
-
-def line_threshold(n_averaged: int, probability: float) -> float:
-    """What a bin over its floor exceeds with `probability`, if there is only noise.
-
-    A bin is the mean of `n_averaged` independent exponential variables: Gamma. The floor is the greater one of the
-    medians of `_SIDE` bins on either side, each nearly normal; the threshold allows for its spread.
-    """
-    independent = _SIDE / _ALIKE
-    spread = 1.2533 / math.sqrt(independent * n_averaged)  # of a median: sqrt(pi / 2) that of a mean
-    z, weights = special.roots_hermitenorm(40)
-    weights = weights * 2.0 * special.ndtr(z)  # the greater one of two
-    weights /= weights.sum()
-    floors = np.maximum(1.0 + spread * z, 0.05)
-
-    def excess(threshold: float) -> float:
-        tail = np.sum(weights * special.gammaincc(n_averaged, n_averaged * threshold * floors))
-        return math.log(max(float(tail), 1e-300)) - math.log(probability)
-
-    return float(optimize.brentq(excess, 1.0, 1e3))
-
-
-def _alike() -> float:
-    """How many neighbouring bins the window makes of one: the sum of the correlations of their powers."""
-    window = _window(256)
-    return float(256 * np.sum(window**4) / np.sum(window**2) ** 2)
 
 
 def _stretches(n_samples: int) -> list[tuple[int, int]]:
@@ -288,120 +258,6 @@ def _stretches(n_samples: int) -> list[tuple[int, int]]:
 def _fft_length(stretch: int, n_samples: int) -> int:
     wanted = min(_MOST_FFT, stretch, max(n_samples // _SEGMENTS, _LEAST_FFT))
     return int(2 ** math.floor(math.log2(wanted)))
-
-
-def _window(n_fft: int) -> Reals:
-    # side lobes of -92 dB: a line 60 dB above the floor is nine bins and no more
-    return np.asarray(signal.get_window("blackmanharris", n_fft), np.float64)
-
-
-def _noise_bins(n_fft: int) -> float:
-    window = _window(n_fft)
-    return float(n_fft * np.sum(window**2) / np.sum(window) ** 2)
-
-
-def _density(
-    stretches: Sequence[Reals], dc: Reals, rate_hz: float, n_fft: int, *, real: bool
-) -> tuple[Reals, Reals, int]:
-    """Power density by Welch's method, frequencies ascending; and how many periodograms it is the mean of.
-
-    Neighbours overlap by half, which this window makes all but independent (correlation of powers 0.001).
-    """
-    window = _window(n_fft)
-    total: Reals = np.zeros(n_fft)
-    count = 0
-    for planes in stretches:
-        wave = (planes[0] - dc[0]) + 1j * (planes[1] - dc[1])
-        segments = np.lib.stride_tricks.sliding_window_view(wave, n_fft)[:: n_fft // 2] * window
-        spectra = fft.fft(segments.astype(np.complex64), axis=-1)
-        total += np.sum(spectra.real.astype(np.float64) ** 2 + spectra.imag.astype(np.float64) ** 2, axis=0)
-        count += segments.shape[0]
-    density = total / (count * rate_hz * np.sum(window**2))
-    if real:
-        half = n_fft // 2
-        return np.arange(half) * rate_hz / n_fft, 2.0 * density[:half], count
-    return fft.fftshift(fft.fftfreq(n_fft, 1.0 / rate_hz)), fft.fftshift(density), count
-
-
-def _floor_and_lines(
-    density: Reals, threshold: float, usable: NDArray[np.bool_], mean_over_median: float, *, circular: bool
-) -> tuple[Reals, list[NDArray[np.int64]]]:
-    """The floor, and for each line the bins it covers. Lines found are left out of the floor, until no more come."""
-    covered: NDArray[np.bool_] = np.zeros(density.size, np.bool_)
-    found: NDArray[np.bool_] = covered
-    floor = density
-    for _ in range(8):
-        floor = mean_over_median * _floor(density, covered, circular=circular)
-        found = np.asarray((density > threshold * np.maximum(floor, _STOP_BAND * floor.max())) & usable)
-        wide = _widened(found, _GUARD - 1, circular=circular)
-        if not (wide & ~covered).any():
-            break
-        covered = np.asarray(covered | wide, np.bool_)
-    if not found.any():
-        return floor, []
-    # bins of one line lie closer than the window's main lobe
-    groups = np.split(np.flatnonzero(found), np.flatnonzero(np.diff(np.flatnonzero(found)) >= _GUARD) + 1)
-    reach = np.arange(-(_GUARD - 1), _GUARD)
-    bins = [np.unique((group[:, np.newaxis] + reach).ravel()) for group in groups]
-    return floor, [b % density.size if circular else b[(b >= 0) & (b < density.size)] for b in bins]
-
-
-def _widened(flags: NDArray[np.bool_], reach: int, *, circular: bool) -> NDArray[np.bool_]:
-    padded = np.pad(flags, reach, mode="wrap" if circular else "constant")
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).any(axis=1), np.bool_)
-
-
-def _floor(density: Reals, covered: NDArray[np.bool_], *, circular: bool) -> Reals:
-    """The greater one of the medians on either side, so that no slope or edge of the band is taken for a line."""
-    reach = _GUARD + _SIDE
-    kept = np.where(covered, np.nan, density)
-    padded = np.pad(kept, reach, mode="wrap") if circular else np.pad(kept, reach, mode="reflect")
-    window = np.lib.stride_tricks.sliding_window_view(padded, _SIDE)
-    with np.errstate(all="ignore"):
-        medians = _nan_median(window)
-    left, right = medians[: density.size], medians[_GUARD + reach + 1 : _GUARD + reach + 1 + density.size]
-    floor = np.fmax(left, right)
-    fallback = float(np.nanmedian(kept)) if not covered.all() else float(np.median(density))
-    return np.where(np.isfinite(floor) & (floor > 0.0), floor, fallback)
-
-
-def _nan_median(windows: Reals) -> Reals:
-    """Median along the last axis of what is not NaN (NaN if fewer than a quarter is not)."""
-    ordered = np.sort(windows, axis=-1)  # NaN come last
-    count = np.count_nonzero(np.isfinite(ordered), axis=-1)
-    rows = np.arange(ordered.shape[0])
-    middle = 0.5 * (ordered[rows, np.maximum(count - 1, 0) // 2] + ordered[rows, np.minimum(count, _SIDE - 1) // 2])
-    return np.where(count >= _SIDE // 4, middle, np.nan)
-
-
-def _tone(
-    bins: NDArray[np.int64], frequency_hz: Reals, density: Reals, floor: Reals, step_hz: float
-) -> tuple[float, float, float]:
-    """Frequency, power and rms width of the line in `bins`."""
-    excess = np.maximum(density[bins] - floor[bins], 0.0)
-    power = float(np.sum(excess) * step_hz)
-    top = int(np.argmax(excess))
-    # the logarithm of this window's main lobe is a parabola to 0.01 bin
-    shift = 0.0
-    if 0 < top < bins.size - 1 and excess[top - 1] > 0.0 and excess[top + 1] > 0.0:
-        below, middle, above = np.log(excess[top - 1 : top + 2])
-        shift = 0.5 * (below - above) / (below - 2.0 * middle + above)
-    at_hz = float(frequency_hz[bins[top]] + shift * step_hz)
-    offset = np.arange(bins.size) - top - shift
-    variance = float(np.sum(excess * offset**2) / np.sum(excess)) - _LOBE_VARIANCE
-    strong = excess[top] > 10.0 * floor[bins[top]]  # below that the wings are noise
-    width_hz = step_hz * math.sqrt(variance) if strong and variance > 0.5 else 0.0
-    return at_hz, power, width_hz
-
-
-def _lobe_variance() -> float:
-    """Of the power of the window's main lobe around its middle, in squared bins."""
-    lobe = np.abs(fft.fft(_window(256)))[np.arange(-4, 5)] ** 2
-    return float(np.sum(lobe * np.arange(-4, 5) ** 2) / np.sum(lobe))
-
-
-_LOBE_VARIANCE: Final = _lobe_variance()
-_ALIKE: Final = _alike()
 
 
 def _imbalance(planes: Reals, dc: Reals, rms: Reals) -> tuple[float, float, float]:

@@ -37,12 +37,13 @@ SUM_TAPS = 19  # early, prompt, late: real and imaginary parts, 6 columns
 LOCK_I = 25  # since the frame began: sums of squares of the prompt a period of integration, over its length
 LOCK_Q = 26
 LOCK_COUNT = 27
-RESIDUAL = 28  # of the measurements: carrier phase minus the loop's at the end of the last one, cycles
+RESIDUAL = 28  # of the measurements: mean carrier phase minus the loop's at the end of the last one, cycles
 HALF_CYCLES = 29  # of the measurements: slips of the loop mended so far, half cycles
 CN0_DBHZ = 30  # smoothed over a second
 CODE_MINUS_CARRIER = 31  # seconds, slow mean; NaN before the first measurement
 SHIFT_OWED = 32  # chips by which the replica was late so far, all periods together
-N_STATE = 33
+RESIDUAL_VARIANCE = 33  # of the measurements: how well that residual is known, cycles squared
+N_STATE = 34
 
 # Columns of what one code period of one channel gives (float64), followed by real and imaginary part of every tap.
 OUT_START = 0
@@ -91,7 +92,9 @@ def _steer(
         turn = state[LAST_I] * i_prompt + state[LAST_Q] * q_prompt
         if turn < 0.0:  # a data bit turned over, or half a cycle: the two-quadrant difference ignores both
             cross, turn = -cross, -turn
-        frequency_error = math.atan2(cross, turn) / (2.0 * math.pi * duration_s)
+        # A sum that the turn of a bit has cut down is all noise, and counts for what it has.
+        share = min(math.hypot(cross, turn) / signal, 1.0)
+        frequency_error = share * math.atan2(cross, turn) / (2.0 * math.pi * duration_s)
         w_fll = state[FLL_BANDWIDTH] / 0.53
         state[PLL_ACCELERATION] += duration_s * w_fll**2 * frequency_error
         state[PLL_VELOCITY] += duration_s * 1.414 * w_fll * frequency_error

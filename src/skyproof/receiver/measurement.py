@@ -28,11 +28,12 @@ CODE_SIGMA_S = 5
 CARRIER_SIGMA_CYC = 6
 DOPPLER_SIGMA_HZ = 7
 SLIP = 8  # 1 if the carrier slipped, or may have, since the block before
-JUMP = 9  # largest step of the carrier's phase from group to group, over its sigma
+JUMP = 9  # largest step of the carrier's phase beside the loop's, over its sigma
 N_COLUMNS = 10
 
-UNSYNCHRONISED_PERIODS = 10  # a group, while it is not known where bits begin
-SLIP_SUSPECTED_CYC = 0.2  # a change of the residual between two groups that may hide a slip of half a cycle
+UNSYNCHRONISED_PERIODS = 20  # a group, while it is not known where bits begin
+STRAY_CYC = 0.05  # by so much signal and loop may part in the time of a group; a slip takes several
+SLIP_SUSPECTED_CYC = 0.15  # a step of the residual that may hide a slip of half a cycle
 MIN_GROUPS = 5
 LEAST_CN0_HZ = 10.0
 
@@ -153,7 +154,8 @@ def _measure_channel(
     prompt = rows[:, k.OUT_TAPS + 2] + 1j * rows[:, k.OUT_TAPS + 3]
     sums = np.zeros(n_groups, np.complex128)
     squares = np.zeros(n_groups, np.complex128)
-    weight, middle_s, loop_cyc = np.zeros(n_groups), np.zeros(n_groups), np.zeros(n_groups)
+    weight, loop_cyc = np.zeros(n_groups), np.zeros(n_groups)
+    middle_s, square_s2 = np.zeros(n_groups), np.zeros(n_groups)
     for r in range(n):
         g = group[r]
         t = (rows[r, k.OUT_START] - epoch) / rate_hz + 0.5 * period_s
@@ -161,21 +163,27 @@ def _measure_channel(
         squares[g] += prompt[r] * prompt[r]
         weight[g] += 1.0
         middle_s[g] += t
+        square_s2[g] += t * t
         loop_cyc[g] += rows[r, k.OUT_PHASE] + 0.5 * period_s * rows[r, k.OUT_FREQUENCY] - phase - reference_hz * t
     middle_s /= weight
+    square_s2 /= weight
     loop_cyc /= weight
     if synchronised:
         squares = sums * sums
 
-    residual_cyc, slipped, step_cyc = _unwrapped(state, squares)
-    fit, variance = _parabola(middle_s, loop_cyc + residual_cyc, weight)
+    coherent_s = period_s * (n / n_groups if synchronised else 1.0)
+    wipe = np.ones(n, np.complex128)
+    cn0_hz = 10.0 ** (0.1 * state[k.CN0_DBHZ])  # before bits are known, what it was
+    if synchronised:
+        cn0_hz = _carrier_to_noise_hz(prompt, wipe, group, synchronised, period_s)
+    expected = _period_variance(max(cn0_hz, LEAST_CN0_HZ), coherent_s, period_s)
+    residual_cyc, slipped, jump = _unwrapped(state, squares, expected / weight)
+    fit, variance = _parabola(middle_s, square_s2, loop_cyc + residual_cyc, weight)
 
     # Rotations that leave the signal on the real axis, bits wiped off.
-    wipe = np.empty(n, np.complex128)
     for r in range(n):
         g = group[r]
-        t = middle_s[g]
-        turn = np.exp(-2j * np.pi * (fit[0] + fit[1] * t + fit[2] * t * t - loop_cyc[g]))
+        turn = np.exp(-2j * np.pi * (fit[0] + fit[1] * middle_s[g] + fit[2] * square_s2[g] - loop_cyc[g]))
         seen = sums[g] * turn if synchronised else prompt[r] * turn
         wipe[r] = turn if seen.real >= 0.0 else -turn
     code_chips, difference, level = 0.0, 0.0, 0.0
@@ -195,8 +203,7 @@ def _measure_channel(
     code_chips += difference / level / code_gain
 
     cn0_hz = max(_carrier_to_noise_hz(prompt, wipe, group, synchronised, period_s), LEAST_CN0_HZ)
-    coherent_s = period_s * (n / n_groups if synchronised else 1.0)
-    period_variance = (1.0 + 0.5 / (cn0_hz * coherent_s)) / (2.0 * cn0_hz * period_s) / (2.0 * math.pi) ** 2
+    period_variance = _period_variance(cn0_hz, coherent_s, period_s)
     result[PERIODS] = rows[here, k.OUT_PERIOD]
     result[FRACTION_S] = code_s + code_chips / chip_rate_hz
     result[CARRIER_CYC] = if_hz * elapsed_s - phase - fit[0]
@@ -206,7 +213,13 @@ def _measure_channel(
     result[CARRIER_SIGMA_CYC] = math.sqrt(variance[0] * period_variance)
     result[DOPPLER_SIGMA_HZ] = math.sqrt(variance[1] * period_variance)
     result[SLIP] = 1.0 if slipped else 0.0
-    result[JUMP] = step_cyc / math.sqrt(2.0 * period_variance * n_groups / n)
+    result[JUMP] = jump * math.sqrt(expected / period_variance)
+
+
+@numba.njit(cache=True, nogil=True)
+def _period_variance(cn0_hz: float, coherent_s: float, period_s: float) -> float:
+    """Variance of the carrier's phase, cycles squared, that one period's share of a longer coherent sum gives."""
+    return (1.0 + 0.5 / (cn0_hz * coherent_s)) / (2.0 * cn0_hz * period_s) / (2.0 * math.pi) ** 2
 
 
 @numba.njit(cache=True, nogil=True)
@@ -223,43 +236,57 @@ def _groups(periods: NDArray[np.float64], bit_start: float, periods_per_bit: int
 
 @numba.njit(cache=True, nogil=True)
 def _unwrapped(
-    state: NDArray[np.float64], squares: NDArray[np.complex128]
+    state: NDArray[np.float64], squares: NDArray[np.complex128], variance: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], bool, float]:
     """Phase of the signal less the loop's in each group, cycles, continued from the block before; whether it slipped;
-    the largest step between groups.
+    the largest step, over its sigma.
+
+    squares : (n_groups,), their angles twice the phase; variance : (n_groups,) of the phase, cycles squared.
 
     A bit turns the phase by half a cycle and squaring hides that, so the residual is known modulo half a cycle. The
-    loop holds it near a multiple of that; when it moves to another one, the loop has slipped.
+    loop holds it near a multiple of that; when it moves to another one, the loop has slipped. What is near is judged
+    from a mean that follows the groups as fast as their noise lets it: the first and the last group of a block may be
+    a single period, and continued from its noise alone the phase would slip where the loop did not.
     """
-    before, offset = state[k.RESIDUAL], state[k.HALF_CYCLES]
-    began = offset
-    largest = 0.0
+    before, known, offset = state[k.RESIDUAL], state[k.RESIDUAL_VARIANCE], state[k.HALF_CYCLES]
+    began = before
+    suspected = False
+    jump = 0.0
     residual = np.empty(squares.size)
     for g in range(squares.size):
         wrapped = 0.25 * math.atan2(squares[g].imag, squares[g].real) / math.pi
         if math.isnan(before):
-            before = wrapped
+            before, known = wrapped + 0.5 * offset, variance[g]
+            began = before
         step = wrapped + 0.5 * offset - before
         turns = math.floor(2.0 * step + 0.5)
         offset -= turns
-        largest = max(largest, abs(step - 0.5 * turns))
-        before = wrapped + 0.5 * offset
-        residual[g] = before
-    state[k.RESIDUAL], state[k.HALF_CYCLES] = before, offset
-    return residual, largest > SLIP_SUSPECTED_CYC or offset != began, largest
+        step -= 0.5 * turns
+        jump = max(jump, abs(step) / math.sqrt(known + variance[g]))
+        share = (known + STRAY_CYC**2) / (known + STRAY_CYC**2 + variance[g])
+        suspected |= abs(share * step) > SLIP_SUSPECTED_CYC
+        before += share * step
+        known = share * variance[g]
+        residual[g] = wrapped + 0.5 * offset
+    state[k.RESIDUAL], state[k.RESIDUAL_VARIANCE], state[k.HALF_CYCLES] = before, known, offset
+    slipped = math.floor(2.0 * before + 0.5) != math.floor(2.0 * began + 0.5)
+    return residual, suspected or slipped, jump
 
 
 @numba.njit(cache=True, nogil=True)
 def _parabola(
-    t: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]
+    t: NDArray[np.float64], t2: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Coefficients (3,) of the weighted least-squares parabola, and their variances for unit variance at weight 1."""
+    """Coefficients (3,) of the weighted least-squares parabola, and their variances for unit variance at weight 1.
+
+    y are means over groups, and so are t and its squares t2: the mean of a parabola is not its value in the middle, by
+    0.0017 cycle for a bit at 2 g.
+    """
     scale = max(abs(t[0]), abs(t[t.size - 1]))
     normal = np.zeros((3, 3))
     right = np.zeros(3)
     for g in range(t.size):
-        x = t[g] / scale
-        powers = (1.0, x, x * x)
+        powers = (1.0, t[g] / scale, t2[g] / scale**2)
         for i in range(3):
             right[i] += weight[g] * powers[i] * y[g]
             for j in range(3):

@@ -14,10 +14,13 @@ from skyproof.errors import OutputError
 from skyproof.formats.raw import SampleLayout, sidecar_text
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
+from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.time import iso
+from skyproof.simulate.heard import ReceiverSky, Scene
+from skyproof.simulate.platforms import Point
 from skyproof.simulate.samples import BLOCK, Rendering, ahead_of, quantised, rendering_of, rough_start
 from skyproof.simulate.scenario import Place, Scenario
-from skyproof.simulate.sky import ReceiverSky, Scene, scene_of
+from skyproof.simulate.sky import scene_of
 
 __all__ = ["truth_of", "write"]
 
@@ -45,7 +48,7 @@ def write(
     scene = scene_of(scenario, navigation)
     renderings = [rendering_of(scene, index) for index in range(len(scene.skies))]
     total, done = sum(rendering.n_samples for rendering in renderings), 0
-    paths = [folder / f"{rendering.sky.receiver.name}.bin" for rendering in renderings]
+    paths = [folder / f"{rendering.sky.name}.bin" for rendering in renderings]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         truth = json.dumps(truth_of(scenario, navigation), indent=1) + "\n"
@@ -83,7 +86,7 @@ def truth_of(scenario: Scenario, navigation: NavigationData) -> dict[str, Any]:
 def _receiver_truth(scene: Scene, sky: ReceiverSky) -> dict[str, Any]:
     receiver = sky.receiver
     return {
-        "name": receiver.name,
+        "name": sky.name,
         "position": _place(receiver),
         "true_start_gpst": iso(_later(scene, receiver.start_offset_s), 9),
         "clock_offset_at_start_s": receiver.clock_offset_s,
@@ -98,7 +101,6 @@ def _signal_truths(scene: Scene, sky: ReceiverSky) -> list[dict[str, Any]]:
     authentic = {heard.id.sat: column for column, heard in enumerate(sky.signals) if heard.label == "authentic"}
     rows = []
     for column, heard in enumerate(sky.signals):
-        seen = sky.delays[column]
         ends_s = np.clip([heard.from_s, heard.until_s], start_s, end_s)
         code_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(ends_s)
         lag_m = code_m[:, column] - code_m[:, authentic[heard.id.sat]] if heard.id.sat in authentic else None
@@ -106,8 +108,8 @@ def _signal_truths(scene: Scene, sky: ReceiverSky) -> list[dict[str, Any]]:
             "sat": heard.id.sat, "copy": heard.id.copy, "label": heard.label, "source": heard.source,
             "from_gpst": iso(_later(scene, ends_s[0]), 9), "to_gpst": iso(_later(scene, ends_s[1]), 9),
             "cn0_dbhz_first_last": _rounded(sky.cn0_dbhz(ends_s)[:, column], 3),
-            "az_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, np.unwrap(seen.az_rad)) % 360.0, 3),
-            "el_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, seen.el_rad), 3),
+            "az_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, np.unwrap(sky.az_rad[:, column])) % 360.0, 3),
+            "el_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, sky.el_rad[:, column]), 3),
             "delay_to_authentic_m_first_last": None if lag_m is None else _rounded(lag_m, 4),
         })  # fmt: skip
     return rows
@@ -124,11 +126,19 @@ def _attack_truth(scene: Scene, number: int) -> dict[str, Any]:
         "until_gpst": None if attack.until_s is None else iso(_later(scene, attack.until_s), 9),
         "onset_means": "first wave leaves the transmit antenna at this GPS time",
         "sats": sorted({heard.id.sat for sky in scene.skies for heard in sky.signals if heard.source == name}),
-        "captured_receiver_shows_position": _place(attack.shows),
+        "captured_receiver_shows_position": _geodetic(scene.shown[number], attack.onset_s),
         "captured_clock_extra_s": {
-            sky.receiver.name: attack.added_delay_s + float(path_m) / SPEED_OF_LIGHT_M_S
+            sky.name: attack.added_delay_s + float(path_m) / SPEED_OF_LIGHT_M_S
             for sky, path_m in zip(scene.skies, scene.path_m[number], strict=True)
         },
+    }  # fmt: skip
+
+
+def _geodetic(point: Point, at_s: float) -> dict[str, float]:
+    lat_rad, lon_rad, height_m = geodetic_from_ecef(point(np.array([at_s])).position_ecef_m[0])
+    return {
+        "lat_deg": round(float(np.degrees(lat_rad)), 11), "lon_deg": round(float(np.degrees(lon_rad)), 11),
+        "height_m": round(float(height_m), 6),
     }  # fmt: skip
 
 

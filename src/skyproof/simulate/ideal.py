@@ -6,18 +6,17 @@ what is asked for, and the truth is a polynomial.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
 from skyproof.records import SignalId
+from skyproof.simulate.heard import HeardSignal, ReceiverSky, codes_of
+from skyproof.simulate.platforms import trajectory_of
 from skyproof.simulate.samples import Rendering, filtered_codes
 from skyproof.simulate.scenario import FrontEnd, Receiver
-from skyproof.simulate.sky import HeardSignal, ReceiverSky, codes_of
 
 __all__ = ["Motion", "ideal_signals"]
 
@@ -79,23 +78,19 @@ def ideal_signals(
     """
     signal, n = motion.signal, len(sats)
     cn0 = np.broadcast_to(np.asarray(cn0_dbhz, np.float64), (n,))
-    heard = tuple(HeardSignal(SignalId(sat), "sky", "authentic", -np.inf, np.inf) for sat in sats)
+    heard = tuple(HeardSignal(SignalId(sat), "sky", "authentic", ((-np.inf, np.inf),)) for sat in sats)
 
     def strength(elapsed_s: ArrayLike) -> Reals:
         return np.broadcast_to(cn0, (*np.shape(elapsed_s), n))
 
+    receiver = Receiver(name="ideal", lat_deg=0.0, lon_deg=0.0, height_m=0.0)
+    standing = trajectory_of(receiver, "ideal")
     sky = ReceiverSky(
-        receiver=Receiver(name="ideal", lat_deg=0.0, lon_deg=0.0, height_m=0.0),
-        signals=heard,
-        knots_s=np.array([0.0, duration_s]),
-        delays=(),
-        # What is asked of the splines is that they can be called.
-        code_delay_s=cast(CubicSpline, motion.code_delay_s),
-        carrier_delay_s=cast(CubicSpline, motion.carrier_delay_s),
-        cn0_dbhz=cast(CubicSpline, strength),
-        noises=(),
-        signal=signal,
-    )
+        receiver=receiver, antenna=receiver.antennas[0], name=receiver.name, number=0, signals=heard,
+        delays_s=lambda elapsed_s: (motion.code_delay_s(elapsed_s), motion.carrier_delay_s(elapsed_s)),
+        cn0_dbhz=strength, point=standing.at, knots_s=np.array([0.0, duration_s]), az_rad=np.zeros((2, n)),
+        el_rad=np.zeros((2, n)), signal=signal,
+    )  # fmt: skip
     symbol_s = signal.period_s * signal.periods_per_symbol
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1 << 20,)))
     symbols = 1 - 2 * rng.integers(0, 2, (n, int((duration_s + 2.0 * _SPARE_S) / symbol_s)), dtype=np.int8)
@@ -104,11 +99,10 @@ def ideal_signals(
         sky=sky,
         front_end=front_end,
         seed=seed,
-        stream=0,
         n_samples=int(duration_s * front_end.rate_hz) // 8 * 8,
         codes=codes,
         waves=filtered_codes(codes, signal.chip_rate_hz, front_end),
         symbols=symbols,
-        rows=np.arange(n),
+        messages=np.arange(n),
         lead_s=_SPARE_S,
     )

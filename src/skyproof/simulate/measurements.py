@@ -15,14 +15,16 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.records import Instants, Observations, SignalId, SignalRef
+from skyproof.simulate.heard import ReceiverSky, Scene
 from skyproof.simulate.scenario import Scenario
-from skyproof.simulate.sky import ReceiverSky, Scene, scene_of
+from skyproof.simulate.sky import scene_of
 
 __all__ = ["Geometry", "NoiseModel", "draw", "geometry_of", "noise_of", "observations_of"]
 
 Reals = NDArray[np.float64]
 
 _NOT_TRACKED = 1  # CELL_STATUS
+_SHORT_S = 0.01
 _SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0  # the mean over an epoch, exact for a cubic
 
 
@@ -140,17 +142,19 @@ def _geometry(scene: Scene, sky: ReceiverSky, interval_s: float) -> Geometry:
     late_s = sky.true_minus_elapsed_s(knots_s)
     true_s = knots_s + late_s
     clock_s = shown_at_start_s - late_s[1, :, np.newaxis]  # shown minus true time
-    code_s, carrier_s = (_SIMPSON @ spline(true_s).reshape(3, -1) for spline in (sky.code_delay_s, sky.carrier_delay_s))
-    drift = sky.clock_drift + (1.0 - sky.clock_drift) * sky.carrier_delay_s(true_s[1], 1)
+    code_s, carrier_s = (_SIMPSON @ delay_s.reshape(3, -1) for delay_s in sky.delays_s(true_s.ravel()))
+    drift = _drift(sky, elapsed_s)
 
-    there = np.stack([(h.from_s <= true_s[0]) & (true_s[2] <= h.until_s) for h in sky.signals], axis=1)
+    there = np.stack(
+        [sum((begin <= true_s[0]) & (true_s[2] <= end) for begin, end in h.windows_s) > 0 for h in sky.signals], axis=1
+    )
     kept = np.flatnonzero(there.any(axis=0))
     hidden = np.where(there, 0.0, np.nan)
     cell = clock_s.shape[0], len(sky.signals)
     carrier_cyc = carrier_hz * (clock_s + carrier_s.reshape(cell)) + hidden
     start_cyc = np.array([column[np.isfinite(column)][:1].sum() for column in carrier_cyc.T])
     return Geometry(
-        receiver=receiver.name,
+        receiver=sky.name,
         signals=tuple(sky.signals[column].id for column in kept),
         labels=tuple(sky.signals[column].label for column in kept),
         gpst=scene.scenario.start_gpst + np.rint(shown_s * 1e9).astype("timedelta64[ns]"),
@@ -162,6 +166,14 @@ def _geometry(scene: Scene, sky: ReceiverSky, interval_s: float) -> Geometry:
         averaged_s=interval_s,
         carrier_hz=carrier_hz,
     )
+
+
+def _drift(sky: ReceiverSky, elapsed_s: Reals) -> Reals:
+    """By how much the carriers' delays grow in a second of the receiver's clock, against its own, (n, n_signals)."""
+    shown_s = elapsed_s + _SHORT_S * np.array([[-1.0], [1.0]])
+    late_s = sky.true_minus_elapsed_s(shown_s)
+    delay_s = sky.carrier_delay_s(shown_s + late_s) - late_s[..., np.newaxis]
+    return np.asarray((delay_s[1] - delay_s[0]) / (2.0 * _SHORT_S))
 
 
 def _observations(

@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records import Samples
+from skyproof.simulate.heard import AddedNoise, Jammer, ReceiverSky, Scene, codes_of, row_of
 from skyproof.simulate.scenario import FrontEnd, Scenario
-from skyproof.simulate.sky import ReceiverSky, Scene, codes_of, row_of, scene_of
+from skyproof.simulate.sky import scene_of
 
 __all__ = ["BLOCK", "Rendering", "render", "rendering_of", "samples_of"]
 
@@ -54,23 +55,25 @@ _INT_SIGMA = {8: 24.0, 16: 4096.0}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Rendering:
-    """All that is needed to render any stretch of one receiver's samples."""
+    """All that is needed to render any stretch of one antenna's samples.
+
+    Signals come first, then their reflections; both are rows of the arrays.
+    """
 
     sky: ReceiverSky
     front_end: FrontEnd
     seed: int
-    stream: int  # the receiver's number: its noise is its own
     n_samples: int
-    codes: NDArray[np.int8]  # (n_signals, code_length)
-    waves: Floats  # (n_signals, ROWS + 1, columns) of `filtered_codes`, or (n_signals, 0, 0)
-    symbols: NDArray[np.int8]  # (n_sats, n_symbols)
-    rows: NDArray[np.int64]  # (n_signals,) row of `symbols` for each signal
+    codes: NDArray[np.int8]  # (n_rows, code_length)
+    waves: Floats  # (n_rows, ROWS + 1, columns) of `filtered_codes`, or (n_rows, 0, 0)
+    symbols: NDArray[np.int8]  # (n_messages, n_symbols)
+    messages: NDArray[np.int64]  # (n_rows,) row of `symbols` that each carries
     lead_s: float  # of the symbols before the scenario's start
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Chunks:
-    """Every signal in consecutive chunks; arrays (n_signals, n_chunks), phases at each chunk's first sample."""
+    """Every row in consecutive chunks; arrays (n_rows, n_chunks), phases at each chunk's first sample."""
 
     period: NDArray[np.int64]  # code periods since the first symbol
     chip: Reals
@@ -93,21 +96,26 @@ def samples_of(scenario: Scenario, navigation: NavigationData) -> tuple[Samples,
 
 
 def rendering_of(scene: Scene, index: int) -> Rendering:
-    """What is needed to render receiver number `index`. The number of samples is a multiple of 8: whole bytes."""
+    """What is needed to render antenna number `index`. The number of samples is a multiple of 8: whole bytes."""
     sky, front_end, messages = scene.skies[index], scene.scenario.front_end, scene.messages
+    of = _signal_of(sky)
     codes = codes_of(sky.signals, sky.signal)
     return Rendering(
         sky=sky,
         front_end=front_end,
         seed=scene.scenario.seed,
-        stream=index,
         n_samples=int(scene.scenario.duration_s * front_end.rate_hz) // 8 * 8,
-        codes=codes,
-        waves=filtered_codes(codes, sky.signal.chip_rate_hz, front_end),
+        codes=codes[of],
+        waves=filtered_codes(codes, sky.signal.chip_rate_hz, front_end)[of],
         symbols=messages.symbols,
-        rows=row_of(messages, sky.signals),
+        messages=row_of(messages, sky.signals)[of],
         lead_s=messages.lead_s,
     )
+
+
+def _signal_of(sky: ReceiverSky) -> NDArray[np.int64]:
+    """The signal of each row: of signals themselves, then of their reflections."""
+    return np.array([*range(len(sky.signals)), *(ray.of for ray in sky.rays)], np.int64)
 
 
 def filtered_codes(codes: NDArray[np.int8], chip_rate_hz: float, front_end: FrontEnd) -> Floats:
@@ -141,9 +149,11 @@ def render(rendering: Rendering, block: int, *, noise: bool = True) -> Floats:
     """Block number `block` before quantisation, float32 (2, BLOCK), I and Q; Q of real samples is without meaning."""
     planes = _noise(rendering, block) if noise else np.zeros((2, BLOCK), np.float32)
     chunks = _chunks(rendering, block)
+    for jammer in rendering.sky.jammers:
+        _jam(planes, rendering, jammer, block)
     _add_signals(
         planes, rendering.codes, rendering.waves, rendering.sky.signal.chip_rate_hz / rendering.front_end.rate_hz,
-        rendering.symbols, rendering.rows, rendering.sky.signal.periods_per_symbol,
+        rendering.symbols, rendering.messages, rendering.sky.signal.periods_per_symbol,
         chunks.period, chunks.chip, chunks.chip_step, chunks.phase_cyc, chunks.phase_step_cyc, chunks.amplitude,
         chunks.first, chunks.last,
     )  # fmt: skip
@@ -152,7 +162,10 @@ def render(rendering: Rendering, block: int, *, noise: bool = True) -> Floats:
 
 def quantised(rendering: Rendering, block: int) -> Floats:
     """Block number `block` as the recorder stores it, float32 (2, n), cut at the end of the recording."""
-    planes = render(rendering, block)[:, : rendering.n_samples - block * BLOCK]
+    planes = render(rendering, block)
+    if rendering.front_end.agc:
+        planes *= _gain(rendering, block)
+    planes = planes[:, : rendering.n_samples - block * BLOCK]
     real = rendering.front_end.kind == "real"
     _quantise(planes[:1] if real else planes, rendering.front_end)
     if real:
@@ -195,7 +208,8 @@ def _samples(scene: Scene, rendering: Rendering) -> Samples:
         return planes
 
     return Samples(
-        name=rendering.sky.receiver.name,
+        name=rendering.sky.name,
+        antenna=rendering.sky.antenna.name,
         rate_hz=rendering.front_end.rate_hz,
         n_samples=rendering.n_samples,
         read=read,
@@ -213,68 +227,174 @@ def rough_start(scene: Scene, sky: ReceiverSky) -> np.datetime64:
     return start + np.timedelta64(0, "ns")
 
 
+def _edges(block: int) -> NDArray[np.int64]:
+    """The first samples of a block's chunks, and the first sample after them."""
+    return block * BLOCK + CHUNK * np.arange(BLOCK // CHUNK + 1, dtype=np.int64)
+
+
+def _times(rendering: Rendering, samples: NDArray[np.int64]) -> tuple[NDArray[np.int64], Reals, Reals]:
+    """Whole seconds and the rest that have elapsed at samples, and how much later it is by true time.
+
+    Counts, so that no time of day eats the digits; the third is small.
+    """
+    rate_hz = int(rendering.front_end.rate_hz)
+    whole_s, rest = np.divmod(samples, rate_hz)
+    rest_s = rest / rate_hz
+    return whole_s, rest_s, rendering.sky.true_minus_elapsed_s(whole_s + rest_s)
+
+
 def _chunks(rendering: Rendering, block: int) -> _Chunks:
     sky, front_end = rendering.sky, rendering.front_end
     signal, rate_hz = sky.signal, int(front_end.rate_hz)
-    edges = block * BLOCK + CHUNK * np.arange(BLOCK // CHUNK + 1, dtype=np.int64)
-    whole_s, rest = np.divmod(edges, rate_hz)  # counts, so that no time of day eats the digits
-    rest_s = rest / rate_hz
-    elapsed_s = whole_s + rest_s
-    late_s = sky.true_minus_elapsed_s(elapsed_s)  # small
-    true_s = elapsed_s + late_s
+    edges = _edges(block)
+    whole_s, rest_s, late_s = _times(rendering, edges)
+    true_s = whole_s + rest_s + late_s
+    code_delay_s, carrier_delay_s = _delays_s(sky, true_s)
 
     carrier_hz = signal.carrier_hz
-    phase_cyc = carrier_hz * (late_s - sky.carrier_delay_s(true_s).T)
+    phase_cyc = carrier_hz * (late_s - carrier_delay_s.T)
     phase_step_cyc = np.diff(phase_cyc, axis=1) / CHUNK + front_end.if_hz / rate_hz
     phase_cyc = phase_cyc + front_end.if_hz * rest_s  # a whole number of cycles in a whole second
 
     periods_in_1_s = round(1.0 / signal.period_s)
-    sent = periods_in_1_s * (rendering.lead_s + rest_s + late_s - sky.code_delay_s(true_s).T)
+    sent = periods_in_1_s * (rendering.lead_s + rest_s + late_s - code_delay_s.T)
     period = np.floor(sent)
     advance = np.diff(sent, axis=1) + periods_in_1_s * np.diff(whole_s)
 
-    middle_s = 0.5 * (true_s[:-1] + true_s[1:])
-    per_hertz = 4.0 if front_end.kind == "real" else 2.0
-    first, last = ([getattr(heard, name) for heard in sky.signals] for name in ("from_s", "until_s"))
+    first, last = _there(rendering, edges[:-1])
     return _Chunks(
         period=(period + periods_in_1_s * whole_s).astype(np.int64)[:, :-1],
         chip=((sent - period) * signal.code_length)[:, :-1],
         chip_step=advance * signal.code_length / CHUNK,
         phase_cyc=phase_cyc[:, :-1],
         phase_step_cyc=phase_step_cyc,
-        amplitude=np.sqrt(per_hertz / rate_hz) * 10.0 ** (sky.cn0_dbhz(middle_s).T / 20.0),
-        first=_sample_in_chunk(sky, np.array(first), edges[:-1], rate_hz),
-        last=_sample_in_chunk(sky, np.array(last), edges[:-1], rate_hz),
+        amplitude=_amplitudes(rendering, 0.5 * (true_s[:-1] + true_s[1:])),
+        first=first,
+        last=last,
     )
 
 
-def _sample_in_chunk(sky: ReceiverSky, true_s: Reals, edges: NDArray[np.int64], rate_hz: int) -> NDArray[np.int64]:
-    """The first sample at or after each time, counted from each chunk's first and held within the chunk."""
-    sample = np.ceil(sky.elapsed_at(true_s) * rate_hz)
-    return np.clip(sample[:, np.newaxis] - edges, 0, CHUNK).astype(np.int64)
+def _delays_s(sky: ReceiverSky, true_s: Reals) -> tuple[Reals, Reals]:
+    """Of code and carrier of all rows at times (n,): (n, n_rows)."""
+    code_s, carrier_s = sky.delays_s(true_s)
+    if not sky.rays:
+        return code_s, carrier_s
+    further_s = np.stack([ray.further_s(true_s) for ray in sky.rays], axis=1)
+    turned_cyc = np.stack([ray.phase_cyc + ray.rate_hz * true_s for ray in sky.rays], axis=1)
+    of = [ray.of for ray in sky.rays]
+    return (np.concatenate([code_s, code_s[:, of] + further_s], axis=1),
+            np.concatenate([carrier_s, carrier_s[:, of] + further_s - turned_cyc / sky.signal.carrier_hz], axis=1))
+
+
+def _amplitudes(rendering: Rendering, true_s: Reals) -> Reals:
+    """Of all rows at times (n,): (n_rows, n)."""
+    sky, front_end = rendering.sky, rendering.front_end
+    per_hertz = 4.0 if front_end.kind == "real" else 2.0
+    amplitude = np.sqrt(per_hertz / front_end.rate_hz) * 10.0 ** (sky.cn0_dbhz(true_s).T / 20.0)
+    weight = np.array([1.0] * len(sky.signals) + [ray.amplitude for ray in sky.rays])
+    return np.asarray(amplitude[_signal_of(sky)] * weight[:, np.newaxis])
+
+
+def _there(rendering: Rendering, firsts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first sample in which each row is there, and the first in which it is not any more, in each chunk.
+
+    Counted from each chunk's first sample and held within the chunk. Pauses are longer than chunks.
+    """
+    sky = rendering.sky
+    most = max(len(heard.windows_s) for heard in sky.signals)
+    windows_s = np.full((len(sky.signals), most, 2), np.inf)
+    for row, heard in enumerate(sky.signals):
+        windows_s[row, : len(heard.windows_s)] = heard.windows_s
+    sample = _first_sample(rendering, windows_s)
+    inside = np.clip(sample[..., np.newaxis] - firsts, 0, CHUNK).astype(np.int64)  # (signal, window, edge, chunk)
+    which = np.argmax(inside[:, :, 1] > inside[:, :, 0], axis=1)[:, np.newaxis]
+    of = _signal_of(sky)
+    first, last = (np.take_along_axis(inside[:, :, edge], which, axis=1)[:, 0][of] for edge in (0, 1))
+    return first, last
+
+
+def _first_sample(rendering: Rendering, true_s: Reals) -> Reals:
+    """The first sample at or after each time, any shape."""
+    return np.ceil(rendering.sky.elapsed_at(true_s) * rendering.front_end.rate_hz)
+
+
+def _powers(rendering: Rendering, block: int) -> tuple[Reals, Reals]:
+    """Of what transmitters add to the receiver's noise, over it, in each chunk of a block: (n_noises, n_chunks) and
+    (n_jammers, n_chunks).
+    """
+    edges = _edges(block)
+    whole_s, rest_s, late_s = _times(rendering, edges[:-1] + CHUNK // 2)
+    true_s = whole_s + rest_s + late_s
+    sky = rendering.sky
+    noises = [noise.power(true_s) for noise in sky.noises]
+    jammers = [jammer.power(true_s) for jammer in sky.jammers]
+    return np.reshape(noises, (-1, true_s.size)), np.reshape(jammers, (-1, true_s.size))
 
 
 def _noise(rendering: Rendering, block: int) -> Floats:
-    """The receiver's noise, from a stream of this receiver and block alone, with what transmitters add."""
-    seeds = np.random.SeedSequence(rendering.seed, spawn_key=(rendering.stream, block))
+    """The receiver's noise, from a stream of this antenna and block alone, with what transmitters add."""
+    seeds = np.random.SeedSequence(rendering.seed, spawn_key=(rendering.sky.number, block))
     rng = np.random.Generator(np.random.SFC64(seeds))
     planes = np.zeros((2, BLOCK), np.float32)
     rows = planes[:1] if rendering.front_end.kind == "real" else planes
     rng.standard_normal(out=rows, dtype=np.float32)
-    edges = np.array([block * BLOCK])
-    power = np.ones(BLOCK, np.float32)
-    for added in rendering.sky.noises:
-        limits = np.array([added.from_s, added.until_s])
-        sample = np.ceil(rendering.sky.elapsed_at(limits) * rendering.front_end.rate_hz)
-        first, last = np.clip(sample - edges, 0, BLOCK).astype(np.int64)
-        power[first:last] += np.float32(added.power)
     if rendering.sky.noises:
+        power = np.ones(BLOCK, np.float32)
+        added, _ = _powers(rendering, block)
+        for noise, of_chunks in zip(rendering.sky.noises, added.astype(np.float32), strict=True):
+            first, last = _within(rendering, noise.from_s, noise.until_s, block)
+            power[first:last] += np.repeat(of_chunks, CHUNK)[first:last]
         rows *= np.sqrt(power)
     return planes
 
 
+def _within(rendering: Rendering, from_s: float, until_s: float, block: int) -> tuple[int, int]:
+    """The samples of a block between two true times."""
+    sample = _first_sample(rendering, np.array([from_s, until_s]))
+    first, last = np.clip(sample - block * BLOCK, 0, BLOCK).astype(np.int64).tolist()
+    return first, last
+
+
+def _jam(planes: Floats, rendering: Rendering, jammer: Jammer, block: int) -> None:
+    """Add a line or a chirp to a block; its phase runs straight within chunks but for the sweep."""
+    first, last = _within(rendering, jammer.from_s, jammer.until_s, block)
+    if first >= last:
+        return
+    sky, source, rate_hz = rendering.sky, jammer.source, rendering.front_end.rate_hz
+    edges = _edges(block)
+    whole_s, rest_s, late_s = _times(rendering, edges)
+    true_s = whole_s + rest_s + late_s
+    left_s = true_s - jammer.delay_s(true_s)
+    phase_cyc = sky.signal.carrier_hz * (late_s + left_s - true_s) + source.offset_hz * left_s
+    step_cyc = np.diff(phase_cyc) / CHUNK + rendering.front_end.if_hz / rate_hz
+    phase_cyc = phase_cyc + rendering.front_end.if_hz * rest_s
+    _, powers = _powers(rendering, block)
+    amplitude = np.sqrt(2.0 * powers[sky.jammers.index(jammer)])
+    sweep_cyc = source.sweep_hz * source.period_s if source.kind == "chirp" else 0.0
+    turns = left_s / source.period_s
+    _add_line(planes, phase_cyc[:-1], step_cyc, amplitude, turns[:-1], np.diff(turns) / CHUNK, sweep_cyc, first, last)
+
+
+def _gain(rendering: Rendering, block: int) -> Floats:
+    """Of each sample of a block: keeps the power of all that is expected at that of the receiver's own noise.
+
+    It follows the power at once, chunk by chunk, as known beforehand: so it does not depend on what was read before.
+    """
+    power = np.ones(BLOCK, np.float32)
+    sources: list[AddedNoise | Jammer] = [*rendering.sky.noises, *rendering.sky.jammers]
+    for source, of_chunks in zip(sources, np.concatenate(_powers(rendering, block)).astype(np.float32), strict=True):
+        first, last = _within(rendering, source.from_s, source.until_s, block)
+        power[first:last] += np.repeat(of_chunks, CHUNK)[first:last]
+    edges = _edges(block)
+    whole_s, rest_s, late_s = _times(rendering, edges[:-1] + CHUNK // 2)
+    first_in, last_in = _there(rendering, edges[:-1])
+    signals = 0.5 * _amplitudes(rendering, whole_s + rest_s + late_s) ** 2 * (last_in - first_in) / CHUNK
+    power += np.repeat(signals.sum(axis=0).astype(np.float32), CHUNK)
+    return np.asarray(np.float32(1.0) / np.sqrt(power))
+
+
 def _quantise(planes: Floats, front_end: FrontEnd) -> None:
-    """In place. The gain is fixed to the receiver's own noise: an attack does not change it."""
+    """In place, with levels for a noise of variance 1."""
     if front_end.encoding == "sign":
         np.copysign(np.float32(1.0), planes, out=planes)
     elif front_end.encoding == "sign-magnitude":  # threshold at one sigma, best to 0.01 dB (Max, 1960: 0.98)
@@ -342,6 +462,20 @@ def _mix(i_plane: Floats, q_plane: Floats, code: Floats, re: np.float32, im: np.
     for k in range(i_plane.shape[0]):
         i_plane[k] += code[k] * (re * cosine[k] - im * sine[k])
         q_plane[k] += code[k] * (re * sine[k] + im * cosine[k])
+
+
+@numba.njit(cache=True, nogil=True)
+def _add_line(planes: Floats, phase_cyc: Reals, step_cyc: Reals, amplitude: Reals, turns: Reals, turn_step: Reals,
+              sweep_cyc: float, first: int, last: int) -> None:  # fmt: skip
+    """Over each turn u from 0 to 1 the frequency rises evenly, from half the sweep below the middle to half above."""
+    for n in range(first, last):
+        c, k = n // CHUNK, n % CHUNK
+        u = turns[c] + k * turn_step[c]
+        u -= math.floor(u)
+        cycles = phase_cyc[c] + k * step_cyc[c] + 0.5 * sweep_cyc * u * (u - 1.0)
+        angle_rad = 2.0 * math.pi * (cycles - math.floor(cycles))
+        planes[0, n] += np.float32(amplitude[c] * math.cos(angle_rad))
+        planes[1, n] += np.float32(amplitude[c] * math.sin(angle_rad))
 
 
 @numba.njit(cache=True, nogil=True)

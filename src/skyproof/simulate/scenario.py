@@ -1,85 +1,138 @@
 """What a scene is made of, as a person writes it: frozen models that refuse what makes no sense.
 
-Times that end in `_s` count from `start_gpst`, in GPS time; places are geodetic, WGS-84.
+Times that end in `_s` count from `start_gpst`, in GPS time; places are geodetic, WGS-84; body axes are forward, right,
+down.
 """
 
 import tomllib
-from collections.abc import Mapping
-from datetime import datetime
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self, get_args
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from skyproof.errors import ScenarioError
-from skyproof.gnss.signals import GPS_SATS
-from skyproof.gnss.time import iso, parse_iso
+from skyproof.simulate.attacks import Attack, Interference, Meaconer, Spoofer, Takeover, TransmitAntenna
+from skyproof.simulate.clocks import OSCILLATORS
+from skyproof.simulate.inertial import GRADES
+from skyproof.simulate.sites import Instant, Model, Name, Place, SatName, Site
 
-__all__ = ["Attack", "FrontEnd", "Meaconer", "Place", "Receiver", "Scenario", "Sky", "Spoofer", "parse_scenario",
-           "read_scenario"]  # fmt: skip
+__all__ = [
+    "Antenna", "Attack", "FrontEnd", "Imu", "Interference", "Meaconer", "Multipath", "Place", "Receiver", "Scenario",
+    "Site", "Sky", "Spin", "Spoofer", "Takeover", "TransmitAntenna", "parse_scenario", "read_scenario",
+]  # fmt: skip
 
-_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"  # names become file names
-
-
-def _instant(value: Any) -> np.datetime64:
-    if isinstance(value, datetime):
-        if value.tzinfo is not None:
-            raise ValueError("has a time zone; write GPS time without a zone, as in 2022-01-01T21:45:58")
-        value = value.isoformat()
-    return value.astype("datetime64[ns]") if isinstance(value, np.datetime64) else parse_iso(value)
+Vector = tuple[float, float, float]
 
 
-def _written(value: np.datetime64) -> str:
-    return iso(value, 9)
+class Spin(Model):
+    """An arm that carries an antenna round a vertical axis of the body; clockwise from above if the rate is positive.
+
+    start_deg : at the scene's start, from forward to the right.
+    """
+
+    radius_m: float = Field(gt=0, le=100)
+    rate_hz: float = Field(ge=-50, le=50)
+    start_deg: float = 0.0
 
 
-def _sat(value: Any) -> str:
-    if value not in GPS_SATS:
-        raise ValueError(f"{value!r} is no GPS satellite; write G01 to G32")
-    return str(value)
+class Antenna(Model):
+    """One antenna of a receiver, with a channel of samples of its own; all channels share the receiver's clock.
+
+    body_m : forward, right, down of the receiver's place.
+    gain : "isotropic", or "patch": the body tilted, C/N0 changes by 10 sin(elevation over the body's plane) dB against
+        the level body, for which the scenario's C/N0 holds.
+    line_bias_cyc : of the carrier, as a longer cable makes.
+    """
+
+    name: Name
+    body_m: Vector = (0.0, 0.0, 0.0)
+    gain: Literal["isotropic", "patch"] = "isotropic"
+    line_bias_cyc: float = Field(default=0.0, ge=-1e3, le=1e3)
+    spin: Spin | None = None
 
 
-Instant = Annotated[np.datetime64, PlainValidator(_instant), PlainSerializer(_written, return_type=str)]
-SatName = Annotated[str, PlainValidator(_sat)]
+class Multipath(Model):
+    """A reflection of true signals.
+
+    delay_m : of the longer way; or height_m : of the antenna over a level mirror, which makes it 2 h sin(elevation).
+    power_db : over the direct signal. phase_deg : of the reflection itself. rate_hz : its further Doppler.
+    sats, antennas : which ones; all if absent.
+    """
+
+    delay_m: float | None = Field(default=None, gt=0, le=3000)
+    height_m: float | None = Field(default=None, gt=0, le=1000)
+    power_db: float = Field(ge=-60, le=20)
+    phase_deg: float = 180.0
+    rate_hz: float = Field(default=0.0, ge=-1000, le=1000)
+    sats: tuple[SatName, ...] | None = Field(default=None, min_length=1)
+    antennas: tuple[Name, ...] | None = Field(default=None, min_length=1)
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Self:
+        if (self.delay_m is None) == (self.height_m is None):
+            raise ValueError("give delay_m or height_m, and not both")
+        return self
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+class Imu(Model):
+    """An inertial unit. grade : of its errors; none for readings without error.
+
+    mounting_deg : roll, pitch, heading from the body's axes to the unit's.
+    """
+
+    grade: str | None = None
+    rate_hz: float = Field(default=100.0, gt=0, le=5000)
+    body_m: Vector = (0.0, 0.0, 0.0)
+    mounting_deg: Vector = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        if self.grade is not None:
+            known_name(self.grade, GRADES, "grade")
+        return self
 
 
-class Place(_Model):
-    """A point that stands still on the Earth. Heights outside -500 m to 20 km are taken for mistakes."""
-
-    lat_deg: float = Field(ge=-90, le=90)
-    lon_deg: float = Field(ge=-180, le=180)
-    height_m: float = Field(ge=-500, le=20_000)  # above the ellipsoid; the standard atmosphere ends further up
-
-    @property
-    def geodetic_rad(self) -> tuple[float, float, float]:
-        return float(np.radians(self.lat_deg)), float(np.radians(self.lon_deg)), self.height_m
-
-
-class Receiver(Place):
-    """A receiver that stands still. One oscillator makes its sampling clock and its local carrier.
+class Receiver(Site):
+    """A receiver at a place or on a way. One oscillator makes its sampling clock and its local carrier.
 
     start_offset_s : true time of the first sample, after `start_gpst`.
     clock_offset_s : what its clock shows minus true time, at the first sample.
     lo_ppm : how much too fast the oscillator is.
+    oscillator : the class whose noise it has besides.
+    antennas : one at the receiver's place if absent.
     """
 
-    name: str = Field(pattern=_NAME)
+    name: Name
     start_offset_s: float = Field(default=0.0, ge=-3600, le=3600)
     clock_offset_s: float = Field(default=0.0, ge=-1, le=1)
     lo_ppm: float = Field(default=0.0, ge=-100, le=100)
+    oscillator: str | None = None
+    antennas: tuple[Antenna, ...] = Field(default=(Antenna(name="1"),), min_length=1)
+    multipath: tuple[Multipath, ...] = ()
+    imu: Imu | None = None
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        if self.oscillator is not None:
+            known_name(self.oscillator, OSCILLATORS, "oscillator")
+        names = [antenna.name for antenna in self.antennas]
+        if len(set(names)) < len(names):
+            raise ValueError(f"two antennas have one name ({', '.join(names)}); give each its own")
+        for number, ray in enumerate(self.multipath):
+            for name in ray.antennas or ():
+                known_name(name, names, f"multipath[{number}].antennas")
+        return self
 
 
-class FrontEnd(_Model):
+class FrontEnd(Model):
     """How every receiver samples. Rates are whole hertz, so that sample counts make exact times.
 
     bandwidth_hz : of the signals, on both sides of the carrier together, at half amplitude; all if absent. Chips that
         are sampled unfiltered fold back: their code is then off by decimetres at a few Msps, whoever receives it, as
         that of no real front end is. 0.8 of the rate is usual. `skyproof.simulate.samples` has the filter's shape.
+    agc : whether the gain follows the power of all that comes in; else it is fixed to the receiver's own noise.
     """
 
     rate_hz: float = Field(default=2.6e6, ge=1e6, le=1e9, multiple_of=1)
@@ -88,6 +141,7 @@ class FrontEnd(_Model):
     encoding: Literal["sign", "sign-magnitude", "int", "float"] = "sign"
     bits: int = 1
     bandwidth_hz: float | None = Field(default=None, ge=1e5)
+    agc: bool = False
 
     BITS: ClassVar[Mapping[str, tuple[int, ...]]] = {
         "sign": (1,), "sign-magnitude": (2,), "int": (8, 16), "float": (32,),
@@ -108,94 +162,55 @@ class FrontEnd(_Model):
         return self
 
 
-class Sky(_Model):
-    """Carrier-to-noise density of the true signals: horizon + (zenith - horizon) sin(elevation)."""
+class Sky(Model):
+    """The true signals. Carrier-to-noise density: horizon + (zenith - horizon) sin(elevation).
+
+    ionosphere, troposphere : whether they delay. With false, signals that attackers make lack them as well.
+    sats : all that stand above the mask if absent.
+    """
 
     zenith_cn0_dbhz: float = Field(default=50.0, ge=0, le=80)
     horizon_cn0_dbhz: float = Field(default=40.0, ge=0, le=80)
+    ionosphere: bool = True
+    troposphere: bool = True
+    sats: tuple[SatName, ...] | None = Field(default=None, min_length=1)
 
 
-class _Transmitter(_Model):
-    """What every attack has: one transmit antenna, a power, a time.
+class Scenario(Model):
+    """One scene: receivers under the true sky, the attacks on them, and what else transmits.
 
-    onset_s, until_s : the first and the last wave leave the transmit antenna.
-    power_db : of each false signal at the first receiver, relative to the true signal of the same satellite there;
-        at the others it changes with the distance from the transmit antenna.
-    noise_db : of the transmitter's own noise at the first receiver, relative to the receiver's noise.
-    sats : which satellites are imitated; all that stand above the mask at the place shown if absent.
-    sat_db : additional power of single satellites.
+    navigation : a RINEX navigation file; the nominal constellation if absent, which serves any date.
     """
 
-    name: str = Field(default="", pattern=r"^$|" + _NAME)
-    transmit: Place
-    power_db: float = Field(default=0.0, ge=-60, le=60)
-    noise_db: float | None = Field(default=None, ge=-60, le=60)
-    onset_s: float = 0.0
-    until_s: float | None = None
-    sats: tuple[SatName, ...] | None = Field(default=None, min_length=1)
-    sat_db: dict[SatName, float] = {}
-
-    @model_validator(mode="after")
-    def _ends_after_it_begins(self) -> Self:
-        if self.until_s is not None and self.until_s <= self.onset_s:
-            raise ValueError(f"until_s {self.until_s:g} is not after onset_s {self.onset_s:g}")
-        return self
-
-
-class Meaconer(_Transmitter):
-    """Repeats the sky that it hears with its receive antenna."""
-
-    kind: Literal["meaconer"] = "meaconer"
-    receive: Place
-    delay_s: float = Field(default=0.0, ge=0, le=1)
-
-    @property
-    def shows(self) -> Place:
-        return self.receive
-
-    @property
-    def added_delay_s(self) -> float:
-        return self.delay_s
-
-
-class Spoofer(_Transmitter):
-    """Makes the signals that a receiver at the place shown would hear, `clock_offset_s` later than true."""
-
-    kind: Literal["spoofer"] = "spoofer"
-    shows: Place
-    clock_offset_s: float = Field(default=0.0, ge=-0.5, le=0.5)
-
-    @property
-    def added_delay_s(self) -> float:
-        return self.clock_offset_s
-
-
-Attack = Annotated[Meaconer | Spoofer, Field(discriminator="kind")]
-
-
-class Scenario(_Model):
-    """One scene: receivers that stand still under the true sky, and the attacks on them."""
-
-    name: str = Field(default="scene", pattern=_NAME)
+    name: Name = "scene"
+    description: str = ""
     seed: int = Field(default=0, ge=0)
     start_gpst: Instant
     duration_s: float = Field(gt=0, le=7200)  # one ephemeris a satellite serves the whole scene
     mask_deg: float = Field(default=5.0, ge=0, lt=90)
+    navigation: Path | None = None
     receivers: tuple[Receiver, ...] = Field(min_length=1)
     front_end: FrontEnd = FrontEnd()
     sky: Sky = Sky()
     attacks: tuple[Attack, ...] = ()
+    interference: tuple[Interference, ...] = ()
 
     @model_validator(mode="after")
     def _names_and_times(self) -> Self:
-        for what, names in (("receivers", [r.name for r in self.receivers]), ("attacks", self.attack_names)):
+        receivers = [receiver.name for receiver in self.receivers]
+        for what, names in (("receivers", receivers), ("attacks", self.attack_names)):
             if len(set(names)) < len(names):
                 raise ValueError(f"two {what} have one name ({', '.join(names)}); give each its own")
+        for what, transmitters in (("attacks", self.attacks), ("interference", self.interference)):
+            for index, transmitter in enumerate(transmitters):
+                if transmitter.onset_s >= self.duration_s:
+                    raise ValueError(
+                        f"{what}[{index}].onset_s {transmitter.onset_s:g} is not before the scene's end, "
+                        f"{self.duration_s:g}"
+                    )
         for index, attack in enumerate(self.attacks):
-            if attack.onset_s >= self.duration_s:
-                raise ValueError(
-                    f"attacks[{index}].onset_s {attack.onset_s:g} is not before the scene's end, {self.duration_s:g}"
-                )
+            if isinstance(attack, Takeover):
+                known_name(attack.target, receivers, f"attacks[{index}].target")
         return self
 
     @property
@@ -203,10 +218,12 @@ class Scenario(_Model):
         return [attack.name or attack.kind for attack in self.attacks]
 
 
-_MODELS: dict[str, type[_Model]] = {
-    "receivers": Receiver, "front_end": FrontEnd, "sky": Sky, "meaconer": Meaconer, "spoofer": Spoofer,
-    "receive": Place, "transmit": Place, "shows": Place,
-}  # fmt: skip
+def known_name(name: str, names: Mapping[str, Any] | list[str], what: str) -> None:
+    """Raise ValueError, with the nearest known name, unless `name` is one of `names`."""
+    if name not in names:
+        near = get_close_matches(name, list(names), 1, cutoff=0.4)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise ValueError(f"{what} {name!r} is not known; {hint}known: {', '.join(names)}")
 
 
 def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Scenario:
@@ -214,7 +231,7 @@ def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Sce
 
     Raises
     ------
-    ScenarioError : every fault at once, each with the path of its key.
+    ScenarioError : every fault at once, each with the path of its key and the nearest name that is known.
     """
     try:
         return Scenario.model_validate(dict(table))
@@ -224,20 +241,52 @@ def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Sce
 
 
 def read_scenario(path: Path) -> Scenario:
-    """The scenario in a TOML file. Raises ScenarioError if it cannot be read or makes no sense."""
+    """The scenario in a TOML file; files that it names are looked for beside it.
+
+    Raises ScenarioError if it cannot be read or makes no sense.
+    """
     try:
-        return parse_scenario(tomllib.loads(path.read_text(encoding="utf-8")), source=str(path))
+        scenario = parse_scenario(tomllib.loads(path.read_text(encoding="utf-8")), source=str(path))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read as a scenario: {error}; give a TOML file") from error
+    if scenario.navigation is None:
+        return scenario
+    return scenario.model_copy(update={"navigation": path.parent / scenario.navigation})
 
 
 def _fault(kind: str, loc: tuple[int | str, ...], message: str) -> str:
-    tags = [i for i, part in enumerate(loc) if i and isinstance(loc[i - 1], int) and part in ("meaconer", "spoofer")]
-    parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for i, part in enumerate(loc) if i not in tags]
+    """A fault with the path of its key as it stands in the file."""
+    parts: list[str] = []
+    known: Any = Scenario
+    for place, part in enumerate(loc):
+        if isinstance(part, int):
+            parts.append(f"[{part}]")
+            continue
+        tagged = {model.model_fields["kind"].default: model for model in _models(known) if "kind" in model.model_fields}
+        if part in tagged and place > 0:  # what kind of table it is stands in the place, not in the file
+            known = tagged[part]
+            continue
+        parts.append(f".{part}")
+        for model in _models(known):
+            if part in model.model_fields:
+                known = model.model_fields[part].annotation
+                break
+        else:
+            known = known if kind == "extra_forbidden" else None
     if kind == "extra_forbidden":
-        names = [part for part in loc[:-1] if isinstance(part, str)]
-        model = _MODELS[names[-1]] if names else Scenario
-        message = f"unknown key; known here: {', '.join(model.model_fields)}"
+        names = [name for model in _models(known) for name in model.model_fields]
+        near = get_close_matches(str(loc[-1]), names, 1, cutoff=0.5)
+        hint = f", did you mean {near[0]}?" if near else ""
+        message = f"unknown key{hint}; known here: {', '.join(names)}"
     path = "".join(parts).lstrip(".")
     message = message.removeprefix("Value error, ")
     return f"{path}: {message}" if path else message
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The models that an annotation names."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    else:
+        for part in get_args(annotation):
+            yield from _models(part)

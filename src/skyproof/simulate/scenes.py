@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skyproof.simulate.scenario import FrontEnd, Meaconer, Place, Receiver, Scenario, Sky
+from skyproof.simulate.scenario import FrontEnd, Meaconer, Place, Receiver, Scenario, Site, Sky
 
 __all__ = ["clean", "demo"]
 
@@ -28,8 +28,8 @@ def demo(*, seed: int = 1, duration_s: float = 34.0, onset_s: float = 14.0) -> S
         ),
         sky=Sky(zenith_cn0_dbhz=50.0, horizon_cn0_dbhz=42.0),
         attacks=(
-            Meaconer(receive=Place(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0),
-                     transmit=Place(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0),
+            Meaconer(receive=Site(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0),
+                     transmit=Site(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0),
                      delay_s=4.0e-6, noise_db=-13.0, onset_s=onset_s),
         ),
     )  # fmt: skip

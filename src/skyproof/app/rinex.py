@@ -1,0 +1,39 @@
+"""RINEX files of signals: a file has room for one a satellite, so several of one satellite stand in several files."""
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skyproof.formats.rinex_obs import write_obs
+from skyproof.records import Observations, SignalId
+
+__all__ = ["one_a_satellite", "write_channels"]
+
+
+def one_a_satellite(o: Observations) -> list[tuple[SignalId, ...]]:
+    """The signals that were measured, dealt into groups with at most one of a satellite in each."""
+    groups: list[dict[str, SignalId]] = []
+    for column, signal in enumerate(o.signals):
+        if np.isfinite(o.pseudorange_m[:, column]).any():
+            free = next((g for g in groups if signal.sat not in g), None)
+            if free is None:
+                free = {}
+                groups.append(free)
+            free[signal.sat] = signal
+    return [tuple(g.values()) for g in groups]
+
+
+def write_channels(
+    path: Path, o: Observations, holds: str, place: Any, signals: tuple[SignalId, ...] | None = None
+) -> None:
+    """Write those signals, by default the first group of `one_a_satellite`; nothing if there are none."""
+    if signals is None:
+        groups = one_a_satellite(o)
+        signals = groups[0] if groups else ()
+    if signals:
+        write_obs(
+            path, o, signals=signals, holds=holds, marker=o.receiver, version=version("skyproof"),
+            position_ecef_m=place,
+        )  # fmt: skip

@@ -1,0 +1,32 @@
+"""`skyproof demo`."""
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from skyproof.app.demo import demo as run_demo
+from skyproof.cli.options import Debug, Json
+from skyproof.cli.progress import progress
+from skyproof.cli.screen import INTERRUPTED
+from skyproof.cli.summary import tell
+
+__all__ = ["demo"]
+
+
+def demo(
+    *,
+    out: Annotated[
+        Path, Parameter(help="Folder for the recordings and the results.", show_default=True)
+    ] = Path("skyproof-demo"),
+    json: Json = False,
+    open_report: Annotated[bool, Parameter(name="--open", help="Open the report in the browser.")] = False,
+    debug: Debug = False,
+) -> int:
+    """Simulate two receivers near a meaconer, which rebroadcasts the sky of another place, and protect them."""
+    result = run_demo(out, progress=progress())
+    tell(result, as_json=json)
+    if open_report and result.folder is not None:
+        webbrowser.open((result.folder / "report.html").resolve().as_uri())
+    return INTERRUPTED if result.interrupted else 0

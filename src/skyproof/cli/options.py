@@ -1,0 +1,26 @@
+"""The options that several commands have."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from skyproof.app.settings import Settings
+
+__all__ = ["Debug", "Duration", "Json", "Nav", "Reach", "Start", "setting"]
+
+
+def setting(name: str) -> Parameter:
+    """The help of an option that is a setting: its description and default, from where they are defined."""
+    field = Settings.model_fields[name]
+    default = "the end" if field.default is None else f"{field.default:g}"
+    return Parameter(help=f"{field.description} Default: {default}.")
+
+
+Nav = Annotated[Path | None, Parameter(help="RINEX navigation file; without it the signals' own messages are used.")]
+Start = Annotated[float | None, setting("start_s")]
+Duration = Annotated[float | None, setting("duration_s")]
+Reach = Annotated[float | None, setting("doppler_max_hz")]
+Json = Annotated[bool, Parameter(name="--json", help="Print verdict.json on standard output, and nothing else there.")]
+# `main` looks for --debug itself, since it is to work for errors in the options as well; here it is for the help.
+Debug = Annotated[bool, Parameter(help="Show the traceback of an error.")]

@@ -1,0 +1,51 @@
+"""`skyproof protect`."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from skyproof.app.protect import protect as run_protect
+from skyproof.cli.options import Debug, Duration, Json, Nav, Reach, Start, setting
+from skyproof.cli.progress import progress
+from skyproof.cli.screen import INTERRUPTED
+from skyproof.cli.summary import tell
+
+__all__ = ["protect"]
+
+EXIT_CODES = {"authentic": 0, "spoofed": 1, "undecided": 3}
+
+
+def protect(
+    inputs: Annotated[list[Path], Parameter(name="INPUT", help="Recordings, one a receiver, each with its sidecar.")],
+    /,
+    *,
+    out: Annotated[Path, Parameter(help="Folder for the verdict, the report, fixes and all other files.")],
+    nav: Nav = None,
+    platform: Annotated[Path | None, Parameter(help="Platform file: settings in its table [protect].")] = None,
+    false_alarm_probability_per_hour: Annotated[float | None, setting("false_alarm_probability_per_hour")] = None,
+    antenna_separation_m: Annotated[float | None, setting("antenna_separation_m")] = None,
+    doppler_max_hz: Reach = None,
+    start_s: Start = None,
+    duration_s: Duration = None,
+    json: Json = False,
+    exit_code: Annotated[bool, Parameter(help="Exit with 0 authentic, 1 spoofed, 3 undecided.")] = False,
+    debug: Debug = False,
+) -> int:
+    """Say whether signals in recordings are spoofed, since when and which, and give the position to be trusted."""
+    result = run_protect(
+        inputs,
+        nav=nav,
+        platform=platform,
+        out=out,
+        false_alarm_probability_per_hour=false_alarm_probability_per_hour,
+        antenna_separation_m=antenna_separation_m,
+        doppler_max_hz=doppler_max_hz,
+        start_s=start_s,
+        duration_s=duration_s,
+        progress=progress(),
+    )
+    tell(result, as_json=json)
+    if result.interrupted:
+        return INTERRUPTED
+    return EXIT_CODES[result.verdict.verdict] if exit_code else 0

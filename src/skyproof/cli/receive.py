@@ -1,0 +1,60 @@
+"""`skyproof receive`."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.text import Text
+
+from skyproof.app.receive import document_json
+from skyproof.app.receive import receive as run_receive
+from skyproof.cli.options import Debug, Duration, Nav, Reach, Start
+from skyproof.cli.progress import progress
+from skyproof.cli.screen import INTERRUPTED, complain, print_path
+
+__all__ = ["receive"]
+
+
+def receive(
+    files: Annotated[list[Path], Parameter(name="FILE", help="Recordings, one a receiver, each with its sidecar.")],
+    /,
+    *,
+    out: Annotated[
+        Path,
+        Parameter(
+            help="Folder for NAME-nav.rnx, NAME.obs and, where a satellite has several signals, NAME-2.obs and so on: "
+            "RINEX has room for one a satellite."
+        ),
+    ],
+    nav: Nav = None,
+    doppler_max_hz: Reach = None,
+    start_s: Start = None,
+    duration_s: Duration = None,
+    json: Annotated[bool, Parameter(name="--json", help="Print one JSON document, and nothing else there.")] = False,
+    debug: Debug = False,
+) -> int:
+    """Track every signal in recordings and write RINEX observations and navigation data, without judging them."""
+    result = run_receive(
+        files,
+        out=out,
+        nav=nav,
+        doppler_max_hz=doppler_max_hz,
+        start_s=start_s,
+        duration_s=duration_s,
+        progress=progress(),
+    )
+    if result.interrupted:
+        complain("interrupted: this is what was received so far")
+    if json:
+        sys.stdout.write(document_json(result))
+    else:
+        console = Console()
+        for reception in result.receptions:
+            console.print(Text(f"{reception.samples.name}: {reception.n_signals} signals"))
+            for remark in reception.remarks:
+                console.print(Text(f"  {remark}", style="dim"))
+        if result.folder is not None:
+            print_path("files in", result.folder)
+    return INTERRUPTED if result.interrupted else 0

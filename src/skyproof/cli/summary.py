@@ -1,0 +1,79 @@
+"""The verdict as a person reads it at a terminal."""
+
+import sys
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from skyproof.app.protect import ProtectResult
+from skyproof.cli.screen import complain, print_path, table
+from skyproof.formats.verdict import verdict_json
+from skyproof.report.words import instant_words
+from skyproof.verdict import Position, Verdict
+
+__all__ = ["tell"]
+
+STYLES = {"authentic": "bold blue", "trusted": "blue", "spoofed": "bold dark_orange", "false": "dark_orange"}
+
+
+def tell(result: ProtectResult, *, as_json: bool) -> None:
+    """Print the verdict, as JSON or in words, and where the report is."""
+    if result.interrupted:
+        complain("interrupted: this is what was decided so far")
+    if as_json:
+        sys.stdout.write(verdict_json(result.verdict))
+    else:
+        _print_summary(result.verdict)
+        if result.folder is not None:
+            print_path("report:", result.folder / "report.html")
+
+
+def _print_summary(verdict: Verdict) -> None:
+    console = Console()
+    console.print(Text(verdict.verdict.upper(), style=STYLES.get(verdict.verdict, "bold")))
+    console.print(Text(verdict.summary))
+    if verdict.since_gpst is not None:
+        sigma = "" if verdict.since_sigma_s is None else f" ± {verdict.since_sigma_s:.2g} s"
+        until = "" if verdict.until_gpst is None else f", until {instant_words(verdict.until_gpst)}"
+        console.print(Text(f"since {instant_words(verdict.since_gpst)}{sigma} GPS time{until}"))
+    if verdict.undecided_because:
+        console.print(Text(f"not decided: {verdict.undecided_because}"))
+    console.print()
+    if (positions := _positions(verdict)).row_count:
+        console.print(positions)
+        console.print()
+    if (signals := _signals(verdict)).row_count:
+        console.print(signals)
+        console.print()
+    if absent := [method.detector for method in verdict.methods if not method.ran]:
+        console.print(Text(f"not tested: {', '.join(absent)} (the report says why)"))
+
+
+def _positions(verdict: Verdict) -> Table:
+    rows = table("receiver", "position", "latitude °", "longitude °", "height m", "± E/N/U m", numbers=4)
+    for receiver in verdict.receivers:
+        kinds: tuple[tuple[str, Position | None], ...] = (
+            ("trusted", receiver.trusted_fix),
+            ("false", receiver.false_fix),
+            ("unprotected", receiver.unprotected_fix),
+        )
+        for kind, fix in kinds:
+            if fix is not None:
+                sigmas = f"{fix.sigma_east_m:.1f}/{fix.sigma_north_m:.1f}/{fix.sigma_up_m:.1f}"
+                rows.add_row(Text(receiver.name), Text(kind, style=STYLES.get(kind, "")), f"{fix.lat_deg:.7f}",
+                              f"{fix.lon_deg:.7f}", f"{fix.height_m:.1f}", sigmas)  # fmt: skip
+    return rows
+
+
+def _signals(verdict: Verdict) -> Table:
+    rows = table("receiver", "signals", "label", "satellites")
+    for receiver in verdict.receivers:
+        for label in ("authentic", "spoofed", "multipath", "unknown"):
+            own = {(s.sat, s.band, s.code, s.copy) for s in verdict.signals
+                   if s.receiver == receiver.name and s.label == label}  # fmt: skip
+            if own:
+                sats = sorted({signal[0] for signal in own})
+                rows.add_row(Text(receiver.name), str(len(own)), Text(label, style=STYLES.get(label, "")),
+                              Text(" ".join(sats)))  # fmt: skip
+    return rows

@@ -1,0 +1,168 @@
+"""Places and ways as a person writes them, and what all tables of a scenario share."""
+
+from collections.abc import Sequence
+from datetime import datetime
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, model_validator
+from scipy.interpolate import PchipInterpolator
+
+from skyproof.gnss.signals import GPS_SATS
+from skyproof.gnss.time import iso, parse_iso
+
+__all__ = ["Circle", "FromFile", "Instant", "LasVegas", "Model", "Name", "Place", "SatName", "Site", "WayPoints",
+           "between", "rising"]  # fmt: skip
+
+Reals = NDArray[np.float64]
+
+NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"  # names become file names
+Name = Annotated[str, Field(pattern=NAME)]
+LOWEST_M, HIGHEST_M = -500.0, 20_000.0
+"""Places outside are taken for mistakes: no receiver is under the ground, and the standard atmosphere ends."""
+
+
+def _instant(value: Any) -> np.datetime64:
+    if isinstance(value, datetime):
+        if value.tzinfo is not None:
+            raise ValueError("has a time zone; write GPS time without a zone, as in 2022-01-01T21:45:58")
+        value = value.isoformat()
+    return value.astype("datetime64[ns]") if isinstance(value, np.datetime64) else parse_iso(value)
+
+
+def _written(value: np.datetime64) -> str:
+    return iso(value, 9)
+
+
+def _sat(value: Any) -> str:
+    if value not in GPS_SATS:
+        raise ValueError(f"{value!r} is no GPS satellite; write G01 to G32")
+    return str(value)
+
+
+Instant = Annotated[np.datetime64, PlainValidator(_instant), PlainSerializer(_written, return_type=str)]
+SatName = Annotated[str, PlainValidator(_sat)]
+
+
+class Model(BaseModel):
+    """A table that refuses what it does not know."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+
+
+def rising(times_s: Sequence[float], what: str) -> None:
+    """Raise ValueError unless the times rise."""
+    for number, (one, next_one) in enumerate(pairwise(times_s)):
+        if next_one <= one:
+            raise ValueError(f"{what}[{number + 1}] is at {next_one:g} s, not after {one:g} s; give times that rise")
+
+
+def between(points: Sequence[Sequence[float]], at_s: ArrayLike, columns: int) -> Reals:
+    """Rows of (time, values...) at other times (n,): (n, columns); smooth, without overshoot, held beyond the ends.
+
+    Piecewise cubics of Fritsch and Carlson (SIAM J. Numer. Anal. 17, 1980): values and rates are continuous.
+    """
+    at_s = np.asarray(at_s, np.float64)
+    if not points:
+        return np.zeros((*at_s.shape, columns))
+    rows = np.array(points, np.float64)
+    if len(rows) == 1:
+        return np.broadcast_to(rows[0, 1:], (*at_s.shape, columns)).copy()
+    return np.asarray(PchipInterpolator(rows[:, 0], rows[:, 1:])(np.clip(at_s, rows[0, 0], rows[-1, 0])))
+
+
+class WayPoints(Model):
+    """Along straight legs through points, with smooth turns and a constant speed between.
+
+    points_enu_m : east, north, up of the site's place.
+    acceleration_m_s2, turn_m_s2 : the most along the way and across it.
+    from_rest, to_rest : whether it stands still at the ends; else it comes and goes in motion.
+    start_s : when it leaves the first point.
+    """
+
+    kind: Literal["way-points"] = "way-points"
+    points_enu_m: tuple[tuple[float, float, float], ...] = Field(min_length=2)
+    speed_m_s: float = Field(gt=0, le=1000)
+    acceleration_m_s2: float = Field(default=1.0, gt=0, le=100)
+    turn_m_s2: float = Field(default=2.0, gt=0, le=100)
+    from_rest: bool = True
+    to_rest: bool = True
+    start_s: float = 0.0
+
+
+class Circle(Model):
+    """Round the site's place, level, at constant speed. start_deg : azimuth seen from the middle at time 0."""
+
+    kind: Literal["circle"] = "circle"
+    radius_m: float = Field(gt=0, le=1e5)
+    speed_m_s: float = Field(gt=0, le=1000)
+    clockwise: bool = True
+    start_deg: float = 0.0
+
+
+class LasVegas(Model):
+    """The approach of the paper on inertial exclusion, 233 s long: the true one, or what its spoofer shows."""
+
+    kind: Literal["las-vegas"] = "las-vegas"
+    shown: Literal["true", "false"] = "true"
+
+
+class FromFile(Model):
+    """As recorded: CSV, NMEA or KML; smooth between its points.
+
+    speed_m_s : where the file has places without times.
+    start_s : when the file's first point is passed.
+    """
+
+    kind: Literal["file"] = "file"
+    path: Path
+    speed_m_s: float | None = Field(default=None, gt=0, le=1000)
+    start_s: float = 0.0
+
+
+Motion = Annotated[WayPoints | Circle | LasVegas | FromFile, Field(discriminator="kind")]
+
+
+class Place(Model):
+    """A point that stands still on the Earth."""
+
+    lat_deg: float = Field(ge=-90, le=90)
+    lon_deg: float = Field(ge=-180, le=180)
+    height_m: float = Field(ge=LOWEST_M, le=HIGHEST_M)  # above the ellipsoid
+
+    @property
+    def geodetic_rad(self) -> tuple[float, float, float]:
+        return float(np.radians(self.lat_deg)), float(np.radians(self.lon_deg)), self.height_m
+
+
+class Site(Place):
+    """A place, or a way that refers to it; a way that knows its own places needs none.
+
+    heading_deg, pitch_deg, roll_deg : of what stands still.
+    """
+
+    path: Motion | None = None
+    heading_deg: float = Field(default=0.0, ge=-360, le=360)
+    pitch_deg: float = Field(default=0.0, ge=-90, le=90)
+    roll_deg: float = Field(default=0.0, ge=-180, le=180)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _place(cls, value: Any) -> Any:
+        if type(value) is Place:
+            return value.model_dump()
+        path = value.get("path") if isinstance(value, dict) else None
+        kind = path.get("kind") if isinstance(path, dict) else getattr(path, "kind", None)
+        if kind in ("file", "las-vegas"):
+            return {"lat_deg": 0.0, "lon_deg": 0.0, "height_m": 0.0} | value
+        return value
+
+    @model_validator(mode="after")
+    def _attitude_of_what_moves(self) -> Self:
+        given = {"heading_deg", "pitch_deg", "roll_deg"} & self.model_fields_set
+        if self.path is not None and given:
+            raise ValueError(f"{min(given)} is for what stands still: on a path the attitude follows from the motion")
+        return self
