@@ -3,7 +3,15 @@
 import numpy as np
 
 from skyproof.simulate.taylor import (
-    cross, derivative, dot, integral, normalised, polynomial, product, reciprocal_root, sine_cosine,
+    cross,
+    derivative,
+    dot,
+    integral,
+    normalised,
+    polynomial,
+    product,
+    reciprocal_root,
+    sine_cosine,
 )  # fmt: skip
 
 T = np.array([[0.0], [1.0], [0.0], [0.0], [0.0]])  # the time itself, around 0

@@ -318,18 +318,15 @@ def _turn(ahead: Reals, then: Reals, number: int, radius_m: float, turn_in_m: fl
     aside = across / np.linalg.norm(across)
     bend_1_m = min(1.0 / radius_m, angle_rad / turn_in_m)  # a small angle is turned before the radius is reached
     hold_m = max(angle_rad / bend_1_m - turn_in_m, 0.0)
+    rows = [(turn_in_m, 0.0, bend_1_m), (hold_m, bend_1_m, bend_1_m), (turn_in_m, bend_1_m, 0.0)]
+    length_m, from_1_m, to_1_m = np.array([row for row in rows if row[0] > 0.0]).T
+    ahead_m, aside_m = _advance_m(length_m, length_m, from_1_m, to_1_m - from_1_m)
+    sine, cosine = (turn(_turned_rad(length_m, length_m, from_1_m, to_1_m - from_1_m)) for turn in (np.sin, np.cos))
     pieces, origin_m = [], np.zeros(3)
-    for length_m, from_1_m, to_1_m in ((turn_in_m, 0.0, bend_1_m), (hold_m, bend_1_m, bend_1_m),
-                                       (turn_in_m, bend_1_m, 0.0)):  # fmt: skip
-        if length_m == 0.0:
-            continue
-        pieces.append(_Piece(length_m, origin_m, ahead, aside, from_1_m, to_1_m))
-        numbers = np.array(length_m), np.array(length_m), np.array(from_1_m), np.array(to_1_m - from_1_m)
-        ahead_m, aside_m = _advance_m(*numbers)
-        origin_m = origin_m + ahead_m * ahead + aside_m * aside
-        turned_rad = _turned_rad(*numbers)
-        ahead, aside = (np.cos(turned_rad) * ahead + np.sin(turned_rad) * aside,
-                        np.cos(turned_rad) * aside - np.sin(turned_rad) * ahead)  # fmt: skip
+    for k in range(len(length_m)):
+        pieces.append(_Piece(float(length_m[k]), origin_m, ahead, aside, float(from_1_m[k]), float(to_1_m[k])))
+        origin_m = origin_m + ahead_m[k] * ahead + aside_m[k] * aside
+        ahead, aside = cosine[k] * ahead + sine[k] * aside, cosine[k] * aside - sine[k] * ahead
     return _Turn(pieces, float(np.linalg.norm(origin_m) / (2.0 * np.cos(0.5 * angle_rad))))  # it is symmetric
 
 
