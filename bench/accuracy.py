@@ -331,10 +331,12 @@ LOOPS = {
 
 def _fading(cn0_dbhz: float, duration_s: float, n: int = 16) -> tuple[Rendering, Motion]:
     """Signals of n satellites, of 42 dB-Hz for 3 s and then of this strength."""
-    rng = np.random.default_rng(int(10 * cn0_dbhz))
+    rng = np.random.default_rng(1000 + int(10 * cn0_dbhz))
     motion = Motion(delay_s=rng.uniform(0.065, 0.08, n), doppler_hz=rng.uniform(-4e3, 4e3, n))
     front_end = FrontEnd(rate_hz=PLAIN[0], bandwidth_hz=PLAIN[1], encoding="float", bits=32)
-    rendering = ideal_signals(GPS_SATS[:n], motion, cn0_dbhz, front_end, duration_s=duration_s, seed=int(cn0_dbhz))
+    rendering = ideal_signals(
+        GPS_SATS[:n], motion, cn0_dbhz, front_end, duration_s=duration_s, seed=100 + int(cn0_dbhz)
+    )
 
     def strength(elapsed_s: Reals) -> Reals:
         return np.where(np.asarray(elapsed_s)[..., None] < _STRONG_S, 42.0, cn0_dbhz) * np.ones(n)

@@ -36,7 +36,9 @@ from skyproof.simulate import Place, samples_of, scenes
 Floats = NDArray[np.float32]
 Reals = NDArray[np.float64]
 
-RATE_HZ = 2.6e6
+RATE_HZ = 2.6037e6
+"""No whole number of samples a code period: with one, a signal of little Doppler is read at the same places of its
+chips for seconds, and sharp chips alias into a metre of code."""
 SAT = "G07"
 CHIP_S = 1.0 / GPS_L1_CA.chip_rate_hz
 CHIP_M = SPEED_OF_LIGHT_M_S * CHIP_S

@@ -152,9 +152,9 @@ def test_a_jump_that_may_be_either_is_said(jump_cyc):
 
 
 def test_signals_that_fade_at_once_have_not_jumped():
-    """From 42 to 26 dB-Hz within a block: what noise does then must not look like samples that are missing."""
+    """From 42 to 24 dB-Hz within a block: what noise does then must not look like samples that are missing."""
     strong = rows_of(np.random.default_rng(9), 42.0, 20)
     noise = rows_of(np.random.default_rng(10), -100.0, 20)
-    faded = (strong - noise) * 10.0**-0.8 + noise
+    faded = (strong - noise) * 10.0**-0.9 + noise
     jumps = [measured(np.concatenate([strong[:10], faded[10:]]), 42.0)[5:, m.JUMP]]
     assert np.max(jumps) < 6.0

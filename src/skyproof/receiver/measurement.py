@@ -213,7 +213,13 @@ def _measure_channel(
     result[CARRIER_SIGMA_CYC] = math.sqrt(variance[0] * period_variance)
     result[DOPPLER_SIGMA_HZ] = math.sqrt(variance[1] * period_variance)
     result[SLIP] = 1.0 if slipped else 0.0
-    result[JUMP] = jump * math.sqrt(expected / period_variance)
+    # By the weakest quarter: what noise does once a signal has faded must not pass for a jump.
+    weakest_hz = cn0_hz
+    for quarter in range(4):
+        q = slice(n * quarter // 4, n * (quarter + 1) // 4)
+        weakest_hz = min(weakest_hz, _carrier_to_noise_hz(prompt[q], wipe[q], group[q], synchronised, period_s))
+    weakest = _period_variance(max(weakest_hz, LEAST_CN0_HZ), coherent_s, period_s)
+    result[JUMP] = jump * math.sqrt(expected / weakest)
 
 
 @numba.njit(cache=True, nogil=True)
