@@ -86,7 +86,7 @@ def test_delay_is_within_a_tenth_of_a_chip_and_doppler_within_10_hz(clean):
         # Scenes start at whole seconds, so code periods begin at whole milliseconds of transmission.
         truth_s = (sky.code_delay_s(true_s)[column] - true_s) % 1e-3
         assert abs(apart_chips(peak.delay_s, truth_s)) < 0.1
-        rate = sky.carrier_delay_s(true_s, 1)[column]
+        rate = sky.carrier_delay_rate(true_s)[column]
         drift = sky.receiver.lo_ppm * 1e-6
         assert peak.doppler_hz == pytest.approx(-1575.42e6 * (rate + drift), abs=10.0)
 

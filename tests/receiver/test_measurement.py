@@ -156,5 +156,5 @@ def test_signals_that_fade_at_once_have_not_jumped():
     strong = rows_of(np.random.default_rng(9), 42.0, 20)
     noise = rows_of(np.random.default_rng(10), -100.0, 20)
     faded = (strong - noise) * 10.0**-0.9 + noise
-    jumps = [measured(np.concatenate([strong[:10], faded[10:]]), 42.0)[5:, m.JUMP]]
+    jumps = [measured(np.concatenate([strong[:11], faded[11:]]), 42.0)[5:, m.JUMP]]
     assert np.max(jumps) < 6.0

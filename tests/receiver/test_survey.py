@@ -31,7 +31,7 @@ def recorded(rate_hz, *, duration_s=0.1, seed=0, **front_end):
     navigation = nominal_constellation(START)
     samples, sky = samples_of(scenario, navigation)[0], scene_of(scenario, navigation).skies[0]
     late_s = sky.true_minus_elapsed_s(0.0)
-    delays_s, rates = sky.code_delay_s(late_s), sky.carrier_delay_s(late_s, 1)
+    delays_s, rates = sky.code_delay_s(late_s), sky.carrier_delay_rate(late_s)
     heard = [
         SimpleNamespace(sat=signal.id.sat, delay_s=float((delays_s[k] - late_s) % 1e-3),
                         doppler_hz=float(-1575.42e6 * (rates[k] + sky.receiver.lo_ppm * 1e-6)))

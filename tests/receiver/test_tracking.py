@@ -52,7 +52,7 @@ def truth_of(rendered, o: Observations):
     true_s = o.elapsed_s + sky.true_minus_elapsed_s(o.elapsed_s)
     columns = [[heard.id.sat for heard in sky.signals].index(signal.sat) for signal in o.signals]
     drift = sky.receiver.lo_ppm * 1e-6
-    doppler_hz = -1575.42e6 * (sky.carrier_delay_s(true_s, 1)[:, columns] + drift)
+    doppler_hz = -1575.42e6 * (sky.carrier_delay_rate(true_s)[:, columns] + drift)
     return true_s, sky.code_delay_s(true_s)[:, columns], sky.carrier_delay_s(true_s)[:, columns], doppler_hz
 
 

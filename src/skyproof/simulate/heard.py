@@ -32,6 +32,7 @@ Reals = NDArray[np.float64]
 Delay = Callable[[Reals], tuple[Reals, Reals]]
 """Times of reception (n,) to delays of code and carrier in seconds, (n, n_signals) each."""
 
+_SHORT_S = 0.01  # 0.1 mm/s at 2 g; the delays' own digits leave 1 um/s
 _SUBFRAME_S = 6
 _SPARE_S = 2  # of message before the first sample and after the last
 _MESSAGE_STREAM = 1 << 21  # sets random bits apart from other random numbers of one seed
@@ -138,6 +139,11 @@ class ReceiverSky:
     def carrier_delay_s(self, true_s: ArrayLike) -> Reals:
         """Of all signals: times of any shape (...) to (..., n_signals)."""
         return self._at(true_s, 1)
+
+    def carrier_delay_rate(self, true_s: ArrayLike) -> Reals:
+        """Seconds a second by which the carriers' delays grow, by differences: times (...) to (..., n_signals)."""
+        at_s = np.asarray(true_s, np.float64)
+        return np.asarray((self._at(at_s + _SHORT_S, 1) - self._at(at_s - _SHORT_S, 1)) / (2.0 * _SHORT_S))
 
     def _at(self, true_s: ArrayLike, which: int) -> Reals:
         at_s = np.asarray(true_s, np.float64)
