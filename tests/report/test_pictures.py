@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skyproof.report.drawing import nice_ticks, spread, thin
 from skyproof.report.pictures import (
     FixTrack,
     SignalSeries,
@@ -17,10 +18,7 @@ from skyproof.report.pictures import (
     SkySource,
     evidence_scale,
     local_map,
-    nice_ticks,
     sky_plot,
-    spread,
-    thin,
     time_line,
 )
 

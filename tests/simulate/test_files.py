@@ -10,9 +10,11 @@ import pytest
 from skyproof.errors import OutputError
 from skyproof.formats.raw import open_raw
 from skyproof.gnss.ephemeris import NavigationData
-from skyproof.simulate.files import truth_of, write
+from skyproof.simulate.document import truth_of
+from skyproof.simulate.files import write
 from skyproof.simulate.samples import samples_of
 from skyproof.simulate.scenario import FrontEnd, Scenario
+from skyproof.simulate.sky import scene_of
 
 
 @pytest.mark.parametrize(
@@ -60,7 +62,7 @@ def test_the_sidecar_has_the_agreed_keys(scenario: Scenario, navigation: Navigat
 
 
 def test_the_truth_says_what_is_false_and_what_it_shows(scenario: Scenario, navigation: NavigationData) -> None:
-    truth = json.loads(json.dumps(truth_of(scenario, navigation)))
+    truth = json.loads(json.dumps(truth_of(scene_of(scenario, navigation))))
     (attack,) = truth["attacks"]
     assert attack["onset_gpst"] == "2023-03-04T05:06:08.750000000"
     assert attack["captured_receiver_shows_position"] == {"lat_deg": 40.005, "lon_deg": -3.008, "height_m": 700.0}

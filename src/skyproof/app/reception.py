@@ -206,7 +206,7 @@ def _tracker(samples: Samples, settings: Settings, watchful: bool) -> Tracker:
     receiver_settings = ReceiverSettings(
         doppler_max_hz=settings.doppler_max_hz,
         near_search_s=0.5 if watchful else 1.0,
-        full_search_s=10.0 if watchful else 20.0,
+        full_search_s=10.0 if watchful else 30.0,
     )
     receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), receiver_settings)
     return Tracker(samples=whole, receiver=receiver, told=(*cleaned, *filled))

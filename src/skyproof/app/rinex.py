@@ -1,5 +1,6 @@
 """RINEX files of signals: a file has room for one a satellite, so several of one satellite stand in several files."""
 
+from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,14 +27,18 @@ def one_a_satellite(o: Observations) -> list[tuple[SignalId, ...]]:
 
 
 def write_channels(
-    path: Path, o: Observations, holds: str, place: Any, signals: tuple[SignalId, ...] | None = None
-) -> None:
-    """Write those signals, by default the first group of `one_a_satellite`; nothing if there are none."""
+    path: Path, o: Observations, holds: str, place: Any, signals: tuple[SignalId, ...] | None = None, *,
+    created_utc: datetime | None = None,
+) -> None:  # fmt: skip
+    """Write those signals, by default the first group of `one_a_satellite`; nothing if there are none.
+
+    created_utc : what the file says of when it was made; now, if not given.
+    """
     if signals is None:
         groups = one_a_satellite(o)
         signals = groups[0] if groups else ()
     if signals:
         write_obs(
             path, o, signals=signals, holds=holds, marker=o.receiver, version=version("skyproof"),
-            position_ecef_m=place,
+            position_ecef_m=place, created_utc=created_utc,
         )  # fmt: skip

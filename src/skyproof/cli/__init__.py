@@ -33,6 +33,10 @@ COMMANDS = {
         "Track every signal in recordings and write RINEX observations and navigation data, without judging them.",
         AFTER_DEMO + "skyproof receive demo/bow.bin --nav demo/broadcast.rnx --out out",
     ),
+    "simulate": (
+        "Make recordings and measurements of a scene with attacks, and write the truth about them.",
+        "Example:\n\nskyproof simulate takeover --out scene",
+    ),
     "demo": (
         "Simulate two receivers near a meaconer, which rebroadcasts the sky of another place, and protect them.",
         "Example:\n\nskyproof demo --out demo",

@@ -1,9 +1,10 @@
 """Tables of columns, as CSV for people and Parquet for programs, and the columns of the table of fixes."""
 
+import contextlib
 import csv
 import io
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +19,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Fix
 
-__all__ = ["FIXES_COLUMNS", "Column", "fixes_columns", "write_table"]
+__all__ = ["FIXES_COLUMNS", "Column", "fixes_columns", "growing_tables", "write_table"]
 
 Column = NDArray[Any]
 
@@ -52,7 +53,62 @@ def write_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> 
             with writing(path) as file:
                 pq.write_table(table, file)
         case ending:
-            raise OutputError(f'{os.fspath(path)}: cannot write a table that ends in "{ending}"; use .csv or .parquet')
+            raise _unknown(path, ending)
+
+
+def _unknown(path: str | os.PathLike[str], ending: str) -> OutputError:
+    return OutputError(f'{os.fspath(path)}: cannot write a table that ends in "{ending}"; use .csv or .parquet')
+
+
+@contextlib.contextmanager
+def growing_tables(
+    paths: Sequence[str | os.PathLike[str]], metadata: Mapping[str, str] | None = None
+) -> Iterator[Callable[[Mapping[str, Column]], None]]:
+    """One table in files that end in .csv or .parquet, written block by block, so that memory does not grow with it.
+
+    Gives a function that takes the next block of columns: the same names and types each time, and at least one block,
+    which may be empty. Parquet has a group of rows for each block, and `metadata` in its schema. Else as `write_table`,
+    but instants in CSV are in nanoseconds. The files appear when the block of code ends well, or not at all.
+
+    Raises
+    ------
+    OutputError : as `write_table`.
+    """
+    with contextlib.ExitStack() as stack:
+        takers = [_taker(stack, path, metadata or {}) for path in paths]
+
+        def take(columns: Mapping[str, Column]) -> None:
+            for taker in takers:
+                taker(columns)
+
+        yield take
+
+
+def _taker(
+    stack: contextlib.ExitStack, path: str | os.PathLike[str], metadata: Mapping[str, str]
+) -> Callable[[Mapping[str, Column]], None]:
+    ending = Path(path).suffix.lower()
+    if ending not in (".csv", ".parquet"):
+        raise _unknown(path, ending)
+    file = stack.enter_context(writing(path))
+    writer: Any = None
+
+    def take_parquet(columns: Mapping[str, Column]) -> None:
+        nonlocal writer
+        table = pa.table({name: _arrow(np.asarray(column)) for name, column in columns.items()})
+        if writer is None:
+            writer = stack.enter_context(pq.ParquetWriter(file, table.schema.with_metadata(dict(metadata))))
+        writer.write_table(table.replace_schema_metadata(dict(metadata)))
+
+    begun = False
+
+    def take_csv(columns: Mapping[str, Column]) -> None:
+        nonlocal begun
+        for line in _csv_lines(columns, unit="ns", headed=not begun):
+            file.write(f"{line}\n".encode())
+        begun = True
+
+    return take_parquet if ending == ".parquet" else take_csv
 
 
 def fixes_columns(fixes: Iterable[tuple[str, Fix]]) -> dict[str, Column]:
@@ -93,10 +149,11 @@ def _arrow(column: Column) -> Any:
     return pa.array(column, from_pandas=True)  # NaN to null
 
 
-def _csv_lines(columns: Mapping[str, Column]) -> Iterator[str]:
+def _csv_lines(columns: Mapping[str, Column], *, unit: str | None = None, headed: bool = True) -> Iterator[str]:
     arrays = [np.asarray(column) for column in columns.values()]
-    units = ["us" if a.dtype.kind != "M" or _whole_microseconds(a) else "ns" for a in arrays]
-    yield _csv_text([columns.keys()])
+    units = [unit or ("us" if a.dtype.kind != "M" or _whole_microseconds(a) else "ns") for a in arrays]
+    if headed:
+        yield _csv_text([columns.keys()])
     for start in range(0, len(arrays[0]) if arrays else 0, _CSV_ROWS):
         part = [_texts(a[start : start + _CSV_ROWS], unit) for a, unit in zip(arrays, units, strict=True)]
         yield _csv_text(zip(*part, strict=True))

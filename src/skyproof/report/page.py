@@ -6,6 +6,7 @@ outside is escaped, and the page forbids its reader's browser to load anything.
 
 import json
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -24,7 +25,7 @@ from skyproof.report.words import (
 )
 from skyproof.verdict import Method, Place, Verdict
 
-__all__ = ["FixTrack", "Pictures", "SignalSeries", "SkyPosition", "report_html"]
+__all__ = ["Figure", "FixTrack", "Pictures", "SignalSeries", "SkyPosition", "environment", "report_html"]
 
 MAX_POINTS = 20_000  # of all time lines together: keeps the page small, whatever the number of receivers
 
@@ -57,7 +58,7 @@ class Figure:
 
 def report_html(verdict: Verdict, pictures: Pictures) -> str:
     """The whole page. Draws and words only: every number in it is the verdict's or the pictures' own."""
-    page = _ENVIRONMENT.get_template("page.html.j2")
+    page = environment().get_template("page.html.j2")
     return page.render(
         verdict=verdict,
         how_sure=how_sure(verdict),
@@ -198,7 +199,9 @@ def _fixed(value: float | None, digits: int) -> str | None:
     return None if value is None else f"{value:.{digits}f}"
 
 
-def _environment() -> Environment:
+@cache
+def environment() -> Environment:
+    """The templates of all pages, and how they write numbers."""
     environment = Environment(
         loader=PackageLoader("skyproof.report", "."),
         autoescape=True,
@@ -211,6 +214,3 @@ def _environment() -> Environment:
                             "seconds": seconds_words}  # fmt: skip
     environment.globals["span"] = span_words
     return environment
-
-
-_ENVIRONMENT = _environment()

@@ -1,11 +1,7 @@
-"""Records to SVG: the map, the time line, the sky and the scale of evidence, drawn by hand for one offline page.
-
-Every picture is 360 units wide, so that it can be read on a telephone; colours, fonts and the dark and printed looks
-come from the page's style sheet through the classes set here. Same input, same characters. Text is escaped.
-"""
+"""Records to SVG: the map, the time line, the sky and the scale of evidence, drawn by hand for one offline page."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,11 +10,12 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from skyproof.records import Reals, freeze
+from skyproof.report import drawing as draw
 from skyproof.verdict import Label
 
 __all__ = [
     "LABELS", "FixTrack", "Kind", "SignalSeries", "SkyPosition", "SkySource", "evidence_scale", "extent_m", "local_map",
-    "nice_ticks", "sky_plot", "spread", "thin", "time_line",
+    "sky_plot", "time_line",
 ]  # fmt: skip
 
 Kind = Literal["trusted", "false", "unprotected", "possible"]
@@ -26,7 +23,6 @@ Kind = Literal["trusted", "false", "unprotected", "possible"]
 
 KINDS: tuple[Kind, ...] = ("trusted", "false", "possible", "unprotected")  # in the order of their weight
 
-WIDTH = 360.0
 LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
 ELLIPSE_95 = math.sqrt(-2.0 * math.log(0.05))  # sigmas that hold 95 % of a normal distribution in the plane
 
@@ -94,117 +90,10 @@ class SkySource:
     elevation_deg: float
 
 
-@dataclass(frozen=True)
-class Scale:
-    """A straight axis: values `low` to `high` onto pixels `start` to `end`."""
-
-    low: float
-    high: float
-    start: float
-    end: float
-
-    def __call__(self, value: float) -> float:
-        return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
-
-    def pixels(self, values: Reals) -> Reals:
-        """The same for an array, any shape."""
-        return self.start + (values - self.low) / (self.high - self.low) * (self.end - self.start)
-
-
-# Small pieces
-
-
-def nice_ticks(low: float, high: float, wanted: int = 5) -> list[float]:
-    """About `wanted` multiples of 1, 2 or 5 times a power of ten within [low, high].
-
-    Raises ValueError if the range is empty or not finite.
-    """
-    span = high - low
-    if not (math.isfinite(span) and span > 0.0):
-        raise ValueError(f"no ticks between {low} and {high}")
-    power = 10.0 ** math.floor(math.log10(span / wanted))
-    step = next(power * factor for factor in (1.0, 2.0, 5.0, 10.0) if span / (power * factor) <= wanted)
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [index * step for index in range(first, last + 1)]
-
-
-def thin(seconds: Reals, values: Reals, limit: int) -> tuple[Reals, Reals]:
-    """At most `limit` points (n,) by means over blocks of equal length; a block with nothing in it stays NaN."""
-    size = -(-seconds.size // limit)
-    if size <= 1:
-        return seconds, values
-    blocks = -(-seconds.size // size)
-    padded = np.full((2, blocks * size), np.nan)
-    padded[:, : seconds.size] = seconds, values
-    finite = np.isfinite(padded).reshape(2, blocks, size)
-    sums = np.where(finite, padded.reshape(2, blocks, size), 0.0).sum(axis=-1)
-    counts = finite.sum(axis=-1)
-    means = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
-    return means[0], means[1]
-
-
-def _number(value: float) -> str:
-    return f"{value:.10g}".replace("-", "\N{MINUS SIGN}") if value else "0"
-
-
-def _text(x: float, y: float, text: str, *, anchor: str = "start", css: str = "", turn: bool = False) -> Markup:
-    turned = Markup(' transform="rotate(-90 {:.1f} {:.1f})"').format(x, y) if turn else Markup("")
-    return Markup('<text class="{}" x="{:.1f}" y="{:.1f}" text-anchor="{}"{}>{}</text>').format(
-        css, x, y, anchor, turned, text
-    )
-
-
-def _line(x1: float, y1: float, x2: float, y2: float, css: str) -> Markup:
-    return Markup('<line class="{}" x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}"/>').format(css, x1, y1, x2, y2)
-
-
-def _circle(x: float, y: float, radius: float, css: str) -> Markup:
-    return Markup('<circle class="{}" cx="{:.1f}" cy="{:.1f}" r="{:.1f}"/>').format(css, x, y, radius)
-
-
-def _path(x: Reals, y: Reals, css: str) -> Markup:
-    """A line through the points, broken where one is NaN; a point alone is a dot (round caps)."""
-    there = np.isfinite(x) & np.isfinite(y)
-    steps: list[str] = []
-    for index in np.flatnonzero(there):
-        begins = index == 0 or not there[index - 1]
-        steps.append(f"{'M' if begins else 'L'}{x[index]:.1f} {y[index]:.1f}{'h0' if begins else ''}")
-    return Markup('<path class="{}" d="{}"/>').format(css, "".join(steps)) if steps else Markup("")
-
-
-def _svg(height: float, title: str, parts: Iterable[Markup]) -> Markup:
-    body = Markup("\n").join(part for part in parts if part)
-    return Markup('<svg viewBox="0 0 {:.0f} {:.0f}" role="img" aria-label="{}">\n{}\n</svg>').format(
-        WIDTH, height, title, body
-    )
-
-
-def spread(wanted: Sequence[float], gap: float, lowest: float, highest: float) -> list[float]:
-    """Places near the wanted ones, in their order, `gap` apart and within bounds: for labels that would overlap."""
-    order = sorted(range(len(wanted)), key=lambda index: wanted[index])
-    placed = [0.0] * len(wanted)
-    last = lowest - gap
-    for index in order:
-        last = placed[index] = max(wanted[index], last + gap)
-    ceiling = highest + gap
-    for index in reversed(order):
-        ceiling = placed[index] = min(placed[index], ceiling - gap)
-    return placed
-
-
 # The map
 
 
-def _extent(points: Reals, least_m: float, shape: float) -> tuple[float, float, float, float]:
-    """East and north bounds around the points (n, 2) with equal scales; `shape` is height over width."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, span = (low + high) / 2.0, 1.25 * (high - low)
-    width = max(span[0], span[1] / shape, least_m)
-    half = np.array([width, width * shape]) / 2.0
-    return (*(middle - half), *(middle + half))
-
-
-def _ellipse(track: FixTrack, east: Scale, north: Scale) -> Markup:
+def _ellipse(track: FixTrack, east: draw.Scale, north: draw.Scale) -> Markup:
     points = track.points()
     if track.covariance_m2 is None or not len(points) or not np.isfinite(track.covariance_m2).all():
         return Markup("")
@@ -212,18 +101,18 @@ def _ellipse(track: FixTrack, east: Scale, north: Scale) -> Markup:
     radii = ELLIPSE_95 * np.sqrt(np.maximum(variance, 0.0))
     angle = np.linspace(0.0, 2.0 * np.pi, 49)
     ring = points[-1] + (np.stack((np.cos(angle), np.sin(angle)), axis=-1) * radii) @ axes.T
-    return _path(east.pixels(ring[:, 0]), north.pixels(ring[:, 1]), f"ellipse {track.kind}")
+    return draw.path(east.pixels(ring[:, 0]), north.pixels(ring[:, 1]), f"ellipse {track.kind}")
 
 
 def _mark(x: float, y: float, kind: Kind) -> Markup:
     """One shape a kind, so that colour is not needed: disc, diamond, triangle, ring."""
     if kind == "trusted":
-        return _circle(x, y, 4.5, "mark trusted")
+        return draw.circle(x, y, 4.5, "mark trusted")
     if kind == "false":
         return Markup('<path class="mark false" d="M{:.1f} {:.1f}l6 6l-6 6l-6 -6z"/>').format(x, y - 6.0)
     if kind == "possible":
         return Markup('<path class="mark possible" d="M{:.1f} {:.1f}l5.5 9.5h-11z"/>').format(x, y - 6.0)
-    return _circle(x, y, 8.5, "ring unprotected")
+    return draw.circle(x, y, 8.5, "ring unprotected")
 
 
 def local_map(tracks: Sequence[FixTrack], *, title: str, least_m: float = 10.0, names: bool = True) -> Markup:
@@ -239,30 +128,19 @@ def local_map(tracks: Sequence[FixTrack], *, title: str, least_m: float = 10.0, 
                       for track in tracks if track.covariance_m2 is not None for sign in (-1.0, 1.0)]  # fmt: skip
     points = np.concatenate([track.points() for track in tracks] + [np.array(ellipse_points).reshape(-1, 2)])
     points = points[np.isfinite(points).all(axis=1)]
-    west_m, south_m, east_m, north_m = _extent(points, least_m, (bottom - top) / (right - left))
-    east, north = Scale(west_m, east_m, left, right), Scale(south_m, north_m, bottom, top)
+    west_m, south_m, east_m, north_m = draw.extent(points, least_m, (bottom - top) / (right - left))
+    east, north = draw.Scale(west_m, east_m, left, right), draw.Scale(south_m, north_m, bottom, top)
 
-    parts: list[Markup] = []
-    for tick in nice_ticks(west_m, east_m):
-        parts += [_line(east(tick), top, east(tick), bottom, "grid"),
-                  _text(east(tick), bottom + 15.0, _number(tick), anchor="middle")]  # fmt: skip
-    for tick in nice_ticks(south_m, north_m):
-        parts += [_line(left, north(tick), right, north(tick), "grid"),
-                  _text(left - 5.0, north(tick) + 4.0, _number(tick), anchor="end")]  # fmt: skip
-    parts.append(Markup('<rect class="frame" x="{}" y="{}" width="{}" height="{}"/>').format(
-        left, top, right - left, bottom - top))  # fmt: skip
-    parts += [_text((left + right) / 2.0, bottom + 32.0, "east, m", anchor="middle", css="axis"),
-              _text(11.0, (top + bottom) / 2.0, "north, m", anchor="middle", css="axis", turn=True)]  # fmt: skip
-
+    parts = list(draw.grid(east, north, ("east, m", "north, m")))
     marks: list[Mark] = []
     for track in sorted(tracks, key=lambda track: -KINDS.index(track.kind)):
         fixes = track.points()
         kept = fixes[np.unique(np.linspace(0, len(fixes) - 1, 150).astype(int))]
-        parts.append(_path(east.pixels(kept[:, 0]), north.pixels(kept[:, 1]), f"track {track.kind}"))
+        parts.append(draw.path(east.pixels(kept[:, 0]), north.pixels(kept[:, 1]), f"track {track.kind}"))
         parts.append(_ellipse(track, east, north))
         marks.append((east(float(fixes[-1, 0])), north(float(fixes[-1, 1])), track.kind, track.receiver))
     parts += [_mark(x, y, kind) for x, y, kind, _ in marks]
-    return _svg(348.0, title, [*parts, *(_names(marks, (left + right) / 2.0, top, bottom) if names else [])])
+    return draw.svg(348.0, title, [*parts, *(_names(marks, (left + right) / 2.0, top, bottom) if names else [])])
 
 
 Mark = tuple[float, float, Kind, str]
@@ -274,12 +152,13 @@ def _names(marks: Sequence[Mark], middle: float, top: float, bottom: float) -> l
     parts: list[Markup] = []
     for left_of_mark in (False, True):
         labels = [label for place in _places(marks) if (place[0][0] > middle) == left_of_mark for label in _said(place)]
-        heights = spread([y + 4.0 for _, y, _, _ in labels], 14.0, top + 12.0, bottom - 4.0)
+        heights = draw.spread([y + 4.0 for _, y, _, _ in labels], 14.0, top + 12.0, bottom - 4.0)
         for (x, _, kind, text), height in zip(labels, heights, strict=True):
             sign = -1.0 if left_of_mark else 1.0
             near = [mark for mark in marks if abs(mark[1] + 4.0 - height) < 14.0 and abs(mark[0] - x) < 60.0]
-            parts.append(_text(sign * max([sign * x, *(sign * mark[0] for mark in near)]) + sign * 14.0, height, text,
-                               anchor="end" if left_of_mark else "start", css=f"name {kind}"))  # fmt: skip
+            beside = sign * (max([sign * x, *(sign * mark[0] for mark in near)]) + 14.0)
+            parts.append(draw.text(beside, height, text, anchor="end" if left_of_mark else "start",
+                                   css=f"name {kind}"))  # fmt: skip
     return parts
 
 
@@ -311,10 +190,6 @@ def _said(place: Sequence[Mark]) -> list[tuple[float, float, Kind, str]]:
 # The time line
 
 
-def _time_unit(span_s: float) -> tuple[str, float]:
-    return ("s", 1.0) if span_s <= 600.0 else ("min", 60.0) if span_s <= 36000.0 else ("h", 3600.0)
-
-
 def _row_range(series: Sequence[SignalSeries]) -> tuple[float, float]:
     """Bounds of C/N0 in dB-Hz that hold all values and have a round middle."""
     values = np.concatenate([s.cn0_dbhz[np.isfinite(s.cn0_dbhz)] for s in series])
@@ -338,57 +213,69 @@ def time_line(
     left, right, top, height = 34.0, 324.0, 24.0, 24.0
     bottom = top + height * len(rows)
     start_s, end_s = min(float(s.seconds[0]) for s in series), max(float(s.seconds[-1]) for s in series)
-    unit, scale = _time_unit(end_s - start_s)
-    time = Scale(start_s, max(end_s, start_s + 1e-3), left, right)
+    unit, scale = draw.time_unit(end_s - start_s)
+    time = draw.Scale(start_s, max(end_s, start_s + 1e-3), left, right)
     low, high = _row_range(series)
 
     parts: list[Markup] = []
-    for tick in nice_ticks(time.low / scale, time.high / scale):
-        parts += [_line(time(tick * scale), top, time(tick * scale), bottom, "grid"),
-                  _text(time(tick * scale), bottom + 15.0, _number(tick), anchor="middle")]  # fmt: skip
-    parts.append(_text((left + right) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis"))
-    parts.append(_text(WIDTH - 3.0, (top + bottom) / 2.0, f"C/N₀, each row {low:g} to {high:g} dB-Hz", anchor="middle",
-                       css="axis", turn=True))  # fmt: skip
+    for tick in draw.nice_ticks(time.low / scale, time.high / scale):
+        parts += [draw.line(time(tick * scale), top, time(tick * scale), bottom, "grid"),
+                  draw.text(time(tick * scale), bottom + 15.0, draw.number(tick), anchor="middle")]  # fmt: skip
+    parts += [draw.text((left + right) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis"),
+              draw.text(draw.WIDTH - 3.0, (top + bottom) / 2.0, f"C/N₀, each row {low:g} to {high:g} dB-Hz",
+                        anchor="middle", css="axis", turn=True)]  # fmt: skip
     for index, sat in enumerate(rows):
-        row = Scale(low, high, top + height * (index + 1) - 2.0, top + height * index + 2.0)
+        row = draw.Scale(low, high, top + height * (index + 1) - 2.0, top + height * index + 2.0)
         middle = (low + high) / 2.0
-        parts += [_line(left, top + height * index, right, top + height * index, "frame"),
-                  _line(left, row(middle), right, row(middle), "grid"),
-                  _text(left - 4.0, row(middle) + 4.0, sat, anchor="end"),
-                  _text(right + 3.0, row(middle) + 3.0, f"{middle:g}", css="small")]  # fmt: skip
+        parts += [draw.line(left, top + height * index, right, top + height * index, "frame"),
+                  draw.line(left, row(middle), right, row(middle), "grid"),
+                  draw.text(left - 4.0, row(middle) + 4.0, sat, anchor="end"),
+                  draw.text(right + 3.0, row(middle) + 3.0, f"{middle:g}", css="small")]  # fmt: skip
         for one in (s for s in series if s.signal.split()[0] == sat):
-            seconds, cn0_dbhz = thin(one.seconds, one.cn0_dbhz, points)
-            parts.append(_path(time.pixels(seconds), row.pixels(cn0_dbhz), f"series {one.label}"))
-    parts.append(_line(left, bottom, right, bottom, "frame"))
+            seconds, cn0_dbhz = draw.thin(one.seconds, one.cn0_dbhz, points)
+            parts.append(draw.path(time.pixels(seconds), row.pixels(cn0_dbhz), f"series {one.label}"))
+    parts.append(draw.line(left, bottom, right, bottom, "frame"))
     if onset_s is not None and time.low <= onset_s <= time.high:
         x = time(onset_s)
-        parts += [_line(x, top - 4.0, x, bottom, "onset"),
-                  _text(min(max(x, left + 20.0), right - 20.0), top - 8.0, "onset", anchor="middle",
+        parts += [draw.line(x, top - 4.0, x, bottom, "onset"),
+                  draw.text(min(max(x, left + 20.0), right - 20.0), top - 8.0, "onset", anchor="middle",
                         css="name false")]  # fmt: skip
-    return _svg(bottom + 38.0, title, parts)
+    return draw.svg(bottom + 38.0, title, parts)
 
 
 # The sky
 
 
-def sky_plot(positions: Sequence[SkyPosition], sources: Sequence[SkySource] = (), *, title: str) -> Markup:
-    """Satellites by azimuth and elevation, north up, east right, each a disc in the colours of its signals' labels."""
+def sky_plot(
+    positions: Sequence[SkyPosition], sources: Sequence[SkySource] = (), axes: Sequence[SkySource] = (), *, title: str
+) -> Markup:
+    """Satellites by azimuth and elevation, north up, east right, each a disc in the colours of its signals' labels.
+
+    sources : marked by crosses. axes : of a body, lines from the zenith to where they point, dashed below the horizon.
+    """
     if not positions:
         return Markup("")
-    x0, y0, radius = WIDTH / 2.0, 148.0, 124.0
+    x0, y0, radius = draw.WIDTH / 2.0, 148.0, 124.0
 
     def place(azimuth_deg: float, elevation_deg: float) -> tuple[float, float]:
         out = radius * (90.0 - max(elevation_deg, 0.0)) / 90.0
         return x0 + out * math.sin(math.radians(azimuth_deg)), y0 - out * math.cos(math.radians(azimuth_deg))
 
-    parts = [_circle(x0, y0, radius * (90.0 - elevation) / 90.0, "frame" if elevation == 0.0 else "grid")
+    parts = [draw.circle(x0, y0, radius * (90.0 - elevation) / 90.0, "frame" if elevation == 0.0 else "grid")
              for elevation in (0.0, 30.0, 60.0)]  # fmt: skip
-    parts += [_line(x0 - radius, y0, x0 + radius, y0, "grid"), _line(x0, y0 - radius, x0, y0 + radius, "grid")]
-    parts += [_text(x0 + 2.0, y0 - radius * (90.0 - elevation) / 90.0 - 2.0, f"{elevation:g}°", css="small")
-              for elevation in (30.0, 60.0)]  # fmt: skip
-    parts += [_text(x0, y0 - radius - 6.0, "N 0°", anchor="middle"), _text(x0 + radius + 5.0, y0 + 4.0, "E 90°"),
-              _text(x0, y0 + radius + 16.0, "S 180°", anchor="middle"),
-              _text(x0 - radius - 5.0, y0 + 4.0, "W 270°", anchor="end")]  # fmt: skip
+    parts += [draw.line(x0 - radius, y0, x0 + radius, y0, "grid"),
+              draw.line(x0, y0 - radius, x0, y0 + radius, "grid")]  # fmt: skip
+    rings = [(x0 + 2.0, y0 - radius * (90.0 - elevation) / 90.0 - 2.0, f"{elevation:g}°") for elevation in (30.0, 60.0)]
+    parts += [draw.text(x, y, words, css="small") for x, y, words in rings]
+    parts += [draw.text(x0, y0 - radius - 6.0, "N 0°", anchor="middle"),
+              draw.text(x0 + radius + 5.0, y0 + 4.0, "E 90°"),
+              draw.text(x0, y0 + radius + 16.0, "S 180°", anchor="middle"),
+              draw.text(x0 - radius - 5.0, y0 + 4.0, "W 270°", anchor="end")]  # fmt: skip
+    tags: list[draw.Tag] = []
+    for axis in axes:
+        x, y = place(axis.azimuth_deg, axis.elevation_deg)
+        parts.append(draw.line(x0, y0, x, y, "body below" if axis.elevation_deg < -0.5 else "body"))
+        tags.append(draw.Tag(x, y, axis.name, radius=2.0))
     discs: list[tuple[str, float, float, list[Label]]] = []
     for position in sorted(positions, key=lambda p: (p.signal, LABELS.index(p.label))):
         sat = position.signal.split()[0]
@@ -399,26 +286,17 @@ def sky_plot(positions: Sequence[SkyPosition], sources: Sequence[SkySource] = ()
         elif position.label not in same[3]:
             same[3].append(position.label)
     for sat, x, y, labels in discs:
-        parts += _disc(x, y, 7.0, sorted(labels, key=LABELS.index))
-        parts.append(_text(x, y + 18.0, sat, anchor="middle", css="small halo"))
+        parts += draw.disc(x, y, 7.0, sorted(labels, key=LABELS.index))
+        tags.append(draw.Tag(x, y, sat))
     for source in sources:
         x, y = place(source.azimuth_deg, source.elevation_deg)
-        parts += [Markup('<path class="cross" d="M{:.1f} {:.1f}l10 10m0 -10l-10 10"/>').format(x - 5.0, y - 5.0),
-                  _text(x, y + 18.0, source.name, anchor="middle", css="small halo")]  # fmt: skip
-    return _svg(294.0, title, parts)
-
-
-def _disc(x: float, y: float, radius: float, labels: Sequence[Label]) -> list[Markup]:
-    """A disc in equal slices, one a label, first slice on the left."""
-    if len(labels) == 1:
-        return [_circle(x, y, radius, f"disc {labels[0]}")]
-    edges = [math.pi / 2.0 + 2.0 * math.pi * index / len(labels) for index in range(len(labels) + 1)]
-    slices = []
-    for label, start, end in zip(labels, edges, edges[1:], strict=False):
-        corners = [(x + radius * math.cos(angle), y - radius * math.sin(angle)) for angle in (start, end)]
-        shape = Markup('<path class="disc {}" d="M{:.1f} {:.1f}L{:.1f} {:.1f}A{r:.1f} {r:.1f} 0 0 0 {:.1f} {:.1f}z"/>')
-        slices.append(shape.format(label, x, y, *corners[0], *corners[1], r=radius))
-    return slices
+        parts.append(Markup('<path class="cross" d="M{:.1f} {:.1f}l10 10m0 -10l-10 10"/>').format(x - 5.0, y - 5.0))
+        tags.append(draw.Tag(x, y, source.name))
+    rim = [(x0 - 16.0, 2.0, x0 + 16.0, 20.0), (x0 - 22.0, y0 + radius + 6.0, x0 + 22.0, y0 + radius + 18.0),
+           (x0 + radius + 4.0, y0 - 7.0, 360.0, y0 + 7.0), (0.0, y0 - 7.0, x0 - radius - 4.0, y0 + 7.0)]
+    rim += [(x, y - 9.0, x + 18.0, y + 1.0) for x, y, _ in rings]
+    parts += draw.place_tags(tags, rim, (2.0, 2.0, draw.WIDTH - 2.0, 292.0))
+    return draw.svg(294.0, title, parts)
 
 
 # The evidence
@@ -429,20 +307,20 @@ def evidence_scale(statistic: float, threshold: float, *, title: str) -> Markup:
     if not (statistic > 0.0 and threshold > 0.0):
         return Markup("")
     left, right, y, least, most = 20.0, 340.0, 22.0, 0.01, 100.0
-    scale = Scale(math.log10(least), math.log10(most), left, right)
+    scale = draw.Scale(math.log10(least), math.log10(most), left, right)
     ratio = statistic / threshold
     x = scale(math.log10(min(max(ratio, least), most)))
-    parts = [_line(left, y, right, y, "frame"), _line(scale(0.0), y - 10.0, scale(0.0), y + 6.0, "limit"),
-             _text(scale(0.0), y - 13.0, "threshold", anchor="middle", css="small")]  # fmt: skip
+    parts = [draw.line(left, y, right, y, "frame"), draw.line(scale(0.0), y - 10.0, scale(0.0), y + 6.0, "limit"),
+             draw.text(scale(0.0), y - 13.0, "threshold", anchor="middle", css="small")]  # fmt: skip
     for tick in (0.01, 0.1, 1.0, 10.0, 100.0):
         edge = "≤ " if tick == least else "≥ " if tick == most else ""
         at = scale(math.log10(tick))
-        parts += [_line(at, y - 3.0, at, y + 3.0, "frame"),
-                  _text(at, y + 18.0, f"{edge}{tick:g}", anchor="middle", css="small")]  # fmt: skip
-    parts.append(_circle(x, y, 5.0, "mark statistic"))
-    parts.append(_text((left + right) / 2.0, y + 33.0, "statistic divided by threshold (no unit)", anchor="middle",
-                       css="small axis"))  # fmt: skip
-    return _svg(60.0, title, parts)
+        parts += [draw.line(at, y - 3.0, at, y + 3.0, "frame"),
+                  draw.text(at, y + 18.0, f"{edge}{tick:g}", anchor="middle", css="small")]  # fmt: skip
+    parts.append(draw.circle(x, y, 5.0, "mark statistic"))
+    parts.append(draw.text((left + right) / 2.0, y + 33.0, "statistic divided by threshold (no unit)", anchor="middle",
+                           css="small axis"))  # fmt: skip
+    return draw.svg(60.0, title, parts)
 
 
 def extent_m(tracks: Sequence[FixTrack]) -> float:

@@ -1,6 +1,7 @@
 """Scenes to samples and measurements, with the truth. Knows no receiver and no detector: none hides its faults."""
 
-from skyproof.simulate.files import truth_of, write
+from skyproof.simulate.document import truth_of
+from skyproof.simulate.files import write
 from skyproof.simulate.measurements import NoiseModel, draw, geometry_of, observations_of
 from skyproof.simulate.samples import samples_of
 from skyproof.simulate.scenario import (
@@ -16,8 +17,10 @@ from skyproof.simulate.scenario import (
 )
 from skyproof.simulate.scenes import clean, demo
 from skyproof.simulate.sky import scene_of
+from skyproof.simulate.truth import imus_of, signal_truth, trajectory_truth
 
 __all__ = [
     "FrontEnd", "Meaconer", "NoiseModel", "Place", "Receiver", "Scenario", "Sky", "Spoofer", "clean", "demo", "draw",
-    "geometry_of", "observations_of", "parse_scenario", "read_scenario", "samples_of", "scene_of", "truth_of", "write",
+    "geometry_of", "imus_of", "observations_of", "parse_scenario", "read_scenario", "samples_of", "scene_of",
+    "signal_truth", "trajectory_truth", "truth_of", "write",
 ]  # fmt: skip

@@ -145,6 +145,7 @@ class Takeover(_Transmitter):
     code_offset_m : of all false codes at the onset.
     carrier : "follows" the code; or keeps to the true one's frequency ("locked") while the code is drawn off.
     phase : of the carrier against the true one's at the target: "aligned", or "random" for each satellite.
+    phase_points_deg : (time, by how much the carrier is late besides), straight between, held beyond the ends.
     """
 
     kind: Literal["takeover"] = "takeover"
@@ -153,11 +154,17 @@ class Takeover(_Transmitter):
     code_offset_m: float = Field(default=0.0, ge=-1e5, le=1e5)
     carrier: Literal["follows", "locked"] = "follows"
     phase: Literal["aligned", "random"] = "random"
+    phase_points_deg: Points = ()
 
     @model_validator(mode="after")
-    def _away(self) -> Self:
+    def _points(self) -> Self:
         rising([row[0] for row in self.away_points_enu_m], "away_points_enu_m")
+        rising([row[0] for row in self.phase_points_deg], "phase_points_deg")
         return self
+
+    def phase_cyc(self, left_s: ArrayLike) -> Reals:
+        """By how much the carrier is late besides, of waves that leave at times (n,)."""
+        return _straight(self.phase_points_deg, left_s) / 360.0
 
     @property
     def added_delay_s(self) -> float:
@@ -199,8 +206,13 @@ class Interference(Model):
 
 
 def _power_db(power_db: float, points_db: Points, at_s: ArrayLike) -> Reals:
+    return power_db + _straight(points_db, at_s)
+
+
+def _straight(points: Points, at_s: ArrayLike) -> Reals:
+    """Values between (time, value), straight, held beyond the ends; zeros without points."""
     at_s = np.asarray(at_s, np.float64)
-    if not points_db:
-        return np.full(at_s.shape, power_db)
-    rows = np.array(points_db)
-    return np.asarray(power_db + np.interp(at_s, rows[:, 0], rows[:, 1]))
+    if not points:
+        return np.zeros(at_s.shape)
+    rows = np.array(points)
+    return np.asarray(np.interp(at_s, rows[:, 0], rows[:, 1]))

@@ -1,171 +1,217 @@
-"""A scene on disk: for each receiver NAME.bin and its sidecar NAME.toml, and truth.json."""
+"""A scene on disk: samples of each antenna, series of the truth, inertial readings, and truth.json.
 
+    NAME.sigmf-meta, NAME.sigmf-data    samples that SigMF can hold: whole numbers of 8 and 16 bits, floats
+    NAME.bin, NAME.toml                 any samples, with the sidecar of `skyproof.formats.raw`
+    SCENE.sigmf-collection              the recordings of a scene, where SigMF holds several
+    RECEIVER-truth.csv, .parquet        `skyproof.simulate.truth.trajectory_truth`
+    NAME-signals.csv, .parquet          `skyproof.simulate.truth.signal_truth`
+    RECEIVER-imu.csv, .parquet          `skyproof.simulate.truth.imu_blocks`
+    truth.json                          `skyproof.simulate.document.truth_of`
+
+NAME is the receiver's, and with several antennas RECEIVER.ANTENNA. Every file appears when it is whole. Memory does not
+grow with the duration.
+"""
+
+import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.errors import OutputError
+from skyproof.errors import OutputError, SettingsError
+from skyproof.formats.place import write_lines, writing
 from skyproof.formats.raw import SampleLayout, sidecar_text
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.formats.sigmf_write import annotation, collection_json, fits_sigmf, geolocation, recording_json
+from skyproof.formats.tables import growing_tables
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.time import iso
+from skyproof.simulate.document import Heard, interference_of, truth_of, windows_of
 from skyproof.simulate.heard import ReceiverSky, Scene
-from skyproof.simulate.platforms import Point
+from skyproof.simulate.inertial import Imu
 from skyproof.simulate.samples import BLOCK, Rendering, ahead_of, quantised, rendering_of, rough_start
-from skyproof.simulate.scenario import Place, Scenario
+from skyproof.simulate.scenario import FrontEnd, Scenario
 from skyproof.simulate.sky import scene_of
+from skyproof.simulate.truth import (
+    SIGNALS_HZ,
+    TRAJECTORY_HZ,
+    Table,
+    imu_blocks,
+    imus_of,
+    moment,
+    signal_blocks,
+    trajectory_blocks,
+)  # fmt: skip
 
-__all__ = ["truth_of", "write"]
+__all__ = [
+    "Container", "container_of", "sample_names", "samples_octets", "series_names", "series_octets", "write",
+    "write_samples", "write_series", "write_truth",
+]  # fmt: skip
 
-Reals = NDArray[np.float64]
+Container = Literal["sigmf", "raw"]
+Told = Callable[[int, int], None]
+"""Called with what is done and what is to do in all."""
+
+_ENDINGS: Final = {"sigmf": (".sigmf-data", ".sigmf-meta"), "raw": (".bin", ".toml")}
+"""Of the samples, and of what tells how to read them."""
+_TABLES: Final = (".csv", ".parquet")
+_ROW_OCTETS: Final = {"truth": 600, "signals": 330, "imu": 290}
+"""In both kinds of table together, at most; measured."""
 
 
 def write(
-    scenario: Scenario, navigation: NavigationData, folder: Path, *, progress: Callable[[int, int], None] | None = None
-) -> list[Path]:
-    """Render a scene into `folder`, which is made if need be; memory does not grow with the duration.
+    scenario: Scenario, navigation: NavigationData, folder: Path, *, container: Container = "raw",
+    progress: Told | None = None,
+) -> list[Path]:  # fmt: skip
+    """Render a scene into `folder`, which is made if need be: samples and truth.json.
 
     Parameters
     ----------
-    progress : called with the samples done and the samples in all receivers together.
+    progress : called with the samples done and the samples of all antennas together.
 
     Returns
     -------
-    list of Path : NAME.bin of each receiver; NAME.toml and truth.json lie beside them.
+    list of Path : the recording of each antenna, NAME.bin or NAME.sigmf-meta.
 
     Raises
     ------
     ScenarioError : as `scene_of`.
+    SettingsError : SigMF cannot hold such samples.
     OutputError : the folder or a file cannot be written.
     """
     scene = scene_of(scenario, navigation)
-    renderings = [rendering_of(scene, index) for index in range(len(scene.skies))]
-    total, done = sum(rendering.n_samples for rendering in renderings), 0
-    paths = [folder / f"{rendering.sky.name}.bin" for rendering in renderings]
+    container = container_of(scenario.front_end, container)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        truth = json.dumps(truth_of(scenario, navigation), indent=1) + "\n"
-        (folder / "truth.json").write_text(truth, encoding="utf-8")
-        for rendering, path in zip(renderings, paths, strict=True):
-            path.with_suffix(".toml").write_text(sidecar_text(_layout(scene, rendering)), encoding="utf-8")
-            with open(path, "wb") as file:
-                blocks = range(-(-rendering.n_samples // BLOCK))
-                for octets, count in ahead_of(partial(_packed_block, rendering), blocks):
-                    file.write(octets)
-                    done += count
-                    if progress is not None:
-                        progress(done, total)
     except OSError as error:
         raise OutputError(
-            f"{error.filename or folder}: cannot be written ({error.strerror or error}); give a folder that can, with "
-            f"room for {total} samples"
+            f"{error.filename or folder}: cannot be written ({error.strerror or error}); give a folder that can"
         ) from error
-    return paths
+    write_truth(folder, truth_of(scene, files=sample_names(scene, container)))
+    return write_samples(scene, folder, container, progress=progress)
 
 
-def truth_of(scenario: Scenario, navigation: NavigationData) -> dict[str, Any]:
-    """The right answers, as truth.json holds them: who is where, what is false from when to when, what it shows."""
-    scene = scene_of(scenario, navigation)
-    return {
-        "scene": scenario.name,
-        "start_gpst": iso(scenario.start_gpst, 9),
-        "duration_s": scenario.duration_s,
-        "scenario": scenario.model_dump(mode="json"),
-        "receivers": [_receiver_truth(scene, sky) for sky in scene.skies],
-        "attacks": [_attack_truth(scene, number) for number in range(len(scenario.attacks))],
-    }
+# --- samples
 
 
-def _receiver_truth(scene: Scene, sky: ReceiverSky) -> dict[str, Any]:
-    receiver = sky.receiver
-    return {
-        "name": sky.name,
-        "position": _place(receiver),
-        "true_start_gpst": iso(_later(scene, receiver.start_offset_s), 9),
-        "clock_offset_at_start_s": receiver.clock_offset_s,
-        "lo_ppm": receiver.lo_ppm,
-        "signals": _signal_truths(scene, sky),
-    }
+def container_of(front_end: FrontEnd, wanted: Container | None = None) -> Container:
+    """What is wanted, or what fits: SigMF if it can hold such samples. Raises SettingsError if it cannot."""
+    fits = fits_sigmf(front_end.encoding, front_end.bits)
+    if wanted == "sigmf" and not fits:
+        raise SettingsError(
+            f"SigMF has no data type for samples of front_end.encoding {front_end.encoding!r} with {front_end.bits} "
+            'bit; ask for raw, or set encoding = "int" and bits = 8 in the table front_end'
+        )
+    return wanted or ("sigmf" if fits else "raw")
 
 
-def _signal_truths(scene: Scene, sky: ReceiverSky) -> list[dict[str, Any]]:
-    """One row a signal; the values are those at the first and the last moment of the recording when it is there."""
-    start_s, end_s = sky.receiver.start_offset_s, sky.receiver.start_offset_s + scene.scenario.duration_s
-    authentic = {heard.id.sat: column for column, heard in enumerate(sky.signals) if heard.label == "authentic"}
-    rows = []
-    for column, heard in enumerate(sky.signals):
-        ends_s = np.clip([heard.from_s, heard.until_s], start_s, end_s)
-        code_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(ends_s)
-        lag_m = code_m[:, column] - code_m[:, authentic[heard.id.sat]] if heard.id.sat in authentic else None
-        rows.append({
-            "sat": heard.id.sat, "copy": heard.id.copy, "label": heard.label, "source": heard.source,
-            "from_gpst": iso(_later(scene, ends_s[0]), 9), "to_gpst": iso(_later(scene, ends_s[1]), 9),
-            "cn0_dbhz_first_last": _rounded(sky.cn0_dbhz(ends_s)[:, column], 3),
-            "az_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, np.unwrap(sky.az_rad[:, column])) % 360.0, 3),
-            "el_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, sky.el_rad[:, column]), 3),
-            "delay_to_authentic_m_first_last": None if lag_m is None else _rounded(lag_m, 4),
-        })  # fmt: skip
-    return rows
+def sample_names(scene: Scene, container: Container) -> list[str]:
+    """The files of `write_samples`, in its order."""
+    names = [f"{sky.name}{ending}" for sky in scene.skies for ending in _ENDINGS[container]]
+    return names + ([_collection(scene)] if _is_collection(scene, container) else [])
 
 
-def _attack_truth(scene: Scene, number: int) -> dict[str, Any]:
-    scenario, attack = scene.scenario, scene.scenario.attacks[number]
-    name = scenario.attack_names[number]
-    return {
-        "name": name,
-        "kind": attack.kind,
-        "transmit_antenna": _place(attack.transmit),
-        "onset_gpst": iso(_later(scene, attack.onset_s), 9),
-        "until_gpst": None if attack.until_s is None else iso(_later(scene, attack.until_s), 9),
-        "onset_means": "first wave leaves the transmit antenna at this GPS time",
-        "sats": sorted({heard.id.sat for sky in scene.skies for heard in sky.signals if heard.source == name}),
-        "captured_receiver_shows_position": _geodetic(scene.shown[number], attack.onset_s),
-        "captured_clock_extra_s": {
-            sky.name: attack.added_delay_s + float(path_m) / SPEED_OF_LIGHT_M_S
-            for sky, path_m in zip(scene.skies, scene.path_m[number], strict=True)
-        },
-    }  # fmt: skip
+def samples_octets(scenario: Scenario) -> int:
+    """How many bytes all samples take."""
+    front_end = scenario.front_end
+    bits = front_end.bits * (2 if front_end.kind == "complex" else 1)
+    n_antennas = sum(len(receiver.antennas) for receiver in scenario.receivers)
+    return n_antennas * int(scenario.duration_s * front_end.rate_hz) * bits // 8
 
 
-def _geodetic(point: Point, at_s: float) -> dict[str, float]:
-    lat_rad, lon_rad, height_m = geodetic_from_ecef(point(np.array([at_s])).position_ecef_m[0])
-    return {
-        "lat_deg": round(float(np.degrees(lat_rad)), 11), "lon_deg": round(float(np.degrees(lon_rad)), 11),
-        "height_m": round(float(height_m), 6),
-    }  # fmt: skip
+def write_samples(scene: Scene, folder: Path, container: Container, *, progress: Told | None = None) -> list[Path]:
+    """Render every antenna; what tells how to read the samples is written after them."""
+    renderings = [rendering_of(scene, index) for index in range(len(scene.skies))]
+    data_ending, meta_ending = _ENDINGS[container]
+    total, done = sum(rendering.n_samples for rendering in renderings), 0
+    metas: dict[str, bytes] = {}
+    for rendering in renderings:
+        name, digest = rendering.sky.name, hashlib.sha512()
+        with writing(folder / f"{name}{data_ending}") as file, closing(_packed_blocks(rendering)) as blocks:
+            for octets, count in blocks:
+                file.write(octets)
+                if container == "sigmf":
+                    digest.update(octets)
+                done += count
+                if progress is not None:
+                    progress(done, total)
+        if container == "raw":
+            text = sidecar_text(_layout(scene, rendering))
+        else:
+            text = _sigmf_text(scene, rendering, digest.hexdigest())
+            metas[name] = text.encode()
+        write_lines(folder / f"{name}{meta_ending}", [text], end="", encoding="utf-8")
+    if _is_collection(scene, container):
+        text = collection_json(metas, description=_described(scene))
+        write_lines(folder / _collection(scene), [text], end="", encoding="utf-8")
+    return [folder / f"{sky.name}{data_ending if container == 'raw' else meta_ending}" for sky in scene.skies]
 
 
-def _place(place: Place) -> dict[str, float]:
-    return {"lat_deg": place.lat_deg, "lon_deg": place.lon_deg, "height_m": place.height_m}
+def _is_collection(scene: Scene, container: Container) -> bool:
+    return container == "sigmf" and len(scene.skies) > 1
 
 
-def _later(scene: Scene, true_s: float) -> np.datetime64:
-    later: np.datetime64 = scene.scenario.start_gpst + np.timedelta64(round(true_s * 1e9), "ns")
-    return later
+def _collection(scene: Scene) -> str:
+    return f"{scene.scenario.name}.sigmf-collection"
 
 
-def _degrees(at_s: Reals, knots_s: Reals, angle_rad: Reals) -> Reals:
-    return np.degrees(np.interp(at_s, knots_s, angle_rad))
-
-
-def _rounded(values: Reals, digits: int) -> list[float]:
-    return [round(float(value), digits) for value in values]
+def _described(scene: Scene) -> str:
+    return scene.scenario.description or f"scene {scene.scenario.name}, simulated"
 
 
 def _layout(scene: Scene, rendering: Rendering) -> SampleLayout:
-    front_end = rendering.front_end
+    front_end, antenna = rendering.front_end, rendering.sky.antenna.name
     return SampleLayout.model_validate({
         "rate_hz": front_end.rate_hz, "centre_hz": rendering.sky.signal.carrier_hz, "if_hz": front_end.if_hz,
         "kind": front_end.kind, "encoding": front_end.encoding, "bits": front_end.bits, "bit_order": "msb-first",
         "start_gpst": iso(rough_start(scene, rendering.sky), 0),
-    })  # fmt: skip
+    } | ({} if antenna == "1" else {"antenna": antenna}))  # fmt: skip
+
+
+def _sigmf_text(scene: Scene, rendering: Rendering, sha512: str) -> str:
+    sky, scenario = rendering.sky, scene.scenario
+    start_s = sky.receiver.start_offset_s
+    lat_rad, lon_rad, height_m = geodetic_from_ecef(sky.point(np.array([start_s])).position_ecef_m[0])
+    place = geolocation(
+        round(float(np.degrees(lat_rad)), 9), round(float(np.degrees(lon_rad)), 9), round(float(height_m), 4)
+    )  # fmt: skip
+    heard = [window for name in scenario.attack_names for window in windows_of(sky, name)]
+    comments = ("false signals", "interference")
+    annotations = [
+        _annotated(scene, rendering, window, comment)
+        for comment, windows in zip(comments, (heard, interference_of(scene, sky)), strict=True) for window in windows
+    ]  # fmt: skip
+    of_several = len(scene.skies) > 1
+    moves = sky.receiver.path is not None or sky.antenna.spin is not None
+    return recording_json(
+        _layout(scene, rendering), sha512=sha512, place=place, moves=moves,
+        description=f"{_described(scene)}; receiver {sky.receiver.name}, antenna {sky.antenna.name}",
+        recorder=f"skyproof {version('skyproof')} simulate", hw="simulated: no hardware",
+        annotations=[one for one in annotations if one is not None],
+        collection=_collection(scene).removesuffix(".sigmf-collection") if of_several else None,
+    )  # fmt: skip
+
+
+def _annotated(scene: Scene, rendering: Rendering, heard: Heard, comment: str) -> dict[str, Any] | None:
+    """A stretch of samples, from the first that holds it on; none if it is not in the recording."""
+    name, *edges_s = heard
+    edges = np.ceil(rendering.sky.elapsed_at(np.array(edges_s)) * rendering.front_end.rate_hz)
+    first, last = np.clip(edges, 0, rendering.n_samples).astype(np.int64).tolist()
+    if first >= last:
+        return None
+    came = iso(moment(scene, edges_s[0]), 9) if np.isfinite(edges_s[0]) else "before the scene"
+    return annotation(first, last - first, name, f"{comment}; the first wave arrives at GPS time {came}")
+
+
+def _packed_blocks(rendering: Rendering) -> Generator[tuple[bytes, int], None, None]:
+    yield from ahead_of(partial(_packed_block, rendering), range(-(-rendering.n_samples // BLOCK)))
 
 
 def _packed_block(rendering: Rendering, block: int) -> tuple[bytes, int]:
@@ -197,3 +243,86 @@ def _pack(rows: NDArray[np.float32], bits: int, octets: NDArray[np.uint8]) -> No
                 if bits == 2:
                     octet = np.uint8(octet << 1) | np.uint8(abs(value) > 1.0)
         octets[k] = octet
+
+
+# --- series and the document
+
+
+def series_names(scene: Scene) -> list[str]:
+    """The files of `write_series`."""
+    return [f"{stem}{ending}" for stem, _, _ in _series(scene, TRAJECTORY_HZ, SIGNALS_HZ) for ending in _TABLES]
+
+
+def series_octets(scene: Scene) -> int:
+    """About how many bytes the series take, rather more than less."""
+    duration_s = scene.scenario.duration_s
+    rows = {
+        "truth": TRAJECTORY_HZ * len(scene.trajectories),
+        "signals": SIGNALS_HZ * sum(len(sky.signals) for sky in scene.skies),
+        "imu": sum(r.imu.rate_hz for r in scene.scenario.receivers if r.imu is not None),
+    }
+    files = 10_000 * 2 * (2 * len(scene.skies) + len(scene.trajectories))  # of a Parquet file of few rows
+    return files + int(sum(_ROW_OCTETS[kind] * (duration_s * rate_hz + 1) for kind, rate_hz in rows.items()))
+
+
+def write_series(
+    scene: Scene, folder: Path, *, trajectory_hz: float = TRAJECTORY_HZ, signals_hz: float = SIGNALS_HZ,
+    progress: Told | None = None,
+) -> list[Path]:  # fmt: skip
+    """Tables of the truth and of inertial readings, as CSV and Parquet; progress in tables.
+
+    Raises OutputError if a file cannot be written.
+    """
+    series = list(_series(scene, trajectory_hz, signals_hz))
+    paths: list[Path] = []
+    for number, (stem, metadata, blocks) in enumerate(series):
+        places = [folder / f"{stem}{ending}" for ending in _TABLES]
+        with growing_tables(places, metadata) as take:
+            for block in blocks:
+                take(block)
+        paths += places
+        if progress is not None:
+            progress(number + 1, len(series))
+    return paths
+
+
+def _series(
+    scene: Scene, trajectory_hz: float, signals_hz: float
+) -> Iterator[tuple[str, dict[str, str], Iterable[Table]]]:
+    """Name without ending, what is told within the file, and the blocks of each table."""
+    about = {"scene": scene.scenario.name, "seed": str(scene.scenario.seed), "skyproof": version("skyproof")}
+    imus = imus_of(scene)
+    for name in scene.trajectories:
+        told = about | {"receiver": name, "rate_hz": f"{trajectory_hz:g}"}
+        yield f"{name}-truth", told, trajectory_blocks(scene, name, trajectory_hz)
+    for sky in scene.skies:
+        told = about | {"receiver": sky.receiver.name, "antenna": sky.antenna.name, "rate_hz": f"{signals_hz:g}"}
+        yield f"{sky.name}-signals", told, signal_blocks(scene, sky.name, signals_hz)
+    for name, imu in imus.items():
+        yield f"{name}-imu", about | _imu_told(_sky_of_receiver(scene, name), imu), imu_blocks(scene, imu)
+
+
+def _sky_of_receiver(scene: Scene, receiver: str) -> ReceiverSky:
+    return next(sky for sky in scene.skies if sky.receiver.name == receiver)
+
+
+def _imu_told(sky: ReceiverSky, imu: Imu) -> dict[str, str]:
+    unit = sky.receiver.imu
+    assert unit is not None
+    return {
+        "receiver": sky.receiver.name,
+        "grade": unit.grade or "without error",
+        "errors": "" if imu.grade is None else imu.grade.source,
+        "rate_hz": f"{imu.rate_hz:g}",
+        "body_m": json.dumps(unit.body_m),
+        "mounting_roll_pitch_heading_deg": json.dumps(unit.mounting_deg),
+        "axes": "the body's (forward, right, down), turned by heading, then pitch, then roll",
+        "readings": "means over the interval that ends at each row's time; the rate is against inertial space",
+    }
+
+
+def write_truth(folder: Path, truth: dict[str, Any]) -> Path:
+    """truth.json. Raises OutputError if it cannot be written."""
+    path = folder / "truth.json"
+    write_lines(path, [json.dumps(truth, indent=1, ensure_ascii=False, allow_nan=False)], encoding="utf-8")
+    return path

@@ -19,8 +19,8 @@ from skyproof.simulate.inertial import GRADES
 from skyproof.simulate.sites import Instant, Model, Name, Place, SatName, Site
 
 __all__ = [
-    "Antenna", "Attack", "FrontEnd", "Imu", "Interference", "Meaconer", "Multipath", "Place", "Receiver", "Scenario",
-    "Site", "Sky", "Spin", "Spoofer", "Takeover", "TransmitAntenna", "parse_scenario", "read_scenario",
+    "Antenna", "Attack", "Direction", "FrontEnd", "Imu", "Interference", "Meaconer", "Multipath", "Place", "Receiver",
+    "Scenario", "Site", "Sky", "Spin", "Spoofer", "Takeover", "TransmitAntenna", "parse_scenario", "read_scenario",
 ]  # fmt: skip
 
 Vector = tuple[float, float, float]
@@ -162,11 +162,25 @@ class FrontEnd(Model):
         return self
 
 
+class Direction(Model):
+    """Where a satellite stands at the scene's start, seen from the first receiver.
+
+    It moves on a circular orbit through there, northward, or southward if `descending`.
+    """
+
+    sat: SatName
+    az_deg: float = Field(ge=-360, le=360)
+    el_deg: float = Field(ge=0, le=90)
+    descending: bool = False
+
+
 class Sky(Model):
     """The true signals. Carrier-to-noise density: horizon + (zenith - horizon) sin(elevation).
 
     ionosphere, troposphere : whether they delay. With false, signals that attackers make lack them as well.
     sats : all that stand above the mask if absent.
+    directions : of all satellites that there are, in place of a navigation file or the nominal constellation.
+    until_s : the last true wave arrives, as when antennas are unplugged; they stay if absent.
     """
 
     zenith_cn0_dbhz: float = Field(default=50.0, ge=0, le=80)
@@ -174,16 +188,29 @@ class Sky(Model):
     ionosphere: bool = True
     troposphere: bool = True
     sats: tuple[SatName, ...] | None = Field(default=None, min_length=1)
+    directions: tuple[Direction, ...] | None = Field(default=None, min_length=1)
+    until_s: float | None = None
+
+    @model_validator(mode="after")
+    def _one_direction_each(self) -> Self:
+        known = [direction.sat for direction in self.directions or ()]
+        if len(set(known)) < len(known):
+            raise ValueError(f"directions: a satellite stands in two places ({', '.join(known)}); give each one")
+        for sat in self.sats or () if known else ():
+            known_name(sat, known, "sats")
+        return self
 
 
 class Scenario(Model):
     """One scene: receivers under the true sky, the attacks on them, and what else transmits.
 
+    source : where the scene is described, for people.
     navigation : a RINEX navigation file; the nominal constellation if absent, which serves any date.
     """
 
     name: Name = "scene"
     description: str = ""
+    source: str = ""
     seed: int = Field(default=0, ge=0)
     start_gpst: Instant
     duration_s: float = Field(gt=0, le=7200)  # one ephemeris a satellite serves the whole scene
@@ -208,6 +235,8 @@ class Scenario(Model):
                         f"{what}[{index}].onset_s {transmitter.onset_s:g} is not before the scene's end, "
                         f"{self.duration_s:g}"
                     )
+        if self.navigation is not None and self.sky.directions is not None:
+            raise ValueError("sky.directions and navigation both tell where the satellites are; leave one out")
         for index, attack in enumerate(self.attacks):
             if isinstance(attack, Takeover):
                 known_name(attack.target, receivers, f"attacks[{index}].target")
@@ -246,12 +275,23 @@ def read_scenario(path: Path) -> Scenario:
     Raises ScenarioError if it cannot be read or makes no sense.
     """
     try:
-        scenario = parse_scenario(tomllib.loads(path.read_text(encoding="utf-8")), source=str(path))
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read as a scenario: {error}; give a TOML file") from error
-    if scenario.navigation is None:
-        return scenario
-    return scenario.model_copy(update={"navigation": path.parent / scenario.navigation})
+    return parse_scenario(_beside(table, path.parent), source=str(path))
+
+
+def _beside(value: Any, folder: Path) -> Any:
+    """A table whose files are looked for in a folder: the navigation file, and ways that are recorded."""
+    if isinstance(value, list):
+        return [_beside(one, folder) for one in value]
+    if not isinstance(value, dict):
+        return value
+    table = {key: _beside(one, folder) for key, one in value.items()}
+    for key in ("navigation", "path") if table.get("kind", "file") == "file" else ():
+        if isinstance(table.get(key), str):
+            table[key] = str(folder / table[key])
+    return table
 
 
 def _fault(kind: str, loc: tuple[int | str, ...], message: str) -> str:

@@ -184,8 +184,10 @@ class _World:
     def _true_signals(self, view: View, antenna: Antenna) -> Group:
         sats = self.orbits.sats
         wanted = sats if self.scenario.sky.sats is None else self.scenario.sky.sats
+        until_s = np.inf if self.scenario.sky.until_s is None else self.scenario.sky.until_s
         above = [when_above(el_rad, self.knots_s, self.scenario.mask_deg) for el_rad in view.el_rad.T]
-        kept = [(col, window) for col, window in enumerate(above) if window is not None and sats[col] in wanted]
+        kept = [(col, (window[0], min(window[1], until_s))) for col, window in enumerate(above)
+                if window is not None and window[0] < until_s and sats[col] in wanted]  # fmt: skip
         columns = np.array([column for column, _ in kept], np.int64)
         level_dbhz = CubicSpline(self.knots_s, self._level_dbhz(view.el_rad[:, columns]))
 

@@ -137,6 +137,7 @@ class Attacker:
         carrier_s = -of(attack.sat_doppler_hz) / carrier_hz * since_s
         if isinstance(attack, Takeover):
             code_m = code_m + attack.code_offset_m
+            carrier_s = carrier_s + attack.phase_cyc(left_s)[:, np.newaxis] / carrier_hz
             if attack.phase == "random":
                 seeds = [np.random.SeedSequence(self.seed, spawn_key=(_PHASE_STREAM, self.number, prn_of(sat)))
                          for sat in sats]  # fmt: skip
