@@ -1,0 +1,88 @@
+"""A study: one figure or table of a paper again, as rows, with ours beside it.
+
+A module a paper holds its studies in `STUDIES`. A study counts with a generator of its own, so that the same seed gives
+the same rows whatever else is run; `quick` takes no more than 20 s.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+__all__ = ["Chart", "Claim", "Row", "Settings", "Study"]
+
+Row = Mapping[str, Any]
+"""One line of a study's result: names with units to numbers, words or None."""
+
+PAPER, SAME, BETTER, REFERENCE = "paper", "ours, same method", "ours, better", "reference"
+COLUMNS: Final = (PAPER, SAME, BETTER, REFERENCE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """trials : None means the study's own number, fewer if `quick`."""
+
+    trials: int | None = None
+    seed: int = 1
+    quick: bool = False
+
+    def count(self, usual: int, quick: int) -> int:
+        """How many trials to run."""
+        if self.trials is not None:
+            return self.trials
+        return quick if self.quick else usual
+
+    def rng(self, stream: int = 0) -> np.random.Generator:
+        """Random numbers of this study's; streams are apart."""
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(stream,)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chart:
+    """How rows are drawn: a line for each combination of the values of `by`, in order of the rows.
+
+    where : only rows with these values. bands : names of columns with lower and upper limits.
+    """
+
+    title: str
+    x: str
+    y: str
+    x_label: str
+    y_label: str
+    by: tuple[str, ...] = ()
+    where: Mapping[str, Any] = field(default_factory=dict)
+    x_log: bool = False
+    y_log: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """One line of the table of validation: a figure of the paper, ours by the same method, by a better one, and what is
+    right by an independent check.
+
+    paper, reference : a number, or words where it is none (why it cannot be reproduced, for example).
+    same, better : from the rows to a number; None where there is none.
+    tolerance : of `same` against `reference` (else `paper`), absolute; None where they are not to agree.
+    """
+
+    what: str
+    paper: float | str | None = None
+    reference: float | str | None = None
+    same: Callable[[Sequence[Row]], float] | None = None
+    better: Callable[[Sequence[Row]], float] | None = None
+    tolerance: float | None = None
+    digits: int = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """name : paper.figure, as on the command line. figure : where in the paper; `run` yields rows as they are ready."""
+
+    name: str
+    title: str
+    paper: str
+    figure: str
+    run: Callable[[Settings], Iterator[Row]]
+    charts: tuple[Chart, ...] = ()
+    claims: tuple[Claim, ...] = ()
