@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long check bench interop lock clean
+.PHONY: help setup demo pages test test-long check bench interop lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -21,6 +21,9 @@ $(READY): requirements.lock pyproject.toml
 
 demo: $(READY) ## simulate two receivers under a meaconer, protect them, write demo/report.html
 	$(BIN)/skyproof demo --out demo
+
+pages: $(READY) ## draw every ready-made scene, and the errors of clocks and inertial units, in docs/pages
+	$(BIN)/skyproof simulate --pages docs/pages
 
 test: $(READY) ## the tests, at most five minutes
 	$(BIN)/python -m pytest -n 2 -m "not long"
@@ -45,4 +48,4 @@ lock: $(READY) ## pin the newest versions anew (needs uv)
 	    --no-emit-index-url --no-emit-find-links --group dev pyproject.toml -o requirements.lock
 
 clean: ## remove the environment and what was made
-	rm -rf .venv demo .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv demo docs/pages .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -18,18 +18,21 @@ from rich.console import Console
 
 from skyproof import cli
 from skyproof.app.receive import ReceiveResult
+from skyproof.app.simulate import SimulateResult
 from skyproof.cli import demo as demo_command
 from skyproof.cli import inspect as inspect_command
 from skyproof.cli import progress as progress_of
 from skyproof.cli import protect as protect_command
 from skyproof.cli import receive as receive_command
+from skyproof.cli import simulate as simulate_command
 from skyproof.errors import InputError, OutputError
 from skyproof.formats.verdict import read_verdict, verdict_json
+from skyproof.simulate.scenes import ready, ready_made
 from skyproof.verdict import Verdict
 
 VERDICT = read_verdict(Path(__file__).parent / "formats" / "verdict-sample.json")
 PROTECT = ["protect", "rx1.bin", "rx2.bin", "--out", "result"]
-COMMANDS = ("protect", "inspect", "receive", "demo")
+COMMANDS = ("protect", "inspect", "receive", "simulate", "demo")
 
 
 def said(word: str) -> Verdict:
@@ -63,6 +66,13 @@ class App:
             return ReceiveResult(
                 receptions=(reception,), folder=options["out"], files=(("rx1-nav.rnx",),), interrupted=self.interrupted
             )
+        if name == "simulate":
+            folder = options["out"]
+            recordings, names = tuple(folder / f"rx{k}.bin" for k in range(1, 11)), ("rx1.bin", "truth.json")
+            return SimulateResult(
+                scenario=ready("takeover"), folder=folder, files=names, recordings=recordings,
+                observations=(folder / "rx1.obs",), interrupted=self.interrupted,
+            )  # fmt: skip
         folder = options.get("out", inputs)
         return SimpleNamespace(verdict=self.verdict, folder=folder, interrupted=self.interrupted)
 
@@ -77,6 +87,7 @@ def app(monkeypatch: pytest.MonkeyPatch) -> Iterator[App]:
     monkeypatch.setattr(protect_command, "run_protect", lambda inputs, **options: fake.run("protect", inputs, options))
     monkeypatch.setattr(receive_command, "run_receive", lambda inputs, **options: fake.run("receive", inputs, options))
     monkeypatch.setattr(demo_command, "run_demo", lambda out, **options: fake.run("demo", out, options))
+    monkeypatch.setattr(simulate_command, "run_simulate", lambda scene, **options: fake.run("simulate", scene, options))
     monkeypatch.setattr(inspect_command, "run_inspect", fake.inspect)
     return fake
 
@@ -97,7 +108,9 @@ def test_the_exit_code_tells_the_verdict_when_asked_to(app: App, word: str, code
     assert cli.main([*PROTECT, "--exit-code", "--json"]) == code
 
 
-@pytest.mark.parametrize("command", [PROTECT, ["receive", "rx1.bin", "--out", "d"], ["demo"]])
+@pytest.mark.parametrize(
+    "command", [PROTECT, ["receive", "rx1.bin", "--out", "d"], ["demo"], ["simulate", "spin", "--out", "d"]]
+)
 def test_an_error_of_the_input_is_one_line_and_2(
     app: App, capsys: pytest.CaptureFixture[str], command: list[str]
 ) -> None:
@@ -159,6 +172,9 @@ def test_an_interruption_before_anything_is_decided_exits_with_130(
         ("protct rx1.bin", "protct.*Did you mean .protect."),
         ("receive --out d", "FILE requires an argument"),
         ("demo --jsn", "--jsn. Did you mean --json?"),
+        ("simulate", "SCENARIO is missing.*--list"),
+        ("simulate spin", "--out is missing"),
+        ("simulate spin --out d --depth deep", "--depth"),
         ("triangulate rx1.bin", "Unknown command .triangulate"),
     ],
 )
@@ -185,6 +201,9 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
     cli.main(["receive", "rx1.bin", "--out", "d", "--nav", "b.22n"])
     cli.main(["receive", "rx1.bin", "--out", "d", "--doppler-max-hz", "9e3", "--start-s", "27", "--duration-s", "33"])
     cli.main(["demo", "--out", "there"])
+    cli.main(["simulate", "spin", "--out", "d", "--seed", "7", "--duration-s", "5", "--depth", "samples", "--format",
+              "raw"])  # fmt: skip
+    cli.main(["simulate", "s.toml", "--out", "d"])
     stretch = ("doppler_max_hz", "start_s", "duration_s")
     settings = ("false_alarm_probability_per_hour", "antenna_separation_m", *stretch)
     assert app.calls == [
@@ -197,6 +216,10 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
         ("receive", [Path("rx1.bin")],
          {"out": Path("d"), "nav": None, **dict(zip(stretch, (9e3, 27.0, 33.0), strict=True))}),
         ("demo", Path("there"), {}),
+        ("simulate", "spin",
+         {"out": Path("d"), "seed": 7, "duration_s": 5.0, "depth": "samples", "container": "raw", "plot": False}),
+        ("simulate", "s.toml",
+         {"out": Path("d"), "seed": None, "duration_s": None, "depth": "all", "container": None, "plot": False}),
     ]  # fmt: skip
 
 
@@ -252,6 +275,38 @@ def test_receive_tells_the_same_as_one_document(app: App, capsys: pytest.Capture
     assert (document["format"], document["folder"], document["interrupted"]) == ("skyproof-receive/1", "d", False)
     (receiver,) = document["receivers"]
     assert (receiver["n_signals"], receiver["remarks"], receiver["files"]) == (12, ["a [dim] remark"], ["rx1-nav.rnx"])
+
+
+def test_simulate_says_what_was_made_and_how_to_make_it_again(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["simulate", "takeover", "--out", "d"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "takeover"
+    assert ready("takeover").description.startswith(lines[1].strip())
+    assert [line for line in lines if line.startswith("recording:")] == [f"recording: d/rx{k}.bin" for k in range(1, 9)]
+    assert lines[-4:] == ["  and 2 more", "observations: d/rx1.obs", "truth: d/truth.json",
+                          "the same again: skyproof simulate d/scenario.toml"]  # fmt: skip
+
+
+def test_simulate_tells_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.interrupted = True
+    assert cli.main(["simulate", "takeover", "--out", "d", "--json"]) == 130
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert (document["format"], document["folder"], document["interrupted"]) == ("skyproof-simulate/1", "d", True)
+    assert document["files"] == ["rx1.bin", "truth.json"]
+    assert "skyproof: interrupted: 2 files are whole, the others are not there" in err
+
+
+def test_the_ready_made_scenes_are_listed_with_a_sentence_each(
+    app: App, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["simulate", "--list"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert all(name in out for name in ready_made())
+    assert "Reflections from the ground and a wall, and no attack" in out
+    assert cli.main(["simulate", "--list", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["scenes"]) == len(ready_made())
+    assert not app.calls
 
 
 def test_demo_opens_the_report_when_asked_to(app: App, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

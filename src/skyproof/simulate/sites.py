@@ -162,7 +162,7 @@ class Site(Place):
 
     @model_validator(mode="after")
     def _attitude_of_what_moves(self) -> Self:
-        given = {"heading_deg", "pitch_deg", "roll_deg"} & self.model_fields_set
+        given = [name for name in ("heading_deg", "pitch_deg", "roll_deg") if getattr(self, name) != 0.0]
         if self.path is not None and given:
-            raise ValueError(f"{min(given)} is for what stands still: on a path the attitude follows from the motion")
+            raise ValueError(f"{given[0]} is for what stands still: on a path the attitude follows from the motion")
         return self

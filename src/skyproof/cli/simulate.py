@@ -1,0 +1,118 @@
+"""`skyproof simulate`."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.text import Text
+
+from skyproof.app.pages import plot as draw_page
+from skyproof.app.pages import write_pages
+from skyproof.app.scene_page import PAGE
+from skyproof.app.simulate import SimulateResult, document_json, ready_made, ready_made_json
+from skyproof.app.simulate import simulate as run_simulate
+from skyproof.cli.options import Debug
+from skyproof.cli.progress import progress
+from skyproof.cli.screen import INTERRUPTED, complain, print_path, table
+from skyproof.errors import SettingsError
+
+__all__ = ["simulate"]
+
+SHOWN = 8
+"""Names of files of one kind that are listed one by one."""
+
+
+def simulate(
+    scenario: Annotated[
+        str | None, Parameter(name="SCENARIO", help="A scenario's TOML file, or the name of a ready-made scene.")
+    ] = None,
+    /,
+    *,
+    out: Annotated[
+        Path | None,
+        Parameter(help="Folder for samples, observations, inertial readings, truth.json and scenario.toml."),
+    ] = None,
+    list_scenes: Annotated[bool, Parameter(name="--list", help="List the ready-made scenes instead.")] = False,
+    seed: Annotated[int | None, Parameter(help="Of all that is random, in place of the scenario's.")] = None,
+    duration_s: Annotated[float | None, Parameter(help="Length of the scene, in place of the scenario's.")] = None,
+    depth: Annotated[
+        Literal["samples", "measurements", "all"],
+        Parameter(help="Recordings, RINEX observations of every copy, or both.", show_default=True),
+    ] = "all",
+    container: Annotated[
+        Literal["sigmf", "raw"] | None,
+        Parameter(name="--format", help="Of samples. Default: sigmf where it can hold them (8 bits and more)."),
+    ] = None,
+    plot: Annotated[
+        bool,
+        Parameter(help="Draw the scene as a page, scene.html; without --out only that, NAME.html in this folder."),
+    ] = False,
+    pages: Annotated[
+        Path | None,
+        Parameter(help="Folder for the pages of all ready-made scenes, and of generated errors, instead."),
+    ] = None,
+    json: Annotated[bool, Parameter(name="--json", help="Print one JSON document, and nothing else there.")] = False,
+    debug: Debug = False,
+) -> int:
+    """Make recordings and measurements of a scene with attacks, and write the truth about them."""
+    if list_scenes:
+        _tell_scenes(as_json=json)
+        return 0
+    if pages is not None:
+        drawn = write_pages(pages, progress=progress())
+        print_path(f"{len(drawn)} pages in", pages)
+        return 0
+    if scenario is None:
+        raise SettingsError("SCENARIO is missing: give a TOML file or a name that `skyproof simulate --list` shows")
+    if out is None and plot:
+        print_path("page:", draw_page(scenario, seed=seed, duration_s=duration_s))
+        return 0
+    if out is None:
+        raise SettingsError("--out is missing: name the folder for what is made, as in --out data")
+    result = run_simulate(
+        scenario,
+        out=out,
+        seed=seed,
+        duration_s=duration_s,
+        depth=depth,
+        container=container,
+        plot=plot,
+        progress=progress(),
+    )
+    if result.interrupted:
+        complain(f"interrupted: {len(result.files)} files are whole, the others are not there")
+    if json:
+        sys.stdout.write(document_json(result))
+    else:
+        _tell(result)
+    return INTERRUPTED if result.interrupted else 0
+
+
+def _tell(result: SimulateResult) -> None:
+    console, made = Console(), result.scenario
+    console.print(Text(made.name, style="bold"))
+    if made.description:
+        console.print(Text(made.description))
+    attacks = ", ".join(made.attack_names) or "none"
+    console.print(Text(f"{made.duration_s:g} s, seed {made.seed}, attacks: {attacks}", style="dim"))
+    for what, paths in (("recording", result.recordings), ("observations", result.observations)):
+        for path in paths[:SHOWN]:
+            print_path(f"{what}:", path)
+        if len(paths) > SHOWN:
+            console.print(Text(f"  and {len(paths) - SHOWN} more"))
+    print_path("truth:", result.folder / "truth.json")
+    if PAGE in result.files:
+        print_path("page:", result.folder / PAGE)
+    print_path("the same again: skyproof simulate", result.folder / "scenario.toml")
+
+
+def _tell_scenes(*, as_json: bool) -> None:
+    if as_json:
+        sys.stdout.write(ready_made_json())
+        return
+    listed = table("scene", "what happens")
+    for one in ready_made().values():
+        listed.add_row(Text(one.name), Text(one.title))
+    Console().print(listed)

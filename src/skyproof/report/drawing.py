@@ -1,0 +1,273 @@
+"""The pieces that pictures are drawn from: scales, ticks, lines, text, discs, and labels that keep out of each other.
+
+Pictures are SVG, drawn by hand, 360 units wide, so that they can be read on a telephone; colours, fonts and the dark
+and printed looks come from the page's style sheet through the classes set here. Same input, same characters. Text is
+escaped.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from markupsafe import Markup
+
+from skyproof.records import Reals
+from skyproof.verdict import Label
+
+__all__ = [
+    "WIDTH", "Scale", "Tag", "circle", "disc", "extent", "grid", "line", "log_grid", "nice_ticks", "number", "path",
+    "place_tags", "spread", "svg", "text", "thin", "time_unit",
+]  # fmt: skip
+
+WIDTH = 360.0
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A straight axis: values `low` to `high` onto pixels `start` to `end`."""
+
+    low: float
+    high: float
+    start: float
+    end: float
+
+    def __call__(self, value: float) -> float:
+        return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
+
+    def pixels(self, values: Reals) -> Reals:
+        """The same for an array, any shape."""
+        return self.start + (values - self.low) / (self.high - self.low) * (self.end - self.start)
+
+
+# Numbers
+
+
+def nice_ticks(low: float, high: float, wanted: int = 5) -> list[float]:
+    """About `wanted` multiples of 1, 2 or 5 times a power of ten within [low, high].
+
+    Raises ValueError if the range is empty or not finite.
+    """
+    span = high - low
+    if not (math.isfinite(span) and span > 0.0):
+        raise ValueError(f"no ticks between {low} and {high}")
+    power = 10.0 ** math.floor(math.log10(span / wanted))
+    step = next(power * factor for factor in (1.0, 2.0, 5.0, 10.0) if span / (power * factor) <= wanted)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [index * step for index in range(first, last + 1)]
+
+
+def thin(seconds: Reals, values: Reals, limit: int) -> tuple[Reals, Reals]:
+    """At most `limit` points (n,) by means over blocks of equal length; a block with nothing in it stays NaN."""
+    size = -(-seconds.size // limit)
+    if size <= 1:
+        return seconds, values
+    blocks = -(-seconds.size // size)
+    padded = np.full((2, blocks * size), np.nan)
+    padded[:, : seconds.size] = seconds, values
+    finite = np.isfinite(padded).reshape(2, blocks, size)
+    sums = np.where(finite, padded.reshape(2, blocks, size), 0.0).sum(axis=-1)
+    counts = finite.sum(axis=-1)
+    means = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+    return means[0], means[1]
+
+
+def number(value: float) -> str:
+    """As short as it can be said, with a real minus sign."""
+    return f"{value:.10g}".replace("-", "\N{MINUS SIGN}") if value else "0"
+
+
+def time_unit(span_s: float) -> tuple[str, float]:
+    """The unit that suits a span, and its seconds."""
+    return ("s", 1.0) if span_s <= 600.0 else ("min", 60.0) if span_s <= 36000.0 else ("h", 3600.0)
+
+
+def extent(points: Reals, least_m: float, shape: float) -> tuple[float, float, float, float]:
+    """West, south, east and north bounds around points (n, 2) with equal scales; `shape` is height over width."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, span = (low + high) / 2.0, 1.25 * (high - low)
+    width = max(span[0], span[1] / shape, least_m)
+    half = np.array([width, width * shape]) / 2.0
+    return (*(middle - half), *(middle + half))
+
+
+# Shapes
+
+
+def text(x: float, y: float, words: str, *, anchor: str = "start", css: str = "", turn: bool = False) -> Markup:
+    """Words at a place; `turn` writes them upwards."""
+    turned = Markup(' transform="rotate(-90 {:.1f} {:.1f})"').format(x, y) if turn else Markup("")
+    return Markup('<text class="{}" x="{:.1f}" y="{:.1f}" text-anchor="{}"{}>{}</text>').format(
+        css, x, y, anchor, turned, words
+    )
+
+
+def line(x1: float, y1: float, x2: float, y2: float, css: str) -> Markup:
+    """A straight line."""
+    return Markup('<line class="{}" x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}"/>').format(css, x1, y1, x2, y2)
+
+
+def circle(x: float, y: float, radius: float, css: str) -> Markup:
+    """A circle or disc, as its class says."""
+    return Markup('<circle class="{}" cx="{:.1f}" cy="{:.1f}" r="{:.1f}"/>').format(css, x, y, radius)
+
+
+def path(x: Reals, y: Reals, css: str) -> Markup:
+    """A line through the points, broken where one is NaN; a point alone is a dot (round caps)."""
+    there = np.isfinite(x) & np.isfinite(y)
+    steps: list[str] = []
+    for index in np.flatnonzero(there):
+        begins = index == 0 or not there[index - 1]
+        steps.append(f"{'M' if begins else 'L'}{x[index]:.1f} {y[index]:.1f}{'h0' if begins else ''}")
+    return Markup('<path class="{}" d="{}"/>').format(css, "".join(steps)) if steps else Markup("")
+
+
+def disc(x: float, y: float, radius: float, labels: Sequence[Label]) -> list[Markup]:
+    """A disc in equal slices, one a label, first slice on the left."""
+    if len(labels) == 1:
+        return [circle(x, y, radius, f"disc {labels[0]}")]
+    edges = [math.pi / 2.0 + 2.0 * math.pi * index / len(labels) for index in range(len(labels) + 1)]
+    slices = []
+    for label, (start, end) in zip(labels, pairwise(edges), strict=True):
+        corners = [(x + radius * math.cos(angle), y - radius * math.sin(angle)) for angle in (start, end)]
+        shape = Markup('<path class="disc {}" d="M{:.1f} {:.1f}L{:.1f} {:.1f}A{r:.1f} {r:.1f} 0 0 0 {:.1f} {:.1f}z"/>')
+        slices.append(shape.format(label, x, y, *corners[0], *corners[1], r=radius))
+    return slices
+
+
+def svg(height: float, title: str, parts: Iterable[Markup]) -> Markup:
+    """The whole picture; `title` is what a screen reader says."""
+    body = Markup("\n").join(part for part in parts if part)
+    return Markup('<svg viewBox="0 0 {:.0f} {:.0f}" role="img" aria-label="{}">\n{}\n</svg>').format(
+        WIDTH, height, title, body
+    )
+
+
+# Axes
+
+
+def grid(
+    across: Scale, up: Scale, names: tuple[str, str], units: tuple[float, float] = (1.0, 1.0), wanted: int = 5
+) -> Iterator[Markup]:
+    """Lines and numbers at round values, a frame, and the axes' names with their units.
+
+    across, up : values to pixels, rightwards and upwards. units : what numbers are divided by before they are written.
+    """
+    left, right, top, bottom = across.start, across.end, up.end, up.start
+    for tick in nice_ticks(across.low / units[0], across.high / units[0], wanted):
+        x = across(tick * units[0])
+        yield line(x, top, x, bottom, "grid")
+        told = number(tick)
+        yield text(min(x, WIDTH - 1.0 - 3.7 * len(told)), bottom + 15.0, told, anchor="middle")
+    for tick in nice_ticks(up.low / units[1], up.high / units[1], wanted):
+        y = up(tick * units[1])
+        yield line(left, y, right, y, "grid")
+        yield text(left - 5.0, y + 4.0, number(tick), anchor="end")
+    yield _frame(left, right, top, bottom)
+    yield from _axis_names(left, right, top, bottom, names)
+
+
+def log_grid(across: Scale, up: Scale, names: tuple[str, str]) -> Iterator[Markup]:
+    """The same for decimal logarithms: lines and numbers at powers of ten."""
+    left, right, top, bottom = across.start, across.end, up.end, up.start
+    for power in range(math.ceil(across.low), math.floor(across.high) + 1):
+        yield line(across(power), top, across(power), bottom, "grid")
+        yield text(across(power), bottom + 15.0, _power_of_ten(power), anchor="middle")
+    for power in range(math.ceil(up.low), math.floor(up.high) + 1):
+        yield line(left, up(power), right, up(power), "grid")
+        yield text(left - 5.0, up(power) + 4.0, _power_of_ten(power), anchor="end")
+    yield _frame(left, right, top, bottom)
+    yield from _axis_names(left, right, top, bottom, names)
+
+
+def _power_of_ten(power: int) -> str:
+    if -2 <= power <= 3:
+        return f"{10.0**power:g}"
+    return "10" + str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def _frame(left: float, right: float, top: float, bottom: float) -> Markup:
+    return Markup('<rect class="frame" x="{}" y="{}" width="{}" height="{}"/>').format(
+        left, top, right - left, bottom - top
+    )
+
+
+def _axis_names(left: float, right: float, top: float, bottom: float, names: tuple[str, str]) -> Iterator[Markup]:
+    yield text((left + right) / 2.0, bottom + 32.0, names[0], anchor="middle", css="axis")
+    yield text(11.0, (top + bottom) / 2.0, names[1], anchor="middle", css="axis", turn=True)
+
+
+# Labels
+
+
+def spread(wanted: Sequence[float], gap: float, lowest: float, highest: float) -> list[float]:
+    """Places near the wanted ones, in their order, `gap` apart and within bounds: for labels that would overlap."""
+    order = sorted(range(len(wanted)), key=lambda index: wanted[index])
+    placed = [0.0] * len(wanted)
+    last = lowest - gap
+    for index in order:
+        last = placed[index] = max(wanted[index], last + gap)
+    ceiling = highest + gap
+    for index in reversed(order):
+        ceiling = placed[index] = min(placed[index], ceiling - gap)
+    return placed
+
+
+@dataclass(frozen=True)
+class Tag:
+    """Words that belong to a mark at (x, y) of a radius."""
+
+    x: float
+    y: float
+    words: str
+    css: str = "small halo"
+    radius: float = 7.0
+
+
+Box = tuple[float, float, float, float]
+"""Left, top, right, bottom."""
+
+_LETTER, _BOLD, _HEIGHT = 6.4, 7.4, 11.5  # of the style sheet's text in a wide typeface
+_STEPS = ((0.0, 1.0), (1.0, 0.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))
+
+
+def place_tags(tags: Sequence[Tag], taken: Sequence[Box], bounds: Box) -> list[Markup]:
+    """Every tag beside its mark (below it, if there is room), clear of marks, of `taken` and of the other tags.
+
+    What finds no room near its mark moves away, and a line leads back to it.
+    """
+    boxes = [*taken, *((t.x - t.radius, t.y - t.radius, t.x + t.radius, t.y + t.radius) for t in tags)]
+    parts: list[Markup] = []
+    for tag in tags:
+        width = (_BOLD if "name" in tag.css.split() else _LETTER) * len(tag.words)
+        choices = [(away, step) for away in (0.0, 8.0, 16.0, 26.0, 38.0, 52.0, 70.0) for step in _STEPS]
+        costs = [_cost(_box(tag, width, *choice), boxes, bounds) + 0.2 * index for index, choice in enumerate(choices)]
+        away, step = choices[costs.index(min(costs))]
+        box = _box(tag, width, away, step)
+        boxes.append(box)
+        if away > 0.0:
+            near = min(max(tag.x, box[0]), box[2]), min(max(tag.y, box[1]), box[3])
+            parts.append(line(tag.x, tag.y, *near, "leader"))
+        parts.append(text((box[0] + box[2]) / 2.0, box[3] - 2.5, tag.words, anchor="middle", css=tag.css))
+    return parts
+
+
+def _box(tag: Tag, width: float, away: float, step: tuple[float, float]) -> Box:
+    out = tag.radius + 1.0 + away
+    slant = 0.9 if step[0] and step[1] else 1.0
+    x = tag.x + step[0] * (slant * out + width / 2.0)
+    y = tag.y + step[1] * (slant * out + _HEIGHT / 2.0)
+    return x - width / 2.0, y - _HEIGHT / 2.0, x + width / 2.0, y + _HEIGHT / 2.0
+
+
+def _cost(box: Box, taken: Sequence[Box], bounds: Box) -> float:
+    """Overlap with what is there, in square units; out of bounds is worst."""
+    outside = max(bounds[0] - box[0], 0.0) + max(box[2] - bounds[2], 0.0)
+    outside += max(bounds[1] - box[1], 0.0) + max(box[3] - bounds[3], 0.0)
+    return 1000.0 * outside + sum(_overlap(box, other) for other in taken)
+
+
+def _overlap(a: Box, b: Box) -> float:
+    wide, high = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+    return wide * high if wide > 0.0 and high > 0.0 else 0.0
