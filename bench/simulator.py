@@ -1,23 +1,34 @@
-"""The simulator: how much faster than real time, beside a plain NumPy rendering of the same scene."""
+"""The simulator's three depths: how much faster than real time samples come, beside plain NumPy; how many sets of
+correlator outputs a second, beside correlating samples; how many measurements."""
 
 from collections.abc import Iterator
+from time import process_time
 
 import numpy as np
 from numpy.typing import NDArray
 from timing import line, take_turns
 
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulate import scene_of, scenes
-from skyproof.simulate.samples import Rendering, ahead_of, quantised, rendering_of
+from skyproof.gnss.signals import prn_of
+from skyproof.simulate import NoiseModel, draw, geometry_of, scene_of, scenes
+from skyproof.simulate.correlators import correlate
+from skyproof.simulate.field_errors import FieldErrors
+from skyproof.simulate.heard import Scene
+from skyproof.simulate.samples import BLOCK, Rendering, ahead_of, quantised, render, rendering_of
 
 DURATION_S = 2.0
 PLAIN_S = 0.02
+TAPS_CHIPS = np.linspace(-1.0, 1.0, 41)
+COHERENT_S = 0.02
+DRAWS = 1000
+LONG_S = 3600.0
 
 
 def report() -> Iterator[str]:
     """Rows of the table."""
     scenario = scenes.demo(duration_s=DURATION_S, onset_s=0.0)
-    rendering = rendering_of(scene_of(scenario, nominal_constellation(scenario.start_gpst)), 0)
+    scene = scene_of(scenario, nominal_constellation(scenario.start_gpst))
+    rendering = rendering_of(scene, 0)
     signals = len(rendering.sky.signals)
     blocks = range(-(-rendering.n_samples // 131_072))
 
@@ -32,6 +43,73 @@ def report() -> Iterator[str]:
         "a second of one receiver's samples", ours_s * (1.0 / DURATION_S), "s",
         f"{factor:.1f} times real time; plain NumPy {plain_factor:.2g} ({factor / plain_factor:.0f} times slower)",
     )  # fmt: skip
+    yield from _correlators(scene)
+    yield from _measurements()
+
+
+def _correlators(scene: Scene) -> Iterator[str]:
+    """A trial is one integration of every signal's taps."""
+    rng, sky = np.random.default_rng(1), scene.skies[0]
+    pairs_s = 0.5 + COHERENT_S * np.arange(50)
+    clean = scene_of(scene.scenario.model_copy(update={"attacks": ()}), scene.navigation)
+    wanted = {"delays_chips": TAPS_CHIPS, "coherent_s": COHERENT_S, "rng": rng}
+    many_s, moving_s, clean_s, naive_s = take_turns(
+        lambda: correlate(scene, 0, [1.0], draws=(DRAWS,), **wanted),
+        lambda: correlate(scene, 0, pairs_s, **wanted),
+        lambda: correlate(clean, 0, np.tile(pairs_s, 10), **wanted),
+        lambda: _naive(scene), runs=5, clock=process_time,
+    )  # fmt: skip
+    naive = 1.0 / naive_s.median
+    yield f"correlators, {TAPS_CHIPS.size} taps over {COHERENT_S * 1e3:g} ms, one core; by samples {naive:.2g} a second"
+    rows = (
+        (f"draws of one epoch, {len(sky.signals)} signals in pairs", many_s, DRAWS),
+        ("epochs of the same, as copies move", moving_s, pairs_s.size),
+        (f"epochs of a clean sky, {len(clean.skies[0].signals)} signals", clean_s, 10 * pairs_s.size),
+    )
+    for what, took_s, trials in rows:
+        rate = trials / took_s.median
+        yield line(what, took_s * (1e6 / trials), "us a trial", f"{rate:.0f} a second, {rate / naive:.0f} times as many")
+
+
+def _measurements() -> Iterator[str]:
+    """Satellite-epochs of both receivers of a long scene."""
+    scenario = scenes.demo(duration_s=LONG_S, onset_s=1.0)
+    scene = scene_of(scenario, nominal_constellation(scenario.start_gpst))
+    short = scene_of(scenario.model_copy(update={"duration_s": 60.0}), scene.navigation)
+    rng, geometries = np.random.default_rng(1), geometry_of(scene)
+    cells, few = (sum(each.there.size for each in those) for those in (geometries, geometry_of(short)))
+    field = NoiseModel(field=FieldErrors())
+    white_s, draw_s, field_s, pulled_s = take_turns(
+        lambda: draw(geometry_of(scene), rng=rng), lambda: draw(geometries, rng=rng),
+        lambda: draw(geometries, rng=rng, noise=field), lambda: geometry_of(short, pulled=True), runs=5,
+        clock=process_time,
+    )  # fmt: skip
+    yield "measurements, one core"
+    rows = (
+        ("geometry and white noise", white_s, cells), ("white noise alone", draw_s, cells),
+        ("noise and errors of the field", field_s, cells), ("geometry, pulled", pulled_s, few),
+    )  # fmt: skip
+    for what, took_s, count in rows:
+        yield line(what, took_s * (1e9 / count), "ns a cell", f"{count / took_s.median / 1e6:.3g} million a second")
+
+
+def _naive(scene: Scene) -> NDArray[np.complex128]:
+    """One trial by samples: rendered, then correlated with every tap; without data bits and Doppler taps."""
+    rendering = rendering_of(scene, 0)
+    sky, rate_hz = rendering.sky, rendering.front_end.rate_hz
+    count = int(COHERENT_S * rate_hz)
+    planes = render(rendering, 0)
+    samples = (planes[0] + 1j * planes[1])[: min(count, BLOCK)]
+    true_s = np.arange(samples.size) / rate_hz
+    code_s, carrier_s = sky.delays_s(true_s)
+    sums = np.empty((len(sky.signals), TAPS_CHIPS.size), np.complex128)
+    for column, heard in enumerate(sky.signals):
+        code = sky.signal.code(prn_of(heard.id.sat))
+        wiped = samples * np.exp(2j * np.pi * sky.signal.carrier_hz * carrier_s[:, column])
+        chips = (true_s - code_s[:, column]) * sky.signal.chip_rate_hz
+        for tap, ahead_chips in enumerate(TAPS_CHIPS):
+            sums[column, tap] = code[np.floor(chips + ahead_chips).astype(np.int64) % code.size] @ wiped
+    return sums
 
 
 def _plain(rendering: Rendering) -> NDArray[np.complex128]:

@@ -130,6 +130,7 @@ def test_sigmf_is_what_an_independent_reader_takes_for_it(
         assert capture["core:datetime"] == "2023-03-04T05:05:49.000000000Z"  # the receiver's own clock, UTC
         told = (capture if sky.receiver.name == "one" else general)["core:geolocation"]["coordinates"]
         place = sky.point(np.array([0.0])).position_ecef_m[0]
+        assert open_recording(path)[0].antenna == sky.antenna.name
         assert told[:2] == pytest.approx([sky.receiver.lon_deg, sky.receiver.lat_deg], abs=1e-3)
         assert np.isfinite(place).all()
     collection = sigmffile.fromfile(tmp_path / "arrays.sigmf-collection")

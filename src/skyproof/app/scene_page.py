@@ -80,11 +80,14 @@ def scene_page(scenario: Scenario, navigation: NavigationData) -> str:
         levels=tuple(series for sky in firsts for series in _levels(sky, at_s, scenario.duration_s)),
         level_note=f"Nothing is drawn below {_WEAKEST_DBHZ:g} dB-Hz. Noise that transmitters add is taken into "
         "account, lines and chirps are not."
-        + (" Of several antennas, the first." if several else ""),
+        + " Reflections are left out." * any(sky.rays for sky in firsts)
+        + " Of several antennas, the first." * several,
         onset_s=min((attack.onset_s for attack in scenario.attacks), default=None),
         offsets=tuple((sky.receiver.name, lines) for sky in firsts if (lines := tuple(_offsets(scene, sky, at_s)))),
         disturbance=tuple((sky.receiver.name, lines) for sky in firsts
                           if (lines := tuple(_disturbance(scenario, sky, at_s)))),
+        reflections=tuple((sky.receiver.name, lines) for sky in firsts
+                          if (lines := tuple(_reflections(sky, at_s, scenario.duration_s)))),
         switching=tuple(_switching(scenario, at_s)), span_s=(float(at_s[0]), float(at_s[-1])),
         settings=tuple(_settings(scenario)), made_by=f"Drawn by skyproof {version('skyproof')}.",
     ))  # fmt: skip
@@ -343,6 +346,15 @@ def _disturbance(scenario: Scenario, sky: ReceiverSky, at_s: Reals) -> Iterator[
         power = _within(source, at_s)
         yield Line(name=name, kind="multipath", seconds=at_s,
                    values=10.0 * np.log10(np.where(power > 0.0, power, np.nan)))  # fmt: skip
+
+
+def _reflections(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[Line]:
+    at_s = _own(sky, at_s, duration_s)
+    for ray in sky.rays:
+        heard = sky.signals[ray.of]
+        longer_m = SPEED_OF_LIGHT_M_S * ray.further_s(at_s)
+        yield Line(name=heard.id.sat, kind="multipath", seconds=at_s,
+                   values=np.where(_heard_at(heard, at_s), longer_m, np.nan))  # fmt: skip
 
 
 def _switching(scenario: Scenario, at_s: Reals) -> Iterator[Switching]:

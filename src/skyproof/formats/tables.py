@@ -98,7 +98,7 @@ def _taker(
         table = pa.table({name: _arrow(np.asarray(column)) for name, column in columns.items()})
         if writer is None:
             writer = stack.enter_context(pq.ParquetWriter(file, table.schema.with_metadata(dict(metadata))))
-        writer.write_table(table.replace_schema_metadata(dict(metadata)))
+        writer.write_table(table)
 
     begun = False
 

@@ -255,7 +255,7 @@ def sky_plot(
     """
     if not positions:
         return Markup("")
-    x0, y0, radius = draw.WIDTH / 2.0, 148.0, 124.0
+    x0, y0, radius = draw.WIDTH / 2.0, 150.0, 124.0
 
     def place(azimuth_deg: float, elevation_deg: float) -> tuple[float, float]:
         out = radius * (90.0 - max(elevation_deg, 0.0)) / 90.0
@@ -267,10 +267,10 @@ def sky_plot(
               draw.line(x0, y0 - radius, x0, y0 + radius, "grid")]  # fmt: skip
     rings = [(x0 + 2.0, y0 - radius * (90.0 - elevation) / 90.0 - 2.0, f"{elevation:g}°") for elevation in (30.0, 60.0)]
     parts += [draw.text(x, y, words, css="small") for x, y, words in rings]
-    parts += [draw.text(x0, y0 - radius - 6.0, "N 0°", anchor="middle"),
-              draw.text(x0 + radius + 5.0, y0 + 4.0, "E 90°"),
-              draw.text(x0, y0 + radius + 16.0, "S 180°", anchor="middle"),
-              draw.text(x0 - radius - 5.0, y0 + 4.0, "W 270°", anchor="end")]  # fmt: skip
+    parts += [draw.text(x0, y0 - radius - 9.0, "N 0°", anchor="middle"),
+              draw.text(x0 + radius + 8.0, y0 + 4.0, "E 90°"),
+              draw.text(x0, y0 + radius + 18.0, "S 180°", anchor="middle"),
+              draw.text(x0 - radius - 8.0, y0 + 4.0, "W 270°", anchor="end")]  # fmt: skip
     tags: list[draw.Tag] = []
     for axis in axes:
         x, y = place(axis.azimuth_deg, axis.elevation_deg)
@@ -292,11 +292,11 @@ def sky_plot(
         x, y = place(source.azimuth_deg, source.elevation_deg)
         parts.append(Markup('<path class="cross" d="M{:.1f} {:.1f}l10 10m0 -10l-10 10"/>').format(x - 5.0, y - 5.0))
         tags.append(draw.Tag(x, y, source.name))
-    rim = [(x0 - 16.0, 2.0, x0 + 16.0, 20.0), (x0 - 22.0, y0 + radius + 6.0, x0 + 22.0, y0 + radius + 18.0),
+    rim = [(x0 - 16.0, 4.0, x0 + 16.0, 20.0), (x0 - 22.0, y0 + radius + 8.0, x0 + 22.0, y0 + radius + 20.0),
            (x0 + radius + 4.0, y0 - 7.0, 360.0, y0 + 7.0), (0.0, y0 - 7.0, x0 - radius - 4.0, y0 + 7.0)]
     rim += [(x, y - 9.0, x + 18.0, y + 1.0) for x, y, _ in rings]
-    parts += draw.place_tags(tags, rim, (2.0, 2.0, draw.WIDTH - 2.0, 292.0))
-    return draw.svg(294.0, title, parts)
+    parts += draw.place_tags(tags, rim, (2.0, 2.0, draw.WIDTH - 2.0, 296.0))
+    return draw.svg(298.0, title, parts)
 
 
 # The evidence

@@ -126,7 +126,7 @@ class ScenePage:
     facts, events : sentences on the scene, and on what happens in it. zero : what second zero is, in words.
     origin : the point about which the map gives east and north, in words.
     displacements : from where a receiver is to what an attack shows, by heading.
-    levels : of every receiver; offsets, disturbance : lines for each receiver that has any.
+    levels : of every receiver; offsets, disturbance, reflections : lines for each receiver that has any.
     """
 
     name: str
@@ -144,6 +144,7 @@ class ScenePage:
     onset_s: float | None = None
     offsets: tuple[tuple[str, tuple[Line, ...]], ...] = ()
     disturbance: tuple[tuple[str, tuple[Line, ...]], ...] = ()
+    reflections: tuple[tuple[str, tuple[Line, ...]], ...] = ()
     switching: tuple[Switching, ...] = ()
     span_s: tuple[float, float] = (0.0, 1.0)
     settings: tuple[SettingGroup, ...] = ()
@@ -380,7 +381,8 @@ def switching_plot(rows: Sequence[Switching], span_s: tuple[float, float], *, ti
 
 
 def _db(value: float) -> str:
-    return f"{round(value, 1) + 0.0:+g}".replace("-", "\N{MINUS SIGN}").replace("+0", "0")
+    rounded = round(value, 1)
+    return f"{rounded:+g}".replace("-", "\N{MINUS SIGN}") if rounded else "0"
 
 
 def _filled(x: Reals, y: Reals, on: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]", base: float, css: str) -> Markup:
@@ -411,7 +413,8 @@ def _signals(page: ScenePage) -> list[Figure]:
     names = list(dict.fromkeys(series.receiver for series in page.levels))
     return [
         figure for name in names
-        for figure in (*_skies(page, name), _level(page, name), *_offsets(page, name), *_disturbance(page, name))
+        for figure in (*_skies(page, name), _level(page, name), *_offsets(page, name), *_disturbance(page, name),
+                       *_reflections(page, name))
     ]  # fmt: skip
 
 
@@ -434,6 +437,18 @@ def _disturbance(page: ScenePage, name: str) -> list[Figure]:
             "Power of what is no signal, in the whole band sampled.",
         )
         for receiver, lines in page.disturbance if receiver == name
+    ]  # fmt: skip
+
+
+def _reflections(page: ScenePage, name: str) -> list[Figure]:
+    return [
+        Figure(
+            f"Reflections at {name}",
+            line_plot(lines, title=f"Longer way of the reflections of true signals at {name} over time",
+                      zero=page.zero, quantity="longer way", metres=True),
+            "By how much the way of each reflection is longer than that of the signal itself.",
+        )
+        for receiver, lines in page.reflections if receiver == name
     ]  # fmt: skip
 
 

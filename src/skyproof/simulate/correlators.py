@@ -43,8 +43,6 @@ Complexes = NDArray[np.complex128]
 
 STRAIGHT_S = 0.02
 """Over which phases and lags run straight: a GPS carrier bends by 5e-5 cycles, differences of copies by less."""
-ABRUPT_S = 0.0005
-"""The same where a signal comes or goes within what is asked for."""
 _RIDGE = 1e-9  # of the noise, that keeps the root of its covariance real where taps are nearly one
 _LOBE_CHIPS = {"chips": 1.0, "filtered": 2.0}
 """Beyond, replicas do not correlate but for side lobes."""
@@ -180,7 +178,7 @@ def correlate(
     rows, channels = _rows(scene, sky, spans), _channels(scene, sky, tracked, spans, wiped)
     channel_sat = [signal.sat for signal in tracked.signals]
     pairs = _pairs(channel_sat, rows.sats)
-    lag_chips, turns_cyc, coupling = _couplings(spans, channels, rows, pairs, dopplers, coherent_s, sky.signal)
+    lag_chips, turns_cyc, coupling = _couplings(spans, channels, rows, pairs, dopplers, sky.signal)
 
     level = _levels(sky, front_end, rows, spans, coherent_s, tables, others, quantised, channel_sat)
     weight = coupling * level.amplitude[:, pairs[:, 1], np.newaxis, np.newaxis]
@@ -196,7 +194,7 @@ def correlate(
         receiver=sky.name, signals=tracked.signals, elapsed_s=middle_s, delays_chips=delays, dopplers_hz=dopplers,
         coherent_s=coherent_s, value=value, mean=mean, noise_sigma=level.sigma,
         there=_there(sky, tracked, spans),
-        parts=_parts(sky, rows, pairs, lag_chips, turns_cyc, weight, coherent_s, dopplers),
+        parts=_parts(sky, spans, rows, pairs, lag_chips, turns_cyc, weight, dopplers),
     )  # fmt: skip
 
 
@@ -231,11 +229,14 @@ class _Waves:
 
 
 def _spans(sky: ReceiverSky, middle_s: Reals, coherent_s: float) -> _Spans:
-    edges_s = sky.elapsed_at(np.unique(_windows(sky.signals)))
-    cut = (np.abs(middle_s[:, np.newaxis] - edges_s[np.isfinite(edges_s)]) < 0.5 * coherent_s).any()
-    straight_s = ABRUPT_S if cut else STRAIGHT_S  # carriers may bend sharply where signals come
-    stretches = math.ceil(coherent_s / straight_s * (1.0 - _JITTER))
+    """Even stretches, cut where a signal comes or goes: carriers may bend sharply there."""
+    stretches = math.ceil(coherent_s / STRAIGHT_S * (1.0 - _JITTER))
     elapsed_s = middle_s[:, np.newaxis] + coherent_s * (np.arange(stretches + 1) / stretches - 0.5)
+    edges_s = np.unique(_windows(sky.signals))
+    edges_s = sky.elapsed_at(edges_s[np.isfinite(edges_s)])
+    inside = np.abs(middle_s[:, np.newaxis] - edges_s) < 0.5 * coherent_s
+    cuts_s = np.sort(np.where(inside, edges_s, elapsed_s[:, -1:]), axis=1)[:, : inside.sum(axis=1).max(initial=0)]
+    elapsed_s = np.sort(np.concatenate([elapsed_s, cuts_s], axis=1), axis=1)
     return _Spans(elapsed_s=elapsed_s, true_s=elapsed_s + sky.true_minus_elapsed_s(elapsed_s))
 
 
@@ -300,7 +301,7 @@ def _pairs(channel_sats: Sequence[str], row_sats: Sequence[str]) -> NDArray[np.i
 
 
 def _couplings(
-    spans: _Spans, channels: _Waves, rows: _Waves, pairs: NDArray[np.int64], dopplers_hz: Reals, coherent_s: float,
+    spans: _Spans, channels: _Waves, rows: _Waves, pairs: NDArray[np.int64], dopplers_hz: Reals,
     signal: SignalDescription,
 ) -> tuple[Reals, Reals, Complexes]:  # fmt: skip
     """Lag in chips (n_epochs, n_stretches, n_pairs), phase at the edges in cycles (n_epochs, n_edges, n_pairs), and
@@ -309,10 +310,10 @@ def _couplings(
     channel, row = pairs.T
     late_chips = (rows.code_s[..., row] - channels.code_s[..., channel]) * signal.chip_rate_hz
     turns_cyc = signal.carrier_hz * (channels.carrier_s[..., channel] - rows.carrier_s[..., row])
-    edges_s = coherent_s * (np.arange(spans.true_s.shape[1]) / (spans.true_s.shape[1] - 1) - 0.5)
+    since_s = spans.elapsed_s - 0.5 * (spans.elapsed_s[:, :1] + spans.elapsed_s[:, -1:])
     shape = turns_cyc.shape[0], pairs.shape[0], turns_cyc.shape[1] - 1, dopplers_hz.size
     coupling = np.empty(shape, np.complex128)
-    _couple(coupling, pairs, spans.true_s, turns_cyc, np.outer(edges_s, dopplers_hz), rows.sent, channels.sent,
+    _couple(coupling, pairs, spans.true_s, turns_cyc, np.multiply.outer(since_s, dopplers_hz), rows.sent, channels.sent,
             rows.symbols, rows.message, channels.message, rows.windows_s)  # fmt: skip
     return 0.5 * (late_chips[:, :-1] + late_chips[:, 1:]), turns_cyc, coupling
 
@@ -387,18 +388,24 @@ def _recorded(front_end: FrontEnd, power: Reals) -> tuple[Reals, Reals]:
 
 
 def _parts(
-    sky: ReceiverSky, rows: _Waves, pairs: NDArray[np.int64], lag_chips: Reals, turns_cyc: Reals, weight: Complexes,
-    coherent_s: float, dopplers_hz: Reals,
+    sky: ReceiverSky, spans: _Spans, rows: _Waves, pairs: NDArray[np.int64], lag_chips: Reals, turns_cyc: Reals,
+    weight: Complexes, dopplers_hz: Reals,
 ) -> Parts:  # fmt: skip
     channel, row = pairs.T
-    n_signals, middle = len(sky.signals), (turns_cyc.shape[1] - 1) // 2
-    even = turns_cyc.shape[1] % 2 == 0
-    phase_cyc = 0.5 * (turns_cyc[:, middle] + turns_cyc[:, middle + 1]) if even else turns_cyc[:, middle]
+    n_signals, edges_s = len(sky.signals), spans.elapsed_s
+    middle_s = 0.5 * (edges_s[:, :1] + edges_s[:, -1:])
+    last = edges_s.shape[1] - 2
+    at = np.clip((edges_s <= middle_s).sum(axis=1, keepdims=True) - 1, 0, last)[..., np.newaxis]
+    one, other = (np.take_along_axis(turns_cyc, at + later, axis=1)[:, 0] for later in (0, 1))
+    one_s, other_s = (np.take_along_axis(edges_s, at[..., 0] + later, axis=1) for later in (0, 1))
+    lengths_s = np.diff(edges_s, axis=1)[..., np.newaxis]
     return Parts(
         channel=channel, signal=rows.of[row], ray=np.where(row < n_signals, -1, row - n_signals),
         label=tuple(sky.signals[r].label if r < n_signals else "multipath" for r in row.tolist()),
-        lag_chips=lag_chips.mean(axis=1), doppler_hz=(turns_cyc[:, -1] - turns_cyc[:, 0]) / coherent_s,
-        phase_cyc=phase_cyc, weight=weight.sum(axis=2)[..., np.abs(dopplers_hz).argmin()],
+        lag_chips=(lag_chips * lengths_s).sum(axis=1) / lengths_s.sum(axis=1),
+        doppler_hz=(turns_cyc[:, -1] - turns_cyc[:, 0]) / (edges_s[:, -1:] - edges_s[:, :1]),
+        phase_cyc=one + (other - one) * (middle_s - one_s) / (other_s - one_s),
+        weight=weight.sum(axis=2)[..., np.abs(dopplers_hz).argmin()],
     )  # fmt: skip
 
 
@@ -457,7 +464,7 @@ class _Noise:
         those = _Spans(elapsed_s=spans.elapsed_s[near], true_s=spans.true_s[near])
         taken = replace(channels, code_s=channels.code_s[near], carrier_s=channels.carrier_s[near],
                         sent=channels.sent[near])  # fmt: skip
-        lag_chips, _, coupling = _couplings(those, taken, taken, pairs, apart_hz, self.coherent_s, self.signal)
+        lag_chips, _, coupling = _couplings(those, taken, taken, pairs, apart_hz, self.signal)
         n, d, k = len(mine), self.dopplers.size, self.which.shape[0]
         common = coupling.sum(axis=2).reshape(-1, n, n, d, d)
         turn = np.ones((near.size, n), np.complex64)
@@ -497,6 +504,9 @@ def _couple(coupling: Complexes, pairs: NDArray[np.int64], true_s: Reals, turns_
                 for d in range(n_dopplers):
                     coupling[e, p, s, d] = 0.0
                 begin_s, took_s = true_s[e, s], true_s[e, s + 1] - true_s[e, s]
+                if took_s <= 0.0:
+                    continue
+                part = took_s / (true_s[e, stretches] - true_s[e, 0])
                 bit, bits = sent[e, s, r], sent[e, s + 1, r] - sent[e, s, r]
                 own, owns = wiped[e, s, c], wiped[e, s + 1, c] - wiped[e, s, c]
                 for w in range(windows_s.shape[1]):
@@ -516,12 +526,12 @@ def _couple(coupling: Complexes, pairs: NDArray[np.int64], true_s: Reals, turns_
                             until = min(end, u + 1e-9)
                         share, half = until - u, 0.5 * (until + u)
                         for d in range(n_dopplers):
-                            run = turns_cyc[e, s + 1, p] - turns_cyc[e, s, p] - tap_cyc[s + 1, d] + tap_cyc[s, d]
-                            turn = turns_cyc[e, s, p] - tap_cyc[s, d] + run * half
+                            run = turns_cyc[e, s + 1, p] - turns_cyc[e, s, p] - tap_cyc[e, s + 1, d] + tap_cyc[e, s, d]
+                            turn = turns_cyc[e, s, p] - tap_cyc[e, s, d] + run * half
                             angle_rad = 2.0 * math.pi * (turn - math.floor(turn))
                             x = math.pi * run * share
                             loss = math.sin(x) / x if abs(x) > 1e-6 else 1.0
-                            size = sign * share * loss / stretches
+                            size = sign * share * loss * part
                             coupling[e, p, s, d] += complex(size * math.cos(angle_rad), size * math.sin(angle_rad))
                         u = until
 

@@ -33,10 +33,10 @@ from numpy.typing import ArrayLike, NDArray
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
-from skyproof.records import freeze
+from skyproof.records import ImuSeries
 from skyproof.statistics.gauss_markov import gauss_markov_allan_variance, gauss_markov_path, gauss_markov_step
 
-__all__ = ["BLOCK", "GRADES", "Imu", "ImuErrors", "ImuGrade", "ImuSeries", "MotionLike", "inertial"]
+__all__ = ["BLOCK", "GRADES", "Imu", "ImuErrors", "ImuGrade", "MotionLike", "inertial"]
 
 Reals = NDArray[np.float64]
 
@@ -66,24 +66,6 @@ class MotionLike(Protocol):
     def attitude(self) -> Reals: ...
     @property
     def angular_rate_body_rad_s(self) -> Reals: ...
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ImuSeries:
-    """Readings of one inertial measurement unit in its own axes: means over the intervals that end at `time_s`.
-
-    time_s : (n,) end of each interval, in true time since the scene's start; the interval times a reading is the
-        increment of velocity or angle.
-    specific_force_m_s2, angular_rate_rad_s : (n, 3); the rate is relative to inertial space.
-    """
-
-    time_s: Reals
-    interval_s: float
-    specific_force_m_s2: Reals
-    angular_rate_rad_s: Reals
-
-    def __post_init__(self) -> None:
-        freeze(self, {"time_s": ("n",), "specific_force_m_s2": ("n", "3"), "angular_rate_rad_s": ("n", "3")})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,10 +17,10 @@ __all__ = ["Stability", "clock_stability", "imu_stability"]
 
 Reals = NDArray[np.float64]
 
-IMU_HZ: Final = 20.0
+IMU_HZ: Final = 10.0
 IMU_S: Final = 6000.0
 IMU_UNITS: Final = 4  # of three axes each
-CLOCK_S: Final = 1000.0
+CLOCK_S: Final = 500.0
 CLOCK_RUNS: Final = 8
 CLOCK_EVERY: Final = 16  # knots from one phase to the next: nothing is lost at longer averaging times
 
