@@ -19,9 +19,9 @@ from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 
 __all__ = [
-    "CELL_STATUS", "FIX_STATUS", "ConsistentSet", "Ephemeris", "Evidence", "Fix", "Instants", "Klobuchar",
-    "NavigationData", "Observations", "Reals", "Records", "SampleGap", "Samples", "SignalId", "SignalRef",
-    "Taps", "UtcParameters", "freeze",
+    "CELL_STATUS", "FIX_STATUS", "ArrayPhases", "Ccaf", "ConsistentSet", "Ephemeris", "Evidence", "Fix", "ImuSeries",
+    "Instants", "Klobuchar", "NavState", "NavigationData", "Observations", "Reals", "Records", "SampleGap", "Samples",
+    "SignalId", "SignalRef", "SpinArm", "Taps", "UtcParameters", "freeze",
 ]  # fmt: skip
 
 Reals = NDArray[np.float64]
@@ -207,6 +207,135 @@ class Taps:
             {"elapsed_s": ("epoch",), "delays_chips": ("delay",), "dopplers_hz": ("doppler",),
              "value": ("epoch", "channel", "doppler", "delay")},
         )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ccaf:
+    """One receiver's complex correlation over a grid of delays and Dopplers (cross ambiguity function), with its noise.
+
+    elapsed_s : (n_epochs,) middle of each coherent interval of `coherent_s`, as in `Observations`.
+    delays_chips : (n_delays,) of the replica behind the reference, positive for a longer way; dopplers_hz :
+        (n_dopplers,) above the reference's. Phases are those at mid-interval.
+    reference_m, reference_hz : (n_epochs, n_channels) pseudorange and Doppler of the grid's zero.
+    value : (n_epochs, n_channels, n_dopplers, n_delays) complex, correlation a sample; NaN where there is none.
+    noise_variance : (n_epochs, n_channels) mean square of one value's noise. Between the values at (tau1, f1) and
+        (tau2, f2) the covariance is that times R(tau1 - tau2) sinc((f1 - f2) coherent_s), sinc(x) = sin(pi x) / (pi x),
+        with R the code's correlation in the band of `band_hz` (two-sided).
+    noise_samples : independent complex samples that each variance is estimated from; None if it is known.
+    """
+
+    receiver: str
+    signals: tuple[SignalId, ...]
+    elapsed_s: Reals
+    coherent_s: float
+    band_hz: float
+    delays_chips: Reals
+    dopplers_hz: Reals
+    reference_m: Reals
+    reference_hz: Reals
+    value: NDArray[np.complexfloating[Any, Any]]
+    noise_variance: Reals
+    noise_samples: int | None = None
+
+    def __post_init__(self) -> None:
+        cell = ("epoch", "channel")
+        freeze(
+            self,
+            {"elapsed_s": ("epoch",), "delays_chips": ("delay",), "dopplers_hz": ("doppler",), "reference_m": cell,
+             "reference_hz": cell, "noise_variance": cell, "value": ("epoch", "channel", "doppler", "delay")},
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImuSeries:
+    """Readings of one inertial measurement unit in its own axes: means over the intervals that end at `time_s`.
+
+    time_s : (n,) end of each interval, in true time since the series' start; the interval times a reading is the
+        increment of velocity or angle.
+    specific_force_m_s2, angular_rate_rad_s : (n, 3); the rate is relative to inertial space.
+    """
+
+    time_s: Reals
+    interval_s: float
+    specific_force_m_s2: Reals
+    angular_rate_rad_s: Reals
+
+    def __post_init__(self) -> None:
+        freeze(self, {"time_s": ("n",), "specific_force_m_s2": ("n", "3"), "angular_rate_rad_s": ("n", "3")})
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NavState:
+    """Position, velocity and attitude of one body over time, relative to the Earth, in ECEF axes.
+
+    time_s : (n,) of the clock of the series that it comes from. position_ecef_m, velocity_ecef_m_s : (n, 3).
+    attitude : (n, 3, 3), `vector_ecef = attitude @ vector_body`.
+    covariance : (n, 9, 9) of the errors of position, velocity (ECEF axes) and attitude, m, m/s, rad; None if unknown.
+        Attitude errors are the small rotation psi in ECEF axes with `attitude = (1 + [psi x]) true attitude`.
+    """
+
+    time_s: Reals
+    position_ecef_m: Reals
+    velocity_ecef_m_s: Reals
+    attitude: Reals
+    covariance: Reals | None = None
+
+    def __post_init__(self) -> None:
+        shapes: dict[str, tuple[str, ...]] = {
+            "time_s": ("n",), "position_ecef_m": ("n", "3"), "velocity_ecef_m_s": ("n", "3"),
+            "attitude": ("n", "3", "3"),
+        }  # fmt: skip
+        freeze(self, shapes | ({} if self.covariance is None else {"covariance": ("n", "9", "9")}))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ArrayPhases:
+    """Carrier phases of every signal on every antenna of one receiver's array: epochs, channels, antennas.
+
+    elapsed_s : (n_epochs,) as in `Observations`.
+    elements_m : (n_antennas, 3) phase centres in the body frame (forward, right, down).
+    phase_cyc : (n_epochs, n_channels, n_antennas) grows where an antenna is nearer to the source, by the projection of
+        its position in wavelengths; what antennas share and whole cycles are arbitrary. Constant delays of antenna
+        lines are taken off. NaN where there is nothing.
+    sigma_cyc : likewise, thermal noise, one sigma.
+    carrier_hz : (n_channels,) nominal carrier; one number at construction stands for all channels.
+    """
+
+    receiver: str
+    signals: tuple[SignalId, ...]
+    gpst: Instants
+    elapsed_s: Reals
+    elements_m: Reals
+    phase_cyc: Reals
+    sigma_cyc: Reals
+    carrier_hz: Reals = field(default_factory=lambda: np.array(L1_HZ))
+
+    def __post_init__(self) -> None:
+        carrier_hz = np.asarray(self.carrier_hz, np.float64)
+        if carrier_hz.ndim == 0:
+            object.__setattr__(self, "carrier_hz", np.full(len(self.signals), carrier_hz))
+        cell = ("epoch", "channel", "antenna")
+        freeze(
+            self,
+            {"gpst": ("epoch",), "elapsed_s": ("epoch",), "elements_m": ("antenna", "3"), "phase_cyc": cell,
+             "sigma_cyc": cell, "carrier_hz": ("channel",)},
+        )  # fmt: skip
+        if len(self.signals) != self.carrier_hz.size:
+            raise ValueError(f"ArrayPhases has {len(self.signals)} signals for {self.carrier_hz.size} channels")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SpinArm:
+    """How the antenna of a receiver turns in a level circle: the arm's length, its rate and what is known of it.
+
+    rate_sigma_rad_s : 0 if the rate is known exactly. Its sign, like the angle of the start, does not matter where
+        signals are compared with each other.
+    """
+
+    receiver: str
+    radius_m: float
+    rate_rad_s: float
+    rate_sigma_rad_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
