@@ -1,0 +1,164 @@
+"""Charts of rows: what stands where, on which scale, under which name."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skyproof.report.chart import chart_svg, curves_of, words_of
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@dataclass(frozen=True)
+class Axes:
+    title: str = "A chart"
+    x: str = "window_s"
+    y: str = "kept"
+    x_label: str = "window, s"
+    y_label: str = "kept of 7"
+    by: tuple[str, ...] = ("method",)
+    where: Mapping[str, Any] = field(default_factory=dict)
+    x_log: bool = False
+    y_log: bool = False
+
+
+ROWS = [
+    {"method": method, "window_s": float(x), "kept": y, "noise": noise}
+    for noise in ("white", "ar1")
+    for method, ys in {"paper": (1.0, 2.0, 4.0), "skyproof": (7.0, 7.0, 7.0)}.items()
+    for x, y in zip((10, 100, 1000), ys, strict=True)
+]
+
+
+def drawn(rows: Any = ROWS, **changes: Any) -> ElementTree.Element:
+    svg = chart_svg(rows, [Axes(**changes)])
+    assert svg
+    return ElementTree.fromstring(svg)
+
+
+def texts(root: ElementTree.Element) -> list[str]:
+    return [e.text or "" for e in root.iter(f"{SVG}text")]
+
+
+def lines(root: ElementTree.Element) -> list[Any]:
+    """Corners of every curve but the keys of the legend, which lie below the frame."""
+    (frame,) = (e for e in root.iter(f"{SVG}rect"))
+    bottom = float(frame.get("y", "nan")) + float(frame.get("height", "nan"))
+    found = [np.array(re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", e.get("d", "")), dtype=float)
+             for e in root.iter(f"{SVG}path") if "curve" in e.get("class", "").split()]  # fmt: skip
+    return [corners for corners in found if corners[:, 1].max() <= bottom]
+
+
+def tick(root: ElementTree.Element, told: str) -> float:
+    return next(float(e.get("x", "nan")) for e in root.iter(f"{SVG}text") if e.text == told)
+
+
+def test_a_line_for_each_combination_and_its_name_in_the_legend() -> None:
+    root = drawn(by=("method", "noise"))
+    assert len(lines(root)) == 4
+    assert {"paper, white", "paper, ar1", "skyproof, white", "skyproof, ar1"} <= set(texts(root))
+    assert len(lines(drawn(where={"noise": "white"}))) == 2
+
+
+def test_title_and_axes_are_named() -> None:
+    assert {"A chart", "window, s", "kept of 7"} <= set(texts(drawn()))
+
+
+def test_points_stand_at_their_ticks_and_larger_is_higher() -> None:
+    root = drawn(where={"noise": "white", "method": "paper"})
+    (line,) = lines(root)
+    assert line[0, 1] > line[1, 1] > line[2, 1]
+    assert line[2, 0] == pytest.approx(tick(root, "1000"), abs=15.0)  # the last tick is moved off the edge
+    zero, half = tick(root, "0"), tick(root, "500")
+    np.testing.assert_allclose(line[:2, 0], zero + (half - zero) * np.array([10.0, 100.0]) / 500.0, atol=0.2)
+
+
+def test_a_logarithmic_axis_puts_decades_at_equal_steps() -> None:
+    root = drawn(where={"noise": "white", "method": "paper"}, x_log=True)
+    (line,) = lines(root)
+    np.testing.assert_allclose(np.diff(line[:, 0], 2), 0.0, atol=0.2)
+    assert tick(root, "100") == pytest.approx(line[1, 0], abs=0.1)
+
+
+def test_what_has_no_logarithm_breaks_the_line() -> None:
+    rows = [{"method": "m", "window_s": x, "kept": y} for x, y in enumerate((1e-3, 0.0, 1e-1, 1.0))]
+    (curve,), _ = curves_of(rows, Axes(y_log=True))
+    np.testing.assert_allclose(curve.y, [-3.0, np.nan, -1.0, 0.0])
+    path = next(e.get("d", "") for e in drawn(rows, y_log=True).iter(f"{SVG}path"))
+    assert path.count("M") == 2
+
+
+def test_small_powers_are_told_as_powers() -> None:
+    rows = [{"method": "m", "window_s": 1.0 + k, "kept": 10.0**-k} for k in range(0, 9)]
+    assert "10⁻⁶" in texts(drawn(rows, y_log=True))
+
+
+def test_words_on_the_x_axis_are_names_in_order() -> None:
+    rows = [{"method": "m", "pair": p, "kept": k} for p, k in (("5 m", 1.0), ("1 m", 3.0), ("2 m", 2.0))]
+    root = drawn(rows, x="pair")
+    places = [tick(root, name) for name in ("5 m", "1 m", "2 m")]
+    assert places == sorted(places)
+    np.testing.assert_allclose(lines(root)[0][:2, 0], places[:2], atol=0.1)
+
+
+def test_none_and_missing_columns_are_left_out() -> None:
+    rows = [*ROWS[:3], {"method": "paper", "window_s": 5.0, "kept": None}, {"method": "paper"}]
+    (curve,), _ = curves_of(rows, Axes())
+    assert curve.x.size == 3
+
+
+def test_lines_differ_without_colour() -> None:
+    rows = [{"method": f"m{k}", "window_s": float(x), "kept": float(k)} for k in range(20) for x in (0, 1)]
+    root = drawn(rows)
+    looks = {(e.get("class"), "".join(re.findall(r"[\d.]+(m.*?)(?=M|$)", mark.get("d", ""))[:1]))
+             for e, mark in pairwise(root.iter(f"{SVG}path"))
+             if "curve" in e.get("class", "") and "point" in mark.get("class", "")}  # fmt: skip
+    assert len(looks) == 20
+
+
+def test_the_legend_keeps_clear_of_the_frame_and_inside_the_picture() -> None:
+    rows = [{"method": f"a rather long name number {k}", "window_s": 1.0, "kept": float(k)} for k in range(7)]
+    root = drawn(rows)
+    height = float(root.get("viewBox", "").split()[3])
+    heights = [float(e.get("y", "nan")) for e in root.iter(f"{SVG}text") if "rather" in (e.text or "")]
+    assert len(heights) == 7
+    assert max(heights) < height
+    assert min(heights) > 280.0
+
+
+def test_several_charts_stand_below_each_other() -> None:
+    one = chart_svg(ROWS, [Axes()])
+    two = ElementTree.fromstring(chart_svg(ROWS, [Axes(), Axes(title="Another")]))
+    height = float(ElementTree.fromstring(one).get("viewBox", "").split()[3])
+    assert float(two.get("viewBox", "").split()[3]) == pytest.approx(2 * height, abs=1.0)
+    assert {"A chart", "Another"} <= set(texts(two))
+
+
+def test_values_are_named_with_their_unit() -> None:
+    assert words_of("method", "paper") == "paper"
+    assert words_of("distance_m", 20.0) == "distance 20 m"
+    assert words_of("rate_m_s", 2) == "rate 2 m/s"
+    assert words_of("cn0_dbhz", np.float64(45.0)) == "cn0 45 dB-Hz"
+    assert words_of("n", 30) == "n 30"
+    assert words_of("half_cycles", False) == "no half cycles"
+
+
+def test_names_from_outside_are_escaped() -> None:
+    rows = [{"method": "<b>&", "window_s": 1.0, "kept": 1.0}]
+    assert "<b>&" in texts(drawn(rows, title="<i>"))
+
+
+def test_without_anything_to_draw_nothing_is_drawn() -> None:
+    assert chart_svg([], [Axes()]) == ""
+    assert chart_svg(ROWS, []) == ""
+    assert chart_svg(ROWS, [Axes(where={"noise": "none"})]) == ""
+
+
+def test_the_same_rows_give_the_same_characters() -> None:
+    assert chart_svg(ROWS, [Axes()]) == chart_svg(ROWS, [Axes()])
