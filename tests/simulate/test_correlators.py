@@ -301,3 +301,34 @@ def test_a_triangle_without_a_filter_and_less_with_one() -> None:
     peak = [each.signal[0, 0] for each in (wide, narrow)]
     assert 0.9 < peak[1] < peak[0] < 1.0  # sharp chips are no matched filter of what the front end lets pass
     assert wide.signal.argmax() == narrow.signal.argmax() == 0
+
+
+@pytest.mark.parametrize("kind", ["filtered", "chips"])
+def test_channels_on_one_replica_hear_one_noise(navigation: NavigationData, kind: Replica) -> None:
+    """Three hypotheses of one signal: two in one place, one three taps later; many taps, and so nearly singular."""
+    scene = overlapping(navigation, FILTERED)
+    for columns in ([0, 0], [0, 0, 0]):
+        shift_chips = np.array([0.0, 0.0, 0.15])[: len(columns)]
+        tracked = aligned(scene, 0, columns).moved(code_s=shift_chips / 1.023e6, carrier_hz=1575.42e6)
+        outputs = correlate(scene, 0, [0.1], delays_chips=np.linspace(-1.0, 1.0, 41), tracked=tracked, replica=kind,
+                            rng=np.random.default_rng(2), draws=(800,))  # fmt: skip
+        noise = (outputs.value - outputs.mean)[:, 0, :, 0] / outputs.noise_sigma[0, 0]
+        assert noise.std() == pytest.approx(np.sqrt(2.0), rel=0.05)
+        np.testing.assert_allclose(noise[:, 1], noise[:, 0], atol=2e-3)
+        if len(columns) == 3:  # a replica later by three taps' distance; between points of the table lines are straight
+            np.testing.assert_allclose(noise[:, 2, 3:], noise[:, 0, :-3], atol=0.03 * np.abs(noise).max())
+
+
+def test_the_short_way_for_two_channels_is_the_long_one(navigation: NavigationData) -> None:
+    """Without Doppler taps two channels' noise is drawn by other steps: the same law."""
+    scene = overlapping(navigation, FILTERED)
+    draws = 20_000
+    found = []
+    for offsets_hz in ([0.0], [0.0, 30.0]):
+        outputs = correlate(scene, 0, [0.1], delays_chips=TAPS_CHIPS, dopplers_hz=offsets_hz, draws=(draws,),
+                            rng=np.random.default_rng(len(offsets_hz)))  # fmt: skip
+        noise = ((outputs.value - outputs.mean)[:, 0, :, 0] / outputs.noise_sigma[0, 0]).reshape(draws, -1)
+        found.append(noise.T @ noise.conj() / draws)
+    scores = (found[0] - found[1]) / np.sqrt(4.0 * 2.0 / draws)
+    assert np.abs(scores).max() < 4.5
+    assert np.abs(found[0][:9, 9:]).max() > 0.5  # the channels hear much of one noise

@@ -42,7 +42,7 @@ class _Transmitter(Model):
     sat_code_m, sat_code_m_s, sat_doppler_hz : what is added to the code of single satellites, to its rate, and to the
         carrier: each by itself, so that code and carrier may part.
     clock_offset_s, clock_drift, clock_points_s : how late the false signals are: constant, growing since the onset, and
-        (time, further offset), smooth between.
+        (time, further offset), straight lines with rounded corners between.
     message : "true"; "inverted": every bit; "random": bits without a message. With `message_later_s` it tells a time
         of week that is so much later.
     """
@@ -141,7 +141,8 @@ class Takeover(_Transmitter):
     """Lays its signals on the true ones of one receiver, and draws them off.
 
     target : the receiver's name; the way to its first antenna is taken off, so that all arrives as if true.
-    away_points_enu_m : (time, east, north, up): by how much the place shown leaves the true one, smooth between.
+    away_points_enu_m : (time, east, north, up): by how much the place shown leaves the true one; straight
+        lines with rounded corners between.
     code_offset_m : of all false codes at the onset.
     carrier : "follows" the code; or keeps to the true one's frequency ("locked") while the code is drawn off.
     phase : of the carrier against the true one's at the target: "aligned", or "random" for each satellite.

@@ -421,8 +421,9 @@ class _Noise:
         self.reach_chips = float(np.ptp(delays)) + lobe_chips
         self.of_delays = [_root(read(table, apart, tables.points)).T.astype(np.float32) for table in tables.replica]
         self.of_dopplers = _root(np.sinc(np.subtract.outer(dopplers, dopplers) * coherent_s)).astype(np.float32)
-        self.apart, self.which = np.unique(np.round(apart, 12), return_inverse=True)  # few, if taps stand evenly
-        self.which = self.which.reshape(apart.shape)
+        distances, which = np.unique(np.round(apart, 12), return_inverse=True)  # few, if taps stand evenly
+        self.apart: Reals = np.asarray(distances, np.float64)
+        self.which: NDArray[np.int64] = np.asarray(which, np.int64).reshape(delays.size, delays.size)
 
     def draw(
         self, rng: np.random.Generator, draws: tuple[int, ...], channel_sats: Sequence[str], sats: Sequence[str],
@@ -467,20 +468,33 @@ class _Noise:
         lag_chips, _, coupling = _couplings(those, taken, taken, pairs, apart_hz, self.signal)
         n, d, k = len(mine), self.dopplers.size, self.which.shape[0]
         common = coupling.sum(axis=2).reshape(-1, n, n, d, d)
-        turn = np.ones((near.size, n), np.complex64)
-        if n == 2 and d == 1:  # but for one turn the covariance is real: four times faster
-            turn[:, 1] = np.exp(-1j * np.angle(common[:, 0, 1, 0, 0]))
-            common = np.abs(common)
         lags = read(table, lag_chips.mean(axis=1).reshape(-1, n, n, 1) + self.apart, self.tables.points)
+        if n == 2 and d == 1:
+            return self._of_two(rng, count, common[:, 0, 1, 0, 0], lags[:, 0, 1][:, self.which], table)
         # axes: epoch, channel, channel, doppler, doppler, delay, delay
         covariance = common[..., np.newaxis, np.newaxis] * lags[..., self.which][:, :, :, np.newaxis, np.newaxis]
         root = _root(covariance.transpose(0, 1, 3, 5, 2, 4, 6).reshape(near.size, n * d * k, n * d * k))
         normals = rng.standard_normal((near.size, n * d * k, 2 * count), np.float32)
-        if np.iscomplexobj(root):
-            mixed = root.astype(np.complex64) @ normals.view(np.complex64)
-        else:
-            mixed = (root.astype(np.float32) @ normals).view(np.complex64)
-        return np.asarray(mixed.reshape(-1, n, d, k, count).transpose(4, 0, 1, 2, 3) * turn[:, :, None, None])
+        mixed = root.astype(np.complex64) @ normals.view(np.complex64)
+        return np.asarray(mixed.reshape(-1, n, d, k, count).transpose(4, 0, 1, 2, 3))
+
+    def _of_two(
+        self, rng: np.random.Generator, count: int, common: Complexes, alike: Reals, table: Reals
+    ) -> NDArray[np.complex64]:
+        """The same for two channels without Doppler taps: but for one turn the covariance is real, and its first block
+        is known; four times faster.
+        """
+        k = self.which.shape[0]
+        known = _root(read(table, self.apart, self.tables.points)[self.which])
+        shared = np.linalg.inv(known) @ (np.abs(common)[:, np.newaxis, np.newaxis] * alike)
+        rest = known @ known.T - shared.transpose(0, 2, 1) @ shared
+        own = np.linalg.cholesky(rest + 10.0 * _RIDGE * np.eye(k))
+        normals = rng.standard_normal((2, common.size, k, 2 * count), np.float32)
+        one = known.astype(np.float32) @ normals[0]
+        other = shared.transpose(0, 2, 1).astype(np.float32) @ normals[0] + own.astype(np.float32) @ normals[1]
+        turn = np.exp(-1j * np.angle(common)).astype(np.complex64)[:, np.newaxis, np.newaxis]
+        mixed = np.stack([one.view(np.complex64), other.view(np.complex64) * turn], axis=1)  # epoch, channel, tap, draw
+        return np.asarray(mixed.transpose(3, 0, 1, 2)[:, :, :, np.newaxis])
 
 
 def _root(covariance: NDArray[np.float64] | Complexes) -> NDArray[np.float64] | Complexes:

@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, model_validator
-from scipy.interpolate import PchipInterpolator
 
 from skyproof.gnss.signals import GPS_SATS
 from skyproof.gnss.time import iso, parse_iso
@@ -21,6 +20,7 @@ Reals = NDArray[np.float64]
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"  # names become file names
 Name = Annotated[str, Field(pattern=NAME)]
+CORNER_S = 2.0
 LOWEST_M, HIGHEST_M = -500.0, 20_000.0
 """Places outside are taken for mistakes: no receiver is under the ground, and the standard atmosphere ends."""
 
@@ -61,17 +61,30 @@ def rising(times_s: Sequence[float], what: str) -> None:
 
 
 def between(points: Sequence[Sequence[float]], at_s: ArrayLike, columns: int) -> Reals:
-    """Rows of (time, values...) at other times (n,): (n, columns); smooth, without overshoot, held beyond the ends.
+    """Rows of (time, values...) at other times (n,): (n, columns); held beyond the ends.
 
-    Piecewise cubics of Fritsch and Carlson (SIAM J. Numer. Anal. 17, 1980): values and rates are continuous.
+    Straight lines whose corners are rounded over `CORNER_S`, the mean over which is taken: rates are continuous, as
+    those of any body and oscillator are, and a push of so many metres a second is one.
     """
     at_s = np.asarray(at_s, np.float64)
     if not points:
         return np.zeros((*at_s.shape, columns))
     rows = np.array(points, np.float64)
-    if len(rows) == 1:
-        return np.broadcast_to(rows[0, 1:], (*at_s.shape, columns)).copy()
-    return np.asarray(PchipInterpolator(rows[:, 0], rows[:, 1:])(np.clip(at_s, rows[0, 0], rows[-1, 0])))
+    early, late = (_summed(rows, at_s + side * 0.5 * CORNER_S) for side in (-1.0, 1.0))
+    return np.asarray((late - early) / CORNER_S)
+
+
+def _summed(rows: Reals, at_s: Reals) -> Reals:
+    """The integral over time, from the first row on, of straight lines between rows that are held beyond the ends."""
+    times_s, values = rows[:, 0], rows[:, 1:]
+    sums = np.zeros(values.shape)
+    sums[1:] = np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(times_s)[:, np.newaxis], axis=0)
+    row = np.clip(np.searchsorted(times_s, at_s, side="right") - 1, 0, None)
+    after_s = (at_s - times_s[row])[..., np.newaxis]
+    slopes = np.zeros(values.shape)
+    slopes[:-1] = np.diff(values, axis=0) / np.diff(times_s)[:, np.newaxis]
+    slope = np.where(after_s < 0.0, 0.0, slopes[row])
+    return np.asarray(sums[row] + after_s * (values[row] + 0.5 * slope * after_s))
 
 
 class WayPoints(Model):
