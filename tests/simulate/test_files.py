@@ -300,8 +300,8 @@ def test_the_truth_of_arrays_clocks_and_interference(
 def test_a_takeover_shows_its_target_no_extra_clock(scenario: Scenario, navigation: NavigationData) -> None:
     """It sends as much earlier as the way takes; at another receiver the difference of the ways is left."""
     takeover = Takeover(
-        transmit=Site(lat_deg=40.003, lon_deg=-3.0, height_m=680.0), target="two", onset_s=1.0,
-        away_points_enu_m=((1.0, 0.0, 0.0, 0.0), (2.5, 30.0, 0.0, 0.0)), clock_points_s=((1.0, 0.0), (3.0, 2e-7)),
+        transmit=Site(lat_deg=40.003, lon_deg=-3.0, height_m=680.0), target="two", onset_s=0.0,
+        away_points_enu_m=((1.0, 0.0, 0.0, 0.0), (2.0, 30.0, 0.0, 0.0)), clock_points_s=((1.0, 0.0), (2.0, 2e-7)),
     )  # fmt: skip
     scene = scene_of(scenario.model_copy(update={"attacks": (takeover,)}), navigation)
     (attack,) = truth_of(scene)["attacks"]
