@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.gnss.signals import SignalDescription
+from skyproof.simulate.samples import low_pass
 from skyproof.simulate.scenario import FrontEnd
 
 __all__ = ["Correlation", "Replica", "correlation", "read"]
@@ -48,8 +49,7 @@ def correlation(
         return Correlation(points=points, signal=chips, replica=chips)
     length = codes.shape[1]
     turns = np.arange(length * points // 2 + 1) / length  # of each line, a chip
-    falling = np.clip((turns * signal.chip_rate_hz / (0.5 * front_end.bandwidth_hz) - 0.75) / 0.5, 0.0, 1.0)
-    passed = 0.5 + 0.5 * np.cos(np.pi * falling)
+    passed = low_pass(turns * signal.chip_rate_hz, front_end.bandwidth_hz)
     lines = power[:, np.arange(turns.size) % length] * np.sinc(turns) ** 2
 
     def table(shape: Reals) -> Reals:

@@ -34,7 +34,7 @@ from skyproof.simulate.heard import AddedNoise, Jammer, ReceiverSky, Scene, code
 from skyproof.simulate.scenario import FrontEnd, Scenario
 from skyproof.simulate.sky import scene_of
 
-__all__ = ["BLOCK", "Rendering", "render", "rendering_of", "samples_of"]
+__all__ = ["BLOCK", "Rendering", "low_pass", "render", "rendering_of", "samples_of"]
 
 T = TypeVar("T")
 Floats = NDArray[np.float32]
@@ -122,17 +122,14 @@ def filtered_codes(codes: NDArray[np.int8], chip_rate_hz: float, front_end: Fron
     """Codes (n, code_length) behind the front end's low-pass: sharp chips' line spectrum times the filter's.
 
     Row p, column k of each is the code (k - 2 + p / ROWS) samples after its start, for ROWS + 1 rows; (n, 0, 0) without
-    a bandwidth. The filter has no phase and half its amplitude at half the bandwidth; from 3/4 to 5/4 of that it falls
-    like a cosine from one to zero, so that nothing folds back if the bandwidth is at most 4/5 of the rate. The mean
-    square of each code is 1.
+    a bandwidth. The filter is `low_pass`. The mean square of each code is 1.
     """
     n_codes, length = codes.shape
     if front_end.bandwidth_hz is None:
         return np.empty((n_codes, 0, 0), np.float32)
     points = 2 ** math.ceil(math.log2(ROWS * max(front_end.rate_hz / chip_rate_hz, 1.0)))  # a chip
     turns = np.arange(length * points // 2 + 1) / length  # of each line, a chip
-    falling = np.clip((turns * chip_rate_hz / (0.5 * front_end.bandwidth_hz) - 0.75) / 0.5, 0.0, 1.0)
-    passed = np.sinc(turns) * np.exp(-1j * np.pi * turns) * (0.5 + 0.5 * np.cos(np.pi * falling))
+    passed = np.sinc(turns) * np.exp(-1j * np.pi * turns) * low_pass(turns * chip_rate_hz, front_end.bandwidth_hz)
     chips_per_sample = chip_rate_hz / front_end.rate_hz
     columns = math.ceil(length / chips_per_sample) + 2 * _SPARE + 1
     at = (np.arange(columns) - _SPARE + np.arange(ROWS + 1)[:, np.newaxis] / ROWS) * chips_per_sample * points
@@ -143,6 +140,16 @@ def filtered_codes(codes: NDArray[np.int8], chip_rate_hz: float, front_end: Fron
         period /= np.sqrt(np.mean(period**2))
         wave[:] = np.interp(at, np.arange(period.size), period, period=period.size)
     return waves
+
+
+def low_pass(frequency_hz: Reals, bandwidth_hz: float) -> Reals:
+    """Amplitude that a front end lets pass at frequencies off the carrier, any shape; it has no phase.
+
+    Half at half the bandwidth; from 3/4 to 5/4 of that it falls like a cosine from one to zero, so that nothing folds
+    back if the bandwidth is at most 4/5 of the rate.
+    """
+    falling = np.clip((np.abs(frequency_hz) / (0.5 * bandwidth_hz) - 0.75) / 0.5, 0.0, 1.0)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * falling))
 
 
 def render(rendering: Rendering, block: int, *, noise: bool = True) -> Floats:
