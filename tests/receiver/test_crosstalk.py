@@ -1,74 +1,142 @@
-"""The swing that a satellite's second signal gives the first: as large as it is stated, and only where there is one."""
+"""Two signals of one satellite, each measured as if it were alone."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.receiver.crosstalk import crosstalk_sigma_m
-from skyproof.records import Observations, SignalId
+from skyproof.receiver import kernels as k
+from skyproof.receiver import measurement as m
+from skyproof.receiver import tracking
+from skyproof.receiver.acquisition import Peak
+from skyproof.receiver.crosstalk import POINTS, autocorrelation, take_out
+from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
+from skyproof.simulate.ideal import Motion, ideal_signals
+from skyproof.simulate.samples import BLOCK, render
+from skyproof.simulate.scenario import FrontEnd
 
-CHIP_M = 299_792_458.0 / 1.023e6
-N = 5
+SAT, PRN = "G05", 5
+CODE = GPS_L1_CA.code(PRN)
+FRONT_END = FrontEnd(rate_hz=2.6e6, bandwidth_hz=2.08e6, encoding="float", bits=32)
+WEAK_DBHZ = 50.0
+SETTLED_S, SPREAD_S = 1.2, 2.2
+CHIP_S = 1.0 / GPS_L1_CA.chip_rate_hz
 
 
-def observed(*signals: tuple[str, str, float, float, float]) -> Observations:
-    """Signals of (satellite, letter, delay in chips, C/N0, Doppler), constant over `N` epochs."""
+def step_of() -> int:
+    """A lag from which the code's autocorrelation steps from -1/1023 to another value at the next chip."""
+    auto = np.rint(np.fft.ifft(np.abs(np.fft.fft(CODE.astype(float))) ** 2).real)
+    return int(next(lag for lag in range(20, 900) if auto[lag] == -1 and auto[lag + 1] == 63))
 
-    def cells(values):
-        return np.tile(np.array(values, float), (N, 1))
 
-    shape = (N, len(signals))
-    return Observations(
-        receiver="rx", signals=tuple(SignalId(sat, "L1", "CA", copy) for sat, copy, *_ in signals),
-        gpst=np.datetime64("2024-05-14T10:00:00", "ns") + np.arange(N) * np.timedelta64(200, "ms"),
-        elapsed_s=0.2 * np.arange(1.0, N + 1), status=np.zeros(shape, np.uint8),
-        found_elapsed_s=np.zeros(len(signals)), missed_elapsed_s=np.full(len(signals), np.nan),
-        carrier_hz=np.full(len(signals), GPS_L1_CA.carrier_hz), averaged_s=0.2,
-        pseudorange_m=cells([2.2e7 + CHIP_M * s[2] for s in signals]), carrier_cyc=np.zeros(shape),
-        doppler_hz=cells([s[4] for s in signals]), cn0_dbhz=cells([s[3] for s in signals]),
-        pseudorange_sigma_m=np.ones(shape), carrier_sigma_cyc=np.full(shape, 0.01), doppler_sigma_hz=np.ones(shape),
+def errors_of_the_weaker(apart_chips, stronger_db, apart_hz, *, same_bits=True):
+    """Code (m), carrier (cycles), C/N0 (dB) and stated sigma of the code (m), an epoch each."""
+    doppler_hz = np.array([-1234.5, -1234.5 + apart_hz])
+    middle_s = SETTLED_S + 0.5 * SPREAD_S
+    delay_s = 0.07 + np.array([0.0, apart_chips * CHIP_S + apart_hz / GPS_L1_CA.carrier_hz * middle_s])
+    motion = Motion(delay_s=delay_s, doppler_hz=doppler_hz)
+    levels = WEAK_DBHZ + np.array([0.0, stronger_db])
+    rendering = ideal_signals([SAT, SAT], motion, levels, FRONT_END, duration_s=SETTLED_S + SPREAD_S + 0.1, seed=7)
+    if same_bits:
+        rendering = replace(rendering, messages=np.zeros(2, np.int64))
+    receiver = Receiver(FRONT_END.rate_hz, 0.0, ReceiverSettings(sats=(), near_search_s=1e9))
+    state = ReceiverState()
+    for i in range(2):
+        peak = Peak(sat=SAT, delay_s=delay_s[i] % 1e-3, doppler_hz=doppler_hz[i], power=1.0, p_value=0.0,
+                    cn0_dbhz=levels[i])  # fmt: skip
+        state = receiver._start(state, peak, 0, 0.0)
+    parts = []
+    for block in range(-(-rendering.n_samples // BLOCK)):
+        output, state = receiver.step(state, render(rendering, block)[:, : rendering.n_samples - block * BLOCK])
+        parts.append(output.measurements)
+    measured = Measurements.joined(parts)
+    chosen = (measured.arc == 0) & (measured.elapsed_s > SETTLED_S)
+    t, table = measured.elapsed_s[chosen], measured.table[chosen]
+    late_s = t - motion.code_delay_s(t)[:, 0] - table[:, m.FRACTION_S]
+    late_s -= 1e-3 * np.rint(late_s * 1e3)
+    cycles = table[:, m.CARRIER_CYC] - motion.carrier_delay_s(t)[:, 0] * GPS_L1_CA.carrier_hz
+    sigma_m = SPEED_OF_LIGHT_M_S * table[:, m.CODE_SIGMA_S]
+    return SPEED_OF_LIGHT_M_S * late_s, cycles - 0.5 * np.rint(2.0 * cycles), table[:, m.CN0_DBHZ] - WEAK_DBHZ, sigma_m
+
+
+def rms(values) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.mark.parametrize(
+    ("apart_chips", "stronger_db", "apart_hz", "same_bits"),
+    [
+        (2.0, 10.0, 0.0, True),
+        (step_of() + 0.5, 20.0, 0.0, True),
+        (step_of() + 0.5, 20.0, 0.5, True),
+        (-(step_of() + 0.5), 10.0, 0.1, False),  # bits turn over in the midst of the other's
+    ],
+)
+def test_the_weaker_of_two_is_measured_as_if_alone(monkeypatch, apart_chips, stronger_db, apart_hz, same_bits):
+    code_m, carrier_cyc, cn0_db, sigma_m = errors_of_the_weaker(apart_chips, stronger_db, apart_hz, same_bits=same_bits)
+    assert code_m.size >= 10
+    assert rms(code_m / sigma_m) < 1.6  # of 11 epochs
+    assert rms(carrier_cyc) < 0.0025
+    assert rms(cn0_db) < 0.8
+    monkeypatch.setattr(tracking, "take_out", lambda sats, *_, **__: np.full(len(sats), np.nan))
+    swung_m, *_ = errors_of_the_weaker(apart_chips, stronger_db, apart_hz, same_bits=same_bits)
+    assert swung_m.size == 0 or rms(swung_m) > 3.0 * rms(code_m)  # pulled away, or metres off
+
+
+def test_at_whole_chips_the_table_is_the_sum_of_products():
+    table = autocorrelation(CODE, 0.02)
+    code = CODE.astype(float)
+    for lag in (0, 1, 2, 7, 500, 1000, 1022):
+        assert table[lag * POINTS] == pytest.approx(np.dot(code[lag:], code[: code.size - lag]) / code.size, abs=5e-3)
+
+
+def rows_of(*starts_chips):
+    """Two frames of ten periods of channels with unit prompts whose codes begin so many chips later."""
+    frames = []
+    for first in (0, 10):
+        rows = np.zeros((len(starts_chips), 12, k.OUT_TAPS + 6))
+        periods = first + np.arange(12)
+        for row, start in zip(rows, starts_chips, strict=True):
+            at = 2600.0 * periods + start * 2600.0 / 1023.0
+            row[:, k.OUT_START] = np.ceil(at)
+            row[:, k.OUT_CHIP] = (np.ceil(at) - at) * 1023.0 / 2600.0
+            row[:, k.OUT_PERIOD] = periods
+            row[:, k.OUT_TAPS :] = (0.9, 0.0, 1.0, 0.0, 0.9, 0.0)
+        frames.append((rows, np.full(len(starts_chips), 10)))
+    return frames
+
+
+def cleaned(sats, before, now):
+    return take_out(
+        sats, before, now, taps_chips=np.array([0.125, 0.0, -0.125]), rate_hz=2.6e6, if_hz=0.0, signal=GPS_L1_CA,
+        code_gain=1.0,
     )  # fmt: skip
 
 
-def sigma_m(o: Observations, rate_hz: float = 2.6e6, early_late_chips: float = 0.79):
-    return crosstalk_sigma_m(o, GPS_L1_CA, rate_hz=rate_hz, early_late_chips=early_late_chips)
+@pytest.mark.parametrize(
+    ("sats", "starts_chips"),
+    [(["G05", "G07"], (0.0, 3.0)), (["G05", "G05"], (0.0, 0.5)), (["G05", "G05"], (1022.7, 0.0))],
+)
+def test_one_signal_a_satellite_or_two_channels_on_one_are_left_as_they_are(sats, starts_chips):
+    before, now = rows_of(*starts_chips)
+    was = before[0].copy(), now[0].copy()
+    assert np.isnan(cleaned(sats, before, now)).all()
+    assert np.array_equal(before[0], was[0])
+    assert np.array_equal(now[0], was[1])
 
 
-def step_of(prn: int) -> int:
-    """A lag from which the code's autocorrelation steps from -1/1023 to another value at the next chip."""
-    code = GPS_L1_CA.code(prn).astype(float)
-    auto = np.rint(np.fft.ifft(np.abs(np.fft.fft(code)) ** 2).real)
-    return int(next(k for k in range(20, 900) if auto[k] == -1 and auto[k + 1] == 63))
-
-
-def test_one_signal_a_satellite_does_not_swing():
-    assert not sigma_m(observed(("G05", "a", 0.0, 45.0, 0.0), ("G07", "a", 3.3, 55.0, 0.0))).any()
-
-
-def test_sharp_chips_give_the_slope_between_two_chips():
-    """Many samples a chip, early and late inside the slope: R'(lag) / R'(0) = 64/1023 / 2 of (E - L)/P per chip."""
-    lag = step_of(5) + 0.5
-    swing_m = sigma_m(observed(("G05", "a", 0.0, 45.0, 0.0), ("G05", "b", lag, 45.0, 0.0)), 16e6, 0.5)[0, 0]
-    assert swing_m == pytest.approx(CHIP_M * 0.5 * (64.0 / 1023.0) / 2.0 / np.sqrt(2.0), rel=0.05)
-
-
-def test_it_grows_with_the_amplitude_of_the_other_and_fades_with_the_turns_between_the_carriers():
-    lag = step_of(5) + 0.5
-    own = ("G05", "a", 0.0, 45.0, 0.0)
-    equal = sigma_m(observed(own, ("G05", "b", lag, 45.0, 0.1)))
-    strong = sigma_m(observed(own, ("G05", "b", lag, 65.0, 0.1)))
-    turning = sigma_m(observed(own, ("G05", "b", lag, 45.0, 500.0)))
-    assert strong[:, 0] == pytest.approx(10.0 * equal[:, 0])
-    assert strong[:, 1] == pytest.approx(0.1 * equal[:, 1])
-    assert (turning[:, 0] < 0.01 * equal[:, 0]).all()
-
-
-def test_where_the_other_is_not_measured_nothing_is_added():
-    o = observed(("G05", "a", 0.0, 45.0, 0.0), ("G05", "b", step_of(5) + 0.5, 45.0, 0.0))
-    gone = o.pseudorange_m.copy()
-    gone[2:, 1] = np.nan
-    swing_m = sigma_m(replace(o, pseudorange_m=gone))
-    assert (swing_m[:2, 0] > 1.0).all()
-    assert not swing_m[2:].any()
+def test_what_is_taken_out_is_the_autocorrelation_where_the_other_is():
+    before, now = rows_of(0.0, 3.0, 40.0)
+    other = before[0][2:, :, k.OUT_TAPS :], now[0][2:, :, k.OUT_TAPS :]
+    for taps in other:
+        taps[:] = 0.0
+    errors_chips = cleaned(["G05"] * 3, before, now)
+    assert np.isfinite(errors_chips).all()
+    table = np.interp(3.0 + np.array([0.125, 0.0, -0.125]), np.arange(1023 * POINTS + 1) / POINTS,
+                      autocorrelation(CODE, 1.023 / 2.6))  # fmt: skip
+    far = autocorrelation(CODE, 1.023 / 2.6)[1020 * POINTS]
+    assert now[0][0, 2, k.OUT_TAPS + 2] == pytest.approx(1.0 - table[1] - far, abs=0.01)
+    assert now[0][0, 2, k.OUT_TAPS] - now[0][0, 2, k.OUT_TAPS + 4] == pytest.approx(table[2] - table[0], abs=0.01)

@@ -150,12 +150,8 @@ def _receiver_outcome(
 
     def fixed(part: Observations) -> Fix | None:
         # Smoothed after the choice: what a channel followed before or after it was captured does not leak across.
-        smoothed = smooth(part, window_s=settings.smoothing_s)
-        if reception.swing_m is not None:
-            sigma_m = np.hypot(smoothed.pseudorange_sigma_m, reception.swing_m)
-            smoothed = replace(smoothed, pseudorange_sigma_m=sigma_m)
         return fix_of(
-            smoothed, orbits, multipath_sigma_m=settings.multipath_sigma_m,
+            smooth(part, window_s=settings.smoothing_s), orbits, multipath_sigma_m=settings.multipath_sigma_m,
             elevation_mask_deg=settings.elevation_mask_deg,
         )  # fmt: skip
 

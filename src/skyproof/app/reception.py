@@ -22,7 +22,6 @@ from skyproof.navigation.clock import anchored
 from skyproof.navigation.fix import fix
 from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.conditioning import conditioned, measure_front_end
-from skyproof.receiver.crosstalk import crosstalk_sigma_m
 from skyproof.receiver.measurement import DOPPLER_HZ, Measurements
 from skyproof.receiver.observables import (
     ClockLabel,
@@ -34,7 +33,7 @@ from skyproof.receiver.observables import (
     week_told,
 )
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
-from skyproof.records import NavigationData, Observations, Reals, Samples, SignalId
+from skyproof.records import NavigationData, Observations, Samples, SignalId
 
 __all__ = ["Reception", "Tracker", "observe", "open_inputs", "require_signals", "stretch", "track"]
 
@@ -51,8 +50,6 @@ class Reception:
 
     observations : None if there are none; `left_out` then says why.
     examined_s : how much of the recording was worked on.
-    swing_m : (n_epochs, n_signals) sigma of what other signals of a satellite do to its pseudoranges, beside thermal
-        noise. It turns as slowly as the carriers between them, and smoothing does not take it off.
     messages_differ : where signals of one satellite tell different messages, in words; among the remarks as well.
     """
 
@@ -64,7 +61,6 @@ class Reception:
     left_out: str | None = None
     remarks: tuple[str, ...] = ()
     messages_differ: tuple[str, ...] = ()
-    swing_m: Reals | None = None
 
 
 @dataclass(kw_only=True)
@@ -206,7 +202,7 @@ def _tracker(samples: Samples, settings: Settings, watchful: bool) -> Tracker:
     receiver_settings = ReceiverSettings(
         doppler_max_hz=settings.doppler_max_hz,
         near_search_s=0.5 if watchful else 1.0,
-        full_search_s=10.0 if watchful else 30.0,
+        full_search_s=10.0 if watchful else 20.0,
     )
     receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), receiver_settings)
     return Tracker(samples=whole, receiver=receiver, told=(*cleaned, *filled))
@@ -275,7 +271,6 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
     return Reception(
         samples=samples, observations=observations, told=told, n_signals=len(heard), examined_s=tracker.examined_s,
         left_out=left_out, remarks=tuple(remarks), messages_differ=differ,
-        swing_m=None if observations is None else _swing_m(tracker, observations),
     )  # fmt: skip
 
 
@@ -405,14 +400,6 @@ def _assembled(tracker: Tracker, arcs: Mapping[int, Arc], label: ClockLabel) -> 
     return assemble(
         tracker.samples.name, tracker.measurements, arcs, label, elapsed_s, carrier_hz=settings.signal.carrier_hz,
         averaged_s=tracker.epoch_s,
-    )  # fmt: skip
-
-
-def _swing_m(tracker: Tracker, observations: Observations) -> Reals:
-    receiver = tracker.receiver
-    return crosstalk_sigma_m(
-        observations, receiver.signal, rate_hz=tracker.samples.rate_hz,
-        early_late_chips=float(receiver.taps_chips[0] - receiver.taps_chips[2]),
     )  # fmt: skip
 
 

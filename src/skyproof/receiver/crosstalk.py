@@ -1,69 +1,218 @@
-"""What another signal of the same satellite does to a measured code.
+"""What the signals of one satellite do to each other, taken out of their correlators before anything is measured.
 
 Away from its peak a code's autocorrelation is not zero: that of C/A has steps of 0.06 between neighbouring chips. So a
-second signal of the satellite adds a slope under the peak of the first, whose sign turns with the carrier's phase
-between the two, and the code that is measured swings with it: multipath (Kaplan & Hegarty, 9.5) whose delay and
-amplitude are known. With two signals of equal strength it is 1 to 5 m, with one 20 dB weaker ten times that.
+second signal of a satellite adds to all taps of the first, and code, carrier and strength swing with the carrier's
+phase between the two: metres of code by one of equal strength, tens of metres by one 20 dB stronger. It is multipath
+(Kaplan & Hegarty, 9.5) whose delay, amplitude and phase are known, since the other signal is tracked as well.
+
+A code period of the other signal is a pulse with the amplitude and phase of its own prompt, data bit included. A tap
+sees parts of two of them, and of each the aperiodic autocorrelation of the code at the distance between the two, behind
+the replica's low-pass. So nothing need be known of data bits. Signals are cleaned of each other in turn, the strongest
+first, each of what is left of the others.
 """
 
-from functools import cache
+import math
+from collections.abc import Sequence
+from functools import lru_cache
 
+import numba
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.signals import SignalDescription
+from skyproof.gnss.signals import SignalDescription, prn_of
+from skyproof.receiver import kernels as k
 from skyproof.receiver.replica import passed
-from skyproof.records import Observations, Reals
 
-__all__ = ["crosstalk_sigma_m"]
+__all__ = ["autocorrelation", "take_out"]
 
-_STEPS = 16
-"""Points a chip at which correlations are tabled."""
+Rows = tuple[NDArray[np.float64], NDArray[np.int64]]
+"""Rows (n_channels, max_periods, columns) of the kernel and how many of them count."""
+
+POINTS = 32
+"""A chip, at which correlations are tabled."""
+ROUNDS = 2
+"""After each, the square of the correlation between two signals is left of what one did to the other."""
+LEAST_CHIPS = 0.75
+"""Channels nearer to each other may follow one signal: they are left alone."""
+STEERED_CHIPS = 1.4
+"""From here on a loop may stand where the other's flank would not let it: there are two signals."""
 
 
-def crosstalk_sigma_m(
-    observations: Observations, signal: SignalDescription, *, rate_hz: float, early_late_chips: float
-) -> Reals:
-    """One sigma of the swing of each pseudorange, (n_epochs, n_signals), metres; zero where a satellite has one signal.
+def autocorrelation(code: NDArray[np.int8], chips_per_sample: float) -> NDArray[np.float64]:
+    """What the replica gives of one code period that stands alone, 0, 1, 2 ... 1/`POINTS` chips off; 1 at 0.
 
-    Over all phases between the carriers, as long as they turn little in an epoch; less by so much as they turn more.
-
-    Parameters
-    ----------
-    rate_hz : of the samples. early_late_chips : between the early and the late replica, as they were.
+    code : (n_chips,) of +1 and -1. Gives (n_chips POINTS + 1,); to either side it is alike.
     """
-    chip_m = SPEED_OF_LIGHT_M_S / signal.chip_rate_hz
-    variance_m2 = np.zeros(observations.pseudorange_m.shape)
-    columns: dict[str, list[int]] = {}
-    for column, one in enumerate(observations.signals):
-        columns.setdefault(one.sat, []).append(column)
-    for sat, own in columns.items():
-        slope = _slope(signal, sat, signal.chip_rate_hz / rate_hz, early_late_chips) if len(own) > 1 else None
-        for victim in own:
-            for other in own:
-                if slope is None or other == victim:
+    n = 2 * code.size
+    spectrum = np.abs(fft.fft(code.astype(np.float64), n)) ** 2
+    lines = np.arange(code.size * POINTS + 1)
+    cycles = lines / n  # a chip
+    lobes = fft.irfft(spectrum[lines % n] * np.sinc(cycles) ** 2 * passed(cycles * chips_per_sample), n * POINTS)
+    return np.asarray(lobes[: code.size * POINTS + 1] / lobes[0])
+
+
+def take_out(
+    sats: Sequence[str], before: Rows, now: Rows, *, taps_chips: NDArray[np.float64], rate_hz: float, if_hz: float,
+    signal: SignalDescription, code_gain: float,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Clean early, prompt and late in the rows of two frames on end, in place, of the satellite's other signals.
+
+    sats : (n_channels,). taps_chips : as of the kernel. code_gain : of the discriminator.
+
+    Gives by how much (chips, (n_channels,)) each signal then is ahead of its replica; NaN where a satellite has one
+    signal, or they are too near to each other to tell.
+    """
+    channels: dict[str, list[int]] = {}
+    for channel, sat in enumerate(sats):
+        channels.setdefault(sat, []).append(channel)
+    error_chips = np.full(len(sats), np.nan)
+    for sat, group in channels.items():
+        if len(group) > 1:
+            _clean(
+                np.array(group), *before, *now, _table_of(signal, sat, rate_hz), taps_chips[:3], rate_hz, if_hz,
+                signal.chip_rate_hz, signal.carrier_hz, signal.code_length, code_gain, error_chips,
+            )  # fmt: skip
+    return error_chips
+
+
+@lru_cache(maxsize=64)
+def _table_of(signal: SignalDescription, sat: str, rate_hz: float) -> NDArray[np.float64]:
+    return autocorrelation(signal.code(prn_of(sat)), signal.chip_rate_hz / rate_hz)
+
+
+@numba.njit(cache=True, nogil=True)
+def _clean(
+    group: NDArray[np.int64], rows_before: NDArray[np.float64], count_before: NDArray[np.int64],
+    rows_now: NDArray[np.float64], count_now: NDArray[np.int64], table: NDArray[np.float64],
+    taps_chips: NDArray[np.float64], rate_hz: float, if_hz: float, chip_rate_hz: float, carrier_hz: float,
+    code_length: int, code_gain: float, error_chips: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Clean the channels of one satellite, in place; fill in their errors."""
+    n = group.size
+    counts = count_before[group] + count_now[group]
+    rows = np.empty((n, counts.max(), k.OUT_TAPS + 6))
+    seen = np.zeros((n, rows.shape[1], 3), np.complex128)
+    starts, ahead, off_hz = np.zeros((3, n, rows.shape[1]))
+    turned = np.zeros((n, rows.shape[1]), np.complex128)
+    power = np.zeros(n)
+    for i in range(n):
+        channel, first = group[i], count_before[group[i]]
+        rows[i, :first] = rows_before[channel, :first, : k.OUT_TAPS + 6]
+        rows[i, first : counts[i]] = rows_now[channel, : counts[i] - first, : k.OUT_TAPS + 6]
+    reference_hz = np.mean(rows[counts > 0, 0, k.OUT_FREQUENCY])
+    origin = rows[np.argmax(counts), 0, k.OUT_START]
+    chips_per_sample = chip_rate_hz / rate_hz
+    length = code_length / chips_per_sample
+    for i in range(n):
+        own = rows[i, : counts[i]]
+        _locate(own, rate_hz, if_hz, chip_rate_hz, carrier_hz, code_length, starts[i], ahead[i])
+        for r in range(counts[i]):
+            # All as if one carrier had been wiped off, the channels' own turning against it about the period's middle.
+            middle = starts[i, r] + 0.5 * length
+            off_hz[i, r] = own[r, k.OUT_FREQUENCY] - reference_hz
+            cycles = own[r, k.OUT_PHASE] + own[r, k.OUT_FREQUENCY] * (middle - own[r, k.OUT_START]) / rate_hz
+            cycles -= reference_hz * (middle - origin) / rate_hz
+            angle_rad = 2.0 * math.pi * (cycles - math.floor(cycles))
+            turned[i, r] = complex(math.cos(angle_rad), math.sin(angle_rad))
+            for tap in range(3):
+                value = complex(own[r, k.OUT_TAPS + 2 * tap], own[r, k.OUT_TAPS + 2 * tap + 1])
+                seen[i, r, tap] = value * turned[i, r]
+            power[i] += abs(seen[i, r, 1]) ** 2 / counts[i]
+    order = np.argsort(-power, kind="mergesort")
+    cleaned = seen.copy()
+    near = np.zeros(n, np.bool_)
+    for turn in range(ROUNDS):
+        for place in range(n):
+            i = order[place]
+            mine = cleaned[i, : counts[i]]
+            mine[:] = seen[i, : counts[i]]
+            for j in order[: place if turn == 0 else n]:
+                if j == i or counts[i] == 0 or counts[j] == 0:
                     continue
-                apart = (observations.pseudorange_m[:, other] - observations.pseudorange_m[:, victim]) / chip_m
-                stronger_db = observations.cn0_dbhz[:, other] - observations.cn0_dbhz[:, victim]
-                turns = np.abs(observations.doppler_hz[:, other] - observations.doppler_hz[:, victim])
-                turns *= np.pi * observations.averaged_s
-                there = np.isfinite(apart) & np.isfinite(stronger_db) & np.isfinite(turns)
-                places = np.arange(slope.size + 1) / _STEPS
-                at = np.interp(np.where(there, apart, 0.0) % (slope.size / _STEPS), places, np.append(slope, slope[0]))
-                swing_m = chip_m * np.abs(at) * 10.0 ** (stronger_db / 20.0) / np.maximum(turns, 1.0)
-                variance_m2[:, victim] += np.where(there, 0.5 * swing_m**2, 0.0)
-    return np.sqrt(variance_m2)
+                other = cleaned[j, : counts[j]]
+                off_chips = ahead[j, : counts[j]] + _error_chips(other, code_gain)
+                signal_starts = starts[j, : counts[j]] - off_chips / chips_per_sample
+                apart = (signal_starts[0] - starts[i, 0]) * chips_per_sample / code_length
+                apart_chips = abs(apart - math.floor(apart + 0.5)) * code_length
+                near[i] |= apart_chips < STEERED_CHIPS
+                if apart_chips > LEAST_CHIPS:
+                    _subtract(
+                        mine, off_hz[i], starts[i], other[:, 1], off_hz[j], signal_starts, table, taps_chips,
+                        rate_hz, chips_per_sample, length,
+                    )  # fmt: skip
+    for i in range(n):
+        channel, first = group[i], count_before[group[i]]
+        if not near[i] and counts[i] > 0:
+            error_chips[channel] = _error_chips(cleaned[i, : counts[i]], code_gain)
+        for r in range(counts[i]):
+            row = rows_before[channel, r] if r < first else rows_now[channel, r - first]
+            for tap in range(3):
+                value = cleaned[i, r, tap] * turned[i, r].conjugate()
+                row[k.OUT_TAPS + 2 * tap] = value.real
+                row[k.OUT_TAPS + 2 * tap + 1] = value.imag
 
 
-@cache
-def _slope(signal: SignalDescription, sat: str, chips_per_sample: float, early_late_chips: float) -> Reals:
-    """Error of the code (chips) by a signal of equal strength, in phase, so many 1/16 chips later."""
-    code = signal.code(int(sat[1:])).astype(np.float64)
-    lines = np.zeros(code.size * _STEPS)
-    lines[::_STEPS] = fft.irfft(np.abs(fft.rfft(code)) ** 2, code.size)
-    cycles = fft.fftfreq(lines.size, 1.0 / _STEPS)  # a chip
-    passing = np.where(np.abs(cycles) * chips_per_sample < 0.5, passed(cycles * chips_per_sample), 0.0)
-    early_minus_late = fft.fft(lines) * np.sinc(cycles) ** 2 * passing * 2j * np.sin(np.pi * cycles * early_late_chips)
-    steepness = fft.ifft(early_minus_late * 2j * np.pi * cycles).real[0]  # under the signal's own peak
-    return np.asarray(fft.ifft(early_minus_late).real / steepness)
+@numba.njit(cache=True, nogil=True)
+def _locate(
+    rows: NDArray[np.float64], rate_hz: float, if_hz: float, chip_rate_hz: float, carrier_hz: float, code_length: int,
+    starts: NDArray[np.float64], ahead_chips: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Where (samples) the replica's code begins in each period, and how far ahead of it in each a code is that goes
+    with the carrier and is as often ahead as behind.
+    """
+    n = rows.shape[0]
+    for r in range(n):
+        chip = rows[r, k.OUT_CHIP] - rows[r, k.OUT_SHIFT]
+        starts[r] = rows[r, k.OUT_START] - chip * rate_hz / chip_rate_hz
+        gone_s = (rows[r, k.OUT_START] - rows[0, k.OUT_START]) / rate_hz
+        cycles = rows[r, k.OUT_PHASE] - rows[0, k.OUT_PHASE] - if_hz * gone_s
+        code = (rows[r, k.OUT_PERIOD] - rows[0, k.OUT_PERIOD]) * code_length + chip
+        ahead_chips[r] = (gone_s + cycles / carrier_hz) * chip_rate_hz - code
+    if n > 0:
+        ahead_chips[:n] -= np.mean(ahead_chips[:n])
+
+
+@numba.njit(cache=True, nogil=True)
+def _error_chips(taps: NDArray[np.complex128], code_gain: float) -> float:
+    """How far ahead of the replica the signal is, from taps (n, 3); too little where noise is as strong as it."""
+    dot, power = 0.0, 0.0
+    for r in range(taps.shape[0]):
+        prompt = taps[r, 1]
+        dot += ((taps[r, 0] - taps[r, 2]) * prompt.conjugate()).real
+        power += prompt.real * prompt.real + prompt.imag * prompt.imag
+    return min(max(dot / power / code_gain, -0.5), 0.5) if power > 0.0 else 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def _subtract(
+    taps: NDArray[np.complex128], off_hz: NDArray[np.float64], starts: NDArray[np.float64],
+    others: NDArray[np.complex128], other_off_hz: NDArray[np.float64], other_starts: NDArray[np.float64],
+    table: NDArray[np.float64], taps_chips: NDArray[np.float64], rate_hz: float, chips_per_sample: float,
+    length: float,
+) -> None:  # fmt: skip
+    """Subtract from taps (n, 3) what another signal of these prompts (m,) and starts of its code adds to them.
+
+    The first and the last pulse are taken to go on for one more: frames do not end for all channels at once.
+    """
+    last = others.size - 1
+    pulse = -1
+    for r in range(taps.shape[0]):
+        while pulse < last and other_starts[pulse + 1] <= starts[r]:
+            pulse += 1
+        for p in range(pulse, pulse + 2):
+            known = min(max(p, 0), last)
+            later = other_starts[known] + (p - known) * length - starts[r]
+            common = length - abs(later)
+            if common <= 0.0:
+                continue
+            # What they have in common lies half of `later` before the one's middle and behind the other's.
+            angle_rad = -math.pi * later * (other_off_hz[known] + off_hz[r]) / rate_hz
+            turn_rad = math.pi * common * (other_off_hz[known] - off_hz[r]) / rate_hz
+            left = max(1.0 - turn_rad * turn_rad / 6.0, 0.0)  # of the sum while the one turns against the other
+            amplitude = others[known] * left * complex(1.0 - 0.5 * angle_rad * angle_rad, angle_rad)
+            for tap in range(taps.shape[1]):
+                at = abs(later * chips_per_sample + taps_chips[tap]) * POINTS
+                point = int(at)
+                if point + 1 < table.size:
+                    taps[r, tap] -= amplitude * (table[point] + (at - point) * (table[point + 1] - table[point]))

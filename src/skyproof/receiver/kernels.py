@@ -43,7 +43,8 @@ CN0_DBHZ = 30  # smoothed over a second
 CODE_MINUS_CARRIER = 31  # seconds, slow mean; NaN before the first measurement
 SHIFT_OWED = 32  # chips by which the replica was late so far, all periods together
 RESIDUAL_VARIANCE = 33  # of the measurements: how well that residual is known, cycles squared
-N_STATE = 34
+CODE_STEER = 34  # chips/s beside all else; where other signals of the satellite swing the discriminator, instead of it
+N_STATE = 35
 
 # Columns of what one code period of one channel gives (float64), followed by real and imaginary part of every tap.
 OUT_START = 0
@@ -100,7 +101,7 @@ def _steer(
         state[PLL_VELOCITY] += duration_s * 1.414 * w_fll * frequency_error
     state[FREQUENCY] = if_hz + state[PLL_VELOCITY] + 2.4 * w_pll * phase_error
     aiding = code_rate_hz * (1.0 + state[PLL_VELOCITY] / carrier_hz)
-    state[CODE_RATE] = aiding + 4.0 * state[DLL_BANDWIDTH] * min(max(code_error, -0.5), 0.5)
+    state[CODE_RATE] = aiding + 4.0 * state[DLL_BANDWIDTH] * min(max(code_error, -0.5), 0.5) + state[CODE_STEER]
     state[LAST_I] = i_prompt
     state[LAST_Q] = q_prompt
     state[LOCK_I] += i_prompt * i_prompt / periods

@@ -32,6 +32,7 @@ from skyproof.receiver.channels import (
     letter,
 )  # fmt: skip
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
+from skyproof.receiver.crosstalk import take_out
 from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.lock import lock_threshold, lock_value
 from skyproof.receiver.measurement import Measurements
@@ -43,8 +44,10 @@ MEASURE_FRAMES = 2
 TELEMETRY_FRAMES = 5
 LOCK_FRAMES = 5
 JUMP_SIGMAS = 6.0
-LEVEL_STRIDE, LEVEL_RUN = 1024, 16
-"""Of each stride a run of samples, a cache line, tells the level of a frame: to 2 % at 2.6 Msps."""
+STEER_SHARE = 0.5
+"""Of a measured error of code by which it is steered until the next measurement: 0.8 Hz of noise bandwidth."""
+POWER_STRIDE = 61
+"""Every so many samples tell the level of a frame, to a per cent or better."""
 MERGE_HZ = 100.0
 DOPPLER_BIN_HZ = 500.0
 """How finely it is remembered where was searched last."""
@@ -304,9 +307,8 @@ class Receiver:
         loops = state.loops.copy()
         loops[:, [k.LOCK_I, k.LOCK_Q, k.LOCK_COUNT]] = 0.0
         # What noise of the samples' power gives in a correlator, a sample.
-        fresh = buffer[:, begin - state.tail_start :]
-        few = fresh[:, : fresh.shape[1] // LEVEL_STRIDE * LEVEL_STRIDE].reshape(2, -1, LEVEL_STRIDE)[..., :LEVEL_RUN]
-        power = 2.0 * float(np.mean(few**2)) * CODE_SCALE**2
+        fresh = buffer[:, begin - state.tail_start :: POWER_STRIDE]
+        power = 2.0 * float(np.mean(fresh**2)) * CODE_SCALE**2
         table_of = np.array([sats.index(c.sat) for c in state.channels])
 
         def work(part: slice) -> None:
@@ -373,10 +375,16 @@ class Receiver:
         older = np.zeros(n, np.int64)
         older[: counts.size] = counts
         rows = np.concatenate([rows, state.rows[counts.size :]]) if counts.size else state.rows
-        table, taps = m.measure(
-            loops, (rows, older), (state.rows, state.counts), elapsed_s, self.rate_hz, self.if_hz, self.signal,
-            self.discriminator,
+        earlier, later = (rows, older), (state.rows, state.counts)  # of no other state: may be worked on in place
+        error_chips = take_out(
+            [c.sat for c in state.channels], earlier, later, taps_chips=self.taps_chips, rate_hz=self.rate_hz,
+            if_hz=self.if_hz, signal=self.signal, code_gain=self.discriminator.gain,
         )  # fmt: skip
+        table, taps = m.measure(
+            loops, earlier, later, elapsed_s, self.rate_hz, self.if_hz, self.signal, self.discriminator
+        )
+        steer = np.where(np.isfinite(error_chips), STEER_SHARE * error_chips, 0.0)
+        loops[:, k.CODE_STEER] = steer / (MEASURE_FRAMES * settings.frame_s)
         good = self._holds(state, MEASURE_FRAMES) & np.isfinite(table[:, m.FRACTION_S])
         # Telling fast what the strength is matters while it is not known; later, what it is on average.
         share = np.where(np.isfinite(loops[:, k.CODE_MINUS_CARRIER]), 0.2, 1.0)
@@ -482,6 +490,10 @@ class Receiver:
                 is_weak = loop[k.INTEGRATION] == settings.weak.integration
                 limit = settings.weak_dbhz + (2.0 if is_weak else 0.0)
                 choice = settings.weak if loop[k.CN0_DBHZ] < limit else settings.tracking
+            if choice is settings.pull_in:
+                loop[k.CODE_STEER] = 0.0
+            elif loop[k.CODE_STEER] != 0.0:  # the measurement steers, which knows what of the error is another signal's
+                choice = replace(choice, dll_bandwidth_hz=0.0)
             _set_loops(loop, choice)
         return replace(state, loops=loops)
 
