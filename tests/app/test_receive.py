@@ -8,6 +8,7 @@ import pytest
 from skyproof.app.receive import document_json, receive
 from skyproof.app.reception import observe, open_inputs, track
 from skyproof.app.settings import Settings
+from skyproof.formats.rinex_nav import read_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.simulate.scenario import Meaconer
 
@@ -57,3 +58,20 @@ def test_a_forged_message_beside_the_true_one_is_told(tracker):
 
 def test_a_repeated_message_is_not_told_as_another(tracker):
     assert observe(tracker, None).messages_differ == ()
+
+
+def test_a_rough_place_narrows_the_search_to_what_stands_above_it(recorded, tracker):
+    navigation = read_nav(recorded.nav)
+    inputs = open_inputs(recorded.paths, Settings())
+    here, nowhere = ({"place_deg": place} for place in ((57.0, 13.0), (-57.0, -167.0)))
+    (near,), _ = track(inputs, Settings(duration_s=1.0, **here), navigation=navigation)
+    heard = {arc.signal.sat for arc in tracker.arcs.values()}
+    sats = set(near.receiver.settings.sats)
+    assert heard <= sats
+    assert len(sats) < 20
+    assert any(f"only the {len(sats)} satellites" in words for words in near.told)
+    (far,), _ = track(inputs, Settings(**nowhere), navigation=navigation)
+    assert not heard <= set(far.receiver.settings.sats)
+    (unknown,), _ = track(inputs, Settings(**here))
+    assert len(unknown.receiver.settings.sats) == 32
+    assert any("--nav" in words for words in unknown.told)

@@ -77,7 +77,7 @@ def protect(
         for samples in recordings:
             if samples.start_gpst is not None:
                 _same_day(navigation, samples.start_gpst, samples.path)
-    trackers, interrupted = track(recordings, settings, progress)
+    trackers, interrupted = track(recordings, settings, progress, navigation)
     if not interrupted:
         require_signals(trackers)
     receptions = [observe(tracker, navigation) for tracker in trackers]

@@ -61,7 +61,7 @@ def receive(
     paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
     recordings = open_inputs([Path(p) for p in paths], settings)
     navigation = None if nav is None else read_nav(Path(nav))
-    trackers, interrupted = track(recordings, settings, progress, watchful=False)
+    trackers, interrupted = track(recordings, settings, progress, navigation, watchful=False)
     if not interrupted:
         require_signals(trackers)
     receptions = tuple(observe(tracker, navigation) for tracker in trackers)

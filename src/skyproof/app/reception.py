@@ -16,10 +16,11 @@ from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.recording import open_recording
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state
-from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import iso, resolve_week, seconds_between, week_and_tow
 from skyproof.navigation.clock import anchored
 from skyproof.navigation.fix import fix
+from skyproof.navigation.horizon import sats_above
 from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.conditioning import conditioned, measure_front_end
 from skyproof.receiver.measurement import DOPPLER_HZ, Measurements
@@ -170,16 +171,19 @@ def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Sampl
 
 
 def track(
-    recordings: Sequence[Samples], settings: Settings, progress: Progress | None = None, *, watchful: bool = True
-) -> tuple[list[Tracker], bool]:
+    recordings: Sequence[Samples], settings: Settings, progress: Progress | None = None,
+    navigation: NavigationData | None = None, *, watchful: bool = True,
+) -> tuple[list[Tracker], bool]:  # fmt: skip
     """Track all recordings side by side, so that an interruption leaves all equally far.
+
+    navigation : tells which satellites stand above the horizon, where the place is known.
 
     watchful : look for further signals twice as often as receiving alone needs.
 
     Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
     """
     progress = progress or Silent()
-    trackers = [_tracker(samples, settings, watchful) for samples in recordings]
+    trackers = [_tracker(samples, settings, navigation, watchful) for samples in recordings]
     names = ", ".join(s.name for s in recordings)
     total_s = sum(s.duration_s for s in recordings)
     try:
@@ -195,17 +199,41 @@ def track(
     return trackers, False
 
 
-def _tracker(samples: Samples, settings: Settings, watchful: bool) -> Tracker:
+def _tracker(
+    samples: Samples, settings: Settings, navigation: NavigationData | None, watchful: bool
+) -> Tracker:
     """A recording made ready: what hurts in its samples taken off, gaps that it tells of bridged."""
     clean, cleaned = _cleaned(samples)
     whole, filled = bridged(clean, begun_s=settings.start_s)
+    sats, narrowed = _sats(samples, settings, navigation)
     receiver_settings = ReceiverSettings(
+        sats=sats,
         doppler_max_hz=settings.doppler_max_hz,
         near_search_s=0.5 if watchful else 1.0,
         full_search_s=10.0 if watchful else 20.0,
     )
     receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), receiver_settings)
-    return Tracker(samples=whole, receiver=receiver, told=(*cleaned, *filled))
+    return Tracker(samples=whole, receiver=receiver, told=(*cleaned, *filled, *narrowed))
+
+
+def _sats(
+    samples: Samples, settings: Settings, navigation: NavigationData | None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The satellites to look for, and what was done to their list."""
+    if settings.place_deg is None:
+        return GPS_SATS, ()
+    if navigation is None or samples.start_gpst is None:
+        lacks = "a navigation file (--nav)" if navigation is None else "a date in the recording (start_gpst)"
+        return GPS_SATS, (f"every satellite was looked for: place_deg is of use with {lacks} only",)
+    lat_rad, lon_rad = np.radians(settings.place_deg)
+    end = samples.start_gpst + np.timedelta64(round(samples.duration_s * 1e9), "ns")
+    above = sats_above(navigation, GPS_SATS, float(lat_rad), float(lon_rad), samples.start_gpst, end)
+    if len(above) < ENOUGH_SATS:
+        return GPS_SATS, (
+            f"every satellite was looked for: at place_deg only {len(above)} stood above the horizon; check it and the "
+            "recording's date",
+        )
+    return above, (f"only the {len(above)} satellites above the horizon of place_deg were looked for",)
 
 
 def _cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:

@@ -38,6 +38,11 @@ class Settings(BaseModel):
     smoothing_s: float = Field(default=100.0, gt=0.0, description="Carrier smoothing of the positions given.")
     elevation_mask_deg: float = Field(default=5.0, ge=0.0, lt=90.0, description="Satellites below are not used.")
     doppler_max_hz: float = Field(default=7000.0, gt=0.0, description="Reach of the search, oscillator error included.")
+    place_deg: tuple[float, float] | None = Field(
+        default=None,
+        description="Latitude and longitude, roughly: with a navigation file and a dated recording only satellites "
+        "above the horizon there are looked for, so that false signals of others are missed.",
+    )
     start_s: float = Field(default=0.0, ge=0.0, description="Skip this much of every recording.")
     duration_s: float | None = Field(default=None, gt=0.0, description="Use no more than this of every recording.")
 

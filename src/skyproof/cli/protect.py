@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from skyproof.app.protect import protect as run_protect
-from skyproof.cli.options import Debug, Duration, Json, Nav, Reach, Start, setting
+from skyproof.cli.options import Debug, Duration, Json, Nav, Place, Reach, Start, setting
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED
 from skyproof.cli.summary import tell
@@ -26,6 +26,7 @@ def protect(
     false_alarm_probability_per_hour: Annotated[float | None, setting("false_alarm_probability_per_hour")] = None,
     antenna_separation_m: Annotated[float | None, setting("antenna_separation_m")] = None,
     doppler_max_hz: Reach = None,
+    place_deg: Place = None,
     start_s: Start = None,
     duration_s: Duration = None,
     json: Json = False,
@@ -41,6 +42,7 @@ def protect(
         false_alarm_probability_per_hour=false_alarm_probability_per_hour,
         antenna_separation_m=antenna_separation_m,
         doppler_max_hz=doppler_max_hz,
+        place_deg=place_deg,
         start_s=start_s,
         duration_s=duration_s,
         progress=progress(),

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from skyproof.app.receive import document_json
 from skyproof.app.receive import receive as run_receive
-from skyproof.cli.options import Debug, Duration, Nav, Reach, Start
+from skyproof.cli.options import Debug, Duration, Nav, Place, Reach, Start
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED, complain, print_path
 
@@ -30,6 +30,7 @@ def receive(
     ],
     nav: Nav = None,
     doppler_max_hz: Reach = None,
+    place_deg: Place = None,
     start_s: Start = None,
     duration_s: Duration = None,
     json: Annotated[bool, Parameter(name="--json", help="Print one JSON document, and nothing else there.")] = False,
@@ -41,6 +42,7 @@ def receive(
         out=out,
         nav=nav,
         doppler_max_hz=doppler_max_hz,
+        place_deg=place_deg,
         start_s=start_s,
         duration_s=duration_s,
         progress=progress(),
