@@ -13,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -25,14 +26,16 @@ from skyproof.cli import progress as progress_of
 from skyproof.cli import protect as protect_command
 from skyproof.cli import receive as receive_command
 from skyproof.cli import simulate as simulate_command
+from skyproof.cli import study as study_command
 from skyproof.errors import InputError, OutputError
 from skyproof.formats.verdict import read_verdict, verdict_json
 from skyproof.simulate.scenes import ready, ready_made
+from skyproof.studies.base import Chart, Claim, Study
 from skyproof.verdict import Verdict
 
 VERDICT = read_verdict(Path(__file__).parent / "formats" / "verdict-sample.json")
 PROTECT = ["protect", "rx1.bin", "rx2.bin", "--out", "result"]
-COMMANDS = ("protect", "inspect", "receive", "simulate", "demo")
+COMMANDS = ("protect", "inspect", "receive", "simulate", "study", "demo")
 
 
 def said(word: str) -> Verdict:
@@ -80,6 +83,22 @@ class App:
         self.calls.append(("inspect", file, options))
         return []
 
+    def studies(self) -> dict[str, Study]:
+        """Two studies that note the call and give two rows, the first of them before an error."""
+
+        def run(settings: Any) -> Iterator[dict[str, Any]]:
+            self.calls.append(("study", settings.trials, {"seed": settings.seed, "quick": settings.quick}))
+            yield {"method": "paper", "window_s": 10, "kept": np.float64(0.5)}
+            if self.error is not None:
+                raise self.error
+            yield {"method": "skyproof", "window_s": 30, "kept": float("nan")}
+
+        words: dict[str, Any] = {"paper": "Someone 2022", "figure": "Figure 1", "title": "What is kept", "run": run}
+        chart = Chart(title="kept", x="window_s", y="kept", x_label="window, s", y_label="kept", by=("method",))
+        claim = Claim(what="kept at 10 s", paper=0.5, same=lambda rows: rows[0]["kept"], tolerance=0.1)
+        drawn = Study(name="multi-receiver.false-alarm", charts=(chart,), claims=(claim,), **words)
+        return {drawn.name: drawn, "spin.roc": Study(name="spin.roc", **words)}
+
 
 @pytest.fixture
 def app(monkeypatch: pytest.MonkeyPatch) -> Iterator[App]:
@@ -89,6 +108,7 @@ def app(monkeypatch: pytest.MonkeyPatch) -> Iterator[App]:
     monkeypatch.setattr(demo_command, "run_demo", lambda out, **options: fake.run("demo", out, options))
     monkeypatch.setattr(simulate_command, "run_simulate", lambda scene, **options: fake.run("simulate", scene, options))
     monkeypatch.setattr(inspect_command, "run_inspect", fake.inspect)
+    monkeypatch.setattr(study_command, "studies", fake.studies)
     return fake
 
 
@@ -175,6 +195,13 @@ def test_an_interruption_before_anything_is_decided_exits_with_130(
         ("simulate", "SCENARIO is missing.*--list"),
         ("simulate spin", "--out is missing"),
         ("simulate spin --out d --depth deep", "--depth"),
+        ("study", "NAME is missing.*--list"),
+        ("study multi-receiver.alarms", "no study is named 'multi-.*'; nearest: multi-receiver.false-alarm"),
+        ("study spin", "nearest: spin.roc"),
+        ("study qqq", "no study is named 'qqq'.*--list"),
+        ("study spin.roc --trials 0", "--trials is 0, expected 1 or more"),
+        ("study spin.roc --seed -1", "--seed is -1"),
+        ("study spin.roc --plot", "spin.roc has nothing to draw"),
         ("triangulate rx1.bin", "Unknown command .triangulate"),
     ],
 )
@@ -195,26 +222,27 @@ def test_a_usage_error_is_one_line_that_helps(
 
 def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> None:
     cli.main([*PROTECT, "--nav", "b.22n", "--platform", "p.toml", "--false-alarm-probability-per-hour", "1e-4",
-              "--antenna-separation-m", "2.5", "--doppler-max-hz", "9e3", "--start-s", "27",
-              "--duration-s", "33"])  # fmt: skip
+              "--antenna-separation-m", "2.5", "--doppler-max-hz", "9e3", "--place-deg", "57.7",
+              "11.9", "--start-s", "27", "--duration-s", "33"])  # fmt: skip
     cli.main(PROTECT)
     cli.main(["receive", "rx1.bin", "--out", "d", "--nav", "b.22n"])
-    cli.main(["receive", "rx1.bin", "--out", "d", "--doppler-max-hz", "9e3", "--start-s", "27", "--duration-s", "33"])
+    cli.main(["receive", "rx1.bin", "--out", "d", "--doppler-max-hz", "9e3", "--place-deg", "57.7", "11.9",
+              "--start-s", "27", "--duration-s", "33"])  # fmt: skip
     cli.main(["demo", "--out", "there"])
     cli.main(["simulate", "spin", "--out", "d", "--seed", "7", "--duration-s", "5", "--depth", "samples", "--format",
               "raw"])  # fmt: skip
     cli.main(["simulate", "s.toml", "--out", "d"])
-    stretch = ("doppler_max_hz", "start_s", "duration_s")
+    stretch = ("doppler_max_hz", "place_deg", "start_s", "duration_s")
     settings = ("false_alarm_probability_per_hour", "antenna_separation_m", *stretch)
     assert app.calls == [
         ("protect", [Path("rx1.bin"), Path("rx2.bin")],
          {"nav": Path("b.22n"), "platform": Path("p.toml"), "out": Path("result"),
-          **dict(zip(settings, (1e-4, 2.5, 9e3, 27.0, 33.0), strict=True))}),
+          **dict(zip(settings, (1e-4, 2.5, 9e3, (57.7, 11.9), 27.0, 33.0), strict=True))}),
         ("protect", [Path("rx1.bin"), Path("rx2.bin")],
          {"nav": None, "platform": None, "out": Path("result"), **dict.fromkeys(settings)}),
         ("receive", [Path("rx1.bin")], {"out": Path("d"), "nav": Path("b.22n"), **dict.fromkeys(stretch)}),
         ("receive", [Path("rx1.bin")],
-         {"out": Path("d"), "nav": None, **dict(zip(stretch, (9e3, 27.0, 33.0), strict=True))}),
+         {"out": Path("d"), "nav": None, **dict(zip(stretch, (9e3, (57.7, 11.9), 27.0, 33.0), strict=True))}),
         ("demo", Path("there"), {}),
         ("simulate", "spin",
          {"out": Path("d"), "seed": 7, "duration_s": 5.0, "depth": "samples", "container": "raw", "plot": False}),
@@ -307,6 +335,73 @@ def test_the_ready_made_scenes_are_listed_with_a_sentence_each(
     assert cli.main(["simulate", "--list", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["scenes"]) == len(ready_made())
     assert not app.calls
+
+
+def test_study_tells_its_rows_and_claims(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["study", "multi-receiver.false-alarm", "--trials", "9", "--seed", "4"]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert lines[0] == "multi-receiver.false-alarm: What is kept"
+    assert "paper 10 0.5" in lines
+    assert "kept at 10 s 0.5 0.5 – – within 0.1" in lines
+    assert app.calls == [("study", 9, {"seed": 4, "quick": False})]
+
+
+def test_study_tells_the_same_as_one_document(
+    app: App, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    command = ["study", "multi-receiver.false-alarm", "--quick", "--json", "--plot", "--out", str(tmp_path / "new")]
+    assert cli.main(command) == 0
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert err == ""
+    assert (document["format"], document["study"]) == ("skyproof-study/1", "multi-receiver.false-alarm")
+    assert (document["seed"], document["trials"], document["quick"], document["interrupted"]) == (1, None, True, False)
+    assert document["rows"] == [{"method": "paper", "window_s": 10, "kept": 0.5},
+                                {"method": "skyproof", "window_s": 30, "kept": None}]  # fmt: skip
+    assert document["claims"][0]["agrees"] is True
+    written = {path.name: path.read_text(encoding="utf-8") for path in (tmp_path / "new").iterdir()}
+    assert written.keys() == {"multi-receiver.false-alarm.json", "multi-receiver.false-alarm.svg"}
+    assert written["multi-receiver.false-alarm.json"] == out
+    assert written["multi-receiver.false-alarm.svg"].startswith("<svg ")
+
+
+def test_a_chart_without_a_folder_is_written_here(
+    app: App, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["study", "multi-receiver.false-alarm", "--plot"]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["multi-receiver.false-alarm.svg"]
+    assert "chart: multi-receiver.false-alarm.svg\n" in capsys.readouterr().out
+
+
+def test_an_interrupted_study_tells_the_rows_that_were_ready(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.error = KeyboardInterrupt()
+    assert cli.main(["study", "multi-receiver.false-alarm", "--json"]) == 130
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert (document["interrupted"], len(document["rows"]), document["claims"]) == (True, 1, [])
+    assert err == "skyproof: interrupted: these are the 1 rows that were ready\n"
+
+
+def test_the_studies_are_listed_with_paper_and_figure(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["study", "--list"]) == 0
+    out = capsys.readouterr().out
+    assert all(words in out for words in ("Someone 2022", "multi-receiver.false-alarm", "Figure 1", "What is kept"))
+    assert cli.main(["study", "--list", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["studies"]
+    assert [one["study"] for one in listed] == ["multi-receiver.false-alarm", "spin.roc"]
+    assert not app.calls
+
+
+def test_the_table_of_all_figures_is_one_file(
+    app: App, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["study", "--validation", str(tmp_path / "validation.md"), "--quick", "--seed", "7"]) == 0
+    text = (tmp_path / "validation.md").read_text(encoding="utf-8")
+    assert "seed 7, quick counts" in text
+    assert "| kept at 10 s | 0.5 | 0.5 | – | – | within 0.1 |" in text
+    assert [call[0] for call in app.calls] == ["study"]  # the one that claims nothing need not run
+    assert "multi-receiver.false-alarm" in capsys.readouterr().err
 
 
 def test_demo_opens_the_report_when_asked_to(app: App, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

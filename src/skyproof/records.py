@@ -213,7 +213,7 @@ class Taps:
 class Ccaf:
     """One receiver's complex correlation over a grid of delays and Dopplers (cross ambiguity function), with its noise.
 
-    elapsed_s : (n_epochs,) middle of each coherent interval of `coherent_s`, as in `Observations`.
+    gpst, elapsed_s : (n_epochs,) middle of each coherent interval of `coherent_s`, as in `Observations`.
     delays_chips : (n_delays,) of the replica behind the reference, positive for a longer way; dopplers_hz :
         (n_dopplers,) above the reference's. Phases are those at mid-interval.
     reference_m, reference_hz : (n_epochs, n_channels) pseudorange and Doppler of the grid's zero.
@@ -226,6 +226,7 @@ class Ccaf:
 
     receiver: str
     signals: tuple[SignalId, ...]
+    gpst: Instants
     elapsed_s: Reals
     coherent_s: float
     band_hz: float
@@ -241,8 +242,9 @@ class Ccaf:
         cell = ("epoch", "channel")
         freeze(
             self,
-            {"elapsed_s": ("epoch",), "delays_chips": ("delay",), "dopplers_hz": ("doppler",), "reference_m": cell,
-             "reference_hz": cell, "noise_variance": cell, "value": ("epoch", "channel", "doppler", "delay")},
+            {"gpst": ("epoch",), "elapsed_s": ("epoch",), "delays_chips": ("delay",), "dopplers_hz": ("doppler",),
+             "reference_m": cell, "reference_hz": cell, "noise_variance": cell,
+             "value": ("epoch", "channel", "doppler", "delay")},
         )  # fmt: skip
 
 

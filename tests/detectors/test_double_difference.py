@@ -1,8 +1,16 @@
 import numpy as np
 import pytest
+from scipy import stats
 
-from skyproof.detectors.double_difference import counting_rule, difference_test, pair_tests, pooled_correlation
-from skyproof.statistics.distributions import binomial_two_sided
+from skyproof.detectors.double_difference import (
+    counting_rule,
+    difference_test,
+    line_power,
+    pair_tests,
+    pairs_rejected,
+    pooled_correlation,
+)
+from skyproof.statistics.distributions import binomial_two_sided, f_threshold
 
 
 def single_differences(rng, shape, phi=0.0, constant_m=0.0):
@@ -97,3 +105,84 @@ def test_two_tracks_left_leave_none_usable():
     satellite, track = np.repeat(np.arange(5), 2), np.tile([(0, 0), (1, 1)], (5, 1))
     rule = counting_rule(np.ones((10, 10), bool), satellite, track)
     assert np.all(rule.usable == -1)
+
+
+# Detectors 1a, 2a, 2b, and what the paper prints
+
+
+@pytest.mark.parametrize("tested", ["line", "slope"])
+@pytest.mark.parametrize("sigma_m", [None, 1.0])
+@pytest.mark.parametrize("receivers", [2, 3, 5])
+def test_every_detector_misses_false_pairs_as_often_as_stated(tested, sigma_m, receivers):
+    trials = 40_000
+    sd = single_differences(np.random.default_rng(receivers), (trials, 2, 12, receivers))
+    test = difference_test(sd[:, 0] - sd[:, 1], tested=tested, sigma_m=sigma_m)
+    assert test.dof_num == (2 if tested == "line" else 1) * (receivers - 1)
+    assert test.dof_den == (10 * (receivers - 1) if sigma_m is None else np.inf)
+    assert binomial_two_sided(int(np.sum(test.p_value < 0.01)), trials, 0.01) > 1e-4
+    assert binomial_two_sided(int(np.sum(test.p_value < 0.5)), trials, 0.5) > 1e-4
+
+
+def test_the_slope_does_not_see_the_offset_that_carriers_have():
+    rng = np.random.default_rng(4)
+    dd = 0.004 * rng.standard_normal((30, 1))
+    moved = difference_test(dd + 17.3, tested="slope")
+    assert moved.statistic == pytest.approx(float(difference_test(dd, tested="slope").statistic), rel=1e-6)
+    assert difference_test(dd + 17.3).p_value < 1e-9
+    assert difference_test(dd + 0.001 * np.arange(30.0)[:, None], tested="slope").p_value < 1e-6
+
+
+@pytest.mark.parametrize(("receivers", "rate"), [(2, 0.31), (3, 0.53), (5, 0.75)])
+def test_the_printed_root_gives_the_rates_of_the_guide(receivers, rate):
+    sd = single_differences(np.random.default_rng(5), (20_000, 2, 30, receivers))
+    test = difference_test(sd[:, 0] - sd[:, 1], sigma_m=1.0, whitened=False)
+    assert np.mean(test.p_value < 0.01) == pytest.approx(rate, abs=0.015)
+
+
+@pytest.mark.parametrize(("receivers", "rate"), [(3, 0.055), (5, 0.33)])
+def test_the_printed_degrees_of_freedom_give_the_rates_of_the_guide(receivers, rate):
+    sd = single_differences(np.random.default_rng(6), (20_000, 2, 30, receivers))
+    test = difference_test(sd[:, 0] - sd[:, 1], sigma_m=1.0, degrees="printed")
+    assert np.mean(test.p_value < 0.01) == pytest.approx(rate, abs=0.015)
+
+
+@pytest.mark.parametrize("tested", ["line", "slope"])
+@pytest.mark.parametrize("sigma_m", [None, 0.7])
+def test_the_fast_form_of_every_detector_equals_the_plain_one(tested, sigma_m):
+    sd = single_differences(np.random.default_rng(7), (5, 10, 3))
+    fast = pair_tests(sd, tested=tested, sigma_m=sigma_m)
+    plain = difference_test(sd[1] - sd[3], tested=tested, sigma_m=sigma_m)
+    assert fast.statistic[1, 3] == pytest.approx(float(plain.statistic), rel=1e-9)
+    rejected = pairs_rejected(sd, 0.3, tested=tested, sigma_m=sigma_m)
+    np.testing.assert_array_equal(rejected, fast.p_value < 0.3)
+
+
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("tested", ["line", "slope"])
+def test_the_power_is_what_is_counted(tested, known):
+    rng = np.random.default_rng(8)
+    mean = np.linspace(0.2, 2.2, 20)[:, None] * np.array([1.0, -0.4])
+    sd = single_differences(rng, (20_000, 2, 20, 3))
+    test = difference_test(mean + sd[:, 0] - sd[:, 1], tested=tested, sigma_m=1.0 if known else None)
+    power = float(line_power(mean, 0.01, 1.0, tested=tested, known=known))
+    assert 0.05 < power < 0.95
+    assert np.mean(test.p_value < 0.01) == pytest.approx(power, abs=0.015)
+
+
+@pytest.mark.parametrize(("n", "two", "one"), [(5, 30.82, 34.12), (30, 5.453, 7.636), (120, 4.790, 6.855)])
+def test_the_thresholds_are_those_of_the_guide(n, two, one):
+    assert f_threshold(0.01, 2, n - 2) == pytest.approx(two, abs=0.005)
+    assert f_threshold(0.01, 1, n - 2) == pytest.approx(one, abs=0.005)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("tested", ["line", "slope"])
+@pytest.mark.parametrize("sigma_m", [None, 1.0])
+@pytest.mark.parametrize("receivers", [2, 3, 5])
+def test_p_values_of_false_pairs_are_uniform(tested, sigma_m, receivers):
+    trials = 300_000
+    sd = single_differences(np.random.default_rng(30 + receivers), (trials, 2, 8, receivers))
+    p_value = difference_test(sd[:, 0] - sd[:, 1], tested=tested, sigma_m=sigma_m).p_value
+    assert stats.kstest(p_value, "uniform").pvalue > 1e-3
+    for tail in (1e-2, 1e-3, 1e-4):
+        assert binomial_two_sided(int(np.sum(p_value < tail)), trials, tail) > 1e-4

@@ -37,6 +37,10 @@ COMMANDS = {
         "Make recordings and measurements of a scene with attacks, and write the truth about them.",
         "Example:\n\nskyproof simulate takeover --out scene",
     ),
+    "study": (
+        "Make a figure of a paper again, with ours beside it.",
+        "Example:\n\nskyproof study multi-receiver.false-alarm --quick",
+    ),
     "demo": (
         "Simulate two receivers near a meaconer, which rebroadcasts the sky of another place, and protect them.",
         "Example:\n\nskyproof demo --out demo",

@@ -13,6 +13,12 @@ NEEDS: dict[str, str] = {
     "observations of two receivers": "measurements of a second receiver nearby, over the same time",
     "navigation": "orbits: a navigation file, or 30 s of signals whose messages can be read",
     "sets": "signals that fit one position: pseudoranges of at least 5 satellites with their orbits",
+    "taps": "correlators beside the prompt one",
+    "vector_taps": "correlators of a receiver whose channels all follow one position",
+    "ccaf": "correlation over a grid of delay and Doppler, for each satellite",
+    "array_phases": "carrier phases of an antenna array",
+    "nav_state": "attitude and position of an inertial system over the same time",
+    "spin_arm": "length and rate of the arm that turns the antenna",
 }
 """What detectors may need, in words for the user; other needs are names of `Records.extras`."""
 

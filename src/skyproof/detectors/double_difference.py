@@ -1,61 +1,103 @@
-"""Detector 1b of the paper: code double differences, unknown noise variance; and the paper's rule to count them.
+"""The paper's detectors 1a, 1b, 2a and 2b on double differences, and its rule to count them.
 
 Source: N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, "Results on GNSS Spoofing Mitigation Using Multiple
-Receivers", NAVIGATION 69(1), 2022, doi 10.33012/navi.510, with three corrections, without which the false alarm rate is
-wrong for more than two receivers: differences against a common receiver are whitened by the inverse root of I + 1 1^T
-(equation 8 prints the root); the numerator has 2(R-1) degrees of freedom and the denominator (N-2)(R-1) (printed: 2 and
-N-2).
+Receivers", NAVIGATION 69(1), 2022, doi 10.33012/navi.510, with corrections, without which the false alarm rate is wrong
+for more than two receivers: differences against a common receiver are whitened by the inverse root of I + 1 1^T
+(equation 8 prints the root); with r = 2(R-1) of level and slope, or R-1 of the slope alone, tested, the denominator has
+(N-2)(R-1) degrees (printed: r = 2 or 1, and N-2); and under H0 the carrier's level is free, not zero. `whitened=False`
+and `degrees="printed"` give the printed forms.
 
 Single difference SD of a satellite: receiver i minus receiver 1. Double difference DD: SD of a satellite minus SD of
 another. H0: both SDs are false, from one antenna; then the DD is zero but for noise. So rejecting H0 speaks for
 authenticity, and the false alarm probability is the chance that a pair of false signals is *not* recognised. A small
 one is the safe side against wrong authentication, and costs authentic signals.
 
+| detector | of | tests | noise variance |
+|---|---|---|---|
+| 1a | code | level and slope | known |
+| 1b | code | level and slope | unknown |
+| 2a | carrier | slope | known |
+| 2b | carrier | slope | unknown |
+
 The rule judges satellites one by one, and noise that is not white makes it authenticate false signals; `one_antenna`
-decides for groups and allows for that. What is here serves plots, studies and comparison.
+and `group_choice` decide for groups and allow for that. What is here serves plots, studies and comparison.
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyproof.statistics.autoregression import ar1_fit, estimate_ar1
-from skyproof.statistics.distributions import f_survival
-from skyproof.statistics.lines import difference_whitener, fit_line
+from skyproof.statistics.distributions import (
+    f_survival,
+    f_threshold,
+    noncentral_chi_square_survival,
+    noncentral_f_survival,
+)
+from skyproof.statistics.lines import difference_colourer, difference_whitener, fit_line
 
-__all__ = ["CountingRule", "LineTest", "counting_rule", "difference_test", "pair_tests", "pooled_correlation"]
+__all__ = [
+    "CountingRule",
+    "Degrees",
+    "LineTest",
+    "Tested",
+    "counting_rule",
+    "difference_test",
+    "line_power",
+    "pair_tests",
+    "pairs_rejected",
+    "pooled_correlation",
+]  # fmt: skip
 
 Reals = NDArray[np.float64]
+Tested = Literal["line", "slope"]
+"""What is zero under H0: level and slope of code, the slope of carrier."""
+Degrees = Literal["all", "printed"]
+"""Degrees of freedom: of all receivers, or as the paper prints them, which is right for two."""
 
 
 class LineTest(NamedTuple):
-    """statistic and p_value (...); F with dof_num and dof_den degrees under H0 and white noise (of correlation phi)."""
+    """statistic and p_value (...); F with dof_num and dof_den degrees under H0 and white noise (of correlation phi).
+
+    With a known variance dof_den is infinite, and dof_num times the statistic chi-square.
+    """
 
     statistic: Reals
     p_value: Reals
     dof_num: int
-    dof_den: int
+    dof_den: float
 
 
-def difference_test(dd_m: Reals, *, phi: ArrayLike = 0.0, constant_sigma_m: float = 0.0) -> LineTest:
-    """Test that double differences have neither level nor slope.
+def difference_test(
+    dd_m: Reals, *, tested: Tested = "line", sigma_m: float | None = None, phi: ArrayLike = 0.0,
+    constant_sigma_m: float = 0.0, whitened: bool = True, degrees: Degrees = "all",
+) -> LineTest:  # fmt: skip
+    """Test that double differences have neither level nor slope, or no slope.
 
     Parameters
     ----------
     dd_m : (..., N, R-1) of one pair of satellites over N >= 3 epochs, each receiver minus the first.
+    tested : "line" for code, "slope" for carrier (whose level is free).
+    sigma_m : of one track's measurement at one epoch, if it is known (detectors a); None takes it from the residuals
+        (detectors b). The paper's sigma^2 is that of a difference of two satellites in one receiver: twice this one's.
     phi : AR(1) coefficient of the noise, known or from `pooled_correlation` (Prais-Winsten), broadcasts with (...).
     constant_sigma_m : error of a pseudorange track that stays over the window. The level's square is divided by what it
         adds to the level's variance; the law is then no longer exactly F, and the p-value errs to the safe side (high).
+    whitened : False multiplies by the root of I + 1 1^T, as printed. degrees : see `Degrees`.
     """
     n, m = dd_m.shape[-2:]
-    fit = ar1_fit(dd_m @ difference_whitener(m), phi)
+    fit = ar1_fit(dd_m @ (difference_whitener(m) if whitened else difference_colourer(m)), phi)
     rss = np.sum(fit.residual**2, axis=(-1, -2))
     level, slope = np.sum(fit.level**2, axis=-1), np.sum(fit.slope**2, axis=-1)
-    return _line_test(level, slope, rss, fit.gain, (n, m), constant_sigma_m)
+    statistic = _statistic(level, slope, rss, fit.gain, (n, m), tested, sigma_m, constant_sigma_m, degrees)
+    return _line_test(statistic, *_degrees((n, m), tested, sigma_m, degrees))
 
 
-def pair_tests(sd_m: Reals, *, phi: ArrayLike = 0.0, constant_sigma_m: float = 0.0) -> LineTest:
+def pair_tests(
+    sd_m: Reals, *, tested: Tested = "line", sigma_m: float | None = None, phi: ArrayLike = 0.0,
+    constant_sigma_m: float = 0.0,
+) -> LineTest:  # fmt: skip
     """`difference_test` of every pair out of Q single differences at once: statistic and p_value (..., Q, Q).
 
     Each single difference keeps two coefficients and a row of the Gram matrix of the residuals, from which every pair's
@@ -66,13 +108,38 @@ def pair_tests(sd_m: Reals, *, phi: ArrayLike = 0.0, constant_sigma_m: float = 0
     ----------
     sd_m : (..., Q, N, R-1). phi broadcasts with (...).
     """
-    *_, q, n, m = sd_m.shape
-    fit = ar1_fit(sd_m @ difference_whitener(m), np.asarray(phi, float)[..., None])
-    flat = fit.residual.reshape(*fit.residual.shape[:-2], n * m)
-    level, slope, rss = (_squared_distances(v) for v in (fit.level, fit.slope, flat))
-    same = np.eye(q, dtype=bool)
-    test = _line_test(level, slope, np.where(same, 1.0, rss), fit.gain[..., None], (n, m), constant_sigma_m)
-    return test._replace(statistic=np.where(same, 0.0, test.statistic), p_value=np.where(same, 1.0, test.p_value))
+    statistic = _pair_statistic(sd_m, tested, sigma_m, phi, constant_sigma_m)
+    test = _line_test(statistic, *_degrees(sd_m.shape[-2:], tested, sigma_m, "all"))
+    return test._replace(p_value=np.where(np.eye(sd_m.shape[-3], dtype=bool), 1.0, test.p_value))
+
+
+def pairs_rejected(
+    sd_m: Reals, false_alarm_probability: float, *, tested: Tested = "line", sigma_m: float | None = None,
+    phi: ArrayLike = 0.0, constant_sigma_m: float = 0.0,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Which pairs (..., Q, Q) `pair_tests` rejects, by the threshold alone: p-values cost more than all the rest."""
+    statistic = _pair_statistic(sd_m, tested, sigma_m, phi, constant_sigma_m)
+    threshold = f_threshold(false_alarm_probability, *_degrees(sd_m.shape[-2:], tested, sigma_m, "all"))
+    return np.asarray(statistic > threshold)
+
+
+def line_power(
+    dd_m: Reals, false_alarm_probability: float, sigma_m: float, *, tested: Tested = "line", known: bool = False
+) -> Reals:
+    """Power (...) of the test on double differences that are dd_m (..., N, R-1) but for white noise of sigma_m.
+
+    The noncentrality is the squared length of what the tested columns see of the whitened dd_m over the whitened
+    variance, 2 sigma_m^2; `known` tells whether the test knows sigma_m.
+    """
+    n, m = dd_m.shape[-2:]
+    fit = fit_line(dd_m @ difference_whitener(m))
+    seen = np.sum(fit.slope**2, axis=-1) + (np.sum(fit.level**2, axis=-1) if tested == "line" else 0.0)
+    dof_num, dof_den = _degrees((n, m), tested, sigma_m if known else None, "all")
+    threshold = f_threshold(false_alarm_probability, dof_num, dof_den)
+    noncentrality = seen / (2.0 * sigma_m**2)
+    if known:
+        return noncentral_chi_square_survival(dof_num * threshold, dof_num, noncentrality)
+    return noncentral_f_survival(threshold, dof_num, dof_den, noncentrality)
 
 
 def pooled_correlation(sd_m: Reals) -> Reals:
@@ -82,15 +149,44 @@ def pooled_correlation(sd_m: Reals) -> Reals:
     return estimate_ar1(np.moveaxis(residual, -3, -2).reshape(*lead, n, q * m))
 
 
-def _line_test(
-    level: Reals, slope: Reals, rss: Reals, gain: Reals, shape: tuple[int, int], constant_sigma_m: float
-) -> LineTest:
+def _degrees(
+    shape: tuple[int, ...], tested: Tested, sigma_m: float | None, degrees: Degrees
+) -> tuple[int, float]:
+    """Of the numerator and the denominator."""
     n, m = shape
-    dof_num, dof_den = 2 * m, (n - 2) * m
-    variance = rss / dof_den
+    receivers = m if degrees == "all" else 1
+    return (2 if tested == "line" else 1) * receivers, np.inf if sigma_m is not None else (n - 2) * receivers
+
+
+def _statistic(
+    level: Reals, slope: Reals, rss: Reals, gain: Reals, shape: tuple[int, ...], tested: Tested,
+    sigma_m: float | None, constant_sigma_m: float, degrees: Degrees = "all",
+) -> Reals:  # fmt: skip
+    dof_num, dof_den = _degrees(shape, tested, sigma_m, degrees)
+    variance = rss / dof_den if sigma_m is None else 2.0 * sigma_m**2
+    if tested == "slope":
+        return np.asarray(slope / dof_num / variance)
     # Whitening over receivers leaves the difference of two satellites: a constant error counts twice.
     level = level / (1.0 + 2.0 * constant_sigma_m**2 * gain**2 / variance)
-    statistic = (level + slope) / dof_num / variance
+    return np.asarray((level + slope) / dof_num / variance)
+
+
+def _pair_statistic(
+    sd_m: Reals, tested: Tested, sigma_m: float | None, phi: ArrayLike, constant_sigma_m: float
+) -> Reals:
+    *_, q, n, m = sd_m.shape
+    fit = ar1_fit(sd_m @ difference_whitener(m), np.asarray(phi, float)[..., None])
+    flat = fit.residual.reshape(*fit.residual.shape[:-2], n * m)
+    same = np.eye(q, dtype=bool)
+    # With a known variance nobody asks for the residuals.
+    rss = np.where(same, 1.0, _squared_distances(flat)) if sigma_m is None else np.ones(1)
+    level = _squared_distances(fit.level) if tested == "line" else np.zeros(1)
+    slope = _squared_distances(fit.slope)
+    statistic = _statistic(level, slope, rss, fit.gain[..., None], (n, m), tested, sigma_m, constant_sigma_m)
+    return np.where(same, 0.0, statistic)
+
+
+def _line_test(statistic: Reals, dof_num: int, dof_den: float) -> LineTest:
     return LineTest(statistic, f_survival(statistic, dof_num, dof_den), dof_num, dof_den)
 
 

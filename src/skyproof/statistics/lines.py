@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LineFit", "additive_contrasts", "difference_whitener", "fit_line", "line_columns"]
+__all__ = ["LineFit", "additive_contrasts", "difference_colourer", "difference_whitener", "fit_line", "line_columns"]
 
 Reals = NDArray[np.float64]
 
@@ -44,6 +44,11 @@ def difference_whitener(n: int) -> Reals:
     root in the paper (NAVIGATION 69(1), 2022, doi 10.33012/navi.510, equation 8) colours instead of whitening.
     """
     return np.asarray(np.eye(n) - (1.0 - (1.0 + n) ** -0.5) / n, float)
+
+
+def difference_colourer(n: int) -> Reals:
+    """(n, n) root of I + 1 1^T: what `difference_whitener` takes back. Equation 8 of the paper has it in its place."""
+    return np.asarray(np.eye(n) + ((1.0 + n) ** 0.5 - 1.0) / n, float)
 
 
 def additive_contrasts(sigma: Reals) -> tuple[Reals, Reals]:

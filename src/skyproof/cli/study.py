@@ -1,0 +1,204 @@
+"""`skyproof study`."""
+
+import difflib
+import json as json_text
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+from rich.console import Console
+from rich.text import Text
+
+from skyproof.cli.options import Debug
+from skyproof.cli.progress import progress
+from skyproof.cli.screen import INTERRUPTED, complain, print_path, table
+from skyproof.errors import OutputError, SettingsError
+from skyproof.formats.place import write_lines
+from skyproof.report.chart import chart_svg
+from skyproof.studies import studies
+from skyproof.studies.base import COLUMNS, Row, Settings, Study
+from skyproof.studies.validation import check
+from skyproof.studies.validation import table as validation_table
+
+__all__ = ["study"]
+
+
+def study(
+    name: Annotated[str | None, Parameter(name="NAME", help="A study that --list shows, as in spin.roc.")] = None,
+    /,
+    *,
+    list_studies: Annotated[bool, Parameter(name="--list", help="List the studies with paper and figure instead.")]
+    = False,
+    trials: Annotated[int | None, Parameter(help="How many trials, in place of the study's own number.")] = None,
+    seed: Annotated[int, Parameter(help="Of all that is random: the same seed, the same rows.", show_default=True)] = 1,
+    quick: Annotated[bool, Parameter(help="Fewer trials: 20 s at most.")] = False,
+    plot: Annotated[bool, Parameter(help="Draw the rows as a chart, NAME.svg, here or in the --out folder.")] = False,
+    out: Annotated[Path | None, Parameter(help="Folder for NAME.json, the document that --json prints.")] = None,
+    validation: Annotated[
+        Path | None, Parameter(help="Run all studies and write the table of all figures, in Markdown, instead.")
+    ] = None,
+    json: Annotated[bool, Parameter(name="--json", help="Print one JSON document, and nothing else there.")] = False,
+    debug: Debug = False,
+) -> int:  # fmt: skip
+    """Make a figure of a paper again, with ours beside it."""
+    found = studies()
+    settings = _settings(trials, seed, quick)
+    if list_studies:
+        _tell_studies(found, as_json=json)
+        return 0
+    if validation is not None:
+        said = progress().say
+        write_lines(
+            validation, validation_table(found, settings, before=said).splitlines(), encoding="utf-8"
+        )
+        print_path("table:", validation)
+        return 0
+    chosen = _chosen(name, found)
+    if plot and not chosen.charts:
+        raise SettingsError(f"{chosen.name} has nothing to draw: leave --plot away")
+    if out is not None:
+        _make(out)
+    rows, interrupted = _run(chosen, settings)
+    document = _document(chosen, settings, rows, interrupted=interrupted)
+    if json:
+        sys.stdout.write(document)
+    else:
+        _tell(chosen, rows, whole=not interrupted)
+    folder = out if out is not None else Path()
+    if out is not None:
+        write_lines(folder / f"{chosen.name}.json", document.splitlines(), encoding="utf-8")
+    if plot:
+        path = folder / f"{chosen.name}.svg"
+        write_lines(path, str(chart_svg(rows, chosen.charts)).splitlines(), encoding="utf-8")
+        if not json:
+            print_path("chart:", path)
+    return INTERRUPTED if interrupted else 0
+
+
+def _settings(trials: int | None, seed: int, quick: bool) -> Settings:
+    if trials is not None and trials < 1:
+        raise SettingsError(f"--trials is {trials}, expected 1 or more")
+    if seed < 0:
+        raise SettingsError(f"--seed is {seed}, expected 0 or more")
+    return Settings(trials=trials, seed=seed, quick=quick)
+
+
+def _chosen(name: str | None, found: Mapping[str, Study]) -> Study:
+    if name is None:
+        raise SettingsError("NAME is missing: give a study that `skyproof study --list` shows")
+    if name in found:
+        return found[name]
+    same_paper = [other for other in found if other.startswith(f"{name.split('.')[0]}.")]
+    near = difflib.get_close_matches(name, found, n=3, cutoff=0.4)
+    nearest = list(dict.fromkeys([*near, *same_paper]))[:8]
+    hint = f"nearest: {', '.join(nearest)}" if nearest else "`skyproof study --list` shows all"
+    raise SettingsError(f"no study is named {name!r}; {hint}")
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made: {error.strerror}; name another folder with --out") from error
+
+
+def _run(chosen: Study, settings: Settings) -> tuple[list[Row], bool]:
+    """The rows, as many as there were when it was interrupted."""
+    rows: list[Row] = []
+    try:
+        for row in chosen.run(settings):
+            rows.append(row)
+    except KeyboardInterrupt:
+        complain(f"interrupted: these are the {len(rows)} rows that were ready")
+        return rows, True
+    return rows, False
+
+
+def _document(chosen: Study, settings: Settings, rows: Sequence[Row], *, interrupted: bool) -> str:
+    claims = [] if interrupted else check(chosen, rows)
+    document = {
+        "format": "skyproof-study/1",
+        "version": version("skyproof"),
+        "study": chosen.name,
+        "title": chosen.title,
+        "paper": chosen.paper,
+        "figure": chosen.figure,
+        "seed": settings.seed,
+        "trials": settings.trials,
+        "quick": settings.quick,
+        "interrupted": interrupted,
+        "rows": [{key: _plain(value) for key, value in row.items()} for row in rows],
+        "claims": [
+            {
+                "what": one.claim.what, "paper": _plain(one.claim.paper), "same": _plain(one.same),
+                "better": _plain(one.better), "reference": _plain(one.claim.reference),
+                "tolerance": _plain(one.claim.tolerance), "agrees": one.agrees,
+            }
+            for one in claims
+        ],
+    }  # fmt: skip
+    return json_text.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """NumPy's numbers as Python's; what is no number as null."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return value
+
+
+def _tell(chosen: Study, rows: Sequence[Row], *, whole: bool) -> None:
+    console = Console()
+    console.print(Text(f"{chosen.name}: {chosen.title}", style="bold"))
+    console.print(Text(f"{chosen.paper}; {chosen.figure}", style="dim"))
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    words = [key for key in keys if any(isinstance(row.get(key), str) for row in rows)]
+    listed = table(*keys)
+    for column, key in zip(listed.columns, keys, strict=True):
+        column.justify = "left" if key in words else "right"
+        column.overflow = "fold"
+    for row in rows:
+        listed.add_row(*(Text(_cell(row.get(key))) for key in keys))
+    console.print(listed)
+    claims = check(chosen, rows) if whole else []
+    if claims:
+        told = table("what", *COLUMNS, "agrees")
+        for one in claims:
+            told.add_row(Text(one.claim.what), *(Text(cell.replace("*", "")) for cell in one.cells()))
+        console.print()
+        console.print(told)
+
+
+def _cell(value: Any) -> str:
+    value = _plain(value)
+    if value is None:
+        return ""
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def _tell_studies(found: Mapping[str, Study], *, as_json: bool) -> None:
+    if as_json:
+        listed = [{"study": s.name, "title": s.title, "paper": s.paper, "figure": s.figure} for s in found.values()]
+        document = {"format": "skyproof-studies/1", "version": version("skyproof"), "studies": listed}
+        sys.stdout.write(json_text.dumps(document, indent=2, ensure_ascii=False) + "\n")
+        return
+    console, paper = Console(), None
+    papers = dict.fromkeys(one.paper for one in found.values())
+    for paper in papers:
+        console.print(Text(paper, style="bold"), soft_wrap=True)
+        listing = table("study", "figure", "what it makes")
+        listing.columns[0].no_wrap = True  # it is to be copied
+        for one in found.values():
+            if one.paper == paper:
+                listing.add_row(Text(one.name), Text(one.figure), Text(one.title))
+        console.print(listing)
+        console.print()

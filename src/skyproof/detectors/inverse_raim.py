@@ -1,0 +1,328 @@
+"""Inverse RAIM: which ways to choose one signal of each satellite fit one position and clock?
+
+Integrity monitoring asks whether a set is consistent; with two or three delays for each satellite the question is which
+sets are. More than one means more than one sky: an attack, or several echoes that agree. After Ahmed, Khanafseh,
+Pervan, "GNSS Spoofing Detection and Exclusion by Decomposition of Complex Cross Ambiguity Function (DCCAF) with INS
+Aiding", ION, with these corrections:
+
+- Not "only two sets are consistent". Four satellites always fit; and where true and false delays agree to the noise,
+  satellites can be exchanged: with six satellites, an offset of 100 m and a sigma of 3 m, five mixed sets pass.
+  Sets are therefore gathered in clusters of one position and clock, and clusters are counted.
+- The full false set needs every satellite to be false. With fewer, at least five, `second_subset` looks among the
+  signals that the passing set leaves over.
+- An attack on time alone gives one position and two clocks: `timing_only`.
+
+Linear about a place near all fixes (what that neglects in a range is the offset squared over twice the distance: 0.2 mm
+at 100 m, 2 m at 10 km); skies far apart are for `navigation.sets`. Sets are visited by partial sums of parity vectors,
+or, to the same result, by branch and bound: with the parity matrix trapezoidal, each satellite from the last four on
+finishes one coordinate, and a branch beyond the threshold ends.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyproof.navigation.least_squares import design_matrix, spd_inverse
+from skyproof.records import Reals
+from skyproof.statistics.distributions import chi_square_threshold
+
+__all__ = [
+    "InverseRaim", "PassingSets", "clusters", "complementary_pair", "innovations", "inverse_raim", "parity_matrix",
+    "passing_sets", "second_subset", "set_states", "timing_only",
+]  # fmt: skip
+
+Indices = NDArray[np.int64]
+
+_UNKNOWNS = 4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PassingSets:
+    """choice (m, n): which signal of each satellite; statistic (m,), chi-square with `dof` degrees for a true set, the
+    smallest first; threshold; tried: how many sets there are."""
+
+    choice: Indices
+    statistic: Reals
+    dof: int
+    threshold: float
+    tried: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InverseRaim:
+    """sets : the passing ones. state_m (m, 4): place and clock from the reference. covariance_m2 (4, 4) of each.
+    cluster (m,) : number of each set's cluster, 0 for that of the best set. leader (clusters,) : the set of each
+    cluster with the smallest statistic. pair : two passing sets that share no signal of a satellite that has several,
+    the best such pair; None if there is none. timing_only : the pair, else the first two leaders, differ in the clock
+    alone."""
+
+    sets: PassingSets
+    state_m: Reals
+    covariance_m2: Reals
+    cluster: Indices
+    leader: Indices
+    pair: tuple[int, int] | None
+    timing_only: bool
+
+
+def parity_matrix(unit: ArrayLike, sigma_m: ArrayLike = 1.0) -> Reals:
+    """(n - 4, n): orthonormal rows S with S H = 0, divided by the sigmas; trapezoidal: row i is zero left of column i.
+
+    unit : (n, 3) vectors to the satellites; sigma_m : (n,). |S z|^2 is chi-square with n - 4 degrees for ranges z of
+    one position and clock. Raises ValueError for fewer than five satellites.
+    """
+    design = design_matrix(np.asarray(unit, np.float64))
+    n = len(design)
+    if n <= _UNKNOWNS:
+        raise ValueError(f"{n} satellites: four always fit one position and clock, expected five or more")
+    sigma = np.broadcast_to(np.asarray(sigma_m, np.float64), (n,))
+    return np.asarray(_trapezoid(design / sigma[:, None]) / sigma)
+
+
+@numba.njit(cache=True, nogil=True)
+def _trapezoid(design):  # type: ignore[no-untyped-def]
+    """Orthonormal rows beside the columns of `design`, row i zero left of column i: two QR decompositions.
+
+    Compiled: called one by one from Python they would take longer than the search that they are for.
+    """
+    n = design.shape[0]
+    wide = np.zeros((n, n + _UNKNOWNS))
+    wide[:, :_UNKNOWNS] = design
+    for i in range(n):
+        wide[i, _UNKNOWNS + i] = 1.0
+    full = np.linalg.qr(wide)[0]
+    return np.linalg.qr(np.ascontiguousarray(full[:, _UNKNOWNS:].T))[1]
+
+
+@numba.njit(cache=True, nogil=True)
+def _exhaustive(terms, counts, limit, choice, statistic):  # type: ignore[no-untyped-def]
+    """All sets by partial sums, the last satellite innermost; how many pass. Writes as many as there is room for."""
+    n, _, r = terms.shape
+    sums = np.zeros((n, r))
+    at = np.zeros(n, np.int64)
+    own = np.zeros(counts[n - 1])
+    for c in range(counts[n - 1]):
+        for i in range(r):
+            own[c] += terms[n - 1, c, i] ** 2
+    found, level = 0, 0
+    while level >= 0:
+        if level < n - 1:
+            if at[level] == counts[level]:
+                at[level] = 0
+                level -= 1
+                if level >= 0:
+                    at[level] += 1
+                continue
+            for i in range(r):
+                sums[level + 1, i] = sums[level, i] + terms[level, at[level], i]
+            level += 1
+            continue
+        size = 0.0
+        for i in range(r):
+            size += sums[level, i] ** 2
+        for c in range(counts[level]):
+            along = 0.0
+            for i in range(r):
+                along += sums[level, i] * terms[level, c, i]
+            total = size + 2.0 * along + own[c]
+            if total <= limit:
+                if found < len(statistic):
+                    choice[found, :level] = at[:level]
+                    choice[found, level] = c
+                    statistic[found] = total
+                found += 1
+        level -= 1
+        if level >= 0:
+            at[level] += 1
+    return found
+
+
+@numba.njit(cache=True, nogil=True)
+def _pruned(terms, counts, limit, choice, statistic):  # type: ignore[no-untyped-def]
+    """As `_exhaustive`, from the last satellite to the first; row i is final once satellites i and later are set."""
+    n, _, r = terms.shape
+    sums = np.zeros((n + 1, r))  # sums[k]: of satellites k and later
+    total = np.zeros(n + 1)
+    at = np.zeros(n, np.int64)
+    found, k = 0, n - 1
+    while k < n:
+        if at[k] == counts[k]:
+            at[k] = 0
+            k += 1
+            if k < n:
+                at[k] += 1
+            continue
+        for i in range(min(k + 1, r)):
+            sums[k, i] = sums[k + 1, i] + terms[k, at[k], i]
+        total[k] = total[k + 1]
+        if k < r:
+            total[k] += sums[k, k] ** 2
+        if total[k] > limit:
+            at[k] += 1
+        elif k > 0:
+            k -= 1
+        else:
+            if found < len(statistic):
+                choice[found] = at
+                statistic[found] = total[0]
+            found += 1
+            at[0] += 1
+    return found
+
+
+def passing_sets(
+    unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike = 1.0, *, false_alarm_probability: float = 1e-3,
+    exhaustive: bool = False,
+) -> PassingSets:  # fmt: skip
+    """All choices of one signal a satellite whose residuals pass a chi-square test, the smallest statistic first.
+
+    Parameters
+    ----------
+    unit : (n, 3) to the satellites from a place near all fixes, in any axes.
+    misfit_m : (n, c) measured minus modelled range at that place of each satellite's signals, in order; NaN where a
+        satellite has fewer than c.
+    sigma_m : (n,) or one for all.
+    false_alarm_probability : that a true set fails.
+    exhaustive : visit every set; the same result.
+
+    Raises
+    ------
+    ValueError : fewer than five satellites, or one without a signal.
+    """
+    misfit = np.atleast_2d(np.asarray(misfit_m, np.float64))
+    parity = parity_matrix(unit, sigma_m)
+    counts = np.isfinite(misfit).sum(axis=1)
+    if not counts.all():
+        raise ValueError("a satellite has no signal; leave it out")
+    terms = parity.T[:, None, :] * np.nan_to_num(misfit)[:, :, None]
+    n = len(counts)
+    limit = float(chi_square_threshold(false_alarm_probability, n - _UNKNOWNS))
+    visit = _exhaustive if exhaustive else _pruned
+    room = 1024
+    while True:
+        choice, statistic = np.empty((room, n), np.int64), np.empty(room)
+        found = visit(terms, counts, limit, choice, statistic)
+        if found <= room:
+            break
+        room = found
+    order = np.argsort(statistic[:found], kind="stable")
+    return PassingSets(choice=choice[order], statistic=statistic[order], dof=n - _UNKNOWNS, threshold=limit,
+                       tried=int(np.prod(counts.astype(object))))  # fmt: skip
+
+
+def set_states(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Indices) -> tuple[Reals, Reals]:
+    """Place and clock (m, 4) of each set from the reference, in the axes of `unit`, and their covariance (4, 4)."""
+    design = design_matrix(np.asarray(unit, np.float64))
+    n = len(design)
+    weight = 1.0 / np.broadcast_to(np.asarray(sigma_m, np.float64), (n,)) ** 2
+    covariance = spd_inverse(design.T @ (weight[:, None] * design))
+    chosen = np.atleast_2d(np.asarray(misfit_m, np.float64))[np.arange(n), choice]
+    return np.asarray((chosen * weight) @ design @ covariance), covariance
+
+
+def clusters(state_m: ArrayLike, covariance_m2: ArrayLike, *, probability: float = 1e-3) -> tuple[Indices, Indices]:
+    """Gather fixes (m, 4), the best first, by place and clock: cluster of each (m,), and the first fix of each cluster.
+
+    A fix joins the first cluster whose leader it does not differ from: two independent fixes of one place differ by
+    more with `probability` (sets that share signals differ by less).
+    """
+    state = np.asarray(state_m, np.float64)
+    inverse = np.linalg.inv(2.0 * np.asarray(covariance_m2, np.float64))
+    limit = float(chi_square_threshold(probability, state.shape[-1]))
+    cluster = np.full(len(state), -1)
+    leaders: list[int] = []
+    while np.any(cluster < 0):
+        leader = int(np.argmax(cluster < 0))
+        apart = state - state[leader]
+        near = (cluster < 0) & (np.einsum("mi,ij,mj->m", apart, inverse, apart) <= limit)
+        cluster[near] = len(leaders)
+        leaders.append(leader)
+    return cluster, np.array(leaders, np.int64)
+
+
+def complementary_pair(choice: Indices, several: NDArray[np.bool_]) -> tuple[int, int] | None:
+    """The first pair of sets (m, n), best first, that differ in every satellite with `several` (n,) signals."""
+    if not several.any():
+        return None
+    own = choice[:, several]
+    for first in range(len(own)):
+        other = np.flatnonzero(np.all(own[first + 1 :] != own[first], axis=1))
+        if other.size:
+            return first, first + 1 + int(other[0])
+    return None
+
+
+def timing_only(one_m: Reals, other_m: Reals, covariance_m2: Reals, *, probability: float = 1e-3) -> bool:
+    """Whether two fixes (4,) differ in the clock and not in the place: no inertial unit can tell them apart.
+
+    Both tests by the covariance (4, 4) of each: a true difference of place passes for none with the tests' power only.
+    """
+    apart = np.asarray(one_m) - np.asarray(other_m)
+    twice = 2.0 * np.asarray(covariance_m2)
+    place = float(apart[:3] @ np.linalg.solve(twice[:3, :3], apart[:3]))
+    every = float(apart @ np.linalg.solve(twice, apart))
+    return bool(
+        place <= chi_square_threshold(probability, 3) and every - place > chi_square_threshold(probability, 1)
+    )
+
+
+def inverse_raim(
+    unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike = 1.0, *, false_alarm_probability: float = 1e-3
+) -> InverseRaim:
+    """All passing sets, their fixes and clusters; arguments as for `passing_sets`."""
+    misfit = np.atleast_2d(np.asarray(misfit_m, np.float64))
+    sets = passing_sets(unit, misfit, sigma_m, false_alarm_probability=false_alarm_probability)
+    state, covariance = set_states(unit, misfit, sigma_m, sets.choice)
+    cluster, leader = clusters(state, covariance, probability=false_alarm_probability)
+    pair = complementary_pair(sets.choice, np.isfinite(misfit).sum(axis=1) > 1)
+    two = pair if pair is not None else (tuple(leader[:2]) if len(leader) > 1 else None)
+    only_time = two is not None and timing_only(
+        state[two[0]], state[two[1]], covariance, probability=false_alarm_probability
+    )
+    return InverseRaim(sets=sets, state_m=state, covariance_m2=covariance, cluster=cluster, leader=leader, pair=pair,
+                       timing_only=only_time)  # fmt: skip
+
+
+def second_subset(
+    unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Indices, *,
+    false_alarm_probability: float = 1e-3,
+) -> tuple[Indices, PassingSets] | None:  # fmt: skip
+    """The largest set of satellites, five at least, that fit one position with signals that `choice` (n,) leaves over.
+
+    Returns the satellites and the passing sets among what they have left (their `choice` counts the signals left over,
+    in order), or None. Of several subsets of one size the one with the smallest statistic. Small subsets among many
+    pass by chance (`navigation.chance`): with five satellites, one in about threshold/spread.
+    """
+    units, misfit = np.asarray(unit, np.float64), np.array(np.atleast_2d(misfit_m), np.float64)
+    sigma = np.broadcast_to(np.asarray(sigma_m, np.float64), (len(misfit),))
+    misfit[np.arange(len(misfit)), choice] = np.nan
+    left = np.take_along_axis(misfit, np.argsort(np.isnan(misfit), axis=1, kind="stable"), axis=1)
+    able = np.flatnonzero(np.isfinite(left[:, 0]))
+    for size in range(able.size, _UNKNOWNS, -1):
+        best: tuple[Indices, PassingSets] | None = None
+        for rows in combinations(able, size):
+            some = np.array(rows)
+            sets = passing_sets(
+                units[some], left[some], sigma[some], false_alarm_probability=false_alarm_probability
+            )
+            if sets.statistic.size and (best is None or sets.statistic[0] < best[1].statistic[0]):
+                best = some, sets
+        if best is not None:
+            return best
+    return None
+
+
+def innovations(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Indices) -> Reals:
+    """Each signal (n, c) against the fix of the set `choice` (n,), over its sigma: standard normal for a signal of that
+    sky outside the set. NaN for the set's own signals."""
+    design = design_matrix(np.asarray(unit, np.float64))
+    misfit = np.array(np.atleast_2d(misfit_m), np.float64)
+    n = len(misfit)
+    sigma = np.broadcast_to(np.asarray(sigma_m, np.float64), (n,))
+    state, covariance = set_states(unit, misfit, sigma, choice[None, :])
+    variance = sigma**2 + np.einsum("ni,ij,nj->n", design, covariance, design)
+    misfit[np.arange(n), choice] = np.nan
+    return np.asarray((misfit - (design @ state[0])[:, None]) / np.sqrt(variance)[:, None])

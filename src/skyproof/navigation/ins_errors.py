@@ -1,0 +1,173 @@
+"""How far a free-running inertial navigator may be off: the linear model of its errors, and its renewal by a fix.
+
+21 states: errors of position (3), velocity (3) and attitude (3) in ECEF axes as `NavState.covariance` has them, then in
+the unit's axes the constant bias of accelerometers (3) and gyros (3) and their slowly changing bias (3 + 3), a
+Gauss-Markov process whose driving noise has the density 2 sigma^2 / tau. With f the specific force,
+
+    dr' = dv,   dv' = psi x f + C b_a + (gravity gradient) dr - 2 Omega x dv,   psi' = C b_g - Omega x psi
+
+(Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., 14.2.3, with the sign of
+psi that `NavState` says). Scale factors and misalignments are left out: they are for bodies that manoeuvre.
+
+The paper on decomposition (Ahmed, Khanafseh, Pervan) takes the figures of its table 1 for all there is; start errors
+and the bias that comes anew with each turn-on make most of the drift, and stand in `start_covariance`.
+"""
+
+from dataclasses import replace
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import linalg
+
+from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
+from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.records import NavState, Reals
+
+__all__ = ["STATES", "Grade", "error_covariance", "restarted", "start_covariance", "updated", "with_covariance"]
+
+STATES: Final = 21
+_SPIN: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
+
+
+class Grade(Protocol):
+    """What is asked of a unit's grade, per axis, SI units; `simulate.inertial.ImuGrade` is one."""
+
+    @property
+    def velocity_random_walk_m_s_rts(self) -> float: ...
+    @property
+    def angular_random_walk_rad_rts(self) -> float: ...
+    @property
+    def accelerometer_instability_m_s2(self) -> float: ...
+    @property
+    def gyro_instability_rad_s(self) -> float: ...
+    @property
+    def accelerometer_repeatability_m_s2(self) -> float: ...
+    @property
+    def gyro_repeatability_rad_s(self) -> float: ...
+    @property
+    def correlation_s(self) -> float: ...
+
+
+def start_covariance(
+    grade: Grade, *, position_m: float = 0.0, velocity_m_s: float = 0.0, tilt_rad: float = 0.0
+) -> Reals:
+    """(21, 21) at the start: independent errors of these standard deviations per axis, and the grade's own biases."""
+    sigma = (position_m, velocity_m_s, tilt_rad, grade.accelerometer_repeatability_m_s2, grade.gyro_repeatability_rad_s,
+             grade.accelerometer_instability_m_s2, grade.gyro_instability_rad_s)  # fmt: skip
+    return np.diag(np.repeat(np.square(sigma), 3))
+
+
+def error_covariance(path: NavState, grade: Grade, start: ArrayLike, *, most_s: float = 1.0) -> Reals:
+    """The covariance (n, 21, 21) at each time of `path` (n,), from `start` (21, 21) at its first.
+
+    path : the navigator's, or a true one nearby. Its states should be at most `most_s` apart; where they are closer,
+        the model is still stepped at every one, which costs time and nothing else. Force and attitude are taken as
+        even between states.
+    """
+    times = np.asarray(path.time_s)
+    steps_s = np.diff(times)
+    if np.any(steps_s <= 0.0) or np.any(steps_s > most_s * (1.0 + 1e-9)):
+        raise ValueError(f"path: steps from {steps_s.min():g} to {steps_s.max():g} s, expected above 0 to {most_s:g}")
+    rates, noise = _rates(path, grade), _noise(grade)
+    covariance = np.empty((times.size, STATES, STATES))
+    covariance[0] = np.asarray(start, np.float64)
+    # Van Loan, IEEE Trans. Automatic Control 23(3), 1978: both integrals from one exponential.
+    block = np.zeros((len(rates), 2 * STATES, 2 * STATES))
+    block[:, :STATES, :STATES] = -rates
+    block[:, :STATES, STATES:] = noise
+    block[:, STATES:, STATES:] = np.swapaxes(rates, -1, -2)
+    powers = linalg.expm(block * steps_s[:, None, None])
+    step = np.swapaxes(powers[:, STATES:, STATES:], -1, -2)
+    added = step @ powers[:, :STATES, STATES:]
+    for k in range(len(rates)):
+        after = step[k] @ covariance[k] @ step[k].T + added[k]
+        covariance[k + 1] = 0.5 * (after + after.T)
+    return covariance
+
+
+def with_covariance(path: NavState, covariance: Reals) -> NavState:
+    """The path with the first nine states' covariance of (n, 21, 21)."""
+    return replace(path, covariance=covariance[:, :9, :9])
+
+
+def updated(covariance: Reals, sensitivity: ArrayLike, noise: ArrayLike, innovation: ArrayLike) -> tuple[Reals, Reals]:
+    """Kalman's update: estimates (..., s) of the errors and the covariance (..., s, s) of what is left of them.
+
+    sensitivity : (..., m, s) of the measured errors to the states; noise : (..., m, m); innovation : (..., m), what the
+    navigator says minus what was measured. Joseph's form, which stays positive.
+    """
+    h, r = np.asarray(sensitivity, np.float64), np.asarray(noise, np.float64)
+    h_t = np.swapaxes(h, -1, -2)
+    gain = np.swapaxes(np.linalg.solve(h @ covariance @ h_t + r, h @ covariance), -1, -2)
+    kept = np.eye(covariance.shape[-1]) - gain @ h
+    after = kept @ covariance @ np.swapaxes(kept, -1, -2) + gain @ r @ np.swapaxes(gain, -1, -2)
+    return np.asarray((gain @ np.asarray(innovation, np.float64)[..., None])[..., 0]), np.asarray(after)
+
+
+def restarted(
+    state: NavState, covariance: Reals, position_ecef_m: ArrayLike, position_covariance_m2: ArrayLike,
+    velocity_ecef_m_s: ArrayLike | None = None, velocity_covariance_m2_s2: ArrayLike | None = None,
+) -> tuple[NavState, Reals, Reals]:  # fmt: skip
+    """The last of `state` put right by a fix, with the estimated biases (12,) and the covariance (21, 21) after it.
+
+    A position alone leaves velocity and tilt nearly as they are; Dopplers give the velocity, and through the
+    covariance the tilt and the biases that have led to the error. Subtract the biases (constant and slow ones of a
+    sensor summed) from later readings.
+    """
+    sensitivity = np.zeros((3 if velocity_ecef_m_s is None else 6, STATES))
+    sensitivity[:, : len(sensitivity)] = np.eye(len(sensitivity))
+    misfit = state.position_ecef_m[-1] - np.asarray(position_ecef_m, np.float64)
+    noise = np.asarray(position_covariance_m2, np.float64)
+    if velocity_ecef_m_s is not None:
+        if velocity_covariance_m2_s2 is None:
+            raise ValueError("a velocity without its covariance; give both")
+        misfit = np.concatenate((misfit, state.velocity_ecef_m_s[-1] - np.asarray(velocity_ecef_m_s, np.float64)))
+        noise = linalg.block_diag(noise, np.asarray(velocity_covariance_m2_s2, np.float64))
+    wrong, after = updated(covariance, sensitivity, noise, misfit)
+    attitude = linalg.expm(-_skew(wrong[6:9])) @ state.attitude[-1]
+    better = NavState(
+        time_s=state.time_s[-1:], position_ecef_m=state.position_ecef_m[-1:] - wrong[:3],
+        velocity_ecef_m_s=state.velocity_ecef_m_s[-1:] - wrong[3:6], attitude=attitude[None],
+        covariance=after[None, :9, :9],
+    )  # fmt: skip
+    return better, wrong[9:], after
+
+
+def _rates(path: NavState, grade: Grade) -> Reals:
+    """The model's matrix (n - 1, 21, 21) between neighbouring states."""
+    dt = np.diff(path.time_s)[:, None]
+    velocity = 0.5 * (path.velocity_ecef_m_s[1:] + path.velocity_ecef_m_s[:-1])
+    place = 0.5 * (path.position_ecef_m[1:] + path.position_ecef_m[:-1])
+    attitude = 0.5 * (path.attitude[1:] + path.attitude[:-1])
+    force = np.diff(path.velocity_ecef_m_s, axis=0) / dt + 2.0 * np.cross(_SPIN, velocity) - gravity_ecef_m_s2(place)
+    span_m = 1000.0 * np.eye(3)
+    gradient = (
+        gravity_ecef_m_s2(place[:, None, :] + span_m) - gravity_ecef_m_s2(place[:, None, :] - span_m)
+    ) / 2000.0  # symmetric
+    rates = np.zeros((len(dt), STATES, STATES))
+    rates[:, 0:3, 3:6] = np.eye(3)
+    rates[:, 3:6, 0:3] = gradient
+    rates[:, 3:6, 3:6] = -2.0 * _skew(_SPIN)
+    rates[:, 3:6, 6:9] = -_skew(force)
+    rates[:, 6:9, 6:9] = -_skew(_SPIN)
+    for accelerometer in (9, 15):
+        rates[:, 3:6, accelerometer : accelerometer + 3] = attitude
+        rates[:, 6:9, accelerometer + 3 : accelerometer + 6] = attitude
+    rates[:, 15:, 15:] = -np.eye(6) / grade.correlation_s
+    return rates
+
+
+def _noise(grade: Grade) -> Reals:
+    """Density (21, 21) of the driving noise."""
+    slow = np.square((grade.accelerometer_instability_m_s2, grade.gyro_instability_rad_s)) * 2.0 / grade.correlation_s
+    density = (0.0, grade.velocity_random_walk_m_s_rts**2, grade.angular_random_walk_rad_rts**2, 0.0, 0.0, *slow)
+    return np.diag(np.repeat(density, 3))
+
+
+def _skew(vector: Reals) -> Reals:
+    """[v x] (..., 3, 3) of vectors (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(vector), -1, 0)
+    zero = np.zeros_like(x)
+    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -1,0 +1,243 @@
+"""Rows of numbers as a chart: points and lines over straight or logarithmic axes, with a legend below.
+
+One SVG that stands alone: it brings its style, light and dark. Lines differ in colour (of Okabe and Ito, "Color
+universal design", 2008, which colour-blind people tell apart), in the shape of their marks and, beyond six, in dashes.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from markupsafe import Markup
+
+from skyproof.records import Reals
+from skyproof.report import drawing as draw
+
+__all__ = ["Axes", "Curve", "chart_svg", "curves_of", "words_of"]
+
+
+class Axes(Protocol):
+    """What of the rows is drawn: column `y` over column `x`, a line for each combination of the values of `by`.
+
+    where : only rows with these values.
+    """
+
+    @property
+    def title(self) -> str: ...
+    @property
+    def x(self) -> str: ...
+    @property
+    def y(self) -> str: ...
+    @property
+    def x_label(self) -> str: ...
+    @property
+    def y_label(self) -> str: ...
+    @property
+    def by(self) -> tuple[str, ...]: ...
+    @property
+    def where(self) -> Mapping[str, Any]: ...
+    @property
+    def x_log(self) -> bool: ...
+    @property
+    def y_log(self) -> bool: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One line: its name, and x and y (n,) in the order of the rows, NaN where it is broken."""
+
+    name: str
+    x: Reals
+    y: Reals
+
+
+_STYLE = Markup("""<style>
+svg { background: #ffffff; font-family: system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
+text { font-size: 11.5px; fill: #5a6675; }
+.small { font-size: 10px; }
+.axis, .title { fill: #1b2430; }
+.title { font-weight: 600; }
+.grid { stroke: #e9edf2; fill: none; }
+.frame { stroke: #d5dbe3; fill: none; }
+.curve { fill: none; stroke-width: 1.5; stroke-linejoin: round; stroke-linecap: round; }
+.curve.c0 { stroke: #0072b2; } .point.c0 { fill: #0072b2; }
+.curve.c1 { stroke: #d55e00; } .point.c1 { fill: #d55e00; }
+.curve.c2 { stroke: #009e73; } .point.c2 { fill: #009e73; }
+.curve.c3 { stroke: #cc79a7; } .point.c3 { fill: #cc79a7; }
+.curve.c4 { stroke: #b58900; } .point.c4 { fill: #b58900; }
+.curve.c5 { stroke: #56b4e9; } .point.c5 { fill: #56b4e9; }
+.d1 { stroke-dasharray: 6 4; } .d2 { stroke-dasharray: 1.5 4; } .d3 { stroke-dasharray: 8 3 1.5 3; }
+@media (prefers-color-scheme: dark) {
+  svg { background: #12171d; } text { fill: #9aa7b6; } .axis, .title { fill: #e4e9ef; }
+  .grid { stroke: #242c35; } .frame { stroke: #38424e; }
+}
+</style>""")
+_COLOURS, _DASHES = 6, 4
+_MARKS = ("m-2.6 0a2.6 2.6 0 1 0 5.2 0a2.6 2.6 0 1 0 -5.2 0z", "m0 -3.3l3.3 3.3l-3.3 3.3l-3.3 -3.3z",
+          "m-2.4 -2.4h4.8v4.8h-4.8z", "m0 -3l3 5.2h-6z", "m0 3l3 -5.2h-6z",
+          "m-3 -1h2v-2h2v2h2v2h-2v2h-2v-2h-2z")  # fmt: skip
+_MOST_MARKS = 40  # with more points than that only the line is drawn
+_LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 350.0, 30.0, 250.0
+_LEGEND_FROM, _LEGEND_STEP, _LETTER = 48.0, 15.0, 5.6
+
+_UNITS = {
+    "m": "m", "s": "s", "ms": "ms", "us": "µs", "hz": "Hz", "db": "dB", "dbhz": "dB-Hz", "chip": "chip", "deg": "°",
+    "rad": "rad", "cyc": "cycles", "m_s": "m/s",
+}  # fmt: skip
+
+
+def words_of(column: str, value: Any) -> str:
+    """A value as a legend says it: words as they are, numbers with the column's name and unit."""
+    if isinstance(value, str):
+        return value
+    match = re.fullmatch(r"(.+?)_(m_s|[a-z]+)", column)
+    name, unit = (match[1], _UNITS[match[2]]) if match and match[2] in _UNITS else (column, "")
+    if isinstance(value, bool | np.bool_):
+        return name.replace("_", " ") if value else f"no {name.replace('_', ' ')}"
+    told = draw.number(float(value)) if isinstance(value, int | float | np.number) else str(value)
+    return f"{name.replace('_', ' ')} {told}{'' if unit in ('', '°') else ' '}{unit}"
+
+
+def curves_of(rows: Iterable[Mapping[str, Any]], axes: Axes) -> tuple[list[Curve], list[str]]:
+    """The lines that the rows hold, and the names on the x axis if its column holds words (x then counts them).
+
+    A row without one of the columns, or with None there, is left out; what has no logarithm breaks a line.
+    """
+    kept = [row for row in rows if all(row.get(key) == value for key, value in axes.where.items())]
+    kept = [row for row in kept if row.get(axes.x) is not None and row.get(axes.y) is not None]
+    names = list(dict.fromkeys(str(row[axes.x]) for row in kept)) if any(_is_word(row[axes.x]) for row in kept) else []
+    groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
+    for row in kept:
+        groups.setdefault(tuple(row.get(key) for key in axes.by), []).append(row)
+    curves = []
+    for key, members in groups.items():
+        x = np.array([names.index(str(row[axes.x])) if names else float(row[axes.x]) for row in members], np.float64)
+        y = np.array([float(row[axes.y]) for row in members], np.float64)
+        name = ", ".join(words_of(column, value) for column, value in zip(axes.by, key, strict=True))
+        curves.append(Curve(name, _log(x) if axes.x_log and not names else x, _log(y) if axes.y_log else y))
+    return curves, names
+
+
+def chart_svg(rows: Sequence[Mapping[str, Any]], charts: Sequence[Axes]) -> Markup:
+    """All charts of the same rows, one below the other, as a file of its own; empty if there is nothing to draw."""
+    pieces, height = [], 0.0
+    for axes in charts:
+        body, tall = _chart(rows, axes)
+        if body:
+            pieces.append(Markup('<g transform="translate(0 {:.0f})">\n{}\n</g>').format(height, body))
+            height += tall
+    if not pieces:
+        return Markup("")
+    title = "; ".join(axes.title for axes in charts)
+    return Markup(
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {:.0f} {:.0f}" width="{:.0f}" role="img" '
+        'aria-label="{}">\n{}\n{}\n</svg>\n'
+    ).format(draw.WIDTH, height, 2.0 * draw.WIDTH, title, _STYLE, Markup("\n").join(pieces))
+
+
+def _chart(rows: Sequence[Mapping[str, Any]], axes: Axes) -> tuple[Markup, float]:
+    curves, names = curves_of(rows, axes)
+    there = [np.isfinite(curve.x) & np.isfinite(curve.y) for curve in curves]
+    if not any(mask.any() for mask in there):
+        return Markup(""), 0.0
+    x = np.concatenate([curve.x[mask] for curve, mask in zip(curves, there, strict=True)])
+    y = np.concatenate([curve.y[mask] for curve, mask in zip(curves, there, strict=True)])
+    x_log = axes.x_log and not names
+    across = draw.Scale(*((-0.5, len(names) - 0.5) if names else _bounds(x, x_log)), _LEFT, _RIGHT)
+    up = draw.Scale(*_bounds(y, axes.y_log), _BOTTOM, _TOP)
+    parts = [draw.text(8.0, 18.0, axes.title, css="title"), *_grid(across, up, axes, names)]
+    for index, curve in enumerate(curves):
+        parts += _drawn(across.pixels(curve.x), up.pixels(curve.y), index)
+    legend, lines = _legend([curve.name for curve in curves])
+    return Markup("\n").join([*parts, *legend]), _BOTTOM + _LEGEND_FROM + _LEGEND_STEP * lines
+
+
+def _drawn(x: Reals, y: Reals, index: int) -> list[Markup]:
+    colour = f"c{index % _COLOURS}"
+    parts = [draw.path(x, y, f"curve {colour} d{index // _COLOURS % _DASHES}")]
+    if x.size <= _MOST_MARKS:
+        shape = _MARKS[index % len(_MARKS)]
+        spots = "".join(f"M{a:.1f} {b:.1f}{shape}" for a, b in zip(x, y, strict=True) if math.isfinite(a + b))
+        parts.append(Markup('<path class="point {}" d="{}"/>').format(colour, spots))
+    return parts
+
+
+def _legend(names: Sequence[str]) -> tuple[list[Markup], int]:
+    """Keys and names in as many columns as the longest name leaves room for; nothing for one line without a name."""
+    if not any(names):
+        return [], 0
+    width = 34.0 + _LETTER * max(len(name) for name in names)
+    columns = max(1, min(len(names), int((draw.WIDTH - 8.0) // width)))
+    parts: list[Markup] = []
+    for index, name in enumerate(names):
+        x, y = 8.0 + index % columns * width, _BOTTOM + _LEGEND_FROM + index // columns * _LEGEND_STEP
+        parts += [*_drawn(np.array([x, x + 22.0]), np.array([y - 3.5, y - 3.5]), index),
+                  draw.text(x + 28.0, y, name, css="small axis")]  # fmt: skip
+    return parts, math.ceil(len(names) / columns)
+
+
+def _grid(across: draw.Scale, up: draw.Scale, axes: Axes, names: Sequence[str]) -> list[Markup]:
+    parts: list[Markup] = []
+    if names:
+        ticks = [(float(index), name) for index, name in enumerate(names)]
+    else:
+        ticks = _ticks(across, axes.x_log)
+    for value, told in ticks:
+        x = across(value)
+        parts += [draw.line(x, _TOP, x, _BOTTOM, "grid"),
+                  draw.text(min(x, draw.WIDTH - 1.0 - 3.7 * len(told)), _BOTTOM + 14.0, told, anchor="middle",
+                            css="small")]  # fmt: skip
+    for value, told in _ticks(up, axes.y_log):
+        y = up(value)
+        parts += [draw.line(_LEFT, y, _RIGHT, y, "grid"),
+                  draw.text(_LEFT - 5.0, y + 3.5, told, anchor="end", css="small")]  # fmt: skip
+    parts.append(Markup('<rect class="frame" x="{}" y="{}" width="{}" height="{}"/>').format(
+        _LEFT, _TOP, _RIGHT - _LEFT, _BOTTOM - _TOP))  # fmt: skip
+    return [*parts, draw.text((_LEFT + _RIGHT) / 2.0, _BOTTOM + 30.0, axes.x_label, anchor="middle", css="axis"),
+            draw.text(12.0, (_TOP + _BOTTOM) / 2.0, axes.y_label, anchor="middle", css="axis", turn=True)]  # fmt: skip
+
+
+def _ticks(scale: draw.Scale, log: bool) -> list[tuple[float, str]]:
+    """Where a number stands on an axis, and the number. Within two decades 1, 2 and 5 of each, else powers of ten."""
+    if not log:
+        return [(tick, draw.number(tick)) for tick in draw.nice_ticks(scale.low, scale.high)]
+    span = scale.high - scale.low
+    step = max(1, round(span / 6.0))
+    leads = (1, 2, 5) if span <= 2.0 else (1,)
+    values = [(power + math.log10(lead), lead, power)
+              for power in range(math.floor(scale.low), math.ceil(scale.high) + 1) for lead in leads]  # fmt: skip
+    return [(at, _power(lead, power)) for at, lead, power in values
+            if scale.low - 1e-9 <= at <= scale.high + 1e-9 and (power % step == 0 or span <= 2.0)]  # fmt: skip
+
+
+def _power(lead: int, power: int) -> str:
+    if -3 <= power <= 4:
+        return f"{lead * 10.0**power:g}"
+    raised = "10" + str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return raised if lead == 1 else f"{lead}·{raised}"
+
+
+def _bounds(values: Reals, log: bool) -> tuple[float, float]:
+    """A little more than the values take; on a straight axis from zero on if they come near it."""
+    low, high = float(values.min()), float(values.max())
+    span = high - low
+    if span <= 1e-12 * max(abs(low), abs(high), 1e-300):
+        span = (0.5 if log else max(abs(high), 1.0)) * 0.5
+        return low - span, high + span
+    room = 0.04 * span
+    if not log and 0.0 <= low < 0.5 * high:
+        return 0.0, high + room
+    return low - room, high + room
+
+
+def _log(values: Reals) -> Reals:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.log10(values)
+    return np.where(np.isfinite(logs), logs, np.nan)
+
+
+def _is_word(value: Any) -> bool:
+    return isinstance(value, str)

@@ -1,0 +1,126 @@
+"""Cumulative sums that alarm as soon as a mean has moved, with the exact mean time between false alarms.
+
+Crosier's multivariate form (R. B. Crosier, "Multivariate generalizations of cumulative sum quality-control schemes",
+Technometrics 30(3), 1988, section 3): with y standard normal in d dimensions under the null,
+
+    s <- s + y;  c = |s|;  s <- s max(0, 1 - k / c);  alarm if |s| > h.
+
+Under the null |s| alone is a Markov chain: |s + y| given |s| = r is a non-central chi of d degrees, noncentrality r. So
+the mean number of steps L(r) to an alarm obeys an integral equation, solved here on Gauss-Legendre nodes instead of the
+cells of D. Brook and D. A. Evans ("An approach to the probability distribution of CUSUM run length", Biometrika 59(3),
+1972): 50 nodes give 8 digits where 300 cells give 3. No simulation is needed.
+
+Page's one-sided form in one dimension, s <- max(0, s + y - k), alarm if s > h, goes the same way.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+from scipy.optimize import brentq
+
+__all__ = [
+    "CusumPath", "cusum_path", "cusum_run_length", "cusum_step", "cusum_threshold", "page_run_length",
+    "page_threshold",
+]  # fmt: skip
+
+Reals = NDArray[np.float64]
+
+_LONGEST_THRESHOLD = 50.0  # beyond, run lengths exceed what float64 resolves
+
+
+def cusum_step(state: Reals, y: Reals, reference: float) -> Reals:
+    """One step of the sum: state and y (..., d), `reference` k is about half the shift |E y| that one wants to find."""
+    total = state + y
+    size = np.linalg.norm(total, axis=-1, keepdims=True)
+    return np.asarray(total * np.maximum(0.0, 1.0 - reference / np.maximum(size, 1e-300)), float)
+
+
+class CusumPath(NamedTuple):
+    """size : |s| after each step, (..., n). state : s at the end, (..., d), to go on with. Nothing is reset."""
+
+    size: Reals
+    state: Reals
+
+
+def cusum_path(y: Reals, reference: float, state: Reals | None = None) -> CusumPath:
+    """Run the sum over y (..., n, d) from `state` (..., d), zero by default; pieces give what the whole gives."""
+    s = np.zeros((*y.shape[:-2], y.shape[-1])) if state is None else state
+    size = np.empty(y.shape[:-1])
+    for n in range(y.shape[-2]):
+        s = cusum_step(s, y[..., n, :], reference)
+        size[..., n] = np.linalg.norm(s, axis=-1)
+    return CusumPath(size, s)
+
+
+def _nodes(threshold: float) -> tuple[Reals, Reals]:
+    """Gauss-Legendre nodes and weights on (0, threshold), two and more for each unit: the kernel is one unit wide."""
+    x, w = np.polynomial.legendre.leggauss(24 + 2 * int(np.ceil(threshold)))
+    return 0.5 * threshold * (x + 1.0), 0.5 * threshold * w
+
+
+def _chi_density(x: Reals, degrees: int, r: Reals) -> Reals:
+    """Density at x > 0 of the length of a standard normal vector around a point at distance r > 0 from the origin."""
+    half = 0.5 * degrees
+    return np.asarray(
+        x * (x / r) ** (half - 1.0) * np.exp(-0.5 * (x - r) ** 2) * special.ive(half - 1.0, r * x), float
+    )
+
+
+def cusum_run_length(reference: float, threshold: float, degrees: int) -> float:
+    """Mean number of steps from s = 0 to an alarm under the null; infinite where float64 cannot tell it any more."""
+    nodes, weights = _nodes(threshold)
+    start = np.concatenate(([1e-9], nodes))  # at the origin the density has a limit, reached well before
+    kernel = weights * _chi_density(nodes + reference, degrees, start[:, None])
+    back = special.chndtr(reference**2, degrees, start**2)
+    return _solve(np.column_stack((back, kernel)))
+
+
+def page_run_length(reference: float, threshold: float) -> float:
+    """Mean number of steps from s = 0 to an alarm of Page's one-sided sum of standard normal numbers."""
+    nodes, weights = _nodes(threshold)
+    start = np.concatenate(([0.0], nodes))
+    apart = nodes + reference - start[:, None]
+    kernel = weights * np.exp(-0.5 * apart**2) / np.sqrt(2.0 * np.pi)
+    return _solve(np.column_stack((special.ndtr(reference - start), kernel)))
+
+
+def _solve(transition: Reals) -> float:
+    """L at the first state from (I - Q) L = 1."""
+    try:
+        length = np.linalg.solve(np.eye(len(transition)) - transition, np.ones(len(transition)))
+    except np.linalg.LinAlgError:
+        return np.inf
+    return float(length[0]) if 0.0 < length[0] < 1e13 else np.inf
+
+
+def cusum_threshold(mean_steps: float, reference: float, degrees: int) -> float:
+    """The threshold h with `mean_steps` between false alarms.
+
+    Raises
+    ------
+    ValueError : no threshold up to 50 gives so many; a larger reference needs a smaller threshold.
+    """
+    return _threshold(lambda h: cusum_run_length(reference, h, degrees), mean_steps)
+
+
+def page_threshold(mean_steps: float, reference: float) -> float:
+    """The threshold of Page's one-sided sum with `mean_steps` between false alarms; raises as `cusum_threshold`."""
+    return _threshold(lambda h: page_run_length(reference, h), mean_steps)
+
+
+def _threshold(run_length: Callable[[float], float], mean_steps: float) -> float:
+    def excess(h: float) -> float:
+        return float(np.log(min(run_length(h), 1e15) / mean_steps))
+
+    low, high = 1e-3, 2.0
+    while excess(high) < 0.0:
+        low, high = high, 1.5 * high
+        if high > _LONGEST_THRESHOLD * 1.5:
+            raise ValueError(
+                f"no threshold up to {_LONGEST_THRESHOLD:g} gives {mean_steps:g} steps between false alarms; "
+                "take a larger reference"
+            )
+    return float(brentq(excess, low, high, xtol=1e-6))

@@ -1,0 +1,175 @@
+"""Studies of inverse RAIM, the second half of the paper on decomposition (Ahmed, Khanafseh, Pervan)."""
+
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.detectors.inverse_raim import inverse_raim, passing_sets
+from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.sky import unit_vectors
+from skyproof.gnss.time import week_and_tow
+from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+
+__all__ = ["STUDIES"]
+
+Reals = NDArray[np.float64]
+
+PAPER: Final = "Ahmed, Khanafseh, Pervan, DCCAF with INS aiding"
+_DIRECTION_ENU: Final = np.array([1.0, 0.0, 1.0]) * np.sqrt(0.5)
+_START: Final = np.datetime64("2022-01-01T00:00:00", "ns")
+_MASK_DEG: Final = 7.0
+_MOST_GDOP: Final = 10.0
+_PRUNED_REPEATS: Final = 20
+
+
+def sets(settings: Settings) -> Iterator[Row]:
+    """Which choices of one signal a satellite pass at 0.1 %: how many beside the true and the false one, and how fast.
+
+    attack "position": the false fix lies up-east; "time": all false signals are late by as much. With three signals the
+    third is anywhere within 300 m. Satellites are those of the nominal constellation at places and times by chance.
+    """
+    rng = settings.rng()
+    skies = _Skies(rng)
+    for satellites, signals in ((6, 2), (6, 3), (8, 2), (12, 2), (12, 3)):
+        yield _timed(satellites, signals, skies, rng, settings.count(60, 15))
+    trials = settings.count(1000, 100)
+    for satellites in (6, 8):
+        for sigma_m in (1.0, 3.0):
+            for offset_m in (10.0, 30.0, 60.0, 100.0, 300.0):
+                yield _counted("position", satellites, sigma_m, offset_m, skies, rng, trials)
+    for offset_m in (10.0, 30.0, 100.0):
+        yield _counted("time", 7, 3.0, offset_m, skies, rng, trials)
+
+
+class _Skies:
+    """Unit vectors, east, north, up, to satellites above the mask, anywhere and at any time."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._seen: list[Reals] = []
+        for _ in range(120):
+            when = _START + np.timedelta64(int(rng.integers(86_400)), "s")
+            place = ecef_from_geodetic(np.arcsin(rng.uniform(-1.0, 1.0)), rng.uniform(-np.pi, np.pi), 0.0)
+            week, tow_s = week_and_tow(when)
+            orbits = nominal_constellation(when).ephemerides
+            ecef_m = np.stack([satellite_state_s(orbit, week, tow_s).position_ecef_m for orbit in orbits])
+            units = unit_vectors(place, ecef_m) @ rot_enu_ecef(*geodetic_from_ecef(place)[:2]).T
+            self._seen.append(units[units[:, 2] > np.sin(np.radians(_MASK_DEG))])
+
+    def some(self, satellites: int) -> Reals:
+        """(n, 3) of as many satellites, drawn from one sky, in a geometry that a receiver would use."""
+        while True:
+            seen = self._seen[self._rng.integers(len(self._seen))]
+            if len(seen) < satellites:
+                continue
+            units = seen[self._rng.permutation(len(seen))[:satellites]]
+            design = np.concatenate((-units, np.ones((satellites, 1))), axis=1)
+            normal = design.T @ design
+            if np.linalg.det(normal) > 1e-6 and np.trace(np.linalg.inv(normal)) < _MOST_GDOP**2:
+                return units
+
+
+def _misfits(
+    units: Reals, signals: int, sigma_m: float, offset_m: float, attack: str, rng: np.random.Generator
+) -> Reals:  # fmt: skip
+    """(n, signals): true, false, and any."""
+    misfit = sigma_m * rng.standard_normal((len(units), signals))
+    misfit[:, 1] += offset_m if attack == "time" else -offset_m * (units @ _DIRECTION_ENU)
+    if signals > 2:
+        misfit[:, 2:] += rng.uniform(-300.0, 300.0, (len(units), signals - 2))
+    return misfit
+
+
+def _timed(satellites: int, signals: int, skies: _Skies, rng: np.random.Generator, repeats: int) -> Row:
+    took: dict[bool, list[float]] = {True: [], False: []}
+    same, passing = True, []
+    for repeat in range(repeats + 1):
+        units = skies.some(satellites)
+        misfit = _misfits(units, signals, 1.0, 100.0, "position", rng)
+        found = {}
+        for exhaustive in (True, False):
+            found[exhaustive] = passing_sets(units, misfit, 1.0, exhaustive=exhaustive)
+            begin = time.process_time()
+            for _ in range(1 if exhaustive else _PRUNED_REPEATS):
+                passing_sets(units, misfit, 1.0, exhaustive=exhaustive)
+            spent_s = time.process_time() - begin
+            if repeat:  # the first call loads the compiled kernel
+                took[exhaustive].append(spent_s / (1 if exhaustive else _PRUNED_REPEATS))
+        same &= set(map(tuple, found[True].choice)) == set(map(tuple, found[False].choice))
+        passing.append(len(found[False].statistic))
+    return _row(
+        satellites=satellites, signals=signals, sets=signals**satellites, attack="position", sigma_m=1.0,
+        offset_m=100.0, ms_exhaustive=1e3 * float(np.median(took[True])), ms_pruned=1e3 * float(np.median(took[False])),
+        same_sets=same, passing=float(np.mean(passing)), trials=repeats,
+    )  # fmt: skip
+
+
+def _counted(
+    attack: str, satellites: int, sigma_m: float, offset_m: float, skies: _Skies, rng: np.random.Generator, trials: int
+) -> Row:  # fmt: skip
+    mixed, pure, groups, pairs, clocks = [], [], [], [], []
+    for _ in range(trials):
+        units = skies.some(satellites)
+        found = inverse_raim(units, _misfits(units, 2, sigma_m, offset_m, attack, rng), sigma_m)
+        is_pure = np.isin(found.sets.choice.sum(axis=1), (0, satellites))
+        mixed.append(int(np.sum(~is_pure)))
+        pure.append(bool(is_pure.size > 1 and is_pure[:2].all()))
+        groups.append(len(found.leader))
+        pairs.append(found.pair is not None and bool(is_pure[list(found.pair)].all()))
+        clocks.append(found.timing_only)
+    return _row(
+        satellites=satellites, signals=2, sets=2**satellites, attack=attack, sigma_m=sigma_m, offset_m=offset_m,
+        mixed_passing=float(np.mean(mixed)), two_smallest_pure=float(np.mean(pure)),
+        clusters=float(np.mean(groups)), pair_is_pure=float(np.mean(pairs)), timing_only=float(np.mean(clocks)),
+        passing=None, trials=trials,
+    )  # fmt: skip
+
+
+def _row(**values: Any) -> Row:
+    names = ("satellites", "signals", "sets", "attack", "sigma_m", "offset_m", "ms_exhaustive", "ms_pruned",
+             "same_sets", "passing", "mixed_passing", "two_smallest_pure", "clusters", "pair_is_pure", "timing_only",
+             "trials")  # fmt: skip
+    return {name: values.get(name) for name in names}
+
+
+def _value(column: str, **where: Any) -> Any:
+    def found(rows: Sequence[Row]) -> float:
+        for row in rows:
+            if row[column] is not None and all(row[key] == value for key, value in where.items()):
+                return float(row[column])
+        return float("nan")
+
+    return found
+
+
+_SIX: Final = {"satellites": 6, "attack": "position", "offset_m": 100.0}
+STUDIES: tuple[Study, ...] = (
+    Study(
+        name="inverse-raim.sets", title="Which sets of signals fit one position", paper=PAPER,
+        figure="Figures 9 and 13", run=sets,
+        charts=(
+            Chart(title="Mixed sets that pass at 0.1 %", x="offset_m", y="mixed_passing", x_label="offset, m",
+                  y_label="mean number", by=("satellites", "sigma_m"), where={"attack": "position"}, x_log=True),
+            Chart(title="The two smallest residuals are the true and the false set", x="offset_m",
+                  y="two_smallest_pure", x_label="offset, m", y_label="share", by=("satellites", "sigma_m"),
+                  where={"attack": "position"}, x_log=True),
+        ),
+        claims=(
+            Claim(what="mixed sets that pass, 6 satellites, 1 m, 100 m", paper="none", reference=1.0,
+                  same=_value("mixed_passing", sigma_m=1.0, **_SIX)),
+            Claim(what="two smallest residuals pure, the same", paper="always", reference=0.75,
+                  same=_value("two_smallest_pure", sigma_m=1.0, **_SIX), better=_value("pair_is_pure", sigma_m=1.0,
+                                                                                       **_SIX)),
+            Claim(what="mixed sets that pass, 6 satellites, 3 m, 100 m", paper="none", reference=4.8,
+                  same=_value("mixed_passing", sigma_m=3.0, **_SIX)),
+            Claim(what="3^12 sets, ms (same: every set; better: branch and bound)", paper="not stated", reference=12.0,
+                  same=_value("ms_exhaustive", satellites=12, signals=3),
+                  better=_value("ms_pruned", satellites=12, signals=3)),
+        ),
+    ),
+)

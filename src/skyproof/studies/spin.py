@@ -1,0 +1,264 @@
+"""Figures and tables of the paper on one spinning antenna, and ours beside them.
+
+Zhang, Chen, Huang, Zhang and Ou, "Spoofing Detection Technique Based on Carrier Phase Double Difference of
+Spin-Antenna", 2016, in Chinese, doi 10.13203/j.whugis20140360. Its settings:
+radius 0.5 wavelengths, a turn in 4 s, 10 samples a second, 0.01 cycles of noise.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.detectors.spin import (
+    arm_angles,
+    arm_columns,
+    authentic_threshold,
+    circular_threshold,
+    full_fit,
+    full_information,
+    paired_fit,
+    paired_information,
+    spoofed_detection,
+)
+from skyproof.statistics.directions import Blocks, blocks, dead_zone, direction_cosines
+from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
+from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+
+__all__ = ["STUDIES"]
+
+Reals = NDArray[np.float64]
+
+PAPER: Final = "spin"
+RATE: Final = 0.05 * np.pi  # radians a sample
+RADIUS_CYC: Final = 0.5
+SIGMA_CYC: Final = 0.01
+OF_PAIR: Final = {"radius_cyc": RADIUS_CYC, "sigma_cyc": SIGMA_CYC * np.sqrt(2.0)}
+P_FA: Final = 0.01
+CHUNK: Final = 50_000
+
+Degrees = tuple[float, float]
+
+
+def _level(pair_deg: Degrees) -> Reals:
+    return direction_cosines(*np.radians(pair_deg))[:2]
+
+
+def _information(test: str, n: int) -> Reals:
+    """Of a pair's difference, by the paper's differences or by the whole series less a quadratic."""
+    angle = arm_angles(n, RATE)
+    return paired_information(angle, **OF_PAIR) if test == "paper" else full_information(angle, **OF_PAIR)
+
+
+def _noncentrality(test: str, n: int, one: Degrees, other: Degrees) -> float:
+    apart = _level(one) - _level(other)
+    return float(apart @ _information(test, n) @ apart)
+
+
+def _row(rows: Sequence[Row], **where: Any) -> Row:
+    return next(row for row in rows if all(row.get(key) == value for key, value in where.items()))
+
+
+def _value(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
+    return lambda rows: float(_row(rows, **where)[column])
+
+
+# Receiver operating characteristics -----------------------------------------------------------------------------------
+
+
+def roc(settings: Settings) -> Iterator[Row]:
+    """P_D of the pair (155, 50), (160, 55) in the paper's sense: false alarm, an authentic pair at known directions
+    taken for spoofed; detection, a pair of one direction so taken. Tests: `paper`; `full`: the whole series."""
+    for test in ("paper", "full"):
+        for n in (40, 50, 100, 150, 200, 250, 300):
+            far = _noncentrality(test, n, (155.0, 50.0), (160.0, 55.0))
+            for p_fa in np.round(10.0 ** np.linspace(-4.0, 0.0, 41)[:-1], 10):
+                limit = float(authentic_threshold(p_fa, far))
+                yield {"test": test, "n": n, "noncentrality": far, "p_fa": float(p_fa), "threshold": limit,
+                       "p_d": float(spoofed_detection(limit))}  # fmt: skip
+
+
+# Dead zones -----------------------------------------------------------------------------------------------------------
+
+REFERENCES: Final = ((40.0, 35.0), (160.0, 20.0), (240.0, 55.0), (320.0, 70.0))
+TABLE_1: Final = {150: (278, 389, 266, 398), 200: (201, 318, 194, 296)}
+FULL: Final = {150: (8, 10, 8, 12), 200: (4, 8, 4, 8)}
+
+
+def _missed(test: str, n: int, grid: Blocks, *, share: bool) -> Reals:
+    """Blocks, or share of the hemisphere, with P_D < 0.99 about each reference; the same in the paper's sense and in
+    the usual one."""
+    covariance = np.asarray(np.linalg.inv(_information(test, n)), np.float64)
+    reference = direction_cosines(*np.radians(np.array(REFERENCES).T))
+    return dead_zone(reference, grid.direction, np.eye(3)[:2], covariance, weight=grid.share if share else 1.0)
+
+
+def dead_zones(settings: Settings) -> Iterator[Row]:
+    """Table 1: the reference as given, the other signal in the middle of blocks of one degree."""
+    grid = blocks(1.0)
+    for n in (40, 50, 150, 200):
+        for test in ("paper", "full"):
+            for (az_deg, el_deg), count in zip(REFERENCES, _missed(test, n, grid, share=False), strict=True):
+                yield {"test": test, "reference": f"({az_deg:g}, {el_deg:g})", "n": n, "blocks": int(count)}
+
+
+def solid_angle(settings: Settings) -> Iterator[Row]:
+    """The same as shares of the hemisphere: blocks near the zenith are small."""
+    grid = blocks(0.25 if settings.quick else 0.2)
+    for n in (40, 50, 150, 200):
+        for test in ("paper", "full"):
+            for (az_deg, el_deg), share in zip(REFERENCES, _missed(test, n, grid, share=True), strict=True):
+                yield {"test": test, "reference": f"({az_deg:g}, {el_deg:g})", "n": n, "share": float(share)}
+
+
+# The scenario of section 5 --------------------------------------------------------------------------------------------
+
+SCENARIO: Final = (("[3,1]", (148.0, 50.0)), ("[4,1]", (158.0, 53.0)), ("[2,1]", (160.0, 55.0)))
+SPOOFER: Final = (160.0, 55.0)
+
+
+def scenario(settings: Settings) -> Iterator[Row]:
+    """Signal 1 against each of the others, N = 150: threshold for an authentic pair of these directions at P_FA 0.01,
+    and the detection of a pair of one direction, by formula and counted. `authentic_p_fa_simulated` counts the
+    pairs themselves below the threshold."""
+    n, rng = 150, settings.rng()
+    trials = settings.count(50_000, 20_000)
+    columns = arm_columns(arm_angles(n, RATE), RADIUS_CYC)
+    for pair, other in SCENARIO:
+        for test, fit in (("paper", paired_fit), ("full", full_fit)):
+            far = _noncentrality(test, n, other, SPOOFER)
+            limit = float(authentic_threshold(P_FA, far))
+            spin = columns @ (_level(other) - _level(SPOOFER))
+            same = apart = 0
+            for start in range(0, trials, CHUNK):
+                noise = OF_PAIR["sigma_cyc"] * rng.standard_normal((min(CHUNK, trials - start), n))
+                same += int(np.sum(fit(noise, arm_angles(n, RATE), **OF_PAIR).statistic < limit))
+                apart += int(np.sum(fit(noise + spin, arm_angles(n, RATE), **OF_PAIR).statistic < limit))
+            yield {"pair": pair, "test": test, "n": n, "noncentrality": far, "threshold": limit,
+                   "p_d_theory": float(spoofed_detection(limit)), "p_d_simulated": same / trials,
+                   "authentic_p_fa_simulated": apart / trials}  # fmt: skip
+
+
+# How much data; the rule with its own estimate ------------------------------------------------------------------------
+
+
+def samples(settings: Settings) -> Iterator[Row]:
+    """Detection of the pair (155, 50), (160, 55) against the number of samples, in both senses, P_FA 0.01."""
+    usual = float(chi_square_threshold(P_FA, 2))
+    for test in ("paper", "full"):
+        for n in range(20, 401):
+            far = _noncentrality(test, n, (155.0, 50.0), (160.0, 55.0))
+            yield {"test": test, "n": n, "noncentrality": far,
+                   "p_d": float(spoofed_detection(authentic_threshold(P_FA, far))),
+                   "p_d_usual": float(noncentral_chi_square_survival(usual, 2, far))}  # fmt: skip
+
+
+def circular(settings: Settings) -> Iterator[Row]:
+    """The paper's rule with the noncentrality estimated from the same phases: what it comes to, and the count."""
+    n, trials = 150, settings.count(50_000, 20_000)
+    for p_fa in (0.001, 0.01, 0.1):
+        rng, below = settings.rng(), 0
+        for start in range(0, trials, CHUNK):
+            noise = OF_PAIR["sigma_cyc"] * rng.standard_normal((min(CHUNK, trials - start), n))
+            statistic = paired_fit(noise, arm_angles(n, RATE), **OF_PAIR).statistic
+            below += int(np.sum(statistic < authentic_threshold(p_fa, statistic)))
+        limit = circular_threshold(p_fa)
+        yield {"p_fa": p_fa, "threshold": limit, "p_d_theory": float(spoofed_detection(limit)),
+               "p_d_simulated": below / trials}  # fmt: skip
+
+
+def _first(column: str, test: str) -> Callable[[Sequence[Row]], float]:
+    """The smallest number of samples from which on the detection stays at 0.9999 or more."""
+
+    def value(rows: Sequence[Row]) -> float:
+        short = [row["n"] for row in rows if row["test"] == test and row[column] < 0.9999]
+        return float(max(short) + 1)
+
+    return value
+
+
+def _at(n: int, p_fa: float, test: str) -> Callable[[Sequence[Row]], float]:
+    return lambda rows: float(
+        next(r["p_d"] for r in rows if r["n"] == n and r["test"] == test and abs(r["p_fa"] / p_fa - 1.0) < 1e-9)
+    )
+
+
+_TABLE: Final = tuple(
+    (n, f"({az:g}, {el:g})", paper, right)
+    for n in (150, 200)
+    for (az, el), paper, right in zip(
+        REFERENCES, TABLE_1[n], {150: (279, 389, 266, 398), 200: (202, 318, 194, 296)}[n], strict=True
+    )
+)
+
+STUDIES = (
+    Study(
+        name="spin.roc", title="Receiver operating characteristics of one pair", paper=PAPER, figure="Figure 3",
+        run=roc,
+        charts=tuple(
+            Chart(title=title, x="p_fa", y="p_d", x_label="P_FA", y_label="P_D", by=("n",), where={"test": test},
+                  x_log=True)
+            for test, title in (("paper", "The paper's differences"), ("full", "The whole series"))
+        ),
+        claims=tuple(
+            Claim(what=f"P_D of (155, 50), (160, 55) at P_FA 0.01, N = {n}", paper=value, reference=value,
+                  tolerance=1e-4, same=_at(n, 0.01, "paper"), better=_at(n, 0.01, "full"))
+            for n, value in ((50, 0.1143), (300, 0.9989))
+        ),
+    ),
+    Study(
+        name="spin.dead-zone", title="Blocks of the sky with P_D < 0.99", paper=PAPER, figure="Table 1", run=dead_zones,
+        claims=tuple(
+            Claim(what=f"blocks about {reference}, N = {n}", paper=paper, reference=right, tolerance=1.0,
+                  same=_value("blocks", test="paper", reference=reference, n=n),
+                  better=_value("blocks", test="full", reference=reference, n=n))
+            for n, reference, paper, right in _TABLE
+        ),
+    ),
+    Study(
+        name="spin.solid-angle", title="Share of the hemisphere with P_D < 0.99", paper=PAPER, figure="Table 1",
+        run=solid_angle,
+        claims=tuple(
+            Claim(what=f"share about {reference}, N = 150", paper="blocks only", reference=right,
+                  tolerance=0.01 * right, same=_value("share", test="paper", reference=reference, n=150),
+                  better=_value("share", test="full", reference=reference, n=150))
+            for reference, right in (("(40, 35)", 0.01101), ("(160, 20)", 0.01798), ("(240, 55)", 0.00746),
+                                     ("(320, 70)", 0.00648))
+        ),
+    ),
+    Study(
+        name="spin.scenario", title="A spoofer at (160, 55) and three others", paper=PAPER,
+        figure="Section 5, Figure 6", run=scenario,
+        claims=(
+            *(Claim(what=f"threshold of {pair}", paper=value, reference=value, tolerance=5e-5, digits=6,
+                    same=_value("threshold", pair=pair, test="paper"))
+              for pair, value in (("[3,1]", 22.0503), ("[4,1]", 0.0760), ("[2,1]", 0.0201))),
+            *(Claim(what=f"P_D of {pair}", paper=paper, reference=right, tolerance=1e-4,
+                    same=_value("p_d_theory", pair=pair, test="paper"),
+                    better=_value("p_d_theory", pair=pair, test="full"))
+              for pair, paper, right in (("[3,1]", 0.9999, 0.999984), ("[4,1]", 0.0373, 0.0373),
+                                         ("[2,1]", 0.0104, 0.0100))),
+        ),
+    ),
+    Study(
+        name="spin.samples", title="How many samples a pair of 5 degrees takes", paper=PAPER, figure="none",
+        run=samples,
+        charts=(Chart(title="Detection of (155, 50), (160, 55)", x="n", y="p_d", x_label="samples, 10 a second",
+                      y_label="P_D at P_FA 0.01", by=("test",)),),
+        claims=(
+            Claim(what="samples for P_D 0.9999, the paper's sense", paper="not given", reference=376, tolerance=0.0,
+                  same=_first("p_d", "paper"), better=_first("p_d", "full")),
+            Claim(what="samples for P_D 0.9999, the usual sense", paper="not given", reference=380, tolerance=0.0,
+                  same=_first("p_d_usual", "paper"), better=_first("p_d_usual", "full")),
+        ),
+    ),
+    Study(
+        name="spin.circular", title="The threshold from the estimate itself", paper=PAPER, figure="Section 4.1",
+        run=circular,
+        claims=(
+            Claim(what="P_D of spoofed pairs, P_FA 0.01, directions of the authentic pair not known",
+                  paper="taken as known", reference=0.0101, tolerance=0.0022, same=_value("p_d_simulated", p_fa=0.01)),
+        ),
+    ),
+)  # fmt: skip

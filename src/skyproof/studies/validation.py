@@ -1,0 +1,110 @@
+"""The table of validation: every figure of the papers beside ours by the same method, a better one, and what is right.
+
+What cannot be reproduced stands in the table as well, with the reason in place of a number.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import date
+from importlib.metadata import version
+
+from skyproof.studies.base import COLUMNS, Claim, Row, Settings, Study
+
+__all__ = ["Checked", "check", "table"]
+
+NONE = "–"
+
+
+class Checked:
+    """A claim beside what the rows gave. `agrees` is None where nothing is promised to agree."""
+
+    def __init__(self, claim: Claim, rows: Sequence[Row]) -> None:
+        self.claim = claim
+        self.same = None if claim.same is None else float(claim.same(rows))
+        self.better = None if claim.better is None else float(claim.better(rows))
+        aim = claim.paper if claim.reference is None or isinstance(claim.reference, str) else claim.reference
+        self.agrees: bool | None = None
+        if claim.tolerance is not None and self.same is not None and isinstance(aim, int | float):
+            self.agrees = bool(abs(self.same - aim) <= claim.tolerance)
+
+    def cells(self) -> tuple[str, ...]:
+        """What stands in the columns of `studies.base.COLUMNS`, then the verdict."""
+        claim = self.claim
+        values = (claim.paper, self.same, self.better, claim.reference)
+        if self.agrees is None:
+            verdict = NONE
+        else:
+            verdict = f"{'within' if self.agrees else '**not** within'} {_told(claim.tolerance, claim.digits)}"
+        return (*(_told(value, claim.digits) for value in values), verdict)
+
+
+def check(study: Study, rows: Sequence[Row]) -> list[Checked]:
+    """Every claim of a study beside its rows."""
+    return [Checked(claim, rows) for claim in study.claims]
+
+
+def table(
+    studies: Mapping[str, Study], settings: Settings, *, made_on: date | None = None,
+    before: Callable[[str], None] | None = None,
+) -> str:  # fmt: skip
+    """Run every study and write the page, in Markdown.
+
+    Parameters
+    ----------
+    made_on : the date that the page shows; today if None.
+    before : is told the name of each study before it runs.
+    """
+    return "\n".join(_lines(studies, settings, made_on or date.today(), before)) + "\n"
+
+
+def _lines(
+    studies: Mapping[str, Study], settings: Settings, made_on: date, before: Callable[[str], None] | None
+) -> Iterator[str]:
+    counts = "quick counts" if settings.quick else "full counts"
+    if settings.trials is not None:
+        counts = f"{settings.trials} trials each"
+    yield "# Validation"
+    yield ""
+    yield (
+        "Every figure of the papers that a study makes again, and those that none can make, with the reason. *Ours, "
+        "same method*: the paper's own, corrected where it has errors; *ours, better*: what is recommended instead; "
+        "*reference*: an independent check."
+    )
+    yield ""
+    yield (
+        f"skyproof {version('skyproof')}, {made_on.isoformat()}, seed {settings.seed}, {counts}. One figure with its "
+        "rows: `skyproof study NAME`; this page: `skyproof study --validation docs/validation.md`."
+    )
+    paper = ""
+    for name, study in studies.items():
+        if before is not None:
+            before(name)
+        if study.paper != paper:
+            paper = study.paper
+            yield from ("", f"## {_cell(paper)}")
+        yield from ("", f"### `{name}`: {_cell(study.title)}", "", f"{_cell(study.figure)}.".replace("..", "."))
+        if not study.claims:
+            yield from ("", "No single figure to compare; the rows are the result.")
+            continue
+        checked = check(study, list(study.run(settings)))
+        yield from ("", _row("what", *COLUMNS, "agrees"), _row(*["---"] * (len(COLUMNS) + 2)))
+        for one in checked:
+            yield _row(one.claim.what, *one.cells())
+
+
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(_cell(cell) for cell in cells)} |"
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def _told(value: float | str | None, digits: int) -> str:
+    if value is None:
+        return NONE
+    if isinstance(value, str):
+        return value
+    if not math.isfinite(value):
+        return "not found"
+    return f"{value:.{digits}g}"

@@ -1,0 +1,162 @@
+"""The linear error model: closed forms, the guide's drifts, units that really drift, and renewal by a fix."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.navigation.ins_errors import (
+    STATES,
+    error_covariance,
+    restarted,
+    start_covariance,
+    updated,
+    with_covariance,
+)
+from skyproof.navigation.strapdown import strapdown, strapdown_paths
+from skyproof.records import ImuSeries, NavState
+from skyproof.simulate.inertial import GRADES, ImuErrors, ImuGrade, inertial
+from skyproof.simulate.trajectories import las_vegas
+
+SECONDS = np.arange(0.0, 234.0)
+APPROACH = las_vegas()
+MOTION = APPROACH.at(SECONDS)
+PATH = NavState(time_s=SECONDS, position_ecef_m=MOTION.position_ecef_m, velocity_ecef_m_s=MOTION.velocity_ecef_m_s,
+                attitude=MOTION.attitude)  # fmt: skip
+TO_ENU = rot_enu_ecef(*geodetic_from_ecef(MOTION.position_ecef_m[0])[:2])
+NONE = ImuGrade(velocity_random_walk_m_s_rts=0.0, angular_random_walk_rad_rts=0.0, accelerometer_instability_m_s2=0.0,
+                gyro_instability_rad_s=0.0)  # fmt: skip
+MILLI_G = 9.80665e-3
+DEG_HOUR = np.radians(1.0) / 3600.0
+
+
+def drift_m(grade, at_s=233, **start):
+    """East, north, up, one sigma."""
+    covariance = error_covariance(PATH, grade, start_covariance(grade, **start))[at_s, :3, :3]
+    return np.sqrt(np.diag(TO_ENU @ covariance @ TO_ENU.T))
+
+
+@pytest.mark.parametrize(("changes", "start", "horizontal_m", "vertical_m"), [
+    ({"velocity_random_walk_m_s_rts": 0.06 / 60}, {}, 2.1, 2.1),
+    ({"velocity_random_walk_m_s_rts": 0.0143 / 60}, {}, 0.5, 0.5),
+    ({"accelerometer_repeatability_m_s2": 0.05 * MILLI_G}, {}, 13.3, 13.3),
+    ({"angular_random_walk_rad_rts": np.radians(0.15) / 60}, {}, 79.0, 0.0),
+    ({"gyro_repeatability_rad_s": 0.5 * DEG_HOUR}, {}, 50.0, 0.0),
+    ({"gyro_repeatability_rad_s": 0.0035 * DEG_HOUR}, {}, 0.35, 0.0),
+    ({}, {"tilt_rad": np.radians(0.02)}, 93.0, 0.0), ({}, {"velocity_m_s": 0.05}, 11.65, 11.65),
+])  # fmt: skip
+def test_each_error_grows_by_its_closed_form(changes, start, horizontal_m, vertical_m):
+    east, north, up = drift_m(replace(NONE, **changes), **start)
+    assert [east, north] == pytest.approx([horizontal_m] * 2, rel=0.05)  # Schuler's pull is 2 % over 233 s
+    assert up == pytest.approx(vertical_m, rel=0.06, abs=0.03 * horizontal_m)
+
+
+def test_the_slow_biases_stay_what_they_are():
+    grade = GRADES["tactical"]
+    last = error_covariance(PATH, grade, start_covariance(grade))[-1]
+    assert np.diag(last)[15:18] == pytest.approx(grade.accelerometer_instability_m_s2**2, rel=1e-6)
+    assert np.diag(last)[18:] == pytest.approx(grade.gyro_instability_rad_s**2, rel=1e-6)
+
+
+def table_only(name):
+    return replace(GRADES[name], accelerometer_repeatability_m_s2=0.0, gyro_repeatability_rad_s=0.0)
+
+
+MOVING = {"position_m": 1.0, "velocity_m_s": 0.05}
+
+
+@pytest.mark.parametrize(("grade", "start", "east_m", "up_m"), [
+    (table_only("navigation"), {}, (0.5, 1.7, 2.5), (0.5, 1.7, 2.4)),
+    (table_only("navigation"), MOVING, (5, 9.5, 12), (5, 10, 12)),
+    (GRADES["navigation-calibrated"], MOVING | {"tilt_rad": np.radians(0.003)}, (6, 14, 19), (5, 10, 13)),
+    (GRADES["navigation"], MOVING | {"tilt_rad": np.radians(0.01)}, (10, 33, 49), (5.5, 11, 15)),
+    (table_only("tactical"), {}, (10, 54, 92), (2.4, 8, 12)),
+    (table_only("tactical"), MOVING, (12, 55, 93), (6, 13, 18)),
+    (GRADES["tactical-calibrated"], MOVING | {"tilt_rad": np.radians(0.02)}, (25, 111, 182), (12, 40, 59)),
+    (GRADES["tactical"], MOVING | {"tilt_rad": np.radians(0.1)}, (103, 425, 686), (39, 139, 208)),
+])  # fmt: skip
+def test_drifts_are_those_of_the_guide(grade, start, east_m, up_m):
+    found = np.array([drift_m(grade, at_s, **start) for at_s in (100, 190, 233)])
+    assert found[:, 0] == pytest.approx(east_m, rel=0.09)  # the guide counted 300 runs: 4 % is one sigma
+    assert found[:, 2] == pytest.approx(up_m, rel=0.09)
+
+
+def drifting_units(n, grade, rng, **start):
+    """Errors of position and attitude of n units after the approach, at 2 Hz."""
+    unit = inertial(APPROACH.at, rate_hz=2.0, duration_s=233.0)
+    true = unit.read(0, unit.n_samples)
+    wrong = np.stack([_errors(grade, k, unit.n_samples) for k in range(n)])
+    return strapdown_paths(
+        PATH.position_ecef_m[0], PATH.velocity_ecef_m_s[0] + start["velocity_m_s"] * rng.standard_normal((n, 3)),
+        PATH.attitude[0], true.specific_force_m_s2 + wrong[..., :3], true.angular_rate_rad_s + wrong[..., 3:], 0.5,
+    )  # fmt: skip
+
+
+def _errors(grade, seed, n):
+    errors = ImuErrors.of(grade, 2.0, 1, seed)
+    return errors.bias + errors.drawn(0)[:n]
+
+
+def test_units_drift_as_the_model_says():
+    rng = np.random.default_rng(2)
+    grade = GRADES["tactical"]
+    places, speeds, attitudes = drifting_units(300, grade, rng, velocity_m_s=0.2)
+    predicted = error_covariance(PATH, grade, start_covariance(grade, velocity_m_s=0.2))[233]
+    turned = attitudes[:, -1] @ MOTION.attitude[233].T
+    psi = 0.5 * np.stack([turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0],
+                          turned[:, 1, 0] - turned[:, 0, 1]], axis=1)  # fmt: skip
+    error = np.concatenate((places[:, -1] - MOTION.position_ecef_m[233], speeds[:, -1] - MOTION.velocity_ecef_m_s[233],
+                            psi), axis=1)  # fmt: skip
+    squared = np.einsum("ni,ij,nj->n", error, np.linalg.inv(predicted[:9, :9]), error)
+    assert squared.mean() == pytest.approx(9.0, abs=4 * np.sqrt(18 / 300))
+
+
+def test_an_update_leaves_what_the_measurement_leaves():
+    rng = np.random.default_rng(3)
+    root = rng.standard_normal((4, 6, 6))
+    before = root @ np.swapaxes(root, -1, -2)
+    sensitivity, noise = rng.standard_normal((2, 6)), np.diag([0.5, 2.0])
+    _, after = updated(before, sensitivity, noise, np.zeros((4, 2)))
+    information = np.linalg.inv(before) + sensitivity.T @ np.linalg.inv(noise) @ sensitivity
+    assert np.allclose(after, np.linalg.inv(information), rtol=1e-6, atol=1e-9)
+
+
+def test_a_restart_with_velocity_puts_tilt_and_biases_right_too():
+    rng = np.random.default_rng(4)
+    grade = GRADES["tactical"]
+    start = start_covariance(grade, velocity_m_s=0.2)
+    covariance = error_covariance(PATH, grade, start)
+    place_noise, speed_noise = 1.0, 0.05
+    unit = inertial(APPROACH.at, rate_hz=2.0, duration_s=233.0)
+    true = unit.read(0, unit.n_samples)
+    kept = []
+    for seed in range(60):
+        wrong = _errors(grade, seed, unit.n_samples)
+        begin = NavState(time_s=np.zeros(1), position_ecef_m=PATH.position_ecef_m[:1], attitude=PATH.attitude[:1],
+                         velocity_ecef_m_s=PATH.velocity_ecef_m_s[:1] + 0.2 * rng.standard_normal(3))  # fmt: skip
+        series = ImuSeries(time_s=true.time_s, interval_s=0.5,
+                           specific_force_m_s2=true.specific_force_m_s2 + wrong[:, :3],
+                           angular_rate_rad_s=true.angular_rate_rad_s + wrong[:, 3:])  # fmt: skip
+        found = strapdown(begin, series)
+        better, biases, after = restarted(
+            found, covariance[-1], MOTION.position_ecef_m[-1] + place_noise * rng.standard_normal(3),
+            place_noise**2 * np.eye(3), MOTION.velocity_ecef_m_s[-1] + speed_noise * rng.standard_normal(3),
+            speed_noise**2 * np.eye(3),
+        )  # fmt: skip
+        error = np.concatenate((better.position_ecef_m[0] - MOTION.position_ecef_m[-1],
+                                better.velocity_ecef_m_s[0] - MOTION.velocity_ecef_m_s[-1]))  # fmt: skip
+        kept.append(error @ np.linalg.solve(after[:6, :6], error))
+        assert biases.shape == (12,)
+    assert np.mean(kept) == pytest.approx(6.0, abs=4 * np.sqrt(12 / 60))
+    lost = np.sqrt(np.diag(after)[6:9]), np.sqrt(np.diag(covariance[-1])[6:9])
+    assert np.min(lost[0]) < 0.5 * np.max(lost[1])  # tilt
+    assert with_covariance(PATH, covariance).covariance.shape == (234, 9, 9)
+    assert covariance.shape[1] == STATES
+
+
+def test_a_path_with_long_steps_is_refused():
+    sparse = NavState(time_s=SECONDS[::10], position_ecef_m=MOTION.position_ecef_m[::10],
+                      velocity_ecef_m_s=MOTION.velocity_ecef_m_s[::10], attitude=MOTION.attitude[::10])  # fmt: skip
+    with pytest.raises(ValueError, match="steps"):
+        error_covariance(sparse, NONE, np.zeros((STATES, STATES)))

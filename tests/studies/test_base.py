@@ -1,0 +1,147 @@
+"""What every study keeps, whoever wrote it; and the table that all of them make together."""
+
+import json
+import math
+from collections.abc import Iterable, Iterator
+from datetime import date
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skyproof.studies import studies
+from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+from skyproof.studies.validation import check, table
+
+FOUND = studies()
+
+
+def toy(**changes: Any) -> Study:
+    def run(settings: Settings) -> Iterator[Row]:
+        draws = settings.rng().standard_normal(settings.count(1000, 100))
+        yield {"trials": draws.size, "mean": float(np.mean(draws)), "method": "paper"}
+        yield {"trials": draws.size, "mean": math.nan, "method": "skyproof"}
+
+    options: dict[str, Any] = {
+        "name": "toy.mean", "title": "The mean", "paper": "Someone, Journal 1(1), 2022", "figure": "Figure 1",
+        "run": run, "charts": (Chart(title="t", x="trials", y="mean", x_label="x", y_label="y", by=("method",)),),
+    }  # fmt: skip
+    return Study(**(options | changes))
+
+
+def claim(**changes: Any) -> Claim:
+    options: dict[str, Any] = {"what": "mean", "paper": 0.0, "same": lambda rows: rows[0]["mean"], "tolerance": 0.2}
+    return Claim(**(options | changes))
+
+
+# Every study
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_a_study_has_a_name_of_paper_and_figure_and_words_for_the_list(name: str) -> None:
+    study = FOUND[name]
+    assert name == study.name
+    paper, _, figure = name.partition(".")
+    assert paper
+    assert figure
+    assert name == name.lower()
+    assert " " not in name
+    assert study.title
+    assert study.paper
+    assert study.figure
+
+
+def test_papers_stand_together() -> None:
+    papers = [study.paper for study in FOUND.values()]
+    assert sum(a != b for a, b in pairwise(papers)) == max(len(set(papers)) - 1, 0)
+
+
+# Settings
+
+
+def test_the_seed_gives_the_numbers_and_streams_are_apart() -> None:
+    draws = [Settings(seed=seed).rng(stream).standard_normal() for seed, stream in ((3, 0), (3, 0), (3, 1), (4, 0))]
+    assert draws[0] == draws[1]
+    assert len(set(draws)) == 3
+
+
+def test_trials_that_are_told_come_before_quick() -> None:
+    assert Settings().count(1000, 10) == 1000
+    assert Settings(quick=True).count(1000, 10) == 10
+    assert Settings(trials=7, quick=True).count(1000, 10) == 7
+
+
+# The table
+
+
+def page(*claims: Claim, **changes: Any) -> str:
+    one = toy(claims=claims, **changes)
+    return table({one.name: one}, Settings(quick=True, seed=5), made_on=date(2026, 1, 2))
+
+
+def test_the_page_names_version_date_and_seed() -> None:
+    assert ", 2026-01-02, seed 5, quick counts." in page(claim())
+
+
+def test_a_figure_that_agrees_and_one_that_does_not_are_told_apart() -> None:
+    assert "| within 0.2 |" in page(claim())
+    assert "| **not** within 0.001 |" in page(claim(paper=1.0, tolerance=0.001))
+    assert page(claim(tolerance=None)).rstrip().endswith("| – |")
+
+
+def test_what_is_right_by_an_independent_check_comes_before_what_the_paper_printed() -> None:
+    (one,) = check(toy(claims=(claim(paper=9.0, reference=0.0),)), list(toy().run(Settings())))
+    assert one.agrees is True
+    (one,) = check(toy(claims=(claim(paper=0.0, reference="recordings"),)), list(toy().run(Settings())))
+    assert one.agrees is True
+
+
+def test_a_figure_that_cannot_be_made_again_stands_there_with_its_reason() -> None:
+    text = page(claim(what="Figure 7", paper="6 of 8", same=None, tolerance=None, reference="needs a | recording"))
+    assert "| Figure 7 | 6 of 8 | – | – | needs a \\| recording | – |" in text
+
+
+def test_a_figure_that_is_not_found_never_agrees() -> None:
+    text = page(claim(same=lambda rows: rows[1]["mean"]))
+    assert "| not found |" in text
+    assert "**not** within" in text
+
+
+def test_a_study_without_claims_is_on_the_page() -> None:
+    assert "### `toy.mean`" in page()
+
+
+def test_the_same_seed_gives_the_same_page() -> None:
+    assert page(claim()) == page(claim())
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_the_charts_name_columns_in_words(name: str) -> None:
+    for chart in FOUND[name].charts:
+        assert chart.title
+        assert chart.x_label
+        assert chart.y_label
+
+
+def plain(rows: Iterable[Row]) -> str:
+    """As JSON; times are of the machine, and left out."""
+    return json.dumps(
+        [{k: v.item() if isinstance(v, np.generic) else v for k, v in row.items() if not k.startswith("ms_")}
+         for row in rows]
+    )  # fmt: skip
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", FOUND)
+def test_rows_are_plain_and_come_again_with_the_same_seed_and_hold_what_charts_and_claims_want(name: str) -> None:
+    study = FOUND[name]
+    rows = list(study.run(Settings(quick=True)))
+    assert rows
+    assert plain(rows) == plain(study.run(Settings(quick=True)))
+    for chart in study.charts:
+        drawn = [row for row in rows if all(row.get(key) == value for key, value in chart.where.items())]
+        assert any(row.get(chart.x) is not None and row.get(chart.y) is not None for row in drawn), chart.title
+        assert all(any(by in row for row in drawn) for by in chart.by), chart.title
+    for one in check(study, rows):
+        assert one.same is None or isinstance(one.same, float)

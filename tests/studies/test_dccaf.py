@@ -1,0 +1,76 @@
+"""The studies of decomposition and inverse RAIM: rows as promised, and figures within their bounds."""
+
+import numpy as np
+import pytest
+
+from skyproof.studies import dccaf, inverse_raim
+from skyproof.studies.base import Settings
+
+KEYS = ["method", "rate_hz", "separation_chip", "cn0_dbhz", "coherent_ms", "power_db", "doppler_hz", "success",
+        "rms_chip", "crlb_chip", "ms_per_satellite", "trials"]  # fmt: skip
+FOUND = {study.name: study for study in (*dccaf.STUDIES, *inverse_raim.STUDIES)}
+
+
+@pytest.fixture(scope="module")
+def separation():
+    return list(FOUND["dccaf.separation"].run(Settings(quick=True, seed=3)))
+
+
+def test_separation_has_the_promised_rows_with_the_swarm_beside(separation):
+    assert all(list(row) == KEYS for row in separation)
+    assert {row["method"].split()[0] for row in separation} == {"variable", "swarm"}
+
+
+def test_two_signals_are_separated_at_the_bound(separation):
+    ours = {row["rate_hz"]: row for row in separation if row["method"] == "variable projection"}
+    for rate_hz, success in ((5e6, 0.98), (10e6, 0.99), (25e6, 0.99)):
+        assert ours[rate_hz]["success"] >= success
+        assert ours[rate_hz]["rms_chip"] <= 1.1 * ours[rate_hz]["crlb_chip"]
+        assert ours[rate_hz]["ms_per_satellite"] < 20.0
+    swarm = [row["success"] for row in separation if row["method"].startswith("swarm")]
+    assert max(swarm) < min(row["success"] for row in ours.values())
+
+
+def test_false_second_signals_come_as_asked():
+    rows = list(FOUND["dccaf.count"].run(Settings(quick=True, seed=4)))
+    for row in rows:
+        if row["case"] == "one signal" and row["p_fa_asked"] >= 0.01:
+            sigma = np.sqrt(2.0 * row["p_fa_asked"] / row["trials"])  # the law is counted, too
+            assert row["counted_as_two"] == pytest.approx(row["p_fa_asked"], abs=3.5 * sigma + 0.1 * row["p_fa_asked"])
+
+
+def test_drift_and_wrong_choice_are_as_predicted():
+    rows = list(FOUND["dccaf.exclusion"].run(Settings(trials=150)))
+    assert {row["grade"] for row in rows} == {"navigation", "tactical"}
+    assert {row["time_s"] for row in rows} == {100, 190, 233}
+    for row in rows:
+        for axis in ("east", "north", "up"):
+            assert row[f"{axis}_m"] == pytest.approx(row[f"{axis}_predicted_m"], rel=0.25)  # 5.8 % is one sigma
+        predicted = row["wrong_predicted"]
+        sigma = np.sqrt(predicted * (1.0 - predicted) / row["trials"])
+        assert abs(row["wrong_covariance"] - predicted) < 4.0 * sigma + 0.01
+
+
+def test_both_searches_find_the_same_sets_in_the_promised_time():
+    rows = list(FOUND["inverse-raim.sets"].run(Settings(trials=10)))
+    timed = {(row["satellites"], row["signals"]): row for row in rows if row["same_sets"] is not None}
+    assert all(row["same_sets"] for row in timed.values())
+    most = timed[12, 3]
+    assert most["sets"] == 531_441
+    assert most["ms_exhaustive"] < 45.0  # 5 ms on an idle core; the bound is for a busy machine
+    assert most["ms_pruned"] < 1.0
+    assert {row["attack"] for row in rows} == {"position", "time"}
+
+
+@pytest.mark.long
+def test_the_promised_figures_hold_at_full_count():
+    rows = [row for row in FOUND["dccaf.separation"].run(Settings()) if row["method"] == "variable projection"]
+    for row in rows:
+        if (row["separation_chip"], row["cn0_dbhz"], row["coherent_ms"]) == (0.25, 45.0, 20.0):
+            assert row["success"] >= (0.985 if row["rate_hz"] < 6e6 else 0.99)
+            assert row["rms_chip"] <= 1.1 * row["crlb_chip"]
+    for row in FOUND["dccaf.count"].run(Settings()):
+        if row["case"] == "one signal" and row["noise"] != "other satellites":
+            assert row["counted_as_two"] == pytest.approx(
+                row["p_fa_asked"], rel=0.2 if row["p_fa_asked"] > 2e-3 else 0.3
+            )
