@@ -21,6 +21,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.formats.octets import release
+
 __all__ = ["FITTING_BITS", "BitOrder", "ByteOrder", "Chunk", "Encoding", "Kind", "PackedSamples", "Packing"]
 
 Floats = NDArray[np.float32]
@@ -133,6 +135,7 @@ class PackedSamples:
             self._fill(self._octets[self._chunks[number].at_byte :], inside, planes[:, done : done + n])
             done += n
             number += 1
+        release(self._octets)
         return planes
 
     def _fill(self, octets: Octets, start: int, planes: Floats) -> None:

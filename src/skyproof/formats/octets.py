@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import mmap
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from skyproof.errors import InputError
 
-__all__ = ["digest", "mapped", "reading", "sha256", "size_of"]
+__all__ = ["digest", "mapped", "reading", "release", "sha256", "size_of"]
 
 _HASH_BLOCK = 1 << 22
 
@@ -30,6 +31,18 @@ def mapped(path: Path, start: int, size: int) -> NDArray[np.uint8]:
     with reading(path):
         # a plain view of the map: slices of np.memmap cost microseconds each
         return np.asarray(np.memmap(path, np.uint8, "r", offset=start, shape=(size,)))
+
+
+def release(octets: NDArray[np.uint8]) -> None:
+    """Let go of the pages of a file that are in memory because `mapped` bytes of it were touched; they stay readable.
+
+    The system would take them back when it needs them, but until then they count as this process's memory.
+    """
+    owner: object = octets
+    while isinstance(owner, np.ndarray):
+        owner = owner.base
+    if isinstance(owner, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        owner.madvise(mmap.MADV_DONTNEED)
 
 
 def sha256(path: str | os.PathLike[str], progress: Callable[[int, int], None] | None = None) -> str:
