@@ -12,13 +12,15 @@ from skyproof.simulate.scenario import FrontEnd
 
 
 def warm() -> None:
-    """A second through simulator and receiver, then a moment of each kind of whole bytes: all that is compiled."""
-    scenario = scenes.demo(duration_s=1.3, onset_s=0.5)
+    """Seconds under a meaconer through simulator and receiver, until two signals of a satellite are told apart, then a
+    moment of each kind of whole bytes behind a filter: all that is compiled.
+    """
+    scenario = scenes.demo(duration_s=2.2, onset_s=-1.0)
     with tempfile.TemporaryDirectory() as folder:
         recordings = write(scenario, nominal_constellation(scenario.start_gpst), Path(folder) / "bits")
         track(open_inputs(recordings, Settings()), Settings())
         for bits in (8, 16):
-            front_end = FrontEnd(encoding="int", bits=bits)
+            front_end = FrontEnd(encoding="int", bits=bits, bandwidth_hz=2e6)
             short = scenario.model_copy(update={"duration_s": 0.1, "front_end": front_end})
             recordings = write(short, nominal_constellation(scenario.start_gpst), Path(folder) / f"int{bits}")
             track(open_inputs(recordings, Settings()), Settings())
