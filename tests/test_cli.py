@@ -175,7 +175,11 @@ def test_an_interruption_before_anything_is_decided_exits_with_130(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(protect_command, "run_protect", lambda *_, **__: signal.raise_signal(signal.SIGINT))
-    assert cli.main(PROTECT) == 130
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+    try:
+        assert cli.main(PROTECT) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
     out, err = capsys.readouterr()
     assert (out, err) == ("", "skyproof: interrupted before anything was decided\n")
 
