@@ -2,6 +2,7 @@
 correlator outputs a second, beside correlating samples; how many measurements."""
 
 from collections.abc import Iterator
+from functools import partial
 from time import process_time
 
 import numpy as np
@@ -10,7 +11,7 @@ from timing import line, take_turns
 
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.signals import prn_of
-from skyproof.simulate import NoiseModel, draw, geometry_of, scene_of, scenes
+from skyproof.simulate import Antenna, FrontEnd, NoiseModel, Place, clean, draw, geometry_of, scene_of, scenes
 from skyproof.simulate.correlators import correlate
 from skyproof.simulate.field_errors import FieldErrors
 from skyproof.simulate.heard import Scene
@@ -43,8 +44,39 @@ def report() -> Iterator[str]:
         "a second of one receiver's samples", ours_s * (1.0 / DURATION_S), "s",
         f"{factor:.1f} times real time; plain NumPy {plain_factor:.2g} ({factor / plain_factor:.0f} times slower)",
     )  # fmt: skip
+    yield from _growth()
     yield from _correlators(scene)
     yield from _measurements()
+
+
+def _growth() -> Iterator[str]:
+    """How the work grows with satellites, rate and antennas: 8-bit samples behind a filter, noise included."""
+    place = Place(lat_deg=47.38, lon_deg=8.54, height_m=450.0)
+    start = np.datetime64("2024-05-14T09:59:58", "ns")
+    navigation = nominal_constellation(start)
+    whole = clean(place, start, receivers=1, duration_s=DURATION_S, mask_deg=0.0)
+    sats = tuple(heard.id.sat for heard in scene_of(whole, navigation).skies[0].signals)[:12]
+    cases = ((6, 4e6, 1), (12, 4e6, 1), (12, 25e6, 1), (12, 4e6, 4))
+    for n_sats, rate_hz, n_antennas in cases:
+        front_end = FrontEnd(rate_hz=rate_hz, bandwidth_hz=0.8 * rate_hz, encoding="int", bits=8)
+        antennas = tuple(Antenna(name=str(k), body_m=(0.1 * k, 0.0, 0.0)) for k in range(n_antennas))
+        receiver = whole.receivers[0].model_copy(update={"antennas": antennas})
+        sky = whole.sky.model_copy(update={"sats": sats[:n_sats]})
+        scene = scene_of(
+            whole.model_copy(update={"front_end": front_end, "receivers": (receiver,), "sky": sky}), navigation
+        )
+        renderings = [rendering_of(scene, index) for index in range(n_antennas)]
+
+        def ours(renderings: list[Rendering] = renderings) -> None:
+            for rendering in renderings:
+                for _ in ahead_of(partial(quantised, rendering), range(-(-rendering.n_samples // BLOCK))):
+                    pass
+
+        (took_s,) = take_turns(ours, runs=5)
+        found = len(scene.skies[0].signals)
+        what = f"{found} satellites, {rate_hz / 1e6:g} Msps, {n_antennas} antenna{'s' if n_antennas > 1 else ''}"
+        factor = DURATION_S / took_s.median
+        yield line(f"  {what}", took_s * (1.0 / DURATION_S), "s a second", f"{factor:.1f} times real time")
 
 
 def _correlators(scene: Scene) -> Iterator[str]:
