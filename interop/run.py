@@ -108,7 +108,7 @@ def _truth(scenario: Scenario) -> Tracks:
         label_s=week_and_tow(scenario.start_gpst)[1] + true_s,
         pseudorange_m=SPEED_OF_LIGHT_M_S * sky.code_delay_s(true_s),
         carrier_cyc=L1_HZ * carrier_s,
-        doppler_hz=-L1_HZ * sky.carrier_delay_s(true_s, 1),
+        doppler_hz=-L1_HZ * sky.carrier_delay_rate(true_s),
         cn0_dbhz=sky.cn0_dbhz(true_s),
     )
 
