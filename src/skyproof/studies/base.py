@@ -42,7 +42,7 @@ class Settings:
 class Chart:
     """How rows are drawn: a line for each combination of the values of `by`, in order of the rows.
 
-    where : only rows with these values. bands : names of columns with lower and upper limits.
+    where : only rows with these values.
     """
 
     title: str

@@ -38,7 +38,9 @@ __all__ = ["STUDIES"]
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-PAPER: Final = "Ahmed, Khanafseh, Pervan, DCCAF with INS aiding"
+PAPER: Final = (
+    "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"
+)
 AMPLITUDES: Final = np.array([1.0, 0.87])
 POWER_DB: Final = float(20.0 * np.log10(AMPLITUDES[1]))
 _CLOSE_CHIPS: Final = 0.05  # both delays within this: success

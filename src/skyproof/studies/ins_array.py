@@ -37,7 +37,10 @@ __all__ = ["ERRORS", "SCENARIOS", "STUDIES", "disc_share", "draw_residuals", "la
 
 Reals = NDArray[np.float64]
 
-PAPER: Final = "ins-array"
+PAPER: Final = (
+    "Zhang, Ding, Xia, Liu, Yao, INS-aided multi-antenna GNSS carrier phase double difference spoofing "
+    "detection"
+)
 SIGMA_CYC: Final = 0.01
 WAVELENGTH_M: Final = 0.19029  # as the paper rounds it
 ERRORS: Final[dict[str, float]] = {

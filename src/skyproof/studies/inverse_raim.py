@@ -19,7 +19,9 @@ __all__ = ["STUDIES"]
 
 Reals = NDArray[np.float64]
 
-PAPER: Final = "Ahmed, Khanafseh, Pervan, DCCAF with INS aiding"
+PAPER: Final = (
+    "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"
+)
 _DIRECTION_ENU: Final = np.array([1.0, 0.0, 1.0]) * np.sqrt(0.5)
 _START: Final = np.datetime64("2022-01-01T00:00:00", "ns")
 _MASK_DEG: Final = 7.0

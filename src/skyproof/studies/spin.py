@@ -30,7 +30,10 @@ __all__ = ["STUDIES"]
 
 Reals = NDArray[np.float64]
 
-PAPER: Final = "spin"
+PAPER: Final = (
+    "Zhang, Chen, Huang, Zhang, Ou, Spoofing detection technique based on carrier phase double difference "
+    "of spin-antenna, 2016"
+)
 RATE: Final = 0.05 * np.pi  # radians a sample
 RADIUS_CYC: Final = 0.5
 SIGMA_CYC: Final = 0.01

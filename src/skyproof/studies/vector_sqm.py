@@ -24,7 +24,10 @@ __all__ = ["STUDIES"]
 
 Reals = NDArray[np.float64]
 
-PAPER: Final = "vector-sqm"
+PAPER: Final = (
+    "Zhang, Li, Yang, Lu, Signal quality monitoring-based spoofing detection method for GNSS vector "
+    "tracking structure, IET Radar, Sonar & Navigation, 2020, doi 10.1049/iet-rsn.2020.0021"
+)
 CASES: Final = ((40, 1), (45, 1), (40, 10))  # C/N0 in dB-Hz and K of Tables 1 to 3
 NOBODY: Final = np.zeros(6)
 THREE: Final = (12, 13, 17)
