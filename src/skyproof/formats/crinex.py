@@ -6,6 +6,7 @@ as the characters that changed. What is damaged costs the rest of its epoch, and
 they start anew: a number that cannot be continued is left blank, never guessed.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -73,7 +74,7 @@ class _Satellite:
     marks: str = ""
 
 
-class _Decoder:
+class _Decoder(ABC):
     """What both versions share: satellites with their arcs. Subclasses know how an epoch line looks."""
 
     sats_at: int
@@ -88,11 +89,13 @@ class _Decoder:
         self.types: dict[str, int] = {}
         self.learn(header)
 
+    @abstractmethod
     def learn(self, header: Sequence[str]) -> None:
-        raise NotImplementedError
+        """Take what the header says of types."""
 
+    @abstractmethod
     def plain(self, head: str, clock: int | None, sats: Sequence[str], data: Sequence[str]) -> list[str]:
-        raise NotImplementedError
+        """The plain lines of an epoch: its head, the receiver's clock, its satellites and their data."""
 
     def epoch(self, lines: Sequence[str], position: int) -> tuple[int, list[str]]:
         """Where the next epoch begins, and the plain lines of this one (none if it is lost)."""

@@ -1,9 +1,11 @@
 """Files as bytes: how long they are, a map of them, their digest, and words for the ways in which that fails."""
 
 import contextlib
+import gzip
 import hashlib
 import mmap
 import os
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 
 from skyproof.errors import InputError
 
-__all__ = ["digest", "mapped", "reading", "release", "sha256", "size_of"]
+__all__ = ["digest", "mapped", "reading", "release", "sha256", "size_of", "unpacked"]
 
 _HASH_BLOCK = 1 << 22
 
@@ -24,6 +26,21 @@ def size_of(path: Path) -> int:
     if not path.is_file():
         raise InputError(f"{path} is no regular file; give the file of a recording")
     return size
+
+
+def unpacked(path: Path, to_do: str) -> bytes:
+    """A whole file, plain or gzip. `to_do` ends the message of one that cannot be read. Raises InputError."""
+    try:
+        content = path.read_bytes()
+        if content[:2] == b"\x1f\x8b":
+            content = gzip.decompress(content)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise InputError(f"{path}: damaged gzip file ({error}); fetch or compress it again") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {to_do}") from None
+    if content[:2] == b"\x1f\x9d":
+        raise InputError(f"{path}: compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
+    return content
 
 
 def mapped(path: Path, start: int, size: int) -> NDArray[np.uint8]:

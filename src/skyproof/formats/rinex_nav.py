@@ -4,11 +4,9 @@ A damaged record costs that record, never the file; what was left out is told in
 """
 
 import bisect
-import gzip
 import math
 import os
 import re
-import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +16,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.errors import InputError
+from skyproof.formats.octets import unpacked
 from skyproof.formats.place import write_lines
 from skyproof.gnss.constants import SECONDS_PER_DAY, SECONDS_PER_WEEK
 from skyproof.gnss.ephemeris import (
@@ -60,7 +59,8 @@ def read_nav(path: str | os.PathLike[str]) -> NavigationData:
     ------
     InputError : the file cannot be read, is not a RINEX navigation file, or holds no ephemeris.
     """
-    return parse_nav(_text(Path(path)).splitlines(), source=str(path))
+    text = unpacked(Path(path), _TO_DO).decode("latin-1")  # never fails: comments hold anything
+    return parse_nav(text.splitlines(), source=str(path))
 
 
 def parse_nav(lines: Iterable[str], *, source: str = "navigation data") -> NavigationData:
@@ -111,23 +111,6 @@ def write_nav(
     OutputError : the place cannot be written.
     """
     write_lines(path, [*_header_lines(navigation, created), *_record_lines(navigation.ephemerides)])
-
-
-# ---------------------------------------------------------------- the file as text
-
-
-def _text(path: Path) -> str:
-    try:
-        content = path.read_bytes()
-        if content[:2] == b"\x1f\x8b":
-            content = gzip.decompress(content)
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InputError(f"{path}: damaged gzip file ({error}); fetch or compress it again") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {_TO_DO}") from None
-    if content[:2] == b"\x1f\x9d":
-        raise InputError(f"{path}: compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
-    return content.decode("latin-1")  # never fails: comments hold anything
 
 
 # ---------------------------------------------------------------- header

@@ -3,10 +3,8 @@
 Damage costs the cell, the satellite or the epoch that is damaged and is told in the remarks, never the file.
 """
 
-import gzip
 import os
 import re
-import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +15,7 @@ from numpy.typing import NDArray
 
 from skyproof.errors import InputError
 from skyproof.formats.crinex import expanded, is_compact
+from skyproof.formats.octets import unpacked
 from skyproof.formats.rinex_cells import Layout, Lines, Rows, cells, layout_change, lines_of, rows_2, rows_3
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal
@@ -80,7 +79,7 @@ def read_obs(
     ------
     InputError : the file cannot be read, is no RINEX observation file, or holds no observation.
     """
-    return parse_obs(_content(Path(path)), source=str(path), keep=keep, glonass_channels=glonass_channels)
+    return parse_obs(unpacked(Path(path), _TO_DO), source=str(path), keep=keep, glonass_channels=glonass_channels)
 
 
 def parse_obs(
@@ -121,20 +120,6 @@ def parse_obs(
         antenna_delta_hen_m=header.antenna_delta_hen_m, interval_s=header.interval_s, time_system=header.time_system,
         leap_seconds=header.leap_seconds, glonass_channels=header.glonass_channels, remarks=tuple(remarks),
     )  # fmt: skip
-
-
-def _content(path: Path) -> bytes:
-    try:
-        content = path.read_bytes()
-        if content[:2] == b"\x1f\x8b":
-            content = gzip.decompress(content)
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InputError(f"{path}: damaged gzip file ({error}); fetch or compress it again") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {_TO_DO}") from None
-    if content[:2] == b"\x1f\x9d":
-        raise InputError(f"{path}: compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
-    return content
 
 
 # --- the header

@@ -31,6 +31,7 @@ import tarfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
@@ -326,8 +327,8 @@ def _recordings(source: _Source) -> list[Samples]:
     dead: list[InputError] = []
     for tuning, name in zip(tuned, _names(source.name, tuned), strict=True):
         here = list(remarks)
-        samples = Samples(
-            name=name, rate_hz=rate_hz, n_samples=sum(s.chunk.n_samples for s in tuned[tuning]), read=_unread,
+        described = partial(
+            Samples, name=name, rate_hz=rate_hz, n_samples=sum(s.chunk.n_samples for s in tuned[tuning]),
             centre_hz=L1_HZ if tuning.centre_hz is None else tuning.centre_hz, if_hz=tuning.if_hz,
             start_gpst=_dates(tuned[tuning], rate_hz, where, here), antenna=meta.general.antenna,
             path=str(source.data), format="SigMF", gaps=_gaps(tuned[tuning], rate_hz, here),
@@ -338,7 +339,7 @@ def _recordings(source: _Source) -> list[Samples]:
         chunks = _joined([segment.chunk for segment in tuned[tuning]], packing)
         for channel in range(packing.n_channels):
             packed = PackedSamples(octets, packing_here, chunks, channel)
-            one = replace(samples, read=packed.read, remarks=tuple(here))
+            one = described(read=packed.read, remarks=tuple(here))
             if packing.n_channels > 1:
                 one = replace(one, name=f"{name}-{channel + 1}", antenna=f"{one.antenna}-{channel + 1}")
             try:
@@ -348,10 +349,6 @@ def _recordings(source: _Source) -> list[Samples]:
     if not opened:
         raise dead[0]
     return [replace(one, remarks=(*one.remarks, *(f"left out: {error}" for error in dead))) for one in opened]
-
-
-def _unread(start: int, count: int) -> Any:
-    raise NotImplementedError
 
 
 def _names(name: str, tunings: Iterable[_Tuning]) -> list[str]:
