@@ -11,6 +11,7 @@ import accuracy
 import acquisition
 import deciding
 import kernel
+import methods
 import pairs
 import position
 import protection
@@ -24,8 +25,8 @@ import receiver
 
 BENCHES = {
     "kernel": kernel, "acquisition": acquisition, "sets": sets, "simulator": simulator, "accuracy": accuracy,
-    "deciding": deciding, "protection": protection, "receiver": receiver, "reading": reading, "rinex": rinex,
-    "position": position, "pairs": pairs,
+    "deciding": deciding, "methods": methods, "protection": protection, "receiver": receiver,
+    "reading": reading, "rinex": rinex, "position": position, "pairs": pairs,
 }  # fmt: skip
 
 

@@ -151,8 +151,11 @@ def ratio_threshold(probability: ArrayLike, law: RatioLaw, amplitude: ArrayLike)
 
 def moving_variance(values: Reals, window: int) -> Reals:
     """Sample variance (divided by window - 1) of the last `window` of (..., n): shape (..., n - window + 1)."""
-    views = np.lib.stride_tricks.sliding_window_view(values, window, axis=-1)
-    return np.asarray(np.var(views, axis=-1, ddof=1), float)
+    # About the series' mean, so that digits are kept; products of views, so that no array of all windows is made.
+    centred = values - np.nan_to_num(values).mean(axis=-1, keepdims=True)
+    views = np.lib.stride_tricks.sliding_window_view(centred, window, axis=-1)
+    squares = np.einsum("...w,...w->...", views, views) - np.sum(views, axis=-1) ** 2 / window
+    return np.asarray(np.maximum(squares, 0.0) / (window - 1), float)
 
 
 def moving_variance_p_value(variance: ArrayLike, sigma: ArrayLike, window: int) -> Reals:
