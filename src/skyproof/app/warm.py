@@ -3,27 +3,58 @@
 import tempfile
 from pathlib import Path
 
+import numpy as np
+
 from skyproof.app.reception import open_inputs, track
 from skyproof.app.settings import Settings
+from skyproof.app.simulate import simulate
+from skyproof.detectors.decomposition import blocks_dictionary, decompose, delay_bound, delay_dictionary, simulate_taps
+from skyproof.detectors.inverse_raim import passing_sets
+from skyproof.detectors.swarm import SwarmSettings, swarm_decompose
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.simulate import scenes
 from skyproof.simulate.files import write
 from skyproof.simulate.scenario import FrontEnd
+from skyproof.statistics.directions import hemisphere
 
 
 def warm() -> None:
+    """All that is compiled, once."""
+    with tempfile.TemporaryDirectory() as folder:
+        _receiver(Path(folder))
+        simulate("takeover", out=Path(folder) / "measured", depth="measurements")
+    _methods()
+
+
+def _receiver(folder: Path) -> None:
     """Seconds under a meaconer through simulator and receiver, until two signals of a satellite are told apart, then a
-    moment of each kind of whole bytes behind a filter: all that is compiled.
+    moment of each kind of whole bytes behind a filter.
     """
     scenario = scenes.demo(duration_s=2.2, onset_s=-1.0)
-    with tempfile.TemporaryDirectory() as folder:
-        recordings = write(scenario, nominal_constellation(scenario.start_gpst), Path(folder) / "bits")
+    recordings = write(scenario, nominal_constellation(scenario.start_gpst), folder / "bits")
+    track(open_inputs(recordings, Settings()), Settings())
+    for bits in (8, 16):
+        front_end = FrontEnd(encoding="int", bits=bits, bandwidth_hz=2e6)
+        short = scenario.model_copy(update={"duration_s": 0.1, "front_end": front_end})
+        recordings = write(short, nominal_constellation(scenario.start_gpst), folder / f"int{bits}")
         track(open_inputs(recordings, Settings()), Settings())
-        for bits in (8, 16):
-            front_end = FrontEnd(encoding="int", bits=bits, bandwidth_hz=2e6)
-            short = scenario.model_copy(update={"duration_s": 0.1, "front_end": front_end})
-            recordings = write(short, nominal_constellation(scenario.start_gpst), Path(folder) / f"int{bits}")
-            track(open_inputs(recordings, Settings()), Settings())
+
+
+def _methods() -> None:
+    rng = np.random.default_rng(1)
+    delays, variance = delay_dictionary(5e6), 1e-3
+    taps = simulate_taps(np.zeros((2, 1)), np.ones((2, 1)), variance, delays, rng)
+    decompose(taps, delays, noise_variance=variance)
+    blocks = blocks_dictionary(0.02, 2, within_hz=60.0)
+    decompose(np.repeat(taps[:, None, :], 2, axis=1), delays, blocks, noise_variance=variance)
+    delay_bound(np.array([[0.0, 0.25]]), np.ones((1, 2)), variance, delays)
+    swarm = SwarmSettings(particles=4, iterations=2, within_hz=0.0)
+    swarm_decompose(taps[:, None, :], delays.points, settings=swarm, bins_hz=np.zeros(1), coherent_s=0.02,
+                    band_hz=5e6, rng=rng)  # fmt: skip
+    for exhaustive in (True, False):
+        passing_sets(hemisphere(9)[:6], rng.standard_normal((6, 2)), 1.0, exhaustive=exhaustive)
+    strapdown_paths(np.array([6.4e6, 0.0, 0.0]), np.zeros(3), np.eye(3), np.ones((2, 3)), np.zeros((2, 3)), 0.01)
 
 
 if __name__ == "__main__":
