@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo pages test test-long check bench interop lock clean
+.PHONY: help setup demo pages docs messages test test-long check bench interop lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -24,6 +24,12 @@ demo: $(READY) ## simulate two receivers under a meaconer, protect them, write d
 
 pages: $(READY) ## draw every ready-made scene, and the errors of clocks and inertial units, in docs/pages
 	$(BIN)/skyproof simulate --pages docs/pages
+
+docs: $(READY) ## the manual, with its figures, into site/ (no network); open site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+messages: $(READY) ## every error message that the tests raise, as a table, in docs/pages/messages.md
+	$(BIN)/python -m pytest -n 2 -q -m "not long" --messages docs/pages/messages.md
 
 test: $(READY) ## the tests, at most five minutes
 	$(BIN)/python -m pytest -n 2 -m "not long"
@@ -48,4 +54,4 @@ lock: $(READY) ## pin the newest versions anew (needs uv)
 	    --no-emit-index-url --no-emit-find-links --group dev pyproject.toml -o requirements.lock
 
 clean: ## remove the environment and what was made
-	rm -rf .venv demo docs/pages .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv demo docs/pages site .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -19,6 +19,7 @@ import reading
 import rinex
 import sets
 import simulator
+import startup
 from timing import machine
 
 import receiver
@@ -26,7 +27,7 @@ import receiver
 BENCHES = {
     "kernel": kernel, "acquisition": acquisition, "sets": sets, "simulator": simulator, "accuracy": accuracy,
     "deciding": deciding, "methods": methods, "protection": protection, "receiver": receiver,
-    "reading": reading, "rinex": rinex, "position": position, "pairs": pairs,
+    "reading": reading, "rinex": rinex, "position": position, "pairs": pairs, "startup": startup,
 }  # fmt: skip
 
 

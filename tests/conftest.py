@@ -1,11 +1,14 @@
-"""Shared by all tests: where the recordings are, if they are."""
+"""Shared by all tests: where the recordings are, if they are; and the table of all messages, if it is wanted."""
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
+from tests.messages import Message, Recorder, table, unraised
 
 ROOT = Path(__file__).resolve().parent.parent
+RECORDER = pytest.StashKey[Recorder]()
 
 
 @pytest.fixture(scope="session")
@@ -15,3 +18,41 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no recordings at {folder}; set SKYPROOF_DATA to the folder that holds them")
     return folder
+
+
+# Messages
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--messages", metavar="FILE", help="write a table of all error messages that the tests raise")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--messages"):
+        config.stash[RECORDER] = Recorder()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """A worker of pytest-xdist ends: what it has seen goes to the table."""
+    for message in getattr(node, "workeroutput", {}).get("messages", ()):
+        node.config.stash[RECORDER].add(Message(**message))
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    recorder = session.config.stash.get(RECORDER, None)
+    if recorder is None:
+        return
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["messages"] = recorder.sent()
+        return
+    path, messages = Path(session.config.getoption("--messages")), list(recorder.messages.values())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(table(messages), encoding="utf-8")
+    report = session.config.pluginmanager.get_plugin("terminalreporter")
+    missing = [f"{site.name}, line {site.first_line}" for site in unraised(messages)]
+    lines = [f"{len(messages)} messages in {path}", *(f"no test raises the error of {name}" for name in missing)]
+    for line in lines:
+        report.write_line(line)
+    if missing:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED

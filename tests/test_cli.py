@@ -1,20 +1,27 @@
 """The command line: exit codes, one line for an error, one document for --json, help with an example that parses."""
 
+import contextlib
 import importlib
 import io
 import json
+import os
+import platform
+import pty
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from cyclopts.completion.detect import ShellDetectionError
 from rich.console import Console
 
 from skyproof import cli
@@ -23,9 +30,6 @@ from skyproof.app.simulate import SimulateResult
 from skyproof.cli import demo as demo_command
 from skyproof.cli import inspect as inspect_command
 from skyproof.cli import progress as progress_of
-from skyproof.cli import protect as protect_command
-from skyproof.cli import receive as receive_command
-from skyproof.cli import simulate as simulate_command
 from skyproof.cli import study as study_command
 from skyproof.errors import InputError, OutputError
 from skyproof.formats.verdict import read_verdict, verdict_json
@@ -103,10 +107,10 @@ class App:
 @pytest.fixture
 def app(monkeypatch: pytest.MonkeyPatch) -> Iterator[App]:
     fake = App()
-    monkeypatch.setattr(protect_command, "run_protect", lambda inputs, **options: fake.run("protect", inputs, options))
-    monkeypatch.setattr(receive_command, "run_receive", lambda inputs, **options: fake.run("receive", inputs, options))
-    monkeypatch.setattr(demo_command, "run_demo", lambda out, **options: fake.run("demo", out, options))
-    monkeypatch.setattr(simulate_command, "run_simulate", lambda scene, **options: fake.run("simulate", scene, options))
+    for name in ("protect", "receive", "demo", "simulate"):
+        monkeypatch.setattr(
+            f"skyproof.app.{name}.{name}", lambda inputs, _name=name, **options: fake.run(_name, inputs, options)
+        )
     monkeypatch.setattr(inspect_command, "run_inspect", fake.inspect)
     monkeypatch.setattr(study_command, "studies", fake.studies)
     return fake
@@ -174,27 +178,32 @@ def test_an_interrupted_run_tells_what_is_decided_and_exits_with_130(
 def test_an_interruption_before_anything_is_decided_exits_with_130(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(protect_command, "run_protect", lambda *_, **__: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("skyproof.app.protect.protect", lambda *_, **__: signal.raise_signal(signal.SIGINT))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     try:
         assert cli.main(PROTECT) == 130
     finally:
         signal.signal(signal.SIGINT, before)
     out, err = capsys.readouterr()
-    assert (out, err) == ("", "skyproof: interrupted before anything was decided\n")
+    assert (out, err) == ("", "skyproof: interrupted before there was a result\n")
 
 
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("protect", "INPUT requires an argument.*skyproof protect --help"),
-        ("protect rx1.bin", "--out requires an argument"),
-        ("protect rx1.bin --out", "--out requires an argument"),
+        ("protect", "INPUT is missing.*Expected: Recordings, .*For help: skyproof protect --help"),
+        ("protect rx1.bin", "--out is missing.*Expected: Folder for the verdict"),
+        ("protect rx1.bin --out", "--out is missing, or lacks a value"),
         ("protect rx1.bin --uot d", "--uot. Did you mean --out?"),
         ("protect rx1.bin --out d --nva f", "--nva. Did you mean --nav?"),
-        ("protect rx1.bin --out d --start-s soon", "--start-s: unable to convert .soon. into float"),
+        ("protect rx1.bin --out d --start-s soon", "--start-s = .soon., expected a number"),
         ("protct rx1.bin", "protct.*Did you mean .protect."),
-        ("receive --out d", "FILE requires an argument"),
+        ("receive --out d", "FILE is missing"),
+        ("protect rx1.bin --out d --place-deg 57.7", "--place-deg is missing, or lacks a value. Expected: Lat"),
+        ("protect rx1.bin --out d --json=3", "--json = .3., expected nothing: it is a switch"),
+        ("protect rx1.bin --out d --start-s 1 --start-s 2", "--start-s is given more than once; give it once"),
+        ("demo here", "Not understood: here; leave it out"),
+        ("study spin.roc --trials many", "--trials = .many., expected a whole number"),
         ("demo --jsn", "--jsn. Did you mean --json?"),
         ("simulate", "SCENARIO is missing.*--list"),
         ("simulate spin", "--out is missing"),
@@ -326,7 +335,7 @@ def test_simulate_tells_the_same_as_one_document(app: App, capsys: pytest.Captur
     document = json.loads(out)
     assert (document["format"], document["folder"], document["interrupted"]) == ("skyproof-simulate/1", "d", True)
     assert document["files"] == ["rx1.bin", "truth.json"]
-    assert "skyproof: interrupted: 2 files are whole, the others are not there" in err
+    assert "skyproof: interrupted: 2 files in d are whole, the others are not there" in err
 
 
 def test_the_ready_made_scenes_are_listed_with_a_sentence_each(
@@ -357,7 +366,7 @@ def test_study_tells_the_same_as_one_document(
     assert cli.main(command) == 0
     out, err = capsys.readouterr()
     document = json.loads(out)
-    assert err == ""
+    assert err == "skyproof: rows of multi-receiver.false-alarm\n"
     assert (document["format"], document["study"]) == ("skyproof-study/1", "multi-receiver.false-alarm")
     assert (document["seed"], document["trials"], document["quick"], document["interrupted"]) == (1, None, True, False)
     assert document["rows"] == [{"method": "paper", "window_s": 10, "kept": 0.5},
@@ -384,7 +393,7 @@ def test_an_interrupted_study_tells_the_rows_that_were_ready(app: App, capsys: p
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert (document["interrupted"], len(document["rows"]), document["claims"]) == (True, 1, [])
-    assert err == "skyproof: interrupted: these are the 1 rows that were ready\n"
+    assert err.splitlines()[1:] == ["skyproof: interrupted with 1 row ready"]
 
 
 def test_the_studies_are_listed_with_paper_and_figure(app: App, capsys: pytest.CaptureFixture[str]) -> None:
@@ -420,7 +429,7 @@ def test_demo_opens_the_report_when_asked_to(app: App, monkeypatch: pytest.Monke
 def test_bars_at_a_terminal_go_to_standard_error_and_leave_nothing_behind(
     app: App, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")  # Rich then takes the stream for a terminal
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     cli.main([*PROTECT, "--json"])
     out, err = capsys.readouterr()
     assert out == verdict_json(VERDICT)
@@ -430,7 +439,7 @@ def test_bars_at_a_terminal_go_to_standard_error_and_leave_nothing_behind(
 
 
 def test_a_bar_shows_what_is_done_of_the_total(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     progress = progress_of.progress()
     assert isinstance(progress, progress_of._Bars)
     with progress.stage("outer", 8.0) as outer, progress.stage("inner", 1.0):
@@ -441,28 +450,106 @@ def test_a_bar_shows_what_is_done_of_the_total(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_an_error_in_a_stage_gives_the_terminal_back(
-    app: App, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     progress = progress_of.progress()
     with pytest.raises(KeyboardInterrupt), progress.stage("outer", 1.0), progress.stage("inner", 1.0):
         raise KeyboardInterrupt
     assert capsys.readouterr().err.count("\x1b[?25h") == 1  # the cursor is shown again, once
 
 
+WORKING = """
+import sys, time
+from skyproof.cli.progress import progress
+told = progress()
+with told.stage("a name that is longer than there is room for beside a bar on eighty columns", 20.0) as stage:
+    for done in range(1, 16):
+        stage.advance(float(done))
+        time.sleep(0.1)
+with told.stage("rows", None) as stage:
+    stage.advance(7)
+    time.sleep(0.3)
+print("the result")
+"""
+
+
+def test_at_a_terminal_a_bar_shows_the_time_left_and_is_gone_in_the_end() -> None:
+    screen, terminal = pty.openpty()
+    environment = os.environ | {"TERM": "xterm", "COLUMNS": "80"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", WORKING], stdout=subprocess.PIPE, stderr=terminal, text=True, env=environment
+    )
+    os.close(terminal)
+    shown = b""
+    with contextlib.suppress(OSError):  # raised at its end
+        while piece := os.read(screen, 4096):
+            shown += piece
+    os.close(screen)
+    out, _ = process.communicate(timeout=60)
+    assert out == "the result\n"
+    assert process.returncode == 0
+    text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
+    assert re.search(r"a name that is longer than.*… ━.*\d+% 0:00:0\d left", text)
+    assert "7 so far, 0:00:00" in text
+    assert max(len(line) for line in re.split(r"[\r\n]+", text)) <= 80
+    assert shown.rstrip().endswith((b"\x1b[2K", b"\x1b[?25h"))
+
+
+@pytest.mark.parametrize("colours", [{}, {"FORCE_COLOR": "1"}], ids=["plain", "colours-forced"])
+def test_in_a_pipe_a_stage_is_one_line_without_control_characters(colours: dict[str, str]) -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", WORKING], capture_output=True, text=True, env=os.environ | colours, check=True
+    )
+    assert run.stdout == "the result\n"
+    assert run.stderr == (
+        "skyproof: a name that is longer than there is room for beside a bar on eighty columns\nskyproof: rows\n"
+    )
+
+
 # Help
 
 
+def help_of(*command: str) -> str:
+    """What --help prints on a terminal of 80 columns."""
+    page = io.StringIO()
+    cli.app.help_print(list(command), console=Console(file=page, width=80))
+    return page.getvalue()
+
+
+def examples(*command: str) -> list[str]:
+    """The lines of a help text that can be run: those that name no placeholder."""
+    lines = re.findall(r"^skyproof .*", help_of(*command), re.MULTILINE)
+    return [line for line in lines if not re.search(r"\b[A-Z_]{4,}\b", line)]
+
+
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_has_an_example_that_parses(
-    app: App, capsys: pytest.CaptureFixture[str], command: str
-) -> None:
-    assert cli.main([command, "--help"]) == 0
-    out = capsys.readouterr().out
-    example = re.search(rf"^(skyproof {command} .*)", out, re.MULTILINE)
-    assert example
-    assert cli.main(shlex.split(example[1])[1:]) == 0
+def test_help_has_an_example_that_parses(app: App, command: str) -> None:
+    lines = examples(command)
+    assert lines
+    for line in lines:
+        assert line.startswith(f"skyproof {command}")
+        assert cli.main(shlex.split(line)[1:]) == 0
     assert app.calls[-1][0] == command
+
+
+@pytest.mark.parametrize("command", [(), *((name,) for name in (*COMMANDS, "--install-completion"))])
+def test_help_is_read_on_eighty_columns(command: tuple[str, ...]) -> None:
+    text = help_of(*command)
+    assert max(map(len, text.splitlines())) <= 80
+    assert "…" not in text
+    assert "[ARGS]" not in text
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_gives_the_unit_of_every_quantity(command: str) -> None:
+    text = re.sub(r"[\s│]+", " ", help_of(command))
+    parts = re.split(r" (?=--[a-z])", text.partition("Parameters")[2])
+    for ending, unit in (("-s", "seconds"), ("-hz", "hertz|a second"), ("-m", "metres"), ("-deg", "degrees")):
+        for part in parts:
+            name = part.split(" ")[0]
+            if name.endswith(ending):
+                assert re.search(unit, part), part
 
 
 def test_help_states_the_defaults_of_the_settings() -> None:
@@ -470,36 +557,168 @@ def test_help_states_the_defaults_of_the_settings() -> None:
     cli.app.help_print(["protect"], console=Console(file=page, width=200))
     out = re.sub(r"[\s│]+", " ", page.getvalue())
     assert "Probability of a false label or verdict in an hour of clean sky. Default: 0.001." in out
-    assert "Use no more than this of every recording. Default: the end." in out
+    assert "Use no more than this of every recording. In seconds. Default: the end." in out
 
 
-def test_without_a_command_the_commands_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_command_the_commands_are_listed_and_where_to_begin(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main([]) == 0
     out = capsys.readouterr().out
     assert all(f" {command} " in out for command in COMMANDS)
+    assert out.index(" protect ") < out.index(" demo ")
+    for line in ("skyproof demo --out demo", "skyproof inspect FILE", "skyproof protect FILE... ", "COMMAND --help",
+                 "--install-completion"):  # fmt: skip
+        assert line in out
 
 
-def test_version_is_printed_alone(capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_tells_what_a_report_of_a_fault_needs(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["--version"]) == 0
-    assert re.fullmatch(r"\d+\.\d+\.\d+\S*\n", capsys.readouterr().out)
+    out = capsys.readouterr().out
+    lines = out.splitlines()
+    assert re.fullmatch(r"skyproof \d+\.\d+\.\d+\S*", lines[0])
+    assert lines[1].startswith(f"Python {platform.python_version()} ")
+    assert re.search(r", (\d+ of )?\d+ cores?$", lines[3])
+    for name in ("numpy", "scipy", "numba", "pyarrow", "pydantic"):
+        assert f"{name} {metadata.version(name)}" in out
+    assert "compiled kernels: " in out
+
+
+def test_version_tells_whether_kernels_are_compiled(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    cli.main(["--version"])
+    assert "compiled kernels: none in " in capsys.readouterr().out
+    (tmp_path / "a.nbi").touch()
+    cli.main(["--version"])
+    assert f"compiled kernels: 1 in {tmp_path}\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_list_says_of_a_command_what_its_function_says(command: str) -> None:
     module = importlib.import_module(f"skyproof.cli.{command}")
-    assert cli.COMMANDS[command][0] == getattr(module, command).__doc__
+    assert cli.COMMANDS[command][1] == getattr(module, command).__doc__
 
 
-@pytest.mark.parametrize(
-    ("line", "not_loaded"),
-    [
-        ("['--help']", ("numpy", "numba", "pydantic", "skyproof.app")),
-        ("['--version']", ("numpy", "numba", "pydantic", "skyproof.app")),
-        ("['receive', '--help']", ("pyarrow", "jinja2", "scipy.signal", "scipy.stats", "scipy.optimize")),
-    ],
-)
-def test_a_command_loads_nothing_that_it_does_not_need(line: str, not_loaded: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("command", [["--help"], ["--version"], *([name, "--help"] for name in COMMANDS)])
+def test_help_loads_nothing_that_computes(command: list[str]) -> None:
     """Each of these takes a quarter of a second and more."""
-    program = f"import sys; from skyproof.cli import main; assert main({line}) == 0; print(*sys.modules)"
+    program = f"import sys; from skyproof.cli import main; assert main({command}) == 0; print('|', *sys.modules)"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert set(run.stdout.split()) & set(not_loaded) == set()
+    loaded = set(run.stdout.rpartition("|")[2].split())
+    assert loaded & {"numba", "scipy", "pyarrow", "jinja2", "skyproof.receiver", "skyproof.app.protect"} == set()
+    if command[0].startswith("--"):
+        assert loaded & {"numpy", "pydantic", "skyproof.app"} == set()
+
+
+# Completion
+
+
+def completed(script: Path, *words: str) -> set[str]:
+    """What bash offers for the last of the words when Tab is pressed."""
+    line = " ".join(map(shlex.quote, words))
+    program = (
+        f"source {shlex.quote(str(script))}; COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; "
+        'name=$(complete -p skyproof | sed "s/.*-F \\([^ ]*\\).*/\\1/"); $name; printf "%s\\n" "${COMPREPLY[@]}"'
+    )
+    run = subprocess.run(["bash", "--norc", "-c", program], capture_output=True, text=True, check=True)
+    assert run.stderr == ""
+    return set(run.stdout.split())
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+def test_bash_completes_commands_options_and_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = tmp_path / "skyproof.bash"
+    assert cli.main(["--install-completion", "--shell", "bash", "--output", str(script)]) == 0
+    assert capsys.readouterr().out == f"completion: {script}\n"
+    assert completed(script, "skyproof", "pro") == {"protect"}
+    assert completed(script, "skyproof", "") == set(COMMANDS)
+    assert completed(script, "skyproof", "protect", "--na") == {"--nav"}
+    assert completed(script, "skyproof", "simulate", "--depth", "mea") == {"measurements"}
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rx1.bin").touch()
+    assert completed(script, "skyproof", "protect", "rx") == {"rx1.bin"}
+    assert completed(script, "skyproof", "protect", "rx1.bin", "--nav", "rx") == {"rx1.bin"}
+
+
+def test_the_installed_completion_is_loaded_by_the_shell(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (line,) = examples("--install-completion")
+    assert cli.main(shlex.split(line)[1:]) == 0
+    script = Path(capsys.readouterr().out.removeprefix("completion: ").strip())
+    assert script.is_relative_to(tmp_path)
+    assert str(script) in (tmp_path / ".bashrc").read_text(encoding="utf-8")
+
+
+def test_a_completion_that_cannot_be_installed_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "taken").touch()
+    assert cli.main(["--install-completion", "--shell", "bash", "--output", str(tmp_path / "taken" / "script")]) == 2
+    assert "name another file with --output" in capsys.readouterr().err
+
+    def unknown(*_: object, **__: object) -> None:
+        raise ShellDetectionError
+
+    monkeypatch.setattr(type(cli.app), "install_completion", unknown)
+    assert cli.main(["--install-completion"]) == 2
+    assert "name it, as in --shell bash" in capsys.readouterr().err
+
+
+# Ctrl-C
+
+
+def test_an_interrupted_table_of_all_figures_is_not_written(
+    app: App, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    app.error = KeyboardInterrupt()
+    assert cli.main(["study", "--validation", str(tmp_path / "validation.md")]) == 130
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines()[-1] == "skyproof: interrupted: not all studies were run, so that no table was written"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_interrupted_pages_are_whole_and_their_folder_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("skyproof.app.pages.write_pages", interrupted)
+    assert cli.main(["simulate", "--pages", str(tmp_path)]) == 130
+    told = f"interrupted: not all pages were drawn; those in {tmp_path} are whole"
+    assert capsys.readouterr().err == f"skyproof: {told}\n"
+
+
+# The examples of the help, as they stand
+
+
+def run_here(line: str, folder: Path) -> str:
+    """Run a line of the help in a folder; what it printed."""
+    call = f"import sys; from skyproof.cli import main; sys.exit(main({shlex.split(line)[1:]!r}))"
+    run = subprocess.run([sys.executable, "-c", call], cwd=folder, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    assert "Traceback" not in run.stderr
+    return run.stdout
+
+
+@pytest.mark.parametrize("line", [line for name in COMMANDS for line in examples(name) if line.endswith("--list")])
+def test_the_quick_examples_run(line: str, tmp_path: Path) -> None:
+    assert run_here(line, tmp_path).strip()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.long
+def test_every_example_of_the_help_runs(tmp_path: Path) -> None:
+    """In one folder, the demonstration first: others work on its recordings."""
+    lines = dict.fromkeys(line for command in ((), *((name,) for name in COMMANDS)) for line in examples(*command))
+    lines.pop("skyproof demo --out demo")
+    run_here("skyproof demo --out demo", tmp_path)
+    for line in lines:
+        assert run_here(line, tmp_path).strip(), line
+    made = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")}
+    assert made >= {"demo/report.html", "out/report.html", "out/bow.obs", "scene/truth.json"}

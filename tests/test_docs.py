@@ -1,25 +1,40 @@
 """What the documentation says can be done, can be done; no text of the repository names the place it was made at."""
 
 import ast
+import importlib
+import json
+import os
 import re
 import shlex
 import subprocess
+import sys
+import tomllib
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
 import skyproof
 from skyproof.app.settings import Settings, resolve_settings
-from skyproof.cli import app
+from skyproof.app.windows import detectors_for
+from skyproof.cli import app, main
 from skyproof.formats.raw import SampleLayout, read_sidecar
+from skyproof.formats.sigmf import open_sigmf
+from skyproof.formats.tables import FIXES_COLUMNS
 from skyproof.formats.verdict import read_verdict
+from skyproof.simulate import parse_scenario, ready_made
+from skyproof.studies import studies
 from skyproof.testing import MeasuredScene
 
 ROOT = Path(__file__).resolve().parent.parent
-GUIDE = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md"))
+DOCS = ROOT / "docs"
+MADE_BY_MAKE = DOCS / "pages"
+GUIDE = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md",
+         *(page for page in sorted(DOCS.rglob("*.md")) if MADE_BY_MAKE not in page.parents))  # fmt: skip
 COMMANDS = [name for name in app if not name.startswith("-")]
+MADE_BY_HOOKS = {DOCS / name for name in (
+    "tutorial.md", "contributing.md", "changelog.md", "validation.md", "report.html")}  # fmt: skip
 LICENCES_STANDARDS_DOIS = ("www.apache.org/licenses", "doi.org", "www.w3.org", "www.opengis.net", "json-schema.org",
                            "www.google.com/kml/ext")  # fmt: skip
 
@@ -30,7 +45,7 @@ def text_of(path: Path) -> str:
 
 def blocks(path: Path, language: str) -> list[str]:
     """The fenced blocks of a page that are in `language`."""
-    return re.findall(rf"^```{language}\n(.*?)^```", text_of(path), re.MULTILINE | re.DOTALL)
+    return re.findall(rf"^```{language}(?: [^\n]*)?\n(.*?)^```", text_of(path), re.MULTILINE | re.DOTALL)
 
 
 def code_spans(path: Path) -> list[str]:
@@ -43,37 +58,49 @@ def options_of(command: str) -> list[str]:
     return [argument.names[0] for argument in arguments if argument.names[0].startswith("--")]
 
 
-def command_lines() -> list[str]:
-    """Every line of a shell block, and every code span, that calls skyproof with something."""
-    shell = [line for page in GUIDE for block in blocks(page, "sh") for line in block.replace("\\\n", " ").splitlines()]
-    spans = [span for page in GUIDE for span in code_spans(page)]
-    calls = (re.match(r"(?:\$ )?(?:\.venv/bin/)?skyproof (.+)", text.strip()) for text in [*shell, *spans])
+def shell_lines(path: Path) -> list[str]:
+    """Arguments of every line of a page's shell blocks that calls skyproof with something."""
+    lines = [line for block in blocks(path, "sh") for line in block.replace("\\\n", " ").splitlines()]
+    return arguments_in(lines)
+
+
+def arguments_in(texts: list[str]) -> list[str]:
+    calls = (re.match(r"(?:\$ )?(?:\.venv/bin/)?skyproof (.+)", text.strip()) for text in texts)
     return [call[1].partition("  #")[0].strip() for call in calls if call]
+
+
+@pytest.fixture(scope="module")
+def tables() -> ModuleType:
+    """The module that makes the manual's tables."""
+    sys.path.insert(0, str(DOCS / "build"))
+    try:
+        return importlib.import_module("tables")
+    finally:
+        sys.path.remove(str(DOCS / "build"))
 
 
 # Commands
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_and_option_is_in_the_readme(command: str) -> None:
-    readme = text_of(ROOT / "README.md")
-    assert f"skyproof {command}" in readme
-    assert [option for option in options_of(command) if f"`{option}" not in readme] == []
+def test_every_command_and_option_is_in_the_manual(command: str, tables: ModuleType) -> None:
+    page = tables.commands()
+    section = page.partition(f"## `skyproof {command}`\n")[2].partition("\n## ")[0]
+    assert "<!-- commands -->" in text_of(DOCS / "commands.md")
+    assert [option for option in options_of(command) if f"`{option}" not in section] == []
+    assert f"\nskyproof {command}" in section.partition("```sh")[2]  # an example
 
 
-def test_every_option_in_the_readme_is_one() -> None:
-    known = {option for command in COMMANDS for option in options_of(command)} | {"--help", "--version"}
-    told = {option for span in code_spans(ROOT / "README.md") for option in re.findall(r"(?<!\S)--[a-z][a-z-]+", span)}
-    assert told <= known
+def test_every_option_that_is_named_is_one() -> None:
+    known = {option for command in COMMANDS for option in options_of(command)} | {name for name in app if "--" in name}
+    pages = [page for page in GUIDE if page.parent.name != "design"]  # which name options of other programs
+    spans = [span for page in pages for span in code_spans(page) if span.startswith(("--", "skyproof "))]
+    told = {option for span in spans for option in re.findall(r"(?<!\S)--[a-z][a-z-]+", span)}
+    assert told - known == set()
 
 
-def test_every_setting_is_in_the_readme_with_its_default() -> None:
-    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+?) \|", text_of(ROOT / "README.md"), re.MULTILINE))
-    defaults = {name: field.default for name, field in Settings.model_fields.items()}
-    assert {name: rows.get(name) for name in defaults} == {
-        name: {"duration_s": "the end"}.get(name, "not given") if default is None else f"{default:g}"
-        for name, default in defaults.items()
-    }
+def command_lines() -> list[str]:
+    return [line for page in GUIDE for line in [*shell_lines(page), *arguments_in(code_spans(page))]]
 
 
 @pytest.mark.parametrize("line", sorted(set(command_lines())))
@@ -85,63 +112,185 @@ def test_every_command_line_parses(line: str) -> None:
         app.parse_args(tokens, exit_on_error=False, print_error=False)
 
 
+@pytest.mark.long
+def test_every_command_line_of_the_first_pages_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Those of a newcomer, in order, where `make demo` was run."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["demo", "--out", "demo"]) == 0
+    for line in [*shell_lines(ROOT / "README.md"), *shell_lines(DOCS / "start.md")]:
+        if not line.startswith("--"):  # what changes the shell of who runs this
+            assert main(shlex.split(line)) == 0, f"{line}: {capsys.readouterr().err}"
+    assert (tmp_path / "result" / "report.html").is_file()
+
+
 def test_every_make_target_that_is_named_exists_and_is_told() -> None:
-    made = set(re.findall(r"^([a-z-]+):.*?## ", text_of(ROOT / "Makefile"), re.MULTILINE))
+    made_by_make = set(re.findall(r"^([a-z-]+):.*?## ", text_of(ROOT / "Makefile"), re.MULTILINE))
     pattern = r"(?:^|`)make ([a-z][a-z-]*)"
     told = {name for page in GUIDE for name in re.findall(pattern, text_of(page), re.MULTILINE)}
-    assert told <= made
-    assert made - {"help"} <= told
+    assert told <= made_by_make
+    assert made_by_make - {"help"} <= told
+
+
+# Files
+
+
+def test_every_setting_and_key_is_in_the_manual_with_its_default(tables: ModuleType) -> None:
+    settings = tables.keys("skyproof.app.settings:Settings")
+    assert [name for name in Settings.model_fields if f"| `{name}` |" not in settings] == []
+    assert "| `false_alarm_probability_per_hour` | `0.001` |" in settings
+    layout = tables.keys("skyproof.formats.raw:SampleLayout")
+    assert [name for name in SampleLayout.model_fields if f"| `{name}` |" not in layout] == []
+    assert "| `rate_hz` | needed |" in layout
+
+
+def test_every_mark_of_a_page_names_what_there_is(tables: ModuleType) -> None:
+    pages = [page for page in GUIDE if page.is_relative_to(DOCS)]
+    marks = [mark for page in pages for mark in re.findall(r"<!-- (\w+): (.*?) -->", text_of(page))]
+    untold = []
+    for word, what in marks:
+        if word == "keys":
+            lines = tables.keys(what).splitlines()[2:]
+            untold += [f"{what}: {line}" for line in lines if line.endswith(("|  |", "| . |"))]
+        elif word == "figure":
+            assert studies()[what.split()[0]].charts, f"{what} draws nothing"
+    assert {word for word, _ in marks} <= {"keys", "figure", "output", "root", "notebook"}
+    assert untold == []
+
+
+def test_the_files_that_the_manual_shows_are_read(tmp_path: Path) -> None:
+    sidecar, scenario = blocks(DOCS / "formats.md", "toml")
+    (platform,) = blocks(DOCS / "commands.md", "toml")
+    (tmp_path / "rx1.toml").write_text(sidecar, encoding="utf-8")
+    (tmp_path / "platform.toml").write_text(platform, encoding="utf-8")
+    read_sidecar(tmp_path / "rx1.toml")
+    assert resolve_settings(tmp_path / "platform.toml") != Settings()
+    assert [attack.kind for attack in parse_scenario(tomllib.loads(scenario)).attacks] == ["meaconer"]
+    (meta,) = blocks(DOCS / "formats.md", "json")
+    (tmp_path / "one.sigmf-meta").write_text(meta, encoding="utf-8")
+    np.arange(8000).astype(np.int8).tofile(tmp_path / "one.sigmf-data")
+    (samples,) = open_sigmf(tmp_path / "one.sigmf-meta")
+    assert (samples.rate_hz, samples.n_samples) == (4e6, 4000)
+
+
+def test_every_column_of_fixes_and_every_key_for_sigmf_is_told() -> None:
+    page = text_of(DOCS / "formats.md")
+    assert [name for name in FIXES_COLUMNS if f"`{name}`" not in page] == []
+    own = set(re.findall(r"skyproof:\w+", text_of(ROOT / "src" / "skyproof" / "formats" / "sigmf.py")))
+    assert {key for key in own if f"`{key}`" not in page} == set()
+
+
+def test_every_ready_made_scene_is_told() -> None:
+    page = text_of(DOCS / "scenarios.md")
+    assert [name for name in ready_made() if f"### {name}\n" not in page] == []
+    assert f"{len(ready_made())} ready-made scenes" in text_of(ROOT / "README.md")
 
 
 # Pages and code
 
 
-def test_the_sidecar_and_the_platform_file_of_the_readme_are_read(tmp_path: Path) -> None:
-    sidecar, platform = blocks(ROOT / "README.md", "toml")
-    (tmp_path / "rx1.toml").write_text(sidecar, encoding="utf-8")
-    (tmp_path / "platform.toml").write_text(platform, encoding="utf-8")
-    read_sidecar(tmp_path / "rx1.toml")
-    assert resolve_settings(tmp_path / "platform.toml") != Settings()
-
-
-def test_every_key_of_a_sidecar_is_in_the_readme() -> None:
-    readme = text_of(ROOT / "README.md")
-    assert [key for key in SampleLayout.model_fields if f"`{key}`" not in readme and f"\n{key} = " not in readme] == []
-
-
 def test_every_file_and_test_that_is_named_exists() -> None:
     missing = []
     for page in GUIDE:
-        for target in re.findall(r"\]\((?!https?:)([^)#]+)", text_of(page)):
-            missing += [] if (page.parent / target).exists() else [f"{page.name}: {target}"]
+        for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", text_of(page)):
+            there = (page.parent / target).resolve()
+            missing += [] if there.exists() or there in MADE_BY_HOOKS else [f"{page.name}: {target}"]
         for path, name in re.findall(r"\b((?:tests|bench|docs|src)/[\w/.-]*\w)(?:::(\w+))?", text_of(page)):
             found = (ROOT / path).exists() and (not name or f"def {name}(" in text_of(ROOT / path))
+            found = found or (ROOT / path).is_relative_to(MADE_BY_MAKE)
             missing += [] if found else [f"{page.name}: {path} {name}"]
     assert missing == []
 
 
-def test_the_detector_of_the_guide_runs_and_meets_the_contract() -> None:
-    names: dict[str, object] = {}
-    for block in blocks(ROOT / "CONTRIBUTING.md", "python"):
-        exec(compile(block, "CONTRIBUTING.md", "exec"), names)
-    tests = [value for name, value in names.items() if name.startswith("test_")]
-    assert len(tests) == 1
-    for test in tests:
-        test()  # type: ignore[operator]
+def test_the_words_of_the_glossary_are_in_order_and_used() -> None:
+    words = re.findall(r"^(\S.*)\n:  ", text_of(DOCS / "glossary.md"), re.MULTILINE)
+    assert len(words) > 40
+    assert words == sorted(words, key=lambda word: re.sub(r"[^a-z0-9]", "", word.lower()))
+    pages = " ".join(text_of(page) for page in GUIDE if page.name != "glossary.md").replace("\n", " ").lower()
+    rooms = " ".join(text_of(page) for page in sorted((ROOT / "src").rglob("*.py"))).lower()
+    assert [word for word in words if word.strip("`").lower() not in pages + rooms] == []
 
 
-def test_the_python_of_the_readme_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("page", [page for page in GUIDE if blocks(page, "python") and page.name != "detector.md"],
+                         ids=lambda page: page.name)  # fmt: skip
+def test_the_python_of_every_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a verdict and observations that are at hand, in place of an hour of recordings."""
     verdict = read_verdict(ROOT / "tests" / "formats" / "verdict-sample.json")
     observations = MeasuredScene().records(np.random.default_rng(1)).observations[0]
     monkeypatch.setattr(skyproof, "protect", lambda *_, **__: verdict)
     monkeypatch.setattr(skyproof, "receive", lambda *_, **__: SimpleNamespace(observations=observations))
-    code = "\n".join(blocks(ROOT / "README.md", "python"))
+    inspection = SimpleNamespace(summary="10 satellites", satellites=())
+    monkeypatch.setattr(skyproof, "inspect", lambda *_, **__: (inspection,), raising=False)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for block in blocks(page, "python"):
+        exec(compile(block, page.name, "exec"), names)
+
+
+def test_the_python_page_uses_every_name_that_is_promised() -> None:
+    code = "\n".join(blocks(DOCS / "python" / "index.md", "python"))
     used = {node.attr for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Attribute)
             and isinstance(node.value, ast.Name) and node.value.id == "sp"}  # fmt: skip
     assert used == set(skyproof.__all__)
-    exec(compile(code, "README.md", "exec"), {})
-    assert capsys.readouterr().out
+
+
+def test_the_detector_of_the_manual_meets_the_contract_and_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page's files as they stand there; what an installer would write about the package is written by hand."""
+    page = text_of(DOCS / "extend" / "detector.md")
+    files = dict(re.findall(r'^```\w+ title="(.*?)"\n(.*?)^```', page, re.MULTILINE | re.DOTALL))
+    assert sorted(files) == ["pyproject.toml", "restless.py", "test_restless.py"]
+    for name, content in files.items():
+        (tmp_path / name).write_text(content, encoding="utf-8")
+    project = tomllib.loads(files["pyproject.toml"])["project"]
+    told = tmp_path / f"{project['name']}-{project['version']}.dist-info"
+    told.mkdir()
+    (told / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    lines = [f"[{group}]\n" + "".join(f"{name} = {at}\n" for name, at in points.items())
+             for group, points in project["entry-points"].items()]  # fmt: skip
+    (told / "entry_points.txt").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    names: dict[str, object] = {}
+    exec(compile(files["test_restless.py"], "test_restless.py", "exec"), names)
+    tests = [value for name, value in names.items() if name.startswith("test_")]
+    assert len(tests) == 1
+    for test in tests:
+        test()  # type: ignore[operator]
+    assert "restless" in {detector.name for detector in detectors_for(Settings(), 2, ())}
+    body = files["restless.py"].partition("    def _receiver")[2]
+    assert len(body.splitlines()) <= 20
+
+
+@pytest.mark.long
+def test_the_manual_builds_without_a_warning_and_without_a_network(tmp_path: Path) -> None:
+    """Figures left out: those are commands of their own, which other tests run."""
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    env = os.environ | {"SKYPROOF_FIGURES": "no", "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    pages = sorted((tmp_path / "site").rglob("*.html"))
+    assert len(pages) > 40
+    fetched = re.compile(r"<(?:script|img|link|iframe)[^>]+(?:src|href)=\"?(https?:)?//")
+    assert [page.name for page in pages if fetched.search(text_of(page))] == []
+    assert "<!--" not in re.sub(r"<code>.*?</code>|<pre.*?</pre>", "", text_of(tmp_path / "site" / "commands.html"),
+                                flags=re.DOTALL)  # fmt: skip
+
+
+def test_the_notebook_is_small_and_holds_no_outputs() -> None:
+    path = DOCS / "tutorial.ipynb"
+    notebook = json.loads(text_of(path))
+    assert path.stat().st_size < 60_000
+    assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
+    ids = [cell["id"] for cell in notebook["cells"]]
+    assert len(set(ids)) == len(ids)
+    for cell in notebook["cells"]:
+        needed = {"cell_type", "id", "metadata", "source"}
+        assert set(cell) == needed | ({"execution_count", "outputs"} if cell["cell_type"] == "code" else set())
+        assert cell["cell_type"] in ("code", "markdown")
+        assert not cell.get("outputs")
+        assert cell.get("execution_count") is None
 
 
 # Texts

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from skyproof.detectors.base import missing, signals_of
+from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.navigation.fix import fix
-from skyproof.records import Evidence
+from skyproof.records import Evidence, Taps
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors, check_detector
 
 CLEAN = MeasuredScene(epochs=4, max_satellites=6)
@@ -36,6 +36,8 @@ class Honest:
         lacking = missing(self, records)
         if lacking:
             return lacking, state
+        if not np.isfinite(records.observations[0].pseudorange_m).any():
+            return [undecided(self, records, (), because="nothing tracked", would_need="signals")], state
         return [self.said(records, self.chance(records))], state
 
     def said(self, records, chance, **changes):
@@ -71,6 +73,12 @@ class Bold(Honest):
         return ([replace(lacking[0], says="clean")], state) if lacking else super().examine(records, state)
 
 
+class Blind(Honest):
+    def examine(self, records, state=None):
+        lacking = missing(self, records)
+        return (lacking or [self.said(records, 0.5)]), state
+
+
 class Meddler(Honest):
     def chance(self, records):
         array = records.observations[0].cn0_dbhz
@@ -93,6 +101,45 @@ class Ordered(Honest):
         if evidence[0].says != "undecided":
             evidence = [replace(evidence[0], statistic=float(records.observations[0].pseudorange_m[0, 0]))]
         return evidence, state
+
+
+class OfTaps(Honest):
+    """Looks at taps: of which signal, it takes from their names."""
+
+    needs = ("observations", "taps")
+
+    def chance(self, records):
+        (taps,) = records.extras["taps"]
+        prompt = {signal: float(taps.value[0, k, 0, 0].real) for k, signal in enumerate(taps.signals)}
+        return sum(prompt[signal] * (k + 1) for k, signal in enumerate(sorted(prompt))) * 1e4 % 1.0
+
+    def examine(self, records, state=None):
+        evidence, state = super().examine(records, state)
+        if evidence[0].says != "undecided" and not np.isfinite(records.extras["taps"][0].value).any():
+            evidence = [undecided(self, records, (), because="nothing tracked", would_need="signals")]
+        return evidence, state
+
+
+class OfTapsInOrder(OfTaps):
+    """Takes the first taps for those of the first observations."""
+
+    def chance(self, records):
+        return float(records.extras["taps"][0].value[0, 0, 0, 0].real) * 1e4 % 1.0
+
+
+class OfAnyTaps(OfTaps):
+    """Silent where there is a collection of taps with none in it."""
+
+    def examine(self, records, state=None):
+        return ([], state) if records.extras.get("taps") == () else super().examine(records, state)
+
+
+class OfDarkTaps(OfTaps):
+    """Says what it likes of taps that hold nothing."""
+
+    def examine(self, records, state=None):
+        lacking = missing(self, records)
+        return (lacking or [self.said(records, 0.5)]), state
 
 
 class Forgetful(Honest):
@@ -128,6 +175,7 @@ def test_an_honest_detector_passes():
         (Loose, "not frozen"),
         (Silent, "says nothing"),
         (Bold, "without what it needs"),
+        (Blind, "without what it needs: anything measured"),
         (Meddler, "changed"),
         (Moody, "different evidence"),
         (Ordered, "order"),
@@ -139,6 +187,36 @@ def test_an_honest_detector_passes():
 def test_a_broken_promise_is_caught(broken, words):
     with pytest.raises(AssertionError, match=words):
         check_detector(broken, CLEAN.records, np.random.default_rng(0), windows=1000)
+
+
+def with_taps(rng):
+    """The scene's records and taps of the same channels, in a scene's order."""
+    records = CLEAN.records(rng)
+    (first, _) = records.observations
+    value = rng.standard_normal((4, len(first.signals), 1, 3)).astype(np.complex64)
+    taps = Taps(
+        receiver=first.receiver, signals=first.signals, elapsed_s=first.elapsed_s,
+        delays_chips=np.array([0.5, 0.0, -0.5]), dopplers_hz=np.zeros(1), value=value,
+    )  # fmt: skip
+    return replace(records, extras={"taps": (taps,)})
+
+
+def test_a_detector_of_other_records_passes():
+    check_detector(OfTaps, with_taps, np.random.default_rng(0), windows=1000)
+
+
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [(OfTapsInOrder, "order"), (OfAnyTaps, "says nothing without any of taps"), (OfDarkTaps, "anything measured")],
+)
+def test_a_broken_promise_is_caught_in_other_records(broken, words):
+    with pytest.raises(AssertionError, match=words):
+        check_detector(broken, with_taps, np.random.default_rng(0), windows=1000)
+
+
+def test_records_without_what_the_detector_needs_are_no_test_of_it():
+    with pytest.raises(AssertionError, match="the records lack taps"):
+        check_detector(OfTaps, CLEAN.records, np.random.default_rng(0), windows=10)
 
 
 def test_too_few_false_alarms_pass_with_a_reason():

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from skyproof.verdict import Verdict
+from skyproof.verdict import Verdict, notebook_html
 
 SAMPLE = json.loads((Path(__file__).parent / "formats" / "verdict-sample.json").read_text(encoding="utf-8"))
 Document = dict[str, Any]
@@ -58,3 +58,16 @@ def test_a_verdict_cannot_be_changed() -> None:
 def test_what_makes_no_sense_is_refused(change: Callable[[Document], object], words: str) -> None:
     with pytest.raises(ValidationError, match=words):
         Verdict.model_validate(changed(change))
+
+
+def test_a_verdict_shows_itself_in_a_notebook() -> None:
+    shown = Verdict.model_validate(SAMPLE)._repr_html_()
+    for told in ("Spoofed", SAMPLE["summary"], "Since 2022-01-01 10:00:24 ± 0.5 s GPS time.", "59.4121000", "trusted"):
+        assert told in shown, told
+
+
+def test_a_notebook_shows_names_and_runs_nothing() -> None:
+    shown = notebook_html("<b>", ["a & <script>"], (("<i>",), [("<img>",)]), (("empty",), []))
+    assert "&lt;b&gt;" in shown
+    assert "a &amp; &lt;script&gt;" in shown
+    assert not any(tag in shown for tag in ("<b>", "<script", "<i>", "<img", "empty"))

@@ -2,23 +2,34 @@
 
     import skyproof as sp
 
+    print(sp.inspect("rx1.bin")[0].summary)
     verdict = sp.protect(["rx1.bin", "rx2.bin"], nav="brdc0010.22n")
     observations = sp.receive("rx1.bin", nav="brdc0010.22n").observations
+    made = sp.simulate("takeover", out="scene")
 
 The vocabulary is `skyproof.records` and `skyproof.verdict`. Frames are ECEF WGS-84, instants are GPS time as
 numpy.datetime64[ns], angles are radians inside and degrees where a name says so, units stand in the names.
 """
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from skyproof.app.inspect import inspect
     from skyproof.app.protect import verdict_of as protect
     from skyproof.app.receive import receive
+    from skyproof.app.simulate import simulate
 
-__all__ = ["protect", "receive"]
+__all__ = ["inspect", "protect", "receive", "simulate"]
 
-_FROM = {"protect": ("skyproof.app.protect", "verdict_of"), "receive": ("skyproof.app.receive", "receive")}
+_FROM = {
+    "inspect": ("skyproof.app.inspect", "inspect"),
+    "protect": ("skyproof.app.protect", "verdict_of"),
+    "receive": ("skyproof.app.receive", "receive"),
+    "simulate": ("skyproof.app.simulate", "simulate"),
+}
 
 
 def __getattr__(name: str) -> Any:
@@ -27,3 +38,21 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module, function = _FROM[name]
     return getattr(import_module(module), function)
+
+
+class _Package(ModuleType):
+    """The package, whose `simulate` is the use case also after the room of that name was imported.
+
+    To import a module sets it as an attribute of its package. `from skyproof.simulate import ...` works as ever.
+    """
+
+    @property
+    def simulate(self) -> Any:
+        return __getattr__("simulate")
+
+    @simulate.setter
+    def simulate(self, room: ModuleType) -> None:
+        pass
+
+
+sys.modules[__name__].__class__ = _Package

@@ -7,8 +7,26 @@
     ├── ScenarioError       a scene that cannot be simulated
     └── NotEnoughData       readable, but too little or too poor to work on
 
-Each message says what came, where (file, byte, line, key), what was expected and what to do about it.
+Each message says what came, where (file, byte, line, key), what was expected and what to do about it; the table of all
+of them is made by the tests (`pytest --messages FILE`).
 """
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+__all__ = [
+    "InputError", "NotEnoughData", "OutputError", "ScenarioError", "SettingsError", "SkyproofError", "fault_words",
+    "require_probability",
+]  # fmt: skip
+
+_LONGEST: Final = 60
+"""Of a value that is told, in signs."""
+_BOUNDS: Final = {"ge": "{:g} or more", "gt": "more than {:g}", "le": "{:g} or less", "lt": "less than {:g}"}
+_KINDS: Final = {
+    "int_": "a whole number", "float_": "a number", "string_type": "a text", "bool_": "true or false",
+    "tuple_type": "a list", "list_type": "a list", "dict_type": "a table", "model_": "a table",
+}  # fmt: skip
+"""What Pydantic expects, by the beginning of its fault's type."""
 
 
 class SkyproofError(Exception):
@@ -33,3 +51,36 @@ class ScenarioError(SkyproofError):
 
 class NotEnoughData(SkyproofError):
     """The input is readable, but too little or too poor to work on."""
+
+
+def require_probability(owner: str, name: str, value: float) -> None:
+    """Raise SettingsError unless a setting is a probability between 0 and 1, neither of them included."""
+    if not 0.0 < value < 1.0:
+        raise SettingsError(f"{owner}: {name} is {value}, expected above 0 and below 1; give one such as 0.001")
+
+
+def fault_words(place: str, fault: Mapping[str, Any]) -> str:
+    """One fault that Pydantic found, with what came and what was expected.
+
+    Parameters
+    ----------
+    place : the path of the key, as it stands in the file; empty for the whole.
+    fault : a member of the list that `ValidationError.errors()` gives.
+    """
+    kind, message = str(fault["type"]), str(fault["msg"]).removeprefix("Value error, ")
+    if kind == "missing":
+        return f"{place} is missing"
+    context = fault.get("ctx", {})
+    if kind in ("too_short", "too_long") and "actual_length" in context:
+        least, most = context.get("min_length"), context.get("max_length")
+        return f"{place} holds {context['actual_length']}, expected {f'{least} or more' if most is None else most}"
+    expected = next((words.format(float(context[key])) for key, words in _BOUNDS.items() if key in context), "")
+    expected = expected or next((words for begin, words in _KINDS.items() if kind.startswith(begin)), "")
+    if not expected and message.startswith("Input should be "):
+        expected = message.removeprefix("Input should be ")
+    if not expected:
+        return f"{place}: {message}" if place else message
+    came = fault["input"]
+    told = f'"{came}"' if isinstance(came, str) else str(came)
+    told = told if len(told) <= _LONGEST else f"{told[: _LONGEST - 3]}..."
+    return f"{place or 'the whole'} = {told}, expected {expected}"

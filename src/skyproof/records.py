@@ -449,5 +449,6 @@ class Records:
             return len({o.receiver for o in self.observations}) >= 2
         if need in {f.name for f in fields(self)}:
             value = getattr(self, need)
-            return value is not None and (not hasattr(value, "__len__") or len(value) > 0)
-        return need in self.extras
+        else:
+            value = self.extras.get(need)
+        return value is not None and (not hasattr(value, "__len__") or len(value) > 0)

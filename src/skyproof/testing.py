@@ -107,22 +107,21 @@ def check_declarations(detector: Detector) -> None:
 
 
 def check_missing_told(detector: Detector, records: Records) -> None:
-    """Without a record that it needs it does not raise, nor is it silent: "undecided", why, what would be needed."""
+    """Without a record that it needs, or with nothing measured in them, it does not raise, nor is it silent:
+    "undecided", why, what would be needed."""
+    lacking = [need for need in detector.needs if not records.has(need)]
+    assert not lacking, f"the records lack {', '.join(lacking)}, which {detector.name} needs: they are no test of it"
     empty = Records(start_gpst=records.start_gpst, end_gpst=records.end_gpst)
-    poorer = [empty]
-    if "navigation" in detector.needs:
-        poorer.append(replace(records, navigation=None))
-    if "sets" in detector.needs:
-        poorer.append(replace(records, sets=()))
-    if "observations of two receivers" in detector.needs:
-        poorer.append(replace(records, observations=records.observations[:1]))
-    for less in poorer:
+    poorer = {"any record": empty, "anything measured": _unmeasured(records)}
+    for need in detector.needs:
+        poorer |= _without(records, need, empty)
+    for lost, less in poorer.items():
         evidence, _ = detector.examine(less)
-        assert evidence, f"{detector.name} says nothing where what it needs is missing"
+        assert evidence, f"{detector.name} says nothing without {lost}, which it needs"
         for said in evidence:
-            assert said.says == "undecided", f"{detector.name} says {said.says!r} without what it needs"
-            assert said.because, f"{detector.name} is undecided without saying why"
-            assert said.would_need, f"{detector.name} is undecided without saying what it would need"
+            assert said.says == "undecided", f"{detector.name} says {said.says!r} without what it needs: {lost}"
+            assert said.because, f"{detector.name} is undecided without {lost}, and does not say why"
+            assert said.would_need, f"{detector.name} is undecided without {lost}, and does not say what it would need"
 
 
 def check_inputs_untouched(make: Callable[[], Detector], records: Records) -> None:
@@ -143,8 +142,9 @@ def check_repeatable(make: Callable[[], Detector], records: Records) -> None:
 
 
 def check_channel_order(make: Callable[[], Detector], records: Records, rng: np.random.Generator) -> None:
-    """The order of a receiver's channels means nothing."""
-    shuffled = replace(records, observations=tuple(_permuted(o, rng) for o in records.observations))
+    """The order of channels means nothing, in observations as in taps, grids and phases, each in an order of its own:
+    what belongs together is told by the names of signals."""
+    shuffled = _each_measured(records, lambda measured: _permuted(measured, rng))
     one, other = make().examine(records)[0], make().examine(shuffled)[0]
     assert len(one) == len(other), f"{make().name} finds {len(one)} or {len(other)} things by the order of the channels"
     for a, b in zip(sorted(one, key=_key), sorted(other, key=_key), strict=True):
@@ -225,14 +225,57 @@ def _numbers(evidence: Evidence) -> list[float]:
     return [np.nan if number is None else number for number in numbers]
 
 
-def _permuted(observations: Observations, rng: np.random.Generator) -> Observations:
-    order = rng.permutation(len(observations.signals))
-    changes: dict[str, Any] = {"signals": tuple(observations.signals[k] for k in order)}
-    for f in fields(observations):
-        value = getattr(observations, f.name)
-        if isinstance(value, np.ndarray) and f.name not in {"gpst", "elapsed_s"}:
-            changes[f.name] = value[..., order].copy()
-    return replace(observations, **changes)
+def _without(records: Records, need: str, empty: Records) -> dict[str, Records]:
+    """By what is missing: the record, or all that it is a collection of."""
+    if need == "observations of two receivers":
+        return {need: replace(records, observations=records.observations[:1])}
+    if need in {f.name for f in fields(records)}:
+        return {need: replace(records, **{need: getattr(empty, need)})}
+    others = {name: extra for name, extra in records.extras.items() if name != need}
+    without = {need: replace(records, extras=others)}
+    if isinstance(records.extras[need], tuple | list):
+        without[f"any of {need}"] = replace(records, extras=others | {need: ()})
+    return without
+
+
+def _each_measured(records: Records, change: Callable[[Any], Any]) -> Records:
+    """Every record of channels, observations or other, as `change` gives it; each knows its `signals`."""
+    extras = {
+        name: tuple(change(one) if hasattr(one, "signals") else one for one in extra)
+        if isinstance(extra, tuple | list)
+        else extra
+        for name, extra in records.extras.items()
+    }
+    return replace(records, observations=tuple(change(o) for o in records.observations), extras=extras)
+
+
+_OF_CHANNELS = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")  # one number each
+_OF_ANTENNAS = ("elements_m",)
+
+
+def _channel_axes(measured: Any) -> dict[str, int]:
+    """The fields of a record that have channels, and along which axis: the second, after time."""
+    arrays = {f.name: getattr(measured, f.name) for f in fields(measured)}
+    axes = {name: 1 for name, array in arrays.items() if np.ndim(array) >= 2 and name not in _OF_ANTENNAS}
+    return axes | {name: 0 for name in _OF_CHANNELS if name in arrays}
+
+
+def _permuted(measured: Any, rng: np.random.Generator) -> Any:
+    order = rng.permutation(len(measured.signals))
+    changes = {name: np.take(getattr(measured, name), order, axis) for name, axis in _channel_axes(measured).items()}
+    return replace(measured, signals=tuple(measured.signals[k] for k in order), **changes)
+
+
+def _unmeasured(records: Records) -> Records:
+    """The same channels, none of which was tracked, so that no set was found."""
+
+    def blank(measured: Any) -> Any:
+        cells = {name: getattr(measured, name) for name, axis in _channel_axes(measured).items() if axis == 1}
+        return replace(
+            measured, **{name: np.full_like(v, 1 if name == "status" else np.nan) for name, v in cells.items()}
+        )
+
+    return replace(_each_measured(records, blank), sets=())
 
 
 # Records at measurement level -----------------------------------------------------------------------------------------

@@ -8,13 +8,15 @@ probabilities outside 0 to 1, and names that point nowhere are refused.
 """
 
 import warnings
+from collections.abc import Iterable, Sequence
+from html import escape
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 __all__ = [
     "VERDICT_FORMAT", "Because", "InputFile", "Label", "Method", "Place", "Position", "Receiver", "Signal", "Source",
-    "Verdict", "VerdictWord",
+    "Verdict", "VerdictWord", "notebook_html",
 ]  # fmt: skip
 
 VERDICT_FORMAT: Literal["skyproof-verdict/1"] = "skyproof-verdict/1"
@@ -28,6 +30,25 @@ Sigma = Annotated[float, Field(ge=0.0)]
 LatDeg = Annotated[float, Field(ge=-90.0, le=90.0, description="Geodetic latitude, WGS-84, degrees, north positive.")]
 LonDeg = Annotated[float, Field(ge=-180.0, le=180.0, description="Longitude, WGS-84, degrees, east positive.")]
 HeightM = Annotated[float, Field(description="Height above the WGS-84 ellipsoid, metres.")]
+
+
+def notebook_html(title: str, sentences: Iterable[str], *tables: tuple[Sequence[str], Iterable[Sequence[str]]]) -> str:
+    """What a result shows of itself in a notebook: words and tables (names of columns, rows), all of it escaped."""
+
+    def row(cells: Sequence[str], tag: str) -> str:
+        return "<tr>" + "".join(f'<{tag} style="text-align:left">{escape(cell)}</{tag}>' for cell in cells) + "</tr>"
+
+    parts = [f"<p><strong>{escape(title)}</strong></p>", *(f"<p>{escape(sentence)}</p>" for sentence in sentences)]
+    for head, body in tables:
+        rows = "".join(row(cells, "td") for cells in body)
+        if rows:
+            parts.append(f"<table><thead>{row(head, 'th')}</thead><tbody>{rows}</tbody></table>")
+    return f"<div>{''.join(parts)}</div>"
+
+
+def _instant_words(gpst: str) -> str:
+    whole, point, fraction = gpst.replace("T", " ").partition(".")
+    return whole + (point + fraction).rstrip("0").rstrip(".")
 
 
 class _Model(BaseModel):
@@ -185,3 +206,29 @@ class Verdict(_Model):
         if self.verdict == "undecided" and not self.undecided_because:
             raise ValueError("an undecided verdict says in undecided_because what would decide it")
         return self
+
+    def _repr_html_(self) -> str:
+        """The answer, the positions and the labels, for a notebook."""
+        sentences = [self.summary]
+        if self.since_gpst is not None:
+            sigma = "" if self.since_sigma_s is None else f" ± {self.since_sigma_s:.2g} s"
+            until = "" if self.until_gpst is None else f", until {_instant_words(self.until_gpst)}"
+            sentences.append(f"Since {_instant_words(self.since_gpst)}{sigma} GPS time{until}.")
+        if self.undecided_because is not None:
+            sentences.append(f"Not decided: {self.undecided_because}.")
+        kinds = [(r.name, kind, fix) for r in self.receivers for kind, fix in (
+            ("trusted", r.trusted_fix), ("false", r.false_fix), ("unprotected", r.unprotected_fix))]  # fmt: skip
+        positions = [
+            (name, kind, f"{fix.lat_deg:.7f}", f"{fix.lon_deg:.7f}", f"{fix.height_m:.1f}",
+             f"{fix.sigma_east_m:.1f}, {fix.sigma_north_m:.1f}, {fix.sigma_up_m:.1f}")
+            for name, kind, fix in kinds if fix is not None
+        ]  # fmt: skip
+        sats: dict[tuple[str, str], list[str]] = {}
+        for s in self.signals:
+            own = sats.setdefault((s.receiver, s.label), [])
+            own += [] if s.sat in own else [s.sat]
+        return notebook_html(
+            self.verdict.capitalize(), sentences,
+            (("receiver", "position", "latitude, °", "longitude, °", "height, m", "σ east, north, up, m"), positions),
+            (("receiver", "label", "satellites"), [(*key, " ".join(own)) for key, own in sats.items()]),
+        )  # fmt: skip

@@ -41,7 +41,7 @@ def clean_windows_by_measurement(n_scenes: int, seed: int) -> tuple[int, int, in
         noise = NoiseModel(sigma_m=0.7, ar1=float(rng.choice([0.0, 0.9])), constant_m=1.0)
         observed, _ = observations_of(scenario, navigation, rng=rng, noise=noise)
         windows, _ = window_records(observed, navigation, settings, Silent())
-        evidence = examine(windows, detectors_for(settings, len(observed)))
+        evidence = examine(windows, detectors_for(settings, len(observed), windows))
         decision = fuse(evidence, observed, [s for w in windows for s in w.sets])
         windows_seen += len(windows)
         false_labels += sum(s.label == "spoofed" for s in decision.labels)

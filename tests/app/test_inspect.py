@@ -1,12 +1,15 @@
 """`skyproof inspect`: real recordings give what is known of them, simulated ones what was put in."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from skyproof import cli
+from skyproof.app.advice import advice
 from skyproof.app.inspect import document_json, inspect, inspect_samples
 from skyproof.errors import InputError, NotEnoughData, SettingsError
 from skyproof.gnss.nominal import nominal_constellation
@@ -225,8 +228,78 @@ def test_what_makes_no_sense_is_one_line(stored: tuple[Path, set[str]], tmp_path
     path, _ = stored
     with pytest.raises(SettingsError, match="bits"):
         inspect(path, layout={**LAYOUT, "bits": 7})
-    with pytest.raises(InputError, match="no sidecar"):
-        inspect(path)
+    with pytest.raises(InputError, match="does not exist"):
+        inspect(path.with_name("gone.bin"))
     (tmp_path / "short.bin").write_bytes(path.read_bytes()[:4000])
     with pytest.raises(NotEnoughData, match="search needs"):
         inspect(tmp_path / "short.bin", layout=LAYOUT)
+
+
+def test_the_document_tells_where_each_fact_comes_from(stored: tuple[Path, set[str]]) -> None:
+    path, _ = stored
+    path.with_suffix(".toml").write_text(f"[samples]\nrate_hz = 4e6\nkind = 'complex'\n{INT8}", encoding="utf-8")
+    (document,) = [one.document() for one in inspect(path, layout={"if_hz": 300e3})]
+    sources = document["sources"]
+    assert (sources["rate_hz"], sources["if_hz"], sources["centre_hz"]) == ("sidecar rx.toml", "option", "default")
+    assert sources["start_gpst"] == "nothing tells it"
+    assert document["layout"]["if_hz"] == 300e3
+    assert all({"sat", "cn0_dbhz", "doppler_hz", "peaks"} <= set(one) for one in document["satellites"])
+
+
+def test_two_signals_of_a_satellite_are_two_peaks(tmp_path: Path) -> None:
+    samples, heard = sky(duration_s=0.06)
+    planes = samples.read(0, samples.n_samples)
+    later = np.pad(planes, ((0, 0), (20, 0)))[:, : planes.shape[1]]  # 5 microseconds, 5.1 chips
+    both = Samples(name="both", rate_hz=4e6, n_samples=planes.shape[1],
+                   read=lambda start, count: (planes + later)[:, start : start + count])  # fmt: skip
+    found = inspect_samples(both)
+    assert {one.sat for one in found.satellites} == heard
+    assert sum(one.peaks == 2 for one in found.satellites) >= len(heard) - 2
+    assert "more than one signal" in found.summary
+
+
+def test_the_last_sentence_says_what_can_be_done_and_what_is_missing(stored: tuple[Path, set[str]]) -> None:
+    samples, _ = sky()
+    short = inspect_samples(samples)
+    assert "too short for `protect`" in short.advice
+    long = advice(replace(samples, n_samples=int(60 * 4e6)), short.satellites, gaps=0, mirrored=False)
+    assert "`protect` can label its signals" in long
+    assert "second receiver" in long
+    assert "--nav" not in long
+    tens = advice(replace(samples, n_samples=int(20 * 4e6)), short.satellites, gaps=1, mirrored=False)
+    assert "--nav" in tens
+    assert "loses no samples" in tens
+    assert "no satellite was heard" in advice(samples, (), gaps=0, mirrored=False)
+    assert "give no position" in advice(replace(samples, n_samples=int(60 * 4e6)), short.satellites[:3], gaps=0,
+                                        mirrored=False)  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_screen_keeps_to_the_terminal(stored: tuple[Path, set[str]], width: int, capsys, monkeypatch) -> None:
+    path, heard = stored
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert cli.main(["inspect", str(path), *OPTIONS]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines[1:])) <= width  # the first one is the path, to be copied
+    assert len(lines) <= 45
+    assert not any("…" in line for line in lines)
+    assert sum(line.startswith(tuple(heard)) for line in lines) == len(heard)
+    for word in ("format", "rate", "carrier", "start", "duration", "levels", "spectrum", "lines", "gaps", "oscillator"):
+        assert sum(line.startswith(word) for line in lines) == 1
+
+
+def test_pictures_are_written_where_asked_for(stored: tuple[Path, set[str]], tmp_path: Path, capsys) -> None:
+    path, heard = stored
+    out = tmp_path / "pictures"
+    assert cli.main(["inspect", str(path), *OPTIONS, "--plot", "--out", str(out)]) == 0
+    assert {one.name for one in out.iterdir()} == {"rx-levels.svg", "rx-spectrum.svg", "rx-correlation.svg"}
+    for one in out.iterdir():
+        assert ElementTree.parse(one).getroot().tag.endswith("svg")
+    correlation = (out / "rx-correlation.svg").read_text(encoding="utf-8")
+    assert all(sat in correlation for sat in heard)
+    assert correlation.count('class="peak"') == len(heard)
+    again = tmp_path / "again"
+    assert cli.main(["inspect", str(path), *OPTIONS, "--plot", "--out", str(again), "--json"]) == 0
+    told = capsys.readouterr().out
+    json.loads(told[told.index("{\n") :])
+    assert all((again / one.name).read_bytes() == one.read_bytes() for one in out.iterdir())

@@ -1,12 +1,12 @@
-"""Clusters of one direction, with an array and no attitude; and the records that the array detectors are held with."""
+"""Clusters of one direction, with an array and no attitude."""
 
 import numpy as np
 import pytest
+from tests.detectors.nulls import array_phases, window
 
-from skyproof.detectors.array_common import ArrayCommon, ArrayCommonSettings, cluster_chance
+from skyproof.detectors.array_common import ArrayCommon, cluster_chance
 from skyproof.detectors.ins_array import array_design, equilateral_triangle, regular_tetrahedron, white_covariance
-from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.records import ArrayPhases, Records, SignalId
+from skyproof.records import ArrayPhases
 from skyproof.statistics.directions import (
     complete_linkage,
     direction_cosines,
@@ -14,47 +14,14 @@ from skyproof.statistics.directions import (
     equal_p_value,
     equal_statistic,
     equality_chance,
-    hemisphere,
     nearest_whole,
     outsider_statistic,
     pair_statistics,
 )
 from skyproof.statistics.distributions import binomial_two_sided, chi_square_threshold
-from skyproof.testing import check_detector
 
-START = np.datetime64("2022-01-01T20:00:00", "ns")
 SKY_DEG = np.array([(20, 15), (75, 40), (110, 65), (160, 25), (205, 50), (250, 20), (300, 35), (340, 75)], float)
 SKY = direction_cosines(*np.radians(SKY_DEG.T))
-
-
-def array_phases(rng, direction, *, side=1.0, epochs=4, sigma_cyc=0.01, elements=None):
-    """Phases of a triangle of `side` wavelengths under signals from `direction` (n, 3), with any cycles and clocks, an
-    antenna 5 mm off its place and a line delay, both the same for all signals."""
-    elements = equilateral_triangle(side) if elements is None else elements
-    wrong = elements + 0.026 * rng.standard_normal(elements.shape)
-    phase = direction @ wrong.T + rng.random(len(elements)) + rng.integers(-5, 5, (epochs, len(direction), 1))
-    phase = phase + rng.random((epochs, len(direction), 1)) + sigma_cyc * rng.standard_normal(phase.shape)
-    return ArrayPhases(
-        receiver="rx1", signals=tuple(SignalId(f"G{k + 1:02d}") for k in range(len(direction))),
-        gpst=START + np.arange(epochs) * np.timedelta64(1, "s"), elapsed_s=np.arange(epochs, dtype=float),
-        elements_m=elements * SPEED_OF_LIGHT_M_S / L1_HZ, phase_cyc=phase - np.floor(phase),
-        sigma_cyc=np.full(phase.shape, sigma_cyc),
-    )  # fmt: skip
-
-
-def window(phases, **more):
-    extras = {"array_phases": (phases,), **more}
-    return Records(start_gpst=START, end_gpst=START + np.timedelta64(10, "s"), extras=extras)
-
-
-def one_source(rng):
-    return window(array_phases(rng, np.repeat(hemisphere(500)[rng.integers(500)][None], 6, axis=0)))
-
-
-def random_sky(rng):
-    up = rng.random(6)
-    sky = direction_cosines(2.0 * np.pi * rng.random(6), np.arcsin(up))
-    return window(array_phases(rng, sky))
 
 
 # Equality -------------------------------------------------------------------------------------------------------------
@@ -155,21 +122,6 @@ def test_chance_of_equality_bounds_what_random_skies_do(wrapped):
 
 
 # The detector ---------------------------------------------------------------------------------------------------------
-
-
-def test_the_detector_meets_the_contract_where_all_come_from_one_antenna():
-    check_detector(
-        lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.02)), one_source, np.random.default_rng(9),
-        alarms={"authentic"}, windows=100,
-        conservative="one stray signal divides a cluster but does not make all of them different",
-    )  # fmt: skip
-
-
-def test_a_true_sky_is_not_named_false():
-    check_detector(
-        lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.02)), random_sky, np.random.default_rng(10),
-        windows=100, conservative="a union bound over all choices of signals, at the worst direction",
-    )  # fmt: skip
 
 
 def test_signals_of_one_antenna_are_named_and_a_true_one_among_them_is_not():

@@ -1,34 +1,47 @@
 """Each detector meets the contract of `skyproof.testing`, false alarms at the stated rate included."""
 
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
+from tests.detectors import nulls
 
+from skyproof.detectors.array_common import ArrayCommon, ArrayCommonSettings
+from skyproof.detectors.base import Detector, load_detectors
+from skyproof.detectors.dccaf import Dccaf, DccafSettings
+from skyproof.detectors.ins_array import InsArray
 from skyproof.detectors.multi_receiver import MultiReceiver, MultiReceiverSettings
 from skyproof.detectors.peaks import Peaks, PeaksSettings
 from skyproof.detectors.residual import Residual, ResidualSettings
-from skyproof.testing import FalseSky, MeasuredScene, TrackErrors, check_detector, check_false_alarms
+from skyproof.detectors.spin import Spin, SpinSettings
+from skyproof.detectors.sqm_detector import Sqm, SqmSettings
+from skyproof.detectors.vector_sqm_detector import VectorSqm, VectorSqmSettings
+from skyproof.records import Records
+from skyproof.testing import ALARMS, FalseSky, MeasuredScene, TrackErrors, check_detector, check_false_alarms
 
 CAPTURED = MeasuredScene(sky=(), false=(FalseSky(),), epochs=8, errors=TrackErrors(1.0))
-CLEAN = MeasuredScene(epochs=8, errors=TrackErrors(1.0, constant_m=1.0))
-ECHO_PROBABILITY = 0.01
-ECHOES = MeasuredScene(
-    antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=3, false=(FalseSky(shows_enu_m=(0.0, 0.0, 0.0)),)
-)
+CLEAN = MeasuredScene(epochs=4, errors=TrackErrors(1.0, constant_m=1.0))
+AUTHENTIC = ("authentic",)
 
 
-def with_echoes(rng):
-    """A clean sky in which each satellite has a far echo now and then; the other second signals are silent."""
-    records = ECHOES.records(rng)
-    (o,) = records.observations
-    n = len(o.signals) // 2
-    silent = np.concatenate([np.zeros(n, bool), rng.random(n) >= ECHO_PROBABILITY])
-    cn0_dbhz = np.where(silent, np.nan, o.cn0_dbhz)
-    pseudorange_m = np.where(silent, np.nan, o.pseudorange_m)
-    changed = type(o)(**(vars(o) | {"cn0_dbhz": cn0_dbhz, "pseudorange_m": pseudorange_m}))
-    return type(records)(**(vars(records) | {"observations": (changed,), "sets": records.sets[:1]}))
+@dataclass(frozen=True)
+class Case:
+    """A detector, the null hypothesis of its alarms, and in how many windows to count them: fast, and long.
+
+    conservative : why its alarms are rarer than stated; None where its p-value is exact, and is counted on both sides.
+    """
+
+    about: str
+    make: Callable[[], Detector]
+    null: Callable[[np.random.Generator], Records]
+    windows: int
+    long: int
+    alarms: Collection[str] = ALARMS
+    conservative: str | None = None
 
 
-def exact(rate):
+def white(rate: float) -> MultiReceiver:
     """Without the allowance for noise that is not white: exact, so that too few false alarms are a fault as well."""
     return MultiReceiver(
         MultiReceiverSettings(
@@ -37,36 +50,110 @@ def exact(rate):
     )
 
 
-def test_multi_receiver_authenticates_false_signals_as_rarely_as_it_states():
+CASES = (
+    Case("one antenna, white noise", lambda: white(0.1), CAPTURED.records, 1000, 10_000, AUTHENTIC),
+    Case(
+        "one antenna, as it comes", MultiReceiver, CAPTURED.records, 50, 1000, AUTHENTIC,
+        "allows for correlated noise and constant errors that these records do not have",
+    ),
+    Case(
+        "a true sky, as it comes", lambda: MultiReceiver(MultiReceiverSettings(false_alarm_probability=0.01)),
+        CLEAN.records, 50, 1000, conservative="the antennas are farther apart than it was told",
+    ),
+    Case(
+        "echoes", lambda: Peaks(PeaksSettings(false_alarm_probability=0.2, long_echo_probability=0.05)),
+        lambda rng: nulls.with_echoes(rng, 0.05), 800, 20_000,
+    ),
+    Case(
+        "one sky: RAIM", lambda: Residual(ResidualSettings(false_alarm_probability=0.1, ionosphere_share=0.0)),
+        CLEAN.records, 80, 2000, ("undecided",),
+    ),
+    Case(
+        "unrelated second signals",
+        lambda: Residual(ResidualSettings(false_alarm_probability=0.3, unrelated_spread_m=60.0)),
+        nulls.with_unrelated, 30, 500,
+        conservative="a union bound over all sets that could be formed, at the worst geometry",
+    ),
+    Case(
+        "unrelated near echoes",
+        lambda: Dccaf(DccafSettings(false_alarm_probability=0.1, count_runs=500, multipath_sigma_m=2.0)),
+        nulls.with_near_echoes, 10, 300,
+        conservative="a union bound over all sets that could be formed, and not every near echo is seen",
+    ),
+    Case(
+        "channels in lock", lambda: Sqm(SqmSettings(false_alarm_probability=0.05, distortion_allowed=0.0)),
+        lambda rng: nulls.with_taps(rng, "taps"), 600, 20_000,
+    ),
+    Case(
+        "channels in lock, as it comes", lambda: Sqm(SqmSettings(false_alarm_probability=0.05)),
+        lambda rng: nulls.with_taps(rng, "taps"), 60, 1000,
+        conservative="allows for distortion that these records do not have",
+    ),
+    Case(
+        "one position", lambda: VectorSqm(VectorSqmSettings(false_alarm_probability=0.1)),
+        lambda rng: nulls.with_taps(rng, "vector_taps"), 250, 5000,
+    ),
+    Case(
+        "a true sky", lambda: InsArray(nulls.INS_SETTINGS), nulls.array_records, 300, 10_000,
+        conservative="half of the rate for each of two tests, which share alarms",
+    ),
+    Case(
+        "two signals of one antenna", lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.05)),
+        lambda rng: nulls.window(nulls.array_phases(rng, nulls.somewhere(rng, 2))), 1000, 20_000, AUTHENTIC,
+    ),
+    Case(
+        "six signals of one antenna", lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.2)),
+        lambda rng: nulls.window(nulls.array_phases(rng, nulls.somewhere(rng, 6))), 50, 5000, AUTHENTIC,
+        "one stray signal divides a cluster but does not make all of them different",
+    ),
+    Case(
+        "a true sky", lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.02)),
+        lambda rng: nulls.window(nulls.array_phases(rng, nulls.anywhere(rng, 6))), 400, 20_000,
+        conservative="a union bound over all choices of signals, at the worst direction",
+    ),
+    Case(
+        "two signals of one antenna", lambda: Spin(SpinSettings(false_alarm_probability=0.05)),
+        lambda rng: nulls.spin_records(rng, nulls.somewhere(rng, 2)[:, :2]), 800, 20_000, AUTHENTIC,
+    ),
+    Case(
+        "five signals of one antenna", lambda: Spin(SpinSettings(false_alarm_probability=0.2)),
+        lambda rng: nulls.spin_records(rng, nulls.somewhere(rng, 5)[:, :2]), 50, 5000, AUTHENTIC,
+        "one stray signal divides a cluster but does not make all of them different",
+    ),
+    Case(
+        "a true sky", lambda: Spin(SpinSettings(false_alarm_probability=0.02)),
+        lambda rng: nulls.spin_records(rng, nulls.anywhere(rng, 5)[:, :2], sigma=0.08), 400, 10_000,
+        conservative="a union bound over all choices of signals, at the worst direction",
+    ),
+)  # fmt: skip
+
+
+def named(case):
+    return f"{case.make().name}: {case.about}"
+
+
+@pytest.mark.parametrize("name", load_detectors())
+def test_every_installed_detector_is_in_the_contract(name):
+    kind = load_detectors()[name]
+    assert any(type(case.make()) is kind for case in CASES), f"add a case for {kind.__name__}"
+    assert kind().name == name
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_a_detector_meets_the_contract(case):
     check_detector(
-        lambda: exact(0.1), CAPTURED.records, np.random.default_rng(1), alarms={"authentic"}, windows=700
+        case.make, case.null, np.random.default_rng(1), alarms=case.alarms, windows=case.windows,
+        conservative=case.conservative,
+    )  # fmt: skip
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_false_alarms_come_at_the_stated_rate_in_many_windows(case):
+    rng = np.random.default_rng(2)
+    check_false_alarms(
+        case.make, (case.null(rng) for _ in range(case.long)), alarms=case.alarms, conservative=case.conservative
     )
-
-
-def test_multi_receiver_as_it_comes_meets_the_contract():
-    check_detector(
-        MultiReceiver, CAPTURED.records, np.random.default_rng(2), alarms={"authentic"}, windows=100,
-        conservative="allows for correlated noise and constant errors that these records do not have",
-    )  # fmt: skip
-
-
-def test_multi_receiver_does_not_name_the_sky_false():
-    check_detector(
-        lambda: MultiReceiver(MultiReceiverSettings(false_alarm_probability=0.01)), CLEAN.records,
-        np.random.default_rng(3), windows=100, conservative="the antennas are farther apart than it was told",
-    )  # fmt: skip
-
-
-def test_peaks_meets_the_contract():
-    settings = PeaksSettings(false_alarm_probability=0.02, long_echo_probability=ECHO_PROBABILITY)
-    check_detector(lambda: Peaks(settings), with_echoes, np.random.default_rng(4), windows=2000)
-
-
-def test_residual_meets_the_contract():
-    check_detector(
-        lambda: Residual(ResidualSettings(false_alarm_probability=0.01)), CLEAN.records, np.random.default_rng(5),
-        windows=40, conservative="its p-value is a union bound over all sets that could be formed",
-    )  # fmt: skip
 
 
 @pytest.mark.long
@@ -81,14 +168,14 @@ def test_multi_receiver_false_alarms_at_one_percent_and_one_per_mille(receivers,
     rng = np.random.default_rng(6)
     for rate, windows in ((0.01, 4000), (0.001, 4000)):
         check_false_alarms(
-            lambda rate=rate: exact(rate), (captured.records(rng) for _ in range(windows)), alarms={"authentic"}
+            lambda rate=rate: white(rate), (captured.records(rng) for _ in range(windows)), alarms=AUTHENTIC
         )
 
 
 @pytest.mark.long
 def test_peaks_false_alarms_at_the_attained_rate():
     rng = np.random.default_rng(7)
-    count, tests, rate = check_false_alarms(Peaks, (with_echoes(rng) for _ in range(100_000)))
+    count, tests, rate = check_false_alarms(Peaks, (nulls.with_echoes(rng) for _ in range(100_000)))
     assert rate < 1e-3
     assert count > 0
     assert tests == 100_000

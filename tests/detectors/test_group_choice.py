@@ -15,7 +15,7 @@ from skyproof.detectors.group_choice import (
     split_skies,
     transmit_antennas,
 )
-from skyproof.statistics.distributions import binomial_two_sided
+from skyproof.statistics.distributions import binomial_two_sided, f_threshold, noncentral_f_survival
 
 UNITS = np.array([[0.1, 0.2, 0.97], [0.8, 0.1, 0.59], [-0.6, 0.6, 0.53], [-0.3, -0.8, 0.52], [0.5, -0.7, 0.51],
                   [-0.9, 0.0, 0.43], [0.3, 0.8, 0.52]])  # fmt: skip
@@ -23,10 +23,14 @@ UNITS /= np.linalg.norm(UNITS, axis=1, keepdims=True)
 BASELINE = np.array([[14.0, 14.0, 0.5]])
 
 
-def tables(rng, trials, baseline_m, sigma_m=1.0, receivers=2):
-    """Means of a pairing of one antenna and of the sky beside it, (trials, 7, R) each."""
+def tables(rng, trials, baseline_m, sigma_m=1.0, receivers=2, shared_m=0.0):
+    """Means of a pairing of one antenna and of the sky beside it, (trials, 7, R) each; each shows a place and a clock.
+
+    shared_m : sigma of what a satellite's ranges have too much in all receivers.
+    """
     baseline_m = np.broadcast_to(baseline_m, (receivers - 1, 3))
-    terms = 1e3 * rng.standard_normal((2, trials, 7, 1)) + 1e5 * rng.standard_normal((2, trials, 1, receivers))
+    terms = 300.0 * rng.standard_normal((2, trials, 3)) @ UNITS.T + shared_m * rng.standard_normal((2, trials, 7))
+    terms = terms[..., None] + 1e5 * rng.standard_normal((2, trials, 1, receivers))
     false, sky = terms + sigma_m * rng.standard_normal((2, trials, 7, receivers))
     sky[..., 1:] -= (UNITS @ baseline_m.T)[None]
     return false, sky
@@ -39,17 +43,62 @@ def well_calibrated(p_values, level=0.01):
 @pytest.mark.parametrize("receivers", [2, 3, 5])
 @pytest.mark.parametrize("sigma_m", [0.1, 3.0])
 def test_a_pairing_of_one_antenna_is_rejected_as_often_as_stated_whatever_the_baseline(receivers, sigma_m):
-    false, sky = tables(np.random.default_rng(receivers), 40_000, BASELINE, sigma_m, receivers)
-    assert well_calibrated(span_test(false, sky, UNITS).p_value)
-    assert well_calibrated(span_test(false, sky, UNITS).p_value, 0.5)
+    rng = np.random.default_rng(receivers)
+    for baseline, seen in ((0.0, ("fixes", "differences", "alone")), (BASELINE, ("alone",))):
+        test = span_test(*tables(rng, 40_000, baseline, sigma_m, receivers), UNITS)
+        for name in seen:
+            assert well_calibrated(getattr(test, name))
+            assert well_calibrated(getattr(test, name), 0.5)
+        assert np.mean(test.p_value < 0.01) < 0.0115
+
+
+@pytest.mark.parametrize("baseline_m", [0.0, 0.05 * BASELINE, BASELINE])
+@pytest.mark.parametrize("shared_m", [0.0, 1.0])
+def test_a_baseline_or_errors_that_receivers_share_make_it_only_more_careful(baseline_m, shared_m):
+    test = span_test(*tables(np.random.default_rng(31), 40_000, baseline_m, 1.0, shared_m=shared_m), UNITS)
+    # Counts of 400 of 40000 and 40 of 40000, plus three standard deviations.
+    for p_value in test:
+        assert np.mean(p_value < 0.01) < 0.0115
+        assert np.mean(p_value < 0.001) < 0.00148
+    if shared_m:
+        assert np.mean(test.fixes < 0.01) < 0.007
 
 
 def test_tracks_of_known_unequal_noise_keep_the_rate_and_spoil_it_if_not_told():
     rng = np.random.default_rng(1)
-    sigma_m = np.array([[0.2, 0.2]] * 3 + [[3.0, 3.0]] * 4)[[0, 3, 1, 4, 2, 5, 6]]
-    false, sky = (sigma_m * rng.standard_normal((40_000, 7, 2)) for _ in range(2))
-    assert well_calibrated(span_test(false, sky, UNITS, sigma_m).p_value)
-    assert not well_calibrated(span_test(false, sky, UNITS).p_value)
+    sigma_m = np.array([[0.2, 3.0]] * 3 + [[3.0, 0.3]] * 4)[[0, 3, 1, 4, 2, 5, 6]]
+    for shared_m in (0.0, 30.0):
+        test = span_test(*tables(rng, 40_000, 0.0, sigma_m, shared_m=shared_m), UNITS, sigma_m)
+        for p_value in test[1:]:
+            assert well_calibrated(p_value)
+    untold = span_test(*tables(rng, 40_000, 0.0, sigma_m[:, :1]), UNITS)
+    assert not well_calibrated(untold.alone)
+
+
+def test_sigmas_of_a_satellites_factor_times_a_receivers_leave_the_noise_of_all_fixes():
+    sigma_m = np.linspace(0.5, 2.0, 7)[:, None] * np.array([1.0, 1.7])
+    baseline = 0.25 * BASELINE
+    false, sky = tables(np.random.default_rng(32), 20_000, baseline, 0.65 * sigma_m)
+    test = span_test(sky, false, UNITS, sigma_m)
+    assert np.mean(test.fixes < 1e-3) > 1.1 * np.mean(test.differences < 1e-3)
+
+
+def test_errors_that_receivers_share_cost_only_what_the_fixes_would_have_gained():
+    baseline = 0.25 * BASELINE  # 5 m
+    false, sky = tables(np.random.default_rng(33), 5000, baseline, 0.37, shared_m=100.0)
+    test = span_test(sky, false, UNITS)
+    assert np.mean(test.fixes < 1e-3) < 0.01
+    assert np.mean(test.p_value < 1e-3) > np.mean(test.differences < 1e-4) > 0.9
+
+
+def test_its_power_is_that_of_the_noncentral_law_over_all_noise():
+    baseline, sigma_m = 0.25 * BASELINE, 0.9
+    false, sky = tables(np.random.default_rng(34), 40_000, baseline, sigma_m)
+    shown = -(UNITS @ baseline[0])
+    squares = np.sum((shown - shown.mean()) ** 2) / 2.0 / sigma_m**2
+    told = noncentral_f_survival(f_threshold(1e-3, 3, 15), 3, 15, squares)
+    assert np.mean(span_test(sky, false, UNITS).fixes < 1e-3) == pytest.approx(float(told), abs=0.01)
+    assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.9 * told
 
 
 def test_the_sky_is_seen_at_a_fraction_of_the_noise_that_an_average_leaves():
@@ -61,17 +110,28 @@ def test_the_sky_is_seen_at_a_fraction_of_the_noise_that_an_average_leaves():
 def test_with_the_baseline_known_the_rate_is_kept(baseline):
     false, sky = tables(np.random.default_rng(3), 40_000, baseline)
     p_value = known_baseline_test(false, sky, UNITS, baseline)
-    # The smaller of two independent-looking p-values, doubled: 0.01 becomes 0.009975.
-    assert well_calibrated(p_value)
+    assert 0.007 < np.mean(p_value < 0.01) < 0.0115
+    shared = known_baseline_test(*tables(np.random.default_rng(3), 40_000, baseline, shared_m=30.0), UNITS, baseline)
+    assert np.mean(shared < 0.01) < 0.004
+
+
+def test_with_the_baseline_known_only_the_side_where_the_other_way_round_shows_counts():
+    false = tables(np.random.default_rng(35), 5000, BASELINE, 10.0)[0]
+    farther = tables(np.random.default_rng(36), 5000, 2.0 * BASELINE, 10.0)[1]
+    nearer = tables(np.random.default_rng(37), 5000, 0.0, 10.0)[1]
+    far, near = (np.mean(known_baseline_test(false, table, UNITS, BASELINE) < 0.01) for table in (farther, nearer))
+    assert far < 0.01
+    assert near > 5.0 * far
 
 
 def test_with_the_baseline_known_shorter_ones_are_seen():
     baseline = 0.25 * BASELINE  # 5 m
     false, sky = tables(np.random.default_rng(4), 5000, baseline, 2.0 / np.sqrt(30.0))
-    known = np.mean(known_baseline_test(sky, false, UNITS, baseline) < 1e-3)
-    unknown = np.mean(span_test(sky, false, UNITS).p_value < 1e-3)
-    assert known > 0.999
-    assert unknown < known
+    assert np.mean(known_baseline_test(sky, false, UNITS, baseline) < 1e-3) > 0.999
+    assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.999
+    false, sky = tables(np.random.default_rng(4), 5000, 0.5 * baseline, 2.0 / np.sqrt(30.0))
+    assert np.mean(known_baseline_test(sky, false, UNITS, 0.5 * baseline) < 1e-3) > 0.99
+    assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) < 0.9
 
 
 def test_pairings_that_mix_are_rejected_also_on_the_transmitters_line():
@@ -194,13 +254,15 @@ def uniform(p_values, tails=(1e-2, 1e-3, 1e-4)):
 @pytest.mark.parametrize("receivers", [2, 3])
 def test_p_values_of_the_span_test_are_uniform_whatever_the_noise_over_time(receivers):
     rng, trials = np.random.default_rng(20 + receivers), 500_000
-    false, sky = tables(rng, trials, BASELINE, 1.0, receivers)
-    uniform(span_test(false, sky, UNITS).p_value)
     # Means of 10 epochs of AR(1) 0.9 and a constant: what the tests' own variances know nothing of.
     steps = np.abs(np.subtract.outer(np.arange(10), np.arange(10)))
-    sigma = np.sqrt(np.mean(0.9**steps) + 1.0)
-    false, sky = tables(rng, trials, BASELINE, sigma, receivers)
-    uniform(span_test(false, sky, UNITS).p_value)
+    for sigma_m in (1.0, np.sqrt(np.mean(0.9**steps) + 1.0)):
+        test = span_test(*tables(rng, trials, 0.0, sigma_m, receivers), UNITS)
+        for p_value in test[1:]:
+            uniform(p_value)
+        for level in (1e-2, 1e-3, 1e-4):  # Bonferroni's bound is hardly careful
+            assert 0.6 < np.mean(test.p_value < level) / level < 1.0 + 4.0 / np.sqrt(level * trials)
+        uniform(span_test(*tables(rng, trials, BASELINE, sigma_m, receivers), UNITS).alone)
 
 
 @pytest.mark.long
@@ -216,5 +278,4 @@ def test_p_values_of_fractions_are_uniform():
 def test_the_test_over_a_known_baseline_is_hardly_conservative(level):
     false, sky = tables(np.random.default_rng(22), 1_000_000, BASELINE)
     p_value = known_baseline_test(false, sky, UNITS, BASELINE)
-    count = int(np.sum(p_value < level))
-    assert binomial_two_sided(count, p_value.size, level) > 1e-4 or 0.99 < count / p_value.size / level < 1.0
+    assert 0.6 < np.mean(p_value < level) / level < 1.0 + 4.0 / np.sqrt(level * p_value.size)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
+from tests.detectors.nulls import NAVIGATION, PLACE_M, SIGNALS, START, TRUE, array_records
 
 from skyproof.detectors.ins_array import (
     InsArray,
-    InsArraySettings,
     array_design,
     between_signals,
     blind_directions,
@@ -21,7 +21,6 @@ from skyproof.detectors.ins_array import (
     direction_statistic,
     equilateral_triangle,
     joint_statistic,
-    predicted_directions,
     regular_tetrahedron,
     residual_covariance,
     single_statistic,
@@ -29,13 +28,11 @@ from skyproof.detectors.ins_array import (
     unexplained,
     white_covariance,
 )
-from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import week_and_tow
-from skyproof.records import ArrayPhases, NavState, Records, SignalId
+from skyproof.records import Records
 from skyproof.statistics.directions import (
     blocks,
     dead_zone,
@@ -51,7 +48,6 @@ from skyproof.statistics.distributions import (
     chi_square_threshold,
     noncentral_chi_square_survival,
 )
-from skyproof.testing import check_detector
 
 SIGMA = 0.01
 WHITE = white_covariance([SIGMA] * 3)
@@ -447,67 +443,6 @@ def test_no_single_source_hides_from_eight_satellites():
 
 # The detector ---------------------------------------------------------------------------------------------------------
 
-START = np.datetime64("2022-01-01T20:00:00", "ns")
-NAVIGATION = nominal_constellation(START)
-PLACE = np.radians(59.0), np.radians(17.0), 100.0
-PLACE_M = ecef_from_geodetic(*PLACE)
-ELEMENTS_M = equilateral_triangle(1.0) * SPEED_OF_LIGHT_M_S / L1_HZ
-SETTINGS = InsArraySettings(false_alarm_probability=0.05)
-
-
-def in_view():
-    week, tow_s = week_and_tow(START)
-    found = []
-    for orbit in NAVIGATION.ephemerides:
-        el_rad = azimuth_elevation(PLACE_M, satellite_state_s(orbit, week, tow_s).position_ecef_m)[1]
-        if el_rad > np.radians(10.0):
-            found.append(SignalId(orbit.sat))
-    return tuple(sorted(found))[:8]
-
-
-SIGNALS = in_view()
-
-
-def attitude_over(epochs):
-    """A body that turns by a degree an epoch, level."""
-    time_s = np.arange(-1.0, epochs + 1.0)
-    body = Rotation.from_euler("z", time_s[:, None], degrees=True).as_matrix()
-    forward_right_down = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    attitude = rot_enu_ecef(*PLACE[:2]).T @ forward_right_down @ body
-    return NavState(
-        time_s=time_s, position_ecef_m=np.tile(PLACE_M, (time_s.size, 1)),
-        velocity_ecef_m_s=np.zeros((time_s.size, 3)), attitude=attitude,
-    )  # fmt: skip
-
-
-STATE = attitude_over(4)
-
-
-def empty_phases(epochs=4):
-    shape = (epochs, len(SIGNALS), 3)
-    return ArrayPhases(
-        receiver="rx1", signals=SIGNALS, gpst=START + np.arange(epochs) * np.timedelta64(1, "s"),
-        elapsed_s=np.arange(epochs, dtype=float), elements_m=ELEMENTS_M, phase_cyc=np.zeros(shape),
-        sigma_cyc=np.full(shape, SIGMA),
-    )  # fmt: skip
-
-
-TRUE = predicted_directions(empty_phases(), STATE, NAVIGATION)
-
-
-def array_records(rng, direction=TRUE):
-    elements = ELEMENTS_M + SETTINGS.position_sigma_m * rng.standard_normal(ELEMENTS_M.shape)
-    rot = Rotation.from_rotvec(np.radians(SETTINGS.attitude_sigma_deg) * rng.standard_normal(3)).as_matrix()
-    phase = direction @ rot.T @ elements.T * L1_HZ / SPEED_OF_LIGHT_M_S
-    phase = phase + SETTINGS.bias_sigma_cyc * rng.standard_normal(3) + rng.random((*phase.shape[:2], 1))
-    phase = phase + SIGMA * rng.standard_normal(phase.shape)
-    made = vars(empty_phases()) | {"phase_cyc": phase - np.floor(phase)}
-    return Records(
-        start_gpst=START, end_gpst=START + np.timedelta64(4, "s"), navigation=NAVIGATION,
-        extras={"array_phases": (ArrayPhases(**made),), "nav_state": STATE},
-    )  # fmt: skip
-
-
 def test_predicted_directions_are_those_of_azimuth_and_elevation():
     week, tow_s = week_and_tow(START)
     by_sat = {orbit.sat: orbit for orbit in NAVIGATION.ephemerides}
@@ -516,10 +451,6 @@ def test_predicted_directions_are_those_of_azimuth_and_elevation():
         az, el = azimuth_elevation(PLACE_M, position_m)
         forward_right_down = [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)]
         np.testing.assert_allclose(TRUE[0, k], forward_right_down, atol=3e-5)  # the satellite moves on by 300 m
-
-
-def test_the_detector_meets_the_contract():
-    check_detector(lambda: InsArray(SETTINGS), array_records, np.random.default_rng(7), windows=500)
 
 
 def test_false_signals_are_named_and_the_true_ones_are_not():

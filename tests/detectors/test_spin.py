@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 from scipy.stats import kstest
+from tests.detectors.nulls import ARM, spin_records
+from tests.detectors.nulls import spin_series as series
 
 from skyproof.detectors.spin import (
     Spin,
-    SpinSettings,
     arm_angles,
     arm_columns,
     authentic_threshold,
@@ -26,8 +27,7 @@ from skyproof.detectors.spin import (
     spoofed_detection,
     step_statistics,
 )
-from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.records import Observations, Records, SignalId, SpinArm
+from skyproof.records import SpinArm
 from skyproof.statistics.directions import (
     blocks,
     dead_zone,
@@ -35,7 +35,6 @@ from skyproof.statistics.directions import (
     equal_clusters,
     equal_p_value,
     equal_statistic,
-    hemisphere,
     noncentrality_for_power,
     outsider_statistic,
 )
@@ -45,7 +44,6 @@ from skyproof.statistics.distributions import (
     chi_square_threshold,
     noncentral_chi_square_survival,
 )
-from skyproof.testing import check_detector
 
 W = 0.05 * np.pi
 ONE = {"radius_cyc": 0.5, "sigma_cyc": 0.01}
@@ -276,14 +274,6 @@ def test_what_an_error_of_the_rate_costs(n, kept):
         assert float(full_fit(y, arm_angles(n, W), **PAIR).statistic) / far("full", n) == pytest.approx(share, abs=6e-4)
 
 
-def series(rng, directions, n, *, trials=(), rate=W, start=0.0, sigma=0.01):
-    """Phases of signals with any cycles and a receiver clock that is new at each sample."""
-    phase = directions @ arm_columns(arm_angles(n, rate, start_rad=start), 0.5).T
-    shape = (*trials, *phase.shape)
-    phase = phase + sigma * rng.standard_normal(shape) + rng.integers(-50, 50, (*shape[:-1], 1))
-    return phase + 10.0 * rng.standard_normal((*trials, 1, n))
-
-
 def test_the_rate_is_found_as_well_as_it_can_be():
     rng = np.random.default_rng(5)
     y = series(rng, SKY[:4], 150, trials=(1000,), rate=1.013 * W, start=0.3)
@@ -437,54 +427,6 @@ def test_four_false_signals_among_nine_are_clustered(n):
 
 
 # The detector ---------------------------------------------------------------------------------------------------------
-
-START = np.datetime64("2022-01-01T20:00:00", "ns")
-ARM = SpinArm(receiver="rx1", radius_m=0.5 * SPEED_OF_LIGHT_M_S / L1_HZ, rate_rad_s=10.0 * W)
-
-
-def spin_records(rng, directions, *, n=150, arm=ARM, rate=W, slip=None):
-    count = len(directions)
-    t = np.arange(n) / 10.0
-    phase = series(rng, directions, n, rate=rate, start=2.0)
-    phase = phase + rng.normal(0, 500, (count, 1)) * t + 0.3 * rng.standard_normal((count, 1)) * t**2
-    if slip is not None:
-        phase[slip, 70:] += 0.5
-    ones = np.ones((n, count))
-    observations = Observations(
-        receiver="rx1", signals=tuple(SignalId(f"G{k + 1:02d}") for k in range(count)),
-        gpst=START + np.rint(t * 1e9).astype("timedelta64[ns]"), elapsed_s=t, pseudorange_m=2.2e7 * ones,
-        carrier_cyc=-phase.T, doppler_hz=0 * ones, cn0_dbhz=45 * ones, pseudorange_sigma_m=ones,
-        carrier_sigma_cyc=0.01 * ones, doppler_sigma_hz=ones, status=np.zeros((n, count), np.uint8),
-        found_elapsed_s=np.zeros(count), missed_elapsed_s=np.full(count, np.nan),
-    )  # fmt: skip
-    return Records(
-        start_gpst=START, end_gpst=START + np.timedelta64(15, "s"), observations=(observations,),
-        extras={"spin_arm": (arm,)},
-    )
-
-
-def one_source(rng):
-    return spin_records(rng, np.repeat(hemisphere(500)[rng.integers(500)][None, :2], 5, axis=0))
-
-
-def random_sky(rng):
-    return spin_records(rng, direction_cosines(2 * np.pi * rng.random(5), np.arcsin(rng.random(5)))[:, :2])
-
-
-def test_the_detector_meets_the_contract_where_all_come_from_one_antenna():
-    check_detector(
-        lambda: Spin(SpinSettings(false_alarm_probability=0.02)), one_source, np.random.default_rng(11),
-        alarms={"authentic"}, windows=100,
-        conservative="one stray signal divides a cluster but does not make all of them different",
-    )  # fmt: skip
-
-
-def test_a_true_sky_is_not_named_false():
-    check_detector(
-        lambda: Spin(SpinSettings(false_alarm_probability=0.02)), random_sky, np.random.default_rng(12),
-        windows=100, conservative="a union bound over all choices of signals, at the worst direction",
-    )  # fmt: skip
-
 
 @pytest.mark.parametrize("slip", [None, 2, 5])
 def test_false_signals_are_named_although_one_slips(slip):

@@ -400,7 +400,7 @@ def test_wrong_metadata_are_told_with_file_key_and_what_is_expected(tmp_path, ch
     [
         ([{}], "captures[0].core:sample_start is missing"),
         ([{"core:sample_start": 0, "core:frequency": 0}], "captures[0].core:frequency = 0"),
-        ([{"core:sample_start": 9}, {"core:sample_start": 3}], "captures stand in order"),
+        ([{"core:sample_start": 9}, {"core:sample_start": 3}], "put the captures in order"),
         ([{"core:sample_start": 0, "core:datetime": "yesterday"}], 'captures[0].core:datetime = "yesterday"'),
         ([{"core:sample_start": 0, "core:datetime": "2022-02-30T00:00:00Z"}], "expected UTC"),
         ([{"core:sample_start": 0, "core:header_bytes": 2.5}], "captures[0].core:header_bytes = 2.5"),

@@ -171,9 +171,15 @@ def test_every_number_has_its_unit_in_the_schema() -> None:
     [
         ("", "not a skyproof-verdict/1 document: Invalid JSON"),
         ("[1]", "not a skyproof-verdict/1 document"),
-        ("{}", "format: Field required; verdict: Field required; .* and 10 more"),
-        (json.dumps(SAMPLE | {"format": "skyproof-verdict/2"}), "format: Input should be 'skyproof-verdict/1'"),
-        (json.dumps(SAMPLE).replace('"label": "spoofed"', '"label": 1'), r"signals\[1\].label: Input should be"),
+        ("{}", "format is missing; verdict is missing; .* and 10 more"),
+        (
+            json.dumps(SAMPLE | {"format": "skyproof-verdict/2"}),
+            "format = .skyproof-verdict/2., expected 'skyproof-verdict/1'",
+        ),
+        (
+            json.dumps(SAMPLE).replace('"label": "spoofed"', '"label": 1'),
+            r"signals\[1\].label = 1, expected .authentic., ",
+        ),
         (json.dumps(SAMPLE).replace("44.1", "NaN"), r"signals\[0\].cn0_dbhz"),
         (json.dumps(SAMPLE).replace("44.1", '"44.1"'), r"signals\[0\].cn0_dbhz"),
     ],

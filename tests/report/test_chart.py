@@ -75,8 +75,36 @@ def test_points_stand_at_their_ticks_and_larger_is_higher() -> None:
     (line,) = lines(root)
     assert line[0, 1] > line[1, 1] > line[2, 1]
     assert line[2, 0] == pytest.approx(tick(root, "1000"), abs=15.0)  # the last tick is moved off the edge
-    zero, half = tick(root, "0"), tick(root, "500")
-    np.testing.assert_allclose(line[:2, 0], zero + (half - zero) * np.array([10.0, 100.0]) / 500.0, atol=0.2)
+    np.testing.assert_allclose(line[:2, 0], [tick(root, "10"), tick(root, "100")], atol=0.2)
+    assert (line[1, 0] - line[0, 0]) / (line[2, 0] - line[0, 0]) == pytest.approx(90.0 / 990.0, abs=0.002)
+
+
+def test_few_values_far_apart_are_the_ticks() -> None:
+    rows = [{"method": "m", "window_s": x, "kept": 1.0 + x} for x in (2.0, 3.0, 5.0)]
+    root = drawn(rows)
+    (line,) = lines(root)
+    for told, corner in zip("235", line, strict=True):
+        assert tick(root, told) == pytest.approx(corner[0], abs=0.1)
+    assert {"2", "3", "5"} <= set(texts(root))
+    assert "4" not in {e.text for e in root.iter(f"{SVG}text") if e.get("text-anchor") == "middle"}
+
+
+def test_a_long_title_is_broken_and_the_chart_moved_down() -> None:
+    words = "A title that is rather too long to stand in one line over so small a chart"
+    root = drawn(title=words)
+    told = [e for e in root.iter(f"{SVG}text") if e.get("class") == "title"]
+    assert " ".join(e.text or "" for e in told) == words
+    assert all(len(e.text or "") <= 50 for e in told)
+    short, long = (float(one.get("viewBox", "").split()[3]) for one in (drawn(), root))
+    assert long - short == pytest.approx(14.0)
+
+
+def test_long_numbers_keep_clear_of_the_name_of_their_axis() -> None:
+    rows = [{"method": "m", "window_s": x, "kept": 0.99991 + 1e-5 * x} for x in (0.0, 1.0, 2.0)]
+    root = drawn(rows)
+    ends = [(float(e.get("x", "nan")), e.text or "") for e in root.iter(f"{SVG}text") if e.get("text-anchor") == "end"]
+    assert max(len(told) for _, told in ends) >= 7
+    assert all(x - 5.6 * len(told) >= 18.0 for x, told in ends)
 
 
 def test_a_logarithmic_axis_puts_decades_at_equal_steps() -> None:
@@ -144,7 +172,9 @@ def test_values_are_named_with_their_unit() -> None:
     assert words_of("method", "paper") == "paper"
     assert words_of("distance_m", 20.0) == "distance 20 m"
     assert words_of("rate_m_s", 2) == "rate 2 m/s"
-    assert words_of("cn0_dbhz", np.float64(45.0)) == "cn0 45 dB-Hz"
+    assert words_of("cn0_dbhz", np.float64(45.0)) == "C/N0 45 dB-Hz"
+    assert words_of("rate_hz", 5e6) == "rate 5 MHz"
+    assert words_of("prn", 7) == "PRN 7"
     assert words_of("n", 30) == "n 30"
     assert words_of("half_cycles", False) == "no half cycles"
 

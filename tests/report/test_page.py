@@ -1,47 +1,17 @@
 """The page: everything is told, nothing is loaded, nothing gets in unescaped, and it is the same every time."""
 
 import copy
-import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+from tests.report.sample import EMPTY, SAMPLE, VERDICT, pictures
 
 from skyproof.report.page import FixTrack, Pictures, SignalSeries, SkyPosition, how_sure, report_html
-from skyproof.verdict import Place, Verdict
-
-SAMPLE = json.loads((Path(__file__).parents[1] / "formats" / "verdict-sample.json").read_text(encoding="utf-8"))
-VERDICT = Verdict.model_validate(SAMPLE)
-EMPTY = Pictures(zero_gpst="2022-01-01T10:00:00")
-
-
-def pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
-    rng = np.random.default_rng(7)
-    names = [f"rx{i + 1}" for i in range(receivers)]
-    signals = [(f"G{sat + 1:02} L1 CA {copy}", label) for sat in range(sats)
-               for copy, label in (("a", "authentic"), ("b", "spoofed"))]  # fmt: skip
-    return Pictures(
-        zero_gpst="2022-01-01T10:00:00",
-        onset_s=24.0,
-        origin=Place(lat_deg=59.4121, lon_deg=16.8837, height_m=31.0),
-        series=tuple(
-            SignalSeries(receiver=name, signal=signal, label=label, seconds=np.arange(epochs) * 1.0,
-                         cn0_dbhz=rng.normal(45.0, 0.5, epochs))
-            for name in names for signal, label in signals
-        ),
-        tracks=tuple(
-            FixTrack(receiver=name, kind=kind, east_m=east_m + rng.normal(0.0, 0.5, epochs),
-                     north_m=rng.normal(0.0, 0.5, epochs), covariance_m2=np.eye(2))
-            for name in names for kind, east_m in (("trusted", 0.0), ("false", 700.0), ("unprotected", 700.0))
-        ),
-        sky=tuple(
-            SkyPosition(receiver=name, signal=signal, label=label, azimuth_deg=40.0 * i, elevation_deg=30.0)
-            for name in names for i, (signal, label) in enumerate(signals)
-        ),
-    )  # fmt: skip
+from skyproof.report.pictures import DelayProfile, DelayTag, Finding, RangeDifference, TruePlace
+from skyproof.verdict import Verdict
 
 
 class Reader(HTMLParser):
@@ -84,21 +54,24 @@ def read(page: str) -> Reader:
 def test_the_page_tells_everything_that_the_verdict_tells() -> None:
     text = read(report_html(VERDICT, pictures())).text
     for told in (
-        VERDICT.summary, "2022-01-01 10:00:24 GPS time ± 0.5 s", "59.4121000", "16.8951443", "rx1.bin",
-        SAMPLE["inputs"][0]["sha256"], "I/Q imbalance 0.3 dB", "multi_receiver", "66 tests made", "812", "13.8",
-        "each receiver has one antenna", "an antenna array and its attitude", "p = 1.3·10⁻⁹", "no evidence",
-        "antenna_separation_m = 5.0", "loops.dll_hz = 1.0", "duration_s = null", "numpy 2.4.6", "4.46 µs behind",
-        "skyproof-verdict/1", "once in 1\u202f000 hours", "3 signals received: 1 authentic, 1 spoofed, 1 unknown.",
+        VERDICT.summary, "Spoofed since 10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time", "59.4121000",
+        "16.8951443", "rx1.bin", SAMPLE["inputs"][0]["sha256"], "I/Q imbalance 0.3 dB", "multi_receiver",
+        "Receivers compared", "66 tests made", "812", "13.8", "an antenna array and its attitude",
+        "p = 1.3·10⁻⁹", "no evidence", "antenna_separation_m = 5.0", "loops.dll_hz = 1.0", "duration_s = null",
+        "numpy 2.4.6", "4.46 µs behind", "skyproof-verdict/1", "once in 1\u202f000 hours",
+        "3 signals received: 1 authentic, 1 spoofed, 1 unknown.", "2 satellites come from one antenna.",
+        "The last trusted fix of rx1 lies", "from the truth",
     ):  # fmt: skip
         assert told in text, told
 
 
 def test_the_page_draws_what_it_was_given() -> None:
     page = report_html(VERDICT, pictures())
-    for heading in ("Where it was, where it seemed to be", "rx1 close up", "rx2 close up", "Sky over rx1",
-                    "Sky over rx2", "Signals of rx1", "Signals of rx2"):  # fmt: skip
+    for heading in ("Where it was, where it seemed to be", "rx1 close up", "rx2 close up", "Sky over rx1, rx2",
+                    "Signals of rx1", "Signals of rx2", "Two peaks where there should be one: rx1",
+                    "The way to rx2 against the way to rx1"):  # fmt: skip
         assert f"<h3>{heading}</h3>" in page
-    assert read(page).tags.count("figure") == 7
+    assert read(page).tags.count("figure") == 8
 
 
 def test_the_same_input_gives_the_same_bytes() -> None:
@@ -137,6 +110,11 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
         tracks=tuple(FixTrack(receiver=evil, kind=t.kind, east_m=t.east_m, north_m=t.north_m) for t in given.tracks),
         sky=tuple(SkyPosition(receiver=evil, signal=evil, label=p.label, azimuth_deg=1.0, elevation_deg=2.0)
                   for p in given.sky),
+        truth=(TruePlace(receiver=evil, east_m=0.0, north_m=0.0),),
+        profiles=tuple(DelayProfile(receiver=evil, sat=evil, at_s=0.0, delays_chips=p.delays_chips, power=p.power,
+                                    tags=(DelayTag(label="spoofed", delay_chips=0.0),)) for p in given.profiles),
+        differences=(RangeDifference(receivers=(evil, evil), sat=evil, label="unknown", metres=3.0),),
+        findings=(Finding(detector=evil, words=evil, from_gpst=evil, to_gpst=evil),),
     )  # fmt: skip
     page = report_html(Verdict.model_validate(document), poisoned)
     reader = read(page)
@@ -150,7 +128,7 @@ def test_colours_follow_the_label_in_light_dark_and_print() -> None:
     assert page.count("--true:") == page.count("--false:") == 3
     assert "@media (prefers-color-scheme: dark)" in page
     assert "@media print" in page
-    assert '<header class="spoofed">' in page
+    assert '<header class="verdict spoofed">' in page
 
 
 def test_many_signals_over_a_long_time_stay_below_a_megabyte() -> None:
@@ -188,4 +166,58 @@ def test_how_sure_names_the_strongest_evidence_for_the_verdict(verdict: str, dec
 def test_a_signal_that_changes_its_label_is_one_signal() -> None:
     signals = [SAMPLE["signals"][0], SAMPLE["signals"][0] | {"label": "unknown"}]
     told = how_sure(Verdict.model_validate(SAMPLE | {"signals": signals}))[-1]
-    assert told == "1 signals received: 1 authentic, 1 unknown."
+    assert told == "1 signal received: 1 authentic, 1 unknown; 1 with one label after another."
+
+
+def facts_of(**changes: Any) -> dict[str, str]:
+    """The answers at the top of a page, by what is asked."""
+    page = report_html(Verdict.model_validate(SAMPLE | changes), EMPTY)
+    facts = page[page.index('<dl class="facts">') : page.index("</header>")]
+    pairs = re.findall(r"<dt>([^<]*)</dt>(.*?)</div>", facts, re.DOTALL)
+    return {name: re.sub(r"[ \n]+", " ", re.sub(r"<[^>]*>", "", answer)).strip() for name, answer in pairs}
+
+
+def test_the_top_answers_since_when_where_and_how_sure() -> None:
+    told = facts_of()
+    assert told["Spoofed since"] == "10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time"
+    assert told["True position"].startswith("59.41210° N, 16.88370° E rx1, within ")
+    assert "rx1 seems" in told["The false signals show"]
+    assert told["How sure"].startswith("Once in 1\u202f000 hours at most, clean signals are called spoofed")
+
+
+def test_an_attack_from_the_start_is_told_as_such() -> None:
+    told = facts_of(since_gpst="2022-01-01T10:00:00.0", since_sigma_s=None)
+    assert told["Spoofed since"] == "10:00:00 or before the recording begins under attack, 2022-01-01, GPS time"
+
+
+def test_without_true_signals_the_true_position_is_not_known() -> None:
+    receivers = [receiver | {"trusted_fix": None} for receiver in SAMPLE["receivers"]]
+    assert facts_of(receivers=receivers)["True position"].startswith("Not known no signals were shown to be true")
+
+
+def test_an_undecided_page_gives_the_possible_positions() -> None:
+    receivers = [receiver | {"trusted_fix": None, "false_fix": None} for receiver in SAMPLE["receivers"]]
+    place = {"lat_deg": 59.0, "lon_deg": 16.0, "height_m": 1.0}
+    sources = [SAMPLE["sources"][0] | {"name": name, "shows": place} for name in ("S1", "S2")]
+    told = facts_of(verdict="undecided", undecided_because="two skies", receivers=receivers, sources=sources)
+    assert "Spoofed since" not in told
+    assert told["True position: one of"].count("59.00000° N, 16.00000° E") == 2
+
+
+def test_skies_that_differ_are_drawn_each() -> None:
+    given = pictures()
+    other = tuple(replace(p, label="unknown") if p.receiver == "rx2" else p for p in given.sky)
+    page = report_html(VERDICT, replace(given, sky=other))
+    assert "<h3>Sky over rx1</h3>" in page
+    assert "<h3>Sky over rx2</h3>" in page
+
+
+def test_what_would_decide_stands_apart_and_nothing_is_said_twice() -> None:
+    because = "which signals of rx1 are true: no method can tell; would decide it: a second receiver"
+    document = SAMPLE | {"verdict": "undecided", "undecided_because": because}
+    text = read(report_html(Verdict.model_validate(document), EMPTY)).text
+    assert "Not decided: which signals of rx1 are true: no method can tell. Would decide it: a second receiver." in text
+    document |= {"summary": "Not decided which signals of rx1 are true: no method can tell."}
+    text = read(report_html(Verdict.model_validate(document), EMPTY)).text
+    assert "Not decided:" not in text
+    assert "Would decide it: a second receiver" in text

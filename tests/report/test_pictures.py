@@ -16,7 +16,7 @@ from skyproof.report.pictures import (
     SignalSeries,
     SkyPosition,
     SkySource,
-    evidence_scale,
+    TruePlace,
     local_map,
     sky_plot,
     time_line,
@@ -132,21 +132,64 @@ def test_the_ellipse_holds_95_percent() -> None:
     assert inside == pytest.approx(0.95, abs=0.01)
 
 
+def box(element: ElementTree.Element) -> tuple[float, float, float, float]:
+    """Room that words take, in a wide typeface."""
+    half = 3.7 * len(element.text or "")
+    x, y = number(element, "x"), number(element, "y")
+    return x - half, y - 9.0, x + half, y + 2.5
+
+
+def overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
+    return min(a[2], b[2]) > max(a[0], b[0]) and min(a[3], b[3]) > max(a[1], b[1])
+
+
 def test_places_that_coincide_share_a_label_and_others_do_not_overlap() -> None:
     tracks = [track(kind, e, n, receiver) for receiver, e, n in (("rx1", 0.0, 0.0), ("rx2", 50.0, -30.0))
               for kind in ("trusted", "unprotected")]  # fmt: skip
     tracks += [track("false", 600.0, -600.0, receiver) for receiver in ("rx1", "rx2")]
-    root = parsed(local_map(tracks, title="map"))
-    names = {e.text: number(e, "y") for e in of_class(root, "name")}
-    assert set(names) == {"trusted, unprotected: rx1", "trusted, unprotected: rx2", "false: rx1, rx2"}
-    assert abs(names["trusted, unprotected: rx1"] - names["trusted, unprotected: rx2"]) >= 13.9
+    names = of_class(parsed(local_map(tracks, title="map")), "name")
+    assert {e.text for e in names} == {"trusted, unprotected: rx1", "trusted, unprotected: rx2", "false: rx1, rx2"}
+    boxes = [box(e) for e in names]
+    assert not any(overlap(a, b) for i, a in enumerate(boxes) for b in boxes[:i])
 
 
-def test_labels_stand_towards_the_middle_of_the_map() -> None:
-    root = parsed(local_map([track("trusted", 0.0, 0.0), track("false", 300.0, 400.0)], title="map"))
-    assert {e.text: e.get("text-anchor") for e in of_class(root, "name")} == {
-        "trusted: rx1": "start", "false: rx1": "end",
-    }  # fmt: skip
+@given(st.lists(st.tuples(st.floats(-400.0, 400.0), st.floats(-400.0, 400.0)), min_size=2, max_size=5))
+def test_names_on_the_map_stay_inside_it_and_apart(places: list[tuple[float, float]]) -> None:
+    tracks = [track("false", east_m, north_m, f"rx{i}") for i, (east_m, north_m) in enumerate(places)]
+    boxes = [box(e) for e in of_class(parsed(local_map(tracks, title="map")), "name")]
+    assert all(a[0] >= 50.0 and a[2] <= 350.0 for a in boxes)
+    assert not any(overlap(a, b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
+def test_many_receivers_in_one_place_are_counted() -> None:
+    tracks = [track("false", 0.0, 0.0, f"rx{i}") for i in range(10)] + [track("trusted", 500.0, 0.0)]
+    assert "false: 10 receivers" in texts(parsed(local_map(tracks, title="map")))
+
+
+def test_on_a_crowded_map_the_weightiest_kind_stands_for_the_others() -> None:
+    tracks = [track(kind, 100.0 * i, 0.0, f"rx{i}") for i in range(8) for kind in ("trusted", "unprotected")]
+    names = [e.text for e in of_class(parsed(local_map(tracks, title="map")), "name")]
+    assert names == [f"trusted: rx{i}" for i in range(8)]
+
+
+def test_the_truth_is_a_cross_that_is_named() -> None:
+    truth = TruePlace(receiver="rx1", east_m=80.0, north_m=0.0)
+    root = parsed(local_map([track("trusted", 0.0, 0.0)], [truth], title="map"))
+    (cross,), (disc,) = of_class(root, "true-place"), of_class(root, "mark", "trusted")
+    assert corners(cross)[0, 0] + 7.0 > number(disc, "cx") + 50.0
+    assert {"truth: rx1", "trusted: rx1"} <= set(texts(root))
+
+
+@pytest.mark.parametrize("reach_m", [3.0, 40.0, 110.0, 300.0, 970.0, 7500.0])
+def test_the_scale_bar_is_as_long_as_it_says(reach_m: float) -> None:
+    root = parsed(local_map([track("trusted", 0.0, 0.0), track("false", reach_m, 0.3 * reach_m)], title="map"))
+    (bar,) = of_class(root, "bar")
+    start, end = (float(v) for v in re.findall(r"M([\d.]+) .*H([\d.]+)", bar.get("d", ""))[0])
+    (disc,), (diamond,) = of_class(root, "mark", "trusted"), of_class(root, "mark", "false")
+    metres = (end - start) / ((corners(diamond)[0, 0] - number(disc, "cx")) / reach_m)
+    (told,) = [t for t in texts(root) if re.fullmatch(r"[\d.]+ k?m", t)]
+    assert float(told.split()[0]) * (1000.0 if "km" in told else 1.0) == pytest.approx(metres, rel=0.02)
+    assert 30.0 <= end - start <= 100.0
 
 
 @given(st.lists(st.floats(0.0, 300.0), max_size=15))
@@ -216,6 +259,39 @@ def test_long_recordings_are_told_in_minutes_and_stay_small() -> None:
     assert len(svg) < 6000
 
 
+def test_the_onset_has_a_band_of_two_sigma_to_either_side() -> None:
+    lines = [series("G05", "authentic", 0, 101, 44)]
+    root = parsed(time_line(lines, title="t", zero="z", onset_s=50.0, onset_sigma_s=5.0))
+    (band,), (onset,), (line,) = of_class(root, "onset-band"), of_class(root, "onset"), of_class(root, "series")
+    x = corners(line)[:, 0]
+    assert number(band, "width") == pytest.approx(0.2 * (x[-1] - x[0]), abs=0.3)
+    assert number(band, "x") + 0.5 * number(band, "width") == pytest.approx(number(onset, "x1"), abs=0.2)
+
+
+def test_the_end_of_an_attack_is_marked() -> None:
+    lines = [series("G05", "authentic", 0, 101, 44)]
+    root = parsed(time_line(lines, title="t", zero="z", onset_s=20.0, until_s=70.0))
+    onset, end = (number(mark, "x1") for mark in of_class(root, "onset"))
+    (line,) = of_class(root, "series")
+    x = corners(line)[:, 0]
+    assert (end - onset) / (x[-1] - x[0]) == pytest.approx(0.5, abs=0.01)
+    assert {"onset", "end"} <= set(texts(root))
+
+
+def test_a_ribbon_tells_how_long_a_signal_is_there() -> None:
+    line = series("G05", "spoofed", 0, 101, 44)
+    cn0_dbhz = line.cn0_dbhz.copy()
+    cn0_dbhz[40:60] = np.nan
+    broken = SignalSeries(receiver="rx1", signal=line.signal, label="spoofed", seconds=line.seconds, cn0_dbhz=cn0_dbhz)
+    root = parsed(time_line([series("G05", "authentic", 0, 101, 44), broken], title="t", zero="z"))
+    (whole,), (parts,) = of_class(root, "ribbon", "authentic"), of_class(root, "ribbon", "spoofed")
+    runs = [(float(a), float(b)) for a, b in re.findall(r"M([\d.]+) [\d.]+H([\d.]+)", parts.get("d", ""))]
+    ((start, end),) = [(float(a), float(b)) for a, b in re.findall(r"M([\d.]+) [\d.]+H([\d.]+)", whole.get("d", ""))]
+    assert len(runs) == 2
+    assert (runs[0][1] - start) / (end - start) == pytest.approx(0.39, abs=0.01)
+    assert (runs[1][0] - start) / (end - start) == pytest.approx(0.60, abs=0.01)
+
+
 def test_an_onset_before_the_recording_is_not_drawn() -> None:
     svg = time_line([series("G05", "spoofed", 0, 10, 44)], title="t", zero="z", onset_s=-5.0)
     assert not of_class(parsed(svg), "onset")
@@ -232,7 +308,7 @@ def at(sat: str, azimuth_deg: float, elevation_deg: float, label: Any = "authent
 
 def test_the_sky_has_north_up_east_right_and_the_zenith_in_the_middle() -> None:
     root = parsed(sky_plot([at("G01", 0, 0), at("G02", 90, 0), at("G03", 45, 90)], title="sky"))
-    north, east, zenith = ((number(d, "cx"), number(d, "cy")) for d in of_class(root, "disc"))
+    north, east, zenith = ((number(d, "cx"), number(d, "cy")) for d in of_class(root, "symbol"))
     assert north[0] == zenith[0]
     assert north[1] < zenith[1]
     assert east[1] == zenith[1]
@@ -240,9 +316,9 @@ def test_the_sky_has_north_up_east_right_and_the_zenith_in_the_middle() -> None:
     assert {"N 0°", "E 90°", "S 180°", "W 270°", "30°", "60°"} <= set(texts(root))
 
 
-def test_a_satellite_with_two_labels_is_one_divided_disc() -> None:
+def test_a_satellite_with_two_labels_has_both_symbols_and_one_name() -> None:
     root = parsed(sky_plot([at("G05", 30, 40), at("G05", 31, 40, "spoofed"), at("G07", 200, 20)], title="sky"))
-    assert [len(of_class(root, "disc", label)) for label in ("authentic", "spoofed")] == [2, 1]
+    assert [len(of_class(root, "symbol", label)) for label in ("authentic", "spoofed")] == [2, 1]
     assert texts(root).count("G05") == 1
 
 
@@ -250,21 +326,6 @@ def test_a_source_that_was_seen_is_marked() -> None:
     root = parsed(sky_plot([at("G05", 30, 40)], [SkySource(name="S1", azimuth_deg=120, elevation_deg=5)], title="sky"))
     assert len(of_class(root, "cross")) == 1
     assert "S1" in texts(root)
-
-
-# The evidence
-
-
-@pytest.mark.parametrize(("ratio", "side"), [(0.1, -1), (1.0, 0), (10.0, 1), (1e9, 1), (1e-9, -1)])
-def test_the_statistic_stands_on_its_side_of_the_threshold(ratio: float, side: int) -> None:
-    root = parsed(evidence_scale(5.0 * ratio, 5.0, title="evidence"))
-    (mark,), (limit,) = of_class(root, "mark"), of_class(root, "limit")
-    assert np.sign(round(number(mark, "cx") - number(limit, "x1"), 3)) == side
-    assert 0 < number(mark, "cx") < 360
-
-
-def test_no_scale_without_a_multiple_of_the_threshold() -> None:
-    assert evidence_scale(-1.0, 5.0, title="e") == evidence_scale(1.0, 0.0, title="e") == ""
 
 
 # All of them

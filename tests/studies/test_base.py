@@ -97,6 +97,21 @@ def test_what_is_right_by_an_independent_check_comes_before_what_the_paper_print
     assert one.agrees is True
 
 
+def test_a_better_figure_is_judged_where_there_is_no_same_one() -> None:
+    (one,) = check(toy(claims=(claim(same=None, better=lambda rows: 0.1),)), [])
+    assert one.agrees is True
+    (one,) = check(toy(claims=(claim(same=None, better=lambda rows: 0.3),)), [])
+    assert one.agrees is False
+
+
+def test_a_tolerance_may_depend_on_how_many_were_counted() -> None:
+    loose = claim(same=lambda rows: 0.3, tolerance=lambda rows: 3.0 / np.sqrt(rows[0]["trials"]))
+    for trials, agrees, told in ((25, True, "| within 0.6 |"), (400, False, "| **not** within 0.15 |")):
+        (one,) = check(toy(claims=(loose,)), [{"trials": trials}])
+        assert one.agrees is agrees
+        assert told[2:-2] == one.cells()[-1]
+
+
 def test_a_figure_that_cannot_be_made_again_stands_there_with_its_reason() -> None:
     text = page(claim(what="Figure 7", paper="6 of 8", same=None, tolerance=None, reference="needs a | recording"))
     assert "| Figure 7 | 6 of 8 | – | – | needs a \\| recording | – |" in text

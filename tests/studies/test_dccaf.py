@@ -1,10 +1,14 @@
 """The studies of decomposition and inverse RAIM: rows as promised, and figures within their bounds."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from scipy import stats
 
 from skyproof.studies import dccaf, inverse_raim
 from skyproof.studies.base import Settings
+from skyproof.studies.validation import check
 
 KEYS = ["method", "rate_hz", "separation_chip", "cn0_dbhz", "coherent_ms", "power_db", "doppler_hz", "success",
         "rms_chip", "crlb_chip", "ms_per_satellite", "trials"]  # fmt: skip
@@ -32,11 +36,46 @@ def test_two_signals_are_separated_at_the_bound(separation):
 
 
 def test_false_second_signals_come_as_asked():
-    rows = list(FOUND["dccaf.count"].run(Settings(quick=True, seed=4)))
+    rows = list(FOUND["dccaf.count"].run(Settings(quick=True, trials=4000, seed=4)))
     for row in rows:
-        if row["case"] == "one signal" and row["p_fa_asked"] >= 0.01:
+        if row["case"] == "one signal" and row["noise"] != "other satellites" and row["p_fa_asked"] >= 0.01:
             sigma = np.sqrt(2.0 * row["p_fa_asked"] / row["trials"])  # the law is counted, too
             assert row["counted_as_two"] == pytest.approx(row["p_fa_asked"], abs=3.5 * sigma + 0.1 * row["p_fa_asked"])
+
+
+def test_a_noise_that_is_told_wrong_scales_the_statistic_as_the_study_takes_for_granted():
+    delays = dccaf.delay_dictionary(5e6)
+    delay, amplitude = np.full((20, 1), 0.1), np.ones((20, 1), complex)
+    taps = dccaf.simulate_taps(delay, amplitude, 0.002, delays, np.random.default_rng(6))
+    one, two = (dccaf.count_statistic(taps, delays, told)[0] for told in (0.002, 0.003))
+    np.testing.assert_allclose(one, 1.5 * two, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["dccaf.approach", "dccaf.grid", "dccaf.noise"])
+def test_every_figure_of_a_quick_run_is_found_and_within_its_tolerance(name):
+    study = FOUND[name]
+    for one in check(study, list(study.run(Settings(quick=True, seed=2)))):
+        assert one.agrees is not False, (one.claim.what, one.same, one.better)
+        assert "not found" not in one.cells()
+
+
+def test_a_restart_helps_as_predicted_and_more_where_velocity_is_put_right():
+    rows = list(FOUND["dccaf.restart"].run(Settings(trials=300)))
+    for errors in ("table 1", "switch-on, start"):
+        east = [row["east_m"] for row in rows if row["errors"] == errors]
+        assert len(east) == 4
+        assert all(after < 0.6 * before for before, after in pairwise(east))
+    for row in rows:
+        for axis in ("east", "north", "up"):
+            assert row[f"{axis}_m"] == pytest.approx(row[f"{axis}_predicted_m"], rel=0.17)  # 4.1 % is one sigma
+
+
+def test_soon_after_a_clean_fix_the_choice_is_as_predicted():
+    rows = list(FOUND["dccaf.interval"].run(Settings(trials=800)))
+    assert {row["interval_s"] for row in rows} == {10, 15, 20, 30, 40, 60, 100}
+    for row in rows:
+        assert row["east_m"] == pytest.approx(row["east_predicted_m"], rel=0.11)  # 2.5 % is one sigma
+        assert stats.binomtest(round(row["wrong_covariance"] * 800), 800, row["wrong_predicted"]).pvalue > 1e-4
 
 
 def test_drift_and_wrong_choice_are_as_predicted():
@@ -71,6 +110,12 @@ def test_the_promised_figures_hold_at_full_count():
             assert row["rms_chip"] <= 1.1 * row["crlb_chip"]
     for row in FOUND["dccaf.count"].run(Settings()):
         if row["case"] == "one signal" and row["noise"] != "other satellites":
-            assert row["counted_as_two"] == pytest.approx(
-                row["p_fa_asked"], rel=0.2 if row["p_fa_asked"] > 2e-3 else 0.3
-            )
+            assert row["counted_as_two"] == pytest.approx(row["p_fa_asked"], rel=0.2)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", [name for name in FOUND if name not in ("dccaf.separation", "dccaf.count")])
+def test_no_figure_is_outside_its_tolerance_at_full_count(name):
+    study = FOUND[name]
+    for one in check(study, list(study.run(Settings()))):
+        assert one.agrees is not False, (one.claim.what, one.same, one.better)

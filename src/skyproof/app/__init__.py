@@ -1,1 +1,20 @@
-"""The use cases, callable from Python: open inputs, run the pipeline, write outputs."""
+"""The use cases, callable from Python, one module each: what opens inputs, runs the pipeline and writes outputs.
+
+They take a second to load, so that each is loaded when it is first asked for: `app.protect.protect(...)`.
+"""
+
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from skyproof.app import demo, inspect, pages, protect, receive, scene_page, simulate
+
+__all__ = ["demo", "inspect", "pages", "protect", "receive", "scene_page", "simulate"]
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Load a use case."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return import_module(f"{__name__}.{name}")

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from skyproof.app.folder import check_folder
+from skyproof.app.folder import check_folder, stamps, written_since
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.protect import ProtectResult, protect
 from skyproof.formats.rinex_nav import write_nav
@@ -23,10 +23,16 @@ def demo(out: str | Path, *, progress: Progress | None = None, seed: int = 1) ->
     progress = progress or Silent()
     folder = Path(out)
     check_folder(folder)
+    before = stamps(folder)
     scenario = scenes.demo(seed=seed)
     navigation = nominal_constellation(scenario.start_gpst)
     nav = folder / "broadcast.rnx"
     write_nav(nav, navigation)
-    with progress.stage("simulating two receivers under a meaconer", 1.0) as stage:
-        recordings = write(scenario, navigation, folder, progress=lambda done, total: stage.advance(done / total))
+    try:
+        with progress.stage("simulating two receivers under a meaconer", 1.0) as stage:
+            recordings = write(scenario, navigation, folder, progress=lambda done, total: stage.advance(done / total))
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"interrupted while recordings were simulated; whole in {folder}: {written_since(folder, before)}"
+        ) from None
     return protect(recordings, nav=nav, out=folder, progress=progress)

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import platform as machine
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -9,11 +10,12 @@ import numpy as np
 
 from skyproof.app.reception import Reception
 from skyproof.app.settings import Settings
+from skyproof.detectors.base import NEEDS
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso
-from skyproof.records import ConsistentSet, Evidence, Fix, NavigationData, Observations, Reals, SignalRef
+from skyproof.records import ConsistentSet, Evidence, Fix, NavigationData, Observations, Reals, Says, SignalRef
 from skyproof.verdict import (
     VERDICT_FORMAT,
     Because,
@@ -27,7 +29,7 @@ from skyproof.verdict import (
 )
 from skyproof.verdict import Source as SourceModel
 
-__all__ = ["InputNote", "Outcome", "ReceiverOutcome", "document", "versions"]
+__all__ = ["InputNote", "Outcome", "ReceiverOutcome", "document", "telling", "versions"]
 
 DIGITS = 6  # of a second in instants
 
@@ -112,7 +114,7 @@ def _summary(outcome: Outcome) -> str:
         return f"The signals of {n} satellites come from the sky; no sign of spoofing.{_kept(outcome, ' The')}"
     if decision.verdict == "undecided":
         first = (_undecided_because(outcome) or "").split("; ")[0]  # the document has all of them
-        return f"Not decided whether the signals are true: {first}."
+        return f"Not decided {first}."
     since = _since(decision)
     if decision.sources:
         sats = {s.signal.sat for source in decision.sources for s in source.signals}
@@ -128,11 +130,31 @@ def _summary(outcome: Outcome) -> str:
     return f"{since}signals are received that no true sky gives; which of them are true is not decided."
 
 
+GIVEN = ("navigation", "observations of two receivers", "sets", "array_phases", "nav_state", "spin_arm")
+"""Records that users can bring, the easiest first; the others are the receiver's own affair."""
+MOST_REASONS = MOST_CURES = 2
+
+
 def _undecided_because(outcome: Outcome) -> str | None:
-    """The decision's reason; if no receiver was of any use, why each was not."""
+    """Whose signals are open, why, and what would decide it; if no receiver was of any use, why each was not."""
     reasons = [f"{r.reception.samples.name}: {r.reception.left_out}" for r in outcome.receivers]
-    useless = all(r.reception.left_out is not None for r in outcome.receivers)
-    return "; ".join(reasons) if useless else outcome.decision.undecided_because
+    if all(r.reception.left_out is not None for r in outcome.receivers):
+        return "whether the signals are true: " + "; ".join(reasons)
+    told = outcome.decision.undecided_because
+    if told is None or not outcome.evidence:
+        return told
+    open_words = told.partition(": ")[0]  # which signals of which receivers
+    tried: Counter[str] = Counter()
+    lacking: set[str] = set()
+    for e in outcome.evidence:
+        needs = {name for name, words in NEEDS.items() if words in (e.would_need or "")}
+        if e.says == "undecided" and e.p_value is None and needs:
+            lacking |= needs
+        elif e.says == "undecided" or (e.says == "attack" and e.would_need):
+            tried[e.because + (f" (would decide it: {e.would_need})" if e.would_need else "")] += 1
+    why = [text for text, _ in tried.most_common(MOST_REASONS)] or ["no method that this input allows can tell"]
+    cure = [NEEDS[name] for name in GIVEN if name in lacking][:MOST_CURES]
+    return f"{open_words}: {'; '.join(why)}" + (f"; would decide it: {', or '.join(cure)}" if cure else "")
 
 
 def _left_out(outcome: Outcome) -> str:
@@ -305,7 +327,7 @@ def _median_difference_s(a: Fix, b: Fix) -> float | None:
     return float(np.median(difference)) if difference.size else None
 
 
-STRENGTH = ("undecided", "clean", "authentic", "attack", "spoofed")
+STRENGTH: tuple[Says, ...] = ("undecided", "clean", "authentic", "attack", "spoofed")
 
 
 def _methods(evidence: Sequence[Evidence]) -> list[Method]:
@@ -313,8 +335,8 @@ def _methods(evidence: Sequence[Evidence]) -> list[Method]:
     for name in sorted({e.detector for e in evidence}):
         own = [e for e in evidence if e.detector == name]
         ran = [e for e in own if e.p_value is not None]
-        decision = max((e.says for e in own), key=STRENGTH.index)
-        telling = min((e for e in ran if e.says == decision), key=_p, default=min(ran, key=_p, default=None))
+        decision = _strongest(own)
+        best = telling(own)
         needs = [e for e in own if e.says == "undecided"]
         methods.append(
             Method(
@@ -324,13 +346,24 @@ def _methods(evidence: Sequence[Evidence]) -> list[Method]:
                 would_need=needs[0].would_need if needs and decision in ("undecided", "clean", "attack") else None,
                 decision=decision if ran else None,
                 tests=len(ran),
-                statistic=None if telling is None else telling.statistic,
-                threshold=None if telling is None else telling.threshold,
-                p_value=None if telling is None else telling.p_value,
+                statistic=None if best is None else best.statistic,
+                threshold=None if best is None else best.threshold,
+                p_value=None if best is None else best.p_value,
                 false_alarm_probability=own[0].false_alarm_probability,
             )
         )
     return methods
+
+
+def telling(own: Sequence[Evidence]) -> Evidence | None:
+    """Of one detector's evidence the piece that says most: the least p-value behind its decision; None without one."""
+    ran = [e for e in own if e.p_value is not None]
+    decision = _strongest(own)
+    return min((e for e in ran if e.says == decision), key=_p, default=min(ran, key=_p, default=None))
+
+
+def _strongest(own: Sequence[Evidence]) -> Says:
+    return max((e.says for e in own), key=STRENGTH.index)
 
 
 def _p(evidence: Evidence) -> float:

@@ -4,7 +4,7 @@ import json
 import math
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,7 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from skyproof.errors import NotEnoughData, SettingsError
+from skyproof.app.advice import advice
+from skyproof.app.guess import Guess, Proposal, guess
+from skyproof.app.signal_pictures import write_pictures
+from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError
+from skyproof.formats.place import write_lines
 from skyproof.formats.raw import SampleLayout, open_raw, read_sidecar, sidecar_text
 from skyproof.formats.recording import open_recording
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
@@ -22,7 +26,10 @@ from skyproof.receiver.conditioning import FrontEnd, conditioned, measure_front_
 from skyproof.receiver.survey import DOPPLER_LIMIT_HZ, OscillatorError, Survey, oscillator_error, survey
 from skyproof.records import Samples
 
-__all__ = ["Inspection", "Satellite", "document_json", "inspect", "inspect_samples", "oscillator_remarks"]
+__all__ = [
+    "Inspection", "NotUnderstood", "Satellite", "document_json", "inspect", "inspect_samples", "oscillator_remarks",
+    "write_pictures",
+]  # fmt: skip
 
 FALSE_ALARM_PROBABILITY: Final = 1e-4
 """Of each search, of the lines, and of the gaps."""
@@ -56,6 +63,11 @@ class Inspection:
         cannot be told. Dopplers are those of the right reading.
     stretch : first and last sample (exclusive) of the longest stretch without a gap; satellites are those of its first
         tenth of a second.
+    advice : what `protect` can do with it, and what would make it stronger.
+    sources : where each fact of how to read it comes from; keys as in a sidecar, and "duration".
+    proposals : where nothing described it, the ways to read it that were found; `taken` is the number of the one that
+        was taken, from 0.
+    sidecar : what was written to say so, if it was; None otherwise.
     """
 
     samples: Samples
@@ -67,6 +79,12 @@ class Inspection:
     stretch: tuple[int, int]
     remarks: tuple[str, ...]
     summary: str
+    advice: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    layout: SampleLayout | None = None
+    proposals: tuple[Proposal, ...] = ()
+    taken: int = 0
+    sidecar: str | None = None
 
     def document(self) -> dict[str, Any]:
         """As `--json` prints it: keys in order, numbers unrounded, None for what is absent."""
@@ -84,6 +102,8 @@ class Inspection:
             "if_hz": samples.if_hz,
             "duration_s": samples.duration_s,
             "start_gpst": None if start is None else iso(start),
+            "layout": None if self.layout is None else _layout_document(self.layout),
+            "sources": dict(self.sources),
             "levels": {
                 "rms": front.rms,
                 "dc_over_rms": np.where(front.rms > 0.0, front.dc / np.where(front.rms > 0.0, front.rms, 1.0), 0.0),
@@ -125,30 +145,68 @@ class Inspection:
             "satellites": [vars(satellite) for satellite in self.satellites],
             "remarks": list(self.remarks),
             "summary": self.summary,
+            "advice": self.advice,
+            "proposals": [proposal.document() for proposal in self.proposals],
+            "proposal_taken": self.taken if self.proposals else None,
+            "sidecar_written": self.sidecar,
         }  # fmt: skip
         cleaned: dict[str, Any] = _plain(document)
         return cleaned
 
 
+class NotUnderstood(InputError):
+    """Nothing tells how to read a file, and nothing convincing was found in it. guess : what was tried."""
+
+    def __init__(self, tried: Guess) -> None:
+        super().__init__(f"{tried.path}: {tried.summary}")
+        self.guess = tried
+
+    def document(self) -> dict[str, Any]:
+        """For --json, in place of an inspection's."""
+        cleaned: dict[str, Any] = _plain({
+            "format": "skyproof-inspect/1", "path": str(self.guess.path), "summary": self.guess.summary,
+            "proposals": [proposal.document() for proposal in self.guess.proposals],
+        })  # fmt: skip
+        return cleaned
+
+
 def inspect(
-    path: str | Path, *, sidecar: str | Path | None = None, layout: Mapping[str, object] | None = None
-) -> tuple[Inspection, ...]:
+    path: str | Path, *, sidecar: str | Path | None = None, layout: Mapping[str, object] | None = None,
+    write: bool | int = False,
+) -> tuple[Inspection, ...]:  # fmt: skip
     """Say what is in a recording: one `Inspection` for each channel that the file holds.
+
+        (told,) = sp.inspect("rx1.bin")
+        print(told.summary, told.satellites)
+
+    A file that nothing describes is read in the way that shows satellites, if there is one.
 
     Parameters
     ----------
-    path : any file that `skyproof.formats.recording.open_recording` opens.
+    path : any file that `skyproof.formats.recording.open_recording` opens, or raw samples that nothing describes.
     sidecar : how to read raw samples; NAME.toml beside NAME.bin if not given.
     layout : keys of a sidecar's table [samples], which go before those of the sidecar and may stand for it.
+    write : whether to write NAME.toml for a file that nothing describes; a number takes that of `proposals`, from 1 on,
+        in place of the best. What is there already is never overwritten.
+
+    Returns
+    -------
+    tuple of Inspection : one for each channel.
 
     Raises
     ------
     InputError : the file cannot be opened or read. SettingsError : the layout makes no sense.
-    NotEnoughData : fewer than two code periods.
+    NotUnderstood : nothing describes the file, and nothing in it does. NotEnoughData : fewer than two code periods.
     """
+    path = Path(path)
     given = {key: value for key, value in (layout or {}).items() if value is not None}
-    recordings = _opened_as(Path(path), sidecar, given) if given else open_recording(path, sidecar)
-    return tuple(inspect_samples(samples) for samples in recordings)
+    if given:
+        recordings, sources, told = _opened_as(path, sidecar, given)
+    elif sidecar is not None or _is_described(path):
+        recordings, sources, told = _opened(path, sidecar)
+    else:
+        return (_guessed(path, write),)
+    return tuple(replace(inspect_samples(samples), sources=sources, layout=told) for samples in recordings)
 
 
 def document_json(inspections: Sequence[Inspection]) -> str:
@@ -157,7 +215,32 @@ def document_json(inspections: Sequence[Inspection]) -> str:
     return json.dumps(documents[0] if len(documents) == 1 else documents, indent=1, allow_nan=False) + "\n"
 
 
-def _opened_as(path: Path, sidecar: str | Path | None, given: Mapping[str, object]) -> tuple[Samples, ...]:
+def _layout_document(layout: SampleLayout) -> dict[str, Any]:
+    values = {key: getattr(layout, key) for key in type(layout).model_fields}
+    return {key: iso(value) if isinstance(value, np.datetime64) else value for key, value in values.items()}
+
+
+# --- opening
+
+
+def _is_described(path: Path) -> bool:
+    """By SigMF or a sidecar. A file that is not there is left to those, who say so."""
+    beside = (path.with_suffix(".toml"), path.with_suffix(".sigmf-meta"))
+    return ".sigmf" in path.suffix or not path.is_file() or any(one.exists() for one in beside)
+
+
+def _opened(path: Path, sidecar: str | Path | None) -> tuple[tuple[Samples, ...], dict[str, str], SampleLayout | None]:
+    recordings = open_recording(path, sidecar)
+    if recordings[0].format != "raw":
+        return recordings, _sources_of(recordings[0], SampleLayout.model_fields, "SigMF metadata"), None
+    beside = Path(sidecar) if sidecar is not None else path.with_suffix(".toml")
+    told = read_sidecar(beside)
+    return recordings, _sources_of(recordings[0], told.model_fields_set, f"sidecar {beside.name}"), told
+
+
+def _opened_as(
+    path: Path, sidecar: str | Path | None, given: Mapping[str, object]
+) -> tuple[tuple[Samples, ...], dict[str, str], SampleLayout | None]:
     beside = Path(sidecar) if sidecar is not None else path.with_suffix(".toml")
     told = read_sidecar(beside).model_dump(exclude_unset=True) if sidecar is not None or beside.is_file() else {}
     told = {key: iso(value) if isinstance(value, np.datetime64) else value for key, value in told.items()}
@@ -168,10 +251,115 @@ def _opened_as(path: Path, sidecar: str | Path | None, given: Mapping[str, objec
         raise SettingsError(
             f"{path}: the options do not tell how to read it: {faults}; give rate_hz, kind, encoding and bits at least"
         ) from error
+    samples = _read_as(path, layout, "options.toml")
+    sources = _sources_of(samples, told, f"sidecar {beside.name}") | {key: "option" for key in given}
+    return (samples,), sources, layout
+
+
+def _sources_of(samples: Samples, told: Any, by: str) -> dict[str, str]:
+    keys = ("encoding", "bits", "kind", "rate_hz", "centre_hz", "if_hz", "start_gpst")
+    sources = {key: by if key in told else "default" for key in keys}
+    if samples.start_gpst is None:
+        sources["start_gpst"] = "nothing tells it"
+    return sources | {"duration": "length of the file"}
+
+
+def _read_as(path: Path, layout: SampleLayout, name: str) -> Samples:
     with tempfile.TemporaryDirectory() as folder:
-        written = Path(folder) / "options.toml"
+        written = Path(folder) / name
         written.write_text(sidecar_text(layout), encoding="utf-8")
-        return (open_raw(path, written),)
+        return open_raw(path, written)
+
+
+# --- what nothing describes
+
+
+def _guessed(path: Path, write: bool | int) -> Inspection:
+    """The reading that shows satellites, set right by what they tell, and written down if asked for."""
+    found = guess(path)
+    chosen = isinstance(write, int) and not isinstance(write, bool) and write > 0
+    if chosen and write > len(found.proposals):
+        raise SettingsError(
+            f"{path}: proposal {write} asked for, but there are {len(found.proposals)}; give one of them"
+        )
+    number = int(write) - 1 if chosen else 0
+    if not chosen and not found.convincing:
+        raise NotUnderstood(found)
+    proposal = found.proposals[number]
+    layout, sources, name = proposal.layout, dict(proposal.sources), path.with_suffix(".toml").name
+    told = inspect_samples(_read_as(path, layout, name))
+    if not proposal.round_rate and (better := _better_rate_hz(layout, told.survey)) is not None:
+        layout = layout.model_copy(update={"rate_hz": better})
+        sources["rate_hz"] = "measured: code period and drift"
+        told = inspect_samples(_read_as(path, layout, name))
+    if told.conjugate:
+        layout, sources = _righted(layout, sources)
+        told = _told_righted(told, _read_as(path, layout, name))
+    told = replace(
+        told, layout=layout, sources=sources | {"start_gpst": _start_words(found), "duration": "length of the file"},
+        proposals=tuple(
+            replace(one, layout=layout, sources=sources) if one is proposal else one for one in found.proposals
+        ),
+        taken=number,
+    )  # fmt: skip
+    return _with_sidecar(told, path.with_suffix(".toml")) if write else told
+
+
+def _start_words(found: Guess) -> str:
+    return (
+        "nothing tells it" if found.start_utc is None else f"not taken; the file's name has {iso(found.start_utc, 0)}"
+    )
+
+
+def _better_rate_hz(layout: SampleLayout, told: Survey) -> float | None:
+    """The rate by which sampling clock and local oscillator are one, as round as its error allows; None if unknown."""
+    sigma_hz = 1e-6 * told.clock_minus_lo_sigma_ppm * layout.rate_hz
+    if not abs(told.clock_minus_lo_ppm) > 4.0 * told.clock_minus_lo_sigma_ppm:
+        return None
+    exact_hz = layout.rate_hz * (1.0 + 1e-6 * told.clock_minus_lo_ppm)
+    # An oscillator is a few ppm off, or an intermediate frequency a few kilohertz: then so is this. A round number that
+    # near is the rate, if such numbers are not so dense that there is one anyway.
+    near_hz = 3e-6 * exact_hz
+    round_hz = round(exact_hz, -math.ceil(math.log10(8.0 * near_hz)))
+    if abs(round_hz - exact_hz) < near_hz:
+        return round_hz
+    digits = next((n for n in range(-5, 3) if abs(round(exact_hz, n) - exact_hz) < 3.0 * sigma_hz), 3)
+    return round(exact_hz, digits)
+
+
+def _righted(layout: SampleLayout, sources: Mapping[str, str]) -> tuple[SampleLayout, dict[str, str]]:
+    """The reading that turns the spectrum round."""
+    sign = "measured: drift of code and carrier"
+    key = "conjugate" if layout.kind == "complex" else "if_hz"
+    changes: dict[str, Any] = {"conjugate": True} if layout.kind == "complex" else {"if_hz": -layout.if_hz}
+    if layout.kind == "complex":
+        changes["if_hz"] = -layout.if_hz + 0.0
+    return SampleLayout.model_validate({**layout.model_dump(exclude_unset=True), **changes}), {**sources, key: sign}
+
+
+def _told_righted(told: Inspection, samples: Samples) -> Inspection:
+    """The same inspection of the recording read the other way round: its Dopplers are right already."""
+    front = measure_front_end(samples, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+    ratio = -told.survey.doppler_ratio if told.survey.conjugate else told.survey.doppler_ratio
+    right = replace(told.survey, conjugate=False, doppler_ratio=ratio)
+    return _told(samples, front, told.satellites, right, False, told.stretch)
+
+
+def _with_sidecar(told: Inspection, sidecar: Path) -> Inspection:
+    """Write how to read the recording beside it, and which of it was measured; a remark where that cannot be."""
+    assert told.layout is not None
+    lines = [
+        f"{line}  # {told.sources[key]}" if (key := line.split(" = ")[0]) in told.sources else line
+        for line in sidecar_text(told.layout).splitlines()
+    ]
+    lines[0] += ", found out by `skyproof inspect`"
+    try:
+        if sidecar.exists():
+            return told
+        write_lines(sidecar, lines, encoding="utf-8")
+    except OutputError as error:
+        return replace(told, remarks=(*told.remarks, f"the sidecar was not written: {error}"))
+    return replace(told, sidecar=str(sidecar))
 
 
 # --- one recording
@@ -315,12 +503,11 @@ def _told(
         oscillator=oscillator, stretch=stretch,
         remarks=(*samples.remarks, *remarks, *front.remarks, *_signal_remarks(samples, told, conjugate, oscillator)),
         summary=_summary(samples, satellites, told, conjugate, front),
+        advice=advice(samples, satellites, gaps=max(len(told.gaps), len(samples.gaps)), mirrored=bool(conjugate)),
     )  # fmt: skip
 
 
-def _signal_remarks(
-    samples: Samples, told: Survey, conjugate: bool | None, oscillator: OscillatorError
-) -> list[str]:
+def _signal_remarks(samples: Samples, told: Survey, conjugate: bool | None, oscillator: OscillatorError) -> list[str]:
     remarks = []
     if conjugate:
         remarks.append("the spectrum is mirrored: negate Q (or swap I and Q, or give the intermediate frequency the "

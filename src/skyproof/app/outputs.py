@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from skyproof.app.document import Outcome, ReceiverOutcome, place_of, versions
+from skyproof.app.document import Outcome, versions
+from skyproof.app.pictures import fixes_by_kind, last_position, pictures_of
 from skyproof.app.progress import Progress
 from skyproof.app.rinex import one_a_satellite, write_channels
 from skyproof.app.settings import Settings
@@ -21,13 +22,9 @@ from skyproof.formats.tables import fixes_columns, write_table
 from skyproof.formats.verdict import read_verdict, write_verdict
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.trusted import labelled
-from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.orbits import satellite_state
-from skyproof.gnss.sky import azimuth_elevation
-from skyproof.gnss.time import iso, seconds_between
+from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.records import CELL_STATUS, Evidence, Fix, Observations
-from skyproof.report.page import Pictures, report_html
-from skyproof.report.pictures import FixTrack, SignalSeries, SkyPosition
+from skyproof.report.page import report_html
 from skyproof.verdict import Verdict
 
 __all__ = ["write_outputs"]
@@ -46,7 +43,7 @@ def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Se
         stage.advance(3)
         _write_tracks(folder, outcome)
         stage.advance(4)
-        write_lines(folder / "report.html", [report_html(verdict, _pictures(outcome))], encoding="utf-8")
+        write_lines(folder / "report.html", [report_html(verdict, pictures_of(outcome))], encoding="utf-8")
         stage.advance(5)
 
 
@@ -81,16 +78,11 @@ def _toml(value: Any) -> str:
     return json.dumps(value)
 
 
-def _kinds(r: ReceiverOutcome) -> list[tuple[str, Fix]]:
-    kinds = (("trusted", r.trusted), ("false", r.false), ("unprotected", r.unprotected))
-    return [(kind, fix) for kind, fix in kinds if fix is not None]
-
-
 # ---------------------------------------------------------------------- tables
 
 
 def _write_tables(folder: Path, outcome: Outcome) -> None:
-    fixes = fixes_columns([pair for r in outcome.receivers for pair in _kinds(r)])
+    fixes = fixes_columns([pair for r in outcome.receivers for pair in fixes_by_kind(r)])
     write_table(folder / "fixes.csv", fixes)
     write_table(folder / "fixes.parquet", fixes)
     write_table(folder / "signals.parquet", _signal_columns(outcome))
@@ -159,7 +151,7 @@ def _write_rinex(folder: Path, outcome: Outcome) -> None:
         o = r.reception.observations
         if o is None:
             continue
-        place = None if r.trusted is None else _last_position(r.trusted)
+        place = None if r.trusted is None else last_position(r.trusted)
         authentic = labelled(o, outcome.decision.labels, "authentic")
         write_channels(folder / f"{o.receiver}-authentic.obs", authentic, "authentic", place)
         for label, name in (("spoofed", "other"), ("unknown", "unknown")):
@@ -167,11 +159,6 @@ def _write_rinex(folder: Path, outcome: Outcome) -> None:
             for number, signals in enumerate(one_a_satellite(others)):
                 suffix = name if number == 0 else f"{name}-{number + 1}"
                 write_channels(folder / f"{o.receiver}-{suffix}.obs", others, label, None, signals)
-
-
-def _last_position(fix: Fix) -> Any:
-    good = np.flatnonzero(fix.status == 0)
-    return fix.position_ecef_m[good[-1]] if good.size else None
 
 
 def _geodetic_deg(fix: Fix) -> tuple[Any, Any, Any]:
@@ -183,7 +170,7 @@ def _write_tracks(folder: Path, outcome: Outcome) -> None:
     tracks = {
         f"{r.reception.samples.name} {kind}": (fix.gpst, *_geodetic_deg(fix))
         for r in outcome.receivers
-        for kind, fix in _kinds(r)
+        for kind, fix in fixes_by_kind(r)
     }
     write_kml(folder / "tracks.kml", tracks)
     first = True
@@ -200,95 +187,3 @@ def _write_tracks(folder: Path, outcome: Outcome) -> None:
                     sigma_north_m=columns["sigma_north_m"], sigma_up_m=columns["sigma_up_m"],
                 ),
             )  # fmt: skip
-
-
-# ---------------------------------------------------------------------- report
-
-
-def _pictures(outcome: Outcome) -> Pictures:
-    observed = [r for r in outcome.receivers if r.reception.observations is not None]
-    if not observed:
-        return Pictures(zero_gpst="1980-01-06T00:00:00")
-    zero = min(r.reception.observations.gpst[0] for r in observed if r.reception.observations is not None)
-    onset = outcome.decision.onset
-    origin = _origin(outcome)
-    return Pictures(
-        zero_gpst=iso(zero, 3),
-        origin=None if origin is None else place_of(origin),
-        onset_s=None if onset is None or onset.sigma_s is None else float(seconds_between(onset.gpst, zero)),
-        series=tuple(s for r in observed for s in _series(r.reception.observations, outcome, zero)),
-        tracks=() if origin is None else tuple(t for r in observed for t in _tracks(r, origin)),
-        sky=tuple(p for r in observed for p in _sky(r, outcome)),
-    )
-
-
-def _origin(outcome: Outcome) -> Any:
-    """The first trusted place; without one, the first of any kind."""
-    for kind in ("trusted", "unprotected", "false"):
-        for r in outcome.receivers:
-            fix = getattr(r, kind)
-            place = None if fix is None else _last_position(fix)
-            if place is not None:
-                return place
-    return None
-
-
-def _series(o: Observations | None, outcome: Outcome, zero: np.datetime64) -> list[SignalSeries]:
-    assert o is not None
-    series = []
-    for s in outcome.decision.labels:
-        if s.ref.receiver == o.receiver:
-            rows = slice(s.first_epoch, s.last_epoch + 1)
-            series.append(
-                SignalSeries(
-                    receiver=o.receiver, signal=str(s.ref.signal), label=s.label,
-                    seconds=np.asarray(seconds_between(o.gpst[rows], zero), np.float64),
-                    cn0_dbhz=o.cn0_dbhz[rows, o.signals.index(s.ref.signal)],
-                )
-            )
-    return series
-
-
-def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
-    lat, lon, _ = geodetic_from_ecef(origin)
-    rot = rot_enu_ecef(lat, lon)
-    name = r.reception.samples.name
-    drawn: list[tuple[str, Any, Fix]] = [(name, kind, fix) for kind, fix in _kinds(r)]
-    if r.trusted is None and r.false is None:  # which of the skies is true is open: both are possible
-        drawn += [(f"{name} {sky}", "possible", fix) for sky, fix in r.shown.items()]
-    tracks = []
-    for receiver, kind, fix in drawn:
-        good = np.flatnonzero(fix.status == 0)
-        if good.size:
-            enu = (fix.position_ecef_m - origin) @ rot.T
-            covariance = (rot @ fix.covariance_m2[good[-1], :3, :3] @ rot.T)[:2, :2]
-            tracks.append(
-                FixTrack(
-                    receiver=receiver, kind=kind, east_m=enu[:, 0], north_m=enu[:, 1],
-                    covariance_m2=covariance,
-                )
-            )
-    return tracks
-
-
-def _sky(r: ReceiverOutcome, outcome: Outcome) -> list[SkyPosition]:
-    o = r.reception.observations
-    fix = r.trusted or r.unprotected
-    place = None if fix is None else _last_position(fix)
-    if o is None or place is None:
-        return []
-    positions = []
-    for s in outcome.decision.labels:
-        if s.ref.receiver != o.receiver:
-            continue
-        ephemeris = outcome.navigation.best(s.ref.signal.sat, o.gpst[s.last_epoch])
-        if ephemeris is not None:
-            state = satellite_state(ephemeris, o.gpst[s.last_epoch])
-            azimuth, elevation = azimuth_elevation(place, state.position_ecef_m)
-            positions.append(
-                SkyPosition(
-                    receiver=o.receiver, signal=str(s.ref.signal), label=s.label,
-                    azimuth_deg=float(np.degrees(azimuth)) % 360.0, elevation_deg=float(np.degrees(elevation)),
-                )
-            )
-    return positions

@@ -17,8 +17,10 @@ class Stage(Protocol):
 class Progress(Protocol):
     """Whoever wants to know how far the work is."""
 
-    def stage(self, name: str, total: float) -> AbstractContextManager[Stage]:
-        """Begin a stage. `name` reads as what is being done ("tracking rx1.bin"); `total` is in any unit."""
+    def stage(self, name: str, total: float | None) -> AbstractContextManager[Stage]:
+        """Begin a stage. `name` reads as what is being done ("tracking rx1.bin"); `total` is in any unit, None if it
+        is not known before the end.
+        """
 
     def say(self, text: str) -> None:
         """Tell the user one line that is not an error."""
@@ -34,6 +36,6 @@ class Silent:
         """Nothing."""
 
     @contextmanager
-    def stage(self, name: str, total: float) -> Iterator[Stage]:
+    def stage(self, name: str, total: float | None) -> Iterator[Stage]:
         """A stage that says nothing."""
         yield self

@@ -1,6 +1,6 @@
 """The main job: recordings in, spoofed signals named, the true position out."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from skyproof.app.document import InputNote, Outcome, ReceiverOutcome, document
-from skyproof.app.folder import check_folder
+from skyproof.app.folder import check_folder, stamps, written_since
 from skyproof.app.outputs import write_outputs
-from skyproof.app.progress import Progress, Silent
+from skyproof.app.progress import Progress, Silent, Stage
 from skyproof.app.reception import Reception, first_copies, observe, open_inputs, overlap_s, require_signals, track
 from skyproof.app.settings import Settings, resolve_settings
 from skyproof.app.windows import detectors_for, examine, window_records
@@ -42,6 +42,10 @@ class ProtectResult:
     outcome: Outcome
     folder: Path | None = None
     interrupted: bool = False
+
+    def _repr_html_(self) -> str:
+        """The verdict, for a notebook."""
+        return self.verdict._repr_html_()
 
 
 def protect(
@@ -85,12 +89,15 @@ def protect(
     receptions = [_with_common_time(r, receptions) for r in receptions]
     outcome, cut_short = judge(receptions, navigation, settings, progress)
     if interrupted and cut_short:
-        raise KeyboardInterrupt  # a second time: the user wants out
+        raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
     interrupted |= cut_short
-    notes = [_note(r, interrupted) for r in receptions]
+    # Whoever interrupts does not wait for the sums of large files.
+    sums, stopped = ({}, False) if interrupted else _sums([r.samples.path for r in receptions], progress)
+    notes = [_note(r, interrupted, sums.get(r.samples.path)) for r in receptions]
     if nav is not None:
         notes.append(InputNote(path=str(nav), format="RINEX navigation", sha256=sha256(nav), remarks=_told(navigation)))
     verdict = document(outcome, notes, settings, interrupted=interrupted)
+    interrupted |= stopped
     if out is not None:
         interrupted = _write(Path(out), verdict, outcome, settings, progress, interrupted)
     return ProtectResult(
@@ -102,9 +109,30 @@ def verdict_of(
     inputs: str | Path | Sequence[str | Path], *, nav: str | Path | None = None, out: str | Path | None = None,
     **options: Any,
 ) -> Verdict:  # fmt: skip
-    """The verdict on recordings of one or several receivers; with `out`, all output files as well.
+    """Tell true signals from false ones in the recordings of one or several receivers.
 
-    Parameters and errors are those of `protect`, which also gives everything behind the verdict.
+        verdict = sp.protect(["rx1.bin", "rx2.bin"], nav="brdc0010.22n", out="result")
+        print(verdict.verdict, verdict.summary)
+
+    Parameters
+    ----------
+    inputs : one recording, or several, one a receiver: raw samples with their sidecar NAME.toml, or SigMF.
+    nav : RINEX navigation file of that day; without one the orbits come from the signals (30 s of them).
+    out : folder for the verdict, the report, fixes and all other files, made if absent; None writes nothing.
+    options : any field of `skyproof.app.settings.Settings`, such as `antenna_separation_m` or `duration_s`; `platform`,
+        a TOML file with a table [protect] of them; `progress`, told how far the work is.
+
+    Returns
+    -------
+    Verdict : what verdict.json holds. `skyproof.app.protect.protect` gives everything behind it as well: observations,
+        evidence, fixes.
+
+    Raises
+    ------
+    InputError : an input cannot be read, or inputs do not belong together.
+    NotEnoughData : no signal in any recording.
+    SettingsError : an option or setting makes no sense.
+    OutputError : the folder cannot be written.
     """
     paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
     return protect(paths, nav=nav, out=out, **options).verdict
@@ -114,14 +142,18 @@ def _write(
     folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress, interrupted: bool
 ) -> bool:
     """Write all outputs, through a first Ctrl-C: everything is decided by now. Returns whether there was one."""
-    try:
-        write_outputs(folder, verdict, outcome, settings, progress)
-    except KeyboardInterrupt:
-        if interrupted:
-            raise
-        write_outputs(folder, verdict, outcome, settings, progress)
-        return True
-    return interrupted
+    before = stamps(folder)
+    while True:
+        try:
+            write_outputs(folder, verdict, outcome, settings, progress)
+            return interrupted
+        except KeyboardInterrupt:
+            if interrupted:
+                raise KeyboardInterrupt(
+                    f"interrupted a second time: the verdict is {verdict.verdict!r}, but not all files could be "
+                    f"written; whole in {folder}: {written_since(folder, before)}"
+                ) from None
+            interrupted = True
 
 
 def judge(
@@ -131,7 +163,7 @@ def judge(
     orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
     observed = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
     windows, interrupted = window_records(observed, orbits, settings, progress)
-    evidence = examine(windows, detectors_for(settings, len(observed)))
+    evidence = examine(windows, detectors_for(settings, len(observed), windows))
     sets = [s for w in windows for s in w.sets]
     decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
@@ -225,10 +257,28 @@ def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> 
     return replace(reception, remarks=(*reception.remarks, *told))
 
 
-def _note(reception: Reception, interrupted: bool) -> InputNote:
-    """One input's row. Whoever interrupts does not wait for the sum of a large file."""
+def _sums(paths: Sequence[str], progress: Progress) -> tuple[dict[str, str], bool]:
+    """SHA-256 of each file, and whether Ctrl-C left some out."""
+    files = {path: Path(path).stat().st_size for path in paths if path}
+    sums: dict[str, str] = {}
+    try:
+        with progress.stage("taking the sums of the inputs", float(sum(files.values()))) as stage:
+            before = 0
+            for path, size in files.items():
+                sums[path] = sha256(path, _from(before, stage))
+                before += size
+    except KeyboardInterrupt:
+        return sums, True
+    return sums, False
+
+
+def _from(before: int, stage: Stage) -> Callable[[int, int], None]:
+    return lambda done, _: stage.advance(float(before + done))
+
+
+def _note(reception: Reception, interrupted: bool, digest: str | None) -> InputNote:
+    """One input's row."""
     samples = reception.samples
-    digest = None if interrupted or not samples.path else sha256(samples.path)
     read = f"{reception.examined_s:.1f} of {samples.duration_s:.1f} s were worked on before the run was interrupted"
     return InputNote(
         path=samples.path or samples.name, format=samples.format or "raw", sha256=digest,

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.app.folder import check_folder
+from skyproof.app.folder import check_folder, stamps, written_since
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.reception import Reception, observe, open_inputs, require_signals, track
 from skyproof.app.rinex import one_a_satellite, write_channels
@@ -17,6 +17,7 @@ from skyproof.app.settings import resolve_settings
 from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.gnss.time import iso
 from skyproof.records import NavigationData, Observations
+from skyproof.verdict import notebook_html
 
 __all__ = ["ReceiveResult", "document_json", "receive"]
 
@@ -40,6 +41,23 @@ class ReceiveResult:
         """Those of the first receiver; None if no time of week could be decoded."""
         return self.receptions[0].observations
 
+    def _repr_html_(self) -> str:
+        """The signals of each receiver, for a notebook."""
+        heads, rows = [], []
+        for r in self.receptions:
+            o = r.observations
+            heads.append(f"{r.samples.name}: {r.n_signals} signals in {r.examined_s:.1f} s"
+                         + (f"; left out: {r.left_out}" if r.left_out is not None else ""))  # fmt: skip
+            for signal in [] if o is None else [_signal(o, column) for column in range(len(o.signals))]:
+                cn0_dbhz, doppler_hz = signal["cn0_dbhz"], signal["doppler_hz"]
+                rows.append((
+                    r.samples.name, f"{signal['sat']} {signal['band']} {signal['code']} {signal['copy']}",
+                    f"{signal['found_s']:.1f}", str(signal["n_epochs"]),
+                    "" if cn0_dbhz is None else f"{cn0_dbhz:.1f}", "" if doppler_hz is None else f"{doppler_hz:.0f}",
+                ))  # fmt: skip
+        columns = ("receiver", "signal", "found after, s", "epochs", "C/N0, dB-Hz", "Doppler, Hz")
+        return notebook_html("Received", heads, (columns, rows))
+
 
 def receive(
     inputs: str | Path | Sequence[str | Path],
@@ -49,10 +67,30 @@ def receive(
     progress: Progress | None = None,
     **options: Any,
 ) -> ReceiveResult:
-    """Track everything in one or several recordings.
+    """Track every signal in one or several recordings, without judging it.
 
-    Parameters and errors are those of `protect`; outputs are RINEX observation files, one a receiver and copy, and a
-    navigation file.
+        observations = sp.receive("rx1.bin", nav="brdc0010.22n").observations
+        print(observations.signals, observations.pseudorange_m.shape)
+
+    Parameters
+    ----------
+    inputs : one recording, or several, one a receiver: raw samples with their sidecar NAME.toml, or SigMF.
+    nav : RINEX navigation file of that day; without one the orbits come from the signals.
+    out : folder for NAME.obs, NAME-2.obs (second signals of satellites) and so on, and NAME-nav.rnx; None writes
+        nothing.
+    progress : told how far the work is.
+    options : `start_s`, `duration_s`, `doppler_max_hz`, `place_deg` of `skyproof.app.settings.Settings`.
+
+    Returns
+    -------
+    ReceiveResult : `receptions`, one a receiver; `observations` are those of the first.
+
+    Raises
+    ------
+    InputError : an input cannot be read.
+    NotEnoughData : no signal in any recording.
+    SettingsError : an option makes no sense.
+    OutputError : the folder cannot be written.
     """
     progress = progress or Silent()
     settings = resolve_settings(None, **options)
@@ -65,11 +103,28 @@ def receive(
     if not interrupted:
         require_signals(trackers)
     receptions = tuple(observe(tracker, navigation) for tracker in trackers)
-    folder = None if out is None else Path(out)
-    return ReceiveResult(
-        receptions=receptions, folder=folder, interrupted=interrupted,
-        files=() if folder is None else tuple(_written(folder, reception, navigation) for reception in receptions),
-    )  # fmt: skip
+    if out is None:
+        return ReceiveResult(receptions=receptions, interrupted=interrupted)
+    files, again = _write(Path(out), receptions, navigation, interrupted)
+    return ReceiveResult(receptions=receptions, folder=Path(out), files=files, interrupted=interrupted or again)
+
+
+def _write(
+    folder: Path, receptions: Sequence[Reception], navigation: NavigationData | None, interrupted: bool
+) -> tuple[tuple[tuple[str, ...], ...], bool]:
+    """Write all receivers' files, through a first Ctrl-C: all is received by now. Returns their names, and whether
+    there was one."""
+    before = stamps(folder)
+    while True:
+        try:
+            return tuple(_written(folder, reception, navigation) for reception in receptions), interrupted
+        except KeyboardInterrupt:
+            if interrupted:
+                raise KeyboardInterrupt(
+                    "interrupted a second time, before all that was received could be written; whole in "
+                    f"{folder}: {written_since(folder, before)}"
+                ) from None
+            interrupted = True
 
 
 def _written(folder: Path, reception: Reception, navigation: NavigationData | None) -> tuple[str, ...]:

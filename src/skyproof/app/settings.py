@@ -1,12 +1,14 @@
 """The settings of a run: what options and the platform file say, else defaults; written with every output."""
 
 import tomllib
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
 
-from skyproof.errors import InputError, SettingsError
+from skyproof.errors import InputError, SettingsError, fault_words
 
 __all__ = ["Settings", "resolve_settings"]
 
@@ -57,15 +59,30 @@ def resolve_settings(platform: Path | None = None, **options: Any) -> Settings:
         try:
             table = tomllib.loads(Path(platform).read_text(encoding="utf-8")).get("protect", {})
         except OSError as error:
-            raise InputError(f"{platform}: the platform file cannot be read: {error.strerror}") from error
+            raise InputError(
+                f"{platform}: the platform file cannot be read ({error.strerror}); check the name and the folder"
+            ) from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{platform}: not a TOML file: {error}") from error
+            raise InputError(
+                f"{platform}: no platform file, which is TOML in UTF-8 with a table [protect]: {error}; mend that place"
+            ) from error
+        if not isinstance(table, dict):
+            raise SettingsError(f"{platform}: protect = {table!r}, expected a table; begin it with the line [protect]")
     try:
         return Settings(**(table | {key: value for key, value in options.items() if value is not None}))
     except ValidationError as error:
-        fault = error.errors()[0]
-        key = ".".join(str(part) for part in fault["loc"])
-        where = f"{platform}: [protect] {key}" if key in table and options.get(key) is None else f"setting {key}"
-        known = ", ".join(Settings.model_fields)
-        hint = f"; known settings: {known}" if fault["type"] == "extra_forbidden" else ""
-        raise SettingsError(f"{where}: {fault['msg']}, but came {fault['input']!r}{hint}") from error
+        faults = error.errors(include_url=False)
+        of_file = [f for f in faults if f["loc"] and f["loc"][0] in table and options.get(str(f["loc"][0])) is None]
+        told = [_words(fault) for fault in of_file], [_words(fault) for fault in faults if fault not in of_file]
+        where = f"{platform}: [protect] ", "setting "
+        raise SettingsError("; ".join(w + "; ".join(t) for w, t in zip(where, told, strict=True) if t)) from error
+
+
+def _words(fault: ErrorDetails) -> str:
+    place = ".".join(str(part) for part in fault["loc"])
+    if fault["type"] != "extra_forbidden":
+        return fault_words(place, fault)
+    near = get_close_matches(place, Settings.model_fields, 1, cutoff=0.5)
+    return f"{place} is no known setting; " + (
+        f"did you mean {near[0]}?" if near else f"known are {', '.join(Settings.model_fields)}"
+    )

@@ -39,6 +39,7 @@ from skyproof.simulate.scenario import Scenario, read_scenario
 from skyproof.simulate.scenes import ready, ready_made
 from skyproof.simulate.sky import scene_of
 from skyproof.simulate.standalone import NAVIGATION, Standalone, overridden, standalone
+from skyproof.verdict import notebook_html
 
 __all__ = ["Depth", "SimulateResult", "document_json", "ready_made", "ready_made_json", "scenario_of", "simulate"]
 
@@ -62,6 +63,16 @@ class SimulateResult:
     recordings: tuple[Path, ...]
     observations: tuple[Path, ...]
     interrupted: bool = False
+
+    def _repr_html_(self) -> str:
+        """What was made, for a notebook."""
+        made = self.scenario
+        attacks = ", ".join(made.attack_names) or "none"
+        told = (f"{made.description} {made.duration_s:g} s from {made.start_gpst} GPS time; receivers: "
+                f"{', '.join(r.name for r in made.receivers)}; attacks: {attacks}.")  # fmt: skip
+        there = [(name, self.folder / name) for name in self.files]
+        rows = [(name, _size(path.stat().st_size)) for name, path in there if path.exists()]
+        return notebook_html(f"Scene {made.name}", [told.strip()], ((f"file in {self.folder}", "size"), rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +98,25 @@ def simulate(
 ) -> SimulateResult:
     """Write the data of a scene, and the truth about them, into `out`, which is made if need be.
 
+        made = sp.simulate("takeover", out="scene", duration_s=20.0)
+        print(made.recordings)
+
     What an earlier run wrote there is removed first, so that two runs never mix. Ctrl-C ends it early; what is there
     then is whole.
 
     Parameters
     ----------
     scenario : a TOML file, the name of a ready-made scene, or a Scenario.
+    out : the folder.
     seed, duration_s : in place of the scenario's.
     depth : "samples", "measurements" (RINEX observations), or both; the truth and inertial readings come with each.
     container : of samples, "sigmf" or "raw"; without it SigMF where that can hold them.
     plot : write the page that shows the scene as well.
+    progress : told how far the work is.
+
+    Returns
+    -------
+    SimulateResult : the scene, and the names of all files that were written.
 
     Raises
     ------
@@ -136,7 +156,7 @@ def simulate(
         if plot:
             write_page(folder / PAGE, made, navigation)
         if with_samples:
-            what = f"rendering the samples of {len(scene.skies)} antenna{'s' * (len(scene.skies) > 1)}"
+            what = f"rendering samples, {len(scene.skies)} antenna{'s' * (len(scene.skies) > 1)}"
             with progress.stage(what, 1.0) as stage:
                 write_samples(scene, folder, kind, progress=lambda done, total: stage.advance(done / total))
     except KeyboardInterrupt:

@@ -17,6 +17,8 @@ from skyproof.records import ConsistentSet, Evidence, NavigationData, Observatio
 __all__ = ["cut", "detectors_for", "examine", "window_records"]
 
 NO_TIME = np.datetime64("NaT", "ns")
+RECEIVED = frozenset({"observations", "observations of two receivers", "sets", "navigation"})
+"""What any detector may need that every receiver makes, sooner or later; the rest is of special equipment."""
 MIN_WINDOW_SHARE = 0.5
 """A last window shorter than this share of a whole one is joined to the one before."""
 
@@ -78,14 +80,15 @@ def window_records(
     return windows, False
 
 
-def detectors_for(settings: Settings, n_receivers: int) -> list[Detector]:
+def detectors_for(settings: Settings, n_receivers: int, windows: Sequence[Records]) -> list[Detector]:
     """Every installed detector with the run's settings.
 
     The probability allowed per hour is shared evenly among windows, detectors and receivers (union bound; a detector
-    may test each receiver), so that the whole keeps it whatever the dependence between tests.
+    may test each receiver), so that the whole keeps it whatever the dependence between tests. Detectors for equipment
+    that the run does not have cannot raise an alarm, and get no share.
     """
     classes = load_detectors()
-    tests = max(len(classes), 1) * max(n_receivers, 1)
+    tests = max(sum(_equipped(cls(), windows) for cls in classes.values()), 1) * max(n_receivers, 1)
     alpha = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0 / tests
     shared: dict[str, Any] = settings.model_dump() | {"false_alarm_probability": alpha}
     detectors = []
@@ -95,6 +98,11 @@ def detectors_for(settings: Settings, n_receivers: int) -> list[Detector]:
         chosen = {name: value for name, value in shared.items() if name in known}
         detectors.append(cls(settings=replace(defaults, **chosen)))  # type: ignore[call-arg]
     return detectors
+
+
+def _equipped(detector: Detector, windows: Sequence[Records]) -> bool:
+    """Whether the run has what special equipment gives and this detector needs."""
+    return all(any(records.has(need) for records in windows) for need in detector.needs if need not in RECEIVED)
 
 
 def examine(windows: Sequence[Records], detectors: Sequence[Detector]) -> list[Evidence]:

@@ -3,17 +3,18 @@
 Results go to standard output, everything else to standard error. Exit codes: 0 it ran to its end; with --exit-code
 0 authentic, 1 spoofed, 3 undecided; 2 an error, told in one line; 130 interrupted, with what was decided so far.
 
-A command's module, and with it all that computes, is loaded when the command is called: help and errors come at once.
+A command's module is loaded when the command is called, and what computes (`skyproof.app`) when it is to work: help
+and errors come at once.
 """
 
 import sys
 import traceback
 from collections.abc import Sequence
-from importlib.metadata import version
 
 from cyclopts import App, CycloptsError, Parameter
 
 from skyproof.cli.screen import INTERRUPTED, complain
+from skyproof.cli.usage import usage_words
 from skyproof.errors import SkyproofError
 
 __all__ = ["app", "main"]
@@ -22,42 +23,79 @@ ERROR = 2
 AFTER_DEMO = "Example, with the recordings that `skyproof demo --out demo` makes:\n\n"
 COMMANDS = {
     "protect": (
+        "INPUT... --out FOLDER [OPTIONS]",
         "Say whether signals in recordings are spoofed, since when and which, and give the position to be trusted.",
         AFTER_DEMO + "skyproof protect demo/bow.bin demo/stern.bin --nav demo/broadcast.rnx --out out",
     ),
     "inspect": (
+        "FILE [OPTIONS]",
         "Say what is in a recording, and whether it is usable: levels, lines, satellites, lost samples, oscillator.",
         AFTER_DEMO + "skyproof inspect demo/bow.bin",
     ),
     "receive": (
+        "FILE... --out FOLDER [OPTIONS]",
         "Track every signal in recordings and write RINEX observations and navigation data, without judging them.",
         AFTER_DEMO + "skyproof receive demo/bow.bin --nav demo/broadcast.rnx --out out",
     ),
     "simulate": (
+        "SCENARIO --out FOLDER [OPTIONS]",
         "Make recordings and measurements of a scene with attacks, and write the truth about them.",
-        "Example:\n\nskyproof simulate takeover --out scene",
+        "Examples:\n\nskyproof simulate --list\nskyproof simulate takeover --out scene",
     ),
     "study": (
+        "NAME [OPTIONS]",
         "Make a figure of a paper again, with ours beside it.",
-        "Example:\n\nskyproof study multi-receiver.false-alarm --quick",
+        "Examples:\n\nskyproof study --list\nskyproof study multi-receiver.false-alarm --quick",
     ),
     "demo": (
+        "[OPTIONS]",
         "Simulate two receivers near a meaconer, which rebroadcasts the sky of another place, and protect them.",
         "Example:\n\nskyproof demo --out demo",
     ),
 }
-"""What each command does, and an example: what the list of commands needs without loading them."""
+"""How each command is called, what it does, and examples: what the list of commands needs without loading them."""
+
+START = """Try it:
+
+skyproof demo --out demo
+
+With a recording of your own:
+
+skyproof inspect FILE
+skyproof protect FILE... --nav NAVIGATION_FILE --out FOLDER
+
+All options of a command: `skyproof COMMAND --help`"""
 
 app = App(
     name="skyproof",
     help="Tells true satellite-navigation signals from false ones, and gives the true position and time back.",
-    help_epilogue="Try it: `skyproof demo --out demo`",
-    version=lambda: version("skyproof"),
+    help_epilogue=START,
+    help_format="plaintext",  # Markdown takes a quarter of the time that help takes
     default_parameter=Parameter(negative=(), show_default=False),
     suppress_keyboard_interrupt=False,
+    version_flags=[],
 )
-for _name, (_help, _example) in COMMANDS.items():
-    app.command(f"skyproof.cli.{_name}:{_name}", name=_name, help=_help, help_epilogue=_example)
+app["--help"].help = "Show what a command does, its options and an example."
+for _number, (_name, (_usage, _help, _example)) in enumerate(COMMANDS.items()):
+    app.command(
+        f"skyproof.cli.{_name}:{_name}",
+        name=_name,
+        usage=f"Usage: skyproof {_name} {_usage}",
+        help=_help,
+        help_epilogue=_example,
+        sort_key=_number,
+    )
+app.command(
+    "skyproof.cli.about:about",
+    name="--version",
+    help="Print the versions of skyproof and of what it runs on: put them into a report of a fault.",
+)
+app.command(
+    "skyproof.cli.completion:install_completion",
+    name="--install-completion",
+    help="Let the shell complete commands, options and files with Tab.",
+    help_epilogue="Example:\n\nskyproof --install-completion --shell bash",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -66,8 +104,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         return result if isinstance(result, int) else 0
-    except KeyboardInterrupt:
-        complain("interrupted before anything was decided")
+    except KeyboardInterrupt as interruption:
+        complain(str(interruption) or "interrupted before there was a result")
         return INTERRUPTED
     except Exception as error:
         if "--debug" in tokens:
@@ -80,9 +118,8 @@ def _words_of(error: Exception) -> str:
     if isinstance(error, SkyproofError):
         return str(error)
     if isinstance(error, CycloptsError):
-        command = " ".join(("skyproof", *(error.command_chain or ())))
-        return f"{error} For help: {command} --help"
+        return usage_words(error)
     return (
         f"unexpected {type(error).__name__}: {error}. This is a fault of skyproof, not of the input: run the command "
-        "again with --debug and report what it prints"
+        "again with --debug and report what it prints, with what `skyproof --version` prints"
     )

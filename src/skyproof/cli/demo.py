@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from skyproof.app.demo import demo as run_demo
+from skyproof import app
 from skyproof.cli.options import Debug, Json
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED
@@ -25,7 +25,7 @@ def demo(
     debug: Debug = False,
 ) -> int:
     """Simulate two receivers near a meaconer, which rebroadcasts the sky of another place, and protect them."""
-    result = run_demo(out, progress=progress())
+    result = app.demo.demo(out, progress=progress())
     tell(result, as_json=json)
     if open_report and result.folder is not None:
         webbrowser.open((result.folder / "report.html").resolve().as_uri())

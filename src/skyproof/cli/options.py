@@ -7,17 +7,19 @@ from cyclopts import Parameter
 
 from skyproof.app.settings import Settings
 
-__all__ = ["Debug", "Duration", "Json", "Nav", "Place", "Reach", "Start", "setting"]
+__all__ = ["Debug", "Duration", "Json", "Nav", "OneDocument", "Place", "Reach", "Start", "setting"]
 
 
 _UNTOLD = {"duration_s": "the end", "place_deg": "every satellite is looked for"}
+_UNITS = {"s": "seconds", "hz": "hertz", "m": "metres", "deg": "degrees"}
 
 
 def setting(name: str) -> Parameter:
-    """The help of an option that is a setting: its description and default, from where they are defined."""
+    """The help of an option that is a setting: its description, unit and default, from where they are defined."""
     field = Settings.model_fields[name]
     default = _UNTOLD[name] if field.default is None else f"{field.default:g}"
-    return Parameter(help=f"{field.description} Default: {default}.")
+    unit = _UNITS.get(name.rpartition("_")[2])
+    return Parameter(help=" ".join(filter(None, (field.description, unit and f"In {unit}.", f"Default: {default}."))))
 
 
 Nav = Annotated[Path | None, Parameter(help="RINEX navigation file; without it the signals' own messages are used.")]
@@ -26,5 +28,6 @@ Duration = Annotated[float | None, setting("duration_s")]
 Place = Annotated[tuple[float, float] | None, setting("place_deg")]
 Reach = Annotated[float | None, setting("doppler_max_hz")]
 Json = Annotated[bool, Parameter(name="--json", help="Print verdict.json on standard output, and nothing else there.")]
+OneDocument = Annotated[bool, Parameter(name="--json", help="Print one JSON document, and nothing else there.")]
 # `main` looks for --debug itself, since it is to work for errors in the options as well; here it is for the help.
 Debug = Annotated[bool, Parameter(help="Show the traceback of an error.")]

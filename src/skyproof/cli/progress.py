@@ -1,10 +1,13 @@
-"""How far the work is: bars for a person at a terminal, lines for a log."""
+"""How far the work is: bars with the time left for a person at a terminal, one line a stage for a log."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 
 from rich import progress as rich_progress
 from rich.console import Console
+from rich.table import Column
 from rich.text import Text
 
 from skyproof.app.progress import Progress, Stage
@@ -12,11 +15,13 @@ from skyproof.cli.screen import complain
 
 __all__ = ["progress"]
 
+BAR_WIDTH, BESIDE_WIDTH = 24, 24
+"""Of a bar, and of the share and the time beside it; the rest of the line is for the name of the stage."""
+
 
 def progress() -> Progress:
-    """Bars for a person at a terminal, lines for a log."""
-    console = Console(stderr=True)
-    return _Bars(console) if console.is_terminal else _Lines()
+    """Bars only where standard error is a terminal, whatever colours are asked for: a log shall hold no bars."""
+    return _Bars(Console(stderr=True)) if sys.stderr.isatty() else _Lines()
 
 
 class _Lines:
@@ -29,7 +34,7 @@ class _Lines:
         complain(text)
 
     @contextmanager
-    def stage(self, name: str, total: float) -> Iterator[Stage]:
+    def stage(self, name: str, total: float | None) -> Iterator[Stage]:
         self.say(name)
         yield self
 
@@ -42,15 +47,28 @@ class _Bar:
         self._bars.update(self._task, completed=to)
 
 
+class _Time(rich_progress.ProgressColumn):
+    """The time left once it can be told; until then, and where the amount of work is not known, the time taken."""
+
+    max_refresh = 0.5
+
+    def render(self, task: rich_progress.Task) -> Text:
+        left_s = task.time_remaining
+        if task.total is None or left_s is None:
+            done = f"{task.completed:g} so far, " if task.total is None and task.completed else ""
+            return Text(f"{done}{timedelta(seconds=int(task.elapsed or 0.0))}", style="progress.elapsed")
+        return Text(f"{timedelta(seconds=int(left_s))} left", style="progress.remaining")
+
+
 class _Bars:
     """Progress as bars with the time left, gone when the work is done."""
 
     def __init__(self, console: Console) -> None:
         self._bars = rich_progress.Progress(
-            rich_progress.TextColumn("{task.description}", markup=False),
-            rich_progress.BarColumn(),
+            rich_progress.TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True)),
+            rich_progress.BarColumn(bar_width=BAR_WIDTH),
             rich_progress.TaskProgressColumn(),
-            rich_progress.TimeRemainingColumn(),
+            _Time(Column(no_wrap=True)),
             console=console,
             transient=True,
         )
@@ -59,10 +77,11 @@ class _Bars:
         self._bars.console.print(Text(f"skyproof: {text}"), soft_wrap=True)
 
     @contextmanager
-    def stage(self, name: str, total: float) -> Iterator[Stage]:
+    def stage(self, name: str, total: float | None) -> Iterator[Stage]:
         if not self._bars.tasks:
             self._bars.start()
-        task = self._bars.add_task(name, total=total)
+        room = max(self._bars.console.width - BAR_WIDTH - BESIDE_WIDTH, 1)
+        task = self._bars.add_task(name if len(name) <= room else f"{name[: room - 1]}…", total=total)
         try:
             yield _Bar(self._bars, task)
         finally:

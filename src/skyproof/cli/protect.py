@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from skyproof.app.protect import protect as run_protect
+from skyproof import app
 from skyproof.cli.options import Debug, Duration, Json, Nav, Place, Reach, Start, setting
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED
@@ -34,7 +34,7 @@ def protect(
     debug: Debug = False,
 ) -> int:
     """Say whether signals in recordings are spoofed, since when and which, and give the position to be trusted."""
-    result = run_protect(
+    result = app.protect.protect(
         inputs,
         nav=nav,
         platform=platform,

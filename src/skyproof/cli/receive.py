@@ -8,9 +8,8 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.text import Text
 
-from skyproof.app.receive import document_json
-from skyproof.app.receive import receive as run_receive
-from skyproof.cli.options import Debug, Duration, Nav, Place, Reach, Start
+from skyproof import app
+from skyproof.cli.options import Debug, Duration, Nav, OneDocument, Place, Reach, Start
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED, complain, print_path
 
@@ -33,11 +32,11 @@ def receive(
     place_deg: Place = None,
     start_s: Start = None,
     duration_s: Duration = None,
-    json: Annotated[bool, Parameter(name="--json", help="Print one JSON document, and nothing else there.")] = False,
+    json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
     """Track every signal in recordings and write RINEX observations and navigation data, without judging them."""
-    result = run_receive(
+    result = app.receive.receive(
         files,
         out=out,
         nav=nav,
@@ -50,7 +49,7 @@ def receive(
     if result.interrupted:
         complain("interrupted: this is what was received so far")
     if json:
-        sys.stdout.write(document_json(result))
+        sys.stdout.write(app.receive.document_json(result))
     else:
         console = Console()
         for reception in result.receptions:

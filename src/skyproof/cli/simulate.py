@@ -2,21 +2,20 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
 from rich.text import Text
 
-from skyproof.app.pages import plot as draw_page
-from skyproof.app.pages import write_pages
-from skyproof.app.scene_page import PAGE
-from skyproof.app.simulate import SimulateResult, document_json, ready_made, ready_made_json
-from skyproof.app.simulate import simulate as run_simulate
-from skyproof.cli.options import Debug
+from skyproof import app
+from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED, complain, print_path, table
 from skyproof.errors import SettingsError
+
+if TYPE_CHECKING:
+    from skyproof.app.simulate import SimulateResult
 
 __all__ = ["simulate"]
 
@@ -35,11 +34,15 @@ def simulate(
         Parameter(help="Folder for samples, observations, inertial readings, truth.json and scenario.toml."),
     ] = None,
     list_scenes: Annotated[bool, Parameter(name="--list", help="List the ready-made scenes instead.")] = False,
-    seed: Annotated[int | None, Parameter(help="Of all that is random, in place of the scenario's.")] = None,
-    duration_s: Annotated[float | None, Parameter(help="Length of the scene, in place of the scenario's.")] = None,
+    seed: Annotated[
+        int | None, Parameter(help="Of all that is random: the same seed, the same data. Default: the scenario's.")
+    ] = None,
+    duration_s: Annotated[
+        float | None, Parameter(help="Length of the scene. In seconds. Default: the scenario's.")
+    ] = None,
     depth: Annotated[
         Literal["samples", "measurements", "all"],
-        Parameter(help="Recordings, RINEX observations of every copy, or both.", show_default=True),
+        Parameter(help="Recordings, RINEX observations of every signal, or both.", show_default=True),
     ] = "all",
     container: Annotated[
         Literal["sigmf", "raw"] | None,
@@ -53,7 +56,7 @@ def simulate(
         Path | None,
         Parameter(help="Folder for the pages of all ready-made scenes, and of generated errors, instead."),
     ] = None,
-    json: Annotated[bool, Parameter(name="--json", help="Print one JSON document, and nothing else there.")] = False,
+    json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
     """Make recordings and measurements of a scene with attacks, and write the truth about them."""
@@ -61,17 +64,15 @@ def simulate(
         _tell_scenes(as_json=json)
         return 0
     if pages is not None:
-        drawn = write_pages(pages, progress=progress())
-        print_path(f"{len(drawn)} pages in", pages)
-        return 0
+        return _draw_all(pages)
     if scenario is None:
         raise SettingsError("SCENARIO is missing: give a TOML file or a name that `skyproof simulate --list` shows")
     if out is None and plot:
-        print_path("page:", draw_page(scenario, seed=seed, duration_s=duration_s))
+        print_path("page:", app.pages.plot(scenario, seed=seed, duration_s=duration_s))
         return 0
     if out is None:
         raise SettingsError("--out is missing: name the folder for what is made, as in --out data")
-    result = run_simulate(
+    result = app.simulate.simulate(
         scenario,
         out=out,
         seed=seed,
@@ -82,15 +83,24 @@ def simulate(
         progress=progress(),
     )
     if result.interrupted:
-        complain(f"interrupted: {len(result.files)} files are whole, the others are not there")
+        complain(f"interrupted: {len(result.files)} files in {out} are whole, the others are not there")
     if json:
-        sys.stdout.write(document_json(result))
+        sys.stdout.write(app.simulate.document_json(result))
     else:
         _tell(result)
     return INTERRUPTED if result.interrupted else 0
 
 
-def _tell(result: SimulateResult) -> None:
+def _draw_all(folder: Path) -> int:
+    try:
+        drawn = app.pages.write_pages(folder, progress=progress())
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"interrupted: not all pages were drawn; those in {folder} are whole") from None
+    print_path(f"{len(drawn)} pages in", folder)
+    return 0
+
+
+def _tell(result: "SimulateResult") -> None:
     console, made = Console(), result.scenario
     console.print(Text(made.name, style="bold"))
     if made.description:
@@ -103,16 +113,16 @@ def _tell(result: SimulateResult) -> None:
         if len(paths) > SHOWN:
             console.print(Text(f"  and {len(paths) - SHOWN} more"))
     print_path("truth:", result.folder / "truth.json")
-    if PAGE in result.files:
-        print_path("page:", result.folder / PAGE)
+    if app.scene_page.PAGE in result.files:
+        print_path("page:", result.folder / app.scene_page.PAGE)
     print_path("the same again: skyproof simulate", result.folder / "scenario.toml")
 
 
 def _tell_scenes(*, as_json: bool) -> None:
     if as_json:
-        sys.stdout.write(ready_made_json())
+        sys.stdout.write(app.simulate.ready_made_json())
         return
     listed = table("scene", "what happens")
-    for one in ready_made().values():
+    for one in app.simulate.ready_made().values():
         listed.add_row(Text(one.name), Text(one.title))
     Console().print(listed)

@@ -14,7 +14,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.text import Text
 
-from skyproof.cli.options import Debug
+from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED, complain, print_path, table
 from skyproof.errors import OutputError, SettingsError
@@ -40,9 +40,9 @@ def study(
     plot: Annotated[bool, Parameter(help="Draw the rows as a chart, NAME.svg, here or in the --out folder.")] = False,
     out: Annotated[Path | None, Parameter(help="Folder for NAME.json, the document that --json prints.")] = None,
     validation: Annotated[
-        Path | None, Parameter(help="Run all studies and write the table of all figures, in Markdown, instead.")
+        Path | None, Parameter(help="Run all studies and write the table of all figures here, in Markdown, instead.")
     ] = None,
-    json: Annotated[bool, Parameter(name="--json", help="Print one JSON document, and nothing else there.")] = False,
+    json: OneDocument = False,
     debug: Debug = False,
 ) -> int:  # fmt: skip
     """Make a figure of a paper again, with ours beside it."""
@@ -52,10 +52,8 @@ def study(
         _tell_studies(found, as_json=json)
         return 0
     if validation is not None:
-        said = progress().say
-        write_lines(
-            validation, validation_table(found, settings, before=said).splitlines(), encoding="utf-8"
-        )
+        lines = _validation(found, settings).splitlines()
+        write_lines(validation, lines, encoding="utf-8")
         print_path("table:", validation)
         return 0
     chosen = _chosen(name, found)
@@ -82,9 +80,9 @@ def study(
 
 def _settings(trials: int | None, seed: int, quick: bool) -> Settings:
     if trials is not None and trials < 1:
-        raise SettingsError(f"--trials is {trials}, expected 1 or more")
+        raise SettingsError(f"--trials is {trials}, expected 1 or more; leave it out for the study's own number")
     if seed < 0:
-        raise SettingsError(f"--seed is {seed}, expected 0 or more")
+        raise SettingsError(f"--seed is {seed}, expected 0 or more; give another one")
     return Settings(trials=trials, seed=seed, quick=quick)
 
 
@@ -104,19 +102,36 @@ def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be made: {error.strerror}; name another folder with --out") from error
+        raise OutputError(f"{folder}: cannot be made ({error.strerror}); name another folder with --out") from error
 
 
 def _run(chosen: Study, settings: Settings) -> tuple[list[Row], bool]:
     """The rows, as many as there were when it was interrupted."""
     rows: list[Row] = []
     try:
-        for row in chosen.run(settings):
-            rows.append(row)
+        with progress().stage(f"rows of {chosen.name}", None) as stage:
+            for row in chosen.run(settings):
+                rows.append(row)
+                stage.advance(len(rows))
     except KeyboardInterrupt:
-        complain(f"interrupted: these are the {len(rows)} rows that were ready")
+        complain(f"interrupted with {len(rows)} row{'s' * (len(rows) != 1)} ready")
         return rows, True
     return rows, False
+
+
+def _validation(found: Mapping[str, Study], settings: Settings) -> str:
+    """The table of all figures; how far it is, in studies."""
+    told, begun = progress(), list(found)
+    try:
+        with told.stage("making the table of all figures", len(found)) as stage:
+
+            def before(name: str) -> None:
+                stage.advance(begun.index(name))
+                told.say(name)
+
+            return validation_table(found, settings, before=before)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("interrupted: not all studies were run, so that no table was written") from None
 
 
 def _document(chosen: Study, settings: Settings, rows: Sequence[Row], *, interrupted: bool) -> str:
@@ -137,7 +152,7 @@ def _document(chosen: Study, settings: Settings, rows: Sequence[Row], *, interru
             {
                 "what": one.claim.what, "paper": _plain(one.claim.paper), "same": _plain(one.same),
                 "better": _plain(one.better), "reference": _plain(one.claim.reference),
-                "tolerance": _plain(one.claim.tolerance), "agrees": one.agrees,
+                "tolerance": _plain(one.tolerance), "agrees": one.agrees,
             }
             for one in claims
         ],

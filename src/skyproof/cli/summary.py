@@ -1,23 +1,26 @@
 """The verdict as a person reads it at a terminal."""
 
 import sys
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from skyproof.app.protect import ProtectResult
 from skyproof.cli.screen import complain, print_path, table
 from skyproof.formats.verdict import verdict_json
 from skyproof.report.words import instant_words
 from skyproof.verdict import Position, Verdict
+
+if TYPE_CHECKING:
+    from skyproof.app.protect import ProtectResult
 
 __all__ = ["tell"]
 
 STYLES = {"authentic": "bold blue", "trusted": "blue", "spoofed": "bold dark_orange", "false": "dark_orange"}
 
 
-def tell(result: ProtectResult, *, as_json: bool) -> None:
+def tell(result: "ProtectResult", *, as_json: bool) -> None:
     """Print the verdict, as JSON or in words, and where the report is."""
     if result.interrupted:
         complain("interrupted: this is what was decided so far")

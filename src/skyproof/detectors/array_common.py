@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from skyproof.detectors.base import Detector, missing, undecided
 from skyproof.detectors.ins_array import array_design, mean_differences, white_covariance
-from skyproof.errors import SettingsError
+from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import ArrayPhases, Evidence, Records, SignalRef
 from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
@@ -128,10 +128,7 @@ class ArrayCommonSettings:
     min_epochs: int = 1
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.false_alarm_probability < 1.0:
-            raise SettingsError(
-                f"array_common: false_alarm_probability is {self.false_alarm_probability}, expected between 0 and 1"
-            )
+        require_probability("array_common", "false_alarm_probability", self.false_alarm_probability)
 
 
 class ArrayCommon:
@@ -156,6 +153,8 @@ class ArrayCommon:
         mean = mean_differences(phases)
         channels = of_one_carrier(phases.carrier_hz)
         used = channels[mean.epochs[channels] >= self.settings.min_epochs]
+        # Whole cycles are taken off against the first signal: let that not depend on the order of the channels.
+        used = np.array(sorted(used, key=lambda k: phases.signals[k]), np.intp)
         wavelength_m = SPEED_OF_LIGHT_M_S / (phases.carrier_hz[used[0]] if used.size else 1.0)
         return cluster_evidence(
             self, records, [SignalRef(phases.receiver, phases.signals[k]) for k in used], mean.cycles[used],

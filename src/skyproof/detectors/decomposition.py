@@ -31,7 +31,8 @@ from skyproof.detectors.decomposition_kernels import bounds_of, fit_all
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
 
 __all__ = [
-    "CountTest", "Decomposition", "Dictionary", "band_share", "bins_dictionary", "blocks_dictionary", "correlation",
+    "CountTest", "Decomposition", "Dictionary", "at_strongest_doppler", "band_share", "bins_dictionary",
+    "blocks_dictionary", "correlation",
     "correlation_slope", "count_statistic", "count_test", "decompose", "delay_bound", "delay_dictionary", "model",
     "model_as_printed", "noise_variance", "one_doppler", "simulate_taps",
     "taps_dictionary",
@@ -292,6 +293,26 @@ def decompose(
         amplitude=amplitude.reshape(*shape, signals), captured=captured.reshape(shape),
         covariance=_covariance(information).reshape(*shape, p, p),
     )  # fmt: skip
+
+
+def at_strongest_doppler(
+    grid: ArrayLike, delays: Dictionary, bins_hz: ArrayLike, coherent_s: float
+) -> tuple[Complexes, Reals, Reals]:
+    """Taps (..., m) at the Doppler of the strongest signal, from all bins of a grid (..., bins, m).
+
+    Returns the taps, the factor (...) by which their noise's variance exceeds that of one bin, and the Doppler (...).
+    The bins are combined without bias and with the least noise (Gauss and Markov), so a reference that is off by some
+    hertz costs nothing. Delay and Doppler are orthogonal at mid-interval: laws of delays at a known Doppler still hold.
+    """
+    z = np.asarray(grid, np.complex128)
+    bins = np.atleast_1d(np.asarray(bins_hz, np.float64))
+    within_hz = float(np.max(np.abs(bins))) + 0.5 / coherent_s
+    dopplers = bins_dictionary(coherent_s, bins, within_hz=within_hz)
+    strongest = decompose(z, delays, dopplers, signals=1, search_hz=within_hz).doppler_hz
+    seen = np.sinc((strongest - bins) * coherent_s) @ dopplers.whiten.T  # (..., whitened bins), real in fact
+    energy = np.sum(np.abs(seen) ** 2, axis=-1)
+    taps = np.sum(np.conj(seen)[..., None] * (dopplers.whiten @ z), axis=-2) / energy[..., None]
+    return np.asarray(taps), np.asarray(1.0 / energy), np.asarray(strongest[..., 0])
 
 
 def delay_bound(

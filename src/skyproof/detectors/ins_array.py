@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from skyproof.detectors.base import missing, undecided
-from skyproof.errors import SettingsError
+from skyproof.errors import require_probability
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
@@ -350,10 +350,7 @@ class InsArraySettings:
     min_epochs: int = 1
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.false_alarm_probability < 1.0:
-            raise SettingsError(
-                f"ins_array: false_alarm_probability is {self.false_alarm_probability}, expected between 0 and 1"
-            )
+        require_probability("ins_array", "false_alarm_probability", self.false_alarm_probability)
 
 
 class InsArray:

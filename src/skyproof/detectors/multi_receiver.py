@@ -27,7 +27,7 @@ from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.detectors.one_antenna import NoiseModel, RatioTest
 from skyproof.detectors.pairing import Pairing, pair_up, versus
 from skyproof.detectors.second_sky import second_sky_p_value
-from skyproof.errors import SettingsError
+from skyproof.errors import SettingsError, require_probability
 from skyproof.records import ConsistentSet, Evidence, Records, Says, SignalRef
 
 __all__ = ["MultiReceiver", "MultiReceiverSettings"]
@@ -68,11 +68,10 @@ class MultiReceiverSettings:
 
     def __post_init__(self) -> None:
         for name in ("false_alarm_probability", "accept_probability"):
-            if not 0.0 < getattr(self, name) < 1.0:
-                raise SettingsError(f"multi_receiver: {name} is {getattr(self, name)}, expected between 0 and 1")
+            require_probability("multi_receiver", name, getattr(self, name))
         for name in ("min_satellites", "min_epochs"):
             if getattr(self, name) < 4:
-                raise SettingsError(f"multi_receiver: {name} is {getattr(self, name)}, expected 4 or more")
+                raise SettingsError(f"multi_receiver: {name} is {getattr(self, name)}, expected 4 or more; give more")
         if not 0.0 <= self.correlation_max < 1.0:
             raise SettingsError(f"multi_receiver: correlation_max is {self.correlation_max}, expected 0 to below 1")
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.detectors.base import missing, signals_of, undecided
-from skyproof.errors import SettingsError
+from skyproof.errors import require_probability
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.records import Evidence, Observations, Reals, Records, SignalRef
 from skyproof.statistics.distributions import binomial_survival, binomial_threshold
@@ -43,8 +43,7 @@ class PeaksSettings:
 
     def __post_init__(self) -> None:
         for name in ("false_alarm_probability", "long_echo_probability"):
-            if not 0.0 < getattr(self, name) < 1.0:
-                raise SettingsError(f"peaks: {name} is {getattr(self, name)}, expected between 0 and 1")
+            require_probability("peaks", name, getattr(self, name))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.second_sky import second_sky_p_value
-from skyproof.errors import SettingsError
+from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.least_squares import design_matrix, gauss_newton, line_of_sight
@@ -42,10 +42,7 @@ class ResidualSettings:
     unrelated_spread_m: float = 300.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.false_alarm_probability < 1.0:
-            raise SettingsError(
-                f"residual: false_alarm_probability is {self.false_alarm_probability}, expected between 0 and 1"
-            )
+        require_probability("residual", "false_alarm_probability", self.false_alarm_probability)
         if self.min_satellites < 5:
             raise SettingsError(f"residual: min_satellites is {self.min_satellites}; four always fit, take 5 or more")
 

@@ -27,7 +27,7 @@ from scipy import optimize, special
 
 from skyproof.detectors.array_common import cluster_evidence, of_one_carrier
 from skyproof.detectors.base import missing, signals_of, undecided
-from skyproof.errors import SettingsError
+from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import Evidence, Observations, Records, SignalRef, SpinArm
 from skyproof.statistics.distributions import chi_square_threshold
@@ -345,10 +345,7 @@ class SpinSettings:
     min_share: float = 0.9
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.false_alarm_probability < 1.0:
-            raise SettingsError(
-                f"spin: false_alarm_probability is {self.false_alarm_probability}, expected between 0 and 1"
-            )
+        require_probability("spin", "false_alarm_probability", self.false_alarm_probability)
 
 
 class Spin:

@@ -9,7 +9,7 @@ from scipy import special
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.correlator_laws import prompt_amplitude
 from skyproof.detectors.sqm import delta_law, delta_metric
-from skyproof.errors import SettingsError
+from skyproof.errors import SettingsError, require_probability
 from skyproof.records import Evidence, Observations, Reals, Records, SignalId, SignalRef, Taps
 
 __all__ = ["Sqm", "SqmSettings", "level_dbhz", "pair_of_taps"]
@@ -27,10 +27,7 @@ class SqmSettings:
     distortion_allowed: float = 0.02
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.false_alarm_probability < 1.0:
-            raise SettingsError(
-                f"sqm: false_alarm_probability is {self.false_alarm_probability}, expected between 0 and 1"
-            )
+        require_probability("sqm", "false_alarm_probability", self.false_alarm_probability)
         if self.distortion_allowed < 0.0:
             raise SettingsError(f"sqm: distortion_allowed is {self.distortion_allowed}, expected 0 or more")
 

@@ -17,7 +17,7 @@ from skyproof.detectors.vector_parity import (
     whitener,
 )
 from skyproof.detectors.vector_sqm import sky
-from skyproof.errors import SettingsError
+from skyproof.errors import SettingsError, require_probability
 from skyproof.navigation.least_squares import design_matrix, line_of_sight
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.navigation.window import window_mean
@@ -39,10 +39,7 @@ class VectorSqmSettings:
     min_satellites: int = 5
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.false_alarm_probability < 1.0:
-            raise SettingsError(
-                f"vector_sqm: false_alarm_probability is {self.false_alarm_probability}, expected between 0 and 1"
-            )
+        require_probability("vector_sqm", "false_alarm_probability", self.false_alarm_probability)
         if self.min_satellites < 5:
             raise SettingsError(f"vector_sqm: min_satellites is {self.min_satellites}; four always fit, take 5 or more")
 

@@ -29,6 +29,7 @@ from skyproof.errors import InputError
 from skyproof.formats.layout import FITTING_BITS, BitOrder, ByteOrder, Chunk, Encoding, Kind, PackedSamples, Packing
 from skyproof.formats.levels import check_levels, looked_at
 from skyproof.formats.octets import mapped, sha256, size_of
+from skyproof.formats.signatures import head_of, other_than_samples
 from skyproof.gnss.time import GPS_EPOCH, iso, parse_iso
 from skyproof.records import Samples
 
@@ -200,9 +201,12 @@ def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
         raise InputError(f"{path} is empty; check the recorder or the copy")
     sidecar = Path(sidecar) if sidecar is not None else path.with_suffix(".toml")
     if not sidecar.exists():
+        if known := other_than_samples(head_of(path)):
+            raise InputError(f"{path} looks like {known[0]}; {known[1]}")
         raise InputError(
-            f"{path}: nothing tells how to read it, for there is no sidecar {sidecar}; write it with the keys rate_hz, "
-            f"kind, encoding, bits and, where they differ from L1 at zero frequency, centre_hz and if_hz: {_EXAMPLE}"
+            f"{path}: nothing tells how to read it, for there is no sidecar {sidecar}; run `skyproof inspect {path}`, "
+            "which finds out and writes it, or write it with the keys rate_hz, kind, encoding, bits and, where they "
+            f"differ from L1 at zero frequency, centre_hz and if_hz: {_EXAMPLE}"
         )
     layout = read_sidecar(sidecar)
     packing = layout.packing

@@ -142,11 +142,12 @@ def _segments(meta: Meta, packing: Packing, size: int, where: str, remarks: list
         if start < before:
             raise InputError(
                 f"{where}: {places[number]}.core:sample_start = {capture.sample_start} is less than that of the "
-                "capture before it, or than core:offset; captures stand in order"
+                "capture before it, or than core:offset; put the captures in order"
             )
         if start * frame_bits % 8:
             raise InputError(
-                f"{where}: {places[number]}.core:sample_start = {capture.sample_start} does not begin with a whole byte"
+                f"{where}: {places[number]}.core:sample_start = {capture.sample_start} does not begin with a whole "
+                f"byte; give a number of which {frame_bits}-bit samples fill bytes"
             )
         at_byte += (start - before) * frame_bits // 8 + headers[number]
         given = indices[number]
@@ -378,10 +379,12 @@ def _sources(path: Path) -> list[_Source]:
     if path != meta_path:
         size_of(path)  # the file that was asked for comes first
         if not meta_path.exists():
-            raise InputError(f"{path}: nothing tells how to read it, for there is no {meta_path} beside it")
+            raise InputError(
+                f"{path}: nothing tells how to read it, for there is no {meta_path} beside it; fetch that as well"
+            )
     with reading(meta_path):
         if size_of(meta_path) > _LARGEST_META:
-            raise InputError(f"{meta_path}: too long for metadata of SigMF; is it the file of samples?")
+            raise InputError(f"{meta_path}: too long for metadata of SigMF; give the .sigmf-meta, not the samples")
         meta = parsed(meta_path.read_bytes(), str(meta_path))
     dataset = _dataset(meta, meta_path.stem, str(meta_path))
     data, remarks = meta_path.with_name(dataset), []
@@ -390,7 +393,7 @@ def _sources(path: Path) -> list[_Source]:
             remarks.append(f"core:dataset names {dataset}, but the samples were read from {path.name}")
         data = path
     elif meta.general.metadata_only and not data.exists():
-        raise InputError(f"{meta_path}: these are metadata without samples (core:metadata_only)")
+        raise InputError(f"{meta_path}: metadata without samples (core:metadata_only); give a recording with samples")
     size = size_of(data)
     if size == 0:
         raise InputError(f"{data} is empty; check the recorder or the copy")
@@ -423,7 +426,7 @@ def _archived(path: Path) -> list[_Source]:
             except tarfile.TarError:
                 remarks = ("the archive is cut or damaged: what stands after the damage is lost",)
     except (tarfile.TarError, ValueError, OverflowError, EOFError) as error:
-        raise InputError(f"{path}: no archive of SigMF, or a damaged one ({error})") from error
+        raise InputError(f"{path}: no archive of SigMF, or a damaged one ({error}); fetch it again") from error
     if not metas:
         raise InputError(f"{path}: holds no .sigmf-meta; an archive of SigMF is a tar file with NAME.sigmf-meta in it")
     return [_archived_one(path, size, name, text, members, remarks) for name, text in metas.items()]
@@ -440,7 +443,7 @@ def _archived_one(
         raise InputError(f"{where}: its samples, {dataset}, are not in the archive in one piece; unpack it with tar")
     present = min(member.size, size - member.offset_data)
     if present <= 0:
-        raise InputError(f"{where}: no byte of its samples, {dataset}, is there; the archive is cut or empty")
+        raise InputError(f"{where}: no byte of its samples, {dataset}, is there; the archive is cut; fetch it again")
     return _Source(meta, where, inside.stem, path, member.offset_data, present, remarks)
 
 

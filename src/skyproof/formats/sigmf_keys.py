@@ -123,14 +123,20 @@ def parsed(text: bytes, where: str) -> Meta:
     try:
         return Meta.model_validate(json.loads(text.decode("utf-8-sig")))
     except UnicodeDecodeError as error:
-        raise InputError(f"{where}: byte {error.start} is not UTF-8; the metadata of SigMF are JSON") from error
+        raise InputError(
+            f"{where}: byte {error.start} is not UTF-8, as the metadata of SigMF are; save them so"
+        ) from error
     except ValidationError as error:
         faults = dict.fromkeys(_fault(fault) for fault in error.errors(include_url=False))
         raise InputError(f"{where}: " + "; ".join(faults)) from error
     except RecursionError as error:
-        raise InputError(f"{where}: nested too deep to be metadata of SigMF; the file is damaged") from error
+        raise InputError(
+            f"{where}: nested too deep to be metadata of SigMF; the file is damaged: fetch it again"
+        ) from error
     except ValueError as error:
-        raise InputError(f"{where}: not valid JSON: {error}; the file is damaged or no metadata of SigMF") from error
+        raise InputError(
+            f"{where}: not valid JSON: {error}; the file is damaged or no metadata of SigMF: fetch it again"
+        ) from error
 
 
 def _fault(fault: Any) -> str:

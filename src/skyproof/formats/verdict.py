@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from skyproof.errors import InputError
+from skyproof.errors import InputError, fault_words
 from skyproof.formats.place import writing
 from skyproof.verdict import VERDICT_FORMAT, Verdict
 
@@ -52,7 +52,7 @@ def read_verdict(path: str | os.PathLike[str]) -> Verdict:
     try:
         return Verdict.model_validate_json(text, strict=True)
     except ValidationError as error:
-        faults = [f"{_place(fault['loc'])}{fault['msg']}" for fault in error.errors(include_url=False)]
+        faults = [fault_words(_place(fault["loc"]), fault) for fault in error.errors(include_url=False)]
         more = [f"and {len(faults) - FAULTS_SHOWN} more"] if len(faults) > FAULTS_SHOWN else []
         raise InputError(
             f"{name} is not a {VERDICT_FORMAT} document: {'; '.join(faults[:FAULTS_SHOWN] + more)}. "
@@ -64,7 +64,7 @@ def _place(location: tuple[int | str, ...]) -> str:
     path = ""
     for step in location:
         path += f"[{step}]" if isinstance(step, int) else f".{step}" if path else step
-    return f"{path}: " if path else ""
+    return path
 
 
 def verdict_schema() -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.errors import SettingsError
+from skyproof.errors import SettingsError, require_probability
 from skyproof.records import Reals, SignalId
 
 __all__ = [
@@ -52,13 +52,10 @@ class FilterSettings:
 
     def __post_init__(self) -> None:
         if self.mode not in ("static", "kinematic"):
-            raise SettingsError(f"filter: mode is {self.mode!r}, expected 'static' or 'kinematic'")
-        if not 0.0 < self.false_alarm_probability < 1.0:
-            raise SettingsError(
-                f"filter: false_alarm_probability is {self.false_alarm_probability}, expected between 0 and 1"
-            )
+            raise SettingsError(f"filter: mode is {self.mode!r}, expected 'static' or 'kinematic'; give one of them")
+        require_probability("filter", "false_alarm_probability", self.false_alarm_probability)
         if self.error_time_s <= 0.0:
-            raise SettingsError(f"filter: error_time_s is {self.error_time_s}, expected more than 0")
+            raise SettingsError(f"filter: error_time_s is {self.error_time_s}, expected more than 0; give seconds")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -5,8 +5,8 @@ sets begin at five; and small sets can fit by chance (`chance.chance_p_value`).
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
@@ -165,7 +165,7 @@ def _dealt_anew(
         cost = _costs(measurements, sats, found)
         dealt = owner.copy()
         for rows in _by_satellite(signals, owner >= 0).values():
-            _, dealt[rows] = linear_sum_assignment(cost[rows])
+            _, dealt[rows] = scipy.optimize.linear_sum_assignment(cost[rows])
         if np.array_equal(dealt, owner):
             break
         sizes = np.bincount(dealt[dealt >= 0], minlength=len(found))

@@ -6,6 +6,7 @@ universal design", 2008, which colour-blind people tell apart), in the shape of 
 
 import math
 import re
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -82,11 +83,15 @@ _MARKS = ("m-2.6 0a2.6 2.6 0 1 0 5.2 0a2.6 2.6 0 1 0 -5.2 0z", "m0 -3.3l3.3 3.3l
 _MOST_MARKS = 40  # with more points than that only the line is drawn
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 350.0, 30.0, 250.0
 _LEGEND_FROM, _LEGEND_STEP, _LETTER = 48.0, 15.0, 5.6
+_TITLE_LETTERS, _TITLE_STEP = 50, 14.0
+_AXIS_NAME = 24.0  # of room for the name of the y axis, left of its numbers
+_TICKS = 6
 
 _UNITS = {
     "m": "m", "s": "s", "ms": "ms", "us": "µs", "hz": "Hz", "db": "dB", "dbhz": "dB-Hz", "chip": "chip", "deg": "°",
-    "rad": "rad", "cyc": "cycles", "m_s": "m/s",
+    "rad": "rad", "cyc": "cycles", "m_s": "m/s", "pi": "π",
 }  # fmt: skip
+_NAMES = {"cn0": "C/N0", "prn": "PRN", "k": "K"}
 
 
 def words_of(column: str, value: Any) -> str:
@@ -95,10 +100,13 @@ def words_of(column: str, value: Any) -> str:
         return value
     match = re.fullmatch(r"(.+?)_(m_s|[a-z]+)", column)
     name, unit = (match[1], _UNITS[match[2]]) if match and match[2] in _UNITS else (column, "")
+    name = _NAMES.get(name, name.replace("_", " "))
     if isinstance(value, bool | np.bool_):
-        return name.replace("_", " ") if value else f"no {name.replace('_', ' ')}"
+        return name if value else f"no {name}"
+    if unit == "Hz" and isinstance(value, int | float | np.number) and value >= 1e6:
+        value, unit = float(value) / 1e6, "MHz"
     told = draw.number(float(value)) if isinstance(value, int | float | np.number) else str(value)
-    return f"{name.replace('_', ' ')} {told}{'' if unit in ('', '°') else ' '}{unit}"
+    return f"{name} {told}{'' if unit in ('', '°') else ' '}{unit}"
 
 
 def curves_of(rows: Iterable[Mapping[str, Any]], axes: Axes) -> tuple[list[Curve], list[str]]:
@@ -146,13 +154,22 @@ def _chart(rows: Sequence[Mapping[str, Any]], axes: Axes) -> tuple[Markup, float
     x = np.concatenate([curve.x[mask] for curve, mask in zip(curves, there, strict=True)])
     y = np.concatenate([curve.y[mask] for curve, mask in zip(curves, there, strict=True)])
     x_log = axes.x_log and not names
-    across = draw.Scale(*((-0.5, len(names) - 0.5) if names else _bounds(x, x_log)), _LEFT, _RIGHT)
-    up = draw.Scale(*_bounds(y, axes.y_log), _BOTTOM, _TOP)
-    parts = [draw.text(8.0, 18.0, axes.title, css="title"), *_grid(across, up, axes, names)]
+    up = draw.Scale(*_bounds(y, axes.y_log, 0.5), _BOTTOM, _TOP)
+    up_ticks = _ticks(up, axes.y_log)
+    left = max(_LEFT, _AXIS_NAME + _LETTER * max((len(told) for _, told in up_ticks), default=0))
+    across = draw.Scale(*((-0.5, len(names) - 0.5) if names else _bounds(x, x_log, 0.2)), left, _RIGHT)
+    across_ticks = [(float(index), name) for index, name in enumerate(names)]
+    parts = _grid(across, up, axes, across_ticks or _ticks_at(x, across, x_log) or _ticks(across, x_log), up_ticks)
     for index, curve in enumerate(curves):
         parts += _drawn(across.pixels(curve.x), up.pixels(curve.y), index)
     legend, lines = _legend([curve.name for curve in curves])
-    return Markup("\n").join([*parts, *legend]), _BOTTOM + _LEGEND_FROM + _LEGEND_STEP * lines
+    title = textwrap.wrap(axes.title, _TITLE_LETTERS)
+    lower = _TITLE_STEP * (len(title) - 1)
+    body = Markup("\n").join([*parts, *legend])
+    if lower:
+        body = Markup('<g transform="translate(0 {:.0f})">\n{}\n</g>').format(lower, body)
+    told = [draw.text(8.0, 18.0 + _TITLE_STEP * row, line, css="title") for row, line in enumerate(title)]
+    return Markup("\n").join([*told, body]), lower + _BOTTOM + _LEGEND_FROM + _LEGEND_STEP * lines
 
 
 def _drawn(x: Reals, y: Reals, index: int) -> list[Markup]:
@@ -169,7 +186,7 @@ def _legend(names: Sequence[str]) -> tuple[list[Markup], int]:
     """Keys and names in as many columns as the longest name leaves room for; nothing for one line without a name."""
     if not any(names):
         return [], 0
-    width = 34.0 + _LETTER * max(len(name) for name in names)
+    width = 38.0 + _LETTER * max(len(name) for name in names)
     columns = max(1, min(len(names), int((draw.WIDTH - 8.0) // width)))
     parts: list[Markup] = []
     for index, name in enumerate(names):
@@ -179,31 +196,42 @@ def _legend(names: Sequence[str]) -> tuple[list[Markup], int]:
     return parts, math.ceil(len(names) / columns)
 
 
-def _grid(across: draw.Scale, up: draw.Scale, axes: Axes, names: Sequence[str]) -> list[Markup]:
+def _grid(
+    across: draw.Scale, up: draw.Scale, axes: Axes, across_ticks: Sequence[tuple[float, str]],
+    up_ticks: Sequence[tuple[float, str]],
+) -> list[Markup]:  # fmt: skip
     parts: list[Markup] = []
-    if names:
-        ticks = [(float(index), name) for index, name in enumerate(names)]
-    else:
-        ticks = _ticks(across, axes.x_log)
-    for value, told in ticks:
+    left = across.start
+    for value, told in across_ticks:
         x = across(value)
         parts += [draw.line(x, _TOP, x, _BOTTOM, "grid"),
                   draw.text(min(x, draw.WIDTH - 1.0 - 3.7 * len(told)), _BOTTOM + 14.0, told, anchor="middle",
                             css="small")]  # fmt: skip
-    for value, told in _ticks(up, axes.y_log):
+    for value, told in up_ticks:
         y = up(value)
-        parts += [draw.line(_LEFT, y, _RIGHT, y, "grid"),
-                  draw.text(_LEFT - 5.0, y + 3.5, told, anchor="end", css="small")]  # fmt: skip
+        parts += [draw.line(left, y, _RIGHT, y, "grid"),
+                  draw.text(left - 5.0, y + 3.5, told, anchor="end", css="small")]  # fmt: skip
     parts.append(Markup('<rect class="frame" x="{}" y="{}" width="{}" height="{}"/>').format(
-        _LEFT, _TOP, _RIGHT - _LEFT, _BOTTOM - _TOP))  # fmt: skip
-    return [*parts, draw.text((_LEFT + _RIGHT) / 2.0, _BOTTOM + 30.0, axes.x_label, anchor="middle", css="axis"),
+        left, _TOP, _RIGHT - left, _BOTTOM - _TOP))  # fmt: skip
+    return [*parts, draw.text((left + _RIGHT) / 2.0, _BOTTOM + 30.0, axes.x_label, anchor="middle", css="axis"),
             draw.text(12.0, (_TOP + _BOTTOM) / 2.0, axes.y_label, anchor="middle", css="axis", turn=True)]  # fmt: skip
+
+
+def _ticks_at(values: Reals, scale: draw.Scale, log: bool) -> list[tuple[float, str]]:
+    """At the values themselves if they are few and far enough apart to be read; else none."""
+    distinct = np.unique(values)
+    if not 2 <= distinct.size <= _TICKS:
+        return []
+    told = [draw.number(float(f"{10.0**value if log else value:.6g}")) for value in distinct]
+    widths = np.array([_LETTER * len(one) for one in told])
+    apart = np.diff(scale.pixels(distinct)) - 0.5 * (widths[1:] + widths[:-1])
+    return list(zip(distinct.tolist(), told, strict=True)) if np.all(apart > 6.0) else []
 
 
 def _ticks(scale: draw.Scale, log: bool) -> list[tuple[float, str]]:
     """Where a number stands on an axis, and the number. Within two decades 1, 2 and 5 of each, else powers of ten."""
     if not log:
-        return [(tick, draw.number(tick)) for tick in draw.nice_ticks(scale.low, scale.high)]
+        return [(tick, draw.number(tick)) for tick in draw.nice_ticks(scale.low, scale.high, _TICKS)]
     span = scale.high - scale.low
     step = max(1, round(span / 6.0))
     leads = (1, 2, 5) if span <= 2.0 else (1,)
@@ -220,15 +248,18 @@ def _power(lead: int, power: int) -> str:
     return raised if lead == 1 else f"{lead}·{raised}"
 
 
-def _bounds(values: Reals, log: bool) -> tuple[float, float]:
-    """A little more than the values take; on a straight axis from zero on if they come near it."""
+def _bounds(values: Reals, log: bool, near: float) -> tuple[float, float]:
+    """A little more than the values take; on a straight axis from zero on if the lowest is below `near` of the highest.
+    """
     low, high = float(values.min()), float(values.max())
     span = high - low
     if span <= 1e-12 * max(abs(low), abs(high), 1e-300):
+        if not log and high >= 0.0:
+            return 0.0, 1.1 * high or 1.0
         span = (0.5 if log else max(abs(high), 1.0)) * 0.5
         return low - span, high + span
     room = 0.04 * span
-    if not log and 0.0 <= low < 0.5 * high:
+    if not log and 0.0 <= low < near * high:
         return 0.0, high + room
     return low - room, high + room
 

@@ -8,7 +8,6 @@ escaped.
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from markupsafe import Markup
@@ -17,8 +16,8 @@ from skyproof.records import Reals
 from skyproof.verdict import Label
 
 __all__ = [
-    "WIDTH", "Scale", "Tag", "circle", "disc", "extent", "grid", "line", "log_grid", "nice_ticks", "number", "path",
-    "place_tags", "spread", "svg", "text", "thin", "time_unit",
+    "WIDTH", "Box", "Scale", "Tag", "circle", "extent", "grid", "line", "log_grid", "nice_ticks", "number", "path",
+    "place_tags", "rect", "scale_bar", "spread", "svg", "symbol", "text", "thin", "time_unit",
 ]  # fmt: skip
 
 WIDTH = 360.0
@@ -123,17 +122,36 @@ def path(x: Reals, y: Reals, css: str) -> Markup:
     return Markup('<path class="{}" d="{}"/>').format(css, "".join(steps)) if steps else Markup("")
 
 
-def disc(x: float, y: float, radius: float, labels: Sequence[Label]) -> list[Markup]:
-    """A disc in equal slices, one a label, first slice on the left."""
-    if len(labels) == 1:
-        return [circle(x, y, radius, f"disc {labels[0]}")]
-    edges = [math.pi / 2.0 + 2.0 * math.pi * index / len(labels) for index in range(len(labels) + 1)]
-    slices = []
-    for label, (start, end) in zip(labels, pairwise(edges), strict=True):
-        corners = [(x + radius * math.cos(angle), y - radius * math.sin(angle)) for angle in (start, end)]
-        shape = Markup('<path class="disc {}" d="M{:.1f} {:.1f}L{:.1f} {:.1f}A{r:.1f} {r:.1f} 0 0 0 {:.1f} {:.1f}z"/>')
-        slices.append(shape.format(label, x, y, *corners[0], *corners[1], r=radius))
-    return slices
+def symbol(x: float, y: float, label: Label, size: float = 5.5) -> Markup:
+    """One shape a label, so that colour is not needed: disc true, diamond false, triangle echo, square unknown."""
+    if label == "authentic":
+        return circle(x, y, size, "symbol authentic")
+    shapes = {
+        "spoofed": f"m0 {-1.25 * size:.1f}l{1.25 * size:.1f} {1.25 * size:.1f}l{-1.25 * size:.1f} {1.25 * size:.1f}"
+        f"l{-1.25 * size:.1f} {-1.25 * size:.1f}z",
+        "multipath": f"m0 {-1.1 * size:.1f}l{1.1 * size:.1f} {1.9 * size:.1f}h{-2.2 * size:.1f}z",
+        "unknown": f"m{-0.85 * size:.1f} {-0.85 * size:.1f}h{1.7 * size:.1f}v{1.7 * size:.1f}h{-1.7 * size:.1f}z",
+    }
+    return Markup('<path class="symbol {}" d="M{:.1f} {:.1f}{}"/>').format(label, x, y, shapes[label])
+
+
+def rect(left: float, top: float, right: float, bottom: float, css: str) -> Markup:
+    """A box."""
+    return Markup('<rect class="{}" x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{:.1f}"/>').format(
+        css, left, top, right - left, bottom - top
+    )
+
+
+def scale_bar(across: Scale, y: float) -> tuple[list[Markup], "Box"]:
+    """A bar of a round number of metres at the left end of an axis of metres, and the room that it takes."""
+    most_m = 0.3 * (across.high - across.low)
+    power = 10.0 ** math.floor(math.log10(most_m))
+    length_m = max(power * factor for factor in (1.0, 2.0, 5.0) if power * factor <= most_m)
+    x, end = across.start + 10.0, across.start + 10.0 + abs(across(length_m) - across(0.0))
+    told = f"{number(length_m)} m" if length_m < 1000.0 else f"{number(length_m / 1000.0)} km"
+    parts = [Markup('<path class="bar" d="M{:.1f} {:.1f}v6H{:.1f}v-6"/>').format(x, y - 6.0, end),
+             text((x + end) / 2.0, y - 6.0, told, anchor="middle", css="small halo")]  # fmt: skip
+    return parts, (x - 4.0, y - 18.0, end + 4.0, y + 3.0)
 
 
 def svg(height: float, title: str, parts: Iterable[Markup]) -> Markup:
@@ -188,9 +206,7 @@ def _power_of_ten(power: int) -> str:
 
 
 def _frame(left: float, right: float, top: float, bottom: float) -> Markup:
-    return Markup('<rect class="frame" x="{}" y="{}" width="{}" height="{}"/>').format(
-        left, top, right - left, bottom - top
-    )
+    return rect(left, top, right, bottom, "frame")
 
 
 def _axis_names(left: float, right: float, top: float, bottom: float, names: tuple[str, str]) -> Iterator[Markup]:
@@ -242,9 +258,9 @@ def place_tags(tags: Sequence[Tag], taken: Sequence[Box], bounds: Box) -> list[M
     for tag in tags:
         width = (_BOLD if "name" in tag.css.split() else _LETTER) * len(tag.words)
         choices = [(away, step) for away in (0.0, 8.0, 16.0, 26.0, 38.0, 52.0, 70.0) for step in _STEPS]
-        costs = [_cost(_box(tag, width, *choice), boxes, bounds) + 0.2 * index for index, choice in enumerate(choices)]
-        away, step = choices[costs.index(min(costs))]
-        box = _box(tag, width, away, step)
+        candidates = [_box(tag, width, away, step, bounds) for away, step in choices]
+        best = int(np.argmin(_costs(np.array(candidates), np.array(boxes), bounds) + 0.2 * np.arange(len(candidates))))
+        away, box = choices[best][0], candidates[best]
         boxes.append(box)
         if away > 0.0:
             near = min(max(tag.x, box[0]), box[2]), min(max(tag.y, box[1]), box[3])
@@ -253,21 +269,22 @@ def place_tags(tags: Sequence[Tag], taken: Sequence[Box], bounds: Box) -> list[M
     return parts
 
 
-def _box(tag: Tag, width: float, away: float, step: tuple[float, float]) -> Box:
+def _box(tag: Tag, width: float, away: float, step: tuple[float, float], bounds: Box) -> Box:
+    """Room for the words; above or below their mark they give way to the sides."""
     out = tag.radius + 1.0 + away
     slant = 0.9 if step[0] and step[1] else 1.0
     x = tag.x + step[0] * (slant * out + width / 2.0)
     y = tag.y + step[1] * (slant * out + _HEIGHT / 2.0)
+    if step[1]:
+        x = min(max(x, bounds[0] + width / 2.0), bounds[2] - width / 2.0)
     return x - width / 2.0, y - _HEIGHT / 2.0, x + width / 2.0, y + _HEIGHT / 2.0
 
 
-def _cost(box: Box, taken: Sequence[Box], bounds: Box) -> float:
-    """Overlap with what is there, in square units; out of bounds is worst."""
-    outside = max(bounds[0] - box[0], 0.0) + max(box[2] - bounds[2], 0.0)
-    outside += max(bounds[1] - box[1], 0.0) + max(box[3] - bounds[3], 0.0)
-    return 1000.0 * outside + sum(_overlap(box, other) for other in taken)
-
-
-def _overlap(a: Box, b: Box) -> float:
-    wide, high = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
-    return wide * high if wide > 0.0 and high > 0.0 else 0.0
+def _costs(candidates: Reals, taken: Reals, bounds: Box) -> Reals:
+    """Overlap of boxes (n, 4) with what is there (m, 4), in square units; out of bounds is worst."""
+    low = np.maximum(candidates[:, None, :2], taken[None, :, :2])
+    high = np.minimum(candidates[:, None, 2:], taken[None, :, 2:])
+    overlap = np.prod(np.maximum(high - low, 0.0), axis=-1).sum(axis=-1)
+    outside = np.maximum(np.array(bounds[:2]) - candidates[:, :2], 0.0)
+    outside += np.maximum(candidates[:, 2:] - np.array(bounds[2:]), 0.0)
+    return np.asarray(1000.0 * outside.sum(axis=-1) + overlap)

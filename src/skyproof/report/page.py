@@ -5,6 +5,7 @@ outside is escaped, and the page forbids its reader's browser to load anything.
 """
 
 import json
+import math
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -12,22 +13,43 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from skyproof.report import methods, proof
 from skyproof.report import pictures as draw
-from skyproof.report.pictures import FixTrack, SignalSeries, SkyPosition, SkySource
+from skyproof.report.pictures import (
+    DelayProfile,
+    Finding,
+    FixTrack,
+    RangeDifference,
+    SignalSeries,
+    SkyPosition,
+    SkySource,
+    TruePlace,
+)
 from skyproof.report.words import (
     chance_words,
+    distance_words,
     instant_words,
     number_words,
+    offset_words,
     p_value_words,
+    place_words,
     rate_words,
+    seconds_apart,
     seconds_words,
     span_words,
 )
-from skyproof.verdict import Method, Place, Verdict
+from skyproof.verdict import Label, Method, Place, Position, Receiver, Signal, Verdict
 
 __all__ = ["Figure", "FixTrack", "Pictures", "SignalSeries", "SkyPosition", "environment", "report_html"]
 
 MAX_POINTS = 20_000  # of all time lines together: keeps the page small, whatever the number of receivers
+MOST_OPEN = 80  # signals whose tables are unfolded at first
+LATE_S = 3.0  # between a receiver's last trusted fix and its last of all, from which on it is told
+MOST_TOLD = 3  # receivers at the top of the page; the table below has all
+MOST_CLOSE = 6  # receivers that get a map of their own
+LEAST_TOLD = 1e-30  # a smaller probability says more of the model than of the world
+RADIUS_95 = 2.45  # sigmas of a normal distribution in the plane: the radius that holds 95 %
+ORDER = ("spoofed", "attack", "authentic", "undecided", "clean")  # of methods, by what they say
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,16 +57,23 @@ class Pictures:
     """What the report draws beside the verdict. Whatever is left empty is left out of the page.
 
     zero_gpst : the instant of second zero of all series, ISO 8601 without a zone, GPS time.
-    onset_s : onset of the attack in these seconds; None draws no mark.
+    onset_s, until_s : onset and end of the attack in these seconds; None draws no mark. onset_sigma_s : one sigma.
     origin : the point about which the tracks give east and north.
+    truth : where receivers truly were, if something else than the recordings tells.
     """
 
     zero_gpst: str
     origin: Place | None = None
     onset_s: float | None = None
+    onset_sigma_s: float | None = None
+    until_s: float | None = None
     series: tuple[SignalSeries, ...] = ()
     tracks: tuple[FixTrack, ...] = ()
+    truth: tuple[TruePlace, ...] = ()
     sky: tuple[SkyPosition, ...] = ()
+    profiles: tuple[DelayProfile, ...] = ()
+    differences: tuple[RangeDifference, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -56,29 +85,147 @@ class Figure:
     caption: str
 
 
+@dataclass(frozen=True)
+class Fact:
+    """An answer at the top of the page: what is asked, and lines of an answer with what belongs to it."""
+
+    name: str
+    lines: tuple[tuple[str, str], ...]
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class Tested:
+    """A method that ran, as the page shows it."""
+
+    method: Method
+    title: str
+    about: str
+    found: str
+    sentences: tuple[str, ...]
+    scale: Markup
+
+
 def report_html(verdict: Verdict, pictures: Pictures) -> str:
     """The whole page. Draws and words only: every number in it is the verdict's or the pictures' own."""
     page = environment().get_template("page.html.j2")
+    ran = sorted((m for m in verdict.methods if m.ran), key=lambda m: (ORDER.index(m.decision or "clean")
+                 if (m.decision or "clean") in ORDER else len(ORDER), m.detector))  # fmt: skip
     return page.render(
         verdict=verdict,
+        scope=_scope(verdict),
+        facts=_facts(verdict),
+        undecided=_undecided(verdict),
         how_sure=how_sure(verdict),
-        positions=[
-            (receiver, kind, fix)
-            for receiver in verdict.receivers
-            for kind, fix in (
-                ("trusted", receiver.trusted_fix),
-                ("false", receiver.false_fix),
-                ("unprotected", receiver.unprotected_fix),
-            )
-            if fix is not None
-        ],
+        positions=_positions(verdict),
         maps=_maps(pictures),
-        skies=_skies(verdict, pictures),
-        time_lines=_time_lines(pictures),
-        ran=[(method, _words_of_test(method), _scale(method)) for method in verdict.methods if method.ran],
-        not_run=[method for method in verdict.methods if not method.ran],
+        labels=[label for label in draw.LABELS if any(s.label == label for s in verdict.signals)],
+        signals=[*_time_lines(pictures), *_proofs(pictures), *_skies(verdict, pictures)],
+        ran=[_tested(method, pictures) for method in ran],
+        not_run=[(m, methods.title(m.detector)) for m in verdict.methods if not m.ran],
+        tables=_tables(verdict),
+        day=_day(verdict),
         settings=_lines(verdict.settings),
     )
+
+
+# What stands at the top
+
+
+CURE = "; would decide it: "
+
+
+def _undecided(verdict: Verdict) -> list[tuple[str, str]]:
+    """What is open and what would decide it, but for what the summary says already."""
+    if verdict.undecided_because is None:
+        return []
+    why, _, cure = verdict.undecided_because.partition(CURE)
+    told = [("Not decided:", why)] if why not in verdict.summary else []
+    return [*told, *([("Would decide it:", cure)] if cure else [])]
+
+
+def _scope(verdict: Verdict) -> str:
+    """What the page is about: when, how long, how many."""
+    n = len(verdict.receivers)
+    told = [f"{n} receiver{'s' * (n != 1)}"]
+    starts = sorted(r.start_gpst for r in verdict.receivers if r.start_gpst is not None)
+    if starts:
+        told.append(f"from {instant_words(starts[0])} GPS time")
+    longest_s = max((r.duration_s for r in verdict.receivers), default=0.0)
+    return ", ".join([*told, f"{number_words(longest_s)} s"]) if longest_s else ", ".join(told)
+
+
+def _facts(verdict: Verdict) -> list[Fact]:
+    facts = [_when(verdict)] if verdict.verdict == "spoofed" else []
+    trusted = [(r, r.trusted_fix) for r in verdict.receivers if r.trusted_fix is not None]
+    shows = [(source, source.shows) for source in verdict.sources if source.shows is not None]
+    false = [(r, r.false_fix) for r in verdict.receivers if r.false_fix is not None]
+    skies = [(place_words(place.lat_deg, place.lon_deg, 5), f"{source.name}, {len(source.sats)} satellites")
+             for source, place in shows]  # fmt: skip
+    open_still = len(skies) > 1 and not false
+    if trusted:
+        facts.append(Fact("True position", _few([
+            (place_words(fix.lat_deg, fix.lon_deg, 5),
+             f"{r.name}{_not_later(r, fix)}, within {distance_words(radius_95_m(fix))} (95 %)") for r, fix in trusted
+        ]), "authentic"))  # fmt: skip
+        if open_still:
+            facts.append(Fact("Consistent skies show", _few(skies)))
+    elif open_still:
+        facts.append(Fact("True position: one of", _few(skies)))
+    elif false:
+        facts.append(Fact("True position", (("Not known", "no signals were shown to be true"),)))
+    else:
+        facts.append(Fact("True position", (("Not known", _unprotected_words(verdict)),)))
+    if false:
+        facts.append(Fact("The false signals show", _few([
+            (place_words(fix.lat_deg, fix.lon_deg, 5), f"{r.name} seems {_away(r, fix)}" if _away(r, fix) else r.name)
+            for r, fix in false
+        ]), "spoofed"))  # fmt: skip
+    return [*facts, _sure(verdict)]
+
+
+def _not_later(receiver: Receiver, fix: Position) -> str:
+    """When a receiver's last trusted fix was, if it has later fixes that are not trusted."""
+    others = [other.gpst for other in (receiver.false_fix, receiver.unprotected_fix) if other is not None]
+    late = any(seconds_apart(other, fix.gpst) > LATE_S for other in others)
+    return f" at {instant_words(fix.gpst)[11:]}, not later" if late else ""
+
+
+def _few(lines: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    more = len(lines) - MOST_TOLD
+    return (*lines[:MOST_TOLD], *([("", f"and {more} more, in the table below")] if more > 0 else []))
+
+
+def _when(verdict: Verdict) -> Fact:
+    since, sigma_s = instant_words(verdict.since_gpst), verdict.since_sigma_s
+    if verdict.since_gpst is None:
+        return Fact("Spoofed since", (("Not known", ""),), "spoofed")
+    day, clock = since[:10], since[11:]
+    until = [f"until {instant_words(verdict.until_gpst)}"] if verdict.until_gpst is not None else []
+    if sigma_s is None:
+        words = "; ".join([f"the recording begins under attack, {day}, GPS time", *until])
+        return Fact("Spoofed since", ((f"{clock} or before", words),), "spoofed")
+    words = "; ".join([f"± {sigma_s:.2g} s (one sigma), {day}, GPS time", *until])
+    return Fact("Spoofed since", ((clock, words),), "spoofed")
+
+
+def _sure(verdict: Verdict) -> Fact:
+    """How often such a verdict is wrong, and how strong its strongest evidence is."""
+    rate = rate_words(verdict.false_alarm_probability_per_hour)
+    lines = [(f"{rate[:1].upper()}{rate[1:]}", "at most, clean signals are called spoofed")]
+    best = _strongest(verdict)
+    if best is not None and best.p_value is not None:
+        told = chance_words(best.p_value) if best.p_value >= LEAST_TOLD else f"less than {chance_words(LEAST_TOLD)}"
+        words = "clean" if verdict.verdict == "spoofed" else "false"
+        lines.append((f"{told[:1].upper()}{told[1:]}", f"{words} signals look like these by chance"))
+    return Fact("How sure", tuple(lines))
+
+
+def _strongest(verdict: Verdict) -> Method | None:
+    """The method with the least p-value for the verdict."""
+    saying = {"spoofed": ("spoofed", "attack"), "authentic": ("authentic",), "undecided": ()}[verdict.verdict]
+    for_it = [m for m in verdict.methods if m.ran and m.decision in saying and m.p_value is not None]
+    return min(for_it, key=lambda method: method.p_value if method.p_value is not None else 1.0, default=None)
 
 
 def how_sure(verdict: Verdict) -> list[str]:
@@ -88,20 +235,36 @@ def how_sure(verdict: Verdict) -> list[str]:
         f"Clean signals are called spoofed at most {rate_words(allowed)} (false-alarm probability asked for: "
         f"{allowed:g} per hour)."
     ]
-    saying = {"spoofed": ("spoofed", "attack"), "authentic": ("authentic",), "undecided": ()}[verdict.verdict]
-    for_it = [m for m in verdict.methods if m.ran and m.decision in saying and m.p_value is not None]
-    if for_it:
-        best = min(for_it, key=lambda method: method.p_value if method.p_value is not None else 1.0)
-        assert best.p_value is not None
+    best = _strongest(verdict)
+    if best is not None and best.p_value is not None:
         sentences.append(
-            f"The strongest evidence is that of {best.detector}: {_by_chance(best.decision, best.p_value)}"
+            f"The strongest evidence is that of {_quoted(best.detector)}: {_by_chance(best.decision, best.p_value)}"
         )
-    labels = {(s.receiver, s.sat, s.band, s.code, s.copy, s.label) for s in verdict.signals}
-    count = len({label[:-1] for label in labels})  # a signal may carry one label after another
-    told = ", ".join(f"{sum(x[-1] == label for x in labels)} {label}" for label in draw.LABELS
-                     if any(x[-1] == label for x in labels))  # fmt: skip
-    sentences.append(f"{count} signals received: {told}." if told else "No signals were received.")
+    told = _counts(verdict.signals)
+    count = len({(s.receiver, s.sat, s.band, s.code, s.copy) for s in verdict.signals})
+    changing = len(_labels(verdict.signals)) - count
+    twice = f"; {changing} with one label after another" if changing else ""
+    sentences.append(
+        f"{count} signal{'s' * (count != 1)} received: {told}{twice}." if told else "No signals were received."
+    )
     return sentences
+
+
+def _quoted(detector: str) -> str:
+    """Its heading on this page, or its own name."""
+    return f"“{methods.title(detector)}”" if methods.about(detector) else detector
+
+
+def _counts(signals: tuple[Signal, ...] | list[Signal]) -> str:
+    """How many carry which label; a signal may carry one label after another."""
+    labels = _labels(signals)
+    counts = {label: sum(x[-1] == label for x in labels) for label in draw.LABELS}
+    return ", ".join(f"{count} {label}" for label, count in counts.items() if count)
+
+
+def _labels(signals: tuple[Signal, ...] | list[Signal]) -> set[tuple[str, ...]]:
+    """Each signal with each label that it carries, once."""
+    return {(s.receiver, s.sat, s.band, s.code, str(s.copy), s.label) for s in signals}
 
 
 def _by_chance(decision: str | None, p_value: float) -> str:
@@ -109,42 +272,82 @@ def _by_chance(decision: str | None, p_value: float) -> str:
     return f"{otherwise}, chance alone gives as much {chance_words(p_value)} ({p_value_words(p_value)})."
 
 
-def _words_of_test(method: Method) -> list[str]:
-    sentences = [f"{method.tests} {'test' if method.tests == 1 else 'tests'} made."]
-    if method.statistic is not None:
-        against = f", its threshold {number_words(method.threshold)}" if method.threshold is not None else ""
-        sentences.append(f"The statistic of the most telling one is {number_words(method.statistic)}{against}.")
-    if method.p_value is not None:
-        words = _by_chance(method.decision, method.p_value)
-        sentences.append(words[0].upper() + words[1:])
-    if method.false_alarm_probability is not None:
-        sentences.append(f"False alarms allowed: {chance_words(method.false_alarm_probability)}.")
-    return sentences
+# Positions
 
 
-def _scale(method: Method) -> Markup:
-    if method.statistic is None or method.threshold is None:
-        return Markup("")
-    title = f"{method.detector}: statistic {number_words(method.statistic)}, threshold {number_words(method.threshold)}"
-    return draw.evidence_scale(method.statistic, method.threshold, title=title)
+def radius_95_m(fix: Position) -> float:
+    """Radius that holds 95 % of the horizontal errors, metres: of a circle of the ellipse's mean square."""
+    return RADIUS_95 * math.sqrt(0.5 * (fix.sigma_east_m**2 + fix.sigma_north_m**2))
+
+
+def _away(receiver: Receiver, fix: Position) -> str:
+    """How far from the receiver's trusted position; empty without one."""
+    true = receiver.trusted_fix
+    if true is None:
+        return ""
+    return offset_words((true.lat_deg, true.lon_deg), (fix.lat_deg, fix.lon_deg))
+
+
+def _unprotected_words(verdict: Verdict) -> str:
+    shown = [(r, r.unprotected_fix) for r in verdict.receivers if r.unprotected_fix is not None]
+    if not shown:
+        return "no position could be computed"
+    r, fix = shown[0]
+    return f"without protection {r.name} shows {place_words(fix.lat_deg, fix.lon_deg, 5)}"
+
+
+def _positions(verdict: Verdict) -> list[tuple[Receiver, str, Position, str]]:
+    """Receiver, kind, fix, and how far from the trusted one."""
+    rows = []
+    for receiver in verdict.receivers:
+        for kind, fix in (("trusted", receiver.trusted_fix), ("false", receiver.false_fix),
+                          ("unprotected", receiver.unprotected_fix)):  # fmt: skip
+            if fix is not None:
+                away = "" if kind == "trusted" else _away(receiver, fix)
+                rows.append((receiver, kind, fix, "the same" if away.startswith("0.0 m") else away))
+    return rows
 
 
 def _maps(pictures: Pictures) -> list[Figure]:
     """All fixes, then the trusted ones of each receiver close up, where the large map is too coarse for them."""
-    if pictures.origin is None or not (overview := draw.local_map(pictures.tracks, title="Map of all fixes")):
+    overview = draw.local_map(pictures.tracks, pictures.truth, title="Map of all fixes")
+    if pictures.origin is None or not overview:
         return []
+    kinds = {track.kind for track in pictures.tracks if len(track.points())}
+    keys = {"trusted": "disc: last trusted fix with its 95 % ellipse", "false": "diamond: what the false signals show",
+            "unprotected": "ring: what a receiver without protection shows",
+            "possible": "triangle: a place that the evidence leaves open"}  # fmt: skip
+    told = [words for kind, words in keys.items() if kind in kinds]
+    told += ["cross: the true place, told by a file beside the recording, which the verdict does not use"] * bool(
+        pictures.truth
+    )
+    close = [track for track in pictures.tracks if track.kind == "trusted" and len(track.points())
+             and draw.extent_m([track]) < 0.1 * draw.extent_m(pictures.tracks)][:MOST_CLOSE]  # fmt: skip
     figures = [Figure(
-        "Where it was, where it seemed to be", overview,
-        f"Metres east and north of {pictures.origin.lat_deg:.6f}°, {pictures.origin.lon_deg:.6f}°. Disc: last trusted "
-        "fix with its 95 % ellipse; diamond: what the false signals show; ring: what a receiver without protection "
-        "shows; triangle: a place that the evidence leaves open; lines: the way there.",
+        "Where it was, where it seemed to be" if "false" in kinds else "Map of the fixes", overview,
+        f"Metres east and north of {place_words(pictures.origin.lat_deg, pictures.origin.lon_deg)}. "
+        + "; ".join([*told, "lines: the way there"]).capitalize() + "."
+        + "".join(_off_truth(track, pictures) for track in pictures.tracks if track not in close),
     )]  # fmt: skip
-    for track in pictures.tracks:
-        if track.kind == "trusted" and draw.extent_m([track]) < 0.1 * draw.extent_m(pictures.tracks):
-            close = draw.local_map([track], title=f"Trusted fixes of {track.receiver}", least_m=4.0, names=False)
-            caption = "Trusted fixes on the map's axes, the last one marked, with its 95 % ellipse."
-            figures.append(Figure(f"{track.receiver} close up", close, caption))
+    for track in close:
+        truth = [place for place in pictures.truth if place.receiver == track.receiver]
+        svg = draw.local_map([track], truth, title=f"Trusted fixes of {track.receiver}", least_m=4.0, names=False)
+        caption = "Trusted fixes on the map’s axes, the last one marked, with its 95 % ellipse."
+        figures.append(Figure(f"{track.receiver} close up", svg, caption + _off_truth(track, pictures)))
     return figures
+
+
+def _off_truth(track: FixTrack, pictures: Pictures) -> str:
+    """How far the last trusted fix lies from the truth; empty where that is not known."""
+    place = next((place for place in pictures.truth if place.receiver == track.receiver), None)
+    if track.kind != "trusted" or place is None or not len(track.points()):
+        return ""
+    east_m, north_m = track.points()[-1]
+    off_m = math.hypot(float(east_m) - place.east_m, float(north_m) - place.north_m)
+    return f" The last trusted fix of {track.receiver} lies {distance_words(off_m)} from the truth, horizontally."
+
+
+# Signals
 
 
 def _receivers(items: tuple[SkyPosition, ...] | tuple[SignalSeries, ...]) -> list[str]:
@@ -157,31 +360,127 @@ def _skies(verdict: Verdict, pictures: Pictures) -> list[Figure]:
         for source in verdict.sources
         if source.azimuth_deg is not None and source.elevation_deg is not None
     ]
-    return [
-        Figure(
-            f"Sky over {receiver}",
-            draw.sky_plot([p for p in pictures.sky if p.receiver == receiver], sources, title=f"Sky over {receiver}"),
-            "Where the satellites stand, zenith in the middle; rings of elevation every 30°. A divided disc is a "
-            "satellite of which several signals are received." + (" Cross: a source of false signals." * bool(sources)),
-        )
-        for receiver in _receivers(pictures.sky)
-    ]
+    told = ("Where the satellites stand, zenith in the middle; rings of elevation every 30°. Symbols side by side are "
+            "signals of one satellite.")  # fmt: skip
+    if sources:
+        told += " Cross: a source of false signals."
+    figures = []
+    for receivers in _same_sky(pictures.sky):
+        title = f"Sky over {', '.join(receivers)}"
+        here = [p for p in pictures.sky if p.receiver == receivers[0]]
+        figures.append(Figure(title, draw.sky_plot(here, sources, title=title), told))
+    return figures
+
+
+def _same_sky(sky: tuple[SkyPosition, ...]) -> list[list[str]]:
+    """Receivers together that have the same labels in the same directions: one drawing tells all."""
+    groups: dict[frozenset[tuple[str, str, int, int]], list[str]] = {}
+    for receiver in _receivers(sky):
+        seen = frozenset((p.signal.split()[0], p.label, round(p.azimuth_deg), round(p.elevation_deg))
+                         for p in sky if p.receiver == receiver)  # fmt: skip
+        groups.setdefault(seen, []).append(receiver)
+    return list(groups.values())
 
 
 def _time_lines(pictures: Pictures) -> list[Figure]:
     points = min(240, max(40, MAX_POINTS // max(len(pictures.series), 1)))
+    band = "; the shaded band is two sigma of the onset to either side" if pictures.onset_sigma_s is not None else ""
     return [
         Figure(
             f"Signals of {receiver}",
             draw.time_line(
                 [series for series in pictures.series if series.receiver == receiver],
                 title=f"Carrier to noise density and label of every signal of {receiver} over time",
-                zero=f"{instant_words(pictures.zero_gpst)} GPS time", onset_s=pictures.onset_s, points=points,
+                zero=f"{instant_words(pictures.zero_gpst)} GPS time", onset_s=pictures.onset_s,
+                onset_sigma_s=pictures.onset_sigma_s, until_s=pictures.until_s, points=points,
             ),
-            "One row a satellite, one line a signal: carrier to noise density, coloured by label.",
+            "One row a satellite: carrier to noise density of each of its signals, and below it a bar for as long as "
+            f"the signal is received, by label{band}.",
         )
         for receiver in _receivers(pictures.series)
     ]  # fmt: skip
+
+
+def _proofs(pictures: Pictures) -> list[Figure]:
+    """Correlation of attacked satellites, and range differences of each pair of receivers."""
+    figures = []
+    if pictures.profiles:
+        one = pictures.profiles[0]
+        several = any(len(profile.tags) > 1 for profile in pictures.profiles)
+        shown: set[Label] = {tag.label for profile in pictures.profiles for tag in profile.tags}
+        figures.append(Figure(
+            f"Two peaks where there should be one: {one.receiver}" if several else f"Correlation in {one.receiver}",
+            proof.profile_plot(pictures.profiles, title=f"Correlation over delay of satellites in {one.receiver}"),
+            f"Samples of 50 ms at {number_words(one.at_s)} s, compared with each satellite’s code at every delay. Each "
+            f"peak is a signal; delays count from the {'true' if 'authentic' in shown else 'first'} one.",
+        ))  # fmt: skip
+    for pair in sorted({d.receivers for d in pictures.differences}):
+        rows = [d for d in pictures.differences if d.receivers == pair]
+        figures.append(Figure(
+            f"The way to {pair[1]} against the way to {pair[0]}",
+            proof.difference_plot(rows, title=f"Range differences between {pair[0]} and {pair[1]} by satellite"),
+            "How much longer a satellite’s way is to one antenna than to the other. From the sky every satellite has "
+            "a difference of its own; signals of one transmitter share theirs, and stand in one line.",
+        ))  # fmt: skip
+    return figures
+
+
+def _tables(verdict: Verdict) -> list[tuple[str, str, bool, list[tuple[Signal, str]]]]:
+    """Receiver, count of its labels, whether it is unfolded, and its signals, each with why."""
+    tables: list[tuple[str, str, bool, list[tuple[Signal, str]]]] = []
+    rows_before = 0
+    for receiver in verdict.receivers:
+        own = [s for s in verdict.signals if s.receiver == receiver.name]
+        if own:
+            rows_before += len(own)
+            opened = not tables or rows_before <= MOST_OPEN
+            tables.append((receiver.name, _counts(own), opened, [(s, _why(s)) for s in own]))
+    return tables
+
+
+def _day(verdict: Verdict) -> str:
+    """The date of all that was received; empty if there are several, or none is known."""
+    instants = [instant for s in verdict.signals for instant in (s.from_gpst, s.to_gpst)]
+    days = {instant[:10] for instant in instants if instant is not None}
+    return days.pop() if len(days) == 1 and None not in instants else ""
+
+
+def _why(signal: Signal) -> str:
+    if not signal.because:
+        return "no evidence"
+    return "; ".join(
+        methods.reason(b.detector, signal.label) + (f" ({p_value_words(b.p_value)})" if b.p_value is not None else "")
+        for b in signal.because
+    )
+
+
+# Evidence
+
+
+def _tested(method: Method, pictures: Pictures) -> Tested:
+    found = next((f.words for f in pictures.findings if f.detector == method.detector), "")
+    scale = Markup("")
+    if method.p_value is not None:
+        title = f"{method.detector}: {p_value_words(method.p_value)}"
+        scale = proof.chance_scale(method.p_value, method.false_alarm_probability, title=title)
+    return Tested(
+        method, methods.title(method.detector), methods.about(method.detector),
+        f"{found[:1].upper()}{found[1:]}." if found else "", tuple(_words_of_test(method)), scale,
+    )  # fmt: skip
+
+
+def _words_of_test(method: Method) -> list[str]:
+    sentences = []
+    if method.p_value is not None:
+        words = _by_chance(method.decision, method.p_value)
+        sentences.append(words[0].upper() + words[1:])
+    if method.statistic is not None:
+        against = f", its threshold {number_words(method.threshold)}" if method.threshold is not None else ""
+        sentences.append(f"Statistic {number_words(method.statistic)}{against}.")
+    told = f"{method.tests} {'test' if method.tests == 1 else 'tests'} made"
+    if method.false_alarm_probability is not None:
+        told += f", false alarms allowed in each: {chance_words(method.false_alarm_probability)}"
+    return [*sentences, f"{told}."]
 
 
 def _lines(settings: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""Records to SVG: the map, the time line, the sky and the scale of evidence, drawn by hand for one offline page."""
+"""Records to SVG: the map, the time line and the sky, drawn by hand for one offline page."""
 
 import math
 from collections.abc import Sequence
@@ -14,8 +14,8 @@ from skyproof.report import drawing as draw
 from skyproof.verdict import Label
 
 __all__ = [
-    "LABELS", "FixTrack", "Kind", "SignalSeries", "SkyPosition", "SkySource", "evidence_scale", "extent_m", "local_map",
-    "sky_plot", "time_line",
+    "LABELS", "DelayProfile", "DelayTag", "Finding", "FixTrack", "Kind", "RangeDifference", "SignalSeries",
+    "SkyPosition", "SkySource", "TruePlace", "extent_m", "local_map", "sky_plot", "time_line",
 ]  # fmt: skip
 
 Kind = Literal["trusted", "false", "unprotected", "possible"]
@@ -23,7 +23,13 @@ Kind = Literal["trusted", "false", "unprotected", "possible"]
 
 KINDS: tuple[Kind, ...] = ("trusted", "false", "possible", "unprotected")  # in the order of their weight
 
+Spot = Literal[Kind, "truth"]
+SPOTS: tuple[Spot, ...] = (*KINDS, "truth")
+
 LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
+MOST_PLACES = 5  # on a map, whose labels name all that is there
+MOST_NAMED = 4  # receivers in one label
+MOST_RIBBONS = 4  # of a satellite; more signals share the last
 ELLIPSE_95 = math.sqrt(-2.0 * math.log(0.05))  # sigmas that hold 95 % of a normal distribution in the plane
 
 
@@ -71,6 +77,15 @@ class FixTrack:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TruePlace:
+    """Where a receiver truly was, known from elsewhere, in the plane of the tracks."""
+
+    receiver: str
+    east_m: float
+    north_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class SkyPosition:
     """Where a signal's satellite stands, by its own message: azimuth clockwise from north."""
 
@@ -90,22 +105,72 @@ class SkySource:
     elevation_deg: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class DelayTag:
+    """A signal in a delay profile: where it is, and what it was found to be."""
+
+    label: Label
+    delay_chips: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DelayProfile:
+    """Correlation of one satellite's code over delay, at `at_s` of the pictures' time.
+
+    delays_chips : (n,) behind the first of the tags, evenly spaced. power : (n,) in units of the noise's mean.
+    """
+
+    receiver: str
+    sat: str
+    at_s: float
+    delays_chips: Reals
+    power: Reals
+    tags: tuple[DelayTag, ...]
+
+    def __post_init__(self) -> None:
+        freeze(self, {"delays_chips": ("delay",), "power": ("delay",)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeDifference:
+    """Range of a satellite's signal in the second receiver minus in the first, less the mean of its group: of signals
+    that fit one position."""
+
+    receivers: tuple[str, str]
+    sat: str
+    label: Label
+    metres: float
+    group: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """What a detector's most telling test found, in its own words, and when."""
+
+    detector: str
+    words: str
+    from_gpst: str
+    to_gpst: str
+
+
 # The map
 
 
-def _ellipse(track: FixTrack, east: draw.Scale, north: draw.Scale) -> Markup:
+def _ellipse(track: FixTrack) -> Reals:
+    """(n, 2): the 95 % ellipse about the last fix, metres east and north; empty if it is not known."""
     points = track.points()
     if track.covariance_m2 is None or not len(points) or not np.isfinite(track.covariance_m2).all():
-        return Markup("")
+        return np.empty((0, 2))
     variance, axes = np.linalg.eigh(track.covariance_m2)
     radii = ELLIPSE_95 * np.sqrt(np.maximum(variance, 0.0))
     angle = np.linspace(0.0, 2.0 * np.pi, 49)
-    ring = points[-1] + (np.stack((np.cos(angle), np.sin(angle)), axis=-1) * radii) @ axes.T
-    return draw.path(east.pixels(ring[:, 0]), north.pixels(ring[:, 1]), f"ellipse {track.kind}")
+    return np.asarray(points[-1] + (np.stack((np.cos(angle), np.sin(angle)), axis=-1) * radii) @ axes.T)
 
 
-def _mark(x: float, y: float, kind: Kind) -> Markup:
-    """One shape a kind, so that colour is not needed: disc, diamond, triangle, ring."""
+def _mark(x: float, y: float, kind: Spot) -> Markup:
+    """One shape a kind, so that colour is not needed: disc, diamond, triangle, ring, cross."""
+    if kind == "truth":
+        return Markup('<path class="true-place" d="M{:.1f} {:.1f}h14m-7 -7v14"/>').format(x - 7.0, y)
     if kind == "trusted":
         return draw.circle(x, y, 4.5, "mark trusted")
     if kind == "false":
@@ -115,8 +180,12 @@ def _mark(x: float, y: float, kind: Kind) -> Markup:
     return draw.circle(x, y, 8.5, "ring unprotected")
 
 
-def local_map(tracks: Sequence[FixTrack], *, title: str, least_m: float = 10.0, names: bool = True) -> Markup:
-    """A map of fixes in metres east and north: last fix of each track marked, the track behind it, 95 % ellipses.
+def local_map(
+    tracks: Sequence[FixTrack], truth: Sequence[TruePlace] = (), *, title: str, least_m: float = 10.0,
+    names: bool = True,
+) -> Markup:  # fmt: skip
+    """A map in metres east and north with a scale bar: last fix of each track marked, the track behind it, 95 %
+    ellipses, and crosses where the truth is known.
 
     Tracks without any fix are left out; without any track at all the result is empty.
     """
@@ -124,42 +193,36 @@ def local_map(tracks: Sequence[FixTrack], *, title: str, least_m: float = 10.0, 
     if not tracks:
         return Markup("")
     left, right, top, bottom = 50.0, 350.0, 10.0, 310.0
-    ellipse_points = [track.points()[-1] + sign * ELLIPSE_95 * np.sqrt(np.diag(track.covariance_m2))
-                      for track in tracks if track.covariance_m2 is not None for sign in (-1.0, 1.0)]  # fmt: skip
-    points = np.concatenate([track.points() for track in tracks] + [np.array(ellipse_points).reshape(-1, 2)])
-    points = points[np.isfinite(points).all(axis=1)]
+    crosses = np.array([(place.east_m, place.north_m) for place in truth]).reshape(-1, 2)
+    points = np.concatenate([*(track.points() for track in tracks), *map(_ellipse, tracks), crosses])
     west_m, south_m, east_m, north_m = draw.extent(points, least_m, (bottom - top) / (right - left))
     east, north = draw.Scale(west_m, east_m, left, right), draw.Scale(south_m, north_m, bottom, top)
+    unit, metres = ("km", 1000.0) if east_m - west_m > 20e3 else ("m", 1.0)
 
-    parts = list(draw.grid(east, north, ("east, m", "north, m")))
+    parts = list(draw.grid(east, north, (f"east, {unit}", f"north, {unit}"), (metres, metres)))
     marks: list[Mark] = []
+    lines: list[draw.Box] = []  # that names had better not cross
     for track in sorted(tracks, key=lambda track: -KINDS.index(track.kind)):
         fixes = track.points()
         kept = fixes[np.unique(np.linspace(0, len(fixes) - 1, 150).astype(int))]
-        parts.append(draw.path(east.pixels(kept[:, 0]), north.pixels(kept[:, 1]), f"track {track.kind}"))
-        parts.append(_ellipse(track, east, north))
+        way = np.column_stack((east.pixels(kept[:, 0]), north.pixels(kept[:, 1])))
+        parts.append(draw.path(way[:, 0], way[:, 1], f"track {track.kind}"))
+        ring = np.column_stack((east.pixels(_ellipse(track)[:, 0]), north.pixels(_ellipse(track)[:, 1])))
+        parts.append(draw.path(ring[:, 0], ring[:, 1], f"ellipse {track.kind}"))
+        lines += [(x - 2.0, y - 2.0, x + 2.0, y + 2.0) for x, y in (*ring, *way)]
         marks.append((east(float(fixes[-1, 0])), north(float(fixes[-1, 1])), track.kind, track.receiver))
+    marks += [(east(place.east_m), north(place.north_m), "truth", place.receiver) for place in truth]
     parts += [_mark(x, y, kind) for x, y, kind, _ in marks]
-    return draw.svg(348.0, title, [*parts, *(_names(marks, (left + right) / 2.0, top, bottom) if names else [])])
+    bar, room = draw.scale_bar(east, bottom - 8.0)
+    places = _places(marks)
+    said = [tag for place in places for tag in _said(place, names, brief=len(places) > MOST_PLACES)]
+    taken = [room, *lines, *((x - 8.0, y - 8.0, x + 8.0, y + 8.0) for x, y, _, _ in marks)]
+    words = draw.place_tags(said, taken, (left + 2.0, top + 2.0, right - 2.0, bottom - 2.0))
+    return draw.svg(348.0, title, [*parts, *bar, *words])
 
 
-Mark = tuple[float, float, Kind, str]
-"""x, y, kind and receiver."""
-
-
-def _names(marks: Sequence[Mark], middle: float, top: float, bottom: float) -> list[Markup]:
-    """A label beside each place that is marked, towards the middle of the map: kinds, then receivers."""
-    parts: list[Markup] = []
-    for left_of_mark in (False, True):
-        labels = [label for place in _places(marks) if (place[0][0] > middle) == left_of_mark for label in _said(place)]
-        heights = draw.spread([y + 4.0 for _, y, _, _ in labels], 14.0, top + 12.0, bottom - 4.0)
-        for (x, _, kind, text), height in zip(labels, heights, strict=True):
-            sign = -1.0 if left_of_mark else 1.0
-            near = [mark for mark in marks if abs(mark[1] + 4.0 - height) < 14.0 and abs(mark[0] - x) < 60.0]
-            beside = sign * (max([sign * x, *(sign * mark[0] for mark in near)]) + 14.0)
-            parts.append(draw.text(beside, height, text, anchor="end" if left_of_mark else "start",
-                                   css=f"name {kind}"))  # fmt: skip
-    return parts
+Mark = tuple[float, float, Spot, str]
+"""x, y, what stands there, and the receiver."""
 
 
 def _places(marks: Sequence[Mark]) -> list[list[Mark]]:
@@ -174,17 +237,25 @@ def _places(marks: Sequence[Mark]) -> list[list[Mark]]:
     return places
 
 
-def _said(place: Sequence[Mark]) -> list[tuple[float, float, Kind, str]]:
-    """The labels of one place: x, y, kind that gives the colour, text; kinds of the same receivers share a label."""
-    receivers: dict[Kind, list[str]] = {}
-    for _, _, kind, receiver in place:
-        receivers.setdefault(kind, []).append(receiver)
-    kinds: dict[tuple[str, ...], list[Kind]] = {}
-    for kind in KINDS:
-        if kind in receivers:
-            kinds.setdefault(tuple(receivers[kind]), []).append(kind)
+def _said(place: Sequence[Mark], names: bool, *, brief: bool) -> list[draw.Tag]:
+    """The labels of one place; kinds of the same receivers share one, in the colour of the weightiest. If it is to be
+    brief, that one stands for all: the marks tell the others.
+    """
+    receivers: dict[Spot, list[str]] = {}
+    for _, _, spot, receiver in place:
+        receivers.setdefault(spot, []).append(receiver)
+    spots: dict[tuple[str, ...], list[Spot]] = {}
+    for spot in SPOTS:
+        if spot in receivers and (spot != "truth" or len(receivers) == 1):  # its cross says so where others are named
+            spots.setdefault(tuple(receivers[spot]), []).append(spot)
     x, y = place[0][:2]
-    return [(x, y, same[0], f"{', '.join(same)}: {', '.join(names)}") for names, same in kinds.items()]
+    tags = []
+    for who, same in spots.items():
+        told = ", ".join(same[:1] if brief else same)
+        if names:
+            told += f": {', '.join(who) if len(who) <= MOST_NAMED else f'{len(who)} receivers'}"
+        tags.append(draw.Tag(x, y, told, f"name {same[0]}", 9.0))
+    return tags
 
 
 # The time line
@@ -200,17 +271,25 @@ def _row_range(series: Sequence[SignalSeries]) -> tuple[float, float]:
 
 
 def time_line(
-    series: Sequence[SignalSeries], *, title: str, zero: str, onset_s: float | None = None, points: int = 240
-) -> Markup:
-    """C/N0 of every signal over time, a row for each satellite, coloured by label, with the onset marked.
+    series: Sequence[SignalSeries], *, title: str, zero: str, onset_s: float | None = None,
+    onset_sigma_s: float | None = None, until_s: float | None = None, points: int = 240,
+) -> Markup:  # fmt: skip
+    """C/N0 of every signal over time, a row for each satellite, coloured by label, with onset and end of the attack
+    marked. Below each row a ribbon a signal tells how long it carries its label.
 
-    zero : what second zero is, in words, for the axis. points : the most that are drawn of one signal.
+    zero : what second zero is, in words, for the axis. onset_sigma_s : draws a band of two of it to either side.
+    points : the most that are drawn of one signal.
     """
     series = [s for s in series if s.seconds.size]
     if not series:
         return Markup("")
-    rows = sorted({s.signal.split()[0] for s in series})
-    left, right, top, height = 34.0, 324.0, 24.0, 24.0
+    rows: dict[str, list[SignalSeries]] = {}
+    for one in sorted(series, key=lambda s: s.signal):
+        rows.setdefault(one.signal.split()[0], []).append(one)
+    copies = {sat: sorted({s.signal for s in row}) for sat, row in rows.items()}
+    slots = min(max(len(names) for names in copies.values()), MOST_RIBBONS)
+    left, right, top, plot = 34.0, 324.0, 24.0, 21.0
+    height = plot + 3.0 + 4.0 * slots
     bottom = top + height * len(rows)
     start_s, end_s = min(float(s.seconds[0]) for s in series), max(float(s.seconds[-1]) for s in series)
     unit, scale = draw.time_unit(end_s - start_s)
@@ -218,29 +297,45 @@ def time_line(
     low, high = _row_range(series)
 
     parts: list[Markup] = []
+    if onset_s is not None and onset_sigma_s is not None and time.low <= onset_s <= time.high:
+        edges = [min(max(time(onset_s + sign * 2.0 * onset_sigma_s), left), right) for sign in (-1.0, 1.0)]
+        parts.append(draw.rect(edges[0], top, edges[1], bottom, "onset-band"))
     for tick in draw.nice_ticks(time.low / scale, time.high / scale):
         parts += [draw.line(time(tick * scale), top, time(tick * scale), bottom, "grid"),
                   draw.text(time(tick * scale), bottom + 15.0, draw.number(tick), anchor="middle")]  # fmt: skip
     parts += [draw.text((left + right) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis"),
               draw.text(draw.WIDTH - 3.0, (top + bottom) / 2.0, f"C/N₀, each row {low:g} to {high:g} dB-Hz",
                         anchor="middle", css="axis", turn=True)]  # fmt: skip
-    for index, sat in enumerate(rows):
-        row = draw.Scale(low, high, top + height * (index + 1) - 2.0, top + height * index + 2.0)
+    for index, (sat, signals) in enumerate(rows.items()):
+        begin = top + height * index
+        row = draw.Scale(low, high, begin + plot, begin + 2.0)
         middle = (low + high) / 2.0
-        parts += [draw.line(left, top + height * index, right, top + height * index, "frame"),
+        parts += [draw.line(left, begin, right, begin, "frame"),
                   draw.line(left, row(middle), right, row(middle), "grid"),
-                  draw.text(left - 4.0, row(middle) + 4.0, sat, anchor="end"),
+                  draw.text(left - 4.0, begin + height / 2.0 + 4.0, sat, anchor="end"),
                   draw.text(right + 3.0, row(middle) + 3.0, f"{middle:g}", css="small")]  # fmt: skip
-        for one in (s for s in series if s.signal.split()[0] == sat):
+        for one in signals:
             seconds, cn0_dbhz = draw.thin(one.seconds, one.cn0_dbhz, points)
-            parts.append(draw.path(time.pixels(seconds), row.pixels(cn0_dbhz), f"series {one.label}"))
+            slot = min(copies[sat].index(one.signal), slots - 1)
+            parts += [draw.path(time.pixels(seconds), row.pixels(cn0_dbhz), f"series {one.label}"),
+                      _ribbon(time, seconds, cn0_dbhz, begin + plot + 3.0 + 4.0 * slot, one.label)]  # fmt: skip
     parts.append(draw.line(left, bottom, right, bottom, "frame"))
-    if onset_s is not None and time.low <= onset_s <= time.high:
-        x = time(onset_s)
-        parts += [draw.line(x, top - 4.0, x, bottom, "onset"),
-                  draw.text(min(max(x, left + 20.0), right - 20.0), top - 8.0, "onset", anchor="middle",
-                        css="name false")]  # fmt: skip
+    for name, at_s in (("onset", onset_s), ("end", until_s)):
+        if at_s is not None and time.low <= at_s <= time.high:
+            x = time(at_s)
+            parts += [draw.line(x, top - 4.0, x, bottom, "onset"),
+                      draw.text(min(max(x, left + 20.0), right - 20.0), top - 8.0, name, anchor="middle",
+                                css="name false")]  # fmt: skip
     return draw.svg(bottom + 38.0, title, parts)
+
+
+def _ribbon(time: draw.Scale, seconds: Reals, values: Reals, y: float, label: Label) -> Markup:
+    """A bar while there are values."""
+    there = np.concatenate([[False], np.isfinite(values) & np.isfinite(seconds), [False]])
+    begins, ends = np.flatnonzero(~there[:-1] & there[1:]), np.flatnonzero(there[:-1] & ~there[1:]) - 1
+    spans = zip(time.pixels(seconds[begins]), time.pixels(seconds[ends]), strict=True)
+    steps = "".join(f"M{first:.1f} {y:.1f}H{max(last, first + 1.0):.1f}" for first, last in spans)
+    return Markup('<path class="ribbon {}" d="{}"/>').format(label, steps) if steps else Markup("")
 
 
 # The sky
@@ -249,7 +344,7 @@ def time_line(
 def sky_plot(
     positions: Sequence[SkyPosition], sources: Sequence[SkySource] = (), axes: Sequence[SkySource] = (), *, title: str
 ) -> Markup:
-    """Satellites by azimuth and elevation, north up, east right, each a disc in the colours of its signals' labels.
+    """Satellites by azimuth and elevation, north up, east right, each with the symbols of its signals' labels.
 
     sources : marked by crosses. axes : of a body, lines from the zenith to where they point, dashed below the horizon.
     """
@@ -272,22 +367,26 @@ def sky_plot(
               draw.text(x0, y0 + radius + 18.0, "S 180°", anchor="middle"),
               draw.text(x0 - radius - 8.0, y0 + 4.0, "W 270°", anchor="end")]  # fmt: skip
     tags: list[draw.Tag] = []
+    marks: list[draw.Box] = []
     for axis in axes:
         x, y = place(axis.azimuth_deg, axis.elevation_deg)
         parts.append(draw.line(x0, y0, x, y, "body below" if axis.elevation_deg < -0.5 else "body"))
         tags.append(draw.Tag(x, y, axis.name, radius=2.0))
-    discs: list[tuple[str, float, float, list[Label]]] = []
+    stands: list[tuple[str, float, float, list[Label]]] = []
     for position in sorted(positions, key=lambda p: (p.signal, LABELS.index(p.label))):
         sat = position.signal.split()[0]
         x, y = place(position.azimuth_deg, position.elevation_deg)
-        same = next((d for d in discs if d[0] == sat and math.hypot(d[1] - x, d[2] - y) < 12.0), None)
+        same = next((d for d in stands if d[0] == sat and math.hypot(d[1] - x, d[2] - y) < 12.0), None)
         if same is None:
-            discs.append((sat, x, y, [position.label]))
+            stands.append((sat, x, y, [position.label]))
         elif position.label not in same[3]:
             same[3].append(position.label)
-    for sat, x, y, labels in discs:
-        parts += draw.disc(x, y, 7.0, sorted(labels, key=LABELS.index))
-        tags.append(draw.Tag(x, y, sat))
+    for sat, x, y, labels in stands:
+        wide = 11.0 * (len(labels) - 1)
+        for index, label in enumerate(sorted(labels, key=LABELS.index)):
+            parts.append(draw.symbol(x - wide / 2.0 + 11.0 * index, y, label))
+        tags.append(draw.Tag(x, y, sat, radius=7.0))
+        marks.append((x - wide / 2.0 - 6.0, y - 7.0, x + wide / 2.0 + 6.0, y + 7.0))
     for source in sources:
         x, y = place(source.azimuth_deg, source.elevation_deg)
         parts.append(Markup('<path class="cross" d="M{:.1f} {:.1f}l10 10m0 -10l-10 10"/>').format(x - 5.0, y - 5.0))
@@ -295,32 +394,8 @@ def sky_plot(
     rim = [(x0 - 16.0, 4.0, x0 + 16.0, 20.0), (x0 - 22.0, y0 + radius + 8.0, x0 + 22.0, y0 + radius + 20.0),
            (x0 + radius + 4.0, y0 - 7.0, 360.0, y0 + 7.0), (0.0, y0 - 7.0, x0 - radius - 4.0, y0 + 7.0)]
     rim += [(x, y - 9.0, x + 18.0, y + 1.0) for x, y, _ in rings]
-    parts += draw.place_tags(tags, rim, (2.0, 2.0, draw.WIDTH - 2.0, 296.0))
+    parts += draw.place_tags(tags, [*rim, *marks], (2.0, 2.0, draw.WIDTH - 2.0, 296.0))
     return draw.svg(298.0, title, parts)
-
-
-# The evidence
-
-
-def evidence_scale(statistic: float, threshold: float, *, title: str) -> Markup:
-    """A statistic on a logarithmic scale of multiples of its threshold; empty if there is no such multiple."""
-    if not (statistic > 0.0 and threshold > 0.0):
-        return Markup("")
-    left, right, y, least, most = 20.0, 340.0, 22.0, 0.01, 100.0
-    scale = draw.Scale(math.log10(least), math.log10(most), left, right)
-    ratio = statistic / threshold
-    x = scale(math.log10(min(max(ratio, least), most)))
-    parts = [draw.line(left, y, right, y, "frame"), draw.line(scale(0.0), y - 10.0, scale(0.0), y + 6.0, "limit"),
-             draw.text(scale(0.0), y - 13.0, "threshold", anchor="middle", css="small")]  # fmt: skip
-    for tick in (0.01, 0.1, 1.0, 10.0, 100.0):
-        edge = "≤ " if tick == least else "≥ " if tick == most else ""
-        at = scale(math.log10(tick))
-        parts += [draw.line(at, y - 3.0, at, y + 3.0, "frame"),
-                  draw.text(at, y + 18.0, f"{edge}{tick:g}", anchor="middle", css="small")]  # fmt: skip
-    parts.append(draw.circle(x, y, 5.0, "mark statistic"))
-    parts.append(draw.text((left + right) / 2.0, y + 33.0, "statistic divided by threshold (no unit)", anchor="middle",
-                           css="small axis"))  # fmt: skip
-    return draw.svg(60.0, title, parts)
 
 
 def extent_m(tracks: Sequence[FixTrack]) -> float:

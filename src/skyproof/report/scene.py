@@ -472,7 +472,7 @@ def _skies(page: ScenePage, name: str) -> list[Figure]:
             continue
         caption = "Half-way through the scene; zenith in the middle, rings of elevation every 30°."
         if any(position.label == "spoofed" for position in sky.positions):
-            caption += " A divided disc is a satellite that is imitated; in the false colour alone, one that is not "
+            caption += " A disc and a diamond are a satellite that is imitated; a diamond alone, one that is not "
             caption += "received itself."
         if sky.sources:
             caption += " Cross: direction of a transmitter, on the rim if it stands lower than the horizon."

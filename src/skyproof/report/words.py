@@ -2,15 +2,21 @@
 
 import math
 
+import numpy as np
+
+from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
+
 __all__ = [
-    "chance_words", "instant_words", "number_words", "p_value_words", "rate_words", "seconds_words", "span_words",
+    "chance_words", "distance_words", "instant_words", "number_words", "offset_words", "p_value_words", "place_words",
+    "power_words", "rate_words", "seconds_apart", "seconds_words", "span_words",
 ]  # fmt: skip
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LEAST = 1e-300  # below this a float64 soon holds nothing; said as "practically never"
 
 
-def _power(exponent: int) -> str:
+def power_words(exponent: int) -> str:
+    """A power of ten: 10⁻³."""
     return "10" + str(exponent).translate(_SUPERSCRIPTS)
 
 
@@ -19,7 +25,7 @@ def _count(number: float) -> str:
     power = math.floor(math.log10(number) + 1e-9)
     figure = math.floor(number / 10.0**power + 1e-9)
     if power >= 7:
-        return f"{figure}·{_power(power)}" if figure > 1 else _power(power)
+        return f"{figure}·{power_words(power)}" if figure > 1 else power_words(power)
     return f"{figure * 10**power:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
 
 
@@ -41,11 +47,11 @@ def number_words(value: float) -> str:
 def p_value_words(p_value: float) -> str:
     """A p-value to two figures: p = 0.33, p = 1.3·10⁻⁹, p < 10⁻³⁰⁰."""
     if p_value < _LEAST:
-        return f"p < {_power(-300)}"
+        return f"p < {power_words(-300)}"
     if p_value >= 1e-3:
         return f"p = {p_value:.2g}"
     figures, exponent = f"{p_value:.1e}".split("e")
-    return f"p = {figures}·{_power(int(exponent))}"
+    return f"p = {figures}·{power_words(int(exponent))}"
 
 
 def rate_words(probability_per_hour: float) -> str:
@@ -64,11 +70,16 @@ def instant_words(gpst: str | None) -> str:
     return f"{whole}.{fraction}" if fraction else whole
 
 
-def span_words(first: str | None, last: str | None) -> str:
-    """A stretch of time; the date stands once if it is the same."""
+def seconds_apart(later: str, earlier: str) -> float:
+    """Between two instants of the verdict, for words only: to the microsecond."""
+    return float((np.datetime64(later, "us") - np.datetime64(earlier, "us")) / np.timedelta64(1, "s"))
+
+
+def span_words(first: str | None, last: str | None, day: str = "") -> str:
+    """A stretch of time; the date stands once if it is the same, and not at all if it is `day`."""
     begin, end = instant_words(first), instant_words(last)
     same_day = first is not None and last is not None and first[:10] == last[:10]
-    return f"{begin} to {end[11:] if same_day else end}"
+    return f"{begin} to {end[11:] if same_day else end}".removeprefix(f"{day} " if same_day and day else "")
 
 
 def seconds_words(seconds: float) -> str:
@@ -77,3 +88,32 @@ def seconds_words(seconds: float) -> str:
         if abs(seconds) >= size:
             return f"{seconds / size:.3g} {unit}"
     return f"{seconds * 1e9:.3g} ns"
+
+
+def distance_words(metres: float) -> str:
+    """A distance in the unit that suits its size: 3.3 m, 902 m, 12.4 km."""
+    if metres < 10e3:
+        return f"{metres:.{1 if metres < 100.0 else 0}f} m"
+    return f"{metres / 1e3:.{1 if metres < 1e6 else 0}f} km"
+
+
+def place_words(lat_deg: float, lon_deg: float, digits: int = 6) -> str:
+    """Latitude and longitude: 59.412099° N, 16.883698° E."""
+    north, east = "N" if lat_deg >= 0.0 else "S", "E" if lon_deg >= 0.0 else "W"
+    return f"{abs(lat_deg):.{digits}f}° {north}, {abs(lon_deg):.{digits}f}° {east}"
+
+
+_COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
+
+
+def offset_words(from_deg: tuple[float, float], to_deg: tuple[float, float]) -> str:
+    """How far and in which direction a place (latitude, longitude) lies from another: 902 m to the south-east.
+
+    In the plane that touches the Earth at the first one.
+    """
+    (lat, lon), (other, further) = ((math.radians(a), math.radians(b)) for a, b in (from_deg, to_deg))
+    step_m = ecef_from_geodetic(other, further, 0.0) - ecef_from_geodetic(lat, lon, 0.0)
+    east, north, _ = (float(part) for part in rot_enu_ecef(lat, lon) @ step_m)
+    metres = math.hypot(east, north)
+    point = _COMPASS[round(math.atan2(east, north) / (math.pi / 4.0)) % 8]
+    return f"{distance_words(metres)} to the {point}"

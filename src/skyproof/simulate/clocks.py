@@ -161,9 +161,12 @@ def clock(
     """
     oscillator = kind if isinstance(kind, Oscillator) else _named(kind)
     if not (np.isfinite(duration_s) and duration_s >= 0.0):
-        raise ScenarioError(f"clock: duration_s is {duration_s:g}, expected zero or more")
+        raise ScenarioError(f"clock: duration_s is {duration_s:g}, expected zero or more; give the length of the scene")
     if not abs(drift) < 1e-3 or not np.isfinite(offset_s):
-        raise ScenarioError(f"clock: offset_s {offset_s:g}, drift {drift:g}; expected a drift below 0.001")
+        raise ScenarioError(
+            f"clock: offset_s {offset_s:g}, drift {drift:g}; expected numbers, and a drift below 0.001; "
+            "give the clock's error in seconds, and in seconds a second"
+        )
     walk = _Walk(oscillator, seed, stream)
     n_blocks = _LEAD_BLOCKS + int((duration_s + LEAD_S) // LEAD_S) + 2
     starts = [walk.start()]

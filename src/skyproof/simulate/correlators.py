@@ -27,8 +27,8 @@ from typing import Literal
 
 import numba
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.records import SignalId, Taps, freeze
@@ -382,7 +382,7 @@ def _recorded(front_end: FrontEnd, power: Reals) -> tuple[Reals, Reals]:
         return before * np.sqrt(2.0 / np.pi) / at, np.ones(power.shape)
     if front_end.encoding == "sign-magnitude":
         density = (2.0 + 4.0 * np.exp(-0.5 / at**2)) / (np.sqrt(2.0 * np.pi) * at)
-        return before * density, 1.0 + 16.0 * ndtr(-1.0 / at)
+        return before * density, 1.0 + 16.0 * scipy.special.ndtr(-1.0 / at)
     steps = _INT_SIGMA[front_end.bits] if front_end.encoding == "int" else 1.0
     return before * steps, (at * steps) ** 2 + (1.0 / 12.0 if steps > 1.0 else 0.0)
 

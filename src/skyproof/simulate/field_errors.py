@@ -31,8 +31,8 @@ from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import lfilter
 
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.statistics.gauss_markov import gauss_markov_step
@@ -195,7 +195,7 @@ class _World:
             normals = self._normals(name)
             step = gauss_markov_step(1.0, self.model.multipath_s, self.interval_s)
             normals[1:] *= step.drive
-            self.made[name] = lfilter([1.0], [1.0, -float(step.keep)], normals, axis=0)
+            self.made[name] = scipy.signal.lfilter([1.0], [1.0, -float(step.keep)], normals, axis=0)
         window = self._window(self.made[name], exposure)
         return window[..., 0], window[..., 1]
 

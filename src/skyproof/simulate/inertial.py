@@ -225,12 +225,16 @@ def inertial(
     ScenarioError : a rate, duration, grade, mounting or lever arm that makes no sense.
     """
     if not 0.0 < rate_hz <= _MAX_RATE_HZ:
-        raise ScenarioError(f"imu.rate_hz: {rate_hz:g}, expected above zero and at most {_MAX_RATE_HZ:g}")
+        raise ScenarioError(
+            f"imu.rate_hz: {rate_hz:g}, expected above zero and at most {_MAX_RATE_HZ:g}; give readings a second"
+        )
     if not (np.isfinite(duration_s) and duration_s >= 0.0):
-        raise ScenarioError(f"imu: duration_s is {duration_s:g}, expected zero or more")
+        raise ScenarioError(f"imu: duration_s is {duration_s:g}, expected zero or more; give the scene's")
     to_sensor, lever_m = _mounting(mounting), np.asarray(lever_body_m, np.float64)
     if lever_m.shape != (3,) or not np.isfinite(lever_m).all():
-        raise ScenarioError(f"imu.lever_body_m: {lever_m.tolist()}, expected three lengths in metres")
+        raise ScenarioError(
+            f"imu.lever_body_m: {lever_m.tolist()}, expected three lengths; give metres forward, right and down"
+        )
     quality = _named(grade) if isinstance(grade, str) else grade
     n_samples = int(np.floor(duration_s * rate_hz * (1.0 + 1e-12)))
     n_blocks = -(-n_samples // BLOCK)
@@ -299,7 +303,10 @@ def _turned(rotation: Reals, vector: Reals) -> Reals:
 def _mounting(mounting: ArrayLike | None) -> Reals:
     rotation = np.eye(3) if mounting is None else np.asarray(mounting, np.float64)
     if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9):
-        raise ScenarioError("imu.mounting: expected a rotation, three rows of length one at right angles to each other")
+        raise ScenarioError(
+            f"imu.mounting: {rotation.tolist()}, expected a rotation; give three rows of length one at right angles to "
+            "each other"
+        )
     if np.linalg.det(rotation) < 0.0:
         raise ScenarioError("imu.mounting: mirrors the axes; change the sign of one row")
     return rotation

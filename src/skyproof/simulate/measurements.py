@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
@@ -147,7 +147,7 @@ def _code_noise_m(geometry: Geometry, noise: NoiseModel, rng: np.random.Generato
     unit = rng.standard_normal((*draws, *sigma_m.shape))
     if noise.ar1:
         unit[..., 1:, :] *= np.sqrt(1.0 - noise.ar1**2)
-        unit = lfilter([1.0], [1.0, -noise.ar1], unit, axis=-2)
+        unit = scipy.signal.lfilter([1.0], [1.0, -noise.ar1], unit, axis=-2)
     error_m = sigma_m * unit
     if noise.constant_m:
         error_m += noise.constant_m * rng.standard_normal((*draws, 1, sigma_m.shape[1]))

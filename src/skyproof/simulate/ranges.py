@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris
@@ -88,7 +88,7 @@ def orbits_between(
         state = satellite_state_s(ephemeris, week, tow_s + knots_s)
         rows[:, column, :3] = state.position_ecef_m
         rows[:, column, 3] = state.clock_s - ephemeris.tgd
-    pieces = np.moveaxis(CubicSpline(knots_s, rows).c, 0, -1)
+    pieces = np.moveaxis(scipy.interpolate.CubicSpline(knots_s, rows).c, 0, -1)
     return Orbits(
         sats=tuple(ephemeris.sat for ephemeris in ephemerides), first_s=first_s, last_s=last_s,
         pieces=np.ascontiguousarray(pieces),

@@ -5,14 +5,15 @@ down.
 """
 
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, get_args
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 
-from skyproof.errors import ScenarioError
+from skyproof.errors import ScenarioError, fault_words
 from skyproof.simulate.attacks import Attack, Interference, Meaconer, Spoofer, Takeover, TransmitAntenna
 from skyproof.simulate.clocks import OSCILLATORS
 from skyproof.simulate.inertial import GRADES
@@ -265,8 +266,9 @@ def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Sce
     try:
         return Scenario.model_validate(dict(table))
     except ValidationError as error:
-        faults = "; ".join(_fault(fault["type"], fault["loc"], fault["msg"]) for fault in error.errors())
-        raise ScenarioError(f"{source}: {faults}") from error
+        faults = error.errors(include_url=False)
+        told = [_fault(fault) for fault in faults if not _follows(fault, faults)]
+        raise ScenarioError(f"{source}: {'; '.join(told)}") from error
 
 
 def read_scenario(path: Path) -> Scenario:
@@ -276,8 +278,12 @@ def read_scenario(path: Path) -> Scenario:
     """
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read as a scenario: {error}; give a TOML file") from error
+    except OSError as error:
+        raise ScenarioError(
+            f"{path}: the scenario cannot be read ({error.strerror}); check the name and the folder"
+        ) from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ScenarioError(f"{path}: no scenario, which is a TOML file in UTF-8: {error}; mend that place") from error
     return parse_scenario(_beside(table, path.parent), source=str(path))
 
 
@@ -294,8 +300,17 @@ def _beside(value: Any, folder: Path) -> Any:
     return table
 
 
-def _fault(kind: str, loc: tuple[int | str, ...], message: str) -> str:
+def _follows(fault: ErrorDetails, faults: Sequence[ErrorDetails]) -> bool:
+    """Whether a list is too short only because of faults in its members, which are told themselves."""
+    place = fault["loc"]
+    return fault["type"] == "too_short" and any(
+        other["loc"][: len(place)] == place and len(other["loc"]) > len(place) for other in faults
+    )
+
+
+def _fault(fault: ErrorDetails) -> str:
     """A fault with the path of its key as it stands in the file."""
+    kind, loc = fault["type"], fault["loc"]
     parts: list[str] = []
     known: Any = Scenario
     for place, part in enumerate(loc):
@@ -313,14 +328,13 @@ def _fault(kind: str, loc: tuple[int | str, ...], message: str) -> str:
                 break
         else:
             known = known if kind == "extra_forbidden" else None
+    path = "".join(parts).lstrip(".")
     if kind == "extra_forbidden":
         names = [name for model in _models(known) for name in model.model_fields]
         near = get_close_matches(str(loc[-1]), names, 1, cutoff=0.5)
         hint = f", did you mean {near[0]}?" if near else ""
-        message = f"unknown key{hint}; known here: {', '.join(names)}"
-    path = "".join(parts).lstrip(".")
-    message = message.removeprefix("Value error, ")
-    return f"{path}: {message}" if path else message
+        return f"{path}: unknown key{hint}; known here: {', '.join(names)}"
+    return fault_words(path, fault)
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:

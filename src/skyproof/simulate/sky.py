@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -84,7 +84,7 @@ class _World:
         ]
         self.clocks = [self._clock(index) for index in range(len(scenario.receivers))]
         self.first = self._antenna(0)  # powers are told for it
-        self.cn0_dbhz = CubicSpline(self.knots_s, self._level_dbhz(self._view(self.first).el_rad))
+        self.cn0_dbhz = scipy.interpolate.CubicSpline(self.knots_s, self._level_dbhz(self._view(self.first).el_rad))
         self.attackers = [self._attacker(number) for number in range(len(scenario.attacks))]
 
     def _trajectory(self, site: Site, where: str, from_s: float = 0.0) -> Trajectory:
@@ -189,7 +189,7 @@ class _World:
         kept = [(col, (window[0], min(window[1], until_s))) for col, window in enumerate(above)
                 if window is not None and window[0] < until_s and sats[col] in wanted]  # fmt: skip
         columns = np.array([column for column, _ in kept], np.int64)
-        level_dbhz = CubicSpline(self.knots_s, self._level_dbhz(view.el_rad[:, columns]))
+        level_dbhz = scipy.interpolate.CubicSpline(self.knots_s, self._level_dbhz(view.el_rad[:, columns]))
 
         def delays_s(true_s: Reals, here: Motion) -> tuple[Reals, Reals]:
             return view.delays_from_s(true_s, here, columns)
@@ -241,7 +241,7 @@ class _World:
         else:
             longer_m = np.full(el_rad.shape, reflection.delay_m)
         return Ray(
-            of=column, further_s=CubicSpline(self.knots_s, longer_m / SPEED_OF_LIGHT_M_S),
+            of=column, further_s=scipy.interpolate.CubicSpline(self.knots_s, longer_m / SPEED_OF_LIGHT_M_S),
             amplitude=10.0 ** (reflection.power_db / 20.0), phase_cyc=reflection.phase_deg / 360.0,
             rate_hz=reflection.rate_hz,
         )  # fmt: skip

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from skyproof.records import freeze
 from skyproof.simulate.clocks import OSCILLATORS, STEP_S, clock
@@ -85,7 +85,7 @@ def _stability(
     got = allan_deviation(phase, interval_s, sorted({int(step) for step in steps}))
     variance = got.deviation**2
     mean = variance.mean(axis=0)
-    reach = stdtrit(len(phase) - 1, 0.95) * variance.std(axis=0, ddof=1) / np.sqrt(len(phase))
+    reach = scipy.special.stdtrit(len(phase) - 1, 0.95) * variance.std(axis=0, ddof=1) / np.sqrt(len(phase))
     return Stability(
         name=name, what=what, unit=unit, tau_s=got.tau_s, deviation=np.sqrt(mean),
         lower=np.sqrt(np.maximum(mean - reach, 0.01 * mean)), upper=np.sqrt(mean + reach), theory=theory(got.tau_s),

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
-from scipy.spatial.transform import Rotation, RotationSpline
 
 from skyproof.errors import ScenarioError
 from skyproof.formats.track import Track
@@ -86,8 +85,8 @@ class Sampled:
 
     span_s: tuple[float, float]
     origin_ecef_m: Reals
-    place_m: BSpline  # (n,) to (n, 3), from the origin
-    attitudes: RotationSpline
+    place_m: "scipy.interpolate.BSpline"  # (n,) to (n, 3), from the origin
+    attitudes: "scipy.spatial.transform.RotationSpline"
 
     def at(self, t_s: ArrayLike) -> Motion:
         t_s = moments(t_s)
@@ -273,7 +272,8 @@ def from_samples(
         rotations = _attitude_along(
             t_s, origin_ecef_m + place_m(t_s), place_m(t_s, 1), place_m(t_s, 2), attitude or AlongMotion(), slow_m_s
         )  # fmt: skip
-    spline = RotationSpline(t_s, Rotation.from_matrix(rotations))
+    transform = scipy.spatial.transform
+    spline = transform.RotationSpline(t_s, transform.Rotation.from_matrix(rotations))
     return Sampled((float(t_s[0]), float(t_s[-1])), origin_ecef_m, place_m, spline)
 
 
@@ -327,9 +327,9 @@ def _samples(t_s: ArrayLike, position_ecef_m: ArrayLike) -> tuple[Reals, Reals]:
     return t_s, places
 
 
-def _spline(t_s: Reals, places_m: Reals, knot_s: float | None) -> BSpline:
+def _spline(t_s: Reals, places_m: Reals, knot_s: float | None) -> "scipy.interpolate.BSpline":
     if knot_s is None:
-        return make_interp_spline(t_s, places_m, k=min(_DEGREE, t_s.size - 1))
+        return scipy.interpolate.make_interp_spline(t_s, places_m, k=min(_DEGREE, t_s.size - 1))
     pieces = int((t_s[-1] - t_s[0]) / knot_s) if knot_s > 0.0 else 0
     inner_s = np.linspace(t_s[0], t_s[-1], pieces + 1)[1:-1] if pieces else np.empty(0)
     ends_s = np.repeat(t_s[[0, -1]], _DEGREE + 1)
@@ -337,7 +337,7 @@ def _spline(t_s: Reals, places_m: Reals, knot_s: float | None) -> BSpline:
     try:
         if pieces < 1:
             raise ValueError("no knot fits")
-        return make_lsq_spline(t_s, places_m, knots_s, k=_DEGREE)
+        return scipy.interpolate.make_lsq_spline(t_s, places_m, knots_s, k=_DEGREE)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ScenarioError(
             f"knot_s {knot_s:g}: expected a time that many samples fill, everywhere, and that is shorter than all of "

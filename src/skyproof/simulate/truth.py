@@ -14,8 +14,8 @@ from math import ceil, floor
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
@@ -212,7 +212,8 @@ def imu_blocks(scene: Scene, imu: Imu) -> Iterator[Table]:
 def _mounting(mounting_deg: tuple[float, float, float]) -> Reals:
     """From body to unit: the unit's axes are the body's turned by heading, then pitch, then roll."""
     roll_deg, pitch_deg, heading_deg = mounting_deg
-    return np.asarray(Rotation.from_euler("ZYX", [heading_deg, pitch_deg, roll_deg], degrees=True).as_matrix().T)
+    angles_deg = [heading_deg, pitch_deg, roll_deg]
+    return np.asarray(scipy.spatial.transform.Rotation.from_euler("ZYX", angles_deg, degrees=True).as_matrix().T)
 
 
 def _joined(blocks: Iterable[Table]) -> Table:

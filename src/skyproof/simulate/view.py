@@ -1,8 +1,8 @@
 """The true sky at a point that moves: exact ranges, an atmosphere that changes slowly, directions."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -45,7 +45,7 @@ class View:
                 ionosphere, lat_rad, lon_rad, self.az_rad, up_rad, tow_s + knots_s[:, np.newaxis]
             )  # fmt: skip
         air_s = np.stack([troposphere_s + ionosphere_s, troposphere_s - ionosphere_s], axis=1)
-        self._air_s = CubicSpline(knots_s, air_s)
+        self._air_s = scipy.interpolate.CubicSpline(knots_s, air_s)
 
     def delays_s(self, received_s: Reals, columns: NDArray[np.int64]) -> tuple[Reals, Reals]:
         """Of code and carrier of the satellites in these columns, (n, n_columns) each."""

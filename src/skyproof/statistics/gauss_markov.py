@@ -7,8 +7,8 @@ here is the joint law of the values at the ends of each step and of the integral
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import lfilter
 
 __all__ = ["GaussMarkovStep", "gauss_markov_allan_variance", "gauss_markov_path", "gauss_markov_step"]
 
@@ -50,7 +50,7 @@ def gauss_markov_path(step: GaussMarkovStep, start: ArrayLike, normals: Reals) -
     path[0] = start
     keep, drive = (np.broadcast_to(each, start.shape) for each in (step.keep, step.drive))
     for k in range(start.size):
-        path[1:, k], _ = lfilter([1.0], [1.0, -keep[k]], drive[k] * normals[:, k], zi=[keep[k] * start[k]])
+        path[1:, k], _ = scipy.signal.lfilter([1.0], [1.0, -keep[k]], drive[k] * normals[:, k], zi=[keep[k] * start[k]])
     return path
 
 

@@ -62,16 +62,17 @@ class Claim:
     right by an independent check.
 
     paper, reference : a number, or words where it is none (why it cannot be reproduced, for example).
-    same, better : from the rows to a number; None where there is none.
-    tolerance : of `same` against `reference` (else `paper`), absolute; None where they are not to agree.
+    same, better : from the rows to a number; None where there is none. `reference` may be from the rows too: a bound.
+    tolerance : of `same`, or of `better` where there is no `same`, against `reference` (else `paper`), absolute; from
+        the rows to it where it depends on how many were counted; None where they are not to agree.
     """
 
     what: str
     paper: float | str | None = None
-    reference: float | str | None = None
+    reference: float | str | Callable[[Sequence[Row]], float] | None = None
     same: Callable[[Sequence[Row]], float] | None = None
     better: Callable[[Sequence[Row]], float] | None = None
-    tolerance: float | None = None
+    tolerance: float | Callable[[Sequence[Row]], float] | None = None
     digits: int = 4
 
 

@@ -401,8 +401,8 @@ STUDIES = (
         name="ins-array.roc", title="Receiver operating characteristics", paper=PAPER,
         figure="Figures 5 and 6", run=roc,
         charts=(
-            Chart(title="Figure 5: predicted (20, 40), received (21, 40)", x="p_fa", y="p_d", x_label="P_FA",
-                  y_label="P_D", by=("baseline",), where={"figure": "5"}, x_log=True),
+            Chart(title="Figure 5: predicted (20, 40), received (21, 40); baselines in wavelengths", x="p_fa",
+                  y="p_d", x_label="P_FA", y_label="P_D", by=("baseline",), where={"figure": "5"}, x_log=True),
             Chart(title="Figure 6: five wavelengths, received one degree lower", x="p_fa", y="p_d", x_label="P_FA",
                   y_label="P_D", by=("predicted",), where={"figure": "6"}, x_log=True),
         ),
@@ -428,10 +428,11 @@ STUDIES = (
         name="ins-array.solid-angle", title="Share of the hemisphere with P_D < 0.99", paper=PAPER, figure="none",
         run=solid_angle,
         charts=(
-            Chart(title="Whole cycles known", x="elevation_deg", y="share", x_label="predicted elevation, deg",
-                  y_label="share of the hemisphere", by=("baseline",)),
-            Chart(title="Fractions of cycles known", x="elevation_deg", y="wrapped_share", by=("baseline",),
-                  x_label="predicted elevation, deg", y_label="share of the hemisphere"),
+            Chart(title="Whole cycles known; baselines in wavelengths", x="elevation_deg", y="share",
+                  x_label="predicted elevation, deg", y_label="share of the hemisphere", by=("baseline",)),
+            Chart(title="Fractions of cycles known; baselines in wavelengths", x="elevation_deg",
+                  y="wrapped_share", by=("baseline",), x_label="predicted elevation, deg",
+                  y_label="share of the hemisphere"),
         ),
         claims=tuple(
             Claim(what=f"worst share, %, b = {side:g} (better: with whole cycles unknown)", paper="told of blocks only",
@@ -468,7 +469,7 @@ STUDIES = (
     ),
     Study(
         name="ins-array.eight", title="One false signal among eight satellites", paper=PAPER, figure="none", run=eight,
-        charts=(Chart(title="One wavelength", x="shift_deg", y="p_d", x_label="shift in elevation, deg",
+        charts=(Chart(title="Baselines of one wavelength", x="shift_deg", y="p_d", x_label="shift in elevation, deg",
                       y_label="mean P_D", by=("test",), where={"baseline": 1.0}),),
         claims=(
             Claim(what="mean P_D, 5 deg, b = 1, alone (better: given the others)", paper="no joint use",

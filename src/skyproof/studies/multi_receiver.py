@@ -3,6 +3,10 @@
 N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, "Results on GNSS Spoofing Mitigation Using Multiple Receivers",
 NAVIGATION 69(1), 2022, doi 10.33012/navi.510. The paper gives no noise; white noise of 1 to 2 m at 1 Hz fits all that
 it says. Errors of carrier are those of code times 0.002.
+
+The paper states 1 % for each test of a pair, and nothing for the decision on a window. Ours states the share of windows
+that may be decided wrongly: 0.1 %, since a wrong choice keeps seven false signals and a longer window costs seconds;
+beside it 1 %, as a bound of the same size as the paper's.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.detectors.double_difference import Degrees, Tested, difference_test, line_power
-from skyproof.statistics.distributions import f_threshold
+from skyproof.statistics.distributions import binomial_threshold, f_threshold
 from skyproof.statistics.roc import count_interval
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 from skyproof.studies.multi_receiver_scene import (
@@ -22,14 +26,17 @@ from skyproof.studies.multi_receiver_scene import (
     NOISES,
     PLACES,
     SATS,
-    Geometry,
+    Groups,
     Kept,
     carrier_decision,
     errors_of,
     geometries,
     group_decision,
+    mean_variance_m2,
+    most_decided,
     paper_decision,
     ranges_of,
+    split,
 )
 
 __all__ = ["STUDIES"]
@@ -56,7 +63,7 @@ _CHUNK = 4_000_000
 
 
 def _false_alarm(settings: Settings) -> Iterator[Row]:
-    trials, rng = settings.count(400_000, 40_000), settings.rng(0)
+    trials, rng = settings.count(400_000, 60_000), settings.rng(0)
     for receivers in (2, 3, 5):
         for n in (5, 30, 120):
             counts = _counts(receivers, n, trials, rng)
@@ -107,6 +114,11 @@ def _worst_rate(nominal: float) -> Callable[[Sequence[Row]], float]:
     return ratio
 
 
+def _by_count(nominal: float) -> Callable[[Sequence[Row]], float]:
+    """A fifth, or four standard deviations of the count where it is too short for that: 36 rates are looked at."""
+    return lambda rows: max(0.2, 4.0 / np.sqrt(nominal * rows[0]["trials"]))
+
+
 def _form(form: str, detector: str, receivers: int) -> Callable[[Sequence[Row]], float]:
     return _mean("p_fa", form=form, detector=detector, receivers=receivers, nominal=0.01, n=30)
 
@@ -123,8 +135,9 @@ FALSE_ALARM = Study(
     ),
     claims=(
         Claim(what="worst rate at 1 % of 1a, 1b, 2a, 2b with 2, 3, 5 receivers and 5, 30, 120 epochs, over nominal",
-              paper="not counted", reference=1.0, same=_worst_rate(0.01), tolerance=0.2),
-        Claim(what="the same at 0.1 %", paper="not counted", reference=1.0, same=_worst_rate(0.001), tolerance=0.2),
+              paper="not counted", reference=1.0, same=_worst_rate(0.01), tolerance=_by_count(0.01)),
+        Claim(what="the same at 0.1 %", paper="not counted", reference=1.0, same=_worst_rate(0.001),
+              tolerance=_by_count(0.001)),
         *(
             Claim(what=f"1a at 1 % with the root that equation 8 prints, {receivers} receivers", paper=0.01,
                   reference=expected, same=_form("printed root", "1a", receivers),
@@ -154,60 +167,87 @@ FALSE_ALARM = Study(
 # Distance, figure 5 ---------------------------------------------------------------------------------------------------
 
 PAIRS: dict[str, tuple[float, str, tuple[str, str]]] = {
-    "1": (100.0, "along", ("rx1", "rx2")), "2": (100.0, "across", ("rx3", "rx4")), "3": (1.0, "along", ("rx1", "rx5")),
-    "4": (5.0, "along", ("rx1", "rx6")), "5": (10.0, "along", ("rx1", "rx7")), "6": (20.0, "along", ("rx1", "rx8")),
-    "7": (35.0, "along", ("rx1", "rx9")), "8": (50.0, "along", ("rx1", "rx10")),
+    "3": (1.0, "along", ("rx1", "rx5")), "4": (5.0, "along", ("rx1", "rx6")), "5": (10.0, "along", ("rx1", "rx7")),
+    "6": (20.0, "along", ("rx1", "rx8")), "7": (35.0, "along", ("rx1", "rx9")), "8": (50.0, "along", ("rx1", "rx10")),
+    "1": (100.0, "along", ("rx1", "rx2")), "2": (100.0, "across", ("rx3", "rx4")),
 }  # fmt: skip
 """The paper's scenarios: distance, direction against the line to the transmitter, receivers."""
 WINDOWS_S = (10, 15, 30, 60, 120, 240, 360)
 EPOCHS = 96_000
 """Longer windows are fewer: their number times their epochs is at most this."""
 UNKNOWN, KNOWN, CARRIER = "code groups", "code groups, known baseline", "carrier fractions"
-
-
-def _skies(settings: Settings) -> tuple[Geometry, ...]:
-    """All sixteen, or four of them if it has to be quick."""
-    return geometries()[:: 4 if settings.quick else 1]
+LAX = "_1_percent"
+"""Ends the keys of what ours gives if it may be wrong at the paper's rate."""
 
 
 def _windows(settings: Settings, window_s: int) -> int:
-    """For each geometry."""
-    skies = len(_skies(settings))
+    """For each sky."""
+    skies = len(geometries())
     each = settings.count(3200, 64) // skies
     return max(1, each if settings.trials is not None else min(each, EPOCHS // window_s // skies))
 
 
 def _distance(settings: Settings) -> Iterator[Row]:
     for index, window_s in enumerate(WINDOWS_S):
-        windows = _windows(settings, window_s)
-        for other, (noise, errors) in enumerate(NOISES.items()):
+        shape = (_windows(settings, window_s), window_s, SATS, 2, 2)
+        for other, noise in enumerate(NOISES):
             rng = settings.rng(1000 + 10 * index + other)
-            shape = (windows, window_s, SATS, 2, 2)
-            drawn = [(errors_of(errors, shape, rng), CARRIER_PER_CODE * errors_of(errors, shape, rng))
-                     for _ in _skies(settings)]  # fmt: skip
-            for pair, (distance_m, direction, receivers) in PAIRS.items():
-                kept: dict[tuple[str, str], list[Kept]] = {}
-                for geometry, (code_m, carrier_m) in zip(_skies(settings), drawn, strict=True):
-                    for key, one in _decisions(geometry, receivers, window_s, code_m, carrier_m):
-                        kept.setdefault(key, []).append(one)
-                for (method, detector), found in kept.items():
-                    yield {
-                        "pair": pair, "distance_m": distance_m, "direction": direction, "window_s": window_s,
-                        "detector": detector, "method": method, "noise": noise, **_means(found),
-                    }  # fmt: skip
+            drawn = [(_errors(noise, shape, rng), CARRIER_PER_CODE * _errors(noise, shape, rng)) for _ in geometries()]
+            for pair, (distance_m, direction, names) in PAIRS.items():
+                for row in _judged(names, window_s, noise, drawn):
+                    yield {"pair": pair, "distance_m": distance_m, "direction": direction, **row}
+
+
+def _errors(noise: str, shape: tuple[int, ...], rng: np.random.Generator) -> Reals:
+    return errors_of(NOISES[noise], shape, rng)
+
+
+def _judged(
+    names: tuple[str, ...], window_s: int, noise: str, drawn: Sequence[tuple[Reals, Reals | None]]
+) -> Iterator[Row]:
+    """A row a detector, over all skies. drawn : for each of them errors of code and, if it is judged, of carrier."""
+    for detector, each in _decisions(names, window_s, drawn):
+        ours = [one for one in each if isinstance(one, Groups)]
+        kept = [one.kept(ALPHA_OURS) if isinstance(one, Groups) else one for one in each]
+        row: dict[str, Any] = {
+            "window_s": window_s, "detector": detector, "method": "skyproof" if ours else "paper", "noise": noise,
+            **_means(kept),
+        }  # fmt: skip
+        means = [float(one.true.mean()) for one in kept]
+        row["authenticated_sem"] = float(np.std(means, ddof=1) / np.sqrt(len(means))) if len(means) > 1 else None
+        row["stated"] = ALPHA_OURS if ours else None
+        row |= _most(detector, names, window_s, noise, ALPHA_OURS)
+        lax = _means([one.kept(ALPHA_PAPER) for one in ours]) if ours else dict.fromkeys(_means(kept))
+        lax.pop("windows")
+        lax |= _most(detector, names, window_s, noise, ALPHA_PAPER)
+        yield row | {f"{key}{LAX}": value for key, value in lax.items()}
 
 
 def _decisions(
-    geometry: Geometry, receivers: tuple[str, ...], window_s: int, code_errors_m: Reals, carrier_errors_m: Reals
-) -> Iterator[tuple[tuple[str, str], Kept]]:
-    exact_m = ranges_of(geometry, receivers, window_s)
-    code_m, carrier_m = exact_m + code_errors_m, exact_m + carrier_errors_m
-    places_m = np.array([PLACES[name] for name in receivers])
-    yield ("paper", "1b"), paper_decision(code_m, tested="line")
-    yield ("paper", "2b"), paper_decision(carrier_m, tested="slope")
-    yield ("skyproof", UNKNOWN), group_decision(code_m, geometry)
-    yield ("skyproof", KNOWN), group_decision(code_m, geometry, places_m)
-    yield ("skyproof", CARRIER), carrier_decision(code_m, carrier_m, geometry)
+    names: tuple[str, ...], window_s: int, drawn: Sequence[tuple[Reals, Reals | None]]
+) -> Iterator[tuple[str, Sequence[Kept | Groups]]]:
+    """A decision for each sky."""
+    exact_m = [ranges_of(sky, names, window_s) for sky in geometries()]
+    code_m = [exact + code for exact, (code, _) in zip(exact_m, drawn, strict=True)]
+    carrier_m = [exact + carrier for exact, (_, carrier) in zip(exact_m, drawn, strict=True) if carrier is not None]
+    yield "1b", list(_by_the_paper(code_m, "line"))
+    if carrier_m:
+        yield "2b", list(_by_the_paper(carrier_m, "slope"))
+    skies = [split(ranges_m, sky) for ranges_m, sky in zip(code_m, geometries(), strict=True)]
+    places_m = np.array([PLACES[name] for name in names])
+    yield UNKNOWN, (groups := [group_decision(sky) for sky in skies])
+    yield KNOWN, [group_decision(sky, places_m) for sky in skies]
+    if carrier_m:
+        yield CARRIER, [carrier_decision(one, ranges_m) for one, ranges_m in zip(groups, carrier_m, strict=True)]
+
+
+def _by_the_paper(ranges_m: Sequence[Reals], tested: Tested) -> Iterator[Kept]:
+    """The paper's rule does not look at the sky, so that short counts of several skies go in one call."""
+    together = max(1, 1_000_000 // ranges_m[0].size)
+    for first in range(0, len(ranges_m), together):
+        chunk = ranges_m[first : first + together]
+        kept = paper_decision(np.concatenate(chunk), tested=tested)
+        yield from map(Kept, np.split(kept.true, len(chunk)), np.split(kept.false, len(chunk)))
 
 
 def _means(found: Sequence[Kept]) -> dict[str, Any]:
@@ -215,9 +255,21 @@ def _means(found: Sequence[Kept]) -> dict[str, Any]:
     return {"authenticated_mean": float(true.mean()), "wrong_mean": float(false.mean()), "windows": int(true.size)}
 
 
-def _share(pair: str, window_s: int, detector: str, noise: str) -> Callable[[Sequence[Row]], float]:
+def _most(detector: str, names: tuple[str, ...], window_s: int, noise: str, rate: float) -> dict[str, float | None]:
+    """The mean of signals that no test of the means can exceed at this rate: with their sigma given, and without."""
+    if detector not in (UNKNOWN, KNOWN):
+        return {"authenticated_bound": None, "authenticated_bound_noise_unknown": None}
+    variance_m2 = mean_variance_m2(NOISES[noise], window_s)
+    most = most_decided(names, window_s, variance_m2, rate, known=detector == KNOWN)
+    return {
+        "authenticated_bound": SATS * most.noise_given,
+        "authenticated_bound_noise_unknown": SATS * most.noise_unknown,
+    }
+
+
+def _share(key: str, pair: str, window_s: int, detector: str, noise: str) -> Callable[[Sequence[Row]], float]:
     """Of windows with all seven: groups are kept whole or not at all."""
-    mean = _mean("authenticated_mean", pair=pair, window_s=window_s, detector=detector, noise=noise)
+    mean = _mean(key, pair=pair, window_s=window_s, detector=detector, noise=noise)
     return lambda rows: mean(rows) / SATS
 
 
@@ -239,18 +291,30 @@ def _most_wrong(method: str, noises: Sequence[str], pairs: Sequence[str], detect
     return most
 
 
-def _pooled_wrong(rows: Sequence[Row]) -> float:
-    """Share of wrong signals of ours under the noise where it is largest, all cells of it together."""
-    shares = []
-    for noise in NOISES:
-        for detector in (UNKNOWN, KNOWN, CARRIER):
-            of = _rows(rows, noise=noise, detector=detector)
-            shares.append(np.average([r["wrong_mean"] for r in of], weights=[r["windows"] for r in of]) / SATS)
-    return float(max(shares))
+def _pooled_wrong(key: str, **wanted: Any) -> Callable[[Sequence[Row]], float]:
+    """Share of wrong signals of our detector that has most, all its cells of these together."""
+
+    def share(rows: Sequence[Row]) -> float:
+        cells = [_rows(rows, detector=detector, **wanted) for detector in (UNKNOWN, KNOWN, CARRIER)]
+        weighted = (np.average([r[key] for r in of], weights=[r["windows"] for r in of]) for of in cells)
+        return float(max(weighted)) / SATS
+
+    return share
+
+
+def _most_by_count(rate: float, **wanted: Any) -> Callable[[Sequence[Row]], float]:
+    """The share that a count at this rate exceeds with a chance of 0.1 %."""
+
+    def share(rows: Sequence[Row]) -> float:
+        windows = sum(row["windows"] for row in _rows(rows, **wanted))
+        return float((binomial_threshold(1e-3, windows, rate)[0] - 1) / windows)
+
+    return share
 
 
 _WHITE = ("white", "white 2 m")
 _KEPT_1B = {  # pair, noise: kept of 7 at 10, 30, 60, 120 s by an independent simulation over other geometries
+    ("3", "white"): (0.0, 0.2, 0.5, 1.7),
     ("4", "white"): (2.2, 5.8, 6.2, 6.5),
     ("5", "white"): (5.7, 6.45, 6.65, 6.85),
     ("6", "white"): (6.4, 6.8, 6.96, 7.0),
@@ -258,24 +322,73 @@ _KEPT_1B = {  # pair, noise: kept of 7 at 10, 30, 60, 120 s by an independent si
     ("8", "white"): (6.9, 7.0, 7.0, 7.0),
     ("1", "white"): (7.0, 7.0, 7.0, 7.0),
     ("2", "white"): (6.7, 6.8, 6.9, 6.9),
+    ("3", "white 2 m"): (0.0, 0.0, 0.05, 0.1),
     ("4", "white 2 m"): (0.25, 2.6, 5.1, 5.9),
     ("5", "white 2 m"): (2.6, 5.9, 6.3, 6.45),
     ("6", "white 2 m"): (5.7, 6.4, 6.6, 6.8),
+    ("7", "white 2 m"): (6.3, 6.7, 6.9, 7.0),
     ("8", "white 2 m"): (6.5, 6.9, 7.0, 7.0),
+    ("1", "white 2 m"): (6.9, 7.0, 7.0, 7.0),
     ("2", "white 2 m"): (6.5, 6.7, 6.8, 6.9),
 }
 
 
-def _kept_claims() -> Iterator[Claim]:
+def _kept_claim(case: str, value: float, **where: Any) -> Claim:
+    return Claim(
+        what=f"1b, {case}: kept of 7, mean over 16 skies", paper="curve", reference=value,
+        same=_mean("authenticated_mean", detector="1b", **where),
+        better=_mean("authenticated_mean", detector=UNKNOWN, **where), tolerance=_scatter(detector="1b", **where),
+    )  # fmt: skip
+
+
+def _scatter(**wanted: Any) -> Callable[[Sequence[Row]], float]:
+    """How far two means over different skies may be apart: 0.2, or two standard errors of their difference
+    where skies differ by more."""
+    sem = _mean("authenticated_sem", **wanted)
+    return lambda rows: float(max(0.2, 2.0 * np.sqrt(2.0) * sem(rows)))
+
+
+def _kept_figures() -> Iterator[tuple[dict[str, Any], float]]:
     for (pair, noise), values in _KEPT_1B.items():
-        distance_m, direction, _ = PAIRS[pair]
         for window_s, value in zip((10, 30, 60, 120), values, strict=True):
-            where = {"pair": pair, "noise": noise, "window_s": window_s}
-            yield Claim(
-                what=f"1b, {distance_m:g} m {direction}, {window_s} s, {NOISES[noise].sigma_m:g} m, white: kept of 7",
-                paper="curve", reference=value, same=_mean("authenticated_mean", detector="1b", **where),
-                better=_mean("authenticated_mean", detector=UNKNOWN, **where), tolerance=0.2,
-            )  # fmt: skip
+            yield {"pair": pair, "noise": noise, "window_s": window_s}, value
+
+
+def _kept_claims() -> Iterator[Claim]:
+    for where, value in _kept_figures():
+        distance_m, direction, _ = PAIRS[where["pair"]]
+        sigma_m = NOISES[where["noise"]].sigma_m
+        yield _kept_claim(f"{distance_m:g} m {direction}, {where['window_s']} s, {sigma_m:g} m, white", value, **where)
+
+
+def _beyond(rows: Sequence[Row]) -> float:
+    """How many figures of 1b are more than 0.2 off."""
+    kept = (_mean("authenticated_mean", detector="1b", **where)(rows) - value for where, value in _kept_figures())
+    return sum(abs(off) > 0.2 for off in kept)
+
+
+def _share_claims() -> Iterator[Claim]:
+    asked = [("6", 20, 15, "", ALPHA_OURS), ("4", 5, 30, "", ALPHA_OURS), ("4", 5, 30, LAX, ALPHA_PAPER)]
+    for pair, distance_m, window_s, end, rate in asked:
+        for noise in NOISES:
+            for detector in (UNKNOWN, KNOWN):
+                where = pair, window_s, detector, noise
+                yield Claim(
+                    what=f"share of windows with 7 of 7 at {distance_m} m, {window_s} s, {noise}, {detector}, wrong at "
+                         f"most {rate:g}; asked 0.999; reference: the most that a test can that is told the noise",
+                    paper="not reached", reference=_share(f"authenticated_bound{end}", *where),
+                    better=_share(f"authenticated_mean{end}", *where), digits=5,
+                )  # fmt: skip
+    for end, rate in (("", ALPHA_OURS), (LAX, ALPHA_PAPER)):
+        for noise in ("AR(1) 0.9", "1 m per track"):
+            for detector in (UNKNOWN, KNOWN):
+                where = "4", 30, detector, noise
+                yield Claim(
+                    what=f"the same at 5 m, 30 s, {noise}, {detector}, wrong at most {rate:g}; reference: the most "
+                         "that a test can that is not told the noise",
+                    paper="not reached", reference=_share(f"authenticated_bound_noise_unknown{end}", *where),
+                    better=_share(f"authenticated_mean{end}", *where), digits=5,
+                )  # fmt: skip
 
 
 DISTANCE = Study(
@@ -304,7 +417,8 @@ DISTANCE = Study(
               same=_least("paper", "1b", _WHITE, 30, ("6",)), better=_least("skyproof", UNKNOWN, _WHITE, 30, ("6",))),
         Claim(what="most false signals kept from 10 m on, share, white noise of 1 to 2 m, code", paper=0.0,
               same=_most_wrong("paper", _WHITE, ("5", "6", "7", "8", "1"), "1b"),
-              better=_most_wrong("skyproof", _WHITE, ("5", "6", "7", "8", "1"), UNKNOWN), tolerance=0.002),
+              better=_most_wrong("skyproof", _WHITE, ("5", "6", "7", "8", "1"), UNKNOWN),
+              tolerance=lambda rows: max(0.002, 2.0 / min(row["windows"] for row in rows) / SATS)),
         Claim(what="false signals kept by the paper's rule at 20 m, 30 s, AR(1) 0.9, of 7", paper="not considered",
               reference=6.0, same=_mean("wrong_mean", pair="6", window_s=30, detector="1b", noise="AR(1) 0.9"),
               better=_mean("wrong_mean", pair="6", window_s=30, detector=UNKNOWN, noise="AR(1) 0.9"), tolerance=0.3),
@@ -312,16 +426,24 @@ DISTANCE = Study(
               reference=3.2, same=_mean("wrong_mean", pair="6", window_s=30, detector="1b", noise="1 m per track"),
               better=_mean("wrong_mean", pair="6", window_s=30, detector=UNKNOWN, noise="1 m per track"),
               tolerance=0.3),
-        *(
-            Claim(what=f"share of windows with 7 of 7 at {distance} m, {window_s} s, {noise}, {detector}; asked 0.999",
-                  paper="not reached", better=_share(pair, window_s, detector, noise), digits=5)
-            for pair, distance, window_s in (("6", 20, 15), ("4", 5, 30))
-            for noise in NOISES for detector in (UNKNOWN, KNOWN)
-        ),
+        *_share_claims(),
         Claim(what="share of windows with 7 of 7 at 1 m in 10 s by carrier, white; asked 0.999", paper="not reached",
-              better=_share("3", 10, CARRIER, "white"), digits=5),
-        Claim(what=f"wrong signals of ours, share, under the worst of five noises; stated at most {ALPHA_OURS:g}",
-              paper="not stated", better=_pooled_wrong),
+              better=_share("authenticated_mean", "3", 10, CARRIER, "white"), digits=5),
+        *(
+            Claim(what=f"wrong signals of ours, share of all windows, {noise}; stated: at most {rate:g}",
+                  paper="not stated", reference=0.0, better=_pooled_wrong(f"wrong_mean{end}", noise=noise),
+                  tolerance=rate)
+            for end, rate in (("", ALPHA_OURS), (LAX, ALPHA_PAPER)) for noise in NOISES
+        ),
+        *(
+            Claim(what=f"the same at 1 m in 15 s, all noises, where little can be told; stated: at most {rate:g}",
+                  paper="not stated", reference=0.0, better=_pooled_wrong(f"wrong_mean{end}", pair="3", window_s=15),
+                  tolerance=_most_by_count(rate, detector=UNKNOWN, pair="3", window_s=15))
+            for end, rate in (("", ALPHA_OURS), (LAX, ALPHA_PAPER))
+        ),
+        Claim(what="figures of 1b more than 0.2 off the reference, of the 64 that follow (tolerance: 0.2, or two "
+                   "standard errors of the difference of two means over 16 skies)",
+              same=_beyond, paper="curve", reference="0; sixteen other skies"),
         *_kept_claims(),
         Claim(what="Figure 5, dip at 35 m against 20 m", paper="dip",
               reference="cannot be made again: the almanac is not given, and the mean over sixteen skies has none"),
@@ -342,31 +464,32 @@ GROUP_WINDOWS_S = (5, 10, 30, 60)
 
 
 def _receivers(settings: Settings) -> Iterator[Row]:
-    each = max(1, settings.count(800, 32) // len(_skies(settings)))
+    each = max(1, settings.count(800, 32) // len(geometries()))
     for index, numbers in enumerate(GROUPS):
         names = tuple(f"rx{number}" for number in numbers)
-        places_m = np.array([PLACES[name] for name in names])
         for window_s in GROUP_WINDOWS_S:
-            for noise in _WHITE:
-                rng = settings.rng(2000 + 100 * index + window_s + (50 if noise == _WHITE[1] else 0))
-                kept: dict[tuple[str, str], list[Kept]] = {}
-                for geometry in _skies(settings):
-                    exact_m = ranges_of(geometry, names, window_s)
-                    code_m = exact_m + errors_of(NOISES[noise], (each, *exact_m.shape), rng)
-                    kept.setdefault(("paper", "1b"), []).append(paper_decision(code_m, tested="line"))
-                    kept.setdefault(("skyproof", UNKNOWN), []).append(group_decision(code_m, geometry))
-                    kept.setdefault(("skyproof", KNOWN), []).append(group_decision(code_m, geometry, places_m))
-                for (method, detector), found in kept.items():
-                    yield {
-                        "receivers": " ".join(str(number) for number in numbers), "n_receivers": len(numbers),
-                        "window_s": window_s, "detector": detector, "method": method, "noise": noise, **_means(found),
-                    }  # fmt: skip
+            shape = (each, window_s, SATS, len(names), 2)
+            for other, noise in enumerate(_WHITE):
+                rng = settings.rng(2000 + 100 * index + window_s + 50 * other)
+                drawn = [(_errors(noise, shape, rng), None) for _ in geometries()]
+                for row in _judged(names, window_s, noise, drawn):
+                    yield {"receivers": " ".join(str(number) for number in numbers), "n_receivers": len(names), **row}
 
 
-_KEPT_GROUPS = {  # white noise of 2 m: kept of 7 at 5, 10, 30, 60 s by an independent simulation over other geometries
-    "1 6": (0.0, 0.2, 2.7, 5.1), "1 6 7": (0.2, 2.3, 5.75, 6.2), "1 10": (5.7, 6.3, 6.9, 7.0),
-    "1 4": (4.3, 6.0, 6.4, 6.7), "1 4 10": (6.6, 6.9, 7.0, 7.0), "1 3 4 10": (6.8, 7.0, 7.0, 7.0),
+_KEPT_GROUPS = {  # receivers, noise: kept of 7 at 5, 10, 30, 60 s by an independent simulation over other geometries
+    ("1 6", "white"): (0.1, 2.2, 6.0, 6.3), ("1 6 7", "white"): (2.5, 5.6, 6.25, 6.4),
+    ("1 6", "white 2 m"): (0.0, 0.2, 2.7, 5.1), ("1 6 7", "white 2 m"): (0.2, 2.3, 5.75, 6.2),
+    ("1 10", "white 2 m"): (5.7, 6.3, 6.9, 7.0), ("1 4", "white 2 m"): (4.3, 6.0, 6.4, 6.7),
+    ("1 4 10", "white 2 m"): (6.6, 6.9, 7.0, 7.0), ("1 3 4 10", "white 2 m"): (6.8, 7.0, 7.0, 7.0),
 }  # fmt: skip
+
+
+def _group_claims() -> Iterator[Claim]:
+    for (numbers, noise), values in _KEPT_GROUPS.items():
+        for window_s, value in zip(GROUP_WINDOWS_S, values, strict=True):
+            case = f"receivers {numbers.replace(' ', ', ')}, {window_s} s, {NOISES[noise].sigma_m:g} m, white"
+            yield _kept_claim(case, value, noise=noise, receivers=numbers, window_s=window_s)
+
 
 RECEIVERS = Study(
     name="multi-receiver.receivers",
@@ -380,15 +503,7 @@ RECEIVERS = Study(
               where={"detector": detector, "noise": "white 2 m"})
         for detector, words in (("1b", "Paper"), (UNKNOWN, "Ours"), (KNOWN, "Ours, known baseline"))
     ),
-    claims=tuple(
-        Claim(what=f"1b, receivers {numbers.replace(' ', ', ')}, {window_s} s, 2 m of white noise: kept of 7",
-              paper="curve", reference=value, tolerance=0.2,
-              same=_mean("authenticated_mean", detector="1b", noise="white 2 m", receivers=numbers, window_s=window_s),
-              better=_mean("authenticated_mean", detector=UNKNOWN, noise="white 2 m", receivers=numbers,
-                           window_s=window_s))
-        for numbers, values in _KEPT_GROUPS.items()
-        for window_s, value in zip(GROUP_WINDOWS_S, values, strict=True)
-    ),
+    claims=tuple(_group_claims()),
 )  # fmt: skip
 
 # Time tags, section 2 -------------------------------------------------------------------------------------------------

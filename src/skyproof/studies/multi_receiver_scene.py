@@ -1,8 +1,12 @@
 """Tables 2 to 4 of the paper as arrays: ranges without errors in several geometries, the errors, and both decisions.
 
 Base 59 N, 17 E; a meaconer 500 m from rx1 on the line of most of the others, 400 m of delay; both signals present all
-the time. The almanac is not given: the 24 slots of GPS, at sixteen of the times of a day at which just seven satellites
-stand above 10 degrees. Ranges are geometric; clocks and atmosphere cancel in what is tested.
+the time. The lines run from south-east to north-west and from south-west to north-east; which end is which is not said.
+Here the receivers follow from rx1 to the south-east, rx4 is in the south-west, the meaconer in the north-west: as the
+sky stands in the south, true differences then lie farther from false ones (half of them more than 1.1 of the distance
+away) than in the scene turned round (0.9). The almanac is not given: the 24 slots of GPS, at sixteen of the times of a
+day at which just seven satellites stand above 10 degrees. Ranges are geometric; clocks and atmosphere cancel in what is
+tested.
 """
 
 from dataclasses import replace
@@ -11,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 from scipy.signal import lfilter
 
 from skyproof.detectors.double_difference import Tested, counting_rule, pairs_rejected
@@ -28,10 +33,13 @@ from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.time import week_and_tow
+from skyproof.statistics.distributions import f_threshold, noncentral_f_survival
+from skyproof.statistics.roc import chi_square_power
 
 __all__ = [
-    "ALPHA_OURS", "ALPHA_PAPER", "CARRIER_PER_CODE", "NOISES", "PLACES", "SATS", "Geometry", "Kept", "Noise",
-    "carrier_decision", "errors_of", "geometries", "group_decision", "paper_decision", "ranges_of",
+    "ALPHA_OURS", "ALPHA_PAPER", "CARRIER_PER_CODE", "NOISES", "PLACES", "SATS", "Bound", "Geometry", "Groups", "Kept",
+    "Noise", "Split", "carrier_decision", "errors_of", "geometries", "group_decision", "mean_variance_m2",
+    "most_decided", "paper_decision", "ranges_of", "split",
 ]  # fmt: skip
 
 Reals = NDArray[np.float64]
@@ -44,8 +52,8 @@ CARRIER_BOUND_M = 0.005  # slow error of a carrier track that is allowed for, on
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / L1_HZ
 
 _BASE_GEODETIC = np.radians(59.0), np.radians(17.0), 100.0
-_LINE = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)  # from rx1 to the north-west
-_ACROSS = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)  # to the north-east
+_LINE = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)  # from rx1 to the south-east, away from the meaconer
+_ACROSS = np.array([-1.0, -1.0, 0.0]) / np.sqrt(2.0)  # to the south-west
 _ALONG_M = {"rx1": 0.0, "rx2": 100.0, "rx5": 1.0, "rx6": 5.0, "rx7": 10.0, "rx8": 20.0, "rx9": 35.0, "rx10": 50.0}
 PLACES = {name: along_m * _LINE for name, along_m in _ALONG_M.items()}
 PLACES |= {"rx3": -50.0 * _ACROSS, "rx4": 50.0 * _ACROSS}
@@ -74,10 +82,14 @@ NOISES = {
 
 
 class Geometry(NamedTuple):
-    """Seven satellites: unit_enu (7, 3) in the middle of the longest window; sat_enu_m (361, 7, 3) second by second."""
+    """Seven satellites: sat_enu_m (361, 7, 3) second by second."""
 
-    unit_enu: Reals
     sat_enu_m: Reals
+
+    def unit_enu(self, window_s: int) -> Reals:
+        """(7, 3) receiver to satellite, mean over the window: false positions 500 m away would feel the middle of a
+        longer one by metres."""
+        return np.asarray(_units(self.sat_enu_m[:window_s]).mean(axis=0))
 
 
 class Kept(NamedTuple):
@@ -85,6 +97,39 @@ class Kept(NamedTuple):
 
     true: Reals
     false: Reals
+
+
+class Split(NamedTuple):
+    """first_is_false : (W, 7, R) of the tracks of the first sky. pairing_m : (W, 2^R, 7, R) the means of each pairing.
+    unit_enu : (7, 3)."""
+
+    first_is_false: NDArray[np.bool_]
+    pairing_m: Reals
+    unit_enu: Reals
+
+
+class Groups(NamedTuple):
+    """first_is_false : (W, 7, R) of the tracks of the first sky. p_values : (W, 2^R) "one antenna" of each pairing."""
+
+    first_is_false: NDArray[np.bool_]
+    p_values: Reals
+
+    def kept(self, rate: float = ALPHA_OURS) -> Kept:
+        """What the complement of the chosen pairing holds, if a choice may be wrong at this rate; nothing where none
+        was chosen."""
+        which = choose(self.p_values, rate).which
+        kept_sky = 1 - pairings(self.first_is_false.shape[2])[np.maximum(which, 0)]  # (W, R)
+        false = self.first_is_false ^ (kept_sky[:, None, :] == 1)
+        count = np.where(which >= 0, false.sum(axis=1).mean(axis=1), 0.0)
+        return Kept(np.where(which >= 0, SATS - count, 0.0), count)
+
+
+class Bound(NamedTuple):
+    """The largest share of windows that a test of means with a stated rate can decide, if the sigma of the means is
+    given to it, and if not."""
+
+    noise_given: float
+    noise_unknown: float
 
 
 @lru_cache(maxsize=1)
@@ -107,7 +152,7 @@ def geometries() -> tuple[Geometry, ...]:
     made = []
     for k in np.linspace(0, len(seen) - 1, GEOMETRIES).round().astype(int):
         sat_enu_m = sats_enu_m(seen[k][1], seen[k][0], np.arange(_LONGEST_S + 1.0))
-        made.append(Geometry(_units(sat_enu_m[_LONGEST_S // 2]), sat_enu_m))
+        made.append(Geometry(sat_enu_m))
     return tuple(made)
 
 
@@ -159,66 +204,88 @@ def paper_decision(range_m: Reals, *, tested: Tested) -> Kept:
     return Kept(kept[:, 0], kept[:, 1])
 
 
-def group_decision(range_m: Reals, geometry: Geometry, places_m: Reals | None = None) -> Kept:
-    """The recommended one, by windows' means of code. range_m : (windows, N, 7, R, 2); places_m : (R, 3) if known."""
-    skies = _skies(range_m.mean(axis=1), geometry)
-    p_values = []
-    for g in pairings(range_m.shape[3]):
-        one, other = _pairing(skies.mean_m, g), _pairing(skies.mean_m, 1 - g)
-        if places_m is None:
-            p_values.append(span_test(one, other, geometry.unit_enu).p_value)
-        else:
-            p_values.append(known_baseline_test(one, other, geometry.unit_enu, places_m[1:] - places_m[0]))
-    return _kept(skies.first_is_false, choose(np.stack(p_values, axis=-1), ALPHA_OURS).which)
+def split(range_m: Reals, geometry: Geometry) -> Split:
+    """Skies by windows' means of code. range_m : (windows, N, 7, R, 2)."""
+    unit_enu, mean_m = geometry.unit_enu(range_m.shape[1]), range_m.mean(axis=1)
+    first = split_skies(np.swapaxes(mean_m, 1, 2), unit_enu).first  # (W, R, 7)
+    first_is_false = np.swapaxes(first, 1, 2) == 1  # or true: which is which the choice tells
+    return Split(first_is_false, _by_pairing(_sorted(mean_m, first_is_false)), unit_enu)
 
 
-def carrier_decision(range_m: Reals, carrier_m: Reals, geometry: Geometry) -> Kept:
-    """Skies by code, the choice by fractions of cycles. Two receivers; arrays as of `group_decision`.
+def group_decision(skies: Split, places_m: Reals | None = None) -> Groups:
+    """The recommended one, by code. places_m : (R, 3) if known."""
+    one, other = skies.pairing_m, skies.pairing_m[:, ::-1]
+    if places_m is None:
+        p_values = span_test(one, other, skies.unit_enu).p_value
+    else:
+        p_values = known_baseline_test(one, other, skies.unit_enu, places_m[1:] - places_m[0])
+    return Groups(skies.first_is_false, p_values)
 
-    The sigma is what the carriers scatter by themselves from second to second, and 5 mm of slow error of each track.
+
+def carrier_decision(code: Groups, carrier_m: Reals) -> Groups:
+    """Skies by code, the choice by fractions of cycles; where those coincide by chance, by code. Two receivers.
+
+    Either may reject a pairing, at half of the rate. The sigma is what the carriers scatter by themselves from second
+    to second, and 5 mm of slow error of each track. carrier_m : (windows, N, 7, R, 2).
     """
-    skies = _skies(range_m.mean(axis=1), geometry)
-    n = range_m.shape[1]
     bends_m = np.diff(carrier_m, n=2, axis=1)
-    thermal_m = np.sqrt(np.mean(bends_m**2, axis=(1, 2, 3, 4)) / 6.0 / n)
+    thermal_m = np.sqrt(np.mean(bends_m**2, axis=(1, 2, 3, 4)) / 6.0 / carrier_m.shape[1])
     sigma_cyc = np.sqrt(2.0) * np.hypot(thermal_m, CARRIER_BOUND_M) / WAVELENGTH_M
-    mean_cyc = _sorted(carrier_m.mean(axis=1), skies.first) / WAVELENGTH_M
-    p_values = []
-    for g in pairings(2):
-        one = _pairing(mean_cyc, g)
-        p_values.append(fraction_test(one[..., 1] - one[..., 0], sigma_cyc).p_value)
-    return _kept(skies.first_is_false, choose(np.stack(p_values, axis=-1), ALPHA_OURS).which)
+    one_cyc = _by_pairing(_sorted(carrier_m.mean(axis=1), code.first_is_false)) / WAVELENGTH_M
+    by_fractions = fraction_test(one_cyc[..., 1] - one_cyc[..., 0], sigma_cyc[:, None]).p_value
+    return Groups(code.first_is_false, np.minimum(1.0, 2.0 * np.minimum(by_fractions, code.p_values)))
 
 
-class _Skies(NamedTuple):
-    """mean_m : (W, 7, R, 2), last axis now the sky. first : (W, R, 7). first_is_false : (W, 7, R) of the tracks."""
-
-    mean_m: Reals
-    first: NDArray[np.intp]
-    first_is_false: NDArray[np.bool_]
-
-
-def _skies(mean_m: Reals, geometry: Geometry) -> _Skies:
-    first = split_skies(np.swapaxes(mean_m, 1, 2), geometry.unit_enu).first  # (W, R, 7)
-    return _Skies(_sorted(mean_m, first), first, np.swapaxes(first, 1, 2) == 1)
+def mean_variance_m2(noise: Noise, window_s: int) -> float:
+    """Of a track's mean over the window."""
+    lags = np.arange(1, window_s)
+    correlated = 1.0 + 2.0 * np.sum((1.0 - lags / window_s) * noise.phi**lags)
+    return float(noise.sigma_m**2 * correlated / window_s + noise.constant_m**2)
 
 
-def _sorted(values: Reals, first: NDArray[np.intp]) -> Reals:
+def most_decided(receivers: tuple[str, ...], window_s: int, variance_m2: float, rate: float, *, known: bool) -> Bound:
+    """What no test of the windows' means can exceed that errs at this rate at most, whatever the baseline or, if it is
+    known, with it; mean over the geometries.
+
+    variance_m2 : of the mean of each track, the same for all. Baseline unknown: the sky's mean square along baselines,
+    3(R-1) dimensions, is the uniformly most powerful invariant statistic; chi-square if the noise is given, else F over
+    all other dimensions that hold noise under both hypotheses, 2R(7-4) + 3(R-1). Baseline known: the most powerful test
+    between two points, Gaussian, or Student's t over all other dimensions.
+    """
+    squares = np.array(_squares_m2(receivers, window_s)) / variance_m2
+    squares = np.minimum(squares, 2000.0)  # beyond it the power is 1
+    along = 3 * (len(receivers) - 1)
+    noise = 2 * len(receivers) * (SATS - 4) + along
+    if known:
+        mean, dof = np.sqrt(2.0 * squares), noise + along - 1
+        given = special.ndtr(mean - special.ndtri(1.0 - rate))
+        unknown = 1.0 - special.nctdtr(dof, mean, special.stdtrit(dof, 1.0 - rate))
+    else:
+        given = chi_square_power(rate, along, squares)
+        unknown = noncentral_f_survival(f_threshold(rate, along, noise), along, noise, squares)
+    return Bound(float(np.mean(given)), float(np.mean(unknown)))
+
+
+@lru_cache
+def _squares_m2(receivers: tuple[str, ...], window_s: int) -> tuple[float, ...]:
+    """What the sky shows along baselines in each geometry, squared, without errors."""
+    places_m = np.array([PLACES[name] for name in receivers])
+    squares = []
+    for geometry in geometries():
+        moved_m = geometry.unit_enu(window_s) @ places_m.T  # (7, R)
+        # What a satellite has in common in all receivers, and a receiver in all satellites, is not seen.
+        seen_m = moved_m - moved_m.mean(axis=0) - moved_m.mean(axis=1, keepdims=True) + moved_m.mean()
+        squares.append(float(np.sum(seen_m**2)))
+    return tuple(squares)
+
+
+def _sorted(values: Reals, first_is_false: NDArray[np.bool_]) -> Reals:
     """(W, 7, R, 2) from tracks to skies."""
-    track = np.swapaxes(first, 1, 2)[..., None]
+    track = first_is_false[..., None].astype(np.intp)
     return np.take_along_axis(values, np.concatenate([track, 1 - track], axis=-1), axis=-1)
 
 
-def _pairing(values: Reals, skies: NDArray[np.intp]) -> Reals:
-    """(W, 7, R): of each receiver the sky that the pairing takes."""
-    return values[..., np.arange(values.shape[2]), skies]
-
-
-def _kept(first_is_false: NDArray[np.bool_], which: NDArray[np.intp]) -> Kept:
-    """What the complement of the chosen pairing holds; nothing where none was chosen."""
-    receivers = first_is_false.shape[2]
-    kept_sky = 1 - pairings(receivers)[np.maximum(which, 0)]  # (W, R)
-    false = first_is_false ^ (kept_sky[:, None, :] == 1)
-    decided = which >= 0
-    count = np.where(decided, false.sum(axis=1).mean(axis=1), 0.0)
-    return Kept(np.where(decided, SATS - count, 0.0), count)
+def _by_pairing(values: Reals) -> Reals:
+    """(W, 2^R, 7, R) from (W, 7, R, 2): of each receiver the sky that each pairing takes."""
+    receivers = np.arange(values.shape[2])
+    return np.stack([values[..., receivers, skies] for skies in pairings(receivers.size)], axis=1)

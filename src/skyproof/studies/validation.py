@@ -5,6 +5,7 @@ What cannot be reproduced stands in the table as well, with the reason in place 
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import date
 from importlib.metadata import version
 
@@ -19,22 +20,26 @@ class Checked:
     """A claim beside what the rows gave. `agrees` is None where nothing is promised to agree."""
 
     def __init__(self, claim: Claim, rows: Sequence[Row]) -> None:
-        self.claim = claim
+        reference = float(claim.reference(rows)) if callable(claim.reference) else claim.reference
+        self.claim = replace(claim, reference=reference)
+        self.reference = reference
         self.same = None if claim.same is None else float(claim.same(rows))
         self.better = None if claim.better is None else float(claim.better(rows))
-        aim = claim.paper if claim.reference is None or isinstance(claim.reference, str) else claim.reference
+        aim = claim.paper if reference is None or isinstance(reference, str) else reference
+        ours = self.better if self.same is None else self.same
+        self.tolerance = float(claim.tolerance(rows)) if callable(claim.tolerance) else claim.tolerance
         self.agrees: bool | None = None
-        if claim.tolerance is not None and self.same is not None and isinstance(aim, int | float):
-            self.agrees = bool(abs(self.same - aim) <= claim.tolerance)
+        if self.tolerance is not None and ours is not None and isinstance(aim, int | float):
+            self.agrees = bool(abs(ours - aim) <= self.tolerance)
 
     def cells(self) -> tuple[str, ...]:
         """What stands in the columns of `studies.base.COLUMNS`, then the verdict."""
         claim = self.claim
-        values = (claim.paper, self.same, self.better, claim.reference)
+        values = (claim.paper, self.same, self.better, self.reference)
         if self.agrees is None:
             verdict = NONE
         else:
-            verdict = f"{'within' if self.agrees else '**not** within'} {_told(claim.tolerance, claim.digits)}"
+            verdict = f"{'within' if self.agrees else '**not** within'} {_told(self.tolerance, claim.digits)}"
         return (*(_told(value, claim.digits) for value in values), verdict)
 
 

@@ -139,7 +139,9 @@ def delay_rows(settings: Settings) -> Iterator[Row]:
         rng = settings.rng(stream)
         offsets = rule.equilibrium(SKY, attack_on(2, size=code), attack_on(2, size=doppler), CN0_DBHZ)
         by_length = {sums: block_delay(rng, offsets, sums, tests[sums], 10 * trials) for sums in lengths}
-        common = {"code_chips": code, "doppler_hz": doppler, "cn0_dbhz": CN0_DBHZ, "p_fa_per_s": RATE_PER_S}
+        on = "code and Doppler" if code and doppler else "code" if code else "Doppler"
+        common = {"attack": on, "code_chips": code, "doppler_hz": doppler, "cn0_dbhz": CN0_DBHZ,
+                  "p_fa_per_s": RATE_PER_S}  # fmt: skip
         papers = np.inf
         for name in next(iter(by_length.values())):
             best = min(Delay(by_length[sums][name], sums) for sums in lengths)

@@ -1,0 +1,182 @@
+"""What the manual shows and commands make: figures, outputs and the notebook's page.
+
+They are kept in .cache/manual until the code that made them changes.
+"""
+
+import ast
+import base64
+import contextlib
+import hashlib
+import io
+import json
+import logging
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+log = logging.getLogger("mkdocs.runs")
+ROOT = Path(__file__).resolve().parents[2]
+CACHE = ROOT / ".cache" / "manual"
+BIN = Path(sys.executable).parent
+WIDTH = 84
+LONGEST = 1500
+"""Characters of an object that has no better way to show itself."""
+STUDY_ROOMS = ("studies", "detectors", "statistics", "navigation", "simulate", "gnss", "records.py", "report/chart.py")
+"""What the rows and charts of a study depend on; everything else may change without making them anew."""
+
+
+def fingerprint(rooms: tuple[str, ...] = ("",)) -> str:
+    """A hash of the sources in some rooms of the package."""
+    package = ROOT / "src" / "skyproof"
+    found = sorted({path for room in rooms for path in ([package / room] if (package / room).is_file() else
+                    (package / room).rglob("*")) if path.suffix in {".py", ".toml", ".html", ".css"}})  # fmt: skip
+    digest = hashlib.sha256()
+    for path in found:
+        digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+@contextlib.contextmanager
+def kept(name: str, key: str) -> Iterator[bool]:
+    """Whether something of this name has to be made; once it was, the key is kept beside it."""
+    mark = CACHE / f"{name}.key"
+    stale = not mark.is_file() or mark.read_text(encoding="utf-8") != key
+    if stale:
+        mark.unlink(missing_ok=True)
+    yield stale
+    if stale:
+        mark.parent.mkdir(parents=True, exist_ok=True)
+        mark.write_text(key, encoding="utf-8")
+
+
+def run(*words: str, folder: Path = CACHE) -> str:
+    """Standard output of a command of skyproof, run in a folder. Raises RuntimeError with its last line."""
+    folder.mkdir(parents=True, exist_ok=True)
+    env = os.environ | {"COLUMNS": str(WIDTH), "NO_COLOR": "1", "TERM": "dumb"}
+    log.info("skyproof %s", shlex.join(words))
+    command = [str(BIN / "skyproof"), *words]
+    done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"skyproof {shlex.join(words)}: {done.stderr.strip().splitlines()[-1:]}")
+    return done.stdout
+
+
+def figure(what: str) -> Path:
+    """The chart of a study, run quickly, or with the options that follow its name."""
+    name, *options = figure_words(what)
+    path = CACHE / "figures" / f"{name}.svg"
+    with kept(f"figures/{name}", f"{fingerprint(STUDY_ROOMS)} {options}") as stale:
+        if stale:
+            run("study", name, *options, "--plot", "--out", "figures")
+    return path
+
+
+def figure_words(what: str) -> list[str]:
+    """Name of a study and options, as a mark gives them."""
+    words = what.split()
+    return words if len(words) > 1 else [*words, "--quick"]
+
+
+def demo() -> Path:
+    """The folder of `skyproof demo`, with what it printed in printed.txt."""
+    folder = CACHE / "run" / "demo"
+    with kept("demo", fingerprint()) as stale:
+        if stale:
+            printed = run("demo", "--out", "demo", folder=CACHE / "run")
+            (folder / "printed.txt").write_text(printed, encoding="utf-8")
+    return folder
+
+
+def output(line: str) -> str:
+    """What a command prints where the demonstration's recordings are in the folder demo."""
+    folder = demo().parent
+    if line == "skyproof demo --out demo":
+        return (folder / "demo" / "printed.txt").read_text(encoding="utf-8")
+    name = re.sub(r"\W+", "-", line)
+    path = CACHE / "outputs" / f"{name}.txt"
+    with kept(f"outputs/{name}", fingerprint()) as stale:
+        if stale:
+            printed = run(*shlex.split(line)[1:], folder=folder)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(printed, encoding="utf-8")
+    return path.read_text(encoding="utf-8")
+
+
+def scene_pages() -> list[Path]:
+    """The pages that draw the ready-made scenes."""
+    with kept("pages", fingerprint(("simulate", "gnss", "report", "app/pages.py", "app/scene_page.py"))) as stale:
+        if stale:
+            run("simulate", "--pages", "pages")
+    return sorted((CACHE / "pages").glob("*.html"))
+
+
+# The notebook
+
+
+def notebook(path: Path, *, executed: bool) -> str:
+    """A notebook as Markdown; if executed, with what its cells print and show."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    shown: list[list[dict[str, str]]] = [[] for _ in cells]
+    if executed:
+        kept_at = CACHE / "notebook.json"
+        with kept("notebook", fingerprint() + hashlib.sha256(path.read_bytes()).hexdigest()) as stale:
+            if stale:  # by a process of its own, as a person would
+                command = [sys.executable, __file__, str(path), str(kept_at)]
+                done = subprocess.run(command, cwd=CACHE, capture_output=True, text=True, check=False)
+                if done.returncode:
+                    raise RuntimeError(f"{path.name}: {done.stderr.strip().splitlines()[-1:]}")
+        shown = json.loads(kept_at.read_text(encoding="utf-8"))
+    parts = []
+    for cell, outputs in zip(cells, shown, strict=True):
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        parts += [one["html"] if "html" in one else f"```text\n{one['text'].rstrip()}\n```" for one in outputs]
+    return "\n\n".join(parts)
+
+
+def _executed(cells: list[dict[str, Any]]) -> list[list[dict[str, str]]]:
+    """What each cell prints, and how its last expression shows itself; run in one namespace, in a folder of its own."""
+    names: dict[str, Any] = {"__name__": "__main__"}
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            return [run_cell("".join(cell["source"]), names) if cell["cell_type"] == "code" else [] for cell in cells]
+        finally:
+            os.chdir(before)
+
+
+def run_cell(source: str, names: dict[str, Any]) -> list[dict[str, str]]:
+    """Run one cell in a namespace: what it printed, and its last expression as a notebook would show it."""
+    tree = ast.parse(source)
+    last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(tree, "cell", "exec"), names)
+        value = None if last is None else eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+    shown = [{"text": printed.getvalue()}] if printed.getvalue() else []
+    if value is not None:
+        shown.append(_shown(value))
+    return shown
+
+
+def _shown(value: Any) -> dict[str, str]:
+    drawn = value._repr_html_() if hasattr(value, "_repr_html_") else ""
+    if drawn.startswith("<svg"):
+        octets = base64.b64encode(drawn.encode()).decode()
+        return {"html": f'<img class="figure" alt="chart" src="data:image/svg+xml;base64,{octets}">'}
+    if drawn:
+        return {"html": f'<div class="shown">{" ".join(drawn.split())}</div>'}
+    text = repr(value)
+    return {"text": text if len(text) <= LONGEST else f"{text[:LONGEST]} ..."}
+
+
+if __name__ == "__main__":
+    told = json.dumps(_executed(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))["cells"]))
+    Path(sys.argv[2]).write_text(told, encoding="utf-8")

@@ -1,0 +1,172 @@
+"""What the manual tells from the code itself: commands from the command line, keys of files from their models."""
+
+import importlib
+import json
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from docstrings import items_of
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+
+from skyproof.cli import app
+from skyproof.simulate import Site, ready_made
+from skyproof.studies import studies
+
+ROOT = Path(__file__).resolve().parents[2]
+NOT_GIVEN = "not given"
+WORDS = {
+    "name": "A name, which files and other tables refer to.",
+    "description": "What it shows, for people.",
+    "seed": "Of all that is random.",
+    "start_gpst": "GPS time of second zero.",
+    "duration_s": "How long it lasts.",
+    "mask_deg": "No signal comes from below this elevation.",
+    "lat_deg": "Geodetic latitude, WGS-84.",
+    "lon_deg": "Longitude, east positive.",
+    "height_m": "Height above the ellipsoid.",
+    "path": "A way, in place of standing still.",
+    "speed_m_s": "Speed along the way.",
+    "radius_m": "From the middle to what moves.",
+    "clockwise": "Seen from above.",
+    "body_m": "Forward, right, down of the receiver's place.",
+    "spin": "An arm that turns it.",
+    "multipath": "Reflections.",
+    "imu": "An inertial unit.",
+    "receivers": "A table for each.",
+    "signals": "A table for each.",
+    "sources": "A table for each.",
+    "methods": "A table for each detector.",
+    "inputs": "A table for each file.",
+    "front_end": "How all receivers sample.",
+    "sky": "The true signals.",
+    "attacks": "A table for each.",
+    "interference": "A table for each.",
+    "antennas": "Further antennas, a table for each.",
+    "message_later_s": "By so much is the time of week later that the message tells.",
+    "receive": "The place or way of the antenna that hears the sky.",
+    "delay_s": "By how much later the sky is sent than it is heard.",
+    "shows": "The place or way that a receiver is to believe.",
+    "transmit": "The place or way of the transmit antenna.",
+    "power_points_db": "(time, further power), straight between, held beyond the ends.",
+    "onset_s": "The first wave leaves the transmit antenna.",
+    "until_s": "The last wave leaves it; it does not end if absent.",
+    "off_s": "(from, until): silent between.",
+    "offset_hz": "Of the line, off the nominal carrier.",
+    "sweep_hz": "Width of a chirp.",
+    "period_s": "Of a chirp.",
+    "zenith_cn0_dbhz": "C/N0 of a signal from the zenith.",
+    "horizon_cn0_dbhz": "C/N0 of a signal from the horizon.",
+    "Spin.rate_hz": "Turns a second, clockwise from above if positive.",
+    "Imu.rate_hz": "Readings a second.",
+    "FrontEnd.rate_hz": "Samples a second, whole hertz.",
+    "FrontEnd.if_hz": "Where the carrier lies in the samples.",
+    "FrontEnd.bits": "Of one number, I or Q.",
+    "Multipath.height_m": "Of the antenna over a level mirror, which makes the longer way 2 h sin(elevation).",
+    "FromFile.path": "The file: CSV, NMEA or KML.",
+}
+"""What keys mean that are told nowhere else, by key or by Model.key."""
+
+
+
+def commands() -> str:
+    """Every command with its arguments, options and examples, as the command line itself tells them."""
+    _, *sections = re.split(r"^## skyproof (\S+)\n", app.generate_docs(output_format="markdown"), flags=re.MULTILINE)
+    return "\n\n".join(_command(name, text) for name, text in zip(sections[::2], sections[1::2], strict=True))
+
+
+def _command(name: str, told: str) -> str:
+    usage = (app[name].usage or f"skyproof {name}").removeprefix("Usage: ").strip()
+    body = re.sub(r"^```console\n.*?```", f"```text\n{usage}\n```", told.strip(), count=1, flags=re.DOTALL)
+    body = body.replace("**Parameters**", "**Options**").replace(" **[required]**", " *[needed]*")
+    told = f"{app[name].help_epilogue or ''}\n"
+    example = re.sub(r"((?:^skyproof .*\n)+)", r"```sh\n\1```\n", told, flags=re.MULTILINE)
+    return f"## `skyproof {name}`\n\n{body}\n\n{example.strip()}"
+
+
+def keys(name: str) -> str:
+    """A table of the keys of a Pydantic model, `module:Model`: type, default, meaning."""
+    module, _, model_name = name.partition(":")
+    model: type[BaseModel] = getattr(importlib.import_module(module), model_name)
+    kinds = [kind for kind in reversed(model.__mro__) if issubclass(kind, BaseModel) and kind is not BaseModel]
+    told = {key: text for kind in kinds for names, text in items_of(kind.__doc__ or "") for key in names}
+    fields = {key: field for key, field in model.model_fields.items() if key not in _of_site(model)}
+    rows = []
+    for key, field in fields.items():
+        default = "needed" if field.is_required() else _toml(field.get_default(call_default_factory=True))
+        default = default if default in ("needed", NOT_GIVEN) else f"`{default}`"
+        text = field.description or told.get(key) or WORDS.get(f"{model_name}.{key}") or WORDS.get(key, "")
+        choices = _choices(field.annotation)
+        means = text if all(word in text for word in choices) else f"{text} {_listed(choices)}".strip()
+        rows.append((f"`{key}`", default, _cell(means[:1].upper() + means[1:])))
+    if all(default == "needed" for _, default, _ in rows):  # a document that is written, not one to write
+        return _table(("key", "means"), [(key, means) for key, _, means in rows])
+    return _table(("key", "default", "means"), rows)
+
+
+def _of_site(model: type[BaseModel]) -> set[str]:
+    """Keys of places, which have a table of their own."""
+    return set(Site.model_fields) if issubclass(model, Site) and model is not Site else set()
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _toml(value: Any) -> str:
+    if value is None or value is PydanticUndefined:
+        return NOT_GIVEN
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, BaseModel):
+        return "{...}"
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(_toml(one) for one in value)}]"
+    if isinstance(value, str):
+        return json.dumps(value)
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
+
+
+def _choices(annotation: Any) -> list[str]:
+    """The words that a key may be."""
+    return [word for word in getattr(annotation, "__args__", ()) if isinstance(word, str)]
+
+
+def _listed(words: list[str]) -> str:
+    return f"{'One of ' if len(words) > 1 else ''}{', '.join(f'`{word}`' for word in words)}."
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def scene_names() -> list[str]:
+    """The ready-made scenes, in alphabetical order."""
+    return list(ready_made())
+
+
+def scenes() -> str:
+    """A table of the ready-made scenes, each with the page that draws it."""
+    return _table(
+        ("scene", "what happens"),
+        [(f"[`{name}`](scenes/{name}.html)", _cell(one.title)) for name, one in ready_made().items()],
+    )
+
+
+def study_list() -> str:
+    """A table of the studies."""
+    return _table(
+        ("study", "figure", "what it makes"),
+        [(f"`{one.name}`", _cell(one.figure), _cell(one.title)) for one in studies().values()],
+    )
+
+
+def page_of_root(name: str) -> str:
+    """A page of the repository's root, with its links as seen from docs/."""
+    text = (ROOT / name).read_text(encoding="utf-8")
+    for here, there in (("docs/", ""), ("CHANGELOG.md", "changelog.md"), ("CONTRIBUTING.md", "contributing.md")):
+        text = text.replace(f"]({here}", f"]({there}")
+    return re.sub(r"\[([^\]]+)\]\(LICENSE\)", r"\1", text)

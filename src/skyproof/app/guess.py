@@ -1,0 +1,441 @@
+"""A recording that nothing describes: what it may be, ranked by what a search finds, and the sidecar that says so.
+
+What the bytes may mean comes from their statistics, how many samples a code period takes and where the carrier lies
+from what repeats in them, and whether all that is right from a search for satellites. The file's name and a WAV header
+are hints, which are tried and not believed.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.errors import InputError, NotEnoughData
+from skyproof.formats.layout import Chunk, PackedSamples, Packing
+from skyproof.formats.names import NameHints, hints_of
+from skyproof.formats.octets import mapped, size_of
+from skyproof.formats.raw import SampleLayout
+from skyproof.formats.readings import header_length, likely_packings
+from skyproof.formats.signatures import WavHeader, head_of, other_than_samples, wav_header
+from skyproof.gnss.constants import L1_HZ
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
+from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
+from skyproof.receiver.repetition import LEAST_SAMPLES, Repetition, repetition, usual_length
+
+__all__ = ["CONVINCING", "Guess", "Proposal", "guess"]
+
+CONVINCING: Final = 1e-6
+"""Chance, by noise alone, of what was found in all that was tried: below it a sidecar is written."""
+
+_LOOKED_AT: Final = 1 << 20  # bytes, for their statistics
+_REPEATS: Final = -3.0
+"""Decimal logarithm of the chance below which something repeats: what it says is then searched first."""
+_CLEAR: Final = -10.0  # and below this there is no need of more samples
+_FIRST_LENGTH, _SECOND_LENGTH, _LOOKED_AGAIN = 1 << 19, 1 << 21, 3  # samples, and in how many readings
+_MOST_READINGS: Final = 6
+_IMAGED: Final = 0.02
+"""Share of images in what repeats, above which complex samples are real ones; imbalance of I and Q makes less."""
+_IMAGE_COSTS: Final = 0.5
+_FAR_COSTS: Final = 0.1
+"""Of the power found in complex samples whose carrier lies beyond a quarter of the rate: nobody samples so, and real
+samples read as complex look so, with all but the same power."""
+_NICE_HZ: Final = 100e6  # clocks that rates are whole parts of
+_FEW_SATS: Final = 4
+_PERIODS: Final = 10
+_STEP_HZ: Final = 500.0
+_NEAR_HZ, _WIDE_HZ = 8e3, 60e3
+"""Reach of the first search, for satellites and a good oscillator; and of one around the carrier that was measured."""
+_MOST_WIDE: Final = 3  # searches of that kind, which take as long as ten others
+_CARRIER_OFF_HZ: Final = 120e3  # how far the measured carrier may be off
+_FALSE_ALARM_PROBABILITY: Final = 1e-4
+
+USUAL_RATES_HZ: Final = (
+    2.046e6, 2.048e6, 2.4e6, 2.5e6, 2.56e6, 2.6e6, 2.8e6, 3e6, 3.2e6, 4e6, 4.092e6, 5e6, 5.456e6, 5.714e6, 6e6, 6.25e6,
+    6.5e6, 8e6, 8.1838e6, 8.184e6, 10e6, 10.23e6, 12e6, 12.5e6, 16e6, 16.3676e6, 16.368e6, 16.369e6, 20e6, 20.46e6,
+    24e6, 25e6, 26e6, 30.72e6, 32e6, 38.192e6, 40e6, 40.96e6, 50e6, 53e6, 56e6, 58e6, 61.44e6, 99.375e6,
+)  # fmt: skip
+"""Of front ends and of public recordings."""
+USUAL_IFS_HZ: Final = (
+    0.0, 0.42e6, 1.364e6, 1.405e6, 2.046e6, 2.556e6, 3e6, 4.092e6, 4.123968e6, 4.1304e6, 4.1343e6, 4.309e6, 6e6,
+    6.5e6, 9.548e6, 10e6, 13.55e6, 14.58e6, 15e6, 20e6,
+)  # fmt: skip
+_TRIED_BLIND: Final = (4e6, 2.048e6, 16.368e6, 2.6e6)
+"""Rates for recordings in which nothing repeats clearly enough, the most usual first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proposal:
+    """One way to read the file.
+
+    sources : where each key of the layout comes from, in words.
+    round_rate : whether the rate is one that people choose; another one is as exact as it could be measured.
+    satellites : of the search, by name, with C/N0. log10_chance : that noise alone makes so much in all that was tried,
+        as its decimal logarithm, 0 where nothing was found. power : of all signals found over the noise.
+    """
+
+    layout: SampleLayout
+    sources: dict[str, str]
+    round_rate: bool = True
+    satellites: dict[str, float] = field(default_factory=dict)
+    log10_chance: float = 0.0
+    power: float = 0.0
+
+    @property
+    def convincing(self) -> bool:
+        return self.log10_chance < math.log10(CONVINCING)
+
+    def document(self) -> dict[str, Any]:
+        """For --json."""
+        layout = self.layout
+        return {
+            "layout": {
+                key: getattr(layout, key) for key in type(layout).model_fields if key in layout.model_fields_set
+            },
+            "sources": self.sources,
+            "satellites": [{"sat": sat, "cn0_dbhz": cn0} for sat, cn0 in self.satellites.items()],
+            "log10_chance": self.log10_chance,
+            "convincing": self.convincing,
+        }
+
+
+def _numbers(layout: SampleLayout) -> str:
+    if layout.encoding == "sign":
+        return "signs of one bit"
+    words = {"int": "whole numbers", "float": "floats"}.get(layout.encoding, f"{layout.encoding} numbers")
+    return f"{words} of {layout.bits} bits"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Guess:
+    """What a file may be. proposals : the best first. tried : how many readings, rates and carriers were searched."""
+
+    path: Path
+    proposals: tuple[Proposal, ...]
+    tried: int
+    start_utc: np.datetime64 | None
+
+    @property
+    def convincing(self) -> bool:
+        return bool(self.proposals) and self.proposals[0].convincing
+
+    @property
+    def summary(self) -> str:
+        """What to do where nothing convincing was found."""
+        best = self.proposals[0].layout
+        numbers = " or ".join(dict.fromkeys(f"{one.layout.kind} {_numbers(one.layout)}" for one in self.proposals[:4]))
+        return (
+            f"nothing tells how to read it, and no {GPS_L1_CA.name} signal was found for certain in {self.tried} ways "
+            f"that were tried; by its bytes it holds {numbers}. Give what you know of the recorder, at least the rate: "
+            f"`skyproof inspect {self.path} --rate-hz RATE --kind {best.kind} --encoding {best.encoding} "
+            f"--bits {best.bits}`, with --if-hz where L1 does not lie at zero"
+        )
+
+
+def guess(path: str | Path) -> Guess:
+    """Find out how to read a recording.
+
+    Raises
+    ------
+    InputError : the file cannot be read, is empty, or is something else than a recording, which is told.
+    NotEnoughData : too few bytes to say anything.
+    """
+    path = Path(path)
+    size = size_of(path)
+    if size == 0:
+        raise InputError(f"{path} is empty; check the recorder or the copy")
+    head = head_of(path)
+    if known := other_than_samples(head):
+        raise InputError(f"{path} looks like {known[0]}; {known[1]}")
+    hints, wav = hints_of(path.name), wav_header(head)
+    if head[:4] == b"RIFF" and wav is None:
+        raise InputError(
+            f"{path} is a RIFF file whose samples cannot be read; convert it to PCM WAV with 1 or 2 channels"
+        )
+    octets = mapped(path, 0, size)
+    looks = list(_looks(octets, hints, wav))
+    if not looks:
+        raise NotEnoughData(
+            f"{path}: {size} bytes are too few to find out how to read them; give a longer recording, or its rate, "
+            "kind, encoding and bits (`skyproof inspect --help`)"
+        )
+    looks.sort(key=lambda look: look.order)
+    trials = _Trials()
+    proposals = [trials.search(look) for look in [look for look in looks if look.repeats][:_MOST_READINGS]]
+    if not trials.certain:
+        doubtful = [look for look in looks if look.what.log10_chance > _CLEAR][:_LOOKED_AGAIN]
+        again = [replace(look, what=_repetition(look.samples, _SECOND_LENGTH)) for look in doubtful]
+        proposals += [trials.search(look) for look in again if look.repeats]
+    if not any(proposal.satellites for proposal in proposals):
+        proposals += [trials.search(look) for look in _blind(looks, hints, wav)]
+    ranked = sorted(proposals, key=lambda one: (-one.power, one.log10_chance))
+    return Guess(path=path, proposals=tuple(_distinct(ranked))[:_MOST_READINGS], tried=trials.count,
+                 start_utc=hints.start_utc)  # fmt: skip
+
+
+def _distinct(proposals: Sequence[Proposal]) -> Iterator[Proposal]:
+    seen = set()
+    for one in proposals:
+        key = (one.layout.packing, one.layout.rate_hz if one.satellites else 0.0)
+        if key not in seen:
+            seen.add(key)
+            yield one
+
+
+# --- looks: readings of the bytes, and what repeats in them
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Look:
+    """The bytes in one reading. rank : among the packings that fit, the most probable 0."""
+
+    octets: Any
+    packing: Packing
+    header_bytes: int
+    rank: int
+    what: Repetition
+    hints: NameHints
+    wav: WavHeader | None
+    rate_hz: float | None = None
+    """Taken in place of what repeats."""
+
+    @property
+    def samples(self) -> PackedSamples:
+        return _samples(self.octets, self.header_bytes, self.packing)
+
+    @property
+    def repeats(self) -> bool:
+        return self.what.log10_chance < _REPEATS
+
+    @property
+    def order(self) -> tuple[bool, float]:
+        """What the name or an image contradicts comes last; what repeats more strongly, first."""
+        return self._contradicted or self.imaged, -self.what.strength
+
+    @property
+    def imaged(self) -> bool:
+        """Whether complex samples show each signal twice, as real ones read so do."""
+        return self.repeats and self.what.mirrored_share > _IMAGED
+
+    @property
+    def _contradicted(self) -> bool:
+        return self.hints.kind is not None and self.hints.kind != self.packing.kind
+
+    @property
+    def real(self) -> bool:
+        return self.packing.kind == "real"
+
+
+def _looks(octets: Any, hints: NameHints, wav: WavHeader | None) -> Iterator[_Look]:
+    header = wav.header_bytes if wav else header_length(octets[: 4 * _LOOKED_AT])
+    if octets.size - header < LEAST_SAMPLES // 4:
+        return
+    if wav:
+        kinds = ("complex",) if wav.channels == 2 else ("real",)
+        packings = [(Packing(kind=kind, encoding=wav.encoding, bits=wav.bits), 0) for kind in kinds]  # type: ignore[arg-type]
+    else:
+        middle = header + (octets.size - header) // 2 // 16 * 16
+        body = octets[middle : middle + _LOOKED_AT] if octets.size > 2 * _LOOKED_AT else octets[header:]
+        packings = [(one.packing, one.header_bytes) for one in likely_packings(np.ascontiguousarray(body))]
+    for rank, (packing, skip) in enumerate(packings):
+        # behind a header that was found by its looks, Q may be what seems to be I
+        n_starts = packing.numbers if header and not wav and packing.bits >= 8 else 1
+        for begin in (header + skip + number * packing.bits // 8 for number in range(n_starts)):
+            samples = _samples(octets, begin, packing)
+            if samples.n_samples >= LEAST_SAMPLES:
+                yield _Look(octets=octets, packing=packing, header_bytes=begin, rank=rank, hints=hints, wav=wav,
+                            what=_repetition(samples, _FIRST_LENGTH))  # fmt: skip
+
+
+def _samples(octets: Any, begin: int, packing: Packing) -> PackedSamples:
+    body = octets[begin:]
+    return PackedSamples(body, packing, [Chunk(0, body.size * 8 // packing.frame_bits)])
+
+
+def _repetition(samples: PackedSamples, most: int) -> Repetition:
+    """Of so many samples at most."""
+    planes = samples.read(0, usual_length(samples.n_samples, most))
+    return repetition(planes[0] if samples.packing.kind == "real" else planes[0] + np.complex64(1j) * planes[1])
+
+
+def _blind(looks: Sequence[_Look], hints: NameHints, wav: WavHeader | None) -> Iterator[_Look]:
+    """Nothing repeats that a search confirms: the rates that are told, or the usual ones, in the likeliest readings."""
+    told = [rate for rate in (hints.rate_hz, wav.rate_hz if wav else None) if rate is not None and rate >= 1e6]
+    likely = sorted(looks, key=lambda look: (look._contradicted, look.rank))[:2]
+    for look in likely:
+        for rate_hz in told or _TRIED_BLIND:
+            yield replace(look, rate_hz=rate_hz)
+
+
+# --- trials
+
+
+class _Trials:
+    """Searches, and how many of them were made."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.wide = 0
+        self.certain = False
+
+    def search(self, look: _Look) -> Proposal:
+        """Search one reading at its rate, around the carriers that are plausible, then around the one measured."""
+        rate_hz, rate_source = _rate_of(look)
+        measured_hz = look.what.carrier_cycles * rate_hz if look.rate_hz is None else None
+        carriers = _carriers(look, rate_hz, measured_hz)
+        found = self._peaks(look, rate_hz, carriers, _NEAR_HZ)
+        if measured_hz is not None and len(found) < _FEW_SATS and not self.certain and self.wide < _MOST_WIDE:
+            self.wide += 1
+            found = max(found, self._peaks(look, rate_hz, [round(measured_hz, -3)], _WIDE_HZ), key=len)
+        if_hz, if_source = _if_of(look, rate_hz, measured_hz, carriers, [hz for hz, _ in found.values()])
+        cn0s = {sat: peak.cn0_dbhz for sat, (_, peak) in sorted(found.items())}
+        log10_chance = sum(math.log10(max(peak.p_value, 1e-300)) for _, peak in found.values())
+        self.certain = self.certain or len(found) >= _FEW_SATS
+        unlikely = look.imaged * _IMAGE_COSTS + (not look.real and abs(if_hz) > 0.25 * rate_hz) * _FAR_COSTS
+        return Proposal(
+            layout=_layout(look, rate_hz, if_hz),
+            sources=_sources(look, rate_source, if_source),
+            round_rate=rate_hz in USUAL_RATES_HZ
+            or rate_hz % 1e3 == 0.0
+            or "name" in rate_source
+            or "WAV" in rate_source,
+            satellites=cn0s,
+            log10_chance=min(0.0, log10_chance + math.log10(max(self.count, 1))) if found else 0.0,
+            power=sum(10.0 ** (float(cn0) / 10.0) for cn0 in cn0s.values()) * (1.0 - unlikely),
+        )
+
+    def _peaks(
+        self, look: _Look, rate_hz: float, carriers: Sequence[float], reach_hz: float
+    ) -> dict[str, tuple[float, Peak]]:
+        """The strongest signal of each satellite, and its carrier in the samples, unless the band does not hold it."""
+        samples = look.samples
+        n_periods = math.floor(samples.n_samples / rate_hz / GPS_L1_CA.period_s + 1e-6)
+        inside = [hz for hz in carriers if _holds(look, rate_hz, hz)]
+        if n_periods < 2 or not inside:
+            return {}
+        self.count += 1
+        centre_hz = inside[0]
+        steps = np.arange(-math.ceil(reach_hz / _STEP_HZ), math.ceil(reach_hz / _STEP_HZ) + 1)
+        grids = [steps + round((hz - centre_hz) / _STEP_HZ) for hz in inside]
+        dopplers_hz = np.unique(np.concatenate(grids)).astype(np.float64) * _STEP_HZ
+        settings = SearchSettings(
+            false_alarm_probability=_FALSE_ALARM_PROBABILITY, n_sums=min(_PERIODS, n_periods), max_peaks=1
+        )
+        searcher = Searcher(GPS_L1_CA, rate_hz, settings)
+        planes = samples.read(0, searcher.n_samples)
+        planes -= planes.mean(axis=1, keepdims=True)
+        peaks = searcher.search(planes, centre_hz, {sat: dopplers_hz for sat in GPS_SATS}, {})
+        strongest: dict[str, tuple[float, Peak]] = {}
+        for peak in sorted(peaks, key=lambda peak: peak.cn0_dbhz):
+            strongest[peak.sat] = (centre_hz + peak.doppler_hz, peak)
+        return strongest
+
+
+def _holds(look: _Look, rate_hz: float, carrier_hz: float) -> bool:
+    """Whether the band of the samples has half the signal's main lobe on either side of the carrier."""
+    room_hz = 0.5 * GPS_L1_CA.chip_rate_hz
+    if look.real:
+        return room_hz < abs(carrier_hz) < 0.5 * rate_hz - room_hz
+    return abs(carrier_hz) < 0.5 * rate_hz - room_hz
+
+
+def _rate_of(look: _Look) -> tuple[float, str]:
+    """The rate and where it comes from: what is told or usual, if what repeats agrees with it."""
+    told = [(look.hints.rate_hz, "the file's name"), (look.wav.rate_hz if look.wav else None, "the WAV header")]
+    if look.rate_hz is not None:
+        source = next((source for rate, source in told if rate == look.rate_hz), "guessed: a usual rate")
+        return look.rate_hz, source
+    measured_hz = look.what.period_samples / GPS_L1_CA.period_s
+    within_hz = max(4.0 * look.what.period_sigma / GPS_L1_CA.period_s, 1e-6 * measured_hz)
+    for rate_hz, source in told:
+        if rate_hz is not None and abs(rate_hz - measured_hz) < within_hz:
+            return rate_hz, f"{source}; code period agrees"
+    usual = [*USUAL_RATES_HZ, round(measured_hz, -3), round(_NICE_HZ / round(_NICE_HZ / measured_hz))]
+    nearest_hz = min(usual, key=lambda rate_hz: abs(rate_hz - measured_hz))
+    if abs(nearest_hz - measured_hz) < within_hz:
+        return nearest_hz, "measured: code period"
+    return round(measured_hz, -1), "measured: code period"
+
+
+def _carriers(look: _Look, rate_hz: float, measured_hz: float | None) -> list[float]:
+    """Where to look: the nominal carriers that are told or usual, near the one measured; of near ones the likelier."""
+    told = [] if look.hints.if_hz is None else [_folded(look, look.hints.if_hz, rate_hz)]
+    likely = list(dict.fromkeys([*told, *_usual(look, rate_hz)]))
+    if measured_hz is None:
+        return likely[: len(told) + 2] if look.real else likely[: max(1, len(told))]
+    apart: list[float] = []
+    for hz in likely:
+        if abs(hz - measured_hz) < _CARRIER_OFF_HZ and all(abs(hz - other) > _NEAR_HZ for other in apart):
+            apart.append(hz)
+    return sorted(apart, key=lambda hz: abs(hz - measured_hz))[:2] or [round(measured_hz, -4)]
+
+
+def _usual(look: _Look, rate_hz: float) -> list[float]:
+    """Usual intermediate frequencies, the likeliest first; those of real samples as sampling folds them."""
+    if look.real:
+        return [0.25 * rate_hz, *(_folded(look, hz, rate_hz) for hz in USUAL_IFS_HZ)]
+    return [sign * hz for hz in USUAL_IFS_HZ if hz < 0.5 * rate_hz for sign in (1.0, -1.0)]
+
+
+def _folded(look: _Look, hz: float, rate_hz: float) -> float:
+    folded = math.remainder(hz, rate_hz)
+    return abs(folded) if look.real else folded
+
+
+def _if_of(
+    look: _Look, rate_hz: float, measured_hz: float | None, carriers: Sequence[float], found_hz: Sequence[float]
+) -> tuple[float, str]:
+    """The nominal intermediate frequency: a told, usual or round one near the middle of the satellites' carriers.
+
+    A kilohertz or two off is the oscillator's error; a frequency that nobody would choose is worth several.
+    """
+    if not found_hz:
+        if measured_hz is None or not look.repeats:
+            return (carriers[0] if carriers else 0.0), "guessed: a usual one"
+        return carriers[0], "measured: around what repeats"
+    middle_hz = 0.5 * (min(found_hz) + max(found_hz))
+    told_hz = look.hints.if_hz
+    choices = [(0.5 if hz else 0.0, hz) for hz in _usual(look, rate_hz)]
+    choices += [(4.0, round(middle_hz, -5)), (8.0, round(middle_hz, -4)), (10.0, round(middle_hz, -3))]
+    if told_hz is not None:
+        choices.append((-1.0, _folded(look, told_hz, rate_hz)))
+    _, if_hz = min(choices, key=lambda choice: choice[0] + abs(choice[1] - middle_hz) / 2e3)
+    if told_hz is not None and if_hz == _folded(look, told_hz, rate_hz):
+        return if_hz, "the file's name; the satellites agree"
+    return if_hz + 0.0, "measured: amid the satellites"
+
+
+def _layout(look: _Look, rate_hz: float, if_hz: float) -> SampleLayout:
+    packing = look.packing
+    told: dict[str, Any] = {
+        "rate_hz": rate_hz, "centre_hz": look.hints.centre_hz or L1_HZ, "if_hz": if_hz, "kind": packing.kind,
+        "encoding": packing.encoding, "bits": packing.bits,
+    }  # fmt: skip
+    if packing.bits < 8:
+        told["bit_order"] = packing.bit_order
+    if packing.bits > 8:
+        told["byte_order"] = packing.byte_order
+    if look.header_bytes:
+        told["header_bytes"] = look.header_bytes
+    return SampleLayout.model_validate(told)
+
+
+def _sources(look: _Look, rate_source: str, if_source: str) -> dict[str, str]:
+    numbers = "the WAV header" if look.wav else "measured: bytes' statistics"
+    sources = {
+        "rate_hz": rate_source,
+        "centre_hz": "the file's name" if look.hints.centre_hz else "guessed: GPS L1",
+        "if_hz": if_source,
+        "kind": "the WAV header" if look.wav else "measured: what a search finds",
+        "encoding": numbers,
+        "bits": numbers,
+    }
+    if look.packing.bits < 8:
+        sources["bit_order"] = "measured: what a search finds"
+    if look.packing.bits > 8:
+        sources["byte_order"] = numbers
+    if look.header_bytes:
+        sources["header_bytes"] = "the WAV header" if look.wav else "measured: where the bytes change"
+    return sources

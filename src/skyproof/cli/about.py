@@ -1,0 +1,62 @@
+"""`skyproof --version`: what a report of a fault needs to say."""
+
+import os
+import platform
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+__all__ = ["about"]
+
+LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pyarrow", "pydantic", "jinja2", "rich", "cyclopts")
+PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def about() -> int:
+    """Print the versions of skyproof and of what it runs on: put them into a report of a fault."""
+    for line in (
+        f"skyproof {_version('skyproof')}",
+        f"Python {platform.python_version()} ({platform.python_implementation()})",
+        f"{platform.platform()}, {platform.machine()}",
+        f"{_processor()}, {_cores()}",
+        ", ".join(f"{name} {_version(name)}" for name in LIBRARIES),
+        _kernels(),
+    ):
+        sys.stdout.write(f"{line}\n")
+    return 0
+
+
+def _version(name: str) -> str:
+    """Read, not imported: that would take a second."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
+            names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+            return next(names, "") or platform.processor() or "processor unknown"
+    except OSError:
+        return platform.processor() or "processor unknown"
+
+
+def _cores() -> str:
+    """Those that this process may use, and those that there are."""
+    there = os.cpu_count() or 1
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else there
+    words = f"{there} core{'s' * (there > 1)}"
+    return words if usable == there else f"{usable} of {words}"
+
+
+def _kernels() -> str:
+    """Whether compiled kernels are at hand; Numba keeps an index file for each."""
+    elsewhere = os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(elsewhere) if elsewhere else PACKAGE
+    count = sum(1 for _ in folder.rglob("*.nbi")) if folder.is_dir() else 0
+    where = f" in {folder}" if elsewhere else ""
+    if count == 0:
+        return f"compiled kernels: none{where}; the first run makes them, and takes longer"
+    return f"compiled kernels: {count}{where}"

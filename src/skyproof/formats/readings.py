@@ -1,0 +1,237 @@
+"""What bytes may mean: the packings that their statistics allow, the most probable first.
+
+A front end hands over noise, whose numbers lie close around zero, alike on either side, small ones more often. So in
+the right packing a histogram has one hump in the middle; in a wrong one it has teeth, or is flat:
+
+- numbers of 16 and 32 bits: the highest byte of each has less entropy than the lowest;
+- floats: all are finite, and within a few powers of ten of each other;
+- whole bytes: one hump, around 0 or around 128, or few values;
+- several numbers a byte: the same of their codes; two-bit codes tell by which of them are alike;
+- one bit: all bytes are about equally frequent, as they are when nothing else fits.
+
+How a stream of numbers is divided into samples, and in which order they lie within a byte, does not show so; what
+repeats in them, and what a search finds, does.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.formats.layout import BitOrder, ByteOrder, Encoding, Kind, Packing
+
+__all__ = ["Likely", "header_length", "likely_packings"]
+
+Octets = NDArray[np.uint8]
+
+_HEADER_MOST: Final = 1 << 16
+_HEADER_NATS: Final = 25.0
+"""Log-likelihood ratio at which bytes at the start are taken for a header."""
+_ENTROPY_APART: Final = 0.4  # bits, of the bytes of one number; those of I and Q differ by less than 0.1
+_FEW_VALUES: Final = 64
+_HUMP: Final = 3.0
+"""Sum of all steps of a histogram over its highest value: 2 of one hump, more with noise on it, many with teeth."""
+_FLAT: Final = 1.3  # highest share over the mean one, of codes that are all about as frequent
+_UNEVEN: Final = 0.05  # and shares that two signs have of which one is nearly always the same
+_CLIPPED: Final = 10.0  # shares of the extreme codes over those of their neighbours, where numbers were clipped
+_FAIR: Final = 0.008  # of a quarter: shares of two-bit codes that two independent signs have
+
+
+@dataclass(frozen=True, kw_only=True)
+class Likely:
+    """A packing that fits, and `header_bytes` to skip beyond the header found, so that numbers begin where they do."""
+
+    packing: Packing
+    header_bytes: int = 0
+
+
+def header_length(octets: Octets) -> int:
+    """How many bytes at the start are text or mostly zero where the rest is not: 0 if there is no such stretch.
+
+    octets : (n,) from the start of the file on, long enough to be mostly samples.
+    """
+    if octets.size < 4 * 1024:
+        return 0
+    if still := _still_length(octets):
+        return still
+    bulk = octets[octets.size // 2 :]
+    rest = np.empty((2, 256))
+    for parity in range(2):
+        counts = np.bincount(bulk[parity::2], minlength=256) + 0.5
+        rest[(octets.size // 2 + parity) % 2] = np.log(counts / counts.sum())
+    header = np.full(256, 0.25 / 256)
+    header[0] += 0.25
+    header[32:127] += 0.5 / 95
+    start = octets[: min(_HEADER_MOST, octets.size // 2)]
+    gains = np.cumsum(np.log(header)[start] - rest[np.arange(start.size) % 2, start])
+    length = int(np.argmax(gains)) + 1
+    if gains[length - 1] < _HEADER_NATS:
+        return 0
+    for unit, within in ((512, 6), (16, 3), (4, 1)):
+        if abs(whole := round(length / unit) * unit - length) <= within and length + whole > 0:
+            return length + whole
+    return length
+
+
+def _still_length(octets: Octets) -> int:
+    """How many bytes at the start are all one, if they are many; whole blocks of 4096, so that numbers stay whole."""
+    changes = np.flatnonzero(octets != octets[0])
+    length = int(changes[0]) if changes.size else 0
+    return length // 4096 * 4096
+
+
+def likely_packings(octets: Octets) -> list[Likely]:
+    """The packings that fit `octets`, (n,) whole samples from the body of a file, the most probable first."""
+    floats = _floats(octets)
+    if floats:
+        return floats
+    wide = _wide(octets)
+    if wide:
+        return wide
+    found = _whole_bytes(octets)
+    if not found:
+        found = _nibbles(octets) or _pairs(octets)
+    return found
+
+
+def _both_kinds(encoding: Encoding, bits: int, **more: object) -> list[Packing]:
+    kinds: tuple[Kind, Kind] = ("complex", "real")
+    return [Packing(kind=kind, encoding=encoding, bits=bits, **more) for kind in kinds]  # type: ignore[arg-type]
+
+
+def _packed(encoding: Encoding, bits: int) -> list[Likely]:
+    orders: tuple[BitOrder, BitOrder] = ("msb-first", "lsb-first")
+    return [Likely(packing=one) for order in orders for one in _both_kinds(encoding, bits, bit_order=order)]
+
+
+def _floats(octets: Octets) -> list[Likely]:
+    """Both orders where numbers begin before any bytes are skipped: whole numbers are plausible floats a byte late."""
+    orders: tuple[ByteOrder, ByteOrder] = ("little", "big")
+    for bits in (32, 64):
+        size = bits // 8
+        for skip in range(size):
+            whole = octets[skip : skip + (octets.size - skip) // size * size]
+            for order in orders:
+                stored = whole.view(f"{'<' if order == 'little' else '>'}f{size}")
+                if stored.size and _plausible(stored):
+                    packings = _both_kinds("float", bits, byte_order=order)
+                    return [Likely(packing=one, header_bytes=skip) for one in packings]
+    return []
+
+
+def _plausible(stored: NDArray[np.floating]) -> bool:
+    with np.errstate(all="ignore"):
+        sizes = np.abs(stored[:65536].astype(np.float64))
+        if not np.isfinite(sizes).mean() > 0.99:
+            return False
+        sizes = sizes[np.isfinite(sizes)]
+        if np.mean(sizes == 0.0) > 0.9:
+            return False
+        middle = float(np.median(sizes[sizes > 0.0]))
+        good = (sizes == 0.0) | ((sizes > 1e-5 * middle) & (sizes < 30.0 * middle))
+        return bool(1e-12 < middle < 1e12 and good.mean() > 0.995)
+
+
+def _wide(octets: Octets) -> list[Likely]:
+    """Numbers of 16 and 32 bits, by which of their bytes has least entropy."""
+    entropy = np.array([_entropy(octets[place::4]) for place in range(4)])
+    if max(abs(entropy[0] - entropy[2]), abs(entropy[1] - entropy[3])) > _ENTROPY_APART:
+        size = 4
+    elif abs(entropy[0] - entropy[1]) > _ENTROPY_APART:
+        size = 2
+    else:
+        return []
+    # of numbers that were shifted up the lowest byte has less entropy still, but teeth
+    humps = [place for place in range(size) if _has_hump(octets[place::size])] or list(range(size))
+    highest = min(humps, key=lambda place: entropy[place])
+    encoding: Encoding = "offset-binary" if _around_128(octets[highest::size]) else "int"
+    choices: list[tuple[ByteOrder, int]] = [("little", (highest + 1) % size), ("big", highest)]
+
+    def spread(choice: tuple[ByteOrder, int]) -> float:
+        order, skip = choice
+        letter = "u" if encoding == "offset-binary" else "i"
+        stored = octets[skip : skip + (octets.size - skip) // size * size]
+        return float(np.std(stored.view(f"{'<' if order == 'little' else '>'}{letter}{size}").astype(np.float64)))
+
+    # bytes of neighbours put together make a wider spread; where they do not, no bytes skipped are more probable
+    best = min(choices, key=lambda choice: (round(spread(choice) / min(map(spread, choices)), 2), choice[1]))
+    return [Likely(packing=one, header_bytes=best[1])
+            for one in _both_kinds(encoding, 8 * size, byte_order=best[0])]  # fmt: skip
+
+
+def _whole_bytes(octets: Octets) -> list[Likely]:
+    counts = np.bincount(octets, minlength=256)
+    shares = counts / octets.size
+    around_128 = _around_128(octets)
+    if np.count_nonzero(counts) > _FEW_VALUES:
+        ordered = shares if around_128 else np.roll(shares, 128)
+        ends, ordered = ordered[[0, -1]], ordered[1:-1]
+        clipped = ends.sum() > _CLIPPED * ordered[[0, -1]].sum()
+        if (ordered.max() < _FLAT / 256 and not clipped) or _steps(ordered) > _HUMP * ordered.max() + 0.05:
+            return []
+    encoding: Encoding = "offset-binary" if around_128 else "int"
+    return [Likely(packing=one) for one in _both_kinds(encoding, 8)]
+
+
+def _nibbles(octets: Octets) -> list[Likely]:
+    codes = np.concatenate([octets >> 4, octets & 15])
+    shares = np.bincount(codes, minlength=16) / codes.size
+    if shares.max() < _FLAT / 16:
+        return []
+    orders: dict[Encoding, NDArray[np.int64]] = {
+        "int": np.roll(np.arange(16), 8),
+        "offset-binary": np.arange(16),
+        "sign-magnitude": np.concatenate([np.arange(15, 7, -1), np.arange(8)]),
+    }
+    steps = {encoding: _steps(shares[order]) / shares.max() for encoding, order in orders.items()}
+    best = min(steps, key=lambda encoding: steps[encoding])
+    return _packed(best, 4) if steps[best] < 2.4 and _alike(shares[orders[best]]) else []
+
+
+def _pairs(octets: Octets) -> list[Likely]:
+    """Two bits a number, or one. With four levels the outer ones are rarer than the inner, and either pair is alike."""
+    codes = np.concatenate([(octets >> shift) & 3 for shift in (0, 2, 4, 6)])
+    shares = np.bincount(codes, minlength=4) / codes.size
+    uneven = float(np.abs(shares - 0.25).max())
+    if uneven < _FAIR:
+        return _bits()
+    by_magnitude = abs(shares[0] - shares[2]) + abs(shares[1] - shares[3])
+    by_offset = abs(shares[0] - shares[3]) + abs(shares[1] - shares[2])
+    if by_magnitude < by_offset:
+        # no two signs do that, unless one of them is far from even
+        return [*_packed("sign-magnitude", 2), *(_bits() if uneven < _UNEVEN else ())]
+    return [*_packed("offset-binary" if shares[0] + shares[3] < 0.5 else "int", 2), *_bits()]
+
+
+def _bits() -> list[Likely]:
+    return _packed("sign", 1)
+
+
+def _around_128(octets: Octets) -> bool:
+    counts = np.bincount(octets, minlength=256)
+    if np.count_nonzero(counts) > _FEW_VALUES:
+        counts[[0, 127, 128, 255]] = 0  # where clipped numbers pile up, in either reading
+    return bool(counts[64:192].sum() > 0.5 * counts.sum())
+
+
+def _has_hump(octets: Octets) -> bool:
+    shares = np.bincount(octets, minlength=256) / octets.size
+    ordered = shares if _around_128(octets) else np.roll(shares, 128)
+    return bool(_steps(ordered) < _HUMP * ordered.max() + 0.05)
+
+
+def _steps(shares: NDArray[np.float64]) -> float:
+    return float(np.abs(np.diff(shares, prepend=0.0, append=0.0)).sum())
+
+
+def _alike(shares: NDArray[np.float64]) -> bool:
+    """Whether the middle of the histogram lies near the middle."""
+    middle = float(np.sum(shares * np.arange(shares.size)))
+    return abs(middle - 0.5 * (shares.size - 1)) < 0.1 * shares.size
+
+
+def _entropy(octets: Octets) -> float:
+    shares = np.bincount(octets, minlength=256) / octets.size
+    shares = shares[shares > 0.0]
+    return float(-np.sum(shares * np.log2(shares)))

@@ -1,0 +1,43 @@
+"""The detectors that come with the package in plain words, for people who know none of them."""
+
+__all__ = ["about", "reason", "title"]
+
+_ABOUT = {
+    "array_common": ("Directions on an antenna array", "Do signals of several satellites come from one direction?"),
+    "dccaf": ("Two skies in the correlation", "Do overlapping signals hold two consistent sets of ranges?"),
+    "ins_array": ("Directions against attitude", "Does each signal come from where its satellite stands?"),
+    "multi_receiver": ("Receivers compared", "Do signals reach several receivers as from one transmit antenna, or as "
+                       "from the sky?"),
+    "peaks": ("Second signals", "Is a satellite received more than once, farther apart than echoes are?"),
+    "residual": ("One position or two", "Do all measurements of a receiver fit one position and time?"),
+    "spin": ("A turning antenna", "Do the signals swing as those of one direction do, or of many?"),
+    "sqm": ("Shape of the correlation peak", "Is a peak more lopsided than noise makes it?"),
+    "vector_sqm": ("Peaks against the common position", "Are signals displaced from where the position puts them?"),
+}  # fmt: skip
+
+_REASONS = {
+    ("multi_receiver", "authentic"): "reaches the receivers as from the sky, not from one antenna",
+    ("multi_receiver", "spoofed"): "reaches the receivers as from one antenna",
+    ("array_common", "authentic"): "comes from a direction of its own",
+    ("array_common", "spoofed"): "comes from the same direction as others",
+    ("ins_array", "spoofed"): "does not come from where its satellite stands",
+    ("spin", "authentic"): "swings as from a direction of its own",
+    ("spin", "spoofed"): "swings as from the same direction as others",
+    ("dccaf", "authentic"): "belongs to the sky that fits the motion",
+    ("dccaf", "spoofed"): "belongs to the sky that does not fit the motion",
+}
+
+
+def title(detector: str) -> str:
+    """A heading for a detector; its own name where it is somebody else's."""
+    return _ABOUT[detector][0] if detector in _ABOUT else detector.replace("_", " ")
+
+
+def about(detector: str) -> str:
+    """The question that it asks; empty where that is not known."""
+    return _ABOUT[detector][1] if detector in _ABOUT else ""
+
+
+def reason(detector: str, label: str) -> str:
+    """What it means that a detector speaks for the label of one signal."""
+    return _REASONS.get((detector, label), f"evidence of {title(detector).lower()}")

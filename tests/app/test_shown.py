@@ -1,0 +1,53 @@
+"""Results show themselves in a notebook: what was received, what was made."""
+
+import numpy as np
+
+from skyproof.app.receive import ReceiveResult
+from skyproof.app.reception import Reception
+from skyproof.app.simulate import SimulateResult
+from skyproof.records import NavigationData, Observations, Samples, SignalId
+from skyproof.simulate.scenes import ready
+
+NOBODY = NavigationData(ephemerides=(), ionosphere=None, utc=None, source="nothing")
+
+
+def samples(name: str) -> Samples:
+    return Samples(name=name, rate_hz=1e6, n_samples=0, read=lambda start, count: np.zeros((2, 0), np.float32))
+
+
+def observations(receiver: str) -> Observations:
+    """Two signals over three epochs; the second never told a time."""
+    cells = np.full((3, 2), np.nan)
+    cells[:, 0] = 1.0
+    return Observations(
+        receiver=receiver, signals=(SignalId("G05"), SignalId("G05", copy="b")),
+        gpst=np.datetime64("2024-05-14T10:00:00", "ns") + np.arange(3) * np.timedelta64(1, "s"),
+        elapsed_s=np.arange(3.0), pseudorange_m=2e7 * cells, carrier_cyc=cells, doppler_hz=-1234.0 * cells,
+        cn0_dbhz=44.4 * cells, pseudorange_sigma_m=cells, carrier_sigma_cyc=cells, doppler_sigma_hz=cells,
+        status=np.where(np.isfinite(cells), 0, 2).astype(np.uint8), found_elapsed_s=np.array([0.1, 2.6]),
+        missed_elapsed_s=np.full(2, np.nan),
+    )  # fmt: skip
+
+
+def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> None:
+    o = observations("bow")
+    heard = Reception(samples=samples("bow"), observations=o, told=NOBODY, n_signals=2, examined_s=3.0)
+    deaf = Reception(
+        samples=samples("<stern>"), observations=None, told=NOBODY, n_signals=0, examined_s=3.0, left_out="no signal"
+    )
+    shown = ReceiveResult(receptions=(heard, deaf))._repr_html_()
+    for told in ("bow: 2 signals in 3.0 s", "&lt;stern&gt;: 0 signals in 3.0 s; left out: no signal", "G05 L1 CA a",
+                 "G05 L1 CA b", "44.4", "-1234", "2.6"):  # fmt: skip
+        assert told in shown, told
+    assert shown.count("<tr>") == 3
+
+
+def test_a_scene_is_shown_with_the_files_that_there_are(tmp_path) -> None:
+    (tmp_path / "rx1.obs").write_bytes(bytes(2500))
+    made = SimulateResult(
+        scenario=ready("two-antennas"), folder=tmp_path, files=("rx1.obs", "rx2.obs"), recordings=(), observations=()
+    )
+    shown = made._repr_html_()
+    for told in ("Scene two-antennas", "receivers: rx1, rx2; attacks: spoofer.", "rx1.obs", "2.5 kB"):
+        assert told in shown, told
+    assert "rx2.obs" not in shown

@@ -1,0 +1,258 @@
+"""Records under the hypothesis that each detector's alarms reject, and under attacks of the same make."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from skyproof.detectors.correlator_laws import prompt_amplitude
+from skyproof.detectors.decomposition import delay_dictionary, noise_variance, simulate_taps
+from skyproof.detectors.ins_array import InsArraySettings, equilateral_triangle, predicted_directions
+from skyproof.detectors.spin import arm_angles, arm_columns
+from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.time import week_and_tow
+from skyproof.navigation.sets import consistent_sets
+from skyproof.records import ArrayPhases, Ccaf, NavState, Observations, Records, SignalId, SpinArm, Taps
+from skyproof.statistics.directions import direction_cosines, hemisphere
+from skyproof.studies.vector_loops import draw_taps
+from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
+
+START = np.datetime64("2022-01-01T20:00:00", "ns")
+ONE = {"rx1": (0.0, 0.0, 0.0)}
+SIGMA_CYC = 0.01
+CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
+
+
+# Pseudoranges ---------------------------------------------------------------------------------------------------------
+
+ECHOES = MeasuredScene(
+    antennas_enu_m=ONE, epochs=3, false=(FalseSky(shows_enu_m=(0.0, 0.0, 0.0)),), errors=TrackErrors(1.0, 0.0, 1.0)
+)
+ECHOING = len(ECHOES.records(np.random.default_rng(0)).observations[0].signals) // 2
+
+
+def with_seconds(rng, kept, delay_m=None, *, scene=ECHOES):
+    """A clean sky in which the satellites `kept` have a second signal, `delay_m` after the first if told."""
+    records = scene.records(rng)
+    (o,) = records.observations
+    n = len(o.signals) // 2
+    silent = np.concatenate([np.zeros(n, bool), ~kept])
+    pseudorange_m = o.pseudorange_m.copy()
+    if delay_m is not None:
+        pseudorange_m[:, n:] = pseudorange_m[:, :n] + delay_m
+    changed = replace(
+        o, cn0_dbhz=np.where(silent, np.nan, o.cn0_dbhz), pseudorange_m=np.where(silent, np.nan, pseudorange_m)
+    )
+    return replace(records, observations=(changed,), sets=records.sets[:1])
+
+
+def with_echoes(rng, probability=0.01):
+    """Each satellite has a far echo now and then."""
+    return with_seconds(rng, rng.random(ECHOING) < probability)
+
+
+UNRELATED = MeasuredScene(
+    antennas_enu_m=ONE, epochs=3, false=ECHOES.false, errors=ECHOES.errors, max_satellites=8
+)
+
+
+def with_unrelated(rng, spread_m=60.0):
+    """Every satellite has a second signal at a delay of its own, and the sets are those that are found."""
+    n = UNRELATED.max_satellites
+    records = with_seconds(rng, np.ones(n, bool), rng.uniform(-0.5, 0.5, n) * spread_m, scene=UNRELATED)
+    return replace(records, sets=consistent_sets(records.observations[0], records.navigation))
+
+
+# Correlators ----------------------------------------------------------------------------------------------------------
+
+TAPS_SCENE = MeasuredScene(antennas_enu_m=ONE, epochs=3, step_s=0.02, max_satellites=8, cn0_dbhz=45.0)
+
+
+def with_taps(rng, name, code_chips=0.0, phase_rad=0.0, second=0.0):
+    """Records with taps, as the extra `name`, of channels at the offsets; `second` is added to each early one."""
+    records = TAPS_SCENE.records(rng)
+    (o,) = records.observations
+    amplitude = prompt_amplitude(TAPS_SCENE.cn0_dbhz, coherent_s=TAPS_SCENE.step_s)
+    value = draw_taps(rng, (TAPS_SCENE.epochs, len(o.signals)), amplitude, code_chips, phase_rad) / amplitude
+    value[..., 0] += second
+    taps = Taps(
+        receiver=o.receiver, signals=o.signals, elapsed_s=o.elapsed_s, delays_chips=np.array([0.5, 0.0, -0.5]),
+        dopplers_hz=np.zeros(1), value=(0.07 * value[:, :, None, :]).astype(np.complex64),
+    )  # fmt: skip
+    return replace(records, extras={name: (taps,)})
+
+
+CCAF_RATE_HZ = 10e6
+CCAF_SCENE = {"antennas_enu_m": ONE, "epochs": 3, "errors": TrackErrors(0.3)}
+CLEAN_CCAF = MeasuredScene(**CCAF_SCENE)
+OVERLAPPED_CCAF = MeasuredScene(
+    false=(FalseSky(antenna_enu_m=(0.0, 0.0, 0.0), shows_enu_m=(150.0, 0.0, 150.0), delay_m=20.0),), **CCAF_SCENE
+)
+
+
+def with_ccaf(records, rng):
+    """Grids of the observations' last epoch: copy a at the reference, copy b, where there is one, beside it."""
+    (o,) = records.observations
+    firsts = [k for k, signal in enumerate(o.signals) if signal.copy == "a"]
+    where = {signal: k for k, signal in enumerate(o.signals)}
+    range_m, delays = o.pseudorange_m[-1], delay_dictionary(CCAF_RATE_HZ)
+    variance = float(noise_variance(45.0, 0.02, CCAF_RATE_HZ))
+    value = []
+    for k in firsts:
+        both = [0.0]
+        other = where.get(replace(o.signals[k], copy="b"))
+        if other is not None and np.isfinite(range_m[other]):
+            both.append((range_m[other] - range_m[k]) / CHIP_M)
+        turn = np.exp(2j * np.pi * rng.random(len(both))) * np.array([1.0, 0.87])[: len(both)]
+        value.append(simulate_taps(np.array(both), turn, np.array(variance), delays, rng))
+    n = len(firsts)
+    grid = Ccaf(
+        receiver=o.receiver, signals=tuple(o.signals[k] for k in firsts), gpst=o.gpst[-1:], elapsed_s=o.elapsed_s[-1:],
+        coherent_s=0.02, band_hz=CCAF_RATE_HZ, delays_chips=delays.points, dopplers_hz=np.zeros(1),
+        reference_m=range_m[None, firsts], reference_hz=np.zeros((1, n)), value=np.array(value)[None, :, None, :],
+        noise_variance=np.full((1, n), variance),
+    )  # fmt: skip
+    return replace(records, extras={"ccaf": (grid,)})
+
+
+def with_near_echoes(rng):
+    """Grids of a clean sky in which every satellite has a second signal within a chip, at a delay of its own."""
+    n = UNRELATED.max_satellites
+    return with_ccaf(with_seconds(rng, np.ones(n, bool), rng.uniform(-1.0, 1.0, n) * CHIP_M, scene=UNRELATED), rng)
+
+
+# Arrays ---------------------------------------------------------------------------------------------------------------
+
+
+def array_phases(rng, direction, *, side=1.0, epochs=4, sigma_cyc=SIGMA_CYC, elements=None):
+    """Phases of a triangle of `side` wavelengths under signals from `direction` (n, 3), with any cycles and clocks, an
+    antenna 5 mm off its place and a line delay, both the same for all signals."""
+    elements = equilateral_triangle(side) if elements is None else elements
+    wrong = elements + 0.026 * rng.standard_normal(elements.shape)
+    phase = direction @ wrong.T + rng.random(len(elements)) + rng.integers(-5, 5, (epochs, len(direction), 1))
+    phase = phase + rng.random((epochs, len(direction), 1)) + sigma_cyc * rng.standard_normal(phase.shape)
+    return ArrayPhases(
+        receiver="rx1", signals=tuple(SignalId(f"G{k + 1:02d}") for k in range(len(direction))),
+        gpst=START + np.arange(epochs) * np.timedelta64(1, "s"), elapsed_s=np.arange(epochs, dtype=float),
+        elements_m=elements * SPEED_OF_LIGHT_M_S / L1_HZ, phase_cyc=phase - np.floor(phase),
+        sigma_cyc=np.full(phase.shape, sigma_cyc),
+    )  # fmt: skip
+
+
+def window(phases, **more):
+    """A window of array phases."""
+    extras = {"array_phases": (phases,), **more}
+    return Records(start_gpst=START, end_gpst=START + np.timedelta64(10, "s"), extras=extras)
+
+
+def somewhere(rng, count):
+    """Directions (count, 3), all the same one."""
+    return np.repeat(hemisphere(500)[rng.integers(500)][None], count, axis=0)
+
+
+def anywhere(rng, count):
+    """Directions (count, 3) over the whole hemisphere, each its own."""
+    return direction_cosines(2.0 * np.pi * rng.random(count), np.arcsin(rng.random(count)))
+
+
+# An array on a body whose attitude is known ---------------------------------------------------------------------------
+
+NAVIGATION = nominal_constellation(START)
+PLACE = np.radians(59.0), np.radians(17.0), 100.0
+PLACE_M = ecef_from_geodetic(*PLACE)
+ELEMENTS_M = equilateral_triangle(1.0) * SPEED_OF_LIGHT_M_S / L1_HZ
+INS_SETTINGS = InsArraySettings(false_alarm_probability=0.05)
+
+
+def in_view():
+    week, tow_s = week_and_tow(START)
+    found = []
+    for orbit in NAVIGATION.ephemerides:
+        el_rad = azimuth_elevation(PLACE_M, satellite_state_s(orbit, week, tow_s).position_ecef_m)[1]
+        if el_rad > np.radians(10.0):
+            found.append(SignalId(orbit.sat))
+    return tuple(sorted(found))[:8]
+
+
+SIGNALS = in_view()
+
+
+def attitude_over(epochs):
+    """A body that turns by a degree an epoch, level."""
+    time_s = np.arange(-1.0, epochs + 1.0)
+    body = Rotation.from_euler("z", time_s[:, None], degrees=True).as_matrix()
+    forward_right_down = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    attitude = rot_enu_ecef(*PLACE[:2]).T @ forward_right_down @ body
+    return NavState(
+        time_s=time_s, position_ecef_m=np.tile(PLACE_M, (time_s.size, 1)),
+        velocity_ecef_m_s=np.zeros((time_s.size, 3)), attitude=attitude,
+    )  # fmt: skip
+
+
+STATE = attitude_over(4)
+
+
+def empty_phases(epochs=4):
+    shape = (epochs, len(SIGNALS), 3)
+    return ArrayPhases(
+        receiver="rx1", signals=SIGNALS, gpst=START + np.arange(epochs) * np.timedelta64(1, "s"),
+        elapsed_s=np.arange(epochs, dtype=float), elements_m=ELEMENTS_M, phase_cyc=np.zeros(shape),
+        sigma_cyc=np.full(shape, SIGMA_CYC),
+    )  # fmt: skip
+
+
+TRUE = predicted_directions(empty_phases(), STATE, NAVIGATION)
+
+
+def array_records(rng, direction=TRUE):
+    """Signals from `direction` (epochs, n, 3) with all the errors that `INS_SETTINGS` state."""
+    elements = ELEMENTS_M + INS_SETTINGS.position_sigma_m * rng.standard_normal(ELEMENTS_M.shape)
+    rot = Rotation.from_rotvec(np.radians(INS_SETTINGS.attitude_sigma_deg) * rng.standard_normal(3)).as_matrix()
+    phase = direction @ rot.T @ elements.T * L1_HZ / SPEED_OF_LIGHT_M_S
+    phase = phase + INS_SETTINGS.bias_sigma_cyc * rng.standard_normal(3) + rng.random((*phase.shape[:2], 1))
+    phase = phase + SIGMA_CYC * rng.standard_normal(phase.shape)
+    made = replace(empty_phases(), phase_cyc=phase - np.floor(phase))
+    return Records(
+        start_gpst=START, end_gpst=START + np.timedelta64(4, "s"), navigation=NAVIGATION,
+        extras={"array_phases": (made,), "nav_state": STATE},
+    )  # fmt: skip
+
+
+# A spinning antenna ---------------------------------------------------------------------------------------------------
+
+TURN_RAD = 0.05 * np.pi  # from sample to sample
+ARM = SpinArm(receiver="rx1", radius_m=0.5 * SPEED_OF_LIGHT_M_S / L1_HZ, rate_rad_s=10.0 * TURN_RAD)
+
+
+def spin_series(rng, directions, n, *, trials=(), rate=TURN_RAD, start=0.0, sigma=SIGMA_CYC):
+    """Phases of signals with any cycles and a receiver clock that is new at each sample."""
+    phase = directions @ arm_columns(arm_angles(n, rate, start_rad=start), 0.5).T
+    shape = (*trials, *phase.shape)
+    phase = phase + sigma * rng.standard_normal(shape) + rng.integers(-50, 50, (*shape[:-1], 1))
+    return phase + 10.0 * rng.standard_normal((*trials, 1, n))
+
+
+def spin_records(rng, directions, *, n=150, arm=ARM, rate=TURN_RAD, slip=None, sigma=SIGMA_CYC):
+    """Signals from level `directions` (count, 2) on an arm, each with a drift and a curvature of its own."""
+    count = len(directions)
+    t = np.arange(n) / 10.0
+    phase = spin_series(rng, directions, n, rate=rate, start=2.0, sigma=sigma)
+    phase = phase + rng.normal(0, 500, (count, 1)) * t + 0.3 * rng.standard_normal((count, 1)) * t**2
+    if slip is not None:
+        phase[slip, 70:] += 0.5
+    ones = np.ones((n, count))
+    observations = Observations(
+        receiver="rx1", signals=tuple(SignalId(f"G{k + 1:02d}") for k in range(count)),
+        gpst=START + np.rint(t * 1e9).astype("timedelta64[ns]"), elapsed_s=t, pseudorange_m=2.2e7 * ones,
+        carrier_cyc=-phase.T, doppler_hz=0 * ones, cn0_dbhz=45 * ones, pseudorange_sigma_m=ones,
+        carrier_sigma_cyc=sigma * ones, doppler_sigma_hz=ones, status=np.zeros((n, count), np.uint8),
+        found_elapsed_s=np.zeros(count), missed_elapsed_s=np.full(count, np.nan),
+    )  # fmt: skip
+    return Records(
+        start_gpst=START, end_gpst=START + np.timedelta64(15, "s"), observations=(observations,),
+        extras={"spin_arm": (arm,)},
+    )

@@ -1,0 +1,126 @@
+"""What bytes may mean, by their statistics; what a file is, by its first bytes; what a name says."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from skyproof.formats.names import NameHints, hints_of
+from skyproof.formats.readings import header_length, likely_packings
+from skyproof.formats.signatures import WavHeader, other_than_samples, wav_header
+
+N = 1 << 17
+
+
+def normal(rms: float, seed: int = 1) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0.0, rms, N)
+
+
+def octets(values: np.ndarray, kind: str) -> np.ndarray:
+    stored = values.astype(kind) if "f" in kind else np.round(values).astype(kind)
+    return np.frombuffer(stored.tobytes(), np.uint8)
+
+
+def kinds_of(stored: np.ndarray) -> set[tuple]:
+    return {(one.packing.encoding, one.packing.bits) for one in likely_packings(stored)}
+
+
+@pytest.mark.parametrize("rms", [3.0, 20.0, 60.0])
+def test_whole_bytes_are_told_by_their_hump(rms: float) -> None:
+    values = np.clip(normal(rms), -128, 127)
+    assert kinds_of(octets(values, "<i1")) == {("int", 8)}
+    assert kinds_of(octets(np.clip(values + 128, 0, 255), "<u1")) == {("offset-binary", 8)}
+
+
+@pytest.mark.parametrize("rms", [100.0, 2000.0])
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_wide_numbers_are_told_by_their_quiet_byte(rms: float, order: str) -> None:
+    stored = octets(normal(rms), f"{'<' if order == 'little' else '>'}i2")
+    assert kinds_of(stored) == {("int", 16)}
+    assert {one.packing.byte_order for one in likely_packings(stored)} == {order}
+    assert {one.header_bytes for one in likely_packings(stored)} == {0}
+
+
+def test_a_wide_number_that_begins_late_is_found() -> None:
+    stored = np.concatenate([np.zeros(1, np.uint8), octets(normal(100.0), "<i2")])
+    assert {(one.packing.byte_order, one.header_bytes) for one in likely_packings(stored)} == {("little", 1)}
+
+
+@pytest.mark.parametrize(("kind", "bits"), [("<f4", 32), (">f4", 32), ("<f8", 64), (">f8", 64)])
+def test_floats_are_told_by_being_near_each_other(kind: str, bits: int) -> None:
+    assert kinds_of(octets(normal(0.01), kind)) == {("float", bits)}
+
+
+def test_numbers_of_two_and_four_bits_are_told_by_their_codes() -> None:
+    shares = {"sign-magnitude": (0.34, 0.16, 0.34, 0.16), "offset-binary": (0.16, 0.34, 0.34, 0.16)}
+    shares["int"] = (0.34, 0.16, 0.16, 0.34)
+    rng = np.random.default_rng(2)
+    for encoding, share in shares.items():
+        codes = rng.choice(4, (N, 4), p=share).astype(np.uint8)
+        stored = np.bitwise_or.reduce(codes << np.array([0, 2, 4, 6], np.uint8), axis=1)
+        assert (encoding, 2) in kinds_of(stored)
+    nibbles = (np.clip(np.round(normal(2.5)), -8, 7).astype(np.int8) & 15).astype(np.uint8)
+    assert kinds_of(nibbles[0::2] << 4 | nibbles[1::2]) == {("int", 4)}
+
+
+def test_what_shows_nothing_is_taken_for_signs() -> None:
+    stored = np.frombuffer(np.random.default_rng(3).bytes(N), np.uint8)
+    assert kinds_of(stored) == {("sign", 1)}
+    assert {one.packing.bit_order for one in likely_packings(stored)} == {"msb-first", "lsb-first"}
+
+
+@pytest.mark.parametrize("header", [b"", b"made by a recorder".ljust(512, b"\0"), bytes(8192)])
+def test_a_header_ends_where_the_bytes_change(header: bytes) -> None:
+    stored = np.frombuffer(header + np.random.default_rng(4).bytes(N), np.uint8)
+    assert header_length(stored) == len(header)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_samples_alone_have_no_header(seed: int) -> None:
+    assert header_length(octets(normal(20.0, seed), "<i1")) == 0
+    assert header_length(octets(normal(60.0, seed), "<i2")) == 0
+
+
+@pytest.mark.parametrize(
+    ("head", "what"),
+    [(b"7z\xbc\xaf\x27\x1c", "7-Zip"), (b"\x00\x00\x00\x18ftypmp42", "video"), (b"\xb5b\x02\x15", "UBX"),
+     (b"$GPGGA,1", "NMEA"), (b"# a remark\nrate = 1\n" * 5, "text"),
+     (b'{"global": {"core:datatype": "ci8"}}', "SigMF")],
+)  # fmt: skip
+def test_what_holds_no_samples_is_named(head: bytes, what: str) -> None:
+    known = other_than_samples(head)
+    assert known is not None
+    assert what in known[0]
+
+
+def test_samples_are_not_taken_for_anything_else() -> None:
+    for seed in range(200):
+        assert other_than_samples(np.random.default_rng(seed).bytes(4096)) is None
+        assert other_than_samples(octets(normal(20.0, seed)[:4096], "<i1").tobytes()) is None
+
+
+def test_a_wav_header_tells_how_to_read_what_follows() -> None:
+    head = struct.pack("<4sI4s4sIHHIIHH", b"RIFF", 0, b"WAVE", b"fmt ", 16, 1, 2, 2_500_000, 10_000_000, 4, 16)
+    extra = struct.pack("<4sI", b"LIST", 3) + b"abc\0"
+    found = wav_header(head + extra + struct.pack("<4sI", b"data", 1000) + bytes(100))
+    assert found == WavHeader(rate_hz=2.5e6, channels=2, encoding="int", bits=16, header_bytes=56, data_bytes=1000)
+    assert wav_header(b"RIFF" + bytes(100)) is None
+    adpcm = head.replace(struct.pack("<HH", 1, 2), struct.pack("<HH", 17, 2))
+    assert wav_header(adpcm + struct.pack("<4sI", b"data", 1000)) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("fs4.092_if1.405.bin", NameHints(rate_hz=4.092e6, if_hz=1.405e6)),
+        ("rec_2.6Msps.cs8", NameHints(rate_hz=2.6e6, kind="complex", encoding="int", bits=8)),
+        ("L1_20211125_004000_12MHz_I.bin",
+         NameHints(rate_hz=12e6, kind="real", start_utc=np.datetime64("2021-11-25T00:40:00", "ns"))),
+        ("SDRSharp_20210101_120000Z_1575420000Hz_IQ.wav",
+         NameHints(centre_hz=1575.42e6, kind="complex", start_utc=np.datetime64("2021-01-01T12:00:00", "ns"))),
+        ("strange.bin", NameHints()),
+        ("20211399_004000.bin", NameHints()),
+    ],
+)  # fmt: skip
+def test_a_name_tells_what_it_tells(name: str, told: NameHints) -> None:
+    assert hints_of(name) == told

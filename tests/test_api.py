@@ -1,0 +1,74 @@
+"""What a user of the package may rely on: its names, in any order of imports, each told with an example."""
+
+import ast
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+import typing
+
+import pytest
+
+import skyproof as sp
+
+NAMES = ("inspect", "protect", "receive", "simulate")
+
+
+def test_the_promise_is_exactly_these_names() -> None:
+    assert tuple(sp.__all__) == NAMES
+    with pytest.raises(AttributeError, match="module 'skyproof' has no attribute 'triangulate'"):
+        _ = sp.triangulate  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_is_a_function_that_is_told_whole(name: str) -> None:
+    function = getattr(sp, name)
+    assert inspect.isfunction(function)
+    told = inspect.getdoc(function) or ""
+    for part in ("Parameters\n----", "Returns\n----", "Raises\n----"):
+        assert part in told
+    for parameter in inspect.signature(function).parameters:
+        assert re.search(rf"^(\w+, )*{parameter}(, \w+)* : ", told, re.MULTILINE), parameter
+    hints = typing.get_type_hints(function)
+    assert hints.keys() == {*inspect.signature(function).parameters, "return"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_has_an_example_that_calls_it_as_it_may_be_called(name: str) -> None:
+    code = "\n".join(line.strip() for line in re.findall(r"^    +.*\bsp\.\w+\(.*", sp.__doc__ or "", re.MULTILINE))
+    told = inspect.getdoc(getattr(sp, name)) or ""
+    own = [line.strip() for line in told.splitlines() if f"sp.{name}(" in line]
+    assert own
+    calls = [node for node in ast.walk(ast.parse("\n".join([code, *own]))) if isinstance(node, ast.Call)]
+    mine = [call for call in calls if isinstance(call.func, ast.Attribute) and call.func.attr == name]
+    assert len(mine) >= 2
+    for call in mine:
+        keywords = {keyword.arg: None for keyword in call.keywords if keyword.arg}
+        inspect.signature(getattr(sp, name)).bind(*call.args, **keywords)
+
+
+def test_simulate_is_the_use_case_and_the_room_can_still_be_imported() -> None:
+    importlib.import_module("skyproof.simulate.files")
+    room = importlib.import_module("skyproof.simulate")
+    from skyproof.simulate import scenes  # noqa: PLC0415
+
+    assert room.scene_of is importlib.import_module("skyproof.simulate.sky").scene_of
+    assert inspect.ismodule(scenes)
+    assert sp.simulate.__module__ == "skyproof.app.simulate"
+
+
+@pytest.mark.parametrize(
+    "first",
+    ["import skyproof.simulate", "from skyproof import simulate", "from skyproof.app.demo import demo", "sp.protect"],
+)
+def test_simulate_is_the_use_case_whatever_came_first(first: str) -> None:
+    program = f"import skyproof as sp; {first}; print(sp.simulate.__module__)"
+    run = subprocess.run([sys.executable, "-W", "error::ImportWarning", "-c", program], capture_output=True, text=True)
+    assert (run.stdout, run.stderr) == ("skyproof.app.simulate\n", "")
+
+
+def test_importing_the_package_loads_nothing_that_computes() -> None:
+    program = "import sys, skyproof; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert set(run.stdout.split()) & {"numpy", "numba", "pydantic", "skyproof.app", "skyproof.records"} == set()

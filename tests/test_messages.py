@@ -1,0 +1,335 @@
+"""Each error says what came, what was expected and what to do: those that no other test raises, and their table."""
+
+import ast
+import json
+import tarfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import BaseModel, Field, ValidationError
+from tests.messages import NEVER_RAISED, Message, Site, _sites_in, sites, table, unraised, without_folders
+
+from skyproof import cli
+from skyproof.app import outputs
+from skyproof.app.demo import demo
+from skyproof.app.progress import Silent
+from skyproof.app.reception import open_inputs
+from skyproof.app.settings import Settings, resolve_settings
+from skyproof.app.simulate import simulate
+from skyproof.app.snapshot import snapshot
+from skyproof.detectors.array_common import ArrayCommonSettings
+from skyproof.detectors.ins_array import InsArraySettings
+from skyproof.detectors.peaks import PeaksSettings
+from skyproof.detectors.spin import SpinSettings
+from skyproof.errors import InputError, NotEnoughData, OutputError, ScenarioError, SettingsError, fault_words
+from skyproof.formats import octets, sigmf
+from skyproof.formats.crinex import expanded
+from skyproof.formats.raw import read_sidecar
+from skyproof.formats.sigmf import open_sigmf
+from skyproof.navigation.filter_state import FilterSettings
+from skyproof.records import Samples
+from skyproof.simulate.scenario import parse_scenario, read_scenario
+
+# --- settings
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[protect]\nwindow_s = 1\n", "[protect] window_s = 1, expected 2 or more"),
+        ('[protect]\nwindow_s = "long"\n', '[protect] window_s = "long", expected a number'),
+        ("[protect]\nplace_deg = [57.7]\n", "[protect] place_deg.1 is missing"),
+        ("[protect]\nstart = 3\n", "[protect] start is no known setting; did you mean start_s?"),
+        ("[protect]\nqqqq = 3\n", "[protect] qqqq is no known setting; known are false_alarm_probability_per_hour, "),
+        ("protect = 3\n", "protect = 3, expected a table; begin it with the line [protect]"),
+        ("[protect\n", "no platform file, which is TOML in UTF-8 with a table [protect]: "),
+        ("[protect]\nstart_s = -1\nsmoothing_s = 0\n", "smoothing_s = 0, expected more than 0; start_s = -1, "),
+    ],
+)
+def test_a_wrong_platform_file_is_refused_by_file_and_key(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "platform.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises((SettingsError, InputError)) as raised:
+        resolve_settings(path)
+    assert str(raised.value).startswith(f"{path}: ")
+    assert words in str(raised.value)
+
+
+def test_a_wrong_option_is_refused_as_a_setting_and_not_as_the_files(tmp_path: Path) -> None:
+    path = tmp_path / "platform.toml"
+    path.write_text("[protect]\nstart_s = 1\n", encoding="utf-8")
+    with pytest.raises(SettingsError, match=r"^setting start_s = -2\.0, expected 0 or more$"):
+        resolve_settings(path, start_s=-2.0)
+    with pytest.raises(InputError, match=r"none\.toml: the platform file cannot be read \(No such .*check the name"):
+        resolve_settings(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: ArrayCommonSettings(false_alarm_probability=0.0), "array_common: false_alarm_probability is 0.0"),
+        (lambda: InsArraySettings(false_alarm_probability=1.0), "ins_array: false_alarm_probability is 1.0"),
+        (lambda: PeaksSettings(long_echo_probability=float("nan")), "peaks: long_echo_probability is nan"),
+        (lambda: SpinSettings(false_alarm_probability=-1.0), "spin: false_alarm_probability is -1.0"),
+        (lambda: FilterSettings(false_alarm_probability=2.0), "filter: false_alarm_probability is 2.0"),
+    ],
+)
+def test_what_is_no_probability_is_refused(make: Callable[[], object], words: str) -> None:
+    with pytest.raises(SettingsError) as raised:
+        make()
+    assert str(raised.value) == f"{words}, expected above 0 and below 1; give one such as 0.001"
+
+
+def test_an_error_time_of_a_filter_is_more_than_zero() -> None:
+    with pytest.raises(SettingsError, match=r"filter: error_time_s is 0\.0, expected more than 0; give seconds"):
+        FilterSettings(error_time_s=0.0)
+
+
+# --- scenarios
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({}, "scenario: start_gpst is missing; duration_s is missing; receivers is missing"),
+        ({"receivers": []}, "receivers holds 0, expected 1 or more"),
+        ({"receivers": 3}, "receivers = 3, expected a list"),
+        ({"seed": "x"}, 'seed = "x", expected a whole number'),
+        ({"receivers": [3]}, "receivers[0] = 3, expected a table"),
+    ],
+)
+def test_a_wrong_scenario_tells_what_came_and_what_was_expected(table: dict[str, Any], words: str) -> None:
+    with pytest.raises(ScenarioError) as raised:
+        parse_scenario(table)
+    assert words in str(raised.value)
+
+
+def test_a_list_is_not_called_too_short_for_a_fault_in_its_member() -> None:
+    with pytest.raises(ScenarioError) as raised:
+        parse_scenario({"receivers": [{"name": "a", "lat_deg": 1.0, "lon_deg": 2.0, "height_m": -600.0}]})
+    assert "receivers[0].height_m = -600.0, expected -500 or more" in str(raised.value)
+    assert "holds" not in str(raised.value)
+
+
+def test_a_scenario_that_cannot_be_read_says_why(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"none\.toml: the scenario cannot be read \(No such file.*check the name"):
+        read_scenario(tmp_path / "none.toml")
+    (tmp_path / "a.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(ScenarioError, match=r"a\.toml: no scenario, which is a TOML file in UTF-8: .*mend that place"):
+        read_scenario(tmp_path / "a.toml")
+
+
+SCENE = """
+start_gpst = "2024-05-14T10:00:00"
+duration_s = 60.0
+[[receivers]]
+name = "one"
+path = { kind = "file", path = "way.csv" }
+"""
+
+
+def test_a_path_that_is_shorter_than_the_scene_is_refused(tmp_path: Path) -> None:
+    rows = [f"{t},57.7,{11.9 + 1e-5 * t:.6f},20" for t in range(30)]
+    (tmp_path / "way.csv").write_text("\n".join(["t_s,lat_deg,lon_deg,height_m", *rows]), encoding="ascii")
+    (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"receivers\[0\]\.path: known from .* but the scene needs .*set start_s"):
+        simulate(tmp_path / "scene.toml", out=tmp_path / "out", depth="measurements")
+
+
+# --- recordings
+
+
+def recording(path: Path) -> Path:
+    path.write_bytes(np.random.default_rng(1).bytes(4000))
+    keys = 'rate_hz = 1e6\nkind = "complex"\nencoding = "int"\nbits = 8\n'
+    path.with_suffix(".toml").write_text(f"[samples]\n{keys}", encoding="utf-8")
+    return path
+
+
+def test_a_start_behind_the_end_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"rx1\.bin: lasts 0\.002 s, but start_s is 3; give less"):
+        open_inputs([recording(tmp_path / "rx1.bin")], Settings(start_s=3.0))
+
+
+def test_a_moment_of_samples_without_a_date_asks_for_one() -> None:
+    samples = Samples(name="rx1", rate_hz=1e6, n_samples=1000, read=lambda _, count: np.zeros((2, count), np.float32))
+    with pytest.raises(NotEnoughData, match=r"rx1: no start_gpst .*give the rough time"):
+        snapshot(samples, None)  # type: ignore[arg-type]
+
+
+def test_files_that_the_system_refuses_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = recording(tmp_path / "rx1.bin")
+
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(octets.np, "memmap", refused)
+    with pytest.raises(InputError, match=r"rx1\.bin cannot be read \(Permission denied\); check its permissions"):
+        open_inputs([path], Settings())
+    with pytest.raises(InputError, match=r": the sidecar cannot be read \(Is a directory\)"):
+        read_sidecar(tmp_path)
+
+
+def sigmf_files(folder: Path, octets: bytes, captures: list[dict[str, Any]], **more: Any) -> Path:
+    meta = {"global": {"core:datatype": "ci8", "core:sample_rate": 1e6, "core:version": "1.2.0"} | more,
+            "captures": captures, "annotations": []}  # fmt: skip
+    (folder / "rec.sigmf-data").write_bytes(octets)
+    (folder / "rec.sigmf-meta").write_text(json.dumps(meta), encoding="utf-8")
+    return folder / "rec.sigmf-meta"
+
+
+def test_a_capture_that_begins_within_a_byte_is_refused(tmp_path: Path) -> None:
+    packed = {"core:datatype": "ri8", "skyproof:encoding": "sign", "skyproof:bits": 1, "skyproof:if_hz": 2e5}
+    path = sigmf_files(tmp_path, bytes(range(256)), [{"core:sample_start": 0}, {"core:sample_start": 3}], **packed)
+    with pytest.raises(InputError, match=r"captures\[1\]\.core:sample_start = 3 does not begin with a whole byte"):
+        open_sigmf(path)
+
+
+def test_samples_in_the_place_of_metadata_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = sigmf_files(tmp_path, bytes(range(256)), [{"core:sample_start": 0}])
+    monkeypatch.setattr(sigmf, "_LARGEST_META", 10)
+    with pytest.raises(InputError, match=r"too long for metadata of SigMF; give the \.sigmf-meta, not the samples"):
+        open_sigmf(path)
+
+
+def test_an_archive_that_is_cut_before_its_samples_is_refused(tmp_path: Path) -> None:
+    path = sigmf_files(tmp_path, bytes(range(256)) * 8, [{"core:sample_start": 0}])
+    with tarfile.open(tmp_path / "rec.sigmf", "w") as tar:
+        for one in (path, path.with_suffix(".sigmf-data")):
+            tar.add(one, f"rec/{one.name}")
+    with tarfile.open(tmp_path / "rec.sigmf") as tar:
+        begin = tar.getmember("rec/rec.sigmf-data").offset_data
+    whole = (tmp_path / "rec.sigmf").read_bytes()
+    (tmp_path / "rec.sigmf").write_bytes(whole[:begin])
+    with pytest.raises(InputError, match=r"no byte of its samples, .* is there; the archive is cut; fetch it again"):
+        open_sigmf(tmp_path / "rec.sigmf")
+
+
+def test_compact_rinex_of_another_kind_or_without_an_end_is_refused() -> None:
+    head = f"{'2.0':20}{'COMPACT RINEX FORMAT':40}CRINEX VERS   / TYPE"
+    with pytest.raises(InputError, match=r"a\.crx, line 1: compact RINEX version '2\.0', expected 1\.0 or 3\.0"):
+        list(expanded([head], source="a.crx"))
+    with pytest.raises(InputError, match=r"a\.crx, line 2: the file ends before END OF HEADER; fetch it again"):
+        list(expanded([head.replace("2.0", "3.0"), "any"], source="a.crx"))
+
+
+# --- the folder
+
+
+def refuse(*_: object, **__: object) -> None:
+    raise PermissionError(13, "Permission denied")
+
+
+def test_what_cannot_be_removed_of_an_earlier_run_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "nav.rnx").write_text("old", encoding="ascii")
+    old = SimpleNamespace(receivers=[SimpleNamespace(name="rx1")])
+    monkeypatch.setattr(outputs, "read_verdict", lambda _: old)
+    scene = ["clean", "--depth", "measurements", "--duration-s", "2"]
+    assert cli.main(["simulate", *scene, "--out", str(tmp_path / "scene")]) == 0
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(OutputError, match=r"an earlier run wrote cannot be removed.*Permission denied.*--out"):
+        outputs._remove_older(tmp_path)
+    monkeypatch.setattr("skyproof.app.simulate.check_folder", lambda _: None)
+    with pytest.raises(OutputError, match=r"an earlier run wrote cannot be removed.*Permission denied.*--out"):
+        simulate("clean", depth="measurements", duration_s=2.0, out=tmp_path / "scene")
+
+
+def test_a_study_says_that_its_folder_cannot_be_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "taken").touch()
+    assert cli.main(["study", "spin.roc", "--out", str(tmp_path / "taken" / "in")]) == 2
+    assert "cannot be made (Not a directory); name another folder with --out" in capsys.readouterr().err
+
+
+def test_a_demo_that_is_interrupted_names_what_is_whole(tmp_path: Path) -> None:
+    class Impatient(Silent):
+        def advance(self, to: float) -> None:
+            raise KeyboardInterrupt
+
+    (tmp_path / "older.bin").touch()
+    with pytest.raises(KeyboardInterrupt) as raised:
+        demo(tmp_path, progress=Impatient())
+    words = f"interrupted while recordings were simulated; whole in {tmp_path}: broadcast.rnx, truth.json"
+    assert str(raised.value) == words
+    assert {path.name for path in tmp_path.iterdir()} == {"broadcast.rnx", "truth.json", "older.bin"}
+
+
+# --- words of faults
+
+
+class Whole(BaseModel):
+    number: float = Field(1.0, ge=0.0, lt=5.0)
+    many: list[int] = Field(default_factory=list, max_length=2)
+    word: str = ""
+    switch: bool = False
+
+
+def faults_of(content: Any) -> list[str]:
+    try:
+        Whole.model_validate(content, strict=True)
+    except ValidationError as error:
+        return [fault_words(".".join(map(str, fault["loc"])), fault) for fault in error.errors()]
+    return []
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"number": -1.0}, "number = -1.0, expected 0 or more"),
+        ({"number": 5.0}, "number = 5.0, expected less than 5"),
+        ({"number": "x" * 99}, f'number = "{"x" * 56}..., expected a number'),
+        ({"many": [1, 2, 3]}, "many holds 3, expected 2"),
+        ({"many": 1}, "many = 1, expected a list"),
+        ({"word": 1}, "word = 1, expected a text"),
+        ({"switch": "on"}, 'switch = "on", expected true or false'),
+        (3, "the whole = 3, expected a table"),
+    ],
+)
+def test_a_fault_tells_place_what_came_and_what_was_expected(content: Any, words: str) -> None:
+    assert faults_of(content) == [words]
+
+
+# --- the table of all messages
+
+
+WORDS = "/home/someone/rx1.bin: 7 of 8 | *bytes*; mend it"
+MESSAGE = Message("InputError", "formats/a.py", 12, WORDS, "tests/a.py::test")
+
+
+def test_messages_that_differ_in_numbers_and_folders_only_are_one() -> None:
+    other = Message("InputError", "formats/a.py", 12, "/tmp/x/rx1.bin: 5 of 12 | *bytes*; mend it", "tests/b.py::test")
+    assert MESSAGE.key == other.key
+    assert MESSAGE.key != Message("InputError", "formats/a.py", 13, MESSAGE.words, MESSAGE.test).key
+
+
+def test_the_table_shows_a_message_as_it_is_told_without_folders() -> None:
+    text = table([MESSAGE])
+    assert "## formats/a.py" in text
+    assert "| InputError | rx1.bin: 7 of 8 &#124; &#42;bytes&#42;; mend it | 12 | tests/a.py::test |" in text
+
+
+def test_folders_are_left_out_and_other_strokes_stay() -> None:
+    assert without_folders("`/a/b/c d.bin`: 3 m/s, ENU/N/U; and/or") == "`/a/b/c d.bin`: 3 m/s, ENU/N/U; and/or"
+    assert without_folders("no /a/b/c.bin beside it, /a/b") == "no c.bin beside it, b"
+
+
+def test_a_place_whose_error_was_not_seen_is_told() -> None:
+    seen = [Message("InputError", site.file, site.first_line, "", "") for site in sites()]
+    assert len(seen) > 150
+    assert unraised(seen) == []
+    left_out = next(site for site in sites() if site.name not in NEVER_RAISED)
+    missing = unraised([message for message in seen if not left_out.made(message)])
+    assert [site.name for site in missing] == [left_out.name]
+
+
+def test_a_place_is_found_wherever_the_error_is_made() -> None:
+    code = "def f():\n    if x:\n        raise InputError(\n            'a')\n    faults.append(InputError('b'))\n"
+    found: Iterator[Site] = _sites_in(ast.parse(code), "a.py", {"InputError"})
+    assert list(found) == [Site("a.py", "f", 3, 4), Site("a.py", "f", 5, 5)]
+
+
+def test_reasons_are_given_for_places_that_exist() -> None:
+    assert set(NEVER_RAISED) <= {site.name for site in sites()}
