@@ -5,10 +5,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 from tests.messages import Message, Recorder, table, unraised
 
 ROOT = Path(__file__).resolve().parent.parent
 RECORDER = pytest.StashKey[Recorder]()
+
+# The same examples every time, however slow the machine; `pytest --hypothesis-profile search` looks for new ones.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("search", deadline=None)
+settings.load_profile("repeatable")
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.report.svg import of_class, parsed, texts
 
 from skyproof.report.drawing import nice_ticks, spread, thin
 from skyproof.report.pictures import (
@@ -21,19 +22,6 @@ from skyproof.report.pictures import (
     sky_plot,
     time_line,
 )
-
-
-def parsed(svg: str) -> ElementTree.Element:
-    assert svg
-    return ElementTree.fromstring(svg)
-
-
-def of_class(root: ElementTree.Element, *names: str) -> list[ElementTree.Element]:
-    return [e for e in root.iter() if set(names) <= set(e.get("class", "").split())]
-
-
-def texts(root: ElementTree.Element) -> list[str]:
-    return [e.text or "" for e in root.iter("text")]
 
 
 def corners(path: ElementTree.Element) -> np.ndarray[Any, Any]:

@@ -7,24 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.report.svg import of_class, parsed, texts
 
 from skyproof.report import methods
 from skyproof.report.pictures import DelayProfile, DelayTag, RangeDifference
 from skyproof.report.proof import chance_scale, difference_plot, profile_plot
 from skyproof.report.words import distance_words, offset_words, place_words
-
-
-def parsed(svg: str) -> ElementTree.Element:
-    assert svg
-    return ElementTree.fromstring(svg)
-
-
-def of_class(root: ElementTree.Element, *names: str) -> list[ElementTree.Element]:
-    return [e for e in root.iter() if set(names) <= set(e.get("class", "").split())]
-
-
-def texts(root: ElementTree.Element) -> list[str]:
-    return [e.text or "" for e in root.iter("text")]
 
 
 def place(symbol: ElementTree.Element) -> tuple[float, float]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.report.svg import of_class, parsed, texts
 
 from skyproof.report.drawing import Tag, place_tags
 from skyproof.report.pictures import SignalSeries, SkyPosition, SkySource
@@ -27,19 +28,6 @@ from skyproof.report.scene import (
     switching_plot,
 )
 from skyproof.report.stability import AllanCurve, allan_plot
-
-
-def parsed(svg: str) -> ElementTree.Element:
-    assert svg
-    return ElementTree.fromstring(svg)
-
-
-def of_class(root: ElementTree.Element, *names: str) -> list[ElementTree.Element]:
-    return [e for e in root.iter() if set(names) <= set(e.get("class", "").split())]
-
-
-def texts(root: ElementTree.Element) -> list[str]:
-    return [e.text or "" for e in root.iter("text")]
 
 
 def corners(path: ElementTree.Element) -> np.ndarray[Any, Any]:

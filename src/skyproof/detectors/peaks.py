@@ -132,7 +132,7 @@ class Peaks:
             subject=_signals(observations, found.doubled if attack else found.sats),
             says="attack" if attack else "clean",
             because=f"{k} of {n} satellites in {observations.receiver} have a second credible signal; far echoes make "
-            f"{count} or more of them once in {1.0 / attained:.0f} windows",
+            f"{count} or more of them once in {float(f'{1.0 / attained:.2g}'):.0f} windows",
             statistic=float(k), threshold=float(count), false_alarm_probability=attained,
             p_value=float(binomial_survival(k, n, self.settings.long_echo_probability)),
         )  # fmt: skip

@@ -281,10 +281,10 @@ def _box(tag: Tag, width: float, away: float, step: tuple[float, float], bounds:
 
 
 def _costs(candidates: Reals, taken: Reals, bounds: Box) -> Reals:
-    """Overlap of boxes (n, 4) with what is there (m, 4), in square units; out of bounds is worst."""
+    """Overlap of boxes (n, 4) with what is there (m, 4): worse than any way away; out of bounds is worst."""
     low = np.maximum(candidates[:, None, :2], taken[None, :, :2])
     high = np.minimum(candidates[:, None, 2:], taken[None, :, 2:])
     overlap = np.prod(np.maximum(high - low, 0.0), axis=-1).sum(axis=-1)
     outside = np.maximum(np.array(bounds[:2]) - candidates[:, :2], 0.0)
     outside += np.maximum(candidates[:, 2:] - np.array(bounds[2:]), 0.0)
-    return np.asarray(1000.0 * outside.sum(axis=-1) + overlap)
+    return np.asarray(1e5 * outside.sum(axis=-1) + 150.0 * overlap)
