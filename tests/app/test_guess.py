@@ -257,6 +257,79 @@ def test_a_recording_of_another_band_convinces_of_nothing(shared_data: Path, tmp
     assert not (tmp_path / "strange.toml").exists()
 
 
+# --- several channels
+
+
+def several(n: int, rate_hz: float, if_hz: float, real: bool, duration_s: float = 0.1) -> np.ndarray:
+    """Rows of numbers, one or two a receiver."""
+    scene = [sky(rate_hz, if_hz, real, seed, duration_s) for seed in range(1, n + 1)]
+    shortest = min(planes.shape[1] for planes in scene)
+    return np.concatenate([planes[:, :shortest] for planes in scene])
+
+
+def split(real: bool, noise: float) -> np.ndarray:
+    """Two channels of one antenna, each with noise of its own."""
+    planes = sky(4.092e6, 1.023e6, True, 3) if real else sky(4e6, 0.0, False, 3)
+    rng = np.random.default_rng(3)
+    return np.concatenate([planes + noise * rng.normal(size=planes.shape) for _ in range(2)])
+
+
+TOGETHER = [
+    (2, 4e6, 0.0, False), (2, 2.6e6, 0.0, False), (2, 5e6, 1.2e6, False), (2, 8.184e6, 2.046e6, True),
+    (2, 5.456e6, 1.405e6, True), (3, 4e6, 0.0, False), (4, 4e6, 0.0, False), (4, 2.6e6, 0.0, False),
+    (4, 5e6, 1.2e6, False), (4, 5.456e6, 1.405e6, True), (4, 8.184e6, 2.046e6, True),
+]  # fmt: skip
+
+
+def stored(rows: np.ndarray, form: str) -> bytes:
+    return packed(signs(rows), 1) if form == "bits" else whole(rows, form, 20.0)
+
+
+@pytest.mark.parametrize(("real", "form", "words"), [(False, "bits", "2 complex"), (True, "i1", "2 real")])
+def test_channels_that_take_turns_are_told_and_no_sidecar_is_written(
+    real: bool, form: str, words: str, tmp_path: Path
+) -> None:
+    words = f"{words} channels"
+    path = tmp_path / "both.bin"
+    path.write_bytes(stored(several(2, 5.456e6, 1.405e6, True) if real else several(2, 2.6e6, 0.0, False), form))
+    with pytest.raises(NotUnderstood, match=words) as refused:
+        inspect(path, write=True)
+    assert "core:num_channels" in str(refused.value)
+    assert refused.value.guess.proposals[0].log10_chance < -6.0  # it would have convinced
+    first = refused.value.document()["proposals"][0]
+    assert (first["interleaved"], first["convincing"]) == (words, False)
+    assert list(tmp_path.iterdir()) == [path]
+    (forced,) = inspect(path, write=1)
+    assert any(words in remark for remark in forced.remarks)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("form", ["i1", "<i2", "bits"])
+@pytest.mark.parametrize(("n", "rate_hz", "if_hz", "real"), TOGETHER)
+def test_no_reading_of_several_channels_convinces(
+    n: int, rate_hz: float, if_hz: float, real: bool, form: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "several.bin"
+    path.write_bytes(stored(several(n, rate_hz, if_hz, real), form))
+    found = guess(path)
+    assert not found.convincing
+    assert found.proposals[0].interleaved or not found.proposals[0].satellites
+    if found.proposals[0].interleaved:
+        assert f"{n} {'real' if real else 'complex'}" in found.proposals[0].interleaved or (
+            real and f"or {n} real ones" in found.proposals[0].interleaved
+        )
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("form", ["i1", "bits"])
+@pytest.mark.parametrize("real", [False, True])
+@pytest.mark.parametrize("noise", [1.0, 0.3, 0.0])
+def test_no_reading_of_a_split_antenna_convinces(real: bool, noise: float, form: str, tmp_path: Path) -> None:
+    path = tmp_path / "split.bin"
+    path.write_bytes(stored(split(real, noise), form))
+    assert not guess(path).convincing
+
+
 # --- nothing there
 
 
@@ -362,6 +435,17 @@ def test_what_cannot_be_told_is_one_screen_and_one_document(tmp_path: Path, caps
     document = json.loads(capsys.readouterr().out)
     assert (document["format"], document["path"]) == ("skyproof-inspect/1", str(path))
     assert all(not one["convincing"] for one in document["proposals"])
+
+
+def test_pictures_are_written_even_if_nothing_convinces(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "noise.bin"
+    path.write_bytes(noise("int8", 2))
+    out = tmp_path / "pictures"
+    assert cli.main(["inspect", str(path), "--plot", "--out", str(out)]) == 0
+    assert "is not certain" in capsys.readouterr().out
+    assert {one.name for one in out.iterdir()} == {"noise-levels.svg", "noise-spectrum.svg"}
+    assert cli.main(["inspect", str(path), "--plot", "--out", str(out), "--json"]) == 0
+    json.loads(capsys.readouterr().out)
 
 
 def test_a_name_is_tried_and_not_believed(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ import pytest
 
 from skyproof import cli
 from skyproof.app.advice import advice
-from skyproof.app.inspect import document_json, inspect, inspect_samples
-from skyproof.errors import InputError, NotEnoughData, SettingsError
+from skyproof.app.guess import guess
+from skyproof.app.inspect import _first_looks, document_json, inspect, inspect_samples, write_pictures
+from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import SampleGap, Samples
 from skyproof.simulate import scenes
@@ -226,10 +227,17 @@ def test_options_go_before_a_sidecar(stored: tuple[Path, set[str]]) -> None:
 
 def test_what_makes_no_sense_is_one_line(stored: tuple[Path, set[str]], tmp_path: Path) -> None:
     path, _ = stored
-    with pytest.raises(SettingsError, match="bits"):
+    with pytest.raises(SettingsError, match="bits = 7, expected 1, 2, 4"):
         inspect(path, layout={**LAYOUT, "bits": 7})
+    with pytest.raises(SettingsError, match=r"rate_hz = 10\.0, expected 1.* or more; encoding is missing"):
+        inspect(path, layout={"rate_hz": 10.0, "kind": "complex", "bits": 8})
     with pytest.raises(InputError, match="does not exist"):
         inspect(path.with_name("gone.bin"))
+    with pytest.raises(InputError, match=r"the sidecar cannot be read .*; check its name"):
+        inspect(path, sidecar=tmp_path)
+    (tmp_path / "still.bin").write_bytes(bytes(40_000))
+    with pytest.raises(InputError, match=r"in the one stretch looked at"):
+        inspect(tmp_path / "still.bin", layout=LAYOUT)
     (tmp_path / "short.bin").write_bytes(path.read_bytes()[:4000])
     with pytest.raises(NotEnoughData, match="search needs"):
         inspect(tmp_path / "short.bin", layout=LAYOUT)
@@ -303,3 +311,38 @@ def test_pictures_are_written_where_asked_for(stored: tuple[Path, set[str]], tmp
     told = capsys.readouterr().out
     json.loads(told[told.index("{\n") :])
     assert all((again / one.name).read_bytes() == one.read_bytes() for one in out.iterdir())
+
+
+def test_a_folder_for_pictures_that_cannot_be_made_is_told(stored: tuple[Path, set[str]], tmp_path: Path) -> None:
+    path, _ = stored
+    with pytest.raises(OutputError, match=r"rx\.bin/pictures: cannot be made .*; give --out"):
+        write_pictures(inspect(path, layout=LAYOUT), path / "pictures")
+
+
+def test_a_notebook_shows_the_recording_and_its_satellites_escaped(stored: tuple[Path, set[str]]) -> None:
+    path, heard = stored
+    strange = path.rename(path.with_name("a<b>&c.bin"))
+    (found,) = inspect(strange, layout=LAYOUT)
+    shown = found._repr_html_()
+    ElementTree.fromstring(shown)
+    assert "a&lt;b&gt;&amp;c.bin" in shown
+    assert all(f">{sat}<" in shown for sat in heard)
+    assert shown.count("<tr>") == 1 + len(heard)
+    assert "4 MHz" in shown
+
+
+def test_what_was_found_before_is_not_searched_again_and_tells_the_same(
+    stored: tuple[Path, set[str]], monkeypatch
+) -> None:
+    path, _ = stored
+    (described,) = inspect(path, layout=LAYOUT)
+    peaks = guess(path).proposals[0].peaks
+    searched = []
+    monkeypatch.setattr(
+        "skyproof.app.inspect._first_looks", lambda *told, looks=_first_looks: searched.append(1) or looks(*told)
+    )
+    again = inspect_samples(described.samples, peaks=peaks)
+    assert searched == []
+    assert {one.sat for one in again.satellites} == {one.sat for one in described.satellites}
+    assert inspect_samples(described.samples, peaks=peaks[:3]).satellites == described.satellites
+    assert searched == [1]

@@ -1,11 +1,14 @@
-"""One sentence: what `skyproof protect` can do with a recording, and what would make it stronger."""
+"""An inspection in words: what a recording is, what is odd about it, what `skyproof protect` can do with it."""
 
 from collections.abc import Sequence
 from typing import Final, Protocol
 
+from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.receiver.conditioning import FrontEnd
+from skyproof.receiver.survey import OscillatorError, Survey
 from skyproof.records import Samples
 
-__all__ = ["Heard", "advice"]
+__all__ = ["Heard", "advice", "oscillator_remarks", "signal_remarks", "summary"]
 
 _FIX_SATS: Final = 4
 _TEST_SATS: Final = 5
@@ -22,13 +25,20 @@ class Heard(Protocol):
     """A satellite of an inspection."""
 
     @property
+    def sat(self) -> str: ...
+    @property
+    def cn0_dbhz(self) -> float: ...
+    @property
     def doppler_hz(self) -> float: ...
     @property
     def peaks(self) -> int: ...
 
 
 def advice(samples: Samples, satellites: Sequence[Heard], *, gaps: int, mirrored: bool) -> str:
-    """The sentence. mirrored : whether the description reads the spectrum the wrong way round."""
+    """One sentence: what `protect` can do, and what would make it stronger.
+
+    mirrored : whether the description reads the spectrum the wrong way round.
+    """
     n, several = len(satellites), sum(satellite.peaks > 1 for satellite in satellites)
     if n == 0:
         return (
@@ -64,6 +74,68 @@ def advice(samples: Samples, satellites: Sequence[Heard], *, gaps: int, mirrored
         needs.append("a recorder that loses no samples")
     needs.append("a second receiver some tens of metres away, recorded at the same time")
     return f"`protect` {can}; stronger with {_listed(needs)}."
+
+
+def signal_remarks(samples: Samples, told: Survey, conjugate: bool | None, oscillator: OscillatorError) -> list[str]:
+    """What is odd about the signals."""
+    remarks = []
+    if conjugate:
+        remarks.append("the spectrum is mirrored: negate Q (or swap I and Q, or give the intermediate frequency the "
+                       "other sign) in what says how to read the file")  # fmt: skip
+    for gap in told.gaps:
+        remarks.append(
+            f"samples are missing at sample {gap.at_sample} ± {gap.at_sigma_samples:.0f} "
+            f"({gap.at_sample / samples.rate_hz * 1e3:.2f} ms): {gap.missing_samples:.1f} "
+            f"± {gap.missing_sigma_samples:.1f}, or that and whole code periods of {gap.period_samples:g}"
+        )
+    for known in samples.gaps:
+        remarks.append(f"the recording says that {known.missing_samples} samples are missing at {known.at_sample}")
+    remarks += oscillator_remarks(oscillator)
+    if abs(told.clock_minus_lo_ppm) > 4.0 * told.clock_minus_lo_sigma_ppm:
+        remarks.append(
+            f"the sampling clock is {told.clock_minus_lo_ppm:+.3f} ± {told.clock_minus_lo_sigma_ppm:.3f} ppm off the "
+            "local oscillator: they are not of one source, or rate_hz is not exact"
+        )
+    return remarks
+
+
+def oscillator_remarks(oscillator: OscillatorError) -> tuple[str, ...]:
+    """One remark if the oscillator is off for certain."""
+    if not abs(oscillator.doppler_hz) > 3.0 * oscillator.sigma_hz:
+        return ()
+    high = "high" if oscillator.doppler_hz > 0.0 else "low"
+    off_khz, sigma_khz = abs(oscillator.doppler_hz) / 1e3, oscillator.sigma_hz / 1e3
+    ppm = 1e9 / GPS_L1_CA.carrier_hz
+    return (
+        f"all signals appear {off_khz:.1f} ± {sigma_khz:.1f} kHz too {high}: the local oscillator is off by "
+        f"{off_khz * ppm:.1f} ± {sigma_khz * ppm:.1f} ppm",
+    )
+
+
+def summary(
+    samples: Samples, satellites: Sequence[Heard], told: Survey, conjugate: bool | None, front: FrontEnd
+) -> str:
+    """One or two sentences: what is there, and whether it can be used."""
+    long = f"{samples.duration_s:.1f} s" if samples.duration_s >= 1.0 else f"{samples.duration_s * 1e3:.0f} ms"
+    n = len(satellites)
+    if n == 0:
+        heard = f"{long} in which no {GPS_L1_CA.name} signal was found"
+    else:
+        strongest = max(satellite.cn0_dbhz for satellite in satellites)
+        heard = f"{long} with {n} GPS satellite{'' if n == 1 else 's'}, the strongest at {strongest:.0f} dB-Hz"
+    if several := [satellite.sat for satellite in satellites if satellite.peaks > 1]:
+        heard += f"; more than one signal of {', '.join(several)}"
+    but = []
+    if conjugate:
+        but.append("the spectrum is mirrored")
+    if n_gaps := max(len(told.gaps), len(samples.gaps)):
+        but.append("samples are missing" + ("" if n_gaps == 1 else f" in {n_gaps} places"))
+    if front.notched:
+        hurting = len(front.notched)
+        but.append("a narrow-band line hurts" if hurting == 1 else f"{hurting} narrow-band lines hurt")
+    if n and n < _FIX_SATS:
+        but.append("fewer than four satellites give no position")
+    return heard + (f"; but {', '.join(but[:-1])}{' and ' if but[:-1] else ''}{but[-1]}." if but else ".")
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -23,6 +23,7 @@ from skyproof.formats.signatures import WavHeader, head_of, other_than_samples, 
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
+from skyproof.receiver.interleaving import Carried, turns
 from skyproof.receiver.repetition import LEAST_SAMPLES, Repetition, repetition, usual_length
 
 __all__ = ["CONVINCING", "Guess", "Proposal", "guess"]
@@ -74,6 +75,8 @@ class Proposal:
     round_rate : whether the rate is one that people choose; another one is as exact as it could be measured.
     satellites : of the search, by name, with C/N0. log10_chance : that noise alone makes so much in all that was tried,
         as its decimal logarithm, 0 where nothing was found. power : of all signals found over the noise.
+    interleaved : of which channels the file seems to be woven, in words: then no reading of one channel is right. Empty
+        if of one. Looked at in the best proposal only. peaks : what the search found, Dopplers off `layout.if_hz`.
     """
 
     layout: SampleLayout
@@ -82,10 +85,12 @@ class Proposal:
     satellites: dict[str, float] = field(default_factory=dict)
     log10_chance: float = 0.0
     power: float = 0.0
+    interleaved: str = ""
+    peaks: tuple[Peak, ...] = ()
 
     @property
     def convincing(self) -> bool:
-        return self.log10_chance < math.log10(CONVINCING)
+        return self.log10_chance < math.log10(CONVINCING) and not self.interleaved
 
     def document(self) -> dict[str, Any]:
         """For --json."""
@@ -97,6 +102,7 @@ class Proposal:
             "sources": self.sources,
             "satellites": [{"sat": sat, "cn0_dbhz": cn0} for sat, cn0 in self.satellites.items()],
             "log10_chance": self.log10_chance,
+            "interleaved": self.interleaved or None,
             "convincing": self.convincing,
         }
 
@@ -125,6 +131,12 @@ class Guess:
     def summary(self) -> str:
         """What to do where nothing convincing was found."""
         best = self.proposals[0].layout
+        if self.proposals[0].interleaved:
+            return (
+                f"it looks like {self.proposals[0].interleaved} whose samples take turns, so that every reading as one "
+                "channel mixes them. A sidecar describes one channel and cannot say that: split the file into one a "
+                f"channel, or describe it with {self.path.stem}.sigmf-meta and core:num_channels"
+            )
         numbers = " or ".join(dict.fromkeys(f"{one.layout.kind} {_numbers(one.layout)}" for one in self.proposals[:4]))
         return (
             f"nothing tells how to read it, and no {GPS_L1_CA.name} signal was found for certain in {self.tried} ways "
@@ -171,8 +183,33 @@ def guess(path: str | Path) -> Guess:
     if not any(proposal.satellites for proposal in proposals):
         proposals += [trials.search(look) for look in _blind(looks, hints, wav)]
     ranked = sorted(proposals, key=lambda one: (-one.power, one.log10_chance))
+    if ranked and ranked[0].convincing:
+        ranked[0] = replace(ranked[0], interleaved=_interleaved(octets, ranked[0]))
     return Guess(path=path, proposals=tuple(_distinct(ranked))[:_MOST_READINGS], tried=trials.count,
                  start_utc=hints.start_utc)  # fmt: skip
+
+
+def _interleaved(octets: Any, proposal: Proposal) -> str:
+    """Of which channels, in words; empty if of one."""
+    layout = proposal.layout
+    samples = _samples(octets, layout.header_bytes, layout.packing)
+    planes = samples.read(0, min(samples.n_samples, math.ceil(_PERIODS * GPS_L1_CA.period_s * layout.rate_hz)))
+    planes -= planes.mean(axis=1, keepdims=True)
+    signals = [
+        Carried(sat=one.sat, carrier_hz=layout.if_hz + one.doppler_hz, delay_s=one.delay_s, cn0_dbhz=one.cn0_dbhz)
+        for one in proposal.peaks
+    ]
+    turn = turns(planes, layout.rate_hz, signals, real=layout.kind == "real")
+    if turn.one_channel:
+        return ""
+    if layout.kind == "complex":
+        return f"{2 * turn.samples} real channels" if turn.mirrored else f"{turn.samples} complex channels"
+    if turn.samples == 2 or turn.samples % 2:
+        return f"{turn.samples} real channels"
+    # real channels of zero intermediate frequency would hold nothing
+    spacing_hz = layout.rate_hz / turn.samples
+    at_zero = abs(math.remainder(layout.if_hz, spacing_hz)) < 0.5 * GPS_L1_CA.chip_rate_hz
+    return f"{turn.samples // 2} complex channels" + ("" if at_zero else f" or {turn.samples} real ones")
 
 
 def _distinct(proposals: Sequence[Proposal]) -> Iterator[Proposal]:
@@ -304,6 +341,7 @@ class _Trials:
             satellites=cn0s,
             log10_chance=min(0.0, log10_chance + math.log10(max(self.count, 1))) if found else 0.0,
             power=sum(10.0 ** (float(cn0) / 10.0) for cn0 in cn0s.values()) * (1.0 - unlikely),
+            peaks=tuple(replace(peak, doppler_hz=hz - if_hz) for _, (hz, peak) in sorted(found.items())),
         )
 
     def _peaks(

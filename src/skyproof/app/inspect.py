@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from skyproof.app.advice import advice
+from skyproof.app.advice import advice, oscillator_remarks, signal_remarks, summary
 from skyproof.app.guess import Guess, Proposal, guess
 from skyproof.app.signal_pictures import write_pictures
-from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError
+from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError, fault_words
 from skyproof.formats.place import write_lines
 from skyproof.formats.raw import SampleLayout, open_raw, read_sidecar, sidecar_text
 from skyproof.formats.recording import open_recording
@@ -25,6 +25,7 @@ from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.conditioning import FrontEnd, conditioned, measure_front_end
 from skyproof.receiver.survey import DOPPLER_LIMIT_HZ, OscillatorError, Survey, oscillator_error, survey
 from skyproof.records import Samples
+from skyproof.verdict import notebook_html
 
 __all__ = [
     "Inspection", "NotUnderstood", "Satellite", "document_json", "inspect", "inspect_samples", "oscillator_remarks",
@@ -154,6 +155,20 @@ class Inspection:
         return cleaned
 
 
+    def _repr_html_(self) -> str:
+        """What it is, what is odd and which satellites were heard, for a notebook."""
+        samples = self.samples
+        kind = "real" if self.front_end.real else "complex"
+        columns = ("satellite", "C/N0, dB-Hz", "Doppler, Hz", "code phase, chips", "signals")
+        return notebook_html(
+            samples.path or samples.name,
+            [self.summary, f"{kind}, {samples.rate_hz / 1e6:.12g} MHz, {samples.centre_hz / 1e6:.12g} MHz at "
+             f"{samples.if_hz / 1e6:.12g} MHz, {samples.duration_s:.4g} s.", *self.remarks, self.advice],
+            (columns, [(one.sat, f"{one.cn0_dbhz:.1f}", f"{one.doppler_hz:+.0f}", f"{one.code_phase_chips:.1f}",
+                        str(one.peaks)) for one in self.satellites]),
+        )  # fmt: skip
+
+
 class NotUnderstood(InputError):
     """Nothing tells how to read a file, and nothing convincing was found in it. guess : what was tried."""
 
@@ -168,6 +183,15 @@ class NotUnderstood(InputError):
             "proposals": [proposal.document() for proposal in self.guess.proposals],
         })  # fmt: skip
         return cleaned
+
+    def likeliest(self) -> Inspection:
+        """The front end in the first proposal, without satellites: its frequencies are as sure as its rate.
+
+        Raises InputError if the samples do not change.
+        """
+        samples = _read_as(self.guess.path, self.guess.proposals[0].layout, "proposal.toml")
+        front = measure_front_end(samples, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+        return _told(samples, front, (), Survey(), None, (0, samples.n_samples))
 
 
 def inspect(
@@ -247,7 +271,7 @@ def _opened_as(
     try:
         layout = SampleLayout.model_validate({**told, **given})
     except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, one['loc'])) or 'layout'}: {one['msg']}" for one in error.errors())
+        faults = "; ".join(fault_words(".".join(map(str, one["loc"])), one) for one in error.errors(include_url=False))
         raise SettingsError(
             f"{path}: the options do not tell how to read it: {faults}; give rate_hz, kind, encoding and bits at least"
         ) from error
@@ -287,11 +311,11 @@ def _guessed(path: Path, write: bool | int) -> Inspection:
         raise NotUnderstood(found)
     proposal = found.proposals[number]
     layout, sources, name = proposal.layout, dict(proposal.sources), path.with_suffix(".toml").name
-    told = inspect_samples(_read_as(path, layout, name))
+    told = inspect_samples(_read_as(path, layout, name), peaks=proposal.peaks)
     if not proposal.round_rate and (better := _better_rate_hz(layout, told.survey)) is not None:
         layout = layout.model_copy(update={"rate_hz": better})
         sources["rate_hz"] = "measured: code period and drift"
-        told = inspect_samples(_read_as(path, layout, name))
+        told = inspect_samples(_read_as(path, layout, name), peaks=proposal.peaks)
     if told.conjugate:
         layout, sources = _righted(layout, sources)
         told = _told_righted(told, _read_as(path, layout, name))
@@ -301,6 +325,8 @@ def _guessed(path: Path, write: bool | int) -> Inspection:
             replace(one, layout=layout, sources=sources) if one is proposal else one for one in found.proposals
         ),
         taken=number,
+        remarks=told.remarks + ((f"it looks like {proposal.interleaved} whose samples take turns: satellites, their "
+                                 "number and C/N0 are those of a mixture",) if proposal.interleaved else ()),
     )  # fmt: skip
     return _with_sidecar(told, path.with_suffix(".toml")) if write else told
 
@@ -388,8 +414,10 @@ class _View:
         )  # fmt: skip
 
 
-def inspect_samples(samples: Samples) -> Inspection:
+def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspection:
     """Say what is in an open recording, from its front end's statistics and half a second of signals at most.
+
+    peaks : what a search of its start has found, Dopplers off the nominal carrier; enough of them spare another.
 
     Raises NotEnoughData for fewer than two code periods.
     """
@@ -403,22 +431,24 @@ def inspect_samples(samples: Samples) -> Inspection:
     if abs(front.carrier_hz) > 0.5 * samples.rate_hz:
         away = f"the band recorded, around {samples.centre_hz / 1e6:.3f} MHz, does not hold {GPS_L1_CA.name}"
         return _told(samples, front, (), Survey(), None, (0, 0), (f"{away}; nothing was looked for",))
-    view, peaks = _first_looks(view, front.real)
-    if not peaks:
+    found = [peak for peak in peaks if abs(peak.doppler_hz) < _ATTEMPTS[-1][1]]
+    if len(found) < _ENOUGH_SATS:
+        view, found = _first_looks(view, front.real)
+    if not found:
         return _told(samples, front, (), Survey(), None, (0, samples.n_samples))
-    told = survey(view.samples, view.carrier_hz, peaks, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+    told = survey(view.samples, view.carrier_hz, found, false_alarm_probability=FALSE_ALARM_PROBABILITY)
     conjugate = None if _readings(view, front.real) == 1 else view.mirrored
     if told.conjugate is not None:
         conjugate = view.mirrored != told.conjugate
     if told.conjugate:
         view = view.flipped(carrier_too=True)
-        peaks = [replace(peak, doppler_hz=-peak.doppler_hz) for peak in peaks]
+        found = [replace(peak, doppler_hz=-peak.doppler_hz) for peak in found]
     stretch = _longest_stretch(samples, told)
-    common = oscillator_error([peak.doppler_hz for peak in peaks])
+    common = oscillator_error([peak.doppler_hz for peak in found])
     reach_hz = DOPPLER_LIMIT_HZ + 2.0 * common.sigma_hz
     periods = _periods(samples, stretch[1] - stretch[0])
     final = _search(view, stretch[0], periods, common.doppler_hz, reach_hz)
-    satellites = _satellites(final, stretch[0], samples) if final else _satellites(peaks, 0, samples)
+    satellites = _satellites(final, stretch[0], samples) if final else _satellites(found, 0, samples)
     return _told(samples, front, satellites, told, conjugate, stretch)
 
 
@@ -490,7 +520,7 @@ def _satellites(peaks: Sequence[Peak], start: int, samples: Samples) -> tuple[Sa
     return tuple(satellites)
 
 
-# --- words
+# --- telling
 
 
 def _told(
@@ -501,71 +531,10 @@ def _told(
     return Inspection(
         samples=samples, front_end=front, satellites=satellites, survey=told, conjugate=conjugate,
         oscillator=oscillator, stretch=stretch,
-        remarks=(*samples.remarks, *remarks, *front.remarks, *_signal_remarks(samples, told, conjugate, oscillator)),
-        summary=_summary(samples, satellites, told, conjugate, front),
+        remarks=(*samples.remarks, *remarks, *front.remarks, *signal_remarks(samples, told, conjugate, oscillator)),
+        summary=summary(samples, satellites, told, conjugate, front),
         advice=advice(samples, satellites, gaps=max(len(told.gaps), len(samples.gaps)), mirrored=bool(conjugate)),
     )  # fmt: skip
-
-
-def _signal_remarks(samples: Samples, told: Survey, conjugate: bool | None, oscillator: OscillatorError) -> list[str]:
-    remarks = []
-    if conjugate:
-        remarks.append("the spectrum is mirrored: negate Q (or swap I and Q, or give the intermediate frequency the "
-                       "other sign) in what says how to read the file")  # fmt: skip
-    for gap in told.gaps:
-        remarks.append(
-            f"samples are missing at sample {gap.at_sample} ± {gap.at_sigma_samples:.0f} "
-            f"({gap.at_sample / samples.rate_hz * 1e3:.2f} ms): {gap.missing_samples:.1f} "
-            f"± {gap.missing_sigma_samples:.1f}, or that and whole code periods of {gap.period_samples:g}"
-        )
-    for known in samples.gaps:
-        remarks.append(f"the recording says that {known.missing_samples} samples are missing at {known.at_sample}")
-    remarks += oscillator_remarks(oscillator)
-    if abs(told.clock_minus_lo_ppm) > 4.0 * told.clock_minus_lo_sigma_ppm:
-        remarks.append(
-            f"the sampling clock is {told.clock_minus_lo_ppm:+.3f} ± {told.clock_minus_lo_sigma_ppm:.3f} ppm off the "
-            "local oscillator: they are not of one source, or rate_hz is not exact"
-        )
-    return remarks
-
-
-def oscillator_remarks(oscillator: OscillatorError) -> tuple[str, ...]:
-    """One remark if the oscillator is off for certain."""
-    if not abs(oscillator.doppler_hz) > 3.0 * oscillator.sigma_hz:
-        return ()
-    high = "high" if oscillator.doppler_hz > 0.0 else "low"
-    off_khz, sigma_khz = abs(oscillator.doppler_hz) / 1e3, oscillator.sigma_hz / 1e3
-    ppm = 1e9 / GPS_L1_CA.carrier_hz
-    return (
-        f"all signals appear {off_khz:.1f} ± {sigma_khz:.1f} kHz too {high}: the local oscillator is off by "
-        f"{off_khz * ppm:.1f} ± {sigma_khz * ppm:.1f} ppm",
-    )
-
-
-def _summary(
-    samples: Samples, satellites: tuple[Satellite, ...], told: Survey, conjugate: bool | None, front: FrontEnd
-) -> str:
-    """One or two sentences: what is there, and whether it can be used."""
-    long = f"{samples.duration_s:.1f} s" if samples.duration_s >= 1.0 else f"{samples.duration_s * 1e3:.0f} ms"
-    n = len(satellites)
-    if n == 0:
-        heard = f"{long} in which no {GPS_L1_CA.name} signal was found"
-    else:
-        strongest = max(satellite.cn0_dbhz for satellite in satellites)
-        heard = f"{long} with {n} GPS satellite{'' if n == 1 else 's'}, the strongest at {strongest:.0f} dB-Hz"
-    if several := [satellite.sat for satellite in satellites if satellite.peaks > 1]:
-        heard += f"; more than one signal of {', '.join(several)}"
-    but = []
-    if conjugate:
-        but.append("the spectrum is mirrored")
-    if n_gaps := max(len(told.gaps), len(samples.gaps)):
-        but.append("samples are missing" + ("" if n_gaps == 1 else f" in {n_gaps} places"))
-    if front.notched:
-        hurting = len(front.notched)
-        but.append("a narrow-band line hurts" if hurting == 1 else f"{hurting} narrow-band lines hurt")
-    if n and n < _ENOUGH_SATS:
-        but.append("fewer than four satellites give no position")
-    return heard + (f"; but {', '.join(but[:-1])}{' and ' if but[:-1] else ''}{but[-1]}." if but else ".")
 
 
 def _plain(value: Any) -> Any:

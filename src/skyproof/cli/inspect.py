@@ -66,6 +66,11 @@ def inspect(
             sys.stdout.write(json_text.dumps(unknown.document(), indent=1) + "\n")
         else:
             show_guess(Console(), unknown.guess)
+        if plot or out is not None:
+            likeliest = unknown.likeliest()
+            _write_pictures((likeliest,), file, out, quiet=json)
+            if not json:
+                print(f"They show proposal 1; its rate of {likeliest.samples.rate_hz / 1e6:.10g} MHz is not certain.")
         return 0
     if json:
         sys.stdout.write(app.inspect.document_json(inspections))
@@ -73,11 +78,14 @@ def inspect(
         for inspection in inspections:
             show_inspection(Console(), inspection)
     if plot or out is not None:
-        folder = out if out is not None else file.parent
-        for path in app.inspect.write_pictures(inspections, folder):
-            if not json:
-                print_path("picture", path)
+        _write_pictures(inspections, file, out, quiet=json)
     return 0
+
+
+def _write_pictures(inspections: "tuple[Inspection, ...]", file: Path, out: Path | None, *, quiet: bool) -> None:
+    for path in app.inspect.write_pictures(inspections, out if out is not None else file.parent):
+        if not quiet:
+            print_path("picture", path)
 
 
 def run_inspect(file: Path, **options: Any) -> "tuple[Inspection, ...]":

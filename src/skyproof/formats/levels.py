@@ -52,8 +52,8 @@ def check_levels(
     if all(still):
         what = "all samples are zero" if not planes.any() else f"all samples are {planes[0, 0]:g}"
         raise InputError(
-            f"{samples.path or samples.name}: {what} in each of the {len(stretches)} stretches looked at; there is "
-            f"nothing to receive: check the recorder, and {told_by}"
+            f"{samples.path or samples.name}: {what} in {_all_of(len(stretches))} looked at; there is nothing to "
+            f"receive: check the recorder, and {told_by}"
         )
     remarks = []
     if any(still):
@@ -61,6 +61,10 @@ def check_levels(
         remarks.append(f"the samples do not change in {sum(still)} of {len(still)} stretches looked at, first at "
                        f"{first_s:.3f} s: the recorder left gaps, or the front end was off")  # fmt: skip
     return (*remarks, *_saturation(planes), *_offsets(planes, told_by))
+
+
+def _all_of(n_stretches: int) -> str:
+    return "the one stretch" if n_stretches == 1 else f"each of the {n_stretches} stretches"
 
 
 def _stretches(n_samples: int) -> list[tuple[int, int]]:

@@ -120,7 +120,8 @@ def read_sidecar(path: str | os.PathLike[str]) -> SampleLayout:
             content = tomllib.load(file)
         return _Sidecar.model_validate(content).samples
     except OSError as error:
-        raise InputError(f"{path}: the sidecar cannot be read ({error.strerror})") from error
+        raise InputError(f"{path}: the sidecar cannot be read ({error.strerror}); check its name and rights, or give "
+                         "another with --sidecar") from error  # fmt: skip
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not UTF-8; a sidecar is a text such as {_EXAMPLE}") from error
     except tomllib.TOMLDecodeError as error:
