@@ -285,7 +285,10 @@ def stored(rows: np.ndarray, form: str) -> bytes:
     return packed(signs(rows), 1) if form == "bits" else whole(rows, form, 20.0)
 
 
-@pytest.mark.parametrize(("real", "form", "words"), [(False, "bits", "2 complex"), (True, "i1", "2 real")])
+@pytest.mark.parametrize(
+    ("real", "form", "words"),
+    [(False, "bits", "2 complex"), pytest.param(True, "i1", "2 real", marks=pytest.mark.long)],
+)
 def test_channels_that_take_turns_are_told_and_no_sidecar_is_written(
     real: bool, form: str, words: str, tmp_path: Path
 ) -> None:

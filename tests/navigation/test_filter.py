@@ -57,7 +57,11 @@ def errors(found, truth, sky):
     return np.column_stack((found.fix.position_ecef_m, sky.C * found.fix.clock_bias_s)) - truth
 
 
-@pytest.mark.parametrize(("settings", "doppler"), [(STATIC, True), (KINEMATIC, False)], ids=["static", "kinematic"])
+@pytest.mark.parametrize(
+    ("settings", "doppler"),
+    [(STATIC, True), pytest.param(KINEMATIC, False, marks=pytest.mark.long)],
+    ids=["static", "kinematic"],
+)
 def test_errors_and_innovations_are_as_large_as_the_filter_says(sky, settings, doppler):
     rng = np.random.default_rng(11)
     trials, nees, nis, dof = 30, [], 0.0, 0

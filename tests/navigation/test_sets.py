@@ -89,7 +89,7 @@ def count_mistakes(sky, nav, rng, trials, n_skies):
     return wrong_sizes, mixed
 
 
-@pytest.mark.parametrize(("n_skies", "trials"), [(2, 60), (3, 20)])
+@pytest.mark.parametrize(("n_skies", "trials"), [(2, 25), (3, 10)])
 def test_skies_are_not_mixed(sky, nav, n_skies, trials):
     wrong_sizes, mixed = count_mistakes(sky, nav, np.random.default_rng(n_skies), trials, n_skies)
     assert mixed == 0

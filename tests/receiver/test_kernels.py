@@ -75,8 +75,10 @@ def state_for(*, delay_chips, doppler_hz, phase_cyc=0.2, pll=0.0, dll=0.0):
     return state
 
 
-@pytest.mark.parametrize("doppler_hz", [-7000.0, 0.0, 3210.7])
-@pytest.mark.parametrize("taps", [(0.125, 0.0, -0.125), (0.5, 0.0, -0.5, 1.0, -1.0)])
+@pytest.mark.parametrize(
+    ("doppler_hz", "taps"),
+    [(-7000.0, (0.125, 0.0, -0.125)), (0.0, (0.5, 0.0, -0.5, 1.0, -1.0)), (3210.7, (0.5, 0.0, -0.5, 1.0, -1.0))],
+)
 def test_the_kernel_equals_its_numpy_twin(doppler_hz, taps):
     rng = np.random.default_rng(1)
     taps_chips = np.array(taps)

@@ -20,11 +20,13 @@ def separation():
     return list(FOUND["dccaf.separation"].run(Settings(quick=True, seed=3)))
 
 
+@pytest.mark.long
 def test_separation_has_the_promised_rows_with_the_swarm_beside(separation):
     assert all(list(row) == KEYS for row in separation)
     assert {row["method"].split()[0] for row in separation} == {"variable", "swarm"}
 
 
+@pytest.mark.long
 def test_two_signals_are_separated_at_the_bound(separation):
     ours = {row["rate_hz"]: row for row in separation if row["method"] == "variable projection"}
     for rate_hz, success in ((5e6, 0.98), (10e6, 0.99), (25e6, 0.99)):
@@ -35,6 +37,7 @@ def test_two_signals_are_separated_at_the_bound(separation):
     assert max(swarm) < min(row["success"] for row in ours.values())
 
 
+@pytest.mark.long
 def test_false_second_signals_come_as_asked():
     rows = list(FOUND["dccaf.count"].run(Settings(quick=True, trials=4000, seed=4)))
     for row in rows:
@@ -51,7 +54,9 @@ def test_a_noise_that_is_told_wrong_scales_the_statistic_as_the_study_takes_for_
     np.testing.assert_allclose(one, 1.5 * two, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["dccaf.approach", "dccaf.grid", "dccaf.noise"])
+@pytest.mark.parametrize(
+    "name", ["dccaf.approach", *(pytest.param(name, marks=pytest.mark.long) for name in ("dccaf.grid", "dccaf.noise"))]
+)
 def test_every_figure_of_a_quick_run_is_found_and_within_its_tolerance(name):
     study = FOUND[name]
     for one in check(study, list(study.run(Settings(quick=True, seed=2)))):

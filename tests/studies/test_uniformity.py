@@ -54,7 +54,7 @@ def shares_hold(p):
     )
 
 
-@pytest.mark.parametrize("name", ["tests", "distribution"])
+@pytest.mark.parametrize("name", ["tests", pytest.param("distribution", marks=pytest.mark.long)])
 def test_quick_is_quick(name):
     start = time.process_time()
     rows_of(name)
