@@ -93,7 +93,7 @@ def document(
         inputs=tuple(
             InputFile(path=n.path, format=n.format, sha256=n.sha256, remarks=n.remarks) for n in notes
         ),
-        settings=settings.model_dump(),
+        settings=settings.model_dump(mode="json"),
         versions=versions(),
     )
 
