@@ -26,7 +26,7 @@ from skyproof.detectors.ins_array import InsArraySettings
 from skyproof.detectors.peaks import PeaksSettings
 from skyproof.detectors.spin import SpinSettings
 from skyproof.errors import InputError, NotEnoughData, OutputError, ScenarioError, SettingsError, fault_words
-from skyproof.formats import octets, sigmf
+from skyproof.formats import byte_io, sigmf
 from skyproof.formats.crinex import expanded
 from skyproof.formats.raw import read_sidecar
 from skyproof.formats.sigmf import open_sigmf
@@ -167,17 +167,17 @@ def test_files_that_the_system_refuses_are_told(tmp_path: Path, monkeypatch: pyt
     def refused(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr(octets.np, "memmap", refused)
+    monkeypatch.setattr(byte_io.np, "memmap", refused)
     with pytest.raises(InputError, match=r"rx1\.bin cannot be read \(Permission denied\); check its permissions"):
         open_inputs([path], Settings())
     with pytest.raises(InputError, match=r": the sidecar cannot be read \(Is a directory\)"):
         read_sidecar(tmp_path)
 
 
-def sigmf_files(folder: Path, octets: bytes, captures: list[dict[str, Any]], **more: Any) -> Path:
+def sigmf_files(folder: Path, byte_io: bytes, captures: list[dict[str, Any]], **more: Any) -> Path:
     meta = {"global": {"core:datatype": "ci8", "core:sample_rate": 1e6, "core:version": "1.2.0"} | more,
             "captures": captures, "annotations": []}  # fmt: skip
-    (folder / "rec.sigmf-data").write_bytes(octets)
+    (folder / "rec.sigmf-data").write_bytes(byte_io)
     (folder / "rec.sigmf-meta").write_text(json.dumps(meta), encoding="utf-8")
     return folder / "rec.sigmf-meta"
 

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyproof.errors import OutputError
-from skyproof.formats.place import write_lines, writing
+from skyproof.formats.atomic_write import write_lines, writing
 from skyproof.formats.tables import FIXES_COLUMNS, fixes_columns, write_table
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.records import Fix, SignalId

@@ -14,9 +14,9 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.errors import InputError, NotEnoughData
+from skyproof.formats.byte_io import mapped, size_of
 from skyproof.formats.layout import Chunk, PackedSamples, Packing
 from skyproof.formats.names import NameHints, hints_of
-from skyproof.formats.octets import mapped, size_of
 from skyproof.formats.raw import SampleLayout
 from skyproof.formats.readings import header_length, likely_packings
 from skyproof.formats.signatures import WavHeader, head_of, other_than_samples, wav_header

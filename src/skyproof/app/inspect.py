@@ -16,7 +16,7 @@ from skyproof.app.advice import advice, oscillator_remarks, signal_remarks, summ
 from skyproof.app.guess import Guess, Proposal, guess
 from skyproof.app.signal_pictures import write_pictures
 from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError, fault_words
-from skyproof.formats.place import write_lines
+from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.raw import SampleLayout, open_raw, read_sidecar, sidecar_text
 from skyproof.formats.recording import open_recording
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS

@@ -14,9 +14,9 @@ from skyproof.app.progress import Progress
 from skyproof.app.rinex import one_a_satellite, write_channels
 from skyproof.app.settings import Settings
 from skyproof.errors import InputError, OutputError
+from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
-from skyproof.formats.place import write_lines
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.tables import fixes_columns, write_table
 from skyproof.formats.verdict import read_verdict, write_verdict

@@ -7,7 +7,7 @@ from skyproof.app.folder import check_folder
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.scene_page import write_page
 from skyproof.app.simulate import scenario_of
-from skyproof.formats.place import write_lines
+from skyproof.formats.atomic_write import write_lines
 from skyproof.report.stability import AllanCurve, stability_html
 from skyproof.simulate import scenes
 from skyproof.simulate.constellation import navigation_of

@@ -16,7 +16,7 @@ from skyproof.app.reception import Reception, first_copies, observe, open_inputs
 from skyproof.app.settings import Settings, resolve_settings
 from skyproof.app.windows import detectors_for, examine, window_records
 from skyproof.errors import InputError
-from skyproof.formats.octets import sha256
+from skyproof.formats.byte_io import sha256
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.fusion.trusted import fix_of, labelled, only

@@ -16,7 +16,7 @@ from skyproof.app.progress import Progress, Silent
 from skyproof.app.rinex import write_channels
 from skyproof.app.scene_page import PAGE, write_page
 from skyproof.errors import OutputError, ScenarioError
-from skyproof.formats.place import write_lines, writing
+from skyproof.formats.atomic_write import write_lines, writing
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.time import utc_from_gpst
 from skyproof.records import Observations, SignalId

@@ -18,7 +18,7 @@ from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED, complain, print_path, table
 from skyproof.errors import OutputError, SettingsError
-from skyproof.formats.place import write_lines
+from skyproof.formats.atomic_write import write_lines
 from skyproof.report.chart import chart_svg
 from skyproof.studies import studies
 from skyproof.studies.base import COLUMNS, Row, Settings, Study

@@ -8,7 +8,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skyproof.formats.place import write_lines
+from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.time import iso, utc_from_gpst
 from skyproof.records import Instants, Reals
 

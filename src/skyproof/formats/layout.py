@@ -21,7 +21,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.formats.octets import release
+from skyproof.formats.byte_io import release
 
 __all__ = ["FITTING_BITS", "BitOrder", "ByteOrder", "Chunk", "Encoding", "Kind", "PackedSamples", "Packing"]
 

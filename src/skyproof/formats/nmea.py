@@ -12,7 +12,7 @@ from operator import xor
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skyproof.formats.place import write_lines
+from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.time import utc_from_gpst
 from skyproof.records import Instants
 

@@ -26,9 +26,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, model_validator
 
 from skyproof.errors import InputError
+from skyproof.formats.byte_io import mapped, sha256, size_of
 from skyproof.formats.layout import FITTING_BITS, BitOrder, ByteOrder, Chunk, Encoding, Kind, PackedSamples, Packing
 from skyproof.formats.levels import check_levels, looked_at
-from skyproof.formats.octets import mapped, sha256, size_of
 from skyproof.formats.signatures import head_of, other_than_samples
 from skyproof.gnss.time import GPS_EPOCH, iso, parse_iso
 from skyproof.records import Samples

@@ -16,8 +16,8 @@ from typing import Final
 import numpy as np
 
 from skyproof.errors import InputError
-from skyproof.formats.octets import unpacked
-from skyproof.formats.place import write_lines
+from skyproof.formats.atomic_write import write_lines
+from skyproof.formats.byte_io import unpacked
 from skyproof.gnss.constants import SECONDS_PER_DAY, SECONDS_PER_WEEK
 from skyproof.gnss.ephemeris import (
     BroadcastEphemeris,

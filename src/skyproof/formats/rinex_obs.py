@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skyproof.formats.place import write_lines
+from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.time import leap_seconds
 from skyproof.records import Instants, Observations, Reals, SignalId
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.errors import InputError
+from skyproof.formats.byte_io import unpacked
 from skyproof.formats.crinex import expanded, is_compact
-from skyproof.formats.octets import unpacked
 from skyproof.formats.rinex_cells import Layout, Lines, Rows, cells, layout_change, lines_of, rows_2, rows_3
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal

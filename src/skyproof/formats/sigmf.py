@@ -39,9 +39,9 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.errors import InputError
+from skyproof.formats.byte_io import digest, mapped, reading, size_of
 from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, PackedSamples, Packing
 from skyproof.formats.levels import looked_at
-from skyproof.formats.octets import digest, mapped, reading, size_of
 from skyproof.formats.raw import SampleLayout
 from skyproof.formats.sigmf_keys import DATATYPE, LARGEST, Capture, Global, Meta, checked, expected, parsed, shown, some
 from skyproof.gnss.constants import L1_HZ

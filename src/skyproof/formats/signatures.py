@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from skyproof.formats.byte_io import reading
 from skyproof.formats.layout import Encoding
-from skyproof.formats.octets import reading
 
 __all__ = ["HEAD", "WavHeader", "head_of", "other_than_samples", "wav_header"]
 

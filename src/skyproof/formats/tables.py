@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from skyproof.errors import OutputError
-from skyproof.formats.place import write_lines, writing
+from skyproof.formats.atomic_write import write_lines, writing
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Fix

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from skyproof.errors import InputError, fault_words
-from skyproof.formats.place import writing
+from skyproof.formats.atomic_write import writing
 from skyproof.verdict import VERDICT_FORMAT, Verdict
 
 __all__ = ["SCHEMA_PATH", "read_verdict", "verdict_json", "verdict_schema", "write_verdict"]

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.errors import OutputError, SettingsError
-from skyproof.formats.place import write_lines, writing
+from skyproof.formats.atomic_write import write_lines, writing
 from skyproof.formats.raw import SampleLayout, sidecar_text
 from skyproof.formats.sigmf_write import annotation, collection_json, fits_sigmf, geolocation, recording_json
 from skyproof.formats.tables import growing_tables

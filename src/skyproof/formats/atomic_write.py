@@ -1,4 +1,4 @@
-"""Where files go: written whole or not at all, with words for the ways in which that fails."""
+"""Files written whole or not at all, with words for the ways in which that fails."""
 
 import contextlib
 import errno
