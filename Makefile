@@ -19,7 +19,7 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m skyproof.app.warm
 	@touch $(READY)
 
-demo: $(READY) ## simulate two receivers under a meaconer, protect them, write demo/report.html
+demo: $(READY) ## simulate two receivers that are jammed and led away, protect them, write demo/report.html
 	$(BIN)/skyproof demo --out demo
 
 pages: $(READY) ## draw every ready-made scene, and the errors of clocks and inertial units, in docs/pages

@@ -31,7 +31,7 @@ PACKAGE = Path(skyproof.__file__).parent
 
 def report() -> Iterator[str]:
     """Rows of the table."""
-    scenario = scenes.demo(duration_s=DURATION_S, onset_s=ONSET_S)
+    scenario = scenes.meaconed(duration_s=DURATION_S, onset_s=ONSET_S)
     navigation = nominal_constellation(scenario.start_gpst)
     with tempfile.TemporaryDirectory() as folder:
         write(scenario, navigation, Path(folder))

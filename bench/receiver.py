@@ -56,7 +56,7 @@ def report() -> Iterator[str]:
         else:
             yield "  rx1.bin: skipped, SKYPROOF_DATA names no folder that has it"
         for text, rate_hz, bits, duration_s in (("", 2.6e6, 8, 40.0), ("", 4e6, 8, 20.0), ("16 bits ", 25e6, 16, 12.0)):
-            scenario = scenes.demo(duration_s=duration_s, onset_s=1.0).model_copy(
+            scenario = scenes.meaconed(duration_s=duration_s, onset_s=1.0).model_copy(
                 update={"front_end": FrontEnd(rate_hz=rate_hz, encoding="int", bits=bits)}
             )
             path = write(scenario, nominal_constellation(scenario.start_gpst), folder / f"{rate_hz:.0f}")[0]

@@ -27,7 +27,7 @@ LONG_S = 3600.0
 
 def report() -> Iterator[str]:
     """Rows of the table."""
-    scenario = scenes.demo(duration_s=DURATION_S, onset_s=0.0)
+    scenario = scenes.meaconed(duration_s=DURATION_S, onset_s=0.0)
     scene = scene_of(scenario, nominal_constellation(scenario.start_gpst))
     rendering = rendering_of(scene, 0)
     signals = len(rendering.sky.signals)
@@ -106,7 +106,7 @@ def _correlators(scene: Scene) -> Iterator[str]:
 
 def _measurements() -> Iterator[str]:
     """Satellite-epochs of both receivers of a long scene."""
-    scenario = scenes.demo(duration_s=LONG_S, onset_s=1.0)
+    scenario = scenes.meaconed(duration_s=LONG_S, onset_s=1.0)
     scene = scene_of(scenario, nominal_constellation(scenario.start_gpst))
     short = scene_of(scenario.model_copy(update={"duration_s": 60.0}), scene.navigation)
     rng, geometries = np.random.default_rng(1), geometry_of(scene)

@@ -37,4 +37,4 @@ def clean() -> Rendered:
 @pytest.fixture(scope="session")
 def meaconed() -> Rendered:
     """6 s under a meaconer from 2 s on."""
-    return Rendered(scenes.demo(duration_s=6.0, onset_s=2.0, seed=5))
+    return Rendered(scenes.meaconed(duration_s=6.0, onset_s=2.0, seed=5))

@@ -32,6 +32,14 @@ def test_the_demo_has_ten_satellites_each_with_a_copy_of_its_own() -> None:
         assert lags.min() > 1.5 * CHIP_M
 
 
+def test_the_demo_jams_until_a_stronger_false_sky_begins() -> None:
+    scenario = demo()
+    [jammer], [meaconer] = scenario.interference, scenario.attacks
+    assert jammer.until_s == meaconer.onset_s
+    assert jammer.power_db > scenario.sky.zenith_cn0_dbhz - 25.0  # nobody follows a signal below 25 dB-Hz
+    assert meaconer.power_db >= 6.0
+
+
 def test_the_demo_holds_a_whole_ephemeris_before_the_end() -> None:
     scenario = demo()
     _, tow_s = week_and_tow(scenario.start_gpst)

@@ -1,4 +1,4 @@
-"""The demonstration: simulate two receivers under a meaconer, protect them, write the report."""
+"""The demonstration: simulate two receivers that are jammed, then led away, protect them, write the report."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def demo(out: str | Path, *, progress: Progress | None = None, seed: int = 1) ->
     nav = folder / "broadcast.rnx"
     write_nav(nav, navigation)
     try:
-        with progress.stage("simulating two receivers under a meaconer", 1.0) as stage:
+        with progress.stage("simulating two receivers, jammed and then meaconed", 1.0) as stage:
             recordings = write(scenario, navigation, folder, progress=lambda done, total: stage.advance(done / total))
     except KeyboardInterrupt:
         raise KeyboardInterrupt(

@@ -12,7 +12,7 @@ from skyproof.app.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.folder import check_folder, stamps, written_since
 from skyproof.app.outputs import write_outputs
 from skyproof.app.progress import Progress, Silent, Stage
-from skyproof.app.reception import Reception, first_copies, observe, open_inputs, overlap_s, require_signals, track
+from skyproof.app.reception import Reception, observe, open_inputs, overlap_s, require_signals, track
 from skyproof.app.settings import Settings, resolve_settings
 from skyproof.app.windows import detectors_for, examine, window_records
 from skyproof.errors import InputError
@@ -20,6 +20,7 @@ from skyproof.formats.byte_io import sha256
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.fusion.trusted import fix_of, labelled, only
+from skyproof.fusion.unprotected import unprotected
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.navigation.smooth import smooth
 from skyproof.records import Fix, NavigationData, Observations
@@ -197,7 +198,7 @@ def _receiver_outcome(
         reception=reception,
         trusted=fixed(labelled(o, decision.labels, "authentic")),
         false=fixed(false),
-        unprotected=fixed(only(o, first_copies(o))),
+        unprotected=fixed(unprotected(o)),
         shown={name: fix for name, fix in shown.items() if fix is not None},
     )
 

@@ -495,7 +495,7 @@ def _anchored(observations: Observations, navigation: NavigationData, gaps: Sequ
 
 
 def first_copies(observations: Observations) -> tuple[SignalId, ...]:
-    """What a receiver without protection follows: of each satellite the signal that was found first."""
+    """Of each satellite the signal that was found first."""
     first: dict[str, SignalId] = {}
     for signal in sorted(observations.signals, key=lambda s: (len(s.copy), s.copy)):
         first.setdefault(signal.sat, signal)

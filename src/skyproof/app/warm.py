@@ -31,7 +31,7 @@ def _receiver(folder: Path) -> None:
     """Seconds under a meaconer through simulator and receiver, until two signals of a satellite are told apart, then a
     moment of each kind of whole bytes behind a filter.
     """
-    scenario = scenes.demo(duration_s=2.2, onset_s=-1.0)
+    scenario = scenes.meaconed(duration_s=2.2, onset_s=-1.0)
     recordings = write(scenario, nominal_constellation(scenario.start_gpst), folder / "bits")
     track(open_inputs(recordings, Settings()), Settings())
     for bits in (8, 16):

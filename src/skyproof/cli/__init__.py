@@ -49,7 +49,7 @@ COMMANDS = {
     ),
     "demo": (
         "[OPTIONS]",
-        "Simulate two receivers near a meaconer, which rebroadcasts the sky of another place, and protect them.",
+        "Simulate two receivers that are jammed, then given the sky of another place by a meaconer, and protect them.",
         "Example:\n\nskyproof demo --out demo",
     ),
 }

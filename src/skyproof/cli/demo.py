@@ -24,7 +24,7 @@ def demo(
     open_report: Annotated[bool, Parameter(name="--open", help="Open the report in the browser.")] = False,
     debug: Debug = False,
 ) -> int:
-    """Simulate two receivers near a meaconer, which rebroadcasts the sky of another place, and protect them."""
+    """Simulate two receivers that are jammed, then given the sky of another place by a meaconer, and protect them."""
     result = app.demo.demo(out, progress=progress())
     tell(result, as_json=json)
     if open_report and result.folder is not None:

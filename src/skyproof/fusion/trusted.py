@@ -11,7 +11,7 @@ from skyproof.fusion.labels import Label, LabelledSignal
 from skyproof.navigation.fix import fix
 from skyproof.records import Fix, NavigationData, Observations, SignalId
 
-__all__ = ["fix_of", "labelled", "only"]
+__all__ = ["fix_of", "labelled", "masked", "only"]
 
 
 def labelled(observations: Observations, labels: Sequence[LabelledSignal], label: Label) -> Observations:
@@ -20,16 +20,17 @@ def labelled(observations: Observations, labels: Sequence[LabelledSignal], label
     for s in labels:
         if s.ref.receiver == observations.receiver and s.label == label:
             mask[s.first_epoch : s.last_epoch + 1, observations.signals.index(s.ref.signal)] = True
-    return _masked(observations, mask)
+    return masked(observations, mask)
 
 
 def only(observations: Observations, signals: Sequence[SignalId]) -> Observations:
     """The observations with all other signals' cells emptied."""
     chosen = np.array([signal in signals for signal in observations.signals], np.bool_)
-    return _masked(observations, np.broadcast_to(chosen, observations.pseudorange_m.shape))
+    return masked(observations, np.broadcast_to(chosen, observations.pseudorange_m.shape))
 
 
-def _masked(observations: Observations, mask: NDArray[np.bool_]) -> Observations:
+def masked(observations: Observations, mask: NDArray[np.bool_]) -> Observations:
+    """The observations with every cell emptied where `mask`, (n_epochs, n_signals), is false."""
     names = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
              "doppler_sigma_hz")  # fmt: skip
     emptied: dict[str, Any] = {name: np.where(mask, getattr(observations, name), np.nan) for name in names}
@@ -54,6 +55,6 @@ def fix_of(
         return None
     signals = tuple(observations.signals[k] for k in kept)
     return fix(
-        _masked(observations, usable), navigation, signals=signals, multipath_sigma_m=multipath_sigma_m,
+        masked(observations, usable), navigation, signals=signals, multipath_sigma_m=multipath_sigma_m,
         elevation_mask_deg=elevation_mask_deg,
     )  # fmt: skip

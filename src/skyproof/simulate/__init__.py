@@ -25,14 +25,14 @@ from skyproof.simulate.scenario import (
     parse_scenario,
     read_scenario,
 )
-from skyproof.simulate.scenes import ReadyMade, clean, demo, ready, ready_made
+from skyproof.simulate.scenes import ReadyMade, clean, demo, meaconed, ready, ready_made
 from skyproof.simulate.sky import scene_of
 from skyproof.simulate.truth import imus_of, signal_truth, trajectory_truth
 
 __all__ = [
     "Antenna", "CorrelatorOutputs", "FieldErrors", "FrontEnd", "Imu", "Interference", "Meaconer", "Multipath",
     "NoiseModel", "Place", "ReadyMade", "Receiver", "Scenario", "Site", "Sky", "Spin", "Spoofer", "Takeover", "aligned",
-    "clean", "correlate", "demo", "draw", "geometry_of", "imus_of", "navigation_of", "observations_of",
+    "clean", "correlate", "demo", "draw", "geometry_of", "imus_of", "meaconed", "navigation_of", "observations_of",
     "parse_scenario", "read_scenario", "ready", "ready_made", "samples_of", "scene_of", "signal_truth",
     "trajectory_truth", "truth_of", "write",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Ready-made scenes: those of the papers and our own as files to copy and change, and two made to measure.
+"""Ready-made scenes: those of the papers and our own as files to copy and change, and three made to measure.
 
 Each TOML file of this folder is one scene, under its own name; its first lines tell what it shows, what its source
 gives, and what was chosen here. None needs another file.
@@ -15,9 +15,19 @@ from types import MappingProxyType
 import numpy as np
 
 from skyproof.errors import ScenarioError
-from skyproof.simulate.scenario import FrontEnd, Meaconer, Place, Receiver, Scenario, Site, Sky, read_scenario
+from skyproof.simulate.scenario import (
+    FrontEnd,
+    Interference,
+    Meaconer,
+    Place,
+    Receiver,
+    Scenario,
+    Site,
+    Sky,
+    read_scenario,
+)
 
-__all__ = ["ReadyMade", "clean", "demo", "ready", "ready_made"]
+__all__ = ["ReadyMade", "clean", "demo", "meaconed", "ready", "ready_made"]
 
 DEMO_START_GPST = np.datetime64("2024-05-14T09:59:58", "ns")
 """Two seconds before subframe 1 begins, so that 20 s of recording hold a whole ephemeris."""
@@ -53,13 +63,31 @@ def ready(name: str) -> Scenario:
     return read_scenario(scenes[name].path)
 
 
-def demo(*, seed: int = 1, duration_s: float = 34.0, onset_s: float = 14.0) -> Scenario:
-    """Two receivers 60 m apart on a ship at a quay; a meaconer whose ears are 0.9 km away is switched on after 14 s.
+JAMMED_S = (10.0, 14.0)
 
-    One bit for I and for Q at 2.6 million samples a second.
+
+def demo(*, seed: int = 1) -> Scenario:
+    """The pair of `meaconed`, jammed until it has lost the sky, then given a false one 8 dB stronger.
+
+    Whoever looks for the strongest signals after the jamming is led to where the meaconer's ears are, 0.9 km away. The
+    jammer is 30 dB over the receivers' noise, for 4 s; the meaconer stands beside it.
+    """
+    scene = meaconed(seed=seed, duration_s=34.0, onset_s=JAMMED_S[1], power_db=8.0)
+    jammer = Interference(
+        kind="noise", name="jammer", transmit=scene.attacks[0].transmit, power_db=30.0, onset_s=JAMMED_S[0],
+        until_s=JAMMED_S[1],
+    )  # fmt: skip
+    return scene.model_copy(update={"name": "demo", "interference": (jammer,)})
+
+
+def meaconed(*, seed: int = 1, duration_s: float, onset_s: float, power_db: float = 0.0) -> Scenario:
+    """Two receivers 60 m apart on a ship at a quay, and a meaconer whose ears are 0.9 km away.
+
+    One bit for I and for Q at 2.6 million samples a second. The meaconer's own noise lies 13 dB below theirs while
+    its signals are as strong as the true ones, and grows with `power_db`.
     """
     return Scenario(
-        name="demo",
+        name="meaconed",
         seed=seed,
         start_gpst=DEMO_START_GPST,
         duration_s=duration_s,
@@ -73,7 +101,7 @@ def demo(*, seed: int = 1, duration_s: float = 34.0, onset_s: float = 14.0) -> S
         attacks=(
             Meaconer(receive=Site(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0),
                      transmit=Site(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0),
-                     delay_s=4.0e-6, noise_db=-13.0, onset_s=onset_s),
+                     delay_s=4.0e-6, power_db=power_db, noise_db=power_db - 13.0, onset_s=onset_s),
         ),
     )  # fmt: skip
 

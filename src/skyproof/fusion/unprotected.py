@@ -1,0 +1,42 @@
+"""What a receiver without protection makes of the signals: of each satellite it follows one, the strongest it finds."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.fusion.trusted import masked
+from skyproof.records import Observations, Reals
+
+__all__ = ["HOLD_S", "unprotected"]
+
+HOLD_S = 1.0
+"""A signal that is not measured for so long still counts as followed: a receiver's loops coast through a short fade."""
+
+
+def unprotected(observations: Observations) -> Observations:
+    """The observations with every cell emptied that a receiver without protection would not have.
+
+    Of each satellite it begins with the strongest signal, keeps it while it is received, and takes the strongest again
+    when it has lost it for more than `HOLD_S`: who jams it first and then transmits the strongest signals leads it.
+    """
+    o = observations
+    mask = np.zeros(o.pseudorange_m.shape, np.bool_)
+    for sat in {signal.sat for signal in o.signals}:
+        columns = [i for i, signal in enumerate(o.signals) if signal.sat == sat]
+        mask[:, columns] = _followed(o.elapsed_s, np.isfinite(o.pseudorange_m[:, columns]), o.cn0_dbhz[:, columns])
+    return masked(o, mask)
+
+
+def _followed(elapsed_s: Reals, there: NDArray[np.bool_], cn0_dbhz: Reals) -> NDArray[np.bool_]:
+    """Which of one satellite's signals is followed when; `there`, `cn0_dbhz` and the answer (n_epochs, n_signals)."""
+    mask = np.zeros_like(there)
+    strength = np.where(there, np.nan_to_num(cn0_dbhz), -np.inf)
+    epoch = 0
+    while there[epoch:].any():
+        epoch += int(np.argmax(there[epoch:].any(axis=1)))
+        column = int(np.argmax(strength[epoch]))
+        own = epoch + np.flatnonzero(there[epoch:, column])
+        lost = np.append(np.diff(elapsed_s[own]), np.inf) > HOLD_S
+        kept = own[: int(np.argmax(lost)) + 1]
+        mask[kept, column] = True
+        epoch = int(kept[-1]) + 1
+    return mask

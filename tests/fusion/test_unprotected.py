@@ -1,0 +1,48 @@
+"""Which signals a receiver without protection follows."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from skyproof.fusion.unprotected import unprotected
+
+
+def at_cn0(o, **dbhz):
+    """The observations with the C/N0 of each signal as given: G05a=45."""
+    names = [f"{signal.sat}{signal.copy}" for signal in o.signals]
+    cn0_dbhz = np.where(np.isfinite(o.pseudorange_m), [dbhz[name] for name in names], np.nan)
+    return replace(o, cn0_dbhz=cn0_dbhz)
+
+
+def followed(o):
+    """The column followed at each epoch; -1 for none, and never two."""
+    there = np.isfinite(unprotected(o).pseudorange_m)
+    assert there.sum(axis=1).max() <= 1
+    return np.where(there.any(axis=1), there.argmax(axis=1), -1)
+
+
+def test_a_signal_is_followed_while_it_is_received_whatever_stronger_one_comes(invented):
+    o = invented.observations(("G05a", "G05b"), there={"G05b": (10, 39)})
+    assert (followed(at_cn0(o, G05a=40.0, G05b=55.0)) == 0).all()
+
+
+def test_who_has_lost_its_signal_to_jamming_takes_the_strongest_afterwards(invented):
+    """Even where the one that it followed before is received again."""
+    o = invented.observations(("G05a", "G05b"), there={"G05b": (20, 39)})
+    jammed = np.arange(40)[:, None] // 5 == 3
+    o = replace(o, pseudorange_m=np.where(jammed, np.nan, o.pseudorange_m))
+    assert followed(at_cn0(o, G05a=40.0, G05b=48.0)).tolist() == [0] * 15 + [-1] * 5 + [1] * 20
+    assert followed(at_cn0(o, G05a=48.0, G05b=40.0)).tolist() == [0] * 15 + [-1] * 5 + [0] * 20
+
+
+def test_a_single_missing_epoch_hands_nothing_over(invented):
+    o = invented.observations(("G05a", "G05b"))
+    o = replace(o, elapsed_s=0.2 * o.elapsed_s, pseudorange_m=np.where(
+        (np.arange(40) == 20)[:, None] & [True, False], np.nan, o.pseudorange_m))  # fmt: skip
+    assert followed(at_cn0(o, G05a=50.0, G05b=49.0)).tolist() == [0] * 20 + [-1] + [0] * 19
+
+
+def test_each_satellite_has_its_own(invented):
+    o = invented.observations(("G05a", "G05b", "G07a"))
+    there = np.isfinite(unprotected(at_cn0(o, G05a=40.0, G05b=45.0, G07a=30.0)).pseudorange_m)
+    assert there.all(axis=0).tolist() == [False, True, True]
