@@ -8,7 +8,7 @@ import pytest
 
 from skyproof.app.demo import demo
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.report.page import radius_95_m
+from skyproof.report.positions import radius_95_m
 from skyproof.simulate import scenes
 from skyproof.verdict import Position
 
@@ -25,7 +25,8 @@ def test_an_ordinary_receiver_is_led_away_and_a_protected_one_is_not(tmp_path: P
         true_m = ecef_from_geodetic(*site.geodetic_rad)
         assert receiver.trusted_fix is not None
         assert receiver.unprotected_fix is not None
-        assert np.linalg.norm(ecef_m(receiver.trusted_fix) - true_m) < radius_95_m(receiver.trusted_fix)
+        trusted = receiver.trusted_fix
+        assert np.linalg.norm(ecef_m(trusted) - true_m) < radius_95_m(trusted.sigma_east_m, trusted.sigma_north_m)
         assert np.linalg.norm(ecef_m(receiver.unprotected_fix) - true_m) > 500.0
     labels = {(row["receiver"], row["sat"], row["label"]) for row in json.loads(
         (tmp_path / "verdict.json").read_text())["signals"]}  # fmt: skip

@@ -16,6 +16,7 @@ from skyproof.fusion.labels import LabelledSignal
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso
 from skyproof.records import ConsistentSet, Evidence, Fix, NavigationData, Observations, Reals, Says, SignalRef
+from skyproof.report.positions import radius_95_m
 from skyproof.verdict import (
     VERDICT_FORMAT,
     Because,
@@ -179,10 +180,10 @@ def _kept(outcome: Outcome, begin: str) -> str:
         last = None if r.trusted is None else _last(r.trusted)
         if r.trusted is not None and last is not None:
             east, north, _ = _sigmas_enu_m(r.trusted, last)
-            radii.append(2.45 * float(np.sqrt(0.5 * (east**2 + north**2))))
+            radii.append(radius_95_m(east, north))
     if not radii:
         return "." if begin.startswith(";") else ""
-    return f"{begin} true position is known to within {max(radii):.1f} m (95 %)."
+    return f"{begin} true position is known to within {max(radii):.1f} m horizontally (95 %)."
 
 
 # ---------------------------------------------------------------------- parts

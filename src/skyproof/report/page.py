@@ -25,16 +25,16 @@ from skyproof.report.pictures import (
     SkySource,
     TruePlace,
 )
+from skyproof.report.positions import away_words, within_m
+from skyproof.report.what_now import ended, what_now
 from skyproof.report.words import (
     chance_words,
     distance_words,
     instant_words,
     number_words,
-    offset_words,
     p_value_words,
     place_words,
     rate_words,
-    seconds_apart,
     seconds_words,
     span_words,
 )
@@ -44,11 +44,9 @@ __all__ = ["Figure", "FixTrack", "Pictures", "SignalSeries", "SkyPosition", "env
 
 MAX_POINTS = 20_000  # of all time lines together: keeps the page small, whatever the number of receivers
 MOST_OPEN = 80  # signals whose tables are unfolded at first
-LATE_S = 3.0  # between a receiver's last trusted fix and its last of all, from which on it is told
 MOST_TOLD = 3  # receivers at the top of the page; the table below has all
 MOST_CLOSE = 6  # receivers that get a map of their own
 LEAST_TOLD = 1e-30  # a smaller probability says more of the model than of the world
-RADIUS_95 = 2.45  # sigmas of a normal distribution in the plane: the radius that holds 95 %
 ORDER = ("spoofed", "attack", "authentic", "undecided", "clean")  # of methods, by what they say
 
 
@@ -166,7 +164,8 @@ def _facts(verdict: Verdict) -> list[Fact]:
     if trusted:
         facts.append(Fact("True position", _few([
             (place_words(fix.lat_deg, fix.lon_deg, 5),
-             f"{r.name}{_not_later(r, fix)}, within {distance_words(radius_95_m(fix))} (95 %)") for r, fix in trusted
+             f"{r.name}{_not_later(r, fix)}, within {distance_words(within_m(fix))} horizontally (95 %)")
+            for r, fix in trusted
         ]), "authentic"))  # fmt: skip
         if open_still:
             facts.append(Fact("Consistent skies show", _few(skies)))
@@ -178,17 +177,15 @@ def _facts(verdict: Verdict) -> list[Fact]:
         facts.append(Fact("True position", (("Not known", _unprotected_words(verdict)),)))
     if false:
         facts.append(Fact("The false signals show", _few([
-            (place_words(fix.lat_deg, fix.lon_deg, 5), f"{r.name} seems {_away(r, fix)}" if _away(r, fix) else r.name)
-            for r, fix in false
+            (place_words(fix.lat_deg, fix.lon_deg, 5), r.name + (f" seems {away}" if away else ""))
+            for r, fix, away in ((r, fix, away_words(r, fix)) for r, fix in false)
         ]), "spoofed"))  # fmt: skip
-    return [*facts, _sure(verdict)]
+    return [Fact("What to do now", what_now(verdict), "now"), *facts, _sure(verdict)]
 
 
 def _not_later(receiver: Receiver, fix: Position) -> str:
     """When a receiver's last trusted fix was, if it has later fixes that are not trusted."""
-    others = [other.gpst for other in (receiver.false_fix, receiver.unprotected_fix) if other is not None]
-    late = any(seconds_apart(other, fix.gpst) > LATE_S for other in others)
-    return f" at {instant_words(fix.gpst)[11:]}, not later" if late else ""
+    return f" at {instant_words(fix.gpst)[11:]}, not later" if ended(receiver) else ""
 
 
 def _few(lines: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
@@ -275,19 +272,6 @@ def _by_chance(decision: str | None, p_value: float) -> str:
 # Positions
 
 
-def radius_95_m(fix: Position) -> float:
-    """Radius that holds 95 % of the horizontal errors, metres: of a circle of the ellipse's mean square."""
-    return RADIUS_95 * math.sqrt(0.5 * (fix.sigma_east_m**2 + fix.sigma_north_m**2))
-
-
-def _away(receiver: Receiver, fix: Position) -> str:
-    """How far from the receiver's trusted position; empty without one."""
-    true = receiver.trusted_fix
-    if true is None:
-        return ""
-    return offset_words((true.lat_deg, true.lon_deg), (fix.lat_deg, fix.lon_deg))
-
-
 def _unprotected_words(verdict: Verdict) -> str:
     shown = [(r, r.unprotected_fix) for r in verdict.receivers if r.unprotected_fix is not None]
     if not shown:
@@ -303,7 +287,7 @@ def _positions(verdict: Verdict) -> list[tuple[Receiver, str, Position, str]]:
         for kind, fix in (("trusted", receiver.trusted_fix), ("false", receiver.false_fix),
                           ("unprotected", receiver.unprotected_fix)):  # fmt: skip
             if fix is not None:
-                away = "" if kind == "trusted" else _away(receiver, fix)
+                away = "" if kind == "trusted" else away_words(receiver, fix)
                 rows.append((receiver, kind, fix, "the same" if away.startswith("0.0 m") else away))
     return rows
 

@@ -7,8 +7,8 @@ import numpy as np
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 
 __all__ = [
-    "chance_words", "distance_words", "instant_words", "number_words", "offset_words", "p_value_words", "place_words",
-    "power_words", "rate_words", "seconds_apart", "seconds_words", "span_words",
+    "chance_words", "distance_words", "instant_words", "number_words", "offset_m", "offset_words", "p_value_words",
+    "place_words", "power_words", "rate_words", "seconds_apart", "seconds_words", "span_words",
 ]  # fmt: skip
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -106,14 +106,20 @@ def place_words(lat_deg: float, lon_deg: float, digits: int = 6) -> str:
 _COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 
 
+def offset_m(from_deg: tuple[float, float], to_deg: tuple[float, float]) -> tuple[float, float]:
+    """Metres to the east and north from a place (latitude, longitude) to another, in the plane that touches there."""
+    (lat, lon), (other, further) = ((math.radians(a), math.radians(b)) for a, b in (from_deg, to_deg))
+    step_m = ecef_from_geodetic(other, further, 0.0) - ecef_from_geodetic(lat, lon, 0.0)
+    east, north, _ = (float(part) for part in rot_enu_ecef(lat, lon) @ step_m)
+    return east, north
+
+
 def offset_words(from_deg: tuple[float, float], to_deg: tuple[float, float]) -> str:
     """How far and in which direction a place (latitude, longitude) lies from another: 902 m to the south-east.
 
     In the plane that touches the Earth at the first one.
     """
-    (lat, lon), (other, further) = ((math.radians(a), math.radians(b)) for a, b in (from_deg, to_deg))
-    step_m = ecef_from_geodetic(other, further, 0.0) - ecef_from_geodetic(lat, lon, 0.0)
-    east, north, _ = (float(part) for part in rot_enu_ecef(lat, lon) @ step_m)
+    east, north = offset_m(from_deg, to_deg)
     metres = math.hypot(east, north)
     point = _COMPASS[round(math.atan2(east, north) / (math.pi / 4.0)) % 8]
     return f"{distance_words(metres)} to the {point}"

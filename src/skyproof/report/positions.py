@@ -1,0 +1,39 @@
+"""Positions of a verdict in words: how far they can be off, and how far one lies from another."""
+
+import math
+
+from skyproof.report.words import offset_m, offset_words
+from skyproof.verdict import Position, Receiver
+
+__all__ = ["away_words", "led_away_m", "radius_95_m", "within_m"]
+
+_SIGMAS_95 = 1.96  # of a normal distribution on a line
+
+
+def radius_95_m(sigma_east_m: float, sigma_north_m: float) -> float:
+    """A radius that holds 95 % or more of the horizontal errors, metres.
+
+    Of normal errors whose variances sum to s², the circle of radius 1.96 s holds 95 % where they lie on a line, and
+    97.9 % where they are as large in every direction: the correlation of east and north does not matter.
+    """
+    return _SIGMAS_95 * math.hypot(sigma_east_m, sigma_north_m)
+
+
+def led_away_m(receiver: Receiver) -> float:
+    """How far the unprotected fix lies from the trusted one, horizontally; 0 where their errors explain it."""
+    one, other = receiver.trusted_fix, receiver.unprotected_fix
+    if one is None or other is None:
+        return 0.0
+    apart_m = math.hypot(*offset_m((one.lat_deg, one.lon_deg), (other.lat_deg, other.lon_deg)))
+    return apart_m if apart_m > within_m(one) + within_m(other) else 0.0
+
+
+def within_m(fix: Position) -> float:
+    """`radius_95_m` of a fix."""
+    return radius_95_m(fix.sigma_east_m, fix.sigma_north_m)
+
+
+def away_words(receiver: Receiver, fix: Position) -> str:
+    """How far a fix lies from the receiver's trusted one, and in which direction; empty without one."""
+    true = receiver.trusted_fix
+    return "" if true is None else offset_words((true.lat_deg, true.lon_deg), (fix.lat_deg, fix.lon_deg))

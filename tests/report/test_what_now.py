@@ -1,0 +1,62 @@
+"""What the report tells its reader to do."""
+
+import math
+
+import numpy as np
+import pytest
+from tests.report.sample import SAMPLE
+
+from skyproof.report.positions import radius_95_m
+from skyproof.report.what_now import what_now
+from skyproof.verdict import Verdict
+
+FIX = SAMPLE["receivers"][0]["trusted_fix"]
+FALSE = SAMPLE["receivers"][0]["false_fix"]
+
+
+def verdict_of(word: str = "spoofed", **fixes: object) -> Verdict:
+    receiver = SAMPLE["receivers"][0] | {"trusted_fix": None, "false_fix": None, "unprotected_fix": None} | fixes
+    because = "nothing tells" if word == "undecided" else None
+    return Verdict.model_validate(
+        SAMPLE | {"verdict": word, "receivers": [receiver], "signals": [], "undecided_because": because}
+    )
+
+
+def test_a_receiver_that_is_led_away_is_named_with_how_far_and_what_to_use_instead() -> None:
+    use, ignore = what_now(verdict_of(trusted_fix=FIX, unprotected_fix=FALSE))
+    assert use[0] == "Use the trusted position"
+    assert "rx1-trusted.nmea" in use[1]
+    assert ignore[0] == "Ignore what ordinary receivers show"
+    assert "rx1 without protection is off by 902 m to the south-east; the false time is 4.46 µs behind" in ignore[1]
+
+
+def test_an_attack_that_harms_nobody_yet_is_not_said_to_harm() -> None:
+    _, wait = what_now(verdict_of(trusted_fix=FIX, unprotected_fix=FIX | {"lat_deg": FIX["lat_deg"] + 1e-5}))
+    assert "still right" in wait[1]
+
+
+def test_without_a_trusted_position_no_satellite_is_to_be_used() -> None:
+    [(what, why)] = what_now(verdict_of(false_fix=FALSE))
+    assert what == "Use no position or time from satellites"
+    assert why.startswith("under attack since 10:00:24;")
+
+
+def test_a_trusted_position_that_has_ended_is_none_for_now() -> None:
+    old = FIX | {"gpst": "2022-01-01T10:00:30"}
+    assert what_now(verdict_of(trusted_fix=old, unprotected_fix=FALSE))[0][0].startswith("Use no position")
+
+
+@pytest.mark.parametrize(("word", "what"), [("authentic", "Nothing"), ("undecided", "Do not rely on satellites alone")])
+def test_other_verdicts_have_a_line_too(word: str, what: str) -> None:
+    assert what_now(verdict_of(word))[0][0] == what
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize("turn_rad", [0.0, 0.6, 0.25 * math.pi])
+def test_the_radius_holds_95_per_cent_of_errors_of_any_shape(ratio: float, turn_rad: float) -> None:
+    rng = np.random.default_rng(4)
+    major, minor = rng.normal(0.0, 1.0, 40_000), rng.normal(0.0, ratio, 40_000)
+    sigma_east_m = math.hypot(math.cos(turn_rad), ratio * math.sin(turn_rad))
+    sigma_north_m = math.hypot(math.sin(turn_rad), ratio * math.cos(turn_rad))
+    held = float(np.mean(np.hypot(major, minor) <= radius_95_m(sigma_east_m, sigma_north_m)))
+    assert 0.9465 < held < 0.982
