@@ -174,10 +174,10 @@ def test_files_that_the_system_refuses_are_told(tmp_path: Path, monkeypatch: pyt
         read_sidecar(tmp_path)
 
 
-def sigmf_files(folder: Path, byte_io: bytes, captures: list[dict[str, Any]], **more: Any) -> Path:
+def sigmf_files(folder: Path, data: bytes, captures: list[dict[str, Any]], **more: Any) -> Path:
     meta = {"global": {"core:datatype": "ci8", "core:sample_rate": 1e6, "core:version": "1.2.0"} | more,
             "captures": captures, "annotations": []}  # fmt: skip
-    (folder / "rec.sigmf-data").write_bytes(byte_io)
+    (folder / "rec.sigmf-data").write_bytes(data)
     (folder / "rec.sigmf-meta").write_text(json.dumps(meta), encoding="utf-8")
     return folder / "rec.sigmf-meta"
 
