@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import signal as filters
 from scipy import stats
 
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
-from skyproof.receiver.acquisition import KnownSignal, Searcher, SearchSettings
+from skyproof.receiver.acquisition import KnownSignal, Searcher, SearchSettings, _covered
 from skyproof.receiver.calibration import exponent, tail_of
 from skyproof.receiver.cancellation import remove
 from skyproof.receiver.fourier import N_CELLS, correlate_rows
@@ -221,6 +223,32 @@ def test_a_weak_satellite_is_found_below_a_strong_known_one():
     known = {"G07": [KnownSignal(delay_s=0.2e-3, doppler_hz=1000.0)]}
     peaks = searcher.search(planes_of(samples), 0.0, EVERYWHERE, known)
     assert [peak.sat for peak in peaks] == ["G11"]
+
+
+# ---------------------------------------------------------------------- stretches without noise
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "made",
+    [lambda k: np.ones(k.size), lambda k: np.zeros(k.size), lambda k: 1.0 - 2.0 * (k % 2),
+     lambda k: 0.7 - (k % 37 < 20), lambda k: 0.7 - (k % 1000 < 400), lambda k: np.where(k == 12345, -1.0, 1.0)],
+    ids=["constant", "zeros", "alternating", "37", "1000", "one sample differs"],
+)  # fmt: skip
+@pytest.mark.parametrize("if_hz", [0.0, 1234.5])
+def test_a_stretch_that_holds_lines_and_no_noise_gives_no_signal(made, if_hz):
+    searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
+    wave = made(np.arange(searcher.n_samples))
+    assert searcher.search(planes_of(wave * (1.0 + 1.0j)), if_hz, {"G01": GRID, "G07": GRID}, {}) == []
+
+
+@given(st.lists(st.tuples(st.integers(0, 29), st.integers(0, 14)), max_size=8))
+def test_arcs_of_a_circle_cover_what_they_cover_one_by_one(arcs):
+    middle, reach = np.array(arcs, np.int64).reshape(-1, 2).T
+    one_by_one = np.zeros(30, bool)
+    for k, far in zip(middle, reach, strict=True):
+        one_by_one[np.arange(k - far, k + far + 1) % 30] = True
+    assert np.array_equal(_covered(middle - reach, middle + reach, 30), one_by_one)
 
 
 # ---------------------------------------------------------------------- false alarms

@@ -85,6 +85,16 @@ def test_whole_code_periods_are_missing_without_a_sign():
     assert survey(without(samples, 200_000, 8000), 0.0, heard).gaps == ()
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("still", [slice(0, 400_000), slice(0, 120_000), slice(200_000, 206_000)])
+def test_nothing_is_told_of_samples_that_do_not_change(still):
+    samples, heard = recorded(4e6, **INT8)
+    planes = samples.read(0, samples.n_samples).copy()
+    planes[:, still] = 0.0
+    cut = replace(samples, read=lambda start, count: planes[:, start : start + count])
+    assert survey(cut, 0.0, heard) == Survey()
+
+
 def test_the_jump_of_one_satellite_is_no_gap():
     samples, heard = recorded(4e6, **INT8)
     strong = heard[0]

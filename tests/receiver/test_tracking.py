@@ -68,6 +68,16 @@ def test_pieces_give_what_the_whole_gives(meaconed, meaconed_tracked, cuts):
         assert np.array_equal(getattr(pieces, name), getattr(whole, name))  # to the last bit
 
 
+def test_a_front_end_that_comes_up_late_costs_a_second_and_not_the_recording(clean):
+    planes = clean.planes[:, : 3 * 2_600_000].copy()
+    planes[:, : 2_600_000 // 3] = 1.0
+    receiver = Receiver(2_600_000)
+    output, _ = receiver.step(ReceiverState(), planes)
+    there = {heard.id.sat for heard in clean.scene.skies[0].signals}
+    assert {arc.signal.sat for arc in output.arcs.values()} == there
+    assert {arc.found_s for arc in output.arcs.values()} == {1.0}
+
+
 def test_every_satellite_has_one_signal_and_a_time(clean, tracked):
     o = observations(clean, *tracked)
     there = sorted(heard.id.sat for heard in clean.scene.skies[0].signals)

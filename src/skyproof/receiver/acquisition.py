@@ -372,14 +372,22 @@ def _notch(planes: Floats, limit: float) -> None:
     spectrum = fft.fft(planes[0] + 1j * planes[1])
     psd = spectrum.real**2 + spectrum.imag**2
     level = _level(psd)
-    cut = np.zeros(psd.size, np.bool_)
-    for k in np.flatnonzero(psd > limit * level):
-        reach = int(np.sqrt(psd[k] / level[k]) / np.pi)
-        cut[np.arange(k - reach, k + reach + 1) % psd.size] = True
+    lines = np.flatnonzero(psd > limit * level)
+    with np.errstate(divide="ignore"):  # between the lines of a stretch that only repeats itself there is nothing
+        reach = np.minimum(np.sqrt(psd[lines] / level[lines]) / np.pi, psd.size // 2 - 1).astype(np.int64)
+    cut = _covered(lines - reach, lines + reach, psd.size)
     cut &= psd > level
     spectrum[cut] *= np.sqrt(level[cut] / psd[cut])
     wave = fft.ifft(spectrum, overwrite_x=True)
     planes[0], planes[1] = wave.real, wave.imag
+
+
+def _covered(first: NDArray[np.int64], last: NDArray[np.int64], size: int) -> NDArray[np.bool_]:
+    """Which bins of a circle of `size` lie in any of the arcs from `first` to `last`, both included."""
+    steps = np.zeros(size + 1, np.int64)
+    np.add.at(steps, first % size, 1)
+    np.add.at(steps, last % size + 1, -1)
+    return np.cumsum(steps)[:size] + np.count_nonzero(first % size > last % size) > 0
 
 
 def _level(psd: Floats) -> Floats:

@@ -117,13 +117,17 @@ def oscillator_error(dopplers_hz: Sequence[float] | Reals) -> OscillatorError:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Blocks:
-    """One code period after the other, at zero frequency and few samples a chip: (n_blocks, _CELLS)."""
+    """One code period after the other, at zero frequency and few samples a chip: (n_blocks, _CELLS).
+
+    changing : whether the samples change in every one.
+    """
 
     waves: Complexes
     first_sample: Counts  # (n_blocks,)
     block_samples: int
     rate_hz: float
     signal: SignalDescription
+    changing: bool
 
     @property
     def block_s(self) -> float:
@@ -157,13 +161,16 @@ def survey(
     samples, carrier_hz : the recording and where the nominal carrier lies in it.
     signals : found near its beginning; one a satellite is used, the first.
     false_alarm_probability : of one gap or more told in a recording that has none. At least three satellites are
-        needed, so that one signal's own jump is not taken for a gap.
+        needed, so that one signal's own jump is not taken for a gap. Nothing is told where the samples do not change in
+        one code period or more: what noise does to a delay cannot be learnt there.
     """
     unique = list({heard.sat: heard for heard in reversed(signals)}.values())[::-1]
     n_blocks = int(min(longest_s, samples.duration_s) / signal.period_s)
     if len(unique) < _LEAST_SATS or n_blocks < 3:
         return Survey()
     blocks = _blocks(samples, carrier_hz, n_blocks, signal)
+    if not blocks.changing:
+        return Survey()
     spectra = np.stack([_correlation_spectra(blocks, heard) for heard in unique])
     # the wrong sign of the Doppler smears the peaks of a long recording: take the one that gives more
     tracks = max((_tracks(blocks, unique, spectra, ratio) for ratio in (1.0, -1.0)), key=_power_found)
@@ -181,12 +188,15 @@ def _blocks(samples: Samples, carrier_hz: float, n_blocks: int, signal: SignalDe
     phasor = np.exp(-2j * np.pi * np.mod(carrier_hz / samples.rate_hz * np.arange(size), 1.0)).astype(np.complex64)
     kept = _bins(size, samples.rate_hz)
     waves = np.zeros((first.size, _CELLS), np.complex64)
+    changing = True
     for row, start in enumerate(first):  # one period at a time: memory stays with the few cells that are kept
         planes = samples.read(int(start), size)
+        changing &= bool(np.ptp(planes) > 0.0)
         spectrum = fft.fft((planes[0] + 1j * planes[1]) * phasor)
         waves[row, kept] = spectrum[kept]
     waves = fft.ifft(waves, axis=1)
-    return _Blocks(waves=waves, first_sample=first, block_samples=size, rate_hz=samples.rate_hz, signal=signal)
+    return _Blocks(waves=waves, first_sample=first, block_samples=size, rate_hz=samples.rate_hz, signal=signal,
+                   changing=changing)  # fmt: skip
 
 
 def _bins(size: int, rate_hz: float) -> Counts:

@@ -78,7 +78,7 @@ class ReceiverSettings:
     confirm_s : after that time a channel must be locked or is dropped.
     false_hold_probability : that noise passes for a locked signal in one look at the last half second.
     near_search_s, full_search_s : how often further signals are looked for near the Doppler of tracked and lost ones,
-        and of every satellite at every Doppler.
+        and of every satellite at every Doppler; the latter every `first_search_s` until the first signal is found.
     pulled_chips : by as much code and carrier may part before a channel counts as pulled away from its signal.
     """
 
@@ -104,6 +104,7 @@ class ReceiverSettings:
     pulled_chips: float = 0.1
     near_search_s: float = 0.5
     full_search_s: float = 10.0
+    first_search_s: float = 1.0
     doppler_max_hz: float = 7000.0
     near_doppler_hz: float = 125.0
     search: SearchSettings = SEARCH
@@ -207,7 +208,7 @@ class Receiver:
     def _look_for_signals(self, state: ReceiverState, begin: int) -> ReceiverState:
         now_s = state.frame * self.settings.frame_s
         for searcher, dopplers in (
-            (self.searcher, self._everywhere(state.frame)),
+            (self.searcher, self._everywhere(state)),
             (self.near_searcher, self._nearby(state, now_s)),
         ):
             samples = state.tail[:, begin - state.tail_start :]
@@ -222,10 +223,11 @@ class Receiver:
             state = replace(state, searched=searched)
         return state
 
-    def _everywhere(self, frame: int) -> dict[str, Reals]:
-        """Every Doppler of every satellite, when it is time."""
+    def _everywhere(self, state: ReceiverState) -> dict[str, Reals]:
+        """Every Doppler of every satellite, when it is time: soon, while a front end may not have come up yet."""
         settings = self.settings
-        if frame % round(settings.full_search_s / settings.frame_s):
+        every_s = settings.full_search_s if state.next_arc else settings.first_search_s
+        if state.frame % round(every_s / settings.frame_s):
             return {}
         step_hz = settings.search.doppler_step_hz
         n = int(settings.doppler_max_hz // step_hz)
