@@ -5,9 +5,10 @@ is amplitude times D(delay) times e(Doppler), an outer product of a real and a c
 their derivatives; so every inner product is one over delays times one over Dopplers, and a step costs little.
 """
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from skyproof.compiled import compiled
 
 __all__ = ["bounds_of", "fit_all"]
 
@@ -20,7 +21,7 @@ _APART = 4  # grid cells between the starts
 _CLOSEST_CHIPS = 1e-3  # two delays nearer than this are one to rounding
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _solve(matrix, right):  # type: ignore[no-untyped-def]
     """Solution of a small system with several right sides, by elimination with pivots; False if it has none."""
     n, m = right.shape
@@ -52,7 +53,7 @@ def _solve(matrix, right):  # type: ignore[no-untyped-def]
     return True, b
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _at(x, first, step, value, slope, out, out_slope):  # type: ignore[no-untyped-def]
     """A table's vector and its derivative at x, by cubic Hermite interpolation."""
     place = (x - first) / step
@@ -67,7 +68,7 @@ def _at(x, first, step, value, slope, out, out_slope):  # type: ignore[no-untype
         out_slope[k] = dh * (value[i, k] - value[i + 1, k]) + dg0 * slope[i, k] + dg1 * slope[i + 1, k]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _evaluate(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
     """Amplitudes, captured energy, gradient and information at `where`: n delays, then n Dopplers if they are fitted.
 
@@ -138,7 +139,7 @@ def _evaluate(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
     return amplitude[:, 0], captured, gradient, information
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _apart(where, n):  # type: ignore[no-untyped-def]
     for k in range(n):
         for j in range(k):
@@ -147,7 +148,7 @@ def _apart(where, n):  # type: ignore[no-untyped-def]
     return True
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _polish(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt from `where`; steps of at most 0.1 chip and 10 Hz."""
     last = delay[0] + delay[1] * (delay[2].shape[0] - 1)
@@ -187,7 +188,7 @@ def _polish(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
     return where, amplitude, captured, information
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _starts(seen, gram, n, found, score):  # type: ignore[no-untyped-def]
     """Grid cells (starts, n) to fit from, best first, in `found`, by captured energy in `score`; how many there are.
 
@@ -234,7 +235,7 @@ def _starts(seen, gram, n, found, score):  # type: ignore[no-untyped-def]
     return count
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _add_one(seen, gram, cells, m, score, start):  # type: ignore[no-untyped-def]
     """The cell that captures most beside the first m of `cells`."""
     inside = np.empty((m, m))
@@ -265,7 +266,7 @@ def _add_one(seen, gram, cells, m, score, start):  # type: ignore[no-untyped-def
     score[start] += most
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def fit_all(data, n, delay, doppler, coarse, gram, f_coarse, fitted, where, amplitude, captured, information):  # type: ignore[no-untyped-def]
     """Fit n signals to each of `data` (trials, blocks, d) and fill the outputs.
 
@@ -317,7 +318,7 @@ def fit_all(data, n, delay, doppler, coarse, gram, f_coarse, fitted, where, ampl
                 where[t], amplitude[t], captured[t], information[t] = at, a, energy, known
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def bounds_of(where, amplitude, delay, doppler, information):  # type: ignore[no-untyped-def]
     """The information (trials, p, p) at given delays, Dopplers (trials, p) and amplitudes (trials, n)."""
     trials, n = amplitude.shape

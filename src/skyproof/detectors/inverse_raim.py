@@ -21,10 +21,10 @@ finishes one coordinate, and a branch beyond the threshold ends.
 from dataclasses import dataclass
 from itertools import combinations
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyproof.compiled import compiled
 from skyproof.navigation.least_squares import design_matrix, spd_inverse
 from skyproof.records import Reals
 from skyproof.statistics.distributions import chi_square_threshold
@@ -82,7 +82,7 @@ def parity_matrix(unit: ArrayLike, sigma_m: ArrayLike = 1.0) -> Reals:
     return np.asarray(_trapezoid(design / sigma[:, None]) / sigma)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _trapezoid(design):  # type: ignore[no-untyped-def]
     """Orthonormal rows beside the columns of `design`, row i zero left of column i: two QR decompositions.
 
@@ -97,7 +97,7 @@ def _trapezoid(design):  # type: ignore[no-untyped-def]
     return np.linalg.qr(np.ascontiguousarray(full[:, _UNKNOWNS:].T))[1]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _exhaustive(terms, counts, limit, choice, statistic):  # type: ignore[no-untyped-def]
     """All sets by partial sums, the last satellite innermost; how many pass. Writes as many as there is room for."""
     n, _, r = terms.shape
@@ -140,7 +140,7 @@ def _exhaustive(terms, counts, limit, choice, statistic):  # type: ignore[no-unt
     return found
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _pruned(terms, counts, limit, choice, statistic):  # type: ignore[no-untyped-def]
     """As `_exhaustive`, from the last satellite to the first; row i is final once satellites i and later are set."""
     n, _, r = terms.shape

@@ -12,10 +12,10 @@ without whitening is the larger fault.
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyproof.compiled import compiled
 from skyproof.detectors.decomposition import correlation
 
 __all__ = ["SwarmFit", "SwarmSettings", "swarm_decompose"]
@@ -51,7 +51,7 @@ class SwarmFit:
     cost: Reals
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _cost(at, signals, data, taps, bins, coherent_s, table, step, known, lags, factors):  # type: ignore[no-untyped-def]
     """Sum of squared differences between the grid and the signals at `at`: amplitude, delay, phase, Doppler each."""
     per = 3 if known else 4
@@ -75,7 +75,7 @@ def _cost(at, signals, data, taps, bins, coherent_s, table, step, known, lags, f
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _swarm(  # type: ignore[no-untyped-def]
     data, taps, bins, coherent_s, table, step, signals, known, low, high, particles, iterations, inertia, own_pull,
     swarm_pull, rng,

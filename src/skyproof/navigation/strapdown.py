@@ -19,10 +19,10 @@ eights at 1.3 g that shake with 3 Hz to within 9 mm at 100 Hz, 1 mm at 200 Hz.
 from functools import lru_cache
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyproof.compiled import compiled
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.records import ImuSeries, NavState
@@ -36,7 +36,7 @@ _GRAVITY_REACH_M: Final = 400.0  # within which gravity is taken as linear: 1e-7
 _CELL: Final = 0.1  # of that: places about which it is expanded
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _turn(matrix, angle, out):  # type: ignore[no-untyped-def]
     """out = matrix exp([angle x])."""
     x, y, z = angle[0], angle[1], angle[2]
@@ -56,14 +56,14 @@ def _turn(matrix, angle, out):  # type: ignore[no-untyped-def]
         out[i, 2] = a * e02 + b * e12 + d * e22
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _cross(a, b, out):  # type: ignore[no-untyped-def]
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _advance(  # type: ignore[no-untyped-def]
     angle, speed, last_angle, last_speed, interval, position, velocity, attitude, centre, gravity, gradient,
     reach_m, places, speeds, attitudes,

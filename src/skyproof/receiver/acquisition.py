@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.receiver.calibration import tail_of, unused_codes
 from skyproof.receiver.cancellation import KnownSignal, Measured, measure, noise_of, remove
@@ -399,7 +399,7 @@ def _level(psd: Floats) -> Floats:
     return level
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _mean_power(spectra: Floats) -> Floats:
     """Over the blocks, (n_offsets, n_fft), of interleaved real and imaginary parts (n_offsets, n_blocks, 2 n_fft)."""
     n = spectra.shape[2] // 2
@@ -414,7 +414,7 @@ def _mean_power(spectra: Floats) -> Floats:
     return power
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _cut(spectra: Floats, shift: int, out: Floats) -> None:
     """The N_CELLS bins around bin `shift`, zero where there are none.
 
@@ -433,14 +433,14 @@ def _cut(spectra: Floats, shift: int, out: Floats) -> None:
             k += count
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _unweave(line: Floats, real: Floats, imag: Floats) -> None:
     for k in range(real.shape[0]):
         real[k] = line[2 * k]
         imag[k] = line[2 * k + 1]
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@compiled(fastmath={"reassoc", "contract", "nsz"})
 def _turn(i: Floats, q: Floats, cosines: Floats, sines: Floats, c: np.float32, s: np.float32, out: Floats) -> None:
     """Add samples turned back by the rotations and by (c, s) to `out`, (n, 2)."""
     for k in range(i.shape[0]):
@@ -450,7 +450,7 @@ def _turn(i: Floats, q: Floats, cosines: Floats, sines: Floats, c: np.float32, s
         out[2 * k + 1] += q[k] * real - i[k] * imag
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _fold_planes(
     i: Floats, q: Floats, starts: NDArray[np.int64], coherent: int, cycle_step: float, out: Floats
 ) -> None:

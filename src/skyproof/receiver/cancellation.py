@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription, prn_of
 
 __all__ = ["KnownSignal", "Measured", "measure", "noise_of", "remove"]
@@ -167,7 +167,7 @@ def _correlate(
     return out
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _turns(cycle_step: float, cosines: Floats, sines: Floats) -> None:
     """exp(j 2 pi k cycle_step) for k < CHUNK, by doubling."""
     cosines[0], sines[0] = np.float32(1.0), np.float32(0.0)
@@ -181,7 +181,7 @@ def _turns(cycle_step: float, cosines: Floats, sines: Floats) -> None:
         length *= 2
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _sum(
     i: Floats, q: Floats, replica: NDArray[Any], cosines: Floats, sines: Floats
 ) -> tuple[float, float]:
@@ -194,7 +194,7 @@ def _sum(
     return float(real), float(imag)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _less(
     i: Floats, q: Floats, replica: NDArray[np.int8], cosines: Floats, sines: Floats, real: np.float32,
     imag: np.float32,
@@ -205,14 +205,14 @@ def _less(
         q[k] -= (real * sines[k] + imag * cosines[k]) * chip
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _place(sample: float) -> tuple[int, int]:
     """Row and first column of the table for a chunk whose first sample lies so many samples after the code's start."""
     steps = math.floor((sample + 1.0) * FRACTIONS + 0.5)
     return steps % FRACTIONS, steps // FRACTIONS
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _subtract(
     i: Floats, q: Floats, table: NDArray[np.int8], chip: float, chip_step: float, nominal: float, cycle_step: float,
     length: int,
@@ -252,7 +252,7 @@ def _subtract(
     return power / max(weight, 1.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _correlate_halves(
     i: Floats, q: Floats, code: Floats, first: float, per_period: float, chip_step: float, cycle_step: float,
     taps_chips: NDArray[np.float64], out: NDArray[np.complex128],

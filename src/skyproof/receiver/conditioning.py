@@ -19,11 +19,11 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from skyproof.compiled import compiled
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
 from skyproof.receiver.spectrum import GUARD, density_of, floor_and_lines, line_threshold, noise_bins, tone
 from skyproof.records import Reals, Samples, freeze
@@ -404,7 +404,7 @@ def _correction(front_end: FrontEnd) -> tuple[Reals, Reals]:
     return matrix, offset
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _straighten(block: Floats, matrix: Reals, offset: Reals, out: Floats) -> None:
     a = np.float32(matrix[1, 0])
     b = np.float32(matrix[1, 1])
@@ -416,7 +416,7 @@ def _straighten(block: Floats, matrix: Reals, offset: Reals, out: Floats) -> Non
         out[1, k] = a * i + b * (block[1, k] - at_q)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _notch(
     block: Floats, out: Floats, waves: Complexes, firsts: Complexes, sums: Complexes, turns: float, position: int,
     factor: float,

@@ -17,10 +17,11 @@ liberty of fast-math is taken.
 
 import math
 
-import numba
 import numpy as np
 from numba import uint64
 from numpy.typing import NDArray
+
+from skyproof.compiled import compiled
 
 __all__ = ["CHUNK", "REACH_CHIPS", "chunk_loss", "correlate_period", "scratch_for", "table_pad"]
 
@@ -52,7 +53,7 @@ def chunk_loss(doppler_hz: NDArray[np.float64], rate_hz: float, n_samples: int) 
     return loss
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def scratch_for(n_samples: int, n_delays: int) -> Scratch:
     """Room for `correlate_period` to work in, for periods of up to `n_samples`; may be used again, by one thread."""
     n_chunks = n_samples // CHUNK + 2
@@ -62,21 +63,21 @@ def scratch_for(n_samples: int, n_delays: int) -> Scratch:
     return planes, rows, chunk_sums, np.zeros(2)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _chunk_length(n_samples: int) -> int:
     """Equal parts of about CHUNK samples, so that no short one is left over at the end."""
     n_chunks = max(1, round(n_samples / CHUNK))
     return int(_BLOCK * math.ceil(n_samples / (_BLOCK * n_chunks)))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _rotation(cycles: float) -> tuple[float, float]:
     """Real and imaginary part of exp(-j 2 pi cycles)."""
     angle_rad = -2.0 * math.pi * (cycles - math.floor(cycles))
     return math.cos(angle_rad), math.sin(angle_rad)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _turn_on(cosines: NDArray[np.float32], sines: NDArray[np.float32], known: np.uint64, more: int, cosine: np.float32,
              sine: np.float32) -> None:  # fmt: skip
     """Behind the known rotations, more of them: the known ones, each turned by the same."""
@@ -85,7 +86,7 @@ def _turn_on(cosines: NDArray[np.float32], sines: NDArray[np.float32], known: np
         sines[known + k] = cosines[k] * sine + sines[k] * cosine
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _rotations(
     cycles_per_sample: float, length: int, cosines: NDArray[np.float32], sines: NDArray[np.float32]
 ) -> None:
@@ -107,7 +108,7 @@ def _rotations(
         known *= 2
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _locate(
     first_sample: float, samples_per_chip: float, delays_chips: NDArray[np.float64], n_phases: float, columns: float,
     pad: float, weight: float, rows: NDArray[np.uint64], chunk: int, shifts_chips: NDArray[np.float64],
@@ -124,7 +125,7 @@ def _locate(
         shifts_chips[delay] += (wanted - steps / n_phases) * weight
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _wipe_and_sum_three(
     i_samples: NDArray[np.float32], q_samples: NDArray[np.float32], begin: np.uint64, length: int,
     cosines: NDArray[np.float32], sines: NDArray[np.float32],
@@ -151,7 +152,7 @@ def _wipe_and_sum_three(
     return i_0, q_0, i_1, q_1, i_2, q_2
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _sum_two(
     i_base: NDArray[np.float32], q_base: NDArray[np.float32], length: int, chips: NDArray[np.int8], row_0: np.uint64,
     row_1: np.uint64,
@@ -166,7 +167,7 @@ def _sum_two(
     return i_0, q_0, i_1, q_1
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _sum_four(
     i_base: NDArray[np.float32], q_base: NDArray[np.float32], length: int, chips: NDArray[np.int8],
     row_0: np.uint64, row_1: np.uint64, row_2: np.uint64, row_3: np.uint64,
@@ -186,7 +187,7 @@ def _sum_four(
     return i_0, q_0, i_1, q_1, i_2, q_2, i_3, q_3
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _add_chunks(
     chunk_sums: NDArray[np.float64], n_chunks: int, chunk_length: int, n_samples: int,
     dopplers_cycles_per_sample: NDArray[np.float64], sums: NDArray[np.float64],
@@ -207,7 +208,7 @@ def _add_chunks(
                 sums[doppler, delay, 1] += i_sum * sine + q_sum * cosine
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _put(chunk_sums: NDArray[np.float64], chunk: int, delay: int, cosine: float, sine: float, i_sum: np.float32,
          q_sum: np.float32) -> None:  # fmt: skip
     """Keep one sum, turned by what the carrier had turned until its chunk began."""
@@ -215,7 +216,7 @@ def _put(chunk_sums: NDArray[np.float64], chunk: int, delay: int, cosine: float,
     chunk_sums[chunk, delay, 1] = i_sum * sine + q_sum * cosine
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def correlate_period(
     i_samples: NDArray[np.float32],
     q_samples: NDArray[np.float32],

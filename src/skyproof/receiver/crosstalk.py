@@ -15,11 +15,11 @@ import math
 from collections.abc import Sequence
 from functools import lru_cache
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver.replica import passed
@@ -81,7 +81,7 @@ def _table_of(signal: SignalDescription, sat: str, rate_hz: float) -> NDArray[np
     return autocorrelation(signal.code(prn_of(sat)), signal.chip_rate_hz / rate_hz)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _clean(
     group: NDArray[np.int64], rows_before: NDArray[np.float64], count_before: NDArray[np.int64],
     rows_now: NDArray[np.float64], count_now: NDArray[np.int64], table: NDArray[np.float64],
@@ -153,7 +153,7 @@ def _clean(
                 row[k.OUT_TAPS + 2 * tap + 1] = value.imag
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _locate(
     rows: NDArray[np.float64], rate_hz: float, if_hz: float, chip_rate_hz: float, carrier_hz: float, code_length: int,
     starts: NDArray[np.float64], ahead_chips: NDArray[np.float64],
@@ -173,7 +173,7 @@ def _locate(
         ahead_chips[:n] -= np.mean(ahead_chips[:n])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _error_chips(taps: NDArray[np.complex128], code_gain: float) -> float:
     """How far ahead of the replica the signal is, from taps (n, 3); too little where noise is as strong as it."""
     dot, power = 0.0, 0.0
@@ -184,7 +184,7 @@ def _error_chips(taps: NDArray[np.complex128], code_gain: float) -> float:
     return min(max(dot / power / code_gain, -0.5), 0.5) if power > 0.0 else 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _subtract(
     taps: NDArray[np.complex128], off_hz: NDArray[np.float64], starts: NDArray[np.float64],
     others: NDArray[np.complex128], other_off_hz: NDArray[np.float64], other_starts: NDArray[np.float64],

@@ -12,6 +12,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.compiled import compiled
+
 __all__ = ["N_CELLS", "correlate_rows"]
 
 Floats = NDArray[np.float32]
@@ -83,19 +85,19 @@ def _pass_of_eight(xr, xi, yr, yi, twist, groups, columns):  # type: ignore[no-u
             yr[o + 7 * columns], yi[o + 7 * columns] = r7 * w7r - i7 * w7i, r7 * w7i + i7 * w7r
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _multiply(sr: Floats, si: Floats, cr: Floats, ci: Floats, xr: Floats, xi: Floats) -> None:
     for k in range(2048):
         xr[k] = sr[k] * cr[k] - si[k] * ci[k]
         xi[k] = sr[k] * ci[k] + si[k] * cr[k]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _first(xr: Floats, xi: Floats, yr: Floats, yi: Floats) -> None:
     _pass_of_eight(xr, xi, yr, yi, _TWIST_32, 4, 64)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _second(xr: Floats, xi: Floats, yr: Floats, yi: Floats) -> None:
     """Radix 4 ends the transforms of 32; twist, and the transposition that lets the next ones stand side by side."""
     wr, wi = _TWIST_2048[0], _TWIST_2048[1]
@@ -116,12 +118,12 @@ def _second(xr: Floats, xi: Floats, yr: Floats, yi: Floats) -> None:
             yr[o + 24], yi[o + 24] = u * wr[i + 1536] - v * wi[i + 1536], u * wi[i + 1536] + v * wr[i + 1536]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _third(xr: Floats, xi: Floats, yr: Floats, yi: Floats) -> None:
     _pass_of_eight(xr, xi, yr, yi, _TWIST_64, 8, 32)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def _last(xr: Floats, xi: Floats, power: Floats) -> None:
     """The last pass, of which only the squared magnitude is kept: added to `power`."""
     for i in range(256):
@@ -140,7 +142,7 @@ def _last(xr: Floats, xi: Floats, power: Floats) -> None:
         power[i + 1792] += r7 * r7 + i7 * i7
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@compiled(fastmath=_FAST)
 def correlate_rows(
     spectra: Floats, codes: Floats, row: NDArray[np.int64], code: NDArray[np.int64], begin: int, end: int,
     power: Floats, highest: Floats,

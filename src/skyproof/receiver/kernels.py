@@ -7,10 +7,10 @@ once these are known, and the loops are closed with the sum.
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.compiled import compiled
 from skyproof.receiver.correlator import correlate_period, scratch_for
 
 # Columns of the channel state, one row a channel (float64).
@@ -58,7 +58,7 @@ OUT_TAPS = 6
 POWER_MEMORY_S = 0.05
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _steer(
     state: NDArray[np.float64], sample_power: float, rate_hz: float, if_hz: float, code_rate_hz: float,
     carrier_hz: float, code_gain: float,
@@ -110,7 +110,7 @@ def _steer(
     state[SUM_PERIODS : SUM_TAPS + 6] = 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def advance(
     i_samples: NDArray[np.float32],
     q_samples: NDArray[np.float32],

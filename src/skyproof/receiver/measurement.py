@@ -10,10 +10,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription
 from skyproof.receiver import kernels as k
 from skyproof.receiver.discriminator import Discriminator
@@ -112,7 +112,7 @@ def measure(
     return table, taps.astype(np.complex64)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _measure(
     states: NDArray[np.float64], rows_before: NDArray[np.float64], count_before: NDArray[np.int64],
     rows_now: NDArray[np.float64], count_now: NDArray[np.int64], elapsed_s: float, rate_hz: float, if_hz: float,
@@ -132,7 +132,7 @@ def _measure(
         )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _measure_channel(
     state: NDArray[np.float64], rows: NDArray[np.float64], elapsed_s: float, rate_hz: float, if_hz: float,
     carrier_hz: float, chip_rate_hz: float, period_s: float, periods_per_bit: int, code_gain: float,
@@ -222,13 +222,13 @@ def _measure_channel(
     result[JUMP] = jump * math.sqrt(expected / weakest)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _period_variance(cn0_hz: float, coherent_s: float, period_s: float) -> float:
     """Variance of the carrier's phase, cycles squared, that one period's share of a longer coherent sum gives."""
     return (1.0 + 0.5 / (cn0_hz * coherent_s)) / (2.0 * cn0_hz * period_s) / (2.0 * math.pi) ** 2
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _groups(periods: NDArray[np.float64], bit_start: float, periods_per_bit: int) -> NDArray[np.int64]:
     """To which group each period belongs: its data bit, or a run of a few periods while bits are not known."""
     length = periods_per_bit if bit_start >= 0.0 else UNSYNCHRONISED_PERIODS
@@ -240,7 +240,7 @@ def _groups(periods: NDArray[np.float64], bit_start: float, periods_per_bit: int
     return group
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _unwrapped(
     state: NDArray[np.float64], squares: NDArray[np.complex128], variance: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], bool, float]:
@@ -279,7 +279,7 @@ def _unwrapped(
     return residual, suspected or slipped, jump
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _parabola(
     t: NDArray[np.float64], t2: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -314,7 +314,7 @@ def _parabola(
     return fit, np.array([inverse[0, 0], inverse[1, 1], inverse[2, 2]]) / scales**2
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _carrier_to_noise_hz(
     prompt: NDArray[np.complex128], wipe: NDArray[np.complex128], group: NDArray[np.int64], synchronised: bool,
     period_s: float,

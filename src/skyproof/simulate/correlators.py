@@ -25,11 +25,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import numba
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.records import SignalId, Taps, freeze
 from skyproof.simulate.correlation import Correlation, Replica, correlation, read
@@ -505,7 +505,7 @@ def _root(covariance: NDArray[np.float64] | Complexes) -> NDArray[np.float64] | 
 # --- kernels
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _couple(coupling: Complexes, pairs: NDArray[np.int64], true_s: Reals, turns_cyc: Reals, tap_cyc: Reals,
             sent: Reals, wiped: Reals, symbols: NDArray[np.int8], message: NDArray[np.int64],
             wiped_message: NDArray[np.int64], windows_s: Reals) -> None:  # fmt: skip
@@ -550,7 +550,7 @@ def _couple(coupling: Complexes, pairs: NDArray[np.int64], true_s: Reals, turns_
                         u = until
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _spread(mean: Complexes, pairs: NDArray[np.int64], table_of: NDArray[np.int64], weight: Complexes, lag_chips: Reals,
             delays: Reals, tables: Reals, points: float) -> None:  # fmt: skip
     """Add to mean (n_epochs, n_channels, n_dopplers, n_delays) each part's weight times R at lag plus delay."""

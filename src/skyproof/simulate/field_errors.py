@@ -29,11 +29,11 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from skyproof.compiled import compiled
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.statistics.gauss_markov import gauss_markov_step
 
@@ -250,7 +250,7 @@ def _smooth_step(step: float) -> tuple[Reals, Reals]:
     return keep, np.array([[first, 0.0], [both / first, math.sqrt(max(rate - both**2 / value, 0.0))]])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _smooth_paths(values: Reals, normals: Reals, keep: Reals, drive: Reals) -> None:
     """values (n, k) from normals (n, k, 2); stationary from the first on."""
     for k in range(values.shape[1]):

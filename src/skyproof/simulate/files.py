@@ -21,10 +21,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.compiled import compiled
 from skyproof.errors import OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines, writing
 from skyproof.formats.raw import SampleLayout, sidecar_text
@@ -229,7 +229,7 @@ def _packed(rows: NDArray[np.float32], encoding: str, bits: int) -> bytes:
     return octets.tobytes()
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _pack(rows: NDArray[np.float32], bits: int, octets: NDArray[np.uint8]) -> None:
     """Sign, and with two bits magnitude (1 or 3), first number in the highest bits. NumPy takes 4 times as long."""
     numbers = rows.shape[0]

@@ -9,10 +9,10 @@ carried away is shown, epoch by epoch, where it is caught.
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyproof.compiled import compiled
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import prn_of
 from skyproof.simulate.correlation import Replica, correlation
@@ -79,7 +79,7 @@ def pull_of(
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _value(table: Reals, lag_chips: float, points: float) -> float:
     at = lag_chips * points
     at -= math.floor(at / table.size) * table.size
@@ -88,7 +88,7 @@ def _value(table: Reals, lag_chips: float, points: float) -> float:
     return float(table[whole % table.size] * (1.0 - share) + table[(whole + 1) % table.size] * share)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _settle(ahead_chips: Reals, prompt: NDArray[np.complex128], channel: NDArray[np.int64],
             table_of: NDArray[np.int64], many: NDArray[np.bool_], weight: NDArray[np.complex128], lag_chips: Reals,
             apart_chips: float, tables: Reals, points: float) -> None:  # fmt: skip

@@ -9,11 +9,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from skyproof.compiled import compiled
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.orbits import satellite_state_s
@@ -95,7 +95,7 @@ def orbits_between(
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _solve(pieces: Reals, wanted: NDArray[np.int64], first_s: float, at_s: Reals, points: Reals, flight_s: Reals,
            toward: Reals, clock_s: Reals) -> None:  # fmt: skip
     last = pieces.shape[0] - 1

@@ -24,10 +24,10 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import TypeVar
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.compiled import compiled
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records import Samples
 from skyproof.simulate.heard import AddedNoise, Jammer, ReceiverSky, Scene, codes_of, row_of
@@ -417,7 +417,7 @@ def _quantise(planes: Floats, front_end: FrontEnd) -> None:
 # own with an unsigned index (a signed one costs a test for wrapping), so that both loops run in vectors.
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _turn(step_cyc: float, cosine: Floats, sine: Floats) -> None:
     """Phasors of 0, 1, 2, ... steps; float64 recursion over at most 128 keeps 1e-14."""
     angle_rad = 2.0 * math.pi * (step_cyc - math.floor(step_cyc))
@@ -429,7 +429,7 @@ def _turn(step_cyc: float, cosine: Floats, sine: Floats) -> None:
         re, im = re * c - im * s, re * s + im * c
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _spread(code: Floats, chips: Floats, chip: float, chip_step: float) -> None:
     """Chips to samples: sample k lies in chip floor(chip + k chip_step)."""
     unit = 2.0**_FRACTION_BITS
@@ -438,7 +438,7 @@ def _spread(code: Floats, chips: Floats, chip: float, chip_step: float) -> None:
         code[k] = chips[np.uint64(start + step * k) >> np.uint64(_FRACTION_BITS)]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _spread_wave(code: Floats, wave: Floats, symbol: np.float32, begin: float, step: float) -> None:
     """A filtered code to samples, within one period: sample k lies `begin` + k `step` samples of the table after the
     period's start.
@@ -457,13 +457,13 @@ def _spread_wave(code: Floats, wave: Floats, symbol: np.float32, begin: float, s
                symbol * (np.float32(1.0) - later), symbol * later)  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _blend(code: Floats, one: Floats, other: Floats, share: np.float32, other_share: np.float32) -> None:
     for k in range(code.shape[0]):
         code[k] = share * one[k] + other_share * other[k]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _mix(i_plane: Floats, q_plane: Floats, code: Floats, re: np.float32, im: np.float32, cosine: Floats,
          sine: Floats) -> None:  # fmt: skip
     for k in range(i_plane.shape[0]):
@@ -471,7 +471,7 @@ def _mix(i_plane: Floats, q_plane: Floats, code: Floats, re: np.float32, im: np.
         q_plane[k] += code[k] * (re * sine[k] + im * cosine[k])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _add_line(planes: Floats, phase_cyc: Reals, step_cyc: Reals, amplitude: Reals, turns: Reals, turn_step: Reals,
               sweep_cyc: float, first: int, last: int) -> None:  # fmt: skip
     """Over each turn u from 0 to 1 the frequency rises evenly, from half the sweep below the middle to half above."""
@@ -485,7 +485,7 @@ def _add_line(planes: Floats, phase_cyc: Reals, step_cyc: Reals, amplitude: Real
         planes[1, n] += np.float32(amplitude[c] * math.sin(angle_rad))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _add_signals(planes: Floats, codes: NDArray[np.int8], waves: Floats, chips_per_sample: float,
                  symbols: NDArray[np.int8], rows: NDArray[np.int64], periods_per_symbol: int,
                  period: NDArray[np.int64], chip: Reals, chip_step: Reals, phase_cyc: Reals, phase_step_cyc: Reals,

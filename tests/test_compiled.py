@@ -1,0 +1,98 @@
+"""Where the machine code of kernels is kept: read beside the source, and never needed."""
+
+import importlib.util
+import itertools
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skyproof
+from skyproof.compiled import compiled
+
+SOURCE = """
+from skyproof.compiled import compiled
+
+@compiled
+def total(values):
+    s = 0.0
+    for value in values:
+        s += value
+    return s
+"""
+NUMBER = itertools.count()
+
+
+@pytest.fixture
+def called(tmp_path, monkeypatch):
+    """How often the machine code was found when a module, imported anew, calls its kernel: 1 or 0."""
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    path = tmp_path / "package" / "kernels_there.py"
+    path.parent.mkdir()
+    path.write_text(SOURCE)
+
+    def called() -> int:
+        spec = importlib.util.spec_from_file_location(f"kernels_there_{next(NUMBER)}", path)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        assert module.total(np.arange(4.0)) == 6.0
+        return sum(module.total.stats.cache_hits.values())
+
+    return called
+
+
+@pytest.fixture
+def read_only(monkeypatch):
+    """Folders in which nothing can be written from now on, for the super-user as well."""
+    folders = []
+    makedirs, temporary, replace = os.makedirs, tempfile.TemporaryFile, os.replace
+
+    def refuse(path):
+        if any(str(path).startswith(str(folder)) for folder in folders):
+            raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(os, "makedirs", lambda path, *rest, **more: (refuse(path), makedirs(path, *rest, **more)))
+    monkeypatch.setattr(tempfile, "TemporaryFile", lambda *_, dir: (refuse(dir), temporary(dir=dir))[1])
+    monkeypatch.setattr(os, "replace", lambda part, path: (refuse(path), replace(part, path)))
+    return folders.append
+
+
+def test_what_setup_compiled_is_read_where_nothing_can_be_written(called, tmp_path, read_only):
+    assert (called(), called()) == (0, 1)
+    read_only(tmp_path)
+    assert called() == 1
+    assert not (tmp_path / "home").exists()
+
+
+def test_what_setup_did_not_compile_is_kept_for_the_user(called, tmp_path, read_only):
+    read_only(tmp_path / "package")
+    assert (called(), called()) == (0, 1)
+    assert list((tmp_path / "home").rglob("*.nbc"))
+    assert not list((tmp_path / "package").rglob("*.nbc"))
+
+
+def test_where_nothing_is_kept_and_nothing_can_be_written_kernels_run_all_the_same(called, tmp_path, read_only):
+    read_only(tmp_path)
+    assert (called(), called()) == (0, 0)
+
+
+def test_machine_code_of_another_source_is_not_used(called, tmp_path):
+    assert called() == 0
+    path = tmp_path / "package" / "kernels_there.py"
+    path.write_text(SOURCE.replace("s = 0.0", "s = 0.0  # changed"))
+    assert called() == 0
+
+
+def test_a_function_of_no_file_is_compiled():
+    names = {}
+    exec("def twice(x):\n    return 2 * x\n", names)
+    assert compiled(names["twice"])(21) == 42
+
+
+def test_every_kernel_that_is_kept_is_kept_so():
+    """Numba's own caching would refuse all work in a package that may not be written."""
+    sources = Path(skyproof.__file__).parent.rglob("*.py")
+    assert [path.name for path in sources if "cache=True" in path.read_text(encoding="utf-8")] == []
