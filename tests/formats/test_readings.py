@@ -41,6 +41,31 @@ def test_wide_numbers_are_told_by_their_quiet_byte(rms: float, order: str) -> No
     assert {one.header_bytes for one in likely_packings(stored)} == {0}
 
 
+@pytest.mark.parametrize("order", ["little", "big"])
+@pytest.mark.parametrize("step", [256.0, 1000.0, 4096.0])
+@pytest.mark.parametrize("rms", [0.4, 1.0, 3.0])
+def test_the_order_of_wide_numbers_with_quiet_low_bytes_is_told(rms: float, step: float, order: str) -> None:
+    values = np.clip(step * np.round(normal(rms)), -32768, 32767)
+    (first, *_) = likely_packings(octets(values, f"{'<' if order == 'little' else '>'}i2"))
+    assert (first.packing.encoding, first.packing.bits, first.packing.byte_order) == ("int", 16, order)
+    assert first.header_bytes == 0
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+@pytest.mark.parametrize("level", [1, 2, 100, 256, 1000, 8192, 32767])
+def test_wide_numbers_of_two_values_are_one_stream(level: int, order: str) -> None:
+    """In either order they are the same signal."""
+    stored = octets(np.where(normal(1.0) > 0.0, level, -level), f"{'<' if order == 'little' else '>'}i2")
+    assert {(one.packing.bits, one.header_bytes) for one in likely_packings(stored)} == {(16, 0)}
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_two_channels_of_whole_bytes_from_one_antenna_are_no_wide_numbers(noise: float) -> None:
+    both = np.stack([normal(20.0) + noise * np.random.default_rng(k).normal(0.0, 20.0, normal(1.0).size)
+                     for k in range(2)])  # fmt: skip
+    assert kinds_of(octets(np.clip(both.T.reshape(-1), -128, 127), "<i1")) == {("int", 8)}
+
+
 def test_a_wide_number_that_begins_late_is_found() -> None:
     stored = np.concatenate([np.zeros(1, np.uint8), octets(normal(100.0), "<i2")])
     assert {(one.packing.byte_order, one.header_bytes) for one in likely_packings(stored)} == {("little", 1)}

@@ -3,7 +3,8 @@
 A front end hands over noise, whose numbers lie close around zero, alike on either side, small ones more often. So in
 the right packing a histogram has one hump in the middle; in a wrong one it has teeth, or is flat:
 
-- numbers of 16 and 32 bits: the highest byte of each has less entropy than the lowest;
+- numbers of 16 and 32 bits: the highest byte of each has less entropy than the lowest, or, where few values occur, one
+  byte of a number tells the other;
 - floats: all are finite, and within a few powers of ten of each other;
 - whole bytes: one hump, around 0 or around 128, or few values;
 - several numbers a byte: the same of their codes; two-bit codes tell by which of them are alike;
@@ -14,6 +15,7 @@ repeats in them, and what a search finds, does.
 """
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -29,6 +31,11 @@ _HEADER_MOST: Final = 1 << 16
 _HEADER_NATS: Final = 25.0
 """Log-likelihood ratio at which bytes at the start are taken for a header."""
 _ENTROPY_APART: Final = 0.4  # bits, of the bytes of one number; those of I and Q differ by less than 0.1
+_BOUND: Final = 0.9  # of a byte's entropy, that another tells
+_SHAPED: Final = 1 << 16  # numbers, to see their histogram's shape
+_HUMPED: Final = 2.0  # kurtosis that is enough
+_FLATTER: Final = 0.25  # how much less speaks against a reading
+_BESIDE: Final = 0.25, 2.0  # mean over sigma, where -1 is read as the greatest number
 _FEW_VALUES: Final = 64
 _HUMP: Final = 3.0
 """Sum of all steps of a histogram over its highest value: 2 of one hump, more with noise on it, many with teeth."""
@@ -134,30 +141,81 @@ def _plausible(stored: NDArray[np.floating]) -> bool:
 
 
 def _wide(octets: Octets) -> list[Likely]:
-    """Numbers of 16 and 32 bits, by which of their bytes has least entropy."""
+    """Numbers of 16 and 32 bits, by which of their bytes has least entropy, or by bytes that tell each other."""
     entropy = np.array([_entropy(octets[place::4]) for place in range(4)])
     if max(abs(entropy[0] - entropy[2]), abs(entropy[1] - entropy[3])) > _ENTROPY_APART:
-        size = 4
+        size, skips = 4, [0, 1, 2, 3]
     elif abs(entropy[0] - entropy[1]) > _ENTROPY_APART:
-        size = 2
+        size, skips = 2, [0, 1]
+    elif (first := _first_bound(octets, entropy)) is not None:
+        size, skips = 2, [first]
     else:
         return []
-    # of numbers that were shifted up the lowest byte has less entropy still, but teeth
-    humps = [place for place in range(size) if _has_hump(octets[place::size])] or list(range(size))
-    highest = min(humps, key=lambda place: entropy[place])
-    encoding: Encoding = "offset-binary" if _around_128(octets[highest::size]) else "int"
-    choices: list[tuple[ByteOrder, int]] = [("little", (highest + 1) % size), ("big", highest)]
+    encoding, order, skip = _order_of(octets, size, skips)
+    return [Likely(packing=one, header_bytes=skip) for one in _both_kinds(encoding, 8 * size, byte_order=order)]
 
-    def spread(choice: tuple[ByteOrder, int]) -> float:
-        order, skip = choice
-        letter = "u" if encoding == "offset-binary" else "i"
-        stored = octets[skip : skip + (octets.size - skip) // size * size]
-        return float(np.std(stored.view(f"{'<' if order == 'little' else '>'}{letter}{size}").astype(np.float64)))
 
-    # bytes of neighbours put together make a wider spread; where they do not, no bytes skipped are more probable
-    best = min(choices, key=lambda choice: (round(spread(choice) / min(map(spread, choices)), 2), choice[1]))
-    return [Likely(packing=one, header_bytes=best[1])
-            for one in _both_kinds(encoding, 8 * size, byte_order=best[0])]  # fmt: skip
+def _first_bound(octets: Octets, entropy: NDArray[np.float64]) -> int | None:
+    """Where pairs begin if every other byte is told by the one before it, and not by the one behind, as in numbers of
+    few values; None if that is not so.
+
+    Two channels that hold the same numbers are bound as well, but alike.
+    """
+    pairs = octets[: octets.size // 2 * 2].reshape(-1, 2)
+    least = float(min(entropy[:2]))
+    if least < _ENTROPY_APART or np.array_equal(pairs[:, 0], pairs[:, 1]):
+        return None
+    told = _told_bits(octets, entropy), _told_bits(octets[1:-1], entropy)
+    bound = max(told) > _BOUND * least and min(told) < 0.5 * max(told)
+    return int(told[1] > told[0]) if bound else None
+
+
+def _told_bits(octets: Octets, entropy: NDArray[np.float64]) -> float:
+    """Mutual information of the first and second byte of each pair, in bits."""
+    pairs = octets[: octets.size // 2 * 2].view("<u2")
+    shares = np.bincount(pairs, minlength=1 << 16) / pairs.size
+    shares = shares[shares > 0.0]
+    return float(entropy[0] + entropy[1] + np.sum(shares * np.log2(shares)))
+
+
+def _order_of(octets: Octets, size: int, skips: list[int]) -> tuple[Encoding, ByteOrder, int]:
+    """How numbers of `size` bytes are stored, and how many bytes come before the first.
+
+    In a wrong order the byte that counts most is one that counts little or another number's: then the numbers are flat
+    or have two humps, negative ones look like large positive ones, or all spread wider than in the right order. Where
+    nothing of that decides, no bytes skipped are more probable.
+    """
+    encodings: tuple[Encoding, Encoding] = ("int", "offset-binary")
+    orders: tuple[ByteOrder, ByteOrder] = ("little", "big")
+    shapes = {choice: _shape(octets, size, *choice) for choice in product(encodings, orders, skips)}
+    most = max(shape.kurtosis for shape in shapes.values())
+    shapes = {choice: shape for choice, shape in shapes.items() if shape.kurtosis > most - _FLATTER}
+    shapes = {choice: shape for choice, shape in shapes.items() if not shape.beside} or shapes
+    narrowest = min(shape.sigma for shape in shapes.values())
+    return min(shapes, key=lambda choice: (round(shapes[choice].sigma / narrowest, 2), choice[2]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Shape:
+    """Of a histogram. kurtosis : 1 of two values, 1.8 of all alike, 3 of noise, of which as much counts as tells them
+    apart. beside : whether it lies beside zero by about its width, as where -1 is read as the greatest number; in
+    offset binary also by more, for numbers far from the middle are as well stored as signed ones.
+    """
+
+    kurtosis: float
+    sigma: float
+    beside: bool
+
+
+def _shape(octets: Octets, size: int, encoding: Encoding, order: ByteOrder, skip: int) -> _Shape:
+    letter = "u" if encoding == "offset-binary" else "i"
+    stored = octets[skip : skip + (octets.size - skip) // size * size][: _SHAPED * size]
+    numbers = stored.view(f"{'<' if order == 'little' else '>'}{letter}{size}").astype(np.float64)
+    mean, sigma = float(numbers.mean()), max(float(numbers.std()), 1e-30)
+    off = abs(mean - (0.0 if encoding == "int" else 2.0 ** (8 * size - 1))) / sigma
+    kurtosis = float(np.mean(((numbers - numbers.mean()) / sigma) ** 4))
+    beside = off > _BESIDE[0] and (off < _BESIDE[1] or encoding == "offset-binary")
+    return _Shape(kurtosis=min(kurtosis, _HUMPED), sigma=sigma, beside=beside)
 
 
 def _whole_bytes(octets: Octets) -> list[Likely]:
