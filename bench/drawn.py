@@ -1,0 +1,325 @@
+"""Attacks and clean skies drawn at random, judged as `protect` judges, held against the truth and counted.
+
+    python bench/drawn.py --attacks 1000 --clean 500 --out drawn.jsonl --processes 2   goes on where it was stopped
+    python bench/drawn.py --only attack-17 -v                                          everything about one scene
+    python bench/drawn.py --table drawn.jsonl                                          the counts alone
+
+A trusted fix is wrong if it is off horizontally by more than three times its stated 95 % bound, 2.45 times its larger
+horizontal sigma. Where only a distance is stated, a false place that fits it within three sigma is counted apart.
+"""
+
+import argparse
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from drawn_receiver import Heard, Noise, hear, true_offset_s
+from drawn_scenes import SEED, DrawnScene, Made, draw_scene, make, stated_sigma_m
+from numpy.typing import NDArray
+
+from skyproof.app.document import Outcome, ReceiverOutcome, document
+from skyproof.app.progress import Silent
+from skyproof.app.protect import judge
+from skyproof.app.settings import Settings
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.records import Fix
+
+Reals = NDArray[np.float64]
+
+TO_95 = 2.45  # of a circle about two equal sigmas
+TO_95_UP = 2.80  # of a sphere
+WRONG_BOUNDS = 3.0
+FOLLOWED_S = 5.0
+"""An attack that no receiver follows with a signal for so long, or more weakly than by half, is not there for it."""
+SHOWN_FIELDS = ("kind", "place", "clock", "reached", "power_db", "noise_db", "onset_s")
+_HOLDS_DISTANCE = "antenna_distance_m" in Settings.model_fields
+
+
+def settings_of(made: Made) -> Settings:
+    """What the user states."""
+    drawn = made.drawn
+    if drawn.given == "positions":
+        return Settings(antennas_enu_m=made.antennas_enu_m)
+    if drawn.given == "distance" and _HOLDS_DISTANCE:
+        return Settings(antenna_distance_m=drawn.given_distance_m)  # type: ignore[call-arg]
+    return Settings()
+
+
+def judged(made: Made) -> tuple[list[Heard], Outcome, Settings]:
+    """A scene through the receivers and the judge."""
+    drawn, attack = made.drawn, made.drawn.attack
+    noise = Noise(code_m=drawn.code_sigma_m, ar1=drawn.ar1, constant_m=drawn.constant_m, field=drawn.field)
+    reached = attack.reached if attack is not None else ()
+    heard = hear(made.scene, reached, noise, rng=np.random.default_rng(drawn.seed))
+    settings = settings_of(made)
+    outcome, _ = judge([h.reception for h in heard], made.navigation, settings, Silent())
+    return heard, outcome, settings
+
+
+def examined(name: str, **options: Any) -> dict[str, Any]:
+    """One row of the result: what was drawn, said and wrong."""
+    begin = perf_counter()
+    drawn = draw_scene(name, **options)
+    made = make(drawn)
+    row: dict[str, Any] = {"name": name, "given": drawn.given, "receivers": len(drawn.antennas_body_m),
+                           "motion": drawn.motion, "distance_m": drawn.distance_m}  # fmt: skip
+    if drawn.attack is not None:
+        row |= {key: getattr(drawn.attack, key) for key in SHOWN_FIELDS}
+    if made is None:
+        return row | {"verdict": "no scene"}
+    heard, outcome, settings = judged(made)
+    verdict = document(outcome, (), settings)
+    rows = [of_receiver(made, h, r) for h, r in zip(heard, outcome.receivers, strict=True)]
+    return row | {
+        "verdict": verdict.verdict, "summary": verdict.summary, "because": verdict.undecided_because,
+        "each": rows, "seconds": round(perf_counter() - begin, 2),
+        "followed": any(one["followed_s"] >= FOLLOWED_S for one in rows),
+        "captured": any(one["captured_s"] >= FOLLOWED_S for one in rows),
+        "fits": fits_distance(made, heard, outcome) if any(one["wrong"] for one in rows) else None,
+        "wrong_labels": wrong_labels(heard, outcome),
+    }  # fmt: skip
+
+
+def of_receiver(made: Made, heard: Heard, outcome: ReceiverOutcome) -> dict[str, Any]:
+    """A receiver's trusted fixes against the truth, and what it followed."""
+    share = heard.false_share
+    lead_s = float(np.diff(heard.true_s[:2])[0])
+    false = np.sum(share > 0.5, axis=1)
+    row: dict[str, Any] = {
+        "followed_s": float(lead_s * (false >= 1).sum()), "captured_s": float(lead_s * (false >= 4).sum()),
+        "fixes": 0, "wrong": 0,
+    }  # fmt: skip
+    fix = outcome.trusted
+    good = np.flatnonzero(fix.status == 0) if fix is not None else np.empty(0, np.int64)
+    if fix is None or not good.size:
+        return row
+    level_m, bound_m, all_m, bound_all_m = errors_m(fix, heard, good)
+    late_s = true_offset_s(heard, fix.gpst, made.scenario.start_gpst)[good]
+    worst = int(np.argmax(level_m / bound_m))
+    times = level_m / bound_m
+    return row | {
+        "fixes": int(good.size), "wrong": int(np.sum(times > WRONG_BOUNDS)), "beyond": int(np.sum(times > 1.0)),
+        "wrong_3d": int(np.sum(all_m > WRONG_BOUNDS * bound_all_m)), "worst_bounds": float(times[worst]),
+        "worst_m": float(level_m[worst]), "bound_m": float(bound_m[worst]),
+        "worst_at_s": float(heard.true_s[good[worst]]), "time_off_s": float(np.abs(late_s).max()),
+    }  # fmt: skip
+
+
+def errors_m(fix: Fix, heard: Heard, good: NDArray[np.int64]) -> tuple[Reals, Reals, Reals, Reals]:
+    """Of epochs `good`: horizontal error and its stated 95 % bound, error in space and its bound."""
+    truth_m = heard.position_ecef_m[good]
+    lat, lon, _ = geodetic_from_ecef(truth_m[0])
+    rot = rot_enu_ecef(lat, lon)
+    off_m = (fix.position_ecef_m[good] - truth_m) @ rot.T
+    variance = np.einsum("ij,njk,ik->ni", rot, fix.covariance_m2[good, :3, :3], rot)
+    sigma_m = np.sqrt(variance)
+    return (np.hypot(off_m[:, 0], off_m[:, 1]), TO_95 * sigma_m[:, :2].max(axis=1), np.linalg.norm(off_m, axis=1),
+            TO_95_UP * sigma_m.max(axis=1))  # fmt: skip
+
+
+def fits_distance(made: Made, heard: Sequence[Heard], outcome: Outcome) -> str | None:
+    """Whether wrong fixes are so far from another antenna as was stated: "knows" if the attacker aimed at that, else
+    "chance"; None where they are not.
+    """
+    attack = made.drawn.attack
+    if made.drawn.given != "distance" or attack is None:
+        return None
+    stated_m = made.drawn.given_distance_m
+    for k, (h, r) in enumerate(zip(heard, outcome.receivers, strict=True)):
+        if r.trusted is None:
+            continue
+        good = np.flatnonzero(r.trusted.status == 0)
+        level_m, bound_m, _, _ = errors_m(r.trusted, h, good) if good.size else (np.zeros(0),) * 4
+        wrong = good[level_m > WRONG_BOUNDS * bound_m]
+        wrong = wrong[wrong < min(o.position_ecef_m.shape[0] for o in heard)]
+        if wrong.size:
+            apart_m = np.linalg.norm(
+                r.trusted.position_ecef_m[wrong] - heard[1 - k].position_ecef_m[wrong], axis=1
+            )
+            if np.median(np.abs(apart_m - stated_m)) > 3.0 * stated_sigma_m(stated_m):
+                return None
+    return "knows" if attack.place == "sphere" else "chance"
+
+
+def wrong_labels(heard: Sequence[Heard], outcome: Outcome) -> list[str]:
+    """Signals called what they are not for a second or more, in words."""
+    faults = []
+    for h in heard:
+        o = h.reception.observations
+        for s in outcome.decision.labels if o is not None else ():
+            if o is None or s.ref.receiver != o.receiver or s.label not in ("authentic", "spoofed"):
+                continue
+            share = h.false_share[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)]
+            wrong = share > 0.6 if s.label == "authentic" else share < 0.4
+            if wrong.sum() * float(np.diff(o.elapsed_s[:2])[0]) >= 1.0:
+                faults.append(f"{s.ref} {s.label} in {int(wrong.sum())} of {wrong.size} epochs wrongly")
+    return faults
+
+
+# ---------------------------------------------------------------------- all of them
+
+
+def run(names: Sequence[str], out: Path | None, processes: int) -> list[dict[str, Any]]:
+    """Rows of all scenes; those that `out` has already are not made again."""
+    done = read(out) if out is not None and out.exists() else []
+    have = {row["name"] for row in done}
+    left = [name for name in names if name not in have]
+    for row in _worked(left, processes):
+        done.append(row)
+        if out is not None:
+            with out.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row, default=str) + "\n")
+    return [row for row in done if row["name"] in set(names)]
+
+
+def _worked(names: Sequence[str], processes: int) -> Iterator[dict[str, Any]]:
+    if processes == 1:
+        yield from map(examined, names)
+        return
+    with get_context("spawn").Pool(processes) as pool:
+        yield from pool.imap_unordered(examined, names)
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
+
+
+def names_of(attacks: int, clean: int, first: int = 0) -> list[str]:
+    return [f"{kind}-{k}" for kind, n in (("attack", attacks), ("clean", clean)) for k in range(first, first + n)]
+
+
+def wrong_attacks(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """With a trusted fix off by more than three bounds, but for places that fit a distance that alone was stated."""
+    return [row for row in rows if _wrong(row) and not row.get("fits")]
+
+
+def _wrong(row: dict[str, Any]) -> bool:
+    return any(one["wrong"] for one in row.get("each", ()))
+
+
+def passed_over(row: dict[str, Any]) -> bool:
+    """An attack whose signals were followed, and of which nothing is said."""
+    return bool(row["verdict"] == "authentic" and row["followed"] and row["name"].startswith("attack"))
+
+
+def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """The counts."""
+    rows = [row for row in rows if row["verdict"] != "no scene"]
+    for kind in ("attack", "clean"):
+        mine = [row for row in rows if row["name"].startswith(kind)]
+        if not mine:
+            continue
+        yield f"{kind}: {len(mine)} scenes, {sum(row['seconds'] for row in mine) / len(mine):.2f} s each"
+        cells = [(given, sub) for given in ("nothing", "distance", "positions")
+                 for sub in (("takeover", "spoofer", "meaconer") if kind == "attack" else (None,))]  # fmt: skip
+        for given, sub in cells:
+            part = [row for row in mine if row["given"] == given and (sub is None or row["kind"] == sub)]
+            yield f"  {given:<9} {sub or '':<8} {_counts(part)}"
+        yield f"  all                {_counts(mine)}"
+        yield from _listed(mine, kind)
+
+
+def _counts(part: Sequence[dict[str, Any]]) -> str:
+    words = Counter(row["verdict"] for row in part)
+    each = [one for row in part for one in row["each"]]
+    fixes, beyond = sum(one["fixes"] for one in each), sum(one.get("beyond", 0) for one in each)
+    return (
+        f"{len(part):4d}: spoofed {words['spoofed']:3d}, undecided {words['undecided']:3d}, authentic "
+        f"{words['authentic']:3d} (passed over {sum(passed_over(row) for row in part):2d}); captured "
+        f"{sum(row['captured'] for row in part):3d}; wrong {len(wrong_attacks(part)):2d}, fits the distance "
+        f"{sum(bool(row['fits']) for row in part):2d}; {fixes:6d} trusted fixes, beyond 95 % "
+        f"{100.0 * beyond / max(fixes, 1):4.1f} %"
+    )
+
+
+def _listed(rows: Sequence[dict[str, Any]], kind: str) -> Iterator[str]:
+    groups = {
+        "wrong": wrong_attacks(rows), "fits the distance": [row for row in rows if row["fits"]],
+        "passed over": [row for row in rows if passed_over(row)],
+        "wrong in height or by 3-D only": [
+            row for row in rows if not _wrong(row) and any(one.get("wrong_3d") for one in row["each"])
+        ],
+        "1 to 3 bounds in more than 5 % of fixes": [row for row in rows if not _wrong(row) and any(
+            one.get("beyond", 0) > 0.05 * one["fixes"] for one in row["each"]
+        )],
+        "time off by over 1 us": [row for row in rows if any(one.get("time_off_s", 0) > 1e-6 for one in row["each"])],
+        "a label wrong": [row for row in rows if row["wrong_labels"]],
+    }  # fmt: skip
+    if kind == "clean":
+        groups["called spoofed"] = [row for row in rows if row["verdict"] == "spoofed"]
+    for title, found in groups.items():
+        yield f"  {title}: {len(found)}  {' '.join(row['name'].partition('-')[2] for row in found[:40])}"
+
+
+def told(name: str) -> Iterator[str]:
+    """Everything about one scene."""
+    drawn = draw_scene(name)
+    yield from _fields(drawn)
+    made = make(drawn)
+    if made is None:
+        yield "makes no scene"
+        return
+    heard, outcome, settings = judged(made)
+    yield json.dumps(examined(name), indent=1, default=str)
+    for e in outcome.evidence:
+        yield (f"{e.start_gpst} {e.detector} {e.says} p={e.p_value} group={e.group} "
+               f"{','.join(sorted(str(ref) for ref in e.subject))[:160]}: {e.because}")  # fmt: skip
+    for s in outcome.decision.labels:
+        yield f"{s.ref} {s.label} {s.first_epoch}-{s.last_epoch} {s.because}"
+    for h, r in zip(heard, outcome.receivers, strict=True):
+        o = h.reception.observations
+        if o is None:
+            continue
+        followed = [
+            f"{signal}:{''.join('.' if not math.isfinite(x) else str(min(int(10 * x), 9)) for x in column)}"
+            for signal, column in zip(o.signals, h.false_share.T, strict=True)
+        ]
+        yield "\n".join([o.receiver, *followed])
+        if r.trusted is not None:
+            good = np.flatnonzero(r.trusted.status == 0)
+            level_m, bound_m, *_ = errors_m(r.trusted, h, good) if good.size else (np.zeros(0),) * 4
+            yield "  trusted fixes (epoch error bound): " + " ".join(
+                f"{k}:{e:.1f}/{b:.1f}" for k, e, b in zip(good, level_m, bound_m, strict=True)
+            )
+
+
+def _fields(drawn: DrawnScene) -> Iterator[str]:
+    for key, value in asdict(drawn).items():
+        if key == "attack" and value is not None:
+            yield from (f"  {name} = {one}" for name, one in value.items())
+        else:
+            yield f"{key} = {value}"
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--attacks", type=int, default=0)
+    options.add_argument("--clean", type=int, default=0)
+    options.add_argument("--first", type=int, default=0, help="number of the first scene of each kind")
+    options.add_argument("--only", nargs="+", help="names of scenes, such as attack-17")
+    options.add_argument("-v", "--verbose", action="store_true", help="with --only: everything about them")
+    options.add_argument("--out", type=Path, help="JSON lines, one a scene; those in it are not made again")
+    options.add_argument("--processes", type=int, default=1)
+    options.add_argument("--table", type=Path, help="print the counts of such a file")
+    chosen = options.parse_args()
+    if chosen.table:
+        rows = read(chosen.table)
+    elif chosen.only and chosen.verbose:
+        for name in chosen.only:
+            print("\n".join(told(name)))
+        return
+    else:
+        rows = run(chosen.only or names_of(chosen.attacks, chosen.clean, chosen.first), chosen.out, chosen.processes)
+    print("\n".join(table(rows)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,367 @@
+"""Scenes drawn at random: receivers standing or moving, one transmitter anywhere or none, what the user states.
+
+A scene follows from its name alone: `attack-17` and `clean-3` are each drawn from a generator of their own.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.errors import ScenarioError
+from skyproof.gnss.ephemeris import NavigationData
+from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.simulate.heard import Scene
+from skyproof.simulate.scenario import Antenna, FrontEnd, Interference, Meaconer, Receiver, Scenario, Sky, Spoofer
+from skyproof.simulate.scenario import Takeover
+from skyproof.simulate.sites import Site, WayPoints
+from skyproof.simulate.sky import scene_of
+
+__all__ = ["DrawnAttack", "DrawnScene", "Made", "draw_scene", "make", "stated_sigma_m"]
+
+Reals = NDArray[np.float64]
+Vector = tuple[float, float, float]
+Given = Literal["nothing", "distance", "positions"]
+
+SEED = 1
+KINDS = ("clean", "attack")
+NEAREST_M, FARTHEST_M = 3.0, 300.0  # of two antennas
+CHIP_S = 1e-3 / 1023
+RIDES_WITHIN_M = 300.0
+"""A transmitter nearer than this to what moves goes with it: it would be left behind within the scene."""
+MASK_DEG = 8.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnAttack:
+    """One transmitter. Powers are those at the antenna that it is aimed at, `focus`.
+
+    reached : the receivers that hear it at all; from the others its antenna, or what stands between, is turned away.
+        By free space some of the reached ones may still hear next to nothing.
+    transmit_enu_m : of the focus antenna at the scene's start. rides : whether it moves with the receivers.
+    noise_db : of its own noise over the receiver's. jam_s : of noise alone before the onset.
+    place : how the false place was chosen; away_enu_m : that place from the focus's true one.
+    drawn_off_s : of a takeover, from the first offset to all of it; at_s : after the onset.
+    late_s, drift : of the false time.
+    n_sats : how many are imitated, None for all.
+    """
+
+    kind: Literal["takeover", "spoofer", "meaconer"]
+    focus: int
+    reached: tuple[int, ...]
+    transmit_enu_m: Vector
+    rides: bool
+    power_db: float
+    power_rises_s: float
+    noise_db: float | None
+    jam_s: float
+    onset_s: float
+    place: Literal["true", "near", "random", "sphere"]
+    away_enu_m: Vector
+    held_s: float
+    drawn_off_s: float
+    clock: Literal["true", "within a chip", "far", "drift"]
+    late_s: float
+    drift: float
+    code_offset_m: float
+    phase: Literal["aligned", "random"]
+    carrier: Literal["follows", "locked"]
+    n_sats: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnScene:
+    """All that a scene is made of, but for noise. antennas_body_m : forward, right, down; the first one at zero."""
+
+    name: str
+    seed: int
+    lat_deg: float
+    lon_deg: float
+    height_m: float
+    start_gpst: np.datetime64
+    duration_s: float
+    antennas_body_m: tuple[Vector, ...]
+    motion: Literal["still", "straight", "turning"]
+    speed_m_s: float
+    heading_deg: float
+    zenith_cn0_dbhz: float
+    horizon_cn0_dbhz: float
+    clocks_s: tuple[float, ...]
+    lo_ppm: tuple[float, ...]
+    code_sigma_m: float
+    ar1: float
+    constant_m: float
+    field: bool
+    given: Given
+    given_error: float
+    attack: DrawnAttack | None = None
+
+    @property
+    def distance_m(self) -> float:
+        """Between the first two antennas."""
+        return math.dist(*self.antennas_body_m[:2])
+
+    @property
+    def given_distance_m(self) -> float:
+        """As the user states it, who errs."""
+        return self.distance_m + self.given_error * stated_sigma_m(self.distance_m)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Made:
+    """A drawn scene as the simulator has it. antennas_enu_m : from the first one, in the scene's middle."""
+
+    drawn: DrawnScene
+    scenario: Scenario
+    navigation: NavigationData
+    scene: Scene
+    antennas_enu_m: dict[str, Vector]
+
+
+def stated_sigma_m(distance_m: float) -> float:
+    """Of a distance that is stated without a sigma: 5 % or 1 m."""
+    return max(0.05 * distance_m, 1.0)
+
+
+def draw_scene(name: str, *, n_receivers: int | None = None, duration_s: float | None = None) -> DrawnScene:
+    """The scene of a name such as "attack-17". n_receivers, duration_s : in place of drawn ones."""
+    kind, _, number = name.partition("-")
+    if kind not in KINDS or not number.isdigit():
+        raise SystemExit(f"no scene named {name!r}; give attack-NUMBER or clean-NUMBER")
+    rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(KINDS.index(kind), int(number))))
+    n = n_receivers or int(rng.choice([2, 3, 4], p=[0.6, 0.25, 0.15]))
+    motion = str(rng.choice(["still", "straight", "turning"], p=[0.6, 0.25, 0.15]))
+    given = str(rng.choice(["nothing", "distance", "positions"]))
+    if given == "distance" and n > 2 or given == "positions" and motion == "turning":
+        given = "nothing"
+    lasts_s = duration_s or float(rng.uniform(40.0, 60.0))
+    antennas = _antennas(rng, n)
+    drawn: dict[str, Any] = {
+        "name": name, "seed": int(rng.integers(2**31)),
+        "lat_deg": float(np.degrees(np.arcsin(rng.uniform(-0.94, 0.94)))),
+        "lon_deg": float(rng.uniform(-180.0, 180.0)), "height_m": float(rng.uniform(0.0, 1000.0)),
+        "start_gpst": np.datetime64("2021-01-01T00:00:00", "ns") + np.timedelta64(int(rng.integers(126_230_400)), "s"),
+        "duration_s": lasts_s, "antennas_body_m": antennas, "motion": motion,
+        "speed_m_s": float(rng.uniform(1.0, 25.0)), "heading_deg": float(rng.uniform(0.0, 360.0)),
+        "zenith_cn0_dbhz": float(rng.uniform(44.0, 52.0)), "horizon_cn0_dbhz": float(rng.uniform(36.0, 42.0)),
+        "clocks_s": tuple(rng.uniform(-3e-4, 3e-4, n).tolist()), "lo_ppm": tuple(rng.uniform(-1.0, 1.0, n).tolist()),
+        "code_sigma_m": float(rng.uniform(0.4, 0.9)), "ar1": float(rng.choice([0.0, 0.9])),
+        "constant_m": float(rng.choice([0.0, 0.5])), "field": bool(rng.random() < 0.8),
+        "given": given, "given_error": float(rng.uniform(-0.7, 0.7)),
+    }  # fmt: skip
+    attack = _attack(rng, antennas, lasts_s, motion, drawn["zenith_cn0_dbhz"]) if kind == "attack" else None
+    return DrawnScene(**drawn, attack=attack)
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(math.exp(rng.uniform(math.log(low), math.log(high))))
+
+
+def _level(rng: np.random.Generator, distance: float, steepest: float) -> Vector:
+    """A vector of this length in any direction up to `steepest` rad over or under the horizon."""
+    az_rad, el_rad = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-steepest, steepest)
+    level = distance * math.cos(el_rad)
+    return level * math.sin(az_rad), level * math.cos(az_rad), distance * math.sin(el_rad)
+
+
+def _antennas(rng: np.random.Generator, n: int) -> tuple[Vector, ...]:
+    """Each 3 to 300 m from every other."""
+    reach_m = _log_uniform(rng, NEAREST_M, FARTHEST_M)
+    places: list[Vector] = [(0.0, 0.0, 0.0)]
+    while len(places) < n:
+        place = _level(rng, reach_m if n == 2 else _log_uniform(rng, NEAREST_M, FARTHEST_M), 0.15)
+        if all(NEAREST_M <= math.dist(place, other) <= FARTHEST_M + 1e-6 for other in places):
+            places.append(place)
+    return tuple(places)
+
+
+def _attack(
+    rng: np.random.Generator, antennas: tuple[Vector, ...], duration_s: float, motion: str, zenith_dbhz: float
+) -> DrawnAttack:
+    n = len(antennas)
+    focus = int(rng.integers(n))
+    others = [k for k in range(n) if k != focus]
+    reach = rng.choice(["one", "some", "all"], p=[0.3, 0.2, 0.5])
+    joined = {"one": [], "all": others}.get(str(reach), [k for k in others if rng.random() < 0.5])
+    away_m = _log_uniform(rng, 1.5, 1e4)
+    kind = str(rng.choice(["takeover", "spoofer", "meaconer"], p=[0.4, 0.45, 0.15]))
+    power_db = float(rng.uniform(-10.0, 30.0))
+    noise_db: float | None = None
+    quiet = rng.choice(["quiet", "noisy", "drowning"], p=[0.45, 0.2, 0.35])
+    if quiet == "noisy":
+        noise_db = float(rng.uniform(-5.0, 10.0))
+    elif quiet == "drowning":
+        noise_db = float(zenith_dbhz - 27.0 + rng.uniform(0.0, 6.0))
+        power_db = min(max(power_db, noise_db - float(rng.uniform(0.0, 5.0))), 30.0)
+    within = rng.random() < 0.65
+    onset_s = float(rng.uniform(10.0, duration_s - 15.0)) if within else -float(rng.uniform(2.0, 60.0))
+    place = str(rng.choice(["true", "near", "random", "sphere"], p=[0.15, 0.3, 0.25, 0.3]))
+    away = {
+        "true": (0.0, 0.0, 0.0), "near": _level(rng, _log_uniform(rng, 3.0, 300.0), 0.3),
+        "random": _level(rng, _log_uniform(rng, 100.0, 2e4), 0.02),
+    }.get(place)  # fmt: skip
+    if away is None:  # on the sphere about an antenna that is left alone, or any other
+        about = antennas[int(rng.choice([k for k in others if k not in joined] or others))]
+        around = _level(rng, math.dist(about, antennas[focus]), 0.3)
+        away = _difference(_sum(around, about), antennas[focus])
+    clock = str(rng.choice(["true", "within a chip", "far", "drift"], p=[0.45, 0.2, 0.2, 0.15]))
+    late_s = {
+        "true": 0.0, "within a chip": float(rng.uniform(-1.0, 1.0)) * CHIP_S,
+        "far": float(rng.choice([-1.0, 1.0])) * _log_uniform(rng, CHIP_S, 2e-2), "drift": 0.0,
+    }[clock]  # fmt: skip
+    if kind == "meaconer":
+        late_s = abs(late_s)
+    return DrawnAttack(
+        kind=kind, focus=focus, reached=tuple(sorted([focus, *joined])), transmit_enu_m=_above(_level(rng, away_m, 0.3)),
+        rides=motion != "still" and (away_m < RIDES_WITHIN_M or rng.random() < 0.3), power_db=power_db,
+        power_rises_s=float(rng.uniform(2.0, 10.0)) if rng.random() < 0.3 else 0.0, noise_db=noise_db,
+        jam_s=float(rng.uniform(3.0, 10.0)) if within and rng.random() < 0.25 else 0.0, onset_s=onset_s, place=place,
+        away_enu_m=away, held_s=float(rng.uniform(0.0, 8.0)),
+        drawn_off_s=max(math.hypot(*away) / _log_uniform(rng, 1.0, 100.0), 2.0), clock=clock, late_s=late_s,
+        drift=float(rng.choice([-1.0, 1.0])) * _log_uniform(rng, 1e-9, 1e-7) if clock == "drift" else 0.0,
+        code_offset_m=float(rng.uniform(-150.0, 150.0)) if kind == "takeover" and rng.random() < 0.3 else 0.0,
+        phase=str(rng.choice(["aligned", "random"])), carrier="locked" if rng.random() < 0.15 else "follows",
+        n_sats=int(rng.integers(4, 8)) if rng.random() < 0.2 else None,
+    )  # type: ignore[arg-type]  # fmt: skip
+
+
+def _above(place: Vector) -> Vector:
+    """Not under the ground."""
+    return place[0], place[1], max(place[2], -100.0)
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _difference(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+# ---------------------------------------------------------------------- to the simulator
+
+
+def make(drawn: DrawnScene, front_end: FrontEnd | None = None) -> Made | None:
+    """The scene worked out; None if what was drawn makes none, as a transmitter in an antenna's place."""
+    navigation = nominal_constellation(drawn.start_gpst)
+    clean = _scenario(drawn, [], [], front_end)
+    under = scene_of(clean, navigation)
+    enu_m = _antennas_enu_m(under)
+    if drawn.attack is None:
+        return Made(drawn=drawn, scenario=clean, navigation=navigation, scene=under, antennas_enu_m=enu_m)
+    try:
+        attack, jam = _transmitters(drawn, drawn.attack, under)
+        scenario = _scenario(drawn, [attack], jam, front_end)
+        scene = scene_of(scenario, navigation)
+    except ScenarioError:
+        return None
+    return Made(drawn=drawn, scenario=scenario, navigation=navigation, scene=scene, antennas_enu_m=enu_m)
+
+
+def _scenario(drawn: DrawnScene, attacks: list[Any], jam: list[Interference], front_end: FrontEnd | None) -> Scenario:
+    own = _site(drawn, (drawn.lat_deg, drawn.lon_deg, drawn.height_m), rides=True)
+    receivers = tuple(
+        Receiver(**own, name=f"rx{k + 1}", antennas=(Antenna(name="1", body_m=body_m),), clock_offset_s=clock_s,
+                 lo_ppm=lo_ppm)
+        for k, (body_m, clock_s, lo_ppm) in enumerate(
+            zip(drawn.antennas_body_m, drawn.clocks_s, drawn.lo_ppm, strict=True)
+        )
+    )  # fmt: skip
+    return Scenario(
+        seed=drawn.seed, start_gpst=drawn.start_gpst, duration_s=drawn.duration_s, mask_deg=MASK_DEG,
+        receivers=receivers, front_end=front_end or FrontEnd(), attacks=tuple(attacks), interference=tuple(jam),
+        sky=Sky(zenith_cn0_dbhz=drawn.zenith_cn0_dbhz, horizon_cn0_dbhz=drawn.horizon_cn0_dbhz),
+    )  # fmt: skip
+
+
+def _site(drawn: DrawnScene, place: Vector, *, rides: bool) -> dict[str, Any]:
+    """Keys of a site at latitude, longitude, height; what rides moves as the receivers do."""
+    site: dict[str, Any] = dict(zip(("lat_deg", "lon_deg", "height_m"), place, strict=True))
+    if drawn.motion == "still" or not rides:
+        return site | ({"heading_deg": drawn.heading_deg} if drawn.motion == "still" else {})
+    heading_rad = math.radians(drawn.heading_deg)
+    length_m = drawn.speed_m_s * (drawn.duration_s + 40.0)
+    points = [(0.0, 0.0, 0.0)]
+    legs = [1.0] if drawn.motion == "straight" else [0.25, 0.25, 0.5]
+    for leg, share in enumerate(legs):
+        turned_rad = heading_rad + (-1.0) ** leg * 0.4 * (drawn.motion == "turning") * leg
+        along = _sum(points[-1], (share * length_m * math.sin(turned_rad), share * length_m * math.cos(turned_rad), 0.0))
+        points.append(along)
+    return site | {"path": WayPoints(points_enu_m=tuple(points), speed_m_s=drawn.speed_m_s, start_s=-10.0,
+                                     from_rest=False, to_rest=False)}  # fmt: skip
+
+
+def _antennas_enu_m(scene: Scene) -> dict[str, Vector]:
+    middle_s = np.array([0.5 * scene.scenario.duration_s])
+    places = np.stack([sky.point(middle_s).position_ecef_m[0] for sky in scene.skies])
+    lat, lon, _ = geodetic_from_ecef(places[0])
+    away = (places - places[0]) @ rot_enu_ecef(lat, lon).T
+    return {sky.name: tuple(row) for sky, row in zip(scene.skies, away.tolist(), strict=True)}
+
+
+def _transmitters(drawn: DrawnScene, attack: DrawnAttack, under: Scene) -> tuple[Any, list[Interference]]:
+    body_ecef_m = ecef_from_geodetic(np.radians(drawn.lat_deg), np.radians(drawn.lon_deg), drawn.height_m)
+    start_s = np.zeros(1)
+    focus_ecef_m = under.skies[attack.focus].point(start_s).position_ecef_m[0]
+    rot = rot_enu_ecef(*geodetic_from_ecef(focus_ecef_m)[:2])
+
+    def at(away_enu_m: Vector, rides: bool) -> dict[str, Any]:
+        """A place so far from the focus at the start; the way of what rides begins where the receivers' does."""
+        place = focus_ecef_m + rot.T @ np.array(away_enu_m)
+        if rides and drawn.motion != "still":
+            moved = under.skies[0].point(start_s).position_ecef_m[0] - body_ecef_m
+            place = place - moved
+        lat, lon, height_m = geodetic_from_ecef(place)
+        return _site(drawn, (float(np.degrees(lat)), float(np.degrees(lon)), float(height_m)), rides=rides)
+
+    transmit = Site(**at(attack.transmit_enu_m, attack.rides))
+    first_db = _spread_db(under, attack, transmit)
+    common: dict[str, Any] = {
+        "name": "false", "transmit": transmit, "power_db": attack.power_db + first_db, "onset_s": attack.onset_s,
+        "noise_db": None if attack.noise_db is None else attack.noise_db + first_db, "sats": _sats(under, attack),
+    }  # fmt: skip
+    if attack.power_rises_s:
+        begin_s = attack.onset_s
+        common["power_points_db"] = ((begin_s, -15.0), (begin_s + attack.power_rises_s, 0.0))
+    jam = []
+    if attack.jam_s:
+        jam = [Interference(kind="noise", name="jam", transmit=transmit, power_db=min(30.0 + first_db, 80.0),
+                            onset_s=attack.onset_s - attack.jam_s, until_s=attack.onset_s)]  # fmt: skip
+    if attack.kind == "meaconer":
+        made: Any = Meaconer(**common, receive=Site(**at(attack.away_enu_m, True)), delay_s=attack.late_s)
+    elif attack.kind == "spoofer":
+        made = Spoofer(**common, shows=Site(**at(attack.away_enu_m, True)), clock_offset_s=attack.late_s,
+                       clock_drift=attack.drift)  # fmt: skip
+    else:
+        begin_s = attack.onset_s + attack.held_s
+        end_s = begin_s + attack.drawn_off_s
+        clock_s = ((begin_s, 0.0), (begin_s + max(abs(attack.late_s) / 1e-7, 2.0), attack.late_s))
+        made = Takeover(
+            **common, target=under.skies[attack.focus].name, clock_drift=attack.drift,
+            away_points_enu_m=((begin_s, 0.0, 0.0, 0.0), (end_s, *attack.away_enu_m)),
+            clock_points_s=clock_s if attack.late_s else (), code_offset_m=attack.code_offset_m, phase=attack.phase,
+            carrier=attack.carrier,
+        )  # fmt: skip
+    return made, jam
+
+
+def _spread_db(under: Scene, attack: DrawnAttack, transmit: Site) -> float:
+    """Power at the first receiver, for which the simulator states powers, over that at the focus."""
+    at_s = np.array([max(attack.onset_s, 0.0)])
+    there = ecef_from_geodetic(*transmit.geodetic_rad)
+    if transmit.path is not None:  # it keeps its place beside the focus
+        there = there + under.skies[attack.focus].point(at_s).position_ecef_m[0]
+        there = there - under.skies[attack.focus].point(np.zeros(1)).position_ecef_m[0]
+    away_m = [np.linalg.norm(sky.point(at_s).position_ecef_m[0] - there) for sky in under.skies]
+    return float(20.0 * np.log10(away_m[attack.focus] / away_m[0]))
+
+
+def _sats(under: Scene, attack: DrawnAttack) -> tuple[str, ...] | None:
+    if attack.n_sats is None:
+        return None
+    visible = sorted(heard.id.sat for heard in under.skies[attack.focus].signals)
+    rng = np.random.default_rng(under.scenario.seed)
+    return tuple(sorted(rng.permutation(visible)[: attack.n_sats].tolist()))
