@@ -14,7 +14,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
-from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
@@ -22,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from drawn_receiver import Heard, Noise, hear, true_offset_s
-from drawn_scenes import SEED, DrawnScene, Made, draw_scene, make, stated_sigma_m
+from drawn_scenes import DrawnScene, Made, draw_scene, make, stated_sigma_m
 from numpy.typing import NDArray
 
 from skyproof.app.document import Outcome, ReceiverOutcome, document
@@ -267,11 +266,12 @@ def told(name: str) -> Iterator[str]:
     if made is None:
         yield "makes no scene"
         return
-    heard, outcome, settings = judged(made)
+    heard, outcome, _ = judged(made)
     yield json.dumps(examined(name), indent=1, default=str)
     for e in outcome.evidence:
-        yield (f"{e.start_gpst} {e.detector} {e.says} p={e.p_value} group={e.group} "
-               f"{','.join(sorted(str(ref) for ref in e.subject))[:160]}: {e.because}")  # fmt: skip
+        if e.p_value is not None or e.detector == "multi_receiver":
+            subject = " ".join(sorted(f"{ref.receiver}:{ref.signal.sat}{ref.signal.copy}" for ref in e.subject))
+            yield f"{e.start_gpst} {e.detector} {e.says} p={e.p_value} group={e.group} {subject}: {e.because}"
     for s in outcome.decision.labels:
         yield f"{s.ref} {s.label} {s.first_epoch}-{s.last_epoch} {s.because}"
     for h, r in zip(heard, outcome.receivers, strict=True):
@@ -289,6 +289,12 @@ def told(name: str) -> Iterator[str]:
             yield "  trusted fixes (epoch error bound): " + " ".join(
                 f"{k}:{e:.1f}/{b:.1f}" for k, e, b in zip(good, level_m, bound_m, strict=True)
             )
+
+
+def report() -> Iterator[str]:
+    """Rows of the table of `make bench`: some of all."""
+    yield "attacks and clean skies drawn at random, at the level of measurements"
+    yield from table(run(names_of(40, 20), None, 1))
 
 
 def _fields(drawn: DrawnScene) -> Iterator[str]:

@@ -162,11 +162,15 @@ class _Row:
 
 @dataclass
 class _Channel:
-    """A channel in work. side : the signal its carrier follows. turns : whole cycles over that one's."""
+    """A channel in work: code and Doppler at `epoch`. side : the signal its carrier follows. turns : whole cycles over
+    that one's.
+    """
 
     sat: int
     side: int
     at_m: float
+    doppler_hz: float
+    epoch: int
     found_s: float
     missed_s: float
     from_epoch: int
@@ -222,7 +226,8 @@ def _follow(channel: _Channel, arriving: _Arriving, epoch: int) -> _Row | None:
     if both:
         turning_hz = arriving.doppler_hz[epoch, 1] - arriving.doppler_hz[epoch, 0]
         phase_rad = 2.0 * np.pi * (-(cycles[1] - cycles[0]) + turning_hz * at_s)
-    at, power = _settled((channel.at_m - code_m[base]) / CHIP_M, apart, amplitude[base], second, phase_rad)
+    carried_m = channel.at_m - WAVE_M * channel.doppler_hz * INTERVAL_S * (epoch - channel.epoch)
+    at, power = _settled((carried_m - code_m[base]) / CHIP_M, apart, amplitude[base], second, phase_rad)
     if power <= 0.0:
         return None
     parts = np.array([amplitude[0] * _top(at), amplitude[1] * _top(at - apart)])
@@ -241,6 +246,7 @@ def _follow(channel: _Channel, arriving: _Arriving, epoch: int) -> _Row | None:
     dbhz = 10.0 * math.log10(power) + float(arriving.dbhz[epoch, base] - 20.0 * math.log10(amplitude[base]))
     share = float(parts[1] / parts.sum())
     channel.side, channel.at_m = side, float(code_m[base] + at * CHIP_M)
+    channel.doppler_hz, channel.epoch = doppler_hz, epoch
     if dbhz < HOLD_DBHZ:
         return None
     weights = np.array([1.0 - share, share])
@@ -301,15 +307,16 @@ class _Receiver:
         return self.arriving[channel.sat].sat, channel.copy
 
     def _place(self, channel: _Channel, at_s: float) -> Place:
-        doppler_hz = channel.last.doppler_hz if channel.last is not None else 0.0
-        return Place(at_s=at_s, delay_s=channel.at_m / SPEED_OF_LIGHT_M_S % 1e-3, doppler_hz=doppler_hz)
+        return Place(
+            at_s=at_s, delay_s=channel.at_m / SPEED_OF_LIGHT_M_S % 1e-3, doppler_hz=channel.doppler_hz
+        )  # fmt: skip
 
     def _lose(self, channel: _Channel, epoch: int) -> None:
         self.channels.remove(channel)
         if channel.copy is not None:
             self.lost.append(LostSignal(
                 sat=self.arriving[channel.sat].sat, copy=channel.copy, found_s=channel.found_s,
-                missed_s=channel.missed_s, place=self._place(channel, float(self.elapsed_s[epoch - 1])),
+                missed_s=channel.missed_s, place=self._place(channel, float(self.elapsed_s[channel.epoch])),
             ))  # fmt: skip
 
     def _confirm(self, epoch: int, now_s: float) -> None:
@@ -345,7 +352,7 @@ class _Receiver:
         full = epoch == 0 or now_s // FULL_SEARCH_S > float(self.elapsed_s[epoch - 1]) // FULL_SEARCH_S
         for number, arriving in enumerate(self.arriving):
             own = [c for c in self.channels if c.sat == number]
-            heard_hz = [c.last.doppler_hz for c in own if c.last is not None]
+            heard_hz = [c.doppler_hz for c in own]
             heard_hz += [old.place.doppler_hz for old in self.lost if old.sat == arriving.sat]
             if not (full or heard_hz):
                 continue
@@ -358,8 +365,10 @@ class _Receiver:
                     continue
                 if any(abs(at_m - c.at_m) < APART_CHIPS * CHIP_M for c in own):
                     continue
-                new = _Channel(sat=number, side=int(side), at_m=at_m, found_s=now_s,
-                               missed_s=self.searched_s.get(number, math.nan), from_epoch=epoch + CONFIRM_EPOCHS)  # fmt: skip
+                new = _Channel(
+                    sat=number, side=int(side), at_m=at_m, doppler_hz=hz, epoch=epoch, found_s=now_s,
+                    missed_s=self.searched_s.get(number, math.nan), from_epoch=epoch + CONFIRM_EPOCHS,
+                )  # fmt: skip
                 own.append(new)
                 self.channels.append(new)
             self.searched_s[number] = now_s

@@ -15,8 +15,17 @@ from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulate.heard import Scene
-from skyproof.simulate.scenario import Antenna, FrontEnd, Interference, Meaconer, Receiver, Scenario, Sky, Spoofer
-from skyproof.simulate.scenario import Takeover
+from skyproof.simulate.scenario import (
+    Antenna,
+    FrontEnd,
+    Interference,
+    Meaconer,
+    Receiver,
+    Scenario,
+    Sky,
+    Spoofer,
+    Takeover,
+)
 from skyproof.simulate.sites import Site, WayPoints
 from skyproof.simulate.sky import scene_of
 
@@ -135,7 +144,7 @@ def draw_scene(name: str, *, n_receivers: int | None = None, duration_s: float |
     n = n_receivers or int(rng.choice([2, 3, 4], p=[0.6, 0.25, 0.15]))
     motion = str(rng.choice(["still", "straight", "turning"], p=[0.6, 0.25, 0.15]))
     given = str(rng.choice(["nothing", "distance", "positions"]))
-    if given == "distance" and n > 2 or given == "positions" and motion == "turning":
+    if (given == "distance" and n > 2) or (given == "positions" and motion == "turning"):
         given = "nothing"
     lasts_s = duration_s or float(rng.uniform(40.0, 60.0))
     antennas = _antennas(rng, n)
@@ -215,7 +224,8 @@ def _attack(
     if kind == "meaconer":
         late_s = abs(late_s)
     return DrawnAttack(
-        kind=kind, focus=focus, reached=tuple(sorted([focus, *joined])), transmit_enu_m=_above(_level(rng, away_m, 0.3)),
+        kind=kind, focus=focus, reached=tuple(sorted([focus, *joined])),
+        transmit_enu_m=_above(_level(rng, away_m, 0.3)),
         rides=motion != "still" and (away_m < RIDES_WITHIN_M or rng.random() < 0.3), power_db=power_db,
         power_rises_s=float(rng.uniform(2.0, 10.0)) if rng.random() < 0.3 else 0.0, noise_db=noise_db,
         jam_s=float(rng.uniform(3.0, 10.0)) if within and rng.random() < 0.25 else 0.0, onset_s=onset_s, place=place,
@@ -288,8 +298,8 @@ def _site(drawn: DrawnScene, place: Vector, *, rides: bool) -> dict[str, Any]:
     legs = [1.0] if drawn.motion == "straight" else [0.25, 0.25, 0.5]
     for leg, share in enumerate(legs):
         turned_rad = heading_rad + (-1.0) ** leg * 0.4 * (drawn.motion == "turning") * leg
-        along = _sum(points[-1], (share * length_m * math.sin(turned_rad), share * length_m * math.cos(turned_rad), 0.0))
-        points.append(along)
+        leg_m = share * length_m
+        points.append(_sum(points[-1], (leg_m * math.sin(turned_rad), leg_m * math.cos(turned_rad), 0.0)))
     return site | {"path": WayPoints(points_enu_m=tuple(points), speed_m_s=drawn.speed_m_s, start_s=-10.0,
                                      from_rest=False, to_rest=False)}  # fmt: skip
 

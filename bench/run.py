@@ -10,6 +10,7 @@ from time import perf_counter
 import accuracy
 import acquisition
 import deciding
+import drawn
 import kernel
 import methods
 import pairs
@@ -27,7 +28,7 @@ import receiver
 BENCHES = {
     "kernel": kernel, "acquisition": acquisition, "sets": sets, "simulator": simulator, "accuracy": accuracy,
     "deciding": deciding, "methods": methods, "protection": protection, "receiver": receiver,
-    "reading": reading, "rinex": rinex, "position": position, "pairs": pairs, "startup": startup,
+    "reading": reading, "rinex": rinex, "position": position, "pairs": pairs, "startup": startup, "drawn": drawn,
 }  # fmt: skip
 
 
