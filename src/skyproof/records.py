@@ -145,6 +145,8 @@ class Observations:
     doppler_hz : apparent carrier frequency minus nominal; falls with a growing range rate; contains the clock drift.
     pseudorange_sigma_m, carrier_sigma_cyc, doppler_sigma_hz : thermal noise, one sigma.
     status : (n_epochs, n_channels) uint8, see CELL_STATUS. NaN always has a reason here.
+    half_cycle_open : (n_epochs, n_channels) where the carrier may be half a cycle off, for nothing told the sign of the
+        data bits; elsewhere it is arbitrary by whole cycles only. One value at construction stands for all cells.
     found_elapsed_s : (n_channels,) when the search found the signal.
     missed_elapsed_s : (n_channels,) the last search before that which looked and did not find it; NaN if the first
         search already found it. The signal came between the two.
@@ -167,14 +169,17 @@ class Observations:
     missed_elapsed_s: Reals
     carrier_hz: Reals = field(default_factory=lambda: np.array(L1_HZ))
     averaged_s: float = 0.0
+    half_cycle_open: NDArray[np.bool_] = field(default_factory=lambda: np.array(False))
 
     def __post_init__(self) -> None:
-        carrier_hz = np.asarray(self.carrier_hz, np.float64)
+        carrier_hz, half_open = np.asarray(self.carrier_hz, np.float64), np.asarray(self.half_cycle_open, np.bool_)
         if carrier_hz.ndim == 0:
             object.__setattr__(self, "carrier_hz", np.full(len(self.signals), carrier_hz))
+        if half_open.ndim == 0:
+            object.__setattr__(self, "half_cycle_open", np.full(np.shape(self.status), half_open))
         cell = ("epoch", "channel")
         cells = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
-                 "doppler_sigma_hz", "status")  # fmt: skip
+                 "doppler_sigma_hz", "status", "half_cycle_open")  # fmt: skip
         freeze(
             self,
             {"gpst": ("epoch",), "elapsed_s": ("epoch",), "found_elapsed_s": ("channel",),

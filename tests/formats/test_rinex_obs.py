@@ -174,6 +174,16 @@ def test_a_gap_is_told_as_lost_lock_but_the_first_measurement_is_not():
     assert lost_locks(missing(observations, (4, 1)), "G07a", "G30a") == [5]
 
 
+def test_a_phase_that_may_be_half_a_cycle_off_has_bit_1_of_the_indicator():
+    observations = with_cells(observations_of(), ([1, 2, 3], 1), half_cycle_open=True)
+    observations = with_cells(observations, ([1, 4], 1), status=3)
+    observations = with_cells(observations, (3, 1), carrier_cyc=np.nan)
+    cells = parsed_from(observations, "G07a").cells
+    indicators = [cells[epoch, "G07", "L1C"][1] for epoch in (0, 1, 2, 4, 5)]
+    assert indicators == [" ", "3", "2", "1", " "]
+    assert {cells[epoch, "G07", "C1C"][1] for epoch in range(6)} == {" "}
+
+
 def test_another_channel_of_the_satellite_is_told_as_lost_lock():
     observations = missing(missing(observations_of(), (slice(0, 3), 2)), (slice(3, None), 1))
     assert lost_locks(observations, "G07a", "G07b") == [3]

@@ -107,6 +107,15 @@ def test_version_2_is_read_with_blank_numbers_events_and_clocks_off_the_second()
     assert np.isnan(seen.carrier_hz[column(seen, "R05", "G1")])
 
 
+def test_a_phase_that_may_be_half_a_cycle_off_is_marked_and_slips_where_that_changes():
+    marks = "0", "2", "3", "2", "0"
+    body = [row for k, mark in enumerate(marks) for row in epoch_3(37.0 + k, [sat_3("G05", lli=mark)])]
+    seen = parsed([*HEADER_3, *body]).observations
+    at = column(seen, "G05")
+    np.testing.assert_array_equal(seen.half_cycle_open[:, at], [False, True, True, True, False])
+    np.testing.assert_array_equal(seen.status[:, at], [0, 3, 3, 0, 3])
+
+
 def test_more_than_twelve_satellites_continue_on_the_next_line():
     names = [f"G{n:02d}" for n in range(1, 28)]
     body = [*epoch_2(0.0, names), *(text for k in range(27) for text in record_2(float(k)))]
@@ -241,14 +250,16 @@ def test_what_our_writer_writes_is_read_back(tmp_path):
     shape, ones = (20, 9), np.ones((20, 9))
     signals = tuple(SignalId(f"G{n:02d}") for n in range(1, 10))
     status = np.zeros(shape, np.uint8)
-    status[7, 3] = 3
+    half_open = np.zeros(shape, np.bool_)
+    half_open[2:7, 5] = half_open[:4, 6] = True
+    status[[7, 2, 7, 4], [3, 5, 5, 6]] = 3
     written = Observations(
         receiver="rx", signals=signals, elapsed_s=np.arange(20) * 0.5,
         gpst=np.datetime64("2022-01-01T21:46:00.25", "ns") + np.arange(20) * np.timedelta64(500, "ms"),
         pseudorange_m=rng.uniform(2e7, 2.6e7, shape), carrier_cyc=rng.uniform(-1e8, 1.4e8, shape),
         doppler_hz=rng.uniform(-5e3, 5e3, shape), cn0_dbhz=rng.uniform(20.0, 55.0, shape), status=status,
         pseudorange_sigma_m=ones, carrier_sigma_cyc=ones, doppler_sigma_hz=ones, found_elapsed_s=np.zeros(9),
-        missed_elapsed_s=np.full(9, np.nan),
+        missed_elapsed_s=np.full(9, np.nan), half_cycle_open=half_open,
     )  # fmt: skip
     write_obs(tmp_path / "a.obs", written, signals=signals, holds="authentic", marker="rx", version="1",
               created_utc=datetime(2022, 1, 1, tzinfo=UTC))  # fmt: skip
@@ -256,6 +267,7 @@ def test_what_our_writer_writes_is_read_back(tmp_path):
     assert back.signals == signals
     np.testing.assert_array_equal(back.gpst, written.gpst)
     np.testing.assert_array_equal(back.status, status)
+    np.testing.assert_array_equal(back.half_cycle_open, half_open)
     for name in ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz"):
         np.testing.assert_allclose(getattr(back, name), getattr(written, name), rtol=0, atol=5.01e-4, err_msg=name)
     (tmp_path / "a.obs.gz").write_bytes(gzip.compress((tmp_path / "a.obs").read_bytes()))

@@ -14,13 +14,14 @@ PLACE = Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
 
 
 class Rendered:
-    """A scene with the samples of its first receiver in memory."""
+    """A scene with the samples of one of its receivers in memory."""
 
-    def __init__(self, scenario) -> None:  # type: ignore[no-untyped-def]
+    def __init__(self, scenario, receiver=0) -> None:  # type: ignore[no-untyped-def]
+        self.receiver = receiver
         self.scenario = scenario
         self.navigation = nominal_constellation(scenario.start_gpst)
         self.scene: Scene = scene_of(scenario, self.navigation)
-        self.samples = samples_of(scenario, self.navigation)[0]
+        self.samples = samples_of(scenario, self.navigation)[receiver]
         self.planes = self.samples.read(0, self.samples.n_samples)
 
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.receiver.conftest import PLACE, START, Rendered
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
@@ -14,6 +15,8 @@ from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.observables import assemble, clock_label
 from skyproof.receiver.tracking import Receiver, ReceiverState
 from skyproof.records import Observations
+from skyproof.simulate import scenes
+from skyproof.simulate.scenario import FrontEnd
 
 
 def receive(rendered, cuts):
@@ -48,7 +51,7 @@ def meaconed_tracked(meaconed):
 
 def truth_of(rendered, o: Observations):
     """True code delay (s), carrier delay (s) and Doppler (Hz) at every epoch, columns as in `o`."""
-    sky = rendered.scene.skies[0]
+    sky = rendered.scene.skies[rendered.receiver]
     true_s = o.elapsed_s + sky.true_minus_elapsed_s(o.elapsed_s)
     columns = [[heard.id.sat for heard in sky.signals].index(signal.sat) for signal in o.signals]
     drift = sky.receiver.lo_ppm * 1e-6
@@ -120,9 +123,10 @@ def test_carrier_and_doppler_agree_with_the_truth(clean, tracked):
     sky = clean.scene.skies[0]
     clock_s = -sky.true_minus_elapsed_s(o.elapsed_s)[:, None]
     error_cyc = (o.carrier_cyc - 1575.42e6 * (carrier_s + clock_s))[o_rows]
-    # One arbitrary start a channel, and bits leave half cycles open: the change over time is what counts.
+    # One arbitrary start a channel, by whole cycles: the change over time is what counts, and the fraction.
     moved = error_cyc - error_cyc[0]
     assert np.abs(moved).max() < 0.06
+    assert np.abs(wrapped(error_cyc - error_cyc[:, :1])).max() < 0.06
     assert np.abs((o.doppler_hz - doppler_hz)[o_rows]).max() < 0.5
 
 
@@ -150,3 +154,51 @@ def test_state_does_not_grow_with_time(clean):
 
 def test_letters_go_on_after_z():
     assert [letter(n) for n in (0, 1, 25, 26, 27, 701, 702)] == ["a", "b", "z", "aa", "ab", "zz", "aaa"]
+
+
+# ---------------------------------------------------------------------- half cycles
+
+
+def wrapped(cycles):
+    return cycles - np.rint(cycles)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Two receivers 60 m apart, from two seconds before a subframe on."""
+    front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
+    scenario = scenes.clean(PLACE, START, duration_s=4.2, receivers=2, mask_deg=25.0, front_end=front_end, seed=3)
+    return [Rendered(scenario, receiver) for receiver in (0, 1)]
+
+
+def carrier_errors_cyc(rendered, o):
+    return o.carrier_cyc - 1575.42e6 * truth_of(rendered, o)[2]
+
+
+def test_double_differences_of_two_receivers_are_whole_cycles_off_the_truth(pair):
+    received = [observations(rendered, *receive(rendered, [])) for rendered in pair]
+    a, b = (carrier_errors_cyc(rendered, o) for rendered, o in zip(pair, received, strict=True))
+    assert [o.signals for o in received] == [received[0].signals] * 2
+    assert len(received[0].signals) > 4
+    double = (a - b)[8:] - (a - b)[8:, :1]
+    assert np.isfinite(double).all()
+    assert np.abs(wrapped(double)).max() < 0.05
+    assert not any(o.half_cycle_open.any() for o in received)
+
+
+def test_a_carrier_turned_by_half_a_cycle_in_the_middle_is_a_slip_and_right_on_both_sides(clean, tracked):
+    """All samples inverted from 6.53 s on: no loop notices, but the data bits do."""
+    turned = Rendered.__new__(Rendered)
+    turned.__dict__ |= clean.__dict__
+    turned.planes = clean.planes[:, : int(10.1 * 2.6e6)].copy()
+    turned.planes[:, int(6.53 * 2.6e6) :] *= -1.0
+    o = observations(turned, *receive(turned, []))
+    before, after = o.elapsed_s < 6.5, o.elapsed_s > 6.6
+    moved = o.carrier_cyc - observations(clean, *tracked).carrier_cyc[: o.elapsed_s.size]
+    good = np.isfinite(moved) & ~o.half_cycle_open
+    np.testing.assert_allclose(wrapped(moved[before][good[before]]), 0.0, atol=0.01)
+    np.testing.assert_allclose(np.abs(wrapped(moved[after][good[after]])), 0.5, atol=0.01)
+    for column in range(len(o.signals)):
+        slipped = np.flatnonzero(o.status[:, column] == 3)
+        assert 6.0 < o.elapsed_s[slipped[0]] <= 6.6 <= o.elapsed_s[slipped[-1]] < 7.2
+        assert set(np.flatnonzero(o.half_cycle_open[:, column])) <= set(slipped)

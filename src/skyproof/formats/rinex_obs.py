@@ -67,7 +67,9 @@ def obs_lines(
 
     Epochs are the receiver's own (`observations.gpst`, to 100 ns) and its clock bias is not taken off. The phase has
     the sign of the range, and Doppler is positive for an approaching satellite, as in the record. An epoch without a
-    measurement is left out, and so is a satellite without one, and a number too long for its field.
+    measurement is left out, and so is a satellite without one, and a number too long for its field. The loss-of-lock
+    indicator of the phase is the sum of 1 where it does not continue that of the epoch before, and 2 where it may be
+    half a cycle off (table A3).
 
     Parameters
     ----------
@@ -95,14 +97,16 @@ def obs_lines(
     if not kept.any():
         raise ValueError(f"{marker}: no measurement on any of the {len(channels)} signals; there is nothing to write")
     ticks = _in_ticks(observations.gpst)
-    lost = _lock_was_lost(observations.status[:, channels] == _SLIP, np.isfinite(values[..., 1]), sats)
+    phase = np.isfinite(values[..., 1])
+    lost = _lock_was_lost(observations.status[:, channels] == _SLIP, phase, sats)
+    indicator = 1 * lost + 2 * (phase & observations.half_cycle_open[:, channels])
 
     listed = ", ".join(f"{signal.sat}{signal.copy}" for signal in sorted(signals))
     header = _header(
         ticks[kept], marker=marker, version=version, position_ecef_m=position_ecef_m, created_utc=created_utc,
         comments=(f"Signals labelled {holds}: {listed}", *comments),
     )  # fmt: skip
-    return itertools.chain(header, _body(ticks, sats, values, there, lost))
+    return itertools.chain(header, _body(ticks, sats, values, there, indicator))
 
 
 def _channels(observations: Observations, signals: Sequence[SignalId]) -> list[int]:
@@ -184,7 +188,7 @@ def _line(text: str, label: str) -> str:
 
 
 def _body(
-    ticks: Instants, sats: list[str], values: Reals, there: NDArray[np.bool_], lost: NDArray[np.bool_]
+    ticks: Instants, sats: list[str], values: Reals, there: NDArray[np.bool_], indicator: NDArray[np.int64]
 ) -> Iterator[str]:
     for epoch in np.flatnonzero(there.any(axis=1)):
         year, month, day, hour, minute, second_ticks = _calendar(ticks[epoch])
@@ -193,14 +197,14 @@ def _body(
             f"> {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d}{_seconds(second_ticks):>11}  0{present.size:3d}"
         )
         for channel in present:
-            yield _satellite(sats[channel], values[epoch, channel].tolist(), bool(lost[epoch, channel]))
+            yield _satellite(sats[channel], values[epoch, channel].tolist(), int(indicator[epoch, channel]))
 
 
-def _satellite(sat: str, values: list[float], lost: bool) -> str:
+def _satellite(sat: str, values: list[float], indicator: int) -> str:
     """C1C L1C D1C S1C of one satellite: each F14.3, loss of lock (phase alone), strength (code and phase)."""
     cn0_dbhz = values[3]
     strength = str(int(min(max(cn0_dbhz // 6.0, 1.0), 9.0))) if np.isfinite(cn0_dbhz) else " "
-    marks = (f" {strength}", f"{'1' if lost else ' '}{strength}", "  ", "  ")
+    marks = (f" {strength}", f"{indicator or ' '}{strength}", "  ", "  ")
     cells = (f"{v:14.3f}{m}" if np.isfinite(v) else " " * 16 for v, m in zip(values, marks, strict=True))
     return (sat + "".join(cells)).rstrip()
 

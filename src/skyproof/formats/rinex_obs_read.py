@@ -91,7 +91,8 @@ def parse_obs(
 ) -> ObservationFile:
     """The observations in the bytes of a RINEX file; `source` names it in messages.
 
-    Loss of lock, slips told by event records and a power failure become status 3 (cycle slip). Sigmas are those of
+    Loss of lock, slips told by event records and a power failure become status 3 (cycle slip), and so does a phase that
+    may be half a cycle off and then may not, or the other way round. Sigmas are those of
     thermal noise in textbook loops: code by an early-minus-late loop of 1 Hz and 0.5 chip, phase and frequency by loops
     of 15 Hz, 20 ms of integration (Kaplan and Hegarty, Understanding GPS/GNSS, 3rd ed., 8.9); without C/N0 by that of
     the strength indicator, and 40 dB-Hz where there is none either, which the remarks tell.
@@ -238,6 +239,12 @@ def _as_version_3(name: str, types: Sequence[str], system: str) -> str:
     return ("C" if kind == "P" else kind) + attribute
 
 
+_Block = tuple[
+    SignalId, NDArray[np.int64], dict[str, Reals], NDArray[np.uint8], NDArray[np.bool_], NDArray[np.bool_]
+]
+"""One signal's epochs, numbers by kind, strength, loss of lock, and where its phase may be half a cycle off."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Table:
     """Every signal's numbers by epoch, (n_epochs, n_signals) each."""
@@ -247,6 +254,7 @@ class _Table:
     numbers: Mapping[str, Reals]  # by kind
     strength: NDArray[np.uint8]
     lost: NDArray[np.bool_]
+    half_open: NDArray[np.bool_]
     remarks: tuple[str, ...]
 
     @classmethod
@@ -254,7 +262,7 @@ class _Table:
         place, instant_ns, remarks = _epochs_in_order(rows)
         observed = rows.flag[rows.epoch] < 6
         bad: list[int] = []
-        blocks: list[tuple[SignalId, NDArray[np.int64], dict[str, Reals], NDArray[np.uint8], NDArray[np.bool_]]] = []
+        blocks: list[_Block] = []
         for layout, types_by_system in enumerate(rows.layouts):
             for letter in sorted({chr(k) for k in np.unique(rows.sat // 100)}):
                 types = types_by_system.get(letter, types_by_system.get("", ()))
@@ -266,17 +274,18 @@ class _Table:
         column = {signal: k for k, signal in enumerate(signals)}
         shape = (instant_ns.size, len(signals))
         numbers = {kind: np.full(shape, np.nan) for kind in _KINDS}
-        strength, lost = np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
-        for signal, epochs, values, marks, slips in blocks:
+        strength, lost, half_open = np.zeros(shape, np.uint8), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
+        for signal, epochs, values, marks, slips, halves in blocks:
             for kind, value in values.items():
                 numbers[kind][epochs, column[signal]] = value
             strength[epochs, column[signal]] = marks
             lost[epochs, column[signal]] = slips
-        lost |= _told_slips(rows, place, instant_ns, signals)
+            half_open[epochs, column[signal]] = halves
+        lost |= _told_slips(rows, place, instant_ns, signals) | _changes(half_open, np.isfinite(numbers["L"]))
         told = [f"line {lines.first_number + k}: a field that is no number is left out" for k in sorted(set(bad))[:10]]
         if len(set(bad)) > 10:
             told.append(f"{len(set(bad)) - 10} further lines with fields that are no numbers")
-        return cls(signals, instant_ns, numbers, strength, lost, (*remarks, *told))
+        return cls(signals, instant_ns, numbers, strength, lost, half_open, (*remarks, *told))
 
 
 def _epochs_in_order(rows: Rows) -> tuple[NDArray[np.int64], NDArray[np.int64], list[str]]:
@@ -298,8 +307,8 @@ def _epochs_in_order(rows: Rows) -> tuple[NDArray[np.int64], NDArray[np.int64], 
 def _blocks(
     lines: Lines, rows: Rows, its: NDArray[np.int64], fields: Mapping[tuple[str, str], Mapping[str, int]],
     header: _Header, keep: Callable[[SignalId], bool] | None, place: NDArray[np.int64], bad: list[int],
-) -> Iterable[tuple[SignalId, NDArray[np.int64], dict[str, Reals], NDArray[np.uint8], NDArray[np.bool_]]]:  # fmt: skip
-    """Each signal's epochs, numbers by kind, strength and loss of lock, from the rows `its` of one system."""
+) -> Iterable[_Block]:  # fmt: skip
+    """What the rows `its` of one system hold of each signal."""
     sats = np.unique(rows.sat[its]).tolist()
     names = {sat: f"{chr(sat // 100)}{sat % 100:02d}" for sat in sats}
     wanted = {
@@ -327,15 +336,18 @@ def _blocks(
                 continue
             first = at[columns.get("C", columns.get("L", next(iter(columns.values()))))]
             phase = at.get(columns.get("L", -1))
-            slip = np.zeros(own.size, np.bool_)
+            slip, half_open = np.zeros(own.size, np.bool_), np.zeros(own.size, np.bool_)
             if phase is not None:
                 slip = np.isfinite(values["L"]) & ((parsed.lli[own, phase] & 1 > 0) | failed[own])
+                half_open = np.isfinite(values["L"]) & (parsed.lli[own, phase] & 2 > 0)
             strength = parsed.strength[own, first]
             if phase is not None:
                 strength = np.maximum(strength, parsed.strength[own, phase])
             epochs = place[rows.epoch[its[own[there]]]]
             chosen = {kind: value[there] for kind, value in values.items()}
-            blocks.append((SignalId(names[sat], *signal), epochs, chosen, strength[there], slip[there]))
+            blocks.append(
+                (SignalId(names[sat], *signal), epochs, chosen, strength[there], slip[there], half_open[there])
+            )
     return blocks
 
 
@@ -350,6 +362,15 @@ def _told_slips(
         if epoch < instant_ns.size:
             lost[epoch, [k for k, signal in enumerate(signals) if signal.sat == sat]] = True
     return lost
+
+
+def _changes(marks: NDArray[np.bool_], there: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Where a mark differs from that of the same signal's last measurement before; all (n_epochs, n_signals)."""
+    changed = np.zeros_like(marks)
+    for column in np.flatnonzero(marks.any(axis=0)):
+        epochs = np.flatnonzero(there[:, column])
+        changed[epochs[1:], column] = np.diff(marks[epochs, column])
+    return changed
 
 
 # --- the record
@@ -391,6 +412,7 @@ def _observations(
         carrier_sigma_cyc=np.where(np.isfinite(phase_cyc), phase_sigma_cyc, np.nan),
         doppler_sigma_hz=np.where(np.isfinite(doppler_hz), doppler_sigma_hz, np.nan),
         status=np.where(there, np.where(table.lost, _SLIP, 0), 1).astype(np.uint8),
+        half_cycle_open=table.half_open,
         found_elapsed_s=elapsed_s[first],
         missed_elapsed_s=np.where(first > 0, elapsed_s[np.maximum(first - 1, 0)], np.nan),
         carrier_hz=np.array([carrier_hz_of(s.band, channels.get(s.sat)) for s in table.signals]),

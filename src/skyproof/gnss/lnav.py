@@ -19,7 +19,7 @@ from skyproof.gnss.time import nearest_week
 __all__ = [
     "BITS_PER_SUBFRAME", "SUBFRAME_S", "URA_M", "Bits", "How", "Subframe", "decode_how", "decode_subframe",
     "encode_subframes", "ephemeris_from_subframes", "find_subframes", "ionosphere_and_utc", "is_plausible", "quantised",
-    "words_hold",
+    "word_signs", "words_hold",
 ]  # fmt: skip
 
 Bits = NDArray[np.int8]
@@ -30,6 +30,7 @@ URA_M: Final = (2.4, 3.4, 4.85, 6.85, 9.65, 13.65, 24.0, 48.0, 96.0, 192.0, 384.
 """Upper limit of the user range accuracy of index 0 to 14, metres; 15 promises nothing (IS-GPS-200N, 20.3.3.3.1.3)."""
 
 _PREAMBLE: Final = np.array([1, 0, 0, 0, 1, 0, 1, 1], dtype=np.int8)  # 20.3.3.1
+_ZEROS: Final = np.zeros(2, dtype=np.int8)
 _HOW_COUNTS: Final = SECONDS_PER_WEEK // SUBFRAME_S
 _IONOSPHERE_PAGE, _IONOSPHERE_SV_ID = 18, 56  # of subframe 4; table 20-V
 
@@ -69,6 +70,30 @@ def words_hold(bits: Bits) -> tuple[Bits, NDArray[np.bool_]]:
     last_two[..., 1:, :] = words[..., :-1, 28:]
     data = words[..., :24] ^ last_two[..., 1:]
     return data, (_parity(data, last_two) == words[..., 24:]).all(axis=-1)
+
+
+def word_signs(bits: Bits, start: int) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8]]:
+    """What each whole word of a stream of bits (n,), of which a subframe starts at bit `start`, tells of its polarity.
+
+    Returns
+    -------
+    at : (n_words,) first bit of each word that has at least two bits before it.
+    holds : (n_words,) whether its parity is right, in either polarity as long as those two bits came in the same.
+    signs : (n_words,) +1 upright, -1 inverted by the bits of it that are known (the preamble, and the zeros in which
+        words 2 and 10 end, 20.3.3.2); 0 for other words and where it does not hold.
+    """
+    first = start % 30 if start % 30 > 1 else start % 30 + 30
+    at = np.arange(first, bits.size - 29, 30)
+    words = bits[at[:, None] + np.arange(30)]
+    last_two = bits[at[:, None] + np.arange(-2, 0)]
+    holds = (_parity(words[:, :24] ^ last_two[:, 1:], last_two) == words[:, 24:]).all(axis=-1)
+    signs = np.zeros(at.size, np.int8)
+    number = (at - start) // 30 % 10
+    for which, begin, expected in ((0, 0, _PREAMBLE), (1, 28, _ZEROS), (9, 28, _ZEROS)):
+        wrong = (words[:, begin : begin + expected.size] != expected).mean(axis=-1)
+        signs[(number == which) & holds & (wrong == 0.0)] = 1
+        signs[(number == which) & holds & (wrong == 1.0)] = -1
+    return at, holds, signs
 
 
 def _encode_words(data: Bits) -> Bits:

@@ -14,6 +14,7 @@ import numpy as np
 from skyproof.gnss.lnav import Subframe
 from skyproof.gnss.signals import SignalDescription
 from skyproof.receiver import telemetry as tm
+from skyproof.receiver.polarity import Stretch
 from skyproof.records import Reals, SignalId
 
 __all__ = ["Arc", "Channel", "Gap", "LostSignal", "Place", "arc_of", "continued", "letter"]
@@ -97,6 +98,7 @@ class Arc:
     bit_synchronised: bool
     bits_period: int
     subframes: Mapping[int, Subframe]
+    stretches: tuple[Stretch, ...] = ()
 
 
 def arc_of(channel: Channel, signal: SignalDescription) -> Arc:
@@ -111,6 +113,7 @@ def arc_of(channel: Channel, signal: SignalDescription) -> Arc:
         bit_synchronised=channel.telemetry.synchronised,
         bits_period=channel.telemetry.bits_period,
         subframes=channel.telemetry.subframes,
+        stretches=channel.telemetry.stretches,
     )
 
 

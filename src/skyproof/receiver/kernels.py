@@ -44,7 +44,8 @@ CODE_MINUS_CARRIER = 31  # seconds, slow mean; NaN before the first measurement
 SHIFT_OWED = 32  # chips by which the replica was late so far, all periods together
 RESIDUAL_VARIANCE = 33  # of the measurements: how well that residual is known, cycles squared
 CODE_STEER = 34  # chips/s beside all else; where other signals of the satellite swing the discriminator, instead of it
-N_STATE = 35
+SLIPPED = 35  # of the measurements: 1 if the carrier slipped, or may have, since the last row that was given out
+N_STATE = 36
 
 # Columns of what one code period of one channel gives (float64), followed by real and imaginary part of every tap.
 OUT_START = 0

@@ -27,9 +27,10 @@ CN0_DBHZ = 4
 CODE_SIGMA_S = 5
 CARRIER_SIGMA_CYC = 6
 DOPPLER_SIGMA_HZ = 7
-SLIP = 8  # 1 if the carrier slipped, or may have, since the block before
+SLIP = 8  # 1 if the carrier slipped, or may have, since the last row that was given out
 JUMP = 9  # largest step of the carrier's phase beside the loop's, over its sigma
-N_COLUMNS = 10
+TURNED = 10  # 1 if the carrier is nearer to half a cycle off the loop's: data bits have the other sign on it
+N_COLUMNS = 11
 
 UNSYNCHRONISED_PERIODS = 20  # a group, while it is not known where bits begin
 STRAY_CYC = 0.05  # by so much signal and loop may part in the time of a group; a slip takes several
@@ -178,12 +179,16 @@ def _measure_channel(
         cn0_hz = _carrier_to_noise_hz(prompt, wipe, group, synchronised, period_s)
     expected = _period_variance(max(cn0_hz, LEAST_CN0_HZ), coherent_s, period_s)
     residual_cyc, slipped, jump = _unwrapped(state, squares, expected / weight)
+    if slipped:
+        state[k.SLIPPED] = 1.0
     fit, variance = _parabola(middle_s, square_s2, loop_cyc + residual_cyc, weight)
 
     # Rotations that leave the signal on the real axis, bits wiped off.
+    along = 0.0
     for r in range(n):
         g = group[r]
         turn = np.exp(-2j * np.pi * (fit[0] + fit[1] * middle_s[g] + fit[2] * square_s2[g] - loop_cyc[g]))
+        along += turn.real
         seen = sums[g] * turn if synchronised else prompt[r] * turn
         wipe[r] = turn if seen.real >= 0.0 else -turn
     code_chips, difference, level = 0.0, 0.0, 0.0
@@ -212,7 +217,7 @@ def _measure_channel(
     result[CODE_SIGMA_S] = math.sqrt(code_noise_chips2 / (n * period_s * cn0_hz)) / chip_rate_hz
     result[CARRIER_SIGMA_CYC] = math.sqrt(variance[0] * period_variance)
     result[DOPPLER_SIGMA_HZ] = math.sqrt(variance[1] * period_variance)
-    result[SLIP] = 1.0 if slipped else 0.0
+    result[SLIP] = state[k.SLIPPED]
     # By the weakest quarter: what noise does once a signal has faded must not pass for a jump.
     weakest_hz = cn0_hz
     for quarter in range(4):
@@ -220,6 +225,7 @@ def _measure_channel(
         weakest_hz = min(weakest_hz, _carrier_to_noise_hz(prompt[q], wipe[q], group[q], synchronised, period_s))
     weakest = _period_variance(max(weakest_hz, LEAST_CN0_HZ), coherent_s, period_s)
     result[JUMP] = jump * math.sqrt(expected / weakest)
+    result[TURNED] = 1.0 if along < 0.0 else 0.0
 
 
 @compiled

@@ -15,6 +15,7 @@ from skyproof.gnss.time import gpst
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.polarity import half_cycles
 from skyproof.receiver.replica import CODE_SCALE
 from skyproof.records import Observations, Reals, Taps
 
@@ -22,7 +23,6 @@ TYPICAL_TRAVEL_MS = 77
 WEEK_MS = SECONDS_PER_WEEK * 1000
 NOT_TRACKED, NO_TIME, SLIP = 1, 2, 3
 _AS_MEASURED = {
-    "carrier_cyc": (m.CARRIER_CYC, 1.0),
     "doppler_hz": (m.DOPPLER_HZ, 1.0),
     "cn0_dbhz": (m.CN0_DBHZ, 1.0),
     "pseudorange_sigma_m": (m.CODE_SIGMA_S, SPEED_OF_LIGHT_M_S),
@@ -80,23 +80,29 @@ def assemble(
     column = {signal: i for i, signal in enumerate(signals)}
     shape = (elapsed_s.size, len(signals))
     status = np.full(shape, NOT_TRACKED, np.uint8)
-    cells = {name: np.full(shape, np.nan) for name in ("pseudorange_m", *_AS_MEASURED)}
+    half_cycle_open = np.zeros(shape, np.bool_)
+    cells = {name: np.full(shape, np.nan) for name in ("pseudorange_m", "carrier_cyc", *_AS_MEASURED)}
+    reach_periods = round(500.0 * averaged_s)  # of a millisecond
     for number in np.unique(measurements.arc).tolist():
         arc = arcs[number]
         chosen = measurements.arc == number
         table = measurements.table[chosen]
         measured_s = measurements.elapsed_s[chosen]
-        rows = np.rint((measured_s - elapsed_s[0]) / averaged_s).astype(np.int64) if elapsed_s.size else []
+        rows = np.rint((measured_s - elapsed_s[0]) / averaged_s).astype(np.int64)
         cell = rows, column[arc.signal]
         if arc.tow_ms_at_period_0 is None:
             status[cell] = NO_TIME
             continue
         # Two arcs of one signal cannot overlap, but a new one is not the old one's continuation.
         begun_before = bool(np.isfinite(cells["pseudorange_m"][: rows[0], cell[1]]).any())
-        status[cell] = np.where(table[:, m.SLIP] > 0.0, SLIP, 0)
-        status[rows[0], cell[1]] = SLIP if begun_before or table[0, m.SLIP] > 0.0 else 0
+        periods = table[:, m.PERIODS].astype(np.int64)
+        halves = half_cycles(periods, table[:, m.TURNED] > 0.0, table[:, m.SLIP] > 0.0, arc.stretches, reach_periods)
+        status[cell] = np.where(halves.slipped, SLIP, 0)
+        status[rows[0], cell[1]] = SLIP if begun_before or halves.slipped[0] else 0
+        half_cycle_open[cell] = halves.open
+        cells["carrier_cyc"][cell] = table[:, m.CARRIER_CYC] + 0.5 * halves.added
         elapsed_ms = np.rint(measured_s * 1000).astype(np.int64)
-        whole_ms = label.tow_ms + elapsed_ms - arc.tow_ms_at_period_0 - table[:, m.PERIODS].astype(np.int64)
+        whole_ms = label.tow_ms + elapsed_ms - arc.tow_ms_at_period_0 - periods
         whole_ms = (whole_ms + WEEK_MS // 2) % WEEK_MS - WEEK_MS // 2
         cells["pseudorange_m"][cell] = SPEED_OF_LIGHT_M_S * (whole_ms * 1e-3 - table[:, m.FRACTION_S])
         for name, (index, factor) in _AS_MEASURED.items():
@@ -117,6 +123,7 @@ def assemble(
         missed_elapsed_s=missed,
         carrier_hz=np.full(len(signals), carrier_hz),
         averaged_s=averaged_s,
+        half_cycle_open=half_cycle_open,
         **cells,
     )
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.gnss.lnav import Subframe, decode_how, decode_subframe, find_subframes
+from skyproof.receiver.polarity import Stretch, joined, stretches_of
 
 PERIODS_PER_BIT = 20
 BIT_SYNC_PERIODS = 1500
@@ -25,6 +26,7 @@ class Telemetry:
     due_bits : so many bits make the next subframe whole; None while none is found.
     tow_ms_at_period_0 : time of week at which the satellite sent the start of code period 0; None until decoded.
     subframes : the latest of each kind: 1, 2, 3, and page 18 of 4 as 4.
+    stretches : where it is known whether the bits came inverted.
     """
 
     prompts: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
@@ -35,6 +37,7 @@ class Telemetry:
     due_bits: int | None = None
     tow_ms_at_period_0: int | None = None
     subframes: Mapping[int, Subframe] = field(default_factory=dict)
+    stretches: tuple[Stretch, ...] = ()
 
 
 def step(telemetry: Telemetry, prompts: NDArray[np.floating], first_period: int) -> Telemetry:
@@ -93,7 +96,8 @@ def _decode(telemetry: Telemetry, n_before: int) -> Telemetry:
         return telemetry
     subframes = dict(telemetry.subframes)
     tow_ms, due_bits = telemetry.tow_ms_at_period_0, None
-    for start in find_subframes(telemetry.bits):
+    starts = find_subframes(telemetry.bits)
+    for start in starts:
         how = decode_how(telemetry.bits[start : start + 60])
         if how is None:
             continue
@@ -105,7 +109,11 @@ def _decode(telemetry: Telemetry, n_before: int) -> Telemetry:
             subframes[subframe.id] = subframe
     if n >= BITS_KEPT and due_bits is None:  # two subframes' time without one: bits do not begin where we think
         return Telemetry()
-    telemetry = replace(telemetry, tow_ms_at_period_0=tow_ms, due_bits=due_bits, subframes=subframes)
+    known = telemetry.stretches if tow_ms == telemetry.tow_ms_at_period_0 else ()
+    found = stretches_of(telemetry.bits, starts[0], telemetry.bits_period) if starts else ()
+    telemetry = replace(
+        telemetry, tow_ms_at_period_0=tow_ms, due_bits=due_bits, subframes=subframes, stretches=joined(known, found)
+    )
     drop = n - (BITS_PER_SUBFRAME + 60)
     if n < BITS_KEPT or due_bits is None:
         return telemetry

@@ -391,13 +391,15 @@ class Receiver:
         # Telling fast what the strength is matters while it is not known; later, what it is on average.
         share = np.where(np.isfinite(loops[:, k.CODE_MINUS_CARRIER]), 0.2, 1.0)
         loops[good, k.CN0_DBHZ] += (share * (table[:, m.CN0_DBHZ] - loops[:, k.CN0_DBHZ]))[good]
+        confirmed = np.array([c.copy is not None for c in state.channels])
+        loops[good | ~confirmed, k.SLIPPED] = 0.0
         state = replace(state, loops=loops)
         jumped = good & (table[:, m.JUMP] > JUMP_SIGMAS)
         if jumped.sum() >= GAP_VOTES and jumped.sum() > 0.7 * good.sum():
             gaps.append(Gap(elapsed_s=elapsed_s, shift_s=0.0, signals=int(jumped.sum())))
             return self._forget_time(state, arcs)
         state = self._mind_pulls(state, table, good, elapsed_s, arcs)
-        good &= np.array([c.copy is not None for c in state.channels])
+        good &= confirmed
         numbers = np.array([c.arc for c in state.channels], np.int64)
         measured.append(
             Measurements(
