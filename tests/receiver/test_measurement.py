@@ -41,19 +41,21 @@ def rows_of(rng, cn0_dbhz, n_frames, *, beside_cyc=no_cycles, code_chips=0.0, of
     return rows.reshape(n_frames, 1, 100, -1)
 
 
-def measured(frames, cn0_dbhz, *, bit_start=7.0):
-    """The table, a row every two frames, of a channel whose strength is known."""
+def measured(frames, cn0_dbhz, *, bit_start=7.0, withheld=()):
+    """The table, a row every two frames, of a channel whose strength is known; withheld : rows not given out."""
     state = np.zeros((1, k.N_STATE))
     state[0, [k.RESIDUAL, k.CODE_MINUS_CARRIER]] = np.nan
     state[0, k.BIT_START] = bit_start
     state[0, k.CN0_DBHZ] = cn0_dbhz
     counts = np.array([100])
-    tables = [
-        m.measure(state, (frames[i - 1], counts), (frames[i], counts), 0.1 * i, RATE_HZ, 0.0, GPS_L1_CA, DISCRIMINATOR)[
-            0
-        ][0]
-        for i in range(1, len(frames), 2)
-    ]
+    tables = []
+    for i in range(1, len(frames), 2):
+        table, _ = m.measure(
+            state, (frames[i - 1], counts), (frames[i], counts), 0.1 * i, RATE_HZ, 0.0, GPS_L1_CA, DISCRIMINATOR
+        )
+        tables.append(table[0])
+        if len(tables) - 1 not in withheld:
+            state[0, k.SLIPPED] = 0.0
     return np.array(tables)
 
 
@@ -133,6 +135,17 @@ def test_a_slip_of_the_loop_is_mended_and_said(slipped_cyc, takes_s, cn0_dbhz):
     said = 0.1 + 0.2 * np.flatnonzero(table[:, m.SLIP])
     assert said.size
     assert ((said > 3.9) & (said < 4.8)).all()
+    assert not table[:19, m.TURNED].any()
+    assert (table[25:, m.TURNED] == (abs(slipped_cyc) == 0.5)).all()
+
+
+def test_a_slip_in_a_row_that_is_not_given_out_is_said_in_the_next():
+    def beside_cyc(t):
+        return 0.5 * np.clip((t - 4.05) / 0.08, 0.0, 1.0)
+
+    frames = rows_of(np.random.default_rng(6), 45.0, 100, beside_cyc=beside_cyc)
+    assert np.flatnonzero(measured(frames, 45.0)[:, m.SLIP]).tolist() == [20]
+    assert np.flatnonzero(measured(frames, 45.0, withheld=(20,))[:, m.SLIP]).tolist() == [20, 21]
 
 
 @pytest.mark.parametrize("jump_cyc", [0.25, 0.3])
