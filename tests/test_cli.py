@@ -417,6 +417,33 @@ def test_the_table_of_all_figures_is_one_file(
     assert "multi-receiver.false-alarm" in capsys.readouterr().err
 
 
+def open_skies() -> Verdict:
+    """One receiver that hears two skies, of which the evidence leaves open which is true."""
+    sample = VERDICT.model_dump(mode="json")
+    receiver = sample["receivers"][0] | {"trusted_fix": None, "false_fix": None, "unprotected_fix": None}
+    [source], signal = sample["sources"], sample["signals"][0] | {"label": "unknown", "receiver": "rx1", "because": []}
+    places = {"S1": {"lat_deg": 59.41, "lon_deg": 16.88, "height_m": 31.0},
+              "S2": {"lat_deg": 58.25, "lon_deg": 15.5, "height_m": -4.0}}  # fmt: skip
+    return Verdict.model_validate(sample | {
+        "receivers": [receiver], "undecided_because": "which is true",
+        "sources": [source | {"name": name, "shows": place} for name, place in places.items()],
+        "signals": [signal | {"source": name, "copy": copy} for name, copy in zip(places, "ab", strict=True)],
+    })  # fmt: skip
+
+
+def test_the_places_of_two_skies_are_shown_while_it_is_open_which_is_true(
+    app: App, capsys: pytest.CaptureFixture[str]
+) -> None:
+    app.verdict = open_skies()
+    cli.main(PROTECT)
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["rx1", "S1", "59.4100000", "16.8800000", "31.0"] in rows
+    assert ["rx1", "S2", "58.2500000", "15.5000000", "-4.0"] in rows
+    shown = app.verdict._repr_html_()
+    assert "59.4100000" in shown
+    assert "58.2500000" in shown
+
+
 def test_demo_opens_the_report_when_asked_to(app: App, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     opened: list[str] = []
     monkeypatch.setattr(demo_command.webbrowser, "open", opened.append)

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 __all__ = [
     "VERDICT_FORMAT", "Because", "InputFile", "Label", "Method", "Place", "Position", "Receiver", "Signal", "Source",
-    "Verdict", "VerdictWord", "notebook_html",
+    "Verdict", "VerdictWord", "notebook_html", "possible_places",
 ]  # fmt: skip
 
 VERDICT_FORMAT: Literal["skyproof-verdict/1"] = "skyproof-verdict/1"
@@ -223,6 +223,10 @@ class Verdict(_Model):
              f"{fix.sigma_east_m:.1f}, {fix.sigma_north_m:.1f}, {fix.sigma_up_m:.1f}")
             for name, kind, fix in kinds if fix is not None
         ]  # fmt: skip
+        positions += [
+            (names, source, f"{place.lat_deg:.7f}", f"{place.lon_deg:.7f}", f"{place.height_m:.1f}", "")
+            for names, source, place in possible_places(self)
+        ]
         sats: dict[tuple[str, str], list[str]] = {}
         for s in self.signals:
             own = sats.setdefault((s.receiver, s.label), [])
@@ -232,3 +236,10 @@ class Verdict(_Model):
             (("receiver", "position", "latitude, °", "longitude, °", "height, m", "σ east, north, up, m"), positions),
             (("receiver", "label", "satellites"), [(*key, " ".join(own)) for key, own in sats.items()]),
         )  # fmt: skip
+
+
+def possible_places(verdict: Verdict) -> list[tuple[str, str, Place]]:
+    """Receivers' names, a sky's name and the place that it shows, for each sky while it is open which is true."""
+    open_still = len(verdict.sources) > 1 and all(r.false_fix is None for r in verdict.receivers)
+    names = {s.name: sorted({x.receiver for x in verdict.signals if x.source == s.name}) for s in verdict.sources}
+    return [(" ".join(names[s.name]), s.name, s.shows) for s in verdict.sources if open_still and s.shows is not None]

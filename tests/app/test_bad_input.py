@@ -382,7 +382,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(run, pair, t
 
 def test_the_results_of_two_runs_never_mix(run, wide, tmp_path):
     ended = run(wide)
-    mine = ["bow-authentic.obs", "bow-other-2.obs", "trusted.nmea", "nav.rnx"]
+    mine = ["bow-authentic.obs", "bow-other-2.obs", "bow-trusted.nmea", "nav.rnx"]
     others = ["notes.obs", "bow-other-than.obs", "mast-authentic.obs"]
     for name in (*mine, *others):
         (ended.folder / name).write_text("old")

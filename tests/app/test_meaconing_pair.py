@@ -86,7 +86,8 @@ class Run:
     def signals(self) -> dict[str, np.ndarray]:
         """signals.parquet where there is a pseudorange, with a column `true` of what each cell is in truth."""
         table = pq.read_table(self.folder / "signals.parquet")
-        cells = {name: table[name].to_numpy() for name in ("receiver", "gpst", "sat", "copy", "pseudorange_m", "label")}
+        names = ("receiver", "receiver_clock", "sat", "copy", "pseudorange_m", "label")
+        cells = {name: table[name].to_numpy() for name in names}
         there = np.isfinite(cells["pseudorange_m"].astype(float))
         cells = {name: column[there] for name, column in cells.items()}
         cells["true"] = np.full(there.sum(), "", "U9")
@@ -95,7 +96,7 @@ class Run:
             begun_s = (start - EPOCH) / SECOND
             for sat in self.truth.sats:
                 own = (cells["receiver"] == receiver.name) & (cells["sat"] == sat)
-                gpst = cells["gpst"][own]
+                gpst = cells["receiver_clock"][own]
                 elapsed_s = (gpst - start) / SECOND + round(begun_s)  # of the whole recording
                 cells["true"][own] = self.truth.labels(receiver.name, sat, gpst, elapsed_s, cells["pseudorange_m"][own])
         return cells
@@ -234,8 +235,10 @@ def test_delays_to_the_authentic_signals_are_those_of_the_truth(whole):
 def test_every_output_is_there(whole):
     found = {path.name for path in whole.folder.iterdir()} - {"stdout.json"}
     named = {"verdict.json", "fixes.parquet", "fixes.csv", "signals.parquet", "evidence.parquet", "report.html",
-             "tracks.kml", "trusted.nmea", "nav.rnx", "settings.toml"}  # fmt: skip
-    assert found >= named | {f"{receiver}-{kind}.obs" for receiver in RECEIVERS for kind in ("authentic", "other")}
+             "tracks.kml", "nav.rnx", "settings.toml"}  # fmt: skip
+    kinds = ("authentic.obs", "other.obs", "trusted.nmea")
+    assert found >= named | {f"{receiver}-{kind}" for receiver in RECEIVERS for kind in kinds}
+    assert "trusted.nmea" not in found
 
 
 def test_standard_output_is_the_document_and_nothing_else(whole):
@@ -265,6 +268,15 @@ def test_both_tables_of_fixes_hold_the_same(whole):
     assert {(row["receiver"], row["kind"]) for row in whole.fixes} == {
         (receiver, kind) for receiver in RECEIVERS for kind in ("trusted", "false", "unprotected")
     }
+
+
+def test_times_of_fixes_are_the_receivers_clock_less_its_bias(whole):
+    clocks = {(name, clock) for name, clock in zip(
+        whole.signals["receiver"], whole.signals["receiver_clock"].astype("datetime64[us]"), strict=True)}  # fmt: skip
+    for row in whole.fixes:
+        bias = np.timedelta64(round(float(row["clock_bias_m"]) / LIGHT_M_S * 1e9), "ns")
+        clock = np.datetime64(row["gpst"], "ns") + bias
+        assert (row["receiver"], (clock + np.timedelta64(500, "ns")).astype("datetime64[us]")) in clocks
 
 
 def test_evidence_is_a_table_of_all_detectors(whole):
@@ -299,7 +311,8 @@ def test_rinex_observations_are_those_with_the_label(whole, kind, label):
     for receiver in RECEIVERS:
         written = observed(whole.folder / f"{receiver}-{kind}.obs")
         own = (cells["receiver"] == receiver) & (cells["label"] == label)
-        chosen = (cells["gpst"][own].astype("datetime64[us]").tolist(), cells["sat"][own], cells["pseudorange_m"][own])
+        clock = cells["receiver_clock"][own].astype("datetime64[us]")
+        chosen = (clock.tolist(), cells["sat"][own], cells["pseudorange_m"][own])
         expected = {(gpst, sat): range_m for gpst, sat, range_m in zip(*chosen, strict=True)}
         assert written.keys() == expected.keys()
         assert max(abs(written[cell] - expected[cell]) for cell in written) < 0.001
@@ -327,12 +340,19 @@ def test_tracks_are_xml_and_lie_where_the_fixes_are(whole):
 
 
 def test_sentences_have_their_checksums_and_one_position_a_trusted_fix(whole):
-    sentences = (whole.folder / "trusted.nmea").read_text(encoding="ascii").splitlines()
+    sentences = (whole.folder / "rx1-trusted.nmea").read_text(encoding="ascii").splitlines()
     for sentence in sentences:
         body, checksum = sentence[1:].split("*")
         assert np.bitwise_xor.reduce(np.frombuffer(body.encode(), np.uint8)) == int(checksum, 16)
     seconds, _ = whole.trusted("rx1")
-    assert sum(sentence[3:6] == "GGA" for sentence in sentences) == seconds.size
+    positions = [sentence.split(",") for sentence in sentences if sentence[3:6] == "GGA"]
+    assert len(positions) == seconds.size
+    hdop, altitude_m, separation_m = np.array([[fields[k] for k in (8, 9, 11)] for fields in positions], float).T
+    rows = [row for row in whole.fixes if row["receiver"] == "rx1" and row["kind"] == "trusted"]
+    np.testing.assert_allclose(altitude_m + separation_m, [float(row["height_m"]) for row in rows], atol=0.006)
+    np.testing.assert_allclose(separation_m, 25.4, atol=1.5)  # EGM96 at 59.41 N, 16.88 E
+    assert hdop.min() > 0.4
+    assert hdop.max() < 5.0
 
 
 def test_the_report_says_the_verdict_and_needs_no_network(whole):

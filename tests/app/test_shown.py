@@ -1,11 +1,14 @@
-"""Results show themselves in a notebook: what was received, what was made."""
+"""Results show themselves: what was received, what was made, which places are possible."""
 
 import numpy as np
 
+from skyproof.app.document import ReceiverOutcome
+from skyproof.app.pictures import fixes_by_kind, possible_fixes
 from skyproof.app.receive import ReceiveResult
 from skyproof.app.reception import Reception
 from skyproof.app.simulate import SimulateResult
-from skyproof.records import NavigationData, Observations, Samples, SignalId
+from skyproof.formats.tables import fixes_columns
+from skyproof.records import Fix, NavigationData, Observations, Samples, SignalId
 from skyproof.simulate.scenes import ready
 
 NOBODY = NavigationData(ephemerides=(), ionosphere=None, utc=None, source="nothing")
@@ -51,3 +54,25 @@ def test_a_scene_is_shown_with_the_files_that_there_are(tmp_path) -> None:
     for told in ("Scene two-antennas", "receivers: rx1, rx2; attacks: spoofer.", "rx1.obs", "2.5 kB"):
         assert told in shown, told
     assert "rx2.obs" not in shown
+
+
+def fix_at(receiver: str, x_m: float) -> Fix:
+    """Two epochs at one place, from one signal's worth of residuals."""
+    two = np.full(2, 0.0)
+    return Fix(
+        receiver=receiver, signals=(SignalId("G05"),), gpst=observations(receiver).gpst[:2],
+        position_ecef_m=np.tile([x_m, 0.0, 0.0], (2, 1)), velocity_ecef_m_s=np.zeros((2, 3)), clock_bias_s=two,
+        clock_drift=two, covariance_m2=np.tile(np.eye(4), (2, 1, 1)), residual_m=np.zeros((2, 1)),
+        status=np.zeros(2, np.uint8),
+    )  # fmt: skip
+
+
+def test_while_two_skies_are_open_the_fixes_of_both_are_in_the_table() -> None:
+    heard = Reception(samples=samples("bow"), observations=None, told=NOBODY, n_signals=8, examined_s=3.0)
+    skies = {"S1": fix_at("bow", 6.378137e6), "S2": fix_at("bow", 6.378237e6)}
+    outcome = ReceiverOutcome(reception=heard, unprotected=skies["S2"], shown=skies)
+    table = fixes_columns([*fixes_by_kind(outcome), *possible_fixes(outcome)])
+    assert table["kind"].tolist() == ["unprotected"] * 2 + ["S1"] * 2 + ["S2"] * 2
+    np.testing.assert_allclose(table["height_m"], [100.0, 100.0, 0.0, 0.0, 100.0, 100.0], atol=1e-6)
+    decided = ReceiverOutcome(reception=heard, false=skies["S2"], shown={"S2": skies["S2"]})
+    assert possible_fixes(decided) == []

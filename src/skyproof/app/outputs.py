@@ -2,14 +2,14 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from skyproof.app.document import Outcome, versions
-from skyproof.app.pictures import fixes_by_kind, last_position, pictures_of
+from skyproof.app.pictures import fixes_by_kind, last_position, pictures_of, possible_fixes
 from skyproof.app.progress import Progress
 from skyproof.app.rinex import one_a_satellite, write_channels
 from skyproof.app.settings import Settings
@@ -23,7 +23,9 @@ from skyproof.formats.verdict import read_verdict, write_verdict
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.trusted import labelled
 from skyproof.gnss.frames import geodetic_from_ecef
-from skyproof.records import CELL_STATUS, Evidence, Fix, Observations
+from skyproof.gnss.geoid import GEOID_SIGMA_M, geoid_separation_m
+from skyproof.navigation.dilution import horizontal_dilution
+from skyproof.records import CELL_STATUS, Evidence, Fix, NavigationData, Observations
 from skyproof.report.page import report_html
 from skyproof.verdict import Verdict
 
@@ -53,7 +55,7 @@ def _remove_older(folder: Path) -> None:
         names = "|".join(re.escape(r.name) for r in read_verdict(folder / "verdict.json").receivers)
     except InputError:
         return
-    own = re.compile(rf"({names})-((authentic|other|unknown)(-\d+)?\.obs|trusted\.nmea)|trusted\.nmea|nav\.rnx")
+    own = re.compile(rf"({names})-((authentic|other|unknown)(-\d+)?\.obs|trusted\.nmea)|nav\.rnx")
     try:
         for path in folder.iterdir():
             if own.fullmatch(path.name):
@@ -82,7 +84,7 @@ def _toml(value: Any) -> str:
 
 
 def _write_tables(folder: Path, outcome: Outcome) -> None:
-    fixes = fixes_columns([pair for r in outcome.receivers for pair in fixes_by_kind(r)])
+    fixes = fixes_columns([pair for r in outcome.receivers for pair in (*fixes_by_kind(r), *possible_fixes(r))])
     write_table(folder / "fixes.csv", fixes)
     write_table(folder / "fixes.parquet", fixes)
     write_table(folder / "signals.parquet", _signal_columns(outcome))
@@ -90,7 +92,11 @@ def _write_tables(folder: Path, outcome: Outcome) -> None:
 
 
 def _signal_columns(outcome: Outcome) -> dict[str, Any]:
-    """One row a receiver, epoch and signal: the measurement, why it is missing, and its label."""
+    """One row a receiver, epoch and signal: the measurement, why it is missing, and its label.
+
+    `receiver_clock` is what the receiver's clock shows, which pseudoranges count from; a fix of the same epoch has that
+    less its clock bias.
+    """
     parts: list[Mapping[str, Any]] = []
     for r in outcome.receivers:
         o = r.reception.observations
@@ -104,7 +110,8 @@ def _signal_columns(outcome: Outcome) -> dict[str, Any]:
                 "pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
                 "doppler_sigma_hz")}  # fmt: skip
             parts.append(
-                {"receiver": np.repeat(o.receiver, n_epochs * n_signals), "gpst": np.repeat(o.gpst, n_signals)}
+                {"receiver": np.repeat(o.receiver, n_epochs * n_signals)}
+                | {"receiver_clock": np.repeat(o.gpst, n_signals)}
                 | each
                 | values
                 | {"status": words[o.status.ravel()], "label": labels.ravel()}
@@ -170,20 +177,21 @@ def _write_tracks(folder: Path, outcome: Outcome) -> None:
     tracks = {
         f"{r.reception.samples.name} {kind}": (fix.gpst, *_geodetic_deg(fix))
         for r in outcome.receivers
-        for kind, fix in fixes_by_kind(r)
+        for kind, fix in (*fixes_by_kind(r), *((f"{sky} possible", fix) for sky, fix in possible_fixes(r)))
     }
     write_kml(folder / "tracks.kml", tracks)
-    first = True
     for r in outcome.receivers:
         if r.trusted is not None:
-            columns = fixes_columns([("trusted", r.trusted)])
-            name = "trusted.nmea" if first else f"{r.reception.samples.name}-trusted.nmea"
-            first = False
-            write_nmea(
-                folder / name,
-                nmea_sentences(
-                    columns["gpst"], columns["lat_deg"], columns["lon_deg"], columns["height_m"],
-                    columns["satellites"], sigma_east_m=columns["sigma_east_m"],
-                    sigma_north_m=columns["sigma_north_m"], sigma_up_m=columns["sigma_up_m"],
-                ),
-            )  # fmt: skip
+            path = folder / f"{r.reception.samples.name}-trusted.nmea"
+            write_nmea(path, _sentences(r.trusted, outcome.navigation))
+
+
+def _sentences(fix: Fix, navigation: NavigationData) -> Iterator[str]:
+    columns = fixes_columns([("trusted", fix)])
+    place = columns["lat_deg"], columns["lon_deg"]
+    return nmea_sentences(
+        columns["gpst"], *place, columns["height_m"], columns["satellites"],
+        hdop=horizontal_dilution(fix, navigation)[fix.status == 0], geoid_separation_m=geoid_separation_m(*place),
+        sigma_east_m=columns["sigma_east_m"], sigma_north_m=columns["sigma_north_m"],
+        sigma_up_m=np.hypot(columns["sigma_up_m"], GEOID_SIGMA_M),
+    )  # fmt: skip

@@ -37,7 +37,7 @@ from skyproof.report.pictures import (
 )
 from skyproof.verdict import Label
 
-__all__ = ["fixes_by_kind", "last_position", "pictures_of"]
+__all__ = ["fixes_by_kind", "last_position", "pictures_of", "possible_fixes"]
 
 PROFILES: Final = 6
 """Satellites whose correlation is drawn: more would show the same again."""
@@ -53,6 +53,11 @@ def fixes_by_kind(r: ReceiverOutcome) -> list[tuple[str, Fix]]:
     """A receiver's fixes that there are, with what they come from."""
     kinds = (("trusted", r.trusted), ("false", r.false), ("unprotected", r.unprotected))
     return [(kind, fix) for kind, fix in kinds if fix is not None]
+
+
+def possible_fixes(r: ReceiverOutcome) -> list[tuple[str, Fix]]:
+    """The name of each consistent sky and the fix that it gives, where it is open which of several is true."""
+    return list(r.shown.items()) if r.false is None and len(r.shown) > 1 else []
 
 
 def last_position(fix: Fix) -> Any:
@@ -110,8 +115,7 @@ def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
     rot = _enu(origin)
     name = r.reception.samples.name
     drawn: list[tuple[str, Any, Fix]] = [(name, kind, fix) for kind, fix in fixes_by_kind(r)]
-    if r.false is None and len(r.shown) > 1:  # which of the skies is true is open: all are possible
-        drawn += [(f"{name} {sky}", "possible", fix) for sky, fix in r.shown.items()]
+    drawn += [(f"{name} {sky}", "possible", fix) for sky, fix in possible_fixes(r)]
     tracks = []
     for receiver, kind, fix in drawn:
         good = np.flatnonzero(fix.status == 0)

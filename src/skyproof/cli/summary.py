@@ -10,7 +10,7 @@ from rich.text import Text
 from skyproof.cli.screen import complain, print_path, table
 from skyproof.formats.verdict import verdict_json
 from skyproof.report.words import instant_words
-from skyproof.verdict import Position, Verdict
+from skyproof.verdict import Position, Verdict, possible_places
 
 if TYPE_CHECKING:
     from skyproof.app.protect import ProtectResult
@@ -66,6 +66,9 @@ def _positions(verdict: Verdict) -> Table:
                 sigmas = f"{fix.sigma_east_m:.1f}/{fix.sigma_north_m:.1f}/{fix.sigma_up_m:.1f}"
                 rows.add_row(Text(receiver.name), Text(kind, style=STYLES.get(kind, "")), f"{fix.lat_deg:.7f}",
                               f"{fix.lon_deg:.7f}", f"{fix.height_m:.1f}", sigmas)  # fmt: skip
+    for names, source, place in possible_places(verdict):
+        rows.add_row(Text(names), Text(source), f"{place.lat_deg:.7f}", f"{place.lon_deg:.7f}",
+                     f"{place.height_m:.1f}", "")  # fmt: skip
     return rows
 
 

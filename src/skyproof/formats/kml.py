@@ -21,6 +21,7 @@ _STYLES: Final = {  # kind: colour as aabbggrr, width in pixels
     "trusted": ("ff4bb33c", 4),  # green
     "false": ("ff2b2be0", 4),  # red
     "unprotected": ("ffa0a0a0", 2),  # grey
+    "possible": ("ffc08000", 4),  # blue
 }
 
 
@@ -37,8 +38,8 @@ def kml_lines(tracks: Mapping[str, Track], *, name: str = "skyproof") -> Iterato
 
     Parameters
     ----------
-    tracks : each with a name whose last word is its kind, "trusted", "false" or "unprotected": "rx1 trusted". The kind
-        gives the colour. A track without a point is left out.
+    tracks : each with a name whose last word is its kind, "trusted", "false", "unprotected" or "possible": "rx1
+        trusted". The kind gives the colour. A track without a point is left out.
 
     Raises
     ------

@@ -45,8 +45,9 @@ def nmea_sentences(
 ) -> Iterator[str]:
     """The sentences of each epoch, without their ends: GGA, RMC, then GST if sigmas are known, then TXT if needed.
 
-    NMEA counts altitude from the geoid. Without `geoid_separation_m` we cannot, so GGA leaves altitude and separation
-    empty rather than wrong by up to 100 m, and the height above the ellipsoid follows in a TXT sentence: "HAE=52.314".
+    NMEA counts altitude from the geoid; altitude and separation add up to the height above the ellipsoid. Without
+    `geoid_separation_m` GGA leaves both empty rather than wrong by up to 100 m, and the height above the ellipsoid
+    follows in a TXT sentence: "HAE=52.314".
     An epoch without a position says so (quality 0, status V). Times are UTC, to 10 ms.
 
     Parameters
@@ -74,6 +75,7 @@ def _epoch(
 ) -> Iterator[tuple[str, ...]]:  # fmt: skip
     time = f"{utc:%H%M%S}.{utc.microsecond // 10_000:02d}"
     fixed = np.isfinite(lat_deg) and np.isfinite(lon_deg)
+    separation_m = round(separation_m, 1) if np.isfinite(separation_m) else separation_m  # as it is written
     place = (_angle(lat_deg, 2), "NS"[lat_deg < 0], _angle(lon_deg, 3), "EW"[lon_deg < 0]) if fixed else ("",) * 4
     yield (
         "GGA", time, *place, "1" if fixed else "0", _number(satellites if fixed else 0.0, "02.0f"),

@@ -114,9 +114,10 @@ def _taker(
 def fixes_columns(fixes: Iterable[tuple[str, Fix]]) -> dict[str, Column]:
     """The table of fixes, `FIXES_COLUMNS`, of any number of (kind, Fix): one row per receiver, kind and epoch.
 
-    `kind` is "trusted", "false" or "unprotected". An epoch without a fix (status not 0) has no row. Sigmas are the
-    roots of the diagonal of the covariance, turned from ECEF to east, north, up at the fix itself; `clock_bias_m` is
-    c times the clock bias; `satellites` counts those used. Rows stand in the order given.
+    `kind` is "trusted", "false", "unprotected" or the name of a sky that may be the true one. `gpst` is the time that
+    the signals of the fix give: the receiver's clock less the clock bias. An epoch without a fix (status not 0) has no
+    row. Sigmas are the roots of the diagonal of the covariance, turned from ECEF to east, north, up at the fix itself;
+    `clock_bias_m` is c times the clock bias; `satellites` counts those used. Rows stand in the order given.
     """
     parts = [_fix_columns(kind, fix) for kind, fix in fixes]
     empty = {name: np.empty(0) for name in FIXES_COLUMNS}

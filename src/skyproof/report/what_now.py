@@ -21,7 +21,7 @@ def what_now(verdict: Verdict) -> tuple[tuple[str, str], ...]:
     lines = [_ignore(trusted, verdict)] if trusted else []
     if lasting:
         files = " and ".join(f"{r.name}-trusted.nmea" for r in lasting)
-        lines.insert(0, ("Use the trusted position", f"above; its way is in fixes.csv, tracks.kml and {files}"))
+        lines.insert(0, ("Use the trusted position", f"below; its track is in fixes.csv, tracks.kml and {files}"))
     if not lasting:
         since = f" since {instant_words(verdict.since_gpst)[11:]}" if verdict.since_gpst is not None else ""
         lines.insert(0, ("Use no position or time from satellites", f"under attack{since}; {OTHER_MEANS}"))
