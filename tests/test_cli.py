@@ -214,7 +214,6 @@ def test_an_interruption_before_anything_is_decided_exits_with_130(
         ("study qqq", "no study is named 'qqq'.*--list"),
         ("study spin.roc --trials 0", "--trials is 0, expected 1 or more"),
         ("study spin.roc --seed -1", "--seed is -1"),
-        ("study spin.roc --plot", "spin.roc has nothing to draw"),
         ("triangulate rx1.bin", "Unknown command .triangulate"),
     ],
 )
@@ -415,6 +414,17 @@ def test_the_table_of_all_figures_is_one_file(
     assert "| kept at 10 s | 0.5 | 0.5 | – | – | within 0.1 |" in text
     assert [call[0] for call in app.calls] == ["study"]  # the one that claims nothing need not run
     assert "multi-receiver.false-alarm" in capsys.readouterr().err
+
+
+def test_a_study_without_a_chart_keeps_its_rows_when_it_is_asked_for_one(
+    app: App, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert cli.main(["study", "spin.roc", "--plot", "--json", "--out", str(tmp_path)]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["study"] == "spin.roc"
+    assert json.loads((tmp_path / "spin.roc.json").read_text(encoding="utf-8")) == json.loads(out)
+    assert "skyproof: spin.roc has no chart" in err
+    assert not (tmp_path / "spin.roc.svg").exists()
 
 
 def open_skies() -> Verdict:

@@ -38,7 +38,17 @@ def test_a_single_fault_is_told_and_nothing_else():
     (evidence,) = Residual().examine(shifted(records, 4, 60.0))[0]
     assert evidence.says == "undecided"
     assert str(records.observations[0].signals[4]) in evidence.because
-    assert "fault" in evidence.because
+    assert "a fault of it, unless the others are false" in evidence.because
+
+
+def test_no_single_signal_is_blamed_while_satellites_have_second_ones():
+    """A channel that has been led away beside a second sky is no fault of its satellite."""
+    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    (evidence,) = Residual().examine(replace(shifted(records, 4, 60.0), sets=records.sets[:1]))[0]
+    assert evidence.says == "undecided"
+    assert "do not fit one position, and" in evidence.because
+    assert "have more than one signal" in evidence.because
+    assert "fault" not in evidence.because
 
 
 def test_a_mixture_is_no_single_fault():

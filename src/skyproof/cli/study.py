@@ -57,8 +57,6 @@ def study(
         print_path("table:", validation)
         return 0
     chosen = _chosen(name, found)
-    if plot and not chosen.charts:
-        raise SettingsError(f"{chosen.name} has nothing to draw: leave --plot away")
     if out is not None:
         _make(out)
     rows, interrupted = _run(chosen, settings)
@@ -70,7 +68,9 @@ def study(
     folder = out if out is not None else Path()
     if out is not None:
         write_lines(folder / f"{chosen.name}.json", document.splitlines(), encoding="utf-8")
-    if plot:
+    if plot and not chosen.charts:
+        complain(f"{chosen.name} has no chart: its rows are above" + (f", and in {folder}" if out is not None else ""))
+    elif plot:
         path = folder / f"{chosen.name}.svg"
         write_lines(path, str(chart_svg(rows, chosen.charts)).splitlines(), encoding="utf-8")
         if not json:

@@ -1,10 +1,12 @@
 """Do the measurements of one receiver fit one position (RAIM), or two (an attack beside the true sky)?
 
 Failing RAIM is no sign of an attack by itself, and its exclusion never decides who is authentic: it believes the
-majority, and the attacker may be the majority. It tells faults of single measurements. A second set of signals that
+majority, and the attacker may be the majority. It names a signal that does not fit the others, and blames it only as
+far as nothing else speaks for false signals. A second set of signals that
 agree on another position or time is a sign: echoes and false correlation peaks do not agree with each other.
 """
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -51,8 +53,7 @@ class PlainFix(NamedTuple):
     """What a receiver without protection makes of a window.
 
     signals : the first-found one of each satellite. test : of all of them together. excluded : the one that has to go
-        to
-    make the others fit, None if none does or none has to.
+        to make the others fit, None if none does or none has to.
     """
 
     signals: tuple[SignalId, ...]
@@ -163,17 +164,9 @@ class Residual:
         receiver, test = observations.receiver, plain.test
         n = len(plain.signals)
         fits = bool(test.consistent)
-        if fits:
-            because = f"{n} satellites in {receiver} fit one position"
-        elif plain.excluded is not None:
-            because = (
-                f"{n} satellites in {receiver} fit one position only without {plain.excluded}: a fault of this signal"
-            )
-        else:
-            because = (
-                f"{n} satellites in {receiver} do not fit one position, and no single one is to blame: several "
-                "faults, or true and false signals mixed"
-            )
+        because = f"{n} satellites in {receiver} {'fit' if fits else 'do not fit'} one position"
+        if not fits:
+            because += _blame(plain, _doubled(observations))
         return Evidence(
             detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst,
             subject=tuple(SignalRef(receiver, signal) for signal in plain.signals),
@@ -182,3 +175,20 @@ class Residual:
             false_alarm_probability=self.settings.false_alarm_probability, p_value=float(test.p_value),
             would_need=None if fits else "another receiver, or both signals of the satellites that have two",
         )  # fmt: skip
+
+
+def _blame(plain: PlainFix, doubled: int) -> str:
+    """What may be wrong where measurements do not fit: of one signal only if nothing speaks for more."""
+    if doubled:
+        have = "has" if doubled == 1 else "have"
+        return f", and {doubled} of them {have} more than one signal: true and false ones may be mixed"
+    if plain.excluded is not None:
+        return f"; without {plain.excluded} they do: a fault of it, unless the others are false"
+    return ", and no single one is to blame: several faults, or true and false signals mixed"
+
+
+def _doubled(observations: Observations) -> int:
+    """How many satellites have more than one signal with a pseudorange in the window."""
+    measured = np.flatnonzero(np.isfinite(observations.pseudorange_m).any(axis=0))
+    sats = Counter(observations.signals[column].sat for column in measured)
+    return sum(count > 1 for count in sats.values())
