@@ -167,7 +167,7 @@ def test_files_that_the_system_refuses_are_told(tmp_path: Path, monkeypatch: pyt
     def refused(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr(byte_io.np, "memmap", refused)
+    monkeypatch.setattr(byte_io.os, "preadv", refused)
     with pytest.raises(InputError, match=r"rx1\.bin cannot be read \(Permission denied\); check its permissions"):
         open_inputs([path], Settings())
     with pytest.raises(InputError, match=r": the sidecar cannot be read \(Is a directory\)"):

@@ -10,7 +10,7 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,8 @@ from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcPar
 
 __all__ = [
     "CELL_STATUS", "FIX_STATUS", "ArrayPhases", "Ccaf", "ConsistentSet", "Ephemeris", "Evidence", "Fix", "ImuSeries",
-    "Instants", "Klobuchar", "NavState", "NavigationData", "Observations", "Reals", "Records", "SampleGap", "Samples",
-    "SignalId", "SignalRef", "SpinArm", "Taps", "UtcParameters", "freeze",
+    "Instants", "Klobuchar", "NavState", "NavigationData", "Observations", "OpenFile", "Reals", "Records", "SampleGap",
+    "Samples", "SignalId", "SignalRef", "SpinArm", "Taps", "UtcParameters", "freeze",
 ]  # fmt: skip
 
 Reals = NDArray[np.float64]
@@ -104,6 +104,19 @@ class SampleGap:
     missing_samples: int
 
 
+class OpenFile(Protocol):
+    """A file that is read and stays open, so that what is told of it is told of the bytes that were read."""
+
+    def sum_as_read(self) -> None:
+        """Sum bytes as they are read from now on."""
+
+    def sha256(self, progress: Callable[[int, int], None] | None = None) -> str | None:
+        """Of the whole file, hexadecimal; None where the bytes as they were read are not known any more."""
+
+    def changes(self) -> tuple[str, ...]:
+        """What became of it since it was opened, in words."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Samples:
     """An open recording: yields any stretch of samples on demand, never the whole file.
@@ -113,6 +126,7 @@ class Samples:
 
     gaps : what the recording itself says is missing, in order; samples are numbered as recorded, so that `read` goes
         over a gap without a sign.
+    file : what `read` reads from, if it is a file; several recordings may share one.
     """
 
     name: str
@@ -127,6 +141,7 @@ class Samples:
     format: str = ""
     remarks: tuple[str, ...] = ()
     gaps: tuple[SampleGap, ...] = ()
+    file: OpenFile | None = None
 
     @property
     def duration_s(self) -> float:

@@ -1,5 +1,6 @@
 """Bad input: one line that names the file, what is wrong and what to do; and what good data allow is not lost."""
 
+import hashlib
 import json
 import os
 import re
@@ -390,6 +391,70 @@ def test_the_results_of_two_runs_never_mix(run, wide, tmp_path):
     left = {path.name for path in ended.folder.iterdir()}
     assert left.isdisjoint(mine)
     assert left.issuperset(others)
+
+
+# --- files that change while they are worked on
+
+
+class Meddling:
+    """Progress during which something happens to a file, when `after` seconds of all recordings are tracked."""
+
+    def __init__(self, after: float, meddle) -> None:
+        self.after, self.meddle = after, meddle
+
+    def say(self, text: str) -> None:
+        pass
+
+    @contextmanager
+    def stage(self, name, total):
+        self.name = name
+        yield self
+
+    def advance(self, to: float) -> None:
+        if self.name.startswith("tracking") and to >= self.after and self.meddle is not None:
+            meddle, self.meddle = self.meddle, None
+            meddle()
+
+
+@pytest.fixture
+def meddled(run, pair, tmp_path, monkeypatch):
+    """A run on copies of the pair while something happens to the second one, and the first one's sum."""
+
+    def meddled(meddle, after=13.0):
+        first, second = (copied(path, tmp_path) for path in pair.paths)
+        nav = shutil.copy(pair.nav, tmp_path)
+        monkeypatch.setattr(protect_command, "progress", lambda: Meddling(after, lambda: meddle(second, Path(nav))))
+        return run(first, second, nav=nav)
+
+    return meddled
+
+
+def test_a_recording_that_is_cut_while_it_is_worked_on_counts_as_far_as_it_was_read(meddled, pair):
+    ended = meddled(lambda path, _: os.truncate(path, 4_500_000))
+    assert ended.code == 0
+    assert ended.verdict.verdict == "authentic"
+    assert [r.duration_s for r in ended.verdict.receivers] == [8.0, 6.5]
+    words = "only its first 6.5 s were worked on: .*stern.bin ends after 4500000 bytes, but had 5200000 when it was"
+    assert re.search(words, ended.remarks(1))
+    n_summed = int(re.search(r"the sum is of the first (\d+)", ended.remarks(1))[1])
+    assert 4_225_000 <= n_summed <= 4_500_000
+    assert ended.verdict.inputs[1].sha256 == hashlib.sha256(pair.paths[1].read_bytes()[:n_summed]).hexdigest()
+
+
+def test_a_recording_that_is_cut_at_once_is_left_out(meddled):
+    ended = meddled(lambda path, _: os.truncate(path, 0), after=1.0)
+    assert ended.code == 0
+    assert "Without stern" in ended.verdict.summary
+    assert "ends after" in ended.remarks(1)
+
+
+def test_inputs_that_are_deleted_while_they_are_worked_on_cost_nothing(meddled, pair):
+    ended = meddled(lambda path, nav: (path.unlink(), nav.unlink()))
+    assert ended.code == 0
+    assert ended.verdict.verdict == "authentic"
+    sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (*pair.paths, pair.nav)]
+    assert [one.sha256 for one in ended.verdict.inputs] == sums
+    assert "deleted or replaced while it was worked on" in ended.remarks(1)
 
 
 # --- Ctrl-C

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.errors import InputError, NotEnoughData
-from skyproof.formats.byte_io import mapped, size_of
+from skyproof.formats.byte_io import FileBytes, size_of
 from skyproof.formats.layout import Chunk, PackedSamples, Packing
 from skyproof.formats.names import NameHints, hints_of
 from skyproof.formats.raw import SampleLayout
@@ -166,7 +166,7 @@ def guess(path: str | Path) -> Guess:
         raise InputError(
             f"{path} is a RIFF file whose samples cannot be read; convert it to PCM WAV with 1 or 2 channels"
         )
-    octets = mapped(path, 0, size)
+    octets = FileBytes(path)
     looks = list(_looks(octets, hints, wav))
     if not looks:
         raise NotEnoughData(
@@ -189,7 +189,7 @@ def guess(path: str | Path) -> Guess:
                  start_utc=hints.start_utc)  # fmt: skip
 
 
-def _interleaved(octets: Any, proposal: Proposal) -> str:
+def _interleaved(octets: FileBytes, proposal: Proposal) -> str:
     """Of which channels, in words; empty if of one."""
     layout = proposal.layout
     samples = _samples(octets, layout.header_bytes, layout.packing)
@@ -228,7 +228,7 @@ def _distinct(proposals: Sequence[Proposal]) -> Iterator[Proposal]:
 class _Look:
     """The bytes in one reading. rank : among the packings that fit, the most probable 0."""
 
-    octets: Any
+    octets: FileBytes
     packing: Packing
     header_bytes: int
     rank: int
@@ -265,7 +265,7 @@ class _Look:
         return self.packing.kind == "real"
 
 
-def _looks(octets: Any, hints: NameHints, wav: WavHeader | None) -> Iterator[_Look]:
+def _looks(octets: FileBytes, hints: NameHints, wav: WavHeader | None) -> Iterator[_Look]:
     header = wav.header_bytes if wav else header_length(octets[: 4 * _LOOKED_AT])
     if octets.size - header < LEAST_SAMPLES // 4:
         return
@@ -286,9 +286,8 @@ def _looks(octets: Any, hints: NameHints, wav: WavHeader | None) -> Iterator[_Lo
                             what=_repetition(samples, _FIRST_LENGTH))  # fmt: skip
 
 
-def _samples(octets: Any, begin: int, packing: Packing) -> PackedSamples:
-    body = octets[begin:]
-    return PackedSamples(body, packing, [Chunk(0, body.size * 8 // packing.frame_bits)])
+def _samples(octets: FileBytes, begin: int, packing: Packing) -> PackedSamples:
+    return PackedSamples(octets, packing, [Chunk(begin, max(octets.size - begin, 0) * 8 // packing.frame_bits)])
 
 
 def _repetition(samples: PackedSamples, most: int) -> Repetition:

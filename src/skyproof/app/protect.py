@@ -23,7 +23,7 @@ from skyproof.fusion.trusted import fix_of, labelled, only
 from skyproof.fusion.unprotected import unprotected
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.navigation.smooth import smooth
-from skyproof.records import Fix, NavigationData, Observations
+from skyproof.records import Fix, NavigationData, Observations, Samples
 from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect", "verdict_of"]
@@ -78,11 +78,12 @@ def protect(
         check_folder(Path(out))
     recordings = open_inputs([Path(p) for p in inputs], settings)
     navigation = None if nav is None else read_nav(Path(nav))
+    nav_sum = None if nav is None else sha256(nav)  # now, of what was read: it may be gone at the end
     if navigation is not None:
         for samples in recordings:
             if samples.start_gpst is not None:
                 _same_day(navigation, samples.start_gpst, samples.path)
-    trackers, interrupted = track(recordings, settings, progress, navigation)
+    trackers, interrupted = track(recordings, settings, progress, navigation, summed=True)
     if not interrupted:
         require_signals(trackers)
     receptions = [observe(tracker, navigation) for tracker in trackers]
@@ -93,10 +94,10 @@ def protect(
         raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
     interrupted |= cut_short
     # Whoever interrupts does not wait for the sums of large files.
-    sums, stopped = ({}, False) if interrupted else _sums([r.samples.path for r in receptions], progress)
+    sums, stopped = ({}, False) if interrupted else _sums([r.samples for r in receptions], progress)
     notes = [_note(r, interrupted, sums.get(r.samples.path)) for r in receptions]
     if nav is not None:
-        notes.append(InputNote(path=str(nav), format="RINEX navigation", sha256=sha256(nav), remarks=_told(navigation)))
+        notes.append(InputNote(path=str(nav), format="RINEX navigation", sha256=nav_sum, remarks=_told(navigation)))
     verdict = document(outcome, notes, settings, interrupted=interrupted)
     interrupted |= stopped
     if out is not None:
@@ -258,32 +259,32 @@ def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> 
     return replace(reception, remarks=(*reception.remarks, *told))
 
 
-def _sums(paths: Sequence[str], progress: Progress) -> tuple[dict[str, str], bool]:
-    """SHA-256 of each file, and whether Ctrl-C left some out."""
-    files = {path: Path(path).stat().st_size for path in paths if path}
-    sums: dict[str, str] = {}
+def _sums(recordings: Sequence[Samples], progress: Progress) -> tuple[dict[str, str | None], bool]:
+    """SHA-256 of each file, of the bytes that were worked on as they were then; and whether Ctrl-C left some out."""
+    files = {samples.path: samples.file for samples in recordings if samples.file is not None}
+    sums: dict[str, str | None] = {}
     try:
-        with progress.stage("taking the sums of the inputs", float(sum(files.values()))) as stage:
-            before = 0
-            for path, size in files.items():
-                sums[path] = sha256(path, _from(before, stage))
-                before += size
+        with progress.stage("taking the sums of the inputs", float(len(files))) as stage:
+            for number, (path, file) in enumerate(files.items()):
+                sums[path] = file.sha256(_from(number, stage))
+                stage.advance(number + 1.0)
     except KeyboardInterrupt:
         return sums, True
     return sums, False
 
 
-def _from(before: int, stage: Stage) -> Callable[[int, int], None]:
-    return lambda done, _: stage.advance(float(before + done))
+def _from(number: int, stage: Stage) -> Callable[[int, int], None]:
+    return lambda done, size: stage.advance(number + done / size)
 
 
 def _note(reception: Reception, interrupted: bool, digest: str | None) -> InputNote:
     """One input's row."""
     samples = reception.samples
+    changes = () if samples.file is None else samples.file.changes()
     read = f"{reception.examined_s:.1f} of {samples.duration_s:.1f} s were worked on before the run was interrupted"
     return InputNote(
         path=samples.path or samples.name, format=samples.format or "raw", sha256=digest,
-        remarks=(*samples.remarks, *reception.remarks, *((read,) if interrupted else ())),
+        remarks=(*samples.remarks, *reception.remarks, *changes, *((read,) if interrupted else ())),
     )  # fmt: skip
 
 

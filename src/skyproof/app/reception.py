@@ -68,12 +68,14 @@ class Reception:
 class Tracker:
     """One recording on its way through the receiver: which sample comes next, and all that came out so far.
 
-    told : what was done to the samples before.
+    told : what was done to the samples before, and what ended them.
+    broken : why the recording could be read no further, if it could not: all that came before counts.
     """
 
     samples: Samples
     receiver: Receiver
     told: tuple[str, ...] = ()
+    broken: str = ""
     state: ReceiverState = field(default_factory=ReceiverState)
     position: int = 0
     measured: list[Measurements] = field(default_factory=list)
@@ -81,11 +83,17 @@ class Tracker:
     gaps: list[Gap] = field(default_factory=list)
 
     def advance(self) -> bool:
-        """Work on the next block; False when the recording has ended."""
+        """Work on the next block; False when the recording has ended, or can be read no further."""
         count = min(int(BLOCK_S * self.samples.rate_hz), self.samples.n_samples - self.position)
-        if count <= 0:
+        if count <= 0 or self.broken:
             return False
-        output, self.state = self.receiver.step(self.state, self.samples.read(self.position, count))
+        try:
+            planes = self.samples.read(self.position, count)
+        except InputError as error:
+            self.broken = str(error)
+            self.told = (*self.told, f"only its first {self.examined_s:.1f} s were worked on: {error}")
+            return False
+        output, self.state = self.receiver.step(self.state, planes)
         self.position += count
         self.arcs |= output.arcs  # before the measurements that name them, whenever Ctrl-C comes
         self.measured.append(output.measurements)
@@ -172,7 +180,7 @@ def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Sampl
 
 def track(
     recordings: Sequence[Samples], settings: Settings, progress: Progress | None = None,
-    navigation: NavigationData | None = None, *, watchful: bool = True,
+    navigation: NavigationData | None = None, *, watchful: bool = True, summed: bool = False,
 ) -> tuple[list[Tracker], bool]:  # fmt: skip
     """Track all recordings side by side, so that an interruption leaves all equally far.
 
@@ -180,10 +188,15 @@ def track(
 
     watchful : look for further signals twice as often as receiving alone needs.
 
+    summed : the sums of the files will be asked for.
+
     Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
     """
     progress = progress or Silent()
     trackers = [_tracker(samples, settings, navigation, watchful) for samples in recordings]
+    for samples in recordings:
+        if summed and samples.file is not None:
+            samples.file.sum_as_read()
     names = ", ".join(s.name for s in recordings)
     total_s = sum(s.duration_s for s in recordings)
     try:
@@ -303,8 +316,14 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
 
 
 def require_signals(trackers: Sequence[Tracker]) -> None:
-    """Raise NotEnoughData if no recording holds a signal; one that holds none beside others that do is left out."""
+    """Raise NotEnoughData if no recording holds a signal, or InputError if that is because none could be read.
+
+    One that holds none beside others that do is left out.
+    """
     if trackers and not any(tracker.arcs for tracker in trackers):
+        broken = [tracker.broken for tracker in trackers if tracker.broken]
+        if broken:
+            raise InputError("; ".join(broken))
         paths = ", ".join(t.samples.path or t.samples.name for t in trackers)
         found = diagnosis(trackers[0].samples, trackers[0].receiver.settings.doppler_max_hz)
         raise NotEnoughData(f"{paths}: {_nothing_heard(trackers[0])}; {found.cure}")

@@ -1,22 +1,25 @@
-"""Files as bytes: how long they are, a map of them, their digest, and words for the ways in which that fails."""
+"""Files as bytes: how long they are, any stretch of them, their digest, and words for the ways in which that fails."""
 
 import contextlib
 import gzip
 import hashlib
-import mmap
 import os
+import weakref
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.errors import InputError
 
-__all__ = ["digest", "mapped", "reading", "release", "sha256", "size_of", "unpacked"]
+__all__ = ["FileBytes", "digest", "reading", "sha256", "size_of", "unpacked"]
 
 _HASH_BLOCK = 1 << 22
+_LONGEST_HEADER = 1 << 16
+"""What is skipped before the bytes that are worked on, and read for the sum alone at once."""
 
 
 def size_of(path: Path) -> int:
@@ -43,23 +46,107 @@ def unpacked(path: Path, to_do: str) -> bytes:
     return content
 
 
-def mapped(path: Path, start: int, size: int) -> NDArray[np.uint8]:
-    """`size` (more than zero) bytes of a file from byte `start` on, read only when they are touched; InputError."""
-    with reading(path):
-        # a plain view of the map: slices of np.memmap cost microseconds each
-        return np.asarray(np.memmap(path, np.uint8, "r", offset=start, shape=(size,)))
+class FileBytes:
+    """Bytes of a file that stays open: `octets[a:b]` reads them, from several threads if need be.
 
+    It is the file that was opened that is read and summed, also after it was deleted or another one took its name. Read
+    by calls and not through a map: a map of a file that is cut ends the process (SIGBUS).
 
-def release(octets: NDArray[np.uint8]) -> None:
-    """Let go of the pages of a file that are in memory because `mapped` bytes of it were touched; they stay readable.
+    Parameters
+    ----------
+    start, size : the stretch that indices count in; to the end of the file if `size` is not given.
 
-    The system would take them back when it needs them, but until then they count as this process's memory.
+    Raises
+    ------
+    InputError : the file cannot be opened; and, on reading, where it cannot be read or has been cut.
     """
-    owner: object = octets
-    while isinstance(owner, np.ndarray):
-        owner = owner.base
-    if isinstance(owner, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
-        owner.madvise(mmap.MADV_DONTNEED)
+
+    def __init__(self, path: Path, start: int = 0, size: int | None = None) -> None:
+        with reading(path):
+            self._descriptor = os.open(path, os.O_RDONLY)
+            weakref.finalize(self, os.close, self._descriptor)
+            self._opened = os.fstat(self._descriptor)
+        self.path = path
+        self.size = self._opened.st_size - start if size is None else size
+        self._start = start
+        self._lock = Lock()
+        self._sum: hashlib._Hash | None = None
+        self._summed = 0
+        self._furthest = 0  # byte read since the sum began
+
+    def __getitem__(self, part: slice) -> NDArray[np.uint8]:
+        first, end, _ = part.indices(self.size)
+        octets = np.empty(max(0, end - first), np.uint8)
+        self._fill(self._start + first, octets)
+        if self._sum is not None:
+            with self._lock:
+                self._sum_on(self._start + first, octets)
+        return octets
+
+    def sum_as_read(self) -> None:
+        """From now on bytes go into the sum as they are read, those that are read in order: see `sha256`."""
+        self._sum = hashlib.sha256()
+
+    def sha256(self, progress: Callable[[int, int], None] | None = None) -> str | None:
+        """SHA-256 of the whole file, in hexadecimal, from the bytes that were read since `sum_as_read` as they were.
+
+        The others are read now; of a file that was cut meanwhile it is the sum of what there was. None where the bytes
+        as they were read are not known any more: they were read in disorder, and the file was changed.
+        `progress(bytes_done, bytes_in_all)` is called after every 4 MiB.
+        """
+        self._sum = self._sum or hashlib.sha256()
+        if self._furthest > self._summed and self.changes():
+            return None
+        size = self._opened.st_size
+        with contextlib.suppress(InputError):
+            while self._summed < size:
+                self._sum_up_to(min(self._summed + _HASH_BLOCK, size))
+                if progress is not None:
+                    progress(self._summed, size)
+        return self._sum.hexdigest()
+
+    def changes(self) -> tuple[str, ...]:
+        """What became of the file since it was opened, in words."""
+        now, was = os.fstat(self._descriptor), self._opened
+        if now.st_size > was.st_size:
+            more = now.st_size - was.st_size
+            return (f"the file has grown by {more} bytes since it was opened: they are neither used nor summed",)
+        if now.st_size < was.st_size:
+            return (f"the file had {was.st_size} bytes when it was opened and was cut to {now.st_size} since: the sum "
+                    f"is of the first {self._summed}",)  # fmt: skip
+        if now.st_mtime_ns != was.st_mtime_ns:
+            return ("the file was written to while it was worked on: let the recorder finish first",)
+        if now.st_nlink == 0:
+            return ("the file was deleted or replaced while it was worked on: it was read and summed to its end",)
+        return ()
+
+    def _fill(self, at: int, octets: NDArray[np.uint8]) -> None:
+        done = 0
+        with reading(self.path):
+            while done < octets.size:
+                count = os.preadv(self._descriptor, [octets[done:].data], at + done)
+                if count == 0:
+                    raise InputError(
+                        f"{self.path} ends after {at + done} bytes, but had {self._opened.st_size} when it was opened: "
+                        "it was cut while it was read; let the recorder or the copy finish first"
+                    )
+                done += count
+
+    def _sum_on(self, at: int, octets: NDArray[np.uint8]) -> None:
+        """Sum what continues the bytes that are summed, over a header as well."""
+        self._furthest = max(self._furthest, at + octets.size)
+        if 0 < at - self._summed <= _LONGEST_HEADER:
+            self._sum_up_to(at)
+        if self._sum is not None and at <= self._summed < at + octets.size:
+            self._sum.update(octets[self._summed - at :].data)
+            self._summed = at + octets.size
+
+    def _sum_up_to(self, end: int) -> None:
+        octets = np.empty(end - self._summed, np.uint8)
+        self._fill(self._summed, octets)
+        if self._sum is not None:
+            self._sum.update(octets.data)
+        self._summed = end
 
 
 def sha256(path: str | os.PathLike[str], progress: Callable[[int, int], None] | None = None) -> str:

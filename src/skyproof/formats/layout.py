@@ -11,6 +11,7 @@ its lowest bits on (lsb-first); within a number the highest bit is the most sign
     float           IEEE 754
 """
 
+import math
 from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.compiled import compiled
-from skyproof.formats.byte_io import release
+from skyproof.formats.byte_io import FileBytes
 
 __all__ = ["FITTING_BITS", "BitOrder", "ByteOrder", "Chunk", "Encoding", "Kind", "PackedSamples", "Packing"]
 
@@ -40,6 +41,8 @@ FITTING_BITS: Final[dict[Encoding, tuple[int, ...]]] = {
     "offset-binary": (1, 2, 4, 8, 16, 32),
 }
 _EXACT_BITS: Final = 16  # twice a code of so many bits is exact in float32
+_PIECE_BYTES: Final = 1 << 20
+"""Read at once, so that memory does not grow with what is asked for; less costs calls, more gains nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,17 +93,19 @@ class PackedSamples:
 
     Parameters
     ----------
-    octets : shape (n_bytes,), mostly the map of a file; every chunk lies inside.
+    octets : a file, or shape (n_bytes,); every chunk lies inside.
     channel : which one to read, from 0.
     """
 
-    def __init__(self, octets: Octets, packing: Packing, chunks: Iterable[Chunk], channel: int = 0) -> None:
+    def __init__(self, octets: FileBytes | Octets, packing: Packing, chunks: Iterable[Chunk], channel: int = 0) -> None:
         self.packing = packing
         self._channel = channel
         self._octets = octets
         self._chunks = [chunk for chunk in chunks if chunk.n_samples]
         lengths = (chunk.n_samples for chunk in self._chunks)
         self._first = list(accumulate(lengths, initial=0))  # sample of each chunk, and the end
+        self._aligned = math.lcm(packing.frame_bits, 8) // packing.frame_bits  # samples that fill whole bytes
+        self._piece = max(8 * _PIECE_BYTES // packing.frame_bits // self._aligned, 1) * self._aligned
         self._unpacking = _unpacking_tables(packing, channel) if packing.bits < 8 else None
 
     @property
@@ -130,20 +135,23 @@ class PackedSamples:
         done = 0
         number = bisect_right(self._first, start) - 1
         while done < count:
-            inside = start + done - self._first[number]
-            n = min(count - done, self._chunks[number].n_samples - inside)
-            self._fill(self._octets[self._chunks[number].at_byte :], inside, planes[:, done : done + n])
-            done += n
-            number += 1
-        release(self._octets)
+            chunk, inside = self._chunks[number], start + done - self._first[number]
+            until = min(inside + count - done, chunk.n_samples, (inside // self._piece + 1) * self._piece)
+            self._fill(chunk, inside, planes[:, done : done + until - inside])
+            done += until - inside
+            number += until == chunk.n_samples
         return planes
 
-    def _fill(self, octets: Octets, start: int, planes: Floats) -> None:
-        """The samples of a chunk that begins with `octets`, from its sample `start` on."""
+    def _fill(self, chunk: Chunk, start: int, planes: Floats) -> None:
+        """The samples of a chunk from its sample `start` on."""
+        begin = start // self._aligned * self._aligned
+        end_bit = (start + planes.shape[1]) * self.packing.frame_bits
+        first_byte = chunk.at_byte + begin * self.packing.frame_bits // 8
+        octets = self._octets[first_byte : chunk.at_byte - (-end_bit // 8)]
         if self._unpacking is None:
-            _convert(octets, self.packing, self._channel, start, planes)
+            _convert(octets, self.packing, self._channel, start - begin, planes)
         else:
-            _unpack(octets, *self._unpacking, start, planes)
+            _unpack(octets, *self._unpacking, start - begin, planes)
         if self.packing.conjugate:
             np.negative(planes[1], out=planes[1])
 

@@ -26,7 +26,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, model_validator
 
 from skyproof.errors import InputError
-from skyproof.formats.byte_io import mapped, sha256, size_of
+from skyproof.formats.byte_io import FileBytes, sha256, size_of
 from skyproof.formats.layout import FITTING_BITS, BitOrder, ByteOrder, Chunk, Encoding, Kind, PackedSamples, Packing
 from skyproof.formats.levels import check_levels, looked_at
 from skyproof.formats.signatures import head_of, other_than_samples
@@ -222,7 +222,8 @@ def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
     if tail := body - -(-n_samples * packing.frame_bits // 8):
         remarks.append(f"the last {tail} bytes are less than one sample and left out: the file is cut, or bits, kind "
                        f"or header_bytes of {sidecar.name} are wrong")  # fmt: skip
-    packed = PackedSamples(mapped(path, layout.header_bytes, body - tail), packing, [Chunk(0, n_samples)])
+    stored = FileBytes(path, layout.header_bytes, body - tail)
+    packed = PackedSamples(stored, packing, [Chunk(0, n_samples)])
     samples = Samples(
         name=path.stem,
         rate_hz=layout.rate_hz,
@@ -235,5 +236,6 @@ def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
         path=str(path),
         format="raw",
         remarks=tuple(remarks),
+        file=stored,
     )
     return looked_at(samples, packed, f"kind, encoding, bits, byte_order and header_bytes of {sidecar.name}")

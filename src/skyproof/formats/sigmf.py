@@ -39,7 +39,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.errors import InputError
-from skyproof.formats.byte_io import digest, mapped, reading, size_of
+from skyproof.formats.byte_io import FileBytes, digest, reading, size_of
 from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, PackedSamples, Packing
 from skyproof.formats.levels import looked_at
 from skyproof.formats.raw import SampleLayout
@@ -322,7 +322,7 @@ def _recordings(source: _Source) -> list[Samples]:
                          "that are wanted")  # fmt: skip
     if len(tuned) > 1:
         remarks.append(f"the captures have {len(tuned)} tunings: each is a recording of its own")
-    octets = mapped(source.data, source.start, source.size)
+    octets = FileBytes(source.data, source.start, source.size)
     told_by = f"core:datatype, core:num_channels and core:header_bytes of {where}"
     opened: list[Samples] = []
     dead: list[InputError] = []
@@ -333,6 +333,7 @@ def _recordings(source: _Source) -> list[Samples]:
             centre_hz=L1_HZ if tuning.centre_hz is None else tuning.centre_hz, if_hz=tuning.if_hz,
             start_gpst=_dates(tuned[tuning], rate_hz, where, here), antenna=meta.general.antenna,
             path=str(source.data), format="SigMF", gaps=_gaps(tuned[tuning], rate_hz, here),
+            file=octets,
         )  # fmt: skip
         if tuning.centre_hz is None:
             here.append("no core:frequency is told: the samples are taken to be centred on L1, 1575.42 MHz")

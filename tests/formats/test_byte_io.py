@@ -1,0 +1,114 @@
+"""Bytes of files that stay open: which are read, which are summed, and what becomes of a file meanwhile."""
+
+import hashlib
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skyproof.errors import InputError
+from skyproof.formats.byte_io import FileBytes
+from skyproof.formats.layout import Chunk, PackedSamples, Packing
+
+CONTENT = np.random.default_rng(1).bytes(1000)
+OTHER = bytes(255 - octet for octet in CONTENT)
+
+
+def sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "some.bin"
+    path.write_bytes(CONTENT)
+    return path
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    path = tmp_path_factory.mktemp("kept") / "some.bin"
+    path.write_bytes(CONTENT)
+    return path
+
+
+stretches = st.lists(st.tuples(st.integers(0, 1000), st.integers(0, 400)), max_size=8)
+
+
+@given(stretches, st.integers(0, 50))
+def test_any_stretch_is_read_and_the_sum_is_of_the_whole_file_in_whatever_order_it_was_read(kept, parts, start):
+    octets = FileBytes(kept, start)
+    octets.sum_as_read()
+    for first, count in parts:
+        assert octets[first : first + count].tobytes() == CONTENT[start:][first : first + count]
+    assert octets.sha256() == sha256(CONTENT)
+    assert octets.changes() == ()
+
+
+def test_the_sum_is_of_the_bytes_as_they_were_read(path):
+    octets = FileBytes(path, start=100)  # behind a header
+    octets.sum_as_read()
+    octets[0:500], octets[400:900]
+    with open(path, "r+b") as file:
+        file.write(OTHER)
+    assert octets.sha256() == sha256(CONTENT)
+    assert "was written to while it was worked on" in octets.changes()[0]
+
+
+def test_no_sum_is_given_where_the_bytes_as_they_were_read_are_not_known(path, monkeypatch):
+    monkeypatch.setattr("skyproof.formats.byte_io._LONGEST_HEADER", 100)  # further on nothing is read for a sum alone
+    octets = FileBytes(path)
+    octets.sum_as_read()
+    octets[200:300]
+    path.write_bytes(OTHER)
+    os.utime(path, ns=(1, 1))
+    assert octets.sha256() is None
+
+
+def test_a_file_that_is_deleted_or_replaced_is_read_and_summed_to_its_end(path):
+    octets = FileBytes(path)
+    path.unlink()
+    path.write_bytes(OTHER)
+    assert octets[900:].tobytes() == CONTENT[900:]
+    assert octets.sha256() == sha256(CONTENT)
+    assert "deleted or replaced" in octets.changes()[0]
+
+
+def test_a_file_that_grows_is_read_and_summed_as_far_as_it_was_opened(path):
+    octets = FileBytes(path)
+    with open(path, "ab") as file:
+        file.write(OTHER)
+    assert octets.size == 1000
+    assert octets.sha256() == sha256(CONTENT)
+    assert "has grown by 1000 bytes" in octets.changes()[0]
+
+
+def test_a_file_that_is_cut_while_it_is_read_is_told_so_and_what_was_read_is_summed(path):
+    octets = FileBytes(path)
+    octets.sum_as_read()
+    assert octets[:300].size == 300
+    os.truncate(path, 300)
+    with pytest.raises(InputError, match=r"some\.bin ends after 300 bytes, but had 1000 when it was opened"):
+        octets[290:310]
+    assert octets.sha256() == sha256(CONTENT[:300])
+    assert octets.changes() == (
+        "the file had 1000 bytes when it was opened and was cut to 300 since: the sum is of the first 300",
+    )
+
+
+@given(
+    packing=st.builds(
+        Packing, kind=st.sampled_from(["real", "complex"]), encoding=st.just("offset-binary"),
+        bits=st.sampled_from([1, 2, 4, 8, 16]), n_channels=st.integers(1, 3),
+    ),
+    start=st.integers(0, 60), count=st.integers(0, 60), at_byte=st.integers(0, 3), piece=st.integers(1, 16),
+)  # fmt: skip
+def test_samples_of_a_file_are_those_of_its_bytes_in_pieces_of_any_length(kept, packing, start, count, at_byte, piece):
+    chunks = [Chunk(at_byte, 41), Chunk(800, 17)]
+    whole = PackedSamples(np.frombuffer(CONTENT, np.uint8), packing, chunks)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("skyproof.formats.layout._PIECE_BYTES", piece)
+        pieces = PackedSamples(FileBytes(kept), packing, chunks)
+    assert np.array_equal(pieces.read(start, count), whole.read(0, 58)[:, start : start + count])
