@@ -160,10 +160,19 @@ def _undecided_because(outcome: Outcome) -> str | None:
 
 def _left_out(outcome: Outcome) -> str:
     """Which receivers had no part in the decision, where others had."""
-    names = [r.reception.samples.name for r in outcome.receivers if r.reception.left_out is not None]
-    if not names or len(names) == len(outcome.receivers):
+    receptions = [r.reception for r in outcome.receivers if r.reception.left_out is not None]
+    if len(receptions) == len(outcome.receivers):
         return ""
-    return f" Without {' and '.join(names)}, which gave no measurements (the remarks on the inputs say why)."
+    words = "".join(
+        f" {r.samples.name} holds the same noise as {r.same_as}: one antenna or one file recorded twice; taken as one "
+        "receiver."
+        for r in receptions
+        if r.same_as is not None
+    )
+    names = [r.samples.name for r in receptions if r.same_as is None]
+    if names:
+        words += f" Without {' and '.join(names)}, which gave no measurements (the remarks on the inputs say why)."
+    return words
 
 
 def _since(decision: Decision) -> str:

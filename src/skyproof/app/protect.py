@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.app.document import InputNote, Outcome, ReceiverOutcome, document
+from skyproof.app.duplicates import one_receiver_each
 from skyproof.app.folder import check_folder, stamps, written_since
 from skyproof.app.outputs import write_outputs
 from skyproof.app.progress import Progress, Silent, Stage
@@ -89,6 +90,7 @@ def protect(
     receptions = [observe(tracker, navigation) for tracker in trackers]
     _same_time(receptions, navigation)
     receptions = [_with_common_time(r, receptions) for r in receptions]
+    receptions = one_receiver_each(receptions, settings)
     outcome, cut_short = judge(receptions, navigation, settings, progress)
     if interrupted and cut_short:
         raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")

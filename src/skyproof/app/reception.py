@@ -51,6 +51,7 @@ class Reception:
 
     observations : None if there are none; `left_out` then says why.
     examined_s : how much of the recording was worked on.
+    same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
     messages_differ : where signals of one satellite tell different messages, in words; among the remarks as well.
     """
 
@@ -60,6 +61,7 @@ class Reception:
     n_signals: int
     examined_s: float
     left_out: str | None = None
+    same_as: str | None = None
     remarks: tuple[str, ...] = ()
     messages_differ: tuple[str, ...] = ()
 

@@ -1,0 +1,152 @@
+"""Whether two stretches of samples hold the same noise: then they are of one antenna, or one is a copy of the other.
+
+Two antennas hear signals in common, and under a strong transmitter hardly anything else. But signals repeat with their
+code: written as rows of one code period, each of them (what a filter or a coarse quantiser makes of it included) is a
+matrix of rank one, times the bits and the carrier's turns, while noise has full rank. So the rows are freed of every
+component that stands above what noise can have (`without_repetition`), and what is left is correlated. Nothing has to
+be known of the signals.
+
+Rows are correlated one by one, and their powers added: carriers may differ by a tenth of the reciprocal of a code
+period, and their phase may drift. Under independent noise the sum over M rows of |r|^2 over its mean is Gamma(M); with
+a common part of coefficient rho it is half a non-central chi-square variable of 2 M degrees and non-centrality
+2 M N rho^2, for N cells a row. The null is the worst that two antennas under common signals can have: the rho of
+`explained`. So p-values are far too large rather than uniform, and where more repeats than noise can stand beside,
+nothing is said. tests/receiver/test_same_noise.py counts, up to signals 30 dB stronger than the sky's.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, stats
+
+__all__ = ["EXPLAINED", "N_ROWS", "SharedNoise", "explained", "rows_of", "shared_noise", "usable_hz", "without_repetition"]
+
+Rows = NDArray[np.complex64]
+
+N_ROWS: Final = 80
+"""Code periods of a stretch: several times as many as there are signals."""
+EXPLAINED: Final = 0.1
+"""Correlation coefficient that components of signals may have that were too weak to be told from noise. One that is
+told with `N_ROWS` rows of N cells has a power of 1 / sqrt(N_ROWS N) or more, so that ten that are not make 0.03."""
+_LEAST_LEFT: Final = 0.25  # of the rows: where less is left, nearly all that was received repeats
+_BAND_HZ: Final = 2.046e6  # the main lobe; noise beyond it tells nothing that noise within it does not
+_LEVELS: Final = 64
+_FINE: Final = 4
+"""Lags a cell: between two of them the correlation loses 2.5 %."""
+_LINE: Final = 30.0  # times its neighbours' median: no noise
+
+
+@dataclass(frozen=True, kw_only=True)
+class SharedNoise:
+    """What two stretches have in common besides what repeats.
+
+    coefficient : magnitude of the correlation, 0 to 1; of power, its square is common.
+    lag_s : how much later in the second than in the first, modulo a code period.
+    p_value : of a correlation as high at any lag, from two antennas.
+    """
+
+    coefficient: float
+    lag_s: float
+    p_value: float
+
+
+NOTHING: Final = SharedNoise(coefficient=0.0, lag_s=0.0, p_value=1.0)
+
+
+def usable_hz(rate_hz: float, carrier_at_hz: float, *, real: bool) -> float:
+    """The band around the carrier that the samples hold, two-sided."""
+    low_hz, high_hz = (0.0 if real else -0.5 * rate_hz), 0.5 * rate_hz
+    return max(min(2.0 * min(carrier_at_hz - low_hz, high_hz - carrier_at_hz), _BAND_HZ), 0.0)
+
+
+def rows_of(planes: NDArray[np.float32], carrier_cycles: float, cells: int) -> Rows:
+    """The band around the carrier, white, as rows of one code period: (N_ROWS, cells).
+
+    planes : (2, n) I and Q of `N_ROWS` code periods, by the clock of the recording that this one is compared with.
+    carrier_cycles : where the carrier lies, cycles a sample. cells : the band times a code period.
+    """
+    count = cells * N_ROWS
+    spectrum = fft.fft(planes[0] + 1j * planes[1])
+    middle = round(carrier_cycles * planes.shape[1])
+    part = spectrum[(middle + np.arange(-(count // 2), count - count // 2)) % spectrum.size]
+    power = part.real**2 + part.imag**2
+    width = count // _LEVELS
+    level = np.median(power[: width * _LEVELS].reshape(_LEVELS, width), axis=1) / math.log(2.0)
+    level = np.interp(np.arange(count), (np.arange(_LEVELS) + 0.5) * width, np.maximum(level, 1e-9 * level.max()))
+    part = part / np.sqrt(np.maximum(level, power / _LINE) + np.float32(1e-30))
+    rows: Rows = fft.ifft(fft.ifftshift(part)).reshape(N_ROWS, cells).astype(np.complex64)
+    return rows
+
+
+def without_repetition(rows: Rows) -> tuple[Rows, int]:
+    """What does not repeat from row to row, and how many components did.
+
+    Components are taken off, the strongest first, while the next stands above the edge of what noise has: the mean of
+    those that remain times (1 + sqrt(rows / cells))^2 (Marchenko and Pastur, 1967).
+    """
+    n_rows, cells = rows.shape
+    values, vectors = np.linalg.eigh((rows @ rows.conj().T).astype(np.complex128))
+    taken = 0
+    while taken < n_rows - 1:
+        left = n_rows - taken
+        edge = float(np.mean(values[:left])) * (1.0 + math.sqrt(left / cells)) ** 2
+        if values[left - 1] <= edge:
+            break
+        taken += 1
+    signals = vectors[:, n_rows - taken :].astype(np.complex64)
+    return rows - signals @ (signals.conj().T @ rows), taken
+
+
+def explained(repeating: float) -> float:
+    """The largest correlation coefficient that two antennas' samples have left when this share of their power repeats.
+
+    A quantiser mixes signals with each other, and the mixtures are too many to be taken off. Of one bit, the coarsest,
+    two Gaussian inputs of correlation rho give outputs of 2 / pi asin(rho), of which 2 / pi rho repeats as the inputs
+    do (Van Vleck and Middleton, 1966). Any finer one mixes less. From 2 / pi on nothing is left that tells.
+    """
+    rho = 0.5 * math.pi * repeating
+    if rho >= 1.0:
+        return 1.0
+    return max(EXPLAINED, (math.asin(rho) / (0.5 * math.pi) - repeating) / (1.0 - repeating))
+
+
+def shared_noise(first: Rows, second: Rows, *, period_s: float = 1e-3) -> SharedNoise:
+    """Correlate what two stretches hold besides what repeats; the second was cut to begin within half a period.
+
+    first, second : (n_rows, cells) as `rows_of` gives them, of the same shape.
+    """
+    n_rows, cells = first.shape
+    (one, of_one), (other, of_other) = without_repetition(first), without_repetition(second)
+    if n_rows - max(of_one, of_other) < _LEAST_LEFT * n_rows:
+        return NOTHING
+    repeating = 1.0 - min(_energy(one).sum() / _energy(first).sum(), _energy(other).sum() / _energy(second).sum())
+    common = explained(float(repeating))
+    if common >= 1.0:
+        return NOTHING
+    spectrum = fft.fftshift(fft.fft(other, axis=1) * np.conj(fft.fft(one, axis=1)), axes=1)
+    correlation = _FINE * fft.ifft(spectrum, _FINE * cells, axis=1)
+    share = np.abs(correlation) ** 2 / np.maximum(_energy(one) * _energy(other), 1e-30)[:, np.newaxis]
+    total = cells * np.sum(share, axis=0)
+    best = int(np.argmax(total))
+    excess = max(float(total[best]) / n_rows - 1.0, 0.0) / cells
+    p_value = total.size * float(stats.ncx2.sf(2.0 * total[best], 2.0 * n_rows, 2.0 * n_rows * cells * common**2))
+    lag = (best + _top(total, best)) / total.size
+    return SharedNoise(
+        coefficient=math.sqrt(min(excess, 1.0)),
+        lag_s=((lag + 0.5) % 1.0 - 0.5) * period_s,
+        p_value=min(p_value, 1.0),
+    )
+
+
+def _energy(rows: Rows) -> NDArray[np.float64]:
+    return np.asarray(np.sum(np.abs(rows) ** 2, axis=1, dtype=np.float64))
+
+
+def _top(values: NDArray[np.floating], best: int) -> float:
+    """Where between its neighbours the highest value has its top: that of a parabola."""
+    before, at, after = (math.sqrt(float(values[(best + k) % values.size])) for k in (-1, 0, 1))
+    bend = before - 2.0 * at + after
+    return 0.5 * (before - after) / bend if bend < 0.0 else 0.0

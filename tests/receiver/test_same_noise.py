@@ -1,0 +1,154 @@
+"""The same noise in two recordings is seen, and common signals are never taken for it, however strong."""
+
+import numpy as np
+import pytest
+
+from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.receiver.same_noise import (
+    EXPLAINED,
+    N_ROWS,
+    explained,
+    rows_of,
+    shared_noise,
+    usable_hz,
+    without_repetition,
+)
+
+RATE_HZ = 2.6e6
+N = round(N_ROWS * 1e-3 * RATE_HZ)
+CELLS = int(usable_hz(RATE_HZ, 0.0, real=False) * 1e-3)
+
+
+def noise(rng, n=N):
+    return rng.normal(size=n) + 1j * rng.normal(size=n)
+
+
+def sky(rng, *, cn0_dbhz=45.0, sats=10, rate_hz=RATE_HZ):
+    """Signals with bits, and the same ones 0.37 us later at another antenna, 150 Hz higher: noise has variance 2."""
+    n = round(N_ROWS * 1e-3 * rate_hz)
+    sums = np.zeros((2, n), complex)
+    for sat in range(1, sats + 1):
+        delay_s, doppler_hz, phase = rng.uniform(0.0, 1e-3), rng.uniform(-4000.0, 4000.0), rng.random()
+        bits, first = rng.choice([-1, 1], 20), rng.integers(20)
+        for k, (later_s, higher_hz) in enumerate(((0.0, 0.0), (0.37e-6, 150.0))):
+            t_s = np.arange(n) / rate_hz - later_s
+            chips = (t_s - delay_s) * 1.023e6 * (1.0 + doppler_hz / 1575.42e6)
+            number = np.floor(chips).astype(int)
+            wave = GPS_L1_CA.code(sat)[number % 1023] * bits[(number // 1023 + first) // 20]
+            sums[k] += wave * np.exp(2j * np.pi * ((doppler_hz + higher_hz) * t_s + phase))
+    return np.sqrt(2.0 * 10.0 ** (cn0_dbhz / 10.0) / rate_hz) * sums
+
+
+def quantised(wave, bits):
+    planes = np.stack([wave.real, wave.imag]).astype(np.float32)
+    if bits is None:
+        return planes
+    size = 1.0 if bits == 1 else np.where(np.abs(planes) > np.sqrt(np.mean(planes**2)), 3.0, 1.0)
+    return (np.sign(planes) * size).astype(np.float32)
+
+
+def found(first, second, carrier_cycles=0.0):
+    return shared_noise(rows_of(first, carrier_cycles, CELLS), rows_of(second, carrier_cycles, CELLS))
+
+
+@pytest.mark.parametrize("bits", [1, 2, None])
+def test_a_copy_is_seen_whatever_its_shift_and_its_gain(bits):
+    rng = np.random.default_rng(1)
+    one = quantised(sky(rng)[0] + noise(rng), bits)
+    told = found(one, 0.37 * np.roll(one, 3, axis=1))
+    assert told.coefficient > 0.97  # a lag between two that are tried loses up to 2.5 %
+    assert told.lag_s == pytest.approx(3.0 / RATE_HZ, abs=2e-9)
+    assert told.p_value < 1e-12
+
+
+@pytest.mark.parametrize(("share", "least"), [(0.01, 0.96), (0.2, 0.5)])
+def test_turned_bits_hide_no_copy(share, least):
+    rng = np.random.default_rng(2)
+    one = quantised(sky(rng)[0] + noise(rng), 1)
+    told = found(one, np.where(rng.random(one.shape) < share, -one, one))
+    assert told.coefficient > least
+    assert told.p_value < 1e-12
+
+
+@pytest.mark.parametrize("own_db", [-10.0, 0.0])
+def test_two_receivers_on_one_antenna_are_seen(own_db):
+    """Each with noise of its own, and with a carrier of its own."""
+    rng = np.random.default_rng(3)
+    antenna = sky(rng)[0] + noise(rng)
+    turn = np.exp(2j * np.pi * 90.0 * np.arange(N) / RATE_HZ)
+    own = 10.0 ** (own_db / 20.0)
+    told = found(quantised(antenna + own * noise(rng), None), quantised(antenna * turn + own * noise(rng), None))
+    assert told.coefficient == pytest.approx(1.0 / (1.0 + own**2), abs=0.03)
+    assert told.p_value < 1e-12
+
+
+def test_a_recording_of_another_rate_and_kind_is_compared_as_well():
+    rng = np.random.default_rng(4)
+    antenna = np.fft.fftshift(np.fft.fft(sky(rng)[0] + noise(rng)))
+    wide = np.zeros(4 * N, complex)  # real samples at four times the rate
+    middle = 2 * N + round(0.7 * N)
+    wide[middle - N // 2 : middle - N // 2 + N] = antenna
+    real = np.fft.ifft(np.fft.ifftshift(wide)).real
+    first = quantised(np.fft.ifft(np.fft.ifftshift(antenna)), 1)
+    told = shared_noise(
+        rows_of(first, 0.0, CELLS), rows_of(np.stack([np.sign(real), 0.0 * real]).astype(np.float32), 0.7 / 4.0, CELLS)
+    )
+    assert told.coefficient > 0.6
+    assert abs(told.lag_s) < 1e-8
+
+
+def common_signals(rng, stronger_db, sats, bits):
+    first, second = sky(rng, cn0_dbhz=45.0 + stronger_db, sats=sats)
+    return found(quantised(first + noise(rng), bits), quantised(second + noise(rng), bits))
+
+
+@pytest.mark.parametrize(
+    ("stronger_db", "sats", "bits"), [(0, 10, 1), (10, 10, 2), (15, 4, 1), (20, 10, 1), (30, 10, None)]
+)
+def test_common_signals_are_no_common_noise(stronger_db, sats, bits):
+    told = common_signals(np.random.default_rng(5), stronger_db, sats, bits)
+    assert told.p_value == 1.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("sats", [4, 10, 20, 32])
+@pytest.mark.parametrize("bits", [1, 2, None])
+def test_no_strength_of_common_signals_is_taken_for_common_noise(sats, bits):
+    """What is left in common stays below half of what is taken to be explained."""
+    rng = np.random.default_rng([6, sats, bits or 0])
+    for stronger_db in range(0, 31, 3):
+        first, second = sky(rng, cn0_dbhz=45.0 + stronger_db, sats=sats)
+        rows = [rows_of(quantised(one + noise(rng), bits), 0.0, CELLS) for one in (first, second)]
+        left = [without_repetition(one)[0] for one in rows]
+        told = shared_noise(*rows)
+        repeats = max(1.0 - np.sum(np.abs(b) ** 2) / np.sum(np.abs(a) ** 2) for a, b in zip(rows, left, strict=True))
+        assert told.p_value == 1.0
+        assert told.coefficient < 0.5 * explained(float(repeats))
+
+
+def test_independent_noise_shares_nothing():
+    rng = np.random.default_rng(7)
+    for _ in range(30):
+        one, other = (noise(rng, N_ROWS * 512).reshape(N_ROWS, 512).astype(np.complex64) for _ in range(2))
+        told = shared_noise(one, other)
+        assert told.p_value == 1.0
+        assert told.coefficient < 0.5 * EXPLAINED
+
+
+def test_what_is_explained_is_called_common_noise_no_oftener_than_stated():
+    """Noise that has in common just what signals may have: at one lag, so that the bound over all lags is ample."""
+    rng, wanted, cells = np.random.default_rng(8), 0.2, 512
+    alarms, coefficients = 0, []
+    for _ in range(60):
+        common, one, other = (noise(rng, N_ROWS * cells).reshape(N_ROWS, cells) for _ in range(3))
+        own = np.sqrt(1.0 / EXPLAINED - 1.0)
+        told = shared_noise((common + own * one).astype(np.complex64), (common + own * other).astype(np.complex64))
+        alarms += told.p_value < wanted
+        coefficients.append(told.coefficient)
+    assert alarms <= 20  # 12 are stated; twice the sigma more
+    assert np.mean(coefficients) == pytest.approx(EXPLAINED, rel=0.05)
+
+
+def test_the_bound_grows_with_what_repeats():
+    assert explained(0.1) == EXPLAINED
+    assert EXPLAINED < explained(0.5) < explained(0.6) < explained(0.64) == 1.0
