@@ -22,7 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, stats
 
-__all__ = ["EXPLAINED", "N_ROWS", "SharedNoise", "explained", "rows_of", "shared_noise", "usable_hz", "without_repetition"]
+__all__ = [
+    "EXPLAINED", "N_ROWS", "SharedNoise", "explained", "rows_of", "shared_noise", "usable_hz", "without_repetition",
+]  # fmt: skip
 
 Rows = NDArray[np.complex64]
 
