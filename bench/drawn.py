@@ -1,6 +1,7 @@
 """Attacks and clean skies drawn at random, judged as `protect` judges, held against the truth and counted.
 
     python bench/drawn.py --attacks 1000 --clean 500 --out drawn.jsonl --processes 2   goes on where it was stopped
+    python bench/drawn.py --samples 60 --out drawn.jsonl                               attacks through samples
     python bench/drawn.py --only attack-17 -v                                          everything about one scene
     python bench/drawn.py --table drawn.jsonl                                          the counts alone
 
@@ -16,20 +17,23 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from drawn_receiver import Heard, Noise, hear, true_offset_s
+from drawn_receiver import Heard, Noise, hear, received, true_offset_s
 from drawn_scenes import DrawnScene, Made, draw_scene, make, stated_sigma_m
 from numpy.typing import NDArray
 
 from skyproof.app.document import Outcome, ReceiverOutcome, document
 from skyproof.app.progress import Silent
-from skyproof.app.protect import judge
+from skyproof.app.protect import judge, protect
 from skyproof.app.settings import Settings
+from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Fix
+from skyproof.simulate.files import write_samples
 
 Reals = NDArray[np.float64]
 
@@ -39,6 +43,8 @@ WRONG_BOUNDS = 3.0
 FOLLOWED_S = 5.0
 """An attack that no receiver follows with a signal for so long, or more weakly than by half, is not there for it."""
 SHOWN_FIELDS = ("kind", "place", "clock", "reached", "power_db", "noise_db", "onset_s")
+SAMPLES = {"duration_s": 26.0, "n_receivers": 2}
+MOST_SATS = 8
 _HOLDS_DISTANCE = "antenna_distance_m" in Settings.model_fields
 
 
@@ -53,30 +59,43 @@ def settings_of(made: Made) -> Settings:
 
 
 def judged(made: Made) -> tuple[list[Heard], Outcome, Settings]:
-    """A scene through the receivers and the judge."""
-    drawn, attack = made.drawn, made.drawn.attack
+    """A scene through the receivers at measurement level and the judge."""
+    drawn = made.drawn
     noise = Noise(code_m=drawn.code_sigma_m, ar1=drawn.ar1, constant_m=drawn.constant_m, field=drawn.field)
-    reached = attack.reached if attack is not None else ()
-    heard = hear(made.scene, reached, noise, rng=np.random.default_rng(drawn.seed))
+    heard = hear(made.scene, noise, rng=np.random.default_rng(drawn.seed))
     settings = settings_of(made)
     outcome, _ = judge([h.reception for h in heard], made.navigation, settings, Silent())
     return heard, outcome, settings
 
 
+def protected(made: Made) -> tuple[list[Heard], Outcome, Settings]:
+    """The same through samples, by the command's own function."""
+    settings = settings_of(made)
+    with TemporaryDirectory(prefix="drawn") as folder:
+        nav = Path(folder) / "broadcast.rnx"
+        write_nav(nav, made.navigation)
+        paths = write_samples(made.scene, Path(folder), "raw")
+        outcome = protect(paths, nav=nav, **settings.model_dump(exclude_defaults=True)).outcome
+    heard = [
+        received(made.scene, index, r.reception) for index, r in enumerate(outcome.receivers)
+        if r.reception.observations is not None
+    ]  # fmt: skip
+    return heard, outcome, settings
+
+
 def examined(name: str, **options: Any) -> dict[str, Any]:
-    """One row of the result: what was drawn, said and wrong."""
+    """One row of the result: what was drawn, said and wrong. Names that begin with "samples-" go through samples."""
     begin = perf_counter()
-    drawn = draw_scene(name, **options)
-    made = make(drawn)
+    drawn, made, by_samples = scene_of_name(name, **options)
     row: dict[str, Any] = {"name": name, "given": drawn.given, "receivers": len(drawn.antennas_body_m),
                            "motion": drawn.motion, "distance_m": drawn.distance_m}  # fmt: skip
     if drawn.attack is not None:
         row |= {key: getattr(drawn.attack, key) for key in SHOWN_FIELDS}
     if made is None:
         return row | {"verdict": "no scene"}
-    heard, outcome, settings = judged(made)
+    heard, outcome, settings = (protected if by_samples else judged)(made)
     verdict = document(outcome, (), settings)
-    rows = [of_receiver(made, h, r) for h, r in zip(heard, outcome.receivers, strict=True)]
+    rows = [of_receiver(made, h, r) for h, r in pairs_of(heard, outcome)]
     return row | {
         "verdict": verdict.verdict, "summary": verdict.summary, "because": verdict.undecided_because,
         "each": rows, "seconds": round(perf_counter() - begin, 2),
@@ -85,6 +104,22 @@ def examined(name: str, **options: Any) -> dict[str, Any]:
         "fits": fits_distance(made, heard, outcome) if any(one["wrong"] for one in rows) else None,
         "wrong_labels": wrong_labels(heard, outcome),
     }  # fmt: skip
+
+
+def scene_of_name(name: str, **options: Any) -> tuple[DrawnScene, Made | None, bool]:
+    """As drawn and as worked out, and whether it goes through samples: shorter, of fewer receivers and satellites."""
+    own = name.removeprefix("samples-")
+    if own == name:
+        drawn = draw_scene(name, **options)
+        return drawn, make(drawn), False
+    drawn = draw_scene(own, **(SAMPLES | options))
+    return drawn, make(drawn, n_sats=MOST_SATS), True
+
+
+def pairs_of(heard: Sequence[Heard], outcome: Outcome) -> list[tuple[Heard, ReceiverOutcome]]:
+    """What each receiver heard beside what came out of it; those that heard nothing are left out."""
+    by_name = {r.reception.samples.name: r for r in outcome.receivers}
+    return [(h, by_name[h.reception.samples.name]) for h in heard]
 
 
 def of_receiver(made: Made, heard: Heard, outcome: ReceiverOutcome) -> dict[str, Any]:
@@ -132,7 +167,7 @@ def fits_distance(made: Made, heard: Sequence[Heard], outcome: Outcome) -> str |
     if made.drawn.given != "distance" or attack is None:
         return None
     stated_m = made.drawn.given_distance_m
-    for k, (h, r) in enumerate(zip(heard, outcome.receivers, strict=True)):
+    for k, (h, r) in enumerate(pairs_of(heard, outcome)):
         if r.trusted is None:
             continue
         good = np.flatnonzero(r.trusted.status == 0)
@@ -191,8 +226,9 @@ def read(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
 
 
-def names_of(attacks: int, clean: int, first: int = 0) -> list[str]:
-    return [f"{kind}-{k}" for kind, n in (("attack", attacks), ("clean", clean)) for k in range(first, first + n)]
+def names_of(attacks: int, clean: int, samples: int = 0, first: int = 0) -> list[str]:
+    counts = (("attack", attacks), ("clean", clean), ("samples-attack", samples))
+    return [f"{kind}-{k}" for kind, n in counts for k in range(first, first + n)]
 
 
 def wrong_attacks(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -206,19 +242,19 @@ def _wrong(row: dict[str, Any]) -> bool:
 
 def passed_over(row: dict[str, Any]) -> bool:
     """An attack whose signals were followed, and of which nothing is said."""
-    return bool(row["verdict"] == "authentic" and row["followed"] and row["name"].startswith("attack"))
+    return bool(row["verdict"] == "authentic" and row["followed"] and "kind" in row)
 
 
 def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """The counts."""
     rows = [row for row in rows if row["verdict"] != "no scene"]
-    for kind in ("attack", "clean"):
+    for kind in ("attack", "clean", "samples"):
         mine = [row for row in rows if row["name"].startswith(kind)]
         if not mine:
             continue
         yield f"{kind}: {len(mine)} scenes, {sum(row['seconds'] for row in mine) / len(mine):.2f} s each"
         cells = [(given, sub) for given in ("nothing", "distance", "positions")
-                 for sub in (("takeover", "spoofer", "meaconer") if kind == "attack" else (None,))]  # fmt: skip
+                 for sub in (("takeover", "spoofer", "meaconer") if kind != "clean" else (None,))]  # fmt: skip
         for given, sub in cells:
             part = [row for row in mine if row["given"] == given and (sub is None or row["kind"] == sub)]
             yield f"  {given:<9} {sub or '':<8} {_counts(part)}"
@@ -260,21 +296,23 @@ def _listed(rows: Sequence[dict[str, Any]], kind: str) -> Iterator[str]:
 
 def told(name: str) -> Iterator[str]:
     """Everything about one scene."""
-    drawn = draw_scene(name)
+    drawn, made, by_samples = scene_of_name(name)
     yield from _fields(drawn)
-    made = make(drawn)
     if made is None:
         yield "makes no scene"
         return
-    heard, outcome, _ = judged(made)
-    yield json.dumps(examined(name), indent=1, default=str)
+    heard, outcome, settings = (protected if by_samples else judged)(made)
+    verdict = document(outcome, (), settings)
+    yield f"{verdict.verdict}: {verdict.summary} {verdict.undecided_because}"
+    yield from (json.dumps(of_receiver(made, h, r)) for h, r in pairs_of(heard, outcome))
+    yield from wrong_labels(heard, outcome)
     for e in outcome.evidence:
         if e.p_value is not None or e.detector == "multi_receiver":
             subject = " ".join(sorted(f"{ref.receiver}:{ref.signal.sat}{ref.signal.copy}" for ref in e.subject))
             yield f"{e.start_gpst} {e.detector} {e.says} p={e.p_value} group={e.group} {subject}: {e.because}"
     for s in outcome.decision.labels:
         yield f"{s.ref} {s.label} {s.first_epoch}-{s.last_epoch} {s.because}"
-    for h, r in zip(heard, outcome.receivers, strict=True):
+    for h, r in pairs_of(heard, outcome):
         o = h.reception.observations
         if o is None:
             continue
@@ -309,6 +347,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--attacks", type=int, default=0)
     options.add_argument("--clean", type=int, default=0)
+    options.add_argument("--samples", type=int, default=0, help="attacks that go through samples and protect itself")
     options.add_argument("--first", type=int, default=0, help="number of the first scene of each kind")
     options.add_argument("--only", nargs="+", help="names of scenes, such as attack-17")
     options.add_argument("-v", "--verbose", action="store_true", help="with --only: everything about them")
@@ -323,7 +362,8 @@ def main() -> None:
             print("\n".join(told(name)))
         return
     else:
-        rows = run(chosen.only or names_of(chosen.attacks, chosen.clean, chosen.first), chosen.out, chosen.processes)
+        names = chosen.only or names_of(chosen.attacks, chosen.clean, chosen.samples, chosen.first)
+        rows = run(names, chosen.out, chosen.processes)
     print("\n".join(table(rows)))
 
 

@@ -24,10 +24,10 @@ from skyproof.gnss.time import seconds_between
 from skyproof.receiver.channels import FORGET_S, Gap, LostSignal, Place, continued, letter
 from skyproof.records import Observations, Samples, SignalId
 from skyproof.simulate.field_errors import FieldError, FieldErrors, field_errors
-from skyproof.simulate.heard import Scene
+from skyproof.simulate.heard import ReceiverSky, Scene
 from skyproof.simulate.measurements import Geometry, geometry_of
 
-__all__ = ["Heard", "hear"]
+__all__ = ["Heard", "Noise", "hear", "received", "true_offset_s"]
 
 Reals = NDArray[np.float64]
 
@@ -75,14 +75,14 @@ class Noise:
     field: bool = True
 
 
-def hear(scene: Scene, reached: tuple[int, ...], noise: Noise, *, rng: np.random.Generator) -> list[Heard]:
-    """What every receiver of a scene measures. reached : those that hear what is false, and its noise, at all."""
+def hear(scene: Scene, noise: Noise, *, rng: np.random.Generator) -> list[Heard]:
+    """What every receiver of a scene measures."""
     geometries = geometry_of(scene, interval_s=INTERVAL_S)
     fields: list[FieldError | None] = [None] * len(geometries)
     if noise.field:
         fields = list(field_errors(FieldErrors(), [g.exposure for g in geometries], INTERVAL_S, rng=rng))
     return [
-        _receive(scene, index, geometry, index in reached, noise, error, rng)
+        _receive(scene, index, geometry, noise, error, rng)
         for index, (geometry, error) in enumerate(zip(geometries, fields, strict=True))
     ]
 
@@ -104,18 +104,16 @@ class _Arriving:
     carrier_error_cyc: Reals
 
 
-def _noise_power(scene: Scene, index: int, true_s: Reals, reached: bool) -> Reals:
+def _noise_power(sky: ReceiverSky, true_s: Reals) -> Reals:
     power = np.ones(true_s.size)
-    for added in scene.skies[index].noises if reached else ():
+    for added in sky.noises:
         there = (true_s >= added.from_s) & (true_s < added.until_s)
         power[there] += added.power(true_s[there])
     return power
 
 
-def _arriving(geometry: Geometry, floor: Reals, reached: bool, error: FieldError | None) -> list[_Arriving]:
+def _arriving(geometry: Geometry, floor: Reals, error: FieldError | None) -> list[_Arriving]:
     power = np.where(np.isfinite(geometry.pseudorange_m), 10.0 ** (0.1 * geometry.cn0_dbhz), 0.0)
-    if not reached:
-        power[:, [label == "spoofed" for label in geometry.labels]] = 0.0
     floor = floor + CODE_NOISE * power.sum(axis=1)
     columns: dict[str, list[int]] = {}
     for column, signal in enumerate(geometry.signals):
@@ -375,12 +373,11 @@ class _Receiver:
 
 
 def _receive(
-    scene: Scene, index: int, geometry: Geometry, reached: bool, noise: Noise, error: FieldError | None,
-    rng: np.random.Generator,
-) -> Heard:  # fmt: skip
+    scene: Scene, index: int, geometry: Geometry, noise: Noise, error: FieldError | None, rng: np.random.Generator
+) -> Heard:
     sky = scene.skies[index]
     true_s = geometry.elapsed_s + sky.true_minus_elapsed_s(geometry.elapsed_s)
-    arriving = _arriving(geometry, _noise_power(scene, index, true_s, reached), reached, error)
+    arriving = _arriving(geometry, _noise_power(sky, true_s), error)
     receiver = _Receiver(arriving, geometry.elapsed_s)
     for epoch in range(geometry.elapsed_s.size):
         receiver.step(epoch)
@@ -433,6 +430,29 @@ def _observed(
         doppler_sigma_hz=noise.doppler_hz * growth, status=status, found_elapsed_s=found[:, 0],
         missed_elapsed_s=found[:, 1], carrier_hz=np.full(len(names), geometry.carrier_hz), averaged_s=INTERVAL_S,
     ), share  # fmt: skip
+
+
+def received(scene: Scene, index: int, reception: Reception) -> Heard:
+    """The truth beside what a receiver made of samples: a signal is what the nearest delay of its satellite is."""
+    sky, o = scene.skies[index], reception.observations
+    assert o is not None
+    true_s = o.elapsed_s + sky.true_minus_elapsed_s(o.elapsed_s)
+    clock_s = seconds_between(o.gpst, scene.scenario.start_gpst) - true_s
+    delay_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(true_s)
+    for column, signal in enumerate(sky.signals):
+        delay_m[~np.any([(begin <= true_s) & (true_s < end) for begin, end in signal.windows_s], axis=0), column] = (
+            np.inf
+        )
+    is_false = np.array([signal.label == "spoofed" for signal in sky.signals], float)
+    share = np.full(o.pseudorange_m.shape, np.nan)
+    for channel, signal in enumerate(o.signals):
+        own = [column for column, heard in enumerate(sky.signals) if heard.id.sat == signal.sat]
+        seen = np.isfinite(o.pseudorange_m[:, channel])
+        if own:
+            off_m = np.abs((o.pseudorange_m[:, channel] - SPEED_OF_LIGHT_M_S * clock_s)[:, None] - delay_m[:, own])
+            share[seen, channel] = is_false[own][np.argmin(off_m[seen], axis=1)]
+    return Heard(reception=reception, false_share=share, position_ecef_m=sky.point(true_s).position_ecef_m,
+                 true_s=true_s)  # fmt: skip
 
 
 def true_offset_s(heard: Heard, gpst: NDArray[np.datetime64], start_gpst: np.datetime64) -> Reals:

@@ -4,7 +4,7 @@ A scene follows from its name alone: `attack-17` and `clean-3` are each drawn fr
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -42,6 +42,7 @@ CHIP_S = 1e-3 / 1023
 RIDES_WITHIN_M = 300.0
 """A transmitter nearer than this to what moves goes with it: it would be left behind within the scene."""
 MASK_DEG = 8.0
+FRONT_END = FrontEnd(rate_hz=2.6e6, bandwidth_hz=2.08e6)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +122,10 @@ class DrawnScene:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Made:
-    """A drawn scene as the simulator has it. antennas_enu_m : from the first one, in the scene's middle."""
+    """A drawn scene as the simulator has it. antennas_enu_m : from the first one, in the scene's middle.
+
+    scene : worked out; receivers that the attack does not reach have the sky of the scenario without it.
+    """
 
     drawn: DrawnScene
     scenario: Scenario
@@ -254,24 +258,42 @@ def _difference(a: Vector, b: Vector) -> Vector:
 # ---------------------------------------------------------------------- to the simulator
 
 
-def make(drawn: DrawnScene, front_end: FrontEnd | None = None) -> Made | None:
-    """The scene worked out; None if what was drawn makes none, as a transmitter in an antenna's place."""
+def make(drawn: DrawnScene, *, n_sats: int | None = None) -> Made | None:
+    """The scene worked out; None if what was drawn makes none, as a transmitter in an antenna's place.
+
+    n_sats : the highest so many satellites alone, for what takes long with many.
+    """
     navigation = nominal_constellation(drawn.start_gpst)
-    clean = _scenario(drawn, [], [], front_end)
+    clean = _scenario(drawn, [], [])
     under = scene_of(clean, navigation)
-    enu_m = _antennas_enu_m(under)
+    if n_sats is not None:
+        clean = _scenario(drawn, [], [], _highest(under, n_sats))
+        under = scene_of(clean, navigation)
+    made = Made(drawn=drawn, scenario=clean, navigation=navigation, scene=under, antennas_enu_m=_antennas_enu_m(under))
     if drawn.attack is None:
-        return Made(drawn=drawn, scenario=clean, navigation=navigation, scene=under, antennas_enu_m=enu_m)
+        return made
     try:
         attack, jam = _transmitters(drawn, drawn.attack, under)
-        scenario = _scenario(drawn, [attack], jam, front_end)
+        if n_sats is not None and attack.sats is None:
+            attack = attack.model_copy(update={"sats": clean.sky.sats})
+        scenario = _scenario(drawn, [attack], jam, clean.sky.sats)
         scene = scene_of(scenario, navigation)
     except ScenarioError:
         return None
-    return Made(drawn=drawn, scenario=scenario, navigation=navigation, scene=scene, antennas_enu_m=enu_m)
+    reached = drawn.attack.reached
+    skies = tuple(scene.skies[k] if k in reached else under.skies[k] for k in range(len(scene.skies)))
+    return replace(made, scenario=scenario, scene=replace(scene, skies=skies))
 
 
-def _scenario(drawn: DrawnScene, attacks: list[Any], jam: list[Interference], front_end: FrontEnd | None) -> Scenario:
+def _highest(under: Scene, n_sats: int) -> tuple[str, ...]:
+    sky = under.skies[0]
+    order = np.argsort(-sky.el_rad[sky.knots_s.size // 2])[:n_sats]
+    return tuple(sorted(sky.signals[column].id.sat for column in order))
+
+
+def _scenario(
+    drawn: DrawnScene, attacks: list[Any], jam: list[Interference], sats: tuple[str, ...] | None = None
+) -> Scenario:
     own = _site(drawn, (drawn.lat_deg, drawn.lon_deg, drawn.height_m), rides=True)
     receivers = tuple(
         Receiver(**own, name=f"rx{k + 1}", antennas=(Antenna(name="1", body_m=body_m),), clock_offset_s=clock_s,
@@ -282,8 +304,8 @@ def _scenario(drawn: DrawnScene, attacks: list[Any], jam: list[Interference], fr
     )  # fmt: skip
     return Scenario(
         seed=drawn.seed, start_gpst=drawn.start_gpst, duration_s=drawn.duration_s, mask_deg=MASK_DEG,
-        receivers=receivers, front_end=front_end or FrontEnd(), attacks=tuple(attacks), interference=tuple(jam),
-        sky=Sky(zenith_cn0_dbhz=drawn.zenith_cn0_dbhz, horizon_cn0_dbhz=drawn.horizon_cn0_dbhz),
+        receivers=receivers, front_end=FRONT_END, attacks=tuple(attacks), interference=tuple(jam),
+        sky=Sky(zenith_cn0_dbhz=drawn.zenith_cn0_dbhz, horizon_cn0_dbhz=drawn.horizon_cn0_dbhz, sats=sats),
     )  # fmt: skip
 
 

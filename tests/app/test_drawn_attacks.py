@@ -41,8 +41,7 @@ def test_a_scene_follows_from_its_name():
 def heard_of(name: str):
     made = make(draw_scene(name))
     noise = drawn.Noise(code_m=0.5, field=False)
-    reached = made.drawn.attack.reached if made.drawn.attack else ()
-    return made, hear(made.scene, reached, noise, rng=np.random.default_rng(1))
+    return made, hear(made.scene, noise, rng=np.random.default_rng(1))
 
 
 def test_a_clean_sky_is_followed_whole_by_every_receiver():
