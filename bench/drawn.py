@@ -43,7 +43,7 @@ WRONG_BOUNDS = 3.0
 FOLLOWED_S = 5.0
 """An attack that no receiver follows with a signal for so long, or more weakly than by half, is not there for it."""
 SHOWN_FIELDS = ("kind", "place", "clock", "reached", "power_db", "noise_db", "onset_s")
-SAMPLES = {"duration_s": 26.0, "n_receivers": 2}
+SAMPLES: dict[str, Any] = {"duration_s": 26.0, "most_receivers": 3}
 MOST_SATS = 8
 _HOLDS_DISTANCE = "antenna_distance_m" in Settings.model_fields
 

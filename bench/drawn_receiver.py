@@ -43,6 +43,8 @@ APART_CHIPS, MERGED_CHIPS = 1.0, 0.5
 PULLED_CHIPS, PULL_SHARE = 0.1, 0.05
 SLIP_HZ = 2.0
 HALF_CHIPS = 0.125
+CLEARLY = 0.3
+"""Of the distance to the other signal: what is measured nearer than this to one follows that one."""
 PHASES = 9
 """At which the phase between two signals is taken within an epoch."""
 CODE_NOISE = 2.0 / 3.0 / GPS_L1_CA.chip_rate_hz
@@ -433,7 +435,9 @@ def _observed(
 
 
 def received(scene: Scene, index: int, reception: Reception) -> Heard:
-    """The truth beside what a receiver made of samples: a signal is what the nearest delay of its satellite is."""
+    """The truth beside what a receiver made of samples: a signal is the one of its satellite whose delay is clearly
+    nearest, or not known.
+    """
     sky, o = scene.skies[index], reception.observations
     assert o is not None
     true_s = o.elapsed_s + sky.true_minus_elapsed_s(o.elapsed_s)
@@ -450,7 +454,9 @@ def received(scene: Scene, index: int, reception: Reception) -> Heard:
         seen = np.isfinite(o.pseudorange_m[:, channel])
         if own:
             off_m = np.abs((o.pseudorange_m[:, channel] - SPEED_OF_LIGHT_M_S * clock_s)[:, None] - delay_m[:, own])
-            share[seen, channel] = is_false[own][np.argmin(off_m[seen], axis=1)]
+            best = np.sort(off_m[seen], axis=1)
+            clear = best[:, 0] < CLEARLY * best[:, 1] if len(own) > 1 else np.ones(best.shape[0], np.bool_)
+            share[seen, channel] = np.where(clear, is_false[own][np.argmin(off_m[seen], axis=1)], np.nan)
     return Heard(reception=reception, false_share=share, position_ecef_m=sky.point(true_s).position_ecef_m,
                  true_s=true_s)  # fmt: skip
 

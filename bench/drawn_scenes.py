@@ -139,13 +139,13 @@ def stated_sigma_m(distance_m: float) -> float:
     return max(0.05 * distance_m, 1.0)
 
 
-def draw_scene(name: str, *, n_receivers: int | None = None, duration_s: float | None = None) -> DrawnScene:
-    """The scene of a name such as "attack-17". n_receivers, duration_s : in place of drawn ones."""
+def draw_scene(name: str, *, most_receivers: int = 4, duration_s: float | None = None) -> DrawnScene:
+    """The scene of a name such as "attack-17". duration_s : in place of a drawn one."""
     kind, _, number = name.partition("-")
     if kind not in KINDS or not number.isdigit():
         raise SystemExit(f"no scene named {name!r}; give attack-NUMBER or clean-NUMBER")
     rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(KINDS.index(kind), int(number))))
-    n = n_receivers or int(rng.choice([2, 3, 4], p=[0.6, 0.25, 0.15]))
+    n = min(int(rng.choice([2, 3, 4], p=[0.6, 0.25, 0.15])), most_receivers)
     motion = str(rng.choice(["still", "straight", "turning"], p=[0.6, 0.25, 0.15]))
     given = str(rng.choice(["nothing", "distance", "positions"]))
     if (given == "distance" and n > 2) or (given == "positions" and motion == "turning"):

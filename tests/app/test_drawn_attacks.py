@@ -23,7 +23,7 @@ drawn = _bench()
 hear, make, draw_scene = drawn.hear, drawn.make, drawn.draw_scene
 
 
-SHORT = {"duration_s": 25.0, "n_receivers": 2}
+SHORT = {"duration_s": 25.0, "most_receivers": 2}
 """Of the scenes of the fast tests."""
 
 
