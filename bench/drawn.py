@@ -257,7 +257,8 @@ def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
                  for sub in (("takeover", "spoofer", "meaconer") if kind != "clean" else (None,))]  # fmt: skip
         for given, sub in cells:
             part = [row for row in mine if row["given"] == given and (sub is None or row["kind"] == sub)]
-            yield f"  {given:<9} {sub or '':<8} {_counts(part)}"
+            if part:
+                yield f"  {given:<9} {sub or '':<8} {_counts(part)}"
         yield f"  all                {_counts(mine)}"
         yield from _listed(mine, kind)
 
@@ -279,6 +280,10 @@ def _listed(rows: Sequence[dict[str, Any]], kind: str) -> Iterator[str]:
     groups = {
         "wrong": wrong_attacks(rows), "fits the distance": [row for row in rows if row["fits"]],
         "passed over": [row for row in rows if passed_over(row)],
+        "passed over, though a fix is beyond its bound or its time by 1 us": [
+            row for row in rows if passed_over(row)
+            and any(one.get("beyond") or one.get("time_off_s", 0) > 1e-6 for one in row["each"])
+        ],
         "wrong in height or by 3-D only": [
             row for row in rows if not _wrong(row) and any(one.get("wrong_3d") for one in row["each"])
         ],
