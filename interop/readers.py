@@ -9,7 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["georinex_counts", "georinex_found", "rtklib_found", "rtklib_positions_ecef_m"]
+__all__ = ["BASELINE_MODES", "georinex_counts", "georinex_found", "rtklib_baseline", "rtklib_found",
+           "rtklib_positions_ecef_m"]  # fmt: skip
+
+BASELINE_MODES = ("static", "kinematic")
 
 
 # Without these RTKLIB leaves the atmosphere in.
@@ -22,6 +25,19 @@ pos1-navsys =1
 out-solformat =xyz
 """
 
+# Whole cycles are sought at each epoch, of the ambiguities estimated so far, and taken by the ratio test.
+_RTKLIB_BASELINE_OPTIONS = """pos1-posmode ={mode}
+pos1-frequency =l1
+pos1-elmask =10
+pos1-ionoopt =brdc
+pos1-tropopt =saas
+pos1-navsys =1
+pos2-armode =continuous
+pos2-arthres =3.0
+out-solformat =xyz
+"""
+_FIXED = 1  # the quality of a solution whose ambiguities are whole
+
 
 def rtklib_found() -> bool:
     """Whether RTKLIB's post-processor is installed (on Debian: apt-get install rtklib)."""
@@ -30,13 +46,26 @@ def rtklib_found() -> bool:
 
 def rtklib_positions_ecef_m(observations: Path, navigation: Path) -> np.ndarray:
     """(n, 3) positions that RTKLIB finds epoch by epoch, from code with broadcast orbits above 5 degrees."""
-    solution, options = observations.with_suffix(".pos"), observations.with_suffix(".conf")
-    options.write_text(_RTKLIB_OPTIONS, encoding="ascii")
-    subprocess.run(
-        ["rnx2rtkp", "-k", options, "-o", solution, observations, navigation], capture_output=True, check=True
-    )
+    return _rtklib(_RTKLIB_OPTIONS, observations, navigation)[:, :3]
+
+
+def rtklib_baseline(
+    rover: Path, base: Path, navigation: Path, base_ecef_m: np.ndarray, mode: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3) positions of the rover, epoch by epoch from the carrier of both, and (n,) whether RTKLIB fixed each."""
+    options = _RTKLIB_BASELINE_OPTIONS.format(mode=mode)
+    table = _rtklib(options, rover, base, navigation, "-r", *(f"{x:.4f}" for x in base_ecef_m))
+    return table[:, :3], table[:, 3] == _FIXED
+
+
+def _rtklib(options: str, observations: Path, *arguments: Path | str) -> np.ndarray:
+    """(n, 4) position and quality of each epoch."""
+    solution, settings = observations.with_suffix(".pos"), observations.with_suffix(".conf")
+    settings.write_text(options, encoding="ascii")
+    subprocess.run(["rnx2rtkp", "-k", settings, "-o", solution, observations, *arguments],
+                   capture_output=True, check=True)  # fmt: skip
     rows = [line.split() for line in solution.read_text(encoding="ascii").splitlines() if re.match(r"\d", line)]
-    return np.array([[float(cell) for cell in row[2:5]] for row in rows]).reshape(-1, 3)
+    return np.array([[float(cell) for cell in row[2:6]] for row in rows]).reshape(-1, 4)
 
 
 def georinex_found() -> bool:

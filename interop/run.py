@@ -1,7 +1,9 @@
 """The same samples through independent receivers, signal by signal: `make interop`, or `python interop/run.py FILE...`.
 
 Two recordings: the rendered pair's rx1.bin if the folder of recordings ($SKYPROOF_DATA) is there, or those that are
-named; and a clean sky that skyproof simulates, where the truth is known. What is not installed is told and skipped.
+named; and a clean sky that skyproof simulates, where the truth is known. Then two receivers at once, the rendered pair
+and one that skyproof simulates: RTKLIB fixes the baseline between their RINEX files. What is not installed is told and
+skipped.
 """
 
 import json
@@ -48,29 +50,45 @@ class Case:
     place_ecef_m: np.ndarray | None
 
 
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Recordings of a base and a rover, and where they stood, (2, 3)."""
+
+    name: str
+    title: str
+    paths: tuple[Path, Path]
+    places_ecef_m: np.ndarray
+
+
 def main(named: list[str]) -> None:
-    missing = [peer for peer in PEERS if not peer.find()]
-    for peer in missing:
-        print(f"skipped: {peer.NAME} not found; {peer.CURE}")
-    if len(missing) == len(PEERS):
-        return
+    for peer in PEERS:
+        if not peer.find():
+            print(f"skipped: {peer.NAME} not found; {peer.CURE}")
     for found, name, cure in (
         (readers.rtklib_found(), "rnx2rtkp (RTKLIB)", "on Debian: apt-get install rtklib"),
         (readers.georinex_found(), "georinex", "pip install georinex"),
     ):
         if not found:
             print(f"skipped: {name} not found; {cure}")
+    if not (any(peer.find() for peer in PEERS) or readers.rtklib_found() or readers.georinex_found()):
+        return
     with tempfile.TemporaryDirectory(prefix="skyproof-interop-") as folder:
         cases = (*_recorded(named), _simulated(Path(folder) / "simulated"))
         for number, case in enumerate(cases):
             for line in _report(case, Path(folder) / f"received-{number}"):
                 print(line, flush=True)
+        for pair in (*_recorded_pair(named), _simulated_pair(Path(folder) / "pair")):
+            for line in _baselines(pair, Path(folder) / f"received-{pair.name}"):
+                print(line, flush=True)
+
+
+def _rendered(name: str) -> Path:
+    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
+    return Path(os.environ.get("SKYPROOF_DATA", beside)) / "rf" / "meaconing-pair" / name
 
 
 def _recorded(named: list[str]) -> Iterator[Case]:
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    pair = Path(os.environ.get("SKYPROOF_DATA", beside)) / "rf" / "meaconing-pair" / "rx1.bin"
-    for path in [Path(name) for name in named] or [pair]:
+    for path in [Path(name) for name in named] or [_rendered("rx1.bin")]:
         if path.is_file():
             yield Case(str(path.name), path, None, _place_told(path))
         else:
@@ -95,6 +113,40 @@ def _simulated(folder: Path) -> Case:
     scenario = clean(PLACE, START_GPST, receivers=1, duration_s=DURATION_S, front_end=front_end, seed=11)
     (path,) = write(scenario, nominal_constellation(START_GPST), folder)
     return Case("a clean sky that skyproof simulates", path, _truth(scenario), ecef_from_geodetic(*PLACE.geodetic_rad))
+
+
+def _recorded_pair(named: list[str]) -> Iterator[Pair]:
+    base, rover = _rendered("rx1.bin"), _rendered("rx2.bin")
+    if not named and base.is_file() and rover.is_file():
+        yield Pair("rendered", "rx1.bin and rx2.bin", (base, rover), np.stack([_place_told(base), _place_told(rover)]))
+
+
+def _simulated_pair(folder: Path) -> Pair:
+    front_end = FrontEnd(rate_hz=2.6e6, encoding="sign-magnitude", bits=2)
+    scenario = clean(PLACE, START_GPST, receivers=2, duration_s=DURATION_S, front_end=front_end, seed=12)
+    base, rover = write(scenario, nominal_constellation(START_GPST), folder)
+    places = [ecef_from_geodetic(*receiver.geodetic_rad) for receiver in scenario.receivers]
+    return Pair("simulated", "two receivers that skyproof simulates", (base, rover), np.stack(places))
+
+
+def _baselines(pair: Pair, folder: Path) -> Iterator[str]:
+    """How often RTKLIB finds the whole cycles of the carrier between two receivers, and how far it is from the truth
+    then. Half a cycle that is open or wrong is never whole: one such satellite leaves nothing fixed."""
+    yield ""
+    yield f"{pair.title}, {np.linalg.norm(np.diff(pair.places_ecef_m, axis=0)):.1f} m apart, copies a"
+    if not readers.rtklib_found():
+        return
+    result = receive(pair.paths, out=folder)
+    base, rover = (folder / f"{reception.samples.name}.obs" for reception in result.receptions)
+    navigation = next(folder.glob("*.rnx"))
+    for mode in readers.BASELINE_MODES:
+        positions_m, fixed = readers.rtklib_baseline(rover, base, navigation, pair.places_ecef_m[0], mode)
+        off_m = np.linalg.norm(positions_m - pair.places_ecef_m[1], axis=-1)[fixed]
+        yield (
+            f"    RTKLIB, {mode}: {fixed.sum()} of {fixed.size} epochs fixed ({fixed.mean():.1%}), the rover then "
+            f"{1e3 * np.median(off_m) if fixed.any() else np.nan:.1f} mm off in the median, "
+            f"{1e3 * off_m.max(initial=0.0):.1f} mm at most"
+        )
 
 
 def _truth(scenario: Scenario) -> Tracks:

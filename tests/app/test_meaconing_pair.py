@@ -318,6 +318,17 @@ def test_rinex_observations_are_those_with_the_label(whole, kind, label):
         assert max(abs(written[cell] - expected[cell]) for cell in written) < 0.001
 
 
+def test_headers_have_the_date_of_the_recording_and_where_the_receiver_stands(whole):
+    for receiver in RECEIVERS:
+        for kind in ("authentic", "other"):
+            header = (whole.folder / f"{receiver}-{kind}.obs").read_text(encoding="ascii").split("END OF HEADER")[0]
+            at = {line[60:].strip(): line[:60] for line in header.splitlines()}
+            place_m = np.array(at["APPROX POSITION XYZ"].split(), float)
+            assert np.linalg.norm(place_m - whole.truth.place_ecef_m(receiver)) < 10.0
+            assert at["PGM / RUN BY / DATE"][40:].startswith("20220101 21454")
+    assert "20220101 21454" in (whole.folder / "nav.rnx").read_text(encoding="ascii").split("END OF HEADER")[0]
+
+
 def test_the_navigation_file_has_the_orbits_of_all_satellites(whole):
     lines = (whole.folder / "nav.rnx").read_text(encoding="ascii").splitlines()
     body = lines[next(i for i, line in enumerate(lines) if line[60:].startswith("END OF HEADER")) + 1 :]

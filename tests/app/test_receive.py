@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from skyproof.app.receive import document_json, receive
@@ -39,6 +40,12 @@ def test_two_signals_of_a_satellite_stand_in_two_files_and_all_in_the_document(r
     written = [sorted(signal.sat for signal in read_obs(tmp_path / name).observations.signals) for name in observed]
     assert sorted(sat for sats in written for sat in sats) == [sat for sat, _ in listed]
     assert all(len(set(sats)) == len(sats) > 5 for sats in written)
+    bow = recorded.scene.skies[0].point(np.array([1.0])).position_ecef_m[0]
+    for name in observed:  # first copies of the sky and of the repeater, which stands 0.9 km off
+        assert np.linalg.norm(read_obs(tmp_path / name).position_ecef_m - bow) < 1000.0
+    for name in (orbits, *observed):
+        (dated,) = [line for line in (tmp_path / name).read_text().splitlines() if "PGM / RUN BY / DATE" in line]
+        assert dated[40:60].startswith("20240514 09594")  # of the recording, 18 leap seconds off GPS time
 
 
 def test_a_forged_message_beside_the_true_one_is_told(tracker):

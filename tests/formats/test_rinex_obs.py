@@ -1,7 +1,6 @@
 """RINEX 3.05 observations: what is written reads back, by a small reader of its own."""
 
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from skyproof.errors import OutputError
 from skyproof.formats.rinex_obs import obs_lines, write_obs
 from skyproof.records import Observations, SignalId
 
-CREATED_UTC = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+CREATED_UTC = np.datetime64("2026-01-02T03:04:05", "ns")
 GIVEN = {"holds": "authentic", "marker": "rx1", "version": "0.1.0", "created_utc": CREATED_UTC}
 FIELDS = {"C1C": "pseudorange_m", "L1C": "carrier_cyc", "D1C": "doppler_hz", "S1C": "cn0_dbhz"}
 
@@ -156,6 +155,12 @@ def test_signal_strength_is_the_digit_of_the_format():
     parsed = parsed_from(observations, "G05a")
     assert [parsed.cells[epoch, "G05", "L1C"][2] for epoch in range(7)] == list("1126899")
     assert [parsed.cells[epoch, "G05", "C1C"][2] for epoch in range(7)] == list("1126899")
+
+
+def test_a_file_is_dated_by_its_first_epoch_so_that_equal_observations_make_equal_bytes():
+    observations = missing(observations_of(), (slice(0, 4), slice(None)))  # the first two seconds
+    (told,) = parsed_from(observations, "G05a", created_utc=None).header["PGM / RUN BY / DATE"]
+    assert told[40:] == "20220101 214643 UTC "  # 18 leap seconds after 21:46:59 and 2 s later
 
 
 def lost_locks(observations, *names, sat="G07"):

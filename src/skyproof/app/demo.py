@@ -7,6 +7,7 @@ from skyproof.app.progress import Progress, Silent
 from skyproof.app.protect import ProtectResult, protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.time import utc_from_gpst
 from skyproof.simulate import scenes
 from skyproof.simulate.files import write
 
@@ -27,7 +28,7 @@ def demo(out: str | Path, *, progress: Progress | None = None, seed: int = 1) ->
     scenario = scenes.demo(seed=seed)
     navigation = nominal_constellation(scenario.start_gpst)
     nav = folder / "broadcast.rnx"
-    write_nav(nav, navigation)
+    write_nav(nav, navigation, created=utc_from_gpst(scenario.start_gpst))
     try:
         with progress.stage("simulating two receivers, jammed and then meaconed", 1.0) as stage:
             recordings = write(scenario, navigation, folder, progress=lambda done, total: stage.advance(done / total))

@@ -11,7 +11,7 @@ import numpy as np
 from skyproof.app.document import Outcome, versions
 from skyproof.app.pictures import fixes_by_kind, last_position, pictures_of, possible_fixes
 from skyproof.app.progress import Progress
-from skyproof.app.rinex import one_a_satellite, write_channels
+from skyproof.app.rinex import date_of, one_a_satellite, write_channels
 from skyproof.app.settings import Settings
 from skyproof.errors import InputError, OutputError
 from skyproof.formats.atomic_write import write_lines
@@ -108,7 +108,7 @@ def _signal_columns(outcome: Outcome) -> dict[str, Any]:
             words = np.array([CELL_STATUS[code] for code in sorted(CELL_STATUS)])
             values = {name: getattr(o, name).ravel() for name in (
                 "pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
-                "doppler_sigma_hz")}  # fmt: skip
+                "doppler_sigma_hz", "half_cycle_open")}  # fmt: skip
             parts.append(
                 {"receiver": np.repeat(o.receiver, n_epochs * n_signals)}
                 | {"receiver_clock": np.repeat(o.gpst, n_signals)}
@@ -153,7 +153,8 @@ def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
 
 def _write_rinex(folder: Path, outcome: Outcome) -> None:
     if outcome.navigation.ephemerides:
-        write_nav(folder / "nav.rnx", outcome.navigation)
+        created = date_of(r.reception.observations for r in outcome.receivers)
+        write_nav(folder / "nav.rnx", outcome.navigation, created=created)
     for r in outcome.receivers:
         o = r.reception.observations
         if o is None:
@@ -165,7 +166,7 @@ def _write_rinex(folder: Path, outcome: Outcome) -> None:
             others = labelled(o, outcome.decision.labels, label)  # type: ignore[arg-type]
             for number, signals in enumerate(one_a_satellite(others)):
                 suffix = name if number == 0 else f"{name}-{number + 1}"
-                write_channels(folder / f"{o.receiver}-{suffix}.obs", others, label, None, signals)
+                write_channels(folder / f"{o.receiver}-{suffix}.obs", others, label, place, signals)
 
 
 def _geodetic_deg(fix: Fix) -> tuple[Any, Any, Any]:

@@ -11,17 +11,20 @@ import numpy as np
 
 from skyproof.app.folder import check_folder, stamps, written_since
 from skyproof.app.progress import Progress, Silent
-from skyproof.app.reception import Reception, observe, open_inputs, require_signals, track
-from skyproof.app.rinex import one_a_satellite, write_channels
+from skyproof.app.reception import Reception, first_copies, observe, open_inputs, require_signals, track
+from skyproof.app.rinex import date_of, one_a_satellite, write_channels
 from skyproof.app.settings import resolve_settings
+from skyproof.app.windows import take
 from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.gnss.time import iso
+from skyproof.navigation.fix import fix
 from skyproof.records import NavigationData, Observations
 from skyproof.verdict import notebook_html
 
 __all__ = ["ReceiveResult", "document_json", "receive"]
 
 DIGITS: Final = 6  # of a second in instants
+HEADER_FIXES: Final = 25  # about so many make the approximate position of a header
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -133,13 +136,22 @@ def _written(folder: Path, reception: Reception, navigation: NavigationData | No
     orbits = navigation if navigation is not None else reception.told
     if orbits.ephemerides:
         names.append(f"{reception.samples.name}-nav.rnx")
-        write_nav(folder / names[-1], orbits)
+        write_nav(folder / names[-1], orbits, created=date_of([reception.observations]))
     o = reception.observations
     if o is not None:
+        place = _approximate_position_ecef_m(o, orbits)
         for number, signals in enumerate(one_a_satellite(o)):
             names.append(f"{o.receiver}.obs" if number == 0 else f"{o.receiver}-{number + 1}.obs")
-            write_channels(folder / names[-1], o, "unjudged", None, signals)
+            write_channels(folder / names[-1], o, "unjudged", place, signals)
     return tuple(names)
+
+
+def _approximate_position_ecef_m(o: Observations, orbits: NavigationData) -> Any:
+    """(3,) where the first copies say that the receiver stands, unjudged like them; None if they say nothing."""
+    step = max(o.gpst.size // HEADER_FIXES, 1)
+    shown = fix(take(o, np.arange(o.gpst.size) % step == 0), orbits, signals=first_copies(o))
+    good = shown.status == 0
+    return np.median(shown.position_ecef_m[good], axis=0) if good.any() else None
 
 
 def document_json(result: ReceiveResult) -> str:

@@ -1,6 +1,6 @@
 """RINEX files of signals: a file has room for one a satellite, so several of one satellite stand in several files."""
 
-from datetime import datetime
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -8,9 +8,16 @@ from typing import Any
 import numpy as np
 
 from skyproof.formats.rinex_obs import write_obs
+from skyproof.gnss.time import utc_from_gpst
 from skyproof.records import Observations, SignalId
 
-__all__ = ["one_a_satellite", "write_channels"]
+__all__ = ["date_of", "one_a_satellite", "write_channels"]
+
+
+def date_of(observations: Iterable[Observations | None]) -> np.datetime64 | None:
+    """The date (UTC) of files made of these: of the first epoch, not today's, so that equal inputs make equal bytes."""
+    starts = [o.gpst[0] for o in observations if o is not None]
+    return utc_from_gpst(min(starts)) if starts else None
 
 
 def one_a_satellite(o: Observations) -> list[tuple[SignalId, ...]]:
@@ -27,18 +34,14 @@ def one_a_satellite(o: Observations) -> list[tuple[SignalId, ...]]:
 
 
 def write_channels(
-    path: Path, o: Observations, holds: str, place: Any, signals: tuple[SignalId, ...] | None = None, *,
-    created_utc: datetime | None = None,
-) -> None:  # fmt: skip
-    """Write those signals, by default the first group of `one_a_satellite`; nothing if there are none.
-
-    created_utc : what the file says of when it was made; now, if not given.
-    """
+    path: Path, o: Observations, holds: str, place: Any, signals: tuple[SignalId, ...] | None = None
+) -> None:
+    """Write those signals, by default the first group of `one_a_satellite`; nothing if there are none."""
     if signals is None:
         groups = one_a_satellite(o)
         signals = groups[0] if groups else ()
     if signals:
         write_obs(
             path, o, signals=signals, holds=holds, marker=o.receiver, version=version("skyproof"),
-            position_ecef_m=place, created_utc=created_utc,
+            position_ecef_m=place,
         )  # fmt: skip

@@ -218,9 +218,7 @@ def _write_measured(folder: Path, scene: Scene, one: _Measured) -> None:
     sky = next(sky for sky in scene.skies if sky.name == one.observations.receiver)
     stands = sky.receiver.path is None and sky.antenna.spin is None
     place = sky.point(np.array([sky.receiver.start_offset_s])).position_ecef_m[0] if stands else None
-    # of the scene, not of today: the same seed gives the same bytes
-    created = utc_from_gpst(scene.scenario.start_gpst).astype("datetime64[us]").item()
-    write_channels(folder / one.name, one.observations, one.label, place, one.signals, created_utc=created)
+    write_channels(folder / one.name, one.observations, one.label, place, one.signals)
 
 
 # --- what the scene is made of
@@ -231,7 +229,7 @@ def _write_inputs(folder: Path, scene: Scene, alone: Standalone) -> None:
         with writing(folder / name) as file:
             file.write(octets)
     if NAVIGATION not in alone.files:
-        write_nav(folder / NAVIGATION, scene.navigation)
+        write_nav(folder / NAVIGATION, scene.navigation, created=utc_from_gpst(scene.scenario.start_gpst))
     comments = (f"everything that made the scene, by skyproof {version('skyproof')}",
                 "the same again: skyproof simulate scenario.toml --out FOLDER")  # fmt: skip
     write_lines(folder / _SCENARIO, alone.lines(*comments), encoding="utf-8")

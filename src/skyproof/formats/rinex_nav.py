@@ -28,7 +28,16 @@ from skyproof.gnss.ephemeris import (
     UtcParameters,
 )
 from skyproof.gnss.lnav import URA_M, is_plausible
-from skyproof.gnss.time import gpst, gpst_from_utc, iso, leap_seconds, nearest_week, utc_from_gpst, week_and_tow
+from skyproof.gnss.time import (
+    gpst,
+    gpst_from_utc,
+    iso,
+    leap_seconds,
+    nearest_week,
+    rinex_date,
+    utc_from_gpst,
+    week_and_tow,
+)
 
 __all__ = ["glonass_channels", "parse_nav", "read_nav", "write_nav"]
 
@@ -444,7 +453,7 @@ def _ura_index(ura_m: float) -> int:
 
 
 def _header_lines(navigation: NavigationData, created: np.datetime64 | None) -> Iterator[str]:
-    date = "" if created is None else re.sub("[-:]", "", iso(created, 0)).replace("T", " ") + " UTC"
+    date = "" if created is None else rinex_date(created)
     yield _header_line(f"{3.05:9.2f}{'':11}{'N: GNSS NAV DATA':20}{_systems(navigation):20}", "RINEX VERSION / TYPE")
     yield _header_line(f"{'skyproof':20}{'':20}{date:20}", "PGM / RUN BY / DATE")
     if navigation.ionosphere is not None:

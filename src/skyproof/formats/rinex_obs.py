@@ -8,14 +8,13 @@ import itertools
 import os
 import textwrap
 from collections.abc import Iterator, Sequence
-from datetime import UTC, datetime
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyproof.formats.atomic_write import write_lines
-from skyproof.gnss.time import leap_seconds
+from skyproof.gnss.time import leap_seconds, rinex_date, utc_from_gpst
 from skyproof.records import Instants, Observations, Reals, SignalId
 
 __all__ = ["obs_lines", "write_obs"]
@@ -36,7 +35,7 @@ def write_obs(
     version: str,
     position_ecef_m: ArrayLike | None = None,
     comments: Sequence[str] = (),
-    created_utc: datetime | None = None,
+    created_utc: np.datetime64 | None = None,
 ) -> None:
     """Write the named channels of `observations` to `path`, as `obs_lines` says.
 
@@ -61,7 +60,7 @@ def obs_lines(
     version: str,
     position_ecef_m: ArrayLike | None = None,
     comments: Sequence[str] = (),
-    created_utc: datetime | None = None,
+    created_utc: np.datetime64 | None = None,
 ) -> Iterator[str]:
     """The lines of a RINEX 3.05 observation file, without their ends.
 
@@ -78,7 +77,7 @@ def obs_lines(
     marker : name of the site or receiver.
     version : of this program.
     position_ecef_m : (3,), approximate; without it the file has none, as for a moving receiver (table A2).
-    created_utc : when the file is made; now, if not given.
+    created_utc : the header's date; if not given that of the first epoch, so that equal observations make equal bytes.
 
     Raises
     ------
@@ -146,9 +145,9 @@ def _header(
     version: str,
     position_ecef_m: ArrayLike | None,
     comments: Sequence[str],
-    created_utc: datetime | None,
+    created_utc: np.datetime64 | None,
 ) -> Iterator[str]:
-    created = (created_utc or datetime.now(UTC)).strftime("%Y%m%d %H%M%S UTC")
+    created = rinex_date(utc_from_gpst(epochs[0]) if created_utc is None else created_utc)
     yield _line(f"{3.05:9.2f}{'':11}{'OBSERVATION DATA':20}{'G: GPS':20}", "RINEX VERSION / TYPE")
     yield _line(f"{f'skyproof {version}':20.20}{'':20}{created:20}", "PGM / RUN BY / DATE")
     for comment in comments:

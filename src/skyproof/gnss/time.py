@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from skyproof.gnss.constants import SECONDS_PER_WEEK
 
 __all__ = [
-    "GPS_EPOCH", "gpst", "gpst_from_utc", "iso", "leap_seconds", "parse_iso", "resolve_week", "seconds_between",
-    "utc_from_gpst", "week_and_tow",
+    "GPS_EPOCH", "gpst", "gpst_from_utc", "iso", "leap_seconds", "parse_iso", "resolve_week", "rinex_date",
+    "seconds_between", "utc_from_gpst", "week_and_tow",
 ]  # fmt: skip
 
 GPS_EPOCH: Final = np.datetime64("1980-01-06T00:00:00", "ns")  # IS-GPS-200N, 3.3.4
@@ -90,6 +90,11 @@ def parse_iso(text: str) -> np.datetime64:
 def leap_seconds(t: np.datetime64) -> int:
     """GPS minus UTC in seconds at GPS instant `t`, from the table built in (18 from 2017 on)."""
     return int(np.searchsorted(_LEAPS_AT_GPST, _instant(t), side="right"))
+
+
+def rinex_date(utc: np.datetime64) -> str:
+    """The date of a RINEX header, "20220101 214540 UTC" (RINEX 3.05, table A2)."""
+    return iso(utc, 0).translate({ord("-"): None, ord(":"): None, ord("T"): " "}) + " UTC"
 
 
 def utc_from_gpst(t: np.datetime64) -> np.datetime64:
