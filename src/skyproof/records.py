@@ -19,9 +19,9 @@ from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 
 __all__ = [
-    "CELL_STATUS", "FIX_STATUS", "ArrayPhases", "Ccaf", "ConsistentSet", "Ephemeris", "Evidence", "Fix", "ImuSeries",
-    "Instants", "Klobuchar", "NavState", "NavigationData", "Observations", "OpenFile", "Reals", "Records", "SampleGap",
-    "Samples", "SignalId", "SignalRef", "SpinArm", "Taps", "UtcParameters", "freeze",
+    "CELL_STATUS", "FIX_STATUS", "ArrayPhases", "Baseline", "Ccaf", "ConsistentSet", "Ephemeris", "Evidence", "Fix",
+    "ImuSeries", "Instants", "Klobuchar", "NavState", "NavigationData", "Observations", "OpenFile", "Reals", "Records",
+    "SampleGap", "Samples", "SignalId", "SignalRef", "SpinArm", "Taps", "UtcParameters", "freeze",
 ]  # fmt: skip
 
 Reals = NDArray[np.float64]
@@ -417,11 +417,37 @@ class ConsistentSet:
         freeze(self, {"position_ecef_m": ("3",), "covariance_m2": ("4", "4")})
 
 
-Says = Literal["authentic", "spoofed", "attack", "clean", "undecided"]
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Baseline:
+    """Where these receivers' antennas stand relative to the first one, by what their signals show over a stretch.
+
+    enu_m : (R - 1, 3) east, north, up, metres; covariance_m2 : (3 (R - 1), 3 (R - 1)), thermal noise and multipath.
+    """
+
+    receivers: tuple[str, ...]
+    start_gpst: np.datetime64
+    end_gpst: np.datetime64
+    enu_m: Reals
+    covariance_m2: Reals
+
+    def __post_init__(self) -> None:
+        freeze(self, {"enu_m": ("other", "3"), "covariance_m2": ("axis", "axis")})
+
+    @property
+    def distances_m(self) -> tuple[tuple[float, float], ...]:
+        """Distance of each receiver's antenna from the first one, and its sigma, metres."""
+        away = [float(np.linalg.norm(enu_m)) for enu_m in self.enu_m]
+        blocks = [self.covariance_m2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(len(self.enu_m))]
+        units = self.enu_m / np.maximum(away, 1e-9)[:, None]
+        return tuple((d, float(np.sqrt(u @ c @ u))) for d, u, c in zip(away, units, blocks, strict=True))
+
+
+Says = Literal["authentic", "spoofed", "attack", "clean", "multipath", "undecided"]
 """What a piece of evidence says of its subject.
 
 authentic : the subject's signals come from the sky (positive evidence).
 spoofed : the subject's signals are imitations.
+multipath : the subject's signals are late copies of others, by a reflector or a repeater; they show no other place.
 attack : some of the subject's signals are imitations; not which.
 clean : no sign of an attack; no evidence of authenticity either.
 undecided : the test could not tell, or could not run; `because` says why and what would help.
@@ -435,6 +461,8 @@ class Evidence:
     p_value : probability of a statistic at least as extreme under the hypothesis that `says` rejects
         ("authentic" rejects "from one antenna"; "spoofed" and "attack" reject "clean sky").
     log_likelihood_ratio : of what it says over its opposite, natural logarithm; None where no model is stated.
+    assumes : under what the word holds that the measurements cannot show, in words; each stands beside the verdict.
+    baselines : what the subject's signals say of the antennas, over the whole window first and then over parts of it.
     """
 
     detector: str
@@ -450,6 +478,8 @@ class Evidence:
     log_likelihood_ratio: float | None = None
     would_need: str | None = None
     group: int | None = None  # evidence of one group decision shares a number within its window
+    assumes: tuple[str, ...] = ()
+    baselines: tuple[Baseline, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -7,12 +7,15 @@ import pytest
 
 from skyproof.detectors.common_epochs import common_ranges
 from skyproof.detectors.multi_receiver import MultiReceiver, MultiReceiverSettings
+from skyproof.detectors.one_antenna import NoiseModel
+from skyproof.detectors.pairing import pair_up
 from skyproof.errors import SettingsError
 from skyproof.navigation.sets import consistent_sets
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 ERRORS = TrackErrors(sigma_m=1.0, correlation=0.5, constant_m=1.0)
 PLACES = {"rx1": (0.0, 0.0, 0.0), "rx2": (24.0, 18.0, 0.0), "rx3": (-20.0, 15.0, 2.0)}
+DISTANCE_M = 30.0  # of rx1 and rx2
 PAIR = {name: PLACES[name] for name in ("rx1", "rx2")}
 MEACONER = FalseSky()
 
@@ -31,14 +34,19 @@ def named(evidence, says):
     return {(ref.receiver, ref.signal.copy) for e in evidence if e.says == says for ref in e.subject}
 
 
+def placed(receivers=2):
+    """What is known of the antennas, as settings."""
+    return {"antennas_enu_m": dict(list(PLACES.items())[:receivers])}
+
+
 def rng(seed=0):
     return np.random.default_rng(seed)
 
 
 @pytest.mark.parametrize("receivers", [2, 3])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_clean_sky_is_named_authentic(receivers, seed):
-    evidence = examine(scene(receivers).records(rng(seed)))
+def test_a_clean_sky_over_antennas_whose_places_are_known_is_named_authentic(receivers, seed):
+    evidence = examine(scene(receivers).records(rng(seed)), **placed(receivers))
     assert [e.says for e in evidence] == ["authentic"]
     assert len({ref.receiver for ref in evidence[0].subject}) == receivers
     assert evidence[0].p_value < evidence[0].false_alarm_probability
@@ -77,7 +85,7 @@ def test_captured_receivers_are_never_named_authentic():
 def test_antennas_that_may_be_one_leave_captured_receivers_undecided():
     evidence = examine(scene(sky=(), false=(MEACONER,)).records(rng()), antenna_separation_m=0.0)
     assert [e.says for e in evidence] == ["undecided"]
-    assert "antenna_separation_m" in evidence[0].would_need
+    assert "antenna_distance_m" in evidence[0].would_need
 
 
 def test_a_clean_sky_over_antennas_too_near_to_tell_is_undecided():
@@ -87,13 +95,98 @@ def test_a_clean_sky_over_antennas_too_near_to_tell_is_undecided():
     assert "longer window" in evidence[0].would_need
 
 
-def test_one_receiver_under_a_false_sky_and_one_under_the_true_one_are_not_authenticated():
-    attack = replace(MEACONER, receivers=("rx2",))
-    evidence = examine(scene(sky=("rx1",), false=(attack,)).records(rng()))
-    assert [e.says for e in evidence] == ["undecided"]
-    assert "max_separation_m" in evidence[0].would_need
-    certain = examine(scene(sky=("rx1",), false=(attack,)).records(rng()), antennas_enu_m=PAIR)
-    assert [e.says for e in certain] == ["attack"]
+@pytest.mark.parametrize("seed", range(3))
+def test_a_clean_sky_without_a_known_distance_is_open_and_says_what_it_measured(seed):
+    (evidence,) = examine(scene().records(rng(seed)))
+    assert evidence.says == "undecided"
+    assert evidence.p_value < evidence.false_alarm_probability  # not of one antenna
+    assert "antenna_distance_m" in evidence.would_need
+    ((distance_m, sigma_m),) = evidence.baselines[0].distances_m
+    assert abs(distance_m - DISTANCE_M) < 4.0 * sigma_m
+    assert sigma_m < 4.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_clean_sky_over_antennas_at_a_known_distance_is_named_authentic(seed):
+    evidence = examine(scene().records(rng(seed)), antenna_distance_m=DISTANCE_M)
+    assert [e.says for e in evidence] == ["authentic"]
+    assert "30 ± 0.75 m" in " ".join(evidence[0].assumes)
+
+
+@pytest.mark.parametrize("shows_enu_m", [(500.0, 300.0, 5.0), (60.0, 40.0, 0.0), (24.0, -30.0, 2.0)])
+@pytest.mark.parametrize("known", [{"antenna_distance_m": DISTANCE_M}, {"antennas_enu_m": PAIR}, {}], ids=str)
+def test_one_receiver_under_a_false_sky_and_one_under_the_true_one_are_never_authentic(known, shows_enu_m):
+    attack = replace(MEACONER, receivers=("rx2",), shows_enu_m=shows_enu_m)
+    evidence = examine(scene(sky=("rx1",), false=(attack,)).records(rng()), **known)
+    assert [e.says for e in evidence] == (["attack"] if known else ["undecided"])
+    assert evidence[0].would_need is None if known else "antenna_distance_m" in evidence[0].would_need
+
+
+def test_the_attacker_who_hits_the_distance_is_left_by_it_and_not_by_places():
+    """The false place of rx2 is 30 m from rx1 as the true one is, in another direction."""
+    attack = replace(MEACONER, receivers=("rx2",), shows_enu_m=(-18.0, 24.0, 0.0))
+    records = scene(sky=("rx1",), false=(attack,)).records(rng())
+    assert [e.says for e in examine(records, antennas_enu_m=PAIR)] == ["attack"]
+    fooled = examine(records, antenna_distance_m=DISTANCE_M)
+    assert all("no false position of one receiver alone" in " ".join(e.assumes) for e in fooled)
+
+
+def test_of_three_receivers_one_that_is_captured_is_told_by_places_and_the_others_stay_authentic():
+    attack = replace(MEACONER, receivers=("rx3",))
+    evidence = examine(scene(3, sky=("rx1", "rx2"), false=(attack,)).records(rng()), **placed(3))
+    assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
+    assert named(evidence, "attack") == {("rx3", "a")}
+
+
+def test_of_three_receivers_two_that_follow_one_transmitter_are_never_authentic():
+    attack = replace(MEACONER, receivers=("rx2", "rx3"))
+    evidence = examine(scene(3, sky=("rx1",), false=(attack,)).records(rng()), **placed(3))
+    assert named(evidence, "authentic") == set()
+    assert named(evidence, "attack") == {("rx1", "a"), ("rx2", "a"), ("rx3", "a")}
+
+
+def windows(*scenes, seed=0):
+    """Records of scenes one after the other."""
+    draw = rng(seed)
+    return [s.records(draw) for s in scenes]
+
+
+def reviewed(records, **settings):
+    detector = MultiReceiver(MultiReceiverSettings(**settings))
+    return detector.review([e for r in records for e in detector.examine(r)[0]])
+
+
+def test_windows_with_both_skies_vouch_for_the_others_that_show_the_same_baseline():
+    both = scene(false=(MEACONER,))
+    evidence = reviewed(windows(scene(), both, both, scene()))
+    assert {e.says for e in evidence} == {"authentic", "spoofed"}
+    assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
+
+
+def test_windows_with_both_skies_do_not_vouch_for_a_captured_receiver():
+    both = scene(false=(MEACONER,))
+    captured = scene(sky=("rx1",), false=(replace(MEACONER, receivers=("rx2",), shows_enu_m=(60.0, 40.0, 0.0)),))
+    evidence = reviewed(windows(captured, both, both, captured))
+    assert [e.says for e in evidence if e.baselines] == ["undecided", "authentic", "authentic", "undecided"]
+
+
+def test_antennas_that_move_relative_to_each_other_vouch_for_their_own_windows_only():
+    moved = {"rx1": (0.0, 0.0, 0.0), "rx2": (-20.0, 22.0, 0.0)}
+    both = [scene(false=(MEACONER,)), scene(false=(MEACONER,), antennas_enu_m=moved)]
+    evidence = reviewed(windows(scene(), *both, scene(antennas_enu_m=moved)))
+    assert [e.says for e in evidence if e.baselines] == ["undecided", "authentic", "authentic", "undecided"]
+
+
+@pytest.mark.parametrize("axis", range(2), ids=["east", "north"])
+def test_a_sky_that_is_drawn_off_at_the_end_of_a_window_is_not_authentic(axis):
+    """By 20 m in its last two seconds: its mean over the window is 2 m off."""
+    records = scene(errors=TrackErrors(0.5, 0.0, 0.3), step_s=0.5).records(rng())
+    first, second = records.observations
+    towards = pair_up(records, records.sets, NoiseModel(), min_satellites=5).unit_enu[:, axis]
+    away_m = np.concatenate([np.zeros(16), np.linspace(0.0, 20.0, 4)])
+    drawn = replace(second, pseudorange_m=second.pseudorange_m - away_m[:, None] * towards)
+    assert named(examine(records, **placed()), "authentic")
+    assert not named(examine(replace(records, observations=(first, drawn)), **placed()), "authentic")
 
 
 def test_a_known_baseline_settles_what_one_set_each_leaves_open():
@@ -188,7 +281,7 @@ def test_holes_cost_the_satellite_or_the_epoch_that_has_them():
     assert second.signals[3].sat in ranges.sats
     assert ranges.range_m.shape[0] == 17
     assert ranges.gaps.max() == pytest.approx(4.0, abs=1e-6)
-    assert [e.says for e in examine(poorer)] == ["authentic"]
+    assert [e.says for e in examine(poorer, **placed())] == ["authentic"]
 
 
 def test_no_common_time_is_told():

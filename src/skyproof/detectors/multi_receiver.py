@@ -8,29 +8,43 @@ signals of the sky have the one that the baseline gives each satellite. So a pai
 - of the sky, if it is not, and if where it puts the antennas is possible;
 - mixed, if it puts them where they cannot be.
 
-One set in each receiver: rejecting "one antenna" authenticates. If it cannot be rejected, rejecting "antennas so far
-apart" names the signals false. Several sets in each: the pairing with the least contrast is the false one if every
-other is so much worse that it cannot be the false one itself (`one_antenna.ratio_test`, which needs no noise model),
-and the sets left over are authentic if both this test and the one for "one antenna" say so. What is decided is decided
-for whole groups.
+One set in each receiver: rejecting "one antenna" proves that not all of them follow one transmitter, not that none
+does. A transmitter that reaches some receivers only shows a baseline of its choice, so the signals are authentic only
+if what is known of the antennas agrees (`known_geometry`): their places, their distance, or the baseline of windows in
+which both skies were received. If "one antenna" cannot be rejected, rejecting "antennas so far apart" names the signals
+false. Several sets in each: the pairing with the least contrast is the false one if every other is so much worse that
+it cannot be the false one itself (`one_antenna.ratio_test`, which needs no noise model), and the sets left over are
+authentic if both this test and the one for "one antenna" say so. What is decided is decided for whole groups.
 
-Assumed: false signals come from one antenna (each false sky from one). What is not assumed: where it is, when the
-attack began, that receivers share a clock or their satellites, or that the noise is white.
+Assumed: one transmitter of one false sky, or several that do not act in concert. What is not assumed: where it is,
+which receivers it reaches, when the attack began, that receivers share a clock or their satellites, or that the noise
+is white.
 """
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from skyproof.detectors.base import missing, signals_of, undecided
+from skyproof.detectors.known_geometry import AntennaDistance, AntennaPlaces, Geometry, LearntBaseline, agreement
+from skyproof.detectors.late_copies import without_late_copies
 from skyproof.detectors.one_antenna import NoiseModel, RatioTest
 from skyproof.detectors.pairing import Pairing, pair_up, versus
 from skyproof.detectors.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
-from skyproof.records import ConsistentSet, Evidence, Records, Says, SignalRef
+from skyproof.records import Baseline, ConsistentSet, Evidence, Records, Says, SignalRef
 
 __all__ = ["MultiReceiver", "MultiReceiverSettings"]
+
+SHARE = 0.05
+"""To which a distance is known, of itself, in 95 of 100 cases, if nothing is said of that."""
+ONE_FALSE_SKY = "one transmitter sends one false sky"
+ONE_TRANSMITTER = "no two transmitters act in concert"
+MAJORITY = 0.5
+"""Of the windows in which both skies are received: where fewer agree on the baseline, the antennas move."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +53,8 @@ class MultiReceiverSettings:
 
     false_alarm_probability : of each window's decision: authenticating signals of one antenna, or naming those of the
         sky false.
-    accept_probability : a pairing counts as "could be one antenna" from this p-value on.
+    accept_probability : a pairing counts as "could be one antenna", and a baseline as the known one, from this p-value
+        on.
     min_satellites : common satellites of a pairing, 4 at least.
     min_epochs : common epochs of a pairing, 4 at least.
     multipath_sigma_m : error of a track that stays constant over the window, one sigma.
@@ -49,8 +64,11 @@ class MultiReceiverSettings:
         one, or nobody said.
     max_separation_m : they stand at most this far from it. It catches pairings of one receiver's true with another's
         false signals, but for false positions nearer than this.
-    antennas_enu_m : where each receiver's antenna is, east, north, up of any common point, to a decimetre or two; it
-        replaces the two above for the receivers that it names, and decides what they cannot.
+    antenna_distance_m : the antennas of two receivers stand so far apart; None if that is not known.
+    antenna_distance_sigma_m : its standard deviation; None is half of 5 %, and at least 0.5 m.
+    antennas_enu_m : where each receiver's antenna is, east, north, up of any common point; for the receivers that it
+        names it replaces all of the above, and decides what they cannot.
+    antennas_sigma_m : standard deviation of these places, on each axis.
     unrelated_spread_m : delays of second signals that have nothing to do with each other spread over at least this.
     """
 
@@ -63,7 +81,10 @@ class MultiReceiverSettings:
     error_bound_m: float = 3.0
     antenna_separation_m: float = 0.0
     max_separation_m: float = 300.0
+    antenna_distance_m: float | None = None
+    antenna_distance_sigma_m: float | None = None
     antennas_enu_m: Mapping[str, tuple[float, float, float]] | None = None
+    antennas_sigma_m: float = 0.1
     unrelated_spread_m: float = 300.0
 
     def __post_init__(self) -> None:
@@ -74,6 +95,16 @@ class MultiReceiverSettings:
                 raise SettingsError(f"multi_receiver: {name} is {getattr(self, name)}, expected 4 or more; give more")
         if not 0.0 <= self.correlation_max < 1.0:
             raise SettingsError(f"multi_receiver: correlation_max is {self.correlation_max}, expected 0 to below 1")
+
+    def geometry(self, receivers: Sequence[str]) -> Geometry | None:
+        """What is known of where these receivers' antennas stand; None if nothing is."""
+        if self.antennas_enu_m is not None and all(name in self.antennas_enu_m for name in receivers):
+            return AntennaPlaces(self.antennas_enu_m, self.antennas_sigma_m)
+        if self.antenna_distance_m is not None and len(receivers) == 2:
+            sigma_m = self.antenna_distance_sigma_m
+            given_m = self.antenna_distance_m
+            return AntennaDistance(given_m, max(0.5 * SHARE * given_m, 0.5) if sigma_m is None else sigma_m)
+        return None
 
     def noise(self, tests: int) -> NoiseModel:
         """The noise model for one of `tests` tests; a tenth of the error rate goes to the unknown correlation."""
@@ -101,6 +132,50 @@ class MultiReceiver:
         if lacking:
             return lacking, state
         return _Window(self, records).evidence(), state
+
+    def review(self, evidence: Sequence[Evidence]) -> list[Evidence]:
+        """All windows' evidence once more, now that all of it is known.
+
+        Windows in which both skies were received in every receiver give the baseline. Others that show the same one are
+        authentic as well: a false sky in some of the receivers would have had to show the true place. One that shows
+        another than most do is open again: true and false signals overlap when they part.
+        """
+        both = [e for e in evidence if self._is_own(e) and e.says == "authentic" and ONE_FALSE_SKY in e.assumes]
+        learnt = {key: self._learnt([e for e in both if e.baselines[0].receivers == key])
+                  for key in {e.baselines[0].receivers for e in both}}  # fmt: skip
+        return [self._reviewed(e, learnt.get(e.baselines[0].receivers)) if self._is_own(e) else e for e in evidence]
+
+    def _is_own(self, e: Evidence) -> bool:
+        return e.detector == self.name and bool(e.baselines)
+
+    def _learnt(self, both: Sequence[Evidence]) -> LearntBaseline | None:
+        """What most of the windows agree on."""
+        whole = [e.baselines[0] for e in both]
+        middle = LearntBaseline(
+            replace(
+                whole[0],
+                enu_m=np.median([b.enu_m for b in whole], axis=0),
+                covariance_m2=np.mean([b.covariance_m2 for b in whole], axis=0),
+            )
+        )
+        agreeing = sum(agreement(middle, (b,)) >= self.settings.accept_probability for b in whole)
+        return middle if agreeing > MAJORITY * len(whole) else None
+
+    def _reviewed(self, e: Evidence, learnt: LearntBaseline | None) -> Evidence:
+        if learnt is None:
+            return e
+        agrees = agreement(learnt, e.baselines) >= self.settings.accept_probability
+        if e.says == "undecided" and agrees:
+            return replace(
+                e, says="authentic", would_need=None, assumes=(ONE_FALSE_SKY, *learnt.assumes),
+                because=f"{e.because.partition(';')[0]}; they agree with {learnt.words}",
+            )  # fmt: skip
+        if e.says == "authentic" and not agrees:
+            return replace(
+                e, says="undecided", would_need="a longer recording",
+                because=f"{e.because.partition(';')[0]}, but they do not agree with {learnt.words}",
+            )  # fmt: skip
+        return e
 
 
 class _Window:
@@ -140,34 +215,92 @@ class _Window:
                 )
             ]
         if self.tests == 1:
-            return [self._only_pairing(self.pairings[0])]
+            return self._only_pairing(self.pairings[0])
         return self._several_sets()
 
     # One set in each receiver -----------------------------------------------------------------------------------------
 
-    def _only_pairing(self, pairing: Pairing) -> Evidence:
+    def _only_pairing(self, pairing: Pairing) -> list[Evidence]:
         alpha, p_one = self.settings.false_alarm_probability, self._p_one(pairing)
-        p_known = pairing.known_baseline_p_value(self.settings.antennas_enu_m)
+        geometry = self.settings.geometry(pairing.receivers)
         if p_one < alpha:
-            if p_known is not None and p_known < alpha:
-                return self._say(
-                    "attack", pairing.subject, p_value=p_known,
-                    because=f"{_names(pairing)} come neither from one antenna nor from the sky over the antennas where "
-                    "they are known to stand: some of them are imitations, or an antenna is not where it should be",
-                )  # fmt: skip
-            if p_known is None and self._p_possible(pairing) < alpha:
-                return self._undecided(pairing.subject, because=self._too_far(pairing), would_need=self._where())
-            return self._authentic(pairing, p_one, because="")
-        p_false, because = self._p_not_sky(pairing, p_known)
+            if geometry is None:
+                return [self._open(pairing, p_one)]
+            return self._by_geometry(pairing, geometry, p_one)
+        p_false, because = self._p_not_sky(pairing, geometry)
         if p_one >= self.settings.accept_probability and p_false < alpha:
-            return self._say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(self.groups))
-        return self._undecided(
-            pairing.subject,
-            because=f"{_names(pairing)} could come from one antenna or from the sky: range differences between the "
-            f"receivers vary by {pairing.scatter_m:.1f} m between satellites, which errors may explain",
-            would_need="a longer window, antennas farther apart, or to know how far apart they are "
-            "(antenna_separation_m) or where they stand (antennas_enu_m)",
-        )
+            return [self._say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(self.groups))]
+        return [
+            self._undecided(
+                pairing.subject,
+                because=f"{_names(pairing)} could come from one antenna or from the sky: range differences between the "
+                f"receivers vary by {pairing.scatter_m:.1f} m between satellites, which errors may explain",
+                would_need="a longer window, antennas farther apart, or to know how far apart they are "
+                "(antenna_distance_m) or where they stand (antennas_enu_m)",
+            )
+        ]
+
+    def _by_geometry(self, pairing: Pairing, geometry: Geometry, p_one: float) -> list[Evidence]:
+        """Not of one antenna: of the sky if the antennas stand where they are known to."""
+        alpha = self.settings.false_alarm_probability
+        if self._agrees(pairing, geometry):
+            return [self._authentic(pairing, p_one, geometry.assumes, because=f"; they agree with {geometry.words}")]
+        p_known = pairing.survival(geometry)
+        found = self._agreeing_pairs(pairing) if len(pairing.sets) > 2 else []
+        vouched = {ref for e in found for ref in e.subject}
+        rest = tuple(ref for ref in pairing.subject if ref not in vouched)
+        of_rest = f"{_names(pairing)} disagree with {geometry.words}" + (f": {_far(pairing)}" if _far(pairing) else "")
+        if p_known < alpha and rest:
+            found.append(
+                self._say(
+                    "attack", rest, p_value=p_known,
+                    because=f"{of_rest}; some of them are imitations, or what was given is wrong",
+                )
+            )  # fmt: skip
+        elif rest:
+            found.append(
+                self._say(
+                    "undecided", rest, p_value=min(p_one, p_known), because=of_rest,
+                    would_need="a longer recording, or to know better where the antennas stand",
+                )
+            )  # fmt: skip
+        return found
+
+    def _agreeing_pairs(self, pairing: Pairing) -> list[Evidence]:
+        """Of three receivers or more: pairs that agree with the known places among themselves.
+
+        One transmitter cannot bring two receivers to agree, and one that holds one of them alone shows its true place.
+        """
+        pairs = list(itertools.combinations(pairing.sets, 2))
+        settings, found = self.settings, []
+        for sets in pairs:
+            pair = pair_up(self.records, sets, settings.noise(len(pairs)), min_satellites=settings.min_satellites)
+            geometry = settings.geometry(pair.receivers)
+            if len(pair.ranges.sats) < settings.min_satellites or len(pair.ranges.range_m) < settings.min_epochs:
+                continue
+            p_one = min(1.0, len(pairs) * float(pair.one_antenna.p_value))
+            if geometry is not None and p_one < settings.false_alarm_probability and self._agrees(pair, geometry):
+                found.append(
+                    self._authentic(pair, p_one, geometry.assumes, because=f"; they agree with {geometry.words}")
+                )
+        return found
+
+    def _open(self, pairing: Pairing, p_one: float) -> Evidence:
+        """Not of one antenna, and nothing says whether the baseline is the true one."""
+        alpha = self.settings.false_alarm_probability
+        if self._p_possible(pairing) < alpha:
+            return self._say(
+                "undecided", pairing.subject, p_value=p_one, because=self._too_far(pairing), would_need=self._where()
+            )
+        return self._say(
+            "undecided", pairing.subject, p_value=p_one, baselines=pairing.baselines,
+            because=f"{_names(pairing)} do not come from one antenna, but one receiver alone may follow a false sky",
+            would_need="the distance between the antennas (antenna_distance_m), or where they stand (antennas_enu_m)",
+        )  # fmt: skip
+
+    def _agrees(self, pairing: Pairing, geometry: Geometry) -> bool:
+        baselines = pairing.baselines
+        return bool(baselines) and agreement(geometry, baselines) >= self.settings.accept_probability
 
     # Several sets in some receiver ------------------------------------------------------------------------------------
 
@@ -199,21 +332,30 @@ class _Window:
                 f"{pairing.scatter_m:.2f} m between satellites, those of any other pairing by "
                 f"{min(p.scatter_m for p in rivals):.1f} m or more",
             )  # fmt: skip
-        p_false, because = self._p_not_sky(pairing, pairing.known_baseline_p_value(self.settings.antennas_enu_m))
+        p_false, because = self._p_not_sky(pairing, self.settings.geometry(pairing.receivers))
         p_false = min(1.0, self.tests * p_false)
         if p_false < alpha:
             return self._say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(self.groups))
         return None
 
     def _sky_group(self, sky: Pairing, false: list[Pairing]) -> Evidence | None:
-        alpha = self.settings.false_alarm_probability
-        p_one, p_known = self._p_one(sky), sky.known_baseline_p_value(self.settings.antennas_enu_m)
+        alpha, p_one = self.settings.false_alarm_probability, self._p_one(sky)
+        geometry = self.settings.geometry(sky.receivers)
         p_ratio = max((float(versus(sky, pairing).p_value) for pairing in false), default=0.0)
-        possible = self._p_possible(sky) if p_known is None else p_known
-        if max(p_one, p_ratio) >= alpha or possible < alpha:
+        if max(p_one, p_ratio) >= alpha:
             return None
-        because = "; the receivers' other signals come from one antenna" if false else "; they fit the known baseline"
-        return self._authentic(sky, max(p_one, p_ratio), because=because)
+        if geometry is not None:
+            if not self._agrees(sky, geometry):
+                return None
+            return self._authentic(
+                sky, max(p_one, p_ratio), geometry.assumes, because=f"; they agree with {geometry.words}"
+            )
+        if self._p_possible(sky) < alpha:
+            return None
+        return self._authentic(
+            sky, max(p_one, p_ratio), (ONE_FALSE_SKY,), baselines=sky.baselines,
+            because="; the receivers' other signals come from one antenna",
+        )  # fmt: skip
 
     def _left_over(self, false: list[Pairing]) -> Pairing | None:
         """The pairing of sets that no false group takes, if it can only be one and is not of one antenna.
@@ -224,10 +366,9 @@ class _Window:
         taken = {id(s) for pairing in false for s in pairing.sets}
         free = [p for p in self.pairings if not taken & {id(s) for s in p.sets}]
         free = [p for p in free if self._p_one(p) < self.settings.false_alarm_probability]
-        known = [p.known_baseline_p_value(self.settings.antennas_enu_m) for p in free]
-        if free and all(p is not None for p in known):
-            least = self.settings.accept_probability
-            free = [p for p, q in zip(free, known, strict=True) if q is not None and q >= least]
+        known = [self.settings.geometry(p.receivers) for p in free]
+        if free and all(g is not None for g in known):
+            free = [p for p, g in zip(free, known, strict=True) if g is not None and self._agrees(p, g)]
             return free[0] if len(free) == 1 else None
         single = all(sum(id(s) not in taken for s in sets) == 1 for sets in self.sets.values())
         return free[0] if false and single and len(free) == 1 else None
@@ -262,24 +403,27 @@ class _Window:
     def _p_possible(self, pairing: Pairing) -> float:
         return pairing.at_most_p_value(self.settings.max_separation_m)
 
-    def _p_not_sky(self, pairing: Pairing, p_known: float | None) -> tuple[float, str]:
+    def _p_not_sky(self, pairing: Pairing, geometry: Geometry | None) -> tuple[float, str]:
         """p-value of "the sky over these antennas", and what to say if it is rejected."""
         because = f"{_names(pairing)} come from one antenna"
-        if p_known is not None:
-            return p_known, f"{because}: they do not know of the distance between the receivers' antennas"
+        if geometry is not None:
+            return pairing.survival(geometry), f"{because}: they do not show {geometry.words}"
         limit_m = self.settings.antenna_separation_m
         if limit_m <= 0.0:
             return 1.0, ""
         because = f"{because}, if the receivers' antennas are {limit_m:g} m or more apart"
         return pairing.at_least_p_value(limit_m), because
 
-    def _authentic(self, pairing: Pairing, p_value: float, *, because: str) -> Evidence:
+    def _authentic(
+        self, pairing: Pairing, p_value: float, assumes: tuple[str, ...], *, because: str,
+        baselines: tuple[Baseline, ...] = (),
+    ) -> Evidence:  # fmt: skip
         return self._say(
-            "authentic", pairing.subject, p_value=p_value, group=next(self.groups),
+            "authentic", pairing.subject, p_value=p_value, group=next(self.groups), baselines=baselines,
             statistic=float(pairing.one_antenna.statistic),
             threshold=pairing.threshold(self.settings.false_alarm_probability / self.tests),
             because=f"{_names(pairing)} do not come from one antenna: range differences between the receivers vary by "
-            f"{pairing.scatter_m:.1f} m between satellites{because}",
+            f"{pairing.scatter_m:.1f} m between satellites{because}", assumes=(ONE_TRANSMITTER, *assumes),
         )  # fmt: skip
 
     def _too_far(self, pairing: Pairing) -> str:
@@ -290,7 +434,7 @@ class _Window:
         )
 
     def _where(self) -> str:
-        return "where the antennas stand (antennas_enu_m), or how far apart they may be (max_separation_m)"
+        return "the distance between the antennas (antenna_distance_m), or where they stand (antennas_enu_m)"
 
     def _signals(self) -> tuple[SignalRef, ...]:
         return tuple(SignalRef(s.receiver, signal) for sets in self.sets.values() for s in sets for signal in s.signals)
@@ -301,7 +445,8 @@ class _Window:
     def _say(
         self, says: Says, subject: tuple[SignalRef, ...], *, because: str, p_value: float,
         ratio: RatioTest | None = None, statistic: float | None = None, threshold: float | None = None,
-        group: int | None = None, would_need: str | None = None,
+        group: int | None = None, would_need: str | None = None, assumes: tuple[str, ...] = (),
+        baselines: tuple[Baseline, ...] = (),
     ) -> Evidence:  # fmt: skip
         if ratio is not None:
             statistic, threshold = float(ratio.statistic), ratio.threshold(self.settings.false_alarm_probability)
@@ -310,7 +455,7 @@ class _Window:
             subject=subject, says=says, because=because, statistic=statistic, threshold=threshold,
             false_alarm_probability=self.settings.false_alarm_probability, p_value=p_value,
             log_likelihood_ratio=None if ratio is None else float(ratio.log_likelihood_ratio),
-            would_need=would_need, group=group,
+            would_need=would_need, group=group, assumes=assumes, baselines=baselines,
         )  # fmt: skip
 
 
@@ -320,7 +465,10 @@ def _sets_to_decide(records: Records) -> dict[str, list[ConsistentSet]]:
     Where two receivers or more show several skies, those that show one only are left out: with which of the skies it
     belongs is not theirs to decide, and they would hide that the others' pairings are complete.
     """
-    by_receiver = {o.receiver: [s for s in records.sets if s.receiver == o.receiver] for o in records.observations}
+    by_receiver = {
+        o.receiver: without_late_copies(o, [s for s in records.sets if s.receiver == o.receiver])
+        for o in records.observations
+    }
     by_receiver = {receiver: sets for receiver, sets in by_receiver.items() if sets}
     several = {receiver: sets for receiver, sets in by_receiver.items() if len(sets) >= 2}
     return several if len(several) >= 2 else by_receiver
@@ -333,6 +481,14 @@ def _disjoint(pairings: list[Pairing]) -> list[Pairing]:
         if not any(a is b for other in taken for a in other.sets for b in pairing.sets):
             taken.append(pairing)
     return taken
+
+
+def _far(pairing: Pairing) -> str:
+    """How far apart the signals put the antennas."""
+    first, *others = pairing.receivers
+    far = [f"{d:.1f} ± {s:.1f} m" for whole in pairing.baselines[:1] for d, s in whole.distances_m]
+    places = [f"the antenna of {name} {d} from that of {first}" for name, d in zip(others, far, strict=False)]
+    return "they put " + ", ".join(places) if places else ""
 
 
 def _names(pairing: Pairing) -> str:

@@ -31,13 +31,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.statistics.autoregression import ar1_line, correlation_grid
+from skyproof.statistics.autoregression import ar1_line, correlation_grid, estimate_ar1
 from skyproof.statistics.distributions import f_survival, f_threshold
-from skyproof.statistics.lines import additive_contrasts
+from skyproof.statistics.lines import additive_contrasts, fit_line
 
 __all__ = [
-    "WHITE", "Baseline", "Levels", "MeanTest", "NoiseModel", "baseline_design", "baseline_estimate", "contrast_levels",
-    "distance_p_value", "one_antenna_test", "ratio_test", "table_contrasts",
+    "WHITE", "BaselineEstimate", "Levels", "MeanTest", "Means", "NoiseModel", "baseline_design", "baseline_estimate",
+    "contrast_levels", "distance_p_value", "one_antenna_test", "ratio_test", "stretch_means", "table_contrasts",
 ]  # fmt: skip
 
 Reals = NDArray[np.float64]
@@ -146,6 +146,28 @@ def contrast_levels(values: Reals, gain: Reals, noise: NoiseModel, gaps: Reals |
     return Levels(level, variance, plausible, dof, noise.miss_probability, bounded)
 
 
+class Means(NamedTuple):
+    """level (M,) and variance (M,) of mean contrasts, under the noise as it looks."""
+
+    level: Reals
+    variance: Reals
+
+
+def stretch_means(values: Reals, gain: Reals, multipath_sigma_m: float, first: int, end: int) -> Means:
+    """Means of contrasts (N, M) over the epochs `first` to `end`, with the variance that the noise seems to have.
+
+    The noise is taken as AR(1) around a line through the whole window, its variance and coefficient as estimated: the
+    mean of n epochs has the variance s^2 / n^2 times the sum over all pairs of phi^|i-j|. It is an estimate where
+    `contrast_levels` is a bound, for decisions that a bound would make too lightly.
+    """
+    residual = fit_line(values).residual
+    variance = np.sum(residual**2) / max((len(values) - 2) * values.shape[1], 1)
+    n = end - first
+    lags = np.arange(1, n)
+    share = (n + 2.0 * np.sum((n - lags) * estimate_ar1(residual) ** lags)) / n**2
+    return Means(values[first:end].mean(axis=0), variance * share + multipath_sigma_m**2 * gain)
+
+
 class MeanTest(NamedTuple):
     """p_value (...), statistic (...), and which noise (...) of `Levels` gave them."""
 
@@ -224,10 +246,10 @@ def ratio_test(
     )  # fmt: skip
 
 
-class Baseline(NamedTuple):
-    """Baseline b = p_2 - p_1 from the mean contrasts of two receivers, for each coefficient of `Levels`.
+class BaselineEstimate(NamedTuple):
+    """Baselines (b_2, ..., b_R) from mean contrasts, for each coefficient of `Levels`, if it is they.
 
-    enu_m : (G, ..., 3); covariance_m2 : (G, ..., 3, 3).
+    enu_m : (G, ..., 3 (R - 1)); covariance_m2 : (G, ..., 3 (R - 1), 3 (R - 1)).
     """
 
     enu_m: Reals
@@ -247,16 +269,16 @@ def baseline_design(matrix: Reals, unit_enu: Reals) -> Reals:
     return np.asarray(matrix.T @ table.reshape(n_sats * n_receivers, -1), float)
 
 
-def baseline_estimate(levels: Levels, design: Reals) -> Baseline:
-    """Least squares for one baseline; design (M, 3) of rank 3."""
+def baseline_estimate(levels: Levels | Means, design: Reals) -> BaselineEstimate:
+    """Least squares; design (M, 3 (R - 1)) of full rank."""
     weighted = design / levels.variance[..., None]
     covariance = np.linalg.inv(np.swapaxes(weighted, -1, -2) @ design)
     enu = covariance @ np.swapaxes(weighted, -1, -2) @ levels.level[..., None]
-    return Baseline(enu[..., 0], np.asarray(covariance, float))
+    return BaselineEstimate(enu[..., 0], np.asarray(covariance, float))
 
 
 def distance_p_value(
-    levels: Levels, baseline: Baseline, distance_m: float, hypothesis: Literal["at least", "at most"]
+    levels: Levels, baseline: BaselineEstimate, distance_m: float, hypothesis: Literal["at least", "at most"]
 ) -> Reals:
     """Test that the antennas stand `at least`, or `at most`, so far apart in the horizontal; (...) p-values.
 

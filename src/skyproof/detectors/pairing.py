@@ -1,12 +1,13 @@
 """One candidate group: a consistent set from each receiver, and the p-values of what it could be."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from skyproof.detectors.common_epochs import CommonRanges, common_ranges
+from skyproof.detectors.known_geometry import Geometry, survival
 from skyproof.detectors.one_antenna import (
     Levels,
     MeanTest,
@@ -18,16 +19,22 @@ from skyproof.detectors.one_antenna import (
     distance_p_value,
     one_antenna_test,
     ratio_test,
+    stretch_means,
     table_contrasts,
 )
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
-from skyproof.records import ConsistentSet, NavigationData, Reals, Records, SignalRef
+from skyproof.gnss.time import seconds_between
+from skyproof.records import Baseline, ConsistentSet, NavigationData, Reals, Records, SignalRef
 
 __all__ = ["Pairing", "pair_up", "versus"]
 
 _TRAVEL_S = 0.075  # to 10 ms: 40 m along the orbit, 2 microradians
+_PART_S = 2.0
+"""Parts of a window whose baselines are looked at one by one: a false sky that is drawn off at 10 m/s is then noticed
+before it is 20 m away."""
+_PART_EPOCHS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +45,12 @@ class Pairing:
     ranges: CommonRanges
     noise: NoiseModel
     navigation: NavigationData | None
+    start_gpst: np.datetime64
+    end_gpst: np.datetime64
+
+    @property
+    def receivers(self) -> tuple[str, ...]:
+        return tuple(chosen.receiver for chosen in self.sets)
 
     @cached_property
     def subject(self) -> tuple[SignalRef, ...]:
@@ -112,14 +125,42 @@ class Pairing:
             )
         return min(1.0, len(p_values) * min(p_values))
 
-    def known_baseline_p_value(self, antennas_enu_m: Mapping[str, tuple[float, float, float]] | None) -> float | None:
-        """Test of "the sky, with the antennas where they are known to be"; None if that, or an orbit, is not known."""
-        if antennas_enu_m is None or self.unit_enu is None or any(s.receiver not in antennas_enu_m for s in self.sets):
-            return None
-        place_m = np.array([antennas_enu_m[chosen.receiver] for chosen in self.sets], float)
+    def survival(self, geometry: Geometry) -> float:
+        """p-value of "the sky over antennas that stand so", never too small; 1 without orbits."""
+        if self.unit_enu is None:
+            return 1.0
         levels, matrix = self._levels_of(range(len(self.sets)))
-        expected = baseline_design(matrix, self.unit_enu) @ (place_m[1:] - place_m[0]).ravel()
-        return float(one_antenna_test(levels, expected).p_value)
+        estimate = baseline_estimate(levels, baseline_design(matrix, self.unit_enu))
+        return float(levels.worst(survival(geometry, self.receivers, estimate, levels.dof))[0])
+
+    @cached_property
+    def baselines(self) -> tuple[Baseline, ...]:
+        """Where the antennas stand by these signals, over the window and over parts of it; nothing without orbits."""
+        if self.unit_enu is None:
+            return ()
+        values, gain, matrix = table_contrasts(self.ranges.range_m, self.ranges.sigma_m)
+        length_s = float(seconds_between(self.end_gpst, self.start_gpst))
+        parts = max(1, min(len(values) // _PART_EPOCHS, round(length_s / _PART_S)))
+        edges = np.linspace(0, len(values), parts + 1).astype(int)
+        stretches = [(0, len(values)), *pairwise(edges)][: None if parts > 1 else 1]
+        design = baseline_design(matrix, self.unit_enu)
+        found = []
+        for first, end in stretches:
+            mean = stretch_means(values, gain, self.noise.multipath_sigma_m, first, end)
+            estimate = baseline_estimate(mean, design)
+            found.append(
+                Baseline(
+                    receivers=self.receivers, start_gpst=self._instant(first / len(values)),
+                    end_gpst=self._instant(end / len(values)), enu_m=estimate.enu_m.reshape(-1, 3),
+                    covariance_m2=estimate.covariance_m2,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+    def _instant(self, share: float) -> np.datetime64:
+        length_ns = int((self.end_gpst - self.start_gpst) / np.timedelta64(1, "ns"))
+        instant: np.datetime64 = self.start_gpst + np.timedelta64(round(share * length_ns), "ns")
+        return instant
 
     def _levels_of(self, receivers: list[int] | range) -> tuple[Levels, Reals]:
         columns = list(receivers)
@@ -130,7 +171,10 @@ class Pairing:
 def pair_up(records: Records, sets: tuple[ConsistentSet, ...], noise: NoiseModel, *, min_satellites: int) -> Pairing:
     """The common satellites of `sets` at common instants."""
     ranges = common_ranges(records, sets, min_satellites=min_satellites)
-    return Pairing(sets=sets, ranges=ranges, noise=noise, navigation=records.navigation)
+    return Pairing(
+        sets=sets, ranges=ranges, noise=noise, navigation=records.navigation, start_gpst=records.start_gpst,
+        end_gpst=records.end_gpst,
+    )  # fmt: skip
 
 
 def versus(larger: Pairing, smaller: Pairing) -> RatioTest:

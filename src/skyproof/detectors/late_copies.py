@@ -1,0 +1,43 @@
+"""Late copies of a whole sky: a repeater, or a reflector far from all satellites' paths alike.
+
+A delay that is common to all satellites is a shift of the receiver's clock; it shows the same place. So a set of
+signals that shows the place of another, later and weaker, attacks no position: it is named for what it is, and the
+earlier set stands for both.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from skyproof.records import ConsistentSet, Observations, Reals
+from skyproof.statistics.distributions import chi_square_threshold
+
+__all__ = ["is_late_copy", "without_late_copies"]
+
+SAME_PLACE_PROBABILITY = 1e-3
+"""Of missing a late copy, because its place differs by more than the errors of both explain."""
+
+
+def without_late_copies(observations: Observations, sets: Sequence[ConsistentSet]) -> list[ConsistentSet]:
+    """The sets of one receiver that are no late copies of another one of them."""
+    return [s for s in sets if not any(is_late_copy(s, other, observations) for other in sets)]
+
+
+def is_late_copy(late: ConsistentSet, early: ConsistentSet, observations: Observations) -> bool:
+    """Whether a set shows the same place as another one of its receiver, later and by weaker signals."""
+    if late is early or late.clock_bias_s <= early.clock_bias_s:
+        return False
+    if _level_dbhz(late, observations) >= _level_dbhz(early, observations):
+        return False
+    off_m = late.position_ecef_m - early.position_ecef_m
+    covariance_m2 = late.covariance_m2[:3, :3] + early.covariance_m2[:3, :3]
+    squared = float(off_m @ np.linalg.solve(covariance_m2, off_m))
+    return squared <= float(chi_square_threshold(SAME_PLACE_PROBABILITY, 3))
+
+
+def _level_dbhz(chosen: ConsistentSet, observations: Observations) -> float:
+    """Median C/N0 of a set's signals."""
+    columns = [observations.signals.index(signal) for signal in chosen.signals if signal in observations.signals]
+    values: Reals = observations.cn0_dbhz[:, columns]
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else -np.inf
