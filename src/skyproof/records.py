@@ -40,6 +40,8 @@ FIX_STATUS: dict[int, str] = {
     1: "fewer than four satellites with an ephemeris",
     2: "geometry too weak",
     3: "did not converge",
+    4: "residuals that fit no one position",
+    5: "off the Earth, by as few satellites as unknowns",
 }
 
 
@@ -80,6 +82,11 @@ class SignalId:
     band: str = "L1"
     code: str = "CA"
     copy: str = "a"
+
+    @property
+    def transmission(self) -> tuple[str, str, str]:
+        """What a satellite sends once and a receiver may hear several times: satellite, band, code."""
+        return self.sat, self.band, self.code
 
     def __str__(self) -> str:
         return f"{self.sat} {self.band} {self.code} {self.copy}"
@@ -480,6 +487,12 @@ class Evidence:
     group: int | None = None  # evidence of one group decision shares a number within its window
     assumes: tuple[str, ...] = ()
     baselines: tuple[Baseline, ...] = ()
+
+    @property
+    def failed(self) -> bool:
+        """Whether a test's null was rejected without saying why."""
+        asked = self.false_alarm_probability
+        return self.says == "undecided" and self.p_value is not None and asked is not None and self.p_value < asked
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

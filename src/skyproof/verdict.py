@@ -179,13 +179,25 @@ class Verdict(_Model):
     format: Literal["skyproof-verdict/1"] = Field(description="Name and version of this format.")
     verdict: VerdictWord = Field(description="The answer. Never stronger than the evidence.")
     summary: str = Field(description="The answer in one sentence.")
-    since_gpst: Gpst | None = Field(description="Onset of the attack, GPS time; null if none or unknown.")
-    since_sigma_s: Sigma | None = Field(description="Standard deviation of the onset, seconds.")
+    since_gpst: Gpst | None = Field(
+        description="Onset of the attack, GPS time: the middle of the interval in which it began, or when it was first "
+        "seen if that has no beginning; null if none or unknown."
+    )
+    since_sigma_s: Sigma | None = Field(
+        description="Standard deviation of the onset, seconds; null if it is not known how early it began."
+    )
+    since_earliest_gpst: Gpst | None = Field(
+        description="The attack began after this; null if it may have been on when the recording began, or hidden."
+    )
+    since_latest_gpst: Gpst | None = Field(description="The attack was first seen, and began at the latest, at this.")
     until_gpst: Gpst | None = Field(description="End of the attack, GPS time; null while it lasts.")
     false_alarm_probability_per_hour: Probability = Field(
         description="Probability asked for of calling clean signals spoofed, per hour."
     )
     undecided_because: str | None = Field(description="What is not decided, why, and what would decide it.")
+    assumed: str | None = Field(
+        description="Under what the word and the trusted positions hold, in one sentence; null if nothing is trusted."
+    )
     receivers: tuple[Receiver, ...]
     signals: tuple[Signal, ...]
     sources: tuple[Source, ...]

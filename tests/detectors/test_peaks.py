@@ -10,12 +10,13 @@ from skyproof.statistics.distributions import binomial_survival
 START = np.datetime64("2022-01-01T00:00:00", "ns")
 
 
-def observations(second=(), *, sats=12, delay_m=900.0, doppler_hz=0.0, weaker_db=0.0, cn0_dbhz=45.0, tow=True):
-    """One receiver; the satellites numbered in `second` have a second signal."""
+def observations(second=(), *, sats=12, delay_m=900.0, doppler_hz=0.0, weaker_db=0.0, cn0_dbhz=45.0, tow=True,
+                 spread_m=12.0):  # fmt: skip
+    """One receiver; the satellites numbered in `second` have a second signal, each by another delay."""
     epochs = 5
     names = [f"G{k + 1:02d}" for k in range(sats)]
     signals = [SignalId(sat) for sat in names] + [SignalId(names[k], copy="b") for k in second]
-    base = np.array([2.1e7 + 1e5 * k for k in range(sats)] + [2.1e7 + 1e5 * k + delay_m for k in second])
+    base = np.array([2.1e7 + 1e5 * k for k in range(sats)] + [2.1e7 + 1e5 * k + delay_m + spread_m * k for k in second])
     doppler = np.array([100.0 * k for k in range(sats)] + [100.0 * k + doppler_hz for k in second])
     cn0 = np.array([cn0_dbhz] * sats + [cn0_dbhz - weaker_db] * len(second))
     ones = np.ones((epochs, len(signals)))
@@ -67,6 +68,23 @@ def test_what_counts_as_a_second_signal(kind, counts):
     found = second_signals(observations([0, 1, 2], **kind), PeaksSettings())
     assert found.doubled == (("G01", "G02", "G03") if counts else ())
     assert found.unknown == ()
+
+
+def test_a_late_copy_of_the_whole_sky_is_named_and_no_attack():
+    copied = observations(range(8), weaker_db=6.0, delay_m=450.0, spread_m=0.5)
+    count, late = examine(copied)
+    assert (count.says, late.says) == ("clean", "multipath")
+    assert {(ref.signal.sat, ref.signal.copy) for ref in late.subject} == {(f"G{k + 1:02d}", "b") for k in range(8)}
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [{"weaker_db": -6.0}, {"weaker_db": 0.0}, {"delay_m": -900.0}, {"spread_m": 30.0}, {"doppler_hz": 60.0}],
+    ids=str,
+)
+def test_what_is_stronger_earlier_or_moves_otherwise_is_no_late_copy(kind):
+    (evidence,) = examine(observations(range(8), **({"weaker_db": 6.0, "spread_m": 0.5} | kind)))
+    assert evidence.says == "attack"
 
 
 def test_without_time_of_week_only_doppler_tells_signals_apart():

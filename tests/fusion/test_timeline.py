@@ -14,10 +14,11 @@ def false(invented, name, first, last, receiver="rx1"):
 
 
 def test_the_onset_lies_between_the_search_that_missed_and_the_one_that_found(invented):
-    o = invented.observations(("G05a", "G05b"), found={"G05b": (11.5, 12.0)})
-    onset = onset_of([invented.ref("G05b")], [o])
-    assert onset.gpst == invented.at(11.75)
-    assert onset.sigma_s == pytest.approx(0.5 / np.sqrt(12.0))
+    o = invented.observations(("G05a", "G07b"), found={"G07b": (11.5, 12.0)})
+    onset = onset_of([invented.ref("G07b")], [o])
+    assert (onset.earliest, onset.seen) == (invented.at(11.5), invented.at(12.02))  # the search takes 20 ms
+    assert onset.gpst == invented.at(11.76)
+    assert onset.sigma_s == pytest.approx(0.52 / np.sqrt(12.0))
 
 
 def test_the_earliest_of_all_receivers_counts(invented):
@@ -26,14 +27,22 @@ def test_the_earliest_of_all_receivers_counts(invented):
         invented.observations(("G05b",), receiver="rx2", begin_s=3, found={"G05b": (6.5, 7.0)}),
     ]
     refs = [invented.ref("G05b"), invented.ref("G07b"), invented.ref("G05b", "rx2")]
-    assert onset_of(refs, observed).gpst == invented.at(9.75)  # by rx2, which began 3 s later
-    assert onset_of(refs[:2], observed).gpst == invented.at(11.5)
+    assert onset_of(refs, observed).gpst == invented.at(9.76)  # by rx2, which began 3 s later
+    assert onset_of(refs[:2], observed).gpst == invented.at(11.51)
 
 
 def test_what_the_first_search_found_was_there_from_the_start(invented):
     o = invented.observations(("G05b", "G07b"), begin_s=5, found={"G07b": (11.0, 12.0)})
     onset = onset_of([invented.ref("G05b"), invented.ref("G07b")], [o])
-    assert (onset.gpst, onset.sigma_s) == (invented.at(5), None)
+    assert (onset.gpst, onset.sigma_s, onset.from_start) == (invented.at(5), None, True)
+
+
+def test_signals_that_may_have_been_hidden_were_there_at_the_latest_when_they_were_seen(invented):
+    """The invented signals of a satellite have the same delay: what parts from another one may have lain upon it."""
+    o = invented.observations(("G05a", "G05b"), found={"G05b": (11.5, 12.0)})
+    onset = onset_of([invented.ref("G05b")], [o])
+    assert (onset.seen, onset.earliest, onset.from_start) == (invented.at(12.02), None, False)
+    assert (onset.gpst, onset.sigma_s) == (onset.seen, None)
 
 
 def test_no_signal_has_no_onset(invented):

@@ -2,7 +2,6 @@
 
 import importlib.metadata
 import platform as machine
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -13,6 +12,7 @@ from skyproof.app.settings import Settings
 from skyproof.detectors.base import NEEDS
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import LabelledSignal
+from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso
 from skyproof.records import ConsistentSet, Evidence, Fix, NavigationData, Observations, Reals, Says, SignalRef
@@ -84,9 +84,12 @@ def document(
         summary=summary,
         since_gpst=None if onset is None else iso(onset.gpst, DIGITS),
         since_sigma_s=None if onset is None else onset.sigma_s,
+        since_earliest_gpst=None if onset is None or onset.earliest is None else iso(onset.earliest, DIGITS),
+        since_latest_gpst=None if onset is None else iso(onset.seen, DIGITS),
         until_gpst=None if decision.until is None else iso(decision.until, DIGITS),
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
         undecided_because=_undecided_because(outcome),
+        assumed=_assumed(decision),
         receivers=receivers,
         signals=tuple(_signals(outcome)),
         sources=tuple(_sources(outcome)),
@@ -108,14 +111,31 @@ def versions() -> dict[str, str]:
 # ---------------------------------------------------------------------- words
 
 
+def _assumed(decision: Decision) -> str | None:
+    """Under what the labels hold, in one sentence; None where nothing was called authentic."""
+    if not decision.assumed:
+        return None
+    return (
+        f"Assumed: {'; '.join(decision.assumed)}. The time of a receiver that is attacked alone at its true place is "
+        "vouched for by its own past only."
+    )
+
+
 def _summary(outcome: Outcome) -> str:
     decision = outcome.decision
+    left = _unexplained(decision.unexplained)
     if decision.verdict == "authentic":
         n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
-        return f"The signals of {n} satellites come from the sky; no sign of spoofing.{_kept(outcome, ' The')}"
+        sign = f". {left}" if left else "; no sign of spoofing."
+        return f"The signals of {n} satellites come from the sky{sign}{_repeated(outcome)}{_kept(outcome, ' The')}"
     if decision.verdict == "undecided":
-        first = (_undecided_because(outcome) or "").split("; ")[0]  # the document has all of them
-        return f"Not decided {first}."
+        why = (_undecided_because(outcome) or "").split(CURE)[0]  # the document has the remedy
+        return f"Not decided {why}.{' ' if left else ''}{left}{_repeated(outcome)}"
+    return _attack_words(outcome) + (f" {left}" if left else "") + _repeated(outcome)
+
+
+def _attack_words(outcome: Outcome) -> str:
+    decision = outcome.decision
     since = _since(decision)
     if decision.sources:
         sats = {s.signal.sat for source in decision.sources for s in source.signals}
@@ -131,9 +151,52 @@ def _summary(outcome: Outcome) -> str:
     return f"{since}signals are received that no true sky gives; which of them are true is not decided."
 
 
+_EXPLAINS: dict[Kind, str] = {
+    "rival": "earlier or stronger than a true one of its satellite: a false signal would explain it",
+    "misfit": "not fitting what the others show: a fault, an echo alone or a false signal would explain it",
+    "echo": "later and weaker than a true one of its satellite: an echo would explain it",
+    "untested": "of a satellite that was not compared: it was received by one receiver only, or too shortly",
+}
+
+
+def _unexplained(left: Sequence[Unexplained]) -> str:
+    """How many signals stay unknown, how strong, and what would explain them; empty if there are none."""
+    told = []
+    for kind, words in _EXPLAINS.items():
+        own = [u for u in left if u.kind == kind]
+        if not own:
+            continue
+        over = [u.over_db for u in own if u.over_db is not None and np.isfinite(u.over_db)]
+        strong = f"up to {max(u.cn0_dbhz for u in own):.0f} dB-Hz"
+        if over:
+            strong += f", {abs(max(over)):.0f} dB {'above' if max(over) > 0.0 else 'below'} it"
+        told.append(f"{len(own)} {words} ({strong})")
+    if not told:
+        return ""
+    n = len(left)
+    return f"{n} further signal{'s stay' if n > 1 else ' stays'} unexplained: {'; '.join(told)}."
+
+
+def _repeated(outcome: Outcome) -> str:
+    """Late copies of a whole sky, named for what they are."""
+    words = []
+    for r in outcome.receivers:
+        name = r.reception.samples.name
+        late = {s.ref.signal.sat for s in outcome.decision.labels if s.ref.receiver == name and s.label == "multipath"}
+        if late:
+            words.append(f"{len(late)} satellites in {name}")
+    if not words:
+        return ""
+    return (
+        f" The signals of {' and '.join(words)} are received again, late and weaker: a repeater or a reflector, which "
+        "shows no other place."
+    )
+
+
 GIVEN = ("navigation", "observations of two receivers", "sets", "array_phases", "nav_state", "spin_arm")
 """Records that users can bring, the easiest first; the others are the receiver's own affair."""
-MOST_REASONS = MOST_CURES = 2
+MOST_CURES = 2
+CURE = "; would decide it: "
 
 
 def _undecided_because(outcome: Outcome) -> str | None:
@@ -141,21 +204,18 @@ def _undecided_because(outcome: Outcome) -> str | None:
     reasons = [f"{r.reception.samples.name}: {r.reception.left_out}" for r in outcome.receivers]
     if all(r.reception.left_out is not None for r in outcome.receivers):
         return "whether the signals are true: " + "; ".join(reasons)
-    told = outcome.decision.undecided_because
-    if told is None or not outcome.evidence:
-        return told
-    open_words = told.partition(": ")[0]  # which signals of which receivers
-    tried: Counter[str] = Counter()
-    lacking: set[str] = set()
-    for e in outcome.evidence:
-        needs = {name for name, words in NEEDS.items() if words in (e.would_need or "")}
-        if e.says == "undecided" and e.p_value is None and needs:
-            lacking |= needs
-        elif e.says == "undecided" or (e.says == "attack" and e.would_need):
-            tried[e.because + (f" (would decide it: {e.would_need})" if e.would_need else "")] += 1
-    why = [text for text, _ in tried.most_common(MOST_REASONS)] or ["no method that this input allows can tell"]
+    question = outcome.decision.open
+    if question is None:
+        return None
+    if question.why is not None:
+        return f"{question.about}: {question.why}" + (f"{CURE}{question.remedy}" if question.remedy else "")
+    lacking = {
+        name for e in outcome.evidence if e.says == "undecided"
+        for name, words in NEEDS.items() if words in (e.would_need or "")
+    }  # fmt: skip
     cure = [NEEDS[name] for name in GIVEN if name in lacking][:MOST_CURES]
-    return f"{open_words}: {'; '.join(why)}" + (f"; would decide it: {', or '.join(cure)}" if cure else "")
+    why = f"{question.about}: no method that this input allows can tell"
+    return why + (f"{CURE}{', or '.join(cure)}" if cure else "")
 
 
 def _left_out(outcome: Outcome) -> str:
@@ -176,10 +236,13 @@ def _left_out(outcome: Outcome) -> str:
 
 
 def _since(decision: Decision) -> str:
-    if decision.onset is None:
+    onset = decision.onset
+    if onset is None:
         return ""
-    clock = iso(decision.onset.gpst, 0)[11:]
-    return f"From {clock} on, " if decision.onset.sigma_s is not None else f"From the start ({clock}) on, "
+    clock = iso(onset.seen if onset.earliest is None else onset.gpst, 0)[11:]
+    if onset.from_start:
+        return f"From the start ({clock}) on, "
+    return f"From {clock} on, " if onset.earliest is not None else f"Seen since {clock}, begun then or earlier: "
 
 
 def _kept(outcome: Outcome, begin: str) -> str:

@@ -407,7 +407,7 @@ def _sets_by_label(
     for one in outcome.sets:
         if one.receiver == o.receiver and window[0] <= one.gpst < window[1]:
             carried = [labels.get(signal, "unknown") for signal in one.signals]
-            chosen.setdefault(cast(Label, max(sorted(set(carried)), key=carried.count)), []).append(one)
+            chosen.setdefault(max(sorted(set(carried)), key=carried.count), []).append(one)
     return chosen
 
 

@@ -16,7 +16,7 @@ from skyproof.app.progress import Progress, Silent, Stage
 from skyproof.app.reception import Reception, observe, open_inputs, overlap_s, require_signals, track
 from skyproof.app.settings import Settings, resolve_settings
 from skyproof.app.windows import detectors_for, examine, window_records
-from skyproof.errors import InputError
+from skyproof.errors import InputError, SettingsError
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
@@ -78,6 +78,7 @@ def protect(
     if out is not None:
         check_folder(Path(out))
     recordings = open_inputs([Path(p) for p in inputs], settings)
+    _require_two(settings, [samples.name for samples in recordings])
     navigation = None if nav is None else read_nav(Path(nav))
     nav_sum = None if nav is None else sha256(nav)  # now, of what was read: it may be gone at the end
     if navigation is not None:
@@ -204,6 +205,16 @@ def _receiver_outcome(
         unprotected=fixed(unprotected(o)),
         shown={name: fix for name, fix in shown.items() if fix is not None},
     )
+
+
+def _require_two(settings: Settings, names: Sequence[str]) -> None:
+    """Raise SettingsError if a distance is given for any other number of receivers than two."""
+    if settings.antenna_distance_m is not None and len(names) != 2:
+        raise SettingsError(
+            f"setting antenna_distance_m is the distance between two receivers' antennas, but the receivers are "
+            f"{', '.join(names)}; give antennas_enu_m, where each antenna stands"
+            + (", or leave it out" if len(names) == 1 else "")
+        )
 
 
 def _pooled(told: Sequence[NavigationData]) -> NavigationData:

@@ -29,9 +29,21 @@ class Settings(BaseModel):
     max_separation_m: float = Field(
         default=300.0, gt=0.0, description="The antennas stand at most this far apart, horizontally."
     )
+    antenna_distance_m: float | None = Field(
+        default=None, gt=0.0, le=1e5,
+        description="The antennas of two receivers stand this far apart. One receiver alone under attack is then "
+        "noticed, unless its false position lies at that distance from the other.",
+    )
+    antenna_distance_sigma_m: float | None = Field(
+        default=None, gt=0.0, le=1e5,
+        description="Standard deviation of antenna_distance_m; by default it is good to 5 % or 1 m in 95 of 100 cases.",
+    )
     antennas_enu_m: dict[str, tuple[float, float, float]] | None = Field(
         default=None,
         description="Where each receiver's antenna stands: east, north, up of any common point; by receiver name.",
+    )
+    antennas_sigma_m: float = Field(
+        default=0.1, ge=0.0, le=1e5, description="Standard deviation of antennas_enu_m on each axis."
     )
     multipath_sigma_m: float = Field(
         default=1.0, ge=0.0, description="Constant error of one pseudorange that multipath may cause, one sigma."

@@ -106,11 +106,17 @@ def _equipped(detector: Detector, windows: Sequence[Records]) -> bool:
 
 
 def examine(windows: Sequence[Records], detectors: Sequence[Detector]) -> list[Evidence]:
-    """All that all detectors say of all windows, in order of time."""
+    """All that all detectors say of all windows, in order of time.
+
+    A detector with a method `review(evidence) -> evidence` looks at all windows' evidence once more at the end.
+    """
     evidence: list[Evidence] = []
     states: dict[str, Any] = {}
     for records in windows:
         for detector in detectors:
             said, states[detector.name] = detector.examine(records, states.get(detector.name))
             evidence += said
+    for detector in detectors:
+        if (review := getattr(detector, "review", None)) is not None:
+            evidence = review(evidence)
     return evidence

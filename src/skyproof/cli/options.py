@@ -10,7 +10,8 @@ from skyproof.app.settings import Settings
 __all__ = ["Debug", "Duration", "Json", "Nav", "OneDocument", "Place", "Reach", "Start", "setting"]
 
 
-_UNTOLD = {"duration_s": "the end", "place_deg": "every satellite is looked for"}
+_UNTOLD = {"duration_s": "the end", "place_deg": "every satellite is looked for",
+            "antenna_distance_m": "not known", "antenna_distance_sigma_m": "half of 5 % or of 1 m"}  # fmt: skip
 _UNITS = {"s": "seconds", "hz": "hertz", "m": "metres", "deg": "degrees"}
 
 

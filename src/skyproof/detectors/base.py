@@ -34,6 +34,9 @@ class Detector(Protocol):
     `state` is what it wants to remember: None at the start, given back by `examine`, and passed in again with the next
     window, so that a recording in pieces gives what the whole gives. `skyproof.testing.check_detector` holds the
     contract.
+
+    A detector may have a method `review(evidence) -> list[Evidence]` as well: at the end of a run it is given the
+    evidence of all detectors and windows, and gives it back with its own changed by what later windows have shown.
     """
 
     @property

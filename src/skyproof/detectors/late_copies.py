@@ -14,6 +14,8 @@ from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["is_late_copy", "without_late_copies"]
 
+WEAKER_DB = 1.0
+"""By which a late copy is weaker at least: an equal one is no reflection."""
 SAME_PLACE_PROBABILITY = 1e-3
 """Of missing a late copy, because its place differs by more than the errors of both explain."""
 
@@ -27,7 +29,7 @@ def is_late_copy(late: ConsistentSet, early: ConsistentSet, observations: Observ
     """Whether a set shows the same place as another one of its receiver, later and by weaker signals."""
     if late is early or late.clock_bias_s <= early.clock_bias_s:
         return False
-    if _level_dbhz(late, observations) >= _level_dbhz(early, observations):
+    if _level_dbhz(early, observations) - _level_dbhz(late, observations) < WEAKER_DB:
         return False
     off_m = late.position_ecef_m - early.position_ecef_m
     covariance_m2 = late.covariance_m2[:3, :3] + early.covariance_m2[:3, :3]

@@ -5,6 +5,7 @@ side lobes of a strong satellite's code are. Far echoes do happen, to one satell
 the number of satellites with a second signal, binomial if echoes come to each satellite independently.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -14,10 +15,17 @@ import numpy as np
 from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.records import Evidence, Observations, Reals, Records, SignalRef
+from skyproof.records import Evidence, Observations, Reals, Records, SignalId, SignalRef
 from skyproof.statistics.distributions import binomial_survival, binomial_threshold
 
 __all__ = ["Peaks", "PeaksSettings", "SecondSignals", "second_signals"]
+
+LATE_WEAKER_DB = 1.0
+"""By which a late copy of the sky is weaker at least: an equal one is no reflection."""
+LATE_HZ = 10.0
+"""By which the carrier of a late copy differs at most: it is not sent anew."""
+SAME_DELAY = 4.0
+"""Sigmas: second signals whose delays differ from the satellites' median by less are one late copy of the sky."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +39,7 @@ class PeaksSettings:
     max_weaker_db : nor those weaker than the satellite's strongest by more.
     min_cn0_dbhz : nor any signal below.
     min_epochs : in which a signal must be there.
+    multipath_sigma_m : error of a track that stays over the window, one sigma.
     """
 
     false_alarm_probability: float = 1e-3
@@ -40,6 +49,7 @@ class PeaksSettings:
     max_weaker_db: float = 12.0
     min_cn0_dbhz: float = 30.0
     min_epochs: int = 2
+    multipath_sigma_m: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("false_alarm_probability", "long_echo_probability"):
@@ -49,11 +59,16 @@ class PeaksSettings:
 @dataclass(frozen=True)
 class SecondSignals:
     """Satellites of one receiver and window: all with a credible signal, those with a second one, and those of which it
-    cannot be told, because the time of week, and with it the delay, is not known yet."""
+    cannot be told, because the time of week, and with it the delay, is not known yet.
+
+    repeated : signals later and weaker than their satellite's strongest, by a delay that several satellites share; so
+        these satellites do not count as doubled.
+    """
 
     sats: tuple[str, ...]
     doubled: tuple[str, ...]
     unknown: tuple[str, ...]
+    repeated: tuple[SignalId, ...]
 
 
 def second_signals(observations: Observations, settings: PeaksSettings) -> SecondSignals:
@@ -66,11 +81,38 @@ def second_signals(observations: Observations, settings: PeaksSettings) -> Secon
     for channel in np.flatnonzero(level_dbhz >= settings.min_cn0_dbhz):
         by_sat.setdefault(observations.signals[channel].sat, []).append(int(channel))
     verdicts = {sat: _apart(observations, channels, level_dbhz, settings) for sat, channels in by_sat.items()}
+    doubled = {sat for sat, apart in verdicts.items() if apart is True}
+    repeated = _repeated(observations, {sat: by_sat[sat] for sat in sorted(doubled)}, level_dbhz, settings)
     return SecondSignals(
         sats=tuple(sorted(by_sat)),
-        doubled=tuple(sorted(sat for sat, apart in verdicts.items() if apart is True)),
+        doubled=tuple(sorted(doubled - {signal.sat for signal in repeated})),
         unknown=tuple(sorted(sat for sat, apart in verdicts.items() if apart is None)),
+        repeated=repeated,
     )
+
+
+def _repeated(
+    observations: Observations, doubled: Mapping[str, list[int]], level_dbhz: Reals, settings: PeaksSettings
+) -> tuple[SignalId, ...]:
+    """Second signals of satellites with two, later and weaker, whose delays agree: a late copy of the whole sky."""
+    late: dict[int, tuple[float, float]] = {}
+    for channels in doubled.values():
+        strong, other = sorted(channels, key=lambda c: -level_dbhz[c])[:2]
+        if len(channels) > 2 or level_dbhz[strong] - level_dbhz[other] < LATE_WEAKER_DB:
+            continue
+        difference_m = observations.pseudorange_m[:, other] - observations.pseudorange_m[:, strong]
+        known = np.isfinite(difference_m)
+        apart_hz = _median_difference(observations.doppler_hz, strong, other, settings.min_epochs)
+        enough = known.sum() >= settings.min_epochs and not apart_hz > LATE_HZ
+        if enough and np.median(difference_m[known]) > 0.0:
+            thermal_m = observations.pseudorange_sigma_m[known][:, [strong, other]]
+            variance = np.sum(thermal_m**2) / known.sum() ** 2 + 2.0 * settings.multipath_sigma_m**2
+            late[other] = float(np.mean(difference_m[known])), float(np.sqrt(variance))
+    if len(late) < 2:
+        return ()
+    common_m = float(np.median([delay_m for delay_m, _ in late.values()]))
+    agreeing = [c for c, (delay_m, sigma_m) in late.items() if abs(delay_m - common_m) < SAME_DELAY * sigma_m]
+    return tuple(observations.signals[c] for c in agreeing) if len(agreeing) > 1 else ()
 
 
 def _apart(
@@ -107,10 +149,24 @@ class Peaks:
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
         """Evidence of one window; never raises for what the data lack."""
-        return missing(self, records) or [self._receiver(records, o) for o in records.observations], state
+        lacking = missing(self, records)
+        return lacking or [e for o in records.observations for e in self._receiver(records, o)], state
 
-    def _receiver(self, records: Records, observations: Observations) -> Evidence:
+    def _receiver(self, records: Records, observations: Observations) -> list[Evidence]:
         found = second_signals(observations, self.settings)
+        late = [self._late(records, observations, found)] if found.repeated else []
+        return [self._count(records, observations, found), *late]
+
+    def _late(self, records: Records, observations: Observations, found: SecondSignals) -> Evidence:
+        return Evidence(
+            detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst, says="multipath",
+            subject=tuple(SignalRef(observations.receiver, signal) for signal in found.repeated),
+            because=f"{len(found.repeated)} satellites in {observations.receiver} have a second signal, weaker and "
+            "later by the same delay: a repeater or a reflector, which shows no other place",
+            false_alarm_probability=self.settings.false_alarm_probability,
+        )  # fmt: skip
+
+    def _count(self, records: Records, observations: Observations, found: SecondSignals) -> Evidence:
         n, k = len(found.sats), len(found.doubled)
         count, attained = binomial_threshold(
             self.settings.false_alarm_probability, n, self.settings.long_echo_probability

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.late_copies import without_late_copies
 from skyproof.detectors.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -117,10 +118,9 @@ class Residual:
 
     def _receiver(self, records: Records, navigation: NavigationData, observations: Observations) -> Evidence:
         every = tuple(SignalRef(observations.receiver, signal) for signal in observations.signals)
+        own = [s for s in records.sets if s.receiver == observations.receiver]
         sets = tuple(
-            s
-            for s in records.sets
-            if s.receiver == observations.receiver and len(s.signals) >= self.settings.min_satellites
+            s for s in without_late_copies(observations, own) if len(s.signals) >= self.settings.min_satellites
         )
         if observations.gpst.size == 0:
             return undecided(self, records, every, because="no epoch in the window")

@@ -14,11 +14,14 @@ from typing import Literal
 import numpy as np
 
 from skyproof.fusion.labels import LabelledSignal, Source, label_signals, sources_of
+from skyproof.fusion.open_question import OpenQuestion, open_question
 from skyproof.fusion.timeline import Onset, end_of, onset_of
+from skyproof.fusion.unexplained import Unexplained, unexplained
 from skyproof.records import ConsistentSet, Evidence, Observations, SignalRef
 
 __all__ = ["Decision", "fuse"]
 
+VerdictWord = Literal["authentic", "spoofed", "undecided"]
 ENOUGH = 4  # signals for a fix
 MOMENT_S = 5.0  # after a loss of all signals it takes so long until a window can speak for the new ones
 
@@ -27,17 +30,22 @@ MOMENT_S = 5.0  # after a loss of all signals it takes so long until a window ca
 class Decision:
     """The partition of all signals and what follows from it.
 
+    open : what is left open, and why; None if nothing is.
+    unexplained : signals that no evidence says anything of.
+    assumed : under what the labels hold, in words.
     skies : under an attack that leaves open who is true, the consistent sets of signals of each receiver, linked over
         the windows; each is one position and time. Empty when the partition is decided.
     """
 
-    verdict: Literal["authentic", "spoofed", "undecided"]
+    verdict: VerdictWord
     labels: tuple[LabelledSignal, ...]
     sources: tuple[Source, ...]
     skies: tuple[Source, ...]
     onset: Onset | None
     until: np.datetime64 | None
-    undecided_because: str | None
+    open: OpenQuestion | None
+    unexplained: tuple[Unexplained, ...] = ()
+    assumed: tuple[str, ...] = ()
 
 
 def fuse(
@@ -47,25 +55,32 @@ def fuse(
     labels = label_signals(evidence, observations)
     sources = sources_of(evidence)
     attacked = any(e.says in ("spoofed", "attack") for e in evidence)
+    left = unexplained(labels, evidence, observations)
     false = [s for s in labels if s.label == "spoofed"]
+    everyone = {o.receiver for o in observations}
     if attacked:
         trusted = {s.ref.receiver for s in labels if s.label == "authentic"}
         skies = _skies(sets) if not sources else ()
         onset, until = _time_line(false, skies, observations)
-        everyone = trusted == {o.receiver for o in observations}
-        return Decision(
-            verdict="spoofed", labels=labels, sources=sources, skies=skies, onset=onset, until=until,
-            undecided_because=None if everyone else _because(evidence, observations, trusted),
-        )  # fmt: skip
-    trusted = {o.receiver for o in observations if _always_authentic(o, labels, _common(observations))}
-    if observations and trusted == {o.receiver for o in observations}:
-        return Decision(
-            verdict="authentic", labels=labels, sources=(), skies=(), onset=None, until=None, undecided_because=None
-        )
+        verdict: VerdictWord = "spoofed"
+        settled = trusted == everyone
+    else:
+        trusted = {o.receiver for o in observations if _always_authentic(o, labels, _common(observations))}
+        # What neither the sky nor an echo explains leaves the whole open, though the rest is authentic.
+        odd = {u.ref.receiver for u in left if u.kind in ("rival", "misfit")}
+        settled = bool(observations) and trusted == everyone and not odd
+        verdict = "authentic" if settled else "undecided"
+        trusted -= odd
+        sources, skies, onset, until = (), (), None, None
     return Decision(
-        verdict="undecided", labels=labels, sources=(), skies=(), onset=None, until=None,
-        undecided_because=_because(evidence, observations, trusted),
+        verdict=verdict, labels=labels, sources=sources, skies=skies, onset=onset, until=until, unexplained=left,
+        assumed=_assumed(evidence), open=None if settled else open_question(evidence, observations, trusted),
     )  # fmt: skip
+
+
+def _assumed(evidence: Sequence[Evidence]) -> tuple[str, ...]:
+    """Each assumption of evidence for authenticity once, in the order of the windows."""
+    return tuple(dict.fromkeys(words for e in evidence if e.says == "authentic" for words in e.assumes))
 
 
 def _common(observations: Sequence[Observations]) -> tuple[np.datetime64, np.datetime64]:
@@ -121,40 +136,33 @@ def _time_line(
     false: Sequence[LabelledSignal], skies: Sequence[Source], observations: Sequence[Observations]
 ) -> tuple[Onset | None, np.datetime64 | None]:
     if false:
-        captured = [s for s in false if s.first_epoch > 0 and _had_another_life(s, observations)]
-        onset = onset_of([s.ref for s in false if s not in captured], observations)
-        for s in captured:
-            o = next(o for o in observations if o.receiver == s.ref.receiver)
-            moment = Onset(gpst=o.gpst[s.first_epoch], sigma_s=float(np.median(np.diff(o.elapsed_s))) * 10.0)
-            onset = moment if onset is None or moment.gpst < onset.gpst else onset
-        return onset, end_of(false, observations)
-    if skies:
-        # Who is false is open, but from when on a second sky was there is not: the last of them to appear.
-        onsets = [onset_of(sky.signals, observations) for sky in skies]
+        came = [s.ref for s in false if not _was_tracked_before(s, observations)]
+        onsets = [onset_of(came, observations), *(_capture(s, observations) for s in false if s.ref not in came)]
         known = [onset for onset in onsets if onset is not None]
-        return max(known, key=lambda onset: onset.gpst, default=None), None
-    return None, None
+        return min(known, key=lambda onset: onset.seen, default=None), end_of(false, observations)
+    # Who is false is open, but from when on a second sky was there is not: the last of them to appear.
+    onsets = [_sky_onset(sky, observations) for sky in skies]
+    known = [onset for onset in onsets if onset is not None]
+    return max(known, key=lambda onset: onset.seen, default=None), None
 
 
-def _had_another_life(s: LabelledSignal, observations: Sequence[Observations]) -> bool:
+def _capture(s: LabelledSignal, observations: Sequence[Observations]) -> Onset:
+    """Of a channel that went over from one signal to another: the false one may have lain upon the true one before."""
+    o = next(o for o in observations if o.receiver == s.ref.receiver)
+    return Onset(seen=o.gpst[s.first_epoch], earliest=None)
+
+
+def _sky_onset(sky: Source, observations: Sequence[Observations]) -> Onset | None:
+    """When half of a sky's signals were there: a set may have taken in some that were there before."""
+    found = sorted(
+        (float(o.found_elapsed_s[o.signals.index(ref.signal)]), ref)
+        for o in observations for ref in sky.signals if ref.receiver == o.receiver
+    )  # fmt: skip
+    return onset_of([ref for _, ref in found[(len(found) - 1) // 2 :]], observations)
+
+
+def _was_tracked_before(s: LabelledSignal, observations: Sequence[Observations]) -> bool:
     """Whether the signal was measured before this stretch: a channel pulled away from what it followed."""
     o = next(o for o in observations if o.receiver == s.ref.receiver)
     column = o.signals.index(s.ref.signal)
     return bool(np.isfinite(o.pseudorange_m[: s.first_epoch, column]).any())
-
-
-def _because(evidence: Sequence[Evidence], observations: Sequence[Observations], trusted: set[str]) -> str:
-    """Which receivers' signals are open, why, and what would decide it: each reason once, the most frequent first.
-
-    Evidence of an attack that needs nothing further explains the attack, not what is open about it.
-    """
-    if not observations:
-        return "no receiver gave measurements with a time"
-    reasons: dict[str, int] = {}
-    for e in evidence:
-        if e.says == "undecided" or (e.says == "attack" and e.would_need):
-            text = e.because + (f" (would decide it: {e.would_need})" if e.would_need else "")
-            reasons[text] = reasons.get(text, 0) + 1
-    open_receivers = ", ".join(o.receiver for o in observations if o.receiver not in trusted)
-    most = sorted(reasons, key=lambda text: -reasons[text])[:3]
-    return f"which signals of {open_receivers} are true: " + ("; ".join(most) if most else "no detector could tell")

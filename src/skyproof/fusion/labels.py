@@ -1,8 +1,9 @@
 """Evidence of many windows to one label per signal and stretch of time, and to the sources of the false ones.
 
 A signal that is tracked without interruption is one transmitter's, unless the evidence itself changes: what some
-windows say of it holds for their neighbours that say nothing, *spoofed* as long as it is tracked, *authentic* from one
-window that says so to the next. Where windows contradict each other the signal was captured and its life is cut there;
+windows say of it holds for their neighbours that say nothing: *spoofed* as long as it is tracked on, *authentic* from
+one window that says so to the next. A channel can be captured without a slip, so that what it follows says nothing of
+what it followed long before. Where windows contradict each other the signal was captured and its life is cut there;
 where one window contradicts itself the label is unknown.
 
 A window in which a test of the signal failed (its p-value is below what it was asked for, and it says "undecided")
@@ -21,14 +22,16 @@ from skyproof.records import Evidence, Observations, Reals, SignalRef
 
 __all__ = ["Label", "LabelledSignal", "Source", "label_signals", "sources_of"]
 
-Label = Literal["authentic", "spoofed", "unknown"]
-LABELS: tuple[Label, ...] = ("authentic", "spoofed", "unknown")
+Label = Literal["authentic", "spoofed", "multipath", "unknown"]
+LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
 SILENT = -1
 SLIP = 3  # a code of records.CELL_STATUS
 MIN_WINDOW_SHARE = 0.4
 BRIDGE_S = 11.0
 """Between two windows that say so, a signal that is tracked on is authentic for so long without evidence: one usual
-window. Before the first and after the last it is not: a channel can be captured without a slip."""
+window. Before the first and after the last it is not."""
+BEFORE_S = 5.0
+"""Before the first window that says so a signal is spoofed for so long: what a usual window leaves out at its end."""
 NEARLY_ALL = 0.75
 """Of the signals that failed a test together: if fewer of them are authentic, that many are not just faulty ones."""
 Node = TypeVar("Node", bound=Hashable)
@@ -88,14 +91,14 @@ def _votes(evidence: Sequence[Evidence], o: Observations) -> dict[SignalRef, lis
             windows.setdefault((first, end - 1), []).append(e)
     votes: dict[SignalRef, list[_Vote]] = {}
     for (first, last), said in windows.items():
-        failed = [own for e in said if _failed(e) and (own := {r for r in e.subject if r.receiver == o.receiver})]
+        failed = [own for e in said if e.failed and (own := {r for r in e.subject if r.receiver == o.receiver})]
         spoken: set[SignalRef] = set()
         for e in said:
             own = {ref for ref in e.subject if ref.receiver == o.receiver}
-            label: Label = "authentic" if e.says == "authentic" else "spoofed"
-            if e.says == "authentic" and any(len(own & f) < NEARLY_ALL * len(f) for f in failed):
+            label: Label = e.says if e.says in ("authentic", "spoofed", "multipath") else "unknown"
+            if label == "authentic" and any(len(own & f) < NEARLY_ALL * len(f) for f in failed):
                 label = "unknown"
-            if e.says in ("authentic", "spoofed"):
+            if e.says in LABELS:
                 spoken |= own
                 for ref in own:
                     votes.setdefault(ref, []).append(
@@ -106,12 +109,6 @@ def _votes(evidence: Sequence[Evidence], o: Observations) -> dict[SignalRef, lis
                 _Vote(label="unknown", first_epoch=first, last_epoch=last, detector="", p_value=None)
             )
     return votes
-
-
-def _failed(e: Evidence) -> bool:
-    """Whether a test's null was rejected without telling why."""
-    asked = e.false_alarm_probability
-    return e.says == "undecided" and e.p_value is not None and asked is not None and e.p_value < asked
 
 
 def sources_of(evidence: Sequence[Evidence]) -> tuple[Source, ...]:
@@ -187,8 +184,10 @@ def _filled(said: NDArray[np.int64], elapsed_s: Reals) -> NDArray[np.int64]:
     one, other = codes[before], codes[after]
     agreed = np.where(one == SILENT, other, np.where((other == SILENT) | (one == other), one, unknown))
     agreed[agreed == SILENT] = unknown
-    bridged = times_s[after] - np.where(before < said.size, times_s[before], -np.inf) <= BRIDGE_S
-    return np.where((agreed == authentic) & ~bridged, unknown, agreed)
+    begun = before < said.size
+    bridged = times_s[after] - np.where(begun, times_s[before], -np.inf) <= BRIDGE_S
+    early = ~begun & (times_s[after] - times_s[row] > BEFORE_S)
+    return np.where(((agreed == authentic) & ~bridged) | early, unknown, agreed)
 
 
 def _piece(ref: SignalRef, label: Label, first: int, last: int, votes: Sequence[_Vote]) -> LabelledSignal:

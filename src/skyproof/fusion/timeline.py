@@ -1,6 +1,6 @@
 """When the attack began and ended, from when the receiver's search found the false signals."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,29 +11,76 @@ from skyproof.records import Observations, SignalRef
 __all__ = ["Onset", "end_of", "onset_of"]
 
 
+HIDDEN_M = 600.0
+"""Two signals of a satellite nearer than this, two chips, may have been one before: the search cannot part them."""
+TOGETHER_S = 1.5
+"""Signals that are found within this of the first came with it: three searches."""
+SEARCH_S = 0.02
+"""The search looks at so much of the recording, from its instant on."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Onset:
-    """sigma_s is None if the attack was on when the recording began; `gpst` is then the recording's start."""
+    """When false signals began to be received.
 
-    gpst: np.datetime64
-    sigma_s: float | None
-
-
-def onset_of(signals: Sequence[SignalRef], observations: Sequence[Observations]) -> Onset | None:
-    """The earliest appearance of any of these signals: between the last search that missed it and the first that
-    found it, uniformly (sigma = interval / sqrt(12)).
+    seen : when they were first seen, so that they began then at the latest.
+    earliest : they began after this; None if that is not known, because they were received when the recording began, or
+        may have been hidden in the true signals for any time.
+    from_start : whether they were seen from the first moment on.
     """
-    onsets: list[Onset] = []
+
+    seen: np.datetime64
+    earliest: np.datetime64 | None
+    from_start: bool = False
+
+    @property
+    def gpst(self) -> np.datetime64:
+        """The middle of the interval; `seen` if it has no beginning."""
+        return self.seen if self.earliest is None else self.earliest + (self.seen - self.earliest) / 2
+
+    @property
+    def sigma_s(self) -> float | None:
+        """Of `gpst`, any instant of the interval being as likely; None if it has no beginning."""
+        if self.earliest is None:
+            return None
+        return float((self.seen - self.earliest) / np.timedelta64(1, "s") / np.sqrt(12.0))
+
+
+def onset_of(signals: Collection[SignalRef], observations: Sequence[Observations]) -> Onset | None:
+    """When these signals, each found by a search, began to be received: the earliest of them, in any receiver.
+
+    It came between the last search that missed it and the one that found it. Where most of those that came with it
+    stood within two chips of another signal of their satellite, they may have been there before, unseen.
+    """
+    found: list[tuple[np.datetime64, np.datetime64, bool]] = []
     for o in observations:
         for column, signal in enumerate(o.signals):
             if SignalRef(o.receiver, signal) in signals:
                 found_s, missed_s = float(o.found_elapsed_s[column]), float(o.missed_elapsed_s[column])
                 if np.isnan(missed_s):
-                    return Onset(gpst=_instant(o, 0.0), sigma_s=None)
-                onsets.append(
-                    Onset(gpst=_instant(o, 0.5 * (found_s + missed_s)), sigma_s=(found_s - missed_s) / np.sqrt(12.0))
-                )
-    return min(onsets, key=lambda onset: onset.gpst, default=None)
+                    return Onset(seen=_instant(o, found_s), earliest=None, from_start=True)
+                found.append((_instant(o, found_s + SEARCH_S), _instant(o, missed_s), _was_hidden(o, column)))
+    if not found:
+        return None
+    seen, missed, _ = min(found, key=lambda each: each[0])
+    company = [hidden for at, _, hidden in found if at - seen <= np.timedelta64(round(TOGETHER_S * 1e9), "ns")]
+    return Onset(seen=seen, earliest=None if sum(company) > 0.5 * len(company) else missed)
+
+
+def _was_hidden(o: Observations, column: int) -> bool:
+    """Whether a signal stood near another one of its satellite that was there before, when it was first measured."""
+    transmission = o.signals[column].transmission
+    there = np.flatnonzero(np.isfinite(o.pseudorange_m[:, column]))
+    for other, signal in enumerate(o.signals):
+        if other == column or signal.transmission != transmission:
+            continue
+        if o.found_elapsed_s[other] > o.found_elapsed_s[column]:
+            continue
+        apart_m = np.abs(o.pseudorange_m[there, other] - o.pseudorange_m[there, column])
+        known = apart_m[np.isfinite(apart_m)]
+        if known.size and known[0] < HIDDEN_M:
+            return True
+    return False
 
 
 def end_of(

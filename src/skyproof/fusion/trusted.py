@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.fusion.labels import Label, LabelledSignal
-from skyproof.navigation.fix import fix
+from skyproof.navigation.fix import fix_and_geometry
+from skyproof.navigation.screen import screened
 from skyproof.records import Fix, NavigationData, Observations, SignalId
 
 __all__ = ["fix_of", "labelled", "masked", "only"]
@@ -43,6 +44,7 @@ def fix_of(
 ) -> Fix | None:
     """The fix from all cells that are left, at most one signal of a satellite at a time; None without any.
 
+    Epochs whose residuals fit no one position are no fix (`navigation.screen`).
     Two signals of one satellite with the same label leave it open which is meant: neither is used.
     """
     usable = np.isfinite(observations.pseudorange_m)
@@ -54,7 +56,8 @@ def fix_of(
     if kept.size < 4:
         return None
     signals = tuple(observations.signals[k] for k in kept)
-    return fix(
+    found = fix_and_geometry(
         masked(observations, usable), navigation, signals=signals, multipath_sigma_m=multipath_sigma_m,
         elevation_mask_deg=elevation_mask_deg,
     )  # fmt: skip
+    return screened(*found)

@@ -1,0 +1,65 @@
+"""What a decision leaves open: whose signals, why (the reason that matters for the whole run), and the remedy."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skyproof.records import Baseline, Evidence, Observations
+
+__all__ = ["OpenQuestion", "measured_distance_m", "open_question"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenQuestion:
+    """receivers: whose signals are open; why: in words; remedy: what would settle it, if anything is known to."""
+
+    receivers: tuple[str, ...]
+    why: str | None
+    remedy: str | None
+
+    @property
+    def about(self) -> str:
+        return f"which signals of {', '.join(self.receivers)} are true"
+
+
+def open_question(
+    evidence: Sequence[Evidence], observations: Sequence[Observations], trusted: set[str]
+) -> OpenQuestion:
+    """The reason that left most of the time open, of tests that ran before those that could not.
+
+    The windows' sentences differ by their numbers; the same test with the same remedy is the same reason, and the
+    window that was compared last speaks for all of them.
+    """
+    groups: dict[tuple[str, str | None], list[Evidence]] = defaultdict(list)
+    for e in evidence:
+        if e.says == "undecided" or (e.says == "attack" and e.would_need):
+            groups[e.detector, e.would_need].append(e)
+    open_receivers = tuple(o.receiver for o in observations if o.receiver not in trusted)
+    ran = {key: own for key, own in groups.items() if any(_compared(e) for e in own)}
+    if not ran:
+        return OpenQuestion(receivers=open_receivers, why=None, remedy=None)
+    chosen = max(ran.values(), key=lambda own: (sum(_compared(e) for e in own), own[0].would_need is not None))
+    last = [e for e in chosen if _compared(e)][-1]
+    remedy = last.would_need
+    far = measured_distance_m([b for e in chosen for b in e.baselines[:1]])
+    if remedy is not None and far is not None:
+        remedy += f"; these signals come from the sky if the antennas stand {far[0]:.1f} ± {far[1]:.1f} m apart"
+    return OpenQuestion(receivers=open_receivers, why=last.because, remedy=remedy)
+
+
+def measured_distance_m(baselines: Sequence[Baseline]) -> tuple[float, float] | None:
+    """Distance of two antennas by all windows, and its sigma; None for none, or more than two receivers.
+
+    Errors that stay from window to window do not average out: the sigma is that of one window.
+    """
+    pairs = [b.distances_m[0] for b in baselines if len(b.receivers) == 2]
+    if not pairs:
+        return None
+    return float(np.mean([d for d, _ in pairs])), float(np.median([s for _, s in pairs]))
+
+
+def _compared(e: Evidence) -> bool:
+    """Whether the test had numbers to look at: it gives a p-value, or names signals of more than one receiver."""
+    return e.p_value is not None or len({ref.receiver for ref in e.subject}) > 1

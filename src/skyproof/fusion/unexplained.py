@@ -1,0 +1,76 @@
+"""Signals that are received and belong to nothing that was decided: how many, how strong, what would explain them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from skyproof.fusion.labels import LabelledSignal
+from skyproof.records import Evidence, Observations, Reals, SignalRef
+
+__all__ = ["Kind", "Unexplained", "unexplained"]
+
+Kind = Literal["echo", "rival", "misfit", "untested"]
+"""echo : beside an authentic signal of its satellite, later and weaker: a reflection would explain it.
+rival : beside one, but earlier or stronger: no reflection is.
+misfit : the only signal of its satellite there, in a test that failed: a fault, an echo alone or an imitation.
+untested : the only one of its satellite, and nothing spoke of it: received by one receiver only, or too shortly.
+"""
+SHORT_S = 5.0
+"""What is received for less than this is not counted: a search's false alarm lives no longer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unexplained:
+    """One signal that stays unknown. cn0_dbhz: mean; over_db: over the authentic one's C/N0, None without one."""
+
+    ref: SignalRef
+    kind: Kind
+    cn0_dbhz: float
+    over_db: float | None = None
+
+
+def unexplained(
+    labels: Sequence[LabelledSignal], evidence: Sequence[Evidence], observations: Sequence[Observations]
+) -> tuple[Unexplained, ...]:
+    """The signals that are unknown all the time that they are received, or for longer than the longest window."""
+    failed = {ref for e in evidence if e.failed for ref in e.subject}
+    window_s = max(((e.end_gpst - e.start_gpst) / np.timedelta64(1, "s") for e in evidence), default=0.0)
+    found = []
+    for o in observations:
+        own = [s for s in labels if s.ref.receiver == o.receiver]
+        decided = {s.ref for s in own if s.label != "unknown"}
+        longest: dict[SignalRef, LabelledSignal] = {}
+        for s in own:
+            if s.label == "unknown" and (s.ref not in longest or _length_s(s, o) > _length_s(longest[s.ref], o)):
+                longest[s.ref] = s
+        for ref, s in longest.items():
+            if _length_s(s, o) >= (1.01 * window_s if ref in decided else SHORT_S):
+                found.append(_explained(s, own, o, ref in failed))
+    return tuple(found)
+
+
+def _length_s(s: LabelledSignal, o: Observations) -> float:
+    return float(o.elapsed_s[s.last_epoch] - o.elapsed_s[s.first_epoch])
+
+
+def _explained(s: LabelledSignal, own: Sequence[LabelledSignal], o: Observations, failed: bool) -> Unexplained:
+    column = o.signals.index(s.ref.signal)
+    cn0_dbhz = float(np.nanmean(o.cn0_dbhz[s.first_epoch : s.last_epoch + 1, column]))
+    for other in own:
+        same = other.ref.signal.transmission == s.ref.signal.transmission and other.ref != s.ref
+        first, last = max(s.first_epoch, other.first_epoch), min(s.last_epoch, other.last_epoch)
+        if not same or other.label != "authentic" or last < first:
+            continue
+        beside, rows = o.signals.index(other.ref.signal), slice(first, last + 1)
+        late_m = _median(o.pseudorange_m[rows, column] - o.pseudorange_m[rows, beside])
+        over_db = _median(o.cn0_dbhz[rows, column] - o.cn0_dbhz[rows, beside])
+        is_echo = late_m > 0.0 and over_db < 0.0
+        return Unexplained(ref=s.ref, kind="echo" if is_echo else "rival", cn0_dbhz=cn0_dbhz, over_db=over_db)
+    return Unexplained(ref=s.ref, kind="misfit" if failed else "untested", cn0_dbhz=cn0_dbhz)
+
+
+def _median(values: Reals) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")
