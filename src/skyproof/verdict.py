@@ -187,9 +187,11 @@ class Verdict(_Model):
         description="Standard deviation of the onset, seconds; null if it is not known how early it began."
     )
     since_earliest_gpst: Gpst | None = Field(
-        description="The attack began after this; null if it may have been on when the recording began, or hidden."
+        description="It began after this, GPS time; null if it may have been on from the first moment, or hidden."
     )
-    since_latest_gpst: Gpst | None = Field(description="The attack was first seen, and began at the latest, at this.")
+    since_latest_gpst: Gpst | None = Field(
+        description="The attack was first seen then, and began then at the latest, GPS time."
+    )
     until_gpst: Gpst | None = Field(description="End of the attack, GPS time; null while it lasts.")
     false_alarm_probability_per_hour: Probability = Field(
         description="Probability asked for of calling clean signals spoofed, per hour."
@@ -219,15 +221,34 @@ class Verdict(_Model):
             raise ValueError("an undecided verdict says in undecided_because what would decide it")
         return self
 
+    @property
+    def from_start(self) -> bool:
+        """Whether the attack was on when the recording of a receiver began."""
+        starts = {_instant_words(r.start_gpst) for r in self.receivers if r.start_gpst is not None}
+        return self.since_gpst is not None and self.since_sigma_s is None and _instant_words(self.since_gpst) in starts
+
+    @property
+    def onset_words(self) -> str:
+        """When the attack began, as far as that is known; empty without one."""
+        if self.since_gpst is None:
+            return ""
+        since = _instant_words(self.since_gpst)
+        if self.since_sigma_s is not None:
+            return f"Since {since} ± {self.since_sigma_s:.2g} s"
+        if self.from_start:
+            return f"Since {since}, when the recording begins, or before"
+        return f"Seen since {since}; it began then at the latest"
+
     def _repr_html_(self) -> str:
         """The answer, the positions and the labels, for a notebook."""
         sentences = [self.summary]
         if self.since_gpst is not None:
-            sigma = "" if self.since_sigma_s is None else f" ± {self.since_sigma_s:.2g} s"
             until = "" if self.until_gpst is None else f", until {_instant_words(self.until_gpst)}"
-            sentences.append(f"Since {_instant_words(self.since_gpst)}{sigma} GPS time{until}.")
+            sentences.append(f"{self.onset_words}, GPS time{until}.")
         if self.undecided_because is not None:
             sentences.append(f"Not decided: {self.undecided_because}.")
+        if self.assumed is not None:
+            sentences.append(self.assumed)
         kinds = [(r.name, kind, fix) for r in self.receivers for kind, fix in (
             ("trusted", r.trusted_fix), ("false", r.false_fix), ("unprotected", r.unprotected_fix))]  # fmt: skip
         positions = [

@@ -21,8 +21,9 @@ SAMPLE = json.loads(SAMPLE_PATH.read_text(encoding="utf-8"))
 # The keys of the documented format, in order; what reads these files elsewhere relies on them.
 FIX = "gpst lat_deg lon_deg height_m sigma_east_m sigma_north_m sigma_up_m"
 KEYS = {
-    "": "format verdict summary since_gpst since_sigma_s until_gpst false_alarm_probability_per_hour undecided_because "
-    "receivers signals sources methods inputs settings versions",
+    "": "format verdict summary since_gpst since_sigma_s since_earliest_gpst since_latest_gpst until_gpst "
+    "false_alarm_probability_per_hour undecided_because assumed receivers signals sources methods "
+    "inputs settings versions",
     "receivers": "name input start_gpst duration_s trusted_fix false_fix unprotected_fix",
     "receivers.trusted_fix": FIX,
     "receivers.false_fix": FIX,
@@ -171,7 +172,7 @@ def test_every_number_has_its_unit_in_the_schema() -> None:
     [
         ("", "not a skyproof-verdict/1 document: Invalid JSON"),
         ("[1]", "not a skyproof-verdict/1 document"),
-        ("{}", "format is missing; verdict is missing; .* and 10 more"),
+        ("{}", "format is missing; verdict is missing; .* and 13 more"),
         (
             json.dumps(SAMPLE | {"format": "skyproof-verdict/2"}),
             "format = .skyproof-verdict/2., expected 'skyproof-verdict/1'",

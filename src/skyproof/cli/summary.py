@@ -37,11 +37,12 @@ def _print_summary(verdict: Verdict) -> None:
     console.print(Text(verdict.verdict.upper(), style=STYLES.get(verdict.verdict, "bold")))
     console.print(Text(verdict.summary))
     if verdict.since_gpst is not None:
-        sigma = "" if verdict.since_sigma_s is None else f" ± {verdict.since_sigma_s:.2g} s"
         until = "" if verdict.until_gpst is None else f", until {instant_words(verdict.until_gpst)}"
-        console.print(Text(f"since {instant_words(verdict.since_gpst)}{sigma} GPS time{until}"))
+        console.print(Text(f"{verdict.onset_words}, GPS time{until}"))
     if verdict.undecided_because:
-        console.print(Text(f"not decided: {verdict.undecided_because}"))
+        console.print(Text(f"Not decided: {verdict.undecided_because}"))
+    if verdict.assumed:
+        console.print(Text(verdict.assumed))
     console.print()
     if (positions := _positions(verdict)).row_count:
         console.print(positions)

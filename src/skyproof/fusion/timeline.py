@@ -58,7 +58,7 @@ def onset_of(signals: Collection[SignalRef], observations: Sequence[Observations
             if SignalRef(o.receiver, signal) in signals:
                 found_s, missed_s = float(o.found_elapsed_s[column]), float(o.missed_elapsed_s[column])
                 if np.isnan(missed_s):
-                    return Onset(seen=_instant(o, found_s), earliest=None, from_start=True)
+                    return Onset(seen=_instant(o, 0.0), earliest=None, from_start=True)
                 found.append((_instant(o, found_s + SEARCH_S), _instant(o, missed_s), _was_hidden(o, column)))
     if not found:
         return None

@@ -134,12 +134,13 @@ CURE = "; would decide it: "
 
 
 def _undecided(verdict: Verdict) -> list[tuple[str, str]]:
-    """What is open and what would decide it, but for what the summary says already."""
+    """What is open and what would decide it, but for what the summary says already; and what is assumed."""
+    assumed = [("Assumed:", verdict.assumed.removeprefix("Assumed: "))] if verdict.assumed is not None else []
     if verdict.undecided_because is None:
-        return []
+        return assumed
     why, _, cure = verdict.undecided_because.partition(CURE)
     told = [("Not decided:", why)] if why not in verdict.summary else []
-    return [*told, *([("Would decide it:", cure)] if cure else [])]
+    return [*told, *([("Would decide it:", cure)] if cure else []), *assumed]
 
 
 def _scope(verdict: Verdict) -> str:
@@ -200,7 +201,8 @@ def _when(verdict: Verdict) -> Fact:
     day, clock = since[:10], since[11:]
     until = [f"until {instant_words(verdict.until_gpst)}"] if verdict.until_gpst is not None else []
     if sigma_s is None:
-        words = "; ".join([f"the recording begins under attack, {day}, GPS time", *until])
+        how = "the recording begins under attack" if verdict.from_start else "first seen then, begun then or earlier"
+        words = "; ".join([f"{how}, {day}, GPS time", *until])
         return Fact("Spoofed since", ((f"{clock} or before", words),), "spoofed")
     words = "; ".join([f"± {sigma_s:.2g} s (one sigma), {day}, GPS time", *until])
     return Fact("Spoofed since", ((clock, words),), "spoofed")
