@@ -234,7 +234,8 @@ def test_a_usage_error_is_one_line_that_helps(
 
 def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> None:
     cli.main([*PROTECT, "--nav", "b.22n", "--platform", "p.toml", "--false-alarm-probability-per-hour", "1e-4",
-              "--antenna-distance-m", "60", "--antenna-distance-sigma-m", "0.5", "--antenna-separation-m", "2.5", "--doppler-max-hz", "9e3", "--place-deg", "57.7",
+              "--antenna-distance-m", "60", "--antenna-distance-sigma-m", "0.5", "--antenna-separation-m", "2.5",
+              "--doppler-max-hz", "9e3", "--place-deg", "57.7",
               "11.9", "--start-s", "27", "--duration-s", "33"])  # fmt: skip
     cli.main(PROTECT)
     cli.main(["receive", "rx1.bin", "--out", "d", "--nav", "b.22n"])
