@@ -457,6 +457,19 @@ def test_inputs_that_are_deleted_while_they_are_worked_on_cost_nothing(meddled, 
     assert "deleted or replaced while it was worked on" in ended.remarks(1)
 
 
+def test_files_of_a_run_that_was_killed_while_they_appeared_do_not_outlive_the_next(run, wide):
+    ended = run(wide)
+    names = {path.name for path in ended.folder.iterdir()}
+    left = ended.folder / ".skyproof-unfinished"  # the verdict comes last, so that it is left here
+    left.mkdir()
+    (left / "verdict.json").write_text((ended.folder / "verdict.json").read_text().replace('"bow"', '"mast"'))
+    (ended.folder / "verdict.json").unlink()
+    for name in ("mast-authentic.obs", "mast-other-2.obs", "notes.obs"):
+        (ended.folder / name).write_text("old")
+    run(wide)
+    assert {path.name for path in ended.folder.iterdir()} == names | {"notes.obs"}
+
+
 # --- Ctrl-C
 
 
@@ -533,7 +546,7 @@ def test_ctrl_c_after_the_decision_does_not_lose_it(run, wide, monkeypatch, pres
 @pytest.mark.parametrize(
     ("second", "words"),
     [(("finding", 1), "nothing was decided, and nothing written"),
-     (("writing", 2), "the verdict is 'undecided', but not all files could be written; whole in .*: .*verdict.json")],
+     (("writing", 2), "the verdict is 'undecided', but its files were not written; .*out is as it was")],
     ids=["deciding", "writing"],
 )  # fmt: skip
 def test_a_second_ctrl_c_ends_it_and_leaves_no_half_file(run, wide, monkeypatch, second, words):
@@ -550,7 +563,7 @@ def test_a_second_ctrl_c_ends_it_and_leaves_no_half_file(run, wide, monkeypatch,
 @pytest.mark.parametrize(
     ("presses", "err"),
     [([("tracking", 1.0)], "interrupted: this is what was received so far"),
-     ([("tracking", 6.0), ("writing", 1)], "interrupted a second time, before all .* written; whole in .*: none")],
+     ([("tracking", 6.0), ("writing", 1)], "interrupted a second time, before what was received .*; .* is as it was")],
     ids=["once", "twice"],
 )  # fmt: skip
 def test_ctrl_c_while_receiving_keeps_what_was_received(pair, tmp_path, capsys, monkeypatch, presses, err):

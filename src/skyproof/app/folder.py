@@ -1,5 +1,6 @@
 """The folder that a run writes into."""
 
+import tempfile
 from pathlib import Path
 
 from skyproof.errors import OutputError
@@ -10,17 +11,19 @@ Stamps = dict[str, tuple[int, int]]
 """What tells that a file is another one now: by name, its number on the disk and its time."""
 
 
-def check_folder(folder: Path) -> None:
+def check_folder(out: str | Path) -> Path:
     """Make the folder and try to write in it, before the long work and not after it. Raises OutputError."""
+    if not str(out):
+        raise OutputError("the folder for the outputs has an empty name; name one with --out")
+    folder = Path(out)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".skyproof-probe"
-        probe.write_bytes(b"")
-        probe.unlink()
+        tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         raise OutputError(
             f"{folder}: cannot be written: {error.strerror}; name a folder that can with --out"
         ) from error
+    return folder
 
 
 def stamps(folder: Path) -> Stamps:

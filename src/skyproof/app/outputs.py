@@ -1,5 +1,6 @@
 """Everything that `protect` writes into its folder."""
 
+import contextlib
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,8 +14,8 @@ from skyproof.app.pictures import fixes_by_kind, last_position, pictures_of, pos
 from skyproof.app.progress import Progress
 from skyproof.app.rinex import date_of, one_a_satellite, write_channels
 from skyproof.app.settings import Settings
-from skyproof.errors import InputError, OutputError
-from skyproof.formats.atomic_write import write_lines
+from skyproof.errors import InputError
+from skyproof.formats.atomic_write import UNFINISHED, write_lines, writing_together
 from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
 from skyproof.formats.rinex_nav import write_nav
@@ -33,37 +34,34 @@ __all__ = ["write_outputs"]
 
 
 def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> None:
-    """Write the verdict first, then tables, RINEX, tracks and the report."""
-    with progress.stage("writing outputs", 5) as stage:
-        _remove_older(folder)
-        write_verdict(folder / "verdict.json", verdict)
-        write_lines(folder / "settings.toml", _settings_lines(settings))
+    """Write verdict, tables, RINEX, tracks and the report, in place of what an earlier run wrote; all or nothing."""
+    with (
+        progress.stage("writing outputs", 5) as stage,
+        writing_together(folder, instead_of=_older(folder), last="verdict.json") as part,
+    ):
+        write_verdict(part / "verdict.json", verdict)
+        write_lines(part / "settings.toml", _settings_lines(settings), encoding="utf-8")
         stage.advance(1)
-        _write_tables(folder, outcome)
+        _write_tables(part, outcome)
         stage.advance(2)
-        _write_rinex(folder, outcome)
+        _write_rinex(part, outcome)
         stage.advance(3)
-        _write_tracks(folder, outcome)
+        _write_tracks(part, outcome)
         stage.advance(4)
-        write_lines(folder / "report.html", [report_html(verdict, pictures_of(outcome))], encoding="utf-8")
+        write_lines(part / "report.html", [report_html(verdict, pictures_of(outcome))], encoding="utf-8")
         stage.advance(5)
 
 
-def _remove_older(folder: Path) -> None:
-    """Remove what an earlier run wrote here and this one may not write anew: the results of two runs never mix."""
-    try:
-        names = "|".join(re.escape(r.name) for r in read_verdict(folder / "verdict.json").receivers)
-    except InputError:
-        return
-    own = re.compile(rf"({names})-((authentic|other|unknown)(-\d+)?\.obs|trusted\.nmea)|nav\.rnx")
-    try:
-        for path in folder.iterdir():
-            if own.fullmatch(path.name):
-                path.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"{folder}: what an earlier run wrote cannot be removed: {error.strerror}; name another folder with --out"
-        ) from error
+def _older(folder: Path) -> list[str]:
+    """What an earlier run wrote here and this one may not write anew, by its verdict, or by that of one that was killed
+    while its files appeared: the results of two runs never mix.
+    """
+    names = []
+    for verdict in (folder / "verdict.json", folder / UNFINISHED / "verdict.json"):
+        with contextlib.suppress(InputError):
+            names += [re.escape(r.name) for r in read_verdict(verdict).receivers]
+    own = re.compile(rf"({'|'.join(names)})-((authentic|other|unknown)(-\d+)?\.obs|trusted\.nmea)|nav\.rnx")
+    return [path.name for path in folder.iterdir() if names and own.fullmatch(path.name)]
 
 
 def _settings_lines(settings: Settings) -> list[str]:

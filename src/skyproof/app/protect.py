@@ -10,7 +10,7 @@ import numpy as np
 
 from skyproof.app.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.duplicates import one_receiver_each
-from skyproof.app.folder import check_folder, stamps, written_since
+from skyproof.app.folder import check_folder
 from skyproof.app.outputs import write_outputs
 from skyproof.app.progress import Progress, Silent, Stage
 from skyproof.app.reception import Reception, observe, open_inputs, overlap_s, require_signals, track
@@ -76,7 +76,7 @@ def protect(
     progress = progress or Silent()
     settings = resolve_settings(None if platform is None else Path(platform), **options)
     if out is not None:
-        check_folder(Path(out))
+        check_folder(out)
     recordings = open_inputs([Path(p) for p in inputs], settings)
     _require_two(settings, [samples.name for samples in recordings])
     navigation = None if nav is None else read_nav(Path(nav))
@@ -147,7 +147,6 @@ def _write(
     folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress, interrupted: bool
 ) -> bool:
     """Write all outputs, through a first Ctrl-C: everything is decided by now. Returns whether there was one."""
-    before = stamps(folder)
     while True:
         try:
             write_outputs(folder, verdict, outcome, settings, progress)
@@ -155,8 +154,8 @@ def _write(
         except KeyboardInterrupt:
             if interrupted:
                 raise KeyboardInterrupt(
-                    f"interrupted a second time: the verdict is {verdict.verdict!r}, but not all files could be "
-                    f"written; whole in {folder}: {written_since(folder, before)}"
+                    f"interrupted a second time: the verdict is {verdict.verdict!r}, but its files were not written; "
+                    f"{folder} is as it was"
                 ) from None
             interrupted = True
 

@@ -9,12 +9,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.app.folder import check_folder, stamps, written_since
+from skyproof.app.folder import check_folder
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.reception import Reception, first_copies, observe, open_inputs, require_signals, track
 from skyproof.app.rinex import date_of, one_a_satellite, write_channels
 from skyproof.app.settings import resolve_settings
 from skyproof.app.windows import take
+from skyproof.formats.atomic_write import writing_together
 from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.gnss.time import iso
 from skyproof.navigation.fix import fix
@@ -98,7 +99,7 @@ def receive(
     progress = progress or Silent()
     settings = resolve_settings(None, **options)
     if out is not None:
-        check_folder(Path(out))
+        check_folder(out)
     paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
     recordings = open_inputs([Path(p) for p in paths], settings)
     navigation = None if nav is None else read_nav(Path(nav))
@@ -117,15 +118,15 @@ def _write(
 ) -> tuple[tuple[tuple[str, ...], ...], bool]:
     """Write all receivers' files, through a first Ctrl-C: all is received by now. Returns their names, and whether
     there was one."""
-    before = stamps(folder)
     while True:
         try:
-            return tuple(_written(folder, reception, navigation) for reception in receptions), interrupted
+            with writing_together(folder) as part:
+                names = tuple(_written(part, reception, navigation) for reception in receptions)
+            return names, interrupted
         except KeyboardInterrupt:
             if interrupted:
                 raise KeyboardInterrupt(
-                    "interrupted a second time, before all that was received could be written; whole in "
-                    f"{folder}: {written_since(folder, before)}"
+                    f"interrupted a second time, before what was received could be written; {folder} is as it was"
                 ) from None
             interrupted = True
 

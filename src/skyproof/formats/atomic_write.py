@@ -2,15 +2,22 @@
 
 import contextlib
 import errno
+import fcntl
+import hashlib
 import os
+import shutil
+import signal
 import uuid
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Final
 
 from skyproof.errors import OutputError
 
-__all__ = ["write_lines", "writing"]
+__all__ = ["UNFINISHED", "write_lines", "writing", "writing_together"]
+
+UNFINISHED: Final = ".skyproof-unfinished"
+"""The folder within another one that holds what `writing_together` has not finished."""
 
 _REMEDIES = {
     errno.ENOENT: "its folder does not exist; make it first",
@@ -30,28 +37,109 @@ def writing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """An open file that appears at `path` when the block ends well; otherwise whatever stood there stays.
 
     The bytes go to a hidden file in the same folder, which then takes the name in one step, so a reader never sees
-    half a file. A symbolic link keeps pointing where it did.
+    half a file. A symbolic link keeps pointing where it did. What a writer that was killed left behind is removed.
 
     Raises
     ------
     OutputError : the file cannot be written; the message names it and what to do. Any OSError of the block counts.
     """
     target = Path(os.path.realpath(path))
-    part = target.with_name(f".{target.name}.{uuid.uuid4().hex}.part")
+    # of a length of its own, so that every name a file may have can be written
+    hidden = f".{hashlib.blake2b(os.fsencode(target.name), digest_size=8).hexdigest()}"
+    part = target.with_name(f"{hidden}.{uuid.uuid4().hex[:8]}.part")
     try:
         if target.exists() and not target.is_file():
             raise OSError(errno.EISDIR if target.is_dir() else errno.EINVAL, "not a regular file")
+        for left in target.parent.glob(f"{hidden}.*.part"):
+            _remove_left(left)
         with open(part, "xb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)  # while it is held, the file has a writer
             yield file
             file.flush()
             os.fsync(file.fileno())
-        os.replace(part, target)
+            os.replace(part, target)
     except OSError as error:
-        remedy = _REMEDIES.get(error.errno or 0, "choose another place")
-        raise OutputError(f"{os.fspath(path)} cannot be written ({error.strerror or error}): {remedy}") from error
+        raise _output_error(path, error) from error
     finally:
         with contextlib.suppress(OSError):  # after success it has its name already
             part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def writing_together(folder: Path, *, instead_of: Iterable[str] = (), last: str = "") -> Iterator[Path]:
+    """A folder for files that appear in `folder` together when the block ends well; otherwise what stood there stays.
+
+    Whoever kills the process while they appear leaves no old file beside a new one.
+
+    Parameters
+    ----------
+    instead_of : names of files in `folder` that go first; files of the new names go as well.
+    last : of all of them the one that goes and comes last: where it is, its fellows are.
+
+    Raises
+    ------
+    OutputError : a file cannot be written, or another process is writing into the folder.
+    """
+    part = folder / UNFINISHED
+    lock = _locked(part)
+    try:
+        for left in part.iterdir():
+            left.unlink()
+        yield part
+        names = sorted((path.name for path in part.iterdir()), key=lambda name: (name == last, name))
+        with _undisturbed():
+            for name in sorted({*instead_of, *names}, key=lambda name: name == last):
+                (folder / name).unlink(missing_ok=True)
+            for name in names:
+                os.replace(part / name, folder / name)
+    except OutputError as error:
+        raise OutputError(str(error).replace(f"{UNFINISHED}{os.sep}", "")) from error
+    except OSError as error:
+        raise _output_error(folder, error) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+        os.close(lock)
+
+
+def _locked(part: Path) -> int:
+    """Make the folder `part`, and keep others out of it as long as what is returned is open."""
+    try:
+        part.mkdir(exist_ok=True)
+        lock = os.open(part, os.O_RDONLY)
+    except OSError as error:
+        raise _output_error(part.parent, error) from error
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(lock)
+        raise OutputError(
+            f"{part.parent}: another run writes into it now; wait for its end, or name another folder"
+        ) from None
+    except OSError:  # a file system without locks
+        pass
+    return lock
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C waits for the end of the block."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _remove_left(part: Path) -> None:
+    """Remove a hidden file that nobody writes any more."""
+    with contextlib.suppress(OSError), open(part, "rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        part.unlink()
+
+
+def _output_error(path: str | os.PathLike[str], error: OSError) -> OutputError:
+    remedy = _REMEDIES.get(error.errno or 0, "choose another place")
+    return OutputError(f"{os.fspath(path)} cannot be written ({error.strerror or error}): {remedy}")
 
 
 def write_lines(
