@@ -45,7 +45,7 @@ def test_two_signals_of_a_satellite_stand_in_two_files_and_all_in_the_document(r
         assert np.linalg.norm(read_obs(tmp_path / name).position_ecef_m - bow) < 1000.0
     for name in (orbits, *observed):
         (dated,) = [line for line in (tmp_path / name).read_text().splitlines() if "PGM / RUN BY / DATE" in line]
-        assert dated[40:60].startswith("20240514 09594")  # of the recording, 18 leap seconds off GPS time
+        assert dated[40:60] == "20240514 095941 UTC "  # of the recording, 18 leap seconds off GPS time
 
 
 def test_a_forged_message_beside_the_true_one_is_told(tracker):

@@ -15,7 +15,7 @@ __all__ = ["date_of", "one_a_satellite", "write_channels"]
 
 
 def date_of(observations: Iterable[Observations | None]) -> np.datetime64 | None:
-    """The date (UTC) of files made of these: of the first epoch, not today's, so that equal inputs make equal bytes."""
+    """The date (UTC) of files made of these: of the first epoch, so that equal inputs make equal bytes."""
     starts = [o.gpst[0] for o in observations if o is not None]
     return utc_from_gpst(min(starts)) if starts else None
 
@@ -43,5 +43,5 @@ def write_channels(
     if signals:
         write_obs(
             path, o, signals=signals, holds=holds, marker=o.receiver, version=version("skyproof"),
-            position_ecef_m=place,
+            position_ecef_m=place, created_utc=date_of([o]),
         )  # fmt: skip
