@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo pages docs messages test test-long check bench interop lock clean
+.PHONY: help setup demo pages docs fill messages test test-long check bench interop lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -27,6 +27,9 @@ pages: $(READY) ## draw every ready-made scene, and the errors of clocks and ine
 
 docs: $(READY) ## the manual, with its figures, into site/ (no network); open site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+fill: $(READY) ## what is made into the manual's pages and the notebook, where they are read unbuilt
+	$(BIN)/python docs/build/fill.py --run
 
 messages: $(READY) ## every error message that the tests raise, as a table, in docs/pages/messages.md
 	$(BIN)/python -m pytest -n 2 -q -m "not long" --messages docs/pages/messages.md

@@ -1,8 +1,11 @@
 """The tutorial runs from its first cell to its last, and what it makes holds what the manual tells of it."""
 
+import importlib
 import json
 import re
+import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pyarrow.parquet as pq
@@ -11,21 +14,43 @@ import pytest
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
+def cells() -> list[dict[str, Any]]:
+    return json.loads((DOCS / "tutorial.ipynb").read_text(encoding="utf-8"))["cells"]
+
+
+@pytest.fixture(scope="module")
+def runs() -> ModuleType:
+    """The module that executes a notebook."""
+    sys.path.insert(0, str(DOCS / "build"))
+    try:
+        return importlib.import_module("runs")
+    finally:
+        sys.path.remove(str(DOCS / "build"))
+
+
+def test_the_tutorial_shows_what_its_cells_give() -> None:
+    """Where a notebook is read without running it; `make fill` executes it."""
+    code = [cell for cell in cells() if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in code] == list(range(1, len(code) + 1))
+    shows = [cell for cell in code if re.search(r"^ *print\(|^\w+(\(.*\))?\Z", "".join(cell["source"]), re.MULTILINE)]
+    assert len(shows) >= 9
+    assert all(cell["outputs"] for cell in shows)
+    assert (DOCS / "tutorial.ipynb").stat().st_size < 200_000
+
+
 @pytest.mark.long
 def test_the_tutorial_runs_and_writes_the_columns_that_the_manual_tells(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: ModuleType
 ) -> None:
     """Its cells in one namespace, as a notebook runs them."""
     monkeypatch.chdir(tmp_path)
-    cells = json.loads((DOCS / "tutorial.ipynb").read_text(encoding="utf-8"))["cells"]
-    names: dict[str, Any] = {}
-    for number, cell in enumerate(cells):
-        if cell["cell_type"] == "code":
-            exec(compile("".join(cell["source"]), f"cell {number}", "exec"), names)
+    names: dict[str, Any] = {"__name__": "__main__"}
+    for count, cell in enumerate((cell for cell in cells() if cell["cell_type"] == "code"), 1):
+        outputs = runs.run_cell("".join(cell["source"]), names, count)
+        assert [_printed(one) for one in outputs] == [_printed(one) for one in cell["outputs"]], f"cell {count}"
     assert names["verdict"].verdict == "spoofed"
     assert abs(names["east_m"]) < 5 * names["fix"].sigma_east_m
     assert abs(names["north_m"]) < 5 * names["fix"].sigma_north_m
-    assert "meets the contract" in capsys.readouterr().out
     page = (DOCS / "formats.md").read_text(encoding="utf-8")
     assert [key for key in names["inspection"].document() if f"`{key}`" not in page] == []
     for table in ("fixes", "signals", "evidence"):
@@ -34,3 +59,8 @@ def test_the_tutorial_runs_and_writes_the_columns_that_the_manual_tells(
         rows = re.findall(r"^\| (`.*?) \|", heads.partition("\n\n| column" if table == "signals" else "\n## ")[0], re.M)
         told = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
         assert [name for name in columns if name not in told] == []
+
+
+def _printed(output: dict[str, Any]) -> str:
+    """What a cell printed; of a picture or table that there is one."""
+    return "".join(output["text"]) if output["output_type"] == "stream" else output["output_type"]

@@ -1,6 +1,6 @@
 """MkDocs' hooks: every mark of the form `<!-- word: what -->` in a page becomes what `tables` and `runs` make of it.
 
-With SKYPROOF_FIGURES=no nothing is run: figures and outputs are left out, which takes seconds.
+With SKYPROOF_FIGURES=no nothing is run, which takes seconds: figures and outputs stay as the page has them.
 """
 
 import logging
@@ -10,6 +10,7 @@ import re
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import marks
 import runs
 import tables
 from mkdocs.config.defaults import MkDocsConfig
@@ -19,7 +20,6 @@ from mkdocs.structure.pages import Page
 from skyproof.studies import studies
 
 log = logging.getLogger("mkdocs.hooks.skyproof")
-MARK = re.compile(r"<!-- (commands|keys|figure|output|notebook|root|scenes|studies)(?:: *(.*?))? -->")
 FIGURES = os.environ.get("SKYPROOF_FIGURES", "yes") != "no"
 ROOT_PAGES = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
 VALIDATION = "# Validation\n\n`skyproof study --validation docs/validation.md` makes this page; it was not made yet.\n"
@@ -33,13 +33,14 @@ def on_files(files: Files, config: MkDocsConfig, **_: Any) -> Files:
     if files.get_file_from_path("validation.md") is None:
         files.append(File.generated(config, "validation.md", content=VALIDATION))
     files.append(File.generated(config, "tutorial.md", content="<!-- notebook: tutorial.ipynb -->\n"))
-    marks = {mark.groups() for file in files.documentation_pages() for mark in MARK.finditer(file.content_string)}
+    texts = [file.content_string for file in files.documentation_pages()]
+    found = {mark.group(1, 2) for text in texts for mark in marks.MARK.finditer(text)}
     pages = [f"scenes/{name}.html" for name in tables.scene_names()]
     if not FIGURES:
         for uri in ("report.html", *pages):
             files.append(File.generated(config, uri, content=LEFT_OUT))
         return files
-    names = sorted({what for word, what in marks if word == "figure"})
+    names = sorted({what for word, what in found if word == "figure"})
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # each is a command of its own
         drawn = list(pool.map(_figure, names))
     for path in drawn:
@@ -61,7 +62,7 @@ def _figure(name: str) -> Any:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files, **_: Any) -> str:
     """Replace the marks of a page. Those of a page of the root are text about marks and stay."""
-    return MARK.sub(lambda mark: _made(mark[1], mark[2], page), markdown)
+    return marks.replaced(markdown, lambda word, what, so_far: _made(word, what, so_far, page))
 
 
 def on_post_page(output: str, page: Page, **_: Any) -> str:
@@ -80,25 +81,25 @@ def _with_our_worker(html: str, uri: str) -> str:
     return re.sub(r'src="?[^"> ]+/iframe-worker/shim"?', f'src="{ours}"', html)
 
 
-def _made(word: str, what: str, page: Page) -> str:
+def _made(word: str, what: str, so_far: str, page: Page) -> str:
     match word:
         case "commands":
             return tables.commands()
         case "keys":
             return tables.keys(what)
         case "scenes":
-            return tables.scenes()
+            return tables.scenes("scenes/{}.html")
         case "studies":
             return tables.study_list()
         case "root":
             return tables.page_of_root(what)
         case "notebook":
-            return runs.notebook(runs.ROOT / "docs" / what, executed=FIGURES)
+            return runs.notebook(runs.ROOT / "docs" / what)
         case "output":
-            return f"```text\n{runs.output(what).rstrip()}\n```" if FIGURES else ""
+            return f"```text\n{runs.output(what).rstrip()}\n```" if FIGURES else so_far
     name, *options = runs.figure_words(what)
     one, told = studies()[name], f"`skyproof study {' '.join([name, *options])} --plot`"
     if not FIGURES:
-        return f"*Figure: {told}*"
+        return so_far
     path = posixpath.relpath(f"figures/{name}.svg", posixpath.dirname(page.file.src_uri))
     return f"![{one.title}]({path}){{ .figure }}\n\n*{one.title}: {told}*"

@@ -119,40 +119,51 @@ def scene_pages() -> list[Path]:
 # The notebook
 
 
-def notebook(path: Path, *, executed: bool) -> str:
-    """A notebook as Markdown; if executed, with what its cells print and show."""
-    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-    shown: list[list[dict[str, str]]] = [[] for _ in cells]
-    if executed:
-        kept_at = CACHE / "notebook.json"
-        with kept("notebook", fingerprint() + hashlib.sha256(path.read_bytes()).hexdigest()) as stale:
-            if stale:  # by a process of its own, as a person would
-                command = [sys.executable, __file__, str(path), str(kept_at)]
-                done = subprocess.run(command, cwd=CACHE, capture_output=True, text=True, check=False)
-                if done.returncode:
-                    raise RuntimeError(f"{path.name}: {done.stderr.strip().splitlines()[-1:]}")
-        shown = json.loads(kept_at.read_text(encoding="utf-8"))
+def notebook(path: Path) -> str:
+    """A notebook as Markdown, with the outputs that are kept in it."""
     parts = []
-    for cell, outputs in zip(cells, shown, strict=True):
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
         source = "".join(cell["source"])
         parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
-        parts += [one["html"] if "html" in one else f"```text\n{one['text'].rstrip()}\n```" for one in outputs]
+        parts += [_as_markdown(output) for output in cell.get("outputs", ())]
     return "\n\n".join(parts)
 
 
-def _executed(cells: list[dict[str, Any]]) -> list[list[dict[str, str]]]:
-    """What each cell prints, and how its last expression shows itself; run in one namespace, in a folder of its own."""
+def _as_markdown(output: dict[str, Any]) -> str:
+    if output["output_type"] == "stream":
+        return f"<div class=\"output\" markdown>\n\n```text\n{''.join(output['text']).rstrip()}\n```\n\n</div>"
+    data = output["data"]
+    if "image/svg+xml" in data:
+        octets = base64.b64encode("".join(data["image/svg+xml"]).encode()).decode()
+        return f'<img class="figure" alt="chart" src="data:image/svg+xml;base64,{octets}">'
+    if "text/html" in data:
+        return f'<div class="shown">{" ".join("".join(data["text/html"]).split())}</div>'
+    return f"```text\n{''.join(data['text/plain'])}\n```"
+
+
+def executed(cells: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The cells with what each prints and how its last expression shows itself, as a notebook keeps it.
+
+    Run in one namespace, in a folder of its own.
+    """
     names: dict[str, Any] = {"__name__": "__main__"}
-    before = Path.cwd()
+    before, count = Path.cwd(), 0
+    done = []
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         try:
-            return [run_cell("".join(cell["source"]), names) if cell["cell_type"] == "code" else [] for cell in cells]
+            for cell in cells:
+                if cell["cell_type"] == "code":
+                    count += 1
+                    outputs = run_cell("".join(cell["source"]), names, count)
+                    cell = cell | {"execution_count": count, "outputs": outputs}
+                done.append(cell)
         finally:
             os.chdir(before)
+    return done
 
 
-def run_cell(source: str, names: dict[str, Any]) -> list[dict[str, str]]:
+def run_cell(source: str, names: dict[str, Any], count: int) -> list[dict[str, Any]]:
     """Run one cell in a namespace: what it printed, and its last expression as a notebook would show it."""
     tree = ast.parse(source)
     last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
@@ -160,23 +171,24 @@ def run_cell(source: str, names: dict[str, Any]) -> list[dict[str, str]]:
     with contextlib.redirect_stdout(printed):
         exec(compile(tree, "cell", "exec"), names)
         value = None if last is None else eval(compile(ast.Expression(last.value), "cell", "eval"), names)
-    shown = [{"text": printed.getvalue()}] if printed.getvalue() else []
+    outputs: list[dict[str, Any]] = []
+    if printed.getvalue():
+        outputs.append({"output_type": "stream", "name": "stdout", "text": _lines(printed.getvalue())})
     if value is not None:
-        shown.append(_shown(value))
-    return shown
+        outputs.append(
+            {"output_type": "execute_result", "execution_count": count, "metadata": {}, "data": _shown(value)}
+        )
+    return outputs
 
 
-def _shown(value: Any) -> dict[str, str]:
+def _lines(text: str) -> list[str]:
+    return text.splitlines(keepends=True)
+
+
+def _shown(value: Any) -> dict[str, list[str]]:
     drawn = value._repr_html_() if hasattr(value, "_repr_html_") else ""
-    if drawn.startswith("<svg"):
-        octets = base64.b64encode(drawn.encode()).decode()
-        return {"html": f'<img class="figure" alt="chart" src="data:image/svg+xml;base64,{octets}">'}
     if drawn:
-        return {"html": f'<div class="shown">{" ".join(drawn.split())}</div>'}
+        kind = "image/svg+xml" if drawn.startswith("<svg") else "text/html"
+        return {kind: _lines(drawn), "text/plain": [f"<{type(value).__name__}>"]}  # no address: the same every time
     text = repr(value)
-    return {"text": text if len(text) <= LONGEST else f"{text[:LONGEST]} ..."}
-
-
-if __name__ == "__main__":
-    told = json.dumps(_executed(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))["cells"]))
-    Path(sys.argv[2]).write_text(told, encoding="utf-8")
+    return {"text/plain": _lines(text if len(text) <= LONGEST else f"{text[:LONGEST]} ...")}

@@ -148,11 +148,11 @@ def scene_names() -> list[str]:
     return list(ready_made())
 
 
-def scenes() -> str:
-    """A table of the ready-made scenes, each with the page that draws it."""
+def scenes(link: str) -> str:
+    """A table of the ready-made scenes, each with a link, in which {} stands for the name."""
     return _table(
         ("scene", "what happens"),
-        [(f"[`{name}`](scenes/{name}.html)", _cell(one.title)) for name, one in ready_made().items()],
+        [(f"[`{name}`]({link.format(name)})", _cell(one.title)) for name, one in ready_made().items()],
     )
 
 
