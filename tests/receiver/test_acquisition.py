@@ -10,7 +10,7 @@ from scipy import stats
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
 from skyproof.receiver.acquisition import KnownSignal, Searcher, SearchSettings, _covered
 from skyproof.receiver.calibration import exponent, tail_of
-from skyproof.receiver.cancellation import remove
+from skyproof.receiver.cancellation import measure, remove, separation_chips
 from skyproof.receiver.fourier import N_CELLS, correlate_rows
 
 GRID = np.arange(-10, 11) * 500.0
@@ -202,6 +202,38 @@ def test_a_reflection_within_half_a_chip_is_not_another_signal():
         samples += wave(rng, n, "G07", 37.0, 0.4e-3 + 0.4 * CHIP_S, 1100.0)
         known = {"G07": [KnownSignal(delay_s=0.4e-3 + 0.05 * CHIP_S, doppler_hz=1100.0)]}
         assert searcher.search(planes_of(samples), 0.0, {"G07": near_grid(1100.0)}, known) == []
+
+
+@pytest.mark.parametrize(("apart", "relative_db"), [(0.35, -3.0), (-0.5, -3.0), (0.5, -6.0)])
+@pytest.mark.parametrize("turn_cyc", [0.0, 0.25, 0.5])
+def test_a_signal_whose_reflection_pulls_the_loop_leaves_no_other_signal(apart, relative_db, turn_cyc):
+    """What one signal leaves of two has its top up to a chip from where the loop is, beyond the mask."""
+    rng = np.random.default_rng(18)
+    searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings(coherent_periods=4, n_sums=5))
+    n = searcher.n_samples
+    reflected = 10.0 ** (relative_db / 20.0) * np.exp(2j * np.pi * turn_cyc)
+    for seed in range(4):  # the same bits for both
+        direct, late = (
+            wave(np.random.default_rng(seed), n, "G07", 47.0, 0.4e-3 + chips * CHIP_S, 1100.0) for chips in (0.0, apart)
+        )
+        planes = planes_of(noise(rng, n) + direct + reflected * late)
+        rough = KnownSignal(delay_s=0.4e-3, doppler_hz=1100.0)
+        loop = measure(planes, GPS_L1_CA, RATE_HZ, 0.0, "G07", rough, doppler_reach_hz=50.0).signal
+        assert searcher.search(planes, 0.0, {"G07": near_grid(1100.0, searcher.settings)}, {"G07": [loop]}) == []
+
+
+@pytest.mark.parametrize("apart", [-1.5, -0.5, 0.5, 1.0, 1.5])
+def test_the_separation_of_overlapping_signals_is_right_though_each_was_measured_wrong(apart):
+    rng = np.random.default_rng(19)
+    n = 52_000
+    one, other = (
+        wave(np.random.default_rng(3), n, "G07", 47.0, 0.4e-3 + chips * CHIP_S, 1100.0) for chips in (0.0, apart)
+    )
+    planes = planes_of(noise(rng, n) + one - 0.6 * other)
+    wrong = KnownSignal(delay_s=0.4e-3 - 0.2 * np.sign(apart) * CHIP_S, doppler_hz=1100.0)
+    beyond = KnownSignal(delay_s=0.4e-3 + (apart + 0.3 * np.sign(apart)) * CHIP_S, doppler_hz=1102.0)
+    told = separation_chips(planes, GPS_L1_CA, RATE_HZ, 0.0, "G07", wrong, beyond)
+    assert told == pytest.approx(abs(apart), abs=0.15)
 
 
 def test_a_strong_signal_is_not_taken_for_other_satellites_nor_for_itself_again():

@@ -24,7 +24,7 @@ from scipy import fft
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.receiver.calibration import tail_of, unused_codes
-from skyproof.receiver.cancellation import KnownSignal, Measured, measure, noise_of, remove
+from skyproof.receiver.cancellation import KnownSignal, Measured, measure, noise_of, remove, separation_chips
 from skyproof.receiver.fourier import N_CELLS, correlate_rows
 
 __all__ = ["KnownSignal", "Peak", "SearchSettings", "Searcher"]
@@ -166,7 +166,7 @@ class Searcher:
                     p_value=c.p_value, cn0_dbhz=10.0 * np.log10(max(m.power / noise - 1.0, 1e-3) / self.period_s),
                 )
                 for c, m in fresh
-                if not self._shoulder(m.signal, known_before.get(c.sat, []))
+                if not self._shoulder(samples, if_hz, c.sat, m.signal, known_before)
             ]  # fmt: skip
             wanted = {c.sat: dopplers_hz[c.sat] for c in candidates}
         order = list(dopplers_hz)
@@ -341,12 +341,27 @@ class Searcher:
             doppler_reach_hz=min(0.75 * self.settings.doppler_step_hz, 499.0),
         )  # fmt: skip
 
-    def _shoulder(self, found: KnownSignal, ones: Sequence[KnownSignal]) -> bool:
-        """Whether a signal lies so near one taken out before that it is called its reflection."""
-        for one in ones:
+    def _shoulder(
+        self, samples: Floats, if_hz: float, sat: str, found: KnownSignal, known: Mapping[str, Sequence[KnownSignal]]
+    ) -> bool:
+        """Whether a signal lies so near one taken out before that it is called its reflection.
+
+        Where they overlap, they are measured together: beside a signal that has a reflection within half a chip the
+        top of what is left, once one signal is taken out, stands up to a chip away.
+        """
+        settings = self.settings
+        for one in known.get(sat, []):
             apart_s = (found.delay_s - one.delay_s + 0.5 * self.period_s) % self.period_s - 0.5 * self.period_s
             chips = abs(apart_s) * self.signal.chip_rate_hz
-            if chips < self.settings.mask_chips and abs(found.doppler_hz - one.doppler_hz) < self._near_hz:
+            if chips >= settings.shoulder_chips or abs(found.doppler_hz - one.doppler_hz) >= self._near_hz:
+                continue
+            if chips < settings.mask_chips:
+                return True
+            planes = np.array(samples[:, : self.n_samples], dtype=np.float32)
+            others = [(name, other) for name, ones in known.items() for other in ones if other is not one]
+            remove(planes, self.signal, self.rate_hz, if_hz, others)
+            apart = separation_chips(planes, self.signal, self.rate_hz, if_hz, sat, one, found)
+            if apart < settings.mask_chips:
                 return True
         return False
 
