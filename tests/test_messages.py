@@ -5,7 +5,6 @@ import json
 import tarfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from pydantic import BaseModel, Field, ValidationError
 from tests.messages import NEVER_RAISED, Message, Site, _sites_in, sites, table, unraised, without_folders
 
 from skyproof import cli
-from skyproof.app import outputs
 from skyproof.app.demo import demo
 from skyproof.app.progress import Silent
 from skyproof.app.reception import open_inputs
@@ -27,6 +25,7 @@ from skyproof.detectors.peaks import PeaksSettings
 from skyproof.detectors.spin import SpinSettings
 from skyproof.errors import InputError, NotEnoughData, OutputError, ScenarioError, SettingsError, fault_words
 from skyproof.formats import byte_io, sigmf
+from skyproof.formats.atomic_write import writing_together
 from skyproof.formats.crinex import expanded
 from skyproof.formats.raw import read_sidecar
 from skyproof.formats.sigmf import open_sigmf
@@ -226,13 +225,14 @@ def refuse(*_: object, **__: object) -> None:
 
 def test_what_cannot_be_removed_of_an_earlier_run_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "nav.rnx").write_text("old", encoding="ascii")
-    old = SimpleNamespace(receivers=[SimpleNamespace(name="rx1")])
-    monkeypatch.setattr(outputs, "read_verdict", lambda _: old)
     scene = ["clean", "--depth", "measurements", "--duration-s", "2"]
     assert cli.main(["simulate", *scene, "--out", str(tmp_path / "scene")]) == 0
     monkeypatch.setattr(Path, "unlink", refuse)
-    with pytest.raises(OutputError, match=r"an earlier run wrote cannot be removed.*Permission denied.*--out"):
-        outputs._remove_older(tmp_path)
+    with (
+        pytest.raises(OutputError, match=r"cannot be written \(Permission denied\): the folder may not be written"),
+        writing_together(tmp_path, instead_of=["nav.rnx"]),
+    ):
+        pass
     monkeypatch.setattr("skyproof.app.simulate.check_folder", lambda _: None)
     with pytest.raises(OutputError, match=r"an earlier run wrote cannot be removed.*Permission denied.*--out"):
         simulate("clean", depth="measurements", duration_s=2.0, out=tmp_path / "scene")
