@@ -72,7 +72,7 @@ class Recorder:
 
     def __init__(self) -> None:
         self.messages: dict[tuple[str, str, int, str], Message] = {}
-        words_of = cli._words_of
+        words_of, init = cli._words_of, SkyproofError.__init__
 
         def noting_words_of(error: Exception) -> str:
             words = words_of(error)
@@ -80,8 +80,8 @@ class Recorder:
                 self._note(type(error).__name__, COMMAND_LINE, 0, words)
             return words
 
-        def noting_init(error: SkyproofError, *args: object) -> None:
-            Exception.__init__(error, *args)
+        def noting_init(error: SkyproofError, *args: str) -> None:
+            init(error, *args)
             caller: FrameType | None = sys._getframe(1)
             while caller is not None and caller.f_locals.get("self") is error:  # an error that words itself
                 caller = caller.f_back

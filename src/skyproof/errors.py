@@ -16,11 +16,12 @@ from typing import Any, Final
 
 __all__ = [
     "InputError", "NotEnoughData", "OutputError", "ScenarioError", "SettingsError", "SkyproofError", "fault_words",
-    "require_probability",
+    "require_probability", "shortened", "shown",
 ]  # fmt: skip
 
 _LONGEST: Final = 60
-"""Of a value that is told, in signs."""
+"""Of a value or a key that is named, in characters."""
+_LONGEST_MESSAGE: Final = 3000
 _BOUNDS: Final = {"ge": "{:g} or more", "gt": "more than {:g}", "le": "{:g} or less", "lt": "less than {:g}"}
 _KINDS: Final = {
     "int_": "a whole number", "float_": "a number", "string_type": "a text", "bool_": "true or false",
@@ -30,7 +31,14 @@ _KINDS: Final = {
 
 
 class SkyproofError(Exception):
-    """Root of the errors that a user can mend; anything else that is raised is our mistake."""
+    """Root of the errors that a user can mend; anything else that is raised is our mistake.
+
+    The middle of a very long message is left out: what came may be as long as the file that it came from.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        half = _LONGEST_MESSAGE // 2
+        super().__init__(message if len(message) <= 2 * half else f"{message[:half]} ... {message[-half:]}")
 
 
 class InputError(SkyproofError):
@@ -53,6 +61,11 @@ class NotEnoughData(SkyproofError):
     """The input is readable, but too little or too poor to work on."""
 
 
+def shortened(text: str, longest: int = _LONGEST) -> str:
+    """A text of at most so many characters: of a longer one the beginning, and "..."."""
+    return text if len(text) <= longest else f"{text[: longest - 3]}..."
+
+
 def require_probability(owner: str, name: str, value: float) -> None:
     """Raise SettingsError unless a setting is a probability between 0 and 1, neither of them included."""
     if not 0.0 < value < 1.0:
@@ -67,6 +80,7 @@ def fault_words(place: str, fault: Mapping[str, Any]) -> str:
     place : the path of the key, as it stands in the file; empty for the whole.
     fault : a member of the list that `ValidationError.errors()` gives.
     """
+    place = shortened(place)
     kind, message = str(fault["type"]), str(fault["msg"]).removeprefix("Value error, ")
     if kind == "missing":
         return f"{place} is missing"
@@ -81,6 +95,13 @@ def fault_words(place: str, fault: Mapping[str, Any]) -> str:
     if not expected:
         return f"{place}: {message}" if place else message
     came = fault["input"]
-    told = f'"{came}"' if isinstance(came, str) else str(came)
-    told = told if len(told) <= _LONGEST else f"{told[: _LONGEST - 3]}..."
-    return f"{place or 'the whole'} = {told}, expected {expected}"
+    return f"{place or 'the whole'} = {shown(came)}, expected {expected}"
+
+
+def shown(value: object) -> str:
+    """A value as it stands in a file, shortened."""
+    try:
+        text = f'"{value}"' if isinstance(value, str) else str(value)
+    except ValueError:  # a whole number of thousands of digits
+        return "a number of thousands of digits"
+    return shortened(text.lower() if isinstance(value, bool) else text)

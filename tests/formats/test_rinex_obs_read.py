@@ -344,6 +344,8 @@ def test_compact_differences_of_every_order_and_a_fresh_start_are_summed():
     body = ["> 2024 10 27 15 47 40.0000000  0  1      G05", "", told[0]]
     for k, number in enumerate(told[1:], start=1):
         body += [" " * 20 + f"{k}", "", number]
-    lines = list(expanded([*header, *body]))
+    plain, remarks = expanded("\n".join([*header, *body, ""]).encode())
+    assert remarks == ()
+    lines = plain.decode().splitlines()
     numbers = [round(1e3 * float(text[3:17])) for text in lines if text.startswith("G05")]
     assert numbers == [*values, 20000000800]

@@ -309,9 +309,9 @@ def test_no_capture_is_one_capture_on_l1_and_told(tmp_path):
 
 
 def test_annotations_are_counted_and_labels_told(tmp_path):
-    annotations = [{"core:sample_start": 4000 * n, "core:label": f"mark {n}"} for n in range(7)] + [{}, "damaged"]
+    annotations = [{"core:sample_start": 4000 * n, "core:label": f"mark {n}"} for n in range(12)] + [{}, "damaged"]
     (remark,) = one(write(tmp_path, meta_of(annotations=annotations), noise(5000).tobytes())).remarks
-    assert remark == '9 annotations: ' + ", ".join(f'"mark {n}" at 0.00{n} s' for n in range(5)) + ", and 2 more"
+    assert remark == '14 annotations: ' + ", ".join(f'"mark {n}" at 0.00{n} s' for n in range(10)) + ", and 2 more"
 
 
 def test_extensions_that_are_not_needed_are_passed_over(tmp_path):

@@ -143,7 +143,7 @@ def test_rows_without_a_place_are_left_out_and_told():
     ("t_s,lat_deg,lon_deg,height_m\n0,40,3\n", "line 2: 3 fields, expected 4"),
     ("t_s,lat_deg,lon_deg,height_m\n0,40,3,x\n", 'line 2, height_m: "x" is no number'),
     ("t_s,lat_deg,lon_deg,height_m\n0,40,3,nan\n", 'line 2, height_m: "nan" is no number'),
-    ("t_s,lat_deg,lon_deg,height_m\n0,400,3,1\n", "line 2: latitude 400, longitude 3, expected degrees"),
+    ("t_s,lat_deg,lon_deg,height_m\n0,400,3,1\n", "line 2: latitude 400, longitude 3, height 1 m, expected degrees"),
     ("t_s,lat_deg,lon_deg,height_m\n0,40,3,1\n0,40,3,1\n", "line 3: its time is not after that of line 2"),
     ("gpst,lat_deg,lon_deg,height_m\n2022-01-01T00:00:00Z,40,3,1\n", "line 2, gpst: .* is no instant"),
     ("t_s,lat_deg,lon_deg,height_m,heading_deg\n0,40,3,1,9\n", "line 1: pitch_deg, roll_deg is missing beside"),
@@ -260,7 +260,7 @@ def test_absolute_heights_count_from_the_geoid():
     (kml(gx(*TWO, more="<gx:angles>1 2</gx:angles>" * 2)), "gx:angles with other than 3 numbers"),
     (kml(gx(("soon", "3 40 10"))), 'point 1: "soon" is no time'),
     (kml(gx(("2022-01-01T21:45:40Z", "3 x 10"))), 'point 1, coordinates: "x" is no number'),
-    (kml(gx(("2022-01-01T21:45:40Z", "3 95 10"))), "point 1: latitude 95, longitude 3, expected degrees"),
+    (kml(gx(("2022-01-01T21:45:40Z", "3 95 10"))), "point 1: latitude 95, longitude 3, height 10 m, expected degrees"),
     (kml(gx(*TWO[::-1])), "point 2: its time is not after that of point 1"),
 ])  # fmt: skip
 def test_kml_that_tells_no_track_is_refused(text, words):
@@ -272,7 +272,7 @@ def test_kml_that_tells_no_track_is_refused(text, words):
 
 
 def test_a_file_that_cannot_be_read_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"a.csv: cannot be read \(No such file or directory\)"):
+    with pytest.raises(InputError, match=r"a.csv: the track cannot be read \(No such file or directory\)"):
         read_track(tmp_path / "a.csv")
     with pytest.raises(InputError, match=r'ends in ".kmz"; give .csv, .nmea or .kml'):
         read_track(tmp_path / "a.kmz")

@@ -3,7 +3,6 @@ range differences between receivers, and what each detector found in words.
 """
 
 import csv
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -16,6 +15,10 @@ from skyproof.app.document import Outcome, ReceiverOutcome, place_of, telling
 from skyproof.app.reception import carrier_at_hz
 from skyproof.app.windows import cut
 from skyproof.detectors.common_epochs import CommonRanges, common_ranges
+from skyproof.errors import InputError
+from skyproof.formats.bounds import TRACK_BYTES
+from skyproof.formats.byte_io import content_of
+from skyproof.formats.documents import read_json
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
@@ -159,10 +162,10 @@ def _last_instant(fix: Fix) -> np.datetime64 | None:
 def _told_place(path: Path, name: str) -> Reals | None:
     """(3,) ECEF, of a receiver that stands. Whatever a file of this name holds that is not understood tells nothing."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        told = read_json(path, "the truth", "give that of the simulator")
         own = next(one for one in told["receivers"] if one["name"] == name)
         places = [_ecef_m(own[key]) for key in ("position", "position_at_end") if key in own]
-    except (OSError, ValueError, TypeError, LookupError, StopIteration):
+    except (InputError, ValueError, TypeError, LookupError, StopIteration):
         return None
     stands = all(np.linalg.norm(place - places[0]) < STANDS_M for place in places)
     return places[0] if places and stands else None
@@ -171,11 +174,11 @@ def _told_place(path: Path, name: str) -> Reals | None:
 def _told_on_the_way(path: Path, at_gpst: np.datetime64) -> Reals | None:
     """(3,) ECEF, from a table over time; None if the instant is not within it."""
     try:
-        with path.open(encoding="utf-8", newline="") as lines:
-            rows = [(row["gpst"], row["x_m"], row["y_m"], row["z_m"]) for row in csv.DictReader(lines)]
+        lines = content_of(path, TRACK_BYTES, "the truth", "give that of the simulator").decode("utf-8").splitlines()
+        rows = [(row["gpst"], row["x_m"], row["y_m"], row["z_m"]) for row in csv.DictReader(lines)]
         since_s = np.array([float(seconds_between(np.datetime64(row[0], "ns"), at_gpst)) for row in rows])
         places = np.array([row[1:] for row in rows], np.float64)
-    except (OSError, ValueError, TypeError, LookupError):
+    except (InputError, csv.Error, ValueError, TypeError, LookupError):
         return None
     if not (since_s.size and np.isfinite(places).all() and since_s[0] <= 0.0 <= since_s[-1]):
         return None

@@ -1,6 +1,5 @@
 """The settings of a run: what options and the platform file say, else defaults; written with every output."""
 
-import tomllib
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,9 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from skyproof.errors import InputError, SettingsError, fault_words
+from skyproof.errors import SettingsError, fault_words, shortened, shown
+from skyproof.formats.bounds import first_few
+from skyproof.formats.documents import read_toml
 
 __all__ = ["Settings", "resolve_settings"]
 
@@ -68,33 +69,33 @@ def resolve_settings(platform: Path | None = None, **options: Any) -> Settings:
     """
     table: dict[str, Any] = {}
     if platform is not None:
-        try:
-            table = tomllib.loads(Path(platform).read_text(encoding="utf-8")).get("protect", {})
-        except OSError as error:
-            raise InputError(
-                f"{platform}: the platform file cannot be read ({error.strerror}); check the name and the folder"
-            ) from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(
-                f"{platform}: no platform file, which is TOML in UTF-8 with a table [protect]: {error}; mend that place"
-            ) from error
+        tables = read_toml(
+            Path(platform), "the platform file", "a platform file is TOML with a table [protect]: fix that line",
+            "check the name and the folder",
+        )  # fmt: skip
+        table = tables.get("protect", {})
         if not isinstance(table, dict):
-            raise SettingsError(f"{platform}: protect = {table!r}, expected a table; begin it with the line [protect]")
+            raise SettingsError(
+                f"{platform}: protect = {shown(table)}, expected a table; begin it with the line [protect]"
+            )
     try:
         return Settings(**(table | {key: value for key, value in options.items() if value is not None}))
     except ValidationError as error:
         faults = error.errors(include_url=False)
-        of_file = [f for f in faults if f["loc"] and f["loc"][0] in table and options.get(str(f["loc"][0])) is None]
-        told = [_words(fault) for fault in of_file], [_words(fault) for fault in faults if fault not in of_file]
+        of_file, of_options = list[ErrorDetails](), list[ErrorDetails]()
+        for fault in faults:
+            key = fault["loc"][0] if fault["loc"] else None
+            (of_file if key in table and options.get(str(key)) is None else of_options).append(fault)
+        told = first_few(of_file, _words), first_few(of_options, _words)
         where = f"{platform}: [protect] ", "setting "
         raise SettingsError("; ".join(w + "; ".join(t) for w, t in zip(where, told, strict=True) if t)) from error
 
 
 def _words(fault: ErrorDetails) -> str:
-    place = ".".join(str(part) for part in fault["loc"])
+    place = shortened(".".join(str(part) for part in fault["loc"]))
     if fault["type"] != "extra_forbidden":
         return fault_words(place, fault)
-    near = get_close_matches(place, Settings.model_fields, 1, cutoff=0.5)
+    near = get_close_matches(place[:60], Settings.model_fields, 1, cutoff=0.5)
     return f"{place} is no known setting; " + (
         f"did you mean {near[0]}?" if near else f"known are {', '.join(Settings.model_fields)}"
     )

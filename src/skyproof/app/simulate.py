@@ -15,8 +15,9 @@ from skyproof.app.folder import check_folder
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.rinex import write_channels
 from skyproof.app.scene_page import PAGE, write_page
-from skyproof.errors import OutputError, ScenarioError
+from skyproof.errors import InputError, OutputError, ScenarioError
 from skyproof.formats.atomic_write import write_lines, writing
+from skyproof.formats.documents import read_json
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.time import utc_from_gpst
 from skyproof.records import Observations, SignalId
@@ -241,13 +242,14 @@ def _write_inputs(folder: Path, scene: Scene, alone: Standalone) -> None:
 def _older(folder: Path) -> list[Path]:
     """What an earlier run wrote here, by its truth.json."""
     try:
-        truth = json.loads((folder / _TRUTH).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        truth = read_json(folder / _TRUTH, "the truth", "name another folder")
+    except InputError:
         return []
     if not isinstance(truth, Mapping) or truth.get("format") != FORMAT:
         return []
     names = truth.get("files")
-    plain = [name for name in names if isinstance(name, str) and Path(name).name == name] if names else []
+    names = names if isinstance(names, list) else []
+    plain = [name for name in names if isinstance(name, str) and Path(name).name == name]
     return [folder / name for name in plain if (folder / name).is_file()]
 
 

@@ -3,7 +3,9 @@
 import contextlib
 import gzip
 import hashlib
+import io
 import os
+import stat
 import weakref
 import zlib
 from collections.abc import Callable, Iterator
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from skyproof.errors import InputError
 
-__all__ = ["FileBytes", "digest", "reading", "sha256", "size_of", "unpacked"]
+__all__ = ["FileBytes", "content_of", "digest", "reading", "require_size", "sha256", "size_of", "unpacked"]
 
 _HASH_BLOCK = 1 << 22
 _LONGEST_HEADER = 1 << 16
@@ -31,19 +33,48 @@ def size_of(path: Path) -> int:
     return size
 
 
-def unpacked(path: Path, to_do: str) -> bytes:
-    """A whole file, plain or gzip. `to_do` ends the message of one that cannot be read. Raises InputError."""
+def content_of(path: Path, most: int, what: str, to_do: str) -> bytes:
+    """A whole regular file of at most `most` bytes.
+
+    what, to_do : begin and end the message: "the navigation file", "give one".
+
+    Raises
+    ------
+    InputError : the file cannot be read, is longer, or is a pipe or a device, which may never end.
+    """
     try:
-        content = path.read_bytes()
-        if content[:2] == b"\x1f\x8b":
-            content = gzip.decompress(content)
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InputError(f"{path}: damaged gzip file ({error}); fetch or compress it again") from None
+        if stat.S_ISREG(mode := path.stat().st_mode) or stat.S_ISDIR(mode):  # a folder is refused by `open`
+            with open(path, "rb") as file:
+                content = file.read(most + 1)
+        else:
+            raise InputError(f"{path}: {what} is a pipe or a device, expected a regular file; {to_do}")
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {to_do}") from None
+        raise InputError(f"{path}: {what} cannot be read ({error.strerror or error}); {to_do}") from error
+    except ValueError as error:  # a zero byte in the name
+        raise InputError(f"{str(path)!r}: {what} cannot be read ({error}); {to_do}") from error
+    require_size(len(content), most, f"{path}: {what}", to_do)
+    return content
+
+
+def unpacked(path: Path, most: int, what: str, to_do: str) -> bytes:
+    """A whole file, plain or gzip, of at most `most` bytes packed and unpacked; otherwise as `content_of`."""
+    content = content_of(path, most, what, to_do)
     if content[:2] == b"\x1f\x9d":
         raise InputError(f"{path}: compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
+    if content[:2] != b"\x1f\x8b":
+        return content
+    try:
+        content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(most + 1)
+    except (EOFError, OSError, zlib.error) as error:
+        raise InputError(f"{path}: damaged gzip file ({error}); fetch or compress it again") from None
+    require_size(len(content), most, f"{path}: {what}, unpacked,", to_do)
     return content
+
+
+def require_size(size: int, most: int, what: str, to_do: str) -> None:
+    """Raise InputError if a file holds more bytes than its kind ever does."""
+    if size > most:
+        raise InputError(f"{what} holds more than {most / (1 << 20):g} MiB, which is more than is read; {to_do}")
 
 
 class FileBytes:

@@ -1,44 +1,60 @@
-"""Compact RINEX ("Hatanaka compression"), versions 1.0 and 3.0: back to plain RINEX lines.
+"""Compact RINEX ("Hatanaka compression"), versions 1.0 and 3.0: back to plain RINEX.
 
 Y. Hatanaka, "A Compression Format and Tools for GNSS Observation Data", Bulletin of the GSI 55 (2008), and the format
-notes of RNXCMP. Numbers are told as differences of whole thousandths in time, of an order that each arc states, texts
-as the characters that changed. What is damaged costs the rest of its epoch, and the arcs that run through it until
-they start anew: a number that cannot be continued is left blank, never guessed.
+notes of RNXCMP. Numbers are differences of whole thousandths in time, of an order that each arc states; texts are the
+characters that changed. A damaged number costs its arc until that starts anew; where lines do not follow each other as
+they must, all is lost until the next epoch that is written in full. What cannot be continued is left out,
+never guessed.
 """
 
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 from skyproof.errors import InputError
+from skyproof.formats.bounds import OBSERVATION_BYTES, Remarks
+from skyproof.formats.byte_io import require_size
 
 __all__ = ["expanded", "is_compact"]
 
+_MOST_TYPES: Final = 100
+_NUMBER: Final = re.compile(r"(?:([0-9])&)?(-?[0-9]{1,16})", re.ASCII)
+_SAT: Final = re.compile(r"[GRECJSI ][ 0-9][0-9]", re.ASCII)
 
-def is_compact(first_line: str) -> bool:
-    """Whether a file that begins with this line is compact RINEX."""
-    return first_line[60:80].rstrip() == "CRINEX VERS   / TYPE"
+
+def is_compact(content: bytes) -> bool:
+    """Whether a file that begins so is compact RINEX."""
+    return content[:100].split(b"\n", 1)[0][60:80].rstrip() == b"CRINEX VERS   / TYPE"
 
 
-def expanded(lines: Sequence[str], *, source: str = "observations") -> Iterator[str]:
-    """The lines of the plain RINEX file.
+def expanded(content: bytes, *, source: str = "observations") -> tuple[bytes, tuple[str, ...]]:
+    """The plain RINEX file, and remarks on what was damaged.
 
     Raises
     ------
-    InputError : a version that is not known, or an end before the header's.
+    InputError : a version that is not known, an end before the header's, or more than is read.
     """
-    version = lines[0][:20].strip() if lines else ""
+    version = content[:20].decode("latin-1").strip()
     if version not in ("1.0", "3.0"):
         raise InputError(f"{source}, line 1: compact RINEX version {version!r}, expected 1.0 or 3.0; expand it first")
+    lines = [line.rstrip("\r") for line in content.decode("latin-1").split("\n")]
+    if not lines[-1]:
+        lines.pop()
     end = next((k for k, line in enumerate(lines) if line[60:].rstrip() == "END OF HEADER"), None)
     if end is None:
         raise InputError(f"{source}, line {len(lines)}: the file ends before END OF HEADER; fetch it again")
-    yield from lines[2 : end + 1]
-    decoder = _Version3(lines[2 : end + 1]) if version == "3.0" else _Version1(lines[2 : end + 1])
-    position = end + 1
+    plain = lines[2 : end + 1]
+    decoder = _Version3(plain) if version == "3.0" else _Version1(plain)
+    position, size = end + 1, 0
     while position < len(lines):
-        position, plain = decoder.epoch(lines, position)
-        yield from plain
+        position, epoch = decoder.epoch(lines, position)
+        plain += epoch
+        size += sum(map(len, epoch))
+        require_size(size, OBSERVATION_BYTES, f"{source}: the expanded file", "cut it into shorter ones")
+    remarks = decoder.remarks.words("further places where the compact RINEX is damaged")
+    return "\n".join([*plain, ""]).encode("latin-1"), tuple(remarks)
 
 
 def _patched(old: str, change: str) -> str:
@@ -68,10 +84,18 @@ class _Arc:
         return self.values[0]
 
 
+_BROKEN: Final = _Arc(-1)
+"""An arc whose numbers cannot be continued."""
+
+
 @dataclass
 class _Satellite:
     arcs: dict[int, _Arc] = field(default_factory=dict)
     marks: str = ""
+
+
+class _Lost(Exception):
+    """The lines do not follow each other as they must."""
 
 
 class _Decoder(ABC):
@@ -84,9 +108,10 @@ class _Decoder(ABC):
 
     def __init__(self, header: Sequence[str]) -> None:
         self.head = ""
-        self.clock: _Arc | None = None
+        self.clock: dict[int, _Arc] = {}
         self.satellites: dict[str, _Satellite] = {}
         self.types: dict[str, int] = {}
+        self.remarks = Remarks()
         self.learn(header)
 
     @abstractmethod
@@ -99,67 +124,74 @@ class _Decoder(ABC):
 
     def epoch(self, lines: Sequence[str], position: int) -> tuple[int, list[str]]:
         """Where the next epoch begins, and the plain lines of this one (none if it is lost)."""
+        if not self.head and not lines[position].startswith(self.begins):
+            return position + 1, []  # after damage: until an epoch that is written in full
+        try:
+            return self.whole_epoch(lines, position)
+        except _Lost as lost:
+            self.remarks.add(f"line {position + 1} of the compact RINEX: {lost}; left out until all starts anew")
+            self.head, self.satellites, self.clock = "", {}, {}
+            return position + 1, []
+
+    def whole_epoch(self, lines: Sequence[str], position: int) -> tuple[int, list[str]]:
         line = lines[position]
         if line.startswith(self.begins):
-            self.head, self.satellites, self.clock = line[1:], {}, None  # told in full: everything starts anew
-        elif not self.head:
-            return position + 1, []
+            self.head, self.satellites, self.clock = line[1:], {}, {}  # written in full: everything starts anew
         else:
-            self.head = _patched(self.head, line[1:] if line[:1] in " >&" else line)
+            self.head = _patched(self.head, line[1:])
         head = self.begins_plain + self.head
         try:
             flag, count = int(head[self.flag_at]), int(head[self.count_at])
         except (ValueError, IndexError):
-            return self.lost(position + 1)
+            raise _Lost("no head of an epoch") from None
+        end = position + (1 if 2 <= flag <= 5 else 2) + count
+        if count < 0 or end > len(lines):
+            raise _Lost(f"an epoch of {count} lines")
         if 2 <= flag <= 5:
-            told = list(lines[position + 1 : position + 1 + count])
+            told = list(lines[position + 1 : end])
             self.learn(told)
             self.head = ""
-            return position + 1 + count, [head.rstrip(), *told]
-        listed = head[self.sats_at :]
+            return end, [head.rstrip(), *told]
+        listed = head[self.sats_at :].rstrip()
         sats = [listed[3 * k : 3 * k + 3] for k in range(count)]
-        if position + 2 + count > len(lines) or not all(len(s) == 3 and s[1:].strip().isdigit() for s in sats):
-            return self.lost(position + 1)
-        clock = self.number(lines[position + 1].strip())
-        kept, data = list[str](), list[str]()
-        satellites: dict[str, _Satellite] = {}
-        for sat, text in zip(sats, lines[position + 2 : position + 2 + count], strict=True):
-            if text.startswith(self.begins) and self.begins != "&":
-                return self.lost(position + 1)
-            satellite = self.satellites.get(sat, _Satellite())
-            n_types = self.types.get(sat[0], self.types.get("", 0))
-            satellites[sat] = satellite
-            kept.append(sat)
-            data.append(_cells(satellite, text, n_types))
-        self.satellites = satellites  # who is absent once starts anew
-        return position + 2 + count, self.plain(head, clock, kept, data)
+        texts = lines[position + 2 : end]
+        if len(listed) != 3 * count or not all(map(_SAT.fullmatch, sats)) or len(set(sats)) < count:
+            raise _Lost("satellites that are no list of names")
+        follows = lines[end][:1] if end < len(lines) else ""
+        if follows not in ("", " ", self.begins) or any(text.startswith(self.begins) for text in texts):
+            raise _Lost("a line too many or too few")
+        clock = _value(self.clock, 0, lines[position + 1].strip())
+        # who is absent once starts anew
+        self.satellites = {sat: self.satellites.get(sat, _Satellite()) for sat in sats}
+        data = [_cells(self.satellites[sat], text, self.types.get(sat[0], self.types.get("", 0)))
+                for sat, text in zip(sats, texts, strict=True)]  # fmt: skip
+        return end, self.plain(head, clock, sats, data)
 
     @property
     def begins_plain(self) -> str:
         return ">" if self.begins == ">" else " "
 
-    def lost(self, position: int) -> tuple[int, list[str]]:
-        self.head, self.satellites, self.clock = "", {}, None
-        return position, []
 
-    def number(self, text: str) -> int | None:
-        """The receiver's clock offset, in its own arc."""
-        if not text:
-            self.clock = None
-            return None
-        self.clock, value = _continued(self.clock, text)
-        return value
-
-
-def _continued(arc: _Arc | None, text: str) -> tuple[_Arc | None, int | None]:
-    try:
-        if "&" in text:
-            order, _, number = text.partition("&")
-            arc = _Arc(int(order))
-            return arc, arc.take(int(number))
-        return (None, None) if arc is None else (arc, arc.take(int(text)))
-    except ValueError:
-        return None, None
+def _value(arcs: dict[int, _Arc], key: int, text: str) -> int | None:
+    """The next value of an arc, None where there is none or it cannot be known. Raises _Lost if it never began."""
+    if not text:
+        arcs.pop(key, None)
+        return None
+    match = _NUMBER.fullmatch(text)
+    if match is None:
+        arcs[key] = _BROKEN
+        return None
+    if match[1]:
+        arcs[key] = _Arc(int(match[1]))
+    elif key not in arcs:
+        raise _Lost("numbers that continue what never began")
+    if arcs[key] is _BROKEN:
+        return None
+    value = arcs[key].take(int(match[2]))
+    if not -(10**12) < value < 10**13:
+        arcs[key] = _BROKEN
+        return None
+    return value
 
 
 def _cells(satellite: _Satellite, text: str, n_types: int) -> str:
@@ -169,16 +201,8 @@ def _cells(satellite: _Satellite, text: str, n_types: int) -> str:
     satellite.marks = _patched(satellite.marks.ljust(2 * n_types), parts[n_types] if len(parts) > n_types else "")
     cells = []
     for k in range(n_types):
-        value = None
-        if parts[k]:
-            arc, value = _continued(satellite.arcs.get(k), parts[k])
-            if arc is not None:
-                satellite.arcs[k] = arc
-            else:
-                satellite.arcs.pop(k, None)
-        else:
-            satellite.arcs.pop(k, None)
-        if value is None or not -(10**12) < value < 10**13:
+        value = _value(satellite.arcs, k, parts[k])
+        if value is None:
             cells.append(" " * 16)
         else:
             whole, thousandths = divmod(abs(value), 1000)
@@ -187,13 +211,18 @@ def _cells(satellite: _Satellite, text: str, n_types: int) -> str:
     return "".join(cells)
 
 
+def _count_of_types(text: str) -> int:
+    count = int(text) if text.strip().isdecimal() else 0
+    return count if count <= _MOST_TYPES else 0
+
+
 class _Version3(_Decoder):
     sats_at, count_at, flag_at, begins = 41, slice(32, 35), 31, ">"
 
     def learn(self, header: Sequence[str]) -> None:
         for line in header:
-            if line[60:].rstrip() == "SYS / # / OBS TYPES" and line[:1].strip() and line[3:6].strip().isdigit():
-                self.types[line[0]] = int(line[3:6])
+            if line[60:].rstrip() == "SYS / # / OBS TYPES" and line[:1].strip():
+                self.types[line[0]] = _count_of_types(line[3:6])
 
     def plain(self, head: str, clock: int | None, sats: Sequence[str], data: Sequence[str]) -> list[str]:
         shown = "" if clock is None else f"      {clock / 1e12:15.12f}"
@@ -205,8 +234,8 @@ class _Version1(_Decoder):
 
     def learn(self, header: Sequence[str]) -> None:
         for line in header:
-            if line[60:].rstrip() == "# / TYPES OF OBSERV" and line[:6].strip().isdigit():
-                self.types[""] = int(line[:6])
+            if line[60:].rstrip() == "# / TYPES OF OBSERV" and line[:6].strip():
+                self.types[""] = _count_of_types(line[:6])
 
     def plain(self, head: str, clock: int | None, sats: Sequence[str], data: Sequence[str]) -> list[str]:
         shown = "" if clock is None else f"{clock / 1e9:12.9f}"

@@ -17,7 +17,6 @@ import difflib
 import json
 import math
 import os
-import tomllib
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
@@ -25,8 +24,10 @@ from typing import Annotated, Any, Final, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, model_validator
 
-from skyproof.errors import InputError
+from skyproof.errors import InputError, shortened, shown
+from skyproof.formats.bounds import first_few
 from skyproof.formats.byte_io import FileBytes, sha256, size_of
+from skyproof.formats.documents import read_toml
 from skyproof.formats.layout import FITTING_BITS, BitOrder, ByteOrder, Chunk, Encoding, Kind, PackedSamples, Packing
 from skyproof.formats.levels import check_levels, looked_at
 from skyproof.formats.signatures import head_of, other_than_samples
@@ -115,19 +116,14 @@ class _Sidecar(BaseModel):
 
 def read_sidecar(path: str | os.PathLike[str]) -> SampleLayout:
     """The sidecar at `path`. Raises InputError, which names every fault: key, what came, what was expected."""
+    content = read_toml(
+        Path(path), "the sidecar", f"a sidecar reads like {_EXAMPLE}",
+        "check its name and rights, or give another with --sidecar",
+    )  # fmt: skip
     try:
-        with open(path, "rb") as file:
-            content = tomllib.load(file)
         return _Sidecar.model_validate(content).samples
-    except OSError as error:
-        raise InputError(f"{path}: the sidecar cannot be read ({error.strerror}); check its name and rights, or give "
-                         "another with --sidecar") from error  # fmt: skip
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8; a sidecar is a text such as {_EXAMPLE}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}; a sidecar reads like {_EXAMPLE}") from error
     except ValidationError as error:
-        raise InputError(f"{path}: " + "; ".join(map(_fault, error.errors(include_url=False)))) from error
+        raise InputError(f"{path}: " + "; ".join(first_few(error.errors(include_url=False), _fault))) from error
 
 
 def sidecar_text(layout: SampleLayout) -> str:
@@ -157,22 +153,18 @@ def _fault(fault: Any) -> str:
     if fault["type"] == "value_error" and len(fault["loc"]) < 2:
         return str(fault["ctx"]["error"])
     key = str(fault["loc"][-1])
-    path = ".".join(map(str, fault["loc"]))
+    path = shortened(".".join(map(str, fault["loc"])))
     known = SampleLayout.model_fields if len(fault["loc"]) > 1 else _Sidecar.model_fields
     if fault["type"] == "extra_forbidden":
         if known is _Sidecar.model_fields and key in SampleLayout.model_fields:
             return f"{path} stands outside the table [samples]; put it below the line [samples]"
-        near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+        near = difflib.get_close_matches(key[:60], known, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]}?" if near else "remove it; known are " + ", ".join(known)
         return f"{path} is no known key; {hint}"
     expected = known[key].description
     if fault["type"] == "missing":
         return f"{path} is missing; expected {expected}" + ("" if key != "samples" else f", such as {_EXAMPLE}")
-    return f"{path} = {_shown(fault['input'])}, expected {expected}"
-
-
-def _shown(value: object) -> str:
-    return f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)
+    return f"{path} = {shown(fault['input'])}, expected {expected}"
 
 
 # --- the samples

@@ -12,6 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.formats.bounds import REMARKS
+from skyproof.gnss.time import require_year
+
 __all__ = ["Cells", "Layout", "Lines", "Rows", "cells", "layout_change", "lines_of", "rows_2", "rows_3"]
 
 Layout = dict[str, tuple[str, ...]]
@@ -120,6 +123,7 @@ class _Walk:
             year, month, number = (int(part) for part in (date[:-6], date[-5:-3], date[-2:]))
             if len(date) < 10:
                 year += 1900 if year >= 80 else 2000
+            require_year(year)
             day = int(np.datetime64(f"{year:04d}-{month:02d}-{number:02d}", "D").astype(np.int64)) * 86_400
             self.days[date] = day
         hour, minute, second = int(clock[:2]), int(clock[3:5]), float(clock[6:])
@@ -131,9 +135,10 @@ class _Walk:
         self, sat: NDArray[np.int64], epoch: NDArray[np.int64], line: NDArray[np.int64], first_number: int
     ) -> Rows:
         remarks = [f"{count} events inside the data: {name}" for name, count in sorted(self.events.items())]
-        remarks += [f"line {first_number + k}: what belongs to no whole epoch is left out" for k in self.damaged[:10]]
-        if len(self.damaged) > 10:
-            remarks.append(f"{len(self.damaged) - 10} further places with damaged epochs left out")
+        damaged = self.damaged[:REMARKS]
+        remarks += [f"line {first_number + k}: what belongs to no whole epoch is left out" for k in damaged]
+        if len(self.damaged) > REMARKS:
+            remarks.append(f"{len(self.damaged) - REMARKS} further places with damaged epochs left out")
         layout = np.array(self.layout, np.int64)
         return Rows(
             np.array(self.instant_ns, np.int64), np.array(self.flag, np.int64), sat, epoch, line,
@@ -144,16 +149,17 @@ class _Walk:
 def layout_change(lines: Sequence[str], layout: Layout) -> Layout:
     """The layout after these header lines, which tell observation types or not."""
     changed = dict(layout)
-    system, wanted, found = "", 0, list[str]()
+    system, found = "", list[str]()
+    wanted: int | None = 0
     for line in lines:
         label, text = line[60:80].rstrip(), line[:60]
         if label == "SYS / # / OBS TYPES":
             if text[0] != " ":
-                system, wanted, found = text[0], _count(text[3:6]), []
+                system, wanted, found = text[0], _types_wanted(text[3:6]), []
             found += text[6:].split()
         elif label == "# / TYPES OF OBSERV":
             if text[:6].strip():
-                system, wanted, found = "", _count(text[:6]), []
+                system, wanted, found = "", _types_wanted(text[:6]), []
             found += text[6:].split()
         else:
             continue
@@ -161,8 +167,16 @@ def layout_change(lines: Sequence[str], layout: Layout) -> Layout:
     return changed
 
 
+def _types_wanted(text: str) -> int | None:
+    """How many of the names that follow count; all of them if the number is damaged."""
+    return int(text) if text.strip().isdecimal() else None
+
+
 def _count(text: str) -> int:
-    return int(text) if text.strip().isdigit() else 0
+    """A number of lines or types, 0 if there is none; ValueError for anything but digits."""
+    if text.strip() and not text.strip().isdecimal():
+        raise ValueError(text)
+    return int(text.strip() or 0)
 
 
 def rows_3(lines: Lines, layout: Layout) -> Rows:
@@ -174,7 +188,7 @@ def rows_3(lines: Lines, layout: Layout) -> Rows:
     for k, following in zip(heads.tolist(), nexts.tolist(), strict=True):
         text = lines[k]
         try:
-            flag, count = int(text[31:32]), int(text[32:35] or 0)
+            flag, count = int(text[31:32]), _count(text[32:35])
             if 2 <= flag <= 5:
                 walk.event(flag, [lines[j] for j in range(k + 1, min(k + 1 + count, following))])
                 continue
@@ -221,7 +235,7 @@ def rows_2(lines: Lines, layout: Layout, system: str) -> Rows:
         following = int(heads[at + 1]) if at + 1 < heads.size else total
         text = lines[k]
         try:
-            flag, count = int(text[28:29] or 0), int(text[29:32] or 0)
+            flag, count = int(text[28:29] or 0), _count(text[29:32])
             if 2 <= flag <= 5:
                 walk.event(flag, [lines[j] for j in range(k + 1, min(k + 1 + count, total))])
                 k += 1 + count
@@ -256,7 +270,7 @@ def rows_2(lines: Lines, layout: Layout, system: str) -> Rows:
 
 def _code(name: str, system: str) -> int:
     letter, number = name[:1].strip() or system, name[1:].strip()
-    return ord(letter) * 100 + int(number) if letter in "GRECJSI" and number.isdigit() and int(number) > 0 else 0
+    return ord(letter) * 100 + int(number) if letter in "GRECJSI" and number.isdecimal() and int(number) > 0 else 0
 
 
 def _looks_like_a_head(lines: Lines) -> NDArray[np.bool_]:

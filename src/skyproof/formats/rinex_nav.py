@@ -4,6 +4,7 @@ A damaged record costs that record, never the file; what was left out is told in
 """
 
 import bisect
+import io
 import math
 import os
 import re
@@ -17,6 +18,7 @@ import numpy as np
 
 from skyproof.errors import InputError
 from skyproof.formats.atomic_write import write_lines
+from skyproof.formats.bounds import NAVIGATION_BYTES, Remarks
 from skyproof.formats.byte_io import unpacked
 from skyproof.gnss.constants import SECONDS_PER_DAY, SECONDS_PER_WEEK
 from skyproof.gnss.ephemeris import (
@@ -34,6 +36,7 @@ from skyproof.gnss.time import (
     iso,
     leap_seconds,
     nearest_week,
+    require_year,
     rinex_date,
     utc_from_gpst,
     week_and_tow,
@@ -43,7 +46,7 @@ __all__ = ["glonass_channels", "parse_nav", "read_nav", "write_nav"]
 
 _TO_DO: Final = "give a RINEX navigation file (2.11, 3 or 4), such as brdc0010.22n or ..._MN.rnx, plain or .gz"
 _FIELD_WIDTH: Final = 19
-_MOST_REMARKS: Final = 20  # of damaged records, one a line; the rest is counted
+_MOST_LINES: Final = 16  # that are kept of a record; none has more than eight
 _UNKNOWN_TIME_S: Final = 0.9999e9  # RINEX 3.05, table A6: transmission time not known
 _READ: Final = {
     "G": ("EPH", "EPH LNAV", "ION LNAV"), "J": ("EPH", "EPH LNAV"), "E": ("EPH", "EPH INAV", "EPH FNAV"),
@@ -68,8 +71,9 @@ def read_nav(path: str | os.PathLike[str]) -> NavigationData:
     ------
     InputError : the file cannot be read, is not a RINEX navigation file, or holds no ephemeris.
     """
-    text = unpacked(Path(path), _TO_DO).decode("latin-1")  # never fails: comments hold anything
-    return parse_nav(text.splitlines(), source=str(path))
+    content = unpacked(Path(path), NAVIGATION_BYTES, "the navigation file", _TO_DO)
+    # latin-1 never fails: comments hold anything
+    return parse_nav(io.TextIOWrapper(io.BytesIO(content), encoding="latin-1"), source=str(path))
 
 
 def parse_nav(lines: Iterable[str], *, source: str = "navigation data") -> NavigationData:
@@ -83,14 +87,14 @@ def parse_nav(lines: Iterable[str], *, source: str = "navigation data") -> Navig
     ------
     InputError : not a RINEX navigation file, or no ephemeris in it.
     """
-    body = iter(enumerate(lines, start=1))
+    body = ((number, line.rstrip("\r\n")) for number, line in enumerate(lines, start=1))
     header = _header(body, source)
     found = _Found()
     for record in _records(body, header.version, header.default_system):
         found.take(record, header.version)
     if not found.ephemerides:
         others = f"; {found.others_told()}" if found.others else ""
-        broken = f"; {found.damaged[0]}" if found.damaged else ""
+        broken = f"; {found.damaged.told[0]}" if found.damaged.told else ""
         raise InputError(f"{source}: no ephemeris after line {header.last_line}{others}{broken}; {_TO_DO}")
     week = max(e.week for e in found.ephemerides)
     return NavigationData(
@@ -98,7 +102,7 @@ def parse_nav(lines: Iterable[str], *, source: str = "navigation data") -> Navig
         ionosphere=found.ionosphere or header.ionosphere,
         utc=header.utc(week, found.ephemerides[0].reference_gpst),
         source=source,
-        remarks=tuple(header.remarks + found.remarks()),
+        remarks=(*header.remarks.words("further header lines left out"), *found.remarks()),
     )
 
 
@@ -134,7 +138,7 @@ class _Header:
     beta: tuple[float, ...] = ()
     utc_terms: tuple[float, ...] = ()  # A0, A1, reference time, reference week of any modulus
     leaps: int | None = None
-    remarks: list[str] = field(default_factory=list)
+    remarks: Remarks = field(default_factory=Remarks)
 
     @property
     def ionosphere(self) -> Klobuchar | None:
@@ -172,7 +176,7 @@ def _header(body: Iterator[tuple[int, str]], source: str) -> _Header:
         try:
             _take_header_line(header, line, label)
         except ValueError:
-            header.remarks.append(f"line {number}: {label} cannot be read and is left out")
+            header.remarks.add(f"line {number}: {label} cannot be read and is left out")
     raise InputError(f"{source}, line {header.last_line}: the file ends before END OF HEADER; fetch it again")
 
 
@@ -213,7 +217,8 @@ def _records(body: Iterator[tuple[int, str]], version: float, default_system: st
     for number, line in body:
         begins = _beginning(line, version, default_system)
         if begins is None:
-            lines.append(line)
+            if len(lines) < _MOST_LINES:
+                lines.append(line)
             continue
         if lines:
             yield _Record(start, sat, kind, lines)
@@ -234,7 +239,7 @@ def _beginning(line: str, version: float, default_system: str) -> tuple[str, str
         match = re.match(r"[A-Z][ \d]\d(?= )", line)
         return (match[0].replace(" ", "0"), "EPH") if match else None
     prn = line[:2].strip()
-    return (f"{default_system}{int(prn):02d}", "EPH") if prn.isdigit() else None
+    return (f"{default_system}{int(prn):02d}", "EPH") if prn.isdecimal() else None
 
 
 @dataclass
@@ -244,7 +249,7 @@ class _Found:
     ephemerides: list[BroadcastEphemeris] = field(default_factory=list)
     ionosphere: Klobuchar | None = None
     others: Counter[str] = field(default_factory=Counter)
-    damaged: list[str] = field(default_factory=list)
+    damaged: Remarks = field(default_factory=Remarks)
     weeks_off: int = 0
 
     def take(self, record: _Record, version: float) -> None:
@@ -261,16 +266,14 @@ class _Found:
                 self.ephemerides.append(ephemeris)
                 self.weeks_off += week_as_written != ephemeris.week
         except ValueError as error:
-            self.damaged.append(f"line {record.line_number}: {record.sat} left out, {error}")
+            self.damaged.add(f"line {record.line_number}: {record.sat} left out, {error}")
 
     def others_told(self) -> str:
         counts = ", ".join(f"{kind}: {count}" for kind, count in sorted(self.others.items()))
         return f"{self.others.total()} records of other kinds left out ({counts})"
 
     def remarks(self) -> list[str]:
-        told = self.damaged[:_MOST_REMARKS]
-        if len(self.damaged) > _MOST_REMARKS:
-            told.append(f"{len(self.damaged) - _MOST_REMARKS} further damaged records left out")
+        told = self.damaged.words("further damaged records left out")
         if self.weeks_off:
             told.append(f"GPS week resolved by the date in {self.weeks_off} records that tell another one")
         if self.others:
@@ -400,8 +403,11 @@ def _epoch(line: str, version: float) -> np.datetime64:
         year, month, day, hour, minute = (int(text) for text in texts[:5])
         if version < 3.0:
             year += 1900 if year >= 80 else 2000
+        require_year(year)
         start = np.datetime64(f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}:00", "ns")
-        return start + np.timedelta64(round(float(texts[5]) * 1e9), "ns")
+        if not 0.0 <= (second := float(texts[5])) < 61.0:
+            raise ValueError(second)
+        return start + np.timedelta64(round(second * 1e9), "ns")
     except ValueError:
         raise ValueError(f"{' '.join(texts)!r} is no date and time") from None
 
@@ -430,6 +436,8 @@ def _number(text: str) -> float:
     match = re.fullmatch(r"([-+]?(?:\d+\.?\d*|\.\d+))(?:[DdEe] ?([-+]?\d+)|([-+]\d{3}))?", text.strip())
     if match:
         value = float(f"{match[1]}e{match[2] or match[3] or 0}")
+        if math.isinf(value):
+            raise ValueError(f"{text.strip()!r} is too large for a number")
         return value if abs(value) >= 1e-99 else 0.0
     if text.strip():
         raise ValueError(f"{text.strip()!r} is no number")

@@ -1,6 +1,7 @@
 """RINEX observation files to observations: versions 2.10 and 2.11, 3.0x and 4.0x, compact and gzip too, all systems.
 
-Damage costs the cell, the satellite or the epoch that is damaged and is told in the remarks, never the file.
+Damage costs the cell, the satellite or the epoch that is damaged and is reported in the remarks, never the file; of a
+compact file it costs all that continues from it.
 """
 
 import os
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.errors import InputError
+from skyproof.formats.bounds import CHARACTERS_OF_LINE, EMPTY_CELLS, OBSERVATION_BYTES, Remarks
 from skyproof.formats.byte_io import unpacked
 from skyproof.formats.crinex import expanded, is_compact
 from skyproof.formats.rinex_cells import Layout, Lines, Rows, cells, layout_change, lines_of, rows_2, rows_3
@@ -37,6 +39,9 @@ _BY_SYSTEM_2: Final = {
 _UNTOLD_CN0_DBHZ: Final = 40.0
 _DLL_HZ, _SPACING_CHIPS, _PLL_HZ, _INTEGRATION_S = 1.0, 0.5, 15.0, 0.02
 _KINDS: Final = ("C", "L", "D", "S")
+_EMPTY_LINES: Final = 1 << 20  # beyond one in 16 bytes
+_FILLED: Final = 16  # epochs and signals are so many times the cells that are filled, at most
+_GLONASS_CHANNELS: Final = range(-7, 14)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,7 +84,8 @@ def read_obs(
     ------
     InputError : the file cannot be read, is no RINEX observation file, or holds no observation.
     """
-    return parse_obs(unpacked(Path(path), _TO_DO), source=str(path), keep=keep, glonass_channels=glonass_channels)
+    content = unpacked(Path(path), OBSERVATION_BYTES, "the observation file", _TO_DO)
+    return parse_obs(content, source=str(path), keep=keep, glonass_channels=glonass_channels)
 
 
 def parse_obs(
@@ -101,8 +107,11 @@ def parse_obs(
     ------
     InputError : as `read_obs` does.
     """
-    if is_compact(content[:100].split(b"\n", 1)[0].decode("latin-1").rstrip("\r")):
-        content = "\n".join(expanded(content.decode("latin-1").splitlines(), source=source)).encode("latin-1") + b"\n"
+    compact_remarks: tuple[str, ...] = ()
+    if is_compact(content):
+        content, compact_remarks = expanded(content, source=source)
+    if content.count(b"\n") > _EMPTY_LINES + len(content) // 16:
+        raise InputError(f"{source}: hardly more than empty lines; {_TO_DO}")
     text = np.frombuffer(content, np.uint8)
     header, body_at = _header(content, source)
     lines = lines_of(text[body_at:], header.n_lines + 1)
@@ -111,7 +120,8 @@ def parse_obs(
     if not table.signals:
         raise InputError(f"{source}: no observation after line {header.n_lines}{header.words(rows)}; {_TO_DO}")
     numbers = dict(glonass_channels or {}) | header.glonass_channels
-    remarks = [*header.remarks, *rows.remarks, *table.remarks]
+    header_remarks = header.remarks.words("further header lines left out")
+    remarks = [*compact_remarks, *header_remarks, *rows.remarks, *table.remarks]
     untold = sorted({s.sat for s in table.signals if s.band in ("G1", "G2") and s.sat not in numbers})
     if untold:
         remarks.append(f"no frequency number of {', '.join(untold)}: their carriers are not known")
@@ -130,6 +140,7 @@ def parse_obs(
 class _Header:
     version: float
     system: str
+    source: str
     n_lines: int = 0
     layout: Layout = field(default_factory=dict)
     marker: str = ""
@@ -141,7 +152,7 @@ class _Header:
     time_system: str = ""
     leap_seconds: int | None = None
     glonass_channels: dict[str, int] = field(default_factory=dict)
-    remarks: list[str] = field(default_factory=list)
+    remarks: Remarks = field(default_factory=Remarks)
 
     def words(self, rows: Rows) -> str:
         return f"; {rows.remarks[0]}" if rows.remarks else ""
@@ -161,42 +172,50 @@ class _Header:
         elif label == "ANTENNA: DELTA H/E/N":
             self.antenna_delta_hen_m = _vector(text)
         elif label == "INTERVAL":
-            self.interval_s = float(text[:10]) if float(text[:10]) > 0.0 else None
+            interval_s = _finite(text[:10])
+            self.interval_s = interval_s if interval_s > 0.0 else None
         elif label == "TIME OF FIRST OBS":
             self.time_system = text[48:51].strip()
         elif label == "LEAP SECONDS":
             self.leap_seconds = int(text[:6])
         elif label == "GLONASS SLOT / FRQ #":
             pairs = re.findall(r"R(\d\d) +(-?\d+)", text)  # writers differ by a column
-            self.glonass_channels |= {f"R{slot}": int(number) for slot, number in pairs}
+            numbers = {f"R{slot}": int(number) for slot, number in pairs}
+            if not all(number in _GLONASS_CHANNELS for number in numbers.values()):
+                raise ValueError(text)
+            self.glonass_channels |= numbers
 
 
 def _vector(text: str) -> Reals:
-    vector = np.array([float(text[k : k + 14]) for k in (0, 14, 28)])
-    if not np.isfinite(vector).all():
+    return np.array([_finite(text[k : k + 14]) for k in (0, 14, 28)])
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not abs(number) < 1e12:
         raise ValueError(text)
-    return vector
+    return number
 
 
 def _header(content: bytes, source: str) -> tuple[_Header, int]:
     """The header and where the body begins."""
-    first = content[: max(content.find(b"\n"), 0) or 80].decode("latin-1")
+    first = content[: max(content.find(b"\n", 0, 200), 0) or 80].decode("latin-1")
     if first[60:80].rstrip() != "RINEX VERSION / TYPE":
         raise InputError(f"{source}, line 1: {first[:40]!r}, expected RINEX VERSION / TYPE in column 61; {_TO_DO}")
     number = first[:9].strip()
-    version = float(number) if number.replace(".", "", 1).isdigit() else 0.0
+    version = float(number) if number.replace(".", "", 1).isdecimal() else 0.0
     if not 2.0 <= version < 5.0:
         raise InputError(f"{source}, line 1: RINEX version {number!r}, expected 2, 3 or 4; {_TO_DO}")
     if first[20:21].upper() != "O":
         raise InputError(f"{source}, line 1: the file is of type {first[20:40].strip()!r}, not observations; {_TO_DO}")
     system = first[40:41].strip() or "G"
-    header = _Header(version=version, system="G" if system == "M" else system)
+    header = _Header(version=version, system="G" if system == "M" else system, source=source)
     told = list[str]()
     at = 0
     while at < len(content):
         end = content.find(b"\n", at)
         end = len(content) if end < 0 else end
-        line = content[at:end].decode("latin-1").rstrip("\r")
+        line = content[at : min(end, at + CHARACTERS_OF_LINE)].decode("latin-1").rstrip("\r")
         at = end + 1
         header.n_lines += 1
         label = line[60:80].rstrip()
@@ -206,7 +225,7 @@ def _header(content: bytes, source: str) -> tuple[_Header, int]:
         try:
             header.take(line, label)
         except ValueError:
-            header.remarks.append(f"line {header.n_lines}: {label} cannot be read and is left out")
+            header.remarks.add(f"line {header.n_lines}: {label} cannot be read and is left out")
     else:
         raise InputError(f"{source}, line {header.n_lines}: the file ends before END OF HEADER; fetch it again")
     header.layout = layout_change(told, {})
@@ -273,6 +292,12 @@ class _Table:
         signals = tuple(sorted({block[0] for block in blocks}))
         column = {signal: k for k, signal in enumerate(signals)}
         shape = (instant_ns.size, len(signals))
+        filled = sum(block[1].size for block in blocks)
+        if shape[0] * shape[1] > EMPTY_CELLS + _FILLED * filled:
+            raise InputError(
+                f"{header.source}: {shape[0]} epochs of {shape[1]} signals, of which {filled} cells are filled: the "
+                "file is damaged, or many files in one; give the file of one receiver and one day"
+            )
         numbers = {kind: np.full(shape, np.nan) for kind in _KINDS}
         strength, lost, half_open = np.zeros(shape, np.uint8), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
         for signal, epochs, values, marks, slips, halves in blocks:
@@ -319,6 +344,11 @@ def _blocks(
     kept = sorted({column for columns in wanted.values() for column in columns.values()})
     if not kept or its.size == 0:
         return []
+    if its.size * len(kept) > EMPTY_CELLS + lines.text.size:
+        raise InputError(
+            f"{header.source}: {its.size} records for {len(kept)} types of observation in {lines.text.size} bytes: the "
+            "header is damaged; fetch the file again"
+        )
     old = header.version < 3.0
     parsed = cells(lines, rows.line[its], kept, five_a_line=old, name_columns=0 if old else 3)
     bad.extend(parsed.bad.tolist())

@@ -39,18 +39,18 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.errors import InputError
-from skyproof.formats.byte_io import FileBytes, digest, reading, size_of
+from skyproof.formats.bounds import METADATA_BYTES
+from skyproof.formats.byte_io import FileBytes, content_of, digest, reading, require_size, size_of
 from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, PackedSamples, Packing
 from skyproof.formats.levels import looked_at
 from skyproof.formats.raw import SampleLayout
 from skyproof.formats.sigmf_keys import DATATYPE, LARGEST, Capture, Global, Meta, checked, expected, parsed, shown, some
 from skyproof.gnss.constants import L1_HZ
-from skyproof.gnss.time import GPS_EPOCH, gpst_from_utc, iso, utc_from_gpst
+from skyproof.gnss.time import FIRST_YEAR, GPS_EPOCH, LAST_YEAR, gpst_from_utc, iso, utc_from_gpst
 from skyproof.records import SampleGap, Samples
 
 __all__ = ["open_sigmf", "sha512_remarks", "sigmf_meta"]
 
-_LARGEST_META: Final = 1 << 28  # bytes; what is larger is no text about samples
 _SMALL_DATA: Final = 1 << 26  # bytes; a check of them is done in passing, in a tenth of a second
 _MOST_TUNINGS: Final = 32
 _CLOCK_S: Final = 0.1  # to which a recorder's dates of its captures may differ from its count of samples
@@ -230,7 +230,7 @@ def _date(segment: _Segment, where: str, remarks: list[str]) -> np.datetime64 | 
         raise InputError(
             f"{where}: {segment.place}.core:datetime = {shown(text)}, expected UTC, as 2022-01-01T21:45:40.000Z"
         ) from error
-    if not 1980 <= label.year < 2200 or np.datetime64(label.replace(tzinfo=None), "ns") < GPS_EPOCH:
+    if not FIRST_YEAR <= label.year <= LAST_YEAR or np.datetime64(label.replace(tzinfo=None), "ns") < GPS_EPOCH:
         remarks.append(f"core:datetime of {segment.place}, {text}, is no time of GPS: the recorder's clock was not set")
         return None
     utc = np.datetime64(label.replace(tzinfo=None), "ns") + int(f"{match[7] or '':0<9}"[:9])
@@ -383,10 +383,9 @@ def _sources(path: Path) -> list[_Source]:
             raise InputError(
                 f"{path}: nothing tells how to read it, for there is no {meta_path} beside it; fetch that as well"
             )
-    with reading(meta_path):
-        if size_of(meta_path) > _LARGEST_META:
-            raise InputError(f"{meta_path}: too long for metadata of SigMF; give the .sigmf-meta, not the samples")
-        meta = parsed(meta_path.read_bytes(), str(meta_path))
+    size_of(meta_path)  # what does not exist is said as for samples
+    text = content_of(meta_path, METADATA_BYTES, "the metadata of SigMF", "give the .sigmf-meta, not the samples")
+    meta = parsed(text, str(meta_path))
     dataset = _dataset(meta, meta_path.stem, str(meta_path))
     data, remarks = meta_path.with_name(dataset), []
     if path != meta_path:
@@ -415,13 +414,16 @@ def _archived(path: Path) -> list[_Source]:
     size = size_of(path)
     members: dict[str, tarfile.TarInfo] = {}
     metas: dict[str, bytes] = {}
+    room = METADATA_BYTES
     remarks: tuple[str, ...] = ()
     try:
         with reading(path), tarfile.open(path, "r:") as tar:
             try:
                 for member in tar:
                     members[member.name] = member
-                    if member.isfile() and member.name.endswith(".sigmf-meta") and member.size <= _LARGEST_META:
+                    if member.isfile() and member.name.endswith(".sigmf-meta"):
+                        room -= member.size
+                        require_size(METADATA_BYTES - room, METADATA_BYTES, f"{path}: the metadata", "unpack it")
                         file = tar.extractfile(member)
                         metas[member.name] = file.read() if file is not None else b""
             except tarfile.TarError:

@@ -12,7 +12,9 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from skyproof.errors import InputError
+from skyproof.errors import InputError, shortened
+from skyproof.formats.bounds import CAPTURES, first_few
+from skyproof.formats.documents import json_of
 from skyproof.formats.layout import BitOrder, Encoding
 
 __all__ = ["DATATYPE", "LARGEST", "Capture", "Global", "Meta", "checked", "expected", "parsed", "shown", "some"]
@@ -20,7 +22,6 @@ __all__ = ["DATATYPE", "LARGEST", "Capture", "Global", "Meta", "checked", "expec
 DATATYPE: Final = re.compile(r"([cr])(f32|f64|i32|i16|i8|u32|u16|u8)(?:_([lb])e)?")
 LARGEST: Final = 2**63 - 1  # that a count of samples or bytes may be
 _MOST_CHANNELS: Final = 1024
-_TOLD: Final = 5  # of a list in a remark
 _DATATYPES: Final = "one of f32, f64, i32, i16, i8, u32, u16, u8 after c or r, such as ci8 or cf32_le"
 _KNOWN_CORE: Final = {
     "global": {"author", "collection", "data_doi", "description", "geolocation", "hw", "license", "meta_doi",
@@ -119,24 +120,17 @@ def expected(key: str) -> str:
 
 
 def parsed(text: bytes, where: str) -> Meta:
-    """The metadata in `text`. Raises InputError, which names every fault: key, what came, what was expected."""
+    """The metadata in `text`. Raises InputError, which names the faults: key, what came, what was expected."""
+    content = json_of(text, where, "the file is damaged or no metadata of SigMF: fetch it again")
+    captures = content.get("captures") if isinstance(content, dict) else None
+    if isinstance(captures, list) and len(captures) > CAPTURES:
+        raise InputError(f"{where}: {len(captures)} captures, expected at most {CAPTURES}; cut out those that are "
+                         "wanted")  # fmt: skip
     try:
-        return Meta.model_validate(json.loads(text.decode("utf-8-sig")))
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{where}: byte {error.start} is not UTF-8, as the metadata of SigMF are; save them so"
-        ) from error
+        return Meta.model_validate(content)
     except ValidationError as error:
-        faults = dict.fromkeys(_fault(fault) for fault in error.errors(include_url=False))
-        raise InputError(f"{where}: " + "; ".join(faults)) from error
-    except RecursionError as error:
-        raise InputError(
-            f"{where}: nested too deep to be metadata of SigMF; the file is damaged: fetch it again"
-        ) from error
-    except ValueError as error:
-        raise InputError(
-            f"{where}: not valid JSON: {error}; the file is damaged or no metadata of SigMF: fetch it again"
-        ) from error
+        faults = error.errors(include_url=False)
+        raise InputError(f"{where}: " + "; ".join(dict.fromkeys(first_few(faults, _fault)))) from error
 
 
 def _fault(fault: Any) -> str:
@@ -155,7 +149,7 @@ def _fault(fault: Any) -> str:
 
 
 def _near(key: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(key[:60], known, n=1, cutoff=0.6)
     return f"; did you mean {near[0]}?" if near else ""
 
 
@@ -177,7 +171,7 @@ def checked(meta: Meta, where: str) -> tuple[str, ...]:
     declared = {"skyproof", *(e.name for e in extensions)}
     parts: list[tuple[str, str, _Part]] = [("global", "global", meta.general)]
     parts += [("captures", f"captures[{number}]", capture) for number, capture in enumerate(meta.captures)]
-    strange: dict[str, None] = {}
+    strange: list[tuple[str, str, _Part]] = []
     foreign: dict[str, None] = {}
     for scope, place, part in parts:
         for key in part.model_extra or {}:
@@ -185,19 +179,23 @@ def checked(meta: Meta, where: str) -> tuple[str, ...]:
             if namespace not in ("core", "skyproof"):
                 foreign |= {} if namespace in declared else {key: None}
             elif namespace == "skyproof" or name not in _KNOWN_CORE[scope]:
-                known = [str(field.alias) for field in type(part).model_fields.values()]
-                strange[f"{place}.{key} is no known key{_near(key, known)}"] = None
-    if wrong := [text for text in strange if ".skyproof:" in text]:
-        raise InputError(f"{where}: " + "; ".join(wrong))
-    remarks = some(strange, "; ")
+                strange.append((place, key, part))
+    if wrong := [one for one in strange if one[1].startswith("skyproof:")]:
+        raise InputError(f"{where}: " + "; ".join(first_few(wrong, _unknown)))
+    remarks = ["; ".join(first_few(strange, _unknown))] if strange else []
     if foreign and not isinstance(meta.general.extensions, dict):
         remarks.append("keys that SigMF does not have and core:extensions does not tell of were passed over: "
                        + ", ".join(some(foreign, ", ")))  # fmt: skip
     return tuple(remarks)
 
 
+def _unknown(key: tuple[str, str, _Part]) -> str:
+    place, name, part = key
+    known = [str(field.alias) for field in type(part).model_fields.values()]
+    return f"{place}.{shortened(name)} is no known key{_near(name, known)}"
+
+
 def some(texts: Iterable[str], between: str) -> list[str]:
     """The texts in one, not more than a few of them; an empty list if there are none."""
     told = list(texts)
-    more = f"{between}and {len(told) - _TOLD} more" if len(told) > _TOLD else ""
-    return [between.join(told[:_TOLD]) + more] if told else []
+    return [between.join(first_few(told, shortened))] if told else []

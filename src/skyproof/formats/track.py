@@ -6,7 +6,8 @@
     NMEA  GGA and RMC of any talker; times are UTC, their date is RMC's; heights as `skyproof.formats.nmea` writes them.
     KML   one gx:Track (with its gx:angles) or gx:MultiTrack, or the points of one LineString, which have no times.
 
-What is damaged costs the line or the point, and is told in the remarks; a file that leaves no point is refused.
+A damaged sentence of NMEA costs itself, a point without a place too, which is reported in the remarks; a file that
+leaves no point is refused.
 """
 
 import csv
@@ -24,9 +25,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from skyproof.errors import InputError
+from skyproof.errors import InputError, shortened
+from skyproof.formats.bounds import CHARACTERS_OF_LINE, SECONDS, TRACK_BYTES, XML_TAGS
+from skyproof.formats.byte_io import content_of
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.time import gpst_from_utc, parse_iso
+from skyproof.gnss.time import gpst_from_utc, parse_iso, require_year
 from skyproof.records import Reals, freeze
 
 __all__ = ["Track", "parse_csv", "parse_kml", "parse_nmea", "read_track"]
@@ -35,8 +38,10 @@ _PLACE: Final = ("lat_deg", "lon_deg", "height_m")
 _ECEF: Final = ("x_ecef_m", "y_ecef_m", "z_ecef_m")
 _ANGLES: Final = ("heading_deg", "pitch_deg", "roll_deg")
 _DAY_NS: Final = 86_400 * 10**9
-_TIME: Final = re.compile(r"\d{6}(\.\d+)?")
-_HEIGHT: Final = re.compile(r"HAE=(-?\d+(?:\.\d+)?)")
+_TIME: Final = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d|60)(\.\d+)?", re.ASCII)
+_ANGLE: Final = re.compile(r"\d{1,3}([0-5]\d)(\.\d*)?", re.ASCII)
+_HEIGHT: Final = re.compile(r"HAE=(-?\d{1,9}(?:\.\d+)?)", re.ASCII)
+_FARTHEST_M: Final = 1e9
 _FROM_GEOID: Final = "heights are those above the geoid, taken as if above the ellipsoid, up to 100 m off"
 
 
@@ -82,10 +87,8 @@ def read_track(
     ending = Path(path).suffix.lower()
     if ending not in (".csv", ".nmea", ".txt", ".kml"):
         raise InputError(f'{source}: cannot read a track from a file that ends in "{ending}"; give .csv, .nmea or .kml')
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        raise InputError(f"{source}: cannot be read ({error.strerror or error}); give a file of points") from error
+    content = content_of(Path(path), TRACK_BYTES, "the track", "give a file of points")
+    text = content.decode("utf-8-sig", errors="replace")
     if ending == ".kml":
         return parse_kml(text, source=source, name=name, geoid_separation_m=geoid_separation_m)
     if ending == ".csv":
@@ -98,8 +101,8 @@ def read_track(
 
 def parse_csv(text: str, *, source: str = "CSV") -> Track:
     """The points of a table, see above. Rows without a place are left out. Raises InputError as `read_track` does."""
-    rows = csv.reader(io.StringIO(text))
-    names = [name.strip() for name in next(rows, [])]
+    rows = _rows(text, source)
+    names = [name.strip() for name in next(rows, (1, list[str]()))[1]]
     time = next((name for name in ("t_s", "gpst") if name in names), None)
     place = next((group for group in (_PLACE, _ECEF) if set(group) <= set(names)), None)
     if time is None or place is None:
@@ -116,10 +119,10 @@ def parse_csv(text: str, *, source: str = "CSV") -> Track:
     numbers: list[list[float]] = []
     lines: list[int] = []
     left_out = 0
-    for row in rows:
+    for number, row in rows:
         if not any(field.strip() for field in row):
             continue
-        where = f"{source}: line {rows.line_num}"
+        where = f"{source}: line {number}"
         if len(row) < len(names):
             raise InputError(f"{where}: {len(row)} fields, expected {len(names)}; mend the line or leave it out")
         when, *fields = (row[column].strip() for column in columns)
@@ -128,14 +131,14 @@ def parse_csv(text: str, *, source: str = "CSV") -> Track:
             continue
         instants.append(_instant_ns(when, time, where))
         numbers.append([_number(field, name, where) for field, name in zip(fields, (*place, *angles), strict=True)])
-        lines.append(rows.line_num)
+        lines.append(number)
     if not numbers:
         raise InputError(f"{source}: no row has a place; give a file with points")
     table = np.array(numbers)
     remarks = (f"{left_out} rows without a place are left out",) if left_out else ()
     return Track(
         source=source,
-        position_ecef_m=table[:, :3] if place is _ECEF else _ecef(table[:, :3], source, lines),
+        position_ecef_m=_within(table[:, :3], source, lines) if place is _ECEF else _ecef(table[:, :3], source, lines),
         t_s=_rising_s(instants, source, lines),
         start_gpst=np.datetime64(instants[0], "ns") if time == "gpst" else None,
         attitude_rad=np.radians(table[:, 3:]) if angles else None,
@@ -143,9 +146,22 @@ def parse_csv(text: str, *, source: str = "CSV") -> Track:
     )
 
 
+def _rows(text: str, source: str) -> Iterator[tuple[int, list[str]]]:
+    """Rows with the number of their last line."""
+    rows = csv.reader(io.StringIO(text))
+    try:
+        for row in rows:
+            yield rows.line_num, row
+    except csv.Error as error:  # a field of more than 131072 characters, a zero byte
+        raise InputError(f"{source}: line {rows.line_num}: {error}; fix the line or leave it out") from error
+
+
 def _instant_ns(text: str, column: str, where: str) -> int:
     if column == "t_s":
-        return round(_number(text, column, where) * 1e9)
+        t_s = _number(text, column, where)
+        if abs(t_s) > SECONDS:
+            raise InputError(f"{where}, t_s: {t_s:g} s, expected at most {SECONDS:g}; count from the first point")
+        return round(t_s * 1e9)
     try:
         return int(parse_iso(text).astype(np.int64))
     except ValueError as error:
@@ -158,14 +174,14 @@ def _number(text: str, column: str, where: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise InputError(f'{where}, {column}: "{text}" is no number; mend it or leave the line out')
+        raise InputError(f'{where}, {column}: "{shortened(text)}" is no number; fix it or leave the line out')
     return value
 
 
 # --- NMEA
 
 
-@dataclass
+@dataclass(slots=True)
 class _Epoch:
     """What the sentences of one moment tell. Angles in degrees, heights in metres, NaN if not told."""
 
@@ -188,13 +204,13 @@ def parse_nmea(lines: Iterable[str], *, source: str = "NMEA", geoid_separation_m
     epochs: list[_Epoch] = []
     damaged = 0
     for number, line in enumerate(lines, 1):
-        start = line.find("$")
+        start = line.find("$", 0, CHARACTERS_OF_LINE)
         if start < 0:
             continue
-        fields = _fields(line[start:])
         try:
-            if fields is None:
-                raise ValueError("checksum")
+            fields = _fields(line[start:])
+            if fields is None or len(line) > CHARACTERS_OF_LINE:
+                raise ValueError("checksum, or length")
             _take(fields, epochs, number)
         except (ValueError, IndexError):
             damaged += 1
@@ -236,11 +252,11 @@ def _take(fields: Sequence[str], epochs: list[_Epoch], line: int) -> None:
         case "GGA":
             fixed = fields[6] not in ("", "0")
             place = (_angle_deg(*fields[2:4]), _angle_deg(*fields[4:6])) if fixed else (np.nan, np.nan)
-            altitude_m, separation_m = (float(fields[k] or "nan") if fixed else np.nan for k in (9, 11))
+            altitude_m, separation_m = (_metres(fields[k]) if fixed else np.nan for k in (9, 11))
             epoch = _epoch(fields[1], epochs, line)
             epoch.lat_deg, epoch.lon_deg, epoch.altitude_m, epoch.separation_m = *place, altitude_m, separation_m
         case "RMC":
-            date = np.datetime64(datetime.strptime(fields[9], "%d%m%y"), "ns") if fields[9] else None
+            date = _date(fields[9]) if fields[9] else None
             fixed = fields[2] == "A"
             place = (_angle_deg(*fields[3:5]), _angle_deg(*fields[5:7])) if fixed else (np.nan, np.nan)
             epoch = _epoch(fields[1], epochs, line)
@@ -249,6 +265,21 @@ def _take(fields: Sequence[str], epochs: list[_Epoch], line: int) -> None:
                 epoch.lat_deg, epoch.lon_deg = place
         case "TXT" if epochs and (found := _HEIGHT.search(fields[-1])):
             epochs[-1].height_m = float(found[1])
+
+
+def _metres(text: str) -> float:
+    """NaN for an empty field."""
+    if not text:
+        return np.nan
+    if not abs(metres := float(text)) < _FARTHEST_M:
+        raise ValueError(f"height {text!r}")
+    return metres
+
+
+def _date(text: str) -> np.datetime64:
+    date = datetime.strptime(text, "%d%m%y")
+    require_year(date.year)
+    return np.datetime64(date, "ns")
 
 
 def _epoch(time: str, epochs: list[_Epoch], line: int) -> _Epoch:
@@ -263,6 +294,8 @@ def _epoch(time: str, epochs: list[_Epoch], line: int) -> _Epoch:
 
 
 def _angle_deg(text: str, side: str) -> float:
+    if not _ANGLE.fullmatch(text):
+        raise ValueError(f"angle {text!r}")
     point = text.index(".") if "." in text else len(text)
     value = int(text[: point - 2]) + float(text[point - 2 :]) / 60.0
     if side not in ("N", "S", "E", "W"):
@@ -327,6 +360,8 @@ def parse_kml(
 
     Absolute heights count from the geoid; others are taken as they stand, for heights above the ellipsoid.
     """
+    if text.count("<") > XML_TAGS:
+        raise InputError(f"{source}: more than {XML_TAGS} tags; give a file with fewer points")
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
@@ -416,9 +451,12 @@ def _kml_track(points: _Points, source: str, geoid_separation_m: float | None) -
 def _when_ns(text: str, where: str) -> int:
     try:
         utc = datetime.fromisoformat(text)
-    except ValueError as error:
-        raise InputError(f'{where}: "{text}" is no time, expected one as 2022-01-01T21:45:40.5Z; mend it') from error
-    utc = utc.astimezone(UTC).replace(tzinfo=None) if utc.tzinfo is not None else utc
+        utc = utc.astimezone(UTC).replace(tzinfo=None) if utc.tzinfo is not None else utc
+        require_year(utc.year)
+    except (ValueError, OverflowError) as error:
+        raise InputError(
+            f'{where}: "{shortened(text)}" is no time, expected one as 2022-01-01T21:45:40.5Z; fix it'
+        ) from error
     return int(gpst_from_utc(np.datetime64(utc, "ns")).astype(np.int64))
 
 
@@ -427,12 +465,24 @@ def _when_ns(text: str, where: str) -> int:
 
 def _ecef(places: Reals, source: str, lines: Sequence[int], word: str = "line") -> Reals:
     """(n, 3) latitude and longitude in degrees and height to ECEF."""
-    for row in np.flatnonzero((np.abs(places[:, 0]) > 90.0) | (np.abs(places[:, 1]) > 360.0)).tolist():
-        lat_deg, lon_deg = places[row, :2]
+    beyond = np.abs(places) > (90.0, 360.0, _FARTHEST_M)
+    for row in np.flatnonzero(beyond.any(axis=1)).tolist():
+        lat_deg, lon_deg, height_m = places[row]
         raise InputError(
-            f"{source}: {word} {lines[row]}: latitude {lat_deg:g}, longitude {lon_deg:g}, expected degrees; mend it"
+            f"{source}: {word} {lines[row]}: latitude {lat_deg:g}, longitude {lon_deg:g}, height {height_m:g} m, "
+            "expected degrees and metres above the ellipsoid; fix it"
         )
     return ecef_from_geodetic(np.radians(places[:, 0]), np.radians(places[:, 1]), places[:, 2])
+
+
+def _within(position_ecef_m: Reals, source: str, lines: Sequence[int]) -> Reals:
+    """(n, 3) ECEF as they are. Raises InputError for what is not near the Earth."""
+    for row in np.flatnonzero((np.abs(position_ecef_m) > _FARTHEST_M).any(axis=1)).tolist():
+        raise InputError(
+            f"{source}: line {lines[row]}: a coordinate of {np.abs(position_ecef_m[row]).max():g} m, expected ECEF in "
+            "metres; fix it"
+        )
+    return position_ecef_m
 
 
 def _rising_s(instants: Sequence[int], source: str, lines: Sequence[int], word: str = "line") -> Reals:

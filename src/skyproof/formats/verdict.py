@@ -13,12 +13,13 @@ from pydantic import ValidationError
 
 from skyproof.errors import InputError, fault_words
 from skyproof.formats.atomic_write import writing
+from skyproof.formats.bounds import METADATA_BYTES, first_few
+from skyproof.formats.byte_io import content_of
 from skyproof.verdict import VERDICT_FORMAT, Verdict
 
 __all__ = ["SCHEMA_PATH", "read_verdict", "verdict_json", "verdict_schema", "write_verdict"]
 
 SCHEMA_PATH = Path(__file__).with_name("verdict.schema.json")
-FAULTS_SHOWN = 5
 
 
 def verdict_json(verdict: Verdict) -> str:
@@ -45,17 +46,13 @@ def read_verdict(path: str | os.PathLike[str]) -> Verdict:
     InputError : the file cannot be read, is not JSON or is not a verdict; the message lists what is wrong and where.
     """
     name = os.fspath(path)
-    try:
-        text = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{name} cannot be read ({error.strerror}): give the path of a verdict.json") from error
+    text = content_of(Path(path), METADATA_BYTES, "the verdict", "give the path of a verdict.json")
     try:
         return Verdict.model_validate_json(text, strict=True)
     except ValidationError as error:
-        faults = [fault_words(_place(fault["loc"]), fault) for fault in error.errors(include_url=False)]
-        more = [f"and {len(faults) - FAULTS_SHOWN} more"] if len(faults) > FAULTS_SHOWN else []
+        faults = first_few(error.errors(include_url=False), lambda fault: fault_words(_place(fault["loc"]), fault))
         raise InputError(
-            f"{name} is not a {VERDICT_FORMAT} document: {'; '.join(faults[:FAULTS_SHOWN] + more)}. "
+            f"{name} is not a {VERDICT_FORMAT} document: {'; '.join(faults)}. "
             "Let skyproof write it anew, or compare it with the published schema, verdict.schema.json"
         ) from error
 

@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from skyproof.gnss.constants import SECONDS_PER_WEEK
 
 __all__ = [
-    "GPS_EPOCH", "gpst", "gpst_from_utc", "iso", "leap_seconds", "parse_iso", "resolve_week", "rinex_date",
-    "seconds_between", "utc_from_gpst", "week_and_tow",
+    "GPS_EPOCH", "gpst", "gpst_from_utc", "iso", "leap_seconds", "parse_iso", "require_year", "resolve_week",
+    "rinex_date", "seconds_between", "utc_from_gpst", "week_and_tow",
 ]  # fmt: skip
 
+FIRST_YEAR, LAST_YEAR = 1980, 2199
+"""Of every instant that is read: labels of nanoseconds wrap silently in 2262, so that 2600 would become 2015."""
 GPS_EPOCH: Final = np.datetime64("1980-01-06T00:00:00", "ns")  # IS-GPS-200N, 3.3.4
 
 _NS: Final = 1_000_000_000
@@ -28,7 +30,7 @@ _LEAPS_AT_UTC: Final = np.array(
 )  # fmt: skip
 """When GPS minus UTC became 1, 2, ... 18 s: IERS Bulletin C (none announced from 2017 to the end of 2026)."""
 _LEAPS_AT_GPST: Final = _LEAPS_AT_UTC + np.arange(1, _LEAPS_AT_UTC.size + 1) * np.timedelta64(1, "s")
-_ISO: Final = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}(:\d{2}(\.\d{1,9})?)?)?")
+_ISO: Final = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}(:\d{2}(\.\d{1,9})?)?)?", re.ASCII)
 
 
 @overload
@@ -80,11 +82,18 @@ def iso(t: np.datetime64, digits: int = 3) -> str:
 def parse_iso(text: str) -> np.datetime64:
     """The instant that ISO 8601 `text` without a zone names, such as "2022-01-01T21:45:58.5" or "2022-01-01".
 
-    Raises ValueError for anything else, a zone included: GPS time has none.
+    Raises ValueError for anything else, a zone included: GPS time has none; and for a year before 1980 or after 2199.
     """
     if not _ISO.fullmatch(text.strip()):
         raise ValueError(f"{text!r} is no instant; expected GPS time as 2022-01-01T21:45:58.5, without a zone")
+    require_year(int(text.strip()[:4]))
     return np.datetime64(text.strip().replace(" ", "T"), "ns")
+
+
+def require_year(year: int) -> None:
+    """Raise ValueError unless signals of satellite navigation may be received in this year."""
+    if not FIRST_YEAR <= year <= LAST_YEAR:
+        raise ValueError(f"the year is {year}, expected {FIRST_YEAR} to {LAST_YEAR}")
 
 
 def leap_seconds(t: np.datetime64) -> int:

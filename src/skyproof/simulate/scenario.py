@@ -4,8 +4,7 @@ Times that end in `_s` count from `start_gpst`, in GPS time; places are geodetic
 down.
 """
 
-import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, get_args
@@ -13,7 +12,9 @@ from typing import Any, ClassVar, Literal, Self, get_args
 from pydantic import BaseModel, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from skyproof.errors import ScenarioError, fault_words
+from skyproof.errors import InputError, ScenarioError, fault_words, shortened
+from skyproof.formats.bounds import first_few
+from skyproof.formats.documents import read_toml
 from skyproof.simulate.attacks import Attack, Interference, Meaconer, Spoofer, Takeover, TransmitAntenna
 from skyproof.simulate.clocks import OSCILLATORS
 from skyproof.simulate.inertial import GRADES
@@ -251,9 +252,9 @@ class Scenario(Model):
 def known_name(name: str, names: Mapping[str, Any] | list[str], what: str) -> None:
     """Raise ValueError, with the nearest known name, unless `name` is one of `names`."""
     if name not in names:
-        near = get_close_matches(name, list(names), 1, cutoff=0.4)
+        near = get_close_matches(name[:60], list(names), 1, cutoff=0.4)
         hint = f"did you mean {near[0]!r}? " if near else ""
-        raise ValueError(f"{what} {name!r} is not known; {hint}known: {', '.join(names)}")
+        raise ValueError(f"{what} {shortened(name)!r} is not known; {hint}known: {', '.join(names)}")
 
 
 def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Scenario:
@@ -267,8 +268,10 @@ def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Sce
         return Scenario.model_validate(dict(table))
     except ValidationError as error:
         faults = error.errors(include_url=False)
-        told = [_fault(fault) for fault in faults if not _follows(fault, faults)]
-        raise ScenarioError(f"{source}: {'; '.join(told)}") from error
+        with_members = {fault["loc"][:k] for fault in faults for k in range(len(fault["loc"]))}
+        # a list is too short because of faults in its members, which are named themselves
+        first = [fault for fault in faults if fault["type"] != "too_short" or fault["loc"] not in with_members]
+        raise ScenarioError(f"{source}: {'; '.join(first_few(first, _fault))}") from error
 
 
 def read_scenario(path: Path) -> Scenario:
@@ -277,13 +280,11 @@ def read_scenario(path: Path) -> Scenario:
     Raises ScenarioError if it cannot be read or makes no sense.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ScenarioError(
-            f"{path}: the scenario cannot be read ({error.strerror}); check the name and the folder"
-        ) from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ScenarioError(f"{path}: no scenario, which is a TOML file in UTF-8: {error}; mend that place") from error
+        table = read_toml(
+            path, "the scenario", "a scenario is TOML: fix that line", "check the name and the folder"
+        )  # fmt: skip
+    except InputError as error:
+        raise ScenarioError(str(error)) from error
     return parse_scenario(_beside(table, path.parent), source=str(path))
 
 
@@ -298,14 +299,6 @@ def _beside(value: Any, folder: Path) -> Any:
         if isinstance(table.get(key), str):
             table[key] = str(folder / table[key])
     return table
-
-
-def _follows(fault: ErrorDetails, faults: Sequence[ErrorDetails]) -> bool:
-    """Whether a list is too short only because of faults in its members, which are told themselves."""
-    place = fault["loc"]
-    return fault["type"] == "too_short" and any(
-        other["loc"][: len(place)] == place and len(other["loc"]) > len(place) for other in faults
-    )
 
 
 def _fault(fault: ErrorDetails) -> str:
@@ -328,10 +321,10 @@ def _fault(fault: ErrorDetails) -> str:
                 break
         else:
             known = known if kind == "extra_forbidden" else None
-    path = "".join(parts).lstrip(".")
+    path = shortened("".join(parts).lstrip("."))
     if kind == "extra_forbidden":
         names = [name for model in _models(known) for name in model.model_fields]
-        near = get_close_matches(str(loc[-1]), names, 1, cutoff=0.5)
+        near = get_close_matches(str(loc[-1])[:60], names, 1, cutoff=0.5)
         hint = f", did you mean {near[0]}?" if near else ""
         return f"{path}: unknown key{hint}; known here: {', '.join(names)}"
     return fault_words(path, fault)

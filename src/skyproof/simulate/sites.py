@@ -1,7 +1,7 @@
 """Places and ways as a person writes them, and what all tables of a scenario share."""
 
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import date, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, model_validator
 
+from skyproof.errors import shown
 from skyproof.gnss.signals import GPS_SATS
 from skyproof.gnss.time import iso, parse_iso
 
@@ -26,11 +27,16 @@ LOWEST_M, HIGHEST_M = -500.0, 20_000.0
 
 
 def _instant(value: Any) -> np.datetime64:
-    if isinstance(value, datetime):
-        if value.tzinfo is not None:
+    if isinstance(value, date):  # or a datetime, which is one
+        if isinstance(value, datetime) and value.tzinfo is not None:
             raise ValueError("has a time zone; write GPS time without a zone, as in 2022-01-01T21:45:58")
         value = value.isoformat()
-    return value.astype("datetime64[ns]") if isinstance(value, np.datetime64) else parse_iso(value)
+    if isinstance(value, np.datetime64):
+        instant: np.datetime64 = value.astype("datetime64[ns]")
+        return instant
+    if not isinstance(value, str):
+        raise ValueError(f"is {shown(value)}, expected GPS time as 2022-01-01T21:45:58, without a zone")
+    return parse_iso(value)
 
 
 def _written(value: np.datetime64) -> str:

@@ -1,12 +1,13 @@
 """A scenario as a file that stands alone: every default filled in, and the files that it names laid beside it."""
 
-import gzip
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from skyproof.errors import ScenarioError
+from skyproof.errors import InputError, ScenarioError
+from skyproof.formats.bounds import NAVIGATION_BYTES, TRACK_BYTES
+from skyproof.formats.byte_io import unpacked
 from skyproof.formats.toml_text import toml_lines
 from skyproof.simulate.scenario import Scenario, parse_scenario
 
@@ -56,14 +57,14 @@ def standalone(scenario: Scenario) -> Standalone:
     """
     table, files = resolved(scenario), dict[str, bytes]()
     if scenario.navigation is not None:
-        files[NAVIGATION] = _unpacked(_read(scenario.navigation, "navigation"))
+        files[NAVIGATION] = _read(scenario.navigation, "navigation", NAVIGATION_BYTES)
         table["navigation"] = NAVIGATION
     ways: dict[str, str] = {}  # name by path
     for one in _tables(table):
         if one.get("kind") == "file" and "path" in one:
             path = Path(one["path"])
             name = ways.setdefault(str(path), f"track-{len(ways) + 1}{path.suffix.lower()}")
-            files[name] = _read(path, "path")
+            files[name] = _read(path, "path", TRACK_BYTES)
             one["path"] = name
     return Standalone(table, files)
 
@@ -76,12 +77,8 @@ def _tables(value: Any) -> Iterator[dict[str, Any]]:
         yield from _tables(one)
 
 
-def _read(path: Path, key: str) -> bytes:
+def _read(path: Path, key: str, most: int) -> bytes:
     try:
-        return path.read_bytes()
-    except OSError as error:
-        raise ScenarioError(f"{key}: {path} cannot be read ({error.strerror}); give a file that can") from error
-
-
-def _unpacked(octets: bytes) -> bytes:
-    return gzip.decompress(octets) if octets[:2] == b"\x1f\x8b" else octets
+        return unpacked(path, most, "it", "give a file that can")
+    except InputError as error:
+        raise ScenarioError(f"{key}: {error}") from error

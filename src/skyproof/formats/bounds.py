@@ -1,0 +1,87 @@
+"""How much is read of a file: the bounds that keep a broken or hostile one from taking all memory, or hours.
+
+What lies beyond a bound is refused by an InputError that names it, or costs the line or record it stands in, and is
+reported. Years are bounded where instants are made, in `skyproof.gnss.time`; the length of a message in
+`skyproof.errors`.
+"""
+
+import itertools
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Final, TypeVar
+
+__all__ = [
+    "CAPTURES", "CHARACTERS_OF_LINE", "DEPTH", "EMPTY_CELLS", "METADATA_BYTES", "NAVIGATION_BYTES",
+    "OBSERVATION_BYTES", "REMARKS", "SECONDS", "SETTINGS_BYTES", "TRACK_BYTES", "XML_TAGS", "Remarks", "first_few",
+    "require_toml_depth",
+]  # fmt: skip
+
+SETTINGS_BYTES: Final = 1 << 20
+"""Of a platform file, a sidecar, a scenario: TOML."""
+METADATA_BYTES: Final = 1 << 24
+"""Of JSON: the metadata of SigMF, a verdict."""
+TRACK_BYTES: Final = 1 << 26
+NAVIGATION_BYTES: Final = 1 << 26
+"""Unpacked. All satellites of all systems give 10 MB in a day."""
+OBSERVATION_BYTES: Final = 1 << 28
+"""Unpacked and expanded. A day at one epoch a second of 20 satellites fits."""
+DEPTH: Final = 32
+"""Of tables in tables, and of the parts of a dotted key."""
+CHARACTERS_OF_LINE: Final = 1000
+"""Of a header line of RINEX and of a sentence of NMEA, which have 80."""
+CAPTURES: Final = 100_000
+"""Of a SigMF recording."""
+XML_TAGS: Final = 1 << 21
+"""Opening and closing ones."""
+EMPTY_CELLS: Final = 1 << 22
+"""Of observations, beyond those that the file fills."""
+SECONDS: Final = 1e9
+"""Of a time that counts from some beginning: 31 years."""
+REMARKS: Final = 10
+"""Faults or remarks of one kind that are named; the others are counted."""
+
+_Fault = TypeVar("_Fault")
+_NO_STRUCTURE: Final = re.compile(
+    r"'''.*?'''|\"\"\"(?:\\.|[^\\])*?\"\"\"|'[^'\n]*'|\"(?:\\.|[^\"\\\n])*\"|#[^\n]*", re.DOTALL
+)
+_BRACKETS: Final = re.compile(r"[^][{}]+")
+_KEYS: Final = re.compile(r"[\w\-. \t]+")
+
+
+def require_toml_depth(text: str) -> None:
+    """Raise ValueError if tables stand deeper in each other, or a key has more parts, than `DEPTH`.
+
+    It is looked at before the text is parsed: the parser of the standard library calls itself for each bracket, and
+    takes time and memory by the square of the parts of a key.
+    """
+    structure = _NO_STRUCTURE.sub("_", text)
+    steps = (1 if bracket in "[{" else -1 for bracket in _BRACKETS.sub("", structure))
+    deepest = max(itertools.accumulate(steps), default=0)
+    parts = max((keys.count(".") for keys in _KEYS.findall(structure)), default=0) + 1
+    if max(deepest, parts) > DEPTH:
+        raise ValueError(f"tables or keys of {max(deepest, parts)} levels, expected at most {DEPTH}")
+
+
+@dataclass
+class Remarks:
+    """The first few texts of one kind, and how many came after them."""
+
+    told: list[str] = field(default_factory=list)
+    others: int = 0
+
+    def add(self, text: str) -> None:
+        if len(self.told) < REMARKS:
+            self.told.append(text)
+        else:
+            self.others += 1
+
+    def words(self, others: str) -> list[str]:
+        """The texts, and "3 ..." of the others."""
+        return [*self.told, *([f"{self.others} {others}"] if self.others else [])]
+
+
+def first_few(faults: Sequence[_Fault], words: Callable[[_Fault], str]) -> list[str]:
+    """The first faults in words, and how many more there are."""
+    more = [f"and {len(faults) - REMARKS} more"] if len(faults) > REMARKS else []
+    return [*map(words, faults[:REMARKS]), *more]

@@ -1,0 +1,50 @@
+"""TOML and JSON as tables, within the bounds of what is read."""
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from skyproof.errors import InputError
+from skyproof.formats.bounds import METADATA_BYTES, SETTINGS_BYTES, require_toml_depth
+from skyproof.formats.byte_io import content_of
+
+__all__ = ["json_of", "read_json", "read_toml"]
+
+
+def read_toml(path: Path, what: str, no_toml: str, to_do: str) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    what : the file in words, for what the system says of it: "the platform file".
+    no_toml : what to do about a file that is no TOML. to_do : about one that cannot be read.
+
+    Raises
+    ------
+    InputError : the file cannot be read, is too long or too deep, or is no TOML in UTF-8.
+    """
+    content = content_of(path, SETTINGS_BYTES, what, to_do)
+    try:
+        text = content.decode("utf-8")
+        require_toml_depth(text)
+        return tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8; {no_toml}") from error
+    except (ValueError, RecursionError) as error:  # no TOML, too deep, or a whole number of thousands of digits
+        raise InputError(f"{path}: not valid TOML: {error}; {no_toml}") from error
+
+
+def read_json(path: Path, what: str, to_do: str) -> Any:
+    """What a file of JSON holds. Raises InputError as `read_toml`, and as `json_of`."""
+    return json_of(content_of(path, METADATA_BYTES, what, to_do), str(path), to_do)
+
+
+def json_of(content: bytes, where: str, to_do: str) -> Any:
+    """What bytes of JSON in UTF-8 hold. `where` begins a message, `to_do` ends it. Raises InputError."""
+    try:
+        return json.loads(content.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise InputError(f"{where}: byte {error.start} is not UTF-8; {to_do}") from error
+    except RecursionError as error:
+        raise InputError(f"{where}: not valid JSON: nested too deep; {to_do}") from error
+    except ValueError as error:
+        raise InputError(f"{where}: not valid JSON: {error}; {to_do}") from error

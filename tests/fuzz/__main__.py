@@ -1,0 +1,129 @@
+"""Damaged files through every reader: what is raised is our own error, in five seconds and a gibibyte at most.
+
+    python -m tests.fuzz --inputs 20000 --seed 1 [--readers nav obs] [--again nav 17]
+
+Each input follows from the reader's name, the seed and its number, so that `--again` makes one anew. The process has a
+gibibyte more than it begins with, and a clock of its own that ends a reader after five seconds of work.
+"""
+
+import argparse
+import json
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from tests.fuzz.mutations import mutated
+from tests.fuzz.readers import READERS, Reader
+
+from skyproof.errors import SkyproofError
+
+__all__ = ["fuzz", "input_of"]
+
+MOST_S, MOST_BYTES = 5.0, 1 << 30
+LONGEST_MESSAGE = 3100
+
+
+class TooSlow(BaseException):
+    """Five seconds of work are over."""
+
+
+def input_of(name: str, seed: int, number: int) -> bytes:
+    """The input of this number."""
+    rng = Random(f"{name} {seed} {number}")
+    seeds = READERS[name].seeds
+    return mutated(rng, rng.choice(seeds), seeds)
+
+
+def fault_of(reader: Reader, path: Path, content: bytes) -> tuple[str | None, float]:
+    """What is wrong with the way in which this input ends, None if nothing, and how long it took, in seconds."""
+    path.write_bytes(content)
+    begun_s = _worked_s()
+    signal.setitimer(signal.ITIMER_PROF, MOST_S)
+    try:
+        reader.read(path)
+        fault = None
+    except SkyproofError as error:
+        words = str(error)
+        fault = f"a message of {len(words)} characters: {words[:200]}" if len(words) > LONGEST_MESSAGE else None
+    except TooSlow:
+        fault = f"slower than {MOST_S:g} s: {_where(sys.exc_info()[1])}"
+    except Exception as error:
+        fault = f"{type(error).__name__}: {str(error)[:200]} {_where(error)}"
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+    return fault, _worked_s() - begun_s
+
+
+def _where(error: BaseException | None) -> str:
+    frames = traceback.extract_tb(error.__traceback__ if error else None)
+    ours = [frame for frame in frames if "skyproof" in frame.filename] or frames
+    return f"({Path(ours[-1].filename).name}:{ours[-1].lineno})" if ours else ""
+
+
+def _worked_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + used.ru_utime + used.ru_stime
+
+
+def fuzz(names: list[str], inputs: int, seed: int) -> dict[str, Any]:
+    """So many inputs over the readers of these names, by their weights. Gives counts, the slowest, and the faults."""
+    total = sum(READERS[name].weight for name in names)
+    found: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in names:
+            reader = READERS[name]
+            path = Path(folder) / name / reader.name
+            path.parent.mkdir()
+            for beside, content in reader.beside:
+                (path.parent / beside).write_bytes(content)
+            count = max(inputs * reader.weight // total, 1)
+            faults: dict[str, list[int]] = {}
+            slowest, begun_s = (0.0, 0), time.perf_counter()
+            for number in range(count):
+                fault, took_s = fault_of(reader, path, input_of(name, seed, number))
+                slowest = max(slowest, (took_s, number))
+                if fault is not None:
+                    faults.setdefault(fault, []).append(number)
+            found[name] = {
+                "inputs": count, "seconds": round(time.perf_counter() - begun_s, 1), "slowest_s": round(slowest[0], 3),
+                "slowest_input": slowest[1], "faults": {fault: numbers[:5] for fault, numbers in faults.items()},
+            }  # fmt: skip
+    return found
+
+
+def bound_memory() -> None:
+    """From here on, a gibibyte of addresses more than there is now."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    most = pages * resource.getpagesize() + MOST_BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
+
+
+def _too_slow(*_: object) -> None:
+    raise TooSlow
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    parser.add_argument("--inputs", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--readers", nargs="*", choices=READERS, default=list(READERS))
+    parser.add_argument("--again", nargs=2, metavar=("READER", "NUMBER"), help="write this input to standard output")
+    options = parser.parse_args()
+    if options.again:
+        sys.stdout.buffer.write(input_of(options.again[0], options.seed, int(options.again[1])))
+        return
+    warnings.simplefilter("error")
+    signal.signal(signal.SIGPROF, _too_slow)
+    bound_memory()
+    json.dump(fuzz(options.readers, options.inputs, options.seed), sys.stdout, indent=1)
+
+
+if __name__ == "__main__":
+    main()

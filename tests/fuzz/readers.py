@@ -1,0 +1,152 @@
+"""Every reader of the package as a function of one file's path, with the small files that damage begins with."""
+
+import gzip
+import io
+import tarfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from skyproof.app.settings import resolve_settings
+from skyproof.formats.raw import open_raw
+from skyproof.formats.readings import header_length, likely_packings
+from skyproof.formats.recording import open_recording
+from skyproof.formats.rinex_nav import glonass_channels, read_nav
+from skyproof.formats.rinex_obs_read import read_obs
+from skyproof.formats.sigmf import open_sigmf, sha512_remarks
+from skyproof.formats.signatures import head_of, other_than_samples, wav_header
+from skyproof.formats.track import read_track
+from skyproof.formats.verdict import read_verdict
+from skyproof.records import Samples
+from skyproof.simulate.scenario import read_scenario
+
+__all__ = ["READERS", "Reader"]
+
+SEEDS = Path(__file__).with_name("seeds")
+_RANDOM = np.random.default_rng(0).integers(0, 256, 1 << 15, dtype=np.uint8).tobytes()
+_FIRST_GPST, _LAST_GPST = np.datetime64("1980-01-06"), np.datetime64("2200-01-01")
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader of the file `name`; `beside` are files that stand in the same folder, undamaged.
+
+    weight : how many of a hundred inputs are its own.
+    """
+
+    name: str
+    read: Callable[[Path], None]
+    seeds: tuple[bytes, ...]
+    weight: int
+    beside: tuple[tuple[str, bytes], ...] = ()
+
+
+def _seeds(*names: str) -> tuple[bytes, ...]:
+    return tuple((SEEDS / name).read_bytes() for name in names)
+
+
+def _in_time(*instants: np.datetime64 | None) -> None:
+    for instant in instants:
+        assert instant is None or _FIRST_GPST <= instant < _LAST_GPST, f"a year that nobody wrote: {instant}"
+
+
+def _nav(path: Path) -> None:
+    navigation = read_nav(path)
+    glonass_channels(navigation)
+    _in_time(*(ephemeris.reference_gpst for ephemeris in navigation.ephemerides))
+
+
+def _obs(path: Path) -> None:
+    observations = read_obs(path).observations
+    _in_time(observations.gpst.min(), observations.gpst.max())
+
+
+def _track(path: Path) -> None:
+    _in_time(read_track(path).start_gpst)
+
+
+def _samples(opened: tuple[Samples, ...]) -> None:
+    for samples in opened:
+        _in_time(samples.start_gpst)
+        for start in (0, max(samples.n_samples - 100, 0)):
+            samples.read(start, min(samples.n_samples - start, 100))
+
+
+def _sidecar(path: Path) -> None:
+    _samples((open_raw(path.with_suffix(".bin"), path),))
+
+
+def _sigmf(path: Path) -> None:
+    _samples(open_sigmf(path))
+    sha512_remarks(path)
+
+
+def _bytes(path: Path) -> None:
+    head = head_of(path)
+    other_than_samples(head)
+    wav_header(head)
+    octets = np.fromfile(path, np.uint8)
+    header_length(octets)
+    if octets.size >= 64:
+        likely_packings(octets[: octets.size // 16 * 16])
+
+
+def _any(path: Path) -> None:
+    _samples(open_recording(path))
+
+
+def _platform(path: Path) -> None:
+    resolve_settings(path, window_s=20.0)
+
+
+def _scenario(path: Path) -> None:
+    _in_time(read_scenario(path).start_gpst)
+
+
+def _verdict(path: Path) -> None:
+    read_verdict(path)
+
+
+def _archive() -> bytes:
+    file = io.BytesIO()
+    with tarfile.open(fileobj=file, mode="w") as tar:
+        for name, content in (("a/ci8.sigmf-meta", _seeds("ci8.sigmf-meta")[0]), ("a/ci8.sigmf-data", _RANDOM[:20480])):
+            member = tarfile.TarInfo(name)
+            member.size = len(content)
+            tar.addfile(member, io.BytesIO(content))
+    return file.getvalue()
+
+
+def _wav() -> bytes:
+    header = b"RIFF\x24\x80\0\0WAVEfmt \x10\0\0\0\1\0\2\0\x40\x42\x0f\0\0\x09\x3d\0\4\0\x10\0data\0\x80\0\0"
+    return header + _RANDOM[:8192]
+
+
+def _packed(*contents: bytes) -> Iterator[bytes]:
+    return (gzip.compress(content, mtime=0) for content in contents)
+
+
+_NAV = _seeds("nav-2.21n", "nav-3.rnx", "nav-4.rnx", "nav-mixed.rnx")
+_OBS = _seeds("obs-2.21o", "obs-3.rnx")
+_COMPACT = _seeds("compact-1.21d", "compact-3.crx")
+
+READERS: dict[str, Reader] = {
+    "nav": Reader("a.rnx", _nav, (*_NAV, *_packed(_NAV[1])), 16),
+    "obs": Reader("a.obs", _obs, (*_OBS, *_packed(_OBS[1])), 16),
+    "compact": Reader("a.crx", _obs, _COMPACT, 3),
+    "csv": Reader("a.csv", _track, _seeds("track.csv", "track-ecef.csv"), 8),
+    "nmea": Reader("a.nmea", _track, _seeds("track.nmea"), 8),
+    "kml": Reader("a.kml", _track, _seeds("track.kml", "line.kml"), 8),
+    "sidecar": Reader("a.toml", _sidecar, _seeds("sidecar.toml", "sidecar-real.toml"), 8, (("a.bin", _RANDOM[:4096]),)),
+    "sigmf": Reader(
+        "a.sigmf-meta", _sigmf, _seeds("ci8.sigmf-meta", "bits.sigmf-meta"), 8, (("a.sigmf-data", _RANDOM[:20480]),)
+    ),
+    "archive": Reader("a.sigmf", _sigmf, (_archive(),), 4),
+    "bytes": Reader("a.bin", _bytes, (_RANDOM[:8192], _wav(), *_NAV[:1], *_COMPACT[:1]), 2),
+    "any": Reader("b.bin", _any, (_RANDOM[:8192], _wav(), *_NAV[:1], *_COMPACT[:1]), 2),
+    "platform": Reader("a.toml", _platform, _seeds("platform.toml"), 8),
+    "scenario": Reader("a.toml", _scenario, _seeds("scenario.toml", "sidecar.toml"), 5),
+    "verdict": Reader("verdict.json", _verdict, _seeds("verdict.json"), 4),
+}
