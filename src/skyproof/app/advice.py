@@ -8,7 +8,7 @@ from skyproof.receiver.conditioning import FrontEnd
 from skyproof.receiver.survey import OscillatorError, Survey
 from skyproof.records import Samples
 
-__all__ = ["Heard", "advice", "oscillator_remarks", "signal_remarks", "summary"]
+__all__ = ["Heard", "advice", "correction_remark", "oscillator_remarks", "signal_remarks", "summary"]
 
 _FIX_SATS: Final = 4
 _TEST_SATS: Final = 5
@@ -97,6 +97,24 @@ def signal_remarks(samples: Samples, told: Survey, conjugate: bool | None, oscil
             "local oscillator: they are not of one source, or rate_hz is not exact"
         )
     return remarks
+
+
+def correction_remark(given: Samples, taken: Samples, sigma: float) -> str:
+    """What was wrong in how a recording is described, and what is used in its place; sigma : of either, relative."""
+    if taken.rate_hz != given.rate_hz:
+        ppm = 1e6 * (given.rate_hz / taken.rate_hz - 1.0)
+        return (
+            f"rate_hz = {given.rate_hz:.12g} is {abs(ppm):.3f} ± {1e6 * sigma:.3f} ppm too "
+            f"{'high' if ppm > 0.0 else 'low'}: the codes of all satellites run that much "
+            f"{'faster' if ppm > 0.0 else 'slower'} than their carriers; {taken.rate_hz:.3f} was measured and is used "
+            "(or the sampling clock is off the local oscillator by as much)"
+        )
+    off_hz = given.if_hz - taken.if_hz
+    return (
+        f"if_hz = {given.if_hz:.12g} is {abs(off_hz):.0f} ± {sigma * GPS_L1_CA.carrier_hz:.0f} Hz too "
+        f"{'high' if off_hz > 0.0 else 'low'} (or centre_hz as much too {'low' if off_hz > 0.0 else 'high'}): the "
+        f"carriers of all satellites are off against their codes, whose rates are right; {taken.if_hz:.0f} is used"
+    )
 
 
 def oscillator_remarks(oscillator: OscillatorError) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from skyproof.app.inspect import inspect_samples, oscillator_remarks
+from skyproof.app.inspect import inspect_recording, oscillator_remarks
 from skyproof.errors import NotEnoughData
 from skyproof.receiver.channels import Gap
 from skyproof.receiver.survey import oscillator_error
@@ -34,7 +34,7 @@ def diagnosis(samples: Samples, doppler_max_hz: float) -> Diagnosis:
     """
     more = f"`skyproof inspect {samples.path or samples.name}` tells what is in it"
     try:
-        found = inspect_samples(samples)
+        found = inspect_recording(samples)
     except NotEnoughData:
         return Diagnosis(mirrored=False, cure=more)
     cures = []

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from skyproof.app.advice import advice, oscillator_remarks, signal_remarks, summary
+from skyproof.app.advice import advice, correction_remark, oscillator_remarks, signal_remarks, summary
 from skyproof.app.guess import Guess, Proposal, guess
 from skyproof.app.signal_pictures import write_pictures
 from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError, fault_words
@@ -22,14 +22,15 @@ from skyproof.formats.recording import open_recording
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import iso
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
+from skyproof.receiver.clock_agreement import Disagreement, corrected, in_survey
 from skyproof.receiver.conditioning import FrontEnd, conditioned, measure_front_end
 from skyproof.receiver.survey import DOPPLER_LIMIT_HZ, OscillatorError, Survey, oscillator_error, survey
 from skyproof.records import Samples
 from skyproof.verdict import notebook_html
 
 __all__ = [
-    "Inspection", "NotUnderstood", "Satellite", "document_json", "inspect", "inspect_samples", "oscillator_remarks",
-    "write_pictures",
+    "Inspection", "NotUnderstood", "Satellite", "document_json", "inspect", "inspect_recording", "inspect_samples",
+    "oscillator_remarks", "write_pictures",
 ]  # fmt: skip
 
 FALSE_ALARM_PROBABILITY: Final = 1e-4
@@ -41,6 +42,8 @@ _ATTEMPTS: Final = ((20, 7e3), (100, 20e3))
 _LONGEST_PERIODS: Final = 100
 """Of a search: finds 34 dB-Hz. Five times as many find cross-correlations of what cannot be taken out well enough."""
 _LEAST_PERIODS: Final = 2
+_OTHER_RATES_PPM: Final = (-50.0, 50.0, -100.0, 100.0)
+"""Off the rate given, where that shows too few satellites: a search of 20 ms reaches 25 to either side."""
 _LEVELS_TOLD: Final = 16
 
 
@@ -69,6 +72,8 @@ class Inspection:
     proposals : where nothing described it, the ways to read it that were found; `taken` is the number of the one that
         was taken, from 0.
     sidecar : what was written to say so, if it was; None otherwise.
+    given : the recording as it is described, where `samples` are read at another rate or carrier, by which its codes
+        and carriers agree; None otherwise. disagreement : how far they were apart.
     """
 
     samples: Samples
@@ -86,12 +91,14 @@ class Inspection:
     proposals: tuple[Proposal, ...] = ()
     taken: int = 0
     sidecar: str | None = None
+    given: Samples | None = None
+    disagreement: Disagreement | None = None
 
     def document(self) -> dict[str, Any]:
         """As `--json` prints it: keys in order, numbers unrounded, None for what is absent."""
         samples, front, told = self.samples, self.front_end, self.survey
         few = front.levels.size <= _LEVELS_TOLD
-        start = samples.start_gpst
+        start, apart = samples.start_gpst, self.disagreement
         document = {
             "format": "skyproof-inspect/1",
             "path": samples.path,
@@ -101,6 +108,9 @@ class Inspection:
             "rate_hz": samples.rate_hz,
             "centre_hz": samples.centre_hz,
             "if_hz": samples.if_hz,
+            "given": None if self.given is None else {"rate_hz": self.given.rate_hz, "if_hz": self.given.if_hz},
+            "code_minus_carrier_ppm": None if apart is None else apart.code_minus_carrier * 1e6,
+            "code_minus_carrier_sigma_ppm": None if apart is None else apart.sigma * 1e6,
             "duration_s": samples.duration_s,
             "start_gpst": None if start is None else iso(start),
             "layout": None if self.layout is None else _layout_document(self.layout),
@@ -230,7 +240,16 @@ def inspect(
         recordings, sources, told = _opened(path, sidecar)
     else:
         return (_guessed(path, write),)
-    return tuple(replace(inspect_samples(samples), sources=sources, layout=told) for samples in recordings)
+    found = [inspect_recording(samples) for samples in recordings]
+    return tuple(replace(one, sources=sources | _measured_sources(one), layout=told) for one in found)
+
+
+def _measured_sources(found: Inspection) -> dict[str, str]:
+    """Of what is read otherwise than it is described."""
+    if found.given is None:
+        return {}
+    key = "rate_hz" if found.given.rate_hz != found.samples.rate_hz else "if_hz"
+    return {key: f"measured: codes against carriers; given: {getattr(found.given, key):.12g}"}
 
 
 def document_json(inspections: Sequence[Inspection]) -> str:
@@ -414,8 +433,42 @@ class _View:
         )  # fmt: skip
 
 
-def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspection:
+def inspect_recording(samples: Samples) -> Inspection:
     """Say what is in an open recording, from its front end's statistics and half a second of signals at most.
+
+    Where codes and carriers tell that its rate, or where the carrier lies, is given wrong, it is read as they tell.
+
+    Raises NotEnoughData for fewer than two code periods.
+    """
+    first = inspect_samples(samples)
+    near = first if len(first.satellites) >= _ENOUGH_SATS else _at_another_rate(first)
+    apart = in_survey(near.survey, {one.sat: one.doppler_hz for one in near.satellites})
+    if apart is None or not apart.certain or near.conjugate:
+        return first
+    right = corrected(near.samples, apart)
+    told = inspect_samples(right)
+    return replace(
+        told, given=samples, disagreement=apart,
+        remarks=(correction_remark(samples, right, apart.sigma), *told.remarks),
+    )  # fmt: skip
+
+
+def _at_another_rate(first: Inspection) -> Inspection:
+    """The inspection at the nearest rate that shows enough satellites; that at the rate given if none does."""
+    if abs(first.front_end.carrier_hz) > 0.5 * first.samples.rate_hz:
+        return first
+    for ppm in _OTHER_RATES_PPM:
+        other = replace(first.samples, rate_hz=first.samples.rate_hz * (1.0 + 1e-6 * ppm))
+        view = _View(samples=conditioned(other, first.front_end), carrier_hz=first.front_end.carrier_hz)
+        periods, reach_hz = _ATTEMPTS[0]
+        peaks = _search(view, 0, min(periods, _periods(other, other.n_samples)), 0.0, reach_hz)
+        if len({peak.sat for peak in peaks}) >= _ENOUGH_SATS:
+            return inspect_samples(other)
+    return first
+
+
+def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspection:
+    """Say what is in an open recording, read as it is described.
 
     peaks : what a search of its start has found, Dopplers off the nominal carrier; enough of them spare another.
 

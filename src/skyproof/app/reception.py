@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyproof.app.advice import correction_remark
 from skyproof.app.bridge import bridged
+from skyproof.app.clock_check import CHECKED_S, MOST_CHECKS, agreeing
 from skyproof.app.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_told
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.settings import Settings
@@ -72,12 +74,16 @@ class Tracker:
 
     told : what was done to the samples before, and what ended them.
     broken : why the recording could be read no further, if it could not: all that came before counts.
+    given : the recording as it is described, if its codes and carriers agree at another rate or carrier only; `samples`
+        are read so then, and `told` ends with it. checks : how often that is looked at yet.
     """
 
     samples: Samples
     receiver: Receiver
     told: tuple[str, ...] = ()
     broken: str = ""
+    given: Samples | None = None
+    checks: int = MOST_CHECKS
     state: ReceiverState = field(default_factory=ReceiverState)
     position: int = 0
     measured: list[Measurements] = field(default_factory=list)
@@ -100,7 +106,23 @@ class Tracker:
         self.arcs |= output.arcs  # before the measurements that name them, whenever Ctrl-C comes
         self.measured.append(output.measurements)
         self.gaps += output.gaps
+        if self.checks and (self.examined_s >= CHECKED_S or self.ended):
+            self._check_clock()
         return True
+
+    def _check_clock(self) -> None:
+        """Begin anew where codes and carriers do not agree at the rate given."""
+        found = agreeing(self.samples, self.measurements, self.arcs)
+        self.checks = self.checks - 1 if found else 0
+        if found is None:
+            return
+        self.told = self.told if self.given is None else self.told[:-1]
+        self.given = self.given or self.samples
+        self.samples, apart = found
+        self.told = (*self.told, correction_remark(self.given, self.samples, apart.sigma))
+        self.receiver = Receiver(self.samples.rate_hz, carrier_at_hz(self.samples), self.receiver.settings)
+        self.state, self.position = ReceiverState(), 0
+        self.measured, self.arcs, self.gaps = [], {}, []
 
     @property
     def examined_s(self) -> float:

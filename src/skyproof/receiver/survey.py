@@ -42,6 +42,10 @@ _ARM_CHIPS = 0.5  # between early and prompt
 _STRETCHES, _MOST_PERIODS = 20, 10
 _LEAST_SATS = 3
 _PLACE_PERIODS = (2, 1)  # to either side of a gap, for its exact place: then few data bits change in between
+_MOST_DRIFT = 1.3e-4  # of all delays, where the rate is wrong by that much
+_AT_START = np.arange(-3, 4)  # cells that the delay predicted may be off
+_CLEARLY = 1.2  # power along a drifting line over that without drift
+_LINE_SIGMAS = 8.0  # beyond what noise has: the most of some thousand lines
 _ELSEWHERE_CHIPS = (205.5, 507.5, 809.5)
 
 
@@ -54,6 +58,15 @@ class Heard(Protocol):
     def delay_s(self) -> float: ...
     @property
     def doppler_hz(self) -> float: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Moved:
+    """A signal as `Heard`."""
+
+    sat: str
+    delay_s: float
+    doppler_hz: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +165,7 @@ class _Tracks:
 
 def survey(
     samples: Samples, carrier_hz: float, signals: Sequence[Heard], *, signal: SignalDescription = GPS_L1_CA,
-    false_alarm_probability: float = 1e-4, longest_s: float = 0.5,
+    false_alarm_probability: float = 1e-4, longest_s: float = 0.5, _drifts: bool = True,
 ) -> Survey:  # fmt: skip
     """What the code phases of `signals` tell of the recorder, from at most the first `longest_s`.
 
@@ -173,7 +186,13 @@ def survey(
         return Survey()
     spectra = np.stack([_correlation_spectra(blocks, heard) for heard in unique])
     # the wrong sign of the Doppler smears the peaks of a long recording: take the one that gives more
-    tracks = max((_tracks(blocks, unique, spectra, ratio) for ratio in (1.0, -1.0)), key=_power_found)
+    lines = [(tracks, *_line(blocks, tracks)) for tracks in (_tracks(blocks, unique, spectra, r) for r in (1.0, -1.0))]
+    tracks, _, drift = max(lines, key=lambda line: line[1])
+    if drift != 0.0 and _drifts:
+        return _drifting(
+            samples, carrier_hz, unique, drift, signal=signal, false_alarm_probability=false_alarm_probability,
+            longest_s=longest_s,
+        )  # fmt: skip
     breaks, cells = _jumps(tracks, false_alarm_probability / 2.0)
     levels = _levels(blocks, unique, tracks, breaks, cells, false_alarm_probability / 2.0)
     gaps = _gaps(samples, carrier_hz, blocks, unique, tracks, levels)
@@ -257,9 +276,48 @@ def _ramp(blocks: _Blocks, delay_s: Reals) -> Complexes:
     return np.asarray(np.exp(2j * np.pi * np.mod(turns, 1.0)), np.complex64)
 
 
-def _power_found(tracks: _Tracks) -> float:
-    """The power at one common delay after all: what a gap does to it is the same for either sign."""
-    return float(np.sum(np.max(np.sum(tracks.around, axis=0), axis=-1)))
+def _line(blocks: _Blocks, tracks: _Tracks) -> tuple[float, float]:
+    """The power along the straight line of common delays that holds most, and its drift: 0 unless a drift that makes
+    more than a cell or so of difference holds clearly more.
+
+    Without drift any delay is looked at: what a gap does to it is the same for either sign of the Doppler.
+    """
+    total = np.sum(tracks.around, axis=0)
+    level = float(np.max(np.sum(total, axis=0)))
+    cell_s = blocks.block_s / _CELLS
+    step = 0.5 * cell_s / float(np.ptp(tracks.middle_s) + 1e-9)
+    drifts = step * np.arange(-math.ceil(_MOST_DRIFT / step), math.ceil(_MOST_DRIFT / step) + 1)
+    drifts = drifts[np.abs(drifts) > 2.0 * step]
+    if drifts.size == 0 or tracks.middle_s.size < 3:
+        return level, 0.0
+    stretches = np.arange(tracks.middle_s.size)
+    power = np.zeros(drifts.size)
+    for number, drift in enumerate(drifts):
+        cells = np.round(drift * tracks.middle_s / cell_s).astype(np.int64) + _AT_START[:, np.newaxis]
+        power[number] = np.max(np.sum(total[stretches, cells % _CELLS], axis=1))
+    best = int(np.argmax(power))
+    noise = float(tracks.around.shape[0] * tracks.middle_s.size)
+    if power[best] - noise < _CLEARLY * max(level - noise, 0.0) + _LINE_SIGMAS * math.sqrt(noise / tracks.periods):
+        return level, 0.0
+    return float(power[best]), float(drifts[best])
+
+
+def _drifting(
+    samples: Samples, carrier_hz: float, signals: Sequence[Heard], drift: float, *, signal: SignalDescription,
+    false_alarm_probability: float, longest_s: float,
+) -> Survey:  # fmt: skip
+    """The survey at the rate by which the common drift is nearly none, and what that rate is off.
+
+    A carrier's frequency is in cycles a sample: at another rate it is another one in hertz.
+    """
+    rated = replace(samples, rate_hz=samples.rate_hz / (1.0 - drift))
+    moved = [
+        _Moved(sat=one.sat, delay_s=one.delay_s, doppler_hz=one.doppler_hz + drift * (carrier_hz + one.doppler_hz))
+        for one in signals
+    ]
+    told = survey(rated, carrier_hz, moved, signal=signal, false_alarm_probability=false_alarm_probability,
+                  longest_s=longest_s, _drifts=False)  # fmt: skip
+    return replace(told, clock_minus_lo_ppm=told.clock_minus_lo_ppm + 1e6 * drift)
 
 
 # --- jumps

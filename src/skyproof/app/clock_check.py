@@ -1,0 +1,34 @@
+"""Whether codes and carriers of a recording agree at the rate and carrier given, once its first seconds were tracked.
+
+The loops tell it for nothing and to 0.001 ppm, as long as they hold; where they do not, an inspection tells it.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+from skyproof.app.inspect import inspect_recording
+from skyproof.errors import InputError, NotEnoughData
+from skyproof.receiver.channels import Arc
+from skyproof.receiver.clock_agreement import Disagreement, corrected, in_tracks
+from skyproof.receiver.measurement import Measurements
+from skyproof.records import Samples
+
+__all__ = ["CHECKED_S", "MOST_CHECKS", "agreeing"]
+
+CHECKED_S: Final = 3.0
+"""Of tracking: a second for loops to settle, and two for the drift."""
+MOST_CHECKS: Final = 3
+"""A first correction by an inspection, a second by what is then tracked, and whether that holds."""
+
+
+def agreeing(samples: Samples, measured: Measurements, arcs: Mapping[int, Arc]) -> tuple[Samples, Disagreement] | None:
+    """The recording at the rate or carrier by which codes and carriers agree, and how far they were apart; None if
+    there is nothing to correct, or too little to tell."""
+    apart = in_tracks(measured, {number: arc.signal.sat for number, arc in arcs.items()})
+    if apart is not None:
+        return (corrected(samples, apart), apart) if apart.certain else None
+    try:
+        found = inspect_recording(samples)
+    except (InputError, NotEnoughData):  # too short, or cut while it is read: tracking says so
+        return None
+    return None if found.disagreement is None else (found.samples, found.disagreement)

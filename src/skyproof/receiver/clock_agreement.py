@@ -1,0 +1,124 @@
+"""Whether codes and carriers run at rates that belong together, and how to read a recording so that they do.
+
+A signal's code and carrier come from one clock. A recorder with one oscillator keeps them together, however far it is
+off. With a rate that is wrong by the share w in what says how to read the samples, all codes seem to run faster than
+their carriers by w, and carriers at zero intermediate frequency stay as they are; with a carrier frequency that is
+wrong by some hertz all carriers are off, and the codes are right. Which of both it is, the size tells: what is right
+shows satellites about as far on one side of zero as on the other, but for the oscillator's few parts in a million.
+
+Loops that take the code's rate from the carrier's lose a code that parts from it by a chip a second.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
+from skyproof.receiver import measurement as m
+from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.survey import Survey, oscillator_error
+from skyproof.records import Reals, Samples
+
+__all__ = ["Disagreement", "corrected", "in_survey", "in_tracks"]
+
+LEAST_SATS: Final = 4
+CERTAIN_SIGMAS: Final = 6.0
+LEAST: Final = 1e-8
+"""Less than that parts code and carrier by a tenth of a chip in ten seconds, which the loops' slow mean follows."""
+_LEAST_SURVEYED: Final = 1e-7
+_LONG_S: Final = 1.0
+_LEAST_ROWS: Final = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disagreement:
+    """How much faster all codes run than their carriers say, as a share of the rate, with one sigma.
+
+    oscillator_hz : the Doppler common to all carriers, with one sigma. certain : whether it is there and worth a
+        correction.
+    """
+
+    code_minus_carrier: float
+    sigma: float
+    oscillator_hz: float
+    oscillator_sigma_hz: float
+    certain: bool
+
+    @property
+    def of_carrier(self) -> bool:
+        """Whether the carriers are off rather than the codes: these lie nearer to what satellites show, clearly."""
+        codes_hz = self.oscillator_hz + self.code_minus_carrier * GPS_L1_CA.carrier_hz
+        return abs(codes_hz) + 2.0 * self.oscillator_sigma_hz < abs(self.oscillator_hz)
+
+
+def in_survey(told: Survey, dopplers_hz: Mapping[str, float]) -> Disagreement | None:
+    """By a survey of the first half second; `dopplers_hz`, one a satellite. None if it does not tell."""
+    if len(dopplers_hz) < LEAST_SATS or not math.isfinite(told.clock_minus_lo_ppm):
+        return None
+    share, sigma = -1e-6 * told.clock_minus_lo_ppm, 1e-6 * told.clock_minus_lo_sigma_ppm
+    return _told(share, sigma, list(dopplers_hz.values()), _LEAST_SURVEYED)
+
+
+def in_tracks(
+    measured: Measurements, sat_of: Mapping[int, str], *, signal: SignalDescription = GPS_L1_CA
+) -> Disagreement | None:
+    """By the drift of code against carrier of signals that were followed for a second or more.
+
+    sat_of : the satellite of each arc. None if there are fewer than four such satellites.
+
+    Of each satellite its longest arc counts. The middle of the satellites is taken, so that one or two that an
+    attacker or a reflection draws away do not move it; its sigma is that of a median of as many normal values, by the
+    greater of their own sigmas and their scatter.
+    """
+    code_s = (
+        measured.column(m.PERIODS) * signal.period_s - measured.elapsed_s + measured.column(m.FRACTION_S)
+        + measured.column(m.CARRIER_CYC) / signal.carrier_hz
+    )  # fmt: skip
+    longest: dict[str, tuple[float, float, float, float]] = {}
+    for arc in np.unique(measured.arc):
+        rows = np.flatnonzero((measured.arc == arc) & np.isfinite(code_s))
+        if rows.size < _LEAST_ROWS or arc not in sat_of:
+            continue
+        length_s = float(np.ptp(measured.elapsed_s[rows]))
+        if length_s >= max(_LONG_S, longest.get(sat_of[int(arc)], (0.0,))[0]):
+            slope, sigma = _slope(measured.elapsed_s[rows], code_s[rows], measured.column(m.CODE_SIGMA_S)[rows])
+            doppler_hz = float(np.median(measured.column(m.DOPPLER_HZ)[rows]))
+            longest[sat_of[int(arc)]] = length_s, slope, sigma, doppler_hz
+    if len(longest) < LEAST_SATS:
+        return None
+    _, slopes, sigmas, dopplers_hz = np.array(list(longest.values())).T
+    middle = float(np.median(slopes))
+    scatter = 1.4826 * float(np.median(np.abs(slopes - middle)))
+    sigma = math.sqrt(math.pi / 2.0 / slopes.size) * max(scatter, float(np.median(sigmas)))
+    return _told(middle, sigma, dopplers_hz, LEAST)
+
+
+def _told(share: float, sigma: float, dopplers_hz: Sequence[float] | Reals, least: float) -> Disagreement:
+    oscillator = oscillator_error(dopplers_hz)
+    return Disagreement(
+        code_minus_carrier=share, sigma=sigma, oscillator_hz=oscillator.doppler_hz,
+        oscillator_sigma_hz=oscillator.sigma_hz, certain=abs(share) > max(least, CERTAIN_SIGMAS * sigma),
+    )  # fmt: skip
+
+
+def _slope(time_s: Reals, values: Reals, sigmas: Reals) -> tuple[float, float]:
+    """Of a straight line, and its sigma by the given ones."""
+    centred = time_s - time_s.mean()
+    power = float(centred @ centred)
+    return float(centred @ values) / power, float(np.sqrt(np.mean(sigmas**2) / power))
+
+
+def corrected(samples: Samples, told: Disagreement, *, signal: SignalDescription = GPS_L1_CA) -> Samples:
+    """The recording with the rate, or the intermediate frequency, by which codes and carriers agree.
+
+    A rate that is too high by the share w lifts codes by w and carriers by w times their frequency in the samples.
+    """
+    if told.of_carrier:
+        return replace(samples, if_hz=samples.if_hz - told.code_minus_carrier * signal.carrier_hz)
+    carrier_hz = samples.if_hz + signal.carrier_hz - samples.centre_hz
+    return replace(
+        samples, rate_hz=samples.rate_hz / (1.0 + told.code_minus_carrier / (1.0 - carrier_hz / signal.carrier_hz))
+    )
