@@ -282,7 +282,7 @@ def test_the_last_sentence_says_what_can_be_done_and_what_is_missing(stored: tup
                                         mirrored=False)  # fmt: skip
 
 
-@pytest.mark.parametrize("width", [80, 120])
+@pytest.mark.parametrize("width", [60, 80, 120])
 def test_the_screen_keeps_to_the_terminal(stored: tuple[Path, set[str]], width: int, capsys, monkeypatch) -> None:
     path, heard = stored
     monkeypatch.setenv("COLUMNS", str(width))

@@ -85,8 +85,8 @@ def _facts(told: "Inspection") -> Table:
         ("duration", f"{_long(samples.duration_s)} ({samples.n_samples:,} samples)".replace(",", " "), "duration"),
     ]
     grid = _grid()
-    grid.add_column(no_wrap=True)
-    grid.add_column(style="dim", overflow="ellipsis", no_wrap=True)
+    grid.add_column()
+    grid.add_column(style="dim")
     for name, value, key in rows:
         grid.add_row(name, value, sources.get(key, ""))
     if told.proposals:
@@ -134,7 +134,7 @@ def _proposals(proposals: "Sequence[Proposal]") -> Table:
 def _measured(told: "Inspection", width: int) -> Table:
     front, survey = told.front_end, told.survey
     grid = _grid()
-    grid.add_column(no_wrap=True, overflow="ellipsis", max_width=width)
+    grid.add_column(max_width=width)
     grid.add_row("levels", _levels(told, width))
     dc = [offset / rms if rms > 0.0 else 0.0 for offset, rms in zip(front.dc, front.rms, strict=True)]
     balance = f"DC {dc[0]:+.3f} rms" if front.real else (

@@ -1,0 +1,130 @@
+"""Codes against carriers: a rate or a carrier that is given wrong is told apart, measured and put right."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.receiver.test_survey import recorded
+
+from skyproof.gnss.constants import L1_HZ
+from skyproof.receiver import measurement as m
+from skyproof.receiver.clock_agreement import Disagreement, corrected, in_survey, in_tracks
+from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.survey import survey
+from skyproof.records import Samples
+
+PPM = 1e-6
+
+
+def measured_at(wrong_ppm, rate_hz=2.6e6, **front_end):
+    """What a survey tells of a clean sky whose rate is given wrong; Dopplers as they are seen at that rate."""
+    samples, heard = recorded(rate_hz, **front_end)
+    given_hz = samples.rate_hz * (1.0 + wrong_ppm * PPM)
+    for one in heard:
+        one.doppler_hz += wrong_ppm * PPM * (samples.if_hz + one.doppler_hz)
+    told = survey(replace(samples, rate_hz=given_hz), samples.if_hz, heard)
+    return replace(samples, rate_hz=given_hz), told, {one.sat: one.doppler_hz for one in heard}
+
+
+WRONG_PPM = (-100.0, -30.0, -10.0, -3.0, -1.0, 1.0, 3.0, 10.0, 30.0, 100.0)
+
+
+def check_rate(wrong_ppm, rate_hz, **front_end):
+    samples, told, dopplers_hz = measured_at(wrong_ppm, rate_hz, **front_end)
+    apart = in_survey(told, dopplers_hz)
+    assert apart.certain
+    assert not apart.of_carrier
+    assert apart.sigma < 0.15 * PPM
+    assert corrected(samples, apart).rate_hz == pytest.approx(rate_hz, rel=4.0 * apart.sigma)
+    assert told.gaps == ()
+
+
+@pytest.mark.parametrize("wrong_ppm", [-100.0, 3.0, 10.0])
+def test_a_rate_that_is_given_wrong_is_measured(wrong_ppm):
+    check_rate(wrong_ppm, 2.6e6)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("wrong_ppm", WRONG_PPM)
+@pytest.mark.parametrize(
+    ("rate_hz", "front_end"),
+    [
+        (4e6, {"encoding": "int", "bits": 8}),
+        (5.456e6, {"kind": "real", "encoding": "sign-magnitude", "bits": 2, "if_hz": 1_364_000}),
+    ],
+)
+def test_rates_that_are_given_wrong_are_measured(wrong_ppm, rate_hz, front_end):
+    check_rate(wrong_ppm, rate_hz, **front_end)
+
+
+def test_a_right_rate_is_left_alone():
+    _, told, dopplers_hz = measured_at(0.0)
+    assert not in_survey(told, dopplers_hz).certain
+
+
+# --- by what was tracked
+
+
+def tracked(share, *, n_sats=8, seed=0, rows=11, oscillator_hz=0.0, sigma_m=1.0):
+    """Rows of so many satellites, 0.2 s apart, whose codes run faster than their carriers by `share`."""
+    rng = np.random.default_rng(seed)
+    elapsed_s = np.repeat(1.0 + 0.2 * np.arange(rows), n_sats)
+    arc = np.tile(np.arange(n_sats), rows)
+    doppler_hz = oscillator_hz + np.tile(np.linspace(-3e3, 3e3, n_sats), rows)
+    carrier_cyc = -doppler_hz * elapsed_s
+    code_s = elapsed_s * (1.0 + share + doppler_hz / L1_HZ) + rng.normal(0.0, sigma_m / 3e8, arc.size)
+    table = np.zeros((arc.size, m.N_COLUMNS))
+    table[:, m.PERIODS] = np.floor(code_s / 1e-3)
+    table[:, m.FRACTION_S] = code_s - 1e-3 * table[:, m.PERIODS]
+    table[:, m.CARRIER_CYC], table[:, m.DOPPLER_HZ], table[:, m.CODE_SIGMA_S] = carrier_cyc, doppler_hz, sigma_m / 3e8
+    return Measurements(elapsed_s=elapsed_s, arc=arc, table=table, taps=np.zeros((arc.size, 3), np.complex64))
+
+
+def sats(n):
+    return {number: f"G{number + 1:02d}" for number in range(n)}
+
+
+@given(share=st.floats(-1e-4, 1e-4), n_sats=st.integers(4, 12), seed=st.integers(0, 1000))
+def test_the_drift_of_tracked_signals_is_measured(share, n_sats, seed):
+    apart = in_tracks(tracked(share, n_sats=n_sats, seed=seed), sats(n_sats))
+    assert abs(apart.code_minus_carrier - share) < 12.0 * apart.sigma + 1e-11
+    assert apart.sigma < 1e-8
+
+
+def test_signals_that_agree_are_corrected_less_than_once_in_a_thousand_times():
+    """The scatter of few satellites tells the sigma badly; the least that counts holds against that."""
+    certain = [in_tracks(tracked(0.0, n_sats=4 + seed % 9, seed=seed), sats(12)).certain for seed in range(2000)]
+    assert sum(certain) <= 2
+
+
+def test_two_of_eight_signals_that_are_drawn_away_move_nothing():
+    measurements = tracked(0.0)
+    for arc in (0, 1):
+        rows = measurements.arc == arc
+        measurements.table[rows, m.FRACTION_S] += 1e-6 * measurements.elapsed_s[rows]
+    assert not in_tracks(measurements, sats(8)).certain
+
+
+def test_too_few_or_too_short_signals_tell_nothing():
+    assert in_tracks(tracked(1e-5, n_sats=3), sats(3)) is None
+    assert in_tracks(tracked(1e-5, rows=5), sats(8)) is None
+
+
+# --- which of both is wrong
+
+
+@given(share=st.floats(2e-6, 1e-4), sign=st.sampled_from([-1.0, 1.0]), off_hz=st.floats(-800.0, 800.0))
+def test_carriers_that_are_off_are_told_from_a_rate_that_is_off(share, sign, off_hz):
+    """An oscillator off by half a ppm beside it; a carrier given too high makes all signals appear low."""
+    share *= sign
+    rate = Disagreement(code_minus_carrier=share, sigma=1e-9, oscillator_hz=off_hz, oscillator_sigma_hz=300.0,
+                        certain=True)  # fmt: skip
+    carrier = replace(rate, oscillator_hz=off_hz - share * L1_HZ)
+    assert not rate.of_carrier
+    assert carrier.of_carrier
+    samples = Samples(name="a", rate_hz=4e6 * (1.0 + share), n_samples=1, read=lambda start, count: None, if_hz=0.0)
+    assert corrected(samples, rate).rate_hz == pytest.approx(4e6, rel=1e-12)
+    assert corrected(samples, carrier).rate_hz == samples.rate_hz
+    assert corrected(samples, carrier).if_hz == pytest.approx(-share * L1_HZ)
