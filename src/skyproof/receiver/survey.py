@@ -43,7 +43,7 @@ _STRETCHES, _MOST_PERIODS = 20, 10
 _LEAST_SATS = 3
 _PLACE_PERIODS = (2, 1)  # to either side of a gap, for its exact place: then few data bits change in between
 _MOST_DRIFT = 1.3e-4  # of all delays, where the rate is wrong by that much
-_AT_START = np.arange(-3, 4)  # cells that the delay predicted may be off
+_AT_START = np.arange(-8, 9)  # cells that the delay predicted may be off: a search at a wrong rate errs by chips
 _CLEARLY = 1.2  # power along a drifting line over that without drift
 _LINE_SIGMAS = 8.0  # beyond what noise has: the most of some thousand lines
 _ELSEWHERE_CHIPS = (205.5, 507.5, 809.5)
@@ -189,10 +189,9 @@ def survey(
     lines = [(tracks, *_line(blocks, tracks)) for tracks in (_tracks(blocks, unique, spectra, r) for r in (1.0, -1.0))]
     tracks, _, drift = max(lines, key=lambda line: line[1])
     if drift != 0.0 and _drifts:
-        return _drifting(
-            samples, carrier_hz, unique, drift, signal=signal, false_alarm_probability=false_alarm_probability,
-            longest_s=longest_s,
-        )  # fmt: skip
+        met = _met(blocks, unique, tracks, drift)
+        return _drifting(samples, carrier_hz, met, drift, signal=signal,
+                         false_alarm_probability=false_alarm_probability, longest_s=longest_s)  # fmt: skip
     breaks, cells = _jumps(tracks, false_alarm_probability / 2.0)
     levels = _levels(blocks, unique, tracks, breaks, cells, false_alarm_probability / 2.0)
     gaps = _gaps(samples, carrier_hz, blocks, unique, tracks, levels)
@@ -293,13 +292,29 @@ def _line(blocks: _Blocks, tracks: _Tracks) -> tuple[float, float]:
     stretches = np.arange(tracks.middle_s.size)
     power = np.zeros(drifts.size)
     for number, drift in enumerate(drifts):
-        cells = np.round(drift * tracks.middle_s / cell_s).astype(np.int64) + _AT_START[:, np.newaxis]
-        power[number] = np.max(np.sum(total[stretches, cells % _CELLS], axis=1))
+        power[number] = np.max(np.sum(total[stretches, _along(tracks, drift, cell_s)], axis=1))
     best = int(np.argmax(power))
     noise = float(tracks.around.shape[0] * tracks.middle_s.size)
     if power[best] - noise < _CLEARLY * max(level - noise, 0.0) + _LINE_SIGMAS * math.sqrt(noise / tracks.periods):
         return level, 0.0
     return float(power[best]), float(drifts[best])
+
+
+def _along(tracks: _Tracks, drift: float, cell_s: float) -> Counts:
+    """Cells of a drifting delay in each stretch, for each of those at the start: (n_starts, n_stretches)."""
+    cells: Counts = (np.round(drift * tracks.middle_s / cell_s).astype(np.int64) + _AT_START[:, np.newaxis]) % _CELLS
+    return cells
+
+
+def _met(blocks: _Blocks, signals: Sequence[Heard], tracks: _Tracks, drift: float) -> list["_Moved"]:
+    """The signals with the delays that they have along the line: a search at a wrong rate smears each by chips."""
+    cell_s = blocks.block_s / _CELLS
+    cells = _along(tracks, drift, cell_s)
+    starts = [_AT_START[np.argmax(np.sum(mine[np.arange(mine.shape[0]), cells], axis=1))] for mine in tracks.around]
+    return [
+        _Moved(sat=one.sat, delay_s=one.delay_s + float(start) * cell_s, doppler_hz=one.doppler_hz)
+        for one, start in zip(signals, starts, strict=True)
+    ]
 
 
 def _drifting(
