@@ -470,6 +470,8 @@ class Evidence:
     log_likelihood_ratio : of what it says over its opposite, natural logarithm; None where no model is stated.
     assumes : under what the word holds that the measurements cannot show, in words; each stands beside the verdict.
     baselines : what the subject's signals say of the antennas, over the whole window first and then over parts of it.
+    overrules : of a test that failed ("undecided", and p_value below false_alarm_probability): its subject stays open
+        whatever other tests say of this window, and the verdict with it.
     """
 
     detector: str
@@ -485,6 +487,7 @@ class Evidence:
     log_likelihood_ratio: float | None = None
     would_need: str | None = None
     group: int | None = None  # evidence of one group decision shares a number within its window
+    overrules: bool = False
     assumes: tuple[str, ...] = ()
     baselines: tuple[Baseline, ...] = ()
 

@@ -9,6 +9,7 @@ from tests.detectors import nulls
 
 from skyproof.detectors.array_common import ArrayCommon, ArrayCommonSettings
 from skyproof.detectors.base import Detector, load_detectors
+from skyproof.detectors.continuity import Continuity, ContinuitySettings
 from skyproof.detectors.dccaf import Dccaf, DccafSettings
 from skyproof.detectors.ins_array import InsArray
 from skyproof.detectors.multi_receiver import MultiReceiver, MultiReceiverSettings
@@ -89,6 +90,11 @@ CASES = (
         lambda: Dccaf(DccafSettings(false_alarm_probability=0.1, count_runs=500, multipath_sigma_m=2.0)),
         nulls.with_near_echoes, 10, 300,
         conservative="a union bound over all sets that could be formed, and not every near echo is seen",
+    ),
+    Case(
+        "one receiver that goes on", lambda: Continuity(ContinuitySettings(false_alarm_probability=0.3)),
+        CLEAN.records, 60, 1000, ("undecided",),
+        "a union bound over all epochs, and multipath may change more than it does in these records",
     ),
     Case(
         "channels in lock", lambda: Sqm(SqmSettings(false_alarm_probability=0.05, distortion_allowed=0.0)),

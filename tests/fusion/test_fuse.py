@@ -87,6 +87,17 @@ def test_signals_that_are_lost_for_a_moment_do_no_harm(invented):
     assert fuse(evidence, observed, []).verdict == "authentic"
 
 
+def test_a_failed_test_that_overrules_keeps_the_verdict_open_and_is_the_first_reason(invented, pair):
+    evidence = [invented.evidence(window, "authentic", *SKY, receivers=BOTH) for window in range(4)]
+    evidence += [invented.evidence(window, "undecided", *SKY, p_value=None, because="often") for window in range(4)]
+    assert fuse(evidence, pair, []).verdict == "authentic"
+    broken = replace(invented.evidence(1, "undecided", "G05a", because="it jumps"), overrules=True)
+    decision = fuse([*evidence, broken], pair, [])
+    assert decision.verdict == "undecided"
+    assert decision.open.about == "which signals of rx1 are true"
+    assert decision.open.why == "it jumps"
+
+
 def test_the_reason_of_most_windows_is_given_with_its_remedy_and_no_other(invented, pair):
     said = [invented.evidence(w, "undecided", *SKY, because=f"{w} m too near", would_need="a longer mast")
             for w in range(3)]  # fmt: skip

@@ -1,5 +1,6 @@
 """Evidence of many windows to labels: what it holds for, and what it does not."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -169,6 +170,16 @@ def test_a_minority_is_not_authentic_where_most_fail_together(invented):
     labels = label_signals([*failed, *evidence], [invented.observations()])
     assert stretches(labels, "G05a") == [("authentic", 0, 19), ("unknown", 20, 39)]
     assert all(s.because == () for s in labels if s.label == "unknown")
+
+
+def test_a_failed_test_that_overrules_leaves_its_signals_open_whatever_others_say(invented):
+    broken = replace(invented.evidence(2, "undecided", "G05a", "G07a", detector="two"), overrules=True)
+    evidence = [*(invented.evidence(window, "authentic", *ALL) for window in range(4)), broken]
+    labels = label_signals(evidence, [invented.observations()])
+    assert [label for label, *_ in stretches(labels)] == ["authentic", "unknown", "authentic"]
+    assert stretches(labels, "G10a") == [("authentic", 0, 39)]
+    passed = replace(broken, p_value=0.5)
+    assert stretches(label_signals([*evidence[:-1], passed], [invented.observations()])) == [("authentic", 0, 39)]
 
 
 def test_spoofed_stays_where_a_test_fails(invented):

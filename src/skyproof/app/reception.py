@@ -522,7 +522,8 @@ def _all_timed(
 
 def _anchored(observations: Observations, navigation: NavigationData, gaps: Sequence[Gap]) -> Observations:
     """Move the clock label to within half a millisecond of what most signals say, when they give a fix at all; where
-    samples are missing unmarked it steps by what is missing.
+    samples are missing unmarked it steps by what is missing. Where the signals' time goes back, as in a recording
+    joined to itself, it goes on with the samples.
     """
     shown = fix(observations, navigation, signals=first_copies(observations), elevation_mask_deg=0.0)
     known = np.isfinite(shown.clock_bias_s)
@@ -531,6 +532,7 @@ def _anchored(observations: Observations, navigation: NavigationData, gaps: Sequ
     segment = _segment(observations.elapsed_s, gaps)
     told = np.unique(segment[known])
     biases_s = np.array([np.median(shown.clock_bias_s[known & (segment == one)]) for one in told])
+    biases_s = np.minimum.accumulate(biases_s)  # labels never go back, where the signals' time does
     chosen = biases_s[np.clip(np.searchsorted(told, segment), 0, told.size - 1)]
     # When a gap began is known to a few epochs only: the fixes themselves tell on which side of it they lie.
     chosen[known] = biases_s[np.argmin(np.abs(shown.clock_bias_s[known][:, None] - biases_s), axis=1)]

@@ -1,8 +1,8 @@
 """All evidence to one decision.
 
 The words are never stronger than the evidence: *spoofed* needs evidence of an attack, *authentic* needs positive
-evidence for every receiver, all the time that the receivers have in common, and no sign of an attack; everything else
-is *undecided*, with what would decide it.
+evidence for every receiver, all the time that the receivers have in common, no sign of an attack, and no failed test
+that overrules it; everything else is *undecided*, with what would decide it.
 Nothing here knows a particular detector.
 """
 
@@ -66,6 +66,7 @@ def fuse(
         settled = trusted == everyone
     else:
         trusted = {o.receiver for o in observations if _always_authentic(o, labels, _common(observations))}
+        trusted -= {ref.receiver for e in evidence if e.overrules and e.failed for ref in e.subject}
         # What neither the sky nor an echo explains leaves the whole open, though the rest is authentic.
         odd = {u.ref.receiver for u in left if u.kind in ("rival", "misfit")}
         settled = bool(observations) and trusted == everyone and not odd

@@ -8,7 +8,8 @@ where one window contradicts itself the label is unknown.
 
 A window in which a test of the signal failed (its p-value is below what it was asked for, and it says "undecided")
 does not say nothing: true and false signals may be mixed in it. What was authentic before is open there, unless the
-window itself has evidence of authenticity for nearly all of the signals that failed together.
+window itself has evidence of authenticity for nearly all of the signals that failed together. Not even that helps where
+the test overrules the others.
 """
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
@@ -91,20 +92,24 @@ def _votes(evidence: Sequence[Evidence], o: Observations) -> dict[SignalRef, lis
             windows.setdefault((first, end - 1), []).append(e)
     votes: dict[SignalRef, list[_Vote]] = {}
     for (first, last), said in windows.items():
-        failed = [own for e in said if e.failed and (own := {r for r in e.subject if r.receiver == o.receiver})]
+        tests = [(e, {r for r in e.subject if r.receiver == o.receiver}) for e in said if e.failed]
+        failed = [own for e, own in tests if own and not e.overrules]
+        overruled = set[SignalRef]().union(*(own for e, own in tests if e.overrules))
         spoken: set[SignalRef] = set()
         for e in said:
             own = {ref for ref in e.subject if ref.receiver == o.receiver}
             label: Label = e.says if e.says in ("authentic", "spoofed", "multipath") else "unknown"
             if label == "authentic" and any(len(own & f) < NEARLY_ALL * len(f) for f in failed):
                 label = "unknown"
+            if e.says == "authentic":
+                own -= overruled
             if e.says in LABELS:
                 spoken |= own
                 for ref in own:
                     votes.setdefault(ref, []).append(
                         _Vote(label=label, first_epoch=first, last_epoch=last, detector=e.detector, p_value=e.p_value)
                     )
-        for ref in set().union(*failed) - spoken:
+        for ref in overruled.union(*failed) - spoken:
             votes.setdefault(ref, []).append(
                 _Vote(label="unknown", first_epoch=first, last_epoch=last, detector="", p_value=None)
             )

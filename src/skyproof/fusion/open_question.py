@@ -27,7 +27,8 @@ class OpenQuestion:
 def open_question(
     evidence: Sequence[Evidence], observations: Sequence[Observations], trusted: set[str]
 ) -> OpenQuestion:
-    """The reason that left most of the time open, of tests that ran before those that could not.
+    """The reason that left most of the time open, of tests that ran before those that could not; first of all what
+    overrules other tests.
 
     The windows' sentences differ by their numbers; the same test with the same remedy is the same reason, and the
     window that was compared last speaks for all of them.
@@ -40,7 +41,7 @@ def open_question(
     ran = {key: own for key, own in groups.items() if any(_compared(e) for e in own)}
     if not ran:
         return OpenQuestion(receivers=open_receivers, why=None, remedy=None)
-    chosen = max(ran.values(), key=lambda own: (sum(_compared(e) for e in own), own[0].would_need is not None))
+    chosen = max(ran.values(), key=_weight)
     last = [e for e in chosen if _compared(e)][-1]
     remedy = last.would_need
     far = measured_distance_m([b for e in chosen for b in e.baselines[:1]])
@@ -58,6 +59,11 @@ def measured_distance_m(baselines: Sequence[Baseline]) -> tuple[float, float] | 
     if not pairs:
         return None
     return float(np.mean([d for d, _ in pairs])), float(np.median([s for _, s in pairs]))
+
+
+def _weight(own: Sequence[Evidence]) -> tuple[bool, int, bool]:
+    overrules = any(e.overrules and e.failed for e in own)
+    return overrules, sum(_compared(e) for e in own), own[0].would_need is not None
 
 
 def _compared(e: Evidence) -> bool:

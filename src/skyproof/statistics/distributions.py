@@ -11,6 +11,7 @@ from scipy import special
 __all__ = [
     "binomial_survival", "binomial_threshold", "binomial_two_sided", "chi_square_survival", "chi_square_threshold",
     "f_survival", "f_threshold", "noncentral_chi_square_survival", "noncentral_f_survival",
+    "normal_two_sided",
 ]  # fmt: skip
 
 Reals = NDArray[np.float64]
@@ -29,6 +30,11 @@ def chi_square_threshold(probability: ArrayLike, dof: ArrayLike) -> Reals:
 def noncentral_chi_square_survival(statistic: ArrayLike, dof: ArrayLike, noncentrality: ArrayLike) -> Reals:
     """P(X > statistic) for X non-central chi-square; absolute accuracy 1e-10, enough for a power."""
     return np.asarray(1.0 - special.chndtr(np.asarray(statistic, float), dof, noncentrality), float)
+
+
+def normal_two_sided(z: ArrayLike) -> Reals:
+    """P(|X| > |z|) for X standard normal."""
+    return np.asarray(2.0 * special.ndtr(-np.abs(np.asarray(z, float))), float)
 
 
 def f_survival(statistic: ArrayLike, dof_num: ArrayLike, dof_den: ArrayLike) -> Reals:

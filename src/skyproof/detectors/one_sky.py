@@ -1,0 +1,104 @@
+"""Observations of several signals a satellite as one sky with one: by satellite, and not by channel."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.records import Observations, Reals, SignalId
+
+__all__ = ["MIN_SATELLITES", "joined", "one_signal_a_satellite", "rows_of"]
+
+MIN_SATELLITES = 5
+_NOT_TRACKED, _SLIP = 1, 3  # codes of records.CELL_STATUS
+_CELLS = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
+          "doppler_sigma_hz")  # fmt: skip
+
+
+def one_signal_a_satellite(
+    o: Observations, members: Sequence[SignalId], before: Sequence[SignalId], sources: Mapping[str, SignalId]
+) -> tuple[Observations, Mapping[str, SignalId]]:
+    """Of each satellite and epoch the signal in `members`, else that in `before`, else the only one that is there.
+
+    A change from one signal to another is a slip. Epochs with fewer than five satellites are left out. Also gives
+    which signal of each satellite goes on unbroken from the last epoch kept to the end; `sources` are those at the
+    start.
+    """
+    there = np.isfinite(o.pseudorange_m) & np.isfinite(o.pseudorange_sigma_m)
+    forward = np.diff(np.maximum.accumulate(o.elapsed_s), prepend=-np.inf) > 0.0
+    columns: dict[str, list[int]] = {}
+    for k, signal in enumerate(o.signals):
+        columns.setdefault(signal.sat, []).append(k)
+    sats = sorted(columns)
+    chosen = np.full((o.gpst.size, len(sats)), -1)
+    for n, sat in enumerate(sats):
+        own = np.array(columns[sat])
+        lone = there[:, own].sum(axis=1) == 1
+        chosen[lone, n] = own[there[lone][:, own].argmax(axis=1)]
+        for wanted in (before, members):
+            for k in own:
+                if o.signals[k] in wanted:
+                    chosen[there[:, k], n] = k
+    kept = np.flatnonzero(forward & ((chosen >= 0).sum(axis=1) >= MIN_SATELLITES))
+    breaks = np.cumsum(_breaks(chosen, o, sats, sources), axis=0)
+    slipped = np.diff(breaks[kept], axis=0, prepend=0) > 0  # those of epochs that are left out count as well
+    used = chosen[kept]
+    cells: dict[str, Any] = {name: _picked(getattr(o, name)[kept], used) for name in _CELLS}
+    status = np.where(used < 0, _NOT_TRACKED, np.where(slipped, _SLIP, 0))
+    whole = (chosen[-1] >= 0) & (breaks[-1] == (breaks[kept[-1]] if kept.size else 0))
+    last = {sats[n]: o.signals[chosen[-1, n]] for n in np.flatnonzero(whole)}
+    carrier_hz = np.array([o.carrier_hz[columns[sat][0]] for sat in sats])
+    one = replace(
+        rows_of(o, kept), signals=tuple(SignalId(sat) for sat in sats), status=status.astype(np.uint8),
+        carrier_hz=carrier_hz, found_elapsed_s=np.zeros(len(sats)),
+        missed_elapsed_s=np.full(len(sats), np.nan), **cells,
+    )  # fmt: skip
+    return one, last
+
+
+def _breaks(
+    chosen: NDArray[np.int64], o: Observations, sats: Sequence[str], sources: Mapping[str, SignalId]
+) -> NDArray[np.bool_]:
+    """Where a satellite's carrier does not go on from the epoch before: a slip, a gap, or another signal."""
+    first = [o.signals.index(sources[sat]) if sources.get(sat) in o.signals else -1 for sat in sats]
+    before = np.vstack((np.array(first, np.int64)[None], chosen[:-1]))
+    slip = np.take_along_axis(o.status, np.maximum(chosen, 0), axis=1) == _SLIP
+    return np.asarray((chosen >= 0) & (slip | (chosen != before)))
+
+
+def _picked(cells: Reals, chosen: NDArray[np.int64]) -> Reals:
+    return np.where(chosen >= 0, np.take_along_axis(cells, np.maximum(chosen, 0), axis=1), np.nan)
+
+
+def joined(before: Observations, after: Observations) -> Observations:
+    """The epochs of both, with the satellites of both; those of `after` that do not come later are left out."""
+    if before.gpst.size:
+        after = rows_of(after, after.elapsed_s > before.elapsed_s[-1])
+    signals = tuple(sorted(set(before.signals) | set(after.signals)))
+
+    def spread(o: Observations, name: str, empty: float) -> Reals:
+        cells = np.full((o.gpst.size, len(signals)), empty)
+        cells[:, [signals.index(s) for s in o.signals]] = getattr(o, name)
+        return cells
+
+    cells: dict[str, Any] = {name: np.vstack([spread(o, name, np.nan) for o in (before, after)]) for name in _CELLS}
+    status = np.vstack([spread(o, "status", _NOT_TRACKED) for o in (before, after)]).astype(np.uint8)
+    carrier_hz = dict(zip(before.signals, before.carrier_hz, strict=True)) | dict(
+        zip(after.signals, after.carrier_hz, strict=True)
+    )
+    return replace(
+        after, signals=signals, gpst=np.concatenate((before.gpst, after.gpst)),
+        elapsed_s=np.concatenate((before.elapsed_s, after.elapsed_s)), status=status,
+        found_elapsed_s=np.zeros(len(signals)), missed_elapsed_s=np.full(len(signals), np.nan),
+        carrier_hz=np.array([carrier_hz[s] for s in signals]), **cells,
+    )  # fmt: skip
+
+
+def rows_of(o: Observations, rows: Any) -> Observations:
+    """The chosen epochs."""
+    return replace(
+        o, gpst=o.gpst[rows], elapsed_s=o.elapsed_s[rows], status=o.status[rows],
+        **{name: getattr(o, name)[rows] for name in _CELLS},
+    )  # fmt: skip

@@ -1,0 +1,87 @@
+"""Recordings that were cut and joined: the verdict is not authentic, and says where they do not go on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.app import windows
+from skyproof.app.document import document
+from skyproof.app.progress import Silent
+from skyproof.app.protect import judge, protect
+from skyproof.app.reception import Reception
+from skyproof.app.settings import Settings
+from skyproof.detectors.base import load_detectors
+from skyproof.detectors.continuity import Continuity
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.records import NavigationData, Samples
+from skyproof.simulate.measurements import NoiseModel, observations_of
+from skyproof.simulate.scenario import FrontEnd
+
+CELLS = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
+         "doppler_sigma_hz")  # fmt: skip
+EPOCH_S = 0.2
+
+
+@pytest.fixture(autouse=True)
+def with_continuity(monkeypatch):
+    """Of this tree, whatever was registered when the package was installed."""
+    monkeypatch.setattr(windows, "load_detectors", lambda: load_detectors() | {"continuity": Continuity})
+
+
+def reception(o):
+    samples = Samples(name=o.receiver, rate_hz=1e6, n_samples=1, read=lambda start, count: np.zeros((2, 0), np.float32))
+    return Reception(
+        samples=samples, observations=o, told=NavigationData(ephemerides=()), n_signals=len(o.signals), examined_s=1.0
+    )  # fmt: skip
+
+
+def halves(one, other, row):
+    """The first half of one receiver's file and the second of another's."""
+    cells = {name: np.concatenate((getattr(one, name)[:row], getattr(other, name)[row:])) for name in CELLS}
+    status = one.status.copy()
+    status[row] = 3
+    return replace(one, status=status, **cells)
+
+
+def judged(observed, navigation):
+    settings = Settings()
+    outcome, _ = judge([reception(o) for o in observed], navigation, settings, Silent())
+    return document(outcome, [], settings)
+
+
+@pytest.fixture(scope="module")
+def pair(kit):
+    """Two receivers, 61 m apart, over 35 s."""
+    scenario = kit.scenario_of(duration_s=35.0)
+    navigation = nominal_constellation(scenario.start_gpst)
+    noise = NoiseModel(sigma_m=1.5, carrier_sigma_cyc=0.01, doppler_sigma_hz=0.3)
+    observed, _ = observations_of(
+        scenario, navigation, rng=np.random.default_rng(1), interval_s=EPOCH_S, noise=noise
+    )  # fmt: skip
+    return observed, navigation
+
+
+@pytest.mark.parametrize("row", [50, 88], ids=["between windows", "within one"])
+def test_halves_of_two_receivers_swapped_are_not_authentic(pair, row):
+    (one, other), navigation = pair
+    verdict = judged((halves(one, other, row), halves(other, one, row)), navigation)
+    assert verdict.verdict == "undecided"
+    assert "the position jumps by 6" in verdict.undecided_because
+    assert "all carriers break at once" in verdict.undecided_because
+    assert "not of one piece" in verdict.undecided_because
+    late = [s for s in verdict.signals if s.label == "authentic" and s.to_gpst > str(one.gpst[row])]
+    assert not late
+
+
+@pytest.mark.long
+def test_a_file_joined_to_itself_is_not_authentic(kit, tmp_path):
+    front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
+    recorded = kit.record(kit.scenario_of(duration_s=16.0, front_end=front_end), tmp_path)
+    for path in recorded.paths:
+        path.write_bytes(2 * path.read_bytes())
+    result = protect(recorded.paths, nav=recorded.nav)
+    assert result.verdict.verdict == "undecided"
+    assert "the signals' time goes back by 16 s" in result.verdict.undecided_because
+    for r in result.outcome.receivers:
+        assert (np.diff(r.reception.observations.gpst) > np.timedelta64(0)).all()
