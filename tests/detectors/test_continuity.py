@@ -1,4 +1,4 @@
-"""Position, velocity, clock and time go on, or it is said; clean skies of receivers that stand or move are left alone."""
+"""Position, velocity, clock and time go on, or it is said; receivers that stand or move under a clean sky pass."""
 
 from dataclasses import fields, replace
 from functools import cache
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from skyproof.app.windows import take
 from skyproof.detectors.continuity import CN0_MAX_DBHZ, Continuity, ContinuitySettings, common_level_p_value
 from skyproof.detectors.continuity_steps import Limits, jumps, p_values, series_of
 from skyproof.errors import SettingsError
@@ -70,8 +71,7 @@ def windows(o, *, sets=True):
         start = o.gpst[0] + np.timedelta64(WINDOW_S * number, "s")
         end = start + np.timedelta64(WINDOW_S, "s")
         rows = (o.gpst >= start) & (o.gpst < end)
-        cut = replace(o, gpst=o.gpst[rows], elapsed_s=o.elapsed_s[rows], status=o.status[rows],
-                      **{name: getattr(o, name)[rows] for name in CELLS})  # fmt: skip
+        cut = take(o, rows)
         sky = ConsistentSet(
             receiver=o.receiver, signals=o.signals, gpst=cut.gpst[cut.gpst.size // 2], position_ecef_m=PLACE_ECEF_M,
             clock_bias_s=0.0, covariance_m2=np.eye(4), statistic=1.0, dof=4, p_value=0.5,
@@ -292,7 +292,10 @@ def test_a_recording_that_begins_again_is_told():
     cells["pseudorange_m"][80:] += LIGHT_M_S * 16.0
     status = np.concatenate((o.status[:80], o.status[:80]))
     status[80] = 3
-    (first, *_) = failed(said(replace(o, gpst=o.gpst[:160], elapsed_s=o.elapsed_s[:160], status=status, **cells)))
+    again = replace(
+        o, gpst=o.gpst[:160], elapsed_s=o.elapsed_s[:160], status=status, half_cycle_open=np.array(False), **cells
+    )  # fmt: skip
+    (first, *_) = failed(said(again))
     assert "the signals' time goes back by 16 s" in first.because
     assert "position" not in first.because
 
@@ -308,7 +311,8 @@ def test_missing_samples_are_told_and_are_no_failure(motion):
     cells["pseudorange_m"] = cells["pseudorange_m"] - LIGHT_M_S * late_s
     status = exact.status[moved].copy()
     status[row] = 3
-    o = replace(exact, gpst=exact.gpst[kept], elapsed_s=exact.elapsed_s[kept], status=status, **cells)
+    o = replace(exact, gpst=exact.gpst[kept], elapsed_s=exact.elapsed_s[kept], status=status,
+                half_cycle_open=np.array(False), **cells)  # fmt: skip
     (only,) = failed(said(o))
     assert only.p_value is None
     assert not only.overrules
@@ -338,7 +342,7 @@ def test_signals_found_again_under_other_names_are_the_same_sky():
     status = np.where(np.isfinite(cells["pseudorange_m"]), 0, 1).astype(np.uint8)
     lives = {f.name: np.concatenate((getattr(o, f.name),) * 2) for f in fields(o)
              if f.name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}  # fmt: skip
-    joined = replace(o, signals=both, status=status, **cells, **lives)
+    joined = replace(o, signals=both, status=status, half_cycle_open=np.array(False), **cells, **lives)
     assert not failed(said(joined))
     moved = cells["pseudorange_m"].copy()
     (there,) = (observed(place=(400.0, 460.0)),)

@@ -12,6 +12,7 @@ from skyproof.records import Observations, Reals, SignalId
 __all__ = ["MIN_SATELLITES", "joined", "one_signal_a_satellite", "rows_of"]
 
 MIN_SATELLITES = 5
+_WHATEVER = np.array(False)  # half a cycle is 10 cm
 _NOT_TRACKED, _SLIP = 1, 3  # codes of records.CELL_STATUS
 _CELLS = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
           "doppler_sigma_hz")  # fmt: skip
@@ -53,7 +54,7 @@ def one_signal_a_satellite(
     one = replace(
         rows_of(o, kept), signals=tuple(SignalId(sat) for sat in sats), status=status.astype(np.uint8),
         carrier_hz=carrier_hz, found_elapsed_s=np.zeros(len(sats)),
-        missed_elapsed_s=np.full(len(sats), np.nan), **cells,
+        missed_elapsed_s=np.full(len(sats), np.nan), half_cycle_open=_WHATEVER, **cells,
     )  # fmt: skip
     return one, last
 
@@ -92,13 +93,13 @@ def joined(before: Observations, after: Observations) -> Observations:
         after, signals=signals, gpst=np.concatenate((before.gpst, after.gpst)),
         elapsed_s=np.concatenate((before.elapsed_s, after.elapsed_s)), status=status,
         found_elapsed_s=np.zeros(len(signals)), missed_elapsed_s=np.full(len(signals), np.nan),
-        carrier_hz=np.array([carrier_hz[s] for s in signals]), **cells,
+        carrier_hz=np.array([carrier_hz[s] for s in signals]), half_cycle_open=_WHATEVER, **cells,
     )  # fmt: skip
 
 
 def rows_of(o: Observations, rows: Any) -> Observations:
     """The chosen epochs."""
     return replace(
-        o, gpst=o.gpst[rows], elapsed_s=o.elapsed_s[rows], status=o.status[rows],
+        o, gpst=o.gpst[rows], elapsed_s=o.elapsed_s[rows], status=o.status[rows], half_cycle_open=_WHATEVER,
         **{name: getattr(o, name)[rows] for name in _CELLS},
     )  # fmt: skip
