@@ -165,7 +165,7 @@ def _facts(verdict: Verdict) -> list[Fact]:
     if trusted:
         facts.append(Fact("True position", _few([
             (place_words(fix.lat_deg, fix.lon_deg, 5),
-             f"{r.name}{_not_later(r, fix)}, within {distance_words(within_m(fix))} horizontally (95 %)")
+             f"{r.name}{_not_later(r, fix)}, within {distance_words(within_m(fix))} horizontally (95\N{NO-BREAK SPACE}%)")
             for r, fix in trusted
         ]), "authentic"))  # fmt: skip
         if open_still:

@@ -63,14 +63,14 @@ def ready(name: str) -> Scenario:
     return read_scenario(scenes[name].path)
 
 
-JAMMED_S = (10.0, 14.0)
+JAMMED_S = (9.0, 14.0)
 
 
 def demo(*, seed: int = 1) -> Scenario:
     """The pair of `meaconed`, jammed until it has lost the sky, then given a false one 8 dB stronger.
 
     Whoever looks for the strongest signals after the jamming is led to where the meaconer's ears are, 0.9 km away. The
-    jammer is 30 dB over the receivers' noise, for 4 s; the meaconer stands beside it.
+    jammer is 30 dB over the receivers' noise, for 5 s; the meaconer stands beside it.
     """
     scene = meaconed(seed=seed, duration_s=34.0, onset_s=JAMMED_S[1], power_db=8.0)
     jammer = Interference(
