@@ -45,7 +45,7 @@ def halves(one, other, row):
 
 
 def judged(observed, navigation):
-    settings = Settings()
+    settings = Settings(antenna_distance_m=61.0)
     outcome, _ = judge([reception(o) for o in observed], navigation, settings, Silent())
     return document(outcome, [], settings)
 
@@ -60,6 +60,11 @@ def pair(kit):
         scenario, navigation, rng=np.random.default_rng(1), interval_s=EPOCH_S, noise=noise
     )  # fmt: skip
     return observed, navigation
+
+
+def test_the_same_receivers_as_they_were_recorded_are_authentic(pair):
+    observed, navigation = pair
+    assert judged(observed, navigation).verdict == "authentic"
 
 
 @pytest.mark.parametrize("row", [50, 88], ids=["between windows", "within one"])
