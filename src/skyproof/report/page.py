@@ -46,6 +46,7 @@ MAX_POINTS = 20_000  # of all time lines together: keeps the page small, whateve
 MOST_OPEN = 80  # signals whose tables are unfolded at first
 MOST_TOLD = 3  # receivers at the top of the page; the table below has all
 MOST_CLOSE = 6  # receivers that get a map of their own
+SURE = "95\N{NO-BREAK SPACE}%"
 LEAST_TOLD = 1e-30  # a smaller probability says more of the model than of the world
 ORDER = ("spoofed", "attack", "authentic", "undecided", "clean")  # of methods, by what they say
 
@@ -165,7 +166,7 @@ def _facts(verdict: Verdict) -> list[Fact]:
     if trusted:
         facts.append(Fact("True position", _few([
             (place_words(fix.lat_deg, fix.lon_deg, 5),
-             f"{r.name}{_not_later(r, fix)}, within {distance_words(within_m(fix))} horizontally (95\N{NO-BREAK SPACE}%)")
+             f"{r.name}{_not_later(r, fix)}, within {distance_words(within_m(fix))} horizontally ({SURE})")
             for r, fix in trusted
         ]), "authentic"))  # fmt: skip
         if open_still:

@@ -63,7 +63,7 @@ def ready(name: str) -> Scenario:
     return read_scenario(scenes[name].path)
 
 
-JAMMED_S = (9.0, 14.0)
+JAMMED_S = (9.1, 14.0)
 
 
 def demo(*, seed: int = 1) -> Scenario:
