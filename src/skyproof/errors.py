@@ -16,7 +16,7 @@ from typing import Any, Final
 
 __all__ = [
     "InputError", "NotEnoughData", "OutputError", "ScenarioError", "SettingsError", "SkyproofError", "fault_words",
-    "require_probability", "shortened", "shown",
+    "readable", "require_probability", "shortened", "shown",
 ]  # fmt: skip
 
 _LONGEST: Final = 60
@@ -64,6 +64,22 @@ class NotEnoughData(SkyproofError):
 def shortened(text: str, longest: int = _LONGEST) -> str:
     """A text of at most so many characters: of a longer one the beginning, and "..."."""
     return text if len(text) <= longest else f"{text[: longest - 3]}..."
+
+
+def readable(text: str) -> str:
+    """A text with what no person can read as escapes: control characters, which would command a terminal, and bytes of
+    a file name that are not UTF-8 (Python holds them as lone surrogates, which no document takes).
+    """
+    if text.isprintable():
+        return text
+    return "".join(sign if sign.isprintable() or sign == "\n" else _escaped(sign) for sign in text)
+
+
+def _escaped(sign: str) -> str:
+    code = ord(sign)
+    if 0xDC80 <= code <= 0xDCFF:
+        return f"\\x{code - 0xDC00:02x}"
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
 def require_probability(owner: str, name: str, value: float) -> None:

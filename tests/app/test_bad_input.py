@@ -336,6 +336,20 @@ def test_recordings_that_overlap_in_part_are_compared_in_that_part(kit, run, tmp
     assert np.datetime64(bow.trusted_fix.gpst) < np.datetime64(stern.trusted_fix.gpst) - np.timedelta64(3, "s")
 
 
+def test_a_recording_of_any_name_is_worked_on_and_named_so_that_it_can_be_read(run, wide, tmp_path):
+    name = os.fsdecode(b"[x] \xff\x1b[31m%" + b"n" * 230 + b".bin")
+    assert len(os.fsencode(name)) >= 245
+    path = copied(wide, tmp_path, name=name)
+    ended = run(path)
+    assert ended.code == 0
+    shown = "[x] \\xff\\x1b[31m%" + "n" * 230
+    assert ended.verdict.inputs[0].path == f"{tmp_path}/{shown}.bin"
+    assert ended.verdict.receivers[0].name == shown[:200]
+    assert "\x1b" not in ended.stdout
+    assert shown[:60] in ended.stdout.replace("\n", "")
+    assert cli.main(["receive", str(path), "--out", str(tmp_path / "received"), "--json"]) == 0
+
+
 # --- too little
 
 

@@ -16,7 +16,7 @@ from skyproof.app.progress import Progress, Silent, Stage
 from skyproof.app.reception import Reception, observe, open_inputs, overlap_s, require_signals, track
 from skyproof.app.settings import Settings, resolve_settings
 from skyproof.app.windows import detectors_for, examine, window_records
-from skyproof.errors import InputError, SettingsError
+from skyproof.errors import InputError, SettingsError, readable
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
@@ -100,7 +100,8 @@ def protect(
     sums, stopped = ({}, False) if interrupted else _sums([r.samples for r in receptions], progress)
     notes = [_note(r, interrupted, sums.get(r.samples.path)) for r in receptions]
     if nav is not None:
-        notes.append(InputNote(path=str(nav), format="RINEX navigation", sha256=nav_sum, remarks=_told(navigation)))
+        told = _told(navigation)
+        notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=told))
     verdict = document(outcome, notes, settings, interrupted=interrupted)
     interrupted |= stopped
     if out is not None:

@@ -14,7 +14,7 @@ from skyproof.app.clock_check import CHECKED_S, MOST_CHECKS, agreeing
 from skyproof.app.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_told
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.settings import Settings
-from skyproof.errors import InputError, NotEnoughData
+from skyproof.errors import InputError, NotEnoughData, SettingsError
 from skyproof.formats.recording import open_recording
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state
@@ -42,6 +42,7 @@ __all__ = ["Reception", "Tracker", "observe", "open_inputs", "require_signals", 
 
 BLOCK_S = 0.5
 SAME_SAMPLES = 1 << 16  # compared, to tell whether two recordings are one
+LONGEST_NAME = 200  # of a receiver, in bytes; of a file it is 255
 ENOUGH_SATS = 4
 MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
 TIME_OF_WEEK_S = 12.0  # by then a signal has told its time of week: it does so every 6 s, once its bits can be read
@@ -149,6 +150,7 @@ def open_inputs(paths: Sequence[Path], settings: Settings) -> list[Samples]:
     Raises
     ------
     InputError : no recording, one that cannot be opened, or one that is the same as another.
+    SettingsError : antennas of other receivers than these.
     """
     if not paths:
         raise InputError("no recording given; give one file of samples a receiver, each with its sidecar")
@@ -162,9 +164,25 @@ def open_inputs(paths: Sequence[Path], settings: Settings) -> list[Samples]:
                         "like signals from one antenna: give each receiver's own recording, and each once"
                     )
             names = [other.name for other in opened]
-            candidates = (samples.name, *(f"{samples.name}-{number}" for number in range(2, len(names) + 3)))
+            name = _short(samples.name)
+            candidates = (name, *(f"{name}-{number}" for number in range(2, len(names) + 3)))
             opened.append(replace(samples, name=next(name for name in candidates if name not in names)))
+    _require_antennas(settings, [samples.name for samples in opened])
     return [stretch(samples, settings.start_s, settings.duration_s) for samples in opened]
+
+
+def _short(name: str) -> str:
+    """A receiver's name, by which its files are named as well: with room for what is written behind it."""
+    return name.encode()[:LONGEST_NAME].decode(errors="ignore")
+
+
+def _require_antennas(settings: Settings, names: Sequence[str]) -> None:
+    """Raise SettingsError if `antennas_enu_m` is not of these receivers."""
+    if settings.antennas_enu_m is not None and set(settings.antennas_enu_m) != set(names):
+        raise SettingsError(
+            f"setting antennas_enu_m is of {', '.join(settings.antennas_enu_m) or 'nobody'}, but the receivers are "
+            f"{', '.join(names)}; give the place of each by its name"
+        )
 
 
 def _is_same(a: Samples, b: Samples) -> bool:

@@ -2,9 +2,9 @@
 
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from skyproof.errors import SettingsError, fault_words, shortened, shown
@@ -12,6 +12,10 @@ from skyproof.formats.bounds import first_few
 from skyproof.formats.documents import read_toml
 
 __all__ = ["Settings", "resolve_settings"]
+
+_Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
+_Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
+_Longitude = Annotated[float, Field(ge=-180.0, le=360.0)]
 
 
 class Settings(BaseModel):
@@ -23,12 +27,12 @@ class Settings(BaseModel):
         default=1e-3, gt=0.0, lt=0.5, description="Probability of a false label or verdict in an hour of clean sky."
     )
     antenna_separation_m: float = Field(
-        default=0.0, ge=0.0,
+        default=0.0, ge=0.0, le=1e5,
         description="The antennas stand at least this far apart, horizontally; 0 if they may share one or it is not "
         "known.",
     )
     max_separation_m: float = Field(
-        default=300.0, gt=0.0, description="The antennas stand at most this far apart, horizontally."
+        default=300.0, gt=0.0, le=1e5, description="The antennas stand at most this far apart, horizontally."
     )
     antenna_distance_m: float | None = Field(
         default=None, gt=0.0, le=1e5,
@@ -39,7 +43,7 @@ class Settings(BaseModel):
         default=None, gt=0.0, le=1e5,
         description="Standard deviation of antenna_distance_m; by default it is good to 5 % or 1 m in 95 of 100 cases.",
     )
-    antennas_enu_m: dict[str, tuple[float, float, float]] | None = Field(
+    antennas_enu_m: dict[str, tuple[_Metres, _Metres, _Metres]] | None = Field(
         default=None,
         description="Where each receiver's antenna stands: east, north, up of any common point; by receiver name.",
     )
@@ -47,19 +51,36 @@ class Settings(BaseModel):
         default=0.1, ge=0.0, le=1e5, description="Standard deviation of antennas_enu_m on each axis."
     )
     multipath_sigma_m: float = Field(
-        default=1.0, ge=0.0, description="Constant error of one pseudorange that multipath may cause, one sigma."
+        default=1.0, ge=0.0, le=1e4,
+        description="Constant error of one pseudorange that multipath may cause, one sigma.",
     )
-    window_s: float = Field(default=10.0, ge=2.0, description="Length of the windows that are decided one by one.")
-    smoothing_s: float = Field(default=100.0, gt=0.0, description="Carrier smoothing of the positions given.")
+    window_s: float = Field(
+        default=10.0, ge=2.0, le=1e5, description="Length of the windows that are decided one by one."
+    )
+    smoothing_s: float = Field(default=100.0, gt=0.0, le=1e5, description="Carrier smoothing of the positions given.")
     elevation_mask_deg: float = Field(default=5.0, ge=0.0, lt=90.0, description="Satellites below are not used.")
-    doppler_max_hz: float = Field(default=7000.0, gt=0.0, description="Reach of the search, oscillator error included.")
-    place_deg: tuple[float, float] | None = Field(
+    doppler_max_hz: float = Field(
+        default=7000.0, gt=0.0, le=1e6, description="Reach of the search, oscillator error included."
+    )
+    place_deg: tuple[_Latitude, _Longitude] | None = Field(
         default=None,
         description="Latitude and longitude, roughly: with a navigation file and a dated recording only satellites "
         "above the horizon there are looked for, so that false signals of others are missed.",
     )
-    start_s: float = Field(default=0.0, ge=0.0, description="Skip this much of every recording.")
-    duration_s: float | None = Field(default=None, gt=0.0, description="Use no more than this of every recording.")
+    start_s: float = Field(default=0.0, ge=0.0, le=1e9, description="Skip this much of every recording.")
+    duration_s: float | None = Field(
+        default=None, gt=0.0, le=1e9, description="Use no more than this of every recording."
+    )
+
+    @model_validator(mode="after")
+    def _agrees_with_itself(self) -> Self:
+        if self.antenna_separation_m > self.max_separation_m:
+            raise ValueError(
+                f"antenna_separation_m = {self.antenna_separation_m:g} is more than max_separation_m = "
+                f"{self.max_separation_m:g}; the antennas cannot stand at least that far and at most that near: give "
+                "max_separation_m as well"
+            )
+        return self
 
 
 def resolve_settings(platform: Path | None = None, **options: Any) -> Settings:

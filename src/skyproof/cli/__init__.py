@@ -7,19 +7,26 @@ A command's module is loaded when the command is called, and what computes (`sky
 and errors come at once.
 """
 
+import errno
+import io
+import os
 import sys
 import traceback
 from collections.abc import Sequence
+from itertools import pairwise
 
 from cyclopts import App, CycloptsError, Parameter
 
 from skyproof.cli.screen import INTERRUPTED, complain
 from skyproof.cli.usage import usage_words
-from skyproof.errors import SkyproofError
+from skyproof.errors import SettingsError, SkyproofError
 
 __all__ = ["app", "main"]
 
 ERROR = 2
+BROKEN_PIPE = 141
+"""As of a program that the signal SIGPIPE ends."""
+_UNWRITTEN = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF, errno.EPIPE)
 AFTER_DEMO = "Example, with the recordings that `skyproof demo --out demo` makes:\n\n"
 COMMANDS = {
     "protect": (
@@ -101,17 +108,83 @@ app.command(
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line (without the program's name) and return its exit code; never raises."""
     tokens = list(sys.argv[1:] if argv is None else argv)
+    _open_streams()
     try:
+        _require_no_empty(tokens)
         result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except KeyboardInterrupt as interruption:
         complain(str(interruption) or "interrupted before there was a result")
         return INTERRUPTED
     except Exception as error:
+        if (code := _unwritten(error)) is not None:
+            return code
         if "--debug" in tokens:
             traceback.print_exc()
         complain(_words_of(error))
         return ERROR
+    finally:
+        _flush_quietly()
+
+
+def _require_no_empty(tokens: Sequence[str]) -> None:
+    """Raise SettingsError if an argument is empty: what a shell makes of a variable that is not set."""
+    for before, token in pairwise(["", *tokens]):
+        if token == "" or (token.startswith("--") and token.endswith("=")):
+            name = token.removesuffix("=") or (before if before.startswith("--") else "an argument")
+            raise SettingsError(f"{name} is empty; give a value, or leave it out (is a variable of the shell not set?)")
+
+
+class _Nowhere(io.TextIOBase):
+    """Takes everything."""
+
+    encoding = "utf-8"
+
+    def write(self, text: str, /) -> int:
+        return len(text)
+
+
+class _Closed(io.TextIOBase):
+    """Standard output that was closed before the start."""
+
+    encoding = "utf-8"
+
+    def write(self, text: str, /) -> int:
+        raise OSError(errno.EBADF, "it is closed")
+
+
+def _open_streams() -> None:
+    """Let the streams take any sign that their encoding lacks, and no file take the number of one that is closed."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    sys.stdout = sys.stdout or _Closed()
+    sys.stderr = sys.stderr or _Nowhere()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _unwritten(error: Exception) -> int | None:
+    """The exit code if standard output could not be written; of files that cannot, an error of ours tells."""
+    if not isinstance(error, OSError) or error.filename is not None or error.errno not in _UNWRITTEN:
+        return None
+    if isinstance(error, BrokenPipeError):
+        return BROKEN_PIPE  # who reads has read enough
+    complain(f"standard output cannot be written ({error.strerror}); files that were to be written are whole")
+    return ERROR
+
+
+def _flush_quietly() -> None:
+    """What a stream does not take now it will not take when Python ends either, which then makes an exit code of it."""
+    for name in ("stdout", "stderr"):
+        try:
+            getattr(sys, name).flush()
+        except OSError:
+            setattr(sys, name, _Nowhere())
 
 
 def _words_of(error: Exception) -> str:

@@ -1,7 +1,6 @@
 """`skyproof inspect`."""
 
 import json as json_text
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -10,7 +9,7 @@ from rich.console import Console
 
 from skyproof import app
 from skyproof.cli.options import Debug, OneDocument
-from skyproof.cli.screen import print_path
+from skyproof.cli.screen import print_document, print_path
 from skyproof.cli.signal import show_guess, show_inspection
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ def inspect(
         inspections = run_inspect(file, sidecar=sidecar, layout=layout, write=True if write is None else write)
     except app.inspect.NotUnderstood as unknown:
         if json:
-            sys.stdout.write(json_text.dumps(unknown.document(), indent=1) + "\n")
+            print_document(json_text.dumps(unknown.document(), indent=1) + "\n")
         else:
             show_guess(Console(), unknown.guess)
         if plot or out is not None:
@@ -73,7 +72,7 @@ def inspect(
                 print(f"They show proposal 1; its rate of {likeliest.samples.rate_hz / 1e6:.10g} MHz is not certain.")
         return 0
     if json:
-        sys.stdout.write(app.inspect.document_json(inspections))
+        print_document(app.inspect.document_json(inspections))
     else:
         for inspection in inspections:
             show_inspection(Console(), inspection)

@@ -1,17 +1,15 @@
 """`skyproof receive`."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.text import Text
 
 from skyproof import app
 from skyproof.cli.options import Debug, Duration, Nav, OneDocument, Place, Reach, Start
 from skyproof.cli.progress import progress
-from skyproof.cli.screen import INTERRUPTED, complain, print_path
+from skyproof.cli.screen import INTERRUPTED, complain, print_document, print_path, words
 
 __all__ = ["receive"]
 
@@ -49,13 +47,13 @@ def receive(
     if result.interrupted:
         complain("interrupted: this is what was received so far")
     if json:
-        sys.stdout.write(app.receive.document_json(result))
+        print_document(app.receive.document_json(result))
     else:
         console = Console()
         for reception in result.receptions:
-            console.print(Text(f"{reception.samples.name}: {reception.n_signals} signals"))
+            console.print(words(f"{reception.samples.name}: {reception.n_signals} signals"))
             for remark in reception.remarks:
-                console.print(Text(f"  {remark}", style="dim"))
+                console.print(words(f"  {remark}", style="dim"))
         if result.folder is not None:
             print_path("files in", result.folder)
     return INTERRUPTED if result.interrupted else 0

@@ -1,26 +1,54 @@
 """What all commands share of what a person reads."""
 
+import contextlib
+import json
 import sys
 from pathlib import Path
 
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["INTERRUPTED", "complain", "print_path", "table"]
+from skyproof.errors import readable
+
+__all__ = ["INTERRUPTED", "complain", "print_document", "print_path", "print_table", "table", "words"]
 
 INTERRUPTED = 130
 """Exit code."""
 
 
 def complain(text: str) -> None:
-    """One line on standard error."""
-    print(f"skyproof: {' '.join(text.split())}", file=sys.stderr)
+    """One line on standard error, if that can be written: there is nowhere else to say so."""
+    with contextlib.suppress(OSError):
+        print(f"skyproof: {' '.join(readable(text).split())}", file=sys.stderr)
 
 
-def print_path(words: str, path: Path) -> None:
+def words(text: str, style: str = "") -> Text:
+    """Words for a terminal, which they do not command: names of files and what stands in them may hold anything."""
+    return Text(readable(text), style=style)
+
+
+def print_path(what: str, path: Path) -> None:
     """A path on one line however long it is, so that it can be copied."""
-    Console().print(Text(f"{words} {path}"), soft_wrap=True)
+    Console().print(words(f"{what} {path}"), soft_wrap=True)
+
+
+def print_document(text: str) -> None:
+    """A JSON document on standard output, in ASCII where that takes nothing else."""
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(json.loads(text), indent=1) + "\n"
+    sys.stdout.write(text)
+
+
+def print_table(console: Console, table: Table) -> None:
+    """A table as wide as its numbers need: a terminal that is narrower breaks its lines, and cuts nothing."""
+    width = console.width
+    console.width = max(width, Measurement.get(console, console.options.update(max_width=10_000), table).minimum)
+    console.print(table)
+    console.width = width
 
 
 def table(*headings: str, numbers: int = 0) -> Table:

@@ -11,7 +11,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from skyproof.cli.screen import table
+from skyproof.cli.screen import print_table, table, words
 
 if TYPE_CHECKING:  # they take a second to load, which help and errors need not wait for
     from skyproof.app.guess import Guess, Proposal
@@ -31,35 +31,35 @@ _NOTES = 6
 def show_inspection(console: Console, told: "Inspection") -> None:
     """One recording on one screen."""
     width = min(console.width, _WIDEST)
-    console.print(Text(told.samples.path or told.samples.name, style="bold"), soft_wrap=True)
-    console.print(Text(told.summary))
+    console.print(words(told.samples.path or told.samples.name, style="bold"), soft_wrap=True)
+    console.print(words(told.summary))
     console.print()
     console.print(_facts(told))
     console.print()
     console.print(_measured(told, width - _LABEL - 1))
     if told.satellites:
         console.print()
-        console.print(_satellites(told, width))
+        print_table(console, _satellites(told, width))
     notes = [remark for remark in told.remarks if remark not in told.front_end.remarks]
     if notes:
         console.print()
     for remark in notes[:_NOTES]:
-        console.print(Padding(Text(f"· {remark}", style="yellow"), (0, 0, 0, 2)))
+        console.print(Padding(words(f"· {remark}", style="yellow"), (0, 0, 0, 2)))
     if len(notes) > _NOTES:
-        console.print(Text(f"  · and {len(notes) - _NOTES} more: --json has all", style="yellow"))
+        console.print(words(f"  · and {len(notes) - _NOTES} more: --json has all", style="yellow"))
     console.print()
     if told.sidecar is not None:
-        console.print(Text(f"Written: {told.sidecar}", style="green"), soft_wrap=True)
-    console.print(Text(told.advice, style="bold"))
+        console.print(words(f"Written: {told.sidecar}", style="green"), soft_wrap=True)
+    console.print(words(told.advice, style="bold"))
 
 
 def show_guess(console: Console, found: "Guess") -> None:
     """What was tried on a file that nothing describes, and what is needed."""
-    console.print(Text(str(found.path), style="bold"), soft_wrap=True)
+    console.print(words(str(found.path), style="bold"), soft_wrap=True)
     console.print()
-    console.print(_proposals(found.proposals))
+    print_table(console, _proposals(found.proposals))
     console.print()
-    console.print(Text(found.summary[0].upper() + found.summary[1:], style="bold"))
+    console.print(words(found.summary[0].upper() + found.summary[1:], style="bold"))
 
 
 # --- facts
@@ -185,12 +185,12 @@ def _spectrum(told: "Inspection", width: int) -> Iterator[tuple[str, Text]]:
     if front.lines:
         yield "", Text.assemble(*marks)
     for row in range(_SPECTRUM_ROWS - 1, -1, -1):
-        text = Text("".join(_BLOCKS[min(max(math.ceil(height - 8 * row), 0), 8)] for height in heights), style="cyan")
+        text = words("".join(_BLOCKS[min(max(math.ceil(height - 8 * row), 0), 8)] for height in heights), style="cyan")
         if row in (0, _SPECTRUM_ROWS - 1):
             text.append(f" {high_db - span_db * (row == 0):+.0f} dB", style="dim")
         yield "spectrum" if row == _SPECTRUM_ROWS - 1 else "", text
-    yield "", Text(_axis(float(front.frequency_hz[0]), float(front.frequency_hz[-1]) + step_hz, columns), style="dim")
-    yield "lines", Text(_lines(told))
+    yield "", words(_axis(float(front.frequency_hz[0]), float(front.frequency_hz[-1]) + step_hz, columns), style="dim")
+    yield "lines", words(_lines(told))
 
 
 def _lines(told: "Inspection") -> str:
@@ -251,8 +251,8 @@ def _satellites(told: "Inspection", width: int) -> Table:
     longest = max(8, min(width - 58, 40))
     for one in told.satellites:
         share = min(max((one.cn0_dbhz - 30.0) / 25.0, 0.02), 1.0)
-        bar = Text("━" * max(1, round(share * longest)), style="cyan")
-        peaks = Text(str(one.peaks), style="bold red" if one.peaks > 1 else "")
+        bar = words("━" * max(1, round(share * longest)), style="cyan")
+        peaks = words(str(one.peaks), style="bold red" if one.peaks > 1 else "")
         rows.add_row(
             one.sat, bar, f"{one.cn0_dbhz:.1f}", f"{one.doppler_hz:+.0f}", f"{one.code_phase_chips:.1f}", peaks
         )

@@ -1,17 +1,15 @@
 """`skyproof simulate`."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.text import Text
 
 from skyproof import app
 from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
-from skyproof.cli.screen import INTERRUPTED, complain, print_path, table
+from skyproof.cli.screen import INTERRUPTED, complain, print_document, print_path, print_table, table, words
 from skyproof.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -85,7 +83,7 @@ def simulate(
     if result.interrupted:
         complain(f"interrupted: {len(result.files)} files in {out} are whole, the others are not there")
     if json:
-        sys.stdout.write(app.simulate.document_json(result))
+        print_document(app.simulate.document_json(result))
     else:
         _tell(result)
     return INTERRUPTED if result.interrupted else 0
@@ -102,16 +100,16 @@ def _draw_all(folder: Path) -> int:
 
 def _tell(result: "SimulateResult") -> None:
     console, made = Console(), result.scenario
-    console.print(Text(made.name, style="bold"))
+    console.print(words(made.name, style="bold"))
     if made.description:
-        console.print(Text(made.description))
+        console.print(words(made.description))
     attacks = ", ".join(made.attack_names) or "none"
-    console.print(Text(f"{made.duration_s:g} s, seed {made.seed}, attacks: {attacks}", style="dim"))
+    console.print(words(f"{made.duration_s:g} s, seed {made.seed}, attacks: {attacks}", style="dim"))
     for what, paths in (("recording", result.recordings), ("observations", result.observations)):
         for path in paths[:SHOWN]:
             print_path(f"{what}:", path)
         if len(paths) > SHOWN:
-            console.print(Text(f"  and {len(paths) - SHOWN} more"))
+            console.print(words(f"  and {len(paths) - SHOWN} more"))
     print_path("truth:", result.folder / "truth.json")
     if app.scene_page.PAGE in result.files:
         print_path("page:", result.folder / app.scene_page.PAGE)
@@ -120,9 +118,9 @@ def _tell(result: "SimulateResult") -> None:
 
 def _tell_scenes(*, as_json: bool) -> None:
     if as_json:
-        sys.stdout.write(app.simulate.ready_made_json())
+        print_document(app.simulate.ready_made_json())
         return
     listed = table("scene", "what happens")
     for one in app.simulate.ready_made().values():
-        listed.add_row(Text(one.name), Text(one.title))
-    Console().print(listed)
+        listed.add_row(words(one.name), words(one.title))
+    print_table(Console(), listed)

@@ -3,7 +3,6 @@
 import difflib
 import json as json_text
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +15,7 @@ from rich.text import Text
 
 from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
-from skyproof.cli.screen import INTERRUPTED, complain, print_path, table
+from skyproof.cli.screen import INTERRUPTED, complain, print_document, print_path, print_table, table
 from skyproof.errors import OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.report.chart import chart_svg
@@ -62,7 +61,7 @@ def study(
     rows, interrupted = _run(chosen, settings)
     document = _document(chosen, settings, rows, interrupted=interrupted)
     if json:
-        sys.stdout.write(document)
+        print_document(document)
     else:
         _tell(chosen, rows, whole=not interrupted)
     folder = out if out is not None else Path()
@@ -183,14 +182,14 @@ def _tell(chosen: Study, rows: Sequence[Row], *, whole: bool) -> None:
         column.overflow = "fold"
     for row in rows:
         listed.add_row(*(Text(_cell(row.get(key))) for key in keys))
-    console.print(listed)
+    print_table(console, listed)
     claims = check(chosen, rows) if whole else []
     if claims:
         told = table("what", *COLUMNS, "agrees")
         for one in claims:
             told.add_row(Text(one.claim.what), *(Text(cell.replace("*", "")) for cell in one.cells()))
         console.print()
-        console.print(told)
+        print_table(console, told)
 
 
 def _cell(value: Any) -> str:
@@ -204,7 +203,7 @@ def _tell_studies(found: Mapping[str, Study], *, as_json: bool) -> None:
     if as_json:
         listed = [{"study": s.name, "title": s.title, "paper": s.paper, "figure": s.figure} for s in found.values()]
         document = {"format": "skyproof-studies/1", "version": version("skyproof"), "studies": listed}
-        sys.stdout.write(json_text.dumps(document, indent=2, ensure_ascii=False) + "\n")
+        print_document(json_text.dumps(document, indent=2, ensure_ascii=False) + "\n")
         return
     console, paper = Console(), None
     papers = dict.fromkeys(one.paper for one in found.values())
@@ -215,5 +214,5 @@ def _tell_studies(found: Mapping[str, Study], *, as_json: bool) -> None:
         for one in found.values():
             if one.paper == paper:
                 listing.add_row(Text(one.name), Text(one.figure), Text(one.title))
-        console.print(listing)
+        print_table(console, listing)
         console.print()

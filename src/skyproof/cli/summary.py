@@ -1,13 +1,11 @@
 """The verdict as a person reads it at a terminal."""
 
-import sys
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
-from skyproof.cli.screen import complain, print_path, table
+from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
 from skyproof.formats.verdict import verdict_json
 from skyproof.report.words import instant_words
 from skyproof.verdict import Position, Verdict, possible_places
@@ -25,7 +23,7 @@ def tell(result: "ProtectResult", *, as_json: bool) -> None:
     if result.interrupted:
         complain("interrupted: this is what was decided so far")
     if as_json:
-        sys.stdout.write(verdict_json(result.verdict))
+        print_document(verdict_json(result.verdict))
     else:
         _print_summary(result.verdict)
         if result.folder is not None:
@@ -34,24 +32,24 @@ def tell(result: "ProtectResult", *, as_json: bool) -> None:
 
 def _print_summary(verdict: Verdict) -> None:
     console = Console()
-    console.print(Text(verdict.verdict.upper(), style=STYLES.get(verdict.verdict, "bold")))
-    console.print(Text(verdict.summary))
+    console.print(words(verdict.verdict.upper(), style=STYLES.get(verdict.verdict, "bold")))
+    console.print(words(verdict.summary))
     if verdict.since_gpst is not None:
         until = "" if verdict.until_gpst is None else f", until {instant_words(verdict.until_gpst)}"
-        console.print(Text(f"{verdict.onset_words}, GPS time{until}"))
+        console.print(words(f"{verdict.onset_words}, GPS time{until}"))
     if verdict.undecided_because:
-        console.print(Text(f"Not decided: {verdict.undecided_because}"))
+        console.print(words(f"Not decided: {verdict.undecided_because}"))
     if verdict.assumed:
-        console.print(Text(verdict.assumed))
+        console.print(words(verdict.assumed))
     console.print()
     if (positions := _positions(verdict)).row_count:
-        console.print(positions)
+        print_table(console, positions)
         console.print()
     if (signals := _signals(verdict)).row_count:
-        console.print(signals)
+        print_table(console, signals)
         console.print()
     if absent := [method.detector for method in verdict.methods if not method.ran]:
-        console.print(Text(f"not tested: {', '.join(absent)} (the report says why)"))
+        console.print(words(f"not tested: {', '.join(absent)} (the report says why)"))
 
 
 def _positions(verdict: Verdict) -> Table:
@@ -65,10 +63,10 @@ def _positions(verdict: Verdict) -> Table:
         for kind, fix in kinds:
             if fix is not None:
                 sigmas = f"{fix.sigma_east_m:.1f}/{fix.sigma_north_m:.1f}/{fix.sigma_up_m:.1f}"
-                rows.add_row(Text(receiver.name), Text(kind, style=STYLES.get(kind, "")), f"{fix.lat_deg:.7f}",
+                rows.add_row(words(receiver.name), words(kind, style=STYLES.get(kind, "")), f"{fix.lat_deg:.7f}",
                               f"{fix.lon_deg:.7f}", f"{fix.height_m:.1f}", sigmas)  # fmt: skip
     for names, source, place in possible_places(verdict):
-        rows.add_row(Text(names), Text(source), f"{place.lat_deg:.7f}", f"{place.lon_deg:.7f}",
+        rows.add_row(words(names), words(source), f"{place.lat_deg:.7f}", f"{place.lon_deg:.7f}",
                      f"{place.height_m:.1f}", "")  # fmt: skip
     return rows
 
@@ -81,6 +79,6 @@ def _signals(verdict: Verdict) -> Table:
                    if s.receiver == receiver.name and s.label == label}  # fmt: skip
             if own:
                 sats = sorted({signal[0] for signal in own})
-                rows.add_row(Text(receiver.name), str(len(own)), Text(label, style=STYLES.get(label, "")),
-                              Text(" ".join(sats)))  # fmt: skip
+                rows.add_row(words(receiver.name), str(len(own)), words(label, style=STYLES.get(label, "")),
+                              words(" ".join(sats)))  # fmt: skip
     return rows

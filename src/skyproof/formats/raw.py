@@ -24,7 +24,7 @@ from typing import Annotated, Any, Final, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, model_validator
 
-from skyproof.errors import InputError, shortened, shown
+from skyproof.errors import InputError, readable, shortened, shown
 from skyproof.formats.bounds import first_few
 from skyproof.formats.byte_io import FileBytes, sha256, size_of
 from skyproof.formats.documents import read_toml
@@ -217,7 +217,7 @@ def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
     stored = FileBytes(path, layout.header_bytes, body - tail)
     packed = PackedSamples(stored, packing, [Chunk(0, n_samples)])
     samples = Samples(
-        name=path.stem,
+        name=readable(path.stem),
         rate_hz=layout.rate_hz,
         n_samples=n_samples,
         read=packed.read,
@@ -225,7 +225,7 @@ def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
         if_hz=math.remainder(layout.if_hz, layout.rate_hz),  # sampling folds it so
         start_gpst=layout.start_gpst,
         antenna=layout.antenna,
-        path=str(path),
+        path=readable(str(path)),
         format="raw",
         remarks=tuple(remarks),
         file=stored,

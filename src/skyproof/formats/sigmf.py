@@ -38,7 +38,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.errors import InputError
+from skyproof.errors import InputError, readable
 from skyproof.formats.bounds import METADATA_BYTES
 from skyproof.formats.byte_io import FileBytes, content_of, digest, reading, require_size, size_of
 from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, PackedSamples, Packing
@@ -329,10 +329,10 @@ def _recordings(source: _Source) -> list[Samples]:
     for tuning, name in zip(tuned, _names(source.name, tuned), strict=True):
         here = list(remarks)
         described = partial(
-            Samples, name=name, rate_hz=rate_hz, n_samples=sum(s.chunk.n_samples for s in tuned[tuning]),
+            Samples, name=readable(name), rate_hz=rate_hz, n_samples=sum(s.chunk.n_samples for s in tuned[tuning]),
             centre_hz=L1_HZ if tuning.centre_hz is None else tuning.centre_hz, if_hz=tuning.if_hz,
             start_gpst=_dates(tuned[tuning], rate_hz, where, here), antenna=meta.general.antenna,
-            path=str(source.data), format="SigMF", gaps=_gaps(tuned[tuning], rate_hz, here),
+            path=readable(str(source.data)), format="SigMF", gaps=_gaps(tuned[tuning], rate_hz, here),
             file=octets,
         )  # fmt: skip
         if tuning.centre_hz is None:

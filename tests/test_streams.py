@@ -1,0 +1,103 @@
+"""What a command line prints where: narrow, closed, full and ASCII streams, and names that would command a terminal."""
+
+import io
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from skyproof import cli
+from skyproof.cli.screen import print_table, table
+from skyproof.errors import readable
+
+
+def ended(redirections: str, *arguments: str, encoding: str = "utf-8") -> tuple[int, bytes, str]:
+    """Exit code, standard output and standard error of a command line in a shell."""
+    code = "import sys; from skyproof.cli import main; sys.exit(main())"
+    run = subprocess.run(
+        ["sh", "-c", f'exec "$@" {redirections}', "sh", sys.executable, "-c", code, *arguments],
+        capture_output=True, check=False, env=os.environ | {"PYTHONIOENCODING": encoding},
+    )  # fmt: skip
+    return run.returncode, run.stdout, run.stderr.decode()
+
+
+@pytest.mark.parametrize(
+    ("redirections", "words"), [(">/dev/full", "No space left on device"), (">&-", "it is closed")]
+)
+def test_standard_output_that_cannot_be_written_is_told_in_one_line(redirections, words):
+    code, _, told = ended(redirections, "--version")
+    assert code == 2
+    assert told.startswith(f"skyproof: standard output cannot be written ({words})")
+    assert len(told.splitlines()) == 1
+
+
+def test_standard_error_that_cannot_be_written_changes_nothing():
+    for redirections in ("2>/dev/full", "2>&-"):
+        code, out, _ = ended(redirections, "inspect", "no such file.bin")
+        assert (code, out) == (2, b"")
+
+
+def test_who_has_read_enough_is_not_told_of_it():
+    read, write = os.pipe()
+    os.close(read)
+    code = "import sys; from skyproof.cli import main; sys.exit(main())"
+    run = subprocess.run(
+        [sys.executable, "-c", code, "--version"], stdout=write, stderr=subprocess.PIPE, check=False
+    )  # fmt: skip
+    os.close(write)
+    assert (run.returncode, run.stderr) == (141, b"")
+
+
+def test_an_encoding_without_the_signs_that_are_needed_gets_escapes():
+    code, out, told = ended("", "study", "--list", "--json", encoding="ascii")
+    assert (code, told) == (0, "")
+    assert out.isascii()
+    assert json.loads(out)["studies"]
+    code, out, told = ended("", "inspect", "h\u00f6.bin", encoding="ascii")
+    assert code == 2
+    assert told.startswith("skyproof: h\\xf6.bin")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (["protect", "rx1.bin", "--out", ""], "--out"),
+        (["protect", "rx1.bin", "--out="], "--out"),
+        (["protect", "", "--out", "here"], "an argument"),
+    ],
+)
+def test_an_empty_argument_is_refused(capsys, arguments, name):
+    assert cli.main(arguments) == 2
+    assert capsys.readouterr().err.startswith(f"skyproof: {name} is empty; give a value, or leave it out")
+
+
+def test_a_name_does_not_command_the_terminal(capsys):
+    assert cli.main(["inspect", "\x1b[31mred\x07\udcff.bin"]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("skyproof: \\x1b[31mred\\x07\\xff.bin")
+
+
+@given(st.text(st.characters()))
+def test_what_is_readable_has_no_sign_that_is_not(text):
+    shown = readable(text)
+    assert shown.replace("\n", "").isprintable()
+    shown.encode()
+    assert readable(shown) == shown
+    assert shown == text or not text.replace("\n", "").isprintable()
+
+
+@pytest.mark.parametrize("width", [10, 20, 40, 80])
+def test_a_narrow_terminal_cuts_no_number(width):
+    rows = table("receiver", "position", "latitude", "longitude", numbers=2)
+    rows.add_row("bow", "trusted", "57.7012000", "-111.9321000")
+    console = Console(width=width, file=io.StringIO())
+    print_table(console, rows)
+    shown = console.file.getvalue()
+    for cell in ("trusted", "57.7012000", "-111.9321000"):
+        assert cell in shown
+    assert "\u2026" not in shown
