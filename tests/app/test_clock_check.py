@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from skyproof.app.inspect import inspect_recording
-from skyproof.app.reception import observe, track
+from skyproof.app.reception import observe, require_signals, track
 from skyproof.app.settings import Settings
+from skyproof.errors import NotEnoughData
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulate import scenes
 from skyproof.simulate.samples import samples_of
@@ -82,3 +83,11 @@ def test_a_carrier_that_is_given_wrong_is_no_rate():
     assert found.samples.rate_hz == RATE_HZ
     assert abs(found.samples.if_hz) < 100.0
     assert "if_hz = 6000 is" in found.remarks[0]
+
+
+def test_what_is_only_too_short_is_not_called_badly_read():
+    trackers, _ = track([recorded(0.5)], Settings())
+    with pytest.raises(NotEnoughData, match=r"satellites, read as it is described, but lasts 0.5 s") as refused:
+        require_signals(trackers)
+    assert "check rate_hz" not in str(refused.value)
+    assert "12 s or more" in str(refused.value)

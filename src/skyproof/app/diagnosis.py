@@ -21,10 +21,12 @@ _MOST_GAPS: Final = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """mirrored : whether the spectrum is inverted. cure : what to do, in words."""
+    """mirrored : whether the spectrum is inverted. cure : what to do, in words. n_sats : how many are heard in it, read
+    as it is described."""
 
     mirrored: bool
     cure: str
+    n_sats: int = 0
 
 
 def diagnosis(samples: Samples, doppler_max_hz: float) -> Diagnosis:
@@ -47,7 +49,8 @@ def diagnosis(samples: Samples, doppler_max_hz: float) -> Diagnosis:
     if highest_hz > doppler_max_hz:
         reach_hz = _REACH_STEP_HZ * math.ceil(highest_hz / _REACH_STEP_HZ + 0.5)
         cures.append(f"satellites appear at up to {highest_hz:.0f} Hz: give doppler_max_hz = {reach_hz:.0f}")
-    return Diagnosis(mirrored=bool(found.conjugate), cure="; ".join([*cures, more]))
+    heard = 0 if cures or found.given is not None else len(found.satellites)
+    return Diagnosis(mirrored=bool(found.conjugate), cure="; ".join([*cures, more]), n_sats=heard)
 
 
 def oscillator_told(dopplers_hz: Sequence[float]) -> tuple[str, ...]:

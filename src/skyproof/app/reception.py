@@ -45,6 +45,7 @@ SAME_SAMPLES = 1 << 16  # compared, to tell whether two recordings are one
 LONGEST_NAME = 200  # of a receiver, in bytes; of a file it is 255
 ENOUGH_SATS = 4
 MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
+FOLLOWED_S = 2.0  # shorter, a signal that is there may not have proved itself
 TIME_OF_WEEK_S = 12.0  # by then a signal has told its time of week: it does so every 6 s, once its bits can be read
 
 
@@ -346,7 +347,7 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
     remarks += differ
     left_out = None
     if observations is None:
-        left_out = _no_time(tracker, len(heard)) if heard else _nothing_heard(tracker)
+        left_out = _no_time(tracker, len(heard)) if heard else _nothing_heard(tracker, found)
         left_out += "" if found is None else f"; {found.cure}"
         remarks.append(f"left out: {left_out}")
     elif found is not None:
@@ -368,7 +369,7 @@ def require_signals(trackers: Sequence[Tracker]) -> None:
             raise InputError("; ".join(broken))
         paths = ", ".join(t.samples.path or t.samples.name for t in trackers)
         found = diagnosis(trackers[0].samples, trackers[0].receiver.settings.doppler_max_hz)
-        raise NotEnoughData(f"{paths}: {_nothing_heard(trackers[0])}; {found.cure}")
+        raise NotEnoughData(f"{paths}: {_nothing_heard(trackers[0], found)}; {found.cure}")
 
 
 def _is_doubtful(tracker: Tracker) -> bool:
@@ -391,9 +392,14 @@ def _dopplers_hz(tracker: Tracker) -> list[float]:
     return [float(np.nanmean(of_sat)) for of_sat in values.values()]
 
 
-def _nothing_heard(tracker: Tracker) -> str:
-    """What to check if no satellite was found, in the order of likelihood."""
+def _nothing_heard(tracker: Tracker, found: Diagnosis | None) -> str:
+    """What to check if no satellite was followed, in the order of likelihood."""
     samples = tracker.samples
+    if found is not None and found.n_sats and samples.duration_s < FOLLOWED_S:
+        return (
+            f"it holds {found.n_sats} satellites, read as it is described, but lasts {samples.duration_s:.3g} s, and "
+            f"signals have to be followed for seconds: give {TIME_OF_WEEK_S:g} s or more"
+        )
     return (
         f"no GPS L1 C/A signal found in {tracker.examined_s:.1f} s; it was read as {samples.format}, "
         f"{samples.rate_hz:g} samples/s, carrier at {carrier_at_hz(samples):g} Hz: "
