@@ -42,12 +42,13 @@ def test_standard_error_that_cannot_be_written_changes_nothing():
         assert (code, out) == (2, b"")
 
 
-def test_who_has_read_enough_is_not_told_of_it():
+@pytest.mark.parametrize("arguments", [["--version"], ["study", "--list"]], ids=["plain", "Rich"])
+def test_who_has_read_enough_is_not_told_of_it(arguments):
     read, write = os.pipe()
     os.close(read)
     code = "import sys; from skyproof.cli import main; sys.exit(main())"
     run = subprocess.run(
-        [sys.executable, "-c", code, "--version"], stdout=write, stderr=subprocess.PIPE, check=False
+        [sys.executable, "-c", code, *arguments], stdout=write, stderr=subprocess.PIPE, check=False
     )  # fmt: skip
     os.close(write)
     assert (run.returncode, run.stderr) == (141, b"")

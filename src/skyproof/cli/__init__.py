@@ -114,6 +114,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
+    except SystemExit:  # so Rich ends where who reads standard output is gone; 1 would say "spoofed"
+        return BROKEN_PIPE
     except KeyboardInterrupt as interruption:
         complain(str(interruption) or "interrupted before there was a result")
         return INTERRUPTED
