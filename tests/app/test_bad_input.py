@@ -446,7 +446,7 @@ def meddled(run, pair, tmp_path, monkeypatch):
 def test_a_recording_that_is_cut_while_it_is_worked_on_counts_as_far_as_it_was_read(meddled, pair):
     ended = meddled(lambda path, _: os.truncate(path, 4_500_000))
     assert ended.code == 0
-    assert ended.verdict.verdict == "authentic"
+    assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
     assert [r.duration_s for r in ended.verdict.receivers] == [8.0, 6.5]
     words = "only its first 6.5 s were worked on: .*stern.bin ends after 4500000 bytes, but had 5200000 when it was"
     assert re.search(words, ended.remarks(1))
@@ -465,7 +465,7 @@ def test_a_recording_that_is_cut_at_once_is_left_out(meddled):
 def test_inputs_that_are_deleted_while_they_are_worked_on_cost_nothing(meddled, pair):
     ended = meddled(lambda path, nav: (path.unlink(), nav.unlink()))
     assert ended.code == 0
-    assert ended.verdict.verdict == "authentic"
+    assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
     sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (*pair.paths, pair.nav)]
     assert [one.sha256 for one in ended.verdict.inputs] == sums
     assert "deleted or replaced while it was worked on" in ended.remarks(1)
