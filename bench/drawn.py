@@ -83,6 +83,14 @@ def protected(made: Made) -> tuple[list[Heard], Outcome, Settings]:
     return heard, outcome, settings
 
 
+def row_of(name: str) -> dict[str, Any]:
+    """The row of `examined`, or what it failed with."""
+    try:
+        return examined(name)
+    except Exception as error:  # whatever it is, it is counted
+        return {"name": name, "verdict": "crashed", "error": f"{type(error).__name__}: {error}"}
+
+
 def examined(name: str, **options: Any) -> dict[str, Any]:
     """One row of the result: what was drawn, said and wrong. Names that begin with "samples-" go through samples."""
     begin = perf_counter()
@@ -216,10 +224,10 @@ def run(names: Sequence[str], out: Path | None, processes: int) -> list[dict[str
 
 def _worked(names: Sequence[str], processes: int) -> Iterator[dict[str, Any]]:
     if processes == 1:
-        yield from map(examined, names)
+        yield from map(row_of, names)
         return
     with get_context("spawn").Pool(processes) as pool:
-        yield from pool.imap_unordered(examined, names)
+        yield from pool.imap_unordered(row_of, names)
 
 
 def read(path: Path) -> list[dict[str, Any]]:
@@ -247,7 +255,8 @@ def passed_over(row: dict[str, Any]) -> bool:
 
 def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """The counts."""
-    rows = [row for row in rows if row["verdict"] != "no scene"]
+    yield from (f"{row['name']} crashed: {row['error']}" for row in rows if row["verdict"] == "crashed")
+    rows = [row for row in rows if row["verdict"] not in ("no scene", "crashed")]
     for kind in ("attack", "clean", "samples"):
         mine = [row for row in rows if row["name"].startswith(kind)]
         if not mine:
