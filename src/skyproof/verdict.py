@@ -149,7 +149,8 @@ class Method(_Model):
     why_not: str | None = Field(description="Why it did not run; null if it ran.")
     would_need: str | None = Field(description="What would let it run, or decide; null if nothing is missing.")
     decision: str | None = Field(
-        description="What it says of the whole: authentic, spoofed, attack, clean, undecided; null if it did not run."
+        description="What it says of the whole: authentic, spoofed, attack, multipath, clean, undecided; null if it "
+        "did not run."
     )
     tests: int = Field(ge=0, description="Number of tests that it made.")
     statistic: float | None = Field(description="Statistic of its most telling test, in the detector's own unit.")

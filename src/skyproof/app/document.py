@@ -400,7 +400,7 @@ def _median_difference_s(a: Fix, b: Fix) -> float | None:
     return float(np.median(difference)) if difference.size else None
 
 
-STRENGTH: tuple[Says, ...] = ("undecided", "clean", "authentic", "attack", "spoofed")
+STRENGTH: tuple[Says, ...] = ("undecided", "clean", "multipath", "authentic", "attack", "spoofed")
 
 
 def _methods(evidence: Sequence[Evidence]) -> list[Method]:

@@ -48,7 +48,7 @@ MOST_TOLD = 3  # receivers at the top of the page; the table below has all
 MOST_CLOSE = 6  # receivers that get a map of their own
 SURE = "95\N{NO-BREAK SPACE}%"
 LEAST_TOLD = 1e-30  # a smaller probability says more of the model than of the world
-ORDER = ("spoofed", "attack", "authentic", "undecided", "clean")  # of methods, by what they say
+ORDER = ("spoofed", "attack", "authentic", "multipath", "undecided", "clean")  # of methods, by what they say
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
