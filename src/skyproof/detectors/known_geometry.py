@@ -23,8 +23,8 @@ from skyproof.statistics.distributions import chi_square_survival, f_survival
 
 __all__ = ["AntennaDistance", "AntennaPlaces", "Geometry", "LearntBaseline", "Misfit", "agreement", "survival"]
 
-_ROUNDS = 50
-_CONVERGED_M = 1e-6
+_ROUNDS = 80  # of bisection
+_LEAST_M = 1e-6
 
 
 class Misfit(NamedTuple):
@@ -149,28 +149,21 @@ def _from_vector(off_m: Reals, covariance_m2: Reals) -> Misfit:
 
 
 def _from_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m: float) -> Reals:
-    """Smallest over b of (enu - b)^T C^-1 (enu - b) + ((|b| - D) / sigma)^2, shapes (..., 3), (..., 3, 3) -> (...).
+    """Smallest over b of (enu - b)^T W (enu - b) + ((|b| - D) / sigma)^2, W = C^-1, shapes (..., 3), (..., 3, 3).
 
-    For a given radius the nearest point of the sphere solves b = (C^-1 + m I)^-1 C^-1 enu, one unknown m; here both are
-    found together by Gauss-Newton from the estimate and from its mirror image, whichever ends lower.
+    Where the gradient is zero W (enu - b) = m b with m = (1 - D / |b|) / sigma^2, so b = (W + m)^-1 W enu. As m grows
+    from minus the least eigenvalue of W to 1 / sigma^2, |b| falls from infinity and D / (1 - m sigma^2), which it has to
+    equal, rises to infinity: there is one solution between, the smallest value of all, and bisection finds it.
     """
-    weight = np.linalg.inv(covariance_m2)
-    least = np.full(enu_m.shape[:-1], np.inf)
-    away_m = np.linalg.norm(enu_m, axis=-1, keepdims=True)
-    direction = np.where(away_m > 1e-9, enu_m / np.maximum(away_m, 1e-9), np.array([1.0, 0.0, 0.0]))
-    for sign in (1.0, -1.0):
-        b = sign * distance_m * direction
-        for _ in range(_ROUNDS):
-            radius = np.maximum(np.linalg.norm(b, axis=-1), 1e-9)
-            unit = b / radius[..., None]
-            normal = weight + unit[..., :, None] * unit[..., None, :] / sigma_m**2
-            slope = (weight @ (enu_m - b)[..., None])[..., 0] - unit * ((radius - distance_m) / sigma_m**2)[..., None]
-            step = np.linalg.solve(normal, slope[..., None])[..., 0]
-            b = b + step
-            if np.abs(step).max() < _CONVERGED_M:
-                break
-        off_m = enu_m - b
-        squared = np.sum(off_m * (weight @ off_m[..., None])[..., 0], axis=-1)
-        radius = np.linalg.norm(b, axis=-1)
-        least = np.minimum(least, squared + ((radius - distance_m) / sigma_m) ** 2)
-    return np.asarray(least)
+    weight, axes = np.linalg.eigh(np.linalg.inv(covariance_m2))
+    along_m = np.einsum("...ij,...i->...j", axes, enu_m)
+    along_m = np.where(np.abs(along_m) < _LEAST_M, _LEAST_M, along_m)  # with nothing along the weakest axis b may turn
+    low, high = -weight[..., 0], np.full(enu_m.shape[:-1], 1.0 / sigma_m**2)
+    for _ in range(_ROUNDS):
+        m = 0.5 * (low + high)
+        length_m = np.linalg.norm(weight * along_m / (weight + m[..., None]), axis=-1)
+        longer = length_m * (1.0 - m * sigma_m**2) > distance_m
+        low, high = np.where(longer, m, low), np.where(longer, high, m)
+    b = weight * along_m / (weight + high[..., None])
+    radius_m = np.linalg.norm(b, axis=-1)
+    return np.asarray(np.sum(weight * (along_m - b) ** 2, axis=-1) + ((radius_m - distance_m) / sigma_m) ** 2)
