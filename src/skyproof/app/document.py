@@ -123,7 +123,8 @@ def _assumed(decision: Decision) -> str | None:
 
 def _summary(outcome: Outcome) -> str:
     decision = outcome.decision
-    left = _unexplained(decision.unexplained)
+    # Where nothing could be compared that a signal was not is no news.
+    left = _unexplained([u for u in decision.unexplained if u.kind != "untested" or decision.verdict != "undecided"])
     if decision.verdict == "authentic":
         n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
         sign = f". {left}" if left else "; no sign of spoofing."
@@ -209,10 +210,7 @@ def _undecided_because(outcome: Outcome) -> str | None:
         return None
     if question.why is not None:
         return f"{question.about}: {question.why}" + (f"{CURE}{question.remedy}" if question.remedy else "")
-    lacking = {
-        name for e in outcome.evidence if e.says == "undecided"
-        for name, words in NEEDS.items() if words in (e.would_need or "")
-    }  # fmt: skip
+    lacking = {name for e in outcome.evidence for name in e.lacking}
     cure = [NEEDS[name] for name in GIVEN if name in lacking][:MOST_CURES]
     why = f"{question.about}: no method that this input allows can tell"
     return why + (f"{CURE}{', or '.join(cure)}" if cure else "")

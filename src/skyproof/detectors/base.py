@@ -1,5 +1,6 @@
 """The plug: what a detector is, and how it is found."""
 
+from dataclasses import replace
 from importlib.metadata import entry_points
 from typing import Any, Protocol, runtime_checkable
 
@@ -92,9 +93,8 @@ def missing(detector: Detector, records: Records) -> list[Evidence]:
     lacking = [need for need in detector.needs if not records.has(need)]
     if not lacking:
         return []
-    return [
-        undecided(
-            detector, records, signals_of(records.observations), because=f"without {' and '.join(lacking)}",
-            would_need="; ".join(NEEDS.get(need, need) for need in lacking),
-        )
-    ]  # fmt: skip
+    said = undecided(
+        detector, records, signals_of(records.observations), because=f"without {' and '.join(lacking)}",
+        would_need="; ".join(NEEDS.get(need, need) for need in lacking),
+    )  # fmt: skip
+    return [replace(said, lacking=tuple(lacking))]

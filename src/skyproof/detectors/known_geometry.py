@@ -152,8 +152,8 @@ def _from_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m:
     """Smallest over b of (enu - b)^T W (enu - b) + ((|b| - D) / sigma)^2, W = C^-1, shapes (..., 3), (..., 3, 3).
 
     Where the gradient is zero W (enu - b) = m b with m = (1 - D / |b|) / sigma^2, so b = (W + m)^-1 W enu. As m grows
-    from minus the least eigenvalue of W to 1 / sigma^2, |b| falls from infinity and D / (1 - m sigma^2), which it has to
-    equal, rises to infinity: there is one solution between, the smallest value of all, and bisection finds it.
+    from minus the least eigenvalue of W to 1 / sigma^2, |b| falls from infinity, and D / (1 - m sigma^2), which it must
+    equal, rises to infinity: there is one solution between, the smallest value of all; bisection finds it.
     """
     weight, axes = np.linalg.eigh(np.linalg.inv(covariance_m2))
     along_m = np.einsum("...ij,...i->...j", axes, enu_m)

@@ -67,5 +67,5 @@ def _weight(own: Sequence[Evidence]) -> tuple[bool, int, bool]:
 
 
 def _compared(e: Evidence) -> bool:
-    """Whether the test had numbers to look at: it gives a p-value, or names signals of more than one receiver."""
-    return e.p_value is not None or len({ref.receiver for ref in e.subject}) > 1
+    """Whether the test had something to look at: it gives a p-value, or compared signals of several receivers."""
+    return e.p_value is not None or (not e.lacking and len({ref.receiver for ref in e.subject}) > 1)
