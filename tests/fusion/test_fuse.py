@@ -138,6 +138,12 @@ def test_a_second_signal_that_no_echo_explains_leaves_the_whole_open(invented, l
     assert decision.verdict == verdict
 
 
+def test_where_nothing_is_decided_satellites_that_are_received_twice_are_counted(invented):
+    (o, _) = doubled(invented, late_m=500.0, over_db=8.0)
+    decision = fuse([], [o], [])
+    assert [(str(u.ref.signal), u.kind, u.over_db) for u in decision.unexplained] == [("G05 L1 CA b", "double", 8.0)]
+
+
 def test_a_satellite_that_fits_nothing_leaves_the_whole_open(invented):
     names = (*SKY, "G20a")
     observed = [invented.observations(names), invented.observations(names, receiver="rx2")]

@@ -123,8 +123,7 @@ def _assumed(decision: Decision) -> str | None:
 
 def _summary(outcome: Outcome) -> str:
     decision = outcome.decision
-    # Where nothing could be compared that a signal was not is no news.
-    left = _unexplained([u for u in decision.unexplained if u.kind != "untested" or decision.verdict != "undecided"])
+    left = _unexplained(decision.unexplained)
     if decision.verdict == "authentic":
         n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
         sign = f". {left}" if left else "; no sign of spoofing."
@@ -153,6 +152,7 @@ def _attack_words(outcome: Outcome) -> str:
 
 
 _EXPLAINS: dict[Kind, str] = {
+    "double": "beside another one of its satellite: an echo or a false signal would explain it",
     "rival": "earlier or stronger than a true one of its satellite: a false signal would explain it",
     "misfit": "not fitting what the others show: a fault, an echo alone or a false signal would explain it",
     "echo": "later and weaker than a true one of its satellite: an echo would explain it",
@@ -170,7 +170,7 @@ def _unexplained(left: Sequence[Unexplained]) -> str:
         over = [u.over_db for u in own if u.over_db is not None and np.isfinite(u.over_db)]
         strong = f"up to {max(u.cn0_dbhz for u in own):.0f} dB-Hz"
         if over:
-            strong += f", {abs(max(over)):.0f} dB {'above' if max(over) > 0.0 else 'below'} it"
+            strong += f", {abs(max(over)):.0f} dB {'above' if max(over) > 0.0 else 'below'} the other"
         told.append(f"{len(own)} {words} ({strong})")
     if not told:
         return ""

@@ -11,8 +11,9 @@ from skyproof.records import Evidence, Observations, Reals, SignalRef
 
 __all__ = ["Kind", "Unexplained", "unexplained"]
 
-Kind = Literal["echo", "rival", "misfit", "untested"]
-"""echo : beside an authentic signal of its satellite, later and weaker: a reflection would explain it.
+Kind = Literal["double", "echo", "rival", "misfit", "untested"]
+"""double : beside another one of its satellite, where it is open which of them is true.
+echo : beside an authentic signal of its satellite, later and weaker: a reflection would explain it.
 rival : beside one, but earlier or stronger: no reflection is.
 misfit : the only signal of its satellite there, in a test that failed: a fault, an echo alone or an imitation.
 untested : the only one of its satellite, and nothing spoke of it: received by one receiver only, or too shortly.
@@ -37,7 +38,7 @@ def unexplained(
     """The signals that are unknown all the time that they are received, or for longer than the longest window."""
     failed = {ref for e in evidence if e.failed for ref in e.subject}
     window_s = max(((e.end_gpst - e.start_gpst) / np.timedelta64(1, "s") for e in evidence), default=0.0)
-    found = []
+    found: list[Unexplained] = []
     for o in observations:
         own = [s for s in labels if s.ref.receiver == o.receiver]
         decided = {s.ref for s in own if s.label != "unknown"}
@@ -45,10 +46,28 @@ def unexplained(
         for s in own:
             if s.label == "unknown" and (s.ref not in longest or _length_s(s, o) > _length_s(longest[s.ref], o)):
                 longest[s.ref] = s
-        for ref, s in longest.items():
-            if _length_s(s, o) >= (1.01 * window_s if ref in decided else SHORT_S):
-                found.append(_explained(s, own, o, ref in failed))
+        left = [
+            s for ref, s in longest.items() if _length_s(s, o) >= (1.01 * window_s if ref in decided else SHORT_S)
+        ]
+        # Where nothing at all is decided it is no news that a signal is not; that a satellite is there twice is.
+        found += [_explained(s, own, o, s.ref in failed) for s in left] if decided else _doubles(left, o)
     return tuple(found)
+
+
+def _doubles(left: Sequence[LabelledSignal], o: Observations) -> list[Unexplained]:
+    """Of each satellite the signals beside the one that was found first, while that one was there."""
+    found = []
+    for s in left:
+        for other in left:
+            first, last = max(s.first_epoch, other.first_epoch), min(s.last_epoch, other.last_epoch)
+            earlier = (len(other.ref.signal.copy), other.ref.signal.copy) < (len(s.ref.signal.copy), s.ref.signal.copy)
+            if other.ref.signal.transmission == s.ref.signal.transmission and earlier and last >= first:
+                rows, a, b = slice(first, last + 1), o.signals.index(s.ref.signal), o.signals.index(other.ref.signal)
+                over_db = _median(o.cn0_dbhz[rows, a] - o.cn0_dbhz[rows, b])
+                cn0_dbhz = _median(o.cn0_dbhz[rows, a])
+                found.append(Unexplained(ref=s.ref, kind="double", cn0_dbhz=cn0_dbhz, over_db=over_db))
+                break
+    return found
 
 
 def _length_s(s: LabelledSignal, o: Observations) -> float:
