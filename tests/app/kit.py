@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from skyproof.app.protect import ProtectResult, protect
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.gnss.frames import ecef_from_geodetic
+from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Fix, NavigationData, Observations
@@ -29,6 +29,15 @@ PLACES = (
     Receiver(name="mast", lat_deg=57.70145, lon_deg=11.93285, height_m=64.0, start_offset_s=-3.1e-5,
              clock_offset_s=4.2e-4, lo_ppm=0.9),
 )  # fmt: skip
+ENU_M = {
+    place.name: tuple(
+        (rot_enu_ecef(*PLACES[0].geodetic_rad[:2])
+         @ (ecef_from_geodetic(*place.geodetic_rad) - ecef_from_geodetic(*PLACES[0].geodetic_rad))).tolist()
+    )
+    for place in PLACES
+}  # fmt: skip
+DISTANCE_M = round(float(np.linalg.norm(ENU_M["stern"])), 1)
+"""Between the antennas of bow and stern."""
 TRANSMIT = Place(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0)
 ELSEWHERE = Place(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0)
 

@@ -326,7 +326,7 @@ def test_recordings_that_overlap_in_part_are_compared_in_that_part(kit, run, tmp
     scenario = kit.scenario_of(duration_s=9.0, start_gpst=START)
     second = scenario.receivers[1].model_copy(update={"start_offset_s": 4.0})
     recorded = kit.record(scenario.model_copy(update={"receivers": (scenario.receivers[0], second)}), tmp_path)
-    ended = run(*recorded.paths, nav=recorded.nav)
+    ended = run(*recorded.paths, nav=recorded.nav, options=["--antenna-distance-m", f"{kit.DISTANCE_M}"])
     assert ended.code == 0
     assert ended.verdict.verdict == "authentic"
     assert f"s with measurements are common with {recorded.paths[1]}" in ended.remarks(0)
@@ -431,14 +431,14 @@ class Meddling:
 
 
 @pytest.fixture
-def meddled(run, pair, tmp_path, monkeypatch):
+def meddled(kit, run, pair, tmp_path, monkeypatch):
     """A run on copies of the pair while something happens to the second one, and the first one's sum."""
 
     def meddled(meddle, after=13.0):
         first, second = (copied(path, tmp_path) for path in pair.paths)
         nav = shutil.copy(pair.nav, tmp_path)
         monkeypatch.setattr(protect_command, "progress", lambda: Meddling(after, lambda: meddle(second, Path(nav))))
-        return run(first, second, nav=nav)
+        return run(first, second, nav=nav, options=["--antenna-distance-m", f"{kit.DISTANCE_M}"])
 
     return meddled
 
@@ -515,9 +515,9 @@ def assert_whole(folder: Path) -> None:
         read_verdict(folder / "verdict.json")
 
 
-def test_ctrl_c_writes_what_is_decided_so_far(run, pair, monkeypatch):
+def test_ctrl_c_writes_what_is_decided_so_far(kit, run, pair, monkeypatch):
     monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("tracking", 13.0)))
-    ended = run(*pair.paths, nav=pair.nav, options=["--json"])
+    ended = run(*pair.paths, nav=pair.nav, options=["--json", "--antenna-distance-m", f"{kit.DISTANCE_M}"])
     assert ended.code == 130
     assert ended.stderr == ["skyproof: interrupted: this is what was decided so far"]
     assert json.loads(ended.stdout) == json.loads((ended.folder / "verdict.json").read_text())
@@ -529,9 +529,9 @@ def test_ctrl_c_writes_what_is_decided_so_far(run, pair, monkeypatch):
     assert_whole(ended.folder)
 
 
-def test_ctrl_c_at_once_decides_nothing_and_says_so(run, pair, monkeypatch):
+def test_ctrl_c_at_once_decides_nothing_and_says_so(kit, run, pair, monkeypatch):
     monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("tracking", 2.0)))
-    ended = run(*pair.paths, nav=pair.nav, options=["--json"])
+    ended = run(*pair.paths, nav=pair.nav, options=["--json", "--antenna-distance-m", f"{kit.DISTANCE_M}"])
     assert ended.code == 130
     assert json.loads(ended.stdout)["verdict"] == "undecided"
     assert "no time of week" in ended.verdict.undecided_because

@@ -29,12 +29,13 @@ def anywhere(rng: np.random.Generator) -> tuple[Place, np.datetime64]:
 def clean_windows_by_measurement(n_scenes: int, seed: int) -> tuple[int, int, int]:
     """Windows examined, false labels and false verdicts of scenes of 60 s at the level of measurements."""
     rng = np.random.default_rng(seed)
-    settings = Settings()
     windows_seen = false_labels = false_verdicts = 0
     for number in range(n_scenes):
         place, start = anywhere(rng)
+        baseline_m = float(rng.uniform(20.0, 200.0))
+        settings = Settings(antenna_distance_m=baseline_m if number % 2 else None)
         scenario = scenes.clean(
-            place, start, duration_s=61.0, baseline_m=float(rng.uniform(20.0, 200.0)), mask_deg=10.0, seed=number,
+            place, start, duration_s=61.0, baseline_m=baseline_m, mask_deg=10.0, seed=number,
             zenith_cn0_dbhz=float(rng.uniform(42.0, 52.0)), horizon_cn0_dbhz=float(rng.uniform(34.0, 42.0)),
         )  # fmt: skip
         navigation = nominal_constellation(start)
@@ -63,10 +64,10 @@ def test_false_verdicts_on_clean_measurements_come_at_most_at_the_stated_rate():
     assert stats.poisson.sf(verdicts - 1, 1e-3 * hours) > 1e-3
 
 
-def protect_in_memory(scenario):
+def protect_in_memory(scenario, baseline_m):
     """Verdict's decision on a scene rendered to samples, without files."""
     navigation = nominal_constellation(scenario.start_gpst)
-    settings = Settings()
+    settings = Settings(antenna_distance_m=baseline_m)
     trackers, _ = track(samples_of(scenario, navigation), settings)
     receptions: list[Reception] = [observe(tracker, navigation) for tracker in trackers]
     outcome, _ = judge(receptions, navigation, settings, Silent())
@@ -80,11 +81,12 @@ def test_two_hundred_windows_of_clean_samples_bear_no_false_label():
     windows = false = authentic = 0
     for number in range(34):
         place, start = anywhere(rng)
+        baseline_m = float(rng.uniform(30.0, 150.0))
         scenario = scenes.clean(
-            place, start, duration_s=60.5, baseline_m=float(rng.uniform(30.0, 150.0)), mask_deg=8.0, seed=number,
+            place, start, duration_s=60.5, baseline_m=baseline_m, mask_deg=8.0, seed=number,
             zenith_cn0_dbhz=float(rng.uniform(44.0, 51.0)), horizon_cn0_dbhz=float(rng.uniform(36.0, 42.0)),
         )  # fmt: skip
-        outcome = protect_in_memory(scenario)
+        outcome = protect_in_memory(scenario, baseline_m)
         windows += len({e.start_gpst for e in outcome.evidence})
         false += sum(s.label == "spoofed" for s in outcome.decision.labels) + (outcome.decision.verdict == "spoofed")
         authentic += outcome.decision.verdict == "authentic"

@@ -387,9 +387,13 @@ def test_without_a_navigation_file_the_labels_and_the_accuracy_are_the_same(prot
     assert_trusted_fixes(run, 0.0, 60.0)
 
 
+def antenna_distance_m(truth):
+    return float(np.linalg.norm(truth.place_ecef_m("rx1") - truth.place_ecef_m("rx2")))
+
+
 @pytest.mark.long
-def test_the_part_before_the_onset_is_authentic(protected):
-    run = protected("before", "--duration-s", "22")
+def test_the_part_before_the_onset_is_authentic(protected, truth):
+    run = protected("before", "--duration-s", "22", "--antenna-distance-m", f"{antenna_distance_m(truth):.1f}")
     assert run.verdict.verdict == "authentic"
     assert (run.verdict.since_gpst, run.verdict.sources) == (None, ())
     assert {s.label for s in run.verdict.signals} == {"authentic"}
