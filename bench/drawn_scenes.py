@@ -41,6 +41,8 @@ NEAREST_M, FARTHEST_M = 3.0, 300.0  # of two antennas
 CHIP_S = 1e-3 / 1023
 RIDES_WITHIN_M = 300.0
 """A transmitter nearer than this to what moves goes with it: it would be left behind within the scene."""
+LONGEST_TURNING_M = 30.0
+"""From the body's middle to an antenna: a longer arm would throw it about at tens of metres a second in a turn."""
 MASK_DEG = 8.0
 FRONT_END = FrontEnd(rate_hz=2.6e6, bandwidth_hz=2.08e6)
 
@@ -152,6 +154,8 @@ def draw_scene(name: str, *, most_receivers: int = 4, duration_s: float | None =
         given = "nothing"
     lasts_s = duration_s or float(rng.uniform(40.0, 60.0))
     antennas = _antennas(rng, n)
+    if motion == "turning" and max(math.hypot(*place) for place in antennas) > LONGEST_TURNING_M:
+        motion = "straight"
     drawn: dict[str, Any] = {
         "name": name, "seed": int(rng.integers(2**31)),
         "lat_deg": float(np.degrees(np.arcsin(rng.uniform(-0.94, 0.94)))),
