@@ -29,6 +29,7 @@ CERTAIN_SIGMAS: Final = 6.0
 LEAST: Final = 1e-8
 """Less than that parts code and carrier by a tenth of a chip in ten seconds, which the loops' slow mean follows."""
 _LEAST_SURVEYED: Final = 1e-7
+_OSCILLATOR_HZ: Final = 3e3  # at L1, of 2 ppm
 _LONG_S: Final = 1.0
 _LEAST_ROWS: Final = 4
 
@@ -49,9 +50,10 @@ class Disagreement:
 
     @property
     def of_carrier(self) -> bool:
-        """Whether the carriers are off rather than the codes: these lie nearer to what satellites show, clearly."""
+        """Whether the carriers are off rather than the codes: by more than oscillators are, and these clearly less."""
         codes_hz = self.oscillator_hz + self.code_minus_carrier * GPS_L1_CA.carrier_hz
-        return abs(codes_hz) + 2.0 * self.oscillator_sigma_hz < abs(self.oscillator_hz)
+        least_hz = max(abs(codes_hz), _OSCILLATOR_HZ) + 2.0 * self.oscillator_sigma_hz
+        return least_hz < abs(self.oscillator_hz)
 
 
 def in_survey(told: Survey, dopplers_hz: Mapping[str, float]) -> Disagreement | None:

@@ -310,11 +310,19 @@ def _met(blocks: _Blocks, signals: Sequence[Heard], tracks: _Tracks, drift: floa
     """The signals with the delays that they have along the line: a search at a wrong rate smears each by chips."""
     cell_s = blocks.block_s / _CELLS
     cells = _along(tracks, drift, cell_s)
-    starts = [_AT_START[np.argmax(np.sum(mine[np.arange(mine.shape[0]), cells], axis=1))] for mine in tracks.around]
+    starts = [_peak_at(np.sum(mine[np.arange(mine.shape[0]), cells], axis=1)) for mine in tracks.around]
     return [
-        _Moved(sat=one.sat, delay_s=one.delay_s + float(start) * cell_s, doppler_hz=one.doppler_hz)
+        _Moved(sat=one.sat, delay_s=one.delay_s + start * cell_s, doppler_hz=one.doppler_hz)
         for one, start in zip(signals, starts, strict=True)
     ]
+
+
+def _peak_at(power: Reals | NDArray[np.float32]) -> float:
+    """Cells of the highest of `_AT_START`, by the parabola through it and its neighbours."""
+    best = int(np.clip(np.argmax(power), 1, power.size - 2))
+    low, middle, high = (float(value) for value in power[best - 1 : best + 2])
+    bend = low - 2.0 * middle + high
+    return float(_AT_START[best]) + (float(np.clip(0.5 * (low - high) / bend, -1.0, 1.0)) if bend < 0.0 else 0.0)
 
 
 def _drifting(
