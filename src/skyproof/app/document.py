@@ -130,7 +130,8 @@ def _summary(outcome: Outcome) -> str:
         return f"The signals of {n} satellites come from the sky{sign}{_repeated(outcome)}{_kept(outcome, ' The')}"
     if decision.verdict == "undecided":
         why = (_undecided_because(outcome) or "").split(CURE)[0]  # the document has the remedy
-        return f"Not decided {why}.{' ' if left else ''}{left}{_repeated(outcome)}"
+        told = f" {left}" if left and left.rstrip(".") not in why else ""
+        return f"Not decided {why}.{told}{_repeated(outcome)}"
     return _attack_words(outcome) + (f" {left}" if left else "") + _repeated(outcome)
 
 
@@ -210,6 +211,8 @@ def _undecided_because(outcome: Outcome) -> str | None:
         return None
     if question.why is not None:
         return f"{question.about}: {question.why}" + (f"{CURE}{question.remedy}" if question.remedy else "")
+    if left := _unexplained(outcome.decision.unexplained).rstrip("."):
+        return f"{question.about}: {left}{CURE}a longer recording, or another receiver nearby"
     lacking = {name for e in outcome.evidence for name in e.lacking}
     cure = [NEEDS[name] for name in GIVEN if name in lacking][:MOST_CURES]
     why = f"{question.about}: no method that this input allows can tell"

@@ -293,14 +293,19 @@ class _Window:
                 "undecided", pairing.subject, p_value=p_one, because=self._too_far(pairing), would_need=self._where()
             )
         return self._say(
-            "undecided", pairing.subject, p_value=p_one, baselines=pairing.baselines,
+            "undecided", pairing.subject, p_value=p_one, baselines=self._believed(pairing),
             because=f"{_names(pairing)} do not come from one antenna, but one receiver alone may follow a false sky",
             would_need="the distance between the antennas (antenna_distance_m), or where they stand (antennas_enu_m)",
         )  # fmt: skip
 
     def _agrees(self, pairing: Pairing, geometry: Geometry) -> bool:
-        baselines = pairing.baselines
+        """Whether the baselines are as known."""
+        baselines = self._believed(pairing)
         return bool(baselines) and agreement(geometry, baselines) >= self.settings.accept_probability
+
+    def _believed(self, pairing: Pairing) -> tuple[Baseline, ...]:
+        """Its baselines; none where the noise goes beyond the bound of any track's error."""
+        return pairing.baselines if pairing.noise_m <= self.settings.error_bound_m else ()
 
     # Several sets in some receiver ------------------------------------------------------------------------------------
 
@@ -353,7 +358,7 @@ class _Window:
         if self._p_possible(sky) < alpha:
             return None
         return self._authentic(
-            sky, max(p_one, p_ratio), (ONE_FALSE_SKY,), baselines=sky.baselines,
+            sky, max(p_one, p_ratio), (ONE_FALSE_SKY,), baselines=self._believed(sky),
             because="; the receivers' other signals come from one antenna",
         )  # fmt: skip
 

@@ -27,6 +27,7 @@ from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Baseline, ConsistentSet, NavigationData, Reals, Records, SignalRef
+from skyproof.statistics.lines import fit_line
 
 __all__ = ["Pairing", "pair_up", "versus"]
 
@@ -77,6 +78,13 @@ class Pairing:
         """How much the range differences between receivers differ from satellite to satellite, rms."""
         difference_m = self.ranges.mean_m[:, 1:] - self.ranges.mean_m[:, :1]
         return float(np.sqrt(np.mean((difference_m - difference_m.mean(axis=0)) ** 2)))
+
+    @cached_property
+    def noise_m(self) -> float:
+        """Of a track about a line over the window, rms, metres: what a signal that is drawn off shows as well."""
+        values, _, _ = table_contrasts(self.ranges.range_m, self.ranges.sigma_m)
+        rms_of_sigma = float(np.sqrt(np.mean(fit_line(values).residual ** 2)))
+        return rms_of_sigma * float(np.sqrt(np.mean(self.ranges.sigma_m**2)))
 
     @cached_property
     def unit_enu(self) -> Reals | None:

@@ -8,7 +8,7 @@ Nothing here knows a particular detector.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -55,7 +55,7 @@ def fuse(
     labels = label_signals(evidence, observations)
     sources = sources_of(evidence)
     attacked = any(e.says in ("spoofed", "attack") for e in evidence)
-    left = unexplained(labels, evidence, observations)
+    left = unexplained(labels, evidence, observations, parts=not attacked)
     false = [s for s in labels if s.label == "spoofed"]
     everyone = {o.receiver for o in observations}
     if attacked:
@@ -154,12 +154,16 @@ def _capture(s: LabelledSignal, observations: Sequence[Observations]) -> Onset:
 
 
 def _sky_onset(sky: Source, observations: Sequence[Observations]) -> Onset | None:
-    """When half of a sky's signals were there: a set may have taken in some that were there before."""
+    """When half of a sky's signals were there: a set may have taken in some that were there before.
+
+    Which sky is false is open, and with it whether the one that was seen first is: the attack may have begun earlier.
+    """
     found = sorted(
         (float(o.found_elapsed_s[o.signals.index(ref.signal)]), ref)
         for o in observations for ref in sky.signals if ref.receiver == o.receiver
     )  # fmt: skip
-    return onset_of([ref for _, ref in found[(len(found) - 1) // 2 :]], observations)
+    onset = onset_of([ref for _, ref in found[(len(found) - 1) // 2 :]], observations)
+    return None if onset is None else replace(onset, earliest=None)
 
 
 def _was_tracked_before(s: LabelledSignal, observations: Sequence[Observations]) -> bool:

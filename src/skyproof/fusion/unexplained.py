@@ -33,22 +33,29 @@ class Unexplained:
 
 
 def unexplained(
-    labels: Sequence[LabelledSignal], evidence: Sequence[Evidence], observations: Sequence[Observations]
+    labels: Sequence[LabelledSignal],
+    evidence: Sequence[Evidence],
+    observations: Sequence[Observations],
+    *,
+    parts: bool = True,
 ) -> tuple[Unexplained, ...]:
-    """The signals that are unknown all the time that they are received, or for longer than the longest window."""
-    failed = {ref for e in evidence if e.failed for ref in e.subject}
+    """The signals that are unknown all the time that they are received; with `parts` also those that are so for longer
+    than the longest window, though something is known of them at other times.
+    """
+    # A failed test of one receiver's signals says that they do not fit each other; one of several, that they differ.
+    misfits = [e for e in evidence if e.failed and len({ref.receiver for ref in e.subject}) == 1]
+    failed = {ref for e in misfits for ref in e.subject}
     window_s = max(((e.end_gpst - e.start_gpst) / np.timedelta64(1, "s") for e in evidence), default=0.0)
     found: list[Unexplained] = []
     for o in observations:
         own = [s for s in labels if s.ref.receiver == o.receiver]
-        decided = {s.ref for s in own if s.label != "unknown"}
+        decided = {s.ref for s in own if s.label in ("authentic", "spoofed")}
         longest: dict[SignalRef, LabelledSignal] = {}
         for s in own:
             if s.label == "unknown" and (s.ref not in longest or _length_s(s, o) > _length_s(longest[s.ref], o)):
                 longest[s.ref] = s
-        left = [
-            s for ref, s in longest.items() if _length_s(s, o) >= (1.01 * window_s if ref in decided else SHORT_S)
-        ]
+        least_s = {True: 1.01 * window_s if parts else np.inf, False: SHORT_S}
+        left = [s for ref, s in longest.items() if _length_s(s, o) >= least_s[ref in decided]]
         # Where nothing at all is decided it is no news that a signal is not; that a satellite is there twice is.
         found += [_explained(s, own, o, s.ref in failed) for s in left] if decided else _doubles(left, o)
     return tuple(found)
