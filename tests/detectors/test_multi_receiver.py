@@ -10,6 +10,7 @@ from skyproof.detectors.multi_receiver import MultiReceiver, MultiReceiverSettin
 from skyproof.detectors.one_antenna import NoiseModel
 from skyproof.detectors.pairing import pair_up
 from skyproof.errors import SettingsError
+from skyproof.fusion.open_question import open_question
 from skyproof.navigation.sets import consistent_sets
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -119,7 +120,15 @@ def test_one_receiver_under_a_false_sky_and_one_under_the_true_one_are_never_aut
     attack = replace(MEACONER, receivers=("rx2",), shows_enu_m=shows_enu_m)
     evidence = examine(scene(sky=("rx1",), false=(attack,)).records(rng()), **known)
     assert [e.says for e in evidence] == (["attack"] if known else ["undecided"])
-    assert evidence[0].would_need is None if known else "antenna_distance_m" in evidence[0].would_need
+    assert ("measured again" if known else "antenna_distance_m") in evidence[0].would_need
+
+
+def test_what_was_given_wrong_is_the_reason_that_is_reported():
+    records = scene().records(rng())
+    reason = open_question(examine(records, antenna_distance_m=45.0), records.observations, set())
+    assert "disagree with the distance of 45 m that was given" in reason.why
+    assert "or what was given is wrong" in reason.why
+    assert "measured again" in reason.remedy
 
 
 def test_the_attacker_who_hits_the_distance_is_left_by_it_and_not_by_places():

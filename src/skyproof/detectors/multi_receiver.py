@@ -255,6 +255,7 @@ class _Window:
                 self._say(
                     "attack", rest, p_value=p_known,
                     because=f"{of_rest}; some of them are imitations, or what was given is wrong",
+                    would_need="what was given of the antennas, measured again",
                 )
             )  # fmt: skip
         elif rest:
