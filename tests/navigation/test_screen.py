@@ -1,0 +1,46 @@
+"""Fixes that are none: what residuals reject, and what few satellites put where no receiver is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.navigation.fix import fix_and_geometry
+from skyproof.navigation.screen import NUMBERS, screened
+from skyproof.records import FIX_STATUS
+from skyproof.testing import MeasuredScene, TrackErrors
+
+EPOCHS = 30
+
+
+def fix_of(sats: int, late_m: float = 0.0, first: int = EPOCHS, seed: int = 1):
+    """Screened fixes by so many satellites, one of which is late by `late_m` from epoch `first` on."""
+    scene = MeasuredScene(epochs=EPOCHS, max_satellites=sats, errors=TrackErrors(sigma_m=1.0))
+    records = scene.records(np.random.default_rng(seed))
+    observations = records.observations[0]
+    ranges_m = observations.pseudorange_m.copy()
+    ranges_m[first:, 0] += late_m
+    observations = replace(observations, pseudorange_m=ranges_m)
+    return screened(*fix_and_geometry(observations, records.navigation, multipath_sigma_m=1.0))
+
+
+@pytest.mark.parametrize("sats", [4, 5, 8])
+def test_fixes_of_a_true_sky_are_kept(sats):
+    assert not fix_of(sats).status.any()
+
+
+def test_residuals_that_fit_no_position_leave_no_fix():
+    fix = fix_of(8, late_m=500.0, first=20)
+    assert {FIX_STATUS[code] for code in fix.status[20:]} == {"residuals that fit no one position"}
+    assert not fix.status[:20].any()
+    for name in NUMBERS:
+        assert np.isnan(getattr(fix, name)[20:]).all()
+    assert np.isfinite(fix.position_ecef_m[:20]).all()
+
+
+@pytest.mark.parametrize("late_m", [-300e3, 300e3])
+def test_as_few_satellites_as_unknowns_fit_anywhere_and_are_believed_on_the_earth_only(late_m):
+    fix = fix_of(4, late_m=late_m, first=20)
+    assert (fix.status[20:] == 5).all()
+    assert np.isnan(fix.position_ecef_m[20:]).all()
+    assert not fix.status[:20].any()
