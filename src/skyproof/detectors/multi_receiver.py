@@ -246,11 +246,12 @@ class _Window:
         if self._agrees(pairing, geometry):
             return [self._authentic(pairing, p_one, geometry.assumes, because=f"; they agree with {geometry.words}")]
         p_known = pairing.survival(geometry)
+        steady = pairing.noise_m <= self.settings.error_bound_m
         found = self._agreeing_pairs(pairing) if len(pairing.sets) > 2 else []
         vouched = {ref for e in found for ref in e.subject}
         rest = tuple(ref for ref in pairing.subject if ref not in vouched)
         of_rest = f"{_names(pairing)} disagree with {geometry.words}" + (f": {_far(pairing)}" if _far(pairing) else "")
-        if p_known < alpha and rest:
+        if p_known < alpha and rest and steady:
             found.append(
                 self._say(
                     "attack", rest, p_value=p_known,
@@ -259,9 +260,10 @@ class _Window:
                 )
             )  # fmt: skip
         elif rest:
+            swings = f"the range differences of {_names(pairing)} swing by {pairing.noise_m:.0f} m within the window"
             found.append(
                 self._say(
-                    "undecided", rest, p_value=min(p_one, p_known), because=of_rest,
+                    "undecided", rest, p_value=min(p_one, p_known), because=of_rest if steady else swings,
                     would_need="a longer recording, or to know better where the antennas stand",
                 )
             )  # fmt: skip
