@@ -468,6 +468,7 @@ class Evidence:
     p_value : probability of a statistic at least as extreme under the hypothesis that `says` rejects
         ("authentic" rejects "from one antenna"; "spoofed" and "attack" reject "clean sky").
     log_likelihood_ratio : of what it says over its opposite, natural logarithm; None where no model is stated.
+    noted : it stands beside the verdict, whatever that is.
     lacking : records that the test needs and did not get; it could not run.
     assumes : under what the word holds that the measurements cannot show, in words; each stands beside the verdict.
     baselines : what the subject's signals say of the antennas, over the whole window first and then over parts of it.
@@ -489,6 +490,7 @@ class Evidence:
     would_need: str | None = None
     group: int | None = None  # evidence of one group decision shares a number within its window
     overrules: bool = False
+    noted: bool = False
     lacking: tuple[str, ...] = ()
     assumes: tuple[str, ...] = ()
     baselines: tuple[Baseline, ...] = ()

@@ -79,7 +79,8 @@ def test_a_late_copy_of_the_whole_sky_is_named_and_no_attack():
 
 @pytest.mark.parametrize(
     "kind",
-    [{"weaker_db": -6.0}, {"weaker_db": 0.0}, {"delay_m": -900.0}, {"spread_m": 30.0}, {"doppler_hz": 60.0}],
+    [{"weaker_db": -6.0}, {"weaker_db": 0.0}, {"delay_m": -900.0}, {"spread_m": 30.0}, {"doppler_hz": 60.0},
+     {"delay_m": 4000.0}],
     ids=str,
 )
 def test_what_is_stronger_earlier_or_moves_otherwise_is_no_late_copy(kind):

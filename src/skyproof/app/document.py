@@ -74,7 +74,7 @@ def document(
     decision = outcome.decision
     receivers = tuple(_receiver(r) for r in outcome.receivers)
     onset = decision.onset
-    summary = _summary(outcome) + _left_out(outcome)
+    summary = _summary(outcome) + _noted(outcome) + _left_out(outcome)
     summary = summary[:1].upper() + summary[1:]
     if interrupted:
         summary = f"Interrupted; of what was read until then: {summary}"
@@ -177,6 +177,16 @@ def _unexplained(left: Sequence[Unexplained]) -> str:
         return ""
     n = len(left)
     return f"{n} further signal{'s stay' if n > 1 else ' stays'} unexplained: {'; '.join(told)}."
+
+
+MOST_NOTED = 2
+
+
+def _noted(outcome: Outcome) -> str:
+    """What stands beside the verdict, whatever it is: each sentence once."""
+    said = list(dict.fromkeys(e.because for e in outcome.evidence if e.noted))
+    more = f" {len(said) - MOST_NOTED} more such moments stand in the evidence." if len(said) > MOST_NOTED else ""
+    return "".join(f" {text[:1].upper()}{text[1:]}." for text in said[:MOST_NOTED]) + more
 
 
 def _repeated(outcome: Outcome) -> str:

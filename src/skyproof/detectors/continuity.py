@@ -197,12 +197,13 @@ class _Window:
             return self._too_few()
         if step.missing_s > 0.0 and step.row >= look.new:
             when = _clock(look.stretch, step)
-            return undecided(
+            ahead = undecided(
                 self.detector, self.records, subject,
                 because=f"{receiver}: at {when} the signals' time is {_seconds(step.missing_s)} ahead and all carriers "
                 "break at once: samples are missing there, or time is false",
                 would_need="a recording without gaps",
             )  # fmt: skip
+            return replace(ahead, noted=True)
         return Evidence(
             detector=self.detector.name, start_gpst=self.records.start_gpst, end_gpst=self.records.end_gpst,
             subject=subject, says="clean", because=f"position, velocity, clock and time of {receiver} go on",

@@ -9,11 +9,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import ConsistentSet, Observations, Reals
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["is_late_copy", "without_late_copies"]
+__all__ = ["MOST_LATE_M", "WEAKER_DB", "is_late_copy", "without_late_copies"]
 
+MOST_LATE_M = 3000.0
+"""By which a copy is late at most: no reflector that a receiver hears is farther off, nor a repeater's cable longer."""
 WEAKER_DB = 1.0
 """By which a late copy is weaker at least: an equal one is no reflection."""
 SAME_PLACE_PROBABILITY = 1e-3
@@ -27,7 +30,7 @@ def without_late_copies(observations: Observations, sets: Sequence[ConsistentSet
 
 def is_late_copy(late: ConsistentSet, early: ConsistentSet, observations: Observations) -> bool:
     """Whether a set shows the same place as another one of its receiver, later and by weaker signals."""
-    if late is early or late.clock_bias_s <= early.clock_bias_s:
+    if late is early or not 0.0 < late.clock_bias_s - early.clock_bias_s <= MOST_LATE_M / SPEED_OF_LIGHT_M_S:
         return False
     if _level_dbhz(early, observations) - _level_dbhz(late, observations) < WEAKER_DB:
         return False

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.detectors.base import missing, signals_of, undecided
+from skyproof.detectors.late_copies import MOST_LATE_M, WEAKER_DB
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.records import Evidence, Observations, Reals, Records, SignalId, SignalRef
@@ -20,8 +21,6 @@ from skyproof.statistics.distributions import binomial_survival, binomial_thresh
 
 __all__ = ["Peaks", "PeaksSettings", "SecondSignals", "second_signals"]
 
-LATE_WEAKER_DB = 1.0
-"""By which a late copy of the sky is weaker at least: an equal one is no reflection."""
 LATE_HZ = 10.0
 """By which the carrier of a late copy differs at most: it is not sent anew."""
 SAME_DELAY = 4.0
@@ -98,13 +97,13 @@ def _repeated(
     late: dict[int, tuple[float, float]] = {}
     for channels in doubled.values():
         strong, other = sorted(channels, key=lambda c: -level_dbhz[c])[:2]
-        if len(channels) > 2 or level_dbhz[strong] - level_dbhz[other] < LATE_WEAKER_DB:
+        if len(channels) > 2 or level_dbhz[strong] - level_dbhz[other] < WEAKER_DB:
             continue
         difference_m = observations.pseudorange_m[:, other] - observations.pseudorange_m[:, strong]
         known = np.isfinite(difference_m)
         apart_hz = _median_difference(observations.doppler_hz, strong, other, settings.min_epochs)
         enough = known.sum() >= settings.min_epochs and not apart_hz > LATE_HZ
-        if enough and np.median(difference_m[known]) > 0.0:
+        if enough and 0.0 < np.median(difference_m[known]) <= MOST_LATE_M:
             thermal_m = observations.pseudorange_sigma_m[known][:, [strong, other]]
             variance = np.sum(thermal_m**2) / known.sum() ** 2 + 2.0 * settings.multipath_sigma_m**2
             late[other] = float(np.mean(difference_m[known])), float(np.sqrt(variance))
