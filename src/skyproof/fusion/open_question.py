@@ -41,7 +41,8 @@ def open_question(
     ran = {key: own for key, own in groups.items() if any(_compared(e) for e in own)}
     if not ran:
         return OpenQuestion(receivers=open_receivers, why=None, remedy=None)
-    chosen = max(ran.values(), key=_weight)
+    attacked = any(e.says in ("attack", "spoofed") for e in evidence)
+    chosen = max(ran.values(), key=lambda own: _weight(own, attacked))
     last = [e for e in chosen if _compared(e)][-1]
     remedy = last.would_need
     far = measured_distance_m([b for e in chosen for b in e.baselines[:1]])
@@ -61,9 +62,10 @@ def measured_distance_m(baselines: Sequence[Baseline]) -> tuple[float, float] | 
     return float(np.mean([d for d, _ in pairs])), float(np.median([s for _, s in pairs]))
 
 
-def _weight(own: Sequence[Evidence]) -> tuple[bool, int, bool]:
+def _weight(own: Sequence[Evidence], attacked: bool) -> tuple[bool, int, bool]:
+    """Under an attack it is no wonder that nothing goes on as it was: that is not what leaves the signals open."""
     overrules = any(e.overrules and e.failed for e in own)
-    return overrules, sum(_compared(e) for e in own), own[0].would_need is not None
+    return overrules != attacked, sum(_compared(e) for e in own), own[0].would_need is not None
 
 
 def _compared(e: Evidence) -> bool:
