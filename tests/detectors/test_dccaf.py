@@ -85,7 +85,7 @@ def test_a_reference_off_by_half_a_bin_costs_no_power_where_all_bins_are_used():
     assert factor == pytest.approx(1.0, abs=0.02)
     near = np.abs(delays.points) < 0.35
     energy = np.max(np.abs(taps[:, near]), axis=1).mean()
-    assert energy == pytest.approx(1.02, abs=0.03)
+    assert energy == pytest.approx(0.9935, abs=0.008)  # mean of six seeds, +- 4 sigma; between taps the top is missed
     assert np.max(np.abs(grid[:, 2, near]), axis=1).mean() < 0.95  # the nearest bin alone
 
 
