@@ -1,0 +1,85 @@
+"""Whatever one transmitter does, through samples: no false position is trusted, and no attack is passed over."""
+
+import numpy as np
+import pytest
+
+from skyproof.simulate.attacks import TransmitAntenna
+from skyproof.simulate.scenario import Multipath, Place, Spoofer, Takeover
+
+pytestmark = pytest.mark.long
+
+SHOWS = Place(lat_deg=57.6985, lon_deg=11.9275, height_m=60.0)  # 400 m off
+BESIDE_STERN = Place(lat_deg=57.7009, lon_deg=11.932967, height_m=51.2)  # 1 m from it, 60 m from bow
+
+
+def given(kit, what):
+    """What is told of the antennas."""
+    places = {name: kit.ENU_M[name] for name in ("bow", "stern")}
+    distance = {"antenna_distance_m": kit.DISTANCE_M}
+    return {"nothing": {}, "distance": distance, "places": {"antennas_enu_m": places}}[what]
+
+
+def off_bounds(judged):
+    """Largest error of any trusted fix over its stated 95 % bound."""
+    worst = 0.0
+    for r in judged.result.outcome.receivers:
+        if r.trusted is not None:
+            good = r.trusted.status == 0
+            error_m = judged.trusted_error_m(r.reception.samples.name)[good]
+            bound_m = 2.45 * np.sqrt(np.linalg.eigvalsh(r.trusted.covariance_m2[good, :3, :3]).max(axis=1))
+            worst = max(worst, float(np.nanmax(error_m / bound_m, initial=0.0)))
+    return worst
+
+
+@pytest.mark.parametrize("known", ["nothing", "distance", "places"])
+def test_one_captured_receiver_of_two_is_never_trusted(kit, tmp_path, known):
+    """A spoofer 1 m from stern, 20 dB above its true signals with noise that drowns them; bow hears the true sky."""
+    captured = Spoofer(
+        shows=SHOWS, transmit=BESIDE_STERN, clock_offset_s=3e-6, onset_s=-10.0, power_db=-15.6, noise_db=-23.6
+    )
+    judged = kit.protected(kit.scenario_of(attacks=(captured,)), tmp_path, **given(kit, known))
+    assert judged.verdict.verdict != "authentic"
+    assert "no sign" not in judged.verdict.summary
+    assert off_bounds(judged) < 1.0
+
+
+@pytest.mark.parametrize("known", ["nothing", "distance", "places"])
+def test_a_takeover_at_one_receivers_place_leaves_no_false_trusted_fix(kit, tmp_path, known):
+    """Aligned with bow's signals, misaligned at stern by what the antennas are apart; drawn off 1.2 km from 24 s on."""
+    takeover = Takeover(
+        target="bow", transmit=Place(lat_deg=57.70183, lon_deg=11.9311, height_m=56.0), onset_s=12.0, power_db=4.0,
+        power_points_db=((12.0, -20.0), (20.0, 0.0)),
+        away_points_enu_m=((24.0, 0.0, 0.0, 0.0), (60.0, 1150.0, 350.0, 0.0)),
+    )  # fmt: skip
+    judged = kit.protected(kit.scenario_of(attacks=(takeover,), duration_s=60.0), tmp_path, **given(kit, known))
+    assert judged.verdict.verdict == "spoofed"
+    assert off_bounds(judged) < 1.5
+    onset = judged.scene.scenario.start_gpst + np.timedelta64(12, "s")
+    assert np.datetime64(judged.verdict.since_latest_gpst) >= onset
+    assert judged.verdict.since_earliest_gpst is None  # it may have lain hidden in the true signals for any time
+
+
+def test_a_few_second_signals_from_two_antennas_are_counted(kit, tmp_path):
+    """Two of ten, up to 8 dB stronger, in both receivers."""
+    few = Spoofer(
+        shows=SHOWS, transmit=Place(lat_deg=57.7012, lon_deg=11.9371, height_m=58.0), clock_offset_s=3e-6, power_db=8.0,
+        onset_s=12.0, sats=("G07", "G17"),
+        antennas=(TransmitAntenna(lat_deg=57.7035, lon_deg=11.9346, height_m=58.0, sats=("G17",)),),
+    )  # fmt: skip
+    judged = kit.protected(kit.scenario_of(attacks=(few,)), tmp_path, **given(kit, "distance"))
+    assert judged.verdict.verdict != "authentic"
+    assert "no sign" not in judged.verdict.summary
+    assert "4 further signals stay unexplained: 4 earlier or stronger" in judged.verdict.summary
+    assert off_bounds(judged) < 1.0
+
+
+def test_a_whole_sky_repeated_late_in_one_receiver_is_named_and_no_attack(kit, tmp_path):
+    scenario = kit.scenario_of()
+    stern = scenario.receivers[1].model_copy(update={"multipath": (Multipath(delay_m=450.0, power_db=-6.0),)})
+    scenario = scenario.model_copy(update={"receivers": (scenario.receivers[0], stern)})
+    judged = kit.protected(scenario, tmp_path, **given(kit, "distance"))
+    assert judged.verdict.verdict == "authentic"
+    assert "received again, late and weaker" in judged.verdict.summary
+    assert {s.label for s in judged.verdict.signals if s.receiver == "bow"} == {"authentic"}
+    assert {s.label for s in judged.verdict.signals if s.receiver == "stern"} == {"authentic", "multipath"}
+    assert off_bounds(judged) < 1.5
