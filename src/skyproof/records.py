@@ -10,6 +10,7 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from enum import IntEnum
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -19,30 +20,53 @@ from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 
 __all__ = [
-    "CELL_STATUS", "FIX_STATUS", "ArrayPhases", "Baseline", "Ccaf", "ConsistentSet", "Ephemeris", "Evidence", "Fix",
-    "ImuSeries", "Instants", "Klobuchar", "NavState", "NavigationData", "Observations", "OpenFile", "Reals", "Records",
-    "SampleGap", "Samples", "SignalId", "SignalRef", "SpinArm", "Taps", "UtcParameters", "freeze",
+    "CELL_STATUS", "FIX_STATUS", "ArrayPhases", "Baseline", "Ccaf", "CellStatus", "ConsistentSet", "Ephemeris",
+    "Evidence", "Fix", "FixStatus", "ImuSeries", "Instants", "Klobuchar", "NavState", "NavigationData",
+    "Observations", "OpenFile", "Reals", "Records", "SampleGap", "Samples", "SignalId", "SignalRef", "SpinArm",
+    "Taps", "UtcParameters", "freeze",
 ]  # fmt: skip
 
 Reals = NDArray[np.float64]
 Instants = NDArray[np.datetime64]
 
+
+class CellStatus(IntEnum):
+    """Why a cell of `Observations` is as it is. `OK` and `SLIP` have numbers; the others NaN."""
+
+    OK = 0
+    NOT_TRACKED = 1
+    NO_TIME = 2
+    SLIP = 3
+
+
+class FixStatus(IntEnum):
+    """Why an epoch of a `Fix` is as it is. Only `OK` has numbers; the others NaN."""
+
+    OK = 0
+    TOO_FEW = 1
+    WEAK_GEOMETRY = 2
+    NOT_CONVERGED = 3
+    MISFIT = 4
+    OFF_EARTH = 5
+
+
 CELL_STATUS: dict[int, str] = {
-    0: "ok",
-    1: "not tracked",
-    2: "no time of week decoded yet",
-    3: "cycle slip since the epoch before",
+    CellStatus.OK: "ok",
+    CellStatus.NOT_TRACKED: "not tracked",
+    CellStatus.NO_TIME: "no time of week decoded yet",
+    CellStatus.SLIP: "cycle slip since the epoch before",
 }
-"""Why a cell of `Observations` is as it is. Codes 0 and 3 have numbers; the others NaN."""
+"""A `CellStatus` in words."""
 
 FIX_STATUS: dict[int, str] = {
-    0: "ok",
-    1: "fewer than four satellites with an ephemeris",
-    2: "geometry too weak",
-    3: "did not converge",
-    4: "residuals that fit no one position",
-    5: "off the Earth, by as few satellites as unknowns",
+    FixStatus.OK: "ok",
+    FixStatus.TOO_FEW: "fewer than four satellites with an ephemeris",
+    FixStatus.WEAK_GEOMETRY: "geometry too weak",
+    FixStatus.NOT_CONVERGED: "did not converge",
+    FixStatus.MISFIT: "residuals that fit no one position",
+    FixStatus.OFF_EARTH: "off the Earth, by as few satellites as unknowns",
 }
+"""A `FixStatus` in words."""
 
 
 def freeze(record: Any, shapes: Mapping[str, tuple[str, ...]]) -> None:
@@ -166,7 +190,7 @@ class Observations:
     carrier_cyc : accumulated carrier phase, same sign as the range (grows when the range grows), arbitrary start.
     doppler_hz : apparent carrier frequency minus nominal; falls with a growing range rate; contains the clock drift.
     pseudorange_sigma_m, carrier_sigma_cyc, doppler_sigma_hz : thermal noise, one sigma.
-    status : (n_epochs, n_channels) uint8, see CELL_STATUS. NaN always has a reason here.
+    status : (n_epochs, n_channels) uint8, see CellStatus. NaN always has a reason here.
     half_cycle_open : (n_epochs, n_channels) where the carrier may be half a cycle off, for nothing told the sign of the
         data bits; elsewhere it is arbitrary by whole cycles only. One value at construction stands for all cells.
     found_elapsed_s : (n_channels,) when the search found the signal.
@@ -375,7 +399,7 @@ class Fix:
     clock_bias_s : what the receiver's clock shows minus what the signals' time says.
     covariance_m2 : (n_epochs, 4, 4) of ECEF position and c times clock bias.
     residual_m : (n_epochs, n_signals) measured minus modelled pseudorange, NaN where not used.
-    status : (n_epochs,) uint8, see FIX_STATUS; NaN in the numbers unless 0.
+    status : (n_epochs,) uint8, see FixStatus; NaN in the numbers unless 0.
     inter_system_s : time scale ("G", "E", "C", "R") to (n_epochs,), the clock bias by its signals minus
         `clock_bias_s`; NaN where it has none. Zero for the scale that the clock bias refers to: the first of G, E, C, R
         that is there. Empty from sources that do not tell.

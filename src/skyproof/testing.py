@@ -28,6 +28,7 @@ from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.records import (
+    CellStatus,
     ConsistentSet,
     Ephemeris,
     Evidence,
@@ -272,7 +273,8 @@ def _unmeasured(records: Records) -> Records:
     def blank(measured: Any) -> Any:
         cells = {name: getattr(measured, name) for name, axis in _channel_axes(measured).items() if axis == 1}
         return replace(
-            measured, **{name: np.full_like(v, 1 if name == "status" else np.nan) for name, v in cells.items()}
+            measured,
+            **{n: np.full_like(v, CellStatus.NOT_TRACKED if n == "status" else np.nan) for n, v in cells.items()},
         )
 
     return replace(_each_measured(records, blank), sets=())
@@ -418,7 +420,7 @@ class MeasuredScene:
             pseudorange_sigma_m=self.errors.sigma_m * ones,
             carrier_sigma_cyc=0.01 * ones,
             doppler_sigma_hz=0.1 * ones,
-            status=np.zeros(range_m.shape, np.uint8),
+            status=np.full(range_m.shape, CellStatus.OK, np.uint8),
             found_elapsed_s=np.zeros(len(signals)),
             missed_elapsed_s=np.full(len(signals), np.nan),
             averaged_s=self.step_s,

@@ -15,7 +15,17 @@ from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso
-from skyproof.records import ConsistentSet, Evidence, Fix, NavigationData, Observations, Reals, Says, SignalRef
+from skyproof.records import (
+    ConsistentSet,
+    Evidence,
+    Fix,
+    FixStatus,
+    NavigationData,
+    Observations,
+    Reals,
+    Says,
+    SignalRef,
+)
 from skyproof.report.positions import radius_95_m
 from skyproof.verdict import (
     VERDICT_FORMAT,
@@ -293,7 +303,7 @@ def _start(o: Observations) -> np.datetime64:
 
 
 def _last(fix: Fix) -> int | None:
-    good = np.flatnonzero(fix.status == 0)
+    good = np.flatnonzero(fix.status == FixStatus.OK)
     return int(good[-1]) if good.size else None
 
 

@@ -26,7 +26,7 @@ from skyproof.fusion.trusted import labelled
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.geoid import GEOID_SIGMA_M, geoid_separation_m
 from skyproof.navigation.dilution import horizontal_dilution
-from skyproof.records import CELL_STATUS, Evidence, Fix, NavigationData, Observations
+from skyproof.records import CELL_STATUS, Evidence, Fix, FixStatus, NavigationData, Observations
 from skyproof.report.page import report_html
 from skyproof.verdict import Verdict
 
@@ -190,7 +190,8 @@ def _sentences(fix: Fix, navigation: NavigationData) -> Iterator[str]:
     place = columns["lat_deg"], columns["lon_deg"]
     return nmea_sentences(
         columns["gpst"], *place, columns["height_m"], columns["satellites"],
-        hdop=horizontal_dilution(fix, navigation)[fix.status == 0], geoid_separation_m=geoid_separation_m(*place),
+        hdop=horizontal_dilution(fix, navigation)[fix.status == FixStatus.OK],
+        geoid_separation_m=geoid_separation_m(*place),
         sigma_east_m=columns["sigma_east_m"], sigma_north_m=columns["sigma_north_m"],
         sigma_up_m=np.hypot(columns["sigma_up_m"], GEOID_SIGMA_M),
     )  # fmt: skip

@@ -26,7 +26,7 @@ from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.receiver.profile import delay_profiles
-from skyproof.records import ConsistentSet, Fix, Observations, Reals, Records
+from skyproof.records import ConsistentSet, Fix, FixStatus, Observations, Reals, Records
 from skyproof.report.page import Pictures
 from skyproof.report.pictures import (
     DelayProfile,
@@ -65,7 +65,7 @@ def possible_fixes(r: ReceiverOutcome) -> list[tuple[str, Fix]]:
 
 def last_position(fix: Fix) -> Any:
     """(3,) of the last epoch that has one; None without any."""
-    good = np.flatnonzero(fix.status == 0)
+    good = np.flatnonzero(fix.status == FixStatus.OK)
     return fix.position_ecef_m[good[-1]] if good.size else None
 
 
@@ -121,7 +121,7 @@ def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
     drawn += [(f"{name} {sky}", "possible", fix) for sky, fix in possible_fixes(r)]
     tracks = []
     for receiver, kind, fix in drawn:
-        good = np.flatnonzero(fix.status == 0)
+        good = np.flatnonzero(fix.status == FixStatus.OK)
         if good.size:
             enu = (fix.position_ecef_m - origin) @ rot.T
             covariance = (rot @ fix.covariance_m2[good[-1], :3, :3] @ rot.T)[:2, :2]
@@ -155,7 +155,7 @@ def _truth(observed: Sequence[ReceiverOutcome], origin: Any) -> Iterator[TruePla
 
 
 def _last_instant(fix: Fix) -> np.datetime64 | None:
-    good = np.flatnonzero(fix.status == 0)
+    good = np.flatnonzero(fix.status == FixStatus.OK)
     return cast(np.datetime64, fix.gpst[good[-1]]) if good.size else None
 
 

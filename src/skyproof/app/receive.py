@@ -19,7 +19,7 @@ from skyproof.formats.atomic_write import writing_together
 from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.gnss.time import iso
 from skyproof.navigation.fix import fix
-from skyproof.records import NavigationData, Observations
+from skyproof.records import FixStatus, NavigationData, Observations
 from skyproof.verdict import notebook_html
 
 __all__ = ["ReceiveResult", "document_json", "receive"]
@@ -151,7 +151,7 @@ def _approximate_position_ecef_m(o: Observations, orbits: NavigationData) -> Any
     """(3,) where the first copies say that the receiver stands, unjudged like them; None if they say nothing."""
     step = max(o.gpst.size // HEADER_FIXES, 1)
     shown = fix(take(o, np.arange(o.gpst.size) % step == 0), orbits, signals=first_copies(o))
-    good = shown.status == 0
+    good = shown.status == FixStatus.OK
     return np.median(shown.position_ecef_m[good], axis=0) if good.any() else None
 
 

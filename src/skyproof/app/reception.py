@@ -36,7 +36,7 @@ from skyproof.receiver.observables import (
     week_told,
 )
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
-from skyproof.records import NavigationData, Observations, Samples, SignalId
+from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId
 
 __all__ = ["Reception", "Tracker", "observe", "open_inputs", "require_signals", "stretch", "track"]
 
@@ -508,7 +508,7 @@ def _all_timed(
     if not untimed:
         return None
     shown = fix(observations, orbits, signals=first_copies(observations), elevation_mask_deg=0.0)
-    good = np.flatnonzero(shown.status == 0)
+    good = np.flatnonzero(shown.status == FixStatus.OK)
     if good.size == 0:
         return None
 

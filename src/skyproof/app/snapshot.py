@@ -11,7 +11,7 @@ from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, coarse_fix
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.snapshot import CodePhase, code_phase
-from skyproof.records import Fix, NavigationData, Reals, Samples, SignalId
+from skyproof.records import Fix, FixStatus, NavigationData, Reals, Samples, SignalId
 
 __all__ = ["Snapshot", "snapshot"]
 
@@ -152,5 +152,5 @@ def _as_fix(receiver: str, coarse: CoarseFix) -> Fix:
         clock_drift=np.array([coarse.clock_drift]),
         covariance_m2=(to_fix @ coarse.covariance @ to_fix.T)[None],
         residual_m=coarse.residual_m[None],
-        status=np.zeros(1, np.uint8),
+        status=np.full(1, FixStatus.OK, np.uint8),
     )

@@ -31,7 +31,7 @@ from skyproof.navigation.fix import range_rates
 from skyproof.navigation.least_squares import design_matrix, line_of_sight, spd_inverse
 from skyproof.navigation.raim import exclude_several, whitened_fit
 from skyproof.navigation.ranges import corrected_ranges
-from skyproof.records import NavigationData, Observations, Reals
+from skyproof.records import CellStatus, NavigationData, Observations, Reals
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
 __all__ = ["KINDS", "Jump", "Limits", "Series", "Step", "jumps", "largest_step", "p_values", "series_of"]
@@ -40,7 +40,6 @@ Bools = NDArray[np.bool_]
 
 KINDS = ("position", "clock", "velocity", "rate")
 """What is tested at each epoch: jumps of the position, the clock, the velocity and the clock's rate."""
-_SLIP = 3  # a code of records.CELL_STATUS
 _GAP = 1.5  # usual intervals; a longer one is an outage
 _AT_ONCE = 0.75  # of the channels: their carriers break together
 _FAULTY = 1e-4  # chance at which residuals show that a channel jumps by itself
@@ -140,7 +139,7 @@ def series_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, 
     there = np.isfinite(level_m)
     rate, passing = _filled(o.elapsed_s, rates.measured_m_s), _filled(o.elapsed_s, passing_m_s)
     rate_m2 = _filled(o.elapsed_s, rates.sigma_m_s) ** 2
-    whole = there[1:] & there[:-1] & np.isfinite(np.diff(carrier_m, axis=0)) & (o.status[1:] != _SLIP)
+    whole = there[1:] & there[:-1] & np.isfinite(np.diff(carrier_m, axis=0)) & (o.status[1:] != CellStatus.SLIP)
     by_carrier = np.diff(carrier_m, axis=0) - 0.5 * dt_s * (passing[1:] + passing[:-1])
     by_doppler = 0.5 * dt_s * (rate[1:] + rate[:-1])
     unseen_s = np.where(there[1:], _since(there, o.elapsed_s), 0.0)  # an outage of all is not noise: see `_slack`

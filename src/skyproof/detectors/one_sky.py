@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.records import Observations, Reals, SignalId
+from skyproof.records import CellStatus, Observations, Reals, SignalId
 
 __all__ = ["MIN_SATELLITES", "joined", "one_signal_a_satellite", "rows_of"]
 
 MIN_SATELLITES = 5
 _WHATEVER = np.array(False)  # half a cycle is 10 cm
-_NOT_TRACKED, _SLIP = 1, 3  # codes of records.CELL_STATUS
 _CELLS = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
           "doppler_sigma_hz")  # fmt: skip
 
@@ -47,7 +46,7 @@ def one_signal_a_satellite(
     slipped = np.diff(breaks[kept], axis=0, prepend=0) > 0  # those of epochs that are left out count as well
     used = chosen[kept]
     cells: dict[str, Any] = {name: _picked(getattr(o, name)[kept], used) for name in _CELLS}
-    status = np.where(used < 0, _NOT_TRACKED, np.where(slipped, _SLIP, 0))
+    status = np.where(used < 0, CellStatus.NOT_TRACKED, np.where(slipped, CellStatus.SLIP, CellStatus.OK))
     whole = (chosen[-1] >= 0) & (breaks[-1] == (breaks[kept[-1]] if kept.size else 0))
     last = {sats[n]: o.signals[chosen[-1, n]] for n in np.flatnonzero(whole)}
     carrier_hz = np.array([o.carrier_hz[columns[sat][0]] for sat in sats])
@@ -65,7 +64,7 @@ def _breaks(
     """Where a satellite's carrier does not go on from the epoch before: a slip, a gap, or another signal."""
     first = [o.signals.index(sources[sat]) if sources.get(sat) in o.signals else -1 for sat in sats]
     before = np.vstack((np.array(first, np.int64)[None], chosen[:-1]))
-    slip = np.take_along_axis(o.status, np.maximum(chosen, 0), axis=1) == _SLIP
+    slip = np.take_along_axis(o.status, np.maximum(chosen, 0), axis=1) == CellStatus.SLIP
     return np.asarray((chosen >= 0) & (slip | (chosen != before)))
 
 
@@ -85,7 +84,7 @@ def joined(before: Observations, after: Observations) -> Observations:
         return cells
 
     cells: dict[str, Any] = {name: np.vstack([spread(o, name, np.nan) for o in (before, after)]) for name in _CELLS}
-    status = np.vstack([spread(o, "status", _NOT_TRACKED) for o in (before, after)]).astype(np.uint8)
+    status = np.vstack([spread(o, "status", CellStatus.NOT_TRACKED) for o in (before, after)]).astype(np.uint8)
     carrier_hz = dict(zip(before.signals, before.carrier_hz, strict=True)) | dict(
         zip(after.signals, after.carrier_hz, strict=True)
     )

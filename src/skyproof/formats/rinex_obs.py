@@ -15,13 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.time import leap_seconds, rinex_date, utc_from_gpst
-from skyproof.records import Instants, Observations, Reals, SignalId
+from skyproof.records import CellStatus, Instants, Observations, Reals, SignalId
 
 __all__ = ["obs_lines", "write_obs"]
 
 _TICK_NS: Final = 100  # an epoch's last digit: seconds are F11.7
 _LOWEST, _HIGHEST = -1e9 + 1e-3, 1e10 - 1e-3  # what F14.3 holds
-_SLIP: Final = 3  # the cell status of a cycle slip
 _COLUMNS: Final = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz")  # C1C L1C D1C S1C
 
 
@@ -97,7 +96,7 @@ def obs_lines(
         raise ValueError(f"{marker}: no measurement on any of the {len(channels)} signals; there is nothing to write")
     ticks = _in_ticks(observations.gpst)
     phase = np.isfinite(values[..., 1])
-    lost = _lock_was_lost(observations.status[:, channels] == _SLIP, phase, sats)
+    lost = _lock_was_lost(observations.status[:, channels] == CellStatus.SLIP, phase, sats)
     indicator = 1 * lost + 2 * (phase & observations.half_cycle_open[:, channels])
 
     listed = ", ".join(f"{signal.sat}{signal.copy}" for signal in sorted(signals))

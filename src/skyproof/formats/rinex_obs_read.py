@@ -22,12 +22,11 @@ from skyproof.formats.rinex_cells import Layout, Lines, Rows, cells, layout_chan
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal
 from skyproof.gnss.time import gpst_from_utc
-from skyproof.records import Instants, Observations, Reals, SignalId
+from skyproof.records import CellStatus, Instants, Observations, Reals, SignalId
 
 __all__ = ["ObservationFile", "parse_obs", "read_obs"]
 
 _TO_DO: Final = "give a RINEX observation file (2.1x, 3.0x, 4.0x), plain, compact (.crx, .21d) or gzip"
-_SLIP: Final = 3  # the cell status of a cycle slip
 _TIME_SYSTEMS: Final = {"R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS"}  # of a file of one system that tells none
 _BY_TYPE_2: Final = {
     "C1": "1C", "P1": "1P", "C2": "2C", "P2": "2P", "C5": "5X", "C6": "6X", "C7": "7X", "C8": "8X",
@@ -441,7 +440,9 @@ def _observations(
         pseudorange_sigma_m=np.where(np.isfinite(code_m), code_sigma_m, np.nan),
         carrier_sigma_cyc=np.where(np.isfinite(phase_cyc), phase_sigma_cyc, np.nan),
         doppler_sigma_hz=np.where(np.isfinite(doppler_hz), doppler_sigma_hz, np.nan),
-        status=np.where(there, np.where(table.lost, _SLIP, 0), 1).astype(np.uint8),
+        status=np.where(
+            there, np.where(table.lost, CellStatus.SLIP, CellStatus.OK), CellStatus.NOT_TRACKED
+        ).astype(np.uint8),
         half_cycle_open=table.half_open,
         found_elapsed_s=elapsed_s[first],
         missed_elapsed_s=np.where(first > 0, elapsed_s[np.maximum(first - 1, 0)], np.nan),

@@ -17,7 +17,7 @@ from skyproof.errors import OutputError
 from skyproof.formats.atomic_write import write_lines, writing
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.records import Fix
+from skyproof.records import Fix, FixStatus
 
 __all__ = ["FIXES_COLUMNS", "Column", "fixes_columns", "growing_tables", "write_table"]
 
@@ -127,7 +127,7 @@ def fixes_columns(fixes: Iterable[tuple[str, Fix]]) -> dict[str, Column]:
 
 
 def _fix_columns(kind: str, fix: Fix) -> dict[str, Column]:
-    good = np.asarray(fix.status == 0)
+    good = np.asarray(fix.status == FixStatus.OK)
     lat_rad, lon_rad, height_m = geodetic_from_ecef(fix.position_ecef_m[good])
     rot_enu = rot_enu_ecef(lat_rad, lon_rad)
     covariance_enu_m2 = rot_enu @ fix.covariance_m2[good, :3, :3] @ np.swapaxes(rot_enu, -1, -2)

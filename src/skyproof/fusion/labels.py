@@ -19,14 +19,13 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.records import Evidence, Observations, Reals, SignalRef
+from skyproof.records import CellStatus, Evidence, Observations, Reals, SignalRef
 
 __all__ = ["Label", "LabelledSignal", "Source", "label_signals", "sources_of"]
 
 Label = Literal["authentic", "spoofed", "multipath", "unknown"]
 LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
 SILENT = -1
-SLIP = 3  # a code of records.CELL_STATUS
 MIN_WINDOW_SHARE = 0.4
 BRIDGE_S = 11.0
 """Between two windows that say so, a signal that is tracked on is authentic for so long without evidence: one usual
@@ -144,7 +143,7 @@ def _arcs(o: Observations, column: int) -> list[tuple[int, int]]:
     there = np.flatnonzero(np.isfinite(o.pseudorange_m[:, column]))
     if there.size == 0:
         return []
-    cuts = np.flatnonzero(o.status[there, column] == SLIP)
+    cuts = np.flatnonzero(o.status[there, column] == CellStatus.SLIP)
     starts = np.unique(np.concatenate([[0], cuts]))
     ends = np.append(starts[1:] - 1, there.size - 1)
     return [(int(there[a]), int(there[b])) for a, b in zip(starts, ends, strict=True)]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from skyproof.fusion.labels import Label, LabelledSignal
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.screen import screened
-from skyproof.records import Fix, NavigationData, Observations, SignalId
+from skyproof.records import CellStatus, Fix, NavigationData, Observations, SignalId
 
 __all__ = ["fix_of", "labelled", "masked", "only"]
 
@@ -35,7 +35,8 @@ def masked(observations: Observations, mask: NDArray[np.bool_]) -> Observations:
     names = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
              "doppler_sigma_hz")  # fmt: skip
     emptied: dict[str, Any] = {name: np.where(mask, getattr(observations, name), np.nan) for name in names}
-    status = np.where(mask | (observations.status == 1), observations.status, np.uint8(1)).astype(np.uint8)
+    kept = mask | (observations.status == CellStatus.NOT_TRACKED)
+    status = np.where(kept, observations.status, CellStatus.NOT_TRACKED).astype(np.uint8)
     return replace(observations, status=status, **emptied)
 
 

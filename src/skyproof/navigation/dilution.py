@@ -6,7 +6,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.least_squares import design_matrix, line_of_sight, normal_inverse
 from skyproof.navigation.ranges import corrected_ranges, time_scales
-from skyproof.records import Fix, NavigationData, Reals
+from skyproof.records import Fix, FixStatus, NavigationData, Reals
 
 __all__ = ["horizontal_dilution"]
 
@@ -33,4 +33,4 @@ def _of(fix: Fix, navigation: NavigationData, rows: slice) -> Reals:
     lat_rad, lon_rad, _ = geodetic_from_ecef(position_m)
     rot_enu = rot_enu_ecef(lat_rad, lon_rad)
     east_north = np.diagonal(rot_enu @ cofactor @ np.swapaxes(rot_enu, -1, -2), axis1=-2, axis2=-1)[..., :2]
-    return np.asarray(np.where(fix.status[rows] == 0, np.sqrt(east_north.sum(axis=-1)), np.nan))
+    return np.asarray(np.where(fix.status[rows] == FixStatus.OK, np.sqrt(east_north.sum(axis=-1)), np.nan))

@@ -36,12 +36,11 @@ from skyproof.navigation.filter_state import (
 from skyproof.navigation.fix import RangeRates, fix, range_rates
 from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scale
-from skyproof.records import Fix, Instants, NavigationData, Observations, Reals, SignalId
+from skyproof.records import CellStatus, Fix, FixStatus, Instants, NavigationData, Observations, Reals, SignalId
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["FilterSettings", "FilterState", "Filtered", "step"]
 
-_SLIP = 3  # a code of records.CELL_STATUS
 # Priors that say nothing beside any measurement, and are small enough to keep all digits beside the carrier's noise.
 _OPEN_M = 100.0
 _OPEN_M_S = 300.0
@@ -148,7 +147,7 @@ def _rows(observations: Observations, signals: tuple[SignalId, ...], navigation:
         code_sigma_m=observations.pseudorange_sigma_m[:, columns],
         carrier_sigma_m=observations.carrier_sigma_cyc[:, columns] * wavelength_m,
         doppler_sigma_hz=observations.doppler_sigma_hz[:, columns],
-        slip=observations.status[:, columns] == _SLIP,
+        slip=observations.status[:, columns] == CellStatus.SLIP,
         carrier_hz=carrier_hz,
         space_m=space_sigma_m(signals),
     )
@@ -162,7 +161,7 @@ class _Out:
         self.gpst = gpst
         self.core, self.covariance = np.full((n, CORE), np.nan), np.full((n, 4, 4), np.nan)
         self.residual_m = np.full((n, channels), np.nan)
-        self.status = np.ones(n, np.uint8)
+        self.status = np.full(n, FixStatus.TOO_FEW, np.uint8)
         self.offset_m: dict[str, Reals] = {}
         self.nis, self.nis_dof = np.full(n, np.nan), np.zeros(n, np.int64)
         self.rejected, self.slipped = np.zeros((n, channels), np.bool_), np.zeros((n, channels), np.bool_)
@@ -171,7 +170,7 @@ class _Out:
         self.core[row] = state.mean[:CORE]
         kept = [0, 1, 2, CLOCK]
         self.covariance[row] = state.covariance[np.ix_(kept, kept)]
-        self.status[row] = 0
+        self.status[row] = FixStatus.OK
         offsets_m = np.concatenate(([0.0], state.mean[CORE : CORE + len(state.scales) - 1]))
         for scale, offset_m in zip(state.scales, offsets_m, strict=True):
             self.offset_m.setdefault(scale, np.full(self.gpst.size, np.nan))[row] = offset_m
@@ -206,7 +205,7 @@ def _start(
         multipath_sigma_m=settings.multipath_sigma_m, ionosphere_share=settings.ionosphere_share,
         false_alarm_probability=settings.false_alarm_probability,
     )  # fmt: skip
-    good = np.flatnonzero(found.status == 0)
+    good = np.flatnonzero(found.status == FixStatus.OK)
     if good.size == 0:
         return None, 0
     row = int(good[0])

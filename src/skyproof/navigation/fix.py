@@ -18,7 +18,7 @@ from skyproof.navigation.least_squares import (
 )
 from skyproof.navigation.raim import exclude_several
 from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scales
-from skyproof.records import Fix, NavigationData, Observations, Reals, SignalId
+from skyproof.records import Fix, FixStatus, NavigationData, Observations, Reals, SignalId
 
 __all__ = ["Geometry", "RangeRates", "fix", "fix_and_geometry", "range_rates"]
 
@@ -93,7 +93,7 @@ def fix(
     ionosphere_share : what `ranges.atmosphere` leaves of the ionosphere.
     elevation_mask_deg : satellites lower than this are not used.
     start_ecef_m : (3,) where to start, by default the Earth's centre.
-    max_gdop : geometry beyond this is status 2.
+    max_gdop : geometry beyond this is `FixStatus.WEAK_GEOMETRY`.
     false_alarm_probability : if given, epochs whose residuals fail `raim.global_test` at this rate leave out as few
         measurements as make them pass, by `raim.exclude_several`; where that does not help, all are kept. Never to be
         used to decide who is authentic.
@@ -217,10 +217,10 @@ def _fix_block(
             ~(gdop <= settings.max_gdop),
             ~(solution.last_step_m < _CONVERGED_M),
         ],
-        [1.0, 2.0, 3.0],
-        0.0,
+        [float(FixStatus.TOO_FEW), float(FixStatus.WEAK_GEOMETRY), float(FixStatus.NOT_CONVERGED)],
+        float(FixStatus.OK),
     )
-    bad = status > 0
+    bad = status != FixStatus.OK
     clocks_m = np.where(present, solution.state_m[:, 3:], np.nan)
     clock_m = np.take_along_axis(clocks_m, reference[:, None], axis=1)
     state = np.concatenate((solution.state_m[:, :3], clock_m), axis=1)

@@ -7,7 +7,7 @@ import numpy as np
 
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.navigation.fix import Geometry
-from skyproof.records import Fix
+from skyproof.records import Fix, FixStatus
 from skyproof.statistics.distributions import chi_square_survival
 
 __all__ = ["screened"]
@@ -17,7 +17,6 @@ MISFIT_PROBABILITY = 1e-6
 HEIGHT_M = (-1e3, 40e3)
 """Where a fix without redundancy is believed: from the Dead Sea to a balloon."""
 NUMBERS = ("position_ecef_m", "velocity_ecef_m_s", "clock_bias_s", "clock_drift", "covariance_m2", "residual_m")
-MISFIT, OFF_EARTH = 4, 5  # codes of records.FIX_STATUS
 
 
 def screened(fix: Fix, geometry: Geometry) -> Fix:
@@ -27,7 +26,7 @@ def screened(fix: Fix, geometry: Geometry) -> Fix:
     unknowns, if all of them fit one position. Without such a satellite anything fits: true and false signals mixed gave
     heights of a thousand kilometres.
     """
-    good = fix.status == 0
+    good = fix.status == FixStatus.OK
     used = np.isfinite(geometry.misfit_m) & np.isfinite(geometry.design).all(axis=-1)
     unknowns = 3 + np.any(np.where(used[..., None], geometry.design[..., 3:], 0.0) != 0.0, axis=1).sum(axis=-1)
     dof = used.sum(axis=1) - unknowns
@@ -35,7 +34,7 @@ def screened(fix: Fix, geometry: Geometry) -> Fix:
     misfit = good & (dof > 0) & (chi_square_survival(squared, np.maximum(dof, 1)) < MISFIT_PROBABILITY)
     height_m = geodetic_from_ecef(np.where(good[:, None], fix.position_ecef_m, 6.4e6))[2]
     off = good & (dof <= 0) & ((height_m < HEIGHT_M[0]) | (height_m > HEIGHT_M[1]))
-    status = np.where(misfit, MISFIT, np.where(off, OFF_EARTH, fix.status)).astype(np.uint8)
+    status = np.where(misfit, FixStatus.MISFIT, np.where(off, FixStatus.OFF_EARTH, fix.status)).astype(np.uint8)
     bad = misfit | off
     if not bad.any():
         return fix

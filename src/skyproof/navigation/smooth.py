@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import Observations, Reals
+from skyproof.records import CellStatus, Observations, Reals
 
 __all__ = ["smooth"]
 
-_SLIP = 3  # a code of records.CELL_STATUS
 
 
 def smooth(observations: Observations, *, window_s: float = 100.0, max_gap_epochs: int = 3) -> Observations:
@@ -44,7 +43,7 @@ def smooth(observations: Observations, *, window_s: float = 100.0, max_gap_epoch
     carrier_m = observations.carrier_cyc * wavelength_m
     code_sigma_m = observations.pseudorange_sigma_m
     there = np.isfinite(observations.pseudorange_m) & np.isfinite(carrier_m) & np.isfinite(code_sigma_m)
-    arcs = _arcs(there, observations.status == _SLIP, max_gap_epochs)
+    arcs = _arcs(there, observations.status == CellStatus.SLIP, max_gap_epochs)
 
     # Levels count from their arc's first, so that the running sums keep millimetres beside carriers of any start.
     difference_m = np.where(there, observations.pseudorange_m - carrier_m, 0.0)

@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import Observations, Reals, SignalId
+from skyproof.records import CellStatus, Observations, Reals, SignalId
 
 __all__ = ["WindowMean", "window_mean"]
 
-_SLIP = 3  # a code of records.CELL_STATUS
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,7 +67,7 @@ def _motion(observations: Observations, kept: NDArray[np.intp], middle: int) -> 
     rate_m_s = -wavelength_m * _filled(elapsed_s, observations.doppler_hz[:, kept])
     rate_sigma_m_s = wavelength_m * _filled(elapsed_s, observations.doppler_sigma_hz[:, kept])
     by_carrier = np.diff(carrier_m, axis=0)
-    whole = np.isfinite(by_carrier) & (observations.status[1:, kept] != _SLIP)
+    whole = np.isfinite(by_carrier) & (observations.status[1:, kept] != CellStatus.SLIP)
     by_doppler = 0.5 * dt_s * (rate_m_s[1:] + rate_m_s[:-1])
     doppler_m2 = 0.25 * dt_s**2 * (rate_sigma_m_s[1:] ** 2 + rate_sigma_m_s[:-1] ** 2)
     # Summed away from the middle: where neither is known only what lies beyond is lost.

@@ -17,11 +17,10 @@ from skyproof.receiver.channels import Arc
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.polarity import half_cycles
 from skyproof.receiver.replica import CODE_SCALE
-from skyproof.records import Observations, Reals, Taps
+from skyproof.records import CellStatus, Observations, Reals, Taps
 
 TYPICAL_TRAVEL_MS = 77
 WEEK_MS = SECONDS_PER_WEEK * 1000
-NOT_TRACKED, NO_TIME, SLIP = 1, 2, 3
 _AS_MEASURED = {
     "doppler_hz": (m.DOPPLER_HZ, 1.0),
     "cn0_dbhz": (m.CN0_DBHZ, 1.0),
@@ -79,7 +78,7 @@ def assemble(
     signals = tuple(sorted({arc.signal for arc in arcs.values()}))
     column = {signal: i for i, signal in enumerate(signals)}
     shape = (elapsed_s.size, len(signals))
-    status = np.full(shape, NOT_TRACKED, np.uint8)
+    status = np.full(shape, CellStatus.NOT_TRACKED, np.uint8)
     half_cycle_open = np.zeros(shape, np.bool_)
     cells = {name: np.full(shape, np.nan) for name in ("pseudorange_m", "carrier_cyc", *_AS_MEASURED)}
     reach_periods = round(500.0 * averaged_s)  # of a millisecond
@@ -91,14 +90,14 @@ def assemble(
         rows = np.rint((measured_s - elapsed_s[0]) / averaged_s).astype(np.int64)
         cell = rows, column[arc.signal]
         if arc.tow_ms_at_period_0 is None:
-            status[cell] = NO_TIME
+            status[cell] = CellStatus.NO_TIME
             continue
         # Two arcs of one signal cannot overlap, but a new one is not the old one's continuation.
         begun_before = bool(np.isfinite(cells["pseudorange_m"][: rows[0], cell[1]]).any())
         periods = table[:, m.PERIODS].astype(np.int64)
         halves = half_cycles(periods, table[:, m.TURNED] > 0.0, table[:, m.SLIP] > 0.0, arc.stretches, reach_periods)
-        status[cell] = np.where(halves.slipped, SLIP, 0)
-        status[rows[0], cell[1]] = SLIP if begun_before or halves.slipped[0] else 0
+        status[cell] = np.where(halves.slipped, CellStatus.SLIP, CellStatus.OK)
+        status[rows[0], cell[1]] = CellStatus.SLIP if begun_before or halves.slipped[0] else CellStatus.OK
         half_cycle_open[cell] = halves.open
         cells["carrier_cyc"][cell] = table[:, m.CARRIER_CYC] + 0.5 * halves.added
         elapsed_ms = np.rint(measured_s * 1000).astype(np.int64)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.records import Instants, Observations, SignalId, SignalRef
+from skyproof.records import CellStatus, Instants, Observations, SignalId, SignalRef
 from skyproof.simulate.attacks import Meaconer
 from skyproof.simulate.field_errors import Exposure, FieldError, FieldErrors, Way, field_errors
 from skyproof.simulate.heard import HeardSignal, ReceiverSky, Scene
@@ -31,7 +31,6 @@ __all__ = ["Geometry", "NoiseModel", "draw", "geometry_of", "noise_of", "observa
 
 Reals = NDArray[np.float64]
 
-_NOT_TRACKED = 1  # CELL_STATUS
 _SHORT_S = 0.01
 
 
@@ -277,7 +276,7 @@ def _observations(
         pseudorange_sigma_m=(noise.sigma_m * growth)[:, columns],
         carrier_sigma_cyc=(noise.carrier_sigma_cyc * growth)[:, columns],
         doppler_sigma_hz=(noise.doppler_sigma_hz * growth)[:, columns],
-        status=np.where(there, 0, _NOT_TRACKED).astype(np.uint8),
+        status=np.where(there, CellStatus.OK, CellStatus.NOT_TRACKED).astype(np.uint8),
         found_elapsed_s=found_s,
         missed_elapsed_s=np.where(first > 0, found_s - geometry.averaged_s, np.nan),
         carrier_hz=np.full(len(signals), geometry.carrier_hz),
