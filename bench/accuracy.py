@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver import kernels as k
@@ -27,8 +28,6 @@ from skyproof.receiver.tracking import LoopSettings, Receiver, ReceiverSettings,
 from skyproof.simulate.ideal import Motion, ideal_signals
 from skyproof.simulate.samples import BLOCK, Rendering, render
 from skyproof.simulate.scenario import FrontEnd
-
-Reals = NDArray[np.float64]
 
 BANDS_HZ = ((2.6e6, 2.0e6), (4e6, 3.2e6), (5e6, 4e6), (25e6, 20e6))
 SPACINGS_CHIPS = (0.1, 0.25, 0.5, 1.0)

@@ -30,12 +30,11 @@ from skyproof.app.document import Outcome, ReceiverOutcome, document
 from skyproof.app.progress import Silent
 from skyproof.app.protect import judge, protect
 from skyproof.app.settings import Settings
+from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Fix
 from skyproof.simulate.files import write_samples
-
-Reals = NDArray[np.float64]
 
 TO_95 = 2.45  # of a circle about two equal sigmas
 TO_95_UP = 2.80  # of a sphere

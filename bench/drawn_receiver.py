@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.app.reception import Reception, _anchored
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA
@@ -28,8 +29,6 @@ from skyproof.simulate.heard import ReceiverSky, Scene
 from skyproof.simulate.measurements import Geometry, geometry_of
 
 __all__ = ["Heard", "Noise", "hear", "received", "true_offset_s"]
-
-Reals = NDArray[np.float64]
 
 CHIP_M = SPEED_OF_LIGHT_M_S / GPS_L1_CA.chip_rate_hz
 WAVE_M = SPEED_OF_LIGHT_M_S / GPS_L1_CA.carrier_hz

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyproof.errors import ScenarioError
 from skyproof.gnss.ephemeris import NavigationData
@@ -31,7 +30,6 @@ from skyproof.simulate.sky import scene_of
 
 __all__ = ["DrawnAttack", "DrawnScene", "Made", "draw_scene", "make", "stated_sigma_m"]
 
-Reals = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Given = Literal["nothing", "distance", "positions"]
 

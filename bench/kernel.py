@@ -14,14 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from timing import Spread, line, take_turns
 
+from skyproof.arrays import Complexes, Reals
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
 from skyproof.receiver.correlator import correlate_period, scratch_for, table_pad
 from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.replica import CODE_SCALE, code_table
-
-Reals = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 RATES_HZ = (2.6e6, 4e6, 5e6, 25e6)
 DELAYS = (3, 5, 41)
@@ -128,17 +126,17 @@ class _Case:
         n = self.cells // CHANNELS
         return sum(_read(self.samples[0, :n], self.samples[1, :n]) for _ in range(CHANNELS))
 
-    def _periods(self) -> Iterator[tuple[int, Reals, Complex]]:
+    def _periods(self) -> Iterator[tuple[int, Reals, Complexes]]:
         """Channel, its state, and the samples of its first period."""
         for channel, state in enumerate(self.states):
             n = math.ceil((GPS_L1_CA.code_length - state[k.CHIP]) / (state[k.CODE_RATE] / self.rate_hz))
             first = int(state[k.START])
             yield channel, state, self.complex[first : first + n]
 
-    def numpy(self) -> list[Complex]:
+    def numpy(self) -> list[Complexes]:
         return [_numpy(x, self.codes[c], row, self.rate_hz, self.delays) for c, row, x in self._periods()]
 
-    def naive(self) -> list[Complex]:
+    def naive(self) -> list[Complexes]:
         return [_naive(x, self.codes[c], row, self.rate_hz, self.delays) for c, row, x in self._periods()]
 
     def check(self) -> None:
@@ -188,7 +186,7 @@ def _read(i_samples: NDArray[np.float32], q_samples: NDArray[np.float32]) -> flo
     return float(total)
 
 
-def _numpy(x: Complex, code: NDArray[np.int8], row: Reals, rate_hz: float, taps: Reals) -> Complex:
+def _numpy(x: Complexes, code: NDArray[np.int8], row: Reals, rate_hz: float, taps: Reals) -> Complexes:
     n = np.arange(x.size)
     base = x * np.exp(-2j * np.pi * (row[k.PHASE] + n * (row[k.FREQUENCY] / rate_hz)))
     chips = row[k.CHIP] + n * (row[k.CODE_RATE] / rate_hz)
@@ -197,7 +195,7 @@ def _numpy(x: Complex, code: NDArray[np.int8], row: Reals, rate_hz: float, taps:
 
 
 @numba.njit(nogil=True)
-def _naive(x: Complex, code: NDArray[np.int8], row: Reals, rate_hz: float, taps: Reals) -> Complex:
+def _naive(x: Complexes, code: NDArray[np.int8], row: Reals, rate_hz: float, taps: Reals) -> Complexes:
     sums = np.zeros(taps.size, np.complex128)
     for n in range(x.size):
         angle_rad = -2.0 * math.pi * (row[k.PHASE] + n * (row[k.FREQUENCY] / rate_hz))

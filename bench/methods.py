@@ -6,9 +6,9 @@ from time import perf_counter, process_time
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from timing import line, take_turns
 
+from skyproof.arrays import Reals
 from skyproof.detectors.array_common import equal_statistic
 from skyproof.detectors.decomposition import (
     count_statistic,
@@ -35,8 +35,6 @@ from skyproof.detectors.vector_sqm import geometry_matrix, sky, two_step
 from skyproof.navigation.exclusion import choose_fix
 from skyproof.statistics.cusum import cusum_path
 from skyproof.statistics.directions import blocks, dead_zone, hemisphere
-
-Reals = NDArray[np.float64]
 
 MANY, FEW = 20_000, 500
 """Statistics in one call, and single calls of the plain loop."""

@@ -22,6 +22,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Floats, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
@@ -32,9 +33,6 @@ from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.replica import passed
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 from skyproof.simulate import Place, samples_of, scenes
-
-Floats = NDArray[np.float32]
-Reals = NDArray[np.float64]
 
 RATE_HZ = 2.6037e6
 """No whole number of samples a code period: with one, a signal of little Doppler is read at the same places of its

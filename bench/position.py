@@ -15,8 +15,8 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
@@ -28,7 +28,6 @@ from skyproof.navigation.ranges import corrected_ranges
 from skyproof.records import NavigationData, Observations, SignalId
 
 MASK_DEG = 10.0
-Reals = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from tracks import Tracks
+
+from skyproof.arrays import Reals
 
 __all__ = ["Row", "compare", "header", "text"]
 
-Reals = NDArray[np.float64]
 C_M_S = 299_792_458.0
 SAME_M = 50.0  # signals of one satellite closer than a sixth of a chip cannot be told apart here
 INCREMENT_S = 1.0

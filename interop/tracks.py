@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from skyproof.arrays import Reals
 from skyproof.gnss.time import parse_iso, week_and_tow
 
 __all__ = ["FIELDS", "Tracks", "beside_each_other", "parse_tracks", "read_tracks"]
 
-Reals = NDArray[np.float64]
 FIELDS = {"C1C": "pseudorange_m", "L1C": "carrier_cyc", "D1C": "doppler_hz", "S1C": "cn0_dbhz"}
 _WEEK_S = 604800.0
 

@@ -16,18 +16,16 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, ComplexFloats, Floats, Instants, Reals
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 
 __all__ = [
     "CELL_STATUS", "FIX_STATUS", "ArrayPhases", "Baseline", "Ccaf", "CellStatus", "ConsistentSet", "Ephemeris",
-    "Evidence", "Fix", "FixStatus", "ImuSeries", "Instants", "Klobuchar", "NavState", "NavigationData",
-    "Observations", "OpenFile", "Reals", "Records", "SampleGap", "Samples", "SignalId", "SignalRef", "SpinArm",
+    "Evidence", "Fix", "FixStatus", "ImuSeries", "Klobuchar", "NavState", "NavigationData",
+    "Observations", "OpenFile", "Records", "SampleGap", "Samples", "SignalId", "SignalRef", "SpinArm",
     "Taps", "UtcParameters", "freeze",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
-Instants = NDArray[np.datetime64]
 
 
 class CellStatus(IntEnum):
@@ -163,7 +161,7 @@ class Samples:
     name: str
     rate_hz: float
     n_samples: int
-    read: Callable[[int, int], NDArray[np.float32]]
+    read: Callable[[int, int], Floats]
     centre_hz: float = 1575.42e6
     if_hz: float = 0.0
     start_gpst: np.datetime64 | None = None  # rough, by the recorder's clock
@@ -215,7 +213,7 @@ class Observations:
     missed_elapsed_s: Reals
     carrier_hz: Reals = field(default_factory=lambda: np.array(L1_HZ))
     averaged_s: float = 0.0
-    half_cycle_open: NDArray[np.bool_] = field(default_factory=lambda: np.array(False))
+    half_cycle_open: Booleans = field(default_factory=lambda: np.array(False))
 
     def __post_init__(self) -> None:
         carrier_hz, half_open = np.asarray(self.carrier_hz, np.float64), np.asarray(self.half_cycle_open, np.bool_)
@@ -250,7 +248,7 @@ class Taps:
     elapsed_s: Reals
     delays_chips: Reals
     dopplers_hz: Reals
-    value: NDArray[np.complex64]
+    value: ComplexFloats
 
     def __post_init__(self) -> None:
         freeze(

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.detectors.base import Detector
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
@@ -34,7 +35,6 @@ from skyproof.records import (
     Evidence,
     NavigationData,
     Observations,
-    Reals,
     Records,
     SignalId,
 )

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from skyproof.arrays import Complexes
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
 from skyproof.simulate.attacks import Interference, Takeover
@@ -16,7 +16,6 @@ from skyproof.simulate.samples import BLOCK, Rendering, quantised, render, rende
 from skyproof.simulate.scenario import FrontEnd, Multipath, Place, Receiver, Scenario, Sky
 from skyproof.simulate.sky import scene_of
 
-Complexes = NDArray[np.complex128]
 START = np.datetime64("2023-03-04T05:06:07.25", "ns")
 RATE_HZ = 4_000_250.0  # no millisecond is a whole number of samples, so that what sharp chips fold back averages out
 TAPS_CHIPS = np.linspace(-1.2, 1.2, 9)

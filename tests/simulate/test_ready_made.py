@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
@@ -17,8 +17,6 @@ from skyproof.simulate.scenario import Place, Scenario, parse_scenario
 from skyproof.simulate.scenes import ready, ready_made
 from skyproof.simulate.sky import scene_of
 from skyproof.simulate.trajectories import las_vegas_false
-
-Reals = NDArray[np.float64]
 
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / L1_HZ
 CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ

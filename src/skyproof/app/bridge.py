@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Floats
 from skyproof.records import Samples
 
 __all__ = ["LONGEST_S", "bridged"]
@@ -33,7 +33,7 @@ def bridged(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tuple[s
     stretches = list(zip(firsts, [*firsts[1:], n_recorded], shifts, strict=True))
     n_samples = n_recorded + n_zeros
 
-    def read(start: int, count: int) -> NDArray[np.float32]:
+    def read(start: int, count: int) -> Floats:
         if start < 0 or count < 0:
             raise ValueError(f"start {start} and count {count} must not be negative")
         stop = min(start + count, n_samples)

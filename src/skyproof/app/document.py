@@ -9,6 +9,7 @@ import numpy as np
 
 from skyproof.app.reception import Reception
 from skyproof.app.settings import Settings
+from skyproof.arrays import Reals
 from skyproof.detectors.base import NEEDS
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import LabelledSignal
@@ -22,7 +23,6 @@ from skyproof.records import (
     FixStatus,
     NavigationData,
     Observations,
-    Reals,
     Says,
     SignalRef,
 )

@@ -10,16 +10,16 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from skyproof.app.reception import Reception, carrier_at_hz
 from skyproof.app.settings import Settings
+from skyproof.arrays import Booleans, Floats, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
 from skyproof.receiver.same_noise import N_ROWS, SharedNoise, rows_of, shared_noise, usable_hz
-from skyproof.records import Observations, Reals, Samples
+from skyproof.records import Observations, Samples
 
 __all__ = ["one_receiver_each", "same_noise"]
 
@@ -102,11 +102,11 @@ class _Lags:
     higher_hz: Reals
     sigma_s: Reals
 
-    def near(self, at: int) -> NDArray[np.bool_]:
+    def near(self, at: int) -> Booleans:
         """Epochs around one."""
         return np.asarray(np.abs(self.elapsed_s - self.elapsed_s[at]) < _NEAR_S)
 
-    def faster(self, near: NDArray[np.bool_]) -> float:
+    def faster(self, near: Booleans) -> float:
         """How much faster the second one's clock runs, by most signals."""
         steps = np.diff(self.later_s[:, near], axis=1) / np.diff(self.elapsed_s[near])
         return float(np.nanmedian(steps)) if np.isfinite(steps).any() else 0.0
@@ -164,7 +164,7 @@ def _stretch(first: Samples, second: Samples, lags: _Lags, at: int) -> SharedNoi
     return replace(noise, lag_s=noise.lag_s + start_b / second.rate_hz - start_a / first.rate_hz)
 
 
-def _cut(samples: Samples, start_s: float, length_s: float) -> tuple[int, NDArray[np.float32] | None]:
+def _cut(samples: Samples, start_s: float, length_s: float) -> tuple[int, Floats | None]:
     """So much of a recording, and the number of its first sample; None where it ends before."""
     start, count = round(start_s * samples.rate_hz), round(length_s * samples.rate_hz)
     inside = 0 <= start <= samples.n_samples - count

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from skyproof.app.advice import advice, correction_remark, oscillator_remarks, signal_remarks, summary
 from skyproof.app.guess import Guess, Proposal, guess
 from skyproof.app.signal_pictures import write_pictures
+from skyproof.arrays import Floats
 from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError, fault_words
 from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.raw import SampleLayout, open_raw, read_sidecar, sidecar_text
@@ -422,7 +422,7 @@ class _View:
         """The complex conjugate. With `carrier_too` what lay at the carrier is still looked at, mirrored in itself."""
         read = self.samples.read
 
-        def conjugate(start: int, count: int) -> NDArray[np.float32]:
+        def conjugate(start: int, count: int) -> Floats:
             planes = read(start, count).copy()
             np.negative(planes[1], out=planes[1])
             return planes

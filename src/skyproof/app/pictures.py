@@ -14,6 +14,7 @@ import numpy as np
 from skyproof.app.document import Outcome, ReceiverOutcome, place_of, telling
 from skyproof.app.reception import carrier_at_hz
 from skyproof.app.windows import cut
+from skyproof.arrays import Reals
 from skyproof.detectors.common_epochs import CommonRanges, common_ranges
 from skyproof.errors import InputError
 from skyproof.formats.bounds import TRACK_BYTES
@@ -26,7 +27,7 @@ from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.receiver.profile import delay_profiles
-from skyproof.records import ConsistentSet, Fix, FixStatus, Observations, Reals, Records
+from skyproof.records import ConsistentSet, Fix, FixStatus, Observations, Records
 from skyproof.report.page import Pictures
 from skyproof.report.pictures import (
     DelayProfile,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skyproof.app.advice import correction_remark
 from skyproof.app.bridge import bridged
@@ -14,6 +14,7 @@ from skyproof.app.clock_check import CHECKED_S, MOST_CHECKS, agreeing
 from skyproof.app.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_told
 from skyproof.app.progress import Progress, Silent
 from skyproof.app.settings import Settings
+from skyproof.arrays import Indices
 from skyproof.errors import InputError, NotEnoughData, SettingsError
 from skyproof.formats.recording import open_recording
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -446,7 +447,7 @@ def _label(tracker: Tracker, week: int) -> ClockLabel | None:
     return label if label is not None else clock_label(whole, tracker.arcs, week)
 
 
-def _segment(elapsed_s: ArrayLike, gaps: Sequence[Gap]) -> NDArray[np.intp]:
+def _segment(elapsed_s: ArrayLike, gaps: Sequence[Gap]) -> Indices:
     """How many unmarked gaps lie before each moment."""
     return np.searchsorted(np.sort([gap.elapsed_s for gap in gaps]), np.asarray(elapsed_s, float), side="right")
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
@@ -35,8 +35,6 @@ from skyproof.simulate.sites import Site
 from skyproof.simulate.sky import scene_of
 
 __all__ = ["PAGE", "scene_page", "write_page"]
-
-Reals = NDArray[np.float64]
 
 PAGE = "scene.html"
 

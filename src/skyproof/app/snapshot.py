@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyproof.app.reception import carrier_at_hz
+from skyproof.arrays import Reals
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, coarse_fix
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.snapshot import CodePhase, code_phase
-from skyproof.records import Fix, FixStatus, NavigationData, Reals, Samples, SignalId
+from skyproof.records import Fix, FixStatus, NavigationData, Samples, SignalId
 
 __all__ = ["Snapshot", "snapshot"]
 

@@ -6,10 +6,10 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyproof.app.progress import Progress
 from skyproof.app.settings import Settings
+from skyproof.arrays import Booleans
 from skyproof.detectors.base import Detector, load_detectors
 from skyproof.navigation.sets import consistent_sets
 from skyproof.records import ConsistentSet, Evidence, NavigationData, Observations, Records
@@ -28,7 +28,7 @@ def cut(observations: Observations, start_gpst: np.datetime64, end_gpst: np.date
     return take(observations, (observations.gpst >= start_gpst) & (observations.gpst < end_gpst))
 
 
-def take(observations: Observations, rows: NDArray[np.bool_]) -> Observations:
+def take(observations: Observations, rows: Booleans) -> Observations:
     """The chosen epochs of a record."""
     n = observations.gpst.size
     chosen = {

@@ -14,8 +14,8 @@ from math import comb
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Indices, Reals
 from skyproof.detectors.base import Detector, missing, undecided
 from skyproof.detectors.ins_array import array_design, mean_differences, white_covariance
 from skyproof.errors import require_probability
@@ -26,8 +26,6 @@ from skyproof.statistics.distributions import chi_square_survival, chi_square_th
 
 __all__ = ["ArrayCommon", "ArrayCommonSettings", "cluster_chance", "cluster_evidence", "of_one_carrier"]
 
-Reals = NDArray[np.float64]
-
 
 def cluster_chance(signals: int, size: int, chance: float) -> float:
     """At most this probable: that among independent directions `size` of `signals` are taken for one, each pair of them
@@ -35,7 +33,7 @@ def cluster_chance(signals: int, size: int, chance: float) -> float:
     return min(1.0, comb(signals, size) * chance ** (size - 1)) if size > 1 else 1.0
 
 
-def of_one_carrier(carrier_hz: Reals) -> NDArray[np.intp]:
+def of_one_carrier(carrier_hz: Reals) -> Indices:
     """The channels of the commonest carrier: phases of different wavelengths are not compared."""
     values, counts = np.unique(carrier_hz, return_counts=True)
     return np.flatnonzero(carrier_hz == values[counts.argmax()]) if values.size else np.zeros(0, np.intp)

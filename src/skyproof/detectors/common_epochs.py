@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
-from skyproof.records import ConsistentSet, Observations, Reals, Records
+from skyproof.records import ConsistentSet, Observations, Records
 
 __all__ = ["CommonRanges", "common_ranges"]
 
@@ -80,7 +80,7 @@ def _true_time_s(observations: Observations, records: Records, chosen: Consisten
     return np.asarray(seconds_between(observations.gpst, records.start_gpst) - chosen.clock_bias_s, float)
 
 
-def _nearest(times_s: Reals, wanted_s: Reals) -> NDArray[np.intp]:
+def _nearest(times_s: Reals, wanted_s: Reals) -> Indices:
     """Index into ascending `times_s` of the value nearest to each of `wanted_s`."""
     if times_s.size == 0:
         return np.zeros(0, np.intp)

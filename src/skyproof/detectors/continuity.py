@@ -19,12 +19,13 @@ from typing import Any
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.continuity_steps import Limits, Step, largest_step, series_of
 from skyproof.detectors.one_sky import MIN_SATELLITES, joined, one_signal_a_satellite, rows_of
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.time import iso
-from skyproof.records import ConsistentSet, Evidence, NavigationData, Observations, Reals, Records, SignalId, SignalRef
+from skyproof.records import ConsistentSet, Evidence, NavigationData, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.distributions import normal_two_sided
 
 __all__ = ["CN0_MAX_DBHZ", "Continuity", "ContinuitySettings", "common_level_p_value"]

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Indices, Integers, Reals
 from skyproof.detectors.one_sky import MIN_SATELLITES
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
@@ -31,12 +31,10 @@ from skyproof.navigation.fix import range_rates
 from skyproof.navigation.least_squares import design_matrix, line_of_sight, spd_inverse
 from skyproof.navigation.raim import exclude_several, whitened_fit
 from skyproof.navigation.ranges import corrected_ranges
-from skyproof.records import CellStatus, NavigationData, Observations, Reals
+from skyproof.records import CellStatus, NavigationData, Observations
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
 __all__ = ["KINDS", "Jump", "Limits", "Series", "Step", "jumps", "largest_step", "p_values", "series_of"]
-
-Bools = NDArray[np.bool_]
 
 KINDS = ("position", "clock", "velocity", "rate")
 """What is tested at each epoch: jumps of the position, the clock, the velocity and the clock's rate."""
@@ -82,8 +80,8 @@ class Series:
     bridge_m2: Reals
     rate_m_s: Reals
     rate_m2_s2: Reals
-    divides: Bools
-    broke: Bools
+    divides: Booleans
+    broke: Booleans
     unit: Reals
 
 
@@ -117,7 +115,7 @@ class Jump(NamedTuple):
     jump: Reals
     covariance: Reals
     misfit: Reals
-    dof: NDArray[np.int64]
+    dof: Integers
 
 
 def series_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, limits: Limits) -> Series:
@@ -161,7 +159,7 @@ def series_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, 
     )
 
 
-def largest_step(series: Series, rows: NDArray[np.intp], limits: Limits, *, alpha: float) -> Step | None:
+def largest_step(series: Series, rows: Indices, limits: Limits, *, alpha: float) -> Step | None:
     """The step that is least likely by chance, of all before `rows`; None where no epoch has five satellites on both
     sides.
 
@@ -191,7 +189,7 @@ def largest_step(series: Series, rows: NDArray[np.intp], limits: Limits, *, alph
 
 
 def p_values(
-    series: Series, rows: NDArray[np.intp], jump: Jump, rate: Jump, missing_s: Reals, limits: Limits
+    series: Series, rows: Indices, jump: Jump, rate: Jump, missing_s: Reals, limits: Limits
 ) -> Reals:
     """(K, 4) of "goes on", by `KINDS`."""
     gap_s = series.elapsed_s[rows] - series.elapsed_s[rows - 1]
@@ -213,7 +211,7 @@ def p_values(
     )
 
 
-def _missing(series: Series, rows: NDArray[np.intp], jump: Jump, limits: Limits, alpha: float) -> Reals:
+def _missing(series: Series, rows: Indices, jump: Jump, limits: Limits, alpha: float) -> Reals:
     """(K,) time that the signals are ahead by where all carriers break, if noise and oscillator do not show it; else
     zero."""
     ahead_m = -jump.jump[:, 3]
@@ -246,7 +244,7 @@ def _chance(jump: Reals, covariance: Reals, slack: Reals, fitted: Jump) -> Reals
     return np.where(np.isfinite(p) & (fitted.dof > 0), p, 1.0)
 
 
-def jumps(series: Series, rows: NDArray[np.intp], limits: Limits) -> tuple[Jump, Jump, Bools]:
+def jumps(series: Series, rows: Indices, limits: Limits) -> tuple[Jump, Jump, Booleans]:
     """Jumps of position and clock, and of velocity and rate, before each row; and where there are enough satellites."""
     level, level_m2 = _contrast(series, series.offset_m, series.variance_m2, rows, limits.span_s)
     bridged = _between(series, rows, limits.span_s)
@@ -284,7 +282,7 @@ def _fitted(unit: Reals, difference: Reals, variance: Reals) -> Jump:
 
 
 def _contrast(
-    series: Series, values: Reals, variance: Reals, rows: NDArray[np.intp], span_s: float
+    series: Series, values: Reals, variance: Reals, rows: Indices, span_s: float
 ) -> tuple[Reals, Reals]:
     """Mean over `span_s` from each row on less that over `span_s` up to the row before, (K, m), and its variance."""
     known = np.isfinite(values) & np.isfinite(variance) & (variance > 0.0)
@@ -299,7 +297,7 @@ def _contrast(
         return np.where(enough, difference, np.nan), np.where(enough, 1.0 / before + 1.0 / after, np.nan)
 
 
-def _sides(series: Series, rows: NDArray[np.intp], span_s: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _sides(series: Series, rows: Indices, span_s: float) -> tuple[Indices, Indices]:
     """First row of the stretch before each row, and one past the last of the stretch from it on; no divide within."""
     t, n, half = series.elapsed_s, series.elapsed_s.size, 1e-6
     index = np.arange(n)
@@ -311,12 +309,12 @@ def _sides(series: Series, rows: NDArray[np.intp], span_s: float) -> tuple[NDArr
     )
 
 
-def _between(series: Series, rows: NDArray[np.intp], span_s: float) -> Reals:
+def _between(series: Series, rows: Indices, span_s: float) -> Reals:
     low, high = _sides(series, rows, span_s)
     return np.asarray(series.bridge_m2[high - 1] - series.bridge_m2[low])
 
 
-def _unit_at(series: Series, rows: NDArray[np.intp]) -> Reals:
+def _unit_at(series: Series, rows: Indices) -> Reals:
     """(K, m, 3): the next known line of sight of each satellite, else the last one."""
     known = np.isfinite(series.unit[..., 0])
     index = np.arange(known.shape[0])[:, None]
@@ -326,7 +324,7 @@ def _unit_at(series: Series, rows: NDArray[np.intp]) -> Reals:
     return np.asarray(series.unit[nearest, np.arange(known.shape[1])[None]])
 
 
-def _velocity(series: Series, rows: NDArray[np.intp]) -> Reals:
+def _velocity(series: Series, rows: Indices) -> Reals:
     """(K, 3) mean of the velocities just before and after, zero where Dopplers do not give it."""
     unit, found = _unit_at(series, rows), []
     for near in (rows - 1, rows):
@@ -341,7 +339,7 @@ def _velocity(series: Series, rows: NDArray[np.intp]) -> Reals:
     return np.asarray(0.5 * (found[0] + found[1]))
 
 
-def _broke_at_once(broke: Bools, there: Bools) -> Bools:
+def _broke_at_once(broke: Booleans, there: Booleans) -> Booleans:
     """(n,) the epochs at which nearly all carriers (n, m) broke; of neighbours the one where most did."""
     wide, n = broke.copy(), broke.shape[0]
     wide[:-1] |= broke[1:]
@@ -381,7 +379,7 @@ def _quadratic(jump: Reals, covariance: Reals) -> Reals:
     return np.asarray(np.einsum("...i,...ij,...j->...", jump, spd_inverse(covariance), jump))
 
 
-def _taken(jump: Jump, rows: Bools) -> Jump:
+def _taken(jump: Jump, rows: Booleans) -> Jump:
     return Jump(jump.jump[rows], jump.covariance[rows], jump.misfit[rows], jump.dof[rows])
 
 
@@ -390,7 +388,7 @@ def _summed(steps: Reals) -> Reals:
     return np.vstack((np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)))
 
 
-def _since(there: Bools, elapsed_s: Reals) -> Reals:
+def _since(there: Booleans, elapsed_s: Reals) -> Reals:
     """(n - 1, m) time since the signal was there last, at each row but the first; zero if it never was."""
     latest = np.maximum.accumulate(np.where(there, np.arange(there.shape[0])[:, None], -1), axis=0)[:-1]
     return np.where(latest >= 0, elapsed_s[1:, None] - elapsed_s[np.maximum(latest, 0)], 0.0)

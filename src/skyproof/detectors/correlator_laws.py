@@ -15,8 +15,10 @@ from collections.abc import Callable
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
+
+from skyproof.arrays import Complexes, Reals
 
 __all__ = [
     "CODE_SPACING_CHIPS", "Form", "code_angle_density", "code_density", "code_discriminator", "code_mean",
@@ -25,8 +27,6 @@ __all__ = [
     "phase_probability", "phase_score", "phase_sigma_rad", "phase_tail", "prompt_amplitude", "sine_series", "triangle",
 ]  # fmt: skip
 
-Reals = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 Form = Literal["corrected", "paper"]
 
 CODE_SPACING_CHIPS: Final = 0.5  # of early and late from prompt

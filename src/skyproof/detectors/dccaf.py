@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.decomposition import (
     CountTest,
@@ -31,7 +32,7 @@ from skyproof.navigation.chance import chance_p_value, set_combinations
 from skyproof.navigation.exclusion import choose_fix, wrong_choice_rule
 from skyproof.navigation.least_squares import gauss_newton, line_of_sight
 from skyproof.navigation.ranges import atmosphere, corrected_ranges
-from skyproof.records import Ccaf, Evidence, NavigationData, NavState, Reals, Records, Says, SignalRef
+from skyproof.records import Ccaf, Evidence, NavigationData, NavState, Records, Says, SignalRef
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["Dccaf", "DccafSettings", "Delays", "delays_of"]

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, special
 
+from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.decomposition_kernels import bounds_of, fit_all
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
 
@@ -37,9 +38,6 @@ __all__ = [
     "model_as_printed", "noise_variance", "one_doppler", "simulate_taps",
     "taps_dictionary",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _CODE_NULLS = 1e-7  # of the largest eigenvalue: below, the code has no power there
 _COARSE_CHIPS = 0.02

@@ -6,14 +6,10 @@ their derivatives; so every inner product is one over delays times one over Dopp
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyproof.compiled import compiled
 
 __all__ = ["bounds_of", "fit_all"]
-
-Reals = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _STARTS = 3  # pairs that the fit begins from
 _STEPS = 25

@@ -26,8 +26,9 @@ and `group_choice` decide for groups and allow for that. What is here serves plo
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.statistics.autoregression import ar1_fit, estimate_ar1
 from skyproof.statistics.distributions import (
     f_survival,
@@ -50,7 +51,6 @@ __all__ = [
     "pooled_correlation",
 ]  # fmt: skip
 
-Reals = NDArray[np.float64]
 Tested = Literal["line", "slope"]
 """What is zero under H0: level and slope of code, the slope of carrier."""
 Degrees = Literal["all", "printed"]
@@ -116,7 +116,7 @@ def pair_tests(
 def pairs_rejected(
     sd_m: Reals, false_alarm_probability: float, *, tested: Tested = "line", sigma_m: float | None = None,
     phi: ArrayLike = 0.0, constant_sigma_m: float = 0.0,
-) -> NDArray[np.bool_]:  # fmt: skip
+) -> Booleans:  # fmt: skip
     """Which pairs (..., Q, Q) `pair_tests` rejects, by the threshold alone: p-values cost more than all the rest."""
     statistic = _pair_statistic(sd_m, tested, sigma_m, phi, constant_sigma_m)
     threshold = f_threshold(false_alarm_probability, *_degrees(sd_m.shape[-2:], tested, sigma_m, "all"))
@@ -202,12 +202,12 @@ class CountingRule(NamedTuple):
     """removed : (..., R, S, X) measurement (receiver, satellite, track) looks false.
     usable : (..., R, S) the one track that is left, -1 if none or several are."""
 
-    removed: NDArray[np.bool_]
-    usable: NDArray[np.intp]
+    removed: Booleans
+    usable: Indices
 
 
 def counting_rule(
-    rejected: NDArray[np.bool_], satellite: NDArray[np.intp], track: NDArray[np.intp], *, k: int = 4
+    rejected: Booleans, satellite: Indices, track: Indices, *, k: int = 4
 ) -> CountingRule:
     """The paper's rule, made exact: remove a measurement that agrees with k - 1 different satellites or more.
 

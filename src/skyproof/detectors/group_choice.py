@@ -40,9 +40,10 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from skyproof.arrays import Indices, Reals
 from skyproof.detectors.one_antenna import baseline_design, table_contrasts
 from skyproof.statistics.clusters import LineClusters, line_clusters
 from skyproof.statistics.distributions import chi_square_survival, f_survival
@@ -51,8 +52,6 @@ __all__ = [
     "Choice", "FractionTest", "SkySplit", "SpanTest", "choose", "fraction_test", "known_baseline_test",
     "known_sky_test", "lone_sky", "pairings", "span_test", "split_skies", "transmit_antennas",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 _FIXES, _DIFFERENCES, _ALONE = 0.8, 0.15, 0.05
 """Shares of the rate. Pairings that mix are hundreds of metres off, so the test that is for them needs little."""
@@ -63,7 +62,7 @@ class SkySplit(NamedTuple):
     squares : (...) squared residuals of both, 2(K-4) degrees of freedom in units of the variance.
     runner_up : (...) those of the next best split."""
 
-    first: NDArray[np.intp]
+    first: Indices
     squares: Reals
     runner_up: Reals
 
@@ -128,7 +127,7 @@ def transmit_antennas(difference_m: Reals, sigma_m: ArrayLike, false_alarm_proba
     return line_clusters(difference_m, sigma_m, false_alarm_probability)
 
 
-def pairings(receivers: int) -> NDArray[np.intp]:
+def pairings(receivers: int) -> Indices:
     """(2^R, R): which of two skies each pairing takes from each receiver; the complement of row g is row -1 - g."""
     return np.array(list(itertools.product((0, 1), repeat=receivers)), np.intp)
 
@@ -225,7 +224,7 @@ class Choice(NamedTuple):
     """which : (...) the pairing that comes from one antenna, -1 if that is open. p_value : (...) of the runner-up: the
     probability of a choice as clear as this if it is wrong."""
 
-    which: NDArray[np.intp]
+    which: Indices
     p_value: Reals
 
 

@@ -21,9 +21,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, Slerp
 
+from skyproof.arrays import Indices, Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
@@ -40,8 +41,6 @@ __all__ = [
     "mean_differences", "predicted_directions", "regular_tetrahedron", "residual_covariance", "single_statistic",
     "sky_p_value", "unexplained", "white_covariance",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 
 def equilateral_triangle(side: float) -> Reals:
@@ -257,7 +256,7 @@ class MeanDifferences(NamedTuple):
     cycles: Reals
     sigma_cyc: Reals
     share: Reals
-    epochs: NDArray[np.intp]
+    epochs: Indices
 
 
 def mean_differences(phases: ArrayPhases, predicted_cyc: ArrayLike = 0.0) -> MeanDifferences:

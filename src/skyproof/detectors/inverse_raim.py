@@ -22,19 +22,17 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.navigation.least_squares import design_matrix, spd_inverse
-from skyproof.records import Reals
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = [
     "InverseRaim", "PassingSets", "clusters", "complementary_pair", "innovations", "inverse_raim", "parity_matrix",
     "passing_sets", "second_subset", "set_states", "timing_only",
 ]  # fmt: skip
-
-Indices = NDArray[np.int64]
 
 _UNKNOWNS = 4
 
@@ -44,7 +42,7 @@ class PassingSets:
     """choice (m, n): which signal of each satellite; statistic (m,), chi-square with `dof` degrees for a true set, the
     smallest first; threshold; tried: how many sets there are."""
 
-    choice: Indices
+    choice: Integers
     statistic: Reals
     dof: int
     threshold: float
@@ -62,8 +60,8 @@ class InverseRaim:
     sets: PassingSets
     state_m: Reals
     covariance_m2: Reals
-    cluster: Indices
-    leader: Indices
+    cluster: Integers
+    leader: Integers
     pair: tuple[int, int] | None
     timing_only: bool
 
@@ -213,7 +211,7 @@ def passing_sets(
                        tried=int(np.prod(counts.astype(object))))  # fmt: skip
 
 
-def set_states(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Indices) -> tuple[Reals, Reals]:
+def set_states(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Integers) -> tuple[Reals, Reals]:
     """Place and clock (m, 4) of each set from the reference, in the axes of `unit`, and their covariance (4, 4)."""
     design = design_matrix(np.asarray(unit, np.float64))
     n = len(design)
@@ -223,7 +221,7 @@ def set_states(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice:
     return np.asarray((chosen * weight) @ design @ covariance), covariance
 
 
-def clusters(state_m: ArrayLike, covariance_m2: ArrayLike, *, probability: float = 1e-3) -> tuple[Indices, Indices]:
+def clusters(state_m: ArrayLike, covariance_m2: ArrayLike, *, probability: float = 1e-3) -> tuple[Integers, Integers]:
     """Gather fixes (m, 4), the best first, by place and clock: cluster of each (m,), and the first fix of each cluster.
 
     A fix joins the first cluster whose leader it does not differ from: two independent fixes of one place differ by
@@ -243,7 +241,7 @@ def clusters(state_m: ArrayLike, covariance_m2: ArrayLike, *, probability: float
     return cluster, np.array(leaders, np.int64)
 
 
-def complementary_pair(choice: Indices, several: NDArray[np.bool_]) -> tuple[int, int] | None:
+def complementary_pair(choice: Integers, several: Booleans) -> tuple[int, int] | None:
     """The first pair of sets (m, n), best first, that differ in every satellite with `several` (n,) signals."""
     if not several.any():
         return None
@@ -287,9 +285,9 @@ def inverse_raim(
 
 
 def second_subset(
-    unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Indices, *,
+    unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Integers, *,
     false_alarm_probability: float = 1e-3,
-) -> tuple[Indices, PassingSets] | None:  # fmt: skip
+) -> tuple[Integers, PassingSets] | None:  # fmt: skip
     """The largest set of satellites, five at least, that fit one position with signals that `choice` (n,) leaves over.
 
     Returns the satellites and the passing sets among what they have left (their `choice` counts the signals left over,
@@ -302,7 +300,7 @@ def second_subset(
     left = np.take_along_axis(misfit, np.argsort(np.isnan(misfit), axis=1, kind="stable"), axis=1)
     able = np.flatnonzero(np.isfinite(left[:, 0]))
     for size in range(able.size, _UNKNOWNS, -1):
-        best: tuple[Indices, PassingSets] | None = None
+        best: tuple[Integers, PassingSets] | None = None
         for rows in combinations(able, size):
             some = np.array(rows)
             sets = passing_sets(
@@ -315,7 +313,7 @@ def second_subset(
     return None
 
 
-def innovations(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Indices) -> Reals:
+def innovations(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Integers) -> Reals:
     """Each signal (n, c) against the fix of the set `choice` (n,), over its sigma: standard normal for a signal of that
     sky outside the set. NaN for the set's own signals."""
     design = design_matrix(np.asarray(unit, np.float64))

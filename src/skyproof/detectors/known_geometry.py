@@ -17,8 +17,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.detectors.one_antenna import BaselineEstimate
-from skyproof.records import Baseline, Reals
+from skyproof.records import Baseline
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
 __all__ = ["AntennaDistance", "AntennaPlaces", "Geometry", "LearntBaseline", "Misfit", "agreement", "survival"]

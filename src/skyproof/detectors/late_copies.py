@@ -9,8 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import ConsistentSet, Observations, Reals
+from skyproof.records import ConsistentSet, Observations
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["MOST_LATE_M", "WEAKER_DB", "is_late_copy", "without_late_copies"]

@@ -29,8 +29,8 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.statistics.autoregression import ar1_line, correlation_grid, estimate_ar1
 from skyproof.statistics.distributions import f_survival, f_threshold
 from skyproof.statistics.lines import additive_contrasts, fit_line
@@ -39,8 +39,6 @@ __all__ = [
     "WHITE", "BaselineEstimate", "Levels", "MeanTest", "Means", "NoiseModel", "baseline_design", "baseline_estimate",
     "contrast_levels", "distance_p_value", "one_antenna_test", "ratio_test", "stretch_means", "table_contrasts",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -75,12 +73,12 @@ class Levels(NamedTuple):
 
     level: Reals
     variance: Reals
-    plausible: NDArray[np.bool_]
+    plausible: Booleans
     dof: Reals
     miss_probability: float
     bounded: bool
 
-    def worst(self, p_values: Reals) -> tuple[Reals, NDArray[np.intp]]:
+    def worst(self, p_values: Reals) -> tuple[Reals, Indices]:
         """One p-value (...) from those of each noise (G, ...), and which noise (...) decides."""
         grid = np.where(self.plausible, p_values, -1.0)
         decides = np.argmax(grid[:-1] if self.bounded else grid, axis=0)
@@ -90,7 +88,7 @@ class Levels(NamedTuple):
             p_value = 2.0 * np.minimum(p_value, grid[-1])
         return np.minimum(p_value, 1.0), decides
 
-    def threshold(self, false_alarm_probability: float, dof_num: int, decides: NDArray[np.intp]) -> Reals:
+    def threshold(self, false_alarm_probability: float, dof_num: int, decides: Indices) -> Reals:
         """The mean square (...) beyond which `worst` is below `false_alarm_probability`, under the noise `decides`."""
         share = false_alarm_probability / (2.0 if self.bounded else 1.0)
         known = np.isinf(self.dof[decides])
@@ -173,7 +171,7 @@ class MeanTest(NamedTuple):
 
     p_value: Reals
     statistic: Reals
-    decides: NDArray[np.intp]
+    decides: Indices
 
 
 def one_antenna_test(levels: Levels, expected: Reals | None = None) -> MeanTest:

@@ -5,9 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skyproof.records import CellStatus, Observations, Reals, SignalId
+from skyproof.arrays import Booleans, Integers, Reals
+from skyproof.records import CellStatus, Observations, SignalId
 
 __all__ = ["MIN_SATELLITES", "joined", "one_signal_a_satellite", "rows_of"]
 
@@ -59,8 +59,8 @@ def one_signal_a_satellite(
 
 
 def _breaks(
-    chosen: NDArray[np.int64], o: Observations, sats: Sequence[str], sources: Mapping[str, SignalId]
-) -> NDArray[np.bool_]:
+    chosen: Integers, o: Observations, sats: Sequence[str], sources: Mapping[str, SignalId]
+) -> Booleans:
     """Where a satellite's carrier does not go on from the epoch before: a slip, a gap, or another signal."""
     first = [o.signals.index(sources[sat]) if sources.get(sat) in o.signals else -1 for sat in sats]
     before = np.vstack((np.array(first, np.int64)[None], chosen[:-1]))
@@ -68,7 +68,7 @@ def _breaks(
     return np.asarray((chosen >= 0) & (slip | (chosen != before)))
 
 
-def _picked(cells: Reals, chosen: NDArray[np.int64]) -> Reals:
+def _picked(cells: Reals, chosen: Integers) -> Reals:
     return np.where(chosen >= 0, np.take_along_axis(cells, np.maximum(chosen, 0), axis=1), np.nan)
 
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.detectors.common_epochs import CommonRanges, common_ranges
 from skyproof.detectors.known_geometry import Geometry, survival
 from skyproof.detectors.one_antenna import (
@@ -26,7 +27,7 @@ from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
 from skyproof.gnss.time import seconds_between
-from skyproof.records import Baseline, ConsistentSet, NavigationData, Reals, Records, SignalRef
+from skyproof.records import Baseline, ConsistentSet, NavigationData, Records, SignalRef
 from skyproof.statistics.lines import fit_line
 
 __all__ = ["Pairing", "pair_up", "versus"]

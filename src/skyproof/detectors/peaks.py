@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.detectors.late_copies import MOST_LATE_M, WEAKER_DB
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.records import Evidence, Observations, Reals, Records, SignalId, SignalRef
+from skyproof.records import Evidence, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.distributions import binomial_survival, binomial_threshold
 
 __all__ = ["Peaks", "PeaksSettings", "SecondSignals", "second_signals"]

@@ -22,9 +22,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import optimize, special
 
+from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.array_common import cluster_evidence, of_one_carrier
 from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.errors import require_probability
@@ -38,8 +39,6 @@ __all__ = [
     "mend_slips", "minus_mean", "paired_fit", "paired_information", "predicted_test", "spoofed_detection",
     "step_statistics",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 DEGREE_2_LASTS_S = 15.0
 """Up to here what a quadratic leaves of the motion of a pair of satellites adds less than 1 to the noncentrality; from
@@ -446,11 +445,11 @@ def _after(series: Reals) -> Reals:
     return np.asarray(np.cumsum(series[..., ::-1], axis=-1)[..., -2::-1])
 
 
-def _centred(level: Reals) -> NDArray[np.complex128]:
+def _centred(level: Reals) -> Complexes:
     """Vectors (..., n, 2) less their mean, as complex numbers (..., n): a rotation is a factor."""
     of_plane = level[..., 0] + 1j * level[..., 1]
     return np.asarray(of_plane - of_plane.mean(axis=-1, keepdims=True), np.complex128)
 
 
-def _real(level: NDArray[np.complex128]) -> Reals:
+def _real(level: Complexes) -> Reals:
     return np.stack((level.real, level.imag), axis=-1)

@@ -19,9 +19,10 @@ signals no longer overlap the true ones distorts nothing, and echoes distort as 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.correlator_laws import triangle
 from skyproof.statistics.distributions import (
     chi_square_survival,
@@ -35,8 +36,6 @@ __all__ = [
     "moving_variance_threshold", "ratio_cumulative", "ratio_law", "ratio_metric", "ratio_p_value", "ratio_threshold",
     "tap_covariance",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 
 # Metrics --------------------------------------------------------------------------------------------------------------
@@ -179,7 +178,7 @@ def moving_variance_power(
     return noncentral_chi_square_survival(chi_square_threshold(probability, dof), dof, noncentrality)
 
 
-def alarm_starts(alarm: ArrayLike) -> NDArray[np.bool_]:
+def alarm_starts(alarm: ArrayLike) -> Booleans:
     """Where an alarm begins in (..., n): sliding windows alarm in clusters, and false alarms are counted by starts."""
     on = np.asarray(alarm, bool)
     begins = on.copy()

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from scipy import special
 
+from skyproof.arrays import Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.correlator_laws import prompt_amplitude
 from skyproof.detectors.sqm import delta_law, delta_metric
 from skyproof.errors import SettingsError, require_probability
-from skyproof.records import Evidence, Observations, Reals, Records, SignalId, SignalRef, Taps
+from skyproof.records import Evidence, Observations, Records, SignalId, SignalRef, Taps
 
 __all__ = ["Sqm", "SqmSettings", "level_dbhz", "pair_of_taps"]
 

@@ -13,14 +13,13 @@ without whitening is the larger fault.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Complexes, Reals
 from skyproof.compiled import compiled
 from skyproof.detectors.decomposition import correlation
 
 __all__ = ["SwarmFit", "SwarmSettings", "swarm_decompose"]
-
-Reals = NDArray[np.float64]
 
 _TABLE_CHIPS = 0.002
 _TABLE_REACH_CHIPS = 4.0
@@ -47,7 +46,7 @@ class SwarmFit:
 
     delay_chips: Reals
     doppler_hz: Reals
-    amplitude: NDArray[np.complex128]
+    amplitude: Complexes
     cost: Reals
 
 

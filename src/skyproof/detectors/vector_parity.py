@@ -20,8 +20,9 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Complexes, Integers, Reals
 from skyproof.detectors import correlator_laws as law
 from skyproof.statistics.cusum import CusumPath, cusum_path, cusum_threshold
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
@@ -31,9 +32,6 @@ __all__ = [
     "indistinguishable_attack", "parity_noncentrality", "parity_test", "parity_threshold", "parity_vector",
     "run_branch", "separability", "suspects", "whitener",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 BANK: Final = ((1, 1.0), (10, 1.0), (10, 0.25))
 """Integrations summed for one step, and reference k, of each branch: fast for large attacks, slow for small ones."""
@@ -161,7 +159,7 @@ class Suspects(NamedTuple):
     """
 
     statistic: Reals
-    suspect: NDArray[np.int64]
+    suspect: Integers
     left: Reals
     p_value: Reals
     dof: int

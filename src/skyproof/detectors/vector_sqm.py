@@ -16,10 +16,11 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
 
+from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.detectors import correlator_laws as law
 
 __all__ = [
@@ -27,8 +28,6 @@ __all__ = [
     "equilibrium", "geometry_matrix", "limit_scale", "linear_shift", "parameter", "rule_alarm_probability", "sky",
     "two_step",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 CODE_LIMIT_CHIPS: Final = 0.1  # T1 and T2 of the paper, section 4
 PHASE_LIMIT_RAD: Final = 0.05 * np.pi
@@ -141,8 +140,8 @@ def _bisect(rising: Callable[[Reals], Reals], high: Reals) -> Reals:
 class TwoStep(NamedTuple):
     """chosen : (...) satellite with the largest parameter. alarm : (...) whether it is beyond a limit."""
 
-    chosen: NDArray[np.int64]
-    alarm: NDArray[np.bool_]
+    chosen: Integers
+    alarm: Booleans
 
 
 def parameter(code_chips: ArrayLike, phase_rad: ArrayLike) -> Reals:

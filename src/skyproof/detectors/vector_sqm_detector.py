@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.correlator_laws import code_discriminator, phase_discriminator, prompt_amplitude
 from skyproof.detectors.sqm_detector import level_dbhz, pair_of_taps
@@ -21,7 +22,7 @@ from skyproof.errors import SettingsError, require_probability
 from skyproof.navigation.least_squares import design_matrix, line_of_sight
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.navigation.window import window_mean
-from skyproof.records import Evidence, NavigationData, Observations, Reals, Records, SignalRef, Taps
+from skyproof.records import Evidence, NavigationData, Observations, Records, SignalRef, Taps
 
 __all__ = ["VectorSqm", "VectorSqmSettings"]
 

@@ -8,9 +8,9 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skyproof.arrays import Instants, Reals
 from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.time import iso, utc_from_gpst
-from skyproof.records import Instants, Reals
 
 __all__ = ["Track", "kml_lines", "write_kml"]
 

@@ -21,13 +21,12 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Floats, Integers, Octets
 from skyproof.compiled import compiled
 from skyproof.formats.byte_io import FileBytes
 
 __all__ = ["FITTING_BITS", "BitOrder", "ByteOrder", "Chunk", "Encoding", "Kind", "PackedSamples", "Packing"]
 
-Floats = NDArray[np.float32]
-Octets = NDArray[np.uint8]
 Kind = Literal["real", "complex"]
 Encoding = Literal["int", "float", "sign", "sign-magnitude", "offset-binary"]
 BitOrder = Literal["msb-first", "lsb-first"]
@@ -227,7 +226,7 @@ def _split(stored: NDArray[Any], i: Floats, q: Floats) -> None:
         q[k] = stored[2 * k + 1]
 
 
-def _values(codes: NDArray[np.int64], encoding: Encoding, bits: int) -> Floats:
+def _values(codes: Integers, encoding: Encoding, bits: int) -> Floats:
     """What the codes 0 .. 2^bits - 1 mean, any shape."""
     half = 1 << (bits - 1)
     if encoding == "sign":

@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.errors import InputError
 from skyproof.formats.layout import PackedSamples
 from skyproof.records import Samples
@@ -74,7 +74,7 @@ def _stretches(n_samples: int) -> list[tuple[int, int]]:
     return [(int(start), _STRETCH_SAMPLES) for start in starts]
 
 
-def _saturation(planes: NDArray[np.float64]) -> list[str]:
+def _saturation(planes: Reals) -> list[str]:
     levels = np.unique(planes[:, :_STRETCH_SAMPLES]).size
     extreme = np.mean((planes == planes.max()) | (planes == planes.min()))
     if levels <= 2 or extreme <= (_SATURATED_FEW_LEVELS if levels <= _FEW_LEVELS else _SATURATED):
@@ -83,7 +83,7 @@ def _saturation(planes: NDArray[np.float64]) -> list[str]:
             "lower the gain"]  # fmt: skip
 
 
-def _offsets(planes: NDArray[np.float64], told_by: str) -> list[str]:
+def _offsets(planes: Reals, told_by: str) -> list[str]:
     mean, deviation = planes.mean(axis=1), planes.std(axis=1)
     names = "IQ"[: len(planes)]
     if not deviation.all():

@@ -12,9 +12,9 @@ from operator import xor
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skyproof.arrays import Instants
 from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.time import utc_from_gpst
-from skyproof.records import Instants
 
 __all__ = ["nmea_sentences", "write_nmea"]
 

@@ -21,11 +21,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Integers, Octets, Reals
 from skyproof.formats.layout import BitOrder, ByteOrder, Encoding, Kind, Packing
 
 __all__ = ["Likely", "header_length", "likely_packings"]
-
-Octets = NDArray[np.uint8]
 
 _HEADER_MOST: Final = 1 << 16
 _HEADER_NATS: Final = 25.0
@@ -155,7 +154,7 @@ def _wide(octets: Octets) -> list[Likely]:
     return [Likely(packing=one, header_bytes=skip) for one in _both_kinds(encoding, 8 * size, byte_order=order)]
 
 
-def _first_bound(octets: Octets, entropy: NDArray[np.float64]) -> int | None:
+def _first_bound(octets: Octets, entropy: Reals) -> int | None:
     """Where pairs begin if every other byte is told by the one before it, and not by the one behind, as in numbers of
     few values; None if that is not so.
 
@@ -170,7 +169,7 @@ def _first_bound(octets: Octets, entropy: NDArray[np.float64]) -> int | None:
     return int(told[1] > told[0]) if bound else None
 
 
-def _told_bits(octets: Octets, entropy: NDArray[np.float64]) -> float:
+def _told_bits(octets: Octets, entropy: Reals) -> float:
     """Mutual information of the first and second byte of each pair, in bits."""
     pairs = octets[: octets.size // 2 * 2].view("<u2")
     shares = np.bincount(pairs, minlength=1 << 16) / pairs.size
@@ -237,7 +236,7 @@ def _nibbles(octets: Octets) -> list[Likely]:
     shares = np.bincount(codes, minlength=16) / codes.size
     if shares.max() < _FLAT / 16:
         return []
-    orders: dict[Encoding, NDArray[np.int64]] = {
+    orders: dict[Encoding, Integers] = {
         "int": np.roll(np.arange(16), 8),
         "offset-binary": np.arange(16),
         "sign-magnitude": np.concatenate([np.arange(15, 7, -1), np.arange(8)]),
@@ -279,11 +278,11 @@ def _has_hump(octets: Octets) -> bool:
     return bool(_steps(ordered) < _HUMP * ordered.max() + 0.05)
 
 
-def _steps(shares: NDArray[np.float64]) -> float:
+def _steps(shares: Reals) -> float:
     return float(np.abs(np.diff(shares, prepend=0.0, append=0.0)).sum())
 
 
-def _alike(shares: NDArray[np.float64]) -> bool:
+def _alike(shares: Reals) -> bool:
     """Whether the middle of the histogram lies near the middle."""
     middle = float(np.sum(shares * np.arange(shares.size)))
     return abs(middle - 0.5 * (shares.size - 1)) < 0.1 * shares.size

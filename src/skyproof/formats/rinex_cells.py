@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.formats.bounds import REMARKS
 from skyproof.gnss.time import require_year
 
@@ -31,8 +32,8 @@ class Lines:
     """Text and where its lines begin and end (without their line ends)."""
 
     text: NDArray[np.uint8]
-    start: NDArray[np.int64]
-    end: NDArray[np.int64]
+    start: Integers
+    end: Integers
     first_number: int  # of the first line, for messages
 
     def __getitem__(self, k: int) -> str:
@@ -56,12 +57,12 @@ class Rows:
     epoch, line, layout : (n_rows,) index of the epoch, first line of the record, and number of its layout.
     """
 
-    instant_ns: NDArray[np.int64]
-    flag: NDArray[np.int64]
-    sat: NDArray[np.int64]
-    epoch: NDArray[np.int64]
-    line: NDArray[np.int64]
-    layout: NDArray[np.int64]
+    instant_ns: Integers
+    flag: Integers
+    sat: Integers
+    epoch: Integers
+    line: Integers
+    layout: Integers
     layouts: tuple[Layout, ...]
     remarks: tuple[str, ...]
 
@@ -73,10 +74,10 @@ class Cells:
     bad : lines with a field that is no number.
     """
 
-    value: NDArray[np.float64]
+    value: Reals
     lli: NDArray[np.uint8]
     strength: NDArray[np.uint8]
-    bad: NDArray[np.int64]
+    bad: Integers
 
 
 def lines_of(text: NDArray[np.uint8], first_number: int = 1) -> Lines:
@@ -132,7 +133,7 @@ class _Walk:
         return (day + hour * 3600 + minute * 60) * 1_000_000_000 + round(second * 1e9)
 
     def rows(
-        self, sat: NDArray[np.int64], epoch: NDArray[np.int64], line: NDArray[np.int64], first_number: int
+        self, sat: Integers, epoch: Integers, line: Integers, first_number: int
     ) -> Rows:
         remarks = [f"{count} events inside the data: {name}" for name, count in sorted(self.events.items())]
         damaged = self.damaged[:REMARKS]
@@ -209,7 +210,7 @@ def rows_3(lines: Lines, layout: Layout) -> Rows:
     return walk.rows(sat[known], owner[line[known]], line[known], lines.first_number)
 
 
-def _sat(letter: NDArray[np.uint8], tens: NDArray[np.uint8], ones: NDArray[np.uint8]) -> NDArray[np.int64]:
+def _sat(letter: NDArray[np.uint8], tens: NDArray[np.uint8], ones: NDArray[np.uint8]) -> Integers:
     """Letter times 100 plus number; 0 where it is no name. "G 3" is G03."""
     tens = np.where(tens == 32, np.uint8(48), tens)
     number = (tens.astype(np.int64) - 48) * 10 + ones.astype(np.int64) - 48
@@ -273,7 +274,7 @@ def _code(name: str, system: str) -> int:
     return ord(letter) * 100 + int(number) if letter in "GRECJSI" and number.isdecimal() and int(number) > 0 else 0
 
 
-def _looks_like_a_head(lines: Lines) -> NDArray[np.bool_]:
+def _looks_like_a_head(lines: Lines) -> Booleans:
     """Where the point of the seconds and the flag stand as in no line of data, or an event without a time."""
     digit = lines.column(28)
     blank = lines.column(26) == 32
@@ -290,7 +291,7 @@ def _looks_like_a_head(lines: Lines) -> NDArray[np.bool_]:
 
 
 def cells(
-    lines: Lines, first: NDArray[np.int64], kept: Sequence[int], *, five_a_line: bool, name_columns: int
+    lines: Lines, first: Integers, kept: Sequence[int], *, five_a_line: bool, name_columns: int
 ) -> Cells:
     """Fields number `kept` of the records whose first lines are given.
 
@@ -321,7 +322,7 @@ def cells(
     return Cells(value, lli, strength, first[bad])
 
 
-def _numbers(text: NDArray[np.uint8], room: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _numbers(text: NDArray[np.uint8], room: Integers) -> tuple[Reals, Booleans]:
     """F14.3 of characters (..., 16) as float64, NaN for blank or zero; and where a field is no number, or is cut."""
     value = np.full(text.shape[:-1], np.nan)
     wrong = np.zeros(text.shape[:-1], np.bool_)

@@ -11,11 +11,12 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Booleans, Instants, Integers, Reals
 from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.time import leap_seconds, rinex_date, utc_from_gpst
-from skyproof.records import CellStatus, Instants, Observations, Reals, SignalId
+from skyproof.records import CellStatus, Observations, SignalId
 
 __all__ = ["obs_lines", "write_obs"]
 
@@ -122,7 +123,7 @@ def _in_ticks(instants: Instants) -> Instants:
     return ((ns + _TICK_NS // 2) // _TICK_NS * _TICK_NS).astype("datetime64[ns]")
 
 
-def _lock_was_lost(slip: NDArray[np.bool_], phase: NDArray[np.bool_], sats: list[str]) -> NDArray[np.bool_]:
+def _lock_was_lost(slip: Booleans, phase: Booleans, sats: list[str]) -> Booleans:
     """Where a satellite's phase does not continue that of the epoch before: a slip, a gap, or another channel."""
     begins = phase.copy()
     begins[1:] &= ~phase[:-1]
@@ -186,7 +187,7 @@ def _line(text: str, label: str) -> str:
 
 
 def _body(
-    ticks: Instants, sats: list[str], values: Reals, there: NDArray[np.bool_], indicator: NDArray[np.int64]
+    ticks: Instants, sats: list[str], values: Reals, there: Booleans, indicator: Integers
 ) -> Iterator[str]:
     for epoch in np.flatnonzero(there.any(axis=1)):
         year, month, day, hour, minute, second_ticks = _calendar(ticks[epoch])

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Instants, Integers, Reals
 from skyproof.errors import InputError
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, EMPTY_CELLS, OBSERVATION_BYTES, Remarks
 from skyproof.formats.byte_io import unpacked
@@ -22,7 +23,7 @@ from skyproof.formats.rinex_cells import Layout, Lines, Rows, cells, layout_chan
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal
 from skyproof.gnss.time import gpst_from_utc
-from skyproof.records import CellStatus, Instants, Observations, Reals, SignalId
+from skyproof.records import CellStatus, Observations, SignalId
 
 __all__ = ["ObservationFile", "parse_obs", "read_obs"]
 
@@ -258,7 +259,7 @@ def _as_version_3(name: str, types: Sequence[str], system: str) -> str:
 
 
 _Block = tuple[
-    SignalId, NDArray[np.int64], dict[str, Reals], NDArray[np.uint8], NDArray[np.bool_], NDArray[np.bool_]
+    SignalId, Integers, dict[str, Reals], NDArray[np.uint8], Booleans, Booleans
 ]
 """One signal's epochs, numbers by kind, strength, loss of lock, and where its phase may be half a cycle off."""
 
@@ -268,11 +269,11 @@ class _Table:
     """Every signal's numbers by epoch, (n_epochs, n_signals) each."""
 
     signals: tuple[SignalId, ...]
-    instant_ns: NDArray[np.int64]
+    instant_ns: Integers
     numbers: Mapping[str, Reals]  # by kind
     strength: NDArray[np.uint8]
-    lost: NDArray[np.bool_]
-    half_open: NDArray[np.bool_]
+    lost: Booleans
+    half_open: Booleans
     remarks: tuple[str, ...]
 
     @classmethod
@@ -312,7 +313,7 @@ class _Table:
         return cls(signals, instant_ns, numbers, strength, lost, half_open, (*remarks, *told))
 
 
-def _epochs_in_order(rows: Rows) -> tuple[NDArray[np.int64], NDArray[np.int64], list[str]]:
+def _epochs_in_order(rows: Rows) -> tuple[Integers, Integers, list[str]]:
     """Where each epoch of the file stands in time (-1 for what is none), those times, and what was put right."""
     epochs = np.flatnonzero(rows.flag < 6)
     order = epochs[np.argsort(rows.instant_ns[epochs], kind="stable")]
@@ -329,8 +330,8 @@ def _epochs_in_order(rows: Rows) -> tuple[NDArray[np.int64], NDArray[np.int64], 
 
 
 def _blocks(
-    lines: Lines, rows: Rows, its: NDArray[np.int64], fields: Mapping[tuple[str, str], Mapping[str, int]],
-    header: _Header, keep: Callable[[SignalId], bool] | None, place: NDArray[np.int64], bad: list[int],
+    lines: Lines, rows: Rows, its: Integers, fields: Mapping[tuple[str, str], Mapping[str, int]],
+    header: _Header, keep: Callable[[SignalId], bool] | None, place: Integers, bad: list[int],
 ) -> Iterable[_Block]:  # fmt: skip
     """What the rows `its` of one system hold of each signal."""
     sats = np.unique(rows.sat[its]).tolist()
@@ -381,8 +382,8 @@ def _blocks(
 
 
 def _told_slips(
-    rows: Rows, place: NDArray[np.int64], instant_ns: NDArray[np.int64], signals: tuple[SignalId, ...]
-) -> NDArray[np.bool_]:
+    rows: Rows, place: Integers, instant_ns: Integers, signals: tuple[SignalId, ...]
+) -> Booleans:
     """Where event records (flag 6) tell a slip: at their satellites' first epoch from then on."""
     lost = np.zeros((instant_ns.size, len(signals)), np.bool_)
     for row in np.flatnonzero(rows.flag[rows.epoch] == 6):
@@ -393,7 +394,7 @@ def _told_slips(
     return lost
 
 
-def _changes(marks: NDArray[np.bool_], there: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _changes(marks: Booleans, there: Booleans) -> Booleans:
     """Where a mark differs from that of the same signal's last measurement before; all (n_epochs, n_signals)."""
     changed = np.zeros_like(marks)
     for column in np.flatnonzero(marks.any(axis=0)):

@@ -25,12 +25,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.errors import InputError, shortened
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, SECONDS, TRACK_BYTES, XML_TAGS
 from skyproof.formats.byte_io import content_of
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.time import gpst_from_utc, parse_iso, require_year
-from skyproof.records import Reals, freeze
+from skyproof.records import freeze
 
 __all__ = ["Track", "parse_csv", "parse_kml", "parse_nmea", "read_track"]
 

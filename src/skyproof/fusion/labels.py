@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skyproof.records import CellStatus, Evidence, Observations, Reals, SignalRef
+from skyproof.arrays import Integers, Reals
+from skyproof.records import CellStatus, Evidence, Observations, SignalRef
 
 __all__ = ["Label", "LabelledSignal", "Source", "label_signals", "sources_of"]
 
@@ -177,7 +177,7 @@ def _within(vote: _Vote, arc: tuple[int, int]) -> _Vote | None:
     return replace(vote, first_epoch=first, last_epoch=last)
 
 
-def _filled(said: NDArray[np.int64], elapsed_s: Reals) -> NDArray[np.int64]:
+def _filled(said: Integers, elapsed_s: Reals) -> Integers:
     """Codes of labels (n_epochs,) with the silent ones filled from the nearest that are not, before and after."""
     unknown, authentic = LABELS.index("unknown"), LABELS.index("authentic")
     row = np.arange(said.size)

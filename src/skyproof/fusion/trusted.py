@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans
 from skyproof.fusion.labels import Label, LabelledSignal
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.screen import screened
@@ -30,7 +30,7 @@ def only(observations: Observations, signals: Sequence[SignalId]) -> Observation
     return masked(observations, np.broadcast_to(chosen, observations.pseudorange_m.shape))
 
 
-def masked(observations: Observations, mask: NDArray[np.bool_]) -> Observations:
+def masked(observations: Observations, mask: Booleans) -> Observations:
     """The observations with every cell emptied where `mask`, (n_epochs, n_signals), is false."""
     names = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
              "doppler_sigma_hz")  # fmt: skip

@@ -6,8 +6,9 @@ from typing import Literal
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.fusion.labels import LabelledSignal
-from skyproof.records import Evidence, Observations, Reals, SignalRef
+from skyproof.records import Evidence, Observations, SignalRef
 
 __all__ = ["Kind", "Unexplained", "unexplained"]
 

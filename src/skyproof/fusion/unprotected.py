@@ -1,10 +1,10 @@
 """What a receiver without protection makes of the signals: of each satellite it follows one, the strongest it finds."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Reals
 from skyproof.fusion.trusted import masked
-from skyproof.records import Observations, Reals
+from skyproof.records import Observations
 
 __all__ = ["HOLD_S", "unprotected"]
 
@@ -26,7 +26,7 @@ def unprotected(observations: Observations) -> Observations:
     return masked(o, mask)
 
 
-def _followed(elapsed_s: Reals, there: NDArray[np.bool_], cn0_dbhz: Reals) -> NDArray[np.bool_]:
+def _followed(elapsed_s: Reals, there: Booleans, cn0_dbhz: Reals) -> Booleans:
     """Which of one satellite's signals is followed when; `there`, `cn0_dbhz` and the answer (n_epochs, n_signals)."""
     mask = np.zeros_like(there)
     strength = np.where(there, np.nan_to_num(cn0_dbhz), -np.inf)

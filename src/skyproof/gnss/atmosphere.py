@@ -1,8 +1,9 @@
 """Delays of the ionosphere and the troposphere, as models that need no measurement. Shapes broadcast."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import SECONDS_PER_DAY
 from skyproof.gnss.ephemeris import Klobuchar
 
@@ -11,7 +12,7 @@ __all__ = ["klobuchar_delay_s", "saastamoinen_zenith_m", "troposphere_delay_m"]
 
 def klobuchar_delay_s(
     klobuchar: Klobuchar, lat_rad: ArrayLike, lon_rad: ArrayLike, az_rad: ArrayLike, el_rad: ArrayLike, tow_s: ArrayLike
-) -> NDArray[np.float64]:
+) -> Reals:
     """Delay of the L1 code by the ionosphere in seconds (IS-GPS-200N, 20.3.3.5.2.5); the carrier is early by as much.
 
     Parameters
@@ -35,7 +36,7 @@ def klobuchar_delay_s(
     return np.asarray(obliquity * (5e-9 + day))
 
 
-def saastamoinen_zenith_m(lat_rad: ArrayLike, height_m: ArrayLike, humidity: float = 0.6) -> NDArray[np.float64]:
+def saastamoinen_zenith_m(lat_rad: ArrayLike, height_m: ArrayLike, humidity: float = 0.6) -> Reals:
     """Zenith delay of the troposphere in metres, hydrostatic and wet, in the standard atmosphere.
 
     Saastamoinen, "Atmospheric correction for the troposphere and stratosphere in radio ranging of satellites", Geophys.
@@ -52,7 +53,7 @@ def saastamoinen_zenith_m(lat_rad: ArrayLike, height_m: ArrayLike, humidity: flo
 
 def troposphere_delay_m(
     lat_rad: ArrayLike, height_m: ArrayLike, el_rad: ArrayLike, humidity: float = 0.6
-) -> NDArray[np.float64]:
+) -> Reals:
     """Delay towards elevation `el_rad` in metres: zenith delay mapped by RTCA DO-229, A.4.2.4, good above 4 degrees."""
     mapping = 1.001 / np.sqrt(0.002001 + np.sin(np.asarray(el_rad, np.float64)) ** 2)
     return np.asarray(saastamoinen_zenith_m(lat_rad, height_m, humidity) * mapping)

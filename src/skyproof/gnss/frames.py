@@ -1,8 +1,9 @@
 """Earth-fixed and local frames: ECEF WGS-84, geodetic latitude, longitude and height, east-north-up."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import WGS84_A_M, WGS84_F
 
 __all__ = ["ecef_from_geodetic", "geodetic_from_ecef", "rot_enu_ecef"]
@@ -12,7 +13,7 @@ _EP2 = _E2 / (1.0 - _E2)  # second eccentricity squared
 _B_M = WGS84_A_M * (1.0 - WGS84_F)  # semi-minor axis
 
 
-def ecef_from_geodetic(lat_rad: ArrayLike, lon_rad: ArrayLike, height_m: ArrayLike) -> NDArray[np.float64]:
+def ecef_from_geodetic(lat_rad: ArrayLike, lon_rad: ArrayLike, height_m: ArrayLike) -> Reals:
     """ECEF position of geodetic coordinates.
 
     Parameters
@@ -34,7 +35,7 @@ def ecef_from_geodetic(lat_rad: ArrayLike, lon_rad: ArrayLike, height_m: ArrayLi
     )
 
 
-def geodetic_from_ecef(ecef_m: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def geodetic_from_ecef(ecef_m: ArrayLike) -> tuple[Reals, Reals, Reals]:
     """Geodetic latitude (rad), longitude (rad, -pi to pi) and height (m) of ECEF positions of shape (..., 3).
 
     Bowring's formula (Survey Review 23, 1976, 323-327) applied three times: below a nanometre from the depths of the
@@ -52,7 +53,7 @@ def geodetic_from_ecef(ecef_m: ArrayLike) -> tuple[NDArray[np.float64], NDArray[
     return np.arctan2(sin_lat, cos_lat), np.arctan2(y_m, x_m), height_m
 
 
-def rot_enu_ecef(lat_rad: ArrayLike, lon_rad: ArrayLike) -> NDArray[np.float64]:
+def rot_enu_ecef(lat_rad: ArrayLike, lon_rad: ArrayLike) -> Reals:
     """Rotation from ECEF to local east, north, up: `enu = rot @ ecef_difference`. Shape (..., 3, 3)."""
     lat_rad, lon_rad = np.broadcast_arrays(np.asarray(lat_rad, np.float64), np.asarray(lon_rad, np.float64))
     sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat_rad), np.cos(lat_rad), np.sin(lon_rad), np.cos(lon_rad)
@@ -62,6 +63,6 @@ def rot_enu_ecef(lat_rad: ArrayLike, lon_rad: ArrayLike) -> NDArray[np.float64]:
     return np.stack((east, north, up), axis=-2)
 
 
-def _unit(y: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _unit(y: Reals, x: Reals) -> tuple[Reals, Reals]:
     length = np.hypot(y, x)
     return y / length, x / length

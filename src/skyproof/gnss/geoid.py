@@ -11,7 +11,9 @@ from importlib.resources import files
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from skyproof.arrays import Reals
 
 __all__ = ["GEOID_SIGMA_M", "geoid_separation_m"]
 
@@ -19,7 +21,7 @@ GEOID_SIGMA_M: Final = 0.5
 """What the coarse grid is off from EGM96, one sigma over the whole Earth."""
 
 
-def geoid_separation_m(lat_deg: ArrayLike, lon_deg: ArrayLike) -> NDArray[np.float64]:
+def geoid_separation_m(lat_deg: ArrayLike, lon_deg: ArrayLike) -> Reals:
     """Height of the geoid above the WGS-84 ellipsoid at places of any shape, metres; NaN where one is not finite."""
     lat, lon = np.broadcast_arrays(np.asarray(lat_deg, np.float64), np.asarray(lon_deg, np.float64))
     known = np.isfinite(lat) & np.isfinite(lon)
@@ -34,7 +36,7 @@ def geoid_separation_m(lat_deg: ArrayLike, lon_deg: ArrayLike) -> NDArray[np.flo
 
 
 @cache
-def _grid() -> NDArray[np.float64]:
+def _grid() -> Reals:
     """(181, 360): from the south pole northwards, from Greenwich eastwards."""
     with files("skyproof.gnss").joinpath("geoid.npz").open("rb") as file, np.load(file) as table:
         return np.asarray(table["egm96_m"], np.float64)

@@ -3,13 +3,12 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import WGS84_A_M, WGS84_F
 
 __all__ = ["gravity_ecef_m_s2"]
-
-Reals = NDArray[np.float64]
 
 _GM_M3_S2: Final = 3.986004418e14  # with the atmosphere; NGA.STND.0036_1.0.0_WGS84, table 3.1
 _OMEGA_RAD_S: Final = 7.292115e-5  # the defining constant of the gravity formula; the same table

@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Integers
 from skyproof.gnss.constants import GPS_PI, SECONDS_PER_WEEK
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, UtcParameters
 from skyproof.gnss.time import nearest_week
@@ -53,7 +54,7 @@ def _parity(data: Bits, last_two: Bits) -> Bits:
     return np.asarray((data @ _PARITY + last_two @ _PARITY_OF_LAST_TWO) & 1, dtype=np.int8)
 
 
-def words_hold(bits: Bits) -> tuple[Bits, NDArray[np.bool_]]:
+def words_hold(bits: Bits) -> tuple[Bits, Booleans]:
     """Source bits and parity verdict of the whole words at the start of a subframe, of upright polarity.
 
     Parameters
@@ -72,7 +73,7 @@ def words_hold(bits: Bits) -> tuple[Bits, NDArray[np.bool_]]:
     return data, (_parity(data, last_two) == words[..., 24:]).all(axis=-1)
 
 
-def word_signs(bits: Bits, start: int) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8]]:
+def word_signs(bits: Bits, start: int) -> tuple[Integers, Booleans, NDArray[np.int8]]:
     """What each whole word of a stream of bits (n,), of which a subframe starts at bit `start`, tells of its polarity.
 
     Returns

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Instants, Reals
 from skyproof.gnss.constants import (
     BEIDOU_EARTH_ROTATION_RAD_S,
     BEIDOU_MU_M3_S2,
@@ -25,8 +26,6 @@ from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import seconds_between
 
 __all__ = ["SatelliteState", "clock_polynomial_s", "group_delay_s", "satellite_state", "satellite_state_s"]
-
-Reals = NDArray[np.float64]
 
 _GPS: Final = (MU_M3_S2, EARTH_ROTATION_RAD_S, RELATIVITY_F_S_SQRT_M)
 _KEPLER: Final = {
@@ -60,7 +59,7 @@ class SatelliteState:
     clock_drift: Reals
 
 
-def satellite_state(ephemeris: BroadcastEphemeris, gpst: NDArray[np.datetime64] | np.datetime64) -> SatelliteState:
+def satellite_state(ephemeris: BroadcastEphemeris, gpst: Instants | np.datetime64) -> SatelliteState:
     """State at GPS instants `gpst` (...), which are times of transmission.
 
     IS-GPS-200N, 20.3.3.3.3.1, 20.3.3.4.3; Galileo OS SIS ICD 2.1, 5.1.1; BDS-SIS-ICD-B1I-3.0, 5.2.4.12; GLONASS ICD

@@ -1,15 +1,16 @@
 """Where a satellite stands, seen from a receiver. Positions are ECEF; `rx` and `sat` broadcast over leading axes."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 
 __all__ = ["azimuth_elevation", "rotate_to_reception", "unit_vectors"]
 
 
-def azimuth_elevation(rx_ecef_m: ArrayLike, sat_ecef_m: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def azimuth_elevation(rx_ecef_m: ArrayLike, sat_ecef_m: ArrayLike) -> tuple[Reals, Reals]:
     """Azimuth (0 to 2 pi, from north over east) and elevation (-pi/2 to pi/2, above the ellipsoid's tangent), rad.
 
     Parameters
@@ -25,7 +26,7 @@ def azimuth_elevation(rx_ecef_m: ArrayLike, sat_ecef_m: ArrayLike) -> tuple[NDAr
     return az_rad, el_rad
 
 
-def rotate_to_reception(sat_ecef_m: ArrayLike, travel_s: ArrayLike) -> NDArray[np.float64]:
+def rotate_to_reception(sat_ecef_m: ArrayLike, travel_s: ArrayLike) -> Reals:
     """ECEF at transmission to ECEF at reception, `travel_s` later: the Earth has turned (IS-GPS-200N, 20.3.3.4.3.4).
 
     Parameters
@@ -41,7 +42,7 @@ def rotate_to_reception(sat_ecef_m: ArrayLike, travel_s: ArrayLike) -> NDArray[n
     return np.stack((x_m, y_m, np.broadcast_to(z_m, x_m.shape)), axis=-1)
 
 
-def unit_vectors(rx_ecef_m: ArrayLike, sat_ecef_m: ArrayLike) -> NDArray[np.float64]:
+def unit_vectors(rx_ecef_m: ArrayLike, sat_ecef_m: ArrayLike) -> Reals:
     """Unit vectors from receiver to satellite, shape (..., 3), in the frame of the arguments."""
     difference_m = np.asarray(sat_ecef_m, np.float64) - np.asarray(rx_ecef_m, np.float64)
     return np.asarray(difference_m / np.linalg.norm(difference_m, axis=-1, keepdims=True))

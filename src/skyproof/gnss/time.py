@@ -9,6 +9,7 @@ from typing import Any, Final, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyproof.arrays import Instants, Integers, Reals
 from skyproof.gnss.constants import SECONDS_PER_WEEK
 
 __all__ = [
@@ -36,9 +37,9 @@ _ISO: Final = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}(:\d{2}(\.\d{1,9})?)
 @overload
 def gpst(week: int, tow_s: float) -> np.datetime64: ...
 @overload
-def gpst(week: NDArray[Any], tow_s: ArrayLike) -> NDArray[np.datetime64]: ...
+def gpst(week: NDArray[Any], tow_s: ArrayLike) -> Instants: ...
 @overload
-def gpst(week: ArrayLike, tow_s: NDArray[Any]) -> NDArray[np.datetime64]: ...
+def gpst(week: ArrayLike, tow_s: NDArray[Any]) -> Instants: ...
 def gpst(week: Any, tow_s: Any) -> Any:
     """The instant of full GPS week `week` and second `tow_s` of that week, to the nanosecond.
 
@@ -54,7 +55,7 @@ def gpst(week: Any, tow_s: Any) -> Any:
 @overload
 def week_and_tow(t: np.datetime64) -> tuple[int, float]: ...
 @overload
-def week_and_tow(t: NDArray[np.datetime64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]: ...
+def week_and_tow(t: Instants) -> tuple[Integers, Reals]: ...
 def week_and_tow(t: Any) -> Any:
     """Full GPS week and second of week of instants of any shape; the second is good to a nanosecond."""
     week, in_week_ns = np.divmod(_ns_since(t, GPS_EPOCH), _NS_PER_WEEK)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from skyproof.records import Reals
+from skyproof.arrays import Reals
 
 __all__ = ["chance_p_value", "set_combinations"]
 

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, L1_HZ, MU_M3_S2, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state_s
@@ -28,7 +28,7 @@ from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.least_squares import line_of_sight, spd_inverse
 from skyproof.navigation.ranges import atmosphere
-from skyproof.records import Ephemeris, NavigationData, Reals, freeze
+from skyproof.records import Ephemeris, NavigationData, freeze
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = ["COARSE_STATUS", "CoarseFix", "CoarseSettings", "coarse_fix"]
@@ -172,7 +172,7 @@ class _Solved:
     step_m: Reals
     target_m: Reals
 
-    def keep(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "_Solved":
+    def keep(self, which: Booleans | Indices) -> "_Solved":
         return _Solved(
             state=self.state[which], covariance=self.covariance[which], cost=self.cost[which],
             step_m=self.step_m[which], target_m=self.target_m[which],
@@ -474,7 +474,7 @@ def _bend_m(problem: _Problem, solved: _Solved) -> Reals:
 
 
 def _judged(
-    problem: _Problem, solved: _Solved, sats: tuple[str, ...], used: NDArray[np.intp], rough_gpst: np.datetime64
+    problem: _Problem, solved: _Solved, sats: tuple[str, ...], used: Indices, rough_gpst: np.datetime64
 ) -> CoarseFix:
     dof = problem.dof(used.size)
     if not solved.cost.size:

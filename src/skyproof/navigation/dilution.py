@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.least_squares import design_matrix, line_of_sight, normal_inverse
 from skyproof.navigation.ranges import corrected_ranges, time_scales
-from skyproof.records import Fix, FixStatus, NavigationData, Reals
+from skyproof.records import Fix, FixStatus, NavigationData
 
 __all__ = ["horizontal_dilution"]
 

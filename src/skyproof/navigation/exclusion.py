@@ -13,10 +13,10 @@ Leading axes are free; axes and frame are the caller's, the same for all argumen
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
-from skyproof.records import Reals
+from skyproof.arrays import Integers, Reals
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = ["FixChoice", "choose_fix", "distance_squared", "wrong_choice_probability", "wrong_choice_rule"]
@@ -27,8 +27,8 @@ class FixChoice:
     """chosen (...): number of the fix, -1 for undecided. nearest (...): the one with the smallest d^2, whatever it is.
     distance2 (..., k): d^2 of each fix, its p-value in `p_value`, uniform for the true fix."""
 
-    chosen: NDArray[np.int64]
-    nearest: NDArray[np.int64]
+    chosen: Integers
+    nearest: Integers
     distance2: Reals
     p_value: Reals
 

@@ -17,9 +17,9 @@ claims too much.
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
+from skyproof.arrays import Booleans, Indices, Instants, Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.filter_state import (
@@ -36,7 +36,7 @@ from skyproof.navigation.filter_state import (
 from skyproof.navigation.fix import RangeRates, fix, range_rates
 from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scale
-from skyproof.records import CellStatus, Fix, FixStatus, Instants, NavigationData, Observations, Reals, SignalId
+from skyproof.records import CellStatus, Fix, FixStatus, NavigationData, Observations, SignalId
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["FilterSettings", "FilterState", "Filtered", "step"]
@@ -61,9 +61,9 @@ class Filtered:
 
     fix: Fix
     nis: Reals
-    nis_dof: NDArray[np.int64]
-    rejected: NDArray[np.bool_]
-    slipped: NDArray[np.bool_]
+    nis_dof: Integers
+    rejected: Booleans
+    slipped: Booleans
 
 
 def step(
@@ -125,7 +125,7 @@ class _Rows:
     code_sigma_m: Reals
     carrier_sigma_m: Reals
     doppler_sigma_hz: Reals
-    slip: NDArray[np.bool_]
+    slip: Booleans
     carrier_hz: Reals
     space_m: Reals
 
@@ -266,12 +266,12 @@ class _View:
     ionosphere_m: Reals
     error_sigma_m: Reals
 
-    def kept(self, which: NDArray[np.bool_]) -> "_View":
+    def kept(self, which: Booleans) -> "_View":
         return _View(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
 
 def _view(
-    mean: Reals, rows: _Rows, row: int, columns: NDArray[np.intp], navigation: NavigationData, settings: FilterSettings
+    mean: Reals, rows: _Rows, row: int, columns: Indices, navigation: NavigationData, settings: FilterSettings
 ) -> _View:
     satellite, _, _ = line_of_sight(rows.ranges.satellite_ecef_m[row, columns], mean[POSITION])
     delays = atmosphere(
@@ -289,7 +289,7 @@ def _view(
     )
 
 
-def _with_the_new(state: FilterState, rows: _Rows, columns: NDArray[np.intp], view: _View) -> FilterState:
+def _with_the_new(state: FilterState, rows: _Rows, columns: Indices, view: _View) -> FilterState:
     """Room for time scales and signals that come up, in the order of their coming."""
     k, first_error = len(state.signals), state.mean.size - 2 * len(state.signals)
     new = [i for i, column in enumerate(columns) if rows.signals[column] not in state.signals]
@@ -330,7 +330,7 @@ class _Problem:
     """
 
     def __init__(
-        self, state: FilterState, rows: _Rows, row: int, columns: NDArray[np.intp], view: _View,
+        self, state: FilterState, rows: _Rows, row: int, columns: Indices, view: _View,
         settings: FilterSettings,
     ) -> None:  # fmt: skip
         self.state, self.view, self.settings = state, view, settings

@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Instants, Reals
 from skyproof.errors import SettingsError, require_probability
-from skyproof.records import Reals, SignalId
+from skyproof.records import SignalId
 
 __all__ = [
     "CLOCK", "CORE", "DRIFT", "POSITION", "VELOCITY", "FilterSettings", "FilterState", "predicted", "without_the_old",
@@ -72,8 +72,8 @@ class FilterState:
     mean: Reals
     covariance: Reals
     signals: tuple[SignalId, ...]
-    seen: NDArray[np.datetime64]
-    carried: NDArray[np.datetime64]
+    seen: Instants
+    carried: Instants
     error_sigma_m: Reals
 
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import week_and_tow
@@ -18,7 +18,7 @@ from skyproof.navigation.least_squares import (
 )
 from skyproof.navigation.raim import exclude_several
 from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scales
-from skyproof.records import Fix, FixStatus, NavigationData, Observations, Reals, SignalId
+from skyproof.records import Fix, FixStatus, NavigationData, Observations, SignalId
 
 __all__ = ["Geometry", "RangeRates", "fix", "fix_and_geometry", "range_rates"]
 
@@ -232,7 +232,7 @@ def _fix_block(
     return state, clocks_m - clock_m, velocity, covariance, residual, status, design, np.where(kept, sigma_m, np.nan)
 
 
-def _of_reference(matrix: Reals, reference: NDArray[np.intp]) -> Reals:
+def _of_reference(matrix: Reals, reference: Indices) -> Reals:
     """Rows and columns of position and the reference clock: (n, 4, 4) of (n, 3 + c, 3 + c)."""
     if matrix.shape[-1] == 4:
         return matrix
@@ -296,7 +296,7 @@ def _velocity(
     satellite_ecef_m: Reals,
     unit: Reals,
     distance_m: Reals,
-    used: NDArray[np.bool_],
+    used: Booleans,
     doppler_hz: Reals,
     doppler_sigma_hz: Reals,
     carrier_hz: Reals,

@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
-from skyproof.records import NavState, Reals
+from skyproof.records import NavState
 
 __all__ = ["STATES", "Grade", "error_covariance", "restarted", "start_covariance", "updated", "with_covariance"]
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.sky import rotate_to_reception
-from skyproof.records import Reals
 
 __all__ = ["Solution", "design_matrix", "gauss_newton", "line_of_sight", "normal_inverse", "spd_inverse"]
 

@@ -13,11 +13,10 @@ a bias of any size, without a search for the worst. Leading axes are free, the a
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from skyproof.arrays import Booleans, Reals
 from skyproof.navigation.raim import unknowns_of, whitened_fit
-from skyproof.records import Reals
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["Protection", "protection_levels"]
@@ -41,7 +40,7 @@ class Protection:
     vertical_m: Reals
     statistic: Reals
     threshold: Reals
-    alarm: NDArray[np.bool_]
+    alarm: Booleans
 
 
 def protection_levels(

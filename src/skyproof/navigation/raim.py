@@ -8,10 +8,10 @@ the last axis is the satellite; a sigma that is not finite means that a measurem
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.navigation.least_squares import normal_inverse
-from skyproof.records import Reals
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
@@ -30,21 +30,21 @@ class GlobalTest:
     """
 
     statistic: Reals
-    dof: NDArray[np.int64]
+    dof: Integers
     threshold: Reals
     p_value: Reals
-    consistent: NDArray[np.bool_]
+    consistent: Booleans
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Exclusion:
     """excluded (...) index of the measurement left out, -1 for none; and the test of what is left."""
 
-    excluded: NDArray[np.int64]
+    excluded: Integers
     test: GlobalTest
 
 
-def unknowns_of(design: Reals, used: NDArray[np.bool_]) -> NDArray[np.int64]:
+def unknowns_of(design: Reals, used: Booleans) -> Integers:
     """How many unknowns (...) the used rows of `design` (..., k, 3 + c) have: position, and the clocks they touch."""
     touched = np.any(used[..., None] & (design != 0.0), axis=-2)
     return np.asarray(3 + touched[..., 3:].sum(axis=-1))
@@ -52,7 +52,7 @@ def unknowns_of(design: Reals, used: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 def residual_statistic(
     residual_m: Reals, sigma_m: Reals, *, unknowns: ArrayLike = _UNKNOWNS
-) -> tuple[Reals, NDArray[np.int64]]:
+) -> tuple[Reals, Integers]:
     """Sum of squared normalised residuals of a weighted fit, and its degrees of freedom; arguments (..., k).
 
     Chi-square with n - `unknowns` degrees if each measurement has independent Gaussian noise of its sigma. Residuals
@@ -117,7 +117,7 @@ def exclude_one(design: Reals, misfit_m: Reals, sigma_m: Reals, *, false_alarm_p
 
 def exclude_several(
     design: Reals, misfit_m: Reals, sigma_m: Reals, *, false_alarm_probability: float, most: int = 4
-) -> tuple[NDArray[np.bool_], GlobalTest]:
+) -> tuple[Booleans, GlobalTest]:
     """Leave out one measurement after the other, as `exclude_one` does, until the rest passes the global test.
 
     Returns which (..., k) are left out and the test of the rest. Where `most` exclusions do not cure the fit, none is
@@ -152,7 +152,7 @@ def whitened_fit(design: Reals, misfit_m: Reals, sigma_m: Reals) -> tuple[Reals,
     return np.where(used, residual, np.nan), np.where(used, redundancy, np.nan), covariance
 
 
-def _judged(statistic: Reals, dof: NDArray[np.int64], false_alarm_probability: float) -> GlobalTest:
+def _judged(statistic: Reals, dof: Integers, false_alarm_probability: float) -> GlobalTest:
     testable = dof >= 1
     safe_dof = np.maximum(dof, 1)
     threshold = np.where(testable, chi_square_threshold(false_alarm_probability, safe_dof), np.nan)

@@ -3,15 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Indices, Instants, Integers, Reals
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import MAX_AGE_S, BroadcastEphemeris
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import clock_polynomial_s, group_delay_s, satellite_state_s
 from skyproof.gnss.time import seconds_between, week_and_tow
-from skyproof.records import Instants, Klobuchar, NavigationData, Reals, SignalId
+from skyproof.records import Klobuchar, NavigationData, SignalId
 
 __all__ = ["Delays", "Ranges", "atmosphere", "corrected_ranges", "space_sigma_m", "time_scale", "time_scales"]
 
@@ -36,7 +36,7 @@ class Ranges:
     range_m : pseudorange plus c times the satellite's clock: geometric range, receiver clock and atmosphere.
     """
 
-    week: NDArray[np.int64]
+    week: Integers
     transmission_tow_s: Reals
     satellite_ecef_m: Reals
     satellite_velocity_ecef_m_s: Reals
@@ -166,7 +166,7 @@ def atmosphere(
 
 def _in_use(
     navigation: NavigationData, sats: tuple[str, ...], gpst: Instants
-) -> list[tuple[BroadcastEphemeris, NDArray[np.intp], str]]:
+) -> list[tuple[BroadcastEphemeris, Indices, str]]:
     """Every (ephemeris, rows of `gpst` that it serves, satellite): the nearest in time of ephemeris, as `best` does."""
     uses = []
     for sat in sats:

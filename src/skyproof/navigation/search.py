@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S, WGS84_A_M, WGS84_F
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.navigation.chance import set_combinations
 from skyproof.navigation.least_squares import design_matrix, gauss_newton, line_of_sight
 from skyproof.navigation.ranges import atmosphere
-from skyproof.records import Klobuchar, Reals
+from skyproof.records import Klobuchar
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["Candidates", "Measurements", "SetSearch", "innovation", "plausible", "solve"]
@@ -51,12 +51,12 @@ class Candidates:
     """choice (m, satellites): row of `Measurements`, or -1 for skipped; state_m (m, 4), covariance_m2 (m, 4, 4) and
     statistic (m,)."""
 
-    choice: NDArray[np.intp]
+    choice: Indices
     state_m: Reals
     covariance_m2: Reals
     statistic: Reals
 
-    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Candidates":
+    def take(self, rows: Booleans | Indices) -> "Candidates":
         return Candidates(
             choice=self.choice[rows],
             state_m=self.state_m[rows],
@@ -73,12 +73,12 @@ class SetSearch:
     copies : per satellite, the rows of `measurements` that are its signals.
     """
 
-    def __init__(self, measurements: Measurements, copies: list[NDArray[np.intp]]) -> None:
+    def __init__(self, measurements: Measurements, copies: list[Indices]) -> None:
         self._measurements = measurements
         self._copies = [copies[k] for k in _spread_first(measurements, copies)]
         self._fours: dict[int, Candidates] = {}
 
-    def of_size(self, size: int, free: NDArray[np.bool_], *, false_alarm_probability: float) -> Candidates:
+    def of_size(self, size: int, free: Booleans, *, false_alarm_probability: float) -> Candidates:
         """All consistent candidates of `size` satellites, the smallest statistic first; `choice` is (m, size).
 
         Parameters
@@ -115,7 +115,7 @@ class SetSearch:
         )
 
     def _extended(
-        self, candidates: Candidates, level: int, skips: int, free: NDArray[np.bool_], limit: float
+        self, candidates: Candidates, level: int, skips: int, free: Booleans, limit: float
     ) -> Candidates:
         """The candidates with each free signal of the satellite at `level`, where it fits, and with none of them."""
         signals = self._copies[level][free[self._copies[level]]]
@@ -143,7 +143,7 @@ class SetSearch:
         return self._fours[level]
 
 
-def solve(measurements: Measurements, choice: NDArray[np.intp], start_m: Reals, *, rounds: int = 1) -> Candidates:
+def solve(measurements: Measurements, choice: Indices, start_m: Reals, *, rounds: int = 1) -> Candidates:
     """Position and clock of each row of `choice` (m, k), from `start_m` (m, 4), with the atmosphere of the start.
 
     A last step of 100 m is taken linearly: what that neglects in a range is its square over the distance, 0.5 mm.
@@ -174,7 +174,7 @@ def solve(measurements: Measurements, choice: NDArray[np.intp], start_m: Reals, 
 
 
 def innovation(
-    measurements: Measurements, rows: NDArray[np.intp], state_m: Reals, covariance_m2: Reals
+    measurements: Measurements, rows: Indices, state_m: Reals, covariance_m2: Reals
 ) -> tuple[Reals, Reals]:
     """Each measurement (m,) minus its prediction from a fit without it, and the variance of that, m and m^2."""
     satellite = measurements.satellite_ecef_m[rows][:, None, :]
@@ -187,13 +187,13 @@ def innovation(
     return measurements.range_m[rows] - predicted_m, variance_m2
 
 
-def plausible(position_ecef_m: Reals) -> NDArray[np.bool_]:
+def plausible(position_ecef_m: Reals) -> Booleans:
     """Not deeper than 20 km, nor more than 50 000 km from the Earth's centre: a spoofer may show a strange place."""
     _, _, height_m = geodetic_from_ecef(position_ecef_m)
     return np.asarray((height_m >= _LOWEST_M) & (np.linalg.norm(position_ecef_m, axis=-1) <= _FARTHEST_M))
 
 
-def _solved_fours(measurements: Measurements, choice: NDArray[np.intp], rows: NDArray[np.intp]) -> Candidates:
+def _solved_fours(measurements: Measurements, choice: Indices, rows: Indices) -> Candidates:
     starts = _bancroft(measurements.satellite_ecef_m[rows], measurements.range_m[rows])
     near = _roughly_plausible(starts, 500e3)  # closed form and a poor geometry; NaN is nowhere
     four, _ = np.nonzero(near)
@@ -227,13 +227,13 @@ def _one_more(measurements: Measurements, candidates: Candidates, level: int, li
     )
 
 
-def _plausible_within_sigma(solved: Candidates) -> NDArray[np.bool_]:
+def _plausible_within_sigma(solved: Candidates) -> Booleans:
     """Of few signals in poor geometry the place is only roughly known: ten sigma are allowed."""
     spread_m2 = np.trace(solved.covariance_m2[:, :3, :3], axis1=-2, axis2=-1)
     return _roughly_plausible(solved.state_m, 10.0 * np.sqrt(spread_m2))
 
 
-def _roughly_plausible(state_m: Reals, slack_m: Reals | float) -> NDArray[np.bool_]:
+def _roughly_plausible(state_m: Reals, slack_m: Reals | float) -> Booleans:
     """As `plausible`, with the smallest radius of the Earth for its surface."""
     centre_m = np.linalg.norm(state_m[..., :3], axis=-1)
     polar_m = WGS84_A_M * (1.0 - WGS84_F)
@@ -281,7 +281,7 @@ def _bancroft(satellite_ecef_m: Reals, range_m: Reals) -> Reals:
     return np.asarray(solutions)
 
 
-def _spread_first(measurements: Measurements, copies: list[NDArray[np.intp]]) -> list[int]:
+def _spread_first(measurements: Measurements, copies: list[Indices]) -> list[int]:
     """Order of satellites in which the first few already have a good geometry, seen from below their middle."""
     satellite = measurements.satellite_ecef_m[[c[0] for c in copies]]
     below = satellite.sum(axis=0)

@@ -8,12 +8,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.navigation.search import Candidates, Measurements, SetSearch, innovation, plausible, solve
 from skyproof.navigation.window import WindowMean, window_mean
-from skyproof.records import ConsistentSet, NavigationData, Observations, Reals, SignalId
+from skyproof.records import ConsistentSet, NavigationData, Observations, SignalId
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = ["consistent_sets", "members"]
@@ -119,7 +120,7 @@ def _measurements(
     multipath_sigma_m: float,
     ionosphere_share: float,
     min_share: float,
-) -> tuple[WindowMean, Measurements, NDArray[np.bool_]]:
+) -> tuple[WindowMean, Measurements, Booleans]:
     """The window's signals at its middle, and which of them have an ephemeris."""
     mean = window_mean(window, min_share=min_share)
     ranges = corrected_ranges(mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], navigation)
@@ -134,7 +135,7 @@ def _measurements(
     return mean, measurements, np.isfinite(ranges.range_m[0])
 
 
-def _by_satellite(signals: tuple[SignalId, ...], free: NDArray[np.bool_]) -> dict[str, NDArray[np.intp]]:
+def _by_satellite(signals: tuple[SignalId, ...], free: Booleans) -> dict[str, Indices]:
     sats = sorted({signals[k].sat for k in np.flatnonzero(free)})
     return {sat: np.array([k for k in np.flatnonzero(free) if signals[k].sat == sat]) for sat in sats}
 

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import CellStatus, Observations, Reals
+from skyproof.records import CellStatus, Observations
 
 __all__ = ["smooth"]
 
@@ -69,11 +69,11 @@ def smooth(observations: Observations, *, window_s: float = 100.0, max_gap_epoch
 class _Arcs:
     """first, last : (n_epochs, n_channels) row of the first and last cell of the arc that a cell lies in."""
 
-    first: NDArray[np.intp]
-    last: NDArray[np.intp]
+    first: Indices
+    last: Indices
 
 
-def _arcs(there: NDArray[np.bool_], slip: NDArray[np.bool_], max_gap_epochs: int) -> _Arcs:
+def _arcs(there: Booleans, slip: Booleans, max_gap_epochs: int) -> _Arcs:
     n = len(there)
     row = np.broadcast_to(np.arange(n)[:, None], there.shape)
     latest = np.maximum.accumulate(np.where(there, row, -1), axis=0)
@@ -87,7 +87,7 @@ def _arcs(there: NDArray[np.bool_], slip: NDArray[np.bool_], max_gap_epochs: int
     return _Arcs(first, last)
 
 
-def _sum_between(values: Reals, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Reals:
+def _sum_between(values: Reals, begin: Indices, end: Indices) -> Reals:
     """Sum of rows begin..end, both included, column by column."""
     running = np.vstack((np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)))
     return np.asarray(np.take_along_axis(running, end + 1, axis=0) - np.take_along_axis(running, begin, axis=0))

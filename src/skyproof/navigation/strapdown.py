@@ -20,16 +20,15 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.records import ImuSeries, NavState
 
 __all__ = ["euler_rates", "euler_rates_as_printed", "strapdown", "strapdown_paths"]
-
-Reals = NDArray[np.float64]
 
 _OMEGA: Final = EARTH_ROTATION_RAD_S
 _GRAVITY_REACH_M: Final = 400.0  # within which gravity is taken as linear: 1e-7 m/s^2 at the ends

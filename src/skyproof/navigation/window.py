@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import CellStatus, Observations, Reals, SignalId
+from skyproof.records import CellStatus, Observations, SignalId
 
 __all__ = ["WindowMean", "window_mean"]
 
@@ -58,7 +58,7 @@ def window_mean(observations: Observations, *, min_share: float = 0.5) -> Window
     )
 
 
-def _motion(observations: Observations, kept: NDArray[np.intp], middle: int) -> tuple[Reals, Reals]:
+def _motion(observations: Observations, kept: Indices, middle: int) -> tuple[Reals, Reals]:
     """Range at each epoch minus range at the middle, (n, kept), and the variance that bridges by Doppler add."""
     wavelength_m = SPEED_OF_LIGHT_M_S / observations.carrier_hz[kept]
     elapsed_s = observations.elapsed_s

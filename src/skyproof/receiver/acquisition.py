@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from skyproof.arrays import Booleans, ComplexFloats, Floats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.receiver.calibration import tail_of, unused_codes
@@ -28,9 +29,6 @@ from skyproof.receiver.cancellation import KnownSignal, Measured, measure, noise
 from skyproof.receiver.fourier import N_CELLS, correlate_rows
 
 __all__ = ["KnownSignal", "Peak", "SearchSettings", "Searcher"]
-
-Floats = NDArray[np.float32]
-Dopplers = NDArray[np.float64]
 
 _CROSS: Final = 0.02
 """Power over the strongest's of what may be its cross-correlation: -23.9 dB at most without Doppler, -21.6 dB with a
@@ -132,9 +130,9 @@ class Searcher:
 
     def search(
         self,
-        samples: NDArray[np.float32],
+        samples: Floats,
         if_hz: float,
-        dopplers_hz: Mapping[str, Dopplers],
+        dopplers_hz: Mapping[str, Reals],
         known: Mapping[str, Sequence[KnownSignal]],
     ) -> list[Peak]:
         """All credible new signals.
@@ -175,7 +173,7 @@ class Searcher:
     # ------------------------------------------------------------------ one look
 
     def _candidates(
-        self, planes: Floats, if_hz: float, dopplers_hz: Mapping[str, Dopplers],
+        self, planes: Floats, if_hz: float, dopplers_hz: Mapping[str, Reals],
         taken: Mapping[str, list[tuple[KnownSignal, float]]],
     ) -> list[_Candidate]:  # fmt: skip
         """The highest cell of each satellite that noise does not explain."""
@@ -217,7 +215,7 @@ class Searcher:
         return found
 
     def _correlate(
-        self, spectra: Floats, codes: Floats, row: NDArray[np.int64], code: NDArray[np.int64]
+        self, spectra: Floats, codes: Floats, row: Integers, code: Integers
     ) -> tuple[Floats, Floats]:
         """Power over its mean of each job's cells, (n_jobs, N_CELLS), and the highest of each; many jobs in threads."""
         power, highest = np.empty((row.size, N_CELLS), np.float32), np.empty(row.size, np.float32)
@@ -233,7 +231,7 @@ class Searcher:
         return power, highest
 
     def _weights(
-        self, taken: Sequence[tuple[KnownSignal, float]], dopplers_hz: Dopplers, threshold: float, noise: float
+        self, taken: Sequence[tuple[KnownSignal, float]], dopplers_hz: Reals, threshold: float, noise: float
     ) -> Floats:
         """Factors, (n_dopplers, N_CELLS), that leave above the threshold what the signals taken out do not explain."""
         settings = self.settings
@@ -255,7 +253,7 @@ class Searcher:
 
     # ------------------------------------------------------------------ spectra
 
-    def _rows(self, planes: Floats, if_hz: float, rows_hz: Dopplers) -> Floats:
+    def _rows(self, planes: Floats, if_hz: float, rows_hz: Reals) -> Floats:
         """Spectra of the blocks at each Doppler, (n_rows, n_sums, 2, N_CELLS), in the order of `fft.fftfreq`."""
         bin_hz = 1.0 / self.period_s
         offset_hz = np.mod(rows_hz, bin_hz)
@@ -280,7 +278,7 @@ class Searcher:
                 rows[number, :, 0], rows[number, :, 1] = turned.real, turned.imag
         return rows
 
-    def _spectra(self, planes: Floats, if_hz: float, offsets_hz: Dopplers) -> NDArray[np.complex64]:
+    def _spectra(self, planes: Floats, if_hz: float, offsets_hz: Reals) -> ComplexFloats:
         """Of each block, folded to one code period after wipe-off at each offset: (n_offsets, n_sums, n_fft)."""
         settings = self.settings
         n_periods = settings.coherent_periods * settings.n_sums
@@ -292,13 +290,13 @@ class Searcher:
                 planes[0], planes[1], starts, settings.coherent_periods, (if_hz + offset_hz) / self.rate_hz,
                 folded[number],
             )  # fmt: skip
-        spectra: NDArray[np.complex64] = fft.fft(folded, axis=-1, overwrite_x=True)
+        spectra: ComplexFloats = fft.fft(folded, axis=-1, overwrite_x=True)
         late = (starts - exact).reshape(settings.n_sums, -1).mean(axis=1)
         if np.abs(late).max() > 1e-6:
             spectra *= np.exp(-2j * np.pi * fft.fftfreq(self._n_fft) * late[:, None]).astype(np.complex64)
         return spectra
 
-    def _has_lines(self, spectra: NDArray[np.complex64]) -> bool:
+    def _has_lines(self, spectra: ComplexFloats) -> bool:
         psd = _mean_power(spectra.view(np.float32))
         limit = _LINE + _CODE_LINE_HZ * self.settings.coherent_periods * self.period_s
         return bool(np.any(psd > limit * _level(psd.mean(axis=0))))
@@ -397,7 +395,7 @@ def _notch(planes: Floats, limit: float) -> None:
     planes[0], planes[1] = wave.real, wave.imag
 
 
-def _covered(first: NDArray[np.int64], last: NDArray[np.int64], size: int) -> NDArray[np.bool_]:
+def _covered(first: Integers, last: Integers, size: int) -> Booleans:
     """Which bins of a circle of `size` lie in any of the arcs from `first` to `last`, both included."""
     steps = np.zeros(size + 1, np.int64)
     np.add.at(steps, first % size, 1)
@@ -467,7 +465,7 @@ def _turn(i: Floats, q: Floats, cosines: Floats, sines: Floats, c: np.float32, s
 
 @compiled
 def _fold_planes(
-    i: Floats, q: Floats, starts: NDArray[np.int64], coherent: int, cycle_step: float, out: Floats
+    i: Floats, q: Floats, starts: Integers, coherent: int, cycle_step: float, out: Floats
 ) -> None:
     n = out.shape[1] // 2
     chunk = 512
@@ -489,7 +487,7 @@ def _fold_planes(
 
 
 def _fold(
-    i: Floats, q: Floats, starts: NDArray[np.int64], coherent: int, cycle_step: float, out: NDArray[np.complex64]
+    i: Floats, q: Floats, starts: Integers, coherent: int, cycle_step: float, out: ComplexFloats
 ) -> None:
     """Samples wiped off and added over the periods of each block: into `out`, (n_blocks, n)."""
     _fold_planes(i, q, starts, coherent, cycle_step, out.view(np.float32))

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from skyproof.arrays import Floats, Reals
 from skyproof.gnss.codes import UNUSED_DELAYS_CHIPS, gold_code
 
 __all__ = ["Tail", "exponent", "tail_of", "unused_codes"]
@@ -48,10 +49,10 @@ class Tail:
         return float(-np.expm1(-expected))
 
 
-def exponent(power: NDArray[np.floating], n_sums: int) -> NDArray[np.float64]:
+def exponent(power: NDArray[np.floating], n_sums: int) -> Reals:
     """-ln of the probability that the mean of `n_sums` noise powers exceeds `power` times its mean; any shape."""
     survival = special.gammaincc(n_sums, n_sums * np.asarray(power, dtype=np.float64))
-    e: NDArray[np.float64] = np.minimum(-np.log(np.maximum(survival, 1e-300)), _EXPONENT_MAX)
+    e: Reals = np.minimum(-np.log(np.maximum(survival, 1e-300)), _EXPONENT_MAX)
     return e
 
 
@@ -60,7 +61,7 @@ def power_of(e: float, n_sums: int) -> float:
     return float(special.gammainccinv(n_sums, np.exp(-min(e, _EXPONENT_MAX))) / n_sums)
 
 
-def tail_of(power: NDArray[np.float32], n_sums: int) -> Tail:
+def tail_of(power: Floats, n_sums: int) -> Tail:
     """The tail of powers over their mean where there is no signal; any shape, at least some thousand values."""
     level = -float(np.log(_SHARE))
     e = exponent(power[power > power_of(level, n_sums)], n_sums)

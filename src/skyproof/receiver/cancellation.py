@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription, prn_of
 
 __all__ = ["KnownSignal", "Measured", "measure", "noise_of", "remove", "separation_chips"]
-
-Floats = NDArray[np.float32]
 
 CHUNK: Final = 512
 FRACTIONS: Final = 64
@@ -55,7 +54,7 @@ class Measured:
 def remove(
     planes: Floats, signal: SignalDescription, rate_hz: float, if_hz: float, known: Sequence[tuple[str, KnownSignal]],
     *, rounds: int = 1,
-) -> NDArray[np.float64]:  # fmt: skip
+) -> Reals:  # fmt: skip
     """Take the known signals, (satellite, signal), out of `planes`, float32 (2, n), in place.
 
     Returns the mean power of each one's correlation over one code period, noise included: shape (n_known,).
@@ -69,7 +68,7 @@ def remove(
                 planes[0], planes[1], _table_of(signal, sat, nominal), chip, chip_step, nominal, cycle_step,
                 signal.code_length,
             )
-    scaled: NDArray[np.float64] = (rate_hz * signal.period_s) ** 2 * power[0]
+    scaled: Reals = (rate_hz * signal.period_s) ** 2 * power[0]
     return scaled
 
 
@@ -179,8 +178,8 @@ def _phases(
 
 def _correlate(
     planes: Floats, signal: SignalDescription, rate_hz: float, if_hz: float, code: Floats, one: KnownSignal,
-    taps_chips: NDArray[np.float64],
-) -> NDArray[np.complex128]:  # fmt: skip
+    taps_chips: Reals,
+) -> Complexes:  # fmt: skip
     """Correlations of each half of each whole code period with replicas delayed by the taps: (n_periods, 2, n_taps)."""
     chip, chip_step, cycle_step = _phases(signal, rate_hz, if_hz, one)
     per_period = signal.code_length / chip_step
@@ -281,7 +280,7 @@ def _subtract(
 @compiled
 def _correlate_halves(
     i: Floats, q: Floats, code: Floats, first: float, per_period: float, chip_step: float, cycle_step: float,
-    taps_chips: NDArray[np.float64], out: NDArray[np.complex128],
+    taps_chips: Reals, out: Complexes,
 ) -> None:  # fmt: skip
     length = code.shape[0] - 2
     cosines, sines = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)

@@ -11,11 +11,12 @@ from typing import Final, Literal, overload
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.gnss.lnav import Subframe
 from skyproof.gnss.signals import SignalDescription
 from skyproof.receiver import telemetry as tm
 from skyproof.receiver.polarity import Stretch
-from skyproof.records import Reals, SignalId
+from skyproof.records import SignalId
 
 __all__ = ["Arc", "Channel", "Gap", "LostSignal", "Place", "arc_of", "continued", "letter"]
 

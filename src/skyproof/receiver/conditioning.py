@@ -20,18 +20,15 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
 from skyproof.receiver.spectrum import GUARD, density_of, floor_and_lines, line_threshold, noise_bins, tone
-from skyproof.records import Reals, Samples, freeze
+from skyproof.records import Samples, freeze
 
 __all__ = ["LOSS_LIMIT_DB", "Conditioner", "ConditionerState", "FrontEnd", "Line", "conditioned", "measure_front_end"]
-
-Floats = NDArray[np.float32]
-Complexes = NDArray[np.complex128]
 
 LOSS_LIMIT_DB: Final = 0.05
 """Of C/N0, averaged over Doppler. A line that costs less than that has 41 dB-Hz over the noise density; met by one of

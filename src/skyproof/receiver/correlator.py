@@ -21,6 +21,7 @@ import numpy as np
 from numba import uint64
 from numpy.typing import NDArray
 
+from skyproof.arrays import Floats, Reals
 from skyproof.compiled import compiled
 
 __all__ = ["CHUNK", "REACH_CHIPS", "chunk_loss", "correlate_period", "scratch_for", "table_pad"]
@@ -35,7 +36,7 @@ REACH_CHIPS = 2.0
 _BLOCK = 16  # rotations that are made one by one; and chunks are a multiple of it
 _FAST = {"reassoc", "contract", "nsz"}
 
-Scratch = tuple[NDArray[np.float32], NDArray[np.uint64], NDArray[np.float64], NDArray[np.float64]]
+Scratch = tuple[Floats, NDArray[np.uint64], Reals, Reals]
 """Planes of samples, rows of the table, sums of chunks; and which rotations stand in the planes: step, how many."""
 
 
@@ -44,12 +45,12 @@ def table_pad(chips_per_sample: float, reach_chips: float = REACH_CHIPS) -> int:
     return math.ceil(reach_chips / chips_per_sample) + 4
 
 
-def chunk_loss(doppler_hz: NDArray[np.float64], rate_hz: float, n_samples: int) -> NDArray[np.float64]:
+def chunk_loss(doppler_hz: Reals, rate_hz: float, n_samples: int) -> Reals:
     """Amplitude that is left of a signal at a Doppler tap `doppler_hz` off the replica: sinc(f T), T one chunk.
 
     n_samples : of the period. The chunks' own duration is what a Doppler tap integrates without turning.
     """
-    loss: NDArray[np.float64] = np.sinc(np.asarray(doppler_hz) * _chunk_length(n_samples) / rate_hz)
+    loss: Reals = np.sinc(np.asarray(doppler_hz) * _chunk_length(n_samples) / rate_hz)
     return loss
 
 
@@ -78,7 +79,7 @@ def _rotation(cycles: float) -> tuple[float, float]:
 
 
 @compiled(fastmath=_FAST)
-def _turn_on(cosines: NDArray[np.float32], sines: NDArray[np.float32], known: np.uint64, more: int, cosine: np.float32,
+def _turn_on(cosines: Floats, sines: Floats, known: np.uint64, more: int, cosine: np.float32,
              sine: np.float32) -> None:  # fmt: skip
     """Behind the known rotations, more of them: the known ones, each turned by the same."""
     for k in range(uint64(more)):
@@ -88,7 +89,7 @@ def _turn_on(cosines: NDArray[np.float32], sines: NDArray[np.float32], known: np
 
 @compiled
 def _rotations(
-    cycles_per_sample: float, length: int, cosines: NDArray[np.float32], sines: NDArray[np.float32]
+    cycles_per_sample: float, length: int, cosines: Floats, sines: Floats
 ) -> None:
     """exp(-j 2 pi k cycles_per_sample) for k < length: _BLOCK of them one by one, the others by doubling.
 
@@ -110,8 +111,8 @@ def _rotations(
 
 @compiled(fastmath=_FAST)
 def _locate(
-    first_sample: float, samples_per_chip: float, delays_chips: NDArray[np.float64], n_phases: float, columns: float,
-    pad: float, weight: float, rows: NDArray[np.uint64], chunk: int, shifts_chips: NDArray[np.float64],
+    first_sample: float, samples_per_chip: float, delays_chips: Reals, n_phases: float, columns: float,
+    pad: float, weight: float, rows: NDArray[np.uint64], chunk: int, shifts_chips: Reals,
 ) -> None:  # fmt: skip
     """Where in the flat table the replica of each delay begins whose first sample lies `first_sample` after the code's.
 
@@ -127,9 +128,9 @@ def _locate(
 
 @compiled(fastmath=_FAST)
 def _wipe_and_sum_three(
-    i_samples: NDArray[np.float32], q_samples: NDArray[np.float32], begin: np.uint64, length: int,
-    cosines: NDArray[np.float32], sines: NDArray[np.float32],
-    i_base: NDArray[np.float32], q_base: NDArray[np.float32], keep: bool,
+    i_samples: Floats, q_samples: Floats, begin: np.uint64, length: int,
+    cosines: Floats, sines: Floats,
+    i_base: Floats, q_base: Floats, keep: bool,
     chips: NDArray[np.int8], row_0: np.uint64, row_1: np.uint64, row_2: np.uint64,
 ) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:  # fmt: skip
     """Sums of three replicas times the samples without carrier, which stay in `i_base` and `q_base` if `keep`."""
@@ -154,7 +155,7 @@ def _wipe_and_sum_three(
 
 @compiled(fastmath=_FAST)
 def _sum_two(
-    i_base: NDArray[np.float32], q_base: NDArray[np.float32], length: int, chips: NDArray[np.int8], row_0: np.uint64,
+    i_base: Floats, q_base: Floats, length: int, chips: NDArray[np.int8], row_0: np.uint64,
     row_1: np.uint64,
 ) -> tuple[np.float32, np.float32, np.float32, np.float32]:  # fmt: skip
     i_0 = i_1 = q_0 = q_1 = np.float32(0.0)
@@ -169,7 +170,7 @@ def _sum_two(
 
 @compiled(fastmath=_FAST)
 def _sum_four(
-    i_base: NDArray[np.float32], q_base: NDArray[np.float32], length: int, chips: NDArray[np.int8],
+    i_base: Floats, q_base: Floats, length: int, chips: NDArray[np.int8],
     row_0: np.uint64, row_1: np.uint64, row_2: np.uint64, row_3: np.uint64,
 ) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:  # fmt: skip
     i_0 = i_1 = i_2 = i_3 = q_0 = q_1 = q_2 = q_3 = np.float32(0.0)
@@ -189,8 +190,8 @@ def _sum_four(
 
 @compiled
 def _add_chunks(
-    chunk_sums: NDArray[np.float64], n_chunks: int, chunk_length: int, n_samples: int,
-    dopplers_cycles_per_sample: NDArray[np.float64], sums: NDArray[np.float64],
+    chunk_sums: Reals, n_chunks: int, chunk_length: int, n_samples: int,
+    dopplers_cycles_per_sample: Reals, sums: Reals,
 ) -> None:  # fmt: skip
     """Sum over the chunks for each Doppler, whose phase across a chunk is taken as that at its middle."""
     sums[:] = 0.0
@@ -209,7 +210,7 @@ def _add_chunks(
 
 
 @compiled
-def _put(chunk_sums: NDArray[np.float64], chunk: int, delay: int, cosine: float, sine: float, i_sum: np.float32,
+def _put(chunk_sums: Reals, chunk: int, delay: int, cosine: float, sine: float, i_sum: np.float32,
          q_sum: np.float32) -> None:  # fmt: skip
     """Keep one sum, turned by what the carrier had turned until its chunk began."""
     chunk_sums[chunk, delay, 0] = i_sum * cosine - q_sum * sine
@@ -218,8 +219,8 @@ def _put(chunk_sums: NDArray[np.float64], chunk: int, delay: int, cosine: float,
 
 @compiled
 def correlate_period(
-    i_samples: NDArray[np.float32],
-    q_samples: NDArray[np.float32],
+    i_samples: Floats,
+    q_samples: Floats,
     begin: int,
     n_samples: int,
     chip: float,
@@ -229,11 +230,11 @@ def correlate_period(
     table: NDArray[np.int8],
     pad: int,
     nominal_chips_per_sample: float,
-    delays_chips: NDArray[np.float64],
-    dopplers_cycles_per_sample: NDArray[np.float64],
+    delays_chips: Reals,
+    dopplers_cycles_per_sample: Reals,
     scratch: Scratch,
-    sums: NDArray[np.float64],
-    shifts_chips: NDArray[np.float64],
+    sums: Reals,
+    shifts_chips: Reals,
 ) -> None:
     """Correlate samples [begin, begin + n_samples) with a replica at each delay and Doppler.
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from skyproof.arrays import Complexes, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.receiver import kernels as k
@@ -26,7 +27,7 @@ from skyproof.receiver.replica import passed
 
 __all__ = ["autocorrelation", "take_out"]
 
-Rows = tuple[NDArray[np.float64], NDArray[np.int64]]
+Rows = tuple[Reals, Integers]
 """Rows (n_channels, max_periods, columns) of the kernel and how many of them count."""
 
 POINTS = 32
@@ -39,7 +40,7 @@ STEERED_CHIPS = 1.4
 """From here on a loop may stand where the other's flank would not let it: there are two signals."""
 
 
-def autocorrelation(code: NDArray[np.int8], chips_per_sample: float) -> NDArray[np.float64]:
+def autocorrelation(code: NDArray[np.int8], chips_per_sample: float) -> Reals:
     """What the replica gives of one code period that stands alone, 0, 1, 2 ... 1/`POINTS` chips off; 1 at 0.
 
     code : (n_chips,) of +1 and -1. Gives (n_chips POINTS + 1,); to either side it is alike.
@@ -53,9 +54,9 @@ def autocorrelation(code: NDArray[np.int8], chips_per_sample: float) -> NDArray[
 
 
 def take_out(
-    sats: Sequence[str], before: Rows, now: Rows, *, taps_chips: NDArray[np.float64], rate_hz: float, if_hz: float,
+    sats: Sequence[str], before: Rows, now: Rows, *, taps_chips: Reals, rate_hz: float, if_hz: float,
     signal: SignalDescription, code_gain: float,
-) -> NDArray[np.float64]:  # fmt: skip
+) -> Reals:  # fmt: skip
     """Clean early, prompt and late in the rows of two frames on end, in place, of the satellite's other signals.
 
     sats : (n_channels,). taps_chips : as of the kernel. code_gain : of the discriminator.
@@ -77,16 +78,16 @@ def take_out(
 
 
 @lru_cache(maxsize=64)
-def _table_of(signal: SignalDescription, sat: str, rate_hz: float) -> NDArray[np.float64]:
+def _table_of(signal: SignalDescription, sat: str, rate_hz: float) -> Reals:
     return autocorrelation(signal.code(prn_of(sat)), signal.chip_rate_hz / rate_hz)
 
 
 @compiled
 def _clean(
-    group: NDArray[np.int64], rows_before: NDArray[np.float64], count_before: NDArray[np.int64],
-    rows_now: NDArray[np.float64], count_now: NDArray[np.int64], table: NDArray[np.float64],
-    taps_chips: NDArray[np.float64], rate_hz: float, if_hz: float, chip_rate_hz: float, carrier_hz: float,
-    code_length: int, code_gain: float, error_chips: NDArray[np.float64],
+    group: Integers, rows_before: Reals, count_before: Integers,
+    rows_now: Reals, count_now: Integers, table: Reals,
+    taps_chips: Reals, rate_hz: float, if_hz: float, chip_rate_hz: float, carrier_hz: float,
+    code_length: int, code_gain: float, error_chips: Reals,
 ) -> None:  # fmt: skip
     """Clean the channels of one satellite, in place; fill in their errors."""
     n = group.size
@@ -155,8 +156,8 @@ def _clean(
 
 @compiled
 def _locate(
-    rows: NDArray[np.float64], rate_hz: float, if_hz: float, chip_rate_hz: float, carrier_hz: float, code_length: int,
-    starts: NDArray[np.float64], ahead_chips: NDArray[np.float64],
+    rows: Reals, rate_hz: float, if_hz: float, chip_rate_hz: float, carrier_hz: float, code_length: int,
+    starts: Reals, ahead_chips: Reals,
 ) -> None:  # fmt: skip
     """Where (samples) the replica's code begins in each period, and how far ahead of it in each a code is that goes
     with the carrier and is as often ahead as behind.
@@ -174,7 +175,7 @@ def _locate(
 
 
 @compiled
-def _error_chips(taps: NDArray[np.complex128], code_gain: float) -> float:
+def _error_chips(taps: Complexes, code_gain: float) -> float:
     """How far ahead of the replica the signal is, from taps (n, 3); too little where noise is as strong as it."""
     dot, power = 0.0, 0.0
     for r in range(taps.shape[0]):
@@ -186,9 +187,9 @@ def _error_chips(taps: NDArray[np.complex128], code_gain: float) -> float:
 
 @compiled
 def _subtract(
-    taps: NDArray[np.complex128], off_hz: NDArray[np.float64], starts: NDArray[np.float64],
-    others: NDArray[np.complex128], other_off_hz: NDArray[np.float64], other_starts: NDArray[np.float64],
-    table: NDArray[np.float64], taps_chips: NDArray[np.float64], rate_hz: float, chips_per_sample: float,
+    taps: Complexes, off_hz: Reals, starts: Reals,
+    others: Complexes, other_off_hz: Reals, other_starts: Reals,
+    table: Reals, taps_chips: Reals, rate_hz: float, chips_per_sample: float,
     length: float,
 ) -> None:  # fmt: skip
     """Subtract from taps (n, 3) what another signal of these prompts (m,) and starts of its code adds to them.

@@ -10,13 +10,11 @@ from typing import Final
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Complexes, Floats, Integers
 from skyproof.compiled import compiled
 
 __all__ = ["N_CELLS", "correlate_rows"]
-
-Floats = NDArray[np.float32]
 
 N_CELLS: Final = 2048
 """Delays tried in a code period: two a chip of a code of 1023. The sizes below belong to it."""
@@ -25,7 +23,7 @@ _FAST: Final = {"reassoc", "contract", "nsz"}
 _HALF: Final = np.float32(np.sqrt(0.5))
 
 
-def _parts(phasors: NDArray[np.complex128]) -> Floats:
+def _parts(phasors: Complexes) -> Floats:
     return np.stack([phasors.real, phasors.imag]).astype(np.float32)
 
 
@@ -144,7 +142,7 @@ def _last(xr: Floats, xi: Floats, power: Floats) -> None:
 
 @compiled(fastmath=_FAST)
 def correlate_rows(
-    spectra: Floats, codes: Floats, row: NDArray[np.int64], code: NDArray[np.int64], begin: int, end: int,
+    spectra: Floats, codes: Floats, row: Integers, code: Integers, begin: int, end: int,
     power: Floats, highest: Floats,
 ) -> None:  # fmt: skip
     """Power of codes against rows of spectra over its mean in the row, for the jobs from `begin` to before `end`.

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 
+from skyproof.arrays import Booleans, ComplexFloats, Floats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
 
 __all__ = ["Carried", "Turns", "turns"]
@@ -59,7 +59,7 @@ class Turns:
 
 
 def turns(
-    planes: NDArray[np.float32], rate_hz: float, signals: Sequence[Carried], *, real: bool,
+    planes: Floats, rate_hz: float, signals: Sequence[Carried], *, real: bool,
     code: SignalDescription = GPS_L1_CA,
 ) -> Turns:  # fmt: skip
     """After how many samples the same channel comes again, by the images of signals that were found.
@@ -84,7 +84,7 @@ def _single(one: Carried, rate_hz: float) -> bool:
 
 
 def _turns(
-    planes: NDArray[np.float32], rate_hz: float, signals: Sequence[Carried], real: bool, code: SignalDescription
+    planes: Floats, rate_hz: float, signals: Sequence[Carried], real: bool, code: SignalDescription
 ) -> Turns:
     chosen = sorted(signals, key=lambda one: -one.cn0_dbhz)[:_MOST_SIGNALS]
     per_period = rate_hz * code.period_s
@@ -116,8 +116,8 @@ def _turns(
 
 
 def _powers(
-    wave: NDArray[np.complex64], index: NDArray[np.int64], rate_hz: float, one: Carried, code: SignalDescription
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    wave: ComplexFloats, index: Integers, rate_hz: float, one: Carried, code: SignalDescription
+) -> tuple[Reals, Reals]:
     """At the carrier and its images, means over the code periods: of the signal, and beside it.
 
     The Doppler of the code is less than a tenth of a chip in ten periods and left out.
@@ -126,7 +126,7 @@ def _powers(
     turned = wave * np.exp(-2j * np.pi * np.remainder(index * (one.carrier_hz / rate_hz), 1.0)).astype(np.complex64)
     chip = (index / rate_hz - one.delay_s) * code.chip_rate_hz
 
-    def at(off_chips: float) -> NDArray[np.float64]:
+    def at(off_chips: float) -> Reals:
         replica = chips[np.floor(chip - off_chips).astype(np.int64) % chips.size]
         sums = (turned * replica).reshape(len(index), -1, _POSITIONS).sum(axis=1)
         return np.asarray(np.mean(np.abs(np.fft.fft(sums, axis=1)) ** 2, axis=0), np.float64)
@@ -134,7 +134,7 @@ def _powers(
     return at(0.0), np.mean([at(off) for off in _OFF_CHIPS], axis=0)
 
 
-def _stands_out(over: NDArray[np.float64], whole: float, n_periods: int) -> NDArray[np.bool_]:
+def _stands_out(over: Reals, whole: float, n_periods: int) -> Booleans:
     """over : (2, positions) of the power over the level beside, and the level's square, both summed over signals.
 
     A mean of n powers of complex noise has the variance of its level squared over n.
@@ -143,7 +143,7 @@ def _stands_out(over: NDArray[np.float64], whole: float, n_periods: int) -> NDAr
     return np.asarray((over[0] > _SHARE * whole) & (over[0] > _SIGMAS * sigma) & (over[1] > 0.0))
 
 
-def _swings(planes: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _swings(planes: Floats) -> Booleans:
     """At which frequencies of the position the power or the correlation of neighbours swings.
 
     Lines are cut out first: of the sampling clock's parts, which front ends let in, the beats would do so too.

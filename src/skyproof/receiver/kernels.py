@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Floats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.receiver.correlator import correlate_period, scratch_for
 
@@ -61,7 +62,7 @@ POWER_MEMORY_S = 0.05
 
 @compiled
 def _steer(
-    state: NDArray[np.float64], sample_power: float, rate_hz: float, if_hz: float, code_rate_hz: float,
+    state: Reals, sample_power: float, rate_hz: float, if_hz: float, code_rate_hz: float,
     carrier_hz: float, code_gain: float,
 ) -> None:  # fmt: skip
     """Close the loops with the sums: third-order Costas PLL with FLL assistance, carrier-aided first-order DLL.
@@ -113,24 +114,24 @@ def _steer(
 
 @compiled
 def advance(
-    i_samples: NDArray[np.float32],
-    q_samples: NDArray[np.float32],
+    i_samples: Floats,
+    q_samples: Floats,
     first_sample: int,
     sample_power: float,
-    states: NDArray[np.float64],
+    states: Reals,
     tables: NDArray[np.int8],
     pad: int,
-    table_of_channel: NDArray[np.int64],
-    taps_chips: NDArray[np.float64],
-    taps_hz: NDArray[np.float64],
+    table_of_channel: Integers,
+    taps_chips: Reals,
+    taps_hz: Reals,
     rate_hz: float,
     if_hz: float,
     code_rate_hz: float,
     carrier_hz: float,
     code_length: int,
     code_gain: float,
-    out: NDArray[np.float64],
-    counts: NDArray[np.int64],
+    out: Reals,
+    counts: Integers,
 ) -> None:
     """Advance every channel over all code periods that lie wholly inside the samples given.
 

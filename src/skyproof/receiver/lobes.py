@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 
+from skyproof.arrays import Floats, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
 
 __all__ = ["CELLS_PER_CHIP", "correlation_power"]
@@ -15,9 +15,9 @@ CELLS_PER_CHIP: Final = 2
 
 
 def correlation_power(
-    samples: NDArray[np.float32], rate_hz: float, carriers_hz: Mapping[str, float], *,
+    samples: Floats, rate_hz: float, carriers_hz: Mapping[str, float], *,
     signal: SignalDescription = GPS_L1_CA,
-) -> dict[str, NDArray[np.float64]]:  # fmt: skip
+) -> dict[str, Reals]:  # fmt: skip
     """Power of each satellite's code at all delays over the median, which noise has; powers of the periods are added.
 
     Parameters

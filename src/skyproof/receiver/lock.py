@@ -7,19 +7,21 @@ signal that ended is not remembered by its strength.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
+
+from skyproof.arrays import Reals
 
 __all__ = ["lock_threshold", "lock_value"]
 
 
-def lock_value(i_squares: NDArray[np.float64], q_squares: NDArray[np.float64]) -> NDArray[np.float64]:
+def lock_value(i_squares: Reals, q_squares: Reals) -> Reals:
     """d of each frame from the sums of squares, any shape; 0 where there is nothing."""
     total = i_squares + q_squares
     return np.divide(i_squares - q_squares, total, out=np.zeros_like(total), where=total > 0.0)
 
 
-def lock_threshold(n_prompts: ArrayLike, n_frames: int, false_hold_probability: float) -> NDArray[np.float64]:
+def lock_threshold(n_prompts: ArrayLike, n_frames: int, false_hold_probability: float) -> Reals:
     """What the mean of d over `n_frames` frames of `n_prompts` prompts each exceeds on noise with this probability.
 
     One frame is exact. The mean of several has the Beta law with the same two first moments (the third is zero): a

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Complexes, ComplexFloats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription
 from skyproof.receiver import kernels as k
@@ -47,15 +47,15 @@ class Measurements:
     taps : (n, n_taps) complex64, mean correlator of a code period with bits and carrier wiped off, over the block.
     """
 
-    elapsed_s: NDArray[np.float64]
-    arc: NDArray[np.int64]
-    table: NDArray[np.float64]
-    taps: NDArray[np.complex64]
+    elapsed_s: Reals
+    arc: Integers
+    table: Reals
+    taps: ComplexFloats
 
     def __len__(self) -> int:
         return int(self.arc.size)
 
-    def column(self, index: int) -> NDArray[np.float64]:
+    def column(self, index: int) -> Reals:
         """One column of the table, (n,)."""
         return self.table[:, index]
 
@@ -81,15 +81,15 @@ class Measurements:
 
 
 def measure(
-    states: NDArray[np.float64],
-    before: tuple[NDArray[np.float64], NDArray[np.int64]],
-    now: tuple[NDArray[np.float64], NDArray[np.int64]],
+    states: Reals,
+    before: tuple[Reals, Integers],
+    now: tuple[Reals, Integers],
     elapsed_s: float,
     rate_hz: float,
     if_hz: float,
     signal: SignalDescription,
     discriminator: Discriminator,
-) -> tuple[NDArray[np.float64], NDArray[np.complex64]]:
+) -> tuple[Reals, ComplexFloats]:
     """Measurements at receiver time `elapsed_s` from the code periods around it.
 
     states : (n_channels, N_STATE); the columns that belong to the measurements are carried forward in place.
@@ -115,10 +115,10 @@ def measure(
 
 @compiled
 def _measure(
-    states: NDArray[np.float64], rows_before: NDArray[np.float64], count_before: NDArray[np.int64],
-    rows_now: NDArray[np.float64], count_now: NDArray[np.int64], elapsed_s: float, rate_hz: float, if_hz: float,
+    states: Reals, rows_before: Reals, count_before: Integers,
+    rows_now: Reals, count_now: Integers, elapsed_s: float, rate_hz: float, if_hz: float,
     carrier_hz: float, chip_rate_hz: float, period_s: float, periods_per_bit: int, code_gain: float,
-    code_noise_chips2: float, table: NDArray[np.float64], taps: NDArray[np.complex128],
+    code_noise_chips2: float, table: Reals, taps: Complexes,
 ) -> None:  # fmt: skip
     for channel in range(states.shape[0]):
         n_before, n = count_before[channel], count_before[channel] + count_now[channel]
@@ -135,9 +135,9 @@ def _measure(
 
 @compiled
 def _measure_channel(
-    state: NDArray[np.float64], rows: NDArray[np.float64], elapsed_s: float, rate_hz: float, if_hz: float,
+    state: Reals, rows: Reals, elapsed_s: float, rate_hz: float, if_hz: float,
     carrier_hz: float, chip_rate_hz: float, period_s: float, periods_per_bit: int, code_gain: float,
-    code_noise_chips2: float, result: NDArray[np.float64], taps: NDArray[np.complex128],
+    code_noise_chips2: float, result: Reals, taps: Complexes,
 ) -> None:  # fmt: skip
     n = rows.shape[0]
     synchronised = state[k.BIT_START] >= 0.0
@@ -235,7 +235,7 @@ def _period_variance(cn0_hz: float, coherent_s: float, period_s: float) -> float
 
 
 @compiled
-def _groups(periods: NDArray[np.float64], bit_start: float, periods_per_bit: int) -> NDArray[np.int64]:
+def _groups(periods: Reals, bit_start: float, periods_per_bit: int) -> Integers:
     """To which group each period belongs: its data bit, or a run of a few periods while bits are not known."""
     length = periods_per_bit if bit_start >= 0.0 else UNSYNCHRONISED_PERIODS
     start = max(bit_start, 0.0)
@@ -248,8 +248,8 @@ def _groups(periods: NDArray[np.float64], bit_start: float, periods_per_bit: int
 
 @compiled
 def _unwrapped(
-    state: NDArray[np.float64], squares: NDArray[np.complex128], variance: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], bool, float]:
+    state: Reals, squares: Complexes, variance: Reals
+) -> tuple[Reals, bool, float]:
     """Phase of the signal less the loop's in each group, cycles, continued from the block before; whether it slipped;
     the largest step, over its sigma.
 
@@ -287,8 +287,8 @@ def _unwrapped(
 
 @compiled
 def _parabola(
-    t: NDArray[np.float64], t2: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    t: Reals, t2: Reals, y: Reals, weight: Reals
+) -> tuple[Reals, Reals]:
     """Coefficients (3,) of the weighted least-squares parabola, and their variances for unit variance at weight 1.
 
     y are means over groups, and so are t and its squares t2: the mean of a parabola is not its value in the middle, by
@@ -322,7 +322,7 @@ def _parabola(
 
 @compiled
 def _carrier_to_noise_hz(
-    prompt: NDArray[np.complex128], wipe: NDArray[np.complex128], group: NDArray[np.int64], synchronised: bool,
+    prompt: Complexes, wipe: Complexes, group: Integers, synchronised: bool,
     period_s: float,
 ) -> float:  # fmt: skip
     """C/N0 as a ratio in hertz.

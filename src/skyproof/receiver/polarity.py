@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Integers
 from skyproof.gnss.lnav import Bits, word_signs
 from skyproof.gnss.signals import GPS_L1_CA
 
@@ -44,7 +45,7 @@ def stretches_of(bits: Bits, start: int, first_period: int) -> list[Stretch]:
     ]
 
 
-def _known(holds: NDArray[np.bool_], signs: NDArray[np.int8]) -> NDArray[np.int8]:
+def _known(holds: Booleans, signs: NDArray[np.int8]) -> NDArray[np.int8]:
     """The sign (+1 upright, -1 inverted, 0 unknown) of each word: that of the next word that tells it, on both sides,
     with no broken word between.
 
@@ -80,13 +81,13 @@ def joined(known: Sequence[Stretch], new: Sequence[Stretch]) -> tuple[Stretch, .
 class HalfCycles:
     """Of each row (n,): half cycles to add to the carrier, whether that is unknown, and whether it slipped."""
 
-    added: NDArray[np.int64]
-    open: NDArray[np.bool_]
-    slipped: NDArray[np.bool_]
+    added: Integers
+    open: Booleans
+    slipped: Booleans
 
 
 def half_cycles(
-    periods: NDArray[np.int64], turned: NDArray[np.bool_], slipped: NDArray[np.bool_], stretches: Sequence[Stretch],
+    periods: Integers, turned: Booleans, slipped: Booleans, stretches: Sequence[Stretch],
     reach_periods: int,
 ) -> HalfCycles:  # fmt: skip
     """What one arc's carrier lacks, row by row.

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from skyproof.arrays import ComplexFloats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
 from skyproof.receiver.survey import Heard
-from skyproof.records import Reals, Samples
+from skyproof.records import Samples
 
 __all__ = ["delay_profiles"]
 
@@ -61,7 +62,7 @@ def delay_profiles(
     return steps / _STEPS, powers
 
 
-def _turns(cycles: NDArray[np.floating[Any]]) -> NDArray[np.complex64]:
+def _turns(cycles: NDArray[np.floating[Any]]) -> ComplexFloats:
     """exp(j 2 pi cycles)."""
     angle = (2.0 * np.pi * np.mod(cycles, 1.0)).astype(np.float32)
     turns = np.empty(angle.shape, np.complex64)
@@ -71,7 +72,7 @@ def _turns(cycles: NDArray[np.floating[Any]]) -> NDArray[np.complex64]:
 
 def _periods(
     samples: Samples, carrier_hz: float, start_s: float, duration_s: float, signal: SignalDescription
-) -> tuple[NDArray[np.complex64], NDArray[np.int64]]:
+) -> tuple[ComplexFloats, Integers]:
     """Spectra of one code period after the other at the nominal carrier (n, 2 reach + 1), and each one's first sample.
 
     Only the lines within the band are kept, which bounds memory and work whatever the rate.
@@ -89,7 +90,7 @@ def _periods(
     return fft.fft(waves.astype(np.complex64), axis=1)[:, np.arange(-reach, reach + 1)], first
 
 
-def _at_doppler(periods: NDArray[np.complex64], doppler_hz: float, signal: SignalDescription) -> NDArray[np.complex64]:
+def _at_doppler(periods: ComplexFloats, doppler_hz: float, signal: SignalDescription) -> ComplexFloats:
     """The same with a Doppler taken off: back to few samples a period, turned, and to lines again."""
     lines = periods.shape[1]
     waves = fft.ifft(fft.ifftshift(periods, axes=1), axis=1)
@@ -97,7 +98,7 @@ def _at_doppler(periods: NDArray[np.complex64], doppler_hz: float, signal: Signa
     return np.asarray(fft.fftshift(fft.fft(turned, axis=1), axes=1), np.complex64)
 
 
-def _code_lines(sat: str, lines: NDArray[np.int64], signal: SignalDescription) -> NDArray[np.complex64]:
+def _code_lines(sat: str, lines: Integers, signal: SignalDescription) -> ComplexFloats:
     """Spectral lines of the periodic code with rectangular chips."""
     code = fft.fft(signal.code(prn_of(sat)).astype(np.float64))
     part = lines / code.size

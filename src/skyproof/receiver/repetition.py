@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, special
 
+from skyproof.arrays import ComplexFloats, Floats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
-from skyproof.records import Reals
 
 __all__ = ["Repetition", "repetition", "usual_length"]
 
@@ -68,7 +68,7 @@ def usual_length(n_samples: int, most: int) -> int:
 
 
 def repetition(
-    wave: NDArray[np.complex64] | NDArray[np.float32], *, signal: SignalDescription = GPS_L1_CA
+    wave: ComplexFloats | Floats, *, signal: SignalDescription = GPS_L1_CA
 ) -> Repetition:
     """The most repeating lag of samples of unknown rate.
 
@@ -112,8 +112,8 @@ def repetition(
 
 
 def _autocorrelation(
-    wave: NDArray[np.complex64] | NDArray[np.float32], real: bool
-) -> tuple[NDArray[np.complex64], Reals, Reals]:
+    wave: ComplexFloats | Floats, real: bool
+) -> tuple[ComplexFloats, Reals, Reals]:
     """Of the whitened samples, circular, at all lags; its power over the mean that noise has; and the same of the
     correlation with the samples' own mirror image.
 
@@ -142,11 +142,11 @@ def _autocorrelation(
     return lobes, powers, _power(fft.ifft(straight * mirror)) * (0.5 * n / float(mean) ** 2)
 
 
-def _power(values: NDArray[np.complex64]) -> Reals:
+def _power(values: ComplexFloats) -> Reals:
     return np.asarray(values.real**2 + values.imag**2, np.float64)
 
 
-def _log10_gamma(counts: NDArray[np.int64], total: Reals) -> Reals:
+def _log10_gamma(counts: Integers, total: Reals) -> Reals:
     """Logarithm of the chance that the sum of so many exponential variables is more than `total`."""
     chance = special.gammaincc(counts, total)
     # far out the incomplete gamma function is e^-x x^(m-1) / (m-1)!
@@ -154,7 +154,7 @@ def _log10_gamma(counts: NDArray[np.int64], total: Reals) -> Reals:
     return np.asarray(np.where(chance > 1e-250, np.log10(np.maximum(chance, 1e-300)), far))
 
 
-def _near(lags: NDArray[np.floating]) -> NDArray[np.int64]:
+def _near(lags: NDArray[np.floating]) -> Integers:
     return np.asarray(np.round(lags), np.int64)
 
 
@@ -193,7 +193,7 @@ def _refined(powers: Reals, lag: float, n: int, chips: int) -> tuple[float, floa
     return period, 0.3 * width / math.sqrt(max(spread, 1.0)) + 0.02 * width / max(1, most)
 
 
-def _carrier(lobes: NDArray[np.complex64], period: float, n: int, chips: int, real: bool) -> float:
+def _carrier(lobes: ComplexFloats, period: float, n: int, chips: int, real: bool) -> float:
     """Around which frequency lies what repeats: spectra of the peaks, each with a phase of its own, added in power."""
     width = max(2, round(1.5 * period / chips))
     offsets = np.arange(-width, width + 1)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
 
 __all__ = ["CODE_SCALE", "code_table", "passed"]
@@ -15,7 +16,7 @@ POINTS = 16
 """Points a sample, with straight lines between them, from which the table is read."""
 
 
-def passed(cycles_per_sample: NDArray[np.float64]) -> NDArray[np.float64]:
+def passed(cycles_per_sample: Reals) -> Reals:
     """Amplitude that the replica's low-pass leaves at a frequency: 1 to 0.3, 0 from 0.5 on, a cosine between."""
     falling = np.clip((np.abs(cycles_per_sample) - 0.3) / 0.2, 0.0, 1.0)
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * falling))

@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, stats
 
+from skyproof.arrays import ComplexFloats, Floats, Reals
+
 __all__ = [
     "EXPLAINED", "N_ROWS", "SharedNoise", "explained", "rows_of", "shared_noise", "usable_hz", "without_repetition",
 ]  # fmt: skip
-
-Rows = NDArray[np.complex64]
 
 N_ROWS: Final = 80
 """Code periods of a stretch: several times as many as there are signals."""
@@ -64,7 +64,7 @@ def usable_hz(rate_hz: float, carrier_at_hz: float, *, real: bool) -> float:
     return max(min(2.0 * min(carrier_at_hz - low_hz, high_hz - carrier_at_hz), _BAND_HZ), 0.0)
 
 
-def rows_of(planes: NDArray[np.float32], carrier_cycles: float, cells: int) -> Rows:
+def rows_of(planes: Floats, carrier_cycles: float, cells: int) -> ComplexFloats:
     """The band around the carrier, white, as rows of one code period: (N_ROWS, cells).
 
     planes : (2, n) I and Q of `N_ROWS` code periods, by the clock of the recording that this one is compared with.
@@ -79,11 +79,11 @@ def rows_of(planes: NDArray[np.float32], carrier_cycles: float, cells: int) -> R
     level = np.median(power[: width * _LEVELS].reshape(_LEVELS, width), axis=1) / math.log(2.0)
     level = np.interp(np.arange(count), (np.arange(_LEVELS) + 0.5) * width, np.maximum(level, 1e-9 * level.max()))
     part = part / np.sqrt(np.maximum(level, power / _LINE) + np.float32(1e-30))
-    rows: Rows = fft.ifft(fft.ifftshift(part)).reshape(N_ROWS, cells).astype(np.complex64)
+    rows: ComplexFloats = fft.ifft(fft.ifftshift(part)).reshape(N_ROWS, cells).astype(np.complex64)
     return rows
 
 
-def without_repetition(rows: Rows) -> tuple[Rows, int]:
+def without_repetition(rows: ComplexFloats) -> tuple[ComplexFloats, int]:
     """What does not repeat from row to row, and how many components did.
 
     Components are taken off, the strongest first, while the next stands above the edge of what noise has: the mean of
@@ -115,7 +115,7 @@ def explained(repeating: float) -> float:
     return max(EXPLAINED, (math.asin(rho) / (0.5 * math.pi) - repeating) / (1.0 - repeating))
 
 
-def shared_noise(first: Rows, second: Rows, *, period_s: float = 1e-3) -> SharedNoise:
+def shared_noise(first: ComplexFloats, second: ComplexFloats, *, period_s: float = 1e-3) -> SharedNoise:
     """Correlate what two stretches hold besides what repeats; the second was cut to begin within half a period.
 
     first, second : (n_rows, cells) as `rows_of` gives them, of the same shape.
@@ -143,7 +143,7 @@ def shared_noise(first: Rows, second: Rows, *, period_s: float = 1e-3) -> Shared
     )
 
 
-def _energy(rows: Rows) -> NDArray[np.float64]:
+def _energy(rows: ComplexFloats) -> Reals:
     return np.asarray(np.sum(np.abs(rows) ** 2, axis=1, dtype=np.float64))
 
 

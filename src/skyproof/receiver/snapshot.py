@@ -10,13 +10,11 @@ from math import gcd
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Complexes, Floats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
 
 __all__ = ["CodePhase", "code_phase"]
-
-Complexes = NDArray[np.complex128]
 
 _MAX_SYMBOLS: Final = 9  # 0.16 s: all their signs are tried
 _NARROWEST_CHIPS: Final = 0.1
@@ -45,7 +43,7 @@ class CodePhase:
 
 
 def code_phase(
-    samples: NDArray[np.float32],
+    samples: Floats,
     rate_hz: float,
     if_hz: float,
     sat: str,
@@ -136,14 +134,14 @@ def _grid_sigma_chips(rate_hz: float, signal: SignalDescription) -> float:
     return float(signal.chip_rate_hz / rate_hz / np.sqrt(12.0) / min(places, np.sqrt(signal.code_length / 2.0)))
 
 
-def _replica(code: NDArray[np.float64], chips: NDArray[np.float64], ahead_chips: float) -> NDArray[np.float64]:
+def _replica(code: Reals, chips: Reals, ahead_chips: float) -> Reals:
     return code[np.floor(chips + ahead_chips).astype(np.int64) % code.size]
 
 
 def _coherent(
-    prompt: Complexes, centre_s: NDArray[np.float64], period: NDArray[np.int64], reach_hz: float, duration_s: float,
+    prompt: Complexes, centre_s: Reals, period: Integers, reach_hz: float, duration_s: float,
     signal: SignalDescription,
-) -> tuple[float, NDArray[np.float64]]:  # fmt: skip
+) -> tuple[float, Reals]:  # fmt: skip
     """Frequency left in the prompts (n,), and the signs (n,) of their symbols, which together sum up best."""
     step_hz = 0.25 / duration_s
     grid_hz = np.arange(-np.ceil(reach_hz / step_hz), np.ceil(reach_hz / step_hz) + 1.0) * step_hz

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, special
 
-from skyproof.records import Reals
+from skyproof.arrays import Booleans, Integers, Reals
 
 __all__ = ["GUARD", "density_of", "floor_and_lines", "line_threshold", "noise_bins", "tone"]
 
@@ -78,11 +77,11 @@ def density_of(
 
 
 def floor_and_lines(
-    density: Reals, threshold: float, usable: NDArray[np.bool_], mean_over_median: float, *, circular: bool
-) -> tuple[Reals, list[NDArray[np.int64]]]:
+    density: Reals, threshold: float, usable: Booleans, mean_over_median: float, *, circular: bool
+) -> tuple[Reals, list[Integers]]:
     """The floor, and for each line the bins it covers. Lines found are left out of the floor, until no more come."""
-    covered: NDArray[np.bool_] = np.zeros(density.size, np.bool_)
-    found: NDArray[np.bool_] = covered
+    covered: Booleans = np.zeros(density.size, np.bool_)
+    found: Booleans = covered
     floor = density
     for _ in range(8):
         floor = mean_over_median * _floor(density, covered, circular=circular)
@@ -100,12 +99,12 @@ def floor_and_lines(
     return floor, [b % density.size if circular else b[(b >= 0) & (b < density.size)] for b in bins]
 
 
-def _widened(flags: NDArray[np.bool_], reach: int, *, circular: bool) -> NDArray[np.bool_]:
+def _widened(flags: Booleans, reach: int, *, circular: bool) -> Booleans:
     padded = np.pad(flags, reach, mode="wrap" if circular else "constant")
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).any(axis=1), np.bool_)
 
 
-def _floor(density: Reals, covered: NDArray[np.bool_], *, circular: bool) -> Reals:
+def _floor(density: Reals, covered: Booleans, *, circular: bool) -> Reals:
     """The greater one of the medians on either side, so that no slope or edge of the band is taken for a line."""
     reach = GUARD + _SIDE
     kept = np.where(covered, np.nan, density)
@@ -129,7 +128,7 @@ def _nan_median(windows: Reals) -> Reals:
 
 
 def tone(
-    bins: NDArray[np.int64], frequency_hz: Reals, density: Reals, floor: Reals, step_hz: float
+    bins: Integers, frequency_hz: Reals, density: Reals, floor: Reals, step_hz: float
 ) -> tuple[float, float, float]:
     """Frequency, power and rms width of the line in `bins`."""
     excess = np.maximum(density[bins] - floor[bins], 0.0)

@@ -15,16 +15,13 @@ from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, special
 
+from skyproof.arrays import Booleans, ComplexFloats, Floats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
-from skyproof.records import Reals, Samples
+from skyproof.records import Samples
 
 __all__ = ["DOPPLER_LIMIT_HZ", "Gap", "Heard", "OscillatorError", "Survey", "oscillator_error", "survey"]
-
-Complexes = NDArray[np.complex64]
-Counts = NDArray[np.int64]
 
 DOPPLER_LIMIT_HZ: Final = 5e3
 """Of a GPS satellite's L1 carrier for a receiver that moves slowly on the Earth: 4.9 kHz at the horizon."""
@@ -135,8 +132,8 @@ class _Blocks:
     changing : whether the samples change in every one.
     """
 
-    waves: Complexes
-    first_sample: Counts  # (n_blocks,)
+    waves: ComplexFloats
+    first_sample: Integers  # (n_blocks,)
     block_samples: int
     rate_hz: float
     signal: SignalDescription
@@ -155,8 +152,8 @@ class _Tracks:
     middle_s : (n_stretches,) since the first sample.
     """
 
-    spectra: Complexes  # (n_sats, n_blocks, _CELLS) of signal times conjugate code
-    around: NDArray[np.float32]
+    spectra: ComplexFloats  # (n_sats, n_blocks, _CELLS) of signal times conjugate code
+    around: Floats
     middle_s: Reals
     ratio: float  # of code Doppler to carrier Doppler that was taken
     periods: int  # blocks a stretch
@@ -217,13 +214,13 @@ def _blocks(samples: Samples, carrier_hz: float, n_blocks: int, signal: SignalDe
                    changing=changing)  # fmt: skip
 
 
-def _bins(size: int, rate_hz: float) -> Counts:
+def _bins(size: int, rate_hz: float) -> Integers:
     """Indices of the FFT bins that are kept, which count from the end for negative frequencies."""
     reach = min(int(_BAND_HZ * size / rate_hz), (size - 1) // 2, _CELLS // 2 - 1)
     return np.arange(-reach, reach + 1)
 
 
-def _correlation_spectra(blocks: _Blocks, heard: Heard) -> Complexes:
+def _correlation_spectra(blocks: _Blocks, heard: Heard) -> ComplexFloats:
     """Spectra of all blocks, Doppler taken off, times the conjugate one of the code."""
     size, rate_hz = blocks.block_samples, blocks.rate_hz
     chips = blocks.signal.code(prn_of(heard.sat))
@@ -233,11 +230,11 @@ def _correlation_spectra(blocks: _Blocks, heard: Heard) -> Complexes:
     replica = np.zeros(_CELLS, np.complex64)
     replica[kept] = np.conj(code[kept]) / (8 * _CELLS)
     turns = np.mod(heard.doppler_hz * blocks.block_s / _CELLS * np.arange(_CELLS), 1.0)
-    spectra: Complexes = fft.fft(blocks.waves * np.exp(-2j * np.pi * turns).astype(np.complex64), axis=1) * replica
+    spectra: ComplexFloats = fft.fft(blocks.waves * np.exp(-2j * np.pi * turns).astype(np.complex64), axis=1) * replica
     return spectra
 
 
-def _tracks(blocks: _Blocks, signals: Sequence[Heard], spectra: Complexes, ratio: float) -> _Tracks:
+def _tracks(blocks: _Blocks, signals: Sequence[Heard], spectra: ComplexFloats, ratio: float) -> _Tracks:
     n_blocks = spectra.shape[1]
     periods = int(np.clip(n_blocks // _STRETCHES, 1, _MOST_PERIODS))
     n_stretches = n_blocks // periods
@@ -254,7 +251,7 @@ def _tracks(blocks: _Blocks, signals: Sequence[Heard], spectra: Complexes, ratio
     return _Tracks(spectra=spectra, around=around, middle_s=middle_s, ratio=ratio, periods=periods, noise=noise)
 
 
-def _by_stretch(values: Reals | Counts, periods: int) -> Reals:
+def _by_stretch(values: Reals | Integers, periods: int) -> Reals:
     """Values of all blocks as (n_stretches, periods); what fills no stretch is left out."""
     n_stretches = values.size // periods
     return np.asarray(values[: n_stretches * periods].reshape(n_stretches, periods), np.float64)
@@ -268,7 +265,7 @@ def _predicted_s(blocks: _Blocks, heard: Heard, ratio: float) -> Reals:
     return heard.delay_s - past_s - ratio * heard.doppler_hz / blocks.signal.carrier_hz * start_s
 
 
-def _ramp(blocks: _Blocks, delay_s: Reals) -> Complexes:
+def _ramp(blocks: _Blocks, delay_s: Reals) -> ComplexFloats:
     """What brings a delay to the first cell: (..., _CELLS)."""
     bins = fft.fftfreq(_CELLS, 1.0 / _CELLS)
     turns = np.multiply.outer(np.asarray(delay_s) / blocks.block_s, bins)
@@ -300,9 +297,9 @@ def _line(blocks: _Blocks, tracks: _Tracks) -> tuple[float, float]:
     return float(power[best]), float(drifts[best])
 
 
-def _along(tracks: _Tracks, drift: float, cell_s: float) -> Counts:
+def _along(tracks: _Tracks, drift: float, cell_s: float) -> Integers:
     """Cells of a drifting delay in each stretch, for each of those at the start: (n_starts, n_stretches)."""
-    cells: Counts = (np.round(drift * tracks.middle_s / cell_s).astype(np.int64) + _AT_START[:, np.newaxis]) % _CELLS
+    cells: Integers = (np.round(drift * tracks.middle_s / cell_s).astype(np.int64) + _AT_START[:, np.newaxis]) % _CELLS
     return cells
 
 
@@ -317,7 +314,7 @@ def _met(blocks: _Blocks, signals: Sequence[Heard], tracks: _Tracks, drift: floa
     ]
 
 
-def _peak_at(power: Reals | NDArray[np.float32]) -> float:
+def _peak_at(power: Reals | Floats) -> float:
     """Cells of the highest of `_AT_START`, by the parabola through it and its neighbours."""
     best = int(np.clip(np.argmax(power), 1, power.size - 2))
     low, middle, high = (float(value) for value in power[best - 1 : best + 2])
@@ -386,7 +383,7 @@ class _Levels:
     covariance: Reals
     errors_s: Reals
     sigma_s: Reals
-    used: NDArray[np.bool_]
+    used: Booleans
 
 
 def _levels(
@@ -409,7 +406,7 @@ def _levels(
     return _fitted(middle_s, centre_s + errors_s, sigma_s, breaks, used)
 
 
-def _fitted(middle_s: Reals, delay_s: Reals, sigma_s: Reals, breaks: list[int], used: NDArray[np.bool_]) -> _Levels:
+def _fitted(middle_s: Reals, delay_s: Reals, sigma_s: Reals, breaks: list[int], used: Booleans) -> _Levels:
     """The model of the delays (n_sats, n_stretches) of all satellites, fitted to the stretches used."""
     common_s, common_sigma_s = _weighted(delay_s, sigma_s)
     offset_s, drift, covariance = _fit(middle_s, common_s, common_sigma_s, breaks, used)
@@ -418,7 +415,7 @@ def _fitted(middle_s: Reals, delay_s: Reals, sigma_s: Reals, breaks: list[int], 
                    sigma_s=sigma_s, used=used)  # fmt: skip
 
 
-def _segment_of(breaks: Sequence[int], n_stretches: int) -> Counts:
+def _segment_of(breaks: Sequence[int], n_stretches: int) -> Integers:
     return np.searchsorted(np.asarray(breaks), np.arange(n_stretches), side="right") - 1
 
 
@@ -472,7 +469,7 @@ def _weighted(values: Reals, sigma: Reals) -> tuple[Reals, float]:
 
 
 def _fit(
-    time_s: Reals, values: Reals, sigma: float, breaks: Sequence[int], used: NDArray[np.bool_]
+    time_s: Reals, values: Reals, sigma: float, breaks: Sequence[int], used: Booleans
 ) -> tuple[Reals, float, Reals]:
     """Least squares of a level from each break on and one drift, none where there is too little to tell it."""
     segment = _segment_of(breaks, time_s.size)
@@ -486,8 +483,8 @@ def _fit(
 
 
 def _smaller_jumps(
-    time_s: Reals, errors_s: Reals, sigma_s: Reals, breaks: list[int], used: NDArray[np.bool_], probability: float
-) -> tuple[list[int], NDArray[np.bool_]]:
+    time_s: Reals, errors_s: Reals, sigma_s: Reals, breaks: list[int], used: Booleans, probability: float
+) -> tuple[list[int], Booleans]:
     """Breaks, with those added where the common delay jumps by more than noise does anywhere with `probability`.
 
     A break at k is a jump within the stretch before it, which belongs to neither side and is used no more. The
@@ -497,7 +494,7 @@ def _smaller_jumps(
     others = np.arange(sigma_s.size) != np.argmin(sigma_s)
     series = [_weighted(errors_s, sigma_s), _weighted(errors_s[others], sigma_s[others])]
 
-    def without(k: int) -> NDArray[np.bool_]:
+    def without(k: int) -> Booleans:
         return np.asarray(used & (np.arange(time_s.size) != k - 1))
 
     def possible(k: int) -> bool:
@@ -590,7 +587,7 @@ def _place(
 
 
 def _likeliest(
-    planes: NDArray[np.float32], start: int, carrier_hz: float, blocks: _Blocks, signals: Sequence[Heard],
+    planes: Floats, start: int, carrier_hz: float, blocks: _Blocks, signals: Sequence[Heard],
     ratio: float, extra_s: Reals,
 ) -> tuple[float, float]:  # fmt: skip
     """Mean and spread of where, in a stretch that begins at sample `start`, the delay changes between two values."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Floats, Reals
 from skyproof.gnss.lnav import Subframe, decode_how, decode_subframe, find_subframes
 from skyproof.receiver.polarity import Stretch, joined, stretches_of
 
@@ -29,7 +30,7 @@ class Telemetry:
     stretches : where it is known whether the bits came inverted.
     """
 
-    prompts: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
+    prompts: Floats = field(default_factory=lambda: np.empty(0, np.float32))
     prompts_period: int = 0
     synchronised: bool = False
     bits: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, np.int8))
@@ -52,11 +53,11 @@ def step(telemetry: Telemetry, prompts: NDArray[np.floating], first_period: int)
     return _decode(_make_bits(telemetry), telemetry.bits.size)
 
 
-def bit_energy(prompts: NDArray[np.float32]) -> NDArray[np.float64]:
+def bit_energy(prompts: Floats) -> Reals:
     """Mean energy of sums over 20 periods that begin at period 0, 1, ... 19: largest where the bits begin."""
     sums = np.convolve(prompts.astype(np.float64), np.ones(PERIODS_PER_BIT), "valid")
     n = sums.size // PERIODS_PER_BIT * PERIODS_PER_BIT
-    energy: NDArray[np.float64] = np.mean(sums[:n].reshape(-1, PERIODS_PER_BIT) ** 2, axis=0)
+    energy: Reals = np.mean(sums[:n].reshape(-1, PERIODS_PER_BIT) ** 2, axis=0)
     return energy
 
 

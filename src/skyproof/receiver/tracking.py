@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Floats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, SignalDescription, prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
@@ -37,8 +38,6 @@ from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.lock import lock_threshold, lock_value
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.replica import CODE_SCALE, code_table
-
-Reals = NDArray[np.float64]
 
 MEASURE_FRAMES = 2
 TELEMETRY_FRAMES = 5
@@ -120,14 +119,14 @@ class ReceiverState:
     delay, Doppler).
     """
 
-    tail: NDArray[np.float32] = field(default_factory=lambda: np.empty((2, 0), np.float32))
+    tail: Floats = field(default_factory=lambda: np.empty((2, 0), np.float32))
     tail_start: int = 0
     frame: int = 0
     channels: tuple[Channel, ...] = ()
     loops: Reals = field(default_factory=lambda: np.empty((0, k.N_STATE)))
     rows: Reals = field(default_factory=lambda: np.empty((0, 0, 0)))
-    counts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    prompts: tuple[tuple[NDArray[np.float32], ...], ...] = ()  # in phase, of the frames since the last telemetry
+    counts: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+    prompts: tuple[tuple[Floats, ...], ...] = ()  # in phase, of the frames since the last telemetry
     lock: Reals = field(default_factory=lambda: np.empty((0, LOCK_FRAMES, 2)))
     locked_at: Reals = field(default_factory=lambda: np.empty((0, 3)))
     lost: tuple[LostSignal, ...] = ()
@@ -174,7 +173,7 @@ class Receiver:
         """Index of the first sample of a frame."""
         return int(np.ceil(frame * self.settings.frame_s * self.rate_hz - 1e-6))
 
-    def step(self, state: ReceiverState, samples: NDArray[np.float32]) -> tuple[StepOutput, ReceiverState]:
+    def step(self, state: ReceiverState, samples: Floats) -> tuple[StepOutput, ReceiverState]:
         """Work on all frames that are complete with these samples, shape (2, n), which follow on those before."""
         state = replace(state, tail=np.concatenate([state.tail, samples], axis=1))
         measured = [Measurements.nothing(self.n_taps)]
@@ -351,7 +350,7 @@ class Receiver:
         here[:, 2] = loops[:, k.FREQUENCY] - self.if_hz
         return replace(state, locked_at=np.where(self._holds(state, MEASURE_FRAMES)[:, None], here, state.locked_at))
 
-    def _holds(self, state: ReceiverState, n_frames: int) -> NDArray[np.bool_]:
+    def _holds(self, state: ReceiverState, n_frames: int) -> Booleans:
         """Whether each channel holds its signal, by its last `n_frames` frames (fewer if it is younger)."""
         value, prompts = state.lock[:, -n_frames:, 0], state.lock[:, -n_frames:, 1]
         there = ~np.isnan(value)
@@ -363,7 +362,7 @@ class Receiver:
         return np.asarray(mean_value > lock_threshold(mean_prompts, frames, error))
 
     def _measure(
-        self, state: ReceiverState, before: tuple[Reals, NDArray[np.int64]], measured: list[Measurements],
+        self, state: ReceiverState, before: tuple[Reals, Integers], measured: list[Measurements],
         arcs: dict[int, Arc], gaps: list[Gap],
     ) -> ReceiverState:  # fmt: skip
         """A row of measurements for each confirmed channel that holds its signal, at the start of the frame."""
@@ -428,7 +427,7 @@ class Receiver:
         return replace(state, channels=tuple(channels), loops=loops, next_arc=number)
 
     def _mind_pulls(
-        self, state: ReceiverState, table: Reals, good: NDArray[np.bool_], elapsed_s: float, arcs: dict[int, Arc]
+        self, state: ReceiverState, table: Reals, good: Booleans, elapsed_s: float, arcs: dict[int, Arc]
     ) -> ReceiverState:
         """End the arc of a channel whose code has left its carrier: it was pulled to another signal's peak.
 

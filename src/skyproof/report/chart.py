@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from markupsafe import Markup
 
-from skyproof.records import Reals
+from skyproof.arrays import Reals
 from skyproof.report import drawing as draw
 
 __all__ = ["Axes", "Curve", "chart_svg", "curves_of", "words_of"]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from skyproof.records import Reals
+from skyproof.arrays import Reals
 from skyproof.verdict import Label
 
 __all__ = [

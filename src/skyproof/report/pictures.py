@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
-from skyproof.records import Reals, freeze
+from skyproof.arrays import Reals
+from skyproof.records import freeze
 from skyproof.report import drawing as draw
 from skyproof.verdict import Label
 
@@ -400,5 +400,5 @@ def sky_plot(
 
 def extent_m(tracks: Sequence[FixTrack]) -> float:
     """The larger side of the box around all fixes, metres; 0 without fixes."""
-    points: list[NDArray[np.float64]] = [track.points() for track in tracks if len(track.points())]
+    points: list[Reals] = [track.points() for track in tracks if len(track.points())]
     return float(np.ptp(np.concatenate(points), axis=0).max()) if points else 0.0

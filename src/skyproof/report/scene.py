@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 from markupsafe import Markup
 
-from skyproof.records import Reals, freeze
+from skyproof.arrays import Reals
+from skyproof.records import freeze
 from skyproof.report import drawing as draw
 from skyproof.report.page import Figure, environment
 from skyproof.report.pictures import LABELS, SignalSeries, SkyPosition, SkySource, sky_plot, time_line

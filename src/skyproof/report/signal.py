@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from skyproof.records import Reals
+from skyproof.arrays import Reals
 from skyproof.report import drawing as draw
 from skyproof.report.chart import chart_svg
 

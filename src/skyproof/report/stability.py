@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from skyproof.records import Reals, freeze
+from skyproof.arrays import Reals
+from skyproof.records import freeze
 from skyproof.report import drawing as draw
 from skyproof.report.page import Figure, environment
 

@@ -8,14 +8,14 @@ from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
+from skyproof.arrays import Reals
 from skyproof.simulate.sites import Model, Name, SatName, Site, between, rising
 
 __all__ = ["Attack", "Interference", "Meaconer", "Spoofer", "Takeover", "TransmitAntenna"]
 
-Reals = NDArray[np.float64]
 LEAST_PAUSE_S = 0.1
 
 Points = tuple[tuple[float, float], ...]

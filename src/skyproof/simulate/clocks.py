@@ -21,14 +21,13 @@ from difflib import get_close_matches
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.statistics.gauss_markov import gauss_markov_path, gauss_markov_step
 
 __all__ = ["LEAD_S", "OSCILLATORS", "Clock", "Oscillator", "clock"]
-
-Reals = NDArray[np.float64]
 
 STEP_S = 1.0 / 256.0
 """Of the knots: as long as the samples' chunks of straight phase at their longest, and exact in binary."""

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, GPS_PI, MU_M3_S2, SPEED_OF_LIGHT_M_S
@@ -23,8 +23,6 @@ from skyproof.simulate.platforms import trajectory_of
 from skyproof.simulate.scenario import Direction, Scenario
 
 __all__ = ["navigation_of"]
-
-Reals = NDArray[np.float64]
 
 _STEEPEST_RAD: Final = 1.19  # receivers take a message of 1.2 and more for damaged: no GPS satellite flies so
 

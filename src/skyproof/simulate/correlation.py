@@ -9,15 +9,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.gnss.signals import SignalDescription
 from skyproof.simulate.samples import low_pass
 from skyproof.simulate.scenario import FrontEnd
 
 __all__ = ["Correlation", "Replica", "correlation", "read"]
 
-Reals = NDArray[np.float64]
 Replica = Literal["chips", "filtered"]
 
 

@@ -29,6 +29,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from skyproof.arrays import Booleans, Complexes, ComplexFloats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.records import SignalId, Taps, freeze
@@ -37,9 +38,6 @@ from skyproof.simulate.heard import AddedNoise, Delay, HeardSignal, Jammer, Rece
 from skyproof.simulate.scenario import FrontEnd
 
 __all__ = ["CorrelatorOutputs", "Parts", "Replica", "Tracked", "aligned", "correlate"]
-
-Reals = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 STRAIGHT_S = 0.02
 """Over which phases and lags run straight: a GPS carrier bends by 5e-5 cycles, differences of copies by less."""
@@ -61,8 +59,8 @@ class Tracked:
 
     signals: tuple[SignalId, ...]
     delays_s: Delay
-    symbols: NDArray[np.int64]
-    columns: NDArray[np.int64]
+    symbols: Integers
+    columns: Integers
 
     def moved(self, *, code_s: ArrayLike = 0.0, doppler_hz: ArrayLike = 0.0, carrier_hz: float) -> "Tracked":
         """The same with replicas later by `code_s` and higher by `doppler_hz`, (n_channels,) or one for all; the
@@ -88,9 +86,9 @@ class Parts:
         the signal is not there.
     """
 
-    channel: NDArray[np.int64]
-    signal: NDArray[np.int64]
-    ray: NDArray[np.int64]
+    channel: Integers
+    signal: Integers
+    ray: Integers
     label: tuple[str, ...]
     lag_chips: Reals
     doppler_hz: Reals
@@ -114,10 +112,10 @@ class CorrelatorOutputs:
     delays_chips: Reals
     dopplers_hz: Reals
     coherent_s: float
-    value: NDArray[np.complex64]
+    value: ComplexFloats
     mean: Complexes
     noise_sigma: Reals
-    there: NDArray[np.bool_]
+    there: Booleans
     parts: Parts
 
     def __post_init__(self) -> None:
@@ -223,9 +221,9 @@ class _Waves:
     carrier_s: Reals
     sent: Reals
     symbols: NDArray[np.int8]
-    message: NDArray[np.int64]
+    message: Integers
     windows_s: Reals
-    of: NDArray[np.int64]
+    of: Integers
 
 
 def _spans(sky: ReceiverSky, middle_s: Reals, coherent_s: float) -> _Spans:
@@ -288,20 +286,20 @@ def _windows(heard: Sequence[HeardSignal]) -> Reals:
     return windows_s
 
 
-def _there(sky: ReceiverSky, tracked: Tracked, spans: _Spans) -> NDArray[np.bool_]:
+def _there(sky: ReceiverSky, tracked: Tracked, spans: _Spans) -> Booleans:
     windows_s = _windows(sky.signals)
     first_s, last_s = (spans.true_s[:, edge, np.newaxis, np.newaxis] for edge in (0, -1))
-    there: NDArray[np.bool_] = np.any((windows_s[..., 0] <= first_s) & (last_s <= windows_s[..., 1]), axis=2)
+    there: Booleans = np.any((windows_s[..., 0] <= first_s) & (last_s <= windows_s[..., 1]), axis=2)
     return np.asarray(there[:, tracked.columns] | (tracked.columns < 0))
 
 
-def _pairs(channel_sats: Sequence[str], row_sats: Sequence[str]) -> NDArray[np.int64]:
+def _pairs(channel_sats: Sequence[str], row_sats: Sequence[str]) -> Integers:
     """Channels and rows of one satellite, (n_pairs, 2)."""
     return np.argwhere(np.array(channel_sats)[:, np.newaxis] == np.array(row_sats))
 
 
 def _couplings(
-    spans: _Spans, channels: _Waves, rows: _Waves, pairs: NDArray[np.int64], dopplers_hz: Reals,
+    spans: _Spans, channels: _Waves, rows: _Waves, pairs: Integers, dopplers_hz: Reals,
     signal: SignalDescription,
 ) -> tuple[Reals, Reals, Complexes]:  # fmt: skip
     """Lag in chips (n_epochs, n_stretches, n_pairs), phase at the edges in cycles (n_epochs, n_edges, n_pairs), and
@@ -388,7 +386,7 @@ def _recorded(front_end: FrontEnd, power: Reals) -> tuple[Reals, Reals]:
 
 
 def _parts(
-    sky: ReceiverSky, spans: _Spans, rows: _Waves, pairs: NDArray[np.int64], lag_chips: Reals, turns_cyc: Reals,
+    sky: ReceiverSky, spans: _Spans, rows: _Waves, pairs: Integers, lag_chips: Reals, turns_cyc: Reals,
     weight: Complexes, dopplers_hz: Reals,
 ) -> Parts:  # fmt: skip
     channel, row = pairs.T
@@ -423,12 +421,12 @@ class _Noise:
         self.of_dopplers = _root(np.sinc(np.subtract.outer(dopplers, dopplers) * coherent_s)).astype(np.float32)
         distances, which = np.unique(np.round(apart, 12), return_inverse=True)  # few, if taps stand evenly
         self.apart: Reals = np.asarray(distances, np.float64)
-        self.which: NDArray[np.int64] = np.asarray(which, np.int64).reshape(delays.size, delays.size)
+        self.which: Integers = np.asarray(which, np.int64).reshape(delays.size, delays.size)
 
     def draw(
         self, rng: np.random.Generator, draws: tuple[int, ...], channel_sats: Sequence[str], sats: Sequence[str],
         spans: _Spans, channels: _Waves,
-    ) -> NDArray[np.complex64]:  # fmt: skip
+    ) -> ComplexFloats:  # fmt: skip
         """(*draws, n_epochs, n_channels, n_dopplers, n_delays)."""
         cell = self.dopplers.size, self.which.shape[0]
         count, epochs = math.prod(draws), spans.true_s.shape[0]
@@ -449,16 +447,16 @@ class _Noise:
                 noise[:, near[:, np.newaxis], mine] = together
         return noise.reshape(*draws, *noise.shape[1:])
 
-    def _near(self, mine: list[int], channels: _Waves) -> NDArray[np.int64]:
+    def _near(self, mine: list[int], channels: _Waves) -> Integers:
         """The epochs in which replicas of these channels overlap."""
         late_chips = channels.code_s[..., mine] * self.signal.chip_rate_hz
         distance = np.diff(np.sort(late_chips, axis=-1), axis=-1)
         return np.flatnonzero((distance < self.reach_chips).any(axis=(1, 2)))
 
     def _together(
-        self, rng: np.random.Generator, count: int, near: NDArray[np.int64], mine: list[int], table: Reals,
+        self, rng: np.random.Generator, count: int, near: Integers, mine: list[int], table: Reals,
         spans: _Spans, channels: _Waves,
-    ) -> NDArray[np.complex64]:  # fmt: skip
+    ) -> ComplexFloats:  # fmt: skip
         """Channels of one satellite in these epochs: (count, n_near, n_mine, n_dopplers, n_delays)."""
         pairs = np.array([(one, other) for one in mine for other in mine])
         apart_hz = np.subtract.outer(self.dopplers, self.dopplers).ravel()
@@ -480,7 +478,7 @@ class _Noise:
 
     def _of_two(
         self, rng: np.random.Generator, count: int, common: Complexes, alike: Reals, table: Reals
-    ) -> NDArray[np.complex64]:
+    ) -> ComplexFloats:
         """The same for two channels without Doppler taps: but for one turn the covariance is real, and its first block
         is known; four times faster.
         """
@@ -497,7 +495,7 @@ class _Noise:
         return np.asarray(mixed.transpose(3, 0, 1, 2)[:, :, :, np.newaxis])
 
 
-def _root(covariance: NDArray[np.float64] | Complexes) -> NDArray[np.float64] | Complexes:
+def _root(covariance: Reals | Complexes) -> Reals | Complexes:
     """Lower triangles whose squares are covariances of variance 1, (..., n, n)."""
     return np.asarray(np.linalg.cholesky(covariance + _RIDGE * np.eye(covariance.shape[-1])))
 
@@ -506,9 +504,9 @@ def _root(covariance: NDArray[np.float64] | Complexes) -> NDArray[np.float64] | 
 
 
 @compiled
-def _couple(coupling: Complexes, pairs: NDArray[np.int64], true_s: Reals, turns_cyc: Reals, tap_cyc: Reals,
-            sent: Reals, wiped: Reals, symbols: NDArray[np.int8], message: NDArray[np.int64],
-            wiped_message: NDArray[np.int64], windows_s: Reals) -> None:  # fmt: skip
+def _couple(coupling: Complexes, pairs: Integers, true_s: Reals, turns_cyc: Reals, tap_cyc: Reals,
+            sent: Reals, wiped: Reals, symbols: NDArray[np.int8], message: Integers,
+            wiped_message: Integers, windows_s: Reals) -> None:  # fmt: skip
     """Each stretch's share of the mean of both bits times the phasor; the arrays are those of `_couplings`."""
     epochs, n_pairs, stretches, n_dopplers = coupling.shape
     for e in range(epochs):
@@ -551,7 +549,7 @@ def _couple(coupling: Complexes, pairs: NDArray[np.int64], true_s: Reals, turns_
 
 
 @compiled
-def _spread(mean: Complexes, pairs: NDArray[np.int64], table_of: NDArray[np.int64], weight: Complexes, lag_chips: Reals,
+def _spread(mean: Complexes, pairs: Integers, table_of: Integers, weight: Complexes, lag_chips: Reals,
             delays: Reals, tables: Reals, points: float) -> None:  # fmt: skip
     """Add to mean (n_epochs, n_channels, n_dopplers, n_delays) each part's weight times R at lag plus delay."""
     period = tables.shape[1]

@@ -6,8 +6,8 @@ from importlib.metadata import version
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.time import iso
@@ -23,7 +23,6 @@ from skyproof.simulate.truth import moment
 
 __all__ = ["FORMAT", "Heard", "interference_of", "truth_of", "windows_of"]
 
-Reals = NDArray[np.float64]
 Heard = tuple[str, float, float]
 """What is heard, and true times of its first and last wave."""
 

@@ -31,8 +31,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.statistics.gauss_markov import gauss_markov_step
@@ -40,8 +41,6 @@ from skyproof.statistics.gauss_markov import gauss_markov_step
 __all__ = [
     "Exposure", "FieldError", "FieldErrors", "Way", "field_errors", "ionosphere_obliquity", "troposphere_obliquity",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 _EARTH_KM, _SHELL_KM = 6378.1363, 350.0
 _QUARTER_CYC = 0.25

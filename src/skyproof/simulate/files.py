@@ -24,6 +24,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Floats
 from skyproof.compiled import compiled
 from skyproof.errors import OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines, writing
@@ -220,7 +221,7 @@ def _packed_block(rendering: Rendering, block: int) -> tuple[bytes, int]:
     return _packed(rows, rendering.front_end.encoding, rendering.front_end.bits), planes.shape[1]
 
 
-def _packed(rows: NDArray[np.float32], encoding: str, bits: int) -> bytes:
+def _packed(rows: Floats, encoding: str, bits: int) -> bytes:
     """Quantised values (numbers of a sample, n) as bytes, in the conventions of `skyproof.formats.raw`."""
     if bits >= 8:
         return np.ascontiguousarray(rows.T).astype(f"<{encoding[0]}{bits // 8}").tobytes()
@@ -230,7 +231,7 @@ def _packed(rows: NDArray[np.float32], encoding: str, bits: int) -> bytes:
 
 
 @compiled
-def _pack(rows: NDArray[np.float32], bits: int, octets: NDArray[np.uint8]) -> None:
+def _pack(rows: Floats, bits: int, octets: NDArray[np.uint8]) -> None:
     """Sign, and with two bits magnitude (1 or 3), first number in the highest bits. NumPy takes 4 times as long."""
     numbers = rows.shape[0]
     samples_in_octet = 8 // (bits * numbers)

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skyproof.arrays import Integers, Reals
 from skyproof.gnss.ephemeris import Ephemeris, NavigationData
 from skyproof.gnss.lnav import encode_subframes
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
@@ -28,7 +29,6 @@ __all__ = [
     "ephemeris_of", "row_of",
 ]  # fmt: skip
 
-Reals = NDArray[np.float64]
 Delay = Callable[[Reals], tuple[Reals, Reals]]
 """Times of reception (n,) to delays of code and carrier in seconds, (n, n_signals) each."""
 
@@ -220,7 +220,7 @@ def ephemeris_of(navigation: NavigationData, sat: str, scenario: Scenario) -> Ep
     return ephemeris if isinstance(ephemeris, Ephemeris) else None
 
 
-def row_of(messages: Messages, signals: Sequence[HeardSignal]) -> NDArray[np.int64]:
+def row_of(messages: Messages, signals: Sequence[HeardSignal]) -> Integers:
     """The row of `messages.symbols` that each signal carries."""
     return np.array([messages.names.index((heard.id.sat, heard.message)) for heard in signals], dtype=np.int64)
 

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
 from skyproof.records import SignalId
@@ -20,7 +21,6 @@ from skyproof.simulate.scenario import FrontEnd, Receiver
 
 __all__ = ["Motion", "ideal_signals"]
 
-Reals = NDArray[np.float64]
 _SPARE_S = 2.0  # of message before the first sample and after the last
 
 

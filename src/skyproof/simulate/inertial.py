@@ -28,8 +28,9 @@ from functools import lru_cache
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
@@ -37,8 +38,6 @@ from skyproof.records import ImuSeries
 from skyproof.statistics.gauss_markov import gauss_markov_allan_variance, gauss_markov_path, gauss_markov_step
 
 __all__ = ["BLOCK", "GRADES", "Imu", "ImuErrors", "ImuGrade", "MotionLike", "inertial"]
-
-Reals = NDArray[np.float64]
 
 BLOCK = 4096
 """Readings that are worked out together and have a noise stream of their own, whatever is asked for."""

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Instants, Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.records import CellStatus, Instants, Observations, SignalId, SignalRef
+from skyproof.records import CellStatus, Observations, SignalId, SignalRef
 from skyproof.simulate.attacks import Meaconer
 from skyproof.simulate.field_errors import Exposure, FieldError, FieldErrors, Way, field_errors
 from skyproof.simulate.heard import HeardSignal, ReceiverSky, Scene
@@ -28,8 +28,6 @@ from skyproof.simulate.scenario import Scenario
 from skyproof.simulate.sky import scene_of
 
 __all__ = ["Geometry", "NoiseModel", "draw", "geometry_of", "noise_of", "observations_of"]
-
-Reals = NDArray[np.float64]
 
 _SHORT_S = 0.01
 
@@ -77,7 +75,7 @@ class Geometry:
     exposure: Exposure
 
     @property
-    def there(self) -> NDArray[np.bool_]:
+    def there(self) -> Booleans:
         return np.isfinite(self.pseudorange_m)
 
 
@@ -212,7 +210,7 @@ def _first_epoch(scene: Scene, off_grid_s: float, interval_s: float) -> int:
     return math.floor((off_grid_s + shown_s) / interval_s)
 
 
-def _exposure(scene: Scene, sky: ReceiverSky, kept: NDArray[np.int64], true_s: Reals, first: int) -> Exposure:
+def _exposure(scene: Scene, sky: ReceiverSky, kept: Integers, true_s: Reals, first: int) -> Exposure:
     """The air is where it is in the scene's middle, as a scene's ways are short beside it."""
     attacks = dict(zip(scene.scenario.attack_names, zip(scene.scenario.attacks, scene.shown, strict=True), strict=True))
     middle_s = true_s[true_s.size // 2 :][:1]

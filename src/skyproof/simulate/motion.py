@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import WGS84_A_M, WGS84_F
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
@@ -27,8 +28,6 @@ __all__ = [
     "AlongMotion", "Held", "Lever", "Motion", "SpinningArm", "Trajectory", "antenna_motion", "attitude_ecef",
     "axes_of", "heading_pitch_roll_rad", "moments", "motion_of",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 _GRAVITY_M_S2: Final = 9.80665  # to bank with; the true one differs by less than 0.4 % on the ground
 

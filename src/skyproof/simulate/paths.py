@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import WGS84_A_M, WGS84_F
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
@@ -25,8 +25,6 @@ __all__ = [
     "Circle", "Course", "Curve", "Frame", "Pace", "Way", "circle_around", "frame_at", "pace_along", "smooth_step",
     "turnable", "way_through",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 ORDER: Final = 4  # derivatives of the place: the angular acceleration of a body that banks needs the fourth
 _STEP: Final = (-20.0, 70.0, -84.0, 35.0, 0.0, 0.0, 0.0, 0.0)

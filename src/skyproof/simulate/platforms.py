@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.formats.track import read_track
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef
@@ -23,7 +24,6 @@ from skyproof.simulate.trajectories import (
 
 __all__ = ["Point", "antenna_point", "motion_within", "require_span", "trajectory_of"]
 
-Reals = NDArray[np.float64]
 Point = Callable[[Reals], Motion]
 """The motion of a point at times (n,) since the scene's start."""
 

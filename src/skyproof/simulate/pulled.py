@@ -10,8 +10,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Booleans, Complexes, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import prn_of
@@ -20,8 +21,6 @@ from skyproof.simulate.correlators import correlate
 from skyproof.simulate.heard import Scene
 
 __all__ = ["Pull", "pull_of"]
-
-Reals = NDArray[np.float64]
 
 _STEPS = 60
 _LONGEST_CHIPS = 0.1  # step of the loop
@@ -89,8 +88,8 @@ def _value(table: Reals, lag_chips: float, points: float) -> float:
 
 
 @compiled
-def _settle(ahead_chips: Reals, prompt: NDArray[np.complex128], channel: NDArray[np.int64],
-            table_of: NDArray[np.int64], many: NDArray[np.bool_], weight: NDArray[np.complex128], lag_chips: Reals,
+def _settle(ahead_chips: Reals, prompt: Complexes, channel: Integers,
+            table_of: Integers, many: Booleans, weight: Complexes, lag_chips: Reals,
             apart_chips: float, tables: Reals, points: float) -> None:  # fmt: skip
     """Each channel's loop from its own signal on, until early less late has no part in phase with the prompt."""
     for c in range(ahead_chips.shape[1]):

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris
@@ -20,8 +21,6 @@ from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.time import week_and_tow
 
 __all__ = ["Orbits", "Sight", "orbits_between"]
-
-Reals = NDArray[np.float64]
 
 KNOT_S = 10.0
 _EARLIEST_S = 0.2  # before reception; no signal is under way for longer
@@ -55,7 +54,7 @@ class Orbits:
     last_s: float
     pieces: Reals
 
-    def seen(self, received_s: ArrayLike, point_ecef_m: Reals, columns: NDArray[np.int64] | None = None) -> Sight:
+    def seen(self, received_s: ArrayLike, point_ecef_m: Reals, columns: Integers | None = None) -> Sight:
         """From points (n, 3) at times of reception (n,). columns : of the satellites wanted; all if absent.
 
         Raises ValueError if a time lies outside of `first_s` to `last_s`.
@@ -96,7 +95,7 @@ def orbits_between(
 
 
 @compiled
-def _solve(pieces: Reals, wanted: NDArray[np.int64], first_s: float, at_s: Reals, points: Reals, flight_s: Reals,
+def _solve(pieces: Reals, wanted: Integers, first_s: float, at_s: Reals, points: Reals, flight_s: Reals,
            toward: Reals, clock_s: Reals) -> None:  # fmt: skip
     last = pieces.shape[0] - 1
     for s in range(wanted.size):

@@ -27,6 +27,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Floats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records import Samples
@@ -37,8 +38,6 @@ from skyproof.simulate.sky import scene_of
 __all__ = ["BLOCK", "Rendering", "low_pass", "render", "rendering_of", "samples_of"]
 
 T = TypeVar("T")
-Floats = NDArray[np.float32]
-Reals = NDArray[np.float64]
 
 CHUNK = 4096
 """Samples over which carrier and code phase run straight: at most 4 ms, where a GPS range bends by nanometres."""
@@ -67,7 +66,7 @@ class Rendering:
     codes: NDArray[np.int8]  # (n_rows, code_length)
     waves: Floats  # (n_rows, ROWS + 1, columns) of `filtered_codes`, or (n_rows, 0, 0)
     symbols: NDArray[np.int8]  # (n_messages, n_symbols)
-    messages: NDArray[np.int64]  # (n_rows,) row of `symbols` that each carries
+    messages: Integers  # (n_rows,) row of `symbols` that each carries
     lead_s: float  # of the symbols before the scenario's start
 
 
@@ -75,14 +74,14 @@ class Rendering:
 class _Chunks:
     """Every row in consecutive chunks; arrays (n_rows, n_chunks), phases at each chunk's first sample."""
 
-    period: NDArray[np.int64]  # code periods since the first symbol
+    period: Integers  # code periods since the first symbol
     chip: Reals
     chip_step: Reals
     phase_cyc: Reals
     phase_step_cyc: Reals
     amplitude: Reals
-    first: NDArray[np.int64]  # samples of the chunk in which the signal is there
-    last: NDArray[np.int64]
+    first: Integers  # samples of the chunk in which the signal is there
+    last: Integers
 
 
 def samples_of(scenario: Scenario, navigation: NavigationData) -> tuple[Samples, ...]:
@@ -113,7 +112,7 @@ def rendering_of(scene: Scene, index: int) -> Rendering:
     )
 
 
-def _signal_of(sky: ReceiverSky) -> NDArray[np.int64]:
+def _signal_of(sky: ReceiverSky) -> Integers:
     """The signal of each row: of signals themselves, then of their reflections."""
     return np.array([*range(len(sky.signals)), *(ray.of for ray in sky.rays)], np.int64)
 
@@ -234,12 +233,12 @@ def rough_start(scene: Scene, sky: ReceiverSky) -> np.datetime64:
     return start + np.timedelta64(0, "ns")
 
 
-def _edges(block: int) -> NDArray[np.int64]:
+def _edges(block: int) -> Integers:
     """The first samples of a block's chunks, and the first sample after them."""
     return block * BLOCK + CHUNK * np.arange(BLOCK // CHUNK + 1, dtype=np.int64)
 
 
-def _times(rendering: Rendering, samples: NDArray[np.int64]) -> tuple[NDArray[np.int64], Reals, Reals]:
+def _times(rendering: Rendering, samples: Integers) -> tuple[Integers, Reals, Reals]:
     """Whole seconds and the rest that have elapsed at samples, and how much later it is by true time.
 
     Counts, so that no time of day eats the digits; the third is small.
@@ -302,7 +301,7 @@ def _amplitudes(rendering: Rendering, true_s: Reals) -> Reals:
     return np.asarray(amplitude[_signal_of(sky)] * weight[:, np.newaxis])
 
 
-def _there(rendering: Rendering, firsts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _there(rendering: Rendering, firsts: Integers) -> tuple[Integers, Integers]:
     """The first sample in which each row is there, and the first in which it is not any more, in each chunk.
 
     Counted from each chunk's first sample and held within the chunk. Pauses are longer than chunks.
@@ -487,9 +486,9 @@ def _add_line(planes: Floats, phase_cyc: Reals, step_cyc: Reals, amplitude: Real
 
 @compiled
 def _add_signals(planes: Floats, codes: NDArray[np.int8], waves: Floats, chips_per_sample: float,
-                 symbols: NDArray[np.int8], rows: NDArray[np.int64], periods_per_symbol: int,
-                 period: NDArray[np.int64], chip: Reals, chip_step: Reals, phase_cyc: Reals, phase_step_cyc: Reals,
-                 amplitude: Reals, first: NDArray[np.int64], last: NDArray[np.int64]) -> None:  # fmt: skip
+                 symbols: NDArray[np.int8], rows: Integers, periods_per_symbol: int,
+                 period: Integers, chip: Reals, chip_step: Reals, phase_cyc: Reals, phase_step_cyc: Reals,
+                 amplitude: Reals, first: Integers, last: Integers) -> None:  # fmt: skip
     """Add every signal to planes (2, n_chunks * CHUNK); the other arrays are those of `Rendering` and `_Chunks`."""
     n_signals, n_chunks = chip.shape
     length = codes.shape[1]

@@ -7,17 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, model_validator
 
+from skyproof.arrays import Reals
 from skyproof.errors import shown
 from skyproof.gnss.signals import GPS_SATS
 from skyproof.gnss.time import iso, parse_iso
 
 __all__ = ["Circle", "FromFile", "Instant", "LasVegas", "Model", "Name", "Place", "SatName", "Site", "WayPoints",
            "between", "rising"]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"  # names become file names
 Name = Annotated[str, Field(pattern=NAME)]

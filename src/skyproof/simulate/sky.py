@@ -4,8 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
@@ -33,8 +34,6 @@ from skyproof.simulate.transmitters import (
 from skyproof.simulate.view import KNOT_S, View, patch_db, when_above
 
 __all__ = ["scene_of"]
-
-Reals = NDArray[np.float64]
 
 _MARGIN_S = 4.0
 

@@ -6,16 +6,14 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.records import freeze
 from skyproof.simulate.clocks import OSCILLATORS, STEP_S, clock
 from skyproof.simulate.inertial import BLOCK, GRADES, ImuErrors
 from skyproof.statistics.allan import allan_deviation
 
 __all__ = ["Stability", "clock_stability", "imu_stability"]
-
-Reals = NDArray[np.float64]
 
 IMU_HZ: Final = 10.0
 IMU_S: Final = 6000.0

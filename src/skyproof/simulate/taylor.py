@@ -9,13 +9,12 @@ The recurrences are those of automatic differentiation: Griewank and Walther, Ev
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+
+from skyproof.arrays import Reals
 
 __all__ = [
     "cross", "derivative", "dot", "integral", "normalised", "polynomial", "product", "reciprocal_root", "sine_cosine",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 
 def product(a: Reals, b: Reals) -> Reals:

@@ -9,8 +9,9 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.formats.track import Track
 from skyproof.gnss.frames import ecef_from_geodetic
@@ -31,8 +32,6 @@ __all__ = [
     "Drifting", "Sampled", "Static", "Travel", "circle", "drifting", "ecef_from_enu", "from_samples", "from_track",
     "las_vegas", "las_vegas_false", "static", "way_points",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 _STEEPEST_LEG_RAD: Final = float(np.radians(80.0))
 _KNOT_M_S: Final = 1852.0 / 3600.0

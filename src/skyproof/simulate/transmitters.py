@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Integers, Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
@@ -25,8 +25,6 @@ from skyproof.simulate.trajectories import ecef_from_enu
 from skyproof.simulate.view import View, patch_db, when_above
 
 __all__ = ["Attacker", "Group", "Radio", "added_noise", "false_signals", "interference_at", "led_away"]
-
-Reals = NDArray[np.float64]
 
 NEAREST_M = 1.0
 _PHASE_STREAM = 1 << 22  # sets random phases apart from other random numbers of one seed
@@ -110,7 +108,7 @@ class Attacker:
     target: Point | None = None
     true: View | None = None
 
-    def delays_s(self, left_s: Reals, radio: Radio, columns: NDArray[np.int64]) -> tuple[Reals, Reals]:
+    def delays_s(self, left_s: Reals, radio: Radio, columns: Integers) -> tuple[Reals, Reals]:
         """Of code and carrier of satellites as they leave, (n, n_columns): time there minus time that they show."""
         attack = self.attack
         shown_s = left_s - attack.added_delay_s - attack.clock_s(left_s)

@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import GPS_EPOCH
@@ -30,7 +31,6 @@ __all__ = [
     "signal_truth", "sky_of", "trajectory_blocks", "trajectory_truth",
 ]  # fmt: skip
 
-Reals = NDArray[np.float64]
 Table = dict[str, NDArray[Any]]
 
 TRAJECTORY_HZ: Final = 10.0

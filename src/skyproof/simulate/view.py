@@ -2,8 +2,8 @@
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from skyproof.arrays import Integers, Reals
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Klobuchar
@@ -15,8 +15,6 @@ from skyproof.simulate.ranges import Orbits, Sight
 from skyproof.simulate.scenario import Scenario
 
 __all__ = ["KNOT_S", "View", "azimuth_elevation", "patch_db", "when_above"]
-
-Reals = NDArray[np.float64]
 
 KNOT_S = 1.0
 """Distance of the knots of what changes slowly: atmosphere, elevations. The only corner is the rim of the ionosphere
@@ -47,11 +45,11 @@ class View:
         air_s = np.stack([troposphere_s + ionosphere_s, troposphere_s - ionosphere_s], axis=1)
         self._air_s = scipy.interpolate.CubicSpline(knots_s, air_s)
 
-    def delays_s(self, received_s: Reals, columns: NDArray[np.int64]) -> tuple[Reals, Reals]:
+    def delays_s(self, received_s: Reals, columns: Integers) -> tuple[Reals, Reals]:
         """Of code and carrier of the satellites in these columns, (n, n_columns) each."""
         return self.delays_from_s(received_s, self.point(received_s), columns)
 
-    def delays_from_s(self, received_s: Reals, here: Motion, columns: NDArray[np.int64]) -> tuple[Reals, Reals]:
+    def delays_from_s(self, received_s: Reals, here: Motion, columns: Integers) -> tuple[Reals, Reals]:
         """The same where the point's motion is at hand."""
         sight = self.orbits.seen(received_s, here.position_ecef_m, columns)
         air_s = self._air_s(received_s)[:, :, columns]

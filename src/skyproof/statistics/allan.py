@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
-__all__ = ["AllanDeviation", "NoiseKind", "allan_deviation", "allan_freedom"]
+from skyproof.arrays import Reals
 
-Reals = NDArray[np.float64]
+__all__ = ["AllanDeviation", "NoiseKind", "allan_deviation", "allan_freedom"]
 
 NoiseKind = Literal["white phase", "flicker phase", "white", "flicker", "random walk"]
 """Of the frequency, where the name does not say phase; a gyro's angular random walk is "white" here."""

@@ -8,16 +8,15 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from skyproof.arrays import Reals
 from skyproof.statistics.lines import line_columns
 
 __all__ = [
     "Ar1Fit", "Ar1Line", "ar1_fit", "ar1_line", "ar1_whiten", "correlation_grid", "estimate_ar1", "lag_one_expectation",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 
 def correlation_grid(largest: float, count: int = 40) -> Reals:

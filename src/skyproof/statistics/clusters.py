@@ -10,21 +10,20 @@ programming: the answer is exact, not that of a search.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Indices, Reals
 from skyproof.statistics.distributions import chi_square_survival
 
 __all__ = ["LineClusters", "line_clusters"]
-
-Reals = NDArray[np.float64]
 
 
 class LineClusters(NamedTuple):
     """number : (...) of clusters. label : (..., K) from 0 on in order of the values. p_value : (...) of this number;
     the next smaller one has less than was asked for. Conservative, for the best parting is not the true one."""
 
-    number: NDArray[np.intp]
-    label: NDArray[np.intp]
+    number: Indices
+    label: Indices
     p_value: Reals
 
 
@@ -67,7 +66,7 @@ def _interval_squares(x: Reals, weight: Reals) -> Reals:
     return np.where(upper, np.maximum(squares, 0.0), np.inf)
 
 
-def _labels(begins: NDArray[np.intp], count: NDArray[np.intp], k: int) -> NDArray[np.intp]:
+def _labels(begins: Indices, count: Indices, k: int) -> Indices:
     """(..., K) of the sorted values, from where each last cluster begins, (..., c, j)."""
     label = np.zeros((*count.shape, k), np.intp)
     end = np.full(count.shape, k - 1)

@@ -17,16 +17,15 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import brentq
+
+from skyproof.arrays import Reals
 
 __all__ = [
     "CusumPath", "cusum_path", "cusum_run_length", "cusum_step", "cusum_threshold", "page_run_length",
     "page_threshold",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 _LONGEST_THRESHOLD = 50.0  # beyond, run lengths exceed what float64 resolves
 

@@ -9,9 +9,10 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from skyproof.arrays import Indices, Reals
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold, noncentral_chi_square_survival
 
 __all__ = [
@@ -19,8 +20,6 @@ __all__ = [
     "equal_p_value", "equal_statistic", "equality_chance", "hemisphere", "nearest_whole", "noncentrality_for_power",
     "outsider_statistic", "pair_statistics", "squared_norm",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 
 def direction_cosines(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> Reals:
@@ -145,7 +144,7 @@ def outsider_statistic(
     return nearest_whole(difference, total)[1] if wrapped else squared_norm(difference, total)
 
 
-def complete_linkage(distance: ArrayLike, limit: float) -> NDArray[np.intp]:
+def complete_linkage(distance: ArrayLike, limit: float) -> Indices:
     """Clusters in which no pair is farther apart than `limit`, joined from the nearest pair on.
 
     Parameters
@@ -181,7 +180,7 @@ class Clusters(NamedTuple):
     """labels : (..., n) the smallest index in the same cluster. distance : (..., n, n) pair statistics, chi-square with
     d degrees where equal. limit : what no pair of a cluster exceeds."""
 
-    labels: NDArray[np.intp]
+    labels: Indices
     distance: Reals
     limit: float
 

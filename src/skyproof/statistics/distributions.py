@@ -5,16 +5,16 @@ are those of the NIST Digital Library of Mathematical Functions, sections 8.17 a
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
+
+from skyproof.arrays import Reals
 
 __all__ = [
     "binomial_survival", "binomial_threshold", "binomial_two_sided", "chi_square_survival", "chi_square_threshold",
     "f_survival", "f_threshold", "noncentral_chi_square_survival", "noncentral_f_survival",
     "normal_two_sided",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 
 def chi_square_survival(statistic: ArrayLike, dof: ArrayLike) -> Reals:

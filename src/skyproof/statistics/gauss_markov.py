@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from skyproof.arrays import Reals
 
 __all__ = ["GaussMarkovStep", "gauss_markov_allan_variance", "gauss_markov_path", "gauss_markov_step"]
-
-Reals = NDArray[np.float64]
 
 _SMALL = 1e-3  # of a correlation time; below, differences lose digits and the series is exact to 1e-13
 

@@ -8,8 +8,9 @@ likelihood ratio is a monotone function of either).
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Reals
 from skyproof.statistics.distributions import (
     f_survival,
     f_threshold,
@@ -18,8 +19,6 @@ from skyproof.statistics.distributions import (
 )
 
 __all__ = ["LinearModel", "LinearTest", "linear_model", "linear_noncentrality", "linear_power", "linear_test"]
-
-Reals = NDArray[np.float64]
 
 
 class LinearTest(NamedTuple):

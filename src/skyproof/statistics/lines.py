@@ -3,11 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from skyproof.arrays import Reals
 
 __all__ = ["LineFit", "additive_contrasts", "difference_colourer", "difference_whitener", "fit_line", "line_columns"]
-
-Reals = NDArray[np.float64]
 
 
 class LineFit(NamedTuple):

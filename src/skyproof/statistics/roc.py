@@ -3,14 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from skyproof.arrays import Reals
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
 
 __all__ = ["Roc", "area_under", "chi_square_power", "count_interval", "counted_roc"]
-
-Reals = NDArray[np.float64]
 
 
 class Roc(NamedTuple):

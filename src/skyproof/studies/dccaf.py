@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.decomposition import (
     Dictionary,
     blocks_dictionary,
@@ -27,9 +27,6 @@ from skyproof.studies.dccaf_exclusion import STUDIES_OF_EXCLUSION
 from skyproof.studies.dccaf_grid import STUDIES_OF_THE_GRID
 
 __all__ = ["STUDIES"]
-
-Reals = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 PAPER: Final = (
     "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"

@@ -7,11 +7,11 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from skyproof.arrays import Reals
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.exclusion import choose_fix, wrong_choice_probability, wrong_choice_rule
 from skyproof.navigation.ins_errors import STATES, error_covariance, start_covariance, updated
@@ -23,8 +23,6 @@ from skyproof.statistics.gauss_markov import gauss_markov_step
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 
 __all__ = ["STUDIES_OF_EXCLUSION"]
-
-Reals = NDArray[np.float64]
 
 PAPER: Final = (
     "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"

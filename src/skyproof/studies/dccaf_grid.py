@@ -10,18 +10,16 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import find_peaks
 
+from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.decomposition import noise_variance
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 
 __all__ = ["STUDIES_OF_THE_GRID"]
-
-Reals = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 PAPER: Final = (
     "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"

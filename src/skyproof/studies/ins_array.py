@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from skyproof.arrays import Reals
 from skyproof.detectors.ins_array import (
     array_design,
     blind_directions,
@@ -34,8 +35,6 @@ from skyproof.statistics.distributions import chi_square_threshold, noncentral_c
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 
 __all__ = ["ERRORS", "SCENARIOS", "STUDIES", "disc_share", "draw_residuals", "lattice_share"]
-
-Reals = NDArray[np.float64]
 
 PAPER: Final = (
     "Zhang, Ding, Xia, Liu, Yao, INS-aided multi-antenna GNSS carrier phase double difference spoofing "

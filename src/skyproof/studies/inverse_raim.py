@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.detectors.inverse_raim import inverse_raim, passing_sets
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
@@ -16,8 +16,6 @@ from skyproof.gnss.time import week_and_tow
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 
 __all__ = ["STUDIES"]
-
-Reals = NDArray[np.float64]
 
 PAPER: Final = (
     "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.detectors.double_difference import Degrees, Tested, difference_test, line_power
 from skyproof.statistics.distributions import binomial_threshold, f_threshold
 from skyproof.statistics.roc import count_interval
@@ -40,8 +40,6 @@ from skyproof.studies.multi_receiver_scene import (
 )
 
 __all__ = ["STUDIES"]
-
-Reals = NDArray[np.float64]
 
 PAPER = (
     "Stenberg, Axell, Rantakokko, Hendeby, Results on GNSS spoofing mitigation using multiple receivers, NAVIGATION "

@@ -14,10 +14,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 from scipy.signal import lfilter
 
+from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.double_difference import Tested, counting_rule, pairs_rejected
 from skyproof.detectors.group_choice import (
     choose,
@@ -41,8 +41,6 @@ __all__ = [
     "Noise", "Split", "carrier_decision", "errors_of", "geometries", "group_decision", "mean_variance_m2",
     "most_decided", "paper_decision", "ranges_of", "split",
 ]  # fmt: skip
-
-Reals = NDArray[np.float64]
 
 SATS = 7
 GEOMETRIES = 16
@@ -103,7 +101,7 @@ class Split(NamedTuple):
     """first_is_false : (W, 7, R) of the tracks of the first sky. pairing_m : (W, 2^R, 7, R) the means of each pairing.
     unit_enu : (7, 3)."""
 
-    first_is_false: NDArray[np.bool_]
+    first_is_false: Booleans
     pairing_m: Reals
     unit_enu: Reals
 
@@ -111,7 +109,7 @@ class Split(NamedTuple):
 class Groups(NamedTuple):
     """first_is_false : (W, 7, R) of the tracks of the first sky. p_values : (W, 2^R) "one antenna" of each pairing."""
 
-    first_is_false: NDArray[np.bool_]
+    first_is_false: Booleans
     p_values: Reals
 
     def kept(self, rate: float = ALPHA_OURS) -> Kept:
@@ -279,7 +277,7 @@ def _squares_m2(receivers: tuple[str, ...], window_s: int) -> tuple[float, ...]:
     return tuple(squares)
 
 
-def _sorted(values: Reals, first_is_false: NDArray[np.bool_]) -> Reals:
+def _sorted(values: Reals, first_is_false: Booleans) -> Reals:
     """(W, 7, R, 2) from tracks to skies."""
     track = first_is_false[..., None].astype(np.intp)
     return np.take_along_axis(values, np.concatenate([track, 1 - track], axis=-1), axis=-1)

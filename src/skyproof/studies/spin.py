@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.detectors.spin import (
     arm_angles,
     arm_columns,
@@ -27,8 +27,6 @@ from skyproof.statistics.distributions import chi_square_threshold, noncentral_c
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 
 __all__ = ["STUDIES"]
-
-Reals = NDArray[np.float64]
 
 PAPER: Final = (
     "Zhang, Chen, Huang, Zhang, Ou, Spoofing detection technique based on carrier phase double difference "

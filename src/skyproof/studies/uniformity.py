@@ -11,9 +11,9 @@ from typing import Final
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from skyproof.arrays import Reals
 from skyproof.detectors.double_difference import Tested
 from skyproof.detectors.one_antenna import WHITE, NoiseModel
 from skyproof.studies import uniformity_draws as draws
@@ -21,8 +21,6 @@ from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 from skyproof.studies.uniformity_draws import ASKED, Draw
 
 __all__ = ["CASES", "STUDIES", "Case", "p_values"]
-
-Reals = NDArray[np.float64]
 
 _CONFIDENCE: Final = 0.999
 

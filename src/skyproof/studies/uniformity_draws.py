@@ -8,11 +8,11 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from skyproof.arrays import Booleans, Reals
 from skyproof.detectors import correlator_laws as law
 from skyproof.detectors import sqm
 from skyproof.detectors import vector_parity as parity
@@ -91,7 +91,6 @@ __all__ = [
     "two_step_rule", "unrelated_sets", "variance_of_window",
 ]  # fmt: skip
 
-Reals = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, int], Reals]
 
 ASKED: Final = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -344,7 +343,7 @@ def two_step_rule(sums: int) -> Draw:
 _MEAN_STEPS: Final = 300.0
 
 
-_Step = Callable[[Reals, Reals], tuple[Reals, NDArray[np.bool_]]]
+_Step = Callable[[Reals, Reals], tuple[Reals, Booleans]]
 
 
 def _runs(rng: np.random.Generator, n: int, degrees: int, step: _Step) -> Reals:
@@ -361,7 +360,7 @@ def cusum_runs(rng: np.random.Generator, n: int) -> Reals:
     """Crosier's sum in 4 dimensions, from zero."""
     limit = cusum_threshold(_MEAN_STEPS, 1.0, 4)
 
-    def step(state: Reals, y: Reals) -> tuple[Reals, NDArray[np.bool_]]:
+    def step(state: Reals, y: Reals) -> tuple[Reals, Booleans]:
         after = cusum_step(state, y, 1.0)
         return after, np.linalg.norm(after, axis=-1) > limit
 
@@ -372,7 +371,7 @@ def page_runs(rng: np.random.Generator, n: int) -> Reals:
     """Page's one-sided sum, from zero."""
     limit = page_threshold(_MEAN_STEPS, 0.5)
 
-    def step(state: Reals, y: Reals) -> tuple[Reals, NDArray[np.bool_]]:
+    def step(state: Reals, y: Reals) -> tuple[Reals, Booleans]:
         after = np.maximum(0.0, state + y - 0.5)
         return after, after[:, 0] > limit
 

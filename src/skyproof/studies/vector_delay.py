@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from skyproof.arrays import Booleans, Complexes, Reals
 from skyproof.detectors import correlator_laws as law
 from skyproof.detectors import vector_parity as parity
 from skyproof.detectors import vector_sqm as rule
@@ -20,8 +20,6 @@ from skyproof.studies.vector_loops import mean_taps, tap_noise
 from skyproof.studies.vector_sky import SKY, attack_on
 
 __all__ = ["ATTACKS", "RATE_PER_S", "bank_delays", "block_delay", "delay_rows", "tests_of"]
-
-Reals = NDArray[np.float64]
 
 RATE_PER_S: Final = 1e-3
 CN0_DBHZ: Final = 40.0
@@ -33,7 +31,7 @@ _WARM_UP_MS: Final = 400
 _CHUNK_MS: Final = 200
 _LONGEST_MS: Final = 30_000
 
-Test = Callable[[Reals, Reals], NDArray[np.bool_]]
+Test = Callable[[Reals, Reals], Booleans]
 
 
 class Delay(NamedTuple):
@@ -95,7 +93,7 @@ def block_delay(
     return found
 
 
-def _discriminators(taps: NDArray[np.complex128]) -> tuple[Reals, Reals]:
+def _discriminators(taps: Complexes) -> tuple[Reals, Reals]:
     return law.code_discriminator(taps[..., 0], taps[..., 2]), law.phase_discriminator(taps[..., 1])
 
 

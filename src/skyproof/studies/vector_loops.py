@@ -7,15 +7,13 @@ taps' distance. Equations in brackets: X. Zhang, H. Li, C. Yang and M. Lu, IET R
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skyproof.arrays import Complexes, Reals
 from skyproof.detectors import correlator_laws as law
 from skyproof.detectors.vector_sqm import Sky
 
 __all__ = ["Loops", "draw_discriminators", "draw_taps", "mean_taps", "tap_noise", "vector_loops"]
-
-Reals = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _AT_ONCE = 20_000  # trials, so that memory does not grow with their number
 

@@ -8,8 +8,8 @@ Many skies would do; the authors' cannot be recovered.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skyproof.arrays import Reals
 from skyproof.detectors.vector_sqm import Sky, geometry_matrix, sky
 
 __all__ = ["CHIPS", "HZ", "PRNS", "SKY", "attack_on", "of_prn"]
@@ -27,6 +27,6 @@ def of_prn(prn: int) -> int:
     return PRNS.index(prn)
 
 
-def attack_on(*prns: int, size: float = 1.0) -> NDArray[np.float64]:
+def attack_on(*prns: int, size: float = 1.0) -> Reals:
     """`size` on each satellite named, zero on the others: (6,)."""
     return np.where(np.isin(PRNS, prns), size, 0.0)

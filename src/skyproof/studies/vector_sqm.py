@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyproof.detectors import correlator_laws as law
 from skyproof.detectors import vector_parity as parity
@@ -21,8 +20,6 @@ from skyproof.studies.vector_loops import draw_discriminators, vector_loops
 from skyproof.studies.vector_sky import CHIPS, HZ, PRNS, SKY, attack_on, of_prn
 
 __all__ = ["STUDIES"]
-
-Reals = NDArray[np.float64]
 
 PAPER: Final = (
     "Zhang, Li, Yang, Lu, Signal quality monitoring-based spoofing detection method for GNSS vector "
