@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.receiver.test_survey import recorded
+from tests.recording.test_survey import recorded
 
 from skyproof.gnss.constants import L1_HZ
 from skyproof.receiver import measurement as m
 from skyproof.receiver.clock_agreement import Disagreement, corrected, in_survey, in_tracks
 from skyproof.receiver.measurement import Measurements
-from skyproof.receiver.survey import survey
+from skyproof.recording.survey import survey
 from skyproof.records import Samples
 
 PPM = 1e-6

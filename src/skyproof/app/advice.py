@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Final, Protocol
 
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.receiver.conditioning import FrontEnd
-from skyproof.receiver.survey import OscillatorError, Survey
+from skyproof.recording.conditioning import FrontEnd
+from skyproof.recording.survey import OscillatorError, Survey
 from skyproof.records import Samples
 
 __all__ = ["Heard", "advice", "correction_remark", "oscillator_remarks", "signal_remarks", "summary"]

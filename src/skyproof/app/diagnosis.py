@@ -8,7 +8,7 @@ from typing import Final
 from skyproof.app.inspect import inspect_recording, oscillator_remarks
 from skyproof.errors import NotEnoughData
 from skyproof.receiver.channels import Gap
-from skyproof.receiver.survey import oscillator_error
+from skyproof.recording.survey import oscillator_error
 from skyproof.records import Samples
 
 __all__ = ["Diagnosis", "diagnosis", "gap_remarks", "oscillator_told"]

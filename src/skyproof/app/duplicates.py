@@ -18,7 +18,7 @@ from skyproof.arrays import Booleans, Floats, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
-from skyproof.receiver.same_noise import N_ROWS, SharedNoise, rows_of, shared_noise, usable_hz
+from skyproof.recording.same_noise import N_ROWS, SharedNoise, rows_of, shared_noise, usable_hz
 from skyproof.records import Observations, Samples
 
 __all__ = ["one_receiver_each", "same_noise"]

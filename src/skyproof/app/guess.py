@@ -23,8 +23,8 @@ from skyproof.formats.signatures import WavHeader, head_of, other_than_samples, 
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
-from skyproof.receiver.interleaving import Carried, turns
-from skyproof.receiver.repetition import LEAST_SAMPLES, Repetition, repetition, usual_length
+from skyproof.recording.interleaving import Carried, turns
+from skyproof.recording.repetition import LEAST_SAMPLES, Repetition, repetition, usual_length
 
 __all__ = ["CONVINCING", "Guess", "Proposal", "guess"]
 

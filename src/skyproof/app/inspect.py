@@ -23,8 +23,8 @@ from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import iso
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.clock_agreement import Disagreement, corrected, in_survey
-from skyproof.receiver.conditioning import FrontEnd, conditioned, measure_front_end
-from skyproof.receiver.survey import DOPPLER_LIMIT_HZ, OscillatorError, Survey, oscillator_error, survey
+from skyproof.recording.conditioning import FrontEnd, conditioned, measure_front_end
+from skyproof.recording.survey import DOPPLER_LIMIT_HZ, OscillatorError, Survey, oscillator_error, survey
 from skyproof.records import Samples
 from skyproof.verdict import notebook_html
 

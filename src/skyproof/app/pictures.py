@@ -26,7 +26,7 @@ from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import iso, seconds_between
-from skyproof.receiver.profile import delay_profiles
+from skyproof.recording.profile import delay_profiles
 from skyproof.records import ConsistentSet, Fix, FixStatus, Observations, Records
 from skyproof.report.page import Pictures
 from skyproof.report.pictures import (

@@ -25,7 +25,6 @@ from skyproof.navigation.clock import anchored
 from skyproof.navigation.fix import fix
 from skyproof.navigation.horizon import sats_above
 from skyproof.receiver.channels import Arc, Gap
-from skyproof.receiver.conditioning import conditioned, measure_front_end
 from skyproof.receiver.measurement import DOPPLER_HZ, Measurements
 from skyproof.receiver.observables import (
     ClockLabel,
@@ -37,6 +36,7 @@ from skyproof.receiver.observables import (
     week_told,
 )
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
+from skyproof.recording.conditioning import conditioned, measure_front_end
 from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId
 
 __all__ = ["Reception", "Tracker", "observe", "open_inputs", "require_signals", "stretch", "track"]

@@ -8,8 +8,8 @@ import numpy as np
 
 from skyproof.errors import OutputError
 from skyproof.formats.atomic_write import write_lines
-from skyproof.receiver.conditioning import conditioned
-from skyproof.receiver.lobes import CELLS_PER_CHIP, correlation_power
+from skyproof.recording.conditioning import conditioned
+from skyproof.recording.lobes import CELLS_PER_CHIP, correlation_power
 from skyproof.report.signal import Lobe, Mark, correlation_svg, levels_svg, spectrum_svg
 
 if TYPE_CHECKING:

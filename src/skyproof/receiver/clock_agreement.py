@@ -20,7 +20,7 @@ from skyproof.arrays import Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
 from skyproof.receiver import measurement as m
 from skyproof.receiver.measurement import Measurements
-from skyproof.receiver.survey import Survey, oscillator_error
+from skyproof.recording.survey import Survey, oscillator_error
 from skyproof.records import Samples
 
 __all__ = ["Disagreement", "corrected", "in_survey", "in_tracks"]

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from skyproof.gnss.codes import ca_code
-from skyproof.receiver.repetition import repetition
+from skyproof.recording.repetition import repetition
 
 PRNS = (3, 7, 12, 19, 24, 31)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
-from skyproof.receiver.profile import delay_profiles
+from skyproof.recording.profile import delay_profiles
 from skyproof.records import Samples
 
 RATE_HZ, IF_HZ = 4.092e6, 0.3e6

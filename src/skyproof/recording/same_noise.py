@@ -11,7 +11,7 @@ period, and their phase may drift. Under independent noise the sum over M rows o
 a common part of coefficient rho it is half a non-central chi-square variable of 2 M degrees and non-centrality
 2 M N rho^2, for N cells a row. The null is the worst that two antennas under common signals can have: the rho of
 `explained`. So p-values are far too large rather than uniform, and where more repeats than noise can stand beside,
-nothing is said. tests/receiver/test_same_noise.py counts, up to signals 30 dB stronger than the sky's.
+nothing is said. tests/recording/test_same_noise.py counts, up to signals 30 dB stronger than the sky's.
 """
 
 import math

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
-from skyproof.receiver.interleaving import Carried, Turns, turns
+from skyproof.recording.interleaving import Carried, Turns, turns
 
 RATE_HZ = 6.2e6
 SATS = {"G03": (1234.0, 0.0), "G07": (-2750.0, 2.2e-4), "G19": (3900.0, 5.1e-4), "G30": (-180.0, 9.0e-4)}

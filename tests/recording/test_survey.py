@@ -12,7 +12,7 @@ from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import azimuth_elevation
-from skyproof.receiver.survey import DOPPLER_LIMIT_HZ, Survey, oscillator_error, survey
+from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, oscillator_error, survey
 from skyproof.simulate import scenes
 from skyproof.simulate.samples import samples_of
 from skyproof.simulate.scenario import FrontEnd, Place

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.receiver.same_noise import (
+from skyproof.recording.same_noise import (
     EXPLAINED,
     N_ROWS,
     explained,

@@ -10,7 +10,7 @@ from scipy import signal as filters
 from scipy import stats
 
 from skyproof.gnss.codes import ca_code
-from skyproof.receiver.conditioning import LOSS_LIMIT_DB, Conditioner, conditioned, measure_front_end
+from skyproof.recording.conditioning import LOSS_LIMIT_DB, Conditioner, conditioned, measure_front_end
 from skyproof.records import Samples
 
 RATE_HZ = 4e6

@@ -7,7 +7,7 @@ whole number of periods, as wide as a chip, and under it the carrier turns.
 The samples are first made white: power over its local median, with what stands far above it cut. Then lines of
 disturbers, which repeat as well, leave nothing, and |r|^2 over its mean is a standard exponential variable at each lag
 where nothing repeats (Kay, Detection Theory, 2.2: the sum of many independent terms is complex normal). The sum over M
-multiples of a lag is Gamma(M). tests/receiver/test_repetition.py counts false alarms.
+multiples of a lag is Gamma(M). tests/recording/test_repetition.py counts false alarms.
 """
 
 import math

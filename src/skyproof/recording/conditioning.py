@@ -11,8 +11,8 @@ What costs more than `LOSS_LIMIT_DB` is taken off; nothing is done where nothing
 What it does to signals: removing DC and balancing I and Q leave them as they are but for a common factor. A notch is
 one minus a triangular low-pass around the line, symmetric in time after a delay of `delay_samples`, so its frequency
 response is real: every correlation function stays Hermitian around its peak, for any code, Doppler and bandwidth. Code
-and carrier are therefore not biased (`tests/receiver/test_conditioning.py` measures it), and the delay is common to all
-satellites. `conditioned` takes the delay off; `Conditioner.step`, for what runs over time, states it.
+and carrier are therefore not biased (`tests/recording/test_conditioning.py` measures it), and the delay is common to
+all satellites. `conditioned` takes the delay off; `Conditioner.step`, for what runs over time, states it.
 """
 
 import math
@@ -25,7 +25,7 @@ from scipy import special
 from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
-from skyproof.receiver.spectrum import GUARD, density_of, floor_and_lines, line_threshold, noise_bins, tone
+from skyproof.recording.spectrum import GUARD, density_of, floor_and_lines, line_threshold, noise_bins, tone
 from skyproof.records import Samples, freeze
 
 __all__ = ["LOSS_LIMIT_DB", "Conditioner", "ConditionerState", "FrontEnd", "Line", "conditioned", "measure_front_end"]

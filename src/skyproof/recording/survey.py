@@ -30,7 +30,7 @@ _RANGE_MIDDLE_SIGMA_HZ: Final = (
     2100.0, 1410.0, 1080.0, 805.0, 630.0, 540.0, 435.0, 390.0, 345.0, 310.0, 260.0, 200.0,
 )  # fmt: skip
 """How far the middle between the least and greatest Doppler of 1, 2, ... 12 satellites lies from zero, rms, at places
-anywhere and satellites taken by chance above 10 degrees of the nominal constellation (tests/receiver/test_survey.py).
+anywhere and satellites taken by chance above 10 degrees of the nominal constellation (tests/recording/test_survey.py).
 The mean of the Dopplers is 10 to 25 % worse."""
 
 _CELLS = 2400  # of a code period: 2.4 samples a microsecond hold the main lobe of a C/A code
