@@ -19,10 +19,10 @@ from skyproof.app.reception import open_inputs
 from skyproof.app.settings import Settings, resolve_settings
 from skyproof.app.simulate import simulate
 from skyproof.app.snapshot import snapshot
-from skyproof.detectors.array_common import ArrayCommonSettings
-from skyproof.detectors.ins_array import InsArraySettings
-from skyproof.detectors.peaks import PeaksSettings
-from skyproof.detectors.spin import SpinSettings
+from skyproof.detectors.array.array_common import ArrayCommonSettings
+from skyproof.detectors.array.ins_array import InsArraySettings
+from skyproof.detectors.array.spin import SpinSettings
+from skyproof.detectors.second_signals.peaks import PeaksSettings
 from skyproof.errors import InputError, NotEnoughData, OutputError, ScenarioError, SettingsError, fault_words
 from skyproof.formats import byte_io, sigmf
 from skyproof.formats.atomic_write import writing_together

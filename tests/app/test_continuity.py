@@ -12,7 +12,7 @@ from skyproof.app.protect import judge, protect
 from skyproof.app.reception import Reception
 from skyproof.app.settings import Settings
 from skyproof.detectors.base import load_detectors
-from skyproof.detectors.continuity import Continuity
+from skyproof.detectors.continuity.detector import Continuity
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import NavigationData, Samples
 from skyproof.simulate.measurements import NoiseModel, observations_of

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from skyproof.detectors import base
-from skyproof.detectors.multi_receiver import MultiReceiver
+from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.errors import SettingsError
 from skyproof.records import Records
 

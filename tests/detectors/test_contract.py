@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from tests.detectors import nulls
 
-from skyproof.detectors.array_common import ArrayCommon, ArrayCommonSettings
+from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
+from skyproof.detectors.array.ins_array import InsArray
+from skyproof.detectors.array.spin import Spin, SpinSettings
 from skyproof.detectors.base import Detector, load_detectors
-from skyproof.detectors.continuity import Continuity, ContinuitySettings
-from skyproof.detectors.dccaf import Dccaf, DccafSettings
-from skyproof.detectors.ins_array import InsArray
-from skyproof.detectors.multi_receiver import MultiReceiver, MultiReceiverSettings
-from skyproof.detectors.peaks import Peaks, PeaksSettings
+from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
+from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
+from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings
+from skyproof.detectors.dccaf.detector import Dccaf, DccafSettings
+from skyproof.detectors.multi_receiver.detector import MultiReceiver, MultiReceiverSettings
 from skyproof.detectors.residual import Residual, ResidualSettings
-from skyproof.detectors.spin import Spin, SpinSettings
-from skyproof.detectors.sqm_detector import Sqm, SqmSettings
-from skyproof.detectors.vector_sqm_detector import VectorSqm, VectorSqmSettings
+from skyproof.detectors.second_signals.peaks import Peaks, PeaksSettings
 from skyproof.records import Records
 from skyproof.testing import ALARMS, FalseSky, MeasuredScene, TrackErrors, check_detector, check_false_alarms
 

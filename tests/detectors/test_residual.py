@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.residual import Residual, ResidualSettings
-from skyproof.detectors.second_sky import second_sky_p_value
+from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError
 from skyproof.navigation.chance import chance_p_value
 from skyproof.navigation.sets import consistent_sets

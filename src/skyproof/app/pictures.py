@@ -15,7 +15,7 @@ from skyproof.app.document import Outcome, ReceiverOutcome, place_of, telling
 from skyproof.app.reception import carrier_at_hz
 from skyproof.app.windows import cut
 from skyproof.arrays import Reals
-from skyproof.detectors.common_epochs import CommonRanges, common_ranges
+from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges
 from skyproof.errors import InputError
 from skyproof.formats.bounds import TRACK_BYTES
 from skyproof.formats.byte_io import content_of

@@ -8,9 +8,15 @@ import numpy as np
 from skyproof.app.reception import open_inputs, track
 from skyproof.app.settings import Settings
 from skyproof.app.simulate import simulate
-from skyproof.detectors.decomposition import blocks_dictionary, decompose, delay_bound, delay_dictionary, simulate_taps
-from skyproof.detectors.inverse_raim import passing_sets
-from skyproof.detectors.swarm import SwarmSettings, swarm_decompose
+from skyproof.detectors.dccaf.decomposition import (
+    blocks_dictionary,
+    decompose,
+    delay_bound,
+    delay_dictionary,
+    simulate_taps,
+)
+from skyproof.detectors.dccaf.inverse_raim import passing_sets
+from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.simulate import scenes

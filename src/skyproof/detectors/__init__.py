@@ -1,1 +1,1 @@
-"""One module a method: pure statistics functions first, then one thin detector object that sees records only."""
+"""One folder a method: pure statistics functions first, then one thin detector object that sees records only."""

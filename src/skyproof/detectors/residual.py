@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.detectors.base import missing, undecided
-from skyproof.detectors.late_copies import without_late_copies
-from skyproof.detectors.second_sky import second_sky_p_value
+from skyproof.detectors.second_signals.late_copies import without_late_copies
+from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.arrays import Complexes, Reals
-from skyproof.detectors.decomposition import (
+from skyproof.detectors.dccaf.decomposition import (
     Dictionary,
     blocks_dictionary,
     correlation,
@@ -21,7 +21,7 @@ from skyproof.detectors.decomposition import (
     noise_variance,
     simulate_taps,
 )
-from skyproof.detectors.swarm import SwarmSettings, swarm_decompose
+from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 from skyproof.studies.dccaf_exclusion import STUDIES_OF_EXCLUSION
 from skyproof.studies.dccaf_grid import STUDIES_OF_THE_GRID

@@ -2,7 +2,8 @@
 with two, and its noise (Ahmed, Khanafseh, Pervan: figures 2 and 3, of which only the captions have come to us).
 
 Signals are made from the codes of real satellites in the band of an ideal front end: a code's spectrum has a line each
-kilohertz, so delays and the band are exact. None of the correlation functions of `detectors.decomposition` are used.
+kilohertz, so delays and the band are exact. None of the correlation functions of
+`detectors.dccaf.decomposition` are used.
 """
 
 import math
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import find_peaks
 
 from skyproof.arrays import Complexes, Reals
-from skyproof.detectors.decomposition import noise_variance
+from skyproof.detectors.dccaf.decomposition import noise_variance
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study

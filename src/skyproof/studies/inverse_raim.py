@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.inverse_raim import inverse_raim, passing_sets
+from skyproof.detectors.dccaf.inverse_raim import inverse_raim, passing_sets
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.double_difference import Degrees, Tested, difference_test, line_power
+from skyproof.detectors.multi_receiver.double_difference import Degrees, Tested, difference_test, line_power
 from skyproof.statistics.distributions import binomial_threshold, f_threshold
 from skyproof.statistics.roc import count_interval
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study

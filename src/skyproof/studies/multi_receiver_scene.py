@@ -18,8 +18,8 @@ from scipy import special
 from scipy.signal import lfilter
 
 from skyproof.arrays import Booleans, Reals
-from skyproof.detectors.double_difference import Tested, counting_rule, pairs_rejected
-from skyproof.detectors.group_choice import (
+from skyproof.detectors.multi_receiver.double_difference import Tested, counting_rule, pairs_rejected
+from skyproof.detectors.multi_receiver.group_choice import (
     choose,
     fraction_test,
     known_baseline_test,

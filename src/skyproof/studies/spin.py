@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.spin import (
+from skyproof.detectors.array.spin import (
     arm_angles,
     arm_columns,
     authentic_threshold,

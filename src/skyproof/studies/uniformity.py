@@ -14,8 +14,8 @@ import numpy as np
 from scipy import special
 
 from skyproof.arrays import Reals
-from skyproof.detectors.double_difference import Tested
-from skyproof.detectors.one_antenna import WHITE, NoiseModel
+from skyproof.detectors.multi_receiver.double_difference import Tested
+from skyproof.detectors.multi_receiver.one_antenna import WHITE, NoiseModel
 from skyproof.studies import uniformity_draws as draws
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 from skyproof.studies.uniformity_draws import ASKED, Draw

@@ -13,21 +13,8 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from skyproof.arrays import Booleans, Reals
-from skyproof.detectors import correlator_laws as law
-from skyproof.detectors import sqm
-from skyproof.detectors import vector_parity as parity
-from skyproof.detectors import vector_sqm as rule
-from skyproof.detectors.array_common import cluster_chance
-from skyproof.detectors.decomposition import (
-    count_statistic,
-    count_test,
-    delay_dictionary,
-    noise_variance,
-    simulate_taps,
-)
-from skyproof.detectors.double_difference import Tested, difference_test, pooled_correlation
-from skyproof.detectors.group_choice import fraction_test, known_baseline_test, known_sky_test, span_test
-from skyproof.detectors.ins_array import (
+from skyproof.detectors.array.array_common import cluster_chance
+from skyproof.detectors.array.ins_array import (
     array_design,
     conditional_statistics,
     equilateral_triangle,
@@ -38,8 +25,31 @@ from skyproof.detectors.ins_array import (
     unexplained,
     white_covariance,
 )
-from skyproof.detectors.inverse_raim import parity_matrix
-from skyproof.detectors.one_antenna import (
+from skyproof.detectors.array.spin import (
+    arm_angles,
+    estimate_rate,
+    full_fit,
+    full_information,
+    minus_mean,
+    paired_fit,
+    paired_information,
+    predicted_test,
+)
+from skyproof.detectors.correlators import correlator_laws as law
+from skyproof.detectors.correlators import sqm
+from skyproof.detectors.correlators import vector_parity as parity
+from skyproof.detectors.correlators import vector_sqm as rule
+from skyproof.detectors.dccaf.decomposition import (
+    count_statistic,
+    count_test,
+    delay_dictionary,
+    noise_variance,
+    simulate_taps,
+)
+from skyproof.detectors.dccaf.inverse_raim import parity_matrix
+from skyproof.detectors.multi_receiver.double_difference import Tested, difference_test, pooled_correlation
+from skyproof.detectors.multi_receiver.group_choice import fraction_test, known_baseline_test, known_sky_test, span_test
+from skyproof.detectors.multi_receiver.one_antenna import (
     WHITE,
     NoiseModel,
     baseline_design,
@@ -49,16 +59,6 @@ from skyproof.detectors.one_antenna import (
     one_antenna_test,
     ratio_test,
     table_contrasts,
-)
-from skyproof.detectors.spin import (
-    arm_angles,
-    estimate_rate,
-    full_fit,
-    full_information,
-    minus_mean,
-    paired_fit,
-    paired_information,
-    predicted_test,
 )
 from skyproof.navigation.chance import chance_p_value
 from skyproof.navigation.exclusion import choose_fix

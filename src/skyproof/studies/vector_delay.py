@@ -12,9 +12,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from skyproof.arrays import Booleans, Complexes, Reals
-from skyproof.detectors import correlator_laws as law
-from skyproof.detectors import vector_parity as parity
-from skyproof.detectors import vector_sqm as rule
+from skyproof.detectors.correlators import correlator_laws as law
+from skyproof.detectors.correlators import vector_parity as parity
+from skyproof.detectors.correlators import vector_sqm as rule
 from skyproof.studies.base import Row, Settings
 from skyproof.studies.vector_loops import mean_taps, tap_noise
 from skyproof.studies.vector_sky import SKY, attack_on

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyproof.arrays import Complexes, Reals
-from skyproof.detectors import correlator_laws as law
-from skyproof.detectors.vector_sqm import Sky
+from skyproof.detectors.correlators import correlator_laws as law
+from skyproof.detectors.correlators.vector_sqm import Sky
 
 __all__ = ["Loops", "draw_discriminators", "draw_taps", "mean_taps", "tap_noise", "vector_loops"]
 

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.vector_sqm import Sky, geometry_matrix, sky
+from skyproof.detectors.correlators.vector_sqm import Sky, geometry_matrix, sky
 
 __all__ = ["CHIPS", "HZ", "PRNS", "SKY", "attack_on", "of_prn"]
 

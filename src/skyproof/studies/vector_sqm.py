@@ -10,9 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.detectors import correlator_laws as law
-from skyproof.detectors import vector_parity as parity
-from skyproof.detectors import vector_sqm as rule
+from skyproof.detectors.correlators import correlator_laws as law
+from skyproof.detectors.correlators import vector_parity as parity
+from skyproof.detectors.correlators import vector_sqm as rule
 from skyproof.statistics.roc import chi_square_power
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 from skyproof.studies.vector_delay import ATTACKS, delay_rows

@@ -1,0 +1,1 @@
+"""Directions of arrival: several antennas, with and without attitude, and one that turns."""

@@ -1,0 +1,160 @@
+"""Which signals come to an antenna array from one direction? No attitude, no ephemeris, no exact array needed.
+
+Signals of one transmitter reach every pair of antennas with the same phase difference. What is wrong with antenna
+positions, lines and attitude is the same for them and cancels; only white noise is left, so that the test of equality
+is exact for any array. Sources that differ by whole cycles at all antennas look equal; how often that happens by chance
+is computed from the geometry (`equality_chance`).
+
+Clusters, and what is said of them, are shared with `spin`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+from typing import Any
+
+import numpy as np
+
+from skyproof.arrays import Indices, Reals
+from skyproof.detectors.array.ins_array import array_design, mean_differences, white_covariance
+from skyproof.detectors.base import Detector, missing, undecided
+from skyproof.errors import require_probability
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.records import ArrayPhases, Evidence, Records, SignalRef
+from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
+from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
+
+__all__ = ["ArrayCommon", "ArrayCommonSettings", "cluster_chance", "cluster_evidence", "of_one_carrier"]
+
+
+def cluster_chance(signals: int, size: int, chance: float) -> float:
+    """At most this probable: that among independent directions `size` of `signals` are taken for one, each pair of them
+    with `chance` (the union bound over all choices, each about one of its members)."""
+    return min(1.0, comb(signals, size) * chance ** (size - 1)) if size > 1 else 1.0
+
+
+def of_one_carrier(carrier_hz: Reals) -> Indices:
+    """The channels of the commonest carrier: phases of different wavelengths are not compared."""
+    values, counts = np.unique(carrier_hz, return_counts=True)
+    return np.flatnonzero(carrier_hz == values[counts.argmax()]) if values.size else np.zeros(0, np.intp)
+
+
+def cluster_evidence(
+    detector: Detector,
+    records: Records,
+    refs: Sequence[SignalRef],
+    values: Reals,
+    covariance: Reals,
+    design: Reals,
+    *,
+    wrapped: bool,
+) -> list[Evidence]:
+    """What clusters of equal values say of the signals.
+
+    A cluster of satellites that would be found in a true sky with less than the false-alarm probability is "spoofed".
+    If no two signals are equal and "all come from one antenna" is rejected, they are "authentic", by a test of
+    several directions; transmitters at several places would pass it as well.
+
+    Parameters
+    ----------
+    values : (n, d), covariance : (n, d, d), design : (d, 3) and `wrapped` as in `equal_clusters`, `equality_chance`.
+    """
+    alpha = float(detector.settings.false_alarm_probability)
+    n, d = values.shape
+    refs = tuple(refs)
+    if n < 2:
+        return [
+            undecided(
+                detector, records, refs, because=f"{n} signals make no pair to compare",
+                would_need="two or more signals over the same time",
+            )
+        ]  # fmt: skip
+    clusters = equal_clusters(values, covariance, false_alarm_probability=alpha, wrapped=wrapped)
+    chance = equality_chance(design, np.mean(covariance, axis=0), clusters.limit, wrapped=wrapped)
+    satellites = len({ref.signal.sat for ref in refs})
+    found: list[Evidence] = []
+    unclear = False
+    for label in np.unique(clusters.labels):
+        members = np.flatnonzero(clusters.labels == label)
+        size = len({refs[k].signal.sat for k in members})
+        if size < 2:
+            continue
+        p_value = cluster_chance(satellites, size, chance)
+        if p_value >= alpha:
+            unclear = True
+            continue
+        found.append(
+            Evidence(
+                detector=detector.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst,
+                subject=tuple(refs[k] for k in members), says="spoofed", false_alarm_probability=alpha, p_value=p_value,
+                because=f"signals of {size} of {satellites} satellites come to {refs[0].receiver} from one direction",
+                statistic=float(clusters.distance[np.ix_(members, members)].max()), threshold=clusters.limit,
+            )
+        )  # fmt: skip
+    if found:
+        return found
+    statistic = float(equal_statistic(values, covariance, wrapped=wrapped)[0])
+    p_value = float(chi_square_survival(statistic, (n - 1) * d))
+    if unclear or p_value >= alpha:
+        return [
+            undecided(
+                detector, records, refs, would_need="a longer window, more satellites, or a larger array or arm",
+                because=f"some of {n} signals in {refs[0].receiver} are too near to each other to tell their "
+                "directions apart, and too few to have come from one",
+            )
+        ]  # fmt: skip
+    return [
+        Evidence(
+            detector=detector.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst, subject=refs,
+            says="authentic", because=f"no two of {n} signals come to {refs[0].receiver} from one direction",
+            statistic=statistic, threshold=float(chi_square_threshold(alpha, (n - 1) * d)),
+            false_alarm_probability=alpha, p_value=p_value,
+        )
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ArrayCommonSettings:
+    """Settings of `ArrayCommon`.
+
+    false_alarm_probability : of each array and window: that signals of one antenna are divided, and, at most, that a
+        true sky is said to have a cluster.
+    min_epochs : of a signal that is compared.
+    """
+
+    false_alarm_probability: float = 1e-3
+    min_epochs: int = 1
+
+    def __post_init__(self) -> None:
+        require_probability("array_common", "false_alarm_probability", self.false_alarm_probability)
+
+
+class ArrayCommon:
+    """The detector, from `extras["array_phases"]`: a tuple of `ArrayPhases`. The array must hardly turn within a window
+    (by much less than a cycle over its longest baseline), as phase differences are averaged."""
+
+    name = "array_common"
+    needs = ("array_phases",)
+
+    def __init__(self, settings: ArrayCommonSettings | None = None) -> None:
+        self.settings = settings or ArrayCommonSettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
+        """Evidence of one window; never raises for what the data lack."""
+        lacking = missing(self, records)
+        if lacking:
+            return lacking, state
+        arrays: tuple[ArrayPhases, ...] = records.extras["array_phases"]
+        return [evidence for phases in arrays for evidence in self._array(records, phases)], state
+
+    def _array(self, records: Records, phases: ArrayPhases) -> list[Evidence]:
+        mean = mean_differences(phases)
+        channels = of_one_carrier(phases.carrier_hz)
+        used = channels[mean.epochs[channels] >= self.settings.min_epochs]
+        # Whole cycles are taken off against the first signal: let that not depend on the order of the channels.
+        used = np.array(sorted(used, key=lambda k: phases.signals[k]), np.intp)
+        wavelength_m = SPEED_OF_LIGHT_M_S / (phases.carrier_hz[used[0]] if used.size else 1.0)
+        return cluster_evidence(
+            self, records, [SignalRef(phases.receiver, phases.signals[k]) for k in used], mean.cycles[used],
+            white_covariance(mean.sigma_cyc[used]), array_design(phases.elements_m / wavelength_m), wrapped=True,
+        )  # fmt: skip

@@ -1,0 +1,341 @@
+"""Do position, velocity, clock and time of a receiver go on as a platform and an oscillator can?
+
+One window may look as good as the next, and still not go on from it: the halves of two receivers' recordings joined, a
+recording that begins again, an attack that takes over in one step. For each receiver the satellites of its consistent
+set are followed from window to window, by satellite and not by channel: signals that were lost and found again under
+another name are the same satellite's. `continuity_steps` tells where they step.
+
+What is found is *undecided*, and not an attack: a recording that was cut and joined steps as well. But it overrules
+what windows say one by one, from the window of the step on: what comes after it is not vouched for by what was before.
+
+Levels are compared as well. Satellites fade independently of each other, by `fading_db`; so a step that all make
+together is the receiver's (its gain, its noise, shade) or the signals' (`common_level_p_value`). And no GPS signal is
+stronger than the satellites send and the best antennas receive it (`CN0_MAX_DBHZ`).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.continuity.one_sky import MIN_SATELLITES, joined, one_signal_a_satellite, rows_of
+from skyproof.detectors.continuity.steps import Limits, Step, largest_step, series_of
+from skyproof.errors import SettingsError, require_probability
+from skyproof.gnss.time import iso
+from skyproof.records import ConsistentSet, Evidence, NavigationData, Observations, Records, SignalId, SignalRef
+from skyproof.statistics.distributions import normal_two_sided
+
+__all__ = ["CN0_MAX_DBHZ", "Continuity", "ContinuitySettings", "common_level_p_value"]
+
+CN0_MAX_DBHZ = 63.0
+"""No C/A signal is stronger: -153 dBW in an antenna of 0 dBi (IS-GPS-200N, 6.3.1), 7 dBi towards the zenith, and a
+system of 100 K, -208.6 dBW/Hz. Beams of many antennas and dishes receive more."""
+_SHARES = 3  # of the false alarms: steps, common levels, levels that cannot be
+
+
+@dataclass(frozen=True)
+class ContinuitySettings:
+    """Settings of `Continuity`.
+
+    false_alarm_probability : of each receiver and window, for all tests together.
+    multipath_sigma_m : of one pseudorange, one sigma; it may change altogether within seconds.
+    span_s : over which ranges and levels are averaged before and after a moment.
+    acceleration_max_m_s2 : no platform exceeds it; what it may do unseen while nothing is received follows from it.
+    speed_max_m_s : likewise, if it is known.
+    clock_jump, clock_pace_s : what an oscillator's rate may step by, and change by in a second.
+    fading_db : how far the level of one satellite swings by reflections, one sigma, independently of others.
+    """
+
+    false_alarm_probability: float = 1e-3
+    multipath_sigma_m: float = 1.0
+    span_s: float = 5.0
+    acceleration_max_m_s2: float = 50.0
+    speed_max_m_s: float | None = None
+    clock_jump: float = 1e-8
+    clock_pace_s: float = 1e-8
+    fading_db: float = 2.0
+
+    def __post_init__(self) -> None:
+        require_probability("continuity", "false_alarm_probability", self.false_alarm_probability)
+        for name in ("span_s", "acceleration_max_m_s2", "fading_db"):
+            if not getattr(self, name) > 0.0:
+                raise SettingsError(f"continuity: {name} is {getattr(self, name)}, expected more than 0")
+
+    @property
+    def limits(self) -> Limits:
+        return Limits(
+            span_s=self.span_s, multipath_sigma_m=self.multipath_sigma_m,
+            acceleration_m_s2=self.acceleration_max_m_s2,
+            speed_m_s=np.inf if self.speed_max_m_s is None else self.speed_max_m_s,
+            clock_jump=self.clock_jump, clock_pace_s=self.clock_pace_s,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Past:
+    """What is remembered of a receiver: bounded by the number of satellites and twice `span_s`.
+
+    tail : the last epochs, one signal a satellite. sources : which signal of each satellite went on unbroken from it.
+    members : the last consistent set's signals. broke, p_value : what no longer goes on since when, in words.
+    """
+
+    tail: Observations
+    sources: Mapping[str, SignalId]
+    members: tuple[SignalId, ...]
+    place_ecef_m: Reals
+    broke: str = ""
+    p_value: float = 1.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Look:
+    """A candidate for the sky that goes on: its signals, the epochs joined with those before, and the step found."""
+
+    members: tuple[SignalId, ...]
+    place_ecef_m: Reals
+    stretch: Observations
+    sources: Mapping[str, SignalId]
+    new: int  # the first row of this window
+    step: Step | None = field(default=None)
+
+    @property
+    def p_value(self) -> float:
+        return 1.0 if self.step is None else self.step.p_value
+
+
+def common_level_p_value(change_db: Reals, fading_db: float) -> float:
+    """Chance that satellites whose levels change by `change_db` (n,) between two times do so independently.
+
+    Under the null each level swings by `fading_db` (one sigma) about a mean of its own, so that the mean change is
+    normal with variance 2 fading_db^2 / n. Two-sided. Where a level stays from one time to the next it errs to the safe
+    side.
+    """
+    n = change_db.size
+    return float(normal_two_sided(np.mean(change_db) / (fading_db * np.sqrt(2.0 / n)))) if n else 1.0
+
+
+class Continuity:
+    """The detector: see the module's text. It remembers the last seconds of each receiver."""
+
+    name = "continuity"
+    needs = ("observations", "navigation", "sets")
+
+    def __init__(self, settings: ContinuitySettings | None = None) -> None:
+        self.settings = settings or ContinuitySettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
+        """Evidence of one window; never raises for what the data lack."""
+        pasts: dict[str, _Past] = dict(state or {})
+        if not records.observations or records.navigation is None or not (records.sets or pasts):
+            return missing(self, records), state
+        said: list[Evidence] = []
+        for o in records.observations:
+            before = pasts.get(o.receiver)
+            if before is not None and o.elapsed_s[-1] <= before.tail.elapsed_s[-1]:
+                before = None  # another recording
+            evidence, past = _Window(self, records, records.navigation, o, before).examined()
+            said += evidence
+            if past is not None:
+                pasts[o.receiver] = past
+        return said, pasts
+
+
+class _Window:
+    """One receiver in one window, after what came before."""
+
+    def __init__(
+        self, detector: Continuity, records: Records, navigation: NavigationData, o: Observations, past: _Past | None
+    ) -> None:
+        self.detector, self.records, self.settings = detector, records, detector.settings
+        self.navigation, self.o, self.past = navigation, o, past
+        self.limits = self.settings.limits
+        self.alpha = self.settings.false_alarm_probability / _SHARES
+
+    def examined(self) -> tuple[list[Evidence], _Past | None]:
+        looks = [self._looked(members, place) for members, place in self._candidates()]
+        looks = [look for look in looks if look.stretch.gpst.size > 1]
+        if not looks:
+            return [self._too_few()], self.past
+        look = max(looks, key=lambda look: look.p_value)
+        return [self._goes_on(look), *self._levels(look)], self._remembered(look)
+
+    def _candidates(self) -> list[tuple[tuple[SignalId, ...], Reals]]:
+        """The sets that may be the sky that was followed: those that share most signals with it, or all."""
+        sets = [s for s in self.records.sets if s.receiver == self.o.receiver]
+        if self.past is None:
+            return [(s.signals, s.position_ecef_m) for s in _largest(sets)]
+        if not sets:
+            return [(self.past.members, self.past.place_ecef_m)]
+        shared = [len(set(s.signals) & set(self.past.members)) for s in sets]
+        return [(s.signals, s.position_ecef_m) for s, n in zip(sets, shared, strict=True) if n == max(shared)]
+
+    def _looked(self, members: tuple[SignalId, ...], place_ecef_m: Reals) -> _Look:
+        before = () if self.past is None else self.past.members
+        now, sources = one_signal_a_satellite(self.o, members, before, {} if self.past is None else self.past.sources)
+        stretch = now if self.past is None else joined(self.past.tail, now)
+        look = _Look(
+            members=members, place_ecef_m=place_ecef_m, stretch=stretch, sources=sources,
+            new=stretch.gpst.size - now.gpst.size,
+        )  # fmt: skip
+        if stretch.gpst.size < 3 or now.gpst.size == 0:
+            return look
+        series = series_of(stretch, self.navigation, place_ecef_m, self.limits)
+        since_s = stretch.elapsed_s[min(look.new, stretch.gpst.size - 1)] - self.limits.span_s
+        rows = np.flatnonzero(stretch.elapsed_s > since_s)
+        return replace(look, step=largest_step(series, rows, self.limits, alpha=self.alpha))
+
+    def _goes_on(self, look: _Look) -> Evidence:
+        subject = self._subject(look)
+        step, receiver = look.step, self.o.receiver
+        if step is not None and step.p_value < self.alpha:
+            return self._broken(subject, _told(receiver, look.stretch, step), step.p_value, step.statistic)
+        if self.past is not None and self.past.broke:
+            return self._broken(subject, self.past.broke, self.past.p_value, None)
+        if step is None:
+            return self._too_few()
+        if step.missing_s > 0.0 and step.row >= look.new:
+            when = _clock(look.stretch, step)
+            ahead = undecided(
+                self.detector, self.records, subject,
+                because=f"{receiver}: at {when} the signals' time is {_seconds(step.missing_s)} ahead and all carriers "
+                "break at once: samples are missing there, or time is false",
+                would_need="a recording without gaps",
+            )  # fmt: skip
+            return replace(ahead, noted=True)
+        return Evidence(
+            detector=self.detector.name, start_gpst=self.records.start_gpst, end_gpst=self.records.end_gpst,
+            subject=subject, says="clean", because=f"position, velocity, clock and time of {receiver} go on",
+            statistic=step.statistic, false_alarm_probability=self.alpha, p_value=step.p_value,
+        )  # fmt: skip
+
+    def _broken(
+        self, subject: tuple[SignalRef, ...], because: str, p_value: float, statistic: float | None
+    ) -> Evidence:
+        return Evidence(
+            detector=self.detector.name, start_gpst=self.records.start_gpst, end_gpst=self.records.end_gpst,
+            subject=subject, says="undecided", because=because, statistic=statistic,
+            false_alarm_probability=self.alpha, p_value=p_value, overrules=True,
+            would_need="the recording as the receiver made it, in one piece; or to protect what is before and what is "
+            "after by themselves",
+        )  # fmt: skip
+
+    def _too_few(self) -> Evidence:
+        return undecided(
+            self.detector, self.records, tuple(SignalRef(self.o.receiver, s) for s in self.o.signals),
+            because=f"too few satellites in {self.o.receiver} before and after any moment to tell whether they go on",
+            would_need="5 or more satellites with pseudoranges over a longer time",
+        )  # fmt: skip
+
+    def _subject(self, look: _Look) -> tuple[SignalRef, ...]:
+        measured = np.isfinite(self.o.pseudorange_m).any(axis=0)
+        there = {self.o.signals[k] for k in np.flatnonzero(measured)}
+        chosen = sorted((set(look.members) | set(look.sources.values())) & there)
+        return tuple(SignalRef(self.o.receiver, signal) for signal in chosen)
+
+    def _remembered(self, look: _Look) -> _Past:
+        stretch, step = look.stretch, look.step
+        first = np.searchsorted(stretch.elapsed_s, stretch.elapsed_s[-1] - 2.0 * self.limits.span_s - 1e-6)
+        broke, p_value = ("", 1.0) if self.past is None else (self.past.broke, self.past.p_value)
+        if step is not None and step.p_value < self.alpha:
+            first = max(int(first), step.row)  # what came before is no measure of what comes next
+            broke, p_value = _told(self.o.receiver, stretch, step), step.p_value
+        return _Past(
+            tail=rows_of(stretch, slice(int(first), None)), sources=look.sources, members=look.members,
+            place_ecef_m=look.place_ecef_m, broke=broke, p_value=p_value,
+        )  # fmt: skip
+
+    # Levels -----------------------------------------------------------------------------------------------------------
+
+    def _levels(self, look: _Look) -> list[Evidence]:
+        return [e for e in (self._common_level(look), self._too_strong()) if e is not None]
+
+    def _common_level(self, look: _Look) -> Evidence | None:
+        """Levels of this window beside those just before it."""
+        if look.new == 0:
+            return None
+        level_db, known = look.stretch.cn0_dbhz, np.isfinite(look.stretch.cn0_dbhz)
+        both = known[: look.new].any(axis=0) & known[look.new :].any(axis=0)
+        if both.sum() < MIN_SATELLITES:
+            return None
+        before, after = (np.nanmedian(part[:, both], axis=0) for part in (level_db[: look.new], level_db[look.new :]))
+        p_value = common_level_p_value(after - before, self.settings.fading_db)
+        change_db, receiver = float(np.mean(after - before)), self.o.receiver
+        stepped = p_value < self.alpha
+        word = "stronger" if change_db > 0.0 else "weaker"
+        return Evidence(
+            detector=self.detector.name, start_gpst=self.records.start_gpst, end_gpst=self.records.end_gpst,
+            subject=self._subject(look), says="undecided" if stepped else "clean",
+            because=f"all satellites in {receiver} became {word} by {abs(change_db):.0f} dB together: shade, a change "
+            "of gain, noise, or other signals in their place" if stepped
+            else f"the levels of the satellites in {receiver} do not step together",
+            statistic=change_db, false_alarm_probability=self.alpha, p_value=p_value,
+            would_need="a second receiver, whose levels go on" if stepped else None,
+        )  # fmt: skip
+
+    def _too_strong(self) -> Evidence | None:
+        """Signals over `CN0_MAX_DBHZ` for most of the window. The mean of n epochs is known to 1 dB / sqrt(n) or
+        better, so the chance of going 1 dB over it by noise is far below any asked for.
+        """
+        known = np.isfinite(self.o.cn0_dbhz)
+        enough = known.sum(axis=0) >= max(4, 0.5 * self.o.gpst.size)
+        if not enough.any():
+            return None
+        level = np.full(known.shape[1], -np.inf)
+        level[enough] = np.nanmedian(self.o.cn0_dbhz[:, enough], axis=0)
+        loud = np.flatnonzero(level > CN0_MAX_DBHZ + 1.0)
+        if loud.size == 0:
+            return None
+        return Evidence(
+            detector=self.detector.name, start_gpst=self.records.start_gpst, end_gpst=self.records.end_gpst,
+            subject=tuple(SignalRef(self.o.receiver, self.o.signals[k]) for k in loud), says="undecided",
+            because=f"{loud.size} signals in {self.o.receiver} are stronger than any GPS signal, up to "
+            f"{level.max():.0f} dB-Hz: they are imitations, unless a dish or a beam receives them",
+            statistic=float(level.max()), threshold=CN0_MAX_DBHZ, false_alarm_probability=self.alpha, p_value=0.0,
+            would_need="what the antenna's gain is",
+        )  # fmt: skip
+
+
+def _largest(sets: Sequence[ConsistentSet]) -> Sequence[ConsistentSet]:
+    return sorted(sets, key=lambda s: (-len(s.signals), s.statistic))[:1]
+
+
+# Words ----------------------------------------------------------------------------------------------------------------
+
+
+def _told(receiver: str, o: Observations, step: Step) -> str:
+    """What does not go on, when, by how much, and what that may be."""
+    found = {
+        "position": f"the position jumps by {_metres(step.position_m)}",
+        "clock": f"the signals' time goes {'back' if step.clock_s > 0.0 else 'ahead'} by {_seconds(abs(step.clock_s))}",
+        "velocity": f"the velocity jumps by {step.speed_m_s:.1f} m/s",
+        "rate": f"the clock's rate jumps by {step.rate * 1e6:+.2f} ppm",
+    }
+    words = [found[kind] for kind in step.kinds]
+    words += ["all carriers break at once"] if step.broke else []
+    after = f" after {step.outage_s:.1f} s without measurements" if step.outage_s > 0.0 else ""
+    return (
+        f"{receiver}: at {_clock(o, step)}{after} {_listed(words)}: the recording is not of one piece, or the signals "
+        "were exchanged"
+    )
+
+
+def _clock(o: Observations, step: Step) -> str:
+    return iso(o.gpst[step.row], 1)[11:]
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _metres(metres: float) -> str:
+    return f"{metres:.1f} m" if metres < 1000.0 else f"{metres / 1000.0:.1f} km"
+
+
+def _seconds(seconds: float) -> str:
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if seconds >= size:
+            return f"{seconds / size:.4g} {unit}"
+    return f"{seconds * 1e9:.0f} ns"

@@ -1,0 +1,1 @@
+"""Correlators of scalar and of vector tracking: distorted or displaced peaks, and whose."""

@@ -1,0 +1,297 @@
+"""Which of the pairings of two skies comes from one antenna, if the orbits are known: exact under any noise over time.
+
+After N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1), 2022, doi 10.33012/navi.510, whose model is
+kept; deciding for groups is our own. In each of R receivers the signals of K satellites fall into two skies, each of
+which fits one position (`split_skies`). A *pairing* takes a sky from each receiver, its *complement* the others. Means
+over the window make two tables of K by R.
+
+A pairing of one antenna shows one position to all receivers. Any other, whatever it mixes, shows one to each: its table
+differs from that of one antenna by *baselines*, 3(R-1) dimensions (to 6 mm for false positions 500 m away, growing with
+the square). What no baseline explains is noise under every hypothesis. Two views say what that is:
+
+- *differences* between receivers, free of whatever a satellite has in common in all of them: (K-1)(R-1) contrasts of
+  each table, (K-4)(R-1) of them noise;
+- *fixes*: each sky against position and clock in its own receiver: R(K-4) dimensions of noise of each table, twice as
+  many with two receivers. Errors that receivers share (orbit, atmosphere, the transmitter's own) enlarge this noise and
+  nothing else, since the square along baselines is taken between receivers: too careful then, never too bold.
+
+With one transmit antenna besides, exactly one of a pairing and its complement has no baseline. If it is the pairing,
+the complement's 3(R-1) dimensions hold noise and perhaps a baseline; so they may join the noise as well, and cost
+nothing just where the other way round is true. (They do where both mix two skies: so one test leaves them out.)
+
+    F = (square along baselines / 3(R-1)) / (squares of the noise / their dimensions)
+
+is exactly F if the pairing is of one antenna and the complement has no baseline, and smaller with one, provided that
+the means' errors are normal, independent and of sigmas in known proportion. Nothing is asked about time: correlated and
+constant errors cancel, of whatever size. That is what a test of means against the scatter over time, as the paper's,
+cannot have. The p-value is the smallest of three, each divided by its share of the rate: Bonferroni's bound, so valid
+always. Of all invariant tests that hold whatever the noise and the baseline, none is more powerful than F with all
+dimensions, 3(R-1) and 2R(K-4) + 3(R-1); what the division costs is the only loss.
+
+With the baseline known the alternative is a point, and one direction decides (`known_baseline_test`). With carrier
+phases the fractions of cycles decide (`fraction_test`): they need a bound on the error, and are a hundred times
+sharper.
+
+`choose` takes the pairing with the largest p-value if all others are rejected. It errs only if the true one is
+rejected, so at most with the stated probability, whatever the number of pairings.
+"""
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from skyproof.arrays import Indices, Reals
+from skyproof.detectors.multi_receiver.one_antenna import baseline_design, table_contrasts
+from skyproof.statistics.clusters import LineClusters, line_clusters
+from skyproof.statistics.distributions import chi_square_survival, f_survival
+
+__all__ = [
+    "Choice", "FractionTest", "SkySplit", "SpanTest", "choose", "fraction_test", "known_baseline_test",
+    "known_sky_test", "lone_sky", "pairings", "span_test", "split_skies", "transmit_antennas",
+]  # fmt: skip
+
+_FIXES, _DIFFERENCES, _ALONE = 0.8, 0.15, 0.05
+"""Shares of the rate. Pairings that mix are hundreds of metres off, so the test that is for them needs little."""
+
+
+class SkySplit(NamedTuple):
+    """first : (..., K) which track of each satellite is of the first sky; the other is of the second.
+    squares : (...) squared residuals of both, 2(K-4) degrees of freedom in units of the variance.
+    runner_up : (...) those of the next best split."""
+
+    first: Indices
+    squares: Reals
+    runner_up: Reals
+
+
+def split_skies(range_m: Reals, unit_enu: Reals) -> SkySplit:
+    """Split two tracks of each satellite into two skies that each fit a position and clock; every split is tried.
+
+    Parameters
+    ----------
+    range_m : (..., K, 2) mean pseudoranges less what is expected at a point within a kilometre or so, K from 5 to 16.
+    unit_enu : (K, 3) receiver to satellite.
+    """
+    n = unit_enu.shape[0]
+    design = np.column_stack([unit_enu, np.ones(n)])
+    parity = np.linalg.qr(design, mode="complete").Q[:, 4:]  # (K, K-4)
+    bits = (np.arange(2 ** (n - 1))[:, None] >> np.arange(n - 1)) & 1
+    bits = np.column_stack([np.zeros(len(bits), np.intp), bits])  # the first one's first names the sky
+    lowest, gap = range_m[..., 0], range_m[..., 1] - range_m[..., 0]
+    first = (lowest @ parity)[..., None, :] + bits.astype(float) @ (gap[..., None] * parity)
+    both = (range_m.sum(axis=-1) @ parity)[..., None, :]
+    squares = np.sum(first**2, axis=-1) + np.sum((both - first) ** 2, axis=-1)
+    two = np.argpartition(squares, 1, axis=-1)[..., :2]
+    least = np.sort(np.take_along_axis(squares, two, -1), axis=-1)
+    return SkySplit(bits[np.argmin(squares, axis=-1)], least[..., 0], least[..., 1])
+
+
+def lone_sky(range_m: Reals, unit_enu: Reals) -> SkySplit:
+    """The one sky that fits best, where the other tracks need not fit anything: false signals of several antennas.
+
+    Arguments as of `split_skies`; all 2^K ways to take one track of each satellite. `squares` and `runner_up` are of
+    the one sky alone, K-4 degrees of freedom. Whether it is the true one a known baseline tells (`known_sky_test`).
+    """
+    n = unit_enu.shape[0]
+    parity = np.linalg.qr(np.column_stack([unit_enu, np.ones(n)]), mode="complete").Q[:, 4:]
+    bits = (np.arange(2**n)[:, None] >> np.arange(n)) & 1
+    gap = range_m[..., 1] - range_m[..., 0]
+    misfit = (range_m[..., 0] @ parity)[..., None, :] + bits.astype(float) @ (gap[..., None] * parity)
+    squares = np.sum(misfit**2, axis=-1)
+    least = np.sort(np.partition(squares, 1, axis=-1)[..., :2], axis=-1)
+    return SkySplit(bits[np.argmin(squares, axis=-1)], least[..., 0], least[..., 1])
+
+
+def known_sky_test(
+    sky_m: Reals, unit_enu: Reals, baseline_enu_m: Reals, variance_m2: ArrayLike, sigma_m: Reals | None = None
+) -> Reals:
+    """p-value (...) of "this pairing is of the sky over antennas that are known"; variance_m2 (...) of each mean.
+
+    sky_m : (..., K, R). With `sigma_m` (K, R), known up to a factor, the variance is that factor.
+    """
+    sigma_m = np.ones(sky_m.shape[-2:]) if sigma_m is None else sigma_m
+    values, _, matrix = table_contrasts(sky_m[..., None, :, :], sigma_m)
+    error = values[..., 0, :] - baseline_design(matrix, unit_enu) @ np.asarray(baseline_enu_m, float).ravel()
+    return chi_square_survival(np.sum(error**2, axis=-1) / np.asarray(variance_m2, float), error.shape[-1])
+
+
+def transmit_antennas(difference_m: Reals, sigma_m: ArrayLike, false_alarm_probability: float) -> LineClusters:
+    """From how many antennas false signals come, and which from the same, by differences (..., K) of two receivers.
+
+    Signals of one antenna have the same difference; two antennas at equal difference of distance look as one. The
+    probability of finding more antennas than there are is at most `false_alarm_probability`.
+    """
+    return line_clusters(difference_m, sigma_m, false_alarm_probability)
+
+
+def pairings(receivers: int) -> Indices:
+    """(2^R, R): which of two skies each pairing takes from each receiver; the complement of row g is row -1 - g."""
+    return np.array(list(itertools.product((0, 1), repeat=receivers)), np.intp)
+
+
+class SpanTest(NamedTuple):
+    """p_value : (...) of all three. Before they are combined: `fixes`, all noise; `differences`, without what
+    receivers share; `alone`, without the complement's own place as well, for pairings that mix."""
+
+    p_value: Reals
+    fixes: Reals
+    differences: Reals
+    alone: Reals
+
+
+def span_test(one_m: Reals, other_m: Reals, unit_enu: Reals, sigma_m: Reals | None = None) -> SpanTest:
+    """Test that a pairing comes from one antenna, with its complement's help to know the noise.
+
+    `alone` is uniform if it does; the two others are if, besides, the complement has no baseline and (`fixes`)
+    receivers share no errors, and are larger otherwise. What is stated as 1 % is
+    0.9 % without a baseline, and falls to 0.06 % over baselines that are seen.
+
+    Parameters
+    ----------
+    one_m, other_m : (..., K, R) mean ranges of the pairing and of its complement, less what is expected at one point
+        within a kilometre or so; K >= 5.
+    unit_enu : (K, 3) receiver to satellite, mean over the window. sigma_m : (K, R) of the means, up to a common factor,
+        the same in both; equal if None.
+    """
+    seen = _along_baselines(one_m, other_m, unit_enu, sigma_m)
+    square, beside, dof = _square(seen.one), _square(seen.other), seen.one.shape[-1]
+    fixes, differences = (_f_tail(square, dof, noise + beside, d + dof) for noise, d in (seen.fixes, seen.differences))
+    alone = _f_tail(square, dof, *seen.differences)
+    return SpanTest(_smallest(fixes, differences, alone), fixes, differences, alone)
+
+
+def known_baseline_test(
+    one_m: Reals, other_m: Reals, unit_enu: Reals, baseline_enu_m: Reals, sigma_m: Reals | None = None
+) -> Reals:
+    """p-value (...) of "the pairing is of one antenna, and its complement of the sky over antennas that are known".
+
+    Three tests as of `span_test`. Two, by fixes and by differences, look where "the other way round" would show: one
+    direction, one side of it, Student's t against all else. The third looks at all that baselines span, for pairings
+    that mix.
+
+    Parameters
+    ----------
+    baseline_enu_m : (R-1, 3) of each receiver's antenna from the first one's. Others as of `span_test`.
+    """
+    seen = _along_baselines(one_m, other_m, unit_enu, sigma_m)
+    shift = seen.design @ np.asarray(baseline_enu_m, float).ravel()
+    length = float(np.linalg.norm(shift))
+    error = np.concatenate([seen.one, seen.other - shift], axis=-1)
+    if length == 0.0:
+        return np.ones(error.shape[:-1])
+    along = error @ np.concatenate([shift, -shift]) / (np.sqrt(2.0) * length)
+    square, dof = _square(error), error.shape[-1]
+    fixes, differences = (
+        _t_tail(along, noise + np.maximum(square - along**2, 0.0), d + dof - 1)
+        for noise, d in (seen.fixes, seen.differences)
+    )
+    return _smallest(fixes, differences, _f_tail(square, dof, *seen.differences))
+
+
+class FractionTest(NamedTuple):
+    """statistic : (...) chi-square with `dof` degrees under H0, if the sigma is small beside the modulus; p_value."""
+
+    statistic: Reals
+    p_value: Reals
+    dof: int
+
+
+def fraction_test(difference_cyc: Reals, sigma_cyc: ArrayLike, *, modulus_cyc: float = 1.0) -> FractionTest:
+    """Test that carrier differences of two receivers are the same for all satellites but for whole cycles.
+
+    H0 is "one antenna"; less what a known baseline gives each satellite it is "the sky". It rests on `sigma_cyc`, which
+    has to hold slow errors as well. It is blind where the true differences coincide by chance: for random ones of K
+    satellites and a radius r = sigma sqrt(threshold), about sqrt(K) pi^(h/2) / Gamma(h/2 + 1) r^h, h = K - 1, cycles.
+    Receivers' clocks may differ by some microseconds (1.4 mm each between satellites); their drift does not matter.
+
+    Parameters
+    ----------
+    difference_cyc : (..., K) mean over the window, any whole cycles. sigma_cyc : (...) of each, the same for all K.
+    modulus_cyc : 0.5 where half cycles are open.
+    """
+    n = difference_cyc.shape[-1]
+    turns = np.sort(np.mod(difference_cyc / modulus_cyc, 1.0), axis=-1)
+    raised = turns[..., None, :] + (np.arange(n) < np.arange(n)[:, None])  # cut the circle before each of them
+    squares = np.min(np.sum((raised - raised.mean(axis=-1, keepdims=True)) ** 2, axis=-1), axis=-1)
+    statistic = np.asarray(squares * modulus_cyc**2 / np.asarray(sigma_cyc, float) ** 2, float)
+    return FractionTest(statistic, chi_square_survival(statistic, n - 1), n - 1)
+
+
+class Choice(NamedTuple):
+    """which : (...) the pairing that comes from one antenna, -1 if that is open. p_value : (...) of the runner-up: the
+    probability of a choice as clear as this if it is wrong."""
+
+    which: Indices
+    p_value: Reals
+
+
+def choose(p_values: Reals, false_alarm_probability: float, *, accept_probability: float = 1e-9) -> Choice:
+    """The one pairing out of p_values (..., G) that is of one antenna, if all others are rejected.
+
+    A wrong choice needs the true pairing's p-value to be below `false_alarm_probability`, so it is at most as probable.
+    None is chosen if even the best has less than `accept_probability`: then no pairing is of one antenna.
+    """
+    best = np.argmax(p_values, axis=-1)
+    two = np.sort(p_values, axis=-1)[..., -2:]
+    decided = (two[..., 0] < false_alarm_probability) & (two[..., 1] >= accept_probability)
+    return Choice(np.where(decided, best, -1), two[..., 0])
+
+
+class _Seen(NamedTuple):
+    """A pairing and its complement in units of the sigma.
+
+    one, other : (..., 3(R-1)) along baselines. design : baselines in metres to these. fixes, differences : the squares
+    (...) of what is noise under every hypothesis, and its dimensions.
+    """
+
+    one: Reals
+    other: Reals
+    design: Reals
+    fixes: tuple[Reals, int]
+    differences: tuple[Reals, int]
+
+
+def _along_baselines(one_m: Reals, other_m: Reals, unit_enu: Reals, sigma_m: Reals | None) -> _Seen:
+    k, r = one_m.shape[-2:]
+    weight = np.ones(k * r) if sigma_m is None else 1.0 / np.asarray(sigma_m, float).ravel()
+    # Ranges may be 2e7 m and what is sought is millimetres: take the common part off before multiplying.
+    tables = [(flat - flat[..., :1]) * weight for flat in (a.reshape(*a.shape[:-2], k * r) for a in (one_m, other_m))]
+    baselines = baseline_design(np.diag(weight), unit_enu)
+    receiver, satellite, position = (
+        weight[:, None] * columns
+        for columns in (np.tile(np.eye(r), (k, 1)), np.repeat(np.eye(k), r, axis=0), np.repeat(unit_enu, r, axis=0))
+    )
+    shared = np.column_stack([satellite, receiver[:, 1:]])
+    free, spanned = shared.shape[1], shared.shape[1] + baselines.shape[1]
+    by_differences = np.linalg.qr(np.column_stack([shared, baselines]), mode="complete")
+    along = by_differences.Q[:, free:spanned]
+    # With sigmas of a satellite's factor times a receiver's, what is along baselines lies within the fixes; with others
+    # it does not, and the noise has to keep clear of it.
+    fixed = np.linalg.qr(np.column_stack([position, receiver, baselines])).Q
+    left, size, _ = np.linalg.svd(np.column_stack([fixed, along]))
+    one, other = (table @ along for table in tables)
+    noises = []
+    for rest in (left[:, int(np.sum(size > 1e-4)) :], by_differences.Q[:, spanned:]):
+        noises.append((_square(tables[0] @ rest) + _square(tables[1] @ rest), 2 * rest.shape[1]))
+    return _Seen(one, other, by_differences.R[free:spanned, free:], noises[0], noises[1])
+
+
+def _square(vectors: Reals) -> Reals:
+    return np.asarray(np.sum(vectors**2, axis=-1), float)
+
+
+def _f_tail(square: Reals, dof: int, noise: Reals, noise_dof: int) -> Reals:
+    return f_survival(square / dof / np.maximum(noise / noise_dof, 1e-300), dof, noise_dof)
+
+
+def _t_tail(along: Reals, noise: Reals, dof: int) -> Reals:
+    return np.asarray(special.stdtr(dof, -along / np.sqrt(np.maximum(noise / dof, 1e-300))), float)
+
+
+def _smallest(fixes: Reals, differences: Reals, alone: Reals) -> Reals:
+    """One p-value by Bonferroni's bound."""
+    least = np.minimum(np.minimum(fixes / _FIXES, differences / _DIFFERENCES), alone / _ALONE)
+    return np.asarray(np.minimum(least, 1.0), float)

@@ -1,0 +1,1 @@
+"""More signals of a satellite than an echo explains."""

@@ -1,0 +1,160 @@
+"""Clusters of one direction, with an array and no attitude."""
+
+import numpy as np
+import pytest
+from tests.detectors.nulls import array_phases, window
+
+from skyproof.detectors.array.array_common import ArrayCommon, cluster_chance
+from skyproof.detectors.array.ins_array import array_design, equilateral_triangle, regular_tetrahedron, white_covariance
+from skyproof.records import ArrayPhases
+from skyproof.statistics.directions import (
+    complete_linkage,
+    direction_cosines,
+    equal_clusters,
+    equal_p_value,
+    equal_statistic,
+    equality_chance,
+    nearest_whole,
+    outsider_statistic,
+    pair_statistics,
+)
+from skyproof.statistics.distributions import binomial_two_sided, chi_square_threshold
+
+SKY_DEG = np.array([(20, 15), (75, 40), (110, 65), (160, 25), (205, 50), (250, 20), (300, 35), (340, 75)], float)
+SKY = direction_cosines(*np.radians(SKY_DEG.T))
+
+
+# Equality -------------------------------------------------------------------------------------------------------------
+
+
+def test_whole_cycles_do_not_matter_nor_does_the_first_antenna():
+    rng = np.random.default_rng(1)
+    phase = 0.05 * rng.standard_normal((500, 5))
+    covariance = white_covariance(np.full(5, 0.05))
+    expected = nearest_whole(phase[:, 1:] - phase[:, :1], covariance)[1]
+    moved = phase + rng.integers(-4, 5, phase.shape)
+    for order in (slice(None), [3, 0, 1, 2, 4]):
+        turned = moved[:, order]
+        found = nearest_whole(turned[:, 1:] - turned[:, :1], covariance)[1]
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_nearest_whole_is_the_least_over_all_whole_numbers():
+    rng = np.random.default_rng(2)
+    covariance = white_covariance([0.1, 0.1, 0.1])
+    z = rng.random((200, 2)) * 6 - 3
+    all_whole = np.stack(np.meshgrid(np.arange(-6, 7), np.arange(-6, 7)), axis=-1).reshape(-1, 2)
+    rest = z[:, None] - all_whole
+    every = np.einsum("tka,ab,tkb->tk", rest, np.linalg.inv(covariance), rest)
+    remainder, least = nearest_whole(z, covariance)
+    np.testing.assert_allclose(least, every.min(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(remainder, rest[np.arange(200), every.argmin(axis=1)], atol=1e-12)
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_p_values_of_equality_are_uniform(wrapped):
+    rng = np.random.default_rng(3)
+    covariance = white_covariance([0.01, 0.02, 0.015])
+    values = rng.multivariate_normal([0.3, 0.48], covariance, (50_000, 4))
+    if wrapped:
+        values = values + rng.integers(-3, 3, values.shape)
+    p = equal_p_value(values, covariance, wrapped=wrapped)
+    for level in (0.5, 0.1, 0.01):
+        assert binomial_two_sided(int(np.sum(p < level)), p.size, level) > 1e-4
+
+
+def test_equality_of_one_pair_is_the_statistic_of_the_pair():
+    rng = np.random.default_rng(4)
+    covariance = np.stack([white_covariance([0.01, 0.02, 0.015]), white_covariance([0.03, 0.01, 0.01])])
+    values = rng.standard_normal((7, 2, 2))
+    statistic, mean, of_mean = equal_statistic(values, covariance)
+    np.testing.assert_allclose(statistic, pair_statistics(values, covariance)[:, 0, 1])
+    # A third vector where the mean is changes nothing.
+    np.testing.assert_allclose(outsider_statistic(mean, covariance[0], mean, of_mean), 0.0, atol=1e-12)
+
+
+def test_complete_linkage_makes_the_clusters_of_its_definition():
+    rng = np.random.default_rng(5)
+    points = rng.random((300, 7))
+    distance = np.abs(points[:, :, None] - points[:, None, :])
+    for far, labels in zip(distance, complete_linkage(distance, 0.2), strict=True):
+        clusters = [np.flatnonzero(labels == k) for k in np.unique(labels)]
+        assert max(far[np.ix_(c, c)].max() for c in clusters) <= 0.2
+        apart = [far[np.ix_(a, b)].max() for i, a in enumerate(clusters) for b in clusters[:i]]
+        assert min(apart, default=1.0) > 0.2
+        assert all(c.min() == k for c, k in zip(clusters, np.unique(labels), strict=True))
+
+
+def test_equal_vectors_are_divided_as_rarely_as_stated():
+    rng = np.random.default_rng(6)
+    covariance = white_covariance(np.full(4, 0.01))
+    values = rng.multivariate_normal(np.zeros(3), covariance, (20_000, 5))
+    clusters = equal_clusters(values, covariance, false_alarm_probability=0.05)
+    divided = float(np.mean(np.any(clusters.labels != 0, axis=-1)))
+    assert 0.03 < divided < 0.053  # the union bound over ten dependent pairs costs this much
+    assert clusters.limit == pytest.approx(float(chi_square_threshold(0.005, 3)))
+
+
+def test_false_signals_cluster_and_true_ones_do_not():
+    rng = np.random.default_rng(7)
+    direction = np.vstack([SKY[:5], np.repeat(SKY[6:7], 4, axis=0)])
+    elements = regular_tetrahedron(1.0)
+    phase = direction @ elements.T + 0.01 * rng.standard_normal((2000, 9, 4))
+    values = phase[..., 1:] - phase[..., :1]
+    covariance = white_covariance(np.full(4, 0.01))
+    labels = equal_clusters(values - np.rint(values), covariance, false_alarm_probability=0.01, wrapped=True).labels
+    assert np.mean(np.all(labels == [0, 1, 2, 3, 4, 5, 5, 5, 5], axis=-1)) > 0.985
+
+
+# What chance makes ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_chance_of_equality_bounds_what_random_skies_do(wrapped):
+    rng = np.random.default_rng(8)
+    design, covariance = array_design(equilateral_triangle(1.0)), white_covariance([0.01] * 3)
+    chance = equality_chance(design, covariance, 9.21, wrapped=wrapped)
+    sky = direction_cosines(2.0 * np.pi * rng.random((30_000, 2)), np.arcsin(rng.random((30_000, 2))))
+    values = sky @ design.T + rng.multivariate_normal([0, 0], covariance, (30_000, 2))
+    equal = float(np.mean(pair_statistics(values, covariance, wrapped=wrapped)[:, 0, 1] < 9.21))
+    assert 0.4 * chance < equal < 1.05 * chance
+    assert cluster_chance(6, 3, chance) == pytest.approx(20 * chance**2)
+
+
+# The detector ---------------------------------------------------------------------------------------------------------
+
+
+def test_signals_of_one_antenna_are_named_and_a_true_one_among_them_is_not():
+    rng = np.random.default_rng(11)
+    direction = np.vstack([SKY[:1], np.repeat(SKY[6:7], 5, axis=0)])
+    evidence, _ = ArrayCommon().examine(window(array_phases(rng, direction)))
+    (said,) = evidence
+    assert said.says == "spoofed"
+    assert [ref.signal.sat for ref in said.subject] == ["G02", "G03", "G04", "G05", "G06"]
+    assert said.p_value < 1e-3
+
+
+def test_a_sky_of_eight_is_authentic():
+    evidence, _ = ArrayCommon().examine(window(array_phases(np.random.default_rng(12), SKY)))
+    assert [e.says for e in evidence] == ["authentic"]
+    assert len(evidence[0].subject) == 8
+
+
+def test_two_signals_from_one_place_are_too_few_to_tell():
+    phases = array_phases(np.random.default_rng(13), np.repeat(SKY[:1], 2, axis=0))
+    (said,), _ = ArrayCommon().examine(window(phases))
+    assert said.says == "undecided"
+    assert said.would_need
+
+
+def test_missing_antennas_cost_the_cells_that_they_are_missing_in():
+    rng = np.random.default_rng(14)
+    phases = array_phases(rng, SKY)
+    holed = phases.phase_cyc.copy()
+    holed[0, :, 1] = np.nan
+    holed[:, 3, 2] = np.nan
+    made = {name: getattr(phases, name) for name in ("receiver", "signals", "gpst", "elapsed_s", "elements_m")}
+    (said,), _ = ArrayCommon().examine(window(ArrayPhases(**made, phase_cyc=holed, sigma_cyc=phases.sigma_cyc)))
+    assert said.says == "authentic"
+    assert "G04" not in {ref.signal.sat for ref in said.subject}
+    assert len(said.subject) == 7

@@ -1,0 +1,409 @@
+"""Position, velocity, clock and time go on, or it is said; receivers that stand or move under a clean sky pass."""
+
+from dataclasses import fields, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from skyproof.app.windows import take
+from skyproof.detectors.continuity.detector import CN0_MAX_DBHZ, Continuity, ContinuitySettings, common_level_p_value
+from skyproof.detectors.continuity.steps import Limits, jumps, p_values, series_of
+from skyproof.errors import SettingsError
+from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.records import ConsistentSet, Records, SignalId
+from skyproof.simulate.field_errors import FieldErrors
+from skyproof.simulate.measurements import NoiseModel, draw, geometry_of
+from skyproof.simulate.scenario import parse_scenario
+from skyproof.simulate.sky import scene_of
+from skyproof.testing import MeasuredScene, TrackErrors, check_pieces
+
+START = "2023-03-04T05:06:07"
+PLACE = {"lat_deg": 40.0, "lon_deg": -3.0, "height_m": 650.0}
+PLACE_RAD = np.radians(PLACE["lat_deg"]), np.radians(PLACE["lon_deg"])
+PLACE_ECEF_M = ecef_from_geodetic(*PLACE_RAD, PLACE["height_m"])
+NAVIGATION = nominal_constellation(np.datetime64(START, "ns"))
+CORNERS = [[0, 0, 0], [800, 0, 0], [800, 500, 0], [0, 500, 0], [0, 0, 30]]
+MOTIONS = {
+    "standing": {},
+    "ship": {"path": {"kind": "circle", "radius_m": 300.0, "speed_m_s": 8.0}},
+    "car at 2 g": {"path": {"kind": "circle", "radius_m": 45.0, "speed_m_s": 30.0}},
+    "aircraft at 3 g": {"path": {"kind": "circle", "radius_m": 2000.0, "speed_m_s": 250.0}},
+    "brakes and turns at 2 g": {"path": {"kind": "way-points", "points_enu_m": CORNERS, "speed_m_s": 60.0,
+                                         "acceleration_m_s2": 20.0, "turn_m_s2": 20.0}},
+}  # fmt: skip
+WINDOW_S, EPOCH_S = 10, 0.2
+FIELD = NoiseModel(sigma_m=1.5, carrier_sigma_cyc=0.01, doppler_sigma_hz=0.3, field=FieldErrors())
+WHITE = NoiseModel(sigma_m=1.5, carrier_sigma_cyc=0.01, doppler_sigma_hz=0.3)
+LIGHT_M_S = 299_792_458.0
+CELLS = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
+         "doppler_sigma_hz")  # fmt: skip
+
+
+@cache
+def geometry(motion="standing", oscillator="tcxo", *, place=(0.0, 0.0), lo_ppm=0.3, duration_s=42.0, seed=1):
+    """One receiver, `place` metres east and north of the usual one."""
+    table = {
+        "seed": seed, "start_gpst": START, "duration_s": duration_s,
+        "receivers": [{
+            "name": "rx1", **PLACE, **MOTIONS[motion], "lo_ppm": lo_ppm, "oscillator": oscillator,
+            "lat_deg": PLACE["lat_deg"] + place[1] / 111_000.0, "lon_deg": PLACE["lon_deg"] + place[0] / 85_400.0,
+        }],
+    }  # fmt: skip
+    return geometry_of(scene_of(parse_scenario(table), NAVIGATION), interval_s=EPOCH_S)
+
+
+def observed(draw_of=0, *, noise=FIELD, **scene):
+    (o,), _ = draw(geometry(**scene), rng=np.random.default_rng(draw_of), noise=noise)
+    return o
+
+
+def changed(o, **cells):
+    return replace(o, **cells)
+
+
+def windows(o, *, sets=True):
+    """Records of 10 s each; the one set is the whole sky."""
+    found = []
+    for number in range(int(o.elapsed_s[-1] // WINDOW_S)):
+        start = o.gpst[0] + np.timedelta64(WINDOW_S * number, "s")
+        end = start + np.timedelta64(WINDOW_S, "s")
+        rows = (o.gpst >= start) & (o.gpst < end)
+        cut = take(o, rows)
+        sky = ConsistentSet(
+            receiver=o.receiver, signals=o.signals, gpst=cut.gpst[cut.gpst.size // 2], position_ecef_m=PLACE_ECEF_M,
+            clock_bias_s=0.0, covariance_m2=np.eye(4), statistic=1.0, dof=4, p_value=0.5,
+        )  # fmt: skip
+        found.append(
+            Records(start_gpst=start, end_gpst=end, observations=(cut,), navigation=NAVIGATION,
+                    sets=(sky,) if sets else ())
+        )  # fmt: skip
+    return found
+
+
+def said(o, **settings):
+    """All evidence of all windows, with the settings of a usual run."""
+    detector, state, found = Continuity(ContinuitySettings(**({"false_alarm_probability": 1e-6} | settings))), None, []
+    for records in windows(o):
+        evidence, state = detector.examine(records, state)
+        found.append(evidence)
+    return found
+
+
+def failed(found):
+    return [e for evidence in found for e in evidence if e.says != "clean"]
+
+
+def spliced(one, other, row, *, slip=True):
+    """The first rows of one, the rest of the other, as a file that was cut and joined: the counter goes on."""
+    cells = {name: np.concatenate((getattr(one, name)[:row], getattr(other, name)[row:])) for name in CELLS}
+    carrier_cyc, doppler_hz = cells["carrier_cyc"], cells["doppler_hz"]
+    goes_on_cyc = carrier_cyc[row - 1] - 0.5 * EPOCH_S * (doppler_hz[row - 1] + doppler_hz[row])
+    carrier_cyc[row:] += np.rint(goes_on_cyc - carrier_cyc[row])  # as a loop that has seen nothing counts them
+    status = one.status.copy()
+    status[row] = 3 if slip else 0
+    return replace(one, status=status, **cells)
+
+
+def ahead(o, row, seconds):
+    """The signals' time jumps ahead by so much, as where samples are missing; all carriers break."""
+    later = np.arange(o.gpst.size)[:, None] >= row
+    status = o.status.copy()
+    status[row] = 3
+    return replace(
+        o, status=status, pseudorange_m=o.pseudorange_m - np.where(later, LIGHT_M_S * seconds, 0.0),
+        carrier_cyc=o.carrier_cyc - np.where(later, o.carrier_hz * seconds + 0.3, 0.0),
+    )  # fmt: skip
+
+
+def without_rows(o, first, last):
+    """Nothing was measured in these rows, and carriers start anew after them."""
+    hidden = {name: getattr(o, name).copy() for name in CELLS}
+    status = o.status.copy()
+    for cells in hidden.values():
+        cells[first:last] = np.nan
+    status[first:last], status[last] = 1, 3
+    hidden["carrier_cyc"][last:] += 1234.5
+    return replace(o, status=status, **hidden)
+
+
+# What goes on ---------------------------------------------------------------------------------------------------------
+
+
+def disturbed(o, rng):
+    """Slips, gaps of single signals, and one outage of all, after which they come back one by one."""
+    cells, status = {name: getattr(o, name).copy() for name in CELLS}, o.status.copy()
+    n, m = status.shape
+
+    def lost(first, last, channel):
+        for values in cells.values():
+            values[first:last, channel] = np.nan
+        status[first:last, channel], status[last, channel] = 1, 3
+        cells["carrier_cyc"][last:, channel] += 1000.0 * rng.normal()
+
+    for _ in range(10):
+        row, channel = rng.integers(1, n), rng.integers(m)
+        status[row, channel] = 3
+        cells["carrier_cyc"][row:, channel] += 0.5 * rng.integers(-50, 50)
+    for _ in range(6):
+        row = int(rng.integers(1, n - 60))
+        lost(row, row + int(rng.integers(1, 25)), int(rng.integers(m)))
+    row, length = int(rng.integers(30, n - 60)), int(rng.integers(2, 40))
+    for channel in range(m):
+        lost(row, row + length + int(rng.integers(0, 10)), channel)
+    return replace(o, status=status, **cells)
+
+
+def alarms(motion, oscillator, draws, seed, *, alpha=0.1, disturb=False):
+    """False alarms of tests of continuity, and tests, over windows of clean sky."""
+    rng, count, tests = np.random.default_rng(seed), 0, 0
+    exact = geometry(motion, oscillator, duration_s=62.0, lo_ppm=float(rng.normal()), seed=seed)
+    detector = Continuity(ContinuitySettings(false_alarm_probability=alpha))
+    for _ in range(draws):
+        (o,), _ = draw(exact, rng=rng, noise=FIELD)
+        state = None
+        for records in windows(disturbed(o, rng) if disturb else o):
+            evidence, state = detector.examine(records, state)
+            count += any(e.p_value is not None and e.says == "undecided" for e in evidence)
+            tests += 1
+            state = {name: replace(past, broke="", p_value=1.0) for name, past in state.items()}
+    return count, tests
+
+
+@pytest.mark.parametrize(
+    ("motion", "oscillator"), [("standing", "tcxo"), ("aircraft at 3 g", "tcxo"), ("brakes and turns at 2 g", "ocxo")]
+)
+def test_clean_skies_go_on(motion, oscillator):
+    count, tests = alarms(motion, oscillator, 3, 1, disturb=True)
+    assert tests == 18
+    assert count == 0  # bounds all: a hundred times as many draws have hardly one
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("disturb", [False, True], ids=["steady", "slips, gaps and outages"])
+@pytest.mark.parametrize("oscillator", ["tcxo", "ocxo"])
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_false_alarms_of_clean_skies_are_no_more_than_asked(motion, oscillator, disturb):
+    count, tests = alarms(motion, oscillator, 40, 7, disturb=disturb)
+    assert tests == 240
+    assert stats.binomtest(count, tests, 0.1, alternative="greater").pvalue > 1e-3
+
+
+def draws_of_jumps(n, limits):
+    scene = MeasuredScene(antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=50, step_s=0.2, errors=TrackErrors(1.0))
+    rng, row, chances = np.random.default_rng(3), np.array([25]), []
+    for _ in range(n):
+        records = scene.records(rng)
+        series = series_of(records.observations[0], records.navigation, records.sets[0].position_ecef_m, limits)
+        jump, rate, usable = jumps(series, row, limits)
+        assert usable.all()
+        chances.append(p_values(series, row, jump, rate, np.zeros(1), limits)[0])
+    return np.array(chances)
+
+
+def test_steps_of_position_and_clock_are_chi_square_where_nothing_is_unseen():
+    chances = draws_of_jumps(200, Limits(span_s=5.0, multipath_sigma_m=0.0))
+    for column in (0, 1):
+        assert stats.kstest(chances[:, column], "uniform").pvalue > 1e-3
+        assert stats.binomtest(int((chances[:, column] < 0.1).sum()), 200, 0.1).pvalue > 1e-3
+
+
+def test_pieces_equal_the_whole():
+    check_pieces(Continuity, windows(disturbed(observed(3), np.random.default_rng(3))))
+
+
+def test_a_slow_drift_of_the_oscillator_and_a_turn_that_nothing_was_received_in_are_no_step():
+    o = without_rows(observed(motion="aircraft at 3 g"), 70, 85)  # 3 s
+    assert not failed(said(o))
+
+
+def test_one_satellite_that_jumps_by_itself_is_no_step():
+    o = observed()
+    pseudorange_m = o.pseudorange_m.copy()
+    pseudorange_m[70:, 2] += 80.0
+    assert not failed(said(replace(o, pseudorange_m=pseudorange_m)))
+
+
+@pytest.mark.parametrize("steps", [-1, 1])
+def test_a_clock_steered_by_a_millisecond_goes_on(steps):
+    o = observed()
+    moved = steps * 1e-3 * (np.arange(o.gpst.size)[:, None] >= 77)
+    steered = replace(
+        o, pseudorange_m=o.pseudorange_m + LIGHT_M_S * moved, carrier_cyc=o.carrier_cyc + o.carrier_hz * moved,
+    )  # fmt: skip
+    unmoved = replace(steered, carrier_cyc=o.carrier_cyc)
+    assert not failed(said(steered))
+    assert not failed(said(unmoved))
+
+
+def test_a_label_that_moves_with_the_pseudoranges_is_no_step():
+    o = observed()
+    later = np.arange(o.gpst.size) >= 77
+    moved = replace(
+        o, gpst=o.gpst + np.where(later, np.timedelta64(5, "ms"), np.timedelta64(0, "ms")),
+        pseudorange_m=o.pseudorange_m + np.where(later, LIGHT_M_S * 5e-3, 0.0)[:, None],
+        carrier_cyc=o.carrier_cyc + np.where(later, 5e-3, 0.0)[:, None] * o.carrier_hz,
+    )  # fmt: skip
+    assert not failed(said(moved))
+
+
+# What does not --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("row", [70, 99, 100, 101, 140])
+@pytest.mark.parametrize("slip", [True, False], ids=["slips told", "carriers glued"])
+def test_halves_of_two_receivers_joined_are_told(row, slip):
+    found = said(spliced(observed(1, noise=WHITE), observed(2, noise=WHITE, place=(40.0, 46.0)), row, slip=slip))
+    first = failed(found)[0]
+    assert (first.says, first.overrules) == ("undecided", True)
+    assert first.p_value < first.false_alarm_probability
+    assert {ref.signal for ref in first.subject} == set(observed(1, noise=WHITE).signals)
+    metres = float(first.because.split("position jumps by ")[1].split(" m")[0])
+    assert metres == pytest.approx(61.0, abs=5.0)
+    when = np.datetime64(f"2023-03-04T{first.because.split('at ')[1][:10]}")
+    assert abs(when - observed(1, noise=WHITE).gpst[row]) <= np.timedelta64(300, "ms")
+    assert ("all carriers break at once" in first.because) is slip or not slip
+    assert "not of one piece" in first.because
+    assert len(failed(found)) == len([e for e in failed(found) if e.because == first.because])  # said once, and kept
+    last = found[-1]
+    assert any(e.overrules and e.because == first.because for e in last)
+
+
+def test_a_step_smaller_than_errors_is_not_told():
+    assert not failed(said(spliced(observed(1), observed(2, place=(2.0, 1.0)), 70)))
+
+
+def test_another_oscillator_is_told_by_its_rate():
+    (first, *_) = failed(said(spliced(observed(1), observed(2, lo_ppm=0.8, seed=1), 70)))
+    assert "the clock's rate jumps by +0.50 ppm" in first.because
+
+
+def test_time_that_goes_back_is_told():
+    (first, *_) = failed(said(ahead(observed(), 77, -3e-6)))
+    assert "the signals' time goes back by" in first.because
+    assert "us and all carriers break at once" in first.because
+
+
+def test_a_recording_that_begins_again_is_told():
+    o = observed()
+    cells = {name: np.concatenate((getattr(o, name)[:80], getattr(o, name)[:80])) for name in CELLS}
+    cells["pseudorange_m"][80:] += LIGHT_M_S * 16.0
+    status = np.concatenate((o.status[:80], o.status[:80]))
+    status[80] = 3
+    again = replace(
+        o, gpst=o.gpst[:160], elapsed_s=o.elapsed_s[:160], status=status, half_cycle_open=np.array(False), **cells
+    )  # fmt: skip
+    (first, *_) = failed(said(again))
+    assert "the signals' time goes back by 16 s" in first.because
+    assert "position" not in first.because
+
+
+@pytest.mark.parametrize("motion", ["standing", "aircraft at 3 g"])
+def test_missing_samples_are_told_and_are_no_failure(motion):
+    exact = observed(4, motion=motion, noise=FIELD)
+    row, missing = 77, 2  # epochs of 0.2 s
+    moved = np.arange(exact.gpst.size - missing) + np.where(np.arange(exact.gpst.size - missing) >= row, missing, 0)
+    cells = {name: getattr(exact, name)[moved] for name in CELLS}
+    kept = slice(None, exact.gpst.size - missing)
+    late_s = np.where(np.arange(exact.gpst.size - missing) >= row, missing * EPOCH_S, 0.0)[:, None]
+    cells["pseudorange_m"] = cells["pseudorange_m"] - LIGHT_M_S * late_s
+    status = exact.status[moved].copy()
+    status[row] = 3
+    o = replace(exact, gpst=exact.gpst[kept], elapsed_s=exact.elapsed_s[kept], status=status,
+                half_cycle_open=np.array(False), **cells)  # fmt: skip
+    (only,) = failed(said(o))
+    assert only.p_value is None
+    assert not only.overrules
+    assert "the signals' time is 400 ms ahead" in only.because
+    assert "samples are missing" in only.because
+
+
+def test_a_jump_that_no_platform_makes_in_an_outage_is_told_and_a_speed_limit_tells_more():
+    far = spliced(observed(1), observed(2, place=(900.0, 0.0)), 80)
+    near = spliced(observed(1), observed(2, place=(90.0, 0.0)), 80)
+    told = failed(said(without_rows(far, 70, 85)))[0].because
+    assert "after 3.2 s without measurements the position jumps by 90" in told
+    assert not failed(said(without_rows(near, 70, 85)))
+    assert "position jumps by 9" in failed(said(without_rows(near, 70, 85), speed_max_m_s=5.0))[0].because
+
+
+def test_signals_found_again_under_other_names_are_the_same_sky():
+    o = observed()
+    again = replace(without_rows(o, 70, 78), signals=tuple(replace(s, copy="b") for s in o.signals))
+    both = tuple(o.signals) + again.signals
+    n = np.arange(o.gpst.size)[:, None]
+
+    def doubled(first, second):
+        return np.concatenate((np.where(n < 70, first, np.nan), np.where(n >= 78, second, np.nan)), axis=1)
+
+    cells = {name: doubled(getattr(o, name), getattr(again, name)) for name in CELLS}
+    status = np.where(np.isfinite(cells["pseudorange_m"]), 0, 1).astype(np.uint8)
+    lives = {f.name: np.concatenate((getattr(o, f.name),) * 2) for f in fields(o)
+             if f.name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}  # fmt: skip
+    joined = replace(o, signals=both, status=status, half_cycle_open=np.array(False), **cells, **lives)
+    assert not failed(said(joined))
+    moved = cells["pseudorange_m"].copy()
+    (there,) = (observed(place=(400.0, 460.0)),)
+    moved[78:, len(o.signals) :] = there.pseudorange_m[78:]
+    assert "position jumps by 6" in failed(said(replace(joined, pseudorange_m=moved)))[0].because
+
+
+def test_what_is_lacking_is_told():
+    records = windows(observed())[0]
+    (evidence,), state = Continuity().examine(replace(records, sets=()))
+    assert evidence.says == "undecided"
+    assert evidence.would_need
+    assert state is None
+
+
+def test_settings_that_make_no_sense_are_refused():
+    with pytest.raises(SettingsError, match="span_s is 0"):
+        ContinuitySettings(span_s=0.0)
+
+
+# Levels ---------------------------------------------------------------------------------------------------------------
+
+
+def test_satellites_that_fade_by_themselves_step_together_at_the_stated_rate():
+    rng = np.random.default_rng(5)
+    chances = [common_level_p_value(2.0 * (rng.normal(size=8) - rng.normal(size=8)), 2.0) for _ in range(4000)]
+    assert stats.kstest(chances, "uniform").pvalue > 1e-3
+    assert stats.binomtest(int(np.sum(np.array(chances) < 0.01)), 4000, 0.01).pvalue > 1e-3
+
+
+@pytest.mark.parametrize(("change_db", "word"), [(-12.0, "weaker by 12 dB"), (9.0, "stronger by 9 dB")])
+def test_a_drowned_sky_is_told(change_db, word):
+    o = observed()
+    louder = np.where(np.arange(o.gpst.size)[:, None] >= 100, change_db, 0.0)
+    (only,) = failed(said(replace(o, cn0_dbhz=o.cn0_dbhz + louder)))
+    assert word in only.because
+    assert not only.overrules  # shade does the same
+
+
+def test_one_satellite_in_shade_is_not_a_drowned_sky():
+    o = observed()
+    shaded = o.cn0_dbhz.copy()
+    shaded[100:, 1] -= 15.0
+    assert not failed(said(replace(o, cn0_dbhz=shaded)))
+
+
+def test_signals_stronger_than_any_from_space_are_told():
+    o = observed()
+    loud = o.cn0_dbhz.copy()
+    loud[:, 3] = CN0_MAX_DBHZ + 4.0
+    first, *_ = failed(said(replace(o, cn0_dbhz=loud)))
+    assert "stronger than any GPS signal" in first.because
+    assert [ref.signal for ref in first.subject] == [o.signals[3]]
+    assert isinstance(o.signals[3], SignalId)
+
+
+def test_the_places_of_the_tests_are_as_far_apart_as_they_say():
+    (there,) = geometry(place=(40.0, 46.0))
+    assert there.receiver == "rx1"
+    east_m = rot_enu_ecef(*PLACE_RAD) @ (
+        ecef_from_geodetic(PLACE_RAD[0] + np.radians(46.0 / 111_000.0), PLACE_RAD[1] + np.radians(40.0 / 85_400.0),
+                           PLACE["height_m"]) - PLACE_ECEF_M
+    )  # fmt: skip
+    assert np.linalg.norm(east_m) == pytest.approx(61.0, abs=0.3)

@@ -1,0 +1,281 @@
+"""Which pairing of two skies comes from one antenna: exact p-values, and what they can see."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from skyproof.detectors.multi_receiver.group_choice import (
+    choose,
+    fraction_test,
+    known_baseline_test,
+    known_sky_test,
+    lone_sky,
+    pairings,
+    span_test,
+    split_skies,
+    transmit_antennas,
+)
+from skyproof.statistics.distributions import binomial_two_sided, f_threshold, noncentral_f_survival
+
+UNITS = np.array([[0.1, 0.2, 0.97], [0.8, 0.1, 0.59], [-0.6, 0.6, 0.53], [-0.3, -0.8, 0.52], [0.5, -0.7, 0.51],
+                  [-0.9, 0.0, 0.43], [0.3, 0.8, 0.52]])  # fmt: skip
+UNITS /= np.linalg.norm(UNITS, axis=1, keepdims=True)
+BASELINE = np.array([[14.0, 14.0, 0.5]])
+
+
+def tables(rng, trials, baseline_m, sigma_m=1.0, receivers=2, shared_m=0.0):
+    """Means of a pairing of one antenna and of the sky beside it, (trials, 7, R) each; each shows a place and a clock.
+
+    shared_m : sigma of what a satellite's ranges have too much in all receivers.
+    """
+    baseline_m = np.broadcast_to(baseline_m, (receivers - 1, 3))
+    terms = 300.0 * rng.standard_normal((2, trials, 3)) @ UNITS.T + shared_m * rng.standard_normal((2, trials, 7))
+    terms = terms[..., None] + 1e5 * rng.standard_normal((2, trials, 1, receivers))
+    false, sky = terms + sigma_m * rng.standard_normal((2, trials, 7, receivers))
+    sky[..., 1:] -= (UNITS @ baseline_m.T)[None]
+    return false, sky
+
+
+def well_calibrated(p_values, level=0.01):
+    return binomial_two_sided(int(np.sum(p_values < level)), p_values.size, level) > 1e-4
+
+
+@pytest.mark.parametrize("receivers", [2, 3, 5])
+@pytest.mark.parametrize("sigma_m", [0.1, 3.0])
+def test_a_pairing_of_one_antenna_is_rejected_as_often_as_stated_whatever_the_baseline(receivers, sigma_m):
+    rng = np.random.default_rng(receivers)
+    for baseline, seen in ((0.0, ("fixes", "differences", "alone")), (BASELINE, ("alone",))):
+        test = span_test(*tables(rng, 40_000, baseline, sigma_m, receivers), UNITS)
+        for name in seen:
+            assert well_calibrated(getattr(test, name))
+            assert well_calibrated(getattr(test, name), 0.5)
+        assert np.mean(test.p_value < 0.01) < 0.0115
+
+
+@pytest.mark.parametrize("baseline_m", [0.0, 0.05 * BASELINE, BASELINE])
+@pytest.mark.parametrize("shared_m", [0.0, 1.0])
+def test_a_baseline_or_errors_that_receivers_share_make_it_only_more_careful(baseline_m, shared_m):
+    test = span_test(*tables(np.random.default_rng(31), 40_000, baseline_m, 1.0, shared_m=shared_m), UNITS)
+    # Counts of 400 of 40000 and 40 of 40000, plus three standard deviations.
+    for p_value in test:
+        assert np.mean(p_value < 0.01) < 0.0115
+        assert np.mean(p_value < 0.001) < 0.00148
+    if shared_m:
+        assert np.mean(test.fixes < 0.01) < 0.007
+
+
+def test_tracks_of_known_unequal_noise_keep_the_rate_and_spoil_it_if_not_told():
+    rng = np.random.default_rng(1)
+    sigma_m = np.array([[0.2, 3.0]] * 3 + [[3.0, 0.3]] * 4)[[0, 3, 1, 4, 2, 5, 6]]
+    for shared_m in (0.0, 30.0):
+        test = span_test(*tables(rng, 40_000, 0.0, sigma_m, shared_m=shared_m), UNITS, sigma_m)
+        for p_value in test[1:]:
+            assert well_calibrated(p_value)
+    untold = span_test(*tables(rng, 40_000, 0.0, sigma_m[:, :1]), UNITS)
+    assert not well_calibrated(untold.alone)
+
+
+def test_sigmas_of_a_satellites_factor_times_a_receivers_leave_the_noise_of_all_fixes():
+    sigma_m = np.linspace(0.5, 2.0, 7)[:, None] * np.array([1.0, 1.7])
+    baseline = 0.25 * BASELINE
+    false, sky = tables(np.random.default_rng(32), 20_000, baseline, 0.65 * sigma_m)
+    test = span_test(sky, false, UNITS, sigma_m)
+    assert np.mean(test.fixes < 1e-3) > 1.1 * np.mean(test.differences < 1e-3)
+
+
+def test_errors_that_receivers_share_cost_only_what_the_fixes_would_have_gained():
+    baseline = 0.25 * BASELINE  # 5 m
+    false, sky = tables(np.random.default_rng(33), 5000, baseline, 0.37, shared_m=100.0)
+    test = span_test(sky, false, UNITS)
+    assert np.mean(test.fixes < 1e-3) < 0.01
+    assert np.mean(test.p_value < 1e-3) > np.mean(test.differences < 1e-4) > 0.9
+
+
+def test_its_power_is_that_of_the_noncentral_law_over_all_noise():
+    baseline, sigma_m = 0.25 * BASELINE, 0.9
+    false, sky = tables(np.random.default_rng(34), 40_000, baseline, sigma_m)
+    shown = -(UNITS @ baseline[0])
+    squares = np.sum((shown - shown.mean()) ** 2) / 2.0 / sigma_m**2
+    told = noncentral_f_survival(f_threshold(1e-3, 3, 15), 3, 15, squares)
+    assert np.mean(span_test(sky, false, UNITS).fixes < 1e-3) == pytest.approx(float(told), abs=0.01)
+    assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.9 * told
+
+
+def test_the_sky_is_seen_at_a_fraction_of_the_noise_that_an_average_leaves():
+    false, sky = tables(np.random.default_rng(2), 2000, BASELINE, 0.37)
+    assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.999
+
+
+@pytest.mark.parametrize("baseline", [BASELINE, 0.1 * BASELINE])
+def test_with_the_baseline_known_the_rate_is_kept(baseline):
+    false, sky = tables(np.random.default_rng(3), 40_000, baseline)
+    p_value = known_baseline_test(false, sky, UNITS, baseline)
+    assert 0.007 < np.mean(p_value < 0.01) < 0.0115
+    shared = known_baseline_test(*tables(np.random.default_rng(3), 40_000, baseline, shared_m=30.0), UNITS, baseline)
+    assert np.mean(shared < 0.01) < 0.004
+
+
+def test_with_the_baseline_known_only_the_side_where_the_other_way_round_shows_counts():
+    false = tables(np.random.default_rng(35), 5000, BASELINE, 10.0)[0]
+    farther = tables(np.random.default_rng(36), 5000, 2.0 * BASELINE, 10.0)[1]
+    nearer = tables(np.random.default_rng(37), 5000, 0.0, 10.0)[1]
+    far, near = (np.mean(known_baseline_test(false, table, UNITS, BASELINE) < 0.01) for table in (farther, nearer))
+    assert far < 0.01
+    assert near > 5.0 * far
+
+
+def test_with_the_baseline_known_shorter_ones_are_seen():
+    baseline = 0.25 * BASELINE  # 5 m
+    false, sky = tables(np.random.default_rng(4), 5000, baseline, 2.0 / np.sqrt(30.0))
+    assert np.mean(known_baseline_test(sky, false, UNITS, baseline) < 1e-3) > 0.999
+    assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.999
+    false, sky = tables(np.random.default_rng(4), 5000, 0.5 * baseline, 2.0 / np.sqrt(30.0))
+    assert np.mean(known_baseline_test(sky, false, UNITS, 0.5 * baseline) < 1e-3) > 0.99
+    assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) < 0.9
+
+
+def test_pairings_that_mix_are_rejected_also_on_the_transmitters_line():
+    rng = np.random.default_rng(5)
+    for where in (-25.0 * BASELINE[0], np.array([300.0, -500.0, 10.0])):  # in line with the baseline, and not
+        sky = rng.standard_normal((500, 7, 2)) - UNITS @ np.stack([np.zeros(3), BASELINE[0]], axis=-1)
+        false = rng.standard_normal((500, 7, 2)) + (UNITS @ where)[:, None] + np.array([900.0, 920.0])
+        mixed, other = (np.stack([a[..., 0], b[..., 1]], axis=-1) for a, b in ((sky, false), (false, sky)))
+        for one, complement in ((mixed, other), (other, mixed)):
+            assert np.all(known_baseline_test(one, complement, UNITS, BASELINE) < 1e-3)
+            assert np.all(span_test(one, complement, UNITS).p_value < 1e-3)
+
+
+def test_no_baseline_cannot_tell():
+    false, sky = tables(np.random.default_rng(6), 5, np.zeros((1, 3)))
+    assert np.all(known_baseline_test(false, sky, UNITS, np.zeros((1, 3))) == 1.0)
+
+
+# Skies
+
+
+def test_two_skies_are_split_whatever_the_order_of_tracks():
+    rng = np.random.default_rng(7)
+    offset_m = np.array([-300.0, 400.0, 20.0])
+    false_m = UNITS @ -offset_m + 900.0
+    swapped = rng.random((200, 7)) < 0.5
+    tracks = np.stack(np.broadcast_arrays(np.zeros(7), false_m), axis=-1)[None].repeat(200, axis=0)
+    tracks = np.where(swapped[..., None], tracks[..., ::-1], tracks) + 0.5 * rng.standard_normal((200, 7, 2))
+    split = split_skies(tracks, UNITS)
+    np.testing.assert_array_equal(split.first, swapped ^ swapped[:, :1])
+    assert np.mean(split.squares) == pytest.approx(2 * 3 * 0.25, rel=0.2)
+    assert np.all(split.runner_up > 50.0)
+
+
+def test_pairings_and_their_complements_mirror():
+    rows = pairings(3)
+    np.testing.assert_array_equal(rows[::-1], 1 - rows)
+    assert rows.shape == (8, 3)
+
+
+# Two transmit antennas
+
+
+def two_antennas(rng, trials):
+    """Means (trials, 7, 2 receivers, 2 tracks) of 1 m over 30 s; false signals of 4 and 3 satellites, 300 m apart."""
+    noise_m = rng.standard_normal((trials, 7, 2, 2)) / np.sqrt(30.0)
+    places = np.where(np.arange(7)[:, None] < 4, [-300.0, 400.0, 20.0], [-100.0, 180.0, 40.0])
+    ways_m = np.where(np.arange(7)[:, None] < 4, [900.0, 915.0], [900.0, 892.0])
+    false_m = np.sum(UNITS * places, axis=1)[:, None] + ways_m
+    true_m = np.column_stack([np.zeros(7), -UNITS @ BASELINE[0]])
+    return noise_m + np.stack([true_m, false_m], axis=-1)
+
+
+def test_beside_two_transmit_antennas_the_true_sky_is_the_one_that_fits():
+    means_m = two_antennas(np.random.default_rng(11), 500)
+    found = lone_sky(np.swapaxes(means_m, 1, 2), UNITS)
+    assert np.all(found.first == 0)
+    sky = means_m[..., 0]
+    assert well_calibrated(known_sky_test(sky, UNITS, BASELINE, 1.0 / 30.0))
+    assert np.all(known_sky_test(means_m[..., 1], UNITS, BASELINE, 1.0 / 30.0) < 1e-6)
+
+
+def test_two_transmit_antennas_are_counted_and_their_signals_sorted():
+    means_m = two_antennas(np.random.default_rng(12), 2000)[..., 1]
+    found = transmit_antennas(means_m[..., 1] - means_m[..., 0], np.sqrt(2.0 / 30.0), 1e-3)
+    assert np.mean(found.number > 2) < 3e-3
+    assert np.all(found.label[found.number == 2] == [1] * 4 + [0] * 3)
+
+
+# Choice
+
+
+def test_a_choice_needs_all_others_to_be_rejected():
+    p_values = np.array([[0.4, 1e-5, 1e-6, 1e-7], [0.4, 0.3, 1e-6, 1e-7], [1e-12, 1e-15, 1e-15, 1e-15]])
+    np.testing.assert_array_equal(choose(p_values, 1e-3).which, [0, -1, -1])
+    np.testing.assert_allclose(choose(p_values, 1e-3).p_value[:2], [1e-5, 0.3])
+
+
+def test_a_choice_errs_no_more_often_than_stated_where_nothing_can_be_told():
+    false, sky = tables(np.random.default_rng(8), 40_000, np.zeros((1, 3)))
+    p_values = np.stack([span_test(false, sky, UNITS).p_value, span_test(sky, false, UNITS).p_value], axis=-1)
+    assert np.mean(choose(p_values, 0.01).which == 1) < 0.0125
+
+
+# Fractions of cycles
+
+
+@pytest.mark.parametrize("modulus", [1.0, 0.5])
+def test_equal_fractions_pass_as_often_as_stated(modulus):
+    rng = np.random.default_rng(9)
+    shape = (40_000, 7)
+    cycles = rng.random((shape[0], 1)) + modulus * rng.integers(-9, 9, shape) + 0.01 * rng.standard_normal(shape)
+    assert well_calibrated(fraction_test(cycles, 0.01, modulus_cyc=modulus).p_value)
+
+
+def test_fractions_that_fit_by_chance_are_as_rare_as_told():
+    rng = np.random.default_rng(10)
+    test = fraction_test(rng.random((400_000, 5)), 0.04)
+    radius = 0.04 * np.sqrt(13.277)  # 1 % of chi-square with 4
+    told = np.sqrt(5) * np.pi**2 / 2.0 * radius**4
+    assert np.mean(test.p_value > 0.01) == pytest.approx(told, rel=0.15)
+
+
+def test_half_cycles_that_are_open_are_told_apart_only_if_they_are_not_allowed():
+    cycles = np.array([0.1, 0.6, 0.1, 0.6, 0.1])
+    assert fraction_test(cycles, 0.01, modulus_cyc=0.5).p_value > 0.99
+    assert fraction_test(cycles, 0.01).p_value < 1e-9
+
+
+# Uniform p-values
+
+
+def uniform(p_values, tails=(1e-2, 1e-3, 1e-4)):
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
+    for tail in tails:
+        assert binomial_two_sided(int(np.sum(p_values < tail)), p_values.size, tail) > 1e-4
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("receivers", [2, 3])
+def test_p_values_of_the_span_test_are_uniform_whatever_the_noise_over_time(receivers):
+    rng, trials = np.random.default_rng(20 + receivers), 500_000
+    # Means of 10 epochs of AR(1) 0.9 and a constant: what the tests' own variances know nothing of.
+    steps = np.abs(np.subtract.outer(np.arange(10), np.arange(10)))
+    for sigma_m in (1.0, np.sqrt(np.mean(0.9**steps) + 1.0)):
+        test = span_test(*tables(rng, trials, 0.0, sigma_m, receivers), UNITS)
+        for p_value in test[1:]:
+            uniform(p_value)
+        for level in (1e-2, 1e-3, 1e-4):  # Bonferroni's bound is hardly careful
+            assert 0.6 < np.mean(test.p_value < level) / level < 1.0 + 4.0 / np.sqrt(level * trials)
+        uniform(span_test(*tables(rng, trials, BASELINE, sigma_m, receivers), UNITS).alone)
+
+
+@pytest.mark.long
+def test_p_values_of_fractions_are_uniform():
+    rng = np.random.default_rng(21)
+    shape = 1_000_000, 7
+    cycles = rng.random((shape[0], 1)) + rng.integers(-9, 9, shape) + 0.01 * rng.standard_normal(shape)
+    uniform(fraction_test(cycles, 0.01).p_value)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("level", [1e-2, 1e-3, 1e-4])
+def test_the_test_over_a_known_baseline_is_hardly_conservative(level):
+    false, sky = tables(np.random.default_rng(22), 1_000_000, BASELINE)
+    p_value = known_baseline_test(false, sky, UNITS, BASELINE)
+    assert 0.6 < np.mean(p_value < level) / level < 1.0 + 4.0 / np.sqrt(level * p_value.size)

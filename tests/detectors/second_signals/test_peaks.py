@@ -1,0 +1,117 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.second_signals.peaks import Peaks, PeaksSettings, second_signals
+from skyproof.records import Observations, Records, SignalId
+from skyproof.statistics.distributions import binomial_survival
+
+START = np.datetime64("2022-01-01T00:00:00", "ns")
+
+
+def observations(second=(), *, sats=12, delay_m=900.0, doppler_hz=0.0, weaker_db=0.0, cn0_dbhz=45.0, tow=True,
+                 spread_m=12.0):  # fmt: skip
+    """One receiver; the satellites numbered in `second` have a second signal, each by another delay."""
+    epochs = 5
+    names = [f"G{k + 1:02d}" for k in range(sats)]
+    signals = [SignalId(sat) for sat in names] + [SignalId(names[k], copy="b") for k in second]
+    base = np.array([2.1e7 + 1e5 * k for k in range(sats)] + [2.1e7 + 1e5 * k + delay_m + spread_m * k for k in second])
+    doppler = np.array([100.0 * k for k in range(sats)] + [100.0 * k + doppler_hz for k in second])
+    cn0 = np.array([cn0_dbhz] * sats + [cn0_dbhz - weaker_db] * len(second))
+    ones = np.ones((epochs, len(signals)))
+    return Observations(
+        receiver="rx1", signals=tuple(signals), gpst=START + np.arange(epochs).astype("timedelta64[s]"),
+        elapsed_s=np.arange(epochs, dtype=float), pseudorange_m=base * ones if tow else np.nan * ones,
+        carrier_cyc=ones, doppler_hz=doppler * ones, cn0_dbhz=cn0 * ones, pseudorange_sigma_m=ones,
+        carrier_sigma_cyc=ones, doppler_sigma_hz=ones, status=np.full(ones.shape, 0 if tow else 2, np.uint8),
+        found_elapsed_s=np.zeros(len(signals)), missed_elapsed_s=np.full(len(signals), np.nan),
+    )  # fmt: skip
+
+
+def examine(*receivers):
+    records = Records(start_gpst=START, end_gpst=START + np.timedelta64(5, "s"), observations=receivers)
+    return Peaks().examine(records)[0]
+
+
+def test_many_second_signals_are_an_attack_and_one_is_an_echo():
+    (many,), (one,) = examine(observations(range(8))), examine(observations([3]))
+    assert many.says == "attack"
+    assert many.p_value < 1e-12
+    assert {ref.signal.sat for ref in many.subject} == {f"G{k + 1:02d}" for k in range(8)}
+    assert one.says == "clean"
+    assert one.statistic == 1.0
+
+
+def test_the_rate_that_counts_attain_is_stated():
+    (evidence,) = examine(observations([3]))
+    assert evidence.threshold == 3.0
+    assert evidence.false_alarm_probability == pytest.approx(float(binomial_survival(3, 12, 0.01)))
+    assert evidence.false_alarm_probability < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("kind", "counts"),
+    [
+        ({"delay_m": 400.0}, False),  # 1.4 chips
+        ({"delay_m": 480.0}, True),
+        ({"delay_m": -480.0}, True),
+        ({"delay_m": 10.0, "doppler_hz": 45.0}, False),
+        ({"delay_m": 10.0, "doppler_hz": -60.0}, True),
+        ({"weaker_db": 13.0}, False),
+        ({"weaker_db": 11.0}, True),
+        ({"weaker_db": -20.0}, False),  # the first is the weak one
+        ({"cn0_dbhz": 35.0, "weaker_db": 6.0}, False),  # below what is credible
+    ],
+)
+def test_what_counts_as_a_second_signal(kind, counts):
+    found = second_signals(observations([0, 1, 2], **kind), PeaksSettings())
+    assert found.doubled == (("G01", "G02", "G03") if counts else ())
+    assert found.unknown == ()
+
+
+def test_a_late_copy_of_the_whole_sky_is_named_and_no_attack():
+    copied = observations(range(8), weaker_db=6.0, delay_m=450.0, spread_m=0.5)
+    count, late = examine(copied)
+    assert (count.says, late.says) == ("clean", "multipath")
+    assert {(ref.signal.sat, ref.signal.copy) for ref in late.subject} == {(f"G{k + 1:02d}", "b") for k in range(8)}
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [{"weaker_db": -6.0}, {"weaker_db": 0.0}, {"delay_m": -900.0}, {"spread_m": 30.0}, {"doppler_hz": 60.0},
+     {"delay_m": 4000.0}],
+    ids=str,
+)
+def test_what_is_stronger_earlier_or_moves_otherwise_is_no_late_copy(kind):
+    (evidence,) = examine(observations(range(8), **({"weaker_db": 6.0, "spread_m": 0.5} | kind)))
+    assert evidence.says == "attack"
+
+
+def test_without_time_of_week_only_doppler_tells_signals_apart():
+    (unknown,) = examine(observations(range(8), tow=False))
+    assert unknown.says == "undecided"
+    assert "time of week" in unknown.would_need
+    (apart,) = examine(observations(range(8), tow=False, doppler_hz=80.0))
+    assert apart.says == "attack"
+    (clean,) = examine(observations(tow=False))
+    assert clean.says == "clean"
+
+
+def test_too_few_satellites_are_not_called_clean():
+    (evidence,) = examine(observations(sats=1))
+    assert evidence.says == "undecided"
+    assert "too few" in evidence.because
+
+
+def test_every_receiver_has_its_own_evidence():
+    evidence = examine(observations(range(8)), replace(observations(), receiver="rx2"))
+    assert [e.says for e in evidence] == ["attack", "clean"]
+    assert evidence[1].subject[0].receiver == "rx2"
+
+
+def test_a_channel_that_is_there_for_one_epoch_does_not_count():
+    full = observations([0, 1, 2])
+    cn0_dbhz = full.cn0_dbhz.copy()
+    cn0_dbhz[1:, 12:] = np.nan
+    assert second_signals(replace(full, cn0_dbhz=cn0_dbhz), PeaksSettings()).doubled == ()
