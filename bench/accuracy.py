@@ -25,9 +25,9 @@ from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import LoopSettings, Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulate.ideal import Motion, ideal_signals
-from skyproof.simulate.samples import BLOCK, Rendering, render
-from skyproof.simulate.scenario import FrontEnd
+from skyproof.simulator.ideal import Motion, ideal_signals
+from skyproof.simulator.samples import BLOCK, Rendering, render
+from skyproof.simulator.scenario import FrontEnd
 
 BANDS_HZ = ((2.6e6, 2.0e6), (4e6, 3.2e6), (5e6, 4e6), (25e6, 20e6))
 SPACINGS_CHIPS = (0.1, 0.25, 0.5, 1.0)

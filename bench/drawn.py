@@ -34,7 +34,7 @@ from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Fix
-from skyproof.simulate.files import write_samples
+from skyproof.simulator.files import write_samples
 
 TO_95 = 2.45  # of a circle about two equal sigmas
 TO_95_UP = 2.80  # of a sphere

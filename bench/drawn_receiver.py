@@ -24,9 +24,9 @@ from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
 from skyproof.receiver.channels import FORGET_S, Gap, LostSignal, Place, continued, letter
 from skyproof.records import Observations, Samples, SignalId
-from skyproof.simulate.field_errors import FieldError, FieldErrors, field_errors
-from skyproof.simulate.heard import ReceiverSky, Scene
-from skyproof.simulate.measurements import Geometry, geometry_of
+from skyproof.simulator.measurement_errors import FieldError, FieldErrors, field_errors
+from skyproof.simulator.measurements import Geometry, geometry_of
+from skyproof.simulator.received import ReceiverSky, Scene
 
 __all__ = ["Heard", "Noise", "hear", "received", "true_offset_s"]
 

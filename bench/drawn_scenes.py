@@ -13,8 +13,8 @@ from skyproof.errors import ScenarioError
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulate.heard import Scene
-from skyproof.simulate.scenario import (
+from skyproof.simulator.received import Scene
+from skyproof.simulator.scenario import (
     Antenna,
     FrontEnd,
     Interference,
@@ -25,8 +25,8 @@ from skyproof.simulate.scenario import (
     Spoofer,
     Takeover,
 )
-from skyproof.simulate.sites import Site, WayPoints
-from skyproof.simulate.sky import scene_of
+from skyproof.simulator.sites import Site, WayPoints
+from skyproof.simulator.sky import scene_of
 
 __all__ = ["DrawnAttack", "DrawnScene", "Made", "draw_scene", "make", "stated_sigma_m"]
 

@@ -32,7 +32,7 @@ from skyproof.receiver.channels import Arc
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.replica import passed
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulate import Place, samples_of, scenes
+from skyproof.simulator import Place, samples_of, scenes
 
 RATE_HZ = 2.6037e6
 """No whole number of samples a code period: with one, a signal of little Doppler is read at the same places of its

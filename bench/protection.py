@@ -21,7 +21,7 @@ import skyproof
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulate import scenes, write
+from skyproof.simulator import scenes, write
 
 RUNS = 3
 DURATION_S, ONSET_S = 24.0, 8.0

@@ -19,11 +19,11 @@ import protection
 import reading
 import rinex
 import sets
-import simulator
 import startup
 from timing import machine
 
 import receiver
+import simulator
 
 BENCHES = {
     "kernel": kernel, "acquisition": acquisition, "sets": sets, "simulator": simulator, "accuracy": accuracy,

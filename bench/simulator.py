@@ -11,11 +11,11 @@ from timing import line, take_turns
 
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.signals import prn_of
-from skyproof.simulate import Antenna, FrontEnd, NoiseModel, Place, clean, draw, geometry_of, scene_of, scenes
-from skyproof.simulate.correlators import correlate
-from skyproof.simulate.field_errors import FieldErrors
-from skyproof.simulate.heard import Scene
-from skyproof.simulate.samples import BLOCK, Rendering, ahead_of, quantised, render, rendering_of
+from skyproof.simulator import Antenna, FrontEnd, NoiseModel, Place, clean, draw, geometry_of, scene_of, scenes
+from skyproof.simulator.correlators import correlate
+from skyproof.simulator.measurement_errors import FieldErrors
+from skyproof.simulator.received import Scene
+from skyproof.simulator.samples import BLOCK, Rendering, ahead_of, quantised, render, rendering_of
 
 DURATION_S = 2.0
 PLAIN_S = 0.02

@@ -29,7 +29,7 @@ from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.fix import fix
-from skyproof.simulate import FrontEnd, Place, Scenario, clean, scene_of, write
+from skyproof.simulator import FrontEnd, Place, Scenario, clean, scene_of, write
 
 PEERS = (gnss_sdr,)  # a peer is a module with NAME, CURE, find() and receive(samples, folder)
 

@@ -1,7 +1,6 @@
 """What a user of the package may rely on: its names, in any order of imports, each told with an example."""
 
 import ast
-import importlib
 import inspect
 import re
 import subprocess
@@ -48,19 +47,9 @@ def test_a_name_has_an_example_that_calls_it_as_it_may_be_called(name: str) -> N
         inspect.signature(getattr(sp, name)).bind(*call.args, **keywords)
 
 
-def test_simulate_is_the_use_case_and_the_room_can_still_be_imported() -> None:
-    importlib.import_module("skyproof.simulate.files")
-    room = importlib.import_module("skyproof.simulate")
-    from skyproof.simulate import scenes  # noqa: PLC0415
-
-    assert room.scene_of is importlib.import_module("skyproof.simulate.sky").scene_of
-    assert inspect.ismodule(scenes)
-    assert sp.simulate.__module__ == "skyproof.app.simulate"
-
-
 @pytest.mark.parametrize(
     "first",
-    ["import skyproof.simulate", "from skyproof import simulate", "from skyproof.app.demo import demo", "sp.protect"],
+    ["import skyproof.simulator", "from skyproof import simulate", "from skyproof.app.demo import demo", "sp.protect"],
 )
 def test_simulate_is_the_use_case_whatever_came_first(first: str) -> None:
     program = f"import skyproof as sp; {first}; print(sp.simulate.__module__)"

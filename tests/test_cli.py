@@ -33,7 +33,7 @@ from skyproof.cli import progress as progress_of
 from skyproof.cli import study as study_command
 from skyproof.errors import InputError, OutputError
 from skyproof.formats.verdict import read_verdict, verdict_json
-from skyproof.simulate.scenes import ready, ready_made
+from skyproof.simulator.scenes import ready, ready_made
 from skyproof.studies.base import Chart, Claim, Study
 from skyproof.verdict import Verdict
 

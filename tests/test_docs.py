@@ -23,7 +23,7 @@ from skyproof.formats.raw import SampleLayout, read_sidecar
 from skyproof.formats.sigmf import open_sigmf
 from skyproof.formats.tables import FIXES_COLUMNS
 from skyproof.formats.verdict import read_verdict
-from skyproof.simulate import parse_scenario, ready_made
+from skyproof.simulator import parse_scenario, ready_made
 from skyproof.studies import studies
 from skyproof.testing import MeasuredScene
 

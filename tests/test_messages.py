@@ -31,7 +31,7 @@ from skyproof.formats.raw import read_sidecar
 from skyproof.formats.sigmf import open_sigmf
 from skyproof.navigation.filter_state import FilterSettings
 from skyproof.records import Samples
-from skyproof.simulate.scenario import parse_scenario, read_scenario
+from skyproof.simulator.scenario import parse_scenario, read_scenario
 
 # --- settings
 

@@ -32,7 +32,7 @@ def unbuilt(word: str, what: str, so_far: str) -> str:
         case "keys":
             return tables.keys(what)
         case "scenes":
-            return tables.scenes("../src/skyproof/simulate/scenes/{}.toml")
+            return tables.scenes("../src/skyproof/simulator/scenes/{}.toml")
         case "studies":
             return tables.study_list()
         case "figure":

@@ -27,7 +27,7 @@ BIN = Path(sys.executable).parent
 WIDTH = 84
 LONGEST = 1500
 """Characters of an object that has no better way to show itself."""
-STUDY_ROOMS = ("studies", "detectors", "statistics", "navigation", "simulate", "gnss", "records.py", "report/chart.py")
+STUDY_ROOMS = ("studies", "detectors", "statistics", "navigation", "simulator", "gnss", "records.py", "report/chart.py")
 """What the rows and charts of a study depend on; everything else may change without making them anew."""
 
 
@@ -110,7 +110,7 @@ def output(line: str) -> str:
 
 def scene_pages() -> list[Path]:
     """The pages that draw the ready-made scenes."""
-    with kept("pages", fingerprint(("simulate", "gnss", "report", "app/pages.py", "app/scene_page.py"))) as stale:
+    with kept("pages", fingerprint(("simulator", "gnss", "report", "app/pages.py", "app/scene_page.py"))) as stale:
         if stale:
             run("simulate", "--pages", "pages")
     return sorted((CACHE / "pages").glob("*.html"))

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from skyproof.cli import app
-from skyproof.simulate import Site, ready_made
+from skyproof.simulator import Site, ready_made
 from skyproof.studies import studies
 
 ROOT = Path(__file__).resolve().parents[2]

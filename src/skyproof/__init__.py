@@ -11,9 +11,7 @@ The vocabulary is `skyproof.records` and `skyproof.verdict`. Frames are ECEF WGS
 numpy.datetime64[ns], angles are radians inside and degrees where a name says so, units stand in the names.
 """
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -38,21 +36,3 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module, function = _FROM[name]
     return getattr(import_module(module), function)
-
-
-class _Package(ModuleType):
-    """The package, whose `simulate` is the use case also after the room of that name was imported.
-
-    To import a module sets it as an attribute of its package. `from skyproof.simulate import ...` works as ever.
-    """
-
-    @property
-    def simulate(self) -> Any:
-        return __getattr__("simulate")
-
-    @simulate.setter
-    def simulate(self, room: ModuleType) -> None:
-        pass
-
-
-sys.modules[__name__].__class__ = _Package

@@ -13,9 +13,9 @@ from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Fix, NavigationData, Observations
-from skyproof.simulate.files import write
-from skyproof.simulate.scenario import FrontEnd, Place, Receiver, Scenario, Sky
-from skyproof.simulate.sky import ReceiverSky, Scene, scene_of
+from skyproof.simulator.files import write
+from skyproof.simulator.scenario import FrontEnd, Place, Receiver, Scenario, Sky
+from skyproof.simulator.sky import ReceiverSky, Scene, scene_of
 
 LIGHT_M_S = 299_792_458.0
 NEAR_M = 100.0  # a signal whose delay is no nearer than this to any true one is none of them

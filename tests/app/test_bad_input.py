@@ -27,7 +27,7 @@ from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.verdict import read_verdict
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulate.scenario import FrontEnd
+from skyproof.simulator.scenario import FrontEnd
 
 START = np.datetime64("2024-05-14T09:59:56.5", "ns")  # a time of week is complete 4.7 s later
 SIDECAR = '[samples]\nrate_hz = 2600000.0\nkind = "complex"\nencoding = "sign"\nbits = 1\n'

@@ -11,10 +11,10 @@ from skyproof.app.settings import Settings
 from skyproof.app.windows import detectors_for, examine, window_records
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulate import scenes
-from skyproof.simulate.measurements import NoiseModel, observations_of
-from skyproof.simulate.samples import samples_of
-from skyproof.simulate.scenario import Place
+from skyproof.simulator import scenes
+from skyproof.simulator.measurements import NoiseModel, observations_of
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import Place
 
 
 def anywhere(rng: np.random.Generator) -> tuple[Place, np.datetime64]:

@@ -11,9 +11,9 @@ from skyproof.app.reception import observe, require_signals, track
 from skyproof.app.settings import Settings
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulate import scenes
-from skyproof.simulate.samples import samples_of
-from skyproof.simulate.scenario import FrontEnd, Place
+from skyproof.simulator import scenes
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd, Place
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 PLACE = Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0)

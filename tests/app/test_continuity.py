@@ -15,8 +15,8 @@ from skyproof.detectors.base import load_detectors
 from skyproof.detectors.continuity.detector import Continuity
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import NavigationData, Samples
-from skyproof.simulate.measurements import NoiseModel, observations_of
-from skyproof.simulate.scenario import FrontEnd
+from skyproof.simulator.measurements import NoiseModel, observations_of
+from skyproof.simulator.scenario import FrontEnd
 
 CELLS = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
          "doppler_sigma_hz")  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 from skyproof.app.demo import demo
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.report.positions import radius_95_m
-from skyproof.simulate import scenes
+from skyproof.simulator import scenes
 from skyproof.verdict import Position
 
 

@@ -13,8 +13,8 @@ from skyproof.app.protect import judge, protect
 from skyproof.app.reception import observe, track
 from skyproof.app.settings import Settings
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulate.samples import samples_of
-from skyproof.simulate.scenario import FrontEnd
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd
 
 DURATION_S = 14.0
 FAR = Settings(antenna_separation_m=50.0)

@@ -9,9 +9,9 @@ from skyproof.app.reception import observe, track
 from skyproof.app.settings import Settings
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import SampleGap, Samples
-from skyproof.simulate.samples import samples_of
-from skyproof.simulate.scenario import FrontEnd
-from skyproof.simulate.sky import scene_of
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd
+from skyproof.simulator.sky import scene_of
 
 LIGHT_M_S = 299_792_458.0
 RATE_HZ = 2_600_000

@@ -18,9 +18,9 @@ from skyproof.app.inspect import NotUnderstood, inspect
 from skyproof.errors import InputError, NotEnoughData, SettingsError
 from skyproof.formats.raw import read_sidecar
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulate import scenes
-from skyproof.simulate.samples import samples_of
-from skyproof.simulate.scenario import FrontEnd, Place, Sky
+from skyproof.simulator import scenes
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd, Place, Sky
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 

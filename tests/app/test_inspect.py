@@ -15,10 +15,10 @@ from skyproof.app.inspect import _first_looks, document_json, inspect, inspect_s
 from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import SampleGap, Samples
-from skyproof.simulate import scenes
-from skyproof.simulate.samples import samples_of
-from skyproof.simulate.scenario import FrontEnd, Place
-from skyproof.simulate.sky import scene_of
+from skyproof.simulator import scenes
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd, Place
+from skyproof.simulator.sky import scene_of
 
 INT8 = 'encoding = "int"\nbits = 8\n'
 START = np.datetime64("2024-03-03T11:59:58", "ns")

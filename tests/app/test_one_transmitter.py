@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from skyproof.simulate.attacks import TransmitAntenna
-from skyproof.simulate.scenario import Multipath, Place, Spoofer, Takeover
+from skyproof.simulator.attacks import TransmitAntenna
+from skyproof.simulator.scenario import Multipath, Place, Spoofer, Takeover
 
 pytestmark = pytest.mark.long
 

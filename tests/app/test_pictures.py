@@ -9,7 +9,7 @@ from skyproof.app import pictures
 from skyproof.app.pictures import pictures_of
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.report.page import report_html
-from skyproof.simulate.scenario import Meaconer
+from skyproof.simulator.scenario import Meaconer
 
 PLACE = {"lat_deg": 57.7, "lon_deg": 11.9, "height_m": 50.0}
 

@@ -11,7 +11,7 @@ from skyproof.app.reception import observe, open_inputs, track
 from skyproof.app.settings import Settings
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.formats.rinex_obs_read import read_obs
-from skyproof.simulate.scenario import Meaconer
+from skyproof.simulator.scenario import Meaconer
 
 
 @pytest.fixture(scope="module")

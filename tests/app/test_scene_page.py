@@ -12,9 +12,9 @@ import pytest
 from skyproof.app.pages import plot, write_pages
 from skyproof.app.scene_page import scene_page
 from skyproof.cli import main
-from skyproof.simulate import scenes
-from skyproof.simulate.constellation import navigation_of
-from skyproof.simulate.scenario import Place, Scenario, parse_scenario
+from skyproof.simulator import scenes
+from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.scenario import Place, Scenario, parse_scenario
 
 NAMES = list(scenes.ready_made())
 DOCS = Path(__file__).resolve().parents[2] / "docs"

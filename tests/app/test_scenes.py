@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.simulate.scenario import FrontEnd, Meaconer, Place, Sky, Spoofer
+from skyproof.simulator.scenario import FrontEnd, Meaconer, Place, Sky, Spoofer
 
 pytestmark = pytest.mark.long
 

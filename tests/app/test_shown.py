@@ -9,7 +9,7 @@ from skyproof.app.reception import Reception
 from skyproof.app.simulate import SimulateResult
 from skyproof.formats.tables import fixes_columns
 from skyproof.records import Fix, NavigationData, Observations, Samples, SignalId
-from skyproof.simulate.scenes import ready
+from skyproof.simulator.scenes import ready
 
 NOBODY = NavigationData(ephemerides=(), ionosphere=None, utc=None, source="nothing")
 

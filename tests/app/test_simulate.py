@@ -17,9 +17,9 @@ from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import SignalId
-from skyproof.simulate.scenario import FrontEnd, Imu, Meaconer, Place, Receiver, Scenario
-from skyproof.simulate.sky import scene_of
-from skyproof.simulate.truth import signal_truth
+from skyproof.simulator.scenario import FrontEnd, Imu, Meaconer, Place, Receiver, Scenario
+from skyproof.simulator.sky import scene_of
+from skyproof.simulator.truth import signal_truth
 
 START = np.datetime64("2024-05-14T09:59:58", "ns")
 TABLES = (".csv", ".parquet")

@@ -11,8 +11,8 @@ from skyproof.formats.raw import open_raw
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulate import samples_of, scenes
-from skyproof.simulate.scenario import FrontEnd, Place
+from skyproof.simulator import samples_of, scenes
+from skyproof.simulator.scenario import FrontEnd, Place
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 PLACE = Place(lat_deg=-33.9, lon_deg=18.4, height_m=40.0)

@@ -20,7 +20,7 @@ from skyproof.formats.signatures import head_of, other_than_samples, wav_header
 from skyproof.formats.track import read_track
 from skyproof.formats.verdict import read_verdict
 from skyproof.records import Samples
-from skyproof.simulate.scenario import read_scenario
+from skyproof.simulator.scenario import read_scenario
 
 __all__ = ["READERS", "Reader"]
 

@@ -16,8 +16,8 @@ from skyproof.navigation.ins_errors import (
 )
 from skyproof.navigation.strapdown import strapdown, strapdown_paths
 from skyproof.records import ImuSeries, NavState
-from skyproof.simulate.inertial import GRADES, ImuErrors, ImuGrade, inertial
-from skyproof.simulate.trajectories import las_vegas
+from skyproof.simulator.inertial import GRADES, ImuErrors, ImuGrade, inertial
+from skyproof.simulator.trajectories import las_vegas
 
 SECONDS = np.arange(0.0, 234.0)
 APPROACH = las_vegas()

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.navigation.strapdown import euler_rates, euler_rates_as_printed, strapdown, strapdown_paths
 from skyproof.records import ImuSeries, NavState
-from skyproof.simulate.inertial import inertial
-from skyproof.simulate.trajectories import circle, las_vegas, way_points
+from skyproof.simulator.inertial import inertial
+from skyproof.simulator.trajectories import circle, las_vegas, way_points
 
 
 def first(motion):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulate import scenes
-from skyproof.simulate.samples import samples_of
-from skyproof.simulate.scenario import FrontEnd, Place
-from skyproof.simulate.sky import Scene, scene_of
+from skyproof.simulator import scenes
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd, Place
+from skyproof.simulator.sky import Scene, scene_of
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 PLACE = Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0)

@@ -14,9 +14,9 @@ from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.crosstalk import POINTS, autocorrelation, take_out
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulate.ideal import Motion, ideal_signals
-from skyproof.simulate.samples import BLOCK, render
-from skyproof.simulate.scenario import FrontEnd
+from skyproof.simulator.ideal import Motion, ideal_signals
+from skyproof.simulator.samples import BLOCK, render
+from skyproof.simulator.scenario import FrontEnd
 
 SAT, PRN = "G05", 5
 CODE = GPS_L1_CA.code(PRN)

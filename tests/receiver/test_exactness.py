@@ -12,9 +12,9 @@ from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulate.ideal import Motion, ideal_signals
-from skyproof.simulate.samples import BLOCK, render
-from skyproof.simulate.scenario import FrontEnd
+from skyproof.simulator.ideal import Motion, ideal_signals
+from skyproof.simulator.samples import BLOCK, render
+from skyproof.simulator.scenario import FrontEnd
 
 CHIP_M = SPEED_OF_LIGHT_M_S / GPS_L1_CA.chip_rate_hz
 FRONT_END = FrontEnd(rate_hz=2.6e6, bandwidth_hz=2.0e6, encoding="float", bits=32)

@@ -12,7 +12,7 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.receiver import measurement as m
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulate import FrontEnd, Place, clean, samples_of
+from skyproof.simulator import FrontEnd, Place, clean, samples_of
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 RATE_HZ = 2_600_000

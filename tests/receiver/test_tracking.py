@@ -15,8 +15,8 @@ from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.observables import assemble, clock_label
 from skyproof.receiver.tracking import Receiver, ReceiverState
 from skyproof.records import Observations
-from skyproof.simulate import scenes
-from skyproof.simulate.scenario import FrontEnd
+from skyproof.simulator import scenes
+from skyproof.simulator.scenario import FrontEnd
 
 
 def receive(rendered, cuts):

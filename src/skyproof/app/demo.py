@@ -8,8 +8,8 @@ from skyproof.app.protect import ProtectResult, protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.time import utc_from_gpst
-from skyproof.simulate import scenes
-from skyproof.simulate.files import write
+from skyproof.simulator import scenes
+from skyproof.simulator.files import write
 
 __all__ = ["demo"]
 

@@ -9,11 +9,11 @@ from skyproof.app.scene_page import write_page
 from skyproof.app.simulate import scenario_of
 from skyproof.formats.atomic_write import write_lines
 from skyproof.report.stability import AllanCurve, stability_html
-from skyproof.simulate import scenes
-from skyproof.simulate.constellation import navigation_of
-from skyproof.simulate.scenario import Scenario
-from skyproof.simulate.stability import Stability, clock_stability, imu_stability
-from skyproof.simulate.standalone import overridden
+from skyproof.simulator import scenes
+from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.scenario import Scenario
+from skyproof.simulator.stability import Stability, clock_stability, imu_stability
+from skyproof.simulator.standalone import overridden
 
 __all__ = ["ERRORS_PAGE", "plot", "stability_page", "write_pages"]
 

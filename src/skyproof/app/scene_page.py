@@ -27,12 +27,12 @@ from skyproof.report.scene import (
     scene_html,
 )
 from skyproof.report.words import instant_words
-from skyproof.simulate.attacks import Interference, Meaconer, Spoofer, Takeover
-from skyproof.simulate.heard import HeardSignal, ReceiverSky, Scene
-from skyproof.simulate.platforms import Point, motion_within, trajectory_of
-from skyproof.simulate.scenario import Antenna, Attack, Receiver, Scenario
-from skyproof.simulate.sites import Site
-from skyproof.simulate.sky import scene_of
+from skyproof.simulator.attacks import Interference, Meaconer, Spoofer, Takeover
+from skyproof.simulator.platforms import Point, motion_within, trajectory_of
+from skyproof.simulator.received import HeardSignal, ReceiverSky, Scene
+from skyproof.simulator.scenario import Antenna, Attack, Receiver, Scenario
+from skyproof.simulator.sites import Site
+from skyproof.simulator.sky import scene_of
 
 __all__ = ["PAGE", "scene_page", "write_page"]
 
@@ -60,7 +60,7 @@ _SINGLE = {"sat_db": "dB", "sat_code_m": "m", "sat_code_m_s": "m/s", "sat_dopple
 def scene_page(scenario: Scenario, navigation: NavigationData) -> str:
     """The page of a scenario. The same scenario and navigation data give the same characters.
 
-    Raises ScenarioError as `skyproof.simulate.sky.scene_of` does.
+    Raises ScenarioError as `skyproof.simulator.sky.scene_of` does.
     """
     scene = scene_of(scenario, navigation)
     firsts = _first_antennas(scene)

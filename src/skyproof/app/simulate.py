@@ -21,9 +21,8 @@ from skyproof.formats.documents import read_json
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.time import utc_from_gpst
 from skyproof.records import Observations, SignalId
-from skyproof.simulate.constellation import navigation_of
-from skyproof.simulate.document import FORMAT, truth_of
-from skyproof.simulate.files import (
+from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.files import (
     Container,
     container_of,
     sample_names,
@@ -34,12 +33,13 @@ from skyproof.simulate.files import (
     write_series,
     write_truth,
 )
-from skyproof.simulate.heard import Scene
-from skyproof.simulate.measurements import draw, geometry_of
-from skyproof.simulate.scenario import Scenario, read_scenario
-from skyproof.simulate.scenes import ready, ready_made
-from skyproof.simulate.sky import scene_of
-from skyproof.simulate.standalone import NAVIGATION, Standalone, overridden, standalone
+from skyproof.simulator.measurements import draw, geometry_of
+from skyproof.simulator.received import Scene
+from skyproof.simulator.scenario import Scenario, read_scenario
+from skyproof.simulator.scenes import ready, ready_made
+from skyproof.simulator.sky import scene_of
+from skyproof.simulator.standalone import NAVIGATION, Standalone, overridden, standalone
+from skyproof.simulator.truth_document import FORMAT, truth_of
 from skyproof.verdict import notebook_html
 
 __all__ = ["Depth", "SimulateResult", "document_json", "ready_made", "ready_made_json", "scenario_of", "simulate"]

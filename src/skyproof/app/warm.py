@@ -19,9 +19,9 @@ from skyproof.detectors.dccaf.inverse_raim import passing_sets
 from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.navigation.strapdown import strapdown_paths
-from skyproof.simulate import scenes
-from skyproof.simulate.files import write
-from skyproof.simulate.scenario import FrontEnd
+from skyproof.simulator import scenes
+from skyproof.simulator.files import write
+from skyproof.simulator.scenario import FrontEnd
 from skyproof.statistics.directions import hemisphere
 
 

@@ -17,8 +17,8 @@ from skyproof.navigation.exclusion import choose_fix, wrong_choice_probability, 
 from skyproof.navigation.ins_errors import STATES, error_covariance, start_covariance, updated
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import NavState
-from skyproof.simulate.inertial import GRADES, ImuGrade, inertial
-from skyproof.simulate.trajectories import las_vegas, las_vegas_false
+from skyproof.simulator.inertial import GRADES, ImuGrade, inertial
+from skyproof.simulator.trajectories import las_vegas, las_vegas_false
 from skyproof.statistics.gauss_markov import gauss_markov_step
 from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 

@@ -14,10 +14,10 @@ from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import ConsistentSet, Records, SignalId
-from skyproof.simulate.field_errors import FieldErrors
-from skyproof.simulate.measurements import NoiseModel, draw, geometry_of
-from skyproof.simulate.scenario import parse_scenario
-from skyproof.simulate.sky import scene_of
+from skyproof.simulator.measurement_errors import FieldErrors
+from skyproof.simulator.measurements import NoiseModel, draw, geometry_of
+from skyproof.simulator.scenario import parse_scenario
+from skyproof.simulator.sky import scene_of
 from skyproof.testing import MeasuredScene, TrackErrors, check_pieces
 
 START = "2023-03-04T05:06:07"

@@ -1,0 +1,219 @@
+"""Transmitters of false signals, and of noise, as a person writes them.
+
+Times that end in `_s` count from the scenario's `start_gpst`, in GPS time.
+"""
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
+
+from skyproof.arrays import Reals
+from skyproof.simulator.sites import Model, Name, SatName, Site, between, rising
+
+__all__ = ["Attack", "Interference", "Meaconer", "Spoofer", "Takeover", "TransmitAntenna"]
+
+LEAST_PAUSE_S = 0.1
+
+Points = tuple[tuple[float, float], ...]
+
+
+class TransmitAntenna(Site):
+    """One more antenna of a transmitter. sats : what leaves from it."""
+
+    sats: tuple[SatName, ...] = Field(min_length=1)
+
+
+class _Transmitter(Model):
+    """What every attack has.
+
+    transmit : the antenna from which all signals leave that no other antenna is told for.
+    power_db : of each false signal at the first receiver at the onset, relative to the true signal of the same
+        satellite there; with time and at other receivers it changes with the distance from the transmit antenna.
+    power_points_db : (time, further power), straight between, held beyond the ends.
+    noise_db : of the transmitter's own noise at the first receiver, relative to the receiver's noise.
+    onset_s, until_s : the first and the last wave leave the transmit antenna.
+    off_s : (from, until): silent between.
+    sats : which satellites are imitated; all that stand above the mask at the place shown if absent.
+    sat_db : additional power of single satellites.
+    sat_code_m, sat_code_m_s, sat_doppler_hz : what is added to the code of single satellites, to its rate, and to the
+        carrier: each by itself, so that code and carrier may part.
+    clock_offset_s, clock_drift, clock_points_s : how late the false signals are: constant, growing since the onset, and
+        (time, further offset), straight lines with rounded corners between.
+    message : "true"; "inverted": every bit; "random": bits without a message. With `message_later_s` it tells a time
+        of week that is so much later.
+    """
+
+    name: str = Field(default="", pattern=r"^$|^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    transmit: Site
+    antennas: tuple[TransmitAntenna, ...] = ()
+    power_db: float = Field(default=0.0, ge=-60, le=60)
+    power_points_db: Points = ()
+    noise_db: float | None = Field(default=None, ge=-60, le=60)
+    onset_s: float = 0.0
+    until_s: float | None = None
+    off_s: Points = ()
+    sats: tuple[SatName, ...] | None = Field(default=None, min_length=1)
+    sat_db: Mapping[SatName, float] = Field(default_factory=dict)
+    sat_code_m: Mapping[SatName, float] = Field(default_factory=dict)
+    sat_code_m_s: Mapping[SatName, float] = Field(default_factory=dict)
+    sat_doppler_hz: Mapping[SatName, float] = Field(default_factory=dict)
+    clock_drift: float = Field(default=0.0, ge=-1e-4, le=1e-4)
+    clock_points_s: Points = ()
+    message: Literal["true", "inverted", "random"] = "true"
+    message_later_s: int = Field(default=0, ge=-604_800, le=604_800, multiple_of=6)
+
+    @model_validator(mode="after")
+    def _times(self) -> Self:
+        if self.until_s is not None and self.until_s <= self.onset_s:
+            raise ValueError(f"until_s {self.until_s:g} is not after onset_s {self.onset_s:g}")
+        rising([row[0] for row in self.clock_points_s], "clock_points_s")
+        rising([row[0] for row in self.power_points_db], "power_points_db")
+        edges = [self.onset_s, *(edge for pause in self.off_s for edge in pause)]
+        if self.until_s is not None and self.off_s:
+            edges.append(self.until_s)
+        for one, next_one in pairwise(edges):
+            if next_one - one < LEAST_PAUSE_S:
+                raise ValueError(
+                    f"off_s: {next_one:g} s is not {LEAST_PAUSE_S:g} s after {one:g} s; give pauses in order, within "
+                    "onset_s and until_s"
+                )
+        return self
+
+    @property
+    def windows_s(self) -> tuple[tuple[float, float], ...]:
+        """From when to when its waves leave."""
+        starts = [self.onset_s, *(until for _, until in self.off_s)]
+        ends = [*(start for start, _ in self.off_s), np.inf if self.until_s is None else self.until_s]
+        return tuple(zip(starts, ends, strict=True))
+
+    def power_at_db(self, left_s: ArrayLike) -> Reals:
+        """Power over that at the onset, of waves that leave at times (n,), before any spreading."""
+        return _power_db(self.power_db, self.power_points_db, left_s)
+
+    def clock_s(self, left_s: ArrayLike) -> Reals:
+        """By how much what leaves at times (n,) is late, besides the constant part."""
+        at_s = np.asarray(left_s, np.float64)
+        drifted_s = self.clock_drift * np.maximum(at_s - self.onset_s, 0.0)
+        return np.asarray(drifted_s + between(self.clock_points_s, at_s, 1)[..., 0])
+
+    def antenna_of(self, sat: str) -> int:
+        """0 for `transmit`, else the number of the further antenna that sends a satellite's signal, from 1 on."""
+        return next((n for n, antenna in enumerate(self.antennas, 1) if sat in antenna.sats), 0)
+
+    @property
+    def transmit_sites(self) -> tuple[Site, ...]:
+        return self.transmit, *self.antennas
+
+
+class Meaconer(_Transmitter):
+    """Repeats the sky that it hears with its receive antenna, `delay_s` later than the waves alone would take."""
+
+    kind: Literal["meaconer"] = "meaconer"
+    receive: Site
+    delay_s: float = Field(default=0.0, ge=0, le=1)
+
+    @property
+    def shows(self) -> Site:
+        return self.receive
+
+    @property
+    def added_delay_s(self) -> float:
+        return self.delay_s
+
+
+class Spoofer(_Transmitter):
+    """Makes the signals that a receiver at the place shown, or on the way shown, would hear; `clock_offset_s` late."""
+
+    kind: Literal["spoofer"] = "spoofer"
+    shows: Site
+    clock_offset_s: float = Field(default=0.0, ge=-0.5, le=0.5)
+
+    @property
+    def added_delay_s(self) -> float:
+        return self.clock_offset_s
+
+
+class Takeover(_Transmitter):
+    """Lays its signals on the true ones of one receiver, and draws them off.
+
+    target : the receiver's name; the way to its first antenna is taken off, so that all arrives as if true.
+    away_points_enu_m : (time, east, north, up): by how much the place shown leaves the true one; straight
+        lines with rounded corners between.
+    code_offset_m : of all false codes at the onset.
+    carrier : "follows" the code; or keeps to the true one's frequency ("locked") while the code is drawn off.
+    phase : of the carrier against the true one's at the target: "aligned", or "random" for each satellite.
+    phase_points_deg : (time, by how much the carrier is late besides), straight between, held beyond the ends.
+    """
+
+    kind: Literal["takeover"] = "takeover"
+    target: Name
+    away_points_enu_m: tuple[tuple[float, float, float, float], ...] = ()
+    code_offset_m: float = Field(default=0.0, ge=-1e5, le=1e5)
+    carrier: Literal["follows", "locked"] = "follows"
+    phase: Literal["aligned", "random"] = "random"
+    phase_points_deg: Points = ()
+
+    @model_validator(mode="after")
+    def _points(self) -> Self:
+        rising([row[0] for row in self.away_points_enu_m], "away_points_enu_m")
+        rising([row[0] for row in self.phase_points_deg], "phase_points_deg")
+        return self
+
+    def phase_cyc(self, left_s: ArrayLike) -> Reals:
+        """By how much the carrier is late besides, of waves that leave at times (n,)."""
+        return _straight(self.phase_points_deg, left_s) / 360.0
+
+    @property
+    def added_delay_s(self) -> float:
+        return 0.0
+
+
+Attack = Annotated[Meaconer | Spoofer | Takeover, Field(discriminator="kind")]
+
+
+class Interference(Model):
+    """Noise from a transmitter, stationary but for its switching.
+
+    power_db : at the first receiver, over the receiver's noise in the whole band sampled; elsewhere by distance.
+    kind : "cw", one line `offset_hz` off the nominal carrier; "chirp", a line that sweeps over `sweep_hz` around it,
+        up, in `period_s`; "noise", white over the band.
+    """
+
+    kind: Literal["cw", "chirp", "noise"]
+    name: str = Field(default="", pattern=r"^$|^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    transmit: Site
+    power_db: float = Field(ge=-60, le=80)
+    power_points_db: Points = ()
+    offset_hz: float = 0.0
+    sweep_hz: float = Field(default=1e6, gt=0)
+    period_s: float = Field(default=1e-4, ge=1e-6, le=1.0)
+    onset_s: float = 0.0
+    until_s: float | None = None
+
+    @model_validator(mode="after")
+    def _ends_after_it_begins(self) -> Self:
+        if self.until_s is not None and self.until_s <= self.onset_s:
+            raise ValueError(f"until_s {self.until_s:g} is not after onset_s {self.onset_s:g}")
+        rising([row[0] for row in self.power_points_db], "power_points_db")
+        return self
+
+    def power_at_db(self, left_s: ArrayLike) -> Reals:
+        """Power over the receiver's noise at the first receiver, of what leaves at times (n,)."""
+        return _power_db(self.power_db, self.power_points_db, left_s)
+
+
+def _power_db(power_db: float, points_db: Points, at_s: ArrayLike) -> Reals:
+    return power_db + _straight(points_db, at_s)
+
+
+def _straight(points: Points, at_s: ArrayLike) -> Reals:
+    """Values between (time, value), straight, held beyond the ends; zeros without points."""
+    at_s = np.asarray(at_s, np.float64)
+    if not points:
+        return np.zeros(at_s.shape)
+    rows = np.array(points)
+    return np.asarray(np.interp(at_s, rows[:, 0], rows[:, 1]))

@@ -1,0 +1,329 @@
+"""A scene on disk: samples of each antenna, series of the truth, inertial readings, and truth.json.
+
+    NAME.sigmf-meta, NAME.sigmf-data    samples that SigMF can hold: whole numbers of 8 and 16 bits, floats
+    NAME.bin, NAME.toml                 any samples, with the sidecar of `skyproof.formats.raw`
+    SCENE.sigmf-collection              the recordings of a scene, where SigMF holds several
+    RECEIVER-truth.csv, .parquet        `skyproof.simulator.truth.trajectory_truth`
+    NAME-signals.csv, .parquet          `skyproof.simulator.truth.signal_truth`
+    RECEIVER-imu.csv, .parquet          `skyproof.simulator.truth.imu_blocks`
+    truth.json                          `skyproof.simulator.truth_document.truth_of`
+
+NAME is the receiver's, and with several antennas RECEIVER.ANTENNA. Every file appears when it is whole. Memory does not
+grow with the duration.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.arrays import Floats
+from skyproof.compiled import compiled
+from skyproof.errors import OutputError, SettingsError
+from skyproof.formats.atomic_write import write_lines, writing
+from skyproof.formats.raw import SampleLayout, sidecar_text
+from skyproof.formats.sigmf_write import annotation, collection_json, fits_sigmf, geolocation, recording_json
+from skyproof.formats.tables import growing_tables
+from skyproof.gnss.ephemeris import NavigationData
+from skyproof.gnss.frames import geodetic_from_ecef
+from skyproof.gnss.time import iso
+from skyproof.simulator.inertial import Imu
+from skyproof.simulator.received import ReceiverSky, Scene
+from skyproof.simulator.samples import BLOCK, Rendering, ahead_of, quantised, rendering_of, rough_start
+from skyproof.simulator.scenario import FrontEnd, Scenario
+from skyproof.simulator.sky import scene_of
+from skyproof.simulator.truth import (
+    SIGNALS_HZ,
+    TRAJECTORY_HZ,
+    Table,
+    imu_blocks,
+    imus_of,
+    moment,
+    signal_blocks,
+    trajectory_blocks,
+)  # fmt: skip
+from skyproof.simulator.truth_document import Heard, interference_of, truth_of, windows_of
+
+__all__ = [
+    "Container", "container_of", "sample_names", "samples_octets", "series_names", "series_octets", "write",
+    "write_samples", "write_series", "write_truth",
+]  # fmt: skip
+
+Container = Literal["sigmf", "raw"]
+Told = Callable[[int, int], None]
+"""Called with what is done and what is to do in all."""
+
+_ENDINGS: Final = {"sigmf": (".sigmf-data", ".sigmf-meta"), "raw": (".bin", ".toml")}
+"""Of the samples, and of what tells how to read them."""
+_TABLES: Final = (".csv", ".parquet")
+_ROW_OCTETS: Final = {"truth": 600, "signals": 330, "imu": 290}
+"""In both kinds of table together, at most; measured."""
+
+
+def write(
+    scenario: Scenario, navigation: NavigationData, folder: Path, *, container: Container = "raw",
+    progress: Told | None = None,
+) -> list[Path]:  # fmt: skip
+    """Render a scene into `folder`, which is made if need be: samples and truth.json.
+
+    Parameters
+    ----------
+    progress : called with the samples done and the samples of all antennas together.
+
+    Returns
+    -------
+    list of Path : the recording of each antenna, NAME.bin or NAME.sigmf-meta.
+
+    Raises
+    ------
+    ScenarioError : as `scene_of`.
+    SettingsError : SigMF cannot hold such samples.
+    OutputError : the folder or a file cannot be written.
+    """
+    scene = scene_of(scenario, navigation)
+    container = container_of(scenario.front_end, container)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{error.filename or folder}: cannot be written ({error.strerror or error}); give a folder that can"
+        ) from error
+    write_truth(folder, truth_of(scene, files=sample_names(scene, container)))
+    return write_samples(scene, folder, container, progress=progress)
+
+
+# --- samples
+
+
+def container_of(front_end: FrontEnd, wanted: Container | None = None) -> Container:
+    """What is wanted, or what fits: SigMF if it can hold such samples. Raises SettingsError if it cannot."""
+    fits = fits_sigmf(front_end.encoding, front_end.bits)
+    if wanted == "sigmf" and not fits:
+        raise SettingsError(
+            f"SigMF has no data type for samples of front_end.encoding {front_end.encoding!r} with {front_end.bits} "
+            'bit; ask for raw, or set encoding = "int" and bits = 8 in the table front_end'
+        )
+    return wanted or ("sigmf" if fits else "raw")
+
+
+def sample_names(scene: Scene, container: Container) -> list[str]:
+    """The files of `write_samples`, in its order."""
+    names = [f"{sky.name}{ending}" for sky in scene.skies for ending in _ENDINGS[container]]
+    return names + ([_collection(scene)] if _is_collection(scene, container) else [])
+
+
+def samples_octets(scenario: Scenario) -> int:
+    """How many bytes all samples take."""
+    front_end = scenario.front_end
+    bits = front_end.bits * (2 if front_end.kind == "complex" else 1)
+    n_antennas = sum(len(receiver.antennas) for receiver in scenario.receivers)
+    return n_antennas * int(scenario.duration_s * front_end.rate_hz) * bits // 8
+
+
+def write_samples(scene: Scene, folder: Path, container: Container, *, progress: Told | None = None) -> list[Path]:
+    """Render every antenna; what tells how to read the samples is written after them."""
+    renderings = [rendering_of(scene, index) for index in range(len(scene.skies))]
+    data_ending, meta_ending = _ENDINGS[container]
+    total, done = sum(rendering.n_samples for rendering in renderings), 0
+    metas: dict[str, bytes] = {}
+    for rendering in renderings:
+        name, digest = rendering.sky.name, hashlib.sha512()
+        with writing(folder / f"{name}{data_ending}") as file, closing(_packed_blocks(rendering)) as blocks:
+            for octets, count in blocks:
+                file.write(octets)
+                if container == "sigmf":
+                    digest.update(octets)
+                done += count
+                if progress is not None:
+                    progress(done, total)
+        if container == "raw":
+            text = sidecar_text(_layout(scene, rendering))
+        else:
+            text = _sigmf_text(scene, rendering, digest.hexdigest())
+            metas[name] = text.encode()
+        write_lines(folder / f"{name}{meta_ending}", [text], end="", encoding="utf-8")
+    if _is_collection(scene, container):
+        text = collection_json(metas, description=_described(scene))
+        write_lines(folder / _collection(scene), [text], end="", encoding="utf-8")
+    return [folder / f"{sky.name}{data_ending if container == 'raw' else meta_ending}" for sky in scene.skies]
+
+
+def _is_collection(scene: Scene, container: Container) -> bool:
+    return container == "sigmf" and len(scene.skies) > 1
+
+
+def _collection(scene: Scene) -> str:
+    return f"{scene.scenario.name}.sigmf-collection"
+
+
+def _described(scene: Scene) -> str:
+    return scene.scenario.description or f"scene {scene.scenario.name}, simulated"
+
+
+def _layout(scene: Scene, rendering: Rendering) -> SampleLayout:
+    front_end, antenna = rendering.front_end, rendering.sky.antenna.name
+    return SampleLayout.model_validate({
+        "rate_hz": front_end.rate_hz, "centre_hz": rendering.sky.signal.carrier_hz, "if_hz": front_end.if_hz,
+        "kind": front_end.kind, "encoding": front_end.encoding, "bits": front_end.bits, "bit_order": "msb-first",
+        "start_gpst": iso(rough_start(scene, rendering.sky), 0),
+    } | ({} if antenna == "1" else {"antenna": antenna}))  # fmt: skip
+
+
+def _sigmf_text(scene: Scene, rendering: Rendering, sha512: str) -> str:
+    sky, scenario = rendering.sky, scene.scenario
+    start_s = sky.receiver.start_offset_s
+    lat_rad, lon_rad, height_m = geodetic_from_ecef(sky.point(np.array([start_s])).position_ecef_m[0])
+    place = geolocation(
+        round(float(np.degrees(lat_rad)), 9), round(float(np.degrees(lon_rad)), 9), round(float(height_m), 4)
+    )  # fmt: skip
+    heard = [window for name in scenario.attack_names for window in windows_of(sky, name)]
+    comments = ("false signals", "interference")
+    annotations = [
+        _annotated(scene, rendering, window, comment)
+        for comment, windows in zip(comments, (heard, interference_of(scene, sky)), strict=True) for window in windows
+    ]  # fmt: skip
+    of_several = len(scene.skies) > 1
+    moves = sky.receiver.path is not None or sky.antenna.spin is not None
+    return recording_json(
+        _layout(scene, rendering), sha512=sha512, place=place, moves=moves,
+        description=f"{_described(scene)}; receiver {sky.receiver.name}, antenna {sky.antenna.name}",
+        recorder=f"skyproof {version('skyproof')} simulate", hw="simulated: no hardware",
+        annotations=[one for one in annotations if one is not None],
+        collection=_collection(scene).removesuffix(".sigmf-collection") if of_several else None,
+    )  # fmt: skip
+
+
+def _annotated(scene: Scene, rendering: Rendering, heard: Heard, comment: str) -> dict[str, Any] | None:
+    """A stretch of samples, from the first that holds it on; none if it is not in the recording."""
+    name, *edges_s = heard
+    edges = np.ceil(rendering.sky.elapsed_at(np.array(edges_s)) * rendering.front_end.rate_hz)
+    first, last = np.clip(edges, 0, rendering.n_samples).astype(np.int64).tolist()
+    if first >= last:
+        return None
+    came = iso(moment(scene, edges_s[0]), 9) if np.isfinite(edges_s[0]) else "before the scene"
+    return annotation(first, last - first, name, f"{comment}; the first wave arrives at GPS time {came}")
+
+
+def _packed_blocks(rendering: Rendering) -> Generator[tuple[bytes, int], None, None]:
+    yield from ahead_of(partial(_packed_block, rendering), range(-(-rendering.n_samples // BLOCK)))
+
+
+def _packed_block(rendering: Rendering, block: int) -> tuple[bytes, int]:
+    planes = quantised(rendering, block)
+    rows = planes[:1] if rendering.front_end.kind == "real" else planes
+    return _packed(rows, rendering.front_end.encoding, rendering.front_end.bits), planes.shape[1]
+
+
+def _packed(rows: Floats, encoding: str, bits: int) -> bytes:
+    """Quantised values (numbers of a sample, n) as bytes, in the conventions of `skyproof.formats.raw`."""
+    if bits >= 8:
+        return np.ascontiguousarray(rows.T).astype(f"<{encoding[0]}{bits // 8}").tobytes()
+    octets = np.empty(rows.size * bits // 8, np.uint8)
+    _pack(rows, bits, octets)
+    return octets.tobytes()
+
+
+@compiled
+def _pack(rows: Floats, bits: int, octets: NDArray[np.uint8]) -> None:
+    """Sign, and with two bits magnitude (1 or 3), first number in the highest bits. NumPy takes 4 times as long."""
+    numbers = rows.shape[0]
+    samples_in_octet = 8 // (bits * numbers)
+    for k in range(octets.size):
+        octet = np.uint8(0)
+        for j in range(k * samples_in_octet, (k + 1) * samples_in_octet):
+            for row in range(numbers):
+                value = rows[row, j]
+                octet = np.uint8(octet << 1) | np.uint8(value < 0.0)
+                if bits == 2:
+                    octet = np.uint8(octet << 1) | np.uint8(abs(value) > 1.0)
+        octets[k] = octet
+
+
+# --- series and the document
+
+
+def series_names(scene: Scene) -> list[str]:
+    """The files of `write_series`."""
+    return [f"{stem}{ending}" for stem, _, _ in _series(scene, TRAJECTORY_HZ, SIGNALS_HZ) for ending in _TABLES]
+
+
+def series_octets(scene: Scene) -> int:
+    """About how many bytes the series take, rather more than less."""
+    duration_s = scene.scenario.duration_s
+    rows = {
+        "truth": TRAJECTORY_HZ * len(scene.trajectories),
+        "signals": SIGNALS_HZ * sum(len(sky.signals) for sky in scene.skies),
+        "imu": sum(r.imu.rate_hz for r in scene.scenario.receivers if r.imu is not None),
+    }
+    files = 10_000 * 2 * (2 * len(scene.skies) + len(scene.trajectories))  # of a Parquet file of few rows
+    return files + int(sum(_ROW_OCTETS[kind] * (duration_s * rate_hz + 1) for kind, rate_hz in rows.items()))
+
+
+def write_series(
+    scene: Scene, folder: Path, *, trajectory_hz: float = TRAJECTORY_HZ, signals_hz: float = SIGNALS_HZ,
+    progress: Told | None = None,
+) -> list[Path]:  # fmt: skip
+    """Tables of the truth and of inertial readings, as CSV and Parquet; progress in tables.
+
+    Raises OutputError if a file cannot be written.
+    """
+    series = list(_series(scene, trajectory_hz, signals_hz))
+    paths: list[Path] = []
+    for number, (stem, metadata, blocks) in enumerate(series):
+        places = [folder / f"{stem}{ending}" for ending in _TABLES]
+        with growing_tables(places, metadata) as take:
+            for block in blocks:
+                take(block)
+        paths += places
+        if progress is not None:
+            progress(number + 1, len(series))
+    return paths
+
+
+def _series(
+    scene: Scene, trajectory_hz: float, signals_hz: float
+) -> Iterator[tuple[str, dict[str, str], Iterable[Table]]]:
+    """Name without ending, what is told within the file, and the blocks of each table."""
+    about = {"scene": scene.scenario.name, "seed": str(scene.scenario.seed), "skyproof": version("skyproof")}
+    imus = imus_of(scene)
+    for name in scene.trajectories:
+        told = about | {"receiver": name, "rate_hz": f"{trajectory_hz:g}"}
+        yield f"{name}-truth", told, trajectory_blocks(scene, name, trajectory_hz)
+    for sky in scene.skies:
+        told = about | {"receiver": sky.receiver.name, "antenna": sky.antenna.name, "rate_hz": f"{signals_hz:g}"}
+        yield f"{sky.name}-signals", told, signal_blocks(scene, sky.name, signals_hz)
+    for name, imu in imus.items():
+        yield f"{name}-imu", about | _imu_told(_sky_of_receiver(scene, name), imu), imu_blocks(scene, imu)
+
+
+def _sky_of_receiver(scene: Scene, receiver: str) -> ReceiverSky:
+    return next(sky for sky in scene.skies if sky.receiver.name == receiver)
+
+
+def _imu_told(sky: ReceiverSky, imu: Imu) -> dict[str, str]:
+    unit = sky.receiver.imu
+    assert unit is not None
+    return {
+        "receiver": sky.receiver.name,
+        "grade": unit.grade or "without error",
+        "errors": "" if imu.grade is None else imu.grade.source,
+        "rate_hz": f"{imu.rate_hz:g}",
+        "body_m": json.dumps(unit.body_m),
+        "mounting_roll_pitch_heading_deg": json.dumps(unit.mounting_deg),
+        "axes": "the body's (forward, right, down), turned by heading, then pitch, then roll",
+        "readings": "means over the interval that ends at each row's time; the rate is against inertial space",
+    }
+
+
+def write_truth(folder: Path, truth: dict[str, Any]) -> Path:
+    """truth.json. Raises OutputError if it cannot be written."""
+    path = folder / "truth.json"
+    write_lines(path, [json.dumps(truth, indent=1, ensure_ascii=False, allow_nan=False)], encoding="utf-8")
+    return path

@@ -1,0 +1,273 @@
+"""How bodies move: trajectories that can be asked for any time and give place, attitude and all derivatives.
+
+Whatever a trajectory gives belongs to one smooth curve: velocity is the derivative of the place, the angular rate that
+of the attitude, exactly. So receivers, antennas and inertial sensors of one body agree with each other.
+
+Body axes are forward, right, down; heading is clockwise from true north, pitch is positive with the nose up, roll with
+the right side down (Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed.,
+2.1.4 and 2.2.1). An array drawn with its x axis forward and azimuths clockwise from it keeps its picture: y is right.
+Rates are those of the body with respect to the Earth, which an inertial sensor sees on top of the Earth's own.
+
+Times are seconds of float64 since the scene's start. Velocities and accelerations are those of the Earth-fixed frame.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skyproof.arrays import Reals
+from skyproof.errors import ScenarioError
+from skyproof.gnss.constants import WGS84_A_M, WGS84_F
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.records import freeze
+from skyproof.simulator.taylor import cross, derivative, dot, normalised, product
+
+__all__ = [
+    "AlongMotion", "Held", "Lever", "Motion", "SpinningArm", "Trajectory", "antenna_motion", "attitude_ecef",
+    "axes_of", "heading_pitch_roll_rad", "moments", "motion_of",
+]  # fmt: skip
+
+_GRAVITY_M_S2: Final = 9.80665  # to bank with; the true one differs by less than 0.4 % on the ground
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Motion:
+    """A body at n moments.
+
+    position_ecef_m, velocity_ecef_m_s, acceleration_ecef_m_s2 : (n, 3).
+    attitude : (n, 3, 3), `vector_ecef = attitude @ vector_body`; its columns are forward, right and down.
+    angular_rate_body_rad_s, angular_acceleration_body_rad_s2 : (n, 3), of the body with respect to ECEF, in body axes.
+    """
+
+    position_ecef_m: Reals
+    velocity_ecef_m_s: Reals
+    acceleration_ecef_m_s2: Reals
+    attitude: Reals
+    angular_rate_body_rad_s: Reals
+    angular_acceleration_body_rad_s2: Reals
+
+    def __post_init__(self) -> None:
+        vector = ("epoch", "3")
+        freeze(self, {
+            "position_ecef_m": vector, "velocity_ecef_m_s": vector, "acceleration_ecef_m_s2": vector,
+            "attitude": ("epoch", "3", "3"), "angular_rate_body_rad_s": vector,
+            "angular_acceleration_body_rad_s2": vector,
+        })  # fmt: skip
+
+
+class Trajectory(Protocol):
+    """A motion over time."""
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """From when to when it is told; beyond, it goes on as its class says."""
+        ...
+
+    def at(self, t_s: ArrayLike) -> Motion:
+        """The motion at times (n,)."""
+        ...
+
+
+# --- attitude
+
+
+@dataclass(frozen=True)
+class Held:
+    """An attitude that stays the same with respect to north, east and down."""
+
+    heading_rad: float = 0.0
+    pitch_rad: float = 0.0
+    roll_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class AlongMotion:
+    """Forward is where the way leads, at a standstill too.
+
+    bank : roll so that a plumb hangs straight down in the body, as an aircraft does in a coordinated turn; otherwise
+        the right side stays level. The Coriolis acceleration is left out: 0.06 degrees at 70 m/s.
+    pitch : the nose points along the way up and down too; otherwise it stays level.
+    """
+
+    bank: bool = True
+    pitch: bool = True
+
+
+def attitude_ecef(
+    position_ecef_m: Reals, heading_rad: ArrayLike, pitch_rad: ArrayLike, roll_rad: ArrayLike
+) -> Reals:
+    """Rotations (..., 3, 3) from body to ECEF at places (..., 3); angles broadcast with (...)."""
+    rot_ecef_enu = np.swapaxes(rot_enu_ecef(*geodetic_from_ecef(position_ecef_m)[:2]), -1, -2)
+    return np.asarray(rot_ecef_enu @ _rot_enu_ned() @ _rot_ned_body(heading_rad, pitch_rad, roll_rad))
+
+
+def heading_pitch_roll_rad(position_ecef_m: Reals, attitude: Reals) -> tuple[Reals, Reals, Reals]:
+    """The angles (...) of rotations (..., 3, 3) from body to ECEF: heading from 0 to 2 pi, roll from -pi to pi."""
+    rot_enu = rot_enu_ecef(*geodetic_from_ecef(position_ecef_m)[:2])
+    rot_ned_body = _rot_enu_ned() @ rot_enu @ attitude
+    heading_rad = np.arctan2(rot_ned_body[..., 1, 0], rot_ned_body[..., 0, 0]) % (2.0 * np.pi)
+    pitch_rad = np.arcsin(np.clip(-rot_ned_body[..., 2, 0], -1.0, 1.0))
+    return heading_rad, pitch_rad, np.arctan2(rot_ned_body[..., 2, 1], rot_ned_body[..., 2, 2])
+
+
+def _rot_enu_ned() -> Reals:
+    """East-north-up from north-east-down, and back: it is its own inverse."""
+    return np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+def _rot_ned_body(heading_rad: ArrayLike, pitch_rad: ArrayLike, roll_rad: ArrayLike) -> Reals:
+    angles = np.broadcast_arrays(*(np.asarray(angle, np.float64) for angle in (heading_rad, pitch_rad, roll_rad)))
+    (sh, sp, sr), (ch, cp, cr) = ([turn(angle) for angle in angles] for turn in (np.sin, np.cos))
+    rows = (
+        (ch * cp, ch * sp * sr - sh * cr, ch * sp * cr + sh * sr),
+        (sh * cp, sh * sp * sr + ch * cr, sh * sp * cr - ch * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+# --- points of the body
+
+
+@dataclass(frozen=True, eq=False)
+class Lever:
+    """A point in body axes, (3,) or (n, 3), that may move within the body."""
+
+    offset_body_m: Reals
+    velocity_body_m_s: Reals
+    acceleration_body_m_s2: Reals
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpinningArm:
+    """An antenna that circles within the body.
+
+    rate_rad_s : right-handed about `axis_body`, which by default is down, so that it is clockwise from above.
+    start_rad : at time 0, from forward (from down, if the axis is forward or backward) in the sense of the rate.
+    centre_body_m : of the circle.
+    """
+
+    radius_m: float
+    rate_rad_s: float
+    start_rad: float = 0.0
+    axis_body: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    centre_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        length = float(np.linalg.norm(self.axis_body))
+        if not (np.isfinite(length) and length > 0.0):
+            raise ScenarioError(f"axis_body {self.axis_body}: expected a direction; give (0, 0, 1) for down")
+        if not (np.isfinite(self.radius_m) and self.radius_m > 0.0):
+            raise ScenarioError(f"radius_m {self.radius_m:g}: expected a number above zero; give the arm's length")
+        if not np.isfinite(self.rate_rad_s):
+            raise ScenarioError(f"rate_rad_s {self.rate_rad_s:g}: expected a number; give the rate of the spin")
+
+    def at(self, t_s: ArrayLike) -> Lever:
+        """The antenna at times (n,)."""
+        axis = np.asarray(self.axis_body) / np.linalg.norm(self.axis_body)
+        start = np.array([1.0, 0.0, 0.0] if abs(axis[0]) < 0.99 else [0.0, 0.0, 1.0])
+        first = start - (start @ axis) * axis
+        first /= np.linalg.norm(first)
+        angle_rad = (self.start_rad + self.rate_rad_s * moments(t_s))[:, np.newaxis]
+        out = self.radius_m * (np.cos(angle_rad) * first + np.sin(angle_rad) * np.cross(axis, first))
+        return Lever(np.asarray(self.centre_body_m) + out, self.rate_rad_s * np.cross(axis, out),
+                     -(self.rate_rad_s**2) * out)  # fmt: skip
+
+
+def antenna_motion(motion: Motion, lever_body_m: ArrayLike | Lever) -> Motion:
+    """The motion of a point of the body, given in body axes from the body's own place: (3,), (n, 3) fixed, or moving.
+
+    Attitude and rates are the body's: an antenna on a spinning arm turns with the body only.
+    """
+    if not isinstance(lever_body_m, Lever):
+        offset = np.asarray(lever_body_m, np.float64)
+        lever_body_m = Lever(offset, np.zeros_like(offset), np.zeros_like(offset))
+    out, rate, change = (
+        lever_body_m.offset_body_m, lever_body_m.velocity_body_m_s, lever_body_m.acceleration_body_m_s2
+    )  # fmt: skip
+    spin, spin_change = motion.angular_rate_body_rad_s, motion.angular_acceleration_body_rad_s2
+    velocity = rate + np.cross(spin, out)
+    acceleration = change + np.cross(spin_change, out) + np.cross(spin, np.cross(spin, out) + 2.0 * rate)
+
+    def ecef(vector_body: Reals) -> Reals:
+        return np.asarray((motion.attitude @ vector_body[..., np.newaxis])[..., 0])
+
+    return replace(
+        motion,
+        position_ecef_m=motion.position_ecef_m + ecef(out),
+        velocity_ecef_m_s=motion.velocity_ecef_m_s + ecef(velocity),
+        acceleration_ecef_m_s2=motion.acceleration_ecef_m_s2 + ecef(acceleration),
+    )
+
+
+# --- series
+
+
+def motion_of(place_ecef_m: Reals, axes: tuple[Reals, Reals, Reals]) -> Motion:
+    """The motion that series of a place (5, 3, n) and of the body's axes (3, 3, n each) tell."""
+    rate = _angular_rate(*axes)
+    return Motion(
+        position_ecef_m=place_ecef_m[0].T, velocity_ecef_m_s=place_ecef_m[1].T,
+        acceleration_ecef_m_s2=2.0 * place_ecef_m[2].T, attitude=np.stack([axis[0].T for axis in axes], axis=-1),
+        angular_rate_body_rad_s=rate[0].T, angular_acceleration_body_rad_s2=rate[1].T,
+    )  # fmt: skip
+
+
+def axes_of(
+    place: Reals, direction: Reals, attitude: Held | AlongMotion, middle_ecef_m: Reals
+) -> tuple[Reals, Reals, Reals]:
+    """Forward, right, down: series of unit vectors, of the order of `direction`.
+
+    place, direction : series (order + 3, 3, n) and (order + 1, 3, n); the direction is that of the way.
+    middle_ecef_m : (3,) a place in whose surroundings up is wanted.
+    """
+    up = normalised(place[: len(direction)] * _level_stretch(middle_ecef_m))
+    if isinstance(attitude, Held):
+        north_east_down = _north_east_down(up)
+        mix = _rot_ned_body(attitude.heading_rad, attitude.pitch_rad, attitude.roll_rad)
+        forward, right, down = (
+            sum(part * axis for part, axis in zip(column, north_east_down, strict=True)) for column in mix.T
+        )  # fmt: skip
+        return forward, right, down
+    forward = direction
+    if not attitude.pitch:
+        forward = forward - product(dot(forward, up)[:, np.newaxis], up)
+    forward = normalised(forward)
+    lean = up
+    if attitude.bank:
+        lean = _GRAVITY_M_S2 * up + derivative(derivative(place))
+    right = normalised(cross(forward, lean))
+    return forward, right, cross(forward, right)
+
+
+def _north_east_down(up: Reals) -> tuple[Reals, Reals, Reals]:
+    east = normalised(np.stack([-up[:, 1], up[:, 0], np.zeros_like(up[:, 0])], axis=1))
+    return cross(up, east), east, -up
+
+
+def _level_stretch(place_ecef_m: Reals) -> Reals:
+    """(3, 1): what ECEF coordinates are multiplied with to point up, square to the ellipsoid.
+
+    tan(lat) = z / axis (N + h) / (N (1 - e^2) + h), with the ratio as it is at one place: a kilometre higher, up is
+    off by 5e-7 rad.
+    """
+    lat_rad, _, height_m = geodetic_from_ecef(place_ecef_m)
+    e2 = WGS84_F * (2.0 - WGS84_F)
+    normal_m = WGS84_A_M / np.sqrt(1.0 - e2 * np.sin(lat_rad) ** 2)
+    return np.array([[1.0], [1.0], [(normal_m + height_m) / (normal_m * (1.0 - e2) + height_m)]])
+
+
+def _angular_rate(forward: Reals, right: Reals, down: Reals) -> Reals:
+    """Series (2, 3, n): what turns the axes, in these axes."""
+    return np.stack(
+        [dot(down, derivative(right)), dot(forward, derivative(down)), dot(right, derivative(forward))], axis=1
+    )
+
+
+def moments(t_s: ArrayLike) -> Reals:
+    t_s = np.asarray(t_s, np.float64)
+    if t_s.ndim != 1:
+        raise ValueError(f"t_s has shape {t_s.shape}, expected (n,)")
+    return t_s

@@ -1,0 +1,230 @@
+"""What antennas hear, as records: signals, reflections, noise and messages, as functions of time.
+
+A delay is the time of reception minus the time that the satellite's clock showed at transmission, as the code (or the
+carrier) tells it: travel time, satellite clock, group delay, ionosphere (code late, carrier early), troposphere, and,
+for a false signal, the way through the attacker. Times `true_s` are GPS time since the scenario's start.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyproof.arrays import Integers, Reals
+from skyproof.gnss.ephemeris import Ephemeris, NavigationData
+from skyproof.gnss.lnav import encode_subframes
+from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
+from skyproof.gnss.time import week_and_tow
+from skyproof.records import SignalId, SignalRef
+from skyproof.simulator.attacks import Interference
+from skyproof.simulator.clocks import Clock
+from skyproof.simulator.motion import Trajectory
+from skyproof.simulator.platforms import Point
+from skyproof.simulator.scenario import Antenna, Receiver, Scenario
+
+__all__ = [
+    "AddedNoise", "Delay", "HeardSignal", "Jammer", "Messages", "Ray", "ReceiverSky", "Scene", "codes_of",
+    "ephemeris_of", "row_of",
+]  # fmt: skip
+
+Delay = Callable[[Reals], tuple[Reals, Reals]]
+"""Times of reception (n,) to delays of code and carrier in seconds, (n, n_signals) each."""
+
+_SHORT_S = 0.01  # 0.1 mm/s at 2 g; the delays' own digits leave 1 um/s
+_SUBFRAME_S = 6
+_SPARE_S = 2  # of message before the first sample and after the last
+_MESSAGE_STREAM = 1 << 21  # sets random bits apart from other random numbers of one seed
+
+
+@dataclass(frozen=True)
+class HeardSignal:
+    """Which signal this is, and the truth about it. `source` is "sky" or the attack's name.
+
+    windows_s : true times of arrival of its first and last wave, infinite beyond the scene; several if it pauses.
+    message : which message it carries: "" is the satellite's own.
+    """
+
+    id: SignalId
+    source: str
+    label: str  # "authentic" or "spoofed"
+    windows_s: tuple[tuple[float, float], ...]
+    message: str = ""
+
+    @property
+    def from_s(self) -> float:
+        return self.windows_s[0][0]
+
+    @property
+    def until_s(self) -> float:
+        return self.windows_s[-1][1]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ray:
+    """A reflection of the signal in column `of`: further delay (n,) s over true time, amplitude, phase and Doppler."""
+
+    of: int
+    further_s: Callable[[Reals], Reals]
+    amplitude: float
+    phase_cyc: float
+    rate_hz: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AddedNoise:
+    """A transmitter's own white noise at an antenna: its power over the receiver's, when it is there (true time)."""
+
+    power: Callable[[Reals], Reals]
+    from_s: float
+    until_s: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Jammer:
+    """A line or a chirp at an antenna: its power over the receiver's noise in the band, its delay, when it is there."""
+
+    source: Interference
+    power: Callable[[Reals], Reals]
+    delay_s: Callable[[Reals], Reals]
+    from_s: float
+    until_s: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Messages:
+    """The symbols (+1 for bit 0) of each message, one row each: (satellite, variant), variant "" its own.
+
+    symbols : (n_messages, n_symbols) int8, the first of which begins `lead_s` before the scenario's start.
+    """
+
+    names: tuple[tuple[str, str], ...]
+    symbols: NDArray[np.int8]
+    lead_s: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReceiverSky:
+    """All signals at one antenna of a receiver.
+
+    number : of the antenna, counted over all receivers. name : the receiver's, and the antenna's where it has several.
+    delays_s : of all signals. cn0_dbhz : true times (n,) to (n, n_signals).
+    point : the antenna's motion.
+    knots_s, az_rad, el_rad : (n_knots,), (n_knots, n_signals), of the satellites as seen from the antenna that hears
+        them; a meaconer's or a false place's for false signals.
+    """
+
+    receiver: Receiver
+    antenna: Antenna
+    name: str
+    number: int
+    signals: tuple[HeardSignal, ...]
+    delays_s: Delay
+    cn0_dbhz: Callable[[ArrayLike], Reals]
+    point: Point
+    knots_s: Reals
+    az_rad: Reals
+    el_rad: Reals
+    clock: Clock | None = None
+    rays: tuple[Ray, ...] = ()
+    noises: tuple[AddedNoise, ...] = ()
+    jammers: tuple[Jammer, ...] = ()
+    signal: SignalDescription = GPS_L1_CA
+
+    def code_delay_s(self, true_s: ArrayLike) -> Reals:
+        """Of all signals: times of any shape (...) to (..., n_signals)."""
+        return self._at(true_s, 0)
+
+    def carrier_delay_s(self, true_s: ArrayLike) -> Reals:
+        """Of all signals: times of any shape (...) to (..., n_signals)."""
+        return self._at(true_s, 1)
+
+    def carrier_delay_rate(self, true_s: ArrayLike) -> Reals:
+        """Seconds a second by which the carriers' delays grow, by differences: times (...) to (..., n_signals)."""
+        at_s = np.asarray(true_s, np.float64)
+        return np.asarray((self._at(at_s + _SHORT_S, 1) - self._at(at_s - _SHORT_S, 1)) / (2.0 * _SHORT_S))
+
+    def _at(self, true_s: ArrayLike, which: int) -> Reals:
+        at_s = np.asarray(true_s, np.float64)
+        return self.delays_s(at_s.ravel())[which].reshape(*at_s.shape, len(self.signals))
+
+    def true_minus_elapsed_s(self, elapsed_s: ArrayLike) -> Reals:
+        """True time minus what the sampling clock has counted, any shape: small, so that it keeps its digits."""
+        elapsed_s = np.asarray(elapsed_s, np.float64)
+        if self.clock is not None:
+            return self.receiver.start_offset_s + self.clock.true_minus_shown_s(elapsed_s)
+        fast = self.receiver.lo_ppm * 1e-6
+        return np.asarray(self.receiver.start_offset_s - elapsed_s * (fast / (1.0 + fast)))
+
+    def elapsed_at(self, true_s: ArrayLike) -> Reals:
+        """What the sampling clock has counted at a true time, any shape; beyond the recording roughly."""
+        after_s = np.asarray(true_s, np.float64) - self.receiver.start_offset_s
+        if self.clock is None:
+            return np.asarray(after_s * (1.0 + self.receiver.lo_ppm * 1e-6))
+        within_s = np.clip(after_s, -1.0, self.clock.duration_s)
+        return np.asarray(after_s + self.clock.offset_s(within_s))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene:
+    """A scenario worked out: the sky of every antenna, and the messages.
+
+    trajectories : of the receivers, by name. shown : where each attack puts whoever believes it.
+    path_m : (n_attacks, n_antennas), main transmit antenna to antenna, at the onset.
+    """
+
+    scenario: Scenario
+    navigation: NavigationData
+    skies: tuple[ReceiverSky, ...]
+    trajectories: dict[str, Trajectory]
+    shown: tuple[Point, ...]
+    path_m: Reals
+
+    @property
+    def labels(self) -> dict[SignalRef, str]:
+        """The truth: "authentic" or "spoofed" for every signal at every antenna."""
+        return {SignalRef(s.name, heard.id): heard.label for s in self.skies for heard in s.signals}
+
+    @cached_property
+    def messages(self) -> Messages:
+        """Every message that is heard, over the whole scene."""
+        scenario, nav = self.scenario, self.navigation
+        names = tuple(sorted({(heard.id.sat, heard.message) for sky in self.skies for heard in sky.signals}))
+        attacks = dict(zip(scenario.attack_names, scenario.attacks, strict=True))
+        week, tow_s = week_and_tow(scenario.start_gpst)
+        first_s = min(sky.receiver.start_offset_s for sky in self.skies) - _SPARE_S
+        last_s = max(float(sky.knots_s[-1]) for sky in self.skies) + _SPARE_S
+        start = int((tow_s + first_s) // _SUBFRAME_S) * _SUBFRAME_S  # may lie before or after this week
+        count = int((tow_s + last_s - start) // _SUBFRAME_S) + 1
+        symbols = []
+        for number, (sat, variant) in enumerate(names):
+            ephemeris = ephemeris_of(nav, sat, scenario)
+            assert ephemeris is not None
+            attack = attacks.get(variant)
+            told_s = start + (attack.message_later_s if attack is not None else 0)
+            week_told, tow_told = divmod(week * 604_800 + told_s, 604_800)
+            bits = encode_subframes(ephemeris, nav.ionosphere, nav.utc, tow_told, week_told, count)
+            if attack is not None and attack.message == "inverted":
+                bits = 1 - bits
+            elif attack is not None and attack.message == "random":
+                rng = np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=(_MESSAGE_STREAM, number)))
+                bits = rng.integers(0, 2, bits.size, dtype=bits.dtype)
+            symbols.append((1 - 2 * bits).astype(np.int8))
+        return Messages(names=names, symbols=np.stack(symbols), lead_s=tow_s - start)
+
+
+def ephemeris_of(navigation: NavigationData, sat: str, scenario: Scenario) -> Ephemeris | None:
+    """One for the whole scene; none if the satellite is unhealthy."""
+    ephemeris = navigation.best(sat, scenario.start_gpst)
+    return ephemeris if isinstance(ephemeris, Ephemeris) else None
+
+
+def row_of(messages: Messages, signals: Sequence[HeardSignal]) -> Integers:
+    """The row of `messages.symbols` that each signal carries."""
+    return np.array([messages.names.index((heard.id.sat, heard.message)) for heard in signals], dtype=np.int64)
+
+
+def codes_of(signals: Sequence[HeardSignal], signal: SignalDescription) -> NDArray[np.int8]:
+    """The spreading codes, shape (n_signals, code_length)."""
+    return np.stack([signal.code(prn_of(heard.id.sat)) for heard in signals])

@@ -1,0 +1,339 @@
+"""What a scene is made of, as a person writes it: frozen models that refuse what makes no sense.
+
+Times that end in `_s` count from `start_gpst`, in GPS time; places are geodetic, WGS-84; body axes are forward, right,
+down.
+"""
+
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self, get_args
+
+from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from skyproof.errors import InputError, ScenarioError, fault_words, shortened
+from skyproof.formats.bounds import first_few
+from skyproof.formats.documents import read_toml
+from skyproof.simulator.attacks import Attack, Interference, Meaconer, Spoofer, Takeover, TransmitAntenna
+from skyproof.simulator.clocks import OSCILLATORS
+from skyproof.simulator.inertial import GRADES
+from skyproof.simulator.sites import Instant, Model, Name, Place, SatName, Site
+
+__all__ = [
+    "Antenna", "Attack", "Direction", "FrontEnd", "Imu", "Interference", "Meaconer", "Multipath", "Place", "Receiver",
+    "Scenario", "Site", "Sky", "Spin", "Spoofer", "Takeover", "TransmitAntenna", "parse_scenario", "read_scenario",
+]  # fmt: skip
+
+Vector = tuple[float, float, float]
+
+
+class Spin(Model):
+    """An arm that carries an antenna round a vertical axis of the body; clockwise from above if the rate is positive.
+
+    start_deg : at the scene's start, from forward to the right.
+    """
+
+    radius_m: float = Field(gt=0, le=100)
+    rate_hz: float = Field(ge=-50, le=50)
+    start_deg: float = 0.0
+
+
+class Antenna(Model):
+    """One antenna of a receiver, with a channel of samples of its own; all channels share the receiver's clock.
+
+    body_m : forward, right, down of the receiver's place.
+    gain : "isotropic", or "patch": the body tilted, C/N0 changes by 10 sin(elevation over the body's plane) dB against
+        the level body, for which the scenario's C/N0 holds.
+    line_bias_cyc : of the carrier, as a longer cable makes.
+    """
+
+    name: Name
+    body_m: Vector = (0.0, 0.0, 0.0)
+    gain: Literal["isotropic", "patch"] = "isotropic"
+    line_bias_cyc: float = Field(default=0.0, ge=-1e3, le=1e3)
+    spin: Spin | None = None
+
+
+class Multipath(Model):
+    """A reflection of true signals.
+
+    delay_m : of the longer way; or height_m : of the antenna over a level mirror, which makes it 2 h sin(elevation).
+    power_db : over the direct signal. phase_deg : of the reflection itself. rate_hz : its further Doppler.
+    sats, antennas : which ones; all if absent.
+    """
+
+    delay_m: float | None = Field(default=None, gt=0, le=3000)
+    height_m: float | None = Field(default=None, gt=0, le=1000)
+    power_db: float = Field(ge=-60, le=20)
+    phase_deg: float = 180.0
+    rate_hz: float = Field(default=0.0, ge=-1000, le=1000)
+    sats: tuple[SatName, ...] | None = Field(default=None, min_length=1)
+    antennas: tuple[Name, ...] | None = Field(default=None, min_length=1)
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Self:
+        if (self.delay_m is None) == (self.height_m is None):
+            raise ValueError("give delay_m or height_m, and not both")
+        return self
+
+
+class Imu(Model):
+    """An inertial unit. grade : of its errors; none for readings without error.
+
+    mounting_deg : roll, pitch, heading from the body's axes to the unit's.
+    """
+
+    grade: str | None = None
+    rate_hz: float = Field(default=100.0, gt=0, le=5000)
+    body_m: Vector = (0.0, 0.0, 0.0)
+    mounting_deg: Vector = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        if self.grade is not None:
+            known_name(self.grade, GRADES, "grade")
+        return self
+
+
+class Receiver(Site):
+    """A receiver at a place or on a way. One oscillator makes its sampling clock and its local carrier.
+
+    start_offset_s : true time of the first sample, after `start_gpst`.
+    clock_offset_s : what its clock shows minus true time, at the first sample.
+    lo_ppm : how much too fast the oscillator is.
+    oscillator : the class whose noise it has besides.
+    antennas : one at the receiver's place if absent.
+    """
+
+    name: Name
+    start_offset_s: float = Field(default=0.0, ge=-3600, le=3600)
+    clock_offset_s: float = Field(default=0.0, ge=-1, le=1)
+    lo_ppm: float = Field(default=0.0, ge=-100, le=100)
+    oscillator: str | None = None
+    antennas: tuple[Antenna, ...] = Field(default=(Antenna(name="1"),), min_length=1)
+    multipath: tuple[Multipath, ...] = ()
+    imu: Imu | None = None
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        if self.oscillator is not None:
+            known_name(self.oscillator, OSCILLATORS, "oscillator")
+        names = [antenna.name for antenna in self.antennas]
+        if len(set(names)) < len(names):
+            raise ValueError(f"two antennas have one name ({', '.join(names)}); give each its own")
+        for number, ray in enumerate(self.multipath):
+            for name in ray.antennas or ():
+                known_name(name, names, f"multipath[{number}].antennas")
+        return self
+
+
+class FrontEnd(Model):
+    """How every receiver samples. Rates are whole hertz, so that sample counts make exact times.
+
+    bandwidth_hz : of the signals, on both sides of the carrier together, at half amplitude; all if absent. Chips that
+        are sampled unfiltered fold back: their code is then off by decimetres at a few Msps, whoever receives it, as
+        that of no real front end is. 0.8 of the rate is usual. `skyproof.simulator.samples` has the filter's shape.
+    agc : whether the gain follows the power of all that comes in; else it is fixed to the receiver's own noise.
+    """
+
+    rate_hz: float = Field(default=2.6e6, ge=1e6, le=1e9, multiple_of=1)
+    if_hz: float = Field(default=0.0, multiple_of=1)
+    kind: Literal["complex", "real"] = "complex"
+    encoding: Literal["sign", "sign-magnitude", "int", "float"] = "sign"
+    bits: int = 1
+    bandwidth_hz: float | None = Field(default=None, ge=1e5)
+    agc: bool = False
+
+    BITS: ClassVar[Mapping[str, tuple[int, ...]]] = {
+        "sign": (1,), "sign-magnitude": (2,), "int": (8, 16), "float": (32,),
+    }  # fmt: skip
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if self.bits not in self.BITS[self.encoding]:
+            choice = " or ".join(map(str, self.BITS[self.encoding]))
+            raise ValueError(f"encoding {self.encoding!r} has {choice} bits, not {self.bits}")
+        if self.kind == "real" and not 0 < self.if_hz < self.rate_hz / 2:
+            raise ValueError(f"real samples need 0 < if_hz < {self.rate_hz / 2:g} (half the rate), not {self.if_hz:g}")
+        if abs(self.if_hz) >= self.rate_hz / 2:
+            raise ValueError(f"if_hz {self.if_hz:g} is not below half the rate, {self.rate_hz / 2:g}")
+        room_hz = self.rate_hz if self.kind == "complex" else self.rate_hz / 2
+        if self.bandwidth_hz is not None and self.bandwidth_hz > room_hz:
+            raise ValueError(f"bandwidth_hz {self.bandwidth_hz:g} is more than {self.kind} samples hold, {room_hz:g}")
+        return self
+
+
+class Direction(Model):
+    """Where a satellite stands at the scene's start, seen from the first receiver.
+
+    It moves on a circular orbit through there, northward, or southward if `descending`.
+    """
+
+    sat: SatName
+    az_deg: float = Field(ge=-360, le=360)
+    el_deg: float = Field(ge=0, le=90)
+    descending: bool = False
+
+
+class Sky(Model):
+    """The true signals. Carrier-to-noise density: horizon + (zenith - horizon) sin(elevation).
+
+    ionosphere, troposphere : whether they delay. With false, signals that attackers make lack them as well.
+    sats : all that stand above the mask if absent.
+    directions : of all satellites that there are, in place of a navigation file or the nominal constellation.
+    until_s : the last true wave arrives, as when antennas are unplugged; they stay if absent.
+    """
+
+    zenith_cn0_dbhz: float = Field(default=50.0, ge=0, le=80)
+    horizon_cn0_dbhz: float = Field(default=40.0, ge=0, le=80)
+    ionosphere: bool = True
+    troposphere: bool = True
+    sats: tuple[SatName, ...] | None = Field(default=None, min_length=1)
+    directions: tuple[Direction, ...] | None = Field(default=None, min_length=1)
+    until_s: float | None = None
+
+    @model_validator(mode="after")
+    def _one_direction_each(self) -> Self:
+        known = [direction.sat for direction in self.directions or ()]
+        if len(set(known)) < len(known):
+            raise ValueError(f"directions: a satellite stands in two places ({', '.join(known)}); give each one")
+        for sat in self.sats or () if known else ():
+            known_name(sat, known, "sats")
+        return self
+
+
+class Scenario(Model):
+    """One scene: receivers under the true sky, the attacks on them, and what else transmits.
+
+    source : where the scene is described, for people.
+    navigation : a RINEX navigation file; the nominal constellation if absent, which serves any date.
+    """
+
+    name: Name = "scene"
+    description: str = ""
+    source: str = ""
+    seed: int = Field(default=0, ge=0)
+    start_gpst: Instant
+    duration_s: float = Field(gt=0, le=7200)  # one ephemeris a satellite serves the whole scene
+    mask_deg: float = Field(default=5.0, ge=0, lt=90)
+    navigation: Path | None = None
+    receivers: tuple[Receiver, ...] = Field(min_length=1)
+    front_end: FrontEnd = FrontEnd()
+    sky: Sky = Sky()
+    attacks: tuple[Attack, ...] = ()
+    interference: tuple[Interference, ...] = ()
+
+    @model_validator(mode="after")
+    def _names_and_times(self) -> Self:
+        receivers = [receiver.name for receiver in self.receivers]
+        for what, names in (("receivers", receivers), ("attacks", self.attack_names)):
+            if len(set(names)) < len(names):
+                raise ValueError(f"two {what} have one name ({', '.join(names)}); give each its own")
+        for what, transmitters in (("attacks", self.attacks), ("interference", self.interference)):
+            for index, transmitter in enumerate(transmitters):
+                if transmitter.onset_s >= self.duration_s:
+                    raise ValueError(
+                        f"{what}[{index}].onset_s {transmitter.onset_s:g} is not before the scene's end, "
+                        f"{self.duration_s:g}"
+                    )
+        if self.navigation is not None and self.sky.directions is not None:
+            raise ValueError("sky.directions and navigation both tell where the satellites are; leave one out")
+        for index, attack in enumerate(self.attacks):
+            if isinstance(attack, Takeover):
+                known_name(attack.target, receivers, f"attacks[{index}].target")
+        return self
+
+    @property
+    def attack_names(self) -> list[str]:
+        return [attack.name or attack.kind for attack in self.attacks]
+
+
+def known_name(name: str, names: Mapping[str, Any] | list[str], what: str) -> None:
+    """Raise ValueError, with the nearest known name, unless `name` is one of `names`."""
+    if name not in names:
+        near = get_close_matches(name[:60], list(names), 1, cutoff=0.4)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise ValueError(f"{what} {shortened(name)!r} is not known; {hint}known: {', '.join(names)}")
+
+
+def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Scenario:
+    """A scenario from nested tables, as TOML gives them.
+
+    Raises
+    ------
+    ScenarioError : every fault at once, each with the path of its key and the nearest name that is known.
+    """
+    try:
+        return Scenario.model_validate(dict(table))
+    except ValidationError as error:
+        faults = error.errors(include_url=False)
+        with_members = {fault["loc"][:k] for fault in faults for k in range(len(fault["loc"]))}
+        # a list is too short because of faults in its members, which are named themselves
+        first = [fault for fault in faults if fault["type"] != "too_short" or fault["loc"] not in with_members]
+        raise ScenarioError(f"{source}: {'; '.join(first_few(first, _fault))}") from error
+
+
+def read_scenario(path: Path) -> Scenario:
+    """The scenario in a TOML file; files that it names are looked for beside it.
+
+    Raises ScenarioError if it cannot be read or makes no sense.
+    """
+    try:
+        table = read_toml(
+            path, "the scenario", "a scenario is TOML: fix that line", "check the name and the folder"
+        )  # fmt: skip
+    except InputError as error:
+        raise ScenarioError(str(error)) from error
+    return parse_scenario(_beside(table, path.parent), source=str(path))
+
+
+def _beside(value: Any, folder: Path) -> Any:
+    """A table whose files are looked for in a folder: the navigation file, and ways that are recorded."""
+    if isinstance(value, list):
+        return [_beside(one, folder) for one in value]
+    if not isinstance(value, dict):
+        return value
+    table = {key: _beside(one, folder) for key, one in value.items()}
+    for key in ("navigation", "path") if table.get("kind", "file") == "file" else ():
+        if isinstance(table.get(key), str):
+            table[key] = str(folder / table[key])
+    return table
+
+
+def _fault(fault: ErrorDetails) -> str:
+    """A fault with the path of its key as it stands in the file."""
+    kind, loc = fault["type"], fault["loc"]
+    parts: list[str] = []
+    known: Any = Scenario
+    for place, part in enumerate(loc):
+        if isinstance(part, int):
+            parts.append(f"[{part}]")
+            continue
+        tagged = {model.model_fields["kind"].default: model for model in _models(known) if "kind" in model.model_fields}
+        if part in tagged and place > 0:  # what kind of table it is stands in the place, not in the file
+            known = tagged[part]
+            continue
+        parts.append(f".{part}")
+        for model in _models(known):
+            if part in model.model_fields:
+                known = model.model_fields[part].annotation
+                break
+        else:
+            known = known if kind == "extra_forbidden" else None
+    path = shortened("".join(parts).lstrip("."))
+    if kind == "extra_forbidden":
+        names = [name for model in _models(known) for name in model.model_fields]
+        near = get_close_matches(str(loc[-1])[:60], names, 1, cutoff=0.5)
+        hint = f", did you mean {near[0]}?" if near else ""
+        return f"{path}: unknown key{hint}; known here: {', '.join(names)}"
+    return fault_words(path, fault)
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The models that an annotation names."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    else:
+        for part in get_args(annotation):
+            yield from _models(part)

@@ -1,0 +1,242 @@
+"""The truth of a scene as one document: who is where, what is false from when to when, what it shows."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import geodetic_from_ecef
+from skyproof.gnss.time import iso
+from skyproof.simulator.attacks import Interference, Takeover
+from skyproof.simulator.inertial import GRADES
+from skyproof.simulator.motion import heading_pitch_roll_rad
+from skyproof.simulator.platforms import Point, motion_within
+from skyproof.simulator.received import ReceiverSky, Scene
+from skyproof.simulator.scenario import Receiver
+from skyproof.simulator.sites import Site
+from skyproof.simulator.standalone import resolved
+from skyproof.simulator.truth import moment
+
+__all__ = ["FORMAT", "Heard", "interference_of", "truth_of", "windows_of"]
+
+Heard = tuple[str, float, float]
+"""What is heard, and true times of its first and last wave."""
+
+FORMAT: Final = "skyproof-truth/1"
+
+
+def truth_of(
+    scene: Scene, *, scenario: dict[str, Any] | None = None, files: Sequence[str] = (), navigation: str | None = None
+) -> dict[str, Any]:
+    """The right answers, as truth.json holds them.
+
+    scenario : as it is to stand there; `resolved` if not given.
+    files : the names of what lies beside it. navigation : where orbits and clocks come from.
+    """
+    made = scene.scenario
+    return {
+        "format": FORMAT,
+        "scene": made.name,
+        "description": made.description,
+        "seed": made.seed,
+        "start_gpst": iso(made.start_gpst, 9),
+        "duration_s": made.duration_s,
+        "navigation": navigation or scene.navigation.source,
+        "versions": {name: version(name) for name in ("skyproof", "numpy")},
+        "files": list(files),
+        "scenario": scenario if scenario is not None else resolved(made),
+        "receivers": [_receiver_truth(scene, sky) for sky in scene.skies],
+        "attacks": [_attack_truth(scene, number) for number in range(len(made.attacks))],
+        "interference": [_interference_truth(scene, number) for number in range(len(made.interference))],
+    }
+
+
+# --- what is heard when
+
+
+def windows_of(sky: ReceiverSky, source: str) -> list[Heard]:
+    """From when to when any signal of an attack is at an antenna, in order, one for each time it is switched on."""
+    windows = sorted(window for heard in sky.signals if heard.source == source for window in heard.windows_s)
+    joined: list[Heard] = []
+    for begin_s, end_s in windows:
+        if joined and begin_s <= joined[-1][2]:
+            joined[-1] = source, joined[-1][1], max(joined[-1][2], end_s)
+        else:
+            joined.append((source, begin_s, end_s))
+    return joined
+
+
+def interference_of(scene: Scene, sky: ReceiverSky) -> list[Heard]:
+    """From when to when each source of interference is at an antenna, in the scenario's order."""
+    sources = scene.scenario.interference
+    noises = iter(sky.noises[len(sky.noises) - sum(source.kind == "noise" for source in sources) :])
+    lines = iter(sky.jammers)
+    heard = [next(noises) if source.kind == "noise" else next(lines) for source in sources]
+    return [(source.name or source.kind, one.from_s, one.until_s) for source, one in zip(sources, heard, strict=True)]
+
+
+# --- receivers
+
+
+def _ends_s(scene: Scene, sky: ReceiverSky) -> Reals:
+    """True times of the first sample and of the end."""
+    elapsed_s = np.array([0.0, scene.scenario.duration_s])
+    return elapsed_s + sky.true_minus_elapsed_s(elapsed_s)
+
+
+def _receiver_truth(scene: Scene, sky: ReceiverSky) -> dict[str, Any]:
+    """One antenna's: each has samples, and observations, of its own."""
+    receiver, ends_s = sky.receiver, _ends_s(scene, sky)
+    drift = np.full(2, receiver.lo_ppm * 1e-6)
+    if sky.clock is not None:
+        drift = sky.clock.drift(np.clip(ends_s - receiver.start_offset_s, 0.0, sky.clock.duration_s))
+    offset_s = receiver.start_offset_s + receiver.clock_offset_s - (ends_s - [0.0, scene.scenario.duration_s])
+    return {
+        "name": sky.name,
+        "receiver": receiver.name,
+        "antenna": sky.antenna.model_dump(mode="json"),
+        "position": _geodetic(sky.point, ends_s[0]),
+        "position_at_end": _geodetic(sky.point, ends_s[1]),
+        "position_is": "of this antenna at the first and the last moment of the recording",
+        "path": "static" if receiver.path is None else receiver.path.kind,
+        "attitude_deg": _attitude_deg(scene, receiver, ends_s[0]),
+        "true_start_gpst": iso(moment(scene, ends_s[0]), 9),
+        "true_end_gpst": iso(moment(scene, ends_s[1]), 9),
+        "clock_offset_at_start_s": receiver.clock_offset_s,
+        "clock_offset_at_end_s": float(offset_s[1]),
+        "clock_drift_at_start": float(drift[0]),
+        "clock_drift_at_end": float(drift[1]),
+        "lo_ppm": receiver.lo_ppm,
+        "oscillator": receiver.oscillator,
+        "imu": _imu_truth(receiver),
+        "signals": _signal_truths(scene, sky),
+    }
+
+
+def _attitude_deg(scene: Scene, receiver: Receiver, at_s: float) -> dict[str, float]:
+    motion = motion_within(scene.trajectories[receiver.name], at_s)
+    angles_rad = heading_pitch_roll_rad(motion.position_ecef_m, motion.attitude)
+    heading, pitch, roll = (round(float(np.degrees(angle_rad[0])), 9) + 0.0 for angle_rad in angles_rad)  # no -0.0
+    return {"heading_deg": heading % 360.0, "pitch_deg": pitch, "roll_deg": roll}
+
+
+def _imu_truth(receiver: Receiver) -> dict[str, Any] | None:
+    imu = receiver.imu
+    if imu is None:
+        return None
+    return imu.model_dump(mode="json") | {
+        "readings": "means over the interval that ends at each row's time; the rate is against inertial space",
+        "axes": "the body's (forward, right, down), turned by heading, then pitch, then roll of mounting_deg",
+        "errors": None if imu.grade is None else asdict(GRADES[imu.grade]),
+    }
+
+
+def _signal_truths(scene: Scene, sky: ReceiverSky) -> list[dict[str, Any]]:
+    """One row a signal; the values are those at the first and the last moment of the recording when it is there."""
+    start_s, end_s = _ends_s(scene, sky)
+    authentic = {heard.id.sat: column for column, heard in enumerate(sky.signals) if heard.label == "authentic"}
+    rows = []
+    for column, heard in enumerate(sky.signals):
+        ends_s = np.clip([heard.from_s, heard.until_s], start_s, end_s)
+        code_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(ends_s)
+        lag_m = code_m[:, column] - code_m[:, authentic[heard.id.sat]] if heard.id.sat in authentic else None
+        rows.append({
+            "sat": heard.id.sat, "copy": heard.id.copy, "label": heard.label, "source": heard.source,
+            "from_gpst": iso(moment(scene, ends_s[0]), 9), "to_gpst": iso(moment(scene, ends_s[1]), 9),
+            "cn0_dbhz_first_last": _rounded(sky.cn0_dbhz(ends_s)[:, column], 3),
+            "az_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, np.unwrap(sky.az_rad[:, column])) % 360.0, 3),
+            "el_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, sky.el_rad[:, column]), 3),
+            "delay_to_authentic_m_first_last": None if lag_m is None else _rounded(lag_m, 4),
+        })  # fmt: skip
+    return rows
+
+
+# --- transmitters
+
+
+def _attack_truth(scene: Scene, number: int) -> dict[str, Any]:
+    scenario, attack = scene.scenario, scene.scenario.attacks[number]
+    name, last_s = scenario.attack_names[number], _last_s(scene, attack.until_s)
+    return {
+        "name": name,
+        "kind": attack.kind,
+        "transmit_antenna": _place(attack.transmit),
+        "onset_gpst": iso(moment(scene, attack.onset_s), 9),
+        "until_gpst": None if attack.until_s is None else iso(moment(scene, attack.until_s), 9),
+        "onset_means": "first wave leaves the transmit antenna at this GPS time",
+        "on_gpst": _on_gpst(scene, attack.windows_s),
+        "heard": {sky.name: _on_gpst(scene, [(b, e) for _, b, e in windows_of(sky, name)]) for sky in scene.skies},
+        "sats": sorted({heard.id.sat for sky in scene.skies for heard in sky.signals if heard.source == name}),
+        "captured_receiver_shows_position": _geodetic(scene.shown[number], attack.onset_s),
+        "captured_receiver_shows_position_at_end": _geodetic(scene.shown[number], last_s),
+        "captured_clock_extra_s": _clock_extra_s(scene, number),
+        "captured_clock_extra_grows_until_end_s": float(np.subtract(*attack.clock_s([last_s, attack.onset_s]))),
+    }  # fmt: skip
+
+
+def _clock_extra_s(scene: Scene, number: int) -> dict[str, float]:
+    """By recording, by how much the clock of a receiver that believes the attack is late at the onset."""
+    attack, path_m = scene.scenario.attacks[number], scene.path_m[number]
+    before_m = 0.0
+    if isinstance(attack, Takeover):  # sent early by the way to its target
+        before_m = next(
+            float(way_m) for sky, way_m in zip(scene.skies, path_m, strict=True) if sky.receiver.name == attack.target
+        )
+    return {
+        sky.name: attack.added_delay_s + float(attack.clock_s(attack.onset_s))
+        + (float(way_m) - before_m) / SPEED_OF_LIGHT_M_S
+        for sky, way_m in zip(scene.skies, path_m, strict=True)
+    }  # fmt: skip
+
+
+def _interference_truth(scene: Scene, number: int) -> dict[str, Any]:
+    source: Interference = scene.scenario.interference[number]
+    return {
+        "name": source.name or source.kind,
+        "kind": source.kind,
+        "transmit_antenna": _place(source.transmit),
+        "onset_gpst": iso(moment(scene, source.onset_s), 9),
+        "until_gpst": None if source.until_s is None else iso(moment(scene, source.until_s), 9),
+        "heard": {
+            sky.name: _on_gpst(scene, [interference_of(scene, sky)[number][1:]]) for sky in scene.skies
+        },
+    }  # fmt: skip
+
+
+def _on_gpst(scene: Scene, windows: Sequence[tuple[float, float]]) -> list[list[str | None]]:
+    """From when to when; none where the scene has no end of it."""
+    return [
+        [iso(moment(scene, edge_s), 9) if np.isfinite(edge_s) else None for edge_s in window]
+        for window in windows
+    ]  # fmt: skip
+
+
+def _last_s(scene: Scene, until_s: float | None) -> float:
+    end_s = max(sky.receiver.start_offset_s for sky in scene.skies) + scene.scenario.duration_s
+    return end_s if until_s is None else min(until_s, end_s)
+
+
+def _geodetic(point: Point, at_s: float) -> dict[str, float]:
+    lat_rad, lon_rad, height_m = geodetic_from_ecef(point(np.array([at_s])).position_ecef_m[0])
+    return {
+        "lat_deg": round(float(np.degrees(lat_rad)), 11), "lon_deg": round(float(np.degrees(lon_rad)), 11),
+        "height_m": round(float(height_m), 6),
+    }  # fmt: skip
+
+
+def _place(site: Site) -> dict[str, Any]:
+    """Of what moves, the place that its way refers to."""
+    path = {} if site.path is None else {"path": site.path.kind}
+    return {"lat_deg": site.lat_deg, "lon_deg": site.lon_deg, "height_m": site.height_m} | path
+
+
+def _degrees(at_s: Reals, knots_s: Reals, angle_rad: Reals) -> Reals:
+    return np.degrees(np.interp(at_s, knots_s, angle_rad))
+
+
+def _rounded(values: Reals, digits: int) -> list[float]:
+    return [round(float(value), digits) for value in values]

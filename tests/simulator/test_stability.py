@@ -1,0 +1,34 @@
+"""What the page of errors shows: generated data have the Allan deviation that their class promises."""
+
+import numpy as np
+import pytest
+
+from skyproof.simulator.clocks import OSCILLATORS
+from skyproof.simulator.stability import Stability, clock_stability, imu_stability
+
+
+@pytest.fixture(scope="module")
+def found() -> list[Stability]:
+    return [*imu_stability(), *clock_stability()]
+
+
+def test_every_noisy_oscillator_and_both_kinds_of_sensor_are_there(found):
+    assert {one.name for one in found if one.what == "oscillator"} == set(OSCILLATORS) - {"perfect"}
+    assert {(one.name, one.what) for one in found if one.what != "oscillator"} == {
+        (name, what) for name in ("navigation", "tactical") for what in ("accelerometer", "gyro")
+    }
+
+
+def test_deviations_agree_with_theory_within_their_own_spread(found):
+    """90 % limits: about a tenth of the points lie outside, and hardly any by more than twice the limits' width."""
+    inside = np.concatenate([(one.lower <= one.theory) & (one.theory <= one.upper) for one in found])
+    assert inside.mean() > 0.75
+    for one in found:
+        reach = np.maximum(one.upper - one.deviation, 0.03 * one.theory)
+        assert (np.abs(one.deviation - one.theory) < 3.0 * reach).all(), one.name
+
+
+def test_the_same_seed_gives_the_same_points_and_another_gives_others():
+    first, again, other = (imu_stability(seed=seed)[0].deviation for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).all()
