@@ -12,7 +12,7 @@ from skyproof.gnss.time import week_and_tow
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import letter
 from skyproof.receiver.measurement import Measurements
-from skyproof.receiver.observables import assemble, clock_label
+from skyproof.receiver.observables import assemble, receiver_time_tag
 from skyproof.receiver.tracking import Receiver, ReceiverState
 from skyproof.records import Observations
 from skyproof.simulator import scenes
@@ -33,7 +33,7 @@ def receive(rendered, cuts):
 
 def observations(rendered, measurements, arcs):
     week = week_and_tow(rendered.scenario.start_gpst)[0]
-    label = clock_label(measurements, arcs, week)
+    label = receiver_time_tag(measurements, arcs, week)
     assert label is not None
     elapsed_s = 0.2 * np.arange(1, round(measurements.elapsed_s[-1] / 0.2) + 1)
     return assemble("rx", measurements, arcs, label, elapsed_s, carrier_hz=1575.42e6, averaged_s=0.2)

@@ -27,11 +27,11 @@ from skyproof.navigation.horizon import sats_above
 from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.measurement import DOPPLER_HZ, Measurements
 from skyproof.receiver.observables import (
-    ClockLabel,
+    ReceiverTimeTag,
     assemble,
-    clock_label,
     messages_that_differ,
     navigation_of,
+    receiver_time_tag,
     timed_by_range,
     week_told,
 )
@@ -436,15 +436,15 @@ def _week(tracker: Tracker, navigation: NavigationData | None, remarks: list[str
     return week
 
 
-def _label(tracker: Tracker, week: int) -> ClockLabel | None:
+def _label(tracker: Tracker, week: int) -> ReceiverTimeTag | None:
     """The label at the first sample: from what was measured before samples were missing, if that tells it."""
     whole = tracker.measurements
     rows = _segment(whole.elapsed_s, tracker.gaps) == 0
     before = Measurements(
         elapsed_s=whole.elapsed_s[rows], arc=whole.arc[rows], table=whole.table[rows], taps=whole.taps[rows]
     )
-    label = clock_label(before, tracker.arcs, week)
-    return label if label is not None else clock_label(whole, tracker.arcs, week)
+    label = receiver_time_tag(before, tracker.arcs, week)
+    return label if label is not None else receiver_time_tag(whole, tracker.arcs, week)
 
 
 def _segment(elapsed_s: ArrayLike, gaps: Sequence[Gap]) -> Indices:
@@ -453,8 +453,8 @@ def _segment(elapsed_s: ArrayLike, gaps: Sequence[Gap]) -> Indices:
 
 
 def _near_date(
-    label: ClockLabel, samples: Samples, arcs: Mapping[int, Arc], remarks: list[str]
-) -> ClockLabel:
+    label: ReceiverTimeTag, samples: Samples, arcs: Mapping[int, Arc], remarks: list[str]
+) -> ReceiverTimeTag:
     """The label in the week that brings it nearest to the recording's date; tell if the signals say otherwise.
 
     A recorder's clock may never have been set. The message knows the week modulo 1024.
@@ -478,7 +478,7 @@ def _near_date(
     return label
 
 
-def _week_of_message(arcs: Mapping[int, Arc], label: ClockLabel) -> int | None:
+def _week_of_message(arcs: Mapping[int, Arc], label: ReceiverTimeTag) -> int | None:
     """The week at `label`, modulo 1024, that most signals tell; None if none does."""
     half_week_s = 302_400
     weeks = Counter(
@@ -489,7 +489,7 @@ def _week_of_message(arcs: Mapping[int, Arc], label: ClockLabel) -> int | None:
     return weeks.most_common(1)[0][0] if weeks else None
 
 
-def _assembled(tracker: Tracker, arcs: Mapping[int, Arc], label: ClockLabel) -> Observations:
+def _assembled(tracker: Tracker, arcs: Mapping[int, Arc], label: ReceiverTimeTag) -> Observations:
     settings = tracker.receiver.settings
     n_epochs = int(tracker.state.frame - 1) // MEASURE_FRAMES
     elapsed_s = settings.frame_s * MEASURE_FRAMES * np.arange(1.0, n_epochs + 1)
@@ -500,7 +500,7 @@ def _assembled(tracker: Tracker, arcs: Mapping[int, Arc], label: ClockLabel) -> 
 
 
 def _all_timed(
-    tracker: Tracker, observations: Observations, orbits: NavigationData, label: ClockLabel, remarks: list[str]
+    tracker: Tracker, observations: Observations, orbits: NavigationData, label: ReceiverTimeTag, remarks: list[str]
 ) -> dict[int, Arc] | None:
     """Arcs too short for a subframe take their time of week from the position that the others give; None if no arc
     gains by it.

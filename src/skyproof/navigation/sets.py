@@ -77,7 +77,7 @@ def consistent_sets(
                 candidate = solve(measurements, rows[None, :], candidates.state_m[k : k + 1], rounds=2)
                 if not any(_same_sky(candidate, other, false_alarm_probability) for other in found):
                     found.append(candidate)
-    found = _dealt_anew(measurements, mean.signals, found, false_alarm_probability, min_satellites)
+    found = _reassign_signals(measurements, mean.signals, found, false_alarm_probability, min_satellites)
     found.sort(key=lambda candidate: (-candidate.choice.size, candidate.statistic[0]))
     return tuple(_record(window.receiver, mean, candidate) for candidate in found)
 
@@ -148,7 +148,7 @@ def _same_sky(one: Candidates, other: Candidates, false_alarm_probability: float
     return bool(distance <= chi_square_threshold(false_alarm_probability, 4))
 
 
-def _dealt_anew(
+def _reassign_signals(
     measurements: Measurements,
     signals: tuple[SignalId, ...],
     found: list[Candidates],

@@ -33,7 +33,7 @@ _AS_MEASURED = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClockLabel:
+class ReceiverTimeTag:
     """What the receiver's clock shows at its first sample: whole milliseconds of a week.
 
     Any choice makes consistent pseudoranges; this one keeps the clock bias below some 10 ms.
@@ -43,7 +43,7 @@ class ClockLabel:
     tow_ms: int
 
 
-def clock_label(measurements: Measurements, arcs: Mapping[int, Arc], week: int) -> ClockLabel | None:
+def receiver_time_tag(measurements: Measurements, arcs: Mapping[int, Arc], week: int) -> ReceiverTimeTag | None:
     """The label that puts the middle travel time at 77 ms; None while no time of week is decoded.
 
     `week` is that of the first sample, or of the one nearest in time to it.
@@ -59,7 +59,7 @@ def clock_label(measurements: Measurements, arcs: Mapping[int, Arc], week: int) 
     # The week may turn over between satellites: count from the first one seen.
     turned = (np.array(starts_ms) - starts_ms[0] + WEEK_MS // 2) % WEEK_MS - WEEK_MS // 2
     tow_ms = int(np.median(turned)) + starts_ms[0]
-    return ClockLabel(week=week + tow_ms // WEEK_MS, tow_ms=tow_ms % WEEK_MS)
+    return ReceiverTimeTag(week=week + tow_ms // WEEK_MS, tow_ms=tow_ms % WEEK_MS)
 
 
 def _first_rows(measurements: Measurements) -> dict[int, int]:
@@ -69,7 +69,7 @@ def _first_rows(measurements: Measurements) -> dict[int, int]:
 
 
 def assemble(
-    receiver: str, measurements: Measurements, arcs: Mapping[int, Arc], label: ClockLabel, elapsed_s: Reals, *,
+    receiver: str, measurements: Measurements, arcs: Mapping[int, Arc], label: ReceiverTimeTag, elapsed_s: Reals, *,
     carrier_hz: float, averaged_s: float,
 ) -> Observations:  # fmt: skip
     """All measurements as one record, one column a signal; a signal lost and found again keeps its column.
@@ -171,7 +171,7 @@ def messages_that_differ(arcs: Mapping[int, Arc]) -> list[str]:
 
 
 def timed_by_range(
-    arcs: Mapping[int, Arc], measurements: Measurements, label: ClockLabel,
+    arcs: Mapping[int, Arc], measurements: Measurements, label: ReceiverTimeTag,
     range_m: Callable[[str, float], float | None],
 ) -> dict[int, Arc]:  # fmt: skip
     """The arcs, those without a time of week given one by the range that their satellite should have.

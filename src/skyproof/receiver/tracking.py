@@ -397,7 +397,7 @@ class Receiver:
         if jumped.sum() >= GAP_VOTES and jumped.sum() > 0.7 * good.sum():
             gaps.append(Gap(elapsed_s=elapsed_s, shift_s=0.0, signals=int(jumped.sum())))
             return self._forget_time(state, arcs)
-        state = self._mind_pulls(state, table, good, elapsed_s, arcs)
+        state = self._end_diverged_arcs(state, table, good, elapsed_s, arcs)
         good &= confirmed
         numbers = np.array([c.arc for c in state.channels], np.int64)
         measured.append(
@@ -426,7 +426,7 @@ class Receiver:
             channels[i] = replace(channel, telemetry=tm.Telemetry())
         return replace(state, channels=tuple(channels), loops=loops, next_arc=number)
 
-    def _mind_pulls(
+    def _end_diverged_arcs(
         self, state: ReceiverState, table: Reals, good: Booleans, elapsed_s: float, arcs: dict[int, Arc]
     ) -> ReceiverState:
         """End the arc of a channel whose code has left its carrier: it was pulled to another signal's peak.

@@ -120,7 +120,7 @@ def draw(
         exposures, first = [geometry.exposure for geometry in geometries], geometries[0]
         fields = field_errors(noise.field, exposures, first.averaged_s, rng=rng, carrier_hz=first.carrier_hz)
     for geometry, field in zip(geometries, fields, strict=True):
-        copies = _dealt_anew(geometry.signals, rng) if shuffle_copies else geometry.signals
+        copies = _shuffled_copies(geometry.signals, rng) if shuffle_copies else geometry.signals
         order = sorted(range(len(copies)), key=lambda column: copies[column])
         drawn = _observations(geometry, noise, field, rng, [copies[column] for column in order], order)
         observations.append(drawn)
@@ -282,7 +282,7 @@ def _observations(
     )
 
 
-def _dealt_anew(signals: Sequence[SignalId], rng: np.random.Generator) -> list[SignalId]:
+def _shuffled_copies(signals: Sequence[SignalId], rng: np.random.Generator) -> list[SignalId]:
     """The same satellites with the letters a, b, ... in a random order among each satellite's copies."""
     dealt = list(signals)
     for sat in sorted({signal.sat for signal in signals}):
