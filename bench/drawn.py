@@ -26,10 +26,10 @@ from drawn_receiver import Heard, Noise, hear, received, true_offset_s
 from drawn_scenes import DrawnScene, Made, draw_scene, make, stated_sigma_m
 from numpy.typing import NDArray
 
-from skyproof.app.document import Outcome, ReceiverOutcome, document
-from skyproof.app.progress import Silent
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge, protect
-from skyproof.app.settings import Settings
+from skyproof.app.protect.document import Outcome, ReceiverOutcome, document
 from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef

@@ -22,7 +22,7 @@ import readers
 from tracks import Tracks, read_tracks
 
 from skyproof.app.receive import receive
-from skyproof.app.reception import first_copies
+from skyproof.app.receive.reception import first_copies
 from skyproof.formats.raw import open_raw
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef

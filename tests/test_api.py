@@ -49,12 +49,12 @@ def test_a_name_has_an_example_that_calls_it_as_it_may_be_called(name: str) -> N
 
 @pytest.mark.parametrize(
     "first",
-    ["import skyproof.simulator", "from skyproof import simulate", "from skyproof.app.demo import demo", "sp.protect"],
+    ["import skyproof.simulator", "from skyproof import simulate", "from skyproof.app import demo", "sp.protect"],
 )
 def test_simulate_is_the_use_case_whatever_came_first(first: str) -> None:
     program = f"import skyproof as sp; {first}; print(sp.simulate.__module__)"
     run = subprocess.run([sys.executable, "-W", "error::ImportWarning", "-c", program], capture_output=True, text=True)
-    assert (run.stdout, run.stderr) == ("skyproof.app.simulate\n", "")
+    assert (run.stdout, run.stderr) == ("skyproof.app.scenes.simulate\n", "")
 
 
 def test_importing_the_package_loads_nothing_that_computes() -> None:

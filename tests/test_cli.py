@@ -26,7 +26,7 @@ from rich.console import Console
 
 from skyproof import cli
 from skyproof.app.receive import ReceiveResult
-from skyproof.app.simulate import SimulateResult
+from skyproof.app.scenes.simulate import SimulateResult
 from skyproof.cli import demo as demo_command
 from skyproof.cli import inspect as inspect_command
 from skyproof.cli import progress as progress_of
@@ -727,7 +727,7 @@ def test_interrupted_pages_are_whole_and_their_folder_is_named(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("skyproof.app.pages.write_pages", interrupted)
+    monkeypatch.setattr("skyproof.app.scenes.pages.write_pages", interrupted)
     assert cli.main(["simulate", "--pages", str(tmp_path)]) == 130
     told = f"interrupted: not all pages were drawn; those in {tmp_path} are whole"
     assert capsys.readouterr().err == f"skyproof: {told}\n"

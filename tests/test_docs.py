@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import skyproof
-from skyproof.app.settings import Settings, resolve_settings
-from skyproof.app.windows import detectors_for
+from skyproof.app.common.settings import Settings, resolve_settings
+from skyproof.app.common.windows import detectors_for
 from skyproof.cli import app, main
 from skyproof.formats.raw import SampleLayout, read_sidecar
 from skyproof.formats.sigmf import open_sigmf
@@ -149,7 +149,7 @@ def test_every_make_target_that_is_named_exists_and_is_told() -> None:
 
 
 def test_every_setting_and_key_is_in_the_manual_with_its_default(tables: ModuleType) -> None:
-    settings = tables.keys("skyproof.app.settings:Settings")
+    settings = tables.keys("skyproof.app.common.settings:Settings")
     assert [name for name in Settings.model_fields if f"| `{name}` |" not in settings] == []
     assert "| `false_alarm_probability_per_hour` | `0.001` |" in settings
     layout = tables.keys("skyproof.formats.raw:SampleLayout")

@@ -13,12 +13,12 @@ from pydantic import BaseModel, Field, ValidationError
 from tests.messages import NEVER_RAISED, Message, Site, _sites_in, sites, table, unraised, without_folders
 
 from skyproof import cli
-from skyproof.app.demo import demo
-from skyproof.app.progress import Silent
-from skyproof.app.reception import open_inputs
-from skyproof.app.settings import Settings, resolve_settings
-from skyproof.app.simulate import simulate
-from skyproof.app.snapshot import snapshot
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings, resolve_settings
+from skyproof.app.receive.reception import open_inputs
+from skyproof.app.receive.snapshot import snapshot
+from skyproof.app.scenes.demo import demo
+from skyproof.app.scenes.simulate import simulate
 from skyproof.detectors.array.array_common import ArrayCommonSettings
 from skyproof.detectors.array.ins_array import InsArraySettings
 from skyproof.detectors.array.spin import SpinSettings
@@ -233,7 +233,7 @@ def test_what_cannot_be_removed_of_an_earlier_run_is_told(tmp_path: Path, monkey
         writing_together(tmp_path, instead_of=["nav.rnx"]),
     ):
         pass
-    monkeypatch.setattr("skyproof.app.simulate.check_folder", lambda _: None)
+    monkeypatch.setattr("skyproof.app.scenes.simulate.check_folder", lambda _: None)
     with pytest.raises(OutputError, match=r"an earlier run wrote cannot be removed.*Permission denied.*--out"):
         simulate("clean", depth="measurements", duration_s=2.0, out=tmp_path / "scene")
 

@@ -110,7 +110,7 @@ def output(line: str) -> str:
 
 def scene_pages() -> list[Path]:
     """The pages that draw the ready-made scenes."""
-    with kept("pages", fingerprint(("simulator", "gnss", "report", "app/pages.py", "app/scene_page.py"))) as stale:
+    with kept("pages", fingerprint(("simulator", "gnss", "report", "app/scenes"))) as stale:
         if stale:
             run("simulate", "--pages", "pages")
     return sorted((CACHE / "pages").glob("*.html"))

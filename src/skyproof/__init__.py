@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from skyproof.app.inspect import inspect
     from skyproof.app.protect import verdict_of as protect
     from skyproof.app.receive import receive
-    from skyproof.app.simulate import simulate
+    from skyproof.app.scenes.simulate import simulate
 
 __all__ = ["inspect", "protect", "receive", "simulate"]
 
@@ -26,7 +26,7 @@ _FROM = {
     "inspect": ("skyproof.app.inspect", "inspect"),
     "protect": ("skyproof.app.protect", "verdict_of"),
     "receive": ("skyproof.app.receive", "receive"),
-    "simulate": ("skyproof.app.simulate", "simulate"),
+    "simulate": ("skyproof.app.scenes.simulate", "simulate"),
 }
 
 

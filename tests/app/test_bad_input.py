@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from skyproof import cli
-from skyproof.app.progress import Silent
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings
 from skyproof.app.protect import protect
-from skyproof.app.reception import open_inputs
-from skyproof.app.settings import Settings
+from skyproof.app.receive.reception import open_inputs
 from skyproof.cli import protect as protect_command
 from skyproof.cli import receive as receive_command
 from skyproof.errors import InputError, NotEnoughData
@@ -107,7 +107,8 @@ def noise(path: Path, duration_s: float = 6.0, *, seed: int = 5) -> Path:
 @pytest.fixture
 def untracked(monkeypatch):
     """Fails the test if the long work begins."""
-    monkeypatch.setattr("skyproof.app.protect.track", lambda *_: pytest.fail("the long work began before the check"))
+    too_early = "the long work began before the check"
+    monkeypatch.setattr("skyproof.app.protect.run.track", lambda *_: pytest.fail(too_early))
 
 
 # --- the file
@@ -588,7 +589,7 @@ def test_ctrl_c_while_receiving_keeps_what_was_received(pair, tmp_path, capsys, 
         with watched.stage("writing", 1.0) as stage:
             stage.advance(1.0)
 
-    monkeypatch.setattr("skyproof.app.receive.write_channels", write_channels)
+    monkeypatch.setattr("skyproof.app.receive.run.write_channels", write_channels)
     assert cli.main(["receive", str(pair.paths[0]), "--out", str(tmp_path)]) == 130
     assert re.search(err, capsys.readouterr().err.splitlines()[-1])
     assert_whole(tmp_path)

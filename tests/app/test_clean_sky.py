@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.app.progress import Silent
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings
+from skyproof.app.common.windows import detectors_for, examine, window_records
 from skyproof.app.protect import judge
-from skyproof.app.reception import Reception, observe, track
-from skyproof.app.settings import Settings
-from skyproof.app.windows import detectors_for, examine, window_records
+from skyproof.app.receive.reception import Reception, observe, track
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator import scenes

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.app import windows
-from skyproof.app.document import document
-from skyproof.app.progress import Silent
+from skyproof.app.common import windows
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge, protect
-from skyproof.app.reception import Reception
-from skyproof.app.settings import Settings
+from skyproof.app.protect.document import document
+from skyproof.app.receive.reception import Reception
 from skyproof.detectors.base import load_detectors
 from skyproof.detectors.continuity.detector import Continuity
 from skyproof.gnss.nominal import nominal_constellation

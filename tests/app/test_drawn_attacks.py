@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from skyproof.app import document
+from skyproof.app.protect import document
 from skyproof.records import Says
 
 BENCH = Path(__file__).parents[2] / "bench"

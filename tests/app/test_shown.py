@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from skyproof.app.document import ReceiverOutcome
-from skyproof.app.pictures import fixes_by_kind, possible_fixes
+from skyproof.app.protect.document import ReceiverOutcome
+from skyproof.app.protect.pictures import fixes_by_kind, possible_fixes
 from skyproof.app.receive import ReceiveResult
-from skyproof.app.reception import Reception
-from skyproof.app.simulate import SimulateResult
+from skyproof.app.receive.reception import Reception
+from skyproof.app.scenes.simulate import SimulateResult
 from skyproof.formats.tables import fixes_columns
 from skyproof.records import Fix, NavigationData, Observations, Samples, SignalId
 from skyproof.simulator.scenes import ready

@@ -23,7 +23,7 @@ from tests.formats.test_rinex_obs_read import (
 )
 from tests.fuzz.readers import READERS
 
-from skyproof.app.settings import resolve_settings
+from skyproof.app.common.settings import resolve_settings
 from skyproof.errors import InputError, ScenarioError, SettingsError, SkyproofError
 from skyproof.formats import byte_io, crinex, rinex_obs_read, track
 from skyproof.formats.bounds import CAPTURES, DEPTH, first_few, require_toml_depth

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skyproof.app.settings import resolve_settings
+from skyproof.app.common.settings import resolve_settings
 from skyproof.formats.raw import open_raw
 from skyproof.formats.readings import header_length, likely_packings
 from skyproof.formats.recording import open_recording

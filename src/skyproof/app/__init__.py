@@ -1,4 +1,4 @@
-"""The use cases, callable from Python, one module each: what opens inputs, runs the pipeline and writes outputs.
+"""The use cases, callable from Python: what opens inputs, runs the pipeline and writes outputs.
 
 They take a second to load, so that each is loaded when it is first asked for: `app.protect.protect(...)`.
 """
@@ -8,13 +8,16 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from skyproof.app import demo, inspect, pages, protect, receive, scene_page, simulate
+    from skyproof.app import inspect, protect, receive
+    from skyproof.app.scenes import demo, pages, scene_page, simulate
 
 __all__ = ["demo", "inspect", "pages", "protect", "receive", "scene_page", "simulate"]
+
+_OF_SCENES = {"demo", "pages", "scene_page", "simulate"}
 
 
 def __getattr__(name: str) -> ModuleType:
     """Load a use case."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return import_module(f"{__name__}.{name}")
+    return import_module(f"{__name__}.scenes.{name}" if name in _OF_SCENES else f"{__name__}.{name}")

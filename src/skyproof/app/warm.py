@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from skyproof.app.reception import open_inputs, track
-from skyproof.app.settings import Settings
-from skyproof.app.simulate import simulate
+from skyproof.app.common.settings import Settings
+from skyproof.app.receive.reception import open_inputs, track
+from skyproof.app.scenes.simulate import simulate
 from skyproof.detectors.dccaf.decomposition import (
     blocks_dictionary,
     decompose,

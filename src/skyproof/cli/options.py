@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from skyproof.app.settings import Settings
+from skyproof.app.common.settings import Settings
 
 __all__ = ["Debug", "Duration", "Json", "Nav", "OneDocument", "Place", "Reach", "Start", "setting"]
 

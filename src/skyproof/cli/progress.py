@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Column
 from rich.text import Text
 
-from skyproof.app.progress import Progress, Stage
+from skyproof.app.common.progress import Progress, Stage
 from skyproof.cli.screen import complain
 
 __all__ = ["progress"]

@@ -14,8 +14,8 @@ from rich.text import Text
 from skyproof.cli.screen import print_table, table, words
 
 if TYPE_CHECKING:  # they take a second to load, which help and errors need not wait for
-    from skyproof.app.guess import Guess, Proposal
     from skyproof.app.inspect import Inspection
+    from skyproof.app.inspect.guess import Guess, Proposal
     from skyproof.formats.raw import SampleLayout
 
 __all__ = ["show_guess", "show_inspection"]

@@ -13,7 +13,7 @@ from skyproof.cli.screen import INTERRUPTED, complain, print_document, print_pat
 from skyproof.errors import SettingsError
 
 if TYPE_CHECKING:
-    from skyproof.app.simulate import SimulateResult
+    from skyproof.app.scenes.simulate import SimulateResult
 
 __all__ = ["simulate"]
 

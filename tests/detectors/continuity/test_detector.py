@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.app.windows import take
+from skyproof.app.common.windows import take
 from skyproof.detectors.continuity.detector import CN0_MAX_DBHZ, Continuity, ContinuitySettings, common_level_p_value
 from skyproof.detectors.continuity.steps import Limits, jumps, p_values, series_of
 from skyproof.errors import SettingsError

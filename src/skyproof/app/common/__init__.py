@@ -1,0 +1,1 @@
+"""What several use cases share: settings, folder, progress, RINEX files, windows."""

@@ -1,0 +1,73 @@
+"""The pictures of `skyproof inspect --plot`, as files."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from skyproof.errors import OutputError
+from skyproof.formats.atomic_write import write_lines
+from skyproof.recording.conditioning import conditioned
+from skyproof.recording.lobes import CELLS_PER_CHIP, correlation_power
+from skyproof.report.signal import Lobe, Mark, correlation_svg, levels_svg, spectrum_svg
+
+if TYPE_CHECKING:
+    from skyproof.app.inspect.run import Inspection
+
+__all__ = ["write_pictures"]
+
+_CORRELATED_S: Final = 0.02
+
+
+def write_pictures(inspections: "Sequence[Inspection]", folder: str | Path) -> tuple[Path, ...]:
+    """Write NAME-levels.svg, NAME-spectrum.svg and, where satellites were heard, NAME-correlation.svg of each channel.
+
+    Raises OutputError if the folder cannot be made or a file cannot be written.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: cannot be made ({error.strerror or error}); give --out a folder that can"
+        ) from error
+    paths = []
+    for told in inspections:
+        front = told.front_end
+        marks = [Mark(line.frequency_hz, _top(told, line.frequency_hz), line.hurts) for line in front.lines]
+        pictures = {
+            "levels": levels_svg(front.levels, front.level_shares),
+            "spectrum": spectrum_svg(front.frequency_hz, front.density, front.floor, marks),
+            "correlation": correlation_svg(_lobes(told)),
+        }
+        for what, picture in pictures.items():
+            if picture:
+                paths.append(folder / f"{told.samples.name}-{what}.svg")
+                write_lines(paths[-1], [str(picture)], end="", encoding="utf-8")
+    return tuple(paths)
+
+
+def _top(told: "Inspection", frequency_hz: float) -> float:
+    at = int(np.argmin(np.abs(told.front_end.frequency_hz - frequency_hz)))
+    return float(told.front_end.density[max(at - 2, 0) : at + 3].max())
+
+
+def _lobes(told: "Inspection") -> list[Lobe]:
+    """Of the stretch that was searched, in the right reading of the spectrum."""
+    begin, end = told.stretch
+    count = min(end - begin, round(_CORRELATED_S * told.samples.rate_hz))
+    planes = conditioned(told.samples, told.front_end).read(begin, count)
+    turned = -1.0 if told.conjugate else 1.0
+    if told.conjugate:
+        planes = np.stack([planes[0], -planes[1]])
+    if told.front_end.real:
+        turned = abs(turned)
+    carrier_hz = turned * told.front_end.carrier_hz
+    powers = correlation_power(planes, told.samples.rate_hz,
+                               {one.sat: carrier_hz + one.doppler_hz for one in told.satellites})  # fmt: skip
+    return [
+        Lobe(sat=one.sat, delay_chips=np.arange(powers[one.sat].size) / CELLS_PER_CHIP, power=powers[one.sat],
+             cn0_dbhz=one.cn0_dbhz, peaks=one.peaks)
+        for one in told.satellites
+    ]  # fmt: skip

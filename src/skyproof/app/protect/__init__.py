@@ -1,0 +1,5 @@
+"""The main job: recordings in, spoofed signals named, the true position out."""
+
+from skyproof.app.protect.run import ProtectResult, judge, protect, verdict_of
+
+__all__ = ["ProtectResult", "judge", "protect", "verdict_of"]

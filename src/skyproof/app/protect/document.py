@@ -1,0 +1,469 @@
+"""The outcome of a run as the verdict document, in words that are never stronger than the evidence."""
+
+import importlib.metadata
+import platform as machine
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.receive.reception import Reception
+from skyproof.arrays import Reals
+from skyproof.detectors.base import NEEDS
+from skyproof.fusion.fuse import Decision
+from skyproof.fusion.labels import LabelledSignal
+from skyproof.fusion.unexplained import Kind, Unexplained
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.time import iso
+from skyproof.records import (
+    ConsistentSet,
+    Evidence,
+    Fix,
+    FixStatus,
+    NavigationData,
+    Observations,
+    Says,
+    SignalRef,
+)
+from skyproof.report.positions import radius_95_m
+from skyproof.verdict import (
+    VERDICT_FORMAT,
+    Because,
+    InputFile,
+    Method,
+    Place,
+    Position,
+    Receiver,
+    Signal,
+    Verdict,
+)
+from skyproof.verdict import Source as SourceModel
+
+__all__ = ["InputNote", "Outcome", "ReceiverOutcome", "document", "telling", "versions"]
+
+DIGITS = 6  # of a second in instants
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputNote:
+    """One input as it was read."""
+
+    path: str
+    format: str
+    sha256: str | None
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReceiverOutcome:
+    """One receiver's fixes by kind; `shown` by the name of a source or of one of two open skies."""
+
+    reception: Reception
+    trusted: Fix | None = None
+    false: Fix | None = None
+    unprotected: Fix | None = None
+    shown: Mapping[str, Fix] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Outcome:
+    """Everything that a run found out."""
+
+    receivers: tuple[ReceiverOutcome, ...]
+    decision: Decision
+    evidence: tuple[Evidence, ...]
+    sets: tuple[ConsistentSet, ...]
+    navigation: NavigationData
+
+
+def document(
+    outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *, interrupted: bool = False
+) -> Verdict:
+    """The verdict document of an outcome."""
+    decision = outcome.decision
+    receivers = tuple(_receiver(r) for r in outcome.receivers)
+    onset = decision.onset
+    summary = _summary(outcome) + _noted(outcome) + _left_out(outcome)
+    summary = summary[:1].upper() + summary[1:]
+    if interrupted:
+        summary = f"Interrupted; of what was read until then: {summary}"
+    return Verdict(
+        format=VERDICT_FORMAT,
+        verdict=decision.verdict,
+        summary=summary,
+        since_gpst=None if onset is None else iso(onset.gpst, DIGITS),
+        since_sigma_s=None if onset is None else onset.sigma_s,
+        since_earliest_gpst=None if onset is None or onset.earliest is None else iso(onset.earliest, DIGITS),
+        since_latest_gpst=None if onset is None else iso(onset.seen, DIGITS),
+        until_gpst=None if decision.until is None else iso(decision.until, DIGITS),
+        false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
+        undecided_because=_undecided_because(outcome),
+        assumed=_assumed(decision),
+        receivers=receivers,
+        signals=tuple(_signals(outcome)),
+        sources=tuple(_sources(outcome)),
+        methods=tuple(_methods(outcome.evidence)),
+        inputs=tuple(
+            InputFile(path=n.path, format=n.format, sha256=n.sha256, remarks=n.remarks) for n in notes
+        ),
+        settings=settings.model_dump(mode="json"),
+        versions=versions(),
+    )
+
+
+def versions() -> dict[str, str]:
+    """What matters for doing the same again."""
+    names = ("skyproof", "numpy", "scipy", "numba")
+    return {name: importlib.metadata.version(name) for name in names} | {"python": machine.python_version()}
+
+
+# ---------------------------------------------------------------------- words
+
+
+def _assumed(decision: Decision) -> str | None:
+    """Under what the labels hold, in one sentence; None where nothing was called authentic."""
+    if not decision.assumed:
+        return None
+    return (
+        f"Assumed: {'; '.join(decision.assumed)}. The time of a receiver that is attacked alone at its true place is "
+        "vouched for by its own past only."
+    )
+
+
+def _summary(outcome: Outcome) -> str:
+    decision = outcome.decision
+    left = _unexplained(decision.unexplained)
+    if decision.verdict == "authentic":
+        n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
+        sign = f". {left}" if left else "; no sign of spoofing."
+        return f"The signals of {n} satellites come from the sky{sign}{_repeated(outcome)}{_kept(outcome, ' The')}"
+    if decision.verdict == "undecided":
+        why = (_undecided_because(outcome) or "").split(CURE)[0]  # the document has the remedy
+        told = f" {left}" if left and left.rstrip(".") not in why else ""
+        return f"Not decided {why}.{told}{_repeated(outcome)}"
+    return _attack_words(outcome) + (f" {left}" if left else "") + _repeated(outcome)
+
+
+def _attack_words(outcome: Outcome) -> str:
+    decision = outcome.decision
+    since = _since(decision)
+    if decision.sources:
+        sats = {s.signal.sat for source in decision.sources for s in source.signals}
+        n = len(decision.sources)
+        by = "one transmitter" if n == 1 else f"{n} transmitters"
+        were = "satellite was" if len(sats) == 1 else "satellites were"
+        return f"{since}{len(sats)} {were} imitated by {by}{_kept(outcome, '; the')}"
+    if decision.skies:
+        return (
+            f"{since}two or more skies are received, each consistent with a position and time of its own; "
+            "which of them is true is not decided."
+        )
+    return f"{since}signals are received that no true sky gives; which of them are true is not decided."
+
+
+_EXPLAINS: dict[Kind, str] = {
+    "double": "beside another one of its satellite: an echo or a false signal would explain it",
+    "rival": "earlier or stronger than a true one of its satellite: a false signal would explain it",
+    "misfit": "not fitting what the others show: a fault, an echo alone or a false signal would explain it",
+    "echo": "later and weaker than a true one of its satellite: an echo would explain it",
+    "untested": "of a satellite that was not compared: it was received by one receiver only, or too shortly",
+}
+
+
+def _unexplained(left: Sequence[Unexplained]) -> str:
+    """How many signals stay unknown, how strong, and what would explain them; empty if there are none."""
+    told = []
+    for kind, words in _EXPLAINS.items():
+        own = [u for u in left if u.kind == kind]
+        if not own:
+            continue
+        over = [u.over_db for u in own if u.over_db is not None and np.isfinite(u.over_db)]
+        strong = f"up to {max(u.cn0_dbhz for u in own):.0f} dB-Hz"
+        if over:
+            strong += f", {abs(max(over)):.0f} dB {'above' if max(over) > 0.0 else 'below'} the other"
+        told.append(f"{len(own)} {words} ({strong})")
+    if not told:
+        return ""
+    n = len(left)
+    return f"{n} further signal{'s stay' if n > 1 else ' stays'} unexplained: {'; '.join(told)}."
+
+
+MOST_NOTED = 2
+
+
+def _noted(outcome: Outcome) -> str:
+    """What stands beside the verdict, whatever it is: each sentence once."""
+    said = list(dict.fromkeys(e.because for e in outcome.evidence if e.noted))
+    more = f" {len(said) - MOST_NOTED} more such moments stand in the evidence." if len(said) > MOST_NOTED else ""
+    return "".join(f" {text[:1].upper()}{text[1:]}." for text in said[:MOST_NOTED]) + more
+
+
+def _repeated(outcome: Outcome) -> str:
+    """Late copies of a whole sky, named for what they are."""
+    words = []
+    for r in outcome.receivers:
+        name = r.reception.samples.name
+        late = {s.ref.signal.sat for s in outcome.decision.labels if s.ref.receiver == name and s.label == "multipath"}
+        if late:
+            words.append(f"{len(late)} satellites in {name}")
+    if not words:
+        return ""
+    return (
+        f" The signals of {' and '.join(words)} are received again, late and weaker: a repeater or a reflector, which "
+        "shows no other place."
+    )
+
+
+GIVEN = ("navigation", "observations of two receivers", "sets", "array_phases", "nav_state", "spin_arm")
+"""Records that users can bring, the easiest first; the others are the receiver's own affair."""
+MOST_CURES = 2
+CURE = "; would decide it: "
+
+
+def _undecided_because(outcome: Outcome) -> str | None:
+    """Whose signals are open, why, and what would decide it; if no receiver was of any use, why each was not."""
+    reasons = [f"{r.reception.samples.name}: {r.reception.left_out}" for r in outcome.receivers]
+    if all(r.reception.left_out is not None for r in outcome.receivers):
+        return "whether the signals are true: " + "; ".join(reasons)
+    question = outcome.decision.open
+    if question is None:
+        return None
+    if question.why is not None:
+        return f"{question.about}: {question.why}" + (f"{CURE}{question.remedy}" if question.remedy else "")
+    if left := _unexplained(outcome.decision.unexplained).rstrip("."):
+        return f"{question.about}: {left}{CURE}a longer recording, or another receiver nearby"
+    lacking = {name for e in outcome.evidence for name in e.lacking}
+    cure = [NEEDS[name] for name in GIVEN if name in lacking][:MOST_CURES]
+    why = f"{question.about}: no method that this input allows can tell"
+    return why + (f"{CURE}{', or '.join(cure)}" if cure else "")
+
+
+def _left_out(outcome: Outcome) -> str:
+    """Which receivers had no part in the decision, where others had."""
+    receptions = [r.reception for r in outcome.receivers if r.reception.left_out is not None]
+    if len(receptions) == len(outcome.receivers):
+        return ""
+    words = "".join(
+        f" {r.samples.name} holds the same noise as {r.same_as}: one antenna or one file recorded twice; taken as one "
+        "receiver."
+        for r in receptions
+        if r.same_as is not None
+    )
+    names = [r.samples.name for r in receptions if r.same_as is None]
+    if names:
+        words += f" Without {' and '.join(names)}, which gave no measurements (the remarks on the inputs say why)."
+    return words
+
+
+def _since(decision: Decision) -> str:
+    onset = decision.onset
+    if onset is None:
+        return ""
+    clock = iso(onset.seen if onset.earliest is None else onset.gpst, 0)[11:]
+    if onset.from_start:
+        return f"From the start ({clock}) on, "
+    return f"From {clock} on, " if onset.earliest is not None else f"Seen since {clock}, begun then or earlier: "
+
+
+def _kept(outcome: Outcome, begin: str) -> str:
+    """How far the trusted positions can be relied on: the largest 95 % horizontal radius of the last fixes."""
+    radii = []
+    for r in outcome.receivers:
+        last = None if r.trusted is None else _last(r.trusted)
+        if r.trusted is not None and last is not None:
+            east, north, _ = _sigmas_enu_m(r.trusted, last)
+            radii.append(radius_95_m(east, north))
+    if not radii:
+        return "." if begin.startswith(";") else ""
+    return f"{begin} true position is known to within {max(radii):.1f} m horizontally (95 %)."
+
+
+# ---------------------------------------------------------------------- parts
+
+
+def _receiver(r: ReceiverOutcome) -> Receiver:
+    samples = r.reception.samples
+    o = r.reception.observations
+    start = samples.start_gpst if o is None or o.gpst.size == 0 else _start(o)
+    return Receiver(
+        name=samples.name,
+        input=samples.path or samples.name,
+        start_gpst=None if start is None else iso(start, DIGITS),
+        duration_s=r.reception.examined_s,
+        trusted_fix=_position(r.trusted),
+        false_fix=_position(r.false),
+        unprotected_fix=_position(r.unprotected),
+    )
+
+
+def _start(o: Observations) -> np.datetime64:
+    start: np.datetime64 = o.gpst[0] - np.timedelta64(round(float(o.elapsed_s[0]) * 1e9), "ns")
+    return start
+
+
+def _last(fix: Fix) -> int | None:
+    good = np.flatnonzero(fix.status == FixStatus.OK)
+    return int(good[-1]) if good.size else None
+
+
+def _position(fix: Fix | None) -> Position | None:
+    last = None if fix is None else _last(fix)
+    if fix is None or last is None:
+        return None
+    place = place_of(fix.position_ecef_m[last])
+    east, north, up = _sigmas_enu_m(fix, last)
+    return Position(
+        gpst=iso(fix.gpst[last], DIGITS), lat_deg=place.lat_deg, lon_deg=place.lon_deg, height_m=place.height_m,
+        sigma_east_m=east, sigma_north_m=north, sigma_up_m=up,
+    )  # fmt: skip
+
+
+def place_of(ecef_m: Reals) -> Place:
+    """A point on the Earth in degrees."""
+    lat, lon, height = geodetic_from_ecef(ecef_m)
+    return Place(lat_deg=float(np.degrees(lat)), lon_deg=float(np.degrees(lon)), height_m=float(height))
+
+
+def _sigmas_enu_m(fix: Fix, epoch: int) -> tuple[float, float, float]:
+    lat, lon, _ = geodetic_from_ecef(fix.position_ecef_m[epoch])
+    rot = rot_enu_ecef(lat, lon)
+    variances = np.diag(rot @ fix.covariance_m2[epoch, :3, :3] @ rot.T)
+    east, north, up = (float(s) for s in np.sqrt(variances))
+    return east, north, up
+
+
+def _signals(outcome: Outcome) -> list[Signal]:
+    sources = {
+        ref: source.name
+        for source in (*outcome.decision.sources, *outcome.decision.skies)
+        for ref in source.signals
+    }
+    by_receiver = {r.reception.samples.name: r.reception.observations for r in outcome.receivers}
+    signals = []
+    for s in outcome.decision.labels:
+        o = by_receiver[s.ref.receiver]
+        assert o is not None
+        signals.append(_signal(s, o, outcome.decision.labels, None if s.label == "authentic" else sources.get(s.ref)))
+    return signals
+
+
+def _signal(
+    s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal], source: str | None
+) -> Signal:
+    rows = slice(s.first_epoch, s.last_epoch + 1)
+    column = o.signals.index(s.ref.signal)
+    return Signal(
+        receiver=s.ref.receiver, sat=s.ref.signal.sat, band=s.ref.signal.band, code=s.ref.signal.code,
+        copy=s.ref.signal.copy, label=s.label, source=source,
+        from_gpst=iso(o.gpst[s.first_epoch], DIGITS), to_gpst=iso(o.gpst[s.last_epoch], DIGITS),
+        cn0_dbhz=float(np.nanmean(o.cn0_dbhz[rows, column])),
+        doppler_hz=float(np.nanmean(o.doppler_hz[rows, column])),
+        delay_to_authentic_m=_delay_m(s, o, labels),
+        because=tuple(Because(detector=name, p_value=p) for name, p in s.because),
+    )  # fmt: skip
+
+
+def _delay_m(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal]) -> float | None:
+    """Mean code delay behind the authentic signal of the same satellite, over the epochs that both have."""
+    if s.label == "authentic":
+        return 0.0
+    delays = []
+    for other in labels:
+        same = other.ref.receiver == s.ref.receiver and other.ref.signal.sat == s.ref.signal.sat
+        if same and other.label == "authentic":
+            first = max(s.first_epoch, other.first_epoch)
+            rows = slice(first, max(min(s.last_epoch, other.last_epoch) + 1, first))
+            a, b = o.signals.index(s.ref.signal), o.signals.index(other.ref.signal)
+            delays.append(o.pseudorange_m[rows, a] - o.pseudorange_m[rows, b])
+    together = np.concatenate(delays) if delays else np.empty(0)
+    together = together[np.isfinite(together)]
+    return float(np.mean(together)) if together.size else None
+
+
+def _sources(outcome: Outcome) -> list[SourceModel]:
+    decided = bool(outcome.decision.sources)
+    models = []
+    for source in outcome.decision.sources or outcome.decision.skies:
+        fixes = [r.shown[source.name] for r in outcome.receivers if source.name in r.shown]
+        places = [fix.position_ecef_m[_last(fix)] for fix in fixes if _last(fix) is not None]
+        models.append(
+            SourceModel(
+                name=source.name,
+                kind="one antenna" if decided else "a consistent sky; whether the true one is not decided",
+                sats=tuple(sorted({ref.signal.sat for ref in source.signals})),
+                azimuth_deg=None, elevation_deg=None, direction_sigma_deg=None,
+                shows=place_of(places[0]) if places else None,
+                time_offset_s=_time_offset_s(source.name, outcome),
+            )
+        )
+    return models
+
+
+def _time_offset_s(name: str, outcome: Outcome) -> float | None:
+    """How late the signals of a source are, by the first receiver that tells: its clock bias from them minus that from
+    authentic ones; while it is open which those are, from the sky that arrives first.
+    """
+    for r in outcome.receivers:
+        if name not in r.shown or (r.trusted is None and len(r.shown) < 2):
+            continue
+        reference = [r.trusted] if r.trusted is not None else list(r.shown.values())
+        offsets = [_median_difference_s(r.shown[name], other) for other in reference]
+        known = [offset for offset in offsets if offset is not None]
+        if known:
+            return max(known) if r.trusted is None else known[0]
+    return None
+
+
+def _median_difference_s(a: Fix, b: Fix) -> float | None:
+    difference = a.clock_bias_s - b.clock_bias_s
+    difference = difference[np.isfinite(difference)]
+    return float(np.median(difference)) if difference.size else None
+
+
+STRENGTH: tuple[Says, ...] = ("undecided", "clean", "multipath", "authentic", "attack", "spoofed")
+
+
+def _methods(evidence: Sequence[Evidence]) -> list[Method]:
+    methods = []
+    for name in sorted({e.detector for e in evidence}):
+        own = [e for e in evidence if e.detector == name]
+        ran = [e for e in own if e.p_value is not None]
+        decision = _strongest(own)
+        best = telling(own)
+        needs = [e for e in own if e.says == "undecided"]
+        methods.append(
+            Method(
+                detector=name,
+                ran=bool(ran) or any(e.would_need is None for e in own),
+                why_not=None if ran or not needs else needs[0].because,
+                would_need=needs[0].would_need if needs and decision in ("undecided", "clean", "attack") else None,
+                decision=decision if ran else None,
+                tests=len(ran),
+                statistic=None if best is None else best.statistic,
+                threshold=None if best is None else best.threshold,
+                p_value=None if best is None else best.p_value,
+                false_alarm_probability=own[0].false_alarm_probability,
+            )
+        )
+    return methods
+
+
+def telling(own: Sequence[Evidence]) -> Evidence | None:
+    """Of one detector's evidence the piece that says most: the least p-value behind its decision; None without one."""
+    ran = [e for e in own if e.p_value is not None]
+    decision = _strongest(own)
+    return min((e for e in ran if e.says == decision), key=_p, default=min(ran, key=_p, default=None))
+
+
+def _strongest(own: Sequence[Evidence]) -> Says:
+    return max((e.says for e in own), key=STRENGTH.index)
+
+
+def _p(evidence: Evidence) -> float:
+    return 1.0 if evidence.p_value is None else evidence.p_value
+
+
+def refs_of(outcome: Outcome, label: str) -> set[SignalRef]:
+    """All signals that carry a label at any time."""
+    return {s.ref for s in outcome.decision.labels if s.label == label}

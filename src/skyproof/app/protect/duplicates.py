@@ -1,0 +1,207 @@
+"""Which recordings are one receiver: those that hold the same noise, all the time and as late as their signals.
+
+Two receivers on one antenna, and copies of one file, tell nothing by being two: of course their signals have the same
+delays. A transmitter's noise may be in both as well; but then the satellites' signals, unless it drowns them all, do
+not come as late as the noise does.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy import stats
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.receive.reception import Reception, carrier_at_hz
+from skyproof.arrays import Booleans, Floats, Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.gnss.time import seconds_between
+from skyproof.recording.same_noise import N_ROWS, SharedNoise, rows_of, shared_noise, usable_hz
+from skyproof.records import Observations, Samples
+
+__all__ = ["one_receiver_each", "same_noise"]
+
+_STRETCH_S: Final = N_ROWS * GPS_L1_CA.period_s
+_NEAR_S: Final = 2.5  # around a stretch, for what the signals tell of it
+_PLACES: Final = (0.5, 0.05, 0.95)  # of the common time
+_LEAST_CELLS: Final = 500  # of a row: a quarter of the usual band
+
+
+
+def one_receiver_each(receptions: Sequence[Reception], settings: Settings) -> list[Reception]:
+    """The receptions; of those that hold the same noise all but the one with most measurements are left out."""
+    n = len(receptions)
+    alpha = settings.false_alarm_probability_per_hour / max(n * (n - 1) // 2, 1)
+    kept: list[Reception] = []
+    told: dict[str, Reception] = {}
+    for reception in sorted(receptions, key=_measurements, reverse=True):
+        for other in kept:
+            found = same_noise(other, reception, alpha=alpha, code_sigma_m=settings.multipath_sigma_m)
+            if found is not None:
+                told[reception.samples.name] = _left_out(reception, other, found)
+                break
+        else:
+            kept.append(reception)
+    return [told.get(r.samples.name, r) for r in receptions]
+
+
+def _left_out(reception: Reception, other: Reception, found: SharedNoise) -> Reception:
+    why = (
+        f"holds the same noise as {other.samples.name} (correlation {found.coefficient:.2f}): one antenna or one file "
+        "recorded twice, or one transmitter that drowns all else in both; taken as one receiver"
+    )
+    return replace(
+        reception, observations=None, left_out=why, same_as=other.samples.name,
+        remarks=(*reception.remarks, f"left out: {why}"),
+    )  # fmt: skip
+
+
+def _measurements(reception: Reception) -> int:
+    o = reception.observations
+    return 0 if o is None else int(np.isfinite(o.pseudorange_m).sum())
+
+
+def same_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_m: float) -> SharedNoise | None:
+    """The noise that two receptions share if they are one receiver's, where least of it is shared; else None.
+
+    Looked at in the middle, and if it is there at both ends as well: a transmitter's noise begins one day.
+
+    alpha : probability that two antennas are called one, and that one is not because its signals seem to differ.
+    code_sigma_m : by how much a signal's code may differ between two receivers on one antenna, one sigma, in each.
+    """
+    if first.observations is None or second.observations is None:
+        return None
+    lags = _later(first.observations, second.observations)
+    known = np.flatnonzero(np.isfinite(lags.later_s).any(axis=0))
+    found: list[tuple[int, SharedNoise]] = []
+    for place in _PLACES if known.size else ():
+        at = int(known[int(place * (known.size - 1))])
+        noise = _stretch(first.samples, second.samples, lags, at)
+        if noise is None or noise.p_value >= alpha:
+            return None
+        found.append((at, noise))
+    if not found or _agreement(lags, found, code_sigma_m) < alpha:
+        return None
+    return min((noise for _, noise in found), key=lambda noise: noise.coefficient)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Lags:
+    """By each pair of signals of one satellite: when the second receiver heard what the first one did at an epoch.
+
+    elapsed_s : (n_epochs,) of the first. later_s : (n_pairs, n_epochs) the second's elapsed time minus it; NaN where
+        one of the two was not measured. higher_hz : likewise, of the carrier. sigma_s : thermal, one sigma.
+    sats : (n_pairs,)
+    """
+
+    sats: tuple[str, ...]
+    elapsed_s: Reals
+    later_s: Reals
+    higher_hz: Reals
+    sigma_s: Reals
+
+    def near(self, at: int) -> Booleans:
+        """Epochs around one."""
+        return np.asarray(np.abs(self.elapsed_s - self.elapsed_s[at]) < _NEAR_S)
+
+    def faster(self, near: Booleans) -> float:
+        """How much faster the second one's clock runs, by most signals."""
+        steps = np.diff(self.later_s[:, near], axis=1) / np.diff(self.elapsed_s[near])
+        return float(np.nanmedian(steps)) if np.isfinite(steps).any() else 0.0
+
+
+def _later(a: Observations, b: Observations) -> _Lags:
+    sent_a, sent_b = (
+        seconds_between(o.gpst, a.gpst[0])[:, None] - o.pseudorange_m / SPEED_OF_LIGHT_M_S for o in (a, b)
+    )
+    sats, later_s, higher_hz, sigma_s = [], [], [], []
+    for i, one in enumerate(a.signals):
+        for j, other in enumerate(b.signals):
+            there = np.isfinite(sent_b[:, j])
+            if one.sat != other.sat or not there.any():
+                continue
+            there_b = [
+                np.interp(sent_a[:, i], sent_b[there, j], column[there], left=np.nan, right=np.nan)
+                for column in (b.elapsed_s, b.doppler_hz[:, j], b.pseudorange_sigma_m[:, j])
+            ]
+            sats.append(one.sat)
+            later_s.append(there_b[0] - a.elapsed_s)
+            higher_hz.append(there_b[1] - a.doppler_hz[:, i])
+            sigma_s.append(np.hypot(there_b[2], a.pseudorange_sigma_m[:, i]) / SPEED_OF_LIGHT_M_S)
+    shape = (len(sats), a.elapsed_s.size)
+    return _Lags(
+        sats=tuple(sats), elapsed_s=a.elapsed_s, later_s=np.reshape(later_s, shape),
+        higher_hz=np.reshape(higher_hz, shape), sigma_s=np.reshape(sigma_s, shape),
+    )  # fmt: skip
+
+
+def _stretch(first: Samples, second: Samples, lags: _Lags, at: int) -> SharedNoise | None:
+    """What noise the two share from epoch `at` of the first one on; its lag is that of the second's elapsed time.
+
+    None where a recording does not hold the stretch.
+    """
+    near = lags.near(at)
+    later_s = float(np.nanmedian(lags.later_s[:, at]))
+    length_s = (1.0 + lags.faster(near)) * _STRETCH_S
+    start_a, planes_a = _cut(first, lags.elapsed_s[at], _STRETCH_S)
+    start_b, planes_b = _cut(second, lags.elapsed_s[at] + later_s, length_s)
+    if planes_a is None or planes_b is None:
+        return None
+    carrier_a_hz = carrier_at_hz(first)
+    carrier_b_hz = carrier_at_hz(second) + float(np.nanmedian(lags.higher_hz[:, near]))
+    band_hz = min(
+        usable_hz(first.rate_hz, carrier_a_hz, real=not planes_a[1].any()),
+        usable_hz(second.rate_hz, carrier_b_hz, real=not planes_b[1].any()),
+    )
+    cells = int(band_hz * GPS_L1_CA.period_s)
+    if cells < _LEAST_CELLS:
+        return None
+    noise = shared_noise(
+        rows_of(planes_a, carrier_a_hz / first.rate_hz, cells), rows_of(planes_b, carrier_b_hz / second.rate_hz, cells)
+    )
+    return replace(noise, lag_s=noise.lag_s + start_b / second.rate_hz - start_a / first.rate_hz)
+
+
+def _cut(samples: Samples, start_s: float, length_s: float) -> tuple[int, Floats | None]:
+    """So much of a recording, and the number of its first sample; None where it ends before."""
+    start, count = round(start_s * samples.rate_hz), round(length_s * samples.rate_hz)
+    inside = 0 <= start <= samples.n_samples - count
+    return start, samples.read(start, count) if inside else None
+
+
+def _agreement(lags: _Lags, found: Sequence[tuple[int, SharedNoise]], code_sigma_m: float) -> float:
+    """p-value of satellites' signals that are all as late as the noise, but for one delay that is common to all.
+
+    Chi-square of their scatter, one degree less than satellites. Of several pairs of signals the one that is nearest.
+    """
+    code_variance = 2.0 * (code_sigma_m / SPEED_OF_LIGHT_M_S) ** 2
+    off_s, variance = [], []
+    for sat in sorted(set(lags.sats)):
+        best = min(
+            (_beyond(lags, pair, found) for pair, other in enumerate(lags.sats) if other == sat),
+            key=lambda one: abs(one[0]),
+        )
+        if np.isfinite(best[0]):
+            off_s.append(best[0])
+            variance.append(best[1] + code_variance)
+    if len(off_s) < 2:
+        return 1.0
+    weight = 1.0 / np.array(variance)
+    apart_s = np.array(off_s) - float(weight @ np.array(off_s) / weight.sum())
+    return float(stats.chi2.sf(float(weight @ apart_s**2), len(off_s) - 1))
+
+
+def _beyond(lags: _Lags, pair: int, found: Sequence[tuple[int, SharedNoise]]) -> tuple[float, float]:
+    """How much later than the noise a pair's signals are, and the thermal variance; infinite if nowhere measured."""
+    off_s, variance = [], []
+    for at, noise in found:
+        near = lags.near(at)
+        since_s = lags.elapsed_s[near] - lags.elapsed_s[at]
+        values_s = lags.later_s[pair, near] - noise.lag_s - lags.faster(near) * since_s
+        there = np.isfinite(values_s)
+        off_s += values_s[there].tolist()
+        variance += (lags.sigma_s[pair, near][there] ** 2).tolist()
+    return (float(np.mean(off_s)), float(np.mean(variance)) / len(off_s)) if off_s else (np.inf, 0.0)
+

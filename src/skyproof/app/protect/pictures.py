@@ -1,0 +1,427 @@
+"""What the report draws, taken from a run's outcome: positions, truth where it is known, signals, sky, correlations,
+range differences between receivers, and what each detector found in words.
+"""
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any, Final, cast
+
+import numpy as np
+
+from skyproof.app.common.windows import cut
+from skyproof.app.protect.document import Outcome, ReceiverOutcome, place_of, telling
+from skyproof.app.receive.reception import carrier_at_hz
+from skyproof.arrays import Reals
+from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges
+from skyproof.errors import InputError
+from skyproof.formats.bounds import TRACK_BYTES
+from skyproof.formats.byte_io import content_of
+from skyproof.formats.documents import read_json
+from skyproof.fusion.labels import LabelledSignal
+from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.time import iso, seconds_between
+from skyproof.recording.profile import delay_profiles
+from skyproof.records import ConsistentSet, Fix, FixStatus, Observations, Records
+from skyproof.report.page import Pictures
+from skyproof.report.pictures import (
+    DelayProfile,
+    DelayTag,
+    Finding,
+    FixTrack,
+    RangeDifference,
+    SignalSeries,
+    SkyPosition,
+    TruePlace,
+)
+from skyproof.verdict import Label
+
+__all__ = ["fixes_by_kind", "last_position", "pictures_of", "possible_fixes"]
+
+PROFILES: Final = 6
+"""Satellites whose correlation is drawn: more would show the same again."""
+PROFILE_REACH_CHIPS: Final = 60.0  # between a satellite's first and last signal; farther ones are not drawn together
+PAIRS: Final = 3  # of receivers, whose range differences are drawn
+STANDS_M: Final = 0.5
+PERIOD_NS: Final = 1_000_000
+
+_CHIP_M: Final = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
+
+
+def fixes_by_kind(r: ReceiverOutcome) -> list[tuple[str, Fix]]:
+    """A receiver's fixes that there are, with what they come from."""
+    kinds = (("trusted", r.trusted), ("false", r.false), ("unprotected", r.unprotected))
+    return [(kind, fix) for kind, fix in kinds if fix is not None]
+
+
+def possible_fixes(r: ReceiverOutcome) -> list[tuple[str, Fix]]:
+    """The name of each consistent sky and the fix that it gives, where it is open which of several is true."""
+    return list(r.shown.items()) if r.false is None and len(r.shown) > 1 else []
+
+
+def last_position(fix: Fix) -> Any:
+    """(3,) of the last epoch that has one; None without any."""
+    good = np.flatnonzero(fix.status == FixStatus.OK)
+    return fix.position_ecef_m[good[-1]] if good.size else None
+
+
+def pictures_of(outcome: Outcome) -> Pictures:
+    """Everything that the report draws beside the verdict."""
+    findings = tuple(_findings(outcome))
+    observed = [r for r in outcome.receivers if r.reception.observations is not None]
+    if not observed:
+        return Pictures(zero_gpst="1980-01-06T00:00:00", findings=findings)
+    zero = min(r.reception.observations.gpst[0] for r in observed if r.reception.observations is not None)
+    decision = outcome.decision
+    onset = decision.onset if decision.onset is not None and decision.onset.sigma_s is not None else None
+    origin = _origin(outcome)
+    return Pictures(
+        zero_gpst=iso(zero, 3),
+        origin=None if origin is None else place_of(origin),
+        onset_s=None if onset is None else float(seconds_between(onset.gpst, zero)),
+        onset_sigma_s=None if onset is None else onset.sigma_s,
+        until_s=None if decision.until is None else float(seconds_between(decision.until, zero)),
+        series=tuple(s for r in observed for s in _series(r.reception.observations, outcome, zero)),
+        tracks=() if origin is None else tuple(t for r in observed for t in _tracks(r, origin)),
+        truth=() if origin is None else tuple(_truth(observed, origin)),
+        sky=tuple(p for r in observed for p in _sky(r, outcome)),
+        profiles=tuple(_profiles(observed, outcome, zero)),
+        differences=tuple(_differences(observed, outcome)),
+        findings=findings,
+    )
+
+
+# ---------------------------------------------------------------------- positions
+
+
+def _origin(outcome: Outcome) -> Any:
+    """The first trusted place; without one, the first of any kind."""
+    for kind in ("trusted", "unprotected", "false"):
+        for r in outcome.receivers:
+            fix = getattr(r, kind)
+            place = None if fix is None else last_position(fix)
+            if place is not None:
+                return place
+    return None
+
+
+def _enu(origin: Any) -> Reals:
+    lat, lon, _ = geodetic_from_ecef(origin)
+    return np.asarray(rot_enu_ecef(lat, lon))
+
+
+def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
+    rot = _enu(origin)
+    name = r.reception.samples.name
+    drawn: list[tuple[str, Any, Fix]] = [(name, kind, fix) for kind, fix in fixes_by_kind(r)]
+    drawn += [(f"{name} {sky}", "possible", fix) for sky, fix in possible_fixes(r)]
+    tracks = []
+    for receiver, kind, fix in drawn:
+        good = np.flatnonzero(fix.status == FixStatus.OK)
+        if good.size:
+            enu = (fix.position_ecef_m - origin) @ rot.T
+            covariance = (rot @ fix.covariance_m2[good[-1], :3, :3] @ rot.T)[:2, :2]
+            tracks.append(
+                FixTrack(
+                    receiver=receiver,
+                    kind=kind,
+                    east_m=enu[:, 0],
+                    north_m=enu[:, 1],
+                    covariance_m2=covariance,
+                )
+            )
+    return tracks
+
+
+def _truth(observed: Sequence[ReceiverOutcome], origin: Any) -> Iterator[TruePlace]:
+    """Where receivers truly were at their last fix, if files beside the recording tell: simulated ones have them."""
+    rot = _enu(origin)
+    for r in observed:
+        samples = r.reception.samples
+        at_gpst = next((when for _, fix in fixes_by_kind(r) if (when := _last_instant(fix)) is not None), None)
+        if not samples.path or at_gpst is None:
+            continue
+        folder = Path(samples.path).parent
+        place = _told_place(folder / "truth.json", samples.name)
+        if place is None:
+            place = _told_on_the_way(folder / f"{samples.name}-truth.csv", at_gpst)
+        if place is not None:
+            east_m, north_m, _ = rot @ (place - origin)
+            yield TruePlace(receiver=samples.name, east_m=float(east_m), north_m=float(north_m))
+
+
+def _last_instant(fix: Fix) -> np.datetime64 | None:
+    good = np.flatnonzero(fix.status == FixStatus.OK)
+    return cast(np.datetime64, fix.gpst[good[-1]]) if good.size else None
+
+
+def _told_place(path: Path, name: str) -> Reals | None:
+    """(3,) ECEF, of a receiver that stands. Whatever a file of this name holds that is not understood tells nothing."""
+    try:
+        told = read_json(path, "the truth", "give that of the simulator")
+        own = next(one for one in told["receivers"] if one["name"] == name)
+        places = [_ecef_m(own[key]) for key in ("position", "position_at_end") if key in own]
+    except (InputError, ValueError, TypeError, LookupError, StopIteration):
+        return None
+    stands = all(np.linalg.norm(place - places[0]) < STANDS_M for place in places)
+    return places[0] if places and stands else None
+
+
+def _told_on_the_way(path: Path, at_gpst: np.datetime64) -> Reals | None:
+    """(3,) ECEF, from a table over time; None if the instant is not within it."""
+    try:
+        lines = content_of(path, TRACK_BYTES, "the truth", "give that of the simulator").decode("utf-8").splitlines()
+        rows = [(row["gpst"], row["x_m"], row["y_m"], row["z_m"]) for row in csv.DictReader(lines)]
+        since_s = np.array([float(seconds_between(np.datetime64(row[0], "ns"), at_gpst)) for row in rows])
+        places = np.array([row[1:] for row in rows], np.float64)
+    except (InputError, csv.Error, ValueError, TypeError, LookupError):
+        return None
+    if not (since_s.size and np.isfinite(places).all() and since_s[0] <= 0.0 <= since_s[-1]):
+        return None
+    return np.array([np.interp(0.0, since_s, axis) for axis in places.T])
+
+
+def _ecef_m(told: Mapping[str, Any]) -> Reals:
+    lat_deg, lon_deg = float(told["lat_deg"]), float(told["lon_deg"])
+    height_m = float(told["height_m"] if "height_m" in told else told["h_m"])
+    place = np.asarray(ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), height_m), np.float64)
+    if not np.isfinite(place).all():
+        raise ValueError("no place")
+    return place
+
+
+# ---------------------------------------------------------------------- signals
+
+
+def _series(o: Observations | None, outcome: Outcome, zero: np.datetime64) -> list[SignalSeries]:
+    assert o is not None
+    series = []
+    for s in _labels_of(o, outcome):
+        rows = slice(s.first_epoch, s.last_epoch + 1)
+        series.append(
+            SignalSeries(
+                receiver=o.receiver,
+                signal=str(s.ref.signal),
+                label=s.label,
+                seconds=np.asarray(seconds_between(o.gpst[rows], zero), np.float64),
+                cn0_dbhz=o.cn0_dbhz[rows, o.signals.index(s.ref.signal)],
+            )
+        )
+    return series
+
+
+def _labels_of(o: Observations, outcome: Outcome) -> list[LabelledSignal]:
+    return [s for s in outcome.decision.labels if s.ref.receiver == o.receiver]
+
+
+def _sky(r: ReceiverOutcome, outcome: Outcome) -> list[SkyPosition]:
+    o = r.reception.observations
+    fix = r.trusted or r.unprotected
+    place = None if fix is None else last_position(fix)
+    if o is None or place is None:
+        return []
+    positions = []
+    for s in _labels_of(o, outcome):
+        ephemeris = outcome.navigation.best(s.ref.signal.sat, o.gpst[s.last_epoch])
+        if ephemeris is not None:
+            state = satellite_state(ephemeris, o.gpst[s.last_epoch])
+            azimuth, elevation = azimuth_elevation(place, state.position_ecef_m)
+            positions.append(
+                SkyPosition(
+                    receiver=o.receiver,
+                    signal=str(s.ref.signal),
+                    label=s.label,
+                    azimuth_deg=float(np.degrees(azimuth)) % 360.0,
+                    elevation_deg=float(np.degrees(elevation)),
+                )
+            )
+    return positions
+
+
+# ---------------------------------------------------------------------- correlation
+
+
+@dataclass(frozen=True)
+class _Peak:
+    """A signal at an epoch; `delay_s` from the start of the stretch to the beginning of a code period."""
+
+    sat: str
+    label: Label
+    cn0_dbhz: float
+    pseudorange_m: float
+    delay_s: float
+    doppler_hz: float
+
+
+def _profiles(observed: Sequence[ReceiverOutcome], outcome: Outcome, zero: np.datetime64) -> list[DelayProfile]:
+    """Correlation over delay of attacked satellites, in the first receiver that has satellites with several signals;
+    if none has, with signals that are not known to be true.
+    """
+    for several in (True, False):
+        for r in observed:
+            o = r.reception.observations
+            if o is None or not (labels := _labels_of(o, outcome)):
+                continue
+            if (epoch := _telling_epoch(o, labels, several)) is not None:
+                return _profiles_at(r, o, labels, epoch, several, float(seconds_between(o.gpst[epoch], zero)))
+    return []
+
+
+def _telling_epoch(o: Observations, labels: Sequence[LabelledSignal], several: bool) -> int | None:
+    """The last epoch of those at which most satellites have several signals (or one that is not true)."""
+    signals: dict[str, Any] = {}
+    false: dict[str, Any] = {}
+    for s in labels:
+        rows = np.zeros(o.gpst.size, np.int64)
+        rows[s.first_epoch : s.last_epoch + 1] = 1
+        rows *= np.isfinite(o.pseudorange_m[:, o.signals.index(s.ref.signal)])
+        signals[s.ref.signal.sat] = signals.get(s.ref.signal.sat, 0) + rows
+        if s.label != "authentic":
+            false[s.ref.signal.sat] = false.get(s.ref.signal.sat, 0) + rows
+    if several:
+        attacked = sum((rows >= 2 for rows in signals.values()), np.zeros(o.gpst.size, np.int64))
+    else:
+        attacked = sum((rows >= 1 for rows in false.values()), np.zeros(o.gpst.size, np.int64))
+    if not attacked.any():
+        return None
+    return int(np.flatnonzero(attacked == attacked.max())[-1])
+
+
+def _profiles_at(
+    r: ReceiverOutcome, o: Observations, labels: Sequence[LabelledSignal], epoch: int, several: bool, at_s: float
+) -> list[DelayProfile]:
+    samples = r.reception.samples
+    length_s = min(0.05, float(o.elapsed_s[epoch]))
+    start_s = float(o.elapsed_s[epoch]) - length_s
+    groups: dict[str, list[_Peak]] = {}
+    for s in labels:
+        if s.first_epoch <= epoch <= s.last_epoch and (peak := _peak(o, s, epoch, length_s)) is not None:
+            groups.setdefault(peak.sat, []).append(peak)
+    chosen = [sorted(group, key=_first_true) for group in groups.values()
+              if (len(group) >= 2 if several else group[0].label != "authentic")]  # fmt: skip
+    chosen = [[p for p in group if abs(_chips(p, group[0])) <= PROFILE_REACH_CHIPS] for group in chosen]
+    chosen = sorted(chosen, key=lambda group: (-min(len(group), 2), -min(p.cn0_dbhz for p in group)))[:PROFILES]
+    chosen.sort(key=lambda group: group[0].sat)
+    offsets = [_chips(p, group[0]) for group in chosen for p in group]
+    first, last = min(offsets, default=0.0) - 2.5, max(offsets, default=0.0) + 2.5
+    try:
+        delays_chips, powers = delay_profiles(
+            samples, carrier_at_hz(samples), [group[0] for group in chosen], first, last, start_s=start_s,
+            duration_s=length_s,
+        )  # fmt: skip
+    except ValueError:  # a stretch too short to hold a code period
+        return []
+    return [
+        DelayProfile(
+            receiver=samples.name, sat=group[0].sat, at_s=at_s, delays_chips=delays_chips, power=power,
+            tags=tuple(DelayTag(label=p.label, delay_chips=_chips(p, group[0])) for p in group),
+        )
+        for group, power in zip(chosen, powers, strict=True)
+    ]  # fmt: skip
+
+
+def _peak(o: Observations, s: LabelledSignal, epoch: int, length_s: float) -> _Peak | None:
+    column = o.signals.index(s.ref.signal)
+    range_m, doppler_hz = float(o.pseudorange_m[epoch, column]), float(o.doppler_hz[epoch, column])
+    if not np.isfinite(range_m + doppler_hz):
+        return None
+    # The code period is a millisecond of transmission time, which is the label less the range.
+    shown_s = float(o.gpst[epoch].astype("datetime64[ns]").astype(np.int64) % PERIOD_NS) * 1e-9
+    sent_s = shown_s - range_m / SPEED_OF_LIGHT_M_S
+    before_s = length_s * (1.0 + doppler_hz / float(o.carrier_hz[column]))
+    delay_s = (before_s - sent_s) % (PERIOD_NS * 1e-9)
+    return _Peak(s.ref.signal.sat, s.label, float(o.cn0_dbhz[epoch, column]), range_m, delay_s, doppler_hz)
+
+
+def _first_true(peak: _Peak) -> tuple[bool, float]:
+    """Delays count from the authentic signal; without one from the first that arrives."""
+    return peak.label != "authentic", peak.pseudorange_m
+
+
+def _chips(peak: _Peak, reference: _Peak) -> float:
+    return (peak.pseudorange_m - reference.pseudorange_m) / _CHIP_M
+
+
+# ---------------------------------------------------------------------- range differences
+
+
+def _differences(observed: Sequence[ReceiverOutcome], outcome: Outcome) -> Iterator[RangeDifference]:
+    """Per pair of receivers, how much longer each satellite's way is to the one than to the other, less the mean of
+    the satellites of the same label: from the window in which most of them can be compared, the last of those.
+    """
+    observations = [r.reception.observations for r in observed if r.reception.observations is not None]
+    windows = sorted({(e.start_gpst, e.end_gpst) for e in outcome.evidence}, reverse=True)
+    for pair in list(combinations(observations, 2))[:PAIRS]:
+        per_window = [_differences_in(pair, window, outcome) for window in windows]
+        yield from max(per_window, key=lambda found: (len({d.group for d in found}), len(found)), default=[])
+
+
+def _differences_in(
+    pair: tuple[Observations, Observations], window: tuple[np.datetime64, np.datetime64], outcome: Outcome
+) -> list[RangeDifference]:
+    cuts = [cut(o, *window) for o in pair]
+    if any(o.gpst.size < 2 for o in cuts):
+        return []
+    records = Records(start_gpst=window[0], end_gpst=window[1], observations=tuple(cuts))
+    by_label = [_sets_by_label(o, window, outcome) for o in pair]
+    found: list[RangeDifference] = []
+    for label in (name for name in by_label[0] if name in by_label[1]):
+        for ranges in _alike(records, by_label[0][label], by_label[1][label]):
+            longer_m = ranges.mean_m[:, 1] - ranges.mean_m[:, 0]
+            group = len({d.group for d in found})
+            found += [
+                RangeDifference(
+                    receivers=(pair[0].receiver, pair[1].receiver), sat=sat, label=label, metres=float(value),
+                    group=group,
+                )
+                for sat, value in zip(ranges.sats, longer_m - longer_m.mean(), strict=True)
+            ]  # fmt: skip
+    return found
+
+
+def _alike(records: Records, first: Sequence[ConsistentSet], second: Sequence[ConsistentSet]) -> Iterator[CommonRanges]:
+    """Ranges of pairs of sets, one from each receiver and each in one pair, those that differ least first.
+
+    Where labels leave it open, that is how sets of one sky find each other.
+    """
+    every = [(a, b, common_ranges(records, (a, b))) for a in first for b in second]
+    scattered = [(float(np.ptp(c.mean_m[:, 1] - c.mean_m[:, 0])), n) for n, (_, _, c) in enumerate(every)
+                 if c.sats and len(c.range_m)]  # fmt: skip
+    taken: set[int] = set()
+    for _, n in sorted(scattered):
+        a, b, ranges = every[n]
+        if not {id(a), id(b)} & taken:
+            taken |= {id(a), id(b)}
+            yield ranges
+
+
+def _sets_by_label(
+    o: Observations, window: tuple[np.datetime64, np.datetime64], outcome: Outcome
+) -> dict[Label, list[ConsistentSet]]:
+    """The consistent sets of the window by the label that most of their signals carry."""
+    middle = window[0] + (window[1] - window[0]) / 2
+    row = int(np.clip(np.searchsorted(o.gpst, middle), 0, o.gpst.size - 1))
+    labels = {s.ref.signal: s.label for s in _labels_of(o, outcome) if s.first_epoch <= row <= s.last_epoch}
+    chosen: dict[Label, list[ConsistentSet]] = {}
+    for one in outcome.sets:
+        if one.receiver == o.receiver and window[0] <= one.gpst < window[1]:
+            carried = [labels.get(signal, "unknown") for signal in one.signals]
+            chosen.setdefault(max(sorted(set(carried)), key=carried.count), []).append(one)
+    return chosen
+
+
+# ---------------------------------------------------------------------- evidence in words
+
+
+def _findings(outcome: Outcome) -> Iterator[Finding]:
+    for name in sorted({e.detector for e in outcome.evidence}):
+        found = telling([e for e in outcome.evidence if e.detector == name])
+        if found is not None:
+            yield Finding(
+                detector=name, words=found.because, from_gpst=iso(found.start_gpst, 3), to_gpst=iso(found.end_gpst, 3)
+            )

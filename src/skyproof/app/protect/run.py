@@ -1,0 +1,305 @@
+"""The main job: recordings in, spoofed signals named, the true position out."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skyproof.app.common.folder import check_folder
+from skyproof.app.common.progress import Progress, Silent, Stage
+from skyproof.app.common.settings import Settings, resolve_settings
+from skyproof.app.common.windows import detectors_for, examine, window_records
+from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
+from skyproof.app.protect.duplicates import one_receiver_each
+from skyproof.app.protect.outputs import write_outputs
+from skyproof.app.receive.reception import Reception, observe, open_inputs, overlap_s, require_signals, track
+from skyproof.errors import InputError, SettingsError, readable
+from skyproof.formats.byte_io import sha256
+from skyproof.formats.rinex_nav import read_nav
+from skyproof.fusion.fuse import Decision, fuse
+from skyproof.fusion.trusted import fix_of, labelled, only
+from skyproof.fusion.unprotected import unprotected
+from skyproof.gnss.time import iso, seconds_between
+from skyproof.navigation.smooth import smooth
+from skyproof.records import Fix, NavigationData, Observations, Samples
+from skyproof.verdict import Verdict
+
+__all__ = ["ProtectResult", "protect", "verdict_of"]
+
+COMMON_SHARE = 0.9
+"""Of a recording: if another receiver's covers less, it is told."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ProtectResult:
+    """What `protect` gives: the verdict, the folder with all outputs, and whether Ctrl-C ended it early.
+
+    outcome : everything behind the verdict, for a notebook: observations, evidence, fixes, labels.
+    """
+
+    verdict: Verdict
+    outcome: Outcome
+    folder: Path | None = None
+    interrupted: bool = False
+
+    def _repr_html_(self) -> str:
+        """The verdict, for a notebook."""
+        return self.verdict._repr_html_()
+
+
+def protect(
+    inputs: Sequence[str | Path],
+    *,
+    nav: str | Path | None = None,
+    platform: str | Path | None = None,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> ProtectResult:
+    """Tell true signals from false ones in the recordings of one or several receivers.
+
+    Parameters
+    ----------
+    inputs : recordings, each with its sidecar NAME.toml; one a receiver.
+    nav : RINEX navigation file; without one the orbits come from the signals.
+    platform : TOML file with a table [protect] of settings.
+    out : folder for the outputs, made if absent; None writes nothing.
+    options : any field of `Settings`; None means not given.
+
+    Raises
+    ------
+    SkyproofError : an input, option or folder that cannot be used; says what to do.
+    """
+    progress = progress or Silent()
+    settings = resolve_settings(None if platform is None else Path(platform), **options)
+    if out is not None:
+        check_folder(out)
+    recordings = open_inputs([Path(p) for p in inputs], settings)
+    _require_two(settings, [samples.name for samples in recordings])
+    navigation = None if nav is None else read_nav(Path(nav))
+    nav_sum = None if nav is None else sha256(nav)  # now, of what was read: it may be gone at the end
+    if navigation is not None:
+        for samples in recordings:
+            if samples.start_gpst is not None:
+                _same_day(navigation, samples.start_gpst, samples.path)
+    trackers, interrupted = track(recordings, settings, progress, navigation, summed=True)
+    if not interrupted:
+        require_signals(trackers)
+    receptions = [observe(tracker, navigation) for tracker in trackers]
+    _same_time(receptions, navigation)
+    receptions = [_with_common_time(r, receptions) for r in receptions]
+    receptions = one_receiver_each(receptions, settings)
+    outcome, cut_short = judge(receptions, navigation, settings, progress)
+    if interrupted and cut_short:
+        raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
+    interrupted |= cut_short
+    # Whoever interrupts does not wait for the sums of large files.
+    sums, stopped = ({}, False) if interrupted else _sums([r.samples for r in receptions], progress)
+    notes = [_note(r, interrupted, sums.get(r.samples.path)) for r in receptions]
+    if nav is not None:
+        told = _told(navigation)
+        notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=told))
+    verdict = document(outcome, notes, settings, interrupted=interrupted)
+    interrupted |= stopped
+    if out is not None:
+        interrupted = _write(Path(out), verdict, outcome, settings, progress, interrupted)
+    return ProtectResult(
+        verdict=verdict, outcome=outcome, folder=None if out is None else Path(out), interrupted=interrupted
+    )
+
+
+def verdict_of(
+    inputs: str | Path | Sequence[str | Path], *, nav: str | Path | None = None, out: str | Path | None = None,
+    **options: Any,
+) -> Verdict:  # fmt: skip
+    """Tell true signals from false ones in the recordings of one or several receivers.
+
+        verdict = sp.protect(["rx1.bin", "rx2.bin"], nav="brdc0010.22n", out="result")
+        print(verdict.verdict, verdict.summary)
+
+    Parameters
+    ----------
+    inputs : one recording, or several, one a receiver: raw samples with their sidecar NAME.toml, or SigMF.
+    nav : RINEX navigation file of that day; without one the orbits come from the signals (30 s of them).
+    out : folder for the verdict, the report, fixes and all other files, made if absent; None writes nothing.
+    options : any field of `skyproof.app.common.settings.Settings`, such as `antenna_separation_m` or `duration_s`;
+        `platform`, a TOML file with a table [protect] of them; `progress`, told how far the work is.
+
+    Returns
+    -------
+    Verdict : what verdict.json holds. `skyproof.app.protect.protect` gives everything behind it as well: observations,
+        evidence, fixes.
+
+    Raises
+    ------
+    InputError : an input cannot be read, or inputs do not belong together.
+    NotEnoughData : no signal in any recording.
+    SettingsError : an option or setting makes no sense.
+    OutputError : the folder cannot be written.
+    """
+    paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
+    return protect(paths, nav=nav, out=out, **options).verdict
+
+
+def _write(
+    folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress, interrupted: bool
+) -> bool:
+    """Write all outputs, through a first Ctrl-C: everything is decided by now. Returns whether there was one."""
+    while True:
+        try:
+            write_outputs(folder, verdict, outcome, settings, progress)
+            return interrupted
+        except KeyboardInterrupt:
+            if interrupted:
+                raise KeyboardInterrupt(
+                    f"interrupted a second time: the verdict is {verdict.verdict!r}, but its files were not written; "
+                    f"{folder} is as it was"
+                ) from None
+            interrupted = True
+
+
+def judge(
+    receptions: Sequence[Reception], navigation: NavigationData | None, settings: Settings, progress: Progress
+) -> tuple[Outcome, bool]:
+    """Windows, evidence, decision and fixes from what the receivers heard, and whether Ctrl-C left windows out."""
+    orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
+    observed = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
+    windows, interrupted = window_records(observed, orbits, settings, progress)
+    evidence = examine(windows, detectors_for(settings, len(observed), windows))
+    sets = [s for w in windows for s in w.sets]
+    decision = fuse(evidence, observed, sets)
+    outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
+    outcome = Outcome(
+        receivers=tuple(outcomes), decision=decision, evidence=tuple(evidence), sets=tuple(sets), navigation=orbits
+    )  # fmt: skip
+    return outcome, interrupted
+
+
+def _receiver_outcome(
+    reception: Reception, decision: Decision, orbits: NavigationData, settings: Settings
+) -> ReceiverOutcome:
+    o = reception.observations
+    if o is None or not orbits.ephemerides:
+        return ReceiverOutcome(reception=reception)
+
+    def fixed(part: Observations) -> Fix | None:
+        # Smoothed after the choice: what a channel followed before or after it was captured does not leak across.
+        return fix_of(
+            smooth(part, window_s=settings.smoothing_s), orbits, multipath_sigma_m=settings.multipath_sigma_m,
+            elevation_mask_deg=settings.elevation_mask_deg,
+        )  # fmt: skip
+
+    false = labelled(o, decision.labels, "spoofed")
+    shown = {
+        source.name: fixed(only(part, [r.signal for r in source.signals if r.receiver == o.receiver]))
+        for part, sources in ((false, decision.sources), (o, decision.skies))
+        for source in sources
+    }
+    return ReceiverOutcome(
+        reception=reception,
+        trusted=fixed(labelled(o, decision.labels, "authentic")),
+        false=fixed(false),
+        unprotected=fixed(unprotected(o)),
+        shown={name: fix for name, fix in shown.items() if fix is not None},
+    )
+
+
+def _require_two(settings: Settings, names: Sequence[str]) -> None:
+    """Raise SettingsError if a distance is given for any other number of receivers than two."""
+    if settings.antenna_distance_m is not None and len(names) != 2:
+        raise SettingsError(
+            f"setting antenna_distance_m is the distance between two receivers' antennas, but the receivers are "
+            f"{', '.join(names)}; give antennas_enu_m, where each antenna stands"
+            + (", or leave it out" if len(names) == 1 else "")
+        )
+
+
+def _pooled(told: Sequence[NavigationData]) -> NavigationData:
+    """What all receivers' signals told, each data set once."""
+    sets = {(e.sat, e.week, e.toe): e for data in told for e in data.ephemerides}
+    ionosphere = next((d.ionosphere for d in told if d.ionosphere is not None), None)
+    utc = next((d.utc for d in told if d.utc is not None), None)
+    return NavigationData(
+        ephemerides=tuple(sets[key] for key in sorted(sets)), ionosphere=ionosphere, utc=utc, source="the signals"
+    )
+
+
+def _same_day(navigation: NavigationData, gpst: np.datetime64, path: str) -> None:
+    """Raise InputError if no orbit of the file holds at the recording's time."""
+    if any(navigation.best(e.sat, gpst) is not None for e in navigation.ephemerides):
+        return
+    weeks = [np.datetime64("1980-01-06", "ns") + np.timedelta64(round(e.week * 604800 + e.toe), "s")
+             for e in navigation.ephemerides]  # fmt: skip
+    raise InputError(
+        f"{navigation.source}: its orbits are for {iso(min(weeks), 0)} to {iso(max(weeks), 0)}, but {path} was "
+        f"recorded at {iso(gpst, 0)}; give the navigation file of that day, or none to take the orbits from the "
+        "signals (if the date is wrong, mend start_gpst in the sidecar)"
+    )
+
+
+def _same_time(receptions: Sequence[Reception], navigation: NavigationData | None) -> None:
+    """Raise InputError if two receivers were recorded at different times, or the orbits are of another one."""
+    heard = [(r.samples.path, r.observations) for r in receptions if r.observations is not None]
+    heard = [(path, o) for path, o in heard if o.gpst.size]
+    for (path, a), (other_path, b) in combinations(heard, 2):
+        if overlap_s(a, b) <= 0.0:
+            raise InputError(
+                f"{other_path} was recorded from {iso(b.gpst[0], 1)} to {iso(b.gpst[-1], 1)}, but {path} from "
+                f"{iso(a.gpst[0], 1)} to {iso(a.gpst[-1], 1)} (GPS time, as the signals tell it): there is no common "
+                "time to compare them in; give recordings of the same time, or protect each alone"
+            )
+    if navigation is not None:
+        for path, o in heard:
+            _same_day(navigation, o.gpst[0], path)
+
+
+def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> Reception:
+    """Tell how much of a recording another one covers, if that is not nearly all: the rest cannot be compared."""
+    own = reception.observations
+    others = [r for r in receptions if r is not reception and r.observations is not None]
+    if own is None or own.gpst.size < 2:
+        return reception
+    length_s = seconds_between(own.gpst[-1], own.gpst[0])
+    told = tuple(
+        f"{overlap_s(own, r.observations):.1f} of its {length_s:.1f} s with measurements are common with "
+        f"{r.samples.path or r.samples.name}"
+        for r in others
+        if r.observations is not None and overlap_s(own, r.observations) < COMMON_SHARE * length_s
+    )
+    return replace(reception, remarks=(*reception.remarks, *told))
+
+
+def _sums(recordings: Sequence[Samples], progress: Progress) -> tuple[dict[str, str | None], bool]:
+    """SHA-256 of each file, of the bytes that were worked on as they were then; and whether Ctrl-C left some out."""
+    files = {samples.path: samples.file for samples in recordings if samples.file is not None}
+    sums: dict[str, str | None] = {}
+    try:
+        with progress.stage("taking the sums of the inputs", float(len(files))) as stage:
+            for number, (path, file) in enumerate(files.items()):
+                sums[path] = file.sha256(_from(number, stage))
+                stage.advance(number + 1.0)
+    except KeyboardInterrupt:
+        return sums, True
+    return sums, False
+
+
+def _from(number: int, stage: Stage) -> Callable[[int, int], None]:
+    return lambda done, size: stage.advance(number + done / size)
+
+
+def _note(reception: Reception, interrupted: bool, digest: str | None) -> InputNote:
+    """One input's row."""
+    samples = reception.samples
+    changes = () if samples.file is None else samples.file.changes()
+    read = f"{reception.examined_s:.1f} of {samples.duration_s:.1f} s were worked on before the run was interrupted"
+    return InputNote(
+        path=samples.path or samples.name, format=samples.format or "raw", sha256=digest,
+        remarks=(*samples.remarks, *reception.remarks, *changes, *((read,) if interrupted else ())),
+    )  # fmt: skip
+
+
+def _told(navigation: NavigationData | None) -> tuple[str, ...]:
+    return () if navigation is None else tuple(getattr(navigation, "remarks", ()))

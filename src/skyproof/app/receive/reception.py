@@ -1,0 +1,577 @@
+"""Recordings to observations: open, track everything, tell what was heard."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skyproof.app.common.progress import Progress, Silent
+from skyproof.app.common.settings import Settings
+from skyproof.app.inspect.advice import correction_remark
+from skyproof.app.receive.bridge import bridged
+from skyproof.app.receive.clock_check import CHECKED_S, MOST_CHECKS, agreeing
+from skyproof.app.receive.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_told
+from skyproof.arrays import Indices
+from skyproof.errors import InputError, NotEnoughData, SettingsError
+from skyproof.formats.recording import open_recording
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
+from skyproof.gnss.time import iso, resolve_week, seconds_between, week_and_tow
+from skyproof.navigation.clock import anchored
+from skyproof.navigation.fix import fix
+from skyproof.navigation.horizon import sats_above
+from skyproof.receiver.channels import Arc, Gap
+from skyproof.receiver.measurement import DOPPLER_HZ, Measurements
+from skyproof.receiver.observables import (
+    ReceiverTimeTag,
+    assemble,
+    messages_that_differ,
+    navigation_of,
+    receiver_time_tag,
+    timed_by_range,
+    week_told,
+)
+from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
+from skyproof.recording.conditioning import conditioned, measure_front_end
+from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId
+
+__all__ = ["Reception", "Tracker", "observe", "open_inputs", "require_signals", "stretch", "track"]
+
+BLOCK_S = 0.5
+SAME_SAMPLES = 1 << 16  # compared, to tell whether two recordings are one
+LONGEST_NAME = 200  # of a receiver, in bytes; of a file it is 255
+ENOUGH_SATS = 4
+MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
+FOLLOWED_S = 2.0  # shorter, a signal that is there may not have proved itself
+TIME_OF_WEEK_S = 12.0  # by then a signal has told its time of week: it does so every 6 s, once its bits can be read
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reception:
+    """One receiver's recording after tracking.
+
+    observations : None if there are none; `left_out` then says why.
+    examined_s : how much of the recording was worked on.
+    same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
+    messages_differ : where signals of one satellite tell different messages, in words; among the remarks as well.
+    """
+
+    samples: Samples
+    observations: Observations | None
+    told: NavigationData  # by the signals themselves
+    n_signals: int
+    examined_s: float
+    left_out: str | None = None
+    same_as: str | None = None
+    remarks: tuple[str, ...] = ()
+    messages_differ: tuple[str, ...] = ()
+
+
+@dataclass(kw_only=True)
+class Tracker:
+    """One recording on its way through the receiver: which sample comes next, and all that came out so far.
+
+    told : what was done to the samples before, and what ended them.
+    broken : why the recording could be read no further, if it could not: all that came before counts.
+    given : the recording as it is described, if its codes and carriers agree at another rate or carrier only; `samples`
+        are read so then, and `told` ends with it. checks : how often that is looked at yet.
+    """
+
+    samples: Samples
+    receiver: Receiver
+    told: tuple[str, ...] = ()
+    broken: str = ""
+    given: Samples | None = None
+    checks: int = MOST_CHECKS
+    state: ReceiverState = field(default_factory=ReceiverState)
+    position: int = 0
+    measured: list[Measurements] = field(default_factory=list)
+    arcs: dict[int, Arc] = field(default_factory=dict)
+    gaps: list[Gap] = field(default_factory=list)
+
+    def advance(self) -> bool:
+        """Work on the next block; False when the recording has ended, or can be read no further."""
+        count = min(int(BLOCK_S * self.samples.rate_hz), self.samples.n_samples - self.position)
+        if count <= 0 or self.broken:
+            return False
+        try:
+            planes = self.samples.read(self.position, count)
+        except InputError as error:
+            self.broken = str(error)
+            self.told = (*self.told, f"only its first {self.examined_s:.1f} s were worked on: {error}")
+            return False
+        output, self.state = self.receiver.step(self.state, planes)
+        self.position += count
+        self.arcs |= output.arcs  # before the measurements that name them, whenever Ctrl-C comes
+        self.measured.append(output.measurements)
+        self.gaps += output.gaps
+        if self.checks and (self.examined_s >= CHECKED_S or self.ended):
+            self._check_clock()
+        return True
+
+    def _check_clock(self) -> None:
+        """Begin anew where codes and carriers do not agree at the rate given."""
+        found = agreeing(self.samples, self.measurements, self.arcs)
+        self.checks = self.checks - 1 if found else 0
+        if found is None:
+            return
+        self.told = self.told if self.given is None else self.told[:-1]
+        self.given = self.given or self.samples
+        self.samples, apart = found
+        self.told = (*self.told, correction_remark(self.given, self.samples, apart.sigma))
+        self.receiver = Receiver(self.samples.rate_hz, carrier_at_hz(self.samples), self.receiver.settings)
+        self.state, self.position = ReceiverState(), 0
+        self.measured, self.arcs, self.gaps = [], {}, []
+
+    @property
+    def examined_s(self) -> float:
+        return self.position / self.samples.rate_hz
+
+    @property
+    def ended(self) -> bool:
+        """Whether all of the recording was worked on."""
+        return self.position >= self.samples.n_samples
+
+    @property
+    def measurements(self) -> Measurements:
+        return Measurements.joined(self.measured)
+
+    @property
+    def epoch_s(self) -> float:
+        """From one row of measurements to the next."""
+        return MEASURE_FRAMES * self.receiver.settings.frame_s
+
+
+def open_inputs(paths: Sequence[Path], settings: Settings) -> list[Samples]:
+    """Open recordings, check their levels, cut them to the stretch asked for, and give each receiver its own name.
+
+    Raises
+    ------
+    InputError : no recording, one that cannot be opened, or one that is the same as another.
+    SettingsError : antennas of other receivers than these.
+    """
+    if not paths:
+        raise InputError("no recording given; give one file of samples a receiver, each with its sidecar")
+    opened: list[Samples] = []
+    for path in paths:
+        for samples in open_recording(path):  # several if the file has several channels
+            for other in opened:
+                if _is_same(other, samples):
+                    raise InputError(
+                        f"{samples.path}: the same recording as {other.path}; two receivers that are one would look "
+                        "like signals from one antenna: give each receiver's own recording, and each once"
+                    )
+            names = [other.name for other in opened]
+            name = _short(samples.name)
+            candidates = (name, *(f"{name}-{number}" for number in range(2, len(names) + 3)))
+            opened.append(replace(samples, name=next(name for name in candidates if name not in names)))
+    _require_antennas(settings, [samples.name for samples in opened])
+    return [stretch(samples, settings.start_s, settings.duration_s) for samples in opened]
+
+
+def _short(name: str) -> str:
+    """A receiver's name, by which its files are named as well: with room for what is written behind it."""
+    return name.encode()[:LONGEST_NAME].decode(errors="ignore")
+
+
+def _require_antennas(settings: Settings, names: Sequence[str]) -> None:
+    """Raise SettingsError if `antennas_enu_m` is not of these receivers."""
+    if settings.antennas_enu_m is not None and set(settings.antennas_enu_m) != set(names):
+        raise SettingsError(
+            f"setting antennas_enu_m is of {', '.join(settings.antennas_enu_m) or 'nobody'}, but the receivers are "
+            f"{', '.join(names)}; give the place of each by its name"
+        )
+
+
+def _is_same(a: Samples, b: Samples) -> bool:
+    """Whether two recordings have a stretch in common, where both are long enough: noise never repeats itself."""
+    if Path(a.path).resolve() == Path(b.path).resolve() and a.name == b.name:
+        return True
+    count = min(SAME_SAMPLES, a.n_samples, b.n_samples)
+    starts = (0, (min(a.n_samples, b.n_samples) - count) // 2)
+    pairs = [(a.read(start, count), b.read(start, count)) for start in starts]
+    return all(np.array_equal(*pair) for pair in pairs) and any(np.ptp(one) > 0.0 for one, _ in pairs)
+
+
+def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Samples:
+    """The part of a recording from `start_s` on, `duration_s` long at most."""
+    if start_s == 0.0 and duration_s is None:
+        return samples
+    first = round(start_s * samples.rate_hz)
+    if first >= samples.n_samples:
+        raise InputError(f"{samples.path}: lasts {samples.duration_s:.3f} s, but start_s is {start_s:g}; give less")
+    count = samples.n_samples - first
+    if duration_s is not None:
+        count = min(count, round(duration_s * samples.rate_hz))
+    missing_s = sum(gap.missing_samples for gap in samples.gaps if gap.at_sample <= first) / samples.rate_hz
+    later = np.timedelta64(round((start_s + missing_s) * 1e9), "ns")
+    return replace(
+        samples,
+        n_samples=count,
+        read=lambda start, n: samples.read(first + start, min(n, count - start)),
+        start_gpst=None if samples.start_gpst is None else samples.start_gpst + later,
+        gaps=tuple(
+            replace(gap, at_sample=gap.at_sample - first)
+            for gap in samples.gaps
+            if first < gap.at_sample < first + count
+        ),
+    )
+
+
+def track(
+    recordings: Sequence[Samples], settings: Settings, progress: Progress | None = None,
+    navigation: NavigationData | None = None, *, watchful: bool = True, summed: bool = False,
+) -> tuple[list[Tracker], bool]:  # fmt: skip
+    """Track all recordings side by side, so that an interruption leaves all equally far.
+
+    navigation : tells which satellites stand above the horizon, where the place is known.
+
+    watchful : look for further signals twice as often as receiving alone needs.
+
+    summed : the sums of the files will be asked for.
+
+    Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
+    """
+    progress = progress or Silent()
+    trackers = [_tracker(samples, settings, navigation, watchful) for samples in recordings]
+    for samples in recordings:
+        if summed and samples.file is not None:
+            samples.file.sum_as_read()
+    names = ", ".join(s.name for s in recordings)
+    total_s = sum(s.duration_s for s in recordings)
+    try:
+        with progress.stage(f"tracking {names}", total_s) as stage:
+            running = True
+            while running:
+                running = False
+                for tracker in trackers:
+                    running |= tracker.advance()
+                    stage.advance(sum(t.examined_s for t in trackers))
+    except KeyboardInterrupt:
+        return trackers, True
+    return trackers, False
+
+
+def _tracker(
+    samples: Samples, settings: Settings, navigation: NavigationData | None, watchful: bool
+) -> Tracker:
+    """A recording made ready: what hurts in its samples taken off, gaps that it tells of bridged."""
+    clean, cleaned = _cleaned(samples)
+    whole, filled = bridged(clean, begun_s=settings.start_s)
+    sats, narrowed = _sats(samples, settings, navigation)
+    receiver_settings = ReceiverSettings(
+        sats=sats,
+        doppler_max_hz=settings.doppler_max_hz,
+        near_search_s=0.5 if watchful else 1.0,
+        full_search_s=10.0 if watchful else 20.0,
+    )
+    receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), receiver_settings)
+    return Tracker(samples=whole, receiver=receiver, told=(*cleaned, *filled, *narrowed))
+
+
+def _sats(
+    samples: Samples, settings: Settings, navigation: NavigationData | None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The satellites to look for, and what was done to their list."""
+    if settings.place_deg is None:
+        return GPS_SATS, ()
+    if navigation is None or samples.start_gpst is None:
+        lacks = "a navigation file (--nav)" if navigation is None else "a date in the recording (start_gpst)"
+        return GPS_SATS, (f"every satellite was looked for: place_deg is of use with {lacks} only",)
+    lat_rad, lon_rad = np.radians(settings.place_deg)
+    end = samples.start_gpst + np.timedelta64(round(samples.duration_s * 1e9), "ns")
+    above = sats_above(navigation, GPS_SATS, float(lat_rad), float(lon_rad), samples.start_gpst, end)
+    if len(above) < ENOUGH_SATS:
+        return GPS_SATS, (
+            f"every satellite was looked for: at place_deg only {len(above)} stood above the horizon; check it and the "
+            "recording's date",
+        )
+    return above, (f"only the {len(above)} satellites above the horizon of place_deg were looked for",)
+
+
+def _cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """The recording without what costs C/N0, and what was done; itself where nothing does, or too little tells it.
+
+    Figures of DC and imbalance are told with the levels when a file is opened, and not again.
+    """
+    try:
+        front = measure_front_end(samples)
+    except ValueError:  # too few samples, or none that changes
+        return samples, ()
+    told = [f"the DC offset cost {front.dc_loss_db:.2f} dB of C/N0 and is removed"] if front.removes_dc else []
+    if front.balances:
+        told.append(f"the I/Q imbalance made images of {front.image_db:.0f} dB and is corrected")
+    told += [
+        f"a line at {line.frequency_hz / 1e3:+.1f} kHz cost {line.loss_db:.2f} dB of C/N0 and is notched"
+        for line in front.notched
+    ]
+    return conditioned(samples, front), tuple(told)
+
+
+def carrier_at_hz(samples: Samples) -> float:
+    """Where the nominal carrier lies in the samples: the frequency `centre_hz` lies at `if_hz`."""
+    return samples.if_hz + GPS_L1_CA.carrier_hz - samples.centre_hz
+
+
+def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
+    """Time, observations and navigation data of one tracked recording.
+
+    The week comes from the recording's date, else from the navigation file, else from the message (which knows it
+    modulo 1024, resolved by nothing better than the calendar's present era).
+    """
+    samples = tracker.samples
+    heard = {arc.signal for arc in tracker.arcs.values()}
+    remarks: list[str] = [*tracker.told]
+    week = _week(tracker, navigation, remarks)
+    label = _label(tracker, week)
+    if label is not None:
+        label = _near_date(label, samples, tracker.arcs, remarks)
+        week = label.week
+    told = navigation_of(tracker.arcs, week, samples.path or samples.name)
+    orbits = navigation if navigation is not None else told
+    observations = None
+    if label is not None:
+        observations = _assembled(tracker, tracker.arcs, label)
+        arcs = _all_timed(tracker, observations, orbits, label, remarks)
+        if arcs is not None:
+            observations = _assembled(tracker, arcs, label)
+        observations = _anchored(observations, orbits, tracker.gaps)
+    found = _diagnosed(tracker) if observations is None or _is_doubtful(tracker) else None
+    if found is None or not found.mirrored:  # signals of a mirrored spectrum are lost all the time: no gaps are told
+        remarks += gap_remarks(tracker.gaps, tracker.receiver.signal.period_s)
+        remarks += oscillator_told(_dopplers_hz(tracker))
+    differ = tuple(messages_that_differ(tracker.arcs))
+    remarks += differ
+    left_out = None
+    if observations is None:
+        left_out = _no_time(tracker, len(heard)) if heard else _nothing_heard(tracker, found)
+        left_out += "" if found is None else f"; {found.cure}"
+        remarks.append(f"left out: {left_out}")
+    elif found is not None:
+        remarks.append(f"few signals as it was read, or none for long: {found.cure}")
+    return Reception(
+        samples=samples, observations=observations, told=told, n_signals=len(heard), examined_s=tracker.examined_s,
+        left_out=left_out, remarks=tuple(remarks), messages_differ=differ,
+    )  # fmt: skip
+
+
+def require_signals(trackers: Sequence[Tracker]) -> None:
+    """Raise NotEnoughData if no recording holds a signal, or InputError if that is because none could be read.
+
+    One that holds none beside others that do is left out.
+    """
+    if trackers and not any(tracker.arcs for tracker in trackers):
+        broken = [tracker.broken for tracker in trackers if tracker.broken]
+        if broken:
+            raise InputError("; ".join(broken))
+        paths = ", ".join(t.samples.path or t.samples.name for t in trackers)
+        found = diagnosis(trackers[0].samples, trackers[0].receiver.settings.doppler_max_hz)
+        raise NotEnoughData(f"{paths}: {_nothing_heard(trackers[0], found)}; {found.cure}")
+
+
+def _is_doubtful(tracker: Tracker) -> bool:
+    """Whether what was heard looks as if the recording was not read as it should be."""
+    n_sats = len({arc.signal.sat for arc in tracker.arcs.values()})
+    return n_sats < ENOUGH_SATS or len(tracker.arcs) > MANY_ARCS * n_sats
+
+
+def _diagnosed(tracker: Tracker) -> Diagnosis | None:
+    """None of a recording that was left before its end: whoever interrupts does not wait."""
+    return diagnosis(tracker.samples, tracker.receiver.settings.doppler_max_hz) if tracker.ended else None
+
+
+def _dopplers_hz(tracker: Tracker) -> list[float]:
+    """The mean of each satellite's signals."""
+    measurements = tracker.measurements
+    values: dict[str, list[float]] = {}
+    for number, doppler_hz in zip(measurements.arc.tolist(), measurements.column(DOPPLER_HZ).tolist(), strict=True):
+        values.setdefault(tracker.arcs[number].signal.sat, []).append(doppler_hz)
+    return [float(np.nanmean(of_sat)) for of_sat in values.values()]
+
+
+def _nothing_heard(tracker: Tracker, found: Diagnosis | None) -> str:
+    """What to check if no satellite was followed, in the order of likelihood."""
+    samples = tracker.samples
+    if found is not None and found.n_sats and samples.duration_s < FOLLOWED_S:
+        return (
+            f"it holds {found.n_sats} satellites, read as it is described, but lasts {samples.duration_s:.3g} s, and "
+            f"signals have to be followed for seconds: give {TIME_OF_WEEK_S:g} s or more"
+        )
+    return (
+        f"no GPS L1 C/A signal found in {tracker.examined_s:.1f} s; it was read as {samples.format}, "
+        f"{samples.rate_hz:g} samples/s, carrier at {carrier_at_hz(samples):g} Hz: "
+        "check rate_hz, if_hz, kind, encoding, bits and bit_order in its sidecar, that the antenna was connected, and "
+        "whether the oscillator may be off by more than the search reaches (doppler_max_hz)"
+    )
+
+
+def _no_time(tracker: Tracker, n_signals: int) -> str:
+    """Why signals without a time of week are of no use, and what would give it."""
+    cure = (
+        f"give {TIME_OF_WEEK_S:g} s of signal or more" if tracker.examined_s < TIME_OF_WEEK_S
+        else "the signals are too weak or too often interrupted to read their messages"
+    )  # fmt: skip
+    return f"{n_signals} signals found, but no time of week read from them in {tracker.examined_s:.1f} s: {cure}"
+
+
+def _week(tracker: Tracker, navigation: NavigationData | None, remarks: list[str]) -> int:
+    start = tracker.samples.start_gpst
+    if start is not None:
+        return int(week_and_tow(start)[0])
+    if navigation is not None and navigation.ephemerides:
+        week = int(np.median([e.week for e in navigation.ephemerides]))
+        remarks.append(f"no date in the sidecar: GPS week {week} taken from the navigation file")
+        return week
+    told = week_told(tracker.arcs)
+    near = np.datetime64("now", "ns")
+    week = resolve_week(told, near) if told is not None else int(week_and_tow(near)[0])
+    remarks.append(
+        f"no date in the sidecar and no navigation file: GPS week {week} taken "
+        + ("from the message, as the one nearest to today" if told is not None else "as today's; give start_gpst")
+    )
+    return week
+
+
+def _label(tracker: Tracker, week: int) -> ReceiverTimeTag | None:
+    """The label at the first sample: from what was measured before samples were missing, if that tells it."""
+    whole = tracker.measurements
+    rows = _segment(whole.elapsed_s, tracker.gaps) == 0
+    before = Measurements(
+        elapsed_s=whole.elapsed_s[rows], arc=whole.arc[rows], table=whole.table[rows], taps=whole.taps[rows]
+    )
+    label = receiver_time_tag(before, tracker.arcs, week)
+    return label if label is not None else receiver_time_tag(whole, tracker.arcs, week)
+
+
+def _segment(elapsed_s: ArrayLike, gaps: Sequence[Gap]) -> Indices:
+    """How many unmarked gaps lie before each moment."""
+    return np.searchsorted(np.sort([gap.elapsed_s for gap in gaps]), np.asarray(elapsed_s, float), side="right")
+
+
+def _near_date(
+    label: ReceiverTimeTag, samples: Samples, arcs: Mapping[int, Arc], remarks: list[str]
+) -> ReceiverTimeTag:
+    """The label in the week that brings it nearest to the recording's date; tell if the signals say otherwise.
+
+    A recorder's clock may never have been set. The message knows the week modulo 1024.
+    """
+    if samples.start_gpst is None:
+        return label
+    week, tow_s = week_and_tow(samples.start_gpst)
+    ahead_s = label.tow_ms * 1e-3 - tow_s
+    turned = round(ahead_s / 604800.0)
+    label = replace(label, week=int(week) - turned)
+    off_s = ahead_s - 604800.0 * turned
+    told = _week_of_message(arcs, label)
+    if told is not None and (told - label.week) % 1024 != 0:
+        label = replace(label, week=resolve_week(told, samples.start_gpst))
+        off_s += 604800.0 * (label.week - int(week) + turned)
+    if abs(off_s) > 2.0:
+        remarks.append(
+            f"the sidecar's start_gpst is {iso(samples.start_gpst, 0)}, but the signals' own time differs from it by "
+            f"{off_s:+.1f} s; the signals' time is used"
+        )
+    return label
+
+
+def _week_of_message(arcs: Mapping[int, Arc], label: ReceiverTimeTag) -> int | None:
+    """The week at `label`, modulo 1024, that most signals tell; None if none does."""
+    half_week_s = 302_400
+    weeks = Counter(
+        (int(first.fields["week_mod_1024"]) - (first.tow_s < label.tow_ms * 1e-3 - half_week_s)) % 1024
+        for arc in arcs.values()
+        if (first := arc.subframes.get(1)) is not None
+    )
+    return weeks.most_common(1)[0][0] if weeks else None
+
+
+def _assembled(tracker: Tracker, arcs: Mapping[int, Arc], label: ReceiverTimeTag) -> Observations:
+    settings = tracker.receiver.settings
+    n_epochs = int(tracker.state.frame - 1) // MEASURE_FRAMES
+    elapsed_s = settings.frame_s * MEASURE_FRAMES * np.arange(1.0, n_epochs + 1)
+    return assemble(
+        tracker.samples.name, tracker.measurements, arcs, label, elapsed_s, carrier_hz=settings.signal.carrier_hz,
+        averaged_s=tracker.epoch_s,
+    )  # fmt: skip
+
+
+def _all_timed(
+    tracker: Tracker, observations: Observations, orbits: NavigationData, label: ReceiverTimeTag, remarks: list[str]
+) -> dict[int, Arc] | None:
+    """Arcs too short for a subframe take their time of week from the position that the others give; None if no arc
+    gains by it.
+    """
+    untimed = [arc for arc in tracker.arcs.values() if arc.tow_ms_at_period_0 is None and arc.bit_synchronised]
+    if not untimed:
+        return None
+    shown = fix(observations, orbits, signals=first_copies(observations), elevation_mask_deg=0.0)
+    good = np.flatnonzero(shown.status == FixStatus.OK)
+    if good.size == 0:
+        return None
+
+    segment = _segment(observations.elapsed_s[good], tracker.gaps)
+
+    def range_m(sat: str, elapsed_s: float) -> float | None:
+        # Beyond a gap the receiver's clock is another one.
+        near = good[segment == _segment(elapsed_s, tracker.gaps)]
+        if near.size == 0:
+            return None
+        row = near[np.argmin(np.abs(observations.elapsed_s[near] - elapsed_s))]
+        ephemeris = orbits.best(sat, shown.gpst[row])
+        if ephemeris is None:
+            return None
+        later = np.timedelta64(round((elapsed_s - float(observations.elapsed_s[row])) * 1e9), "ns")
+        state = satellite_state(ephemeris, shown.gpst[row] + later - np.timedelta64(75, "ms"))
+        clock_s = float(shown.clock_bias_s[row]) - float(state.clock_s)
+        away_m = float(np.linalg.norm(state.position_ecef_m - shown.position_ecef_m[row]))
+        return away_m + SPEED_OF_LIGHT_M_S * clock_s
+
+    arcs = timed_by_range(tracker.arcs, tracker.measurements, label, range_m)
+    gained = sorted(
+        str(arc.signal)
+        for number, arc in arcs.items()
+        if arc.tow_ms_at_period_0 is not None and tracker.arcs[number].tow_ms_at_period_0 is None
+    )
+    if not gained:
+        return None
+    remarks.append(
+        f"{', '.join(gained)}: received too shortly for a time of week of their own; it was taken from the range that "
+        "the position of the others predicts"
+    )
+    return arcs
+
+
+def _anchored(observations: Observations, navigation: NavigationData, gaps: Sequence[Gap]) -> Observations:
+    """Move the clock label to within half a millisecond of what most signals say, when they give a fix at all; where
+    samples are missing unmarked it steps by what is missing. Where the signals' time goes back, as in a recording
+    joined to itself, it goes on with the samples.
+    """
+    shown = fix(observations, navigation, signals=first_copies(observations), elevation_mask_deg=0.0)
+    known = np.isfinite(shown.clock_bias_s)
+    if not known.any():
+        return observations
+    segment = _segment(observations.elapsed_s, gaps)
+    told = np.unique(segment[known])
+    biases_s = np.array([np.median(shown.clock_bias_s[known & (segment == one)]) for one in told])
+    biases_s = np.minimum.accumulate(biases_s)  # labels never go back, where the signals' time does
+    chosen = biases_s[np.clip(np.searchsorted(told, segment), 0, told.size - 1)]
+    # When a gap began is known to a few epochs only: the fixes themselves tell on which side of it they lie.
+    chosen[known] = biases_s[np.argmin(np.abs(shown.clock_bias_s[known][:, None] - biases_s), axis=1)]
+    return anchored(observations, chosen)
+
+
+def first_copies(observations: Observations) -> tuple[SignalId, ...]:
+    """Of each satellite the signal that was found first."""
+    first: dict[str, SignalId] = {}
+    for signal in sorted(observations.signals, key=lambda s: (len(s.copy), s.copy)):
+        first.setdefault(signal.sat, signal)
+    return tuple(first.values())
+
+
+def overlap_s(a: Observations, b: Observations) -> float:
+    """Common time of two receivers, seconds; negative if they were recorded one after the other."""
+    return float(seconds_between(min(a.gpst[-1], b.gpst[-1]), max(a.gpst[0], b.gpst[0])))

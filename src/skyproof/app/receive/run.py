@@ -1,0 +1,204 @@
+"""Track every signal in recordings and write what was measured, without judging it."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.app.common.folder import check_folder
+from skyproof.app.common.progress import Progress, Silent
+from skyproof.app.common.rinex import date_of, one_a_satellite, write_channels
+from skyproof.app.common.settings import resolve_settings
+from skyproof.app.common.windows import take
+from skyproof.app.receive.reception import Reception, first_copies, observe, open_inputs, require_signals, track
+from skyproof.formats.atomic_write import writing_together
+from skyproof.formats.rinex_nav import read_nav, write_nav
+from skyproof.gnss.time import iso
+from skyproof.navigation.fix import fix
+from skyproof.records import FixStatus, NavigationData, Observations
+from skyproof.verdict import notebook_html
+
+__all__ = ["ReceiveResult", "document_json", "receive"]
+
+DIGITS: Final = 6  # of a second in instants
+HEADER_FIXES: Final = 25  # about so many make the approximate position of a header
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReceiveResult:
+    """What each receiver heard, the folder with its files, and whether Ctrl-C ended it early.
+
+    files : of each receiver, the names of what was written into the folder.
+    """
+
+    receptions: tuple[Reception, ...]
+    folder: Path | None = None
+    files: tuple[tuple[str, ...], ...] = ()
+    interrupted: bool = False
+
+    @property
+    def observations(self) -> Any:
+        """Those of the first receiver; None if no time of week could be decoded."""
+        return self.receptions[0].observations
+
+    def _repr_html_(self) -> str:
+        """The signals of each receiver, for a notebook."""
+        heads, rows = [], []
+        for r in self.receptions:
+            o = r.observations
+            heads.append(f"{r.samples.name}: {r.n_signals} signals in {r.examined_s:.1f} s"
+                         + (f"; left out: {r.left_out}" if r.left_out is not None else ""))  # fmt: skip
+            for signal in [] if o is None else [_signal(o, column) for column in range(len(o.signals))]:
+                cn0_dbhz, doppler_hz = signal["cn0_dbhz"], signal["doppler_hz"]
+                rows.append((
+                    r.samples.name, f"{signal['sat']} {signal['band']} {signal['code']} {signal['copy']}",
+                    f"{signal['found_s']:.1f}", str(signal["n_epochs"]),
+                    "" if cn0_dbhz is None else f"{cn0_dbhz:.1f}", "" if doppler_hz is None else f"{doppler_hz:.0f}",
+                ))  # fmt: skip
+        columns = ("receiver", "signal", "found after, s", "epochs", "C/N0, dB-Hz", "Doppler, Hz")
+        return notebook_html("Received", heads, (columns, rows))
+
+
+def receive(
+    inputs: str | Path | Sequence[str | Path],
+    *,
+    nav: str | Path | None = None,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> ReceiveResult:
+    """Track every signal in one or several recordings, without judging it.
+
+        observations = sp.receive("rx1.bin", nav="brdc0010.22n").observations
+        print(observations.signals, observations.pseudorange_m.shape)
+
+    Parameters
+    ----------
+    inputs : one recording, or several, one a receiver: raw samples with their sidecar NAME.toml, or SigMF.
+    nav : RINEX navigation file of that day; without one the orbits come from the signals.
+    out : folder for NAME.obs, NAME-2.obs (second signals of satellites) and so on, and NAME-nav.rnx; None writes
+        nothing.
+    progress : told how far the work is.
+    options : `start_s`, `duration_s`, `doppler_max_hz`, `place_deg` of `skyproof.app.common.settings.Settings`.
+
+    Returns
+    -------
+    ReceiveResult : `receptions`, one a receiver; `observations` are those of the first.
+
+    Raises
+    ------
+    InputError : an input cannot be read.
+    NotEnoughData : no signal in any recording.
+    SettingsError : an option makes no sense.
+    OutputError : the folder cannot be written.
+    """
+    progress = progress or Silent()
+    settings = resolve_settings(None, **options)
+    if out is not None:
+        check_folder(out)
+    paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
+    recordings = open_inputs([Path(p) for p in paths], settings)
+    navigation = None if nav is None else read_nav(Path(nav))
+    trackers, interrupted = track(recordings, settings, progress, navigation, watchful=False)
+    if not interrupted:
+        require_signals(trackers)
+    receptions = tuple(observe(tracker, navigation) for tracker in trackers)
+    if out is None:
+        return ReceiveResult(receptions=receptions, interrupted=interrupted)
+    files, again = _write(Path(out), receptions, navigation, interrupted)
+    return ReceiveResult(receptions=receptions, folder=Path(out), files=files, interrupted=interrupted or again)
+
+
+def _write(
+    folder: Path, receptions: Sequence[Reception], navigation: NavigationData | None, interrupted: bool
+) -> tuple[tuple[tuple[str, ...], ...], bool]:
+    """Write all receivers' files, through a first Ctrl-C: all is received by now. Returns their names, and whether
+    there was one."""
+    while True:
+        try:
+            with writing_together(folder) as part:
+                names = tuple(_written(part, reception, navigation) for reception in receptions)
+            return names, interrupted
+        except KeyboardInterrupt:
+            if interrupted:
+                raise KeyboardInterrupt(
+                    f"interrupted a second time, before what was received could be written; {folder} is as it was"
+                ) from None
+            interrupted = True
+
+
+def _written(folder: Path, reception: Reception, navigation: NavigationData | None) -> tuple[str, ...]:
+    """Write one receiver's orbits and signals; of a satellite with several signals each into a file of its own."""
+    names = []
+    orbits = navigation if navigation is not None else reception.told
+    if orbits.ephemerides:
+        names.append(f"{reception.samples.name}-nav.rnx")
+        write_nav(folder / names[-1], orbits, created=date_of([reception.observations]))
+    o = reception.observations
+    if o is not None:
+        place = _approximate_position_ecef_m(o, orbits)
+        for number, signals in enumerate(one_a_satellite(o)):
+            names.append(f"{o.receiver}.obs" if number == 0 else f"{o.receiver}-{number + 1}.obs")
+            write_channels(folder / names[-1], o, "unjudged", place, signals)
+    return tuple(names)
+
+
+def _approximate_position_ecef_m(o: Observations, orbits: NavigationData) -> Any:
+    """(3,) where the first copies say that the receiver stands, unjudged like them; None if they say nothing."""
+    step = max(o.gpst.size // HEADER_FIXES, 1)
+    shown = fix(take(o, np.arange(o.gpst.size) % step == 0), orbits, signals=first_copies(o))
+    good = shown.status == FixStatus.OK
+    return np.median(shown.position_ecef_m[good], axis=0) if good.any() else None
+
+
+def document_json(result: ReceiveResult) -> str:
+    """What was received as one JSON document: keys in order, numbers unrounded, null for what is absent."""
+    document = {
+        "format": "skyproof-receive/1",
+        "version": version("skyproof"),
+        "interrupted": result.interrupted,
+        "folder": None if result.folder is None else str(result.folder),
+        "receivers": [
+            _receiver(reception, names)
+            for reception, names in zip(result.receptions, result.files or [()] * len(result.receptions), strict=True)
+        ],
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _receiver(reception: Reception, files: tuple[str, ...]) -> dict[str, Any]:
+    o, samples = reception.observations, reception.samples
+    return {
+        "name": samples.name,
+        "path": samples.path,
+        "examined_s": reception.examined_s,
+        "n_signals": reception.n_signals,
+        "left_out": reception.left_out,
+        "signals": [] if o is None else [_signal(o, column) for column in range(len(o.signals))],
+        "messages_differ": list(reception.messages_differ),
+        "satellites_with_orbits": sorted({ephemeris.sat for ephemeris in reception.told.ephemerides}),
+        "remarks": [*samples.remarks, *reception.remarks],
+        "files": list(files),
+    }
+
+
+def _signal(o: Observations, column: int) -> dict[str, Any]:
+    """One signal; without a pseudorange it never told a time."""
+    signal, heard = o.signals[column], np.flatnonzero(np.isfinite(o.pseudorange_m[:, column]))
+    there = heard.size > 0
+    return {
+        "sat": signal.sat,
+        "band": signal.band,
+        "code": signal.code,
+        "copy": signal.copy,
+        "found_s": float(o.found_elapsed_s[column]),
+        "first_gpst": iso(o.gpst[heard[0]], DIGITS) if there else None,
+        "last_gpst": iso(o.gpst[heard[-1]], DIGITS) if there else None,
+        "n_epochs": int(heard.size),
+        "cn0_dbhz": float(np.median(o.cn0_dbhz[heard, column])) if there else None,
+        "doppler_hz": float(np.median(o.doppler_hz[heard, column])) if there else None,
+    }

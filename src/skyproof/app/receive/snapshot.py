@@ -1,0 +1,157 @@
+"""A position from tens of milliseconds of samples, with orbits and a rough time from elsewhere."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skyproof.app.receive.reception import carrier_at_hz
+from skyproof.arrays import Reals
+from skyproof.errors import NotEnoughData
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
+from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, coarse_fix
+from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
+from skyproof.receiver.snapshot import CodePhase, code_phase
+from skyproof.records import Fix, FixStatus, NavigationData, Samples, SignalId
+
+__all__ = ["Snapshot", "snapshot"]
+
+_MAX_SEARCHED_S = 0.02  # added non-coherently; twice as much found cross-correlations before it found more satellites
+_CROSS_DB = 18.0  # cross-correlations stand 21.6 dB and more below the signal that makes them, and noise lifts some
+_MIN_LEFT = 7
+_DOPPLER_STEP_HZ = 500.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Snapshot:
+    """What a stretch of samples gave.
+
+    fix : one epoch, in the form of every other fix; None unless `coarse.status` is 0. Its clock bias is the rough time
+        minus true time as found, with a sigma of some milliseconds, not nanoseconds.
+    phases : the signals used, in the order of `coarse.sats`; all that were found if there is no fix.
+    """
+
+    coarse: CoarseFix
+    phases: tuple[CodePhase, ...]
+    fix: Fix | None
+    remarks: tuple[str, ...] = ()
+
+
+def snapshot(
+    samples: Samples,
+    navigation: NavigationData,
+    *,
+    rough_gpst: np.datetime64 | None = None,
+    rough_sigma_s: float = 60.0,
+    place_ecef_m: Reals | None = None,
+    place_sigma_m: float = 100e3,
+    start_s: float = 0.0,
+    duration_s: float = 0.05,
+    doppler_max_hz: float = 7000.0,
+    settings: CoarseSettings | None = None,
+) -> Snapshot:
+    """Search, measure and solve one stretch of a recording.
+
+    Parameters
+    ----------
+    rough_gpst, rough_sigma_s : when the recording began, and one sigma of it; by default the recording's own date.
+    place_ecef_m, place_sigma_m : (3,) rough place and one sigma of each coordinate; without one the Dopplers give it.
+    start_s, duration_s : the stretch; 0.02 to 0.1 s are of use, 0.16 s the most.
+    doppler_max_hz : how far the search goes; the oscillator's error comes on top of the satellites' 5 kHz.
+
+    Raises
+    ------
+    NotEnoughData : no time is known, the recording ends before the stretch does, or it is shorter than 4 ms.
+    """
+    where = samples.path or samples.name
+    begin = samples.start_gpst if rough_gpst is None else rough_gpst
+    if begin is None:
+        raise NotEnoughData(f"{where}: no start_gpst in its description; give the rough time (to a minute or so)")
+    first, count = round(start_s * samples.rate_hz), round(duration_s * samples.rate_hz)
+    if duration_s < 0.004 or first + count > samples.n_samples:
+        raise NotEnoughData(
+            f"{where}: {duration_s:g} s from {start_s:g} s on asked for, but it lasts {samples.duration_s:g} s and "
+            "4 ms is the least; ask for a stretch within it"
+        )
+    planes = samples.read(first, count)
+    if_hz = carrier_at_hz(samples)
+    periods = int((min(duration_s, _MAX_SEARCHED_S) - 2.0 / samples.rate_hz) / GPS_L1_CA.period_s)
+    searcher = Searcher(GPS_L1_CA, samples.rate_hz, SearchSettings(n_sums=periods, doppler_step_hz=_DOPPLER_STEP_HZ))
+    reach = int(np.ceil(doppler_max_hz / _DOPPLER_STEP_HZ))
+    grid_hz = _DOPPLER_STEP_HZ * np.arange(-reach, reach + 1, dtype=np.float64)
+    peaks = searcher.search(planes, if_hz, {sat: grid_hz for sat in GPS_SATS}, {})
+    remarks: list[str] = []
+    phases = [code_phase(planes, samples.rate_hz, if_hz, peak.sat, peak.delay_s, peak.doppler_hz)
+              for peak in _strongest(peaks, remarks)]  # fmt: skip
+    phases = _credible(phases, remarks)
+    middle_s = start_s + 0.5 * (count - 1) / samples.rate_hz
+    at_gpst = begin + np.timedelta64(round(middle_s * 1e9), "ns")
+
+    def solve(some: list[CodePhase]) -> CoarseFix:
+        rows = [(p.code_s, p.code_sigma_s, p.doppler_hz, p.doppler_sigma_hz) for p in some]
+        code_s, code_sigma_s, doppler_hz, doppler_sigma_hz = np.array(rows, np.float64).reshape(-1, 4).T
+        return coarse_fix(
+            tuple(p.sat for p in some), code_s, code_sigma_s, doppler_hz, doppler_sigma_hz, at_gpst, rough_sigma_s,
+            navigation, place_ecef_m=place_ecef_m, place_sigma_m=place_sigma_m, settings=settings,
+        )  # fmt: skip
+
+    coarse, used = solve(phases), phases
+    # A false peak is a weak one. So the weakest goes first, while enough are left to catch a wrong set.
+    least = max(_MIN_LEFT, int(np.ceil(2 * len(phases) / 3)))
+    while coarse.status == 4 and len(used) > least:
+        weakest = min(used, key=lambda p: p.cn0_dbhz)
+        used = [p for p in used if p is not weakest]
+        coarse = solve(used)
+    if coarse.status == 0 and len(used) < len(phases):
+        left_out = ", ".join(p.sat for p in phases if p not in used)
+        remarks.append(f"{left_out}: the weakest, left out until the others fitted one position")
+    solved = coarse.status == 0
+    return Snapshot(
+        coarse=coarse, phases=tuple(used if solved else phases),
+        fix=_as_fix(samples.name, coarse) if solved else None, remarks=tuple(remarks),
+    )  # fmt: skip
+
+
+def _strongest(peaks: list[Peak], remarks: list[str]) -> list[Peak]:
+    """One a satellite. Which of several is the true one cannot be told in so short a time."""
+    kept: dict[str, Peak] = {}
+    for peak in sorted(peaks, key=lambda p: -p.cn0_dbhz):
+        if peak.sat in kept:
+            remarks.append(f"{peak.sat}: a second signal, {kept[peak.sat].cn0_dbhz - peak.cn0_dbhz:.1f} dB weaker; "
+                           "the stronger is used")  # fmt: skip
+        kept.setdefault(peak.sat, peak)
+    return [kept[sat] for sat in sorted(kept)]
+
+
+def _credible(phases: list[CodePhase], remarks: list[str]) -> list[CodePhase]:
+    """Those that could be measured and are too strong for a cross-correlation of the strongest."""
+    strongest_dbhz = max((p.cn0_dbhz for p in phases), default=0.0)
+    kept = []
+    for phase in phases:
+        if not phase.found:
+            remarks.append(f"{phase.sat}: found by the search, but its delay could not be measured; left out")
+        elif phase.cn0_dbhz < strongest_dbhz - _CROSS_DB:
+            remarks.append(f"{phase.sat}: {strongest_dbhz - phase.cn0_dbhz:.1f} dB below the strongest, as its "
+                           "cross-correlation would be; left out")  # fmt: skip
+        else:
+            kept.append(phase)
+    return kept
+
+
+def _as_fix(receiver: str, coarse: CoarseFix) -> Fix:
+    """Position and clock: the clock is the rough time, so that its bias is minus the error of that."""
+    to_fix = np.zeros((4, 5))
+    to_fix[range(3), range(3)] = 1.0
+    to_fix[3, 4] = -SPEED_OF_LIGHT_M_S
+    return Fix(
+        receiver=receiver,
+        signals=tuple(SignalId(sat) for sat in coarse.sats),
+        gpst=np.array([coarse.gpst]),
+        position_ecef_m=coarse.position_ecef_m[None],
+        velocity_ecef_m_s=coarse.velocity_ecef_m_s[None],
+        clock_bias_s=np.array([-coarse.time_error_s]),
+        clock_drift=np.array([coarse.clock_drift]),
+        covariance_m2=(to_fix @ coarse.covariance @ to_fix.T)[None],
+        residual_m=coarse.residual_m[None],
+        status=np.full(1, FixStatus.OK, np.uint8),
+    )

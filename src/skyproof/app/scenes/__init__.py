@@ -1,0 +1,1 @@
+"""Scenes made on demand: their data, their pages, and the demonstration."""

@@ -1,0 +1,318 @@
+"""Make the data of a scene: samples, measurements, inertial readings, and the truth about all of them."""
+
+import json
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from skyproof.app.common.folder import check_folder
+from skyproof.app.common.progress import Progress, Silent
+from skyproof.app.common.rinex import write_channels
+from skyproof.app.scenes.scene_page import PAGE, write_page
+from skyproof.errors import InputError, OutputError, ScenarioError
+from skyproof.formats.atomic_write import write_lines, writing
+from skyproof.formats.documents import read_json
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.gnss.time import utc_from_gpst
+from skyproof.records import Observations, SignalId
+from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.files import (
+    Container,
+    container_of,
+    sample_names,
+    samples_octets,
+    series_names,
+    series_octets,
+    write_samples,
+    write_series,
+    write_truth,
+)
+from skyproof.simulator.measurements import draw, geometry_of
+from skyproof.simulator.received import Scene
+from skyproof.simulator.scenario import Scenario, read_scenario
+from skyproof.simulator.scenes import ready, ready_made
+from skyproof.simulator.sky import scene_of
+from skyproof.simulator.standalone import NAVIGATION, Standalone, overridden, standalone
+from skyproof.simulator.truth_document import FORMAT, truth_of
+from skyproof.verdict import notebook_html
+
+__all__ = ["Depth", "SimulateResult", "document_json", "ready_made", "ready_made_json", "scenario_of", "simulate"]
+
+Depth = Literal["samples", "measurements", "all"]
+
+_SCENARIO: Final = "scenario.toml"
+_TRUTH: Final = "truth.json"
+_INTERVAL_S: Final = 1.0  # of observations
+_STREAM: Final = 1 << 23  # sets the noise of measurements apart from other random numbers of one seed
+_OBS_OCTETS: Final = 72  # of a satellite's line in RINEX, with its share of the epoch's
+_SPARE: Final = 1.02  # of the room on a disk: what a file system takes for itself
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SimulateResult:
+    """What was made. `files` are the names of all in `folder`; `recordings` and `observations` are among them."""
+
+    scenario: Scenario
+    folder: Path
+    files: tuple[str, ...]
+    recordings: tuple[Path, ...]
+    observations: tuple[Path, ...]
+    interrupted: bool = False
+
+    def _repr_html_(self) -> str:
+        """What was made, for a notebook."""
+        made = self.scenario
+        attacks = ", ".join(made.attack_names) or "none"
+        told = (f"{made.description} {made.duration_s:g} s from {made.start_gpst} GPS time; receivers: "
+                f"{', '.join(r.name for r in made.receivers)}; attacks: {attacks}.")  # fmt: skip
+        there = [(name, self.folder / name) for name in self.files]
+        rows = [(name, _size(path.stat().st_size)) for name, path in there if path.exists()]
+        return notebook_html(f"Scene {made.name}", [told.strip()], ((f"file in {self.folder}", "size"), rows))
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """A file of observations: the copies of one letter at one antenna."""
+
+    name: str
+    observations: Observations
+    signals: tuple[SignalId, ...]
+    label: str
+
+
+def simulate(
+    scenario: str | Path | Scenario,
+    *,
+    out: str | Path,
+    seed: int | None = None,
+    duration_s: float | None = None,
+    depth: Depth = "all",
+    container: Container | None = None,
+    plot: bool = False,
+    progress: Progress | None = None,
+) -> SimulateResult:
+    """Write the data of a scene, and the truth about them, into `out`, which is made if need be.
+
+        made = sp.simulate("takeover", out="scene", duration_s=20.0)
+        print(made.recordings)
+
+    What an earlier run wrote there is removed first, so that two runs never mix. Ctrl-C ends it early; what is there
+    then is whole.
+
+    Parameters
+    ----------
+    scenario : a TOML file, the name of a ready-made scene, or a Scenario.
+    out : the folder.
+    seed, duration_s : in place of the scenario's.
+    depth : "samples", "measurements" (RINEX observations), or both; the truth and inertial readings come with each.
+    container : of samples, "sigmf" or "raw"; without it SigMF where that can hold them.
+    plot : write the page that shows the scene as well.
+    progress : told how far the work is.
+
+    Returns
+    -------
+    SimulateResult : the scene, and the names of all files that were written.
+
+    Raises
+    ------
+    ScenarioError : the scenario cannot be read, is not known, or makes no sense.
+    SettingsError : SigMF cannot hold such samples.
+    OutputError : the folder cannot be written, or there is not room enough for all.
+    """
+    progress, folder = progress or Silent(), Path(out)
+    made = overridden(scenario_of(scenario), seed=seed, duration_s=duration_s)
+    with_samples, with_measurements = depth != "measurements", depth != "samples"
+    kind = container_of(made.front_end, container if with_samples else None)
+    alone = standalone(made)
+    navigation = navigation_of(made)
+    scene = scene_of(made, navigation)
+    measured = _measured(scene, required=depth == "measurements", progress=progress) if with_measurements else []
+    files = (
+        _SCENARIO, NAVIGATION, *sorted(set(alone.files) - {NAVIGATION}), _TRUTH, *series_names(scene),
+        *(one.name for one in measured), *(sample_names(scene, kind) if with_samples else ()), *((PAGE,) * plot),
+    )  # fmt: skip
+    _require_different(files)
+    octets = series_octets(scene) + (samples_octets(made) if with_samples else 0)
+    octets += _OBS_OCTETS * sum(one.observations.gpst.size * len(one.signals) for one in measured)
+    check_folder(folder)
+    older = _older(folder)
+    _require_room(folder, octets, older)
+    progress.say(f"scene {made.name}: {_size(octets)} in {len(files)} files will be written to {folder}")
+    interrupted = False
+    try:
+        _remove(older)
+        _write_inputs(folder, scene, alone)
+        told = navigation.source if made.navigation is None else NAVIGATION
+        write_truth(folder, truth_of(scene, scenario=alone.table, files=files, navigation=told))
+        with progress.stage("writing truth and inertial readings", 1.0) as stage:
+            write_series(scene, folder, progress=lambda done, total: stage.advance(done / total))
+        for one in measured:
+            _write_measured(folder, scene, one)
+        if plot:
+            write_page(folder / PAGE, made, navigation)
+        if with_samples:
+            what = f"rendering samples, {len(scene.skies)} antenna{'s' * (len(scene.skies) > 1)}"
+            with progress.stage(what, 1.0) as stage:
+                write_samples(scene, folder, kind, progress=lambda done, total: stage.advance(done / total))
+    except KeyboardInterrupt:
+        interrupted = True
+    there = tuple(name for name in files if (folder / name).exists())
+    return SimulateResult(
+        scenario=made, folder=folder, files=there, interrupted=interrupted,
+        recordings=tuple(folder / name for name in there if name.endswith((".bin", ".sigmf-meta"))),
+        observations=tuple(folder / one.name for one in measured if one.name in there),
+    )  # fmt: skip
+
+
+# --- which scene
+
+
+def scenario_of(scenario: str | Path | Scenario) -> Scenario:
+    """A scenario from a file, or a ready-made one by its name. Raises ScenarioError."""
+    if isinstance(scenario, Scenario):
+        return scenario
+    path, name = Path(scenario), str(scenario)
+    if name in ready_made():
+        return ready(name)
+    if path.suffix == ".toml" or len(path.parts) > 1 or path.is_file():
+        return read_scenario(path)
+    near = get_close_matches(name, ready_made(), 1, cutoff=0.4)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise ScenarioError(
+        f"{name!r} is no ready-made scene, and no file; {hint}`skyproof simulate --list` shows them, and a scenario's "
+        "own file ends in .toml"
+    )
+
+
+# --- measurements
+
+
+def _measured(scene: Scene, *, required: bool, progress: Progress) -> list[_Measured]:
+    """Every copy tracked, without samples: for each antenna a file for each letter, as `receive` names them."""
+    duration_s, needed_s = scene.scenario.duration_s, 2.0 * _INTERVAL_S
+    if duration_s < needed_s:
+        words = f"duration_s: {duration_s:g} s; measurements are means over {_INTERVAL_S:g} s and need {needed_s:g} s"
+        if required:
+            raise ScenarioError(f"{words}; give a longer one, or ask for samples only")
+        progress.say(f"{words}: there are none")
+        return []
+    rng = np.random.default_rng(np.random.SeedSequence(scene.scenario.seed, spawn_key=(_STREAM,)))
+    observations, labels = draw(geometry_of(scene, interval_s=_INTERVAL_S), rng=rng)
+    measured = []
+    for o in observations:
+        label_of = {ref.signal: label for ref, label in labels.items() if ref.receiver == o.receiver}
+        for number, letter in enumerate(sorted({signal.copy for signal in o.signals})):
+            signals = tuple(signal for signal in o.signals if signal.copy == letter)
+            name = f"{o.receiver}.obs" if number == 0 else f"{o.receiver}-{number + 1}.obs"
+            told = " and ".join(sorted({label_of[signal] for signal in signals}))
+            measured.append(_Measured(name, o, signals, told))
+    return measured
+
+
+def _write_measured(folder: Path, scene: Scene, one: _Measured) -> None:
+    sky = next(sky for sky in scene.skies if sky.name == one.observations.receiver)
+    stands = sky.receiver.path is None and sky.antenna.spin is None
+    place = sky.point(np.array([sky.receiver.start_offset_s])).position_ecef_m[0] if stands else None
+    write_channels(folder / one.name, one.observations, one.label, place, one.signals)
+
+
+# --- what the scene is made of
+
+
+def _write_inputs(folder: Path, scene: Scene, alone: Standalone) -> None:
+    for name, octets in alone.files.items():
+        with writing(folder / name) as file:
+            file.write(octets)
+    if NAVIGATION not in alone.files:
+        write_nav(folder / NAVIGATION, scene.navigation, created=utc_from_gpst(scene.scenario.start_gpst))
+    comments = (f"everything that made the scene, by skyproof {version('skyproof')}",
+                "the same again: skyproof simulate scenario.toml --out FOLDER")  # fmt: skip
+    write_lines(folder / _SCENARIO, alone.lines(*comments), encoding="utf-8")
+
+
+# --- the folder
+
+
+def _older(folder: Path) -> list[Path]:
+    """What an earlier run wrote here, by its truth.json."""
+    try:
+        truth = read_json(folder / _TRUTH, "the truth", "name another folder")
+    except InputError:
+        return []
+    if not isinstance(truth, Mapping) or truth.get("format") != FORMAT:
+        return []
+    names = truth.get("files")
+    names = names if isinstance(names, list) else []
+    plain = [name for name in names if isinstance(name, str) and Path(name).name == name]
+    return [folder / name for name in plain if (folder / name).is_file()]
+
+
+def _require_different(files: Sequence[str]) -> None:
+    for name in files:
+        if files.count(name) > 1:
+            raise ScenarioError(f"two files would have the name {name}; give receivers and antennas other names")
+
+
+def _remove(files: Iterable[Path]) -> None:
+    for path in files:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(
+                f"{path}: what an earlier run wrote cannot be removed ({error.strerror}); name another folder with "
+                "--out"
+            ) from error
+
+
+def _require_room(folder: Path, octets: int, older: Sequence[Path]) -> None:
+    free = shutil.disk_usage(folder).free + sum(path.stat().st_size for path in older)
+    if free < _SPARE * octets:
+        raise OutputError(
+            f"{folder}: {_size(octets)} would be written, but there is room for {_size(free)} only; free space, name "
+            "another folder with --out, or make less with --duration-s or --depth measurements"
+        )
+
+
+def _size(octets: float) -> str:
+    for unit in ("kB", "MB", "GB"):
+        octets /= 1e3
+        if octets < 999.5 or unit == "GB":
+            return f"{octets:.3g} {unit}" if octets < 999.5 else f"{octets:.0f} {unit}"
+    raise AssertionError
+
+
+# --- in words of JSON
+
+
+def document_json(result: SimulateResult) -> str:
+    """What was made as one JSON document."""
+    made = result.scenario
+    document: dict[str, Any] = {
+        "format": "skyproof-simulate/1",
+        "version": version("skyproof"),
+        "interrupted": result.interrupted,
+        "scene": made.name,
+        "description": made.description,
+        "seed": made.seed,
+        "duration_s": made.duration_s,
+        "receivers": [receiver.name for receiver in made.receivers],
+        "attacks": made.attack_names,
+        "folder": str(result.folder),
+        "recordings": [path.name for path in result.recordings],
+        "observations": [path.name for path in result.observations],
+        "files": list(result.files),
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def ready_made_json() -> str:
+    """The list of ready-made scenes as one JSON document."""
+    listed = [{"name": one.name, "description": one.title, "source": one.source} for one in ready_made().values()]
+    document = {"format": "skyproof-scenes/1", "version": version("skyproof"), "scenes": listed}
+    return json.dumps(document, indent=2, ensure_ascii=False) + "\n"

@@ -1,0 +1,46 @@
+"""The settings of a run: what is accepted, and that all of it reaches the verdict."""
+
+import json
+
+import pytest
+
+from skyproof.app.common.settings import Settings, resolve_settings
+from skyproof.app.protect.document import Outcome, document
+from skyproof.errors import SettingsError
+from skyproof.formats.verdict import verdict_json
+from skyproof.fusion.fuse import fuse
+from skyproof.records import NavigationData
+
+EVERYTHING = {
+    "antennas_enu_m": {"rx1": [0.0, 0.0, 0.0], "rx2": [48.0, -34.0, 0.8]},
+    "place_deg": [57.7, 11.9],
+    "duration_s": 30.0,
+}  # beside what has a default
+
+
+def test_every_setting_stands_in_the_verdict():
+    nothing = Outcome(
+        receivers=(), decision=fuse([], [], []), evidence=(), sets=(), navigation=NavigationData(ephemerides=())
+    )
+    verdict = document(nothing, [], Settings(**EVERYTHING))
+    told = json.loads(verdict_json(verdict))["settings"]
+    assert set(told) == set(Settings.model_fields)
+    assert told | EVERYTHING == told
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"antenna_separation_m": 1e300}, r"antenna_separation_m = 1e\+300, expected 100000 or less"),
+        ({"antenna_separation_m": 400.0}, "antenna_separation_m = 400 is more than max_separation_m = 300; "),
+        ({"place_deg": (999.0, 999.0)}, r"place_deg\.0 = 999\.0, expected 90 or less; place_deg\.1 = 999"),
+        ({"place_deg": (1.0, float("nan"))}, r"place_deg\.1 = nan"),
+        ({"antennas_enu_m": {"a": (0.0, 1e9, 0.0)}}, r"antennas_enu_m\.a\.1 = 1000000000\.0, expected 100000 or less"),
+        ({"antennas_enu_m": {"a": (0.0, 1.0)}}, r"antennas_enu_m\.a\.2 is missing"),
+        ({"antennas_enu_m": {"a": (0.0, float("inf"), 0.0)}}, r"antennas_enu_m\.a\.1 = inf, expected"),
+        ({"window_s": 1e300}, r"window_s = 1e\+300, expected 100000 or less"),
+    ],
+)
+def test_a_setting_that_makes_no_sense_is_refused(options, words):
+    with pytest.raises(SettingsError, match=words):
+        resolve_settings(None, **options)

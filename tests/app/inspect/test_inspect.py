@@ -1,0 +1,348 @@
+"""`skyproof inspect`: real recordings give what is known of them, simulated ones what was put in."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from skyproof import cli
+from skyproof.app.inspect.advice import advice
+from skyproof.app.inspect.guess import guess
+from skyproof.app.inspect.run import _first_looks, document_json, inspect, inspect_samples, write_pictures
+from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.records import SampleGap, Samples
+from skyproof.simulator import scenes
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd, Place
+from skyproof.simulator.sky import scene_of
+
+INT8 = 'encoding = "int"\nbits = 8\n'
+START = np.datetime64("2024-03-03T11:59:58", "ns")
+
+
+def told(path: Path, sidecar: str, folder: Path) -> dict:
+    beside = folder / "how.toml"
+    beside.write_text("[samples]\n" + sidecar, encoding="utf-8")
+    return json.loads(document_json(inspect(path, sidecar=beside)))
+
+
+def satellites(document: dict) -> set[int]:
+    assert all(one["peaks"] == 1 for one in document["satellites"])
+    return {int(one["sat"][1:]) for one in document["satellites"]}
+
+
+def agrees(document: dict, table: dict[int, tuple[float, float]], *, doppler_hz: float) -> None:
+    """Dopplers and code phases are those that the README of the recordings lists."""
+    for one in document["satellites"]:
+        if (listed := table.get(int(one["sat"][1:]))) is not None:
+            assert one["doppler_hz"] == pytest.approx(listed[0], abs=doppler_hz)
+            assert (one["code_phase_chips"] - listed[1] + 511.5) % 1023 - 511.5 == pytest.approx(0.0, abs=1.0)
+
+
+REAL_12 = {
+    2: (-2748, 454.2), 5: (147, 478.3), 11: (-3272, 938.1), 13: (-241, 511.8), 15: (1743, 794.1), 18: (3229, 560.9),
+    20: (-1347, 696.7), 24: (4224, 325.1), 28: (2316, 368.5), 29: (-2011, 773.6), 30: (-1865, 402.3),
+}  # fmt: skip
+REAL_24 = {
+    10: (-2036, 871.1), 12: (-1850, 154.2), 23: (-3282, 788.2), 24: (-2439, 11.8), 25: (368, 684.9),
+    29: (3322, 148.6), 31: (2542, 458.1), 32: (2124, 66.2),
+}  # fmt: skip
+COMPLEX_4 = {
+    4: (3234, 958.0), 16: (2577, 1012.0), 18: (2726, 624.0), 25: (-2782, 140.4), 26: (649, 920.4), 29: (-2216, 422.8),
+    31: (-205, 296.4), 32: (-3284, 707.4),
+}  # fmt: skip
+CTTC = {
+    2: (8050, 223.3), 12: (7200, 130.4), 25: (9000, 175.4), 29: (9725, 947.6), 30: (12750, 945.8), 31: (11800, 498.5),
+}  # fmt: skip
+
+
+def is_gap(gap: dict, at_sample: int, missing: int) -> bool:
+    """Place to 2000 samples and size to a few, as the README gives them, beside our own sigma."""
+    return (
+        abs(gap["at_sample"] - at_sample) < 2000 + 4.0 * gap["at_sigma_samples"]
+        and abs(gap["missing_samples_modulo_period"] - missing) < 1.0 + 3.0 * gap["missing_sigma_samples"]
+    )
+
+
+@pytest.mark.shared_data
+def test_12_mhz_real_samples_lose_some_once(shared_data: Path, tmp_path: Path) -> None:
+    path = shared_data / "real" / "iq-pocketsdr" / "L1_20211125_004000_12MHz_I.bin"
+    document = told(path, INT8 + 'rate_hz = 12e6\nif_hz = 3e6\nkind = "real"\n', tmp_path)
+    found = satellites(document)
+    assert found <= set(REAL_12)
+    assert set(REAL_12) - found <= {24, 28}
+    assert len(found) >= len(REAL_12) - 1
+    agrees(document, REAL_12, doppler_hz=50.0)
+    (gap,) = document["gaps"]
+    assert is_gap(gap, 1_048_576, 965)
+    assert document["conjugate"] is False
+    lines_hz = [line["frequency_hz"] for line in document["lines"]]
+    assert any(abs(line - 0.42e6) < 5e3 for line in lines_hz)
+    assert any(abs(line - 5.58e6) < 5e3 for line in lines_hz)
+    assert abs(document["oscillator_error_hz"] - 285.0) < 3.0 * document["oscillator_error_sigma_hz"]
+
+
+@pytest.mark.shared_data
+def test_24_mhz_real_samples_lose_some_twice(shared_data: Path, tmp_path: Path) -> None:
+    path = shared_data / "real" / "iq-pocketsdr" / "L1_20211201_054600_24MHz_I.bin"
+    document = told(path, INT8 + 'rate_hz = 24e6\nif_hz = 6e6\nkind = "real"\n', tmp_path)
+    found = satellites(document)
+    assert found <= set(REAL_24)
+    assert set(REAL_24) - found in (set(), {23}, {24}, {29})
+    agrees(document, REAL_24, doppler_hz=50.0)
+    first, second = document["gaps"]
+    assert is_gap(first, 1 << 20, 3434)
+    assert is_gap(second, 1 << 21, 5877)
+    assert document["conjugate"] is False
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("conjugate", [False, True])
+def test_4_mhz_complex_samples_are_mirrored(shared_data: Path, tmp_path: Path, conjugate: bool) -> None:
+    path = shared_data / "real" / "iq-pocketsdr" / "L1_20211202_084700_4MHz_IQ.bin"
+    sidecar = INT8 + 'rate_hz = 4e6\nkind = "complex"\n' + ("conjugate = true\n" if conjugate else "")
+    document = told(path, sidecar, tmp_path)
+    assert document["conjugate"] is not conjugate
+    assert document["conjugate_error_probability"] < 1e-6
+    assert ("mirrored" in document["summary"]) is not conjugate
+    found = satellites(document)
+    assert found - {3} <= set(COMPLEX_4)  # the README holds 3 for very likely present
+    assert set(COMPLEX_4) - found in (set(), {4}, {25})
+    agrees(document, COMPLEX_4, doppler_hz=50.0)
+    assert document["gaps"] == []
+    assert abs(document["oscillator_error_hz"] - 285.0) < 3.0 * document["oscillator_error_sigma_hz"]
+    assert abs(document["clock_minus_lo_ppm"]) < 4.0 * document["clock_minus_lo_sigma_ppm"]
+
+
+@pytest.mark.shared_data
+def test_on_another_carrier_there_is_nothing(shared_data: Path, tmp_path: Path) -> None:
+    path = shared_data / "real" / "iq-pocketsdr" / "L2_20211202_084700_4MHz_IQ_first100ms.bin"
+    as_l1 = told(path, INT8 + 'rate_hz = 4e6\nkind = "complex"\n', tmp_path)
+    assert as_l1["satellites"] == []
+    assert "no GPS L1 C/A signal" in as_l1["summary"]
+    assert as_l1["conjugate"] is None
+    as_l2 = told(path, INT8 + 'rate_hz = 4e6\nkind = "complex"\ncentre_hz = 1227.6e6\n', tmp_path)
+    assert as_l2["satellites"] == []
+    assert any("1227.600 MHz" in remark for remark in as_l2["remarks"])
+
+
+@pytest.mark.shared_data
+def test_an_oscillator_6_ppm_off_is_told(shared_data: Path, tmp_path: Path) -> None:
+    path = shared_data / "real" / "iq-cttc" / "GSoC_CTTC_capture_2012_07_26_4Msps_4ms.dat"
+    document = told(path, 'encoding = "float"\nbits = 32\nrate_hz = 4e6\nkind = "complex"\n', tmp_path)
+    found = satellites(document)
+    assert found <= set(CTTC)
+    assert set(CTTC) - found in (set(), {2}, {30})
+    agrees(document, CTTC, doppler_hz=60.0)  # the README's come from bins, and 4 ms make no better ones
+    assert abs(document["oscillator_error_hz"] - 9520.0) < 3.0 * document["oscillator_error_sigma_hz"]
+    assert document["oscillator_error_ppm"] == pytest.approx(6.0, abs=1.0)
+    assert any("oscillator is off" in remark for remark in document["remarks"])
+    assert any(line["frequency_hz"] == pytest.approx(580e3, abs=2e3) for line in document["lines"])
+
+
+# Simulated
+
+
+LO_PPM = 0.628  # how much too fast the oscillator of that scene is
+PLACE = Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
+
+
+def sky(*, if_hz: float = 0.0, duration_s: float = 0.06) -> tuple[Samples, set[str]]:
+    front_end = FrontEnd(rate_hz=4e6, if_hz=if_hz, encoding="int", bits=8)
+    scenario = scenes.clean(PLACE, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=2,
+                            front_end=front_end)  # fmt: skip
+    assert scenario.receivers[0].lo_ppm == pytest.approx(LO_PPM, abs=0.01)
+    navigation = nominal_constellation(START)
+    heard = {signal.id.sat for signal in scene_of(scenario, navigation).skies[0].signals}
+    return samples_of(scenario, navigation)[0], heard
+
+
+@pytest.fixture
+def stored(tmp_path: Path) -> tuple[Path, set[str]]:
+    samples, heard = sky(if_hz=300e3)
+    path = tmp_path / "rx.bin"
+    samples.read(0, samples.n_samples).T.astype(np.int8).tofile(path)
+    return path, heard
+
+
+LAYOUT = {"rate_hz": 4e6, "kind": "complex", "encoding": "int", "bits": 8, "if_hz": 300e3}
+OPTIONS = ["--rate-hz", "4e6", "--kind", "complex", "--encoding", "int", "--bits", "8", "--if-hz", "300e3"]
+
+
+def test_a_clean_sky_is_all_there_with_nothing_wrong(stored: tuple[Path, set[str]]) -> None:
+    path, heard = stored
+    (found,) = inspect(path, layout=LAYOUT)
+    assert {one.sat for one in found.satellites} == heard
+    assert found.conjugate is False
+    assert found.survey.gaps == ()
+    assert [remark for remark in found.remarks if "oscillator" not in remark] == []
+    assert abs(found.oscillator.doppler_hz + LO_PPM * 1575.42) < 3.0 * found.oscillator.sigma_hz
+    assert "but" not in found.summary
+
+
+def test_satellites_that_only_the_conjugate_shows_are_found_there(stored: tuple[Path, set[str]]) -> None:
+    path, heard = stored
+    (found,) = inspect(path, layout={**LAYOUT, "conjugate": True})
+    assert {one.sat for one in found.satellites} == heard
+    assert found.conjugate is True
+    assert any("mirrored" in remark for remark in found.remarks)
+
+
+def test_the_longest_stretch_between_gaps_is_searched() -> None:
+    samples, heard = sky(duration_s=0.09)
+    planes = samples.read(0, samples.n_samples)
+    kept = np.concatenate([planes[:, :100_000], planes[:, 101_234:]], axis=1)
+    cut = Samples(name="cut", rate_hz=4e6, n_samples=kept.shape[1], gaps=(SampleGap(100_000, 1234),),
+                  read=lambda start, count: kept[:, start : start + count])  # fmt: skip
+    found = inspect_samples(cut)
+    (gap,) = found.survey.gaps
+    assert gap.missing_samples == pytest.approx(1234, abs=0.5)
+    assert found.stretch[0] > 99_900
+    assert {one.sat for one in found.satellites} == heard
+    assert all(one.peaks == 1 for one in found.satellites)
+
+
+def test_the_command_prints_one_document_or_one_screen(stored: tuple[Path, set[str]], capsys) -> None:
+    path, heard = stored
+    assert cli.main(["inspect", str(path), *OPTIONS, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["format"] == "skyproof-inspect/1"
+    assert {one["sat"] for one in document["satellites"]} == heard
+    assert cli.main(["inspect", str(path), *OPTIONS]) == 0
+    screen = capsys.readouterr().out
+    assert all(sat in screen for sat in heard)
+    assert screen.count("\n") < 40
+
+
+def test_options_go_before_a_sidecar(stored: tuple[Path, set[str]]) -> None:
+    path, _ = stored
+    path.with_suffix(".toml").write_text(f"[samples]\nrate_hz = 4e6\nkind = 'complex'\n{INT8}", encoding="utf-8")
+    assert inspect(path)[0].samples.if_hz == 0.0
+    assert inspect(path, layout={"if_hz": 300e3})[0].samples.if_hz == 300e3
+
+
+def test_what_makes_no_sense_is_one_line(stored: tuple[Path, set[str]], tmp_path: Path) -> None:
+    path, _ = stored
+    with pytest.raises(SettingsError, match="bits = 7, expected 1, 2, 4"):
+        inspect(path, layout={**LAYOUT, "bits": 7})
+    with pytest.raises(SettingsError, match=r"rate_hz = 10\.0, expected 1.* or more; encoding is missing"):
+        inspect(path, layout={"rate_hz": 10.0, "kind": "complex", "bits": 8})
+    with pytest.raises(InputError, match="does not exist"):
+        inspect(path.with_name("gone.bin"))
+    with pytest.raises(InputError, match=r"the sidecar cannot be read .*; check its name"):
+        inspect(path, sidecar=tmp_path)
+    (tmp_path / "still.bin").write_bytes(bytes(40_000))
+    with pytest.raises(InputError, match=r"in the one stretch looked at"):
+        inspect(tmp_path / "still.bin", layout=LAYOUT)
+    (tmp_path / "short.bin").write_bytes(path.read_bytes()[:4000])
+    with pytest.raises(NotEnoughData, match="search needs"):
+        inspect(tmp_path / "short.bin", layout=LAYOUT)
+
+
+def test_the_document_tells_where_each_fact_comes_from(stored: tuple[Path, set[str]]) -> None:
+    path, _ = stored
+    path.with_suffix(".toml").write_text(f"[samples]\nrate_hz = 4e6\nkind = 'complex'\n{INT8}", encoding="utf-8")
+    (document,) = [one.document() for one in inspect(path, layout={"if_hz": 300e3})]
+    sources = document["sources"]
+    assert (sources["rate_hz"], sources["if_hz"], sources["centre_hz"]) == ("sidecar rx.toml", "option", "default")
+    assert sources["start_gpst"] == "nothing tells it"
+    assert document["layout"]["if_hz"] == 300e3
+    assert all({"sat", "cn0_dbhz", "doppler_hz", "peaks"} <= set(one) for one in document["satellites"])
+
+
+def test_two_signals_of_a_satellite_are_two_peaks(tmp_path: Path) -> None:
+    samples, heard = sky(duration_s=0.06)
+    planes = samples.read(0, samples.n_samples)
+    later = np.pad(planes, ((0, 0), (20, 0)))[:, : planes.shape[1]]  # 5 microseconds, 5.1 chips
+    both = Samples(name="both", rate_hz=4e6, n_samples=planes.shape[1],
+                   read=lambda start, count: (planes + later)[:, start : start + count])  # fmt: skip
+    found = inspect_samples(both)
+    assert {one.sat for one in found.satellites} == heard
+    assert sum(one.peaks == 2 for one in found.satellites) >= len(heard) - 2
+    assert "more than one signal" in found.summary
+
+
+def test_the_last_sentence_says_what_can_be_done_and_what_is_missing(stored: tuple[Path, set[str]]) -> None:
+    samples, _ = sky()
+    short = inspect_samples(samples)
+    assert "too short for `protect`" in short.advice
+    long = advice(replace(samples, n_samples=int(60 * 4e6)), short.satellites, gaps=0, mirrored=False)
+    assert "`protect` can label its signals" in long
+    assert "second receiver" in long
+    assert "--nav" not in long
+    tens = advice(replace(samples, n_samples=int(20 * 4e6)), short.satellites, gaps=1, mirrored=False)
+    assert "--nav" in tens
+    assert "loses no samples" in tens
+    assert "no satellite was heard" in advice(samples, (), gaps=0, mirrored=False)
+    assert "give no position" in advice(replace(samples, n_samples=int(60 * 4e6)), short.satellites[:3], gaps=0,
+                                        mirrored=False)  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_the_screen_keeps_to_the_terminal(stored: tuple[Path, set[str]], width: int, capsys, monkeypatch) -> None:
+    path, heard = stored
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert cli.main(["inspect", str(path), *OPTIONS]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines[1:])) <= width  # the first one is the path, to be copied
+    assert len(lines) <= 45
+    assert not any("…" in line for line in lines)
+    assert sum(line.startswith(tuple(heard)) for line in lines) == len(heard)
+    for word in ("format", "rate", "carrier", "start", "duration", "levels", "spectrum", "lines", "gaps", "oscillator"):
+        assert sum(line.startswith(word) for line in lines) == 1
+
+
+def test_pictures_are_written_where_asked_for(stored: tuple[Path, set[str]], tmp_path: Path, capsys) -> None:
+    path, heard = stored
+    out = tmp_path / "pictures"
+    assert cli.main(["inspect", str(path), *OPTIONS, "--plot", "--out", str(out)]) == 0
+    assert {one.name for one in out.iterdir()} == {"rx-levels.svg", "rx-spectrum.svg", "rx-correlation.svg"}
+    for one in out.iterdir():
+        assert ElementTree.parse(one).getroot().tag.endswith("svg")
+    correlation = (out / "rx-correlation.svg").read_text(encoding="utf-8")
+    assert all(sat in correlation for sat in heard)
+    assert correlation.count('class="peak"') == len(heard)
+    again = tmp_path / "again"
+    assert cli.main(["inspect", str(path), *OPTIONS, "--plot", "--out", str(again), "--json"]) == 0
+    told = capsys.readouterr().out
+    json.loads(told[told.index("{\n") :])
+    assert all((again / one.name).read_bytes() == one.read_bytes() for one in out.iterdir())
+
+
+def test_a_folder_for_pictures_that_cannot_be_made_is_told(stored: tuple[Path, set[str]], tmp_path: Path) -> None:
+    path, _ = stored
+    with pytest.raises(OutputError, match=r"rx\.bin/pictures: cannot be made .*; give --out"):
+        write_pictures(inspect(path, layout=LAYOUT), path / "pictures")
+
+
+def test_a_notebook_shows_the_recording_and_its_satellites_escaped(stored: tuple[Path, set[str]]) -> None:
+    path, heard = stored
+    strange = path.rename(path.with_name("a<b>&c.bin"))
+    (found,) = inspect(strange, layout=LAYOUT)
+    shown = found._repr_html_()
+    ElementTree.fromstring(shown)
+    assert "a&lt;b&gt;&amp;c.bin" in shown
+    assert all(f">{sat}<" in shown for sat in heard)
+    assert shown.count("<tr>") == 1 + len(heard)
+    assert "4 MHz" in shown
+
+
+def test_what_was_found_before_is_not_searched_again_and_tells_the_same(
+    stored: tuple[Path, set[str]], monkeypatch
+) -> None:
+    path, _ = stored
+    (described,) = inspect(path, layout=LAYOUT)
+    peaks = guess(path).proposals[0].peaks
+    searched = []
+    monkeypatch.setattr(
+        "skyproof.app.inspect.run._first_looks", lambda *told, looks=_first_looks: searched.append(1) or looks(*told)
+    )
+    again = inspect_samples(described.samples, peaks=peaks)
+    assert searched == []
+    assert {one.sat for one in again.satellites} == {one.sat for one in described.satellites}
+    assert inspect_samples(described.samples, peaks=peaks[:3]).satellites == described.satellites
+    assert searched == [1]

@@ -1,0 +1,142 @@
+"""Recordings of one antenna, and copies of one file, are one receiver: never a sign of spoofing by being alike."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import signal as filters
+
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings
+from skyproof.app.protect import judge, protect
+from skyproof.app.protect.duplicates import one_receiver_each, same_noise
+from skyproof.app.receive.reception import observe, track
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd
+
+DURATION_S = 14.0
+FAR = Settings(antenna_separation_m=50.0)
+
+
+def test_a_copy_that_begins_a_second_later_is_one_receiver_and_no_spoofing(kit, tmp_path):
+    recorded = kit.record(kit.scenario_of(receivers=1, duration_s=DURATION_S), tmp_path)
+    (original,) = recorded.paths
+    copy = tmp_path / "copy.bin"
+    copy.write_bytes(original.read_bytes()[round(2.6e6) * 2 // 8 :])  # one bit for I and for Q
+    shutil.copy(original.with_suffix(".toml"), copy.with_suffix(".toml"))
+    verdict = protect([original, copy], nav=recorded.nav, antenna_separation_m=50.0).verdict
+    assert verdict.verdict == "undecided"
+    assert "copy holds the same noise as bow: one antenna or one file recorded twice" in verdict.summary
+    assert {s.receiver for s in verdict.signals} == {"bow"}
+    assert any("same noise as bow" in remark for remark in verdict.inputs[1].remarks)
+
+
+# ---------------------------------------------------------------------- each kind of copy, and what is none
+
+
+class Pair:
+    """A clean pair of receivers in memory, with a hand to make copies of the first one."""
+
+    def __init__(self, kit, front_end):
+        scenario = kit.scenario_of(duration_s=DURATION_S, front_end=front_end)
+        self.navigation = nominal_constellation(scenario.start_gpst)
+        self.rng = np.random.default_rng(1)
+        first, second = samples_of(scenario, self.navigation)
+        self.planes = [s.read(0, s.n_samples) for s in (first, second)]
+        self.samples = [first, second]
+
+    def heard(self, planes, *, name="copy", rate_hz=None):
+        """The reception of samples that are described as the first receiver's."""
+        samples = replace(
+            self.samples[0], name=name, n_samples=planes.shape[1], rate_hz=rate_hz or self.samples[0].rate_hz,
+            read=lambda start, count: planes[:, start : start + count],
+        )  # fmt: skip
+        (tracker,), _ = track([samples], FAR, None, self.navigation)
+        return observe(tracker, self.navigation)
+
+    def noise(self, n):
+        return (self.rng.normal(size=n) + 1j * self.rng.normal(size=n)).astype(np.complex64)
+
+    def spoofed(self, *receptions):
+        """The verdicts without and with the test of noise."""
+        taken = one_receiver_each(receptions, FAR)
+        return [judge(list(some), self.navigation, FAR, Silent())[0].decision.verdict for some in (receptions, taken)]
+
+
+def planes_of(wave):
+    return np.stack([wave.real, wave.imag]).astype(np.float32)
+
+
+def clocked(wave, faster, rate_hz, carrier_hz=1575.42e6):
+    """What a receiver samples and mixes down whose oscillator is too slow by the share `faster`."""
+    half, block = 12, 2600
+    out = np.empty(wave.size - 100, np.complex64)
+    padded = np.concatenate([np.zeros(100, np.complex64), wave, np.zeros(100, np.complex64)])
+    for start in range(0, out.size, block):
+        stop = min(start + block, out.size)
+        whole, part = divmod((start + 0.5 * block) * faster, 1.0)
+        taps = np.sinc(np.arange(-half, half + 1) - part) * np.hanning(2 * half + 3)[1:-1]
+        first = 100 + start + int(whole) - half
+        out[start:stop] = np.convolve(padded[first : first + stop - start + 2 * half], taps[::-1], "valid")
+    turns = np.mod(carrier_hz * faster / rate_hz * np.arange(out.size), 1.0)
+    return (out * np.exp(2j * np.pi * turns)).astype(np.complex64)
+
+
+@pytest.mark.long
+def test_copies_are_seen_however_they_were_changed_and_another_antenna_is_none(kit):
+    pair = Pair(kit, FrontEnd())
+    whole = pair.planes[0]
+    original = pair.heard(whole, name="original")
+
+    def flipped(share):
+        return np.where(pair.rng.random(whole.shape) < share, -whole, whole).astype(np.float32)
+
+    copies = [whole[:, 2600:], whole[:, 2_600_000:], whole[:, 3:], flipped(0.01), flipped(0.2), 0.37 * whole]
+    for planes in copies:
+        copy = pair.heard(planes)
+        assert pair.spoofed(original, copy) == ["spoofed", "undecided"]
+        found = same_noise(original, copy, alpha=1e-6, code_sigma_m=1.0)
+        assert found is not None
+        assert found.coefficient > 0.5
+    other = pair.heard(pair.planes[1])
+    assert same_noise(original, other, alpha=0.1, code_sigma_m=1.0) is None
+    assert pair.spoofed(original, other) == ["undecided", "undecided"]  # nothing is given of the antennas
+
+
+@pytest.mark.long
+def test_receivers_with_clocks_and_rates_of_their_own_on_one_antenna_are_one(kit):
+    pair = Pair(kit, FrontEnd(encoding="float", bits=32))
+    antenna = (pair.planes[0][0] + 1j * pair.planes[0][1]).astype(np.complex64)
+    own = np.float32(np.sqrt(0.1))
+    original = pair.heard(np.sign(planes_of(antenna + own * pair.noise(antenna.size))), name="original")
+    slow = clocked(antenna, 0.7e-6, 2.6e6)
+    fast = clocked(filters.resample_poly(antenna, 20, 13).astype(np.complex64), -0.9e-6, 4e6)
+    for wave, rate_hz in ((slow, 2.6e6), (fast, 4e6)):
+        second = pair.heard(planes_of(wave + own * pair.noise(wave.size)), rate_hz=rate_hz)
+        assert pair.spoofed(original, second) == ["spoofed", "undecided"]
+
+
+@pytest.mark.long
+def test_a_jammer_that_two_antennas_hear_does_not_make_them_one(kit):
+    """Its noise is four times the receivers' own; but the satellites' signals are not as late as it is."""
+    pair = Pair(kit, FrontEnd(encoding="float", bits=32))
+    first, second = ((planes[0] + 1j * planes[1]).astype(np.complex64) for planes in pair.planes)
+    plain = pair.heard(planes_of(first)).observations, pair.heard(planes_of(second)).observations
+    sat = plain[0].signals.index(plain[1].signals[0])
+    # Of one satellite: when the second receiver hears what the first does, and how much higher.
+    sent = [(o.gpst - plain[0].gpst[0]) / np.timedelta64(1, "s") - o.pseudorange_m[:, c] / 299_792_458.0
+            for o, c in zip(plain, (sat, 0), strict=True)]  # fmt: skip
+    there = [np.isfinite(one) for one in sent]
+    later_s = np.interp(sent[0][there[0]], sent[1][there[1]], plain[1].elapsed_s[there[1]])
+    slope, offset_s = np.polyfit(plain[0].elapsed_s[there[0]], later_s - plain[0].elapsed_s[there[0]], 1)
+    higher_hz = float(np.nanmedian(plain[1].doppler_hz[:, 0]) - np.nanmedian(plain[0].doppler_hz[:, sat]))
+    jammer = 2.0 * pair.noise(first.size + 1000)
+    there_too = clocked(jammer, -slope, 2.6e6, 0.0)[: first.size]
+    shift = round(offset_s * 2.6e6)
+    there_too = np.roll(there_too, shift)
+    there_too = there_too * np.exp(2j * np.pi * np.mod(higher_hz / 2.6e6 * np.arange(first.size), 1.0))
+    heard = pair.heard(planes_of(first + jammer[: first.size])), pair.heard(planes_of(second + there_too))
+    assert same_noise(*heard, alpha=1e-3, code_sigma_m=100.0) is not None  # but for the ranges they would be one
+    assert same_noise(*heard, alpha=1e-3, code_sigma_m=1.0) is None

@@ -1,0 +1,93 @@
+"""A sample rate that is given wrong loses no signal: it is measured from the recording, reported and used."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.inspect import inspect_recording
+from skyproof.app.receive.reception import observe, require_signals, track
+from skyproof.errors import NotEnoughData
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.simulator import scenes
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd, Place
+
+START = np.datetime64("2024-03-03T11:59:58", "ns")
+PLACE = Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
+RATE_HZ = 2.6e6
+
+
+@cache
+def recorded(duration_s: float, seed: int = 0):
+    scenario = scenes.clean(PLACE, START, duration_s=duration_s, receivers=1, mask_deg=15.0, seed=seed,
+                            front_end=FrontEnd(rate_hz=RATE_HZ))  # fmt: skip
+    samples = samples_of(scenario, nominal_constellation(START))[0]
+    planes = samples.read(0, samples.n_samples)
+    return replace(samples, read=lambda start, count: planes[:, start : start + count])
+
+
+def wrong(samples, ppm):
+    return replace(samples, rate_hz=RATE_HZ * (1.0 + ppm * 1e-6))
+
+
+def tracked(samples):
+    trackers, _ = track([samples], Settings())
+    return trackers[0]
+
+
+def check_followed(ppm, samples):
+    tracker = tracked(wrong(samples, ppm))
+    assert tracker.samples.rate_hz == pytest.approx(RATE_HZ, rel=2e-8)
+    assert tracker.given.rate_hz == RATE_HZ * (1.0 + ppm * 1e-6)
+    signals = {arc.signal for arc in tracker.arcs.values()}
+    assert len(signals) == len(tracker.arcs) >= 7  # none was lost
+    assert len(tracker.measurements) >= 0.95 * len(signals) * (samples.duration_s - 1.0) / tracker.epoch_s
+    (remark,) = [remark for remark in observe(tracker, None).remarks if "rate_hz" in remark]
+    assert f"{abs(ppm):.1f}" in remark or f"{abs(ppm) - 1e-3:.2f}" in remark
+    assert ("too high" in remark) == (ppm > 0.0)
+
+
+def test_a_rate_that_loses_every_signal_is_put_right_and_they_are_followed():
+    check_followed(10.0, recorded(3.2))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("ppm", [-100.0, -30.0, -10.0, -3.0, -1.0, -0.1, 0.1, 1.0, 3.0, 30.0, 100.0])
+def test_signals_are_followed_at_any_rate_that_is_given_wrong(ppm):
+    check_followed(ppm, recorded(6.0))
+
+
+@pytest.mark.long
+def test_right_rates_are_left_alone():
+    for seed in range(1, 25):
+        samples = recorded(3.2, seed)
+        assert tracked(samples).given is None
+        assert inspect_recording(samples).given is None
+        recorded.cache_clear()
+
+
+@pytest.mark.parametrize("ppm", [100.0, pytest.param(-30.0, marks=pytest.mark.long)])
+def test_an_inspection_reads_at_the_rate_that_it_measures(ppm):
+    found = inspect_recording(wrong(recorded(0.5), ppm))
+    assert found.samples.rate_hz == pytest.approx(RATE_HZ, rel=1e-7)
+    assert len(found.satellites) >= 7
+    assert "rate_hz" in found.remarks[0]
+    assert found.document()["given"]["rate_hz"] == RATE_HZ * (1.0 + ppm * 1e-6)
+
+
+def test_a_carrier_that_is_given_wrong_is_no_rate():
+    found = inspect_recording(replace(recorded(0.5), if_hz=6000.0))
+    assert found.samples.rate_hz == RATE_HZ
+    assert abs(found.samples.if_hz) < 100.0
+    assert "if_hz = 6000 is" in found.remarks[0]
+
+
+def test_what_is_only_too_short_is_not_called_badly_read():
+    trackers, _ = track([recorded(0.5)], Settings())
+    with pytest.raises(NotEnoughData, match=r"satellites, read as it is described, but lasts 0.5 s") as refused:
+        require_signals(trackers)
+    assert "check rate_hz" not in str(refused.value)
+    assert "12 s or more" in str(refused.value)

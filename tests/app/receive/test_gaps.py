@@ -1,0 +1,83 @@
+"""Samples that are missing, told by the recording or not: letters and ranges after it, and nothing wrong in between."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.receive.reception import observe, track
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.records import SampleGap, Samples
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd
+from skyproof.simulator.sky import scene_of
+
+LIGHT_M_S = 299_792_458.0
+RATE_HZ = 2_600_000
+CUT_S = 9.03
+AVERAGED_S = 0.2
+WRONG_M = 30.0  # more than noise, the filter of the code loop and multipath make of a C/A range at 42 dB-Hz and more
+
+
+@pytest.fixture(scope="module")
+def sky(kit):
+    """24 s of a clean sky in two-bit samples, in memory, and the scene."""
+    scenario = kit.scenario_of(
+        receivers=1, duration_s=24.0, front_end=FrontEnd(rate_hz=RATE_HZ, encoding="sign-magnitude", bits=2)
+    )
+    navigation = nominal_constellation(scenario.start_gpst)
+    (samples,) = samples_of(scenario, navigation)
+    planes = samples.read(0, samples.n_samples).astype(np.int8)
+    return replace(samples, read=reader(planes)), scene_of(scenario, navigation), navigation
+
+
+def reader(planes):
+    return lambda start, count: planes[:, start : start + count].astype(np.float32)
+
+
+def without(samples: Samples, missing: int, *, told: bool = False) -> Samples:
+    """The recording without so many samples from `CUT_S` on."""
+    at = int(CUT_S * RATE_HZ)
+
+    def read(start, count):
+        count = max(min(count, samples.n_samples - missing - start), 0)
+        split = int(np.clip(at - start, 0, count))
+        return np.concatenate([samples.read(start, split), samples.read(start + split + missing, count - split)], 1)
+
+    gaps = (SampleGap(at, missing),) if told else ()
+    return replace(samples, read=read, n_samples=samples.n_samples - missing, gaps=gaps)
+
+
+def received(samples, navigation):
+    (tracker,), _ = track([samples], Settings())
+    return observe(tracker, navigation)
+
+
+def range_errors_m(o, scene, missing_s):
+    """(n_epochs, n_signals) of pseudoranges, what all share in an epoch taken off: the clock may step at a gap.
+
+    missing_s : by so much the samples after the cut are older than their number tells.
+    """
+    (sky,) = scene.skies
+    recorded_s = o.elapsed_s + np.where(o.elapsed_s > CUT_S, missing_s, 0.0)
+    true_s = recorded_s + sky.true_minus_elapsed_s(recorded_s)
+    delay_m = LIGHT_M_S * sky.code_delay_s(true_s)
+    columns = [[heard.id.sat for heard in sky.signals].index(signal.sat) for signal in o.signals]
+    errors_m = o.pseudorange_m - delay_m[:, columns]
+    known = np.isfinite(errors_m).any(axis=1)
+    errors_m[known] -= np.nanmedian(errors_m[known], axis=1, keepdims=True)
+    return errors_m
+
+
+def assert_bridged(reception, scene, missing_s, back_s):
+    """Letters kept, no wrong range at any time, and all there again `back_s` after the cut."""
+    o = reception.observations
+    assert {signal.copy for signal in o.signals} == {"a"}
+    assert len(o.signals) >= 8
+    errors_m = range_errors_m(o, scene, missing_s)
+    assert np.nanmax(np.abs(errors_m)) < WRONG_M
+    after = o.elapsed_s > CUT_S + back_s
+    assert after.sum() > 5
+    assert np.isfinite(errors_m[after]).mean() > 0.98
+    assert np.isfinite(errors_m[o.elapsed_s < CUT_S - AVERAGED_S]).mean() > 0.7  # the first seconds are searched in

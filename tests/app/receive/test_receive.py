@@ -1,0 +1,84 @@
+"""`receive` on two skies at once: files, the document, and what signals of one satellite say against each other."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.receive import document_json, receive
+from skyproof.app.receive.reception import observe, open_inputs, track
+from skyproof.formats.rinex_nav import read_nav
+from skyproof.formats.rinex_obs_read import read_obs
+from skyproof.simulator.scenario import Meaconer
+
+
+@pytest.fixture(scope="module")
+def recorded(kit, tmp_path_factory):
+    """9 s under a meaconer that was on before; the message's first subframe comes whole."""
+    repeated = Meaconer(receive=kit.ELSEWHERE, transmit=kit.TRANSMIT, delay_s=4e-6, onset_s=-10.0, noise_db=-13.0)
+    scenario = kit.scenario_of(receivers=1, duration_s=9.0, attacks=(repeated,))
+    return kit.record(scenario, tmp_path_factory.mktemp("receive"))
+
+
+@pytest.fixture(scope="module")
+def tracker(recorded):
+    (tracker,), _ = track(open_inputs(recorded.paths, Settings()), Settings())
+    return tracker
+
+
+def test_two_signals_of_a_satellite_stand_in_two_files_and_all_in_the_document(recorded, tmp_path):
+    result = receive(recorded.paths, nav=recorded.nav, out=tmp_path, start_s=0.5)
+    ((orbits, *observed),) = result.files
+    assert (orbits, observed) == ("bow-nav.rnx", ["bow.obs", "bow-2.obs"])
+    (receiver,) = json.loads(document_json(result))["receivers"]
+    assert receiver["files"] == [orbits, *observed]
+    assert receiver["examined_s"] == pytest.approx(8.5, abs=0.01)
+    assert receiver["messages_differ"] == []  # a repeater repeats
+    listed = sorted((s["sat"], s["copy"]) for s in receiver["signals"] if s["n_epochs"])
+    written = [sorted(signal.sat for signal in read_obs(tmp_path / name).observations.signals) for name in observed]
+    assert sorted(sat for sats in written for sat in sats) == [sat for sat, _ in listed]
+    assert all(len(set(sats)) == len(sats) > 5 for sats in written)
+    bow = recorded.scene.skies[0].point(np.array([1.0])).position_ecef_m[0]
+    for name in observed:  # first copies of the sky and of the repeater, which stands 0.9 km off
+        assert np.linalg.norm(read_obs(tmp_path / name).position_ecef_m - bow) < 1000.0
+    for name in (orbits, *observed):
+        (dated,) = [line for line in (tmp_path / name).read_text().splitlines() if "PGM / RUN BY / DATE" in line]
+        assert dated[40:60] == "20240514 095941 UTC "  # of the recording, 18 leap seconds off GPS time
+
+
+def test_a_forged_message_beside_the_true_one_is_told(tracker):
+    number, arc = next((number, arc) for number, arc in tracker.arcs.items() if 1 in arc.subframes)
+    first = arc.subframes[1]
+    fields = {**first.fields, "af0": first.fields["af0"] + 1e-6}
+    forged = replace(
+        arc, signal=replace(arc.signal, copy="z"), subframes={1: replace(first, fields=fields)}
+    )
+    arcs = {number: arc, number + 1000: forged}
+    reception = observe(replace(tracker, arcs=tracker.arcs | arcs), None)
+    (told,) = [words for words in reception.messages_differ if " z " in words]
+    assert told.startswith(f"{arc.signal.sat}: signals")
+    assert "af0" in told
+    assert told in reception.remarks
+
+
+def test_a_repeated_message_is_not_told_as_another(tracker):
+    assert observe(tracker, None).messages_differ == ()
+
+
+def test_a_rough_place_narrows_the_search_to_what_stands_above_it(recorded, tracker):
+    navigation = read_nav(recorded.nav)
+    inputs = open_inputs(recorded.paths, Settings())
+    here, nowhere = ({"place_deg": place} for place in ((57.0, 13.0), (-57.0, -167.0)))
+    (near,), _ = track(inputs, Settings(duration_s=1.0, **here), navigation=navigation)
+    heard = {arc.signal.sat for arc in tracker.arcs.values()}
+    sats = set(near.receiver.settings.sats)
+    assert heard <= sats
+    assert len(sats) < 20
+    assert any(f"only the {len(sats)} satellites" in words for words in near.told)
+    (far,), _ = track(inputs, Settings(**nowhere), navigation=navigation)
+    assert not heard <= set(far.receiver.settings.sats)
+    (unknown,), _ = track(inputs, Settings(**here))
+    assert len(unknown.receiver.settings.sats) == 32
+    assert any("--nav" in words for words in unknown.told)
