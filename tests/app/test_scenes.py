@@ -120,10 +120,11 @@ def test_true_signals_20_db_under_the_false_ones_are_told_apart(kit, meaconer, t
 
 
 def test_a_meaconer_that_drowns_the_true_signals(kit, meaconer, tmp_path):
-    """One sky is left, the false one: only who knows that the antennas are far apart can tell."""
+    """One sky is left, the false one: only who knows how far apart the antennas are can tell, and trust what was
+    before."""
     scenario = kit.scenario_of(attacks=(meaconer(power_db=35.0),))
     assert_not_authentic(kit.protected(scenario, tmp_path / "unknown"))
-    judged = kit.protected(scenario, tmp_path / "known", antenna_separation_m=30.0)
+    judged = kit.protected(scenario, tmp_path / "known", antenna_distance_m=kit.DISTANCE_M)
     assert judged.false_labels() == []
     assert judged.verdict.verdict == "spoofed"
     assert_trusted(judged)
@@ -191,7 +192,7 @@ def test_false_signals_on_top_of_some_true_ones(kit, spoofer, tmp_path):
 def test_signals_that_are_drawn_off_their_delays_do_not_stay_authentic(kit, spoofer, tmp_path, power_db):
     """All copies come within a chip of the true signals: no second signal shows, and no channel slips."""
     scenario = kit.scenario_of(attacks=(spoofer(shows=NEARBY, power_db=power_db),))
-    judged = kit.protected(scenario, tmp_path)
+    judged = kit.protected(scenario, tmp_path, antenna_distance_m=kit.DISTANCE_M)
     assert_not_authentic(judged)
     assert_trusted(judged)
 

@@ -9,7 +9,7 @@ where one window contradicts itself the label is unknown.
 A window in which a test of the signal failed (its p-value is below what it was asked for, and it says "undecided")
 does not say nothing: true and false signals may be mixed in it. What was authentic before is open there, unless the
 window itself has evidence of authenticity for nearly all of the signals that failed together. Not even that helps where
-the test overrules the others.
+the test overrules the others, unless false signals are named in the window.
 """
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
@@ -91,7 +91,12 @@ def _votes(evidence: Sequence[Evidence], o: Observations) -> dict[SignalRef, lis
             windows.setdefault((first, end - 1), []).append(e)
     votes: dict[SignalRef, list[_Vote]] = {}
     for (first, last), said in windows.items():
-        tests = [(e, {r for r in e.subject if r.receiver == o.receiver}) for e in said if e.failed]
+        # Where false signals are named beside the true ones it is no wonder that what is received does not go on.
+        attacked = any(e.says == "spoofed" and any(r.receiver == o.receiver for r in e.subject) for e in said)
+        tests = [
+            (e, {r for r in e.subject if r.receiver == o.receiver})
+            for e in said if e.failed and not (e.overrules and attacked)
+        ]  # fmt: skip
         failed = [own for e, own in tests if own and not e.overrules]
         overruled = set[SignalRef]().union(*(own for e, own in tests if e.overrules))
         spoken: set[SignalRef] = set()

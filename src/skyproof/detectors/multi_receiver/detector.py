@@ -173,7 +173,7 @@ class MultiReceiver:
         agrees = agreement(learnt, e.baselines) >= self.settings.accept_probability
         if e.says == "undecided" and agrees:
             return replace(
-                e, says="authentic", would_need=None, assumes=(ONE_FALSE_SKY, *learnt.assumes),
+                e, says="authentic", would_need=None, assumes=(ONE_TRANSMITTER, ONE_FALSE_SKY, *learnt.assumes),
                 because=f"{e.because.partition(';')[0]}; they agree with {learnt.words}",
             )  # fmt: skip
         if e.says == "authentic" and not agrees:
