@@ -26,19 +26,13 @@ def pages() -> list[Path]:
 
 def unbuilt(word: str, what: str, so_far: str) -> str:
     """What stands for a mark in a page that is read unbuilt; an output stays as it is."""
-    match word:
-        case "commands":
-            return tables.commands()
-        case "keys":
-            return tables.keys(what)
-        case "scenes":
-            return tables.scenes("../src/skyproof/simulator/scenes/{}.toml")
-        case "studies":
-            return tables.study_list()
-        case "figure":
-            name, *options = runs.figure_words(what)
-            command = f"skyproof study {' '.join([name, *options])} --plot"
-            return f"*{studies()[name].title}: `{command}` draws it, and so does `make docs` in this place.*"
+    table = tables.table_of(word, what, "../src/skyproof/simulator/scenes/{}.toml")
+    if table is not None:
+        return table
+    if word == "figure":
+        name, *options = runs.figure_words(what)
+        command = f"skyproof study {' '.join([name, *options])} --plot"
+        return f"*{studies()[name].title}: `{command}` draws it, and so does `make docs` in this place.*"
     return so_far
 
 

@@ -82,15 +82,10 @@ def _with_our_worker(html: str, uri: str) -> str:
 
 
 def _made(word: str, what: str, so_far: str, page: Page) -> str:
+    table = tables.table_of(word, what, "scenes/{}.html")
+    if table is not None:
+        return table
     match word:
-        case "commands":
-            return tables.commands()
-        case "keys":
-            return tables.keys(what)
-        case "scenes":
-            return tables.scenes("scenes/{}.html")
-        case "studies":
-            return tables.study_list()
         case "root":
             return tables.page_of_root(what)
         case "notebook":

@@ -164,6 +164,20 @@ def study_list() -> str:
     )
 
 
+def table_of(word: str, what: str, scene_link: str) -> str | None:
+    """The table that stands for a mark; None if the mark stands for something else."""
+    match word:
+        case "commands":
+            return commands()
+        case "keys":
+            return keys(what)
+        case "scenes":
+            return scenes(scene_link)
+        case "studies":
+            return study_list()
+    return None
+
+
 def page_of_root(name: str) -> str:
     """A page of the repository's root, with its links as seen from docs/."""
     text = (ROOT / name).read_text(encoding="utf-8")

@@ -411,11 +411,10 @@ def test_the_results_of_two_runs_never_mix(run, wide, tmp_path):
 # --- files that change while they are worked on
 
 
-class Meddling:
-    """Progress during which something happens to a file, when `after` seconds of all recordings are tracked."""
+class Watched:
+    """Progress of a run, stage by stage, that shows nothing."""
 
-    def __init__(self, after: float, meddle) -> None:
-        self.after, self.meddle = after, meddle
+    name = ""
 
     def say(self, text: str) -> None:
         pass
@@ -424,6 +423,13 @@ class Meddling:
     def stage(self, name, total):
         self.name = name
         yield self
+
+
+class Meddling(Watched):
+    """Something happens to a file when `after` seconds of all recordings are tracked."""
+
+    def __init__(self, after: float, meddle) -> None:
+        self.after, self.meddle = after, meddle
 
     def advance(self, to: float) -> None:
         if self.name.startswith("tracking") and to >= self.after and self.meddle is not None:
@@ -488,19 +494,11 @@ def test_files_of_a_run_that_was_killed_while_they_appeared_do_not_outlive_the_n
 # --- Ctrl-C
 
 
-class Interrupting:
-    """Progress that a user watches who presses Ctrl-C in stage `name`, when `after` of it is done."""
+class Interrupting(Watched):
+    """A user watches who presses Ctrl-C in stage `name`, when `after` of it is done."""
 
     def __init__(self, *presses: tuple[str, float]) -> None:
         self.presses = list(presses)
-
-    def say(self, text: str) -> None:
-        pass
-
-    @contextmanager
-    def stage(self, name, total):
-        self.name = name
-        yield self
 
     def advance(self, to: float) -> None:
         for press in self.presses:

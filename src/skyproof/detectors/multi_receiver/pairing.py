@@ -67,11 +67,11 @@ class Pairing:
     @cached_property
     def one_antenna(self) -> MeanTest:
         """Test of "all from one antenna"."""
-        return one_antenna_test(self._levels_of(range(len(self.sets)))[0])
+        return one_antenna_test(self._levels[0])
 
     def threshold(self, false_alarm_probability: float) -> float:
         """What `one_antenna.statistic` has to exceed."""
-        levels, _ = self._levels_of(range(len(self.sets)))
+        levels, _ = self._levels
         return float(levels.threshold(false_alarm_probability, levels.level.shape[-1], self.one_antenna.decides))
 
     @cached_property
@@ -83,8 +83,7 @@ class Pairing:
     @cached_property
     def noise_m(self) -> float:
         """Of a track about a line over the window, rms, metres: what a signal that is drawn off shows as well."""
-        values, _, _ = table_contrasts(self.ranges.range_m, self.ranges.sigma_m)
-        rms_of_sigma = float(np.sqrt(np.mean(fit_line(values).residual ** 2)))
+        rms_of_sigma = float(np.sqrt(np.mean(fit_line(self._contrasts[0]).residual ** 2)))
         return rms_of_sigma * float(np.sqrt(np.mean(self.ranges.sigma_m**2)))
 
     @cached_property
@@ -138,7 +137,7 @@ class Pairing:
         """p-value of "the sky over antennas that stand so", never too small; 1 without orbits."""
         if self.unit_enu is None:
             return 1.0
-        levels, matrix = self._levels_of(range(len(self.sets)))
+        levels, matrix = self._levels
         estimate = baseline_estimate(levels, baseline_design(matrix, self.unit_enu))
         return float(levels.worst(survival(geometry, self.receivers, estimate, levels.dof))[0])
 
@@ -147,7 +146,7 @@ class Pairing:
         """Where the antennas stand by these signals, over the window and over parts of it; nothing without orbits."""
         if self.unit_enu is None:
             return ()
-        values, gain, matrix = table_contrasts(self.ranges.range_m, self.ranges.sigma_m)
+        values, gain, matrix = self._contrasts
         length_s = float(seconds_between(self.end_gpst, self.start_gpst))
         parts = max(1, min(len(values) // _PART_EPOCHS, round(length_s / _PART_S)))
         edges = np.linspace(0, len(values), parts + 1).astype(int)
@@ -171,9 +170,21 @@ class Pairing:
         instant: np.datetime64 = self.start_gpst + np.timedelta64(round(share * length_ns), "ns")
         return instant
 
-    def _levels_of(self, receivers: list[int] | range) -> tuple[Levels, Reals]:
-        columns = list(receivers)
-        values, gain, matrix = table_contrasts(self.ranges.range_m[..., columns], self.ranges.sigma_m[:, columns])
+    @cached_property
+    def _contrasts(self) -> tuple[Reals, Reals, Reals]:
+        """Of all receivers, over the window: values, gain and matrix as of `table_contrasts`."""
+        return table_contrasts(self.ranges.range_m, self.ranges.sigma_m)
+
+    @cached_property
+    def _levels(self) -> tuple[Levels, Reals]:
+        """Of all receivers; the levels of two of them are `_levels_of`."""
+        values, gain, matrix = self._contrasts
+        return contrast_levels(values, gain, self.noise, self.ranges.gaps), matrix
+
+    def _levels_of(self, receivers: list[int]) -> tuple[Levels, Reals]:
+        if len(receivers) == len(self.sets):
+            return self._levels
+        values, gain, matrix = table_contrasts(self.ranges.range_m[..., receivers], self.ranges.sigma_m[:, receivers])
         return contrast_levels(values, gain, self.noise, self.ranges.gaps), matrix
 
 
