@@ -40,8 +40,9 @@ test: $(READY) ## the tests, at most five minutes
 test-long: $(READY) ## the counts and whole scenes that need more time
 	$(BIN)/python -m pytest -n 2 -m long
 
-check: $(READY) ## ruff, mypy, the import contracts, then the tests
-	$(BIN)/ruff check src tests bench
+check: $(READY) ## ruff (rules and layout), mypy, the import contracts, then the tests
+	$(BIN)/ruff check src tests bench interop docs
+	$(BIN)/ruff format --check src tests bench interop docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(MAKE) --no-print-directory test

@@ -73,10 +73,15 @@ class Errors:
     def where(self, keep: NDArray[np.bool_]) -> "Errors":
         """Some of the epochs."""
         return Errors(
-            elapsed_s=self.elapsed_s[keep], code_m=self.code_m[keep], carrier_cyc=self.carrier_cyc[keep],
-            doppler_hz=self.doppler_hz[keep], cn0_dbhz=self.cn0_dbhz[keep], stated=self.stated[keep], slips=self.slips,
+            elapsed_s=self.elapsed_s[keep],
+            code_m=self.code_m[keep],
+            carrier_cyc=self.carrier_cyc[keep],
+            doppler_hz=self.doppler_hz[keep],
+            cn0_dbhz=self.cn0_dbhz[keep],
+            stated=self.stated[keep],
+            slips=self.slips,
             flags=self.flags,
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,9 +135,13 @@ def _started(receiver: Receiver, sats: Sequence[str], motion: Motion, cn0_dbhz: 
     state = ReceiverState()
     for sat, delay_s, doppler_hz in zip(sats, motion.delay_s.tolist(), motion.doppler_hz.tolist(), strict=True):
         peak = Peak(
-            sat=sat, delay_s=delay_s % GPS_L1_CA.period_s, doppler_hz=doppler_hz + 2.0, power=1.0, p_value=0.0,
+            sat=sat,
+            delay_s=delay_s % GPS_L1_CA.period_s,
+            doppler_hz=doppler_hz + 2.0,
+            power=1.0,
+            p_value=0.0,
             cn0_dbhz=cn0_dbhz,
-        )  # fmt: skip
+        )
         state = receiver._start(state, peak, 0, 0.0)
     return state
 
@@ -196,9 +205,21 @@ class _Table:
 
 
 _SPREADS = (
-    "code bias m", "spread", "/ discr.", "/ bound", "carrier bias cyc", "spread", "/ bound", "Doppler bias Hz",
-    "spread", "/ bound", "spread / stated", "slips", "flags", "epochs",
-)  # fmt: skip
+    "code bias m",
+    "spread",
+    "/ discr.",
+    "/ bound",
+    "carrier bias cyc",
+    "spread",
+    "/ bound",
+    "Doppler bias Hz",
+    "spread",
+    "/ bound",
+    "spread / stated",
+    "slips",
+    "flags",
+    "epochs",
+)
 
 
 def _spreads(e: Errors, expected: Theory) -> tuple[str, ...]:
@@ -232,8 +253,9 @@ def _without_noise() -> Iterator[str]:
         sats, dopplers_hz = (SATS[:1], (0.0, 1234.5)) if band[0] > 1e7 else (SATS, (0.0, 60.0, 1234.5))
         found = [
             errors(Case(front_end_hz=band, doppler_hz=f, sat=sat, noise=False, duration_s=4.7, seed=i), settings)
-            for i, sat in enumerate(sats) for f in dopplers_hz
-        ]  # fmt: skip
+            for i, sat in enumerate(sats)
+            for f in dopplers_hz
+        ]
         code = [max(abs(float(np.mean(run[i].code_m))) for run in found) for i in range(len(settings))]
         carrier = max(abs(float(np.mean(e.carrier_cyc))) for run in found for e in run)
         doppler = max(abs(float(np.mean(e.doppler_hz))) for run in found for e in run)

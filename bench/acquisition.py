@@ -34,9 +34,11 @@ def _kernel() -> Iterator[str]:
     power, highest, zero = np.empty((1, N_CELLS), np.float32), np.empty(1, np.float32), np.zeros(1, np.int64)
     products = (rng.normal(size=(100, N_CELLS)) + 1j).astype(np.complex64)
     ours, theirs = take_turns(
-        lambda: correlate_rows(spectra, code, zero, zero, 0, 1, power, highest), lambda: fft.ifft(products, axis=1),
-        runs=31, clock=process_time,
-    )  # fmt: skip
+        lambda: correlate_rows(spectra, code, zero, zero, 0, 1, power, highest),
+        lambda: fft.ifft(products, axis=1),
+        runs=31,
+        clock=process_time,
+    )
     yield line(f"{N_CELLS} cells", ours * 1e4, "us", f"SciPy's transform alone {theirs.median * 1e4:.1f} us")
 
 
@@ -45,9 +47,8 @@ def _searches(rate_hz: float) -> Iterator[str]:
     everywhere = Searcher(GPS_L1_CA, rate_hz, SearchSettings(n_sums=10))
     near = Searcher(GPS_L1_CA, rate_hz, NEAR)
     known = {
-        sat: [KnownSignal(delay_s=rng.uniform(0.0, 1e-3), doppler_hz=rng.uniform(-5e3, 5e3))]
-        for sat in GPS_SATS[:12]
-    }  # fmt: skip
+        sat: [KnownSignal(delay_s=rng.uniform(0.0, 1e-3), doppler_hz=rng.uniform(-5e3, 5e3))] for sat in GPS_SATS[:12]
+    }
     samples = _sky(rng, rate_hz, near.n_samples, known)
     grid_hz = np.arange(-STEPS, STEPS + 1) * everywhere.settings.doppler_step_hz
     grids = dict.fromkeys(GPS_SATS, grid_hz)
@@ -58,9 +59,12 @@ def _searches(rate_hz: float) -> Iterator[str]:
     plain_s = _once(lambda: _plain(samples, rate_hz, grid_hz, 10)) * len(GPS_SATS) / PLAIN_SATS
     for clock, name, scale, unit in ((perf_counter, "wall", 1.0, "s"), (process_time, "CPU", 1e3, "ms")):
         first, again, close = take_turns(
-            lambda: everywhere.search(samples, 0.0, grids, {}), lambda: everywhere.search(samples, 0.0, grids, known),
-            lambda: near.search(samples, 0.0, nearby, known), runs=21, clock=clock,
-        )  # fmt: skip
+            lambda: everywhere.search(samples, 0.0, grids, {}),
+            lambda: everywhere.search(samples, 0.0, grids, known),
+            lambda: near.search(samples, 0.0, nearby, known),
+            runs=21,
+            clock=clock,
+        )
         beside = f"limit {LIMIT_S} s; plain search {plain_s:.2f} s on one core" if clock is perf_counter else ""
         yield line(f"32 satellites, +-7 kHz, 10 x 1 ms, {name}", first * scale, unit, beside)
         yield line(f"  the same, all signals known, {name}", again * scale, unit)
@@ -73,9 +77,7 @@ def _a_second(again: Spread, close: Spread, clock: object) -> str:
     return f"everywhere each 5 s and near each 0.5 s: {1e3 * (0.2 * again.median + 2.0 * close.median):.0f} ms a second"
 
 
-def _sky(
-    rng: np.random.Generator, rate_hz: float, n: int, known: dict[str, list[KnownSignal]]
-) -> NDArray[np.float32]:
+def _sky(rng: np.random.Generator, rate_hz: float, n: int, known: dict[str, list[KnownSignal]]) -> NDArray[np.float32]:
     k = np.arange(n)
     wave = rng.normal(size=n) + 1j * rng.normal(size=n)
     for sat, (one,) in known.items():

@@ -21,8 +21,11 @@ SHARE = 0.001 * 10.0 / 3600.0 / (4 * 2)
 """Of the false alarms of an hour: a window's of 10 s, one of four detectors', one of two receivers'."""
 SATELLITES = 8
 WINDOW: dict[str, Any] = {
-    "epochs": 50, "step_s": 0.2, "max_satellites": 10, "errors": TrackErrors(sigma_m=2.0, constant_m=0.5),
-}  # fmt: skip
+    "epochs": 50,
+    "step_s": 0.2,
+    "max_satellites": 10,
+    "errors": TrackErrors(sigma_m=2.0, constant_m=0.5),
+}
 NOISES = {
     "white, 1 m": TrackErrors(sigma_m=1.0),
     "AR(1) 0.9 from second to second, 1 m": TrackErrors(sigma_m=1.0, correlation=0.9),
@@ -58,9 +61,10 @@ def _distances() -> Iterator[str]:
         clean = MeasuredScene(antennas_enu_m=antennas, **WINDOW)
         captured = MeasuredScene(antennas_enu_m=antennas, sky=(), false=(FalseSky(),), **WINDOW)
         for words, known in {
-            "at least so far": {"antenna_separation_m": distance_m}, "distance": {"antenna_distance_m": distance_m},
+            "at least so far": {"antenna_separation_m": distance_m},
+            "distance": {"antenna_distance_m": distance_m},
             "positions": {"antennas_enu_m": antennas},
-        }.items():  # fmt: skip
+        }.items():
             given = MultiReceiverSettings(false_alarm_probability=SHARE, **known)  # type: ignore[arg-type]
             yield (
                 f"  antennas {distance_m:2g} m apart, given {words:<16} clean sky {_says(clean, given)}; "

@@ -76,9 +76,10 @@ def protected(made: Made) -> tuple[list[Heard], Outcome, Settings]:
         paths = write_samples(made.scene, Path(folder), "raw")
         outcome = protect(paths, nav=nav, **settings.model_dump(exclude_defaults=True)).outcome
     heard = [
-        received(made.scene, index, r.reception) for index, r in enumerate(outcome.receivers)
+        received(made.scene, index, r.reception)
+        for index, r in enumerate(outcome.receivers)
         if r.reception.observations is not None
-    ]  # fmt: skip
+    ]
     return heard, outcome, settings
 
 
@@ -94,8 +95,13 @@ def examined(name: str, **options: Any) -> dict[str, Any]:
     """One row of the result: what was drawn, said and wrong. Names that begin with "samples-" go through samples."""
     begin = perf_counter()
     drawn, made, by_samples = scene_of_name(name, **options)
-    row: dict[str, Any] = {"name": name, "given": drawn.given, "receivers": len(drawn.antennas_body_m),
-                           "motion": drawn.motion, "distance_m": drawn.distance_m}  # fmt: skip
+    row: dict[str, Any] = {
+        "name": name,
+        "given": drawn.given,
+        "receivers": len(drawn.antennas_body_m),
+        "motion": drawn.motion,
+        "distance_m": drawn.distance_m,
+    }
     if drawn.attack is not None:
         row |= {key: getattr(drawn.attack, key) for key in SHOWN_FIELDS}
     if made is None:
@@ -104,13 +110,16 @@ def examined(name: str, **options: Any) -> dict[str, Any]:
     verdict = document(outcome, (), settings)
     rows = [of_receiver(made, h, r) for h, r in pairs_of(heard, outcome)]
     return row | {
-        "verdict": verdict.verdict, "summary": verdict.summary, "because": verdict.undecided_because,
-        "each": rows, "seconds": round(perf_counter() - begin, 2),
+        "verdict": verdict.verdict,
+        "summary": verdict.summary,
+        "because": verdict.undecided_because,
+        "each": rows,
+        "seconds": round(perf_counter() - begin, 2),
         "followed": any(one["followed_s"] >= FOLLOWED_S for one in rows),
         "captured": any(one["captured_s"] >= FOLLOWED_S for one in rows),
         "fits": fits_distance(made, heard, outcome) if any(one["wrong"] for one in rows) else None,
         "wrong_labels": wrong_labels(heard, outcome),
-    }  # fmt: skip
+    }
 
 
 def scene_of_name(name: str, **options: Any) -> tuple[DrawnScene, Made | None, bool]:
@@ -135,9 +144,11 @@ def of_receiver(made: Made, heard: Heard, outcome: ReceiverOutcome) -> dict[str,
     lead_s = float(np.diff(heard.true_s[:2])[0])
     false = np.sum(share > 0.5, axis=1)
     row: dict[str, Any] = {
-        "followed_s": float(lead_s * (false >= 1).sum()), "captured_s": float(lead_s * (false >= 4).sum()),
-        "fixes": 0, "wrong": 0,
-    }  # fmt: skip
+        "followed_s": float(lead_s * (false >= 1).sum()),
+        "captured_s": float(lead_s * (false >= 4).sum()),
+        "fixes": 0,
+        "wrong": 0,
+    }
     fix = outcome.trusted
     good = np.flatnonzero(fix.status == 0) if fix is not None else np.empty(0, np.int64)
     if fix is None or not good.size:
@@ -147,11 +158,16 @@ def of_receiver(made: Made, heard: Heard, outcome: ReceiverOutcome) -> dict[str,
     worst = int(np.argmax(level_m / bound_m))
     times = level_m / bound_m
     return row | {
-        "fixes": int(good.size), "wrong": int(np.sum(times > WRONG_BOUNDS)), "beyond": int(np.sum(times > 1.0)),
-        "wrong_3d": int(np.sum(all_m > WRONG_BOUNDS * bound_all_m)), "worst_bounds": float(times[worst]),
-        "worst_m": float(level_m[worst]), "bound_m": float(bound_m[worst]),
-        "worst_at_s": float(heard.true_s[good[worst]]), "time_off_s": float(np.abs(late_s).max()),
-    }  # fmt: skip
+        "fixes": int(good.size),
+        "wrong": int(np.sum(times > WRONG_BOUNDS)),
+        "beyond": int(np.sum(times > 1.0)),
+        "wrong_3d": int(np.sum(all_m > WRONG_BOUNDS * bound_all_m)),
+        "worst_bounds": float(times[worst]),
+        "worst_m": float(level_m[worst]),
+        "bound_m": float(bound_m[worst]),
+        "worst_at_s": float(heard.true_s[good[worst]]),
+        "time_off_s": float(np.abs(late_s).max()),
+    }
 
 
 def errors_m(fix: Fix, heard: Heard, good: NDArray[np.int64]) -> tuple[Reals, Reals, Reals, Reals]:
@@ -162,8 +178,12 @@ def errors_m(fix: Fix, heard: Heard, good: NDArray[np.int64]) -> tuple[Reals, Re
     off_m = (fix.position_ecef_m[good] - truth_m) @ rot.T
     variance = np.einsum("ij,njk,ik->ni", rot, fix.covariance_m2[good, :3, :3], rot)
     sigma_m = np.sqrt(variance)
-    return (np.hypot(off_m[:, 0], off_m[:, 1]), TO_95 * sigma_m[:, :2].max(axis=1), np.linalg.norm(off_m, axis=1),
-            TO_95_UP * sigma_m.max(axis=1))  # fmt: skip
+    return (
+        np.hypot(off_m[:, 0], off_m[:, 1]),
+        TO_95 * sigma_m[:, :2].max(axis=1),
+        np.linalg.norm(off_m, axis=1),
+        TO_95_UP * sigma_m.max(axis=1),
+    )
 
 
 def fits_distance(made: Made, heard: Sequence[Heard], outcome: Outcome) -> str | None:
@@ -182,9 +202,7 @@ def fits_distance(made: Made, heard: Sequence[Heard], outcome: Outcome) -> str |
         wrong = good[level_m > WRONG_BOUNDS * bound_m]
         wrong = wrong[wrong < min(o.position_ecef_m.shape[0] for o in heard)]
         if wrong.size:
-            apart_m = np.linalg.norm(
-                r.trusted.position_ecef_m[wrong] - heard[1 - k].position_ecef_m[wrong], axis=1
-            )
+            apart_m = np.linalg.norm(r.trusted.position_ecef_m[wrong] - heard[1 - k].position_ecef_m[wrong], axis=1)
             if np.median(np.abs(apart_m - stated_m)) > 3.0 * stated_sigma_m(stated_m):
                 return None
     return "knows" if attack.place == "sphere" else "chance"
@@ -261,8 +279,11 @@ def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
         if not mine:
             continue
         yield f"{kind}: {len(mine)} scenes, {sum(row['seconds'] for row in mine) / len(mine):.2f} s each"
-        cells = [(given, sub) for given in ("nothing", "distance", "positions")
-                 for sub in (("takeover", "spoofer", "meaconer") if kind != "clean" else (None,))]  # fmt: skip
+        cells = [
+            (given, sub)
+            for given in ("nothing", "distance", "positions")
+            for sub in (("takeover", "spoofer", "meaconer") if kind != "clean" else (None,))
+        ]
         for given, sub in cells:
             part = [row for row in mine if row["given"] == given and (sub is None or row["kind"] == sub)]
             if part:
@@ -286,21 +307,25 @@ def _counts(part: Sequence[dict[str, Any]]) -> str:
 
 def _listed(rows: Sequence[dict[str, Any]], kind: str) -> Iterator[str]:
     groups = {
-        "wrong": wrong_attacks(rows), "fits the distance": [row for row in rows if row["fits"]],
+        "wrong": wrong_attacks(rows),
+        "fits the distance": [row for row in rows if row["fits"]],
         "passed over": [row for row in rows if passed_over(row)],
         "passed over, though a fix is beyond its bound or its time by 1 us": [
-            row for row in rows if passed_over(row)
-            and any(one.get("beyond") or one.get("time_off_s", 0) > 1e-6 for one in row["each"])
+            row
+            for row in rows
+            if passed_over(row) and any(one.get("beyond") or one.get("time_off_s", 0) > 1e-6 for one in row["each"])
         ],
         "wrong in height or by 3-D only": [
             row for row in rows if not _wrong(row) and any(one.get("wrong_3d") for one in row["each"])
         ],
-        "1 to 3 bounds in more than 5 % of fixes": [row for row in rows if not _wrong(row) and any(
-            one.get("beyond", 0) > 0.05 * one["fixes"] for one in row["each"]
-        )],
+        "1 to 3 bounds in more than 5 % of fixes": [
+            row
+            for row in rows
+            if not _wrong(row) and any(one.get("beyond", 0) > 0.05 * one["fixes"] for one in row["each"])
+        ],
         "time off by over 1 us": [row for row in rows if any(one.get("time_off_s", 0) > 1e-6 for one in row["each"])],
         "a label wrong": [row for row in rows if row["wrong_labels"]],
-    }  # fmt: skip
+    }
     if kind == "clean":
         groups["called spoofed"] = [row for row in rows if row["verdict"] == "spoofed"]
     for title, found in groups.items():

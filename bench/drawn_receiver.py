@@ -134,13 +134,18 @@ def _arriving(geometry: Geometry, floor: Reals, error: FieldError | None) -> lis
         strength = of(power, pair, 0.0)
         with np.errstate(divide="ignore"):
             dbhz = 10.0 * np.log10(strength / floor[:, np.newaxis])
-        found.append(_Arriving(
-            sat=sat, code_m=of(geometry.pseudorange_m, pair, np.nan),
-            carrier_cyc=of(geometry.carrier_cyc, pair, np.nan), doppler_hz=of(geometry.doppler_hz, pair, np.nan),
-            amplitude=np.sqrt(strength), dbhz=dbhz,
-            code_error_m=of(nothing if error is None else error.code_m, pair, 0.0),
-            carrier_error_cyc=of(nothing if error is None else error.carrier_cyc, pair, 0.0),
-        ))  # fmt: skip
+        found.append(
+            _Arriving(
+                sat=sat,
+                code_m=of(geometry.pseudorange_m, pair, np.nan),
+                carrier_cyc=of(geometry.carrier_cyc, pair, np.nan),
+                doppler_hz=of(geometry.doppler_hz, pair, np.nan),
+                amplitude=np.sqrt(strength),
+                dbhz=dbhz,
+                code_error_m=of(nothing if error is None else error.code_m, pair, 0.0),
+                carrier_error_cyc=of(nothing if error is None else error.carrier_cyc, pair, 0.0),
+            )
+        )
     return found
 
 
@@ -252,8 +257,11 @@ def _follow(channel: _Channel, arriving: _Arriving, epoch: int) -> _Row | None:
     return _Row(
         at_m=channel.at_m + float(weights @ arriving.code_error_m[epoch]),
         carrier_cyc=raw_cyc - bent_cyc + channel.turns + float(arriving.carrier_error_cyc[epoch, side]),
-        doppler_hz=doppler_hz, dbhz=dbhz, share=share, slipped=slipped,
-    )  # fmt: skip
+        doppler_hz=doppler_hz,
+        dbhz=dbhz,
+        share=share,
+        slipped=slipped,
+    )
 
 
 # ---------------------------------------------------------------------- the receiver
@@ -306,17 +314,20 @@ class _Receiver:
         return self.arriving[channel.sat].sat, channel.copy
 
     def _place(self, channel: _Channel, at_s: float) -> Place:
-        return Place(
-            at_s=at_s, delay_s=channel.at_m / SPEED_OF_LIGHT_M_S % 1e-3, doppler_hz=channel.doppler_hz
-        )  # fmt: skip
+        return Place(at_s=at_s, delay_s=channel.at_m / SPEED_OF_LIGHT_M_S % 1e-3, doppler_hz=channel.doppler_hz)
 
     def _lose(self, channel: _Channel, epoch: int) -> None:
         self.channels.remove(channel)
         if channel.copy is not None:
-            self.lost.append(LostSignal(
-                sat=self.arriving[channel.sat].sat, copy=channel.copy, found_s=channel.found_s,
-                missed_s=channel.missed_s, place=self._place(channel, float(self.elapsed_s[channel.epoch])),
-            ))  # fmt: skip
+            self.lost.append(
+                LostSignal(
+                    sat=self.arriving[channel.sat].sat,
+                    copy=channel.copy,
+                    found_s=channel.found_s,
+                    missed_s=channel.missed_s,
+                    place=self._place(channel, float(self.elapsed_s[channel.epoch])),
+                )
+            )
 
     def _confirm(self, epoch: int, now_s: float) -> None:
         due = [c for c in self.channels if c.copy is None and epoch >= c.from_epoch and c.last is not None]
@@ -365,9 +376,15 @@ class _Receiver:
                 if any(abs(at_m - c.at_m) < APART_CHIPS * CHIP_M for c in own):
                     continue
                 new = _Channel(
-                    sat=number, side=int(side), at_m=at_m, doppler_hz=hz, epoch=epoch, found_s=now_s,
-                    missed_s=self.searched_s.get(number, math.nan), from_epoch=epoch + CONFIRM_EPOCHS,
-                )  # fmt: skip
+                    sat=number,
+                    side=int(side),
+                    at_m=at_m,
+                    doppler_hz=hz,
+                    epoch=epoch,
+                    found_s=now_s,
+                    missed_s=self.searched_s.get(number, math.nan),
+                    from_epoch=epoch + CONFIRM_EPOCHS,
+                )
                 own.append(new)
                 self.channels.append(new)
             self.searched_s[number] = now_s
@@ -388,14 +405,24 @@ def _receive(
         observations = _anchored(observations, scene.navigation, receiver.gaps)
     else:
         left_out = "no signal heard"
-    samples = Samples(name=sky.name, rate_hz=1e6, n_samples=int(1e6 * scene.scenario.duration_s), read=_no_samples,
-                      start_gpst=scene.scenario.start_gpst)  # fmt: skip
+    samples = Samples(
+        name=sky.name,
+        rate_hz=1e6,
+        n_samples=int(1e6 * scene.scenario.duration_s),
+        read=_no_samples,
+        start_gpst=scene.scenario.start_gpst,
+    )
     reception = Reception(
-        samples=samples, observations=observations, told=NavigationData(ephemerides=()), left_out=left_out,
-        n_signals=len(receiver.rows), examined_s=scene.scenario.duration_s,
-    )  # fmt: skip
-    return Heard(reception=reception, false_share=share, position_ecef_m=sky.point(true_s).position_ecef_m,
-                 true_s=true_s)  # fmt: skip
+        samples=samples,
+        observations=observations,
+        told=NavigationData(ephemerides=()),
+        left_out=left_out,
+        n_signals=len(receiver.rows),
+        examined_s=scene.scenario.duration_s,
+    )
+    return Heard(
+        reception=reception, false_share=share, position_ecef_m=sky.point(true_s).position_ecef_m, true_s=true_s
+    )
 
 
 def _no_samples(start: int, count: int) -> NDArray[np.float32]:
@@ -422,15 +449,23 @@ def _observed(
         unit[epoch] = noise.ar1 * unit[epoch - 1] + math.sqrt(1.0 - noise.ar1**2) * unit[epoch]
     found = np.array([receiver.found[name] for name in names])
     return Observations(
-        receiver=geometry.receiver, signals=tuple(SignalId(sat, copy=copy) for sat, copy in names),
-        gpst=geometry.gpst, elapsed_s=geometry.elapsed_s,
+        receiver=geometry.receiver,
+        signals=tuple(SignalId(sat, copy=copy) for sat, copy in names),
+        gpst=geometry.gpst,
+        elapsed_s=geometry.elapsed_s,
         pseudorange_m=at_m + noise.code_m * growth * unit + noise.constant_m * rng.standard_normal(shape[1]),
         carrier_cyc=carrier_cyc + noise.carrier_cyc * growth * rng.standard_normal(shape),
-        doppler_hz=doppler_hz + noise.doppler_hz * growth * rng.standard_normal(shape), cn0_dbhz=dbhz,
-        pseudorange_sigma_m=noise.code_m * growth, carrier_sigma_cyc=noise.carrier_cyc * growth,
-        doppler_sigma_hz=noise.doppler_hz * growth, status=status, found_elapsed_s=found[:, 0],
-        missed_elapsed_s=found[:, 1], carrier_hz=np.full(len(names), geometry.carrier_hz), averaged_s=INTERVAL_S,
-    ), share  # fmt: skip
+        doppler_hz=doppler_hz + noise.doppler_hz * growth * rng.standard_normal(shape),
+        cn0_dbhz=dbhz,
+        pseudorange_sigma_m=noise.code_m * growth,
+        carrier_sigma_cyc=noise.carrier_cyc * growth,
+        doppler_sigma_hz=noise.doppler_hz * growth,
+        status=status,
+        found_elapsed_s=found[:, 0],
+        missed_elapsed_s=found[:, 1],
+        carrier_hz=np.full(len(names), geometry.carrier_hz),
+        averaged_s=INTERVAL_S,
+    ), share
 
 
 def received(scene: Scene, index: int, reception: Reception) -> Heard:
@@ -456,8 +491,9 @@ def received(scene: Scene, index: int, reception: Reception) -> Heard:
             best = np.sort(off_m[seen], axis=1)
             clear = best[:, 0] < CLEARLY * best[:, 1] if len(own) > 1 else np.ones(best.shape[0], np.bool_)
             share[seen, channel] = np.where(clear, is_false[own][np.argmin(off_m[seen], axis=1)], np.nan)
-    return Heard(reception=reception, false_share=share, position_ecef_m=sky.point(true_s).position_ecef_m,
-                 true_s=true_s)  # fmt: skip
+    return Heard(
+        reception=reception, false_share=share, position_ecef_m=sky.point(true_s).position_ecef_m, true_s=true_s
+    )
 
 
 def true_offset_s(heard: Heard, gpst: NDArray[np.datetime64], start_gpst: np.datetime64) -> Reals:

@@ -155,18 +155,28 @@ def draw_scene(name: str, *, most_receivers: int = 4, duration_s: float | None =
     if motion == "turning" and max(math.hypot(*place) for place in antennas) > LONGEST_TURNING_M:
         motion = "straight"
     drawn: dict[str, Any] = {
-        "name": name, "seed": int(rng.integers(2**31)),
+        "name": name,
+        "seed": int(rng.integers(2**31)),
         "lat_deg": float(np.degrees(np.arcsin(rng.uniform(-0.94, 0.94)))),
-        "lon_deg": float(rng.uniform(-180.0, 180.0)), "height_m": float(rng.uniform(0.0, 1000.0)),
+        "lon_deg": float(rng.uniform(-180.0, 180.0)),
+        "height_m": float(rng.uniform(0.0, 1000.0)),
         "start_gpst": np.datetime64("2021-01-01T00:00:00", "ns") + np.timedelta64(int(rng.integers(126_230_400)), "s"),
-        "duration_s": lasts_s, "antennas_body_m": antennas, "motion": motion,
-        "speed_m_s": float(rng.uniform(1.0, 25.0)), "heading_deg": float(rng.uniform(0.0, 360.0)),
-        "zenith_cn0_dbhz": float(rng.uniform(44.0, 52.0)), "horizon_cn0_dbhz": float(rng.uniform(36.0, 42.0)),
-        "clocks_s": tuple(rng.uniform(-3e-4, 3e-4, n).tolist()), "lo_ppm": tuple(rng.uniform(-1.0, 1.0, n).tolist()),
-        "code_sigma_m": float(rng.uniform(0.4, 0.9)), "ar1": float(rng.choice([0.0, 0.9])),
-        "constant_m": float(rng.choice([0.0, 0.5])), "field": bool(rng.random() < 0.8),
-        "given": given, "given_error": float(rng.uniform(-1.4, 1.4)),
-    }  # fmt: skip
+        "duration_s": lasts_s,
+        "antennas_body_m": antennas,
+        "motion": motion,
+        "speed_m_s": float(rng.uniform(1.0, 25.0)),
+        "heading_deg": float(rng.uniform(0.0, 360.0)),
+        "zenith_cn0_dbhz": float(rng.uniform(44.0, 52.0)),
+        "horizon_cn0_dbhz": float(rng.uniform(36.0, 42.0)),
+        "clocks_s": tuple(rng.uniform(-3e-4, 3e-4, n).tolist()),
+        "lo_ppm": tuple(rng.uniform(-1.0, 1.0, n).tolist()),
+        "code_sigma_m": float(rng.uniform(0.4, 0.9)),
+        "ar1": float(rng.choice([0.0, 0.9])),
+        "constant_m": float(rng.choice([0.0, 0.5])),
+        "field": bool(rng.random() < 0.8),
+        "given": given,
+        "given_error": float(rng.uniform(-1.4, 1.4)),
+    }
     attack = _attack(rng, antennas, lasts_s, motion, drawn["zenith_cn0_dbhz"]) if kind == "attack" else None
     return DrawnScene(**drawn, attack=attack)
 
@@ -215,33 +225,46 @@ def _attack(
     onset_s = float(rng.uniform(10.0, duration_s - 15.0)) if within else -float(rng.uniform(2.0, 60.0))
     place = str(rng.choice(["true", "near", "random", "sphere"], p=[0.15, 0.3, 0.25, 0.3]))
     away = {
-        "true": (0.0, 0.0, 0.0), "near": _level(rng, _log_uniform(rng, 3.0, 300.0), 0.3),
+        "true": (0.0, 0.0, 0.0),
+        "near": _level(rng, _log_uniform(rng, 3.0, 300.0), 0.3),
         "random": _level(rng, _log_uniform(rng, 100.0, 2e4), 0.02),
-    }.get(place)  # fmt: skip
+    }.get(place)
     if away is None:  # on the sphere about an antenna that is left alone, or any other
         about = antennas[int(rng.choice([k for k in others if k not in joined] or others))]
         around = _level(rng, math.dist(about, antennas[focus]), 0.3)
         away = _difference(_sum(around, about), antennas[focus])
     clock = str(rng.choice(["true", "within a chip", "far", "drift"], p=[0.45, 0.2, 0.2, 0.15]))
     late_s = {
-        "true": 0.0, "within a chip": float(rng.uniform(-1.0, 1.0)) * CHIP_S,
-        "far": float(rng.choice([-1.0, 1.0])) * _log_uniform(rng, CHIP_S, 2e-2), "drift": 0.0,
-    }[clock]  # fmt: skip
+        "true": 0.0,
+        "within a chip": float(rng.uniform(-1.0, 1.0)) * CHIP_S,
+        "far": float(rng.choice([-1.0, 1.0])) * _log_uniform(rng, CHIP_S, 2e-2),
+        "drift": 0.0,
+    }[clock]
     if kind == "meaconer":
         late_s = abs(late_s)
     return DrawnAttack(
-        kind=kind, focus=focus, reached=tuple(sorted([focus, *joined])),
+        kind=kind,
+        focus=focus,
+        reached=tuple(sorted([focus, *joined])),
         transmit_enu_m=_above(_level(rng, away_m, 0.3)),
-        rides=motion != "still" and (away_m < RIDES_WITHIN_M or rng.random() < 0.3), power_db=power_db,
-        power_rises_s=float(rng.uniform(2.0, 10.0)) if rng.random() < 0.3 else 0.0, noise_db=noise_db,
-        jam_s=float(rng.uniform(3.0, 10.0)) if within and rng.random() < 0.25 else 0.0, onset_s=onset_s, place=place,
-        away_enu_m=away, held_s=float(rng.uniform(0.0, 8.0)),
-        drawn_off_s=max(math.hypot(*away) / _log_uniform(rng, 1.0, 100.0), 2.0), clock=clock, late_s=late_s,
+        rides=motion != "still" and (away_m < RIDES_WITHIN_M or rng.random() < 0.3),
+        power_db=power_db,
+        power_rises_s=float(rng.uniform(2.0, 10.0)) if rng.random() < 0.3 else 0.0,
+        noise_db=noise_db,
+        jam_s=float(rng.uniform(3.0, 10.0)) if within and rng.random() < 0.25 else 0.0,
+        onset_s=onset_s,
+        place=place,
+        away_enu_m=away,
+        held_s=float(rng.uniform(0.0, 8.0)),
+        drawn_off_s=max(math.hypot(*away) / _log_uniform(rng, 1.0, 100.0), 2.0),
+        clock=clock,
+        late_s=late_s,
         drift=float(rng.choice([-1.0, 1.0])) * _log_uniform(rng, 1e-9, 1e-7) if clock == "drift" else 0.0,
         code_offset_m=float(rng.uniform(-150.0, 150.0)) if kind == "takeover" and rng.random() < 0.3 else 0.0,
-        phase=str(rng.choice(["aligned", "random"])), carrier="locked" if rng.random() < 0.15 else "follows",
+        phase=str(rng.choice(["aligned", "random"])),
+        carrier="locked" if rng.random() < 0.15 else "follows",
         n_sats=int(rng.integers(4, 8)) if rng.random() < 0.2 else None,
-    )  # type: ignore[arg-type]  # fmt: skip
+    )  # type: ignore[arg-type]
 
 
 def _above(place: Vector) -> Vector:
@@ -298,17 +321,28 @@ def _scenario(
 ) -> Scenario:
     own = _site(drawn, (drawn.lat_deg, drawn.lon_deg, drawn.height_m), rides=True)
     receivers = tuple(
-        Receiver(**own, name=f"rx{k + 1}", antennas=(Antenna(name="1", body_m=body_m),), clock_offset_s=clock_s,
-                 lo_ppm=lo_ppm)
+        Receiver(
+            **own,
+            name=f"rx{k + 1}",
+            antennas=(Antenna(name="1", body_m=body_m),),
+            clock_offset_s=clock_s,
+            lo_ppm=lo_ppm,
+        )
         for k, (body_m, clock_s, lo_ppm) in enumerate(
             zip(drawn.antennas_body_m, drawn.clocks_s, drawn.lo_ppm, strict=True)
         )
-    )  # fmt: skip
+    )
     return Scenario(
-        seed=drawn.seed, start_gpst=drawn.start_gpst, duration_s=drawn.duration_s, mask_deg=MASK_DEG,
-        receivers=receivers, front_end=FRONT_END, attacks=tuple(attacks), interference=tuple(jam),
+        seed=drawn.seed,
+        start_gpst=drawn.start_gpst,
+        duration_s=drawn.duration_s,
+        mask_deg=MASK_DEG,
+        receivers=receivers,
+        front_end=FRONT_END,
+        attacks=tuple(attacks),
+        interference=tuple(jam),
         sky=Sky(zenith_cn0_dbhz=drawn.zenith_cn0_dbhz, horizon_cn0_dbhz=drawn.horizon_cn0_dbhz, sats=sats),
-    )  # fmt: skip
+    )
 
 
 def _site(drawn: DrawnScene, place: Vector, *, rides: bool) -> dict[str, Any]:
@@ -324,8 +358,11 @@ def _site(drawn: DrawnScene, place: Vector, *, rides: bool) -> dict[str, Any]:
         turned_rad = heading_rad + (-1.0) ** leg * 0.4 * (drawn.motion == "turning") * leg
         leg_m = share * length_m
         points.append(_sum(points[-1], (leg_m * math.sin(turned_rad), leg_m * math.cos(turned_rad), 0.0)))
-    return site | {"path": WayPoints(points_enu_m=tuple(points), speed_m_s=drawn.speed_m_s, start_s=-10.0,
-                                     from_rest=False, to_rest=False)}  # fmt: skip
+    return site | {
+        "path": WayPoints(
+            points_enu_m=tuple(points), speed_m_s=drawn.speed_m_s, start_s=-10.0, from_rest=False, to_rest=False
+        )
+    }
 
 
 def _antennas_enu_m(scene: Scene) -> dict[str, Vector]:
@@ -354,31 +391,48 @@ def _transmitters(drawn: DrawnScene, attack: DrawnAttack, under: Scene) -> tuple
     transmit = Site(**at(attack.transmit_enu_m, attack.rides))
     first_db = _spread_db(under, attack, transmit)
     common: dict[str, Any] = {
-        "name": "false", "transmit": transmit, "power_db": attack.power_db + first_db, "onset_s": attack.onset_s,
-        "noise_db": None if attack.noise_db is None else attack.noise_db + first_db, "sats": _sats(under, attack),
-    }  # fmt: skip
+        "name": "false",
+        "transmit": transmit,
+        "power_db": attack.power_db + first_db,
+        "onset_s": attack.onset_s,
+        "noise_db": None if attack.noise_db is None else attack.noise_db + first_db,
+        "sats": _sats(under, attack),
+    }
     if attack.power_rises_s:
         begin_s = attack.onset_s
         common["power_points_db"] = ((begin_s, -15.0), (begin_s + attack.power_rises_s, 0.0))
     jam = []
     if attack.jam_s:
-        jam = [Interference(kind="noise", name="jam", transmit=transmit, power_db=min(30.0 + first_db, 80.0),
-                            onset_s=attack.onset_s - attack.jam_s, until_s=attack.onset_s)]  # fmt: skip
+        jam = [
+            Interference(
+                kind="noise",
+                name="jam",
+                transmit=transmit,
+                power_db=min(30.0 + first_db, 80.0),
+                onset_s=attack.onset_s - attack.jam_s,
+                until_s=attack.onset_s,
+            )
+        ]
     if attack.kind == "meaconer":
         made: Any = Meaconer(**common, receive=Site(**at(attack.away_enu_m, True)), delay_s=attack.late_s)
     elif attack.kind == "spoofer":
-        made = Spoofer(**common, shows=Site(**at(attack.away_enu_m, True)), clock_offset_s=attack.late_s,
-                       clock_drift=attack.drift)  # fmt: skip
+        made = Spoofer(
+            **common, shows=Site(**at(attack.away_enu_m, True)), clock_offset_s=attack.late_s, clock_drift=attack.drift
+        )
     else:
         begin_s = attack.onset_s + attack.held_s
         end_s = begin_s + attack.drawn_off_s
         clock_s = ((begin_s, 0.0), (begin_s + max(abs(attack.late_s) / 1e-7, 2.0), attack.late_s))
         made = Takeover(
-            **common, target=under.skies[attack.focus].name, clock_drift=attack.drift,
+            **common,
+            target=under.skies[attack.focus].name,
+            clock_drift=attack.drift,
             away_points_enu_m=((begin_s, 0.0, 0.0, 0.0), (end_s, *attack.away_enu_m)),
-            clock_points_s=clock_s if attack.late_s else (), code_offset_m=attack.code_offset_m, phase=attack.phase,
+            clock_points_s=clock_s if attack.late_s else (),
+            code_offset_m=attack.code_offset_m,
+            phase=attack.phase,
             carrier=attack.carrier,
-        )  # fmt: skip
+        )
     return made, jam
 
 

@@ -110,16 +110,38 @@ class _Case:
 
     def correlate(self) -> None:
         _correlate(
-            self.samples[0], self.samples[1], self.states, self.tables, table_pad(self.nominal), self.nominal,
-            self.rate_hz, self.delays, self.sums,
-        )  # fmt: skip
+            self.samples[0],
+            self.samples[1],
+            self.states,
+            self.tables,
+            table_pad(self.nominal),
+            self.nominal,
+            self.rate_hz,
+            self.delays,
+            self.sums,
+        )
 
     def track(self) -> None:
         k.advance(
-            self.samples[0], self.samples[1], 0, self.power, self.states.copy(), self.tables, table_pad(self.nominal),
-            np.arange(CHANNELS), self.delays, np.zeros(1), self.rate_hz, 0.0, GPS_L1_CA.chip_rate_hz,
-            GPS_L1_CA.carrier_hz, GPS_L1_CA.code_length, self.gain, self.out, self.counts,
-        )  # fmt: skip
+            self.samples[0],
+            self.samples[1],
+            0,
+            self.power,
+            self.states.copy(),
+            self.tables,
+            table_pad(self.nominal),
+            np.arange(CHANNELS),
+            self.delays,
+            np.zeros(1),
+            self.rate_hz,
+            0.0,
+            GPS_L1_CA.chip_rate_hz,
+            GPS_L1_CA.carrier_hz,
+            GPS_L1_CA.code_length,
+            self.gain,
+            self.out,
+            self.counts,
+        )
 
     def read(self) -> float:
         """Every channel reads the samples, as the correlator does."""
@@ -157,9 +179,16 @@ class _Case:
 
 @numba.njit(nogil=True)
 def _correlate(
-    i_samples: NDArray[np.float32], q_samples: NDArray[np.float32], states: Reals, tables: NDArray[np.int8], pad: int,
-    nominal: float, rate_hz: float, delays: Reals, sums: Reals,
-) -> None:  # fmt: skip
+    i_samples: NDArray[np.float32],
+    q_samples: NDArray[np.float32],
+    states: Reals,
+    tables: NDArray[np.int8],
+    pad: int,
+    nominal: float,
+    rate_hz: float,
+    delays: Reals,
+    sums: Reals,
+) -> None:
     """Periods of every channel one after another, as `advance` does, but with the loops left open."""
     shifts, dopplers = np.empty(delays.size), np.zeros(1)
     scratch = scratch_for(tables.shape[2], delays.size)
@@ -170,9 +199,23 @@ def _correlate(
         for period in range(sums.shape[1]):
             n = math.ceil((1023 - chip) / chips_per_sample)
             correlate_period(
-                i_samples, q_samples, begin, n, chip, chips_per_sample, phase_cyc, cycles_per_sample, tables[channel],
-                pad, nominal, delays, dopplers, scratch, sums[channel, period : period + 1], shifts,
-            )  # fmt: skip
+                i_samples,
+                q_samples,
+                begin,
+                n,
+                chip,
+                chips_per_sample,
+                phase_cyc,
+                cycles_per_sample,
+                tables[channel],
+                pad,
+                nominal,
+                delays,
+                dopplers,
+                scratch,
+                sums[channel, period : period + 1],
+                shifts,
+            )
             begin += n
             chip += n * chips_per_sample - 1023
             phase_cyc += n * cycles_per_sample

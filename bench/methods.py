@@ -66,24 +66,38 @@ def _methods() -> Iterator[Method]:
     white, amplitude = whitener(where.parity, 20.0), 20.0
     law = delta_law(0.5)
     yield Method("multi-receiver 1b, 30 epochs", _normal(30, 1), difference_test)
-    yield Method("multi-receiver 1b, all pairs of a window", _normal(28, 30, 1),
-                 lambda sd_m: pairs_rejected(sd_m, 0.01), 28 * 27 // 2)  # fmt: skip
+    yield Method(
+        "multi-receiver 1b, all pairs of a window",
+        _normal(28, 30, 1),
+        lambda sd_m: pairs_rejected(sd_m, 0.01),
+        28 * 27 // 2,
+    )
     yield Method("two skies, 64 splits", _normal(7, 2), lambda range_m: split_skies(range_m, units[:7]), 64)
-    yield Method("one pairing of skies", _normal(2, 7, 2),
-                 lambda range_m: span_test(range_m[:, 0], range_m[:, 1], units[:7]))  # fmt: skip
-    yield Method("exclusion by inertia, two fixes", _normal(3, 3),
-                 lambda m: choose_fix(m[:, 0], np.eye(3), m[:, 1:], np.eye(3)))  # fmt: skip
+    yield Method(
+        "one pairing of skies", _normal(2, 7, 2), lambda range_m: span_test(range_m[:, 0], range_m[:, 1], units[:7])
+    )
+    yield Method(
+        "exclusion by inertia, two fixes", _normal(3, 3), lambda m: choose_fix(m[:, 0], np.eye(3), m[:, 1:], np.eye(3))
+    )
     yield Method("two-step rule, 8 satellites", _normal(2, SATS, sigma=0.1), lambda m: two_step(m[:, 0], m[:, 1]))
-    yield Method("parity of vector tracking", _normal(2, SATS, sigma=0.05),
-                 lambda m: parity_test(parity_vector(m[:, 0], m[:, 1], white)))  # fmt: skip
+    yield Method(
+        "parity of vector tracking",
+        _normal(2, SATS, sigma=0.05),
+        lambda m: parity_test(parity_vector(m[:, 0], m[:, 1], white)),
+    )
     yield Method("CUSUM, 20 steps of 8 numbers", _normal(20, SATS), lambda y: cusum_path(y, 1.0), 20)
-    yield Method("delta and its p-value", _normal(3),
-                 lambda m: ratio_p_value(delta_metric(amplitude / 2 + m[:, 0], amplitude + m[:, 1],
-                                                      amplitude / 2 + m[:, 2]), law, amplitude))  # fmt: skip
+    yield Method(
+        "delta and its p-value",
+        _normal(3),
+        lambda m: ratio_p_value(
+            delta_metric(amplitude / 2 + m[:, 0], amplitude + m[:, 1], amplitude / 2 + m[:, 2]), law, amplitude
+        ),
+    )
     yield Method("moving variance, 100 of 20 epochs", _normal(119), lambda values: moving_variance(values, 20), 100)
     yield Method("array and attitude, one signal", _normal(2, sigma=0.01), lambda z: single_statistic(z, WHITE))
-    yield Method("the same, whole cycles unknown", _normal(2, sigma=0.01),
-                 lambda z: single_statistic(z, WHITE, wrapped=True))  # fmt: skip
+    yield Method(
+        "the same, whole cycles unknown", _normal(2, sigma=0.01), lambda z: single_statistic(z, WHITE, wrapped=True)
+    )
     common = residual_covariance(CELLS_CYC, units, position_sigma_cyc=0.016, attitude_covariance_rad2=1e-6)
     yield Method("the same, 8 signals jointly", _normal(SATS, 2, sigma=0.01), lambda z: joint_statistic(z, common))
     yield Method("array alone, 8 signals equal", _normal(SATS, 2, sigma=0.01), lambda z: equal_statistic(z, WHITE))
@@ -144,9 +158,11 @@ def _decomposition() -> Iterator[str]:
         ("one signal or two", lambda t: count_statistic(t, delays, variance)),
     ):
         at_once, by_loop = take_turns(
-            lambda test=test: test(taps), lambda test=test: [test(one[None]) for one in taps[:100]],
-            runs=5, clock=process_time,
-        )  # fmt: skip
+            lambda test=test: test(taps),
+            lambda test=test: [test(one[None]) for one in taps[:100]],
+            runs=5,
+            clock=process_time,
+        )
         at_once, by_loop = at_once * (1e9 / many), by_loop * (1e9 / 100)
         times = by_loop.median / at_once.median
         yield line(name, at_once, "ns", f"plain loop {by_loop.median:.3g} ns ({times:.1f} times)")
@@ -162,8 +178,9 @@ def _sets() -> Iterator[str]:
         pruned, exhaustive = take_turns(
             lambda n=satellites, m=misfit_m: [passing_sets(units[:n], m, 1.0) for _ in range(20)],
             lambda n=satellites, m=misfit_m: passing_sets(units[:n], m, 1.0, exhaustive=True),
-            runs=9, clock=process_time,
-        )  # fmt: skip
+            runs=9,
+            clock=process_time,
+        )
         pruned *= 1 / 20
         beside = f"exhaustive {1e3 * exhaustive.median:.3g} ms ({exhaustive.median / pruned.median:.0f} times)"
         yield line(f"sets that fit, {satellites} x {signals}: {signals**satellites}", pruned * 1e3, "ms", beside)
@@ -175,7 +192,8 @@ def _maps() -> Iterator[str]:
     design = array_design(CELLS_CYC)
     plain, wrapped = take_turns(
         lambda: dead_zone(grid.direction, grid.direction, design, WHITE, weight=grid.share),
-        lambda: dead_zone(grid.direction, grid.direction, design, WHITE, weight=grid.share, wrapped=True), runs=3,
-    )  # fmt: skip
+        lambda: dead_zone(grid.direction, grid.direction, design, WHITE, weight=grid.share, wrapped=True),
+        runs=3,
+    )
     beside = f"with whole cycles unknown {wrapped.median:.3g} s; limit 2 s"
     yield line("dead zones of the whole sky, 5 x 5 degrees", plain, "s", beside)

@@ -78,17 +78,28 @@ def add(wave: Wave, first: int, planes: Floats) -> None:
     skip = min(max(math.ceil(wave.begin_s * RATE_HZ) - first, 0), planes.shape[1])
     t_s = (first + skip) / RATE_HZ
     _add(
-        GPS_L1_CA.code(prn_of(wave.sat)), wave.bits, float(wave.sent_s(t_s)) / CHIP_S,
+        GPS_L1_CA.code(prn_of(wave.sat)),
+        wave.bits,
+        float(wave.sent_s(t_s)) / CHIP_S,
         (1.0 + wave.doppler_hz / GPS_L1_CA.carrier_hz) / CHIP_S / RATE_HZ,
-        (wave.phase_cyc + wave.doppler_hz * t_s) % 1.0, wave.doppler_hz / RATE_HZ, amplitude, planes[:, skip:],
-    )  # fmt: skip
+        (wave.phase_cyc + wave.doppler_hz * t_s) % 1.0,
+        wave.doppler_hz / RATE_HZ,
+        amplitude,
+        planes[:, skip:],
+    )
 
 
 @numba.njit(cache=True, nogil=True)
 def _add(
-    code: NDArray[np.int8], bits: Floats, chip: float, chip_step: float, cycle: float, cycle_step: float,
-    amplitude: float, planes: Floats,
-) -> None:  # fmt: skip
+    code: NDArray[np.int8],
+    bits: Floats,
+    chip: float,
+    chip_step: float,
+    cycle: float,
+    cycle_step: float,
+    amplitude: float,
+    planes: Floats,
+) -> None:
     step = complex(math.cos(2.0 * math.pi * cycle_step), math.sin(2.0 * math.pi * cycle_step))
     turn = amplitude * complex(math.cos(2.0 * math.pi * cycle), math.sin(2.0 * math.pi * cycle))
     per_bit = 20 * code.shape[0]
@@ -182,9 +193,14 @@ def _waves(rng: np.random.Generator, cell: Cell, onset_s: float) -> tuple[Wave, 
         sat=SAT, cn0_dbhz=cell.cn0_dbhz, delay_s=delay_s, doppler_hz=doppler_hz, phase_cyc=rng.random(), bits=data
     )
     second = Wave(
-        sat=SAT, cn0_dbhz=cell.cn0_dbhz + cell.relative_db, delay_s=delay_s + later_s,
-        doppler_hz=doppler_hz + apart_hz, phase_cyc=rng.random(), bits=data, begin_s=onset_s,
-    )  # fmt: skip
+        sat=SAT,
+        cn0_dbhz=cell.cn0_dbhz + cell.relative_db,
+        delay_s=delay_s + later_s,
+        doppler_hz=doppler_hz + apart_hz,
+        phase_cyc=rng.random(),
+        bits=data,
+        begin_s=onset_s,
+    )
     return first, second
 
 
@@ -195,9 +211,7 @@ def _outcome(
     t_s = measured.elapsed_s
     late = (t_s > stop_s - SEEN_S + 1e-9) & (t_s < stop_s + 1e-9)
     shown_s = measured.column(m.PERIODS) * GPS_L1_CA.period_s + measured.column(m.FRACTION_S)
-    error_m = np.stack([
-        SPEED_OF_LIGHT_M_S * ((shown_s - one.sent_s(t_s) + 0.5e-3) % 1e-3 - 0.5e-3) for one in waves
-    ])  # fmt: skip
+    error_m = np.stack([SPEED_OF_LIGHT_M_S * ((shown_s - one.sent_s(t_s) + 0.5e-3) % 1e-3 - 0.5e-3) for one in waves])
     letters = np.array([arcs[int(arc)].signal.copy for arc in measured.arc])
     rows_of: list[list[NDArray[np.bool_]]] = [[], []]
     others = 0
@@ -218,12 +232,14 @@ def _outcome(
     numbers = [np.flatnonzero(found[0])[:n] for found in rows_of]
     table = np.stack([measured.table[rows] for rows in numbers])
     return Outcome(
-        wait_s=max(found_s) - onset_s, others=others, pulled=pulled,
+        wait_s=max(found_s) - onset_s,
+        others=others,
+        pulled=pulled,
         code_m=np.stack([error_m[i, rows] for i, rows in enumerate(numbers)]),
         code_sigma_m=table[..., m.CODE_SIGMA_S] * SPEED_OF_LIGHT_M_S,
         doppler_hz=table[..., m.DOPPLER_HZ] - np.array([[one.doppler_hz] for one in waves]),
         doppler_sigma_hz=table[..., m.DOPPLER_SIGMA_HZ],
-    )  # fmt: skip
+    )
 
 
 # ---------------------------------------------------------------------- theory
@@ -345,9 +361,13 @@ def clean_searches(rng: np.random.Generator, searches: int, *, full: bool) -> Co
         known, grid = {}, dict.fromkeys(GPS_SATS, steps) if full else {}
         for sat in rng.choice(GPS_SATS, rng.integers(4, 10), replace=False).tolist():
             one = Wave(
-                sat=sat, cn0_dbhz=rng.uniform(38.0, 52.0), delay_s=rng.uniform(0.0, 0.0199),
-                doppler_hz=rng.uniform(-4500.0, 4500.0), phase_cyc=rng.random(), bits=bits(rng, searcher.duration_s),
-            )  # fmt: skip
+                sat=sat,
+                cn0_dbhz=rng.uniform(38.0, 52.0),
+                delay_s=rng.uniform(0.0, 0.0199),
+                doppler_hz=rng.uniform(-4500.0, 4500.0),
+                phase_cyc=rng.random(),
+                bits=bits(rng, searcher.duration_s),
+            )
             add(one, 0, planes)
             delay_s = (one.delay_s + 0.02 * CHIP_S * rng.normal()) % GPS_L1_CA.period_s
             known[sat] = [KnownSignal(delay_s=delay_s, doppler_hz=one.doppler_hz + 2.0 * rng.normal())]
@@ -425,13 +445,16 @@ def row_of(cell: Cell, trials: int, settings: ReceiverSettings | None = None) ->
         return float(np.sqrt(np.mean(np.concatenate(values) ** 2))) if good else math.nan
 
     return Row(
-        cell=cell, trials=trials, found=len(good), others=sum(one.others for one in outcomes),
+        cell=cell,
+        trials=trials,
+        found=len(good),
+        others=sum(one.others for one in outcomes),
         pulled=sum(one.pulled for one in outcomes),
         wait_s=(float(np.median(waits)), max(waits)) if good else (math.nan, math.nan),
         stays=min(stays(cell, of_second)[0] for of_second in (False, True)) if cell.apart_chips < 2.0 else 1.0,
         code_m=tuple((rms(i, "code_m"), rms(i, "code_sigma_m"), pulls_of[i][0]) for i in (0, 1)),
         doppler_hz=tuple((rms(i, "doppler_hz"), rms(i, "doppler_sigma_hz"), pulls_of[i][1]) for i in (0, 1)),
-    )  # fmt: skip
+    )
 
 
 def _text(row: Row) -> str:

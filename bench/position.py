@@ -44,16 +44,20 @@ class Station:
 GSI, M1, M5 = "real/rinex-gsi-3km", "real/rinex-mosaic-1m", "real/rinex-mosaic-5km"
 ROVER, REFERENCE, ORBITS = f"{M5}/SEPT265G.21O", f"{M5}/3034265G.21O", f"{M5}/SEPT2650.21P"
 STATIONS = (
-    Station("mosaic-1m base", f"{M1}/base.obs", f"{M1}/base.nav",
-            (-3817681.121, 3562839.431, 3650159.159), ("G", "GERC")),
-    Station("mosaic-1m rover", f"{M1}/rover.obs", f"{M1}/base.nav",
-            (-3817681.381, 3562839.979, 3650158.376), ("G", "GERC")),
+    Station(
+        "mosaic-1m base", f"{M1}/base.obs", f"{M1}/base.nav", (-3817681.121, 3562839.431, 3650159.159), ("G", "GERC")
+    ),
+    Station(
+        "mosaic-1m rover", f"{M1}/rover.obs", f"{M1}/base.nav", (-3817681.381, 3562839.979, 3650158.376), ("G", "GERC")
+    ),
     Station("mosaic-5km 3034", REFERENCE, ORBITS, (-3959400.631, 3385704.533, 3667523.111), ("G", "GE")),
-    Station("gsi-3km 0759", f"{GSI}/07590920.05o", f"{GSI}/07590920.05n",
-            (-3976219.508, 3382372.567, 3652512.985), ("G",)),
-    Station("gsi-3km 3040", f"{GSI}/30400920.05o", f"{GSI}/30400920.05n",
-            (-3978241.958, 3382840.234, 3649900.853), ("G",)),
-)  # fmt: skip
+    Station(
+        "gsi-3km 0759", f"{GSI}/07590920.05o", f"{GSI}/07590920.05n", (-3976219.508, 3382372.567, 3652512.985), ("G",)
+    ),
+    Station(
+        "gsi-3km 3040", f"{GSI}/30400920.05o", f"{GSI}/30400920.05n", (-3978241.958, 3382840.234, 3649900.853), ("G",)
+    ),
+)
 _RTKLIB_SYSTEM = {"G": 1, "R": 4, "E": 8, "C": 32}
 
 
@@ -98,10 +102,16 @@ def chosen(seen: Observations, systems: str) -> tuple[SignalId, ...]:
 def rtklib(folder: Path, station: Station, systems: str) -> Reals:
     """Positions of RTKLIB's single mode, (n, 3)."""
     settings = {
-        "pos1-posmode": "single", "pos1-frequency": "l1", "pos1-elmask": f"{MASK_DEG:g}", "pos1-ionoopt": "brdc",
-        "pos1-tropopt": "saas", "pos1-sateph": "brdc", "out-solformat": "xyz", "out-timesys": "gpst",
+        "pos1-posmode": "single",
+        "pos1-frequency": "l1",
+        "pos1-elmask": f"{MASK_DEG:g}",
+        "pos1-ionoopt": "brdc",
+        "pos1-tropopt": "saas",
+        "pos1-sateph": "brdc",
+        "out-solformat": "xyz",
+        "out-timesys": "gpst",
         "pos1-navsys": str(sum(_RTKLIB_SYSTEM[letter] for letter in systems)),
-    }  # fmt: skip
+    }
     with tempfile.TemporaryDirectory() as scratch:
         conf, out = Path(scratch) / "single.conf", Path(scratch) / "out.pos"
         conf.write_text("".join(f"{key} ={value}\n" for key, value in settings.items()), encoding="ascii")

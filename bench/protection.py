@@ -41,8 +41,12 @@ def report() -> Iterator[str]:
     rate = scenario.front_end.rate_hz / 1e6
     yield f"protect, two receivers, {DURATION_S:g} s each at {rate:g} Msps, {runs[0]['signals']} signals, all cores"
     yield line("whole run", seconds, "s", f"{DURATION_S / seconds.median:.2f} times real time (of both at once)")
-    yield line("peak memory", Spread.of([run["peak_mb"] for run in runs]), "MB", "the samples as float32 would be "
-               f"{2 * 2 * 4 * DURATION_S * rate:.0f} MB")  # fmt: skip
+    yield line(
+        "peak memory",
+        Spread.of([run["peak_mb"] for run in runs]),
+        "MB",
+        f"the samples as float32 would be {2 * 2 * 4 * DURATION_S * rate:.0f} MB",
+    )
     modules, rooms = Counter[str](), Counter[str]()
     for run in runs:
         modules.update(run["shares"])
@@ -86,8 +90,9 @@ def _one_run(folder: Path) -> None:
     seconds = perf_counter() - begin
     assert result.verdict.verdict == "spoofed", result.verdict.summary
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # kilobytes on Linux
-    print(json.dumps({"seconds": seconds, "peak_mb": peak_mb, "signals": len(result.verdict.signals),
-                      "shares": shares}))  # fmt: skip
+    print(
+        json.dumps({"seconds": seconds, "peak_mb": peak_mb, "signals": len(result.verdict.signals), "shares": shares})
+    )
 
 
 def _module(frame: FrameType | None) -> str:

@@ -107,9 +107,13 @@ def _peers(folder: Path) -> Iterator[str]:
 
 def _clean(folder: Path, rate_hz: float, duration_s: float) -> Path:
     scenario = clean(
-        PLACE, START_GPST, receivers=1, duration_s=duration_s,
-        front_end=FrontEnd(rate_hz=rate_hz, encoding="int", bits=8), seed=11,
-    )  # fmt: skip
+        PLACE,
+        START_GPST,
+        receivers=1,
+        duration_s=duration_s,
+        front_end=FrontEnd(rate_hz=rate_hz, encoding="int", bits=8),
+        seed=11,
+    )
     return write(scenario, nominal_constellation(START_GPST), folder / f"clean-{rate_hz:.0f}-{duration_s:g}")[0]
 
 

@@ -26,10 +26,22 @@ import receiver
 import simulator
 
 BENCHES = {
-    "kernel": kernel, "acquisition": acquisition, "sets": sets, "simulator": simulator, "accuracy": accuracy,
-    "deciding": deciding, "methods": methods, "protection": protection, "receiver": receiver,
-    "reading": reading, "rinex": rinex, "position": position, "pairs": pairs, "startup": startup, "drawn": drawn,
-}  # fmt: skip
+    "kernel": kernel,
+    "acquisition": acquisition,
+    "sets": sets,
+    "simulator": simulator,
+    "accuracy": accuracy,
+    "deciding": deciding,
+    "methods": methods,
+    "protection": protection,
+    "receiver": receiver,
+    "reading": reading,
+    "rinex": rinex,
+    "position": position,
+    "pairs": pairs,
+    "startup": startup,
+    "drawn": drawn,
+}
 
 
 def main(names: list[str]) -> None:

@@ -19,9 +19,14 @@ from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 def report() -> Iterator[str]:
     """Rows of the table."""
     scene = MeasuredScene(
-        antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, false=(FalseSky(),), epochs=50, step_s=0.2, mask_deg=0.0,
-        max_satellites=12, errors=TrackErrors(sigma_m=1.0),
-    )  # fmt: skip
+        antennas_enu_m={"rx1": (0.0, 0.0, 0.0)},
+        false=(FalseSky(),),
+        epochs=50,
+        step_s=0.2,
+        mask_deg=0.0,
+        max_satellites=12,
+        errors=TrackErrors(sigma_m=1.0),
+    )
     records = scene.records(np.random.default_rng(1))
     window, orbits = records.observations[0], scene.navigation
     sats = len({signal.sat for signal in window.signals})
@@ -33,9 +38,11 @@ def report() -> Iterator[str]:
     def fit_all() -> NDArray[np.float64]:
         """One fit for each of the 2^12 choices of a signal for every satellite, all at once, without atmosphere."""
         return gauss_newton(
-            ranges.satellite_ecef_m[0][choices], ranges.range_m[0][choices], np.ones(choices.shape),
+            ranges.satellite_ecef_m[0][choices],
+            ranges.range_m[0][choices],
+            np.ones(choices.shape),
             np.zeros((len(choices), 4)),
-        ).state_m  # fmt: skip
+        ).state_m
 
     assert [len(s.signals) for s in consistent_sets(window, orbits)] == [sats, sats]
     assert [len(s.signals) for s in consistent_sets(odd, orbits)] == [sats, sats - 2]

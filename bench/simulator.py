@@ -41,9 +41,11 @@ def report() -> Iterator[str]:
     factor, plain_factor = DURATION_S / ours_s.median, PLAIN_S / plain_s.median
     yield f"simulator, {signals} signals at {rendering.front_end.rate_hz / 1e6:g} Msps, all cores"
     yield line(
-        "a second of one receiver's samples", ours_s * (1.0 / DURATION_S), "s",
+        "a second of one receiver's samples",
+        ours_s * (1.0 / DURATION_S),
+        "s",
         f"{factor:.1f} times real time; plain NumPy {plain_factor:.2g} ({factor / plain_factor:.0f} times slower)",
-    )  # fmt: skip
+    )
     yield from _growth()
     yield from _correlators(scene)
     yield from _measurements()
@@ -89,8 +91,10 @@ def _correlators(scene: Scene) -> Iterator[str]:
         lambda: correlate(scene, 0, [1.0], draws=(DRAWS,), **wanted),
         lambda: correlate(scene, 0, pairs_s, **wanted),
         lambda: correlate(clean, 0, np.tile(pairs_s, 10), **wanted),
-        lambda: _naive(scene), runs=5, clock=process_time,
-    )  # fmt: skip
+        lambda: _naive(scene),
+        runs=5,
+        clock=process_time,
+    )
     naive = 1.0 / naive_s.median
     yield f"correlators, {TAPS_CHIPS.size} taps over {COHERENT_S * 1e3:g} ms, one core; by samples {naive:.2g} a second"
     rows = (
@@ -113,15 +117,20 @@ def _measurements() -> Iterator[str]:
     cells, few = (sum(each.there.size for each in those) for those in (geometries, geometry_of(short)))
     field = NoiseModel(field=FieldErrors())
     white_s, draw_s, field_s, pulled_s = take_turns(
-        lambda: draw(geometry_of(scene), rng=rng), lambda: draw(geometries, rng=rng),
-        lambda: draw(geometries, rng=rng, noise=field), lambda: geometry_of(short, pulled=True), runs=5,
+        lambda: draw(geometry_of(scene), rng=rng),
+        lambda: draw(geometries, rng=rng),
+        lambda: draw(geometries, rng=rng, noise=field),
+        lambda: geometry_of(short, pulled=True),
+        runs=5,
         clock=process_time,
-    )  # fmt: skip
+    )
     yield "measurements, one core"
     rows = (
-        ("geometry and white noise", white_s, cells), ("white noise alone", draw_s, cells),
-        ("noise and errors of the field", field_s, cells), ("geometry, pulled", pulled_s, few),
-    )  # fmt: skip
+        ("geometry and white noise", white_s, cells),
+        ("white noise alone", draw_s, cells),
+        ("noise and errors of the field", field_s, cells),
+        ("geometry, pulled", pulled_s, few),
+    )
     for what, took_s, count in rows:
         yield line(what, took_s * (1e9 / count), "ns a cell", f"{count / took_s.median / 1e6:.3g} million a second")
 

@@ -22,8 +22,10 @@ def report() -> Iterator[str]:
     programs = {"python, nothing done": ("pass",)}
     programs |= {code: (code,) for code in ("import numpy, numba, scipy.fft", "import skyproof")}
     programs |= {f"import skyproof, {name} at hand": (f"import skyproof; skyproof.{name}",) for name in NAMES}
-    programs |= {" ".join(("skyproof", *tokens)): (COMMAND, *tokens) for tokens in (
-        ("--help",), ("--version",), ("protect", "--help"), ("simulate", "--help"), ("protct",))}  # fmt: skip
+    programs |= {
+        " ".join(("skyproof", *tokens)): (COMMAND, *tokens)
+        for tokens in (("--help",), ("--version",), ("protect", "--help"), ("simulate", "--help"), ("protct",))
+    }
     yield f"starting, whole processes, {RUNS} runs each, one core each"
     for (what, _), (wall, cpu) in zip(programs.items(), _take_turns(*programs.values()), strict=True):
         asked = f", asked for {ASKED_S[what]:g} s" if what in ASKED_S else ""

@@ -118,8 +118,12 @@ def receive(samples: Samples, folder: Path) -> Received:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(
         ["gnss-sdr", f"--config_file={configuration}", f"--log_dir={folder}"],
-        cwd=folder, capture_output=True, text=True, errors="replace", check=False,
-    )  # fmt: skip
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+    )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     as_bytes.unlink()
     if done.returncode != 0:

@@ -9,8 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["BASELINE_MODES", "georinex_counts", "georinex_found", "rtklib_baseline", "rtklib_found",
-           "rtklib_positions_ecef_m"]  # fmt: skip
+__all__ = [
+    "BASELINE_MODES",
+    "georinex_counts",
+    "georinex_found",
+    "rtklib_baseline",
+    "rtklib_found",
+    "rtklib_positions_ecef_m",
+]
 
 BASELINE_MODES = ("static", "kinematic")
 
@@ -62,8 +68,9 @@ def _rtklib(options: str, observations: Path, *arguments: Path | str) -> np.ndar
     """(n, 4) position and quality of each epoch."""
     solution, settings = observations.with_suffix(".pos"), observations.with_suffix(".conf")
     settings.write_text(options, encoding="ascii")
-    subprocess.run(["rnx2rtkp", "-k", settings, "-o", solution, observations, *arguments],
-                   capture_output=True, check=True)  # fmt: skip
+    subprocess.run(
+        ["rnx2rtkp", "-k", settings, "-o", solution, observations, *arguments], capture_output=True, check=True
+    )
     rows = [line.split() for line in solution.read_text(encoding="ascii").splitlines() if re.match(r"\d", line)]
     return np.array([[float(cell) for cell in row[2:6]] for row in rows]).reshape(-1, 4)
 

@@ -131,20 +131,22 @@ def _sites_in(node: ast.AST, file: str, names: set[str], function: str = "") -> 
 def unraised(messages: list[Message]) -> list[Site]:
     """Places whose error was not seen and that have no reason for it."""
     return [
-        site for site in sites()
+        site
+        for site in sites()
         if site.name not in NEVER_RAISED and not any(site.made(message) for message in messages)
-    ]  # fmt: skip
+    ]
 
 
 def table(messages: list[Message]) -> str:
     """All messages in Markdown, by the file of the source that makes them."""
     seen = sorted(messages, key=lambda m: (m.file, m.line, m.words))
     lines = [
-        "# Messages", "",
+        "# Messages",
+        "",
         "Every error that the tests raise, as it is told: `skyproof: ` and these words on one line, exit code 2. "
         "Folders are left out; of one place in the source no more than "
         f"{SHOWN} messages are shown.",
-    ]  # fmt: skip
+    ]
     for file in dict.fromkeys(message.file for message in seen):
         lines += ["", f"## {file}", "", "| error | message | made at line | test |", "|---|---|---|---|"]
         places: dict[int, int] = {}

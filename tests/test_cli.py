@@ -66,9 +66,15 @@ class App:
             raise self.error
         samples = SimpleNamespace(name="rx1", path="rx1.bin", remarks=())
         reception = SimpleNamespace(
-            samples=samples, n_signals=12, remarks=("a [dim] remark",), observations=None, examined_s=4.0,
-            left_out="no time", messages_differ=(), told=SimpleNamespace(ephemerides=()),
-        )  # fmt: skip
+            samples=samples,
+            n_signals=12,
+            remarks=("a [dim] remark",),
+            observations=None,
+            examined_s=4.0,
+            left_out="no time",
+            messages_differ=(),
+            told=SimpleNamespace(ephemerides=()),
+        )
         if name == "receive":
             return ReceiveResult(
                 receptions=(reception,), folder=options["out"], files=(("rx1-nav.rnx",),), interrupted=self.interrupted
@@ -77,9 +83,13 @@ class App:
             folder = options["out"]
             recordings, names = tuple(folder / f"rx{k}.bin" for k in range(1, 11)), ("rx1.bin", "truth.json")
             return SimulateResult(
-                scenario=ready("takeover"), folder=folder, files=names, recordings=recordings,
-                observations=(folder / "rx1.obs",), interrupted=self.interrupted,
-            )  # fmt: skip
+                scenario=ready("takeover"),
+                folder=folder,
+                files=names,
+                recordings=recordings,
+                observations=(folder / "rx1.obs",),
+                interrupted=self.interrupted,
+            )
         folder = options.get("out", inputs)
         return SimpleNamespace(verdict=self.verdict, folder=folder, interrupted=self.interrupted)
 
@@ -233,36 +243,93 @@ def test_a_usage_error_is_one_line_that_helps(
 
 
 def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> None:
-    cli.main([*PROTECT, "--nav", "b.22n", "--platform", "p.toml", "--false-alarm-probability-per-hour", "1e-4",
-              "--antenna-distance-m", "60", "--antenna-distance-sigma-m", "0.5", "--antenna-separation-m", "2.5",
-              "--doppler-max-hz", "9e3", "--place-deg", "57.7",
-              "11.9", "--start-s", "27", "--duration-s", "33"])  # fmt: skip
+    cli.main(
+        [
+            *PROTECT,
+            "--nav",
+            "b.22n",
+            "--platform",
+            "p.toml",
+            "--false-alarm-probability-per-hour",
+            "1e-4",
+            "--antenna-distance-m",
+            "60",
+            "--antenna-distance-sigma-m",
+            "0.5",
+            "--antenna-separation-m",
+            "2.5",
+            "--doppler-max-hz",
+            "9e3",
+            "--place-deg",
+            "57.7",
+            "11.9",
+            "--start-s",
+            "27",
+            "--duration-s",
+            "33",
+        ]
+    )
     cli.main(PROTECT)
     cli.main(["receive", "rx1.bin", "--out", "d", "--nav", "b.22n"])
-    cli.main(["receive", "rx1.bin", "--out", "d", "--doppler-max-hz", "9e3", "--place-deg", "57.7", "11.9",
-              "--start-s", "27", "--duration-s", "33"])  # fmt: skip
+    cli.main(
+        [
+            "receive",
+            "rx1.bin",
+            "--out",
+            "d",
+            "--doppler-max-hz",
+            "9e3",
+            "--place-deg",
+            "57.7",
+            "11.9",
+            "--start-s",
+            "27",
+            "--duration-s",
+            "33",
+        ]
+    )
     cli.main(["demo", "--out", "there"])
-    cli.main(["simulate", "spin", "--out", "d", "--seed", "7", "--duration-s", "5", "--depth", "samples", "--format",
-              "raw"])  # fmt: skip
+    cli.main(
+        ["simulate", "spin", "--out", "d", "--seed", "7", "--duration-s", "5", "--depth", "samples", "--format", "raw"]
+    )
     cli.main(["simulate", "s.toml", "--out", "d"])
     stretch = ("doppler_max_hz", "place_deg", "start_s", "duration_s")
     antennas = ("antenna_distance_m", "antenna_distance_sigma_m", "antenna_separation_m")
     settings = ("false_alarm_probability_per_hour", *antennas, *stretch)
     assert app.calls == [
-        ("protect", [Path("rx1.bin"), Path("rx2.bin")],
-         {"nav": Path("b.22n"), "platform": Path("p.toml"), "out": Path("result"),
-          **dict(zip(settings, (1e-4, 60.0, 0.5, 2.5, 9e3, (57.7, 11.9), 27.0, 33.0), strict=True))}),
-        ("protect", [Path("rx1.bin"), Path("rx2.bin")],
-         {"nav": None, "platform": None, "out": Path("result"), **dict.fromkeys(settings)}),
+        (
+            "protect",
+            [Path("rx1.bin"), Path("rx2.bin")],
+            {
+                "nav": Path("b.22n"),
+                "platform": Path("p.toml"),
+                "out": Path("result"),
+                **dict(zip(settings, (1e-4, 60.0, 0.5, 2.5, 9e3, (57.7, 11.9), 27.0, 33.0), strict=True)),
+            },
+        ),
+        (
+            "protect",
+            [Path("rx1.bin"), Path("rx2.bin")],
+            {"nav": None, "platform": None, "out": Path("result"), **dict.fromkeys(settings)},
+        ),
         ("receive", [Path("rx1.bin")], {"out": Path("d"), "nav": Path("b.22n"), **dict.fromkeys(stretch)}),
-        ("receive", [Path("rx1.bin")],
-         {"out": Path("d"), "nav": None, **dict(zip(stretch, (9e3, (57.7, 11.9), 27.0, 33.0), strict=True))}),
+        (
+            "receive",
+            [Path("rx1.bin")],
+            {"out": Path("d"), "nav": None, **dict(zip(stretch, (9e3, (57.7, 11.9), 27.0, 33.0), strict=True))},
+        ),
         ("demo", Path("there"), {}),
-        ("simulate", "spin",
-         {"out": Path("d"), "seed": 7, "duration_s": 5.0, "depth": "samples", "container": "raw", "plot": False}),
-        ("simulate", "s.toml",
-         {"out": Path("d"), "seed": None, "duration_s": None, "depth": "all", "container": None, "plot": False}),
-    ]  # fmt: skip
+        (
+            "simulate",
+            "spin",
+            {"out": Path("d"), "seed": 7, "duration_s": 5.0, "depth": "samples", "container": "raw", "plot": False},
+        ),
+        (
+            "simulate",
+            "s.toml",
+            {"out": Path("d"), "seed": None, "duration_s": None, "depth": "all", "container": None, "plot": False},
+        ),
+    ]
 
 
 # What comes out
@@ -285,10 +352,15 @@ def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.Captu
     assert lines[0] == "SPOOFED"
     assert len(lines) < 27
     for line in (
-        "Since 2022-01-01 10:00:24 ± 0.5 s, GPS time", "rx1 trusted 59.4121000 16.8837000 31.0 0.8/1.1/2.3",
-        "rx1 false 59.4064892 16.8951443 43.1 0.8/1.1/2.3", "rx1 1 authentic G05", "rx1 1 spoofed G05",
-        "rx2 1 unknown G07", "not tested: ins_array (the report says why)", "report: result/report.html",
-    ):  # fmt: skip
+        "Since 2022-01-01 10:00:24 ± 0.5 s, GPS time",
+        "rx1 trusted 59.4121000 16.8837000 31.0 0.8/1.1/2.3",
+        "rx1 false 59.4064892 16.8951443 43.1 0.8/1.1/2.3",
+        "rx1 1 authentic G05",
+        "rx1 1 spoofed G05",
+        "rx2 1 unknown G07",
+        "not tested: ins_array (the report says why)",
+        "report: result/report.html",
+    ):
         assert line in lines, line
 
 
@@ -325,8 +397,12 @@ def test_simulate_says_what_was_made_and_how_to_make_it_again(app: App, capsys: 
     assert lines[0] == "takeover"
     assert ready("takeover").description.startswith(lines[1].strip())
     assert [line for line in lines if line.startswith("recording:")] == [f"recording: d/rx{k}.bin" for k in range(1, 9)]
-    assert lines[-4:] == ["  and 2 more", "observations: d/rx1.obs", "truth: d/truth.json",
-                          "the same again: skyproof simulate d/scenario.toml"]  # fmt: skip
+    assert lines[-4:] == [
+        "  and 2 more",
+        "observations: d/rx1.obs",
+        "truth: d/truth.json",
+        "the same again: skyproof simulate d/scenario.toml",
+    ]
 
 
 def test_simulate_tells_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
@@ -339,9 +415,7 @@ def test_simulate_tells_the_same_as_one_document(app: App, capsys: pytest.Captur
     assert "skyproof: interrupted: 2 files in d are whole, the others are not there" in err
 
 
-def test_the_ready_made_scenes_are_listed_with_a_sentence_each(
-    app: App, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_ready_made_scenes_are_listed_with_a_sentence_each(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["simulate", "--list"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert all(name in out for name in ready_made())
@@ -360,9 +434,7 @@ def test_study_tells_its_rows_and_claims(app: App, capsys: pytest.CaptureFixture
     assert app.calls == [("study", 9, {"seed": 4, "quick": False})]
 
 
-def test_study_tells_the_same_as_one_document(
-    app: App, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_study_tells_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     command = ["study", "multi-receiver.false-alarm", "--quick", "--json", "--plot", "--out", str(tmp_path / "new")]
     assert cli.main(command) == 0
     out, err = capsys.readouterr()
@@ -370,8 +442,10 @@ def test_study_tells_the_same_as_one_document(
     assert err == "skyproof: rows of multi-receiver.false-alarm\n"
     assert (document["format"], document["study"]) == ("skyproof-study/1", "multi-receiver.false-alarm")
     assert (document["seed"], document["trials"], document["quick"], document["interrupted"]) == (1, None, True, False)
-    assert document["rows"] == [{"method": "paper", "window_s": 10, "kept": 0.5},
-                                {"method": "skyproof", "window_s": 30, "kept": None}]  # fmt: skip
+    assert document["rows"] == [
+        {"method": "paper", "window_s": 10, "kept": 0.5},
+        {"method": "skyproof", "window_s": 30, "kept": None},
+    ]
     assert document["claims"][0]["agrees"] is True
     written = {path.name: path.read_text(encoding="utf-8") for path in (tmp_path / "new").iterdir()}
     assert written.keys() == {"multi-receiver.false-alarm.json", "multi-receiver.false-alarm.svg"}
@@ -407,9 +481,7 @@ def test_the_studies_are_listed_with_paper_and_figure(app: App, capsys: pytest.C
     assert not app.calls
 
 
-def test_the_table_of_all_figures_is_one_file(
-    app: App, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_table_of_all_figures_is_one_file(app: App, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["study", "--validation", str(tmp_path / "validation.md"), "--quick", "--seed", "7"]) == 0
     text = (tmp_path / "validation.md").read_text(encoding="utf-8")
     assert "seed 7, quick counts" in text
@@ -434,13 +506,19 @@ def open_skies() -> Verdict:
     sample = VERDICT.model_dump(mode="json")
     receiver = sample["receivers"][0] | {"trusted_fix": None, "false_fix": None, "unprotected_fix": None}
     [source], signal = sample["sources"], sample["signals"][0] | {"label": "unknown", "receiver": "rx1", "because": []}
-    places = {"S1": {"lat_deg": 59.41, "lon_deg": 16.88, "height_m": 31.0},
-              "S2": {"lat_deg": 58.25, "lon_deg": 15.5, "height_m": -4.0}}  # fmt: skip
-    return Verdict.model_validate(sample | {
-        "receivers": [receiver], "undecided_because": "which is true",
-        "sources": [source | {"name": name, "shows": place} for name, place in places.items()],
-        "signals": [signal | {"source": name, "copy": copy} for name, copy in zip(places, "ab", strict=True)],
-    })  # fmt: skip
+    places = {
+        "S1": {"lat_deg": 59.41, "lon_deg": 16.88, "height_m": 31.0},
+        "S2": {"lat_deg": 58.25, "lon_deg": 15.5, "height_m": -4.0},
+    }
+    return Verdict.model_validate(
+        sample
+        | {
+            "receivers": [receiver],
+            "undecided_because": "which is true",
+            "sources": [source | {"name": name, "shows": place} for name, place in places.items()],
+            "signals": [signal | {"source": name, "copy": copy} for name, copy in zip(places, "ab", strict=True)],
+        }
+    )
 
 
 def test_the_places_of_two_skies_are_shown_while_it_is_open_which_is_true(
@@ -604,8 +682,13 @@ def test_without_a_command_the_commands_are_listed_and_where_to_begin(capsys: py
     out = capsys.readouterr().out
     assert all(f" {command} " in out for command in COMMANDS)
     assert out.index(" protect ") < out.index(" demo ")
-    for line in ("skyproof demo --out demo", "skyproof inspect FILE", "skyproof protect FILE... ", "COMMAND --help",
-                 "--install-completion"):  # fmt: skip
+    for line in (
+        "skyproof demo --out demo",
+        "skyproof inspect FILE",
+        "skyproof protect FILE... ",
+        "COMMAND --help",
+        "--install-completion",
+    ):
         assert line in out
 
 

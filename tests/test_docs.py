@@ -30,13 +30,24 @@ from skyproof.testing import MeasuredScene
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 MADE_BY_MAKE = DOCS / "pages"
-GUIDE = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md",
-         *(page for page in sorted(DOCS.rglob("*.md")) if MADE_BY_MAKE not in page.parents))  # fmt: skip
+GUIDE = (
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "CHANGELOG.md",
+    *(page for page in sorted(DOCS.rglob("*.md")) if MADE_BY_MAKE not in page.parents),
+)
 COMMANDS = [name for name in app if not name.startswith("-")]
-MADE_BY_HOOKS = {DOCS / name for name in (
-    "tutorial.md", "contributing.md", "changelog.md", "validation.md", "report.html")}  # fmt: skip
-LICENCES_STANDARDS_DOIS = ("www.apache.org/licenses", "doi.org", "www.w3.org", "www.opengis.net", "json-schema.org",
-                           "www.google.com/kml/ext")  # fmt: skip
+MADE_BY_HOOKS = {
+    DOCS / name for name in ("tutorial.md", "contributing.md", "changelog.md", "validation.md", "report.html")
+}
+LICENCES_STANDARDS_DOIS = (
+    "www.apache.org/licenses",
+    "doi.org",
+    "www.w3.org",
+    "www.opengis.net",
+    "json-schema.org",
+    "www.google.com/kml/ext",
+)
 
 
 def text_of(path: Path) -> str:
@@ -50,8 +61,9 @@ def blocks(path: Path, language: str) -> list[str]:
 
 def code_spans(path: Path) -> list[str]:
     """What stands between single backticks, outside of fenced blocks and of what is made from the code."""
-    written = re.sub(r"^<!-- (?!end)[^\n]* -->\n(?:(?!<!-- ).)*?<!-- end -->", "", text_of(path),
-                     flags=re.MULTILINE | re.DOTALL)  # fmt: skip
+    written = re.sub(
+        r"^<!-- (?!end)[^\n]* -->\n(?:(?!<!-- ).)*?<!-- end -->", "", text_of(path), flags=re.MULTILINE | re.DOTALL
+    )
     return re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", written, flags=re.MULTILINE | re.DOTALL))
 
 
@@ -243,8 +255,11 @@ def test_the_words_of_the_glossary_are_in_order_and_used() -> None:
     assert [word for word in words if word.strip("`").lower() not in pages + rooms] == []
 
 
-@pytest.mark.parametrize("page", [page for page in GUIDE if blocks(page, "python") and page.name != "detector.md"],
-                         ids=lambda page: page.name)  # fmt: skip
+@pytest.mark.parametrize(
+    "page",
+    [page for page in GUIDE if blocks(page, "python") and page.name != "detector.md"],
+    ids=lambda page: page.name,
+)
 def test_the_python_of_every_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a verdict and observations that are at hand, in place of an hour of recordings."""
     verdict = read_verdict(ROOT / "tests" / "formats" / "verdict-sample.json")
@@ -261,8 +276,11 @@ def test_the_python_of_every_page_runs(page: Path, tmp_path: Path, monkeypatch: 
 
 def test_the_python_page_uses_every_name_that_is_promised() -> None:
     code = "\n".join(blocks(DOCS / "python" / "index.md", "python"))
-    used = {node.attr for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Attribute)
-            and isinstance(node.value, ast.Name) and node.value.id == "sp"}  # fmt: skip
+    used = {
+        node.attr
+        for node in ast.walk(ast.parse(code))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "sp"
+    }
     assert used == set(skyproof.__all__)
 
 
@@ -279,8 +297,10 @@ def test_the_detector_of_the_manual_meets_the_contract_and_is_found(
     told = tmp_path / f"{project['name']}-{project['version']}.dist-info"
     told.mkdir()
     (told / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-    lines = [f"[{group}]\n" + "".join(f"{name} = {at}\n" for name, at in points.items())
-             for group, points in project["entry-points"].items()]  # fmt: skip
+    lines = [
+        f"[{group}]\n" + "".join(f"{name} = {at}\n" for name, at in points.items())
+        for group, points in project["entry-points"].items()
+    ]
     (told / "entry_points.txt").write_text("\n".join(lines))
     monkeypatch.syspath_prepend(str(tmp_path))
     names: dict[str, object] = {}
@@ -305,8 +325,9 @@ def test_the_manual_builds_without_a_warning_and_without_a_network(tmp_path: Pat
     assert len(pages) > 40
     fetched = re.compile(r"<(?:script|img|link|iframe)[^>]+(?:src|href)=\"?(https?:)?//")
     assert [page.name for page in pages if fetched.search(text_of(page))] == []
-    assert "<!--" not in re.sub(r"<code>.*?</code>|<pre.*?</pre>", "", text_of(tmp_path / "site" / "commands.html"),
-                                flags=re.DOTALL)  # fmt: skip
+    assert "<!--" not in re.sub(
+        r"<code>.*?</code>|<pre.*?</pre>", "", text_of(tmp_path / "site" / "commands.html"), flags=re.DOTALL
+    )
 
 
 def test_the_notebook_has_the_form_of_one() -> None:

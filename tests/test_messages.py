@@ -174,8 +174,11 @@ def test_files_that_the_system_refuses_are_told(tmp_path: Path, monkeypatch: pyt
 
 
 def sigmf_files(folder: Path, data: bytes, captures: list[dict[str, Any]], **more: Any) -> Path:
-    meta = {"global": {"core:datatype": "ci8", "core:sample_rate": 1e6, "core:version": "1.2.0"} | more,
-            "captures": captures, "annotations": []}  # fmt: skip
+    meta = {
+        "global": {"core:datatype": "ci8", "core:sample_rate": 1e6, "core:version": "1.2.0"} | more,
+        "captures": captures,
+        "annotations": [],
+    }
     (folder / "rec.sigmf-data").write_bytes(data)
     (folder / "rec.sigmf-meta").write_text(json.dumps(meta), encoding="utf-8")
     return folder / "rec.sigmf-meta"

@@ -21,8 +21,10 @@ def ended(redirections: str, *arguments: str, encoding: str = "utf-8") -> tuple[
     code = "import sys; from skyproof.cli import main; sys.exit(main())"
     run = subprocess.run(
         ["sh", "-c", f'exec "$@" {redirections}', "sh", sys.executable, "-c", code, *arguments],
-        capture_output=True, check=False, env=os.environ | {"PYTHONIOENCODING": encoding},
-    )  # fmt: skip
+        capture_output=True,
+        check=False,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+    )
     return run.returncode, run.stdout, run.stderr.decode()
 
 
@@ -47,9 +49,7 @@ def test_who_has_read_enough_is_not_told_of_it(arguments):
     read, write = os.pipe()
     os.close(read)
     code = "import sys; from skyproof.cli import main; sys.exit(main())"
-    run = subprocess.run(
-        [sys.executable, "-c", code, *arguments], stdout=write, stderr=subprocess.PIPE, check=False
-    )  # fmt: skip
+    run = subprocess.run([sys.executable, "-c", code, *arguments], stdout=write, stderr=subprocess.PIPE, check=False)
     os.close(write)
     assert (run.returncode, run.stderr) == (141, b"")
 

@@ -42,11 +42,15 @@ class Honest:
 
     def said(self, records, chance, **changes):
         evidence = Evidence(
-            detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst,
-            subject=signals_of(records.observations), because="", statistic=round(chance, 4),
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=signals_of(records.observations),
+            because="",
+            statistic=round(chance, 4),
             says="attack" if chance < self.settings.false_alarm_probability else "clean",
             false_alarm_probability=self.settings.false_alarm_probability,
-        )  # fmt: skip
+        )
         return replace(evidence, **changes)
 
 
@@ -195,9 +199,13 @@ def with_taps(rng):
     (first, _) = records.observations
     value = rng.standard_normal((4, len(first.signals), 1, 3)).astype(np.complex64)
     taps = Taps(
-        receiver=first.receiver, signals=first.signals, elapsed_s=first.elapsed_s,
-        delays_chips=np.array([0.5, 0.0, -0.5]), dopplers_hz=np.zeros(1), value=value,
-    )  # fmt: skip
+        receiver=first.receiver,
+        signals=first.signals,
+        elapsed_s=first.elapsed_s,
+        delays_chips=np.array([0.5, 0.0, -0.5]),
+        dopplers_hz=np.zeros(1),
+        value=value,
+    )
     return replace(records, extras={"taps": (taps,)})
 
 

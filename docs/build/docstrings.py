@@ -14,8 +14,10 @@ def items_of(docstring: str) -> list[tuple[list[str], str]]:
     for paragraph in re.split(r"\n\s*\n", "\n".join(line.strip() for line in docstring.splitlines())):
         parts = ITEM.split(paragraph)
         if parts[0].strip() == "" or len(parts) > 1:
-            found += [(names.split(", "), " ".join(text.split()))
-                      for names, text in zip(parts[1::2], parts[2::2], strict=True)]  # fmt: skip
+            found += [
+                (names.split(", "), " ".join(text.split()))
+                for names, text in zip(parts[1::2], parts[2::2], strict=True)
+            ]
     return found
 
 

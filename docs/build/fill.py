@@ -1,7 +1,7 @@
 """Writes what is made into the pages where a reader meets it unbuilt, between each mark and its end.
 
-    python docs/build/fill.py          what the code alone tells: commands, keys, scenes, studies
-    python docs/build/fill.py --run    besides, what commands print, and the outputs of the notebook's cells
+python docs/build/fill.py          what the code alone tells: commands, keys, scenes, studies
+python docs/build/fill.py --run    besides, what commands print, and the outputs of the notebook's cells
 """
 
 import json

@@ -34,8 +34,14 @@ STUDY_ROOMS = ("studies", "detectors", "statistics", "navigation", "simulator", 
 def fingerprint(rooms: tuple[str, ...] = ("",)) -> str:
     """A hash of the sources in some rooms of the package."""
     package = ROOT / "src" / "skyproof"
-    found = sorted({path for room in rooms for path in ([package / room] if (package / room).is_file() else
-                    (package / room).rglob("*")) if path.suffix in {".py", ".toml", ".html", ".css"}})  # fmt: skip
+    found = sorted(
+        {
+            path
+            for room in rooms
+            for path in ([package / room] if (package / room).is_file() else (package / room).rglob("*"))
+            if path.suffix in {".py", ".toml", ".html", ".css"}
+        }
+    )
     digest = hashlib.sha256()
     for path in found:
         digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
@@ -131,7 +137,7 @@ def notebook(path: Path) -> str:
 
 def _as_markdown(output: dict[str, Any]) -> str:
     if output["output_type"] == "stream":
-        return f"<div class=\"output\" markdown>\n\n```text\n{''.join(output['text']).rstrip()}\n```\n\n</div>"
+        return f'<div class="output" markdown>\n\n```text\n{"".join(output["text"]).rstrip()}\n```\n\n</div>'
     data = output["data"]
     if "image/svg+xml" in data:
         octets = base64.b64encode("".join(data["image/svg+xml"]).encode()).decode()

@@ -70,7 +70,6 @@ WORDS = {
 """What keys mean that are told nowhere else, by key or by Model.key."""
 
 
-
 def commands() -> str:
     """Every command with its arguments, options and examples, as the command line itself tells them."""
     _, *sections = re.split(r"^## skyproof (\S+)\n", app.generate_docs(output_format="markdown"), flags=re.MULTILINE)

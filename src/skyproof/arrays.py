@@ -4,8 +4,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "Booleans", "ComplexFloats", "Complexes", "Floats", "Indices", "Instants", "Integers", "Octets", "Reals",
-]  # fmt: skip
+    "Booleans",
+    "ComplexFloats",
+    "Complexes",
+    "Floats",
+    "Indices",
+    "Instants",
+    "Integers",
+    "Octets",
+    "Reals",
+]
 
 Reals = NDArray[np.float64]
 Floats = NDArray[np.float32]

@@ -15,18 +15,33 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 __all__ = [
-    "InputError", "NotEnoughData", "OutputError", "ScenarioError", "SettingsError", "SkyproofError", "fault_words",
-    "readable", "require_probability", "shortened", "shown",
-]  # fmt: skip
+    "InputError",
+    "NotEnoughData",
+    "OutputError",
+    "ScenarioError",
+    "SettingsError",
+    "SkyproofError",
+    "fault_words",
+    "readable",
+    "require_probability",
+    "shortened",
+    "shown",
+]
 
 _LONGEST: Final = 60
 """Of a value or a key that is named, in characters."""
 _LONGEST_MESSAGE: Final = 3000
 _BOUNDS: Final = {"ge": "{:g} or more", "gt": "more than {:g}", "le": "{:g} or less", "lt": "less than {:g}"}
 _KINDS: Final = {
-    "int_": "a whole number", "float_": "a number", "string_type": "a text", "bool_": "true or false",
-    "tuple_type": "a list", "list_type": "a list", "dict_type": "a table", "model_": "a table",
-}  # fmt: skip
+    "int_": "a whole number",
+    "float_": "a number",
+    "string_type": "a text",
+    "bool_": "true or false",
+    "tuple_type": "a list",
+    "list_type": "a list",
+    "dict_type": "a table",
+    "model_": "a table",
+}
 """What Pydantic expects, by the beginning of its fault's type."""
 
 

@@ -21,11 +21,33 @@ from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 
 __all__ = [
-    "CELL_STATUS", "FIX_STATUS", "ArrayPhases", "Baseline", "Ccaf", "CellStatus", "ConsistentSet", "Ephemeris",
-    "Evidence", "Fix", "FixStatus", "ImuSeries", "Klobuchar", "NavState", "NavigationData",
-    "Observations", "OpenFile", "Records", "SampleGap", "Samples", "SignalId", "SignalRef", "SpinArm",
-    "Taps", "UtcParameters", "freeze",
-]  # fmt: skip
+    "CELL_STATUS",
+    "FIX_STATUS",
+    "ArrayPhases",
+    "Baseline",
+    "Ccaf",
+    "CellStatus",
+    "ConsistentSet",
+    "Ephemeris",
+    "Evidence",
+    "Fix",
+    "FixStatus",
+    "ImuSeries",
+    "Klobuchar",
+    "NavState",
+    "NavigationData",
+    "Observations",
+    "OpenFile",
+    "Records",
+    "SampleGap",
+    "Samples",
+    "SignalId",
+    "SignalRef",
+    "SpinArm",
+    "Taps",
+    "UtcParameters",
+    "freeze",
+]
 
 
 class CellStatus(IntEnum):
@@ -222,13 +244,28 @@ class Observations:
         if half_open.ndim == 0:
             object.__setattr__(self, "half_cycle_open", np.full(np.shape(self.status), half_open))
         cell = ("epoch", "channel")
-        cells = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
-                 "doppler_sigma_hz", "status", "half_cycle_open")  # fmt: skip
+        cells = (
+            "pseudorange_m",
+            "carrier_cyc",
+            "doppler_hz",
+            "cn0_dbhz",
+            "pseudorange_sigma_m",
+            "carrier_sigma_cyc",
+            "doppler_sigma_hz",
+            "status",
+            "half_cycle_open",
+        )
         freeze(
             self,
-            {"gpst": ("epoch",), "elapsed_s": ("epoch",), "found_elapsed_s": ("channel",),
-             "missed_elapsed_s": ("channel",), "carrier_hz": ("channel",)} | {name: cell for name in cells},
-        )  # fmt: skip
+            {
+                "gpst": ("epoch",),
+                "elapsed_s": ("epoch",),
+                "found_elapsed_s": ("channel",),
+                "missed_elapsed_s": ("channel",),
+                "carrier_hz": ("channel",),
+            }
+            | {name: cell for name in cells},
+        )
         if len(self.signals) != self.found_elapsed_s.size:
             raise ValueError(f"Observations has {len(self.signals)} signals for {self.found_elapsed_s.size} channels")
 
@@ -253,9 +290,13 @@ class Taps:
     def __post_init__(self) -> None:
         freeze(
             self,
-            {"elapsed_s": ("epoch",), "delays_chips": ("delay",), "dopplers_hz": ("doppler",),
-             "value": ("epoch", "channel", "doppler", "delay")},
-        )  # fmt: skip
+            {
+                "elapsed_s": ("epoch",),
+                "delays_chips": ("delay",),
+                "dopplers_hz": ("doppler",),
+                "value": ("epoch", "channel", "doppler", "delay"),
+            },
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -291,10 +332,17 @@ class Ccaf:
         cell = ("epoch", "channel")
         freeze(
             self,
-            {"gpst": ("epoch",), "elapsed_s": ("epoch",), "delays_chips": ("delay",), "dopplers_hz": ("doppler",),
-             "reference_m": cell, "reference_hz": cell, "noise_variance": cell,
-             "value": ("epoch", "channel", "doppler", "delay")},
-        )  # fmt: skip
+            {
+                "gpst": ("epoch",),
+                "elapsed_s": ("epoch",),
+                "delays_chips": ("delay",),
+                "dopplers_hz": ("doppler",),
+                "reference_m": cell,
+                "reference_hz": cell,
+                "noise_variance": cell,
+                "value": ("epoch", "channel", "doppler", "delay"),
+            },
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -333,9 +381,11 @@ class NavState:
 
     def __post_init__(self) -> None:
         shapes: dict[str, tuple[str, ...]] = {
-            "time_s": ("n",), "position_ecef_m": ("n", "3"), "velocity_ecef_m_s": ("n", "3"),
+            "time_s": ("n",),
+            "position_ecef_m": ("n", "3"),
+            "velocity_ecef_m_s": ("n", "3"),
             "attitude": ("n", "3", "3"),
-        }  # fmt: skip
+        }
         freeze(self, shapes | ({} if self.covariance is None else {"covariance": ("n", "9", "9")}))
 
 
@@ -368,9 +418,15 @@ class ArrayPhases:
         cell = ("epoch", "channel", "antenna")
         freeze(
             self,
-            {"gpst": ("epoch",), "elapsed_s": ("epoch",), "elements_m": ("antenna", "3"), "phase_cyc": cell,
-             "sigma_cyc": cell, "carrier_hz": ("channel",)},
-        )  # fmt: skip
+            {
+                "gpst": ("epoch",),
+                "elapsed_s": ("epoch",),
+                "elements_m": ("antenna", "3"),
+                "phase_cyc": cell,
+                "sigma_cyc": cell,
+                "carrier_hz": ("channel",),
+            },
+        )
         if len(self.signals) != self.carrier_hz.size:
             raise ValueError(f"ArrayPhases has {len(self.signals)} signals for {self.carrier_hz.size} channels")
 
@@ -418,10 +474,17 @@ class Fix:
     def __post_init__(self) -> None:
         freeze(
             self,
-            {"gpst": ("epoch",), "position_ecef_m": ("epoch", "3"), "velocity_ecef_m_s": ("epoch", "3"),
-             "clock_bias_s": ("epoch",), "clock_drift": ("epoch",), "covariance_m2": ("epoch", "4", "4"),
-             "residual_m": ("epoch", "signal"), "status": ("epoch",)},
-        )  # fmt: skip
+            {
+                "gpst": ("epoch",),
+                "position_ecef_m": ("epoch", "3"),
+                "velocity_ecef_m_s": ("epoch", "3"),
+                "clock_bias_s": ("epoch",),
+                "clock_drift": ("epoch",),
+                "covariance_m2": ("epoch", "4", "4"),
+                "residual_m": ("epoch", "signal"),
+                "status": ("epoch",),
+            },
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -41,9 +41,18 @@ from skyproof.records import (
 from skyproof.statistics.distributions import binomial_survival, binomial_two_sided
 
 __all__ = [
-    "FalseSky", "MeasuredScene", "TrackErrors", "check_channel_order", "check_declarations", "check_detector",
-    "check_false_alarms", "check_inputs_untouched", "check_missing_told", "check_pieces", "check_repeatable",
-]  # fmt: skip
+    "FalseSky",
+    "MeasuredScene",
+    "TrackErrors",
+    "check_channel_order",
+    "check_declarations",
+    "check_detector",
+    "check_false_alarms",
+    "check_inputs_untouched",
+    "check_missing_told",
+    "check_pieces",
+    "check_repeatable",
+]
 
 ALARMS = ("spoofed", "attack")
 
@@ -84,9 +93,7 @@ def check_detector(
         check_repeatable(make, records)
         check_channel_order(make, records, rng)
     check_pieces(make, examples)
-    check_false_alarms(
-        make, (null_records(rng) for _ in range(windows)), alarms=alarms, conservative=conservative
-    )
+    check_false_alarms(make, (null_records(rng) for _ in range(windows)), alarms=alarms, conservative=conservative)
 
 
 def check_declarations(detector: Detector) -> None:
@@ -366,20 +373,27 @@ class MeasuredScene:
             for copy, (there_ecef_m, way_m) in enumerate(heard):
                 true_s = np.asarray(since_s - bias_s - way_m / SPEED_OF_LIGHT_M_S, float)
                 ranges_m += [
-                    _range_m(orbit, navigation, there_ecef_m, self.start_gpst, true_s) + way_m
+                    _range_m(orbit, navigation, there_ecef_m, self.start_gpst, true_s)
+                    + way_m
                     + SPEED_OF_LIGHT_M_S * bias_s
                     for orbit in orbits
-                ]  # fmt: skip
+                ]
                 names = tuple(SignalId(orbit.sat, copy="abcdefgh"[copy]) for orbit in orbits)
                 signals += names
                 middle = self.start_gpst + np.timedelta64(round(since_s[self.epochs // 2] * 1e9), "ns")
                 sets.append(
                     ConsistentSet(
-                        receiver=receiver, signals=names, gpst=middle, position_ecef_m=there_ecef_m,
-                        clock_bias_s=bias_s + way_m / SPEED_OF_LIGHT_M_S, covariance_m2=np.eye(4),
-                        statistic=float(len(names) - 4), dof=len(names) - 4, p_value=0.4,
+                        receiver=receiver,
+                        signals=names,
+                        gpst=middle,
+                        position_ecef_m=there_ecef_m,
+                        clock_bias_s=bias_s + way_m / SPEED_OF_LIGHT_M_S,
+                        covariance_m2=np.eye(4),
+                        statistic=float(len(names) - 4),
+                        dof=len(names) - 4,
+                        p_value=0.4,
                     )
-                )  # fmt: skip
+                )
             exact.append(self._observations(receiver, tuple(signals), since_s, np.array(ranges_m).T))
         object.__setattr__(self, "_exact", exact)
         object.__setattr__(self, "_sets", tuple(sets))

@@ -15,9 +15,21 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 __all__ = [
-    "VERDICT_FORMAT", "Because", "InputFile", "Label", "Method", "Place", "Position", "Receiver", "Signal", "Source",
-    "Verdict", "VerdictWord", "notebook_html", "possible_places",
-]  # fmt: skip
+    "VERDICT_FORMAT",
+    "Because",
+    "InputFile",
+    "Label",
+    "Method",
+    "Place",
+    "Position",
+    "Receiver",
+    "Signal",
+    "Source",
+    "Verdict",
+    "VerdictWord",
+    "notebook_html",
+    "possible_places",
+]
 
 VERDICT_FORMAT: Literal["skyproof-verdict/1"] = "skyproof-verdict/1"
 
@@ -250,13 +262,23 @@ class Verdict(_Model):
             sentences.append(f"Not decided: {self.undecided_because}.")
         if self.assumed is not None:
             sentences.append(self.assumed)
-        kinds = [(r.name, kind, fix) for r in self.receivers for kind, fix in (
-            ("trusted", r.trusted_fix), ("false", r.false_fix), ("unprotected", r.unprotected_fix))]  # fmt: skip
+        kinds = [
+            (r.name, kind, fix)
+            for r in self.receivers
+            for kind, fix in (("trusted", r.trusted_fix), ("false", r.false_fix), ("unprotected", r.unprotected_fix))
+        ]
         positions = [
-            (name, kind, f"{fix.lat_deg:.7f}", f"{fix.lon_deg:.7f}", f"{fix.height_m:.1f}",
-             f"{fix.sigma_east_m:.1f}, {fix.sigma_north_m:.1f}, {fix.sigma_up_m:.1f}")
-            for name, kind, fix in kinds if fix is not None
-        ]  # fmt: skip
+            (
+                name,
+                kind,
+                f"{fix.lat_deg:.7f}",
+                f"{fix.lon_deg:.7f}",
+                f"{fix.height_m:.1f}",
+                f"{fix.sigma_east_m:.1f}, {fix.sigma_north_m:.1f}, {fix.sigma_up_m:.1f}",
+            )
+            for name, kind, fix in kinds
+            if fix is not None
+        ]
         positions += [
             (names, source, f"{place.lat_deg:.7f}", f"{place.lon_deg:.7f}", f"{place.height_m:.1f}", "")
             for names, source, place in possible_places(self)
@@ -266,10 +288,11 @@ class Verdict(_Model):
             own = sats.setdefault((s.receiver, s.label), [])
             own += [] if s.sat in own else [s.sat]
         return notebook_html(
-            self.verdict.capitalize(), sentences,
+            self.verdict.capitalize(),
+            sentences,
             (("receiver", "position", "latitude, °", "longitude, °", "height, m", "σ east, north, up, m"), positions),
             (("receiver", "label", "satellites"), [(*key, " ".join(own)) for key, own in sats.items()]),
-        )  # fmt: skip
+        )
 
 
 def possible_places(verdict: Verdict) -> list[tuple[str, str, Place]]:

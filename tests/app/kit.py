@@ -22,20 +22,43 @@ NEAR_M = 100.0  # a signal whose delay is no nearer than this to any true one is
 START = np.datetime64("2024-05-14T09:59:58", "ns")  # two seconds before subframe 1
 
 PLACES = (
-    Receiver(name="bow", lat_deg=57.7012, lon_deg=11.9321, height_m=52.0, start_offset_s=2.1e-5, clock_offset_s=1.9e-4,
-             lo_ppm=0.4),
-    Receiver(name="stern", lat_deg=57.7009, lon_deg=11.93295, height_m=51.0, start_offset_s=6.4e-5,
-             clock_offset_s=-2.7e-4, lo_ppm=-0.6),
-    Receiver(name="mast", lat_deg=57.70145, lon_deg=11.93285, height_m=64.0, start_offset_s=-3.1e-5,
-             clock_offset_s=4.2e-4, lo_ppm=0.9),
-)  # fmt: skip
+    Receiver(
+        name="bow",
+        lat_deg=57.7012,
+        lon_deg=11.9321,
+        height_m=52.0,
+        start_offset_s=2.1e-5,
+        clock_offset_s=1.9e-4,
+        lo_ppm=0.4,
+    ),
+    Receiver(
+        name="stern",
+        lat_deg=57.7009,
+        lon_deg=11.93295,
+        height_m=51.0,
+        start_offset_s=6.4e-5,
+        clock_offset_s=-2.7e-4,
+        lo_ppm=-0.6,
+    ),
+    Receiver(
+        name="mast",
+        lat_deg=57.70145,
+        lon_deg=11.93285,
+        height_m=64.0,
+        start_offset_s=-3.1e-5,
+        clock_offset_s=4.2e-4,
+        lo_ppm=0.9,
+    ),
+)
 ENU_M = {
     place.name: tuple(
-        (rot_enu_ecef(*PLACES[0].geodetic_rad[:2])
-         @ (ecef_from_geodetic(*place.geodetic_rad) - ecef_from_geodetic(*PLACES[0].geodetic_rad))).tolist()
+        (
+            rot_enu_ecef(*PLACES[0].geodetic_rad[:2])
+            @ (ecef_from_geodetic(*place.geodetic_rad) - ecef_from_geodetic(*PLACES[0].geodetic_rad))
+        ).tolist()
     )
     for place in PLACES
-}  # fmt: skip
+}
 DISTANCE_M = round(float(np.linalg.norm(ENU_M["stern"])), 1)
 """Between the antennas of bow and stern."""
 TRANSMIT = Place(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0)
@@ -43,14 +66,24 @@ ELSEWHERE = Place(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0)
 
 
 def scenario_of(
-    *, receivers: int = 2, duration_s: float = 34.0, start_gpst: np.datetime64 = START, attacks: tuple = (),
-    front_end: FrontEnd | None = None, seed: int = 1,
-) -> Scenario:  # fmt: skip
+    *,
+    receivers: int = 2,
+    duration_s: float = 34.0,
+    start_gpst: np.datetime64 = START,
+    attacks: tuple = (),
+    front_end: FrontEnd | None = None,
+    seed: int = 1,
+) -> Scenario:
     """Receivers on a ship at a quay: 60 m and 45 m apart."""
     return Scenario(
-        seed=seed, start_gpst=start_gpst, duration_s=duration_s, receivers=PLACES[:receivers], attacks=attacks,
-        front_end=front_end or FrontEnd(), sky=Sky(zenith_cn0_dbhz=50.0, horizon_cn0_dbhz=42.0),
-    )  # fmt: skip
+        seed=seed,
+        start_gpst=start_gpst,
+        duration_s=duration_s,
+        receivers=PLACES[:receivers],
+        attacks=attacks,
+        front_end=front_end or FrontEnd(),
+        sky=Sky(zenith_cn0_dbhz=50.0, horizon_cn0_dbhz=42.0),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +130,10 @@ class Judged:
                     column = true[rows, o.signals.index(s.ref.signal)]
                     wrong = (column != "") & (column != s.label)
                     if np.sum(wrong) * np.median(np.diff(o.elapsed_s)) >= 1.0:
-                        faults.append(f"{s.ref} is called {s.label}, but is {set(column[wrong])} in {wrong.sum()} "
-                                      f"of {wrong.size} epochs")  # fmt: skip
+                        faults.append(
+                            f"{s.ref} is called {s.label}, but is {set(column[wrong])} in {wrong.sum()} "
+                            f"of {wrong.size} epochs"
+                        )
         return faults
 
     def named(self, label: str, receiver: str) -> set[str]:
@@ -108,9 +143,10 @@ class Judged:
         return {
             s.ref.signal.sat
             for s in self.result.outcome.decision.labels
-            if s.ref.receiver == receiver and s.label == label
+            if s.ref.receiver == receiver
+            and s.label == label
             and (true[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)] == label).any()
-        }  # fmt: skip
+        }
 
     def trusted_error_m(self, receiver: str) -> NDArray[np.float64]:
         """(n_epochs,) distance of the trusted fixes from the truth, NaN where there is none."""

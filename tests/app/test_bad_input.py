@@ -235,9 +235,13 @@ def test_a_navigation_file_of_another_day_is_refused(run, pair, tmp_path):
     write_nav(tmp_path / "old.rnx", nominal_constellation(np.datetime64("2024-05-12T10:00:00", "ns")))
     ended = run(*pair.paths, nav=tmp_path / "old.rnx")
     assert_refused(
-        ended, tmp_path / "old.rnx", "are for 2024-05-12T10:00:00 to 2024-05-12T10:00:00", f"{pair.paths[0]} was",
-        "recorded at 2024-05-14T09:59:5", "give the navigation file of that day",
-    )  # fmt: skip
+        ended,
+        tmp_path / "old.rnx",
+        "are for 2024-05-12T10:00:00 to 2024-05-12T10:00:00",
+        f"{pair.paths[0]} was",
+        "recorded at 2024-05-14T09:59:5",
+        "give the navigation file of that day",
+    )
 
 
 @pytest.mark.shared_data
@@ -271,17 +275,22 @@ def later(kit, tmp_path_factory):
 
 @pytest.mark.parametrize(
     "date",
-    [pytest.param(None, id="true-dates", marks=pytest.mark.long),
-     pytest.param('"2024-05-14T09:59:56"', id="the-dates-agree")],
-)  # fmt: skip
+    [
+        pytest.param(None, id="true-dates", marks=pytest.mark.long),
+        pytest.param('"2024-05-14T09:59:56"', id="the-dates-agree"),
+    ],
+)
 def test_receivers_recorded_at_different_times_are_refused(run, pair, later, tmp_path, date):
     """By the signals' own time: a recorder's date may be wrong, and may hide it."""
     other = later.paths[1] if date is None else copied(later.paths[1], tmp_path, start_gpst=date)
     ended = run(pair.paths[0], other, nav=pair.nav)
     assert_refused(
-        ended, f"{other} was recorded from 2024-05-14T10:04:5", f"but {pair.paths[0]} from 2024-05-14T09:59:5",
-        "no common time", "give recordings of the same time",
-    )  # fmt: skip
+        ended,
+        f"{other} was recorded from 2024-05-14T10:04:5",
+        f"but {pair.paths[0]} from 2024-05-14T09:59:5",
+        "no common time",
+        "give recordings of the same time",
+    )
 
 
 def test_a_wrong_date_is_told_and_the_signals_time_is_used(run, pair, tmp_path):
@@ -558,10 +567,12 @@ def test_ctrl_c_after_the_decision_does_not_lose_it(run, wide, monkeypatch, pres
 
 @pytest.mark.parametrize(
     ("second", "words"),
-    [(("finding", 1), "nothing was decided, and nothing written"),
-     (("writing", 2), "the verdict is 'undecided', but its files were not written; .*out is as it was")],
+    [
+        (("finding", 1), "nothing was decided, and nothing written"),
+        (("writing", 2), "the verdict is 'undecided', but its files were not written; .*out is as it was"),
+    ],
     ids=["deciding", "writing"],
-)  # fmt: skip
+)
 def test_a_second_ctrl_c_ends_it_and_leaves_no_half_file(run, wide, monkeypatch, second, words):
     monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("tracking", 1.0), second))
     ended = run(wide, options=["--json"])
@@ -575,10 +586,15 @@ def test_a_second_ctrl_c_ends_it_and_leaves_no_half_file(run, wide, monkeypatch,
 
 @pytest.mark.parametrize(
     ("presses", "err"),
-    [([("tracking", 1.0)], "interrupted: this is what was received so far"),
-     ([("tracking", 6.0), ("writing", 1)], "interrupted a second time, before what was received .*; .* is as it was")],
+    [
+        ([("tracking", 1.0)], "interrupted: this is what was received so far"),
+        (
+            [("tracking", 6.0), ("writing", 1)],
+            "interrupted a second time, before what was received .*; .* is as it was",
+        ),
+    ],
     ids=["once", "twice"],
-)  # fmt: skip
+)
 def test_ctrl_c_while_receiving_keeps_what_was_received(pair, tmp_path, capsys, monkeypatch, presses, err):
     watched = Interrupting(*presses)
     monkeypatch.setattr(receive_command, "progress", lambda: watched)
@@ -595,8 +611,18 @@ def test_ctrl_c_while_receiving_keeps_what_was_received(pair, tmp_path, capsys, 
 
 @pytest.mark.long
 def test_a_real_ctrl_c_ends_the_program_in_order(pair, tmp_path):
-    command = [sys.executable, "-c", "import sys; from skyproof.cli import main; sys.exit(main())", "protect",
-               *map(str, pair.paths), "--nav", str(pair.nav), "--out", str(tmp_path), "--json"]  # fmt: skip
+    command = [
+        sys.executable,
+        "-c",
+        "import sys; from skyproof.cli import main; sys.exit(main())",
+        "protect",
+        *map(str, pair.paths),
+        "--nav",
+        str(pair.nav),
+        "--out",
+        str(tmp_path),
+        "--json",
+    ]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"NUMBA_NUM_THREADS": "1"}
     )

@@ -20,9 +20,10 @@ from skyproof.simulator.scenario import Place
 def anywhere(rng: np.random.Generator) -> tuple[Place, np.datetime64]:
     """A place on land or sea between 70 S and 70 N, and a moment in four years."""
     place = Place(
-        lat_deg=float(np.degrees(np.arcsin(rng.uniform(-0.94, 0.94)))), lon_deg=float(rng.uniform(-180.0, 180.0)),
+        lat_deg=float(np.degrees(np.arcsin(rng.uniform(-0.94, 0.94)))),
+        lon_deg=float(rng.uniform(-180.0, 180.0)),
         height_m=float(rng.uniform(0.0, 1500.0)),
-    )  # fmt: skip
+    )
     return place, np.datetime64("2021-01-01T00:00:00", "ns") + np.timedelta64(int(rng.integers(126_230_400)), "s")
 
 
@@ -35,9 +36,15 @@ def clean_windows_by_measurement(n_scenes: int, seed: int) -> tuple[int, int, in
         baseline_m = float(rng.uniform(20.0, 200.0))
         settings = Settings(antenna_distance_m=baseline_m if number % 2 else None)
         scenario = scenes.clean(
-            place, start, duration_s=61.0, baseline_m=baseline_m, mask_deg=10.0, seed=number,
-            zenith_cn0_dbhz=float(rng.uniform(42.0, 52.0)), horizon_cn0_dbhz=float(rng.uniform(34.0, 42.0)),
-        )  # fmt: skip
+            place,
+            start,
+            duration_s=61.0,
+            baseline_m=baseline_m,
+            mask_deg=10.0,
+            seed=number,
+            zenith_cn0_dbhz=float(rng.uniform(42.0, 52.0)),
+            horizon_cn0_dbhz=float(rng.uniform(34.0, 42.0)),
+        )
         navigation = nominal_constellation(start)
         noise = NoiseModel(sigma_m=0.7, ar1=float(rng.choice([0.0, 0.9])), constant_m=1.0)
         observed, _ = observations_of(scenario, navigation, rng=rng, noise=noise)
@@ -83,9 +90,15 @@ def test_two_hundred_windows_of_clean_samples_bear_no_false_label():
         place, start = anywhere(rng)
         baseline_m = float(rng.uniform(30.0, 150.0))
         scenario = scenes.clean(
-            place, start, duration_s=60.5, baseline_m=baseline_m, mask_deg=8.0, seed=number,
-            zenith_cn0_dbhz=float(rng.uniform(44.0, 51.0)), horizon_cn0_dbhz=float(rng.uniform(36.0, 42.0)),
-        )  # fmt: skip
+            place,
+            start,
+            duration_s=60.5,
+            baseline_m=baseline_m,
+            mask_deg=8.0,
+            seed=number,
+            zenith_cn0_dbhz=float(rng.uniform(44.0, 51.0)),
+            horizon_cn0_dbhz=float(rng.uniform(36.0, 42.0)),
+        )
         outcome = protect_in_memory(scenario, baseline_m)
         windows += len({e.start_gpst for e in outcome.evidence})
         false += sum(s.label == "spoofed" for s in outcome.decision.labels) + (outcome.decision.verdict == "spoofed")

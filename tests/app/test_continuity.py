@@ -18,8 +18,15 @@ from skyproof.records import NavigationData, Samples
 from skyproof.simulator.measurements import NoiseModel, observations_of
 from skyproof.simulator.scenario import FrontEnd
 
-CELLS = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
-         "doppler_sigma_hz")  # fmt: skip
+CELLS = (
+    "pseudorange_m",
+    "carrier_cyc",
+    "doppler_hz",
+    "cn0_dbhz",
+    "pseudorange_sigma_m",
+    "carrier_sigma_cyc",
+    "doppler_sigma_hz",
+)
 EPOCH_S = 0.2
 
 
@@ -33,7 +40,7 @@ def reception(o):
     samples = Samples(name=o.receiver, rate_hz=1e6, n_samples=1, read=lambda start, count: np.zeros((2, 0), np.float32))
     return Reception(
         samples=samples, observations=o, told=NavigationData(ephemerides=()), n_signals=len(o.signals), examined_s=1.0
-    )  # fmt: skip
+    )
 
 
 def halves(one, other, row):
@@ -56,9 +63,7 @@ def pair(kit):
     scenario = kit.scenario_of(duration_s=35.0)
     navigation = nominal_constellation(scenario.start_gpst)
     noise = NoiseModel(sigma_m=1.5, carrier_sigma_cyc=0.01, doppler_sigma_hz=0.3)
-    observed, _ = observations_of(
-        scenario, navigation, rng=np.random.default_rng(1), interval_s=EPOCH_S, noise=noise
-    )  # fmt: skip
+    observed, _ = observations_of(scenario, navigation, rng=np.random.default_rng(1), interval_s=EPOCH_S, noise=noise)
     return observed, navigation
 
 

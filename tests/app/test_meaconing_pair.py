@@ -234,8 +234,17 @@ def test_delays_to_the_authentic_signals_are_those_of_the_truth(whole):
 
 def test_every_output_is_there(whole):
     found = {path.name for path in whole.folder.iterdir()} - {"stdout.json"}
-    named = {"verdict.json", "fixes.parquet", "fixes.csv", "signals.parquet", "evidence.parquet", "report.html",
-             "tracks.kml", "nav.rnx", "settings.toml"}  # fmt: skip
+    named = {
+        "verdict.json",
+        "fixes.parquet",
+        "fixes.csv",
+        "signals.parquet",
+        "evidence.parquet",
+        "report.html",
+        "tracks.kml",
+        "nav.rnx",
+        "settings.toml",
+    }
     kinds = ("authentic.obs", "other.obs", "trusted.nmea")
     assert found >= named | {f"{receiver}-{kind}" for receiver in RECEIVERS for kind in kinds}
     assert "trusted.nmea" not in found
@@ -271,8 +280,12 @@ def test_both_tables_of_fixes_hold_the_same(whole):
 
 
 def test_times_of_fixes_are_the_receivers_clock_less_its_bias(whole):
-    clocks = {(name, clock) for name, clock in zip(
-        whole.signals["receiver"], whole.signals["receiver_clock"].astype("datetime64[us]"), strict=True)}  # fmt: skip
+    clocks = {
+        (name, clock)
+        for name, clock in zip(
+            whole.signals["receiver"], whole.signals["receiver_clock"].astype("datetime64[us]"), strict=True
+        )
+    }
     for row in whole.fixes:
         bias = np.timedelta64(round(float(row["clock_bias_m"]) / LIGHT_M_S * 1e9), "ns")
         clock = np.datetime64(row["gpst"], "ns") + bias

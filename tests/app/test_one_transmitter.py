@@ -47,10 +47,13 @@ def test_one_captured_receiver_of_two_is_never_trusted(kit, tmp_path, known):
 def test_a_takeover_at_one_receivers_place_leaves_no_false_trusted_fix(kit, tmp_path, known):
     """Aligned with bow's signals, misaligned at stern by what the antennas are apart; drawn off 1.2 km from 24 s on."""
     takeover = Takeover(
-        target="bow", transmit=Place(lat_deg=57.70183, lon_deg=11.9311, height_m=56.0), onset_s=12.0, power_db=4.0,
+        target="bow",
+        transmit=Place(lat_deg=57.70183, lon_deg=11.9311, height_m=56.0),
+        onset_s=12.0,
+        power_db=4.0,
         power_points_db=((12.0, -20.0), (20.0, 0.0)),
         away_points_enu_m=((24.0, 0.0, 0.0, 0.0), (60.0, 1150.0, 350.0, 0.0)),
-    )  # fmt: skip
+    )
     judged = kit.protected(kit.scenario_of(attacks=(takeover,), duration_s=60.0), tmp_path, **given(kit, known))
     assert judged.verdict.verdict == "spoofed"
     assert off_bounds(judged) < 1.5
@@ -62,10 +65,14 @@ def test_a_takeover_at_one_receivers_place_leaves_no_false_trusted_fix(kit, tmp_
 def test_a_few_second_signals_from_two_antennas_are_counted(kit, tmp_path):
     """Two of ten, up to 8 dB stronger, in both receivers."""
     few = Spoofer(
-        shows=SHOWS, transmit=Place(lat_deg=57.7012, lon_deg=11.9371, height_m=58.0), clock_offset_s=3e-6, power_db=8.0,
-        onset_s=12.0, sats=("G07", "G17"),
+        shows=SHOWS,
+        transmit=Place(lat_deg=57.7012, lon_deg=11.9371, height_m=58.0),
+        clock_offset_s=3e-6,
+        power_db=8.0,
+        onset_s=12.0,
+        sats=("G07", "G17"),
         antennas=(TransmitAntenna(lat_deg=57.7035, lon_deg=11.9346, height_m=58.0, sats=("G17",)),),
-    )  # fmt: skip
+    )
     judged = kit.protected(kit.scenario_of(attacks=(few,)), tmp_path, **given(kit, "distance"))
     assert judged.verdict.verdict != "authentic"
     assert "no sign" not in judged.verdict.summary

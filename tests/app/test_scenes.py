@@ -199,9 +199,11 @@ def test_signals_that_are_drawn_off_their_delays_do_not_stay_authentic(kit, spoo
 
 def test_two_attackers(kit, meaconer, spoofer, tmp_path):
     second = spoofer(
-        shows=Place(lat_deg=57.73, lon_deg=11.95, height_m=30.0), clock_offset_s=2e-5, onset_s=20.0,
+        shows=Place(lat_deg=57.73, lon_deg=11.95, height_m=30.0),
+        clock_offset_s=2e-5,
+        onset_s=20.0,
         transmit=Place(lat_deg=57.7000, lon_deg=11.931, height_m=60.0),
-    )  # fmt: skip
+    )
     judged = kit.protected(kit.scenario_of(attacks=(meaconer(), second)), tmp_path)
     assert_spoofed(judged)
     assert len(judged.verdict.sources) == 2

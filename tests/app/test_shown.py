@@ -23,13 +23,21 @@ def observations(receiver: str) -> Observations:
     cells = np.full((3, 2), np.nan)
     cells[:, 0] = 1.0
     return Observations(
-        receiver=receiver, signals=(SignalId("G05"), SignalId("G05", copy="b")),
+        receiver=receiver,
+        signals=(SignalId("G05"), SignalId("G05", copy="b")),
         gpst=np.datetime64("2024-05-14T10:00:00", "ns") + np.arange(3) * np.timedelta64(1, "s"),
-        elapsed_s=np.arange(3.0), pseudorange_m=2e7 * cells, carrier_cyc=cells, doppler_hz=-1234.0 * cells,
-        cn0_dbhz=44.4 * cells, pseudorange_sigma_m=cells, carrier_sigma_cyc=cells, doppler_sigma_hz=cells,
-        status=np.where(np.isfinite(cells), 0, 2).astype(np.uint8), found_elapsed_s=np.array([0.1, 2.6]),
+        elapsed_s=np.arange(3.0),
+        pseudorange_m=2e7 * cells,
+        carrier_cyc=cells,
+        doppler_hz=-1234.0 * cells,
+        cn0_dbhz=44.4 * cells,
+        pseudorange_sigma_m=cells,
+        carrier_sigma_cyc=cells,
+        doppler_sigma_hz=cells,
+        status=np.where(np.isfinite(cells), 0, 2).astype(np.uint8),
+        found_elapsed_s=np.array([0.1, 2.6]),
         missed_elapsed_s=np.full(2, np.nan),
-    )  # fmt: skip
+    )
 
 
 def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> None:
@@ -39,8 +47,15 @@ def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> Non
         samples=samples("<stern>"), observations=None, told=NOBODY, n_signals=0, examined_s=3.0, left_out="no signal"
     )
     shown = ReceiveResult(receptions=(heard, deaf))._repr_html_()
-    for told in ("bow: 2 signals in 3.0 s", "&lt;stern&gt;: 0 signals in 3.0 s; left out: no signal", "G05 L1 CA a",
-                 "G05 L1 CA b", "44.4", "-1234", "2.6"):  # fmt: skip
+    for told in (
+        "bow: 2 signals in 3.0 s",
+        "&lt;stern&gt;: 0 signals in 3.0 s; left out: no signal",
+        "G05 L1 CA a",
+        "G05 L1 CA b",
+        "44.4",
+        "-1234",
+        "2.6",
+    ):
         assert told in shown, told
     assert shown.count("<tr>") == 3
 
@@ -60,11 +75,17 @@ def fix_at(receiver: str, x_m: float) -> Fix:
     """Two epochs at one place, from one signal's worth of residuals."""
     two = np.full(2, 0.0)
     return Fix(
-        receiver=receiver, signals=(SignalId("G05"),), gpst=observations(receiver).gpst[:2],
-        position_ecef_m=np.tile([x_m, 0.0, 0.0], (2, 1)), velocity_ecef_m_s=np.zeros((2, 3)), clock_bias_s=two,
-        clock_drift=two, covariance_m2=np.tile(np.eye(4), (2, 1, 1)), residual_m=np.zeros((2, 1)),
+        receiver=receiver,
+        signals=(SignalId("G05"),),
+        gpst=observations(receiver).gpst[:2],
+        position_ecef_m=np.tile([x_m, 0.0, 0.0], (2, 1)),
+        velocity_ecef_m_s=np.zeros((2, 3)),
+        clock_bias_s=two,
+        clock_drift=two,
+        covariance_m2=np.tile(np.eye(4), (2, 1, 1)),
+        residual_m=np.zeros((2, 1)),
         status=np.zeros(2, np.uint8),
-    )  # fmt: skip
+    )
 
 
 def test_while_two_skies_are_open_the_fixes_of_both_are_in_the_table() -> None:

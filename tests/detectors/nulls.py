@@ -55,9 +55,7 @@ def with_echoes(rng, probability=0.01):
     return with_seconds(rng, rng.random(ECHOING) < probability)
 
 
-UNRELATED = MeasuredScene(
-    antennas_enu_m=ONE, epochs=3, false=ECHOES.false, errors=ECHOES.errors, max_satellites=8
-)
+UNRELATED = MeasuredScene(antennas_enu_m=ONE, epochs=3, false=ECHOES.false, errors=ECHOES.errors, max_satellites=8)
 
 
 def with_unrelated(rng, spread_m=60.0):
@@ -80,9 +78,13 @@ def with_taps(rng, name, code_chips=0.0, phase_rad=0.0, second=0.0):
     value = draw_taps(rng, (TAPS_SCENE.epochs, len(o.signals)), amplitude, code_chips, phase_rad) / amplitude
     value[..., 0] += second
     taps = Taps(
-        receiver=o.receiver, signals=o.signals, elapsed_s=o.elapsed_s, delays_chips=np.array([0.5, 0.0, -0.5]),
-        dopplers_hz=np.zeros(1), value=(0.07 * value[:, :, None, :]).astype(np.complex64),
-    )  # fmt: skip
+        receiver=o.receiver,
+        signals=o.signals,
+        elapsed_s=o.elapsed_s,
+        delays_chips=np.array([0.5, 0.0, -0.5]),
+        dopplers_hz=np.zeros(1),
+        value=(0.07 * value[:, :, None, :]).astype(np.complex64),
+    )
     return replace(records, extras={name: (taps,)})
 
 
@@ -111,11 +113,19 @@ def with_ccaf(records, rng):
         value.append(simulate_taps(np.array(both), turn, np.array(variance), delays, rng))
     n = len(firsts)
     grid = Ccaf(
-        receiver=o.receiver, signals=tuple(o.signals[k] for k in firsts), gpst=o.gpst[-1:], elapsed_s=o.elapsed_s[-1:],
-        coherent_s=0.02, band_hz=CCAF_RATE_HZ, delays_chips=delays.points, dopplers_hz=np.zeros(1),
-        reference_m=range_m[None, firsts], reference_hz=np.zeros((1, n)), value=np.array(value)[None, :, None, :],
+        receiver=o.receiver,
+        signals=tuple(o.signals[k] for k in firsts),
+        gpst=o.gpst[-1:],
+        elapsed_s=o.elapsed_s[-1:],
+        coherent_s=0.02,
+        band_hz=CCAF_RATE_HZ,
+        delays_chips=delays.points,
+        dopplers_hz=np.zeros(1),
+        reference_m=range_m[None, firsts],
+        reference_hz=np.zeros((1, n)),
+        value=np.array(value)[None, :, None, :],
         noise_variance=np.full((1, n), variance),
-    )  # fmt: skip
+    )
     return replace(records, extras={"ccaf": (grid,)})
 
 
@@ -136,11 +146,14 @@ def array_phases(rng, direction, *, side=1.0, epochs=4, sigma_cyc=SIGMA_CYC, ele
     phase = direction @ wrong.T + rng.random(len(elements)) + rng.integers(-5, 5, (epochs, len(direction), 1))
     phase = phase + rng.random((epochs, len(direction), 1)) + sigma_cyc * rng.standard_normal(phase.shape)
     return ArrayPhases(
-        receiver="rx1", signals=tuple(SignalId(f"G{k + 1:02d}") for k in range(len(direction))),
-        gpst=START + np.arange(epochs) * np.timedelta64(1, "s"), elapsed_s=np.arange(epochs, dtype=float),
-        elements_m=elements * SPEED_OF_LIGHT_M_S / L1_HZ, phase_cyc=phase - np.floor(phase),
+        receiver="rx1",
+        signals=tuple(SignalId(f"G{k + 1:02d}") for k in range(len(direction))),
+        gpst=START + np.arange(epochs) * np.timedelta64(1, "s"),
+        elapsed_s=np.arange(epochs, dtype=float),
+        elements_m=elements * SPEED_OF_LIGHT_M_S / L1_HZ,
+        phase_cyc=phase - np.floor(phase),
         sigma_cyc=np.full(phase.shape, sigma_cyc),
-    )  # fmt: skip
+    )
 
 
 def window(phases, **more):
@@ -188,9 +201,11 @@ def attitude_over(epochs):
     forward_right_down = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     attitude = rot_enu_ecef(*PLACE[:2]).T @ forward_right_down @ body
     return NavState(
-        time_s=time_s, position_ecef_m=np.tile(PLACE_M, (time_s.size, 1)),
-        velocity_ecef_m_s=np.zeros((time_s.size, 3)), attitude=attitude,
-    )  # fmt: skip
+        time_s=time_s,
+        position_ecef_m=np.tile(PLACE_M, (time_s.size, 1)),
+        velocity_ecef_m_s=np.zeros((time_s.size, 3)),
+        attitude=attitude,
+    )
 
 
 STATE = attitude_over(4)
@@ -199,10 +214,14 @@ STATE = attitude_over(4)
 def empty_phases(epochs=4):
     shape = (epochs, len(SIGNALS), 3)
     return ArrayPhases(
-        receiver="rx1", signals=SIGNALS, gpst=START + np.arange(epochs) * np.timedelta64(1, "s"),
-        elapsed_s=np.arange(epochs, dtype=float), elements_m=ELEMENTS_M, phase_cyc=np.zeros(shape),
+        receiver="rx1",
+        signals=SIGNALS,
+        gpst=START + np.arange(epochs) * np.timedelta64(1, "s"),
+        elapsed_s=np.arange(epochs, dtype=float),
+        elements_m=ELEMENTS_M,
+        phase_cyc=np.zeros(shape),
         sigma_cyc=np.full(shape, SIGMA_CYC),
-    )  # fmt: skip
+    )
 
 
 TRUE = predicted_directions(empty_phases(), STATE, NAVIGATION)
@@ -217,9 +236,11 @@ def array_records(rng, direction=TRUE):
     phase = phase + SIGMA_CYC * rng.standard_normal(phase.shape)
     made = replace(empty_phases(), phase_cyc=phase - np.floor(phase))
     return Records(
-        start_gpst=START, end_gpst=START + np.timedelta64(4, "s"), navigation=NAVIGATION,
+        start_gpst=START,
+        end_gpst=START + np.timedelta64(4, "s"),
+        navigation=NAVIGATION,
         extras={"array_phases": (made,), "nav_state": STATE},
-    )  # fmt: skip
+    )
 
 
 # A spinning antenna ---------------------------------------------------------------------------------------------------
@@ -246,13 +267,24 @@ def spin_records(rng, directions, *, n=150, arm=ARM, rate=TURN_RAD, slip=None, s
         phase[slip, 70:] += 0.5
     ones = np.ones((n, count))
     observations = Observations(
-        receiver="rx1", signals=tuple(SignalId(f"G{k + 1:02d}") for k in range(count)),
-        gpst=START + np.rint(t * 1e9).astype("timedelta64[ns]"), elapsed_s=t, pseudorange_m=2.2e7 * ones,
-        carrier_cyc=-phase.T, doppler_hz=0 * ones, cn0_dbhz=45 * ones, pseudorange_sigma_m=ones,
-        carrier_sigma_cyc=sigma * ones, doppler_sigma_hz=ones, status=np.zeros((n, count), np.uint8),
-        found_elapsed_s=np.zeros(count), missed_elapsed_s=np.full(count, np.nan),
-    )  # fmt: skip
+        receiver="rx1",
+        signals=tuple(SignalId(f"G{k + 1:02d}") for k in range(count)),
+        gpst=START + np.rint(t * 1e9).astype("timedelta64[ns]"),
+        elapsed_s=t,
+        pseudorange_m=2.2e7 * ones,
+        carrier_cyc=-phase.T,
+        doppler_hz=0 * ones,
+        cn0_dbhz=45 * ones,
+        pseudorange_sigma_m=ones,
+        carrier_sigma_cyc=sigma * ones,
+        doppler_sigma_hz=ones,
+        status=np.zeros((n, count), np.uint8),
+        found_elapsed_s=np.zeros(count),
+        missed_elapsed_s=np.full(count, np.nan),
+    )
     return Records(
-        start_gpst=START, end_gpst=START + np.timedelta64(15, "s"), observations=(observations,),
+        start_gpst=START,
+        end_gpst=START + np.timedelta64(15, "s"),
+        observations=(observations,),
         extras={"spin_arm": (arm,)},
     )

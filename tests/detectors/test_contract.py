@@ -48,8 +48,9 @@ class NotOneAntenna(MultiReceiver):
     def examine(self, records, state=None):
         evidence, state = super().examine(records, state)
         alpha = self.settings.false_alarm_probability
-        return [replace(e, says="authentic") if e.p_value is not None and e.p_value < alpha else e
-                for e in evidence], state  # fmt: skip
+        return [
+            replace(e, says="authentic") if e.p_value is not None and e.p_value < alpha else e for e in evidence
+        ], state
 
 
 def white(rate: float) -> MultiReceiver:
@@ -64,84 +65,143 @@ def white(rate: float) -> MultiReceiver:
 CASES = (
     Case("one antenna, white noise", lambda: white(0.1), CAPTURED.records, 1000, 10_000, AUTHENTIC),
     Case(
-        "one antenna, as it comes", MultiReceiver, CAPTURED.records, 50, 1000, AUTHENTIC,
+        "one antenna, as it comes",
+        MultiReceiver,
+        CAPTURED.records,
+        50,
+        1000,
+        AUTHENTIC,
         "allows for correlated noise and constant errors that these records do not have",
     ),
     Case(
-        "a true sky, as it comes", lambda: MultiReceiver(MultiReceiverSettings(false_alarm_probability=0.01)),
-        CLEAN.records, 50, 1000, conservative="the antennas are farther apart than it was told",
+        "a true sky, as it comes",
+        lambda: MultiReceiver(MultiReceiverSettings(false_alarm_probability=0.01)),
+        CLEAN.records,
+        50,
+        1000,
+        conservative="the antennas are farther apart than it was told",
     ),
     Case(
-        "echoes", lambda: Peaks(PeaksSettings(false_alarm_probability=0.2, long_echo_probability=0.05)),
-        lambda rng: nulls.with_echoes(rng, 0.05), 800, 20_000,
+        "echoes",
+        lambda: Peaks(PeaksSettings(false_alarm_probability=0.2, long_echo_probability=0.05)),
+        lambda rng: nulls.with_echoes(rng, 0.05),
+        800,
+        20_000,
     ),
     Case(
-        "one sky: RAIM", lambda: Residual(ResidualSettings(false_alarm_probability=0.1, ionosphere_share=0.0)),
-        CLEAN.records, 80, 2000, ("undecided",),
+        "one sky: RAIM",
+        lambda: Residual(ResidualSettings(false_alarm_probability=0.1, ionosphere_share=0.0)),
+        CLEAN.records,
+        80,
+        2000,
+        ("undecided",),
     ),
     Case(
         "unrelated second signals",
         lambda: Residual(ResidualSettings(false_alarm_probability=0.3, unrelated_spread_m=60.0)),
-        nulls.with_unrelated, 30, 500,
+        nulls.with_unrelated,
+        30,
+        500,
         conservative="a union bound over all sets that could be formed, at the worst geometry",
     ),
     Case(
         "unrelated near echoes",
         lambda: Dccaf(DccafSettings(false_alarm_probability=0.1, count_runs=500, multipath_sigma_m=2.0)),
-        nulls.with_near_echoes, 10, 300,
+        nulls.with_near_echoes,
+        10,
+        300,
         conservative="a union bound over all sets that could be formed, and not every near echo is seen",
     ),
     Case(
-        "one receiver that goes on", lambda: Continuity(ContinuitySettings(false_alarm_probability=0.3)),
-        CLEAN.records, 60, 1000, ("undecided",),
+        "one receiver that goes on",
+        lambda: Continuity(ContinuitySettings(false_alarm_probability=0.3)),
+        CLEAN.records,
+        60,
+        1000,
+        ("undecided",),
         "a union bound over all epochs, and multipath may change more than it does in these records",
     ),
     Case(
-        "channels in lock", lambda: Sqm(SqmSettings(false_alarm_probability=0.05, distortion_allowed=0.0)),
-        lambda rng: nulls.with_taps(rng, "taps"), 600, 20_000,
+        "channels in lock",
+        lambda: Sqm(SqmSettings(false_alarm_probability=0.05, distortion_allowed=0.0)),
+        lambda rng: nulls.with_taps(rng, "taps"),
+        600,
+        20_000,
     ),
     Case(
-        "channels in lock, as it comes", lambda: Sqm(SqmSettings(false_alarm_probability=0.05)),
-        lambda rng: nulls.with_taps(rng, "taps"), 60, 1000,
+        "channels in lock, as it comes",
+        lambda: Sqm(SqmSettings(false_alarm_probability=0.05)),
+        lambda rng: nulls.with_taps(rng, "taps"),
+        60,
+        1000,
         conservative="allows for distortion that these records do not have",
     ),
     Case(
-        "one position", lambda: VectorSqm(VectorSqmSettings(false_alarm_probability=0.1)),
-        lambda rng: nulls.with_taps(rng, "vector_taps"), 250, 5000,
+        "one position",
+        lambda: VectorSqm(VectorSqmSettings(false_alarm_probability=0.1)),
+        lambda rng: nulls.with_taps(rng, "vector_taps"),
+        250,
+        5000,
     ),
     Case(
-        "a true sky", lambda: InsArray(nulls.INS_SETTINGS), nulls.array_records, 300, 10_000,
+        "a true sky",
+        lambda: InsArray(nulls.INS_SETTINGS),
+        nulls.array_records,
+        300,
+        10_000,
         conservative="half of the rate for each of two tests, which share alarms",
     ),
     Case(
-        "two signals of one antenna", lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.05)),
-        lambda rng: nulls.window(nulls.array_phases(rng, nulls.somewhere(rng, 2))), 1000, 20_000, AUTHENTIC,
+        "two signals of one antenna",
+        lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.05)),
+        lambda rng: nulls.window(nulls.array_phases(rng, nulls.somewhere(rng, 2))),
+        1000,
+        20_000,
+        AUTHENTIC,
     ),
     Case(
-        "six signals of one antenna", lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.2)),
-        lambda rng: nulls.window(nulls.array_phases(rng, nulls.somewhere(rng, 6))), 50, 5000, AUTHENTIC,
+        "six signals of one antenna",
+        lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.2)),
+        lambda rng: nulls.window(nulls.array_phases(rng, nulls.somewhere(rng, 6))),
+        50,
+        5000,
+        AUTHENTIC,
         "one stray signal divides a cluster but does not make all of them different",
     ),
     Case(
-        "a true sky", lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.02)),
-        lambda rng: nulls.window(nulls.array_phases(rng, nulls.anywhere(rng, 6))), 400, 20_000,
+        "a true sky",
+        lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.02)),
+        lambda rng: nulls.window(nulls.array_phases(rng, nulls.anywhere(rng, 6))),
+        400,
+        20_000,
         conservative="a union bound over all choices of signals, at the worst direction",
     ),
     Case(
-        "two signals of one antenna", lambda: Spin(SpinSettings(false_alarm_probability=0.05)),
-        lambda rng: nulls.spin_records(rng, nulls.somewhere(rng, 2)[:, :2]), 800, 20_000, AUTHENTIC,
+        "two signals of one antenna",
+        lambda: Spin(SpinSettings(false_alarm_probability=0.05)),
+        lambda rng: nulls.spin_records(rng, nulls.somewhere(rng, 2)[:, :2]),
+        800,
+        20_000,
+        AUTHENTIC,
     ),
     Case(
-        "five signals of one antenna", lambda: Spin(SpinSettings(false_alarm_probability=0.2)),
-        lambda rng: nulls.spin_records(rng, nulls.somewhere(rng, 5)[:, :2]), 50, 5000, AUTHENTIC,
+        "five signals of one antenna",
+        lambda: Spin(SpinSettings(false_alarm_probability=0.2)),
+        lambda rng: nulls.spin_records(rng, nulls.somewhere(rng, 5)[:, :2]),
+        50,
+        5000,
+        AUTHENTIC,
         "one stray signal divides a cluster but does not make all of them different",
     ),
     Case(
-        "a true sky", lambda: Spin(SpinSettings(false_alarm_probability=0.02)),
-        lambda rng: nulls.spin_records(rng, nulls.anywhere(rng, 5)[:, :2], sigma=0.08), 400, 10_000,
+        "a true sky",
+        lambda: Spin(SpinSettings(false_alarm_probability=0.02)),
+        lambda rng: nulls.spin_records(rng, nulls.anywhere(rng, 5)[:, :2], sigma=0.08),
+        400,
+        10_000,
         conservative="a union bound over all choices of signals, at the worst direction",
     ),
-)  # fmt: skip
+)
 
 
 def named(case):
@@ -158,9 +218,13 @@ def test_every_installed_detector_is_in_the_contract(name):
 @pytest.mark.parametrize("case", CASES, ids=named)
 def test_a_detector_meets_the_contract(case):
     check_detector(
-        case.make, case.null, np.random.default_rng(1), alarms=case.alarms, windows=case.windows,
+        case.make,
+        case.null,
+        np.random.default_rng(1),
+        alarms=case.alarms,
+        windows=case.windows,
         conservative=case.conservative,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.long
@@ -178,9 +242,13 @@ def test_false_alarms_come_at_the_stated_rate_in_many_windows(case):
 def test_multi_receiver_false_alarms_at_one_percent_and_one_per_mille(receivers, epochs):
     places = {"rx1": (0.0, 0.0, 0.0), "rx2": (20.0, 0.0, 0.0), "rx3": (0.0, 30.0, 0.0)}
     captured = MeasuredScene(
-        antennas_enu_m=dict(list(places.items())[:receivers]), sky=(), false=(FalseSky(),), epochs=epochs,
-        errors=TrackErrors(1.0), max_satellites=6,
-    )  # fmt: skip
+        antennas_enu_m=dict(list(places.items())[:receivers]),
+        sky=(),
+        false=(FalseSky(),),
+        epochs=epochs,
+        errors=TrackErrors(1.0),
+        max_satellites=6,
+    )
     rng = np.random.default_rng(6)
     for rate, windows in ((0.01, 4000), (0.001, 4000)):
         check_false_alarms(

@@ -38,9 +38,10 @@ from skyproof.simulator.scenario import parse_scenario, read_scenario
 TOML_READERS = (resolve_settings, read_scenario, read_sidecar)
 FILES = [name for name in READERS if name not in ("bytes", "any", "archive")]
 SCENE = {
-    "start_gpst": "2024-05-14T10:00:00", "duration_s": 60.0,
+    "start_gpst": "2024-05-14T10:00:00",
+    "duration_s": 60.0,
     "receivers": [{"name": "a", "lat_deg": 1.0, "lon_deg": 2.0, "height_m": 3.0}],
-}  # fmt: skip
+}
 
 
 DATE = date(2024, 5, 14)
@@ -91,10 +92,16 @@ def test_a_file_that_is_larger_than_its_kind_ever_is_is_refused(tmp_path: Path) 
 @pytest.mark.parametrize("read", TOML_READERS)
 @pytest.mark.parametrize(
     "text",
-    ["a = " + "[" * 20_000 + "]" * 20_000, "a = " + "{b = " * 20_000, "a." * 20_000 + "b = 1", f"[{'a.' * 20_000}b]",
-     "[" * 20_000, '"x" . ' * 20_000 + "y = 1"],
+    [
+        "a = " + "[" * 20_000 + "]" * 20_000,
+        "a = " + "{b = " * 20_000,
+        "a." * 20_000 + "b = 1",
+        f"[{'a.' * 20_000}b]",
+        "[" * 20_000,
+        '"x" . ' * 20_000 + "y = 1",
+    ],
     ids=["lists", "tables", "dotted key", "dotted table", "open brackets", "quoted parts"],
-)  # fmt: skip
+)
 def test_what_is_nested_too_deep_is_refused_at_once(tmp_path: Path, read, text: str) -> None:
     (tmp_path / "a.toml").write_text(text, encoding="utf-8")
     begun_s = time.process_time()
@@ -105,8 +112,15 @@ def test_what_is_nested_too_deep_is_refused_at_once(tmp_path: Path, read, text: 
 
 def test_brackets_and_points_in_strings_and_comments_are_not_counted() -> None:
     many = "[{." * 100
-    for text in (f'a = "{many}"', f"a = '{many}'", f'a = """\n{many}\\""" {many}"""', f"a = '''{many}'''", f"# {many}",
-                 "a = [" + "1.5, " * 1000 + "]", "\n".join("a.b = [[1]]" for _ in range(100))):  # fmt: skip
+    for text in (
+        f'a = "{many}"',
+        f"a = '{many}'",
+        f'a = """\n{many}\\""" {many}"""',
+        f"a = '''{many}'''",
+        f"# {many}",
+        "a = [" + "1.5, " * 1000 + "]",
+        "\n".join("a.b = [[1]]" for _ in range(100)),
+    ):
         require_toml_depth(text)
 
 
@@ -282,10 +296,13 @@ COMPACT = READERS["compact"].seeds[1].decode().splitlines()
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("G    4 C1C L1C", "G999999 C1C L1"), ("3&20000000000", "-1&20000000000"), ("3&20000000000", "3&" + "9" * 5000),
-        ("3&-100000 ", "3&-1x0000 "), ("5000 5000", "²000 5000"),
+        ("G    4 C1C L1C", "G999999 C1C L1"),
+        ("3&20000000000", "-1&20000000000"),
+        ("3&20000000000", "3&" + "9" * 5000),
+        ("3&-100000 ", "3&-1x0000 "),
+        ("5000 5000", "²000 5000"),
     ],
-)  # fmt: skip
+)
 def test_an_absurd_number_in_a_compact_file_costs_its_arc(old: str, new: str) -> None:
     assert any(old in text for text in COMPACT)
     seen = parse_obs("\n".join([text.replace(old, new) for text in COMPACT]).encode("latin-1")).observations
@@ -348,10 +365,13 @@ def test_a_row_that_cannot_be_is_refused_by_its_line(text: str, words: str) -> N
 def test_sentences_that_cannot_be_cost_themselves() -> None:
     good = "$GPGGA,214540.50,5924.600000,N,01652.800000,W,1,09,0.9,10.50,M,60.2,M,,"
     bad = [
-        good.replace("5924.6", "9" * 5000), good.replace("5924.6", "9" * 500), good.replace("10.50", "1e999"),
-        good.replace("214540", "996099"), good.replace("5924.6", "5999.6"),
+        good.replace("5924.6", "9" * 5000),
+        good.replace("5924.6", "9" * 500),
+        good.replace("10.50", "1e999"),
+        good.replace("214540", "996099"),
+        good.replace("5924.6", "5999.6"),
         "$GPRMC,214541,A,5924.6,N,01652.8,W,,,010170,,",
-    ]  # fmt: skip
+    ]
     read = parse_nmea([good, *bad, good.replace("214540", "214542")])
     assert read.t_s is not None
     np.testing.assert_array_equal(read.t_s, [0.0, 2.0])

@@ -100,11 +100,17 @@ def test_a_file_that_is_cut_while_it_is_read_is_told_so_and_what_was_read_is_sum
 
 @given(
     packing=st.builds(
-        Packing, kind=st.sampled_from(["real", "complex"]), encoding=st.just("offset-binary"),
-        bits=st.sampled_from([1, 2, 4, 8, 16]), n_channels=st.integers(1, 3),
+        Packing,
+        kind=st.sampled_from(["real", "complex"]),
+        encoding=st.just("offset-binary"),
+        bits=st.sampled_from([1, 2, 4, 8, 16]),
+        n_channels=st.integers(1, 3),
     ),
-    start=st.integers(0, 60), count=st.integers(0, 60), at_byte=st.integers(0, 3), piece=st.integers(1, 16),
-)  # fmt: skip
+    start=st.integers(0, 60),
+    count=st.integers(0, 60),
+    at_byte=st.integers(0, 3),
+    piece=st.integers(1, 16),
+)
 def test_samples_of_a_file_are_those_of_its_bytes_in_pieces_of_any_length(kept, packing, start, count, at_byte, piece):
     chunks = [Chunk(at_byte, 41), Chunk(800, 17)]
     whole = PackedSamples(np.frombuffer(CONTENT, np.uint8), packing, chunks)

@@ -98,9 +98,18 @@ def test_an_epoch_without_a_position_says_so():
 
 def test_the_longest_sentence_keeps_to_82_characters():
     kinds, _ = epoch(
-        lat_deg=-89.1, lon_deg=-179.1, height_m=12345.678, satellites=24, hdop=1e6, geoid_separation_m=-104.123,
-        speed_m_s=9999.0, course_deg=359.99, sigma_east_m=9999.9, sigma_north_m=9999.9, sigma_up_m=9999.9,
-    )  # fmt: skip
+        lat_deg=-89.1,
+        lon_deg=-179.1,
+        height_m=12345.678,
+        satellites=24,
+        hdop=1e6,
+        geoid_separation_m=-104.123,
+        speed_m_s=9999.0,
+        course_deg=359.99,
+        sigma_east_m=9999.9,
+        sigma_north_m=9999.9,
+        sigma_up_m=9999.9,
+    )
     assert kinds == ["GGA", "RMC", "GST"]
 
 

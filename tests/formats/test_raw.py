@@ -90,10 +90,15 @@ def test_every_packing_reads_back_from_any_place(tmp_path, encoding, bits, data)
     kind = data.draw(st.sampled_from(["real", "complex"]))
     flags = st.booleans() if kind == "complex" else st.just(False)
     layout = layout_of(
-        encoding, bits, kind, bit_order=data.draw(st.sampled_from(["msb-first", "lsb-first"])),
-        byte_order=data.draw(st.sampled_from(["little", "big"])), header_bytes=data.draw(st.integers(0, 5)),
-        swap_iq=data.draw(flags), conjugate=data.draw(flags),
-    )  # fmt: skip
+        encoding,
+        bits,
+        kind,
+        bit_order=data.draw(st.sampled_from(["msb-first", "lsb-first"])),
+        byte_order=data.draw(st.sampled_from(["little", "big"])),
+        header_bytes=data.draw(st.integers(0, 5)),
+        swap_iq=data.draw(flags),
+        conjugate=data.draw(flags),
+    )
     n_octets = data.draw(st.integers(1, 6)) * max(1, bits * layout.numbers // 8)
     value = allowed_values(encoding, bits)
     values = data.draw(st.lists(value, min_size=n_octets * 8 // bits, max_size=n_octets * 8 // bits))
@@ -158,9 +163,11 @@ def test_an_intermediate_frequency_is_folded_as_sampling_does(tmp_path):
 
 def test_the_record_tells_what_the_sidecar_told(tmp_path):
     path = write(
-        tmp_path, layout_of(centre_hz=1575e6, if_hz=0.42e6, start_gpst="2022-01-01T21:45:58.25", antenna="mast"),
-        noise(2600).astype(np.int8).tobytes(), name="rx7",
-    )  # fmt: skip
+        tmp_path,
+        layout_of(centre_hz=1575e6, if_hz=0.42e6, start_gpst="2022-01-01T21:45:58.25", antenna="mast"),
+        noise(2600).astype(np.int8).tobytes(),
+        name="rx7",
+    )
     samples = open_raw(path)
     assert (samples.name, samples.path, samples.format, samples.antenna) == ("rx7", str(path), "raw", "mast")
     assert (samples.rate_hz, samples.centre_hz, samples.if_hz) == (2.6e6, 1575e6, 0.42e6)
@@ -212,8 +219,10 @@ def test_a_sidecar_written_reads_back(tmp_path_factory, fields):
 
 def test_a_sidecar_may_hold_a_bare_date_and_time(tmp_path):
     path = tmp_path / "a.toml"
-    path.write_text('[samples]\nrate_hz = 2600000\nkind = "complex"\nencoding = "sign"\nbits = 1\n'
-                    "start_gpst = 2022-01-01T21:45:58.5\n")  # fmt: skip
+    path.write_text(
+        '[samples]\nrate_hz = 2600000\nkind = "complex"\nencoding = "sign"\nbits = 1\n'
+        "start_gpst = 2022-01-01T21:45:58.5\n"
+    )
     assert read_sidecar(path).start_gpst == np.datetime64("2022-01-01T21:45:58.5")
 
 
@@ -243,8 +252,9 @@ def test_a_sidecar_may_hold_a_bare_date_and_time(tmp_path):
 def test_a_wrong_sidecar_is_told_with_file_key_and_what_is_expected(tmp_path, change, words):
     fields = {"rate_hz": 2.6e6, "kind": "complex", "encoding": "int", "bits": 8} | change
     path = tmp_path / "rec.toml"
-    path.write_text("[samples]\n" + "".join(f"{key} = {json.dumps(value).replace('NaN', 'nan')}\n"
-                                            for key, value in fields.items()))  # fmt: skip
+    path.write_text(
+        "[samples]\n" + "".join(f"{key} = {json.dumps(value).replace('NaN', 'nan')}\n" for key, value in fields.items())
+    )
     with pytest.raises(InputError) as raised:
         read_sidecar(path)
     assert str(path) in str(raised.value)

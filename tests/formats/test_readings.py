@@ -61,8 +61,9 @@ def test_wide_numbers_of_two_values_are_one_stream(level: int, order: str) -> No
 
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_two_channels_of_whole_bytes_from_one_antenna_are_no_wide_numbers(noise: float) -> None:
-    both = np.stack([normal(20.0) + noise * np.random.default_rng(k).normal(0.0, 20.0, normal(1.0).size)
-                     for k in range(2)])  # fmt: skip
+    both = np.stack(
+        [normal(20.0) + noise * np.random.default_rng(k).normal(0.0, 20.0, normal(1.0).size) for k in range(2)]
+    )
     assert kinds_of(octets(np.clip(both.T.reshape(-1), -128, 127), "<i1")) == {("int", 8)}
 
 
@@ -108,10 +109,15 @@ def test_samples_alone_have_no_header(seed: int) -> None:
 
 @pytest.mark.parametrize(
     ("head", "what"),
-    [(b"7z\xbc\xaf\x27\x1c", "7-Zip"), (b"\x00\x00\x00\x18ftypmp42", "video"), (b"\xb5b\x02\x15", "UBX"),
-     (b"$GPGGA,1", "NMEA"), (b"# a remark\nrate = 1\n" * 5, "text"),
-     (b'{"global": {"core:datatype": "ci8"}}', "SigMF")],
-)  # fmt: skip
+    [
+        (b"7z\xbc\xaf\x27\x1c", "7-Zip"),
+        (b"\x00\x00\x00\x18ftypmp42", "video"),
+        (b"\xb5b\x02\x15", "UBX"),
+        (b"$GPGGA,1", "NMEA"),
+        (b"# a remark\nrate = 1\n" * 5, "text"),
+        (b'{"global": {"core:datatype": "ci8"}}', "SigMF"),
+    ],
+)
 def test_what_holds_no_samples_is_named(head: bytes, what: str) -> None:
     known = other_than_samples(head)
     assert known is not None
@@ -139,13 +145,17 @@ def test_a_wav_header_tells_how_to_read_what_follows() -> None:
     [
         ("fs4.092_if1.405.bin", NameHints(rate_hz=4.092e6, if_hz=1.405e6)),
         ("rec_2.6Msps.cs8", NameHints(rate_hz=2.6e6, kind="complex", encoding="int", bits=8)),
-        ("L1_20211125_004000_12MHz_I.bin",
-         NameHints(rate_hz=12e6, kind="real", start_utc=np.datetime64("2021-11-25T00:40:00", "ns"))),
-        ("SDRSharp_20210101_120000Z_1575420000Hz_IQ.wav",
-         NameHints(centre_hz=1575.42e6, kind="complex", start_utc=np.datetime64("2021-01-01T12:00:00", "ns"))),
+        (
+            "L1_20211125_004000_12MHz_I.bin",
+            NameHints(rate_hz=12e6, kind="real", start_utc=np.datetime64("2021-11-25T00:40:00", "ns")),
+        ),
+        (
+            "SDRSharp_20210101_120000Z_1575420000Hz_IQ.wav",
+            NameHints(centre_hz=1575.42e6, kind="complex", start_utc=np.datetime64("2021-01-01T12:00:00", "ns")),
+        ),
         ("strange.bin", NameHints()),
         ("20211399_004000.bin", NameHints()),
     ],
-)  # fmt: skip
+)
 def test_a_name_tells_what_it_tells(name: str, told: NameHints) -> None:
     assert hints_of(name) == told

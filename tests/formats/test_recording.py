@@ -89,8 +89,11 @@ def test_the_kernel_equals_a_strided_copy(kernel, dtype):
 
 def test_chunks_are_read_as_one_at_any_cut():
     octets = np.arange(64, dtype=np.uint8)
-    packed = PackedSamples(octets, Packing(kind="complex", encoding="int", bits=8),
-                           [Chunk(3, 5), Chunk(20, 0), Chunk(21, 1), Chunk(40, 12)])  # fmt: skip
+    packed = PackedSamples(
+        octets,
+        Packing(kind="complex", encoding="int", bits=8),
+        [Chunk(3, 5), Chunk(20, 0), Chunk(21, 1), Chunk(40, 12)],
+    )
     expected = np.concatenate([octets[3:13], octets[21:23], octets[40:64]]).reshape(-1, 2).T
     assert packed.n_samples == 18
     for start in range(19):

@@ -111,15 +111,41 @@ def test_version_2_gives_every_value_its_place():
     navigation = parse_nav(VERSION_2, source="brdc")
     eph, second = navigation.ephemerides
     assert asdict(eph) == {
-        "sat": "G01", "week": 2190, "toe": 518400.0, "toc_week": 2190, "toc": 518400.0, "af0": 0.469126738608e-03,
-        "af1": -0.100044417195e-10, "af2": 0.0, "tgd": 0.512227416039e-08, "iode": 39, "iodc": 39,
-        "sqrt_a": 0.515367499542e04, "e": 0.112181392033e-01, "i0": 0.986418769490, "omega0": -0.103661124009e01,
-        "omega": 0.884087601569, "m0": -0.624294238235, "delta_n": 0.398838041777e-08, "idot": -0.377872882780e-09,
-        "omega_dot": -0.813355308085e-08, "crs": -141.125, "crc": 299.75, "cus": 0.469572842121e-05,
-        "cuc": -0.736303627491e-05, "cis": 0.195577740669e-06, "cic": -0.316649675369e-07, "health": 0, "ura_index": 0,
-        "fit_interval_h": 4.0, "code_on_l2": 1, "l2_p_flag": 0, "transmission_tow": 511218.0, "message": "LNAV",
+        "sat": "G01",
+        "week": 2190,
+        "toe": 518400.0,
+        "toc_week": 2190,
+        "toc": 518400.0,
+        "af0": 0.469126738608e-03,
+        "af1": -0.100044417195e-10,
+        "af2": 0.0,
+        "tgd": 0.512227416039e-08,
+        "iode": 39,
+        "iodc": 39,
+        "sqrt_a": 0.515367499542e04,
+        "e": 0.112181392033e-01,
+        "i0": 0.986418769490,
+        "omega0": -0.103661124009e01,
+        "omega": 0.884087601569,
+        "m0": -0.624294238235,
+        "delta_n": 0.398838041777e-08,
+        "idot": -0.377872882780e-09,
+        "omega_dot": -0.813355308085e-08,
+        "crs": -141.125,
+        "crc": 299.75,
+        "cus": 0.469572842121e-05,
+        "cuc": -0.736303627491e-05,
+        "cis": 0.195577740669e-06,
+        "cic": -0.316649675369e-07,
+        "health": 0,
+        "ura_index": 0,
+        "fit_interval_h": 4.0,
+        "code_on_l2": 1,
+        "l2_p_flag": 0,
+        "transmission_tow": 511218.0,
+        "message": "LNAV",
         "tgd2": 0.0,
-    }  # fmt: skip
+    }
     assert (second.sat, second.health) == ("G02", 63)
     assert navigation.ionosphere.alpha == (0.1211e-07, -0.7451e-08, -0.5960e-07, 0.1192e-06)
     assert navigation.ionosphere.beta == (0.1167e06, -0.2458e06, -0.6554e05, 0.1114e07)
@@ -179,9 +205,19 @@ def test_missing_trailing_and_blank_fields_have_their_defaults():
 
 @pytest.mark.parametrize(
     ("metres", "index"),
-    [("2.000", 0), ("2.400", 0), ("2.800", 1), ("3.400", 1), ("5.700", 3), ("16.00", 6), ("24.00", 6), ("4096.", 14),
-     ("8192.", 15), ("0.000", 0)],
-)  # fmt: skip
+    [
+        ("2.000", 0),
+        ("2.400", 0),
+        ("2.800", 1),
+        ("3.400", 1),
+        ("5.700", 3),
+        ("16.00", 6),
+        ("24.00", 6),
+        ("4096.", 14),
+        ("8192.", 15),
+        ("0.000", 0),
+    ],
+)
 def test_accuracy_in_metres_finds_its_index(metres, index):
     lines = changed(VERSION_3, 15, "     2.000000000000E+00", f"    {metres:>19}")
     assert parse_nav(lines).ephemerides[0].ura_index == index
@@ -253,8 +289,10 @@ def test_version_2_counts_a_glonass_frame_from_midnight():
         "     2.11           G: GLONASS NAV DATA                     RINEX VERSION / TYPE",
         "                                                            END OF HEADER",
     ]
-    record = [GLONASS_RECORD[0].replace("R10 2022 06 08 09 45 00", "10 22  6  8  9 45  0.0"),
-              *(line[1:] for line in GLONASS_RECORD[1:4])]  # fmt: skip
+    record = [
+        GLONASS_RECORD[0].replace("R10 2022 06 08 09 45 00", "10 22  6  8  9 45  0.0"),
+        *(line[1:] for line in GLONASS_RECORD[1:4]),
+    ]
     record[0] = record[0].replace("2.934000000000E+05", "3.420000000000E+04")
     (eph,) = parse_nav([*header, *record]).ephemerides
     (as_version_3,) = parse_nav([*VERSION_3_HEADER, *GLONASS_RECORD[:4]]).ephemerides
@@ -265,14 +303,21 @@ def test_beidou_and_galileo_keep_their_own_fields():
     orbit = [*GPS_RECORD[1:3], *GPS_RECORD[3:5]]
     orbit[1] = orbit[1].replace("5.153635631561E+03", "5.282635631561E+03")
     fifth = "    -2.610823036973E-10 0.000000000000E+00 {:.12E} 0.000000000000E+00"
-    beidou = [GPS_RECORD[0].replace("G05", "C30"), *orbit, fifth.format(2320 - 1356),
-              "     2.000000000000E+00 0.000000000000E+00 8.499999815115E-09-1.200000000000E-09",
-              "     1.224000000000E+05 3.000000000000E+00"]  # fmt: skip
+    beidou = [
+        GPS_RECORD[0].replace("G05", "C30"),
+        *orbit,
+        fifth.format(2320 - 1356),
+        "     2.000000000000E+00 0.000000000000E+00 8.499999815115E-09-1.200000000000E-09",
+        "     1.224000000000E+05 3.000000000000E+00",
+    ]
     orbit[1] = orbit[1].replace("5.282635631561E+03", "5.440635631561E+03")
-    galileo = [GPS_RECORD[0].replace("G05", "E12"), *orbit,
-               fifth.format(2320).replace(" 0.000000000000E+00", " 2.580000000000E+02", 1),
-               "     3.120000000000E+00 0.000000000000E+00-1.000000000000E-09-2.000000000000E-09",
-               "     1.224000000000E+05"]  # fmt: skip
+    galileo = [
+        GPS_RECORD[0].replace("G05", "E12"),
+        *orbit,
+        fifth.format(2320).replace(" 0.000000000000E+00", " 2.580000000000E+02", 1),
+        "     3.120000000000E+00 0.000000000000E+00-1.000000000000E-09-2.000000000000E-09",
+        "     1.224000000000E+05",
+    ]
     c, e = parse_nav([*VERSION_3_HEADER, *beidou, *galileo]).ephemerides
     assert (c.sat, c.week, c.message, c.tgd, c.tgd2, c.iodc) == ("C30", 2320, "D1", 8.499999815115e-9, -1.2e-9, 3)
     assert seconds_between(c.reference_gpst, gpst(c.week, c.toe)) == 14.0
@@ -295,7 +340,7 @@ def test_beidou_and_galileo_keep_their_own_fields():
         (lambda lines: changed(lines, 8, " 1 22  1  1", " 1 21  1  1"), "its date is in GPS week 2138"),
     ],
     ids=["letter", "overflow", "lines gone", "month 13", "satellite 77", "orbit", "blank", "year"],
-)  # fmt: skip
+)
 def test_a_damaged_record_costs_that_record_only(damage, words):
     navigation = parse_nav(damage(["", *VERSION_2])[1:])  # the numbers above are those of the lines
     assert [eph.sat for eph in navigation.ephemerides] == ["G02"]
@@ -422,8 +467,12 @@ def test_a_written_file_has_the_columns_of_the_format(tmp_path):
     assert all(len(line) <= 80 for line in lines)
     end = next(k for k, line in enumerate(lines) if line[60:].strip() == "END OF HEADER")
     assert {line[60:].strip() for line in lines[:end]} == {
-        "RINEX VERSION / TYPE", "PGM / RUN BY / DATE", "IONOSPHERIC CORR", "TIME SYSTEM CORR", "LEAP SECONDS"
-    }  # fmt: skip
+        "RINEX VERSION / TYPE",
+        "PGM / RUN BY / DATE",
+        "IONOSPHERIC CORR",
+        "TIME SYSTEM CORR",
+        "LEAP SECONDS",
+    }
     assert len(lines) == end + 1 + 8 * len(navigation.ephemerides)
     assert lines[end + 1].startswith("G01 2022 01 01 22 00 00")
     assert re.fullmatch(r"G01 2022 01 01 22 00 00([- ]\d\.\d{12}E[-+]\d\d){3}", lines[end + 1])
@@ -508,8 +557,10 @@ def test_no_other_real_file_passes_for_a_navigation_file(shared_data):
 def test_two_writers_of_one_day_agree(shared_data):
     """Two stations' receivers wrote what the same satellites sent."""
     folder: Path = shared_data / "real" / "rinex-gsi-3km"
-    first, second = ({(e.sat, e.week, e.toe, e.iode): e for e in read_nav(folder / name).ephemerides}
-                     for name in ("07590920.05n", "30400920.05n"))  # fmt: skip
+    first, second = (
+        {(e.sat, e.week, e.toe, e.iode): e for e in read_nav(folder / name).ephemerides}
+        for name in ("07590920.05n", "30400920.05n")
+    )
     common = first.keys() & second.keys()
     assert len(common) > 150
     for key in common:

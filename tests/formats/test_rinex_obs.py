@@ -56,13 +56,21 @@ def observations_of(names=("G05a", "G07a", "G07b", "G30a"), n_epochs=6, seed=1):
     shape = (n_epochs, len(names))
     elapsed_s = np.arange(n_epochs) * 0.5
     return Observations(
-        receiver="rx1", signals=tuple(SignalId(name[:3], copy=name[3]) for name in names),
+        receiver="rx1",
+        signals=tuple(SignalId(name[:3], copy=name[3]) for name in names),
         gpst=np.datetime64("2022-01-01T21:46:59", "ns") + (elapsed_s * 1e9).astype("timedelta64[ns]"),
-        elapsed_s=elapsed_s, pseudorange_m=rng.uniform(2e7, 2.6e7, shape), carrier_cyc=rng.uniform(-1e6, 1.4e8, shape),
-        doppler_hz=rng.uniform(-5e3, 5e3, shape), cn0_dbhz=rng.uniform(20.0, 55.0, shape),
-        pseudorange_sigma_m=np.ones(shape), carrier_sigma_cyc=np.ones(shape), doppler_sigma_hz=np.ones(shape),
-        status=np.zeros(shape, np.uint8), found_elapsed_s=np.zeros(len(names)), missed_elapsed_s=np.zeros(len(names)),
-    )  # fmt: skip
+        elapsed_s=elapsed_s,
+        pseudorange_m=rng.uniform(2e7, 2.6e7, shape),
+        carrier_cyc=rng.uniform(-1e6, 1.4e8, shape),
+        doppler_hz=rng.uniform(-5e3, 5e3, shape),
+        cn0_dbhz=rng.uniform(20.0, 55.0, shape),
+        pseudorange_sigma_m=np.ones(shape),
+        carrier_sigma_cyc=np.ones(shape),
+        doppler_sigma_hz=np.ones(shape),
+        status=np.zeros(shape, np.uint8),
+        found_elapsed_s=np.zeros(len(names)),
+        missed_elapsed_s=np.zeros(len(names)),
+    )
 
 
 def with_cells(observations, cells, **values):
@@ -122,10 +130,17 @@ def test_the_header_has_what_the_format_demands():
     assert header["SYS / PHASE SHIFT"][0].rstrip() == "G L1C  0.00000"
     assert header["RCV CLOCK OFFS APPL"][0][:6] == "     0"
     assert [comment.strip() for comment in header["COMMENT"]] == [
-        "Signals labelled authentic: G05a, G07b", "Made in a test",
-    ]  # fmt: skip
-    for label in ("MARKER TYPE", "OBSERVER / AGENCY", "REC # / TYPE / VERS", "ANT # / TYPE", "ANTENNA: DELTA H/E/N",
-                  "SIGNAL STRENGTH UNIT"):  # fmt: skip
+        "Signals labelled authentic: G05a, G07b",
+        "Made in a test",
+    ]
+    for label in (
+        "MARKER TYPE",
+        "OBSERVER / AGENCY",
+        "REC # / TYPE / VERS",
+        "ANT # / TYPE",
+        "ANTENNA: DELTA H/E/N",
+        "SIGNAL STRENGTH UNIT",
+    ):
         assert len(header[label]) == 1
     assert "APPROX POSITION XYZ" not in parsed_from(observations_of(), "G05a").header
 
@@ -141,9 +156,13 @@ def test_long_and_foreign_words_keep_to_their_columns(tmp_path):
 
 def test_the_line_of_a_satellite_stands_in_its_columns():
     observations = with_cells(
-        observations_of(["G05a"], 1), (0, 0), pseudorange_m=23629347.9151, carrier_cyc=-353.3004, doppler_hz=-1234.5678,
+        observations_of(["G05a"], 1),
+        (0, 0),
+        pseudorange_m=23629347.9151,
+        carrier_cyc=-353.3004,
+        doppler_hz=-1234.5678,
         cn0_dbhz=47.25,
-    )  # fmt: skip
+    )
     *_, epoch, row = obs_lines(observations, signals=observations.signals, **GIVEN)
     assert epoch == "> 2022 01 01 21 46 59.0000000  0  1"
     assert row == "G05  23629347.915 7      -353.300 7     -1234.568          47.250"

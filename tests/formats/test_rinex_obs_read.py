@@ -81,11 +81,19 @@ def column(observations, sat, band="L1", code="CA"):
 
 def test_version_2_is_read_with_blank_numbers_events_and_clocks_off_the_second():
     body = [
-        *epoch_2(0.0, ["G 3", "G12", "R 5"]), *record_2(1.0), *record_2(2.0), *record_2(3.0),
-        "                            4  2", line("RINEX FILE SPLICE", "COMMENT"), line("x", "COMMENT"),
-        *epoch_2(29.996, ["G 3", "G12"]), *record_2(4.0, "1"), *record_2(5.0),
-        *epoch_2(59.999, ["G 3"], flag=1), *record_2(6.0),
-    ]  # fmt: skip
+        *epoch_2(0.0, ["G 3", "G12", "R 5"]),
+        *record_2(1.0),
+        *record_2(2.0),
+        *record_2(3.0),
+        "                            4  2",
+        line("RINEX FILE SPLICE", "COMMENT"),
+        line("x", "COMMENT"),
+        *epoch_2(29.996, ["G 3", "G12"]),
+        *record_2(4.0, "1"),
+        *record_2(5.0),
+        *epoch_2(59.999, ["G 3"], flag=1),
+        *record_2(6.0),
+    ]
     file = parsed([*HEADER_2, *body])
     seen = file.observations
     assert (file.marker, file.receiver, file.antenna) == ("KOSG", "ROGUE SNR-8", "AOAD/M_B")
@@ -93,8 +101,10 @@ def test_version_2_is_read_with_blank_numbers_events_and_clocks_off_the_second()
     np.testing.assert_array_equal(file.position_ecef_m, [3899242.649, 396728.6934, 5015081.6508])
     np.testing.assert_array_equal(file.antenna_delta_hen_m, [0.105, 0.0, 0.001])
     assert [str(t) for t in seen.gpst] == [
-        "2005-04-02T00:00:00.000000000", "2005-04-02T00:00:29.996000000", "2005-04-02T00:00:59.999000000"
-    ]  # fmt: skip
+        "2005-04-02T00:00:00.000000000",
+        "2005-04-02T00:00:29.996000000",
+        "2005-04-02T00:00:59.999000000",
+    ]
     g3 = column(seen, "G03")
     np.testing.assert_array_equal(seen.pseudorange_m[:, g3], [2e7 + 1, 2e7 + 4, 2e7 + 6])
     np.testing.assert_array_equal(seen.status[:, g3], [0, 3, 3])  # loss of lock, power failure
@@ -191,7 +201,7 @@ def test_a_number_cut_by_the_end_of_the_file_is_not_taken():
 FILES = (
     [*HEADER_2, *(t for k in range(4) for t in (*epoch_2(float(k), ["G 3", "G12"]), *record_2(k), *record_2(k)))],
     [*HEADER_3, *(t for k in range(4) for t in epoch_3(40.0 + k, [sat_3("G05", k), sat_3("C06"), sat_3("R02")]))],
-)  # fmt: skip
+)
 
 
 @settings(max_examples=250, deadline=None)
@@ -253,13 +263,22 @@ def test_what_our_writer_writes_is_read_back(tmp_path):
     half_open[2:7, 5] = half_open[:4, 6] = True
     status[[7, 2, 7, 4], [3, 5, 5, 6]] = 3
     written = Observations(
-        receiver="rx", signals=signals, elapsed_s=np.arange(20) * 0.5,
+        receiver="rx",
+        signals=signals,
+        elapsed_s=np.arange(20) * 0.5,
         gpst=np.datetime64("2022-01-01T21:46:00.25", "ns") + np.arange(20) * np.timedelta64(500, "ms"),
-        pseudorange_m=rng.uniform(2e7, 2.6e7, shape), carrier_cyc=rng.uniform(-1e8, 1.4e8, shape),
-        doppler_hz=rng.uniform(-5e3, 5e3, shape), cn0_dbhz=rng.uniform(20.0, 55.0, shape), status=status,
-        pseudorange_sigma_m=ones, carrier_sigma_cyc=ones, doppler_sigma_hz=ones, found_elapsed_s=np.zeros(9),
-        missed_elapsed_s=np.full(9, np.nan), half_cycle_open=half_open,
-    )  # fmt: skip
+        pseudorange_m=rng.uniform(2e7, 2.6e7, shape),
+        carrier_cyc=rng.uniform(-1e8, 1.4e8, shape),
+        doppler_hz=rng.uniform(-5e3, 5e3, shape),
+        cn0_dbhz=rng.uniform(20.0, 55.0, shape),
+        status=status,
+        pseudorange_sigma_m=ones,
+        carrier_sigma_cyc=ones,
+        doppler_sigma_hz=ones,
+        found_elapsed_s=np.zeros(9),
+        missed_elapsed_s=np.full(9, np.nan),
+        half_cycle_open=half_open,
+    )
     write_obs(tmp_path / "a.obs", written, signals=signals, holds="authentic", marker="rx", version="1")
     back = read_obs(tmp_path / "a.obs").observations
     assert back.signals == signals
@@ -312,9 +331,13 @@ def test_every_real_file_has_its_epochs_and_satellites(shared_data, name):
 @pytest.mark.shared_data
 @pytest.mark.parametrize(
     ("compact", "plain"),
-    [("AJAC3550.21D", "AJAC3550.21O"), ("DUTH0630.22D", "DUTH0630.22O"), ("zegv0010.21d", "zegv0010.21o"),
-     ("ACOR00ESP_R_20213550000_01D_30S_MO.crx", "ACOR00ESP_R_20213550000_01D_30S_MO.rnx")],
-)  # fmt: skip
+    [
+        ("AJAC3550.21D", "AJAC3550.21O"),
+        ("DUTH0630.22D", "DUTH0630.22O"),
+        ("zegv0010.21d", "zegv0010.21o"),
+        ("ACOR00ESP_R_20213550000_01D_30S_MO.crx", "ACOR00ESP_R_20213550000_01D_30S_MO.rnx"),
+    ],
+)
 def test_compact_files_hold_what_the_plain_ones_hold(shared_data, compact, plain):
     a, b = (read_obs(shared_data / "real" / "rinex-variety" / name).observations for name in (compact, plain))
     assert a.signals == b.signals
@@ -337,8 +360,14 @@ def test_a_damaged_compact_file_ends_in_data_or_a_message(shared_data, data):
 
 
 def test_compact_differences_of_every_order_and_a_fresh_start_are_summed():
-    header = [line("3.0                 COMPACT RINEX FORMAT", "CRINEX VERS   / TYPE"), line("x", "CRINEX PROG / DATE"),
-              *HEADER_3[:2], line("G    1 C1C", "SYS / # / OBS TYPES"), HEADER_3[5], HEADER_3[7]]  # fmt: skip
+    header = [
+        line("3.0                 COMPACT RINEX FORMAT", "CRINEX VERS   / TYPE"),
+        line("x", "CRINEX PROG / DATE"),
+        *HEADER_3[:2],
+        line("G    1 C1C", "SYS / # / OBS TYPES"),
+        HEADER_3[5],
+        HEADER_3[7],
+    ]
     values = [20000000000, 20000000100, 20000000250, 20000000470, 20000000800]
     told = ["3&20000000000", "100", "50", "20", "40", "3&20000000800"]
     body = ["> 2024 10 27 15 47 40.0000000  0  1      G05", "", told[0]]

@@ -21,8 +21,10 @@ from skyproof.records import SampleGap
 NUMBERS = ("f32", "f64", "i32", "i16", "i8", "u32", "u16", "u8")
 DATATYPES = [
     f"{kind}{number}{order}"
-    for kind in "cr" for number in NUMBERS for order in (("",) if "8" in number else ("_le", "_be"))
-]  # fmt: skip
+    for kind in "cr"
+    for number in NUMBERS
+    for order in (("",) if "8" in number else ("_le", "_be"))
+]
 RATE_HZ = 4e6
 NO_TMP_PER_EXAMPLE = [HealthCheck.function_scoped_fixture]
 
@@ -43,6 +45,7 @@ def numbers_of(datatype, shape, seed=1):
 
 def planes_of(stored):
     """What samples (n, numbers) mean, float32 of shape (2, n): the slow way, number by number."""
+
     def value(number):
         if stored.dtype.kind != "u":
             return float(number)
@@ -68,8 +71,9 @@ def meta_of(datatype="ci8", *, captures=None, annotations=(), **more):
 def write(folder, meta, octets, name="rec"):
     path = Path(folder) / f"{name}.sigmf-meta"
     path.write_text(meta if isinstance(meta, str) else json.dumps(meta), encoding="utf-8")
-    path.with_name(meta["global"].get("core:dataset", f"{name}.sigmf-data") if isinstance(meta, dict)
-                   else f"{name}.sigmf-data").write_bytes(octets)  # fmt: skip
+    path.with_name(
+        meta["global"].get("core:dataset", f"{name}.sigmf-data") if isinstance(meta, dict) else f"{name}.sigmf-data"
+    ).write_bytes(octets)
     return path
 
 
@@ -105,17 +109,25 @@ def test_every_data_type_with_channels_captures_and_headers_reads_back_from_any_
     numbers = 2 if datatype[0] == "c" else 1
     stored = numbers_of(datatype, (sum(lengths), n_channels, numbers), data.draw(st.integers(0, 99)))
     starts = np.cumsum([0, *lengths])
-    octets = b"".join(
-        b"\xa5" * header + stored[start : start + n].tobytes()
-        for header, start, n in zip(headers, starts, lengths, strict=False)
-    ) + b"\x5a" * trailing  # fmt: skip
+    octets = (
+        b"".join(
+            b"\xa5" * header + stored[start : start + n].tobytes()
+            for header, start, n in zip(headers, starts, lengths, strict=False)
+        )
+        + b"\x5a" * trailing
+    )
     captures = [
-        {"core:sample_start": int(start) + offset, "core:header_bytes": header, "core:frequency": 1.5e9,
-         "core:global_index": int(start) + sum(missing[: number + 1])}
+        {
+            "core:sample_start": int(start) + offset,
+            "core:header_bytes": header,
+            "core:frequency": 1.5e9,
+            "core:global_index": int(start) + sum(missing[: number + 1]),
+        }
         for number, (start, header) in enumerate(zip(starts, headers, strict=False))
-    ]  # fmt: skip
-    meta = meta_of(datatype, captures=captures, num_channels=n_channels, trailing_bytes=trailing, offset=offset,
-                   dataset="rec.dat")  # fmt: skip
+    ]
+    meta = meta_of(
+        datatype, captures=captures, num_channels=n_channels, trailing_bytes=trailing, offset=offset, dataset="rec.dat"
+    )
     opened = open_sigmf(write(tmp_path, meta, octets))
     assert [s.name for s in opened] == (["rec"] if n_channels == 1 else [f"rec-{n + 1}" for n in range(n_channels)])
     jumps = {}
@@ -139,13 +151,20 @@ def test_what_a_sidecar_says_metadata_of_sigmf_say_as_well(tmp_path, data):
     kind = data.draw(st.sampled_from(["real", "complex"]))
     flags = st.booleans() if kind == "complex" else st.just(False)
     layout = SampleLayout(
-        rate_hz=RATE_HZ, kind=kind, encoding=encoding, bits=data.draw(st.sampled_from(FITTING_BITS[encoding])),
-        if_hz=data.draw(st.floats(-1e7, 1e7)), centre_hz=data.draw(st.floats(1e9, 2e9)),
+        rate_hz=RATE_HZ,
+        kind=kind,
+        encoding=encoding,
+        bits=data.draw(st.sampled_from(FITTING_BITS[encoding])),
+        if_hz=data.draw(st.floats(-1e7, 1e7)),
+        centre_hz=data.draw(st.floats(1e9, 2e9)),
         bit_order=data.draw(st.sampled_from(["msb-first", "lsb-first"])),
-        byte_order=data.draw(st.sampled_from(["little", "big"])), header_bytes=data.draw(st.integers(0, 5)),
-        swap_iq=data.draw(flags), conjugate=data.draw(flags), antenna=data.draw(st.sampled_from(["1", "mast"])),
+        byte_order=data.draw(st.sampled_from(["little", "big"])),
+        header_bytes=data.draw(st.integers(0, 5)),
+        swap_iq=data.draw(flags),
+        conjugate=data.draw(flags),
+        antenna=data.draw(st.sampled_from(["1", "mast"])),
         **data.draw(st.sampled_from([{}, {"start_gpst": "2022-01-01T21:45:58.123456789"}])),
-    )  # fmt: skip
+    )
     octets = np.random.default_rng(data.draw(st.integers(0, 9))).bytes(960)
     (tmp_path / "rec.bin").write_bytes(b"\xa5" * layout.header_bytes + octets)
     (tmp_path / "rec.toml").write_text(sidecar_text(layout))
@@ -162,10 +181,13 @@ def test_what_a_sidecar_says_metadata_of_sigmf_say_as_well(tmp_path, data):
 def test_packed_channels_read_as_each_by_itself(tmp_path, data):
     encoding = data.draw(st.sampled_from(["sign", "sign-magnitude", "offset-binary", "int"]))
     layout = SampleLayout(
-        rate_hz=RATE_HZ, kind=data.draw(st.sampled_from(["real", "complex"])), encoding=encoding, if_hz=0.0,
+        rate_hz=RATE_HZ,
+        kind=data.draw(st.sampled_from(["real", "complex"])),
+        encoding=encoding,
+        if_hz=0.0,
         bits=data.draw(st.sampled_from([b for b in FITTING_BITS[encoding] if b < 8])),
         bit_order=data.draw(st.sampled_from(["msb-first", "lsb-first"])),
-    )  # fmt: skip
+    )
     n_channels = data.draw(st.integers(2, 4))
     octets = np.random.default_rng(data.draw(st.integers(0, 9))).bytes(240)
     flat = one(write(tmp_path, sigmf_meta(layout), octets, "flat")).read(0, 9999)
@@ -194,8 +216,10 @@ def test_the_package_sigmf_reads_the_same_samples(tmp_path, datatype, n_channels
 def test_what_the_package_sigmf_writes_is_read(tmp_path):
     stored = noise(1000)
     stored.tofile(tmp_path / "theirs.sigmf-data")
-    meta = SigMFFile(data_file=str(tmp_path / "theirs.sigmf-data"), global_info={
-        "core:datatype": "ci8", "core:sample_rate": RATE_HZ, "core:author": "someone"})  # fmt: skip
+    meta = SigMFFile(
+        data_file=str(tmp_path / "theirs.sigmf-data"),
+        global_info={"core:datatype": "ci8", "core:sample_rate": RATE_HZ, "core:author": "someone"},
+    )
     meta.add_capture(0, {"core:frequency": 1575.42e6, "core:datetime": "2022-01-01T21:45:40.250Z"})
     meta.add_annotation(100, 50, {"core:label": "tone"})
     meta.tofile(str(tmp_path / "theirs"))
@@ -210,8 +234,14 @@ def test_what_the_package_sigmf_writes_is_read(tmp_path):
 
 
 def test_the_record_tells_what_the_metadata_told(tmp_path):
-    captures = [{"core:sample_start": 0, "core:frequency": 1575e6, "skyproof:if_hz": 0.42e6,
-                 "core:datetime": "2016-12-31T23:59:60.5Z"}]  # fmt: skip
+    captures = [
+        {
+            "core:sample_start": 0,
+            "core:frequency": 1575e6,
+            "skyproof:if_hz": 0.42e6,
+            "core:datetime": "2016-12-31T23:59:60.5Z",
+        }
+    ]
     meta = meta_of(captures=captures, skyproof__antenna="mast")
     samples = one(write(tmp_path, meta, noise(4000).tobytes(), "rx7"))
     assert (samples.name, samples.format, samples.antenna) == ("rx7", "SigMF", "mast")
@@ -244,9 +274,15 @@ def test_a_clock_that_was_never_set_is_told_and_not_used(tmp_path):
 
 
 def test_the_start_is_carried_back_from_the_capture_that_is_dated(tmp_path):
-    captures = [{"core:sample_start": 0, "core:frequency": 1.5e9},
-                {"core:sample_start": 400, "core:frequency": 1.5e9, "core:global_index": 2000400,
-                 "core:datetime": "2022-01-01T21:45:40Z"}]  # fmt: skip
+    captures = [
+        {"core:sample_start": 0, "core:frequency": 1.5e9},
+        {
+            "core:sample_start": 400,
+            "core:frequency": 1.5e9,
+            "core:global_index": 2000400,
+            "core:datetime": "2022-01-01T21:45:40Z",
+        },
+    ]
     samples = one(write(tmp_path, meta_of(captures=captures), noise(1000).tobytes()))
     assert samples.gaps == (SampleGap(400, 2_000_000),)
     assert samples.start_gpst == np.datetime64("2022-01-01T21:45:57.4999")
@@ -254,16 +290,20 @@ def test_the_start_is_carried_back_from_the_capture_that_is_dated(tmp_path):
 
 
 def test_dates_that_samples_contradict_are_told(tmp_path):
-    captures = [{"core:sample_start": start, "core:frequency": 1.5e9, "core:datetime": f"2022-01-01T00:00:{second}Z"}
-                for start, second in ((0, "00"), (400, "07"))]  # fmt: skip
+    captures = [
+        {"core:sample_start": start, "core:frequency": 1.5e9, "core:datetime": f"2022-01-01T00:00:{second}Z"}
+        for start, second in ((0, "00"), (400, "07"))
+    ]
     samples = one(write(tmp_path, meta_of(captures=captures), noise(1000).tobytes()))
     assert samples.gaps == ()
     assert any("captures[1] is +7.000 s off" in remark for remark in samples.remarks)
 
 
 def test_a_count_that_goes_back_is_told_and_is_no_gap(tmp_path):
-    captures = [{"core:sample_start": 0, "core:frequency": 1.5e9, "core:global_index": 900},
-                {"core:sample_start": 400, "core:frequency": 1.5e9, "core:global_index": 1000}]  # fmt: skip
+    captures = [
+        {"core:sample_start": 0, "core:frequency": 1.5e9, "core:global_index": 900},
+        {"core:sample_start": 400, "core:frequency": 1.5e9, "core:global_index": 1000},
+    ]
     samples = one(write(tmp_path, meta_of(captures=captures), noise(1000).tobytes()))
     assert samples.gaps == ()
     assert any("goes back by 300 samples at captures[1]" in remark for remark in samples.remarks)
@@ -271,8 +311,10 @@ def test_a_count_that_goes_back_is_told_and_is_no_gap(tmp_path):
 
 def test_captures_of_another_tuning_are_another_recording(tmp_path):
     stored = noise(900)
-    captures = [{"core:sample_start": 300 * n, "core:frequency": frequency_hz}
-                for n, frequency_hz in enumerate((1575.42e6, 1227.6e6, 1575.42e6))]  # fmt: skip
+    captures = [
+        {"core:sample_start": 300 * n, "core:frequency": frequency_hz}
+        for n, frequency_hz in enumerate((1575.42e6, 1227.6e6, 1575.42e6))
+    ]
     l1, l2 = open_sigmf(write(tmp_path, meta_of(captures=captures), stored.tobytes()))
     assert (l1.name, l2.name) == ("rec-1575.42MHz", "rec-1227.6MHz")
     assert (l1.centre_hz, l2.centre_hz) == (1575.42e6, 1227.6e6)
@@ -293,8 +335,14 @@ def test_an_inverted_spectrum_is_turned_back(tmp_path):
 
 def test_samples_before_the_first_capture_are_read(tmp_path):
     stored = noise(500)
-    captures = [{"core:sample_start": 100, "core:frequency": 1.5e9, "core:header_bytes": 4,
-                 "core:datetime": "2022-01-01T21:45:40Z"}]  # fmt: skip
+    captures = [
+        {
+            "core:sample_start": 100,
+            "core:frequency": 1.5e9,
+            "core:header_bytes": 4,
+            "core:datetime": "2022-01-01T21:45:40Z",
+        }
+    ]
     octets = stored[:100].tobytes() + b"HEAD" + stored[100:].tobytes()
     samples = one(write(tmp_path, meta_of(captures=captures), octets))
     np.testing.assert_array_equal(samples.read(0, 999), planes_of(stored))
@@ -311,7 +359,7 @@ def test_no_capture_is_one_capture_on_l1_and_told(tmp_path):
 def test_annotations_are_counted_and_labels_told(tmp_path):
     annotations = [{"core:sample_start": 4000 * n, "core:label": f"mark {n}"} for n in range(12)] + [{}, "damaged"]
     (remark,) = one(write(tmp_path, meta_of(annotations=annotations), noise(5000).tobytes())).remarks
-    assert remark == '14 annotations: ' + ", ".join(f'"mark {n}" at 0.00{n} s' for n in range(10)) + ", and 2 more"
+    assert remark == "14 annotations: " + ", ".join(f'"mark {n}" at 0.00{n} s' for n in range(10)) + ", and 2 more"
 
 
 def test_extensions_that_are_not_needed_are_passed_over(tmp_path):
@@ -458,11 +506,15 @@ def test_a_misspelt_key_that_would_move_the_samples_is_told(tmp_path):
 # --- damage
 
 CAPTURES = [
-    {"core:sample_start": 0, "core:header_bytes": 3, "core:frequency": 1575.42e6,
-     "core:datetime": "2022-01-01T00:00:00Z"},
+    {
+        "core:sample_start": 0,
+        "core:header_bytes": 3,
+        "core:frequency": 1575.42e6,
+        "core:datetime": "2022-01-01T00:00:00Z",
+    },
     {"core:sample_start": 60, "core:header_bytes": 5, "core:frequency": 1575.42e6, "core:global_index": 70},
     {"core:sample_start": 90, "core:frequency": 1575.42e6},
-]  # fmt: skip
+]
 
 
 @given(cut=st.integers(0, 3 + 5 + 100 * 8 - 1))

@@ -68,8 +68,9 @@ def test_instants_keep_their_nanoseconds(tmp_path):
     gpst = np.array(["2022-01-01T21:45:58.000000001", "2022-01-01T21:45:59"], "datetime64[ns]")
     write_table(tmp_path / "a.csv", {"gpst": gpst})
     assert [row["gpst"] for row in read_csv(tmp_path / "a.csv")] == [
-        "2022-01-01T21:45:58.000000001", "2022-01-01T21:45:59.000000000",
-    ]  # fmt: skip
+        "2022-01-01T21:45:58.000000001",
+        "2022-01-01T21:45:59.000000000",
+    ]
 
 
 @given(values=st.lists(st.floats(allow_nan=False), min_size=1, max_size=20))
@@ -119,13 +120,17 @@ def fix_of(receiver="rx1", lat_deg=59.41, lon_deg=16.88, status=(0, 0, 2), sigma
     residual_m[1, 2] = np.nan
     names = ("G05a", "G05b", "G07a", "G08a", "G10a", "G13a")
     return Fix(
-        receiver=receiver, signals=tuple(SignalId(name[:3], copy=name[3]) for name in names),
+        receiver=receiver,
+        signals=tuple(SignalId(name[:3], copy=name[3]) for name in names),
         gpst=np.datetime64("2022-01-01T21:45:58", "ns") + np.arange(3) * np.timedelta64(1, "s"),
         position_ecef_m=np.where(good, ecef_from_geodetic(lat_rad, lon_rad, 52.0), np.nan),
-        velocity_ecef_m_s=np.zeros((3, 3)), clock_bias_s=np.full(3, 1e-3), clock_drift=np.zeros(3),
-        covariance_m2=np.broadcast_to(covariance_m2, (3, 4, 4)), residual_m=residual_m,
+        velocity_ecef_m_s=np.zeros((3, 3)),
+        clock_bias_s=np.full(3, 1e-3),
+        clock_drift=np.zeros(3),
+        covariance_m2=np.broadcast_to(covariance_m2, (3, 4, 4)),
+        residual_m=residual_m,
         status=np.array(status, np.uint8),
-    )  # fmt: skip
+    )
 
 
 def test_fixes_have_the_columns_of_the_design():
@@ -205,10 +210,14 @@ def test_a_link_keeps_pointing(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("gone/a.csv", "folder does not exist"), ("file/a.csv", "is a file, not a folder"), ("folder.csv", "is a folder"),
-     ("x" * 300 + ".csv", "shorter")],
+    [
+        ("gone/a.csv", "folder does not exist"),
+        ("file/a.csv", "is a file, not a folder"),
+        ("folder.csv", "is a folder"),
+        ("x" * 300 + ".csv", "shorter"),
+    ],
     ids=["no folder", "a file for a folder", "a folder", "too long"],
-)  # fmt: skip
+)
 def test_a_place_that_cannot_be_written_is_told_with_a_remedy(tmp_path, name, words):
     (tmp_path / "file").write_text("")
     (tmp_path / "folder.csv").mkdir()

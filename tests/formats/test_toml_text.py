@@ -38,9 +38,23 @@ def types_of(value):
 def test_tables_in_lists_have_headings_of_their_own():
     table = {"name": "x", "receivers": [{"a": 1, "antennas": [{"b": 2.5}, {"b": -1e-30}]}, {"a": 2}], "sky": {"c": []}}
     assert list(toml_lines(table)) == [
-        'name = "x"', "", "[[receivers]]", "a = 1", "", "[[receivers.antennas]]", "b = 2.5", "",
-        "[[receivers.antennas]]", "b = -1e-30", "", "[[receivers]]", "a = 2", "", "[sky]", "c = []",
-    ]  # fmt: skip
+        'name = "x"',
+        "",
+        "[[receivers]]",
+        "a = 1",
+        "",
+        "[[receivers.antennas]]",
+        "b = 2.5",
+        "",
+        "[[receivers.antennas]]",
+        "b = -1e-30",
+        "",
+        "[[receivers]]",
+        "a = 2",
+        "",
+        "[sky]",
+        "c = []",
+    ]
     assert read_back(table) == table
 
 

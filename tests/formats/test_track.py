@@ -70,8 +70,9 @@ def test_nmea_goes_on_over_midnight():
 def test_a_leap_second_takes_a_second():
     times = ("235959.50", "235960.00", "235960.50", "000000.00")
     dates = ("311216",) * 3 + ("010117",)
-    track = parse_nmea(line(f"GPRMC,{time},A,5924.6,N,01652.8,W,1.0,90.0,{date},,,A")
-                       for time, date in zip(times, dates, strict=True))  # fmt: skip
+    track = parse_nmea(
+        line(f"GPRMC,{time},A,5924.6,N,01652.8,W,1.0,90.0,{date},,,A") for time, date in zip(times, dates, strict=True)
+    )
     np.testing.assert_array_equal(track.t_s, [0.0, 0.5, 1.0, 1.5])
     assert track.start_gpst == np.datetime64("2017-01-01T00:00:16.5", "ns")
 
@@ -136,19 +137,25 @@ def test_rows_without_a_place_are_left_out_and_told():
     assert track.remarks == ("1 rows without a place are left out",)
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("", "line 1: the columns are none, expected t_s or gpst, and lat_deg, lon_deg, height_m or"),
-    ("t_s,lat,lon\n0,1,2\n", "line 1: the columns are t_s, lat, lon, expected"),
-    ("t_s,lat_deg,lon_deg,height_m\n", "no row has a place"),
-    ("t_s,lat_deg,lon_deg,height_m\n0,40,3\n", "line 2: 3 fields, expected 4"),
-    ("t_s,lat_deg,lon_deg,height_m\n0,40,3,x\n", 'line 2, height_m: "x" is no number'),
-    ("t_s,lat_deg,lon_deg,height_m\n0,40,3,nan\n", 'line 2, height_m: "nan" is no number'),
-    ("t_s,lat_deg,lon_deg,height_m\n0,400,3,1\n", "line 2: latitude 400, longitude 3, height 1 m, expected degrees"),
-    ("t_s,lat_deg,lon_deg,height_m\n0,40,3,1\n0,40,3,1\n", "line 3: its time is not after that of line 2"),
-    ("gpst,lat_deg,lon_deg,height_m\n2022-01-01T00:00:00Z,40,3,1\n", "line 2, gpst: .* is no instant"),
-    ("t_s,lat_deg,lon_deg,height_m,heading_deg\n0,40,3,1,9\n", "line 1: pitch_deg, roll_deg is missing beside"),
-    ("t_s,lat_deg,lon_deg,height_m,heading_deg,pitch_deg,roll_deg\n0,40,3,1,9,,0\n", 'line 2, pitch_deg: "" is'),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "line 1: the columns are none, expected t_s or gpst, and lat_deg, lon_deg, height_m or"),
+        ("t_s,lat,lon\n0,1,2\n", "line 1: the columns are t_s, lat, lon, expected"),
+        ("t_s,lat_deg,lon_deg,height_m\n", "no row has a place"),
+        ("t_s,lat_deg,lon_deg,height_m\n0,40,3\n", "line 2: 3 fields, expected 4"),
+        ("t_s,lat_deg,lon_deg,height_m\n0,40,3,x\n", 'line 2, height_m: "x" is no number'),
+        ("t_s,lat_deg,lon_deg,height_m\n0,40,3,nan\n", 'line 2, height_m: "nan" is no number'),
+        (
+            "t_s,lat_deg,lon_deg,height_m\n0,400,3,1\n",
+            "line 2: latitude 400, longitude 3, height 1 m, expected degrees",
+        ),
+        ("t_s,lat_deg,lon_deg,height_m\n0,40,3,1\n0,40,3,1\n", "line 3: its time is not after that of line 2"),
+        ("gpst,lat_deg,lon_deg,height_m\n2022-01-01T00:00:00Z,40,3,1\n", "line 2, gpst: .* is no instant"),
+        ("t_s,lat_deg,lon_deg,height_m,heading_deg\n0,40,3,1,9\n", "line 1: pitch_deg, roll_deg is missing beside"),
+        ("t_s,lat_deg,lon_deg,height_m,heading_deg,pitch_deg,roll_deg\n0,40,3,1,9,,0\n", 'line 2, pitch_deg: "" is'),
+    ],
+)
 def test_a_table_that_tells_no_track_is_refused(text, words):
     with pytest.raises(InputError, match=f"^a.csv: {words}"):
         parse_csv(text, source="a.csv")
@@ -165,9 +172,10 @@ def test_damaged_sentences_and_epochs_without_a_fix_are_left_out_and_told():
     track = parse_nmea(["noise", *lines, "$GPGSV,1,1,00", line("GPGGA,21454")])
     assert track.t_s.size == 19
     assert track.remarks == (
-        "2 damaged sentences are left out", "1 epochs without a position are left out",
+        "2 damaged sentences are left out",
+        "1 epochs without a position are left out",
         "1 points without a height have one between their neighbours'",
-    )  # fmt: skip
+    )
 
 
 def test_nmea_without_a_date_has_times_only_and_without_separation_is_told():
@@ -188,12 +196,15 @@ def test_rmc_alone_puts_the_points_on_the_ellipsoid_and_says_so():
     assert track.remarks == ("no point has a height: all are put on the ellipsoid",)
 
 
-@pytest.mark.parametrize(("lines", "words"), [
-    ([], r"no GGA or RMC sentence with a position \(0 damaged\); give a file with fixes"),
-    (["hello", "$GPGGA,x*00"], r"no GGA or RMC sentence with a position \(1 damaged\)"),
-    ([line(GGA.replace(",1,09", ",0,09"))], "no GGA or RMC sentence with a position"),
-    ([line(GGA), line(GGA.replace("214540", "214530"))], "line 2: its time is not after that of line 1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ([], r"no GGA or RMC sentence with a position \(0 damaged\); give a file with fixes"),
+        (["hello", "$GPGGA,x*00"], r"no GGA or RMC sentence with a position \(1 damaged\)"),
+        ([line(GGA.replace(",1,09", ",0,09"))], "no GGA or RMC sentence with a position"),
+        ([line(GGA), line(GGA.replace("214540", "214530"))], "line 2: its time is not after that of line 1"),
+    ],
+)
 def test_nmea_that_tells_no_track_is_refused(lines, words):
     with pytest.raises(InputError, match=f"^a.nmea: {words}"):
         parse_nmea(lines, source="a.nmea")
@@ -203,8 +214,10 @@ def test_nmea_that_tells_no_track_is_refused(lines, words):
 
 
 def kml(inside, mode=""):
-    return (f'<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>'
-            f"<Placemark><name>way</name>{inside.replace('MODE', mode)}</Placemark></Document></kml>")  # fmt: skip
+    return (
+        f'<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>'
+        f"<Placemark><name>way</name>{inside.replace('MODE', mode)}</Placemark></Document></kml>"
+    )
 
 
 def gx(*moments, more=""):
@@ -251,18 +264,24 @@ def test_absolute_heights_count_from_the_geoid():
     assert "above the ground" in ground.remarks[0]
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("PK\x03\x04", "no KML: .*; give a .kml file"),
-    (kml(""), "no gx:Track or LineString with points, but none at all"),
-    (kml(gx()), "the track has no points"),
-    (kml(gx(*TWO, more="<when>2022-01-01T21:45:43Z</when>")), r"3 times \(when\) but 2 points"),
-    (kml(gx(*TWO, more="<gx:angles>1 2 3</gx:angles>")), "1 gx:angles but 2 points"),
-    (kml(gx(*TWO, more="<gx:angles>1 2</gx:angles>" * 2)), "gx:angles with other than 3 numbers"),
-    (kml(gx(("soon", "3 40 10"))), 'point 1: "soon" is no time'),
-    (kml(gx(("2022-01-01T21:45:40Z", "3 x 10"))), 'point 1, coordinates: "x" is no number'),
-    (kml(gx(("2022-01-01T21:45:40Z", "3 95 10"))), "point 1: latitude 95, longitude 3, height 10 m, expected degrees"),
-    (kml(gx(*TWO[::-1])), "point 2: its time is not after that of point 1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("PK\x03\x04", "no KML: .*; give a .kml file"),
+        (kml(""), "no gx:Track or LineString with points, but none at all"),
+        (kml(gx()), "the track has no points"),
+        (kml(gx(*TWO, more="<when>2022-01-01T21:45:43Z</when>")), r"3 times \(when\) but 2 points"),
+        (kml(gx(*TWO, more="<gx:angles>1 2 3</gx:angles>")), "1 gx:angles but 2 points"),
+        (kml(gx(*TWO, more="<gx:angles>1 2</gx:angles>" * 2)), "gx:angles with other than 3 numbers"),
+        (kml(gx(("soon", "3 40 10"))), 'point 1: "soon" is no time'),
+        (kml(gx(("2022-01-01T21:45:40Z", "3 x 10"))), 'point 1, coordinates: "x" is no number'),
+        (
+            kml(gx(("2022-01-01T21:45:40Z", "3 95 10"))),
+            "point 1: latitude 95, longitude 3, height 10 m, expected degrees",
+        ),
+        (kml(gx(*TWO[::-1])), "point 2: its time is not after that of point 1"),
+    ],
+)
 def test_kml_that_tells_no_track_is_refused(text, words):
     with pytest.raises(InputError, match=f"^a.kml: {words}"):
         parse_kml(text, source="a.kml")

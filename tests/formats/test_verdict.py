@@ -82,10 +82,33 @@ def test_text_stays_text() -> None:
 
 def faults(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> Iterator[str]:
     """What is wrong with a value by the keywords of JSON Schema 2020-12 that the published schema uses."""
-    kinds = {"object": dict, "array": list, "string": str, "boolean": bool, "integer": int, "number": (int, float),
-             "null": type(None)}  # fmt: skip
-    known = {"$schema", "$defs", "$ref", "title", "description", "type", "const", "anyOf", "enum", "pattern", "minimum",
-             "maximum", "items", "properties", "required", "additionalProperties"}  # fmt: skip
+    kinds = {
+        "object": dict,
+        "array": list,
+        "string": str,
+        "boolean": bool,
+        "integer": int,
+        "number": (int, float),
+        "null": type(None),
+    }
+    known = {
+        "$schema",
+        "$defs",
+        "$ref",
+        "title",
+        "description",
+        "type",
+        "const",
+        "anyOf",
+        "enum",
+        "pattern",
+        "minimum",
+        "maximum",
+        "items",
+        "properties",
+        "required",
+        "additionalProperties",
+    }
     assert set(schema) <= known
     if "$ref" in schema:
         yield from faults(value, root["$defs"][schema["$ref"].removeprefix("#/$defs/")], root)

@@ -23,9 +23,15 @@ class Invented:
 
     @staticmethod
     def observations(
-        names=("G05a", "G07a", "G10a", "G13a", "G15a"), *, receiver="rx1", duration_s=40, begin_s=0,
-        there=None, slips=None, found=None,
-    ):  # fmt: skip
+        names=("G05a", "G07a", "G10a", "G13a", "G15a"),
+        *,
+        receiver="rx1",
+        duration_s=40,
+        begin_s=0,
+        there=None,
+        slips=None,
+        found=None,
+    ):
         """there: name to (first, last) epoch; slips: name to epochs; found: name to (missed_s, found_s)."""
         n, k = duration_s, len(names)
         measured = np.ones((n, k), bool)
@@ -42,35 +48,68 @@ class Invented:
         status[~measured] = 1
         range_m = np.where(measured, 2.2e7, np.nan)
         numbers = dict.fromkeys(
-            ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
-             "doppler_sigma_hz"), range_m,
-        )  # fmt: skip
+            (
+                "pseudorange_m",
+                "carrier_cyc",
+                "doppler_hz",
+                "cn0_dbhz",
+                "pseudorange_sigma_m",
+                "carrier_sigma_cyc",
+                "doppler_sigma_hz",
+            ),
+            range_m,
+        )
         elapsed_s = np.arange(n, dtype=float)
         return Observations(
-            receiver=receiver, signals=tuple(ref(name).signal for name in names),
-            gpst=at(begin_s) + (elapsed_s * 1e9).astype("timedelta64[ns]"), elapsed_s=elapsed_s, status=status,
-            found_elapsed_s=found_s, missed_elapsed_s=missed_s, **numbers,
-        )  # fmt: skip
+            receiver=receiver,
+            signals=tuple(ref(name).signal for name in names),
+            gpst=at(begin_s) + (elapsed_s * 1e9).astype("timedelta64[ns]"),
+            elapsed_s=elapsed_s,
+            status=status,
+            found_elapsed_s=found_s,
+            missed_elapsed_s=missed_s,
+            **numbers,
+        )
 
     @staticmethod
     def evidence(
-        window: int, says: str, *names: str, receivers=("rx1",), detector="one", p_value=1e-9, asked=1e-6,
-        because="why", would_need=None,
-    ):  # fmt: skip
+        window: int,
+        says: str,
+        *names: str,
+        receivers=("rx1",),
+        detector="one",
+        p_value=1e-9,
+        asked=1e-6,
+        because="why",
+        would_need=None,
+    ):
         """What a detector says of the same signals in all of these receivers, in a window."""
         return Evidence(
-            detector=detector, start_gpst=at(window * WINDOW_S), end_gpst=at((window + 1) * WINDOW_S),
-            subject=tuple(ref(name, receiver) for receiver in receivers for name in names), says=says, because=because,
-            p_value=p_value, false_alarm_probability=asked, would_need=would_need,
-        )  # fmt: skip
+            detector=detector,
+            start_gpst=at(window * WINDOW_S),
+            end_gpst=at((window + 1) * WINDOW_S),
+            subject=tuple(ref(name, receiver) for receiver in receivers for name in names),
+            says=says,
+            because=because,
+            p_value=p_value,
+            false_alarm_probability=asked,
+            would_need=would_need,
+        )
 
     @staticmethod
     def sky(window: int, *names: str, receiver="rx1"):
         """A consistent set."""
         return ConsistentSet(
-            receiver=receiver, signals=tuple(ref(name).signal for name in names), gpst=at((window + 0.5) * WINDOW_S),
-            position_ecef_m=np.zeros(3), clock_bias_s=0.0, covariance_m2=np.eye(4), statistic=1.0, dof=1, p_value=0.3,
-        )  # fmt: skip
+            receiver=receiver,
+            signals=tuple(ref(name).signal for name in names),
+            gpst=at((window + 0.5) * WINDOW_S),
+            position_ecef_m=np.zeros(3),
+            clock_bias_s=0.0,
+            covariance_m2=np.eye(4),
+            statistic=1.0,
+            dof=1,
+            p_value=0.3,
+        )
 
     at = staticmethod(at)
     ref = staticmethod(ref)

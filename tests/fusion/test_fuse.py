@@ -21,11 +21,13 @@ def attacked_pair(invented):
     """Every satellite twice from 12 s on."""
     return [
         invented.observations(
-            (*SKY, *FALSE), receiver=receiver, there=dict.fromkeys(FALSE, (13, 39)),
+            (*SKY, *FALSE),
+            receiver=receiver,
+            there=dict.fromkeys(FALSE, (13, 39)),
             found=dict.fromkeys(FALSE, (11.5, 12.0)),
         )
         for receiver in BOTH
-    ]  # fmt: skip
+    ]
 
 
 def test_evidence_for_all_receivers_at_all_times_makes_it_authentic(invented, pair):
@@ -71,9 +73,11 @@ def test_authentic_for_the_common_time_is_authentic(invented):
     decision = fuse(evidence, observed, [])
     assert decision.verdict == "authentic"
     assert {(s.ref.receiver, s.label, s.first_epoch, s.last_epoch) for s in decision.labels} == {
-        ("rx1", "unknown", 0, 19), ("rx1", "authentic", 20, 39),
-        ("rx2", "authentic", 0, 19), ("rx2", "unknown", 20, 39),
-    }  # fmt: skip
+        ("rx1", "unknown", 0, 19),
+        ("rx1", "authentic", 20, 39),
+        ("rx2", "authentic", 0, 19),
+        ("rx2", "unknown", 20, 39),
+    }
 
 
 def test_a_few_signals_are_too_few_for_authentic(invented, pair):
@@ -99,8 +103,9 @@ def test_a_failed_test_that_overrules_keeps_the_verdict_open_and_is_the_first_re
 
 
 def test_the_reason_of_most_windows_is_given_with_its_remedy_and_no_other(invented, pair):
-    said = [invented.evidence(w, "undecided", *SKY, because=f"{w} m too near", would_need="a longer mast")
-            for w in range(3)]  # fmt: skip
+    said = [
+        invented.evidence(w, "undecided", *SKY, because=f"{w} m too near", would_need="a longer mast") for w in range(3)
+    ]
     said.append(invented.evidence(3, "undecided", *SKY, because="too few", would_need="more satellites"))
     question = fuse(said, pair, []).open
     assert (question.why, question.remedy) == ("2 m too near", "a longer mast")
@@ -218,10 +223,11 @@ def test_an_attack_from_the_first_moment_has_no_sigma(invented, pair):
 
 def test_an_attack_that_ends_is_told(invented):
     observed = [
-        invented.observations((*SKY, *FALSE), receiver=r, there=dict.fromkeys(FALSE, (13, 28)),
-                              found=dict.fromkeys(FALSE, (11.5, 12.0)))
+        invented.observations(
+            (*SKY, *FALSE), receiver=r, there=dict.fromkeys(FALSE, (13, 28)), found=dict.fromkeys(FALSE, (11.5, 12.0))
+        )
         for r in BOTH
-    ]  # fmt: skip
+    ]
     evidence = decided(invented, windows=(1, 2)) + [
         invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in (0, 3)
     ]

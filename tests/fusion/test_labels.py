@@ -69,9 +69,7 @@ def test_authentic_reaches_across_one_silent_window_but_not_two(invented):
     near = [invented.evidence(w, "authentic", "G05a") for w in (0, 1, 3, 4, 5)]
     assert stretches(label_signals(near, observed)) == [("authentic", 0, 59)]
     far = [invented.evidence(w, "authentic", "G05a") for w in (0, 1, 4, 5)]
-    assert stretches(label_signals(far, observed)) == [
-        ("authentic", 0, 19), ("unknown", 20, 39), ("authentic", 40, 59)
-    ]  # fmt: skip
+    assert stretches(label_signals(far, observed)) == [("authentic", 0, 19), ("unknown", 20, 39), ("authentic", 40, 59)]
 
 
 def test_authentic_ends_with_its_evidence(invented):
@@ -183,8 +181,10 @@ def test_a_failed_test_that_overrules_leaves_its_signals_open_whatever_others_sa
 
 
 def test_spoofed_stays_where_a_test_fails(invented):
-    evidence = [invented.evidence(0, "spoofed", "G05a"),
-                invented.evidence(0, "undecided", *ALL, detector="two", p_value=1e-30)]  # fmt: skip
+    evidence = [
+        invented.evidence(0, "spoofed", "G05a"),
+        invented.evidence(0, "undecided", *ALL, detector="two", p_value=1e-30),
+    ]
     assert stretches(label_signals(evidence, [invented.observations()]))[0][0] == "spoofed"
 
 
@@ -199,10 +199,12 @@ def test_groups_are_linked_by_what_they_share():
 
 def test_a_transmitter_is_the_same_in_all_windows(invented):
     evidence = [
-        invented.evidence(0, "spoofed", "G05b", "G07b"), invented.evidence(1, "spoofed", "G07b", "G10b"),
-        invented.evidence(1, "spoofed", "G05c", "G07c"), invented.evidence(2, "authentic", "G05a", "G05b"),
+        invented.evidence(0, "spoofed", "G05b", "G07b"),
+        invented.evidence(1, "spoofed", "G07b", "G10b"),
+        invented.evidence(1, "spoofed", "G05c", "G07c"),
+        invented.evidence(2, "authentic", "G05a", "G05b"),
         invented.evidence(2, "attack", "G05a", "G07c"),
-    ]  # fmt: skip
+    ]
     sources = sources_of(evidence)
     assert [source.name for source in sources] == ["S1", "S2"]
     assert [ref.signal.sat + ref.signal.copy for ref in sources[0].signals] == ["G05b", "G07b", "G10b"]

@@ -14,9 +14,11 @@ def label(invented, name, word, first, last, receiver="rx1"):
 def test_only_cells_with_the_label_are_left(invented):
     o = invented.observations(("G05a", "G05b"))
     labels = [
-        label(invented, "G05a", "authentic", 0, 19), label(invented, "G05a", "spoofed", 20, 39),
-        label(invented, "G05b", "authentic", 30, 39, "rx2"), label(invented, "G05b", "unknown", 0, 39),
-    ]  # fmt: skip
+        label(invented, "G05a", "authentic", 0, 19),
+        label(invented, "G05a", "spoofed", 20, 39),
+        label(invented, "G05b", "authentic", 30, 39, "rx2"),
+        label(invented, "G05b", "unknown", 0, 39),
+    ]
     part = labelled(o, labels, "authentic")
     assert np.isfinite(part.pseudorange_m[:20, 0]).all()
     assert np.isnan(part.pseudorange_m[20:, 0]).all()

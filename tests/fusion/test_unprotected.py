@@ -37,8 +37,11 @@ def test_who_has_lost_its_signal_to_jamming_takes_the_strongest_afterwards(inven
 
 def test_a_single_missing_epoch_hands_nothing_over(invented):
     o = invented.observations(("G05a", "G05b"))
-    o = replace(o, elapsed_s=0.2 * o.elapsed_s, pseudorange_m=np.where(
-        (np.arange(40) == 20)[:, None] & [True, False], np.nan, o.pseudorange_m))  # fmt: skip
+    o = replace(
+        o,
+        elapsed_s=0.2 * o.elapsed_s,
+        pseudorange_m=np.where((np.arange(40) == 20)[:, None] & [True, False], np.nan, o.pseudorange_m),
+    )
     assert followed(at_cn0(o, G05a=50.0, G05b=49.0)).tolist() == [0] * 20 + [-1] + [0] * 19
 
 

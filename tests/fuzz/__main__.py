@@ -92,9 +92,12 @@ def fuzz(names: list[str], inputs: int, seed: int) -> dict[str, Any]:
                 if fault is not None:
                     faults.setdefault(fault, []).append(number)
             found[name] = {
-                "inputs": count, "seconds": round(time.perf_counter() - begun_s, 1), "slowest_s": round(slowest[0], 3),
-                "slowest_input": slowest[1], "faults": {fault: numbers[:5] for fault, numbers in faults.items()},
-            }  # fmt: skip
+                "inputs": count,
+                "seconds": round(time.perf_counter() - begun_s, 1),
+                "slowest_s": round(slowest[0], 3),
+                "slowest_input": slowest[1],
+                "faults": {fault: numbers[:5] for fault, numbers in faults.items()},
+            }
     return found
 
 

@@ -20,8 +20,11 @@ def fuzzed(inputs: int, seed: int) -> int:
     run = subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr[-2000:]
     found = json.loads(run.stdout)
-    faults = {f"{name}, seed {seed}, input {numbers[0]}": fault
-              for name, one in found.items() for fault, numbers in one["faults"].items()}  # fmt: skip
+    faults = {
+        f"{name}, seed {seed}, input {numbers[0]}": fault
+        for name, one in found.items()
+        for fault, numbers in one["faults"].items()
+    }
     assert faults == {}
     return sum(one["inputs"] for one in found.values())
 

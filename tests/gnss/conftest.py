@@ -13,7 +13,17 @@ def authentic_rows(shared_data: Path) -> dict[str, np.ndarray]:
     with open(shared_data / "rf" / "meaconing-pair" / "truth.csv", encoding="ascii") as lines:
         rows = [row for row in csv.DictReader(lines) if row["label"] == "authentic"]
     names = {"receiver": str, "prn": int} | dict.fromkeys(
-        ("tow_s", "receiver_elapsed_s", "az_deg", "el_deg", "range_m", "code_delay_s", "carrier_delay_s", "doppler_hz",
-         "phase_cycles"), float
-    )  # fmt: skip
+        (
+            "tow_s",
+            "receiver_elapsed_s",
+            "az_deg",
+            "el_deg",
+            "range_m",
+            "code_delay_s",
+            "carrier_delay_s",
+            "doppler_hz",
+            "phase_cycles",
+        ),
+        float,
+    )
     return {name: np.array([kind(row[name]) for row in rows]) for name, kind in names.items()}

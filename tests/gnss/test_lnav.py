@@ -32,13 +32,43 @@ from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import parse_iso
 
 G32 = {
-    1: (0x22C14D1C, 0x2141E958, 0x14D40024, 0x07A17A32, 0x36EC4FCD, 0x12E87066, 0x215F00B5, 0x2B26F355, 0x3FFFE2DA,
-        0x34B641B0),
-    2: (0x22C14D1C, 0x21416AAC, 0x14FF79EF, 0x331BE430, 0x1B411BE4, 0x3F878114, 0x1AEDA2DE, 0x02F16869, 0x3CB59E1A,
-        0x190C9FB8),
-    3: (0x22C14D1C, 0x21418B90, 0x000196DF, 0x22287F98, 0x3FEA49D7, 0x29A1D142, 0x087DEB3F, 0x3EEDB6CA, 0x3FEA3C66,
-        0x14C110EC),
-}  # fmt: skip
+    1: (
+        0x22C14D1C,
+        0x2141E958,
+        0x14D40024,
+        0x07A17A32,
+        0x36EC4FCD,
+        0x12E87066,
+        0x215F00B5,
+        0x2B26F355,
+        0x3FFFE2DA,
+        0x34B641B0,
+    ),
+    2: (
+        0x22C14D1C,
+        0x21416AAC,
+        0x14FF79EF,
+        0x331BE430,
+        0x1B411BE4,
+        0x3F878114,
+        0x1AEDA2DE,
+        0x02F16869,
+        0x3CB59E1A,
+        0x190C9FB8,
+    ),
+    3: (
+        0x22C14D1C,
+        0x21418B90,
+        0x000196DF,
+        0x22287F98,
+        0x3FEA49D7,
+        0x29A1D142,
+        0x087DEB3F,
+        0x3EEDB6CA,
+        0x3FEA3C66,
+        0x14C110EC,
+    ),
+}
 NAVIGATION = nominal_constellation(parse_iso("2022-01-01T21:46:00"))
 EPHEMERIS = NAVIGATION.ephemerides[4]
 UTC = UtcParameters(a0=2.79396772385e-09, a1=7.9936057773e-15, tot=147456.0, wnt=2191, leap_seconds=18)

@@ -19,10 +19,33 @@ from skyproof.gnss.time import gpst, gpst_from_utc
 
 # G05 of 1 January 2022, 22:00, from the IGS broadcast file of the day, rounded; every term is at work.
 EPHEMERIS = Ephemeris(
-    sat="G05", week=2190, toe=597600.0, toc_week=2190, toc=597600.0, af0=-1.1e-4, af1=-3.4e-12, af2=2e-19, tgd=-1.1e-8,
-    iode=57, iodc=57, sqrt_a=5153.66, e=0.0057, i0=0.9605, omega0=-0.99, omega=1.02, m0=-2.31, delta_n=4.6e-9,
-    idot=-3.3e-10, omega_dot=-8.06e-9, crs=-84.9, crc=272.1, cus=6.0e-6, cuc=-4.6e-6, cis=1.1e-7, cic=-9.3e-8,
-)  # fmt: skip
+    sat="G05",
+    week=2190,
+    toe=597600.0,
+    toc_week=2190,
+    toc=597600.0,
+    af0=-1.1e-4,
+    af1=-3.4e-12,
+    af2=2e-19,
+    tgd=-1.1e-8,
+    iode=57,
+    iodc=57,
+    sqrt_a=5153.66,
+    e=0.0057,
+    i0=0.9605,
+    omega0=-0.99,
+    omega=1.02,
+    m0=-2.31,
+    delta_n=4.6e-9,
+    idot=-3.3e-10,
+    omega_dot=-8.06e-9,
+    crs=-84.9,
+    crc=272.1,
+    cus=6.0e-6,
+    cuc=-4.6e-6,
+    cis=1.1e-7,
+    cic=-9.3e-8,
+)
 
 
 def slow_position_m(eph, tk):
@@ -160,8 +183,14 @@ def two_line_position_m(first, second):
     sqrt_a = (3.986005e14 / motion_rad_s**2) ** (1 / 6)
     plain = dict.fromkeys(("idot", "omega_dot", "delta_n", "crs", "crc", "cus", "cuc", "cis", "cic", "toe"), 0.0)
     angles = {"i0": inclination, "omega": perigee, "m0": mean}
-    kepler = replace(EPHEMERIS, sqrt_a=sqrt_a, e=e, **plain, **{k: np.radians(v) for k, v in angles.items()},
-                     omega0=np.radians(node) - sidereal_rad)  # fmt: skip
+    kepler = replace(
+        EPHEMERIS,
+        sqrt_a=sqrt_a,
+        e=e,
+        **plain,
+        **{k: np.radians(v) for k, v in angles.items()},
+        omega0=np.radians(node) - sidereal_rad,
+    )
     return epoch, slow_position_m(kepler, 0.0)
 
 

@@ -59,10 +59,22 @@ def test_seconds_between_labels_broadcast_and_keep_the_sign():
 
 @pytest.mark.parametrize(
     ("utc", "leaps"),
-    [("1981-06-30T23:59:59", 0), ("1981-07-01", 1), ("1990-12-31T23:59:59", 6), ("1991-01-01", 7), ("1999-01-01", 13),
-     ("2005-12-31T23:59:59", 13), ("2006-01-01", 14), ("2009-01-01", 15), ("2012-07-01", 16), ("2015-07-01", 17),
-     ("2016-12-31T23:59:59", 17), ("2017-01-01", 18), ("2022-01-01", 18)],
-)  # fmt: skip
+    [
+        ("1981-06-30T23:59:59", 0),
+        ("1981-07-01", 1),
+        ("1990-12-31T23:59:59", 6),
+        ("1991-01-01", 7),
+        ("1999-01-01", 13),
+        ("2005-12-31T23:59:59", 13),
+        ("2006-01-01", 14),
+        ("2009-01-01", 15),
+        ("2012-07-01", 16),
+        ("2015-07-01", 17),
+        ("2016-12-31T23:59:59", 17),
+        ("2017-01-01", 18),
+        ("2022-01-01", 18),
+    ],
+)
 def test_leap_seconds_are_those_of_the_iers(utc, leaps):
     t = gpst_from_utc(np.datetime64(utc))
     assert seconds_between(t, np.datetime64(utc)) == leaps
@@ -103,8 +115,19 @@ def test_text_names_the_instant(t):
     assert parse_iso(iso(t, 9)) == t
 
 
-@pytest.mark.parametrize("text", ["", "now", "2022-01-01T00:00:00Z", "2022-01-01T00:00:00+01:00", "2022-13-01", "2022",
-                                  "2022-01-01T25:00:00", "NaT"])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "now",
+        "2022-01-01T00:00:00Z",
+        "2022-01-01T00:00:00+01:00",
+        "2022-13-01",
+        "2022",
+        "2022-01-01T25:00:00",
+        "NaT",
+    ],
+)
 def test_anything_but_gps_time_without_a_zone_is_refused(text):
     with pytest.raises(ValueError):  # noqa: PT011 - some words are numpy's
         parse_iso(text)

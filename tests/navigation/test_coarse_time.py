@@ -31,16 +31,26 @@ class Shot:
     def solve(self, late_s: float, rough_sigma_s: float = 60.0, **options) -> CoarseFix:
         rough = self.gpst - np.timedelta64(round(late_s * 1e9), "ns")
         return coarse_fix(
-            self.sats, self.code_s, self.code_sigma_s, self.doppler_hz, self.doppler_sigma_hz, rough, rough_sigma_s,
-            self.navigation, **options,
-        )  # fmt: skip
+            self.sats,
+            self.code_s,
+            self.code_sigma_s,
+            self.doppler_hz,
+            self.doppler_sigma_hz,
+            rough,
+            rough_sigma_s,
+            self.navigation,
+            **options,
+        )
 
     def keep(self, which) -> "Shot":
         return replace(
-            self, sats=tuple(np.array(self.sats)[which].tolist()), code_s=self.code_s[which],
-            code_sigma_s=self.code_sigma_s[which], doppler_hz=self.doppler_hz[which],
+            self,
+            sats=tuple(np.array(self.sats)[which].tolist()),
+            code_s=self.code_s[which],
+            code_sigma_s=self.code_sigma_s[which],
+            doppler_hz=self.doppler_hz[which],
             doppler_sigma_hz=self.doppler_sigma_hz[which],
-        )  # fmt: skip
+        )
 
 
 def shot(sky, rng, *, noise: float = 1.0, period_s: float = 1e-3, drift: float | None = None) -> Shot:

@@ -26,16 +26,27 @@ def test_one_signal_of_each_satellite_is_chosen_and_the_better_band_first():
 
     lines = [
         line("     3.04           OBSERVATION DATA    M", "RINEX VERSION / TYPE"),
-        line("G    3 C1C C1W C2L", "SYS / # / OBS TYPES"), line("E    2 C5Q C1X", "SYS / # / OBS TYPES"),
-        line("C    2 C1P C2I", "SYS / # / OBS TYPES"), line("R    2 C1P C1C", "SYS / # / OBS TYPES"),
-        line("", "END OF HEADER"), "> 2024 10 27 15 47 40.0000000  0  6", "G05" + cells(2e7, 2e7, 2e7),
-        "G06" + cells(None, 2e7, 2e7), "E01" + cells(2e7, 2e7), "C20" + cells(2e7, 2e7), "C21" + cells(2e7, None),
+        line("G    3 C1C C1W C2L", "SYS / # / OBS TYPES"),
+        line("E    2 C5Q C1X", "SYS / # / OBS TYPES"),
+        line("C    2 C1P C2I", "SYS / # / OBS TYPES"),
+        line("R    2 C1P C1C", "SYS / # / OBS TYPES"),
+        line("", "END OF HEADER"),
+        "> 2024 10 27 15 47 40.0000000  0  6",
+        "G05" + cells(2e7, 2e7, 2e7),
+        "G06" + cells(None, 2e7, 2e7),
+        "E01" + cells(2e7, 2e7),
+        "C20" + cells(2e7, 2e7),
+        "C21" + cells(2e7, None),
         "R03" + cells(2e7, 2e7),
-    ]  # fmt: skip
+    ]
     seen = parse_obs("\n".join(lines).encode()).observations
     assert [str(signal) for signal in code_positioning_signals(seen)] == [
-        "C20 B1 2I a", "C21 B1C 1P a", "E01 E1 X a", "G05 L1 CA a", "R03 G1 CA a"
-    ]  # fmt: skip
+        "C20 B1 2I a",
+        "C21 B1C 1P a",
+        "E01 E1 X a",
+        "G05 L1 CA a",
+        "R03 G1 CA a",
+    ]
     assert code_positioning_signals(replace(seen, pseudorange_m=np.full(seen.pseudorange_m.shape, np.nan))) == ()
 
 

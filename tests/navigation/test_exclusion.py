@@ -16,10 +16,15 @@ def chosen(rng, n, covariance, offset, **options):
     return choose_fix(place, covariance, fixes, FIX, **options)
 
 
-@pytest.mark.parametrize(("covariance", "offset"), [
-    (TACTICAL, OFFSET), (np.diag([25.0, 25.0, 25.0]), 0.1 * OFFSET), (np.diag([9.0, 4.0, 1.0]), 0.1 * OFFSET),
-    (np.diag([175.0, 175.0, 57.0]) ** 2, OFFSET),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("covariance", "offset"),
+    [
+        (TACTICAL, OFFSET),
+        (np.diag([25.0, 25.0, 25.0]), 0.1 * OFFSET),
+        (np.diag([9.0, 4.0, 1.0]), 0.1 * OFFSET),
+        (np.diag([175.0, 175.0, 57.0]) ** 2, OFFSET),
+    ],
+)
 def test_the_wrong_fix_is_nearer_as_often_as_predicted(covariance, offset):
     rng = np.random.default_rng(1)
     n = 200_000

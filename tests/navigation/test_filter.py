@@ -88,8 +88,14 @@ def clean(sky, *, n=60, noise_m=0.5, seed=5, sats=10, **scene):
 
 
 def cut(observations, rows):
-    names = {f.name for f in fields(observations)} - {"receiver", "signals", "found_elapsed_s", "missed_elapsed_s",
-                                                     "carrier_hz", "averaged_s"}  # fmt: skip
+    names = {f.name for f in fields(observations)} - {
+        "receiver",
+        "signals",
+        "found_elapsed_s",
+        "missed_elapsed_s",
+        "carrier_hz",
+        "averaged_s",
+    }
     return replace(observations, **{name: getattr(observations, name)[rows] for name in names})
 
 

@@ -22,11 +22,19 @@ from skyproof.simulator.trajectories import las_vegas
 SECONDS = np.arange(0.0, 234.0)
 APPROACH = las_vegas()
 MOTION = APPROACH.at(SECONDS)
-PATH = NavState(time_s=SECONDS, position_ecef_m=MOTION.position_ecef_m, velocity_ecef_m_s=MOTION.velocity_ecef_m_s,
-                attitude=MOTION.attitude)  # fmt: skip
+PATH = NavState(
+    time_s=SECONDS,
+    position_ecef_m=MOTION.position_ecef_m,
+    velocity_ecef_m_s=MOTION.velocity_ecef_m_s,
+    attitude=MOTION.attitude,
+)
 TO_ENU = rot_enu_ecef(*geodetic_from_ecef(MOTION.position_ecef_m[0])[:2])
-NONE = ImuGrade(velocity_random_walk_m_s_rts=0.0, angular_random_walk_rad_rts=0.0, accelerometer_instability_m_s2=0.0,
-                gyro_instability_rad_s=0.0)  # fmt: skip
+NONE = ImuGrade(
+    velocity_random_walk_m_s_rts=0.0,
+    angular_random_walk_rad_rts=0.0,
+    accelerometer_instability_m_s2=0.0,
+    gyro_instability_rad_s=0.0,
+)
 MILLI_G = 9.80665e-3
 DEG_HOUR = np.radians(1.0) / 3600.0
 
@@ -37,15 +45,19 @@ def drift_m(grade, at_s=233, **start):
     return np.sqrt(np.diag(TO_ENU @ covariance @ TO_ENU.T))
 
 
-@pytest.mark.parametrize(("changes", "start", "horizontal_m", "vertical_m"), [
-    ({"velocity_random_walk_m_s_rts": 0.06 / 60}, {}, 2.1, 2.1),
-    ({"velocity_random_walk_m_s_rts": 0.0143 / 60}, {}, 0.5, 0.5),
-    ({"accelerometer_repeatability_m_s2": 0.05 * MILLI_G}, {}, 13.3, 13.3),
-    ({"angular_random_walk_rad_rts": np.radians(0.15) / 60}, {}, 79.0, 0.0),
-    ({"gyro_repeatability_rad_s": 0.5 * DEG_HOUR}, {}, 50.0, 0.0),
-    ({"gyro_repeatability_rad_s": 0.0035 * DEG_HOUR}, {}, 0.35, 0.0),
-    ({}, {"tilt_rad": np.radians(0.02)}, 93.0, 0.0), ({}, {"velocity_m_s": 0.05}, 11.65, 11.65),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "start", "horizontal_m", "vertical_m"),
+    [
+        ({"velocity_random_walk_m_s_rts": 0.06 / 60}, {}, 2.1, 2.1),
+        ({"velocity_random_walk_m_s_rts": 0.0143 / 60}, {}, 0.5, 0.5),
+        ({"accelerometer_repeatability_m_s2": 0.05 * MILLI_G}, {}, 13.3, 13.3),
+        ({"angular_random_walk_rad_rts": np.radians(0.15) / 60}, {}, 79.0, 0.0),
+        ({"gyro_repeatability_rad_s": 0.5 * DEG_HOUR}, {}, 50.0, 0.0),
+        ({"gyro_repeatability_rad_s": 0.0035 * DEG_HOUR}, {}, 0.35, 0.0),
+        ({}, {"tilt_rad": np.radians(0.02)}, 93.0, 0.0),
+        ({}, {"velocity_m_s": 0.05}, 11.65, 11.65),
+    ],
+)
 def test_each_error_grows_by_its_closed_form(changes, start, horizontal_m, vertical_m):
     east, north, up = drift_m(replace(NONE, **changes), **start)
     assert [east, north] == pytest.approx([horizontal_m] * 2, rel=0.05)  # Schuler's pull is 2 % over 233 s
@@ -66,16 +78,19 @@ def table_only(name):
 MOVING = {"position_m": 1.0, "velocity_m_s": 0.05}
 
 
-@pytest.mark.parametrize(("grade", "start", "east_m", "up_m"), [
-    (table_only("navigation"), {}, (0.5, 1.7, 2.5), (0.5, 1.7, 2.4)),
-    (table_only("navigation"), MOVING, (5, 9.5, 12), (5, 10, 12)),
-    (GRADES["navigation-calibrated"], MOVING | {"tilt_rad": np.radians(0.003)}, (6, 14, 19), (5, 10, 13)),
-    (GRADES["navigation"], MOVING | {"tilt_rad": np.radians(0.01)}, (10, 33, 49), (5.5, 11, 15)),
-    (table_only("tactical"), {}, (10, 54, 92), (2.4, 8, 12)),
-    (table_only("tactical"), MOVING, (12, 55, 93), (6, 13, 18)),
-    (GRADES["tactical-calibrated"], MOVING | {"tilt_rad": np.radians(0.02)}, (25, 111, 182), (12, 40, 59)),
-    (GRADES["tactical"], MOVING | {"tilt_rad": np.radians(0.1)}, (103, 425, 686), (39, 139, 208)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("grade", "start", "east_m", "up_m"),
+    [
+        (table_only("navigation"), {}, (0.5, 1.7, 2.5), (0.5, 1.7, 2.4)),
+        (table_only("navigation"), MOVING, (5, 9.5, 12), (5, 10, 12)),
+        (GRADES["navigation-calibrated"], MOVING | {"tilt_rad": np.radians(0.003)}, (6, 14, 19), (5, 10, 13)),
+        (GRADES["navigation"], MOVING | {"tilt_rad": np.radians(0.01)}, (10, 33, 49), (5.5, 11, 15)),
+        (table_only("tactical"), {}, (10, 54, 92), (2.4, 8, 12)),
+        (table_only("tactical"), MOVING, (12, 55, 93), (6, 13, 18)),
+        (GRADES["tactical-calibrated"], MOVING | {"tilt_rad": np.radians(0.02)}, (25, 111, 182), (12, 40, 59)),
+        (GRADES["tactical"], MOVING | {"tilt_rad": np.radians(0.1)}, (103, 425, 686), (39, 139, 208)),
+    ],
+)
 def test_drifts_are_those_of_the_guide(grade, start, east_m, up_m):
     found = np.array([drift_m(grade, at_s, **start) for at_s in (100, 190, 233)])
     assert found[:, 0] == pytest.approx(east_m, rel=0.09)  # the guide counted 300 runs: 4 % is one sigma
@@ -88,9 +103,13 @@ def drifting_units(n, grade, rng, **start):
     true = unit.read(0, unit.n_samples)
     wrong = np.stack([_errors(grade, k, unit.n_samples) for k in range(n)])
     return strapdown_paths(
-        PATH.position_ecef_m[0], PATH.velocity_ecef_m_s[0] + start["velocity_m_s"] * rng.standard_normal((n, 3)),
-        PATH.attitude[0], true.specific_force_m_s2 + wrong[..., :3], true.angular_rate_rad_s + wrong[..., 3:], 0.5,
-    )  # fmt: skip
+        PATH.position_ecef_m[0],
+        PATH.velocity_ecef_m_s[0] + start["velocity_m_s"] * rng.standard_normal((n, 3)),
+        PATH.attitude[0],
+        true.specific_force_m_s2 + wrong[..., :3],
+        true.angular_rate_rad_s + wrong[..., 3:],
+        0.5,
+    )
 
 
 def _errors(grade, seed, n):
@@ -104,10 +123,13 @@ def test_units_drift_as_the_model_says():
     places, speeds, attitudes = drifting_units(300, grade, rng, velocity_m_s=0.2)
     predicted = error_covariance(PATH, grade, start_covariance(grade, velocity_m_s=0.2))[233]
     turned = attitudes[:, -1] @ MOTION.attitude[233].T
-    psi = 0.5 * np.stack([turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0],
-                          turned[:, 1, 0] - turned[:, 0, 1]], axis=1)  # fmt: skip
-    error = np.concatenate((places[:, -1] - MOTION.position_ecef_m[233], speeds[:, -1] - MOTION.velocity_ecef_m_s[233],
-                            psi), axis=1)  # fmt: skip
+    psi = 0.5 * np.stack(
+        [turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0], turned[:, 1, 0] - turned[:, 0, 1]],
+        axis=1,
+    )
+    error = np.concatenate(
+        (places[:, -1] - MOTION.position_ecef_m[233], speeds[:, -1] - MOTION.velocity_ecef_m_s[233], psi), axis=1
+    )
     squared = np.einsum("ni,ij,nj->n", error, np.linalg.inv(predicted[:9, :9]), error)
     assert squared.mean() == pytest.approx(9.0, abs=4 * np.sqrt(18 / 300))
 
@@ -133,19 +155,33 @@ def test_a_restart_with_velocity_puts_tilt_and_biases_right_too():
     kept = []
     for seed in range(60):
         wrong = _errors(grade, seed, unit.n_samples)
-        begin = NavState(time_s=np.zeros(1), position_ecef_m=PATH.position_ecef_m[:1], attitude=PATH.attitude[:1],
-                         velocity_ecef_m_s=PATH.velocity_ecef_m_s[:1] + 0.2 * rng.standard_normal(3))  # fmt: skip
-        series = ImuSeries(time_s=true.time_s, interval_s=0.5,
-                           specific_force_m_s2=true.specific_force_m_s2 + wrong[:, :3],
-                           angular_rate_rad_s=true.angular_rate_rad_s + wrong[:, 3:])  # fmt: skip
+        begin = NavState(
+            time_s=np.zeros(1),
+            position_ecef_m=PATH.position_ecef_m[:1],
+            attitude=PATH.attitude[:1],
+            velocity_ecef_m_s=PATH.velocity_ecef_m_s[:1] + 0.2 * rng.standard_normal(3),
+        )
+        series = ImuSeries(
+            time_s=true.time_s,
+            interval_s=0.5,
+            specific_force_m_s2=true.specific_force_m_s2 + wrong[:, :3],
+            angular_rate_rad_s=true.angular_rate_rad_s + wrong[:, 3:],
+        )
         found = strapdown(begin, series)
         better, biases, after = restarted(
-            found, covariance[-1], MOTION.position_ecef_m[-1] + place_noise * rng.standard_normal(3),
-            place_noise**2 * np.eye(3), MOTION.velocity_ecef_m_s[-1] + speed_noise * rng.standard_normal(3),
+            found,
+            covariance[-1],
+            MOTION.position_ecef_m[-1] + place_noise * rng.standard_normal(3),
+            place_noise**2 * np.eye(3),
+            MOTION.velocity_ecef_m_s[-1] + speed_noise * rng.standard_normal(3),
             speed_noise**2 * np.eye(3),
-        )  # fmt: skip
-        error = np.concatenate((better.position_ecef_m[0] - MOTION.position_ecef_m[-1],
-                                better.velocity_ecef_m_s[0] - MOTION.velocity_ecef_m_s[-1]))  # fmt: skip
+        )
+        error = np.concatenate(
+            (
+                better.position_ecef_m[0] - MOTION.position_ecef_m[-1],
+                better.velocity_ecef_m_s[0] - MOTION.velocity_ecef_m_s[-1],
+            )
+        )
         kept.append(error @ np.linalg.solve(after[:6, :6], error))
         assert biases.shape == (12,)
     assert np.mean(kept) == pytest.approx(6.0, abs=4 * np.sqrt(12 / 60))
@@ -156,7 +192,11 @@ def test_a_restart_with_velocity_puts_tilt_and_biases_right_too():
 
 
 def test_a_path_with_long_steps_is_refused():
-    sparse = NavState(time_s=SECONDS[::10], position_ecef_m=MOTION.position_ecef_m[::10],
-                      velocity_ecef_m_s=MOTION.velocity_ecef_m_s[::10], attitude=MOTION.attitude[::10])  # fmt: skip
+    sparse = NavState(
+        time_s=SECONDS[::10],
+        position_ecef_m=MOTION.position_ecef_m[::10],
+        velocity_ecef_m_s=MOTION.velocity_ecef_m_s[::10],
+        attitude=MOTION.attitude[::10],
+    )
     with pytest.raises(ValueError, match="steps"):
         error_covariance(sparse, NONE, np.zeros((STATES, STATES)))

@@ -20,11 +20,14 @@ pytestmark = pytest.mark.shared_data
 STATIONS = {
     "base": ("rinex-mosaic-1m/base.obs", "rinex-mosaic-1m/base.nav", (-3817681.121, 3562839.431, 3650159.159)),
     "rover": ("rinex-mosaic-1m/rover.obs", "rinex-mosaic-1m/base.nav", (-3817681.381, 3562839.979, 3650158.376)),
-    "3034": ("rinex-mosaic-5km/3034265G.21O", "rinex-mosaic-5km/SEPT2650.21P",
-             (-3959400.631, 3385704.533, 3667523.111)),
+    "3034": (
+        "rinex-mosaic-5km/3034265G.21O",
+        "rinex-mosaic-5km/SEPT2650.21P",
+        (-3959400.631, 3385704.533, 3667523.111),
+    ),
     "0759": ("rinex-gsi-3km/07590920.05o", "rinex-gsi-3km/07590920.05n", (-3976219.508, 3382372.567, 3652512.985)),
     "3040": ("rinex-gsi-3km/30400920.05o", "rinex-gsi-3km/30400920.05n", (-3978241.958, 3382840.234, 3649900.853)),
-}  # fmt: skip
+}
 
 
 def station(shared_data, name, systems):
@@ -41,9 +44,15 @@ def errors_enu_m(position, truth):
 
 
 # All systems of the longest two take half a minute each; test_two_receivers_a_metre_apart keeps watch over them.
-CASES = [("base", "G"), pytest.param("base", "GERC", marks=pytest.mark.long),
-         pytest.param("rover", "GERC", marks=pytest.mark.long), ("3034", "G"), ("3034", "GE"), ("0759", "G"),
-         ("3040", "G")]  # fmt: skip
+CASES = [
+    ("base", "G"),
+    pytest.param("base", "GERC", marks=pytest.mark.long),
+    pytest.param("rover", "GERC", marks=pytest.mark.long),
+    ("3034", "G"),
+    ("3034", "GE"),
+    ("0759", "G"),
+    ("3040", "G"),
+]
 
 
 @pytest.mark.parametrize("how", ["fix", "static"])

@@ -31,9 +31,10 @@ def sky_of(sky, shares, *, bias_s=3e-4, n=6, **scene):
         nav,
         ephemerides=tuple(
             replace(e, sat=of[e.sat], tgd=0.0, tgd2=0.0, message=message.get(of[e.sat][0], "LNAV"))
-            for e in nav.ephemerides if e.sat in of
+            for e in nav.ephemerides
+            if e.sat in of
         ),
-    )  # fmt: skip
+    )
     skies = [([s for s in of.values() if s[0] == k], place, bias_s + LATE_S[k]) for k in shares]
     seen = sky.scene(nav, skies, n=n, **scene).observations
     signals = tuple(SignalId(s.sat, *NAMES[s.sat[0]]) for s in seen.signals)

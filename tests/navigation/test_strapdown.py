@@ -12,8 +12,12 @@ from skyproof.simulator.trajectories import circle, las_vegas, way_points
 
 
 def first(motion):
-    return NavState(time_s=np.zeros(1), position_ecef_m=motion.position_ecef_m[:1],
-                    velocity_ecef_m_s=motion.velocity_ecef_m_s[:1], attitude=motion.attitude[:1])  # fmt: skip
+    return NavState(
+        time_s=np.zeros(1),
+        position_ecef_m=motion.position_ecef_m[:1],
+        velocity_ecef_m_s=motion.velocity_ecef_m_s[:1],
+        attitude=motion.attitude[:1],
+    )
 
 
 def corners():
@@ -27,10 +31,16 @@ def corners():
 ROUND = circle(ecef_from_geodetic(0.6, -2.0, 500.0), 500.0, 50.0)
 
 
-@pytest.mark.parametrize(("trajectory", "rate_hz", "within_m"), [
-    (las_vegas(), 100.0, 1e-3), (las_vegas(), 10.0, 1e-3), (ROUND, 10.0, 1e-3), (ROUND, 100.0, 1e-3),
-    (corners(), 100.0, 3e-3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("trajectory", "rate_hz", "within_m"),
+    [
+        (las_vegas(), 100.0, 1e-3),
+        (las_vegas(), 10.0, 1e-3),
+        (ROUND, 10.0, 1e-3),
+        (ROUND, 100.0, 1e-3),
+        (corners(), 100.0, 3e-3),
+    ],
+)
 def test_error_free_readings_return_the_trajectory_to_millimetres_over_233_s(trajectory, rate_hz, within_m):
     unit = inertial(trajectory.at, rate_hz=rate_hz, duration_s=233.0)
     found = strapdown(first(trajectory.at([0.0])), unit.read(0, unit.n_samples))
@@ -81,8 +91,15 @@ def test_many_units_at_once_are_each_as_alone():
     )
     assert places.shape == (2, 3, 201, 3)
     assert attitudes.shape == (2, 3, 201, 3, 3)
-    alone = strapdown(start, ImuSeries(time_s=series.time_s, interval_s=0.05, specific_force_m_s2=force[1, 2],
-                                       angular_rate_rad_s=series.angular_rate_rad_s))  # fmt: skip
+    alone = strapdown(
+        start,
+        ImuSeries(
+            time_s=series.time_s,
+            interval_s=0.05,
+            specific_force_m_s2=force[1, 2],
+            angular_rate_rad_s=series.angular_rate_rad_s,
+        ),
+    )
     assert np.array_equal(alone.position_ecef_m, places[1, 2])
 
 

@@ -30,9 +30,18 @@ def clean() -> Rendered:
     """15 s of clean sky, two-bit samples: long enough for the time of week."""
     front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
     return Rendered(
-        scenes.clean(PLACE, START, duration_s=15.0, zenith_cn0_dbhz=48.0, horizon_cn0_dbhz=44.0, receivers=1,
-                     mask_deg=10.0, front_end=front_end, seed=3)
-    )  # fmt: skip
+        scenes.clean(
+            PLACE,
+            START,
+            duration_s=15.0,
+            zenith_cn0_dbhz=48.0,
+            horizon_cn0_dbhz=44.0,
+            receivers=1,
+            mask_deg=10.0,
+            front_end=front_end,
+            seed=3,
+        )
+    )
 
 
 @pytest.fixture(scope="session")

@@ -155,9 +155,7 @@ def test_taking_a_signal_out_leaves_the_noise():
     alone = planes_of(noise(rng, n))
     strong = wave(rng, n, "G07", 55.0, 123.4 * CHIP_S, 2345.0)
     planes = alone + planes_of(strong)
-    power = remove(
-        planes, GPS_L1_CA, RATE_HZ, 0.0, [("G07", KnownSignal(delay_s=123.4 * CHIP_S, doppler_hz=2345.0))]
-    )
+    power = remove(planes, GPS_L1_CA, RATE_HZ, 0.0, [("G07", KnownSignal(delay_s=123.4 * CHIP_S, doppler_hz=2345.0))])
     # One complex amplitude a period of 2600 samples goes with it.
     assert np.sum((planes - alone) ** 2) / np.sum(np.abs(strong) ** 2) < 0.01
     assert power[0] / (2.0 * 2600.0) == pytest.approx(10.0**5.5 * 1e-3, rel=0.1)
@@ -263,10 +261,16 @@ def test_a_weak_satellite_is_found_below_a_strong_known_one():
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     "made",
-    [lambda k: np.ones(k.size), lambda k: np.zeros(k.size), lambda k: 1.0 - 2.0 * (k % 2),
-     lambda k: 0.7 - (k % 37 < 20), lambda k: 0.7 - (k % 1000 < 400), lambda k: np.where(k == 12345, -1.0, 1.0)],
+    [
+        lambda k: np.ones(k.size),
+        lambda k: np.zeros(k.size),
+        lambda k: 1.0 - 2.0 * (k % 2),
+        lambda k: 0.7 - (k % 37 < 20),
+        lambda k: 0.7 - (k % 1000 < 400),
+        lambda k: np.where(k == 12345, -1.0, 1.0),
+    ],
     ids=["constant", "zeros", "alternating", "37", "1000", "one sample differs"],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("if_hz", [0.0, 1234.5])
 def test_a_stretch_that_holds_lines_and_no_noise_gives_no_signal(made, if_hz):
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
@@ -316,8 +320,10 @@ def _with_lines(rng, n):
 
 
 def _under_strong_satellites(rng, n):
-    strong = [wave(rng, n, sat, rng.uniform(48.0, 54.0), rng.uniform(0.0, 1e-3), 1000.0 * rng.integers(-3, 4))
-              for sat in ("G30", "G31", "G32")]  # fmt: skip
+    strong = [
+        wave(rng, n, sat, rng.uniform(48.0, 54.0), rng.uniform(0.0, 1e-3), 1000.0 * rng.integers(-3, 4))
+        for sat in ("G30", "G31", "G32")
+    ]
     return noise(rng, n) + sum(strong)
 
 
@@ -325,12 +331,19 @@ def _under_strong_satellites(rng, n):
 @pytest.mark.parametrize(
     "made",
     [
-        _white, _coloured, _with_lines,
-        pytest.param(_under_strong_satellites, marks=pytest.mark.xfail(
-            strict=True, reason="three unknown satellites of 48 to 54 dB-Hz, whole kilohertz off: 6 times the stated "
-            "rate at 0.03 and 19 times at 0.001 in 1500 searches; it holds once they are known")),
+        _white,
+        _coloured,
+        _with_lines,
+        pytest.param(
+            _under_strong_satellites,
+            marks=pytest.mark.xfail(
+                strict=True,
+                reason="three unknown satellites of 48 to 54 dB-Hz, whole kilohertz off: 6 times the stated "
+                "rate at 0.03 and 19 times at 0.001 in 1500 searches; it holds once they are known",
+            ),
+        ),
     ],
-)  # fmt: skip
+)
 def test_false_alarms_come_at_the_stated_rate(made):
     """At most as stated, and at least half of it: a tail is never taken as thinner than that of white noise."""
     rng = np.random.default_rng(16)
@@ -365,20 +378,73 @@ def test_a_tracked_satellite_alone_gives_no_second_signal(cn0_dbhz):
 # ---------------------------------------------------------------------- recordings
 
 REAL = {
-    "iq-pocketsdr/L1_20211125_004000_12MHz_I.bin": (12e6, 3e6, 87, 28, {
-        2: (-2748, 454.2), 5: (147, 478.3), 11: (-3272, 938.1), 13: (-241, 511.8), 15: (1743, 794.1), 18: (3229, 560.9),
-        20: (-1347, 696.7), 24: (4224, 325.1), 28: (2316, 368.5), 29: (-2011, 773.6), 30: (-1865, 402.3)}),
-    "iq-pocketsdr/L1_20211201_054600_24MHz_I.bin": (24e6, 6e6, 43, 23, {
-        10: (-2036, 871.1), 12: (-1850, 154.2), 23: (-3282, 788.2), 24: (-2439, 11.8), 25: (368, 684.9),
-        29: (3322, 148.6), 31: (2542, 458.1), 32: (2124, 66.2)}),
-    "iq-pocketsdr/L1_20211202_084700_4MHz_IQ.bin": (4e6, 0.0, 100, 25, {
-        4: (3234, 958.0), 16: (2577, 1012.0), 18: (2726, 624.0), 25: (-2782, 140.4), 26: (649, 920.4),
-        29: (-2216, 422.8), 31: (-205, 296.4), 32: (-3284, 707.4)}),
+    "iq-pocketsdr/L1_20211125_004000_12MHz_I.bin": (
+        12e6,
+        3e6,
+        87,
+        28,
+        {
+            2: (-2748, 454.2),
+            5: (147, 478.3),
+            11: (-3272, 938.1),
+            13: (-241, 511.8),
+            15: (1743, 794.1),
+            18: (3229, 560.9),
+            20: (-1347, 696.7),
+            24: (4224, 325.1),
+            28: (2316, 368.5),
+            29: (-2011, 773.6),
+            30: (-1865, 402.3),
+        },
+    ),
+    "iq-pocketsdr/L1_20211201_054600_24MHz_I.bin": (
+        24e6,
+        6e6,
+        43,
+        23,
+        {
+            10: (-2036, 871.1),
+            12: (-1850, 154.2),
+            23: (-3282, 788.2),
+            24: (-2439, 11.8),
+            25: (368, 684.9),
+            29: (3322, 148.6),
+            31: (2542, 458.1),
+            32: (2124, 66.2),
+        },
+    ),
+    "iq-pocketsdr/L1_20211202_084700_4MHz_IQ.bin": (
+        4e6,
+        0.0,
+        100,
+        25,
+        {
+            4: (3234, 958.0),
+            16: (2577, 1012.0),
+            18: (2726, 624.0),
+            25: (-2782, 140.4),
+            26: (649, 920.4),
+            29: (-2216, 422.8),
+            31: (-205, 296.4),
+            32: (-3284, 707.4),
+        },
+    ),
     "iq-pocketsdr/L2_20211202_084700_4MHz_IQ_first100ms.bin": (4e6, 0.0, 99, None, {}),
-    "iq-cttc/GSoC_CTTC_capture_2012_07_26_4Msps_4ms.dat": (4e6, 0.0, 4, 30, {
-        2: (8050, 223.3), 12: (7200, 130.4), 25: (9000, 175.4), 29: (9725, 947.6), 30: (12750, 945.8),
-        31: (11800, 498.5)}),
-}  # fmt: skip
+    "iq-cttc/GSoC_CTTC_capture_2012_07_26_4Msps_4ms.dat": (
+        4e6,
+        0.0,
+        4,
+        30,
+        {
+            2: (8050, 223.3),
+            12: (7200, 130.4),
+            25: (9000, 175.4),
+            29: (9725, 947.6),
+            30: (12750, 945.8),
+            31: (11800, 498.5),
+        },
+    ),
+}
 """Rate, intermediate frequency, periods that are continuous, the weakest satellite, and all of them with Doppler in Hz
 and code phase in chips: README of the recordings."""
 

@@ -25,8 +25,20 @@ def sharp_table(code, chips_per_sample, n_phases, n_samples, reach_chips=c.REACH
 class Case:
     """Noise, and one stretch of it to correlate."""
 
-    def __init__(self, rate_hz=2.6e6, *, n=None, begin=3, chip=0.2, doppler_hz=1234.5, code_doppler=3e-6, phase_cyc=0.3,
-                 delays_chips=(0.125, 0.0, -0.125), reach_chips=2.0, seed=1) -> None:  # fmt: skip
+    def __init__(
+        self,
+        rate_hz=2.6e6,
+        *,
+        n=None,
+        begin=3,
+        chip=0.2,
+        doppler_hz=1234.5,
+        code_doppler=3e-6,
+        phase_cyc=0.3,
+        delays_chips=(0.125, 0.0, -0.125),
+        reach_chips=2.0,
+        seed=1,
+    ) -> None:
         self.nominal = CHIP_RATE_HZ / rate_hz
         self.step = self.nominal * (1.0 + code_doppler)
         self.n = math.ceil((1023 - chip) / self.step) if n is None else n
@@ -68,11 +80,23 @@ class Case:
         sums = np.full((len(dopplers), self.delays.size, 2), np.inf)
         shifts = np.full(self.delays.size, np.inf)
         c.correlate_period(
-            self.samples[0], self.samples[1], self.begin + first, n, self.chip + first * self.step, self.step,
-            self.phase_cyc + first * self.cycles, self.cycles, table, c.table_pad(self.nominal, self.reach),
-            self.nominal, self.delays, np.array(dopplers), c.scratch_for(room or self.n, self.delays.size), sums,
+            self.samples[0],
+            self.samples[1],
+            self.begin + first,
+            n,
+            self.chip + first * self.step,
+            self.step,
+            self.phase_cyc + first * self.cycles,
+            self.cycles,
+            table,
+            c.table_pad(self.nominal, self.reach),
+            self.nominal,
+            self.delays,
+            np.array(dopplers),
+            c.scratch_for(room or self.n, self.delays.size),
+            sums,
             shifts,
-        )  # fmt: skip
+        )
         return sums[..., 0] + 1j * sums[..., 1], shifts
 
 
@@ -227,10 +251,23 @@ def test_the_scratch_keeps_nothing_from_call_to_call():
     def run(which):
         sums, shifts = np.empty((1, 5, 2)), np.empty(5)
         c.correlate_period(
-            which.samples[0], which.samples[1], which.begin, which.n, which.chip, which.step, which.phase_cyc,
-            which.cycles, table, c.table_pad(which.nominal), which.nominal, which.delays, np.zeros(1), scratch, sums,
+            which.samples[0],
+            which.samples[1],
+            which.begin,
+            which.n,
+            which.chip,
+            which.step,
+            which.phase_cyc,
+            which.cycles,
+            table,
+            c.table_pad(which.nominal),
+            which.nominal,
+            which.delays,
+            np.zeros(1),
+            scratch,
+            sums,
             shifts,
-        )  # fmt: skip
+        )
         return sums
 
     first = run(case)

@@ -45,8 +45,9 @@ def errors_of_the_weaker(apart_chips, stronger_db, apart_hz, *, same_bits=True):
     receiver = Receiver(FRONT_END.rate_hz, 0.0, ReceiverSettings(sats=(), near_search_s=1e9))
     state = ReceiverState()
     for i in range(2):
-        peak = Peak(sat=SAT, delay_s=delay_s[i] % 1e-3, doppler_hz=doppler_hz[i], power=1.0, p_value=0.0,
-                    cn0_dbhz=levels[i])  # fmt: skip
+        peak = Peak(
+            sat=SAT, delay_s=delay_s[i] % 1e-3, doppler_hz=doppler_hz[i], power=1.0, p_value=0.0, cn0_dbhz=levels[i]
+        )
         state = receiver._start(state, peak, 0, 0.0)
     parts = []
     for block in range(-(-rendering.n_samples // BLOCK)):
@@ -111,9 +112,15 @@ def rows_of(*starts_chips):
 
 def cleaned(sats, before, now):
     return take_out(
-        sats, before, now, taps_chips=np.array([0.125, 0.0, -0.125]), rate_hz=2.6e6, if_hz=0.0, signal=GPS_L1_CA,
+        sats,
+        before,
+        now,
+        taps_chips=np.array([0.125, 0.0, -0.125]),
+        rate_hz=2.6e6,
+        if_hz=0.0,
+        signal=GPS_L1_CA,
         code_gain=1.0,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(
@@ -135,8 +142,9 @@ def test_what_is_taken_out_is_the_autocorrelation_where_the_other_is():
         taps[:] = 0.0
     errors_chips = cleaned(["G05"] * 3, before, now)
     assert np.isfinite(errors_chips).all()
-    table = np.interp(3.0 + np.array([0.125, 0.0, -0.125]), np.arange(1023 * POINTS + 1) / POINTS,
-                      autocorrelation(CODE, 1.023 / 2.6))  # fmt: skip
+    table = np.interp(
+        3.0 + np.array([0.125, 0.0, -0.125]), np.arange(1023 * POINTS + 1) / POINTS, autocorrelation(CODE, 1.023 / 2.6)
+    )
     far = autocorrelation(CODE, 1.023 / 2.6)[1020 * POINTS]
     assert now[0][0, 2, k.OUT_TAPS + 2] == pytest.approx(1.0 - table[1] - far, abs=0.01)
     assert now[0][0, 2, k.OUT_TAPS] - now[0][0, 2, k.OUT_TAPS + 4] == pytest.approx(table[2] - table[0], abs=0.01)

@@ -28,9 +28,13 @@ def followed(sats, motion, cn0_dbhz, *, duration_s, front_end=FRONT_END, noise=T
     receiver, state = Receiver(front_end.rate_hz, 0.0, wanted), ReceiverState()
     for sat, delay_s, doppler_hz in zip(sats, motion.delay_s, motion.doppler_hz, strict=True):
         peak = Peak(
-            sat=sat, delay_s=float(delay_s % 1e-3), doppler_hz=float(doppler_hz + beside_hz), power=1.0, p_value=0.0,
+            sat=sat,
+            delay_s=float(delay_s % 1e-3),
+            doppler_hz=float(doppler_hz + beside_hz),
+            power=1.0,
+            p_value=0.0,
             cn0_dbhz=cn0_dbhz,
-        )  # fmt: skip
+        )
         state = receiver._start(state, peak, 0, 0.0)
     parts, arcs = [], {}
     for block in range(-(-rendering.n_samples // BLOCK)):

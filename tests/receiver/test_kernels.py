@@ -36,8 +36,10 @@ def signal(n, *, delay_chips, doppler_hz, phase_cyc=0.2, amplitude=1.0):
     """A noiseless signal, I and Q in float32."""
     index = np.arange(n)
     chips = index * 1.023e6 * (1.0 + doppler_hz / 1575.42e6) / RATE_HZ - delay_chips
-    wave = amplitude * CODE[np.floor(chips).astype(int) % 1023] * np.exp(
-        2j * np.pi * (phase_cyc + index * doppler_hz / RATE_HZ)
+    wave = (
+        amplitude
+        * CODE[np.floor(chips).astype(int) % 1023]
+        * np.exp(2j * np.pi * (phase_cyc + index * doppler_hz / RATE_HZ))
     )
     return np.stack([wave.real, wave.imag]).astype(np.float32)
 
@@ -48,10 +50,25 @@ def run(planes, state, taps_chips, *, first_sample=0):
     table = code_table(CODE, 1.023e6 / RATE_HZ, 32, 2601)[None]
     power = float(np.mean(planes**2) * 2.0) * CODE_SCALE**2
     k.advance(
-        planes[0], planes[1], first_sample, power, state, table, table_pad(1.023e6 / RATE_HZ),
-        np.zeros(1, np.int64), taps_chips, np.zeros(1), RATE_HZ, 0.0,
-        1.023e6, 1575.42e6, 1023, GAIN, out, counts,
-    )  # fmt: skip
+        planes[0],
+        planes[1],
+        first_sample,
+        power,
+        state,
+        table,
+        table_pad(1.023e6 / RATE_HZ),
+        np.zeros(1, np.int64),
+        taps_chips,
+        np.zeros(1),
+        RATE_HZ,
+        0.0,
+        1.023e6,
+        1575.42e6,
+        1023,
+        GAIN,
+        out,
+        counts,
+    )
     return out[0, : counts[0]]
 
 
@@ -89,9 +106,15 @@ def test_the_kernel_equals_its_numpy_twin(doppler_hz, taps):
         code_rate_hz = 1.023e6 * (1.0 + doppler_hz / 1575.42e6)  # the loops are open
         n = int(np.ceil((1023 - row[k.OUT_CHIP]) / (code_rate_hz / RATE_HZ)))
         twin = correlate_numpy(
-            planes, int(row[k.OUT_START]), n, row[k.OUT_CHIP], code_rate_hz, row[k.OUT_PHASE],
-            row[k.OUT_FREQUENCY], taps_chips,
-        )  # fmt: skip
+            planes,
+            int(row[k.OUT_START]),
+            n,
+            row[k.OUT_CHIP],
+            code_rate_hz,
+            row[k.OUT_PHASE],
+            row[k.OUT_FREQUENCY],
+            taps_chips,
+        )
         ours = row[k.OUT_TAPS :: 2] + 1j * row[k.OUT_TAPS + 1 :: 2]
         # The code is read at the nearest of 32 fractions of a sample.
         assert np.abs(ours - twin).max() < 0.01 * n * CODE_SCALE

@@ -18,9 +18,15 @@ def test_taps_show_the_correlation_function_on_the_real_axis(clean):
     output, _ = receiver.step(ReceiverState(), clean.planes[:, : int(3.05 * clean.samples.rate_hz)])
     elapsed_s = 0.2 * np.arange(1.0, 15.0)
     taps = taps_of(
-        "rx", output.measurements, output.arcs, elapsed_s, delays_chips=receiver.taps_chips,
-        dopplers_hz=receiver.taps_hz, samples_per_period=receiver.rate_hz * 1e-3, averaged_s=0.2,
-    )  # fmt: skip
+        "rx",
+        output.measurements,
+        output.arcs,
+        elapsed_s,
+        delays_chips=receiver.taps_chips,
+        dopplers_hz=receiver.taps_hz,
+        samples_per_period=receiver.rate_hz * 1e-3,
+        averaged_s=0.2,
+    )
     assert taps.value.shape == (14, len(taps.signals), 2, 6)
     late = taps.value[10:]
     prompt = late[:, :, 0, 1]
@@ -39,9 +45,15 @@ def arc(copy: str, crs: float) -> Arc:
     fields = {"iode": 17.0, "crs": crs, "toe": 7200.0}
     subframe = Subframe(id=2, tow_s=6, inverted=False, alert=False, words=(), fields=fields)
     return Arc(
-        signal=SignalId("G05", copy=copy), found_s=0.0, missed_s=float("nan"), began="found",
-        tow_ms_at_period_0=0, bit_synchronised=True, bits_period=0, subframes={2: subframe},
-    )  # fmt: skip
+        signal=SignalId("G05", copy=copy),
+        found_s=0.0,
+        missed_s=float("nan"),
+        began="found",
+        tow_ms_at_period_0=0,
+        bit_synchronised=True,
+        bits_period=0,
+        subframes={2: subframe},
+    )
 
 
 def test_messages_of_one_satellite_are_compared():

@@ -122,9 +122,10 @@ def test_a_turn_that_nothing_else_showed_is_a_slip_and_open_while_it_may_be():
 
 
 @given(
-    seed=st.integers(0, 10_000), edges=st.sets(st.integers(0, 20_000), min_size=2, max_size=8),
+    seed=st.integers(0, 10_000),
+    edges=st.sets(st.integers(0, 20_000), min_size=2, max_size=8),
     flips=st.floats(0.0, 0.5),
-)  # fmt: skip
+)
 def test_the_carrier_moves_by_half_a_cycle_at_slips_only(seed, edges, flips):
     rng = np.random.default_rng(seed)
     turned, slipped = rng.random((2, PERIODS.size)) < flips

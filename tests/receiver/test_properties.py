@@ -49,10 +49,16 @@ class Heard:
 def planes():
     """A clean sky of the five highest satellites, two-bit samples."""
     scenario = clean(
-        Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0), START, duration_s=DURATION_S, zenith_cn0_dbhz=48.0,
-        horizon_cn0_dbhz=44.0, receivers=1, mask_deg=35.0, seed=3,
+        Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0),
+        START,
+        duration_s=DURATION_S,
+        zenith_cn0_dbhz=48.0,
+        horizon_cn0_dbhz=44.0,
+        receivers=1,
+        mask_deg=35.0,
+        seed=3,
         front_end=FrontEnd(rate_hz=RATE_HZ, encoding="sign-magnitude", bits=2),
-    )  # fmt: skip
+    )
     samples = samples_of(scenario, nominal_constellation(START))[0]
     return samples.read(0, samples.n_samples)
 

@@ -31,8 +31,9 @@ def trials(rng, n, duration_s, cn0_dbhz, rate_hz=RATE_HZ):
     for _ in range(n):
         delay_s, true_hz = rng.uniform(0, 1e-3), rng.uniform(-4000, 4000)
         samples = wave(rng, rate_hz, duration_s, 7, delay_s, true_hz, cn0_dbhz)
-        found = code_phase(samples, rate_hz, 0.0, "G07", delay_s + rng.uniform(-0.3, 0.3) / 1.023e6,
-                           true_hz + rng.uniform(-20, 20))  # fmt: skip
+        found = code_phase(
+            samples, rate_hz, 0.0, "G07", delay_s + rng.uniform(-0.3, 0.3) / 1.023e6, true_hz + rng.uniform(-20, 20)
+        )
         assert found.found
         truth_s = (found.elapsed_s - delay_s) * (1.0 + true_hz / 1575.42e6)
         code.append(of_period(found.code_s - truth_s) / found.code_sigma_s)

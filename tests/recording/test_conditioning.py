@@ -19,8 +19,13 @@ LINE_HZ = 212_345.6
 
 def recording(planes, *, if_hz=0.0, rate_hz=RATE_HZ) -> Samples:
     planes = np.asarray(planes, np.float32)
-    return Samples(name="x", rate_hz=rate_hz, n_samples=planes.shape[1], if_hz=if_hz,
-                   read=lambda start, count: planes[:, start : start + count])  # fmt: skip
+    return Samples(
+        name="x",
+        rate_hz=rate_hz,
+        n_samples=planes.shape[1],
+        if_hz=if_hz,
+        read=lambda start, count: planes[:, start : start + count],
+    )
 
 
 def noise(n, seed=0):

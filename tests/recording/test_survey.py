@@ -26,17 +26,27 @@ TWO_BIT_REAL = {"kind": "real", "encoding": "sign-magnitude", "bits": 2}
 
 def recorded(rate_hz, *, duration_s=0.1, seed=0, **front_end):
     """A clean sky in memory, and its satellites as a search would give them, by the truth."""
-    scenario = scenes.clean(PLACE, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=seed,
-                            front_end=FrontEnd(rate_hz=rate_hz, **front_end))  # fmt: skip
+    scenario = scenes.clean(
+        PLACE,
+        START,
+        duration_s=duration_s,
+        receivers=1,
+        mask_deg=10.0,
+        seed=seed,
+        front_end=FrontEnd(rate_hz=rate_hz, **front_end),
+    )
     navigation = nominal_constellation(START)
     samples, sky = samples_of(scenario, navigation)[0], scene_of(scenario, navigation).skies[0]
     late_s = sky.true_minus_elapsed_s(0.0)
     delays_s, rates = sky.code_delay_s(late_s), sky.carrier_delay_rate(late_s)
     heard = [
-        SimpleNamespace(sat=signal.id.sat, delay_s=float((delays_s[k] - late_s) % 1e-3),
-                        doppler_hz=float(-1575.42e6 * (rates[k] + sky.receiver.lo_ppm * 1e-6)))
+        SimpleNamespace(
+            sat=signal.id.sat,
+            delay_s=float((delays_s[k] - late_s) % 1e-3),
+            doppler_hz=float(-1575.42e6 * (rates[k] + sky.receiver.lo_ppm * 1e-6)),
+        )
         for k, signal in enumerate(sky.signals)
-    ]  # fmt: skip
+    ]
     planes = samples.read(0, samples.n_samples)
     return replace(samples, read=lambda start, count: planes[:, start : start + count]), heard
 

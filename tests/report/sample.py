@@ -17,31 +17,50 @@ EMPTY = Pictures(zero_gpst="2022-01-01T10:00:00")
 def pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
     rng = np.random.default_rng(7)
     names = [f"rx{i + 1}" for i in range(receivers)]
-    signals = [(f"G{sat + 1:02} L1 CA {copy}", label) for sat in range(sats)
-               for copy, label in (("a", "authentic"), ("b", "spoofed"))]  # fmt: skip
+    signals = [
+        (f"G{sat + 1:02} L1 CA {copy}", label)
+        for sat in range(sats)
+        for copy, label in (("a", "authentic"), ("b", "spoofed"))
+    ]
     return Pictures(
         zero_gpst="2022-01-01T10:00:00",
         onset_s=24.0,
         onset_sigma_s=0.5,
         origin=Place(lat_deg=59.4121, lon_deg=16.8837, height_m=31.0),
         series=tuple(
-            SignalSeries(receiver=name, signal=signal, label=label, seconds=np.arange(epochs) * 1.0,
-                         cn0_dbhz=rng.normal(45.0, 0.5, epochs))
-            for name in names for signal, label in signals
+            SignalSeries(
+                receiver=name,
+                signal=signal,
+                label=label,
+                seconds=np.arange(epochs) * 1.0,
+                cn0_dbhz=rng.normal(45.0, 0.5, epochs),
+            )
+            for name in names
+            for signal, label in signals
         ),
         tracks=tuple(
-            FixTrack(receiver=name, kind=kind, east_m=east_m + rng.normal(0.0, 0.5, epochs),
-                     north_m=rng.normal(0.0, 0.5, epochs), covariance_m2=np.eye(2))
-            for name in names for kind, east_m in (("trusted", 0.0), ("false", 700.0), ("unprotected", 700.0))
+            FixTrack(
+                receiver=name,
+                kind=kind,
+                east_m=east_m + rng.normal(0.0, 0.5, epochs),
+                north_m=rng.normal(0.0, 0.5, epochs),
+                covariance_m2=np.eye(2),
+            )
+            for name in names
+            for kind, east_m in (("trusted", 0.0), ("false", 700.0), ("unprotected", 700.0))
         ),
         sky=tuple(
             SkyPosition(receiver=name, signal=signal, label=label, azimuth_deg=40.0 * i, elevation_deg=30.0)
-            for name in names for i, (signal, label) in enumerate(signals)
+            for name in names
+            for i, (signal, label) in enumerate(signals)
         ),
         truth=(TruePlace(receiver="rx1", east_m=1.0, north_m=-0.5),),
         profiles=tuple(
             DelayProfile(
-                receiver="rx1", sat=f"G{sat + 1:02}", at_s=48.0, delays_chips=np.linspace(-3.0, 8.0, 111),
+                receiver="rx1",
+                sat=f"G{sat + 1:02}",
+                at_s=48.0,
+                delays_chips=np.linspace(-3.0, 8.0, 111),
                 power=1.0 + 20.0 * np.exp(-(np.linspace(-3.0, 8.0, 111) ** 2)),
                 tags=(DelayTag(label="authentic", delay_chips=0.0), DelayTag(label="spoofed", delay_chips=4.0)),
             )
@@ -49,8 +68,15 @@ def pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
         ),
         differences=tuple(
             RangeDifference(receivers=(names[0], names[-1]), sat=f"G{sat + 1:02}", label=label, metres=float(metres))
-            for sat in range(sats) for label, metres in (("authentic", 20.0 * sat - 20.0), ("spoofed", 0.0))
+            for sat in range(sats)
+            for label, metres in (("authentic", 20.0 * sat - 20.0), ("spoofed", 0.0))
         ),
-        findings=(Finding(detector="multi_receiver", words="2 satellites come from one antenna",
-                          from_gpst="2022-01-01T10:00:30", to_gpst="2022-01-01T10:00:40"),),
-    )  # fmt: skip
+        findings=(
+            Finding(
+                detector="multi_receiver",
+                words="2 satellites come from one antenna",
+                from_gpst="2022-01-01T10:00:30",
+                to_gpst="2022-01-01T10:00:40",
+            ),
+        ),
+    )

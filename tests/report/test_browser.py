@@ -19,8 +19,17 @@ from skyproof.report.page import report_html
 from skyproof.verdict import Verdict
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-QUIET = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-         "--disable-background-networking", "--disable-component-update", "--hide-scrollbars")  # fmt: skip
+QUIET = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--hide-scrollbars",
+)
 OFFLINE = "--host-resolver-rules=MAP * ~NOTFOUND"
 AXE = Path(axe_core_python.__file__).with_name("axe.min.js")
 CSP = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
@@ -34,8 +43,17 @@ def browse(folder: Path, page: str, *options: str) -> tuple[str, str]:
     path = folder / "page.html"
     path.write_text(page, encoding="utf-8")
     assert CHROMIUM is not None
-    command = [CHROMIUM, *QUIET, OFFLINE, f"--user-data-dir={folder / 'profile'}", "--enable-logging=stderr",
-               "--virtual-time-budget=20000", *options, "--dump-dom", path.as_uri()]  # fmt: skip
+    command = [
+        CHROMIUM,
+        *QUIET,
+        OFFLINE,
+        f"--user-data-dir={folder / 'profile'}",
+        "--enable-logging=stderr",
+        "--virtual-time-budget=20000",
+        *options,
+        "--dump-dom",
+        path.as_uri(),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     return done.stdout, "\n".join(line for line in done.stderr.splitlines() if "CONSOLE" in line)
 
@@ -69,11 +87,22 @@ def violations(folder: Path, page: str) -> list[str]:
 
 def undecided() -> str:
     """A page that has next to nothing to tell."""
-    return report_html(Verdict.model_validate(SAMPLE | {
-        "verdict": "undecided", "undecided_because": "no signal was found; a longer recording would decide",
-        "since_gpst": None, "since_sigma_s": None, "receivers": [SAMPLE["receivers"][1]], "signals": [], "sources": [],
-        "methods": [],
-    }), EMPTY)  # fmt: skip
+    return report_html(
+        Verdict.model_validate(
+            SAMPLE
+            | {
+                "verdict": "undecided",
+                "undecided_because": "no signal was found; a longer recording would decide",
+                "since_gpst": None,
+                "since_sigma_s": None,
+                "receivers": [SAMPLE["receivers"][1]],
+                "signals": [],
+                "sources": [],
+                "methods": [],
+            }
+        ),
+        EMPTY,
+    )
 
 
 def test_the_page_opens_without_network_and_without_a_complaint(tmp_path: Path) -> None:

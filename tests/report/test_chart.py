@@ -50,8 +50,11 @@ def lines(root: ElementTree.Element) -> list[Any]:
     """Corners of every curve but the keys of the legend, which lie below the frame."""
     (frame,) = (e for e in root.iter(f"{SVG}rect"))
     bottom = float(frame.get("y", "nan")) + float(frame.get("height", "nan"))
-    found = [np.array(re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", e.get("d", "")), dtype=float)
-             for e in root.iter(f"{SVG}path") if "curve" in e.get("class", "").split()]  # fmt: skip
+    found = [
+        np.array(re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", e.get("d", "")), dtype=float)
+        for e in root.iter(f"{SVG}path")
+        if "curve" in e.get("class", "").split()
+    ]
     return [corners for corners in found if corners[:, 1].max() <= bottom]
 
 
@@ -144,9 +147,11 @@ def test_none_and_missing_columns_are_left_out() -> None:
 def test_lines_differ_without_colour() -> None:
     rows = [{"method": f"m{k}", "window_s": float(x), "kept": float(k)} for k in range(20) for x in (0, 1)]
     root = drawn(rows)
-    looks = {(e.get("class"), "".join(re.findall(r"[\d.]+(m.*?)(?=M|$)", mark.get("d", ""))[:1]))
-             for e, mark in pairwise(root.iter(f"{SVG}path"))
-             if "curve" in e.get("class", "") and "point" in mark.get("class", "")}  # fmt: skip
+    looks = {
+        (e.get("class"), "".join(re.findall(r"[\d.]+(m.*?)(?=M|$)", mark.get("d", ""))[:1]))
+        for e, mark in pairwise(root.iter(f"{SVG}path"))
+        if "curve" in e.get("class", "") and "point" in mark.get("class", "")
+    }
     assert len(looks) == 20
 
 

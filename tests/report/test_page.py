@@ -54,22 +54,48 @@ def read(page: str) -> Reader:
 def test_the_page_tells_everything_that_the_verdict_tells() -> None:
     text = read(report_html(VERDICT, pictures())).text
     for told in (
-        VERDICT.summary, "Spoofed since 10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time", "59.4121000",
-        "16.8951443", "rx1.bin", SAMPLE["inputs"][0]["sha256"], "I/Q imbalance 0.3 dB", "multi_receiver",
-        "Receivers compared", "66 tests made", "812", "13.8", "an antenna array and its attitude",
-        "p = 1.3·10⁻⁹", "no evidence", "antenna_separation_m = 5.0", "loops.dll_hz = 1.0", "duration_s = null",
-        "numpy 2.4.6", "4.46 µs behind", "skyproof-verdict/1", "once in 1\u202f000 hours",
-        "3 signals received: 1 authentic, 1 spoofed, 1 unknown.", "2 satellites come from one antenna.",
-        "The last trusted fix of rx1 lies", "from the truth",
-    ):  # fmt: skip
+        VERDICT.summary,
+        "Spoofed since 10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time",
+        "59.4121000",
+        "16.8951443",
+        "rx1.bin",
+        SAMPLE["inputs"][0]["sha256"],
+        "I/Q imbalance 0.3 dB",
+        "multi_receiver",
+        "Receivers compared",
+        "66 tests made",
+        "812",
+        "13.8",
+        "an antenna array and its attitude",
+        "p = 1.3·10⁻⁹",
+        "no evidence",
+        "antenna_separation_m = 5.0",
+        "loops.dll_hz = 1.0",
+        "duration_s = null",
+        "numpy 2.4.6",
+        "4.46 µs behind",
+        "skyproof-verdict/1",
+        "once in 1\u202f000 hours",
+        "3 signals received: 1 authentic, 1 spoofed, 1 unknown.",
+        "2 satellites come from one antenna.",
+        "The last trusted fix of rx1 lies",
+        "from the truth",
+    ):
         assert told in text, told
 
 
 def test_the_page_draws_what_it_was_given() -> None:
     page = report_html(VERDICT, pictures())
-    for heading in ("Where it was, where it seemed to be", "rx1 close up", "rx2 close up", "Sky over rx1, rx2",
-                    "Signals of rx1", "Signals of rx2", "Two peaks where there should be one: rx1",
-                    "The way to rx2 against the way to rx1"):  # fmt: skip
+    for heading in (
+        "Where it was, where it seemed to be",
+        "rx1 close up",
+        "rx2 close up",
+        "Sky over rx1, rx2",
+        "Signals of rx1",
+        "Signals of rx2",
+        "Two peaks where there should be one: rx1",
+        "The way to rx2 against the way to rx1",
+    ):
         assert f"<h3>{heading}</h3>" in page
     assert read(page).tags.count("figure") == 8
 
@@ -94,28 +120,48 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
     def poison(value: Any) -> Any:
         fixed = ("format", "verdict", "label", "gpst")
         if isinstance(value, dict):
-            return {key: item if any(word in key for word in fixed) and isinstance(item, str) else poison(item)
-                    for key, item in value.items()}  # fmt: skip
+            return {
+                key: item if any(word in key for word in fixed) and isinstance(item, str) else poison(item)
+                for key, item in value.items()
+            }
         if isinstance(value, list):
             return [poison(item) for item in value]
         return evil if isinstance(value, str) else value
 
-    document = poison(SAMPLE) | {"undecided_because": evil, "settings": {evil: evil, "a": {evil: [evil]}},
-                                 "versions": {evil: evil}}  # fmt: skip
+    document = poison(SAMPLE) | {
+        "undecided_because": evil,
+        "settings": {evil: evil, "a": {evil: [evil]}},
+        "versions": {evil: evil},
+    }
     given = pictures(1, 1)
     poisoned = Pictures(
-        zero_gpst=evil, origin=given.origin, onset_s=1.0,
-        series=tuple(SignalSeries(receiver=evil, signal=evil, label=s.label, seconds=s.seconds, cn0_dbhz=s.cn0_dbhz)
-                     for s in given.series),
+        zero_gpst=evil,
+        origin=given.origin,
+        onset_s=1.0,
+        series=tuple(
+            SignalSeries(receiver=evil, signal=evil, label=s.label, seconds=s.seconds, cn0_dbhz=s.cn0_dbhz)
+            for s in given.series
+        ),
         tracks=tuple(FixTrack(receiver=evil, kind=t.kind, east_m=t.east_m, north_m=t.north_m) for t in given.tracks),
-        sky=tuple(SkyPosition(receiver=evil, signal=evil, label=p.label, azimuth_deg=1.0, elevation_deg=2.0)
-                  for p in given.sky),
+        sky=tuple(
+            SkyPosition(receiver=evil, signal=evil, label=p.label, azimuth_deg=1.0, elevation_deg=2.0)
+            for p in given.sky
+        ),
         truth=(TruePlace(receiver=evil, east_m=0.0, north_m=0.0),),
-        profiles=tuple(DelayProfile(receiver=evil, sat=evil, at_s=0.0, delays_chips=p.delays_chips, power=p.power,
-                                    tags=(DelayTag(label="spoofed", delay_chips=0.0),)) for p in given.profiles),
+        profiles=tuple(
+            DelayProfile(
+                receiver=evil,
+                sat=evil,
+                at_s=0.0,
+                delays_chips=p.delays_chips,
+                power=p.power,
+                tags=(DelayTag(label="spoofed", delay_chips=0.0),),
+            )
+            for p in given.profiles
+        ),
         differences=(RangeDifference(receivers=(evil, evil), sat=evil, label="unknown", metres=3.0),),
         findings=(Finding(detector=evil, words=evil, from_gpst=evil, to_gpst=evil),),
-    )  # fmt: skip
+    )
     page = report_html(Verdict.model_validate(document), poisoned)
     reader = read(page)
     assert "script" not in reader.tags
@@ -138,12 +184,21 @@ def test_many_signals_over_a_long_time_stay_below_a_megabyte() -> None:
 def test_a_page_without_pictures_or_signals_says_so() -> None:
     receiver = SAMPLE["receivers"][1]
     document = SAMPLE | {
-        "verdict": "undecided", "undecided_because": "no signal was found; a longer recording would decide",
-        "since_gpst": None, "receivers": [receiver], "signals": [], "sources": [], "methods": [],
-    }  # fmt: skip
+        "verdict": "undecided",
+        "undecided_because": "no signal was found; a longer recording would decide",
+        "since_gpst": None,
+        "receivers": [receiver],
+        "signals": [],
+        "sources": [],
+        "methods": [],
+    }
     reader = read(report_html(Verdict.model_validate(document), EMPTY))
-    for told in ("No position could be computed.", "No signals were received.", "No method could run",
-                 "Not decided: no signal was found; a longer recording would decide"):  # fmt: skip
+    for told in (
+        "No position could be computed.",
+        "No signals were received.",
+        "No method could run",
+        "Not decided: no signal was found; a longer recording would decide",
+    ):
         assert told in reader.text
     assert "figure" not in reader.tags
     assert "Since" not in reader.text
@@ -151,14 +206,19 @@ def test_a_page_without_pictures_or_signals_says_so() -> None:
 
 @pytest.mark.parametrize(
     ("verdict", "decision", "words"),
-    [("spoofed", "attack", "in a clean sky, chance alone gives as much once in 1\u202f000 cases"),
-     ("authentic", "authentic", "were the signals false, chance alone gives as much once in 1\u202f000 cases")],
-)  # fmt: skip
+    [
+        ("spoofed", "attack", "in a clean sky, chance alone gives as much once in 1\u202f000 cases"),
+        ("authentic", "authentic", "were the signals false, chance alone gives as much once in 1\u202f000 cases"),
+    ],
+)
 def test_how_sure_names_the_strongest_evidence_for_the_verdict(verdict: str, decision: str, words: str) -> None:
     document = copy.deepcopy(SAMPLE)
     other = document["methods"][0]
-    methods = [other | {"decision": "clean", "p_value": 1e-9}, other | {"detector": "d2", "decision": decision,
-               "p_value": 1e-3}, other | {"detector": "d3", "decision": decision, "p_value": 0.4}]  # fmt: skip
+    methods = [
+        other | {"decision": "clean", "p_value": 1e-9},
+        other | {"detector": "d2", "decision": decision, "p_value": 1e-3},
+        other | {"detector": "d3", "decision": decision, "p_value": 0.4},
+    ]
     told = " ".join(how_sure(Verdict.model_validate(document | {"verdict": verdict, "methods": methods})))
     assert f"that of d2: {words}" in told
 

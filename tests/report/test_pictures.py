@@ -108,8 +108,11 @@ def test_the_ellipse_holds_95_percent() -> None:
     root = parsed(local_map([track("trusted", 10.0, -5.0, covariance_m2=covariance_m2)], title="map"))
     (ellipse,), (disc,) = of_class(root, "ellipse"), of_class(root, "mark", "trusted")
     # metres per pixel, from two labelled ticks of the east axis
-    ticks = [(float(e.text.replace("\N{MINUS SIGN}", "-")), number(e, "x")) for e in root.iter("text")
-             if e.get("text-anchor") == "middle" and re.fullmatch("\N{MINUS SIGN}?[0-9.]+", e.text or "")]  # fmt: skip
+    ticks = [
+        (float(e.text.replace("\N{MINUS SIGN}", "-")), number(e, "x"))
+        for e in root.iter("text")
+        if e.get("text-anchor") == "middle" and re.fullmatch("\N{MINUS SIGN}?[0-9.]+", e.text or "")
+    ]
     (m0, x0), (m1, x1) = ticks[0], ticks[-1]
     ring_m = (corners(ellipse) - (number(disc, "cx"), number(disc, "cy"))) * (m1 - m0) / (x1 - x0) * (1.0, -1.0)
     draws_m = rng.multivariate_normal(np.zeros(2), covariance_m2, 20000)
@@ -132,8 +135,11 @@ def overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, 
 
 
 def test_places_that_coincide_share_a_label_and_others_do_not_overlap() -> None:
-    tracks = [track(kind, e, n, receiver) for receiver, e, n in (("rx1", 0.0, 0.0), ("rx2", 50.0, -30.0))
-              for kind in ("trusted", "unprotected")]  # fmt: skip
+    tracks = [
+        track(kind, e, n, receiver)
+        for receiver, e, n in (("rx1", 0.0, 0.0), ("rx2", 50.0, -30.0))
+        for kind in ("trusted", "unprotected")
+    ]
     tracks += [track("false", 600.0, -600.0, receiver) for receiver in ("rx1", "rx2")]
     names = of_class(parsed(local_map(tracks, title="map")), "name")
     assert {e.text for e in names} == {"trusted, unprotected: rx1", "trusted, unprotected: rx2", "false: rx1, rx2"}
@@ -211,14 +217,20 @@ def test_a_track_without_a_fix_draws_nothing() -> None:
 def series(sat: str, label: Any, start_s: float, stop_s: float, cn0_dbhz: float, copy: str = "a") -> SignalSeries:
     seconds = np.arange(float(start_s), float(stop_s))
     return SignalSeries(
-        receiver="rx1", signal=f"{sat} L1 CA {copy}", label=label, seconds=seconds,
+        receiver="rx1",
+        signal=f"{sat} L1 CA {copy}",
+        label=label,
+        seconds=seconds,
         cn0_dbhz=np.full(seconds.size, float(cn0_dbhz)),
-    )  # fmt: skip
+    )
 
 
 def test_the_time_line_shows_labels_rows_units_and_onset() -> None:
-    lines = [series("G05", "authentic", 0, 61, 44), series("G05", "spoofed", 30, 61, 46, "b"),
-             series("G07", "unknown", 0, 61, 42)]  # fmt: skip
+    lines = [
+        series("G05", "authentic", 0, 61, 44),
+        series("G05", "spoofed", 30, 61, 46, "b"),
+        series("G07", "unknown", 0, 61, 42),
+    ]
     root = parsed(time_line(lines, title="time", zero="ten o'clock", onset_s=30.0))
     found = texts(root)
     assert {"G05", "G07", "onset", "time since ten o'clock, s", "C/N₀, each row 40 to 50 dB-Hz"} <= set(found)

@@ -30,9 +30,13 @@ def profile(sat: str, *tags: tuple[Any, float], height: float = 20.0) -> DelayPr
     delays = np.linspace(-3.0, 9.0, 121)
     power = 1.0 + height * sum(np.maximum(1.0 - np.abs(delays - delay), 0.0) ** 2 for _, delay in tags)
     return DelayProfile(
-        receiver="rx1", sat=sat, at_s=10.0, delays_chips=delays, power=power,
+        receiver="rx1",
+        sat=sat,
+        at_s=10.0,
+        delays_chips=delays,
+        power=power,
         tags=tuple(DelayTag(label=label, delay_chips=delay) for label, delay in tags),
-    )  # fmt: skip
+    )
 
 
 def test_every_signal_is_marked_above_its_peak_with_its_label() -> None:

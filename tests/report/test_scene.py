@@ -73,10 +73,18 @@ def test_a_label_that_finds_no_room_is_led_back_to_its_mark() -> None:
 
 
 def test_the_map_has_equal_scales_and_a_shape_for_each_role() -> None:
-    root = parsed(scene_map([
-        way("rx", "receiver", (0, 0)), way("m", "transmits", (300, 400)), way("m", "hears", (-200, 100)),
-        way("s", "shows", (0, -300)), way("jam", "disturbs", (-300, -300)),
-    ], title="map"))  # fmt: skip
+    root = parsed(
+        scene_map(
+            [
+                way("rx", "receiver", (0, 0)),
+                way("m", "transmits", (300, 400)),
+                way("m", "hears", (-200, 100)),
+                way("s", "shows", (0, -300)),
+                way("jam", "disturbs", (-300, -300)),
+            ],
+            title="map",
+        )
+    )
     (receiver,) = of_class(root, "mark", "receiver")
     (transmits,) = of_class(root, "mark", "transmits")
     x, y = corners(transmits)[0]
@@ -87,8 +95,9 @@ def test_the_map_has_equal_scales_and_a_shape_for_each_role() -> None:
 
 
 def test_the_way_of_what_moves_is_drawn_from_its_ring_to_its_mark() -> None:
-    root = parsed(scene_map([way("car", "receiver", (0, 0), (100, 0), (100, 200)), way("x", "shows", (0, 200))],
-                            title="map"))  # fmt: skip
+    root = parsed(
+        scene_map([way("car", "receiver", (0, 0), (100, 0), (100, 200)), way("x", "shows", (0, 200))], title="map")
+    )
     (start,) = of_class(root, "start", "receiver")
     (mark,) = of_class(root, "mark", "receiver")
     track = corners(of_class(root, "way", "receiver")[0])
@@ -104,11 +113,19 @@ def test_long_ways_are_told_in_kilometres() -> None:
 
 
 def test_receivers_at_one_place_share_a_label() -> None:
-    some = parsed(scene_map([way(f"rx{i}", "receiver", (0.1 * i, 0)) for i in range(3)]
-                            + [way("far", "receiver", (900, 0))], title="map"))  # fmt: skip
+    some = parsed(
+        scene_map(
+            [way(f"rx{i}", "receiver", (0.1 * i, 0)) for i in range(3)] + [way("far", "receiver", (900, 0))],
+            title="map",
+        )
+    )
     assert "rx0, rx1, rx2" in texts(some)
-    many = parsed(scene_map([way(f"receiver{i}", "receiver", (0.1 * i, 0)) for i in range(8)]
-                            + [way("far", "receiver", (900, 0))], title="map"))  # fmt: skip
+    many = parsed(
+        scene_map(
+            [way(f"receiver{i}", "receiver", (0.1 * i, 0)) for i in range(8)] + [way("far", "receiver", (900, 0))],
+            title="map",
+        )
+    )
     assert "8 receivers" in texts(many)
 
 
@@ -116,8 +133,11 @@ def test_receivers_at_one_place_share_a_label() -> None:
 
 
 def test_antennas_stand_forward_up_and_right_to_the_right() -> None:
-    elements = [Element(name="A", forward_m=0.0, right_m=0.0), Element(name="B", forward_m=0.2, right_m=0.0),
-                Element(name="C", forward_m=0.0, right_m=0.2, down_m=-0.03)]  # fmt: skip
+    elements = [
+        Element(name="A", forward_m=0.0, right_m=0.0),
+        Element(name="B", forward_m=0.2, right_m=0.0),
+        Element(name="C", forward_m=0.0, right_m=0.2, down_m=-0.03),
+    ]
     root = parsed(array_plot(elements, title="array"))
     a, b, c = ((number(e, "cx"), number(e, "cy")) for e in of_class(root, "mark", "receiver"))
     assert b[0] == a[0]
@@ -127,8 +147,9 @@ def test_antennas_stand_forward_up_and_right_to_the_right() -> None:
 
 
 def test_an_arm_is_drawn_where_it_begins_on_its_circle() -> None:
-    root = parsed(array_plot([Element(name="tip", forward_m=0.0, right_m=0.0, radius_m=0.5, start_deg=90.0)],
-                             title="arm"))  # fmt: skip
+    root = parsed(
+        array_plot([Element(name="tip", forward_m=0.0, right_m=0.0, radius_m=0.5, start_deg=90.0)], title="arm")
+    )
     (mark,), (circle,) = of_class(root, "mark", "receiver"), of_class(root, "way", "receiver")
     assert number(mark, "cx") - number(circle, "cx") == pytest.approx(number(circle, "r"), abs=0.2)
     assert number(mark, "cy") == pytest.approx(number(circle, "cy"), abs=0.2)
@@ -138,8 +159,11 @@ def test_an_arm_is_drawn_where_it_begins_on_its_circle() -> None:
 
 
 def test_a_line_is_broken_where_there_is_nothing_and_named_at_its_end() -> None:
-    root = parsed(line_plot([line("G05", 100.0, 110.0, np.nan, 130.0, 140.0)], title="t", zero="start",
-                            quantity="behind", metres=True))  # fmt: skip
+    root = parsed(
+        line_plot(
+            [line("G05", 100.0, 110.0, np.nan, 130.0, 140.0)], title="t", zero="start", quantity="behind", metres=True
+        )
+    )
     (drawn,) = of_class(root, "series", "spoofed")
     assert drawn.get("d", "").count("M") == 2
     assert {"G05", "behind, m", "time since start, s"} <= set(texts(root))
@@ -162,8 +186,14 @@ def test_far_offsets_are_told_in_kilometres() -> None:
 def test_a_transmitter_is_filled_while_it_is_on_only() -> None:
     power_db = np.full(101, 3.0)
     power_db[:20] = power_db[60:] = np.nan
-    root = parsed(switching_plot([Switching(name="spoofer", what="over", role="transmits", seconds=np.arange(101.0),
-                                            power_db=power_db)], (0.0, 100.0), title="t", zero="z"))  # fmt: skip
+    root = parsed(
+        switching_plot(
+            [Switching(name="spoofer", what="over", role="transmits", seconds=np.arange(101.0), power_db=power_db)],
+            (0.0, 100.0),
+            title="t",
+            zero="z",
+        )
+    )
     (filled,) = of_class(root, "on", "transmits")
     x = corners(filled)[:, 0]
     span = 348.0 - 12.0
@@ -184,8 +214,17 @@ def test_the_stronger_the_higher() -> None:
 def test_allan_deviations_stand_on_their_theory() -> None:
     tau_s = np.array([0.1, 1.0, 10.0])
     theory = 1e-3 / np.sqrt(tau_s)
-    root = parsed(allan_plot([AllanCurve(name="grade", tau_s=tau_s, deviation=theory, lower=0.9 * theory,
-                                         upper=1.1 * theory, theory=theory)], title="t", unit="m/s²"))  # fmt: skip
+    root = parsed(
+        allan_plot(
+            [
+                AllanCurve(
+                    name="grade", tau_s=tau_s, deviation=theory, lower=0.9 * theory, upper=1.1 * theory, theory=theory
+                )
+            ],
+            title="t",
+            unit="m/s²",
+        )
+    )
     points = np.array([(number(e, "cx"), number(e, "cy")) for e in of_class(root, "point")])
     np.testing.assert_allclose(corners(of_class(root, "theory")[0]), points, atol=0.11)
     assert len(of_class(root, "limits")) == 3
@@ -198,29 +237,64 @@ def test_allan_deviations_stand_on_their_theory() -> None:
 def page(**changes: Any) -> ScenePage:
     seconds = np.arange(10.0)
     filled: dict[str, Any] = {
-        "name": "<scene>", "description": "A & B <i>", "facts": ("<fact>",), "events": ("<event>",), "zero": "z",
-        "origin": "<origin>", "ways": (way("<rx>", "receiver", (0, 0)), way("<bad>", "transmits", (50, 9))),
+        "name": "<scene>",
+        "description": "A & B <i>",
+        "facts": ("<fact>",),
+        "events": ("<event>",),
+        "zero": "z",
+        "origin": "<origin>",
+        "ways": (way("<rx>", "receiver", (0, 0)), way("<bad>", "transmits", (50, 9))),
         "arrays": (("<rx>", (Element(name="<A>", forward_m=0.1, right_m=0.0),)),),
         "displacements": (("<shown>", (line("<east>", *range(10)),)),),
-        "skies": (SceneSky(receiver="<rx>", positions=(SkyPosition(receiver="<rx>", signal="G05 L1 CA a",
-                           label="authentic", azimuth_deg=10, elevation_deg=50),),
-                           sources=(SkySource(name="<bad>", azimuth_deg=90, elevation_deg=-2),),
-                           axes=(SkySource(name="<forward>", azimuth_deg=0, elevation_deg=0),)),),
-        "levels": (SignalSeries(receiver="<rx>", signal="G05 L1 CA a", label="authentic", seconds=seconds,
-                                cn0_dbhz=np.full(10, 45.0)),),
+        "skies": (
+            SceneSky(
+                receiver="<rx>",
+                positions=(
+                    SkyPosition(
+                        receiver="<rx>", signal="G05 L1 CA a", label="authentic", azimuth_deg=10, elevation_deg=50
+                    ),
+                ),
+                sources=(SkySource(name="<bad>", azimuth_deg=90, elevation_deg=-2),),
+                axes=(SkySource(name="<forward>", azimuth_deg=0, elevation_deg=0),),
+            ),
+        ),
+        "levels": (
+            SignalSeries(
+                receiver="<rx>", signal="G05 L1 CA a", label="authentic", seconds=seconds, cn0_dbhz=np.full(10, 45.0)
+            ),
+        ),
         "offsets": (("<rx>", (line("<G05>", *range(10)),)),),
         "disturbance": (("<rx>", (line("<noise>", *range(10)),)),),
         "switching": (Switching(name="<bad>", what="<what>", role="transmits", seconds=seconds, power_db=seconds),),
-        "span_s": (0.0, 9.0), "settings": (SettingGroup("<group>", (Setting("<key>", "<value>", "<unit>"),)),),
+        "span_s": (0.0, 9.0),
+        "settings": (SettingGroup("<group>", (Setting("<key>", "<value>", "<unit>"),)),),
         "made_by": "<made>",
-    }  # fmt: skip
+    }
     return ScenePage(**filled | changes)
 
 
 def test_everything_on_the_page_is_escaped() -> None:
     html = scene_html(page())
-    for words in ("scene", "fact", "event", "origin", "rx", "bad", "A", "shown", "east", "forward", "G05", "noise",
-                  "what", "group", "key", "value", "unit", "made"):  # fmt: skip
+    for words in (
+        "scene",
+        "fact",
+        "event",
+        "origin",
+        "rx",
+        "bad",
+        "A",
+        "shown",
+        "east",
+        "forward",
+        "G05",
+        "noise",
+        "what",
+        "group",
+        "key",
+        "value",
+        "unit",
+        "made",
+    ):
         assert f"<{words}>" not in html
         assert f"&lt;{words}&gt;" in html, words
     assert "A &amp; B &lt;i&gt;" in html

@@ -17,11 +17,19 @@ from skyproof.report.words import (
 
 @pytest.mark.parametrize(
     ("probability", "words"),
-    [(1.0, "in 100 of 100 cases"), (0.33, "in 33 of 100 cases"), (0.015, "in 1.5 of 100 cases"),
-     (0.02, "in 2 of 100 cases"), (0.001, "once in 1\u202f000 cases"), (2.9e-5, "once in 30\u202f000 cases"),
-     (1.3e-9, "once in 7·10⁸ cases"), (1e-20, "once in 10²⁰ cases"), (0.0, "practically never"),
-     (5e-324, "practically never")],
-)  # fmt: skip
+    [
+        (1.0, "in 100 of 100 cases"),
+        (0.33, "in 33 of 100 cases"),
+        (0.015, "in 1.5 of 100 cases"),
+        (0.02, "in 2 of 100 cases"),
+        (0.001, "once in 1\u202f000 cases"),
+        (2.9e-5, "once in 30\u202f000 cases"),
+        (1.3e-9, "once in 7·10⁸ cases"),
+        (1e-20, "once in 10²⁰ cases"),
+        (0.0, "practically never"),
+        (5e-324, "practically never"),
+    ],
+)
 def test_chances_read_as_people_say_them(probability: float, words: str) -> None:
     assert chance_words(probability) == words
 
@@ -53,5 +61,9 @@ def test_instants_lose_idle_zeros_and_stretches_a_second_date() -> None:
 
 def test_times_come_in_the_unit_of_their_size() -> None:
     assert [seconds_words(s) for s in (2.0, -0.0125, 4.46e-6, 0.0, 3e-10)] == [
-        "2 s", "-12.5 ms", "4.46 µs", "0 ns", "0.3 ns",
-    ]  # fmt: skip
+        "2 s",
+        "-12.5 ms",
+        "4.46 µs",
+        "0 ns",
+        "0.3 ns",
+    ]

@@ -22,13 +22,31 @@ def scenario() -> Scenario:
         start_gpst=START,
         duration_s=3.0,
         receivers=(
-            Receiver(name="one", lat_deg=40.0, lon_deg=-3.0, height_m=650.0, start_offset_s=1.23e-5,
-                     clock_offset_s=2.1e-4, lo_ppm=0.7),
-            Receiver(name="two", lat_deg=40.0004, lon_deg=-2.9996, height_m=650.0, start_offset_s=-4.1e-4,
-                     clock_offset_s=-3.3e-4, lo_ppm=-1.1),
+            Receiver(
+                name="one",
+                lat_deg=40.0,
+                lon_deg=-3.0,
+                height_m=650.0,
+                start_offset_s=1.23e-5,
+                clock_offset_s=2.1e-4,
+                lo_ppm=0.7,
+            ),
+            Receiver(
+                name="two",
+                lat_deg=40.0004,
+                lon_deg=-2.9996,
+                height_m=650.0,
+                start_offset_s=-4.1e-4,
+                clock_offset_s=-3.3e-4,
+                lo_ppm=-1.1,
+            ),
         ),
         attacks=(
-            Meaconer(receive=Place(lat_deg=40.005, lon_deg=-3.008, height_m=700.0),
-                     transmit=Place(lat_deg=40.001, lon_deg=-3.0005, height_m=660.0), delay_s=3.7e-6, onset_s=1.5),
+            Meaconer(
+                receive=Place(lat_deg=40.005, lon_deg=-3.008, height_m=700.0),
+                transmit=Place(lat_deg=40.001, lon_deg=-3.0005, height_m=660.0),
+                delay_s=3.7e-6,
+                onset_s=1.5,
+            ),
         ),
-    )  # fmt: skip
+    )

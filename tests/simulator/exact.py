@@ -27,8 +27,9 @@ class Delays:
     el_rad: Reals
 
 
-def delays_at(place: Place, ephemeris: Ephemeris, navigation: NavigationData, start_gpst: np.datetime64,
-              true_s: ArrayLike) -> Delays:  # fmt: skip
+def delays_at(
+    place: Place, ephemeris: Ephemeris, navigation: NavigationData, start_gpst: np.datetime64, true_s: ArrayLike
+) -> Delays:
     """Delays of one satellite's signal at a place that stands still, at true times (...) of reception.
 
     The satellite clock of an L1 C/A user is the message's minus the group delay (IS-GPS-200N, 20.3.3.3.3.2); the
@@ -50,8 +51,14 @@ def delays_at(place: Place, ephemeris: Ephemeris, navigation: NavigationData, st
     klobuchar = navigation.ionosphere
     ionosphere_s = (
         klobuchar_delay_s(klobuchar, lat_rad, lon_rad, az_rad, up_rad, received_s)
-        if klobuchar is not None else np.zeros_like(travel_s)
-    )  # fmt: skip
+        if klobuchar is not None
+        else np.zeros_like(travel_s)
+    )
     common_s = travel_s + troposphere_s - (state.clock_s - ephemeris.tgd)
-    return Delays(code_s=common_s + ionosphere_s, carrier_s=common_s - ionosphere_s, range_m=np.asarray(range_m),
-                  az_rad=az_rad, el_rad=el_rad)  # fmt: skip
+    return Delays(
+        code_s=common_s + ionosphere_s,
+        carrier_s=common_s - ionosphere_s,
+        range_m=np.asarray(range_m),
+        az_rad=az_rad,
+        el_rad=el_rad,
+    )

@@ -110,10 +110,14 @@ def test_allan_deviation_is_that_of_the_class(kind):
     assert ((chance > 1e-3) | near).all(), np.round(variance.mean(axis=0) / want, 3)
 
 
-@pytest.mark.parametrize(("noise", "kind", "exponent"), [
-    (Oscillator(white_s=1e-20), "white", -0.5), (Oscillator(walk_hz=1e-22), "random walk", 0.5),
-    (Oscillator(flicker=1e-22), "flicker", 0.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("noise", "kind", "exponent"),
+    [
+        (Oscillator(white_s=1e-20), "white", -0.5),
+        (Oscillator(walk_hz=1e-22), "random walk", 0.5),
+        (Oscillator(flicker=1e-22), "flicker", 0.0),
+    ],
+)
 def test_each_density_alone_lies_in_its_limits_as_often_as_they_say(noise, kind, exponent):
     factors = [1 if kind != "flicker" else 64, 512, 4096]  # its law is good from some knots on
     t_s = np.arange(0.0, 120.0, STEP_S)
@@ -134,10 +138,16 @@ def test_times_outside_are_refused_with_the_remedy():
     assert TCXO.offset_s(np.empty(0)).shape == (0,)
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (("tcx0",), "perhaps 'tcxo'"), (("Rubidium",), "perhaps 'rubidium'"), (("ocxo", 0.0, 0.0, 0, -1.0), "duration_s"),
-    (("ocxo", 0.0, 0.5), "drift"), (("ocxo", float("nan")), "offset_s"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("tcx0",), "perhaps 'tcxo'"),
+        (("Rubidium",), "perhaps 'rubidium'"),
+        (("ocxo", 0.0, 0.0, 0, -1.0), "duration_s"),
+        (("ocxo", 0.0, 0.5), "drift"),
+        (("ocxo", float("nan")), "offset_s"),
+    ],
+)
 def test_what_makes_no_sense_is_refused(arguments, words):
     with pytest.raises(ScenarioError, match=words):
         clock(*arguments)

@@ -20,11 +20,14 @@ DIRECTIONS = [("G02", 274.0, 21.0), ("G32", 168.0, 57.0), ("G13", 90.0, 26.0), (
 
 def scenario(lat_deg: float = 30.0, *, descending: bool = False, **sky: Any) -> Scenario:
     directions = [{"sat": sat, "az_deg": az, "el_deg": el, "descending": descending} for sat, az, el in DIRECTIONS]
-    return parse_scenario({
-        "start_gpst": "2020-03-01T06:43:18", "duration_s": 10.0,
-        "receivers": [{"name": "one", "lat_deg": lat_deg, "lon_deg": -71.0, "height_m": 30.0}],
-        "sky": {"directions": directions} | sky,
-    })  # fmt: skip
+    return parse_scenario(
+        {
+            "start_gpst": "2020-03-01T06:43:18",
+            "duration_s": 10.0,
+            "receivers": [{"name": "one", "lat_deg": lat_deg, "lon_deg": -71.0, "height_m": 30.0}],
+            "sky": {"directions": directions} | sky,
+        }
+    )
 
 
 def test_without_a_word_it_is_the_nominal_constellation() -> None:
@@ -94,7 +97,7 @@ def test_a_direction_where_no_gps_satellite_comes_is_refused() -> None:
         ({"directions": [{"sat": "G01", "az_deg": 1.0, "el": 4.0}]}, r"sky\.directions\[0\]\.el: unknown key"),
         ({"sats": ["G05"]}, "sky: sats 'G05' is not known"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_refused_with_their_key(sky: dict[str, Any], words: str) -> None:
     with pytest.raises(ScenarioError, match=words):
         scenario(**sky)

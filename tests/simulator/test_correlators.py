@@ -24,22 +24,35 @@ MIDDLE_S = 0.0164
 COHERENT_S = 0.02
 
 
-TAKEOVER = Takeover(target="one", transmit=Place(lat_deg=40.0003, lon_deg=-3.0002, height_m=660.0), power_db=2.0,
-                    onset_s=-1.0, code_offset_m=150.0)  # fmt: skip
+TAKEOVER = Takeover(
+    target="one",
+    transmit=Place(lat_deg=40.0003, lon_deg=-3.0002, height_m=660.0),
+    power_db=2.0,
+    onset_s=-1.0,
+    code_offset_m=150.0,
+)
 
 
 def overlapping(navigation: NavigationData, front_end: FrontEnd, **changes: object) -> Scene:
     """One satellite: its true signal with a reflection, and a false copy half a chip off, 2 dB stronger."""
     place = {"lat_deg": 40.0, "lon_deg": -3.0, "height_m": 650.0}
     scenario = Scenario(
-        seed=7, start_gpst=START, duration_s=0.2, front_end=front_end,
+        seed=7,
+        start_gpst=START,
+        duration_s=0.2,
+        front_end=front_end,
         sky=Sky(zenith_cn0_dbhz=46.0, horizon_cn0_dbhz=46.0),
         receivers=(
-            Receiver(name="one", **place, start_offset_s=1.23e-5, lo_ppm=0.7,
-                     multipath=(Multipath(delay_m=90.0, power_db=-5.0, phase_deg=70.0, rate_hz=4.0),)),
+            Receiver(
+                name="one",
+                **place,
+                start_offset_s=1.23e-5,
+                lo_ppm=0.7,
+                multipath=(Multipath(delay_m=90.0, power_db=-5.0, phase_deg=70.0, rate_hz=4.0),),
+            ),
         ),
         attacks=(TAKEOVER,),
-    ).model_copy(update=changes)  # fmt: skip
+    ).model_copy(update=changes)
     everything = scene_of(scenario, navigation)
     sat = everything.skies[0].signals[0].id.sat
     alone = scenario.sky.model_copy(update={"sats": (sat,)})
@@ -50,8 +63,18 @@ def overlapping(navigation: NavigationData, front_end: FrontEnd, **changes: obje
 FILTERED = FrontEnd(rate_hz=RATE_HZ, encoding="float", bits=32, bandwidth_hz=3.2e6)
 
 
-def replicas(rendering: Rendering, tracked: Tracked, channel: int, scene: Scene, kind: str,
-             first: int, count: int, *, middle_s: float = MIDDLE_S, wiped: bool = True) -> Complexes:  # fmt: skip
+def replicas(
+    rendering: Rendering,
+    tracked: Tracked,
+    channel: int,
+    scene: Scene,
+    kind: str,
+    first: int,
+    count: int,
+    *,
+    middle_s: float = MIDDLE_S,
+    wiped: bool = True,
+) -> Complexes:
     """What samples are correlated with, (n_dopplers * n_delays, count), sample by sample."""
     sky, signal, front_end = rendering.sky, rendering.sky.signal, rendering.front_end
     elapsed_s = (first + np.arange(count)) / front_end.rate_hz
@@ -92,8 +115,9 @@ def correlated(scene: Scene, tracked: Tracked, kind: str, trials: int, *, record
     first = round(MIDDLE_S * rendering.front_end.rate_hz - 0.5 * count)
     assert first >= 0
     assert first + count <= BLOCK
-    rows = np.concatenate([replicas(rendering, tracked, channel, scene, kind, first, count)
-                           for channel in range(len(tracked.signals))]).astype(np.complex64)  # fmt: skip
+    rows = np.concatenate(
+        [replicas(rendering, tracked, channel, scene, kind, first, count) for channel in range(len(tracked.signals))]
+    ).astype(np.complex64)
     found = np.empty((trials, rows.shape[0]), np.complex128)
     for trial in range(trials):
         seeded = replace(rendering, seed=1000 + trial)
@@ -117,8 +141,14 @@ def same_law(found: Complexes, outputs: CorrelatorOutputs, drawn: Complexes, alp
     entries = (covariance - stated) / np.sqrt(4.0 * (1.0 / trials + 1.0 / len(ours)))
     pseudo = noise.T @ noise / (trials - 1) / np.sqrt(4.0 * 2.0 / trials)  # noise is circular: this one is zero
     limit = np.sqrt(-2.0 * np.log(alpha / (2 * entries.size)))
-    for scores in (score.real, score.imag, np.sqrt(2.0) * entries.real, np.sqrt(2.0) * entries.imag, pseudo.real,
-                   pseudo.imag):  # fmt: skip
+    for scores in (
+        score.real,
+        score.imag,
+        np.sqrt(2.0) * entries.real,
+        np.sqrt(2.0) * entries.imag,
+        pseudo.real,
+        pseudo.imag,
+    ):
         assert np.abs(scores).max() < limit + 0.3
     # the whole at once, in the law's own axes: as many squares of variance 1 as there are axes and trials
     size, axes = np.linalg.eigh(stated)
@@ -137,10 +167,18 @@ def outputs_of(scene: Scene, tracked: Tracked, kind: Replica, draws: int, quanti
     count = round(COHERENT_S * rate_hz)
     first = round(MIDDLE_S * rate_hz - 0.5 * count)
     return correlate(
-        scene, 0, (first + 0.5 * (count - 1)) / rate_hz, delays_chips=TAPS_CHIPS, dopplers_hz=OFFSETS_HZ,
-        coherent_s=count / rate_hz, tracked=tracked, replica=kind, quantised=quantised,
-        rng=np.random.default_rng(3), draws=(draws,),
-    )  # fmt: skip
+        scene,
+        0,
+        (first + 0.5 * (count - 1)) / rate_hz,
+        delays_chips=TAPS_CHIPS,
+        dopplers_hz=OFFSETS_HZ,
+        coherent_s=count / rate_hz,
+        tracked=tracked,
+        replica=kind,
+        quantised=quantised,
+        rng=np.random.default_rng(3),
+        draws=(draws,),
+    )
 
 
 @pytest.mark.parametrize("kind", ["filtered", "chips"])
@@ -162,26 +200,30 @@ def test_outputs_follow_the_law_of_many_rendered_samples(navigation: NavigationD
 
 RECORDERS = {
     "sign": FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=3.2e6),
-    "two bits, gain control": FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=3.2e6, encoding="sign-magnitude", bits=2,
-                                       agc=True),
+    "two bits, gain control": FrontEnd(
+        rate_hz=RATE_HZ, bandwidth_hz=3.2e6, encoding="sign-magnitude", bits=2, agc=True
+    ),
     "eight bits": FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=3.2e6, encoding="int", bits=8),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("front_end", RECORDERS.values(), ids=RECORDERS)
-def test_the_recorders_gain_and_loss_are_those_of_quantised_samples(navigation: NavigationData,
-                                                                    front_end: FrontEnd) -> None:  # fmt: skip
+def test_the_recorders_gain_and_loss_are_those_of_quantised_samples(
+    navigation: NavigationData, front_end: FrontEnd
+) -> None:
     """Under a broadband jammer as strong as the noise, which shifts both."""
-    jammer = Interference(kind="noise", transmit=Place(lat_deg=40.01, lon_deg=-3.0, height_m=700.0), power_db=0.0,
-                          onset_s=-1.0)  # fmt: skip
+    jammer = Interference(
+        kind="noise", transmit=Place(lat_deg=40.01, lon_deg=-3.0, height_m=700.0), power_db=0.0, onset_s=-1.0
+    )
     scene = overlapping(navigation, front_end, interference=(jammer,))
     tracked = aligned(scene, 0)
     outputs = outputs_of(scene, tracked, "filtered", 10_000, quantised=True)
     same_law(correlated(scene, tracked, "filtered", 16, recorded=True), outputs, drawn_of(outputs))
 
 
-def heard_without_noise(scene: Scene, tracked: Tracked, middle_s: float, coherent_s: float, *, wiped: bool = True,
-                        kind: str = "filtered") -> Complexes:  # fmt: skip
+def heard_without_noise(
+    scene: Scene, tracked: Tracked, middle_s: float, coherent_s: float, *, wiped: bool = True, kind: str = "filtered"
+) -> Complexes:
     """The mean of rendered samples' correlations, (n_channels, n_dopplers, n_delays)."""
     rendering = rendering_of(scene, 0)
     count = round(coherent_s * rendering.front_end.rate_hz)
@@ -189,8 +231,10 @@ def heard_without_noise(scene: Scene, tracked: Tracked, middle_s: float, coheren
     planes = np.concatenate([render(rendering, block, noise=False) for block in range((first + count) // BLOCK + 1)], 1)
     real = rendering.front_end.kind == "real"
     samples = (planes[0] + (0.0 if real else 1j) * planes[1])[first : first + count]
-    rows = [replicas(rendering, tracked, channel, scene, kind, first, count, middle_s=middle_s, wiped=wiped) @ samples
-            for channel in range(len(tracked.signals))]  # fmt: skip
+    rows = [
+        replicas(rendering, tracked, channel, scene, kind, first, count, middle_s=middle_s, wiped=wiped) @ samples
+        for channel in range(len(tracked.signals))
+    ]
     return np.reshape(rows, (len(rows), OFFSETS_HZ.size, TAPS_CHIPS.size)) / count
 
 
@@ -206,12 +250,17 @@ CASES = {
     "70 ms": (NARROW, {}, 0.04, 0.07, True),
     "bits kept": (NARROW, {}, 0.04, 0.06, False),
     "other bits": (NARROW, {"attacks": attacked(message="random")}, 0.04, 0.07, True),
-    "some code periods off": (NARROW, {"attacks": attacked(code_offset_m=1_948_750.0 + 150.0 - 4 * 299_792.458)},
-                              0.04, 0.07, True),
+    "some code periods off": (
+        NARROW,
+        {"attacks": attacked(code_offset_m=1_948_750.0 + 150.0 - 4 * 299_792.458)},
+        0.04,
+        0.07,
+        True,
+    ),
     "from the middle on": (NARROW, {"attacks": attacked(onset_s=0.035)}, 0.04, 0.07, True),
     "paused": (NARROW, {"attacks": attacked(off_s=((0.03, 0.05),))}, 0.04, 0.07, True),
     "real samples": (REAL, {}, 0.006, 0.008, True),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
@@ -223,24 +272,42 @@ def test_means_are_those_of_samples_without_noise(
     tracked = aligned(scene, 0)
     found = heard_without_noise(scene, tracked, middle_s, coherent_s, wiped=wiped)
     outputs = correlate(
-        scene, 0, [middle_s], delays_chips=TAPS_CHIPS, dopplers_hz=OFFSETS_HZ, coherent_s=coherent_s, tracked=tracked,
-        replica="filtered", wiped=wiped, quantised=False,
-    )  # fmt: skip
+        scene,
+        0,
+        [middle_s],
+        delays_chips=TAPS_CHIPS,
+        dopplers_hz=OFFSETS_HZ,
+        coherent_s=coherent_s,
+        tracked=tracked,
+        replica="filtered",
+        wiped=wiped,
+        quantised=False,
+    )
     assert np.abs(found - outputs.mean[0]).max() < 2.5e-3 * np.abs(found).max()
 
 
-def test_other_satellites_are_the_noise_that_they_are_said_to_be(navigation: NavigationData,
-                                                                 scenario: Scenario) -> None:  # fmt: skip
+def test_other_satellites_are_the_noise_that_they_are_said_to_be(
+    navigation: NavigationData, scenario: Scenario
+) -> None:
     """What a whole sky adds to correlations of a millisecond, over its signals and many instants."""
     clean = scenario.model_copy(update={"duration_s": 0.2, "attacks": (), "front_end": FILTERED})
     scene = scene_of(clean, navigation)
     tracked = aligned(scene, 0)
     middles_s = 0.003 + 0.0072 * np.arange(4)
     found = np.stack([heard_without_noise(scene, tracked, middle_s, 0.001) for middle_s in middles_s])
-    alone = correlate(scene, 0, middles_s, delays_chips=TAPS_CHIPS, dopplers_hz=OFFSETS_HZ, coherent_s=0.001,
-                      replica="filtered", quantised=False)  # fmt: skip
-    noisy = correlate(scene, 0, middles_s, delays_chips=[0.0], coherent_s=0.001, replica="filtered", quantised=False,
-                      others="noise")  # fmt: skip
+    alone = correlate(
+        scene,
+        0,
+        middles_s,
+        delays_chips=TAPS_CHIPS,
+        dopplers_hz=OFFSETS_HZ,
+        coherent_s=0.001,
+        replica="filtered",
+        quantised=False,
+    )
+    noisy = correlate(
+        scene, 0, middles_s, delays_chips=[0.0], coherent_s=0.001, replica="filtered", quantised=False, others="noise"
+    )
     added = np.sqrt(np.mean(noisy.noise_sigma**2 - alone.noise_sigma**2))
     rms = np.sqrt(np.mean(np.abs(found - alone.mean) ** 2) / 2.0)
     assert rms == pytest.approx(added, rel=0.25)
@@ -253,10 +320,15 @@ def test_truth_is_attached(navigation: NavigationData) -> None:
     parts = correlate(scene, 0, [0.02, 0.1], delays_chips=[0.0]).parts
     true_s = np.array([0.02, 0.1]) + sky.true_minus_elapsed_s(np.array([0.02, 0.1]))
     late_chips = sky.code_delay_s(true_s) * sky.signal.chip_rate_hz
-    of = {(int(c), int(s), int(r)): part
-          for part, (c, s, r) in enumerate(zip(parts.channel, parts.signal, parts.ray, strict=True))}  # fmt: skip
+    of = {
+        (int(c), int(s), int(r)): part
+        for part, (c, s, r) in enumerate(zip(parts.channel, parts.signal, parts.ray, strict=True))
+    }
     assert [parts.label[of[0, 0, -1]], parts.label[of[0, 1, -1]], parts.label[of[0, 0, 0]]] == [
-        "authentic", "spoofed", "multipath"]  # fmt: skip
+        "authentic",
+        "spoofed",
+        "multipath",
+    ]
     np.testing.assert_allclose(parts.lag_chips[:, of[0, 1, -1]], late_chips[:, 1] - late_chips[:, 0], atol=1e-6)
     np.testing.assert_allclose(parts.lag_chips[:, of[0, 0, 0]], 90.0 / 293.0523, rtol=1e-4)
     np.testing.assert_allclose(parts.doppler_hz[:, of[0, 1, -1]], 7.0, atol=1e-3)
@@ -313,8 +385,16 @@ def test_channels_on_one_replica_hear_one_noise(navigation: NavigationData, kind
     for columns in ([0, 0], [0, 0, 0]):
         shift_chips = np.array([0.0, 0.0, 0.15])[: len(columns)]
         tracked = aligned(scene, 0, columns).moved(code_s=shift_chips / 1.023e6, carrier_hz=1575.42e6)
-        outputs = correlate(scene, 0, [0.1], delays_chips=np.linspace(-1.0, 1.0, 41), tracked=tracked, replica=kind,
-                            rng=np.random.default_rng(2), draws=(800,))  # fmt: skip
+        outputs = correlate(
+            scene,
+            0,
+            [0.1],
+            delays_chips=np.linspace(-1.0, 1.0, 41),
+            tracked=tracked,
+            replica=kind,
+            rng=np.random.default_rng(2),
+            draws=(800,),
+        )
         noise = (outputs.value - outputs.mean)[:, 0, :, 0] / outputs.noise_sigma[0, 0]
         assert noise.std() == pytest.approx(np.sqrt(2.0), rel=0.05)
         np.testing.assert_allclose(noise[:, 1], noise[:, 0], atol=2e-3)
@@ -328,8 +408,15 @@ def test_the_short_way_for_two_channels_is_the_long_one(navigation: NavigationDa
     draws = 20_000
     found = []
     for offsets_hz in ([0.0], [0.0, 30.0]):
-        outputs = correlate(scene, 0, [0.1], delays_chips=TAPS_CHIPS, dopplers_hz=offsets_hz, draws=(draws,),
-                            rng=np.random.default_rng(len(offsets_hz)))  # fmt: skip
+        outputs = correlate(
+            scene,
+            0,
+            [0.1],
+            delays_chips=TAPS_CHIPS,
+            dopplers_hz=offsets_hz,
+            draws=(draws,),
+            rng=np.random.default_rng(len(offsets_hz)),
+        )
         noise = ((outputs.value - outputs.mean)[:, 0, :, 0] / outputs.noise_sigma[0, 0]).reshape(draws, -1)
         found.append(noise.T @ noise.conj() / draws)
     scores = (found[0] - found[1]) / np.sqrt(4.0 * 2.0 / draws)

@@ -62,17 +62,25 @@ def arrays(scenario: Scenario) -> Scenario:
     (meaconer,) = scenario.attacks
     site = one.model_dump(exclude={"heading_deg", "pitch_deg", "roll_deg", "path", "antennas", "imu"})
     car = type(one)(
-        **site, path=Circle(radius_m=40.0, speed_m_s=8.0), imu=Imu(rate_hz=20.0, grade="tactical"),
+        **site,
+        path=Circle(radius_m=40.0, speed_m_s=8.0),
+        imu=Imu(rate_hz=20.0, grade="tactical"),
         antennas=(Antenna(name="l"), Antenna(name="r", body_m=(0.0, 1.0, 0.0))),
-    )  # fmt: skip
+    )
     at = Site(lat_deg=40.002, lon_deg=-3.0, height_m=700.0)
-    return scenario.model_copy(update={
-        "name": "arrays", "duration_s": 1.0, "receivers": (car, two),
-        "front_end": FrontEnd(rate_hz=1e6, encoding="int", bits=8),
-        "attacks": (meaconer.model_copy(update={"onset_s": 0.25, "off_s": ((0.5, 0.75),)}),),
-        "interference": (Interference(kind="noise", transmit=at, power_db=3.0, onset_s=0.1, until_s=0.2),
-                         Interference(kind="cw", name="tone", transmit=at, power_db=-3.0, onset_s=0.9)),
-    })  # fmt: skip
+    return scenario.model_copy(
+        update={
+            "name": "arrays",
+            "duration_s": 1.0,
+            "receivers": (car, two),
+            "front_end": FrontEnd(rate_hz=1e6, encoding="int", bits=8),
+            "attacks": (meaconer.model_copy(update={"onset_s": 0.25, "off_s": ((0.5, 0.75),)}),),
+            "interference": (
+                Interference(kind="noise", transmit=at, power_db=3.0, onset_s=0.1, until_s=0.2),
+                Interference(kind="cw", name="tone", transmit=at, power_db=-3.0, onset_s=0.9),
+            ),
+        }
+    )
 
 
 # --- samples
@@ -80,10 +88,14 @@ def arrays(scenario: Scenario) -> Scenario:
 
 @pytest.mark.parametrize(
     ("front_end", "container"),
-    [(front_end, container) for front_end in FRONT_ENDS for container in ("raw", "sigmf")
-     if container == "raw" or fits(front_end)],
+    [
+        (front_end, container)
+        for front_end in FRONT_ENDS
+        for container in ("raw", "sigmf")
+        if container == "raw" or fits(front_end)
+    ],
     ids=lambda value: named(value) if isinstance(value, FrontEnd) else value,
-)  # fmt: skip
+)
 def test_files_hold_what_the_samples_in_memory_hold(
     scenario: Scenario, navigation: NavigationData, front_end: FrontEnd, container: str, tmp_path: Path
 ) -> None:
@@ -153,9 +165,7 @@ def test_annotations_stand_where_the_first_wave_arrives(
         assert first == pytest.approx((from_s - 1.23e-5) * 1e6, abs=3.0)
         last = 1_000_000 if until_s == 1.0 else (until_s - 1.23e-5) * 1e6
         assert first + count == pytest.approx(last, abs=3.0)
-    samples = np.stack([
-        samples.read(0, 1_000_000)[0] for samples in samples_of(arrays, navigation)[:1]
-    ])[0]  # fmt: skip
+    samples = np.stack([samples.read(0, 1_000_000)[0] for samples in samples_of(arrays, navigation)[:1]])[0]
     first = found[0][1]
     assert samples[first : first + 50_000].std() > 1.3 * samples[first - 50_000 : first].std()
 
@@ -171,8 +181,15 @@ def test_the_sidecar_has_the_agreed_keys(scenario: Scenario, navigation: Navigat
     write(scenario, navigation, tmp_path)
     sidecar = tomllib.loads((tmp_path / "one.toml").read_text())["samples"]
     assert sidecar.pop("start_gpst").startswith("2023-03-04T05:06:07")
-    assert sidecar == {"rate_hz": 2.6e6, "centre_hz": 1575.42e6, "if_hz": 0.0, "kind": "complex", "encoding": "sign",
-                       "bits": 1, "bit_order": "msb-first"}  # fmt: skip
+    assert sidecar == {
+        "rate_hz": 2.6e6,
+        "centre_hz": 1575.42e6,
+        "if_hz": 0.0,
+        "kind": "complex",
+        "encoding": "sign",
+        "bits": 1,
+        "bit_order": "msb-first",
+    }
 
 
 def test_the_truth_says_what_is_false_and_what_it_shows(scenario: Scenario, navigation: NavigationData) -> None:
@@ -233,9 +250,7 @@ def test_a_full_disk_is_told(
 # --- series
 
 
-def test_series_on_disk_are_the_series_in_memory(
-    arrays: Scenario, navigation: NavigationData, tmp_path: Path
-) -> None:
+def test_series_on_disk_are_the_series_in_memory(arrays: Scenario, navigation: NavigationData, tmp_path: Path) -> None:
     scene = scene_of(arrays, navigation)
     paths = write_series(scene, tmp_path)
     assert [path.name for path in paths] == series_names(scene)
@@ -243,9 +258,11 @@ def test_series_on_disk_are_the_series_in_memory(
     imu = imus_of(scene)["one"].read(0, 1000)
     force = {f"specific_force_{axis}_m_s2": imu.specific_force_m_s2[:, k] for k, axis in enumerate("xyz")}
     expected = {
-        "one-truth": trajectory_truth(scene, "one"), "two-truth": trajectory_truth(scene, "two"),
-        "one.r-signals": signal_truth(scene, "one.r"), "one-imu": force,
-    }  # fmt: skip
+        "one-truth": trajectory_truth(scene, "one"),
+        "two-truth": trajectory_truth(scene, "two"),
+        "one.r-signals": signal_truth(scene, "one.r"),
+        "one-imu": force,
+    }
     for stem, table in expected.items():
         parquet = pq.read_table(tmp_path / f"{stem}.parquet")
         with open(tmp_path / f"{stem}.csv", newline="") as file:
@@ -300,9 +317,12 @@ def test_the_truth_of_arrays_clocks_and_interference(
 def test_a_takeover_shows_its_target_no_extra_clock(scenario: Scenario, navigation: NavigationData) -> None:
     """It sends as much earlier as the way takes; at another receiver the difference of the ways is left."""
     takeover = Takeover(
-        transmit=Site(lat_deg=40.003, lon_deg=-3.0, height_m=680.0), target="two", onset_s=0.0,
-        away_points_enu_m=((1.0, 0.0, 0.0, 0.0), (2.0, 30.0, 0.0, 0.0)), clock_points_s=((1.0, 0.0), (2.0, 2e-7)),
-    )  # fmt: skip
+        transmit=Site(lat_deg=40.003, lon_deg=-3.0, height_m=680.0),
+        target="two",
+        onset_s=0.0,
+        away_points_enu_m=((1.0, 0.0, 0.0, 0.0), (2.0, 30.0, 0.0, 0.0)),
+        clock_points_s=((1.0, 0.0), (2.0, 2e-7)),
+    )
     scene = scene_of(scenario.model_copy(update={"attacks": (takeover,)}), navigation)
     (attack,) = truth_of(scene)["attacks"]
     assert attack["captured_clock_extra_s"]["two"] == 0.0

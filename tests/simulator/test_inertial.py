@@ -38,11 +38,14 @@ def motion_of(path, angles):
     position, velocity, acceleration = (each.T @ TO_ECEF.T for each in path)
     (yaw, pitch, roll), (yaw_rate, pitch_rate, roll_rate) = angles
     attitude = TO_ECEF @ Rotation.from_euler("ZYX", np.stack([yaw, pitch, roll], axis=-1)).as_matrix()
-    rate = np.stack([
-        roll_rate - yaw_rate * np.sin(pitch),
-        pitch_rate * np.cos(roll) + yaw_rate * np.sin(roll) * np.cos(pitch),
-        -pitch_rate * np.sin(roll) + yaw_rate * np.cos(roll) * np.cos(pitch),
-    ], axis=-1)  # fmt: skip
+    rate = np.stack(
+        [
+            roll_rate - yaw_rate * np.sin(pitch),
+            pitch_rate * np.cos(roll) + yaw_rate * np.sin(roll) * np.cos(pitch),
+            -pitch_rate * np.sin(roll) + yaw_rate * np.cos(roll) * np.cos(pitch),
+        ],
+        axis=-1,
+    )
     return Motion(ORIGIN_M + position, velocity, acceleration, attitude, rate)
 
 
@@ -72,14 +75,22 @@ def circle(t_s):
 
 def figure(t_s):
     """Kilometres of eights and climbs at up to 124 m/s and 1.3 g, with rolling, nodding and a 3 Hz shaking."""
-    path = np.stack([
-        wave(1500.0, 0.06, 0.0, t_s) + wave(5e-3, 19.0, 0.3, t_s), wave(700.0, 0.12, 0.2, t_s),
-        wave(150.0, 0.07, 1.0, t_s) + wave(2.0, 1.7, 0.0, t_s),
-    ], axis=1)  # fmt: skip
-    angles = np.stack([
-        (wave(3.0, 0.09, 0.4, t_s) + wave(2e-3, 19.0, 0.0, t_s))[:2], wave(0.5, 0.23, 0.0, t_s)[:2],
-        (wave(1.0, 0.31, 0.0, t_s) + wave(2e-3, 19.0, 1.5, t_s))[:2],
-    ], axis=1)  # fmt: skip
+    path = np.stack(
+        [
+            wave(1500.0, 0.06, 0.0, t_s) + wave(5e-3, 19.0, 0.3, t_s),
+            wave(700.0, 0.12, 0.2, t_s),
+            wave(150.0, 0.07, 1.0, t_s) + wave(2.0, 1.7, 0.0, t_s),
+        ],
+        axis=1,
+    )
+    angles = np.stack(
+        [
+            (wave(3.0, 0.09, 0.4, t_s) + wave(2e-3, 19.0, 0.0, t_s))[:2],
+            wave(0.5, 0.23, 0.0, t_s)[:2],
+            (wave(1.0, 0.31, 0.0, t_s) + wave(2e-3, 19.0, 1.5, t_s))[:2],
+        ],
+        axis=1,
+    )
     return motion_of(path, angles)
 
 
@@ -127,9 +138,15 @@ def reference_strapdown(series, start, lever_m=(0.0, 0.0, 0.0)):
     return ecef[::2] - np.einsum("nij,j->ni", attitude[::2], lever_m), attitude[::2]
 
 
-@pytest.mark.parametrize(("motion_at", "lever_m"), [
-    (static, (0.0, 0.0, 0.0)), (circle, (0.0, 0.0, 0.0)), (figure, (0.0, 0.0, 0.0)), (figure, (1.5, -0.4, 0.8)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("motion_at", "lever_m"),
+    [
+        (static, (0.0, 0.0, 0.0)),
+        (circle, (0.0, 0.0, 0.0)),
+        (figure, (0.0, 0.0, 0.0)),
+        (figure, (1.5, -0.4, 0.8)),
+    ],
+)
 def test_a_strapdown_of_error_free_readings_returns_the_trajectory_over_233_s(motion_at, lever_m):
     unit = inertial(motion_at, rate_hz=100.0, duration_s=233.0, lever_body_m=lever_m)
     series = unit.read(0, unit.n_samples)
@@ -185,8 +202,11 @@ def test_mounting_turns_the_axes_and_the_errors_stay_with_the_sensor():
     np.testing.assert_allclose(turned.angular_rate_rad_s, plain.angular_rate_rad_s @ rotation.T, atol=1e-12)
     wrong = inertial(figure, rate_hz=100.0, duration_s=5.0, mounting=rotation, grade="tactical", seed=4).read(0, 500)
     other = inertial(figure, rate_hz=100.0, duration_s=5.0, grade="tactical", seed=4).read(0, 500)
-    np.testing.assert_allclose(wrong.specific_force_m_s2 - turned.specific_force_m_s2,
-                               other.specific_force_m_s2 - plain.specific_force_m_s2, atol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(
+        wrong.specific_force_m_s2 - turned.specific_force_m_s2,
+        other.specific_force_m_s2 - plain.specific_force_m_s2,
+        atol=1e-12,
+    )
 
 
 @settings(max_examples=8, deadline=None)
@@ -247,8 +267,9 @@ def test_start_of_the_unit_shifts_its_times():
     unit = inertial(figure, rate_hz=100.0, duration_s=3.0, start_s=2.0)
     later = inertial(figure, rate_hz=100.0, duration_s=5.0)
     np.testing.assert_allclose(unit.read(0, 300).time_s, later.read(200, 300).time_s)
-    np.testing.assert_allclose(unit.read(0, 300).specific_force_m_s2, later.read(200, 300).specific_force_m_s2,
-                               atol=1e-9)  # fmt: skip
+    np.testing.assert_allclose(
+        unit.read(0, 300).specific_force_m_s2, later.read(200, 300).specific_force_m_s2, atol=1e-9
+    )
 
 
 # --- errors
@@ -281,8 +302,9 @@ def test_noise_density_is_the_grades(name):
     runs = np.stack([errors(grade, rate_hz, 3000, seed) for seed in range(25)])
     phase = np.concatenate([np.zeros((25, 1, 6)), np.cumsum(runs, axis=1) / rate_hz], axis=1)
     got = allan_deviation(np.moveaxis(phase, 1, 2), 1.0 / rate_hz, factors, confidence=0.8)
-    want = np.stack([grade.accelerometer_allan_deviation_m_s2(got.tau_s)] * 3
-                    + [grade.gyro_allan_deviation_rad_s(got.tau_s)] * 3)  # fmt: skip
+    want = np.stack(
+        [grade.accelerometer_allan_deviation_m_s2(got.tau_s)] * 3 + [grade.gyro_allan_deviation_rad_s(got.tau_s)] * 3
+    )
     inside = ((got.lower < want) & (want < got.upper)).sum(axis=0)
     for count in inside.ravel():  # 18 counts of 25
         assert stats.binomtest(int(count), 25, 0.8).pvalue > 1e-4
@@ -299,16 +321,23 @@ def test_allan_deviation_with_instability_is_the_grades(name):
     runs = np.stack([errors(grade, rate_hz, 5000, seed) for seed in range(40)])
     phase = np.concatenate([np.zeros((40, 1, 6)), np.cumsum(runs, axis=1) / rate_hz], axis=1)
     got = allan_deviation(np.moveaxis(phase, 1, 2), 1.0 / rate_hz, factors)
-    for columns, want in ((slice(0, 3), grade.accelerometer_allan_deviation_m_s2(got.tau_s)),
-                          (slice(3, 6), grade.gyro_allan_deviation_rad_s(got.tau_s))):  # fmt: skip
+    for columns, want in (
+        (slice(0, 3), grade.accelerometer_allan_deviation_m_s2(got.tau_s)),
+        (slice(3, 6), grade.gyro_allan_deviation_rad_s(got.tau_s)),
+    ):
         variance = got.deviation[:, columns].reshape(120, -1) ** 2
         z = (variance.mean(axis=0) - want**2) / (variance.std(axis=0, ddof=1) / np.sqrt(120.0))
         assert (np.abs(z) < 4.0).all(), z
 
 
 def test_instability_has_the_stated_deviation_and_correlation_time_at_any_rate():
-    grade = ImuGrade(velocity_random_walk_m_s_rts=0.0, angular_random_walk_rad_rts=0.0,
-                     accelerometer_instability_m_s2=2.0, gyro_instability_rad_s=3.0, correlation_s=50.0)  # fmt: skip
+    grade = ImuGrade(
+        velocity_random_walk_m_s_rts=0.0,
+        angular_random_walk_rad_rts=0.0,
+        accelerometer_instability_m_s2=2.0,
+        gyro_instability_rad_s=3.0,
+        correlation_s=50.0,
+    )
     for rate_hz in (1.0, 40.0):
         lag = int(50.0 * rate_hz)
         ends = np.stack([errors(grade, rate_hz, lag + 1, seed)[[0, lag]] for seed in range(250)])
@@ -319,17 +348,29 @@ def test_instability_has_the_stated_deviation_and_correlation_time_at_any_rate()
 
 
 def test_instability_goes_on_from_block_to_block():
-    grade = ImuGrade(velocity_random_walk_m_s_rts=0.0, angular_random_walk_rad_rts=0.0,
-                     accelerometer_instability_m_s2=1.0, gyro_instability_rad_s=1.0, correlation_s=1e4)  # fmt: skip
+    grade = ImuGrade(
+        velocity_random_walk_m_s_rts=0.0,
+        angular_random_walk_rad_rts=0.0,
+        accelerometer_instability_m_s2=1.0,
+        gyro_instability_rad_s=1.0,
+        correlation_s=1e4,
+    )
     steps = np.diff(errors(grade, 1.0, 3 * BLOCK, seed=1), axis=0)
     assert np.abs(steps[[BLOCK - 1, 2 * BLOCK - 1]]).max() < 5.0 * np.sqrt(2.0 / 1e4)
 
 
 def test_turn_on_bias_scale_and_misalignment_are_constant_and_of_the_stated_spread():
-    grade = ImuGrade(velocity_random_walk_m_s_rts=0.0, angular_random_walk_rad_rts=0.0,
-                     accelerometer_instability_m_s2=0.0, gyro_instability_rad_s=0.0,
-                     accelerometer_repeatability_m_s2=2e-3, gyro_repeatability_rad_s=1e-5,
-                     accelerometer_scale=3e-4, gyro_scale=5e-4, misalignment_rad=1e-4)  # fmt: skip
+    grade = ImuGrade(
+        velocity_random_walk_m_s_rts=0.0,
+        angular_random_walk_rad_rts=0.0,
+        accelerometer_instability_m_s2=0.0,
+        gyro_instability_rad_s=0.0,
+        accelerometer_repeatability_m_s2=2e-3,
+        gyro_repeatability_rad_s=1e-5,
+        accelerometer_scale=3e-4,
+        gyro_scale=5e-4,
+        misalignment_rad=1e-4,
+    )
     made = [ImuErrors.of(grade, 1.0, 1, seed) for seed in range(500)]
     bias = np.stack([each.bias for each in made]) / np.repeat([2e-3, 1e-5], 3)
     gain = np.stack([each.gain for each in made]).reshape(-1, 2, 3, 3)
@@ -349,26 +390,38 @@ def test_turn_on_bias_scale_and_misalignment_are_constant_and_of_the_stated_spre
 def test_errors_grow_to_what_the_closed_forms_of_a_free_navigator_say():
     """Velocity random walk q gives q sqrt(t^3 / 3) of position; of 300 axes, two-sided."""
     grade = replace(GRADES["tactical"], accelerometer_instability_m_s2=0.0)
-    drift_m = [np.cumsum(np.cumsum(errors(grade, 10.0, 1000, seed)[:, :3], axis=0) / 10.0, axis=0)[-1] / 10.0
-               for seed in range(100)]  # fmt: skip
+    drift_m = [
+        np.cumsum(np.cumsum(errors(grade, 10.0, 1000, seed)[:, :3], axis=0) / 10.0, axis=0)[-1] / 10.0
+        for seed in range(100)
+    ]
     squares = np.sum(np.square(drift_m)) / (1e-6 * 100.0**3 / 3.0)
     assert stats.chi2.ppf(1e-3, 300) < squares < stats.chi2.isf(1e-3, 300)
 
 
 def test_units_and_seeds_are_set_apart():
-    made = [inertial(static, rate_hz=10.0, duration_s=5.0, grade="tactical", seed=seed, stream=stream)
-            for seed, stream in ((1, 0), (1, 1), (2, 0), (1, 0))]  # fmt: skip
+    made = [
+        inertial(static, rate_hz=10.0, duration_s=5.0, grade="tactical", seed=seed, stream=stream)
+        for seed, stream in ((1, 0), (1, 1), (2, 0), (1, 0))
+    ]
     forces = [unit.read(0, 50).specific_force_m_s2.tobytes() for unit in made]
     assert len(set(forces)) == 3
     assert forces[0] == forces[3]
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    ({"rate_hz": 0.0}, "imu.rate_hz"), ({"rate_hz": float("nan")}, "imu.rate_hz"), ({"duration_s": -1.0}, "duration_s"),
-    ({"grade": "navigatoin"}, "perhaps 'navigation'"), ({"grade": "Tactical"}, "perhaps 'tactical'"),
-    ({"mounting": np.diag([1.0, 1.0, 2.0])}, "imu.mounting"), ({"mounting": np.diag([1.0, 1.0, -1.0])}, "mirrors"),
-    ({"mounting": np.eye(2)}, "imu.mounting"), ({"lever_body_m": (1.0, 2.0)}, "imu.lever_body_m"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"rate_hz": 0.0}, "imu.rate_hz"),
+        ({"rate_hz": float("nan")}, "imu.rate_hz"),
+        ({"duration_s": -1.0}, "duration_s"),
+        ({"grade": "navigatoin"}, "perhaps 'navigation'"),
+        ({"grade": "Tactical"}, "perhaps 'tactical'"),
+        ({"mounting": np.diag([1.0, 1.0, 2.0])}, "imu.mounting"),
+        ({"mounting": np.diag([1.0, 1.0, -1.0])}, "mirrors"),
+        ({"mounting": np.eye(2)}, "imu.mounting"),
+        ({"lever_body_m": (1.0, 2.0)}, "imu.lever_body_m"),
+    ],
+)
 def test_what_makes_no_sense_is_refused(arguments, words):
     with pytest.raises(ScenarioError, match=words):
         inertial(static, **{"rate_hz": 100.0, "duration_s": 1.0, **arguments})

@@ -73,13 +73,15 @@ def test_noise_rises_by_what_is_asked_and_falls_with_distance(navigation: Naviga
     far = {"name": "two", **PLACE, "lat_deg": 39.999}
     scene = scene_of(
         parse_scenario(
-            TABLE | {"receivers": [TABLE["receivers"][0], far],
-                     "interference": [{"kind": "noise", "transmit": TRANSMIT, "power_db": 10.0}]}
-        ), navigation,
-    )  # fmt: skip
-    near, far_power = (
-        np.mean(render(rendering_of(scene, index), 3).astype(np.float64) ** 2) for index in (0, 1)
+            TABLE
+            | {
+                "receivers": [TABLE["receivers"][0], far],
+                "interference": [{"kind": "noise", "transmit": TRANSMIT, "power_db": 10.0}],
+            }
+        ),
+        navigation,
     )
+    near, far_power = (np.mean(render(rendering_of(scene, index), 3).astype(np.float64) ** 2) for index in (0, 1))
     assert near == pytest.approx(11.0, rel=0.01)
     ratio = [sky.noises[0].power(np.array([1.0]))[0] for sky in scene.skies]
     assert far_power == pytest.approx(1.0 + ratio[1], rel=0.01)
@@ -102,11 +104,16 @@ def test_reflections_are_later_weaker_copies(navigation: NavigationData) -> None
     alone, mirrored = (
         scene_of(
             parse_scenario(
-                TABLE | {"receivers": [TABLE["receivers"][0] | {"multipath": rays}],
-                         "sky": {"zenith_cn0_dbhz": 60.0, "horizon_cn0_dbhz": 60.0, "sats": [sat]}}
-            ), navigation,
-        ) for rays in ([], [reflection])
-    )  # fmt: skip
+                TABLE
+                | {
+                    "receivers": [TABLE["receivers"][0] | {"multipath": rays}],
+                    "sky": {"zenith_cn0_dbhz": 60.0, "horizon_cn0_dbhz": 60.0, "sats": [sat]},
+                }
+            ),
+            navigation,
+        )
+        for rays in ([], [reflection])
+    )
     sky = alone.skies[0]
     planes = [render(rendering_of(scene, 0), 0, noise=False).astype(np.float64) for scene in (alone, mirrored)]
     ray = (planes[1] - planes[0])[0] + 1j * (planes[1] - planes[0])[1]
@@ -130,14 +137,18 @@ def test_reflections_are_later_weaker_copies(navigation: NavigationData) -> None
 
 def test_a_pause_of_an_attack_is_silent_to_the_sample(navigation: NavigationData) -> None:
     attack = {
-        "kind": "spoofer", "transmit": TRANSMIT, "shows": PLACE, "power_db": 30.0, "off_s": [[0.7, 0.9]],
-        "onset_s": 0.3, "until_s": 1.5,
-    }  # fmt: skip
+        "kind": "spoofer",
+        "transmit": TRANSMIT,
+        "shows": PLACE,
+        "power_db": 30.0,
+        "off_s": [[0.7, 0.9]],
+        "onset_s": 0.3,
+        "until_s": 1.5,
+    }
     scene = scene_of(
-        parse_scenario(
-            TABLE | {"attacks": [attack], "sky": {"zenith_cn0_dbhz": 30.0, "horizon_cn0_dbhz": 30.0}}
-        ), navigation,
-    )  # fmt: skip
+        parse_scenario(TABLE | {"attacks": [attack], "sky": {"zenith_cn0_dbhz": 30.0, "horizon_cn0_dbhz": 30.0}}),
+        navigation,
+    )
     rendering, sky = rendering_of(scene, 0), scene.skies[0]
     n_blocks = -(-rendering.n_samples // BLOCK)
     power = np.concatenate([(render(rendering, b, noise=False) ** 2).sum(axis=0) for b in range(n_blocks)])
@@ -154,12 +165,16 @@ def test_blocks_of_any_size_give_the_same_samples(navigation: NavigationData) ->
     recorded = recording(
         navigation,
         front_end={"rate_hz": RATE_HZ, "encoding": "int", "bits": 8, "agc": True, "bandwidth_hz": 1.6e6},
-        receivers=[TABLE["receivers"][0] | {
-            "oscillator": "tcxo", "multipath": [{"height_m": 2.0, "power_db": -6.0}],
-            "path": {"kind": "circle", "radius_m": 30.0, "speed_m_s": 5.0},
-        }],
+        receivers=[
+            TABLE["receivers"][0]
+            | {
+                "oscillator": "tcxo",
+                "multipath": [{"height_m": 2.0, "power_db": -6.0}],
+                "path": {"kind": "circle", "radius_m": 30.0, "speed_m_s": 5.0},
+            }
+        ],
         interference=[{"kind": "chirp", "transmit": TRANSMIT, "power_db": 3.0}],
-    )  # fmt: skip
+    )
     whole = recorded.read(0, 900_000)
     for start, count in ((0, 1), (131_071, 2), (4096, 300_000), (777_777, 100_000)):
         assert np.array_equal(recorded.read(start, count), whole[:, start : start + count])

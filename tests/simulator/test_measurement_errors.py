@@ -81,8 +81,9 @@ def test_air_is_smooth_and_slow(interval_s: float) -> None:
 
 def test_neighbours_share_air_but_no_reflections() -> None:
     near, far = exposure(from_sky(east_km=0.06), name="two"), exposure(from_sky(east_km=375.0), name="three")
-    one, two, three = field_errors(replace(NO_REFLECTIONS, troposphere_m=0.0), [exposure(from_sky()), near, far], 1.0,
-                                   draws=(DRAWS,))  # fmt: skip
+    one, two, three = field_errors(
+        replace(NO_REFLECTIONS, troposphere_m=0.0), [exposure(from_sky()), near, far], 1.0, draws=(DRAWS,)
+    )
     assert (two.code_m - one.code_m).std() == pytest.approx(1.5 * 0.06 / 375.0, rel=0.03)  # 4 mm/km
     assert is_correlated(one.code_m[:, 0, 0], three.code_m[:, 0, 0], np.exp(-0.5))
     one, two = field_errors(NO_AIR, [exposure(from_sky(), from_sky("G06")), near], 1.0, draws=(DRAWS,))
@@ -98,8 +99,9 @@ def test_false_signals_share_the_way_from_their_transmitter() -> None:
         return Way(sat=sat, air_ecef_m=None, transmitter="spoofer/0")
 
     whole = FieldErrors(seed=3)
-    here, there = field_errors(whole, [exposure(made("G05"), made("G06")), exposure(made("G05"), name="two")], 1.0,
-                               draws=(DRAWS,))  # fmt: skip
+    here, there = field_errors(
+        whole, [exposure(made("G05"), made("G06")), exposure(made("G05"), name="two")], 1.0, draws=(DRAWS,)
+    )
     np.testing.assert_array_equal(here.code_m[..., 0], here.code_m[..., 1])  # one direction, and no air
     np.testing.assert_array_equal(here.carrier_cyc[..., 0], here.carrier_cyc[..., 1])
     assert here.code_m.std() == pytest.approx(0.66, rel=0.03)
@@ -124,8 +126,12 @@ def test_the_carrier_moves_by_a_quarter_of_a_cycle_at_most() -> None:
 
 def test_one_seed_is_one_world_whatever_is_asked_for() -> None:
     model = FieldErrors(seed=9)
-    whole = field_errors(model, [exposure(from_sky(), from_sky("G06"), epochs=50),
-                                 exposure(from_sky(east_km=1.0), epochs=50, name="two")], 1.0, draws=(3,))  # fmt: skip
+    whole = field_errors(
+        model,
+        [exposure(from_sky(), from_sky("G06"), epochs=50), exposure(from_sky(east_km=1.0), epochs=50, name="two")],
+        1.0,
+        draws=(3,),
+    )
     (window,) = field_errors(model, [exposure(from_sky("G06"), first=20, epochs=10)], 1.0, draws=(3,))
     np.testing.assert_allclose(window.code_m[..., 0], whole[0].code_m[:, 20:30, 1], rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(window.carrier_cyc[..., 0], whole[0].carrier_cyc[:, 20:30, 1], rtol=0.0, atol=1e-12)

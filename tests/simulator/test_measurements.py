@@ -118,8 +118,9 @@ def test_stated_sigmas_follow_the_carrier_to_noise_density(scene: Scene) -> None
 def test_shuffled_letters_say_nothing(scene: Scene) -> None:
     geometries, rng = geometry_of(scene), np.random.default_rng(5)
     plain = draw(geometries, rng=rng, noise=SILENT)[0][0]
-    authentic = {signal.sat: plain.pseudorange_m[-1, column]
-                 for column, signal in enumerate(plain.signals) if signal.copy == "a"}  # fmt: skip
+    authentic = {
+        signal.sat: plain.pseudorange_m[-1, column] for column, signal in enumerate(plain.signals) if signal.copy == "a"
+    }
     seen: Counter[tuple[str, str]] = Counter()
     for _ in range(200):
         observations, labels = draw(geometries, rng=rng, noise=SILENT, shuffle_copies=True)

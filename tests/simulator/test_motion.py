@@ -17,7 +17,7 @@ from skyproof.simulator.motion import (
     antenna_motion,
     attitude_ecef,
     heading_pitch_roll_rad,
-)  # fmt: skip
+)
 from skyproof.simulator.trajectories import (
     circle,
     drifting,
@@ -28,7 +28,7 @@ from skyproof.simulator.trajectories import (
     las_vegas_false,
     static,
     way_points,
-)  # fmt: skip
+)
 
 LAT_RAD, LON_RAD = np.radians(40.0), np.radians(-3.0)
 HOME = ecef_from_geodetic(LAT_RAD, LON_RAD, 650.0)
@@ -112,6 +112,7 @@ def test_attitude_is_a_rotation(trajectory):
 @pytest.mark.parametrize("trajectory", [EVERY["way points"], EVERY["way points, level nose"]], ids=["wide", "narrow"])
 def test_accelerations_are_continuous(trajectory, name):
     """Twice as many moments, half as large the greatest change: a jump would stay as large."""
+
     def greatest(n):
         return np.abs(np.diff(getattr(trajectory.at(np.linspace(0.0, 240.0, n + 1)), name), axis=0)).max()
 
@@ -237,8 +238,9 @@ def test_a_level_way_keeps_its_height_over_the_ellipsoid_and_a_straight_one_does
     lat_deg, lon_deg = np.array([40.0, 40.5, 40.4]), np.array([-3.0, -3.1, -2.5])
     points = ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), np.full(3, 700.0))
     t_s = np.linspace(0.0, 900.0, 2001)
-    heights = [geodetic_from_ecef(way_points(points, 120.0, level=level).at(t_s).position_ecef_m)[2]
-               for level in (True, False)]  # fmt: skip
+    heights = [
+        geodetic_from_ecef(way_points(points, 120.0, level=level).at(t_s).position_ecef_m)[2] for level in (True, False)
+    ]
     assert np.abs(heights[0] - 700.0).max() < 3e-3
     assert heights[1].min() < 700.0 - 50.0
     motion = way_points(points, 120.0, from_rest=False, to_rest=False).at(t_s)
@@ -247,19 +249,30 @@ def test_a_level_way_keeps_its_height_over_the_ellipsoid_and_a_straight_one_does
 
 @settings(max_examples=40, deadline=None)
 @given(
-    legs=st.lists(st.tuples(st.floats(-150.0, 150.0), st.floats(50.0, 400.0), st.floats(-20.0, 20.0)),
-                  min_size=1, max_size=6),
-    speed_m_s=st.floats(4.0, 30.0), lateral_m_s2=st.floats(0.5, 9.0), turn_in_s=st.floats(0.5, 3.0),
-    rests=st.tuples(st.booleans(), st.booleans()), level=st.booleans(),
-)  # fmt: skip
+    legs=st.lists(
+        st.tuples(st.floats(-150.0, 150.0), st.floats(50.0, 400.0), st.floats(-20.0, 20.0)), min_size=1, max_size=6
+    ),
+    speed_m_s=st.floats(4.0, 30.0),
+    lateral_m_s2=st.floats(0.5, 9.0),
+    turn_in_s=st.floats(0.5, 3.0),
+    rests=st.tuples(st.booleans(), st.booleans()),
+    level=st.booleans(),
+)
 def test_any_way_is_smooth_and_keeps_its_limits_and_ends(legs, speed_m_s, lateral_m_s2, turn_in_s, rests, level):
     turns_deg, lengths_m, climbs_m = np.array(legs).T
     heading_rad = np.radians(np.cumsum(turns_deg))
     steps = np.stack([lengths_m * np.sin(heading_rad), lengths_m * np.cos(heading_rad), climbs_m], axis=-1)
     points = ecef_from_enu(np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]), HOME)
     try:
-        way = way_points(points, speed_m_s, lateral_m_s2=lateral_m_s2, turn_in_s=turn_in_s, from_rest=rests[0],
-                         to_rest=rests[1], level=level)  # fmt: skip
+        way = way_points(
+            points,
+            speed_m_s,
+            lateral_m_s2=lateral_m_s2,
+            turn_in_s=turn_in_s,
+            from_rest=rests[0],
+            to_rest=rests[1],
+            level=level,
+        )
     except ScenarioError as error:
         assume("way points" not in str(error) and "speed_m_s" not in str(error))
         raise
@@ -273,21 +286,24 @@ def test_any_way_is_smooth_and_keeps_its_limits_and_ends(legs, speed_m_s, latera
     assert np.isfinite(motion.angular_acceleration_body_rad_s2).all()
 
 
-@pytest.mark.parametrize(("points", "more", "words"), [
-    ([[0, 0, 0]], {}, r"1 given, expected 2 or more; give more, or a static place"),
-    ([[0, 0, 0], [0, 0, 0], [9, 9, 9]], {}, r"way points\[1\]: the same place as the one before"),
-    ([[0, 0, 0], [0, 500, 0], [0, 1, 0]], {}, r"way points\[1\]: the way turns back by 180.0 degrees"),
-    ([[0, 0, 0], [0, 500, 0], [30, 500, 0]], {}, r"way points\[1\] to \[2\]: 30.0 m apart, but their turns need"),
-    ([[0, 0, 0], [0, 50, 0]], {}, r"takes 109.4 m, but the way is 50.0 m long; lower the speed"),
-    ([[0, 0, 0], [0, np.nan, 0]], {}, r"way points\[1\]: not a number"),
-    ([[0, 0, 0], [0, 4e5, 0]], {}, r"way points\[\d\]: 200 km from the middle"),
-    ([[0, 0, 0], [0, 10, 500]], {}, r"climbs or falls by 89 degrees, .* give a fixed heading, pitch and roll"),
-    (WAY, {"speed_m_s": 0.0}, r"speed_m_s 0: expected a number above zero"),
-    (WAY, {"speed_m_s": np.nan}, r"speed_m_s nan: expected a number above zero"),
-    (WAY, {"acceleration_m_s2": -1.0}, r"acceleration_m_s2 -1: expected a number above zero"),
-    (WAY, {"lateral_m_s2": 0.0}, r"lateral_m_s2 0: expected"),
-    (WAY, {"radius_m": 0.999}, r"radius_m 0.999: at 10 m/s it needs 100 m/s\^2"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("points", "more", "words"),
+    [
+        ([[0, 0, 0]], {}, r"1 given, expected 2 or more; give more, or a static place"),
+        ([[0, 0, 0], [0, 0, 0], [9, 9, 9]], {}, r"way points\[1\]: the same place as the one before"),
+        ([[0, 0, 0], [0, 500, 0], [0, 1, 0]], {}, r"way points\[1\]: the way turns back by 180.0 degrees"),
+        ([[0, 0, 0], [0, 500, 0], [30, 500, 0]], {}, r"way points\[1\] to \[2\]: 30.0 m apart, but their turns need"),
+        ([[0, 0, 0], [0, 50, 0]], {}, r"takes 109.4 m, but the way is 50.0 m long; lower the speed"),
+        ([[0, 0, 0], [0, np.nan, 0]], {}, r"way points\[1\]: not a number"),
+        ([[0, 0, 0], [0, 4e5, 0]], {}, r"way points\[\d\]: 200 km from the middle"),
+        ([[0, 0, 0], [0, 10, 500]], {}, r"climbs or falls by 89 degrees, .* give a fixed heading, pitch and roll"),
+        (WAY, {"speed_m_s": 0.0}, r"speed_m_s 0: expected a number above zero"),
+        (WAY, {"speed_m_s": np.nan}, r"speed_m_s nan: expected a number above zero"),
+        (WAY, {"acceleration_m_s2": -1.0}, r"acceleration_m_s2 -1: expected a number above zero"),
+        (WAY, {"lateral_m_s2": 0.0}, r"lateral_m_s2 0: expected"),
+        (WAY, {"radius_m": 0.999}, r"radius_m 0.999: at 10 m/s it needs 100 m/s\^2"),
+    ],
+)
 def test_a_way_that_cannot_be_gone_is_refused_with_the_place_and_a_remedy(points, more, words):
     if len(points) != len(WAY):
         points = ecef_from_enu(np.array(points, float), HOME)
@@ -313,10 +329,14 @@ def test_a_circle_is_the_closed_form(clockwise):
     assert np.linalg.norm(motion.angular_rate_body_rad_s, axis=1) == pytest.approx(12.0 / 80.0, rel=1e-4)
 
 
-@pytest.mark.parametrize(("radius_m", "speed_m_s", "words"), [
-    (0.0, 5.0, "radius_m 0: expected a number above zero"), (5.0, 0.0, "speed_m_s 0: expected a number above zero"),
-    (5.0, 60.0, r"radius_m 5: at 60 m/s it needs 720 m/s\^2, expected at most 100; turn with at least 36.0 m"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("radius_m", "speed_m_s", "words"),
+    [
+        (0.0, 5.0, "radius_m 0: expected a number above zero"),
+        (5.0, 0.0, "speed_m_s 0: expected a number above zero"),
+        (5.0, 60.0, r"radius_m 5: at 60 m/s it needs 720 m/s\^2, expected at most 100; turn with at least 36.0 m"),
+    ],
+)
 def test_a_circle_that_cannot_be_is_refused(radius_m, speed_m_s, words):
     with pytest.raises(ScenarioError, match=words):
         circle(HOME, radius_m, speed_m_s)
@@ -430,22 +450,27 @@ def test_knots_apart_take_errors_out_of_the_motion():
     t_s, rng = np.arange(0.0, 200.0), np.random.default_rng(3)
     places = circle(HOME, 200.0, 12.0).at(t_s).position_ecef_m
     noisy = places + rng.standard_normal(places.shape)
-    pull = [np.linalg.norm(found.at(t_s[10:-10]).acceleration_ecef_m_s2, axis=1)
-            for found in (from_samples(t_s, noisy), from_samples(t_s, noisy, knot_s=20.0))]  # fmt: skip
+    pull = [
+        np.linalg.norm(found.at(t_s[10:-10]).acceleration_ecef_m_s2, axis=1)
+        for found in (from_samples(t_s, noisy), from_samples(t_s, noisy, knot_s=20.0))
+    ]
     assert np.median(pull[0]) > 5.0
     assert np.median(pull[1]) == pytest.approx(0.72, abs=0.1)
 
 
-@pytest.mark.parametrize(("t_s", "places", "more", "words"), [
-    ([0.0], [HOME], {}, "1 given, expected at least 2"),
-    ([0.0, 1.0, 1.0], [HOME] * 3, {}, r"samples\[2\]: time 1 s is not after 1 s; put the samples in order"),
-    ([0.0, np.nan], [HOME] * 2, {}, r"samples\[1\]: not a number"),
-    ([0.0, 1.0], [HOME] * 3, {}, r"times \(2,\) and places \(3, 3\)"),
-    ([0.0, 1.0], [HOME] * 2, {"attitude": np.eye(3)}, r"attitude: shape \(3, 3\), expected \(2, 3, 3\)"),
-    ([0.0, 1.0], [HOME] * 2, {"knot_s": 5.0}, "knot_s 5: expected a time that many samples fill"),
-    (np.arange(9.0), [HOME] * 9, {"knot_s": 0.1}, "knot_s 0.1: expected a time that many samples fill"),
-    ([0.0, 1.0], ecef_from_enu([[0, 0, 0], [0, 0, 9]], HOME), {}, "too steep to have a heading"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("t_s", "places", "more", "words"),
+    [
+        ([0.0], [HOME], {}, "1 given, expected at least 2"),
+        ([0.0, 1.0, 1.0], [HOME] * 3, {}, r"samples\[2\]: time 1 s is not after 1 s; put the samples in order"),
+        ([0.0, np.nan], [HOME] * 2, {}, r"samples\[1\]: not a number"),
+        ([0.0, 1.0], [HOME] * 3, {}, r"times \(2,\) and places \(3, 3\)"),
+        ([0.0, 1.0], [HOME] * 2, {"attitude": np.eye(3)}, r"attitude: shape \(3, 3\), expected \(2, 3, 3\)"),
+        ([0.0, 1.0], [HOME] * 2, {"knot_s": 5.0}, "knot_s 5: expected a time that many samples fill"),
+        (np.arange(9.0), [HOME] * 9, {"knot_s": 0.1}, "knot_s 0.1: expected a time that many samples fill"),
+        ([0.0, 1.0], ecef_from_enu([[0, 0, 0], [0, 0, 9]], HOME), {}, "too steep to have a heading"),
+    ],
+)
 def test_samples_that_make_no_motion_are_refused(t_s, places, more, words):
     with pytest.raises(ScenarioError, match=words):
         from_samples(t_s, np.array(places), **more)
@@ -478,10 +503,16 @@ def test_a_file_without_times_is_gone_at_the_speed_asked_for():
 # --- points of the body
 
 
-@pytest.mark.parametrize("lever", [
-    np.array([2.0, -1.5, -3.0]),
-    SpinningArm(radius_m=0.5, rate_rad_s=2.0, start_rad=0.3, axis_body=(0.2, -0.1, 2.0), centre_body_m=(1.0, 0, -2.0)),
-], ids=["fixed", "spinning"])  # fmt: skip
+@pytest.mark.parametrize(
+    "lever",
+    [
+        np.array([2.0, -1.5, -3.0]),
+        SpinningArm(
+            radius_m=0.5, rate_rad_s=2.0, start_rad=0.3, axis_body=(0.2, -0.1, 2.0), centre_body_m=(1.0, 0, -2.0)
+        ),
+    ],
+    ids=["fixed", "spinning"],
+)
 def test_an_antennas_velocity_and_acceleration_are_those_of_its_place(lever):
     def antenna(t_s):
         return antenna_motion(EVERY["way points"].at(t_s), lever.at(t_s) if isinstance(lever, SpinningArm) else lever)
@@ -508,10 +539,14 @@ def test_a_spinning_arm_turns_clockwise_from_forward_once_a_period():
     np.testing.assert_allclose(np.linalg.norm(lever.velocity_body_m_s, axis=1), 0.25 * np.pi)
 
 
-@pytest.mark.parametrize(("more", "words"), [
-    ({"axis_body": (0.0, 0.0, 0.0)}, "axis_body .*: expected a direction"), ({"radius_m": 0.0}, "radius_m 0: expected"),
-    ({"rate_rad_s": np.inf}, "rate_rad_s inf: expected a number"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"axis_body": (0.0, 0.0, 0.0)}, "axis_body .*: expected a direction"),
+        ({"radius_m": 0.0}, "radius_m 0: expected"),
+        ({"rate_rad_s": np.inf}, "rate_rad_s inf: expected a number"),
+    ],
+)
 def test_an_arm_that_cannot_be_is_refused(more, words):
     with pytest.raises(ScenarioError, match=words):
         SpinningArm(**({"radius_m": 0.5, "rate_rad_s": 1.0} | more))

@@ -23,15 +23,21 @@ TABLE: dict[str, Any] = {
     "seed": 3,
     "start_gpst": "2023-03-04T05:06:07.25",
     "duration_s": 20.0,
-    "receivers": [{
-        "name": "ship", **PLACE, "path": {"kind": "circle", "radius_m": 80.0, "speed_m_s": 12.0},
-        "antennas": [
-            {"name": "1"}, {"name": "2", "body_m": [0.19, 0.0, 0.0]}, {"name": "3", "body_m": [0.095, 0.16, 0.0]},
-            {"name": "arm", "spin": {"radius_m": 0.4, "rate_hz": 1.5, "start_deg": 30.0}},
-        ],
-    }],
+    "receivers": [
+        {
+            "name": "ship",
+            **PLACE,
+            "path": {"kind": "circle", "radius_m": 80.0, "speed_m_s": 12.0},
+            "antennas": [
+                {"name": "1"},
+                {"name": "2", "body_m": [0.19, 0.0, 0.0]},
+                {"name": "3", "body_m": [0.095, 0.16, 0.0]},
+                {"name": "arm", "spin": {"radius_m": 0.4, "rate_hz": 1.5, "start_deg": 30.0}},
+            ],
+        }
+    ],
     "attacks": [{"kind": "meaconer", "receive": {**PLACE, "lat_deg": 40.02}, "transmit": TRANSMIT, "delay_s": 1e-6}],
-}  # fmt: skip
+}
 
 
 def scene_with(navigation: NavigationData, **changes: Any) -> Scene:
@@ -111,9 +117,13 @@ def test_the_spinning_arm_turns_as_it_is_told(scene: Scene) -> None:
 
 
 TAKEOVER: dict[str, Any] = {
-    "kind": "takeover", "target": "ship", "transmit": TRANSMIT, "onset_s": 2.0, "phase": "aligned",
+    "kind": "takeover",
+    "target": "ship",
+    "transmit": TRANSMIT,
+    "onset_s": 2.0,
+    "phase": "aligned",
     "away_points_enu_m": [[5.0, 0.0, 0.0, 0.0], [15.0, 60.0, -20.0, 5.0]],
-}  # fmt: skip
+}
 
 
 def test_a_takeover_lies_on_the_true_signals_and_leaves_as_told(navigation: NavigationData) -> None:
@@ -189,11 +199,12 @@ def test_power_follows_its_points_and_pauses_are_silent(navigation: NavigationDa
 def test_a_patch_antenna_favours_what_it_leans_to(navigation: NavigationData) -> None:
     level, leaning = (
         scene_with(
-            navigation, attacks=[],
+            navigation,
+            attacks=[],
             receivers=[{"name": "one", **PLACE, "roll_deg": roll_deg, "antennas": [{"name": "1", "gain": "patch"}]}],
         ).skies[0]
         for roll_deg in (0.0, 30.0)
-    )  # fmt: skip
+    )
     gained_db = leaning.cn0_dbhz(5.0) - level.cn0_dbhz(5.0)
     az, el = level.az_rad.mean(axis=0), level.el_rad.mean(axis=0)
     # heading north, the right side down: boresight leans to the east by 30 degrees
@@ -203,17 +214,22 @@ def test_a_patch_antenna_favours_what_it_leans_to(navigation: NavigationData) ->
 
 STEEP = {"kind": "way-points", "speed_m_s": 5.0, "points_enu_m": [[0, 0, 0], [0, 90, -2000]]}
 DOWN = {
-    "kind": "way-points", "speed_m_s": 900.0, "from_rest": False, "to_rest": False,
+    "kind": "way-points",
+    "speed_m_s": 900.0,
+    "from_rest": False,
+    "to_rest": False,
     "points_enu_m": [[0, 0, 0], [0, 60000, -5000]],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"receivers": [{"name": "a", **PLACE, "path": STEEP}]}, ["receivers[0].path", "degrees"]),
-        ({"receivers": [{"name": "a", **PLACE, "path": DOWN}], "duration_s": 60.0},
-         ["receivers[0].path", "under the ground"]),
+        (
+            {"receivers": [{"name": "a", **PLACE, "path": DOWN}], "duration_s": 60.0},
+            ["receivers[0].path", "under the ground"],
+        ),
         ({"attacks": [TAKEOVER | {"target": "shp"}]}, ["attacks[0].target 'shp'", "did you mean 'ship'"]),
         ({"attacks": [TAKEOVER | {"off_s": [[3.0, 3.05]]}]}, ["attacks[0]", "off_s"]),
         ({"attacks": [TAKEOVER | {"away_points_enu_m": [[5, 0, 0, 0], [4, 0, 0, 0]]}]}, ["rise"]),
@@ -222,7 +238,7 @@ DOWN = {
         ({"receivers": [{"name": "a", **PLACE, "multipath": [{"power_db": -6.0}]}]}, ["multipath[0]", "delay_m"]),
         ({"receivers": [{"name": "a", **PLACE, "imu": {"grade": "tactial"}}]}, ["receivers[0].imu", "'tactical'"]),
     ],
-)  # fmt: skip
+)
 def test_what_makes_no_sense_is_refused(navigation: NavigationData, changes: dict[str, Any], words: list[str]) -> None:
     with pytest.raises(ScenarioError) as caught:
         scene_with(navigation, **changes)

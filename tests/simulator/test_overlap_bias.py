@@ -17,22 +17,31 @@ START = np.datetime64("2023-03-04T05:06:07.25", "ns")
 WIDE = FrontEnd(rate_hz=4e6, encoding="float", bits=32)
 
 
-def scene_with(navigation: NavigationData, rays: tuple[Multipath, ...] = (), front_end: FrontEnd = WIDE,
-               **attack: float) -> Scene:  # fmt: skip
+def scene_with(
+    navigation: NavigationData, rays: tuple[Multipath, ...] = (), front_end: FrontEnd = WIDE, **attack: float
+) -> Scene:
     place = {"lat_deg": 40.0, "lon_deg": -3.0, "height_m": 650.0}
-    takeover = Takeover(target="one", transmit=Place(lat_deg=40.0003, lon_deg=-3.0002, height_m=660.0), onset_s=-1.0,
-                        **attack)  # type: ignore[arg-type]  # fmt: skip
+    takeover = Takeover(
+        target="one", transmit=Place(lat_deg=40.0003, lon_deg=-3.0002, height_m=660.0), onset_s=-1.0, **attack
+    )  # type: ignore[arg-type]
     return scene_of(
-        Scenario(seed=7, start_gpst=START, duration_s=6.0, front_end=front_end,
-                 sky=Sky(zenith_cn0_dbhz=46.0, horizon_cn0_dbhz=46.0), attacks=(takeover,) if attack else (),
-                 receivers=(Receiver(name="one", **place, multipath=rays),)),
+        Scenario(
+            seed=7,
+            start_gpst=START,
+            duration_s=6.0,
+            front_end=front_end,
+            sky=Sky(zenith_cn0_dbhz=46.0, horizon_cn0_dbhz=46.0),
+            attacks=(takeover,) if attack else (),
+            receivers=(Receiver(name="one", **place, multipath=rays),),
+        ),
         navigation,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(("turn_deg", "sign"), [(0.0, 1.0), (180.0, -1.0)])
-def test_a_short_reflection_pulls_as_the_envelope_says(navigation: NavigationData, turn_deg: float,
-                                                       sign: float) -> None:  # fmt: skip
+def test_a_short_reflection_pulls_as_the_envelope_says(
+    navigation: NavigationData, turn_deg: float, sign: float
+) -> None:
     """Sharp chips, delay below half the spacing: error a d / (1 + a), Kaplan and Hegarty, 9.5; the phase stays."""
     delay_m, amplitude = 15.0, 10.0 ** (-6.0 / 20.0)
     turn_cyc = delay_m * L1_HZ / SPEED_OF_LIGHT_M_S  # what the way itself turns, taken off

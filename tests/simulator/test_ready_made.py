@@ -21,10 +21,25 @@ from skyproof.simulator.trajectories import las_vegas_false
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / L1_HZ
 CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
 NAMES = {
-    "ins-array-1", "ins-array-1-location-2", "ins-array-2", "ins-array-2-location-2", "spin", "las-vegas",
-    "static-austin", "vector-one-spoofer", "vector-many", "multi-receiver", "meacon-ramp", "clean", "takeover",
-    "starts-spoofed", "two-antennas", "multipath", "jamming", *(f"texbat-like-{number}" for number in range(1, 9)),
-}  # fmt: skip
+    "ins-array-1",
+    "ins-array-1-location-2",
+    "ins-array-2",
+    "ins-array-2-location-2",
+    "spin",
+    "las-vegas",
+    "static-austin",
+    "vector-one-spoofer",
+    "vector-many",
+    "multi-receiver",
+    "meacon-ramp",
+    "clean",
+    "takeover",
+    "starts-spoofed",
+    "two-antennas",
+    "multipath",
+    "jamming",
+    *(f"texbat-like-{number}" for number in range(1, 9)),
+}
 
 
 @cache
@@ -64,8 +79,10 @@ def lags_m(sky: ReceiverSky, true_s: Reals) -> tuple[Reals, Reals]:
     code_s, carrier_s = sky.delays_s(true_s)
     false, true = columns(sky, "spoofed"), columns(sky, "authentic")
     pairs = np.array([(false[sat], true[sat]) for sat in sorted(false.keys() & true.keys())])
-    return (SPEED_OF_LIGHT_M_S * (code_s[:, pairs[:, 0]] - code_s[:, pairs[:, 1]]),
-            SPEED_OF_LIGHT_M_S * (carrier_s[:, pairs[:, 0]] - carrier_s[:, pairs[:, 1]]))  # fmt: skip
+    return (
+        SPEED_OF_LIGHT_M_S * (code_s[:, pairs[:, 0]] - code_s[:, pairs[:, 1]]),
+        SPEED_OF_LIGHT_M_S * (carrier_s[:, pairs[:, 0]] - carrier_s[:, pairs[:, 1]]),
+    )
 
 
 def excess_db(sky: ReceiverSky, true_s: Reals) -> Reals:
@@ -129,9 +146,19 @@ def test_each_reads_the_same_after_it_was_written(name: str) -> None:
 
 
 def test_receivers_of_multi_receiver_stand_as_tables_3_and_4_say() -> None:
-    pairs = {("rx1", "rx2"): 100, ("rx3", "rx4"): 100, ("rx1", "rx5"): 1, ("rx1", "rx6"): 5, ("rx1", "rx7"): 10,
-             ("rx1", "rx8"): 20, ("rx1", "rx9"): 35, ("rx1", "rx10"): 50, ("rx6", "rx7"): 5, ("rx1", "rx3"): 50,
-             ("rx1", "rx4"): 50}  # fmt: skip
+    pairs = {
+        ("rx1", "rx2"): 100,
+        ("rx3", "rx4"): 100,
+        ("rx1", "rx5"): 1,
+        ("rx1", "rx6"): 5,
+        ("rx1", "rx7"): 10,
+        ("rx1", "rx8"): 20,
+        ("rx1", "rx9"): 35,
+        ("rx1", "rx10"): 50,
+        ("rx6", "rx7"): 5,
+        ("rx1", "rx3"): 50,
+        ("rx1", "rx4"): 50,
+    }
     for (one, other), metres in pairs.items():
         assert away_m("multi-receiver", one, other) == pytest.approx(metres, abs=0.01), (one, other)
     scenario = ready("multi-receiver")
@@ -150,8 +177,10 @@ def test_false_ranges_of_multi_receiver_differ_by_the_distances_to_the_meaconer(
     the_scene = scene("multi-receiver")
     at_s = np.array([10.0, 300.0])
     rx = {sky.name: sky for sky in the_scene.skies}
-    false_m = {name: SPEED_OF_LIGHT_M_S * sky.delays_s(at_s)[0][:, sorted(columns(sky, "spoofed").values())]
-               for name, sky in rx.items()}  # fmt: skip
+    false_m = {
+        name: SPEED_OF_LIGHT_M_S * sky.delays_s(at_s)[0][:, sorted(columns(sky, "spoofed").values())]
+        for name, sky in rx.items()
+    }
     assert false_m["rx1"] - false_m["rx2"] == pytest.approx(-100.0, abs=0.011)
     assert false_m["rx3"] - false_m["rx4"] == pytest.approx(0.0, abs=0.011)
     meaconer = the_scene.scenario.attacks[0]
@@ -206,16 +235,28 @@ def test_the_arm_of_spin_makes_the_phase_of_the_paper() -> None:
 @pytest.mark.parametrize(
     ("name", "predicted", "from_where"),
     [
-        ("ins-array-1", {"G03": (276.80, 22.19), "G29": (48.0, 21.0), "G32": (148.04, 30.85)},
-         {"G03": (276.0, 24.0), "G29": (60.0, 30.0), "G32": (150.0, 23.0)}),
-        ("ins-array-1-location-2", {"G02": (356.0, 67.0), "G20": (233.0, 76.0), "G29": (313.0, 12.0)},
-         {"G02": (276.0, 24.0), "G20": (60.0, 30.0), "G29": (150.0, 23.0)}),
-        ("ins-array-2", {"G03": (276.80, 22.19), "G29": (48.0, 21.0), "G32": (148.04, 30.85)},
-         dict.fromkeys(("G03", "G29", "G32"), (150.0, 30.0))),
-        ("ins-array-2-location-2", {"G02": (356.0, 67.0), "G20": (233.0, 76.0), "G29": (313.0, 12.0)},
-         dict.fromkeys(("G02", "G20", "G29"), (150.0, 30.0))),
+        (
+            "ins-array-1",
+            {"G03": (276.80, 22.19), "G29": (48.0, 21.0), "G32": (148.04, 30.85)},
+            {"G03": (276.0, 24.0), "G29": (60.0, 30.0), "G32": (150.0, 23.0)},
+        ),
+        (
+            "ins-array-1-location-2",
+            {"G02": (356.0, 67.0), "G20": (233.0, 76.0), "G29": (313.0, 12.0)},
+            {"G02": (276.0, 24.0), "G20": (60.0, 30.0), "G29": (150.0, 23.0)},
+        ),
+        (
+            "ins-array-2",
+            {"G03": (276.80, 22.19), "G29": (48.0, 21.0), "G32": (148.04, 30.85)},
+            dict.fromkeys(("G03", "G29", "G32"), (150.0, 30.0)),
+        ),
+        (
+            "ins-array-2-location-2",
+            {"G02": (356.0, 67.0), "G20": (233.0, 76.0), "G29": (313.0, 12.0)},
+            dict.fromkeys(("G02", "G20", "G29"), (150.0, 30.0)),
+        ),
     ],
-)  # fmt: skip
+)
 def test_signals_reach_the_array_from_the_directions_of_the_paper(
     name: str, predicted: dict[str, tuple[float, float]], from_where: dict[str, tuple[float, float]]
 ) -> None:
@@ -243,8 +284,14 @@ def test_signals_reach_the_array_from_the_directions_of_the_paper(
 
 
 def test_the_vector_sky_is_that_of_the_tables() -> None:
-    directions = {"G02": (274, 21), "G12": (327, 24), "G13": (90, 26), "G17": (239, 73), "G20": (168, 57),
-                  "G28": (212, 31)}  # fmt: skip
+    directions = {
+        "G02": (274, 21),
+        "G12": (327, 24),
+        "G13": (90, 26),
+        "G17": (239, 73),
+        "G20": (168, 57),
+        "G28": (212, 31),
+    }
     for name in ("vector-one-spoofer", "vector-many"):
         sky = scene(name).skies[0]
         both = columns(sky, "authentic") | columns(sky, "spoofed")
@@ -319,8 +366,9 @@ def test_the_takeover_begins_on_the_true_signals_and_ends_where_it_says() -> Non
         np.array([[0, 0, 0], [300, 100, 0], [300, 100, 0]]), abs=1e-6
     )
     code_m, _ = lags_m(sky, np.array([75.0]))
-    az, el = np.array([(sky.az_rad[-5, column], sky.el_rad[-5, column])
-                       for _, column in sorted(columns(sky, "spoofed").items())]).T  # fmt: skip
+    az, el = np.array(
+        [(sky.az_rad[-5, column], sky.el_rad[-5, column]) for _, column in sorted(columns(sky, "spoofed").items())]
+    ).T
     toward = np.stack([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)], axis=1)
     assert code_m[0] == pytest.approx(-toward @ [300.0, 100.0, 0.0], abs=0.1)  # the air differs by centimetres there
 
@@ -364,10 +412,14 @@ def test_multipath_and_jamming_are_there() -> None:
 
 @pytest.mark.parametrize(
     ("number", "power_db", "onset_s", "locked", "pushed", "moving"),
-    [(2, 10.0, 110.1, False, "time", False), (3, 1.3, 118.9, True, "time", False),
-     (4, 0.4, 113.8, True, "position", False), (5, 9.9, 102.0, False, "time", True),
-     (6, 0.8, 105.0, True, "position", True)],
-)  # fmt: skip
+    [
+        (2, 10.0, 110.1, False, "time", False),
+        (3, 1.3, 118.9, True, "time", False),
+        (4, 0.4, 113.8, True, "position", False),
+        (5, 9.9, 102.0, False, "time", True),
+        (6, 0.8, 105.0, True, "position", True),
+    ],
+)
 def test_likenesses_2_to_6_push_as_published(
     number: int, power_db: float, onset_s: float, locked: bool, pushed: str, moving: bool
 ) -> None:
@@ -415,8 +467,9 @@ def test_likenesses_7_and_8_take_over_without_a_sign_and_push_by_1_2_m_s(number:
     phasor = 1.0 + amplitude * np.exp(-2j * np.pi * carrier_m / WAVELENGTH_M)
     assert np.abs(phasor) == pytest.approx(1.0, abs=0.03)  # the sum does not change its level
     late_deg = 360.0 * carrier_m / WAVELENGTH_M
-    assert late_deg == pytest.approx(np.broadcast_to(
-        np.interp(at_s, [110.0, 130.0], [90.0, 180.0])[:, np.newaxis], late_deg.shape), abs=0.1)  # fmt: skip
+    assert late_deg == pytest.approx(
+        np.broadcast_to(np.interp(at_s, [110.0, 130.0], [90.0, 180.0])[:, np.newaxis], late_deg.shape), abs=0.1
+    )
     assert amplitude[-1] == pytest.approx(2.0, abs=1e-3)
     at_s = np.array([160.0, 200.0, 299.0])
     code_m, carrier_m = lags_m(sky, at_s)

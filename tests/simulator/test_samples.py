@@ -51,9 +51,13 @@ def twin(
             code_s, carrier_s = (Polynomial.fit(at_s, delay_s, 4)(true_s) for delay_s in (code_s, carrier_s))
         chip = CA_CHIP_RATE_HZ * (tow_s - first_tow + true_s - (code_s + added_s))
         bits = encode_subframes(
-            ephemeris, scene.navigation.ionosphere, scene.navigation.utc, first_tow, week,
+            ephemeris,
+            scene.navigation.ionosphere,
+            scene.navigation.utc,
+            first_tow,
+            week,
             5 + int(scenario.duration_s / 6),
-        )  # fmt: skip
+        )
         index = np.floor(chip).astype(int)
         value = GPS_L1_CA.code(prn_of(heard.id.sat))[index % 1023] * (1 - 2 * bits[index // (1023 * 20)])
         phase_cyc = L1_HZ * (true_s - elapsed_s - (carrier_s + added_s)) + scenario.front_end.if_hz * elapsed_s
@@ -142,8 +146,11 @@ def test_the_seed_and_the_receiver_decide_the_noise(scene: Scene) -> None:
     noise = [samples_module._noise(rendering, 2), samples_module._noise(rendering_of(scene, 0), 2)]
     np.testing.assert_array_equal(noise[0], noise[1])
     other_seed = scene_of(scene.scenario.model_copy(update={"seed": 8}), scene.navigation)
-    for other in (samples_module._noise(rendering_of(other_seed, 0), 2),
-                  samples_module._noise(rendering_of(scene, 1), 2), samples_module._noise(rendering, 3)):  # fmt: skip
+    for other in (
+        samples_module._noise(rendering_of(other_seed, 0), 2),
+        samples_module._noise(rendering_of(scene, 1), 2),
+        samples_module._noise(rendering, 3),
+    ):
         assert abs(np.corrcoef(noise[0].ravel(), other.ravel())[0, 1]) < 5.0 / np.sqrt(2 * BLOCK)
     assert noise[0].var() == pytest.approx(1.0, abs=5.0 * np.sqrt(1.0 / BLOCK))
 

@@ -24,8 +24,10 @@ def test_the_demo_has_ten_satellites_each_with_a_copy_of_its_own() -> None:
     assert baseline_m(scenario) == pytest.approx(60.0, abs=5.0)
     for sky in scene.skies:
         code_m = 299_792_458.0 * sky.code_delay_s(20.0)
-        by_label = {label: {heard.id.sat: code_m[column] for column, heard in enumerate(sky.signals)
-                            if heard.label == label} for label in ("authentic", "spoofed")}  # fmt: skip
+        by_label = {
+            label: {heard.id.sat: code_m[column] for column, heard in enumerate(sky.signals) if heard.label == label}
+            for label in ("authentic", "spoofed")
+        }
         assert len(by_label["authentic"]) >= 10
         assert by_label["spoofed"].keys() == by_label["authentic"].keys()
         lags = np.array([by_label["spoofed"][sat] - by_label["authentic"][sat] for sat in by_label["authentic"]])
@@ -47,8 +49,9 @@ def test_the_demo_holds_a_whole_ephemeris_before_the_end() -> None:
     assert until_subframe_1 + 18.0 < scenario.duration_s
 
 
-@pytest.mark.parametrize("place", [Place(lat_deg=-33.0, lon_deg=179.9999, height_m=0.0),
-                                   Place(lat_deg=70.0, lon_deg=25.0, height_m=300.0)])  # fmt: skip
+@pytest.mark.parametrize(
+    "place", [Place(lat_deg=-33.0, lon_deg=179.9999, height_m=0.0), Place(lat_deg=70.0, lon_deg=25.0, height_m=300.0)]
+)
 def test_a_clean_scene_stands_where_and_when_it_is_asked(place: Place) -> None:
     scenario = clean(place, np.datetime64("2031-10-05T23:59:50"), baseline_m=100.0, receivers=3)
     assert baseline_m(scenario) == pytest.approx(100.0, rel=0.01)

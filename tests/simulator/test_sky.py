@@ -81,9 +81,13 @@ def test_code_minus_carrier_is_twice_the_ionosphere(scene: Scene, navigation: Na
     for column, heard in enumerate(sky.signals):
         place = sky.receiver if heard.label == "authentic" else scene.scenario.attacks[0].shows
         ionosphere_s = klobuchar_delay_s(
-            navigation.ionosphere, np.radians(place.lat_deg), np.radians(place.lon_deg), sky.az_rad[knot, column],
-            sky.el_rad[knot, column], tow_s + true_s,
-        )  # fmt: skip
+            navigation.ionosphere,
+            np.radians(place.lat_deg),
+            np.radians(place.lon_deg),
+            sky.az_rad[knot, column],
+            sky.el_rad[knot, column],
+            tow_s + true_s,
+        )
         assert apart_s[column] == pytest.approx(2.0 * ionosphere_s, abs=1e-13)
         assert ionosphere_s > 1e-9
 
@@ -154,22 +158,32 @@ def _pair_scenario(truth: dict[str, Any]) -> Scenario:
         return {"lat_deg": position["lat_deg"], "lon_deg": position["lon_deg"], "height_m": position["h_m"]}
 
     meaconer = truth["transmitters"][0]
-    return parse_scenario({
-        "start_gpst": truth["epoch_gpst"],
-        "duration_s": truth["duration_s"],
-        "mask_deg": truth["mask_deg"],
-        "receivers": [
-            {"name": receiver["name"], **place(receiver["position"]), "lo_ppm": receiver["lo_ppm"],
-             "start_offset_s": receiver["true_start_after_epoch_s"],
-             "clock_offset_s": receiver["clock_offset_at_start_s"]}
-            for receiver in truth["receivers"]
-        ],
-        "attacks": [
-            {"kind": "meaconer", "receive": place(meaconer["receive_antenna"]),
-             "transmit": place(meaconer["transmit_antennas"][0]), "delay_s": meaconer["processing_delay_s"],
-             "onset_s": meaconer["onset_after_epoch_s"]}
-        ],
-    })  # fmt: skip
+    return parse_scenario(
+        {
+            "start_gpst": truth["epoch_gpst"],
+            "duration_s": truth["duration_s"],
+            "mask_deg": truth["mask_deg"],
+            "receivers": [
+                {
+                    "name": receiver["name"],
+                    **place(receiver["position"]),
+                    "lo_ppm": receiver["lo_ppm"],
+                    "start_offset_s": receiver["true_start_after_epoch_s"],
+                    "clock_offset_s": receiver["clock_offset_at_start_s"],
+                }
+                for receiver in truth["receivers"]
+            ],
+            "attacks": [
+                {
+                    "kind": "meaconer",
+                    "receive": place(meaconer["receive_antenna"]),
+                    "transmit": place(meaconer["transmit_antennas"][0]),
+                    "delay_s": meaconer["processing_delay_s"],
+                    "onset_s": meaconer["onset_after_epoch_s"],
+                }
+            ],
+        }
+    )
 
 
 @pytest.mark.shared_data
@@ -184,10 +198,17 @@ def test_delays_and_doppler_agree_with_another_simulator(shared_data: Path) -> N
     compared = 0
     for sky, receiver in zip(scene.skies, truth["receivers"], strict=True):
         for column, heard in enumerate(sky.signals):
-            mine = [row for row in rows if row["receiver"] == receiver["name"] and row["label"] == heard.label
-                    and int(row["prn"]) == int(heard.id.sat[1:])]  # fmt: skip
-            table = {key: np.array([float(row[key]) for row in mine])
-                     for key in ("tow_s", "code_delay_s", "carrier_delay_s", "doppler_hz")}  # fmt: skip
+            mine = [
+                row
+                for row in rows
+                if row["receiver"] == receiver["name"]
+                and row["label"] == heard.label
+                and int(row["prn"]) == int(heard.id.sat[1:])
+            ]
+            table = {
+                key: np.array([float(row[key]) for row in mine])
+                for key in ("tow_s", "code_delay_s", "carrier_delay_s", "doppler_hz")
+            }
             true_s = table["tow_s"] - truth["epoch_tow_s"]
             # places are given to 1e-9 degrees, 0.1 mm; nothing else should differ
             for spline, key in ((sky.code_delay_s, "code_delay_s"), (sky.carrier_delay_s, "carrier_delay_s")):

@@ -37,9 +37,7 @@ def test_defaults_are_written_out(scenario: Scenario) -> None:
 
 
 def test_what_moves_has_no_attitude_of_its_own(scenario: Scenario) -> None:
-    moving = dict(resolved(scenario)["receivers"][0]) | {
-        "path": {"kind": "circle", "radius_m": 30.0, "speed_m_s": 3.0}
-    }  # fmt: skip
+    moving = dict(resolved(scenario)["receivers"][0]) | {"path": {"kind": "circle", "radius_m": 30.0, "speed_m_s": 3.0}}
     for angle in ("heading_deg", "pitch_deg", "roll_deg"):
         del moving[angle]
     made = parse_scenario(resolved(scenario) | {"receivers": [moving]})

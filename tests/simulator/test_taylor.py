@@ -12,7 +12,7 @@ from skyproof.simulator.taylor import (
     product,
     reciprocal_root,
     sine_cosine,
-)  # fmt: skip
+)
 
 T = np.array([[0.0], [1.0], [0.0], [0.0], [0.0]])  # the time itself, around 0
 ONE = np.array([[1.0], [0.0], [0.0], [0.0], [0.0]])

@@ -31,10 +31,12 @@ def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
     one, two = scenario.receivers
     site = two.model_dump(exclude={"heading_deg", "pitch_deg", "roll_deg", "path", "antennas", "imu", "multipath"})
     two = type(two)(
-        **site | {"oscillator": "tcxo"}, path=Circle(radius_m=40.0, speed_m_s=8.0),
+        **site | {"oscillator": "tcxo"},
+        path=Circle(radius_m=40.0, speed_m_s=8.0),
         antennas=(Antenna(name="l"), Antenna(name="r", body_m=(0.0, 1.0, 0.0), line_bias_cyc=0.25)),
-        imu=Imu(rate_hz=50.0, mounting_deg=(0.0, 0.0, 90.0)), multipath=(Multipath(delay_m=20.0, power_db=-12.0),),
-    )  # fmt: skip
+        imu=Imu(rate_hz=50.0, mounting_deg=(0.0, 0.0, 90.0)),
+        multipath=(Multipath(delay_m=20.0, power_db=-12.0),),
+    )
     return scene_of(scenario.model_copy(update={"receivers": (one, two), "duration_s": 12.0}), navigation)
 
 
@@ -92,7 +94,7 @@ def test_signals_are_what_is_measured_without_noise(scene: Scene, antenna: str) 
             assert table["doppler_hz"][row] == pytest.approx(geometry.doppler_hz[epoch, column], abs=1e-6)
             assert table["cn0_dbhz"][row] == pytest.approx(geometry.cn0_dbhz[epoch, column])
             compared += 1
-        cycles = (table["carrier_cyc"][mine] * LIGHT_M_S / 1575.42e6 - table["pseudorange_m"][mine])
+        cycles = table["carrier_cyc"][mine] * LIGHT_M_S / 1575.42e6 - table["pseudorange_m"][mine]
         assert np.abs(cycles).max() < 100.0  # the ionosphere, twice, and the line: no ambiguity
     assert compared > 50
 
@@ -110,9 +112,14 @@ def test_a_pseudorange_is_the_way_and_the_clock(scene: Scene) -> None:
 
 
 def test_a_line_bias_is_in_the_carrier(scene: Scene, scenario: Scenario, navigation: NavigationData) -> None:
-    bare = [receiver.model_copy(update={
-        "antennas": tuple(antenna.model_copy(update={"line_bias_cyc": 0.0}) for antenna in receiver.antennas)
-    }) for receiver in scene.scenario.receivers]  # fmt: skip
+    bare = [
+        receiver.model_copy(
+            update={
+                "antennas": tuple(antenna.model_copy(update={"line_bias_cyc": 0.0}) for antenna in receiver.antennas)
+            }
+        )
+        for receiver in scene.scenario.receivers
+    ]
     without = signal_truth(scene_of(scene.scenario.model_copy(update={"receivers": tuple(bare)}), navigation), "two.r")
     table = signal_truth(scene, "two.r")
     np.testing.assert_allclose(table["carrier_cyc"] - without["carrier_cyc"], 0.25, atol=1e-6)

@@ -27,9 +27,19 @@ def counted_run_length(reference, threshold, degrees, trials, rng, run):
 # From 300 cells of a Markov chain, an independent discretisation with an error of about 0.3 % in h at k = 0.25.
 @pytest.mark.parametrize(
     ("mean_steps", "reference", "threshold"),
-    [(1e3, 0.5, 10.547), (1e6, 0.25, 36.40), (1e6, 0.5, 19.36), (1e6, 1.0, 9.876), (2e5, 1.0, 8.925),
-     (1e5, 0.25, 30.66), (1e5, 0.5, 16.57), (1e5, 1.0, 8.509), (3e6, 1.0, 10.516), (3e5, 1.0, 9.166)],
-)  # fmt: skip
+    [
+        (1e3, 0.5, 10.547),
+        (1e6, 0.25, 36.40),
+        (1e6, 0.5, 19.36),
+        (1e6, 1.0, 9.876),
+        (2e5, 1.0, 8.925),
+        (1e5, 0.25, 30.66),
+        (1e5, 0.5, 16.57),
+        (1e5, 1.0, 8.509),
+        (3e6, 1.0, 10.516),
+        (3e5, 1.0, 9.166),
+    ],
+)
 def test_thresholds_are_those_of_the_chain_with_cells(mean_steps, reference, threshold):
     cells = 0.003 if reference < 0.5 else 0.001  # their error
     assert cusum_threshold(mean_steps, reference, 4) == pytest.approx(threshold, rel=cells)

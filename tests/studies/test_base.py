@@ -24,9 +24,13 @@ def toy(**changes: Any) -> Study:
         yield {"trials": draws.size, "mean": math.nan, "method": "skyproof"}
 
     options: dict[str, Any] = {
-        "name": "toy.mean", "title": "The mean", "paper": "Someone, Journal 1(1), 2022", "figure": "Figure 1",
-        "run": run, "charts": (Chart(title="t", x="trials", y="mean", x_label="x", y_label="y", by=("method",)),),
-    }  # fmt: skip
+        "name": "toy.mean",
+        "title": "The mean",
+        "paper": "Someone, Journal 1(1), 2022",
+        "figure": "Figure 1",
+        "run": run,
+        "charts": (Chart(title="t", x="trials", y="mean", x_label="x", y_label="y", by=("method",)),),
+    }
     return Study(**(options | changes))
 
 
@@ -142,9 +146,11 @@ def test_the_charts_name_columns_in_words(name: str) -> None:
 def plain(rows: Iterable[Row]) -> str:
     """As JSON; times are of the machine, and left out."""
     return json.dumps(
-        [{k: v.item() if isinstance(v, np.generic) else v for k, v in row.items() if not k.startswith("ms_")}
-         for row in rows]
-    )  # fmt: skip
+        [
+            {k: v.item() if isinstance(v, np.generic) else v for k, v in row.items() if not k.startswith("ms_")}
+            for row in rows
+        ]
+    )
 
 
 @pytest.mark.long

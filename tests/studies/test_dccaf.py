@@ -10,8 +10,20 @@ from skyproof.studies import dccaf, inverse_raim
 from skyproof.studies.base import Settings
 from skyproof.studies.validation import check
 
-KEYS = ["method", "rate_hz", "separation_chip", "cn0_dbhz", "coherent_ms", "power_db", "doppler_hz", "success",
-        "rms_chip", "crlb_chip", "ms_per_satellite", "trials"]  # fmt: skip
+KEYS = [
+    "method",
+    "rate_hz",
+    "separation_chip",
+    "cn0_dbhz",
+    "coherent_ms",
+    "power_db",
+    "doppler_hz",
+    "success",
+    "rms_chip",
+    "crlb_chip",
+    "ms_per_satellite",
+    "trials",
+]
 FOUND = {study.name: study for study in (*dccaf.STUDIES, *inverse_raim.STUDIES)}
 
 

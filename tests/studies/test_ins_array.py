@@ -51,11 +51,17 @@ def test_scenarios_have_the_promised_rates():
     for row in rows:
         # Under attack the errors act along the received direction, which the theory takes for the predicted one.
         assert row["p_d_simulated"] == pytest.approx(row["p_d_theory"], abs=0.01), row
-    expected = {("1", "1", "G03"): (0.0649, 0.348, 0.0221), ("1", "1", "G32"): (0.976, 0.895, 0.4055),
-                ("1", "2", "G32"): (0.247, 0.475, 0.0534)}  # fmt: skip
+    expected = {
+        ("1", "1", "G03"): (0.0649, 0.348, 0.0221),
+        ("1", "1", "G32"): (0.976, 0.895, 0.4055),
+        ("1", "2", "G32"): (0.247, 0.475, 0.0534),
+    }
     for (location, scenario, sat), values in expected.items():
-        found = {(row["errors"], row["test"]): row["p_d_theory"] for row in rows
-                 if (row["location"], row["scenario"], row["sat"]) == (location, scenario, sat)}  # fmt: skip
+        found = {
+            (row["errors"], row["test"]): row["p_d_theory"]
+            for row in rows
+            if (row["location"], row["scenario"], row["sat"]) == (location, scenario, sat)
+        }
         for key, value in zip(((False, "paper"), (True, "paper"), (True, "calibrated")), values, strict=True):
             assert found[key] == pytest.approx(value, abs=0.005 if key == (True, "paper") else 1e-3)
     others = [r for r in rows if (r["location"], r["scenario"], r["sat"]) not in expected and r["sat"] != "all"]
@@ -77,7 +83,7 @@ def test_position_errors_of_each_kind():
         "along each baseline": (0.044, 0.050, 0.048, 0.017),
         "common to all antennas": (0.010, 0.013, 0.011, 0.010),
         "none": (0.010, 0.013, 0.011, 0.010),
-    }  # fmt: skip
+    }
     places = ((1.0, 30.0), (5.0, 30.0), (1.0, 22.0), (1.0, 67.0))
     for assumption, values in expected.items():
         for place, value in zip(places, values, strict=True):

@@ -200,8 +200,18 @@ def test_ours_reaches_nearly_what_can_be_reached_and_no_more():
 
 
 def test_rows_have_the_keys_that_are_promised():
-    keys = ["pair", "distance_m", "direction", "window_s", "detector", "method", "noise", "authenticated_mean",
-            "wrong_mean", "windows"]  # fmt: skip
+    keys = [
+        "pair",
+        "distance_m",
+        "direction",
+        "window_s",
+        "detector",
+        "method",
+        "noise",
+        "authenticated_mean",
+        "wrong_mean",
+        "windows",
+    ]
     rows = list(islice(DISTANCE.run(Settings(quick=True, trials=16)), 10))
     assert [list(row)[:10] for row in rows] == [keys] * 10
     assert {row["method"] for row in rows} == {"paper", "skyproof"}
@@ -225,8 +235,11 @@ def test_the_noises_are_those_of_the_table():
 
 def test_the_studies_are_those_of_the_list():
     assert [study.name for study in STUDIES] == [
-        "multi-receiver.false-alarm", "multi-receiver.distance", "multi-receiver.receivers", "multi-receiver.time-tags",
-    ]  # fmt: skip
+        "multi-receiver.false-alarm",
+        "multi-receiver.distance",
+        "multi-receiver.receivers",
+        "multi-receiver.time-tags",
+    ]
 
 
 @pytest.mark.parametrize("study", [FALSE_ALARM, RECEIVERS, TIME_TAGS], ids=lambda study: study.name)

@@ -47,9 +47,11 @@ def test_solid_angles_are_forty_times_smaller():
     rows = rows_of("solid-angle", quick=False)
     share = {(row["test"], row["reference"], row["n"]): row["share"] for row in rows}
     for reference, ratio, small in (
-        ("(40, 35)", 42.0, 2.6e-4), ("(160, 20)", 40.6, 4.4e-4), ("(240, 55)", 40.7, 1.8e-4),
+        ("(40, 35)", 42.0, 2.6e-4),
+        ("(160, 20)", 40.6, 4.4e-4),
+        ("(240, 55)", 40.7, 1.8e-4),
         ("(320, 70)", 40.5, 1.6e-4),
-    ):  # fmt: skip
+    ):
         full = share[("full", reference, 150)]
         assert share[("paper", reference, 150)] / full == pytest.approx(ratio, rel=0.04)
         assert full == pytest.approx(small, rel=0.05)

@@ -22,24 +22,39 @@ EXACT = [case for case in CASES if case.exact]
 
 # Share of p-values at or below 0.01, over 0.01, of those that are not exact.
 OFF = {
-    "1b, AR(1) 0.5 estimated": (1.15, 1.45), "1b, AR(1) 0.9 estimated": (4.0, 5.2),
+    "1b, AR(1) 0.5 estimated": (1.15, 1.45),
+    "1b, AR(1) 0.9 estimated": (4.0, 5.2),
     "1b, constant errors of 1 m": (0.5, 0.7),
-    "one antenna, any noise; it is white, 1 m": (0.0, 0.0), "one antenna, any noise; it is AR(1) 0.9, 3 m": (0.0, 0.1),
-    "at most 5 m apart": (0.05, 0.2), "along baselines, all three, no baseline": (0.8, 0.95),
-    "along baselines, all three, 20 m": (0.02, 0.1), "known baseline": (0.8, 0.95),
+    "one antenna, any noise; it is white, 1 m": (0.0, 0.0),
+    "one antenna, any noise; it is AR(1) 0.9, 3 m": (0.0, 0.1),
+    "at most 5 m apart": (0.05, 0.2),
+    "along baselines, all three, no baseline": (0.8, 0.95),
+    "along baselines, all three, 20 m": (0.02, 0.1),
+    "known baseline": (0.8, 0.95),
     "carrier fractions, 0.1 cycles": (0.88, 1.0),
-    "a second set of unrelated signals": (0.35, 0.5), "satellites with a second signal": (0.5, 0.7),
-    "one signal, not two": (0.8, 1.25), "magnitudes, A = 14.14": (0.8, 0.97), "magnitudes, A = 4.47": (0.2, 0.3),
-    "slow and fast, magnitudes": (0.93, 1.03), "parity, 1 ms, A = 4.47": (1.0, 1.1),
-    "parity, 5 ms, plain discriminators": (1.08, 1.24), "what the attacked satellite leaves": (1.0, 1.15),
-    "the paper's two-step rule, 1 ms": (5.0, 5.8), "the paper's two-step rule, 10 ms": (5.0, 5.8),
-    "time to a false alarm, Crosier's sum": (0.05, 0.15), "time to a false alarm, Page's sum": (0.08, 0.18),
-    "the paper's, antennas 3 mm off": (26.0, 27.2), "calibrated, joint and conditional": (0.84, 0.95),
-    "clusters among random directions": (0.0, 0.05), "five signals, rate estimated": (0.6, 1.3),
-    "predicted directions, start angle estimated": (0.92, 1.06), "the paper's rule, direction estimated": (0.0, 0.0),
-    "a group that is divided": (0.87, 0.98), "values of three means, 3 sigma apart": (0.0, 0.02),
+    "a second set of unrelated signals": (0.35, 0.5),
+    "satellites with a second signal": (0.5, 0.7),
+    "one signal, not two": (0.8, 1.25),
+    "magnitudes, A = 14.14": (0.8, 0.97),
+    "magnitudes, A = 4.47": (0.2, 0.3),
+    "slow and fast, magnitudes": (0.93, 1.03),
+    "parity, 1 ms, A = 4.47": (1.0, 1.1),
+    "parity, 5 ms, plain discriminators": (1.08, 1.24),
+    "what the attacked satellite leaves": (1.0, 1.15),
+    "the paper's two-step rule, 1 ms": (5.0, 5.8),
+    "the paper's two-step rule, 10 ms": (5.0, 5.8),
+    "time to a false alarm, Crosier's sum": (0.05, 0.15),
+    "time to a false alarm, Page's sum": (0.08, 0.18),
+    "the paper's, antennas 3 mm off": (26.0, 27.2),
+    "calibrated, joint and conditional": (0.84, 0.95),
+    "clusters among random directions": (0.0, 0.05),
+    "five signals, rate estimated": (0.6, 1.3),
+    "predicted directions, start angle estimated": (0.92, 1.06),
+    "the paper's rule, direction estimated": (0.0, 0.0),
+    "a group that is divided": (0.87, 0.98),
+    "values of three means, 3 sigma apart": (0.0, 0.02),
     "support of a coefficient": (0.93, 1.07),
-}  # fmt: skip
+}
 
 
 @cache
@@ -49,9 +64,7 @@ def rows_of(name, **settings):
 
 def shares_hold(p):
     """Whether both tails may be those of a uniform p-value, on both sides."""
-    return all(
-        binomial_two_sided(int((p <= level).sum()), p.size, level) > 1e-4 for level in (0.001, 0.01, 0.1, 0.5)
-    )
+    return all(binomial_two_sided(int((p <= level).sum()), p.size, level) > 1e-4 for level in (0.001, 0.01, 0.1, 0.5))
 
 
 @pytest.mark.parametrize("name", ["tests", pytest.param("distribution", marks=pytest.mark.long)])
@@ -66,9 +79,18 @@ def test_a_row_has_the_promised_columns_and_every_test_has_one():
     assert [row["test"] for row in rows] == [case.test for case in CASES]
     for row in rows:
         assert set(row) == {
-            "test", "method", "trials", "ks", "ks_p", "tail_01", "tail_001", "tail_01_low", "tail_01_high", "exact",
+            "test",
+            "method",
+            "trials",
+            "ks",
+            "ks_p",
+            "tail_01",
+            "tail_001",
+            "tail_01_low",
+            "tail_01_high",
+            "exact",
             "why",
-        }  # fmt: skip
+        }
         assert row["tail_01_low"] <= row["tail_01"] <= row["tail_01_high"]
         assert bool(row["why"]) is not row["exact"]
 
@@ -107,10 +129,17 @@ def test_the_same_seed_gives_the_same_p_values_whatever_else_is_drawn():
 
 # Where the p-values of a module that is not named are made; None where it makes none, or its own tests count them.
 MADE_ELSEWHERE = {
-    "base": None, "continuity": None, "steps": None, "known_geometry": None, "late_copies": None,
-    "multi_receiver": "one_antenna", "pairing": "one_antenna", "second_sky": "chance",
-    "sqm_detector": "sqm", "vector_sqm_detector": "vector_parity",
-}  # fmt: skip
+    "base": None,
+    "continuity": None,
+    "steps": None,
+    "known_geometry": None,
+    "late_copies": None,
+    "multi_receiver": "one_antenna",
+    "pairing": "one_antenna",
+    "second_sky": "chance",
+    "sqm_detector": "sqm",
+    "vector_sqm_detector": "vector_parity",
+}
 
 
 def test_no_module_with_p_values_is_forgotten():

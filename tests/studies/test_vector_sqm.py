@@ -47,9 +47,7 @@ def test_false_alarm_rows_have_their_keys_and_figures(rows):
 def test_detection_of_one_and_of_three(rows):
     table = rows("vector-sqm.many")
     np.testing.assert_allclose([r["p_d_theory"] for r in table[:3]], [0.911, 0.955, 0.995], atol=2e-3)
-    np.testing.assert_allclose(
-        [r["p_d_theory"] for r in table], [r["p_d_simulated"] for r in table], atol=5e-3
-    )
+    np.testing.assert_allclose([r["p_d_theory"] for r in table], [r["p_d_simulated"] for r in table], atol=5e-3)
     assert all(r["p_d_parity"] > r["p_d_theory"] for r in table[:3])
 
 

@@ -56,8 +56,9 @@ def _methods() -> None:
     decompose(np.repeat(taps[:, None, :], 2, axis=1), delays, blocks, noise_variance=variance)
     delay_bound(np.array([[0.0, 0.25]]), np.ones((1, 2)), variance, delays)
     swarm = SwarmSettings(particles=4, iterations=2, within_hz=0.0)
-    swarm_decompose(taps[:, None, :], delays.points, settings=swarm, bins_hz=np.zeros(1), coherent_s=0.02,
-                    band_hz=5e6, rng=rng)  # fmt: skip
+    swarm_decompose(
+        taps[:, None, :], delays.points, settings=swarm, bins_hz=np.zeros(1), coherent_s=0.02, band_hz=5e6, rng=rng
+    )
     for exhaustive in (True, False):
         passing_sets(hemisphere(9)[:6], rng.standard_normal((6, 2)), 1.0, exhaustive=exhaustive)
     strapdown_paths(np.array([6.4e6, 0.0, 0.0]), np.zeros(3), np.eye(3), np.ones((2, 3)), np.zeros((2, 3)), 0.01)

@@ -17,9 +17,9 @@ __all__ = ["demo"]
 
 def demo(
     *,
-    out: Annotated[
-        Path, Parameter(help="Folder for the recordings and the results.", show_default=True)
-    ] = Path("skyproof-demo"),
+    out: Annotated[Path, Parameter(help="Folder for the recordings and the results.", show_default=True)] = Path(
+        "skyproof-demo"
+    ),
     json: Json = False,
     open_report: Annotated[bool, Parameter(name="--open", help="Open the report in the browser.")] = False,
     debug: Debug = False,

@@ -54,10 +54,19 @@ def inspect(
 ) -> int:
     """Say what is in a recording, and whether it is usable: levels, lines, satellites, lost samples, oscillator."""
     layout = {
-        "rate_hz": rate_hz, "kind": kind, "encoding": encoding, "bits": bits, "centre_hz": centre_hz, "if_hz": if_hz,
-        "bit_order": bit_order, "byte_order": byte_order, "header_bytes": header_bytes, "swap_iq": swap_iq,
-        "conjugate": conjugate, "start_gpst": start_gpst,
-    }  # fmt: skip
+        "rate_hz": rate_hz,
+        "kind": kind,
+        "encoding": encoding,
+        "bits": bits,
+        "centre_hz": centre_hz,
+        "if_hz": if_hz,
+        "bit_order": bit_order,
+        "byte_order": byte_order,
+        "header_bytes": header_bytes,
+        "swap_iq": swap_iq,
+        "conjugate": conjugate,
+        "start_gpst": start_gpst,
+    }
     try:
         inspections = run_inspect(file, sidecar=sidecar, layout=layout, write=True if write is None else write)
     except app.inspect.NotUnderstood as unknown:

@@ -10,8 +10,12 @@ from skyproof.app.common.settings import Settings
 __all__ = ["Debug", "Duration", "Json", "Nav", "OneDocument", "Place", "Reach", "Start", "setting"]
 
 
-_UNTOLD = {"duration_s": "the end", "place_deg": "every satellite is looked for",
-            "antenna_distance_m": "not known", "antenna_distance_sigma_m": "half of 5 % or of 1 m"}  # fmt: skip
+_UNTOLD = {
+    "duration_s": "the end",
+    "place_deg": "every satellite is looked for",
+    "antenna_distance_m": "not known",
+    "antenna_distance_sigma_m": "half of 5 % or of 1 m",
+}
 _UNITS = {"s": "seconds", "hz": "hertz", "m": "metres", "deg": "degrees"}
 
 

@@ -137,9 +137,14 @@ def _measured(told: "Inspection", width: int) -> Table:
     grid.add_column(max_width=width)
     grid.add_row("levels", _levels(told, width))
     dc = [offset / rms if rms > 0.0 else 0.0 for offset, rms in zip(front.dc, front.rms, strict=True)]
-    balance = f"DC {dc[0]:+.3f} rms" if front.real else (
-        f"DC {dc[0]:+.3f}, {dc[1]:+.3f} rms · I/Q {front.gain_imbalance_db:+.2f} dB, {front.phase_imbalance_deg:+.1f}°"
-    )  # fmt: skip
+    balance = (
+        f"DC {dc[0]:+.3f} rms"
+        if front.real
+        else (
+            f"DC {dc[0]:+.3f}, {dc[1]:+.3f} rms · "
+            f"I/Q {front.gain_imbalance_db:+.2f} dB, {front.phase_imbalance_deg:+.1f}°"
+        )
+    )
     extremes = f" · {front.extreme_share:.1%} at the extremes" if front.levels.size > 2 else ""
     grid.add_row("", f"{balance}{extremes}")
     for label, line in _spectrum(told, width):

@@ -31,8 +31,9 @@ def study(
     name: Annotated[str | None, Parameter(name="NAME", help="A study that --list shows, as in spin.roc.")] = None,
     /,
     *,
-    list_studies: Annotated[bool, Parameter(name="--list", help="List the studies with paper and figure instead.")]
-    = False,
+    list_studies: Annotated[
+        bool, Parameter(name="--list", help="List the studies with paper and figure instead.")
+    ] = False,
     trials: Annotated[int | None, Parameter(help="How many trials, in place of the study's own number.")] = None,
     seed: Annotated[int, Parameter(help="Of all that is random: the same seed, the same rows.", show_default=True)] = 1,
     quick: Annotated[bool, Parameter(help="Fewer trials: 20 s at most.")] = False,
@@ -43,7 +44,7 @@ def study(
     ] = None,
     json: OneDocument = False,
     debug: Debug = False,
-) -> int:  # fmt: skip
+) -> int:
     """Make a figure of a paper again, with ours beside it."""
     found = studies()
     settings = _settings(trials, seed, quick)
@@ -149,13 +150,17 @@ def _document(chosen: Study, settings: Settings, rows: Sequence[Row], *, interru
         "rows": [{key: _plain(value) for key, value in row.items()} for row in rows],
         "claims": [
             {
-                "what": one.claim.what, "paper": _plain(one.claim.paper), "same": _plain(one.same),
-                "better": _plain(one.better), "reference": _plain(one.claim.reference),
-                "tolerance": _plain(one.tolerance), "agrees": one.agrees,
+                "what": one.claim.what,
+                "paper": _plain(one.claim.paper),
+                "same": _plain(one.same),
+                "better": _plain(one.better),
+                "reference": _plain(one.claim.reference),
+                "tolerance": _plain(one.tolerance),
+                "agrees": one.agrees,
             }
             for one in claims
         ],
-    }  # fmt: skip
+    }
     return json_text.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 

@@ -63,11 +63,18 @@ def _positions(verdict: Verdict) -> Table:
         for kind, fix in kinds:
             if fix is not None:
                 sigmas = f"{fix.sigma_east_m:.1f}/{fix.sigma_north_m:.1f}/{fix.sigma_up_m:.1f}"
-                rows.add_row(words(receiver.name), words(kind, style=STYLES.get(kind, "")), f"{fix.lat_deg:.7f}",
-                              f"{fix.lon_deg:.7f}", f"{fix.height_m:.1f}", sigmas)  # fmt: skip
+                rows.add_row(
+                    words(receiver.name),
+                    words(kind, style=STYLES.get(kind, "")),
+                    f"{fix.lat_deg:.7f}",
+                    f"{fix.lon_deg:.7f}",
+                    f"{fix.height_m:.1f}",
+                    sigmas,
+                )
     for names, source, place in possible_places(verdict):
-        rows.add_row(words(names), words(source), f"{place.lat_deg:.7f}", f"{place.lon_deg:.7f}",
-                     f"{place.height_m:.1f}", "")  # fmt: skip
+        rows.add_row(
+            words(names), words(source), f"{place.lat_deg:.7f}", f"{place.lon_deg:.7f}", f"{place.height_m:.1f}", ""
+        )
     return rows
 
 
@@ -75,10 +82,17 @@ def _signals(verdict: Verdict) -> Table:
     rows = table("receiver", "signals", "label", "satellites")
     for receiver in verdict.receivers:
         for label in ("authentic", "spoofed", "multipath", "unknown"):
-            own = {(s.sat, s.band, s.code, s.copy) for s in verdict.signals
-                   if s.receiver == receiver.name and s.label == label}  # fmt: skip
+            own = {
+                (s.sat, s.band, s.code, s.copy)
+                for s in verdict.signals
+                if s.receiver == receiver.name and s.label == label
+            }
             if own:
                 sats = sorted({signal[0] for signal in own})
-                rows.add_row(words(receiver.name), str(len(own)), words(label, style=STYLES.get(label, "")),
-                              words(" ".join(sats)))  # fmt: skip
+                rows.add_row(
+                    words(receiver.name),
+                    str(len(own)),
+                    words(label, style=STYLES.get(label, "")),
+                    words(" ".join(sats)),
+                )
     return rows

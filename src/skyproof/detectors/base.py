@@ -82,10 +82,15 @@ def undecided(
 ) -> Evidence:
     """The test could not tell, or could not run."""
     return Evidence(
-        detector=detector.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst, subject=subject,
-        says="undecided", because=because, would_need=would_need,
+        detector=detector.name,
+        start_gpst=records.start_gpst,
+        end_gpst=records.end_gpst,
+        subject=subject,
+        says="undecided",
+        because=because,
+        would_need=would_need,
         false_alarm_probability=detector.settings.false_alarm_probability,
-    )  # fmt: skip
+    )
 
 
 def missing(detector: Detector, records: Records) -> list[Evidence]:
@@ -94,7 +99,10 @@ def missing(detector: Detector, records: Records) -> list[Evidence]:
     if not lacking:
         return []
     said = undecided(
-        detector, records, signals_of(records.observations), because=f"without {' and '.join(lacking)}",
+        detector,
+        records,
+        signals_of(records.observations),
+        because=f"without {' and '.join(lacking)}",
         would_need="; ".join(NEEDS.get(need, need) for need in lacking),
-    )  # fmt: skip
+    )
     return [replace(said, lacking=tuple(lacking))]

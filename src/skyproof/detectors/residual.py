@@ -129,18 +129,21 @@ class Residual:
         plain = plain_fix(observations, navigation, self.settings)
         if plain is None:
             return undecided(
-                self, records, every, because="fewer than five satellites with a pseudorange and an orbit",
+                self,
+                records,
+                every,
+                because="fewer than five satellites with a pseudorange and an orbit",
                 would_need="five or more satellites with pseudoranges and orbits",
-            )  # fmt: skip
+            )
         return self._one_sky(records, observations, plain)
 
-    def _several_skies(
-        self, records: Records, observations: Observations, sets: tuple[ConsistentSet, ...]
-    ) -> Evidence:
+    def _several_skies(self, records: Records, observations: Observations, sets: tuple[ConsistentSet, ...]) -> Evidence:
         p_value = second_sky_p_value(
-            observations, sets, unrelated_spread_m=self.settings.unrelated_spread_m,
+            observations,
+            sets,
+            unrelated_spread_m=self.settings.unrelated_spread_m,
             multipath_sigma_m=self.settings.multipath_sigma_m,
-        )  # fmt: skip
+        )
         subject = tuple(SignalRef(observations.receiver, signal) for s in sets for signal in s.signals)
         sizes = " and ".join(str(len(s.signals)) for s in sets)
         far_m = max(float(np.linalg.norm(s.position_ecef_m - sets[0].position_ecef_m)) for s in sets[1:])
@@ -151,14 +154,22 @@ class Residual:
         )
         if p_value >= self.settings.false_alarm_probability:
             return undecided(
-                self, records, subject, because=f"{because}, which unrelated signals do as well by chance",
+                self,
+                records,
+                subject,
+                because=f"{because}, which unrelated signals do as well by chance",
                 would_need="more satellites with a second signal",
-            )  # fmt: skip
+            )
         return Evidence(
-            detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst, subject=subject,
-            says="attack", because=because, p_value=p_value,
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=subject,
+            says="attack",
+            because=because,
+            p_value=p_value,
             false_alarm_probability=self.settings.false_alarm_probability,
-        )  # fmt: skip
+        )
 
     def _one_sky(self, records: Records, observations: Observations, plain: PlainFix) -> Evidence:
         receiver, test = observations.receiver, plain.test
@@ -168,13 +179,18 @@ class Residual:
         if not fits:
             because += _blame(plain, _doubled(observations))
         return Evidence(
-            detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst,
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
             subject=tuple(SignalRef(receiver, signal) for signal in plain.signals),
-            says="clean" if fits else "undecided", because=because,
-            statistic=float(test.statistic), threshold=float(test.threshold),
-            false_alarm_probability=self.settings.false_alarm_probability, p_value=float(test.p_value),
+            says="clean" if fits else "undecided",
+            because=because,
+            statistic=float(test.statistic),
+            threshold=float(test.threshold),
+            false_alarm_probability=self.settings.false_alarm_probability,
+            p_value=float(test.p_value),
             would_need=None if fits else "another receiver, or both signals of the satellites that have two",
-        )  # fmt: skip
+        )
 
 
 def _blame(plain: PlainFix, doubled: int) -> str:

@@ -12,10 +12,22 @@ from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
 __all__ = [
-    "CAPTURES", "CHARACTERS_OF_LINE", "DEPTH", "EMPTY_CELLS", "METADATA_BYTES", "NAVIGATION_BYTES",
-    "OBSERVATION_BYTES", "REMARKS", "SECONDS", "SETTINGS_BYTES", "TRACK_BYTES", "XML_TAGS", "Remarks", "first_few",
+    "CAPTURES",
+    "CHARACTERS_OF_LINE",
+    "DEPTH",
+    "EMPTY_CELLS",
+    "METADATA_BYTES",
+    "NAVIGATION_BYTES",
+    "OBSERVATION_BYTES",
+    "REMARKS",
+    "SECONDS",
+    "SETTINGS_BYTES",
+    "TRACK_BYTES",
+    "XML_TAGS",
+    "Remarks",
+    "first_few",
     "require_toml_depth",
-]  # fmt: skip
+]
 
 SETTINGS_BYTES: Final = 1 << 20
 """Of a platform file, a sidecar, a scenario: TOML."""

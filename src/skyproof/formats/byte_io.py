@@ -143,8 +143,10 @@ class FileBytes:
             more = now.st_size - was.st_size
             return (f"the file has grown by {more} bytes since it was opened: they are neither used nor summed",)
         if now.st_size < was.st_size:
-            return (f"the file had {was.st_size} bytes when it was opened and was cut to {now.st_size} since: the sum "
-                    f"is of the first {self._summed}",)  # fmt: skip
+            return (
+                f"the file had {was.st_size} bytes when it was opened and was cut to {now.st_size} since: the sum "
+                f"is of the first {self._summed}",
+            )
         if now.st_mtime_ns != was.st_mtime_ns:
             return ("the file was written to while it was worked on: let the recorder finish first",)
         if now.st_nlink == 0:

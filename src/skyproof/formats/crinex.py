@@ -59,8 +59,7 @@ def expanded(content: bytes, *, source: str = "observations") -> tuple[bytes, tu
 
 def _patched(old: str, change: str) -> str:
     """The text with its changes: a space keeps what stands there, "&" makes it a space."""
-    merged = [(o if c == " " else " " if c == "&" else c)
-              for o, c in zip(old.ljust(len(change)), change, strict=False)]  # fmt: skip
+    merged = [(o if c == " " else " " if c == "&" else c) for o, c in zip(old.ljust(len(change)), change, strict=False)]
     return "".join(merged) + old[len(change) :]
 
 
@@ -163,8 +162,10 @@ class _Decoder(ABC):
         clock = _value(self.clock, 0, lines[position + 1].strip())
         # who is absent once starts anew
         self.satellites = {sat: self.satellites.get(sat, _Satellite()) for sat in sats}
-        data = [_cells(self.satellites[sat], text, self.types.get(sat[0], self.types.get("", 0)))
-                for sat, text in zip(sats, texts, strict=True)]  # fmt: skip
+        data = [
+            _cells(self.satellites[sat], text, self.types.get(sat[0], self.types.get("", 0)))
+            for sat, text in zip(sats, texts, strict=True)
+        ]
         return end, self.plain(head, clock, sats, data)
 
     @property

@@ -58,8 +58,10 @@ def check_levels(
     remarks = []
     if any(still):
         first_s = _stretches(samples.n_samples)[still.index(True)][0] / samples.rate_hz
-        remarks.append(f"the samples do not change in {sum(still)} of {len(still)} stretches looked at, first at "
-                       f"{first_s:.3f} s: the recorder left gaps, or the front end was off")  # fmt: skip
+        remarks.append(
+            f"the samples do not change in {sum(still)} of {len(still)} stretches looked at, first at "
+            f"{first_s:.3f} s: the recorder left gaps, or the front end was off"
+        )
     return (*remarks, *_saturation(planes), *_offsets(planes, told_by))
 
 
@@ -79,8 +81,10 @@ def _saturation(planes: Reals) -> list[str]:
     extreme = np.mean((planes == planes.max()) | (planes == planes.min()))
     if levels <= 2 or extreme <= (_SATURATED_FEW_LEVELS if levels <= _FEW_LEVELS else _SATURATED):
         return []
-    return [f"saturated: {extreme:.0%} of the samples are at the extreme codes {planes.min():g} and {planes.max():g}; "
-            "lower the gain"]  # fmt: skip
+    return [
+        f"saturated: {extreme:.0%} of the samples are at the extreme codes {planes.min():g} and {planes.max():g}; "
+        "lower the gain"
+    ]
 
 
 def _offsets(planes: Reals, told_by: str) -> list[str]:
@@ -92,8 +96,11 @@ def _offsets(planes: Reals, told_by: str) -> list[str]:
     offset = mean / deviation
     remarks = []
     if np.abs(offset).max() > _DC_LIMIT:
-        remarks.append("DC offset " + " and ".join(f"{o:+.2f} in {n}" for o, n in zip(offset, names, strict=True))
-                       + " (1 is the rms)")  # fmt: skip
+        remarks.append(
+            "DC offset "
+            + " and ".join(f"{o:+.2f} in {n}" for o, n in zip(offset, names, strict=True))
+            + " (1 is the rms)"
+        )
     if len(planes) == 2 and abs(imbalance_db := 20.0 * np.log10(deviation[0] / deviation[1])) > _IMBALANCE_LIMIT_DB:
         remarks.append(f"I/Q imbalance {imbalance_db:+.1f} dB (I over Q)")
     return remarks

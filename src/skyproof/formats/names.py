@@ -14,13 +14,32 @@ _NUMBER: Final = r"(\d+(?:[.p]\d+)?)"
 _SCALES: Final = {"k": 1e3, "m": 1e6, "g": 1e9, "": 1.0}
 _CARRIERS_HZ: Final = (1.1e9, 1.7e9)
 _TYPES: Final[dict[str, tuple[Encoding, int]]] = {
-    "s8": ("int", 8), "sc8": ("int", 8), "cs8": ("int", 8), "ci8": ("int", 8), "int8": ("int", 8), "i8": ("int", 8),
-    "u8": ("offset-binary", 8), "cu8": ("offset-binary", 8), "uint8": ("offset-binary", 8), "8u": ("offset-binary", 8),
-    "s16": ("int", 16), "sc16": ("int", 16), "cs16": ("int", 16), "ci16": ("int", 16), "int16": ("int", 16),
-    "i16": ("int", 16), "c16": ("int", 16), "f32": ("float", 32), "fc32": ("float", 32), "cf32": ("float", 32),
-    "float32": ("float", 32), "cfile": ("float", 32),
-    "1bit": ("sign", 1), "2bit": ("sign-magnitude", 2), "4bit": ("int", 4),
-}  # fmt: skip
+    "s8": ("int", 8),
+    "sc8": ("int", 8),
+    "cs8": ("int", 8),
+    "ci8": ("int", 8),
+    "int8": ("int", 8),
+    "i8": ("int", 8),
+    "u8": ("offset-binary", 8),
+    "cu8": ("offset-binary", 8),
+    "uint8": ("offset-binary", 8),
+    "8u": ("offset-binary", 8),
+    "s16": ("int", 16),
+    "sc16": ("int", 16),
+    "cs16": ("int", 16),
+    "ci16": ("int", 16),
+    "int16": ("int", 16),
+    "i16": ("int", 16),
+    "c16": ("int", 16),
+    "f32": ("float", 32),
+    "fc32": ("float", 32),
+    "cf32": ("float", 32),
+    "float32": ("float", 32),
+    "cfile": ("float", 32),
+    "1bit": ("sign", 1),
+    "2bit": ("sign-magnitude", 2),
+    "4bit": ("int", 4),
+}
 _COMPLEX: Final = {"iq", "complex", "cplx", "cs8", "cu8", "cs16", "sc8", "sc16", "ci8", "ci16", "cf32", "fc32", "cfile"}
 _REAL: Final = {"i", "real"}
 
@@ -63,8 +82,15 @@ def hints_of(name: str) -> NameHints:
     words = re.split(r"[^a-z0-9]+", text)
     kind: Kind | None = "complex" if _COMPLEX & {*words} else "real" if _REAL & {*words} else None
     encoding, bits = next((_TYPES[word] for word in words if word in _TYPES), (None, None))
-    return NameHints(rate_hz=rate_hz, if_hz=if_hz, centre_hz=centre_hz, kind=kind, encoding=encoding, bits=bits,
-                     start_utc=_start(text))  # fmt: skip
+    return NameHints(
+        rate_hz=rate_hz,
+        if_hz=if_hz,
+        centre_hz=centre_hz,
+        kind=kind,
+        encoding=encoding,
+        bits=bits,
+        start_utc=_start(text),
+    )
 
 
 def _value(text: str) -> float:

@@ -69,23 +69,49 @@ def nmea_sentences(
 
 
 def _epoch(
-    utc: datetime, lat_deg: float, lon_deg: float, height_m: float, satellites: float, hdop: float,
-    separation_m: float, speed_m_s: float, course_deg: float, sigma_east_m: float, sigma_north_m: float,
+    utc: datetime,
+    lat_deg: float,
+    lon_deg: float,
+    height_m: float,
+    satellites: float,
+    hdop: float,
+    separation_m: float,
+    speed_m_s: float,
+    course_deg: float,
+    sigma_east_m: float,
+    sigma_north_m: float,
     sigma_up_m: float,
-) -> Iterator[tuple[str, ...]]:  # fmt: skip
+) -> Iterator[tuple[str, ...]]:
     time = f"{utc:%H%M%S}.{utc.microsecond // 10_000:02d}"
     fixed = np.isfinite(lat_deg) and np.isfinite(lon_deg)
     separation_m = round(separation_m, 1) if np.isfinite(separation_m) else separation_m  # as it is written
     place = (_angle(lat_deg, 2), "NS"[lat_deg < 0], _angle(lon_deg, 3), "EW"[lon_deg < 0]) if fixed else ("",) * 4
     yield (
-        "GGA", time, *place, "1" if fixed else "0", _number(satellites if fixed else 0.0, "02.0f"),
-        _number(min(hdop, 99.9), ".1f"), _number(height_m - separation_m, ".2f"), "M", _number(separation_m, ".1f"),
-        "M", "", "",
-    )  # fmt: skip
+        "GGA",
+        time,
+        *place,
+        "1" if fixed else "0",
+        _number(satellites if fixed else 0.0, "02.0f"),
+        _number(min(hdop, 99.9), ".1f"),
+        _number(height_m - separation_m, ".2f"),
+        "M",
+        _number(separation_m, ".1f"),
+        "M",
+        "",
+        "",
+    )
     yield (
-        "RMC", time, "A" if fixed else "V", *place, _number(speed_m_s * _KNOTS_PER_M_S, ".3f"),
-        _number(course_deg % 360.0, ".2f"), f"{utc:%d%m%y}", "", "", "A" if fixed else "N",
-    )  # fmt: skip
+        "RMC",
+        time,
+        "A" if fixed else "V",
+        *place,
+        _number(speed_m_s * _KNOTS_PER_M_S, ".3f"),
+        _number(course_deg % 360.0, ".2f"),
+        f"{utc:%d%m%y}",
+        "",
+        "",
+        "A" if fixed else "N",
+    )
     if np.isfinite(sigma_east_m) and np.isfinite(sigma_north_m):
         sigmas_m = (_number(sigma_m, ".3f") for sigma_m in (sigma_north_m, sigma_east_m, sigma_up_m))
         yield ("GST", time, "", "", "", "", *sigmas_m)

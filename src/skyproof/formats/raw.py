@@ -103,9 +103,14 @@ class SampleLayout(BaseModel):
     def packing(self) -> Packing:
         """What the bytes mean."""
         return Packing(
-            kind=self.kind, encoding=self.encoding, bits=self.bits, bit_order=self.bit_order,
-            byte_order=self.byte_order, swap_iq=self.swap_iq, conjugate=self.conjugate,
-        )  # fmt: skip
+            kind=self.kind,
+            encoding=self.encoding,
+            bits=self.bits,
+            bit_order=self.bit_order,
+            byte_order=self.byte_order,
+            swap_iq=self.swap_iq,
+            conjugate=self.conjugate,
+        )
 
 
 class _Sidecar(BaseModel):
@@ -117,9 +122,11 @@ class _Sidecar(BaseModel):
 def read_sidecar(path: str | os.PathLike[str]) -> SampleLayout:
     """The sidecar at `path`. Raises InputError, which names every fault: key, what came, what was expected."""
     content = read_toml(
-        Path(path), "the sidecar", f"a sidecar reads like {_EXAMPLE}",
+        Path(path),
+        "the sidecar",
+        f"a sidecar reads like {_EXAMPLE}",
         "check its name and rights, or give another with --sidecar",
-    )  # fmt: skip
+    )
     try:
         return _Sidecar.model_validate(content).samples
     except ValidationError as error:
@@ -212,8 +219,10 @@ def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
         )
     remarks = []
     if tail := body - -(-n_samples * packing.frame_bits // 8):
-        remarks.append(f"the last {tail} bytes are less than one sample and left out: the file is cut, or bits, kind "
-                       f"or header_bytes of {sidecar.name} are wrong")  # fmt: skip
+        remarks.append(
+            f"the last {tail} bytes are less than one sample and left out: the file is cut, or bits, kind "
+            f"or header_bytes of {sidecar.name} are wrong"
+        )
     stored = FileBytes(path, layout.header_bytes, body - tail)
     packed = PackedSamples(stored, packing, [Chunk(0, n_samples)])
     samples = Samples(

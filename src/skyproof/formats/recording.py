@@ -13,9 +13,7 @@ __all__ = ["open_recording"]
 _PACKED = (".sigmf.gz", ".sigmf.xz", ".sigmf.zip")
 
 
-def open_recording(
-    path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None
-) -> tuple[Samples, ...]:
+def open_recording(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None) -> tuple[Samples, ...]:
     """Open the recordings that a file holds: SigMF by its names, anything else as raw samples with a sidecar.
 
     Raw samples that have no sidecar NAME.toml, but NAME.sigmf-meta beside them, are read as that says.

@@ -132,9 +132,7 @@ class _Walk:
             raise ValueError(clock)
         return (day + hour * 3600 + minute * 60) * 1_000_000_000 + round(second * 1e9)
 
-    def rows(
-        self, sat: Integers, epoch: Integers, line: Integers, first_number: int
-    ) -> Rows:
+    def rows(self, sat: Integers, epoch: Integers, line: Integers, first_number: int) -> Rows:
         remarks = [f"{count} events inside the data: {name}" for name, count in sorted(self.events.items())]
         damaged = self.damaged[:REMARKS]
         remarks += [f"line {first_number + k}: what belongs to no whole epoch is left out" for k in damaged]
@@ -142,9 +140,15 @@ class _Walk:
             remarks.append(f"{len(self.damaged) - REMARKS} further places with damaged epochs left out")
         layout = np.array(self.layout, np.int64)
         return Rows(
-            np.array(self.instant_ns, np.int64), np.array(self.flag, np.int64), sat, epoch, line,
-            layout[epoch], tuple(self.layouts), tuple(remarks),
-        )  # fmt: skip
+            np.array(self.instant_ns, np.int64),
+            np.array(self.flag, np.int64),
+            sat,
+            epoch,
+            line,
+            layout[epoch],
+            tuple(self.layouts),
+            tuple(remarks),
+        )
 
 
 def layout_change(lines: Sequence[str], layout: Layout) -> Layout:
@@ -290,9 +294,7 @@ def _looks_like_a_head(lines: Lines) -> Booleans:
 # --- the numbers
 
 
-def cells(
-    lines: Lines, first: Integers, kept: Sequence[int], *, five_a_line: bool, name_columns: int
-) -> Cells:
+def cells(lines: Lines, first: Integers, kept: Sequence[int], *, five_a_line: bool, name_columns: int) -> Cells:
     """Fields number `kept` of the records whose first lines are given.
 
     Each field is a number in 14 columns (F14.3), the loss-of-lock indicator and the strength. Zero and blank are no
@@ -359,5 +361,3 @@ def _number(text: bytes) -> float:
         return float(plain)
     except ValueError:
         return float("nan")
-
-

@@ -49,14 +49,19 @@ _FIELD_WIDTH: Final = 19
 _MOST_LINES: Final = 16  # that are kept of a record; none has more than eight
 _UNKNOWN_TIME_S: Final = 0.9999e9  # RINEX 3.05, table A6: transmission time not known
 _READ: Final = {
-    "G": ("EPH", "EPH LNAV", "ION LNAV"), "J": ("EPH", "EPH LNAV"), "E": ("EPH", "EPH INAV", "EPH FNAV"),
-    "C": ("EPH", "EPH D1", "EPH D2"), "R": ("EPH", "EPH FDMA"),
-}  # fmt: skip
+    "G": ("EPH", "EPH LNAV", "ION LNAV"),
+    "J": ("EPH", "EPH LNAV"),
+    "E": ("EPH", "EPH INAV", "EPH FNAV"),
+    "C": ("EPH", "EPH D1", "EPH D2"),
+    "R": ("EPH", "EPH FDMA"),
+}
 _NAMES: Final = {"G": "GPS", "J": "QZSS", "E": "Galileo", "C": "BeiDou", "R": "GLONASS"}
 _MOST_SATS: Final = {"G": 32, "J": 10, "E": 36, "C": 63, "R": 28}
 _ORBITS: Final = {
-    "E": (5150.0, 5600.0, 0.2, 0.8, 1.2), "J": (6300.0, 6700.0, 0.2, -0.1, 1.2), "C": (5100.0, 6700.0, 0.1, -0.2, 1.3),
-}  # fmt: skip
+    "E": (5150.0, 5600.0, 0.2, 0.8, 1.2),
+    "J": (6300.0, 6700.0, 0.2, -0.1, 1.2),
+    "C": (5100.0, 6700.0, 0.1, -0.2, 1.3),
+}
 """Bounds of sqrt_a, e and i0; two Galileo satellites missed their orbit (e 0.17), i0 of GEOs is small."""
 _BDT_WEEK_0: Final = 1356  # the GPS week in which BDT began
 _D2_SATS: Final = frozenset((*(f"C{n:02d}" for n in range(1, 6)), *(f"C{n:02d}" for n in range(59, 64))))
@@ -192,8 +197,12 @@ def _take_header_line(header: _Header, line: str, label: str) -> None:
     elif label == "DELTA-UTC: A0,A1,T,W":
         header.utc_terms = (*_numbers(line, 3, 19, 2), *_numbers(line, 41, 9, 2))
     elif label == "TIME SYSTEM CORR" and line[:4] == "GPUT":
-        header.utc_terms = (*_numbers(line, 5, 17, 1), *_numbers(line, 22, 16, 1), *_numbers(line, 38, 7, 1),
-                            *_numbers(line, 45, 5, 1))  # fmt: skip
+        header.utc_terms = (
+            *_numbers(line, 5, 17, 1),
+            *_numbers(line, 22, 16, 1),
+            *_numbers(line, 38, 7, 1),
+            *_numbers(line, 45, 5, 1),
+        )
     elif label == "LEAP SECONDS" and line[24:27] != "BDS":
         header.leaps = int(line[:6])
 
@@ -300,16 +309,41 @@ def _ephemeris(record: _Record, version: float) -> tuple[Ephemeris, int]:
     group_delays = (orbit[22], 0.0) if gps else (orbit[22], orbit[23])
     issue_of_clock = {"E": iode, "C": fit_h}.get(system, orbit[23])
     ephemeris = Ephemeris(
-        sat=record.sat, week=week, toe=toe, toc_week=toc_week, toc=toc, af0=af0, af1=af1, af2=af2,
-        tgd=_or(group_delays[0], 0.0), tgd2=_or(group_delays[1], 0.0), iode=int(iode),
-        iodc=_whole(issue_of_clock, int(iode)), sqrt_a=sqrt_a, e=e, i0=i0, omega0=omega0, omega=omega, m0=m0,
-        delta_n=delta_n, idot=idot, omega_dot=omega_dot, crs=crs, crc=crc, cus=cus, cuc=cuc, cis=cis, cic=cic,
-        health=_whole(orbit[21], 0), ura_index=_ura_index(orbit[20]),
+        sat=record.sat,
+        week=week,
+        toe=toe,
+        toc_week=toc_week,
+        toc=toc,
+        af0=af0,
+        af1=af1,
+        af2=af2,
+        tgd=_or(group_delays[0], 0.0),
+        tgd2=_or(group_delays[1], 0.0),
+        iode=int(iode),
+        iodc=_whole(issue_of_clock, int(iode)),
+        sqrt_a=sqrt_a,
+        e=e,
+        i0=i0,
+        omega0=omega0,
+        omega=omega,
+        m0=m0,
+        delta_n=delta_n,
+        idot=idot,
+        omega_dot=omega_dot,
+        crs=crs,
+        crc=crc,
+        cus=cus,
+        cuc=cuc,
+        cis=cis,
+        cic=cic,
+        health=_whole(orbit[21], 0),
+        ura_index=_ura_index(orbit[20]),
         fit_interval_h=fit_h if gps and fit_h >= 4.0 else 4.0,  # 0 or blank: not known
-        code_on_l2=_whole(orbit[17], 0) if gps else 0, l2_p_flag=_whole(orbit[19], 0) if gps else 0,
+        code_on_l2=_whole(orbit[17], 0) if gps else 0,
+        l2_p_flag=_whole(orbit[19], 0) if gps else 0,
         transmission_tow=sent_s if sent_s < _UNKNOWN_TIME_S else math.nan,
         message=_message(record, orbit[17]),
-    )  # fmt: skip
+    )
     if not _is_flyable(ephemeris):
         raise ValueError(f"no {_NAMES[system]} satellite can have its orbit")
     return ephemeris, week_as_written
@@ -347,9 +381,7 @@ def _glonass(record: _Record, version: float) -> GlonassEphemeris:
     if any(math.isnan(value) for value in (bias_s, gamma_n, *state[:3], *state[4:7], *state[7:11])):
         raise ValueError("a number of its orbit or clock is missing")
     x, y, z = state[0:4], state[4:8], state[8:12]
-    position, velocity, acceleration = (
-        (1e3 * x[k], 1e3 * y[k], 1e3 * _or(z[k], 0.0)) for k in range(3)
-    )
+    position, velocity, acceleration = ((1e3 * x[k], 1e3 * y[k], 1e3 * _or(z[k], 0.0)) for k in range(3))
     if not (2.4e7 < math.hypot(*position) < 2.7e7 and 2e3 < math.hypot(*velocity) < 5e3):
         raise ValueError("no GLONASS satellite can have its orbit")
     if abs(_or(y[3], 0.0)) > 13:
@@ -358,11 +390,20 @@ def _glonass(record: _Record, version: float) -> GlonassEphemeris:
     week, toe = week_and_tow(gpst_from_utc(utc))
     day_s = utc_s // SECONDS_PER_DAY * SECONDS_PER_DAY if version < 3.0 else 0.0  # version 2 counts from midnight
     return GlonassEphemeris(
-        sat=record.sat, week=week, toe=toe, tau_n=-bias_s, gamma_n=gamma_n, frequency_number=_whole(y[3], 0),
-        position_m=position, velocity_m_s=velocity, acceleration_m_s2=acceleration, health=_whole(x[3], 0),
-        age_days=_or(z[3], 0.0), message_tow=frame_s + day_s,
+        sat=record.sat,
+        week=week,
+        toe=toe,
+        tau_n=-bias_s,
+        gamma_n=gamma_n,
+        frequency_number=_whole(y[3], 0),
+        position_m=position,
+        velocity_m_s=velocity,
+        acceleration_m_s2=acceleration,
+        health=_whole(x[3], 0),
+        age_days=_or(z[3], 0.0),
+        message_tow=frame_s + day_s,
         delta_tau_n=state[13] if abs(state[13]) < 1e-6 else math.nan,  # 0.999999999999E+09 is not known
-    )  # fmt: skip
+    )
 
 
 def _values(

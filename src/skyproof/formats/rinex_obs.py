@@ -45,9 +45,15 @@ def write_obs(
     OutputError : the file cannot be written.
     """
     lines = obs_lines(
-        observations, signals=signals, holds=holds, marker=marker, version=version, position_ecef_m=position_ecef_m,
-        comments=comments, created_utc=created_utc,
-    )  # fmt: skip
+        observations,
+        signals=signals,
+        holds=holds,
+        marker=marker,
+        version=version,
+        position_ecef_m=position_ecef_m,
+        comments=comments,
+        created_utc=created_utc,
+    )
     write_lines(path, lines)
 
 
@@ -102,9 +108,13 @@ def obs_lines(
 
     listed = ", ".join(f"{signal.sat}{signal.copy}" for signal in sorted(signals))
     header = _header(
-        ticks[kept], marker=marker, version=version, position_ecef_m=position_ecef_m, created_utc=created_utc,
+        ticks[kept],
+        marker=marker,
+        version=version,
+        position_ecef_m=position_ecef_m,
+        created_utc=created_utc,
         comments=(f"Signals labelled {holds}: {listed}", *comments),
-    )  # fmt: skip
+    )
     return itertools.chain(header, _body(ticks, sats, values, there, indicator))
 
 
@@ -186,9 +196,7 @@ def _line(text: str, label: str) -> str:
 # --- the records (table A3)
 
 
-def _body(
-    ticks: Instants, sats: list[str], values: Reals, there: Booleans, indicator: Integers
-) -> Iterator[str]:
+def _body(ticks: Instants, sats: list[str], values: Reals, there: Booleans, indicator: Integers) -> Iterator[str]:
     for epoch in np.flatnonzero(there.any(axis=1)):
         year, month, day, hour, minute, second_ticks = _calendar(ticks[epoch])
         present = np.flatnonzero(there[epoch])

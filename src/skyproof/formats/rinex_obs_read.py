@@ -30,12 +30,21 @@ __all__ = ["ObservationFile", "parse_obs", "read_obs"]
 _TO_DO: Final = "give a RINEX observation file (2.1x, 3.0x, 4.0x), plain, compact (.crx, .21d) or gzip"
 _TIME_SYSTEMS: Final = {"R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS"}  # of a file of one system that tells none
 _BY_TYPE_2: Final = {
-    "C1": "1C", "P1": "1P", "C2": "2C", "P2": "2P", "C5": "5X", "C6": "6X", "C7": "7X", "C8": "8X",
-}  # fmt: skip
+    "C1": "1C",
+    "P1": "1P",
+    "C2": "2C",
+    "P2": "2P",
+    "C5": "5X",
+    "C6": "6X",
+    "C7": "7X",
+    "C8": "8X",
+}
 """The RINEX 3 signal of a code of version 2 (RINEX 3.05, section 10): the channel of a modern code is not told: X."""
 _BY_SYSTEM_2: Final = {
-    "G": {"P1": "1W", "P2": "2W", "C2": "2X"}, "E": {"C1": "1X"}, "C": {"C1": "2I", "C2": "2I", "C7": "7I", "C6": "6I"},
-}  # fmt: skip
+    "G": {"P1": "1W", "P2": "2W", "C2": "2X"},
+    "E": {"C1": "1X"},
+    "C": {"C1": "2I", "C2": "2I", "C7": "7I", "C6": "6I"},
+}
 _UNTOLD_CN0_DBHZ: Final = 40.0
 _DLL_HZ, _SPACING_CHIPS, _PLL_HZ, _INTEGRATION_S = 1.0, 0.5, 15.0, 0.02
 _KINDS: Final = ("C", "L", "D", "S")
@@ -126,11 +135,19 @@ def parse_obs(
     if untold:
         remarks.append(f"no frequency number of {', '.join(untold)}: their carriers are not known")
     return ObservationFile(
-        observations=_observations(table, header, numbers, remarks), version=header.version, marker=header.marker,
-        receiver=header.receiver, antenna=header.antenna, position_ecef_m=header.position_ecef_m,
-        antenna_delta_hen_m=header.antenna_delta_hen_m, interval_s=header.interval_s, time_system=header.time_system,
-        leap_seconds=header.leap_seconds, glonass_channels=header.glonass_channels, remarks=tuple(remarks),
-    )  # fmt: skip
+        observations=_observations(table, header, numbers, remarks),
+        version=header.version,
+        marker=header.marker,
+        receiver=header.receiver,
+        antenna=header.antenna,
+        position_ecef_m=header.position_ecef_m,
+        antenna_delta_hen_m=header.antenna_delta_hen_m,
+        interval_s=header.interval_s,
+        time_system=header.time_system,
+        leap_seconds=header.leap_seconds,
+        glonass_channels=header.glonass_channels,
+        remarks=tuple(remarks),
+    )
 
 
 # --- the header
@@ -258,9 +275,7 @@ def _as_version_3(name: str, types: Sequence[str], system: str) -> str:
     return ("C" if kind == "P" else kind) + attribute
 
 
-_Block = tuple[
-    SignalId, Integers, dict[str, Reals], NDArray[np.uint8], Booleans, Booleans
-]
+_Block = tuple[SignalId, Integers, dict[str, Reals], NDArray[np.uint8], Booleans, Booleans]
 """One signal's epochs, numbers by kind, strength, loss of lock, and where its phase may be half a cycle off."""
 
 
@@ -330,9 +345,15 @@ def _epochs_in_order(rows: Rows) -> tuple[Integers, Integers, list[str]]:
 
 
 def _blocks(
-    lines: Lines, rows: Rows, its: Integers, fields: Mapping[tuple[str, str], Mapping[str, int]],
-    header: _Header, keep: Callable[[SignalId], bool] | None, place: Integers, bad: list[int],
-) -> Iterable[_Block]:  # fmt: skip
+    lines: Lines,
+    rows: Rows,
+    its: Integers,
+    fields: Mapping[tuple[str, str], Mapping[str, int]],
+    header: _Header,
+    keep: Callable[[SignalId], bool] | None,
+    place: Integers,
+    bad: list[int],
+) -> Iterable[_Block]:
     """What the rows `its` of one system hold of each signal."""
     sats = np.unique(rows.sat[its]).tolist()
     names = {sat: f"{chr(sat // 100)}{sat % 100:02d}" for sat in sats}
@@ -381,9 +402,7 @@ def _blocks(
     return blocks
 
 
-def _told_slips(
-    rows: Rows, place: Integers, instant_ns: Integers, signals: tuple[SignalId, ...]
-) -> Booleans:
+def _told_slips(rows: Rows, place: Integers, instant_ns: Integers, signals: tuple[SignalId, ...]) -> Booleans:
     """Where event records (flag 6) tell a slip: at their satellites' first epoch from then on."""
     lost = np.zeros((instant_ns.size, len(signals)), np.bool_)
     for row in np.flatnonzero(rows.flag[rows.epoch] == 6):
@@ -406,9 +425,7 @@ def _changes(marks: Booleans, there: Booleans) -> Booleans:
 # --- the record
 
 
-def _observations(
-    table: _Table, header: _Header, channels: Mapping[str, int], remarks: list[str]
-) -> Observations:
+def _observations(table: _Table, header: _Header, channels: Mapping[str, int], remarks: list[str]) -> Observations:
     code_m, phase_cyc, doppler_hz, cn0_dbhz = (table.numbers[kind] for kind in _KINDS)
     there = np.isfinite(code_m) | np.isfinite(phase_cyc) | np.isfinite(doppler_hz)
     by_strength = np.where(table.strength > 0, 6.0 * table.strength + 3.0, _UNTOLD_CN0_DBHZ)
@@ -441,9 +458,9 @@ def _observations(
         pseudorange_sigma_m=np.where(np.isfinite(code_m), code_sigma_m, np.nan),
         carrier_sigma_cyc=np.where(np.isfinite(phase_cyc), phase_sigma_cyc, np.nan),
         doppler_sigma_hz=np.where(np.isfinite(doppler_hz), doppler_sigma_hz, np.nan),
-        status=np.where(
-            there, np.where(table.lost, CellStatus.SLIP, CellStatus.OK), CellStatus.NOT_TRACKED
-        ).astype(np.uint8),
+        status=np.where(there, np.where(table.lost, CellStatus.SLIP, CellStatus.OK), CellStatus.NOT_TRACKED).astype(
+            np.uint8
+        ),
         half_cycle_open=table.half_open,
         found_elapsed_s=elapsed_s[first],
         missed_elapsed_s=np.where(first > 0, elapsed_s[np.maximum(first - 1, 0)], np.nan),
@@ -458,5 +475,3 @@ def _gpst(instants: Instants, header: _Header) -> Instants:
     if header.time_system in ("BDT", "BDS"):
         return np.asarray(instants + np.timedelta64(round(BDT_BEHIND_GPST_S), "s"))
     return instants
-
-

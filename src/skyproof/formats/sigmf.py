@@ -92,14 +92,20 @@ def _packing(general: Global, where: str, remarks: list[str]) -> Packing:
         encoding, bits = general.encoding, general.bits
         if bits not in FITTING_BITS[encoding]:
             fitting = ", ".join(map(str, FITTING_BITS[encoding]))
-            raise InputError(f'{where}: global.skyproof:bits = {bits} does not go with global.skyproof:encoding = '
-                             f'"{encoding}", expected {fitting}')  # fmt: skip
+            raise InputError(
+                f"{where}: global.skyproof:bits = {bits} does not go with global.skyproof:encoding = "
+                f'"{encoding}", expected {fitting}'
+            )
     if bits > 8 and match[3] is None:
         remarks.append(f"core:datatype {general.datatype} does not tell the byte order; read as little-endian")
     return Packing(
-        kind="complex" if match[1] == "c" else "real", encoding=encoding, bits=bits, bit_order=general.bit_order,
-        byte_order="big" if match[3] == "b" else "little", n_channels=general.num_channels,
-    )  # fmt: skip
+        kind="complex" if match[1] == "c" else "real",
+        encoding=encoding,
+        bits=bits,
+        bit_order=general.bit_order,
+        byte_order="big" if match[3] == "b" else "little",
+        n_channels=general.num_channels,
+    )
 
 
 def _tuning(general: Global, segment: _Segment, packing: Packing, where: str) -> _Tuning:
@@ -286,9 +292,7 @@ def open_sigmf(path: str | os.PathLike[str]) -> tuple[Samples, ...]:
     return tuple(samples for source in _sources(Path(path)) for samples in _recordings(source))
 
 
-def sha512_remarks(
-    path: str | os.PathLike[str], progress: Callable[[int, int], None] | None = None
-) -> tuple[str, ...]:
+def sha512_remarks(path: str | os.PathLike[str], progress: Callable[[int, int], None] | None = None) -> tuple[str, ...]:
     """A remark for each data set that is not the one its core:sha512 was made of; all their bytes are read.
 
     progress : called with the bytes done and the bytes in all of a data set after every 4 MiB.
@@ -318,8 +322,9 @@ def _recordings(source: _Source) -> list[Samples]:
         if segment.chunk.n_samples:
             tuned.setdefault(_tuning(meta.general, segment, packing, where), []).append(segment)
     if len(tuned) > _MOST_TUNINGS:
-        raise InputError(f"{where}: its captures have {len(tuned)} tunings, more than {_MOST_TUNINGS}; cut out those "
-                         "that are wanted")  # fmt: skip
+        raise InputError(
+            f"{where}: its captures have {len(tuned)} tunings, more than {_MOST_TUNINGS}; cut out those that are wanted"
+        )
     if len(tuned) > 1:
         remarks.append(f"the captures have {len(tuned)} tunings: each is a recording of its own")
     octets = FileBytes(source.data, source.start, source.size)
@@ -329,12 +334,19 @@ def _recordings(source: _Source) -> list[Samples]:
     for tuning, name in zip(tuned, _names(source.name, tuned), strict=True):
         here = list(remarks)
         described = partial(
-            Samples, name=readable(name), rate_hz=rate_hz, n_samples=sum(s.chunk.n_samples for s in tuned[tuning]),
-            centre_hz=L1_HZ if tuning.centre_hz is None else tuning.centre_hz, if_hz=tuning.if_hz,
-            start_gpst=_dates(tuned[tuning], rate_hz, where, here), antenna=meta.general.antenna,
-            path=readable(str(source.data)), format="SigMF", gaps=_gaps(tuned[tuning], rate_hz, here),
+            Samples,
+            name=readable(name),
+            rate_hz=rate_hz,
+            n_samples=sum(s.chunk.n_samples for s in tuned[tuning]),
+            centre_hz=L1_HZ if tuning.centre_hz is None else tuning.centre_hz,
+            if_hz=tuning.if_hz,
+            start_gpst=_dates(tuned[tuning], rate_hz, where, here),
+            antenna=meta.general.antenna,
+            path=readable(str(source.data)),
+            format="SigMF",
+            gaps=_gaps(tuned[tuning], rate_hz, here),
             file=octets,
-        )  # fmt: skip
+        )
         if tuning.centre_hz is None:
             here.append("no core:frequency is told: the samples are taken to be centred on L1, 1575.42 MHz")
         packing_here = replace(packing, swap_iq=tuning.swap_iq, conjugate=tuning.conjugate)
@@ -475,8 +487,11 @@ def sigmf_meta(layout: SampleLayout, *, n_channels: int = 1) -> dict[str, Any]:
         capture["core:datetime"] = f"{iso(utc_from_gpst(layout.start_gpst), 9)}Z"
     ours: dict[str, Any] = {} if layout.antenna == "1" else {"skyproof:antenna": layout.antenna}
     if not plain:
-        ours |= {"skyproof:encoding": packing.encoding, "skyproof:bits": packing.bits,
-                 "skyproof:bit_order": packing.bit_order}  # fmt: skip
+        ours |= {
+            "skyproof:encoding": packing.encoding,
+            "skyproof:bits": packing.bits,
+            "skyproof:bit_order": packing.bit_order,
+        }
     if packing.kind == "real" or layout.if_hz:
         capture["skyproof:if_hz"] = layout.if_hz
     capture |= {f"skyproof:{key}": True for key in ("conjugate", "swap_iq") if getattr(layout, key)}

@@ -24,10 +24,20 @@ LARGEST: Final = 2**63 - 1  # that a count of samples or bytes may be
 _MOST_CHANNELS: Final = 1024
 _DATATYPES: Final = "one of f32, f64, i32, i16, i8, u32, u16, u8 after c or r, such as ci8 or cf32_le"
 _KNOWN_CORE: Final = {
-    "global": {"author", "collection", "data_doi", "description", "geolocation", "hw", "license", "meta_doi",
-               "recorder", "uuid"},
+    "global": {
+        "author",
+        "collection",
+        "data_doi",
+        "description",
+        "geolocation",
+        "hw",
+        "license",
+        "meta_doi",
+        "recorder",
+        "uuid",
+    },
     "captures": {"geolocation", "comment", "description"},
-}  # fmt: skip
+}
 """Keys of the specification that say nothing of how to read the samples."""
 
 
@@ -91,9 +101,12 @@ class Capture(_Part):
     global_index: _Count | None = Field(None, alias="core:global_index", description="the number of a sample")
     header_bytes: _Count = Field(0, alias="core:header_bytes", description="a number of bytes, zero or more")
     frequency: float | None = Field(
-        None, alias="core:frequency", ge=1e8, le=1e11,
+        None,
+        alias="core:frequency",
+        ge=1e8,
+        le=1e11,
         description="the radio frequency at the centre, in hertz: 1575420000.0 is L1",
-    )  # fmt: skip
+    )
     datetime: str | None = Field(None, alias="core:datetime", description="UTC, as 2022-01-01T21:45:40.000Z")
 
 
@@ -124,8 +137,9 @@ def parsed(text: bytes, where: str) -> Meta:
     content = json_of(text, where, "the file is damaged or no metadata of SigMF: fetch it again")
     captures = content.get("captures") if isinstance(content, dict) else None
     if isinstance(captures, list) and len(captures) > CAPTURES:
-        raise InputError(f"{where}: {len(captures)} captures, expected at most {CAPTURES}; cut out those that are "
-                         "wanted")  # fmt: skip
+        raise InputError(
+            f"{where}: {len(captures)} captures, expected at most {CAPTURES}; cut out those that are wanted"
+        )
     try:
         return Meta.model_validate(content)
     except ValidationError as error:
@@ -184,8 +198,10 @@ def checked(meta: Meta, where: str) -> tuple[str, ...]:
         raise InputError(f"{where}: " + "; ".join(first_few(wrong, _unknown)))
     remarks = ["; ".join(first_few(strange, _unknown))] if strange else []
     if foreign and not isinstance(meta.general.extensions, dict):
-        remarks.append("keys that SigMF does not have and core:extensions does not tell of were passed over: "
-                       + ", ".join(some(foreign, ", ")))  # fmt: skip
+        remarks.append(
+            "keys that SigMF does not have and core:extensions does not tell of were passed over: "
+            + ", ".join(some(foreign, ", "))
+        )
     return tuple(remarks)
 
 

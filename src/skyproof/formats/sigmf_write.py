@@ -35,9 +35,17 @@ def geolocation(lat_deg: float, lon_deg: float, height_m: float) -> dict[str, An
 
 
 def recording_json(
-    layout: SampleLayout, *, sha512: str, place: Mapping[str, Any], moves: bool, description: str, recorder: str,
-    hw: str, annotations: Sequence[Mapping[str, Any]] = (), collection: str | None = None,
-) -> str:  # fmt: skip
+    layout: SampleLayout,
+    *,
+    sha512: str,
+    place: Mapping[str, Any],
+    moves: bool,
+    description: str,
+    recorder: str,
+    hw: str,
+    annotations: Sequence[Mapping[str, Any]] = (),
+    collection: str | None = None,
+) -> str:
     """The text of NAME.sigmf-meta.
 
     place : a `geolocation`, of the whole recording, or of its first sample if the receiver `moves`.

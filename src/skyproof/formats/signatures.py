@@ -131,7 +131,8 @@ def wav_header(head: bytes) -> WavHeader | None:
                 return None
             told = (float(rate_hz), int(channels), kind, int(bits))
         elif name == b"data" and told is not None:
-            return WavHeader(rate_hz=told[0], channels=told[1], encoding=told[2], bits=told[3],
-                             header_bytes=at + 8, data_bytes=size)  # fmt: skip
+            return WavHeader(
+                rate_hz=told[0], channels=told[1], encoding=told[2], bits=told[3], header_bytes=at + 8, data_bytes=size
+            )
         at += 8 + size + size % 2
     return None

@@ -24,9 +24,18 @@ __all__ = ["FIXES_COLUMNS", "Column", "fixes_columns", "growing_tables", "write_
 Column = NDArray[Any]
 
 FIXES_COLUMNS: Final = (
-    "receiver", "gpst", "kind", "lat_deg", "lon_deg", "height_m", "sigma_east_m", "sigma_north_m", "sigma_up_m",
-    "clock_bias_m", "satellites",
-)  # fmt: skip
+    "receiver",
+    "gpst",
+    "kind",
+    "lat_deg",
+    "lon_deg",
+    "height_m",
+    "sigma_east_m",
+    "sigma_north_m",
+    "sigma_up_m",
+    "clock_bias_m",
+    "satellites",
+)
 _CSV_ROWS: Final = 8192  # turned to text at once, so that memory does not grow with the table
 
 
@@ -121,8 +130,12 @@ def fixes_columns(fixes: Iterable[tuple[str, Fix]]) -> dict[str, Column]:
     """
     parts = [_fix_columns(kind, fix) for kind, fix in fixes]
     empty = {name: np.empty(0) for name in FIXES_COLUMNS}
-    empty |= {"receiver": np.empty(0, "U1"), "kind": np.empty(0, "U1"), "gpst": np.empty(0, "datetime64[ns]"),
-              "satellites": np.empty(0, np.int64)}  # fmt: skip
+    empty |= {
+        "receiver": np.empty(0, "U1"),
+        "kind": np.empty(0, "U1"),
+        "gpst": np.empty(0, "datetime64[ns]"),
+        "satellites": np.empty(0, np.int64),
+    }
     return {name: np.concatenate([empty[name], *(part[name] for part in parts)]) for name in FIXES_COLUMNS}
 
 
@@ -137,10 +150,16 @@ def _fix_columns(kind: str, fix: Fix) -> dict[str, Column]:
     is_of_sat = sat_of_signal[:, np.newaxis] == np.arange(len(sats))  # (signal, satellite)
     satellites = (used.astype(np.int64) @ is_of_sat > 0).sum(axis=1)
     values = (
-        np.full(lat_rad.size, fix.receiver), fix.gpst[good].astype("datetime64[ns]"), np.full(lat_rad.size, kind),
-        np.degrees(lat_rad), np.degrees(lon_rad), height_m, *sigma_m.T, SPEED_OF_LIGHT_M_S * fix.clock_bias_s[good],
+        np.full(lat_rad.size, fix.receiver),
+        fix.gpst[good].astype("datetime64[ns]"),
+        np.full(lat_rad.size, kind),
+        np.degrees(lat_rad),
+        np.degrees(lon_rad),
+        height_m,
+        *sigma_m.T,
+        SPEED_OF_LIGHT_M_S * fix.clock_bias_s[good],
         satellites,
-    )  # fmt: skip
+    )
     return dict(zip(FIXES_COLUMNS, values, strict=True))
 
 

@@ -64,8 +64,10 @@ class Track:
 
     def __post_init__(self) -> None:
         shapes: dict[str, tuple[str, ...]] = {
-            "position_ecef_m": ("point", "3"), "t_s": ("point",), "attitude_rad": ("point", "3")
-        }  # fmt: skip
+            "position_ecef_m": ("point", "3"),
+            "t_s": ("point",),
+            "attitude_rad": ("point", "3"),
+        }
         freeze(self, {name: shape for name, shape in shapes.items() if getattr(self, name) is not None})
 
 
@@ -420,10 +422,12 @@ def _kml_track(points: _Points, source: str, geoid_separation_m: float | None) -
     kept = [k for k, words in enumerate(points.coordinates) if len(words) >= 2]
     if not kept:
         raise InputError(f"{source}: the track has no points; give a file with points")
-    places = np.array([
-        [_number(word, "coordinates", f"{source}: point {k + 1}") for word in (*points.coordinates[k], "0")[:3]]
-        for k in kept
-    ])  # fmt: skip
+    places = np.array(
+        [
+            [_number(word, "coordinates", f"{source}: point {k + 1}") for word in (*points.coordinates[k], "0")[:3]]
+            for k in kept
+        ]
+    )
     remarks = []
     if len(kept) < len(points.coordinates):
         remarks.append(f"{len(points.coordinates) - len(kept)} points without a place are left out")
@@ -435,8 +439,11 @@ def _kml_track(points: _Points, source: str, geoid_separation_m: float | None) -
         remarks.append("heights are those above the ground, taken as if above the ellipsoid")
     numbers = [k + 1 for k in kept]
     instants = [_when_ns(points.times[k], f"{source}: point {k + 1}") for k in kept] if timed else []
-    angles = [[_number(word, "gx:angles", f"{source}: point {k + 1}") for word in points.angles[k]] for k in kept
-              if points.angles]  # fmt: skip
+    angles = [
+        [_number(word, "gx:angles", f"{source}: point {k + 1}") for word in points.angles[k]]
+        for k in kept
+        if points.angles
+    ]
     if any(len(words) != 3 for words in angles):
         raise InputError(f"{source}: gx:angles with other than 3 numbers; give heading, tilt and roll")
     return Track(
@@ -496,4 +503,3 @@ def _rising_s(instants: Sequence[int], source: str, lines: Sequence[int], word: 
         )
     since_s: Reals = (ns - ns[0]) / 1e9
     return since_s
-

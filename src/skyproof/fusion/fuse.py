@@ -48,9 +48,7 @@ class Decision:
     assumed: tuple[str, ...] = ()
 
 
-def fuse(
-    evidence: Sequence[Evidence], observations: Sequence[Observations], sets: Sequence[ConsistentSet]
-) -> Decision:
+def fuse(evidence: Sequence[Evidence], observations: Sequence[Observations], sets: Sequence[ConsistentSet]) -> Decision:
     """The decision that the evidence of all windows bears."""
     labels = label_signals(evidence, observations)
     sources = sources_of(evidence)
@@ -74,9 +72,16 @@ def fuse(
         trusted -= odd
         sources, skies, onset, until = (), (), None, None
     return Decision(
-        verdict=verdict, labels=labels, sources=sources, skies=skies, onset=onset, until=until, unexplained=left,
-        assumed=_assumed(evidence), open=None if settled else open_question(evidence, observations, trusted),
-    )  # fmt: skip
+        verdict=verdict,
+        labels=labels,
+        sources=sources,
+        skies=skies,
+        onset=onset,
+        until=until,
+        unexplained=left,
+        assumed=_assumed(evidence),
+        open=None if settled else open_question(evidence, observations, trusted),
+    )
 
 
 def _assumed(evidence: Sequence[Evidence]) -> tuple[str, ...]:
@@ -160,8 +165,10 @@ def _sky_onset(sky: Source, observations: Sequence[Observations]) -> Onset | Non
     """
     found = sorted(
         (float(o.found_elapsed_s[o.signals.index(ref.signal)]), ref)
-        for o in observations for ref in sky.signals if ref.receiver == o.receiver
-    )  # fmt: skip
+        for o in observations
+        for ref in sky.signals
+        if ref.receiver == o.receiver
+    )
     onset = onset_of([ref for _, ref in found[(len(found) - 1) // 2 :]], observations)
     return None if onset is None else replace(onset, earliest=None)
 

@@ -95,8 +95,9 @@ def _votes(evidence: Sequence[Evidence], o: Observations) -> dict[SignalRef, lis
         attacked = any(e.says == "spoofed" and any(r.receiver == o.receiver for r in e.subject) for e in said)
         tests = [
             (e, {r for r in e.subject if r.receiver == o.receiver})
-            for e in said if e.failed and not (e.overrules and attacked)
-        ]  # fmt: skip
+            for e in said
+            if e.failed and not (e.overrules and attacked)
+        ]
         failed = [own for e, own in tests if own and not e.overrules]
         overruled = set[SignalRef]().union(*(own for e, own in tests if e.overrules))
         spoken: set[SignalRef] = set()
@@ -124,9 +125,8 @@ def sources_of(evidence: Sequence[Evidence]) -> tuple[Source, ...]:
     """Transmitters of false signals: groups that evidence calls spoofed, joined over windows by shared signals."""
     groups = [e.subject for e in evidence if e.says == "spoofed"]
     return tuple(
-        Source(name=f"S{number + 1}", signals=tuple(sorted(signals)))
-        for number, signals in enumerate(linked(groups))
-    )  # fmt: skip
+        Source(name=f"S{number + 1}", signals=tuple(sorted(signals))) for number, signals in enumerate(linked(groups))
+    )
 
 
 def linked(groups: Iterable[Iterable[Node]]) -> list[set[Node]]:
@@ -218,9 +218,12 @@ def _joined(pieces: Sequence[LabelledSignal]) -> list[LabelledSignal]:
             before = joined[-1]
             merged: Mapping[str, float | None] = dict(before.because) | dict(piece.because)
             joined[-1] = LabelledSignal(
-                ref=piece.ref, label=piece.label, first_epoch=before.first_epoch, last_epoch=piece.last_epoch,
+                ref=piece.ref,
+                label=piece.label,
+                first_epoch=before.first_epoch,
+                last_epoch=piece.last_epoch,
                 because=tuple(merged.items()),
-            )  # fmt: skip
+            )
         else:
             joined.append(piece)
     return joined

@@ -32,8 +32,15 @@ def only(observations: Observations, signals: Sequence[SignalId]) -> Observation
 
 def masked(observations: Observations, mask: Booleans) -> Observations:
     """The observations with every cell emptied where `mask`, (n_epochs, n_signals), is false."""
-    names = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
-             "doppler_sigma_hz")  # fmt: skip
+    names = (
+        "pseudorange_m",
+        "carrier_cyc",
+        "doppler_hz",
+        "cn0_dbhz",
+        "pseudorange_sigma_m",
+        "carrier_sigma_cyc",
+        "doppler_sigma_hz",
+    )
     emptied: dict[str, Any] = {name: np.where(mask, getattr(observations, name), np.nan) for name in names}
     kept = mask | (observations.status == CellStatus.NOT_TRACKED)
     status = np.where(kept, observations.status, CellStatus.NOT_TRACKED).astype(np.uint8)
@@ -58,7 +65,10 @@ def fix_of(
         return None
     signals = tuple(observations.signals[k] for k in kept)
     found = fix_and_geometry(
-        masked(observations, usable), navigation, signals=signals, multipath_sigma_m=multipath_sigma_m,
+        masked(observations, usable),
+        navigation,
+        signals=signals,
+        multipath_sigma_m=multipath_sigma_m,
         elevation_mask_deg=elevation_mask_deg,
-    )  # fmt: skip
+    )
     return screened(*found)

@@ -51,9 +51,7 @@ def saastamoinen_zenith_m(lat_rad: ArrayLike, height_m: ArrayLike, humidity: flo
     return np.asarray(0.0022768 * pressure_hpa / gravity + 0.002277 * (1255.0 / temperature_k + 0.05) * vapour_hpa)
 
 
-def troposphere_delay_m(
-    lat_rad: ArrayLike, height_m: ArrayLike, el_rad: ArrayLike, humidity: float = 0.6
-) -> Reals:
+def troposphere_delay_m(lat_rad: ArrayLike, height_m: ArrayLike, el_rad: ArrayLike, humidity: float = 0.6) -> Reals:
     """Delay towards elevation `el_rad` in metres: zenith delay mapped by RTCA DO-229, A.4.2.4, good above 4 degrees."""
     mapping = 1.001 / np.sqrt(0.002001 + np.sin(np.asarray(el_rad, np.float64)) ** 2)
     return np.asarray(saastamoinen_zenith_m(lat_rad, height_m, humidity) * mapping)

@@ -162,9 +162,7 @@ class NavigationData:
     source: str = ""
     remarks: tuple[str, ...] = ()  # what was skipped or mended on the way in
 
-    def best(
-        self, sat: str, gpst: np.datetime64, *, max_age_s: float | None = None
-    ) -> BroadcastEphemeris | None:
+    def best(self, sat: str, gpst: np.datetime64, *, max_age_s: float | None = None) -> BroadcastEphemeris | None:
         """The healthy ephemeris of `sat` nearest in time to `gpst`; None if none is within `max_age_s`.
 
         Without `max_age_s` it is that of the system, `MAX_AGE_S`.

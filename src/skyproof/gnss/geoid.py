@@ -29,9 +29,7 @@ def geoid_separation_m(lat_deg: ArrayLike, lon_deg: ArrayLike) -> Reals:
     row, column = np.clip(np.floor(y).astype(np.intp), 0, 179), np.floor(x).astype(np.intp)
     up, right = y - row, x - column
     grid = _grid()
-    south, north = (
-        (1.0 - right) * grid[r, column % 360] + right * grid[r, (column + 1) % 360] for r in (row, row + 1)
-    )
+    south, north = ((1.0 - right) * grid[r, column % 360] + right * grid[r, (column + 1) % 360] for r in (row, row + 1))
     return np.where(known, (1.0 - up) * south + up * north, np.nan)
 
 

@@ -18,10 +18,23 @@ from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, UtcParameters
 from skyproof.gnss.time import nearest_week
 
 __all__ = [
-    "BITS_PER_SUBFRAME", "SUBFRAME_S", "URA_M", "Bits", "How", "Subframe", "decode_how", "decode_subframe",
-    "encode_subframes", "ephemeris_from_subframes", "find_subframes", "ionosphere_and_utc", "is_plausible", "quantised",
-    "word_signs", "words_hold",
-]  # fmt: skip
+    "BITS_PER_SUBFRAME",
+    "SUBFRAME_S",
+    "URA_M",
+    "Bits",
+    "How",
+    "Subframe",
+    "decode_how",
+    "decode_subframe",
+    "encode_subframes",
+    "ephemeris_from_subframes",
+    "find_subframes",
+    "ionosphere_and_utc",
+    "is_plausible",
+    "quantised",
+    "word_signs",
+    "words_hold",
+]
 
 Bits = NDArray[np.int8]
 
@@ -173,38 +186,60 @@ def _cut(source: int, first: int, length: int) -> int:
 
 
 _HOW: Final = (
-    _Field("preamble", ((1, 8),)), _Field("how", ((31, 17),)), _Field("alert", ((48, 1),)),
-    _Field("anti_spoof", ((49, 1),)), _Field("id", ((50, 3),)),
-)  # fmt: skip
+    _Field("preamble", ((1, 8),)),
+    _Field("how", ((31, 17),)),
+    _Field("alert", ((48, 1),)),
+    _Field("anti_spoof", ((49, 1),)),
+    _Field("id", ((50, 3),)),
+)
 
 _PAGE: Final = (_Field("data_id", ((61, 2),)), _Field("sv_id", ((63, 6),)))
 
 _IONOSPHERE_AND_UTC: Final = (
-    _Field("alpha0", ((69, 8),), 2.0**-30, signed=True), _Field("alpha1", ((77, 8),), 2.0**-27, signed=True),
-    _Field("alpha2", ((91, 8),), 2.0**-24, signed=True), _Field("alpha3", ((99, 8),), 2.0**-24, signed=True),
-    _Field("beta0", ((107, 8),), 2.0**11, signed=True), _Field("beta1", ((121, 8),), 2.0**14, signed=True),
-    _Field("beta2", ((129, 8),), 2.0**16, signed=True), _Field("beta3", ((137, 8),), 2.0**16, signed=True),
-    _Field("a1", ((151, 24),), 2.0**-50, signed=True), _Field("a0", ((181, 24), (211, 8)), 2.0**-30, signed=True),
-    _Field("tot", ((219, 8),), 2.0**12), _Field("wnt_mod_256", ((227, 8),)),
-    _Field("leap_seconds", ((241, 8),), signed=True), _Field("wn_lsf_mod_256", ((249, 8),)),
-    _Field("dn", ((257, 8),)), _Field("leap_seconds_future", ((271, 8),), signed=True),
-)  # fmt: skip
+    _Field("alpha0", ((69, 8),), 2.0**-30, signed=True),
+    _Field("alpha1", ((77, 8),), 2.0**-27, signed=True),
+    _Field("alpha2", ((91, 8),), 2.0**-24, signed=True),
+    _Field("alpha3", ((99, 8),), 2.0**-24, signed=True),
+    _Field("beta0", ((107, 8),), 2.0**11, signed=True),
+    _Field("beta1", ((121, 8),), 2.0**14, signed=True),
+    _Field("beta2", ((129, 8),), 2.0**16, signed=True),
+    _Field("beta3", ((137, 8),), 2.0**16, signed=True),
+    _Field("a1", ((151, 24),), 2.0**-50, signed=True),
+    _Field("a0", ((181, 24), (211, 8)), 2.0**-30, signed=True),
+    _Field("tot", ((219, 8),), 2.0**12),
+    _Field("wnt_mod_256", ((227, 8),)),
+    _Field("leap_seconds", ((241, 8),), signed=True),
+    _Field("wn_lsf_mod_256", ((249, 8),)),
+    _Field("dn", ((257, 8),)),
+    _Field("leap_seconds_future", ((271, 8),), signed=True),
+)
 
 _FIELDS: Final[Mapping[int, tuple[_Field, ...]]] = {
     1: (
-        _Field("week_mod_1024", ((61, 10),)), _Field("code_on_l2", ((71, 2),)), _Field("ura_index", ((73, 4),)),
-        _Field("health", ((77, 6),)), _Field("iodc", ((83, 2), (211, 8))), _Field("l2_p_flag", ((91, 1),)),
-        _Field("tgd", ((197, 8),), 2.0**-31, signed=True), _Field("toc", ((219, 16),), 16.0),
-        _Field("af2", ((241, 8),), 2.0**-55, signed=True), _Field("af1", ((249, 16),), 2.0**-43, signed=True),
+        _Field("week_mod_1024", ((61, 10),)),
+        _Field("code_on_l2", ((71, 2),)),
+        _Field("ura_index", ((73, 4),)),
+        _Field("health", ((77, 6),)),
+        _Field("iodc", ((83, 2), (211, 8))),
+        _Field("l2_p_flag", ((91, 1),)),
+        _Field("tgd", ((197, 8),), 2.0**-31, signed=True),
+        _Field("toc", ((219, 16),), 16.0),
+        _Field("af2", ((241, 8),), 2.0**-55, signed=True),
+        _Field("af1", ((249, 16),), 2.0**-43, signed=True),
         _Field("af0", ((271, 22),), 2.0**-31, signed=True),
     ),
     2: (
-        _Field("iode", ((61, 8),)), _Field("crs", ((69, 16),), 2.0**-5, signed=True),
+        _Field("iode", ((61, 8),)),
+        _Field("crs", ((69, 16),), 2.0**-5, signed=True),
         _Field("delta_n", ((91, 16),), 2.0**-43, signed=True, angle=True),
         _Field("m0", ((107, 8), (121, 24)), 2.0**-31, signed=True, angle=True),
-        _Field("cuc", ((151, 16),), 2.0**-29, signed=True), _Field("e", ((167, 8), (181, 24)), 2.0**-33),
-        _Field("cus", ((211, 16),), 2.0**-29, signed=True), _Field("sqrt_a", ((227, 8), (241, 24)), 2.0**-19),
-        _Field("toe", ((271, 16),), 16.0), _Field("fit_interval_flag", ((287, 1),)), _Field("aodo", ((288, 5),)),
+        _Field("cuc", ((151, 16),), 2.0**-29, signed=True),
+        _Field("e", ((167, 8), (181, 24)), 2.0**-33),
+        _Field("cus", ((211, 16),), 2.0**-29, signed=True),
+        _Field("sqrt_a", ((227, 8), (241, 24)), 2.0**-19),
+        _Field("toe", ((271, 16),), 16.0),
+        _Field("fit_interval_flag", ((287, 1),)),
+        _Field("aodo", ((288, 5),)),
     ),
     3: (
         _Field("cic", ((61, 16),), 2.0**-29, signed=True),
@@ -213,12 +248,13 @@ _FIELDS: Final[Mapping[int, tuple[_Field, ...]]] = {
         _Field("i0", ((137, 8), (151, 24)), 2.0**-31, signed=True, angle=True),
         _Field("crc", ((181, 16),), 2.0**-5, signed=True),
         _Field("omega", ((197, 8), (211, 24)), 2.0**-31, signed=True, angle=True),
-        _Field("omega_dot", ((241, 24),), 2.0**-43, signed=True, angle=True), _Field("iode", ((271, 8),)),
+        _Field("omega_dot", ((241, 24),), 2.0**-43, signed=True, angle=True),
+        _Field("iode", ((271, 8),)),
         _Field("idot", ((279, 14),), 2.0**-43, signed=True, angle=True),
     ),
     4: _PAGE,
     5: _PAGE,
-}  # fmt: skip
+}
 
 
 # ---------------------------------------------------------------- decoding
@@ -469,9 +505,15 @@ def _ionosphere_and_utc_values(klobuchar: Klobuchar | None, utc: UtcParameters |
     values = {f"alpha{k}": value for k, value in enumerate(klobuchar.alpha)}
     values |= {f"beta{k}": value for k, value in enumerate(klobuchar.beta)}
     return values | {
-        "a0": utc.a0, "a1": utc.a1, "tot": utc.tot, "wnt_mod_256": utc.wnt % 256, "leap_seconds": utc.leap_seconds,
-        "wn_lsf_mod_256": utc.wnt % 256, "dn": 7, "leap_seconds_future": utc.leap_seconds,
-    }  # fmt: skip
+        "a0": utc.a0,
+        "a1": utc.a1,
+        "tot": utc.tot,
+        "wnt_mod_256": utc.wnt % 256,
+        "leap_seconds": utc.leap_seconds,
+        "wn_lsf_mod_256": utc.wnt % 256,
+        "dn": 7,
+        "leap_seconds_future": utc.leap_seconds,
+    }
 
 
 def _put(table: tuple[_Field, ...], values: Mapping[str, float]) -> int:

@@ -12,8 +12,15 @@ from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, CA_CODE_LENGTH, L1_HZ, SPEED_OF_LIGHT_M_S
 
 __all__ = [
-    "GPS_L1_CA", "GPS_SATS", "SignalDescription", "carrier_hz_of", "chip_m_of", "prn_of", "rinex_signal", "sat_name",
-]  # fmt: skip
+    "GPS_L1_CA",
+    "GPS_SATS",
+    "SignalDescription",
+    "carrier_hz_of",
+    "chip_m_of",
+    "prn_of",
+    "rinex_signal",
+    "sat_name",
+]
 
 GPS_SATS: Final = tuple(f"G{prn:02d}" for prn in range(1, 33))
 
@@ -39,9 +46,14 @@ class SignalDescription:
 
 
 GPS_L1_CA: Final = SignalDescription(
-    name="GPS L1 C/A", band="L1", code_name="CA", carrier_hz=L1_HZ, chip_rate_hz=CA_CHIP_RATE_HZ,
-    code_length=CA_CODE_LENGTH, code=ca_code,
-)  # fmt: skip
+    name="GPS L1 C/A",
+    band="L1",
+    code_name="CA",
+    carrier_hz=L1_HZ,
+    chip_rate_hz=CA_CHIP_RATE_HZ,
+    code_length=CA_CODE_LENGTH,
+    code=ca_code,
+)
 """IS-GPS-200N, 3.3.1.1 (carrier), 3.3.2.3 (code), 3.3.3.1 (50 bits a second)."""
 
 
@@ -73,16 +85,45 @@ _BANDS: Final = {
     "I": {"1": "L1", "5": "L5", "9": "S"},
 }
 _MHZ: Final = {
-    "L1": 1575.42, "L2": 1227.60, "L5": 1176.45, "L6": 1278.75, "S": 2492.028,
-    "E1": 1575.42, "E5a": 1176.45, "E5b": 1207.14, "E5": 1191.795, "E6": 1278.75,
-    "G3": 1202.025, "G1a": 1600.995, "G2a": 1248.06,
-    "B1C": 1575.42, "B1": 1561.098, "B2a": 1176.45, "B2": 1207.14, "B2b": 1207.14, "B2ab": 1191.795, "B3": 1268.52,
-}  # fmt: skip
+    "L1": 1575.42,
+    "L2": 1227.60,
+    "L5": 1176.45,
+    "L6": 1278.75,
+    "S": 2492.028,
+    "E1": 1575.42,
+    "E5a": 1176.45,
+    "E5b": 1207.14,
+    "E5": 1191.795,
+    "E6": 1278.75,
+    "G3": 1202.025,
+    "G1a": 1600.995,
+    "G2a": 1248.06,
+    "B1C": 1575.42,
+    "B1": 1561.098,
+    "B2a": 1176.45,
+    "B2": 1207.14,
+    "B2b": 1207.14,
+    "B2ab": 1191.795,
+    "B3": 1268.52,
+}
 _FDMA_MHZ: Final = {"G1": (1602.0, 0.5625), "G2": (1246.0, 0.4375)}  # of number 0, and the step (ICD 5.1, 3.3.1.1)
 _CHIPS_MHZ: Final = {
-    "G1": 0.511, "G2": 0.511, "B1": 2.046, "B2": 2.046, "B3": 10.23, "L5": 10.23, "E5a": 10.23, "E5b": 10.23,
-    "E5": 10.23, "E6": 5.115, "L6": 5.115, "G3": 10.23, "B2a": 10.23, "B2b": 10.23, "B2ab": 10.23,
-}  # fmt: skip
+    "G1": 0.511,
+    "G2": 0.511,
+    "B1": 2.046,
+    "B2": 2.046,
+    "B3": 10.23,
+    "L5": 10.23,
+    "E5a": 10.23,
+    "E5b": 10.23,
+    "E5": 10.23,
+    "E6": 5.115,
+    "L6": 5.115,
+    "G3": 10.23,
+    "B2a": 10.23,
+    "B2b": 10.23,
+    "B2ab": 10.23,
+}
 _PRECISE: Final = frozenset("PYWDM")
 
 

@@ -13,9 +13,19 @@ from skyproof.arrays import Instants, Integers, Reals
 from skyproof.gnss.constants import SECONDS_PER_WEEK
 
 __all__ = [
-    "GPS_EPOCH", "gpst", "gpst_from_utc", "iso", "leap_seconds", "parse_iso", "require_year", "resolve_week",
-    "rinex_date", "seconds_between", "utc_from_gpst", "week_and_tow",
-]  # fmt: skip
+    "GPS_EPOCH",
+    "gpst",
+    "gpst_from_utc",
+    "iso",
+    "leap_seconds",
+    "parse_iso",
+    "require_year",
+    "resolve_week",
+    "rinex_date",
+    "seconds_between",
+    "utc_from_gpst",
+    "week_and_tow",
+]
 
 FIRST_YEAR, LAST_YEAR = 1980, 2199
 """Of every instant that is read: labels of nanoseconds wrap silently in 2262, so that 2600 would become 2015."""
@@ -24,11 +34,28 @@ GPS_EPOCH: Final = np.datetime64("1980-01-06T00:00:00", "ns")  # IS-GPS-200N, 3.
 _NS: Final = 1_000_000_000
 _NS_PER_WEEK: Final = SECONDS_PER_WEEK * _NS
 _LEAPS_AT_UTC: Final = np.array(
-    ["1981-07-01", "1982-07-01", "1983-07-01", "1985-07-01", "1988-01-01", "1990-01-01", "1991-01-01", "1992-07-01",
-     "1993-07-01", "1994-07-01", "1996-01-01", "1997-07-01", "1999-01-01", "2006-01-01", "2009-01-01", "2012-07-01",
-     "2015-07-01", "2017-01-01"],
+    [
+        "1981-07-01",
+        "1982-07-01",
+        "1983-07-01",
+        "1985-07-01",
+        "1988-01-01",
+        "1990-01-01",
+        "1991-01-01",
+        "1992-07-01",
+        "1993-07-01",
+        "1994-07-01",
+        "1996-01-01",
+        "1997-07-01",
+        "1999-01-01",
+        "2006-01-01",
+        "2009-01-01",
+        "2012-07-01",
+        "2015-07-01",
+        "2017-01-01",
+    ],
     dtype="datetime64[ns]",
-)  # fmt: skip
+)
 """When GPS minus UTC became 1, 2, ... 18 s: IERS Bulletin C (none announced from 2017 to the end of 2026)."""
 _LEAPS_AT_GPST: Final = _LEAPS_AT_UTC + np.arange(1, _LEAPS_AT_UTC.size + 1) * np.timedelta64(1, "s")
 _ISO: Final = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}(:\d{2}(\.\d{1,9})?)?)?", re.ASCII)

@@ -174,9 +174,12 @@ class _Solved:
 
     def keep(self, which: Booleans | Indices) -> "_Solved":
         return _Solved(
-            state=self.state[which], covariance=self.covariance[which], cost=self.cost[which],
-            step_m=self.step_m[which], target_m=self.target_m[which],
-        )  # fmt: skip
+            state=self.state[which],
+            covariance=self.covariance[which],
+            cost=self.cost[which],
+            step_m=self.step_m[which],
+            target_m=self.target_m[which],
+        )
 
 
 def coarse_fix(
@@ -215,8 +218,10 @@ def coarse_fix(
         positive.
     """
     settings = settings or CoarseSettings()
-    columns = [np.broadcast_to(np.asarray(a, np.float64), (len(sats),))
-               for a in (code_s, code_sigma_s, doppler_hz, doppler_sigma_hz, period_s)]  # fmt: skip
+    columns = [
+        np.broadcast_to(np.asarray(a, np.float64), (len(sats),))
+        for a in (code_s, code_sigma_s, doppler_hz, doppler_sigma_hz, period_s)
+    ]
     if len(set(sats)) != len(sats):
         raise ValueError(f"a satellite comes twice in {', '.join(sats)}; give one signal of each")
     if not (rough_sigma_s > 0.0 and place_sigma_m > 0.0):
@@ -229,15 +234,20 @@ def coarse_fix(
     week, tow_s = week_and_tow(rough_gpst)
     there = np.isfinite(doppler) & (doppler_sigma > 0.0)
     problem = _Problem(
-        ephemerides=tuple(e for k in used if isinstance(e := found[k], Ephemeris)), navigation=navigation, week=week,
-        tow_s=tow_s, code_m=-SPEED_OF_LIGHT_M_S * code, code_sigma_m=SPEED_OF_LIGHT_M_S * code_sigma,
+        ephemerides=tuple(e for k in used if isinstance(e := found[k], Ephemeris)),
+        navigation=navigation,
+        week=week,
+        tow_s=tow_s,
+        code_m=-SPEED_OF_LIGHT_M_S * code,
+        code_sigma_m=SPEED_OF_LIGHT_M_S * code_sigma,
         wrap_m=SPEED_OF_LIGHT_M_S * period,
         rate_m_s=np.where(there, -SPEED_OF_LIGHT_M_S / L1_HZ * doppler, np.nan),
         rate_sigma_m_s=np.hypot(SPEED_OF_LIGHT_M_S / L1_HZ * np.where(there, doppler_sigma, 1.0), _ATMOSPHERE_RATE_M_S),
         time_sigma_s=rough_sigma_s,
         place_ecef_m=None if place_ecef_m is None else np.asarray(place_ecef_m, np.float64),
-        place_sigma_m=place_sigma_m, settings=settings,
-    )  # fmt: skip
+        place_sigma_m=place_sigma_m,
+        settings=settings,
+    )
     if used.size < 5 or (place_ecef_m is None and problem.n_rates < 4):
         return _without_answer(sats, rough_gpst, 1)
     starts = _starts(problem)
@@ -254,8 +264,10 @@ def _sky(problem: _Problem, state: Reals) -> _Sky:
     position, bias, late_s = state[..., _POSITION], state[..., _BIAS], state[..., _TIME]
     travel_s = np.full((*late_s.shape, len(problem.ephemerides)), 0.075)
     for _ in range(2):  # 75 ms is right to 10 ms or 8 m of range; once more, to 20 ns
-        orbits = [satellite_state_s(e, problem.week, problem.tow_s + late_s - travel_s[..., k])
-                  for k, e in enumerate(problem.ephemerides)]  # fmt: skip
+        orbits = [
+            satellite_state_s(e, problem.week, problem.tow_s + late_s - travel_s[..., k])
+            for k, e in enumerate(problem.ephemerides)
+        ]
         sent_m = np.stack([o.position_ecef_m for o in orbits], axis=-2)
         satellite, unit, distance = line_of_sight(sent_m, position)
         travel_s = distance / SPEED_OF_LIGHT_M_S
@@ -274,9 +286,12 @@ def _sky(problem: _Problem, state: Reals) -> _Sky:
 
     settings = problem.settings
     air = atmosphere(
-        position, satellite, np.asarray(problem.tow_s), problem.navigation.ionosphere,
+        position,
+        satellite,
+        np.asarray(problem.tow_s),
+        problem.navigation.ionosphere,
         ionosphere_share=settings.ionosphere_share,
-    )  # fmt: skip
+    )
     low = np.sin(np.maximum(air.elevation_rad, np.radians(5.0)))
     sigma_m = np.sqrt(problem.code_sigma_m**2 + (settings.multipath_sigma_m / low) ** 2 + air.sigma_m**2)
 
@@ -502,19 +517,33 @@ def _judged(
 
 
 def _without_answer(
-    sats: tuple[str, ...], rough_gpst: np.datetime64, status: int,
+    sats: tuple[str, ...],
+    rough_gpst: np.datetime64,
+    status: int,
     tests: tuple[float, int, float, float, int] = (np.nan, 0, np.nan, np.nan, 0),
-) -> CoarseFix:  # fmt: skip
+) -> CoarseFix:
     return _fix(
-        sats, rough_gpst, np.full(_STATES, np.nan), np.full((_STATES, _STATES), np.nan), np.full(len(sats), np.nan),
-        status, tests, np.nan,
-    )  # fmt: skip
+        sats,
+        rough_gpst,
+        np.full(_STATES, np.nan),
+        np.full((_STATES, _STATES), np.nan),
+        np.full(len(sats), np.nan),
+        status,
+        tests,
+        np.nan,
+    )
 
 
 def _fix(
-    sats: tuple[str, ...], rough_gpst: np.datetime64, state: Reals, covariance: Reals, residual_m: Reals, status: int,
-    tests: tuple[float, int, float, float, int], wrap_m: float,
-) -> CoarseFix:  # fmt: skip
+    sats: tuple[str, ...],
+    rough_gpst: np.datetime64,
+    state: Reals,
+    covariance: Reals,
+    residual_m: Reals,
+    status: int,
+    tests: tuple[float, int, float, float, int],
+    wrap_m: float,
+) -> CoarseFix:
     late_s = float(state[_TIME])
     moved = np.timedelta64(0 if status else round(late_s * 1e9), "ns")
     first = np.array([0, 1, 2, _BIAS, _TIME])

@@ -40,9 +40,14 @@ def distance_squared(apart: ArrayLike, covariance: ArrayLike) -> Reals:
 
 
 def choose_fix(
-    position_m: ArrayLike, covariance_m2: ArrayLike, fixes_m: ArrayLike, fix_covariance_m2: ArrayLike, *,
-    false_alarm_probability: float = 1e-3, wrong_probability: float = 1e-3,
-) -> FixChoice:  # fmt: skip
+    position_m: ArrayLike,
+    covariance_m2: ArrayLike,
+    fixes_m: ArrayLike,
+    fix_covariance_m2: ArrayLike,
+    *,
+    false_alarm_probability: float = 1e-3,
+    wrong_probability: float = 1e-3,
+) -> FixChoice:
     """Choose among fixes (..., k, d) with covariances (..., k, d, d) by a navigator's place (..., d) and its own.
 
     The nearest by d^2 is chosen if it passes its chi-square test, and every other either fails its own or is so much
@@ -63,9 +68,11 @@ def choose_fix(
     beaten = is_nearest | (distance2 > limit) | (distance2 - least > margin)
     sure = (least[..., 0] < limit) & np.all(beaten, axis=-1)
     return FixChoice(
-        chosen=np.where(sure, nearest, -1), nearest=np.asarray(nearest), distance2=distance2,
+        chosen=np.where(sure, nearest, -1),
+        nearest=np.asarray(nearest),
+        distance2=distance2,
         p_value=chi_square_survival(distance2, fixes.shape[-1]),
-    )  # fmt: skip
+    )
 
 
 def wrong_choice_probability(offset_m: ArrayLike, covariance_m2: ArrayLike, fix_covariance_m2: ArrayLike) -> Reals:

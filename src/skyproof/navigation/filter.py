@@ -191,9 +191,7 @@ class _Out:
             status=self.status,
             inter_system_s={scale: offset_m / SPEED_OF_LIGHT_M_S for scale, offset_m in self.offset_m.items()},
         )
-        return Filtered(
-            fix=found, nis=self.nis, nis_dof=self.nis_dof, rejected=self.rejected, slipped=self.slipped
-        )
+        return Filtered(fix=found, nis=self.nis, nis_dof=self.nis_dof, rejected=self.rejected, slipped=self.slipped)
 
 
 def _start(
@@ -201,10 +199,14 @@ def _start(
 ) -> tuple[FilterState | None, int]:
     """A state without signals at the first epoch with a fix, and that epoch; the fix is the place to begin, no more."""
     found = fix(
-        observations, navigation, signals=signals, elevation_mask_deg=settings.elevation_mask_deg,
-        multipath_sigma_m=settings.multipath_sigma_m, ionosphere_share=settings.ionosphere_share,
+        observations,
+        navigation,
+        signals=signals,
+        elevation_mask_deg=settings.elevation_mask_deg,
+        multipath_sigma_m=settings.multipath_sigma_m,
+        ionosphere_share=settings.ionosphere_share,
         false_alarm_probability=settings.false_alarm_probability,
-    )  # fmt: skip
+    )
     good = np.flatnonzero(found.status == FixStatus.OK)
     if good.size == 0:
         return None, 0
@@ -222,9 +224,15 @@ def _start(
     sigma = np.concatenate(([_OPEN_M] * 3, sigma_m_s[:3], [_OPEN_M, sigma_m_s[3]], [_OPEN_M] * len(further)))
     none = np.zeros(0, "datetime64[ns]")
     return FilterState(
-        gpst=observations.gpst[row], scales=scales, mean=mean, covariance=np.diag(sigma**2), signals=(), seen=none,
-        carried=none, error_sigma_m=np.zeros(0),
-    ), row  # fmt: skip
+        gpst=observations.gpst[row],
+        scales=scales,
+        mean=mean,
+        covariance=np.diag(sigma**2),
+        signals=(),
+        seen=none,
+        carried=none,
+        error_sigma_m=np.zeros(0),
+    ), row
 
 
 # ---------------------------------------------------------------- one epoch
@@ -275,17 +283,19 @@ def _view(
 ) -> _View:
     satellite, _, _ = line_of_sight(rows.ranges.satellite_ecef_m[row, columns], mean[POSITION])
     delays = atmosphere(
-        mean[POSITION], satellite, rows.tow_s[row], navigation.ionosphere,
-        ionosphere_share=settings.ionosphere_share, carrier_hz=rows.carrier_hz[columns],
-    )  # fmt: skip
+        mean[POSITION],
+        satellite,
+        rows.tow_s[row],
+        navigation.ionosphere,
+        ionosphere_share=settings.ionosphere_share,
+        carrier_hz=rows.carrier_hz[columns],
+    )
     low = np.maximum(np.sin(delays.elevation_rad), 0.05)
     return _View(
         elevation_rad=delays.elevation_rad,
         delay_m=delays.delay_m,
         ionosphere_m=delays.ionosphere_m,
-        error_sigma_m=np.sqrt(
-            (settings.multipath_sigma_m / low) ** 2 + delays.sigma_m**2 + rows.space_m[columns] ** 2
-        ),
+        error_sigma_m=np.sqrt((settings.multipath_sigma_m / low) ** 2 + delays.sigma_m**2 + rows.space_m[columns] ** 2),
     )
 
 
@@ -297,9 +307,9 @@ def _with_the_new(state: FilterState, rows: _Rows, columns: Indices, view: _View
     signals = state.signals + tuple(rows.signals[columns[i]] for i in new)
     # Where the old entries go, and the sigmas of all; b begins at zero, n when its first carrier comes.
     first = first_error + len(scales)
-    place = np.concatenate(
-        (np.arange(first_error), first + np.arange(k), first + len(signals) + np.arange(k))
-    ).astype(np.intp)
+    place = np.concatenate((np.arange(first_error), first + np.arange(k), first + len(signals) + np.arange(k))).astype(
+        np.intp
+    )
     mean = np.zeros(first + 2 * len(signals))
     variance = np.zeros(mean.size)
     variance[first_error:] = _OPEN_M**2
@@ -330,9 +340,14 @@ class _Problem:
     """
 
     def __init__(
-        self, state: FilterState, rows: _Rows, row: int, columns: Indices, view: _View,
+        self,
+        state: FilterState,
+        rows: _Rows,
+        row: int,
+        columns: Indices,
+        view: _View,
         settings: FilterSettings,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.state, self.view, self.settings = state, view, settings
         self.mean, self.covariance = state.mean.copy(), state.covariance.copy()
         k, n_signals = columns.size, len(state.signals)
@@ -379,9 +394,14 @@ class _Problem:
             satellite_drift=self.ranges.satellite_drift[cells],
         )
         return range_rates(
-            ranges, satellite, unit, distance_m, rows.doppler_hz[cells], rows.doppler_sigma_hz[cells],
+            ranges,
+            satellite,
+            unit,
+            distance_m,
+            rows.doppler_hz[cells],
+            rows.doppler_sigma_hz[cells],
             rows.carrier_hz[self.columns],
-        )  # fmt: skip
+        )
 
     def _linear(self, at: Reals) -> tuple[Reals, Reals]:
         """Measured minus modelled at `at`, (m,), and the model's derivative, (m, n)."""

@@ -10,8 +10,16 @@ from skyproof.errors import SettingsError, require_probability
 from skyproof.records import SignalId
 
 __all__ = [
-    "CLOCK", "CORE", "DRIFT", "POSITION", "VELOCITY", "FilterSettings", "FilterState", "predicted", "without_the_old",
-]  # fmt: skip
+    "CLOCK",
+    "CORE",
+    "DRIFT",
+    "POSITION",
+    "VELOCITY",
+    "FilterSettings",
+    "FilterState",
+    "predicted",
+    "without_the_old",
+]
 
 POSITION, VELOCITY, CLOCK, DRIFT = slice(0, 3), slice(3, 6), 6, 7
 CORE = 8

@@ -108,10 +108,16 @@ def fix(
     ValueError : a signal is not in the observations, or two signals of a satellite are to be used at once.
     """
     return fix_and_geometry(
-        observations, navigation, signals=signals, multipath_sigma_m=multipath_sigma_m,
-        ionosphere_share=ionosphere_share, elevation_mask_deg=elevation_mask_deg, start_ecef_m=start_ecef_m,
-        max_gdop=max_gdop, false_alarm_probability=false_alarm_probability,
-    )[0]  # fmt: skip
+        observations,
+        navigation,
+        signals=signals,
+        multipath_sigma_m=multipath_sigma_m,
+        ionosphere_share=ionosphere_share,
+        elevation_mask_deg=elevation_mask_deg,
+        start_ecef_m=start_ecef_m,
+        max_gdop=max_gdop,
+        false_alarm_probability=false_alarm_probability,
+    )[0]
 
 
 def fix_and_geometry(
@@ -175,9 +181,13 @@ def _channels(observations: Observations, signals: tuple[SignalId, ...]) -> _Cha
             raise ValueError(f"several signals of {sat} at once in {observations.receiver}; say which with `signals`")
     scales, clocks = time_scales(signals)
     return _Channels(
-        signals, columns, observations.carrier_hz[columns], scales, clocks if len(scales) > 1 else None,
+        signals,
+        columns,
+        observations.carrier_hz[columns],
+        scales,
+        clocks if len(scales) > 1 else None,
         space_sigma_m(signals),
-    )  # fmt: skip
+    )
 
 
 def _fix_block(
@@ -259,9 +269,13 @@ def _position(
     for last in (False, True):
         satellite, _, _ = line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
         delays = atmosphere(
-            solution.state_m[:, :3], satellite, tow_s, navigation.ionosphere,
-            ionosphere_share=settings.ionosphere_share, carrier_hz=channels.carrier_hz,
-        )  # fmt: skip
+            solution.state_m[:, :3],
+            satellite,
+            tow_s,
+            navigation.ionosphere,
+            ionosphere_share=settings.ionosphere_share,
+            carrier_hz=channels.carrier_hz,
+        )
         if not last:
             used &= delays.elevation_rad >= settings.elevation_mask_rad
         sigma_m = np.sqrt(
@@ -279,9 +293,11 @@ def _position(
         return solution, sigma_m
     _, unit, _ = line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
     excluded, _ = exclude_several(
-        design_matrix(unit, channels.clocks), np.where(used, solution.residual_m, np.nan), sigma_m,
+        design_matrix(unit, channels.clocks),
+        np.where(used, solution.residual_m, np.nan),
+        sigma_m,
         false_alarm_probability=settings.false_alarm_probability,
-    )  # fmt: skip
+    )
     if not np.any(excluded):
         return solution, sigma_m
     sigma_m = np.where(excluded, np.nan, sigma_m)

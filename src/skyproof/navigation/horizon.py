@@ -18,9 +18,13 @@ _STEP_S: Final = 300.0  # a satellite rises by 2.5 degrees
 
 
 def sats_above(
-    navigation: NavigationData, sats: tuple[str, ...], lat_rad: float, lon_rad: float, first_gpst: np.datetime64,
+    navigation: NavigationData,
+    sats: tuple[str, ...],
+    lat_rad: float,
+    lon_rad: float,
+    first_gpst: np.datetime64,
     last_gpst: np.datetime64,
-) -> tuple[str, ...]:  # fmt: skip
+) -> tuple[str, ...]:
     """Those of `sats` that stand higher than `MARGIN_DEG` below the horizon between two times.
 
     Satellites without an ephemeris that serves then are left out: the file says that they were not heard.

@@ -54,8 +54,15 @@ def start_covariance(
     grade: Grade, *, position_m: float = 0.0, velocity_m_s: float = 0.0, tilt_rad: float = 0.0
 ) -> Reals:
     """(21, 21) at the start: independent errors of these standard deviations per axis, and the grade's own biases."""
-    sigma = (position_m, velocity_m_s, tilt_rad, grade.accelerometer_repeatability_m_s2, grade.gyro_repeatability_rad_s,
-             grade.accelerometer_instability_m_s2, grade.gyro_instability_rad_s)  # fmt: skip
+    sigma = (
+        position_m,
+        velocity_m_s,
+        tilt_rad,
+        grade.accelerometer_repeatability_m_s2,
+        grade.gyro_repeatability_rad_s,
+        grade.accelerometer_instability_m_s2,
+        grade.gyro_instability_rad_s,
+    )
     return np.diag(np.repeat(np.square(sigma), 3))
 
 
@@ -107,9 +114,13 @@ def updated(covariance: Reals, sensitivity: ArrayLike, noise: ArrayLike, innovat
 
 
 def restarted(
-    state: NavState, covariance: Reals, position_ecef_m: ArrayLike, position_covariance_m2: ArrayLike,
-    velocity_ecef_m_s: ArrayLike | None = None, velocity_covariance_m2_s2: ArrayLike | None = None,
-) -> tuple[NavState, Reals, Reals]:  # fmt: skip
+    state: NavState,
+    covariance: Reals,
+    position_ecef_m: ArrayLike,
+    position_covariance_m2: ArrayLike,
+    velocity_ecef_m_s: ArrayLike | None = None,
+    velocity_covariance_m2_s2: ArrayLike | None = None,
+) -> tuple[NavState, Reals, Reals]:
     """The last of `state` put right by a fix, with the estimated biases (12,) and the covariance (21, 21) after it.
 
     A position alone leaves velocity and tilt nearly as they are; Dopplers give the velocity, and through the
@@ -128,10 +139,12 @@ def restarted(
     wrong, after = updated(covariance, sensitivity, noise, misfit)
     attitude = linalg.expm(-_skew(wrong[6:9])) @ state.attitude[-1]
     better = NavState(
-        time_s=state.time_s[-1:], position_ecef_m=state.position_ecef_m[-1:] - wrong[:3],
-        velocity_ecef_m_s=state.velocity_ecef_m_s[-1:] - wrong[3:6], attitude=attitude[None],
+        time_s=state.time_s[-1:],
+        position_ecef_m=state.position_ecef_m[-1:] - wrong[:3],
+        velocity_ecef_m_s=state.velocity_ecef_m_s[-1:] - wrong[3:6],
+        attitude=attitude[None],
         covariance=after[None, :9, :9],
-    )  # fmt: skip
+    )
     return better, wrong[9:], after
 
 

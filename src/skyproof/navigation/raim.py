@@ -15,9 +15,16 @@ from skyproof.navigation.least_squares import normal_inverse
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
-    "Exclusion", "GlobalTest", "exclude_one", "exclude_several", "global_test", "normalised_residuals",
-    "residual_statistic", "unknowns_of", "whitened_fit",
-]  # fmt: skip
+    "Exclusion",
+    "GlobalTest",
+    "exclude_one",
+    "exclude_several",
+    "global_test",
+    "normalised_residuals",
+    "residual_statistic",
+    "unknowns_of",
+    "whitened_fit",
+]
 
 _UNKNOWNS = 4
 
@@ -50,9 +57,7 @@ def unknowns_of(design: Reals, used: Booleans) -> Integers:
     return np.asarray(3 + touched[..., 3:].sum(axis=-1))
 
 
-def residual_statistic(
-    residual_m: Reals, sigma_m: Reals, *, unknowns: ArrayLike = _UNKNOWNS
-) -> tuple[Reals, Integers]:
+def residual_statistic(residual_m: Reals, sigma_m: Reals, *, unknowns: ArrayLike = _UNKNOWNS) -> tuple[Reals, Integers]:
     """Sum of squared normalised residuals of a weighted fit, and its degrees of freedom; arguments (..., k).
 
     Chi-square with n - `unknowns` degrees if each measurement has independent Gaussian noise of its sigma. Residuals

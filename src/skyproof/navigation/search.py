@@ -114,9 +114,7 @@ class SetSearch:
             statistic=found.statistic,
         )
 
-    def _extended(
-        self, candidates: Candidates, level: int, skips: int, free: Booleans, limit: float
-    ) -> Candidates:
+    def _extended(self, candidates: Candidates, level: int, skips: int, free: Booleans, limit: float) -> Candidates:
         """The candidates with each free signal of the satellite at `level`, where it fits, and with none of them."""
         signals = self._copies[level][free[self._copies[level]]]
         skipped = candidates.take((candidates.choice[:, : level + 1] < 0).sum(axis=1) <= skips)
@@ -173,9 +171,7 @@ def solve(measurements: Measurements, choice: Indices, start_m: Reals, *, rounds
     )
 
 
-def innovation(
-    measurements: Measurements, rows: Indices, state_m: Reals, covariance_m2: Reals
-) -> tuple[Reals, Reals]:
+def innovation(measurements: Measurements, rows: Indices, state_m: Reals, covariance_m2: Reals) -> tuple[Reals, Reals]:
     """Each measurement (m,) minus its prediction from a fit without it, and the variance of that, m and m^2."""
     satellite = measurements.satellite_ecef_m[rows][:, None, :]
     turned, unit, distance_m = line_of_sight(satellite, state_m[:, :3])

@@ -11,7 +11,6 @@ from skyproof.records import CellStatus, Observations
 __all__ = ["smooth"]
 
 
-
 def smooth(observations: Observations, *, window_s: float = 100.0, max_gap_epochs: int = 3) -> Observations:
     """Pseudoranges smoothed by their own carrier, within `window_s`/2 on either side and within one arc.
 

@@ -64,9 +64,22 @@ def _cross(a, b, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def _advance(  # type: ignore[no-untyped-def]
-    angle, speed, last_angle, last_speed, interval, position, velocity, attitude, centre, gravity, gradient,
-    reach_m, places, speeds, attitudes,
-):  # fmt: skip
+    angle,
+    speed,
+    last_angle,
+    last_speed,
+    interval,
+    position,
+    velocity,
+    attitude,
+    centre,
+    gravity,
+    gradient,
+    reach_m,
+    places,
+    speeds,
+    attitudes,
+):
     """Navigate over the increments (n, 3) and write the state after each; gravity linear about `centre`.
 
     Stops before the first interval that begins farther than `reach_m` from the centre; how many were done.
@@ -142,17 +155,27 @@ def strapdown(start: NavState, readings: ImuSeries) -> NavState:
     which is what the whole run does at its begin; elsewhere it costs one correction for turning.
     """
     path = strapdown_paths(
-        start.position_ecef_m[-1], start.velocity_ecef_m_s[-1], start.attitude[-1], readings.specific_force_m_s2,
-        readings.angular_rate_rad_s, readings.interval_s,
-    )  # fmt: skip
+        start.position_ecef_m[-1],
+        start.velocity_ecef_m_s[-1],
+        start.attitude[-1],
+        readings.specific_force_m_s2,
+        readings.angular_rate_rad_s,
+        readings.interval_s,
+    )
     times = np.concatenate((start.time_s[-1:], readings.time_s))
     return NavState(time_s=times, position_ecef_m=path[0], velocity_ecef_m_s=path[1], attitude=path[2])
 
 
 def strapdown_paths(
-    position_ecef_m: ArrayLike, velocity_ecef_m_s: ArrayLike, attitude: ArrayLike, specific_force_m_s2: ArrayLike,
-    angular_rate_rad_s: ArrayLike, interval_s: float, *, gravity_reach_m: float = _GRAVITY_REACH_M,
-) -> tuple[Reals, Reals, Reals]:  # fmt: skip
+    position_ecef_m: ArrayLike,
+    velocity_ecef_m_s: ArrayLike,
+    attitude: ArrayLike,
+    specific_force_m_s2: ArrayLike,
+    angular_rate_rad_s: ArrayLike,
+    interval_s: float,
+    *,
+    gravity_reach_m: float = _GRAVITY_REACH_M,
+) -> tuple[Reals, Reals, Reals]:
     """Position and velocity (..., n + 1, 3) and attitude (..., n + 1, 3, 3) from the start on, of many units at once.
 
     Starts (..., 3), (..., 3) and (..., 3, 3); readings (..., n, 3); they broadcast.
@@ -172,9 +195,14 @@ def strapdown_paths(
     speed, angle = np.broadcast_to(speed, (*shape, n, 3)), np.broadcast_to(angle, (*shape, n, 3))
     for unit in np.ndindex(shape if n else (0,)):
         _one_path(
-            np.ascontiguousarray(angle[unit]), np.ascontiguousarray(speed[unit]), interval_s, gravity_reach_m,
-            places[unit], speeds[unit], attitudes[unit],
-        )  # fmt: skip
+            np.ascontiguousarray(angle[unit]),
+            np.ascontiguousarray(speed[unit]),
+            interval_s,
+            gravity_reach_m,
+            places[unit],
+            speeds[unit],
+            attitudes[unit],
+        )
     return places, speeds, attitudes
 
 
@@ -190,9 +218,22 @@ def _one_path(
         cells = np.rint((position + ahead_s * velocity) / (_CELL * reach_m))
         centre, gravity, gradient = _gravity_about(*cells.tolist(), _CELL * reach_m)
         done += _advance(
-            angle[done:], speed[done:], last_angle, last_speed, interval_s, position, velocity, attitude, centre,
-            gravity, gradient, reach_m, places[done + 1 :], speeds[done + 1 :], attitudes[done + 1 :],
-        )  # fmt: skip
+            angle[done:],
+            speed[done:],
+            last_angle,
+            last_speed,
+            interval_s,
+            position,
+            velocity,
+            attitude,
+            centre,
+            gravity,
+            gradient,
+            reach_m,
+            places[done + 1 :],
+            speeds[done + 1 :],
+            attitudes[done + 1 :],
+        )
 
 
 @lru_cache(maxsize=1024)

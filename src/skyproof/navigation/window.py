@@ -11,7 +11,6 @@ from skyproof.records import CellStatus, Observations, SignalId
 __all__ = ["WindowMean", "window_mean"]
 
 
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WindowMean:
     """gpst : label of the middle epoch. signals, pseudorange_m, sigma_m (n,) : one for each channel that is kept."""

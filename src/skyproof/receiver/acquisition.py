@@ -160,12 +160,16 @@ class Searcher:
             noise = self._noise(planes, if_hz)
             peaks += [
                 Peak(
-                    sat=c.sat, delay_s=m.signal.delay_s, doppler_hz=m.signal.doppler_hz, power=c.power,
-                    p_value=c.p_value, cn0_dbhz=10.0 * np.log10(max(m.power / noise - 1.0, 1e-3) / self.period_s),
+                    sat=c.sat,
+                    delay_s=m.signal.delay_s,
+                    doppler_hz=m.signal.doppler_hz,
+                    power=c.power,
+                    p_value=c.p_value,
+                    cn0_dbhz=10.0 * np.log10(max(m.power / noise - 1.0, 1e-3) / self.period_s),
                 )
                 for c, m in fresh
                 if not self._shoulder(samples, if_hz, c.sat, m.signal, known_before)
-            ]  # fmt: skip
+            ]
             wanted = {c.sat: dopplers_hz[c.sat] for c in candidates}
         order = list(dopplers_hz)
         return sorted(peaks, key=lambda peak: order.index(peak.sat))
@@ -173,9 +177,12 @@ class Searcher:
     # ------------------------------------------------------------------ one look
 
     def _candidates(
-        self, planes: Floats, if_hz: float, dopplers_hz: Mapping[str, Reals],
+        self,
+        planes: Floats,
+        if_hz: float,
+        dopplers_hz: Mapping[str, Reals],
         taken: Mapping[str, list[tuple[KnownSignal, float]]],
-    ) -> list[_Candidate]:  # fmt: skip
+    ) -> list[_Candidate]:
         """The highest cell of each satellite that noise does not explain."""
         rows_hz = np.unique(np.concatenate(list(dopplers_hz.values())))
         spectra = self._rows(planes, if_hz, rows_hz)
@@ -187,9 +194,11 @@ class Searcher:
         unused_row = np.sort(row)[np.linspace(0, row.size - 1, n_unused).astype(np.int64)]
         codes = np.stack([self._code(sat) for sat in sats] + self._unused)
         power, highest = self._correlate(
-            spectra, codes, np.concatenate([row, unused_row]),
+            spectra,
+            codes,
+            np.concatenate([row, unused_row]),
             np.concatenate([of_sat, len(sats) + np.arange(n_unused) % len(self._unused)]),
-        )  # fmt: skip
+        )
         tail = tail_of(power[row.size :], self.settings.n_sums)
         n_cells = row.size * N_CELLS
         threshold = tail.threshold(n_cells, self.settings.false_alarm_probability)
@@ -208,15 +217,16 @@ class Searcher:
                 value = float(power[mine[at], column])
                 found.append(
                     _Candidate(
-                        sat=sat, row_hz=float(dopplers_hz[sat][at]), power=value, p_value=tail.p_value(value, n_cells),
+                        sat=sat,
+                        row_hz=float(dopplers_hz[sat][at]),
+                        power=value,
+                        p_value=tail.p_value(value, n_cells),
                         delay_s=self._delay_s(int(column), float(dopplers_hz[sat][at])),
                     )
-                )  # fmt: skip
+                )
         return found
 
-    def _correlate(
-        self, spectra: Floats, codes: Floats, row: Integers, code: Integers
-    ) -> tuple[Floats, Floats]:
+    def _correlate(self, spectra: Floats, codes: Floats, row: Integers, code: Integers) -> tuple[Floats, Floats]:
         """Power over its mean of each job's cells, (n_jobs, N_CELLS), and the highest of each; many jobs in threads."""
         power, highest = np.empty((row.size, N_CELLS), np.float32), np.empty(row.size, np.float32)
 
@@ -241,8 +251,9 @@ class Searcher:
             centre_chips = self._cell(one) * self.signal.code_length / N_CELLS
             apart = np.abs(
                 (cells * self.signal.code_length / N_CELLS - centre_chips + 0.5 * self.signal.code_length)
-                % self.signal.code_length - 0.5 * self.signal.code_length
-            )  # fmt: skip
+                % self.signal.code_length
+                - 0.5 * self.signal.code_length
+            )
             near = np.abs(dopplers_hz - one.doppler_hz) < self._near_hz
             snr = power / noise * settings.coherent_periods
             limit[near] = np.maximum(limit[near], 1.0 + _LEFT * snr)
@@ -287,9 +298,13 @@ class Searcher:
         folded = np.zeros((offsets_hz.size, settings.n_sums, self._n_fft), np.complex64)
         for number, offset_hz in enumerate(offsets_hz):
             _fold(
-                planes[0], planes[1], starts, settings.coherent_periods, (if_hz + offset_hz) / self.rate_hz,
+                planes[0],
+                planes[1],
+                starts,
+                settings.coherent_periods,
+                (if_hz + offset_hz) / self.rate_hz,
                 folded[number],
-            )  # fmt: skip
+            )
         spectra: ComplexFloats = fft.fft(folded, axis=-1, overwrite_x=True)
         late = (starts - exact).reshape(settings.n_sums, -1).mean(axis=1)
         if np.abs(late).max() > 1e-6:
@@ -334,10 +349,14 @@ class Searcher:
 
     def _measured(self, planes: Floats, if_hz: float, candidate: _Candidate) -> Measured:
         return measure(
-            planes, self.signal, self.rate_hz, if_hz, candidate.sat,
+            planes,
+            self.signal,
+            self.rate_hz,
+            if_hz,
+            candidate.sat,
             KnownSignal(delay_s=candidate.delay_s, doppler_hz=candidate.row_hz),
             doppler_reach_hz=min(0.75 * self.settings.doppler_step_hz, 499.0),
-        )  # fmt: skip
+        )
 
     def _shoulder(
         self, samples: Floats, if_hz: float, sat: str, found: KnownSignal, known: Mapping[str, Sequence[KnownSignal]]
@@ -364,9 +383,12 @@ class Searcher:
         return False
 
     def _take_out(
-        self, planes: Floats, if_hz: float, fresh: Sequence[tuple[str, KnownSignal]],
+        self,
+        planes: Floats,
+        if_hz: float,
+        fresh: Sequence[tuple[str, KnownSignal]],
         taken: dict[str, list[tuple[KnownSignal, float]]],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take signals out of the samples; with those of the same satellite taken out before, until they agree."""
         power = remove(planes, self.signal, self.rate_hz, if_hz, fresh)
         for (sat, one), value in zip(fresh, power, strict=True):
@@ -464,9 +486,7 @@ def _turn(i: Floats, q: Floats, cosines: Floats, sines: Floats, c: np.float32, s
 
 
 @compiled
-def _fold_planes(
-    i: Floats, q: Floats, starts: Integers, coherent: int, cycle_step: float, out: Floats
-) -> None:
+def _fold_planes(i: Floats, q: Floats, starts: Integers, coherent: int, cycle_step: float, out: Floats) -> None:
     n = out.shape[1] // 2
     chunk = 512
     cosines, sines = np.empty(chunk, np.float32), np.empty(chunk, np.float32)
@@ -481,13 +501,16 @@ def _fold_planes(
             begin = starts[period] + at
             angle = 2.0 * np.pi * ((begin * cycle_step) % 1.0)
             _turn(
-                i[begin : begin + to - at], q[begin : begin + to - at], cosines, sines,
-                np.float32(np.cos(angle)), np.float32(np.sin(angle)), block[2 * at : 2 * to],
-            )  # fmt: skip
+                i[begin : begin + to - at],
+                q[begin : begin + to - at],
+                cosines,
+                sines,
+                np.float32(np.cos(angle)),
+                np.float32(np.sin(angle)),
+                block[2 * at : 2 * to],
+            )
 
 
-def _fold(
-    i: Floats, q: Floats, starts: Integers, coherent: int, cycle_step: float, out: ComplexFloats
-) -> None:
+def _fold(i: Floats, q: Floats, starts: Integers, coherent: int, cycle_step: float, out: ComplexFloats) -> None:
     """Samples wiped off and added over the periods of each block: into `out`, (n_blocks, n)."""
     _fold_planes(i, q, starts, coherent, cycle_step, out.view(np.float32))

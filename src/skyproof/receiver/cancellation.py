@@ -52,9 +52,14 @@ class Measured:
 
 
 def remove(
-    planes: Floats, signal: SignalDescription, rate_hz: float, if_hz: float, known: Sequence[tuple[str, KnownSignal]],
-    *, rounds: int = 1,
-) -> Reals:  # fmt: skip
+    planes: Floats,
+    signal: SignalDescription,
+    rate_hz: float,
+    if_hz: float,
+    known: Sequence[tuple[str, KnownSignal]],
+    *,
+    rounds: int = 1,
+) -> Reals:
     """Take the known signals, (satellite, signal), out of `planes`, float32 (2, n), in place.
 
     Returns the mean power of each one's correlation over one code period, noise included: shape (n_known,).
@@ -65,7 +70,13 @@ def remove(
             chip, chip_step, cycle_step = _phases(signal, rate_hz, if_hz, one)
             nominal = signal.chip_rate_hz / rate_hz
             power[turn, number] = _subtract(
-                planes[0], planes[1], _table_of(signal, sat, nominal), chip, chip_step, nominal, cycle_step,
+                planes[0],
+                planes[1],
+                _table_of(signal, sat, nominal),
+                chip,
+                chip_step,
+                nominal,
+                cycle_step,
                 signal.code_length,
             )
     scaled: Reals = (rate_hz * signal.period_s) ** 2 * power[0]
@@ -73,9 +84,15 @@ def remove(
 
 
 def measure(
-    planes: Floats, signal: SignalDescription, rate_hz: float, if_hz: float, sat: str, rough: KnownSignal, *,
+    planes: Floats,
+    signal: SignalDescription,
+    rate_hz: float,
+    if_hz: float,
+    sat: str,
+    rough: KnownSignal,
+    *,
     doppler_reach_hz: float,
-) -> Measured:  # fmt: skip
+) -> Measured:
     """Delay, Doppler and C/N0 of a signal found within half a chip and `doppler_reach_hz` (at most 500 Hz).
 
     Doppler: spectrum of the squared correlations of half code periods, which are free of data bits. Delay: late minus
@@ -108,9 +125,14 @@ def measure(
 
 
 def separation_chips(
-    planes: Floats, signal: SignalDescription, rate_hz: float, if_hz: float, sat: str, one: KnownSignal,
+    planes: Floats,
+    signal: SignalDescription,
+    rate_hz: float,
+    if_hz: float,
+    sat: str,
+    one: KnownSignal,
     other: KnownSignal,
-) -> float:  # fmt: skip
+) -> float:
     """How far apart two overlapping signals of one satellite are: joint least squares over both delays.
 
     Each was measured as if it were alone, or in what the other had left. What a signal with a near reflection leaves
@@ -131,9 +153,7 @@ def separation_chips(
     return float(between.flat[int(np.argmax(explained))])
 
 
-def noise_of(
-    planes: Floats, signal: SignalDescription, rate_hz: float, if_hz: float, code: NDArray[np.int8]
-) -> float:
+def noise_of(planes: Floats, signal: SignalDescription, rate_hz: float, if_hz: float, code: NDArray[np.int8]) -> float:
     """Mean power of the correlation of one code period with a code that nobody sends: what the code's band holds.
 
     From at most 20 periods and 16 delays: good to 6 %. The mean square of the samples would not do, as the front end's
@@ -167,9 +187,7 @@ def _padded(chips: NDArray[np.int8]) -> Floats:
     return np.concatenate([chips[-1:], chips, chips[:1]]).astype(np.float32)
 
 
-def _phases(
-    signal: SignalDescription, rate_hz: float, if_hz: float, one: KnownSignal
-) -> tuple[float, float, float]:
+def _phases(signal: SignalDescription, rate_hz: float, if_hz: float, one: KnownSignal) -> tuple[float, float, float]:
     """Chip at sample 0, chips a sample, carrier cycles a sample."""
     code_rate_hz = signal.chip_rate_hz * (1.0 + one.doppler_hz / signal.carrier_hz)
     chip = (-one.delay_s * code_rate_hz) % signal.code_length
@@ -177,18 +195,21 @@ def _phases(
 
 
 def _correlate(
-    planes: Floats, signal: SignalDescription, rate_hz: float, if_hz: float, code: Floats, one: KnownSignal,
+    planes: Floats,
+    signal: SignalDescription,
+    rate_hz: float,
+    if_hz: float,
+    code: Floats,
+    one: KnownSignal,
     taps_chips: Reals,
-) -> Complexes:  # fmt: skip
+) -> Complexes:
     """Correlations of each half of each whole code period with replicas delayed by the taps: (n_periods, 2, n_taps)."""
     chip, chip_step, cycle_step = _phases(signal, rate_hz, if_hz, one)
     per_period = signal.code_length / chip_step
     first = ((-chip) % signal.code_length) / chip_step
     n_periods = int((planes.shape[1] - first) / per_period)
     out = np.empty((max(n_periods, 1), 2, taps_chips.size), np.complex128)
-    _correlate_halves(
-        planes[0], planes[1], code, first, per_period, chip_step, cycle_step, taps_chips, out
-    )
+    _correlate_halves(planes[0], planes[1], code, first, per_period, chip_step, cycle_step, taps_chips, out)
     return out
 
 
@@ -207,9 +228,7 @@ def _turns(cycle_step: float, cosines: Floats, sines: Floats) -> None:
 
 
 @compiled(fastmath=_FAST)
-def _sum(
-    i: Floats, q: Floats, replica: NDArray[Any], cosines: Floats, sines: Floats
-) -> tuple[float, float]:
+def _sum(i: Floats, q: Floats, replica: NDArray[Any], cosines: Floats, sines: Floats) -> tuple[float, float]:
     real = np.float32(0.0)
     imag = np.float32(0.0)
     for k in range(replica.shape[0]):
@@ -221,9 +240,14 @@ def _sum(
 
 @compiled(fastmath=_FAST)
 def _less(
-    i: Floats, q: Floats, replica: NDArray[np.int8], cosines: Floats, sines: Floats, real: np.float32,
+    i: Floats,
+    q: Floats,
+    replica: NDArray[np.int8],
+    cosines: Floats,
+    sines: Floats,
+    real: np.float32,
     imag: np.float32,
-) -> None:  # fmt: skip
+) -> None:
     for k in range(replica.shape[0]):
         chip = np.float32(replica[k])
         i[k] -= (real * cosines[k] - imag * sines[k]) * chip
@@ -239,9 +263,15 @@ def _place(sample: float) -> tuple[int, int]:
 
 @compiled
 def _subtract(
-    i: Floats, q: Floats, table: NDArray[np.int8], chip: float, chip_step: float, nominal: float, cycle_step: float,
+    i: Floats,
+    q: Floats,
+    table: NDArray[np.int8],
+    chip: float,
+    chip_step: float,
+    nominal: float,
+    cycle_step: float,
     length: int,
-) -> float:  # fmt: skip
+) -> float:
     """Take one signal out, a code period at a time. Returns the mean power of its amplitudes."""
     n = i.shape[0]
     cosines, sines = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
@@ -270,18 +300,30 @@ def _subtract(
             angle = 2.0 * math.pi * ((at * cycle_step) % 1.0)
             c, s = math.cos(angle), math.sin(angle)
             _less(
-                i[at:to], q[at:to], table[row, column : column + to - at], cosines, sines,
-                np.float32(re * c - im * s), np.float32(re * s + im * c),
-            )  # fmt: skip
+                i[at:to],
+                q[at:to],
+                table[row, column : column + to - at],
+                cosines,
+                sines,
+                np.float32(re * c - im * s),
+                np.float32(re * s + im * c),
+            )
         begin, period = end, period + 1
     return power / max(weight, 1.0)
 
 
 @compiled
 def _correlate_halves(
-    i: Floats, q: Floats, code: Floats, first: float, per_period: float, chip_step: float, cycle_step: float,
-    taps_chips: Reals, out: Complexes,
-) -> None:  # fmt: skip
+    i: Floats,
+    q: Floats,
+    code: Floats,
+    first: float,
+    per_period: float,
+    chip_step: float,
+    cycle_step: float,
+    taps_chips: Reals,
+    out: Complexes,
+) -> None:
     length = code.shape[0] - 2
     cosines, sines = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
     _turns(cycle_step, cosines, sines)

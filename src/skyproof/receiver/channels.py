@@ -155,9 +155,7 @@ def continued(
     return matches, Gap(elapsed_s=gone_s, shift_s=shift / signal.chip_rate_hz, signals=count, missing_s=missing_s)
 
 
-def _common_shift(
-    pairs: Sequence[tuple[LostSignal, Place]], signal: SignalDescription
-) -> tuple[float, float] | None:
+def _common_shift(pairs: Sequence[tuple[LostSignal, Place]], signal: SignalDescription) -> tuple[float, float] | None:
     """The shift of code (chips) that most satellites share, and the missing time (s) that makes them share it.
 
     Missing time shifts all codes alike, and each by its own range rate besides: half a chip in 0.15 s at 5 kHz. The

@@ -77,9 +77,11 @@ def in_tracks(
     greater of their own sigmas and their scatter.
     """
     code_s = (
-        measured.column(m.PERIODS) * signal.period_s - measured.elapsed_s + measured.column(m.FRACTION_S)
+        measured.column(m.PERIODS) * signal.period_s
+        - measured.elapsed_s
+        + measured.column(m.FRACTION_S)
         + measured.column(m.CARRIER_CYC) / signal.carrier_hz
-    )  # fmt: skip
+    )
     longest: dict[str, tuple[float, float, float, float]] = {}
     for arc in np.unique(measured.arc):
         rows = np.flatnonzero((measured.arc == arc) & np.isfinite(code_s))
@@ -102,9 +104,12 @@ def in_tracks(
 def _told(share: float, sigma: float, dopplers_hz: Sequence[float] | Reals, least: float) -> Disagreement:
     oscillator = oscillator_error(dopplers_hz)
     return Disagreement(
-        code_minus_carrier=share, sigma=sigma, oscillator_hz=oscillator.doppler_hz,
-        oscillator_sigma_hz=oscillator.sigma_hz, certain=abs(share) > max(least, CERTAIN_SIGMAS * sigma),
-    )  # fmt: skip
+        code_minus_carrier=share,
+        sigma=sigma,
+        oscillator_hz=oscillator.doppler_hz,
+        oscillator_sigma_hz=oscillator.sigma_hz,
+        certain=abs(share) > max(least, CERTAIN_SIGMAS * sigma),
+    )
 
 
 def _slope(time_s: Reals, values: Reals, sigmas: Reals) -> tuple[float, float]:

@@ -79,8 +79,7 @@ def _rotation(cycles: float) -> tuple[float, float]:
 
 
 @compiled(fastmath=_FAST)
-def _turn_on(cosines: Floats, sines: Floats, known: np.uint64, more: int, cosine: np.float32,
-             sine: np.float32) -> None:  # fmt: skip
+def _turn_on(cosines: Floats, sines: Floats, known: np.uint64, more: int, cosine: np.float32, sine: np.float32) -> None:
     """Behind the known rotations, more of them: the known ones, each turned by the same."""
     for k in range(uint64(more)):
         cosines[known + k] = cosines[k] * cosine - sines[k] * sine
@@ -88,9 +87,7 @@ def _turn_on(cosines: Floats, sines: Floats, known: np.uint64, more: int, cosine
 
 
 @compiled
-def _rotations(
-    cycles_per_sample: float, length: int, cosines: Floats, sines: Floats
-) -> None:
+def _rotations(cycles_per_sample: float, length: int, cosines: Floats, sines: Floats) -> None:
     """exp(-j 2 pi k cycles_per_sample) for k < length: _BLOCK of them one by one, the others by doubling.
 
     The rotations that double are float64 squares: their error grows by 1e-16 a sample.
@@ -111,9 +108,17 @@ def _rotations(
 
 @compiled(fastmath=_FAST)
 def _locate(
-    first_sample: float, samples_per_chip: float, delays_chips: Reals, n_phases: float, columns: float,
-    pad: float, weight: float, rows: NDArray[np.uint64], chunk: int, shifts_chips: Reals,
-) -> None:  # fmt: skip
+    first_sample: float,
+    samples_per_chip: float,
+    delays_chips: Reals,
+    n_phases: float,
+    columns: float,
+    pad: float,
+    weight: float,
+    rows: NDArray[np.uint64],
+    chunk: int,
+    shifts_chips: Reals,
+) -> None:
     """Where in the flat table the replica of each delay begins whose first sample lies `first_sample` after the code's.
 
     Adds `weight` times what rounding to the table's fractions takes off the wanted sample to `shifts_chips`.
@@ -128,11 +133,20 @@ def _locate(
 
 @compiled(fastmath=_FAST)
 def _wipe_and_sum_three(
-    i_samples: Floats, q_samples: Floats, begin: np.uint64, length: int,
-    cosines: Floats, sines: Floats,
-    i_base: Floats, q_base: Floats, keep: bool,
-    chips: NDArray[np.int8], row_0: np.uint64, row_1: np.uint64, row_2: np.uint64,
-) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:  # fmt: skip
+    i_samples: Floats,
+    q_samples: Floats,
+    begin: np.uint64,
+    length: int,
+    cosines: Floats,
+    sines: Floats,
+    i_base: Floats,
+    q_base: Floats,
+    keep: bool,
+    chips: NDArray[np.int8],
+    row_0: np.uint64,
+    row_1: np.uint64,
+    row_2: np.uint64,
+) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
     """Sums of three replicas times the samples without carrier, which stay in `i_base` and `q_base` if `keep`."""
     i_0 = i_1 = i_2 = q_0 = q_1 = q_2 = np.float32(0.0)
     for k in range(uint64(length)):
@@ -155,9 +169,13 @@ def _wipe_and_sum_three(
 
 @compiled(fastmath=_FAST)
 def _sum_two(
-    i_base: Floats, q_base: Floats, length: int, chips: NDArray[np.int8], row_0: np.uint64,
+    i_base: Floats,
+    q_base: Floats,
+    length: int,
+    chips: NDArray[np.int8],
+    row_0: np.uint64,
     row_1: np.uint64,
-) -> tuple[np.float32, np.float32, np.float32, np.float32]:  # fmt: skip
+) -> tuple[np.float32, np.float32, np.float32, np.float32]:
     i_0 = i_1 = q_0 = q_1 = np.float32(0.0)
     for k in range(uint64(length)):
         chip_0, chip_1 = np.float32(chips[row_0 + k]), np.float32(chips[row_1 + k])
@@ -170,9 +188,15 @@ def _sum_two(
 
 @compiled(fastmath=_FAST)
 def _sum_four(
-    i_base: Floats, q_base: Floats, length: int, chips: NDArray[np.int8],
-    row_0: np.uint64, row_1: np.uint64, row_2: np.uint64, row_3: np.uint64,
-) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:  # fmt: skip
+    i_base: Floats,
+    q_base: Floats,
+    length: int,
+    chips: NDArray[np.int8],
+    row_0: np.uint64,
+    row_1: np.uint64,
+    row_2: np.uint64,
+    row_3: np.uint64,
+) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
     i_0 = i_1 = i_2 = i_3 = q_0 = q_1 = q_2 = q_3 = np.float32(0.0)
     for k in range(uint64(length)):
         chip_0, chip_1 = np.float32(chips[row_0 + k]), np.float32(chips[row_1 + k])
@@ -190,9 +214,13 @@ def _sum_four(
 
 @compiled
 def _add_chunks(
-    chunk_sums: Reals, n_chunks: int, chunk_length: int, n_samples: int,
-    dopplers_cycles_per_sample: Reals, sums: Reals,
-) -> None:  # fmt: skip
+    chunk_sums: Reals,
+    n_chunks: int,
+    chunk_length: int,
+    n_samples: int,
+    dopplers_cycles_per_sample: Reals,
+    sums: Reals,
+) -> None:
     """Sum over the chunks for each Doppler, whose phase across a chunk is taken as that at its middle."""
     sums[:] = 0.0
     for doppler in range(dopplers_cycles_per_sample.shape[0]):
@@ -210,8 +238,9 @@ def _add_chunks(
 
 
 @compiled
-def _put(chunk_sums: Reals, chunk: int, delay: int, cosine: float, sine: float, i_sum: np.float32,
-         q_sum: np.float32) -> None:  # fmt: skip
+def _put(
+    chunk_sums: Reals, chunk: int, delay: int, cosine: float, sine: float, i_sum: np.float32, q_sum: np.float32
+) -> None:
     """Keep one sum, turned by what the carrier had turned until its chunk began."""
     chunk_sums[chunk, delay, 0] = i_sum * cosine - q_sum * sine
     chunk_sums[chunk, delay, 1] = i_sum * sine + q_sum * cosine
@@ -280,9 +309,17 @@ def correlate_period(
         # Rounded at the middle of the chunk, so that what the code drifts against the table cancels.
         middle = chip + (chunk * length + 0.5 * (size - 1)) * chips_per_sample
         _locate(
-            middle * samples_per_chip - 0.5 * (size - 1), samples_per_chip, delays_chips, float(n_phases),
-            float(columns), float(pad), nominal_chips_per_sample * size / n_samples, rows, chunk, shifts_chips,
-        )  # fmt: skip
+            middle * samples_per_chip - 0.5 * (size - 1),
+            samples_per_chip,
+            delays_chips,
+            float(n_phases),
+            float(columns),
+            float(pad),
+            nominal_chips_per_sample * size / n_samples,
+            rows,
+            chunk,
+            shifts_chips,
+        )
     cosines, sines, i_base, q_base = planes[0], planes[1], planes[2], planes[3]
     if made[0] != cycles_per_sample or made[1] < length:  # loops that sum over several periods keep their frequency
         _rotations(cycles_per_sample, length, cosines, sines)
@@ -295,9 +332,20 @@ def correlate_period(
     for chunk in range(n_chunks):
         size = min(length, n_samples - chunk * length)
         i_0, q_0, i_1, q_1, i_2, q_2 = _wipe_and_sum_three(
-            i_samples, q_samples, uint64(begin + chunk * length), size, cosines, sines, i_base, q_base, n_delays > 3,
-            chips, rows[chunk, 0], rows[chunk, second], rows[chunk, third],
-        )  # fmt: skip
+            i_samples,
+            q_samples,
+            uint64(begin + chunk * length),
+            size,
+            cosines,
+            sines,
+            i_base,
+            q_base,
+            n_delays > 3,
+            chips,
+            rows[chunk, 0],
+            rows[chunk, second],
+            rows[chunk, third],
+        )
         _put(chunk_sums, chunk, 0, cosine, sine, i_0, q_0)
         _put(chunk_sums, chunk, second, cosine, sine, i_1, q_1)
         _put(chunk_sums, chunk, third, cosine, sine, i_2, q_2)

@@ -54,9 +54,16 @@ def autocorrelation(code: NDArray[np.int8], chips_per_sample: float) -> Reals:
 
 
 def take_out(
-    sats: Sequence[str], before: Rows, now: Rows, *, taps_chips: Reals, rate_hz: float, if_hz: float,
-    signal: SignalDescription, code_gain: float,
-) -> Reals:  # fmt: skip
+    sats: Sequence[str],
+    before: Rows,
+    now: Rows,
+    *,
+    taps_chips: Reals,
+    rate_hz: float,
+    if_hz: float,
+    signal: SignalDescription,
+    code_gain: float,
+) -> Reals:
     """Clean early, prompt and late in the rows of two frames on end, in place, of the satellite's other signals.
 
     sats : (n_channels,). taps_chips : as of the kernel. code_gain : of the discriminator.
@@ -71,9 +78,19 @@ def take_out(
     for sat, group in channels.items():
         if len(group) > 1:
             _clean(
-                np.array(group), *before, *now, _table_of(signal, sat, rate_hz), taps_chips[:3], rate_hz, if_hz,
-                signal.chip_rate_hz, signal.carrier_hz, signal.code_length, code_gain, error_chips,
-            )  # fmt: skip
+                np.array(group),
+                *before,
+                *now,
+                _table_of(signal, sat, rate_hz),
+                taps_chips[:3],
+                rate_hz,
+                if_hz,
+                signal.chip_rate_hz,
+                signal.carrier_hz,
+                signal.code_length,
+                code_gain,
+                error_chips,
+            )
     return error_chips
 
 
@@ -84,11 +101,21 @@ def _table_of(signal: SignalDescription, sat: str, rate_hz: float) -> Reals:
 
 @compiled
 def _clean(
-    group: Integers, rows_before: Reals, count_before: Integers,
-    rows_now: Reals, count_now: Integers, table: Reals,
-    taps_chips: Reals, rate_hz: float, if_hz: float, chip_rate_hz: float, carrier_hz: float,
-    code_length: int, code_gain: float, error_chips: Reals,
-) -> None:  # fmt: skip
+    group: Integers,
+    rows_before: Reals,
+    count_before: Integers,
+    rows_now: Reals,
+    count_now: Integers,
+    table: Reals,
+    taps_chips: Reals,
+    rate_hz: float,
+    if_hz: float,
+    chip_rate_hz: float,
+    carrier_hz: float,
+    code_length: int,
+    code_gain: float,
+    error_chips: Reals,
+) -> None:
     """Clean the channels of one satellite, in place; fill in their errors."""
     n = group.size
     counts = count_before[group] + count_now[group]
@@ -139,9 +166,18 @@ def _clean(
                 near[i] |= apart_chips < STEERED_CHIPS
                 if apart_chips > LEAST_CHIPS:
                     _subtract(
-                        mine, off_hz[i], starts[i], other[:, 1], off_hz[j], signal_starts, table, taps_chips,
-                        rate_hz, chips_per_sample, length,
-                    )  # fmt: skip
+                        mine,
+                        off_hz[i],
+                        starts[i],
+                        other[:, 1],
+                        off_hz[j],
+                        signal_starts,
+                        table,
+                        taps_chips,
+                        rate_hz,
+                        chips_per_sample,
+                        length,
+                    )
     for i in range(n):
         channel, first = group[i], count_before[group[i]]
         if not near[i] and counts[i] > 0:
@@ -156,9 +192,15 @@ def _clean(
 
 @compiled
 def _locate(
-    rows: Reals, rate_hz: float, if_hz: float, chip_rate_hz: float, carrier_hz: float, code_length: int,
-    starts: Reals, ahead_chips: Reals,
-) -> None:  # fmt: skip
+    rows: Reals,
+    rate_hz: float,
+    if_hz: float,
+    chip_rate_hz: float,
+    carrier_hz: float,
+    code_length: int,
+    starts: Reals,
+    ahead_chips: Reals,
+) -> None:
     """Where (samples) the replica's code begins in each period, and how far ahead of it in each a code is that goes
     with the carrier and is as often ahead as behind.
     """
@@ -187,11 +229,18 @@ def _error_chips(taps: Complexes, code_gain: float) -> float:
 
 @compiled
 def _subtract(
-    taps: Complexes, off_hz: Reals, starts: Reals,
-    others: Complexes, other_off_hz: Reals, other_starts: Reals,
-    table: Reals, taps_chips: Reals, rate_hz: float, chips_per_sample: float,
+    taps: Complexes,
+    off_hz: Reals,
+    starts: Reals,
+    others: Complexes,
+    other_off_hz: Reals,
+    other_starts: Reals,
+    table: Reals,
+    taps_chips: Reals,
+    rate_hz: float,
+    chips_per_sample: float,
     length: float,
-) -> None:  # fmt: skip
+) -> None:
     """Subtract from taps (n, 3) what another signal of these prompts (m,) and starts of its code adds to them.
 
     The first and the last pulse are taken to go on for one more: frames do not end for all channels at once.

@@ -35,7 +35,7 @@ _TWIST_2048: Final = _parts(np.exp(2j * np.pi * np.arange(32)[:, None] * np.aran
 @numba.njit(inline="always")
 def _eight(  # type: ignore[no-untyped-def]
     a0r, a0i, a1r, a1i, a2r, a2i, a3r, a3i, a4r, a4i, a5r, a5i, a6r, a6i, a7r, a7i
-):  # fmt: skip
+):
     """Inverse transform of eight points."""
     b0r, b0i, b4r, b4i = a0r + a4r, a0i + a4i, a0r - a4r, a0i - a4i
     b1r, b1i, b5r, b5i = a1r + a5r, a1i + a5i, a1r - a5r, a1i - a5i
@@ -48,9 +48,23 @@ def _eight(  # type: ignore[no-untyped-def]
     e4r, e4i, e6r, e6i = b4r - b6i, b4i + b6r, b4r + b6i, b4i - b6r
     e5r, e5i, e7r, e7i = d5r + d7r, d5i + d7i, d5r - d7r, d5i - d7i
     return (
-        c0r + c1r, c0i + c1i, e4r + e5r, e4i + e5i, c2r - c3i, c2i + c3r, e6r - e7i, e6i + e7r,
-        c0r - c1r, c0i - c1i, e4r - e5r, e4i - e5i, c2r + c3i, c2i - c3r, e6r + e7i, e6i - e7r,
-    )  # fmt: skip
+        c0r + c1r,
+        c0i + c1i,
+        e4r + e5r,
+        e4i + e5i,
+        c2r - c3i,
+        c2i + c3r,
+        e6r - e7i,
+        e6i + e7r,
+        c0r - c1r,
+        c0i - c1i,
+        e4r - e5r,
+        e4i - e5i,
+        c2r + c3i,
+        c2i - c3r,
+        e6r + e7i,
+        e6i - e7r,
+    )
 
 
 @numba.njit(inline="always")
@@ -69,10 +83,23 @@ def _pass_of_eight(xr, xi, yr, yi, twist, groups, columns):  # type: ignore[no-u
             i = q + columns * p
             o = q + columns * 8 * p
             r0, i0, r1, i1, r2, i2, r3, i3, r4, i4, r5, i5, r6, i6, r7, i7 = _eight(
-                xr[i], xi[i], xr[i + s], xi[i + s], xr[i + 2 * s], xi[i + 2 * s], xr[i + 3 * s], xi[i + 3 * s],
-                xr[i + 4 * s], xi[i + 4 * s], xr[i + 5 * s], xi[i + 5 * s], xr[i + 6 * s], xi[i + 6 * s],
-                xr[i + 7 * s], xi[i + 7 * s],
-            )  # fmt: skip
+                xr[i],
+                xi[i],
+                xr[i + s],
+                xi[i + s],
+                xr[i + 2 * s],
+                xi[i + 2 * s],
+                xr[i + 3 * s],
+                xi[i + 3 * s],
+                xr[i + 4 * s],
+                xi[i + 4 * s],
+                xr[i + 5 * s],
+                xi[i + 5 * s],
+                xr[i + 6 * s],
+                xi[i + 6 * s],
+                xr[i + 7 * s],
+                xi[i + 7 * s],
+            )
             yr[o], yi[o] = r0, i0
             yr[o + columns], yi[o + columns] = r1 * w1r - i1 * w1i, r1 * w1i + i1 * w1r
             yr[o + 2 * columns], yi[o + 2 * columns] = r2 * w2r - i2 * w2i, r2 * w2i + i2 * w2r
@@ -126,10 +153,23 @@ def _last(xr: Floats, xi: Floats, power: Floats) -> None:
     """The last pass, of which only the squared magnitude is kept: added to `power`."""
     for i in range(256):
         r0, i0, r1, i1, r2, i2, r3, i3, r4, i4, r5, i5, r6, i6, r7, i7 = _eight(
-            xr[i], xi[i], xr[i + 256], xi[i + 256], xr[i + 512], xi[i + 512], xr[i + 768], xi[i + 768],
-            xr[i + 1024], xi[i + 1024], xr[i + 1280], xi[i + 1280], xr[i + 1536], xi[i + 1536],
-            xr[i + 1792], xi[i + 1792],
-        )  # fmt: skip
+            xr[i],
+            xi[i],
+            xr[i + 256],
+            xi[i + 256],
+            xr[i + 512],
+            xi[i + 512],
+            xr[i + 768],
+            xi[i + 768],
+            xr[i + 1024],
+            xi[i + 1024],
+            xr[i + 1280],
+            xi[i + 1280],
+            xr[i + 1536],
+            xi[i + 1536],
+            xr[i + 1792],
+            xi[i + 1792],
+        )
         power[i] += r0 * r0 + i0 * i0
         power[i + 256] += r1 * r1 + i1 * i1
         power[i + 512] += r2 * r2 + i2 * i2
@@ -142,9 +182,15 @@ def _last(xr: Floats, xi: Floats, power: Floats) -> None:
 
 @compiled(fastmath=_FAST)
 def correlate_rows(
-    spectra: Floats, codes: Floats, row: Integers, code: Integers, begin: int, end: int,
-    power: Floats, highest: Floats,
-) -> None:  # fmt: skip
+    spectra: Floats,
+    codes: Floats,
+    row: Integers,
+    code: Integers,
+    begin: int,
+    end: int,
+    power: Floats,
+    highest: Floats,
+) -> None:
     """Power of codes against rows of spectra over its mean in the row, for the jobs from `begin` to before `end`.
 
     spectra : (n_rows, n_blocks, 2, N_CELLS), real and imaginary parts.

@@ -62,9 +62,14 @@ POWER_MEMORY_S = 0.05
 
 @compiled
 def _steer(
-    state: Reals, sample_power: float, rate_hz: float, if_hz: float, code_rate_hz: float,
-    carrier_hz: float, code_gain: float,
-) -> None:  # fmt: skip
+    state: Reals,
+    sample_power: float,
+    rate_hz: float,
+    if_hz: float,
+    code_rate_hz: float,
+    carrier_hz: float,
+    code_gain: float,
+) -> None:
     """Close the loops with the sums: third-order Costas PLL with FLL assistance, carrier-aided first-order DLL.
 
     Loop coefficients after Kaplan & Hegarty, table 8.23 (third-order PLL: w0 = B/0.7845, a3 = 1.1, b3 = 2.4;
@@ -165,9 +170,23 @@ def advance(
             if begin + n > i_samples.shape[0]:
                 break
             correlate_period(
-                i_samples, q_samples, begin, n, state[CHIP] + state[SHIFT_OWED], chips_per_sample, state[PHASE],
-                state[FREQUENCY] / rate_hz, table, pad, nominal, taps_chips, taps_hz / rate_hz, scratch, grid, shifts,
-            )  # fmt: skip
+                i_samples,
+                q_samples,
+                begin,
+                n,
+                state[CHIP] + state[SHIFT_OWED],
+                chips_per_sample,
+                state[PHASE],
+                state[FREQUENCY] / rate_hz,
+                table,
+                pad,
+                nominal,
+                taps_chips,
+                taps_hz / rate_hz,
+                scratch,
+                grid,
+                shifts,
+            )
             sums = grid.reshape(-1)
             # Rounding is made up for in the next period, so that its mean vanishes also where the code stands still.
             shift = 0.5 * (shifts[0] + shifts[2]) - state[SHIFT_OWED]

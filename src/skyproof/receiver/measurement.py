@@ -63,9 +63,11 @@ class Measurements:
     def nothing(n_taps: int = 0) -> "Measurements":
         """No row."""
         return Measurements(
-            elapsed_s=np.empty(0), arc=np.empty(0, np.int64), table=np.empty((0, N_COLUMNS)),
+            elapsed_s=np.empty(0),
+            arc=np.empty(0, np.int64),
+            table=np.empty((0, N_COLUMNS)),
             taps=np.empty((0, n_taps), np.complex64),
-        )  # fmt: skip
+        )
 
     @staticmethod
     def joined(parts: Sequence["Measurements"]) -> "Measurements":
@@ -107,19 +109,43 @@ def measure(
     table = np.full((states.shape[0], N_COLUMNS), np.nan)
     taps = np.zeros((states.shape[0], n_taps), np.complex128)
     _measure(
-        states, *before, *now, elapsed_s, rate_hz, if_hz, signal.carrier_hz, signal.chip_rate_hz, signal.period_s,
-        signal.periods_per_symbol, discriminator.gain, discriminator.noise_chips2, table, taps,
-    )  # fmt: skip
+        states,
+        *before,
+        *now,
+        elapsed_s,
+        rate_hz,
+        if_hz,
+        signal.carrier_hz,
+        signal.chip_rate_hz,
+        signal.period_s,
+        signal.periods_per_symbol,
+        discriminator.gain,
+        discriminator.noise_chips2,
+        table,
+        taps,
+    )
     return table, taps.astype(np.complex64)
 
 
 @compiled
 def _measure(
-    states: Reals, rows_before: Reals, count_before: Integers,
-    rows_now: Reals, count_now: Integers, elapsed_s: float, rate_hz: float, if_hz: float,
-    carrier_hz: float, chip_rate_hz: float, period_s: float, periods_per_bit: int, code_gain: float,
-    code_noise_chips2: float, table: Reals, taps: Complexes,
-) -> None:  # fmt: skip
+    states: Reals,
+    rows_before: Reals,
+    count_before: Integers,
+    rows_now: Reals,
+    count_now: Integers,
+    elapsed_s: float,
+    rate_hz: float,
+    if_hz: float,
+    carrier_hz: float,
+    chip_rate_hz: float,
+    period_s: float,
+    periods_per_bit: int,
+    code_gain: float,
+    code_noise_chips2: float,
+    table: Reals,
+    taps: Complexes,
+) -> None:
     for channel in range(states.shape[0]):
         n_before, n = count_before[channel], count_before[channel] + count_now[channel]
         if n_before == 0 or n == n_before:
@@ -128,17 +154,38 @@ def _measure(
         rows[:n_before] = rows_before[channel, :n_before]
         rows[n_before:] = rows_now[channel, : n - n_before]
         _measure_channel(
-            states[channel], rows, elapsed_s, rate_hz, if_hz, carrier_hz, chip_rate_hz, period_s, periods_per_bit,
-            code_gain, code_noise_chips2, table[channel], taps[channel],
-        )  # fmt: skip
+            states[channel],
+            rows,
+            elapsed_s,
+            rate_hz,
+            if_hz,
+            carrier_hz,
+            chip_rate_hz,
+            period_s,
+            periods_per_bit,
+            code_gain,
+            code_noise_chips2,
+            table[channel],
+            taps[channel],
+        )
 
 
 @compiled
 def _measure_channel(
-    state: Reals, rows: Reals, elapsed_s: float, rate_hz: float, if_hz: float,
-    carrier_hz: float, chip_rate_hz: float, period_s: float, periods_per_bit: int, code_gain: float,
-    code_noise_chips2: float, result: Reals, taps: Complexes,
-) -> None:  # fmt: skip
+    state: Reals,
+    rows: Reals,
+    elapsed_s: float,
+    rate_hz: float,
+    if_hz: float,
+    carrier_hz: float,
+    chip_rate_hz: float,
+    period_s: float,
+    periods_per_bit: int,
+    code_gain: float,
+    code_noise_chips2: float,
+    result: Reals,
+    taps: Complexes,
+) -> None:
     n = rows.shape[0]
     synchronised = state[k.BIT_START] >= 0.0
     group = _groups(rows[:, k.OUT_PERIOD], state[k.BIT_START], periods_per_bit)
@@ -247,9 +294,7 @@ def _groups(periods: Reals, bit_start: float, periods_per_bit: int) -> Integers:
 
 
 @compiled
-def _unwrapped(
-    state: Reals, squares: Complexes, variance: Reals
-) -> tuple[Reals, bool, float]:
+def _unwrapped(state: Reals, squares: Complexes, variance: Reals) -> tuple[Reals, bool, float]:
     """Phase of the signal less the loop's in each group, cycles, continued from the block before; whether it slipped;
     the largest step, over its sigma.
 
@@ -286,9 +331,7 @@ def _unwrapped(
 
 
 @compiled
-def _parabola(
-    t: Reals, t2: Reals, y: Reals, weight: Reals
-) -> tuple[Reals, Reals]:
+def _parabola(t: Reals, t2: Reals, y: Reals, weight: Reals) -> tuple[Reals, Reals]:
     """Coefficients (3,) of the weighted least-squares parabola, and their variances for unit variance at weight 1.
 
     y are means over groups, and so are t and its squares t2: the mean of a parabola is not its value in the middle, by
@@ -322,9 +365,12 @@ def _parabola(
 
 @compiled
 def _carrier_to_noise_hz(
-    prompt: Complexes, wipe: Complexes, group: Integers, synchronised: bool,
+    prompt: Complexes,
+    wipe: Complexes,
+    group: Integers,
+    synchronised: bool,
     period_s: float,
-) -> float:  # fmt: skip
+) -> float:
     """C/N0 as a ratio in hertz.
 
     Noise from the differences of neighbouring prompts within a bit, signal from the bit's sum less the noise in it:

@@ -69,9 +69,15 @@ def _first_rows(measurements: Measurements) -> dict[int, int]:
 
 
 def assemble(
-    receiver: str, measurements: Measurements, arcs: Mapping[int, Arc], label: ReceiverTimeTag, elapsed_s: Reals, *,
-    carrier_hz: float, averaged_s: float,
-) -> Observations:  # fmt: skip
+    receiver: str,
+    measurements: Measurements,
+    arcs: Mapping[int, Arc],
+    label: ReceiverTimeTag,
+    elapsed_s: Reals,
+    *,
+    carrier_hz: float,
+    averaged_s: float,
+) -> Observations:
     """All measurements as one record, one column a signal; a signal lost and found again keeps its column.
 
     elapsed_s : (n_epochs,) times of the rows, multiples of `averaged_s`; those without a measurement are there too.
@@ -129,9 +135,16 @@ def assemble(
 
 
 def taps_of(
-    receiver: str, measurements: Measurements, arcs: Mapping[int, Arc], elapsed_s: Reals, *, delays_chips: Reals,
-    dopplers_hz: Reals, samples_per_period: float, averaged_s: float,
-) -> Taps:  # fmt: skip
+    receiver: str,
+    measurements: Measurements,
+    arcs: Mapping[int, Arc],
+    elapsed_s: Reals,
+    *,
+    delays_chips: Reals,
+    dopplers_hz: Reals,
+    samples_per_period: float,
+    averaged_s: float,
+) -> Taps:
     """All correlators as one record, with rows and columns as in `assemble`."""
     signals = tuple(sorted({arc.signal for arc in arcs.values()}))
     column = {signal: i for i, signal in enumerate(signals)}
@@ -142,9 +155,13 @@ def taps_of(
     sums = measurements.taps.reshape(-1, dopplers_hz.size, delays_chips.size)
     value[rows, columns] = sums / (CODE_SCALE * samples_per_period)
     return Taps(
-        receiver=receiver, signals=signals, elapsed_s=elapsed_s, delays_chips=delays_chips, dopplers_hz=dopplers_hz,
+        receiver=receiver,
+        signals=signals,
+        elapsed_s=elapsed_s,
+        delays_chips=delays_chips,
+        dopplers_hz=dopplers_hz,
         value=value,
-    )  # fmt: skip
+    )
 
 
 def messages_that_differ(arcs: Mapping[int, Arc]) -> list[str]:
@@ -165,15 +182,18 @@ def messages_that_differ(arcs: Mapping[int, Arc]) -> list[str]:
             a, b = copies[first].fields, copies[other].fields
             keys = sorted(key for key in a.keys() & b.keys() if a[key] != b[key])
             if keys:
-                words.append(f"{sat}: signals {first} and {other} tell different messages (subframe {number}: "
-                             f"{', '.join(keys)})")  # fmt: skip
+                words.append(
+                    f"{sat}: signals {first} and {other} tell different messages (subframe {number}: {', '.join(keys)})"
+                )
     return words
 
 
 def timed_by_range(
-    arcs: Mapping[int, Arc], measurements: Measurements, label: ReceiverTimeTag,
+    arcs: Mapping[int, Arc],
+    measurements: Measurements,
+    label: ReceiverTimeTag,
     range_m: Callable[[str, float], float | None],
-) -> dict[int, Arc]:  # fmt: skip
+) -> dict[int, Arc]:
     """The arcs, those without a time of week given one by the range that their satellite should have.
 
     Bits begin at whole 20 ms, so a channel that knows where its bits begin is open by multiples of 20 ms (6000 km)

@@ -40,9 +40,7 @@ def stretches_of(bits: Bits, start: int, first_period: int) -> list[Stretch]:
     known = _known(holds, signs)
     edges = np.flatnonzero(np.diff(known, prepend=0, append=0))
     ends = np.append(at, at[-1] + 30 if at.size else 0) * _BIT_PERIODS + first_period
-    return [
-        Stretch(int(ends[a]), int(ends[b]), bool(known[a] < 0)) for a, b in pairwise(edges.tolist()) if known[a]
-    ]
+    return [Stretch(int(ends[a]), int(ends[b]), bool(known[a] < 0)) for a, b in pairwise(edges.tolist()) if known[a]]
 
 
 def _known(holds: Booleans, signs: NDArray[np.int8]) -> NDArray[np.int8]:
@@ -87,9 +85,12 @@ class HalfCycles:
 
 
 def half_cycles(
-    periods: Integers, turned: Booleans, slipped: Booleans, stretches: Sequence[Stretch],
+    periods: Integers,
+    turned: Booleans,
+    slipped: Booleans,
+    stretches: Sequence[Stretch],
     reach_periods: int,
-) -> HalfCycles:  # fmt: skip
+) -> HalfCycles:
     """What one arc's carrier lacks, row by row.
 
     Rows from one slip to the next share one answer, also those before the message could be read. Where the sign of the

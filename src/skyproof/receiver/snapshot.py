@@ -139,9 +139,13 @@ def _replica(code: Reals, chips: Reals, ahead_chips: float) -> Reals:
 
 
 def _coherent(
-    prompt: Complexes, centre_s: Reals, period: Integers, reach_hz: float, duration_s: float,
+    prompt: Complexes,
+    centre_s: Reals,
+    period: Integers,
+    reach_hz: float,
+    duration_s: float,
     signal: SignalDescription,
-) -> tuple[float, Reals]:  # fmt: skip
+) -> tuple[float, Reals]:
     """Frequency left in the prompts (n,), and the signs (n,) of their symbols, which together sum up best."""
     step_hz = 0.25 / duration_s
     grid_hz = np.arange(-np.ceil(reach_hz / step_hz), np.ceil(reach_hz / step_hz) + 1.0) * step_hz

@@ -31,7 +31,7 @@ from skyproof.receiver.channels import (
     arc_of,
     continued,
     letter,
-)  # fmt: skip
+)
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
 from skyproof.receiver.crosstalk import take_out
 from skyproof.receiver.discriminator import discriminator
@@ -255,9 +255,7 @@ class Receiver:
         """The tracked signals of each satellite, as of sample `begin`."""
         known: dict[str, list[KnownSignal]] = {}
         delays_s, dopplers_hz = self._delay_s(state.loops, begin), state.loops[:, k.FREQUENCY] - self.if_hz
-        for channel, delay_s, doppler_hz in zip(
-            state.channels, delays_s.tolist(), dopplers_hz.tolist(), strict=True
-        ):
+        for channel, delay_s, doppler_hz in zip(state.channels, delays_s.tolist(), dopplers_hz.tolist(), strict=True):
             known.setdefault(channel.sat, []).append(KnownSignal(delay_s=delay_s, doppler_hz=doppler_hz))
         return known
 
@@ -314,10 +312,25 @@ class Receiver:
 
         def work(part: slice) -> None:
             k.advance(
-                buffer[0], buffer[1], state.tail_start, power, loops[part], tables, self._pad, table_of[part],
-                self.taps_chips, self.taps_hz, self.rate_hz, self.if_hz, self.signal.chip_rate_hz,
-                self.signal.carrier_hz, self.signal.code_length, self.discriminator.gain, rows[part], counts[part],
-            )  # fmt: skip
+                buffer[0],
+                buffer[1],
+                state.tail_start,
+                power,
+                loops[part],
+                tables,
+                self._pad,
+                table_of[part],
+                self.taps_chips,
+                self.taps_hz,
+                self.rate_hz,
+                self.if_hz,
+                self.signal.chip_rate_hz,
+                self.signal.carrier_hz,
+                self.signal.code_length,
+                self.discriminator.gain,
+                rows[part],
+                counts[part],
+            )
 
         share = -(-n // self._n_threads)
         list(self._threads.map(work, [slice(first, first + share) for first in range(0, n, share)]))
@@ -333,9 +346,12 @@ class Receiver:
             for sat in sats:
                 if sat not in self._tables:
                     self._tables[sat] = code_table(
-                        self.signal.code(prn_of(sat)), self.signal.chip_rate_hz / self.rate_hz,
-                        self.settings.code_phases, n, self._reach_chips,
-                    )  # fmt: skip
+                        self.signal.code(prn_of(sat)),
+                        self.signal.chip_rate_hz / self.rate_hz,
+                        self.settings.code_phases,
+                        n,
+                        self._reach_chips,
+                    )
             self._stacked = sats, np.stack([self._tables[sat] for sat in sats])
         return self._stacked
 
@@ -362,9 +378,13 @@ class Receiver:
         return np.asarray(mean_value > lock_threshold(mean_prompts, frames, error))
 
     def _measure(
-        self, state: ReceiverState, before: tuple[Reals, Integers], measured: list[Measurements],
-        arcs: dict[int, Arc], gaps: list[Gap],
-    ) -> ReceiverState:  # fmt: skip
+        self,
+        state: ReceiverState,
+        before: tuple[Reals, Integers],
+        measured: list[Measurements],
+        arcs: dict[int, Arc],
+        gaps: list[Gap],
+    ) -> ReceiverState:
         """A row of measurements for each confirmed channel that holds its signal, at the start of the frame."""
         settings = self.settings
         n = len(state.channels)
@@ -378,9 +398,15 @@ class Receiver:
         rows = np.concatenate([rows, state.rows[counts.size :]]) if counts.size else state.rows
         earlier, later = (rows, older), (state.rows, state.counts)  # of no other state: may be worked on in place
         error_chips = take_out(
-            [c.sat for c in state.channels], earlier, later, taps_chips=self.taps_chips, rate_hz=self.rate_hz,
-            if_hz=self.if_hz, signal=self.signal, code_gain=self.discriminator.gain,
-        )  # fmt: skip
+            [c.sat for c in state.channels],
+            earlier,
+            later,
+            taps_chips=self.taps_chips,
+            rate_hz=self.rate_hz,
+            if_hz=self.if_hz,
+            signal=self.signal,
+            code_gain=self.discriminator.gain,
+        )
         table, taps = m.measure(
             loops, earlier, later, elapsed_s, self.rate_hz, self.if_hz, self.signal, self.discriminator
         )
@@ -509,9 +535,10 @@ class Receiver:
         end_s = (state.frame + 1) * self.settings.frame_s
         holds = self._holds(state, LOCK_FRAMES)
         due = [
-            i for i, channel in enumerate(state.channels)
+            i
+            for i, channel in enumerate(state.channels)
             if channel.copy is None and holds[i] and end_s - channel.began_s >= self.settings.confirm_s - 1e-9
-        ]  # fmt: skip
+        ]
         if not due:
             return state
         letters, channels = dict(state.letters), list(state.channels)
@@ -548,9 +575,12 @@ class Receiver:
             elif channel.copy is not None:
                 arcs[channel.arc] = arc_of(channel, self.signal)
                 gone = LostSignal(
-                    sat=channel.sat, copy=channel.copy, found_s=channel.found_s, missed_s=channel.missed_s,
+                    sat=channel.sat,
+                    copy=channel.copy,
+                    found_s=channel.found_s,
+                    missed_s=channel.missed_s,
                     place=_place(state.locked_at[i]),
-                )  # fmt: skip
+                )
                 lost = (*lost, gone)
         return replace(
             state,

@@ -117,9 +117,16 @@ class FrontEnd:
     def __post_init__(self) -> None:
         freeze(
             self,
-            {"dc": ("2",), "rms": ("2",), "levels": ("level",), "level_shares": ("level",), "frequency_hz": ("bin",),
-             "density": ("bin",), "floor": ("bin",)},
-        )  # fmt: skip
+            {
+                "dc": ("2",),
+                "rms": ("2",),
+                "levels": ("level",),
+                "level_shares": ("level",),
+                "frequency_hz": ("bin",),
+                "density": ("bin",),
+                "floor": ("bin",),
+            },
+        )
 
     @property
     def removes_dc(self) -> bool:
@@ -158,8 +165,10 @@ class FrontEnd:
             )
         hurting = [line for line in self.lines if line.hurts]
         for line in self.notched:
-            remarks.append(f"a line at {line.frequency_hz / 1e3:+.1f} kHz, {line.jn0_dbhz:.0f} dB-Hz over the noise "
-                           f"density, costs {line.loss_db:.2f} dB of C/N0 and is notched")  # fmt: skip
+            remarks.append(
+                f"a line at {line.frequency_hz / 1e3:+.1f} kHz, {line.jn0_dbhz:.0f} dB-Hz over the noise "
+                f"density, costs {line.loss_db:.2f} dB of C/N0 and is notched"
+            )
         if len(hurting) > MOST_NOTCHES:
             left = hurting[MOST_NOTCHES:]
             remarks.append(f"{len(left)} more lines hurt and are left in, for at most {MOST_NOTCHES} are notched")
@@ -221,27 +230,44 @@ def measure_front_end(
         at_hz, power, width_hz = tone(bins, frequency_hz, density, floor, step_hz)
         lines.append(
             Line(
-                frequency_hz=at_hz, over_floor_db=float(10.0 * np.log10(np.max(density[bins] / floor[bins]))),
-                jn0_dbhz=10.0 * math.log10(power / n0) if inside else math.nan, width_hz=width_hz,
+                frequency_hz=at_hz,
+                over_floor_db=float(10.0 * np.log10(np.max(density[bins] / floor[bins]))),
+                jn0_dbhz=10.0 * math.log10(power / n0) if inside else math.nan,
+                width_hz=width_hz,
                 loss_db=loss_db(power, at_hz),
             )
-        )  # fmt: skip
+        )
     gain, skew, image_db = (math.nan, math.nan, math.nan) if real else _imbalance(planes, dc, rms)
     levels, shares, extreme = _levels(planes[:1] if real else planes)
     low, high = _band(frequency_hz, floor, carrier_hz)
     return FrontEnd(
-        rate_hz=samples.rate_hz, real=real, carrier_hz=carrier_hz, n_examined=planes.shape[1], dc=dc, rms=rms,
-        dc_loss_db=loss_db(float(np.sum(dc**2)), 0.0), gain_imbalance_db=20.0 * math.log10(gain) if not real else gain,
+        rate_hz=samples.rate_hz,
+        real=real,
+        carrier_hz=carrier_hz,
+        n_examined=planes.shape[1],
+        dc=dc,
+        rms=rms,
+        dc_loss_db=loss_db(float(np.sum(dc**2)), 0.0),
+        gain_imbalance_db=20.0 * math.log10(gain) if not real else gain,
         # of two standard deviations and of a correlation coefficient, each from n independent numbers
         gain_imbalance_sigma_db=math.nan if real else 20.0 / math.log(10.0) / math.sqrt(planes.shape[1]),
-        phase_imbalance_deg=math.degrees(skew), image_db=image_db,
+        phase_imbalance_deg=math.degrees(skew),
+        image_db=image_db,
         phase_imbalance_sigma_deg=math.nan if real else math.degrees(1.0 / math.sqrt(planes.shape[1])),
-        levels=levels, level_shares=shares, extreme_share=extreme, frequency_hz=frequency_hz, density=density,
-        floor=floor, n0=n0, noise_bandwidth_hz=float(np.sum(floor) * step_hz / n0), band_hz=(low, high),
-        resolution_hz=noise_bins(n_fft) * step_hz, line_threshold_db=10.0 * math.log10(threshold),
+        levels=levels,
+        level_shares=shares,
+        extreme_share=extreme,
+        frequency_hz=frequency_hz,
+        density=density,
+        floor=floor,
+        n0=n0,
+        noise_bandwidth_hz=float(np.sum(floor) * step_hz / n0),
+        band_hz=(low, high),
+        resolution_hz=noise_bins(n_fft) * step_hz,
+        line_threshold_db=10.0 * math.log10(threshold),
         false_alarm_probability=false_alarm_probability,
         lines=tuple(sorted(lines, key=lambda line: (-line.loss_db, -line.over_floor_db))),
-    )  # fmt: skip
+    )
 
 
 def _stretches(n_samples: int) -> list[tuple[int, int]]:
@@ -324,9 +350,12 @@ class Conditioner:
     def initial(self) -> ConditionerState:
         n, length = self.turns.size, self.length
         return ConditionerState(
-            position=0, held=np.zeros((2, length - 1), np.float32), waves=np.zeros((n, length), np.complex128),
-            firsts=np.zeros((n, length), np.complex128), sums=np.zeros((n, 3), np.complex128),
-        )  # fmt: skip
+            position=0,
+            held=np.zeros((2, length - 1), np.float32),
+            waves=np.zeros((n, length), np.complex128),
+            firsts=np.zeros((n, length), np.complex128),
+            sums=np.zeros((n, 3), np.complex128),
+        )
 
     def step(self, state: ConditionerState | None, block: Floats) -> tuple[Floats, ConditionerState]:
         """The next samples, corrected and `delay_samples` late, and the state after them.
@@ -355,8 +384,16 @@ class Conditioner:
         out = late[:, :n].copy()
         waves, firsts, sums = state.waves.copy(), state.firsts.copy(), state.sums.copy()
         for row in range(self.turns.size):
-            _notch(straight, out, waves[row], firsts[row], sums[row], self.turns[row], state.position,
-                   2.0 if self.front_end.real else 1.0)  # fmt: skip
+            _notch(
+                straight,
+                out,
+                waves[row],
+                firsts[row],
+                sums[row],
+                self.turns[row],
+                state.position,
+                2.0 if self.front_end.real else 1.0,
+            )
         if self.front_end.real:
             out[1] = 0.0
         return out, ConditionerState(position=position, held=held, waves=waves, firsts=firsts, sums=sums)
@@ -415,9 +452,15 @@ def _straighten(block: Floats, matrix: Reals, offset: Reals, out: Floats) -> Non
 
 @compiled
 def _notch(
-    block: Floats, out: Floats, waves: Complexes, firsts: Complexes, sums: Complexes, turns: float, position: int,
+    block: Floats,
+    out: Floats,
+    waves: Complexes,
+    firsts: Complexes,
+    sums: Complexes,
+    turns: float,
+    position: int,
     factor: float,
-) -> None:  # fmt: skip
+) -> None:
     """Take the line at `turns` cycles a sample off `out`, which is `block` delayed by the length less one.
 
     The line is turned to zero frequency and averaged by two running means, one after the other: a triangle, whose

@@ -59,9 +59,13 @@ class Turns:
 
 
 def turns(
-    planes: Floats, rate_hz: float, signals: Sequence[Carried], *, real: bool,
+    planes: Floats,
+    rate_hz: float,
+    signals: Sequence[Carried],
+    *,
+    real: bool,
     code: SignalDescription = GPS_L1_CA,
-) -> Turns:  # fmt: skip
+) -> Turns:
     """After how many samples the same channel comes again, by the images of signals that were found.
 
     Parameters
@@ -83,9 +87,7 @@ def _single(one: Carried, rate_hz: float) -> bool:
     return abs(math.remainder(2.0 * one.carrier_hz, rate_hz / _POSITIONS)) > _APART_HZ
 
 
-def _turns(
-    planes: Floats, rate_hz: float, signals: Sequence[Carried], real: bool, code: SignalDescription
-) -> Turns:
+def _turns(planes: Floats, rate_hz: float, signals: Sequence[Carried], real: bool, code: SignalDescription) -> Turns:
     chosen = sorted(signals, key=lambda one: -one.cn0_dbhz)[:_MOST_SIGNALS]
     per_period = rate_hz * code.period_s
     n_periods = min(int(planes.shape[1] / per_period), max(_LEAST_PERIODS, int(_MOST_SAMPLES / per_period)))

@@ -15,9 +15,12 @@ CELLS_PER_CHIP: Final = 2
 
 
 def correlation_power(
-    samples: Floats, rate_hz: float, carriers_hz: Mapping[str, float], *,
+    samples: Floats,
+    rate_hz: float,
+    carriers_hz: Mapping[str, float],
+    *,
     signal: SignalDescription = GPS_L1_CA,
-) -> dict[str, Reals]:  # fmt: skip
+) -> dict[str, Reals]:
     """Power of each satellite's code at all delays over the median, which noise has; powers of the periods are added.
 
     Parameters

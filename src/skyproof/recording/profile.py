@@ -24,9 +24,17 @@ _ELSEWHERE: Final = (0.2, 0.8)  # of a period from the signal: where its correla
 
 
 def delay_profiles(
-    samples: Samples, carrier_hz: float, signals: Sequence[Heard], first_chips: float, last_chips: float, *,
-    start_s: float = 0.0, duration_s: float = 0.05, most_points: int = 160, signal: SignalDescription = GPS_L1_CA,
-) -> tuple[Reals, Reals]:  # fmt: skip
+    samples: Samples,
+    carrier_hz: float,
+    signals: Sequence[Heard],
+    first_chips: float,
+    last_chips: float,
+    *,
+    start_s: float = 0.0,
+    duration_s: float = 0.05,
+    most_points: int = 160,
+    signal: SignalDescription = GPS_L1_CA,
+) -> tuple[Reals, Reals]:
     """Power over delay around signals whose place is known, in units of the noise's: 1 where there is noise alone.
 
     Parameters

@@ -67,9 +67,7 @@ def usual_length(n_samples: int, most: int) -> int:
     return n_samples if n_samples < 2 * _GRAIN else n_samples // _GRAIN * _GRAIN
 
 
-def repetition(
-    wave: ComplexFloats | Floats, *, signal: SignalDescription = GPS_L1_CA
-) -> Repetition:
+def repetition(wave: ComplexFloats | Floats, *, signal: SignalDescription = GPS_L1_CA) -> Repetition:
     """The most repeating lag of samples of unknown rate.
 
     Parameters
@@ -111,9 +109,7 @@ def repetition(
     )
 
 
-def _autocorrelation(
-    wave: ComplexFloats | Floats, real: bool
-) -> tuple[ComplexFloats, Reals, Reals]:
+def _autocorrelation(wave: ComplexFloats | Floats, real: bool) -> tuple[ComplexFloats, Reals, Reals]:
     """Of the whitened samples, circular, at all lags; its power over the mean that noise has; and the same of the
     correlation with the samples' own mirror image.
 

@@ -25,8 +25,15 @@ from scipy import fft, stats
 from skyproof.arrays import ComplexFloats, Floats, Reals
 
 __all__ = [
-    "EXPLAINED", "N_ROWS", "SharedNoise", "explained", "rows_of", "shared_noise", "usable_hz", "without_repetition",
-]  # fmt: skip
+    "EXPLAINED",
+    "N_ROWS",
+    "SharedNoise",
+    "explained",
+    "rows_of",
+    "shared_noise",
+    "usable_hz",
+    "without_repetition",
+]
 
 N_ROWS: Final = 80
 """Code periods of a stretch: several times as many as there are signals."""

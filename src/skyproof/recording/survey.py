@@ -27,8 +27,19 @@ DOPPLER_LIMIT_HZ: Final = 5e3
 """Of a GPS satellite's L1 carrier for a receiver that moves slowly on the Earth: 4.9 kHz at the horizon."""
 
 _RANGE_MIDDLE_SIGMA_HZ: Final = (
-    2100.0, 1410.0, 1080.0, 805.0, 630.0, 540.0, 435.0, 390.0, 345.0, 310.0, 260.0, 200.0,
-)  # fmt: skip
+    2100.0,
+    1410.0,
+    1080.0,
+    805.0,
+    630.0,
+    540.0,
+    435.0,
+    390.0,
+    345.0,
+    310.0,
+    260.0,
+    200.0,
+)
 """How far the middle between the least and greatest Doppler of 1, 2, ... 12 satellites lies from zero, rms, at places
 anywhere and satellites taken by chance above 10 degrees of the nominal constellation (tests/recording/test_survey.py).
 The mean of the Dopplers is 10 to 25 % worse."""
@@ -161,9 +172,15 @@ class _Tracks:
 
 
 def survey(
-    samples: Samples, carrier_hz: float, signals: Sequence[Heard], *, signal: SignalDescription = GPS_L1_CA,
-    false_alarm_probability: float = 1e-4, longest_s: float = 0.5, _drifts: bool = True,
-) -> Survey:  # fmt: skip
+    samples: Samples,
+    carrier_hz: float,
+    signals: Sequence[Heard],
+    *,
+    signal: SignalDescription = GPS_L1_CA,
+    false_alarm_probability: float = 1e-4,
+    longest_s: float = 0.5,
+    _drifts: bool = True,
+) -> Survey:
     """What the code phases of `signals` tell of the recorder, from at most the first `longest_s`.
 
     Parameters
@@ -187,8 +204,15 @@ def survey(
     tracks, _, drift = max(lines, key=lambda line: line[1])
     if drift != 0.0 and _drifts:
         met = _met(blocks, unique, tracks, drift)
-        return _drifting(samples, carrier_hz, met, drift, signal=signal,
-                         false_alarm_probability=false_alarm_probability, longest_s=longest_s)  # fmt: skip
+        return _drifting(
+            samples,
+            carrier_hz,
+            met,
+            drift,
+            signal=signal,
+            false_alarm_probability=false_alarm_probability,
+            longest_s=longest_s,
+        )
     breaks, cells = _jumps(tracks, false_alarm_probability / 2.0)
     levels = _levels(blocks, unique, tracks, breaks, cells, false_alarm_probability / 2.0)
     gaps = _gaps(samples, carrier_hz, blocks, unique, tracks, levels)
@@ -210,8 +234,9 @@ def _blocks(samples: Samples, carrier_hz: float, n_blocks: int, signal: SignalDe
         spectrum = fft.fft((planes[0] + 1j * planes[1]) * phasor)
         waves[row, kept] = spectrum[kept]
     waves = fft.ifft(waves, axis=1)
-    return _Blocks(waves=waves, first_sample=first, block_samples=size, rate_hz=samples.rate_hz, signal=signal,
-                   changing=changing)  # fmt: skip
+    return _Blocks(
+        waves=waves, first_sample=first, block_samples=size, rate_hz=samples.rate_hz, signal=signal, changing=changing
+    )
 
 
 def _bins(size: int, rate_hz: float) -> Integers:
@@ -323,9 +348,15 @@ def _peak_at(power: Reals | Floats) -> float:
 
 
 def _drifting(
-    samples: Samples, carrier_hz: float, signals: Sequence[Heard], drift: float, *, signal: SignalDescription,
-    false_alarm_probability: float, longest_s: float,
-) -> Survey:  # fmt: skip
+    samples: Samples,
+    carrier_hz: float,
+    signals: Sequence[Heard],
+    drift: float,
+    *,
+    signal: SignalDescription,
+    false_alarm_probability: float,
+    longest_s: float,
+) -> Survey:
     """The survey at the rate by which the common drift is nearly none, and what that rate is off.
 
     A carrier's frequency is in cycles a sample: at another rate it is another one in hertz.
@@ -335,8 +366,15 @@ def _drifting(
         _Moved(sat=one.sat, delay_s=one.delay_s, doppler_hz=one.doppler_hz + drift * (carrier_hz + one.doppler_hz))
         for one in signals
     ]
-    told = survey(rated, carrier_hz, moved, signal=signal, false_alarm_probability=false_alarm_probability,
-                  longest_s=longest_s, _drifts=False)  # fmt: skip
+    told = survey(
+        rated,
+        carrier_hz,
+        moved,
+        signal=signal,
+        false_alarm_probability=false_alarm_probability,
+        longest_s=longest_s,
+        _drifts=False,
+    )
     return replace(told, clock_minus_lo_ppm=told.clock_minus_lo_ppm + 1e6 * drift)
 
 
@@ -411,17 +449,22 @@ def _fitted(middle_s: Reals, delay_s: Reals, sigma_s: Reals, breaks: list[int], 
     common_s, common_sigma_s = _weighted(delay_s, sigma_s)
     offset_s, drift, covariance = _fit(middle_s, common_s, common_sigma_s, breaks, used)
     model_s = offset_s[_segment_of(breaks, middle_s.size)] + drift * middle_s
-    return _Levels(breaks=breaks, offset_s=offset_s, drift=drift, covariance=covariance, errors_s=delay_s - model_s,
-                   sigma_s=sigma_s, used=used)  # fmt: skip
+    return _Levels(
+        breaks=breaks,
+        offset_s=offset_s,
+        drift=drift,
+        covariance=covariance,
+        errors_s=delay_s - model_s,
+        sigma_s=sigma_s,
+        used=used,
+    )
 
 
 def _segment_of(breaks: Sequence[int], n_stretches: int) -> Integers:
     return np.searchsorted(np.asarray(breaks), np.arange(n_stretches), side="right") - 1
 
 
-def _delay_errors(
-    blocks: _Blocks, signals: Sequence[Heard], tracks: _Tracks, centre_s: Reals
-) -> tuple[Reals, Reals]:
+def _delay_errors(blocks: _Blocks, signals: Sequence[Heard], tracks: _Tracks, centre_s: Reals) -> tuple[Reals, Reals]:
     """Delay beyond prediction and centre of each satellite in each stretch, and one sigma for each satellite.
 
     Late less early power over their sum, which is taken over all stretches so that a weak one is not divided by noise.
@@ -548,16 +591,26 @@ def _gaps(
         missing = blocks.rate_hz * float(pick[:-1] @ final.offset_s)
         missing_sigma = blocks.rate_hz * math.sqrt(float(pick @ final.covariance @ pick))
         gaps.append(
-            Gap(at_sample=round(at), at_sigma_samples=sigma, missing_samples=missing % period,
-                missing_sigma_samples=missing_sigma, period_samples=period)
-        )  # fmt: skip
+            Gap(
+                at_sample=round(at),
+                at_sigma_samples=sigma,
+                missing_samples=missing % period,
+                missing_sigma_samples=missing_sigma,
+                period_samples=period,
+            )
+        )
     return tuple(gaps)
 
 
 def _place(
-    samples: Samples, carrier_hz: float, blocks: _Blocks, signals: Sequence[Heard], tracks: _Tracks, levels: _Levels,
+    samples: Samples,
+    carrier_hz: float,
+    blocks: _Blocks,
+    signals: Sequence[Heard],
+    tracks: _Tracks,
+    levels: _Levels,
     row: int,
-) -> tuple[float, float]:  # fmt: skip
+) -> tuple[float, float]:
     """The first sample after jump number `row`: mean and spread of its likelihood, each place being as likely before.
 
     First among code periods, by the powers at the delays before and after; then among samples, by the energies of the
@@ -587,9 +640,14 @@ def _place(
 
 
 def _likeliest(
-    planes: Floats, start: int, carrier_hz: float, blocks: _Blocks, signals: Sequence[Heard],
-    ratio: float, extra_s: Reals,
-) -> tuple[float, float]:  # fmt: skip
+    planes: Floats,
+    start: int,
+    carrier_hz: float,
+    blocks: _Blocks,
+    signals: Sequence[Heard],
+    ratio: float,
+    extra_s: Reals,
+) -> tuple[float, float]:
     """Mean and spread of where, in a stretch that begins at sample `start`, the delay changes between two values."""
     count = planes.shape[1]
     wave = (planes[0] + 1j * planes[1]).astype(np.complex128)
@@ -600,8 +658,9 @@ def _likeliest(
         chips = blocks.signal.code(prn_of(heard.sat))
         turns = np.mod((carrier_hz + heard.doppler_hz) / blocks.rate_hz * np.arange(count), 1.0)
         base = wave * np.exp(-2j * np.pi * turns)
-        at_chip = (time_s * (1.0 + ratio * heard.doppler_hz / blocks.signal.carrier_hz) - heard.delay_s
-                   ) * blocks.signal.chip_rate_hz  # fmt: skip
+        at_chip = (
+            time_s * (1.0 + ratio * heard.doppler_hz / blocks.signal.carrier_hz) - heard.delay_s
+        ) * blocks.signal.chip_rate_hz
 
         before, after, *elsewhere = (
             base * chips[np.floor(at_chip - extra).astype(np.int64) % chips.size]
@@ -642,10 +701,13 @@ def _reading(signals: Sequence[Heard], tracks: _Tracks, levels: _Levels, signal:
     drift = drift - (tracks.ratio - math.copysign(1.0, ratio)) * expected
     weight = 1.0 / sigma**2
     return Survey(
-        doppler_ratio=ratio, doppler_ratio_sigma=ratio_sigma, conjugate=ratio < 0.0, conjugate_error_probability=error,
+        doppler_ratio=ratio,
+        doppler_ratio_sigma=ratio_sigma,
+        conjugate=ratio < 0.0,
+        conjugate_error_probability=error,
         clock_minus_lo_ppm=1e6 * float(weight @ drift / weight.sum()),
         clock_minus_lo_sigma_ppm=1e6 / math.sqrt(float(weight.sum())),
-    )  # fmt: skip
+    )
 
 
 def _excess(errors_s: Reals, sigma_s: Reals, time_s: Reals, drift: Reals) -> float:

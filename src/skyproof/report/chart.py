@@ -77,9 +77,14 @@ text { font-size: 11.5px; fill: #5a6675; }
 }
 </style>""")
 _COLOURS, _DASHES = 6, 4
-_MARKS = ("m-2.6 0a2.6 2.6 0 1 0 5.2 0a2.6 2.6 0 1 0 -5.2 0z", "m0 -3.3l3.3 3.3l-3.3 3.3l-3.3 -3.3z",
-          "m-2.4 -2.4h4.8v4.8h-4.8z", "m0 -3l3 5.2h-6z", "m0 3l3 -5.2h-6z",
-          "m-3 -1h2v-2h2v2h2v2h-2v2h-2v-2h-2z")  # fmt: skip
+_MARKS = (
+    "m-2.6 0a2.6 2.6 0 1 0 5.2 0a2.6 2.6 0 1 0 -5.2 0z",
+    "m0 -3.3l3.3 3.3l-3.3 3.3l-3.3 -3.3z",
+    "m-2.4 -2.4h4.8v4.8h-4.8z",
+    "m0 -3l3 5.2h-6z",
+    "m0 3l3 -5.2h-6z",
+    "m-3 -1h2v-2h2v2h2v2h-2v2h-2v-2h-2z",
+)
 _MOST_MARKS = 40  # with more points than that only the line is drawn
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 350.0, 30.0, 250.0
 _LEGEND_FROM, _LEGEND_STEP, _LETTER = 48.0, 15.0, 5.6
@@ -88,9 +93,20 @@ _AXIS_NAME = 24.0  # of room for the name of the y axis, left of its numbers
 _TICKS = 6
 
 _UNITS = {
-    "m": "m", "s": "s", "ms": "ms", "us": "µs", "hz": "Hz", "db": "dB", "dbhz": "dB-Hz", "chip": "chip", "deg": "°",
-    "rad": "rad", "cyc": "cycles", "m_s": "m/s", "pi": "π",
-}  # fmt: skip
+    "m": "m",
+    "s": "s",
+    "ms": "ms",
+    "us": "µs",
+    "hz": "Hz",
+    "db": "dB",
+    "dbhz": "dB-Hz",
+    "chip": "chip",
+    "deg": "°",
+    "rad": "rad",
+    "cyc": "cycles",
+    "m_s": "m/s",
+    "pi": "π",
+}
 _NAMES = {"cn0": "C/N0", "prn": "PRN", "k": "K"}
 
 
@@ -191,30 +207,44 @@ def _legend(names: Sequence[str]) -> tuple[list[Markup], int]:
     parts: list[Markup] = []
     for index, name in enumerate(names):
         x, y = 8.0 + index % columns * width, _BOTTOM + _LEGEND_FROM + index // columns * _LEGEND_STEP
-        parts += [*_drawn(np.array([x, x + 22.0]), np.array([y - 3.5, y - 3.5]), index),
-                  draw.text(x + 28.0, y, name, css="small axis")]  # fmt: skip
+        parts += [
+            *_drawn(np.array([x, x + 22.0]), np.array([y - 3.5, y - 3.5]), index),
+            draw.text(x + 28.0, y, name, css="small axis"),
+        ]
     return parts, math.ceil(len(names) / columns)
 
 
 def _grid(
-    across: draw.Scale, up: draw.Scale, axes: Axes, across_ticks: Sequence[tuple[float, str]],
+    across: draw.Scale,
+    up: draw.Scale,
+    axes: Axes,
+    across_ticks: Sequence[tuple[float, str]],
     up_ticks: Sequence[tuple[float, str]],
-) -> list[Markup]:  # fmt: skip
+) -> list[Markup]:
     parts: list[Markup] = []
     left = across.start
     for value, told in across_ticks:
         x = across(value)
-        parts += [draw.line(x, _TOP, x, _BOTTOM, "grid"),
-                  draw.text(min(x, draw.WIDTH - 1.0 - 3.7 * len(told)), _BOTTOM + 14.0, told, anchor="middle",
-                            css="small")]  # fmt: skip
+        parts += [
+            draw.line(x, _TOP, x, _BOTTOM, "grid"),
+            draw.text(min(x, draw.WIDTH - 1.0 - 3.7 * len(told)), _BOTTOM + 14.0, told, anchor="middle", css="small"),
+        ]
     for value, told in up_ticks:
         y = up(value)
-        parts += [draw.line(left, y, _RIGHT, y, "grid"),
-                  draw.text(left - 5.0, y + 3.5, told, anchor="end", css="small")]  # fmt: skip
-    parts.append(Markup('<rect class="frame" x="{}" y="{}" width="{}" height="{}"/>').format(
-        left, _TOP, _RIGHT - left, _BOTTOM - _TOP))  # fmt: skip
-    return [*parts, draw.text((left + _RIGHT) / 2.0, _BOTTOM + 30.0, axes.x_label, anchor="middle", css="axis"),
-            draw.text(12.0, (_TOP + _BOTTOM) / 2.0, axes.y_label, anchor="middle", css="axis", turn=True)]  # fmt: skip
+        parts += [
+            draw.line(left, y, _RIGHT, y, "grid"),
+            draw.text(left - 5.0, y + 3.5, told, anchor="end", css="small"),
+        ]
+    parts.append(
+        Markup('<rect class="frame" x="{}" y="{}" width="{}" height="{}"/>').format(
+            left, _TOP, _RIGHT - left, _BOTTOM - _TOP
+        )
+    )
+    return [
+        *parts,
+        draw.text((left + _RIGHT) / 2.0, _BOTTOM + 30.0, axes.x_label, anchor="middle", css="axis"),
+        draw.text(12.0, (_TOP + _BOTTOM) / 2.0, axes.y_label, anchor="middle", css="axis", turn=True),
+    ]
 
 
 def _ticks_at(values: Reals, scale: draw.Scale, log: bool) -> list[tuple[float, str]]:
@@ -235,10 +265,16 @@ def _ticks(scale: draw.Scale, log: bool) -> list[tuple[float, str]]:
     span = scale.high - scale.low
     step = max(1, round(span / 6.0))
     leads = (1, 2, 5) if span <= 2.0 else (1,)
-    values = [(power + math.log10(lead), lead, power)
-              for power in range(math.floor(scale.low), math.ceil(scale.high) + 1) for lead in leads]  # fmt: skip
-    return [(at, _power(lead, power)) for at, lead, power in values
-            if scale.low - 1e-9 <= at <= scale.high + 1e-9 and (power % step == 0 or span <= 2.0)]  # fmt: skip
+    values = [
+        (power + math.log10(lead), lead, power)
+        for power in range(math.floor(scale.low), math.ceil(scale.high) + 1)
+        for lead in leads
+    ]
+    return [
+        (at, _power(lead, power))
+        for at, lead, power in values
+        if scale.low - 1e-9 <= at <= scale.high + 1e-9 and (power % step == 0 or span <= 2.0)
+    ]
 
 
 def _power(lead: int, power: int) -> str:
@@ -249,8 +285,7 @@ def _power(lead: int, power: int) -> str:
 
 
 def _bounds(values: Reals, log: bool, near: float) -> tuple[float, float]:
-    """A little more than the values take; on a straight axis from zero on if the lowest is below `near` of the highest.
-    """
+    """A little more than the values span; a straight axis begins at zero if the lowest is below `near` of the top."""
     low, high = float(values.min()), float(values.max())
     span = high - low
     if span <= 1e-12 * max(abs(low), abs(high), 1e-300):

@@ -16,9 +16,28 @@ from skyproof.arrays import Reals
 from skyproof.verdict import Label
 
 __all__ = [
-    "WIDTH", "Box", "Scale", "Tag", "circle", "extent", "grid", "line", "log_grid", "nice_ticks", "number", "path",
-    "place_tags", "rect", "scale_bar", "spread", "svg", "symbol", "text", "thin", "time_unit",
-]  # fmt: skip
+    "WIDTH",
+    "Box",
+    "Scale",
+    "Tag",
+    "circle",
+    "extent",
+    "grid",
+    "line",
+    "log_grid",
+    "nice_ticks",
+    "number",
+    "path",
+    "place_tags",
+    "rect",
+    "scale_bar",
+    "spread",
+    "svg",
+    "symbol",
+    "text",
+    "thin",
+    "time_unit",
+]
 
 WIDTH = 360.0
 
@@ -149,8 +168,10 @@ def scale_bar(across: Scale, y: float) -> tuple[list[Markup], "Box"]:
     length_m = max(power * factor for factor in (1.0, 2.0, 5.0) if power * factor <= most_m)
     x, end = across.start + 10.0, across.start + 10.0 + abs(across(length_m) - across(0.0))
     told = f"{number(length_m)} m" if length_m < 1000.0 else f"{number(length_m / 1000.0)} km"
-    parts = [Markup('<path class="bar" d="M{:.1f} {:.1f}v6H{:.1f}v-6"/>').format(x, y - 6.0, end),
-             text((x + end) / 2.0, y - 6.0, told, anchor="middle", css="small halo")]  # fmt: skip
+    parts = [
+        Markup('<path class="bar" d="M{:.1f} {:.1f}v6H{:.1f}v-6"/>').format(x, y - 6.0, end),
+        text((x + end) / 2.0, y - 6.0, told, anchor="middle", css="small halo"),
+    ]
     return parts, (x - 4.0, y - 18.0, end + 4.0, y + 3.0)
 
 

@@ -7,14 +7,16 @@ _ABOUT = {
     "continuity": ("What goes on", "Do position, velocity, clock and time go on as a platform and an oscillator can?"),
     "dccaf": ("Two skies in the correlation", "Do overlapping signals hold two consistent sets of ranges?"),
     "ins_array": ("Directions against attitude", "Does each signal come from where its satellite stands?"),
-    "multi_receiver": ("Receivers compared", "Do signals reach several receivers as from one transmit antenna, or as "
-                       "from the sky?"),
+    "multi_receiver": (
+        "Receivers compared",
+        "Do signals reach several receivers as from one transmit antenna, or as from the sky?",
+    ),
     "peaks": ("Second signals", "Is a satellite received more than once, farther apart than echoes are?"),
     "residual": ("One position or two", "Do all measurements of a receiver fit one position and time?"),
     "spin": ("A turning antenna", "Do the signals swing as those of one direction do, or of many?"),
     "sqm": ("Shape of the correlation peak", "Is a peak more lopsided than noise makes it?"),
     "vector_sqm": ("Peaks against the common position", "Are signals displaced from where the position puts them?"),
-}  # fmt: skip
+}
 
 _REASONS = {
     ("multi_receiver", "authentic"): "reaches the receivers as from the sky, not from one antenna",

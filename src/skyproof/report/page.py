@@ -108,8 +108,13 @@ class Tested:
 def report_html(verdict: Verdict, pictures: Pictures) -> str:
     """The whole page. Draws and words only: every number in it is the verdict's or the pictures' own."""
     page = environment().get_template("page.html.j2")
-    ran = sorted((m for m in verdict.methods if m.ran), key=lambda m: (ORDER.index(m.decision or "clean")
-                 if (m.decision or "clean") in ORDER else len(ORDER), m.detector))  # fmt: skip
+    ran = sorted(
+        (m for m in verdict.methods if m.ran),
+        key=lambda m: (
+            ORDER.index(m.decision or "clean") if (m.decision or "clean") in ORDER else len(ORDER),
+            m.detector,
+        ),
+    )
     return page.render(
         verdict=verdict,
         scope=_scope(verdict),
@@ -160,15 +165,28 @@ def _facts(verdict: Verdict) -> list[Fact]:
     trusted = [(r, r.trusted_fix) for r in verdict.receivers if r.trusted_fix is not None]
     shows = [(source, source.shows) for source in verdict.sources if source.shows is not None]
     false = [(r, r.false_fix) for r in verdict.receivers if r.false_fix is not None]
-    skies = [(place_words(place.lat_deg, place.lon_deg, 5), f"{source.name}, {len(source.sats)} satellites")
-             for source, place in shows]  # fmt: skip
+    skies = [
+        (place_words(place.lat_deg, place.lon_deg, 5), f"{source.name}, {len(source.sats)} satellites")
+        for source, place in shows
+    ]
     open_still = len(skies) > 1 and not false
     if trusted:
-        facts.append(Fact("True position", _few([
-            (place_words(fix.lat_deg, fix.lon_deg, 5),
-             f"{r.name}{_not_later(r, fix)}, within {distance_words(within_m(fix))} horizontally ({SURE})")
-            for r, fix in trusted
-        ]), "authentic"))  # fmt: skip
+        facts.append(
+            Fact(
+                "True position",
+                _few(
+                    [
+                        (
+                            place_words(fix.lat_deg, fix.lon_deg, 5),
+                            f"{r.name}{_not_later(r, fix)}, within {distance_words(within_m(fix))} horizontally "
+                            f"({SURE})",
+                        )
+                        for r, fix in trusted
+                    ]
+                ),
+                "authentic",
+            )
+        )
         if open_still:
             facts.append(Fact("Consistent skies show", _few(skies)))
     elif open_still:
@@ -178,10 +196,18 @@ def _facts(verdict: Verdict) -> list[Fact]:
     else:
         facts.append(Fact("True position", (("Not known", _unprotected_words(verdict)),)))
     if false:
-        facts.append(Fact("The false signals show", _few([
-            (place_words(fix.lat_deg, fix.lon_deg, 5), r.name + (f" seems {away}" if away else ""))
-            for r, fix, away in ((r, fix, away_words(r, fix)) for r, fix in false)
-        ]), "spoofed"))  # fmt: skip
+        facts.append(
+            Fact(
+                "The false signals show",
+                _few(
+                    [
+                        (place_words(fix.lat_deg, fix.lon_deg, 5), r.name + (f" seems {away}" if away else ""))
+                        for r, fix, away in ((r, fix, away_words(r, fix)) for r, fix in false)
+                    ]
+                ),
+                "spoofed",
+            )
+        )
     return [Fact("What to do now", what_now(verdict), "now"), *facts, _sure(verdict)]
 
 
@@ -287,8 +313,11 @@ def _positions(verdict: Verdict) -> list[tuple[Receiver, str, Position, str]]:
     """Receiver, kind, fix, and how far from the trusted one."""
     rows = []
     for receiver in verdict.receivers:
-        for kind, fix in (("trusted", receiver.trusted_fix), ("false", receiver.false_fix),
-                          ("unprotected", receiver.unprotected_fix)):  # fmt: skip
+        for kind, fix in (
+            ("trusted", receiver.trusted_fix),
+            ("false", receiver.false_fix),
+            ("unprotected", receiver.unprotected_fix),
+        ):
             if fix is not None:
                 away = "" if kind == "trusted" else away_words(receiver, fix)
                 rows.append((receiver, kind, fix, "the same" if away.startswith("0.0 m") else away))
@@ -301,21 +330,33 @@ def _maps(pictures: Pictures) -> list[Figure]:
     if pictures.origin is None or not overview:
         return []
     kinds = {track.kind for track in pictures.tracks if len(track.points())}
-    keys = {"trusted": "disc: last trusted fix with its 95 % ellipse", "false": "diamond: what the false signals show",
-            "unprotected": "ring: what a receiver without protection shows",
-            "possible": "triangle: a place that the evidence leaves open"}  # fmt: skip
+    keys = {
+        "trusted": "disc: last trusted fix with its 95 % ellipse",
+        "false": "diamond: what the false signals show",
+        "unprotected": "ring: what a receiver without protection shows",
+        "possible": "triangle: a place that the evidence leaves open",
+    }
     told = [words for kind, words in keys.items() if kind in kinds]
     told += ["cross: the true place, told by a file beside the recording, which the verdict does not use"] * bool(
         pictures.truth
     )
-    close = [track for track in pictures.tracks if track.kind == "trusted" and len(track.points())
-             and draw.extent_m([track]) < 0.1 * draw.extent_m(pictures.tracks)][:MOST_CLOSE]  # fmt: skip
-    figures = [Figure(
-        "Where it was, where it seemed to be" if "false" in kinds else "Map of the fixes", overview,
-        f"Metres east and north of {place_words(pictures.origin.lat_deg, pictures.origin.lon_deg)}. "
-        + "; ".join([*told, "lines: the way there"]).capitalize() + "."
-        + "".join(_off_truth(track, pictures) for track in pictures.tracks if track not in close),
-    )]  # fmt: skip
+    close = [
+        track
+        for track in pictures.tracks
+        if track.kind == "trusted"
+        and len(track.points())
+        and draw.extent_m([track]) < 0.1 * draw.extent_m(pictures.tracks)
+    ][:MOST_CLOSE]
+    figures = [
+        Figure(
+            "Where it was, where it seemed to be" if "false" in kinds else "Map of the fixes",
+            overview,
+            f"Metres east and north of {place_words(pictures.origin.lat_deg, pictures.origin.lon_deg)}. "
+            + "; ".join([*told, "lines: the way there"]).capitalize()
+            + "."
+            + "".join(_off_truth(track, pictures) for track in pictures.tracks if track not in close),
+        )
+    ]
     for track in close:
         truth = [place for place in pictures.truth if place.receiver == track.receiver]
         svg = draw.local_map([track], truth, title=f"Trusted fixes of {track.receiver}", least_m=4.0, names=False)
@@ -347,8 +388,10 @@ def _skies(verdict: Verdict, pictures: Pictures) -> list[Figure]:
         for source in verdict.sources
         if source.azimuth_deg is not None and source.elevation_deg is not None
     ]
-    told = ("Where the satellites stand, zenith in the middle; rings of elevation every 30°. Symbols side by side are "
-            "signals of one satellite.")  # fmt: skip
+    told = (
+        "Where the satellites stand, zenith in the middle; rings of elevation every 30°. Symbols side by side are "
+        "signals of one satellite."
+    )
     if sources:
         told += " Cross: a source of false signals."
     figures = []
@@ -363,8 +406,11 @@ def _same_sky(sky: tuple[SkyPosition, ...]) -> list[list[str]]:
     """Receivers together that have the same labels in the same directions: one drawing tells all."""
     groups: dict[frozenset[tuple[str, str, int, int]], list[str]] = {}
     for receiver in _receivers(sky):
-        seen = frozenset((p.signal.split()[0], p.label, round(p.azimuth_deg), round(p.elevation_deg))
-                         for p in sky if p.receiver == receiver)  # fmt: skip
+        seen = frozenset(
+            (p.signal.split()[0], p.label, round(p.azimuth_deg), round(p.elevation_deg))
+            for p in sky
+            if p.receiver == receiver
+        )
         groups.setdefault(seen, []).append(receiver)
     return list(groups.values())
 
@@ -378,14 +424,17 @@ def _time_lines(pictures: Pictures) -> list[Figure]:
             draw.time_line(
                 [series for series in pictures.series if series.receiver == receiver],
                 title=f"Carrier to noise density and label of every signal of {receiver} over time",
-                zero=f"{instant_words(pictures.zero_gpst)} GPS time", onset_s=pictures.onset_s,
-                onset_sigma_s=pictures.onset_sigma_s, until_s=pictures.until_s, points=points,
+                zero=f"{instant_words(pictures.zero_gpst)} GPS time",
+                onset_s=pictures.onset_s,
+                onset_sigma_s=pictures.onset_sigma_s,
+                until_s=pictures.until_s,
+                points=points,
             ),
             "One row a satellite: carrier to noise density of each of its signals, and below it a bar for as long as "
             f"the signal is received, by label{band}.",
         )
         for receiver in _receivers(pictures.series)
-    ]  # fmt: skip
+    ]
 
 
 def _proofs(pictures: Pictures) -> list[Figure]:
@@ -395,20 +444,24 @@ def _proofs(pictures: Pictures) -> list[Figure]:
         one = pictures.profiles[0]
         several = any(len(profile.tags) > 1 for profile in pictures.profiles)
         shown: set[Label] = {tag.label for profile in pictures.profiles for tag in profile.tags}
-        figures.append(Figure(
-            f"Two peaks where there should be one: {one.receiver}" if several else f"Correlation in {one.receiver}",
-            proof.profile_plot(pictures.profiles, title=f"Correlation over delay of satellites in {one.receiver}"),
-            f"Samples of 50 ms at {number_words(one.at_s)} s, compared with each satellite’s code at every delay. Each "
-            f"peak is a signal; delays count from the {'true' if 'authentic' in shown else 'first'} one.",
-        ))  # fmt: skip
+        figures.append(
+            Figure(
+                f"Two peaks where there should be one: {one.receiver}" if several else f"Correlation in {one.receiver}",
+                proof.profile_plot(pictures.profiles, title=f"Correlation over delay of satellites in {one.receiver}"),
+                f"Samples of 50 ms at {number_words(one.at_s)} s, compared with each satellite’s code at every delay. "
+                f"Each peak is a signal; delays count from the {'true' if 'authentic' in shown else 'first'} one.",
+            )
+        )
     for pair in sorted({d.receivers for d in pictures.differences}):
         rows = [d for d in pictures.differences if d.receivers == pair]
-        figures.append(Figure(
-            f"The way to {pair[1]} against the way to {pair[0]}",
-            proof.difference_plot(rows, title=f"Range differences between {pair[0]} and {pair[1]} by satellite"),
-            "How much longer a satellite’s way is to one antenna than to the other. From the sky every satellite has "
-            "a difference of its own; signals of one transmitter share theirs, and stand in one line.",
-        ))  # fmt: skip
+        figures.append(
+            Figure(
+                f"The way to {pair[1]} against the way to {pair[0]}",
+                proof.difference_plot(rows, title=f"Range differences between {pair[0]} and {pair[1]} by satellite"),
+                "How much longer a satellite’s way is to one antenna than to the other. From the sky every satellite "
+                "has a difference of its own; signals of one transmitter share theirs, and stand in one line.",
+            )
+        )
     return figures
 
 
@@ -451,9 +504,13 @@ def _tested(method: Method, pictures: Pictures) -> Tested:
         title = f"{method.detector}: {p_value_words(method.p_value)}"
         scale = proof.chance_scale(method.p_value, method.false_alarm_probability, title=title)
     return Tested(
-        method, methods.title(method.detector), methods.about(method.detector),
-        f"{found[:1].upper()}{found[1:]}." if found else "", tuple(_words_of_test(method)), scale,
-    )  # fmt: skip
+        method,
+        methods.title(method.detector),
+        methods.about(method.detector),
+        f"{found[:1].upper()}{found[1:]}." if found else "",
+        tuple(_words_of_test(method)),
+        scale,
+    )
 
 
 def _words_of_test(method: Method) -> list[str]:
@@ -496,7 +553,11 @@ def environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"fixed": _fixed, "instant": instant_words, "p_value": p_value_words,
-                            "seconds": seconds_words}  # fmt: skip
+    environment.filters |= {
+        "fixed": _fixed,
+        "instant": instant_words,
+        "p_value": p_value_words,
+        "seconds": seconds_words,
+    }
     environment.globals["span"] = span_words
     return environment

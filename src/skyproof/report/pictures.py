@@ -14,9 +14,22 @@ from skyproof.report import drawing as draw
 from skyproof.verdict import Label
 
 __all__ = [
-    "LABELS", "DelayProfile", "DelayTag", "Finding", "FixTrack", "Kind", "RangeDifference", "SignalSeries",
-    "SkyPosition", "SkySource", "TruePlace", "extent_m", "local_map", "sky_plot", "time_line",
-]  # fmt: skip
+    "LABELS",
+    "DelayProfile",
+    "DelayTag",
+    "Finding",
+    "FixTrack",
+    "Kind",
+    "RangeDifference",
+    "SignalSeries",
+    "SkyPosition",
+    "SkySource",
+    "TruePlace",
+    "extent_m",
+    "local_map",
+    "sky_plot",
+    "time_line",
+]
 
 Kind = Literal["trusted", "false", "unprotected", "possible"]
 """What a position comes from; possible: from a consistent sky of which it is open whether it is the true one."""
@@ -181,9 +194,13 @@ def _mark(x: float, y: float, kind: Spot) -> Markup:
 
 
 def local_map(
-    tracks: Sequence[FixTrack], truth: Sequence[TruePlace] = (), *, title: str, least_m: float = 10.0,
+    tracks: Sequence[FixTrack],
+    truth: Sequence[TruePlace] = (),
+    *,
+    title: str,
+    least_m: float = 10.0,
     names: bool = True,
-) -> Markup:  # fmt: skip
+) -> Markup:
     """A map in metres east and north with a scale bar: last fix of each track marked, the track behind it, 95 %
     ellipses, and crosses where the truth is known.
 
@@ -271,9 +288,15 @@ def _row_range(series: Sequence[SignalSeries]) -> tuple[float, float]:
 
 
 def time_line(
-    series: Sequence[SignalSeries], *, title: str, zero: str, onset_s: float | None = None,
-    onset_sigma_s: float | None = None, until_s: float | None = None, points: int = 240,
-) -> Markup:  # fmt: skip
+    series: Sequence[SignalSeries],
+    *,
+    title: str,
+    zero: str,
+    onset_s: float | None = None,
+    onset_sigma_s: float | None = None,
+    until_s: float | None = None,
+    points: int = 240,
+) -> Markup:
     """C/N0 of every signal over time, a row for each satellite, coloured by label, with onset and end of the attack
     marked. Below each row a ribbon a signal tells how long it carries its label.
 
@@ -301,31 +324,46 @@ def time_line(
         edges = [min(max(time(onset_s + sign * 2.0 * onset_sigma_s), left), right) for sign in (-1.0, 1.0)]
         parts.append(draw.rect(edges[0], top, edges[1], bottom, "onset-band"))
     for tick in draw.nice_ticks(time.low / scale, time.high / scale):
-        parts += [draw.line(time(tick * scale), top, time(tick * scale), bottom, "grid"),
-                  draw.text(time(tick * scale), bottom + 15.0, draw.number(tick), anchor="middle")]  # fmt: skip
-    parts += [draw.text((left + right) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis"),
-              draw.text(draw.WIDTH - 3.0, (top + bottom) / 2.0, f"C/N₀, each row {low:g} to {high:g} dB-Hz",
-                        anchor="middle", css="axis", turn=True)]  # fmt: skip
+        parts += [
+            draw.line(time(tick * scale), top, time(tick * scale), bottom, "grid"),
+            draw.text(time(tick * scale), bottom + 15.0, draw.number(tick), anchor="middle"),
+        ]
+    parts += [
+        draw.text((left + right) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis"),
+        draw.text(
+            draw.WIDTH - 3.0,
+            (top + bottom) / 2.0,
+            f"C/N₀, each row {low:g} to {high:g} dB-Hz",
+            anchor="middle",
+            css="axis",
+            turn=True,
+        ),
+    ]
     for index, (sat, signals) in enumerate(rows.items()):
         begin = top + height * index
         row = draw.Scale(low, high, begin + plot, begin + 2.0)
         middle = (low + high) / 2.0
-        parts += [draw.line(left, begin, right, begin, "frame"),
-                  draw.line(left, row(middle), right, row(middle), "grid"),
-                  draw.text(left - 4.0, begin + height / 2.0 + 4.0, sat, anchor="end"),
-                  draw.text(right + 3.0, row(middle) + 3.0, f"{middle:g}", css="small")]  # fmt: skip
+        parts += [
+            draw.line(left, begin, right, begin, "frame"),
+            draw.line(left, row(middle), right, row(middle), "grid"),
+            draw.text(left - 4.0, begin + height / 2.0 + 4.0, sat, anchor="end"),
+            draw.text(right + 3.0, row(middle) + 3.0, f"{middle:g}", css="small"),
+        ]
         for one in signals:
             seconds, cn0_dbhz = draw.thin(one.seconds, one.cn0_dbhz, points)
             slot = min(copies[sat].index(one.signal), slots - 1)
-            parts += [draw.path(time.pixels(seconds), row.pixels(cn0_dbhz), f"series {one.label}"),
-                      _ribbon(time, seconds, cn0_dbhz, begin + plot + 3.0 + 4.0 * slot, one.label)]  # fmt: skip
+            parts += [
+                draw.path(time.pixels(seconds), row.pixels(cn0_dbhz), f"series {one.label}"),
+                _ribbon(time, seconds, cn0_dbhz, begin + plot + 3.0 + 4.0 * slot, one.label),
+            ]
     parts.append(draw.line(left, bottom, right, bottom, "frame"))
     for name, at_s in (("onset", onset_s), ("end", until_s)):
         if at_s is not None and time.low <= at_s <= time.high:
             x = time(at_s)
-            parts += [draw.line(x, top - 4.0, x, bottom, "onset"),
-                      draw.text(min(max(x, left + 20.0), right - 20.0), top - 8.0, name, anchor="middle",
-                                css="name false")]  # fmt: skip
+            parts += [
+                draw.line(x, top - 4.0, x, bottom, "onset"),
+                draw.text(min(max(x, left + 20.0), right - 20.0), top - 8.0, name, anchor="middle", css="name false"),
+            ]
     return draw.svg(bottom + 38.0, title, parts)
 
 
@@ -356,16 +394,19 @@ def sky_plot(
         out = radius * (90.0 - max(elevation_deg, 0.0)) / 90.0
         return x0 + out * math.sin(math.radians(azimuth_deg)), y0 - out * math.cos(math.radians(azimuth_deg))
 
-    parts = [draw.circle(x0, y0, radius * (90.0 - elevation) / 90.0, "frame" if elevation == 0.0 else "grid")
-             for elevation in (0.0, 30.0, 60.0)]  # fmt: skip
-    parts += [draw.line(x0 - radius, y0, x0 + radius, y0, "grid"),
-              draw.line(x0, y0 - radius, x0, y0 + radius, "grid")]  # fmt: skip
+    parts = [
+        draw.circle(x0, y0, radius * (90.0 - elevation) / 90.0, "frame" if elevation == 0.0 else "grid")
+        for elevation in (0.0, 30.0, 60.0)
+    ]
+    parts += [draw.line(x0 - radius, y0, x0 + radius, y0, "grid"), draw.line(x0, y0 - radius, x0, y0 + radius, "grid")]
     rings = [(x0 + 2.0, y0 - radius * (90.0 - elevation) / 90.0 - 2.0, f"{elevation:g}°") for elevation in (30.0, 60.0)]
     parts += [draw.text(x, y, words, css="small") for x, y, words in rings]
-    parts += [draw.text(x0, y0 - radius - 9.0, "N 0°", anchor="middle"),
-              draw.text(x0 + radius + 8.0, y0 + 4.0, "E 90°"),
-              draw.text(x0, y0 + radius + 18.0, "S 180°", anchor="middle"),
-              draw.text(x0 - radius - 8.0, y0 + 4.0, "W 270°", anchor="end")]  # fmt: skip
+    parts += [
+        draw.text(x0, y0 - radius - 9.0, "N 0°", anchor="middle"),
+        draw.text(x0 + radius + 8.0, y0 + 4.0, "E 90°"),
+        draw.text(x0, y0 + radius + 18.0, "S 180°", anchor="middle"),
+        draw.text(x0 - radius - 8.0, y0 + 4.0, "W 270°", anchor="end"),
+    ]
     tags: list[draw.Tag] = []
     marks: list[draw.Box] = []
     for axis in axes:
@@ -391,8 +432,12 @@ def sky_plot(
         x, y = place(source.azimuth_deg, source.elevation_deg)
         parts.append(Markup('<path class="cross" d="M{:.1f} {:.1f}l10 10m0 -10l-10 10"/>').format(x - 5.0, y - 5.0))
         tags.append(draw.Tag(x, y, source.name))
-    rim = [(x0 - 16.0, 4.0, x0 + 16.0, 20.0), (x0 - 22.0, y0 + radius + 8.0, x0 + 22.0, y0 + radius + 20.0),
-           (x0 + radius + 4.0, y0 - 7.0, 360.0, y0 + 7.0), (0.0, y0 - 7.0, x0 - radius - 4.0, y0 + 7.0)]
+    rim = [
+        (x0 - 16.0, 4.0, x0 + 16.0, 20.0),
+        (x0 - 22.0, y0 + radius + 8.0, x0 + 22.0, y0 + radius + 20.0),
+        (x0 + radius + 4.0, y0 - 7.0, 360.0, y0 + 7.0),
+        (0.0, y0 - 7.0, x0 - radius - 4.0, y0 + 7.0),
+    ]
     rim += [(x, y - 9.0, x + 18.0, y + 1.0) for x, y, _ in rings]
     parts += draw.place_tags(tags, [*rim, *marks], (2.0, 2.0, draw.WIDTH - 2.0, 296.0))
     return draw.svg(298.0, title, parts)

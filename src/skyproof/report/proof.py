@@ -36,8 +36,10 @@ def profile_plot(profiles: Sequence[DelayProfile], *, title: str) -> Markup:
         parts += _panel(profile, across, up, numbered=(column == 0, lowest))
     bottom = top + rows * _PANEL
     names = ("delay, chips (1 chip = 293 m)", "correlation power, noise = 1")
-    parts += [draw.text((left + right) / 2.0, bottom + 16.0, names[0], anchor="middle", css="axis"),
-              draw.text(9.0, (top + bottom) / 2.0, names[1], anchor="middle", css="axis", turn=True)]  # fmt: skip
+    parts += [
+        draw.text((left + right) / 2.0, bottom + 16.0, names[0], anchor="middle", css="axis"),
+        draw.text(9.0, (top + bottom) / 2.0, names[1], anchor="middle", css="axis", turn=True),
+    ]
     return draw.svg(bottom + 22.0, title, parts)
 
 
@@ -50,13 +52,17 @@ def _panel(profile: DelayProfile, across: draw.Scale, up: draw.Scale, *, numbere
     for tick in draw.nice_ticks(up.low, up.high, 3):
         if numbered[0]:
             parts.append(draw.text(across.start - 4.0, up(tick) + 3.5, draw.number(tick), anchor="end", css="small"))
-    parts += [draw.line(across.start, up.start, across.end, up.start, "frame"),
-              draw.path(across.pixels(profile.delays_chips), up.pixels(profile.power), "curve")]  # fmt: skip
+    parts += [
+        draw.line(across.start, up.start, across.end, up.start, "frame"),
+        draw.path(across.pixels(profile.delays_chips), up.pixels(profile.power), "curve"),
+    ]
     for tag in profile.tags:
         height = float(np.interp(tag.delay_chips, profile.delays_chips, profile.power))
         x = across(tag.delay_chips)
-        parts += [draw.line(x, up(height) - 3.0, x, up.start, f"drop {tag.label}"),
-                  draw.symbol(x, up(height) - 9.0, tag.label, 4.5)]  # fmt: skip
+        parts += [
+            draw.line(x, up(height) - 3.0, x, up.start, f"drop {tag.label}"),
+            draw.symbol(x, up(height) - 9.0, tag.label, 4.5),
+        ]
     return [*parts, draw.text(across.end - 3.0, up.end + 10.0, profile.sat, anchor="end", css="halo")]
 
 
@@ -78,8 +84,10 @@ def difference_plot(differences: Sequence[RangeDifference], *, title: str) -> Ma
 
     parts: list[Markup] = []
     for tick in draw.nice_ticks(-reach, reach):
-        parts += [draw.line(across(tick), top, across(tick), bottom, "limit" if tick == 0.0 else "grid"),
-                  draw.text(across(tick), bottom + 14.0, draw.number(tick), anchor="middle")]  # fmt: skip
+        parts += [
+            draw.line(across(tick), top, across(tick), bottom, "limit" if tick == 0.0 else "grid"),
+            draw.text(across(tick), bottom + 14.0, draw.number(tick), anchor="middle"),
+        ]
     parts += [draw.text(left - 4.0, y + 4.0, sat, anchor="end") for sat, y in height.items()]
     for (_, label), group in groupby(sorted(differences, key=_group), key=lambda d: (d.group, d.label)):
         ordered = sorted(group, key=lambda d: height[d.sat])
@@ -88,8 +96,10 @@ def difference_plot(differences: Sequence[RangeDifference], *, title: str) -> Ma
         parts += [draw.symbol(float(a), float(b), label, 4.5) for a, b in zip(x, y, strict=True)]
     first, second = differences[0].receivers
     name = f"range to {second} less range to {first}, about its mean, m"
-    parts += [draw.rect(left, top, right, bottom, "frame"),
-              draw.text((left + right) / 2.0, bottom + 31.0, name, anchor="middle", css="axis")]  # fmt: skip
+    parts += [
+        draw.rect(left, top, right, bottom, "frame"),
+        draw.text((left + right) / 2.0, bottom + 31.0, name, anchor="middle", css="axis"),
+    ]
     return draw.svg(bottom + 38.0, title, parts)
 
 
@@ -110,17 +120,28 @@ def chance_scale(p_value: float, allowed: float | None, *, title: str) -> Markup
 
     parts = []
     if allowed is not None:
-        parts += [draw.rect(at(allowed), y - 7.0, right, y + 7.0, "beyond"),
-                  draw.line(at(allowed), y - 10.0, at(allowed), y + 7.0, "limit"),
-                  draw.text(at(allowed), y - 13.0, "threshold", anchor="middle", css="small")]  # fmt: skip
+        parts += [
+            draw.rect(at(allowed), y - 7.0, right, y + 7.0, "beyond"),
+            draw.line(at(allowed), y - 10.0, at(allowed), y + 7.0, "limit"),
+            draw.text(at(allowed), y - 13.0, "threshold", anchor="middle", css="small"),
+        ]
     parts.append(draw.line(left, y, right, y, "frame"))
     for power in (0, 10, 20, 30):
         edge = "≤ " if power == _MOST else ""
         x = scale(power)
         told = "1" if power == 0 else edge + power_words(-power)
-        parts += [draw.line(x, y - 3.0, x, y + 3.0, "frame"),
-                  draw.text(min(x, right - 8.0), y + 19.0, told, anchor="middle", css="small")]  # fmt: skip
-    parts += [draw.circle(at(p_value), y, 5.0, "mark statistic"),
-              draw.text((left + right) / 2.0, y + 33.0, "probability that chance alone gives as much", anchor="middle",
-                        css="small axis")]  # fmt: skip
+        parts += [
+            draw.line(x, y - 3.0, x, y + 3.0, "frame"),
+            draw.text(min(x, right - 8.0), y + 19.0, told, anchor="middle", css="small"),
+        ]
+    parts += [
+        draw.circle(at(p_value), y, 5.0, "mark statistic"),
+        draw.text(
+            (left + right) / 2.0,
+            y + 33.0,
+            "probability that chance alone gives as much",
+            anchor="middle",
+            css="small axis",
+        ),
+    ]
     return draw.svg(60.0, title, parts)

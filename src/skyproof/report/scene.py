@@ -14,18 +14,32 @@ from skyproof.report.page import Figure, environment
 from skyproof.report.pictures import LABELS, SignalSeries, SkyPosition, SkySource, sky_plot, time_line
 
 __all__ = [
-    "Element", "Line", "Role", "ScenePage", "SceneSky", "Setting", "SettingGroup", "Switching", "Way", "array_plot",
-    "line_plot", "scene_html", "scene_map", "switching_plot",
-]  # fmt: skip
+    "Element",
+    "Line",
+    "Role",
+    "ScenePage",
+    "SceneSky",
+    "Setting",
+    "SettingGroup",
+    "Switching",
+    "Way",
+    "array_plot",
+    "line_plot",
+    "scene_html",
+    "scene_map",
+    "switching_plot",
+]
 
 Role = Literal["receiver", "shows", "transmits", "hears", "disturbs"]
 """What stands at a place: a receiver; where an attack puts whoever believes it; its antennas; other transmitters."""
 
 ROLES: dict[Role, str] = {
-    "receiver": "receiver, with the way it went", "shows": "place that an attack shows",
-    "transmits": "antenna that transmits false signals", "hears": "antenna that a meaconer hears with",
+    "receiver": "receiver, with the way it went",
+    "shows": "place that an attack shows",
+    "transmits": "antenna that transmits false signals",
+    "hears": "antenna that a meaconer hears with",
     "disturbs": "transmitter of interference",
-}  # fmt: skip
+}
 MOST_POINTS = 14_000  # of all time lines together: keeps the page small, whatever the number of receivers
 STANDS_M = 0.5  # what moves less stands still
 CLOSE = 0.35  # what takes less of the map than this is drawn anew, larger
@@ -155,13 +169,18 @@ class ScenePage:
 def scene_html(page: ScenePage) -> str:
     """The whole page. The same scene gives the same bytes."""
     present: list[Role] = [role for role in ROLES if any(way.role == role for way in page.ways)]
-    return environment().get_template("scene.html.j2").render(
-        page=page,
-        places=_maps(page) + _displacements(page) + _arrays(page),
-        keys=[(_key(role), ROLES[role]) for role in present],
-        labels=[label for label in LABELS if any(s.label == label for s in page.levels)],
-        switching=_switching(page), signals=_signals(page),
-    )  # fmt: skip
+    return (
+        environment()
+        .get_template("scene.html.j2")
+        .render(
+            page=page,
+            places=_maps(page) + _displacements(page) + _arrays(page),
+            keys=[(_key(role), ROLES[role]) for role in present],
+            labels=[label for label in LABELS if any(s.label == label for s in page.levels)],
+            switching=_switching(page),
+            signals=_signals(page),
+        )
+    )
 
 
 # The map
@@ -188,8 +207,11 @@ def scene_map(ways: Sequence[Way], *, title: str, least_m: float = 10.0) -> Mark
             begins.append((float(x[0]), float(y[0])))
             parts.append(draw.circle(*begins[-1], 3.0, f"start {way.role}"))
     parts += [_mark(x, y, way.role) for x, y, way in ends]
-    along = [(float(x) - 2.0, float(y) - 2.0, float(x) + 2.0, float(y) + 2.0) for way in ordered
-             for x, y in zip(across.pixels(way.east_m[::6]), up.pixels(way.north_m[::6]), strict=True)]  # fmt: skip
+    along = [
+        (float(x) - 2.0, float(y) - 2.0, float(x) + 2.0, float(y) + 2.0)
+        for way in ordered
+        for x, y in zip(across.pixels(way.east_m[::6]), up.pixels(way.north_m[::6]), strict=True)
+    ]
     tags = [draw.Tag(x, y, words, f"name {role}", 8.0) for x, y, role, words in _said(ends)]
     return draw.svg(338.0, title, [*parts, *draw.place_tags(tags, along, (left + 2, top + 2, right - 2, bottom - 2))])
 
@@ -199,9 +221,11 @@ def _mark(x: float, y: float, role: Role) -> Markup:
     if role == "receiver":
         return draw.circle(x, y, 4.5, "mark receiver")
     shapes: dict[Role, str] = {
-        "shows": "M{:.1f} {:.1f}m0 -8l8 8l-8 8l-8 -8z", "transmits": "M{:.1f} {:.1f}m0 -6l5.5 9.5h-11z",
-        "hears": "M{:.1f} {:.1f}m0 6l5.5 -9.5h-11z", "disturbs": "M{:.1f} {:.1f}m-5 -5l10 10m0 -10l-10 10",
-    }  # fmt: skip
+        "shows": "M{:.1f} {:.1f}m0 -8l8 8l-8 8l-8 -8z",
+        "transmits": "M{:.1f} {:.1f}m0 -6l5.5 9.5h-11z",
+        "hears": "M{:.1f} {:.1f}m0 6l5.5 -9.5h-11z",
+        "disturbs": "M{:.1f} {:.1f}m-5 -5l10 10m0 -10l-10 10",
+    }
     return Markup('<path class="mark {}" d="{}"/>').format(role, shapes[role].format(x, y))
 
 
@@ -255,12 +279,13 @@ def _displacements(page: ScenePage) -> list[Figure]:
     return [
         Figure(
             heading,
-            line_plot(lines, title=f"{heading} over time", zero=page.zero, quantity="away from the true place",
-                      metres=True),
+            line_plot(
+                lines, title=f"{heading} over time", zero=page.zero, quantity="away from the true place", metres=True
+            ),
             "East, north and up, from where the receiver’s first antenna is to the place shown.",
         )
         for heading, lines in page.displacements
-    ]  # fmt: skip
+    ]
 
 
 # Antennas
@@ -338,8 +363,10 @@ def line_plot(lines: Sequence[Line], *, title: str, zero: str, quantity: str, me
     parts += draw.place_tags(early, (), (left + 2.0, top + 2.0, right - 2.0, bottom - 2.0))
     heights = draw.spread([y for _, y, _ in ends], 12.0, top + 4.0, max(bottom, top + 12.0 * len(ends)))
     for (x, y, one), height in zip(ends, heights, strict=True):
-        parts += [draw.line(x + 1.0, y, right + 9.0, height, "leader"),
-                  draw.text(right + 11.0, height + 4.0, one.name, css=f"small name {one.kind}")]  # fmt: skip
+        parts += [
+            draw.line(x + 1.0, y, right + 9.0, height, "leader"),
+            draw.text(right + 11.0, height + 4.0, one.name, css=f"small name {one.kind}"),
+        ]
     return draw.svg(max(300.0, 12.0 * len(ends) + 24.0), title, parts)
 
 
@@ -360,8 +387,10 @@ def switching_plot(rows: Sequence[Switching], span_s: tuple[float, float], *, ti
     across = draw.Scale(*span_s, left, right)
     parts: list[Markup] = []
     for tick in draw.nice_ticks(span_s[0] / scale, span_s[1] / scale):
-        parts += [draw.line(across(tick * scale), top, across(tick * scale), bottom, "grid"),
-                  draw.text(across(tick * scale), bottom + 15.0, draw.number(tick), anchor="middle")]  # fmt: skip
+        parts += [
+            draw.line(across(tick * scale), top, across(tick * scale), bottom, "grid"),
+            draw.text(across(tick * scale), bottom + 15.0, draw.number(tick), anchor="middle"),
+        ]
     for index, row in enumerate(rows):
         base = top + height * (index + 1) - 5.0
         on = np.isfinite(row.power_db)
@@ -372,12 +401,14 @@ def switching_plot(rows: Sequence[Switching], span_s: tuple[float, float], *, ti
         up = draw.Scale(low, max(high, low + 1e-6), base - (0.3 if high - low > 0.05 else 1.0) * band, base - band)
         parts.append(_filled(across.pixels(row.seconds), up.pixels(row.power_db), on, base, f"on {row.role}"))
         told = f"{_db(low)} dB" if high - low < 0.05 else f"{_db(low)} to {_db(high)} dB"
-        parts += [draw.line(left, base, right, base, "frame"),
-                  draw.text(left, base - band - 6.0, row.name, css=f"name {row.role}"),
-                  draw.text(right, base - band - 6.0, f"{row.what}, {told}", anchor="end",
-                            css="small halo")]  # fmt: skip
-    parts.append(draw.text((left + right) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle",
-                           css="axis"))  # fmt: skip
+        parts += [
+            draw.line(left, base, right, base, "frame"),
+            draw.text(left, base - band - 6.0, row.name, css=f"name {row.role}"),
+            draw.text(right, base - band - 6.0, f"{row.what}, {told}", anchor="end", css="small halo"),
+        ]
+    parts.append(
+        draw.text((left + right) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis")
+    )
     return draw.svg(bottom + 38.0, title, parts)
 
 
@@ -397,8 +428,9 @@ def _filled(x: Reals, y: Reals, on: "np.ndarray[tuple[int, ...], np.dtype[np.boo
 
 
 def _switching(page: ScenePage) -> list[Figure]:
-    picture = switching_plot(page.switching, page.span_s, title=f"Attacks and interference of {page.name} over time",
-                             zero=page.zero)  # fmt: skip
+    picture = switching_plot(
+        page.switching, page.span_s, title=f"Attacks and interference of {page.name} over time", zero=page.zero
+    )
     if not picture:
         return []
     caption = (
@@ -413,57 +445,85 @@ def _signals(page: ScenePage) -> list[Figure]:
     """Receiver by receiver."""
     names = list(dict.fromkeys(series.receiver for series in page.levels))
     return [
-        figure for name in names
-        for figure in (*_skies(page, name), _level(page, name), *_offsets(page, name), *_disturbance(page, name),
-                       *_reflections(page, name))
-    ]  # fmt: skip
+        figure
+        for name in names
+        for figure in (
+            *_skies(page, name),
+            _level(page, name),
+            *_offsets(page, name),
+            *_disturbance(page, name),
+            *_reflections(page, name),
+        )
+    ]
 
 
 def _level(page: ScenePage, name: str) -> Figure:
     points = min(120, max(24, MOST_POINTS // len(page.levels)))
     return Figure(
         f"Signals of {name}",
-        time_line([s for s in page.levels if s.receiver == name], zero=page.zero, onset_s=page.onset_s,
-                  title=f"Carrier to noise density of every signal at {name} over time", points=points),
+        time_line(
+            [s for s in page.levels if s.receiver == name],
+            zero=page.zero,
+            onset_s=page.onset_s,
+            title=f"Carrier to noise density of every signal at {name} over time",
+            points=points,
+        ),
         "One row a satellite, one line a signal: carrier to noise density. " + page.level_note,
-    )  # fmt: skip
+    )
 
 
 def _disturbance(page: ScenePage, name: str) -> list[Figure]:
     return [
         Figure(
             f"Disturbance at {name}",
-            line_plot(lines, title=f"Power of noise and interference at {name} over time", zero=page.zero,
-                      quantity="power over the receiver’s noise, dB"),
+            line_plot(
+                lines,
+                title=f"Power of noise and interference at {name} over time",
+                zero=page.zero,
+                quantity="power over the receiver’s noise, dB",
+            ),
             "Power of what is no signal, in the whole band sampled.",
         )
-        for receiver, lines in page.disturbance if receiver == name
-    ]  # fmt: skip
+        for receiver, lines in page.disturbance
+        if receiver == name
+    ]
 
 
 def _reflections(page: ScenePage, name: str) -> list[Figure]:
     return [
         Figure(
             f"Reflections at {name}",
-            line_plot(lines, title=f"Longer way of the reflections of true signals at {name} over time",
-                      zero=page.zero, quantity="longer way", metres=True),
+            line_plot(
+                lines,
+                title=f"Longer way of the reflections of true signals at {name} over time",
+                zero=page.zero,
+                quantity="longer way",
+                metres=True,
+            ),
             "By how much the way of each reflection is longer than that of the signal itself.",
         )
-        for receiver, lines in page.reflections if receiver == name
-    ]  # fmt: skip
+        for receiver, lines in page.reflections
+        if receiver == name
+    ]
 
 
 def _offsets(page: ScenePage, name: str) -> list[Figure]:
     return [
         Figure(
             f"False codes at {name}",
-            line_plot(lines, title=f"Code of false signals behind that of the true ones at {name} over time",
-                      zero=page.zero, quantity="behind the true code", metres=True),
+            line_plot(
+                lines,
+                title=f"Code of false signals behind that of the true ones at {name} over time",
+                zero=page.zero,
+                quantity="behind the true code",
+                metres=True,
+            ),
             "By how much the code of each false signal is later than that of the true signal of the same satellite at "
             "the same antenna. What all have in common looks like an error of the clock; what differs moves the fix.",
         )
-        for receiver, lines in page.offsets if receiver == name
-    ]  # fmt: skip
+        for receiver, lines in page.offsets
+        if receiver == name
+    ]
 
 
 def _skies(page: ScenePage, name: str) -> list[Figure]:

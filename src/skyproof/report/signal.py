@@ -75,9 +75,10 @@ def levels_svg(values: Reals, shares: Reals) -> Markup:
     width = 0.9 * gap / (across.high - across.low) * (across.end - across.start)
     bars = [
         Markup('<rect class="bar" x="{:.2f}" y="{:.2f}" width="{:.2f}" height="{:.2f}"/>').format(
-            across(float(value)) - width / 2.0, up(float(share) * 100.0), width, up(0.0) - up(float(share) * 100.0))
+            across(float(value)) - width / 2.0, up(float(share) * 100.0), width, up(0.0) - up(float(share) * 100.0)
+        )
         for value, share in zip(values, shares, strict=True)
-    ]  # fmt: skip
+    ]
     names = ("value of a number", "share of the numbers, %")
     return _picture("Levels", 286.0, [*draw.grid(across, up, names), *bars])
 
@@ -87,9 +88,13 @@ def _picture(title: str, height: float, parts: Sequence[Markup]) -> Markup:
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {w:.0f} {h:.0f}" width="{:.0f}" role="img" '
         'aria-label="{t}">\n{}\n{}\n</svg>\n'
     ).format(
-        2.0 * draw.WIDTH, _STYLE, Markup("\n").join([draw.text(8.0, 18.0, title, css="title"), *parts]),
-        w=draw.WIDTH, h=height, t=title,
-    )  # fmt: skip
+        2.0 * draw.WIDTH,
+        _STYLE,
+        Markup("\n").join([draw.text(8.0, 18.0, title, css="title"), *parts]),
+        w=draw.WIDTH,
+        h=height,
+        t=title,
+    )
 
 
 def spectrum_svg(frequency_hz: Reals, density: Reals, floor: Reals, lines: Sequence[Mark]) -> Markup:
@@ -100,11 +105,16 @@ def spectrum_svg(frequency_hz: Reals, density: Reals, floor: Reals, lines: Seque
         size = -(-values.size // _MOST_POINTS)
         starts = np.arange(0, values.size, size)
         tops = np.maximum.reduceat(values, starts)  # so that no line is lost
-        rows += [{"curve": name, "mhz": mhz, "db": db} for mhz, db in zip(
-            (frequency_hz[starts] / 1e6).tolist(), _db(tops / reference).tolist(), strict=True)]  # fmt: skip
+        rows += [
+            {"curve": name, "mhz": mhz, "db": db}
+            for mhz, db in zip((frequency_hz[starts] / 1e6).tolist(), _db(tops / reference).tolist(), strict=True)
+        ]
     for name, hurts in (("line, notched", True), ("line, harmless", False)):
-        rows += [{"curve": name, "mhz": mark.frequency_hz / 1e6, "db": float(_db(np.array(mark.density / reference)))}
-                 for mark in lines[:_MOST_POINTS] if mark.hurts == hurts]  # fmt: skip
+        rows += [
+            {"curve": name, "mhz": mark.frequency_hz / 1e6, "db": float(_db(np.array(mark.density / reference)))}
+            for mark in lines[:_MOST_POINTS]
+            if mark.hurts == hurts
+        ]
         if (n := sum(row["curve"] == name for row in rows)) and n > 1:
             rows = _apart(rows, name)
     axes = _Axes("Spectrum", "mhz", "db", "frequency in the samples, MHz", "power density, dB", by=("curve",))
@@ -129,15 +139,18 @@ def correlation_svg(lobes: Sequence[Lobe]) -> Markup:
     across = draw.Scale(0.0, 1023.0, _LEFT, _RIGHT)
     parts: list[Markup] = []
     for tick in draw.nice_ticks(0.0, 1023.0):
-        parts += [draw.line(across(tick), _TOP, across(tick), bottom, "grid"),
-                  draw.text(across(tick), bottom + 14.0, draw.number(tick), anchor="middle", css="small")]  # fmt: skip
+        parts += [
+            draw.line(across(tick), _TOP, across(tick), bottom, "grid"),
+            draw.text(across(tick), bottom + 14.0, draw.number(tick), anchor="middle", css="small"),
+        ]
     for index, lobe in enumerate(lobes):
         parts += _row(lobe, across, _TOP + _ROW * (index + 1))
     parts += [
         Markup('<rect class="frame" x="{}" y="{}" width="{}" height="{}"/>').format(
-            _LEFT, _TOP, _RIGHT - _LEFT, bottom - _TOP),
+            _LEFT, _TOP, _RIGHT - _LEFT, bottom - _TOP
+        ),
         draw.text((_LEFT + _RIGHT) / 2.0, bottom + 30.0, "delay, chips", anchor="middle", css="axis"),
-    ]  # fmt: skip
+    ]
     return _picture("Correlation amplitude of each satellite", bottom + 38.0, parts)
 
 
@@ -149,9 +162,13 @@ def _row(lobe: Lobe, across: draw.Scale, bottom: float) -> list[Markup]:
         draw.path(across.pixels(lobe.delay_chips), up.pixels(amplitude), "lobe"),
         draw.text(_LEFT - 6.0, bottom - 16.0, lobe.sat, anchor="end", css="name"),
         draw.text(_LEFT - 6.0, bottom - 4.0, f"{lobe.cn0_dbhz:.0f} dB-Hz", anchor="end", css="small"),
-        draw.text(_RIGHT + 6.0, bottom - 10.0, f"{lobe.peaks} peak{'s' * (lobe.peaks > 1)}",
-                  css="small several" if lobe.peaks > 1 else "small"),
-    ]  # fmt: skip
+        draw.text(
+            _RIGHT + 6.0,
+            bottom - 10.0,
+            f"{lobe.peaks} peak{'s' * (lobe.peaks > 1)}",
+            css="small several" if lobe.peaks > 1 else "small",
+        ),
+    ]
     left = amplitude.copy()
     for _ in range(lobe.peaks):
         top = int(np.argmax(left))

@@ -51,8 +51,10 @@ def allan_plot(curves: Sequence[AllanCurve], *, title: str, unit: str) -> Markup
         ends.append((float(x[-1]), float(theory[-1])))
     heights = draw.spread([end for _, end in ends], 12.0, top + 4.0, bottom)
     for (start, end), height, curve in zip(ends, heights, curves, strict=True):
-        parts += [draw.line(start + 2.0, end, right + 9.0, height, "leader"),
-                  draw.text(right + 11.0, height + 4.0, curve.name, css="small name receiver")]  # fmt: skip
+        parts += [
+            draw.line(start + 2.0, end, right + 9.0, height, "leader"),
+            draw.text(right + 11.0, height + 4.0, curve.name, css="small name receiver"),
+        ]
     return draw.svg(308.0, title, parts)
 
 
@@ -68,6 +70,8 @@ def stability_html(plots: Sequence[tuple[str, str, Sequence[AllanCurve]]], made_
         "Points: roots of the mean Allan variance of several runs, with 90 % limits by their spread; neighbours have "
         "much in common. Lines: what the class or grade promises."
     )
-    figures = [Figure(heading, allan_plot(curves, title=f"Allan deviation of {heading}", unit=unit), caption)
-               for heading, unit, curves in plots]  # fmt: skip
+    figures = [
+        Figure(heading, allan_plot(curves, title=f"Allan deviation of {heading}", unit=unit), caption)
+        for heading, unit, curves in plots
+    ]
     return environment().get_template("stability.html.j2").render(figures=figures, made_by=made_by)

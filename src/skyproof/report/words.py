@@ -7,9 +7,20 @@ import numpy as np
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 
 __all__ = [
-    "chance_words", "distance_words", "instant_words", "number_words", "offset_m", "offset_words", "p_value_words",
-    "place_words", "power_words", "rate_words", "seconds_apart", "seconds_words", "span_words",
-]  # fmt: skip
+    "chance_words",
+    "distance_words",
+    "instant_words",
+    "number_words",
+    "offset_m",
+    "offset_words",
+    "p_value_words",
+    "place_words",
+    "power_words",
+    "rate_words",
+    "seconds_apart",
+    "seconds_words",
+    "span_words",
+]
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LEAST = 1e-300  # below this a float64 soon holds nothing; said as "practically never"

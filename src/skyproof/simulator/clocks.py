@@ -56,9 +56,13 @@ class Oscillator:
     def allan_deviation(self, tau_s: ArrayLike) -> Reals:
         """By theory, at averaging times of any shape (NIST SP 1065, table 3)."""
         tau_s = np.asarray(tau_s, np.float64)
-        return np.asarray(np.sqrt(
-            0.5 * self.white_s / tau_s + 2.0 * np.log(2.0) * self.flicker + 2.0 / 3.0 * np.pi**2 * self.walk_hz * tau_s
-        ))  # fmt: skip
+        return np.asarray(
+            np.sqrt(
+                0.5 * self.white_s / tau_s
+                + 2.0 * np.log(2.0) * self.flicker
+                + 2.0 / 3.0 * np.pi**2 * self.walk_hz * tau_s
+            )
+        )
 
 
 _BROWN_HWANG = "Brown and Hwang, Introduction to Random Signals and Applied Kalman Filtering, 4th ed., table 9.3"
@@ -70,11 +74,12 @@ OSCILLATORS: dict[str, Oscillator] = {
     "rubidium": Oscillator(white_s=2e-22, flicker=4.5e-26, walk_hz=1e-30, source=_BROWN_HWANG),
     "caesium": Oscillator(white_s=2e-22, flicker=5e-27, walk_hz=1.5e-33, source=_BROWN_HWANG),
     "csac": Oscillator(
-        white_s=1.8e-19, flicker=7e-24,
+        white_s=1.8e-19,
+        flicker=7e-24,
         source="limits of a chip-scale atomic clock's data sheet (Microchip SA.45s): Allan deviation 3e-10 at 1 s, "
         "1e-11 at 1000 s, of which the flicker takes what the white noise leaves; it says nothing of a random walk",
     ),
-}  # fmt: skip
+}
 """By class. Typical values: single oscillators of one class differ by factors of several."""
 
 
@@ -135,14 +140,21 @@ class Clock:
         around = around.reshape(4, *t_s.shape)
         rise, left, right = around[2] - around[1], 0.5 * (around[2] - around[0]), 0.5 * (around[3] - around[1])
         square, cube = 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise
-        return (around[1] + part * (left + part * (square + part * cube)),
-                (left + part * (2.0 * square + 3.0 * part * cube)) / STEP_S)  # fmt: skip
+        return (
+            around[1] + part * (left + part * (square + part * cube)),
+            (left + part * (2.0 * square + 3.0 * part * cube)) / STEP_S,
+        )
 
 
 def clock(
-    kind: str | Oscillator, offset_s: float = 0.0, drift: float = 0.0, seed: int = 0,
-    duration_s: float = 0.0, *, stream: int = 0,
-) -> Clock:  # fmt: skip
+    kind: str | Oscillator,
+    offset_s: float = 0.0,
+    drift: float = 0.0,
+    seed: int = 0,
+    duration_s: float = 0.0,
+    *,
+    stream: int = 0,
+) -> Clock:
     """A clock that is `offset_s` ahead at true time zero and then gains `drift` seconds a second, and its noise.
 
     Parameters
@@ -180,8 +192,9 @@ def clock(
     def knots(block: int) -> Reals:
         return np.concatenate([phase(block - 1)[-2:-1], phase(block), phase(block + 1)[1:2]])
 
-    return Clock(oscillator=oscillator, duration_s=duration_s, start_s=offset_s, slope=drift - at_zero[1:].sum(),
-                 knots=knots)  # fmt: skip
+    return Clock(
+        oscillator=oscillator, duration_s=duration_s, start_s=offset_s, slope=drift - at_zero[1:].sum(), knots=knots
+    )
 
 
 @dataclass(frozen=True)

@@ -85,9 +85,13 @@ def _standing(direction: Direction, here_ecef_m: Reals, start_gpst: np.datetime6
     motion_rad_s = np.sqrt(MU_M3_S2 / radius_m**3) + like.delta_n
     turned_rad = (like.omega_dot - EARTH_ROTATION_RAD_S) * since_toe_s - EARTH_ROTATION_RAD_S * like.toe
     return replace(
-        like, e=0.0, omega=0.0, i0=i0, m0=_wrapped(float(u) - motion_rad_s * since_toe_s),
+        like,
+        e=0.0,
+        omega=0.0,
+        i0=i0,
+        m0=_wrapped(float(u) - motion_rad_s * since_toe_s),
         omega0=_wrapped(float(node_ecef_rad) - turned_rad),
-    )  # fmt: skip
+    )
 
 
 def _wrapped(angle_rad: float) -> float:

@@ -120,14 +120,29 @@ class CorrelatorOutputs:
 
     def __post_init__(self) -> None:
         shape = ("epoch", "channel", "doppler", "delay")
-        freeze(self, {"elapsed_s": ("epoch",), "delays_chips": ("delay",), "dopplers_hz": ("doppler",), "mean": shape,
-                      "noise_sigma": shape[:2], "there": shape[:2]})  # fmt: skip
+        freeze(
+            self,
+            {
+                "elapsed_s": ("epoch",),
+                "delays_chips": ("delay",),
+                "dopplers_hz": ("doppler",),
+                "mean": shape,
+                "noise_sigma": shape[:2],
+                "there": shape[:2],
+            },
+        )
 
     def taps(self, *draw: int) -> Taps:
         """One draw as a receiver hands it on."""
         value = np.where(self.there[:, :, np.newaxis, np.newaxis], self.value[draw], np.complex64(np.nan))
-        return Taps(receiver=self.receiver, signals=self.signals, elapsed_s=self.elapsed_s,
-                    delays_chips=self.delays_chips, dopplers_hz=self.dopplers_hz, value=value)  # fmt: skip
+        return Taps(
+            receiver=self.receiver,
+            signals=self.signals,
+            elapsed_s=self.elapsed_s,
+            delays_chips=self.delays_chips,
+            dopplers_hz=self.dopplers_hz,
+            value=value,
+        )
 
 
 def aligned(scene: Scene, index: int, columns: ArrayLike | None = None) -> Tracked:
@@ -143,17 +158,29 @@ def aligned(scene: Scene, index: int, columns: ArrayLike | None = None) -> Track
         return code_s[:, chosen], carrier_s[:, chosen]
 
     return Tracked(
-        signals=tuple(sky.signals[column].id for column in chosen), delays_s=delays_s, columns=chosen,
+        signals=tuple(sky.signals[column].id for column in chosen),
+        delays_s=delays_s,
+        columns=chosen,
         symbols=row_of(scene.messages, sky.signals)[chosen],
-    )  # fmt: skip
+    )
 
 
 def correlate(
-    scene: Scene, index: int, elapsed_s: ArrayLike, *, delays_chips: ArrayLike, dopplers_hz: ArrayLike = (0.0,),
-    coherent_s: float = 0.02, tracked: Tracked | None = None, replica: Replica = "chips", wiped: bool = True,
-    others: Literal["neglected", "noise"] = "neglected", quantised: bool = True,
-    rng: np.random.Generator | None = None, draws: tuple[int, ...] = (),
-) -> CorrelatorOutputs:  # fmt: skip
+    scene: Scene,
+    index: int,
+    elapsed_s: ArrayLike,
+    *,
+    delays_chips: ArrayLike,
+    dopplers_hz: ArrayLike = (0.0,),
+    coherent_s: float = 0.02,
+    tracked: Tracked | None = None,
+    replica: Replica = "chips",
+    wiped: bool = True,
+    others: Literal["neglected", "noise"] = "neglected",
+    quantised: bool = True,
+    rng: np.random.Generator | None = None,
+    draws: tuple[int, ...] = (),
+) -> CorrelatorOutputs:
     """Correlator outputs of antenna number `index` over integrations of `coherent_s` centred on `elapsed_s` (n,).
 
     delays_chips : of the replica ahead of the tracked code. dopplers_hz : of the replica's carrier over the tracked.
@@ -189,11 +216,18 @@ def correlate(
         noise = _Noise(tables, delays, dopplers, coherent_s, sky.signal, _LOBE_CHIPS[replica])
         value += noise.draw(rng, draws, channel_sat, sats, spans, channels) * level.sigma[:, :, np.newaxis, np.newaxis]
     return CorrelatorOutputs(
-        receiver=sky.name, signals=tracked.signals, elapsed_s=middle_s, delays_chips=delays, dopplers_hz=dopplers,
-        coherent_s=coherent_s, value=value, mean=mean, noise_sigma=level.sigma,
+        receiver=sky.name,
+        signals=tracked.signals,
+        elapsed_s=middle_s,
+        delays_chips=delays,
+        dopplers_hz=dopplers,
+        coherent_s=coherent_s,
+        value=value,
+        mean=mean,
+        noise_sigma=level.sigma,
         there=_there(sky, tracked, spans),
         parts=_parts(sky, spans, rows, pairs, lag_chips, turns_cyc, weight, dopplers),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -260,10 +294,15 @@ def _rows(scene: Scene, sky: ReceiverSky, spans: _Spans) -> _Waves:
         carrier_s[..., row] += further_s - (ray.phase_cyc + ray.rate_hz * spans.true_s) / sky.signal.carrier_hz
     heard = [sky.signals[column] for column in of]
     return _Waves(
-        sats=[each.id.sat for each in heard], code_s=code_s, carrier_s=carrier_s,
-        sent=_sent(scene, sky, spans.true_s, code_s), symbols=scene.messages.symbols,
-        message=row_of(scene.messages, heard), windows_s=_windows(heard), of=of,
-    )  # fmt: skip
+        sats=[each.id.sat for each in heard],
+        code_s=code_s,
+        carrier_s=carrier_s,
+        sent=_sent(scene, sky, spans.true_s, code_s),
+        symbols=scene.messages.symbols,
+        message=row_of(scene.messages, heard),
+        windows_s=_windows(heard),
+        of=of,
+    )
 
 
 def _channels(scene: Scene, sky: ReceiverSky, tracked: Tracked, spans: _Spans, wiped: bool) -> _Waves:
@@ -271,11 +310,15 @@ def _channels(scene: Scene, sky: ReceiverSky, tracked: Tracked, spans: _Spans, w
     code_s, carrier_s = _at(tracked.delays_s, spans.true_s)
     always_s = np.tile([-np.inf, np.inf], (len(tracked.signals), 1, 1))
     return _Waves(
-        sats=[signal.sat for signal in tracked.signals], code_s=code_s, carrier_s=carrier_s,
-        sent=_sent(scene, sky, spans.true_s, code_s), symbols=scene.messages.symbols,
-        message=tracked.symbols if wiped else np.full(len(tracked.signals), -1), windows_s=always_s,
+        sats=[signal.sat for signal in tracked.signals],
+        code_s=code_s,
+        carrier_s=carrier_s,
+        sent=_sent(scene, sky, spans.true_s, code_s),
+        symbols=scene.messages.symbols,
+        message=tracked.symbols if wiped else np.full(len(tracked.signals), -1),
+        windows_s=always_s,
         of=tracked.columns,
-    )  # fmt: skip
+    )
 
 
 def _windows(heard: Sequence[HeardSignal]) -> Reals:
@@ -299,9 +342,13 @@ def _pairs(channel_sats: Sequence[str], row_sats: Sequence[str]) -> Integers:
 
 
 def _couplings(
-    spans: _Spans, channels: _Waves, rows: _Waves, pairs: Integers, dopplers_hz: Reals,
+    spans: _Spans,
+    channels: _Waves,
+    rows: _Waves,
+    pairs: Integers,
+    dopplers_hz: Reals,
     signal: SignalDescription,
-) -> tuple[Reals, Reals, Complexes]:  # fmt: skip
+) -> tuple[Reals, Reals, Complexes]:
     """Lag in chips (n_epochs, n_stretches, n_pairs), phase at the edges in cycles (n_epochs, n_edges, n_pairs), and
     what each stretch adds to the mean of bits and phasor, (n_epochs, n_pairs, n_stretches, n_dopplers).
     """
@@ -311,8 +358,19 @@ def _couplings(
     since_s = spans.elapsed_s - 0.5 * (spans.elapsed_s[:, :1] + spans.elapsed_s[:, -1:])
     shape = turns_cyc.shape[0], pairs.shape[0], turns_cyc.shape[1] - 1, dopplers_hz.size
     coupling = np.empty(shape, np.complex128)
-    _couple(coupling, pairs, spans.true_s, turns_cyc, np.multiply.outer(since_s, dopplers_hz), rows.sent, channels.sent,
-            rows.symbols, rows.message, channels.message, rows.windows_s)  # fmt: skip
+    _couple(
+        coupling,
+        pairs,
+        spans.true_s,
+        turns_cyc,
+        np.multiply.outer(since_s, dopplers_hz),
+        rows.sent,
+        channels.sent,
+        rows.symbols,
+        rows.message,
+        channels.message,
+        rows.windows_s,
+    )
     return 0.5 * (late_chips[:, :-1] + late_chips[:, 1:]), turns_cyc, coupling
 
 
@@ -325,9 +383,16 @@ class _Levels:
 
 
 def _levels(
-    sky: ReceiverSky, front_end: FrontEnd, rows: _Waves, spans: _Spans, coherent_s: float, tables: Correlation,
-    others: Literal["neglected", "noise"], quantised: bool, channel_sats: Sequence[str],
-) -> _Levels:  # fmt: skip
+    sky: ReceiverSky,
+    front_end: FrontEnd,
+    rows: _Waves,
+    spans: _Spans,
+    coherent_s: float,
+    tables: Correlation,
+    others: Literal["neglected", "noise"],
+    quantised: bool,
+    channel_sats: Sequence[str],
+) -> _Levels:
     at_s, signal = spans.middle_true_s, sky.signal
     band_hz = front_end.rate_hz * (0.5 if front_end.kind == "real" else 1.0)
     power = 10.0 ** (sky.cn0_dbhz(at_s)[:, rows.of] / 10.0) / band_hz  # over the noise's
@@ -354,7 +419,7 @@ def _levels(
     return _Levels(
         amplitude=gain[:, np.newaxis] * np.sqrt((0.5 if real else 2.0) * power),
         sigma=np.sqrt((0.5 if real else 1.0) * noise / (front_end.rate_hz * coherent_s)),
-    )  # fmt: skip
+    )
 
 
 def _now(source: AddedNoise | Jammer, at_s: Reals) -> Reals:
@@ -386,9 +451,15 @@ def _recorded(front_end: FrontEnd, power: Reals) -> tuple[Reals, Reals]:
 
 
 def _parts(
-    sky: ReceiverSky, spans: _Spans, rows: _Waves, pairs: Integers, lag_chips: Reals, turns_cyc: Reals,
-    weight: Complexes, dopplers_hz: Reals,
-) -> Parts:  # fmt: skip
+    sky: ReceiverSky,
+    spans: _Spans,
+    rows: _Waves,
+    pairs: Integers,
+    lag_chips: Reals,
+    turns_cyc: Reals,
+    weight: Complexes,
+    dopplers_hz: Reals,
+) -> Parts:
     channel, row = pairs.T
     n_signals, edges_s = len(sky.signals), spans.elapsed_s
     middle_s = 0.5 * (edges_s[:, :1] + edges_s[:, -1:])
@@ -398,22 +469,29 @@ def _parts(
     one_s, other_s = (np.take_along_axis(edges_s, at[..., 0] + later, axis=1) for later in (0, 1))
     lengths_s = np.diff(edges_s, axis=1)[..., np.newaxis]
     return Parts(
-        channel=channel, signal=rows.of[row], ray=np.where(row < n_signals, -1, row - n_signals),
+        channel=channel,
+        signal=rows.of[row],
+        ray=np.where(row < n_signals, -1, row - n_signals),
         label=tuple(sky.signals[r].label if r < n_signals else "multipath" for r in row.tolist()),
         lag_chips=(lag_chips * lengths_s).sum(axis=1) / lengths_s.sum(axis=1),
         doppler_hz=(turns_cyc[:, -1] - turns_cyc[:, 0]) / (edges_s[:, -1:] - edges_s[:, :1]),
         phase_cyc=one + (other - one) * (middle_s - one_s) / (other_s - one_s),
         weight=weight.sum(axis=2)[..., np.abs(dopplers_hz).argmin()],
-    )  # fmt: skip
+    )
 
 
 class _Noise:
     """Noise of all taps with the covariance that the replicas give, of variance 1 in I and in Q."""
 
     def __init__(
-        self, tables: Correlation, delays: Reals, dopplers: Reals, coherent_s: float, signal: SignalDescription,
+        self,
+        tables: Correlation,
+        delays: Reals,
+        dopplers: Reals,
+        coherent_s: float,
+        signal: SignalDescription,
         lobe_chips: float,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.tables, self.dopplers, self.coherent_s, self.signal = tables, dopplers, coherent_s, signal
         apart = np.subtract.outer(delays, delays)
         self.reach_chips = float(np.ptp(delays)) + lobe_chips
@@ -424,9 +502,14 @@ class _Noise:
         self.which: Integers = np.asarray(which, np.int64).reshape(delays.size, delays.size)
 
     def draw(
-        self, rng: np.random.Generator, draws: tuple[int, ...], channel_sats: Sequence[str], sats: Sequence[str],
-        spans: _Spans, channels: _Waves,
-    ) -> ComplexFloats:  # fmt: skip
+        self,
+        rng: np.random.Generator,
+        draws: tuple[int, ...],
+        channel_sats: Sequence[str],
+        sats: Sequence[str],
+        spans: _Spans,
+        channels: _Waves,
+    ) -> ComplexFloats:
         """(*draws, n_epochs, n_channels, n_dopplers, n_delays)."""
         cell = self.dopplers.size, self.which.shape[0]
         count, epochs = math.prod(draws), spans.true_s.shape[0]
@@ -454,15 +537,22 @@ class _Noise:
         return np.flatnonzero((distance < self.reach_chips).any(axis=(1, 2)))
 
     def _together(
-        self, rng: np.random.Generator, count: int, near: Integers, mine: list[int], table: Reals,
-        spans: _Spans, channels: _Waves,
-    ) -> ComplexFloats:  # fmt: skip
+        self,
+        rng: np.random.Generator,
+        count: int,
+        near: Integers,
+        mine: list[int],
+        table: Reals,
+        spans: _Spans,
+        channels: _Waves,
+    ) -> ComplexFloats:
         """Channels of one satellite in these epochs: (count, n_near, n_mine, n_dopplers, n_delays)."""
         pairs = np.array([(one, other) for one in mine for other in mine])
         apart_hz = np.subtract.outer(self.dopplers, self.dopplers).ravel()
         those = _Spans(elapsed_s=spans.elapsed_s[near], true_s=spans.true_s[near])
-        taken = replace(channels, code_s=channels.code_s[near], carrier_s=channels.carrier_s[near],
-                        sent=channels.sent[near])  # fmt: skip
+        taken = replace(
+            channels, code_s=channels.code_s[near], carrier_s=channels.carrier_s[near], sent=channels.sent[near]
+        )
         lag_chips, _, coupling = _couplings(those, taken, taken, pairs, apart_hz, self.signal)
         n, d, k = len(mine), self.dopplers.size, self.which.shape[0]
         common = coupling.sum(axis=2).reshape(-1, n, n, d, d)
@@ -504,9 +594,19 @@ def _root(covariance: Reals | Complexes) -> Reals | Complexes:
 
 
 @compiled
-def _couple(coupling: Complexes, pairs: Integers, true_s: Reals, turns_cyc: Reals, tap_cyc: Reals,
-            sent: Reals, wiped: Reals, symbols: NDArray[np.int8], message: Integers,
-            wiped_message: Integers, windows_s: Reals) -> None:  # fmt: skip
+def _couple(
+    coupling: Complexes,
+    pairs: Integers,
+    true_s: Reals,
+    turns_cyc: Reals,
+    tap_cyc: Reals,
+    sent: Reals,
+    wiped: Reals,
+    symbols: NDArray[np.int8],
+    message: Integers,
+    wiped_message: Integers,
+    windows_s: Reals,
+) -> None:
     """Each stretch's share of the mean of both bits times the phasor; the arrays are those of `_couplings`."""
     epochs, n_pairs, stretches, n_dopplers = coupling.shape
     for e in range(epochs):
@@ -549,8 +649,16 @@ def _couple(coupling: Complexes, pairs: Integers, true_s: Reals, turns_cyc: Real
 
 
 @compiled
-def _spread(mean: Complexes, pairs: Integers, table_of: Integers, weight: Complexes, lag_chips: Reals,
-            delays: Reals, tables: Reals, points: float) -> None:  # fmt: skip
+def _spread(
+    mean: Complexes,
+    pairs: Integers,
+    table_of: Integers,
+    weight: Complexes,
+    lag_chips: Reals,
+    delays: Reals,
+    tables: Reals,
+    points: float,
+) -> None:
     """Add to mean (n_epochs, n_channels, n_dopplers, n_delays) each part's weight times R at lag plus delay."""
     period = tables.shape[1]
     for e in range(mean.shape[0]):

@@ -48,13 +48,21 @@ from skyproof.simulator.truth import (
     moment,
     signal_blocks,
     trajectory_blocks,
-)  # fmt: skip
+)
 from skyproof.simulator.truth_document import Heard, interference_of, truth_of, windows_of
 
 __all__ = [
-    "Container", "container_of", "sample_names", "samples_octets", "series_names", "series_octets", "write",
-    "write_samples", "write_series", "write_truth",
-]  # fmt: skip
+    "Container",
+    "container_of",
+    "sample_names",
+    "samples_octets",
+    "series_names",
+    "series_octets",
+    "write",
+    "write_samples",
+    "write_series",
+    "write_truth",
+]
 
 Container = Literal["sigmf", "raw"]
 Told = Callable[[int, int], None]
@@ -68,9 +76,13 @@ _ROW_OCTETS: Final = {"truth": 600, "signals": 330, "imu": 290}
 
 
 def write(
-    scenario: Scenario, navigation: NavigationData, folder: Path, *, container: Container = "raw",
+    scenario: Scenario,
+    navigation: NavigationData,
+    folder: Path,
+    *,
+    container: Container = "raw",
     progress: Told | None = None,
-) -> list[Path]:  # fmt: skip
+) -> list[Path]:
     """Render a scene into `folder`, which is made if need be: samples and truth.json.
 
     Parameters
@@ -169,11 +181,19 @@ def _described(scene: Scene) -> str:
 
 def _layout(scene: Scene, rendering: Rendering) -> SampleLayout:
     front_end, antenna = rendering.front_end, rendering.sky.antenna.name
-    return SampleLayout.model_validate({
-        "rate_hz": front_end.rate_hz, "centre_hz": rendering.sky.signal.carrier_hz, "if_hz": front_end.if_hz,
-        "kind": front_end.kind, "encoding": front_end.encoding, "bits": front_end.bits, "bit_order": "msb-first",
-        "start_gpst": iso(rough_start(scene, rendering.sky), 0),
-    } | ({} if antenna == "1" else {"antenna": antenna}))  # fmt: skip
+    return SampleLayout.model_validate(
+        {
+            "rate_hz": front_end.rate_hz,
+            "centre_hz": rendering.sky.signal.carrier_hz,
+            "if_hz": front_end.if_hz,
+            "kind": front_end.kind,
+            "encoding": front_end.encoding,
+            "bits": front_end.bits,
+            "bit_order": "msb-first",
+            "start_gpst": iso(rough_start(scene, rendering.sky), 0),
+        }
+        | ({} if antenna == "1" else {"antenna": antenna})
+    )
 
 
 def _sigmf_text(scene: Scene, rendering: Rendering, sha512: str) -> str:
@@ -182,22 +202,27 @@ def _sigmf_text(scene: Scene, rendering: Rendering, sha512: str) -> str:
     lat_rad, lon_rad, height_m = geodetic_from_ecef(sky.point(np.array([start_s])).position_ecef_m[0])
     place = geolocation(
         round(float(np.degrees(lat_rad)), 9), round(float(np.degrees(lon_rad)), 9), round(float(height_m), 4)
-    )  # fmt: skip
+    )
     heard = [window for name in scenario.attack_names for window in windows_of(sky, name)]
     comments = ("false signals", "interference")
     annotations = [
         _annotated(scene, rendering, window, comment)
-        for comment, windows in zip(comments, (heard, interference_of(scene, sky)), strict=True) for window in windows
-    ]  # fmt: skip
+        for comment, windows in zip(comments, (heard, interference_of(scene, sky)), strict=True)
+        for window in windows
+    ]
     of_several = len(scene.skies) > 1
     moves = sky.receiver.path is not None or sky.antenna.spin is not None
     return recording_json(
-        _layout(scene, rendering), sha512=sha512, place=place, moves=moves,
+        _layout(scene, rendering),
+        sha512=sha512,
+        place=place,
+        moves=moves,
         description=f"{_described(scene)}; receiver {sky.receiver.name}, antenna {sky.antenna.name}",
-        recorder=f"skyproof {version('skyproof')} simulate", hw="simulated: no hardware",
+        recorder=f"skyproof {version('skyproof')} simulate",
+        hw="simulated: no hardware",
         annotations=[one for one in annotations if one is not None],
         collection=_collection(scene).removesuffix(".sigmf-collection") if of_several else None,
-    )  # fmt: skip
+    )
 
 
 def _annotated(scene: Scene, rendering: Rendering, heard: Heard, comment: str) -> dict[str, Any] | None:
@@ -267,9 +292,13 @@ def series_octets(scene: Scene) -> int:
 
 
 def write_series(
-    scene: Scene, folder: Path, *, trajectory_hz: float = TRAJECTORY_HZ, signals_hz: float = SIGNALS_HZ,
+    scene: Scene,
+    folder: Path,
+    *,
+    trajectory_hz: float = TRAJECTORY_HZ,
+    signals_hz: float = SIGNALS_HZ,
     progress: Told | None = None,
-) -> list[Path]:  # fmt: skip
+) -> list[Path]:
     """Tables of the truth and of inertial readings, as CSV and Parquet; progress in tables.
 
     Raises OutputError if a file cannot be written.

@@ -86,11 +86,19 @@ def ideal_signals(
     receiver = Receiver(name="ideal", lat_deg=0.0, lon_deg=0.0, height_m=0.0)
     standing = trajectory_of(receiver, "ideal")
     sky = ReceiverSky(
-        receiver=receiver, antenna=receiver.antennas[0], name=receiver.name, number=0, signals=heard,
+        receiver=receiver,
+        antenna=receiver.antennas[0],
+        name=receiver.name,
+        number=0,
+        signals=heard,
         delays_s=lambda elapsed_s: (motion.code_delay_s(elapsed_s), motion.carrier_delay_s(elapsed_s)),
-        cn0_dbhz=strength, point=standing.at, knots_s=np.array([0.0, duration_s]), az_rad=np.zeros((2, n)),
-        el_rad=np.zeros((2, n)), signal=signal,
-    )  # fmt: skip
+        cn0_dbhz=strength,
+        point=standing.at,
+        knots_s=np.array([0.0, duration_s]),
+        az_rad=np.zeros((2, n)),
+        el_rad=np.zeros((2, n)),
+        signal=signal,
+    )
     symbol_s = signal.period_s * signal.periods_per_symbol
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1 << 20,)))
     symbols = 1 - 2 * rng.integers(0, 2, (n, int((duration_s + 2.0 * _SPARE_S) / symbol_s)), dtype=np.int8)

@@ -104,9 +104,15 @@ class ImuGrade:
 
 
 def _grade(
-    *, m_s_rthour: float, milli_g: float, deg_rthour: float, deg_hour: float, turn_on_milli_g: float,
-    turn_on_deg_hour: float, source: str,
-) -> ImuGrade:  # fmt: skip
+    *,
+    m_s_rthour: float,
+    milli_g: float,
+    deg_rthour: float,
+    deg_hour: float,
+    turn_on_milli_g: float,
+    turn_on_deg_hour: float,
+    source: str,
+) -> ImuGrade:
     """In the units of data sheets."""
     return ImuGrade(
         velocity_random_walk_m_s_rts=m_s_rthour / 60.0,
@@ -203,10 +209,17 @@ class Imu:
 
 
 def inertial(
-    motion_at: Callable[[Reals], MotionLike], *, rate_hz: float, duration_s: float, grade: ImuGrade | str | None = None,
-    mounting: ArrayLike | None = None, lever_body_m: ArrayLike = (0.0, 0.0, 0.0), seed: int = 0, stream: int = 0,
+    motion_at: Callable[[Reals], MotionLike],
+    *,
+    rate_hz: float,
+    duration_s: float,
+    grade: ImuGrade | str | None = None,
+    mounting: ArrayLike | None = None,
+    lever_body_m: ArrayLike = (0.0, 0.0, 0.0),
+    seed: int = 0,
+    stream: int = 0,
     start_s: float = 0.0,
-) -> Imu:  # fmt: skip
+) -> Imu:
     """The readings of a unit on a body that moves as `motion_at` says.
 
     Parameters
@@ -261,8 +274,12 @@ def inertial(
         parts = [block(number)[max(start - number * BLOCK, 0) : stop - number * BLOCK] for number in numbers]
         readings = np.concatenate([np.empty((0, 2, 3)), *parts])
         time_s = start_s + (start + 1 + np.arange(len(readings))) / rate_hz
-        return ImuSeries(time_s=time_s, interval_s=1.0 / rate_hz, specific_force_m_s2=readings[:, 0],
-                         angular_rate_rad_s=readings[:, 1])  # fmt: skip
+        return ImuSeries(
+            time_s=time_s,
+            interval_s=1.0 / rate_hz,
+            specific_force_m_s2=readings[:, 0],
+            angular_rate_rad_s=readings[:, 1],
+        )
 
     return Imu(rate_hz=rate_hz, n_samples=n_samples, grade=quality, read=read)
 

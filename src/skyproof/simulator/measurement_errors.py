@@ -39,8 +39,14 @@ from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.statistics.gauss_markov import gauss_markov_step
 
 __all__ = [
-    "Exposure", "FieldError", "FieldErrors", "Way", "field_errors", "ionosphere_obliquity", "troposphere_obliquity",
-]  # fmt: skip
+    "Exposure",
+    "FieldError",
+    "FieldErrors",
+    "Way",
+    "field_errors",
+    "ionosphere_obliquity",
+    "troposphere_obliquity",
+]
 
 _EARTH_KM, _SHELL_KM = 6378.1363, 350.0
 _QUARTER_CYC = 0.25
@@ -128,9 +134,14 @@ def troposphere_obliquity(el_rad: ArrayLike) -> Reals:
 
 
 def field_errors(
-    model: FieldErrors, exposures: Sequence[Exposure], interval_s: float, *, rng: np.random.Generator | None = None,
-    carrier_hz: float = L1_HZ, draws: tuple[int, ...] = (),
-) -> tuple[FieldError, ...]:  # fmt: skip
+    model: FieldErrors,
+    exposures: Sequence[Exposure],
+    interval_s: float,
+    *,
+    rng: np.random.Generator | None = None,
+    carrier_hz: float = L1_HZ,
+    draws: tuple[int, ...] = (),
+) -> tuple[FieldError, ...]:
     """The errors of every signal at every antenna. The draws are independent worlds of one seed.
 
     Raises ValueError without a seed in the model and without `rng` to draw one from.
@@ -257,8 +268,10 @@ def _smooth_paths(values: Reals, normals: Reals, keep: Reals, drive: Reals) -> N
         values[0, k] = value
         for n in range(1, values.shape[0]):
             one, other = normals[n, k, 0], normals[n, k, 1]
-            value, rate = (keep[0, 0] * value + keep[0, 1] * rate + drive[0, 0] * one,
-                           keep[1, 0] * value + keep[1, 1] * rate + drive[1, 0] * one + drive[1, 1] * other)
+            value, rate = (
+                keep[0, 0] * value + keep[0, 1] * rate + drive[0, 0] * one,
+                keep[1, 0] * value + keep[1, 1] * rate + drive[1, 0] * one + drive[1, 1] * other,
+            )
             values[n, k] = value
 
 

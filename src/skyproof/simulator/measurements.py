@@ -80,9 +80,15 @@ class Geometry:
 
 
 def observations_of(
-    scenario: Scenario, navigation: NavigationData, *, rng: np.random.Generator, interval_s: float = 1.0,
-    noise: NoiseModel | None = None, shuffle_copies: bool = False, pulled: bool = False,
-) -> tuple[tuple[Observations, ...], dict[SignalRef, str]]:  # fmt: skip
+    scenario: Scenario,
+    navigation: NavigationData,
+    *,
+    rng: np.random.Generator,
+    interval_s: float = 1.0,
+    noise: NoiseModel | None = None,
+    shuffle_copies: bool = False,
+    pulled: bool = False,
+) -> tuple[tuple[Observations, ...], dict[SignalRef, str]]:
     """Observations of every receiver of a scene, and the label ("authentic", "spoofed") of each of their signals.
 
     Raises ScenarioError as `scene_of` does. See `geometry_of` for `pulled`, `draw` for `noise` and `shuffle_copies`.
@@ -104,9 +110,12 @@ def geometry_of(scene: Scene, *, interval_s: float = 1.0, pulled: bool = False) 
 
 
 def draw(
-    geometries: Sequence[Geometry], *, rng: np.random.Generator, noise: NoiseModel | None = None,
+    geometries: Sequence[Geometry],
+    *,
+    rng: np.random.Generator,
+    noise: NoiseModel | None = None,
     shuffle_copies: bool = False,
-) -> tuple[tuple[Observations, ...], dict[SignalRef, str]]:  # fmt: skip
+) -> tuple[tuple[Observations, ...], dict[SignalRef, str]]:
     """One window of noisy observations per receiver, and the labels of the signals in them.
 
     Copy "a" is authentic and "b" on false, unless `shuffle_copies`: then the letters of each satellite's copies are
@@ -221,8 +230,9 @@ def _exposure(scene: Scene, sky: ReceiverSky, kept: Integers, true_s: Reals, fir
         attack, shown = attacks[heard.source]
         transmitter = f"{heard.source}/{attack.antenna_of(heard.id.sat)}"
         if isinstance(attack, Meaconer):
-            return Way(sat=heard.id.sat, air_ecef_m=_first_place(shown, middle_s), relay=heard.source,
-                       transmitter=transmitter)  # fmt: skip
+            return Way(
+                sat=heard.id.sat, air_ecef_m=_first_place(shown, middle_s), relay=heard.source, transmitter=transmitter
+            )
         return Way(sat=heard.id.sat, air_ecef_m=None, transmitter=transmitter)
 
     at = np.clip(np.searchsorted(sky.knots_s, true_s) - 1, 0, sky.knots_s.size - 2)
@@ -246,9 +256,13 @@ def _drift(sky: ReceiverSky, elapsed_s: Reals) -> Reals:
 
 
 def _observations(
-    geometry: Geometry, noise: NoiseModel, field: FieldError | None, rng: np.random.Generator,
-    signals: Sequence[SignalId], order: Sequence[int],
-) -> Observations:  # fmt: skip
+    geometry: Geometry,
+    noise: NoiseModel,
+    field: FieldError | None,
+    rng: np.random.Generator,
+    signals: Sequence[SignalId],
+    order: Sequence[int],
+) -> Observations:
     """`signals` are the names of the geometry's columns `order`."""
     growth = noise.growth(geometry.cn0_dbhz)
     shape = growth.shape

@@ -25,9 +25,19 @@ from skyproof.records import freeze
 from skyproof.simulator.taylor import cross, derivative, dot, normalised, product
 
 __all__ = [
-    "AlongMotion", "Held", "Lever", "Motion", "SpinningArm", "Trajectory", "antenna_motion", "attitude_ecef",
-    "axes_of", "heading_pitch_roll_rad", "moments", "motion_of",
-]  # fmt: skip
+    "AlongMotion",
+    "Held",
+    "Lever",
+    "Motion",
+    "SpinningArm",
+    "Trajectory",
+    "antenna_motion",
+    "attitude_ecef",
+    "axes_of",
+    "heading_pitch_roll_rad",
+    "moments",
+    "motion_of",
+]
 
 _GRAVITY_M_S2: Final = 9.80665  # to bank with; the true one differs by less than 0.4 % on the ground
 
@@ -50,11 +60,17 @@ class Motion:
 
     def __post_init__(self) -> None:
         vector = ("epoch", "3")
-        freeze(self, {
-            "position_ecef_m": vector, "velocity_ecef_m_s": vector, "acceleration_ecef_m_s2": vector,
-            "attitude": ("epoch", "3", "3"), "angular_rate_body_rad_s": vector,
-            "angular_acceleration_body_rad_s2": vector,
-        })  # fmt: skip
+        freeze(
+            self,
+            {
+                "position_ecef_m": vector,
+                "velocity_ecef_m_s": vector,
+                "acceleration_ecef_m_s2": vector,
+                "attitude": ("epoch", "3", "3"),
+                "angular_rate_body_rad_s": vector,
+                "angular_acceleration_body_rad_s2": vector,
+            },
+        )
 
 
 class Trajectory(Protocol):
@@ -95,9 +111,7 @@ class AlongMotion:
     pitch: bool = True
 
 
-def attitude_ecef(
-    position_ecef_m: Reals, heading_rad: ArrayLike, pitch_rad: ArrayLike, roll_rad: ArrayLike
-) -> Reals:
+def attitude_ecef(position_ecef_m: Reals, heading_rad: ArrayLike, pitch_rad: ArrayLike, roll_rad: ArrayLike) -> Reals:
     """Rotations (..., 3, 3) from body to ECEF at places (..., 3); angles broadcast with (...)."""
     rot_ecef_enu = np.swapaxes(rot_enu_ecef(*geodetic_from_ecef(position_ecef_m)[:2]), -1, -2)
     return np.asarray(rot_ecef_enu @ _rot_enu_ned() @ _rot_ned_body(heading_rad, pitch_rad, roll_rad))
@@ -172,8 +186,9 @@ class SpinningArm:
         first /= np.linalg.norm(first)
         angle_rad = (self.start_rad + self.rate_rad_s * moments(t_s))[:, np.newaxis]
         out = self.radius_m * (np.cos(angle_rad) * first + np.sin(angle_rad) * np.cross(axis, first))
-        return Lever(np.asarray(self.centre_body_m) + out, self.rate_rad_s * np.cross(axis, out),
-                     -(self.rate_rad_s**2) * out)  # fmt: skip
+        return Lever(
+            np.asarray(self.centre_body_m) + out, self.rate_rad_s * np.cross(axis, out), -(self.rate_rad_s**2) * out
+        )
 
 
 def antenna_motion(motion: Motion, lever_body_m: ArrayLike | Lever) -> Motion:
@@ -185,8 +200,10 @@ def antenna_motion(motion: Motion, lever_body_m: ArrayLike | Lever) -> Motion:
         offset = np.asarray(lever_body_m, np.float64)
         lever_body_m = Lever(offset, np.zeros_like(offset), np.zeros_like(offset))
     out, rate, change = (
-        lever_body_m.offset_body_m, lever_body_m.velocity_body_m_s, lever_body_m.acceleration_body_m_s2
-    )  # fmt: skip
+        lever_body_m.offset_body_m,
+        lever_body_m.velocity_body_m_s,
+        lever_body_m.acceleration_body_m_s2,
+    )
     spin, spin_change = motion.angular_rate_body_rad_s, motion.angular_acceleration_body_rad_s2
     velocity = rate + np.cross(spin, out)
     acceleration = change + np.cross(spin_change, out) + np.cross(spin, np.cross(spin, out) + 2.0 * rate)
@@ -209,10 +226,13 @@ def motion_of(place_ecef_m: Reals, axes: tuple[Reals, Reals, Reals]) -> Motion:
     """The motion that series of a place (5, 3, n) and of the body's axes (3, 3, n each) tell."""
     rate = _angular_rate(*axes)
     return Motion(
-        position_ecef_m=place_ecef_m[0].T, velocity_ecef_m_s=place_ecef_m[1].T,
-        acceleration_ecef_m_s2=2.0 * place_ecef_m[2].T, attitude=np.stack([axis[0].T for axis in axes], axis=-1),
-        angular_rate_body_rad_s=rate[0].T, angular_acceleration_body_rad_s2=rate[1].T,
-    )  # fmt: skip
+        position_ecef_m=place_ecef_m[0].T,
+        velocity_ecef_m_s=place_ecef_m[1].T,
+        acceleration_ecef_m_s2=2.0 * place_ecef_m[2].T,
+        attitude=np.stack([axis[0].T for axis in axes], axis=-1),
+        angular_rate_body_rad_s=rate[0].T,
+        angular_acceleration_body_rad_s2=rate[1].T,
+    )
 
 
 def axes_of(
@@ -229,7 +249,7 @@ def axes_of(
         mix = _rot_ned_body(attitude.heading_rad, attitude.pitch_rad, attitude.roll_rad)
         forward, right, down = (
             sum(part * axis for part, axis in zip(column, north_east_down, strict=True)) for column in mix.T
-        )  # fmt: skip
+        )
         return forward, right, down
     forward = direction
     if not attitude.pitch:

@@ -43,9 +43,14 @@ class Pull:
 
 
 def pull_of(
-    scene: Scene, index: int, elapsed_s: ArrayLike, *, averaged_s: float, early_late_chips: float = 0.5,
+    scene: Scene,
+    index: int,
+    elapsed_s: ArrayLike,
+    *,
+    averaged_s: float,
+    early_late_chips: float = 0.5,
     replica: Replica = "chips",
-) -> Pull:  # fmt: skip
+) -> Pull:
     """At antenna number `index` over epochs of `averaged_s` centred on `elapsed_s` (n,), replicas `early_late_chips`
     apart.
     """
@@ -64,8 +69,18 @@ def pull_of(
 
     ahead_chips = np.zeros((middle_s.size, n_signals))
     prompt = np.ones((middle_s.size, 3, n_signals), np.complex128)  # of the first half, the second, and both
-    _settle(ahead_chips, prompt, parts.channel, table_of, many, weight, lag_chips, early_late_chips, tables.signal,
-            float(tables.points))  # fmt: skip
+    _settle(
+        ahead_chips,
+        prompt,
+        parts.channel,
+        table_of,
+        many,
+        weight,
+        lag_chips,
+        early_late_chips,
+        tables.signal,
+        float(tables.points),
+    )
     alone = np.abs(weight.mean(axis=1)[:, own]) * tables.signal[table_of, 0]
     alone[:, ~many] = 1.0
     turned_cyc = np.angle(prompt[:, 1] * prompt[:, 0].conj()) / (2.0 * np.pi)
@@ -73,9 +88,10 @@ def pull_of(
         level_db = 20.0 * np.log10(np.abs(prompt[:, 2]) / alone)
     return Pull(
         code_m=-ahead_chips / sky.signal.chip_rate_hz * SPEED_OF_LIGHT_M_S,
-        carrier_cyc=-np.angle(prompt[:, 2]) / (2.0 * np.pi), doppler_hz=turned_cyc / half_s,
+        carrier_cyc=-np.angle(prompt[:, 2]) / (2.0 * np.pi),
+        doppler_hz=turned_cyc / half_s,
         level_db=np.where(alone > 0.0, level_db, 0.0),
-    )  # fmt: skip
+    )
 
 
 @compiled
@@ -88,9 +104,18 @@ def _value(table: Reals, lag_chips: float, points: float) -> float:
 
 
 @compiled
-def _settle(ahead_chips: Reals, prompt: Complexes, channel: Integers,
-            table_of: Integers, many: Booleans, weight: Complexes, lag_chips: Reals,
-            apart_chips: float, tables: Reals, points: float) -> None:  # fmt: skip
+def _settle(
+    ahead_chips: Reals,
+    prompt: Complexes,
+    channel: Integers,
+    table_of: Integers,
+    many: Booleans,
+    weight: Complexes,
+    lag_chips: Reals,
+    apart_chips: float,
+    tables: Reals,
+    points: float,
+) -> None:
     """Each channel's loop from its own signal on, until early less late has no part in phase with the prompt."""
     for c in range(ahead_chips.shape[1]):
         if not many[c]:

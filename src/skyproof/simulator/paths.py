@@ -22,9 +22,19 @@ from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu
 from skyproof.simulator.taylor import derivative, integral, polynomial, product, sine_cosine
 
 __all__ = [
-    "Circle", "Course", "Curve", "Frame", "Pace", "Way", "circle_around", "frame_at", "pace_along", "smooth_step",
-    "turnable", "way_through",
-]  # fmt: skip
+    "Circle",
+    "Course",
+    "Curve",
+    "Frame",
+    "Pace",
+    "Way",
+    "circle_around",
+    "frame_at",
+    "pace_along",
+    "smooth_step",
+    "turnable",
+    "way_through",
+]
 
 ORDER: Final = 4  # derivatives of the place: the angular acceleration of a body that banks needs the fourth
 _STEP: Final = (-20.0, 70.0, -84.0, 35.0, 0.0, 0.0, 0.0, 0.0)
@@ -208,9 +218,7 @@ class Way:
         direction = cosine[:, np.newaxis] * ahead + sine[:, np.newaxis] * aside
         ahead_m, aside_m = inside_m[0].copy(), np.zeros_like(turned_rad)
         bent = np.flatnonzero((from_1_m != 0.0) | (change_1_m != 0.0))
-        ahead_m[bent], aside_m[bent] = _advance_m(
-            inside_m[0, bent], length_m[bent], from_1_m[bent], change_1_m[bent]
-        )  # fmt: skip
+        ahead_m[bent], aside_m[bent] = _advance_m(inside_m[0, bent], length_m[bent], from_1_m[bent], change_1_m[bent])
         place_m = self.origin_m[piece].T + ahead_m * ahead + aside_m * aside
         return self.frame.course(integral(product(speed_m_s[:, np.newaxis], direction), place_m), direction[:3])
 
@@ -230,8 +238,18 @@ def _advance_m(inside_m: Reals, length_m: Reals, from_1_m: Reals, change_1_m: Re
     return ahead_m * inside_m, aside_m * inside_m
 
 
-def way_through(points_ecef_m: Reals, speed_m_s: float, *, radius_m: float, turn_in_m: float, level: bool,
-                acceleration_m_s2: float, from_rest: bool, to_rest: bool, start_s: float) -> Way:  # fmt: skip
+def way_through(
+    points_ecef_m: Reals,
+    speed_m_s: float,
+    *,
+    radius_m: float,
+    turn_in_m: float,
+    level: bool,
+    acceleration_m_s2: float,
+    from_rest: bool,
+    to_rest: bool,
+    start_s: float,
+) -> Way:
     """Straight legs and, before each point but the ends, a turn that leads from one leg into the next.
 
     The corner itself is cut. A turn bends more and more over `turn_in_m`, then holds `radius_m`, then bends less and
@@ -280,9 +298,17 @@ def way_through(points_ecef_m: Reals, speed_m_s: float, *, radius_m: float, turn
     total_m = float(length_m.sum())
     pace = pace_along(total_m, speed_m_s, acceleration_m_s2, from_rest=from_rest, to_rest=to_rest, start_s=start_s)
     return Way(
-        frame=frame, pace=pace, start_m=np.cumsum(length_m) - length_m, length_m=np.maximum(length_m, 1e-9),
-        origin_m=origin_m, ahead=forward, aside=aside, from_1_m=from_1_m, to_1_m=to_1_m, total_m=total_m,
-    )  # fmt: skip
+        frame=frame,
+        pace=pace,
+        start_m=np.cumsum(length_m) - length_m,
+        length_m=np.maximum(length_m, 1e-9),
+        origin_m=origin_m,
+        ahead=forward,
+        aside=aside,
+        from_1_m=from_1_m,
+        to_1_m=to_1_m,
+        total_m=total_m,
+    )
 
 
 class _Piece(NamedTuple):

@@ -20,7 +20,7 @@ from skyproof.simulator.trajectories import (
     las_vegas_false,
     static,
     way_points,
-)  # fmt: skip
+)
 
 __all__ = ["Point", "antenna_point", "motion_within", "require_span", "trajectory_of"]
 
@@ -34,16 +34,26 @@ def trajectory_of(site: Site, where: str) -> Trajectory:
     path = site.path
     try:
         if path is None:
-            return static(origin, heading_rad=np.radians(site.heading_deg), pitch_rad=np.radians(site.pitch_deg),
-                          roll_rad=np.radians(site.roll_deg))  # fmt: skip
+            return static(
+                origin,
+                heading_rad=np.radians(site.heading_deg),
+                pitch_rad=np.radians(site.pitch_deg),
+                roll_rad=np.radians(site.roll_deg),
+            )
         if isinstance(path, WayPoints):
             return way_points(
-                ecef_from_enu(path.points_enu_m, origin), path.speed_m_s, acceleration_m_s2=path.acceleration_m_s2,
-                lateral_m_s2=path.turn_m_s2, start_s=path.start_s, from_rest=path.from_rest, to_rest=path.to_rest,
-            )  # fmt: skip
+                ecef_from_enu(path.points_enu_m, origin),
+                path.speed_m_s,
+                acceleration_m_s2=path.acceleration_m_s2,
+                lateral_m_s2=path.turn_m_s2,
+                start_s=path.start_s,
+                from_rest=path.from_rest,
+                to_rest=path.to_rest,
+            )
         if isinstance(path, Circle):
-            return circle(origin, path.radius_m, path.speed_m_s, clockwise=path.clockwise,
-                          start_rad=np.radians(path.start_deg))  # fmt: skip
+            return circle(
+                origin, path.radius_m, path.speed_m_s, clockwise=path.clockwise, start_rad=np.radians(path.start_deg)
+            )
         if isinstance(path, LasVegas):
             return las_vegas() if path.shown == "true" else las_vegas_false()
         assert isinstance(path, FromFile)
@@ -86,7 +96,9 @@ def antenna_point(trajectory: Trajectory, antenna: Antenna) -> Point:
     if spin is None:
         return lambda at_s: antenna_motion(motion_within(trajectory, at_s), body_m)
     arm = SpinningArm(
-        radius_m=spin.radius_m, rate_rad_s=2.0 * np.pi * spin.rate_hz, start_rad=np.radians(spin.start_deg),
+        radius_m=spin.radius_m,
+        rate_rad_s=2.0 * np.pi * spin.rate_hz,
+        start_rad=np.radians(spin.start_deg),
         centre_body_m=antenna.body_m,
-    )  # fmt: skip
+    )
     return lambda at_s: antenna_motion(motion_within(trajectory, at_s), arm.at(at_s))

@@ -89,14 +89,24 @@ def orbits_between(
         rows[:, column, 3] = state.clock_s - ephemeris.tgd
     pieces = np.moveaxis(scipy.interpolate.CubicSpline(knots_s, rows).c, 0, -1)
     return Orbits(
-        sats=tuple(ephemeris.sat for ephemeris in ephemerides), first_s=first_s, last_s=last_s,
+        sats=tuple(ephemeris.sat for ephemeris in ephemerides),
+        first_s=first_s,
+        last_s=last_s,
         pieces=np.ascontiguousarray(pieces),
-    )  # fmt: skip
+    )
 
 
 @compiled
-def _solve(pieces: Reals, wanted: Integers, first_s: float, at_s: Reals, points: Reals, flight_s: Reals,
-           toward: Reals, clock_s: Reals) -> None:  # fmt: skip
+def _solve(
+    pieces: Reals,
+    wanted: Integers,
+    first_s: float,
+    at_s: Reals,
+    points: Reals,
+    flight_s: Reals,
+    toward: Reals,
+    clock_s: Reals,
+) -> None:
     last = pieces.shape[0] - 1
     for s in range(wanted.size):
         flight = _FIRST_GUESS_S

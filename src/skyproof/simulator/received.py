@@ -25,9 +25,18 @@ from skyproof.simulator.platforms import Point
 from skyproof.simulator.scenario import Antenna, Receiver, Scenario
 
 __all__ = [
-    "AddedNoise", "Delay", "HeardSignal", "Jammer", "Messages", "Ray", "ReceiverSky", "Scene", "codes_of",
-    "ephemeris_of", "row_of",
-]  # fmt: skip
+    "AddedNoise",
+    "Delay",
+    "HeardSignal",
+    "Jammer",
+    "Messages",
+    "Ray",
+    "ReceiverSky",
+    "Scene",
+    "codes_of",
+    "ephemeris_of",
+    "row_of",
+]
 
 Delay = Callable[[Reals], tuple[Reals, Reals]]
 """Times of reception (n,) to delays of code and carrier in seconds, (n, n_signals) each."""

@@ -158,11 +158,22 @@ def render(rendering: Rendering, block: int, *, noise: bool = True) -> Floats:
     for jammer in rendering.sky.jammers:
         _jam(planes, rendering, jammer, block)
     _add_signals(
-        planes, rendering.codes, rendering.waves, rendering.sky.signal.chip_rate_hz / rendering.front_end.rate_hz,
-        rendering.symbols, rendering.messages, rendering.sky.signal.periods_per_symbol,
-        chunks.period, chunks.chip, chunks.chip_step, chunks.phase_cyc, chunks.phase_step_cyc, chunks.amplitude,
-        chunks.first, chunks.last,
-    )  # fmt: skip
+        planes,
+        rendering.codes,
+        rendering.waves,
+        rendering.sky.signal.chip_rate_hz / rendering.front_end.rate_hz,
+        rendering.symbols,
+        rendering.messages,
+        rendering.sky.signal.periods_per_symbol,
+        chunks.period,
+        chunks.chip,
+        chunks.chip_step,
+        chunks.phase_cyc,
+        chunks.phase_step_cyc,
+        chunks.amplitude,
+        chunks.first,
+        chunks.last,
+    )
     return planes
 
 
@@ -288,8 +299,10 @@ def _delays_s(sky: ReceiverSky, true_s: Reals) -> tuple[Reals, Reals]:
     further_s = np.stack([ray.further_s(true_s) for ray in sky.rays], axis=1)
     turned_cyc = np.stack([ray.phase_cyc + ray.rate_hz * true_s for ray in sky.rays], axis=1)
     of = [ray.of for ray in sky.rays]
-    return (np.concatenate([code_s, code_s[:, of] + further_s], axis=1),
-            np.concatenate([carrier_s, carrier_s[:, of] + further_s - turned_cyc / sky.signal.carrier_hz], axis=1))
+    return (
+        np.concatenate([code_s, code_s[:, of] + further_s], axis=1),
+        np.concatenate([carrier_s, carrier_s[:, of] + further_s - turned_cyc / sky.signal.carrier_hz], axis=1),
+    )
 
 
 def _amplitudes(rendering: Rendering, true_s: Reals) -> Reals:
@@ -452,8 +465,13 @@ def _spread_wave(code: Floats, wave: Floats, symbol: np.float32, begin: float, s
         column = np.int64(math.floor(at))
         row = min(int((at - column) * ROWS), ROWS - 1)
         later = np.float32((at - column) * ROWS - row)
-        _blend(code[first : first + n], wave[row, column : column + n], wave[row + 1, column : column + n],
-               symbol * (np.float32(1.0) - later), symbol * later)  # fmt: skip
+        _blend(
+            code[first : first + n],
+            wave[row, column : column + n],
+            wave[row + 1, column : column + n],
+            symbol * (np.float32(1.0) - later),
+            symbol * later,
+        )
 
 
 @compiled
@@ -463,16 +481,26 @@ def _blend(code: Floats, one: Floats, other: Floats, share: np.float32, other_sh
 
 
 @compiled
-def _mix(i_plane: Floats, q_plane: Floats, code: Floats, re: np.float32, im: np.float32, cosine: Floats,
-         sine: Floats) -> None:  # fmt: skip
+def _mix(
+    i_plane: Floats, q_plane: Floats, code: Floats, re: np.float32, im: np.float32, cosine: Floats, sine: Floats
+) -> None:
     for k in range(i_plane.shape[0]):
         i_plane[k] += code[k] * (re * cosine[k] - im * sine[k])
         q_plane[k] += code[k] * (re * sine[k] + im * cosine[k])
 
 
 @compiled
-def _add_line(planes: Floats, phase_cyc: Reals, step_cyc: Reals, amplitude: Reals, turns: Reals, turn_step: Reals,
-              sweep_cyc: float, first: int, last: int) -> None:  # fmt: skip
+def _add_line(
+    planes: Floats,
+    phase_cyc: Reals,
+    step_cyc: Reals,
+    amplitude: Reals,
+    turns: Reals,
+    turn_step: Reals,
+    sweep_cyc: float,
+    first: int,
+    last: int,
+) -> None:
     """Over each turn u from 0 to 1 the frequency rises evenly, from half the sweep below the middle to half above."""
     for n in range(first, last):
         c, k = n // CHUNK, n % CHUNK
@@ -485,10 +513,23 @@ def _add_line(planes: Floats, phase_cyc: Reals, step_cyc: Reals, amplitude: Real
 
 
 @compiled
-def _add_signals(planes: Floats, codes: NDArray[np.int8], waves: Floats, chips_per_sample: float,
-                 symbols: NDArray[np.int8], rows: Integers, periods_per_symbol: int,
-                 period: Integers, chip: Reals, chip_step: Reals, phase_cyc: Reals, phase_step_cyc: Reals,
-                 amplitude: Reals, first: Integers, last: Integers) -> None:  # fmt: skip
+def _add_signals(
+    planes: Floats,
+    codes: NDArray[np.int8],
+    waves: Floats,
+    chips_per_sample: float,
+    symbols: NDArray[np.int8],
+    rows: Integers,
+    periods_per_symbol: int,
+    period: Integers,
+    chip: Reals,
+    chip_step: Reals,
+    phase_cyc: Reals,
+    phase_step_cyc: Reals,
+    amplitude: Reals,
+    first: Integers,
+    last: Integers,
+) -> None:
     """Add every signal to planes (2, n_chunks * CHUNK); the other arrays are those of `Rendering` and `_Chunks`."""
     n_signals, n_chunks = chip.shape
     length = codes.shape[1]
@@ -509,8 +550,13 @@ def _add_signals(planes: Floats, codes: NDArray[np.int8], waves: Floats, chips_p
                 if filtered:
                     until = min(math.ceil(((turn + 1) * length - chip[s, c]) / chip_step[s, c]), CHUNK)
                     behind = chip[s, c] + done * chip_step[s, c] - turn * length  # the period's start, chips
-                    _spread_wave(code[done:until], waves[s], np.float32(symbol), behind / chips_per_sample,
-                                 chip_step[s, c] / chips_per_sample)  # fmt: skip
+                    _spread_wave(
+                        code[done:until],
+                        waves[s],
+                        np.float32(symbol),
+                        behind / chips_per_sample,
+                        chip_step[s, c] / chips_per_sample,
+                    )
                     done = until
                 else:
                     for k in range(length):
@@ -528,6 +574,12 @@ def _add_signals(planes: Floats, codes: NDArray[np.int8], waves: Floats, chips_p
                 if low < high:
                     a, b = c * CHUNK + low, c * CHUNK + high
                     k = low - j * _STEP
-                    _mix(planes[0, a:b], planes[1, a:b], code[low:high],
-                         re * coarse_cosine[j] - im * coarse_sine[j], re * coarse_sine[j] + im * coarse_cosine[j],
-                         cosine[k:], sine[k:])  # fmt: skip
+                    _mix(
+                        planes[0, a:b],
+                        planes[1, a:b],
+                        code[low:high],
+                        re * coarse_cosine[j] - im * coarse_sine[j],
+                        re * coarse_sine[j] + im * coarse_cosine[j],
+                        cosine[k:],
+                        sine[k:],
+                    )

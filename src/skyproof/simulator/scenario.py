@@ -21,9 +21,26 @@ from skyproof.simulator.inertial import GRADES
 from skyproof.simulator.sites import Instant, Model, Name, Place, SatName, Site
 
 __all__ = [
-    "Antenna", "Attack", "Direction", "FrontEnd", "Imu", "Interference", "Meaconer", "Multipath", "Place", "Receiver",
-    "Scenario", "Site", "Sky", "Spin", "Spoofer", "Takeover", "TransmitAntenna", "parse_scenario", "read_scenario",
-]  # fmt: skip
+    "Antenna",
+    "Attack",
+    "Direction",
+    "FrontEnd",
+    "Imu",
+    "Interference",
+    "Meaconer",
+    "Multipath",
+    "Place",
+    "Receiver",
+    "Scenario",
+    "Site",
+    "Sky",
+    "Spin",
+    "Spoofer",
+    "Takeover",
+    "TransmitAntenna",
+    "parse_scenario",
+    "read_scenario",
+]
 
 Vector = tuple[float, float, float]
 
@@ -146,8 +163,11 @@ class FrontEnd(Model):
     agc: bool = False
 
     BITS: ClassVar[Mapping[str, tuple[int, ...]]] = {
-        "sign": (1,), "sign-magnitude": (2,), "int": (8, 16), "float": (32,),
-    }  # fmt: skip
+        "sign": (1,),
+        "sign-magnitude": (2,),
+        "int": (8, 16),
+        "float": (32,),
+    }
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -280,9 +300,7 @@ def read_scenario(path: Path) -> Scenario:
     Raises ScenarioError if it cannot be read or makes no sense.
     """
     try:
-        table = read_toml(
-            path, "the scenario", "a scenario is TOML: fix that line", "check the name and the folder"
-        )  # fmt: skip
+        table = read_toml(path, "the scenario", "a scenario is TOML: fix that line", "check the name and the folder")
     except InputError as error:
         raise ScenarioError(str(error)) from error
     return parse_scenario(_beside(table, path.parent), source=str(path))

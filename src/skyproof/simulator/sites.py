@@ -15,8 +15,20 @@ from skyproof.errors import shown
 from skyproof.gnss.signals import GPS_SATS
 from skyproof.gnss.time import iso, parse_iso
 
-__all__ = ["Circle", "FromFile", "Instant", "LasVegas", "Model", "Name", "Place", "SatName", "Site", "WayPoints",
-           "between", "rising"]  # fmt: skip
+__all__ = [
+    "Circle",
+    "FromFile",
+    "Instant",
+    "LasVegas",
+    "Model",
+    "Name",
+    "Place",
+    "SatName",
+    "Site",
+    "WayPoints",
+    "between",
+    "rising",
+]
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"  # names become file names
 Name = Annotated[str, Field(pattern=NAME)]

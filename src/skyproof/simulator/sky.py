@@ -30,7 +30,7 @@ from skyproof.simulator.transmitters import (
     false_signals,
     interference_at,
     led_away,
-)  # fmt: skip
+)
 from skyproof.simulator.view import KNOT_S, View, patch_db, when_above
 
 __all__ = ["scene_of"]
@@ -56,10 +56,13 @@ def scene_of(scenario: Scenario, navigation: NavigationData) -> Scene:
         for attacker, onset_s in zip(world.attackers, onsets_s, strict=True)
     ]
     return Scene(
-        scenario=scenario, navigation=navigation, skies=skies, path_m=np.array(path_m).reshape(-1, len(skies)),
+        scenario=scenario,
+        navigation=navigation,
+        skies=skies,
+        path_m=np.array(path_m).reshape(-1, len(skies)),
         trajectories=dict(zip((r.name for r in scenario.receivers), world.trajectories, strict=True)),
         shown=tuple(attacker.view.point for attacker in world.attackers),
-    )  # fmt: skip
+    )
 
 
 class _World:
@@ -103,9 +106,12 @@ class _World:
         if receiver.oscillator is None:
             return None
         return clock(
-            receiver.oscillator, drift=receiver.lo_ppm * 1e-6, seed=self.scenario.seed, stream=index,
+            receiver.oscillator,
+            drift=receiver.lo_ppm * 1e-6,
+            seed=self.scenario.seed,
+            stream=index,
             duration_s=self.scenario.duration_s + _MARGIN_S,
-        )  # fmt: skip
+        )
 
     def _attacker(self, number: int) -> Attacker:
         scenario, attack = self.scenario, self.scenario.attacks[number]
@@ -128,9 +134,15 @@ class _World:
                 return motion_within(trajectory, at_s)
 
         return Attacker(
-            number=number, name=scenario.attack_names[number], seed=scenario.seed, attack=attack, radios=radios,
-            view=self._view(shown), target=target, true=true,
-        )  # fmt: skip
+            number=number,
+            name=scenario.attack_names[number],
+            seed=scenario.seed,
+            attack=attack,
+            radios=radios,
+            view=self._view(shown),
+            target=target,
+            true=true,
+        )
 
     def _level_dbhz(self, el_rad: Reals) -> Reals:
         sky = self.scenario.sky
@@ -144,9 +156,9 @@ class _World:
         groups = [self._true_signals(self._view(point), antenna)]
         for attacker in self.attackers:
             self._require_distance(attacker, receiver, point)
-            groups.append(false_signals(
-                attacker, point, antenna, self.cn0_dbhz, knots_s=self.knots_s, mask_deg=scenario.mask_deg
-            ))  # fmt: skip
+            groups.append(
+                false_signals(attacker, point, antenna, self.cn0_dbhz, knots_s=self.knots_s, mask_deg=scenario.mask_deg)
+            )
         heard = [signal for group in groups for signal in group.heard]
         if not heard:
             raise ScenarioError(
@@ -171,22 +183,33 @@ class _World:
         el_rad = np.concatenate([group.el_rad for group in groups], axis=1)[:, order]
         others = list(self._others(point))
         return ReceiverSky(
-            receiver=receiver, antenna=antenna, number=number,
+            receiver=receiver,
+            antenna=antenna,
+            number=number,
             name=receiver.name if len(receiver.antennas) == 1 else f"{receiver.name}.{antenna.name}",
-            signals=signals, delays_s=delays_s, cn0_dbhz=cn0_dbhz, point=point, knots_s=self.knots_s,
-            az_rad=np.concatenate([group.az_rad for group in groups], axis=1)[:, order], el_rad=el_rad,
-            clock=self.clocks[index], rays=tuple(self._rays(receiver, antenna, signals, el_rad)),
+            signals=signals,
+            delays_s=delays_s,
+            cn0_dbhz=cn0_dbhz,
+            point=point,
+            knots_s=self.knots_s,
+            az_rad=np.concatenate([group.az_rad for group in groups], axis=1)[:, order],
+            el_rad=el_rad,
+            clock=self.clocks[index],
+            rays=tuple(self._rays(receiver, antenna, signals, el_rad)),
             noises=tuple(other for other in others if isinstance(other, AddedNoise)),
             jammers=tuple(other for other in others if isinstance(other, Jammer)),
-        )  # fmt: skip
+        )
 
     def _true_signals(self, view: View, antenna: Antenna) -> Group:
         sats = self.orbits.sats
         wanted = sats if self.scenario.sky.sats is None else self.scenario.sky.sats
         until_s = np.inf if self.scenario.sky.until_s is None else self.scenario.sky.until_s
         above = [when_above(el_rad, self.knots_s, self.scenario.mask_deg) for el_rad in view.el_rad.T]
-        kept = [(col, (window[0], min(window[1], until_s))) for col, window in enumerate(above)
-                if window is not None and window[0] < until_s and sats[col] in wanted]  # fmt: skip
+        kept = [
+            (col, (window[0], min(window[1], until_s)))
+            for col, window in enumerate(above)
+            if window is not None and window[0] < until_s and sats[col] in wanted
+        ]
         columns = np.array([column for column, _ in kept], np.int64)
         level_dbhz = scipy.interpolate.CubicSpline(self.knots_s, self._level_dbhz(view.el_rad[:, columns]))
 
@@ -201,8 +224,11 @@ class _World:
 
         return Group(
             heard=tuple(HeardSignal(SignalId(sats[column]), "sky", "authentic", (window,)) for column, window in kept),
-            delays_s=delays_s, cn0_dbhz=cn0_dbhz, az_rad=view.az_rad[:, columns], el_rad=view.el_rad[:, columns],
-        )  # fmt: skip
+            delays_s=delays_s,
+            cn0_dbhz=cn0_dbhz,
+            az_rad=view.az_rad[:, columns],
+            el_rad=view.el_rad[:, columns],
+        )
 
     def _require_distance(self, attacker: Attacker, receiver: Receiver, point: Point) -> None:
         at_s = receiver.start_offset_s + np.linspace(0.0, self.scenario.duration_s, 100)
@@ -240,7 +266,9 @@ class _World:
         else:
             longer_m = np.full(el_rad.shape, reflection.delay_m)
         return Ray(
-            of=column, further_s=scipy.interpolate.CubicSpline(self.knots_s, longer_m / SPEED_OF_LIGHT_M_S),
-            amplitude=10.0 ** (reflection.power_db / 20.0), phase_cyc=reflection.phase_deg / 360.0,
+            of=column,
+            further_s=scipy.interpolate.CubicSpline(self.knots_s, longer_m / SPEED_OF_LIGHT_M_S),
+            amplitude=10.0 ** (reflection.power_db / 20.0),
+            phase_cyc=reflection.phase_deg / 360.0,
             rate_hz=reflection.rate_hz,
-        )  # fmt: skip
+        )

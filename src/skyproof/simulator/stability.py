@@ -53,8 +53,10 @@ def imu_stability(*, seed: int = 0) -> list[Stability]:
         units = [ImuErrors.of(grade, IMU_HZ, n_blocks, seed, IMU_UNITS * number + unit) for unit in range(IMU_UNITS)]
         drawn = np.stack([np.concatenate([unit.drawn(block) for block in range(n_blocks)]) for unit in units])
         phase = np.cumsum(np.moveaxis(drawn, 1, 2), axis=-1) / IMU_HZ
-        theories = (("accelerometer", "m/s²", grade.accelerometer_allan_deviation_m_s2),
-                    ("gyro", "rad/s", grade.gyro_allan_deviation_rad_s))  # fmt: skip
+        theories = (
+            ("accelerometer", "m/s²", grade.accelerometer_allan_deviation_m_s2),
+            ("gyro", "rad/s", grade.gyro_allan_deviation_rad_s),
+        )
         for first, (what, unit, theory) in zip((0, 3), theories, strict=True):
             runs = phase[:, first : first + 3].reshape(3 * IMU_UNITS, -1)
             found.append(_stability(name, what, unit, runs, 1.0 / IMU_HZ, theory))
@@ -85,6 +87,12 @@ def _stability(
     mean = variance.mean(axis=0)
     reach = scipy.special.stdtrit(len(phase) - 1, 0.95) * variance.std(axis=0, ddof=1) / np.sqrt(len(phase))
     return Stability(
-        name=name, what=what, unit=unit, tau_s=got.tau_s, deviation=np.sqrt(mean),
-        lower=np.sqrt(np.maximum(mean - reach, 0.01 * mean)), upper=np.sqrt(mean + reach), theory=theory(got.tau_s),
-    )  # fmt: skip
+        name=name,
+        what=what,
+        unit=unit,
+        tau_s=got.tau_s,
+        deviation=np.sqrt(mean),
+        lower=np.sqrt(np.maximum(mean - reach, 0.01 * mean)),
+        upper=np.sqrt(mean + reach),
+        theory=theory(got.tau_s),
+    )

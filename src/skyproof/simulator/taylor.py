@@ -13,8 +13,16 @@ import numpy as np
 from skyproof.arrays import Reals
 
 __all__ = [
-    "cross", "derivative", "dot", "integral", "normalised", "polynomial", "product", "reciprocal_root", "sine_cosine",
-]  # fmt: skip
+    "cross",
+    "derivative",
+    "dot",
+    "integral",
+    "normalised",
+    "polynomial",
+    "product",
+    "reciprocal_root",
+    "sine_cosine",
+]
 
 
 def product(a: Reals, b: Reals) -> Reals:

@@ -25,13 +25,24 @@ from skyproof.simulator.motion import (
     heading_pitch_roll_rad,
     moments,
     motion_of,
-)  # fmt: skip
+)
 from skyproof.simulator.paths import Curve, Pace, circle_around, frame_at, turnable, way_through
 
 __all__ = [
-    "Drifting", "Sampled", "Static", "Travel", "circle", "drifting", "ecef_from_enu", "from_samples", "from_track",
-    "las_vegas", "las_vegas_false", "static", "way_points",
-]  # fmt: skip
+    "Drifting",
+    "Sampled",
+    "Static",
+    "Travel",
+    "circle",
+    "drifting",
+    "ecef_from_enu",
+    "from_samples",
+    "from_track",
+    "las_vegas",
+    "las_vegas_false",
+    "static",
+    "way_points",
+]
 
 _STEEPEST_LEG_RAD: Final = float(np.radians(80.0))
 _KNOT_M_S: Final = 1852.0 / 3600.0
@@ -55,10 +66,13 @@ class Static:
         n = moments(t_s).size
         none = np.zeros((n, 3))
         return Motion(
-            position_ecef_m=np.broadcast_to(self.position_ecef_m, (n, 3)), velocity_ecef_m_s=none,
-            acceleration_ecef_m_s2=none, attitude=np.broadcast_to(self.attitude, (n, 3, 3)),
-            angular_rate_body_rad_s=none, angular_acceleration_body_rad_s2=none,
-        )  # fmt: skip
+            position_ecef_m=np.broadcast_to(self.position_ecef_m, (n, 3)),
+            velocity_ecef_m_s=none,
+            acceleration_ecef_m_s2=none,
+            attitude=np.broadcast_to(self.attitude, (n, 3, 3)),
+            angular_rate_body_rad_s=none,
+            angular_acceleration_body_rad_s2=none,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +135,11 @@ class Drifting:
         true = self.of.at(t_s)
         value, rate, half = self.share.at(moments(t_s))[:3, :, np.newaxis] * self.offset_ecef_m
         return replace(
-            true, position_ecef_m=true.position_ecef_m + value, velocity_ecef_m_s=true.velocity_ecef_m_s + rate,
+            true,
+            position_ecef_m=true.position_ecef_m + value,
+            velocity_ecef_m_s=true.velocity_ecef_m_s + rate,
             acceleration_ecef_m_s2=true.acceleration_ecef_m_s2 + 2.0 * half,
-        )  # fmt: skip
+        )
 
 
 def static(
@@ -135,10 +151,19 @@ def static(
 
 
 def way_points(
-    points_ecef_m: ArrayLike, speed_m_s: float, *, acceleration_m_s2: float = 2.0, radius_m: float | None = None,
-    lateral_m_s2: float = 2.0, turn_in_s: float = 2.0, start_s: float = 0.0, from_rest: bool = True,
-    to_rest: bool = True, level: bool = True, attitude: Held | AlongMotion | None = None,
-) -> Travel:  # fmt: skip
+    points_ecef_m: ArrayLike,
+    speed_m_s: float,
+    *,
+    acceleration_m_s2: float = 2.0,
+    radius_m: float | None = None,
+    lateral_m_s2: float = 2.0,
+    turn_in_s: float = 2.0,
+    start_s: float = 0.0,
+    from_rest: bool = True,
+    to_rest: bool = True,
+    level: bool = True,
+    attitude: Held | AlongMotion | None = None,
+) -> Travel:
     """A way along points (n, 3) at one speed, on straight legs with smooth turns that cut the corners.
 
     Parameters
@@ -158,17 +183,28 @@ def way_points(
         for an attitude along the motion, and what `way_through` raises.
     """
     attitude = attitude if attitude is not None else AlongMotion()
-    for name, value in (("speed_m_s", speed_m_s), ("lateral_m_s2", lateral_m_s2), ("turn_in_s", turn_in_s),
-                        ("radius_m", 1.0 if radius_m is None else radius_m)):  # fmt: skip
+    for name, value in (
+        ("speed_m_s", speed_m_s),
+        ("lateral_m_s2", lateral_m_s2),
+        ("turn_in_s", turn_in_s),
+        ("radius_m", 1.0 if radius_m is None else radius_m),
+    ):
         if not (np.isfinite(value) and value > 0.0):
             raise ScenarioError(f"{name} {value:g}: expected a number above zero; give one")
     radius_m = radius_m if radius_m is not None else speed_m_s**2 / lateral_m_s2
     turnable(radius_m, speed_m_s)
     points = np.asarray(points_ecef_m, np.float64)
     way = way_through(
-        points, speed_m_s, radius_m=radius_m, turn_in_m=speed_m_s * turn_in_s, level=level,
-        acceleration_m_s2=acceleration_m_s2, from_rest=from_rest, to_rest=to_rest, start_s=start_s,
-    )  # fmt: skip
+        points,
+        speed_m_s,
+        radius_m=radius_m,
+        turn_in_m=speed_m_s * turn_in_s,
+        level=level,
+        acceleration_m_s2=acceleration_m_s2,
+        from_rest=from_rest,
+        to_rest=to_rest,
+        start_s=start_s,
+    )
     if isinstance(attitude, AlongMotion):
         climb_rad = np.arcsin(np.abs(way.ahead[:, 2]).clip(max=1.0))
         if climb_rad.max() > _STEEPEST_LEG_RAD:
@@ -180,15 +216,21 @@ def way_points(
 
 
 def circle(
-    centre_ecef_m: ArrayLike, radius_m: float, speed_m_s: float, *, clockwise: bool = True, start_rad: float = 0.0,
+    centre_ecef_m: ArrayLike,
+    radius_m: float,
+    speed_m_s: float,
+    *,
+    clockwise: bool = True,
+    start_rad: float = 0.0,
     attitude: Held | AlongMotion | None = None,
-) -> Travel:  # fmt: skip
+) -> Travel:
     """A horizontal circle; `start_rad` is the azimuth from its centre at time 0. For all times, never at rest.
 
     Raises ScenarioError if radius or speed is not above zero, or the radius too small for the speed.
     """
-    curve = circle_around(_place("centre_ecef_m", centre_ecef_m), radius_m, speed_m_s, clockwise=clockwise,
-                          start_rad=start_rad)  # fmt: skip
+    curve = circle_around(
+        _place("centre_ecef_m", centre_ecef_m), radius_m, speed_m_s, clockwise=clockwise, start_rad=start_rad
+    )
     return Travel(curve, attitude if attitude is not None else AlongMotion())
 
 
@@ -237,9 +279,13 @@ def drifting(
 
 
 def from_samples(
-    t_s: ArrayLike, position_ecef_m: ArrayLike, *, attitude: Reals | Held | AlongMotion | None = None,
-    knot_s: float | None = None, slow_m_s: float = 0.5,
-) -> Sampled:  # fmt: skip
+    t_s: ArrayLike,
+    position_ecef_m: ArrayLike,
+    *,
+    attitude: Reals | Held | AlongMotion | None = None,
+    knot_s: float | None = None,
+    slow_m_s: float = 0.5,
+) -> Sampled:
     """A smooth curve through places (n, 3) at rising times (n,).
 
     Places are joined by a spline of degree 5 (of degree n - 1 if there are fewer than six), attitudes by one of degree
@@ -270,16 +316,21 @@ def from_samples(
     else:
         rotations = _attitude_along(
             t_s, origin_ecef_m + place_m(t_s), place_m(t_s, 1), place_m(t_s, 2), attitude or AlongMotion(), slow_m_s
-        )  # fmt: skip
+        )
     transform = scipy.spatial.transform
     spline = transform.RotationSpline(t_s, transform.Rotation.from_matrix(rotations))
     return Sampled((float(t_s[0]), float(t_s[-1])), origin_ecef_m, place_m, spline)
 
 
 def from_track(
-    track: Track, *, start_s: float = 0.0, speed_m_s: float | None = None,
-    attitude: Held | AlongMotion | None = None, knot_s: float | None = None, slow_m_s: float = 0.5,
-) -> Sampled:  # fmt: skip
+    track: Track,
+    *,
+    start_s: float = 0.0,
+    speed_m_s: float | None = None,
+    attitude: Held | AlongMotion | None = None,
+    knot_s: float | None = None,
+    slow_m_s: float = 0.5,
+) -> Sampled:
     """The motion of a file's points, the first of which is reached at `start_s`.
 
     speed_m_s : needed if the file has no times, refused if it has; kept on the straight lines between the points.
@@ -344,8 +395,9 @@ def _spline(t_s: Reals, places_m: Reals, knot_s: float | None) -> "scipy.interpo
         ) from error
 
 
-def _attitude_along(t_s: Reals, places: Reals, velocity_m_s: Reals, acceleration_m_s2: Reals, options: AlongMotion,
-                    slow_m_s: float) -> Reals:  # fmt: skip
+def _attitude_along(
+    t_s: Reals, places: Reals, velocity_m_s: Reals, acceleration_m_s2: Reals, options: AlongMotion, slow_m_s: float
+) -> Reals:
     """Rotations (n, 3, 3) along the motion; where it is slow, angles that go evenly from what was to what comes."""
     fast = np.linalg.norm(velocity_m_s, axis=-1) >= slow_m_s
     if not fast.any():

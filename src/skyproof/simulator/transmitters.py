@@ -137,8 +137,10 @@ class Attacker:
             code_m = code_m + attack.code_offset_m
             carrier_s = carrier_s + attack.phase_cyc(left_s)[:, np.newaxis] / carrier_hz
             if attack.phase == "random":
-                seeds = [np.random.SeedSequence(self.seed, spawn_key=(_PHASE_STREAM, self.number, prn_of(sat)))
-                         for sat in sats]  # fmt: skip
+                seeds = [
+                    np.random.SeedSequence(self.seed, spawn_key=(_PHASE_STREAM, self.number, prn_of(sat)))
+                    for sat in sats
+                ]
                 carrier_s = carrier_s + np.array([np.random.default_rng(s).uniform() for s in seeds]) / carrier_hz
         return code_m / SPEED_OF_LIGHT_M_S, carrier_s
 
@@ -158,9 +160,14 @@ def led_away(target: Point, attack: Takeover) -> Point:
 
 
 def false_signals(
-    attacker: Attacker, point: Point, antenna: Antenna, reference_cn0_dbhz: Callable[[Reals], Reals], *,
-    knots_s: Reals, mask_deg: float,
-) -> Group:  # fmt: skip
+    attacker: Attacker,
+    point: Point,
+    antenna: Antenna,
+    reference_cn0_dbhz: Callable[[Reals], Reals],
+    *,
+    knots_s: Reals,
+    mask_deg: float,
+) -> Group:
     """What an attack's signals are at an antenna.
 
     reference_cn0_dbhz : of the true signals of all satellites at the first receiver, (n, n_sats).
@@ -201,14 +208,15 @@ def false_signals(
         return level
 
     return Group(
-        heard=tuple(heard), delays_s=delays_s, cn0_dbhz=cn0_dbhz, az_rad=view.az_rad[:, all_columns],
+        heard=tuple(heard),
+        delays_s=delays_s,
+        cn0_dbhz=cn0_dbhz,
+        az_rad=view.az_rad[:, all_columns],
         el_rad=view.el_rad[:, all_columns],
-    )  # fmt: skip
+    )
 
 
-def _imitated(
-    attacker: Attacker, point: Point, knots_s: Reals, mask_deg: float
-) -> tuple[list[int], list[HeardSignal]]:
+def _imitated(attacker: Attacker, point: Point, knots_s: Reals, mask_deg: float) -> tuple[list[int], list[HeardSignal]]:
     """The columns of the satellites that an attack imitates, and what is heard of them when."""
     attack, view = attacker.attack, attacker.view
     message = attacker.name if attack.message != "true" or attack.message_later_s else ""
@@ -225,8 +233,9 @@ def _imitated(
         edges_s[finite] = attacker.radios[attack.antenna_of(sat)].arrival_s(point, edges_s[finite])
         windows = tuple(
             (max(begin, above[0]), min(end, above[1]))
-            for begin, end in edges_s.tolist() if max(begin, above[0]) < min(end, above[1])
-        )  # fmt: skip
+            for begin, end in edges_s.tolist()
+            if max(begin, above[0]) < min(end, above[1])
+        )
         if windows:
             columns.append(column)
             copy = SignalId(sat, copy=chr(ord("b") + attacker.number))
@@ -262,6 +271,9 @@ def interference_at(source: Interference, radio: Radio, point: Point) -> AddedNo
     if source.kind == "noise":
         return AddedNoise(power=power, from_s=from_s, until_s=until_s)
     return Jammer(
-        source=source, power=power, delay_s=lambda true_s: radio.flight_s(true_s, point(true_s)), from_s=from_s,
+        source=source,
+        power=power,
+        delay_s=lambda true_s: radio.flight_s(true_s, point(true_s)),
+        from_s=from_s,
         until_s=until_s,
-    )  # fmt: skip
+    )

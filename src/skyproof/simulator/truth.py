@@ -27,9 +27,19 @@ from skyproof.simulator.platforms import motion_within
 from skyproof.simulator.received import ReceiverSky, Scene
 
 __all__ = [
-    "SIGNALS_HZ", "TRAJECTORY_HZ", "Table", "doppler_hz", "imu_blocks", "imus_of", "moment", "signal_blocks",
-    "signal_truth", "sky_of", "trajectory_blocks", "trajectory_truth",
-]  # fmt: skip
+    "SIGNALS_HZ",
+    "TRAJECTORY_HZ",
+    "Table",
+    "doppler_hz",
+    "imu_blocks",
+    "imus_of",
+    "moment",
+    "signal_blocks",
+    "signal_truth",
+    "sky_of",
+    "trajectory_blocks",
+    "trajectory_truth",
+]
 
 Table = dict[str, NDArray[Any]]
 
@@ -189,12 +199,18 @@ def imus_of(scene: Scene) -> dict[str, Imu]:
     return {
         receiver.name: inertial(
             partial(motion_within, scene.trajectories[receiver.name]),
-            rate_hz=receiver.imu.rate_hz, duration_s=scene.scenario.duration_s, grade=receiver.imu.grade,
-            mounting=_mounting(receiver.imu.mounting_deg), lever_body_m=receiver.imu.body_m,
-            seed=scene.scenario.seed, stream=index, start_s=receiver.start_offset_s,
+            rate_hz=receiver.imu.rate_hz,
+            duration_s=scene.scenario.duration_s,
+            grade=receiver.imu.grade,
+            mounting=_mounting(receiver.imu.mounting_deg),
+            lever_body_m=receiver.imu.body_m,
+            seed=scene.scenario.seed,
+            stream=index,
+            start_s=receiver.start_offset_s,
         )
-        for index, receiver in enumerate(scene.scenario.receivers) if receiver.imu is not None
-    }  # fmt: skip
+        for index, receiver in enumerate(scene.scenario.receivers)
+        if receiver.imu is not None
+    }
 
 
 def imu_blocks(scene: Scene, imu: Imu) -> Iterator[Table]:
@@ -203,8 +219,9 @@ def imu_blocks(scene: Scene, imu: Imu) -> Iterator[Table]:
     for series in imu.blocks() if imu.n_samples else (empty,):
         table: Table = {"gpst": moment(scene, series.time_s), "true_s": series.time_s}
         for kind, unit, values in (
-            ("specific_force", "m_s2", series.specific_force_m_s2), ("angular_rate", "rad_s", series.angular_rate_rad_s)
-        ):  # fmt: skip
+            ("specific_force", "m_s2", series.specific_force_m_s2),
+            ("angular_rate", "rad_s", series.angular_rate_rad_s),
+        ):
             table |= {f"{kind}_{axis}_{unit}": column for axis, column in zip("xyz", values.T, strict=True)}
         yield table
 

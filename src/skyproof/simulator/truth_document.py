@@ -144,14 +144,22 @@ def _signal_truths(scene: Scene, sky: ReceiverSky) -> list[dict[str, Any]]:
         ends_s = np.clip([heard.from_s, heard.until_s], start_s, end_s)
         code_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(ends_s)
         lag_m = code_m[:, column] - code_m[:, authentic[heard.id.sat]] if heard.id.sat in authentic else None
-        rows.append({
-            "sat": heard.id.sat, "copy": heard.id.copy, "label": heard.label, "source": heard.source,
-            "from_gpst": iso(moment(scene, ends_s[0]), 9), "to_gpst": iso(moment(scene, ends_s[1]), 9),
-            "cn0_dbhz_first_last": _rounded(sky.cn0_dbhz(ends_s)[:, column], 3),
-            "az_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, np.unwrap(sky.az_rad[:, column])) % 360.0, 3),
-            "el_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, sky.el_rad[:, column]), 3),
-            "delay_to_authentic_m_first_last": None if lag_m is None else _rounded(lag_m, 4),
-        })  # fmt: skip
+        rows.append(
+            {
+                "sat": heard.id.sat,
+                "copy": heard.id.copy,
+                "label": heard.label,
+                "source": heard.source,
+                "from_gpst": iso(moment(scene, ends_s[0]), 9),
+                "to_gpst": iso(moment(scene, ends_s[1]), 9),
+                "cn0_dbhz_first_last": _rounded(sky.cn0_dbhz(ends_s)[:, column], 3),
+                "az_deg_first_last": _rounded(
+                    _degrees(ends_s, sky.knots_s, np.unwrap(sky.az_rad[:, column])) % 360.0, 3
+                ),
+                "el_deg_first_last": _rounded(_degrees(ends_s, sky.knots_s, sky.el_rad[:, column]), 3),
+                "delay_to_authentic_m_first_last": None if lag_m is None else _rounded(lag_m, 4),
+            }
+        )
     return rows
 
 
@@ -175,7 +183,7 @@ def _attack_truth(scene: Scene, number: int) -> dict[str, Any]:
         "captured_receiver_shows_position_at_end": _geodetic(scene.shown[number], last_s),
         "captured_clock_extra_s": _clock_extra_s(scene, number),
         "captured_clock_extra_grows_until_end_s": float(np.subtract(*attack.clock_s([last_s, attack.onset_s]))),
-    }  # fmt: skip
+    }
 
 
 def _clock_extra_s(scene: Scene, number: int) -> dict[str, float]:
@@ -187,10 +195,11 @@ def _clock_extra_s(scene: Scene, number: int) -> dict[str, float]:
             float(way_m) for sky, way_m in zip(scene.skies, path_m, strict=True) if sky.receiver.name == attack.target
         )
     return {
-        sky.name: attack.added_delay_s + float(attack.clock_s(attack.onset_s))
+        sky.name: attack.added_delay_s
+        + float(attack.clock_s(attack.onset_s))
         + (float(way_m) - before_m) / SPEED_OF_LIGHT_M_S
         for sky, way_m in zip(scene.skies, path_m, strict=True)
-    }  # fmt: skip
+    }
 
 
 def _interference_truth(scene: Scene, number: int) -> dict[str, Any]:
@@ -201,18 +210,13 @@ def _interference_truth(scene: Scene, number: int) -> dict[str, Any]:
         "transmit_antenna": _place(source.transmit),
         "onset_gpst": iso(moment(scene, source.onset_s), 9),
         "until_gpst": None if source.until_s is None else iso(moment(scene, source.until_s), 9),
-        "heard": {
-            sky.name: _on_gpst(scene, [interference_of(scene, sky)[number][1:]]) for sky in scene.skies
-        },
-    }  # fmt: skip
+        "heard": {sky.name: _on_gpst(scene, [interference_of(scene, sky)[number][1:]]) for sky in scene.skies},
+    }
 
 
 def _on_gpst(scene: Scene, windows: Sequence[tuple[float, float]]) -> list[list[str | None]]:
     """From when to when; none where the scene has no end of it."""
-    return [
-        [iso(moment(scene, edge_s), 9) if np.isfinite(edge_s) else None for edge_s in window]
-        for window in windows
-    ]  # fmt: skip
+    return [[iso(moment(scene, edge_s), 9) if np.isfinite(edge_s) else None for edge_s in window] for window in windows]
 
 
 def _last_s(scene: Scene, until_s: float | None) -> float:
@@ -223,9 +227,10 @@ def _last_s(scene: Scene, until_s: float | None) -> float:
 def _geodetic(point: Point, at_s: float) -> dict[str, float]:
     lat_rad, lon_rad, height_m = geodetic_from_ecef(point(np.array([at_s])).position_ecef_m[0])
     return {
-        "lat_deg": round(float(np.degrees(lat_rad)), 11), "lon_deg": round(float(np.degrees(lon_rad)), 11),
+        "lat_deg": round(float(np.degrees(lat_rad)), 11),
+        "lon_deg": round(float(np.degrees(lon_rad)), 11),
         "height_m": round(float(height_m), 6),
-    }  # fmt: skip
+    }
 
 
 def _place(site: Site) -> dict[str, Any]:

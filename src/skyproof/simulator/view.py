@@ -41,7 +41,7 @@ class View:
             _, tow_s = week_and_tow(scenario.start_gpst)
             ionosphere_s = klobuchar_delay_s(
                 ionosphere, lat_rad, lon_rad, self.az_rad, up_rad, tow_s + knots_s[:, np.newaxis]
-            )  # fmt: skip
+            )
         air_s = np.stack([troposphere_s + ionosphere_s, troposphere_s - ionosphere_s], axis=1)
         self._air_s = scipy.interpolate.CubicSpline(knots_s, air_s)
 
@@ -77,5 +77,7 @@ def when_above(el_rad: Reals, knots_s: Reals, mask_deg: float) -> tuple[float, f
     above = np.flatnonzero(el_rad >= np.radians(mask_deg))
     if above.size == 0:
         return None
-    return (-np.inf if above[0] == 0 else float(knots_s[above[0]]),
-            np.inf if above[-1] == knots_s.size - 1 else float(knots_s[above[-1]]))  # fmt: skip
+    return (
+        -np.inf if above[0] == 0 else float(knots_s[above[0]]),
+        np.inf if above[-1] == knots_s.size - 1 else float(knots_s[above[-1]]),
+    )

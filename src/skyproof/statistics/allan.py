@@ -25,8 +25,13 @@ class AllanDeviation(NamedTuple):
 
 
 def allan_deviation(
-    phase: ArrayLike, interval_s: float, factors: Sequence[int], *, noise: NoiseKind = "white", confidence: float = 0.9,
-) -> AllanDeviation:  # fmt: skip
+    phase: ArrayLike,
+    interval_s: float,
+    factors: Sequence[int],
+    *,
+    noise: NoiseKind = "white",
+    confidence: float = 0.9,
+) -> AllanDeviation:
     """Overlapping Allan deviation and its two-sided confidence limits (NIST SP 1065, 5.2.4 and 5.4).
 
     Parameters

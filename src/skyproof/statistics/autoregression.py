@@ -15,8 +15,15 @@ from skyproof.arrays import Reals
 from skyproof.statistics.lines import line_columns
 
 __all__ = [
-    "Ar1Fit", "Ar1Line", "ar1_fit", "ar1_line", "ar1_whiten", "correlation_grid", "estimate_ar1", "lag_one_expectation",
-]  # fmt: skip
+    "Ar1Fit",
+    "Ar1Line",
+    "ar1_fit",
+    "ar1_line",
+    "ar1_whiten",
+    "correlation_grid",
+    "estimate_ar1",
+    "lag_one_expectation",
+]
 
 
 def correlation_grid(largest: float, count: int = 40) -> Reals:

@@ -58,8 +58,9 @@ def line_clusters(values: Reals, sigma: ArrayLike, false_alarm_probability: floa
 def _interval_squares(x: Reals, weight: Reals) -> Reals:
     """Squares (..., i, j) of the values i to j around their mean; infinite for i > j."""
     sums = [np.cumsum(w, axis=-1) for w in (weight, weight * x, weight * x**2)]
-    within = [s[..., None, :] - (s - w)[..., :, None]
-              for s, w in zip(sums, (weight, weight * x, weight * x**2), strict=True)]  # fmt: skip
+    within = [
+        s[..., None, :] - (s - w)[..., :, None] for s, w in zip(sums, (weight, weight * x, weight * x**2), strict=True)
+    ]
     upper = np.triu(np.ones((x.shape[-1], x.shape[-1]), bool))
     with np.errstate(invalid="ignore", divide="ignore"):
         squares = within[2] - within[1] ** 2 / within[0]

@@ -23,9 +23,14 @@ from scipy.optimize import brentq
 from skyproof.arrays import Reals
 
 __all__ = [
-    "CusumPath", "cusum_path", "cusum_run_length", "cusum_step", "cusum_threshold", "page_run_length",
+    "CusumPath",
+    "cusum_path",
+    "cusum_run_length",
+    "cusum_step",
+    "cusum_threshold",
+    "page_run_length",
     "page_threshold",
-]  # fmt: skip
+]
 
 _LONGEST_THRESHOLD = 50.0  # beyond, run lengths exceed what float64 resolves
 
@@ -63,9 +68,7 @@ def _nodes(threshold: float) -> tuple[Reals, Reals]:
 def _chi_density(x: Reals, degrees: int, r: Reals) -> Reals:
     """Density at x > 0 of the length of a standard normal vector around a point at distance r > 0 from the origin."""
     half = 0.5 * degrees
-    return np.asarray(
-        x * (x / r) ** (half - 1.0) * np.exp(-0.5 * (x - r) ** 2) * special.ive(half - 1.0, r * x), float
-    )
+    return np.asarray(x * (x / r) ** (half - 1.0) * np.exp(-0.5 * (x - r) ** 2) * special.ive(half - 1.0, r * x), float)
 
 
 def cusum_run_length(reference: float, threshold: float, degrees: int) -> float:

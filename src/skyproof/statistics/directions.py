@@ -16,10 +16,23 @@ from skyproof.arrays import Indices, Reals
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold, noncentral_chi_square_survival
 
 __all__ = [
-    "Blocks", "Clusters", "blocks", "complete_linkage", "dead_zone", "direction_cosines", "equal_clusters",
-    "equal_p_value", "equal_statistic", "equality_chance", "hemisphere", "nearest_whole", "noncentrality_for_power",
-    "outsider_statistic", "pair_statistics", "squared_norm",
-]  # fmt: skip
+    "Blocks",
+    "Clusters",
+    "blocks",
+    "complete_linkage",
+    "dead_zone",
+    "direction_cosines",
+    "equal_clusters",
+    "equal_p_value",
+    "equal_statistic",
+    "equality_chance",
+    "hemisphere",
+    "nearest_whole",
+    "noncentrality_for_power",
+    "outsider_statistic",
+    "pair_statistics",
+    "squared_norm",
+]
 
 
 def direction_cosines(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> Reals:

@@ -11,10 +11,17 @@ from scipy import special
 from skyproof.arrays import Reals
 
 __all__ = [
-    "binomial_survival", "binomial_threshold", "binomial_two_sided", "chi_square_survival", "chi_square_threshold",
-    "f_survival", "f_threshold", "noncentral_chi_square_survival", "noncentral_f_survival",
+    "binomial_survival",
+    "binomial_threshold",
+    "binomial_two_sided",
+    "chi_square_survival",
+    "chi_square_threshold",
+    "f_survival",
+    "f_threshold",
+    "noncentral_chi_square_survival",
+    "noncentral_f_survival",
     "normal_two_sided",
-]  # fmt: skip
+]
 
 
 def chi_square_survival(statistic: ArrayLike, dof: ArrayLike) -> Reals:

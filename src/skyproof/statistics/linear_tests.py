@@ -90,9 +90,7 @@ def linear_noncentrality(mean: Reals, model: LinearModel, sigma: float) -> Reals
     return np.asarray(np.sum((model.white(mean) @ model.tested) ** 2, axis=-1) / sigma**2, float)
 
 
-def linear_power(
-    false_alarm_probability: ArrayLike, noncentrality: ArrayLike, dof_num: int, dof_den: float
-) -> Reals:
+def linear_power(false_alarm_probability: ArrayLike, noncentrality: ArrayLike, dof_num: int, dof_den: float) -> Reals:
     """Power of a test at a false alarm probability; absolute accuracy 1e-10. dof_den may be infinite."""
     threshold = f_threshold(false_alarm_probability, dof_num, dof_den)
     if np.isinf(dof_den):

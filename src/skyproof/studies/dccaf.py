@@ -28,9 +28,7 @@ from skyproof.studies.dccaf_grid import STUDIES_OF_THE_GRID
 
 __all__ = ["STUDIES"]
 
-PAPER: Final = (
-    "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"
-)
+PAPER: Final = "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"
 AMPLITUDES: Final = np.array([1.0, 0.87])
 POWER_DB: Final = float(20.0 * np.log10(AMPLITUDES[1]))
 _CLOSE_CHIPS: Final = 0.05  # both delays within this: success
@@ -49,14 +47,17 @@ class _Case:
     """Of the second signal from the first; None where both are known and wiped off."""
 
 
-_SEPARATIONS: Final = sorted((
-    *(_Case(rate_hz=rate) for rate in (5e6, 10e6, 25e6, 50e6)),
-    *(_Case(rate_hz=5e6, separation_chip=d) for d in (0.1, 0.15, 0.2, 0.5)),
-    *(_Case(rate_hz=10e6, separation_chip=d) for d in (0.05, 0.1, 0.15)),
-    *(_Case(rate_hz=25e6, separation_chip=d) for d in (0.05, 0.1)),
-    *(_Case(rate_hz=rate, cn0_dbhz=cn0) for rate in (5e6, 25e6) for cn0 in (40.0, 42.0, 48.0)),
-    *(_Case(rate_hz=rate, coherent_ms=ms) for rate in (5e6, 25e6) for ms in (1.0, 4.0, 10.0, 100.0)),
-), key=lambda case: (case.rate_hz, case.separation_chip, case.cn0_dbhz, case.coherent_ms))  # fmt: skip
+_SEPARATIONS: Final = sorted(
+    (
+        *(_Case(rate_hz=rate) for rate in (5e6, 10e6, 25e6, 50e6)),
+        *(_Case(rate_hz=5e6, separation_chip=d) for d in (0.1, 0.15, 0.2, 0.5)),
+        *(_Case(rate_hz=10e6, separation_chip=d) for d in (0.05, 0.1, 0.15)),
+        *(_Case(rate_hz=25e6, separation_chip=d) for d in (0.05, 0.1)),
+        *(_Case(rate_hz=rate, cn0_dbhz=cn0) for rate in (5e6, 25e6) for cn0 in (40.0, 42.0, 48.0)),
+        *(_Case(rate_hz=rate, coherent_ms=ms) for rate in (5e6, 25e6) for ms in (1.0, 4.0, 10.0, 100.0)),
+    ),
+    key=lambda case: (case.rate_hz, case.separation_chip, case.cn0_dbhz, case.coherent_ms),
+)
 _SWARMS: Final = ((100, 300), (200, 600))
 _BLOCKS: Final = 10
 
@@ -65,8 +66,9 @@ def separation(settings: Settings) -> Iterator[Row]:
     """Two signals, random phases and places between the samples: how often both are found, and how well."""
     rng = settings.rng()
     for case in _SEPARATIONS:
-        yield _projection(case, settings.count(3000, 600 if case == _Case(rate_hz=case.rate_hz) else 200), rng,
-                          unknown_doppler=False)  # fmt: skip
+        yield _projection(
+            case, settings.count(3000, 600 if case == _Case(rate_hz=case.rate_hz) else 200), rng, unknown_doppler=False
+        )
     for case in (_Case(rate_hz=5e6, doppler_hz=3.0), _Case(rate_hz=25e6, doppler_hz=3.0)):
         yield _projection(case, settings.count(250, 15), rng, unknown_doppler=True)
     for rate_hz in (5e6, 25e6):
@@ -95,8 +97,13 @@ def _projection(case: _Case, trials: int, rng: np.random.Generator, *, unknown_d
         turn = np.exp(2j * np.pi * hertz[:, None, :] * blocks.points[:, None])
         turn *= np.sinc(hertz[:, None, :] * coherent_s / _BLOCKS) / np.sqrt(_BLOCKS)
         shape = (trials, _BLOCKS, 2)
-        taps = simulate_taps(np.broadcast_to(delay[:, None, :], shape), amplitude[:, None, :] * turn,
-                             np.full(shape[:2], variance), delays, rng)  # fmt: skip
+        taps = simulate_taps(
+            np.broadcast_to(delay[:, None, :], shape),
+            amplitude[:, None, :] * turn,
+            np.full(shape[:2], variance),
+            delays,
+            rng,
+        )
     else:
         taps = simulate_taps(delay, amplitude, variance, delays, rng)
     decompose(taps[:1], delays, blocks, noise_variance=variance)  # compiled and read from the cache before it is timed
@@ -108,9 +115,7 @@ def _projection(case: _Case, trials: int, rng: np.random.Generator, *, unknown_d
     return _row(method, case, found.delay_chips - delay, bound, took_s)
 
 
-def _swarmed(
-    case: _Case, trials: int, rng: np.random.Generator, particles: int, iterations: int, known: bool
-) -> Row:  # fmt: skip
+def _swarmed(case: _Case, trials: int, rng: np.random.Generator, particles: int, iterations: int, known: bool) -> Row:
     """The paper's method, on a window of one chip to both sides and, where Dopplers are unknown, five bins of 25 Hz."""
     delays, coherent_s = delay_dictionary(case.rate_hz), 1e-3 * case.coherent_ms
     variance = noise_variance(case.cn0_dbhz, coherent_s, case.rate_hz)
@@ -130,16 +135,24 @@ def _swarmed(
 
 
 def _grid(
-    delay: Reals, amplitude: Complexes, bins_hz: Reals, coherent_s: float, variance: float, delays: Dictionary,
+    delay: Reals,
+    amplitude: Complexes,
+    bins_hz: Reals,
+    coherent_s: float,
+    variance: float,
+    delays: Dictionary,
     rng: np.random.Generator,
-) -> Complexes:  # fmt: skip
+) -> Complexes:
     """Grids (n, bins, taps) of signals at zero Doppler, with noise correlated over both."""
     n = len(delay)
-    along = np.sum(
-        amplitude[..., None] * correlation(delays.points - delay[..., None], delays.band_hz), axis=1
-    )  # fmt: skip
-    noise = simulate_taps(np.zeros((n, bins_hz.size, 1)), np.zeros((n, bins_hz.size, 1)),
-                          np.full((n, bins_hz.size), variance), delays, rng)  # fmt: skip
+    along = np.sum(amplitude[..., None] * correlation(delays.points - delay[..., None], delays.band_hz), axis=1)
+    noise = simulate_taps(
+        np.zeros((n, bins_hz.size, 1)),
+        np.zeros((n, bins_hz.size, 1)),
+        np.full((n, bins_hz.size), variance),
+        delays,
+        rng,
+    )
     values, vectors = np.linalg.eigh(np.sinc((bins_hz[:, None] - bins_hz) * coherent_s))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     return np.asarray(np.sinc(bins_hz * coherent_s)[:, None] * along[:, None, :] + root @ noise)
@@ -149,13 +162,19 @@ def _row(method: str, case: _Case, error: Reals, bound: Reals, took_s: float) ->
     """crlb_chip is the root of the mean bound over the trials and both signals: what rms_chip can be at best."""
     trials, n = error.shape
     return {
-        "method": method, "rate_hz": case.rate_hz, "separation_chip": case.separation_chip, "cn0_dbhz": case.cn0_dbhz,
-        "coherent_ms": case.coherent_ms, "power_db": POWER_DB, "doppler_hz": case.doppler_hz,
+        "method": method,
+        "rate_hz": case.rate_hz,
+        "separation_chip": case.separation_chip,
+        "cn0_dbhz": case.cn0_dbhz,
+        "coherent_ms": case.coherent_ms,
+        "power_db": POWER_DB,
+        "doppler_hz": case.doppler_hz,
         "success": float(np.mean(np.all(np.abs(error) < _CLOSE_CHIPS, axis=1))),
         "rms_chip": float(np.sqrt(np.mean(error**2))),
         "crlb_chip": float(np.sqrt(np.mean(np.diagonal(bound, axis1=1, axis2=2)[:, :n]))),
-        "ms_per_satellite": 1e3 * took_s / trials, "trials": trials,
-    }  # fmt: skip
+        "ms_per_satellite": 1e3 * took_s / trials,
+        "trials": trials,
+    }
 
 
 # Count ----------------------------------------------------------------------------------------------------------------
@@ -186,27 +205,37 @@ def count(settings: Settings) -> Iterator[Row]:
             ("thermal", _statistics(*one, variance, variance, delays, rng), None),
             ("other satellites", (raised, weaker_raised), None),
             ("estimated", (raised / share, weaker_raised), _NOISE_SAMPLES),
-        ):  # fmt: skip
+        ):
             known = replace(law, noise_samples=samples)
             p_value = known.p_value(statistic)
             for asked in (0.1, 0.01, 0.001):
                 yield {
-                    "case": "one signal", "rate_hz": rate_hz, "noise": noise, "separation_chip": None,
-                    "p_fa_asked": asked, "threshold": float(known.threshold(asked)),
+                    "case": "one signal",
+                    "rate_hz": rate_hz,
+                    "noise": noise,
+                    "separation_chip": None,
+                    "p_fa_asked": asked,
+                    "threshold": float(known.threshold(asked)),
                     "counted_as_two": float(np.mean(p_value < asked)),
-                    "second_above": float(np.mean(weaker > _NEAR_ZERO)), "trials": n,
-                }  # fmt: skip
+                    "second_above": float(np.mean(weaker > _NEAR_ZERO)),
+                    "trials": n,
+                }
         for separation_chip in (0.02, 0.03, 0.05, 0.1, 0.15, 0.25):
             trials = settings.count(4000, 300)
             two = _signals(trials, separation_chip, rng)
             statistic, weaker = _statistics(*two, variance, variance, delays, rng)
             p_value = law.p_value(statistic)
             yield {
-                "case": "two signals", "rate_hz": rate_hz, "noise": "thermal", "separation_chip": separation_chip,
-                "p_fa_asked": 0.001, "threshold": float(law.threshold(0.001)),
-                "counted_as_two": float(np.mean(p_value < 0.001)), "second_above": float(np.mean(weaker > _NEAR_ZERO)),
+                "case": "two signals",
+                "rate_hz": rate_hz,
+                "noise": "thermal",
+                "separation_chip": separation_chip,
+                "p_fa_asked": 0.001,
+                "threshold": float(law.threshold(0.001)),
+                "counted_as_two": float(np.mean(p_value < 0.001)),
+                "second_above": float(np.mean(weaker > _NEAR_ZERO)),
                 "trials": trials,
-            }  # fmt: skip
+            }
 
 
 def _statistics(
@@ -263,70 +292,139 @@ _SWARM: Final = {"method": "swarm 200 x 600, 6 unknowns", **_USUAL}
 STUDIES: tuple[Study, ...] = (
     *STUDIES_OF_THE_GRID,
     Study(
-        name="dccaf.separation", title="Two signals a fraction of a chip apart", paper=PAPER,
-        figure="Case 1", run=separation,
+        name="dccaf.separation",
+        title="Two signals a fraction of a chip apart",
+        paper=PAPER,
+        figure="Case 1",
+        run=separation,
         charts=(
-            Chart(title="Both delays within 0.05 chip, 45 dB-Hz, 20 ms", x="separation_chip", y="success",
-                  x_label="separation, chip", y_label="success", by=("method", "rate_hz"),
-                  where={"cn0_dbhz": 45.0, "coherent_ms": 20.0}),
-            Chart(title="Both delays within 0.05 chip, 0.25 chip, 20 ms", x="cn0_dbhz", y="success",
-                  x_label="C/N0, dB-Hz", y_label="success", by=("rate_hz",),
-                  where={"method": "variable projection", "separation_chip": 0.25, "coherent_ms": 20.0}),
+            Chart(
+                title="Both delays within 0.05 chip, 45 dB-Hz, 20 ms",
+                x="separation_chip",
+                y="success",
+                x_label="separation, chip",
+                y_label="success",
+                by=("method", "rate_hz"),
+                where={"cn0_dbhz": 45.0, "coherent_ms": 20.0},
+            ),
+            Chart(
+                title="Both delays within 0.05 chip, 0.25 chip, 20 ms",
+                x="cn0_dbhz",
+                y="success",
+                x_label="C/N0, dB-Hz",
+                y_label="success",
+                by=("rate_hz",),
+                where={"method": "variable projection", "separation_chip": 0.25, "coherent_ms": 20.0},
+            ),
         ),
         claims=(
             *(
-                claim for rate_hz, success, least, ratio in (
-                    (5e6, 0.997, 0.985, 1.00), (10e6, 1.0, 0.99, 1.02), (25e6, 1.0, 0.99, 1.04)
+                claim
+                for rate_hz, success, least, ratio in (
+                    (5e6, 0.997, 0.985, 1.00),
+                    (10e6, 1.0, 0.99, 1.02),
+                    (25e6, 1.0, 0.99, 1.04),
                 )
                 for claim in (
-                    Claim(what=f"success, 0.25 chip, 45 dB-Hz, 20 ms, {rate_hz / 1e6:g} Msps (promised: {least:g})",
-                          paper=_NOT_STATED, reference=success, better=_value("success", rate_hz=rate_hz, **_OURS),
-                          tolerance=success - least),
-                    Claim(what=f"RMS over the Cramer-Rao bound, the same, {rate_hz / 1e6:g} Msps (reference: "
-                          f"{ratio:g})", paper=_NOT_STATED, reference=1.0, tolerance=0.1,
-                          better=_ratio(rate_hz=rate_hz, **_OURS)),
+                    Claim(
+                        what=f"success, 0.25 chip, 45 dB-Hz, 20 ms, {rate_hz / 1e6:g} Msps (promised: {least:g})",
+                        paper=_NOT_STATED,
+                        reference=success,
+                        better=_value("success", rate_hz=rate_hz, **_OURS),
+                        tolerance=success - least,
+                    ),
+                    Claim(
+                        what=f"RMS over the Cramer-Rao bound, the same, {rate_hz / 1e6:g} Msps (reference: {ratio:g})",
+                        paper=_NOT_STATED,
+                        reference=1.0,
+                        tolerance=0.1,
+                        better=_ratio(rate_hz=rate_hz, **_OURS),
+                    ),
                 )
             ),
             *(
-                Claim(what=f"success of the swarm, 200 x 600, 6 unknowns, {rate_hz / 1e6:g} Msps (reference: 60 to 100 "
-                      "trials)", paper=_NOT_STATED, reference=swarm, tolerance=0.13,
-                      same=_value("success", rate_hz=rate_hz, **_SWARM))
+                Claim(
+                    what=f"success of the swarm, 200 x 600, 6 unknowns, {rate_hz / 1e6:g} Msps (reference: 60 to 100 "
+                    "trials)",
+                    paper=_NOT_STATED,
+                    reference=swarm,
+                    tolerance=0.13,
+                    same=_value("success", rate_hz=rate_hz, **_SWARM),
+                )
                 for rate_hz, swarm in ((5e6, 0.75), (25e6, 0.84))
             ),
-            Claim(what="amplitudes, separation and coherent time of case 1", paper="1 and 0.87, 0.25 chip, 20 ms",
-                  reference="its phases and C/N0 are not given: random phases, and the 45 dB-Hz of figure 2"),
+            Claim(
+                what="amplitudes, separation and coherent time of case 1",
+                paper="1 and 0.87, 0.25 chip, 20 ms",
+                reference="its phases and C/N0 are not given: random phases, and the 45 dB-Hz of figure 2",
+            ),
         ),
     ),
     Study(
-        name="dccaf.count", title="One signal or two", paper=PAPER, figure="Case 2", run=count,
-        charts=(Chart(title="Counted as two at 0.1 % false second signals", x="separation_chip", y="counted_as_two",
-                      x_label="separation, chip", y_label="share", by=("rate_hz",), where={"case": "two signals"}),),
+        name="dccaf.count",
+        title="One signal or two",
+        paper=PAPER,
+        figure="Case 2",
+        run=count,
+        charts=(
+            Chart(
+                title="Counted as two at 0.1 % false second signals",
+                x="separation_chip",
+                y="counted_as_two",
+                x_label="separation, chip",
+                y_label="share",
+                by=("rate_hz",),
+                where={"case": "two signals"},
+            ),
+        ),
         claims=(
             *(
-                Claim(what=f"false second signals at {asked:g} asked, 5 Msps, noise {noise}", paper="no test is given",
-                      reference=asked, tolerance=_share_of(asked),
-                      better=_value("counted_as_two", case="one signal", rate_hz=5e6, noise=noise, p_fa_asked=asked))
-                for noise in ("thermal", "estimated") for asked in (0.1, 0.01, 0.001)
+                Claim(
+                    what=f"false second signals at {asked:g} asked, 5 Msps, noise {noise}",
+                    paper="no test is given",
+                    reference=asked,
+                    tolerance=_share_of(asked),
+                    better=_value("counted_as_two", case="one signal", rate_hz=5e6, noise=noise, p_fa_asked=asked),
+                )
+                for noise in ("thermal", "estimated")
+                for asked in (0.1, 0.01, 0.001)
             ),
             *(
-                Claim(what=f"threshold at {asked:g}, 5 Msps", paper="no test is given", reference=reference,
-                      tolerance=tolerance, better=_value("threshold", case="one signal", rate_hz=5e6, noise="thermal",
-                                                         p_fa_asked=asked))
+                Claim(
+                    what=f"threshold at {asked:g}, 5 Msps",
+                    paper="no test is given",
+                    reference=reference,
+                    tolerance=tolerance,
+                    better=_value("threshold", case="one signal", rate_hz=5e6, noise="thermal", p_fa_asked=asked),
+                )
                 for asked, reference, tolerance in ((0.1, 9.6, 0.4), (0.01, 14.6, 0.4), (0.001, 19.5, 1.0))
             ),
-            Claim(what="false second signals at 0.01 asked where other satellites raise the noise unseen, 5 Msps",
-                  paper="no test is given", reference=0.0335, tolerance=0.0065,
-                  same=_value("counted_as_two", case="one signal", rate_hz=5e6, noise="other satellites",
-                              p_fa_asked=0.01)),
+            Claim(
+                what="false second signals at 0.01 asked where other satellites raise the noise unseen, 5 Msps",
+                paper="no test is given",
+                reference=0.0335,
+                tolerance=0.0065,
+                same=_value(
+                    "counted_as_two", case="one signal", rate_hz=5e6, noise="other satellites", p_fa_asked=0.01
+                ),
+            ),
             *(
-                Claim(what=f"two signals {apart:g} chip apart counted as two, 5 Msps", paper="no test is given",
-                      reference=power, tolerance=0.08,
-                      better=_value("counted_as_two", case="two signals", rate_hz=5e6, separation_chip=apart))
+                Claim(
+                    what=f"two signals {apart:g} chip apart counted as two, 5 Msps",
+                    paper="no test is given",
+                    reference=power,
+                    tolerance=0.08,
+                    better=_value("counted_as_two", case="two signals", rate_hz=5e6, separation_chip=apart),
+                )
                 for apart, power in ((0.05, 0.27), (0.1, 0.75), (0.15, 0.93), (0.25, 1.0))
             ),
-            Claim(what="second amplitude above 0.2 where there is one signal, share, 5 Msps", paper="near zero: 0",
-                  reference=0.11, same=_value("second_above", case="one signal", rate_hz=5e6, noise="thermal"),
-                  tolerance=0.02),
+            Claim(
+                what="second amplitude above 0.2 where there is one signal, share, 5 Msps",
+                paper="near zero: 0",
+                reference=0.11,
+                same=_value("second_above", case="one signal", rate_hz=5e6, noise="thermal"),
+                tolerance=0.02,
+            ),
         ),
     ),
     *STUDIES_OF_EXCLUSION,

@@ -24,9 +24,7 @@ from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 
 __all__ = ["STUDIES_OF_EXCLUSION"]
 
-PAPER: Final = (
-    "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"
-)
+PAPER: Final = "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"
 _UP_EAST: Final = np.array([1.0, 0.0, 1.0]) * np.sqrt(0.5)
 _FIX_SIGMA_M: Final = np.array([1.5, 1.5, 3.0])
 _FIX_M2: Final = np.diag(_FIX_SIGMA_M**2)
@@ -79,8 +77,12 @@ class _Approach(NamedTuple):
 def _approach() -> _Approach:
     seconds = np.arange(0.0, _END_S + 1.0)
     motion = las_vegas().at(seconds)
-    path = NavState(time_s=seconds, position_ecef_m=motion.position_ecef_m, velocity_ecef_m_s=motion.velocity_ecef_m_s,
-                    attitude=motion.attitude)  # fmt: skip
+    path = NavState(
+        time_s=seconds,
+        position_ecef_m=motion.position_ecef_m,
+        velocity_ecef_m_s=motion.velocity_ecef_m_s,
+        attitude=motion.attitude,
+    )
     unit = inertial(las_vegas().at, rate_hz=_RATE_HZ, duration_s=float(_END_S))
     readings = unit.read(0, unit.n_samples)
     to_enu = rot_enu_ecef(*geodetic_from_ecef(motion.position_ecef_m[0])[:2])
@@ -101,35 +103,52 @@ class _Flown:
         """Errors of position (runs, moments, 3), east, north, up."""
         approach = _approach()
         at = [round(moment_s * _RATE_HZ) for moment_s in moments_s]
-        return np.asarray(
-            (self.places[:, at] - approach.path.position_ecef_m[list(moments_s)]) @ approach.to_enu.T
-        )  # fmt: skip
+        return np.asarray((self.places[:, at] - approach.path.position_ecef_m[list(moments_s)]) @ approach.to_enu.T)
 
 
 def _flown(grade: ImuGrade, start: _Start, runs: int, end_s: int, rng: np.random.Generator) -> _Flown:
     approach, n = _approach(), round(end_s * _RATE_HZ)
     force = approach.force[:n] + _sensor_errors(
-        grade.accelerometer_repeatability_m_s2, grade.accelerometer_instability_m_s2,
-        grade.velocity_random_walk_m_s_rts, grade.correlation_s, runs, n, rng,
-    )  # fmt: skip
+        grade.accelerometer_repeatability_m_s2,
+        grade.accelerometer_instability_m_s2,
+        grade.velocity_random_walk_m_s_rts,
+        grade.correlation_s,
+        runs,
+        n,
+        rng,
+    )
     rate = approach.rate[:n] + _sensor_errors(
-        grade.gyro_repeatability_rad_s, grade.gyro_instability_rad_s, grade.angular_random_walk_rad_rts,
-        grade.correlation_s, runs, n, rng,
-    )  # fmt: skip
+        grade.gyro_repeatability_rad_s,
+        grade.gyro_instability_rad_s,
+        grade.angular_random_walk_rad_rts,
+        grade.correlation_s,
+        runs,
+        n,
+        rng,
+    )
     path = approach.path
     turn = Rotation.from_rotvec(np.radians(start.tilt_deg) * rng.standard_normal((runs, 3))).as_matrix()
     places, speeds, attitudes = strapdown_paths(
         path.position_ecef_m[0] + start.position_m * rng.standard_normal((runs, 3)),
         path.velocity_ecef_m_s[0] + start.velocity_m_s * rng.standard_normal((runs, 3)),
-        turn @ path.attitude[0], force, rate, 1.0 / _RATE_HZ, gravity_reach_m=2000.0,
-    )  # fmt: skip
+        turn @ path.attitude[0],
+        force,
+        rate,
+        1.0 / _RATE_HZ,
+        gravity_reach_m=2000.0,
+    )
     return _Flown(places=places, speeds=speeds, attitudes=attitudes, force=force, rate=rate)
 
 
 def _sensor_errors(
-    repeatability: float, instability: float, walk: float, correlation_s: float, runs: int, n: int,
+    repeatability: float,
+    instability: float,
+    walk: float,
+    correlation_s: float,
+    runs: int,
+    n: int,
     rng: np.random.Generator,
-) -> Reals:  # fmt: skip
+) -> Reals:
     """Errors (runs, n, 3) of readings: constant, Gauss-Markov and white."""
     step = gauss_markov_step(instability, correlation_s, 1.0 / _RATE_HZ)
     keep = float(step.keep)
@@ -145,8 +164,9 @@ def _sensor_errors(
 
 def _predicted(grade: ImuGrade, start: _Start) -> Reals:
     """The linear model's covariance (234, 21, 21), ECEF: knows nothing of the draws above."""
-    first = start_covariance(grade, position_m=start.position_m, velocity_m_s=start.velocity_m_s,
-                             tilt_rad=float(np.radians(start.tilt_deg)))  # fmt: skip
+    first = start_covariance(
+        grade, position_m=start.position_m, velocity_m_s=start.velocity_m_s, tilt_rad=float(np.radians(start.tilt_deg))
+    )
     return error_covariance(_approach().path, grade, first)
 
 
@@ -171,15 +191,21 @@ def _judged(offset_m: Reals, drift_m: Reals, predicted_m2: Reals, rng: np.random
     sigma_m, expected_m = np.sqrt(np.mean(drift_m**2, axis=0)), np.sqrt(np.diag(predicted_m2))
     return {
         "offset_m": float(np.linalg.norm(offset_m)),
-        "east_m": float(sigma_m[0]), "north_m": float(sigma_m[1]), "up_m": float(sigma_m[2]),
-        "east_predicted_m": float(expected_m[0]), "north_predicted_m": float(expected_m[1]),
-        "up_predicted_m": float(expected_m[2]), "wrong_nearest": float(np.mean(nearest)),
-        "wrong_horizontal": float(np.mean(horizontal)), "wrong_covariance": float(np.mean(choice.nearest)),
+        "east_m": float(sigma_m[0]),
+        "north_m": float(sigma_m[1]),
+        "up_m": float(sigma_m[2]),
+        "east_predicted_m": float(expected_m[0]),
+        "north_predicted_m": float(expected_m[1]),
+        "up_predicted_m": float(expected_m[2]),
+        "wrong_nearest": float(np.mean(nearest)),
+        "wrong_horizontal": float(np.mean(horizontal)),
+        "wrong_covariance": float(np.mean(choice.nearest)),
         "wrong_predicted": float(wrong_choice_probability(offset_m, predicted_m2, _FIX_M2)),
         "wrong_rule": float(wrong_choice_rule(offset_m, predicted_m2 + _FIX_M2)),
-        "chosen_wrong": float(np.mean(choice.chosen == 1)), "undecided": float(np.mean(choice.chosen == -1)),
+        "chosen_wrong": float(np.mean(choice.chosen == 1)),
+        "undecided": float(np.mean(choice.chosen == -1)),
         "trials": runs,
-    }  # fmt: skip
+    }
 
 
 # The studies ----------------------------------------------------------------------------------------------------------
@@ -197,12 +223,17 @@ def approach(settings: Settings) -> Iterator[Row]:
     offset_m = (false.position_ecef_m - true.position_ecef_m) @ to_enu.T
     for k, time_s in enumerate(seconds.tolist()):
         yield {
-            "time_s": time_s, "east_m": float(place_m[k, 0]), "north_m": float(place_m[k, 1]),
-            "height_m": float(height_m[k]), "height_ft": float(height_m[k]) / _FOOT_M,
-            "speed_m_s": float(np.linalg.norm(true.velocity_ecef_m_s[k])), "false_east_m": float(offset_m[k, 0]),
-            "false_north_m": float(offset_m[k, 1]), "false_up_m": float(offset_m[k, 2]),
+            "time_s": time_s,
+            "east_m": float(place_m[k, 0]),
+            "north_m": float(place_m[k, 1]),
+            "height_m": float(height_m[k]),
+            "height_ft": float(height_m[k]) / _FOOT_M,
+            "speed_m_s": float(np.linalg.norm(true.velocity_ecef_m_s[k])),
+            "false_east_m": float(offset_m[k, 0]),
+            "false_north_m": float(offset_m[k, 1]),
+            "false_up_m": float(offset_m[k, 2]),
             "offset_m": float(np.linalg.norm(offset_m[k])),
-        }  # fmt: skip
+        }
 
 
 def exclusion(settings: Settings) -> Iterator[Row]:
@@ -213,9 +244,9 @@ def exclusion(settings: Settings) -> Iterator[Row]:
     rng = settings.rng()
     runs = settings.count(20_000, 3000)  # a standard deviation is known to 0.5 %, 1.3 %
     for (name, errors), (grade, start) in _UNITS.items():
-        drift_m = np.concatenate([
-            _flown(grade, start, batch, _END_S, rng).drift_m(_MOMENTS_S) for batch in _batches(runs)
-        ])  # fmt: skip
+        drift_m = np.concatenate(
+            [_flown(grade, start, batch, _END_S, rng).drift_m(_MOMENTS_S) for batch in _batches(runs)]
+        )
         predicted = _place_enu_m2(_predicted(grade, start))
         for k, moment_s in enumerate(_MOMENTS_S):
             offset_m = min(max(moment_s - 90.0, 0.0), 100.0) * _UP_EAST
@@ -233,9 +264,9 @@ def interval(settings: Settings) -> Iterator[Row]:
     for (name, errors), (grade, start) in _UNITS.items():
         if start == _Start():
             continue  # no fix is free of errors
-        drift_m = np.concatenate([
-            _flown(grade, start, batch, _INTERVALS_S[-1], rng).drift_m(_INTERVALS_S) for batch in _batches(runs)
-        ])  # fmt: skip
+        drift_m = np.concatenate(
+            [_flown(grade, start, batch, _INTERVALS_S[-1], rng).drift_m(_INTERVALS_S) for batch in _batches(runs)]
+        )
         predicted = _place_enu_m2(_predicted(grade, start))
         for k, interval_s in enumerate(_INTERVALS_S):
             told = _judged(interval_s * _UP_EAST, drift_m[:, k], predicted[interval_s], rng)
@@ -287,8 +318,12 @@ def _covariance_after(covariance: Reals, taken: str, grade: ImuGrade) -> Reals:
     else:
         _, after = updated(covariance, sensitivity, noise, np.zeros(len(noise)))
     path, rest = _approach().path, slice(_RESTART_S, None)
-    ahead = NavState(time_s=path.time_s[rest], position_ecef_m=path.position_ecef_m[rest],
-                     velocity_ecef_m_s=path.velocity_ecef_m_s[rest], attitude=path.attitude[rest])  # fmt: skip
+    ahead = NavState(
+        time_s=path.time_s[rest],
+        position_ecef_m=path.position_ecef_m[rest],
+        velocity_ecef_m_s=path.velocity_ecef_m_s[rest],
+        attitude=path.attitude[rest],
+    )
     return np.asarray(error_covariance(ahead, grade, after)[-1])
 
 
@@ -312,10 +347,14 @@ def _restarted(flown: _Flown, covariance: Reals, taken: str, grade: ImuGrade, rn
     fading = np.exp(-elapsed_s / grade.correlation_s)[:, None]
     bias = wrong[:, None, 9:15] + fading * wrong[:, None, 15:21]
     places, _, _ = strapdown_paths(
-        state[:, :3] - wrong[:, :3], state[:, 3:] - wrong[:, 3:6],
+        state[:, :3] - wrong[:, :3],
+        state[:, 3:] - wrong[:, 3:6],
         Rotation.from_rotvec(-wrong[:, 6:9]).as_matrix() @ flown.attitudes[:, k],
-        flown.force[:, k:] - bias[..., :3], flown.rate[:, k:] - bias[..., 3:], 1.0 / _RATE_HZ, gravity_reach_m=2000.0,
-    )  # fmt: skip
+        flown.force[:, k:] - bias[..., :3],
+        flown.rate[:, k:] - bias[..., 3:],
+        1.0 / _RATE_HZ,
+        gravity_reach_m=2000.0,
+    )
     return np.asarray((places[:, -1] - path.position_ecef_m[_END_S]) @ approach.to_enu.T)
 
 
@@ -353,92 +392,166 @@ _PICTURE: Final = "a picture"
 _ONE_RUN: Final = "a picture of one run"
 _GUIDE: Final = "reference: 300 runs, known to 4 %"
 _COUNTED: Final = (
-    Claim(what="drift counted over that of the linear covariance: the farthest from one of all rows and axes",
-          paper="none", reference=1.0, same=_farthest,
-          tolerance=lambda rows: float(4.5 / np.sqrt(2.0 * min(row["trials"] for row in rows)))),
-    Claim(what="wrong choices by covariance, counted less predicted, in sigmas: the farthest of all rows",
-          paper="none", reference=0.0, same=_most_surprising, tolerance=4.0),
-)  # fmt: skip
+    Claim(
+        what="drift counted over that of the linear covariance: the farthest from one of all rows and axes",
+        paper="none",
+        reference=1.0,
+        same=_farthest,
+        tolerance=lambda rows: float(4.5 / np.sqrt(2.0 * min(row["trials"] for row in rows))),
+    ),
+    Claim(
+        what="wrong choices by covariance, counted less predicted, in sigmas: the farthest of all rows",
+        paper="none",
+        reference=0.0,
+        same=_most_surprising,
+        tolerance=4.0,
+    ),
+)
 _APPROACH: Final = (
     ("threshold, east of the fix, m (reference along the parallel half-way)", "east_m", _THRESHOLD_S, 7024.0, 8.0),
     ("threshold, north of the fix, m", "north_m", _THRESHOLD_S, 15150.0, 5.0),
     ("speed, m/s (140 kt)", "speed_m_s", 0.0, 72.02, 0.005),
-    ("height at 90 s, ft (the paper: below 4000; reference: an even descent, ours: straight in space)", "height_ft",
-     90.0, 3988.0, 20.0),
+    (
+        "height at 90 s, ft (the paper: below 4000; reference: an even descent, ours: straight in space)",
+        "height_ft",
+        90.0,
+        3988.0,
+        20.0,
+    ),
     ("false path east of the true at 200 s, m", "false_east_m", 200.0, 70.7, 0.05),
     ("false path above the true at 200 s, m", "false_up_m", 200.0, 70.7, 0.05),
     ("offset at 100 s, m (the paper: detected then)", "offset_m", 100.0, 10.0, 0.05),
 )
 STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
     Study(
-        name="dccaf.approach", title="The approach and the path that the spoofer shows", paper=PAPER,
-        figure="Figures 6 and 8", run=approach,
+        name="dccaf.approach",
+        title="The approach and the path that the spoofer shows",
+        paper=PAPER,
+        figure="Figures 6 and 8",
+        run=approach,
         charts=(
             Chart(title="Height above the ellipsoid", x="time_s", y="height_m", x_label="time, s", y_label="height, m"),
-            Chart(title="False path from the true one", x="time_s", y="offset_m", x_label="time, s",
-                  y_label="offset, m"),
+            Chart(
+                title="False path from the true one", x="time_s", y="offset_m", x_label="time, s", y_label="offset, m"
+            ),
         ),
         claims=(
             *(
-                Claim(what=what, paper=_PICTURE, reference=reference, same=_value(column, time_s=time_s),
-                      tolerance=tolerance, digits=5)
+                Claim(
+                    what=what,
+                    paper=_PICTURE,
+                    reference=reference,
+                    same=_value(column, time_s=time_s),
+                    tolerance=tolerance,
+                    digits=5,
+                )
                 for what, column, time_s, reference, tolerance in _APPROACH
             ),
-            Claim(what="detected at 100 s",
-                  paper="detected", reference="not separable at 45 dB-Hz and 20 ms: the offset is at most 0.034 chip; "
-                  "the files have no noise, or 190 s are meant, 100 s after the onset"),
-            Claim(what="coordinates of figure 8", paper="30.29 N, 97.74 W",
-                  reference="cannot be reproduced: that is Austin, Texas, another data set"),
+            Claim(
+                what="detected at 100 s",
+                paper="detected",
+                reference="not separable at 45 dB-Hz and 20 ms: the offset is at most 0.034 chip; "
+                "the files have no noise, or 190 s are meant, 100 s after the onset",
+            ),
+            Claim(
+                what="coordinates of figure 8",
+                paper="30.29 N, 97.74 W",
+                reference="cannot be reproduced: that is Austin, Texas, another data set",
+            ),
         ),
     ),
     Study(
-        name="dccaf.exclusion", title="Which fix is true: the free-running unit decides", paper=PAPER,
-        figure="Figure 11", run=exclusion,
+        name="dccaf.exclusion",
+        title="Which fix is true: the free-running unit decides",
+        paper=PAPER,
+        figure="Figure 11",
+        run=exclusion,
         charts=(
-            Chart(title="Drift to the east of a free-running unit", x="time_s", y="east_m", x_label="time, s",
-                  y_label="1 sigma, m", by=("grade", "errors"), y_log=True),
-            Chart(title="Wrong choice between two fixes, by covariance (predicted)", x="time_s", y="wrong_predicted",
-                  x_label="time, s", y_label="probability", by=("grade", "errors"), where={"grade": "tactical"}),
+            Chart(
+                title="Drift to the east of a free-running unit",
+                x="time_s",
+                y="east_m",
+                x_label="time, s",
+                y_label="1 sigma, m",
+                by=("grade", "errors"),
+                y_log=True,
+            ),
+            Chart(
+                title="Wrong choice between two fixes, by covariance (predicted)",
+                x="time_s",
+                y="wrong_predicted",
+                x_label="time, s",
+                y_label="probability",
+                by=("grade", "errors"),
+                where={"grade": "tactical"},
+            ),
         ),
         claims=(
             *(
-                claim for grade, errors, drift, wrong in (
-                    ("navigation", "table 1", 2.5, 0.0), ("navigation", "calibrated, start", 19.0, 6e-4),
-                    ("navigation", "switch-on, start", 49.0, 8e-3), ("tactical", "table 1", 92.0, 2.4e-3),
-                    ("tactical", "table 1, start", 93.0, 0.02), ("tactical", "calibrated, start", 182.0, 0.26),
+                claim
+                for grade, errors, drift, wrong in (
+                    ("navigation", "table 1", 2.5, 0.0),
+                    ("navigation", "calibrated, start", 19.0, 6e-4),
+                    ("navigation", "switch-on, start", 49.0, 8e-3),
+                    ("tactical", "table 1", 92.0, 2.4e-3),
+                    ("tactical", "table 1, start", 93.0, 0.02),
+                    ("tactical", "calibrated, start", 182.0, 0.26),
                     ("tactical", "switch-on, start", 686.0, 0.43),
                 )
                 for claim in (
-                    Claim(what=f"{grade} grade, {errors}: drift east at 233 s, m ({_GUIDE})", paper=_ONE_RUN,
-                          reference=drift, tolerance=0.1 * drift,
-                          same=_value("east_m", grade=grade, errors=errors, time_s=233)),
-                    Claim(what=f"{grade} grade, {errors}: wrong choice at 233 s by distance (same) and covariance "
-                          "(better)", paper=_PICTURE, reference=wrong,
-                          same=_value("wrong_nearest", grade=grade, errors=errors, time_s=233),
-                          better=_value("wrong_covariance", grade=grade, errors=errors, time_s=233)),
+                    Claim(
+                        what=f"{grade} grade, {errors}: drift east at 233 s, m ({_GUIDE})",
+                        paper=_ONE_RUN,
+                        reference=drift,
+                        tolerance=0.1 * drift,
+                        same=_value("east_m", grade=grade, errors=errors, time_s=233),
+                    ),
+                    Claim(
+                        what=f"{grade} grade, {errors}: wrong choice at 233 s by distance (same) and covariance "
+                        "(better)",
+                        paper=_PICTURE,
+                        reference=wrong,
+                        same=_value("wrong_nearest", grade=grade, errors=errors, time_s=233),
+                        better=_value("wrong_covariance", grade=grade, errors=errors, time_s=233),
+                    ),
                 )
             ),
             *_COUNTED,
         ),
     ),
     Study(
-        name="dccaf.interval", title="After a clean fix: how soon and how long the next choice is safe", paper=PAPER,
-        figure="None: the interval between decompositions", run=interval,
+        name="dccaf.interval",
+        title="After a clean fix: how soon and how long the next choice is safe",
+        paper=PAPER,
+        figure="None: the interval between decompositions",
+        run=interval,
         charts=(
-            Chart(title="Wrong choice after a clean fix (predicted), the false fix leaving at 1 m/s", x="interval_s",
-                  y="wrong_predicted", x_label="time since the clean fix, s", y_label="probability",
-                  by=("grade", "errors"), where={"grade": "tactical"}, y_log=True),
+            Chart(
+                title="Wrong choice after a clean fix (predicted), the false fix leaving at 1 m/s",
+                x="interval_s",
+                y="wrong_predicted",
+                x_label="time since the clean fix, s",
+                y_label="probability",
+                by=("grade", "errors"),
+                where={"grade": "tactical"},
+                y_log=True,
+            ),
         ),
         claims=(
             *(
-                Claim(what=f"{grade} grade, {errors}: wrong choice {interval_s} s after a clean fix, by the rule of "
-                      "thumb (same) and as counted (better)", paper="left for later", reference=reference,
-                      same=_value("wrong_rule", grade=grade, errors=errors, interval_s=interval_s),
-                      better=_value("wrong_covariance", grade=grade, errors=errors, interval_s=interval_s),
-                      tolerance=tolerance)
+                Claim(
+                    what=f"{grade} grade, {errors}: wrong choice {interval_s} s after a clean fix, by the rule of "
+                    "thumb (same) and as counted (better)",
+                    paper="left for later",
+                    reference=reference,
+                    same=_value("wrong_rule", grade=grade, errors=errors, interval_s=interval_s),
+                    better=_value("wrong_covariance", grade=grade, errors=errors, interval_s=interval_s),
+                    tolerance=tolerance,
+                )
                 for grade, errors, interval_s, reference, tolerance in (
                     ("navigation", "table 1, start", 10, 1.4e-2, 2e-3),
-                    ("tactical", "table 1, start", 10, 1.4e-2, 2e-3), ("tactical", "table 1, start", 15, 7e-4, 2e-4),
+                    ("tactical", "table 1, start", 10, 1.4e-2, 2e-3),
+                    ("tactical", "table 1, start", 15, 7e-4, 2e-4),
                     ("tactical", "calibrated, start", 100, 4e-4, 1e-4),
                     ("tactical", "switch-on, start", 10, 2e-2, 4e-3),
                     ("tactical", "switch-on, start", 20, 4.5e-3, 1e-3),
@@ -450,28 +563,52 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         ),
     ),
     Study(
-        name="dccaf.restart", title="A tactical unit that takes a fix on its way", paper=PAPER, figure="Figure 14",
+        name="dccaf.restart",
+        title="A tactical unit that takes a fix on its way",
+        paper=PAPER,
+        figure="Figure 14",
         run=restart,
         charts=(
-            Chart(title="Drift to the east at 233 s of tactical units that took a fix at 190 s", x="restart",
-                  y="east_m", x_label="at 190 s", y_label="1 sigma, m", by=("errors",), y_log=True),
+            Chart(
+                title="Drift to the east at 233 s of tactical units that took a fix at 190 s",
+                x="restart",
+                y="east_m",
+                x_label="at 190 s",
+                y_label="1 sigma, m",
+                by=("errors",),
+                y_log=True,
+            ),
         ),
         claims=(
-            Claim(what="table 1: wrong choice at 233 s by distance, without a restart", paper="unreliable",
-                  reference=0.24, same=_value("wrong_nearest", errors="table 1", restart="none"), tolerance=0.04),
-            Claim(what="table 1: wrong choice at 233 s, place set at 190 s, by distance (same) and covariance (better)",
-                  paper="none: a picture of one run", same=_value("wrong_nearest", errors="table 1", restart=_SET),
-                  better=_value("wrong_covariance", errors="table 1", restart=_SET)),
+            Claim(
+                what="table 1: wrong choice at 233 s by distance, without a restart",
+                paper="unreliable",
+                reference=0.24,
+                same=_value("wrong_nearest", errors="table 1", restart="none"),
+                tolerance=0.04,
+            ),
+            Claim(
+                what="table 1: wrong choice at 233 s, place set at 190 s, by distance (same) and covariance (better)",
+                paper="none: a picture of one run",
+                same=_value("wrong_nearest", errors="table 1", restart=_SET),
+                better=_value("wrong_covariance", errors="table 1", restart=_SET),
+            ),
             *(
-                Claim(what=f"tactical, {errors}: drift east at 233 s, m, place set (same), place and velocity updated "
-                      "(better) at 190 s", paper=_ONE_RUN,
-                      reference="none is given: see the covariance below",
-                      same=_value("east_m", errors=errors, restart=_SET),
-                      better=_value("east_m", errors=errors, restart=_BOTH))
+                Claim(
+                    what=f"tactical, {errors}: drift east at 233 s, m, place set (same), place and velocity updated "
+                    "(better) at 190 s",
+                    paper=_ONE_RUN,
+                    reference="none is given: see the covariance below",
+                    same=_value("east_m", errors=errors, restart=_SET),
+                    better=_value("east_m", errors=errors, restart=_BOTH),
+                )
                 for errors in ("table 1", "calibrated, start")
             ),
-            Claim(what="the curves of the figure", paper="one run each",
-                  reference="a run is one draw: its distribution is compared instead, by the covariance"),
+            Claim(
+                what="the curves of the figure",
+                paper="one run each",
+                reference="a run is one draw: its distribution is compared instead, by the covariance",
+            ),
             *_COUNTED,
         ),
     ),

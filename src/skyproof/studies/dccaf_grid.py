@@ -22,9 +22,7 @@ from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 
 __all__ = ["STUDIES_OF_THE_GRID"]
 
-PAPER: Final = (
-    "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"
-)
+PAPER: Final = "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"
 _CHIPS = 1023
 _CODE_S: Final = 1e-3
 _BIT_S: Final = 0.02
@@ -111,10 +109,14 @@ def grid(settings: Settings) -> Iterator[Row]:
             phase = np.angle(best / highest) / (2.0 * np.pi)
             for k, at in enumerate(x.tolist()):
                 yield {
-                    "case": case, "along": along, "delay_chip": at if along == "delay" else None,
-                    "doppler_hz": at if along == "Doppler" else None, "magnitude": float(abs(best[k])),
-                    "phase_cyc": float(phase[k]) if abs(best[k]) > 0.5 * abs(highest) else math.nan, "peaks": peaks,
-                }  # fmt: skip
+                    "case": case,
+                    "along": along,
+                    "delay_chip": at if along == "delay" else None,
+                    "doppler_hz": at if along == "Doppler" else None,
+                    "magnitude": float(abs(best[k])),
+                    "phase_cyc": float(phase[k]) if abs(best[k]) > 0.5 * abs(highest) else math.nan,
+                    "peaks": peaks,
+                }
 
 
 def _peaks(size: Reals) -> int:
@@ -146,11 +148,15 @@ def noise(settings: Settings) -> Iterator[Row]:
                 told.append(float(np.mean(np.abs(_correlated(samples, 1, rate_hz, delays, dopplers)) ** 2)))
         predicted = float(noise_variance(_CN0_DBHZ, coherent_s, rate_hz))
         yield {
-            "coherent_ms": coherent_ms, "rate_hz": rate_hz, "noise_rms": float(np.sqrt(np.mean(thermal))),
-            "noise_predicted": float(np.sqrt(predicted)), "added_power": float(np.mean(added)),
+            "coherent_ms": coherent_ms,
+            "rate_hz": rate_hz,
+            "noise_rms": float(np.sqrt(np.mean(thermal))),
+            "noise_predicted": float(np.sqrt(predicted)),
+            "added_power": float(np.mean(added)),
             "added_predicted": float((_SATELLITES - 1) * overlap / (_CHIPS * coherent_ms)),
-            "rise_db": float(10.0 * np.log10(1.0 + np.mean(added) / np.mean(thermal))), "trials": skies,
-        }  # fmt: skip
+            "rise_db": float(10.0 * np.log10(1.0 + np.mean(added) / np.mean(thermal))),
+            "trials": skies,
+        }
 
 
 def _others(rate_hz: float, coherent_s: float, rng: np.random.Generator) -> Complexes:
@@ -188,55 +194,126 @@ def _first(values: Sequence[float]) -> float:
 _PICTURE: Final = "a picture"
 STUDIES_OF_THE_GRID: Final[tuple[Study, ...]] = (
     Study(
-        name="dccaf.grid", title="One signal and two on the grid of delay and Doppler", paper=PAPER,
-        figure="Figures 2 and 3", run=grid,
+        name="dccaf.grid",
+        title="One signal and two on the grid of delay and Doppler",
+        paper=PAPER,
+        figure="Figures 2 and 3",
+        run=grid,
         charts=(
-            Chart(title="Along delay: the largest of all Dopplers", x="delay_chip", y="magnitude",
-                  x_label="delay, chip", y_label="magnitude", by=("case",)),
-            Chart(title="Along Doppler: the largest of all delays", x="doppler_hz", y="magnitude",
-                  x_label="Doppler, Hz", y_label="magnitude", by=("case",)),
-            Chart(title="Phase along delay, above half of the height", x="delay_chip", y="phase_cyc",
-                  x_label="delay, chip", y_label="phase, cycles", by=("case",)),
+            Chart(
+                title="Along delay: the largest of all Dopplers",
+                x="delay_chip",
+                y="magnitude",
+                x_label="delay, chip",
+                y_label="magnitude",
+                by=("case",),
+            ),
+            Chart(
+                title="Along Doppler: the largest of all delays",
+                x="doppler_hz",
+                y="magnitude",
+                x_label="Doppler, Hz",
+                y_label="magnitude",
+                by=("case",),
+            ),
+            Chart(
+                title="Phase along delay, above half of the height",
+                x="delay_chip",
+                y="phase_cyc",
+                x_label="delay, chip",
+                y_label="phase, cycles",
+                by=("case",),
+            ),
         ),
         claims=(
             *(
-                Claim(what=f"{case}: number of peaks", paper=told, reference=float(peaks),
-                      same=_of("peaks", _first, case=case), tolerance=0.0)
-                for case, peaks, told in zip(
-                    _CASES, (1, 2, 1), ("one", "two", "one, the phase differs"), strict=True
+                Claim(
+                    what=f"{case}: number of peaks",
+                    paper=told,
+                    reference=float(peaks),
+                    same=_of("peaks", _first, case=case),
+                    tolerance=0.0,
                 )
+                for case, peaks, told in zip(_CASES, (1, 2, 1), ("one", "two", "one, the phase differs"), strict=True)
             ),
             *(
-                Claim(what=f"{case}: change of phase along delay, cycles", paper=told,
-                      same=_of("phase_cyc", _span, case=case, along="delay"), reference=reference, tolerance=tolerance)
+                Claim(
+                    what=f"{case}: change of phase along delay, cycles",
+                    paper=told,
+                    same=_of("phase_cyc", _span, case=case, along="delay"),
+                    reference=reference,
+                    tolerance=tolerance,
+                )
                 for case, told, reference, tolerance in (
-                    ("one signal", "none", 0.0, 0.03), ("two, 0.25 chip apart", "differs", 0.08, 0.03)
+                    ("one signal", "none", 0.0, 0.03),
+                    ("two, 0.25 chip apart", "differs", 0.08, 0.03),
                 )
             ),
-            Claim(what="amplitudes, phases and C/N0 of the figure", paper="not given",
-                  reference="ours: 1 and 0.87, a quarter of a cycle, 45 dB-Hz; no value of it can be compared"),
+            Claim(
+                what="amplitudes, phases and C/N0 of the figure",
+                paper="not given",
+                reference="ours: 1 and 0.87, a quarter of a cycle, 45 dB-Hz; no value of it can be compared",
+            ),
         ),
     ),
     Study(
-        name="dccaf.noise", title="The noise of the grid, and what other satellites add", paper=PAPER,
-        figure="Figure 2, twelve satellites", run=noise,
+        name="dccaf.noise",
+        title="The noise of the grid, and what other satellites add",
+        paper=PAPER,
+        figure="Figure 2, twelve satellites",
+        run=noise,
         charts=(
-            Chart(title="Thermal noise of a value of the grid, 45 dB-Hz", x="coherent_ms", y="noise_rms",
-                  x_label="coherent time, ms", y_label="rms", x_log=True, y_log=True),
+            Chart(
+                title="Thermal noise of a value of the grid, 45 dB-Hz",
+                x="coherent_ms",
+                y="noise_rms",
+                x_label="coherent time, ms",
+                y_label="rms",
+                x_log=True,
+                y_log=True,
+            ),
         ),
         claims=(
-            Claim(what="noise level at 20 ms", paper="a picture", reference=0.040,
-                  same=_of("noise_rms", _first, coherent_ms=20), tolerance=0.001),
-            Claim(what="power that eleven others add at 20 ms", paper="not stated", reference="3.2e-4 to 3.9e-4",
-                  same=_of("added_power", _first, coherent_ms=20)),
-            Claim(what="the same over the integral of the spectrum squared", paper="none", reference=1.0,
-                  same=lambda rows: _of("added_power", _first, coherent_ms=20)(rows)
-                  / _of("added_predicted", _first, coherent_ms=20)(rows), tolerance=0.1),
-            Claim(what="rise of the noise at 20 ms, dB", paper="not stated", reference=0.9,
-                  same=_of("rise_db", _first, coherent_ms=20), tolerance=0.15, digits=2),
-            Claim(what="power that they add at 1 ms, times that at 20 ms", paper="not stated", reference=20.0,
-                  same=lambda rows: _of("added_power", _first, coherent_ms=1)(rows)
-                  / _of("added_power", _first, coherent_ms=20)(rows), tolerance=3.0),
+            Claim(
+                what="noise level at 20 ms",
+                paper="a picture",
+                reference=0.040,
+                same=_of("noise_rms", _first, coherent_ms=20),
+                tolerance=0.001,
+            ),
+            Claim(
+                what="power that eleven others add at 20 ms",
+                paper="not stated",
+                reference="3.2e-4 to 3.9e-4",
+                same=_of("added_power", _first, coherent_ms=20),
+            ),
+            Claim(
+                what="the same over the integral of the spectrum squared",
+                paper="none",
+                reference=1.0,
+                same=lambda rows: (
+                    _of("added_power", _first, coherent_ms=20)(rows)
+                    / _of("added_predicted", _first, coherent_ms=20)(rows)
+                ),
+                tolerance=0.1,
+            ),
+            Claim(
+                what="rise of the noise at 20 ms, dB",
+                paper="not stated",
+                reference=0.9,
+                same=_of("rise_db", _first, coherent_ms=20),
+                tolerance=0.15,
+                digits=2,
+            ),
+            Claim(
+                what="power that they add at 1 ms, times that at 20 ms",
+                paper="not stated",
+                reference=20.0,
+                same=lambda rows: (
+                    _of("added_power", _first, coherent_ms=1)(rows) / _of("added_power", _first, coherent_ms=20)(rows)
+                ),
+                tolerance=3.0,
+            ),
         ),
     ),
-)  # fmt: skip
+)

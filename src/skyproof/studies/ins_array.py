@@ -37,8 +37,7 @@ from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 __all__ = ["ERRORS", "SCENARIOS", "STUDIES", "disc_share", "draw_residuals", "lattice_share"]
 
 PAPER: Final = (
-    "Zhang, Ding, Xia, Liu, Yao, INS-aided multi-antenna GNSS carrier phase double difference spoofing "
-    "detection"
+    "Zhang, Ding, Xia, Liu, Yao, INS-aided multi-antenna GNSS carrier phase double difference spoofing detection"
 )
 SIGMA_CYC: Final = 0.01
 WAVELENGTH_M: Final = 0.19029  # as the paper rounds it
@@ -77,8 +76,8 @@ def _value(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
 
 def _percent(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
     """The largest of a column, in percent."""
-    return lambda rows: 100.0 * max(
-        float(row[column]) for row in rows if all(row.get(key) == value for key, value in where.items())
+    return lambda rows: (
+        100.0 * max(float(row[column]) for row in rows if all(row.get(key) == value for key, value in where.items()))
     )
 
 
@@ -91,8 +90,12 @@ def threshold(settings: Settings) -> Iterator[Row]:
     statistic = single_statistic(noise, WHITE)
     for p_fa in (0.1, 0.01, 0.001, 0.0001):
         limit = float(chi_square_threshold(p_fa, 2))
-        yield {"p_fa": p_fa, "threshold": limit, "p_fa_simulated": float(np.mean(statistic > limit)),
-               "trials": len(statistic)}  # fmt: skip
+        yield {
+            "p_fa": p_fa,
+            "threshold": limit,
+            "p_fa_simulated": float(np.mean(statistic > limit)),
+            "trials": len(statistic),
+        }
 
 
 ROC_CASES: Final = (
@@ -110,8 +113,14 @@ def roc(settings: Settings) -> Iterator[Row]:
         noncentrality = float(squared_norm(apart, WHITE))
         for p_fa in np.round(np.geomspace(1e-4, 1.0, 41), 10):
             p_d = float(noncentral_chi_square_survival(chi_square_threshold(p_fa, 2), 2, noncentrality))
-            yield {"figure": figure, "baseline": side, "predicted": f"({predicted[0]:g}, {predicted[1]:g})",
-                   "noncentrality": noncentrality, "p_fa": float(p_fa), "p_d": p_d}  # fmt: skip
+            yield {
+                "figure": figure,
+                "baseline": side,
+                "predicted": f"({predicted[0]:g}, {predicted[1]:g})",
+                "noncentrality": noncentrality,
+                "p_fa": float(p_fa),
+                "p_d": p_d,
+            }
 
 
 # Dead zones -----------------------------------------------------------------------------------------------------------
@@ -165,11 +174,14 @@ def dead_zones(settings: Settings) -> Iterator[Row]:
         wrapped = dead_zone(predicted, received.direction, design, WHITE, wrapped=True)
         worst = predicted[plain.argmax() * az_deg.size], predicted[wrapped.argmax()]
         yield {
-            "baseline": side, "max_blocks": int(plain.max()), "fraction": float(plain.max() / 32400),
+            "baseline": side,
+            "max_blocks": int(plain.max()),
+            "fraction": float(plain.max() / 32400),
             "solid_angle_fraction": float(disc_share(np.linalg.norm(worst[0][:2]), _radius(side))),
-            "wrapped_max_blocks": int(wrapped.max()), "wrapped_fraction": float(wrapped.max() / 32400),
+            "wrapped_max_blocks": int(wrapped.max()),
+            "wrapped_fraction": float(wrapped.max() / 32400),
             "wrapped_solid_angle_fraction": lattice_share(worst[1], side),
-        }  # fmt: skip
+        }
 
 
 def solid_angle(settings: Settings) -> Iterator[Row]:
@@ -177,9 +189,13 @@ def solid_angle(settings: Settings) -> Iterator[Row]:
     for side in (1.0, 5.0):
         for el_deg in np.arange(0.1, 90.0, 0.2):
             direction = _directions([(17.0, float(el_deg))])[0]
-            yield {"baseline": side, "elevation_deg": float(el_deg), "wrapped_share": lattice_share(direction, side),
-                   "share": float(disc_share(np.linalg.norm(direction[:2]), _radius(side))),
-                   "blind_directions": len(blind_directions(direction, equilateral_triangle(side))) - 1}  # fmt: skip
+            yield {
+                "baseline": side,
+                "elevation_deg": float(el_deg),
+                "wrapped_share": lattice_share(direction, side),
+                "share": float(disc_share(np.linalg.norm(direction[:2]), _radius(side))),
+                "blind_directions": len(blind_directions(direction, equilateral_triangle(side))) - 1,
+            }
 
 
 # Scenarios ------------------------------------------------------------------------------------------------------------
@@ -254,17 +270,27 @@ def scenarios(settings: Settings) -> Iterator[Row]:
                     own = covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
                     for test, p_d, p_fa in zip(("paper", "calibrated"), found[:2], null[:2], strict=True):
                         yield {
-                            "location": location, "scenario": scenario, "sat": sat,
-                            "p_d_theory": _power(apart[k], own, test), "p_d_simulated": float(p_d[k]),
-                            "p_fa_simulated": float(p_fa[k]), "errors": errors, "test": test,
-                        }  # fmt: skip
+                            "location": location,
+                            "scenario": scenario,
+                            "sat": sat,
+                            "p_d_theory": _power(apart[k], own, test),
+                            "p_d_simulated": float(p_d[k]),
+                            "p_fa_simulated": float(p_fa[k]),
+                            "errors": errors,
+                            "test": test,
+                        }
                 together = float(squared_norm(apart.ravel(), covariance))
                 limit = chi_square_threshold(P_FA, 6)
                 yield {
-                    "location": location, "scenario": scenario, "sat": "all", "test": "calibrated", "errors": errors,
+                    "location": location,
+                    "scenario": scenario,
+                    "sat": "all",
+                    "test": "calibrated",
+                    "errors": errors,
                     "p_d_theory": float(noncentral_chi_square_survival(limit, 6, together)),
-                    "p_d_simulated": found[2], "p_fa_simulated": null[2],
-                }  # fmt: skip
+                    "p_d_simulated": found[2],
+                    "p_fa_simulated": null[2],
+                }
 
 
 def _power(apart: Reals, covariance: Reals, test: str) -> float:
@@ -322,12 +348,22 @@ def position_error(settings: Settings) -> Iterator[Row]:
             for start in range(0, trials, CHUNK):
                 n = min(CHUNK, trials - start)
                 z = draw_residuals(
-                    rng, n, predicted, predicted, side=side, position_cyc=0.003 / WAVELENGTH_M * draw(rng, n),
+                    rng,
+                    n,
+                    predicted,
+                    predicted,
+                    side=side,
+                    position_cyc=0.003 / WAVELENGTH_M * draw(rng, n),
                     attitude_sigma_rad=float(np.radians(0.05)),
-                )  # fmt: skip
+                )
                 count += int(np.sum(single_statistic(z[:, 0], WHITE) > THRESHOLD))
-            yield {"assumption": assumption, "baseline": side, "elevation_deg": el_deg, "p_fa": count / trials,
-                   "trials": trials}  # fmt: skip
+            yield {
+                "assumption": assumption,
+                "baseline": side,
+                "elevation_deg": el_deg,
+                "p_fa": count / trials,
+                "trials": trials,
+            }
 
 
 # Eight satellites -----------------------------------------------------------------------------------------------------
@@ -353,11 +389,12 @@ def eight(settings: Settings) -> Iterator[Row]:
         given = conditional_statistics(noise, covariance)
         counted = {
             "no errors": None,
-            "alone": float(np.mean([single_statistic(noise[:, k], covariance[blocks_of[k]]) > THRESHOLD
-                                    for k in range(8)])),
+            "alone": float(
+                np.mean([single_statistic(noise[:, k], covariance[blocks_of[k]]) > THRESHOLD for k in range(8)])
+            ),
             "conditional": float(np.mean(given > THRESHOLD)),
             "joint": float(np.mean(joint > chi_square_threshold(P_FA, 16))),
-        }  # fmt: skip
+        }
         for shift_deg in shifts_deg:
             moved = _directions([(az, el + (shift_deg if el < 70 else -shift_deg)) for az, el in SKY_DEG])
             apart = (moved - sky) @ design.T
@@ -370,8 +407,13 @@ def eight(settings: Settings) -> Iterator[Row]:
             for test, noncentrality in far.items():
                 dof = 16 if test == "joint" else 2
                 p_d = noncentral_chi_square_survival(chi_square_threshold(P_FA, dof), dof, noncentrality)
-                yield {"baseline": side, "shift_deg": shift_deg, "test": test, "p_d": float(np.mean(p_d)),
-                       "p_fa_simulated": counted[test]}  # fmt: skip
+                yield {
+                    "baseline": side,
+                    "shift_deg": shift_deg,
+                    "test": test,
+                    "p_d": float(np.mean(p_d)),
+                    "p_fa_simulated": counted[test],
+                }
 
 
 # The studies ----------------------------------------------------------------------------------------------------------
@@ -383,97 +425,217 @@ def _scenario_claim(location: str, scenario: str, sat: str, paper: float, refere
     where = {"location": location, "scenario": scenario, "sat": sat}
     return Claim(
         what=f"P_D of {sat}, scenario {scenario}, no errors (better: calibrated, with errors; {better:g} expected)",
-        paper=paper, reference=reference, tolerance=0.005,
+        paper=paper,
+        reference=reference,
+        tolerance=0.005,
         same=_value("p_d_simulated", **where, errors=False, test="paper"),
         better=_value("p_d_simulated", **where, errors=True, test="calibrated"),
-    )  # fmt: skip
+    )
 
 
 STUDIES = (
     Study(
-        name="ins-array.threshold", title="Threshold for the false-alarm probability", paper=PAPER,
-        figure="Equation 41", run=threshold,
-        claims=(Claim(what="threshold at P_FA 0.01", paper=9.2103, reference=9.2103, tolerance=5e-5, digits=5,
-                      same=_value("threshold", p_fa=0.01)),),
+        name="ins-array.threshold",
+        title="Threshold for the false-alarm probability",
+        paper=PAPER,
+        figure="Equation 41",
+        run=threshold,
+        claims=(
+            Claim(
+                what="threshold at P_FA 0.01",
+                paper=9.2103,
+                reference=9.2103,
+                tolerance=5e-5,
+                digits=5,
+                same=_value("threshold", p_fa=0.01),
+            ),
+        ),
     ),
     Study(
-        name="ins-array.roc", title="Receiver operating characteristics", paper=PAPER,
-        figure="Figures 5 and 6", run=roc,
+        name="ins-array.roc",
+        title="Receiver operating characteristics",
+        paper=PAPER,
+        figure="Figures 5 and 6",
+        run=roc,
         charts=(
-            Chart(title="Figure 5: predicted (20, 40), received (21, 40); baselines in wavelengths", x="p_fa",
-                  y="p_d", x_label="P_FA", y_label="P_D", by=("baseline",), where={"figure": "5"}, x_log=True),
-            Chart(title="Figure 6: five wavelengths, received one degree lower", x="p_fa", y="p_d", x_label="P_FA",
-                  y_label="P_D", by=("predicted",), where={"figure": "6"}, x_log=True),
+            Chart(
+                title="Figure 5: predicted (20, 40), received (21, 40); baselines in wavelengths",
+                x="p_fa",
+                y="p_d",
+                x_label="P_FA",
+                y_label="P_D",
+                by=("baseline",),
+                where={"figure": "5"},
+                x_log=True,
+            ),
+            Chart(
+                title="Figure 6: five wavelengths, received one degree lower",
+                x="p_fa",
+                y="p_d",
+                x_label="P_FA",
+                y_label="P_D",
+                by=("predicted",),
+                where={"figure": "6"},
+                x_log=True,
+            ),
         ),
         claims=tuple(
-            Claim(what=f"noncentrality, (20, 40) against (21, 40), b = {side:g}", paper=_BY_FORMULA,
-                  reference=reference, same=_value("noncentrality", figure="5", baseline=side), tolerance=1e-4)
+            Claim(
+                what=f"noncentrality, (20, 40) against (21, 40), b = {side:g}",
+                paper=_BY_FORMULA,
+                reference=reference,
+                same=_value("noncentrality", figure="5", baseline=side),
+                tolerance=1e-4,
+            )
             for side, reference in ((1.0, 0.8938), (2.0, 3.5750), (3.0, 8.0439), (4.0, 14.3002), (5.0, 22.3440))
         ),
     ),
     Study(
-        name="ins-array.dead-zone", title="Blocks of the sky with P_D < 0.99", paper=PAPER, figure="Figures 7 and 8",
+        name="ins-array.dead-zone",
+        title="Blocks of the sky with P_D < 0.99",
+        paper=PAPER,
+        figure="Figures 7 and 8",
         run=dead_zones,
         claims=(
-            *(Claim(what=f"largest number of blocks, b = {side:g}", paper=most, reference=most, tolerance=1.0,
-                    same=_value("max_blocks", baseline=side))
-              for side, most in ((1.0, 1554), (5.0, 232))),
-            *(Claim(what=f"the same share of solid angle, %, b = {side:g}", paper=paper, reference=right,
-                    tolerance=0.01 * right, same=_percent("solid_angle_fraction", baseline=side))
-              for side, paper, right in ((1.0, 4.8, 0.2745), (5.0, 0.7, 0.0110))),
+            *(
+                Claim(
+                    what=f"largest number of blocks, b = {side:g}",
+                    paper=most,
+                    reference=most,
+                    tolerance=1.0,
+                    same=_value("max_blocks", baseline=side),
+                )
+                for side, most in ((1.0, 1554), (5.0, 232))
+            ),
+            *(
+                Claim(
+                    what=f"the same share of solid angle, %, b = {side:g}",
+                    paper=paper,
+                    reference=right,
+                    tolerance=0.01 * right,
+                    same=_percent("solid_angle_fraction", baseline=side),
+                )
+                for side, paper, right in ((1.0, 4.8, 0.2745), (5.0, 0.7, 0.0110))
+            ),
         ),
     ),
     Study(
-        name="ins-array.solid-angle", title="Share of the hemisphere with P_D < 0.99", paper=PAPER, figure="none",
+        name="ins-array.solid-angle",
+        title="Share of the hemisphere with P_D < 0.99",
+        paper=PAPER,
+        figure="none",
         run=solid_angle,
         charts=(
-            Chart(title="Whole cycles known; baselines in wavelengths", x="elevation_deg", y="share",
-                  x_label="predicted elevation, deg", y_label="share of the hemisphere", by=("baseline",)),
-            Chart(title="Fractions of cycles known; baselines in wavelengths", x="elevation_deg",
-                  y="wrapped_share", by=("baseline",), x_label="predicted elevation, deg",
-                  y_label="share of the hemisphere"),
+            Chart(
+                title="Whole cycles known; baselines in wavelengths",
+                x="elevation_deg",
+                y="share",
+                x_label="predicted elevation, deg",
+                y_label="share of the hemisphere",
+                by=("baseline",),
+            ),
+            Chart(
+                title="Fractions of cycles known; baselines in wavelengths",
+                x="elevation_deg",
+                y="wrapped_share",
+                by=("baseline",),
+                x_label="predicted elevation, deg",
+                y_label="share of the hemisphere",
+            ),
         ),
         claims=tuple(
-            Claim(what=f"worst share, %, b = {side:g} (better: with whole cycles unknown)", paper="told of blocks only",
-                  reference=right, tolerance=0.01 * right,
-                  same=_percent("share", baseline=side), better=_percent("wrapped_share", baseline=side))
+            Claim(
+                what=f"worst share, %, b = {side:g} (better: with whole cycles unknown)",
+                paper="told of blocks only",
+                reference=right,
+                tolerance=0.01 * right,
+                same=_percent("share", baseline=side),
+                better=_percent("wrapped_share", baseline=side),
+            )
             for side, right in ((1.0, 1.008), (5.0, 0.089))
         ),
     ),
     Study(
-        name="ins-array.scenarios", title="Two places, two scenarios", paper=PAPER,
-        figure="Tables 1 and 2, Figures 10 to 12", run=scenarios,
+        name="ins-array.scenarios",
+        title="Two places, two scenarios",
+        paper=PAPER,
+        figure="Tables 1 and 2, Figures 10 to 12",
+        run=scenarios,
         claims=(
             _scenario_claim("1", "1", "G03", 0.066, 0.0649, 0.0221),
             _scenario_claim("1", "1", "G32", 0.977, 0.976, 0.4055),
             _scenario_claim("1", "2", "G32", 0.244, 0.247, 0.0534),
-            Claim(what="P_FA of G03 with errors (better: calibrated)", paper="not shown", reference=0.2668,
-                  tolerance=0.005, same=_value("p_fa_simulated", location="1", sat="G03", errors=True, test="paper"),
-                  better=_value("p_fa_simulated", location="1", sat="G03", errors=True, test="calibrated")),
-            Claim(what="P_D of G03 with errors", paper=0.0657, reference=0.344, tolerance=0.01,
-                  same=_value("p_d_simulated", location="1", scenario="1", sat="G03", errors=True, test="paper")),
-            Claim(what="P_D of the three together with errors, scenario 2 (better only)", paper="no joint test",
-                  reference=1.0, better=_value("p_d_simulated", location="1", scenario="2", sat="all", errors=True)),
+            Claim(
+                what="P_FA of G03 with errors (better: calibrated)",
+                paper="not shown",
+                reference=0.2668,
+                tolerance=0.005,
+                same=_value("p_fa_simulated", location="1", sat="G03", errors=True, test="paper"),
+                better=_value("p_fa_simulated", location="1", sat="G03", errors=True, test="calibrated"),
+            ),
+            Claim(
+                what="P_D of G03 with errors",
+                paper=0.0657,
+                reference=0.344,
+                tolerance=0.01,
+                same=_value("p_d_simulated", location="1", scenario="1", sat="G03", errors=True, test="paper"),
+            ),
+            Claim(
+                what="P_D of the three together with errors, scenario 2 (better only)",
+                paper="no joint test",
+                reference=1.0,
+                better=_value("p_d_simulated", location="1", scenario="2", sat="all", errors=True),
+            ),
         ),
     ),
     Study(
-        name="ins-array.position-error", title="What an error of 3 mm in the antenna positions does", paper=PAPER,
-        figure="Figures 11 and 12, right", run=position_error,
+        name="ins-array.position-error",
+        title="What an error of 3 mm in the antenna positions does",
+        paper=PAPER,
+        figure="Figures 11 and 12, right",
+        run=position_error,
         claims=tuple(
-            Claim(what=f"P_FA at a nominal 0.01, 3 mm {assumption}", paper="not shown", reference=reference,
-                  tolerance=0.006, same=_value("p_fa", assumption=assumption, baseline=1.0, elevation_deg=30.0))
-            for assumption, reference in (("per antenna and axis", 0.266), ("the same, first antenna without", 0.173),
-                                          ("along each baseline", 0.044), ("none", 0.010))
+            Claim(
+                what=f"P_FA at a nominal 0.01, 3 mm {assumption}",
+                paper="not shown",
+                reference=reference,
+                tolerance=0.006,
+                same=_value("p_fa", assumption=assumption, baseline=1.0, elevation_deg=30.0),
+            )
+            for assumption, reference in (
+                ("per antenna and axis", 0.266),
+                ("the same, first antenna without", 0.173),
+                ("along each baseline", 0.044),
+                ("none", 0.010),
+            )
         ),
     ),
     Study(
-        name="ins-array.eight", title="One false signal among eight satellites", paper=PAPER, figure="none", run=eight,
-        charts=(Chart(title="Baselines of one wavelength", x="shift_deg", y="p_d", x_label="shift in elevation, deg",
-                      y_label="mean P_D", by=("test",), where={"baseline": 1.0}),),
+        name="ins-array.eight",
+        title="One false signal among eight satellites",
+        paper=PAPER,
+        figure="none",
+        run=eight,
+        charts=(
+            Chart(
+                title="Baselines of one wavelength",
+                x="shift_deg",
+                y="p_d",
+                x_label="shift in elevation, deg",
+                y_label="mean P_D",
+                by=("test",),
+                where={"baseline": 1.0},
+            ),
+        ),
         claims=(
-            Claim(what="mean P_D, 5 deg, b = 1, alone (better: given the others)", paper="no joint use",
-                  reference=0.285, tolerance=0.002, same=_value("p_d", baseline=1.0, shift_deg=5.0, test="alone"),
-                  better=_value("p_d", baseline=1.0, shift_deg=5.0, test="conditional")),
+            Claim(
+                what="mean P_D, 5 deg, b = 1, alone (better: given the others)",
+                paper="no joint use",
+                reference=0.285,
+                tolerance=0.002,
+                same=_value("p_d", baseline=1.0, shift_deg=5.0, test="alone"),
+                better=_value("p_d", baseline=1.0, shift_deg=5.0, test="conditional"),
+            ),
         ),
     ),
-)  # fmt: skip
+)

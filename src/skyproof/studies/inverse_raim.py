@@ -17,9 +17,7 @@ from skyproof.studies.base import Chart, Claim, Row, Settings, Study
 
 __all__ = ["STUDIES"]
 
-PAPER: Final = (
-    "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"
-)
+PAPER: Final = "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity function with inverse RAIM and inertia"
 _DIRECTION_ENU: Final = np.array([1.0, 0.0, 1.0]) * np.sqrt(0.5)
 _START: Final = np.datetime64("2022-01-01T00:00:00", "ns")
 _MASK_DEG: Final = 7.0
@@ -76,7 +74,7 @@ class _Skies:
 
 def _misfits(
     units: Reals, signals: int, sigma_m: float, offset_m: float, attack: str, rng: np.random.Generator
-) -> Reals:  # fmt: skip
+) -> Reals:
     """(n, signals): true, false, and any."""
     misfit = sigma_m * rng.standard_normal((len(units), signals))
     misfit[:, 1] += offset_m if attack == "time" else -offset_m * (units @ _DIRECTION_ENU)
@@ -103,15 +101,23 @@ def _timed(satellites: int, signals: int, skies: _Skies, rng: np.random.Generato
         same &= set(map(tuple, found[True].choice)) == set(map(tuple, found[False].choice))
         passing.append(len(found[False].statistic))
     return _row(
-        satellites=satellites, signals=signals, sets=signals**satellites, attack="position", sigma_m=1.0,
-        offset_m=100.0, ms_exhaustive=1e3 * float(np.median(took[True])), ms_pruned=1e3 * float(np.median(took[False])),
-        same_sets=same, passing=float(np.mean(passing)), trials=repeats,
-    )  # fmt: skip
+        satellites=satellites,
+        signals=signals,
+        sets=signals**satellites,
+        attack="position",
+        sigma_m=1.0,
+        offset_m=100.0,
+        ms_exhaustive=1e3 * float(np.median(took[True])),
+        ms_pruned=1e3 * float(np.median(took[False])),
+        same_sets=same,
+        passing=float(np.mean(passing)),
+        trials=repeats,
+    )
 
 
 def _counted(
     attack: str, satellites: int, sigma_m: float, offset_m: float, skies: _Skies, rng: np.random.Generator, trials: int
-) -> Row:  # fmt: skip
+) -> Row:
     mixed, pure, groups, pairs, clocks = [], [], [], [], []
     for _ in range(trials):
         units = skies.some(satellites)
@@ -123,17 +129,41 @@ def _counted(
         pairs.append(found.pair is not None and bool(is_pure[list(found.pair)].all()))
         clocks.append(found.timing_only)
     return _row(
-        satellites=satellites, signals=2, sets=2**satellites, attack=attack, sigma_m=sigma_m, offset_m=offset_m,
-        mixed_passing=float(np.mean(mixed)), two_smallest_pure=float(np.mean(pure)),
-        clusters=float(np.mean(groups)), pair_is_pure=float(np.mean(pairs)), timing_only=float(np.mean(clocks)),
-        passing=None, trials=trials,
-    )  # fmt: skip
+        satellites=satellites,
+        signals=2,
+        sets=2**satellites,
+        attack=attack,
+        sigma_m=sigma_m,
+        offset_m=offset_m,
+        mixed_passing=float(np.mean(mixed)),
+        two_smallest_pure=float(np.mean(pure)),
+        clusters=float(np.mean(groups)),
+        pair_is_pure=float(np.mean(pairs)),
+        timing_only=float(np.mean(clocks)),
+        passing=None,
+        trials=trials,
+    )
 
 
 def _row(**values: Any) -> Row:
-    names = ("satellites", "signals", "sets", "attack", "sigma_m", "offset_m", "ms_exhaustive", "ms_pruned",
-             "same_sets", "passing", "mixed_passing", "two_smallest_pure", "clusters", "pair_is_pure", "timing_only",
-             "trials")  # fmt: skip
+    names = (
+        "satellites",
+        "signals",
+        "sets",
+        "attack",
+        "sigma_m",
+        "offset_m",
+        "ms_exhaustive",
+        "ms_pruned",
+        "same_sets",
+        "passing",
+        "mixed_passing",
+        "two_smallest_pure",
+        "clusters",
+        "pair_is_pure",
+        "timing_only",
+        "trials",
+    )
     return {name: values.get(name) for name in names}
 
 
@@ -150,36 +180,81 @@ def _value(column: str, **where: Any) -> Any:
 _SIX: Final = {"satellites": 6, "attack": "position", "offset_m": 100.0}
 STUDIES: tuple[Study, ...] = (
     Study(
-        name="inverse-raim.sets", title="Which sets of signals fit one position", paper=PAPER,
-        figure="Figures 9 and 13", run=sets,
+        name="inverse-raim.sets",
+        title="Which sets of signals fit one position",
+        paper=PAPER,
+        figure="Figures 9 and 13",
+        run=sets,
         charts=(
-            Chart(title="Mixed sets that pass at 0.1 %", x="offset_m", y="mixed_passing", x_label="offset, m",
-                  y_label="mean number", by=("satellites", "sigma_m"), where={"attack": "position"}, x_log=True,
-                  y_log=True),
-            Chart(title="The two smallest residuals are the true and the false set", x="offset_m",
-                  y="two_smallest_pure", x_label="offset, m", y_label="share", by=("satellites", "sigma_m"),
-                  where={"attack": "position"}, x_log=True),
+            Chart(
+                title="Mixed sets that pass at 0.1 %",
+                x="offset_m",
+                y="mixed_passing",
+                x_label="offset, m",
+                y_label="mean number",
+                by=("satellites", "sigma_m"),
+                where={"attack": "position"},
+                x_log=True,
+                y_log=True,
+            ),
+            Chart(
+                title="The two smallest residuals are the true and the false set",
+                x="offset_m",
+                y="two_smallest_pure",
+                x_label="offset, m",
+                y_label="share",
+                by=("satellites", "sigma_m"),
+                where={"attack": "position"},
+                x_log=True,
+            ),
         ),
         claims=(
-            Claim(what="mixed sets that pass, 6 satellites, 1 m, 100 m", paper="none", reference=1.0,
-                  same=_value("mixed_passing", sigma_m=1.0, **_SIX)),
-            Claim(what="two smallest residuals pure, the same", paper="always", reference=0.75,
-                  same=_value("two_smallest_pure", sigma_m=1.0, **_SIX), better=_value("pair_is_pure", sigma_m=1.0,
-                                                                                       **_SIX)),
-            Claim(what="mixed sets that pass, 6 satellites, 3 m, 100 m", paper="none", reference=4.8,
-                  same=_value("mixed_passing", sigma_m=3.0, **_SIX)),
+            Claim(
+                what="mixed sets that pass, 6 satellites, 1 m, 100 m",
+                paper="none",
+                reference=1.0,
+                same=_value("mixed_passing", sigma_m=1.0, **_SIX),
+            ),
+            Claim(
+                what="two smallest residuals pure, the same",
+                paper="always",
+                reference=0.75,
+                same=_value("two_smallest_pure", sigma_m=1.0, **_SIX),
+                better=_value("pair_is_pure", sigma_m=1.0, **_SIX),
+            ),
+            Claim(
+                what="mixed sets that pass, 6 satellites, 3 m, 100 m",
+                paper="none",
+                reference=4.8,
+                same=_value("mixed_passing", sigma_m=3.0, **_SIX),
+            ),
             *(
-                Claim(what=f"{name} sets, ms (same: every set; better: branch and bound)", paper="not stated",
-                      reference=reference, same=_value("ms_exhaustive", satellites=satellites, signals=signals),
-                      better=_value("ms_pruned", satellites=satellites, signals=signals))
+                Claim(
+                    what=f"{name} sets, ms (same: every set; better: branch and bound)",
+                    paper="not stated",
+                    reference=reference,
+                    same=_value("ms_exhaustive", satellites=satellites, signals=signals),
+                    better=_value("ms_pruned", satellites=satellites, signals=signals),
+                )
                 for name, satellites, signals, reference in (
-                    ("2^6", 6, 2, "not timed"), ("2^12", 12, 2, 0.07), ("3^12", 12, 3, 12.0)
+                    ("2^6", 6, 2, "not timed"),
+                    ("2^12", 12, 2, 0.07),
+                    ("3^12", 12, 3, 12.0),
                 )
             ),
-            Claim(what="the same sets by both searches, 3^12", paper="not stated", reference=1.0, tolerance=0.0,
-                  better=_value("same_sets", satellites=12, signals=3)),
-            Claim(what="numbers of the two passing sets of figure 9", paper="6 and 59 of 64", reference="complements, "
-                  "5 + 58 = 63 counted from 0: the numbering is not given, and the almanac's sky is not at hand"),
+            Claim(
+                what="the same sets by both searches, 3^12",
+                paper="not stated",
+                reference=1.0,
+                tolerance=0.0,
+                better=_value("same_sets", satellites=12, signals=3),
+            ),
+            Claim(
+                what="numbers of the two passing sets of figure 9",
+                paper="6 and 59 of 64",
+                reference="complements, "
+                "5 + 58 = 63 counted from 0: the numbering is not given, and the almanac's sky is not at hand",
+            ),
         ),
     ),
 )

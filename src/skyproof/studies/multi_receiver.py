@@ -68,9 +68,16 @@ def _false_alarm(settings: Settings) -> Iterator[Row]:
             for (detector, form, nominal), count in counts.items():
                 low, high = count_interval(count, trials)
                 yield {
-                    "detector": detector, "receivers": receivers, "n": n, "form": form, "nominal": nominal,
-                    "p_fa": count / trials, "p_fa_low": float(low), "p_fa_high": float(high), "trials": trials,
-                }  # fmt: skip
+                    "detector": detector,
+                    "receivers": receivers,
+                    "n": n,
+                    "form": form,
+                    "nominal": nominal,
+                    "p_fa": count / trials,
+                    "p_fa_low": float(low),
+                    "p_fa_high": float(high),
+                    "trials": trials,
+                }
 
 
 def _counts(receivers: int, n: int, trials: int, rng: np.random.Generator) -> dict[tuple[str, str, float], int]:
@@ -208,9 +215,12 @@ def _judged(
         ours = [one for one in each if isinstance(one, Groups)]
         kept = [one.kept(ALPHA_OURS) if isinstance(one, Groups) else one for one in each]
         row: dict[str, Any] = {
-            "window_s": window_s, "detector": detector, "method": "skyproof" if ours else "paper", "noise": noise,
+            "window_s": window_s,
+            "detector": detector,
+            "method": "skyproof" if ours else "paper",
+            "noise": noise,
             **_means(kept),
-        }  # fmt: skip
+        }
         means = [float(one.true.mean()) for one in kept]
         row["authenticated_sem"] = float(np.std(means, ddof=1) / np.sqrt(len(means))) if len(means) > 1 else None
         row["stated"] = ALPHA_OURS if ours else None
@@ -283,8 +293,14 @@ def _most_wrong(method: str, noises: Sequence[str], pairs: Sequence[str], detect
     """Of signals, on average, per signal that could be wrong."""
 
     def most(rows: Sequence[Row]) -> float:
-        return max(float(row["wrong_mean"]) for row in _rows(rows, method=method) if row["noise"] in noises
-                   and row["pair"] in pairs and detector in (None, row["detector"])) / SATS  # fmt: skip
+        return (
+            max(
+                float(row["wrong_mean"])
+                for row in _rows(rows, method=method)
+                if row["noise"] in noises and row["pair"] in pairs and detector in (None, row["detector"])
+            )
+            / SATS
+        )
 
     return most
 
@@ -333,10 +349,13 @@ _KEPT_1B = {  # pair, noise: kept of 7 at 10, 30, 60, 120 s by an independent si
 
 def _kept_claim(case: str, value: float, **where: Any) -> Claim:
     return Claim(
-        what=f"1b, {case}: kept of 7, mean over 16 skies", paper="curve", reference=value,
+        what=f"1b, {case}: kept of 7, mean over 16 skies",
+        paper="curve",
+        reference=value,
         same=_mean("authenticated_mean", detector="1b", **where),
-        better=_mean("authenticated_mean", detector=UNKNOWN, **where), tolerance=_scatter(detector="1b", **where),
-    )  # fmt: skip
+        better=_mean("authenticated_mean", detector=UNKNOWN, **where),
+        tolerance=_scatter(detector="1b", **where),
+    )
 
 
 def _scatter(**wanted: Any) -> Callable[[Sequence[Row]], float]:
@@ -373,20 +392,24 @@ def _share_claims() -> Iterator[Claim]:
                 where = pair, window_s, detector, noise
                 yield Claim(
                     what=f"share of windows with 7 of 7 at {distance_m} m, {window_s} s, {noise}, {detector}, wrong at "
-                         f"most {rate:g}; asked 0.999; reference: the most that a test can that is told the noise",
-                    paper="not reached", reference=_share(f"authenticated_bound{end}", *where),
-                    better=_share(f"authenticated_mean{end}", *where), digits=5,
-                )  # fmt: skip
+                    f"most {rate:g}; asked 0.999; reference: the most that a test can that is told the noise",
+                    paper="not reached",
+                    reference=_share(f"authenticated_bound{end}", *where),
+                    better=_share(f"authenticated_mean{end}", *where),
+                    digits=5,
+                )
     for end, rate in (("", ALPHA_OURS), (LAX, ALPHA_PAPER)):
         for noise in ("AR(1) 0.9", "1 m per track"):
             for detector in (UNKNOWN, KNOWN):
                 where = "4", 30, detector, noise
                 yield Claim(
                     what=f"the same at 5 m, 30 s, {noise}, {detector}, wrong at most {rate:g}; reference: the most "
-                         "that a test can that is not told the noise",
-                    paper="not reached", reference=_share(f"authenticated_bound_noise_unknown{end}", *where),
-                    better=_share(f"authenticated_mean{end}", *where), digits=5,
-                )  # fmt: skip
+                    "that a test can that is not told the noise",
+                    paper="not reached",
+                    reference=_share(f"authenticated_bound_noise_unknown{end}", *where),
+                    better=_share(f"authenticated_mean{end}", *where),
+                    digits=5,
+                )
 
 
 DISTANCE = Study(
@@ -518,12 +541,22 @@ def _time_tags(settings: Settings) -> Iterator[Row]:
         seconds = np.arange(float(n)) - 0.5 * (n - 1)
         for index, offset_s in enumerate(_OFFSETS_S):
             dd_m: Reals = np.full(n, RATE_M_S * offset_s)
-            yield {"detector": "1b", "offset_s": offset_s, "drift": 0.0, "n": n,
-                   **_missed(dd_m, "line", 1.0, trials, settings.rng(3000 + 10 * n + index))}  # fmt: skip
+            yield {
+                "detector": "1b",
+                "offset_s": offset_s,
+                "drift": 0.0,
+                "n": n,
+                **_missed(dd_m, "line", 1.0, trials, settings.rng(3000 + 10 * n + index)),
+            }
         for index, drift in enumerate(_DRIFTS):
             dd_m = np.asarray(RATE_M_S * drift * seconds, float)
-            yield {"detector": "2b", "offset_s": 1e-4, "drift": drift, "n": n,
-                   **_missed(dd_m, "slope", CARRIER_PER_CODE, trials, settings.rng(6000 + 10 * n + index))}  # fmt: skip
+            yield {
+                "detector": "2b",
+                "offset_s": 1e-4,
+                "drift": drift,
+                "n": n,
+                **_missed(dd_m, "slope", CARRIER_PER_CODE, trials, settings.rng(6000 + 10 * n + index)),
+            }
 
 
 def _missed(dd_m: Reals, tested: Tested, sigma_m: float, trials: int, rng: np.random.Generator) -> dict[str, Any]:

@@ -37,10 +37,28 @@ from skyproof.statistics.distributions import f_threshold, noncentral_f_survival
 from skyproof.statistics.roc import chi_square_power
 
 __all__ = [
-    "ALPHA_OURS", "ALPHA_PAPER", "CARRIER_PER_CODE", "NOISES", "PLACES", "SATS", "Bound", "Geometry", "Groups", "Kept",
-    "Noise", "Split", "carrier_decision", "errors_of", "geometries", "group_decision", "mean_variance_m2",
-    "most_decided", "paper_decision", "ranges_of", "split",
-]  # fmt: skip
+    "ALPHA_OURS",
+    "ALPHA_PAPER",
+    "CARRIER_PER_CODE",
+    "NOISES",
+    "PLACES",
+    "SATS",
+    "Bound",
+    "Geometry",
+    "Groups",
+    "Kept",
+    "Noise",
+    "Split",
+    "carrier_decision",
+    "errors_of",
+    "geometries",
+    "group_decision",
+    "mean_variance_m2",
+    "most_decided",
+    "paper_decision",
+    "ranges_of",
+    "split",
+]
 
 SATS = 7
 GEOMETRIES = 16
@@ -74,9 +92,12 @@ class Noise(NamedTuple):
 
 
 NOISES = {
-    "white": Noise(), "white 2 m": Noise(sigma_m=2.0), "AR(1) 0.5": Noise(phi=0.5), "AR(1) 0.9": Noise(phi=0.9),
+    "white": Noise(),
+    "white 2 m": Noise(sigma_m=2.0),
+    "AR(1) 0.5": Noise(phi=0.5),
+    "AR(1) 0.9": Noise(phi=0.9),
     "1 m per track": Noise(constant_m=1.0),
-}  # fmt: skip
+}
 
 
 class Geometry(NamedTuple):
@@ -157,8 +178,11 @@ def geometries() -> tuple[Geometry, ...]:
 def _slots(when: np.datetime64) -> list[Ephemeris]:
     """Orbits in the 24 slots."""
     orbits = [orbit for orbit in nominal_constellation(when).ephemerides if isinstance(orbit, Ephemeris)]
-    return [replace(orbit, m0=orbit.m0 + np.radians(_MOVED_DEG.get(orbit.sat, 0.0)))
-            for orbit in orbits if orbit.sat not in _LEFT_OUT]  # fmt: skip
+    return [
+        replace(orbit, m0=orbit.m0 + np.radians(_MOVED_DEG.get(orbit.sat, 0.0)))
+        for orbit in orbits
+        if orbit.sat not in _LEFT_OUT
+    ]
 
 
 def _units(vectors: Reals) -> Reals:
@@ -196,8 +220,11 @@ def paper_decision(range_m: Reals, *, tested: Tested) -> Kept:
     chosen = np.stack([range_m[..., np.arange(receivers), track] for track in tracks], axis=3)  # (W, N, 7, 2^R, R)
     sd_m = chosen[..., 1:] - chosen[..., :1]
     flat = np.moveaxis(sd_m.reshape(*sd_m.shape[:2], SATS * len(tracks), receivers - 1), 1, 2)
-    rule = counting_rule(pairs_rejected(flat, ALPHA_PAPER, tested=tested), np.repeat(np.arange(SATS), len(tracks)),
-                         np.tile(tracks, (SATS, 1)))  # fmt: skip
+    rule = counting_rule(
+        pairs_rejected(flat, ALPHA_PAPER, tested=tested),
+        np.repeat(np.arange(SATS), len(tracks)),
+        np.tile(tracks, (SATS, 1)),
+    )
     kept = np.sum(~rule.removed, axis=-2).mean(axis=1)
     return Kept(kept[:, 0], kept[:, 1])
 

@@ -76,8 +76,14 @@ def roc(settings: Settings) -> Iterator[Row]:
             far = _noncentrality(test, n, (155.0, 50.0), (160.0, 55.0))
             for p_fa in np.round(10.0 ** np.linspace(-4.0, 0.0, 41)[:-1], 10):
                 limit = float(authentic_threshold(p_fa, far))
-                yield {"test": test, "n": n, "noncentrality": far, "p_fa": float(p_fa), "threshold": limit,
-                       "p_d": float(spoofed_detection(limit))}  # fmt: skip
+                yield {
+                    "test": test,
+                    "n": n,
+                    "noncentrality": far,
+                    "p_fa": float(p_fa),
+                    "threshold": limit,
+                    "p_d": float(spoofed_detection(limit)),
+                }
 
 
 # Dead zones -----------------------------------------------------------------------------------------------------------
@@ -136,9 +142,16 @@ def scenario(settings: Settings) -> Iterator[Row]:
                 noise = OF_PAIR["sigma_cyc"] * rng.standard_normal((min(CHUNK, trials - start), n))
                 same += int(np.sum(fit(noise, arm_angles(n, RATE), **OF_PAIR).statistic < limit))
                 apart += int(np.sum(fit(noise + spin, arm_angles(n, RATE), **OF_PAIR).statistic < limit))
-            yield {"pair": pair, "test": test, "n": n, "noncentrality": far, "threshold": limit,
-                   "p_d_theory": float(spoofed_detection(limit)), "p_d_simulated": same / trials,
-                   "authentic_p_fa_simulated": apart / trials}  # fmt: skip
+            yield {
+                "pair": pair,
+                "test": test,
+                "n": n,
+                "noncentrality": far,
+                "threshold": limit,
+                "p_d_theory": float(spoofed_detection(limit)),
+                "p_d_simulated": same / trials,
+                "authentic_p_fa_simulated": apart / trials,
+            }
 
 
 # How much data; the rule with its own estimate ------------------------------------------------------------------------
@@ -150,9 +163,13 @@ def samples(settings: Settings) -> Iterator[Row]:
     for test in ("paper", "full"):
         for n in range(20, 401):
             far = _noncentrality(test, n, (155.0, 50.0), (160.0, 55.0))
-            yield {"test": test, "n": n, "noncentrality": far,
-                   "p_d": float(spoofed_detection(authentic_threshold(P_FA, far))),
-                   "p_d_usual": float(noncentral_chi_square_survival(usual, 2, far))}  # fmt: skip
+            yield {
+                "test": test,
+                "n": n,
+                "noncentrality": far,
+                "p_d": float(spoofed_detection(authentic_threshold(P_FA, far))),
+                "p_d_usual": float(noncentral_chi_square_survival(usual, 2, far)),
+            }
 
 
 def circular(settings: Settings) -> Iterator[Row]:
@@ -165,8 +182,12 @@ def circular(settings: Settings) -> Iterator[Row]:
             statistic = paired_fit(noise, arm_angles(n, RATE), **OF_PAIR).statistic
             below += int(np.sum(statistic < authentic_threshold(p_fa, statistic)))
         limit = circular_threshold(p_fa)
-        yield {"p_fa": p_fa, "threshold": limit, "p_d_theory": float(spoofed_detection(limit)),
-               "p_d_simulated": below / trials}  # fmt: skip
+        yield {
+            "p_fa": p_fa,
+            "threshold": limit,
+            "p_d_theory": float(spoofed_detection(limit)),
+            "p_d_simulated": below / trials,
+        }
 
 
 def _first(column: str, test: str) -> Callable[[Sequence[Row]], float]:
@@ -195,71 +216,161 @@ _TABLE: Final = tuple(
 
 STUDIES = (
     Study(
-        name="spin.roc", title="Receiver operating characteristics of one pair", paper=PAPER, figure="Figure 3",
+        name="spin.roc",
+        title="Receiver operating characteristics of one pair",
+        paper=PAPER,
+        figure="Figure 3",
         run=roc,
         charts=tuple(
-            Chart(title=title, x="p_fa", y="p_d", x_label="P_FA", y_label="P_D", by=("n",), where={"test": test},
-                  x_log=True)
+            Chart(
+                title=title,
+                x="p_fa",
+                y="p_d",
+                x_label="P_FA",
+                y_label="P_D",
+                by=("n",),
+                where={"test": test},
+                x_log=True,
+            )
             for test, title in (("paper", "The paper's differences"), ("full", "The whole series"))
         ),
         claims=tuple(
-            Claim(what=f"P_D of (155, 50), (160, 55) at P_FA 0.01, N = {n}", paper=value, reference=value,
-                  tolerance=1e-4, same=_at(n, 0.01, "paper"), better=_at(n, 0.01, "full"))
+            Claim(
+                what=f"P_D of (155, 50), (160, 55) at P_FA 0.01, N = {n}",
+                paper=value,
+                reference=value,
+                tolerance=1e-4,
+                same=_at(n, 0.01, "paper"),
+                better=_at(n, 0.01, "full"),
+            )
             for n, value in ((50, 0.1143), (300, 0.9989))
         ),
     ),
     Study(
-        name="spin.dead-zone", title="Blocks of the sky with P_D < 0.99", paper=PAPER, figure="Table 1", run=dead_zones,
+        name="spin.dead-zone",
+        title="Blocks of the sky with P_D < 0.99",
+        paper=PAPER,
+        figure="Table 1",
+        run=dead_zones,
         claims=tuple(
-            Claim(what=f"blocks about {reference}, N = {n}", paper=paper, reference=right, tolerance=1.0,
-                  same=_value("blocks", test="paper", reference=reference, n=n),
-                  better=_value("blocks", test="full", reference=reference, n=n))
+            Claim(
+                what=f"blocks about {reference}, N = {n}",
+                paper=paper,
+                reference=right,
+                tolerance=1.0,
+                same=_value("blocks", test="paper", reference=reference, n=n),
+                better=_value("blocks", test="full", reference=reference, n=n),
+            )
             for n, reference, paper, right in _TABLE
         ),
     ),
     Study(
-        name="spin.solid-angle", title="Share of the hemisphere with P_D < 0.99", paper=PAPER, figure="Table 1",
+        name="spin.solid-angle",
+        title="Share of the hemisphere with P_D < 0.99",
+        paper=PAPER,
+        figure="Table 1",
         run=solid_angle,
         claims=tuple(
-            Claim(what=f"share about {reference}, N = 150", paper="blocks only", reference=right,
-                  tolerance=0.01 * right, same=_value("share", test="paper", reference=reference, n=150),
-                  better=_value("share", test="full", reference=reference, n=150))
-            for reference, right in (("(40, 35)", 0.01101), ("(160, 20)", 0.01798), ("(240, 55)", 0.00746),
-                                     ("(320, 70)", 0.00648))
+            Claim(
+                what=f"share about {reference}, N = 150",
+                paper="blocks only",
+                reference=right,
+                tolerance=0.01 * right,
+                same=_value("share", test="paper", reference=reference, n=150),
+                better=_value("share", test="full", reference=reference, n=150),
+            )
+            for reference, right in (
+                ("(40, 35)", 0.01101),
+                ("(160, 20)", 0.01798),
+                ("(240, 55)", 0.00746),
+                ("(320, 70)", 0.00648),
+            )
         ),
     ),
     Study(
-        name="spin.scenario", title="A spoofer at (160, 55) and three others", paper=PAPER,
-        figure="Section 5, Figure 6", run=scenario,
+        name="spin.scenario",
+        title="A spoofer at (160, 55) and three others",
+        paper=PAPER,
+        figure="Section 5, Figure 6",
+        run=scenario,
         claims=(
-            *(Claim(what=f"threshold of {pair}", paper=value, reference=value, tolerance=5e-5, digits=6,
-                    same=_value("threshold", pair=pair, test="paper"))
-              for pair, value in (("[3,1]", 22.0503), ("[4,1]", 0.0760), ("[2,1]", 0.0201))),
-            *(Claim(what=f"P_D of {pair}", paper=paper, reference=right, tolerance=1e-4,
+            *(
+                Claim(
+                    what=f"threshold of {pair}",
+                    paper=value,
+                    reference=value,
+                    tolerance=5e-5,
+                    digits=6,
+                    same=_value("threshold", pair=pair, test="paper"),
+                )
+                for pair, value in (("[3,1]", 22.0503), ("[4,1]", 0.0760), ("[2,1]", 0.0201))
+            ),
+            *(
+                Claim(
+                    what=f"P_D of {pair}",
+                    paper=paper,
+                    reference=right,
+                    tolerance=1e-4,
                     same=_value("p_d_theory", pair=pair, test="paper"),
-                    better=_value("p_d_theory", pair=pair, test="full"))
-              for pair, paper, right in (("[3,1]", 0.9999, 0.999984), ("[4,1]", 0.0373, 0.0373),
-                                         ("[2,1]", 0.0104, 0.0100))),
+                    better=_value("p_d_theory", pair=pair, test="full"),
+                )
+                for pair, paper, right in (
+                    ("[3,1]", 0.9999, 0.999984),
+                    ("[4,1]", 0.0373, 0.0373),
+                    ("[2,1]", 0.0104, 0.0100),
+                )
+            ),
         ),
     ),
     Study(
-        name="spin.samples", title="How many samples a pair of 5 degrees takes", paper=PAPER, figure="none",
+        name="spin.samples",
+        title="How many samples a pair of 5 degrees takes",
+        paper=PAPER,
+        figure="none",
         run=samples,
-        charts=(Chart(title="Detection of (155, 50), (160, 55)", x="n", y="p_d", x_label="samples, 10 a second",
-                      y_label="P_D at P_FA 0.01", by=("test",)),),
+        charts=(
+            Chart(
+                title="Detection of (155, 50), (160, 55)",
+                x="n",
+                y="p_d",
+                x_label="samples, 10 a second",
+                y_label="P_D at P_FA 0.01",
+                by=("test",),
+            ),
+        ),
         claims=(
-            Claim(what="samples for P_D 0.9999, the paper's sense", paper="not given", reference=376, tolerance=0.0,
-                  same=_first("p_d", "paper"), better=_first("p_d", "full")),
-            Claim(what="samples for P_D 0.9999, the usual sense", paper="not given", reference=380, tolerance=0.0,
-                  same=_first("p_d_usual", "paper"), better=_first("p_d_usual", "full")),
+            Claim(
+                what="samples for P_D 0.9999, the paper's sense",
+                paper="not given",
+                reference=376,
+                tolerance=0.0,
+                same=_first("p_d", "paper"),
+                better=_first("p_d", "full"),
+            ),
+            Claim(
+                what="samples for P_D 0.9999, the usual sense",
+                paper="not given",
+                reference=380,
+                tolerance=0.0,
+                same=_first("p_d_usual", "paper"),
+                better=_first("p_d_usual", "full"),
+            ),
         ),
     ),
     Study(
-        name="spin.circular", title="The threshold from the estimate itself", paper=PAPER, figure="Section 4.1",
+        name="spin.circular",
+        title="The threshold from the estimate itself",
+        paper=PAPER,
+        figure="Section 4.1",
         run=circular,
         claims=(
-            Claim(what="P_D of spoofed pairs, P_FA 0.01, directions of the authentic pair not known",
-                  paper="taken as known", reference=0.0101, tolerance=0.0022, same=_value("p_d_simulated", p_fa=0.01)),
+            Claim(
+                what="P_D of spoofed pairs, P_FA 0.01, directions of the authentic pair not known",
+                paper="taken as known",
+                reference=0.0101,
+                tolerance=0.0022,
+                same=_value("p_d_simulated", p_fa=0.01),
+            ),
         ),
     ),
-)  # fmt: skip
+)

@@ -181,9 +181,7 @@ def p_values(case: Case, settings: Settings) -> Reals:
     """(n,) drawn by a stream of the test's own."""
     rng = settings.rng(crc32(f"{case.method}: {case.test}".encode()))
     count = settings.count(case.usual, case.quick)
-    return np.concatenate([
-        case.draw(rng, min(case.at_once, count - begin)) for begin in range(0, count, case.at_once)
-    ])  # fmt: skip
+    return np.concatenate([case.draw(rng, min(case.at_once, count - begin)) for begin in range(0, count, case.at_once)])
 
 
 def every_test(settings: Settings) -> Iterator[Row]:
@@ -198,9 +196,19 @@ def every_test(settings: Settings) -> Iterator[Row]:
         below = int(np.sum(p <= 0.01))
         low, high = _limits(below, p.size)
         why = case.why and f"{case.why}; at 0.01 {100.0 * below / p.size:.3g} times as often"
-        yield {"test": case.test, "method": case.method, "trials": p.size, "ks": distance, "ks_p": chance,
-               "tail_01": below / p.size, "tail_001": float(np.mean(p <= 0.001)), "tail_01_low": low,
-               "tail_01_high": high, "exact": case.exact, "why": why}  # fmt: skip
+        yield {
+            "test": case.test,
+            "method": case.method,
+            "trials": p.size,
+            "ks": distance,
+            "ks_p": chance,
+            "tail_01": below / p.size,
+            "tail_001": float(np.mean(p <= 0.001)),
+            "tail_01_low": low,
+            "tail_01_high": high,
+            "exact": case.exact,
+            "why": why,
+        }
 
 
 def distribution(settings: Settings) -> Iterator[Row]:
@@ -213,8 +221,14 @@ def distribution(settings: Settings) -> Iterator[Row]:
                 drawn = np.sort(p_values(case, settings))
                 for p in ASKED:
                     share = float(np.searchsorted(drawn, p, side="right")) / drawn.size
-                    yield {"group": group, "method": case.method, "test": case.test, "p": p, "share": share,
-                           "trials": drawn.size}  # fmt: skip
+                    yield {
+                        "group": group,
+                        "method": case.method,
+                        "test": case.test,
+                        "p": p,
+                        "share": share,
+                        "trials": drawn.size,
+                    }
 
 
 def _kolmogorov(p: Reals) -> tuple[float, float]:

@@ -83,13 +83,45 @@ from skyproof.studies.vector_loops import draw_discriminators
 from skyproof.studies.vector_sky import SKY, attack_on
 
 __all__ = [
-    "ASKED", "Draw", "clusters_of_random_directions", "count_of_signals", "cured", "cusum_runs", "different",
-    "distance", "divided", "echo_counts", "equal_vectors", "exclusion", "fractions", "gaussian_model",
-    "known_baseline", "known_sky", "lag_one", "line_parts", "one_antenna", "outsider", "page_runs",
-    "pair_of_spinning", "parity_of", "predicted", "raim", "ratio", "satellites_in_place", "signals_of_one_antenna",
-    "slow_and_fast", "span", "spinning", "suspect_left", "taps_metric", "too_many_parts", "true_set",
-    "two_step_rule", "unrelated_sets", "variance_of_window",
-]  # fmt: skip
+    "ASKED",
+    "Draw",
+    "clusters_of_random_directions",
+    "count_of_signals",
+    "cured",
+    "cusum_runs",
+    "different",
+    "distance",
+    "divided",
+    "echo_counts",
+    "equal_vectors",
+    "exclusion",
+    "fractions",
+    "gaussian_model",
+    "known_baseline",
+    "known_sky",
+    "lag_one",
+    "line_parts",
+    "one_antenna",
+    "outsider",
+    "page_runs",
+    "pair_of_spinning",
+    "parity_of",
+    "predicted",
+    "raim",
+    "ratio",
+    "satellites_in_place",
+    "signals_of_one_antenna",
+    "slow_and_fast",
+    "span",
+    "spinning",
+    "suspect_left",
+    "taps_metric",
+    "too_many_parts",
+    "true_set",
+    "two_step_rule",
+    "unrelated_sets",
+    "variance_of_window",
+]
 
 Draw = Callable[[np.random.Generator, int], Reals]
 
@@ -330,9 +362,10 @@ def two_step_rule(sums: int) -> Draw:
         reached = np.maximum(code / rule.CODE_LIMIT_CHIPS, phase / rule.PHASE_LIMIT_RAD)
         scale = np.geomspace(1e-3, 20.0, 400)
         each = rule.detection_probability(
-            np.full(scale.shape, amplitude), code_limit_chips=scale * rule.CODE_LIMIT_CHIPS,
+            np.full(scale.shape, amplitude),
+            code_limit_chips=scale * rule.CODE_LIMIT_CHIPS,
             phase_limit_rad=scale * rule.PHASE_LIMIT_RAD,
-        )  # fmt: skip
+        )
         return np.interp(reached, scale, each)
 
     return draw
@@ -495,8 +528,10 @@ def signals_of_one_antenna(*, rate_known: bool = True) -> Draw:
             return equal_p_value(full_fit(minus_mean(noise), angle, **_ONE).level, covariance)
         series = noise + 0.25 * np.cos(angle + 0.4)  # of the direction they have in common
         found = estimate_rate(series, _TURN_RAD, **_ONE, rate_sigma_rad=0.01 * _TURN_RAD)
-        levels = [full_fit(minus_mean(one), arm_angles(_SAMPLES, rate), **_ONE).level
-                  for one, rate in zip(series, found.rate_rad, strict=True)]  # fmt: skip
+        levels = [
+            full_fit(minus_mean(one), arm_angles(_SAMPLES, rate), **_ONE).level
+            for one, rate in zip(series, found.rate_rad, strict=True)
+        ]
         return equal_p_value(np.array(levels), covariance)
 
     return draw

@@ -49,9 +49,12 @@ def check(study: Study, rows: Sequence[Row]) -> list[Checked]:
 
 
 def table(
-    studies: Mapping[str, Study], settings: Settings, *, made_on: date | None = None,
+    studies: Mapping[str, Study],
+    settings: Settings,
+    *,
+    made_on: date | None = None,
     before: Callable[[str], None] | None = None,
-) -> str:  # fmt: skip
+) -> str:
     """Run every study and write the page, in Markdown.
 
     Parameters

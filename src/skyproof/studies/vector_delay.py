@@ -56,9 +56,9 @@ def tests_of(sums: int) -> dict[str, Test]:
     threshold = parity.parity_threshold(probability, 6)
 
     def two_step(code_limit_chips: float, phase_limit_rad: float) -> Test:
-        return lambda u, q: rule.two_step(
-            u, q, code_limit_chips=code_limit_chips, phase_limit_rad=phase_limit_rad
-        ).alarm
+        return lambda u, q: (
+            rule.two_step(u, q, code_limit_chips=code_limit_chips, phase_limit_rad=phase_limit_rad).alarm
+        )
 
     return {
         "paper, limits scaled": two_step(scale * rule.CODE_LIMIT_CHIPS, scale * rule.PHASE_LIMIT_RAD),
@@ -102,8 +102,9 @@ def bank_delays(
 ) -> Reals:
     """Delay of the bank in milliseconds, (trials,), after 400 ms without an attack; NaN beyond 30 s."""
     amplitude = float(law.prompt_amplitude(CN0_DBHZ))
-    means = np.stack((mean_taps(amplitude, np.zeros(6), np.zeros(6)),
-                      mean_taps(amplitude, offsets.code_chips, offsets.phase_rad)))  # fmt: skip
+    means = np.stack(
+        (mean_taps(amplitude, np.zeros(6), np.zeros(6)), mean_taps(amplitude, offsets.code_chips, offsets.phase_rad))
+    )
     whites = [parity.whitener(SKY.parity, float(law.prompt_amplitude(CN0_DBHZ, b.sums))) for b in bank]
     delay_ms, onset_ms = np.full(trials, np.nan), _WARM_UP_MS + rng.integers(0, 10, trials)
     running = np.arange(trials)
@@ -138,19 +139,33 @@ def delay_rows(settings: Settings) -> Iterator[Row]:
         offsets = rule.equilibrium(SKY, attack_on(2, size=code), attack_on(2, size=doppler), CN0_DBHZ)
         by_length = {sums: block_delay(rng, offsets, sums, tests[sums], 10 * trials) for sums in lengths}
         on = "code and Doppler" if code and doppler else "code" if code else "Doppler"
-        common = {"attack": on, "code_chips": code, "doppler_hz": doppler, "cn0_dbhz": CN0_DBHZ,
-                  "p_fa_per_s": RATE_PER_S}  # fmt: skip
+        common = {
+            "attack": on,
+            "code_chips": code,
+            "doppler_hz": doppler,
+            "cn0_dbhz": CN0_DBHZ,
+            "p_fa_per_s": RATE_PER_S,
+        }
         papers = np.inf
         for name in next(iter(by_length.values())):
             best = min(Delay(by_length[sums][name], sums) for sums in lengths)
             if name.startswith("paper"):
                 papers = min(papers, best.mean_ms)
-            yield common | {"method": name, "k": best.sums, "mean_delay_ms": best.mean_ms, "p95_delay_ms": None,
-                            "of_paper": best.mean_ms / papers, "trials": 10 * trials}  # fmt: skip
+            yield common | {
+                "method": name,
+                "k": best.sums,
+                "mean_delay_ms": best.mean_ms,
+                "p95_delay_ms": None,
+                "of_paper": best.mean_ms / papers,
+                "trials": 10 * trials,
+            }
         delay_ms = bank_delays(rng, offsets, bank, trials)
         mean_ms = float(np.mean(delay_ms)) if np.all(np.isfinite(delay_ms)) else None
         yield common | {
-            "method": "bank of cumulative sums", "k": None, "mean_delay_ms": mean_ms,
+            "method": "bank of cumulative sums",
+            "k": None,
+            "mean_delay_ms": mean_ms,
             "p95_delay_ms": float(np.nanpercentile(delay_ms, 95)),
-            "of_paper": None if mean_ms is None else mean_ms / papers, "trials": trials,
-        }  # fmt: skip
+            "of_paper": None if mean_ms is None else mean_ms / papers,
+            "trials": trials,
+        }

@@ -66,9 +66,18 @@ class Loops(NamedTuple):
 
 
 def vector_loops(
-    rng: np.random.Generator, where: Sky, code_chips: Reals, doppler_hz: Reals, cn0_dbhz: float, *, trials: int,
-    seconds: float = 3.0, code_bandwidth_hz: float = 1.0, phase_bandwidth_hz: float = 10.0, coherent_s: float = 1e-3,
-) -> Loops:  # fmt: skip
+    rng: np.random.Generator,
+    where: Sky,
+    code_chips: Reals,
+    doppler_hz: Reals,
+    cn0_dbhz: float,
+    *,
+    trials: int,
+    seconds: float = 3.0,
+    code_bandwidth_hz: float = 1.0,
+    phase_bandwidth_hz: float = 10.0,
+    coherent_s: float = 1e-3,
+) -> Loops:
     """The loops closed, (4) to (7), from perfect lock on: noise, nonlinear discriminators, a solution each millisecond.
 
     Code, first order: the local code moves by g = 4 B T times P (C^l + dC^) - C^l. Carrier, second order: its input is

@@ -60,10 +60,13 @@ def false_alarm(settings: Settings) -> Iterator[Row]:
         u, q = draw_discriminators(settings.rng(stream), trials, amplitude, NOBODY, NOBODY)
         beyond = (np.abs(u) > rule.CODE_LIMIT_CHIPS) | (np.abs(q) > rule.PHASE_LIMIT_RAD)
         yield {
-            "cn0_dbhz": cn0_dbhz, "k": k, "p_fa_theory": float(rule.detection_probability(amplitude)),
-            "p_fa_simulated": float(np.mean(beyond)), "p_fa_rule": float(np.mean(rule.two_step(u, q).alarm)),
+            "cn0_dbhz": cn0_dbhz,
+            "k": k,
+            "p_fa_theory": float(rule.detection_probability(amplitude)),
+            "p_fa_simulated": float(np.mean(beyond)),
+            "p_fa_rule": float(np.mean(rule.two_step(u, q).alarm)),
             "trials": trials,
-        }  # fmt: skip
+        }
 
 
 # Figures 3 and 4 ------------------------------------------------------------------------------------------------------
@@ -81,12 +84,14 @@ def bias(settings: Settings) -> Iterator[Row]:
             )
         for i, prn in enumerate(PRNS):
             yield {
-                "cn0_dbhz": cn0_dbhz, "prn": prn, "code_chips": _number(settled.code_chips[i]),
+                "cn0_dbhz": cn0_dbhz,
+                "prn": prn,
+                "code_chips": _number(settled.code_chips[i]),
                 "phase_rad": _number(settled.phase_rad[i]),
                 "code_simulated_chips": None if simulated is None else float(simulated.code_chips[i]),
                 "phase_simulated_rad": None if simulated is None else float(simulated.phase_rad[i]),
                 "trials": None if simulated is None else trials,
-            }  # fmt: skip
+            }
 
 
 # Figures 10, 11 and 14 ------------------------------------------------------------------------------------------------
@@ -114,9 +119,13 @@ def density(settings: Settings) -> Iterator[Row]:
                 printed = np.sum(law.phase_density(both, amplitude, phase, code, form="paper"), axis=0)
             for line in zip(middles, computed, printed, counted, strict=True):
                 yield {
-                    "attack": attack, "cn0_dbhz": cn0_dbhz, "k": k, "metric": metric,
-                    **dict(zip(DENSITIES, map(float, line), strict=True)), "trials": trials,
-                }  # fmt: skip
+                    "attack": attack,
+                    "cn0_dbhz": cn0_dbhz,
+                    "k": k,
+                    "metric": metric,
+                    **dict(zip(DENSITIES, map(float, line), strict=True)),
+                    "trials": trials,
+                }
 
 
 def _mean_of(metric: str, column: str, cn0_dbhz: int, k: int) -> Callable[[Sequence[Row]], float]:
@@ -143,10 +152,16 @@ def parameters(settings: Settings) -> Iterator[Row]:
         quiet = rule.parameter(*settled)
         for i, prn in enumerate(PRNS):
             yield {
-                "attack": _named(prns), "cn0_dbhz": cn0_dbhz, "k": k, "prn": prn, "xi_noise_free": float(quiet[i]),
-                "xi_mean": float(xi[:, i].mean()), "xi_sd": float(xi[:, i].std()), "p_largest": float(largest[i]),
+                "attack": _named(prns),
+                "cn0_dbhz": cn0_dbhz,
+                "k": k,
+                "prn": prn,
+                "xi_noise_free": float(quiet[i]),
+                "xi_mean": float(xi[:, i].mean()),
+                "xi_sd": float(xi[:, i].std()),
+                "p_largest": float(largest[i]),
                 "trials": trials,
-            }  # fmt: skip
+            }
 
 
 def _named(prns: Sequence[int]) -> str:
@@ -171,11 +186,15 @@ def cn0_k(settings: Settings) -> Iterator[Row]:
         if amplitude not in whole:
             whole[amplitude] = rule.rule_alarm_probability(amplitude, NOBODY, NOBODY)
         yield {
-            "figure": figure, "cn0_dbhz": cn0_dbhz, "k": k, "code_chips": code, "phase_pi": turn,
+            "figure": figure,
+            "cn0_dbhz": cn0_dbhz,
+            "k": k,
+            "code_chips": code,
+            "phase_pi": turn,
             "p_fa": float(rule.detection_probability(amplitude)),
             "p_d": float(rule.detection_probability(amplitude, code, np.pi * turn)),
             "p_fa_rule": whole[amplitude],
-        }  # fmt: skip
+        }
 
 
 # Figure 12 ------------------------------------------------------------------------------------------------------------
@@ -202,12 +221,20 @@ def one_spoofer(settings: Settings) -> Iterator[Row]:
                 u = white.code @ law.code_mean(amplitude, settled.code_chips)
                 q = white.phase @ law.phase_mean(amplitude, settled.phase_rad, settled.code_chips)
                 yield {
-                    "attack": kind, "prn": prn, "code_chips": float(step * code), "doppler_hz": float(step * doppler),
-                    "cn0_dbhz": cn0_dbhz, "k": k, "p_fa": p_fa, "p_d": float(p_d[i]), "tested_prn": PRNS[tested],
-                    "p_d_largest": float(p_d[tested]), "p_fa_rule": p_fa_rule,
+                    "attack": kind,
+                    "prn": prn,
+                    "code_chips": float(step * code),
+                    "doppler_hz": float(step * doppler),
+                    "cn0_dbhz": cn0_dbhz,
+                    "k": k,
+                    "p_fa": p_fa,
+                    "p_d": float(p_d[i]),
+                    "tested_prn": PRNS[tested],
+                    "p_d_largest": float(p_d[tested]),
+                    "p_fa_rule": p_fa_rule,
                     "p_d_rule": rule.rule_alarm_probability(amplitude, *settled),
                     "p_d_parity": float(chi_square_power(p_fa, 4, u @ u + q @ q)),
-                }  # fmt: skip
+                }
 
 
 # Tables 2 and 3 -------------------------------------------------------------------------------------------------------
@@ -230,13 +257,20 @@ def many(settings: Settings) -> Iterator[Row]:
         y = parity.parity_vector(u, q, parity.whitener(SKY.parity, amplitude))
         shift, turn = rule.linear_shift(SKY, attack_on(*prns, size=code), attack_on(*prns, size=doppler))
         yield {
-            "attack": _named(prns), "code_chips": code, "doppler_hz": doppler, "cn0_dbhz": cn0_dbhz, "k": k,
-            "tested_prn": tested, "p_fa": p_fa,
+            "attack": _named(prns),
+            "code_chips": code,
+            "doppler_hz": doppler,
+            "cn0_dbhz": cn0_dbhz,
+            "k": k,
+            "tested_prn": tested,
+            "p_fa": p_fa,
             "p_d_theory": float(rule.detection_probability(amplitude, settled.code_chips[i], settled.phase_rad[i])),
             "p_d_linear": float(rule.detection_probability(amplitude, shift[i], turn[i])),
-            "p_d_simulated": float(np.mean(beyond[:, i])), "p_d_rule": float(np.mean(rule.two_step(u, q).alarm)),
-            "p_d_parity": float(np.mean(parity.parity_test(y).p_value < p_fa)), "trials": trials,
-        }  # fmt: skip
+            "p_d_simulated": float(np.mean(beyond[:, i])),
+            "p_d_rule": float(np.mean(rule.two_step(u, q).alarm)),
+            "p_d_parity": float(np.mean(parity.parity_test(y).p_value < p_fa)),
+            "trials": trials,
+        }
 
 
 # What is promised -----------------------------------------------------------------------------------------------------
@@ -256,127 +290,301 @@ def _delay_claim(code: float, doppler: float) -> Claim:
 
     return Claim(
         what=f"mean delay in ms, {code:g} chip and {doppler:g} Hz on PRN 2, 0.001 false alarms a second",
-        paper="no delays", same=paper, better=of("bank of cumulative sums", "mean_delay_ms"), digits=3,
-    )  # fmt: skip
+        paper="no delays",
+        same=paper,
+        better=of("bank of cumulative sums", "mean_delay_ms"),
+        digits=3,
+    )
 
 
 STUDIES: tuple[Study, ...] = (
     Study(
-        name="vector-sqm.false-alarm", title="False alarms of the rule", paper=PAPER, figure="Table 1", run=false_alarm,
+        name="vector-sqm.false-alarm",
+        title="False alarms of the rule",
+        paper=PAPER,
+        figure="Table 1",
+        run=false_alarm,
         claims=tuple(
-            Claim(what=f"P_FA, {cn0} dB-Hz, K = {k}", paper=paper, reference=reference, tolerance=0.0005,
-                  same=_value("p_fa_theory", cn0_dbhz=cn0, k=k))
+            Claim(
+                what=f"P_FA, {cn0} dB-Hz, K = {k}",
+                paper=paper,
+                reference=reference,
+                tolerance=0.0005,
+                same=_value("p_fa_theory", cn0_dbhz=cn0, k=k),
+            )
             for cn0, k, paper, reference, _ in _TABLE_1
-        ) + tuple(
-            Claim(what=f"P_FA of the whole rule, {cn0} dB-Hz, K = {k}", paper="selection ignored", reference=reference,
-                  same=_value("p_fa_rule", cn0_dbhz=cn0, k=k), tolerance=0.003)
+        )
+        + tuple(
+            Claim(
+                what=f"P_FA of the whole rule, {cn0} dB-Hz, K = {k}",
+                paper="selection ignored",
+                reference=reference,
+                same=_value("p_fa_rule", cn0_dbhz=cn0, k=k),
+                tolerance=0.003,
+            )
             for cn0, k, _, _, reference in _TABLE_1
         ),
     ),
     Study(
-        name="vector-sqm.bias", title="Where the loops settle", paper=PAPER, figure="Figures 3 and 4", run=bias,
+        name="vector-sqm.bias",
+        title="Where the loops settle",
+        paper=PAPER,
+        figure="Figures 3 and 4",
+        run=bias,
         charts=(
-            Chart(title="Code offset, PRN 2 attacked with 0.5 chip, 250 Hz", x="cn0_dbhz", y="code_chips",
-                  x_label="C/N0, dB-Hz", y_label="code offset, chip", by=("prn",)),
-            Chart(title="Phase offset, PRN 2 attacked with 0.5 chip, 250 Hz", x="cn0_dbhz", y="phase_rad",
-                  x_label="C/N0, dB-Hz", y_label="phase offset, rad", by=("prn",)),
+            Chart(
+                title="Code offset, PRN 2 attacked with 0.5 chip, 250 Hz",
+                x="cn0_dbhz",
+                y="code_chips",
+                x_label="C/N0, dB-Hz",
+                y_label="code offset, chip",
+                by=("prn",),
+            ),
+            Chart(
+                title="Phase offset, PRN 2 attacked with 0.5 chip, 250 Hz",
+                x="cn0_dbhz",
+                y="phase_rad",
+                x_label="C/N0, dB-Hz",
+                y_label="phase offset, rad",
+                by=("prn",),
+            ),
         ),
         claims=(
-            Claim(what="code offset of PRN 2 at 40 dB-Hz, chip", paper=_PICTURE, reference=0.2271, tolerance=1e-4,
-                  same=_value("code_chips", cn0_dbhz=40, prn=2)),
-            Claim(what="the same with the loops closed", paper=_PICTURE, reference=0.2271, tolerance=0.002,
-                  same=_value("code_simulated_chips", cn0_dbhz=40, prn=2)),
-            Claim(what="phase offset of PRN 2 at 40 dB-Hz, rad", paper=_PICTURE, reference=0.1118 * np.pi,
-                  tolerance=2e-4, same=_value("phase_rad", cn0_dbhz=40, prn=2)),
-            Claim(what="the same with the loops closed", paper=_PICTURE, reference=0.1118 * np.pi, tolerance=0.003,
-                  same=_value("phase_simulated_rad", cn0_dbhz=40, prn=2)),
+            Claim(
+                what="code offset of PRN 2 at 40 dB-Hz, chip",
+                paper=_PICTURE,
+                reference=0.2271,
+                tolerance=1e-4,
+                same=_value("code_chips", cn0_dbhz=40, prn=2),
+            ),
+            Claim(
+                what="the same with the loops closed",
+                paper=_PICTURE,
+                reference=0.2271,
+                tolerance=0.002,
+                same=_value("code_simulated_chips", cn0_dbhz=40, prn=2),
+            ),
+            Claim(
+                what="phase offset of PRN 2 at 40 dB-Hz, rad",
+                paper=_PICTURE,
+                reference=0.1118 * np.pi,
+                tolerance=2e-4,
+                same=_value("phase_rad", cn0_dbhz=40, prn=2),
+            ),
+            Claim(
+                what="the same with the loops closed",
+                paper=_PICTURE,
+                reference=0.1118 * np.pi,
+                tolerance=0.003,
+                same=_value("phase_simulated_rad", cn0_dbhz=40, prn=2),
+            ),
         ),
     ),
     Study(
-        name="vector-sqm.density", title="Densities of the metrics", paper=PAPER, figure="Figures 10, 11 and 14",
+        name="vector-sqm.density",
+        title="Densities of the metrics",
+        paper=PAPER,
+        figure="Figures 10, 11 and 14",
         run=density,
         charts=tuple(
-            Chart(title=f"Density without an attack: {metric}", x="value", y="density", x_label=metric,
-                  y_label="density", by=("cn0_dbhz", "k"), where={"metric": metric, "attack": "none"})
+            Chart(
+                title=f"Density without an attack: {metric}",
+                x="value",
+                y="density",
+                x_label=metric,
+                y_label="density",
+                by=("cn0_dbhz", "k"),
+                where={"metric": metric, "attack": "none"},
+            )
             for metric in METRICS
         ),
         claims=tuple(
-            Claim(what=f"mean of {metric}, {cn0} dB-Hz, K = {k}", paper=_PICTURE, reference=reference, tolerance=0.001,
-                  same=_mean_of(metric, "density", cn0, k))
+            Claim(
+                what=f"mean of {metric}, {cn0} dB-Hz, K = {k}",
+                paper=_PICTURE,
+                reference=reference,
+                tolerance=0.001,
+                same=_mean_of(metric, "density", cn0, k),
+            )
             for metric, means in zip(METRICS, ((0.1135, 0.0696, 0.0397), (0.1817, 0.1009, 0.0565)), strict=True)
             for (cn0, k), reference in zip(CASES, means, strict=True)
         ),
     ),
     Study(
-        name="vector-sqm.parameters", title="The parameter of every satellite", paper=PAPER,
-        figure="Figures 6 and 13", run=parameters,
-        charts=(Chart(title="How often each satellite has the largest parameter", x="prn", y="p_largest", x_label="PRN",
-                      y_label="probability", by=("attack", "k")),),
+        name="vector-sqm.parameters",
+        title="The parameter of every satellite",
+        paper=PAPER,
+        figure="Figures 6 and 13",
+        run=parameters,
+        charts=(
+            Chart(
+                title="How often each satellite has the largest parameter",
+                x="prn",
+                y="p_largest",
+                x_label="PRN",
+                y_label="probability",
+                by=("attack", "k"),
+            ),
+        ),
         claims=tuple(
-            Claim(what=f"PRN 2 has the largest parameter, 40 dB-Hz, K = {k}", paper=_PICTURE, reference=reference,
-                  same=_value("p_largest", attack="PRN 2", k=k, prn=2), tolerance=0.01, digits=3)
+            Claim(
+                what=f"PRN 2 has the largest parameter, 40 dB-Hz, K = {k}",
+                paper=_PICTURE,
+                reference=reference,
+                same=_value("p_largest", attack="PRN 2", k=k, prn=2),
+                tolerance=0.01,
+                digits=3,
+            )
             for k, reference in ((1, 0.39), (10, 0.75), (100, 0.998))
         ),
     ),
     Study(
-        name="vector-sqm.cn0-k", title="Against C/N0, K and the offsets", paper=PAPER, figure="Figures 7, 8 and 9",
+        name="vector-sqm.cn0-k",
+        title="Against C/N0, K and the offsets",
+        paper=PAPER,
+        figure="Figures 7, 8 and 9",
         run=cn0_k,
         charts=(
-            Chart(title="P_D against C/N0", x="cn0_dbhz", y="p_d", x_label="C/N0, dB-Hz", y_label="P_D", by=("k",),
-                  where={"figure": "7"}),
-            Chart(title="P_FA against C/N0", x="cn0_dbhz", y="p_fa", x_label="C/N0, dB-Hz", y_label="P_FA", by=("k",),
-                  where={"figure": "7"}),
+            Chart(
+                title="P_D against C/N0",
+                x="cn0_dbhz",
+                y="p_d",
+                x_label="C/N0, dB-Hz",
+                y_label="P_D",
+                by=("k",),
+                where={"figure": "7"},
+            ),
+            Chart(
+                title="P_FA against C/N0",
+                x="cn0_dbhz",
+                y="p_fa",
+                x_label="C/N0, dB-Hz",
+                y_label="P_FA",
+                by=("k",),
+                where={"figure": "7"},
+            ),
             Chart(title="P_D against K, 40 dB-Hz", x="k", y="p_d", x_label="K", y_label="P_D", where={"figure": "8"}),
-            Chart(title="P_D against the offsets, 40 dB-Hz, K = 10", x="code_chips", y="p_d",
-                  x_label="code offset, chip", y_label="P_D", by=("phase_pi",), where={"figure": "9"}),
+            Chart(
+                title="P_D against the offsets, 40 dB-Hz, K = 10",
+                x="code_chips",
+                y="p_d",
+                x_label="code offset, chip",
+                y_label="P_D",
+                by=("phase_pi",),
+                where={"figure": "9"},
+            ),
         ),
         claims=(
-            Claim(what="P_D, 0.2 chip and 0.1 pi, 30 dB-Hz, K = 1", paper=_NOT_STATED, reference=0.9453,
-                  same=_value("p_d", figure="7", cn0_dbhz=30, k=1), tolerance=1e-4),
-            Claim(what="the same at 40 dB-Hz", paper=_NOT_STATED, reference=0.9286,
-                  same=_value("p_d", figure="7", cn0_dbhz=40, k=1), tolerance=1e-4),
-            Claim(what="P_D, 0.2 chip and 0.1 pi, 40 dB-Hz, K = 5", paper=_NOT_STATED, reference=0.9900,
-                  same=_value("p_d", figure="8", k=5), tolerance=1e-4),
-            Claim(what="P_D, 0.1 chip and 0.05 pi, 40 dB-Hz, K = 10", paper=_PICTURE, reference=0.7418,
-                  same=_value("p_d", figure="9", code_chips=0.1, phase_pi=0.05), tolerance=1e-4),
+            Claim(
+                what="P_D, 0.2 chip and 0.1 pi, 30 dB-Hz, K = 1",
+                paper=_NOT_STATED,
+                reference=0.9453,
+                same=_value("p_d", figure="7", cn0_dbhz=30, k=1),
+                tolerance=1e-4,
+            ),
+            Claim(
+                what="the same at 40 dB-Hz",
+                paper=_NOT_STATED,
+                reference=0.9286,
+                same=_value("p_d", figure="7", cn0_dbhz=40, k=1),
+                tolerance=1e-4,
+            ),
+            Claim(
+                what="P_D, 0.2 chip and 0.1 pi, 40 dB-Hz, K = 5",
+                paper=_NOT_STATED,
+                reference=0.9900,
+                same=_value("p_d", figure="8", k=5),
+                tolerance=1e-4,
+            ),
+            Claim(
+                what="P_D, 0.1 chip and 0.05 pi, 40 dB-Hz, K = 10",
+                paper=_PICTURE,
+                reference=0.7418,
+                same=_value("p_d", figure="9", code_chips=0.1, phase_pi=0.05),
+                tolerance=1e-4,
+            ),
         ),
     ),
     Study(
-        name="vector-sqm.one-spoofer", title="One satellite attacked", paper=PAPER, figure="Figure 12", run=one_spoofer,
+        name="vector-sqm.one-spoofer",
+        title="One satellite attacked",
+        paper=PAPER,
+        figure="Figure 12",
+        run=one_spoofer,
         charts=tuple(
-            Chart(title=f"P_D of the attacked satellite, 45 dB-Hz, K = 1: {kind}", x=x, y="p_d", x_label=label,
-                  y_label="P_D", by=("prn",), where={"attack": kind})
-            for kind, x, label in (("code", "code_chips", "code, chip"), ("Doppler", "doppler_hz", "Doppler, Hz"),
-                                   ("both", "code_chips", "code, chip (and 500 Hz a chip)"))
+            Chart(
+                title=f"P_D of the attacked satellite, 45 dB-Hz, K = 1: {kind}",
+                x=x,
+                y="p_d",
+                x_label=label,
+                y_label="P_D",
+                by=("prn",),
+                where={"attack": kind},
+            )
+            for kind, x, label in (
+                ("code", "code_chips", "code, chip"),
+                ("Doppler", "doppler_hz", "Doppler, Hz"),
+                ("both", "code_chips", "code, chip (and 500 Hz a chip)"),
+            )
         ),
         claims=tuple(
-            Claim(what=f"P_D of PRN {prn}, {CHIPS:g} chip and {HZ:g} Hz, 45 dB-Hz, K = 1 (better: at the same P_FA)",
-                  paper=_PICTURE, reference=reference, tolerance=1e-4,
-                  same=_value("p_d", attack="both", prn=prn, code_chips=CHIPS),
-                  better=_value("p_d_parity", attack="both", prn=prn, code_chips=CHIPS))
+            Claim(
+                what=f"P_D of PRN {prn}, {CHIPS:g} chip and {HZ:g} Hz, 45 dB-Hz, K = 1 (better: at the same P_FA)",
+                paper=_PICTURE,
+                reference=reference,
+                tolerance=1e-4,
+                same=_value("p_d", attack="both", prn=prn, code_chips=CHIPS),
+                better=_value("p_d_parity", attack="both", prn=prn, code_chips=CHIPS),
+            )
             for prn, reference in zip(PRNS, (0.9546, 0.7908, 0.4650, 0.8164, 0.9908, 0.8568), strict=True)
         ),
     ),
     Study(
-        name="vector-sqm.many", title="One and three satellites attacked", paper=PAPER,
-        figure="Tables 2 and 3, Figure 13", run=many,
+        name="vector-sqm.many",
+        title="One and three satellites attacked",
+        paper=PAPER,
+        figure="Tables 2 and 3, Figure 13",
+        run=many,
         claims=tuple(
-            Claim(what=f"P_D of PRN 2, 0.4 chip and 200 Hz, {cn0} dB-Hz, K = {k} (better: at the same P_FA)",
-                  paper=paper, reference=reference, tolerance=0.002,
-                  same=_value("p_d_theory", attack="PRN 2", cn0_dbhz=cn0, k=k),
-                  better=_value("p_d_parity", attack="PRN 2", cn0_dbhz=cn0, k=k))
+            Claim(
+                what=f"P_D of PRN 2, 0.4 chip and 200 Hz, {cn0} dB-Hz, K = {k} (better: at the same P_FA)",
+                paper=paper,
+                reference=reference,
+                tolerance=0.002,
+                same=_value("p_d_theory", attack="PRN 2", cn0_dbhz=cn0, k=k),
+                better=_value("p_d_parity", attack="PRN 2", cn0_dbhz=cn0, k=k),
+            )
             for cn0, k, paper, reference in _TABLE_2
-        ) + (
-            Claim(what="P_D of PRN 20, which is authentic, PRN 12, 13, 17 attacked, 45 dB-Hz, K = 1", paper=_PICTURE,
-                  reference=0.9855, same=_value("p_d_theory", attack="PRN 12, 13, 17", k=1), tolerance=1e-4),
+        )
+        + (
+            Claim(
+                what="P_D of PRN 20, which is authentic, PRN 12, 13, 17 attacked, 45 dB-Hz, K = 1",
+                paper=_PICTURE,
+                reference=0.9855,
+                same=_value("p_d_theory", attack="PRN 12, 13, 17", k=1),
+                tolerance=1e-4,
+            ),
         ),
     ),
     Study(
-        name="vector-sqm.delay", title="Time to detection at equal false alarms", paper=PAPER, figure="none",
+        name="vector-sqm.delay",
+        title="Time to detection at equal false alarms",
+        paper=PAPER,
+        figure="none",
         run=delay_rows,
-        charts=(Chart(title="Mean delay, PRN 2 attacked with code and 500 Hz a chip", x="code_chips", y="mean_delay_ms",
-                      x_label="code, chip", y_label="mean delay, ms", by=("method",),
-                      where={"attack": "code and Doppler"}, x_log=True, y_log=True),),
+        charts=(
+            Chart(
+                title="Mean delay, PRN 2 attacked with code and 500 Hz a chip",
+                x="code_chips",
+                y="mean_delay_ms",
+                x_label="code, chip",
+                y_label="mean delay, ms",
+                by=("method",),
+                where={"attack": "code and Doppler"},
+                x_log=True,
+                y_log=True,
+            ),
+        ),
         claims=tuple(_delay_claim(*attack) for attack in ATTACKS),
     ),
 )

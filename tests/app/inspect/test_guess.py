@@ -29,11 +29,18 @@ START = np.datetime64("2024-03-03T11:59:58", "ns")
 def sky(rate_hz: float, if_hz: float, real: bool, seed: int, duration_s: float = 0.1, cn0s: tuple = (50.0, 40.0)):
     """Rows of numbers (1 or 2, n) of rms 1 in each."""
     room_hz = rate_hz / 2 - abs(if_hz) if not real else min(if_hz, rate_hz / 2 - if_hz)
-    front_end = FrontEnd(rate_hz=rate_hz, if_hz=if_hz, kind="real" if real else "complex", encoding="float", bits=32,
-                         bandwidth_hz=min(1.6 * room_hz, 8e6))  # fmt: skip
+    front_end = FrontEnd(
+        rate_hz=rate_hz,
+        if_hz=if_hz,
+        kind="real" if real else "complex",
+        encoding="float",
+        bits=32,
+        bandwidth_hz=min(1.6 * room_hz, 8e6),
+    )
     place = Place(lat_deg=-60.0 + 4.0 * seed, lon_deg=-170.0 + 12.0 * seed, height_m=500.0)
-    scenario = scenes.clean(place, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=seed,
-                            front_end=front_end)  # fmt: skip
+    scenario = scenes.clean(
+        place, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=seed, front_end=front_end
+    )
     scenario = scenario.model_copy(update={"sky": Sky(zenith_cn0_dbhz=cn0s[0], horizon_cn0_dbhz=cn0s[1])})
     samples = samples_of(scenario, nominal_constellation(START))[0]
     planes = samples.read(0, samples.n_samples)[: 1 if real else 2]
@@ -80,8 +87,20 @@ def offset(planes: np.ndarray, bits: int, step: float) -> np.ndarray:
 
 def wav(body: bytes, rate_hz: int, channels: int, bits: int, code: int = 1) -> bytes:
     size = channels * bits // 8
-    head = struct.pack("<4sI4s4sIHHIIHH", b"RIFF", 36 + len(body), b"WAVE", b"fmt ", 16, code, channels, rate_hz,
-                       rate_hz * size, size, bits)  # fmt: skip
+    head = struct.pack(
+        "<4sI4s4sIHHIIHH",
+        b"RIFF",
+        36 + len(body),
+        b"WAVE",
+        b"fmt ",
+        16,
+        code,
+        channels,
+        rate_hz,
+        rate_hz * size,
+        size,
+        bits,
+    )
     return head + struct.pack("<4sI", b"data", len(body)) + body
 
 
@@ -197,8 +216,11 @@ def read_as(found) -> dict:
     return {key: getattr(found.layout, key) for key in type(found.layout).model_fields}
 
 
-@pytest.mark.parametrize("case", [case for case in TEN if case.name in ("one.bin", "two.bin", "nine.bin", "ten.wav")],
-                         ids=lambda case: case.name)  # fmt: skip
+@pytest.mark.parametrize(
+    "case",
+    [case for case in TEN if case.name in ("one.bin", "two.bin", "nine.bin", "ten.wav")],
+    ids=lambda case: case.name,
+)
 def test_the_reading_that_shows_satellites_is_proposed_first(case: Strange, tmp_path: Path) -> None:
     found = guess(case.write(tmp_path))
     best = found.proposals[0]
@@ -477,12 +499,14 @@ def test_a_name_is_tried_and_not_believed(tmp_path: Path) -> None:
         (b"\x1f\x8b\x08" + bytes(500), ["looks like a gzip file", "unpack it"]),
         (b"\x89PNG\r\n\x1a\n" + bytes(500), ["looks like a picture", "give the recording itself"]),
         (b"lat,lon,height\n" * 100, ["looks like text", "give the recording itself"]),
-        (b"     2.11           N: GPS NAV DATA                         RINEX VERSION / TYPE\n" * 3,
-         ["looks like a RINEX navigation file", "--nav"]),
+        (
+            b"     2.11           N: GPS NAV DATA                         RINEX VERSION / TYPE\n" * 3,
+            ["looks like a RINEX navigation file", "--nav"],
+        ),
         (b"[samples]\nrate_hz = 1e6\nkind = 'real'\n", ["looks like a sidecar", "stands beside"]),
         (b"RIFF\x00\x10\x00\x00AVI " + bytes(500), ["a RIFF file", "PCM WAV"]),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_recording_is_told_by_name(octets: bytes, words: list[str], tmp_path: Path, capsys) -> None:
     path = tmp_path / "strange.bin"
     path.write_bytes(octets)

@@ -44,20 +44,46 @@ def agrees(document: dict, table: dict[int, tuple[float, float]], *, doppler_hz:
 
 
 REAL_12 = {
-    2: (-2748, 454.2), 5: (147, 478.3), 11: (-3272, 938.1), 13: (-241, 511.8), 15: (1743, 794.1), 18: (3229, 560.9),
-    20: (-1347, 696.7), 24: (4224, 325.1), 28: (2316, 368.5), 29: (-2011, 773.6), 30: (-1865, 402.3),
-}  # fmt: skip
+    2: (-2748, 454.2),
+    5: (147, 478.3),
+    11: (-3272, 938.1),
+    13: (-241, 511.8),
+    15: (1743, 794.1),
+    18: (3229, 560.9),
+    20: (-1347, 696.7),
+    24: (4224, 325.1),
+    28: (2316, 368.5),
+    29: (-2011, 773.6),
+    30: (-1865, 402.3),
+}
 REAL_24 = {
-    10: (-2036, 871.1), 12: (-1850, 154.2), 23: (-3282, 788.2), 24: (-2439, 11.8), 25: (368, 684.9),
-    29: (3322, 148.6), 31: (2542, 458.1), 32: (2124, 66.2),
-}  # fmt: skip
+    10: (-2036, 871.1),
+    12: (-1850, 154.2),
+    23: (-3282, 788.2),
+    24: (-2439, 11.8),
+    25: (368, 684.9),
+    29: (3322, 148.6),
+    31: (2542, 458.1),
+    32: (2124, 66.2),
+}
 COMPLEX_4 = {
-    4: (3234, 958.0), 16: (2577, 1012.0), 18: (2726, 624.0), 25: (-2782, 140.4), 26: (649, 920.4), 29: (-2216, 422.8),
-    31: (-205, 296.4), 32: (-3284, 707.4),
-}  # fmt: skip
+    4: (3234, 958.0),
+    16: (2577, 1012.0),
+    18: (2726, 624.0),
+    25: (-2782, 140.4),
+    26: (649, 920.4),
+    29: (-2216, 422.8),
+    31: (-205, 296.4),
+    32: (-3284, 707.4),
+}
 CTTC = {
-    2: (8050, 223.3), 12: (7200, 130.4), 25: (9000, 175.4), 29: (9725, 947.6), 30: (12750, 945.8), 31: (11800, 498.5),
-}  # fmt: skip
+    2: (8050, 223.3),
+    12: (7200, 130.4),
+    25: (9000, 175.4),
+    29: (9725, 947.6),
+    30: (12750, 945.8),
+    31: (11800, 498.5),
+}
 
 
 def is_gap(gap: dict, at_sample: int, missing: int) -> bool:
@@ -153,8 +179,9 @@ PLACE = Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
 
 def sky(*, if_hz: float = 0.0, duration_s: float = 0.06) -> tuple[Samples, set[str]]:
     front_end = FrontEnd(rate_hz=4e6, if_hz=if_hz, encoding="int", bits=8)
-    scenario = scenes.clean(PLACE, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=2,
-                            front_end=front_end)  # fmt: skip
+    scenario = scenes.clean(
+        PLACE, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=2, front_end=front_end
+    )
     assert scenario.receivers[0].lo_ppm == pytest.approx(LO_PPM, abs=0.01)
     navigation = nominal_constellation(START)
     heard = {signal.id.sat for signal in scene_of(scenario, navigation).skies[0].signals}
@@ -196,8 +223,13 @@ def test_the_longest_stretch_between_gaps_is_searched() -> None:
     samples, heard = sky(duration_s=0.09)
     planes = samples.read(0, samples.n_samples)
     kept = np.concatenate([planes[:, :100_000], planes[:, 101_234:]], axis=1)
-    cut = Samples(name="cut", rate_hz=4e6, n_samples=kept.shape[1], gaps=(SampleGap(100_000, 1234),),
-                  read=lambda start, count: kept[:, start : start + count])  # fmt: skip
+    cut = Samples(
+        name="cut",
+        rate_hz=4e6,
+        n_samples=kept.shape[1],
+        gaps=(SampleGap(100_000, 1234),),
+        read=lambda start, count: kept[:, start : start + count],
+    )
     found = inspect_samples(cut)
     (gap,) = found.survey.gaps
     assert gap.missing_samples == pytest.approx(1234, abs=0.5)
@@ -258,8 +290,12 @@ def test_two_signals_of_a_satellite_are_two_peaks(tmp_path: Path) -> None:
     samples, heard = sky(duration_s=0.06)
     planes = samples.read(0, samples.n_samples)
     later = np.pad(planes, ((0, 0), (20, 0)))[:, : planes.shape[1]]  # 5 microseconds, 5.1 chips
-    both = Samples(name="both", rate_hz=4e6, n_samples=planes.shape[1],
-                   read=lambda start, count: (planes + later)[:, start : start + count])  # fmt: skip
+    both = Samples(
+        name="both",
+        rate_hz=4e6,
+        n_samples=planes.shape[1],
+        read=lambda start, count: (planes + later)[:, start : start + count],
+    )
     found = inspect_samples(both)
     assert {one.sat for one in found.satellites} == heard
     assert sum(one.peaks == 2 for one in found.satellites) >= len(heard) - 2
@@ -278,8 +314,9 @@ def test_the_last_sentence_says_what_can_be_done_and_what_is_missing(stored: tup
     assert "--nav" in tens
     assert "loses no samples" in tens
     assert "no satellite was heard" in advice(samples, (), gaps=0, mirrored=False)
-    assert "give no position" in advice(replace(samples, n_samples=int(60 * 4e6)), short.satellites[:3], gaps=0,
-                                        mirrored=False)  # fmt: skip
+    assert "give no position" in advice(
+        replace(samples, n_samples=int(60 * 4e6)), short.satellites[:3], gaps=0, mirrored=False
+    )
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])

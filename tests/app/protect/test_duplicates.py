@@ -50,9 +50,12 @@ class Pair:
     def heard(self, planes, *, name="copy", rate_hz=None):
         """The reception of samples that are described as the first receiver's."""
         samples = replace(
-            self.samples[0], name=name, n_samples=planes.shape[1], rate_hz=rate_hz or self.samples[0].rate_hz,
+            self.samples[0],
+            name=name,
+            n_samples=planes.shape[1],
+            rate_hz=rate_hz or self.samples[0].rate_hz,
             read=lambda start, count: planes[:, start : start + count],
-        )  # fmt: skip
+        )
         (tracker,), _ = track([samples], FAR, None, self.navigation)
         return observe(tracker, self.navigation)
 
@@ -126,8 +129,10 @@ def test_a_jammer_that_two_antennas_hear_does_not_make_them_one(kit):
     plain = pair.heard(planes_of(first)).observations, pair.heard(planes_of(second)).observations
     sat = plain[0].signals.index(plain[1].signals[0])
     # Of one satellite: when the second receiver hears what the first does, and how much higher.
-    sent = [(o.gpst - plain[0].gpst[0]) / np.timedelta64(1, "s") - o.pseudorange_m[:, c] / 299_792_458.0
-            for o, c in zip(plain, (sat, 0), strict=True)]  # fmt: skip
+    sent = [
+        (o.gpst - plain[0].gpst[0]) / np.timedelta64(1, "s") - o.pseudorange_m[:, c] / 299_792_458.0
+        for o, c in zip(plain, (sat, 0), strict=True)
+    ]
     there = [np.isfinite(one) for one in sent]
     later_s = np.interp(sent[0][there[0]], sent[1][there[1]], plain[1].elapsed_s[there[1]])
     slope, offset_s = np.polyfit(plain[0].elapsed_s[there[0]], later_s - plain[0].elapsed_s[there[0]], 1)

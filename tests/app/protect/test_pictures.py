@@ -85,12 +85,18 @@ def test_a_place_is_read_in_either_spelling(tmp_path):
 @pytest.mark.parametrize(
     "told",
     [
-        "", "[]", "3", "{}", '{"receivers": 3}', '{"receivers": [3]}', '{"receivers": [{"name": "rx1"}]}',
+        "",
+        "[]",
+        "3",
+        "{}",
+        '{"receivers": 3}',
+        '{"receivers": [3]}',
+        '{"receivers": [{"name": "rx1"}]}',
         '{"receivers": [{"name": "rx1", "position": {"lat_deg": "x"}}]}',
         '{"receivers": [{"name": "rx1", "position": {"lat_deg": NaN, "lon_deg": 1, "h_m": 2}}]}',
         '{"receivers": [{"name": "other", "position": {"lat_deg": 1, "lon_deg": 1, "h_m": 2}}]}',
     ],
-)  # fmt: skip
+)
 def test_a_truth_file_that_is_not_understood_tells_nothing(tmp_path, told):
     path = tmp_path / "truth.json"
     path.write_text(told)

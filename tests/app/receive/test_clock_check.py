@@ -22,8 +22,9 @@ RATE_HZ = 2.6e6
 
 @cache
 def recorded(duration_s: float, seed: int = 0):
-    scenario = scenes.clean(PLACE, START, duration_s=duration_s, receivers=1, mask_deg=15.0, seed=seed,
-                            front_end=FrontEnd(rate_hz=RATE_HZ))  # fmt: skip
+    scenario = scenes.clean(
+        PLACE, START, duration_s=duration_s, receivers=1, mask_deg=15.0, seed=seed, front_end=FrontEnd(rate_hz=RATE_HZ)
+    )
     samples = samples_of(scenario, nominal_constellation(START))[0]
     planes = samples.read(0, samples.n_samples)
     return replace(samples, read=lambda start, count: planes[:, start : start + count])

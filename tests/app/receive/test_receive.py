@@ -52,9 +52,7 @@ def test_a_forged_message_beside_the_true_one_is_told(tracker):
     number, arc = next((number, arc) for number, arc in tracker.arcs.items() if 1 in arc.subframes)
     first = arc.subframes[1]
     fields = {**first.fields, "af0": first.fields["af0"] + 1e-6}
-    forged = replace(
-        arc, signal=replace(arc.signal, copy="z"), subframes={1: replace(first, fields=fields)}
-    )
+    forged = replace(arc, signal=replace(arc.signal, copy="z"), subframes={1: replace(first, fields=fields)})
     arcs = {number: arc, number + 1000: forged}
     reception = observe(replace(tracker, arcs=tracker.arcs | arcs), None)
     (told,) = [words for words in reception.messages_differ if " z " in words]

@@ -21,8 +21,17 @@ PLACE = Place(lat_deg=-33.9, lon_deg=18.4, height_m=40.0)
 @pytest.fixture(scope="module")
 def recording():
     front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
-    scenario = scenes.clean(PLACE, START, duration_s=1.0, zenith_cn0_dbhz=48.0, horizon_cn0_dbhz=42.0, receivers=1,
-                            mask_deg=8.0, front_end=front_end, seed=4)  # fmt: skip
+    scenario = scenes.clean(
+        PLACE,
+        START,
+        duration_s=1.0,
+        zenith_cn0_dbhz=48.0,
+        horizon_cn0_dbhz=42.0,
+        receivers=1,
+        mask_deg=8.0,
+        front_end=front_end,
+        seed=4,
+    )
     navigation = nominal_constellation(START)
     return samples_of(scenario, navigation)[0], navigation
 

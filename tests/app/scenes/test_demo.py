@@ -28,6 +28,8 @@ def test_an_ordinary_receiver_is_led_away_and_a_protected_one_is_not(tmp_path: P
         trusted = receiver.trusted_fix
         assert np.linalg.norm(ecef_m(trusted) - true_m) < radius_95_m(trusted.sigma_east_m, trusted.sigma_north_m)
         assert np.linalg.norm(ecef_m(receiver.unprotected_fix) - true_m) > 500.0
-    labels = {(row["receiver"], row["sat"], row["label"]) for row in json.loads(
-        (tmp_path / "verdict.json").read_text())["signals"]}  # fmt: skip
+    labels = {
+        (row["receiver"], row["sat"], row["label"])
+        for row in json.loads((tmp_path / "verdict.json").read_text())["signals"]
+    }
     assert all((receiver, sat, "spoofed") in labels for receiver, sat, label in labels if label == "authentic")

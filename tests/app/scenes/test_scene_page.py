@@ -53,10 +53,14 @@ def page_of(scenario: Scenario) -> str:
 
 
 def simple(**changes: object) -> Scenario:
-    return parse_scenario({
-        "start_gpst": "2024-05-14T10:00:00", "duration_s": 10.0,
-        "receivers": [{"name": "rx", "lat_deg": 57.7, "lon_deg": 11.9, "height_m": 50.0}],
-    } | changes)  # fmt: skip
+    return parse_scenario(
+        {
+            "start_gpst": "2024-05-14T10:00:00",
+            "duration_s": 10.0,
+            "receivers": [{"name": "rx", "lat_deg": 57.7, "lon_deg": 11.9, "height_m": 50.0}],
+        }
+        | changes
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -96,18 +100,30 @@ def test_a_clean_scene_says_that_nobody_else_transmits() -> None:
 
 def test_settings_stand_with_their_units_and_idle_ones_are_left_out() -> None:
     text = Reader(page_of(scenes.demo())).text
-    for name, value, unit in (("rate_hz", "2600000", "Hz"), ("onset_s", "14", "s"), ("noise_db", "-5", "dB"),
-                              ("zenith_cn0_dbhz", "50", "dB-Hz"), ("delay_s", "4e-06", "s")):  # fmt: skip
+    for name, value, unit in (
+        ("rate_hz", "2600000", "Hz"),
+        ("onset_s", "14", "s"),
+        ("noise_db", "-5", "dB"),
+        ("zenith_cn0_dbhz", "50", "dB-Hz"),
+        ("delay_s", "4e-06", "s"),
+    ):
         assert re.search(rf"^{name}\n{re.escape(value)} ?\n{re.escape(unit)}$", text, re.MULTILINE), name
     assert "roll_deg" not in text
 
 
 def test_false_codes_of_a_clock_push_are_its_metres() -> None:
     """1 microsecond is 299.8 m, whatever the geometry: the axis reaches there, and no farther than a little beyond."""
-    scenario = simple(attacks=[{
-        "kind": "takeover", "target": "rx", "onset_s": 2.0, "clock_points_s": [[3.0, 0.0], [8.0, 1e-6]],
-        "transmit": {"lat_deg": 57.701, "lon_deg": 11.9, "height_m": 60.0},
-    }])  # fmt: skip
+    scenario = simple(
+        attacks=[
+            {
+                "kind": "takeover",
+                "target": "rx",
+                "onset_s": 2.0,
+                "clock_points_s": [[3.0, 0.0], [8.0, 1e-6]],
+                "transmit": {"lat_deg": 57.701, "lon_deg": 11.9, "height_m": 60.0},
+            }
+        ]
+    )
     html = page_of(scenario)
     picture = html[html.index("Code of false signals") :]
     picture = picture[: picture.index("</svg>")]
@@ -117,16 +133,25 @@ def test_false_codes_of_a_clock_push_are_its_metres() -> None:
 
 
 def test_the_displacement_of_a_takeover_is_drawn_and_a_standing_one_is_not() -> None:
-    attack = {"kind": "takeover", "target": "rx", "onset_s": 2.0,
-              "transmit": {"lat_deg": 57.701, "lon_deg": 11.9, "height_m": 60.0}}  # fmt: skip
+    attack = {
+        "kind": "takeover",
+        "target": "rx",
+        "onset_s": 2.0,
+        "transmit": {"lat_deg": 57.701, "lon_deg": 11.9, "height_m": 60.0},
+    }
     assert "What takeover shows to rx" not in page_of(simple(attacks=[attack]))
     moved = attack | {"away_points_enu_m": [[3.0, 0.0, 0.0, 0.0], [9.0, 50.0, 0.0, 0.0]]}
     assert "What takeover shows to rx" in page_of(simple(attacks=[moved]))
 
 
 def test_reflections_are_drawn_with_their_longer_way() -> None:
-    receiver = {"name": "rx", "lat_deg": 57.7, "lon_deg": 11.9, "height_m": 50.0,
-                "multipath": [{"delay_m": 40.0, "power_db": -6.0}]}  # fmt: skip
+    receiver = {
+        "name": "rx",
+        "lat_deg": 57.7,
+        "lon_deg": 11.9,
+        "height_m": 50.0,
+        "multipath": [{"delay_m": 40.0, "power_db": -6.0}],
+    }
     html = page_of(simple(receivers=[receiver]))
     assert "Reflections at rx" in html
     assert "longer way, m" in html

@@ -28,17 +28,33 @@ TABLES = (".csv", ".parquet")
 def small(**changes: object) -> Scenario:
     """Two receivers and a meaconer for four seconds, at a million samples of one bit a second."""
     made = Scenario(
-        name="small", seed=5, start_gpst=START, duration_s=4.0, front_end=FrontEnd(rate_hz=1e6),
+        name="small",
+        seed=5,
+        start_gpst=START,
+        duration_s=4.0,
+        front_end=FrontEnd(rate_hz=1e6),
         receivers=(
-            Receiver(name="bow", lat_deg=57.7012, lon_deg=11.9321, height_m=52.0, start_offset_s=2.1e-5,
-                     clock_offset_s=1.9e-4, lo_ppm=0.4, imu=Imu(rate_hz=10.0, grade="navigation")),
+            Receiver(
+                name="bow",
+                lat_deg=57.7012,
+                lon_deg=11.9321,
+                height_m=52.0,
+                start_offset_s=2.1e-5,
+                clock_offset_s=1.9e-4,
+                lo_ppm=0.4,
+                imu=Imu(rate_hz=10.0, grade="navigation"),
+            ),
             Receiver(name="stern", lat_deg=57.7009, lon_deg=11.93295, height_m=51.0, clock_offset_s=-2.7e-4),
         ),
         attacks=(
-            Meaconer(receive=Place(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0),
-                     transmit=Place(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0), delay_s=4e-6, onset_s=1.0),
+            Meaconer(
+                receive=Place(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0),
+                transmit=Place(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0),
+                delay_s=4e-6,
+                onset_s=1.0,
+            ),
         ),
-    )  # fmt: skip
+    )
     return made.model_copy(update=changes)
 
 
@@ -142,8 +158,16 @@ def test_two_runs_never_mix(tmp_path: Path) -> None:
     assert set(octets_in(tmp_path)) == {*result.files, "mine.txt"}
 
 
-@pytest.mark.parametrize("text", ['{"files": ["mine.txt"]}', "[]", "no JSON", '{"format": "skyproof-truth/1"}',
-                                  '{"format": "skyproof-truth/1", "files": ["../mine.txt", 7]}'])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"files": ["mine.txt"]}',
+        "[]",
+        "no JSON",
+        '{"format": "skyproof-truth/1"}',
+        '{"format": "skyproof-truth/1", "files": ["../mine.txt", 7]}',
+    ],
+)
 def test_what_is_not_ours_is_not_removed(tmp_path: Path, text: str) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
@@ -210,9 +234,13 @@ def test_every_ready_made_scene_has_a_sentence_and_can_be_asked_for() -> None:
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("takover", "did you mean 'takeover'"), ("xyzzy", "simulate --list"), ("no/where", "cannot be read"),
-     ("none.toml", "cannot be read")],
-)  # fmt: skip
+    [
+        ("takover", "did you mean 'takeover'"),
+        ("xyzzy", "simulate --list"),
+        ("no/where", "cannot be read"),
+        ("none.toml", "cannot be read"),
+    ],
+)
 def test_a_scene_that_is_not_there_is_told(name: str, words: str) -> None:
     with pytest.raises(ScenarioError, match=words):
         scenario_of(name)

@@ -199,9 +199,12 @@ def test_averaging_meets_a_floor_that_calibration_does_not():
     for sigma_mm, expected in ((3, {1: 0.406, 10: 0.567, 100: 0.588, 10**9: 0.590}), (0.3, {1: 0.972, 10: 1.000})):
         for epochs, p_d in expected.items():
             covariance = residual_covariance(
-                equilateral_triangle(1), towards((148.04, 30.85)), sigma_cyc=SIGMA / np.sqrt(epochs),
-                position_sigma_cyc=0.001 * sigma_mm / 0.19029, attitude_covariance_rad2=TILT,
-            )  # fmt: skip
+                equilateral_triangle(1),
+                towards((148.04, 30.85)),
+                sigma_cyc=SIGMA / np.sqrt(epochs),
+                position_sigma_cyc=0.001 * sigma_mm / 0.19029,
+                attitude_covariance_rad2=TILT,
+            )
             assert float(power(0.01, squared_norm(apart, covariance))) == pytest.approx(p_d, abs=1e-3)
 
 
@@ -281,9 +284,12 @@ def test_neither_the_first_antenna_nor_the_first_satellite_matters():
 
     def statistic(antennas, satellites, fair):
         covariance = residual_covariance(
-            elements[antennas], SKY[satellites], sigma_cyc=sigma[np.ix_(satellites, antennas)],
-            position_sigma_cyc=np.arange(1.0, 6.0)[antennas] * 0.01, **settings,
-        )  # fmt: skip
+            elements[antennas],
+            SKY[satellites],
+            sigma_cyc=sigma[np.ix_(satellites, antennas)],
+            position_sigma_cyc=np.arange(1.0, 6.0)[antennas] * 0.01,
+            **settings,
+        )
         z = unexplained(phase[:, satellites][..., antennas], elements[antennas], SKY[satellites])
         return joint_statistic(*between_signals(z, covariance)) if fair else joint_statistic(z, covariance)
 
@@ -330,10 +336,13 @@ def test_what_a_direction_cannot_cause_is_kept_apart():
 @pytest.mark.parametrize(
     ("side", "shift", "clean", "alone", "given", "joint"),
     [
-        (1, 3, 0.352, 0.081, 0.240, 0.077), (1, 5, 0.707, 0.285, 0.584, 0.332), (1, 10, 0.987, 0.785, 0.947, 0.817),
-        (5, 2, 0.954, 0.716, 0.891, 0.744), (5, 3, 0.999, 0.898, 0.988, 0.925),
+        (1, 3, 0.352, 0.081, 0.240, 0.077),
+        (1, 5, 0.707, 0.285, 0.584, 0.332),
+        (1, 10, 0.987, 0.785, 0.947, 0.817),
+        (5, 2, 0.954, 0.716, 0.891, 0.744),
+        (5, 3, 0.999, 0.898, 0.988, 0.925),
     ],
-)  # fmt: skip
+)
 def test_power_on_one_satellite_of_eight(side, shift, clean, alone, given, joint):
     moved = towards(*((az, el + (shift if el < 70 else -shift)) for az, el in SKY_DEG))
     apart = (moved - SKY) @ array_design(equilateral_triangle(side)).T
@@ -342,10 +351,11 @@ def test_power_on_one_satellite_of_eight(side, shift, clean, alone, given, joint
     one_false[np.arange(8), np.arange(8)] = apart
     own = np.array([covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)])
     found = {
-        clean: power(0.01, single_statistic(apart, WHITE)), alone: power(0.01, single_statistic(apart, own)),
+        clean: power(0.01, single_statistic(apart, WHITE)),
+        alone: power(0.01, single_statistic(apart, own)),
         given: power(0.01, np.diag(conditional_statistics(one_false, covariance))),
         joint: power(0.01, joint_statistic(one_false, covariance), 16),
-    }  # fmt: skip
+    }
     for expected, p_d in found.items():
         assert np.mean(p_d) == pytest.approx(expected, abs=1e-3)
 
@@ -442,6 +452,7 @@ def test_no_single_source_hides_from_eight_satellites():
 
 
 # The detector ---------------------------------------------------------------------------------------------------------
+
 
 def test_predicted_directions_are_those_of_azimuth_and_elevation():
     week, tow_s = week_and_tow(START)

@@ -74,9 +74,11 @@ def usual(noncentrality):
 
 def test_information_of_the_papers_differences():
     expected = {
-        50: [[0.27591, 0.03485], [0.03485, 0.31142]], 150: [[0.88770, 0.03485], [0.03485, 0.92321]],
-        200: 1.22359 * np.eye(2), 300: 1.83538 * np.eye(2),
-    }  # fmt: skip
+        50: [[0.27591, 0.03485], [0.03485, 0.31142]],
+        150: [[0.88770, 0.03485], [0.03485, 0.92321]],
+        200: 1.22359 * np.eye(2),
+        300: 1.83538 * np.eye(2),
+    }
     for n, matrix in expected.items():
         np.testing.assert_allclose(paired_information(arm_angles(n, W), **PAIR) * 4e-4, matrix, atol=5.1e-6)
 
@@ -108,10 +110,13 @@ def test_thresholds_and_detection_of_the_paper(apart, n, noncentrality, threshol
 
 def test_operating_characteristics():
     expected = {
-        50: (5.1722, 0.0131, 0.1143, 0.5715), 100: (11.6181, 0.1923, 0.5815, 0.9303),
-        150: (16.7904, 0.5285, 0.8501, 0.9875), 200: (23.2363, 0.8334, 0.9689, 0.9988),
-        250: (28.4085, 0.9409, 0.9924, 0.9998), 300: (34.8544, 0.9864, 0.9989, 1.0000),
-    }  # fmt: skip
+        50: (5.1722, 0.0131, 0.1143, 0.5715),
+        100: (11.6181, 0.1923, 0.5815, 0.9303),
+        150: (16.7904, 0.5285, 0.8501, 0.9875),
+        200: (23.2363, 0.8334, 0.9689, 0.9988),
+        250: (28.4085, 0.9409, 0.9924, 0.9998),
+        300: (34.8544, 0.9864, 0.9989, 1.0000),
+    }
     for n, (noncentrality, *powers) in expected.items():
         found = far("paper", n)
         assert found == pytest.approx(noncentrality, abs=6e-5)
@@ -121,10 +126,12 @@ def test_operating_characteristics():
 @pytest.mark.parametrize(
     ("n", "paper", "full"),
     [
-        (40, (1194, 1012, 1012, 1516), (145, 210, 140, 205)), (50, (994, 863, 846, 1284), (42, 67, 40, 62)),
-        (150, (279, 389, 266, 398), (8, 10, 8, 12)), (200, (202, 318, 194, 296), (4, 8, 4, 8)),
+        (40, (1194, 1012, 1012, 1516), (145, 210, 140, 205)),
+        (50, (994, 863, 846, 1284), (42, 67, 40, 62)),
+        (150, (279, 389, 266, 398), (8, 10, 8, 12)),
+        (200, (202, 318, 194, 296), (4, 8, 4, 8)),
     ],
-)  # fmt: skip
+)
 def test_dead_zones(n, paper, full):
     reference = direction_cosines(*np.radians([(40, 160, 240, 320), (35, 20, 55, 70)]))
     grid, angle = blocks(), arm_angles(n, W)
@@ -166,11 +173,16 @@ def test_the_rule_with_its_own_estimate_finds_one_spoofed_pair_in_a_hundred():
 @pytest.mark.parametrize(
     ("n", "paper", "constant", "slope", "curvature"),
     [
-        (20, 2.324, 32.12, 14.77, 0.290), (30, 2.849, 163.1, 24.12, 14.67), (36, 3.739, 188.1, 45.97, 43.54),
-        (40, 4.647, 189.9, 95.60, 63.05), (50, 5.172, 247.3, 244.4, 75.51), (100, 11.62, 462.2, 462.1, 405.1),
-        (150, 16.79, 735.1, 719.0, 717.5), (300, 34.85, 1420, 1420, 1399),
+        (20, 2.324, 32.12, 14.77, 0.290),
+        (30, 2.849, 163.1, 24.12, 14.67),
+        (36, 3.739, 188.1, 45.97, 43.54),
+        (40, 4.647, 189.9, 95.60, 63.05),
+        (50, 5.172, 247.3, 244.4, 75.51),
+        (100, 11.62, 462.2, 462.1, 405.1),
+        (150, 16.79, 735.1, 719.0, 717.5),
+        (300, 34.85, 1420, 1420, 1399),
     ],
-)  # fmt: skip
+)
 def test_noncentrality_against_the_number_of_samples(n, paper, constant, slope, curvature):
     found = [far("paper", n)] + [far("full", n, degree=degree) for degree in (0, 1, 2)]
     np.testing.assert_allclose(found, [paper, constant, slope, curvature], rtol=6e-4)
@@ -299,8 +311,10 @@ def test_signals_of_one_direction_leave_the_rate_where_it_was():
     found = estimate_rate(y, W, **ONE, rate_sigma_rad=0.003 * W)
     assert np.abs(found.rate_rad / W - 1.0).max() < 0.003
     # The estimated rate hardly changes the false alarms of the test of equality.
-    levels = [full_fit(minus_mean(one), arm_angles(150, rate), **ONE).level
-              for one, rate in zip(y, found.rate_rad, strict=True)]  # fmt: skip
+    levels = [
+        full_fit(minus_mean(one), arm_angles(150, rate), **ONE).level
+        for one, rate in zip(y, found.rate_rad, strict=True)
+    ]
     covariance = np.linalg.inv(full_information(arm_angles(150, W), **ONE))
     p = equal_p_value(np.array(levels), covariance)
     assert kstest(p, "uniform").pvalue > 1e-4
@@ -427,6 +441,7 @@ def test_four_false_signals_among_nine_are_clustered(n):
 
 
 # The detector ---------------------------------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize("slip", [None, 2, 5])
 def test_false_signals_are_named_although_one_slips(slip):

@@ -31,27 +31,50 @@ MOTIONS = {
     "ship": {"path": {"kind": "circle", "radius_m": 300.0, "speed_m_s": 8.0}},
     "car at 2 g": {"path": {"kind": "circle", "radius_m": 45.0, "speed_m_s": 30.0}},
     "aircraft at 3 g": {"path": {"kind": "circle", "radius_m": 2000.0, "speed_m_s": 250.0}},
-    "brakes and turns at 2 g": {"path": {"kind": "way-points", "points_enu_m": CORNERS, "speed_m_s": 60.0,
-                                         "acceleration_m_s2": 20.0, "turn_m_s2": 20.0}},
-}  # fmt: skip
+    "brakes and turns at 2 g": {
+        "path": {
+            "kind": "way-points",
+            "points_enu_m": CORNERS,
+            "speed_m_s": 60.0,
+            "acceleration_m_s2": 20.0,
+            "turn_m_s2": 20.0,
+        }
+    },
+}
 WINDOW_S, EPOCH_S = 10, 0.2
 FIELD = NoiseModel(sigma_m=1.5, carrier_sigma_cyc=0.01, doppler_sigma_hz=0.3, field=FieldErrors())
 WHITE = NoiseModel(sigma_m=1.5, carrier_sigma_cyc=0.01, doppler_sigma_hz=0.3)
 LIGHT_M_S = 299_792_458.0
-CELLS = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
-         "doppler_sigma_hz")  # fmt: skip
+CELLS = (
+    "pseudorange_m",
+    "carrier_cyc",
+    "doppler_hz",
+    "cn0_dbhz",
+    "pseudorange_sigma_m",
+    "carrier_sigma_cyc",
+    "doppler_sigma_hz",
+)
 
 
 @cache
 def geometry(motion="standing", oscillator="tcxo", *, place=(0.0, 0.0), lo_ppm=0.3, duration_s=42.0, seed=1):
     """One receiver, `place` metres east and north of the usual one."""
     table = {
-        "seed": seed, "start_gpst": START, "duration_s": duration_s,
-        "receivers": [{
-            "name": "rx1", **PLACE, **MOTIONS[motion], "lo_ppm": lo_ppm, "oscillator": oscillator,
-            "lat_deg": PLACE["lat_deg"] + place[1] / 111_000.0, "lon_deg": PLACE["lon_deg"] + place[0] / 85_400.0,
-        }],
-    }  # fmt: skip
+        "seed": seed,
+        "start_gpst": START,
+        "duration_s": duration_s,
+        "receivers": [
+            {
+                "name": "rx1",
+                **PLACE,
+                **MOTIONS[motion],
+                "lo_ppm": lo_ppm,
+                "oscillator": oscillator,
+                "lat_deg": PLACE["lat_deg"] + place[1] / 111_000.0,
+                "lon_deg": PLACE["lon_deg"] + place[0] / 85_400.0,
+            }
+        ],
+    }
     return geometry_of(scene_of(parse_scenario(table), NAVIGATION), interval_s=EPOCH_S)
 
 
@@ -73,13 +96,21 @@ def windows(o, *, sets=True):
         rows = (o.gpst >= start) & (o.gpst < end)
         cut = take(o, rows)
         sky = ConsistentSet(
-            receiver=o.receiver, signals=o.signals, gpst=cut.gpst[cut.gpst.size // 2], position_ecef_m=PLACE_ECEF_M,
-            clock_bias_s=0.0, covariance_m2=np.eye(4), statistic=1.0, dof=4, p_value=0.5,
-        )  # fmt: skip
+            receiver=o.receiver,
+            signals=o.signals,
+            gpst=cut.gpst[cut.gpst.size // 2],
+            position_ecef_m=PLACE_ECEF_M,
+            clock_bias_s=0.0,
+            covariance_m2=np.eye(4),
+            statistic=1.0,
+            dof=4,
+            p_value=0.5,
+        )
         found.append(
-            Records(start_gpst=start, end_gpst=end, observations=(cut,), navigation=NAVIGATION,
-                    sets=(sky,) if sets else ())
-        )  # fmt: skip
+            Records(
+                start_gpst=start, end_gpst=end, observations=(cut,), navigation=NAVIGATION, sets=(sky,) if sets else ()
+            )
+        )
     return found
 
 
@@ -113,9 +144,11 @@ def ahead(o, row, seconds):
     status = o.status.copy()
     status[row] = 3
     return replace(
-        o, status=status, pseudorange_m=o.pseudorange_m - np.where(later, LIGHT_M_S * seconds, 0.0),
+        o,
+        status=status,
+        pseudorange_m=o.pseudorange_m - np.where(later, LIGHT_M_S * seconds, 0.0),
         carrier_cyc=o.carrier_cyc - np.where(later, o.carrier_hz * seconds + 0.3, 0.0),
-    )  # fmt: skip
+    )
 
 
 def without_rows(o, first, last):
@@ -231,8 +264,10 @@ def test_a_clock_steered_by_a_millisecond_goes_on(steps):
     o = observed()
     moved = steps * 1e-3 * (np.arange(o.gpst.size)[:, None] >= 77)
     steered = replace(
-        o, pseudorange_m=o.pseudorange_m + LIGHT_M_S * moved, carrier_cyc=o.carrier_cyc + o.carrier_hz * moved,
-    )  # fmt: skip
+        o,
+        pseudorange_m=o.pseudorange_m + LIGHT_M_S * moved,
+        carrier_cyc=o.carrier_cyc + o.carrier_hz * moved,
+    )
     unmoved = replace(steered, carrier_cyc=o.carrier_cyc)
     assert not failed(said(steered))
     assert not failed(said(unmoved))
@@ -242,10 +277,11 @@ def test_a_label_that_moves_with_the_pseudoranges_is_no_step():
     o = observed()
     later = np.arange(o.gpst.size) >= 77
     moved = replace(
-        o, gpst=o.gpst + np.where(later, np.timedelta64(5, "ms"), np.timedelta64(0, "ms")),
+        o,
+        gpst=o.gpst + np.where(later, np.timedelta64(5, "ms"), np.timedelta64(0, "ms")),
         pseudorange_m=o.pseudorange_m + np.where(later, LIGHT_M_S * 5e-3, 0.0)[:, None],
         carrier_cyc=o.carrier_cyc + np.where(later, 5e-3, 0.0)[:, None] * o.carrier_hz,
-    )  # fmt: skip
+    )
     assert not failed(said(moved))
 
 
@@ -294,7 +330,7 @@ def test_a_recording_that_begins_again_is_told():
     status[80] = 3
     again = replace(
         o, gpst=o.gpst[:160], elapsed_s=o.elapsed_s[:160], status=status, half_cycle_open=np.array(False), **cells
-    )  # fmt: skip
+    )
     (first, *_) = failed(said(again))
     assert "the signals' time goes back by 16 s" in first.because
     assert "position" not in first.because
@@ -311,8 +347,14 @@ def test_missing_samples_are_told_and_are_no_failure(motion):
     cells["pseudorange_m"] = cells["pseudorange_m"] - LIGHT_M_S * late_s
     status = exact.status[moved].copy()
     status[row] = 3
-    o = replace(exact, gpst=exact.gpst[kept], elapsed_s=exact.elapsed_s[kept], status=status,
-                half_cycle_open=np.array(False), **cells)  # fmt: skip
+    o = replace(
+        exact,
+        gpst=exact.gpst[kept],
+        elapsed_s=exact.elapsed_s[kept],
+        status=status,
+        half_cycle_open=np.array(False),
+        **cells,
+    )
     (only,) = failed(said(o))
     assert only.p_value is None
     assert not only.overrules
@@ -340,8 +382,11 @@ def test_signals_found_again_under_other_names_are_the_same_sky():
 
     cells = {name: doubled(getattr(o, name), getattr(again, name)) for name in CELLS}
     status = np.where(np.isfinite(cells["pseudorange_m"]), 0, 1).astype(np.uint8)
-    lives = {f.name: np.concatenate((getattr(o, f.name),) * 2) for f in fields(o)
-             if f.name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}  # fmt: skip
+    lives = {
+        f.name: np.concatenate((getattr(o, f.name),) * 2)
+        for f in fields(o)
+        if f.name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
+    }
     joined = replace(o, signals=both, status=status, half_cycle_open=np.array(False), **cells, **lives)
     assert not failed(said(joined))
     moved = cells["pseudorange_m"].copy()
@@ -403,7 +448,9 @@ def test_the_places_of_the_tests_are_as_far_apart_as_they_say():
     (there,) = geometry(place=(40.0, 46.0))
     assert there.receiver == "rx1"
     east_m = rot_enu_ecef(*PLACE_RAD) @ (
-        ecef_from_geodetic(PLACE_RAD[0] + np.radians(46.0 / 111_000.0), PLACE_RAD[1] + np.radians(40.0 / 85_400.0),
-                           PLACE["height_m"]) - PLACE_ECEF_M
-    )  # fmt: skip
+        ecef_from_geodetic(
+            PLACE_RAD[0] + np.radians(46.0 / 111_000.0), PLACE_RAD[1] + np.radians(40.0 / 85_400.0), PLACE["height_m"]
+        )
+        - PLACE_ECEF_M
+    )
     assert np.linalg.norm(east_m) == pytest.approx(61.0, abs=0.3)

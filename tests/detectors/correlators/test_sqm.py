@@ -23,9 +23,13 @@ def overlapped(spacing, share, delay, phase):
 
 @pytest.mark.parametrize(
     ("cn0_dbhz", "sums", "spacing", "ratio", "delta"),
-    [(40, 10, 0.5, 0.0354, 0.0500), (40, 10, 0.1, 0.0212, 0.0224), (45, 1, 0.5, 0.0629, 0.0889),
-     (35, 20, 0.05, 0.0194, 0.0199)],
-)  # fmt: skip
+    [
+        (40, 10, 0.5, 0.0354, 0.0500),
+        (40, 10, 0.1, 0.0212, 0.0224),
+        (45, 1, 0.5, 0.0629, 0.0889),
+        (35, 20, 0.05, 0.0194, 0.0199),
+    ],
+)
 def test_standard_deviations_to_first_order(cn0_dbhz, sums, spacing, ratio, delta):
     amplitude = prompt_amplitude(cn0_dbhz, sums)
     assert np.sqrt(sqm.ratio_law(spacing).variance(amplitude)) == pytest.approx(ratio, abs=6e-5)

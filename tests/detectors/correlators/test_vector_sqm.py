@@ -55,12 +55,14 @@ def test_the_phase_law_is_that_of_counted_draws():
 
 @pytest.mark.parametrize(
     ("cn0_dbhz", "golden"),
-    [(30, (0.1900, 0.0189, 0.0373, 0.0548, 0.0709, 0.0853, 0.6321, 0.1179)),
-     (35, (0.4724, 0.0467, 0.0906, 0.1290, 0.1604, 0.1838, 0.9577, 0.2323)),
-     (40, (0.8240, 0.0813, 0.1561, 0.2182, 0.2632, 0.2888, 1.0000, 0.3322)),
-     (45, (0.9630, 0.0959, 0.1890, 0.2734, 0.3373, 0.3675, 1.0000, 0.3971)),
-     (50, (0.9896, 0.0989, 0.1971, 0.2930, 0.3780, 0.4201, 1.0000, 0.4375))],
-)  # fmt: skip
+    [
+        (30, (0.1900, 0.0189, 0.0373, 0.0548, 0.0709, 0.0853, 0.6321, 0.1179)),
+        (35, (0.4724, 0.0467, 0.0906, 0.1290, 0.1604, 0.1838, 0.9577, 0.2323)),
+        (40, (0.8240, 0.0813, 0.1561, 0.2182, 0.2632, 0.2888, 1.0000, 0.3322)),
+        (45, (0.9630, 0.0959, 0.1890, 0.2734, 0.3373, 0.3675, 1.0000, 0.3971)),
+        (50, (0.9896, 0.0989, 0.1971, 0.2930, 0.3780, 0.4201, 1.0000, 0.4375)),
+    ],
+)
 def test_means_of_the_discriminators_are_the_tabulated_ones(cn0_dbhz, golden):
     amplitude = law.prompt_amplitude(cn0_dbhz)
     code = law.code_mean(amplitude, np.array([1e-4, 0.1, 0.2, 0.3, 0.4, 0.5]))
@@ -139,13 +141,30 @@ def test_the_projector_is_the_one_of_the_chosen_sky():
 # (20), (21) solved independently; the loops closed give the same, see below.
 @pytest.mark.parametrize(
     ("prns", "code", "cn0_dbhz", "chips", "phase_pi"),
-    [((2,), 0.5, 32, (0.2246, -0.1582, 0.0546, 0.0250, 0.0319, -0.1767),
-      (0.2403, -0.1255, 0.0370, 0.0164, 0.0212, -0.1469)),
-     ((2,), 0.5, 45, (0.2244, -0.1584, 0.0549, 0.0252, 0.0322, -0.1768),
-      (0.1114, -0.0797, 0.0279, 0.0128, 0.0164, -0.0887)),
-     ((12, 13, 17), 0.5, 45, (-0.0777, -0.0036, 0.0417, 0.1363, -0.2183, 0.1181),
-      (-0.0390, -0.0021, 0.0213, 0.0688, -0.1084, 0.0594))],
-)  # fmt: skip
+    [
+        (
+            (2,),
+            0.5,
+            32,
+            (0.2246, -0.1582, 0.0546, 0.0250, 0.0319, -0.1767),
+            (0.2403, -0.1255, 0.0370, 0.0164, 0.0212, -0.1469),
+        ),
+        (
+            (2,),
+            0.5,
+            45,
+            (0.2244, -0.1584, 0.0549, 0.0252, 0.0322, -0.1768),
+            (0.1114, -0.0797, 0.0279, 0.0128, 0.0164, -0.0887),
+        ),
+        (
+            (12, 13, 17),
+            0.5,
+            45,
+            (-0.0777, -0.0036, 0.0417, 0.1363, -0.2183, 0.1181),
+            (-0.0390, -0.0021, 0.0213, 0.0688, -0.1084, 0.0594),
+        ),
+    ],
+)
 def test_loops_settle_where_the_tables_say(prns, code, cn0_dbhz, chips, phase_pi):
     settled = rule.equilibrium(SKY, attack_on(*prns, size=code), attack_on(*prns, size=500 * code), cn0_dbhz)
     np.testing.assert_allclose(settled.code_chips, chips, atol=6e-5)
@@ -194,9 +213,13 @@ def test_closed_loops_settle_at_the_equilibrium():
 
 @pytest.mark.parametrize(
     ("cn0_dbhz", "sums", "code", "phase", "both"),
-    [(40, 1, 0.4698, 0.4842, 0.7265), (45, 1, 0.2470, 0.2135, 0.4077), (40, 10, 0.0464, 0.0269, 0.0721),
-     (40, 20, None, None, 0.0069)],
-)  # fmt: skip
+    [
+        (40, 1, 0.4698, 0.4842, 0.7265),
+        (45, 1, 0.2470, 0.2135, 0.4077),
+        (40, 10, 0.0464, 0.0269, 0.0721),
+        (40, 20, None, None, 0.0069),
+    ],
+)
 def test_false_alarms_of_a_satellite_chosen_beforehand(cn0_dbhz, sums, code, phase, both):
     amplitude = law.prompt_amplitude(cn0_dbhz, sums)
     assert rule.detection_probability(amplitude) == pytest.approx(both, abs=6e-5)
@@ -269,9 +292,7 @@ def test_parity_alarms_come_at_the_stated_rate(sums):
 
 
 def test_plain_discriminators_of_short_sums_alarm_too_often():
-    u, q = draw_discriminators(
-        np.random.default_rng(8), 400_000, float(law.prompt_amplitude(40, 5)), NOBODY, NOBODY
-    )
+    u, q = draw_discriminators(np.random.default_rng(8), 400_000, float(law.prompt_amplitude(40, 5)), NOBODY, NOBODY)
     y = parity.parity_vector(u, q, whitener_at(40, 5), scores=False)
     rate = np.mean(parity.parity_test(y).p_value < 1e-3)
     assert rate == pytest.approx(1.34e-3, abs=2e-4)
@@ -294,9 +315,18 @@ def test_parity_with_unequal_powers_is_chi_square():
 # One block of 1 s at 40 dB-Hz, 0.001 false alarms a second, PRN 2 attacked; counted independently.
 @pytest.mark.parametrize(
     ("code", "doppler", "golden"),
-    [(0.02, 0.0, 0.119), (0.03, 0.0, 0.526), (0.04, 0.0, 0.914), (0.05, 0.0, 0.996), (0.0, 10.0, 0.181),
-     (0.0, 15.0, 0.690), (0.0, 20.0, 0.974), (0.02, 10.0, 0.525), (0.03, 15.0, 0.976)],
-)  # fmt: skip
+    [
+        (0.02, 0.0, 0.119),
+        (0.03, 0.0, 0.526),
+        (0.04, 0.0, 0.914),
+        (0.05, 0.0, 0.996),
+        (0.0, 10.0, 0.181),
+        (0.0, 15.0, 0.690),
+        (0.0, 20.0, 0.974),
+        (0.02, 10.0, 0.525),
+        (0.03, 15.0, 0.976),
+    ],
+)
 def test_power_of_the_parity_test(code, doppler, golden):
     settled = rule.equilibrium(SKY, attack_on(2, size=code), attack_on(2, size=doppler), 40)
     amplitude = float(law.prompt_amplitude(40, 1000))

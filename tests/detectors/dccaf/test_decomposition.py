@@ -107,11 +107,19 @@ def test_grid_noise_and_signals_agree_between_blocks_and_bins():
 @pytest.mark.parametrize(
     ("rate_hz", "phase_deg", "first", "second"),
     [
-        (2.5e6, 0, 0.116, 0.138), (2.5e6, 60, 0.044, 0.052), (2.5e6, 90, 0.039, 0.046), (5e6, 0, 0.0162, 0.0180),
-        (5e6, 180, 0.0162, 0.0180), (5e6, 60, 0.0126, 0.0141), (5e6, 90, 0.0119, 0.0132), (10e6, 0, 0.0067, 0.0077),
-        (25e6, 0, 0.0041, 0.0048), (25e6, 90, 0.0041, 0.0048), (50e6, 45, 0.0029, 0.0033),
+        (2.5e6, 0, 0.116, 0.138),
+        (2.5e6, 60, 0.044, 0.052),
+        (2.5e6, 90, 0.039, 0.046),
+        (5e6, 0, 0.0162, 0.0180),
+        (5e6, 180, 0.0162, 0.0180),
+        (5e6, 60, 0.0126, 0.0141),
+        (5e6, 90, 0.0119, 0.0132),
+        (10e6, 0, 0.0067, 0.0077),
+        (25e6, 0, 0.0041, 0.0048),
+        (25e6, 90, 0.0041, 0.0048),
+        (50e6, 45, 0.0029, 0.0033),
     ],
-)  # fmt: skip
+)
 def test_the_bound_for_two_signals_is_that_of_the_guide(rate_hz, phase_deg, first, second):
     amplitude = AMPLITUDES * np.exp(1j * np.radians([0.0, phase_deg]))
     bound = delay_bound([0.0, 0.25], amplitude, noise_variance(45.0, 0.02, rate_hz), delay_dictionary(rate_hz))
@@ -127,10 +135,13 @@ def test_the_bound_for_one_signal_is_that_of_the_guide(rate_hz, alone):
 def test_three_signals_are_for_high_rates_only():
     amplitude = [1.0, 0.87j, -0.3]
     fast, slow = (
-        np.sqrt(np.diag(delay_bound([0.0, 0.25, 0.4], amplitude, noise_variance(45.0, 0.02, rate_hz),
-                                    delay_dictionary(rate_hz))))
+        np.sqrt(
+            np.diag(
+                delay_bound([0.0, 0.25, 0.4], amplitude, noise_variance(45.0, 0.02, rate_hz), delay_dictionary(rate_hz))
+            )
+        )
         for rate_hz in (25e6, 5e6)
-    )  # fmt: skip
+    )
     assert fast == pytest.approx([0.0042, 0.005, 0.014], rel=0.03)
     assert slow[2] > 0.06
 
@@ -154,8 +165,13 @@ def test_without_noise_the_signals_come_back_exactly():
         delays = delay_dictionary(rate_hz)
         delay = np.array([-0.113, 0.171, 0.457])[:count] + np.zeros((4, 1))
         amplitude = np.array([1.0, 0.87, 0.6])[:count] * np.exp(2j * np.pi * rng.random((4, count)))
-        found = decompose(model(amplitude, delay, np.zeros_like(delay), taps_chips=delays.points, coherent_s=0.02,
-                                band_hz=rate_hz)[:, 0], delays, signals=count)  # fmt: skip
+        found = decompose(
+            model(amplitude, delay, np.zeros_like(delay), taps_chips=delays.points, coherent_s=0.02, band_hz=rate_hz)[
+                :, 0
+            ],
+            delays,
+            signals=count,
+        )
         assert np.allclose(found.delay_chips, delay, atol=2e-4)
         assert np.allclose(found.amplitude, amplitude, atol=4e-3)
 
@@ -217,8 +233,14 @@ def test_the_swarm_finds_less_than_variable_projection():
     delay, _, variance, taps = two_signals(rng, 30, 0.25, 5e6)
     delays = delay_dictionary(5e6)
     near = np.abs(delays.points) <= 1.0
-    swarm = swarm_decompose(taps[:, None, near], delays.points[near], coherent_s=0.02, band_hz=5e6, rng=rng,
-                            settings=SwarmSettings(particles=100, iterations=300))  # fmt: skip
+    swarm = swarm_decompose(
+        taps[:, None, near],
+        delays.points[near],
+        coherent_s=0.02,
+        band_hz=5e6,
+        rng=rng,
+        settings=SwarmSettings(particles=100, iterations=300),
+    )
     right = np.mean(np.all(np.abs(swarm.delay_chips - delay) < 0.05, axis=1))
     ours = decompose(taps, delays, noise_variance=variance)
     assert 0.35 <= right <= 0.95  # guide: 0.64 of 60 to 100
@@ -229,8 +251,14 @@ def test_the_swarm_costs_what_numpy_says():
     rng = np.random.default_rng(12)
     _, _, _, taps = two_signals(rng, 1, 0.25, 5e6)
     delays = delay_dictionary(5e6)
-    fit = swarm_decompose(taps[:, None, :], delays.points, coherent_s=0.02, band_hz=5e6, rng=rng,
-                          settings=SwarmSettings(particles=20, iterations=20))  # fmt: skip
+    fit = swarm_decompose(
+        taps[:, None, :],
+        delays.points,
+        coherent_s=0.02,
+        band_hz=5e6,
+        rng=rng,
+        settings=SwarmSettings(particles=20, iterations=20),
+    )
     told = model(fit.amplitude, fit.delay_chips, fit.doppler_hz, taps_chips=delays.points, coherent_s=0.02, band_hz=5e6)
     assert fit.cost[0] == pytest.approx(np.sum(np.abs(taps - told[:, 0]) ** 2), rel=1e-3)
 

@@ -135,10 +135,12 @@ def inertial(records, offset_enu_m, sigma_m, rng):
     place = ecef_from_geodetic(*geodetic) + np.asarray(offset_enu_m) @ rot_enu_ecef(*geodetic[:2])
     place = place + sigma_m * rng.standard_normal(3)
     state = NavState(
-        time_s=grid.elapsed_s[-1] + np.array([-1.0, 0.0, 1.0]), position_ecef_m=np.tile(place, (3, 1)),
-        velocity_ecef_m_s=np.zeros((3, 3)), attitude=np.tile(np.eye(3), (3, 1, 1)),
+        time_s=grid.elapsed_s[-1] + np.array([-1.0, 0.0, 1.0]),
+        position_ecef_m=np.tile(place, (3, 1)),
+        velocity_ecef_m_s=np.zeros((3, 3)),
+        attitude=np.tile(np.eye(3), (3, 1, 1)),
         covariance=np.tile(sigma_m**2 * np.eye(9), (3, 1, 1)),
-    )  # fmt: skip
+    )
     return replace(records, extras={**records.extras, "nav_state": state})
 
 

@@ -51,9 +51,17 @@ def test_parity_rows_are_orthonormal_trapezoidal_and_blind_to_position_and_clock
         assert np.allclose(np.tril(parity, -1), 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("n", "rate", "norm"), [
-    (5, 1e-3, 3.29), (6, 1e-3, 3.72), (8, 1e-3, 4.30), (12, 1e-3, 5.11), (5, 1e-2, 2.58), (9, 1e-2, 3.88),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("n", "rate", "norm"),
+    [
+        (5, 1e-3, 3.29),
+        (6, 1e-3, 3.72),
+        (8, 1e-3, 4.30),
+        (12, 1e-3, 5.11),
+        (5, 1e-2, 2.58),
+        (9, 1e-2, 3.88),
+    ],
+)
 def test_thresholds_are_those_of_the_guide(n, rate, norm):
     found = passing_sets(sky(np.random.default_rng(2), n), np.zeros((n, 1)), false_alarm_probability=rate)
     assert np.sqrt(found.threshold) == pytest.approx(norm, abs=0.006)
@@ -107,8 +115,9 @@ def test_a_true_set_fails_as_often_as_stated():
     rng = np.random.default_rng(5)
     fails = sum(
         len(passing_sets(sky(rng, n), rng.standard_normal((n, 1)), false_alarm_probability=0.05).statistic) == 0
-        for n in (5, 7, 9) for _ in range(1000)
-    )  # fmt: skip
+        for n in (5, 7, 9)
+        for _ in range(1000)
+    )
     assert abs(fails - 150) < 4 * np.sqrt(150 * 0.95)
 
 
@@ -187,9 +196,9 @@ def test_five_false_of_eight_are_found_among_what_is_left_and_four_never():
 def test_a_second_signal_off_the_passing_set_stands_out_by_its_sigma():
     rng = np.random.default_rng(10)
     units = sky(rng, 8)
-    values = np.concatenate([
-        innovations(units, rng.standard_normal((8, 2)), 1.0, np.zeros(8, np.int64))[:, 1] for _ in range(2000)
-    ])  # fmt: skip
+    values = np.concatenate(
+        [innovations(units, rng.standard_normal((8, 2)), 1.0, np.zeros(8, np.int64))[:, 1] for _ in range(2000)]
+    )
     assert values.std() == pytest.approx(1.0, abs=0.03)
     state, covariance = set_states(units, -(units @ [10.0, 0, 0])[:, None], 1.0, np.zeros((1, 8), np.int64))
     assert np.allclose(state[0], [10.0, 0, 0, 0], atol=1e-9)

@@ -324,6 +324,9 @@ def test_no_label_is_wrong_more_often_than_stated(sats, errors):
     for _ in range(windows):
         found = [examine(s.records(draw), false_alarm_probability=rate) for s in (both, captured, clean)]
         copies = [{copy for _, copy in named(found[0], says)} for says in ("authentic", "spoofed")]
-        wrong += ["b" in copies[0] or "a" in copies[1], bool(named(found[1], "authentic")),
-                  bool(named(found[2], "spoofed") | named(found[2], "attack"))]  # fmt: skip
+        wrong += [
+            "b" in copies[0] or "a" in copies[1],
+            bool(named(found[1], "authentic")),
+            bool(named(found[2], "spoofed") | named(found[2], "attack")),
+        ]
     assert np.all(wrong <= 13)  # 5 expected at most

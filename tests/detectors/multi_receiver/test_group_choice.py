@@ -17,8 +17,17 @@ from skyproof.detectors.multi_receiver.group_choice import (
 )
 from skyproof.statistics.distributions import binomial_two_sided, f_threshold, noncentral_f_survival
 
-UNITS = np.array([[0.1, 0.2, 0.97], [0.8, 0.1, 0.59], [-0.6, 0.6, 0.53], [-0.3, -0.8, 0.52], [0.5, -0.7, 0.51],
-                  [-0.9, 0.0, 0.43], [0.3, 0.8, 0.52]])  # fmt: skip
+UNITS = np.array(
+    [
+        [0.1, 0.2, 0.97],
+        [0.8, 0.1, 0.59],
+        [-0.6, 0.6, 0.53],
+        [-0.3, -0.8, 0.52],
+        [0.5, -0.7, 0.51],
+        [-0.9, 0.0, 0.43],
+        [0.3, 0.8, 0.52],
+    ]
+)
 UNITS /= np.linalg.norm(UNITS, axis=1, keepdims=True)
 BASELINE = np.array([[14.0, 14.0, 0.5]])
 

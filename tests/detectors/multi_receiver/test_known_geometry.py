@@ -83,8 +83,12 @@ def test_places_notice_every_direction(off_m):
 
 def test_a_distance_notices_what_is_nearer_or_farther_and_not_what_lies_beside():
     given = AntennaDistance(30.0, 0.5)
-    for shown_m, agrees in (((24.0, 18.0, 0.0), True), ((-18.0, 24.0, 0.0), True), ((18.0, 12.0, 0.0), False),
-                            ((60.0, 40.0, 0.0), False)):  # fmt: skip
+    for shown_m, agrees in (
+        ((24.0, 18.0, 0.0), True),
+        ((-18.0, 24.0, 0.0), True),
+        ((18.0, 12.0, 0.0), False),
+        ((60.0, 40.0, 0.0), False),
+    ):
         assert (agreement(given, (measured(shown_m, np.eye(3)),)) > 0.5) == agrees
 
 

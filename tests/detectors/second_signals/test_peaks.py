@@ -10,8 +10,9 @@ from skyproof.statistics.distributions import binomial_survival
 START = np.datetime64("2022-01-01T00:00:00", "ns")
 
 
-def observations(second=(), *, sats=12, delay_m=900.0, doppler_hz=0.0, weaker_db=0.0, cn0_dbhz=45.0, tow=True,
-                 spread_m=12.0):  # fmt: skip
+def observations(
+    second=(), *, sats=12, delay_m=900.0, doppler_hz=0.0, weaker_db=0.0, cn0_dbhz=45.0, tow=True, spread_m=12.0
+):
     """One receiver; the satellites numbered in `second` have a second signal, each by another delay."""
     epochs = 5
     names = [f"G{k + 1:02d}" for k in range(sats)]
@@ -21,12 +22,21 @@ def observations(second=(), *, sats=12, delay_m=900.0, doppler_hz=0.0, weaker_db
     cn0 = np.array([cn0_dbhz] * sats + [cn0_dbhz - weaker_db] * len(second))
     ones = np.ones((epochs, len(signals)))
     return Observations(
-        receiver="rx1", signals=tuple(signals), gpst=START + np.arange(epochs).astype("timedelta64[s]"),
-        elapsed_s=np.arange(epochs, dtype=float), pseudorange_m=base * ones if tow else np.nan * ones,
-        carrier_cyc=ones, doppler_hz=doppler * ones, cn0_dbhz=cn0 * ones, pseudorange_sigma_m=ones,
-        carrier_sigma_cyc=ones, doppler_sigma_hz=ones, status=np.full(ones.shape, 0 if tow else 2, np.uint8),
-        found_elapsed_s=np.zeros(len(signals)), missed_elapsed_s=np.full(len(signals), np.nan),
-    )  # fmt: skip
+        receiver="rx1",
+        signals=tuple(signals),
+        gpst=START + np.arange(epochs).astype("timedelta64[s]"),
+        elapsed_s=np.arange(epochs, dtype=float),
+        pseudorange_m=base * ones if tow else np.nan * ones,
+        carrier_cyc=ones,
+        doppler_hz=doppler * ones,
+        cn0_dbhz=cn0 * ones,
+        pseudorange_sigma_m=ones,
+        carrier_sigma_cyc=ones,
+        doppler_sigma_hz=ones,
+        status=np.full(ones.shape, 0 if tow else 2, np.uint8),
+        found_elapsed_s=np.zeros(len(signals)),
+        missed_elapsed_s=np.full(len(signals), np.nan),
+    )
 
 
 def examine(*receivers):
@@ -79,8 +89,14 @@ def test_a_late_copy_of_the_whole_sky_is_named_and_no_attack():
 
 @pytest.mark.parametrize(
     "kind",
-    [{"weaker_db": -6.0}, {"weaker_db": 0.0}, {"delay_m": -900.0}, {"spread_m": 30.0}, {"doppler_hz": 60.0},
-     {"delay_m": 4000.0}],
+    [
+        {"weaker_db": -6.0},
+        {"weaker_db": 0.0},
+        {"delay_m": -900.0},
+        {"spread_m": 30.0},
+        {"doppler_hz": 60.0},
+        {"delay_m": 4000.0},
+    ],
     ids=str,
 )
 def test_what_is_stronger_earlier_or_moves_otherwise_is_no_late_copy(kind):

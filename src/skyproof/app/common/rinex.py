@@ -42,6 +42,12 @@ def write_channels(
         signals = groups[0] if groups else ()
     if signals:
         write_obs(
-            path, o, signals=signals, holds=holds, marker=o.receiver, version=version("skyproof"),
-            position_ecef_m=place, created_utc=date_of([o]),
-        )  # fmt: skip
+            path,
+            o,
+            signals=signals,
+            holds=holds,
+            marker=o.receiver,
+            version=version("skyproof"),
+            position_ecef_m=place,
+            created_utc=date_of([o]),
+        )

@@ -27,7 +27,9 @@ class Settings(BaseModel):
         default=1e-3, gt=0.0, lt=0.5, description="Probability of a false label or verdict in an hour of clean sky."
     )
     antenna_separation_m: float = Field(
-        default=0.0, ge=0.0, le=1e5,
+        default=0.0,
+        ge=0.0,
+        le=1e5,
         description="The antennas stand at least this far apart, horizontally; 0 if they may share one or it is not "
         "known.",
     )
@@ -35,12 +37,16 @@ class Settings(BaseModel):
         default=300.0, gt=0.0, le=1e5, description="The antennas stand at most this far apart, horizontally."
     )
     antenna_distance_m: float | None = Field(
-        default=None, gt=0.0, le=1e5,
+        default=None,
+        gt=0.0,
+        le=1e5,
         description="The antennas of two receivers stand this far apart. One receiver alone under attack is then "
         "noticed, unless its false position lies at that distance from the other.",
     )
     antenna_distance_sigma_m: float | None = Field(
-        default=None, gt=0.0, le=1e5,
+        default=None,
+        gt=0.0,
+        le=1e5,
         description="Standard deviation of antenna_distance_m; by default it is good to 5 % or 1 m in 95 of 100 cases.",
     )
     antennas_enu_m: dict[str, tuple[_Metres, _Metres, _Metres]] | None = Field(
@@ -51,7 +57,9 @@ class Settings(BaseModel):
         default=0.1, ge=0.0, le=1e5, description="Standard deviation of antennas_enu_m on each axis."
     )
     multipath_sigma_m: float = Field(
-        default=1.0, ge=0.0, le=1e4,
+        default=1.0,
+        ge=0.0,
+        le=1e4,
         description="Constant error of one pseudorange that multipath may cause, one sigma.",
     )
     window_s: float = Field(
@@ -91,9 +99,11 @@ def resolve_settings(platform: Path | None = None, **options: Any) -> Settings:
     table: dict[str, Any] = {}
     if platform is not None:
         tables = read_toml(
-            Path(platform), "the platform file", "a platform file is TOML with a table [protect]: fix that line",
+            Path(platform),
+            "the platform file",
+            "a platform file is TOML with a table [protect]: fix that line",
             "check the name and the folder",
-        )  # fmt: skip
+        )
         table = tables.get("protect", {})
         if not isinstance(table, dict):
             raise SettingsError(

@@ -13,6 +13,13 @@ from skyproof.app.inspect.run import (
 )
 
 __all__ = [
-    "Inspection", "NotUnderstood", "Satellite", "document_json", "inspect", "inspect_recording", "inspect_samples",
-    "oscillator_remarks", "write_pictures",
-]  # fmt: skip
+    "Inspection",
+    "NotUnderstood",
+    "Satellite",
+    "document_json",
+    "inspect",
+    "inspect_recording",
+    "inspect_samples",
+    "oscillator_remarks",
+    "write_pictures",
+]

@@ -80,8 +80,10 @@ def signal_remarks(samples: Samples, told: Survey, conjugate: bool | None, oscil
     """What is odd about the signals."""
     remarks = []
     if conjugate:
-        remarks.append("the spectrum is mirrored: negate Q (or swap I and Q, or give the intermediate frequency the "
-                       "other sign) in what says how to read the file")  # fmt: skip
+        remarks.append(
+            "the spectrum is mirrored: negate Q (or swap I and Q, or give the intermediate frequency the "
+            "other sign) in what says how to read the file"
+        )
     for gap in told.gaps:
         remarks.append(
             f"samples are missing at sample {gap.at_sample} ± {gap.at_sigma_samples:.0f} "

@@ -54,15 +54,74 @@ _CARRIER_OFF_HZ: Final = 120e3  # how far the measured carrier may be off
 _FALSE_ALARM_PROBABILITY: Final = 1e-4
 
 USUAL_RATES_HZ: Final = (
-    2.046e6, 2.048e6, 2.4e6, 2.5e6, 2.56e6, 2.6e6, 2.8e6, 3e6, 3.2e6, 4e6, 4.092e6, 5e6, 5.456e6, 5.714e6, 6e6, 6.25e6,
-    6.5e6, 8e6, 8.1838e6, 8.184e6, 10e6, 10.23e6, 12e6, 12.5e6, 16e6, 16.3676e6, 16.368e6, 16.369e6, 20e6, 20.46e6,
-    24e6, 25e6, 26e6, 30.72e6, 32e6, 38.192e6, 40e6, 40.96e6, 50e6, 53e6, 56e6, 58e6, 61.44e6, 99.375e6,
-)  # fmt: skip
+    2.046e6,
+    2.048e6,
+    2.4e6,
+    2.5e6,
+    2.56e6,
+    2.6e6,
+    2.8e6,
+    3e6,
+    3.2e6,
+    4e6,
+    4.092e6,
+    5e6,
+    5.456e6,
+    5.714e6,
+    6e6,
+    6.25e6,
+    6.5e6,
+    8e6,
+    8.1838e6,
+    8.184e6,
+    10e6,
+    10.23e6,
+    12e6,
+    12.5e6,
+    16e6,
+    16.3676e6,
+    16.368e6,
+    16.369e6,
+    20e6,
+    20.46e6,
+    24e6,
+    25e6,
+    26e6,
+    30.72e6,
+    32e6,
+    38.192e6,
+    40e6,
+    40.96e6,
+    50e6,
+    53e6,
+    56e6,
+    58e6,
+    61.44e6,
+    99.375e6,
+)
 """Of front ends and of public recordings."""
 USUAL_IFS_HZ: Final = (
-    0.0, 0.42e6, 1.364e6, 1.405e6, 2.046e6, 2.556e6, 3e6, 4.092e6, 4.123968e6, 4.1304e6, 4.1343e6, 4.309e6, 6e6,
-    6.5e6, 9.548e6, 10e6, 13.55e6, 14.58e6, 15e6, 20e6,
-)  # fmt: skip
+    0.0,
+    0.42e6,
+    1.364e6,
+    1.405e6,
+    2.046e6,
+    2.556e6,
+    3e6,
+    4.092e6,
+    4.123968e6,
+    4.1304e6,
+    4.1343e6,
+    4.309e6,
+    6e6,
+    6.5e6,
+    9.548e6,
+    10e6,
+    13.55e6,
+    14.58e6,
+    15e6,
+    20e6,
+)
 _TRIED_BLIND: Final = (4e6, 2.048e6, 16.368e6, 2.6e6)
 """Rates for recordings in which nothing repeats clearly enough, the most usual first."""
 
@@ -185,8 +244,9 @@ def guess(path: str | Path) -> Guess:
     ranked = sorted(proposals, key=lambda one: (-one.power, one.log10_chance))
     if ranked and ranked[0].convincing:
         ranked[0] = replace(ranked[0], interleaved=_interleaved(octets, ranked[0]))
-    return Guess(path=path, proposals=tuple(_distinct(ranked))[:_MOST_READINGS], tried=trials.count,
-                 start_utc=hints.start_utc)  # fmt: skip
+    return Guess(
+        path=path, proposals=tuple(_distinct(ranked))[:_MOST_READINGS], tried=trials.count, start_utc=hints.start_utc
+    )
 
 
 def _interleaved(octets: FileBytes, proposal: Proposal) -> str:
@@ -282,8 +342,15 @@ def _looks(octets: FileBytes, hints: NameHints, wav: WavHeader | None) -> Iterat
         for begin in (header + skip + number * packing.bits // 8 for number in range(n_starts)):
             samples = _samples(octets, begin, packing)
             if samples.n_samples >= LEAST_SAMPLES:
-                yield _Look(octets=octets, packing=packing, header_bytes=begin, rank=rank, hints=hints, wav=wav,
-                            what=_repetition(samples, _FIRST_LENGTH))  # fmt: skip
+                yield _Look(
+                    octets=octets,
+                    packing=packing,
+                    header_bytes=begin,
+                    rank=rank,
+                    hints=hints,
+                    wav=wav,
+                    what=_repetition(samples, _FIRST_LENGTH),
+                )
 
 
 def _samples(octets: FileBytes, begin: int, packing: Packing) -> PackedSamples:
@@ -447,9 +514,13 @@ def _if_of(
 def _layout(look: _Look, rate_hz: float, if_hz: float) -> SampleLayout:
     packing = look.packing
     told: dict[str, Any] = {
-        "rate_hz": rate_hz, "centre_hz": look.hints.centre_hz or L1_HZ, "if_hz": if_hz, "kind": packing.kind,
-        "encoding": packing.encoding, "bits": packing.bits,
-    }  # fmt: skip
+        "rate_hz": rate_hz,
+        "centre_hz": look.hints.centre_hz or L1_HZ,
+        "if_hz": if_hz,
+        "kind": packing.kind,
+        "encoding": packing.encoding,
+        "bits": packing.bits,
+    }
     if packing.bits < 8:
         told["bit_order"] = packing.bit_order
     if packing.bits > 8:

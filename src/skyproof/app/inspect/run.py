@@ -29,9 +29,16 @@ from skyproof.records import Samples
 from skyproof.verdict import notebook_html
 
 __all__ = [
-    "Inspection", "NotUnderstood", "Satellite", "document_json", "inspect", "inspect_recording", "inspect_samples",
-    "oscillator_remarks", "write_pictures",
-]  # fmt: skip
+    "Inspection",
+    "NotUnderstood",
+    "Satellite",
+    "document_json",
+    "inspect",
+    "inspect_recording",
+    "inspect_samples",
+    "oscillator_remarks",
+    "write_pictures",
+]
 
 FALSE_ALARM_PROBABILITY: Final = 1e-4
 """Of each search, of the lines, and of the gaps."""
@@ -128,8 +135,13 @@ class Inspection:
             "band_hz": list(front.band_hz),
             "noise_bandwidth_hz": front.noise_bandwidth_hz,
             "lines": [
-                {"frequency_hz": line.frequency_hz, "over_floor_db": line.over_floor_db, "jn0_dbhz": line.jn0_dbhz,
-                 "loss_db": line.loss_db, "notched": line in front.notched}
+                {
+                    "frequency_hz": line.frequency_hz,
+                    "over_floor_db": line.over_floor_db,
+                    "jn0_dbhz": line.jn0_dbhz,
+                    "loss_db": line.loss_db,
+                    "notched": line in front.notched,
+                }
                 for line in front.lines
             ],
             "line_threshold_db": front.line_threshold_db,
@@ -138,14 +150,16 @@ class Inspection:
             "doppler_ratio": told.doppler_ratio,
             "doppler_ratio_sigma": told.doppler_ratio_sigma,
             "gaps": [
-                {"at_sample": gap.at_sample, "at_sigma_samples": gap.at_sigma_samples,
-                 "missing_samples_modulo_period": gap.missing_samples,
-                 "missing_sigma_samples": gap.missing_sigma_samples, "period_samples": gap.period_samples}
+                {
+                    "at_sample": gap.at_sample,
+                    "at_sigma_samples": gap.at_sigma_samples,
+                    "missing_samples_modulo_period": gap.missing_samples,
+                    "missing_sigma_samples": gap.missing_sigma_samples,
+                    "period_samples": gap.period_samples,
+                }
                 for gap in told.gaps
             ],
-            "gaps_told": [
-                {"at_sample": gap.at_sample, "missing_samples": gap.missing_samples} for gap in samples.gaps
-            ],
+            "gaps_told": [{"at_sample": gap.at_sample, "missing_samples": gap.missing_samples} for gap in samples.gaps],
             "oscillator_error_hz": self.oscillator.doppler_hz,
             "oscillator_error_sigma_hz": self.oscillator.sigma_hz,
             "oscillator_error_ppm": self.oscillator.doppler_hz / GPS_L1_CA.carrier_hz * 1e6,
@@ -160,10 +174,9 @@ class Inspection:
             "proposals": [proposal.document() for proposal in self.proposals],
             "proposal_taken": self.taken if self.proposals else None,
             "sidecar_written": self.sidecar,
-        }  # fmt: skip
+        }
         cleaned: dict[str, Any] = _plain(document)
         return cleaned
-
 
     def _repr_html_(self) -> str:
         """What it is, what is odd and which satellites were heard, for a notebook."""
@@ -172,11 +185,27 @@ class Inspection:
         columns = ("satellite", "C/N0, dB-Hz", "Doppler, Hz", "code phase, chips", "signals")
         return notebook_html(
             samples.path or samples.name,
-            [self.summary, f"{kind}, {samples.rate_hz / 1e6:.12g} MHz, {samples.centre_hz / 1e6:.12g} MHz at "
-             f"{samples.if_hz / 1e6:.12g} MHz, {samples.duration_s:.4g} s.", *self.remarks, self.advice],
-            (columns, [(one.sat, f"{one.cn0_dbhz:.1f}", f"{one.doppler_hz:+.0f}", f"{one.code_phase_chips:.1f}",
-                        str(one.peaks)) for one in self.satellites]),
-        )  # fmt: skip
+            [
+                self.summary,
+                f"{kind}, {samples.rate_hz / 1e6:.12g} MHz, {samples.centre_hz / 1e6:.12g} MHz at "
+                f"{samples.if_hz / 1e6:.12g} MHz, {samples.duration_s:.4g} s.",
+                *self.remarks,
+                self.advice,
+            ],
+            (
+                columns,
+                [
+                    (
+                        one.sat,
+                        f"{one.cn0_dbhz:.1f}",
+                        f"{one.doppler_hz:+.0f}",
+                        f"{one.code_phase_chips:.1f}",
+                        str(one.peaks),
+                    )
+                    for one in self.satellites
+                ],
+            ),
+        )
 
 
 class NotUnderstood(InputError):
@@ -188,10 +217,14 @@ class NotUnderstood(InputError):
 
     def document(self) -> dict[str, Any]:
         """For --json, in place of an inspection's."""
-        cleaned: dict[str, Any] = _plain({
-            "format": "skyproof-inspect/1", "path": str(self.guess.path), "summary": self.guess.summary,
-            "proposals": [proposal.document() for proposal in self.guess.proposals],
-        })  # fmt: skip
+        cleaned: dict[str, Any] = _plain(
+            {
+                "format": "skyproof-inspect/1",
+                "path": str(self.guess.path),
+                "summary": self.guess.summary,
+                "proposals": [proposal.document() for proposal in self.guess.proposals],
+            }
+        )
         return cleaned
 
     def likeliest(self) -> Inspection:
@@ -205,9 +238,12 @@ class NotUnderstood(InputError):
 
 
 def inspect(
-    path: str | Path, *, sidecar: str | Path | None = None, layout: Mapping[str, object] | None = None,
+    path: str | Path,
+    *,
+    sidecar: str | Path | None = None,
+    layout: Mapping[str, object] | None = None,
     write: bool | int = False,
-) -> tuple[Inspection, ...]:  # fmt: skip
+) -> tuple[Inspection, ...]:
     """Say what is in a recording: one `Inspection` for each channel that the file holds.
 
         (told,) = sp.inspect("rx1.bin")
@@ -339,14 +375,23 @@ def _guessed(path: Path, write: bool | int) -> Inspection:
         layout, sources = _righted(layout, sources)
         told = _told_righted(told, _read_as(path, layout, name))
     told = replace(
-        told, layout=layout, sources=sources | {"start_gpst": _start_words(found), "duration": "length of the file"},
+        told,
+        layout=layout,
+        sources=sources | {"start_gpst": _start_words(found), "duration": "length of the file"},
         proposals=tuple(
             replace(one, layout=layout, sources=sources) if one is proposal else one for one in found.proposals
         ),
         taken=number,
-        remarks=told.remarks + ((f"it looks like {proposal.interleaved} whose samples take turns: satellites, their "
-                                 "number and C/N0 are those of a mixture",) if proposal.interleaved else ()),
-    )  # fmt: skip
+        remarks=told.remarks
+        + (
+            (
+                f"it looks like {proposal.interleaved} whose samples take turns: satellites, their "
+                "number and C/N0 are those of a mixture",
+            )
+            if proposal.interleaved
+            else ()
+        ),
+    )
     return _with_sidecar(told, path.with_suffix(".toml")) if write else told
 
 
@@ -428,9 +473,10 @@ class _View:
             return planes
 
         return _View(
-            samples=replace(self.samples, read=conjugate), carrier_hz=(-1.0 if carrier_too else 1.0) * self.carrier_hz,
+            samples=replace(self.samples, read=conjugate),
+            carrier_hz=(-1.0 if carrier_too else 1.0) * self.carrier_hz,
             mirrored=not self.mirrored,
-        )  # fmt: skip
+        )
 
 
 def inspect_recording(samples: Samples) -> Inspection:
@@ -448,9 +494,11 @@ def inspect_recording(samples: Samples) -> Inspection:
     right = corrected(near.samples, apart)
     told = inspect_samples(right)
     return replace(
-        told, given=samples, disagreement=apart,
+        told,
+        given=samples,
+        disagreement=apart,
         remarks=(correction_remark(samples, right, apart.sigma), *told.remarks),
-    )  # fmt: skip
+    )
 
 
 def _at_another_rate(first: Inspection) -> Inspection:
@@ -566,10 +614,13 @@ def _satellites(peaks: Sequence[Peak], start: int, samples: Samples) -> tuple[Sa
         phase_s = (start_s + strongest.delay_s) % period_s
         satellites.append(
             Satellite(
-                sat=sat, cn0_dbhz=strongest.cn0_dbhz, doppler_hz=strongest.doppler_hz,
-                code_phase_chips=float(phase_s / period_s * GPS_L1_CA.code_length), peaks=len(mine),
+                sat=sat,
+                cn0_dbhz=strongest.cn0_dbhz,
+                doppler_hz=strongest.doppler_hz,
+                code_phase_chips=float(phase_s / period_s * GPS_L1_CA.code_length),
+                peaks=len(mine),
             )
-        )  # fmt: skip
+        )
     return tuple(satellites)
 
 
@@ -577,17 +628,27 @@ def _satellites(peaks: Sequence[Peak], start: int, samples: Samples) -> tuple[Sa
 
 
 def _told(
-    samples: Samples, front: FrontEnd, satellites: tuple[Satellite, ...], told: Survey, conjugate: bool | None,
-    stretch: tuple[int, int], remarks: Sequence[str] = (),
-) -> Inspection:  # fmt: skip
+    samples: Samples,
+    front: FrontEnd,
+    satellites: tuple[Satellite, ...],
+    told: Survey,
+    conjugate: bool | None,
+    stretch: tuple[int, int],
+    remarks: Sequence[str] = (),
+) -> Inspection:
     oscillator = oscillator_error([satellite.doppler_hz for satellite in satellites])
     return Inspection(
-        samples=samples, front_end=front, satellites=satellites, survey=told, conjugate=conjugate,
-        oscillator=oscillator, stretch=stretch,
+        samples=samples,
+        front_end=front,
+        satellites=satellites,
+        survey=told,
+        conjugate=conjugate,
+        oscillator=oscillator,
+        stretch=stretch,
         remarks=(*samples.remarks, *remarks, *front.remarks, *signal_remarks(samples, told, conjugate, oscillator)),
         summary=summary(samples, satellites, told, conjugate, front),
         advice=advice(samples, satellites, gaps=max(len(told.gaps), len(samples.gaps)), mirrored=bool(conjugate)),
-    )  # fmt: skip
+    )
 
 
 def _plain(value: Any) -> Any:

@@ -64,10 +64,16 @@ def _lobes(told: "Inspection") -> list[Lobe]:
     if told.front_end.real:
         turned = abs(turned)
     carrier_hz = turned * told.front_end.carrier_hz
-    powers = correlation_power(planes, told.samples.rate_hz,
-                               {one.sat: carrier_hz + one.doppler_hz for one in told.satellites})  # fmt: skip
+    powers = correlation_power(
+        planes, told.samples.rate_hz, {one.sat: carrier_hz + one.doppler_hz for one in told.satellites}
+    )
     return [
-        Lobe(sat=one.sat, delay_chips=np.arange(powers[one.sat].size) / CELLS_PER_CHIP, power=powers[one.sat],
-             cn0_dbhz=one.cn0_dbhz, peaks=one.peaks)
+        Lobe(
+            sat=one.sat,
+            delay_chips=np.arange(powers[one.sat].size) / CELLS_PER_CHIP,
+            power=powers[one.sat],
+            cn0_dbhz=one.cn0_dbhz,
+            peaks=one.peaks,
+        )
         for one in told.satellites
-    ]  # fmt: skip
+    ]

@@ -77,9 +77,7 @@ class Outcome:
     navigation: NavigationData
 
 
-def document(
-    outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *, interrupted: bool = False
-) -> Verdict:
+def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *, interrupted: bool = False) -> Verdict:
     """The verdict document of an outcome."""
     decision = outcome.decision
     receivers = tuple(_receiver(r) for r in outcome.receivers)
@@ -104,9 +102,7 @@ def document(
         signals=tuple(_signals(outcome)),
         sources=tuple(_sources(outcome)),
         methods=tuple(_methods(outcome.evidence)),
-        inputs=tuple(
-            InputFile(path=n.path, format=n.format, sha256=n.sha256, remarks=n.remarks) for n in notes
-        ),
+        inputs=tuple(InputFile(path=n.path, format=n.format, sha256=n.sha256, remarks=n.remarks) for n in notes),
         settings=settings.model_dump(mode="json"),
         versions=versions(),
     )
@@ -314,9 +310,14 @@ def _position(fix: Fix | None) -> Position | None:
     place = place_of(fix.position_ecef_m[last])
     east, north, up = _sigmas_enu_m(fix, last)
     return Position(
-        gpst=iso(fix.gpst[last], DIGITS), lat_deg=place.lat_deg, lon_deg=place.lon_deg, height_m=place.height_m,
-        sigma_east_m=east, sigma_north_m=north, sigma_up_m=up,
-    )  # fmt: skip
+        gpst=iso(fix.gpst[last], DIGITS),
+        lat_deg=place.lat_deg,
+        lon_deg=place.lon_deg,
+        height_m=place.height_m,
+        sigma_east_m=east,
+        sigma_north_m=north,
+        sigma_up_m=up,
+    )
 
 
 def place_of(ecef_m: Reals) -> Place:
@@ -335,9 +336,7 @@ def _sigmas_enu_m(fix: Fix, epoch: int) -> tuple[float, float, float]:
 
 def _signals(outcome: Outcome) -> list[Signal]:
     sources = {
-        ref: source.name
-        for source in (*outcome.decision.sources, *outcome.decision.skies)
-        for ref in source.signals
+        ref: source.name for source in (*outcome.decision.sources, *outcome.decision.skies) for ref in source.signals
     }
     by_receiver = {r.reception.samples.name: r.reception.observations for r in outcome.receivers}
     signals = []
@@ -348,20 +347,24 @@ def _signals(outcome: Outcome) -> list[Signal]:
     return signals
 
 
-def _signal(
-    s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal], source: str | None
-) -> Signal:
+def _signal(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal], source: str | None) -> Signal:
     rows = slice(s.first_epoch, s.last_epoch + 1)
     column = o.signals.index(s.ref.signal)
     return Signal(
-        receiver=s.ref.receiver, sat=s.ref.signal.sat, band=s.ref.signal.band, code=s.ref.signal.code,
-        copy=s.ref.signal.copy, label=s.label, source=source,
-        from_gpst=iso(o.gpst[s.first_epoch], DIGITS), to_gpst=iso(o.gpst[s.last_epoch], DIGITS),
+        receiver=s.ref.receiver,
+        sat=s.ref.signal.sat,
+        band=s.ref.signal.band,
+        code=s.ref.signal.code,
+        copy=s.ref.signal.copy,
+        label=s.label,
+        source=source,
+        from_gpst=iso(o.gpst[s.first_epoch], DIGITS),
+        to_gpst=iso(o.gpst[s.last_epoch], DIGITS),
         cn0_dbhz=float(np.nanmean(o.cn0_dbhz[rows, column])),
         doppler_hz=float(np.nanmean(o.doppler_hz[rows, column])),
         delay_to_authentic_m=_delay_m(s, o, labels),
         because=tuple(Because(detector=name, p_value=p) for name, p in s.because),
-    )  # fmt: skip
+    )
 
 
 def _delay_m(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal]) -> float | None:
@@ -392,7 +395,9 @@ def _sources(outcome: Outcome) -> list[SourceModel]:
                 name=source.name,
                 kind="one antenna" if decided else "a consistent sky; whether the true one is not decided",
                 sats=tuple(sorted({ref.signal.sat for ref in source.signals})),
-                azimuth_deg=None, elevation_deg=None, direction_sigma_deg=None,
+                azimuth_deg=None,
+                elevation_deg=None,
+                direction_sigma_deg=None,
                 shows=place_of(places[0]) if places else None,
                 time_offset_s=_time_offset_s(source.name, outcome),
             )

@@ -29,7 +29,6 @@ _PLACES: Final = (0.5, 0.05, 0.95)  # of the common time
 _LEAST_CELLS: Final = 500  # of a row: a quarter of the usual band
 
 
-
 def one_receiver_each(receptions: Sequence[Reception], settings: Settings) -> list[Reception]:
     """The receptions; of those that hold the same noise all but the one with most measurements are left out."""
     n = len(receptions)
@@ -53,9 +52,12 @@ def _left_out(reception: Reception, other: Reception, found: SharedNoise) -> Rec
         "recorded twice, or one transmitter that drowns all else in both; taken as one receiver"
     )
     return replace(
-        reception, observations=None, left_out=why, same_as=other.samples.name,
+        reception,
+        observations=None,
+        left_out=why,
+        same_as=other.samples.name,
         remarks=(*reception.remarks, f"left out: {why}"),
-    )  # fmt: skip
+    )
 
 
 def _measurements(reception: Reception) -> int:
@@ -132,9 +134,12 @@ def _later(a: Observations, b: Observations) -> _Lags:
             sigma_s.append(np.hypot(there_b[2], a.pseudorange_sigma_m[:, i]) / SPEED_OF_LIGHT_M_S)
     shape = (len(sats), a.elapsed_s.size)
     return _Lags(
-        sats=tuple(sats), elapsed_s=a.elapsed_s, later_s=np.reshape(later_s, shape),
-        higher_hz=np.reshape(higher_hz, shape), sigma_s=np.reshape(sigma_s, shape),
-    )  # fmt: skip
+        sats=tuple(sats),
+        elapsed_s=a.elapsed_s,
+        later_s=np.reshape(later_s, shape),
+        higher_hz=np.reshape(higher_hz, shape),
+        sigma_s=np.reshape(sigma_s, shape),
+    )
 
 
 def _stretch(first: Samples, second: Samples, lags: _Lags, at: int) -> SharedNoise | None:
@@ -204,4 +209,3 @@ def _beyond(lags: _Lags, pair: int, found: Sequence[tuple[int, SharedNoise]]) ->
         off_s += values_s[there].tolist()
         variance += (lags.sigma_s[pair, near][there] ** 2).tolist()
     return (float(np.mean(off_s)), float(np.mean(variance)) / len(off_s)) if off_s else (np.inf, 0.0)
-

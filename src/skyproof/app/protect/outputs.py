@@ -101,12 +101,24 @@ def _signal_columns(outcome: Outcome) -> dict[str, Any]:
         if o is not None:
             labels = _label_cells(o, outcome.decision.labels)
             n_epochs, n_signals = o.pseudorange_m.shape
-            each = {name: np.tile([getattr(s, name) for s in o.signals], n_epochs)
-                    for name in ("sat", "band", "code", "copy")}  # fmt: skip
+            each = {
+                name: np.tile([getattr(s, name) for s in o.signals], n_epochs)
+                for name in ("sat", "band", "code", "copy")
+            }
             words = np.array([CELL_STATUS[code] for code in sorted(CELL_STATUS)])
-            values = {name: getattr(o, name).ravel() for name in (
-                "pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
-                "doppler_sigma_hz", "half_cycle_open")}  # fmt: skip
+            values = {
+                name: getattr(o, name).ravel()
+                for name in (
+                    "pseudorange_m",
+                    "carrier_cyc",
+                    "doppler_hz",
+                    "cn0_dbhz",
+                    "pseudorange_sigma_m",
+                    "carrier_sigma_cyc",
+                    "doppler_sigma_hz",
+                    "half_cycle_open",
+                )
+            }
             parts.append(
                 {"receiver": np.repeat(o.receiver, n_epochs * n_signals)}
                 | {"receiver_clock": np.repeat(o.gpst, n_signals)}
@@ -137,13 +149,19 @@ def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
         return np.array([getattr(e, name) for e in evidence], dtype="datetime64[ns]")
 
     return {
-        "detector": words("detector"), "start_gpst": instants("start_gpst"), "end_gpst": instants("end_gpst"),
-        "says": words("says"), "subject": np.array([", ".join(map(str, e.subject)) for e in evidence], dtype=str),
-        "statistic": numbers("statistic"), "threshold": numbers("threshold"), "p_value": numbers("p_value"),
+        "detector": words("detector"),
+        "start_gpst": instants("start_gpst"),
+        "end_gpst": instants("end_gpst"),
+        "says": words("says"),
+        "subject": np.array([", ".join(map(str, e.subject)) for e in evidence], dtype=str),
+        "statistic": numbers("statistic"),
+        "threshold": numbers("threshold"),
+        "p_value": numbers("p_value"),
         "false_alarm_probability": numbers("false_alarm_probability"),
-        "log_likelihood_ratio": numbers("log_likelihood_ratio"), "because": words("because"),
+        "log_likelihood_ratio": numbers("log_likelihood_ratio"),
+        "because": words("because"),
         "would_need": words("would_need"),
-    }  # fmt: skip
+    }
 
 
 # ---------------------------------------------------------------------- RINEX, KML, NMEA
@@ -189,9 +207,13 @@ def _sentences(fix: Fix, navigation: NavigationData) -> Iterator[str]:
     columns = fixes_columns([("trusted", fix)])
     place = columns["lat_deg"], columns["lon_deg"]
     return nmea_sentences(
-        columns["gpst"], *place, columns["height_m"], columns["satellites"],
+        columns["gpst"],
+        *place,
+        columns["height_m"],
+        columns["satellites"],
         hdop=horizontal_dilution(fix, navigation)[fix.status == FixStatus.OK],
         geoid_separation_m=geoid_separation_m(*place),
-        sigma_east_m=columns["sigma_east_m"], sigma_north_m=columns["sigma_north_m"],
+        sigma_east_m=columns["sigma_east_m"],
+        sigma_north_m=columns["sigma_north_m"],
         sigma_up_m=np.hypot(columns["sigma_up_m"], GEOID_SIGMA_M),
-    )  # fmt: skip
+    )

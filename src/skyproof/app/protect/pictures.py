@@ -302,8 +302,11 @@ def _profiles_at(
     for s in labels:
         if s.first_epoch <= epoch <= s.last_epoch and (peak := _peak(o, s, epoch, length_s)) is not None:
             groups.setdefault(peak.sat, []).append(peak)
-    chosen = [sorted(group, key=_first_true) for group in groups.values()
-              if (len(group) >= 2 if several else group[0].label != "authentic")]  # fmt: skip
+    chosen = [
+        sorted(group, key=_first_true)
+        for group in groups.values()
+        if (len(group) >= 2 if several else group[0].label != "authentic")
+    ]
     chosen = [[p for p in group if abs(_chips(p, group[0])) <= PROFILE_REACH_CHIPS] for group in chosen]
     chosen = sorted(chosen, key=lambda group: (-min(len(group), 2), -min(p.cn0_dbhz for p in group)))[:PROFILES]
     chosen.sort(key=lambda group: group[0].sat)
@@ -311,18 +314,27 @@ def _profiles_at(
     first, last = min(offsets, default=0.0) - 2.5, max(offsets, default=0.0) + 2.5
     try:
         delays_chips, powers = delay_profiles(
-            samples, carrier_at_hz(samples), [group[0] for group in chosen], first, last, start_s=start_s,
+            samples,
+            carrier_at_hz(samples),
+            [group[0] for group in chosen],
+            first,
+            last,
+            start_s=start_s,
             duration_s=length_s,
-        )  # fmt: skip
+        )
     except ValueError:  # a stretch too short to hold a code period
         return []
     return [
         DelayProfile(
-            receiver=samples.name, sat=group[0].sat, at_s=at_s, delays_chips=delays_chips, power=power,
+            receiver=samples.name,
+            sat=group[0].sat,
+            at_s=at_s,
+            delays_chips=delays_chips,
+            power=power,
             tags=tuple(DelayTag(label=p.label, delay_chips=_chips(p, group[0])) for p in group),
         )
         for group, power in zip(chosen, powers, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def _peak(o: Observations, s: LabelledSignal, epoch: int, length_s: float) -> _Peak | None:
@@ -376,11 +388,14 @@ def _differences_in(
             group = len({d.group for d in found})
             found += [
                 RangeDifference(
-                    receivers=(pair[0].receiver, pair[1].receiver), sat=sat, label=label, metres=float(value),
+                    receivers=(pair[0].receiver, pair[1].receiver),
+                    sat=sat,
+                    label=label,
+                    metres=float(value),
                     group=group,
                 )
                 for sat, value in zip(ranges.sats, longer_m - longer_m.mean(), strict=True)
-            ]  # fmt: skip
+            ]
     return found
 
 
@@ -390,8 +405,11 @@ def _alike(records: Records, first: Sequence[ConsistentSet], second: Sequence[Co
     Where labels leave it open, that is how sets of one sky find each other.
     """
     every = [(a, b, common_ranges(records, (a, b))) for a in first for b in second]
-    scattered = [(float(np.ptp(c.mean_m[:, 1] - c.mean_m[:, 0])), n) for n, (_, _, c) in enumerate(every)
-                 if c.sats and len(c.range_m)]  # fmt: skip
+    scattered = [
+        (float(np.ptp(c.mean_m[:, 1] - c.mean_m[:, 0])), n)
+        for n, (_, _, c) in enumerate(every)
+        if c.sats and len(c.range_m)
+    ]
     taken: set[int] = set()
     for _, n in sorted(scattered):
         a, b, ranges = every[n]

@@ -112,9 +112,12 @@ def protect(
 
 
 def verdict_of(
-    inputs: str | Path | Sequence[str | Path], *, nav: str | Path | None = None, out: str | Path | None = None,
+    inputs: str | Path | Sequence[str | Path],
+    *,
+    nav: str | Path | None = None,
+    out: str | Path | None = None,
     **options: Any,
-) -> Verdict:  # fmt: skip
+) -> Verdict:
     """Tell true signals from false ones in the recordings of one or several receivers.
 
         verdict = sp.protect(["rx1.bin", "rx2.bin"], nav="brdc0010.22n", out="result")
@@ -174,7 +177,7 @@ def judge(
     outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
     outcome = Outcome(
         receivers=tuple(outcomes), decision=decision, evidence=tuple(evidence), sets=tuple(sets), navigation=orbits
-    )  # fmt: skip
+    )
     return outcome, interrupted
 
 
@@ -188,9 +191,11 @@ def _receiver_outcome(
     def fixed(part: Observations) -> Fix | None:
         # Smoothed after the choice: what a channel followed before or after it was captured does not leak across.
         return fix_of(
-            smooth(part, window_s=settings.smoothing_s), orbits, multipath_sigma_m=settings.multipath_sigma_m,
+            smooth(part, window_s=settings.smoothing_s),
+            orbits,
+            multipath_sigma_m=settings.multipath_sigma_m,
             elevation_mask_deg=settings.elevation_mask_deg,
-        )  # fmt: skip
+        )
 
     false = labelled(o, decision.labels, "spoofed")
     shown = {
@@ -231,8 +236,10 @@ def _same_day(navigation: NavigationData, gpst: np.datetime64, path: str) -> Non
     """Raise InputError if no orbit of the file holds at the recording's time."""
     if any(navigation.best(e.sat, gpst) is not None for e in navigation.ephemerides):
         return
-    weeks = [np.datetime64("1980-01-06", "ns") + np.timedelta64(round(e.week * 604800 + e.toe), "s")
-             for e in navigation.ephemerides]  # fmt: skip
+    weeks = [
+        np.datetime64("1980-01-06", "ns") + np.timedelta64(round(e.week * 604800 + e.toe), "s")
+        for e in navigation.ephemerides
+    ]
     raise InputError(
         f"{navigation.source}: its orbits are for {iso(min(weeks), 0)} to {iso(max(weeks), 0)}, but {path} was "
         f"recorded at {iso(gpst, 0)}; give the navigation file of that day, or none to take the orbits from the "
@@ -296,9 +303,11 @@ def _note(reception: Reception, interrupted: bool, digest: str | None) -> InputN
     changes = () if samples.file is None else samples.file.changes()
     read = f"{reception.examined_s:.1f} of {samples.duration_s:.1f} s were worked on before the run was interrupted"
     return InputNote(
-        path=samples.path or samples.name, format=samples.format or "raw", sha256=digest,
+        path=samples.path or samples.name,
+        format=samples.format or "raw",
+        sha256=digest,
         remarks=(*samples.remarks, *reception.remarks, *changes, *((read,) if interrupted else ())),
-    )  # fmt: skip
+    )
 
 
 def _told(navigation: NavigationData | None) -> tuple[str, ...]:

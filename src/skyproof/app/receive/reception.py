@@ -223,9 +223,14 @@ def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Sampl
 
 
 def track(
-    recordings: Sequence[Samples], settings: Settings, progress: Progress | None = None,
-    navigation: NavigationData | None = None, *, watchful: bool = True, summed: bool = False,
-) -> tuple[list[Tracker], bool]:  # fmt: skip
+    recordings: Sequence[Samples],
+    settings: Settings,
+    progress: Progress | None = None,
+    navigation: NavigationData | None = None,
+    *,
+    watchful: bool = True,
+    summed: bool = False,
+) -> tuple[list[Tracker], bool]:
     """Track all recordings side by side, so that an interruption leaves all equally far.
 
     navigation : tells which satellites stand above the horizon, where the place is known.
@@ -256,9 +261,7 @@ def track(
     return trackers, False
 
 
-def _tracker(
-    samples: Samples, settings: Settings, navigation: NavigationData | None, watchful: bool
-) -> Tracker:
+def _tracker(samples: Samples, settings: Settings, navigation: NavigationData | None, watchful: bool) -> Tracker:
     """A recording made ready: what hurts in its samples taken off, gaps that it tells of bridged."""
     clean, cleaned = _cleaned(samples)
     whole, filled = bridged(clean, begun_s=settings.start_s)
@@ -354,9 +357,15 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
     elif found is not None:
         remarks.append(f"few signals as it was read, or none for long: {found.cure}")
     return Reception(
-        samples=samples, observations=observations, told=told, n_signals=len(heard), examined_s=tracker.examined_s,
-        left_out=left_out, remarks=tuple(remarks), messages_differ=differ,
-    )  # fmt: skip
+        samples=samples,
+        observations=observations,
+        told=told,
+        n_signals=len(heard),
+        examined_s=tracker.examined_s,
+        left_out=left_out,
+        remarks=tuple(remarks),
+        messages_differ=differ,
+    )
 
 
 def require_signals(trackers: Sequence[Tracker]) -> None:
@@ -412,9 +421,10 @@ def _nothing_heard(tracker: Tracker, found: Diagnosis | None) -> str:
 def _no_time(tracker: Tracker, n_signals: int) -> str:
     """Why signals without a time of week are of no use, and what would give it."""
     cure = (
-        f"give {TIME_OF_WEEK_S:g} s of signal or more" if tracker.examined_s < TIME_OF_WEEK_S
+        f"give {TIME_OF_WEEK_S:g} s of signal or more"
+        if tracker.examined_s < TIME_OF_WEEK_S
         else "the signals are too weak or too often interrupted to read their messages"
-    )  # fmt: skip
+    )
     return f"{n_signals} signals found, but no time of week read from them in {tracker.examined_s:.1f} s: {cure}"
 
 
@@ -494,9 +504,14 @@ def _assembled(tracker: Tracker, arcs: Mapping[int, Arc], label: ReceiverTimeTag
     n_epochs = int(tracker.state.frame - 1) // MEASURE_FRAMES
     elapsed_s = settings.frame_s * MEASURE_FRAMES * np.arange(1.0, n_epochs + 1)
     return assemble(
-        tracker.samples.name, tracker.measurements, arcs, label, elapsed_s, carrier_hz=settings.signal.carrier_hz,
+        tracker.samples.name,
+        tracker.measurements,
+        arcs,
+        label,
+        elapsed_s,
+        carrier_hz=settings.signal.carrier_hz,
         averaged_s=tracker.epoch_s,
-    )  # fmt: skip
+    )
 
 
 def _all_timed(

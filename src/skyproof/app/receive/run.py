@@ -50,15 +50,22 @@ class ReceiveResult:
         heads, rows = [], []
         for r in self.receptions:
             o = r.observations
-            heads.append(f"{r.samples.name}: {r.n_signals} signals in {r.examined_s:.1f} s"
-                         + (f"; left out: {r.left_out}" if r.left_out is not None else ""))  # fmt: skip
+            heads.append(
+                f"{r.samples.name}: {r.n_signals} signals in {r.examined_s:.1f} s"
+                + (f"; left out: {r.left_out}" if r.left_out is not None else "")
+            )
             for signal in [] if o is None else [_signal(o, column) for column in range(len(o.signals))]:
                 cn0_dbhz, doppler_hz = signal["cn0_dbhz"], signal["doppler_hz"]
-                rows.append((
-                    r.samples.name, f"{signal['sat']} {signal['band']} {signal['code']} {signal['copy']}",
-                    f"{signal['found_s']:.1f}", str(signal["n_epochs"]),
-                    "" if cn0_dbhz is None else f"{cn0_dbhz:.1f}", "" if doppler_hz is None else f"{doppler_hz:.0f}",
-                ))  # fmt: skip
+                rows.append(
+                    (
+                        r.samples.name,
+                        f"{signal['sat']} {signal['band']} {signal['code']} {signal['copy']}",
+                        f"{signal['found_s']:.1f}",
+                        str(signal["n_epochs"]),
+                        "" if cn0_dbhz is None else f"{cn0_dbhz:.1f}",
+                        "" if doppler_hz is None else f"{doppler_hz:.0f}",
+                    )
+                )
         columns = ("receiver", "signal", "found after, s", "epochs", "C/N0, dB-Hz", "Doppler, Hz")
         return notebook_html("Received", heads, (columns, rows))
 

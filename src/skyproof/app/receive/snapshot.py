@@ -81,8 +81,10 @@ def snapshot(
     grid_hz = _DOPPLER_STEP_HZ * np.arange(-reach, reach + 1, dtype=np.float64)
     peaks = searcher.search(planes, if_hz, {sat: grid_hz for sat in GPS_SATS}, {})
     remarks: list[str] = []
-    phases = [code_phase(planes, samples.rate_hz, if_hz, peak.sat, peak.delay_s, peak.doppler_hz)
-              for peak in _strongest(peaks, remarks)]  # fmt: skip
+    phases = [
+        code_phase(planes, samples.rate_hz, if_hz, peak.sat, peak.delay_s, peak.doppler_hz)
+        for peak in _strongest(peaks, remarks)
+    ]
     phases = _credible(phases, remarks)
     middle_s = start_s + 0.5 * (count - 1) / samples.rate_hz
     at_gpst = begin + np.timedelta64(round(middle_s * 1e9), "ns")
@@ -91,9 +93,18 @@ def snapshot(
         rows = [(p.code_s, p.code_sigma_s, p.doppler_hz, p.doppler_sigma_hz) for p in some]
         code_s, code_sigma_s, doppler_hz, doppler_sigma_hz = np.array(rows, np.float64).reshape(-1, 4).T
         return coarse_fix(
-            tuple(p.sat for p in some), code_s, code_sigma_s, doppler_hz, doppler_sigma_hz, at_gpst, rough_sigma_s,
-            navigation, place_ecef_m=place_ecef_m, place_sigma_m=place_sigma_m, settings=settings,
-        )  # fmt: skip
+            tuple(p.sat for p in some),
+            code_s,
+            code_sigma_s,
+            doppler_hz,
+            doppler_sigma_hz,
+            at_gpst,
+            rough_sigma_s,
+            navigation,
+            place_ecef_m=place_ecef_m,
+            place_sigma_m=place_sigma_m,
+            settings=settings,
+        )
 
     coarse, used = solve(phases), phases
     # A false peak is a weak one. So the weakest goes first, while enough are left to catch a wrong set.
@@ -107,9 +118,11 @@ def snapshot(
         remarks.append(f"{left_out}: the weakest, left out until the others fitted one position")
     solved = coarse.status == 0
     return Snapshot(
-        coarse=coarse, phases=tuple(used if solved else phases),
-        fix=_as_fix(samples.name, coarse) if solved else None, remarks=tuple(remarks),
-    )  # fmt: skip
+        coarse=coarse,
+        phases=tuple(used if solved else phases),
+        fix=_as_fix(samples.name, coarse) if solved else None,
+        remarks=tuple(remarks),
+    )
 
 
 def _strongest(peaks: list[Peak], remarks: list[str]) -> list[Peak]:
@@ -117,8 +130,10 @@ def _strongest(peaks: list[Peak], remarks: list[str]) -> list[Peak]:
     kept: dict[str, Peak] = {}
     for peak in sorted(peaks, key=lambda p: -p.cn0_dbhz):
         if peak.sat in kept:
-            remarks.append(f"{peak.sat}: a second signal, {kept[peak.sat].cn0_dbhz - peak.cn0_dbhz:.1f} dB weaker; "
-                           "the stronger is used")  # fmt: skip
+            remarks.append(
+                f"{peak.sat}: a second signal, {kept[peak.sat].cn0_dbhz - peak.cn0_dbhz:.1f} dB weaker; "
+                "the stronger is used"
+            )
         kept.setdefault(peak.sat, peak)
     return [kept[sat] for sat in sorted(kept)]
 
@@ -131,8 +146,10 @@ def _credible(phases: list[CodePhase], remarks: list[str]) -> list[CodePhase]:
         if not phase.found:
             remarks.append(f"{phase.sat}: found by the search, but its delay could not be measured; left out")
         elif phase.cn0_dbhz < strongest_dbhz - _CROSS_DB:
-            remarks.append(f"{phase.sat}: {strongest_dbhz - phase.cn0_dbhz:.1f} dB below the strongest, as its "
-                           "cross-correlation would be; left out")  # fmt: skip
+            remarks.append(
+                f"{phase.sat}: {strongest_dbhz - phase.cn0_dbhz:.1f} dB below the strongest, as its "
+                "cross-correlation would be; left out"
+            )
         else:
             kept.append(phase)
     return kept

@@ -51,8 +51,9 @@ def stability_page() -> str:
 
 
 def _curve(one: Stability) -> AllanCurve:
-    return AllanCurve(name=one.name, tau_s=one.tau_s, deviation=one.deviation, lower=one.lower, upper=one.upper,
-                      theory=one.theory)  # fmt: skip
+    return AllanCurve(
+        name=one.name, tau_s=one.tau_s, deviation=one.deviation, lower=one.lower, upper=one.upper, theory=one.theory
+    )
 
 
 def write_pages(folder: str | Path, *, progress: Progress | None = None) -> list[Path]:

@@ -1,6 +1,7 @@
 """A scenario as a page: what is where, what is on when, what each receiver gets."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
@@ -45,14 +46,31 @@ _WEAKEST_DBHZ = 20.0  # that is drawn: no receiver tracks less
 _SEVERAL_SKIES = 3  # more receivers share the sky of the first
 
 _AXES: tuple[tuple[str, Literal["authentic", "spoofed", "multipath"]], ...] = (
-    ("east", "authentic"), ("north", "spoofed"), ("up", "multipath"),
-)  # fmt: skip
-_KINDS = {"meaconer": "meaconer", "spoofer": "spoofer", "takeover": "takeover", "cw": "line", "chirp": "chirp",
-          "noise": "noise"}  # fmt: skip
+    ("east", "authentic"),
+    ("north", "spoofed"),
+    ("up", "multipath"),
+)
+_KINDS = {
+    "meaconer": "meaconer",
+    "spoofer": "spoofer",
+    "takeover": "takeover",
+    "cw": "line",
+    "chirp": "chirp",
+    "noise": "noise",
+}
 _UNITS = {
-    "_m_s2": "m/s²", "_m_s": "m/s", "_dbhz": "dB-Hz", "_db": "dB", "_deg": "°", "_cyc": "cycles", "_hz": "Hz",
-    "_ppm": "ppm", "_gpst": "GPS time", "_m": "m", "_s": "s",
-}  # fmt: skip
+    "_m_s2": "m/s²",
+    "_m_s": "m/s",
+    "_dbhz": "dB-Hz",
+    "_db": "dB",
+    "_deg": "°",
+    "_cyc": "cycles",
+    "_hz": "Hz",
+    "_ppm": "ppm",
+    "_gpst": "GPS time",
+    "_m": "m",
+    "_s": "s",
+}
 _ANGLES, _PLACE = ("heading_deg", "pitch_deg", "roll_deg"), ("lat_deg", "lon_deg", "height_m")
 _SINGLE = {"sat_db": "dB", "sat_code_m": "m", "sat_code_m_s": "m/s", "sat_doppler_hz": "Hz"}
 
@@ -68,27 +86,40 @@ def scene_page(scenario: Scenario, navigation: NavigationData) -> str:
     origin = firsts[0].point(np.array([firsts[0].receiver.start_offset_s])).position_ecef_m[0]
     lat_rad, lon_rad, _ = geodetic_from_ecef(origin)
     several = any(sky.receiver.name != sky.name for sky in scene.skies)
-    return scene_html(ScenePage(
-        name=scenario.name, description=scenario.description, facts=tuple(_facts(scene)),
-        events=tuple(_events(scene)), zero="the scene’s start",
-        origin=f"{_degrees(lat_rad, 'N', 'S')}, {_degrees(lon_rad, 'E', 'W')}, where {firsts[0].receiver.name} begins",
-        ways=tuple(_ways(scene, at_s, origin)), displacements=tuple(_displacements(scene, firsts, at_s)),
-        arrays=tuple(_arrays(scenario)),
-        skies=tuple(_sky(scene, sky) for sky in (firsts if len(firsts) <= _SEVERAL_SKIES else firsts[:1])),
-        levels=tuple(series for sky in firsts for series in _levels(sky, at_s, scenario.duration_s)),
-        level_note=f"Nothing is drawn below {_WEAKEST_DBHZ:g} dB-Hz. Noise that transmitters add is taken into "
-        "account, lines and chirps are not."
-        + " Reflections are left out." * any(sky.rays for sky in firsts)
-        + " Of several antennas, the first." * several,
-        onset_s=min((attack.onset_s for attack in scenario.attacks), default=None),
-        offsets=tuple((sky.receiver.name, lines) for sky in firsts if (lines := tuple(_offsets(scene, sky, at_s)))),
-        disturbance=tuple((sky.receiver.name, lines) for sky in firsts
-                          if (lines := tuple(_disturbance(scenario, sky, at_s)))),
-        reflections=tuple((sky.receiver.name, lines) for sky in firsts
-                          if (lines := tuple(_reflections(sky, at_s, scenario.duration_s)))),
-        switching=tuple(_switching(scenario, at_s)), span_s=(float(at_s[0]), float(at_s[-1])),
-        settings=tuple(_settings(scenario)), made_by=f"Drawn by skyproof {version('skyproof')}.",
-    ))  # fmt: skip
+    return scene_html(
+        ScenePage(
+            name=scenario.name,
+            description=scenario.description,
+            facts=tuple(_facts(scene)),
+            events=tuple(_events(scene)),
+            zero="the scene’s start",
+            origin=f"{_degrees(lat_rad, 'N', 'S')}, {_degrees(lon_rad, 'E', 'W')}, "
+            f"where {firsts[0].receiver.name} begins",
+            ways=tuple(_ways(scene, at_s, origin)),
+            displacements=tuple(_displacements(scene, firsts, at_s)),
+            arrays=tuple(_arrays(scenario)),
+            skies=tuple(_sky(scene, sky) for sky in (firsts if len(firsts) <= _SEVERAL_SKIES else firsts[:1])),
+            levels=tuple(series for sky in firsts for series in _levels(sky, at_s, scenario.duration_s)),
+            level_note=f"Nothing is drawn below {_WEAKEST_DBHZ:g} dB-Hz. Noise that transmitters add is taken into "
+            "account, lines and chirps are not."
+            + " Reflections are left out." * any(sky.rays for sky in firsts)
+            + " Of several antennas, the first." * several,
+            onset_s=min((attack.onset_s for attack in scenario.attacks), default=None),
+            offsets=tuple((sky.receiver.name, lines) for sky in firsts if (lines := tuple(_offsets(scene, sky, at_s)))),
+            disturbance=tuple(
+                (sky.receiver.name, lines) for sky in firsts if (lines := tuple(_disturbance(scenario, sky, at_s)))
+            ),
+            reflections=tuple(
+                (sky.receiver.name, lines)
+                for sky in firsts
+                if (lines := tuple(_reflections(sky, at_s, scenario.duration_s)))
+            ),
+            switching=tuple(_switching(scenario, at_s)),
+            span_s=(float(at_s[0]), float(at_s[-1])),
+            settings=tuple(_settings(scenario)),
+            made_by=f"Drawn by skyproof {version('skyproof')}.",
+        )
+    )
 
 
 def write_page(path: Path, scenario: Scenario, navigation: NavigationData) -> None:
@@ -221,8 +252,10 @@ def _displacements(scene: Scene, firsts: list[ReceiverSky], at_s: Reals) -> Iter
         away_m = np.einsum("nij,nj->ni", rot_enu, shown(at_s).position_ecef_m - here_m)
         away_m[~on] = np.nan
         if np.ptp(away_m[on], axis=0).max(initial=0.0) > _STANDS_M:
-            lines = tuple(Line(name=axis, kind=kind, seconds=at_s, values=away_m[:, column])
-                          for column, (axis, kind) in enumerate(_AXES))  # fmt: skip
+            lines = tuple(
+                Line(name=axis, kind=kind, seconds=at_s, values=away_m[:, column])
+                for column, (axis, kind) in enumerate(_AXES)
+            )
             yield f"What {name} shows to {target}", lines
 
 
@@ -239,12 +272,11 @@ def _arrays(scenario: Scenario) -> Iterator[tuple[str, tuple[Element, ...]]]:
 
 def _element(antenna: Antenna) -> Element:
     forward_m, right_m, down_m = antenna.body_m
-    place = {"name": antenna.name, "forward_m": forward_m, "right_m": right_m, "down_m": down_m}
-    if antenna.spin is None:
-        return Element(**place)  # type: ignore[arg-type]
+    element = Element(name=antenna.name, forward_m=forward_m, right_m=right_m, down_m=down_m)
     spin = antenna.spin
-    return Element(**place, radius_m=spin.radius_m, start_deg=spin.start_deg,  # type: ignore[arg-type]
-                   clockwise=spin.rate_hz >= 0.0)  # fmt: skip
+    if spin is None:
+        return element
+    return replace(element, radius_m=spin.radius_m, start_deg=spin.start_deg, clockwise=spin.rate_hz >= 0.0)
 
 
 def _sky(scene: Scene, sky: ReceiverSky) -> SceneSky:
@@ -253,11 +285,15 @@ def _sky(scene: Scene, sky: ReceiverSky) -> SceneSky:
     place = here.position_ecef_m[0]
     row = int(np.abs(sky.knots_s - half_s).argmin())
     positions = [
-        SkyPosition(receiver=sky.name, signal=str(heard.id), label=_label(heard),
-                    azimuth_deg=float(np.degrees(sky.az_rad[row, column])),
-                    elevation_deg=float(np.degrees(sky.el_rad[row, column])))
+        SkyPosition(
+            receiver=sky.name,
+            signal=str(heard.id),
+            label=_label(heard),
+            azimuth_deg=float(np.degrees(sky.az_rad[row, column])),
+            elevation_deg=float(np.degrees(sky.el_rad[row, column])),
+        )
         for column, heard in enumerate(sky.signals)
-    ]  # fmt: skip
+    ]
     transmitters = [
         (name if number == 0 else f"{name} {number + 1}", site)
         for name, attack in zip(scene.scenario.attack_names, scene.scenario.attacks, strict=True)
@@ -267,12 +303,16 @@ def _sky(scene: Scene, sky: ReceiverSky) -> SceneSky:
     axes: list[SkySource] = []
     if _has_attitude(sky.receiver):
         forward, right, down = here.attitude[0].T
-        axes = [_direction(name, place, place + 1e3 * axis)
-                for name, axis in (("forward", forward), ("right", right), ("up", -down))]  # fmt: skip
+        axes = [
+            _direction(name, place, place + 1e3 * axis)
+            for name, axis in (("forward", forward), ("right", right), ("up", -down))
+        ]
     return SceneSky(
-        receiver=sky.receiver.name, positions=tuple(positions), axes=tuple(axes),
+        receiver=sky.receiver.name,
+        positions=tuple(positions),
+        axes=tuple(axes),
         sources=tuple(_direction(name, place, _point(site)(half_s).position_ecef_m[0]) for name, site in transmitters),
-    )  # fmt: skip
+    )
 
 
 def _label(heard: HeardSignal) -> Any:
@@ -303,10 +343,14 @@ def _levels(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[Signal
     cn0_dbhz = sky.cn0_dbhz(at_s) - 10.0 * np.log10(1.0 + added)[:, np.newaxis]
     for column, heard in enumerate(sky.signals):
         yield SignalSeries(
-            receiver=sky.receiver.name, signal=str(heard.id), label=_label(heard), seconds=at_s,
-            cn0_dbhz=np.where(_heard_at(heard, at_s) & (cn0_dbhz[:, column] >= _WEAKEST_DBHZ), cn0_dbhz[:, column],
-                              np.nan),
-        )  # fmt: skip
+            receiver=sky.receiver.name,
+            signal=str(heard.id),
+            label=_label(heard),
+            seconds=at_s,
+            cn0_dbhz=np.where(
+                _heard_at(heard, at_s) & (cn0_dbhz[:, column] >= _WEAKEST_DBHZ), cn0_dbhz[:, column], np.nan
+            ),
+        )
 
 
 def _own(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Reals:
@@ -330,20 +374,28 @@ def _offsets(scene: Scene, sky: ReceiverSky, at_s: Reals) -> Iterator[Line]:
             continue
         both = _heard_at(heard, at_s) & _heard_at(sky.signals[other], at_s)
         several = f" {heard.source}" if len(scene.scenario.attacks) > 1 else ""
-        yield Line(name=f"{heard.id.sat}{several}", kind="spoofed", seconds=at_s,
-                   values=np.where(both, behind_m[:, column] - behind_m[:, other], np.nan))  # fmt: skip
+        yield Line(
+            name=f"{heard.id.sat}{several}",
+            kind="spoofed",
+            seconds=at_s,
+            values=np.where(both, behind_m[:, column] - behind_m[:, other], np.nan),
+        )
 
 
 def _disturbance(scenario: Scenario, sky: ReceiverSky, at_s: Reals) -> Iterator[Line]:
     at_s = _own(sky, at_s, scenario.duration_s)
-    names = [name for name, attack in zip(scenario.attack_names, scenario.attacks, strict=True)
-             if attack.noise_db is not None]  # fmt: skip
+    names = [
+        name
+        for name, attack in zip(scenario.attack_names, scenario.attacks, strict=True)
+        if attack.noise_db is not None
+    ]
     names += [source.name or source.kind for source in scenario.interference if source.kind == "noise"]
     names += [source.name or source.kind for source in scenario.interference if source.kind != "noise"]
     for name, source in zip(names, (*sky.noises, *sky.jammers), strict=True):
         power = _within(source, at_s)
-        yield Line(name=name, kind="multipath", seconds=at_s,
-                   values=10.0 * np.log10(np.where(power > 0.0, power, np.nan)))  # fmt: skip
+        yield Line(
+            name=name, kind="multipath", seconds=at_s, values=10.0 * np.log10(np.where(power > 0.0, power, np.nan))
+        )
 
 
 def _reflections(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[Line]:
@@ -351,22 +403,32 @@ def _reflections(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[L
     for ray in sky.rays:
         heard = sky.signals[ray.of]
         longer_m = SPEED_OF_LIGHT_M_S * ray.further_s(at_s)
-        yield Line(name=heard.id.sat, kind="multipath", seconds=at_s,
-                   values=np.where(_heard_at(heard, at_s), longer_m, np.nan))  # fmt: skip
+        yield Line(
+            name=heard.id.sat, kind="multipath", seconds=at_s, values=np.where(_heard_at(heard, at_s), longer_m, np.nan)
+        )
 
 
 def _switching(scenario: Scenario, at_s: Reals) -> Iterator[Switching]:
     for name, attack in zip(scenario.attack_names, scenario.attacks, strict=True):
         on = np.any([(at_s >= begin) & (at_s <= end) for begin, end in attack.windows_s], axis=0)
         what = "against the true signals"
-        yield Switching(name=name, what=what, role="transmits", seconds=at_s,
-                        power_db=np.where(on, attack.power_at_db(at_s), np.nan))  # fmt: skip
+        yield Switching(
+            name=name,
+            what=what,
+            role="transmits",
+            seconds=at_s,
+            power_db=np.where(on, attack.power_at_db(at_s), np.nan),
+        )
     for source in scenario.interference:
         until_s = np.inf if source.until_s is None else source.until_s
         on = (at_s >= source.onset_s) & (at_s <= until_s)
-        yield Switching(name=source.name or source.kind, what=f"{_KINDS[source.kind]}, over the noise",
-                        role="disturbs", seconds=at_s,
-                        power_db=np.where(on, source.power_at_db(at_s), np.nan))  # fmt: skip
+        yield Switching(
+            name=source.name or source.kind,
+            what=f"{_KINDS[source.kind]}, over the noise",
+            role="disturbs",
+            seconds=at_s,
+            power_db=np.where(on, source.power_at_db(at_s), np.nan),
+        )
 
 
 # --- settings
@@ -424,5 +486,3 @@ def _unit(path: str) -> str:
     if "_points_" not in key:
         return unit
     return f"{', '.join(['s', *[unit] * (3 if '_enu_' in key else 1)])}" if not key.startswith("points") else unit
-
-

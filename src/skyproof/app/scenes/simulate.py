@@ -69,8 +69,10 @@ class SimulateResult:
         """What was made, for a notebook."""
         made = self.scenario
         attacks = ", ".join(made.attack_names) or "none"
-        told = (f"{made.description} {made.duration_s:g} s from {made.start_gpst} GPS time; receivers: "
-                f"{', '.join(r.name for r in made.receivers)}; attacks: {attacks}.")  # fmt: skip
+        told = (
+            f"{made.description} {made.duration_s:g} s from {made.start_gpst} GPS time; receivers: "
+            f"{', '.join(r.name for r in made.receivers)}; attacks: {attacks}."
+        )
         there = [(name, self.folder / name) for name in self.files]
         rows = [(name, _size(path.stat().st_size)) for name, path in there if path.exists()]
         return notebook_html(f"Scene {made.name}", [told.strip()], ((f"file in {self.folder}", "size"), rows))
@@ -134,9 +136,15 @@ def simulate(
     scene = scene_of(made, navigation)
     measured = _measured(scene, required=depth == "measurements", progress=progress) if with_measurements else []
     files = (
-        _SCENARIO, NAVIGATION, *sorted(set(alone.files) - {NAVIGATION}), _TRUTH, *series_names(scene),
-        *(one.name for one in measured), *(sample_names(scene, kind) if with_samples else ()), *((PAGE,) * plot),
-    )  # fmt: skip
+        _SCENARIO,
+        NAVIGATION,
+        *sorted(set(alone.files) - {NAVIGATION}),
+        _TRUTH,
+        *series_names(scene),
+        *(one.name for one in measured),
+        *(sample_names(scene, kind) if with_samples else ()),
+        *((PAGE,) * plot),
+    )
     _require_different(files)
     octets = series_octets(scene) + (samples_octets(made) if with_samples else 0)
     octets += _OBS_OCTETS * sum(one.observations.gpst.size * len(one.signals) for one in measured)
@@ -164,10 +172,13 @@ def simulate(
         interrupted = True
     there = tuple(name for name in files if (folder / name).exists())
     return SimulateResult(
-        scenario=made, folder=folder, files=there, interrupted=interrupted,
+        scenario=made,
+        folder=folder,
+        files=there,
+        interrupted=interrupted,
         recordings=tuple(folder / name for name in there if name.endswith((".bin", ".sigmf-meta"))),
         observations=tuple(folder / one.name for one in measured if one.name in there),
-    )  # fmt: skip
+    )
 
 
 # --- which scene
@@ -231,8 +242,10 @@ def _write_inputs(folder: Path, scene: Scene, alone: Standalone) -> None:
             file.write(octets)
     if NAVIGATION not in alone.files:
         write_nav(folder / NAVIGATION, scene.navigation, created=utc_from_gpst(scene.scenario.start_gpst))
-    comments = (f"everything that made the scene, by skyproof {version('skyproof')}",
-                "the same again: skyproof simulate scenario.toml --out FOLDER")  # fmt: skip
+    comments = (
+        f"everything that made the scene, by skyproof {version('skyproof')}",
+        "the same again: skyproof simulate scenario.toml --out FOLDER",
+    )
     write_lines(folder / _SCENARIO, alone.lines(*comments), encoding="utf-8")
 
 

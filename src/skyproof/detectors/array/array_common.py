@@ -65,10 +65,13 @@ def cluster_evidence(
     if n < 2:
         return [
             undecided(
-                detector, records, refs, because=f"{n} signals make no pair to compare",
+                detector,
+                records,
+                refs,
+                because=f"{n} signals make no pair to compare",
                 would_need="two or more signals over the same time",
             )
-        ]  # fmt: skip
+        ]
     clusters = equal_clusters(values, covariance, false_alarm_probability=alpha, wrapped=wrapped)
     chance = equality_chance(design, np.mean(covariance, axis=0), clusters.limit, wrapped=wrapped)
     satellites = len({ref.signal.sat for ref in refs})
@@ -85,12 +88,18 @@ def cluster_evidence(
             continue
         found.append(
             Evidence(
-                detector=detector.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst,
-                subject=tuple(refs[k] for k in members), says="spoofed", false_alarm_probability=alpha, p_value=p_value,
+                detector=detector.name,
+                start_gpst=records.start_gpst,
+                end_gpst=records.end_gpst,
+                subject=tuple(refs[k] for k in members),
+                says="spoofed",
+                false_alarm_probability=alpha,
+                p_value=p_value,
                 because=f"signals of {size} of {satellites} satellites come to {refs[0].receiver} from one direction",
-                statistic=float(clusters.distance[np.ix_(members, members)].max()), threshold=clusters.limit,
+                statistic=float(clusters.distance[np.ix_(members, members)].max()),
+                threshold=clusters.limit,
             )
-        )  # fmt: skip
+        )
     if found:
         return found
     statistic = float(equal_statistic(values, covariance, wrapped=wrapped)[0])
@@ -98,19 +107,28 @@ def cluster_evidence(
     if unclear or p_value >= alpha:
         return [
             undecided(
-                detector, records, refs, would_need="a longer window, more satellites, or a larger array or arm",
+                detector,
+                records,
+                refs,
+                would_need="a longer window, more satellites, or a larger array or arm",
                 because=f"some of {n} signals in {refs[0].receiver} are too near to each other to tell their "
                 "directions apart, and too few to have come from one",
             )
-        ]  # fmt: skip
+        ]
     return [
         Evidence(
-            detector=detector.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst, subject=refs,
-            says="authentic", because=f"no two of {n} signals come to {refs[0].receiver} from one direction",
-            statistic=statistic, threshold=float(chi_square_threshold(alpha, (n - 1) * d)),
-            false_alarm_probability=alpha, p_value=p_value,
+            detector=detector.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=refs,
+            says="authentic",
+            because=f"no two of {n} signals come to {refs[0].receiver} from one direction",
+            statistic=statistic,
+            threshold=float(chi_square_threshold(alpha, (n - 1) * d)),
+            false_alarm_probability=alpha,
+            p_value=p_value,
         )
-    ]  # fmt: skip
+    ]
 
 
 @dataclass(frozen=True)
@@ -155,6 +173,11 @@ class ArrayCommon:
         used = np.array(sorted(used, key=lambda k: phases.signals[k]), np.intp)
         wavelength_m = SPEED_OF_LIGHT_M_S / (phases.carrier_hz[used[0]] if used.size else 1.0)
         return cluster_evidence(
-            self, records, [SignalRef(phases.receiver, phases.signals[k]) for k in used], mean.cycles[used],
-            white_covariance(mean.sigma_cyc[used]), array_design(phases.elements_m / wavelength_m), wrapped=True,
-        )  # fmt: skip
+            self,
+            records,
+            [SignalRef(phases.receiver, phases.signals[k]) for k in used],
+            mean.cycles[used],
+            white_covariance(mean.sigma_cyc[used]),
+            array_design(phases.elements_m / wavelength_m),
+            wrapped=True,
+        )

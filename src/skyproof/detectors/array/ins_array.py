@@ -36,11 +36,26 @@ from skyproof.statistics.directions import nearest_whole, squared_norm
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
-    "InsArray", "InsArraySettings", "MeanDifferences", "array_design", "between_signals", "blind_directions",
-    "conditional_statistics", "differences", "direction_statistic", "equilateral_triangle", "joint_statistic",
-    "mean_differences", "predicted_directions", "regular_tetrahedron", "residual_covariance", "single_statistic",
-    "sky_p_value", "unexplained", "white_covariance",
-]  # fmt: skip
+    "InsArray",
+    "InsArraySettings",
+    "MeanDifferences",
+    "array_design",
+    "between_signals",
+    "blind_directions",
+    "conditional_statistics",
+    "differences",
+    "direction_statistic",
+    "equilateral_triangle",
+    "joint_statistic",
+    "mean_differences",
+    "predicted_directions",
+    "regular_tetrahedron",
+    "residual_covariance",
+    "single_statistic",
+    "sky_p_value",
+    "unexplained",
+    "white_covariance",
+]
 
 
 def equilateral_triangle(side: float) -> Reals:
@@ -239,9 +254,7 @@ def blind_directions(direction: ArrayLike, elements_cyc: ArrayLike, *, tolerance
     # Two independent baselines give all candidates; the others must then be whole, too.
     pair = design[_independent(design[:, :2]), :2]
     reach = np.ceil(2.0 * np.linalg.norm(pair, axis=-1)).astype(int)
-    whole = np.stack(
-        np.meshgrid(*(np.arange(-k, k + 1) for k in reach), indexing="ij"), axis=-1
-    ).reshape(-1, 2)  # fmt: skip
+    whole = np.stack(np.meshgrid(*(np.arange(-k, k + 1) for k in reach), indexing="ij"), axis=-1).reshape(-1, 2)
     there = level + np.linalg.solve(pair, whole.T).T
     others = (there - level) @ design[:, :2].T
     squared = np.sum(there**2, axis=-1)
@@ -281,9 +294,7 @@ def mean_differences(phases: ArrayPhases, predicted_cyc: ArrayLike = 0.0) -> Mea
     return MeanDifferences(mean, np.sqrt(np.einsum("kn,knm->nm", share**2, variance)), share, count)
 
 
-def predicted_directions(
-    phases: ArrayPhases, state: NavState, navigation: NavigationData
-) -> Reals:
+def predicted_directions(phases: ArrayPhases, state: NavState, navigation: NavigationData) -> Reals:
     """Unit vectors (n_epochs, n_channels, 3) to the satellites in the body frame; NaN without a fresh ephemeris or
     outside the time of the inertial system.
 
@@ -374,9 +385,7 @@ class InsArray:
         attitude: NavState = records.extras["nav_state"]
         return [self._array(records, phases, attitude, records.navigation) for phases in arrays], state
 
-    def _array(
-        self, records: Records, phases: ArrayPhases, state: NavState, navigation: NavigationData
-    ) -> Evidence:
+    def _array(self, records: Records, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> Evidence:
         direction = predicted_directions(phases, state, navigation)
         elements_cyc = phases.elements_m * (L1_HZ / SPEED_OF_LIGHT_M_S)
         ratio = phases.carrier_hz / L1_HZ
@@ -385,10 +394,12 @@ class InsArray:
         refs = tuple(SignalRef(phases.receiver, phases.signals[k]) for k in used)
         if used.size == 0:
             return undecided(
-                self, records, tuple(SignalRef(phases.receiver, s) for s in phases.signals),
+                self,
+                records,
+                tuple(SignalRef(phases.receiver, s) for s in phases.signals),
                 because=f"no signal on all antennas of {phases.receiver} while its attitude and an ephemeris are known",
                 would_need="phases of all antennas, ephemerides, and attitudes over the same time",
-            )  # fmt: skip
+            )
         covariance = residual_covariance(
             elements_cyc,
             np.einsum("kn,kni->ni", mean.share, np.nan_to_num(direction))[used],
@@ -407,12 +418,17 @@ class InsArray:
         if false:
             because = f"{len(false)} of {n} signals do not come to the array {phases.receiver} from their satellites"
         return Evidence(
-            detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst,
-            subject=tuple(refs[k] for k in false) if false else refs, says="spoofed" if false else "clean",
-            because=because, p_value=p_value, false_alarm_probability=alpha,
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=tuple(refs[k] for k in false) if false else refs,
+            says="spoofed" if false else "clean",
+            because=because,
+            p_value=p_value,
+            false_alarm_probability=alpha,
             statistic=float(joint_statistic(residual, covariance, wrapped=True)),
             threshold=float(chi_square_threshold(0.5 * alpha, residual.size)),
-        )  # fmt: skip
+        )
 
     def _attitude_covariance(self, state: NavState) -> Reals:
         """(3, 3) in the body frame, in the middle of the window: an inertial system's error hardly changes in it."""

@@ -34,11 +34,28 @@ from skyproof.records import Evidence, Observations, Records, SignalRef, SpinArm
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = [
-    "DEGREE_2_LASTS_S", "Mended", "PredictedTest", "Spin", "SpinFit", "SpinRate", "SpinSettings", "arm_angles",
-    "arm_columns", "authentic_threshold", "circular_threshold", "estimate_rate", "full_fit", "full_information",
-    "mend_slips", "minus_mean", "paired_fit", "paired_information", "predicted_test", "spoofed_detection",
+    "DEGREE_2_LASTS_S",
+    "Mended",
+    "PredictedTest",
+    "Spin",
+    "SpinFit",
+    "SpinRate",
+    "SpinSettings",
+    "arm_angles",
+    "arm_columns",
+    "authentic_threshold",
+    "circular_threshold",
+    "estimate_rate",
+    "full_fit",
+    "full_information",
+    "mend_slips",
+    "minus_mean",
+    "paired_fit",
+    "paired_information",
+    "predicted_test",
+    "spoofed_detection",
     "step_statistics",
-]  # fmt: skip
+]
 
 DEGREE_2_LASTS_S = 15.0
 """Up to here what a quadratic leaves of the motion of a pair of satellites adds less than 1 to the noncentrality; from
@@ -106,9 +123,7 @@ def circular_threshold(false_alarm_probability: float) -> float:
     "T below the threshold that belongs to T" is "T below this", whatever the samples, the radius and the rate:
     0.0203 at 0.01, and spoofed pairs are then found with a probability of 0.0101.
     """
-    return float(
-        optimize.brentq(lambda t: special.chndtr(t, 2, t) - false_alarm_probability, 1e-12, 100.0, xtol=1e-14)
-    )
+    return float(optimize.brentq(lambda t: special.chndtr(t, 2, t) - false_alarm_probability, 1e-12, 100.0, xtol=1e-14))
 
 
 # The whole series -----------------------------------------------------------------------------------------------------
@@ -386,10 +401,13 @@ class Spin:
         if len(refs) < 2 or time_s.size < degree + 5:
             return [
                 undecided(
-                    self, records, signals_of((observations,)), because="fewer than two signals with an unbroken phase",
+                    self,
+                    records,
+                    signals_of((observations,)),
+                    because="fewer than two signals with an unbroken phase",
                     would_need="carrier phases of two or more signals, ten times a second or so",
                 )
-            ]  # fmt: skip
+            ]
         wavelength_m = SPEED_OF_LIGHT_M_S / observations.carrier_hz[channels[0]]
         radius_cyc = arm.radius_m / wavelength_m
         sigma_cyc = float(np.median(observations.carrier_sigma_cyc[np.ix_(epochs, channels)]))
@@ -400,10 +418,16 @@ class Spin:
         if arm.rate_sigma_rad_s > 0.0:
             rate_rad_s = float(
                 estimate_rate(
-                    phase_cyc, arm.rate_rad_s, radius_cyc=radius_cyc, sigma_cyc=sigma_cyc, degree=degree, time=time_s,
-                    rate_sigma_rad=arm.rate_sigma_rad_s, within=5.0 * arm.rate_sigma_rad_s / abs(arm.rate_rad_s),
+                    phase_cyc,
+                    arm.rate_rad_s,
+                    radius_cyc=radius_cyc,
+                    sigma_cyc=sigma_cyc,
+                    degree=degree,
+                    time=time_s,
+                    rate_sigma_rad=arm.rate_sigma_rad_s,
+                    within=5.0 * arm.rate_sigma_rad_s / abs(arm.rate_rad_s),
                 ).rate_rad
-            )  # fmt: skip
+            )
             angle_rad = rate_rad_s * time_s
         fit = full_fit(
             minus_mean(phase_cyc), angle_rad, radius_cyc=radius_cyc, sigma_cyc=sigma_cyc, degree=degree, time=time_s

@@ -67,11 +67,13 @@ class ContinuitySettings:
     @property
     def limits(self) -> Limits:
         return Limits(
-            span_s=self.span_s, multipath_sigma_m=self.multipath_sigma_m,
+            span_s=self.span_s,
+            multipath_sigma_m=self.multipath_sigma_m,
             acceleration_m_s2=self.acceleration_max_m_s2,
             speed_m_s=np.inf if self.speed_max_m_s is None else self.speed_max_m_s,
-            clock_jump=self.clock_jump, clock_pace_s=self.clock_pace_s,
-        )  # fmt: skip
+            clock_jump=self.clock_jump,
+            clock_pace_s=self.clock_pace_s,
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -177,9 +179,12 @@ class _Window:
         now, sources = one_signal_a_satellite(self.o, members, before, {} if self.past is None else self.past.sources)
         stretch = now if self.past is None else joined(self.past.tail, now)
         look = _Look(
-            members=members, place_ecef_m=place_ecef_m, stretch=stretch, sources=sources,
+            members=members,
+            place_ecef_m=place_ecef_m,
+            stretch=stretch,
+            sources=sources,
             new=stretch.gpst.size - now.gpst.size,
-        )  # fmt: skip
+        )
         if stretch.gpst.size < 3 or now.gpst.size == 0:
             return look
         series = series_of(stretch, self.navigation, place_ecef_m, self.limits)
@@ -199,35 +204,52 @@ class _Window:
         if step.missing_s > 0.0 and step.row >= look.new:
             when = _clock(look.stretch, step)
             ahead = undecided(
-                self.detector, self.records, subject,
+                self.detector,
+                self.records,
+                subject,
                 because=f"{receiver}: at {when} the signals' time is {_seconds(step.missing_s)} ahead and all carriers "
                 "break at once: samples are missing there, or time is false",
                 would_need="a recording without gaps",
-            )  # fmt: skip
+            )
             return replace(ahead, noted=True)
         return Evidence(
-            detector=self.detector.name, start_gpst=self.records.start_gpst, end_gpst=self.records.end_gpst,
-            subject=subject, says="clean", because=f"position, velocity, clock and time of {receiver} go on",
-            statistic=step.statistic, false_alarm_probability=self.alpha, p_value=step.p_value,
-        )  # fmt: skip
+            detector=self.detector.name,
+            start_gpst=self.records.start_gpst,
+            end_gpst=self.records.end_gpst,
+            subject=subject,
+            says="clean",
+            because=f"position, velocity, clock and time of {receiver} go on",
+            statistic=step.statistic,
+            false_alarm_probability=self.alpha,
+            p_value=step.p_value,
+        )
 
     def _broken(
         self, subject: tuple[SignalRef, ...], because: str, p_value: float, statistic: float | None
     ) -> Evidence:
         return Evidence(
-            detector=self.detector.name, start_gpst=self.records.start_gpst, end_gpst=self.records.end_gpst,
-            subject=subject, says="undecided", because=because, statistic=statistic,
-            false_alarm_probability=self.alpha, p_value=p_value, overrules=True,
+            detector=self.detector.name,
+            start_gpst=self.records.start_gpst,
+            end_gpst=self.records.end_gpst,
+            subject=subject,
+            says="undecided",
+            because=because,
+            statistic=statistic,
+            false_alarm_probability=self.alpha,
+            p_value=p_value,
+            overrules=True,
             would_need="the recording as the receiver made it, in one piece; or to protect what is before and what is "
             "after by themselves",
-        )  # fmt: skip
+        )
 
     def _too_few(self) -> Evidence:
         return undecided(
-            self.detector, self.records, tuple(SignalRef(self.o.receiver, s) for s in self.o.signals),
+            self.detector,
+            self.records,
+            tuple(SignalRef(self.o.receiver, s) for s in self.o.signals),
             because=f"too few satellites in {self.o.receiver} before and after any moment to tell whether they go on",
             would_need="5 or more satellites with pseudoranges over a longer time",
-        )  # fmt: skip
+        )
 
     def _subject(self, look: _Look) -> tuple[SignalRef, ...]:
         measured = np.isfinite(self.o.pseudorange_m).any(axis=0)
@@ -243,9 +265,13 @@ class _Window:
             first = max(int(first), step.row)  # what came before is no measure of what comes next
             broke, p_value = _told(self.o.receiver, stretch, step), step.p_value
         return _Past(
-            tail=rows_of(stretch, slice(int(first), None)), sources=look.sources, members=look.members,
-            place_ecef_m=look.place_ecef_m, broke=broke, p_value=p_value,
-        )  # fmt: skip
+            tail=rows_of(stretch, slice(int(first), None)),
+            sources=look.sources,
+            members=look.members,
+            place_ecef_m=look.place_ecef_m,
+            broke=broke,
+            p_value=p_value,
+        )
 
     # Levels -----------------------------------------------------------------------------------------------------------
 
@@ -266,14 +292,20 @@ class _Window:
         stepped = p_value < self.alpha
         word = "stronger" if change_db > 0.0 else "weaker"
         return Evidence(
-            detector=self.detector.name, start_gpst=self.records.start_gpst, end_gpst=self.records.end_gpst,
-            subject=self._subject(look), says="undecided" if stepped else "clean",
+            detector=self.detector.name,
+            start_gpst=self.records.start_gpst,
+            end_gpst=self.records.end_gpst,
+            subject=self._subject(look),
+            says="undecided" if stepped else "clean",
             because=f"all satellites in {receiver} became {word} by {abs(change_db):.0f} dB together: shade, a change "
-            "of gain, noise, or other signals in their place" if stepped
+            "of gain, noise, or other signals in their place"
+            if stepped
             else f"the levels of the satellites in {receiver} do not step together",
-            statistic=change_db, false_alarm_probability=self.alpha, p_value=p_value,
+            statistic=change_db,
+            false_alarm_probability=self.alpha,
+            p_value=p_value,
             would_need="a second receiver, whose levels go on" if stepped else None,
-        )  # fmt: skip
+        )
 
     def _too_strong(self) -> Evidence | None:
         """Signals over `CN0_MAX_DBHZ` for most of the window. The mean of n epochs is known to 1 dB / sqrt(n) or
@@ -289,13 +321,19 @@ class _Window:
         if loud.size == 0:
             return None
         return Evidence(
-            detector=self.detector.name, start_gpst=self.records.start_gpst, end_gpst=self.records.end_gpst,
-            subject=tuple(SignalRef(self.o.receiver, self.o.signals[k]) for k in loud), says="undecided",
+            detector=self.detector.name,
+            start_gpst=self.records.start_gpst,
+            end_gpst=self.records.end_gpst,
+            subject=tuple(SignalRef(self.o.receiver, self.o.signals[k]) for k in loud),
+            says="undecided",
             because=f"{loud.size} signals in {self.o.receiver} are stronger than any GPS signal, up to "
             f"{level.max():.0f} dB-Hz: they are imitations, unless a dish or a beam receives them",
-            statistic=float(level.max()), threshold=CN0_MAX_DBHZ, false_alarm_probability=self.alpha, p_value=0.0,
+            statistic=float(level.max()),
+            threshold=CN0_MAX_DBHZ,
+            false_alarm_probability=self.alpha,
+            p_value=0.0,
             would_need="what the antenna's gain is",
-        )  # fmt: skip
+        )
 
 
 def _largest(sets: Sequence[ConsistentSet]) -> Sequence[ConsistentSet]:

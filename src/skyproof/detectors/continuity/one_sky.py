@@ -13,8 +13,15 @@ __all__ = ["MIN_SATELLITES", "joined", "one_signal_a_satellite", "rows_of"]
 
 MIN_SATELLITES = 5
 _WHATEVER = np.array(False)  # half a cycle is 10 cm
-_CELLS = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc",
-          "doppler_sigma_hz")  # fmt: skip
+_CELLS = (
+    "pseudorange_m",
+    "carrier_cyc",
+    "doppler_hz",
+    "cn0_dbhz",
+    "pseudorange_sigma_m",
+    "carrier_sigma_cyc",
+    "doppler_sigma_hz",
+)
 
 
 def one_signal_a_satellite(
@@ -51,16 +58,19 @@ def one_signal_a_satellite(
     last = {sats[n]: o.signals[chosen[-1, n]] for n in np.flatnonzero(whole)}
     carrier_hz = np.array([o.carrier_hz[columns[sat][0]] for sat in sats])
     one = replace(
-        rows_of(o, kept), signals=tuple(SignalId(sat) for sat in sats), status=status.astype(np.uint8),
-        carrier_hz=carrier_hz, found_elapsed_s=np.zeros(len(sats)),
-        missed_elapsed_s=np.full(len(sats), np.nan), half_cycle_open=_WHATEVER, **cells,
-    )  # fmt: skip
+        rows_of(o, kept),
+        signals=tuple(SignalId(sat) for sat in sats),
+        status=status.astype(np.uint8),
+        carrier_hz=carrier_hz,
+        found_elapsed_s=np.zeros(len(sats)),
+        missed_elapsed_s=np.full(len(sats), np.nan),
+        half_cycle_open=_WHATEVER,
+        **cells,
+    )
     return one, last
 
 
-def _breaks(
-    chosen: Integers, o: Observations, sats: Sequence[str], sources: Mapping[str, SignalId]
-) -> Booleans:
+def _breaks(chosen: Integers, o: Observations, sats: Sequence[str], sources: Mapping[str, SignalId]) -> Booleans:
     """Where a satellite's carrier does not go on from the epoch before: a slip, a gap, or another signal."""
     first = [o.signals.index(sources[sat]) if sources.get(sat) in o.signals else -1 for sat in sats]
     before = np.vstack((np.array(first, np.int64)[None], chosen[:-1]))
@@ -89,16 +99,26 @@ def joined(before: Observations, after: Observations) -> Observations:
         zip(after.signals, after.carrier_hz, strict=True)
     )
     return replace(
-        after, signals=signals, gpst=np.concatenate((before.gpst, after.gpst)),
-        elapsed_s=np.concatenate((before.elapsed_s, after.elapsed_s)), status=status,
-        found_elapsed_s=np.zeros(len(signals)), missed_elapsed_s=np.full(len(signals), np.nan),
-        carrier_hz=np.array([carrier_hz[s] for s in signals]), half_cycle_open=_WHATEVER, **cells,
-    )  # fmt: skip
+        after,
+        signals=signals,
+        gpst=np.concatenate((before.gpst, after.gpst)),
+        elapsed_s=np.concatenate((before.elapsed_s, after.elapsed_s)),
+        status=status,
+        found_elapsed_s=np.zeros(len(signals)),
+        missed_elapsed_s=np.full(len(signals), np.nan),
+        carrier_hz=np.array([carrier_hz[s] for s in signals]),
+        half_cycle_open=_WHATEVER,
+        **cells,
+    )
 
 
 def rows_of(o: Observations, rows: Any) -> Observations:
     """The chosen epochs."""
     return replace(
-        o, gpst=o.gpst[rows], elapsed_s=o.elapsed_s[rows], status=o.status[rows], half_cycle_open=_WHATEVER,
+        o,
+        gpst=o.gpst[rows],
+        elapsed_s=o.elapsed_s[rows],
+        status=o.status[rows],
+        half_cycle_open=_WHATEVER,
         **{name: getattr(o, name)[rows] for name in _CELLS},
-    )  # fmt: skip
+    )

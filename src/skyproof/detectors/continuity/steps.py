@@ -179,18 +179,21 @@ def largest_step(series: Series, rows: Indices, limits: Limits, *, alpha: float)
     best = _to_name(together.min(axis=1), jump, missing_s, alpha)
     k, gap_s = int(rows[best]), float(series.elapsed_s[rows[best]] - series.elapsed_s[rows[best] - 1])
     return Step(
-        row=k, p_value=float(together[best].min()),
+        row=k,
+        p_value=float(together[best].min()),
         kinds=tuple(kind for kind, p in zip(KINDS, together[best], strict=True) if p < alpha),
-        position_m=float(np.linalg.norm(jump.jump[best, :3])), clock_s=float(jump.jump[best, 3]) / SPEED_OF_LIGHT_M_S,
-        speed_m_s=float(np.linalg.norm(rate.jump[best, :3])), rate=float(rate.jump[best, 3]) / SPEED_OF_LIGHT_M_S,
-        broke=bool(series.broke[k]), outage_s=gap_s if gap_s > _GAP * _usual(series) else 0.0,
-        missing_s=float(missing_s[best]), statistic=float(_quadratic(jump.jump[[best]], jump.covariance[[best]])[0]),
-    )  # fmt: skip
+        position_m=float(np.linalg.norm(jump.jump[best, :3])),
+        clock_s=float(jump.jump[best, 3]) / SPEED_OF_LIGHT_M_S,
+        speed_m_s=float(np.linalg.norm(rate.jump[best, :3])),
+        rate=float(rate.jump[best, 3]) / SPEED_OF_LIGHT_M_S,
+        broke=bool(series.broke[k]),
+        outage_s=gap_s if gap_s > _GAP * _usual(series) else 0.0,
+        missing_s=float(missing_s[best]),
+        statistic=float(_quadratic(jump.jump[[best]], jump.covariance[[best]])[0]),
+    )
 
 
-def p_values(
-    series: Series, rows: Indices, jump: Jump, rate: Jump, missing_s: Reals, limits: Limits
-) -> Reals:
+def p_values(series: Series, rows: Indices, jump: Jump, rate: Jump, missing_s: Reals, limits: Limits) -> Reals:
     """(K, 4) of "goes on", by `KINDS`."""
     gap_s = series.elapsed_s[rows] - series.elapsed_s[rows - 1]
     unseen_s = np.where(series.divides[rows], gap_s, 0.0) + missing_s
@@ -281,9 +284,7 @@ def _fitted(unit: Reals, difference: Reals, variance: Reals) -> Jump:
     return Jump(jump, covariance, misfit, np.maximum(dof, 0))
 
 
-def _contrast(
-    series: Series, values: Reals, variance: Reals, rows: Indices, span_s: float
-) -> tuple[Reals, Reals]:
+def _contrast(series: Series, values: Reals, variance: Reals, rows: Indices, span_s: float) -> tuple[Reals, Reals]:
     """Mean over `span_s` from each row on less that over `span_s` up to the row before, (K, m), and its variance."""
     known = np.isfinite(values) & np.isfinite(variance) & (variance > 0.0)
     weight = np.where(known, 1.0 / np.where(known, variance, 1.0), 0.0)

@@ -21,11 +21,31 @@ from scipy import special
 from skyproof.arrays import Complexes, Reals
 
 __all__ = [
-    "CODE_SPACING_CHIPS", "Form", "code_angle_density", "code_density", "code_discriminator", "code_mean",
-    "code_probability", "code_score", "code_sigma_chips", "code_tail", "combined_taps", "phase_density",
-    "phase_discriminator", "phase_mean", "phase_mean_by_integral", "phase_mean_coefficients", "phase_mean_slope",
-    "phase_probability", "phase_score", "phase_sigma_rad", "phase_tail", "prompt_amplitude", "sine_series", "triangle",
-]  # fmt: skip
+    "CODE_SPACING_CHIPS",
+    "Form",
+    "code_angle_density",
+    "code_density",
+    "code_discriminator",
+    "code_mean",
+    "code_probability",
+    "code_score",
+    "code_sigma_chips",
+    "code_tail",
+    "combined_taps",
+    "phase_density",
+    "phase_discriminator",
+    "phase_mean",
+    "phase_mean_by_integral",
+    "phase_mean_coefficients",
+    "phase_mean_slope",
+    "phase_probability",
+    "phase_score",
+    "phase_sigma_rad",
+    "phase_tail",
+    "prompt_amplitude",
+    "sine_series",
+    "triangle",
+]
 
 Form = Literal["corrected", "paper"]
 
@@ -120,9 +140,7 @@ def phase_density(
     # u = a cos + b sin and v = b cos - a sin of the paper with a, b = level (cos, sin)(phase)
     u, v = level * np.cos(apart), -level * np.sin(apart)
     factor = special.erf(u / np.sqrt(2.0)) if form == "corrected" else special.ndtr(u)
-    return np.asarray(
-        np.exp(-0.5 * level**2) / np.pi + u / np.sqrt(2.0 * np.pi) * np.exp(-0.5 * v**2) * factor, float
-    )
+    return np.asarray(np.exp(-0.5 * level**2) / np.pi + u / np.sqrt(2.0 * np.pi) * np.exp(-0.5 * v**2) * factor, float)
 
 
 # Integrals ------------------------------------------------------------------------------------------------------------
@@ -182,9 +200,14 @@ def code_tail(limit_chips: ArrayLike, amplitude: ArrayLike, code_chips: ArrayLik
 
 
 def _of_phase(
-    low: ArrayLike, high: ArrayLike, amplitude: ArrayLike, phase_rad: ArrayLike, code_chips: ArrayLike,
-    power: int = 0, form: Form = "corrected",
-) -> Reals:  # fmt: skip
+    low: ArrayLike,
+    high: ArrayLike,
+    amplitude: ArrayLike,
+    phase_rad: ArrayLike,
+    code_chips: ArrayLike,
+    power: int = 0,
+    form: Form = "corrected",
+) -> Reals:
     """Integral over (low, high), which may reach beyond pi/2 since the density has period pi."""
     arrays = (np.asarray(x, float) for x in (amplitude, phase_rad, code_chips, low, high))
     a, p, c, low, high = np.broadcast_arrays(*arrays)
@@ -200,9 +223,13 @@ def _of_phase(
 
 
 def phase_probability(
-    limit_rad: ArrayLike, amplitude: ArrayLike, phase_rad: ArrayLike = 0.0, code_chips: ArrayLike = 0.0, *,
+    limit_rad: ArrayLike,
+    amplitude: ArrayLike,
+    phase_rad: ArrayLike = 0.0,
+    code_chips: ArrayLike = 0.0,
+    *,
     form: Form = "corrected",
-) -> Reals:  # fmt: skip
+) -> Reals:
     """Prob(|phase discriminator| <= limit), second factor of (26). With limit pi/2 the density's whole integral."""
     limit = np.minimum(np.asarray(limit_rad, float), HALF_PI)
     return _of_phase(-limit, limit, amplitude, phase_rad, code_chips, form=form)
@@ -224,9 +251,7 @@ def phase_mean_by_integral(amplitude: ArrayLike, phase_rad: ArrayLike, code_chip
 def phase_sigma_rad(amplitude: ArrayLike, phase_rad: ArrayLike = 0.0, code_chips: ArrayLike = 0.0) -> Reals:
     """Standard deviation of the phase discriminator; 1 / A for large A at offset zero."""
     mean = phase_mean_by_integral(amplitude, phase_rad, code_chips)
-    return np.asarray(
-        np.sqrt(_of_phase(-HALF_PI, HALF_PI, amplitude, phase_rad, code_chips, power=2) - mean**2), float
-    )
+    return np.asarray(np.sqrt(_of_phase(-HALF_PI, HALF_PI, amplitude, phase_rad, code_chips, power=2) - mean**2), float)
 
 
 # gamma2 as a series ---------------------------------------------------------------------------------------------------

@@ -31,11 +31,25 @@ from skyproof.statistics.distributions import (
 )
 
 __all__ = [
-    "RatioLaw", "alarm_starts", "delta_law", "delta_metric", "doppler_law", "doppler_metric", "doppler_slope",
-    "magnitude_difference", "moving_variance", "moving_variance_p_value", "moving_variance_power",
-    "moving_variance_threshold", "ratio_cumulative", "ratio_law", "ratio_metric", "ratio_p_value", "ratio_threshold",
+    "RatioLaw",
+    "alarm_starts",
+    "delta_law",
+    "delta_metric",
+    "doppler_law",
+    "doppler_metric",
+    "doppler_slope",
+    "magnitude_difference",
+    "moving_variance",
+    "moving_variance_p_value",
+    "moving_variance_power",
+    "moving_variance_threshold",
+    "ratio_cumulative",
+    "ratio_law",
+    "ratio_metric",
+    "ratio_p_value",
+    "ratio_threshold",
     "tap_covariance",
-]  # fmt: skip
+]
 
 
 # Metrics --------------------------------------------------------------------------------------------------------------

@@ -85,9 +85,12 @@ class Sqm:
         pair = pair_of_taps(taps)
         if pair is None or observations is None or observations.averaged_s <= 0.0:
             return undecided(
-                self, records, refs, because=f"{taps.receiver} has no prompt with early and late about it, or no C/N0",
+                self,
+                records,
+                refs,
+                because=f"{taps.receiver} has no prompt with early and late about it, or no C/N0",
                 would_need="correlators at -d, 0 and +d chip, and observations averaged over their time",
-            )  # fmt: skip
+            )
         spacing, early, prompt, late = pair
         amplitude = prompt_amplitude(level_dbhz(observations, taps.signals), coherent_s=observations.averaged_s)
         value = taps.value[:, :, int(np.argmin(np.abs(taps.dopplers_hz)))].astype(np.complex128)
@@ -98,9 +101,12 @@ class Sqm:
         known = np.isfinite(p_value)
         if not known.any():
             return undecided(
-                self, records, refs, because=f"no signal of {taps.receiver} was tracked with a known C/N0",
+                self,
+                records,
+                refs,
+                because=f"no signal of {taps.receiver} was tracked with a known C/N0",
                 would_need="signals tracked over the window",
-            )  # fmt: skip
+            )
         together = -np.expm1(known.sum() * np.log1p(-np.minimum(np.where(known, p_value, 1.0), 1.0 - 1e-16)))
         alpha = self.settings.false_alarm_probability
         smallest = float(together.min())
@@ -108,10 +114,15 @@ class Sqm:
         attack = smallest < alpha
         named = np.flatnonzero((together < alpha).any(axis=0)) if attack else np.flatnonzero(known.any(axis=0))
         return Evidence(
-            detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst,
-            subject=tuple(refs[k] for k in named), says="attack" if attack else "clean",
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=tuple(refs[k] for k in named),
+            says="attack" if attack else "clean",
             because=f"early minus late of {taps.signals[worst[1]]} in {taps.receiver} is up to {delta[worst]:.3f} of "
             f"the prompt, {'more than' if attack else 'as'} noise and an allowed distortion of "
             f"{self.settings.distortion_allowed:g} explain",
-            statistic=float(delta[worst]), false_alarm_probability=alpha, p_value=smallest,
-        )  # fmt: skip
+            statistic=float(delta[worst]),
+            false_alarm_probability=alpha,
+            p_value=smallest,
+        )

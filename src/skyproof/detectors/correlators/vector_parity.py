@@ -28,10 +28,24 @@ from skyproof.statistics.cusum import CusumPath, cusum_path, cusum_threshold
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
-    "BANK", "Branch", "Explanation", "ParityTest", "Suspects", "Whitener", "cusum_bank", "explanations",
-    "indistinguishable_attack", "parity_noncentrality", "parity_test", "parity_threshold", "parity_vector",
-    "run_branch", "separability", "suspects", "whitener",
-]  # fmt: skip
+    "BANK",
+    "Branch",
+    "Explanation",
+    "ParityTest",
+    "Suspects",
+    "Whitener",
+    "cusum_bank",
+    "explanations",
+    "indistinguishable_attack",
+    "parity_noncentrality",
+    "parity_test",
+    "parity_threshold",
+    "parity_vector",
+    "run_branch",
+    "separability",
+    "suspects",
+    "whitener",
+]
 
 BANK: Final = ((1, 1.0), (10, 1.0), (10, 0.25))
 """Integrations summed for one step, and reference k, of each branch: fast for large attacks, slow for small ones."""

@@ -24,10 +24,22 @@ from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.detectors.correlators import correlator_laws as law
 
 __all__ = [
-    "CODE_LIMIT_CHIPS", "PHASE_LIMIT_RAD", "Equilibrium", "Sky", "TwoStep", "block_rate", "detection_probability",
-    "equilibrium", "geometry_matrix", "limit_scale", "linear_shift", "parameter", "rule_alarm_probability", "sky",
+    "CODE_LIMIT_CHIPS",
+    "PHASE_LIMIT_RAD",
+    "Equilibrium",
+    "Sky",
+    "TwoStep",
+    "block_rate",
+    "detection_probability",
+    "equilibrium",
+    "geometry_matrix",
+    "limit_scale",
+    "linear_shift",
+    "parameter",
+    "rule_alarm_probability",
+    "sky",
     "two_step",
-]  # fmt: skip
+]
 
 CODE_LIMIT_CHIPS: Final = 0.1  # T1 and T2 of the paper, section 4
 PHASE_LIMIT_RAD: Final = 0.05 * np.pi
@@ -150,9 +162,12 @@ def parameter(code_chips: ArrayLike, phase_rad: ArrayLike) -> Reals:
 
 
 def two_step(
-    code_chips: ArrayLike, phase_rad: ArrayLike, *,
-    code_limit_chips: float = CODE_LIMIT_CHIPS, phase_limit_rad: float = PHASE_LIMIT_RAD,
-) -> TwoStep:  # fmt: skip
+    code_chips: ArrayLike,
+    phase_rad: ArrayLike,
+    *,
+    code_limit_chips: float = CODE_LIMIT_CHIPS,
+    phase_limit_rad: float = PHASE_LIMIT_RAD,
+) -> TwoStep:
     """The paper's rule on discriminators (..., n): look at the satellite with the largest parameter only."""
     u, q = np.abs(np.asarray(code_chips, float)), np.abs(np.asarray(phase_rad, float))
     chosen = np.argmax(parameter(u, q), axis=-1)
@@ -161,9 +176,13 @@ def two_step(
 
 
 def detection_probability(
-    amplitude: ArrayLike, code_chips: ArrayLike = 0.0, phase_rad: ArrayLike = 0.0, *,
-    code_limit_chips: ArrayLike = CODE_LIMIT_CHIPS, phase_limit_rad: ArrayLike = PHASE_LIMIT_RAD,
-) -> Reals:  # fmt: skip
+    amplitude: ArrayLike,
+    code_chips: ArrayLike = 0.0,
+    phase_rad: ArrayLike = 0.0,
+    *,
+    code_limit_chips: ArrayLike = CODE_LIMIT_CHIPS,
+    phase_limit_rad: ArrayLike = PHASE_LIMIT_RAD,
+) -> Reals:
     """P_1 = 1 - P_0 of one satellite chosen beforehand (26), (27): P_FA (30) at offsets zero, P_D (31) at the settled
     ones.
 
@@ -176,9 +195,13 @@ def detection_probability(
 
 
 def rule_alarm_probability(
-    amplitude: ArrayLike, code_chips: ArrayLike, phase_rad: ArrayLike, *,
-    code_limit_chips: float = CODE_LIMIT_CHIPS, phase_limit_rad: float = PHASE_LIMIT_RAD,
-) -> float:  # fmt: skip
+    amplitude: ArrayLike,
+    code_chips: ArrayLike,
+    phase_rad: ArrayLike,
+    *,
+    code_limit_chips: float = CODE_LIMIT_CHIPS,
+    phase_limit_rad: float = PHASE_LIMIT_RAD,
+) -> float:
     """Probability that the rule alarms, with its choice of the largest parameter: the true false-alarm probability at
     offsets zero (n,), the true power elsewhere.
 

@@ -78,14 +78,20 @@ class VectorSqm:
         pair = pair_of_taps(taps)
         if observations is None or observations.gpst.size == 0 or observations.averaged_s <= 0.0 or not positions:
             return undecided(
-                self, records, refs, because=f"no position or no averaged observations of {taps.receiver}",
+                self,
+                records,
+                refs,
+                because=f"no position or no averaged observations of {taps.receiver}",
                 would_need="pseudoranges of five or more satellites with their orbits",
-            )  # fmt: skip
+            )
         if pair is None or abs(pair[0] - 0.5) > 1e-6:
             return undecided(
-                self, records, refs, because=f"{taps.receiver} has no early and late at half a chip",
+                self,
+                records,
+                refs,
+                because=f"{taps.receiver} has no early and late at half a chip",
                 would_need="correlators at -0.5, 0 and +0.5 chip",
-            )  # fmt: skip
+            )
         _, early, prompt, late = pair
         value = taps.value[:, :, int(np.argmin(np.abs(taps.dopplers_hz)))].astype(np.complex128)
         design = _design(observations, navigation, taps, positions[0])
@@ -94,9 +100,12 @@ class VectorSqm:
         kept = np.flatnonzero(tracked & np.isfinite(design).all(axis=1) & np.isfinite(level))
         if kept.size < self.settings.min_satellites or np.linalg.matrix_rank(design[kept]) < 4:
             return undecided(
-                self, records, refs, because=f"{kept.size} satellites in {taps.receiver} tracked through the window",
+                self,
+                records,
+                refs,
+                because=f"{kept.size} satellites in {taps.receiver} tracked through the window",
                 would_need=f"{self.settings.min_satellites} or more satellites tracked through the window",
-            )  # fmt: skip
+            )
         summed = value[:, kept].mean(axis=0)
         u = code_discriminator(summed[:, early], summed[:, late])
         q = phase_discriminator(summed[:, prompt])
@@ -116,11 +125,17 @@ class VectorSqm:
                 f"satellites' directions {separability(where.parity, 1):.2g})"
             )
         return Evidence(
-            detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst,
-            subject=tuple(refs[k] for k in kept), says="attack" if attack else "clean", because=because,
-            statistic=float(test.statistic), threshold=float(parity_threshold(alpha, kept.size)),
-            false_alarm_probability=alpha, p_value=float(test.p_value),
-        )  # fmt: skip
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=tuple(refs[k] for k in kept),
+            says="attack" if attack else "clean",
+            because=because,
+            statistic=float(test.statistic),
+            threshold=float(parity_threshold(alpha, kept.size)),
+            false_alarm_probability=alpha,
+            p_value=float(test.p_value),
+        )
 
 
 def _design(observations: Observations, navigation: NavigationData, taps: Taps, position_ecef_m: Reals) -> Reals:

@@ -32,12 +32,27 @@ from skyproof.detectors.dccaf.decomposition_kernels import bounds_of, fit_all
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
 
 __all__ = [
-    "CountTest", "Decomposition", "Dictionary", "at_strongest_doppler", "band_share", "bins_dictionary",
-    "blocks_dictionary", "correlation",
-    "correlation_slope", "count_statistic", "count_test", "decompose", "delay_bound", "delay_dictionary", "model",
-    "model_as_printed", "noise_variance", "one_doppler", "simulate_taps",
+    "CountTest",
+    "Decomposition",
+    "Dictionary",
+    "at_strongest_doppler",
+    "band_share",
+    "bins_dictionary",
+    "blocks_dictionary",
+    "correlation",
+    "correlation_slope",
+    "count_statistic",
+    "count_test",
+    "decompose",
+    "delay_bound",
+    "delay_dictionary",
+    "model",
+    "model_as_printed",
+    "noise_variance",
+    "one_doppler",
+    "simulate_taps",
     "taps_dictionary",
-]  # fmt: skip
+]
 
 _CODE_NULLS = 1e-7  # of the largest eigenvalue: below, the code has no power there
 _COARSE_CHIPS = 0.02
@@ -77,9 +92,15 @@ def noise_variance(cn0_dbhz: ArrayLike, coherent_s: ArrayLike, band_hz: float) -
 
 
 def model(
-    amplitude: ArrayLike, delay_chips: ArrayLike, doppler_hz: ArrayLike, *, taps_chips: ArrayLike,
-    bins_hz: ArrayLike = 0.0, coherent_s: float, band_hz: float,
-) -> Complexes:  # fmt: skip
+    amplitude: ArrayLike,
+    delay_chips: ArrayLike,
+    doppler_hz: ArrayLike,
+    *,
+    taps_chips: ArrayLike,
+    bins_hz: ArrayLike = 0.0,
+    coherent_s: float,
+    band_hz: float,
+) -> Complexes:
     """What signals (..., n) of complex amplitude (phase at mid-interval) give on a grid (..., bins, taps)."""
     lag = np.atleast_1d(taps_chips) - np.asarray(delay_chips, np.float64)[..., None]
     off = np.asarray(doppler_hz, np.float64)[..., None] - np.atleast_1d(bins_hz)
@@ -163,16 +184,21 @@ def taps_dictionary(taps_chips: tuple[float, ...], band_hz: float, *, window_chi
     basis = basis[:, size > 1e-7 * size[0]]
     slope = -whiten @ correlation_slope(lag, band_hz)
     return Dictionary(
-        points=taps, whiten=basis.T @ whiten, grid=grid, value=np.ascontiguousarray((basis.T @ value).T),
-        slope=np.ascontiguousarray((basis.T @ slope).T), band_hz=band_hz,
-    )  # fmt: skip
+        points=taps,
+        whiten=basis.T @ whiten,
+        grid=grid,
+        value=np.ascontiguousarray((basis.T @ value).T),
+        slope=np.ascontiguousarray((basis.T @ slope).T),
+        band_hz=band_hz,
+    )
 
 
 def one_doppler() -> Dictionary:
     """For a Doppler that is known, and is zero: one coordinate, whatever the Doppler."""
     one = np.ones((2, 1), np.complex128)
-    return Dictionary(points=np.zeros(1), whiten=np.ones((1, 1), np.complex128), grid=np.array([0.0, 1.0]), value=one,
-                      slope=0.0 * one)  # fmt: skip
+    return Dictionary(
+        points=np.zeros(1), whiten=np.ones((1, 1), np.complex128), grid=np.array([0.0, 1.0]), value=one, slope=0.0 * one
+    )
 
 
 def blocks_dictionary(coherent_s: float, blocks: int, *, within_hz: float) -> Dictionary:
@@ -240,9 +266,14 @@ class Decomposition:
 
 
 def decompose(
-    taps: ArrayLike, delays: Dictionary, dopplers: Dictionary | None = None, *, signals: int = 2,
-    noise_variance: ArrayLike = 1.0, search_hz: float = 50.0,
-) -> Decomposition:  # fmt: skip
+    taps: ArrayLike,
+    delays: Dictionary,
+    dopplers: Dictionary | None = None,
+    *,
+    signals: int = 2,
+    noise_variance: ArrayLike = 1.0,
+    search_hz: float = 50.0,
+) -> Decomposition:
     """The delays, Dopplers and amplitudes of `signals` signals that together explain most, by variable projection.
 
     Parameters
@@ -278,8 +309,20 @@ def decompose(
     gram = delays.value[coarse] @ delays.value[coarse].T
     reach = min(search_hz, float(doppler.grid[-1])) if fitted else 0.0
     f_coarse = np.arange(-np.floor(reach / _COARSE_HZ), np.floor(reach / _COARSE_HZ) + 1.0) * _COARSE_HZ
-    fit_all(white, signals, delays.table, doppler.table, coarse, gram, f_coarse, fitted, where, amplitude, captured,
-            information)  # fmt: skip
+    fit_all(
+        white,
+        signals,
+        delays.table,
+        doppler.table,
+        coarse,
+        gram,
+        f_coarse,
+        fitted,
+        where,
+        amplitude,
+        captured,
+        information,
+    )
     order = np.argsort(where[:, :signals], axis=1)
     both = np.concatenate((order, order + signals), axis=1)[:, :p]
     where = np.take_along_axis(where, both, axis=1)
@@ -287,10 +330,12 @@ def decompose(
     hertz = where[:, signals:] if fitted else np.zeros((trials, signals))
     amplitude = np.take_along_axis(amplitude, order, axis=1) * sigma[:, None]
     return Decomposition(
-        delay_chips=where[:, :signals].reshape(*shape, signals), doppler_hz=hertz.reshape(*shape, signals),
-        amplitude=amplitude.reshape(*shape, signals), captured=captured.reshape(shape),
+        delay_chips=where[:, :signals].reshape(*shape, signals),
+        doppler_hz=hertz.reshape(*shape, signals),
+        amplitude=amplitude.reshape(*shape, signals),
+        captured=captured.reshape(shape),
         covariance=_covariance(information).reshape(*shape, p, p),
-    )  # fmt: skip
+    )
 
 
 def at_strongest_doppler(
@@ -314,9 +359,13 @@ def at_strongest_doppler(
 
 
 def delay_bound(
-    delay_chips: ArrayLike, amplitude: ArrayLike, noise_variance: ArrayLike, delays: Dictionary,
-    dopplers: Dictionary | None = None, doppler_hz: ArrayLike = 0.0,
-) -> Reals:  # fmt: skip
+    delay_chips: ArrayLike,
+    amplitude: ArrayLike,
+    noise_variance: ArrayLike,
+    delays: Dictionary,
+    dopplers: Dictionary | None = None,
+    doppler_hz: ArrayLike = 0.0,
+) -> Reals:
     """Cramer-Rao bound (covariance) of the delays (..., n) and, with `dopplers`, the Dopplers: (..., p, p).
 
     Complex amplitudes (..., n) are unknown; `noise_variance` (...).
@@ -346,9 +395,12 @@ def _covariance(information: Reals) -> Reals:
 
 
 def simulate_taps(
-    delay_chips: ArrayLike, amplitude: ArrayLike, noise_variance: ArrayLike, delays: Dictionary,
+    delay_chips: ArrayLike,
+    amplitude: ArrayLike,
+    noise_variance: ArrayLike,
+    delays: Dictionary,
     rng: np.random.Generator,
-) -> Complexes:  # fmt: skip
+) -> Complexes:
     """Taps (..., m) of signals (..., n) at the known Doppler, with noise of the front end's own correlation."""
     lag = delays.points - np.asarray(delay_chips, np.float64)[..., None]
     clean = np.sum(np.asarray(amplitude, np.complex128)[..., None] * correlation(lag, delays.band_hz), axis=-2)
@@ -416,9 +468,14 @@ class CountTest:
 
 
 def count_test(
-    delays: Dictionary, rng: np.random.Generator, *, runs: int = 20_000, cn0_dbhz: float = 45.0,
-    coherent_s: float = 0.02, noise_samples: int | None = None,
-) -> CountTest:  # fmt: skip
+    delays: Dictionary,
+    rng: np.random.Generator,
+    *,
+    runs: int = 20_000,
+    cn0_dbhz: float = 45.0,
+    coherent_s: float = 0.02,
+    noise_samples: int | None = None,
+) -> CountTest:
     """Simulate the law of T for a front end and window: 20 000 runs give 1 % to 3 % and 0.1 % to 6 % of itself.
 
     noise_samples : number of independent complex samples that the noise variance will be estimated from; None if it is

@@ -64,8 +64,12 @@ class DccafSettings:
     count_runs: int = 4000
 
     def __post_init__(self) -> None:
-        for name in ("false_alarm_probability", "second_signal_probability", "set_probability",
-                     "wrong_choice_probability"):  # fmt: skip
+        for name in (
+            "false_alarm_probability",
+            "second_signal_probability",
+            "set_probability",
+            "wrong_choice_probability",
+        ):
             require_probability("dccaf", name, getattr(self, name))
 
 
@@ -112,10 +116,16 @@ def _strongest_first(one: Decomposition, two: Decomposition, double: Any) -> tup
     order = np.argsort(-np.abs(two.amplitude), axis=-1)
     spread = np.sqrt(np.diagonal(two.covariance, axis1=-2, axis2=-1))
     alone = np.full((len(double), 1), np.nan)
-    delay = np.where(double[:, None], np.take_along_axis(two.delay_chips, order, axis=-1),
-                     np.concatenate((one.delay_chips, alone), axis=1))  # fmt: skip
-    sigma = np.where(double[:, None], np.take_along_axis(spread, order, axis=-1),
-                     np.concatenate((np.sqrt(one.covariance[:, :, 0]), alone), axis=1))  # fmt: skip
+    delay = np.where(
+        double[:, None],
+        np.take_along_axis(two.delay_chips, order, axis=-1),
+        np.concatenate((one.delay_chips, alone), axis=1),
+    )
+    sigma = np.where(
+        double[:, None],
+        np.take_along_axis(spread, order, axis=-1),
+        np.concatenate((np.sqrt(one.covariance[:, :, 0]), alone), axis=1),
+    )
     return delay, sigma
 
 
@@ -165,9 +175,12 @@ class Dccaf:
         every = tuple(SignalRef(ccaf.receiver, signal) for signal in sorted(ccaf.signals))
         whole = np.isfinite(ccaf.value).all(axis=(2, 3)).sum(axis=1)
         few = undecided(
-            self, records, every, because="fewer than five satellites with a correlation grid and an orbit",
+            self,
+            records,
+            every,
+            because="fewer than five satellites with a correlation grid and an orbit",
             would_need="correlation grids of five or more satellites with their orbits",
-        )  # fmt: skip
+        )
         if whole.size == 0 or whole.max() < 5:
             return [few]
         epoch = int(np.flatnonzero(whole == whole.max())[-1])
@@ -179,22 +192,36 @@ class Dccaf:
         best = passing_sets(sky.unit, sky.misfit_m, sky.sigma_m, false_alarm_probability=probability)
         doubles = int(np.isfinite(found.delay_chips[sky.rows, 1]).sum())
         if not best.statistic.size:
-            return [undecided(
-                self, records, every, because=f"no choice of one signal a satellite fits one position in "
-                f"{ccaf.receiver}; {doubles} satellites have two signals", would_need="more satellites",
-            )]  # fmt: skip
-        second = second_subset(
-            sky.unit, sky.misfit_m, sky.sigma_m, best.choice[0], false_alarm_probability=probability
-        )
+            return [
+                undecided(
+                    self,
+                    records,
+                    every,
+                    because=f"no choice of one signal a satellite fits one position in "
+                    f"{ccaf.receiver}; {doubles} satellites have two signals",
+                    would_need="more satellites",
+                )
+            ]
+        second = second_subset(sky.unit, sky.misfit_m, sky.sigma_m, best.choice[0], false_alarm_probability=probability)
         if second is None:
-            return [self._told(records, every, 1.0, f"{len(sky.rows)} satellites in {ccaf.receiver} fit one position, "
-                               f"{doubles} have a second signal", doubles)]  # fmt: skip
+            return [
+                self._told(
+                    records,
+                    every,
+                    1.0,
+                    f"{len(sky.rows)} satellites in {ccaf.receiver} fit one position, {doubles} have a second signal",
+                    doubles,
+                )
+            ]
         rows, _ = second
-        p_value = float(chance_p_value(
-            sky.sigma_m[rows], window_m=2.0 * self.settings.window_chips * _CHIP_M,
-            largest_statistic=chi_square_threshold(probability, len(rows) - 4),
-            combinations=set_combinations(np.isfinite(sky.misfit_m).sum(axis=1) - 1, len(rows)),
-        ))  # fmt: skip
+        p_value = float(
+            chance_p_value(
+                sky.sigma_m[rows],
+                window_m=2.0 * self.settings.window_chips * _CHIP_M,
+                largest_statistic=chi_square_threshold(probability, len(rows) - 4),
+                combinations=set_combinations(np.isfinite(sky.misfit_m).sum(axis=1) - 1, len(rows)),
+            )
+        )
         fixes = _fixes(sky, best.choice[0], rows)
         apart = fixes.state_m[1] - fixes.state_m[0]
         because = (
@@ -213,11 +240,16 @@ class Dccaf:
     ) -> Evidence:
         attack = p_value < self._alpha
         return Evidence(
-            detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst, subject=every,
-            says="attack" if attack else "clean" if doubles == 0 else "undecided", because=because,
-            p_value=p_value, false_alarm_probability=self._alpha,
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=every,
+            says="attack" if attack else "clean" if doubles == 0 else "undecided",
+            because=because,
+            p_value=p_value,
+            false_alarm_probability=self._alpha,
             would_need=None if attack or doubles == 0 else "five or more satellites with a second signal",
-        )  # fmt: skip
+        )
 
     def _chosen(
         self, records: Records, ccaf: Ccaf, epoch: int, found: Delays, sky: _Sky, fixes: _Fixes
@@ -231,10 +263,13 @@ class Dccaf:
             return []
         place_m, place_m2 = inertial[0] - sky.place_ecef_m, inertial[1]
         choice = choose_fix(
-            place_m, place_m2, fixes.state_m[:, :3], fixes.covariance_m2[:, :3, :3],
+            place_m,
+            place_m2,
+            fixes.state_m[:, :3],
+            fixes.covariance_m2[:, :3, :3],
             false_alarm_probability=self.settings.set_probability,
             wrong_probability=self.settings.wrong_choice_probability,
-        )  # fmt: skip
+        )
         refs = [SignalRef(ccaf.receiver, ccaf.signals[row]) for row in sky.rows]
         both = fixes.signal[:, 1] >= 0
         true = int(choice.chosen)
@@ -242,13 +277,18 @@ class Dccaf:
             apart_m = fixes.state_m[1, :3] - fixes.state_m[0, :3]
             chance = float(wrong_choice_rule(apart_m, place_m2 + fixes.covariance_m2[:, :3, :3].mean(axis=0)))
             neither = bool(np.all(choice.p_value < self.settings.set_probability))
-            return [undecided(
-                self, records, tuple(ref for ref, there in zip(refs, both, strict=True) if there),
-                because=f"neither of two positions in {ccaf.receiver} fits the inertial unit" if neither else
-                f"the inertial unit does not tell which of two positions in {ccaf.receiver} is true: the nearer one "
-                f"would be wrong with probability {chance:.2g}",
-                would_need="an inertial unit that drifts less, or a clean fix less than a minute before",
-            )]  # fmt: skip
+            return [
+                undecided(
+                    self,
+                    records,
+                    tuple(ref for ref, there in zip(refs, both, strict=True) if there),
+                    because=f"neither of two positions in {ccaf.receiver} fits the inertial unit"
+                    if neither
+                    else f"the inertial unit does not tell which of two positions in {ccaf.receiver} is true: "
+                    f"the nearer one would be wrong with probability {chance:.2g}",
+                    would_need="an inertial unit that drifts less, or a clean fix less than a minute before",
+                )
+            ]
         near, far = np.sqrt(choice.distance2[[true, 1 - true]])
         followed = np.argmin(np.where(np.isnan(found.delay_chips), np.inf, np.abs(found.delay_chips)), axis=1)[sky.rows]
         kinds: tuple[tuple[Says, str, int], ...] = (("authentic", "show", true), ("spoofed", "do not show", 1 - true))
@@ -256,14 +296,21 @@ class Dccaf:
         for says, verb, sky_number in kinds:
             mine = both & (fixes.signal[:, sky_number] == followed)
             if mine.any():
-                told.append(Evidence(
-                    detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst,
-                    subject=tuple(ref for ref, named in zip(refs, mine, strict=True) if named), says=says,
-                    because=f"the inertial unit is {near:.1f} sigma from the position that these signals {verb}, and "
-                    f"{far:.1f} from the other", statistic=float(choice.distance2[1 - true]),
-                    threshold=float(chi_square_threshold(self.settings.set_probability, 3)),
-                    p_value=float(choice.p_value[1 - true]), false_alarm_probability=self.settings.set_probability,
-                ))  # fmt: skip
+                told.append(
+                    Evidence(
+                        detector=self.name,
+                        start_gpst=records.start_gpst,
+                        end_gpst=records.end_gpst,
+                        subject=tuple(ref for ref, named in zip(refs, mine, strict=True) if named),
+                        says=says,
+                        because=f"the inertial unit is {near:.1f} sigma from the position that these signals {verb}, "
+                        f"and {far:.1f} from the other",
+                        statistic=float(choice.distance2[1 - true]),
+                        threshold=float(chi_square_threshold(self.settings.set_probability, 3)),
+                        p_value=float(choice.p_value[1 - true]),
+                        false_alarm_probability=self.settings.set_probability,
+                    )
+                )
         return told
 
     def _sky(self, navigation: NavigationData, ccaf: Ccaf, epoch: int, found: Delays) -> _Sky | None:
@@ -272,10 +319,14 @@ class Dccaf:
         measured_m = ccaf.reference_m[epoch][:, None] + found.delay_chips * _CHIP_M
         ranges = corrected_ranges(ccaf.signals, np.array([gpst]), measured_m[None, :, 0], navigation)
         sats = [signal.sat for signal in ccaf.signals]
-        rows = np.array([
-            row for row in np.flatnonzero(np.isfinite(ranges.range_m[0]) & np.isfinite(found.delay_chips[:, 0]))
-            if sats.index(sats[row]) == row
-        ], np.int64)  # fmt: skip
+        rows = np.array(
+            [
+                row
+                for row in np.flatnonzero(np.isfinite(ranges.range_m[0]) & np.isfinite(found.delay_chips[:, 0]))
+                if sats.index(sats[row]) == row
+            ],
+            np.int64,
+        )
         rows = rows[np.argsort([sats[row] for row in rows], kind="stable")]
         if rows.size < 5:
             return None

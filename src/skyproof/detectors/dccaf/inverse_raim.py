@@ -30,9 +30,18 @@ from skyproof.navigation.least_squares import design_matrix, spd_inverse
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = [
-    "InverseRaim", "PassingSets", "clusters", "complementary_pair", "innovations", "inverse_raim", "parity_matrix",
-    "passing_sets", "second_subset", "set_states", "timing_only",
-]  # fmt: skip
+    "InverseRaim",
+    "PassingSets",
+    "clusters",
+    "complementary_pair",
+    "innovations",
+    "inverse_raim",
+    "parity_matrix",
+    "passing_sets",
+    "second_subset",
+    "set_states",
+    "timing_only",
+]
 
 _UNKNOWNS = 4
 
@@ -172,9 +181,13 @@ def _pruned(terms, counts, limit, choice, statistic):  # type: ignore[no-untyped
 
 
 def passing_sets(
-    unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike = 1.0, *, false_alarm_probability: float = 1e-3,
+    unit: ArrayLike,
+    misfit_m: ArrayLike,
+    sigma_m: ArrayLike = 1.0,
+    *,
+    false_alarm_probability: float = 1e-3,
     exhaustive: bool = False,
-) -> PassingSets:  # fmt: skip
+) -> PassingSets:
     """All choices of one signal a satellite whose residuals pass a chi-square test, the smallest statistic first.
 
     Parameters
@@ -207,8 +220,13 @@ def passing_sets(
             break
         room = found
     order = np.argsort(statistic[:found], kind="stable")
-    return PassingSets(choice=choice[order], statistic=statistic[order], dof=n - _UNKNOWNS, threshold=limit,
-                       tried=int(np.prod(counts.astype(object))))  # fmt: skip
+    return PassingSets(
+        choice=choice[order],
+        statistic=statistic[order],
+        dof=n - _UNKNOWNS,
+        threshold=limit,
+        tried=int(np.prod(counts.astype(object))),
+    )
 
 
 def set_states(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Integers) -> tuple[Reals, Reals]:
@@ -262,9 +280,7 @@ def timing_only(one_m: Reals, other_m: Reals, covariance_m2: Reals, *, probabili
     twice = 2.0 * np.asarray(covariance_m2)
     place = float(apart[:3] @ np.linalg.solve(twice[:3, :3], apart[:3]))
     every = float(apart @ np.linalg.solve(twice, apart))
-    return bool(
-        place <= chi_square_threshold(probability, 3) and every - place > chi_square_threshold(probability, 1)
-    )
+    return bool(place <= chi_square_threshold(probability, 3) and every - place > chi_square_threshold(probability, 1))
 
 
 def inverse_raim(
@@ -280,14 +296,25 @@ def inverse_raim(
     only_time = two is not None and timing_only(
         state[two[0]], state[two[1]], covariance, probability=false_alarm_probability
     )
-    return InverseRaim(sets=sets, state_m=state, covariance_m2=covariance, cluster=cluster, leader=leader, pair=pair,
-                       timing_only=only_time)  # fmt: skip
+    return InverseRaim(
+        sets=sets,
+        state_m=state,
+        covariance_m2=covariance,
+        cluster=cluster,
+        leader=leader,
+        pair=pair,
+        timing_only=only_time,
+    )
 
 
 def second_subset(
-    unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Integers, *,
+    unit: ArrayLike,
+    misfit_m: ArrayLike,
+    sigma_m: ArrayLike,
+    choice: Integers,
+    *,
     false_alarm_probability: float = 1e-3,
-) -> tuple[Integers, PassingSets] | None:  # fmt: skip
+) -> tuple[Integers, PassingSets] | None:
     """The largest set of satellites, five at least, that fit one position with signals that `choice` (n,) leaves over.
 
     Returns the satellites and the passing sets among what they have left (their `choice` counts the signals left over,
@@ -303,9 +330,7 @@ def second_subset(
         best: tuple[Integers, PassingSets] | None = None
         for rows in combinations(able, size):
             some = np.array(rows)
-            sets = passing_sets(
-                units[some], left[some], sigma[some], false_alarm_probability=false_alarm_probability
-            )
+            sets = passing_sets(units[some], left[some], sigma[some], false_alarm_probability=false_alarm_probability)
             if sets.statistic.size and (best is None or sets.statistic[0] < best[1].statistic[0]):
                 best = some, sets
         if best is not None:

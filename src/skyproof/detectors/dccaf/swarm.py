@@ -76,9 +76,23 @@ def _cost(at, signals, data, taps, bins, coherent_s, table, step, known, lags, f
 
 @compiled
 def _swarm(  # type: ignore[no-untyped-def]
-    data, taps, bins, coherent_s, table, step, signals, known, low, high, particles, iterations, inertia, own_pull,
-    swarm_pull, rng,
-):  # fmt: skip
+    data,
+    taps,
+    bins,
+    coherent_s,
+    table,
+    step,
+    signals,
+    known,
+    low,
+    high,
+    particles,
+    iterations,
+    inertia,
+    own_pull,
+    swarm_pull,
+    rng,
+):
     per = 3 if known else 4
     p = low.size
     lags, factors = np.empty((signals, taps.size)), np.empty((signals, bins.size), np.complex128)
@@ -120,9 +134,16 @@ def _swarm(  # type: ignore[no-untyped-def]
 
 
 def swarm_decompose(
-    grid: ArrayLike, taps_chips: ArrayLike, *, bins_hz: ArrayLike = 0.0, coherent_s: float, band_hz: float,
-    rng: np.random.Generator, signals: int = 2, settings: SwarmSettings | None = None,
-) -> SwarmFit:  # fmt: skip
+    grid: ArrayLike,
+    taps_chips: ArrayLike,
+    *,
+    bins_hz: ArrayLike = 0.0,
+    coherent_s: float,
+    band_hz: float,
+    rng: np.random.Generator,
+    signals: int = 2,
+    settings: SwarmSettings | None = None,
+) -> SwarmFit:
     """Fit `signals` signals to a grid (..., bins, taps) of complex correlation, phases at mid-interval.
 
     Dopplers are unknown if `settings.within_hz` is above zero.
@@ -143,13 +164,29 @@ def swarm_decompose(
     found, cost = np.empty((len(flat), per * signals)), np.empty(len(flat))
     for t, data in enumerate(flat):
         found[t], cost[t] = _swarm(
-            np.ascontiguousarray(data), taps, bins, coherent_s, table, _TABLE_CHIPS, signals, known, low, high,
-            settings.particles, settings.iterations, settings.inertia, settings.own_pull, settings.swarm_pull, rng,
-        )  # fmt: skip
+            np.ascontiguousarray(data),
+            taps,
+            bins,
+            coherent_s,
+            table,
+            _TABLE_CHIPS,
+            signals,
+            known,
+            low,
+            high,
+            settings.particles,
+            settings.iterations,
+            settings.inertia,
+            settings.own_pull,
+            settings.swarm_pull,
+            rng,
+        )
     each = found.reshape(-1, signals, per)
     each = np.take_along_axis(each, np.argsort(each[:, :, 1], axis=1)[:, :, None], axis=1)
     doppler = np.zeros(each.shape[:2]) if known else each[:, :, 3]
     return SwarmFit(
-        delay_chips=each[:, :, 1].reshape(*shape, signals), doppler_hz=doppler.reshape(*shape, signals),
-        amplitude=(each[:, :, 0] * np.exp(1j * each[:, :, 2])).reshape(*shape, signals), cost=cost.reshape(shape),
-    )  # fmt: skip
+        delay_chips=each[:, :, 1].reshape(*shape, signals),
+        doppler_hz=doppler.reshape(*shape, signals),
+        amplitude=(each[:, :, 0] * np.exp(1j * each[:, :, 2])).reshape(*shape, signals),
+        cost=cost.reshape(shape),
+    )

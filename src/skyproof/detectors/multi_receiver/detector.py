@@ -147,8 +147,10 @@ class MultiReceiver:
         another than most do is open again: true and false signals overlap when they part.
         """
         both = [e for e in evidence if self._is_own(e) and e.says == "authentic" and ONE_FALSE_SKY in e.assumes]
-        learnt = {key: self._learnt([e for e in both if e.baselines[0].receivers == key])
-                  for key in {e.baselines[0].receivers for e in both}}  # fmt: skip
+        learnt = {
+            key: self._learnt([e for e in both if e.baselines[0].receivers == key])
+            for key in {e.baselines[0].receivers for e in both}
+        }
         return [self._reviewed(e, learnt.get(e.baselines[0].receivers)) if self._is_own(e) else e for e in evidence]
 
     def _is_own(self, e: Evidence) -> bool:
@@ -173,14 +175,19 @@ class MultiReceiver:
         agrees = agreement(learnt, e.baselines) >= self.settings.accept_probability
         if e.says == "undecided" and agrees:
             return replace(
-                e, says="authentic", would_need=None, assumes=(ONE_TRANSMITTER, ONE_FALSE_SKY, *learnt.assumes),
+                e,
+                says="authentic",
+                would_need=None,
+                assumes=(ONE_TRANSMITTER, ONE_FALSE_SKY, *learnt.assumes),
                 because=f"{e.because.partition(';')[0]}; they agree with {learnt.words}",
-            )  # fmt: skip
+            )
         if e.says == "authentic" and not agrees:
             return replace(
-                e, says="undecided", would_need="a longer recording",
+                e,
+                says="undecided",
+                would_need="a longer recording",
                 because=f"{e.because.partition(';')[0]}, but they do not agree with {learnt.words}",
-            )  # fmt: skip
+            )
         return e
 
 
@@ -207,10 +214,11 @@ class _Window:
             where = " and ".join(self.sets) or "no receiver"
             return [
                 self._undecided(
-                    signals_of(self.records.observations), because=f"a consistent set of signals in {where} only",
+                    signals_of(self.records.observations),
+                    because=f"a consistent set of signals in {where} only",
                     would_need="5 or more satellites with pseudoranges in a second receiver",
                 )
-            ]  # fmt: skip
+            ]
         if not self.pairings:
             return [
                 self._undecided(
@@ -260,19 +268,24 @@ class _Window:
         if p_known < alpha and rest and steady:
             found.append(
                 self._say(
-                    "attack", rest, p_value=p_known,
+                    "attack",
+                    rest,
+                    p_value=p_known,
                     because=f"{of_rest}; some of them are imitations, or what was given is wrong",
                     would_need="what was given of the antennas, measured again",
                 )
-            )  # fmt: skip
+            )
         elif rest:
             swings = f"the range differences of {_names(pairing)} swing by {pairing.noise_m:.0f} m within the window"
             found.append(
                 self._say(
-                    "undecided", rest, p_value=min(p_one, p_known), because=of_rest if steady else swings,
+                    "undecided",
+                    rest,
+                    p_value=min(p_one, p_known),
+                    because=of_rest if steady else swings,
                     would_need="a longer recording, or to know better where the antennas stand",
                 )
-            )  # fmt: skip
+            )
         return found
 
     def _agreeing_pairs(self, pairing: Pairing) -> list[Evidence]:
@@ -302,10 +315,13 @@ class _Window:
                 "undecided", pairing.subject, p_value=p_one, because=self._too_far(pairing), would_need=self._where()
             )
         return self._say(
-            "undecided", pairing.subject, p_value=p_one, baselines=self._believed(pairing),
+            "undecided",
+            pairing.subject,
+            p_value=p_one,
+            baselines=self._believed(pairing),
             because=f"{_names(pairing)} do not come from one antenna, but one receiver alone may follow a false sky",
             would_need="the distance between the antennas (antenna_distance_m), or where they stand (antennas_enu_m)",
-        )  # fmt: skip
+        )
 
     def _agrees(self, pairing: Pairing, geometry: Geometry) -> bool:
         """Whether the baselines are as known."""
@@ -341,11 +357,15 @@ class _Window:
         complete = all(len(sets) >= 2 for sets in self.sets.values())
         if complete and worst is not None and worst.p_value < alpha:
             return self._say(
-                "spoofed", pairing.subject, p_value=float(worst.p_value), ratio=worst, group=next(self.groups),
+                "spoofed",
+                pairing.subject,
+                p_value=float(worst.p_value),
+                ratio=worst,
+                group=next(self.groups),
                 because=f"{_names(pairing)} come from one antenna: range differences between the receivers vary by "
                 f"{pairing.scatter_m:.2f} m between satellites, those of any other pairing by "
                 f"{min(p.scatter_m for p in rivals):.1f} m or more",
-            )  # fmt: skip
+            )
         p_false, because = self._p_not_sky(pairing, self.settings.geometry(pairing.receivers))
         p_false = min(1.0, self.tests * p_false)
         if p_false < alpha:
@@ -367,9 +387,12 @@ class _Window:
         if self._p_possible(sky) < alpha:
             return None
         return self._authentic(
-            sky, max(p_one, p_ratio), (ONE_FALSE_SKY,), baselines=self._believed(sky),
+            sky,
+            max(p_one, p_ratio),
+            (ONE_FALSE_SKY,),
+            baselines=self._believed(sky),
             because="; the receivers' other signals come from one antenna",
-        )  # fmt: skip
+        )
 
     def _left_over(self, false: list[Pairing]) -> Pairing | None:
         """The pairing of sets that no false group takes, if it can only be one and is not of one antenna.
@@ -391,12 +414,13 @@ class _Window:
         """There are several skies, and the pairings do not tell which is false."""
         p_values = [
             second_sky_p_value(
-                next(o for o in self.records.observations if o.receiver == receiver), tuple(sets),
+                next(o for o in self.records.observations if o.receiver == receiver),
+                tuple(sets),
                 unrelated_spread_m=self.settings.unrelated_spread_m,
                 multipath_sigma_m=max(self.settings.multipath_sigma_m, 1.0),
             )
             for receiver, sets in self.sets.items()
-        ]  # fmt: skip
+        ]
         p_value = min(1.0, len(p_values) * min(p_values))
         counts = ", ".join(f"{len(sets)} in {receiver}" for receiver, sets in self.sets.items())
         because = f"several sets of signals that each fit one position ({counts}); which is true was not decided"
@@ -429,16 +453,26 @@ class _Window:
         return pairing.at_least_p_value(limit_m), because
 
     def _authentic(
-        self, pairing: Pairing, p_value: float, assumes: tuple[str, ...], *, because: str,
+        self,
+        pairing: Pairing,
+        p_value: float,
+        assumes: tuple[str, ...],
+        *,
+        because: str,
         baselines: tuple[Baseline, ...] = (),
-    ) -> Evidence:  # fmt: skip
+    ) -> Evidence:
         return self._say(
-            "authentic", pairing.subject, p_value=p_value, group=next(self.groups), baselines=baselines,
+            "authentic",
+            pairing.subject,
+            p_value=p_value,
+            group=next(self.groups),
+            baselines=baselines,
             statistic=float(pairing.one_antenna.statistic),
             threshold=pairing.threshold(self.settings.false_alarm_probability / self.tests),
             because=f"{_names(pairing)} do not come from one antenna: range differences between the receivers vary by "
-            f"{pairing.scatter_m:.1f} m between satellites{because}", assumes=(ONE_TRANSMITTER, *assumes),
-        )  # fmt: skip
+            f"{pairing.scatter_m:.1f} m between satellites{because}",
+            assumes=(ONE_TRANSMITTER, *assumes),
+        )
 
     def _too_far(self, pairing: Pairing) -> str:
         far_m, limit_m = max(pairing.distances_m or (0.0,)), self.settings.max_separation_m
@@ -457,20 +491,39 @@ class _Window:
         return undecided(self.detector, self.records, subject, because=because, would_need=would_need)
 
     def _say(
-        self, says: Says, subject: tuple[SignalRef, ...], *, because: str, p_value: float,
-        ratio: RatioTest | None = None, statistic: float | None = None, threshold: float | None = None,
-        group: int | None = None, would_need: str | None = None, assumes: tuple[str, ...] = (),
+        self,
+        says: Says,
+        subject: tuple[SignalRef, ...],
+        *,
+        because: str,
+        p_value: float,
+        ratio: RatioTest | None = None,
+        statistic: float | None = None,
+        threshold: float | None = None,
+        group: int | None = None,
+        would_need: str | None = None,
+        assumes: tuple[str, ...] = (),
         baselines: tuple[Baseline, ...] = (),
-    ) -> Evidence:  # fmt: skip
+    ) -> Evidence:
         if ratio is not None:
             statistic, threshold = float(ratio.statistic), ratio.threshold(self.settings.false_alarm_probability)
         return Evidence(
-            detector=self.detector.name, start_gpst=self.records.start_gpst, end_gpst=self.records.end_gpst,
-            subject=subject, says=says, because=because, statistic=statistic, threshold=threshold,
-            false_alarm_probability=self.settings.false_alarm_probability, p_value=p_value,
+            detector=self.detector.name,
+            start_gpst=self.records.start_gpst,
+            end_gpst=self.records.end_gpst,
+            subject=subject,
+            says=says,
+            because=because,
+            statistic=statistic,
+            threshold=threshold,
+            false_alarm_probability=self.settings.false_alarm_probability,
+            p_value=p_value,
             log_likelihood_ratio=None if ratio is None else float(ratio.log_likelihood_ratio),
-            would_need=would_need, group=group, assumes=assumes, baselines=baselines,
-        )  # fmt: skip
+            would_need=would_need,
+            group=group,
+            assumes=assumes,
+            baselines=baselines,
+        )
 
 
 def _sets_to_decide(records: Records) -> dict[str, list[ConsistentSet]]:

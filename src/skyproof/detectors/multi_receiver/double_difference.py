@@ -49,7 +49,7 @@ __all__ = [
     "pair_tests",
     "pairs_rejected",
     "pooled_correlation",
-]  # fmt: skip
+]
 
 Tested = Literal["line", "slope"]
 """What is zero under H0: level and slope of code, the slope of carrier."""
@@ -70,9 +70,15 @@ class LineTest(NamedTuple):
 
 
 def difference_test(
-    dd_m: Reals, *, tested: Tested = "line", sigma_m: float | None = None, phi: ArrayLike = 0.0,
-    constant_sigma_m: float = 0.0, whitened: bool = True, degrees: Degrees = "all",
-) -> LineTest:  # fmt: skip
+    dd_m: Reals,
+    *,
+    tested: Tested = "line",
+    sigma_m: float | None = None,
+    phi: ArrayLike = 0.0,
+    constant_sigma_m: float = 0.0,
+    whitened: bool = True,
+    degrees: Degrees = "all",
+) -> LineTest:
     """Test that double differences have neither level nor slope, or no slope.
 
     Parameters
@@ -95,9 +101,13 @@ def difference_test(
 
 
 def pair_tests(
-    sd_m: Reals, *, tested: Tested = "line", sigma_m: float | None = None, phi: ArrayLike = 0.0,
+    sd_m: Reals,
+    *,
+    tested: Tested = "line",
+    sigma_m: float | None = None,
+    phi: ArrayLike = 0.0,
     constant_sigma_m: float = 0.0,
-) -> LineTest:  # fmt: skip
+) -> LineTest:
     """`difference_test` of every pair out of Q single differences at once: statistic and p_value (..., Q, Q).
 
     Each single difference keeps two coefficients and a row of the Gram matrix of the residuals, from which every pair's
@@ -114,9 +124,14 @@ def pair_tests(
 
 
 def pairs_rejected(
-    sd_m: Reals, false_alarm_probability: float, *, tested: Tested = "line", sigma_m: float | None = None,
-    phi: ArrayLike = 0.0, constant_sigma_m: float = 0.0,
-) -> Booleans:  # fmt: skip
+    sd_m: Reals,
+    false_alarm_probability: float,
+    *,
+    tested: Tested = "line",
+    sigma_m: float | None = None,
+    phi: ArrayLike = 0.0,
+    constant_sigma_m: float = 0.0,
+) -> Booleans:
     """Which pairs (..., Q, Q) `pair_tests` rejects, by the threshold alone: p-values cost more than all the rest."""
     statistic = _pair_statistic(sd_m, tested, sigma_m, phi, constant_sigma_m)
     threshold = f_threshold(false_alarm_probability, *_degrees(sd_m.shape[-2:], tested, sigma_m, "all"))
@@ -149,9 +164,7 @@ def pooled_correlation(sd_m: Reals) -> Reals:
     return estimate_ar1(np.moveaxis(residual, -3, -2).reshape(*lead, n, q * m))
 
 
-def _degrees(
-    shape: tuple[int, ...], tested: Tested, sigma_m: float | None, degrees: Degrees
-) -> tuple[int, float]:
+def _degrees(shape: tuple[int, ...], tested: Tested, sigma_m: float | None, degrees: Degrees) -> tuple[int, float]:
     """Of the numerator and the denominator."""
     n, m = shape
     receivers = m if degrees == "all" else 1
@@ -159,9 +172,16 @@ def _degrees(
 
 
 def _statistic(
-    level: Reals, slope: Reals, rss: Reals, gain: Reals, shape: tuple[int, ...], tested: Tested,
-    sigma_m: float | None, constant_sigma_m: float, degrees: Degrees = "all",
-) -> Reals:  # fmt: skip
+    level: Reals,
+    slope: Reals,
+    rss: Reals,
+    gain: Reals,
+    shape: tuple[int, ...],
+    tested: Tested,
+    sigma_m: float | None,
+    constant_sigma_m: float,
+    degrees: Degrees = "all",
+) -> Reals:
     dof_num, dof_den = _degrees(shape, tested, sigma_m, degrees)
     variance = rss / dof_den if sigma_m is None else 2.0 * sigma_m**2
     if tested == "slope":
@@ -206,9 +226,7 @@ class CountingRule(NamedTuple):
     usable: Indices
 
 
-def counting_rule(
-    rejected: Booleans, satellite: Indices, track: Indices, *, k: int = 4
-) -> CountingRule:
+def counting_rule(rejected: Booleans, satellite: Indices, track: Indices, *, k: int = 4) -> CountingRule:
     """The paper's rule, made exact: remove a measurement that agrees with k - 1 different satellites or more.
 
     It agrees with satellite l if any double difference that contains it, with any of l's tracks, is not rejected. A

@@ -49,9 +49,20 @@ from skyproof.statistics.clusters import LineClusters, line_clusters
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
 __all__ = [
-    "Choice", "FractionTest", "SkySplit", "SpanTest", "choose", "fraction_test", "known_baseline_test",
-    "known_sky_test", "lone_sky", "pairings", "span_test", "split_skies", "transmit_antennas",
-]  # fmt: skip
+    "Choice",
+    "FractionTest",
+    "SkySplit",
+    "SpanTest",
+    "choose",
+    "fraction_test",
+    "known_baseline_test",
+    "known_sky_test",
+    "lone_sky",
+    "pairings",
+    "span_test",
+    "split_skies",
+    "transmit_antennas",
+]
 
 _FIXES, _DIFFERENCES, _ALONE = 0.8, 0.15, 0.05
 """Shares of the rate. Pairings that mix are hundreds of metres off, so the test that is for them needs little."""

@@ -36,9 +36,21 @@ from skyproof.statistics.distributions import f_survival, f_threshold
 from skyproof.statistics.lines import additive_contrasts, fit_line
 
 __all__ = [
-    "WHITE", "BaselineEstimate", "Levels", "MeanTest", "Means", "NoiseModel", "baseline_design", "baseline_estimate",
-    "contrast_levels", "distance_p_value", "one_antenna_test", "ratio_test", "stretch_means", "table_contrasts",
-]  # fmt: skip
+    "WHITE",
+    "BaselineEstimate",
+    "Levels",
+    "MeanTest",
+    "Means",
+    "NoiseModel",
+    "baseline_design",
+    "baseline_estimate",
+    "contrast_levels",
+    "distance_p_value",
+    "one_antenna_test",
+    "ratio_test",
+    "stretch_means",
+    "table_contrasts",
+]
 
 
 @dataclass(frozen=True)
@@ -239,9 +251,12 @@ def ratio_test(
     worst = np.argmax(p_values, axis=0)[None]
     statistic = np.take_along_axis(statistic, worst, 0)[0]
     return RatioTest(
-        np.take_along_axis(p_values, worst, 0)[0], statistic, dofs[0], dofs[1],
+        np.take_along_axis(p_values, worst, 0)[0],
+        statistic,
+        dofs[0],
+        dofs[1],
         np.asarray(0.25 * (dofs[0] + dofs[1]) * np.log(statistic), float),
-    )  # fmt: skip
+    )
 
 
 class BaselineEstimate(NamedTuple):

@@ -158,11 +158,13 @@ class Pairing:
             estimate = baseline_estimate(mean, design)
             found.append(
                 Baseline(
-                    receivers=self.receivers, start_gpst=self._instant(first / len(values)),
-                    end_gpst=self._instant(end / len(values)), enu_m=estimate.enu_m.reshape(-1, 3),
+                    receivers=self.receivers,
+                    start_gpst=self._instant(first / len(values)),
+                    end_gpst=self._instant(end / len(values)),
+                    enu_m=estimate.enu_m.reshape(-1, 3),
                     covariance_m2=estimate.covariance_m2,
                 )
-            )  # fmt: skip
+            )
         return tuple(found)
 
     def _instant(self, share: float) -> np.datetime64:
@@ -192,9 +194,13 @@ def pair_up(records: Records, sets: tuple[ConsistentSet, ...], noise: NoiseModel
     """The common satellites of `sets` at common instants."""
     ranges = common_ranges(records, sets, min_satellites=min_satellites)
     return Pairing(
-        sets=sets, ranges=ranges, noise=noise, navigation=records.navigation, start_gpst=records.start_gpst,
+        sets=sets,
+        ranges=ranges,
+        noise=noise,
+        navigation=records.navigation,
+        start_gpst=records.start_gpst,
         end_gpst=records.end_gpst,
-    )  # fmt: skip
+    )
 
 
 def versus(larger: Pairing, smaller: Pairing) -> RatioTest:

@@ -115,9 +115,7 @@ def _repeated(
     return tuple(observations.signals[c] for c in agreeing) if len(agreeing) > 1 else ()
 
 
-def _apart(
-    observations: Observations, channels: list[int], level_dbhz: Reals, settings: PeaksSettings
-) -> bool | None:
+def _apart(observations: Observations, channels: list[int], level_dbhz: Reals, settings: PeaksSettings) -> bool | None:
     """Whether two of a satellite's channels are apart; None if that cannot be told."""
     strong = [c for c in channels if level_dbhz[c] >= level_dbhz[channels].max() - settings.max_weaker_db]
     chip_m = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
@@ -159,12 +157,15 @@ class Peaks:
 
     def _late(self, records: Records, observations: Observations, found: SecondSignals) -> Evidence:
         return Evidence(
-            detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst, says="multipath",
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            says="multipath",
             subject=tuple(SignalRef(observations.receiver, signal) for signal in found.repeated),
             because=f"{len(found.repeated)} satellites in {observations.receiver} have a second signal, weaker and "
             "later by the same delay: a repeater or a reflector, which shows no other place",
             false_alarm_probability=self.settings.false_alarm_probability,
-        )  # fmt: skip
+        )
 
     def _count(self, records: Records, observations: Observations, found: SecondSignals) -> Evidence:
         n, k = len(found.sats), len(found.doubled)
@@ -173,25 +174,34 @@ class Peaks:
         )
         if count > n:
             return undecided(
-                self, records, signals_of((observations,)), would_need="more satellites in view",
+                self,
+                records,
+                signals_of((observations,)),
+                would_need="more satellites in view",
                 because=f"{n} satellites with a credible signal are too few",
-            )  # fmt: skip
+            )
         if k < count <= k + len(found.unknown):
             return undecided(
-                self, records, _signals(observations, found.sats),
+                self,
+                records,
+                _signals(observations, found.sats),
                 because=f"of {len(found.unknown)} satellites with two signals the delay between them is not known yet",
                 would_need="6 s more of signal to decode the time of week, or a navigation file",
-            )  # fmt: skip
+            )
         attack = k >= count
         return Evidence(
-            detector=self.name, start_gpst=records.start_gpst, end_gpst=records.end_gpst,
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
             subject=_signals(observations, found.doubled if attack else found.sats),
             says="attack" if attack else "clean",
             because=f"{k} of {n} satellites in {observations.receiver} have a second credible signal; far echoes make "
             f"{count} or more of them once in {float(f'{1.0 / attained:.2g}'):.0f} windows",
-            statistic=float(k), threshold=float(count), false_alarm_probability=attained,
+            statistic=float(k),
+            threshold=float(count),
+            false_alarm_probability=attained,
             p_value=float(binomial_survival(k, n, self.settings.long_echo_probability)),
-        )  # fmt: skip
+        )
 
 
 def _signals(observations: Observations, sats: tuple[str, ...]) -> tuple[SignalRef, ...]:

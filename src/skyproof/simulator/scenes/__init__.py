@@ -74,9 +74,13 @@ def demo(*, seed: int = 1) -> Scenario:
     """
     scene = meaconed(seed=seed, duration_s=34.0, onset_s=JAMMED_S[1], power_db=8.0)
     jammer = Interference(
-        kind="noise", name="jammer", transmit=scene.attacks[0].transmit, power_db=30.0, onset_s=JAMMED_S[0],
+        kind="noise",
+        name="jammer",
+        transmit=scene.attacks[0].transmit,
+        power_db=30.0,
+        onset_s=JAMMED_S[0],
         until_s=JAMMED_S[1],
-    )  # fmt: skip
+    )
     return scene.model_copy(update={"name": "demo", "interference": (jammer,)})
 
 
@@ -92,25 +96,52 @@ def meaconed(*, seed: int = 1, duration_s: float, onset_s: float, power_db: floa
         start_gpst=DEMO_START_GPST,
         duration_s=duration_s,
         receivers=(
-            Receiver(name="bow", lat_deg=57.7012, lon_deg=11.9321, height_m=52.0, start_offset_s=2.1e-5,
-                     clock_offset_s=1.9e-4, lo_ppm=0.4),
-            Receiver(name="stern", lat_deg=57.7009, lon_deg=11.93295, height_m=51.0, start_offset_s=6.4e-5,
-                     clock_offset_s=-2.7e-4, lo_ppm=-0.6),
+            Receiver(
+                name="bow",
+                lat_deg=57.7012,
+                lon_deg=11.9321,
+                height_m=52.0,
+                start_offset_s=2.1e-5,
+                clock_offset_s=1.9e-4,
+                lo_ppm=0.4,
+            ),
+            Receiver(
+                name="stern",
+                lat_deg=57.7009,
+                lon_deg=11.93295,
+                height_m=51.0,
+                start_offset_s=6.4e-5,
+                clock_offset_s=-2.7e-4,
+                lo_ppm=-0.6,
+            ),
         ),
         sky=Sky(zenith_cn0_dbhz=50.0, horizon_cn0_dbhz=42.0),
         attacks=(
-            Meaconer(receive=Site(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0),
-                     transmit=Site(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0),
-                     delay_s=4.0e-6, power_db=power_db, noise_db=power_db - 13.0, onset_s=onset_s),
+            Meaconer(
+                receive=Site(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0),
+                transmit=Site(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0),
+                delay_s=4.0e-6,
+                power_db=power_db,
+                noise_db=power_db - 13.0,
+                onset_s=onset_s,
+            ),
         ),
-    )  # fmt: skip
+    )
 
 
 def clean(
-    place: Place, start_gpst: np.datetime64, *, zenith_cn0_dbhz: float = 50.0, horizon_cn0_dbhz: float = 42.0,
-    baseline_m: float = 60.0, receivers: int = 2, duration_s: float = 30.0, mask_deg: float = 5.0,
-    front_end: FrontEnd | None = None, seed: int = 0,
-) -> Scenario:  # fmt: skip
+    place: Place,
+    start_gpst: np.datetime64,
+    *,
+    zenith_cn0_dbhz: float = 50.0,
+    horizon_cn0_dbhz: float = 42.0,
+    baseline_m: float = 60.0,
+    receivers: int = 2,
+    duration_s: float = 30.0,
+    mask_deg: float = 5.0,
+    front_end: FrontEnd | None = None,
+    seed: int = 0,
+) -> Scenario:
     """Receivers around `place` that hear nothing but the sky.
 
     The first stands at `place`, the others `baseline_m` from it, spread evenly over the compass from north on. Clocks
@@ -130,13 +161,16 @@ def clean(
         mask_deg=mask_deg,
         receivers=tuple(
             Receiver(
-                name=f"rx{number}", lat_deg=place.lat_deg + float(north),
-                lon_deg=(place.lon_deg + float(east) + 180.0) % 360.0 - 180.0, height_m=place.height_m,
-                start_offset_s=rng.uniform(0.0, 1e-4), clock_offset_s=rng.uniform(-4e-4, 4e-4),
+                name=f"rx{number}",
+                lat_deg=place.lat_deg + float(north),
+                lon_deg=(place.lon_deg + float(east) + 180.0) % 360.0 - 180.0,
+                height_m=place.height_m,
+                start_offset_s=rng.uniform(0.0, 1e-4),
+                clock_offset_s=rng.uniform(-4e-4, 4e-4),
                 lo_ppm=rng.uniform(-1.0, 1.0),
             )
             for number, (north, east) in enumerate(zip(north_deg, east_deg, strict=True), 1)
         ),
         front_end=front_end if front_end is not None else FrontEnd(),
         sky=Sky(zenith_cn0_dbhz=zenith_cn0_dbhz, horizon_cn0_dbhz=horizon_cn0_dbhz),
-    )  # fmt: skip
+    )
