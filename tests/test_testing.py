@@ -9,7 +9,7 @@ import pytest
 
 from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.navigation.fix import fix
-from skyproof.records import Evidence, Taps
+from skyproof.records import Evidence, Need, Taps
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors, check_detector
 
 CLEAN = MeasuredScene(epochs=4, max_satellites=6)
@@ -24,7 +24,7 @@ class Honest:
     """Alarms at its rate on records whose first pseudorange has a standard normal error: by its last digits."""
 
     name = "honest"
-    needs: ClassVar[tuple[str, ...]] = ("observations",)
+    needs: ClassVar[tuple[Need, ...]] = (Need.OBSERVATIONS,)
     settings: Any = Settings()
 
     def chance(self, records):
@@ -110,16 +110,16 @@ class Ordered(Honest):
 class OfTaps(Honest):
     """Looks at taps: of which signal, it takes from their names."""
 
-    needs = ("observations", "taps")
+    needs = (Need.OBSERVATIONS, Need.TAPS)
 
     def chance(self, records):
-        (taps,) = records.extras["taps"]
+        (taps,) = records.taps
         prompt = {signal: float(taps.value[0, k, 0, 0].real) for k, signal in enumerate(taps.signals)}
         return sum(prompt[signal] * (k + 1) for k, signal in enumerate(sorted(prompt))) * 1e4 % 1.0
 
     def examine(self, records, state=None):
         evidence, state = super().examine(records, state)
-        if evidence[0].says != "undecided" and not np.isfinite(records.extras["taps"][0].value).any():
+        if evidence[0].says != "undecided" and not np.isfinite(records.taps[0].value).any():
             evidence = [undecided(self, records, (), because="nothing tracked", would_need="signals")]
         return evidence, state
 
@@ -128,14 +128,14 @@ class OfTapsInOrder(OfTaps):
     """Takes the first taps for those of the first observations."""
 
     def chance(self, records):
-        return float(records.extras["taps"][0].value[0, 0, 0, 0].real) * 1e4 % 1.0
+        return float(records.taps[0].value[0, 0, 0, 0].real) * 1e4 % 1.0
 
 
-class OfAnyTaps(OfTaps):
-    """Silent where there is a collection of taps with none in it."""
+class OfSilentTaps(OfTaps):
+    """Silent where there are no taps."""
 
     def examine(self, records, state=None):
-        return ([], state) if records.extras.get("taps") == () else super().examine(records, state)
+        return ([], state) if records.taps == () else super().examine(records, state)
 
 
 class OfDarkTaps(OfTaps):
@@ -206,7 +206,7 @@ def with_taps(rng):
         dopplers_hz=np.zeros(1),
         value=value,
     )
-    return replace(records, extras={"taps": (taps,)})
+    return replace(records, taps=(taps,))
 
 
 def test_a_detector_of_other_records_passes():
@@ -215,7 +215,7 @@ def test_a_detector_of_other_records_passes():
 
 @pytest.mark.parametrize(
     ("broken", "words"),
-    [(OfTapsInOrder, "order"), (OfAnyTaps, "says nothing without any of taps"), (OfDarkTaps, "anything measured")],
+    [(OfTapsInOrder, "order"), (OfSilentTaps, "says nothing without any record"), (OfDarkTaps, "anything measured")],
 )
 def test_a_broken_promise_is_caught_in_other_records(broken, words):
     with pytest.raises(AssertionError, match=words):

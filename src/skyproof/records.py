@@ -9,8 +9,8 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
-from enum import IntEnum
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -28,6 +28,7 @@ __all__ = [
     "Ccaf",
     "CellStatus",
     "ConsistentSet",
+    "Direction",
     "Ephemeris",
     "Evidence",
     "Fix",
@@ -36,6 +37,7 @@ __all__ = [
     "Klobuchar",
     "NavState",
     "NavigationData",
+    "Need",
     "Observations",
     "OpenFile",
     "Records",
@@ -87,6 +89,21 @@ FIX_STATUS: dict[int, str] = {
     FixStatus.OFF_EARTH: "off the Earth, by as few satellites as unknowns",
 }
 """A `FixStatus` in words."""
+
+
+class Need(StrEnum):
+    """What a detector may need of a window. All but `TWO_RECEIVERS` are fields of `Records`."""
+
+    OBSERVATIONS = "observations"
+    TWO_RECEIVERS = "two_receivers"
+    NAVIGATION = "navigation"
+    SETS = "sets"
+    TAPS = "taps"
+    VECTOR_TAPS = "vector_taps"
+    CCAF = "ccaf"
+    ARRAY_PHASES = "array_phases"
+    NAV_STATE = "nav_state"
+    SPIN_ARMS = "spin_arms"
 
 
 def freeze(record: Any, shapes: Mapping[str, tuple[str, ...]]) -> None:
@@ -534,6 +551,21 @@ class Baseline:
         return tuple((d, float(np.sqrt(u @ c @ u))) for d, u, c in zip(away, units, blocks, strict=True))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Direction:
+    """Where a signal comes from, as seen from the antenna, radians.
+
+    azimuth_rad : from north by east, or in the body frame from forward to the right. elevation_rad : above the horizon,
+        or above the body's plane of forward and right.
+    sigma_rad : one sigma of the angle between the estimate and the truth, on each of two axes across it.
+    """
+
+    azimuth_rad: float
+    elevation_rad: float
+    sigma_rad: float
+    frame: Literal["enu", "body"]
+
+
 Says = Literal["authentic", "spoofed", "attack", "clean", "multipath", "undecided"]
 """What a piece of evidence says of its subject.
 
@@ -554,7 +586,8 @@ class Evidence:
         ("authentic" rejects "from one antenna"; "spoofed" and "attack" reject "clean sky").
     log_likelihood_ratio : of what it says over its opposite, natural logarithm; None where no model is stated.
     noted : it stands beside the verdict, whatever that is.
-    lacking : records that the test needs and did not get; it could not run.
+    lacking : what the test needs and did not get; it could not run.
+    direction : where the subject's signals come from, if they come from one place and the test can tell it.
     assumes : under what the word holds that the measurements cannot show, in words; each stands beside the verdict.
     baselines : what the subject's signals say of the antennas, over the whole window first and then over parts of it.
     overrules : of a test that failed ("undecided", and p_value below false_alarm_probability): its subject stays open
@@ -576,7 +609,8 @@ class Evidence:
     group: int | None = None  # evidence of one group decision shares a number within its window
     overrules: bool = False
     noted: bool = False
-    lacking: tuple[str, ...] = ()
+    lacking: tuple[Need, ...] = ()
+    direction: Direction | None = None
     assumes: tuple[str, ...] = ()
     baselines: tuple[Baseline, ...] = ()
 
@@ -589,21 +623,28 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Records:
-    """All that is known of one window, for detectors to look at. A detector declares which of these it needs."""
+    """All that is known of one window, for detectors to look at. A detector declares which of these it needs.
+
+    sets : of each receiver, what was found in `observations`. taps, array_phases : of the receivers that have them.
+    vector_taps : of receivers whose channels all follow one position. ccaf : correlation grids.
+    nav_state : of the body that carries all antennas. spin_arms : of the receivers whose antenna turns.
+    """
 
     start_gpst: np.datetime64
     end_gpst: np.datetime64
     observations: tuple[Observations, ...] = ()
     navigation: NavigationData | None = None
     sets: tuple[ConsistentSet, ...] = ()
-    extras: Mapping[str, Any] = field(default_factory=dict)
+    taps: tuple[Taps, ...] = ()
+    vector_taps: tuple[Taps, ...] = ()
+    ccaf: tuple[Ccaf, ...] = ()
+    array_phases: tuple[ArrayPhases, ...] = ()
+    nav_state: NavState | None = None
+    spin_arms: tuple[SpinArm, ...] = ()
 
-    def has(self, need: str) -> bool:
-        """Whether the record named in a detector's `needs` is there."""
-        if need == "observations of two receivers":
+    def has(self, need: Need) -> bool:
+        """Whether what a detector needs is there."""
+        if need is Need.TWO_RECEIVERS:
             return len({o.receiver for o in self.observations}) >= 2
-        if need in {f.name for f in fields(self)}:
-            value = getattr(self, need)
-        else:
-            value = self.extras.get(need)
-        return value is not None and (not hasattr(value, "__len__") or len(value) > 0)
+        value = getattr(self, need)
+        return value is not None and value != ()

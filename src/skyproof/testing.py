@@ -34,6 +34,7 @@ from skyproof.records import (
     Ephemeris,
     Evidence,
     NavigationData,
+    Need,
     Observations,
     Records,
     SignalId,
@@ -102,7 +103,7 @@ def check_declarations(detector: Detector) -> None:
     assert isinstance(detector, Detector), f"{kind} lacks one of name, needs, settings, examine"
     assert detector.name.isidentifier(), f"{kind}.name is {detector.name!r}, expected a lower-case identifier"
     assert detector.needs, f"{kind}.needs is empty: a detector that needs nothing says nothing"
-    assert all(isinstance(need, str) for need in detector.needs), f"{kind}.needs must be strings"
+    assert all(isinstance(need, Need) for need in detector.needs), f"{kind}.needs must be members of Need"
     settings: Any = detector.settings
     assert is_dataclass(settings), f"settings of {kind} are not a dataclass"
     made: Any = type(settings)
@@ -121,8 +122,7 @@ def check_missing_told(detector: Detector, records: Records) -> None:
     assert not lacking, f"the records lack {', '.join(lacking)}, which {detector.name} needs: they are no test of it"
     empty = Records(start_gpst=records.start_gpst, end_gpst=records.end_gpst)
     poorer = {"any record": empty, "anything measured": _unmeasured(records)}
-    for need in detector.needs:
-        poorer |= _without(records, need, empty)
+    poorer |= {need: _without(records, need) for need in detector.needs}
     for lost, less in poorer.items():
         evidence, _ = detector.examine(less)
         assert evidence, f"{detector.name} says nothing without {lost}, which it needs"
@@ -233,28 +233,20 @@ def _numbers(evidence: Evidence) -> list[float]:
     return [np.nan if number is None else number for number in numbers]
 
 
-def _without(records: Records, need: str, empty: Records) -> dict[str, Records]:
-    """By what is missing: the record, or all that it is a collection of."""
-    if need == "observations of two receivers":
-        return {need: replace(records, observations=records.observations[:1])}
-    if need in {f.name for f in fields(records)}:
-        return {need: replace(records, **{need: getattr(empty, need)})}
-    others = {name: extra for name, extra in records.extras.items() if name != need}
-    without = {need: replace(records, extras=others)}
-    if isinstance(records.extras[need], tuple | list):
-        without[f"any of {need}"] = replace(records, extras=others | {need: ()})
-    return without
+def _without(records: Records, need: Need) -> Records:
+    """The same without what a detector needs."""
+    if need is Need.TWO_RECEIVERS:
+        return replace(records, observations=records.observations[:1])
+    empty: Any = None if need in (Need.NAVIGATION, Need.NAV_STATE) else ()
+    changes: dict[str, Any] = {need: empty}
+    return replace(records, **changes)
 
 
 def _each_measured(records: Records, change: Callable[[Any], Any]) -> Records:
     """Every record of channels, observations or other, as `change` gives it; each knows its `signals`."""
-    extras = {
-        name: tuple(change(one) if hasattr(one, "signals") else one for one in extra)
-        if isinstance(extra, tuple | list)
-        else extra
-        for name, extra in records.extras.items()
-    }
-    return replace(records, observations=tuple(change(o) for o in records.observations), extras=extras)
+    kinds = ("observations", "taps", "vector_taps", "ccaf", "array_phases")
+    changed: dict[str, Any] = {kind: tuple(change(one) for one in getattr(records, kind)) for kind in kinds}
+    return replace(records, **changed)
 
 
 _OF_CHANNELS = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")  # one number each

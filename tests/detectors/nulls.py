@@ -85,7 +85,7 @@ def with_taps(rng, name, code_chips=0.0, phase_rad=0.0, second=0.0):
         dopplers_hz=np.zeros(1),
         value=(0.07 * value[:, :, None, :]).astype(np.complex64),
     )
-    return replace(records, extras={name: (taps,)})
+    return replace(records, **{name: (taps,)})
 
 
 CCAF_RATE_HZ = 10e6
@@ -126,7 +126,7 @@ def with_ccaf(records, rng):
         value=np.array(value)[None, :, None, :],
         noise_variance=np.full((1, n), variance),
     )
-    return replace(records, extras={"ccaf": (grid,)})
+    return replace(records, ccaf=(grid,))
 
 
 def with_near_echoes(rng):
@@ -158,8 +158,7 @@ def array_phases(rng, direction, *, side=1.0, epochs=4, sigma_cyc=SIGMA_CYC, ele
 
 def window(phases, **more):
     """A window of array phases."""
-    extras = {"array_phases": (phases,), **more}
-    return Records(start_gpst=START, end_gpst=START + np.timedelta64(10, "s"), extras=extras)
+    return Records(start_gpst=START, end_gpst=START + np.timedelta64(10, "s"), array_phases=(phases,), **more)
 
 
 def somewhere(rng, count):
@@ -239,7 +238,8 @@ def array_records(rng, direction=TRUE):
         start_gpst=START,
         end_gpst=START + np.timedelta64(4, "s"),
         navigation=NAVIGATION,
-        extras={"array_phases": (made,), "nav_state": STATE},
+        array_phases=(made,),
+        nav_state=STATE,
     )
 
 
@@ -286,5 +286,5 @@ def spin_records(rng, directions, *, n=150, arm=ARM, rate=TURN_RAD, slip=None, s
         start_gpst=START,
         end_gpst=START + np.timedelta64(15, "s"),
         observations=(observations,),
-        extras={"spin_arm": (arm,)},
+        spin_arms=(arm,),
     )

@@ -5,23 +5,23 @@ from importlib.metadata import entry_points
 from typing import Any, Protocol, runtime_checkable
 
 from skyproof.errors import SettingsError
-from skyproof.records import Evidence, Observations, Records, SignalRef
+from skyproof.records import Evidence, Need, Observations, Records, SignalRef
 
 __all__ = ["NEEDS", "Detector", "load_detectors", "missing", "signals_of", "undecided"]
 
-NEEDS: dict[str, str] = {
-    "observations": "measurements of a receiver",
-    "observations of two receivers": "measurements of a second receiver nearby, over the same time",
-    "navigation": "orbits: a navigation file, or 30 s of signals whose messages can be read",
-    "sets": "signals that fit one position: pseudoranges of at least 5 satellites with their orbits",
-    "taps": "correlators beside the prompt one",
-    "vector_taps": "correlators of a receiver whose channels all follow one position",
-    "ccaf": "correlation over a grid of delay and Doppler, for each satellite",
-    "array_phases": "carrier phases of an antenna array",
-    "nav_state": "attitude and position of an inertial system over the same time",
-    "spin_arm": "length and rate of the arm that turns the antenna",
+NEEDS: dict[Need, str] = {
+    Need.OBSERVATIONS: "measurements of a receiver",
+    Need.TWO_RECEIVERS: "measurements of a second receiver nearby, over the same time",
+    Need.NAVIGATION: "orbits: a navigation file, or 30 s of signals whose messages can be read",
+    Need.SETS: "signals that fit one position: pseudoranges of at least 5 satellites with their orbits",
+    Need.TAPS: "correlators beside the prompt one",
+    Need.VECTOR_TAPS: "correlators of a receiver whose channels all follow one position",
+    Need.CCAF: "correlation over a grid of delay and Doppler, for each satellite",
+    Need.ARRAY_PHASES: "carrier phases of an antenna array",
+    Need.NAV_STATE: "attitude and position of an inertial system over the same time",
+    Need.SPIN_ARMS: "length and rate of the arm that turns the antenna",
 }
-"""What detectors may need, in words for the user; other needs are names of `Records.extras`."""
+"""What detectors may need, in words for the user."""
 
 
 @runtime_checkable
@@ -44,7 +44,7 @@ class Detector(Protocol):
     def name(self) -> str: ...
 
     @property
-    def needs(self) -> tuple[str, ...]: ...
+    def needs(self) -> tuple[Need, ...]: ...
 
     @property
     def settings(self) -> Any: ...
@@ -102,7 +102,7 @@ def missing(detector: Detector, records: Records) -> list[Evidence]:
         detector,
         records,
         signals_of(records.observations),
-        because=f"without {' and '.join(lacking)}",
-        would_need="; ".join(NEEDS.get(need, need) for need in lacking),
+        because=f"without {' and '.join(need.replace('_', ' ') for need in lacking)}",
+        would_need="; ".join(NEEDS[need] for need in lacking),
     )
     return [replace(said, lacking=tuple(lacking))]

@@ -22,7 +22,7 @@ from skyproof.navigation.least_squares import design_matrix, gauss_newton, line_
 from skyproof.navigation.raim import GlobalTest, exclude_one, global_test
 from skyproof.navigation.ranges import atmosphere, corrected_ranges
 from skyproof.navigation.window import window_mean
-from skyproof.records import ConsistentSet, Evidence, NavigationData, Observations, Records, SignalId, SignalRef
+from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
 
 __all__ = ["PlainFix", "Residual", "ResidualSettings", "plain_fix"]
 
@@ -104,7 +104,7 @@ class Residual:
     """The detector: one Evidence per receiver and window."""
 
     name = "residual"
-    needs = ("observations", "navigation")
+    needs = (Need.OBSERVATIONS, Need.NAVIGATION)
 
     def __init__(self, settings: ResidualSettings | None = None) -> None:
         self.settings = settings or ResidualSettings()

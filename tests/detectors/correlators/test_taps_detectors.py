@@ -14,7 +14,7 @@ from skyproof.errors import SettingsError
 
 def settled(records, code_chips, doppler_hz, place):
     """Offsets when one satellite is attacked."""
-    (o,), (taps,) = records.observations, records.extras["vector_taps"]
+    (o,), (taps,) = records.observations, records.vector_taps
     where = sky(_design(o, records.navigation, taps, records.sets[0].position_ecef_m))
     attack = np.eye(len(o.signals))[place]
     return equilibrium(where, code_chips * attack, doppler_hz * attack, 45.0)
@@ -38,25 +38,25 @@ def test_an_inconsistent_satellite_is_an_attack_and_named():
 
 def test_without_the_right_taps_nothing_is_said():
     records = with_taps(np.random.default_rng(6), "vector_taps")
-    (taps,) = records.extras["vector_taps"]
+    (taps,) = records.vector_taps
     for changed in (
         replace(taps, delays_chips=np.array([0.25, 0.0, -0.25])),
         replace(taps, delays_chips=np.array([0.5, 0.1, -0.5])),
         replace(taps, value=np.full(taps.value.shape, np.nan, np.complex64)),
     ):
-        (evidence,) = VectorSqm().examine(replace(records, extras={"vector_taps": (changed,)}))[0]
+        (evidence,) = VectorSqm().examine(replace(records, vector_taps=(changed,)))[0]
         assert evidence.says == "undecided"
         assert evidence.would_need
 
 
 def test_sqm_without_a_pair_or_a_signal_is_undecided():
     records = with_taps(np.random.default_rng(7), "taps")
-    (taps,) = records.extras["taps"]
+    (taps,) = records.taps
     for changed in (
         replace(taps, delays_chips=np.array([0.5, 0.0, -0.4])),
         replace(taps, value=np.full(taps.value.shape, np.nan, np.complex64)),
     ):
-        (evidence,) = Sqm().examine(replace(records, extras={"taps": (changed,)}))[0]
+        (evidence,) = Sqm().examine(replace(records, taps=(changed,)))[0]
         assert evidence.says == "undecided"
         assert evidence.would_need
 

@@ -32,7 +32,7 @@ def test_a_sky_shown_two_hundred_metres_off_in_overlapping_signals_is_an_attack(
 def test_two_delays_come_where_the_count_says_two_and_one_elsewhere():
     rng = np.random.default_rng(3)
     settings = DccafSettings(count_runs=1000)
-    one, two = (with_ccaf(scene.records(rng), rng).extras["ccaf"][0] for scene in (CLEAN_CCAF, OVERLAPPED_CCAF))
+    one, two = (with_ccaf(scene.records(rng), rng).ccaf[0] for scene in (CLEAN_CCAF, OVERLAPPED_CCAF))
     assert np.isnan(delays_of(one, 0, settings).delay_chips[:, 1]).all()
     found = delays_of(two, 0, settings)
     assert np.isfinite(found.delay_chips[:, 1]).sum() >= 5
@@ -41,13 +41,13 @@ def test_two_delays_come_where_the_count_says_two_and_one_elsewhere():
 def test_missing_grids_cost_their_channel_only():
     rng = np.random.default_rng(4)
     records = with_ccaf(OVERLAPPED_CCAF.records(rng), rng)
-    grid = records.extras["ccaf"][0]
+    grid = records.ccaf[0]
     value = np.array(grid.value)
     value[:, 0] = np.nan
-    less = replace(records, extras={"ccaf": (replace(grid, value=value),)})
+    less = replace(records, ccaf=(replace(grid, value=value),))
     assert Dccaf(DccafSettings(count_runs=1000)).examine(less)[0][0].says == "attack"
     value[:, :-4] = np.nan
-    none = replace(records, extras={"ccaf": (replace(grid, value=value),)})
+    none = replace(records, ccaf=(replace(grid, value=value),))
     assert Dccaf(DccafSettings(count_runs=1000)).examine(none)[0][0].says == "undecided"
 
 
@@ -108,7 +108,7 @@ def test_a_second_signal_is_counted_as_asked_at_a_doppler_that_was_found():
 def test_a_detector_with_several_bins_sees_what_one_with_the_right_bin_sees():
     rng = np.random.default_rng(9)
     records = with_ccaf(OVERLAPPED_CCAF.records(rng), rng)
-    (one,) = records.extras["ccaf"]
+    (one,) = records.ccaf
     scale = np.sinc((8.0 - BINS_HZ) * COHERENT_S)[:, None]  # noise of the bins alike: the worst case of a reference
     several = replace(one, dopplers_hz=BINS_HZ, value=one.value * scale)
     found, other = (delays_of(each, 0, DccafSettings(count_runs=1000)) for each in (one, several))
@@ -129,7 +129,7 @@ def test_a_detector_with_several_bins_sees_what_one_with_the_right_bin_sees():
 
 def inertial(records, offset_enu_m, sigma_m, rng):
     """With a navigator at an offset from the scene's place, and an error of its own of `sigma_m` an axis."""
-    (grid,) = records.extras["ccaf"]
+    (grid,) = records.ccaf
     lat_deg, lon_deg, height_m = OVERLAPPED_CCAF.place_deg
     geodetic = np.radians(lat_deg), np.radians(lon_deg), height_m
     place = ecef_from_geodetic(*geodetic) + np.asarray(offset_enu_m) @ rot_enu_ecef(*geodetic[:2])
@@ -141,7 +141,7 @@ def inertial(records, offset_enu_m, sigma_m, rng):
         attitude=np.tile(np.eye(3), (3, 1, 1)),
         covariance=np.tile(sigma_m**2 * np.eye(9), (3, 1, 1)),
     )
-    return replace(records, extras={**records.extras, "nav_state": state})
+    return replace(records, nav_state=state)
 
 
 FALSE_ENU_M = OVERLAPPED_CCAF.false[0].shows_enu_m
@@ -186,7 +186,7 @@ def test_a_state_of_another_time_or_without_covariance_is_not_used():
     rng = np.random.default_rng(12)
     detector = Dccaf(DccafSettings(count_runs=1000))
     records = inertial(with_ccaf(OVERLAPPED_CCAF.records(rng), rng), (0.0, 0.0, 0.0), 10.0, rng)
-    state = records.extras["nav_state"]
+    state = records.nav_state
     for changed in (replace(state, time_s=state.time_s + 10.0), replace(state, covariance=None)):
-        told, _ = detector.examine(replace(records, extras={**records.extras, "nav_state": changed}))
+        told, _ = detector.examine(replace(records, nav_state=changed))
         assert [evidence.says for evidence in told] == ["attack"]

@@ -12,12 +12,12 @@ from skyproof.app.common.settings import Settings
 from skyproof.arrays import Booleans
 from skyproof.detectors.base import Detector, load_detectors
 from skyproof.navigation.sets import consistent_sets
-from skyproof.records import ConsistentSet, Evidence, NavigationData, Observations, Records
+from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records
 
 __all__ = ["cut", "detectors_for", "examine", "window_records"]
 
 NO_TIME = np.datetime64("NaT", "ns")
-RECEIVED = frozenset({"observations", "observations of two receivers", "sets", "navigation"})
+RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAVIGATION})
 """What any detector may need that every receiver makes, sooner or later; the rest is of special equipment."""
 MIN_WINDOW_SHARE = 0.5
 """A last window shorter than this share of a whole one is joined to the one before."""

@@ -22,6 +22,7 @@ from skyproof.records import (
     Fix,
     FixStatus,
     NavigationData,
+    Need,
     Observations,
     Says,
     SignalRef,
@@ -211,7 +212,7 @@ def _repeated(outcome: Outcome) -> str:
     )
 
 
-GIVEN = ("navigation", "observations of two receivers", "sets", "array_phases", "nav_state", "spin_arm")
+GIVEN = (Need.NAVIGATION, Need.TWO_RECEIVERS, Need.SETS, Need.ARRAY_PHASES, Need.NAV_STATE, Need.SPIN_ARMS)
 """Records that users can bring, the easiest first; the others are the receiver's own affair."""
 MOST_CURES = 2
 CURE = "; would decide it: "
@@ -229,8 +230,8 @@ def _undecided_because(outcome: Outcome) -> str | None:
         return f"{question.about}: {question.why}" + (f"{CURE}{question.remedy}" if question.remedy else "")
     if left := _unexplained(outcome.decision.unexplained).rstrip("."):
         return f"{question.about}: {left}{CURE}a longer recording, or another receiver nearby"
-    lacking = {name for e in outcome.evidence for name in e.lacking}
-    cure = [NEEDS[name] for name in GIVEN if name in lacking][:MOST_CURES]
+    lacking = {need for e in outcome.evidence for need in e.lacking}
+    cure = [NEEDS[need] for need in GIVEN if need in lacking][:MOST_CURES]
     why = f"{question.about}: no method that this input allows can tell"
     return why + (f"{CURE}{', or '.join(cure)}" if cure else "")
 

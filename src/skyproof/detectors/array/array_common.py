@@ -20,7 +20,7 @@ from skyproof.detectors.array.ins_array import array_design, mean_differences, w
 from skyproof.detectors.base import Detector, missing, undecided
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import ArrayPhases, Evidence, Records, SignalRef
+from skyproof.records import ArrayPhases, Evidence, Need, Records, SignalRef
 from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
@@ -148,11 +148,11 @@ class ArrayCommonSettings:
 
 
 class ArrayCommon:
-    """The detector, from `extras["array_phases"]`: a tuple of `ArrayPhases`. The array must hardly turn within a window
+    """The detector, from `array_phases`: a tuple of `ArrayPhases`. The array must hardly turn within a window
     (by much less than a cycle over its longest baseline), as phase differences are averaged."""
 
     name = "array_common"
-    needs = ("array_phases",)
+    needs = (Need.ARRAY_PHASES,)
 
     def __init__(self, settings: ArrayCommonSettings | None = None) -> None:
         self.settings = settings or ArrayCommonSettings()
@@ -162,8 +162,7 @@ class ArrayCommon:
         lacking = missing(self, records)
         if lacking:
             return lacking, state
-        arrays: tuple[ArrayPhases, ...] = records.extras["array_phases"]
-        return [evidence for phases in arrays for evidence in self._array(records, phases)], state
+        return [evidence for phases in records.array_phases for evidence in self._array(records, phases)], state
 
     def _array(self, records: Records, phases: ArrayPhases) -> list[Evidence]:
         mean = mean_differences(phases)

@@ -31,7 +31,7 @@ from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
 from skyproof.gnss.time import week_and_tow
-from skyproof.records import ArrayPhases, Evidence, NavigationData, NavState, Records, SignalRef
+from skyproof.records import ArrayPhases, Evidence, NavigationData, NavState, Need, Records, SignalRef
 from skyproof.statistics.directions import nearest_whole, squared_norm
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
@@ -364,14 +364,14 @@ class InsArraySettings:
 
 
 class InsArray:
-    """The detector: one Evidence per array and window, from `extras["array_phases"]` (a tuple of `ArrayPhases`) and
-    `extras["nav_state"]` (`NavState`, the body that carries the arrays).
+    """The detector: one Evidence per array and window, from `array_phases` (a tuple of `ArrayPhases`) and
+    `nav_state` (`NavState`, the body that carries the arrays).
 
     The joint test of all signals and the conditional tests of each share the false alarms evenly, by the union bound.
     """
 
     name = "ins_array"
-    needs = ("array_phases", "nav_state", "navigation")
+    needs = (Need.ARRAY_PHASES, Need.NAV_STATE, Need.NAVIGATION)
 
     def __init__(self, settings: InsArraySettings | None = None) -> None:
         self.settings = settings or InsArraySettings()
@@ -379,11 +379,10 @@ class InsArray:
     def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
         """Evidence of one window; never raises for what the data lack."""
         lacking = missing(self, records)
-        if lacking or records.navigation is None:
+        if lacking or records.navigation is None or records.nav_state is None:
             return lacking, state
-        arrays: tuple[ArrayPhases, ...] = records.extras["array_phases"]
-        attitude: NavState = records.extras["nav_state"]
-        return [self._array(records, phases, attitude, records.navigation) for phases in arrays], state
+        body, orbits = records.nav_state, records.navigation
+        return [self._array(records, phases, body, orbits) for phases in records.array_phases], state
 
     def _array(self, records: Records, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> Evidence:
         direction = predicted_directions(phases, state, navigation)

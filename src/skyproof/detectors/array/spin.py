@@ -30,7 +30,7 @@ from skyproof.detectors.array.array_common import cluster_evidence, of_one_carri
 from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import Evidence, Observations, Records, SignalRef, SpinArm
+from skyproof.records import Evidence, Need, Observations, Records, SignalRef, SpinArm
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = [
@@ -365,12 +365,12 @@ class SpinSettings:
 class Spin:
     """The detector: which signals of a receiver on an arm come from one direction.
 
-    From its observations and `extras["spin_arm"]`, a tuple of `SpinArm`. The arm must turn by most of a turn within the
+    From its observations and `spin_arms`, a tuple of `SpinArm`. The arm must turn by most of a turn within the
     window; with less nothing is decided.
     """
 
     name = "spin"
-    needs = ("observations", "spin_arm")
+    needs = (Need.OBSERVATIONS, Need.SPIN_ARMS)
 
     def __init__(self, settings: SpinSettings | None = None) -> None:
         self.settings = settings or SpinSettings()
@@ -380,7 +380,7 @@ class Spin:
         lacking = missing(self, records)
         if lacking:
             return lacking, state
-        arms: dict[str, SpinArm] = {arm.receiver: arm for arm in records.extras["spin_arm"]}
+        arms = {arm.receiver: arm for arm in records.spin_arms}
         turning = [o for o in records.observations if o.receiver in arms]
         if not turning:
             because = "no receiver of the window is on an arm"

@@ -25,7 +25,7 @@ from skyproof.detectors.continuity.one_sky import MIN_SATELLITES, joined, one_si
 from skyproof.detectors.continuity.steps import Limits, Step, largest_step, series_of
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.time import iso
-from skyproof.records import ConsistentSet, Evidence, NavigationData, Observations, Records, SignalId, SignalRef
+from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.distributions import normal_two_sided
 
 __all__ = ["CN0_MAX_DBHZ", "Continuity", "ContinuitySettings", "common_level_p_value"]
@@ -123,7 +123,7 @@ class Continuity:
     """The detector: see the module's text. It remembers the last seconds of each receiver."""
 
     name = "continuity"
-    needs = ("observations", "navigation", "sets")
+    needs = (Need.OBSERVATIONS, Need.NAVIGATION, Need.SETS)
 
     def __init__(self, settings: ContinuitySettings | None = None) -> None:
         self.settings = settings or ContinuitySettings()

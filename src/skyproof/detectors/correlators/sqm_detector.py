@@ -11,7 +11,7 @@ from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.correlators.correlator_laws import prompt_amplitude
 from skyproof.detectors.correlators.sqm import delta_law, delta_metric
 from skyproof.errors import SettingsError, require_probability
-from skyproof.records import Evidence, Observations, Records, SignalId, SignalRef, Taps
+from skyproof.records import Evidence, Need, Observations, Records, SignalId, SignalRef, Taps
 
 __all__ = ["Sqm", "SqmSettings", "level_dbhz", "pair_of_taps"]
 
@@ -58,7 +58,7 @@ def level_dbhz(observations: Observations, signals: tuple[SignalId, ...]) -> Rea
 
 
 class Sqm:
-    """The detector: one Evidence per receiver and window, from observations and `extras["taps"]`, a tuple of `Taps`.
+    """The detector: one Evidence per receiver and window, from observations and `taps`, a tuple of `Taps`.
 
     The statistic is the smallest p-value of delta over signals and epochs, made one of all: exact for white noise of
     known C/N0, taps without a band limit, and loops that leave the pair alone. A filter that rounds the peak makes
@@ -67,7 +67,7 @@ class Sqm:
     """
 
     name = "sqm"
-    needs = ("observations", "taps")
+    needs = (Need.OBSERVATIONS, Need.TAPS)
 
     def __init__(self, settings: SqmSettings | None = None) -> None:
         self.settings = settings or SqmSettings()
@@ -78,7 +78,7 @@ class Sqm:
         if lacking:
             return lacking, state
         by_receiver = {o.receiver: o for o in records.observations}
-        return [self._receiver(records, by_receiver.get(taps.receiver), taps) for taps in records.extras["taps"]], state
+        return [self._receiver(records, by_receiver.get(taps.receiver), taps) for taps in records.taps], state
 
     def _receiver(self, records: Records, observations: Observations | None, taps: Taps) -> Evidence:
         refs = tuple(SignalRef(taps.receiver, signal) for signal in taps.signals)

@@ -22,7 +22,7 @@ from skyproof.errors import SettingsError, require_probability
 from skyproof.navigation.least_squares import design_matrix, line_of_sight
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.navigation.window import window_mean
-from skyproof.records import Evidence, NavigationData, Observations, Records, SignalRef, Taps
+from skyproof.records import Evidence, NavigationData, Need, Observations, Records, SignalRef, Taps
 
 __all__ = ["VectorSqm", "VectorSqmSettings"]
 
@@ -46,7 +46,7 @@ class VectorSqmSettings:
 
 
 class VectorSqm:
-    """The detector: one Evidence per receiver and window, from `extras["vector_taps"]`, a tuple of `Taps` whose
+    """The detector: one Evidence per receiver and window, from `vector_taps`, a tuple of `Taps` whose
     channels one solution steers, with early and late half a chip from the prompt.
 
     The window is one sum. Its statistic is chi-square with 2 (n - 4) degrees without an attack. Taps of scalar tracking
@@ -54,7 +54,7 @@ class VectorSqm:
     """
 
     name = "vector_sqm"
-    needs = ("observations", "navigation", "sets", "vector_taps")
+    needs = (Need.OBSERVATIONS, Need.NAVIGATION, Need.SETS, Need.VECTOR_TAPS)
 
     def __init__(self, settings: VectorSqmSettings | None = None) -> None:
         self.settings = settings or VectorSqmSettings()
@@ -67,7 +67,7 @@ class VectorSqm:
         by_receiver = {o.receiver: o for o in records.observations}
         return [
             self._receiver(records, records.navigation, by_receiver.get(taps.receiver), taps)
-            for taps in records.extras["vector_taps"]
+            for taps in records.vector_taps
         ], state
 
     def _receiver(

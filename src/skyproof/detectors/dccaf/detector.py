@@ -32,7 +32,7 @@ from skyproof.navigation.chance import chance_p_value, set_combinations
 from skyproof.navigation.exclusion import choose_fix, wrong_choice_rule
 from skyproof.navigation.least_squares import gauss_newton, line_of_sight
 from skyproof.navigation.ranges import atmosphere, corrected_ranges
-from skyproof.records import Ccaf, Evidence, NavigationData, NavState, Records, Says, SignalRef
+from skyproof.records import Ccaf, Evidence, NavigationData, Need, Records, Says, SignalRef
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["Dccaf", "DccafSettings", "Delays", "delays_of"]
@@ -152,23 +152,23 @@ class _Fixes(NamedTuple):
 class Dccaf:
     """The detector: of each receiver and window an Evidence of the last epoch in which most channels are there.
 
-    An attack is told of the receiver as a whole. With `extras["nav_state"]`, a `NavState` with covariance of a unit
+    An attack is told of the receiver as a whole. With `nav_state`, a `NavState` with covariance of a unit
     that has had no fix since before the attack, and whose `time_s` counts as `Ccaf.elapsed_s`, there is more evidence,
     on the signals nearest to the references, which are those that the receiver follows.
     """
 
     name = "dccaf"
-    needs = ("ccaf", "navigation")
+    needs = (Need.CCAF, Need.NAVIGATION)
 
     def __init__(self, settings: DccafSettings | None = None) -> None:
         self.settings = settings or DccafSettings()
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of one window; `records.extras["ccaf"]` is a sequence of `Ccaf`."""
+        """Evidence of one window; `ccaf` is a sequence of `Ccaf`."""
         lacking = missing(self, records)
         if lacking or records.navigation is None:
             return lacking, state
-        told = [self._receiver(records, records.navigation, ccaf) for ccaf in records.extras["ccaf"]]
+        told = [self._receiver(records, records.navigation, ccaf) for ccaf in records.ccaf]
         return [evidence for each in told for evidence in each], state
 
     def _receiver(self, records: Records, navigation: NavigationData, ccaf: Ccaf) -> list[Evidence]:
@@ -360,7 +360,7 @@ def _fixes(sky: _Sky, choice: Any, rows: Any) -> _Fixes:
 
 def _inertial_place(records: Records, at_s: float) -> tuple[Reals, Reals] | None:
     """Place (3,) and covariance (3, 3) in ECEF at a time within the navigator's own; None without them."""
-    path: NavState | None = records.extras.get("nav_state")
+    path = records.nav_state
     if path is None or path.covariance is None or not path.time_s[0] <= at_s <= path.time_s[-1]:
         return None
     place_m = np.array([np.interp(at_s, path.time_s, axis) for axis in path.position_ecef_m.T])

@@ -41,7 +41,7 @@ from skyproof.detectors.multi_receiver.pairing import Pairing, pair_up, versus
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
-from skyproof.records import Baseline, ConsistentSet, Evidence, Records, Says, SignalRef
+from skyproof.records import Baseline, ConsistentSet, Evidence, Need, Records, Says, SignalRef
 
 __all__ = ["MultiReceiver", "MultiReceiverSettings"]
 
@@ -127,7 +127,7 @@ class MultiReceiver:
     """The detector: see the module's text. Windows are independent of each other; it remembers nothing."""
 
     name = "multi_receiver"
-    needs = ("observations of two receivers", "sets")
+    needs = (Need.TWO_RECEIVERS, Need.SETS)
 
     def __init__(self, settings: MultiReceiverSettings | None = None) -> None:
         self.settings = settings or MultiReceiverSettings()

@@ -17,7 +17,7 @@ from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.detectors.second_signals.late_copies import MOST_LATE_M, WEAKER_DB
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.records import Evidence, Observations, Records, SignalId, SignalRef
+from skyproof.records import Evidence, Need, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.distributions import binomial_survival, binomial_threshold
 
 __all__ = ["Peaks", "PeaksSettings", "SecondSignals", "second_signals"]
@@ -140,7 +140,7 @@ class Peaks:
     """The detector: one Evidence per receiver and window."""
 
     name = "peaks"
-    needs = ("observations",)
+    needs = (Need.OBSERVATIONS,)
 
     def __init__(self, settings: PeaksSettings | None = None) -> None:
         self.settings = settings or PeaksSettings()
