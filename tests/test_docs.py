@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 import skyproof
-from skyproof.app.common.settings import Settings, resolve_settings
+from skyproof.app.common.platform import Platform, read_platform
+from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import detectors_for
 from skyproof.cli import app, main
 from skyproof.formats.raw import SampleLayout, read_sidecar
@@ -208,7 +209,7 @@ def test_the_files_that_the_manual_shows_are_read(tmp_path: Path) -> None:
     (tmp_path / "rx1.toml").write_text(sidecar, encoding="utf-8")
     (tmp_path / "platform.toml").write_text(platform, encoding="utf-8")
     read_sidecar(tmp_path / "rx1.toml")
-    assert resolve_settings(tmp_path / "platform.toml") != Settings()
+    assert read_platform(tmp_path / "platform.toml") != Platform()
     assert [attack.kind for attack in parse_scenario(tomllib.loads(scenario)).attacks] == ["meaconer"]
     (meta,) = blocks(DOCS / "formats.md", "json")
     (tmp_path / "one.sigmf-meta").write_text(meta, encoding="utf-8")

@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field, ValidationError
 from tests.messages import NEVER_RAISED, Message, Site, _sites_in, sites, table, unraised, without_folders
 
 from skyproof import cli
+from skyproof.app.common.platform import read_platform
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.receive.reception import open_inputs
@@ -39,21 +40,27 @@ from skyproof.simulator.scenario import parse_scenario, read_scenario
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[protect]\nwindow_s = 1\n", "[protect] window_s = 1, expected 2 or more"),
-        ('[protect]\nwindow_s = "long"\n', '[protect] window_s = "long", expected a number'),
-        ("[protect]\nplace_deg = [57.7]\n", "[protect] place_deg.1 is missing"),
-        ("[protect]\nstart = 3\n", "[protect] start is no known setting; did you mean start_s?"),
-        ("[protect]\nqqqq = 3\n", "[protect] qqqq is no known setting; known are false_alarm_probability_per_hour, "),
-        ("protect = 3\n", "protect = 3, expected a table; begin it with the line [protect]"),
-        ("[protect\n", "(at line 1, column 9); a platform file is TOML with a table [protect]: fix that line"),
-        ("[protect]\nstart_s = -1\nsmoothing_s = 0\n", "smoothing_s = 0, expected more than 0; start_s = -1, "),
+        ("[protect]\nwindow_s = 1\n", "protect.window_s = 1, expected 2 or more"),
+        ('[protect]\nwindow_s = "long"\n', 'protect.window_s = "long", expected a number'),
+        ("[protect]\nplace_deg = [57.7]\n", "protect.place_deg[1] is missing"),
+        (
+            "[protect]\nstart = 3\n",
+            "protect.start: unknown key, did you mean start_s?; known here: false_alarm_probability_per_hour, ",
+        ),
+        ("[protect]\nqqqq = 3\n", "protect.qqqq: unknown key; known here: false_alarm_probability_per_hour, "),
+        ("protect = 3\n", "protect = 3, expected a table"),
+        ("[protect\n", "(at line 1, column 9); a platform file is TOML: fix that line"),
+        (
+            "[protect]\nstart_s = -1\nsmoothing_s = 0\n",
+            "protect.smoothing_s = 0, expected more than 0; protect.start_s = -1, ",
+        ),
     ],
 )
 def test_a_wrong_platform_file_is_refused_by_file_and_key(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "platform.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises((SettingsError, InputError)) as raised:
-        resolve_settings(path)
+        read_platform(path)
     assert str(raised.value).startswith(f"{path}: ")
     assert words in str(raised.value)
 
@@ -62,9 +69,9 @@ def test_a_wrong_option_is_refused_as_a_setting_and_not_as_the_files(tmp_path: P
     path = tmp_path / "platform.toml"
     path.write_text("[protect]\nstart_s = 1\n", encoding="utf-8")
     with pytest.raises(SettingsError, match=r"^setting start_s = -2\.0, expected 0 or more$"):
-        resolve_settings(path, start_s=-2.0)
+        resolve_settings(read_platform(path).protect, start_s=-2.0)
     with pytest.raises(InputError, match=r"none\.toml: the platform file cannot be read \(No such .*check the name"):
-        resolve_settings(tmp_path / "none.toml")
+        read_platform(tmp_path / "none.toml")
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,7 @@ _KINDS: Final = {
     "int_": "a whole number",
     "float_": "a number",
     "string_type": "a text",
+    "path_type": "a text",
     "bool_": "true or false",
     "tuple_type": "a list",
     "list_type": "a list",

@@ -23,7 +23,7 @@ from tests.formats.test_rinex_obs_read import (
 )
 from tests.fuzz.readers import READERS
 
-from skyproof.app.common.settings import resolve_settings
+from skyproof.app.common.platform import read_platform
 from skyproof.errors import InputError, ScenarioError, SettingsError, SkyproofError
 from skyproof.formats import byte_io, crinex, rinex_obs_read, track
 from skyproof.formats.bounds import CAPTURES, DEPTH, first_few, require_toml_depth
@@ -35,7 +35,7 @@ from skyproof.formats.track import parse_csv, parse_kml, parse_nmea
 from skyproof.gnss.time import parse_iso
 from skyproof.simulator.scenario import parse_scenario, read_scenario
 
-TOML_READERS = (resolve_settings, read_scenario, read_sidecar)
+TOML_READERS = (read_platform, read_scenario, read_sidecar)
 FILES = [name for name in READERS if name not in ("bytes", "any", "archive")]
 SCENE = {
     "start_gpst": "2024-05-14T10:00:00",
@@ -127,7 +127,7 @@ def test_brackets_and_points_in_strings_and_comments_are_not_counted() -> None:
 @pytest.mark.parametrize("read", TOML_READERS)
 @pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000], ids=["decimal", "hexadecimal"])
 def test_whole_numbers_of_thousands_of_digits_are_refused(tmp_path: Path, read, number: str) -> None:
-    key = {resolve_settings: "[protect]\nwindow_s", read_scenario: "seed", read_sidecar: "[samples]\nheader_bytes"}
+    key = {read_platform: "[protect]\nwindow_s", read_scenario: "seed", read_sidecar: "[samples]\nheader_bytes"}
     (tmp_path / "a.toml").write_text(f"{key[read]} = {number}\n", encoding="utf-8")
     with pytest.raises(SkyproofError):
         read(tmp_path / "a.toml")
@@ -149,8 +149,8 @@ def test_of_a_hundred_thousand_unknown_keys_a_few_are_named(tmp_path: Path) -> N
     keys = "".join(f"key{number} = 1\n" for number in range(60_000))
     (tmp_path / "a.toml").write_text(f"[protect]\n{keys}", encoding="utf-8")
     begun_s = time.process_time()
-    with pytest.raises(SettingsError, match=r"key0 is no known setting.*key9 is no known setting.*; and 59990 more$"):
-        resolve_settings(tmp_path / "a.toml")
+    with pytest.raises(SettingsError, match=r"key0: unknown key.*key9: unknown key.*; and 59990 more$"):
+        read_platform(tmp_path / "a.toml")
     with pytest.raises(ScenarioError, match=r"key9: unknown key.*; and 59990 more$"):
         parse_scenario(SCENE | {f"key{number}": 1 for number in range(60_000)})
     (tmp_path / "a.toml").write_text(f"[samples]\n{keys}", encoding="utf-8")
@@ -162,8 +162,8 @@ def test_of_a_hundred_thousand_unknown_keys_a_few_are_named(tmp_path: Path) -> N
 
 def test_long_keys_and_values_are_shortened_in_a_message(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text(f"[protect]\n{'k' * 100_000} = 1\nplace_deg = '{'v' * 100_000}'\n", "utf-8")
-    with pytest.raises(SettingsError, match=r"k{57}\.\.\. is no known setting") as raised:
-        resolve_settings(tmp_path / "a.toml")
+    with pytest.raises(SettingsError, match=r"protect\.k{49}\.\.\.: unknown key") as raised:
+        read_platform(tmp_path / "a.toml")
     assert 'place_deg = "vvv' in str(raised.value)
     assert len(str(raised.value)) < 1000
 

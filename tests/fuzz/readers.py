@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skyproof.app.common.settings import resolve_settings
+from skyproof.app.common.platform import read_platform
 from skyproof.formats.raw import open_raw
 from skyproof.formats.readings import header_length, likely_packings
 from skyproof.formats.recording import open_recording
@@ -98,7 +98,9 @@ def _any(path: Path) -> None:
 
 
 def _platform(path: Path) -> None:
-    resolve_settings(path, window_s=20.0)
+    start_gpst = getattr(read_platform(path).imu, "start_gpst", None)
+    if start_gpst is not None:
+        _in_time(start_gpst)
 
 
 def _scenario(path: Path) -> None:
@@ -146,7 +148,7 @@ READERS: dict[str, Reader] = {
     "archive": Reader("a.sigmf", _sigmf, (_archive(),), 4),
     "bytes": Reader("a.bin", _bytes, (_RANDOM[:8192], _wav(), *_NAV[:1], *_COMPACT[:1]), 2),
     "any": Reader("b.bin", _any, (_RANDOM[:8192], _wav(), *_NAV[:1], *_COMPACT[:1]), 2),
-    "platform": Reader("a.toml", _platform, _seeds("platform.toml"), 8),
+    "platform": Reader("a.toml", _platform, _seeds("platform.toml", "platform-whole.toml"), 8),
     "scenario": Reader("a.toml", _scenario, _seeds("scenario.toml", "sidecar.toml"), 5),
     "verdict": Reader("verdict.json", _verdict, _seeds("verdict.json"), 4),
 }

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from skyproof.arrays import Reals
-from skyproof.simulator.sites import Model, Name, SatName, Site, between, rising
+from skyproof.formats.models import Model, Name
+from skyproof.simulator.sites import SatName, Site, between, rising
 
 __all__ = ["Attack", "Interference", "Meaconer", "Spoofer", "Takeover", "TransmitAntenna"]
 

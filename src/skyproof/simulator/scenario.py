@@ -4,21 +4,20 @@ Times that end in `_s` count from `start_gpst`, in GPS time; places are geodetic
 down.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self, get_args
+from typing import Any, ClassVar, Literal, Self
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
-from pydantic_core import ErrorDetails
+from pydantic import Field, ValidationError, model_validator
 
-from skyproof.errors import InputError, ScenarioError, fault_words, shortened
-from skyproof.formats.bounds import first_few
+from skyproof.errors import InputError, ScenarioError, shortened
 from skyproof.formats.documents import read_toml
+from skyproof.formats.models import Instant, Model, Name, faults_of
 from skyproof.simulator.attacks import Attack, Interference, Meaconer, Spoofer, Takeover, TransmitAntenna
 from skyproof.simulator.clocks import OSCILLATORS
 from skyproof.simulator.inertial import GRADES
-from skyproof.simulator.sites import Instant, Model, Name, Place, SatName, Site
+from skyproof.simulator.sites import Place, SatName, Site
 
 __all__ = [
     "Antenna",
@@ -287,11 +286,7 @@ def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Sce
     try:
         return Scenario.model_validate(dict(table))
     except ValidationError as error:
-        faults = error.errors(include_url=False)
-        with_members = {fault["loc"][:k] for fault in faults for k in range(len(fault["loc"]))}
-        # a list is too short because of faults in its members, which are named themselves
-        first = [fault for fault in faults if fault["type"] != "too_short" or fault["loc"] not in with_members]
-        raise ScenarioError(f"{source}: {'; '.join(first_few(first, _fault))}") from error
+        raise ScenarioError(f"{source}: {'; '.join(faults_of(error, Scenario))}") from error
 
 
 def read_scenario(path: Path) -> Scenario:
@@ -317,41 +312,3 @@ def _beside(value: Any, folder: Path) -> Any:
         if isinstance(table.get(key), str):
             table[key] = str(folder / table[key])
     return table
-
-
-def _fault(fault: ErrorDetails) -> str:
-    """A fault with the path of its key as it stands in the file."""
-    kind, loc = fault["type"], fault["loc"]
-    parts: list[str] = []
-    known: Any = Scenario
-    for place, part in enumerate(loc):
-        if isinstance(part, int):
-            parts.append(f"[{part}]")
-            continue
-        tagged = {model.model_fields["kind"].default: model for model in _models(known) if "kind" in model.model_fields}
-        if part in tagged and place > 0:  # what kind of table it is stands in the place, not in the file
-            known = tagged[part]
-            continue
-        parts.append(f".{part}")
-        for model in _models(known):
-            if part in model.model_fields:
-                known = model.model_fields[part].annotation
-                break
-        else:
-            known = known if kind == "extra_forbidden" else None
-    path = shortened("".join(parts).lstrip("."))
-    if kind == "extra_forbidden":
-        names = [name for model in _models(known) for name in model.model_fields]
-        near = get_close_matches(str(loc[-1])[:60], names, 1, cutoff=0.5)
-        hint = f", did you mean {near[0]}?" if near else ""
-        return f"{path}: unknown key{hint}; known here: {', '.join(names)}"
-    return fault_words(path, fault)
-
-
-def _models(annotation: Any) -> Iterator[type[BaseModel]]:
-    """The models that an annotation names."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    else:
-        for part in get_args(annotation):
-            yield from _models(part)

@@ -1,27 +1,22 @@
-"""Places and ways as a person writes them, and what all tables of a scenario share."""
+"""Places and ways as a person writes them."""
 
 from collections.abc import Sequence
-from datetime import date, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, model_validator
+from pydantic import Field, PlainValidator, model_validator
 
 from skyproof.arrays import Reals
-from skyproof.errors import shown
+from skyproof.formats.models import Model
 from skyproof.gnss.signals import GPS_SATS
-from skyproof.gnss.time import iso, parse_iso
 
 __all__ = [
     "Circle",
     "FromFile",
-    "Instant",
     "LasVegas",
-    "Model",
-    "Name",
     "Place",
     "SatName",
     "Site",
@@ -30,28 +25,9 @@ __all__ = [
     "rising",
 ]
 
-NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"  # names become file names
-Name = Annotated[str, Field(pattern=NAME)]
 CORNER_S = 2.0
 LOWEST_M, HIGHEST_M = -500.0, 20_000.0
 """Places outside are taken for mistakes: no receiver is under the ground, and the standard atmosphere ends."""
-
-
-def _instant(value: Any) -> np.datetime64:
-    if isinstance(value, date):  # or a datetime, which is one
-        if isinstance(value, datetime) and value.tzinfo is not None:
-            raise ValueError("has a time zone; write GPS time without a zone, as in 2022-01-01T21:45:58")
-        value = value.isoformat()
-    if isinstance(value, np.datetime64):
-        instant: np.datetime64 = value.astype("datetime64[ns]")
-        return instant
-    if not isinstance(value, str):
-        raise ValueError(f"is {shown(value)}, expected GPS time as 2022-01-01T21:45:58, without a zone")
-    return parse_iso(value)
-
-
-def _written(value: np.datetime64) -> str:
-    return iso(value, 9)
 
 
 def _sat(value: Any) -> str:
@@ -60,14 +36,7 @@ def _sat(value: Any) -> str:
     return str(value)
 
 
-Instant = Annotated[np.datetime64, PlainValidator(_instant), PlainSerializer(_written, return_type=str)]
 SatName = Annotated[str, PlainValidator(_sat)]
-
-
-class Model(BaseModel):
-    """A table that refuses what it does not know."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, arbitrary_types_allowed=True)
 
 
 def rising(times_s: Sequence[float], what: str) -> None:

@@ -33,11 +33,14 @@ def test_every_setting_stands_in_the_verdict():
     [
         ({"antenna_separation_m": 1e300}, r"antenna_separation_m = 1e\+300, expected 100000 or less"),
         ({"antenna_separation_m": 400.0}, "antenna_separation_m = 400 is more than max_separation_m = 300; "),
-        ({"place_deg": (999.0, 999.0)}, r"place_deg\.0 = 999\.0, expected 90 or less; place_deg\.1 = 999"),
-        ({"place_deg": (1.0, float("nan"))}, r"place_deg\.1 = nan"),
-        ({"antennas_enu_m": {"a": (0.0, 1e9, 0.0)}}, r"antennas_enu_m\.a\.1 = 1000000000\.0, expected 100000 or less"),
-        ({"antennas_enu_m": {"a": (0.0, 1.0)}}, r"antennas_enu_m\.a\.2 is missing"),
-        ({"antennas_enu_m": {"a": (0.0, float("inf"), 0.0)}}, r"antennas_enu_m\.a\.1 = inf, expected"),
+        ({"place_deg": (999.0, 999.0)}, r"place_deg\[0\] = 999\.0, expected 90 or less; place_deg\[1\] = 999"),
+        ({"place_deg": (1.0, float("nan"))}, r"place_deg\[1\] = nan"),
+        (
+            {"antennas_enu_m": {"a": (0.0, 1e9, 0.0)}},
+            r"antennas_enu_m\.a\[1\] = 1000000000\.0, expected 100000 or less",
+        ),
+        ({"antennas_enu_m": {"a": (0.0, 1.0)}}, r"antennas_enu_m\.a\[2\] is missing"),
+        ({"antennas_enu_m": {"a": (0.0, float("inf"), 0.0)}}, r"antennas_enu_m\.a\[1\] = inf, expected"),
         ({"window_s": 1e300}, r"window_s = 1e\+300, expected 100000 or less"),
     ],
 )

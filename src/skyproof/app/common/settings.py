@@ -1,15 +1,11 @@
 """The settings of a run: what options and the platform file say, else defaults; written with every output."""
 
-from difflib import get_close_matches
-from pathlib import Path
 from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import ErrorDetails
 
-from skyproof.errors import SettingsError, fault_words, shortened, shown
-from skyproof.formats.bounds import first_few
-from skyproof.formats.documents import read_toml
+from skyproof.errors import SettingsError
+from skyproof.formats.models import faults_of
 
 __all__ = ["Settings", "resolve_settings"]
 
@@ -91,42 +87,13 @@ class Settings(BaseModel):
         return self
 
 
-def resolve_settings(platform: Path | None = None, **options: Any) -> Settings:
-    """Options first, then the platform file, then defaults. An option that is None was not given.
+def resolve_settings(given: Settings | None = None, **options: Any) -> Settings:
+    """Options first, then what a platform file gives, then defaults. An option that is None was not given.
 
-    Raises SettingsError or InputError: what is wrong, where, and what is expected.
+    Raises SettingsError: what is wrong and what is expected.
     """
-    table: dict[str, Any] = {}
-    if platform is not None:
-        tables = read_toml(
-            Path(platform),
-            "the platform file",
-            "a platform file is TOML with a table [protect]: fix that line",
-            "check the name and the folder",
-        )
-        table = tables.get("protect", {})
-        if not isinstance(table, dict):
-            raise SettingsError(
-                f"{platform}: protect = {shown(table)}, expected a table; begin it with the line [protect]"
-            )
+    table = {} if given is None else given.model_dump(exclude_unset=True)
     try:
         return Settings(**(table | {key: value for key, value in options.items() if value is not None}))
     except ValidationError as error:
-        faults = error.errors(include_url=False)
-        of_file, of_options = list[ErrorDetails](), list[ErrorDetails]()
-        for fault in faults:
-            key = fault["loc"][0] if fault["loc"] else None
-            (of_file if key in table and options.get(str(key)) is None else of_options).append(fault)
-        told = first_few(of_file, _words), first_few(of_options, _words)
-        where = f"{platform}: [protect] ", "setting "
-        raise SettingsError("; ".join(w + "; ".join(t) for w, t in zip(where, told, strict=True) if t)) from error
-
-
-def _words(fault: ErrorDetails) -> str:
-    place = shortened(".".join(str(part) for part in fault["loc"]))
-    if fault["type"] != "extra_forbidden":
-        return fault_words(place, fault)
-    near = get_close_matches(place[:60], Settings.model_fields, 1, cutoff=0.5)
-    return f"{place} is no known setting; " + (
-        f"did you mean {near[0]}?" if near else f"known are {', '.join(Settings.model_fields)}"
-    )
+        raise SettingsError(f"setting {'; '.join(faults_of(error, Settings))}") from error

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.app.common.folder import check_folder
+from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import detectors_for, examine, window_records
@@ -74,7 +75,8 @@ def protect(
     SkyproofError : an input, option or folder that cannot be used; says what to do.
     """
     progress = progress or Silent()
-    settings = resolve_settings(None if platform is None else Path(platform), **options)
+    carrier = Platform() if platform is None else read_platform(Path(platform))
+    settings = resolve_settings(carrier.protect, **options)
     if out is not None:
         check_folder(out)
     recordings = open_inputs([Path(p) for p in inputs], settings)

@@ -1,0 +1,95 @@
+"""`platform.toml`: what the inputs of a run cannot say of the platform that carries the receivers."""
+
+from collections.abc import Sequence
+from math import dist, hypot
+from pathlib import Path
+from typing import Final, Literal
+
+from pydantic import Field, ValidationError, field_validator
+
+from skyproof.app.common.platform_tables import Imu, Receiver, StatedAttitude
+from skyproof.app.common.settings import Settings
+from skyproof.errors import SettingsError
+from skyproof.formats.documents import read_toml
+from skyproof.formats.models import Model, Number, faults_of, repeated
+
+__all__ = ["Platform", "read_platform"]
+
+FARTHEST_M: Final = 1e5
+"""Receivers that are compared see nearly the same sky."""
+AGREEING_SIGMAS: Final = 5.0
+"""Surveyed positions and places in the body frame that differ by more contradict each other."""
+
+
+class Platform(Model):
+    """What carries the receivers, what there is besides their recordings, and the settings of a run."""
+
+    motion: Literal["static", "moving"] | None = Field(
+        default=None, description='Whether it moves: "static" if it is known to stand still; not known if absent.'
+    )
+    speed_max_m_s: Number | None = Field(
+        default=None, gt=0.0, le=1e5, description="It is never faster, metres a second; not known if absent."
+    )
+    oscillator: Literal["quartz", "tcxo", "ocxo", "csac", "rubidium"] | None = Field(
+        default=None, description="What the receivers' clocks run on; not known if absent."
+    )
+    receivers: tuple[Receiver, ...] = Field(default=(), max_length=64, description="A table for each.")
+    attitude: StatedAttitude | None = Field(
+        default=None, description="How the body is turned, where no inertial unit states it."
+    )
+    imu: Imu | None = Field(default=None, description="An inertial unit, one for all receivers.")
+    protect: Settings = Field(default=Settings(), description="The settings.")
+
+    @field_validator("receivers")
+    @classmethod
+    def _agree(cls, receivers: tuple[Receiver, ...]) -> tuple[Receiver, ...]:
+        names = [receiver.name or f"[{number}]" for number, receiver in enumerate(receivers)]
+        for number in repeated(names):
+            raise ValueError(f"[{number}].name is {names[number]} once more; give each receiver its own")
+        files = [(number, path) for number, receiver in enumerate(receivers) for path in receiver.inputs]
+        for at in repeated([path for _, path in files]):
+            number, path = files[at]
+            raise ValueError(
+                f"[{number}].inputs has {path.name} once more: two receivers that are one would look like signals from "
+                "one antenna; give each its own"
+            )
+        _require_one_place(receivers)
+        return receivers
+
+
+def _require_one_place(receivers: Sequence[Receiver]) -> None:
+    """Raise ValueError where surveyed positions are far apart, or contradict the places in the body frame."""
+    placed = [(number, r, r.position) for number, r in enumerate(receivers) if r.position is not None]
+    for at, (number, one, here) in enumerate(placed):
+        for other, two, there in placed[:at]:
+            apart_m = dist(here.ecef_m, there.ecef_m)
+            if apart_m > FARTHEST_M:
+                raise ValueError(
+                    f"[{number}].position is {apart_m / 1e3:.0f} km from [{other}].position, expected "
+                    f"{FARTHEST_M / 1e3:.0f} km or less; check latitude and longitude of both"
+                )
+            if one.body_m is None or two.body_m is None:
+                continue
+            body_m = dist(one.antennas_body_m[0], two.antennas_body_m[0])
+            sigma_m = hypot(here.sigma_m, there.sigma_m, one.body_sigma_m, two.body_sigma_m)
+            if abs(apart_m - body_m) > AGREEING_SIGMAS * sigma_m:
+                raise ValueError(
+                    f"[{number}].position is {apart_m:.2f} m from [{other}].position, but their body_m are "
+                    f"{body_m:.2f} m apart (one sigma {sigma_m:.2f} m); correct one of the two"
+                )
+
+
+def read_platform(path: Path) -> Platform:
+    """The platform in a TOML file; files that it names are looked for beside it.
+
+    Raises
+    ------
+    InputError : the file cannot be read or is no TOML.
+    SettingsError : every fault at once, each with the path of its key and the nearest one that is known.
+    """
+    to_do = "a platform file is TOML: fix that line", "check the name and the folder"
+    table = read_toml(path, "the platform file", *to_do)
+    try:
+        return Platform.model_validate(table, context={"folder": path.parent})
+    except ValidationError as error:
+        raise SettingsError(f"{path}: {'; '.join(faults_of(error, Platform))}") from error

@@ -1,0 +1,272 @@
+"""The tables of a platform file: receivers, attitude and inertial unit, as a person writes them.
+
+Body axes are forward, right, down. Positions are geodetic, WGS-84. Standard deviations are of each axis.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, Self
+
+import numpy as np
+from pydantic import Field, PlainValidator, ValidationInfo, WithJsonSchema, field_validator, model_validator
+
+from skyproof.arrays import Reals
+from skyproof.errors import shown
+from skyproof.formats.models import FilePath, Instant, Model, Name, Number, repeated
+from skyproof.gnss.frames import ecef_from_geodetic
+
+__all__ = ["Imu", "InitialAttitude", "Receiver", "Spin", "StatedAttitude", "Surveyed"]
+
+ROTATION_ERROR: Final = 1e-3
+"""Of each number of a matrix that is written with few digits."""
+AXES: Final = {
+    "frd": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    "flu": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)),
+    "rfu": ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),
+}
+"""Rotations from the unit's axes, named by where they point, to forward, right, down."""
+ERRORS: Final = ("gyro_bias_deg_h", "gyro_noise_deg_sqrt_h", "accel_bias_ug", "accel_noise_m_s_sqrt_h")
+
+Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+Metres = Annotated[Number, Field(ge=-1e3, le=1e3)]
+Vector = tuple[Metres, Metres, Metres]
+SigmaDeg = Annotated[Number, Field(gt=0.0, le=180.0)]
+
+
+def _axes(value: Any) -> str | Matrix:
+    if isinstance(value, str) and value in AXES:
+        return value
+    expected = f"expected {', '.join(map(repr, AXES))} or a rotation as three rows of three numbers"
+    if not isinstance(value, list | tuple):
+        raise ValueError(f"is {shown(value)}, {expected}")
+    rows = [list(row) for row in value if isinstance(row, list | tuple)]
+    numbers = [x for row in rows for x in row if isinstance(x, float | int) and not isinstance(x, bool) and abs(x) <= 2]
+    if len(value) != 3 or [len(row) for row in rows] != [3, 3, 3] or len(numbers) != 9:
+        raise ValueError(f"is {shown(value)}, {expected}")
+    matrix = np.array(rows, np.float64)
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > 2.0 * ROTATION_ERROR or np.linalg.det(matrix) < 0.0:
+        raise ValueError(
+            f"is {shown(value)}, expected a rotation: rows of length one at right angles, determinant +1; its rows are "
+            "forward, right and down in the unit's axes"
+        )
+    first, second, third = ((float(a), float(b), float(c)) for a, b, c in rows)
+    return first, second, third
+
+
+class Surveyed(Model):
+    """Where an antenna was surveyed to stand."""
+
+    lat_deg: Number = Field(ge=-90.0, le=90.0, description="Geodetic latitude, WGS-84, degrees.")
+    lon_deg: Number = Field(ge=-180.0, le=360.0, description="Longitude, east positive, degrees.")
+    height_m: Number = Field(ge=-1e3, le=1e5, description="Height above the ellipsoid, metres.")
+    sigma_m: Number = Field(gt=0.0, le=1e5, description="One sigma of each axis, metres.")
+
+    @property
+    def ecef_m(self) -> Reals:
+        """(3,) ECEF, WGS-84."""
+        return ecef_from_geodetic(np.radians(self.lat_deg), np.radians(self.lon_deg), self.height_m)
+
+
+class Spin(Model):
+    """An arm that carries the antenna round in a level circle."""
+
+    radius_m: Number = Field(gt=0.0, le=100.0, description="From the axis to the antenna, metres.")
+    rate_hz: Number = Field(
+        ge=-50.0, le=50.0, description="Turns a second; positive is clockwise, seen from above. Not zero."
+    )
+    rate_sigma_hz: Number = Field(
+        default=0.0, ge=0.0, le=50.0, description="One sigma of rate_hz, hertz; 0 if it is known exactly."
+    )
+
+    @field_validator("rate_hz")
+    @classmethod
+    def _turns(cls, rate_hz: float) -> float:
+        if rate_hz == 0.0:
+            raise ValueError("is 0, expected turns a second; leave spin out of an antenna that does not turn")
+        return rate_hz
+
+
+class Receiver(Model):
+    """One receiver: its inputs, and where its antennas are."""
+
+    name: Name | None = Field(
+        default=None, description="By which outputs and settings call it; as its first input is named if absent."
+    )
+    inputs: tuple[FilePath, ...] = Field(
+        default=(),
+        max_length=64,
+        description="Recordings, one file an antenna or one whose channels are the antennas, or an observation file; "
+        "relative to the platform file.",
+    )
+    position: Surveyed | None = Field(default=None, description="Where its first antenna was surveyed to stand.")
+    body_m: Vector | None = Field(
+        default=None, description="Its first antenna in the body frame: forward, right, down, metres."
+    )
+    antennas_m: tuple[Vector, ...] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=64,
+        description="Its antennas in the order of the inputs or channels, relative to body_m: forward, right, down, "
+        "metres.",
+    )
+    antenna_sigma_m: Number | None = Field(
+        default=None,
+        gt=0.0,
+        le=1e3,
+        description="One sigma of body_m and antennas_m on each axis, metres; if absent 0.003 among the antennas of "
+        "one receiver and 0.1 between receivers.",
+    )
+    line_bias_cyc: tuple[Number, ...] | None = Field(
+        default=None,
+        max_length=64,
+        description="Carrier phase that each antenna's line adds, cycles; estimated if absent.",
+    )
+    spin: Spin | None = Field(default=None, description="An arm that turns its antenna.")
+
+    @field_validator("inputs")
+    @classmethod
+    def _once_each(cls, inputs: tuple[Path, ...]) -> tuple[Path, ...]:
+        for number in repeated(list(inputs)):
+            raise ValueError(f"[{number}] is {inputs[number].name} once more; give each antenna's own recording")
+        return inputs
+
+    @field_validator("antennas_m", "line_bias_cyc")
+    @classmethod
+    def _one_an_antenna(cls, values: tuple[Any, ...] | None, info: ValidationInfo) -> tuple[Any, ...] | None:
+        files, places = info.data.get("inputs") or (), info.data.get("antennas_m")
+        count = len(places) if places is not None else len(files) if len(files) > 1 else None
+        if values is not None and count is not None and len(values) != count:
+            raise ValueError(
+                f"is of {len(values)} antennas, but {'antennas_m' if places is not None else 'inputs'} of {count}; "
+                "give one of each for every antenna"
+            )
+        return values
+
+    @field_validator("spin")
+    @classmethod
+    def _of_one_antenna(cls, spin: Spin | None, info: ValidationInfo) -> Spin | None:
+        count = max(len(info.data.get(key) or ()) for key in ("inputs", "antennas_m", "line_bias_cyc"))
+        if spin is not None and count > 1:
+            raise ValueError(f"turns one antenna, but the receiver has {count}; give the one that turns a receiver")
+        return spin
+
+    @property
+    def antennas_body_m(self) -> Reals:
+        """(n, 3) its antennas in the body frame; one at the frame's origin if nothing is given."""
+        origin = (0.0, 0.0, 0.0)
+        return np.asarray(np.array(self.body_m or origin) + np.array(self.antennas_m or [origin]))
+
+    @property
+    def body_sigma_m(self) -> float:
+        """One sigma of `body_m` on each axis, as antennas of different receivers are known to each other."""
+        return 0.1 if self.antenna_sigma_m is None else self.antenna_sigma_m
+
+
+class InitialAttitude(Model):
+    """How the body is turned at the start of the inertial readings."""
+
+    heading_deg: Number = Field(
+        ge=-360.0, le=360.0, description="From north to the right, degrees: where forward points."
+    )
+    pitch_deg: Number = Field(default=0.0, ge=-90.0, le=90.0, description="Forward up, degrees.")
+    roll_deg: Number = Field(default=0.0, ge=-180.0, le=180.0, description="Right side down, degrees.")
+    sigma_deg: SigmaDeg = Field(description="One sigma about each axis, degrees.")
+
+
+class StatedAttitude(Model):
+    """How the body is turned: angles that stay, or a file of them."""
+
+    heading_deg: Number | None = Field(
+        default=None, ge=-360.0, le=360.0, description="From north to the right, degrees: where forward points."
+    )
+    pitch_deg: Number = Field(default=0.0, ge=-90.0, le=90.0, description="Forward up, degrees.")
+    roll_deg: Number = Field(default=0.0, ge=-180.0, le=180.0, description="Right side down, degrees.")
+    sigma_deg: SigmaDeg = Field(description="One sigma about each axis, degrees; of a file's angles as well.")
+    file: FilePath | None = Field(
+        default=None,
+        description="CSV or Parquet with gpst or time_s, heading_deg, pitch_deg, roll_deg, in place of the angles; "
+        "relative to the platform file.",
+    )
+
+    @model_validator(mode="after")
+    def _angles_or_file(self) -> Self:
+        angles = [key for key in ("heading_deg", "pitch_deg", "roll_deg") if key in self.model_fields_set]
+        if self.file is not None and angles:
+            raise ValueError(f"{angles[0]} and file both state the attitude; leave one out")
+        if self.file is None and self.heading_deg is None:
+            raise ValueError("heading_deg is missing, or file: give one of the two")
+        return self
+
+
+class Imu(Model):
+    """An inertial unit and its readings."""
+
+    file: FilePath = Field(
+        description="CSV or Parquet with gpst or time_s, accel_x_m_s2 to accel_z_m_s2, gyro_x_rad_s to gyro_z_rad_s: "
+        "means over the intervals that end at the time; relative to the platform file."
+    )
+    start_gpst: Instant | None = Field(
+        default=None, description="GPS time of time_s = 0; the start of the recording if absent."
+    )
+    grade: Literal["navigation", "tactical", "navigation-calibrated", "tactical-calibrated"] | None = Field(
+        default=None, description="Of its errors; or give the four numbers."
+    )
+    gyro_bias_deg_h: Number | None = Field(
+        default=None, ge=0.0, le=1e5, description="One sigma of the gyros' bias, degrees an hour."
+    )
+    gyro_noise_deg_sqrt_h: Number | None = Field(
+        default=None, ge=0.0, le=1e3, description="Angular random walk, degrees per root hour."
+    )
+    accel_bias_ug: Number | None = Field(
+        default=None,
+        ge=0.0,
+        le=1e6,
+        description="One sigma of the accelerometers' bias, millionths of g (9.80665 m/s2).",
+    )
+    accel_noise_m_s_sqrt_h: Number | None = Field(
+        default=None, ge=0.0, le=1e3, description="Velocity random walk, metres a second per root hour."
+    )
+    axes: Annotated[
+        str | Matrix,
+        PlainValidator(_axes),
+        WithJsonSchema(
+            {
+                "anyOf": [
+                    {"enum": list(AXES)},
+                    {
+                        "type": "array",
+                        "minItems": 3,
+                        "maxItems": 3,
+                        "items": {"type": "array", "minItems": 3, "maxItems": 3, "items": {"type": "number"}},
+                    },
+                ]
+            }
+        ),
+    ] = Field(
+        default="frd",
+        description='Where its axes point: "frd" forward, right, down; "flu" forward, left, up; "rfu" right, forward, '
+        "up; or the rotation from its axes to forward, right, down, as three rows.",
+    )
+    lever_arm_m: Vector = Field(
+        default=(0.0, 0.0, 0.0),
+        description="From the unit to the first receiver's first antenna: forward, right, down, metres.",
+    )
+    initial: InitialAttitude | None = Field(
+        default=None, description="The attitude at the first reading; aligned from the motion if absent."
+    )
+
+    @model_validator(mode="after")
+    def _grade_or_numbers(self) -> Self:
+        given = [key for key in ERRORS if getattr(self, key) is not None]
+        if self.grade is not None and given:
+            raise ValueError(f"grade and {given[0]} both state its errors; leave one out")
+        if given and len(given) < len(ERRORS):
+            lacking = ", ".join(key for key in ERRORS if key not in given)
+            raise ValueError(f"{given[0]} is given, but not {lacking}; give all four, or a grade")
+        return self
+
+    @property
+    def rotation(self) -> Reals:
+        """(3, 3) from the unit's axes to forward, right, down: `vector_body = rotation @ vector_unit`."""
+        rows = AXES[self.axes] if isinstance(self.axes, str) else self.axes
+        left, _, right = np.linalg.svd(np.array(rows))
+        return np.asarray(left @ right)

@@ -1,0 +1,264 @@
+"""The platform file: every key, right and wrong, and what must agree with itself."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skyproof.app.common.platform import Platform, read_platform
+from skyproof.app.common.platform_tables import Imu, InitialAttitude, Receiver, Spin, StatedAttitude, Surveyed
+from skyproof.app.common.settings import Settings
+from skyproof.errors import SettingsError, SkyproofError
+from skyproof.simulator.inertial import GRADES
+
+MODELS = (Platform, Receiver, Surveyed, Spin, StatedAttitude, Imu, InitialAttitude)
+
+WHOLE = """
+motion = "static"
+speed_max_m_s = 40
+oscillator = "tcxo"
+
+[[receivers]]
+name = "rx1"
+inputs = ["rx1_ant1.bin", "sub/rx1_ant2.bin", "/far/rx1_ant3.bin"]
+position = { lat_deg = 57.7, lon_deg = 11.94, height_m = 50.0, sigma_m = 0.05 }
+body_m = [0.0, 0.0, 0.0]
+antennas_m = [[0.0, 0.0, 0.0], [0.190, 0.0, 0.0], [0.095, -0.165, 0.0]]
+antenna_sigma_m = 0.003
+line_bias_cyc = [0.0, 0.25, -0.125]
+
+[[receivers]]
+name = "rx2"
+body_m = [0.0, 3.0, 0.0]
+spin = { radius_m = 0.0951, rate_hz = 0.25, rate_sigma_hz = 0.001 }
+
+[attitude]
+heading_deg = 35.0
+pitch_deg = 2.0
+roll_deg = -1.0
+sigma_deg = 0.2
+
+[imu]
+file = "imu.csv"
+start_gpst = 2022-01-01T10:29:58.5
+grade = "tactical"
+axes = "frd"
+lever_arm_m = [0.1, 0.2, -0.3]
+initial = { heading_deg = 40.0, pitch_deg = 0.6, roll_deg = 0.5, sigma_deg = 0.5 }
+
+[protect]
+window_s = 20
+antennas_sigma_m = 0.2
+"""
+
+
+def read(folder: Path, text: str) -> Platform:
+    (folder / "platform.toml").write_text(text, encoding="utf-8")
+    return read_platform(folder / "platform.toml")
+
+
+def test_every_key_is_read(tmp_path: Path) -> None:
+    platform = read(tmp_path, WHOLE)
+    one, two = platform.receivers
+    assert (platform.motion, platform.speed_max_m_s, platform.oscillator) == ("static", 40.0, "tcxo")
+    assert (one.name, two.name) == ("rx1", "rx2")
+    assert one.position == Surveyed(lat_deg=57.7, lon_deg=11.94, height_m=50.0, sigma_m=0.05)
+    assert (one.antenna_sigma_m, one.line_bias_cyc) == (0.003, (0.0, 0.25, -0.125))
+    np.testing.assert_array_equal(one.antennas_body_m, [[0, 0, 0], [0.19, 0, 0], [0.095, -0.165, 0]])
+    np.testing.assert_array_equal(two.antennas_body_m, [[0, 3, 0]])
+    assert two.spin == Spin(radius_m=0.0951, rate_hz=0.25, rate_sigma_hz=0.001)
+    assert platform.attitude == StatedAttitude(heading_deg=35.0, pitch_deg=2.0, roll_deg=-1.0, sigma_deg=0.2)
+    assert platform.imu is not None
+    assert platform.imu.start_gpst == np.datetime64("2022-01-01T10:29:58.5", "ns")
+    assert (platform.imu.grade, platform.imu.lever_arm_m) == ("tactical", (0.1, 0.2, -0.3))
+    assert platform.imu.initial == InitialAttitude(heading_deg=40.0, pitch_deg=0.6, roll_deg=0.5, sigma_deg=0.5)
+    assert platform.protect == Settings(window_s=20.0, antennas_sigma_m=0.2)
+
+
+def test_files_are_looked_for_beside_the_platform_file(tmp_path: Path) -> None:
+    platform = read(
+        tmp_path,
+        WHOLE.replace("[attitude]", '[attitude]\nfile = "a.csv"', 1).replace(
+            "heading_deg = 35.0\npitch_deg = 2.0\nroll_deg = -1.0\n", ""
+        ),
+    )
+    assert platform.receivers[0].inputs == (
+        tmp_path / "rx1_ant1.bin",
+        tmp_path / "sub" / "rx1_ant2.bin",
+        Path("/far/rx1_ant3.bin"),
+    )
+    assert platform.attitude is not None
+    assert platform.attitude.file == tmp_path / "a.csv"
+    assert platform.imu is not None
+    assert platform.imu.file == tmp_path / "imu.csv"
+
+
+def test_an_empty_file_is_a_platform_of_which_nothing_is_known(tmp_path: Path) -> None:
+    assert read(tmp_path, "") == Platform()
+    assert read(tmp_path, "") == Platform.model_validate({})
+
+
+def test_the_grades_are_those_whose_errors_are_known() -> None:
+    assert set(Imu.model_fields["grade"].annotation.__args__[0].__args__) == set(GRADES)  # type: ignore[union-attr]
+
+
+def test_every_key_says_what_it_means() -> None:
+    untold = [f"{m.__name__}.{key}" for m in MODELS for key, field in m.model_fields.items() if not field.description]
+    assert untold == []
+
+
+@pytest.mark.parametrize(
+    ("axes", "unit", "body"),
+    [
+        ("frd", (1, 2, 3), (1, 2, 3)),
+        ("flu", (1, 2, 3), (1, -2, -3)),
+        ("rfu", (1, 2, 3), (2, 1, -3)),
+        ([[0, 0, 1], [1, 0, 0], [0, 1, 0]], (1, 2, 3), (3, 1, 2)),
+        ([[0.866, 0.5, 0], [-0.5, 0.866, 0], [0, 0, 1]], (1, 0, 0), (np.sqrt(0.75), -0.5, 0)),
+    ],
+)
+def test_readings_in_any_axes_become_those_of_the_body(axes: Any, unit: Any, body: Any) -> None:
+    rotation = Imu(file="imu.csv", axes=axes).rotation
+    np.testing.assert_allclose(rotation @ unit, body, atol=1e-4)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+
+
+RECEIVER = "[[receivers]]\n"
+SECOND = '[[receivers]]\nname = "a"\n[[receivers]]\n'
+PLACE = "position = {{ lat_deg = {}, lon_deg = {}, height_m = {}, sigma_m = {} }}\n"
+IMU = '[imu]\nfile = "imu.csv"\n'
+ATTITUDE = "[attitude]\nsigma_deg = 1.0\n"
+HERE = PLACE.format(57.7, 11.9, 50, 0.1)
+
+
+WRONG = [
+    ('motion = "flying"', "motion = \"flying\", expected 'static' or 'moving'"),
+    ("speed_max_m_s = 0", "speed_max_m_s = 0, expected more than 0"),
+    ('speed_max_m_s = "40"', 'speed_max_m_s = "40", expected a number'),
+    ("speed_max_m_s = nan", "speed_max_m_s = nan, expected"),
+    ("speed_max_m_s = true", "speed_max_m_s = true, expected a number"),
+    ("speed_max = 40", "speed_max: unknown key, did you mean speed_max_m_s?; known here: motion, "),
+    ('oscillator = "caesium"', "oscillator = \"caesium\", expected 'quartz', 'tcxo', 'ocxo', 'csac' or 'rubidium'"),
+    ("receivers = 3", "receivers = 3, expected a list"),
+    ('[receivers]\nname = "a"', "receivers = {'name': 'a'}, expected a list"),
+    (f'{SECOND}nam = "b"', "receivers[1].nam: unknown key, did you mean name?; known here: name, inputs, "),
+    (f'{SECOND}name = "b c"', "receivers[1].name = \"b c\", expected a name of letters, digits, '.', '_' and '-'"),
+    (f'{SECOND}name = "a"', "receivers: [1].name is a once more; give each receiver its own"),
+    (f'{RECEIVER}inputs = "a.bin"', 'receivers[0].inputs = "a.bin", expected a list'),
+    (f"{RECEIVER}inputs = [3]", "receivers[0].inputs[0] = 3, expected a text"),
+    (f'{RECEIVER}inputs = [""]', "receivers[0].inputs[0]: no name of a file; give its path"),
+    (f'{RECEIVER}inputs = ["a", "a"]', "receivers[0].inputs: [1] is a once more; give each antenna's own"),
+    (
+        f'{RECEIVER}inputs = ["a"]\n{RECEIVER}inputs = ["b", "a"]',
+        "receivers: [1].inputs has a once more: two receivers that are one",
+    ),
+    (f"{RECEIVER}position = 3", "receivers[0].position = 3, expected a table"),
+    (f"{RECEIVER}{PLACE.format(91, 0, 0, 1)}", "receivers[0].position.lat_deg = 91, expected 90 or less"),
+    (f"{RECEIVER}{PLACE.format(0, 361, 0, 1)}", "receivers[0].position.lon_deg = 361, expected 360 or less"),
+    (f"{RECEIVER}{PLACE.format(0, 0, 1e6, 1)}", "receivers[0].position.height_m = 1000000.0, expected 100000"),
+    (f"{RECEIVER}{PLACE.format(0, 0, 0, 0)}", "receivers[0].position.sigma_m = 0, expected more than 0"),
+    (f"{RECEIVER}position = {{ lat_deg = 1 }}", "lon_deg is missing; receivers[0].position.height_m is missing; "),
+    (f"{RECEIVER}position = {{ lat = 1 }}", "receivers[0].position.lat: unknown key, did you mean lat_deg?"),
+    (
+        f"{RECEIVER}{HERE}{RECEIVER}{PLACE.format(-57.7, 11.9, 50, 0.1)}",
+        "receivers: [1].position is 10736 km from [0].position, expected 100 km or less; check latitude",
+    ),
+    (
+        f"{RECEIVER}{HERE}body_m = [0, 0, 0]\n{RECEIVER}{PLACE.format(57.7001, 11.9, 50, 0.1)}body_m = [3, 0, 0]",
+        "receivers: [1].position is 11.14 m from [0].position, but their body_m are 3.00 m apart (one sigma 0.20",
+    ),
+    (f"{RECEIVER}body_m = [0, 0]", "receivers[0].body_m[2] is missing"),
+    (f"{RECEIVER}body_m = [0, 0, 2000]", "receivers[0].body_m[2] = 2000, expected 1000 or less"),
+    (f"{RECEIVER}antennas_m = [0, 0, 0]", "receivers[0].antennas_m[0] = 0, expected a list"),
+    (f"{RECEIVER}antennas_m = []", "receivers[0].antennas_m holds 0, expected 1 or more"),
+    (
+        f'{RECEIVER}inputs = ["a", "b", "c"]\nantennas_m = [[0, 0, 0], [1, 0, 0]]',
+        "receivers[0].antennas_m: is of 2 antennas, but inputs of 3; give one of each for every antenna",
+    ),
+    (f"{RECEIVER}antenna_sigma_m = 0", "receivers[0].antenna_sigma_m = 0, expected more than 0"),
+    (f"{RECEIVER}line_bias_cyc = 0.1", "receivers[0].line_bias_cyc = 0.1, expected a list"),
+    (
+        f"{RECEIVER}antennas_m = [[0, 0, 0], [1, 0, 0]]\nline_bias_cyc = [0.1]",
+        "receivers[0].line_bias_cyc: is of 1 antennas, but antennas_m of 2",
+    ),
+    (f"{SECOND}spin = {{ radius_m = 0, rate_hz = 1 }}", "receivers[1].spin.radius_m = 0, expected more than 0"),
+    (f"{SECOND}spin = {{ radius_m = 1, rate_hz = 0 }}", "receivers[1].spin.rate_hz: is 0, expected turns a second"),
+    (f"{SECOND}spin = {{ radius_m = 1, rate_hz = 51 }}", "receivers[1].spin.rate_hz = 51, expected 50 or less"),
+    (
+        f"{SECOND}spin = {{ radius_m = 1, rate_hz = 1, rate_sigma_hz = -1 }}",
+        "receivers[1].spin.rate_sigma_hz = -1, expected 0 or more",
+    ),
+    (f"{SECOND}spin = {{ radius_m = 1, rate = 1 }}", "receivers[1].spin.rate: unknown key, did you mean rate_hz?"),
+    (
+        f'{RECEIVER}inputs = ["a", "b"]\nspin = {{ radius_m = 1, rate_hz = 1 }}',
+        "receivers[0].spin: turns one antenna, but the receiver has 2",
+    ),
+    ("[attitude]\nheading_deg = 3", "attitude.sigma_deg is missing"),
+    (f"{ATTITUDE}pitch_deg = 3", "attitude: heading_deg is missing, or file: give one of the two"),
+    (f"{ATTITUDE}heading_deg = 400", "attitude.heading_deg = 400, expected 360 or less"),
+    (f"{ATTITUDE}heading_deg = 0\npitch_deg = 91", "attitude.pitch_deg = 91, expected 90 or less"),
+    (f"{ATTITUDE}heading_deg = 0\nroll_deg = 181", "attitude.roll_deg = 181, expected 180 or less"),
+    (f'{ATTITUDE}file = "a"\nroll_deg = 1', "attitude: roll_deg and file both state the attitude; leave one out"),
+    (f"{ATTITUDE}file = 3", "attitude.file = 3, expected a text"),
+    (f"{ATTITUDE}yaw_deg = 3", "attitude.yaw_deg: unknown key, did you mean "),
+    ('[imu]\ngrade = "tactical"', "imu.file is missing"),
+    (f"{IMU}start_gpst = 2022-01-01T10:29:58Z", "imu.start_gpst: has a time zone; write GPS time without a zone"),
+    (f'{IMU}start_gpst = "noon"', "imu.start_gpst: 'noon' is no instant; expected GPS time as 2022-01-01T21:45:58"),
+    (f"{IMU}start_gpst = 10:29:58", "imu.start_gpst: is 10:29:58, expected GPS time as 2022-01-01T21:45:58"),
+    (f'{IMU}grade = "toy"', "imu.grade = \"toy\", expected 'navigation', 'tactical', "),
+    (
+        f'{IMU}grade = "tactical"\naccel_bias_ug = 3',
+        "imu: grade and accel_bias_ug both state its errors; leave one out",
+    ),
+    (
+        f"{IMU}gyro_bias_deg_h = 3\naccel_bias_ug = 3",
+        "imu: gyro_bias_deg_h is given, but not gyro_noise_deg_sqrt_h, accel_noise_m_s_sqrt_h; give all four",
+    ),
+    (f"{IMU}gyro_bias_deg_h = -1", "imu.gyro_bias_deg_h = -1, expected 0 or more"),
+    (f"{IMU}gyro_noise_deg_sqrt_h = -1", "imu.gyro_noise_deg_sqrt_h = -1, expected 0 or more"),
+    (f"{IMU}accel_bias_ug = -1", "imu.accel_bias_ug = -1, expected 0 or more"),
+    (f"{IMU}accel_noise_m_s_sqrt_h = -1", "imu.accel_noise_m_s_sqrt_h = -1, expected 0 or more"),
+    (f'{IMU}axes = "ned"', "imu.axes: is \"ned\", expected 'frd', 'flu', 'rfu' or a rotation as three rows"),
+    (f"{IMU}axes = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]", "expected a rotation: rows of length one at right angles"),
+    (f"{IMU}axes = [[1, 0, 0], [0, 1, 0], [0.1, 0, 1]]", "expected a rotation: rows of length one at right angles"),
+    (f"{IMU}axes = [[1, 0, 0], [0, 1, 0]]", "or a rotation as three rows of three numbers"),
+    (f'{IMU}axes = [[1, 0, 0], [0, 1, 0], [0, 0, "1"]]', "or a rotation as three rows of three numbers"),
+    (f"{IMU}axes = [[1, 0, 0], [0, 1, 0], [0, 0, nan]]", "or a rotation as three rows of three numbers"),
+    (f"{IMU}lever_arm_m = [0, 0]", "imu.lever_arm_m[2] is missing"),
+    (f"{IMU}initial = 40.0", "imu.initial = 40.0, expected a table"),
+    (f"{IMU}initial = {{ heading_deg = 3 }}", "imu.initial.sigma_deg is missing"),
+    (f"{IMU}initial = {{ heading_deg = 3, sigma_deg = 0 }}", "imu.initial.sigma_deg = 0, expected more than 0"),
+    (f"{IMU}rate_hz = 3", "imu.rate_hz: unknown key"),
+    ("[protect]\nwindow = 3", "protect.window: unknown key, did you mean window_s?"),
+    ("[protect]\nantenna_separation_m = 400", "protect: antenna_separation_m = 400 is more than max_separation_m"),
+    ("[protct]\nwindow = 3", "protct: unknown key, did you mean protect?"),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), WRONG)
+def test_a_key_that_makes_no_sense_is_named_with_its_place(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(SettingsError) as raised:
+        read(tmp_path, text)
+    assert str(raised.value).startswith(f"{tmp_path / 'platform.toml'}: ")
+    assert words in str(raised.value)
+
+
+def test_every_key_has_a_wrong_example() -> None:
+    named = {re.split(r"[ :]", words)[0].rpartition(".")[2].partition("[")[0] for _, words in WRONG}
+    assert [key for model in MODELS for key in model.model_fields if key not in named] == []
+
+
+def test_faults_are_named_together_up_to_a_bound(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"motion = .*; receivers\[0\]\.name = .*; imu\.file is missing$"):
+        read(tmp_path, 'motion = 3\n[[receivers]]\nname = "/"\n[imu]\n')
+    with pytest.raises(SettingsError, match=r"key9: unknown key.*; and 20 more$"):
+        read(tmp_path, "".join(f"key{number} = 1\n" for number in range(30)))
+
+
+@pytest.mark.parametrize("text", ["motion", "motion = ", "[[receivers]\n", "a = 1\na = 2"])
+def test_what_is_no_toml_is_refused_with_its_line(tmp_path: Path, text: str) -> None:
+    with pytest.raises(SkyproofError, match=r"platform\.toml: not valid TOML: .*: fix that line"):
+        read(tmp_path, text)
