@@ -9,14 +9,18 @@ from hypothesis import strategies as st
 
 from skyproof.errors import ScenarioError
 from skyproof.formats.track import Track
-from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.frames import (
+    attitude_ecef,
+    ecef_from_geodetic,
+    geodetic_from_ecef,
+    heading_pitch_roll_rad,
+    rot_enu_ecef,
+)
 from skyproof.simulator.motion import (
     AlongMotion,
     Held,
     SpinningArm,
     antenna_motion,
-    attitude_ecef,
-    heading_pitch_roll_rad,
 )
 from skyproof.simulator.trajectories import (
     circle,

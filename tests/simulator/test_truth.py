@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.ephemeris import NavigationData
-from skyproof.gnss.frames import ecef_from_geodetic
+from skyproof.gnss.frames import ecef_from_geodetic, heading_pitch_roll_rad
 from skyproof.gnss.time import seconds_between
 from skyproof.simulator import truth
 from skyproof.simulator.measurements import geometry_of
-from skyproof.simulator.motion import heading_pitch_roll_rad
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import Antenna, Imu, Multipath, Scenario
 from skyproof.simulator.sites import Circle

@@ -1,4 +1,9 @@
-"""Earth-fixed and local frames: ECEF WGS-84, geodetic latitude, longitude and height, east-north-up."""
+"""Earth-fixed, local and body frames: ECEF WGS-84, geodetic latitude, longitude and height, east-north-up, attitude.
+
+Body axes are forward, right, down; heading is clockwise from true north, pitch is positive with the nose up, roll with
+the right side down (Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed.,
+2.1.4 and 2.2.1).
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -6,11 +11,19 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import WGS84_A_M, WGS84_F
 
-__all__ = ["ecef_from_geodetic", "geodetic_from_ecef", "rot_enu_ecef"]
+__all__ = [
+    "attitude_ecef",
+    "ecef_from_geodetic",
+    "geodetic_from_ecef",
+    "heading_pitch_roll_rad",
+    "rot_enu_ecef",
+    "rot_ned_body",
+]
 
 _E2 = WGS84_F * (2.0 - WGS84_F)  # first eccentricity squared
 _EP2 = _E2 / (1.0 - _E2)  # second eccentricity squared
 _B_M = WGS84_A_M * (1.0 - WGS84_F)  # semi-minor axis
+_ROT_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # its own inverse
 
 
 def ecef_from_geodetic(lat_rad: ArrayLike, lon_rad: ArrayLike, height_m: ArrayLike) -> Reals:
@@ -61,6 +74,35 @@ def rot_enu_ecef(lat_rad: ArrayLike, lon_rad: ArrayLike) -> Reals:
     north = np.stack((-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat), axis=-1)
     up = np.stack((cos_lat * cos_lon, cos_lat * sin_lon, sin_lat), axis=-1)
     return np.stack((east, north, up), axis=-2)
+
+
+def attitude_ecef(
+    position_ecef_m: ArrayLike, heading_rad: ArrayLike, pitch_rad: ArrayLike, roll_rad: ArrayLike
+) -> Reals:
+    """Rotations (..., 3, 3) from body to ECEF at positions (..., 3); angles broadcast with (...)."""
+    rot_ecef_enu = np.swapaxes(rot_enu_ecef(*geodetic_from_ecef(position_ecef_m)[:2]), -1, -2)
+    return np.asarray(rot_ecef_enu @ _ROT_ENU_NED @ rot_ned_body(heading_rad, pitch_rad, roll_rad))
+
+
+def heading_pitch_roll_rad(position_ecef_m: ArrayLike, attitude: ArrayLike) -> tuple[Reals, Reals, Reals]:
+    """The angles (...) of rotations (..., 3, 3) from body to ECEF: heading from 0 to 2 pi, roll from -pi to pi."""
+    rot_enu = rot_enu_ecef(*geodetic_from_ecef(position_ecef_m)[:2])
+    rot = _ROT_ENU_NED @ rot_enu @ np.asarray(attitude, np.float64)
+    heading_rad = np.arctan2(rot[..., 1, 0], rot[..., 0, 0]) % (2.0 * np.pi)
+    pitch_rad = np.arcsin(np.clip(-rot[..., 2, 0], -1.0, 1.0))
+    return heading_rad, pitch_rad, np.arctan2(rot[..., 2, 1], rot[..., 2, 2])
+
+
+def rot_ned_body(heading_rad: ArrayLike, pitch_rad: ArrayLike, roll_rad: ArrayLike) -> Reals:
+    """Rotations (..., 3, 3) from body to north, east, down; angles broadcast."""
+    angles = np.broadcast_arrays(*(np.asarray(angle, np.float64) for angle in (heading_rad, pitch_rad, roll_rad)))
+    (sh, sp, sr), (ch, cp, cr) = ([turn(angle) for angle in angles] for turn in (np.sin, np.cos))
+    rows = (
+        (ch * cp, ch * sp * sr - sh * cr, ch * sp * cr + sh * sr),
+        (sh * cp, sh * sp * sr + ch * cr, sh * sp * cr - ch * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def _unit(y: Reals, x: Reals) -> tuple[Reals, Reals]:

@@ -3,10 +3,9 @@
 Whatever a trajectory gives belongs to one smooth curve: velocity is the derivative of the place, the angular rate that
 of the attitude, exactly. So receivers, antennas and inertial sensors of one body agree with each other.
 
-Body axes are forward, right, down; heading is clockwise from true north, pitch is positive with the nose up, roll with
-the right side down (Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed.,
-2.1.4 and 2.2.1). An array drawn with its x axis forward and azimuths clockwise from it keeps its picture: y is right.
-Rates are those of the body with respect to the Earth, which an inertial sensor sees on top of the Earth's own.
+Body axes and angles are those of `skyproof.gnss.frames`: forward, right, down; heading, pitch, roll. An array drawn
+with its x axis forward and azimuths clockwise from it keeps its picture: y is right. Rates are those of the body with
+respect to the Earth, which an inertial sensor sees on top of the Earth's own.
 
 Times are seconds of float64 since the scene's start. Velocities and accelerations are those of the Earth-fixed frame.
 """
@@ -20,7 +19,7 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import WGS84_A_M, WGS84_F
-from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.frames import geodetic_from_ecef, rot_ned_body
 from skyproof.records import freeze
 from skyproof.simulator.taylor import cross, derivative, dot, normalised, product
 
@@ -32,9 +31,7 @@ __all__ = [
     "SpinningArm",
     "Trajectory",
     "antenna_motion",
-    "attitude_ecef",
     "axes_of",
-    "heading_pitch_roll_rad",
     "moments",
     "motion_of",
 ]
@@ -109,37 +106,6 @@ class AlongMotion:
 
     bank: bool = True
     pitch: bool = True
-
-
-def attitude_ecef(position_ecef_m: Reals, heading_rad: ArrayLike, pitch_rad: ArrayLike, roll_rad: ArrayLike) -> Reals:
-    """Rotations (..., 3, 3) from body to ECEF at places (..., 3); angles broadcast with (...)."""
-    rot_ecef_enu = np.swapaxes(rot_enu_ecef(*geodetic_from_ecef(position_ecef_m)[:2]), -1, -2)
-    return np.asarray(rot_ecef_enu @ _rot_enu_ned() @ _rot_ned_body(heading_rad, pitch_rad, roll_rad))
-
-
-def heading_pitch_roll_rad(position_ecef_m: Reals, attitude: Reals) -> tuple[Reals, Reals, Reals]:
-    """The angles (...) of rotations (..., 3, 3) from body to ECEF: heading from 0 to 2 pi, roll from -pi to pi."""
-    rot_enu = rot_enu_ecef(*geodetic_from_ecef(position_ecef_m)[:2])
-    rot_ned_body = _rot_enu_ned() @ rot_enu @ attitude
-    heading_rad = np.arctan2(rot_ned_body[..., 1, 0], rot_ned_body[..., 0, 0]) % (2.0 * np.pi)
-    pitch_rad = np.arcsin(np.clip(-rot_ned_body[..., 2, 0], -1.0, 1.0))
-    return heading_rad, pitch_rad, np.arctan2(rot_ned_body[..., 2, 1], rot_ned_body[..., 2, 2])
-
-
-def _rot_enu_ned() -> Reals:
-    """East-north-up from north-east-down, and back: it is its own inverse."""
-    return np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-
-
-def _rot_ned_body(heading_rad: ArrayLike, pitch_rad: ArrayLike, roll_rad: ArrayLike) -> Reals:
-    angles = np.broadcast_arrays(*(np.asarray(angle, np.float64) for angle in (heading_rad, pitch_rad, roll_rad)))
-    (sh, sp, sr), (ch, cp, cr) = ([turn(angle) for angle in angles] for turn in (np.sin, np.cos))
-    rows = (
-        (ch * cp, ch * sp * sr - sh * cr, ch * sp * cr + sh * sr),
-        (sh * cp, sh * sp * sr + ch * cr, sh * sp * cr - ch * sr),
-        (-sp, cp * sr, cp * cr),
-    )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 # --- points of the body
@@ -246,7 +212,7 @@ def axes_of(
     up = normalised(place[: len(direction)] * _level_stretch(middle_ecef_m))
     if isinstance(attitude, Held):
         north_east_down = _north_east_down(up)
-        mix = _rot_ned_body(attitude.heading_rad, attitude.pitch_rad, attitude.roll_rad)
+        mix = rot_ned_body(attitude.heading_rad, attitude.pitch_rad, attitude.roll_rad)
         forward, right, down = (
             sum(part * axis for part, axis in zip(column, north_east_down, strict=True)) for column in mix.T
         )

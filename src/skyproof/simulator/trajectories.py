@@ -14,15 +14,13 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.formats.track import Track
-from skyproof.gnss.frames import ecef_from_geodetic
+from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, heading_pitch_roll_rad
 from skyproof.simulator.motion import (
     AlongMotion,
     Held,
     Motion,
     Trajectory,
-    attitude_ecef,
     axes_of,
-    heading_pitch_roll_rad,
     moments,
     motion_of,
 )

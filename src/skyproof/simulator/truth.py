@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad, rot_enu_ecef
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.simulator.inertial import Imu, inertial
-from skyproof.simulator.motion import heading_pitch_roll_rad
 from skyproof.simulator.platforms import motion_within
 from skyproof.simulator.received import ReceiverSky, Scene
 
