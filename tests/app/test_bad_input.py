@@ -547,7 +547,7 @@ def test_ctrl_c_at_once_decides_nothing_and_says_so(kit, run, pair, monkeypatch)
 
 
 def test_ctrl_c_while_windows_are_examined_keeps_those_that_were(run, pair, monkeypatch):
-    monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("finding", 1)))
+    monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("examining", 1)))
     ended = run(pair.paths[0], nav=pair.nav)
     assert ended.code == 130
     assert ended.verdict.summary.startswith("Interrupted")

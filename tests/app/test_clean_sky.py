@@ -6,7 +6,7 @@ from scipy import stats
 
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import detectors_for, examine, window_records
+from skyproof.app.common.windows import detectors_for, examine_all, windows_of
 from skyproof.app.protect import judge
 from skyproof.app.receive.reception import Reception, observe, track
 from skyproof.fusion.fuse import fuse
@@ -48,9 +48,9 @@ def clean_windows_by_measurement(n_scenes: int, seed: int) -> tuple[int, int, in
         navigation = nominal_constellation(start)
         noise = NoiseModel(sigma_m=0.7, ar1=float(rng.choice([0.0, 0.9])), constant_m=1.0)
         observed, _ = observations_of(scenario, navigation, rng=rng, noise=noise)
-        windows, _ = window_records(observed, navigation, settings, Silent())
-        evidence = examine(windows, detectors_for(settings, len(observed), windows))
-        decision = fuse(evidence, observed, [s for w in windows for s in w.sets])
+        windows = windows_of(observed, navigation, settings)
+        evidence, sets, _ = examine_all(windows, detectors_for(settings, windows.run), Silent())
+        decision = fuse(evidence, observed, sets)
         windows_seen += len(windows)
         false_labels += sum(s.label == "spoofed" for s in decision.labels)
         false_verdicts += decision.verdict == "spoofed"

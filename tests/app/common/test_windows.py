@@ -10,8 +10,8 @@ START = np.datetime64("2022-01-01", "ns")
 ARM = SpinArm(receiver="rx1", radius_m=0.1, rate_rad_s=1.0)
 
 
-def share(windows):
-    (peaks,) = (d for d in detectors_for(Settings(), 2, windows) if d.name == "peaks")
+def share(run):
+    (peaks,) = (d for d in detectors_for(Settings(), run) if d.name == "peaks")
     return peaks.settings.false_alarm_probability
 
 
@@ -22,5 +22,5 @@ def test_a_detector_without_its_equipment_gets_no_share_of_the_false_alarms():
     turning = Records(start_gpst=START, end_gpst=START, spin_arms=(ARM,))
     usual = [name for name, kind in load_detectors().items() if RECEIVED.issuperset(kind().needs)]
     assert {"multi_receiver", "peaks", "residual"} <= set(usual)
-    assert share((bare,)) == pytest.approx(of_a_window / 2 / len(usual))
-    assert share((bare, turning)) == pytest.approx(of_a_window / 2 / (len(usual) + 1))
+    assert share(bare) == pytest.approx(of_a_window / len(usual))
+    assert share(turning) == pytest.approx(of_a_window / (len(usual) + 1))

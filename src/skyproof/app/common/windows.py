@@ -1,7 +1,7 @@
 """From whole observations to windows of records, and what every detector says of each."""
 
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any
 
@@ -14,7 +14,7 @@ from skyproof.detectors.base import Detector, load_detectors
 from skyproof.navigation.sets import consistent_sets
 from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records
 
-__all__ = ["cut", "detectors_for", "examine", "window_records"]
+__all__ = ["Windows", "cut", "detectors_for", "examine", "examine_all", "reviewed", "windows_of"]
 
 NO_TIME = np.datetime64("NaT", "ns")
 RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAVIGATION})
@@ -53,34 +53,48 @@ def window_edges(observations: Sequence[Observations], window_s: float) -> list[
     return [*edges, last]
 
 
-def window_records(
-    observations: Sequence[Observations], navigation: NavigationData, settings: Settings, progress: Progress
-) -> tuple[list[Records], bool]:
-    """One `Records` a window: each receiver's epochs in it, and the consistent sets that they hold.
+@dataclass(frozen=True, kw_only=True)
+class Windows:
+    """A run cut into windows, which are made one by one as they are asked for.
 
-    Returns the windows and whether Ctrl-C ended it early. Without observations there is one empty window, in which
-    every detector can tell what it lacks.
+    run : all that is known of the whole run, without sets. edges : of the windows, common to all receivers; (n + 1,).
     """
-    orbits = navigation if navigation.ephemerides else None
+
+    run: Records
+    edges: tuple[np.datetime64, ...]
+    multipath_sigma_m: float
+
+    def __len__(self) -> int:
+        return len(self.edges) - 1
+
+    def __iter__(self) -> Iterator[Records]:
+        for start, end in pairwise(self.edges):
+            yield self._window(start, end)
+
+    def _window(self, start: np.datetime64, end: np.datetime64) -> Records:
+        """Each receiver's epochs in a window, and the consistent sets that they hold."""
+        orbits = self.run.navigation
+        cuts = tuple(c for c in (cut(o, start, end) for o in self.run.observations) if c.gpst.size > 1)
+        sets: list[ConsistentSet] = []
+        if orbits is not None:
+            for window in cuts:
+                sets += consistent_sets(window, orbits, multipath_sigma_m=self.multipath_sigma_m)
+        return replace(self.run, start_gpst=start, end_gpst=end, observations=cuts, sets=tuple(sets))
+
+
+def windows_of(observations: Sequence[Observations], navigation: NavigationData, settings: Settings) -> Windows:
+    """The windows of a run. Without observations it is one empty window, in which every detector says what it lacks."""
     edges = window_edges(observations, settings.window_s)
-    windows: list[Records] = []
-    try:
-        with progress.stage("finding consistent sets", len(edges) - 1) as stage:
-            for start, end in pairwise(edges):
-                cuts = tuple(c for c in (cut(o, start, end) for o in observations) if c.gpst.size > 1)
-                sets: list[ConsistentSet] = []
-                for window in cuts if orbits is not None else ():
-                    sets += consistent_sets(window, navigation, multipath_sigma_m=settings.multipath_sigma_m)
-                windows.append(
-                    Records(start_gpst=start, end_gpst=end, observations=cuts, navigation=orbits, sets=tuple(sets))
-                )
-                stage.advance(len(windows))
-    except KeyboardInterrupt:
-        return windows, True
-    return windows, False
+    run = Records(
+        start_gpst=edges[0],
+        end_gpst=edges[-1],
+        observations=tuple(observations),
+        navigation=navigation if navigation.ephemerides else None,
+    )
+    return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m)
 
 
-def detectors_for(settings: Settings, n_receivers: int, windows: Sequence[Records]) -> list[Detector]:
+def detectors_for(settings: Settings, run: Records) -> list[Detector]:
     """Every installed detector with the run's settings.
 
     The probability allowed per hour is shared evenly among windows, detectors and receivers (union bound; a detector
@@ -88,7 +102,8 @@ def detectors_for(settings: Settings, n_receivers: int, windows: Sequence[Record
     that the run does not have cannot raise an alarm, and get no share.
     """
     classes = load_detectors()
-    tests = max(sum(_equipped(cls(), windows) for cls in classes.values()), 1) * max(n_receivers, 1)
+    n_receivers = len(run.observations)
+    tests = max(sum(_equipped(cls(), run) for cls in classes.values()), 1) * max(n_receivers, 1)
     alpha = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0 / tests
     shared: dict[str, Any] = settings.model_dump() | {"false_alarm_probability": alpha}
     detectors = []
@@ -100,23 +115,49 @@ def detectors_for(settings: Settings, n_receivers: int, windows: Sequence[Record
     return detectors
 
 
-def _equipped(detector: Detector, windows: Sequence[Records]) -> bool:
+def _equipped(detector: Detector, run: Records) -> bool:
     """Whether the run has what special equipment gives and this detector needs."""
-    return all(any(records.has(need) for records in windows) for need in detector.needs if need not in RECEIVED)
+    return all(run.has(need) for need in detector.needs if need not in RECEIVED)
 
 
-def examine(windows: Sequence[Records], detectors: Sequence[Detector]) -> list[Evidence]:
-    """All that all detectors say of all windows, in order of time.
+States = Mapping[str, Any]
+"""What each detector remembers from window to window, by its name."""
 
-    A detector with a method `review(evidence) -> evidence` looks at all windows' evidence once more at the end.
-    """
+
+def examine(detectors: Sequence[Detector], records: Records, states: States) -> tuple[list[Evidence], States]:
+    """All that all detectors say of one window, and what they remember of it."""
     evidence: list[Evidence] = []
-    states: dict[str, Any] = {}
-    for records in windows:
-        for detector in detectors:
-            said, states[detector.name] = detector.examine(records, states.get(detector.name))
-            evidence += said
+    remembered = dict(states)
+    for detector in detectors:
+        said, remembered[detector.name] = detector.examine(records, states.get(detector.name))
+        evidence += said
+    return evidence, remembered
+
+
+def reviewed(detectors: Sequence[Detector], evidence: Sequence[Evidence]) -> list[Evidence]:
+    """The evidence of all windows, after each detector that has a method `review` looked at it once more."""
+    seen = list(evidence)
     for detector in detectors:
         if (review := getattr(detector, "review", None)) is not None:
-            evidence = review(evidence)
-    return evidence
+            seen = review(seen)
+    return seen
+
+
+def examine_all(
+    windows: Windows, detectors: Sequence[Detector], progress: Progress
+) -> tuple[list[Evidence], list[ConsistentSet], bool]:
+    """What all detectors say of all windows, the sets found in them, and whether Ctrl-C left windows out."""
+    evidence: list[Evidence] = []
+    sets: list[ConsistentSet] = []
+    states: States = {}
+    interrupted = False
+    try:
+        with progress.stage("examining the signals, window by window", len(windows)) as stage:
+            for number, records in enumerate(windows, 1):
+                said, states = examine(detectors, records, states)
+                evidence += said
+                sets += records.sets
+                stage.advance(number)
+    except KeyboardInterrupt:
+        interrupted = True
+    return reviewed(detectors, evidence), sets, interrupted

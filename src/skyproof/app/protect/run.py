@@ -12,7 +12,7 @@ from skyproof.app.common.folder import check_folder
 from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
-from skyproof.app.common.windows import detectors_for, examine, window_records
+from skyproof.app.common.windows import detectors_for, examine_all, windows_of
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.outputs import write_outputs
@@ -172,9 +172,8 @@ def judge(
     """Windows, evidence, decision and fixes from what the receivers heard, and whether Ctrl-C left windows out."""
     orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
     observed = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
-    windows, interrupted = window_records(observed, orbits, settings, progress)
-    evidence = examine(windows, detectors_for(settings, len(observed), windows))
-    sets = [s for w in windows for s in w.sets]
+    windows = windows_of(observed, orbits, settings)
+    evidence, sets, interrupted = examine_all(windows, detectors_for(settings, windows.run), progress)
     decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
     outcome = Outcome(
