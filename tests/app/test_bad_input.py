@@ -568,7 +568,7 @@ def test_ctrl_c_after_the_decision_does_not_lose_it(run, wide, monkeypatch, pres
 @pytest.mark.parametrize(
     ("second", "words"),
     [
-        (("finding", 1), "nothing was decided, and nothing written"),
+        (("examining", 1), "nothing was decided, and nothing written"),
         (("writing", 2), "the verdict is 'undecided', but its files were not written; .*out is as it was"),
     ],
     ids=["deciding", "writing"],
