@@ -24,6 +24,7 @@ __all__ = [
     "CELL_STATUS",
     "FIX_STATUS",
     "ArrayPhases",
+    "Attitude",
     "Baseline",
     "Ccaf",
     "CellStatus",
@@ -364,33 +365,52 @@ class Ccaf:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ImuSeries:
-    """Readings of one inertial measurement unit in its own axes: means over the intervals that end at `time_s`.
+    """Readings of one inertial measurement unit in body axes: means over the intervals that end at `gpst`.
 
-    time_s : (n,) end of each interval, in true time since the series' start; the interval times a reading is the
-        increment of velocity or angle.
+    gpst : (n,) end of each interval, rising; where labels are more than one and a half intervals apart, readings are
+        missing.
+    interval_s : length of each interval; it times a reading is the increment of velocity or angle.
     specific_force_m_s2, angular_rate_rad_s : (n, 3); the rate is relative to inertial space.
     """
 
-    time_s: Reals
+    gpst: Instants
     interval_s: float
     specific_force_m_s2: Reals
     angular_rate_rad_s: Reals
 
     def __post_init__(self) -> None:
-        freeze(self, {"time_s": ("n",), "specific_force_m_s2": ("n", "3"), "angular_rate_rad_s": ("n", "3")})
+        freeze(self, {"gpst": ("n",), "specific_force_m_s2": ("n", "3"), "angular_rate_rad_s": ("n", "3")})
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Attitude:
+    """How a body is turned over time: angles from the local level and true north, see `skyproof.gnss.frames`.
+
+    gpst : (n,) rising. A single row holds at all times.
+    angles_rad : (n, 3) heading, pitch, roll. sigma_rad : one sigma about each axis, constant over the time.
+    """
+
+    gpst: Instants
+    angles_rad: Reals
+    sigma_rad: float
+
+    def __post_init__(self) -> None:
+        freeze(self, {"gpst": ("n",), "angles_rad": ("n", "3")})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NavState:
     """Position, velocity and attitude of one body over time, relative to the Earth, in ECEF axes.
 
-    time_s : (n,) of the clock of the series that it comes from. position_ecef_m, velocity_ecef_m_s : (n, 3).
-    attitude : (n, 3, 3), `vector_ecef = attitude @ vector_body`.
+    gpst : (n,) rising. position_ecef_m, velocity_ecef_m_s : (n, 3).
+    attitude : (n, 3, 3), `vector_ecef = attitude @ vector_body`; body axes are forward, right, down.
     covariance : (n, 9, 9) of the errors of position, velocity (ECEF axes) and attitude, m, m/s, rad; None if unknown.
         Attitude errors are the small rotation psi in ECEF axes with `attitude = (1 + [psi x]) true attitude`.
+        Variances of position and velocity are infinite where these are only what the received signals say, which may
+        be false: then they serve to express the attitude, and the attitude's part contains what that costs.
     """
 
-    time_s: Reals
+    gpst: Instants
     position_ecef_m: Reals
     velocity_ecef_m_s: Reals
     attitude: Reals
@@ -398,7 +418,7 @@ class NavState:
 
     def __post_init__(self) -> None:
         shapes: dict[str, tuple[str, ...]] = {
-            "time_s": ("n",),
+            "gpst": ("n",),
             "position_ecef_m": ("n", "3"),
             "velocity_ecef_m_s": ("n", "3"),
             "attitude": ("n", "3", "3"),

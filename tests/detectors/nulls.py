@@ -200,7 +200,7 @@ def attitude_over(epochs):
     forward_right_down = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     attitude = rot_enu_ecef(*PLACE[:2]).T @ forward_right_down @ body
     return NavState(
-        time_s=time_s,
+        gpst=START + np.rint(time_s * 1e9).astype("timedelta64[ns]"),
         position_ecef_m=np.tile(PLACE_M, (time_s.size, 1)),
         velocity_ecef_m_s=np.zeros((time_s.size, 3)),
         attitude=attitude,

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.ins_errors import (
     STATES,
     error_covariance,
@@ -20,10 +21,11 @@ from skyproof.simulator.inertial import GRADES, ImuErrors, ImuGrade, inertial
 from skyproof.simulator.trajectories import las_vegas
 
 SECONDS = np.arange(0.0, 234.0)
+LABELS = GPS_EPOCH + SECONDS.astype("timedelta64[s]")
 APPROACH = las_vegas()
 MOTION = APPROACH.at(SECONDS)
 PATH = NavState(
-    time_s=SECONDS,
+    gpst=LABELS,
     position_ecef_m=MOTION.position_ecef_m,
     velocity_ecef_m_s=MOTION.velocity_ecef_m_s,
     attitude=MOTION.attitude,
@@ -156,13 +158,13 @@ def test_a_restart_with_velocity_puts_tilt_and_biases_right_too():
     for seed in range(60):
         wrong = _errors(grade, seed, unit.n_samples)
         begin = NavState(
-            time_s=np.zeros(1),
+            gpst=LABELS[:1],
             position_ecef_m=PATH.position_ecef_m[:1],
             attitude=PATH.attitude[:1],
             velocity_ecef_m_s=PATH.velocity_ecef_m_s[:1] + 0.2 * rng.standard_normal(3),
         )
         series = ImuSeries(
-            time_s=true.time_s,
+            gpst=true.gpst,
             interval_s=0.5,
             specific_force_m_s2=true.specific_force_m_s2 + wrong[:, :3],
             angular_rate_rad_s=true.angular_rate_rad_s + wrong[:, 3:],
@@ -193,7 +195,7 @@ def test_a_restart_with_velocity_puts_tilt_and_biases_right_too():
 
 def test_a_path_with_long_steps_is_refused():
     sparse = NavState(
-        time_s=SECONDS[::10],
+        gpst=LABELS[::10],
         position_ecef_m=MOTION.position_ecef_m[::10],
         velocity_ecef_m_s=MOTION.velocity_ecef_m_s[::10],
         attitude=MOTION.attitude[::10],

@@ -256,7 +256,7 @@ def test_series_on_disk_are_the_series_in_memory(arrays: Scenario, navigation: N
     assert [path.name for path in paths] == series_names(scene)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(series_names(scene))
     imu = imus_of(scene)["one"].read(0, 1000)
-    force = {f"specific_force_{axis}_m_s2": imu.specific_force_m_s2[:, k] for k, axis in enumerate("xyz")}
+    force = {f"accel_{axis}_m_s2": imu.specific_force_m_s2[:, k] for k, axis in enumerate("xyz")}
     expected = {
         "one-truth": trajectory_truth(scene, "one"),
         "two-truth": trajectory_truth(scene, "two"),

@@ -170,7 +170,7 @@ def test_an_inertial_unit_feels_gravity_and_the_turn(scene: Scene) -> None:
     axes = ("x", "y", "z")
     force, rate = (
         np.stack([table[f"{kind}_{axis}_{unit}"] for axis in axes], axis=1)
-        for kind, unit in (("specific_force", "m_s2"), ("angular_rate", "rad_s"))
+        for kind, unit in (("accel", "m_s2"), ("gyro", "rad_s"))
     )
     np.testing.assert_allclose(np.linalg.norm(force, axis=1), np.hypot(9.80, 1.6), atol=0.02)
     lean_rad = np.arctan2(1.6, 9.80665)

@@ -23,6 +23,7 @@ from scipy import linalg
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.time import seconds_between
 from skyproof.records import NavState
 
 __all__ = ["STATES", "Grade", "error_covariance", "restarted", "start_covariance", "updated", "with_covariance"]
@@ -32,7 +33,7 @@ _SPIN: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 
 
 class Grade(Protocol):
-    """What is asked of a unit's grade, per axis, SI units; `simulate.inertial.ImuGrade` is one."""
+    """What is asked of a unit's grade, per axis, SI units; `simulator.inertial.ImuGrade` is one."""
 
     @property
     def velocity_random_walk_m_s_rts(self) -> float: ...
@@ -73,12 +74,11 @@ def error_covariance(path: NavState, grade: Grade, start: ArrayLike, *, most_s: 
         the model is still stepped at every one, which costs time and nothing else. Force and attitude are taken as
         even between states.
     """
-    times = np.asarray(path.time_s)
-    steps_s = np.diff(times)
+    steps_s = seconds_between(path.gpst[1:], path.gpst[:-1])
     if np.any(steps_s <= 0.0) or np.any(steps_s > most_s * (1.0 + 1e-9)):
         raise ValueError(f"path: steps from {steps_s.min():g} to {steps_s.max():g} s, expected above 0 to {most_s:g}")
     rates, noise = _rates(path, grade), _noise(grade)
-    covariance = np.empty((times.size, STATES, STATES))
+    covariance = np.empty((path.gpst.size, STATES, STATES))
     covariance[0] = np.asarray(start, np.float64)
     # Van Loan, IEEE Trans. Automatic Control 23(3), 1978: both integrals from one exponential.
     block = np.zeros((len(rates), 2 * STATES, 2 * STATES))
@@ -139,7 +139,7 @@ def restarted(
     wrong, after = updated(covariance, sensitivity, noise, misfit)
     attitude = linalg.expm(-_skew(wrong[6:9])) @ state.attitude[-1]
     better = NavState(
-        time_s=state.time_s[-1:],
+        gpst=state.gpst[-1:],
         position_ecef_m=state.position_ecef_m[-1:] - wrong[:3],
         velocity_ecef_m_s=state.velocity_ecef_m_s[-1:] - wrong[3:6],
         attitude=attitude[None],
@@ -150,7 +150,7 @@ def restarted(
 
 def _rates(path: NavState, grade: Grade) -> Reals:
     """The model's matrix (n - 1, 21, 21) between neighbouring states."""
-    dt = np.diff(path.time_s)[:, None]
+    dt = seconds_between(path.gpst[1:], path.gpst[:-1])[:, None]
     velocity = 0.5 * (path.velocity_ecef_m_s[1:] + path.velocity_ecef_m_s[:-1])
     place = 0.5 * (path.position_ecef_m[1:] + path.position_ecef_m[:-1])
     attitude = 0.5 * (path.attitude[1:] + path.attitude[:-1])

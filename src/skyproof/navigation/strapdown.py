@@ -150,9 +150,9 @@ def _advance(  # type: ignore[no-untyped-def]
 def strapdown(start: NavState, readings: ImuSeries) -> NavState:
     """States (n + 1) from the last of `start` on: that one, then after each of the n readings.
 
-    The unit sits at the body's origin with the body's axes. The clock of `start` is that of the readings; the first
-    reading's interval begins there. Each piece of a run in pieces takes its own first interval for the one before,
-    which is what the whole run does at its begin; elsewhere it costs one correction for turning.
+    The unit sits at the body's origin. The first reading's interval begins at `start`, and no reading is missing. Each
+    piece of a run in pieces takes its own first interval for the one before, which is what the whole run does at its
+    begin; elsewhere it costs one correction for turning.
     """
     path = strapdown_paths(
         start.position_ecef_m[-1],
@@ -162,8 +162,8 @@ def strapdown(start: NavState, readings: ImuSeries) -> NavState:
         readings.angular_rate_rad_s,
         readings.interval_s,
     )
-    times = np.concatenate((start.time_s[-1:], readings.time_s))
-    return NavState(time_s=times, position_ecef_m=path[0], velocity_ecef_m_s=path[1], attitude=path[2])
+    times = np.concatenate((start.gpst[-1:], readings.gpst))
+    return NavState(gpst=times, position_ecef_m=path[0], velocity_ecef_m_s=path[1], attitude=path[2])
 
 
 def strapdown_paths(

@@ -34,6 +34,7 @@ from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.time import GPS_EPOCH
 from skyproof.records import ImuSeries
 from skyproof.statistics.gauss_markov import gauss_markov_allan_variance, gauss_markov_path, gauss_markov_step
 
@@ -193,7 +194,8 @@ class ImuErrors:
 class Imu:
     """A unit's readings, worked out when they are read.
 
-    `read(start, count)` gives readings number `start` on; it is short at the end only, and safe to call from several
+    `read(start, count)` gives readings number `start` on, in the unit's own axes (the body's, but for the mounting); it
+    is short at the end only, and safe to call from several
     threads. The same readings come, to the byte, whichever stretches are asked for.
     """
 
@@ -219,6 +221,7 @@ def inertial(
     seed: int = 0,
     stream: int = 0,
     start_s: float = 0.0,
+    zero_gpst: np.datetime64 = GPS_EPOCH,
 ) -> Imu:
     """The readings of a unit on a body that moves as `motion_at` says.
 
@@ -231,6 +234,7 @@ def inertial(
     lever_body_m : (3,) from the body's origin to the unit, in body axes.
     seed, stream : of the errors; the same two are the same unit at the same turn-on. Give the scene's seed, and as
         stream the unit's number.
+    zero_gpst : the scene's start.
 
     Raises
     ------
@@ -273,9 +277,9 @@ def inertial(
         numbers = range(start // BLOCK, -(-stop // BLOCK)) if start < stop else range(0)
         parts = [block(number)[max(start - number * BLOCK, 0) : stop - number * BLOCK] for number in numbers]
         readings = np.concatenate([np.empty((0, 2, 3)), *parts])
-        time_s = start_s + (start + 1 + np.arange(len(readings))) / rate_hz
+        ends_s = start_s + (start + 1 + np.arange(len(readings))) / rate_hz
         return ImuSeries(
-            time_s=time_s,
+            gpst=zero_gpst + np.rint(ends_s * 1e9).astype("timedelta64[ns]"),
             interval_s=1.0 / rate_hz,
             specific_force_m_s2=readings[:, 0],
             angular_rate_rad_s=readings[:, 1],

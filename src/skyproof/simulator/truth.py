@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad, rot_enu_ecef
-from skyproof.gnss.time import GPS_EPOCH
+from skyproof.gnss.time import GPS_EPOCH, seconds_between
 from skyproof.simulator.inertial import Imu, inertial
 from skyproof.simulator.platforms import motion_within
 from skyproof.simulator.received import ReceiverSky, Scene
@@ -206,6 +206,7 @@ def imus_of(scene: Scene) -> dict[str, Imu]:
             seed=scene.scenario.seed,
             stream=index,
             start_s=receiver.start_offset_s,
+            zero_gpst=scene.scenario.start_gpst,
         )
         for index, receiver in enumerate(scene.scenario.receivers)
         if receiver.imu is not None
@@ -213,13 +214,16 @@ def imus_of(scene: Scene) -> dict[str, Imu]:
 
 
 def imu_blocks(scene: Scene, imu: Imu) -> Iterator[Table]:
-    """Readings as a table, in blocks: means over the intervals that end at each row's time, in the unit's axes."""
+    """Readings as a table, in blocks: means over the intervals that end at each row's time, in the unit's axes.
+
+    Columns are those that `skyproof.formats.imu` reads.
+    """
     empty = imu.read(0, 0)
     for series in imu.blocks() if imu.n_samples else (empty,):
-        table: Table = {"gpst": moment(scene, series.time_s), "true_s": series.time_s}
+        table: Table = {"gpst": series.gpst, "true_s": seconds_between(series.gpst, scene.scenario.start_gpst)}
         for kind, unit, values in (
-            ("specific_force", "m_s2", series.specific_force_m_s2),
-            ("angular_rate", "rad_s", series.angular_rate_rad_s),
+            ("accel", "m_s2", series.specific_force_m_s2),
+            ("gyro", "rad_s", series.angular_rate_rad_s),
         ):
             table |= {f"{kind}_{axis}_{unit}": column for axis, column in zip("xyz", values.T, strict=True)}
         yield table

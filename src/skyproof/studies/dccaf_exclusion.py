@@ -11,8 +11,9 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Instants, Reals
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.exclusion import choose_fix, wrong_choice_probability, wrong_choice_rule
 from skyproof.navigation.ins_errors import STATES, error_covariance, start_covariance, updated
 from skyproof.navigation.strapdown import strapdown_paths
@@ -78,7 +79,7 @@ def _approach() -> _Approach:
     seconds = np.arange(0.0, _END_S + 1.0)
     motion = las_vegas().at(seconds)
     path = NavState(
-        time_s=seconds,
+        gpst=_gpst(seconds),
         position_ecef_m=motion.position_ecef_m,
         velocity_ecef_m_s=motion.velocity_ecef_m_s,
         attitude=motion.attitude,
@@ -87,6 +88,10 @@ def _approach() -> _Approach:
     readings = unit.read(0, unit.n_samples)
     to_enu = rot_enu_ecef(*geodetic_from_ecef(motion.position_ecef_m[0])[:2])
     return _Approach(path, readings.specific_force_m_s2, readings.angular_rate_rad_s, to_enu)
+
+
+def _gpst(seconds: Reals) -> Instants:
+    return GPS_EPOCH + np.rint(seconds * 1e9).astype("timedelta64[ns]")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -319,7 +324,7 @@ def _covariance_after(covariance: Reals, taken: str, grade: ImuGrade) -> Reals:
         _, after = updated(covariance, sensitivity, noise, np.zeros(len(noise)))
     path, rest = _approach().path, slice(_RESTART_S, None)
     ahead = NavState(
-        time_s=path.time_s[rest],
+        gpst=path.gpst[rest],
         position_ecef_m=path.position_ecef_m[rest],
         velocity_ecef_m_s=path.velocity_ecef_m_s[rest],
         attitude=path.attitude[rest],

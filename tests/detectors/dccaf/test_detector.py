@@ -135,7 +135,7 @@ def inertial(records, offset_enu_m, sigma_m, rng):
     place = ecef_from_geodetic(*geodetic) + np.asarray(offset_enu_m) @ rot_enu_ecef(*geodetic[:2])
     place = place + sigma_m * rng.standard_normal(3)
     state = NavState(
-        time_s=grid.elapsed_s[-1] + np.array([-1.0, 0.0, 1.0]),
+        gpst=grid.gpst[-1] + np.array([-1, 0, 1]).astype("timedelta64[s]"),
         position_ecef_m=np.tile(place, (3, 1)),
         velocity_ecef_m_s=np.zeros((3, 3)),
         attitude=np.tile(np.eye(3), (3, 1, 1)),
@@ -182,11 +182,14 @@ def test_a_unit_that_fits_neither_sky_chooses_nothing():
     assert told[1].because.startswith("neither")
 
 
-def test_a_state_of_another_time_or_without_covariance_is_not_used():
+def test_a_state_of_another_time_without_covariance_or_whose_place_the_signals_gave_is_not_used():
     rng = np.random.default_rng(12)
     detector = Dccaf(DccafSettings(count_runs=1000))
     records = inertial(with_ccaf(OVERLAPPED_CCAF.records(rng), rng), (0.0, 0.0, 0.0), 10.0, rng)
     state = records.nav_state
-    for changed in (replace(state, time_s=state.time_s + 10.0), replace(state, covariance=None)):
+    unknown = state.covariance.copy()
+    unknown[:, range(6), range(6)] = np.inf
+    later = state.gpst + np.timedelta64(10, "s")
+    for changed in (replace(state, gpst=later), replace(state, covariance=None), replace(state, covariance=unknown)):
         told, _ = detector.examine(replace(records, nav_state=changed))
         assert [evidence.says for evidence in told] == ["attack"]

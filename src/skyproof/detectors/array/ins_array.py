@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation, Slerp
 
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.base import missing, undecided
@@ -31,6 +30,7 @@ from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
 from skyproof.gnss.time import week_and_tow
+from skyproof.navigation.nav_state import covered, state_at
 from skyproof.records import ArrayPhases, Evidence, NavigationData, NavState, Need, Records, SignalRef
 from skyproof.statistics.directions import nearest_whole, squared_norm
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
@@ -296,32 +296,28 @@ def mean_differences(phases: ArrayPhases, predicted_cyc: ArrayLike = 0.0) -> Mea
 
 def predicted_directions(phases: ArrayPhases, state: NavState, navigation: NavigationData) -> Reals:
     """Unit vectors (n_epochs, n_channels, 3) to the satellites in the body frame; NaN without a fresh ephemeris or
-    outside the time of the inertial system.
+    outside the time of the body's state.
 
-    `state.time_s` counts as `phases.elapsed_s` does. Errors of position are of no account: 1 km is 50 microradians.
+    Errors of position are of no account: 1 km is 50 microradians.
     """
     direction = np.full((*phases.phase_cyc.shape[:2], 3), np.nan)
-    at_s = phases.elapsed_s
-    inside = (at_s >= state.time_s[0]) & (at_s <= state.time_s[-1]) if state.time_s.size > 1 else at_s == state.time_s
+    inside = covered(state, phases.gpst)
     if not inside.any():
         return direction
-    at_s, gpst = at_s[inside], phases.gpst[inside]
-    position_m = np.stack([np.interp(at_s, state.time_s, axis_m) for axis_m in state.position_ecef_m.T], axis=-1)
-    attitude = np.broadcast_to(state.attitude[:1], (at_s.size, 3, 3))
-    if state.time_s.size > 1:
-        attitude = Slerp(state.time_s, Rotation.from_matrix(state.attitude))(at_s).as_matrix()
+    gpst = phases.gpst[inside]
+    here = state_at(state, gpst)
     week, tow_s = week_and_tow(gpst)
     for channel, signal in enumerate(phases.signals):
         orbit = navigation.best(signal.sat, gpst[gpst.size // 2])
         if orbit is None:
             continue
-        travel_s = np.full(at_s.shape, 0.075)
+        travel_s = np.full(gpst.shape, 0.075)
         for _ in range(2):
             sent_m = satellite_state_s(orbit, week, tow_s - travel_s).position_ecef_m
             satellite_m = rotate_to_reception(sent_m, travel_s)
-            travel_s = np.linalg.norm(satellite_m - position_m, axis=-1) / SPEED_OF_LIGHT_M_S
-        to_satellite = unit_vectors(position_m, satellite_m)
-        direction[inside, channel] = np.einsum("kij,ki->kj", attitude, to_satellite)
+            travel_s = np.linalg.norm(satellite_m - here.position_ecef_m, axis=-1) / SPEED_OF_LIGHT_M_S
+        to_satellite = unit_vectors(here.position_ecef_m, satellite_m)
+        direction[inside, channel] = np.einsum("kij,ki->kj", here.attitude, to_satellite)
     return direction
 
 
@@ -433,7 +429,7 @@ class InsArray:
         """(3, 3) in the body frame, in the middle of the window: an inertial system's error hardly changes in it."""
         if state.covariance is None:
             return np.asarray(np.radians(self.settings.attitude_sigma_deg) ** 2 * np.eye(3))
-        middle = state.time_s.size // 2
+        middle = state.gpst.size // 2
         attitude = state.attitude[middle]
         return np.asarray(attitude.T @ state.covariance[middle, 6:, 6:] @ attitude)
 

@@ -31,6 +31,7 @@ from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.chance import chance_p_value, set_combinations
 from skyproof.navigation.exclusion import choose_fix, wrong_choice_rule
 from skyproof.navigation.least_squares import gauss_newton, line_of_sight
+from skyproof.navigation.nav_state import covered, state_at
 from skyproof.navigation.ranges import atmosphere, corrected_ranges
 from skyproof.records import Ccaf, Evidence, NavigationData, Need, Records, Says, SignalRef
 from skyproof.statistics.distributions import chi_square_threshold
@@ -153,8 +154,8 @@ class Dccaf:
     """The detector: of each receiver and window an Evidence of the last epoch in which most channels are there.
 
     An attack is told of the receiver as a whole. With `nav_state`, a `NavState` with covariance of a unit
-    that has had no fix since before the attack, and whose `time_s` counts as `Ccaf.elapsed_s`, there is more evidence,
-    on the signals nearest to the references, which are those that the receiver follows.
+    that has had no fix since before the attack, there is more evidence, on the signals nearest to the references, which
+    are those that the receiver follows.
     """
 
     name = "dccaf"
@@ -258,7 +259,7 @@ class Dccaf:
 
         The p-value is that of the other sky's fix by its chi-square test: uniform if that were the true one.
         """
-        inertial = _inertial_place(records, float(ccaf.elapsed_s[epoch]))
+        inertial = _inertial_place(records, ccaf.gpst[epoch])
         if inertial is None:
             return []
         place_m, place_m2 = inertial[0] - sky.place_ecef_m, inertial[1]
@@ -358,11 +359,15 @@ def _fixes(sky: _Sky, choice: Any, rows: Any) -> _Fixes:
     return _Fixes(np.concatenate((one[0], other[0])), np.stack((one[1], other[1])), signal)
 
 
-def _inertial_place(records: Records, at_s: float) -> tuple[Reals, Reals] | None:
-    """Place (3,) and covariance (3, 3) in ECEF at a time within the navigator's own; None without them."""
-    path = records.nav_state
-    if path is None or path.covariance is None or not path.time_s[0] <= at_s <= path.time_s[-1]:
+def _inertial_place(records: Records, gpst: np.datetime64) -> tuple[Reals, Reals] | None:
+    """Place (3,) and covariance (3, 3) in ECEF at a time within the navigator's own; None without them.
+
+    A place that is only what the signals show (infinite variance) cannot choose between them.
+    """
+    path, at = records.nav_state, np.array([gpst])
+    if path is None or path.covariance is None or not covered(path, at).all():
         return None
-    place_m = np.array([np.interp(at_s, path.time_s, axis) for axis in path.position_ecef_m.T])
-    nearest = int(np.argmin(np.abs(path.time_s - at_s)))
-    return place_m, np.asarray(path.covariance[nearest, :3, :3])
+    here = state_at(path, at)
+    if here.covariance is None or not np.isfinite(here.covariance[0, :3, :3]).all():
+        return None
+    return here.position_ecef_m[0], here.covariance[0, :3, :3]

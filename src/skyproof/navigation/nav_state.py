@@ -1,0 +1,48 @@
+"""A body's state between the times at which it is stated."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from skyproof.arrays import Booleans, Instants, Reals
+from skyproof.gnss.time import seconds_between
+from skyproof.records import NavState
+
+__all__ = ["covered", "state_at"]
+
+
+def covered(state: NavState, gpst: Instants) -> Booleans:
+    """Which of the instants (n,) lie between the first and the last of the state's, both included."""
+    return np.asarray((gpst >= state.gpst[0]) & (gpst <= state.gpst[-1]))
+
+
+def state_at(state: NavState, gpst: Instants) -> NavState:
+    """The state at instants (n,) that it covers: linear in position, velocity and covariance, the shortest turn.
+
+    Linear positions are off by an eighth of the acceleration times the square of the time between states.
+    """
+    if state.gpst.size == 1:
+        rows = np.zeros(gpst.size, np.intp)
+        return NavState(
+            gpst=gpst,
+            position_ecef_m=state.position_ecef_m[rows],
+            velocity_ecef_m_s=state.velocity_ecef_m_s[rows],
+            attitude=state.attitude[rows],
+            covariance=None if state.covariance is None else state.covariance[rows],
+        )
+    at_s, known_s = (seconds_between(each, state.gpst[0]) for each in (gpst, state.gpst))
+    after = np.clip(np.searchsorted(known_s, at_s, side="right"), 1, known_s.size - 1)
+    share = (at_s - known_s[after - 1]) / (known_s[after] - known_s[after - 1])
+
+    def between(values: Reals) -> Reals:
+        part = share.reshape(-1, *(1,) * (values.ndim - 1))
+        with np.errstate(invalid="ignore"):  # an infinite variance times nothing
+            mixed = (1.0 - part) * values[after - 1] + part * values[after]
+        return np.asarray(np.where(values[after - 1] == values[after], values[after], mixed))
+
+    return NavState(
+        gpst=gpst,
+        position_ecef_m=between(state.position_ecef_m),
+        velocity_ecef_m_s=between(state.velocity_ecef_m_s),
+        attitude=Slerp(known_s, Rotation.from_matrix(state.attitude))(at_s).as_matrix(),
+        covariance=None if state.covariance is None else between(state.covariance),
+    )
