@@ -33,8 +33,9 @@ from skyproof.cli import progress as progress_of
 from skyproof.cli import study as study_command
 from skyproof.errors import InputError, OutputError
 from skyproof.formats.verdict import read_verdict, verdict_json
+from skyproof.report.chart import Axes
 from skyproof.simulator.scenes import ready, ready_made
-from skyproof.studies.base import Chart, Claim, Study
+from skyproof.studies.base import Claim, Study
 from skyproof.verdict import Verdict
 
 VERDICT = read_verdict(Path(__file__).parent / "formats" / "verdict-sample.json")
@@ -108,7 +109,7 @@ class App:
             yield {"method": "skyproof", "window_s": 30, "kept": float("nan")}
 
         words: dict[str, Any] = {"paper": "Someone 2022", "figure": "Figure 1", "title": "What is kept", "run": run}
-        chart = Chart(title="kept", x="window_s", y="kept", x_label="window, s", y_label="kept", by=("method",))
+        chart = Axes(title="kept", x="window_s", y="kept", x_label="window, s", y_label="kept", by=("method",))
         claim = Claim(what="kept at 10 s", paper=0.5, same=lambda rows: rows[0]["kept"], tolerance=0.1)
         drawn = Study(name="multi-receiver.false-alarm", charts=(chart,), claims=(claim,), **words)
         return {drawn.name: drawn, "spin.roc": Study(name="spin.roc", **words)}

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skyproof.report.chart import Axes
 from skyproof.studies import studies
-from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Settings, Study
 from skyproof.studies.validation import check, table
 
 FOUND = studies()
@@ -29,7 +30,7 @@ def toy(**changes: Any) -> Study:
         "paper": "Someone, Journal 1(1), 2022",
         "figure": "Figure 1",
         "run": run,
-        "charts": (Chart(title="t", x="trials", y="mean", x_label="x", y_label="y", by=("method",)),),
+        "charts": (Axes(title="t", x="trials", y="mean", x_label="x", y_label="y", by=("method",)),),
     }
     return Study(**(options | changes))
 

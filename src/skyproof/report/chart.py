@@ -8,8 +8,8 @@ import math
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -20,30 +20,22 @@ from skyproof.report import drawing as draw
 __all__ = ["Axes", "Curve", "chart_svg", "curves_of", "words_of"]
 
 
-class Axes(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class Axes:
     """What of the rows is drawn: column `y` over column `x`, a line for each combination of the values of `by`.
 
     where : only rows with these values.
     """
 
-    @property
-    def title(self) -> str: ...
-    @property
-    def x(self) -> str: ...
-    @property
-    def y(self) -> str: ...
-    @property
-    def x_label(self) -> str: ...
-    @property
-    def y_label(self) -> str: ...
-    @property
-    def by(self) -> tuple[str, ...]: ...
-    @property
-    def where(self) -> Mapping[str, Any]: ...
-    @property
-    def x_log(self) -> bool: ...
-    @property
-    def y_log(self) -> bool: ...
+    title: str
+    x: str
+    y: str
+    x_label: str
+    y_label: str
+    by: tuple[str, ...] = ()
+    where: Mapping[str, Any] = field(default_factory=dict)
+    x_log: bool = False
+    y_log: bool = False
 
 
 @dataclass(frozen=True, eq=False)

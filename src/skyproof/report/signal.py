@@ -1,7 +1,7 @@
 """Pictures of a recording's samples, each an SVG of its own, light and dark: levels, spectrum, correlation."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from skyproof.arrays import Reals
 from skyproof.report import drawing as draw
-from skyproof.report.chart import chart_svg
+from skyproof.report.chart import Axes, chart_svg
 
 __all__ = ["Lobe", "Mark", "correlation_svg", "levels_svg", "spectrum_svg"]
 
@@ -29,19 +29,6 @@ text { font-size: 11.5px; fill: #5a6675; }
 </style>""")
 _LEFT, _RIGHT, _TOP, _ROW = 64.0, 316.0, 34.0, 40.0
 _MOST_POINTS = 1024
-
-
-@dataclass(frozen=True)
-class _Axes:
-    title: str
-    x: str
-    y: str
-    x_label: str
-    y_label: str
-    by: tuple[str, ...] = ()
-    where: Mapping[str, Any] = field(default_factory=dict)
-    x_log: bool = False
-    y_log: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,7 +104,14 @@ def spectrum_svg(frequency_hz: Reals, density: Reals, floor: Reals, lines: Seque
         ]
         if (n := sum(row["curve"] == name for row in rows)) and n > 1:
             rows = _apart(rows, name)
-    axes = _Axes("Spectrum", "mhz", "db", "frequency in the samples, MHz", "power density, dB", by=("curve",))
+    axes = Axes(
+        title="Spectrum",
+        x="mhz",
+        y="db",
+        x_label="frequency in the samples, MHz",
+        y_label="power density, dB",
+        by=("curve",),
+    )
     return chart_svg(rows, [axes])
 
 

@@ -5,12 +5,14 @@ the same rows whatever else is run; `quick` takes no more than 20 s.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-__all__ = ["Chart", "Claim", "Row", "Settings", "Study"]
+from skyproof.report.chart import Axes
+
+__all__ = ["Claim", "Row", "Settings", "Study"]
 
 Row = Mapping[str, Any]
 """One line of a study's result: names with units to numbers, words or None."""
@@ -36,24 +38,6 @@ class Settings:
     def rng(self, stream: int = 0) -> np.random.Generator:
         """Random numbers of this study's; streams are apart."""
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(stream,)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Chart:
-    """How rows are drawn: a line for each combination of the values of `by`, in order of the rows.
-
-    where : only rows with these values.
-    """
-
-    title: str
-    x: str
-    y: str
-    x_label: str
-    y_label: str
-    by: tuple[str, ...] = ()
-    where: Mapping[str, Any] = field(default_factory=dict)
-    x_log: bool = False
-    y_log: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,5 +69,5 @@ class Study:
     paper: str
     figure: str
     run: Callable[[Settings], Iterator[Row]]
-    charts: tuple[Chart, ...] = ()
+    charts: tuple[Axes, ...] = ()
     claims: tuple[Claim, ...] = ()

@@ -22,7 +22,8 @@ from skyproof.detectors.dccaf.decomposition import (
     simulate_taps,
 )
 from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
-from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+from skyproof.report.chart import Axes
+from skyproof.studies.base import Claim, Row, Settings, Study
 from skyproof.studies.dccaf_exclusion import STUDIES_OF_EXCLUSION
 from skyproof.studies.dccaf_grid import STUDIES_OF_THE_GRID
 
@@ -298,7 +299,7 @@ STUDIES: tuple[Study, ...] = (
         figure="Case 1",
         run=separation,
         charts=(
-            Chart(
+            Axes(
                 title="Both delays within 0.05 chip, 45 dB-Hz, 20 ms",
                 x="separation_chip",
                 y="success",
@@ -307,7 +308,7 @@ STUDIES: tuple[Study, ...] = (
                 by=("method", "rate_hz"),
                 where={"cn0_dbhz": 45.0, "coherent_ms": 20.0},
             ),
-            Chart(
+            Axes(
                 title="Both delays within 0.05 chip, 0.25 chip, 20 ms",
                 x="cn0_dbhz",
                 y="success",
@@ -367,7 +368,7 @@ STUDIES: tuple[Study, ...] = (
         figure="Case 2",
         run=count,
         charts=(
-            Chart(
+            Axes(
                 title="Counted as two at 0.1 % false second signals",
                 x="separation_chip",
                 y="counted_as_two",

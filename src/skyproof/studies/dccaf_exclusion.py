@@ -18,10 +18,11 @@ from skyproof.navigation.exclusion import choose_fix, wrong_choice_probability, 
 from skyproof.navigation.ins_errors import STATES, error_covariance, start_covariance, updated
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import NavState
+from skyproof.report.chart import Axes
 from skyproof.simulator.inertial import GRADES, ImuGrade, inertial
 from skyproof.simulator.trajectories import las_vegas, las_vegas_false
 from skyproof.statistics.gauss_markov import gauss_markov_step
-from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Settings, Study
 
 __all__ = ["STUDIES_OF_EXCLUSION"]
 
@@ -435,8 +436,8 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         figure="Figures 6 and 8",
         run=approach,
         charts=(
-            Chart(title="Height above the ellipsoid", x="time_s", y="height_m", x_label="time, s", y_label="height, m"),
-            Chart(
+            Axes(title="Height above the ellipsoid", x="time_s", y="height_m", x_label="time, s", y_label="height, m"),
+            Axes(
                 title="False path from the true one", x="time_s", y="offset_m", x_label="time, s", y_label="offset, m"
             ),
         ),
@@ -472,7 +473,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         figure="Figure 11",
         run=exclusion,
         charts=(
-            Chart(
+            Axes(
                 title="Drift to the east of a free-running unit",
                 x="time_s",
                 y="east_m",
@@ -481,7 +482,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
                 by=("grade", "errors"),
                 y_log=True,
             ),
-            Chart(
+            Axes(
                 title="Wrong choice between two fixes, by covariance (predicted)",
                 x="time_s",
                 y="wrong_predicted",
@@ -531,7 +532,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         figure="None: the interval between decompositions",
         run=interval,
         charts=(
-            Chart(
+            Axes(
                 title="Wrong choice after a clean fix (predicted), the false fix leaving at 1 m/s",
                 x="interval_s",
                 y="wrong_predicted",
@@ -574,7 +575,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         figure="Figure 14",
         run=restart,
         charts=(
-            Chart(
+            Axes(
                 title="Drift to the east at 233 s of tactical units that took a fix at 190 s",
                 x="restart",
                 y="east_m",

@@ -18,7 +18,8 @@ from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.dccaf.decomposition import noise_variance
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
-from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+from skyproof.report.chart import Axes
+from skyproof.studies.base import Claim, Row, Settings, Study
 
 __all__ = ["STUDIES_OF_THE_GRID"]
 
@@ -200,7 +201,7 @@ STUDIES_OF_THE_GRID: Final[tuple[Study, ...]] = (
         figure="Figures 2 and 3",
         run=grid,
         charts=(
-            Chart(
+            Axes(
                 title="Along delay: the largest of all Dopplers",
                 x="delay_chip",
                 y="magnitude",
@@ -208,7 +209,7 @@ STUDIES_OF_THE_GRID: Final[tuple[Study, ...]] = (
                 y_label="magnitude",
                 by=("case",),
             ),
-            Chart(
+            Axes(
                 title="Along Doppler: the largest of all delays",
                 x="doppler_hz",
                 y="magnitude",
@@ -216,7 +217,7 @@ STUDIES_OF_THE_GRID: Final[tuple[Study, ...]] = (
                 y_label="magnitude",
                 by=("case",),
             ),
-            Chart(
+            Axes(
                 title="Phase along delay, above half of the height",
                 x="delay_chip",
                 y="phase_cyc",
@@ -263,7 +264,7 @@ STUDIES_OF_THE_GRID: Final[tuple[Study, ...]] = (
         figure="Figure 2, twelve satellites",
         run=noise,
         charts=(
-            Chart(
+            Axes(
                 title="Thermal noise of a value of the grid, 45 dB-Hz",
                 x="coherent_ms",
                 y="noise_rms",

@@ -24,6 +24,7 @@ from skyproof.detectors.array.ins_array import (
     single_statistic,
     white_covariance,
 )
+from skyproof.report.chart import Axes
 from skyproof.statistics.directions import (
     blocks,
     dead_zone,
@@ -32,7 +33,7 @@ from skyproof.statistics.directions import (
     squared_norm,
 )
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
-from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Settings, Study
 
 __all__ = ["ERRORS", "SCENARIOS", "STUDIES", "disc_share", "draw_residuals", "lattice_share"]
 
@@ -458,7 +459,7 @@ STUDIES = (
         figure="Figures 5 and 6",
         run=roc,
         charts=(
-            Chart(
+            Axes(
                 title="Figure 5: predicted (20, 40), received (21, 40); baselines in wavelengths",
                 x="p_fa",
                 y="p_d",
@@ -468,7 +469,7 @@ STUDIES = (
                 where={"figure": "5"},
                 x_log=True,
             ),
-            Chart(
+            Axes(
                 title="Figure 6: five wavelengths, received one degree lower",
                 x="p_fa",
                 y="p_d",
@@ -526,7 +527,7 @@ STUDIES = (
         figure="none",
         run=solid_angle,
         charts=(
-            Chart(
+            Axes(
                 title="Whole cycles known; baselines in wavelengths",
                 x="elevation_deg",
                 y="share",
@@ -534,7 +535,7 @@ STUDIES = (
                 y_label="share of the hemisphere",
                 by=("baseline",),
             ),
-            Chart(
+            Axes(
                 title="Fractions of cycles known; baselines in wavelengths",
                 x="elevation_deg",
                 y="wrapped_share",
@@ -617,7 +618,7 @@ STUDIES = (
         figure="none",
         run=eight,
         charts=(
-            Chart(
+            Axes(
                 title="Baselines of one wavelength",
                 x="shift_deg",
                 y="p_d",

@@ -13,7 +13,8 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import unit_vectors
 from skyproof.gnss.time import week_and_tow
-from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+from skyproof.report.chart import Axes
+from skyproof.studies.base import Claim, Row, Settings, Study
 
 __all__ = ["STUDIES"]
 
@@ -186,7 +187,7 @@ STUDIES: tuple[Study, ...] = (
         figure="Figures 9 and 13",
         run=sets,
         charts=(
-            Chart(
+            Axes(
                 title="Mixed sets that pass at 0.1 %",
                 x="offset_m",
                 y="mixed_passing",
@@ -197,7 +198,7 @@ STUDIES: tuple[Study, ...] = (
                 x_log=True,
                 y_log=True,
             ),
-            Chart(
+            Axes(
                 title="The two smallest residuals are the true and the false set",
                 x="offset_m",
                 y="two_smallest_pure",

@@ -16,9 +16,10 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.double_difference import Degrees, Tested, difference_test, line_power
+from skyproof.report.chart import Axes
 from skyproof.statistics.distributions import binomial_threshold, f_threshold
 from skyproof.statistics.roc import count_interval
-from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Settings, Study
 from skyproof.studies.multi_receiver_scene import (
     ALPHA_OURS,
     ALPHA_PAPER,
@@ -135,7 +136,7 @@ FALSE_ALARM = Study(
     figure="Detectors 1a to 2b, section 3",
     run=_false_alarm,
     charts=(
-        Chart(title="Rate of pairs not recognised, nominal 1 %", x="receivers", y="p_fa", x_label="receivers",
+        Axes(title="Rate of pairs not recognised, nominal 1 %", x="receivers", y="p_fa", x_label="receivers",
               y_label="P_FA", by=("form", "detector"), where={"nominal": 0.01, "n": 30}, y_log=True),
     ),
     claims=(
@@ -420,14 +421,14 @@ DISTANCE = Study(
     run=_distance,
     charts=(
         *(
-            Chart(title=f"{words}, 1 m of white noise", x="window_s", y="authenticated_mean", x_label="window, s",
+            Axes(title=f"{words}, 1 m of white noise", x="window_s", y="authenticated_mean", x_label="window, s",
                   y_label="true signals kept of 7", by=("distance_m", "direction"), x_log=True,
                   where={"detector": detector, "noise": "white"})
             for detector, words in (("1b", "Paper, code"), ("2b", "Paper, carrier"), (UNKNOWN, "Ours, code"),
                                     (KNOWN, "Ours, code, known baseline"), (CARRIER, "Ours, carrier"))
         ),
         *(
-            Chart(title=f"{words} at 20 m: false signals kept", x="window_s", y="wrong_mean", by=("noise",),
+            Axes(title=f"{words} at 20 m: false signals kept", x="window_s", y="wrong_mean", by=("noise",),
                   x_label="window, s", y_label="false signals kept of 7", x_log=True,
                   where={"pair": "6", "detector": detector})
             for detector, words in (("1b", "Paper, code,"), (UNKNOWN, "Ours, code,"))
@@ -519,7 +520,7 @@ RECEIVERS = Study(
     figure="Figure 6",
     run=_receivers,
     charts=tuple(
-        Chart(title=f"{words}, 2 m of white noise", x="window_s", y="authenticated_mean", x_label="window, s",
+        Axes(title=f"{words}, 2 m of white noise", x="window_s", y="authenticated_mean", x_label="window, s",
               y_label="true signals kept of 7", by=("receivers",), x_log=True,
               where={"detector": detector, "noise": "white 2 m"})
         for detector, words in (("1b", "Paper"), (UNKNOWN, "Ours"), (KNOWN, "Ours, known baseline"))
@@ -578,9 +579,9 @@ TIME_TAGS = Study(
     figure="Section 2, statement on time tags",
     run=_time_tags,
     charts=(
-        Chart(title="Code, error of the time tags", x="n", y="p_fa", x_label="window, s", y_label="P_FA",
+        Axes(title="Code, error of the time tags", x="n", y="p_fa", x_label="window, s", y_label="P_FA",
               by=("offset_s",), where={"detector": "1b"}, y_log=True),
-        Chart(title="Carrier, relative drift of the clocks", x="n", y="p_fa", x_label="window, s", y_label="P_FA",
+        Axes(title="Carrier, relative drift of the clocks", x="n", y="p_fa", x_label="window, s", y_label="P_FA",
               by=("drift",), where={"detector": "2b"}, y_log=True),
     ),
     claims=(

@@ -22,9 +22,10 @@ from skyproof.detectors.array.spin import (
     paired_information,
     spoofed_detection,
 )
+from skyproof.report.chart import Axes
 from skyproof.statistics.directions import Blocks, blocks, dead_zone, direction_cosines
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
-from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Settings, Study
 
 __all__ = ["STUDIES"]
 
@@ -222,7 +223,7 @@ STUDIES = (
         figure="Figure 3",
         run=roc,
         charts=tuple(
-            Chart(
+            Axes(
                 title=title,
                 x="p_fa",
                 y="p_d",
@@ -329,7 +330,7 @@ STUDIES = (
         figure="none",
         run=samples,
         charts=(
-            Chart(
+            Axes(
                 title="Detection of (155, 50), (160, 55)",
                 x="n",
                 y="p_d",

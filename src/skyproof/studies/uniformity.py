@@ -16,8 +16,9 @@ from scipy import special
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.double_difference import Tested
 from skyproof.detectors.multi_receiver.one_antenna import WHITE, NoiseModel
+from skyproof.report.chart import Axes
 from skyproof.studies import uniformity_draws as draws
-from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Settings, Study
 from skyproof.studies.uniformity_draws import ASKED, Draw
 
 __all__ = ["CASES", "STUDIES", "Case", "p_values"]
@@ -274,7 +275,7 @@ STUDIES = (
         name="uniformity.distribution", title="Share of p-values at or below p", paper=_OURS, figure="none",
         run=distribution,
         charts=tuple(
-            Chart(title=group.capitalize(), x="p", y="share", x_label="p", y_label="share of p-values at or below p",
+            Axes(title=group.capitalize(), x="p", y="share", x_label="p", y_label="share of p-values at or below p",
                   by=("test",), where={"group": group}, x_log=True, y_log=True)
             for group in dict.fromkeys(case.group for case in CASES)
         ),

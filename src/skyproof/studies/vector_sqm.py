@@ -13,8 +13,9 @@ import numpy as np
 from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.correlators import vector_sqm as rule
+from skyproof.report.chart import Axes
 from skyproof.statistics.roc import chi_square_power
-from skyproof.studies.base import Chart, Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Settings, Study
 from skyproof.studies.vector_delay import ATTACKS, delay_rows
 from skyproof.studies.vector_loops import draw_discriminators, vector_loops
 from skyproof.studies.vector_sky import CHIPS, HZ, PRNS, SKY, attack_on, of_prn
@@ -332,7 +333,7 @@ STUDIES: tuple[Study, ...] = (
         figure="Figures 3 and 4",
         run=bias,
         charts=(
-            Chart(
+            Axes(
                 title="Code offset, PRN 2 attacked with 0.5 chip, 250 Hz",
                 x="cn0_dbhz",
                 y="code_chips",
@@ -340,7 +341,7 @@ STUDIES: tuple[Study, ...] = (
                 y_label="code offset, chip",
                 by=("prn",),
             ),
-            Chart(
+            Axes(
                 title="Phase offset, PRN 2 attacked with 0.5 chip, 250 Hz",
                 x="cn0_dbhz",
                 y="phase_rad",
@@ -387,7 +388,7 @@ STUDIES: tuple[Study, ...] = (
         figure="Figures 10, 11 and 14",
         run=density,
         charts=tuple(
-            Chart(
+            Axes(
                 title=f"Density without an attack: {metric}",
                 x="value",
                 y="density",
@@ -417,7 +418,7 @@ STUDIES: tuple[Study, ...] = (
         figure="Figures 6 and 13",
         run=parameters,
         charts=(
-            Chart(
+            Axes(
                 title="How often each satellite has the largest parameter",
                 x="prn",
                 y="p_largest",
@@ -445,7 +446,7 @@ STUDIES: tuple[Study, ...] = (
         figure="Figures 7, 8 and 9",
         run=cn0_k,
         charts=(
-            Chart(
+            Axes(
                 title="P_D against C/N0",
                 x="cn0_dbhz",
                 y="p_d",
@@ -454,7 +455,7 @@ STUDIES: tuple[Study, ...] = (
                 by=("k",),
                 where={"figure": "7"},
             ),
-            Chart(
+            Axes(
                 title="P_FA against C/N0",
                 x="cn0_dbhz",
                 y="p_fa",
@@ -463,8 +464,8 @@ STUDIES: tuple[Study, ...] = (
                 by=("k",),
                 where={"figure": "7"},
             ),
-            Chart(title="P_D against K, 40 dB-Hz", x="k", y="p_d", x_label="K", y_label="P_D", where={"figure": "8"}),
-            Chart(
+            Axes(title="P_D against K, 40 dB-Hz", x="k", y="p_d", x_label="K", y_label="P_D", where={"figure": "8"}),
+            Axes(
                 title="P_D against the offsets, 40 dB-Hz, K = 10",
                 x="code_chips",
                 y="p_d",
@@ -512,7 +513,7 @@ STUDIES: tuple[Study, ...] = (
         figure="Figure 12",
         run=one_spoofer,
         charts=tuple(
-            Chart(
+            Axes(
                 title=f"P_D of the attacked satellite, 45 dB-Hz, K = 1: {kind}",
                 x=x,
                 y="p_d",
@@ -573,7 +574,7 @@ STUDIES: tuple[Study, ...] = (
         figure="none",
         run=delay_rows,
         charts=(
-            Chart(
+            Axes(
                 title="Mean delay, PRN 2 attacked with code and 500 Hz a chip",
                 x="code_chips",
                 y="mean_delay_ms",

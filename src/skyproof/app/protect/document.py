@@ -25,7 +25,6 @@ from skyproof.records import (
     Need,
     Observations,
     Says,
-    SignalRef,
 )
 from skyproof.report.positions import radius_95_m
 from skyproof.verdict import (
@@ -468,8 +467,3 @@ def _strongest(own: Sequence[Evidence]) -> Says:
 
 def _p(evidence: Evidence) -> float:
     return 1.0 if evidence.p_value is None else evidence.p_value
-
-
-def refs_of(outcome: Outcome, label: str) -> set[SignalRef]:
-    """All signals that carry a label at any time."""
-    return {s.ref for s in outcome.decision.labels if s.label == label}

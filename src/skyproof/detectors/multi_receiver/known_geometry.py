@@ -50,10 +50,6 @@ class Geometry(Protocol):
         """What is known, to follow "with"."""
         ...
 
-    def covers(self, receivers: Sequence[str]) -> bool:
-        """Whether it says where all of these receivers' antennas stand."""
-        ...
-
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         """Of baselines (..., 3 (R - 1)) from the first receiver with covariance (..., 3 (R - 1), 3 (R - 1))."""
         ...
@@ -68,9 +64,6 @@ class AntennaPlaces:
 
     assumes = ("the antennas stand where they are said to",)
     words = "where the antennas are known to stand"
-
-    def covers(self, receivers: Sequence[str]) -> bool:
-        return all(name in self.enu_m for name in receivers)
 
     def expected_m(self, receivers: Sequence[str]) -> Reals:
         """(3 (R - 1),) baselines from the first receiver."""
@@ -100,9 +93,6 @@ class AntennaDistance:
     def words(self) -> str:
         return f"the distance of {self.distance_m:g} m that was given"
 
-    def covers(self, receivers: Sequence[str]) -> bool:
-        return len(receivers) == 2
-
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         return Misfit(_from_sphere(enu_m, covariance_m2, self.distance_m, self.sigma_m), dof=4, exact=1)
 
@@ -115,9 +105,6 @@ class LearntBaseline:
 
     assumes = ("the antennas do not move relative to each other",)
     words = "where the antennas stand by the windows in which both skies are received"
-
-    def covers(self, receivers: Sequence[str]) -> bool:
-        return tuple(receivers) == self.baseline.receivers
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         off_m = enu_m - self.baseline.enu_m.ravel()
