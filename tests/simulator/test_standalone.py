@@ -6,14 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 
 from skyproof.errors import ScenarioError
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.formats.toml_text import toml_lines
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.simulator.scenario import Scenario, parse_scenario, read_scenario
 from skyproof.simulator.scenes import ready, ready_made
 from skyproof.simulator.standalone import overridden, resolved, standalone
+
+
+def test_any_text_and_number_reads_back() -> None:
+    description = 'one\ntwo \u2028\x85\x0c\x7f "ö\\'
+    scenario = ready("clean")
+    odd = Scenario.model_validate(resolved(scenario) | {"description": description, "seed": 2**53 + 1})
+    assert read_back(odd) == odd
 
 
 def read_back(scenario: Scenario) -> Scenario:
@@ -58,7 +65,7 @@ def test_files_that_are_named_lie_beside_it(scenario: Scenario, navigation: Navi
     for angle in ("heading_deg", "pitch_deg", "roll_deg"):
         del one[angle]
     made = Scenario.model_validate(table | {"navigation": "day.rnx.gz", "receivers": [one]})
-    (there / "s.toml").write_text("\n".join(toml_lines(resolved(made))))
+    (there / "s.toml").write_text(tomli_w.dumps(resolved(made)))
 
     read = read_scenario(there / "s.toml")
     assert read.navigation == there / "day.rnx.gz"

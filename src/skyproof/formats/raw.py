@@ -14,7 +14,6 @@ What the encodings mean stands in `skyproof.formats.layout`.
 """
 
 import difflib
-import json
 import math
 import os
 from datetime import datetime
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
+import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, model_validator
 
 from skyproof.errors import InputError, readable, shortened, shown
@@ -135,24 +135,10 @@ def read_sidecar(path: str | os.PathLike[str]) -> SampleLayout:
 
 def sidecar_text(layout: SampleLayout) -> str:
     """The text of a sidecar that `read_sidecar` reads back as `layout`; keys left at their default are left out."""
-    return "\n".join(
-        ["# how to read the samples", "[samples]"]
-        + [
-            f"{key} = {_toml(getattr(layout, key))}"
-            for key in type(layout).model_fields
-            if key in layout.model_fields_set and getattr(layout, key) is not None
-        ]
-        + [""]
-    )
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, np.datetime64):
-        return f'"{iso(value, 9)}"'
-    # TOML's basic strings are JSON's, but for the delete character, which TOML wants escaped
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    table = layout.model_dump(exclude_unset=True, exclude_none=True)
+    if layout.start_gpst is not None:
+        table["start_gpst"] = iso(layout.start_gpst, 9)  # TOML's own date-times end at the microsecond
+    return f"# how to read the samples\n{tomli_w.dumps({'samples': table})}"
 
 
 def _fault(fault: Any) -> str:

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import tomli_w
+
 from skyproof.errors import InputError, ScenarioError
 from skyproof.formats.bounds import NAVIGATION_BYTES, TRACK_BYTES
 from skyproof.formats.byte_io import unpacked
-from skyproof.formats.toml_text import toml_lines
 from skyproof.simulator.scenario import Scenario, parse_scenario
 
 __all__ = ["NAVIGATION", "Standalone", "overridden", "resolved", "standalone"]
@@ -27,7 +28,7 @@ class Standalone:
     def lines(self, *comments: str) -> Iterator[str]:
         """As TOML that `read_scenario` reads back."""
         yield from (f"# {comment}" for comment in comments)
-        yield from toml_lines(self.table)
+        yield from tomli_w.dumps(self.table).rstrip("\n").split("\n")
 
 
 def resolved(scenario: Scenario) -> dict[str, Any]:

@@ -1,13 +1,13 @@
 """Everything that `protect` writes into its folder."""
 
 import contextlib
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
 
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.rinex import date_of, one_a_satellite, write_channels
@@ -65,17 +65,13 @@ def _older(folder: Path) -> list[str]:
 
 
 def _settings_lines(settings: Settings) -> list[str]:
-    lines = [f"# the settings of this run; skyproof {versions()['skyproof']}", "[protect]"]
-    for name, value in settings.model_dump().items():
-        lines.append(f"{name} = {_toml(value)}" if value is not None else f"# {name} not given")
-    return lines
-
-
-def _toml(value: Any) -> str:
-    """A setting as TOML: numbers, texts and arrays as JSON has them, a table inline."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(v)}" for key, v in value.items()) + "}"
-    return json.dumps(value)
+    values = settings.model_dump()
+    given = {name: value for name, value in values.items() if value is not None}
+    return [
+        f"# the settings of this run; skyproof {versions()['skyproof']}",
+        *tomli_w.dumps({"protect": given}).rstrip("\n").split("\n"),
+        *(f"# not given: {name}" for name in values if name not in given),
+    ]
 
 
 # ---------------------------------------------------------------------- tables
