@@ -16,7 +16,7 @@ from skyproof import cli
 from skyproof.app.common.platform import read_platform
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings, resolve_settings
-from skyproof.app.receive.reception import open_inputs
+from skyproof.app.receive.inputs import open_inputs
 from skyproof.app.receive.snapshot import snapshot
 from skyproof.app.scenes.demo import demo
 from skyproof.app.scenes.simulate import simulate

@@ -46,6 +46,7 @@ __all__ = [
     "Samples",
     "SignalId",
     "SignalRef",
+    "Source",
     "SpinArm",
     "Taps",
     "UtcParameters",
@@ -184,6 +185,28 @@ class OpenFile(Protocol):
 
     def changes(self) -> tuple[str, ...]:
         """What became of it since it was opened, in words."""
+
+
+class Source(Protocol):
+    """What one receiver's measurements come from: a recording of samples, or observations of a receiver.
+
+    name : of the receiver. path : of the file, empty where there is none. start_gpst : rough. file : what was read.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> str: ...
+    @property
+    def format(self) -> str: ...
+    @property
+    def remarks(self) -> tuple[str, ...]: ...
+    @property
+    def start_gpst(self) -> np.datetime64 | None: ...
+    @property
+    def duration_s(self) -> float: ...
+    @property
+    def file(self) -> OpenFile | None: ...
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

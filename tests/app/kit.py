@@ -150,7 +150,7 @@ class Judged:
 
     def trusted_error_m(self, receiver: str) -> NDArray[np.float64]:
         """(n_epochs,) distance of the trusted fixes from the truth, NaN where there is none."""
-        r = next(r for r in self.result.outcome.receivers if r.reception.samples.name == receiver)
+        r = next(r for r in self.result.outcome.receivers if r.reception.source.name == receiver)
         return np.empty(0) if r.trusted is None else error_m(r.trusted, self._sky(receiver).receiver)
 
     def observed(self) -> Iterable[Observations]:

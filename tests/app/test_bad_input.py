@@ -20,7 +20,7 @@ from skyproof import cli
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import protect
-from skyproof.app.receive.reception import open_inputs
+from skyproof.app.receive.inputs import open_inputs
 from skyproof.cli import protect as protect_command
 from skyproof.cli import receive as receive_command
 from skyproof.errors import InputError, NotEnoughData
@@ -130,7 +130,7 @@ def test_a_file_that_is_not_there_is_refused(run, tmp_path):
 
 @pytest.mark.usefixtures("untracked")
 def test_no_file_at_all_is_refused():
-    with pytest.raises(InputError, match="no recording given; give one file"):
+    with pytest.raises(InputError, match="no input given; give one a receiver"):
         protect([])
 
 

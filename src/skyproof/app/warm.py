@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.receive.reception import open_inputs, track
+from skyproof.app.receive.inputs import only_recordings, open_inputs
+from skyproof.app.receive.reception import track
 from skyproof.app.scenes.simulate import simulate
 from skyproof.detectors.dccaf.decomposition import (
     blocks_dictionary,
@@ -39,12 +40,12 @@ def _receiver(folder: Path) -> None:
     """
     scenario = scenes.meaconed(duration_s=2.2, onset_s=-1.0)
     recordings = write(scenario, nominal_constellation(scenario.start_gpst), folder / "bits")
-    track(open_inputs(recordings, Settings()), Settings())
+    track(only_recordings(open_inputs(recordings, Settings())), Settings())
     for bits in (8, 16):
         front_end = FrontEnd(encoding="int", bits=bits, bandwidth_hz=2e6)
         short = scenario.model_copy(update={"duration_s": 0.1, "front_end": front_end})
         recordings = write(short, nominal_constellation(scenario.start_gpst), folder / f"int{bits}")
-        track(open_inputs(recordings, Settings()), Settings())
+        track(only_recordings(open_inputs(recordings, Settings())), Settings())
 
 
 def _methods() -> None:

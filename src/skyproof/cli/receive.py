@@ -51,7 +51,7 @@ def receive(
     else:
         console = Console()
         for reception in result.receptions:
-            console.print(words(f"{reception.samples.name}: {reception.n_signals} signals"))
+            console.print(words(f"{reception.source.name}: {reception.n_signals} signals"))
             for remark in reception.remarks:
                 console.print(words(f"  {remark}", style="dim"))
         if result.folder is not None:

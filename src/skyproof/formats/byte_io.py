@@ -17,9 +17,21 @@ from numpy.typing import NDArray
 
 from skyproof.errors import InputError
 
-__all__ = ["FileBytes", "content_of", "digest", "reading", "require_size", "sha256", "size_of", "unpacked"]
+__all__ = [
+    "FileBytes",
+    "beginning",
+    "content_of",
+    "digest",
+    "gunzipped",
+    "reading",
+    "require_size",
+    "sha256",
+    "size_of",
+    "unpacked",
+]
 
 _HASH_BLOCK = 1 << 22
+_GZIP = b"\x1f\x8b"
 _LONGEST_HEADER = 1 << 16
 """What is skipped before the bytes that are worked on, and read for the sum alone at once."""
 
@@ -58,17 +70,36 @@ def content_of(path: Path, most: int, what: str, to_do: str) -> bytes:
 
 def unpacked(path: Path, most: int, what: str, to_do: str) -> bytes:
     """A whole file, plain or gzip, of at most `most` bytes packed and unpacked; otherwise as `content_of`."""
-    content = content_of(path, most, what, to_do)
+    return gunzipped(content_of(path, most, what, to_do), most, f"{path}: {what}", to_do)
+
+
+def gunzipped(content: bytes, most: int, what: str, to_do: str) -> bytes:
+    """The bytes of a file, plain or gzip, of at most `most` bytes unpacked. `what` names the file and its kind.
+
+    Raises
+    ------
+    InputError : it holds more, is damaged, or packed otherwise.
+    """
     if content[:2] == b"\x1f\x9d":
-        raise InputError(f"{path}: compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
-    if content[:2] != b"\x1f\x8b":
+        raise InputError(f"{what} is compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
+    if content[:2] != _GZIP:
         return content
     try:
         content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(most + 1)
     except (EOFError, OSError, zlib.error) as error:
-        raise InputError(f"{path}: damaged gzip file ({error}); fetch or compress it again") from None
-    require_size(len(content), most, f"{path}: {what}, unpacked,", to_do)
+        raise InputError(f"{what} is a damaged gzip file ({error}); fetch or compress it again") from None
+    require_size(len(content), most, f"{what}, unpacked,", to_do)
     return content
+
+
+def beginning(head: bytes) -> bytes:
+    """The first bytes of a file, unpacked where they are those of a gzip file."""
+    if head[:2] != _GZIP:
+        return head
+    try:
+        return zlib.decompressobj(wbits=31).decompress(head, len(head))
+    except zlib.error:
+        return head
 
 
 def require_size(size: int, most: int, what: str, to_do: str) -> None:

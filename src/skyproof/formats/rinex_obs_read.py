@@ -17,16 +17,18 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, Instants, Integers, Reals
 from skyproof.errors import InputError
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, EMPTY_CELLS, OBSERVATION_BYTES, Remarks
-from skyproof.formats.byte_io import unpacked
+from skyproof.formats.byte_io import beginning, content_of, gunzipped, require_size
 from skyproof.formats.crinex import expanded, is_compact
 from skyproof.formats.rinex_cells import Layout, Lines, Rows, cells, layout_change, lines_of, rows_2, rows_3
+from skyproof.formats.signatures import head_of
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal
 from skyproof.gnss.time import gpst_from_utc
 from skyproof.records import CellStatus, Observations, SignalId
 
-__all__ = ["ObservationFile", "parse_obs", "read_obs"]
+__all__ = ["ObservationFile", "holds_observations", "parse_obs", "read_obs", "unpacked_obs"]
 
+_WHAT: Final = "the observation file"
 _TO_DO: Final = "give a RINEX observation file (2.1x, 3.0x, 4.0x), plain, compact (.crx, .21d) or gzip"
 _TIME_SYSTEMS: Final = {"R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS"}  # of a file of one system that tells none
 _BY_TYPE_2: Final = {
@@ -93,8 +95,23 @@ def read_obs(
     ------
     InputError : the file cannot be read, is no RINEX observation file, or holds no observation.
     """
-    content = unpacked(Path(path), OBSERVATION_BYTES, "the observation file", _TO_DO)
-    return parse_obs(content, source=str(path), keep=keep, glonass_channels=glonass_channels)
+    content = content_of(Path(path), OBSERVATION_BYTES, _WHAT, _TO_DO)
+    return parse_obs(unpacked_obs(content, str(path)), source=str(path), keep=keep, glonass_channels=glonass_channels)
+
+
+def unpacked_obs(content: bytes, source: str) -> bytes:
+    """The bytes of an observation file that may be packed by gzip. Raises InputError as `read_obs` does."""
+    require_size(len(content), OBSERVATION_BYTES, f"{source}: {_WHAT}", _TO_DO)
+    return gunzipped(content, OBSERVATION_BYTES, f"{source}: {_WHAT}", _TO_DO)
+
+
+def holds_observations(path: Path) -> bool:
+    """Whether a file begins as a RINEX observation file does, plain, compact or gzip."""
+    if not path.is_file():
+        return False
+    first = beginning(head_of(path)).split(b"\n", 1)[0]
+    compact = first[60:80].rstrip() == b"CRINEX VERS   / TYPE"
+    return compact or (first[60:80].rstrip() == b"RINEX VERSION / TYPE" and first[20:21].upper() == b"O")
 
 
 def parse_obs(

@@ -17,9 +17,11 @@ HEAD: Final = 4096
 _UNPACK: Final = "unpack it and give the recording in it"
 _NAV: Final = "it holds no samples: `skyproof protect` takes it as --nav"
 _SAMPLES: Final = "it holds no samples: give the recording itself"
+_OBSERVED: Final = "it holds no samples, but what was measured: `skyproof protect` takes it as an input"
 _SIGNATURES: Final[tuple[tuple[int, bytes, str, str], ...]] = (
     (0, b"PK\x03\x04", "a ZIP archive", _UNPACK),
     (0, b"\x1f\x8b", "a gzip file", _UNPACK),
+    (0, b"\x1f\x9d", "a file packed by `compress` (.Z)", _UNPACK),
     (0, b"BZh", "a bzip2 file", _UNPACK),
     (0, b"\xfd7zXZ\x00", "an xz file", _UNPACK),
     (0, b"\x28\xb5\x2f\xfd", "a zstd file", _UNPACK),
@@ -101,9 +103,9 @@ def _is_text(head: bytes) -> bool:
 def _kind_of_text(head: bytes) -> tuple[str, str]:
     first = head.split(b"\n", 1)[0]
     if b"RINEX VERSION" in first:
-        return ("a RINEX navigation file", _NAV) if b"NAV" in first.upper() else ("a RINEX observation file", _SAMPLES)
+        return ("a RINEX navigation file", _NAV) if b"NAV" in first.upper() else ("a RINEX observation file", _OBSERVED)
     if b"CRINEX VERS" in first:
-        return "a compressed RINEX observation file", _SAMPLES
+        return "a compressed RINEX observation file", _OBSERVED
     if b"[samples]" in head:
         return "a sidecar", "it tells how to read samples: give the recording that it stands beside"
     if b"core:datatype" in head:

@@ -1,14 +1,30 @@
-"""The receiver's clock moved by whole milliseconds, as receivers do that keep theirs near GPS time."""
+"""The receiver's clock moved by whole milliseconds, as receivers do that keep theirs near GPS time, and back."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skyproof.arrays import Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import Observations
 
-__all__ = ["anchored"]
+__all__ = ["ClockStep", "anchored", "unstepped"]
+
+_MS_M: Final = SPEED_OF_LIGHT_M_S * 1e-3
+_WITHIN_M: Final = 150.0
+_ACCELERATION_M_S2: Final = 50.0  # of a platform; what it makes of a range within an interval is no step
+_LEAST_CHANNELS: Final = 3
+_NEIGHBOURS: Final = (-2, -1, 1, 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockStep:
+    """A receiver's clock was set by whole milliseconds; `gpst` is the first epoch by the clock that was set."""
+
+    gpst: np.datetime64
+    milliseconds: int
 
 
 def anchored(observations: Observations, clock_bias_s: ArrayLike) -> Observations:
@@ -38,3 +54,65 @@ def anchored(observations: Observations, clock_bias_s: ArrayLike) -> Observation
         pseudorange_m=observations.pseudorange_m - shift_ms[:, None] * (SPEED_OF_LIGHT_M_S * 1e-3),
         carrier_cyc=observations.carrier_cyc - shift_ms[:, None] * (observations.carrier_hz * 1e-3),
     )
+
+
+def unstepped(observations: Observations) -> tuple[Observations, tuple[ClockStep, ...]]:
+    """The measurements as if the receiver had let its clock run, and the steps of whole milliseconds that it made.
+
+    Where all pseudoranges step by the same k milliseconds, less than 150 m and what a platform's acceleration may do
+    beside it, the clock was set: labels, pseudoranges and elapsed time are moved back by k ms from then on. Carrier
+    phases are moved where they step too; receivers differ in that. Times of transmission stay what they were.
+
+    What a range should do from one epoch to the next is told by its Dopplers, or where there are none by its own pace
+    in the intervals around. A false time that steps by just that much is taken for the receiver's, and shows in the
+    clock bias alone.
+    """
+    o = observations
+    if o.gpst.size < 2:
+        return o, ()
+    wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
+    carrier_m = wavelength_m * o.carrier_cyc
+    rate_m_s = -wavelength_m * o.doppler_hz
+    code_ms = _steps_ms(o.pseudorange_m, rate_m_s, o.elapsed_s)
+    carrier_ms = _steps_ms(carrier_m, rate_m_s, o.elapsed_s)
+    if not (code_ms.any() or carrier_ms.any()):
+        return o, ()
+    by_code, by_carrier = np.cumsum(code_ms), np.cumsum(carrier_ms)
+    rows = np.flatnonzero(code_ms)
+    steady = replace(
+        o,
+        gpst=o.gpst - by_code.astype("timedelta64[ms]"),
+        elapsed_s=o.elapsed_s - by_code * 1e-3,
+        pseudorange_m=o.pseudorange_m - by_code[:, None] * _MS_M,
+        carrier_cyc=o.carrier_cyc - by_carrier[:, None] * (o.carrier_hz * 1e-3),
+    )
+    return steady, tuple(ClockStep(gpst=o.gpst[k], milliseconds=int(code_ms[k])) for k in rows)
+
+
+def _steps_ms(range_m: Reals, rate_m_s: Reals, elapsed_s: Reals) -> Integers:
+    """(n_epochs,) whole milliseconds by which all ranges (n_epochs, n_channels) step before each epoch."""
+    dt_s = np.diff(elapsed_s)[:, None]
+    moved_m = np.diff(range_m, axis=0)
+    by_doppler = 0.5 * dt_s * (rate_m_s[1:] + rate_m_s[:-1])
+    expected_m = np.where(np.isfinite(by_doppler), by_doppler, _pace(moved_m / dt_s) * dt_s)
+    beyond_m = _median_of_rows(moved_m - expected_m)
+    steps = np.rint(beyond_m / _MS_M)
+    slack_m = _WITHIN_M + 0.25 * _ACCELERATION_M_S2 * dt_s[:, 0] ** 2
+    steps[~(np.abs(beyond_m - steps * _MS_M) < np.minimum(slack_m, 0.25 * _MS_M))] = 0.0
+    return np.append(0, steps.astype(np.int64))
+
+
+def _pace(rate_m_s: Reals) -> Reals:
+    """(n - 1, n_channels) the median of the two intervals before each and the two after it."""
+    n, padded = len(rate_m_s), np.pad(rate_m_s, ((2, 2), (0, 0)), constant_values=np.nan)
+    around = np.stack([padded[2 + k : 2 + k + n] for k in _NEIGHBOURS], axis=-1)
+    return _median_of_rows(around.reshape(-1, len(_NEIGHBOURS)), least=1).reshape(rate_m_s.shape)
+
+
+def _median_of_rows(values: Reals, least: int = _LEAST_CHANNELS) -> Reals:
+    """(n,) medians of what is finite in each row; NaN where that is less than `least` numbers."""
+    ordered = np.sort(np.where(np.isfinite(values), values, np.nan), axis=1)  # NaN last
+    count = np.isfinite(ordered).sum(axis=1)
+    low, high = (np.maximum(k, 0)[:, None] for k in ((count - 1) // 2, count // 2))
+    middle = 0.5 * (np.take_along_axis(ordered, low, 1) + np.take_along_axis(ordered, high, 1))[:, 0]
+    return np.where(count >= least, middle, np.nan)

@@ -199,7 +199,7 @@ def _repeated(outcome: Outcome) -> str:
     """Late copies of a whole sky, named for what they are."""
     words = []
     for r in outcome.receivers:
-        name = r.reception.samples.name
+        name = r.reception.source.name
         late = {s.ref.signal.sat for s in outcome.decision.labels if s.ref.receiver == name and s.label == "multipath"}
         if late:
             words.append(f"{len(late)} satellites in {name}")
@@ -219,7 +219,7 @@ CURE = "; would decide it: "
 
 def _undecided_because(outcome: Outcome) -> str | None:
     """Whose signals are open, why, and what would decide it; if no receiver was of any use, why each was not."""
-    reasons = [f"{r.reception.samples.name}: {r.reception.left_out}" for r in outcome.receivers]
+    reasons = [f"{r.reception.source.name}: {r.reception.left_out}" for r in outcome.receivers]
     if all(r.reception.left_out is not None for r in outcome.receivers):
         return "whether the signals are true: " + "; ".join(reasons)
     question = outcome.decision.open
@@ -241,12 +241,12 @@ def _left_out(outcome: Outcome) -> str:
     if len(receptions) == len(outcome.receivers):
         return ""
     words = "".join(
-        f" {r.samples.name} holds the same noise as {r.same_as}: one antenna or one file recorded twice; taken as one "
+        f" {r.source.name} holds the same noise as {r.same_as}: one antenna or one file recorded twice; taken as one "
         "receiver."
         for r in receptions
         if r.same_as is not None
     )
-    names = [r.samples.name for r in receptions if r.same_as is None]
+    names = [r.source.name for r in receptions if r.same_as is None]
     if names:
         words += f" Without {' and '.join(names)}, which gave no measurements (the remarks on the inputs say why)."
     return words
@@ -279,12 +279,12 @@ def _kept(outcome: Outcome, begin: str) -> str:
 
 
 def _receiver(r: ReceiverOutcome) -> Receiver:
-    samples = r.reception.samples
+    source = r.reception.source
     o = r.reception.observations
-    start = samples.start_gpst if o is None or o.gpst.size == 0 else _start(o)
+    start = source.start_gpst if o is None or o.gpst.size == 0 else _start(o)
     return Receiver(
-        name=samples.name,
-        input=samples.path or samples.name,
+        name=source.name,
+        input=source.path or source.name,
         start_gpst=None if start is None else iso(start, DIGITS),
         duration_s=r.reception.examined_s,
         trusted_fix=_position(r.trusted),
@@ -338,7 +338,7 @@ def _signals(outcome: Outcome) -> list[Signal]:
     sources = {
         ref: source.name for source in (*outcome.decision.sources, *outcome.decision.skies) for ref in source.signals
     }
-    by_receiver = {r.reception.samples.name: r.reception.observations for r in outcome.receivers}
+    by_receiver = {r.reception.source.name: r.reception.observations for r in outcome.receivers}
     signals = []
     for s in outcome.decision.labels:
         o = by_receiver[s.ref.receiver]
@@ -360,11 +360,17 @@ def _signal(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal]
         source=source,
         from_gpst=iso(o.gpst[s.first_epoch], DIGITS),
         to_gpst=iso(o.gpst[s.last_epoch], DIGITS),
-        cn0_dbhz=float(np.nanmean(o.cn0_dbhz[rows, column])),
-        doppler_hz=float(np.nanmean(o.doppler_hz[rows, column])),
+        cn0_dbhz=_mean(o.cn0_dbhz[rows, column]),
+        doppler_hz=_mean(o.doppler_hz[rows, column]),
         delay_to_authentic_m=_delay_m(s, o, labels),
         because=tuple(Because(detector=name, p_value=p) for name, p in s.because),
     )
+
+
+def _mean(values: Reals) -> float | None:
+    """Of what is known; None where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else None
 
 
 def _delay_m(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal]) -> float | None:
@@ -379,9 +385,7 @@ def _delay_m(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal
             rows = slice(first, max(min(s.last_epoch, other.last_epoch) + 1, first))
             a, b = o.signals.index(s.ref.signal), o.signals.index(other.ref.signal)
             delays.append(o.pseudorange_m[rows, a] - o.pseudorange_m[rows, b])
-    together = np.concatenate(delays) if delays else np.empty(0)
-    together = together[np.isfinite(together)]
-    return float(np.mean(together)) if together.size else None
+    return _mean(np.concatenate(delays)) if delays else None
 
 
 def _sources(outcome: Outcome) -> list[SourceModel]:

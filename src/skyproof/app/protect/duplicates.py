@@ -39,23 +39,23 @@ def one_receiver_each(receptions: Sequence[Reception], settings: Settings) -> li
         for other in kept:
             found = same_noise(other, reception, alpha=alpha, code_sigma_m=settings.multipath_sigma_m)
             if found is not None:
-                told[reception.samples.name] = _left_out(reception, other, found)
+                told[reception.source.name] = _left_out(reception, other, found)
                 break
         else:
             kept.append(reception)
-    return [told.get(r.samples.name, r) for r in receptions]
+    return [told.get(r.source.name, r) for r in receptions]
 
 
 def _left_out(reception: Reception, other: Reception, found: SharedNoise) -> Reception:
     why = (
-        f"holds the same noise as {other.samples.name} (correlation {found.coefficient:.2f}): one antenna or one file "
+        f"holds the same noise as {other.source.name} (correlation {found.coefficient:.2f}): one antenna or one file "
         "recorded twice, or one transmitter that drowns all else in both; taken as one receiver"
     )
     return replace(
         reception,
         observations=None,
         left_out=why,
-        same_as=other.samples.name,
+        same_as=other.source.name,
         remarks=(*reception.remarks, f"left out: {why}"),
     )
 
@@ -73,7 +73,7 @@ def same_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_
     alpha : probability that two antennas are called one, and that one is not because its signals seem to differ.
     code_sigma_m : by how much a signal's code may differ between two receivers on one antenna, one sigma, in each.
     """
-    if first.observations is None or second.observations is None:
+    if first.observations is None or second.observations is None or first.samples is None or second.samples is None:
         return None
     lags = _later(first.observations, second.observations)
     known = np.flatnonzero(np.isfinite(lags.later_s).any(axis=0))

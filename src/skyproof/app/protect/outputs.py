@@ -188,14 +188,14 @@ def _geodetic_deg(fix: Fix) -> tuple[Any, Any, Any]:
 
 def _write_tracks(folder: Path, outcome: Outcome) -> None:
     tracks = {
-        f"{r.reception.samples.name} {kind}": (fix.gpst, *_geodetic_deg(fix))
+        f"{r.reception.source.name} {kind}": (fix.gpst, *_geodetic_deg(fix))
         for r in outcome.receivers
         for kind, fix in (*fixes_by_kind(r), *((f"{sky} possible", fix) for sky, fix in possible_fixes(r)))
     }
     write_kml(folder / "tracks.kml", tracks)
     for r in outcome.receivers:
         if r.trusted is not None:
-            path = folder / f"{r.reception.samples.name}-trusted.nmea"
+            path = folder / f"{r.reception.source.name}-trusted.nmea"
             write_nmea(path, _sentences(r.trusted, outcome.navigation))
 
 

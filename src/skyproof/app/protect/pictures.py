@@ -27,7 +27,7 @@ from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.recording.profile import delay_profiles
-from skyproof.records import ConsistentSet, Fix, FixStatus, Observations, Records
+from skyproof.records import ConsistentSet, Fix, FixStatus, Observations, Records, Samples
 from skyproof.report.page import Pictures
 from skyproof.report.pictures import (
     DelayProfile,
@@ -117,7 +117,7 @@ def _enu(origin: Any) -> Reals:
 
 def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
     rot = _enu(origin)
-    name = r.reception.samples.name
+    name = r.reception.source.name
     drawn: list[tuple[str, Any, Fix]] = [(name, kind, fix) for kind, fix in fixes_by_kind(r)]
     drawn += [(f"{name} {sky}", "possible", fix) for sky, fix in possible_fixes(r)]
     tracks = []
@@ -142,17 +142,17 @@ def _truth(observed: Sequence[ReceiverOutcome], origin: Any) -> Iterator[TruePla
     """Where receivers truly were at their last fix, if files beside the recording tell: simulated ones have them."""
     rot = _enu(origin)
     for r in observed:
-        samples = r.reception.samples
+        source = r.reception.source
         at_gpst = next((when for _, fix in fixes_by_kind(r) if (when := _last_instant(fix)) is not None), None)
-        if not samples.path or at_gpst is None:
+        if not source.path or at_gpst is None:
             continue
-        folder = Path(samples.path).parent
-        place = _told_place(folder / "truth.json", samples.name)
+        folder = Path(source.path).parent
+        place = _told_place(folder / "truth.json", source.name)
         if place is None:
-            place = _told_on_the_way(folder / f"{samples.name}-truth.csv", at_gpst)
+            place = _told_on_the_way(folder / f"{source.name}-truth.csv", at_gpst)
         if place is not None:
             east_m, north_m, _ = rot @ (place - origin)
-            yield TruePlace(receiver=samples.name, east_m=float(east_m), north_m=float(north_m))
+            yield TruePlace(receiver=source.name, east_m=float(east_m), north_m=float(north_m))
 
 
 def _last_instant(fix: Fix) -> np.datetime64 | None:
@@ -264,11 +264,11 @@ def _profiles(observed: Sequence[ReceiverOutcome], outcome: Outcome, zero: np.da
     """
     for several in (True, False):
         for r in observed:
-            o = r.reception.observations
-            if o is None or not (labels := _labels_of(o, outcome)):
+            o, samples = r.reception.observations, r.reception.samples
+            if o is None or samples is None or not (labels := _labels_of(o, outcome)):
                 continue
             if (epoch := _telling_epoch(o, labels, several)) is not None:
-                return _profiles_at(r, o, labels, epoch, several, float(seconds_between(o.gpst[epoch], zero)))
+                return _profiles_at(samples, o, labels, epoch, several, float(seconds_between(o.gpst[epoch], zero)))
     return []
 
 
@@ -293,9 +293,8 @@ def _telling_epoch(o: Observations, labels: Sequence[LabelledSignal], several: b
 
 
 def _profiles_at(
-    r: ReceiverOutcome, o: Observations, labels: Sequence[LabelledSignal], epoch: int, several: bool, at_s: float
+    samples: Samples, o: Observations, labels: Sequence[LabelledSignal], epoch: int, several: bool, at_s: float
 ) -> list[DelayProfile]:
-    samples = r.reception.samples
     length_s = min(0.05, float(o.elapsed_s[epoch]))
     start_s = float(o.elapsed_s[epoch]) - length_s
     groups: dict[str, list[_Peak]] = {}

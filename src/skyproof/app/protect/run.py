@@ -1,4 +1,4 @@
-"""The main job: recordings in, spoofed signals named, the true position out."""
+"""The main job: recordings and observations in, spoofed signals named, the true position out."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,9 @@ from skyproof.app.common.windows import detectors_for, examine_all, windows_of
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.outputs import write_outputs
-from skyproof.app.receive.reception import Reception, observe, open_inputs, overlap_s, require_signals, track
+from skyproof.app.receive.inputs import open_inputs
+from skyproof.app.receive.observed import ObservedFile, observed
+from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals, track
 from skyproof.errors import InputError, SettingsError, readable
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.rinex_nav import read_nav
@@ -25,7 +27,7 @@ from skyproof.fusion.trusted import fix_of, labelled, only
 from skyproof.fusion.unprotected import unprotected
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.navigation.smooth import smooth
-from skyproof.records import Fix, NavigationData, Observations, Samples
+from skyproof.records import Fix, NavigationData, Observations, Samples, Source
 from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect", "verdict_of"]
@@ -60,12 +62,12 @@ def protect(
     progress: Progress | None = None,
     **options: Any,
 ) -> ProtectResult:
-    """Tell true signals from false ones in the recordings of one or several receivers.
+    """Tell true signals from false ones in what one or several receivers recorded or measured.
 
     Parameters
     ----------
-    inputs : recordings, each with its sidecar NAME.toml; one a receiver.
-    nav : RINEX navigation file; without one the orbits come from the signals.
+    inputs : one a receiver: recordings, each with its sidecar NAME.toml, and observation files (RINEX).
+    nav : RINEX navigation file; without one the orbits come from the signals of recordings.
     platform : TOML file with a table [protect] of settings.
     out : folder for the outputs, made if absent; None writes nothing.
     options : any field of `Settings`; None means not given.
@@ -79,18 +81,12 @@ def protect(
     settings = resolve_settings(carrier.protect, **options)
     if out is not None:
         check_folder(out)
-    recordings = open_inputs([Path(p) for p in inputs], settings)
-    _require_two(settings, [samples.name for samples in recordings])
     navigation = None if nav is None else read_nav(Path(nav))
     nav_sum = None if nav is None else sha256(nav)  # now, of what was read: it may be gone at the end
-    if navigation is not None:
-        for samples in recordings:
-            if samples.start_gpst is not None:
-                _same_day(navigation, samples.start_gpst, samples.path)
-    trackers, interrupted = track(recordings, settings, progress, navigation, summed=True)
-    if not interrupted:
-        require_signals(trackers)
-    receptions = [observe(tracker, navigation) for tracker in trackers]
+    sources = open_inputs([Path(p) for p in inputs], settings, navigation)
+    _require_two(settings, [source.name for source in sources])
+    _require_orbits(sources, navigation)
+    receptions, interrupted = _received(sources, navigation, settings, progress)
     _same_time(receptions, navigation)
     receptions = [_with_common_time(r, receptions) for r in receptions]
     receptions = one_receiver_each(receptions, settings)
@@ -99,8 +95,8 @@ def protect(
         raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
     interrupted |= cut_short
     # Whoever interrupts does not wait for the sums of large files.
-    sums, stopped = ({}, False) if interrupted else _sums([r.samples for r in receptions], progress)
-    notes = [_note(r, interrupted, sums.get(r.samples.path)) for r in receptions]
+    sums, stopped = ({}, False) if interrupted else _sums([r.source for r in receptions], progress)
+    notes = [_note(r, interrupted, sums.get(r.source.path)) for r in receptions]
     if nav is not None:
         told = _told(navigation)
         notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=told))
@@ -113,6 +109,20 @@ def protect(
     )
 
 
+def _received(
+    sources: Sequence[Samples | ObservedFile], navigation: NavigationData | None, settings: Settings, progress: Progress
+) -> tuple[list[Reception], bool]:
+    """What each source's receiver heard, in their order, and whether Ctrl-C ended the tracking early."""
+    recordings = [source for source in sources if isinstance(source, Samples)]
+    trackers, interrupted = track(recordings, settings, progress, navigation, summed=True)
+    if not interrupted and len(recordings) == len(sources):
+        require_signals(trackers)
+    tracked = iter(trackers)
+    return [
+        observe(next(tracked), navigation) if isinstance(source, Samples) else observed(source) for source in sources
+    ], interrupted
+
+
 def verdict_of(
     inputs: str | Path | Sequence[str | Path],
     *,
@@ -120,15 +130,16 @@ def verdict_of(
     out: str | Path | None = None,
     **options: Any,
 ) -> Verdict:
-    """Tell true signals from false ones in the recordings of one or several receivers.
+    """Tell true signals from false ones in what one or several receivers recorded or measured.
 
         verdict = sp.protect(["rx1.bin", "rx2.bin"], nav="brdc0010.22n", out="result")
         print(verdict.verdict, verdict.summary)
 
     Parameters
     ----------
-    inputs : one recording, or several, one a receiver: raw samples with their sidecar NAME.toml, or SigMF.
-    nav : RINEX navigation file of that day; without one the orbits come from the signals (30 s of them).
+    inputs : one input, or several, one a receiver: raw samples with their sidecar NAME.toml, SigMF, or a RINEX
+        observation file (2.1x, 3.0x, 4.0x, compact and gzip too).
+    nav : RINEX navigation file of that day; without one the orbits come from the signals of recordings (30 s of them).
     out : folder for the verdict, the report, fixes and all other files, made if absent; None writes nothing.
     options : any field of `skyproof.app.common.settings.Settings`, such as `antenna_separation_m` or `duration_s`;
         `platform`, a TOML file with a table [protect] of them; `progress`, told how far the work is.
@@ -223,6 +234,18 @@ def _require_two(settings: Settings, names: Sequence[str]) -> None:
         )
 
 
+def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: NavigationData | None) -> None:
+    """Raise InputError if nothing tells orbits, or a file's orbits are of another day."""
+    for source in sources:
+        if navigation is not None and source.start_gpst is not None:
+            _same_day(navigation, source.start_gpst, source.path)
+    if navigation is None and all(isinstance(source, ObservedFile) for source in sources):
+        raise InputError(
+            f"{sources[0].path}: an observation file does not hold orbits; give the navigation file of that day "
+            "(--nav, RINEX)"
+        )
+
+
 def _pooled(told: Sequence[NavigationData]) -> NavigationData:
     """What all receivers' signals told, each data set once."""
     sets = {(e.sat, e.week, e.toe): e for data in told for e in data.ephemerides}
@@ -250,7 +273,7 @@ def _same_day(navigation: NavigationData, gpst: np.datetime64, path: str) -> Non
 
 def _same_time(receptions: Sequence[Reception], navigation: NavigationData | None) -> None:
     """Raise InputError if two receivers were recorded at different times, or the orbits are of another one."""
-    heard = [(r.samples.path, r.observations) for r in receptions if r.observations is not None]
+    heard = [(r.source.path, r.observations) for r in receptions if r.observations is not None]
     heard = [(path, o) for path, o in heard if o.gpst.size]
     for (path, a), (other_path, b) in combinations(heard, 2):
         if overlap_s(a, b) <= 0.0:
@@ -273,16 +296,16 @@ def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> 
     length_s = seconds_between(own.gpst[-1], own.gpst[0])
     told = tuple(
         f"{overlap_s(own, r.observations):.1f} of its {length_s:.1f} s with measurements are common with "
-        f"{r.samples.path or r.samples.name}"
+        f"{r.source.path or r.source.name}"
         for r in others
         if r.observations is not None and overlap_s(own, r.observations) < COMMON_SHARE * length_s
     )
     return replace(reception, remarks=(*reception.remarks, *told))
 
 
-def _sums(recordings: Sequence[Samples], progress: Progress) -> tuple[dict[str, str | None], bool]:
+def _sums(sources: Sequence[Source], progress: Progress) -> tuple[dict[str, str | None], bool]:
     """SHA-256 of each file, of the bytes that were worked on as they were then; and whether Ctrl-C left some out."""
-    files = {samples.path: samples.file for samples in recordings if samples.file is not None}
+    files = {source.path: source.file for source in sources if source.file is not None}
     sums: dict[str, str | None] = {}
     try:
         with progress.stage("taking the sums of the inputs", float(len(files))) as stage:
@@ -300,14 +323,14 @@ def _from(number: int, stage: Stage) -> Callable[[int, int], None]:
 
 def _note(reception: Reception, interrupted: bool, digest: str | None) -> InputNote:
     """One input's row."""
-    samples = reception.samples
-    changes = () if samples.file is None else samples.file.changes()
-    read = f"{reception.examined_s:.1f} of {samples.duration_s:.1f} s were worked on before the run was interrupted"
+    source = reception.source
+    changes = () if source.file is None else source.file.changes()
+    read = f"{reception.examined_s:.1f} of {source.duration_s:.1f} s were worked on before the run was interrupted"
     return InputNote(
-        path=samples.path or samples.name,
-        format=samples.format or "raw",
+        path=source.path or source.name,
+        format=source.format or "raw",
         sha256=digest,
-        remarks=(*samples.remarks, *reception.remarks, *changes, *((read,) if interrupted else ())),
+        remarks=(*source.remarks, *reception.remarks, *changes, *((read,) if interrupted else ())),
     )
 
 

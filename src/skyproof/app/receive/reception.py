@@ -1,9 +1,8 @@
-"""Recordings to observations: open, track everything, tell what was heard."""
+"""Recordings to observations: track everything, tell what was heard."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +14,7 @@ from skyproof.app.receive.bridge import bridged
 from skyproof.app.receive.clock_check import CHECKED_S, MOST_CHECKS, agreeing
 from skyproof.app.receive.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_told
 from skyproof.arrays import Indices
-from skyproof.errors import InputError, NotEnoughData, SettingsError
-from skyproof.formats.recording import open_recording
+from skyproof.errors import InputError, NotEnoughData
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
@@ -37,13 +35,11 @@ from skyproof.receiver.observables import (
 )
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
 from skyproof.recording.conditioning import conditioned, measure_front_end
-from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId
+from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId, Source
 
-__all__ = ["Reception", "Tracker", "observe", "open_inputs", "require_signals", "stretch", "track"]
+__all__ = ["Reception", "Tracker", "observe", "require_signals", "track"]
 
 BLOCK_S = 0.5
-SAME_SAMPLES = 1 << 16  # compared, to tell whether two recordings are one
-LONGEST_NAME = 200  # of a receiver, in bytes; of a file it is 255
 ENOUGH_SATS = 4
 MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
 FOLLOWED_S = 2.0  # shorter, a signal that is there may not have proved itself
@@ -52,7 +48,7 @@ TIME_OF_WEEK_S = 12.0  # by then a signal has told its time of week: it does so 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reception:
-    """One receiver's recording after tracking.
+    """What one receiver heard: its recording after tracking, or its own measurements.
 
     observations : None if there are none; `left_out` then says why.
     examined_s : how much of the recording was worked on.
@@ -60,7 +56,7 @@ class Reception:
     messages_differ : where signals of one satellite tell different messages, in words; among the remarks as well.
     """
 
-    samples: Samples
+    source: Source
     observations: Observations | None
     told: NavigationData  # by the signals themselves
     n_signals: int
@@ -69,6 +65,11 @@ class Reception:
     same_as: str | None = None
     remarks: tuple[str, ...] = ()
     messages_differ: tuple[str, ...] = ()
+
+    @property
+    def samples(self) -> Samples | None:
+        """The recording, where the source is one."""
+        return self.source if isinstance(self.source, Samples) else None
 
 
 @dataclass(kw_only=True)
@@ -144,82 +145,6 @@ class Tracker:
     def epoch_s(self) -> float:
         """From one row of measurements to the next."""
         return MEASURE_FRAMES * self.receiver.settings.frame_s
-
-
-def open_inputs(paths: Sequence[Path], settings: Settings) -> list[Samples]:
-    """Open recordings, check their levels, cut them to the stretch asked for, and give each receiver its own name.
-
-    Raises
-    ------
-    InputError : no recording, one that cannot be opened, or one that is the same as another.
-    SettingsError : antennas of other receivers than these.
-    """
-    if not paths:
-        raise InputError("no recording given; give one file of samples a receiver, each with its sidecar")
-    opened: list[Samples] = []
-    for path in paths:
-        for samples in open_recording(path):  # several if the file has several channels
-            for other in opened:
-                if _is_same(other, samples):
-                    raise InputError(
-                        f"{samples.path}: the same recording as {other.path}; two receivers that are one would look "
-                        "like signals from one antenna: give each receiver's own recording, and each once"
-                    )
-            names = [other.name for other in opened]
-            name = _short(samples.name)
-            candidates = (name, *(f"{name}-{number}" for number in range(2, len(names) + 3)))
-            opened.append(replace(samples, name=next(name for name in candidates if name not in names)))
-    _require_antennas(settings, [samples.name for samples in opened])
-    return [stretch(samples, settings.start_s, settings.duration_s) for samples in opened]
-
-
-def _short(name: str) -> str:
-    """A receiver's name, by which its files are named as well: with room for what is written behind it."""
-    return name.encode()[:LONGEST_NAME].decode(errors="ignore")
-
-
-def _require_antennas(settings: Settings, names: Sequence[str]) -> None:
-    """Raise SettingsError if `antennas_enu_m` is not of these receivers."""
-    if settings.antennas_enu_m is not None and set(settings.antennas_enu_m) != set(names):
-        raise SettingsError(
-            f"setting antennas_enu_m is of {', '.join(settings.antennas_enu_m) or 'nobody'}, but the receivers are "
-            f"{', '.join(names)}; give the place of each by its name"
-        )
-
-
-def _is_same(a: Samples, b: Samples) -> bool:
-    """Whether two recordings have a stretch in common, where both are long enough: noise never repeats itself."""
-    if Path(a.path).resolve() == Path(b.path).resolve() and a.name == b.name:
-        return True
-    count = min(SAME_SAMPLES, a.n_samples, b.n_samples)
-    starts = (0, (min(a.n_samples, b.n_samples) - count) // 2)
-    pairs = [(a.read(start, count), b.read(start, count)) for start in starts]
-    return all(np.array_equal(*pair) for pair in pairs) and any(np.ptp(one) > 0.0 for one, _ in pairs)
-
-
-def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Samples:
-    """The part of a recording from `start_s` on, `duration_s` long at most."""
-    if start_s == 0.0 and duration_s is None:
-        return samples
-    first = round(start_s * samples.rate_hz)
-    if first >= samples.n_samples:
-        raise InputError(f"{samples.path}: lasts {samples.duration_s:.3f} s, but start_s is {start_s:g}; give less")
-    count = samples.n_samples - first
-    if duration_s is not None:
-        count = min(count, round(duration_s * samples.rate_hz))
-    missing_s = sum(gap.missing_samples for gap in samples.gaps if gap.at_sample <= first) / samples.rate_hz
-    later = np.timedelta64(round((start_s + missing_s) * 1e9), "ns")
-    return replace(
-        samples,
-        n_samples=count,
-        read=lambda start, n: samples.read(first + start, min(n, count - start)),
-        start_gpst=None if samples.start_gpst is None else samples.start_gpst + later,
-        gaps=tuple(
-            replace(gap, at_sample=gap.at_sample - first)
-            for gap in samples.gaps
-            if first < gap.at_sample < first + count
-        ),
-    )
 
 
 def track(
@@ -357,7 +282,7 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
     elif found is not None:
         remarks.append(f"few signals as it was read, or none for long: {found.cure}")
     return Reception(
-        samples=samples,
+        source=samples,
         observations=observations,
         told=told,
         n_signals=len(heard),

@@ -14,7 +14,8 @@ from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.common.rinex import date_of, one_a_satellite, write_channels
 from skyproof.app.common.settings import resolve_settings
 from skyproof.app.common.windows import take
-from skyproof.app.receive.reception import Reception, first_copies, observe, open_inputs, require_signals, track
+from skyproof.app.receive.inputs import only_recordings, open_inputs
+from skyproof.app.receive.reception import Reception, first_copies, observe, require_signals, track
 from skyproof.formats.atomic_write import writing_together
 from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.gnss.time import iso
@@ -51,14 +52,14 @@ class ReceiveResult:
         for r in self.receptions:
             o = r.observations
             heads.append(
-                f"{r.samples.name}: {r.n_signals} signals in {r.examined_s:.1f} s"
+                f"{r.source.name}: {r.n_signals} signals in {r.examined_s:.1f} s"
                 + (f"; left out: {r.left_out}" if r.left_out is not None else "")
             )
             for signal in [] if o is None else [_signal(o, column) for column in range(len(o.signals))]:
                 cn0_dbhz, doppler_hz = signal["cn0_dbhz"], signal["doppler_hz"]
                 rows.append(
                     (
-                        r.samples.name,
+                        r.source.name,
                         f"{signal['sat']} {signal['band']} {signal['code']} {signal['copy']}",
                         f"{signal['found_s']:.1f}",
                         str(signal["n_epochs"]),
@@ -108,7 +109,7 @@ def receive(
     if out is not None:
         check_folder(out)
     paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
-    recordings = open_inputs([Path(p) for p in paths], settings)
+    recordings = only_recordings(open_inputs([Path(p) for p in paths], settings))
     navigation = None if nav is None else read_nav(Path(nav))
     trackers, interrupted = track(recordings, settings, progress, navigation, watchful=False)
     if not interrupted:
@@ -143,7 +144,7 @@ def _written(folder: Path, reception: Reception, navigation: NavigationData | No
     names = []
     orbits = navigation if navigation is not None else reception.told
     if orbits.ephemerides:
-        names.append(f"{reception.samples.name}-nav.rnx")
+        names.append(f"{reception.source.name}-nav.rnx")
         write_nav(folder / names[-1], orbits, created=date_of([reception.observations]))
     o = reception.observations
     if o is not None:
@@ -178,17 +179,17 @@ def document_json(result: ReceiveResult) -> str:
 
 
 def _receiver(reception: Reception, files: tuple[str, ...]) -> dict[str, Any]:
-    o, samples = reception.observations, reception.samples
+    o, source = reception.observations, reception.source
     return {
-        "name": samples.name,
-        "path": samples.path,
+        "name": source.name,
+        "path": source.path,
         "examined_s": reception.examined_s,
         "n_signals": reception.n_signals,
         "left_out": reception.left_out,
         "signals": [] if o is None else [_signal(o, column) for column in range(len(o.signals))],
         "messages_differ": list(reception.messages_differ),
         "satellites_with_orbits": sorted({ephemeris.sat for ephemeris in reception.told.ephemerides}),
-        "remarks": [*samples.remarks, *reception.remarks],
+        "remarks": [*source.remarks, *reception.remarks],
         "files": list(files),
     }
 

@@ -1,0 +1,132 @@
+"""Inputs as sources, one a receiver: recordings of samples and observation files, in any mixture."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.receive.observed import ObservedFile, epochs_of, open_observations, same_measurements
+from skyproof.errors import InputError, SettingsError
+from skyproof.formats.recording import open_recording
+from skyproof.formats.rinex_nav import glonass_channels
+from skyproof.formats.rinex_obs_read import holds_observations
+from skyproof.records import NavigationData, Samples
+
+__all__ = ["only_recordings", "open_inputs", "stretch"]
+
+SAME_SAMPLES: Final = 1 << 16  # compared, to tell whether two recordings are one
+LONGEST_NAME: Final = 200  # of a receiver, in bytes; of a file it is 255
+
+
+def open_inputs(
+    paths: Sequence[Path], settings: Settings, navigation: NavigationData | None = None
+) -> list[Samples | ObservedFile]:
+    """Open recordings and observation files, cut them to the stretch asked for, and give each receiver its own name.
+
+    navigation : has the frequency numbers of GLONASS that an observation file may lack.
+
+    Raises
+    ------
+    InputError : no input, one that cannot be opened, or one that is the same as another.
+    SettingsError : antennas of other receivers than these.
+    """
+    if not paths:
+        raise InputError("no input given; give one a receiver: samples with their sidecar, or an observation file")
+    opened: list[Samples | ObservedFile] = []
+    for path in paths:
+        for source in _opened(path, navigation):
+            for other in opened:
+                if _is_same(other, source):
+                    raise InputError(
+                        f"{source.path}: the same recording as {other.path}; two receivers that are one would look "
+                        "like signals from one antenna: give each receiver's own recording, and each once"
+                    )
+            names = [other.name for other in opened]
+            name = _short(source.name)
+            candidates = (name, *(f"{name}-{number}" for number in range(2, len(names) + 3)))
+            opened.append(_named(source, next(name for name in candidates if name not in names)))
+    _require_antennas(settings, [source.name for source in opened])
+    return [
+        stretch(source, settings.start_s, settings.duration_s)
+        if isinstance(source, Samples)
+        else epochs_of(source, settings.start_s, settings.duration_s)
+        for source in opened
+    ]
+
+
+def only_recordings(sources: Sequence[Samples | ObservedFile]) -> list[Samples]:
+    """The sources, all of them recordings. Raises InputError if one holds no samples."""
+    for source in sources:
+        if not isinstance(source, Samples):
+            raise InputError(
+                f"{source.path}: an observation file, whose signals were tracked already; give a recording of samples, "
+                "or protect it as it is (skyproof protect)"
+            )
+    return [source for source in sources if isinstance(source, Samples)]
+
+
+def _opened(path: Path, navigation: NavigationData | None) -> tuple[Samples | ObservedFile, ...]:
+    """One source, or several if the file has several channels."""
+    if not holds_observations(path):
+        return open_recording(path)
+    return (open_observations(path, None if navigation is None else glonass_channels(navigation)),)
+
+
+def _named(source: Samples | ObservedFile, name: str) -> Samples | ObservedFile:
+    if isinstance(source, Samples):
+        return replace(source, name=name)
+    return replace(source, name=name, observations=replace(source.observations, receiver=name))
+
+
+def _short(name: str) -> str:
+    """A receiver's name, by which its files are named as well: with room for what is written behind it."""
+    return name.encode()[:LONGEST_NAME].decode(errors="ignore")
+
+
+def _require_antennas(settings: Settings, names: Sequence[str]) -> None:
+    """Raise SettingsError if `antennas_enu_m` is not of these receivers."""
+    if settings.antennas_enu_m is not None and set(settings.antennas_enu_m) != set(names):
+        raise SettingsError(
+            f"setting antennas_enu_m is of {', '.join(settings.antennas_enu_m) or 'nobody'}, but the receivers are "
+            f"{', '.join(names)}; give the place of each by its name"
+        )
+
+
+def _is_same(a: Samples | ObservedFile, b: Samples | ObservedFile) -> bool:
+    """Whether two inputs have a stretch in common, where both are long enough: noise never repeats itself."""
+    if Path(a.path).resolve() == Path(b.path).resolve() and a.name == b.name:
+        return True
+    if isinstance(a, ObservedFile) or isinstance(b, ObservedFile):
+        return isinstance(a, ObservedFile) and isinstance(b, ObservedFile) and same_measurements(a, b)
+    count = min(SAME_SAMPLES, a.n_samples, b.n_samples)
+    starts = (0, (min(a.n_samples, b.n_samples) - count) // 2)
+    pairs = [(a.read(start, count), b.read(start, count)) for start in starts]
+    return all(np.array_equal(*pair) for pair in pairs) and any(np.ptp(one) > 0.0 for one, _ in pairs)
+
+
+def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Samples:
+    """The part of a recording from `start_s` on, `duration_s` long at most."""
+    if start_s == 0.0 and duration_s is None:
+        return samples
+    first = round(start_s * samples.rate_hz)
+    if first >= samples.n_samples:
+        raise InputError(f"{samples.path}: lasts {samples.duration_s:.3f} s, but start_s is {start_s:g}; give less")
+    count = samples.n_samples - first
+    if duration_s is not None:
+        count = min(count, round(duration_s * samples.rate_hz))
+    missing_s = sum(gap.missing_samples for gap in samples.gaps if gap.at_sample <= first) / samples.rate_hz
+    later = np.timedelta64(round((start_s + missing_s) * 1e9), "ns")
+    return replace(
+        samples,
+        n_samples=count,
+        read=lambda start, n: samples.read(first + start, min(n, count - start)),
+        start_gpst=None if samples.start_gpst is None else samples.start_gpst + later,
+        gaps=tuple(
+            replace(gap, at_sample=gap.at_sample - first)
+            for gap in samples.gaps
+            if first < gap.at_sample < first + count
+        ),
+    )

@@ -1,0 +1,69 @@
+"""Dopplers where a receiver reports none: the slope of its carrier phase."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Indices, Reals
+from skyproof.records import CellStatus, Observations
+
+__all__ = ["with_dopplers"]
+
+_GAP = 1.5  # usual intervals; phases across a longer one are not joined
+
+
+def with_dopplers(observations: Observations) -> tuple[Observations, float]:
+    """The observations with missing Dopplers taken from the carrier phase, and the share of cells that were.
+
+    The slope of the parabola through the phase of three epochs in a row, the cell's own in their middle where it can
+    be: exact for a steady acceleration. What the acceleration changes by, j in m/s^3, leaves j times the interval
+    squared over 6 (over 3 at the ends of an arc): 1 cm/s over 30 s for a GPS satellite and an antenna at rest. The
+    sigma is that of the phases. Arcs of one or two epochs stay without.
+    """
+    o = observations
+    missing = np.isfinite(o.carrier_cyc) & ~np.isfinite(o.doppler_hz)
+    if o.gpst.size < 3 or not missing.any():
+        return o, 0.0
+    first = _triples(_goes_on(o))
+    cells = missing & (first >= 0)
+    rows, columns = np.nonzero(cells)
+    three = first[rows, columns, None] + np.arange(3)
+    weight = _slope_weights(o.elapsed_s[three], o.elapsed_s[rows])
+    phase_cyc, sigma_cyc = o.carrier_cyc[three, columns[:, None]], o.carrier_sigma_cyc[three, columns[:, None]]
+    doppler_hz, sigma_hz = o.doppler_hz.copy(), o.doppler_sigma_hz.copy()
+    doppler_hz[cells] = -np.sum(weight * (phase_cyc - phase_cyc[:, :1]), axis=1)
+    sigma_hz[cells] = np.sqrt(np.sum((weight * sigma_cyc) ** 2, axis=1))
+    derived = float(cells.sum() / np.isfinite(o.carrier_cyc).sum())
+    return replace(o, doppler_hz=doppler_hz, doppler_sigma_hz=sigma_hz), derived
+
+
+def _goes_on(o: Observations) -> Booleans:
+    """(n_epochs, n_channels) whether a phase continues that of the epoch before."""
+    there = np.isfinite(o.carrier_cyc)
+    step_s = np.diff(o.elapsed_s)
+    goes_on = np.zeros_like(there)
+    goes_on[1:] = there[1:] & there[:-1] & (o.status[1:] != CellStatus.SLIP)
+    goes_on[1:] &= (step_s <= _GAP * np.median(step_s))[:, None]
+    return goes_on
+
+
+def _triples(goes_on: Booleans) -> Indices:
+    """(n_epochs, n_channels) the first of three epochs of one arc around each cell; -1 where there are none."""
+    n = len(goes_on)
+    whole = np.zeros_like(goes_on)  # by the middle epoch
+    whole[1:-1] = goes_on[1:-1] & goes_on[2:]
+    row = np.broadcast_to(np.arange(n)[:, None], whole.shape)
+    first = np.full(whole.shape, -1)
+    first[2:] = np.where(whole[1:-1], row[:-2], first[2:])
+    first[:-2] = np.where(whole[1:-1], row[:-2], first[:-2])
+    first[1:-1] = np.where(whole[1:-1], row[:-2], first[1:-1])
+    return first
+
+
+def _slope_weights(times_s: Reals, at_s: Reals) -> Reals:
+    """(n, 3) weights of three values for the slope at `at_s` (n,) of the parabola through them at `times_s` (n, 3)."""
+    weights = np.empty_like(times_s)
+    for k in range(3):
+        own, *others = times_s[:, k], *(times_s[:, j] for j in range(3) if j != k)
+        weights[:, k] = (2.0 * at_s - others[0] - others[1]) / ((own - others[0]) * (own - others[1]))
+    return weights
