@@ -17,7 +17,10 @@ EXIT_CODES = {"authentic": 0, "spoofed": 1, "undecided": 3}
 
 
 def protect(
-    inputs: Annotated[list[Path], Parameter(name="INPUT", help="Recordings, one a receiver, each with its sidecar.")],
+    inputs: Annotated[
+        list[Path],
+        Parameter(name="INPUT", help="One a receiver: recordings with their sidecars, observation files (RINEX)."),
+    ],
     /,
     *,
     out: Annotated[Path, Parameter(help="Folder for the verdict, the report, fixes and all other files.")],
@@ -35,7 +38,7 @@ def protect(
     exit_code: Annotated[bool, Parameter(help="Exit with 0 authentic, 1 spoofed, 3 undecided.")] = False,
     debug: Debug = False,
 ) -> int:
-    """Say whether signals in recordings are spoofed, since when and which, and give the position to be trusted."""
+    """Say whether received signals are spoofed, since when and which, and give the position to be trusted."""
     result = app.protect.protect(
         inputs,
         nav=nav,

@@ -1,0 +1,119 @@
+"""Observation files as inputs of `protect`: written by our own writer from simulated measurements, and read back."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.app.kit import ENU_M, LIGHT_M_S, scenario_of
+
+from skyproof.app.protect import protect
+from skyproof.errors import InputError
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.formats.rinex_obs import write_obs
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.records import CellStatus, Observations
+from skyproof.simulator.measurements import NoiseModel, observations_of
+
+SETTINGS = {"antennas_enu_m": {name: ENU_M[name] for name in ("bow", "stern")}}
+MIDDLE = 30
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """A minute of two receivers at one epoch a second."""
+    scenario = scenario_of(duration_s=61.0)
+    navigation = nominal_constellation(scenario.start_gpst)
+    noise = NoiseModel(sigma_m=1.0, ar1=0.9, constant_m=0.5)
+    (bow, stern), _ = observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)
+    return bow, stern, navigation
+
+
+def captured(own: Observations, other: Observations, row: int, *, rng: np.random.Generator) -> Observations:
+    """`own` with what `other` measured in the place of its own from `row` on, by a clock of its own."""
+    common = [(own.signals.index(s), other.signals.index(s)) for s in own.signals if s in other.signals]
+    mine, theirs = (np.array(columns) for columns in zip(*common, strict=True))
+    since_s = own.elapsed_s[row:, None] - own.elapsed_s[row]
+    clock_m = LIGHT_M_S * (3.1e-5 + 2e-7 * since_s)
+    cells = {
+        "pseudorange_m": clock_m + 0.3 * rng.normal(size=(len(since_s), len(mine))),
+        "carrier_cyc": clock_m * own.carrier_hz[mine] / LIGHT_M_S,
+        "doppler_hz": -2e-7 * own.carrier_hz[mine],
+    }
+    changed = {}
+    for name, added in cells.items():
+        changed[name] = getattr(own, name).copy()
+        changed[name][row:, mine] = getattr(other, name)[row:, theirs] + added
+    status = own.status.copy()
+    status[row, mine] = CellStatus.SLIP
+    return replace(own, status=status, **changed)
+
+
+def written(folder: Path, *observations: Observations) -> list[Path]:
+    paths = []
+    for o in observations:
+        paths.append(folder / f"{o.receiver}.obs")
+        write_obs(paths[-1], o, signals=o.signals, holds="simulated", marker=o.receiver, version="test")
+    return paths
+
+
+def test_a_clean_sky_is_authentic_in_observation_files(measured, tmp_path):
+    bow, stern, navigation = measured
+    write_nav(tmp_path / "nav.rnx", navigation)
+    result = protect(written(tmp_path, bow, stern), nav=tmp_path / "nav.rnx", out=tmp_path / "out", **SETTINGS)
+    assert result.verdict.verdict == "authentic", result.verdict.summary
+    assert {s.label for s in result.verdict.signals} == {"authentic"}
+    assert [i.format for i in result.verdict.inputs] == ["RINEX 3.05 observations"] * 2 + ["RINEX navigation"]
+    assert all(i.sha256 is not None for i in result.verdict.inputs)
+    assert any("holds measurements and no samples" in remark for remark in result.verdict.inputs[0].remarks)
+    for name in ("verdict.json", "report.html", "fixes.csv", "tracks.kml", "bow-authentic.obs", "stern-trusted.nmea"):
+        assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+def test_a_captured_receiver_is_spoofed_since_then(measured, tmp_path):
+    bow, stern, navigation = measured
+    write_nav(tmp_path / "nav.rnx", navigation)
+    stern = captured(stern, bow, MIDDLE, rng=np.random.default_rng(4))
+    result = protect(written(tmp_path, bow, stern), nav=tmp_path / "nav.rnx", **SETTINGS)
+    verdict = result.verdict
+    assert verdict.verdict == "spoofed", verdict.summary
+    latest = np.datetime64(verdict.since_latest_gpst, "ns")
+    assert abs((latest - bow.gpst[MIDDLE]) / np.timedelta64(1, "s")) <= 10.0
+    false = {(s.receiver, s.sat) for s in verdict.signals if s.label == "spoofed"}
+    assert {sat for receiver, sat in false if receiver == "stern"} == {s.sat for s in stern.signals}
+    for s in verdict.signals:
+        if s.label == "authentic":
+            assert np.datetime64(s.to_gpst, "ns") <= bow.gpst[MIDDLE]
+
+
+def test_a_stretch_of_a_file_is_protected(measured, tmp_path):
+    bow, stern, navigation = measured
+    write_nav(tmp_path / "nav.rnx", navigation)
+    paths = written(tmp_path, bow, stern)
+    verdict = protect(paths, nav=tmp_path / "nav.rnx", start_s=20.0, duration_s=20.0, **SETTINGS).verdict
+    assert verdict.verdict == "authentic"
+    assert [round(r.duration_s) for r in verdict.receivers] == [19, 19]
+    assert np.datetime64(verdict.receivers[0].start_gpst, "ns") == bow.gpst[0] + np.timedelta64(20, "s")
+    with pytest.raises(InputError, match=r"bow.obs: lasts 59.000 s, but start_s is 99.*give less"):
+        protect(paths, nav=tmp_path / "nav.rnx", start_s=99.0)
+
+
+def test_observation_files_alone_need_orbits(measured, tmp_path):
+    with pytest.raises(InputError, match=r"bow.obs: an observation file does not hold orbits; give the navigation"):
+        protect(written(tmp_path, *measured[:2]))
+
+
+def test_one_receivers_file_is_refused_twice(measured, tmp_path):
+    bow, _, _ = measured
+    path, *_ = written(tmp_path, bow)
+    thinned = tmp_path / "again.obs"
+    half = replace(bow, receiver="again", pseudorange_m=np.where(np.arange(60)[:, None] % 2, bow.pseudorange_m, np.nan))
+    write_obs(thinned, half, signals=half.signals, holds="simulated", marker="again", version="test")
+    with pytest.raises(InputError, match=r"again.obs: the same recording as .*bow.obs"):
+        protect([path, thinned])
+
+
+def test_a_navigation_file_in_the_place_of_an_input_is_named(measured, tmp_path):
+    write_nav(tmp_path / "nav.rnx", measured[2])
+    with pytest.raises(InputError, match=r"nav.rnx.*a RINEX navigation file.*takes it as --nav"):
+        protect([*written(tmp_path, measured[0]), tmp_path / "nav.rnx"])
