@@ -67,7 +67,7 @@ class App:
             raise self.error
         samples = SimpleNamespace(name="rx1", path="rx1.bin", remarks=())
         reception = SimpleNamespace(
-            samples=samples,
+            source=samples,
             n_signals=12,
             remarks=("a [dim] remark",),
             observations=None,

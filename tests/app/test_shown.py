@@ -42,9 +42,9 @@ def observations(receiver: str) -> Observations:
 
 def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> None:
     o = observations("bow")
-    heard = Reception(samples=samples("bow"), observations=o, told=NOBODY, n_signals=2, examined_s=3.0)
+    heard = Reception(source=samples("bow"), observations=o, told=NOBODY, n_signals=2, examined_s=3.0)
     deaf = Reception(
-        samples=samples("<stern>"), observations=None, told=NOBODY, n_signals=0, examined_s=3.0, left_out="no signal"
+        source=samples("<stern>"), observations=None, told=NOBODY, n_signals=0, examined_s=3.0, left_out="no signal"
     )
     shown = ReceiveResult(receptions=(heard, deaf))._repr_html_()
     for told in (
@@ -89,7 +89,7 @@ def fix_at(receiver: str, x_m: float) -> Fix:
 
 
 def test_while_two_skies_are_open_the_fixes_of_both_are_in_the_table() -> None:
-    heard = Reception(samples=samples("bow"), observations=None, told=NOBODY, n_signals=8, examined_s=3.0)
+    heard = Reception(source=samples("bow"), observations=None, told=NOBODY, n_signals=8, examined_s=3.0)
     skies = {"S1": fix_at("bow", 6.378137e6), "S2": fix_at("bow", 6.378237e6)}
     outcome = ReceiverOutcome(reception=heard, unprotected=skies["S2"], shown=skies)
     table = fixes_columns([*fixes_by_kind(outcome), *possible_fixes(outcome)])
