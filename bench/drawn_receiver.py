@@ -413,7 +413,7 @@ def _receive(
         start_gpst=scene.scenario.start_gpst,
     )
     reception = Reception(
-        samples=samples,
+        source=samples,
         observations=observations,
         told=NavigationData(ephemerides=()),
         left_out=left_out,
