@@ -31,7 +31,7 @@ AFTER_DEMO = "Example, with the recordings that `skyproof demo --out demo` makes
 COMMANDS = {
     "protect": (
         "INPUT... --out FOLDER [OPTIONS]",
-        "Say whether signals in recordings are spoofed, since when and which, and give the position to be trusted.",
+        "Say whether received signals are spoofed, since when and which, and give the position to be trusted.",
         AFTER_DEMO + "skyproof protect demo/bow.bin demo/stern.bin --nav demo/broadcast.rnx --out out",
     ),
     "inspect": (
