@@ -123,10 +123,11 @@ class _Case:
 
     def track(self) -> None:
         k.advance(
-            self.samples[0],
-            self.samples[1],
+            self.samples[None],
+            self.samples.shape[1],
             0,
             self.power,
+            np.tile([1.0, 0.0], (CHANNELS, 1, 1)),
             self.states.copy(),
             self.tables,
             table_pad(self.nominal),

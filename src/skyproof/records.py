@@ -456,9 +456,9 @@ class ArrayPhases:
     elapsed_s : (n_epochs,) as in `Observations`.
     elements_m : (n_antennas, 3) phase centres in the body frame (forward, right, down).
     phase_cyc : (n_epochs, n_channels, n_antennas) grows where an antenna is nearer to the source, by the projection of
-        its position in wavelengths; what antennas share and whole cycles are arbitrary. Constant delays of antenna
-        lines are taken off. NaN where there is nothing.
+        its position in wavelengths; what antennas share and whole cycles are arbitrary. NaN where there is nothing.
     sigma_cyc : likewise, thermal noise, one sigma.
+    calibrated : constant delays of antenna lines are known, and taken off.
     carrier_hz : (n_channels,) nominal carrier; one number at construction stands for all channels.
     """
 
@@ -470,6 +470,7 @@ class ArrayPhases:
     phase_cyc: Reals
     sigma_cyc: Reals
     carrier_hz: Reals = field(default_factory=lambda: np.array(L1_HZ))
+    calibrated: bool = True
 
     def __post_init__(self) -> None:
         carrier_hz = np.asarray(self.carrier_hz, np.float64)

@@ -80,7 +80,13 @@ def tracked(share, *, n_sats=8, seed=0, rows=11, oscillator_hz=0.0, sigma_m=1.0)
     table[:, m.PERIODS] = np.floor(code_s / 1e-3)
     table[:, m.FRACTION_S] = code_s - 1e-3 * table[:, m.PERIODS]
     table[:, m.CARRIER_CYC], table[:, m.DOPPLER_HZ], table[:, m.CODE_SIGMA_S] = carrier_cyc, doppler_hz, sigma_m / 3e8
-    return Measurements(elapsed_s=elapsed_s, arc=arc, table=table, taps=np.zeros((arc.size, 3), np.complex64))
+    return Measurements(
+        elapsed_s=elapsed_s,
+        arc=arc,
+        table=table,
+        taps=np.zeros((arc.size, 3), np.complex64),
+        own=np.empty((arc.size, 0, 8)),
+    )
 
 
 def sats(n):

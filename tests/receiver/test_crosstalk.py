@@ -7,9 +7,9 @@ import pytest
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.receiver import antennas
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
-from skyproof.receiver import tracking
 from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.crosstalk import POINTS, autocorrelation, take_out
 from skyproof.receiver.measurement import Measurements
@@ -82,7 +82,7 @@ def test_the_weaker_of_two_is_measured_as_if_alone(monkeypatch, apart_chips, str
     assert rms(code_m / sigma_m) < 1.6  # of 11 epochs
     assert rms(carrier_cyc) < 0.0025
     assert rms(cn0_db) < 0.8
-    monkeypatch.setattr(tracking, "take_out", lambda sats, *_, **__: np.full(len(sats), np.nan))
+    monkeypatch.setattr(antennas, "take_out", lambda sats, *_, **__: np.full(len(sats), np.nan))
     swung_m, *_ = errors_of_the_weaker(apart_chips, stronger_db, apart_hz, same_bits=same_bits)
     assert swung_m.size == 0 or rms(swung_m) > 3.0 * rms(code_m)  # pulled away, or metres off
 

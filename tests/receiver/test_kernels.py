@@ -50,10 +50,11 @@ def run(planes, state, taps_chips, *, first_sample=0):
     table = code_table(CODE, 1.023e6 / RATE_HZ, 32, 2601)[None]
     power = float(np.mean(planes**2) * 2.0) * CODE_SCALE**2
     k.advance(
-        planes[0],
-        planes[1],
+        np.ascontiguousarray(planes, np.float32)[None],
+        planes.shape[1],
         first_sample,
         power,
+        np.array([[[1.0, 0.0]]]),
         state,
         table,
         table_pad(1.023e6 / RATE_HZ),

@@ -50,7 +50,7 @@ def measured(frames, cn0_dbhz, *, bit_start=7.0, withheld=()):
     counts = np.array([100])
     tables = []
     for i in range(1, len(frames), 2):
-        table, _ = m.measure(
+        table, *_ = m.measure(
             state, (frames[i - 1], counts), (frames[i], counts), 0.1 * i, RATE_HZ, 0.0, GPS_L1_CA, DISCRIMINATOR
         )
         tables.append(table[0])

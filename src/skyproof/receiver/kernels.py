@@ -48,7 +48,8 @@ CODE_STEER = 34  # chips/s beside all else; where other signals of the satellite
 SLIPPED = 35  # of the measurements: 1 if the carrier slipped, or may have, since the last row that was given out
 N_STATE = 36
 
-# Columns of what one code period of one channel gives (float64), followed by real and imaginary part of every tap.
+# Columns of what one code period of one channel gives (float64), followed by real and imaginary part of every tap, of
+# the antennas' weighted sum; then, where there are several, by those of early, prompt and late of each antenna.
 OUT_START = 0
 OUT_CHIP = 1
 OUT_PHASE = 2
@@ -58,6 +59,11 @@ OUT_SHIFT = 5  # chips, mean of the wanted minus the used code phase of early an
 OUT_TAPS = 6
 
 POWER_MEMORY_S = 0.05
+
+
+def row_size(n_taps: int, n_antennas: int) -> int:
+    """Columns of a code period's row."""
+    return OUT_TAPS + 2 * n_taps + (6 * n_antennas if n_antennas > 1 else 0)
 
 
 @compiled
@@ -119,10 +125,11 @@ def _steer(
 
 @compiled
 def advance(
-    i_samples: Floats,
-    q_samples: Floats,
+    samples: Floats,
+    n_samples: int,
     first_sample: int,
     sample_power: float,
+    weights: Reals,
     states: Reals,
     tables: NDArray[np.int8],
     pad: int,
@@ -143,65 +150,78 @@ def advance(
     The interpreter is not held: callers share channels among threads. (Numba's own parallel loops would do, but their
     threads burn a core while they wait for the next frame, 40 % of all processor time.)
 
-    i_samples, q_samples : (n,) float32; element 0 is the sample of absolute index `first_sample`.
-    sample_power : mean of I^2 + Q^2 times that of the replica: tells the noise in a correlator, to unbias the
-        normalisation of the discriminator.
+    All antennas of a channel are correlated with one replica. Their sums, each times the conjugate of its weight, make
+    the sums that close the loops: what one antenna loses the others hold.
+
+    samples : (n_antennas, 2, n) float32, contiguous, I and Q, of which the first `n_samples` count; element 0 is the
+        sample of absolute index `first_sample`.
+    sample_power : mean of I^2 + Q^2 times that of the replica, of the weighted sum of the antennas' noise: tells the
+        noise in a correlator, to unbias the normalisation of the discriminator.
+    weights : (n_channels, n_antennas, 2) real and imaginary part; 1 and 0 of a single antenna.
     states : (n_channels, N_STATE), advanced in place.
     tables : (n_tables, n_phases, columns) of `replica.code_table`, `pad` columns before the code's start;
         table_of_channel : (n_channels,).
     taps_chips : (n_delays,), ahead of prompt positive; the first three are early, prompt, late.
     taps_hz : (n_dopplers,), off the carrier's frequency; the first is zero. Every delay is taken at every Doppler.
     code_gain : of the discriminator (E - L)/P, a chip.
-    out : (n_channels, max_periods, OUT_TAPS + 2 n_dopplers n_delays), filled; counts : (n_channels,) periods written.
+    out : (n_channels, max_periods, columns of `row_size`), filled; counts : (n_channels,) periods written.
     """
     nominal = code_rate_hz / rate_hz
+    n_antennas = samples.shape[0]
     n_taps = taps_hz.shape[0] * taps_chips.shape[0]
+    own = OUT_TAPS + 2 * n_taps  # first column of the antennas' own sums
     for channel in range(states.shape[0]):
         state = states[channel]
         table = tables[table_of_channel[channel]]
         scratch = scratch_for(math.ceil(code_length / nominal) + 64, taps_chips.shape[0])
         grid = np.empty((taps_hz.shape[0], taps_chips.shape[0], 2))
+        sums = grid.reshape(-1)
         shifts = np.empty(taps_chips.shape[0], np.float64)
         count = 0
         while count < out.shape[1]:
             chips_per_sample = state[CODE_RATE] / rate_hz
             n = math.ceil((code_length - state[CHIP]) / chips_per_sample)
             begin = int(state[START]) - first_sample
-            if begin + n > i_samples.shape[0]:
+            if begin + n > n_samples:
                 break
-            correlate_period(
-                i_samples,
-                q_samples,
-                begin,
-                n,
-                state[CHIP] + state[SHIFT_OWED],
-                chips_per_sample,
-                state[PHASE],
-                state[FREQUENCY] / rate_hz,
-                table,
-                pad,
-                nominal,
-                taps_chips,
-                taps_hz / rate_hz,
-                scratch,
-                grid,
-                shifts,
-            )
-            sums = grid.reshape(-1)
+            row = out[channel, count]
+            row[OUT_TAPS:own] = 0.0
+            for antenna in range(n_antennas):
+                correlate_period(
+                    samples[antenna, 0],
+                    samples[antenna, 1],
+                    begin,
+                    n,
+                    state[CHIP] + state[SHIFT_OWED],
+                    chips_per_sample,
+                    state[PHASE],
+                    state[FREQUENCY] / rate_hz,
+                    table,
+                    pad,
+                    nominal,
+                    taps_chips,
+                    taps_hz / rate_hz,
+                    scratch,
+                    grid,
+                    shifts,
+                )
+                real, imaginary = weights[channel, antenna, 0], weights[channel, antenna, 1]
+                for k in range(n_taps):
+                    row[OUT_TAPS + 2 * k] += real * sums[2 * k] + imaginary * sums[2 * k + 1]
+                    row[OUT_TAPS + 2 * k + 1] += real * sums[2 * k + 1] - imaginary * sums[2 * k]
+                if n_antennas > 1:
+                    row[own + 6 * antenna : own + 6 * antenna + 6] = sums[:6]
             # Rounding is made up for in the next period, so that its mean vanishes also where the code stands still.
             shift = 0.5 * (shifts[0] + shifts[2]) - state[SHIFT_OWED]
             state[SHIFT_OWED] += shift
-            row = out[channel, count]
             row[OUT_START] = state[START]
             row[OUT_CHIP] = state[CHIP]
             row[OUT_PHASE] = state[PHASE]
             row[OUT_FREQUENCY] = state[FREQUENCY]
             row[OUT_PERIOD] = state[PERIODS]
             row[OUT_SHIFT] = shift
-            for k in range(2 * n_taps):
-                row[OUT_TAPS + k] = sums[k]
             for k in range(6):
-                state[SUM_TAPS + k] += sums[k]
+                state[SUM_TAPS + k] += row[OUT_TAPS + k]
             state[SUM_PERIODS] += 1.0
             state[SUM_SHIFT] += shift
             state[SUM_SAMPLES] += n

@@ -8,11 +8,11 @@ squaring loss remains; the discriminators are ratios of sums over the whole bloc
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from skyproof.arrays import Complexes, ComplexFloats, Integers, Reals
+from skyproof.arrays import Booleans, Complexes, ComplexFloats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription
 from skyproof.receiver import kernels as k
@@ -32,11 +32,24 @@ JUMP = 9  # largest step of the carrier's phase beside the loop's, over its sigm
 TURNED = 10  # 1 if the carrier is nearer to half a cycle off the loop's: data bits have the other sign on it
 N_COLUMNS = 11
 
+# Columns of what an antenna of several measures beside their sum, of which the columns above tell (float64).
+OWN_CODE_S = 0  # to be added to FRACTION_S
+OWN_PHASE_CYC = 1  # ahead of the sum's; unwrapped from row to row
+OWN_DOPPLER_HZ = 2  # above the sum's
+OWN_CN0_DBHZ = 3
+OWN_CODE_SIGMA_S = 4
+OWN_PHASE_SIGMA_CYC = 5
+OWN_DOPPLER_SIGMA_HZ = 6
+OWN_SLIP = 7  # 1 if OWN_PHASE_CYC slipped, or may have, since the last row
+N_OWN = 8
+
 UNSYNCHRONISED_PERIODS = 20  # a group, while it is not known where bits begin
 STRAY_CYC = 0.05  # by so much signal and loop may part in the time of a group; a slip takes several
 SLIP_SUSPECTED_CYC = 0.15  # a step of the residual that may hide a slip of half a cycle
 MIN_GROUPS = 5
 LEAST_CN0_HZ = 10.0
+PARABOLA_SHARE = 5.0 / 9.0
+"""Of the variance of a parabola's value in the middle of a block, what a mean over the block does not have."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,12 +58,15 @@ class Measurements:
 
     elapsed_s : (n,) receiver time. arc : (n,) int64, which stretch of tracking. table : (n, N_COLUMNS).
     taps : (n, n_taps) complex64, mean correlator of a code period with bits and carrier wiped off, over the block.
+    own : (n, n_antennas, N_OWN) of each antenna, if there are several: `table` and `taps` are of their sum then. Of one
+        antenna it is (n, 0, N_OWN).
     """
 
     elapsed_s: Reals
     arc: Integers
     table: Reals
     taps: ComplexFloats
+    own: Reals
 
     def __len__(self) -> int:
         return int(self.arc.size)
@@ -59,14 +75,38 @@ class Measurements:
         """One column of the table, (n,)."""
         return self.table[:, index]
 
+    def chosen(self, rows: Booleans) -> "Measurements":
+        """Some of the rows."""
+        return Measurements(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    def on_antenna(self, antenna: int) -> "Measurements":
+        """As one antenna of several measured them, numbered from 0: the rows in which it had the signal."""
+        rows = np.isfinite(self.own[:, antenna, OWN_PHASE_CYC])
+        part = self.chosen(rows)
+        own, table = part.own[:, antenna], part.table.copy()
+        table[:, FRACTION_S] += own[:, OWN_CODE_S]
+        table[:, CARRIER_CYC] -= own[:, OWN_PHASE_CYC]
+        table[:, DOPPLER_HZ] += own[:, OWN_DOPPLER_HZ]
+        table[:, CN0_DBHZ] = own[:, OWN_CN0_DBHZ]
+        table[:, CODE_SIGMA_S] = own[:, OWN_CODE_SIGMA_S]
+        # The value in the middle of the block goes by the curvature that the sum shows.
+        of_sum = PARABOLA_SHARE * table[:, CARRIER_SIGMA_CYC] ** 2
+        table[:, CARRIER_SIGMA_CYC] = np.sqrt(own[:, OWN_PHASE_SIGMA_CYC] ** 2 + of_sum)
+        table[:, DOPPLER_SIGMA_HZ] = own[:, OWN_DOPPLER_SIGMA_HZ]
+        begins = np.zeros(len(part), np.bool_)
+        begins[np.unique(part.arc, return_index=True)[1]] = True  # an arc's first row has nothing to have slipped from
+        table[:, SLIP] = np.maximum(table[:, SLIP], np.where(begins, 0.0, own[:, OWN_SLIP]))
+        return replace(part, table=table, own=part.own[:, :0])
+
     @staticmethod
-    def nothing(n_taps: int = 0) -> "Measurements":
+    def nothing(n_taps: int = 0, n_antennas: int = 0) -> "Measurements":
         """No row."""
         return Measurements(
             elapsed_s=np.empty(0),
             arc=np.empty(0, np.int64),
             table=np.empty((0, N_COLUMNS)),
             taps=np.empty((0, n_taps), np.complex64),
+            own=np.empty((0, n_antennas, N_OWN)),
         )
 
     @staticmethod
@@ -75,10 +115,7 @@ class Measurements:
         if not parts:
             return Measurements.nothing()
         return Measurements(
-            elapsed_s=np.concatenate([p.elapsed_s for p in parts]),
-            arc=np.concatenate([p.arc for p in parts]),
-            table=np.concatenate([p.table for p in parts]),
-            taps=np.concatenate([p.taps for p in parts]),
+            **{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Measurements)}
         )
 
 
@@ -91,7 +128,7 @@ def measure(
     if_hz: float,
     signal: SignalDescription,
     discriminator: Discriminator,
-) -> tuple[Reals, ComplexFloats]:
+) -> tuple[Reals, ComplexFloats, Complexes]:
     """Measurements at receiver time `elapsed_s` from the code periods around it.
 
     states : (n_channels, N_STATE); the columns that belong to the measurements are carried forward in place.
@@ -99,7 +136,8 @@ def measure(
 
     Returns
     -------
-    table (n_channels, N_COLUMNS), NaN for a channel with too few periods; taps (n_channels, n_taps).
+    table (n_channels, N_COLUMNS), NaN for a channel with too few periods; taps (n_channels, n_taps); rotations
+    (n_channels, periods of both frames) that take carrier and data bit off each code period, zero where there is none.
 
     Phase and frequency come from a parabola through the phases of the groups (so a constant acceleration biases
     neither); their sigmas are the Cramer-Rao bound of that model times the squaring loss of a group, 1 + 1/(2 C/N0 T)
@@ -108,6 +146,7 @@ def measure(
     n_taps = (before[0].shape[2] - k.OUT_TAPS) // 2
     table = np.full((states.shape[0], N_COLUMNS), np.nan)
     taps = np.zeros((states.shape[0], n_taps), np.complex128)
+    wipe = np.zeros((states.shape[0], before[0].shape[1] + now[0].shape[1]), np.complex128)
     _measure(
         states,
         *before,
@@ -123,8 +162,9 @@ def measure(
         discriminator.noise_chips2,
         table,
         taps,
+        wipe,
     )
-    return table, taps.astype(np.complex64)
+    return table, taps.astype(np.complex64), wipe
 
 
 @compiled
@@ -145,6 +185,7 @@ def _measure(
     code_noise_chips2: float,
     table: Reals,
     taps: Complexes,
+    wipe: Complexes,
 ) -> None:
     for channel in range(states.shape[0]):
         n_before, n = count_before[channel], count_before[channel] + count_now[channel]
@@ -167,6 +208,7 @@ def _measure(
             code_noise_chips2,
             table[channel],
             taps[channel],
+            wipe[channel, :n],
         )
 
 
@@ -185,6 +227,7 @@ def _measure_channel(
     code_noise_chips2: float,
     result: Reals,
     taps: Complexes,
+    wipe: Complexes,
 ) -> None:
     n = rows.shape[0]
     synchronised = state[k.BIT_START] >= 0.0
@@ -220,7 +263,7 @@ def _measure_channel(
         squares = sums * sums
 
     coherent_s = period_s * (n / n_groups if synchronised else 1.0)
-    wipe = np.ones(n, np.complex128)
+    wipe[:] = 1.0
     cn0_hz = 10.0 ** (0.1 * state[k.CN0_DBHZ])  # before bits are known, what it was
     if synchronised:
         cn0_hz = _carrier_to_noise_hz(prompt, wipe, group, synchronised, period_s)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Instants, Integers, Reals
 from skyproof.gnss.constants import SECONDS_PER_WEEK, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris, NavigationData
 from skyproof.gnss.lnav import Subframe, ephemeris_from_subframes, ionosphere_and_utc
@@ -18,7 +18,7 @@ from skyproof.receiver.channels import Arc
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.polarity import half_cycles
 from skyproof.receiver.replica import CODE_SCALE
-from skyproof.records import CellStatus, Observations, Taps
+from skyproof.records import ArrayPhases, CellStatus, Observations, SignalId, Taps
 
 TYPICAL_TRAVEL_MS = 77
 WEEK_MS = SECONDS_PER_WEEK * 1000
@@ -146,12 +146,9 @@ def taps_of(
     averaged_s: float,
 ) -> Taps:
     """All correlators as one record, with rows and columns as in `assemble`."""
-    signals = tuple(sorted({arc.signal for arc in arcs.values()}))
-    column = {signal: i for i, signal in enumerate(signals)}
+    rows, columns, signals = _cells(measurements, arcs, elapsed_s, averaged_s)
     shape = (elapsed_s.size, len(signals), dopplers_hz.size, delays_chips.size)
     value = np.full(shape, complex(np.nan, np.nan), np.complex64)
-    rows = np.rint(measurements.elapsed_s / averaged_s).astype(np.int64) - round(float(elapsed_s[0]) / averaged_s)
-    columns = np.array([column[arcs[number].signal] for number in measurements.arc.tolist()], np.int64)
     sums = measurements.taps.reshape(-1, dopplers_hz.size, delays_chips.size)
     value[rows, columns] = sums / (CODE_SCALE * samples_per_period)
     return Taps(
@@ -162,6 +159,50 @@ def taps_of(
         dopplers_hz=dopplers_hz,
         value=value,
     )
+
+
+def array_phases_of(
+    receiver: str,
+    measurements: Measurements,
+    arcs: Mapping[int, Arc],
+    elapsed_s: Reals,
+    gpst: Instants,
+    *,
+    elements_m: Reals,
+    line_bias_cyc: Reals | None,
+    carrier_hz: float,
+    averaged_s: float,
+) -> ArrayPhases:
+    """The carrier's phase on each of several antennas as one record, with rows and columns as in `assemble`.
+
+    line_bias_cyc : (n_antennas,) by which each antenna's line delays the carrier, to be taken off; None if not known.
+    """
+    rows, columns, signals = _cells(measurements, arcs, elapsed_s, averaged_s)
+    shape = (elapsed_s.size, len(signals), measurements.own.shape[1])
+    phase_cyc, sigma_cyc = np.full(shape, np.nan), np.full(shape, np.nan)
+    phase_cyc[rows, columns] = measurements.own[..., m.OWN_PHASE_CYC]
+    sigma_cyc[rows, columns] = measurements.own[..., m.OWN_PHASE_SIGMA_CYC]
+    return ArrayPhases(
+        receiver=receiver,
+        signals=signals,
+        gpst=gpst,
+        elapsed_s=elapsed_s,
+        elements_m=elements_m,
+        phase_cyc=phase_cyc if line_bias_cyc is None else phase_cyc + line_bias_cyc,
+        sigma_cyc=sigma_cyc,
+        carrier_hz=np.full(len(signals), carrier_hz),
+        calibrated=line_bias_cyc is not None,
+    )
+
+
+def _cells(
+    measurements: Measurements, arcs: Mapping[int, Arc], elapsed_s: Reals, averaged_s: float
+) -> tuple[Integers, Integers, tuple[SignalId, ...]]:
+    """Row and column of each measurement, and the signals of the columns, as in `assemble`."""
+    signals = tuple(sorted({arc.signal for arc in arcs.values()}))
+    column = {signal: i for i, signal in enumerate(signals)}
+    rows = np.rint(measurements.elapsed_s / averaged_s).astype(np.int64) - round(float(elapsed_s[0]) / averaged_s)
+    return rows, np.array([column[arcs[number].signal] for number in measurements.arc.tolist()], np.int64), signals
 
 
 def messages_that_differ(arcs: Mapping[int, Arc]) -> list[str]:

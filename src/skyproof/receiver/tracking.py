@@ -14,12 +14,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.arrays import Booleans, Floats, Integers, Reals
+from skyproof.arrays import Booleans, Complexes, ComplexFloats, Floats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, SignalDescription, prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver import telemetry as tm
 from skyproof.receiver.acquisition import KnownSignal, Peak, Searcher, SearchSettings
+from skyproof.receiver.antennas import N_LAST, combining, first_weights, measure_antennas, separated, unwrapped
 from skyproof.receiver.channels import (
     FORGET_S,
     GAP_VOTES,
@@ -33,7 +34,7 @@ from skyproof.receiver.channels import (
     letter,
 )
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
-from skyproof.receiver.crosstalk import take_out
+from skyproof.receiver.crosstalk import Rows
 from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.lock import lock_threshold, lock_value
 from skyproof.receiver.measurement import Measurements
@@ -116,16 +117,19 @@ class ReceiverState:
 
     The arrays have a row a channel: loops as in `kernels`; rows and counts of the frame before; the lock value and
     number of prompts of the last frames, NaN before the channel began; where it was when it was last locked (time,
-    delay, Doppler).
+    delay, Doppler). weights : of the antennas, with which `rows` were summed; last_phases : as `antennas.unwrapped`
+    gives them, NaN before.
     """
 
-    tail: Floats = field(default_factory=lambda: np.empty((2, 0), np.float32))
+    tail: Floats = field(default_factory=lambda: np.empty((1, 2, 0), np.float32))
     tail_start: int = 0
     frame: int = 0
     channels: tuple[Channel, ...] = ()
     loops: Reals = field(default_factory=lambda: np.empty((0, k.N_STATE)))
     rows: Reals = field(default_factory=lambda: np.empty((0, 0, 0)))
     counts: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+    weights: Reals = field(default_factory=lambda: np.empty((0, 1, 2)))
+    last_phases: Reals = field(default_factory=lambda: np.empty((0, 1, N_LAST)))
     prompts: tuple[tuple[Floats, ...], ...] = ()  # in phase, of the frames since the last telemetry
     lock: Reals = field(default_factory=lambda: np.empty((0, LOCK_FRAMES, 2)))
     locked_at: Reals = field(default_factory=lambda: np.empty((0, 3)))
@@ -174,59 +178,69 @@ class Receiver:
         return int(np.ceil(frame * self.settings.frame_s * self.rate_hz - 1e-6))
 
     def step(self, state: ReceiverState, samples: Floats) -> tuple[StepOutput, ReceiverState]:
-        """Work on all frames that are complete with these samples, shape (2, n), which follow on those before."""
-        state = replace(state, tail=np.concatenate([state.tail, samples], axis=1))
-        measured = [Measurements.nothing(self.n_taps)]
+        """Work on all frames that are complete with these samples, which follow on those before.
+
+        samples : (2, n), or (n_antennas, 2, n) of several antennas that share the sampling clock and the oscillator.
+        """
+        fresh = samples.reshape(-1, 2, samples.shape[-1])
+        known = state.tail if state.tail.shape[-1] else fresh[..., :0]
+        state = replace(state, tail=np.ascontiguousarray(np.concatenate([known, fresh], axis=-1)))
+        measured = [Measurements.nothing(self.n_taps, _antennas_measured(state.tail))]
         arcs: dict[int, Arc] = {}
         gaps: list[Gap] = []
-        while self.frame_start(state.frame + 1) <= state.tail_start + state.tail.shape[1]:
+        while self.frame_start(state.frame + 1) <= state.tail_start + state.tail.shape[-1]:
             state = self._frame(state, measured, arcs, gaps)
         arcs |= {c.arc: arc_of(c, self.signal) for c in state.channels if c.copy is not None}
         output = StepOutput(measurements=Measurements.joined(measured), arcs=arcs, gaps=tuple(gaps))
+        keep = int(min([self.frame_start(state.frame), *state.loops[:, k.START].tolist()]))
         # A copy of what is left, so that the state does not hold on to the whole block.
-        return output, replace(state, tail=state.tail.copy())
+        return output, replace(state, tail=state.tail[..., keep - state.tail_start :].copy(), tail_start=keep)
 
     def _frame(
         self, state: ReceiverState, measured: list[Measurements], arcs: dict[int, Arc], gaps: list[Gap]
     ) -> ReceiverState:
         begin, end = self.frame_start(state.frame), self.frame_start(state.frame + 1)
         state = self._look_for_signals(state, begin)
-        before = state.rows, state.counts
+        before = state
         state = self._advance(state, begin, end)
         state = self._check_locks(state, end)
         if state.frame > 0 and state.frame % MEASURE_FRAMES == 0:
             state = self._measure(state, before, measured, arcs, gaps)
         state = self._steer_slowly(self._read_messages(state, arcs))
         state = self._confirm(state, gaps)
-        state = self._drop(state, end, arcs)
-        keep = int(min([end, *state.loops[:, k.START].tolist()]))
-        return replace(state, frame=state.frame + 1, tail=state.tail[:, keep - state.tail_start :], tail_start=keep)
+        return replace(self._drop(state, end, arcs), frame=state.frame + 1)
 
     # ------------------------------------------------------------------ searching
 
     def _look_for_signals(self, state: ReceiverState, begin: int) -> ReceiverState:
+        """Search one antenna after the other, so that what a faded one misses the next one finds."""
         now_s = state.frame * self.settings.frame_s
-        for searcher, dopplers in (
-            (self.searcher, self._everywhere(state)),
-            (self.near_searcher, self._nearby(state, now_s)),
+        settings = self.settings
+        for searcher, every_s, dopplers in (
+            (self.searcher, self._full_search_s(state), self._everywhere(state)),
+            (self.near_searcher, settings.near_search_s, self._nearby(state, now_s)),
         ):
-            samples = state.tail[:, begin - state.tail_start :]
+            antenna = round(now_s / every_s) % state.tail.shape[0]
+            samples = state.tail[antenna, :, begin - state.tail_start :]
             if not dopplers or samples.shape[1] < searcher.n_samples:
                 continue
             peaks = searcher.search(samples, self.if_hz, dopplers, self._known(state, begin))
             for peak in peaks:
-                state = self._start(state, peak, begin, now_s)
+                state = self._start(state, peak, begin, now_s, antenna)
             searched = {sat: dict(bins) for sat, bins in state.searched.items()}
             for sat, grid in dopplers.items():
                 searched.setdefault(sat, {}).update({_bin(d): now_s for d in grid})
             state = replace(state, searched=searched)
         return state
 
+    def _full_search_s(self, state: ReceiverState) -> float:
+        """How often every Doppler is searched: soon, while a front end may not have come up yet."""
+        return self.settings.full_search_s if state.next_arc else self.settings.first_search_s
+
     def _everywhere(self, state: ReceiverState) -> dict[str, Reals]:
-        """Every Doppler of every satellite, when it is time: soon, while a front end may not have come up yet."""
+        """Every Doppler of every satellite, when it is time."""
         settings = self.settings
-        every_s = settings.full_search_s if state.next_arc else settings.first_search_s
-        if state.frame % round(every_s / settings.frame_s):
+        if state.frame % round(self._full_search_s(state) / settings.frame_s):
             return {}
         step_hz = settings.search.doppler_step_hz
         n = int(settings.doppler_max_hz // step_hz)
@@ -264,7 +278,7 @@ class Receiver:
         delay = (loops[..., k.START] - begin) / self.rate_hz - loops[..., k.CHIP] / loops[..., k.CODE_RATE]
         return np.asarray(np.mod(delay, self.signal.period_s))
 
-    def _start(self, state: ReceiverState, peak: Peak, begin: int, now_s: float) -> ReceiverState:
+    def _start(self, state: ReceiverState, peak: Peak, begin: int, now_s: float, antenna: int = 0) -> ReceiverState:
         chips_per_sample = self.signal.chip_rate_hz / self.rate_hz
         first = np.ceil(peak.delay_s * self.rate_hz)
         loop = np.zeros(k.N_STATE)
@@ -279,14 +293,18 @@ class Receiver:
         _set_loops(loop, self.settings.pull_in)
         missed_s = state.searched.get(peak.sat, {}).get(_bin(peak.doppler_hz), np.nan)
         channel = Channel(sat=peak.sat, began_s=now_s, found_s=now_s, missed_s=missed_s, arc=state.next_arc)
-        rows = np.empty((1, self._max_periods, k.OUT_TAPS + 2 * self.n_taps))
-        old_rows = state.rows if state.channels else rows[:0]
+        n_antennas = state.tail.shape[0]
+        rows = np.empty((1, self._max_periods, k.row_size(self.n_taps, n_antennas)))
+        weights, last = first_weights(antenna, n_antennas), np.full((1, n_antennas, N_LAST), np.nan)
+        old = (state.rows, state.weights, state.last_phases) if state.channels else (rows[:0], weights[:0], last[:0])
         return replace(
             state,
             channels=(*state.channels, channel),
             loops=np.concatenate([state.loops, loop[None]]),
-            rows=np.concatenate([old_rows, rows]),
+            rows=np.concatenate([old[0], rows]),
             counts=np.append(state.counts, 0),
+            weights=np.concatenate([old[1], weights]),
+            last_phases=np.concatenate([old[2], last]),
             prompts=(*state.prompts, ()),
             lock=np.concatenate([state.lock, np.full((1, LOCK_FRAMES, 2), np.nan)]),
             locked_at=np.concatenate([state.locked_at, [[now_s, peak.delay_s, peak.doppler_hz]]]),
@@ -299,23 +317,26 @@ class Receiver:
         n = len(state.channels)
         if n == 0:
             return state
-        buffer = state.tail[:, : end - state.tail_start]
+        n_samples, n_antennas = end - state.tail_start, state.tail.shape[0]
         sats, tables = self._stack(tuple(sorted({c.sat for c in state.channels})))
-        rows = np.empty((n, self._max_periods, k.OUT_TAPS + 2 * self.n_taps))
+        rows = np.empty((n, self._max_periods, k.row_size(self.n_taps, n_antennas)))
         counts = np.zeros(n, np.int64)
         loops = state.loops.copy()
         loops[:, [k.LOCK_I, k.LOCK_Q, k.LOCK_COUNT]] = 0.0
         # What noise of the samples' power gives in a correlator, a sample.
-        fresh = buffer[:, begin - state.tail_start :: POWER_STRIDE]
-        power = 2.0 * float(np.mean(fresh**2)) * CODE_SCALE**2
+        fresh = state.tail[..., begin - state.tail_start : n_samples : POWER_STRIDE]
+        powers = np.array([2.0 * float(np.mean(one**2)) * CODE_SCALE**2 for one in fresh])
+        power = float(powers.max())
+        weights = combining(state.rows, state.counts, state.weights, powers)
         table_of = np.array([sats.index(c.sat) for c in state.channels])
 
         def work(part: slice) -> None:
             k.advance(
-                buffer[0],
-                buffer[1],
+                state.tail,
+                n_samples,
                 state.tail_start,
                 power,
+                weights[part],
                 loops[part],
                 tables,
                 self._pad,
@@ -338,7 +359,7 @@ class Receiver:
         prompts = tuple(
             (*old, rows[i, : counts[i], in_phase].astype(np.float32)) for i, old in enumerate(state.prompts)
         )
-        return replace(state, loops=loops, rows=rows, counts=counts, prompts=prompts)
+        return replace(state, loops=loops, rows=rows, counts=counts, weights=weights, prompts=prompts)
 
     def _stack(self, sats: tuple[str, ...]) -> tuple[tuple[str, ...], NDArray[np.int8]]:
         if self._stacked is None or self._stacked[0] != sats:
@@ -380,7 +401,7 @@ class Receiver:
     def _measure(
         self,
         state: ReceiverState,
-        before: tuple[Reals, Integers],
+        before: ReceiverState,
         measured: list[Measurements],
         arcs: dict[int, Arc],
         gaps: list[Gap],
@@ -392,22 +413,20 @@ class Receiver:
             return state
         elapsed_s = state.frame * settings.frame_s
         loops = state.loops.copy()
-        rows, counts = before
-        older = np.zeros(n, np.int64)
-        older[: counts.size] = counts
-        rows = np.concatenate([rows, state.rows[counts.size :]]) if counts.size else state.rows
-        earlier, later = (rows, older), (state.rows, state.counts)  # of no other state: may be worked on in place
-        error_chips = take_out(
+        # Both are of no other state, so that they may be worked on in place.
+        earlier, later = (before.rows.copy(), before.counts), (state.rows, state.counts)
+        error_chips = separated(
             [c.sat for c in state.channels],
             earlier,
             later,
+            (before.weights, state.weights),
             taps_chips=self.taps_chips,
             rate_hz=self.rate_hz,
             if_hz=self.if_hz,
             signal=self.signal,
             code_gain=self.discriminator.gain,
         )
-        table, taps = m.measure(
+        table, taps, wipe = m.measure(
             loops, earlier, later, elapsed_s, self.rate_hz, self.if_hz, self.signal, self.discriminator
         )
         steer = np.where(np.isfinite(error_chips), STEER_SHARE * error_chips, 0.0)
@@ -422,16 +441,47 @@ class Receiver:
         jumped = good & (table[:, m.JUMP] > JUMP_SIGMAS)
         if jumped.sum() >= GAP_VOTES and jumped.sum() > 0.7 * good.sum():
             gaps.append(Gap(elapsed_s=elapsed_s, shift_s=0.0, signals=int(jumped.sum())))
+            state = replace(state, last_phases=np.full_like(state.last_phases, np.nan))
             return self._forget_time(state, arcs)
         state = self._end_diverged_arcs(state, table, good, elapsed_s, arcs)
         good &= confirmed
+        own, last_phases = self._on_each_antenna(state, earlier, later, taps, wipe, good, elapsed_s)
         numbers = np.array([c.arc for c in state.channels], np.int64)
-        measured.append(
-            Measurements(
-                elapsed_s=np.full(int(good.sum()), elapsed_s), arc=numbers[good], table=table[good], taps=taps[good]
-            )
+        of_all = Measurements(
+            elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=taps[:, : self.n_taps], own=own
         )
-        return state
+        measured.append(of_all.chosen(good))
+        return replace(state, last_phases=last_phases)
+
+    def _on_each_antenna(
+        self,
+        state: ReceiverState,
+        earlier: Rows,
+        later: Rows,
+        taps: ComplexFloats,
+        wipe: Complexes,
+        good: Booleans,
+        elapsed_s: float,
+    ) -> tuple[Reals, Reals]:
+        """What each of several antennas measures beside their sum, and the phases to go on from."""
+        n_antennas = state.tail.shape[0]
+        if n_antennas == 1:
+            return np.empty((good.size, _antennas_measured(state.tail), m.N_OWN)), state.last_phases
+        own = measure_antennas(
+            earlier,
+            later,
+            wipe,
+            taps,
+            elapsed_s,
+            n_antennas,
+            self.rate_hz,
+            self.signal.period_s,
+            self.signal.chip_rate_hz,
+            self.discriminator,
+            self.settings.false_hold_probability,
+        )
+        interval_s = MEASURE_FRAMES * self.settings.frame_s
+        return own, unwrapped(own, state.last_phases, good, interval_s)
 
     def _forget_time(self, state: ReceiverState, arcs: dict[int, Arc]) -> ReceiverState:
         """New arcs for all channels, with bits and time of week to be found anew.
@@ -588,6 +638,8 @@ class Receiver:
             loops=state.loops[stay],
             rows=state.rows[stay],
             counts=state.counts[stay],
+            weights=state.weights[stay],
+            last_phases=state.last_phases[stay],
             prompts=tuple(state.prompts[i] for i in stay),
             lock=state.lock[stay],
             locked_at=state.locked_at[stay],
@@ -619,6 +671,11 @@ def _set_loops(loop: Reals, choice: LoopSettings) -> None:
     loop[k.PLL_BANDWIDTH] = choice.pll_bandwidth_hz
     loop[k.FLL_BANDWIDTH] = choice.fll_bandwidth_hz
     loop[k.DLL_BANDWIDTH] = choice.dll_bandwidth_hz
+
+
+def _antennas_measured(tail: Floats) -> int:
+    """Antennas that are measured beside their sum: none where there is one."""
+    return tail.shape[0] if tail.shape[0] > 1 else 0
 
 
 def _bin(doppler_hz: float) -> int:

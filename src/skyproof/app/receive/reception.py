@@ -375,10 +375,7 @@ def _label(tracker: Tracker, week: int) -> ReceiverTimeTag | None:
     """The label at the first sample: from what was measured before samples were missing, if that tells it."""
     whole = tracker.measurements
     rows = _segment(whole.elapsed_s, tracker.gaps) == 0
-    before = Measurements(
-        elapsed_s=whole.elapsed_s[rows], arc=whole.arc[rows], table=whole.table[rows], taps=whole.taps[rows]
-    )
-    label = receiver_time_tag(before, tracker.arcs, week)
+    label = receiver_time_tag(whole.chosen(rows), tracker.arcs, week)
     return label if label is not None else receiver_time_tag(whole, tracker.arcs, week)
 
 

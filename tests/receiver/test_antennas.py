@@ -1,0 +1,223 @@
+"""Several antennas of one receiver, against the simulator's truth."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.receiver.conftest import PLACE, START
+
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.receiver import kernels as k
+from skyproof.receiver import measurement as m
+from skyproof.receiver.antennas import combining, unwrapped
+from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.observables import array_phases_of
+from skyproof.receiver.tracking import Receiver, ReceiverState
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd, Scenario
+from skyproof.simulator.sky import scene_of
+
+ELEMENTS_M = ((0.0, 0.0, 0.0), (0.19, 0.0, 0.0), (0.095, 0.165, 0.0))
+LINE_BIAS_CYC = (0.0, 0.21, -0.34)
+RATE_HZ = 2_600_000
+
+
+class Array:
+    """5 s of clean sky on three antennas with lines of different lengths, in memory."""
+
+    def __init__(self) -> None:
+        antennas = [
+            {"name": str(number), "body_m": place, "line_bias_cyc": bias}
+            for number, (place, bias) in enumerate(zip(ELEMENTS_M, LINE_BIAS_CYC, strict=True))
+        ]
+        receiver = {"name": "array", **PLACE.model_dump(), "heading_deg": 30.0, "lo_ppm": 0.4, "antennas": antennas}
+        scenario = Scenario(
+            start_gpst=START,
+            duration_s=5.0,
+            mask_deg=10.0,
+            sky={
+                "zenith_cn0_dbhz": 43.0,
+                "horizon_cn0_dbhz": 40.0,
+            },  # stronger ones disturb each other beside the noise
+            receivers=[receiver],
+            front_end=FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=2.1e6, encoding="int", bits=8),
+        )
+        navigation = nominal_constellation(START)
+        self.skies = scene_of(scenario, navigation).skies
+        self.planes = np.stack([one.read(0, one.n_samples) for one in samples_of(scenario, navigation)])
+
+    def carrier_cyc(self, antenna, sat, elapsed_s):
+        """True accumulated carrier phase, but for what all antennas and satellites share."""
+        sky = self.skies[antenna]
+        true_s = elapsed_s + sky.true_minus_elapsed_s(elapsed_s)
+        column = [received.id.sat for received in sky.signals].index(sat)
+        return 1575.42e6 * (sky.carrier_delay_s(true_s)[:, column] - sky.true_minus_elapsed_s(elapsed_s))
+
+    def code_m(self, antenna, sat, elapsed_s):
+        sky = self.skies[antenna]
+        true_s = elapsed_s + sky.true_minus_elapsed_s(elapsed_s)
+        column = [received.id.sat for received in sky.signals].index(sat)
+        return SPEED_OF_LIGHT_M_S * (sky.code_delay_s(true_s)[:, column] - sky.true_minus_elapsed_s(elapsed_s))
+
+
+def receive(planes, cuts=()):
+    receiver, state, parts, arcs = Receiver(RATE_HZ), ReceiverState(), [], {}
+    for piece in np.split(planes, cuts, axis=-1):
+        output, state = receiver.step(state, piece)
+        parts.append(output.measurements)
+        arcs |= output.arcs
+    return Measurements.joined(parts), arcs
+
+
+@pytest.fixture(scope="module")
+def array():
+    return Array()
+
+
+@pytest.fixture(scope="module")
+def tracked(array):
+    return receive(array.planes)
+
+
+def normalised_differences(array, measurements, arcs, antennas):
+    """Errors of the phase differences against the first of `antennas` over their sigmas, and those per signal."""
+    first, *others = antennas
+    for number, arc in arcs.items():
+        rows = measurements.arc == number
+        own, at_s = measurements.own[rows], measurements.elapsed_s[rows]
+        for other in others:
+            sat = arc.signal.sat
+            true_cyc = array.carrier_cyc(first, sat, at_s) - array.carrier_cyc(other, sat, at_s)
+            error = own[:, other, m.OWN_PHASE_CYC] - own[:, first, m.OWN_PHASE_CYC] - true_cyc
+            sigma = np.hypot(own[:, other, m.OWN_PHASE_SIGMA_CYC], own[:, first, m.OWN_PHASE_SIGMA_CYC])
+            yield (error - np.rint(np.nanmedian(error))) / sigma
+
+
+def test_phases_differ_by_the_direction_with_the_noise_stated(array, tracked):
+    ratios = np.concatenate(list(normalised_differences(array, *tracked, [0, 1, 2])))
+    assert ratios.size > 300
+    assert np.isfinite(ratios).all()
+    assert 0.8 < np.mean(ratios**2) < 1.2
+
+
+def test_the_sum_is_stronger_by_the_number_of_antennas(tracked):
+    measurements, _ = tracked
+    gain_db = measurements.column(m.CN0_DBHZ)[:, None] - measurements.own[..., m.OWN_CN0_DBHZ]
+    assert np.median(gain_db) == pytest.approx(10.0 * np.log10(3.0), abs=0.3)
+
+
+def test_code_and_carrier_on_each_antenna_are_true(array, tracked):
+    measurements, arcs = tracked
+    spreads = []
+    for antenna in range(3):
+        on_one = measurements.on_antenna(antenna)
+        for number, arc in arcs.items():
+            part = on_one.chosen((on_one.arc == number) & (on_one.elapsed_s > 1.5))
+            at_s, sat = part.elapsed_s, arc.signal.sat
+            carrier = part.column(m.CARRIER_CYC) - array.carrier_cyc(antenna, sat, at_s)
+            assert np.abs(carrier - np.median(carrier)).max() < 0.06
+            assert part.column(m.SLIP).max() == 0.0
+            shown_s = part.column(m.PERIODS) * 1e-3 + part.column(m.FRACTION_S)
+            range_m = SPEED_OF_LIGHT_M_S * (at_s - shown_s)  # but for the time of transmission of the first period
+            error_m = range_m - array.code_m(antenna, sat, at_s)
+            spreads.append(np.std(error_m) / np.mean(part.column(m.CODE_SIGMA_S)) / SPEED_OF_LIGHT_M_S)
+    assert 0.8 < np.sqrt(np.mean(np.square(spreads))) < 1.2
+
+
+def test_pieces_give_what_the_whole_gives(array, tracked):
+    whole, whole_arcs = tracked
+    pieces, arcs = receive(array.planes, [1, 260_000, 3_333_333])
+    assert arcs.keys() == whole_arcs.keys()
+    for name in ("elapsed_s", "arc", "table", "taps", "own"):
+        assert np.array_equal(getattr(pieces, name), getattr(whole, name), equal_nan=True)
+
+
+def test_an_antenna_that_fades_does_not_lose_the_array(array, tracked):
+    planes = array.planes.copy()
+    faded = int(2.05 * RATE_HZ)
+    planes[0, :, faded:] = np.rint(24.0 * np.random.default_rng(1).normal(size=planes[0, :, faded:].shape))
+    measurements, arcs = receive(planes)
+    assert {arc.signal for arc in arcs.values()} == {arc.signal for arc in tracked[1].values()}
+    assert len(arcs) == len(tracked[1])  # none ended and began anew
+    later = measurements.chosen(measurements.elapsed_s > 2.3)
+    assert np.isfinite(later.own[:, 0, m.OWN_PHASE_CYC]).mean() < 0.01
+    ratios = np.concatenate(list(normalised_differences(array, later, arcs, [1, 2])))
+    assert 0.75 < np.mean(ratios**2) < 1.25
+
+
+def test_signals_are_found_though_the_first_antenna_is_dead_from_the_start(array, tracked):
+    planes = array.planes[..., : 3 * RATE_HZ].copy()
+    planes[0] = 0.0
+    measurements, arcs = receive(planes)
+    assert {arc.signal.sat for arc in arcs.values()} == {arc.signal.sat for arc in tracked[1].values()}
+    assert {arc.found_s for arc in arcs.values()} == {1.0}  # by the next antenna, at the next search
+    assert np.isnan(measurements.own[:, 0, m.OWN_PHASE_CYC]).all()
+    ratios = np.concatenate(list(normalised_differences(array, measurements, arcs, [1, 2])))
+    assert 0.75 < np.mean(ratios**2) < 1.25
+
+
+def test_delays_of_the_lines_are_taken_off_where_they_are_known(array, tracked):
+    measurements, arcs = tracked
+    elapsed_s = 0.2 * np.arange(1, 25)
+    gpst = START + (elapsed_s * 1e9).astype("timedelta64[ns]")
+    described = {"elements_m": np.array(ELEMENTS_M), "carrier_hz": 1575.42e6, "averaged_s": 0.2}
+    known = array_phases_of(
+        "array", measurements, arcs, elapsed_s, gpst, line_bias_cyc=np.array(LINE_BIAS_CYC), **described
+    )
+    unknown = array_phases_of("array", measurements, arcs, elapsed_s, gpst, line_bias_cyc=None, **described)
+    assert known.calibrated
+    assert not unknown.calibrated
+    there = np.isfinite(unknown.phase_cyc)
+    assert there[8:].all()
+    off = (known.phase_cyc - unknown.phase_cyc)[there].reshape(-1, 3)
+    assert np.allclose(off, LINE_BIAS_CYC)
+    for column, signal in enumerate(known.signals):
+        true_cyc = -array.carrier_cyc(1, signal.sat, elapsed_s) + array.carrier_cyc(0, signal.sat, elapsed_s)
+        error = known.phase_cyc[:, column, 1] - known.phase_cyc[:, column, 0] - true_cyc - LINE_BIAS_CYC[1]
+        assert np.nanmedian(np.abs(error - np.rint(error))) < 0.01
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 5))
+def test_weights_find_the_best_sum_and_do_not_turn_it(seed, n_antennas):
+    rng = np.random.default_rng(seed)
+    power = rng.uniform(0.1, 10.0, n_antennas)
+    gain = rng.normal(size=n_antennas) + 1j * rng.normal(size=n_antennas)
+    data = rng.choice([-1.0, 1.0], (1, 30, 1)) * np.exp(1j * rng.uniform(0, 7))
+    prompts = gain * data
+    rows = np.full((1, 40, k.row_size(3, n_antennas)), np.nan)
+    own = rows[:, :30, k.row_size(3, 1) :].reshape(1, 30, n_antennas, 3, 2)
+    own[..., 1, 0], own[..., 1, 1] = prompts.real, prompts.imag
+    rows[:, :30, k.row_size(3, 1) :] = own.reshape(1, 30, -1)
+    before = rng.normal(size=(1, n_antennas, 2))
+    weights = combining(rows, np.array([30]), before, power)
+    turned, old = weights[..., 0] + 1j * weights[..., 1], before[..., 0] + 1j * before[..., 1]
+    assert np.sum(np.abs(turned) ** 2 * power) == pytest.approx(power.max())
+    best = gain / power
+    share = np.abs(np.vdot(best, turned[0])) / np.linalg.norm(best) / np.linalg.norm(turned)
+    assert share == pytest.approx(1.0)
+    was, now = prompts[0] @ old[0].conj(), prompts[0] @ turned[0].conj()
+    assert np.allclose(np.angle(now / was), 0.0, atol=1e-9)
+
+
+@given(st.floats(-2.0, 2.0), st.floats(-20.0, 20.0), st.integers(-3, 3))
+def test_phases_go_on_over_whole_cycles(rate_hz, start_cyc, turns):
+    true = np.array([start_cyc, start_cyc + 0.2 * rate_hz])
+    own = np.zeros((2, 1, 1, m.N_OWN))
+    own[:, 0, 0, m.OWN_PHASE_CYC] = true - np.rint(true) + np.array([0, turns])
+    own[..., m.OWN_DOPPLER_HZ], own[..., m.OWN_PHASE_SIGMA_CYC] = rate_hz, 0.002
+    good = np.array([True])
+    last = unwrapped(own[0], np.full((1, 1, 3), np.nan), good, 0.2)
+    assert own[0, 0, 0, m.OWN_SLIP] == 1.0  # from nothing
+    unwrapped(own[1], last, good, 0.2)
+    moved = own[1, 0, 0, m.OWN_PHASE_CYC] - own[0, 0, 0, m.OWN_PHASE_CYC]
+    assert moved == pytest.approx(0.2 * rate_hz, abs=1e-9)
+    assert own[1, 0, 0, m.OWN_SLIP] == 0.0
+
+
+def test_a_phase_too_noisy_to_count_cycles_is_a_slip():
+    own = np.zeros((1, 1, m.N_OWN))
+    own[..., m.OWN_PHASE_SIGMA_CYC] = 0.07
+    last = np.array([[[0.0, 0.0, 0.07]]])
+    unwrapped(own, last, np.array([True]), 0.2)
+    assert own[0, 0, m.OWN_SLIP] == 1.0
