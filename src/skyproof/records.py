@@ -9,7 +9,7 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum, StrEnum
 from typing import Any, Literal, Protocol
 
@@ -39,6 +39,7 @@ __all__ = [
     "NavState",
     "NavigationData",
     "Need",
+    "ObservationLog",
     "Observations",
     "OpenFile",
     "Records",
@@ -309,6 +310,58 @@ class Observations:
         )
         if len(self.signals) != self.found_elapsed_s.size:
             raise ValueError(f"Observations has {len(self.signals)} signals for {self.found_elapsed_s.size} channels")
+
+    @property
+    def measured(self) -> Booleans:
+        """(n_epochs, n_channels) where there is a pseudorange."""
+        return np.isfinite(self.pseudorange_m)
+
+    @property
+    def slipped(self) -> Booleans:
+        """(n_epochs, n_channels) where the carrier is not that of the epoch before."""
+        return np.asarray(self.status == CellStatus.SLIP)
+
+    def series(self, name: str, channel: int, first: int = 0, stop: int | None = None) -> Reals:
+        """One observable (a field's name) of one channel, of the epochs from `first` to before `stop`."""
+        values: Reals = getattr(self, name)[first:stop, channel]
+        return values
+
+    def read(self, first: int, stop: int) -> "Observations":
+        """The epochs from `first` to before `stop`, as views."""
+        of_channels = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
+        whole: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in of_channels}
+        part: dict[str, Any] = {name: a[first:stop] for name, a in whole.items() if isinstance(a, np.ndarray)}
+        return replace(self, **part)
+
+
+class ObservationLog(Protocol):
+    """One receiver's measurements over a whole run, read in stretches: `Observations`, or pieces of them on a disk.
+
+    What every epoch has is at hand: times, (n_epochs,), and where there are measurements, (n_epochs, n_channels).
+    """
+
+    @property
+    def receiver(self) -> str: ...
+    @property
+    def signals(self) -> tuple[SignalId, ...]: ...
+    @property
+    def gpst(self) -> Instants: ...
+    @property
+    def elapsed_s(self) -> Reals: ...
+    @property
+    def found_elapsed_s(self) -> Reals: ...
+    @property
+    def missed_elapsed_s(self) -> Reals: ...
+    @property
+    def measured(self) -> Booleans: ...
+    @property
+    def slipped(self) -> Booleans: ...
+
+    def series(self, name: str, channel: int, first: int = 0, stop: int | None = None) -> Reals:
+        """One observable (a field of `Observations`) of one channel, of the epochs from `first` to before `stop`."""
+
+    def read(self, first: int, stop: int) -> Observations:
+        """The epochs from `first` to before `stop`, of all channels."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -17,7 +17,7 @@ from skyproof.fusion.labels import LabelledSignal, Source, label_signals, source
 from skyproof.fusion.open_question import OpenQuestion, open_question
 from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.fusion.unexplained import Unexplained, unexplained
-from skyproof.records import ConsistentSet, Evidence, Observations, SignalRef
+from skyproof.records import ConsistentSet, Evidence, ObservationLog, SignalRef
 
 __all__ = ["Decision", "fuse"]
 
@@ -48,7 +48,9 @@ class Decision:
     assumed: tuple[str, ...] = ()
 
 
-def fuse(evidence: Sequence[Evidence], observations: Sequence[Observations], sets: Sequence[ConsistentSet]) -> Decision:
+def fuse(
+    evidence: Sequence[Evidence], observations: Sequence[ObservationLog], sets: Sequence[ConsistentSet]
+) -> Decision:
     """The decision that the evidence of all windows bears."""
     labels = label_signals(evidence, observations)
     sources = sources_of(evidence)
@@ -89,21 +91,21 @@ def _assumed(evidence: Sequence[Evidence]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(words for e in evidence if e.says == "authentic" for words in e.assumes))
 
 
-def _common(observations: Sequence[Observations]) -> tuple[np.datetime64, np.datetime64]:
+def _common(observations: Sequence[ObservationLog]) -> tuple[np.datetime64, np.datetime64]:
     """First and last epoch of the time in which all receivers were recorded."""
     heard = [o.gpst for o in observations if o.gpst.size]
     return max(gpst[0] for gpst in heard), min(gpst[-1] for gpst in heard)
 
 
 def _always_authentic(
-    o: Observations, labels: Sequence[LabelledSignal], common: tuple[np.datetime64, np.datetime64]
+    o: ObservationLog, labels: Sequence[LabelledSignal], common: tuple[np.datetime64, np.datetime64]
 ) -> bool:
     """Whether a fix could be made of authentic signals, but for moments, whenever enough signals were received."""
-    authentic = np.zeros(o.pseudorange_m.shape, np.bool_)
+    received = o.measured
+    authentic = np.zeros_like(received)
     for s in labels:
         if s.ref.receiver == o.receiver and s.label == "authentic":
             authentic[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)] = True
-    received = np.isfinite(o.pseudorange_m)
     matters = (received.sum(axis=1) > ENOUGH) & (o.gpst >= common[0]) & (o.gpst <= common[1])
     kept_s = o.elapsed_s[~matters | ((received & authentic).sum(axis=1) >= ENOUGH)]
     edges_s = np.concatenate([o.elapsed_s[:1], kept_s, o.elapsed_s[-1:]])
@@ -139,7 +141,7 @@ def _skies(sets: Sequence[ConsistentSet]) -> tuple[Source, ...]:
 
 
 def _time_line(
-    false: Sequence[LabelledSignal], skies: Sequence[Source], observations: Sequence[Observations]
+    false: Sequence[LabelledSignal], skies: Sequence[Source], observations: Sequence[ObservationLog]
 ) -> tuple[Onset | None, np.datetime64 | None]:
     if false:
         came = [s.ref for s in false if not _was_tracked_before(s, observations)]
@@ -152,13 +154,13 @@ def _time_line(
     return max(known, key=lambda onset: onset.seen, default=None), None
 
 
-def _capture(s: LabelledSignal, observations: Sequence[Observations]) -> Onset:
+def _capture(s: LabelledSignal, observations: Sequence[ObservationLog]) -> Onset:
     """Of a channel that went over from one signal to another: the false one may have lain upon the true one before."""
     o = next(o for o in observations if o.receiver == s.ref.receiver)
     return Onset(seen=o.gpst[s.first_epoch], earliest=None)
 
 
-def _sky_onset(sky: Source, observations: Sequence[Observations]) -> Onset | None:
+def _sky_onset(sky: Source, observations: Sequence[ObservationLog]) -> Onset | None:
     """When half of a sky's signals were there: a set may have taken in some that were there before.
 
     Which sky is false is open, and with it whether the one that was seen first is: the attack may have begun earlier.
@@ -173,8 +175,8 @@ def _sky_onset(sky: Source, observations: Sequence[Observations]) -> Onset | Non
     return None if onset is None else replace(onset, earliest=None)
 
 
-def _was_tracked_before(s: LabelledSignal, observations: Sequence[Observations]) -> bool:
+def _was_tracked_before(s: LabelledSignal, observations: Sequence[ObservationLog]) -> bool:
     """Whether the signal was measured before this stretch: a channel pulled away from what it followed."""
     o = next(o for o in observations if o.receiver == s.ref.receiver)
     column = o.signals.index(s.ref.signal)
-    return bool(np.isfinite(o.pseudorange_m[: s.first_epoch, column]).any())
+    return bool(o.measured[: s.first_epoch, column].any())

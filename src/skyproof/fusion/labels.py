@@ -19,7 +19,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from skyproof.arrays import Integers, Reals
-from skyproof.records import CellStatus, Evidence, Observations, SignalRef
+from skyproof.records import Evidence, ObservationLog, SignalRef
 
 __all__ = ["Label", "LabelledSignal", "Source", "label_signals", "sources_of"]
 
@@ -70,7 +70,7 @@ class _Vote:
     p_value: float | None
 
 
-def label_signals(evidence: Sequence[Evidence], observations: Sequence[Observations]) -> tuple[LabelledSignal, ...]:
+def label_signals(evidence: Sequence[Evidence], observations: Sequence[ObservationLog]) -> tuple[LabelledSignal, ...]:
     """Every signal of every receiver, cut where its label changes; in order of receiver, signal and time."""
     labelled: list[LabelledSignal] = []
     for o in observations:
@@ -82,7 +82,7 @@ def label_signals(evidence: Sequence[Evidence], observations: Sequence[Observati
     return tuple(labelled)
 
 
-def _votes(evidence: Sequence[Evidence], o: Observations) -> dict[SignalRef, list[_Vote]]:
+def _votes(evidence: Sequence[Evidence], o: ObservationLog) -> dict[SignalRef, list[_Vote]]:
     """What is said of each of a receiver's signals. A failed test is a vote for "unknown" where nothing else speaks."""
     windows: dict[tuple[int, int], list[Evidence]] = {}
     for e in evidence:
@@ -143,18 +143,18 @@ def linked(groups: Iterable[Iterable[Node]]) -> list[set[Node]]:
     return joined
 
 
-def _arcs(o: Observations, column: int) -> list[tuple[int, int]]:
+def _arcs(o: ObservationLog, column: int) -> list[tuple[int, int]]:
     """First and last epoch of every stretch without a slip in which the signal was measured."""
-    there = np.flatnonzero(np.isfinite(o.pseudorange_m[:, column]))
+    there = np.flatnonzero(o.measured[:, column])
     if there.size == 0:
         return []
-    cuts = np.flatnonzero(o.status[there, column] == CellStatus.SLIP)
+    cuts = np.flatnonzero(o.slipped[there, column])
     starts = np.unique(np.concatenate([[0], cuts]))
     ends = np.append(starts[1:] - 1, there.size - 1)
     return [(int(there[a]), int(there[b])) for a, b in zip(starts, ends, strict=True)]
 
 
-def _label_arc(ref: SignalRef, o: Observations, arc: tuple[int, int], told: Sequence[_Vote]) -> list[LabelledSignal]:
+def _label_arc(ref: SignalRef, o: ObservationLog, arc: tuple[int, int], told: Sequence[_Vote]) -> list[LabelledSignal]:
     """The stretches of an arc that carry one label each: what windows say, and between them what both neighbours say.
 
     What only one side says holds on if it is *spoofed*; *authentic* does not.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skyproof.records import Baseline, Evidence, Observations
+from skyproof.records import Baseline, Evidence, ObservationLog
 
 __all__ = ["OpenQuestion", "measured_distance_m", "open_question"]
 
@@ -25,7 +25,7 @@ class OpenQuestion:
 
 
 def open_question(
-    evidence: Sequence[Evidence], observations: Sequence[Observations], trusted: set[str]
+    evidence: Sequence[Evidence], observations: Sequence[ObservationLog], trusted: set[str]
 ) -> OpenQuestion:
     """The reason that left most of the time open, of tests that ran before those that could not; first of all what
     overrules other tests.

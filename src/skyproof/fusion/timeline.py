@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyproof.fusion.labels import LabelledSignal
-from skyproof.records import Observations, SignalRef
+from skyproof.records import ObservationLog, SignalRef
 
 __all__ = ["Onset", "end_of", "onset_of"]
 
@@ -46,7 +46,7 @@ class Onset:
         return float((self.seen - self.earliest) / np.timedelta64(1, "s") / np.sqrt(12.0))
 
 
-def onset_of(signals: Collection[SignalRef], observations: Sequence[Observations]) -> Onset | None:
+def onset_of(signals: Collection[SignalRef], observations: Sequence[ObservationLog]) -> Onset | None:
     """When these signals, each found by a search, began to be received: the earliest of them, in any receiver.
 
     It came between the last search that missed it and the one that found it. Where most of those that came with it
@@ -67,24 +67,28 @@ def onset_of(signals: Collection[SignalRef], observations: Sequence[Observations
     return Onset(seen=seen, earliest=None if sum(company) > 0.5 * len(company) else missed)
 
 
-def _was_hidden(o: Observations, column: int) -> bool:
+def _was_hidden(o: ObservationLog, column: int) -> bool:
     """Whether a signal stood near another one of its satellite that was there before, when it was first measured."""
     transmission = o.signals[column].transmission
-    there = np.flatnonzero(np.isfinite(o.pseudorange_m[:, column]))
+    there = np.flatnonzero(o.measured[:, column])
     for other, signal in enumerate(o.signals):
         if other == column or signal.transmission != transmission:
             continue
         if o.found_elapsed_s[other] > o.found_elapsed_s[column]:
             continue
-        apart_m = np.abs(o.pseudorange_m[there, other] - o.pseudorange_m[there, column])
-        known = apart_m[np.isfinite(apart_m)]
-        if known.size and known[0] < HIDDEN_M:
+        both = there[o.measured[there, other]][:1]
+        if both.size and _apart_m(o, column, other, int(both[0])) < HIDDEN_M:
             return True
     return False
 
 
+def _apart_m(o: ObservationLog, one: int, other: int, epoch: int) -> float:
+    a, b = (o.series("pseudorange_m", channel, epoch, epoch + 1) for channel in (one, other))
+    return float(np.abs(a - b)[0])
+
+
 def end_of(
-    false: Sequence[LabelledSignal], observations: Sequence[Observations], *, patience_s: float = 3.0
+    false: Sequence[LabelledSignal], observations: Sequence[ObservationLog], *, patience_s: float = 3.0
 ) -> np.datetime64 | None:
     """The last epoch of any false signal, if all receivers went on at least `patience_s` without one; else None."""
     ends = []
@@ -98,6 +102,6 @@ def end_of(
     return max(ends, default=None)
 
 
-def _instant(o: Observations, elapsed_s: float) -> np.datetime64:
+def _instant(o: ObservationLog, elapsed_s: float) -> np.datetime64:
     moment: np.datetime64 = o.gpst[0] + np.timedelta64(round((elapsed_s - float(o.elapsed_s[0])) * 1e9), "ns")
     return moment

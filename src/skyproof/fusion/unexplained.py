@@ -8,7 +8,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.fusion.labels import LabelledSignal
-from skyproof.records import Evidence, Observations, SignalRef
+from skyproof.records import Evidence, ObservationLog, SignalId, SignalRef
 
 __all__ = ["Kind", "Unexplained", "unexplained"]
 
@@ -36,7 +36,7 @@ class Unexplained:
 def unexplained(
     labels: Sequence[LabelledSignal],
     evidence: Sequence[Evidence],
-    observations: Sequence[Observations],
+    observations: Sequence[ObservationLog],
     *,
     parts: bool = True,
 ) -> tuple[Unexplained, ...]:
@@ -62,7 +62,7 @@ def unexplained(
     return tuple(found)
 
 
-def _doubles(left: Sequence[LabelledSignal], o: Observations) -> list[Unexplained]:
+def _doubles(left: Sequence[LabelledSignal], o: ObservationLog) -> list[Unexplained]:
     """Of each satellite the signals beside the one that was found first, while that one was there."""
     found = []
     for s in left:
@@ -70,32 +70,35 @@ def _doubles(left: Sequence[LabelledSignal], o: Observations) -> list[Unexplaine
             first, last = max(s.first_epoch, other.first_epoch), min(s.last_epoch, other.last_epoch)
             earlier = (len(other.ref.signal.copy), other.ref.signal.copy) < (len(s.ref.signal.copy), s.ref.signal.copy)
             if other.ref.signal.transmission == s.ref.signal.transmission and earlier and last >= first:
-                rows, a, b = slice(first, last + 1), o.signals.index(s.ref.signal), o.signals.index(other.ref.signal)
-                over_db = _median(o.cn0_dbhz[rows, a] - o.cn0_dbhz[rows, b])
-                cn0_dbhz = _median(o.cn0_dbhz[rows, a])
+                a, b = (_series(o, "cn0_dbhz", one.ref.signal, first, last) for one in (s, other))
+                over_db, cn0_dbhz = _median(a - b), _median(a)
                 found.append(Unexplained(ref=s.ref, kind="double", cn0_dbhz=cn0_dbhz, over_db=over_db))
                 break
     return found
 
 
-def _length_s(s: LabelledSignal, o: Observations) -> float:
+def _length_s(s: LabelledSignal, o: ObservationLog) -> float:
     return float(o.elapsed_s[s.last_epoch] - o.elapsed_s[s.first_epoch])
 
 
-def _explained(s: LabelledSignal, own: Sequence[LabelledSignal], o: Observations, failed: bool) -> Unexplained:
-    column = o.signals.index(s.ref.signal)
-    cn0_dbhz = float(np.nanmean(o.cn0_dbhz[s.first_epoch : s.last_epoch + 1, column]))
+def _explained(s: LabelledSignal, own: Sequence[LabelledSignal], o: ObservationLog, failed: bool) -> Unexplained:
+    cn0_dbhz = float(np.nanmean(_series(o, "cn0_dbhz", s.ref.signal, s.first_epoch, s.last_epoch)))
     for other in own:
         same = other.ref.signal.transmission == s.ref.signal.transmission and other.ref != s.ref
         first, last = max(s.first_epoch, other.first_epoch), min(s.last_epoch, other.last_epoch)
         if not same or other.label != "authentic" or last < first:
             continue
-        beside, rows = o.signals.index(other.ref.signal), slice(first, last + 1)
-        late_m = _median(o.pseudorange_m[rows, column] - o.pseudorange_m[rows, beside])
-        over_db = _median(o.cn0_dbhz[rows, column] - o.cn0_dbhz[rows, beside])
+        late_m, over_db = (
+            _median(_series(o, name, s.ref.signal, first, last) - _series(o, name, other.ref.signal, first, last))
+            for name in ("pseudorange_m", "cn0_dbhz")
+        )
         is_echo = late_m > 0.0 and over_db < 0.0
         return Unexplained(ref=s.ref, kind="echo" if is_echo else "rival", cn0_dbhz=cn0_dbhz, over_db=over_db)
     return Unexplained(ref=s.ref, kind="misfit" if failed else "untested", cn0_dbhz=cn0_dbhz)
+
+
+def _series(o: ObservationLog, name: str, signal: SignalId, first_epoch: int, last_epoch: int) -> Reals:
+    return o.series(name, o.signals.index(signal), first_epoch, last_epoch + 1)
 
 
 def _median(values: Reals) -> float:

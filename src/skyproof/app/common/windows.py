@@ -12,7 +12,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.arrays import Booleans
 from skyproof.detectors.base import Detector, load_detectors
 from skyproof.navigation.sets import consistent_sets
-from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records
+from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, ObservationLog, Observations, Records
 
 __all__ = ["Windows", "cut", "detectors_for", "examine", "examine_all", "reviewed", "windows_of"]
 
@@ -23,9 +23,10 @@ MIN_WINDOW_SHARE = 0.5
 """A last window shorter than this share of a whole one is joined to the one before."""
 
 
-def cut(observations: Observations, start_gpst: np.datetime64, end_gpst: np.datetime64) -> Observations:
+def cut(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> Observations:
     """The epochs with start <= label < end."""
-    return take(observations, (observations.gpst >= start_gpst) & (observations.gpst < end_gpst))
+    first, stop = np.searchsorted(observations.gpst, [start_gpst, end_gpst])
+    return observations.read(int(first), int(stop))
 
 
 def take(observations: Observations, rows: Booleans) -> Observations:
