@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, ComplexFloats, Floats, Instants, Reals
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
+from skyproof.gnss.signals import time_scale_of
 
 __all__ = [
     "CELL_STATUS",
@@ -151,6 +152,11 @@ class SignalId:
     def transmission(self) -> tuple[str, str, str]:
         """What a satellite sends once and a receiver may hear several times: satellite, band, code."""
         return self.sat, self.band, self.code
+
+    @property
+    def kind(self) -> tuple[str, str, str]:
+        """What takes one way through a receiver: time scale, band, code. All signals of a kind share its delay."""
+        return time_scale_of(self.sat), self.band, self.code
 
     def __str__(self) -> str:
         return f"{self.sat} {self.band} {self.code} {self.copy}"
@@ -603,10 +609,13 @@ class Fix:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ConsistentSet:
-    """Signals of one receiver, at most one a satellite, that together fit one position and clock in one window.
+    """Signals of one receiver, at most one a transmission, that together fit one position in one window, and a clock
+    for each kind of signal (`SignalId.kind`).
 
     The set says nothing of authenticity: a meaconed sky is as consistent as the true one.
-    statistic is the sum of squared normalised residuals, chi-square with `dof` degrees if the set is consistent.
+    clock_bias_s : by the kind that most of the signals are of; offsets_s : kind to its clock bias minus that one, so
+        what time scales and the ways through the receiver differ by. Empty where one kind is all.
+    statistic : the sum of squared normalised residuals, chi-square with `dof` degrees if the set is consistent.
     """
 
     receiver: str
@@ -618,9 +627,16 @@ class ConsistentSet:
     statistic: float
     dof: int
     p_value: float
+    offsets_s: Mapping[tuple[str, str, str], float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         freeze(self, {"position_ecef_m": ("3",), "covariance_m2": ("4", "4")})
+
+    def clock_of_s(self, kind: tuple[str, str, str]) -> float:
+        """The clock bias by one kind of signal; NaN where the set has none of it."""
+        if any(signal.kind == kind for signal in self.signals):
+            return self.clock_bias_s + self.offsets_s.get(kind, 0.0)
+        return float("nan")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -7,24 +7,26 @@ agree on another position or time is a sign: echoes and false correlation peaks 
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from skyproof.arrays import Indices
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.least_squares import design_matrix, gauss_newton, line_of_sight
+from skyproof.navigation.least_squares import design_matrix
 from skyproof.navigation.raim import GlobalTest, exclude_one, global_test
-from skyproof.navigation.ranges import atmosphere, corrected_ranges
-from skyproof.navigation.window import window_mean
+from skyproof.navigation.search import Measurements, below, misfits, solve
+from skyproof.navigation.sets import window_measurements
+from skyproof.navigation.skies import Kind, by_kind
 from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
 
-__all__ = ["PlainFix", "Residual", "ResidualSettings", "plain_fix"]
+__all__ = ["PlainFix", "Residual", "ResidualSettings", "plain_fixes"]
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,8 @@ class ResidualSettings:
 class PlainFix(NamedTuple):
     """What a receiver without protection makes of a window.
 
-    signals : the first-found one of each satellite. test : of all of them together. excluded : the one that has to go
-        to make the others fit, None if none does or none has to.
+    signals : the first-found one of each transmission, at most one a satellite. test : of all of them together.
+    excluded : the one that has to go to make the others fit, None if none does or none has to.
     """
 
     signals: tuple[SignalId, ...]
@@ -62,42 +64,49 @@ class PlainFix(NamedTuple):
     excluded: SignalId | None
 
 
-def plain_fix(window: Observations, navigation: NavigationData, settings: ResidualSettings) -> PlainFix | None:
-    """Fit one position to the first-found signal of each satellite; None with fewer than five.
+def plain_fixes(window: Observations, navigation: NavigationData, settings: ResidualSettings) -> tuple[PlainFix, ...]:
+    """Fit one position, with a clock for each kind of signal, to the first-found signals of the first kind of each
+    system, then to those of the second, and so on; those left out that have no signal to spare.
 
-    Under the null (one sky, errors as in `settings`) the statistic is chi-square with as many degrees as there are
-    satellites beyond four.
+    Under the null (one sky, errors as in `settings`) each statistic is chi-square with as many degrees as there are
+    satellites beyond three and one a kind. So no satellite is in a fit twice, by two bands whose errors are one; fits
+    of several bands are not independent. `settings.false_alarm_probability` is that of all.
     """
-    mean = window_mean(window)
-    ranges = corrected_ranges(mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], navigation)
-    first: dict[str, int] = {}
-    for row in sorted(np.flatnonzero(np.isfinite(ranges.range_m[0])), key=lambda row: mean.signals[row]):
-        first.setdefault(mean.signals[row].sat, int(row))
-    rows = list(first.values())
-    if len(rows) < 5:
-        return None
-    satellite, range_m = ranges.satellite_ecef_m[0, rows], ranges.range_m[0, rows]
-    sigma_m = np.hypot(mean.sigma_m[rows], settings.multipath_sigma_m)
-    state_m = gauss_newton(satellite, range_m, sigma_m, np.zeros(4), tolerance_m=10.0).state_m
-    tow_s = np.asarray(week_and_tow(mean.gpst)[1])
-    for _ in range(2):  # the atmosphere depends on the position, a little
-        turned, _, _ = line_of_sight(satellite, state_m[:3])
-        delays = atmosphere(
-            state_m[:3], turned, tow_s, navigation.ionosphere, ionosphere_share=settings.ionosphere_share
-        )
-        total_m = np.hypot(sigma_m, delays.sigma_m)
-        solution = gauss_newton(satellite, range_m - delays.delay_m, total_m, state_m)
-        state_m = solution.state_m
-    signals = tuple(mean.signals[row] for row in rows)
+    mean, measurements, usable = window_measurements(
+        window, navigation, multipath_sigma_m=settings.multipath_sigma_m, ionosphere_share=settings.ionosphere_share
+    )
+    rank: dict[str, list[Kind]] = {}
+    layers: dict[int, list[Indices]] = {}
+    for kind, rows in by_kind(mean.signals, np.flatnonzero(usable)).items():
+        of_scale = rank.setdefault(kind[0], [])
+        first: dict[str, int] = {}
+        for row in sorted(rows, key=lambda row: mean.signals[row]):
+            first.setdefault(mean.signals[row].sat, int(row))
+        layers.setdefault(len(of_scale), []).append(np.array(list(first.values()), np.intp))
+        of_scale.append(kind)
+    fitted = [groups for groups in layers.values() if sum(rows.size for rows in groups) - len(groups) >= 4]
+    alpha = settings.false_alarm_probability / max(len(fitted), 1)
+    fixes = [_plain_fix(mean.signals, measurements, groups, alpha) for groups in fitted]
+    return tuple(fix for fix in fixes if fix is not None)
+
+
+def _plain_fix(
+    signals: Sequence[SignalId], measurements: Measurements, groups: Sequence[Indices], alpha: float
+) -> PlainFix | None:
+    """Of rows in groups with a clock each; None where no position comes out."""
+    rows = np.concatenate(groups)
+    clocks = np.repeat(np.eye(len(groups)), [own.size for own in groups], axis=0)
+    start_m = np.concatenate((below(measurements, rows), np.zeros(len(groups))))
+    state_m = solve(measurements, rows[None], start_m[None], rounds=3, clocks=clocks).state_m[0]
     if not np.all(np.isfinite(state_m)):
         return None
-    _, unit, distance_m = line_of_sight(satellite, state_m[:3])
-    misfit_m = range_m - delays.delay_m - distance_m - state_m[3]
-    alpha = settings.false_alarm_probability
-    test = global_test(solution.residual_m, total_m, false_alarm_probability=alpha)
-    exclusion = exclude_one(design_matrix(unit), misfit_m, total_m, false_alarm_probability=alpha)
+    misfit_m, sigma_m, unit = misfits(measurements, rows, np.append(state_m[:3], 0.0))
+    misfit_m = misfit_m - clocks @ state_m[3:]
+    test = global_test(misfit_m, sigma_m, false_alarm_probability=alpha, unknowns=3 + len(groups))
+    exclusion = exclude_one(design_matrix(unit, clocks), misfit_m, sigma_m, false_alarm_probability=alpha)
     cured = not test.consistent and exclusion.excluded >= 0 and bool(exclusion.test.consistent)
-    return PlainFix(signals, test, signals[int(exclusion.excluded)] if cured else None)
+    used = tuple(signals[row] for row in rows)
+    return PlainFix(used, test, used[int(exclusion.excluded)] if cured else None)
 
 
 class Residual:
@@ -126,8 +135,8 @@ class Residual:
             return undecided(self, records, every, because="no epoch in the window")
         if len(sets) >= 2:
             return self._several_skies(records, observations, sets)
-        plain = plain_fix(observations, navigation, self.settings)
-        if plain is None:
+        plain = plain_fixes(observations, navigation, self.settings)
+        if not plain:
             return undecided(
                 self,
                 records,
@@ -147,11 +156,11 @@ class Residual:
         subject = tuple(SignalRef(observations.receiver, signal) for s in sets for signal in s.signals)
         sizes = " and ".join(str(len(s.signals)) for s in sets)
         far_m = max(float(np.linalg.norm(s.position_ecef_m - sets[0].position_ecef_m)) for s in sets[1:])
-        late_s = max(abs(s.clock_bias_s - sets[0].clock_bias_s) for s in sets[1:])
-        because = (
-            f"{sizes} signals in {observations.receiver} fit positions up to {far_m:.0f} m apart, and times "
-            f"{late_s * 1e6:.2f} us ({late_s * SPEED_OF_LIGHT_M_S:.0f} m) apart"
-        )
+        because = f"{sizes} signals in {observations.receiver} fit positions up to {far_m:.0f} m apart"
+        kinds = {signal.kind for signal in sets[0].signals}
+        off_s = [s.clock_of_s(kind) - sets[0].clock_of_s(kind) for kind in sorted(kinds) for s in sets[1:]]
+        if late := [abs(value) for value in off_s if np.isfinite(value)]:
+            because += f", and times {max(late) * 1e6:.2f} us ({max(late) * SPEED_OF_LIGHT_M_S:.0f} m) apart"
         if p_value >= self.settings.false_alarm_probability:
             return undecided(
                 self,
@@ -171,24 +180,25 @@ class Residual:
             false_alarm_probability=self.settings.false_alarm_probability,
         )
 
-    def _one_sky(self, records: Records, observations: Observations, plain: PlainFix) -> Evidence:
-        receiver, test = observations.receiver, plain.test
-        n = len(plain.signals)
-        fits = bool(test.consistent)
+    def _one_sky(self, records: Records, observations: Observations, plain: Sequence[PlainFix]) -> Evidence:
+        receiver, worst = observations.receiver, min(plain, key=lambda fix: float(fix.test.p_value))
+        test, fits = worst.test, bool(worst.test.consistent)
+        signals = [signal for fix in (plain if fits else [worst]) for signal in fix.signals]
+        n = len({signal.sat for signal in signals})
         because = f"{n} satellites in {receiver} {'fit' if fits else 'do not fit'} one position"
         if not fits:
-            because += _blame(plain, _doubled(observations))
+            because += _blame(worst, _doubled(observations))
         return Evidence(
             detector=self.name,
             start_gpst=records.start_gpst,
             end_gpst=records.end_gpst,
-            subject=tuple(SignalRef(receiver, signal) for signal in plain.signals),
+            subject=tuple(SignalRef(receiver, signal) for signal in signals),
             says="clean" if fits else "undecided",
             because=because,
             statistic=float(test.statistic),
             threshold=float(test.threshold),
             false_alarm_probability=self.settings.false_alarm_probability,
-            p_value=float(test.p_value),
+            p_value=min(1.0, len(plain) * float(test.p_value)),
             would_need=None if fits else "another receiver, or both signals of the satellites that have two",
         )
 
@@ -204,7 +214,7 @@ def _blame(plain: PlainFix, doubled: int) -> str:
 
 
 def _doubled(observations: Observations) -> int:
-    """How many satellites have more than one signal with a pseudorange in the window."""
+    """How many satellites have more than one signal of a transmission with a pseudorange in the window."""
     measured = np.flatnonzero(np.isfinite(observations.pseudorange_m).any(axis=0))
-    sats = Counter(observations.signals[column].sat for column in measured)
-    return sum(count > 1 for count in sats.values())
+    sent = Counter(observations.signals[column].transmission for column in measured)
+    return len({sat for (sat, *_), count in sent.items() if count > 1})

@@ -1,4 +1,4 @@
-"""What a receiver without protection makes of the signals: of each satellite it follows one, the strongest it finds."""
+"""What a receiver without protection makes of the signals: of each transmission it follows the strongest it finds."""
 
 import numpy as np
 
@@ -15,19 +15,20 @@ HOLD_S = 1.0
 def unprotected(observations: Observations) -> Observations:
     """The observations with every cell emptied that a receiver without protection would not have.
 
-    Of each satellite it begins with the strongest signal, keeps it while it is received, and takes the strongest again
-    when it has lost it for more than `HOLD_S`: who jams it first and then transmits the strongest signals leads it.
+    Of what a satellite sends on one band in one code it begins with the strongest signal, keeps it while it is
+    received, and takes the strongest again when it has lost it for more than `HOLD_S`: who jams it first and then
+    transmits the strongest signals leads it.
     """
     o = observations
     mask = np.zeros(o.pseudorange_m.shape, np.bool_)
-    for sat in {signal.sat for signal in o.signals}:
-        columns = [i for i, signal in enumerate(o.signals) if signal.sat == sat]
+    for transmission in {signal.transmission for signal in o.signals}:
+        columns = [i for i, signal in enumerate(o.signals) if signal.transmission == transmission]
         mask[:, columns] = _followed(o.elapsed_s, np.isfinite(o.pseudorange_m[:, columns]), o.cn0_dbhz[:, columns])
     return masked(o, mask)
 
 
 def _followed(elapsed_s: Reals, there: Booleans, cn0_dbhz: Reals) -> Booleans:
-    """Which of one satellite's signals is followed when; `there`, `cn0_dbhz` and the answer (n_epochs, n_signals)."""
+    """Which of one transmission's signals is followed when; arrays and the answer are (n_epochs, n_signals)."""
     mask = np.zeros_like(there)
     strength = np.where(there, np.nan_to_num(cn0_dbhz), -np.inf)
     epoch = 0

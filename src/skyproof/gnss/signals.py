@@ -20,6 +20,7 @@ __all__ = [
     "prn_of",
     "rinex_signal",
     "sat_name",
+    "time_scale_of",
 ]
 
 GPS_SATS: Final = tuple(f"G{prn:02d}" for prn in range(1, 33))
@@ -71,6 +72,11 @@ def sat_name(prn: int) -> str:
     if not 1 <= prn <= 32:
         raise ValueError(f"PRN {prn} is no GPS satellite; expected 1 to 32")
     return GPS_SATS[prn - 1]
+
+
+def time_scale_of(sat: str) -> str:
+    """The letter of the system whose time a satellite keeps: GPS's for QZSS and SBAS, else its own."""
+    return "G" if sat[0] in "JS" else sat[0]
 
 
 # --- names, carriers and chips of all systems' signals (RINEX 3.05, tables 4 to 10)

@@ -4,22 +4,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skyproof.arrays import Indices, Instants, Integers, Reals
+from skyproof.arrays import Booleans, Indices, Instants, Integers, Reals
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import MAX_AGE_S, BroadcastEphemeris
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import clock_polynomial_s, group_delay_s, satellite_state_s
+from skyproof.gnss.signals import time_scale_of
 from skyproof.gnss.time import seconds_between, week_and_tow
 from skyproof.records import Klobuchar, NavigationData, SignalId
 
-__all__ = ["Delays", "Ranges", "atmosphere", "corrected_ranges", "space_sigma_m", "time_scale", "time_scales"]
+__all__ = [
+    "UNTOLD_DELAY_SIGMA_M",
+    "Delays",
+    "Ranges",
+    "atmosphere",
+    "corrected_ranges",
+    "space_sigma_m",
+    "time_scale",
+    "time_scales",
+]
 
-_SCALE_OF = {"J": "G", "S": "G"}  # QZSS and SBAS keep GPS time; every other system its own
 _PREFERENCE = "GECR"
 _SPACE_M = {"G": 0.6, "J": 0.6, "E": 0.2, "C": 1.0, "R": 2.0}
 """Error of a range by broadcast orbit and clock, rms: O. Montenbruck, P. Steigenberger and A. Hauschild, "Multi-GNSS
 signal-in-space range error assessment", Advances in Space Research 61(12), 2018 (abstract); QZSS taken as GPS."""
+
+UNTOLD_DELAY_SIGMA_M = 5.2
+"""Of a satellite's delay of a signal that no message gives: uniform within 30 ns of the mean, by so much L1 and L5 may
+part (IS-GPS-705, group delay differential)."""
 
 _NIGHT = Klobuchar(alpha=(0.0, 0.0, 0.0, 0.0), beta=(0.0, 0.0, 0.0, 0.0))  # leaves 5 ns times the obliquity
 _UNKNOWN_IN_NIGHTS = 2.0  # 3 m at the zenith: between the 1.5 m of any night and the 5 m of an ordinary day
@@ -34,6 +47,7 @@ class Ranges:
     satellite_ecef_m, satellite_velocity_ecef_m_s : (epoch, channel, 3) at transmission, in the frame of transmission.
     satellite_drift : rate of the satellite's clock.
     range_m : pseudorange plus c times the satellite's clock: geometric range, receiver clock and atmosphere.
+    untold : cells whose group delay no message gives; it is in `range_m` still, `UNTOLD_DELAY_SIGMA_M`.
     """
 
     week: Integers
@@ -42,6 +56,7 @@ class Ranges:
     satellite_velocity_ecef_m_s: Reals
     satellite_drift: Reals
     range_m: Reals
+    untold: Booleans
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,18 +71,23 @@ class Delays:
 
 
 def corrected_ranges(
-    signals: tuple[SignalId, ...], gpst: Instants, pseudorange_m: Reals, navigation: NavigationData
+    signals: tuple[SignalId, ...],
+    gpst: Instants,
+    pseudorange_m: Reals,
+    navigation: NavigationData,
+    *,
+    with_untold: bool = False,
 ) -> Ranges:
     """Satellite positions and corrected ranges of all cells; one orbit computation per satellite and ephemeris in use.
 
     The time of transmission is the receiver's label minus pseudorange over c, so an error of the label cancels: a clock
     that is wrong by a second still puts the satellites where they were. Ephemerides are those nearest in time among the
-    healthy ones (at most `MAX_AGE_S` of the system away), the same for all copies of a satellite.
+    healthy ones (at most `MAX_AGE_S` of the system away) that give the signal's group delay, the same for all copies.
 
     Parameters
     ----------
-    gpst : (n_epochs,) labels. pseudorange_m : (n_epochs, n_channels), one column a signal. The columns of signals whose
-        group delay the message does not tell come out as NaN.
+    gpst : (n_epochs,) labels. pseudorange_m : (n_epochs, n_channels), one column a signal.
+    with_untold : signals whose group delay no ephemeris gives keep it in their range; else their columns are NaN.
     """
     pseudorange_m = np.asarray(pseudorange_m, np.float64)
     week, tow_s = week_and_tow(gpst)
@@ -75,20 +95,18 @@ def corrected_ranges(
     shape = pseudorange_m.shape
     transmission_tow_s, drift, range_m = (np.full(shape, np.nan) for _ in range(3))
     position, velocity = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
-    columns: dict[str, list[int]] = {}
-    for column, signal in enumerate(signals):
-        columns.setdefault(signal.sat, []).append(column)
-    for ephemeris, rows, sat in _in_use(navigation, tuple(columns), gpst):
-        delay_s = np.array([group_delay_s(ephemeris, signals[c].band, signals[c].code) for c in columns[sat]])
-        known = np.isfinite(delay_s)
-        cells = np.ix_(rows, np.array(columns[sat])[known])
+    untold = np.zeros(shape, np.bool_)
+    for ephemeris, rows, columns in _in_use(navigation, signals, gpst, with_untold):
+        delay_s = np.array([group_delay_s(ephemeris, signals[c].band, signals[c].code) for c in columns])
+        cells = np.ix_(rows, columns)
         sent_week, sent_tow_s = week[rows][:, None], shown_tow_s[cells]
         sent_tow_s = sent_tow_s - clock_polynomial_s(ephemeris, sent_week, sent_tow_s)
         state = satellite_state_s(ephemeris, sent_week, sent_tow_s)
         transmission_tow_s[cells] = sent_tow_s
         position[cells], velocity[cells] = state.position_ecef_m, state.velocity_ecef_m_s
         drift[cells] = state.clock_drift
-        range_m[cells] = pseudorange_m[cells] + SPEED_OF_LIGHT_M_S * (state.clock_s - delay_s[known])
+        range_m[cells] = pseudorange_m[cells] + SPEED_OF_LIGHT_M_S * (state.clock_s - np.nan_to_num(delay_s))
+        untold[cells] = np.isnan(delay_s)
     return Ranges(
         week=week,
         transmission_tow_s=transmission_tow_s,
@@ -96,12 +114,13 @@ def corrected_ranges(
         satellite_velocity_ecef_m_s=velocity,
         satellite_drift=drift,
         range_m=range_m,
+        untold=untold,
     )
 
 
 def time_scale(signal: SignalId) -> str:
     """The letter of the system whose time the signal keeps: GPS's for QZSS and SBAS."""
-    return _SCALE_OF.get(signal.sat[0], signal.sat[0])
+    return time_scale_of(signal.sat)
 
 
 def time_scales(signals: tuple[SignalId, ...]) -> tuple[tuple[str, ...], Reals]:
@@ -165,17 +184,27 @@ def atmosphere(
 
 
 def _in_use(
-    navigation: NavigationData, sats: tuple[str, ...], gpst: Instants
-) -> list[tuple[BroadcastEphemeris, Indices, str]]:
-    """Every (ephemeris, rows of `gpst` that it serves, satellite): the nearest in time of ephemeris, as `best` does."""
+    navigation: NavigationData, signals: tuple[SignalId, ...], gpst: Instants, with_untold: bool
+) -> list[tuple[BroadcastEphemeris, Indices, Indices]]:
+    """Every (ephemeris, rows of `gpst` that it serves, columns): the nearest in time of ephemeris that knows them."""
+    healthy: dict[str, list[BroadcastEphemeris]] = {signal.sat: [] for signal in signals}
+    for ephemeris in navigation.ephemerides:
+        if ephemeris.sat in healthy and ephemeris.healthy:
+            healthy[ephemeris.sat].append(ephemeris)
+    served: dict[tuple[str, tuple[int, ...]], list[int]] = {}
+    for column, signal in enumerate(signals):
+        own = healthy[signal.sat]
+        known = tuple(k for k, e in enumerate(own) if np.isfinite(group_delay_s(e, signal.band, signal.code)))
+        which = known if known or not with_untold else tuple(range(len(own)))
+        if which:
+            served.setdefault((signal.sat, which), []).append(column)
     uses = []
-    for sat in sats:
-        candidates = [e for e in navigation.ephemerides if e.sat == sat and e.health == 0]
-        if not candidates:
-            continue
+    for (sat, which), columns in served.items():
+        candidates = [healthy[sat][k] for k in which]
         toe = np.array([e.reference_gpst for e in candidates])
         age_s = np.abs(seconds_between(gpst[:, None], toe))
         nearest = np.argmin(age_s, axis=1)
         fresh = np.take_along_axis(age_s, nearest[:, None], axis=1)[:, 0] <= MAX_AGE_S.get(sat[0], 0.0)
-        uses += [(candidates[k], np.flatnonzero(fresh & (nearest == k)), sat) for k in np.unique(nearest[fresh])]
+        of = np.array(columns, dtype=np.intp)
+        uses += [(candidates[k], np.flatnonzero(fresh & (nearest == k)), of) for k in np.unique(nearest[fresh])]
     return uses

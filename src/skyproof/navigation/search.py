@@ -23,7 +23,7 @@ from skyproof.navigation.ranges import atmosphere
 from skyproof.records import Klobuchar
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["Candidates", "Measurements", "SetSearch", "innovation", "plausible", "solve"]
+__all__ = ["Candidates", "Measurements", "SetSearch", "below", "innovation", "misfits", "plausible", "solve"]
 
 _UNKNOWNS = 4
 _MOST_FOURS = 300_000
@@ -36,11 +36,13 @@ _TRAVEL_S = 0.075  # of a signal from orbit to ground, within 0.01 s
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Measurements:
     """One window's signals: satellite_ecef_m (n, 3) at transmission, range_m (n,) without the satellite's clock,
-    sigma_m (n,) of all but the ionosphere, tow_s of the window, and how the ionosphere is to be taken off."""
+    sigma_m (n,) of all but the ionosphere, carrier_hz (n,), tow_s of the window, and how the ionosphere is to be taken
+    off."""
 
     satellite_ecef_m: Reals
     range_m: Reals
     sigma_m: Reals
+    carrier_hz: Reals
     tow_s: float
     ionosphere: Klobuchar | None
     ionosphere_share: float
@@ -141,9 +143,12 @@ class SetSearch:
         return self._fours[level]
 
 
-def solve(measurements: Measurements, choice: Indices, start_m: Reals, *, rounds: int = 1) -> Candidates:
+def solve(
+    measurements: Measurements, choice: Indices, start_m: Reals, *, rounds: int = 1, clocks: Reals | None = None
+) -> Candidates:
     """Position and clock of each row of `choice` (m, k), from `start_m` (m, 4), with the atmosphere of the start.
 
+    With `clocks` (k, c), as in `design_matrix`, several clocks: states and covariances are of 3 + c numbers.
     A last step of 100 m is taken linearly: what that neglects in a range is its square over the distance, 0.5 mm.
     """
     taken = choice >= 0
@@ -152,13 +157,14 @@ def solve(measurements: Measurements, choice: Indices, start_m: Reals, *, rounds
     state = start_m
     for _ in range(rounds):
         turned, _, _ = line_of_sight(satellite, state[:, :3])
-        delay_m, delay_sigma_m = _atmosphere(measurements, state, turned)
+        delay_m, delay_sigma_m = _atmosphere(measurements, rows, state, turned)
         sigma_m = np.hypot(measurements.sigma_m[rows], delay_sigma_m)
         solution = gauss_newton(
             satellite,
             measurements.range_m[rows] - delay_m,
             np.where(taken, sigma_m, np.nan),
             state,
+            clocks=clocks,
             max_steps=6,
             tolerance_m=100.0,
         )
@@ -175,12 +181,26 @@ def innovation(measurements: Measurements, rows: Indices, state_m: Reals, covari
     """Each measurement (m,) minus its prediction from a fit without it, and the variance of that, m and m^2."""
     satellite = measurements.satellite_ecef_m[rows][:, None, :]
     turned, unit, distance_m = line_of_sight(satellite, state_m[:, :3])
-    delay_m, delay_sigma_m = _atmosphere(measurements, state_m, turned)
+    delay_m, delay_sigma_m = _atmosphere(measurements, rows[:, None], state_m, turned)
     predicted_m = (distance_m + delay_m)[:, 0] + state_m[:, 3]
     design = design_matrix(unit)
     prediction_m2 = (design @ covariance_m2 @ np.swapaxes(design, -1, -2))[:, 0, 0]
     variance_m2 = prediction_m2 + measurements.sigma_m[rows] ** 2 + delay_sigma_m[:, 0] ** 2
     return measurements.range_m[rows] - predicted_m, variance_m2
+
+
+def misfits(measurements: Measurements, rows: Indices, state_m: Reals) -> tuple[Reals, Reals, Reals]:
+    """Measurements (n,) minus what one state (4,) predicts, their sigmas (n,), and unit vectors (n, 3)."""
+    turned, unit, distance_m = line_of_sight(measurements.satellite_ecef_m[rows][None], state_m[None, :3])
+    delay_m, delay_sigma_m = _atmosphere(measurements, rows[None], state_m[None], turned)
+    misfit_m = measurements.range_m[rows] - (distance_m + delay_m)[0] - state_m[3]
+    return misfit_m, np.hypot(measurements.sigma_m[rows], delay_sigma_m[0]), unit[0]
+
+
+def below(measurements: Measurements, rows: Indices) -> Reals:
+    """(3,) the point of the Earth's surface below the middle of these satellites: where to begin."""
+    middle_m = measurements.satellite_ecef_m[rows].sum(axis=0)
+    return np.asarray(middle_m * (WGS84_A_M / np.linalg.norm(middle_m)))
 
 
 def plausible(position_ecef_m: Reals) -> Booleans:
@@ -236,13 +256,14 @@ def _roughly_plausible(state_m: Reals, slack_m: Reals | float) -> Booleans:
     return np.asarray((centre_m >= polar_m + _LOWEST_M - slack_m) & (centre_m <= _FARTHEST_M + slack_m))
 
 
-def _atmosphere(measurements: Measurements, state_m: Reals, turned_ecef_m: Reals) -> tuple[Reals, Reals]:
+def _atmosphere(measurements: Measurements, rows: Indices, state_m: Reals, turned_ecef_m: Reals) -> tuple[Reals, Reals]:
     delays = atmosphere(
         state_m[:, :3],
         turned_ecef_m,
         np.full(len(state_m), measurements.tow_s),
         measurements.ionosphere,
         ionosphere_share=measurements.ionosphere_share,
+        carrier_hz=measurements.carrier_hz[rows],
     )
     return delays.delay_m, delays.sigma_m
 
@@ -280,9 +301,7 @@ def _bancroft(satellite_ecef_m: Reals, range_m: Reals) -> Reals:
 def _spread_first(measurements: Measurements, copies: list[Indices]) -> list[int]:
     """Order of satellites in which the first few already have a good geometry, seen from below their middle."""
     satellite = measurements.satellite_ecef_m[[c[0] for c in copies]]
-    below = satellite.sum(axis=0)
-    below *= WGS84_A_M / np.linalg.norm(below)
-    _, unit, _ = line_of_sight(satellite, below)
+    _, unit, _ = line_of_sight(satellite, below(measurements, np.array([c[0] for c in copies])))
     design = design_matrix(unit)
     covariance = np.eye(_UNKNOWNS) * 1e3
     order: list[int] = []

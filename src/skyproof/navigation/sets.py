@@ -2,6 +2,9 @@
 
 A set says nothing of authenticity; a meaconed sky is as consistent as the true one. Four signals always fit, so that
 sets begin at five; and small sets can fit by chance (`chance.chance_p_value`).
+
+Each kind of signal (time scale, band, code) is searched alone, by satellite, with one clock; then kinds that show one
+position are one set, with a clock each (`skies.joined`), and kinds of fewer satellites join where they fit.
 """
 
 import numpy as np
@@ -11,13 +14,14 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.ranges import UNTOLD_DELAY_SIGMA_M, corrected_ranges, space_sigma_m
 from skyproof.navigation.search import Candidates, Measurements, SetSearch, innovation, plausible, solve
+from skyproof.navigation.skies import Kind, Part, Sky, by_kind, extended, joined, lone_sky, sky_of, with_few
 from skyproof.navigation.window import WindowMean, window_mean
 from skyproof.records import ConsistentSet, NavigationData, Observations, SignalId
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
-__all__ = ["consistent_sets", "members"]
+__all__ = ["consistent_sets", "window_measurements"]
 
 _FORBIDDEN = 1e6  # cost of an assignment that cannot be
 
@@ -33,23 +37,30 @@ def consistent_sets(
     max_sets: int = 4,
     min_share: float = 0.5,
 ) -> tuple[ConsistentSet, ...]:
-    """Disjoint sets of signals, at most one a satellite in each, that fit one position and clock; largest first.
+    """Disjoint sets of signals, at most one a transmission in each, that fit one position; largest first.
 
-    The largest consistent set is found (of several the one with the smallest statistic), its signals are taken out,
-    and so on. A set within the noise of an earlier one, in position and clock, is the same sky tracked twice and is not
-    reported (see `members`). Then every satellite's signals are dealt out anew among the sets by the
-    likelihood of each beside the others of a set: the first set may have taken a signal that fits it by chance, or the
-    wrong one of two that are within the noise of each other, while the right one was another set's.
+    Of each kind of signal the largest consistent set is found (of several the one with the smallest statistic), its
+    signals are taken out, and so on. A set within the noise of an earlier one of its kind, in position and clock, is
+    the same sky tracked twice and is not reported. Then every satellite's signals are dealt out anew among the kind's
+    sets by the likelihood of each beside the others of a set: the first set may have taken a signal that fits it by
+    chance, or the wrong one of two that are within the noise of each other, while the right one was another set's.
 
-    Under the null (a true sky, noise as stated) the full set fails its chi-square test, and loses a signal, with
-    `false_alarm_probability`.
+    Sets of different kinds that show one position are one set, with a clock for each kind. A kind with fewer than
+    `min_satellites` satellites joins each set with those of its signals, two at least, that fit there with one clock;
+    one signal alone of its kind is in no set. Where no kind has enough satellites, all together make a set if they fit
+    one position, every transmission being there once.
+
+    Under the null (a true sky, noise as stated) the full set of a kind fails its chi-square test, and loses a signal,
+    with `false_alarm_probability`; and kinds are parted with `skies.JOIN_PROBABILITY`.
 
     Parameters
     ----------
     window : one receiver's observations, all of the window.
-    multipath_sigma_m : what stays over the window: multipath, orbit and clock errors, the same for all.
+    multipath_sigma_m : what stays over the window: multipath, orbit and clock errors, the same for all; what the orbits
+        of a system are worse than those of GPS comes on top (`ranges.space_sigma_m`).
     ionosphere_share : of the ionosphere's delay, one sigma of what the model leaves.
     min_satellites : five at least. Wrong sets of five signals are frequent where there are many signals.
+    max_sets : of one kind.
     min_share : signals with a pseudorange in less than this share of the window are left out.
 
     Returns
@@ -59,80 +70,88 @@ def consistent_sets(
     """
     if min_satellites < 5:
         raise ValueError(f"min_satellites is {min_satellites}: four signals always fit one position, take 5 or more")
-    mean, measurements, usable = _measurements(window, navigation, multipath_sigma_m, ionosphere_share, min_share)
-    copies = list(_by_satellite(mean.signals, usable).values())
-    if len(copies) < min_satellites:
-        return ()
+    mean, measurements, usable = window_measurements(
+        window,
+        navigation,
+        multipath_sigma_m=multipath_sigma_m,
+        ionosphere_share=ionosphere_share,
+        min_share=min_share,
+    )
+    parts: list[Part] = []
+    few: dict[Kind, Indices] = {}
+    for kind, rows in by_kind(mean.signals, np.flatnonzero(usable)).items():
+        if len({mean.signals[k].sat for k in rows}) < min_satellites:
+            few[kind] = rows
+            continue
+        found = _of_one_kind(measurements, mean.signals, rows, false_alarm_probability, min_satellites, max_sets)
+        parts += [Part(kind, candidate.choice[0], candidate) for candidate in found]
+    skies = [sky_of(measurements, mean.signals, own) for own in joined(parts)]
+    if not skies and (sky := lone_sky(measurements, mean.signals, few, false_alarm_probability)) is not None:
+        skies = [sky]
+    for kind, rows in few.items() if parts else ():
+        left = rows
+        for number, sky in enumerate(skies):
+            fitting = with_few(measurements, mean.signals, sky, left, false_alarm_probability)
+            if fitting.size:
+                skies[number] = extended(measurements, sky, kind, fitting)
+                left = np.setdiff1d(left, fitting)
+    skies.sort(key=lambda sky: (-sky.rows.size, sky.statistic))
+    return tuple(_record(window.receiver, mean, sky) for sky in skies)
+
+
+def _of_one_kind(
+    measurements: Measurements,
+    signals: tuple[SignalId, ...],
+    rows: Indices,
+    false_alarm_probability: float,
+    min_satellites: int,
+    max_sets: int,
+) -> list[Candidates]:
+    """The consistent sets among the signals of one kind, as `solve` leaves them."""
+    free = np.zeros(len(signals), np.bool_)
+    free[rows] = True
+    copies = list(_by_satellite(signals, free).values())
     search = SetSearch(measurements, copies)
-    free = usable.copy()
     found: list[Candidates] = []
     size = len(copies)
     while size >= min_satellites and len(found) < max_sets:
         candidates = search.of_size(size, free, false_alarm_probability=false_alarm_probability)
         if not candidates.choice.size:
             size -= 1
-        for k, rows in enumerate(candidates.choice):
-            if free[rows].all() and len(found) < max_sets:
-                free[rows] = False
-                candidate = solve(measurements, rows[None, :], candidates.state_m[k : k + 1], rounds=2)
+        for k, chosen in enumerate(candidates.choice):
+            if free[chosen].all() and len(found) < max_sets:
+                free[chosen] = False
+                candidate = solve(measurements, chosen[None, :], candidates.state_m[k : k + 1], rounds=2)
                 if not any(_same_sky(candidate, other, false_alarm_probability) for other in found):
                     found.append(candidate)
-    found = _reassign_signals(measurements, mean.signals, found, false_alarm_probability, min_satellites)
-    found.sort(key=lambda candidate: (-candidate.choice.size, candidate.statistic[0]))
-    return tuple(_record(window.receiver, mean, candidate) for candidate in found)
+    return _reassign_signals(measurements, signals, found, false_alarm_probability, min_satellites)
 
 
-def members(
-    consistent: ConsistentSet,
+def window_measurements(
     window: Observations,
     navigation: NavigationData,
     *,
-    multipath_sigma_m: float = 1.0,
-    ionosphere_share: float = 0.25,
-    false_alarm_probability: float = 1e-4,
-    min_share: float = 0.5,
-) -> tuple[SignalId, ...]:
-    """Further signals of the same window that fit the set's position and clock: copies within the noise of a member,
-    signals that fit two sets. Each true one is missed with `false_alarm_probability`.
-
-    Raises
-    ------
-    ValueError : the window's middle is not the set's.
-    """
-    mean, measurements, usable = _measurements(window, navigation, multipath_sigma_m, ionosphere_share, min_share)
-    if mean.gpst != consistent.gpst:
-        raise ValueError(f"the set belongs to the window around {consistent.gpst}, not {mean.gpst}")
-    others = np.flatnonzero(usable & [signal not in consistent.signals for signal in mean.signals])
-    state = np.append(consistent.position_ecef_m, consistent.clock_bias_s * SPEED_OF_LIGHT_M_S)
-    misfit_m, variance_m2 = innovation(
-        measurements,
-        others,
-        np.broadcast_to(state, (others.size, 4)),
-        np.broadcast_to(consistent.covariance_m2, (others.size, 4, 4)),
-    )
-    fits = misfit_m**2 / variance_m2 <= chi_square_threshold(false_alarm_probability, 1)
-    return tuple(mean.signals[k] for k in others[fits])
-
-
-def _measurements(
-    window: Observations,
-    navigation: NavigationData,
     multipath_sigma_m: float,
     ionosphere_share: float,
-    min_share: float,
+    min_share: float = 0.5,
 ) -> tuple[WindowMean, Measurements, Booleans]:
-    """The window's signals at its middle, and which of them have an ephemeris."""
+    """The window's signals at its middle, and which of them have an ephemeris and a carrier; arguments as of
+    `consistent_sets`. Signals whose group delay no message gives are there, with the sigma of that."""
     mean = window_mean(window, min_share=min_share)
-    ranges = corrected_ranges(mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], navigation)
+    ranges = corrected_ranges(
+        mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], navigation, with_untold=True
+    )
+    untold_m2 = np.where(ranges.untold[0], UNTOLD_DELAY_SIGMA_M, 0.0) ** 2
     measurements = Measurements(
         satellite_ecef_m=ranges.satellite_ecef_m[0],
         range_m=ranges.range_m[0],
-        sigma_m=np.hypot(mean.sigma_m, multipath_sigma_m),
+        sigma_m=np.sqrt(mean.sigma_m**2 + multipath_sigma_m**2 + space_sigma_m(mean.signals) ** 2 + untold_m2),
+        carrier_hz=mean.carrier_hz,
         tow_s=week_and_tow(mean.gpst)[1],
         ionosphere=navigation.ionosphere,
         ionosphere_share=ionosphere_share,
     )
-    return mean, measurements, np.isfinite(ranges.range_m[0])
+    return mean, measurements, np.isfinite(ranges.range_m[0]) & np.isfinite(mean.carrier_hz)
 
 
 def _by_satellite(signals: tuple[SignalId, ...], free: Booleans) -> dict[str, Indices]:
@@ -196,19 +215,18 @@ def _costs(measurements: Measurements, sats: NDArray[np.str_], found: list[Candi
     return np.minimum(np.nan_to_num(cost, nan=_FORBIDDEN), _FORBIDDEN)
 
 
-def _record(receiver: str, mean: WindowMean, candidate: Candidates) -> ConsistentSet:
-    signals = tuple(sorted(mean.signals[k] for k in candidate.choice[0]))
-    dof = len(signals) - 4
-    state: Reals = candidate.state_m[0]
-    statistic = float(candidate.statistic[0])
+def _record(receiver: str, mean: WindowMean, sky: Sky) -> ConsistentSet:
+    clock_m = float(sky.state_m[3])
+    several = sky.clock_m if len(sky.clock_m) > 1 else {}
     return ConsistentSet(
         receiver=receiver,
-        signals=signals,
+        signals=tuple(sorted(mean.signals[k] for k in sky.rows)),
         gpst=mean.gpst,
-        position_ecef_m=state[:3],
-        clock_bias_s=float(state[3]) / SPEED_OF_LIGHT_M_S,
-        covariance_m2=candidate.covariance_m2[0],
-        statistic=statistic,
-        dof=dof,
-        p_value=float(chi_square_survival(statistic, dof)),
+        position_ecef_m=sky.state_m[:3],
+        clock_bias_s=clock_m / SPEED_OF_LIGHT_M_S,
+        covariance_m2=sky.covariance_m2,
+        statistic=sky.statistic,
+        dof=sky.dof,
+        p_value=float(chi_square_survival(sky.statistic, sky.dof)),
+        offsets_s={kind: (own_m - clock_m) / SPEED_OF_LIGHT_M_S for kind, own_m in several.items()},
     )

@@ -13,12 +13,14 @@ __all__ = ["WindowMean", "window_mean"]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WindowMean:
-    """gpst : label of the middle epoch. signals, pseudorange_m, sigma_m (n,) : one for each channel that is kept."""
+    """gpst : label of the middle epoch. signals, pseudorange_m, sigma_m, carrier_hz (n,) : one for each channel that is
+    kept."""
 
     gpst: np.datetime64
     signals: tuple[SignalId, ...]
     pseudorange_m: Reals
     sigma_m: Reals
+    carrier_hz: Reals
 
 
 def window_mean(observations: Observations, *, min_share: float = 0.5) -> WindowMean:
@@ -54,6 +56,7 @@ def window_mean(observations: Observations, *, min_share: float = 0.5) -> Window
         signals=tuple(observations.signals[k] for k in kept[usable]),
         pseudorange_m=mean_m[usable],
         sigma_m=sigma_m[usable],
+        carrier_hz=observations.carrier_hz[kept[usable]],
     )
 
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Indices, Reals
 
 __all__ = ["LineFit", "additive_contrasts", "difference_colourer", "difference_whitener", "fit_line", "line_columns"]
 
@@ -50,27 +50,32 @@ def difference_colourer(n: int) -> Reals:
     return np.asarray(np.eye(n) + ((1.0 + n) ** 0.5 - 1.0) / n, float)
 
 
-def additive_contrasts(sigma: Reals) -> tuple[Reals, Reals]:
+def additive_contrasts(sigma: Reals, groups: Indices | None = None) -> tuple[Reals, Reals]:
     """Orthonormal contrasts that remove row + column effects from a table of noisy numbers.
+
+    With groups of rows a column has an effect of its own on each group: M = (K-G)(R-1) with G groups.
 
     Parameters
     ----------
     sigma : (..., K, R), standard deviations, up to a common factor, of the table's entries.
+    groups : (K,) number 0 to G-1 of each row's group; all one group if absent.
 
     Returns
     -------
-    contrasts : (..., K*R, M) with M = (K-1)(R-1). `table.reshape(K*R) @ contrasts` does not see a_k + b_r, and has unit
-        covariance if the entries are independent with these sigmas.
+    contrasts : (..., K*R, M) with M = (K-1)(R-1). `table.reshape(K*R) @ contrasts` does not see a_k + b_gr, and has
+        unit covariance if the entries are independent with these sigmas.
     gain : (..., M) what an independent error of variance 1 added to every entry adds to each contrast's variance; the
         contrasts are rotated so that these errors too are uncorrelated.
     """
     *lead, n_rows, n_columns = sigma.shape
-    additive = np.zeros((n_rows, n_columns, n_rows + n_columns - 1))
+    group = np.zeros(n_rows, np.intp) if groups is None else np.asarray(groups)
+    n_effects = n_rows + (int(group.max()) + 1) * (n_columns - 1)
+    additive = np.zeros((n_rows, n_columns, n_effects))
     additive[np.arange(n_rows), :, np.arange(n_rows)] = 1.0
     for column in range(1, n_columns):
-        additive[:, column, n_rows + column - 1] = 1.0
+        additive[np.arange(n_rows), column, n_rows + group * (n_columns - 1) + column - 1] = 1.0
     inverse = 1.0 / sigma.reshape(*lead, n_rows * n_columns)
     q = np.linalg.qr(inverse[..., None] * additive.reshape(n_rows * n_columns, -1), mode="complete").Q
-    whitened = inverse[..., None] * q[..., n_rows + n_columns - 1 :]
+    whitened = inverse[..., None] * q[..., n_effects:]
     gain, rotation = np.linalg.eigh(np.swapaxes(whitened, -1, -2) @ whitened)
     return whitened @ rotation, gain

@@ -374,12 +374,13 @@ def _mean(values: Reals) -> float | None:
 
 
 def _delay_m(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal]) -> float | None:
-    """Mean code delay behind the authentic signal of the same satellite, over the epochs that both have."""
+    """Mean code delay behind the authentic signal of the same transmission, over the epochs that both have."""
     if s.label == "authentic":
         return 0.0
     delays = []
     for other in labels:
-        same = other.ref.receiver == s.ref.receiver and other.ref.signal.sat == s.ref.signal.sat
+        sent = other.ref.signal.transmission == s.ref.signal.transmission
+        same = sent and other.ref.receiver == s.ref.receiver
         if same and other.label == "authentic":
             first = max(s.first_epoch, other.first_epoch)
             rows = slice(first, max(min(s.last_epoch, other.last_epoch) + 1, first))

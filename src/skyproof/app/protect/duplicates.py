@@ -91,7 +91,7 @@ def same_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Lags:
-    """By each pair of signals of one satellite: when the second receiver heard what the first one did at an epoch.
+    """By each pair of signals of one transmission: when the second receiver heard what the first one did at an epoch.
 
     elapsed_s : (n_epochs,) of the first. later_s : (n_pairs, n_epochs) the second's elapsed time minus it; NaN where
         one of the two was not measured. higher_hz : likewise, of the carrier. sigma_s : thermal, one sigma.
@@ -122,7 +122,7 @@ def _later(a: Observations, b: Observations) -> _Lags:
     for i, one in enumerate(a.signals):
         for j, other in enumerate(b.signals):
             there = np.isfinite(sent_b[:, j])
-            if one.sat != other.sat or not there.any():
+            if one.transmission != other.transmission or not there.any():
                 continue
             there_b = [
                 np.interp(sent_a[:, i], sent_b[there, j], column[there], left=np.nan, right=np.nan)

@@ -274,15 +274,16 @@ def _profiles(observed: Sequence[ReceiverOutcome], outcome: Outcome, zero: np.da
 
 def _telling_epoch(o: Observations, labels: Sequence[LabelledSignal], several: bool) -> int | None:
     """The last epoch of those at which most satellites have several signals (or one that is not true)."""
-    signals: dict[str, Any] = {}
-    false: dict[str, Any] = {}
+    signals: dict[tuple[str, str, str], Any] = {}
+    false: dict[tuple[str, str, str], Any] = {}
     for s in labels:
         rows = np.zeros(o.gpst.size, np.int64)
         rows[s.first_epoch : s.last_epoch + 1] = 1
         rows *= np.isfinite(o.pseudorange_m[:, o.signals.index(s.ref.signal)])
-        signals[s.ref.signal.sat] = signals.get(s.ref.signal.sat, 0) + rows
+        sent = s.ref.signal.transmission
+        signals[sent] = signals.get(sent, 0) + rows
         if s.label != "authentic":
-            false[s.ref.signal.sat] = false.get(s.ref.signal.sat, 0) + rows
+            false[sent] = false.get(sent, 0) + rows
     if several:
         attacked = sum((rows >= 2 for rows in signals.values()), np.zeros(o.gpst.size, np.int64))
     else:
@@ -383,7 +384,6 @@ def _differences_in(
     found: list[RangeDifference] = []
     for label in (name for name in by_label[0] if name in by_label[1]):
         for ranges in _alike(records, by_label[0][label], by_label[1][label]):
-            longer_m = ranges.mean_m[:, 1] - ranges.mean_m[:, 0]
             group = len({d.group for d in found})
             found += [
                 RangeDifference(
@@ -393,7 +393,7 @@ def _differences_in(
                     metres=float(value),
                     group=group,
                 )
-                for sat, value in zip(ranges.sats, longer_m - longer_m.mean(), strict=True)
+                for sat, value in zip(ranges.sats, ranges.apart_m[:, 0], strict=True)
             ]
     return found
 
@@ -404,11 +404,7 @@ def _alike(records: Records, first: Sequence[ConsistentSet], second: Sequence[Co
     Where labels leave it open, that is how sets of one sky find each other.
     """
     every = [(a, b, common_ranges(records, (a, b))) for a in first for b in second]
-    scattered = [
-        (float(np.ptp(c.mean_m[:, 1] - c.mean_m[:, 0])), n)
-        for n, (_, _, c) in enumerate(every)
-        if c.sats and len(c.range_m)
-    ]
+    scattered = [(float(np.ptp(c.apart_m)), n) for n, (_, _, c) in enumerate(every) if c.sats and len(c.range_m)]
     taken: set[int] = set()
     for _, n in sorted(scattered):
         a, b, ranges = every[n]

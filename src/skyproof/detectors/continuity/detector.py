@@ -2,8 +2,9 @@
 
 One window may look as good as the next, and still not go on from it: the halves of two receivers' recordings joined, a
 recording that begins again, an attack that takes over in one step. For each receiver the satellites of its consistent
-set are followed from window to window, by satellite and not by channel: signals that were lost and found again under
-another name are the same satellite's. `continuity_steps` tells where they step.
+set are followed from window to window, by what was sent and not by channel: signals that were lost and found again
+under another name are the same satellite's. `continuity_steps` tells where they step. Each kind of signal (time scale,
+band, code) is looked at alone, for it may be imitated alone; kinds of few satellites together with the largest.
 
 What is found is *undecided*, and not an attack: a recording that was cut and joined steps as well. But it overrules
 what windows say one by one, from the window of the step on: what comes after it is not vouched for by what was before.
@@ -15,13 +16,21 @@ stronger than the satellites send and the best antennas receive it (`CN0_MAX_DBH
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.base import missing, undecided
-from skyproof.detectors.continuity.one_sky import MIN_SATELLITES, joined, one_signal_a_satellite, rows_of
+from skyproof.detectors.continuity.one_sky import (
+    MIN_SATELLITES,
+    Transmission,
+    columns_of,
+    groups_of,
+    joined,
+    one_signal_a_transmission,
+    rows_of,
+)
 from skyproof.detectors.continuity.steps import Limits, Step, largest_step, series_of
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.time import iso
@@ -33,6 +42,9 @@ __all__ = ["CN0_MAX_DBHZ", "Continuity", "ContinuitySettings", "common_level_p_v
 CN0_MAX_DBHZ = 63.0
 """No C/A signal is stronger: -153 dBW in an antenna of 0 dBi (IS-GPS-200N, 6.3.1), 7 dBi towards the zenith, and a
 system of 100 K, -208.6 dBW/Hz. Beams of many antennas and dishes receive more."""
+_OTHERS_DB = 5.0
+"""By which signals other than C/A are stronger at most: -148 dBW, for Galileo's E5 and those of L5."""
+Kind = tuple[str, str, str]
 _SHARES = 3  # of the false alarms: steps, common levels, levels that cannot be
 
 
@@ -76,36 +88,43 @@ class ContinuitySettings:
         )
 
 
+class _Break(NamedTuple):
+    """What does not go on since when, in words, and how improbable that is; the statistic of the window it broke in."""
+
+    words: str
+    p_value: float
+    statistic: float | None
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Past:
-    """What is remembered of a receiver: bounded by the number of satellites and twice `span_s`.
+    """What is remembered of a receiver: bounded by the number of transmissions and twice `span_s`.
 
-    tail : the last epochs, one signal a satellite. sources : which signal of each satellite went on unbroken from it.
-    members : the last consistent set's signals. broke, p_value : what no longer goes on since when, in words.
+    tail : the last epochs, one signal a transmission. sources : which signal of each went on unbroken from it.
+    members : the last consistent set's signals. broke : the kinds of signals that no longer go on, and why.
     """
 
     tail: Observations
-    sources: Mapping[str, SignalId]
+    sources: Mapping[Transmission, SignalId]
     members: tuple[SignalId, ...]
     place_ecef_m: Reals
-    broke: str = ""
-    p_value: float = 1.0
+    broke: Mapping[Kind, _Break] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Look:
-    """A candidate for the sky that goes on: its signals, the epochs joined with those before, and the step found."""
+    """A candidate for the sky that goes on: its signals, the epochs joined with those before, and the steps found."""
 
     members: tuple[SignalId, ...]
     place_ecef_m: Reals
     stretch: Observations
-    sources: Mapping[str, SignalId]
+    sources: Mapping[Transmission, SignalId]
     new: int  # the first row of this window
-    step: Step | None = field(default=None)
+    steps: tuple[tuple[frozenset[Kind], Step], ...] = ()  # the largest of each group of kinds
 
     @property
     def p_value(self) -> float:
-        return 1.0 if self.step is None else self.step.p_value
+        return min((step.p_value for _, step in self.steps), default=1.0)
 
 
 def common_level_p_value(change_db: Reals, fading_db: float) -> float:
@@ -162,7 +181,7 @@ class _Window:
         if not looks:
             return [self._too_few()], self.past
         look = max(looks, key=lambda look: look.p_value)
-        return [self._goes_on(look), *self._levels(look)], self._remembered(look)
+        return [*self._goes_on(look), *self._levels(look)], self._remembered(look)
 
     def _candidates(self) -> list[tuple[tuple[SignalId, ...], Reals]]:
         """The sets that may be the sky that was followed: those that share most signals with it, or all."""
@@ -176,7 +195,8 @@ class _Window:
 
     def _looked(self, members: tuple[SignalId, ...], place_ecef_m: Reals) -> _Look:
         before = () if self.past is None else self.past.members
-        now, sources = one_signal_a_satellite(self.o, members, before, {} if self.past is None else self.past.sources)
+        sources_before = {} if self.past is None else self.past.sources
+        now, sources = one_signal_a_transmission(self.o, members, before, sources_before)
         stretch = now if self.past is None else joined(self.past.tail, now)
         look = _Look(
             members=members,
@@ -187,20 +207,52 @@ class _Window:
         )
         if stretch.gpst.size < 3 or now.gpst.size == 0:
             return look
-        series = series_of(stretch, self.navigation, place_ecef_m, self.limits)
-        since_s = stretch.elapsed_s[min(look.new, stretch.gpst.size - 1)] - self.limits.span_s
-        rows = np.flatnonzero(stretch.elapsed_s > since_s)
-        return replace(look, step=largest_step(series, rows, self.limits, alpha=self.alpha))
+        return replace(look, steps=self._steps(look))
 
-    def _goes_on(self, look: _Look) -> Evidence:
+    def _steps(self, look: _Look) -> tuple[tuple[frozenset[Kind], Step], ...]:
+        """The largest step of each group of kinds; rows are the stretch's, p-values those of all groups together."""
+        stretch, groups = look.stretch, groups_of(look.stretch)
+        since_s = stretch.elapsed_s[min(look.new, stretch.gpst.size - 1)] - self.limits.span_s
+        found: list[tuple[frozenset[Kind], Step]] = []
+        for columns in groups:
+            own = columns_of(stretch, columns)
+            if own.gpst.size < 3:
+                continue
+            series = series_of(own, self.navigation, look.place_ecef_m, self.limits)
+            rows = np.flatnonzero(own.elapsed_s > since_s)
+            step = largest_step(series, rows, self.limits, alpha=self.alpha / len(groups))
+            if step is not None:
+                row = int(np.searchsorted(stretch.elapsed_s, own.elapsed_s[step.row]))
+                step = replace(step, row=row, p_value=min(1.0, len(groups) * step.p_value))
+                found.append((frozenset(signal.kind for signal in own.signals), step))
+        return tuple(found)
+
+    def _goes_on(self, look: _Look) -> list[Evidence]:
+        """Of the kinds of signals that broke, by what broke them, and of the others."""
+        broke = self._broke(look)
         subject = self._subject(look)
-        step, receiver = look.step, self.o.receiver
-        if step is not None and step.p_value < self.alpha:
-            return self._broken(subject, _told(receiver, look.stretch, step), step.p_value, step.statistic)
-        if self.past is not None and self.past.broke:
-            return self._broken(subject, self.past.broke, self.past.p_value, None)
-        if step is None:
-            return self._too_few()
+        found = []
+        for why in dict.fromkeys(broke.values()):
+            own = tuple(ref for ref in subject if broke.get(ref.signal.kind) == why)
+            found += [self._broken(own, why)] if own else []
+        others = tuple(ref for ref in subject if ref.signal.kind not in broke)
+        steps = [step for kinds, step in look.steps if not kinds <= broke.keys()]
+        if not steps:
+            return found or [self._too_few()]
+        return [*found, *([self._unbroken(others, look, steps)] if others else [])]
+
+    def _broke(self, look: _Look) -> dict[Kind, _Break]:
+        """What broke each kind, now or before."""
+        broke = {} if self.past is None else dict(self.past.broke)
+        for kinds, step in look.steps:
+            if step.p_value < self.alpha:
+                words = _told(self.o.receiver, look.stretch, step)
+                broke |= dict.fromkeys(kinds, _Break(words, step.p_value, step.statistic))
+        return broke
+
+    def _unbroken(self, subject: tuple[SignalRef, ...], look: _Look, steps: Sequence[Step]) -> Evidence:
+        receiver = self.o.receiver
+        step = min(steps, key=lambda step: (-step.missing_s, step.p_value))
         if step.missing_s > 0.0 and step.row >= look.new:
             when = _clock(look.stretch, step)
             ahead = undecided(
@@ -224,19 +276,17 @@ class _Window:
             p_value=step.p_value,
         )
 
-    def _broken(
-        self, subject: tuple[SignalRef, ...], because: str, p_value: float, statistic: float | None
-    ) -> Evidence:
+    def _broken(self, subject: tuple[SignalRef, ...], why: _Break) -> Evidence:
         return Evidence(
             detector=self.detector.name,
             start_gpst=self.records.start_gpst,
             end_gpst=self.records.end_gpst,
             subject=subject,
             says="undecided",
-            because=because,
-            statistic=statistic,
+            because=why.words,
+            statistic=why.statistic,
             false_alarm_probability=self.alpha,
-            p_value=p_value,
+            p_value=why.p_value,
             overrules=True,
             would_need="the recording as the receiver made it, in one piece; or to protect what is before and what is "
             "after by themselves",
@@ -258,19 +308,17 @@ class _Window:
         return tuple(SignalRef(self.o.receiver, signal) for signal in chosen)
 
     def _remembered(self, look: _Look) -> _Past:
-        stretch, step = look.stretch, look.step
+        stretch = look.stretch
         first = np.searchsorted(stretch.elapsed_s, stretch.elapsed_s[-1] - 2.0 * self.limits.span_s - 1e-6)
-        broke, p_value = ("", 1.0) if self.past is None else (self.past.broke, self.past.p_value)
-        if step is not None and step.p_value < self.alpha:
-            first = max(int(first), step.row)  # what came before is no measure of what comes next
-            broke, p_value = _told(self.o.receiver, stretch, step), step.p_value
+        for _, step in look.steps:
+            if step.p_value < self.alpha:
+                first = max(int(first), step.row)  # what came before is no measure of what comes next
         return _Past(
             tail=rows_of(stretch, slice(int(first), None)),
             sources=look.sources,
             members=look.members,
             place_ecef_m=look.place_ecef_m,
-            broke=broke,
-            p_value=p_value,
+            broke={kind: why._replace(statistic=None) for kind, why in self._broke(look).items()},
         )
 
     # Levels -----------------------------------------------------------------------------------------------------------
@@ -283,12 +331,17 @@ class _Window:
         if look.new == 0:
             return None
         level_db, known = look.stretch.cn0_dbhz, np.isfinite(look.stretch.cn0_dbhz)
-        both = known[: look.new].any(axis=0) & known[look.new :].any(axis=0)
-        if both.sum() < MIN_SATELLITES:
+        both: Booleans = np.asarray(known[: look.new].any(axis=0) & known[look.new :].any(axis=0))
+        groups = [columns[both[columns]] for columns in groups_of(look.stretch)]
+        found: list[tuple[float, float]] = []
+        for own in groups:
+            if own.size >= MIN_SATELLITES:
+                before, after = (np.nanmedian(part[:, own], axis=0) for part in np.split(level_db, [look.new]))
+                p = common_level_p_value(after - before, self.settings.fading_db)
+                found.append((min(1.0, len(groups) * p), float(np.mean(after - before))))
+        if not found:
             return None
-        before, after = (np.nanmedian(part[:, both], axis=0) for part in (level_db[: look.new], level_db[look.new :]))
-        p_value = common_level_p_value(after - before, self.settings.fading_db)
-        change_db, receiver = float(np.mean(after - before)), self.o.receiver
+        (p_value, change_db), receiver = min(found), self.o.receiver
         stepped = p_value < self.alpha
         word = "stronger" if change_db > 0.0 else "weaker"
         return Evidence(
@@ -317,7 +370,8 @@ class _Window:
             return None
         level = np.full(known.shape[1], -np.inf)
         level[enough] = np.nanmedian(self.o.cn0_dbhz[:, enough], axis=0)
-        loud = np.flatnonzero(level > CN0_MAX_DBHZ + 1.0)
+        others_db = [0.0 if s.kind == ("G", "L1", "CA") else _OTHERS_DB for s in self.o.signals]
+        loud = np.flatnonzero(level > CN0_MAX_DBHZ + 1.0 + np.array(others_db))
         if loud.size == 0:
             return None
         return Evidence(
@@ -326,7 +380,7 @@ class _Window:
             end_gpst=self.records.end_gpst,
             subject=tuple(SignalRef(self.o.receiver, self.o.signals[k]) for k in loud),
             says="undecided",
-            because=f"{loud.size} signals in {self.o.receiver} are stronger than any GPS signal, up to "
+            because=f"{loud.size} signals in {self.o.receiver} are stronger than any satellite's, up to "
             f"{level.max():.0f} dB-Hz: they are imitations, unless a dish or a beam receives them",
             statistic=float(level.max()),
             threshold=CN0_MAX_DBHZ,

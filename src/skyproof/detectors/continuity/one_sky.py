@@ -1,4 +1,4 @@
-"""Observations of several signals a satellite as one sky with one: by satellite, and not by channel."""
+"""Observations of several signals a transmission as one sky with one: by what was sent, and not by channel."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -6,10 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Integers, Reals
+from skyproof.arrays import Booleans, Indices, Integers, Reals
 from skyproof.records import CellStatus, Observations, SignalId
 
-__all__ = ["MIN_SATELLITES", "joined", "one_signal_a_satellite", "rows_of"]
+__all__ = [
+    "MIN_SATELLITES",
+    "Transmission",
+    "columns_of",
+    "groups_of",
+    "joined",
+    "one_signal_a_transmission",
+    "rows_of",
+]
+
+Transmission = tuple[str, str, str]
 
 MIN_SATELLITES = 5
 _WHATEVER = np.array(False)  # half a cycle is 10 cm
@@ -24,24 +34,23 @@ _CELLS = (
 )
 
 
-def one_signal_a_satellite(
-    o: Observations, members: Sequence[SignalId], before: Sequence[SignalId], sources: Mapping[str, SignalId]
-) -> tuple[Observations, Mapping[str, SignalId]]:
-    """Of each satellite and epoch the signal in `members`, else that in `before`, else the only one that is there.
+def one_signal_a_transmission(
+    o: Observations, members: Sequence[SignalId], before: Sequence[SignalId], sources: Mapping[Transmission, SignalId]
+) -> tuple[Observations, Mapping[Transmission, SignalId]]:
+    """Of each transmission and epoch the signal in `members`, else that in `before`, else the only one that is there.
 
-    A change from one signal to another is a slip. Epochs with fewer than five satellites are left out. Also gives
-    which signal of each satellite goes on unbroken from the last epoch kept to the end; `sources` are those at the
-    start.
+    A change from one signal to another is a slip. Epochs with fewer than five are left out. Also gives which signal of
+    each transmission goes on unbroken from the last epoch kept to the end; `sources` are those at the start.
     """
     there = np.isfinite(o.pseudorange_m) & np.isfinite(o.pseudorange_sigma_m)
     forward = np.diff(np.maximum.accumulate(o.elapsed_s), prepend=-np.inf) > 0.0
-    columns: dict[str, list[int]] = {}
+    columns: dict[Transmission, list[int]] = {}
     for k, signal in enumerate(o.signals):
-        columns.setdefault(signal.sat, []).append(k)
-    sats = sorted(columns)
-    chosen = np.full((o.gpst.size, len(sats)), -1)
-    for n, sat in enumerate(sats):
-        own = np.array(columns[sat])
+        columns.setdefault(signal.transmission, []).append(k)
+    sent = sorted(columns)
+    chosen = np.full((o.gpst.size, len(sent)), -1)
+    for n, transmission in enumerate(sent):
+        own = np.array(columns[transmission])
         lone = there[:, own].sum(axis=1) == 1
         chosen[lone, n] = own[there[lone][:, own].argmax(axis=1)]
         for wanted in (before, members):
@@ -49,30 +58,32 @@ def one_signal_a_satellite(
                 if o.signals[k] in wanted:
                     chosen[there[:, k], n] = k
     kept = np.flatnonzero(forward & ((chosen >= 0).sum(axis=1) >= MIN_SATELLITES))
-    breaks = np.cumsum(_breaks(chosen, o, sats, sources), axis=0)
+    breaks = np.cumsum(_breaks(chosen, o, sent, sources), axis=0)
     slipped = np.diff(breaks[kept], axis=0, prepend=0) > 0  # those of epochs that are left out count as well
     used = chosen[kept]
     cells: dict[str, Any] = {name: _picked(getattr(o, name)[kept], used) for name in _CELLS}
     status = np.where(used < 0, CellStatus.NOT_TRACKED, np.where(slipped, CellStatus.SLIP, CellStatus.OK))
     whole = (chosen[-1] >= 0) & (breaks[-1] == (breaks[kept[-1]] if kept.size else 0))
-    last = {sats[n]: o.signals[chosen[-1, n]] for n in np.flatnonzero(whole)}
-    carrier_hz = np.array([o.carrier_hz[columns[sat][0]] for sat in sats])
+    last = {sent[n]: o.signals[chosen[-1, n]] for n in np.flatnonzero(whole)}
+    carrier_hz = np.array([o.carrier_hz[columns[transmission][0]] for transmission in sent])
     one = replace(
         rows_of(o, kept),
-        signals=tuple(SignalId(sat) for sat in sats),
+        signals=tuple(SignalId(*transmission) for transmission in sent),
         status=status.astype(np.uint8),
         carrier_hz=carrier_hz,
-        found_elapsed_s=np.zeros(len(sats)),
-        missed_elapsed_s=np.full(len(sats), np.nan),
+        found_elapsed_s=np.zeros(len(sent)),
+        missed_elapsed_s=np.full(len(sent), np.nan),
         half_cycle_open=_WHATEVER,
         **cells,
     )
     return one, last
 
 
-def _breaks(chosen: Integers, o: Observations, sats: Sequence[str], sources: Mapping[str, SignalId]) -> Booleans:
-    """Where a satellite's carrier does not go on from the epoch before: a slip, a gap, or another signal."""
-    first = [o.signals.index(sources[sat]) if sources.get(sat) in o.signals else -1 for sat in sats]
+def _breaks(
+    chosen: Integers, o: Observations, sent: Sequence[Transmission], sources: Mapping[Transmission, SignalId]
+) -> Booleans:
+    """Where a transmission's carrier does not go on from the epoch before: a slip, a gap, or another signal."""
+    first = [o.signals.index(sources[name]) if sources.get(name) in o.signals else -1 for name in sent]
     before = np.vstack((np.array(first, np.int64)[None], chosen[:-1]))
     slip = np.take_along_axis(o.status, np.maximum(chosen, 0), axis=1) == CellStatus.SLIP
     return np.asarray((chosen >= 0) & (slip | (chosen != before)))
@@ -83,7 +94,7 @@ def _picked(cells: Reals, chosen: Integers) -> Reals:
 
 
 def joined(before: Observations, after: Observations) -> Observations:
-    """The epochs of both, with the satellites of both; those of `after` that do not come later are left out."""
+    """The epochs of both, with the transmissions of both; those of `after` that do not come later are left out."""
     if before.gpst.size:
         after = rows_of(after, after.elapsed_s > before.elapsed_s[-1])
     signals = tuple(sorted(set(before.signals) | set(after.signals)))
@@ -122,3 +133,35 @@ def rows_of(o: Observations, rows: Any) -> Observations:
         half_cycle_open=_WHATEVER,
         **{name: getattr(o, name)[rows] for name in _CELLS},
     )
+
+
+def columns_of(o: Observations, columns: Indices) -> Observations:
+    """The chosen signals, at the epochs at which five or more of them were measured."""
+    chosen = replace(
+        o,
+        signals=tuple(o.signals[k] for k in columns),
+        status=o.status[:, columns],
+        found_elapsed_s=o.found_elapsed_s[columns],
+        missed_elapsed_s=o.missed_elapsed_s[columns],
+        carrier_hz=o.carrier_hz[columns],
+        half_cycle_open=_WHATEVER,
+        **{name: getattr(o, name)[:, columns] for name in _CELLS},
+    )
+    return rows_of(chosen, np.isfinite(chosen.pseudorange_m).sum(axis=1) >= MIN_SATELLITES)
+
+
+def groups_of(o: Observations) -> list[Indices]:
+    """The columns of the kinds of signals that may step alone: each of five or more satellites, with the largest all
+    that are of fewer.
+
+    The offsets between kinds stay what they are, so that what several kinds step by together is one clock's; but who
+    exchanges the signals of one kind moves these alone, and others beside them would pass for most of the sky.
+    """
+    kinds: dict[tuple[str, str, str], list[int]] = {}
+    for k, signal in enumerate(o.signals):
+        if np.isfinite(o.carrier_hz[k]) and np.isfinite(o.pseudorange_m[:, k]).any():
+            kinds.setdefault(signal.kind, []).append(k)
+    own = sorted(kinds.values(), key=len, reverse=True)
+    alone = [columns for columns in own[1:] if len(columns) >= MIN_SATELLITES]
+    few = [k for columns in own[1:] if len(columns) < MIN_SATELLITES for k in columns]
+    return [np.array(columns, np.intp) for columns in ([*own[0], *few], *alone)] if own else []

@@ -1,5 +1,6 @@
-"""Ranges of the same satellites in several receivers, brought to common instants by their own Dopplers."""
+"""Ranges of the same transmissions in several receivers, brought to common instants by their own Dopplers."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,22 +8,51 @@ import numpy as np
 from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
-from skyproof.records import ConsistentSet, Observations, Records
+from skyproof.records import ConsistentSet, Observations, Records, SignalId
 
-__all__ = ["CommonRanges", "common_ranges"]
+__all__ = ["CommonRanges", "Kind", "common_ranges", "shared_kinds"]
+
+Kind = tuple[str, str, str]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CommonRanges:
-    """range_m (N, K, R) of K satellites in R receivers at N common instants; sigma_m (K, R) thermal; gaps (N-1,) steps.
+    """range_m (N, K, R) of K transmissions in R receivers at N common instants; sigma_m (K, R) thermal; gaps (N-1,)
+    steps. signals (K,) : what was sent, as the first receiver calls it.
 
-    Every number is there: satellites and epochs that would leave holes are left out.
+    Every number is there: transmissions and epochs that would leave holes are left out.
     """
 
-    sats: tuple[str, ...]
+    signals: tuple[SignalId, ...]
     range_m: Reals
     sigma_m: Reals
     gaps: Reals
+
+    @property
+    def sats(self) -> tuple[str, ...]:
+        """(K,) the satellite of each transmission."""
+        return tuple(signal.sat for signal in self.signals)
+
+    @property
+    def kinds(self) -> Indices:
+        """(K,) number of each one's kind of signal."""
+        return np.unique(np.array([str(signal.kind) for signal in self.signals]), return_inverse=True)[1]
+
+    def take(self, rows: Indices) -> "CommonRanges":
+        """Those transmissions alone, at the same instants."""
+        return CommonRanges(
+            signals=tuple(self.signals[k] for k in rows),
+            range_m=self.range_m[:, rows],
+            sigma_m=self.sigma_m[rows],
+            gaps=self.gaps,
+        )
+
+    @property
+    def apart_m(self) -> Reals:
+        """(K, R - 1) mean differences from the first receiver, less those of all of the kind."""
+        difference_m, kinds = self.mean_m[:, 1:] - self.mean_m[:, :1], self.kinds
+        own = [difference_m[kinds == kind].mean(axis=0) for kind in range(int(kinds.max(initial=-1)) + 1)]
+        return np.asarray(difference_m - np.reshape(own, (-1, difference_m.shape[1]))[kinds])
 
     @property
     def mean_m(self) -> Reals:
@@ -35,10 +65,22 @@ class CommonRanges:
         return np.asarray(self.sigma_m / np.sqrt(max(len(self.range_m), 1)))
 
 
+def shared_kinds(sets: Sequence[ConsistentSet]) -> dict[Kind, int]:
+    """The kinds of signals that all sets have, and how many transmissions of each they have in common."""
+    sent = set.intersection(*({s.transmission for s in chosen.signals} for chosen in sets))
+    kinds = [s.kind for s in sets[0].signals if s.transmission in sent]
+    return {kind: kinds.count(kind) for kind in sorted(set(kinds))}
+
+
 def common_ranges(
-    records: Records, sets: tuple[ConsistentSet, ...], *, min_share: float = 0.5, min_satellites: int = 5
+    records: Records,
+    sets: tuple[ConsistentSet, ...],
+    *,
+    kind: Kind | None = None,
+    min_share: float = 0.5,
+    min_satellites: int = 5,
 ) -> CommonRanges:
-    """Pseudoranges of the satellites that all `sets` have, one set a receiver, at the instants of the first receiver.
+    """Pseudoranges of transmissions that all `sets` have, one set a receiver, at the instants of the first receiver.
 
     A receiver's label minus its set's clock bias is GPS time, as these signals tell it. (False signals tell it wrongly,
     and alike to all receivers to within their distances over c: the difference between receivers is right to
@@ -48,18 +90,23 @@ def common_ranges(
 
     Parameters
     ----------
-    min_share : satellites with less than this share of the best one's epochs are left out, if `min_satellites` remain.
+    kind : of the transmissions wanted; all if absent.
+    min_share : transmissions with less than this share of the best one's epochs are left out, if `min_satellites`
+        remain.
     """
-    sats = tuple(sorted(set.intersection(*({s.sat for s in chosen.signals} for chosen in sets))))
+    sent = sorted(set.intersection(*({s.transmission for s in chosen.signals} for chosen in sets)))
+    first = {signal.transmission: signal for signal in sets[0].signals}
+    sent = [transmission for transmission in sent if kind is None or first[transmission].kind == kind]
+    signals = tuple(first[transmission] for transmission in sent)
     receivers = {o.receiver: o for o in records.observations}
     instants_s = _true_time_s(receivers[sets[0].receiver], records, sets[0])
     step_s = float(np.median(np.diff(instants_s))) if instants_s.size > 1 else 1.0
-    ranges = np.full((instants_s.size, len(sats), len(sets)), np.nan)
+    ranges = np.full((instants_s.size, len(sent), len(sets)), np.nan)
     sigma_m = np.full_like(ranges, np.nan)
     for i, chosen in enumerate(sets):
         observations = receivers[chosen.receiver]
-        channel = {s.sat: observations.signals.index(s) for s in chosen.signals}
-        columns = np.array([channel[sat] for sat in sats], dtype=np.intp)
+        channel = {s.transmission: observations.signals.index(s) for s in chosen.signals}
+        columns = np.array([channel[transmission] for transmission in sent], dtype=np.intp)
         time_s = _true_time_s(observations, records, chosen)
         nearest = _nearest(time_s, instants_s)
         if nearest.size == 0:
@@ -72,7 +119,7 @@ def common_ranges(
         near = np.abs(dt_s) <= 0.51 * step_s
         ranges[..., i] = np.where(near[:, None], observations.pseudorange_m[cells] + shift_m, np.nan)
         sigma_m[..., i] = observations.pseudorange_sigma_m[cells]
-    return _without_holes(sats, ranges, sigma_m, instants_s / step_s, min_share, min_satellites)
+    return _without_holes(signals, ranges, sigma_m, instants_s / step_s, min_share, min_satellites)
 
 
 def _true_time_s(observations: Observations, records: Records, chosen: ConsistentSet) -> Reals:
@@ -91,7 +138,7 @@ def _nearest(times_s: Reals, wanted_s: Reals) -> Indices:
 
 
 def _without_holes(
-    sats: tuple[str, ...], ranges: Reals, sigma_m: Reals, steps: Reals, min_share: float, min_satellites: int
+    signals: tuple[SignalId, ...], ranges: Reals, sigma_m: Reals, steps: Reals, min_share: float, min_satellites: int
 ) -> CommonRanges:
     whole = np.asarray(np.isfinite(ranges + sigma_m).all(axis=2))  # (N, K)
     epochs = whole.sum(axis=0)
@@ -101,7 +148,7 @@ def _without_holes(
     rows = whole[:, kept].all(axis=1)
     used_m2 = sigma_m[rows][:, kept] ** 2
     return CommonRanges(
-        sats=tuple(sat for sat, keep in zip(sats, kept, strict=True) if keep),
+        signals=tuple(signal for signal, keep in zip(signals, kept, strict=True) if keep),
         range_m=ranges[rows][:, kept],
         sigma_m=np.sqrt(used_m2.sum(axis=0) / max(len(used_m2), 1)),
         gaps=np.diff(steps[rows]),

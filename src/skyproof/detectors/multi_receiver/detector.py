@@ -16,6 +16,10 @@ false. Several sets in each: the pairing with the least contrast is the false on
 it cannot be the false one itself (`one_antenna.ratio_test`, which needs no noise model), and the sets left over are
 authentic if both this test and the one for "one antenna" say so. What is decided is decided for whole groups.
 
+A group is of one kind of signal (time scale, band, code; `pairing`): each kind has its own delay in each receiver, and
+each may be imitated alone. What all kinds of one sky share are the antennas: kinds that put them elsewhere are not all
+true (`_Window._other_antennas`).
+
 Assumed: one transmitter of one false sky, or several that do not act in concert. What is not assumed: where it is,
 which receivers it reaches, when the attack began, that receivers share a clock or their satellites, or that the noise
 is white.
@@ -34,10 +38,11 @@ from skyproof.detectors.multi_receiver.known_geometry import (
     AntennaPlaces,
     Geometry,
     LearntBaseline,
+    OtherSignals,
     agreement,
 )
 from skyproof.detectors.multi_receiver.one_antenna import NoiseModel, RatioTest
-from skyproof.detectors.multi_receiver.pairing import Pairing, pair_up, versus
+from skyproof.detectors.multi_receiver.pairing import Pairing, groups_in, pair_up, versus
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
@@ -198,15 +203,13 @@ class _Window:
         self.detector, self.records, self.settings = detector, records, detector.settings
         self.sets = _sets_to_decide(records)
         choices = list(itertools.product(*self.sets.values())) if len(self.sets) >= 2 else []
-        self.tests = max(len(choices), 1)
+        self.one_choice = len(choices) <= 1
+        least = self.settings.min_satellites
+        groups = [(sets, kind) for sets in choices for kind in groups_in(sets, least)]
+        self.tests = max(len(groups), 1)
         noise = self.settings.noise(self.tests)
-        every = [pair_up(records, sets, noise, min_satellites=self.settings.min_satellites) for sets in choices]
-        self.pairings = [
-            pairing
-            for pairing in every
-            if len(pairing.ranges.sats) >= self.settings.min_satellites
-            and len(pairing.ranges.range_m) >= self.settings.min_epochs
-        ]
+        every = [pair_up(records, sets, noise, min_satellites=least, kind=kind) for sets, kind in groups]
+        self.pairings = [pairing for pairing in every if self._enough(pairing)]
         self.groups = itertools.count(1)
 
     def evidence(self) -> list[Evidence]:
@@ -228,19 +231,56 @@ class _Window:
                     would_need="more satellites in common, or a longer window",
                 )
             ]
-        if self.tests == 1:
-            return self._only_pairing(self.pairings[0])
+        if self.one_choice:
+            found = [e for pairing in self.pairings for e in self._only_pairing(pairing)]
+            return found + self._other_antennas()
         return self._several_sets()
+
+    def _enough(self, pairing: Pairing) -> bool:
+        ranges, settings = pairing.ranges, self.settings
+        n_kinds = int(ranges.kinds.max(initial=0)) + 1
+        enough = len(ranges.signals) - n_kinds >= settings.min_satellites - 1
+        return enough and len(ranges.range_m) >= settings.min_epochs
+
+    def _other_antennas(self) -> list[Evidence]:
+        """Kinds of signals that put the antennas elsewhere than another kind does: not all of them are true.
+
+        The other kind is the one with most satellites of those that one antenna does not send; the test allows for the
+        largest errors that its baseline may have. Which of the two is false it does not say: one receiver alone may
+        follow a false sky of the other kind.
+        """
+        alpha = self.settings.false_alarm_probability
+        apart = [p for p in self.pairings if self._p_each(p) < alpha and p.largest_errors is not None]
+        if not apart:
+            return []
+        measure = max(apart, key=lambda p: len(p.ranges.signals))
+        assert measure.largest_errors is not None
+        elsewhere = OtherSignals(measure.largest_errors)
+        found = []
+        for pairing in self.pairings:
+            p_value = 1.0 if pairing is measure else min(1.0, len(self.pairings) * pairing.survival(elsewhere))
+            if p_value < alpha:
+                because = f"{_names(pairing)} put the antennas elsewhere than {_names(measure)}"
+                found.append(
+                    self._say(
+                        "attack",
+                        (*pairing.subject, *measure.subject),
+                        p_value=p_value,
+                        because=f"{because}: some of them are imitations",
+                        would_need=self._where(),
+                    )
+                )
+        return found
 
     # One set in each receiver -----------------------------------------------------------------------------------------
 
     def _only_pairing(self, pairing: Pairing) -> list[Evidence]:
         alpha, p_one = self.settings.false_alarm_probability, self._p_one(pairing)
         geometry = self.settings.geometry(pairing.receivers)
-        if p_one < alpha:
+        if (p_each := self._p_each(pairing)) < alpha:
             if geometry is None:
-                return [self._open(pairing, p_one)]
-            return self._by_geometry(pairing, geometry, p_one)
+                return [self._open(pairing, p_each)]
+            return self._by_geometry(pairing, geometry, p_each)
         p_false, because = self._p_not_sky(pairing, geometry)
         if p_one >= self.settings.accept_probability and p_false < alpha:
             return [self._say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(self.groups))]
@@ -295,12 +335,16 @@ class _Window:
         """
         pairs = list(itertools.combinations(pairing.sets, 2))
         settings, found = self.settings, []
+        kinds = {signal.kind for signal in pairing.ranges.signals}
+        kind = kinds.pop() if len(kinds) == 1 else None
+        tests = len(pairs) * self.tests
         for sets in pairs:
-            pair = pair_up(self.records, sets, settings.noise(len(pairs)), min_satellites=settings.min_satellites)
+            noise = settings.noise(tests)
+            pair = pair_up(self.records, sets, noise, min_satellites=settings.min_satellites, kind=kind)
             geometry = settings.geometry(pair.receivers)
-            if len(pair.ranges.sats) < settings.min_satellites or len(pair.ranges.range_m) < settings.min_epochs:
+            if not self._enough(pair):
                 continue
-            p_one = min(1.0, len(pairs) * float(pair.one_antenna.p_value))
+            p_one = min(1.0, tests * pair.one_antenna_each_p_value)
             if geometry is not None and p_one < settings.false_alarm_probability and self._agrees(pair, geometry):
                 found.append(
                     self._authentic(pair, p_one, geometry.assumes, because=f"; they agree with {geometry.words}")
@@ -338,14 +382,10 @@ class _Window:
         alpha = self.settings.false_alarm_probability
         could_be = [p for p in self.pairings if self._p_one(p) >= max(self.settings.accept_probability, alpha)]
         false = _disjoint(sorted(could_be, key=lambda p: float(p.one_antenna.statistic)))
-        sky = self._left_over(false)
-        found = []
-        for pairing in false:
-            said = self._false_group(pairing, false, decided=sky is not None)
-            found += [said] if said else []
-        if sky is not None and (said := self._sky_group(sky, false)):
-            found.append(said)
-        return found or [self._who()]
+        skies = self._left_over(false)
+        said = [self._false_group(pairing, false, decided=bool(skies)) for pairing in false]
+        said += [self._sky_group(sky, false) for sky in skies]
+        return [e for e in said if e is not None] or [self._who()]
 
     def _false_group(self, pairing: Pairing, false: list[Pairing], *, decided: bool) -> Evidence | None:
         """`decided`: the sets left over make one sky, so the other false groups are no rivals."""
@@ -373,7 +413,7 @@ class _Window:
         return None
 
     def _sky_group(self, sky: Pairing, false: list[Pairing]) -> Evidence | None:
-        alpha, p_one = self.settings.false_alarm_probability, self._p_one(sky)
+        alpha, p_one = self.settings.false_alarm_probability, self._p_each(sky)
         geometry = self.settings.geometry(sky.receivers)
         p_ratio = max((float(versus(sky, pairing).p_value) for pairing in false), default=0.0)
         if max(p_one, p_ratio) >= alpha:
@@ -394,21 +434,23 @@ class _Window:
             because="; the receivers' other signals come from one antenna",
         )
 
-    def _left_over(self, false: list[Pairing]) -> Pairing | None:
-        """The pairing of sets that no false group takes, if it can only be one and is not of one antenna.
+    def _left_over(self, false: list[Pairing]) -> list[Pairing]:
+        """The groups, one a kind, of sets that no false group takes, if it can only be those and none is of one
+        antenna.
 
         Which of several it is, and whether anything but the false is left over when some receiver shows one set only,
-        a known baseline decides: of the pairings that agree with it there must be just one.
+        a known baseline decides: of the pairings that agree with it there must be just one of each kind.
         """
         taken = {id(s) for pairing in false for s in pairing.sets}
         free = [p for p in self.pairings if not taken & {id(s) for s in p.sets}]
-        free = [p for p in free if self._p_one(p) < self.settings.false_alarm_probability]
+        free = [p for p in free if self._p_each(p) < self.settings.false_alarm_probability]
         known = [self.settings.geometry(p.receivers) for p in free]
         if free and all(g is not None for g in known):
             free = [p for p, g in zip(free, known, strict=True) if g is not None and self._agrees(p, g)]
-            return free[0] if len(free) == 1 else None
+            kinds = [{signal.kind for signal in p.ranges.signals} for p in free]
+            return [p for p, own in zip(free, kinds, strict=True) if sum(bool(own & k) for k in kinds) == 1]
         single = all(sum(id(s) not in taken for s in sets) == 1 for sets in self.sets.values())
-        return free[0] if false and single and len(free) == 1 else None
+        return free if false and single else []
 
     def _who(self) -> Evidence:
         """There are several skies, and the pairings do not tell which is false."""
@@ -437,6 +479,10 @@ class _Window:
     def _p_one(self, pairing: Pairing) -> float:
         """Of "one antenna", for all tests of the window together."""
         return min(1.0, self.tests * float(pairing.one_antenna.p_value))
+
+    def _p_each(self, pairing: Pairing) -> float:
+        """The same, of any of its kinds."""
+        return min(1.0, self.tests * pairing.one_antenna_each_p_value)
 
     def _p_possible(self, pairing: Pairing) -> float:
         return pairing.at_most_p_value(self.settings.max_separation_m)
@@ -542,10 +588,11 @@ def _sets_to_decide(records: Records) -> dict[str, list[ConsistentSet]]:
 
 
 def _disjoint(pairings: list[Pairing]) -> list[Pairing]:
-    """The first, and of the others in order those that share no set with one taken before."""
+    """The first, and of the others in order those that share no set with one taken before, or all with one."""
     taken: list[Pairing] = []
     for pairing in pairings:
-        if not any(a is b for other in taken for a in other.sets for b in pairing.sets):
+        shared = [sum(a is b for a, b in zip(other.sets, pairing.sets, strict=True)) for other in taken]
+        if all(n in (0, len(pairing.sets)) for n in shared):
             taken.append(pairing)
     return taken
 
@@ -560,4 +607,6 @@ def _far(pairing: Pairing) -> str:
 
 def _names(pairing: Pairing) -> str:
     *others, last = [chosen.receiver for chosen in pairing.sets]
-    return f"the {len(pairing.ranges.sats)} satellites' signals in {', '.join(others)} and {last}"
+    kinds = sorted({signal.kind for signal in pairing.ranges.signals})
+    which = "" if kinds == [("G", "L1", "CA")] else f" {' and '.join(' '.join(kind) for kind in kinds)}"
+    return f"the {len(set(pairing.ranges.sats))} satellites'{which} signals in {', '.join(others)} and {last}"

@@ -22,7 +22,16 @@ from skyproof.detectors.multi_receiver.one_antenna import BaselineEstimate
 from skyproof.records import Baseline
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
-__all__ = ["AntennaDistance", "AntennaPlaces", "Geometry", "LearntBaseline", "Misfit", "agreement", "survival"]
+__all__ = [
+    "AntennaDistance",
+    "AntennaPlaces",
+    "Geometry",
+    "LearntBaseline",
+    "Misfit",
+    "OtherSignals",
+    "agreement",
+    "survival",
+]
 
 _ROUNDS = 80  # of bisection
 _LEAST_M = 1e-6
@@ -109,6 +118,14 @@ class LearntBaseline:
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         off_m = enu_m - self.baseline.enu_m.ravel()
         return _from_vector(off_m, covariance_m2 + self.baseline.covariance_m2)
+
+
+@dataclass(frozen=True, eq=False)
+class OtherSignals(LearntBaseline):
+    """The baseline that signals of another kind show in the same window."""
+
+    assumes = ("the other signals are true",)
+    words = "where other signals put the antennas"
 
 
 def survival(geometry: Geometry, receivers: Sequence[str], estimate: BaselineEstimate, dof_den: Reals) -> Reals:

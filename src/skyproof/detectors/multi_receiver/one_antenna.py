@@ -7,6 +7,9 @@ A table of pseudoranges at a common instant, K satellites by R receivers, is
 
     rho[k, i] = a_k + c_i - b_i . u_k + e[k, i]        b_i = p_i - p_1,  u_k receiver to satellite.
 
+Signals of several kinds (time scale, band, code) have a c of their own for each kind: what the receivers' ways for it
+differ by. Then M = (K-G)(R-1) contrasts remove the terms of G kinds.
+
 Signals of one antenna all take the same path from it to receiver i, so H0, "one antenna", is b = 0: the table is a
 satellite's term plus a receiver's term. M = (K-1)(R-1) contrasts remove both terms
 (`statistics.lines.additive_contrasts`, weighted by the thermal sigma of each track, which need be known up to a common
@@ -112,20 +115,21 @@ class Levels(NamedTuple):
         return self.dof.reshape((-1,) + (1,) * (array.ndim - 1))
 
 
-def table_contrasts(ranges_m: Reals, sigma_m: Reals) -> tuple[Reals, Reals, Reals]:
+def table_contrasts(ranges_m: Reals, sigma_m: Reals, kinds: Indices | None = None) -> tuple[Reals, Reals, Reals]:
     """Contrasts of a series of tables.
 
     Parameters
     ----------
     ranges_m : (..., N, K, R) pseudoranges at common instants.
     sigma_m : (..., K, R) thermal noise of each track, up to a common factor.
+    kinds : (K,) number of each row's kind of signal; all of one kind if absent.
 
     Returns
     -------
     values : (..., N, M); gain : (..., M) variance that a constant error of 1 m per track adds;
     matrix : (..., K*R, M), as of `additive_contrasts`.
     """
-    matrix, gain = additive_contrasts(sigma_m)
+    matrix, gain = additive_contrasts(sigma_m, kinds)
     flat = ranges_m.reshape(*ranges_m.shape[:-2], -1)
     # Ranges are 2e7 m and what is sought is millimetres: take the common part off before multiplying.
     flat = flat - flat[..., :1]
@@ -216,7 +220,14 @@ class RatioTest(NamedTuple):
 
 
 def ratio_test(
-    larger_m: Reals, larger_sigma_m: Reals, smaller_m: Reals, smaller_sigma_m: Reals, *, mixtures: int = 5
+    larger_m: Reals,
+    larger_sigma_m: Reals,
+    smaller_m: Reals,
+    smaller_sigma_m: Reals,
+    *,
+    mixtures: int = 5,
+    larger_kinds: Indices | None = None,
+    smaller_kinds: Indices | None = None,
 ) -> RatioTest:
     """Test that the first table of means, not the second, is the one of one antenna.
 
@@ -229,6 +240,7 @@ def ratio_test(
     ----------
     larger_m, smaller_m : (..., K, R) and (..., K', R) mean ranges over the window.
     larger_sigma_m, smaller_sigma_m : thermal sigma of these means up to a common factor; leading axes broadcast.
+    larger_kinds, smaller_kinds : (K,), (K',) as in `table_contrasts`.
     mixtures : variances between all thermal (proportional to sigma^2) and all constant (the same for every track) are
         tried in this many steps; the largest p-value counts. With equal sigmas all steps agree.
 
@@ -240,10 +252,11 @@ def ratio_test(
     """
     typical = np.mean(np.concatenate([larger_sigma_m**2, smaller_sigma_m**2], axis=-2), axis=(-1, -2), keepdims=True)
     mean_squares, dofs = [], []
-    for means_m, sigma_m in ((larger_m, larger_sigma_m), (smaller_m, smaller_sigma_m)):
+    tables = (larger_m, larger_sigma_m, larger_kinds), (smaller_m, smaller_sigma_m, smaller_kinds)
+    for means_m, sigma_m, kinds in tables:
         relative = (sigma_m**2 / typical)[(None,) * (means_m.ndim - sigma_m.ndim)]
         share = np.linspace(0.0, 1.0, mixtures).reshape((-1,) + (1,) * means_m.ndim)
-        values, _, _ = table_contrasts(means_m[..., None, :, :], np.sqrt(share * relative + (1.0 - share)))
+        values, _, _ = table_contrasts(means_m[..., None, :, :], np.sqrt(share * relative + (1.0 - share)), kinds)
         mean_squares.append(np.mean(values[..., 0, :] ** 2, axis=-1))
         dofs.append(values.shape[-1])
     statistic = mean_squares[0] / np.maximum(mean_squares[1], 1e-300)

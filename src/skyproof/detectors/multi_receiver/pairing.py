@@ -1,16 +1,22 @@
-"""One candidate group: a consistent set from each receiver, and the p-values of what it could be."""
+"""One candidate group: a consistent set from each receiver, and the p-values of what it could be.
 
-from dataclasses import dataclass
+A group is of one kind of signal (time scale, band, code), as an attacker may imitate one kind alone: what the others
+show says nothing of it. Only where no kind is received from enough satellites all kinds are one group.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges
+from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, Kind, common_ranges, shared_kinds
 from skyproof.detectors.multi_receiver.known_geometry import Geometry, survival
 from skyproof.detectors.multi_receiver.one_antenna import (
     Levels,
+    Means,
     MeanTest,
     NoiseModel,
     RatioTest,
@@ -30,18 +36,21 @@ from skyproof.gnss.time import seconds_between
 from skyproof.records import Baseline, ConsistentSet, NavigationData, Records, SignalRef
 from skyproof.statistics.lines import fit_line
 
-__all__ = ["Pairing", "pair_up", "versus"]
+__all__ = ["Pairing", "groups_in", "pair_up", "versus"]
 
 _TRAVEL_S = 0.075  # to 10 ms: 40 m along the orbit, 2 microradians
 _PART_S = 2.0
 """Parts of a window whose baselines are looked at one by one: a false sky that is drawn off at 10 m/s is then noticed
 before it is 20 m away."""
 _PART_EPOCHS = 4
+_CHANNELS_M = 3.0
+"""Of a GLONASS signal beside others of its kind, one sigma: each satellite has a frequency of its own, and receivers'
+filters delay frequencies differently."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pairing:
-    """Sets, one a receiver, whose common satellites are looked at together."""
+    """Sets, one a receiver, whose common transmissions are looked at together."""
 
     sets: tuple[ConsistentSet, ...]
     ranges: CommonRanges
@@ -56,18 +65,35 @@ class Pairing:
 
     @cached_property
     def subject(self) -> tuple[SignalRef, ...]:
-        """The signals of the satellites that all have, receiver by receiver."""
+        """The signals of the transmissions that all have, receiver by receiver."""
+        sent = {signal.transmission for signal in self.ranges.signals}
         return tuple(
             SignalRef(chosen.receiver, signal)
             for chosen in self.sets
             for signal in chosen.signals
-            if signal.sat in self.ranges.sats
+            if signal.transmission in sent
         )
 
     @cached_property
     def one_antenna(self) -> MeanTest:
         """Test of "all from one antenna"."""
         return one_antenna_test(self._levels[0])
+
+    @cached_property
+    def one_antenna_each_p_value(self) -> float:
+        """Of "the signals of some kind all come from one antenna": of several kinds the largest p-value.
+
+        1 where a kind has one satellite only, which nothing is known of.
+        """
+        kinds = self.ranges.kinds
+        if kinds.max(initial=0) == 0:
+            return float(self.one_antenna.p_value)
+        p_values = []
+        for kind in range(int(kinds.max()) + 1):
+            rows = np.flatnonzero(kinds == kind)
+            own = replace(self, ranges=self.ranges.take(rows)) if rows.size > 1 else None
+            p_values.append(1.0 if own is None else float(own.one_antenna.p_value))
+        return max(p_values)
 
     def threshold(self, false_alarm_probability: float) -> float:
         """What `one_antenna.statistic` has to exceed."""
@@ -77,8 +103,7 @@ class Pairing:
     @cached_property
     def scatter_m(self) -> float:
         """How much the range differences between receivers differ from satellite to satellite, rms."""
-        difference_m = self.ranges.mean_m[:, 1:] - self.ranges.mean_m[:, :1]
-        return float(np.sqrt(np.mean((difference_m - difference_m.mean(axis=0)) ** 2)))
+        return float(np.sqrt(np.mean(self.ranges.apart_m**2)))
 
     @cached_property
     def noise_m(self) -> float:
@@ -167,6 +192,25 @@ class Pairing:
             )
         return tuple(found)
 
+    @cached_property
+    def largest_errors(self) -> Baseline | None:
+        """The baseline over the window with the covariance that errors as large as the noise model's bound give it.
+
+        None without orbits or a bound.
+        """
+        levels, matrix = self._levels
+        if self.unit_enu is None or not levels.bounded:
+            return None
+        means = Means(levels.level[-1], levels.variance[-1])
+        estimate = baseline_estimate(means, baseline_design(matrix, self.unit_enu))
+        return Baseline(
+            receivers=self.receivers,
+            start_gpst=self.start_gpst,
+            end_gpst=self.end_gpst,
+            enu_m=estimate.enu_m.reshape(-1, 3),
+            covariance_m2=estimate.covariance_m2,
+        )
+
     def _instant(self, share: float) -> np.datetime64:
         length_ns = int((self.end_gpst - self.start_gpst) / np.timedelta64(1, "ns"))
         instant: np.datetime64 = self.start_gpst + np.timedelta64(round(share * length_ns), "ns")
@@ -175,7 +219,7 @@ class Pairing:
     @cached_property
     def _contrasts(self) -> tuple[Reals, Reals, Reals]:
         """Of all receivers, over the window: values, gain and matrix as of `table_contrasts`."""
-        return table_contrasts(self.ranges.range_m, self.ranges.sigma_m)
+        return table_contrasts(self.ranges.range_m, self.ranges.sigma_m, self.ranges.kinds)
 
     @cached_property
     def _levels(self) -> tuple[Levels, Reals]:
@@ -186,13 +230,38 @@ class Pairing:
     def _levels_of(self, receivers: list[int]) -> tuple[Levels, Reals]:
         if len(receivers) == len(self.sets):
             return self._levels
-        values, gain, matrix = table_contrasts(self.ranges.range_m[..., receivers], self.ranges.sigma_m[:, receivers])
+        ranges = self.ranges
+        values, gain, matrix = table_contrasts(
+            ranges.range_m[..., receivers], ranges.sigma_m[:, receivers], ranges.kinds
+        )
         return contrast_levels(values, gain, self.noise, self.ranges.gaps), matrix
 
 
-def pair_up(records: Records, sets: tuple[ConsistentSet, ...], noise: NoiseModel, *, min_satellites: int) -> Pairing:
-    """The common satellites of `sets` at common instants."""
-    ranges = common_ranges(records, sets, min_satellites=min_satellites)
+def groups_in(sets: Sequence[ConsistentSet], min_satellites: int) -> list[Kind | None]:
+    """The kinds that all sets have of enough satellites; [None], all kinds as one, where none is.
+
+    All kinds as one need as many transmissions beyond one a kind as a single kind does. Empty if they have fewer.
+    """
+    shared = shared_kinds(sets)
+    enough: list[Kind | None] = [kind for kind, count in shared.items() if count >= min_satellites]
+    if not enough and sum(shared.values()) - len(shared) >= min_satellites - 1:
+        return [None]
+    return enough
+
+
+def pair_up(
+    records: Records,
+    sets: tuple[ConsistentSet, ...],
+    noise: NoiseModel,
+    *,
+    min_satellites: int,
+    kind: Kind | None = None,
+) -> Pairing:
+    """The common transmissions of `sets` at common instants, of one kind or of all."""
+    ranges = common_ranges(records, sets, kind=kind, min_satellites=min_satellites)
+    by_frequency = any(scale == "R" and band in ("G1", "G2") for scale, band, _ in {s.kind for s in ranges.signals})
+    if by_frequency:
+        noise = replace(noise, multipath_sigma_m=float(np.hypot(noise.multipath_sigma_m, _CHANNELS_M)))
     return Pairing(
         sets=sets,
         ranges=ranges,
@@ -206,5 +275,10 @@ def pair_up(records: Records, sets: tuple[ConsistentSet, ...], noise: NoiseModel
 def versus(larger: Pairing, smaller: Pairing) -> RatioTest:
     """Test of "it is `larger`, not `smaller`, that comes from one antenna"."""
     return ratio_test(
-        larger.ranges.mean_m, larger.ranges.mean_sigma_m, smaller.ranges.mean_m, smaller.ranges.mean_sigma_m
+        larger.ranges.mean_m,
+        larger.ranges.mean_sigma_m,
+        smaller.ranges.mean_m,
+        smaller.ranges.mean_sigma_m,
+        larger_kinds=larger.ranges.kinds,
+        smaller_kinds=smaller.ranges.kinds,
     )

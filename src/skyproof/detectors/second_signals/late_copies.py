@@ -2,7 +2,8 @@
 
 A delay that is common to all satellites is a shift of the receiver's clock; it shows the same place. So a set of
 signals that shows the place of another, later and weaker, attacks no position: it is named for what it is, and the
-earlier set stands for both.
+earlier set stands for both. Both are compared in the kinds of signals that they share: clocks and strengths of
+different kinds tell nothing of each other.
 """
 
 from collections.abc import Sequence
@@ -31,9 +32,13 @@ def without_late_copies(observations: Observations, sets: Sequence[ConsistentSet
 
 def is_late_copy(late: ConsistentSet, early: ConsistentSet, observations: Observations) -> bool:
     """Whether a set shows the same place as another one of its receiver, later and by weaker signals."""
-    if late is early or not 0.0 < late.clock_bias_s - early.clock_bias_s <= MOST_LATE_M / SPEED_OF_LIGHT_M_S:
+    kinds = {s.kind for s in late.signals} & {s.kind for s in early.signals}
+    if late is early or not kinds:
         return False
-    if _level_dbhz(early, observations) - _level_dbhz(late, observations) < WEAKER_DB:
+    by_s = [late.clock_of_s(kind) - early.clock_of_s(kind) for kind in kinds]
+    if not 0.0 < min(by_s) <= max(by_s) <= MOST_LATE_M / SPEED_OF_LIGHT_M_S:
+        return False
+    if any(_level_dbhz(early, k, observations) - _level_dbhz(late, k, observations) < WEAKER_DB for k in kinds):
         return False
     off_m = late.position_ecef_m - early.position_ecef_m
     covariance_m2 = late.covariance_m2[:3, :3] + early.covariance_m2[:3, :3]
@@ -41,9 +46,10 @@ def is_late_copy(late: ConsistentSet, early: ConsistentSet, observations: Observ
     return squared <= float(chi_square_threshold(SAME_PLACE_PROBABILITY, 3))
 
 
-def _level_dbhz(chosen: ConsistentSet, observations: Observations) -> float:
-    """Median C/N0 of a set's signals."""
-    columns = [observations.signals.index(signal) for signal in chosen.signals if signal in observations.signals]
+def _level_dbhz(chosen: ConsistentSet, kind: tuple[str, str, str], observations: Observations) -> float:
+    """Median C/N0 of a set's signals of a kind."""
+    own = [signal for signal in chosen.signals if signal.kind == kind and signal in observations.signals]
+    columns = [observations.signals.index(signal) for signal in own]
     values: Reals = observations.cn0_dbhz[:, columns]
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else -np.inf

@@ -1,5 +1,8 @@
 """Satellites with more than one credible signal: an attack that does not hide the true signals shows beside them.
 
+Signals of one transmission are compared (satellite, band, code): what a satellite sends on two bands are no two signals
+of it. A satellite counts once, whichever of its transmissions has a second signal: one reflector makes all of them.
+
 A second signal must be clearly apart in delay or Doppler, which near echoes are not, and not much weaker, which the
 side lobes of a strong satellite's code are. Far echoes do happen, to one satellite here and there. So the statistic is
 the number of satellites with a second signal, binomial if echoes come to each satellite independently.
@@ -22,6 +25,7 @@ from skyproof.statistics.distributions import binomial_survival, binomial_thresh
 
 __all__ = ["Peaks", "PeaksSettings", "SecondSignals", "second_signals"]
 
+_Transmission = tuple[str, str, str]
 LATE_HZ = 10.0
 """By which the carrier of a late copy differs at most: it is not sent anew."""
 SAME_DELAY = 4.0
@@ -61,8 +65,8 @@ class SecondSignals:
     """Satellites of one receiver and window: all with a credible signal, those with a second one, and those of which it
     cannot be told, because the time of week, and with it the delay, is not known yet.
 
-    repeated : signals later and weaker than their satellite's strongest, by a delay that several satellites share; so
-        these satellites do not count as doubled.
+    repeated : signals later and weaker than the strongest of their transmission, by a delay that several satellites
+        share; so these do not make a satellite count as doubled.
     """
 
     sats: tuple[str, ...]
@@ -77,24 +81,25 @@ def second_signals(observations: Observations, settings: PeaksSettings) -> Secon
     there = np.isfinite(cn0_dbhz).sum(axis=0) >= settings.min_epochs
     level_dbhz = np.full(len(observations.signals), -np.inf)
     level_dbhz[there] = np.nanmedian(cn0_dbhz[:, there], axis=0)
-    by_sat: dict[str, list[int]] = {}
+    sent: dict[_Transmission, list[int]] = {}
     for channel in np.flatnonzero(level_dbhz >= settings.min_cn0_dbhz):
-        by_sat.setdefault(observations.signals[channel].sat, []).append(int(channel))
-    verdicts = {sat: _apart(observations, channels, level_dbhz, settings) for sat, channels in by_sat.items()}
-    doubled = {sat for sat, apart in verdicts.items() if apart is True}
-    repeated = _repeated(observations, {sat: by_sat[sat] for sat in sorted(doubled)}, level_dbhz, settings)
+        sent.setdefault(observations.signals[channel].transmission, []).append(int(channel))
+    verdicts = {name: _apart(observations, channels, level_dbhz, settings) for name, channels in sent.items()}
+    twice = sorted(name for name, apart in verdicts.items() if apart is True)
+    repeated = _repeated(observations, {name: sent[name] for name in twice}, level_dbhz, settings)
+    doubled = {sat for sat, *_ in set(twice) - {signal.transmission for signal in repeated}}
     return SecondSignals(
-        sats=tuple(sorted(by_sat)),
-        doubled=tuple(sorted(doubled - {signal.sat for signal in repeated})),
-        unknown=tuple(sorted(sat for sat, apart in verdicts.items() if apart is None)),
+        sats=tuple(sorted({sat for sat, *_ in sent})),
+        doubled=tuple(sorted(doubled)),
+        unknown=tuple(sorted({sat for (sat, *_), apart in verdicts.items() if apart is None} - doubled)),
         repeated=repeated,
     )
 
 
 def _repeated(
-    observations: Observations, doubled: Mapping[str, list[int]], level_dbhz: Reals, settings: PeaksSettings
+    observations: Observations, doubled: Mapping[_Transmission, list[int]], level_dbhz: Reals, settings: PeaksSettings
 ) -> tuple[SignalId, ...]:
-    """Second signals of satellites with two, later and weaker, whose delays agree: a late copy of the whole sky."""
+    """Second signals of transmissions with two, later and weaker, whose delays agree: a late copy of the whole sky."""
     late: dict[int, tuple[float, float]] = {}
     for channels in doubled.values():
         strong, other = sorted(channels, key=lambda c: -level_dbhz[c])[:2]
@@ -108,15 +113,16 @@ def _repeated(
             thermal_m = observations.pseudorange_sigma_m[known][:, [strong, other]]
             variance = np.sum(thermal_m**2) / known.sum() ** 2 + 2.0 * settings.multipath_sigma_m**2
             late[other] = float(np.mean(difference_m[known])), float(np.sqrt(variance))
-    if len(late) < 2:
+    if len({observations.signals[c].sat for c in late}) < 2:
         return ()
     common_m = float(np.median([delay_m for delay_m, _ in late.values()]))
     agreeing = [c for c, (delay_m, sigma_m) in late.items() if abs(delay_m - common_m) < SAME_DELAY * sigma_m]
-    return tuple(observations.signals[c] for c in agreeing) if len(agreeing) > 1 else ()
+    several = len({observations.signals[c].sat for c in agreeing}) > 1
+    return tuple(observations.signals[c] for c in agreeing) if several else ()
 
 
 def _apart(observations: Observations, channels: list[int], level_dbhz: Reals, settings: PeaksSettings) -> bool | None:
-    """Whether two of a satellite's channels are apart; None if that cannot be told."""
+    """Whether two of a transmission's channels are apart; None if that cannot be told."""
     strong = [c for c in channels if level_dbhz[c] >= level_dbhz[channels].max() - settings.max_weaker_db]
     chip_m = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
     told = True

@@ -1,14 +1,21 @@
 """How improbable a second consistent set is, if a receiver's second signals have nothing to do with each other."""
 
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 
+from skyproof.arrays import Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.chance import chance_p_value, set_combinations
+from skyproof.navigation.skies import apart_p_value
 from skyproof.navigation.window import window_mean
-from skyproof.records import ConsistentSet, Observations
+from skyproof.records import ConsistentSet, Observations, SignalId
+from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["second_sky_p_value"]
+
+_FITS_PROBABILITY = 1e-4  # of the sets' chi-square test
 
 
 def second_sky_p_value(
@@ -18,28 +25,60 @@ def second_sky_p_value(
     unrelated_spread_m: float,
     multipath_sigma_m: float = 1.0,
 ) -> float:
-    """Chance that one of a receiver's `sets` beside the largest comes from unrelated signals; 1 with fewer than two.
+    """Chance that one of a receiver's `sets` beside the largest is of no second sky; 1 with fewer than two.
 
-    Given that there are second signals at all: how many there are is another question (`peaks`), so the two p-values
-    are of independent things. The signals outside the largest set are taken as independent and uniform over
-    `unrelated_spread_m`, and a set's own statistic as the limit that another would have had to meet; the union bound
-    runs over all sets of this size that they could form, and over the sets that were found.
+    A set with signals of a kind that the largest has as well is beside it by second signals. Given that there are
+    second signals at all: how many there are is another question (`peaks`), so the two p-values are of independent
+    things. The signals outside the largest set are taken as independent and uniform over `unrelated_spread_m`, and a
+    set's own statistic as the limit that another would have had to meet; the union bound runs over all sets of this
+    size that they could form, over the kinds (all have to fit, the least likely counts), and over the sets that were
+    found.
+
+    A set of other kinds altogether (all of GPS show one place, all of Galileo another) needs no second signal. It is of
+    the same sky unless the places are farther apart than errors explain (`skies.apart_p_value`).
     """
     ordered = sorted(sets, key=lambda s: (-len(s.signals), s.statistic))
     if len(ordered) < 2:
         return 1.0
     mean = window_mean(observations)
     sigma_m = {signal: np.hypot(s, multipath_sigma_m) for signal, s in zip(mean.signals, mean.sigma_m, strict=True)}
-    beside = Counter(signal.sat for signal in observations.signals if signal not in ordered[0].signals)
-    p_values = [
-        float(
-            chance_p_value(
-                np.array([sigma_m.get(signal, multipath_sigma_m) for signal in chosen.signals]),
-                window_m=unrelated_spread_m,
-                largest_statistic=max(chosen.statistic, 1e-6),
-                combinations=set_combinations(np.array(list(beside.values())), len(chosen.signals)),
-            )
-        )
-        for chosen in ordered[1:]
-    ]
+    first = ordered[0]
+    known = {signal.kind for signal in first.signals}
+    p_values = []
+    for chosen in ordered[1:]:
+        shared = sorted({signal.kind for signal in chosen.signals} & known)
+        if not shared:
+            p_values.append(_another_place(first, chosen))
+            continue
+        chances = []
+        for kind in shared:
+            own = [signal for signal in chosen.signals if signal.kind == kind]
+            beside = [s for s in observations.signals if s.kind == kind and s not in first.signals]
+            own_sigma_m = np.array([sigma_m.get(signal, multipath_sigma_m) for signal in own])
+            chances.append(_by_chance(chosen, own, own_sigma_m, beside, unrelated_spread_m))
+        p_values.append(min(1.0, len(chances) * min(chances)))
     return min(1.0, len(p_values) * min(p_values))
+
+
+def _by_chance(
+    chosen: ConsistentSet, own: Sequence[SignalId], sigma_m: Reals, beside: Sequence[SignalId], spread_m: float
+) -> float:
+    """Of the signals `own` of one kind, among those `beside` the largest set."""
+    limit = max(chosen.statistic, 1e-6)
+    if len(own) < len(chosen.signals):  # what part of the statistic is theirs is not known
+        limit = max(limit, float(chi_square_threshold(_FITS_PROBABILITY, max(len(own) - 4, 1))))
+    copies = np.array(list(Counter(signal.sat for signal in beside).values()))
+    count = set_combinations(copies, len(own))
+    return float(chance_p_value(sigma_m, window_m=spread_m, largest_statistic=limit, combinations=count))
+
+
+def _another_place(one: ConsistentSet, other: ConsistentSet) -> float:
+    covariance_m2 = one.covariance_m2 + other.covariance_m2
+    return apart_p_value(
+        one.position_ecef_m - other.position_ecef_m,
+        covariance_m2[:3, :3],
+        SPEED_OF_LIGHT_M_S * (one.clock_bias_s - other.clock_bias_s),
+        float(covariance_m2[3, 3]),
+        one.statistic + other.statistic,
+        one.dof + other.dof,
+    )
