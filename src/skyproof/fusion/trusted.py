@@ -14,6 +14,9 @@ from skyproof.records import CellStatus, Fix, NavigationData, Observations, Sign
 
 __all__ = ["fix_of", "labelled", "masked", "only"]
 
+NEARLY_AS_MANY = 0.75
+"""A band is not left for one that has a satellite more."""
+
 
 def labelled(observations: Observations, labels: Sequence[LabelledSignal], label: Label) -> Observations:
     """The observations with every cell that does not carry `label` emptied."""
@@ -50,16 +53,17 @@ def masked(observations: Observations, mask: Booleans) -> Observations:
 def fix_of(
     observations: Observations, navigation: NavigationData, *, multipath_sigma_m: float, elevation_mask_deg: float
 ) -> Fix | None:
-    """The fix from all cells that are left, at most one signal of a satellite at a time; None without any.
+    """The fix from all cells that are left, at each epoch of one kind of signal of each time scale; None without any.
 
     Epochs whose residuals fit no one position are no fix (`navigation.screen`).
-    Two signals of one satellite with the same label leave it open which is meant: neither is used.
+    Two signals of one transmission with the same label leave it open which is meant: neither is used.
     """
     usable = np.isfinite(observations.pseudorange_m)
-    for sat in {signal.sat for signal in observations.signals}:
-        columns = [i for i, signal in enumerate(observations.signals) if signal.sat == sat]
+    for transmission in {signal.transmission for signal in observations.signals}:
+        columns = [i for i, signal in enumerate(observations.signals) if signal.transmission == transmission]
         twice = usable[:, columns].sum(axis=1) > 1
         usable[np.ix_(twice, columns)] = False
+    usable &= _one_kind_a_scale(observations.signals, usable)
     kept = np.flatnonzero(usable.any(axis=0))
     if kept.size < 4:
         return None
@@ -72,3 +76,19 @@ def fix_of(
         elevation_mask_deg=elevation_mask_deg,
     )
     return screened(*found)
+
+
+def _one_kind_a_scale(signals: Sequence[SignalId], usable: Booleans) -> Booleans:
+    """Which cells (n_epochs, n_signals) are of the kind that is taken: one a time scale and epoch.
+
+    The first kind, L1 before L2, that has `NEARLY_AS_MANY` of the signals that any of the scale has. So the scale's
+    clock is one kind's, where bands are false at different times as well; it steps where the kind changes.
+    """
+    taken = np.zeros_like(usable)
+    for scale in {signal.kind[0] for signal in signals}:
+        kinds = sorted({signal.kind for signal in signals if signal.kind[0] == scale})
+        of = np.array([kinds.index(signal.kind) if signal.kind in kinds else -1 for signal in signals])
+        count = np.stack([usable[:, of == number].sum(axis=1) for number in range(len(kinds))])
+        chosen = np.argmax(count >= NEARLY_AS_MANY * count.max(axis=0), axis=0)
+        taken |= of == chosen[:, None]
+    return taken
