@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from skyproof.app.common.platform import read_platform
+from skyproof.formats.attitude import read_attitude
+from skyproof.formats.imu import read_imu
 from skyproof.formats.raw import open_raw
 from skyproof.formats.readings import header_length, likely_packings
 from skyproof.formats.recording import open_recording
@@ -65,6 +67,17 @@ def _obs(path: Path) -> None:
 
 def _track(path: Path) -> None:
     _in_time(read_track(path).start_gpst)
+
+
+def _imu(path: Path) -> None:
+    found = read_imu(path)
+    assert np.isfinite(found.specific_force_m_s2).all()
+    assert np.isfinite(found.angular_rate_rad_s).all()
+    _in_time(*found.series(np.datetime64("2022-01-01", "ns")).gpst[[0, -1]])
+
+
+def _attitude(path: Path) -> None:
+    _in_time(*read_attitude(path).attitude(np.datetime64("2022-01-01", "ns"), 0.01).gpst[[0, -1]])
 
 
 def _samples(opened: tuple[Samples, ...]) -> None:
@@ -138,9 +151,11 @@ READERS: dict[str, Reader] = {
     "nav": Reader("a.rnx", _nav, (*_NAV, *_packed(_NAV[1])), 16),
     "obs": Reader("a.obs", _obs, (*_OBS, *_packed(_OBS[1])), 16),
     "compact": Reader("a.crx", _obs, _COMPACT, 3),
-    "csv": Reader("a.csv", _track, _seeds("track.csv", "track-ecef.csv"), 8),
-    "nmea": Reader("a.nmea", _track, _seeds("track.nmea"), 8),
-    "kml": Reader("a.kml", _track, _seeds("track.kml", "line.kml"), 8),
+    "csv": Reader("a.csv", _track, _seeds("track.csv", "track-ecef.csv"), 6),
+    "imu": Reader("a.csv", _imu, _seeds("imu.csv", "imu-time.csv"), 4),
+    "attitude": Reader("a.csv", _attitude, _seeds("attitude.csv"), 2),
+    "nmea": Reader("a.nmea", _track, _seeds("track.nmea"), 6),
+    "kml": Reader("a.kml", _track, _seeds("track.kml", "line.kml"), 6),
     "sidecar": Reader("a.toml", _sidecar, _seeds("sidecar.toml", "sidecar-real.toml"), 8, (("a.bin", _RANDOM[:4096]),)),
     "sigmf": Reader(
         "a.sigmf-meta", _sigmf, _seeds("ci8.sigmf-meta", "bits.sigmf-meta"), 8, (("a.sigmf-data", _RANDOM[:20480]),)

@@ -21,6 +21,8 @@ __all__ = [
     "OBSERVATION_BYTES",
     "REMARKS",
     "SECONDS",
+    "SERIES_BYTES",
+    "SERIES_ROWS",
     "SETTINGS_BYTES",
     "TRACK_BYTES",
     "XML_TAGS",
@@ -38,6 +40,9 @@ NAVIGATION_BYTES: Final = 1 << 26
 """Unpacked. All satellites of all systems give 10 MB in a day."""
 OBSERVATION_BYTES: Final = 1 << 28
 """Unpacked and expanded. A day at one epoch a second of 20 satellites fits."""
+SERIES_BYTES: Final = 1 << 30
+"""Of readings over time: ten hours at 200 a second fit, as CSV."""
+SERIES_ROWS: Final = 1 << 24
 DEPTH: Final = 32
 """Of tables in tables, and of the parts of a dotted key."""
 CHARACTERS_OF_LINE: Final = 1000

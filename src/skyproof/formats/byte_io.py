@@ -57,7 +57,8 @@ def content_of(path: Path, most: int, what: str, to_do: str) -> bytes:
     try:
         if stat.S_ISREG(mode := path.stat().st_mode) or stat.S_ISDIR(mode):  # a folder is refused by `open`
             with open(path, "rb") as file:
-                content = file.read(most + 1)
+                size = os.fstat(file.fileno()).st_size  # `read` takes the memory that it is allowed
+                content = file.read(min(size, most) + 1)
         else:
             raise InputError(f"{path}: {what} is a pipe or a device, expected a regular file; {to_do}")
     except OSError as error:

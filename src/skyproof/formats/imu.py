@@ -1,0 +1,193 @@
+"""Readings of an inertial unit from CSV or Parquet.
+
+Columns: `gpst` or `time_s` (see `skyproof.formats.timed_rows`), `accel_x_m_s2` to `accel_z_m_s2`, specific force, which
+is 9.8 m/s2 upwards at rest, and `gyro_x_rad_s` to `gyro_z_rad_s`, relative to inertial space: means over the intervals
+that end at the time, in the unit's own axes. Rows come at an even rate. A row that lacks a number, or is absent, is a
+reading that is missing, which is reported and left out of the series.
+
+Units that are confused are noticed by what the numbers say, and refused: accelerations by gravity; rates by how far
+gravity turns in the accelerometers where the body tilts, or by turns that are too fast. Rates of a body that does
+neither show nothing.
+"""
+
+import os
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skyproof.arrays import Indices, Instants, Integers, Reals
+from skyproof.errors import InputError
+from skyproof.formats.timed_rows import TimedRows, read_timed_rows
+from skyproof.records import ImuSeries
+
+__all__ = ["COLUMNS", "ImuFile", "read_imu"]
+
+COLUMNS: Final = tuple(f"accel_{axis}_m_s2" for axis in "xyz") + tuple(f"gyro_{axis}_rad_s" for axis in "xyz")
+_NO_READING: Final = 1e5  # m/s2 or rad/s: what no unit measures
+_UNEVEN: Final = 0.2  # of an interval, root mean square: more is no even rate
+_LEAST_SHARE: Final = 0.5  # of the readings that an even rate makes between the first and the last
+_FORCE_M_S2: Final = 5.0, 20.0  # between which the median of a body that moves on the Earth lies
+_FORCE_UNITS: Final = (("g", 9.80665), ("mg", 9.80665e-3), ("ft/s2", 0.3048))
+_FASTEST_RAD_S: Final = 10.0  # over a block: one and a half turns a second
+_BLOCK_S: Final = 0.5  # over which rates and gravity's direction are averaged
+_SURE: Final = 10.0  # standard errors
+_ALIKE: Final = 0.5, 2.0  # of the slope that confused units would have
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImuFile:
+    """Readings as `ImuSeries`, but for the instant of `time_s` = 0, which the file does not tell.
+
+    time_ns : (n,) ends of the intervals: of `datetime64[ns]` if `dated`, else since `time_s` = 0.
+    specific_force_m_s2, angular_rate_rad_s : (n, 3) in body axes.
+    """
+
+    source: str
+    time_ns: Integers
+    dated: bool
+    interval_s: float
+    specific_force_m_s2: Reals
+    angular_rate_rad_s: Reals
+    remarks: tuple[str, ...] = ()
+
+    def series(self, zero_gpst: np.datetime64) -> ImuSeries:
+        """The readings in GPS time. zero_gpst : of `time_s` = 0; of no account where the file has `gpst`."""
+        zero: np.datetime64 = np.datetime64(0, "ns") if self.dated else zero_gpst.astype("datetime64[ns]")
+        gpst: Instants = zero + self.time_ns.astype("timedelta64[ns]")
+        return ImuSeries(
+            gpst=gpst,
+            interval_s=self.interval_s,
+            specific_force_m_s2=self.specific_force_m_s2,
+            angular_rate_rad_s=self.angular_rate_rad_s,
+        )
+
+
+def read_imu(path: str | os.PathLike[str], *, rot_body_unit: ArrayLike | None = None) -> ImuFile:
+    """The readings in a file that ends in .csv or .parquet, in body axes (forward, right, down).
+
+    rot_body_unit : (3, 3) rotation from the unit's axes to the body's; the same axes if absent.
+
+    Raises
+    ------
+    InputError : as `read_timed_rows`; rows that come at no even rate, fewer than two whole ones, or numbers that no
+        body on the Earth gives in these units.
+    """
+    rows = read_timed_rows(path, COLUMNS, "the inertial readings")
+    whole = np.flatnonzero((np.abs(rows.values) < _NO_READING).all(axis=1))
+    if whole.size < 2:
+        raise InputError(
+            f"{rows.source}: {whole.size} rows have all six readings, expected two or more; give a file with readings"
+        )
+    force, rate = rows.values[whole, :3], rows.values[whole, 3:]
+    interval_s, steps = _rate(rows, whole)
+    _require_force(rows.source, force)
+    _require_turning(rows.source, force, rate, steps, interval_s)
+    rotation = np.eye(3) if rot_body_unit is None else np.asarray(rot_body_unit, np.float64)
+    return ImuFile(
+        source=rows.source,
+        time_ns=rows.time_ns[whole],
+        dated=rows.dated,
+        interval_s=interval_s,
+        specific_force_m_s2=force @ rotation.T,
+        angular_rate_rad_s=rate @ rotation.T,
+        remarks=_missing(steps, interval_s),
+    )
+
+
+def _rate(rows: TimedRows, whole: Indices) -> tuple[float, Integers]:
+    """Length of an interval, and how many of them lie between neighbouring readings (n - 1,): more than one at a gap.
+
+    Raises InputError if no even rate can be seen in the times.
+    """
+    apart_s = np.diff(rows.time_ns[whole]) * 1e-9
+    steps = np.maximum(np.rint(apart_s / np.median(apart_s)), 1.0)
+    interval_s = float(apart_s.sum() / steps.sum())
+    uneven = apart_s / interval_s - steps
+    if np.sqrt(np.mean(uneven**2)) > _UNEVEN or apart_s.size < _LEAST_SHARE * steps.sum():
+        worst = int(np.argmax(np.abs(uneven)))
+        raise InputError(
+            f"{rows.where(int(whole[worst + 1]))}: {apart_s[worst]:.6g} s after the reading before, where one every "
+            f"{np.median(apart_s):.6g} s is usual: the rate is not even, or most readings are missing; give readings "
+            "at an even rate"
+        )
+    return interval_s, steps.astype(np.int64)
+
+
+def _missing(steps: Integers, interval_s: float) -> tuple[str, ...]:
+    """What to report of gaps."""
+    gaps = steps[steps > 1]
+    if not gaps.size:
+        return ()
+    return (
+        f"{int((gaps - 1).sum())} of {int(steps.sum()) + 1} readings are missing, in {gaps.size} gaps; the longest is "
+        f"{gaps.max() * interval_s:.3g} s",
+    )
+
+
+def _require_force(source: str, force: Reals) -> None:
+    """Raise InputError unless the accelerometers feel about gravity, as all that moves on the Earth does."""
+    usual = float(np.median(np.linalg.norm(force, axis=1)))
+    if _FORCE_M_S2[0] <= usual <= _FORCE_M_S2[1]:
+        return
+    near = [(name, size) for name, size in _FORCE_UNITS if _FORCE_M_S2[0] <= usual * size <= _FORCE_M_S2[1]]
+    if near:
+        name, size = min(near, key=lambda unit: abs(np.log(usual * unit[1] / 9.8)))
+        raise InputError(
+            f"{source}: the accelerations are {usual:.4g} in the middle, as gravity is in {name}, expected m/s2; "
+            f"multiply them by {size:g}"
+        )
+    raise InputError(
+        f"{source}: the accelerations are {usual:.4g} m/s2 in the middle, expected about 9.8, which gravity is; give "
+        "specific force in m/s2, with gravity in it"
+    )
+
+
+def _require_turning(source: str, force: Reals, rate: Reals, steps: Integers, interval_s: float) -> None:
+    """Raise InputError if the rates are in degrees a second, or turn the other way than gravity in the accelerometers.
+
+    Between two blocks of half a second the direction of the mean force turns by minus the angle that the gyros sum up,
+    but for accelerations, which have nothing to do with it: the slope of the one over the other is 1, with its own
+    error. Where nothing tilts it is 0 within that error, and says nothing.
+    """
+    length = max(round(_BLOCK_S / interval_s), 1)
+    count = len(rate) // length
+    means = rate[: count * length].reshape(count, length, 3).mean(axis=1)
+    fastest = float(np.linalg.norm(means, axis=1).max(initial=0.0)) if length * interval_s > 0.5 * _BLOCK_S else 0.0
+    slope, sigma = _slope(force, means, steps, length, interval_s)
+    told = "expected rad/s; multiply them by pi / 180"
+    if slope > _SURE * sigma and _ALIKE[0] < np.degrees(slope) < _ALIKE[1]:
+        raise InputError(
+            f"{source}: gravity turns in the accelerometers by {slope:.4f} of what the gyros say, as if these were in "
+            f"degrees a second, {told}"
+        )
+    if fastest > _FASTEST_RAD_S:
+        raise InputError(
+            f"{source}: the gyros say {fastest:.3g} for half a second, {fastest / (2.0 * np.pi):.1f} turns a second, "
+            f"{told} if they are in degrees a second"
+        )
+    if -slope > _SURE * sigma and _ALIKE[0] < -slope < _ALIKE[1]:
+        raise InputError(
+            f"{source}: gravity turns in the accelerometers the other way than the gyros say (slope {slope:.2f}, "
+            "expected 1): the axes of the two differ, or one has a wrong sign; give both in the same right-handed axes"
+        )
+
+
+def _slope(force: Reals, means: Reals, steps: Integers, length: int, interval_s: float) -> tuple[float, float]:
+    """Of what gravity's direction does over what the gyros say, and its standard error (infinite if there is none)."""
+    count = len(means)
+    ends = np.concatenate(([0], np.cumsum(steps)))
+    whole = ends[length - 1 :: length][:count] - ends[: count * length : length] == length - 1  # no gap within
+    joined = np.append(steps, 2)[length - 1 : (count - 1) * length : length] == 1
+    pull = force[: count * length].reshape(count, length, 3).mean(axis=1)
+    pull /= np.linalg.norm(pull, axis=1, keepdims=True) + 1e-300
+    turn = 0.5 * (means[1:] + means[:-1]) * (length * interval_s)
+    seen, said = np.diff(pull, axis=0), -np.cross(turn, 0.5 * (pull[1:] + pull[:-1]))
+    used = whole[1:] & whole[:-1] & joined & (np.linalg.norm(seen, axis=1) < 0.5)
+    seen, said = seen[used].ravel(), said[used].ravel()
+    power = float(said @ said)
+    if seen.size < 30 or power == 0.0:
+        return 0.0, np.inf
+    slope = float(said @ seen) / power
+    return slope, float(np.sqrt(np.mean((seen - slope * said) ** 2) / power))

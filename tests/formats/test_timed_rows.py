@@ -1,0 +1,112 @@
+"""Rows over time: what is written comes back, and what cannot be read says where."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skyproof.errors import InputError
+from skyproof.formats.tables import write_table
+from skyproof.formats.timed_rows import read_timed_rows
+
+START = np.datetime64("2022-01-01T10:29:58", "ns")
+NUMBERS = st.floats(-1e6, 1e6) | st.just(np.nan)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("rows")
+
+
+def csv(tmp_path, text):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    return path
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 10**10), NUMBERS, NUMBERS), min_size=1, max_size=8),
+    st.sampled_from([".csv", ".parquet"]),
+    st.booleans(),
+)
+def test_what_is_written_comes_back(folder, rows, ending, dated):
+    steps_ns, a, b = zip(*rows, strict=True)
+    times_ns = np.cumsum(np.array(steps_ns) if dated else np.array(steps_ns) // 1000 * 1000 + 1000)
+    time = {"gpst": START + times_ns.astype("timedelta64[ns]")} if dated else {"time_s": times_ns * 1e-9}
+    path = folder / f"rows{ending}"
+    write_table(path, {"other": np.full(len(rows), "x"), "b": np.array(b), **time, "a": np.array(a)})
+    found = read_timed_rows(path, ("a", "b"), "the rows")
+    assert found.dated == dated
+    assert np.array_equal(found.time_ns - (START.astype(np.int64) if dated else 0), times_ns)
+    assert np.array_equal(found.values, np.column_stack([a, b]), equal_nan=True)
+    assert (
+        found.where(len(rows) - 1)
+        == f"{path}: {'line' if ending == '.csv' else 'row'} {len(rows) + (ending == '.csv')}"
+    )
+
+
+def test_spaces_empty_lines_and_columns_that_nobody_asked_for_do_no_harm(tmp_path):
+    path = csv(tmp_path, '\ufefftime_s, a ,note,note,b\n0.0, 1,"x, y",,2\n\n0.5,,z,,"3"\n')
+    found = read_timed_rows(path, ("a", "b"), "the rows")
+    assert found.time_ns.tolist() == [0, 500_000_000]
+    assert np.array_equal(found.values, [[1.0, 2.0], [np.nan, 3.0]], equal_nan=True)
+    assert found.where(1).endswith("a.csv: line 4")
+
+
+HEAD = "gpst,a,b\n2022-01-01T00:00:00,1,2\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "line 1: the columns are none, expected gpst or time_s, a, b as well"),
+        ("a" * 140_000 + "\n", "line 1: field larger than field limit"),
+        ("time_s,b\n", "line 1: the columns are time_s, b, expected a as well"),
+        ("time_s,a,a,b\n1,2,3,4\n", "line 1: the column a stands twice"),
+        ("time_s,a,b\n", "no rows"),
+        (HEAD + "2022-01-01T00:00:01,1\n", "line 3: 2 fields, expected 3"),
+        (HEAD + "2022-01-01T00:00:01,1,2,3\n", "line 3: 4 fields, expected 3"),
+        (HEAD + "\n2022-01-01T00:00:01,1,two\n", 'line 4, b: "two" is no number'),
+        (HEAD + "2022-01-01T00:00:01Z,1,2\n", "line 3, gpst: .*without a zone"),
+        (HEAD + "1650-01-01T00:00:01,1,2\n", "line 3, gpst: the year is 1650, expected 1980 to 2199"),
+        (HEAD + "9650-01-01T00:00:01,1,2\n", "line 3, gpst: the year is 9650, expected 1980 to 2199"),
+        (HEAD + ",1,2\n", "line 3, gpst: no time, expected an instant"),
+        (HEAD + "2022-01-01T00:00:00,1,2\n", "line 3, gpst: the same time as the row before"),
+        (HEAD + "2021-12-31T23:59:59.5,1,2\n", "line 3, gpst: earlier than the row before"),
+        ("time_s,a,b\n1,2,3\nnan,2,3\n", "line 3, time_s: no time, expected seconds"),
+        ("time_s,a,b\n1,2,3\n1.7e9,2,3\n", "line 3, time_s: no time, expected seconds, 1e.09 or less"),
+    ],
+)
+def test_what_cannot_be_read_says_where_and_what_to_do(tmp_path, text, words):
+    with pytest.raises(InputError, match=words):
+        read_timed_rows(csv(tmp_path, text), ("a", "b"), "the rows")
+
+
+def test_a_file_of_another_kind_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"ends in \".txt\"; give .csv or .parquet"):
+        read_timed_rows(tmp_path / "a.txt", ("a",), "the rows")
+    path = tmp_path / "a.parquet"
+    path.write_bytes(b"PAR1, but not really")
+    with pytest.raises(InputError, match="no Parquet file that can be read"):
+        read_timed_rows(path, ("a",), "the rows")
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"gpst": pa.array([0, 1], pa.timestamp("us", "UTC")), "a": [1.0, 2.0]}, "expected a timestamp without a zone"),
+        ({"gpst": [0.0, 1.0], "a": [1.0, 2.0]}, "the column gpst is of type double, expected a timestamp"),
+        ({"time_s": ["0", "x"], "a": [1.0, 2.0]}, "row 1, time_s: of type string, expected seconds"),
+        ({"time_s": [0.0, 1.0], "a": ["1", "2"]}, "the column a is of type string, expected numbers"),
+        ({"time_s": [0.0, None], "a": [1.0, 2.0]}, "row 2, time_s: no time"),
+        ({"gpst": pa.array([0, 1], pa.timestamp("s")), "a": [1.0, 2.0]}, "row 1, gpst: the year is 1970"),
+        ({"gpst": pa.array([10**12, 10**13], pa.timestamp("s")), "a": [1.0, 2.0]}, "row 1, gpst: the year is"),
+    ],
+)
+def test_a_column_of_another_type_is_refused(tmp_path, columns, words):
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table(columns), path)
+    with pytest.raises(InputError, match=words):
+        read_timed_rows(path, ("a",), "the rows")
