@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from skyproof.navigation.clock import anchored
+from skyproof.navigation.clock import anchored, unstepped
 from skyproof.navigation.fix import fix
 from skyproof.navigation.ranges import corrected_ranges
 
@@ -48,3 +50,49 @@ def test_a_bias_that_is_no_number_or_does_not_fit_is_refused(sky, bias_s):
     seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=5).observations
     with pytest.raises(ValueError, match="clock_bias_s must be finite"):
         anchored(seen, bias_s)
+
+
+def stepping(sky, *, step_s=1.0, carrier_too=True, dopplers=True):
+    """A clock that drifts by 100 us a second, which the receiver sets by a millisecond now and then; and as it runs."""
+    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    drift = 1e-4
+    free = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=30, drift=drift, step_s=step_s).observations
+    told = anchored(free, drift * step_s * np.arange(30))
+    told = replace(told, elapsed_s=(told.gpst - told.gpst[0]) / np.timedelta64(1, "ns") * 1e-9)
+    if not carrier_too:
+        told = replace(told, carrier_cyc=free.carrier_cyc)
+    if not dopplers:
+        told = replace(told, doppler_hz=np.full_like(told.doppler_hz, np.nan))
+    return free, told
+
+
+@pytest.mark.parametrize("step_s", [0.1, 1.0])
+@pytest.mark.parametrize("carrier_too", [True, False])
+@pytest.mark.parametrize("dopplers", [True, False])
+def test_steps_of_a_clock_are_taken_back_however_the_receiver_makes_them(sky, step_s, carrier_too, dopplers):
+    free, told = stepping(sky, step_s=step_s, carrier_too=carrier_too, dopplers=dopplers)
+    steady, steps = unstepped(told)
+    np.testing.assert_allclose(steady.pseudorange_m, free.pseudorange_m, atol=1e-6)
+    np.testing.assert_allclose(steady.carrier_cyc, free.carrier_cyc, atol=1e-4)
+    np.testing.assert_array_equal(steady.gpst, free.gpst)
+    np.testing.assert_allclose(steady.elapsed_s, free.elapsed_s, atol=1e-8)
+    assert sum(step.milliseconds for step in steps) == -round(1e-4 * step_s * 29 * 1e3)
+
+
+def test_a_clock_that_runs_on_is_left_alone(sky):
+    free, _ = stepping(sky)
+    assert unstepped(free) == (free, ())
+
+
+def test_a_step_that_not_all_satellites_make_is_no_step_of_the_clock(sky):
+    free, _ = stepping(sky)
+    code_m = free.pseudorange_m.copy()
+    code_m[15:, : code_m.shape[1] // 2 - 1] += 299792.458
+    assert unstepped(replace(free, pseudorange_m=code_m))[1] == ()
+
+
+def test_what_is_no_whole_millisecond_is_no_step_of_the_clock(sky):
+    free, _ = stepping(sky)
+    code_m = free.pseudorange_m.copy()
+    code_m[15:] += 299792.458 + 400.0
+    assert unstepped(replace(free, pseudorange_m=code_m))[1] == ()

@@ -17,6 +17,7 @@ from skyproof.fusion.labels import LabelledSignal, Source, label_signals, source
 from skyproof.fusion.open_question import OpenQuestion, open_question
 from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.fusion.unexplained import Unexplained, unexplained
+from skyproof.navigation.window import interval_s
 from skyproof.records import ConsistentSet, Evidence, ObservationLog, SignalRef
 
 __all__ = ["Decision", "fuse"]
@@ -100,7 +101,10 @@ def _common(observations: Sequence[ObservationLog]) -> tuple[np.datetime64, np.d
 def _always_authentic(
     o: ObservationLog, labels: Sequence[LabelledSignal], common: tuple[np.datetime64, np.datetime64]
 ) -> bool:
-    """Whether a fix could be made of authentic signals, but for moments, whenever enough signals were received."""
+    """Whether a fix could be made of authentic signals, but for moments, whenever enough signals were received.
+
+    Moments last `MOMENT_S`, or as long as two epochs that are missing.
+    """
     received = o.measured
     authentic = np.zeros_like(received)
     for s in labels:
@@ -109,7 +113,7 @@ def _always_authentic(
     matters = (received.sum(axis=1) > ENOUGH) & (o.gpst >= common[0]) & (o.gpst <= common[1])
     kept_s = o.elapsed_s[~matters | ((received & authentic).sum(axis=1) >= ENOUGH)]
     edges_s = np.concatenate([o.elapsed_s[:1], kept_s, o.elapsed_s[-1:]])
-    return bool(authentic.any() and np.diff(edges_s).max() <= MOMENT_S)
+    return bool(authentic.any() and np.diff(edges_s).max() <= max(MOMENT_S, 2.5 * interval_s(o.elapsed_s)))
 
 
 def _skies(sets: Sequence[ConsistentSet]) -> tuple[Source, ...]:

@@ -19,9 +19,10 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from skyproof.arrays import Integers, Reals
+from skyproof.navigation.window import interval_s
 from skyproof.records import Evidence, ObservationLog, SignalRef
 
-__all__ = ["Label", "LabelledSignal", "Source", "label_signals", "sources_of"]
+__all__ = ["Label", "LabelledSignal", "Source", "label_signals", "sources_of", "usual_window_s"]
 
 Label = Literal["authentic", "spoofed", "multipath", "unknown"]
 LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
@@ -29,9 +30,10 @@ SILENT = -1
 MIN_WINDOW_SHARE = 0.4
 BRIDGE_S = 11.0
 """Between two windows that say so, a signal that is tracked on is authentic for so long without evidence: one usual
-window. Before the first and after the last it is not."""
+window, or one of this run where those are longer. Before the first and after the last it is not."""
 BEFORE_S = 5.0
-"""Before the first window that says so a signal is spoofed for so long: what a usual window leaves out at its end."""
+"""Before the first window that says so a signal is spoofed for so long: what a usual window leaves out at its end, or
+half of one of this run."""
 NEARLY_ALL = 0.75
 """Of the signals that failed a test together: if fewer of them are authentic, that many are not just faulty ones."""
 Node = TypeVar("Node", bound=Hashable)
@@ -73,11 +75,12 @@ class _Vote:
 def label_signals(evidence: Sequence[Evidence], observations: Sequence[ObservationLog]) -> tuple[LabelledSignal, ...]:
     """Every signal of every receiver, cut where its label changes; in order of receiver, signal and time."""
     labelled: list[LabelledSignal] = []
+    window_s = usual_window_s(evidence)
     for o in observations:
         votes = _votes(evidence, o)
         for column, signal in enumerate(o.signals):
             ref = SignalRef(o.receiver, signal)
-            pieces = [p for arc in _arcs(o, column) for p in _label_arc(ref, o, arc, votes.get(ref, ()))]
+            pieces = [p for arc in _arcs(o, column) for p in _label_arc(ref, o, arc, votes.get(ref, ()), window_s)]
             labelled += _joined(pieces)
     return tuple(labelled)
 
@@ -121,6 +124,13 @@ def _votes(evidence: Sequence[Evidence], o: ObservationLog) -> dict[SignalRef, l
     return votes
 
 
+def usual_window_s(evidence: Sequence[Evidence]) -> float:
+    """Length of most windows, seconds: the last of a run may be longer or shorter."""
+    windows = {(e.start_gpst, e.end_gpst) for e in evidence}
+    lengths_s = [float((end - start) / np.timedelta64(1, "s")) for start, end in windows]
+    return float(np.median(lengths_s)) if lengths_s else 0.0
+
+
 def sources_of(evidence: Sequence[Evidence]) -> tuple[Source, ...]:
     """Transmitters of false signals: groups that evidence calls spoofed, joined over windows by shared signals."""
     groups = [e.subject for e in evidence if e.says == "spoofed"]
@@ -154,7 +164,9 @@ def _arcs(o: ObservationLog, column: int) -> list[tuple[int, int]]:
     return [(int(there[a]), int(there[b])) for a, b in zip(starts, ends, strict=True)]
 
 
-def _label_arc(ref: SignalRef, o: ObservationLog, arc: tuple[int, int], told: Sequence[_Vote]) -> list[LabelledSignal]:
+def _label_arc(
+    ref: SignalRef, o: ObservationLog, arc: tuple[int, int], told: Sequence[_Vote], window_s: float
+) -> list[LabelledSignal]:
     """The stretches of an arc that carry one label each: what windows say, and between them what both neighbours say.
 
     What only one side says holds on if it is *spoofed*; *authentic* does not.
@@ -165,7 +177,9 @@ def _label_arc(ref: SignalRef, o: ObservationLog, arc: tuple[int, int], told: Se
         here = said[vote.first_epoch - arc[0] : vote.last_epoch - arc[0] + 1]
         code = LABELS.index(vote.label)
         here[:] = np.where((here == SILENT) | (here == code), code, LABELS.index("unknown"))
-    codes = _filled(said, o.elapsed_s[arc[0] : arc[1] + 1])
+    bridge_s = max(BRIDGE_S, window_s + 1.5 * interval_s(o.elapsed_s))
+    before_s = max(BEFORE_S, 0.5 * window_s)
+    codes = _filled(said, o.elapsed_s[arc[0] : arc[1] + 1], bridge_s, before_s)
     starts = np.flatnonzero(np.diff(codes, prepend=SILENT))
     ends = np.append(starts[1:], codes.size) - 1
     return [
@@ -182,7 +196,7 @@ def _within(vote: _Vote, arc: tuple[int, int]) -> _Vote | None:
     return replace(vote, first_epoch=first, last_epoch=last)
 
 
-def _filled(said: Integers, elapsed_s: Reals) -> Integers:
+def _filled(said: Integers, elapsed_s: Reals, bridge_s: float, before_s: float) -> Integers:
     """Codes of labels (n_epochs,) with the silent ones filled from the nearest that are not, before and after."""
     unknown, authentic = LABELS.index("unknown"), LABELS.index("authentic")
     row = np.arange(said.size)
@@ -194,8 +208,8 @@ def _filled(said: Integers, elapsed_s: Reals) -> Integers:
     agreed = np.where(one == SILENT, other, np.where((other == SILENT) | (one == other), one, unknown))
     agreed[agreed == SILENT] = unknown
     begun = before < said.size
-    bridged = times_s[after] - np.where(begun, times_s[before], -np.inf) <= BRIDGE_S
-    early = ~begun & (times_s[after] - times_s[row] > BEFORE_S)
+    bridged = times_s[after] - np.where(begun, times_s[before], -np.inf) <= bridge_s
+    early = ~begun & (times_s[after] - times_s[row] > before_s)
     return np.where(((agreed == authentic) & ~bridged) | early, unknown, agreed)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyproof.fusion.labels import LabelledSignal
+from skyproof.navigation.window import interval_s
 from skyproof.records import ObservationLog, SignalRef
 
 __all__ = ["Onset", "end_of", "onset_of"]
@@ -14,7 +15,7 @@ __all__ = ["Onset", "end_of", "onset_of"]
 HIDDEN_M = 600.0
 """Two signals of a satellite nearer than this, two chips, may have been one before: the search cannot part them."""
 TOGETHER_S = 1.5
-"""Signals that are found within this of the first came with it: three searches."""
+"""Signals that are found within this of the first came with it: three searches, or an epoch."""
 SEARCH_S = 0.02
 """The search looks at so much of the recording, from its instant on."""
 
@@ -63,7 +64,8 @@ def onset_of(signals: Collection[SignalRef], observations: Sequence[ObservationL
     if not found:
         return None
     seen, missed, _ = min(found, key=lambda each: each[0])
-    company = [hidden for at, _, hidden in found if at - seen <= np.timedelta64(round(TOGETHER_S * 1e9), "ns")]
+    together_s = max(TOGETHER_S, *(1.5 * interval_s(o.elapsed_s) for o in observations))
+    company = [hidden for at, _, hidden in found if at - seen <= np.timedelta64(round(together_s * 1e9), "ns")]
     return Onset(seen=seen, earliest=None if sum(company) > 0.5 * len(company) else missed)
 
 
@@ -90,13 +92,14 @@ def _apart_m(o: ObservationLog, one: int, other: int, epoch: int) -> float:
 def end_of(
     false: Sequence[LabelledSignal], observations: Sequence[ObservationLog], *, patience_s: float = 3.0
 ) -> np.datetime64 | None:
-    """The last epoch of any false signal, if all receivers went on at least `patience_s` without one; else None."""
+    """The last epoch of any false signal, if all receivers went on at least `patience_s`, and two
+    epochs, without one; else None."""
     ends = []
     for o in observations:
         last = max((s.last_epoch for s in false if s.ref.receiver == o.receiver), default=None)
         if last is None:
             continue
-        if o.elapsed_s[-1] - o.elapsed_s[last] < patience_s:
+        if o.elapsed_s[-1] - o.elapsed_s[last] < max(patience_s, 1.5 * interval_s(o.elapsed_s)):
             return None
         ends.append(o.gpst[last])
     return max(ends, default=None)

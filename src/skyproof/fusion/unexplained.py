@@ -25,7 +25,7 @@ SHORT_S = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class Unexplained:
-    """One signal that stays unknown. cn0_dbhz: mean; over_db: over the authentic one's C/N0, None without one."""
+    """One signal that stays unknown. cn0_dbhz: mean, NaN where it is not known; over_db: over the authentic one's C/N0, None without one."""
 
     ref: SignalRef
     kind: Kind
@@ -82,7 +82,7 @@ def _length_s(s: LabelledSignal, o: ObservationLog) -> float:
 
 
 def _explained(s: LabelledSignal, own: Sequence[LabelledSignal], o: ObservationLog, failed: bool) -> Unexplained:
-    cn0_dbhz = float(np.nanmean(_series(o, "cn0_dbhz", s.ref.signal, s.first_epoch, s.last_epoch)))
+    cn0_dbhz = _mean(_series(o, "cn0_dbhz", s.ref.signal, s.first_epoch, s.last_epoch))
     for other in own:
         same = other.ref.signal.transmission == s.ref.signal.transmission and other.ref != s.ref
         first, last = max(s.first_epoch, other.first_epoch), min(s.last_epoch, other.last_epoch)
@@ -99,6 +99,11 @@ def _explained(s: LabelledSignal, own: Sequence[LabelledSignal], o: ObservationL
 
 def _series(o: ObservationLog, name: str, signal: SignalId, first_epoch: int, last_epoch: int) -> Reals:
     return o.series(name, o.signals.index(signal), first_epoch, last_epoch + 1)
+
+
+def _mean(values: Reals) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else float("nan")
 
 
 def _median(values: Reals) -> float:

@@ -8,7 +8,7 @@ from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import CellStatus, Observations, SignalId
 
-__all__ = ["WindowMean", "window_mean"]
+__all__ = ["WindowMean", "interval_s", "window_mean"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -21,6 +21,12 @@ class WindowMean:
     pseudorange_m: Reals
     sigma_m: Reals
     carrier_hz: Reals
+
+
+def interval_s(elapsed_s: Reals) -> float:
+    """The usual time from one epoch to the next, seconds, of epochs at `elapsed_s` (n,); 0 of fewer than two."""
+    step_s = np.diff(elapsed_s)
+    return float(np.median(step_s)) if step_s.size else 0.0
 
 
 def window_mean(observations: Observations, *, min_share: float = 0.5) -> WindowMean:

@@ -1,10 +1,11 @@
+
 import numpy as np
 import pytest
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import RECEIVED, detectors_for
+from skyproof.app.common.windows import RECEIVED, detectors_for, following_epochs, windows_of
 from skyproof.detectors.base import load_detectors
-from skyproof.records import Records, SpinArm
+from skyproof.records import NavigationData, Observations, Records, SignalId, SpinArm
 
 START = np.datetime64("2022-01-01", "ns")
 ARM = SpinArm(receiver="rx1", radius_m=0.1, rate_rad_s=1.0)
@@ -24,3 +25,45 @@ def test_a_detector_without_its_equipment_gets_no_share_of_the_false_alarms():
     assert {"multi_receiver", "peaks", "residual"} <= set(usual)
     assert share(bare) == pytest.approx(of_a_window / len(usual))
     assert share(turning) == pytest.approx(of_a_window / (len(usual) + 1))
+
+
+def epochs_every(step_s, n, late_s=0.0):
+    """Observations of nothing in particular at epochs that come a little early or late."""
+    elapsed_s = step_s * np.arange(n) + late_s * np.resize([0.0, 1.0, 0.0, -1.0], n)
+    cells = dict.fromkeys(
+        (
+            "pseudorange_m",
+            "carrier_cyc",
+            "doppler_hz",
+            "cn0_dbhz",
+            "pseudorange_sigma_m",
+            "carrier_sigma_cyc",
+            "doppler_sigma_hz",
+        ),
+        np.ones((n, 1)),
+    )
+    return Observations(
+        receiver="rx1",
+        signals=(SignalId("G05"),),
+        gpst=START + np.round(elapsed_s * 1e9).astype("timedelta64[ns]"),
+        elapsed_s=elapsed_s,
+        status=np.zeros((n, 1), np.uint8),
+        found_elapsed_s=np.zeros(1),
+        missed_elapsed_s=np.full(1, np.nan),
+        **cells,
+    )
+
+
+@pytest.mark.parametrize(("step_s", "window_s"), [(0.05, 10.0), (1.0, 10.0), (2.0, 10.0), (5.0, 25.0), (30.0, 150.0)])
+def test_windows_hold_five_epochs_or_more_whatever_lies_between_them(step_s, window_s):
+    fast, slow = epochs_every(0.1, 10), epochs_every(step_s, 41, late_s=0.002 * step_s)
+    settings = following_epochs(Settings(), [fast, slow])
+    assert settings.window_s == pytest.approx(window_s, rel=1e-3)
+    windows = windows_of([slow], NavigationData(ephemerides=()), settings)
+    counts = [window.observations[0].gpst.size for window in windows if window.observations]
+    assert min(counts) >= 5
+    assert sum(counts) == 41
+    (peaks,) = (d for d in detectors_for(settings, windows.run) if d.name == "peaks")
+    usual = sum(RECEIVED.issuperset(kind().needs) for kind in load_detectors().values())
+    of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
+    assert peaks.settings.false_alarm_probability == pytest.approx(of_a_window / usual)

@@ -12,13 +12,16 @@ from skyproof.app.common.settings import Settings
 from skyproof.arrays import Booleans
 from skyproof.detectors.base import Detector, load_detectors
 from skyproof.navigation.sets import consistent_sets
+from skyproof.navigation.window import interval_s
 from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, ObservationLog, Observations, Records
 
-__all__ = ["Windows", "cut", "detectors_for", "examine", "examine_all", "reviewed", "windows_of"]
+__all__ = ["Windows", "cut", "detectors_for", "examine", "examine_all", "following_epochs", "reviewed", "windows_of"]
 
 NO_TIME = np.datetime64("NaT", "ns")
 RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAVIGATION})
 """What any detector may need that every receiver makes, sooner or later; the rest is of special equipment."""
+LEAST_EPOCHS = 5
+"""Of a window."""
 MIN_WINDOW_SHARE = 0.5
 """A last window shorter than this share of a whole one is joined to the one before."""
 
@@ -42,6 +45,12 @@ def take(observations: Observations, rows: Booleans) -> Observations:
     return replace(observations, **chosen)
 
 
+def following_epochs(settings: Settings, observations: Sequence[Observations]) -> Settings:
+    """The settings with windows of at least five epochs of the receiver that has fewest."""
+    needed_s = round(LEAST_EPOCHS * max((interval_s(o.elapsed_s) for o in observations), default=0.0), 3)
+    return settings if needed_s <= settings.window_s else settings.model_copy(update={"window_s": needed_s})
+
+
 def window_edges(observations: Sequence[Observations], window_s: float) -> list[np.datetime64]:
     """Edges of the windows, common to all receivers: from the first epoch of any to past the last."""
     if not observations:
@@ -50,8 +59,10 @@ def window_edges(observations: Sequence[Observations], window_s: float) -> list[
     last = max(o.gpst[-1] for o in observations) + np.timedelta64(1, "ms")
     step = np.timedelta64(round(window_s * 1e9), "ns")
     count = max(int((last - first) / step + (1.0 - MIN_WINDOW_SHARE)), 1)
-    edges: list[np.datetime64] = [first + k * step for k in range(count)]
-    return [*edges, last]
+    # Between epochs: those of receivers that do not steer their clocks come some milliseconds early or late.
+    early = np.timedelta64(round(0.5e9 * max(interval_s(o.elapsed_s) for o in observations)), "ns")
+    edges: list[np.datetime64] = [first + k * step - early for k in range(1, count)]
+    return [first, *edges, last]
 
 
 @dataclass(frozen=True, kw_only=True)

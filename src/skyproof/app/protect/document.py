@@ -175,7 +175,8 @@ def _unexplained(left: Sequence[Unexplained]) -> str:
         if not own:
             continue
         over = [u.over_db for u in own if u.over_db is not None and np.isfinite(u.over_db)]
-        strong = f"up to {max(u.cn0_dbhz for u in own):.0f} dB-Hz"
+        levels = [u.cn0_dbhz for u in own if np.isfinite(u.cn0_dbhz)]
+        strong = f"up to {max(levels):.0f} dB-Hz" if levels else "of unknown strength"
         if over:
             strong += f", {abs(max(over)):.0f} dB {'above' if max(over) > 0.0 else 'below'} the other"
         told.append(f"{len(own)} {words} ({strong})")

@@ -12,7 +12,7 @@ from skyproof.app.common.folder import check_folder
 from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
-from skyproof.app.common.windows import detectors_for, examine_all, windows_of
+from skyproof.app.common.windows import detectors_for, examine_all, following_epochs, windows_of
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.outputs import write_outputs
@@ -90,6 +90,7 @@ def protect(
     _same_time(receptions, navigation)
     receptions = [_with_common_time(r, receptions) for r in receptions]
     receptions = one_receiver_each(receptions, settings)
+    settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
     outcome, cut_short = judge(receptions, navigation, settings, progress)
     if interrupted and cut_short:
         raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
