@@ -25,7 +25,10 @@ SHORT_S = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class Unexplained:
-    """One signal that stays unknown. cn0_dbhz: mean, NaN where it is not known; over_db: over the authentic one's C/N0, None without one."""
+    """One signal that stays unknown.
+
+    cn0_dbhz : mean, NaN where it is not known. over_db : over the authentic one's C/N0, None without one.
+    """
 
     ref: SignalRef
     kind: Kind
