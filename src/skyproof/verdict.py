@@ -181,7 +181,7 @@ class InputFile(_Model):
     """One input as it was read."""
 
     path: str = Field(description="Path or address as given.")
-    format: str = Field(description="What it was read as: raw, RINEX navigation.")
+    format: str = Field(description="What it was read as: raw, RINEX navigation, platform.")
     sha256: str | None = Field(description="SHA-256 of the whole file, hexadecimal; null for a stream.")
     remarks: tuple[str, ...] = Field(description="What was odd about it; also warnings.")
 

@@ -30,7 +30,7 @@ _UNWRITTEN = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF, e
 AFTER_DEMO = "Example, with the recordings that `skyproof demo --out demo` makes:\n\n"
 COMMANDS = {
     "protect": (
-        "INPUT... --out FOLDER [OPTIONS]",
+        "[INPUT...] --out FOLDER [OPTIONS]",
         "Say whether received signals are spoofed, since when and which, and give the position to be trusted.",
         AFTER_DEMO + "skyproof protect demo/bow.bin demo/stern.bin --nav demo/broadcast.rnx --out out",
     ),

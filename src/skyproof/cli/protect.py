@@ -18,14 +18,20 @@ EXIT_CODES = {"authentic": 0, "spoofed": 1, "undecided": 3}
 
 def protect(
     inputs: Annotated[
-        list[Path],
-        Parameter(name="INPUT", help="One a receiver: recordings with their sidecars, observation files (RINEX)."),
-    ],
+        list[Path] | None,
+        Parameter(
+            name="INPUT",
+            help="One a receiver: recordings, each with its sidecar, and observation files. None if the platform file "
+            "names them.",
+        ),
+    ] = None,
     /,
     *,
     out: Annotated[Path, Parameter(help="Folder for the verdict, the report, fixes and all other files.")],
     nav: Nav = None,
-    platform: Annotated[Path | None, Parameter(help="Platform file: settings in its table [protect].")] = None,
+    platform: Annotated[
+        Path | None, Parameter(help="Platform file: receivers, their inputs and places, and settings.")
+    ] = None,
     false_alarm_probability_per_hour: Annotated[float | None, setting("false_alarm_probability_per_hour")] = None,
     antenna_distance_m: Annotated[float | None, setting("antenna_distance_m")] = None,
     antenna_distance_sigma_m: Annotated[float | None, setting("antenna_distance_sigma_m")] = None,
@@ -40,7 +46,7 @@ def protect(
 ) -> int:
     """Say whether received signals are spoofed, since when and which, and give the position to be trusted."""
     result = app.protect.protect(
-        inputs,
+        inputs or [],
         nav=nav,
         platform=platform,
         out=out,

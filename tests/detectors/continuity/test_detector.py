@@ -189,11 +189,11 @@ def disturbed(o, rng):
     return replace(o, status=status, **cells)
 
 
-def alarms(motion, oscillator, draws, seed, *, alpha=0.1, disturb=False):
+def alarms(motion, oscillator, draws, seed, *, alpha=0.1, disturb=False, **limits):
     """False alarms of tests of continuity, and tests, over windows of clean sky."""
     rng, count, tests = np.random.default_rng(seed), 0, 0
     exact = geometry(motion, oscillator, duration_s=62.0, lo_ppm=float(rng.normal()), seed=seed)
-    detector = Continuity(ContinuitySettings(false_alarm_probability=alpha))
+    detector = Continuity(ContinuitySettings(false_alarm_probability=alpha, **limits))
     for _ in range(draws):
         (o,), _ = draw(exact, rng=rng, noise=FIELD)
         state = None
@@ -212,6 +212,13 @@ def test_clean_skies_go_on(motion, oscillator):
     count, tests = alarms(motion, oscillator, 3, 1, disturb=True)
     assert tests == 18
     assert count == 0  # bounds all: a hundred times as many draws have hardly one
+
+
+@pytest.mark.parametrize("draws", [1, pytest.param(100, marks=pytest.mark.long)])
+def test_what_stands_still_and_is_known_to_goes_on_through_outages(draws):
+    count, tests = alarms("standing", "tcxo", draws, 11, disturb=True, speed_max_m_s=0.0)
+    assert tests == 6 * draws
+    assert stats.binomtest(count, tests, 0.1, alternative="greater").pvalue > 1e-3
 
 
 @pytest.mark.long

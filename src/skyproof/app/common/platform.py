@@ -5,7 +5,7 @@ from math import dist, hypot
 from pathlib import Path
 from typing import Final, Literal
 
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
 from skyproof.app.common.platform_tables import Imu, Receiver, StatedAttitude
 from skyproof.app.common.settings import Settings
@@ -55,6 +55,13 @@ class Platform(Model):
             )
         _require_one_place(receivers)
         return receivers
+
+    @field_validator("protect")
+    @classmethod
+    def _once(cls, protect: Settings, info: ValidationInfo) -> Settings:
+        if protect.speed_max_m_s is not None and info.data.get("speed_max_m_s") is not None:
+            raise ValueError("speed_max_m_s is given for the platform as well; leave one out")
+        return protect
 
 
 def _require_one_place(receivers: Sequence[Receiver]) -> None:

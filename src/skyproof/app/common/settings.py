@@ -52,6 +52,13 @@ class Settings(BaseModel):
     antennas_sigma_m: float = Field(
         default=0.1, ge=0.0, le=1e5, description="Standard deviation of antennas_enu_m on each axis."
     )
+    speed_max_m_s: float | None = Field(
+        default=None,
+        ge=0.0,
+        le=1e5,
+        description="No antenna is faster; 0 if all stand still. Jumps over a time without measurements that need more "
+        "are then noticed.",
+    )
     multipath_sigma_m: float = Field(
         default=1.0,
         ge=0.0,

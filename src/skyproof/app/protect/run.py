@@ -10,6 +10,7 @@ import numpy as np
 
 from skyproof.app.common.folder import check_folder
 from skyproof.app.common.platform import Platform, read_platform
+from skyproof.app.common.platform_use import described, inputs_of, settings_of
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import detectors_for, examine_all, following_epochs, windows_of
@@ -54,7 +55,7 @@ class ProtectResult:
 
 
 def protect(
-    inputs: Sequence[str | Path],
+    inputs: Sequence[str | Path] = (),
     *,
     nav: str | Path | None = None,
     platform: str | Path | None = None,
@@ -66,9 +67,10 @@ def protect(
 
     Parameters
     ----------
-    inputs : one a receiver: recordings, each with its sidecar NAME.toml, and observation files (RINEX).
+    inputs : one a receiver: recordings, each with its sidecar NAME.toml, and observation files (RINEX); none if the
+        platform file names them.
     nav : RINEX navigation file; without one the orbits come from the signals of recordings.
-    platform : TOML file with a table [protect] of settings.
+    platform : TOML file of receivers, their inputs and places, and settings: see `app.common.platform`.
     out : folder for the outputs, made if absent; None writes nothing.
     options : any field of `Settings`; None means not given.
 
@@ -78,13 +80,17 @@ def protect(
     """
     progress = progress or Silent()
     carrier = Platform() if platform is None else read_platform(Path(platform))
+    platform_sum = None if platform is None else sha256(platform)
     settings = resolve_settings(carrier.protect, **options)
     if out is not None:
         check_folder(out)
     navigation = None if nav is None else read_nav(Path(nav))
     nav_sum = None if nav is None else sha256(nav)  # now, of what was read: it may be gone at the end
-    sources = open_inputs([Path(p) for p in inputs], settings, navigation)
-    _require_two(settings, [source.name for source in sources])
+    paths, called = inputs_of(carrier, inputs, str(platform))
+    sources = open_inputs(paths, settings, navigation, called)
+    names = [source.name for source in sources]
+    settings, unused = settings_of(carrier, settings, names, described(carrier, names, str(platform)))
+    _require_two(settings, names)
     _require_orbits(sources, navigation)
     receptions, interrupted = _received(sources, navigation, settings, progress)
     _same_time(receptions, navigation)
@@ -101,6 +107,8 @@ def protect(
     if nav is not None:
         told = _told(navigation)
         notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=told))
+    if platform is not None:
+        notes.append(InputNote(path=readable(str(platform)), format="platform", sha256=platform_sum, remarks=unused))
     verdict = document(outcome, notes, settings, interrupted=interrupted)
     interrupted |= stopped
     if out is not None:
@@ -125,7 +133,7 @@ def _received(
 
 
 def verdict_of(
-    inputs: str | Path | Sequence[str | Path],
+    inputs: str | Path | Sequence[str | Path] = (),
     *,
     nav: str | Path | None = None,
     out: str | Path | None = None,
@@ -139,11 +147,12 @@ def verdict_of(
     Parameters
     ----------
     inputs : one input, or several, one a receiver: raw samples with their sidecar NAME.toml, SigMF, or a RINEX
-        observation file (2.1x, 3.0x, 4.0x, compact and gzip too).
+        observation file (2.1x, 3.0x, 4.0x, compact and gzip too). None if the platform file names them.
     nav : RINEX navigation file of that day; without one the orbits come from the signals of recordings (30 s of them).
     out : folder for the verdict, the report, fixes and all other files, made if absent; None writes nothing.
     options : any field of `skyproof.app.common.settings.Settings`, such as `antenna_separation_m` or `duration_s`;
-        `platform`, a TOML file with a table [protect] of them; `progress`, told how far the work is.
+        `platform`, a TOML file of receivers, their inputs and places, and settings; `progress`, told how far the work
+        is.
 
     Returns
     -------

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final
 
@@ -22,11 +23,15 @@ LONGEST_NAME: Final = 200  # of a receiver, in bytes; of a file it is 255
 
 
 def open_inputs(
-    paths: Sequence[Path], settings: Settings, navigation: NavigationData | None = None
+    paths: Sequence[Path],
+    settings: Settings,
+    navigation: NavigationData | None = None,
+    called: Sequence[str | None] = (),
 ) -> list[Samples | ObservedFile]:
     """Open recordings and observation files, cut them to the stretch asked for, and give each receiver its own name.
 
     navigation : has the frequency numbers of GLONASS that an observation file may lack.
+    called : the receiver's name of each path; as its file is named where that is None.
 
     Raises
     ------
@@ -34,9 +39,12 @@ def open_inputs(
     SettingsError : antennas of other receivers than these.
     """
     if not paths:
-        raise InputError("no input given; give one a receiver: samples with their sidecar, or an observation file")
+        raise InputError(
+            "no input given; give one a receiver: samples with their sidecar, or an observation file; or a platform "
+            "file that names them"
+        )
     opened: list[Samples | ObservedFile] = []
-    for path in paths:
+    for path, receiver in zip_longest(paths, called):
         for source in _opened(path, navigation):
             for other in opened:
                 if _is_same(other, source):
@@ -44,8 +52,8 @@ def open_inputs(
                         f"{source.path}: the same recording as {other.path}; two receivers that are one would look "
                         "like signals from one antenna: give each receiver's own recording, and each once"
                     )
-            names = [other.name for other in opened]
-            name = _short(source.name)
+            names = [other.name for other in opened] + [name for name in called if name not in (None, receiver)]
+            name = receiver or _short(source.name)
             candidates = (name, *(f"{name}-{number}" for number in range(2, len(names) + 3)))
             opened.append(_named(source, next(name for name in candidates if name not in names)))
     _require_antennas(settings, [source.name for source in opened])

@@ -1,0 +1,203 @@
+"""What a platform file gives a run: inputs and names, and settings that follow from positions, body and motion."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.app.kit import ENU_M, PLACES
+
+from skyproof.app.common.platform import Platform
+from skyproof.app.common.platform_use import described, inputs_of, settings_of
+from skyproof.app.common.settings import Settings
+from skyproof.errors import SettingsError
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+
+NAMES = [place.name for place in PLACES]
+SURVEYED = [
+    {
+        "name": place.name,
+        "position": {
+            "lat_deg": place.lat_deg,
+            "lon_deg": place.lon_deg,
+            "height_m": place.height_m,
+            "sigma_m": 0.02 * (1 + number),
+        },
+    }
+    for number, place in enumerate(PLACES)
+]
+
+
+def used(settings: Settings | None = None, names: list[str] = NAMES, **tables: Any) -> tuple[Settings, tuple[str, ...]]:
+    platform = Platform.model_validate(tables)
+    return settings_of(platform, settings or platform.protect, names, described(platform, names))
+
+
+def test_surveyed_positions_are_the_antennas_places() -> None:
+    settings, remarks = used(receivers=SURVEYED)
+    assert settings.antennas_enu_m is not None
+    assert list(settings.antennas_enu_m) == NAMES
+    for name, enu_m in settings.antennas_enu_m.items():
+        np.testing.assert_allclose(enu_m, ENU_M[name], atol=1e-6)
+    assert settings.antennas_sigma_m == pytest.approx(0.06)
+    assert remarks == ()
+
+
+def test_a_position_alone_is_not_used_and_that_is_reported() -> None:
+    settings, remarks = used(receivers=[SURVEYED[0], {"name": "stern"}, {"name": "mast"}])
+    assert settings == Settings()
+    assert remarks == ("receivers[0].position: read, used by no method of this run",)
+    settings, remarks = used(receivers=SURVEYED[:2])  # the third recording has no table
+    assert settings.antennas_enu_m is None
+    assert remarks == ("receivers[0].position, receivers[1].position: read, used by no method of this run",)
+
+
+BODY = [{"name": "a", "body_m": [10.0, 0.0, 0.0]}, {"name": "b", "body_m": [10.0, 3.0, -1.0]}]
+
+
+@pytest.mark.parametrize(
+    ("angles", "enu_m"),
+    [
+        ((0.0, 0.0, 0.0), (3.0, 0.0, 1.0)),
+        ((90.0, 0.0, 0.0), (0.0, -3.0, 1.0)),
+        ((180.0, 0.0, 0.0), (-3.0, 0.0, 1.0)),
+        ((0.0, 90.0, 0.0), (3.0, -1.0, 0.0)),  # nose up: what was up points back
+        ((0.0, 0.0, 90.0), (1.0, 0.0, -3.0)),  # right side down
+    ],
+)
+def test_the_body_turns_with_its_attitude(angles: Any, enu_m: Any) -> None:
+    attitude = dict(zip(("heading_deg", "pitch_deg", "roll_deg"), angles, strict=True), sigma_deg=2.0)
+    settings, remarks = used(names=["a", "b"], receivers=BODY, attitude=attitude)
+    assert settings.antennas_enu_m is not None
+    assert settings.antennas_enu_m["a"] == (0.0, 0.0, 0.0)
+    np.testing.assert_allclose(settings.antennas_enu_m["b"], enu_m, atol=1e-12)
+    assert settings.antennas_sigma_m == pytest.approx(np.hypot(0.1, np.sqrt(10.0) * np.radians(2.0)))
+    assert remarks == ()
+
+
+@given(st.floats(-180.0, 180.0), st.floats(-89.0, 89.0), st.floats(-180.0, 180.0))
+def test_no_attitude_changes_the_distances(heading_deg: float, pitch_deg: float, roll_deg: float) -> None:
+    attitude = {"heading_deg": heading_deg, "pitch_deg": pitch_deg, "roll_deg": roll_deg, "sigma_deg": 0.1}
+    settings, _ = used(names=["a", "b"], receivers=BODY, attitude=attitude)
+    assert settings.antennas_enu_m is not None
+    assert np.linalg.norm(settings.antennas_enu_m["b"]) == pytest.approx(np.sqrt(10.0))
+
+
+@pytest.mark.parametrize(
+    "more", [{}, {"motion": "moving", "attitude": {"heading_deg": 3.0, "sigma_deg": 1.0}}], ids=["absent", "moving"]
+)
+def test_without_an_attitude_that_stays_two_antennas_are_as_far_apart_as_in_the_body(more: dict[str, Any]) -> None:
+    settings, remarks = used(names=["a", "b"], receivers=[one | {"antenna_sigma_m": 0.01} for one in BODY], **more)
+    assert settings.antennas_enu_m is None
+    assert settings.antenna_distance_m == pytest.approx(np.sqrt(10.0))
+    assert settings.antenna_distance_sigma_m == pytest.approx(0.01 * np.sqrt(2.0))
+    assert remarks == (("motion, attitude: read, used by no method of this run",) if more else ())
+
+
+def test_antennas_at_one_place_of_the_body_give_no_distance() -> None:
+    settings, remarks = used(names=["a", "b"], receivers=[BODY[0], BODY[0] | {"name": "b"}])
+    assert settings == Settings()
+    assert remarks == ("receivers[0].body_m, receivers[1].body_m: read, used by no method of this run",)
+
+
+@pytest.mark.parametrize("key", ["antennas_enu_m", "antenna_distance_m"])
+def test_settings_of_the_run_come_before_the_platform_and_that_is_reported(key: str) -> None:
+    value = {"antennas_enu_m": {name: (0.0, 0.0, 0.0) for name in NAMES}, "antenna_distance_m": 12.0}[key]
+    settings, remarks = used(Settings(**{key: value}), receivers=SURVEYED)
+    assert getattr(settings, key) == value
+    assert settings == Settings(**{key: value})
+    assert len(remarks) == 1
+    assert remarks[0].startswith(f"{key} is a setting of this run, and comes before receivers[0].")
+
+
+@pytest.mark.parametrize(
+    ("tables", "speed_m_s"),
+    [
+        ({}, None),
+        ({"speed_max_m_s": 30.0}, 30.0),
+        ({"motion": "static"}, 0.0),
+        ({"motion": "static", "speed_max_m_s": 30.0}, 0.0),
+        ({"motion": "moving", "speed_max_m_s": 30.0}, 30.0),
+        ({"motion": "static", "receivers": [{"spin": {"radius_m": 0.1, "rate_hz": -0.5}}]}, 0.1 * np.pi),
+        ({"receivers": [{"spin": {"radius_m": 0.1, "rate_hz": -0.5}}]}, None),
+        ({"speed_max_m_s": 30.0, "receivers": [{"spin": {"radius_m": 0.1, "rate_hz": 0.5}}]}, 30.0 + 0.1 * np.pi),
+    ],
+)
+def test_no_antenna_is_faster_than_the_platform_and_its_arm(tables: dict[str, Any], speed_m_s: float | None) -> None:
+    settings, _ = used(names=["a"], **tables)
+    assert settings.speed_max_m_s == (speed_m_s if speed_m_s is None else pytest.approx(speed_m_s))
+
+
+def test_an_option_comes_before_the_platforms_speed() -> None:
+    settings, remarks = used(Settings(speed_max_m_s=5.0), speed_max_m_s=30.0)
+    assert settings.speed_max_m_s == 5.0
+    assert remarks == ("speed_max_m_s: read, used by no method of this run",)
+
+
+def test_what_no_method_uses_stands_in_one_remark() -> None:
+    tables = {
+        "motion": "moving",
+        "oscillator": "ocxo",
+        "attitude": {"file": "a.csv", "sigma_deg": 1.0},
+        "imu": {"file": "imu.csv"},
+        "receivers": [{"line_bias_cyc": [0.1], "spin": {"radius_m": 0.1, "rate_hz": 0.5}}],
+    }
+    _, remarks = used(names=["a"], **tables)
+    keys = "motion, oscillator, attitude, imu, receivers[0].line_bias_cyc, receivers[0].spin"
+    assert remarks == (f"{keys}: read, used by no method of this run",)
+
+
+def test_inputs_and_names_come_from_the_platform(tmp_path: Path) -> None:
+    platform = Platform.model_validate({"receivers": [{"name": "rx1", "inputs": ["a.bin"]}, {"inputs": ["b.obs"]}]})
+    assert inputs_of(platform, []) == ([Path("a.bin"), Path("b.obs")], ["rx1", None])
+    assert list(described(platform, ["rx1", "b"]).items()) == [
+        ("rx1", platform.receivers[0]),
+        ("b", platform.receivers[1]),
+    ]
+    assert inputs_of(Platform(), ["c.bin"]) == ([Path("c.bin")], [None])
+    assert described(Platform(), ["c"]) == {}
+    alone = Platform.model_validate({"receivers": [{"body_m": [1.0, 0.0, 0.0]}]})
+    assert described(alone, ["c"]) == {"c": alone.receivers[0]}
+
+
+@pytest.mark.parametrize(
+    ("receivers", "given", "words"),
+    [
+        ([{"inputs": ["a"]}], ["b"], r"p\.toml: receivers\[0\] has inputs, and the command line as well"),
+        ([{"inputs": ["a"]}, {"name": "b"}], [], r"p\.toml: receivers\[1\] has no inputs; give it some, or all inputs"),
+        ([{"inputs": ["a"]}, {"inputs": ["b", "c"]}], [], r"receivers\[1\] has several antennas, expected one"),
+        ([{"antennas_m": [[0, 0, 0], [0.2, 0, 0]]}], ["a"], r"receivers\[0\] has several antennas, expected one"),
+    ],
+)
+def test_inputs_that_do_not_fit_the_platform_are_refused(receivers: Any, given: list[str], words: str) -> None:
+    with pytest.raises(SettingsError, match=words):
+        inputs_of(Platform.model_validate({"receivers": receivers}), given, "p.toml")
+
+
+@pytest.mark.parametrize(
+    ("receivers", "words"),
+    [
+        ([{"name": "a"}, {"name": "c"}], r"p\.toml: receivers\[1\] is c, but the receivers are a, b; give it the name"),
+        ([{"name": "a"}, {}], r"p\.toml: receivers\[1\] is without name and inputs, but the receivers are a, b"),
+        ([{"inputs": ["a"]}], r"p\.toml: 1 receivers, but the inputs have 2 channels \(a, b\): several antennas"),
+    ],
+)
+def test_a_table_of_no_receiver_of_the_run_is_refused(receivers: Any, words: str) -> None:
+    with pytest.raises(SettingsError, match=words):
+        described(Platform.model_validate({"receivers": receivers}), ["a", "b"], "p.toml")
+
+
+@given(st.floats(-89.0, 89.0), st.floats(-180.0, 180.0), st.lists(st.floats(-3e4, 3e4), min_size=3, max_size=3))
+def test_positions_anywhere_give_back_the_baseline(lat_deg: float, lon_deg: float, enu_m: list[float]) -> None:
+    first = {"lat_deg": lat_deg, "lon_deg": lon_deg, "height_m": 4e4, "sigma_m": 1.0}
+    one = Platform.model_validate({"receivers": [{"position": first}]}).receivers[0].position
+    assert one is not None
+    there = one.ecef_m + rot_enu_ecef(np.radians(lat_deg), np.radians(lon_deg)).T @ enu_m
+    lat, lon, height_m = geodetic_from_ecef(there)
+    second = {"lat_deg": float(np.degrees(lat)), "lon_deg": float(np.degrees(lon)), "height_m": float(height_m)}
+    receivers = [{"name": "a", "position": first}, {"name": "b", "position": second | {"sigma_m": 1.0}}]
+    settings, _ = used(names=["a", "b"], receivers=receivers)
+    assert settings.antennas_enu_m is not None
+    np.testing.assert_allclose(settings.antennas_enu_m["b"], enu_m, atol=1e-5)

@@ -1,0 +1,79 @@
+"""`protect --platform`: inputs, names and places of the receivers come from the file, and what is not used is said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.app.kit import ENU_M, PLACES, scenario_of
+
+from skyproof.app.protect import protect
+from skyproof.errors import InputError, SettingsError
+from skyproof.formats.byte_io import sha256
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.formats.rinex_obs import write_obs
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.simulator.measurements import NoiseModel, observations_of
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A minute of two receivers as observation files one.obs and two.obs, and the navigation file."""
+    folder = tmp_path_factory.mktemp("platform")
+    scenario = scenario_of(duration_s=61.0)
+    navigation = nominal_constellation(scenario.start_gpst)
+    noise = NoiseModel(sigma_m=1.0, ar1=0.9, constant_m=0.5)
+    pair, _ = observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)
+    for name, o in zip(("one", "two"), pair, strict=True):
+        write_obs(folder / f"{name}.obs", o, signals=o.signals, holds="simulated", marker=name, version="test")
+    write_nav(folder / "brdc.rnx", navigation)
+    return folder
+
+
+def platform_of(folder: Path, *, inputs: bool = True, more: str = "") -> Path:
+    lines = [more]
+    for place, name in zip(PLACES, ("one", "two"), strict=False):
+        where = f"lat_deg = {place.lat_deg}, lon_deg = {place.lon_deg}, height_m = {place.height_m}, sigma_m = 0.1"
+        lines += ["[[receivers]]", f'name = "{place.name if inputs else name}"', f"position = {{ {where} }}"]
+        lines += [f'inputs = ["{name}.obs"]'] if inputs else []
+    (folder / "platform.toml").write_text("\n".join(lines), encoding="utf-8")
+    return folder / "platform.toml"
+
+
+def test_a_platform_file_is_all_that_a_run_needs(folder: Path, tmp_path: Path) -> None:
+    path = platform_of(folder, more='oscillator = "tcxo"\nmotion = "static"')
+    result = protect(platform=path, nav=folder / "brdc.rnx", out=tmp_path / "out")
+    assert [r.name for r in result.verdict.receivers] == ["bow", "stern"]
+    assert result.verdict.verdict == "authentic"
+    np.testing.assert_allclose(result.verdict.settings["antennas_enu_m"]["stern"], ENU_M["stern"], atol=1e-6)
+    assert result.verdict.settings["speed_max_m_s"] == 0.0
+    note = result.verdict.inputs[-1]
+    assert (note.path, note.format, note.sha256) == (str(path), "platform", sha256(path))
+    assert list(note.remarks) == ["oscillator: read, used by no method of this run"]
+
+
+def test_inputs_of_the_command_line_are_described_by_name(folder: Path) -> None:
+    path = platform_of(folder, inputs=False)
+    both = [folder / "two.obs", folder / "one.obs"]
+    result = protect(both, platform=path, nav=folder / "brdc.rnx")
+    assert [r.name for r in result.verdict.receivers] == ["two", "one"]
+    np.testing.assert_allclose(
+        np.subtract(*(result.verdict.settings["antennas_enu_m"][name] for name in ("two", "one"))),
+        np.subtract(*(ENU_M[name] for name in ("stern", "bow"))),
+        atol=2e-3,  # the two places' east and north differ by their distance over the Earth's radius
+    )
+    with pytest.raises(SettingsError, match=r"platform\.toml: receivers\[1\] is two, but the receivers are one"):
+        protect([folder / "one.obs"], platform=path, nav=folder / "brdc.rnx")
+
+
+def test_inputs_in_two_places_and_in_none_are_refused(folder: Path) -> None:
+    with pytest.raises(SettingsError, match=r"platform\.toml: receivers\[0\] has inputs, and the command line as well"):
+        protect([folder / "one.obs"], platform=platform_of(folder))
+    with pytest.raises(InputError, match=r"no input given; give one a receiver: .* or a platform file that names them"):
+        protect()
+
+
+def test_an_input_that_is_not_there_is_named_beside_the_platform_file(folder: Path) -> None:
+    path = folder / "platform.toml"
+    path.write_text('[[receivers]]\ninputs = ["none.obs"]\n', encoding="utf-8")
+    with pytest.raises(InputError, match=str(folder / "none.obs")):
+        protect(platform=path)
