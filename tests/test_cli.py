@@ -202,7 +202,7 @@ def test_an_interruption_before_anything_is_decided_exits_with_130(
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("protect", "INPUT is missing.*Expected: One a receiver.*For help: skyproof protect --help"),
+        ("receive", "FILE is missing.*Expected: Recordings, one a receiver.*For help: skyproof receive --help"),
         ("protect rx1.bin", "--out is missing.*Expected: Folder for the verdict"),
         ("protect rx1.bin --out", "--out is missing, or lacks a value"),
         ("protect rx1.bin --uot d", "--uot. Did you mean --out?"),
