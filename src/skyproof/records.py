@@ -613,8 +613,8 @@ class ConsistentSet:
     for each kind of signal (`SignalId.kind`).
 
     The set says nothing of authenticity: a meaconed sky is as consistent as the true one.
-    clock_bias_s : by the kind that most of the signals are of; offsets_s : kind to its clock bias minus that one, so
-        what time scales and the ways through the receiver differ by. Empty where one kind is all.
+    clock_bias_s : by the kind that most of those on a first band are of; offsets_s : kind to its clock bias minus that
+        one, so what time scales and the ways through the receiver differ by. Empty where one kind is all.
     statistic : the sum of squared normalised residuals, chi-square with `dof` degrees if the set is consistent.
     """
 

@@ -30,7 +30,7 @@ def twelve(sky, nav, here):
 
 
 def measurements_of(seen, nav):
-    return sets_module._measurements(seen, nav, 0.01, 0.0, 0.5)[1]
+    return sets_module.window_measurements(seen, nav, multipath_sigma_m=0.01, ionosphere_share=0.0)[1]
 
 
 def copies_of(seen, sats):

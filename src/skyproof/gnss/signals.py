@@ -20,6 +20,7 @@ __all__ = [
     "prn_of",
     "rinex_signal",
     "sat_name",
+    "service_of",
     "time_scale_of",
 ]
 
@@ -77,6 +78,32 @@ def sat_name(prn: int) -> str:
 def time_scale_of(sat: str) -> str:
     """The letter of the system whose time a satellite keeps: GPS's for QZSS and SBAS, else its own."""
     return "G" if sat[0] in "JS" else sat[0]
+
+
+def service_of(band: str, code: str) -> str:
+    """One name for the codes that a receiver may take the same signal by: of a pilot, of its data, or of both at once.
+
+    Receivers call what they tracked by different codes, "C" or "X" on E1, that are one signal with one delay (RINEX
+    3.05, tables 4 to 10). A code of which nothing is known is its own service.
+    """
+    return next((f"{band} {codes}" for codes in _COMPONENTS.get(band, ()) if code in codes.split()), code)
+
+
+_COMPONENTS: Final = {
+    "L1": ("S L X",),
+    "L2": ("S L X",),
+    "L5": ("I Q X",),
+    "E1": ("B C X",),
+    "E5a": ("I Q X",),
+    "E5b": ("I Q X",),
+    "E5": ("I Q X",),
+    "E6": ("B C X",),
+    "G3": ("I Q X",),
+    "B1C": ("1D 1P 1X",),
+    "B2a": ("5D 5P 5X",),
+    "B2b": ("7D 7P 7Z",),
+    "B2ab": ("8D 8P 8X",),
+}
 
 
 # --- names, carriers and chips of all systems' signals (RINEX 3.05, tables 4 to 10)

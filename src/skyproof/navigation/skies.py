@@ -60,8 +60,9 @@ class Part:
 class Sky:
     """Parts of different kinds that show one position; `state_m` (4,) is that and the clock of the first part's kind.
 
-    The position is by one signal a satellite, so that no error counts twice: that of the part with most signals, which
-    stands first. rows : of all parts. clock_m : kind to clock. statistic, dof : of the signals that the position is by.
+    The position is by one signal a satellite, so that no error counts twice: of the first kind of each time scale, L1
+    before L2; the scale with most signals is first. rows : of all parts. clock_m : kind to clock. statistic, dof : of
+    the signals that the position is by.
     """
 
     rows: Indices
@@ -129,6 +130,9 @@ def _p_of(one: Part, other: Part) -> float:
 
 def sky_of(measurements: Measurements, signals: Sequence[SignalId], parts: Sequence[Part]) -> Sky:
     """The common position of parts, by the first signal of each satellite, and the clock of each."""
+    kinds = sorted(part.kind for part in parts)
+    rank = {kind: sum(other[0] == kind[0] for other in kinds[: kinds.index(kind)]) for kind in kinds}
+    parts = sorted(parts, key=lambda part: (rank[part.kind], -part.rows.size))
     first = parts[0]
     if len(parts) == 1:
         return Sky(

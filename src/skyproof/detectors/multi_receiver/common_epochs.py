@@ -7,6 +7,7 @@ import numpy as np
 
 from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.signals import service_of
 from skyproof.gnss.time import seconds_between
 from skyproof.records import ConsistentSet, Observations, Records, SignalId
 
@@ -18,15 +19,20 @@ Kind = tuple[str, str, str]
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CommonRanges:
     """range_m (N, K, R) of K transmissions in R receivers at N common instants; sigma_m (K, R) thermal; gaps (N-1,)
-    steps. signals (K,) : what was sent, as the first receiver calls it.
+    steps. tracks (R, K) : each receiver's signals.
 
     Every number is there: transmissions and epochs that would leave holes are left out.
     """
 
-    signals: tuple[SignalId, ...]
+    tracks: tuple[tuple[SignalId, ...], ...]
     range_m: Reals
     sigma_m: Reals
     gaps: Reals
+
+    @property
+    def signals(self) -> tuple[SignalId, ...]:
+        """(K,) as the first receiver calls them."""
+        return self.tracks[0]
 
     @property
     def sats(self) -> tuple[str, ...]:
@@ -41,7 +47,7 @@ class CommonRanges:
     def take(self, rows: Indices) -> "CommonRanges":
         """Those transmissions alone, at the same instants."""
         return CommonRanges(
-            signals=tuple(self.signals[k] for k in rows),
+            tracks=tuple(tuple(own[k] for k in rows) for own in self.tracks),
             range_m=self.range_m[:, rows],
             sigma_m=self.sigma_m[rows],
             gaps=self.gaps,
@@ -67,9 +73,20 @@ class CommonRanges:
 
 def shared_kinds(sets: Sequence[ConsistentSet]) -> dict[Kind, int]:
     """The kinds of signals that all sets have, and how many transmissions of each they have in common."""
-    sent = set.intersection(*({s.transmission for s in chosen.signals} for chosen in sets))
-    kinds = [s.kind for s in sets[0].signals if s.transmission in sent]
+    kinds = [tracks[0].kind for tracks in _shared(sets)]
     return {kind: kinds.count(kind) for kind in sorted(set(kinds))}
+
+
+def _shared(sets: Sequence[ConsistentSet]) -> list[tuple[SignalId, ...]]:
+    """What all sets have, by service: each receiver's signals of it, in the order of the first one's names."""
+    by_service = []
+    for chosen in sets:
+        own: dict[tuple[str, str, str], SignalId] = {}
+        for s in sorted(chosen.signals):
+            own.setdefault((s.sat, s.band, service_of(s.band, s.code)), s)
+        by_service.append(own)
+    sent = set.intersection(*(set(own) for own in by_service))
+    return sorted(tuple(own[name] for own in by_service) for name in sent)
 
 
 def common_ranges(
@@ -90,23 +107,19 @@ def common_ranges(
 
     Parameters
     ----------
-    kind : of the transmissions wanted; all if absent.
+    kind : of the transmissions wanted, as the first receiver calls it; all if absent.
     min_share : transmissions with less than this share of the best one's epochs are left out, if `min_satellites`
         remain.
     """
-    sent = sorted(set.intersection(*({s.transmission for s in chosen.signals} for chosen in sets)))
-    first = {signal.transmission: signal for signal in sets[0].signals}
-    sent = [transmission for transmission in sent if kind is None or first[transmission].kind == kind]
-    signals = tuple(first[transmission] for transmission in sent)
+    shared = [tracks for tracks in _shared(sets) if kind in (None, tracks[0].kind)]
     receivers = {o.receiver: o for o in records.observations}
     instants_s = _true_time_s(receivers[sets[0].receiver], records, sets[0])
     step_s = float(np.median(np.diff(instants_s))) if instants_s.size > 1 else 1.0
-    ranges = np.full((instants_s.size, len(sent), len(sets)), np.nan)
+    ranges = np.full((instants_s.size, len(shared), len(sets)), np.nan)
     sigma_m = np.full_like(ranges, np.nan)
     for i, chosen in enumerate(sets):
         observations = receivers[chosen.receiver]
-        channel = {s.transmission: observations.signals.index(s) for s in chosen.signals}
-        columns = np.array([channel[transmission] for transmission in sent], dtype=np.intp)
+        columns = np.array([observations.signals.index(tracks[i]) for tracks in shared], dtype=np.intp)
         time_s = _true_time_s(observations, records, chosen)
         nearest = _nearest(time_s, instants_s)
         if nearest.size == 0:
@@ -119,7 +132,7 @@ def common_ranges(
         near = np.abs(dt_s) <= 0.51 * step_s
         ranges[..., i] = np.where(near[:, None], observations.pseudorange_m[cells] + shift_m, np.nan)
         sigma_m[..., i] = observations.pseudorange_sigma_m[cells]
-    return _without_holes(signals, ranges, sigma_m, instants_s / step_s, min_share, min_satellites)
+    return _without_holes(shared, ranges, sigma_m, instants_s / step_s, min_share, min_satellites)
 
 
 def _true_time_s(observations: Observations, records: Records, chosen: ConsistentSet) -> Reals:
@@ -138,7 +151,12 @@ def _nearest(times_s: Reals, wanted_s: Reals) -> Indices:
 
 
 def _without_holes(
-    signals: tuple[SignalId, ...], ranges: Reals, sigma_m: Reals, steps: Reals, min_share: float, min_satellites: int
+    shared: list[tuple[SignalId, ...]],
+    ranges: Reals,
+    sigma_m: Reals,
+    steps: Reals,
+    min_share: float,
+    min_satellites: int,
 ) -> CommonRanges:
     whole = np.asarray(np.isfinite(ranges + sigma_m).all(axis=2))  # (N, K)
     epochs = whole.sum(axis=0)
@@ -147,8 +165,9 @@ def _without_holes(
         kept = epochs > 0
     rows = whole[:, kept].all(axis=1)
     used_m2 = sigma_m[rows][:, kept] ** 2
+    left = [tracks for tracks, keep in zip(shared, kept, strict=True) if keep]
     return CommonRanges(
-        signals=tuple(signal for signal, keep in zip(signals, kept, strict=True) if keep),
+        tracks=tuple(tuple(tracks[i] for tracks in left) for i in range(ranges.shape[2])),
         range_m=ranges[rows][:, kept],
         sigma_m=np.sqrt(used_m2.sum(axis=0) / max(len(used_m2), 1)),
         gaps=np.diff(steps[rows]),

@@ -66,13 +66,8 @@ class Pairing:
     @cached_property
     def subject(self) -> tuple[SignalRef, ...]:
         """The signals of the transmissions that all have, receiver by receiver."""
-        sent = {signal.transmission for signal in self.ranges.signals}
-        return tuple(
-            SignalRef(chosen.receiver, signal)
-            for chosen in self.sets
-            for signal in chosen.signals
-            if signal.transmission in sent
-        )
+        pairs = zip(self.receivers, self.ranges.tracks, strict=True)
+        return tuple(SignalRef(receiver, signal) for receiver, tracks in pairs for signal in sorted(tracks))
 
     @cached_property
     def one_antenna(self) -> MeanTest:
