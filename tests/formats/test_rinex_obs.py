@@ -1,5 +1,6 @@
 """RINEX 3.05 observations: what is written reads back, by a small reader of its own."""
 
+import itertools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 
 from skyproof.errors import OutputError
 from skyproof.formats.rinex_obs import obs_lines, write_obs
+from skyproof.formats.rinex_obs_read import read_obs
+from skyproof.gnss.signals import carrier_hz_of, rinex_attribute, rinex_signal
 from skyproof.records import Observations, SignalId
 
 CREATED_UTC = np.datetime64("2026-01-02T03:04:05", "ns")
@@ -227,8 +230,8 @@ def test_two_copies_of_one_satellite_at_one_epoch_are_refused(tmp_path):
     ("signal", "words"),
     [
         (SignalId("G99"), "not among"),
-        (SignalId("E05"), "not a GPS L1 C/A"),
-        (SignalId("G05", "L5"), "not a GPS L1"),
+        (SignalId("G05", "E1"), "no name in RINEX"),
+        (SignalId("G05", "L5", "CA"), "no name in RINEX"),
     ],
 )
 def test_a_signal_that_cannot_be_written_is_refused(signal, words):
@@ -269,3 +272,46 @@ def test_an_epoch_just_below_the_minute_is_rounded_as_a_whole():
 def test_a_folder_that_is_not_there_is_told(tmp_path):
     with pytest.raises(OutputError, match="folder does not exist"):
         write_obs(tmp_path / "gone" / "a.obs", observations_of(), signals=signals_of("G05a"), **GIVEN)
+
+
+EVERY = (
+    SignalId("C19", "B1", "2I"),
+    SignalId("C19", "B1C", "1P"),
+    SignalId("C19", "B2b", "7D"),
+    SignalId("C19", "B3", "6I"),
+    SignalId("E05", "E1", "C"),
+    SignalId("E05", "E5a", "Q"),
+    SignalId("G05", "L1", "CA"),
+    SignalId("G05", "L1", "W"),
+    SignalId("G05", "L2", "L"),
+    SignalId("G05", "L5", "Q"),
+    SignalId("G07", "L1", "CA"),
+    SignalId("J02", "L1", "CA"),
+    SignalId("R03", "G1", "CA"),
+    SignalId("R03", "G2", "P"),
+    SignalId("R04", "G1", "CA"),
+)
+NUMBERS = {"R03": 5, "R04": -7}
+
+
+def test_signals_of_all_systems_and_bands_read_back(tmp_path):
+    o = observations_of([f"G{k + 1:02d}a" for k in range(len(EVERY))])
+    carrier_hz = np.array([carrier_hz_of(s.band, NUMBERS.get(s.sat)) for s in EVERY])
+    o = missing(replace(o, signals=EVERY, carrier_hz=carrier_hz), (2, slice(3, 8)))
+    write_obs(tmp_path / "all.obs", o, signals=EVERY, **GIVEN)
+    found = read_obs(tmp_path / "all.obs")
+    assert found.observations.signals == EVERY
+    assert found.glonass_channels == NUMBERS
+    assert found.remarks == ()
+    np.testing.assert_array_equal(found.observations.carrier_hz, carrier_hz)
+    for name in ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz"):
+        np.testing.assert_allclose(getattr(found.observations, name), getattr(o, name), atol=5.1e-4)
+
+
+@pytest.mark.parametrize("system", "GREJCSI")
+def test_a_signal_has_the_name_that_it_was_read_by(system):
+    for digit, letter in itertools.product("123456789", "ABCDILMNPQSWXYZ"):
+        signal = rinex_signal(system, digit + letter)
+        if signal is not None:
+            named = rinex_attribute(f"{system}01", *signal)
+            assert rinex_signal(system, named) == signal

@@ -1,13 +1,13 @@
-"""GPS L1 C/A observations as a RINEX 3.05 observation file.
+"""Observations as a RINEX 3.05 observation file.
 
-Tables A2 (header) and A3 (records) of "RINEX: The Receiver Independent Exchange Format, version 3.05" (IGS and
-RTCM SC-104, 2020-12-01).
+Tables A2 (header), A3 (records) and 4 to 10 (names of signals) of "RINEX: The Receiver Independent Exchange Format,
+version 3.05" (IGS and RTCM SC-104, 2020-12-01).
 """
 
 import itertools
 import os
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Booleans, Instants, Integers, Reals
 from skyproof.formats.atomic_write import write_lines
+from skyproof.gnss.signals import frequency_number_of, rinex_attribute
 from skyproof.gnss.time import leap_seconds, rinex_date, utc_from_gpst
 from skyproof.records import CellStatus, Observations, SignalId
 
@@ -22,7 +23,12 @@ __all__ = ["obs_lines", "write_obs"]
 
 _TICK_NS: Final = 100  # an epoch's last digit: seconds are F11.7
 _LOWEST, _HIGHEST = -1e9 + 1e-3, 1e10 - 1e-3  # what F14.3 holds
-_COLUMNS: Final = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz")  # C1C L1C D1C S1C
+_COLUMNS: Final = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz")
+_KINDS: Final = "CLDS"  # in the names of the same
+_SYSTEMS: Final = {"G": "GPS", "R": "GLONASS", "E": "Galileo", "C": "BDS", "J": "QZSS", "S": "SBAS", "I": "NavIC/IRNSS"}
+_TYPES_A_LINE: Final = 13
+_SLOTS_A_LINE: Final = 8
+_EMPTY: Final = " " * 64  # four fields
 
 
 def write_obs(
@@ -78,7 +84,7 @@ def obs_lines(
 
     Parameters
     ----------
-    signals : which channels; at every epoch at most one of each satellite.
+    signals : which channels; at every epoch at most one of each transmission (satellite, band and code).
     holds : the label that these signals have, "authentic" for instance; comments say so and list the signals.
     marker : name of the site or receiver.
     version : of this program.
@@ -87,26 +93,32 @@ def obs_lines(
 
     Raises
     ------
-    ValueError : a signal is not in the observations or is not GPS L1 C/A, two channels have one satellite at one
-        epoch, or nothing was measured on any of them.
+    ValueError : a signal is not in the observations or has no name in RINEX, two channels have one transmission at
+        one epoch, or nothing was measured on any of them.
     """
     channels = _channels(observations, signals)
-    sats = [observations.signals[channel].sat for channel in channels]
+    sent = [(observations.signals[k].sat, _name_of(observations.signals[k])) for k in channels]
     values = np.stack([getattr(observations, name)[:, channels] for name in _COLUMNS], axis=-1)
     values[~((values > _LOWEST) & (values < _HIGHEST))] = np.nan
     there = np.isfinite(values[..., :3]).any(axis=-1)
-    for sat in sorted({sat for sat in sats if sats.count(sat) > 1}):
-        if (there[:, [s == sat for s in sats]].sum(axis=1) > 1).any():
-            raise ValueError(f"two of the signals of {sat} are there at one epoch; write them to separate files")
+    for sat, name in sorted({one for one in sent if sent.count(one) > 1}):
+        if (there[:, [one == (sat, name) for one in sent]].sum(axis=1) > 1).any():
+            raise ValueError(
+                f"two of the signals of {sat} ({name}) are there at one epoch; write them to separate files"
+            )
     kept = there.any(axis=1)
     if not kept.any():
         raise ValueError(f"{marker}: no measurement on any of the {len(channels)} signals; there is nothing to write")
     ticks = _in_ticks(observations.gpst)
     phase = np.isfinite(values[..., 1])
-    lost = _lock_was_lost(observations.status[:, channels] == CellStatus.SLIP, phase, sats)
+    lost = _lock_was_lost(observations.status[:, channels] == CellStatus.SLIP, phase, sent)
     indicator = 1 * lost + 2 * (phase & observations.half_cycle_open[:, channels])
 
-    listed = ", ".join(f"{signal.sat}{signal.copy}" for signal in sorted(signals))
+    types = {
+        system: tuple(sorted({name for sat, name in sent if sat[0] == system}))
+        for system in sorted({sat[0] for sat, _ in sent})
+    }
+    listed = ", ".join(_listed(signal) for signal in sorted(signals))
     header = _header(
         ticks[kept],
         marker=marker,
@@ -114,18 +126,41 @@ def obs_lines(
         position_ecef_m=position_ecef_m,
         created_utc=created_utc,
         comments=(f"Signals labelled {holds}: {listed}", *comments),
+        types=types,
+        slots=_slots(observations, channels),
     )
-    return itertools.chain(header, _body(ticks, sats, values, there, indicator))
+    return itertools.chain(header, _body(ticks, sent, types, values, there, indicator))
 
 
 def _channels(observations: Observations, signals: Sequence[SignalId]) -> list[int]:
-    """Where the signals stand, by satellite."""
+    """Where the signals stand, by satellite, band and code."""
     for signal in signals:
         if signal not in observations.signals:
             raise ValueError(f"{signal} is not among the signals of {observations.receiver}")
-        if not signal.sat.startswith("G") or (signal.band, signal.code) != ("L1", "CA"):
-            raise ValueError(f"{signal} is not a GPS L1 C/A signal")
     return [observations.signals.index(signal) for signal in sorted(set(signals))]
+
+
+def _name_of(signal: SignalId) -> str:
+    """ "1C" of GPS L1 C/A."""
+    name = rinex_attribute(signal.sat, signal.band, signal.code)
+    if name is None:
+        raise ValueError(f"{signal} has no name in RINEX")
+    return name
+
+
+def _listed(signal: SignalId) -> str:
+    """A signal in a comment: G05a, and E05 E1 Ca where it is not GPS L1 C/A."""
+    usual = signal.kind == ("G", "L1", "CA") and signal.sat[0] == "G"
+    return f"{signal.sat}{signal.copy}" if usual else f"{signal.sat} {signal.band} {signal.code}{signal.copy}"
+
+
+def _slots(observations: Observations, channels: Sequence[int]) -> dict[str, int]:
+    """Frequency numbers of GLONASS's satellites."""
+    numbers = {
+        observations.signals[k].sat: frequency_number_of(observations.signals[k].band, float(hz))
+        for k, hz in zip(channels, observations.carrier_hz[channels], strict=True)
+    }
+    return {sat: number for sat, number in sorted(numbers.items()) if number is not None}
 
 
 def _in_ticks(instants: Instants) -> Instants:
@@ -133,12 +168,12 @@ def _in_ticks(instants: Instants) -> Instants:
     return ((ns + _TICK_NS // 2) // _TICK_NS * _TICK_NS).astype("datetime64[ns]")
 
 
-def _lock_was_lost(slip: Booleans, phase: Booleans, sats: list[str]) -> Booleans:
-    """Where a satellite's phase does not continue that of the epoch before: a slip, a gap, or another channel."""
+def _lock_was_lost(slip: Booleans, phase: Booleans, sent: Sequence[tuple[str, str]]) -> Booleans:
+    """Where a transmission's phase does not continue that of the epoch before: a slip, a gap, or another channel."""
     begins = phase.copy()
     begins[1:] &= ~phase[:-1]
-    for sat in set(sats):
-        own = np.flatnonzero([s == sat for s in sats])
+    for one in set(sent):
+        own = np.flatnonzero([s == one for s in sent])
         epochs = np.flatnonzero(phase[:, own].any(axis=1))
         if epochs.size:
             begins[epochs[0], own] = False  # nothing came before it
@@ -156,9 +191,12 @@ def _header(
     position_ecef_m: ArrayLike | None,
     comments: Sequence[str],
     created_utc: np.datetime64 | None,
+    types: Mapping[str, Sequence[str]],
+    slots: Mapping[str, int],
 ) -> Iterator[str]:
     created = rinex_date(utc_from_gpst(epochs[0]) if created_utc is None else created_utc)
-    yield _line(f"{3.05:9.2f}{'':11}{'OBSERVATION DATA':20}{'G: GPS':20}", "RINEX VERSION / TYPE")
+    system = f"{next(iter(types))}: {_SYSTEMS[next(iter(types))]}" if len(types) == 1 else "M: Mixed"
+    yield _line(f"{3.05:9.2f}{'':11}{'OBSERVATION DATA':20}{system:20}", "RINEX VERSION / TYPE")
     yield _line(f"{f'skyproof {version}':20.20}{'':20}{created:20}", "PGM / RUN BY / DATE")
     for comment in comments:
         for part in textwrap.wrap(comment, 60):
@@ -172,7 +210,11 @@ def _header(
         x_m, y_m, z_m = np.asarray(position_ecef_m, np.float64)
         yield _line(f"{x_m:14.4f}{y_m:14.4f}{z_m:14.4f}", "APPROX POSITION XYZ")
     yield _line(f"{0.0:14.4f}{0.0:14.4f}{0.0:14.4f}", "ANTENNA: DELTA H/E/N")
-    yield _line("G    4 C1C L1C D1C S1C", "SYS / # / OBS TYPES")
+    for letter, names in types.items():
+        told = [kind + name for name in names for kind in _KINDS]
+        for first in range(0, len(told), _TYPES_A_LINE):
+            begin = f"{letter}  {len(told):3d}" if first == 0 else " " * 6
+            yield _line(f"{begin} {' '.join(told[first : first + _TYPES_A_LINE])}", "SYS / # / OBS TYPES")
     yield _line("DBHZ", "SIGNAL STRENGTH UNIT")
     if epochs.size > 1:
         interval_s = float(np.median(np.diff(epochs).astype(np.int64))) / 1e9
@@ -183,7 +225,15 @@ def _header(
             f"{year:6d}{month:6d}{day:6d}{hour:6d}{minute:6d}{_seconds(second_ticks):>13}{'':5}{'GPS':3}", label
         )
     yield _line(f"{0:6d}", "RCV CLOCK OFFS APPL")
-    yield _line("G L1C  0.00000", "SYS / PHASE SHIFT")
+    for letter, names in types.items():
+        for name in names:
+            yield _line(f"{letter} L{name}  0.00000", "SYS / PHASE SHIFT")
+    if "R" in types:
+        listed = [f"{sat}{number:3d}" for sat, number in slots.items()]
+        for first in range(0, max(len(listed), 1), _SLOTS_A_LINE):
+            begin = f"{len(listed):3d}" if first == 0 else " " * 3
+            yield _line(f"{begin} {' '.join(listed[first : first + _SLOTS_A_LINE])}", "GLONASS SLOT / FRQ #")
+        yield _line("", "GLONASS COD/PHS/BIS")  # blank: not known (table A2)
     yield _line(f"{leap_seconds(epochs[0]):6d}", "LEAP SECONDS")
     yield _line("", "END OF HEADER")
 
@@ -196,24 +246,32 @@ def _line(text: str, label: str) -> str:
 # --- the records (table A3)
 
 
-def _body(ticks: Instants, sats: list[str], values: Reals, there: Booleans, indicator: Integers) -> Iterator[str]:
+def _body(
+    ticks: Instants,
+    sent: Sequence[tuple[str, str]],
+    types: Mapping[str, Sequence[str]],
+    values: Reals,
+    there: Booleans,
+    indicator: Integers,
+) -> Iterator[str]:
     for epoch in np.flatnonzero(there.any(axis=1)):
         year, month, day, hour, minute, second_ticks = _calendar(ticks[epoch])
-        present = np.flatnonzero(there[epoch])
-        yield (
-            f"> {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d}{_seconds(second_ticks):>11}  0{present.size:3d}"
-        )
-        for channel in present:
-            yield _satellite(sats[channel], values[epoch, channel].tolist(), int(indicator[epoch, channel]))
+        lines: dict[str, dict[str, str]] = {}
+        for channel in np.flatnonzero(there[epoch]).tolist():
+            sat, name = sent[channel]
+            lines.setdefault(sat, {})[name] = _fields(values[epoch, channel].tolist(), int(indicator[epoch, channel]))
+        yield f"> {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d}{_seconds(second_ticks):>11}  0{len(lines):3d}"
+        for sat, fields in lines.items():
+            yield (sat + "".join(fields.get(name, _EMPTY) for name in types[sat[0]])).rstrip()
 
 
-def _satellite(sat: str, values: list[float], indicator: int) -> str:
-    """C1C L1C D1C S1C of one satellite: each F14.3, loss of lock (phase alone), strength (code and phase)."""
+def _fields(values: list[float], indicator: int) -> str:
+    """Code, phase, Doppler and strength of one signal: each F14.3, loss of lock (phase alone), strength (code and
+    phase)."""
     cn0_dbhz = values[3]
     strength = str(int(min(max(cn0_dbhz // 6.0, 1.0), 9.0))) if np.isfinite(cn0_dbhz) else " "
     marks = (f" {strength}", f"{indicator or ' '}{strength}", "  ", "  ")
-    cells = (f"{v:14.3f}{m}" if np.isfinite(v) else " " * 16 for v, m in zip(values, marks, strict=True))
-    return (sat + "".join(cells)).rstrip()
+    return "".join(f"{v:14.3f}{m}" if np.isfinite(v) else " " * 16 for v, m in zip(values, marks, strict=True))
 
 
 def _calendar(instant: np.datetime64) -> tuple[int, int, int, int, int, int]:

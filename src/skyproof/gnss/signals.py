@@ -17,7 +17,9 @@ __all__ = [
     "SignalDescription",
     "carrier_hz_of",
     "chip_m_of",
+    "frequency_number_of",
     "prn_of",
+    "rinex_attribute",
     "rinex_signal",
     "sat_name",
     "service_of",
@@ -177,6 +179,21 @@ def rinex_signal(system: str, attribute: str, version: float = 3.05) -> tuple[st
     if letter == "C" and (band == "L1" or (system == "R" and band in _FDMA_MHZ)):
         return band, "CA"
     return band, letter
+
+
+def rinex_attribute(sat: str, band: str, code: str) -> str | None:
+    """What RINEX 3.05 calls a signal, "1C" for instance; None where it has no name for it."""
+    digits = [digit for digit, name in _BANDS.get(sat[0], {}).items() if name == ("B2" if band == "B2b" else band)]
+    candidates = [code] if sat[0] == "C" else [digit + ("C" if code == "CA" else code) for digit in digits]
+    return next((c for c in candidates if len(c) == 2 and rinex_signal(sat[0], c) == (band, code)), None)
+
+
+def frequency_number_of(band: str, carrier_hz: float) -> int | None:
+    """GLONASS's frequency number of a carrier in its bands G1 and G2; None in any other band."""
+    if band not in _FDMA_MHZ or not np.isfinite(carrier_hz):
+        return None
+    centre_mhz, step_mhz = _FDMA_MHZ[band]
+    return round((carrier_hz / 1e6 - centre_mhz) / step_mhz)
 
 
 def carrier_hz_of(band: str, frequency_number: int | None = None) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 import tomli_w
 
 from skyproof.app.common.progress import Progress
-from skyproof.app.common.rinex import date_of, one_a_satellite, write_channels
+from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.document import Outcome, versions
 from skyproof.app.protect.pictures import fixes_by_kind, last_position, pictures_of, possible_fixes
@@ -176,7 +176,7 @@ def _write_rinex(folder: Path, outcome: Outcome) -> None:
         write_channels(folder / f"{o.receiver}-authentic.obs", authentic, "authentic", place)
         for label, name in (("spoofed", "other"), ("unknown", "unknown")):
             others = labelled(o, outcome.decision.labels, label)  # type: ignore[arg-type]
-            for number, signals in enumerate(one_a_satellite(others)):
+            for number, signals in enumerate(one_a_transmission(others)):
                 suffix = name if number == 0 else f"{name}-{number + 1}"
                 write_channels(folder / f"{o.receiver}-{suffix}.obs", others, label, place, signals)
 

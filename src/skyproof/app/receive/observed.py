@@ -11,7 +11,6 @@ from skyproof.app.receive.reception import Reception
 from skyproof.errors import InputError
 from skyproof.formats.byte_io import FileBytes, size_of
 from skyproof.formats.rinex_obs_read import parse_obs, unpacked_obs
-from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.navigation.clock import unstepped
 from skyproof.navigation.rates import with_dopplers
@@ -24,6 +23,7 @@ NO_SAMPLES = (
     "noise cannot be looked for"
 )
 MOST_STEPS_TOLD = 3
+SYSTEMS = "GECRJ"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,8 +76,8 @@ def open_observations(path: Path, glonass_channels: Mapping[str, int] | None = N
 
 
 def _is_judged(signal: SignalId) -> bool:
-    """Of the signals that a file may hold those that are compared."""
-    return signal.sat.startswith("G") and (signal.band, signal.code) == (GPS_L1_CA.band, GPS_L1_CA.code_name)
+    """Whether orbits of the signal's system are read: those of GPS, Galileo, BeiDou, GLONASS and QZSS."""
+    return signal.sat[0] in SYSTEMS
 
 
 def same_measurements(a: ObservedFile, b: ObservedFile) -> bool:

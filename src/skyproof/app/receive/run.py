@@ -11,7 +11,7 @@ import numpy as np
 
 from skyproof.app.common.folder import check_folder
 from skyproof.app.common.progress import Progress, Silent
-from skyproof.app.common.rinex import date_of, one_a_satellite, write_channels
+from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import resolve_settings
 from skyproof.app.common.windows import take
 from skyproof.app.receive.inputs import only_recordings, open_inputs
@@ -149,7 +149,7 @@ def _written(folder: Path, reception: Reception, navigation: NavigationData | No
     o = reception.observations
     if o is not None:
         place = _approximate_position_ecef_m(o, orbits)
-        for number, signals in enumerate(one_a_satellite(o)):
+        for number, signals in enumerate(one_a_transmission(o)):
             names.append(f"{o.receiver}.obs" if number == 0 else f"{o.receiver}-{number + 1}.obs")
             write_channels(folder / names[-1], o, "unjudged", place, signals)
     return tuple(names)
