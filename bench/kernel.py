@@ -134,6 +134,8 @@ class _Case:
             np.arange(CHANNELS),
             self.delays,
             np.zeros(1),
+            math.inf,
+            1.0,
             self.rate_hz,
             0.0,
             GPS_L1_CA.chip_rate_hz,

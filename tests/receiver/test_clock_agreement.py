@@ -84,7 +84,7 @@ def tracked(share, *, n_sats=8, seed=0, rows=11, oscillator_hz=0.0, sigma_m=1.0)
         elapsed_s=elapsed_s,
         arc=arc,
         table=table,
-        taps=np.zeros((arc.size, 3), np.complex64),
+        taps=np.zeros((arc.size, 1, 3), np.complex64),
         own=np.empty((arc.size, 0, 8)),
     )
 

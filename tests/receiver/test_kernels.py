@@ -44,7 +44,7 @@ def signal(n, *, delay_chips, doppler_hz, phase_cyc=0.2, amplitude=1.0):
     return np.stack([wave.real, wave.imag]).astype(np.float32)
 
 
-def run(planes, state, taps_chips, *, first_sample=0):
+def run(planes, state, taps_chips, *, first_sample=0, look_samples=np.inf, look_share=1.0):
     out = np.zeros((1, planes.shape[1] // 2600 + 2, k.OUT_TAPS + 2 * taps_chips.size))
     counts = np.zeros(1, np.int64)
     table = code_table(CODE, 1.023e6 / RATE_HZ, 32, 2601)[None]
@@ -61,6 +61,8 @@ def run(planes, state, taps_chips, *, first_sample=0):
         np.zeros(1, np.int64),
         taps_chips,
         np.zeros(1),
+        look_samples,
+        look_share,
         RATE_HZ,
         0.0,
         1.023e6,
@@ -165,3 +167,17 @@ def test_two_calls_give_what_one_gives():
     pieces = np.concatenate([first, second])
     # Only the stretch's mean power, which normalises the discriminator, may differ between calls.
     np.testing.assert_allclose(pieces[:5], whole[:5], rtol=1e-4, atol=0.05 * CODE_SCALE)
+
+
+def test_taps_of_a_look_are_those_of_all_the_time_and_the_loops_do_not_notice():
+    planes = signal(int(0.0512 * RATE_HZ), delay_chips=5.0, doppler_hz=-800.0)
+    delays = np.array([0.125, 0.0, -0.125, 0.5, -0.5])
+    whole = run(planes, state_for(delay_chips=5.0, doppler_hz=-800.0, pll=15.0, dll=1.0), delays)
+    state = state_for(delay_chips=5.0, doppler_hz=-800.0, pll=15.0, dll=1.0)
+    looked = run(planes, state, delays, look_samples=0.02 * RATE_HZ, look_share=0.2)
+    taken = whole[:, k.OUT_START] % (0.02 * RATE_HZ) < 0.004 * RATE_HZ
+    assert taken.sum() == 12
+    np.testing.assert_array_equal(looked[taken], whole[taken])
+    near = k.OUT_TAPS + 6
+    np.testing.assert_array_equal(looked[:, :near], whole[:, :near])
+    assert np.isnan(looked[~taken, near:]).all()

@@ -41,6 +41,35 @@ def test_taps_show_the_correlation_function_on_the_real_axis(clean):
     assert missing.all()
 
 
+def test_taps_of_looks_stand_at_their_times_and_show_the_same(clean):
+    """A signal's looks, by themselves, average to what all the time shows, and lie evenly over the receiver's time."""
+    further = {"further_taps_chips": (0.5, -0.5), "sats": ("G05", "G10")}
+    planes = clean.planes[:, : int(3.05 * clean.samples.rate_hz)]
+    elapsed_s = 0.2 * np.arange(1.0, 15.0)
+    shapes = []
+    for looks in ({}, {"looks_per_frame": 5, "look_share": 0.2}):
+        receiver = Receiver(clean.samples.rate_hz, clean.samples.if_hz, ReceiverSettings(**further, **looks))
+        output, _ = receiver.step(ReceiverState(), planes)
+        taps = taps_of(
+            "rx",
+            output.measurements,
+            output.arcs,
+            elapsed_s,
+            delays_chips=receiver.taps_chips,
+            dopplers_hz=receiver.taps_hz,
+            samples_per_period=receiver.rate_hz * 1e-3,
+            averaged_s=0.2,
+            look_share=receiver.settings.look_share,
+        )
+        late = taps.value[taps.elapsed_s > 2.0, :, 0]
+        assert np.isfinite(late).all()
+        shapes.append(late.mean(axis=0) / late[:, :, 1].mean(axis=0)[:, None])
+    assert taps.value.shape == (140, len(taps.signals), 1, 5)
+    np.testing.assert_allclose(np.diff(taps.elapsed_s), 0.02, atol=1e-12)
+    assert taps.elapsed_s[0] == pytest.approx(0.1 + 0.002)
+    np.testing.assert_allclose(shapes[1], shapes[0], atol=0.1)
+
+
 def arc(copy: str, crs: float) -> Arc:
     fields = {"iode": 17.0, "crs": crs, "toe": 7200.0}
     subframe = Subframe(id=2, tow_s=6, inverted=False, alert=False, words=(), fields=fields)

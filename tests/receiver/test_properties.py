@@ -71,7 +71,9 @@ def receiver(planes):
     output, state = finder.step(state, planes[:, : int(1.5 * RATE_HZ)])
     there = {arc.signal.sat for arc in output.arcs.values()}
     absent = [sat for sat in finder.settings.sats if sat not in there][:2]
-    return Receiver(RATE_HZ, settings=ReceiverSettings(sats=tuple(sorted({*there, *absent}))))
+    sats = tuple(sorted({*there, *absent}))
+    looks = {"further_taps_chips": (0.5, -0.5), "looks_per_frame": 5, "look_share": 0.2}
+    return Receiver(RATE_HZ, settings=ReceiverSettings(sats=sats, **looks))
 
 
 def receive(receiver, planes, cuts=()):

@@ -136,6 +136,8 @@ def advance(
     table_of_channel: Integers,
     taps_chips: Reals,
     taps_hz: Reals,
+    look_samples: float,
+    look_share: float,
     rate_hz: float,
     if_hz: float,
     code_rate_hz: float,
@@ -163,20 +165,25 @@ def advance(
         table_of_channel : (n_channels,).
     taps_chips : (n_delays,), ahead of prompt positive; the first three are early, prompt, late.
     taps_hz : (n_dopplers,), off the carrier's frequency; the first is zero. Every delay is taken at every Doppler.
+    look_samples, look_share : all taps are taken in the periods that begin in the first `look_share` of every
+        `look_samples` samples, counted from absolute index 0; in the others early, prompt and late alone.
     code_gain : of the discriminator (E - L)/P, a chip.
-    out : (n_channels, max_periods, columns of `row_size`), filled; counts : (n_channels,) periods written.
+    out : (n_channels, max_periods, columns of `row_size`), filled, NaN for taps not taken; counts :
+        (n_channels,) periods written.
     """
     nominal = code_rate_hz / rate_hz
     n_antennas = samples.shape[0]
     n_taps = taps_hz.shape[0] * taps_chips.shape[0]
     own = OUT_TAPS + 2 * n_taps  # first column of the antennas' own sums
+    near_chips, all_chips = taps_chips[:3].copy(), taps_chips.copy()
+    carrier, dopplers = np.zeros(1), taps_hz / rate_hz
     for channel in range(states.shape[0]):
         state = states[channel]
         table = tables[table_of_channel[channel]]
-        scratch = scratch_for(math.ceil(code_length / nominal) + 64, taps_chips.shape[0])
-        grid = np.empty((taps_hz.shape[0], taps_chips.shape[0], 2))
-        sums = grid.reshape(-1)
-        shifts = np.empty(taps_chips.shape[0], np.float64)
+        longest = math.ceil(code_length / nominal) + 64
+        scratch, scratch_near = scratch_for(longest, taps_chips.shape[0]), scratch_for(longest, 3)
+        grid, grid_near = np.empty((taps_hz.shape[0], taps_chips.shape[0], 2)), np.empty((1, 3, 2))
+        shifts_all, shifts_near = np.empty(taps_chips.shape[0]), np.empty(3)
         count = 0
         while count < out.shape[1]:
             chips_per_sample = state[CODE_RATE] / rate_hz
@@ -185,7 +192,11 @@ def advance(
             if begin + n > n_samples:
                 break
             row = out[channel, count]
-            row[OUT_TAPS:own] = 0.0
+            looked = state[START] % look_samples < look_share * look_samples
+            shifts = shifts_all if looked else shifts_near
+            sums = (grid if looked else grid_near).reshape(-1)
+            row[OUT_TAPS : OUT_TAPS + sums.size] = 0.0
+            row[OUT_TAPS + sums.size : own] = math.nan
             for antenna in range(n_antennas):
                 correlate_period(
                     samples[antenna, 0],
@@ -199,14 +210,14 @@ def advance(
                     table,
                     pad,
                     nominal,
-                    taps_chips,
-                    taps_hz / rate_hz,
-                    scratch,
-                    grid,
+                    all_chips if looked else near_chips,
+                    dopplers if looked else carrier,
+                    scratch if looked else scratch_near,
+                    grid if looked else grid_near,
                     shifts,
                 )
                 real, imaginary = weights[channel, antenna, 0], weights[channel, antenna, 1]
-                for k in range(n_taps):
+                for k in range(sums.size // 2):
                     row[OUT_TAPS + 2 * k] += real * sums[2 * k] + imaginary * sums[2 * k + 1]
                     row[OUT_TAPS + 2 * k + 1] += real * sums[2 * k + 1] - imaginary * sums[2 * k]
                 if n_antennas > 1:

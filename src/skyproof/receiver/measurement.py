@@ -57,7 +57,8 @@ class Measurements:
     """Measurements of any number of channels and epochs, one a row, in order of time.
 
     elapsed_s : (n,) receiver time. arc : (n,) int64, which stretch of tracking. table : (n, N_COLUMNS).
-    taps : (n, n_taps) complex64, mean correlator of a code period with bits and carrier wiped off, over the block.
+    taps : (n, n_looks, n_taps) complex64, mean correlator of a code period with bits and carrier wiped off, over each
+        look: equal parts of the block, or the whole of it; NaN where none was taken.
     own : (n, n_antennas, N_OWN) of each antenna, if there are several: `table` and `taps` are of their sum then. Of one
         antenna it is (n, 0, N_OWN).
     """
@@ -99,13 +100,13 @@ class Measurements:
         return replace(part, table=table, own=part.own[:, :0])
 
     @staticmethod
-    def nothing(n_taps: int = 0, n_antennas: int = 0) -> "Measurements":
+    def nothing(n_looks: int = 1, n_taps: int = 0, n_antennas: int = 0) -> "Measurements":
         """No row."""
         return Measurements(
             elapsed_s=np.empty(0),
             arc=np.empty(0, np.int64),
             table=np.empty((0, N_COLUMNS)),
-            taps=np.empty((0, n_taps), np.complex64),
+            taps=np.empty((0, n_looks, n_taps), np.complex64),
             own=np.empty((0, n_antennas, N_OWN)),
         )
 
@@ -136,7 +137,8 @@ def measure(
 
     Returns
     -------
-    table (n_channels, N_COLUMNS), NaN for a channel with too few periods; taps (n_channels, n_taps); rotations
+    table (n_channels, N_COLUMNS), NaN for a channel with too few periods; taps (n_channels, n_taps), means over
+    the block, NaN of those not taken in all of it; rotations
     (n_channels, periods of both frames) that take carrier and data bit off each code period, zero where there is none.
 
     Phase and frequency come from a parabola through the phases of the groups (so a constant acceleration biases

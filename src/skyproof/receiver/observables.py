@@ -144,20 +144,24 @@ def taps_of(
     dopplers_hz: Reals,
     samples_per_period: float,
     averaged_s: float,
+    look_share: float = 1.0,
 ) -> Taps:
-    """All correlators as one record, with rows and columns as in `assemble`."""
+    """All correlators as one record: columns as in `assemble`, a row for each look at the middle of what it averages.
+
+    elapsed_s : (n_epochs,) as in `assemble`. look_share : of each look, in which all taps were taken.
+    """
     rows, columns, signals = _cells(measurements, arcs, elapsed_s, averaged_s)
-    shape = (elapsed_s.size, len(signals), dopplers_hz.size, delays_chips.size)
-    value = np.full(shape, complex(np.nan, np.nan), np.complex64)
-    sums = measurements.taps.reshape(-1, dopplers_hz.size, delays_chips.size)
-    value[rows, columns] = sums / (CODE_SCALE * samples_per_period)
+    n_looks, grid = measurements.taps.shape[1], (dopplers_hz.size, delays_chips.size)
+    value = np.full((elapsed_s.size, n_looks, len(signals), *grid), complex(np.nan, np.nan), np.complex64)
+    value[rows, :, columns] = measurements.taps.reshape(-1, n_looks, *grid) / (CODE_SCALE * samples_per_period)
+    middle_s = averaged_s * ((np.arange(n_looks) + 0.5 * look_share) / n_looks - 0.5)
     return Taps(
         receiver=receiver,
         signals=signals,
-        elapsed_s=elapsed_s,
+        elapsed_s=(elapsed_s[:, np.newaxis] + middle_s).reshape(-1),
         delays_chips=delays_chips,
         dopplers_hz=dopplers_hz,
-        value=value,
+        value=value.reshape(-1, len(signals), *grid),
     )
 
 

@@ -37,6 +37,7 @@ from skyproof.receiver.correlator import REACH_CHIPS, table_pad
 from skyproof.receiver.crosstalk import Rows
 from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.lock import lock_threshold, lock_value
+from skyproof.receiver.looks import look_means
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.replica import CODE_SCALE, code_table
 
@@ -73,6 +74,8 @@ class ReceiverSettings:
     early_late_chips : spacing between early and late tap.
     further_taps_chips : taps beside early, prompt and late, ahead of prompt positive.
     further_taps_hz : Dopplers beside the carrier's at which all taps are taken as well.
+    looks_per_frame, look_share : all taps are taken in this share of so many equal parts of a frame, and averaged over
+        each; 0 takes them all the time and averages over a row of measurements.
     pull_in, searching_bits, tracking, weak : the loops for `pull_in_s`; until bits are known; then; and below
         `weak_dbhz` (with 2 dB of hysteresis).
     confirm_s : after that time a channel must be locked or is dropped.
@@ -88,6 +91,8 @@ class ReceiverSettings:
     early_late_chips: float = 0.25
     further_taps_chips: tuple[float, ...] = ()
     further_taps_hz: tuple[float, ...] = ()
+    looks_per_frame: int = 0
+    look_share: float = 1.0
     code_phases: int = 32
     # Of 5 ms: a frequency loop of 1 ms shakes by 18 Hz at 35 dB-Hz and loses every other signal.
     pull_in: LoopSettings = LoopSettings(
@@ -162,9 +167,14 @@ class Receiver:
         step_chips = self.signal.chip_rate_hz / rate_hz / self.settings.code_phases
         half = step_chips * max(round(0.5 * self.settings.early_late_chips / step_chips), 1)
         self.discriminator = discriminator(self.signal.chip_rate_hz / rate_hz, 2.0 * half)
-        self.taps_chips = np.array([half, 0.0, -half, *self.settings.further_taps_chips])
+        further = np.array(self.settings.further_taps_chips)
+        if self.settings.looks_per_frame:  # what is compared within a look has to be rounded alike
+            further = step_chips * np.rint(further / step_chips)
+        self.taps_chips = np.array([half, 0.0, -half, *further])
         self.taps_hz = np.array([0.0, *self.settings.further_taps_hz])
         self.n_taps = self.taps_chips.size * self.taps_hz.size
+        self.n_looks = max(MEASURE_FRAMES * self.settings.looks_per_frame, 1)
+        self._look_samples = self.settings.frame_s * rate_hz / max(self.settings.looks_per_frame, 1)
         self._reach_chips = max(REACH_CHIPS, float(np.max(np.abs(self.taps_chips))) + 1.0)
         self._pad = table_pad(self.signal.chip_rate_hz / rate_hz, self._reach_chips)
         self._max_periods = int(self.settings.frame_s / self.signal.period_s) + 4
@@ -185,7 +195,7 @@ class Receiver:
         fresh = samples.reshape(-1, 2, samples.shape[-1])
         known = state.tail if state.tail.shape[-1] else fresh[..., :0]
         state = replace(state, tail=np.ascontiguousarray(np.concatenate([known, fresh], axis=-1)))
-        measured = [Measurements.nothing(self.n_taps, _antennas_measured(state.tail))]
+        measured = [Measurements.nothing(self.n_looks, self.n_taps, _antennas_measured(state.tail))]
         arcs: dict[int, Arc] = {}
         gaps: list[Gap] = []
         while self.frame_start(state.frame + 1) <= state.tail_start + state.tail.shape[-1]:
@@ -343,6 +353,8 @@ class Receiver:
                 table_of[part],
                 self.taps_chips,
                 self.taps_hz,
+                self._look_samples,
+                self.settings.look_share,
                 self.rate_hz,
                 self.if_hz,
                 self.signal.chip_rate_hz,
@@ -447,9 +459,18 @@ class Receiver:
         good &= confirmed
         own, last_phases = self._on_each_antenna(state, earlier, later, taps, wipe, good, elapsed_s)
         numbers = np.array([c.arc for c in state.channels], np.int64)
-        of_all = Measurements(
-            elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=taps[:, : self.n_taps], own=own
-        )
+        looks = taps[:, np.newaxis, : self.n_taps]
+        if settings.looks_per_frame:
+            looks = look_means(
+                earlier,
+                later,
+                wipe,
+                n_looks=self.n_looks,
+                look_samples=self._look_samples,
+                epoch_samples=elapsed_s * self.rate_hz,
+                n_taps=self.n_taps,
+            )
+        of_all = Measurements(elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=looks, own=own)
         measured.append(of_all.chosen(good))
         return replace(state, last_phases=last_phases)
 
