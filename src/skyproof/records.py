@@ -51,6 +51,7 @@ __all__ = [
     "Source",
     "SpinArm",
     "Taps",
+    "TapsAsked",
     "UtcParameters",
     "freeze",
 ]
@@ -370,14 +371,27 @@ class ObservationLog(Protocol):
         """The epochs from `first` to before `stop`, of all channels."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class TapsAsked:
+    """Which `Taps` a detector asks a receiver for.
+
+    delays_chips : beside early, prompt and late, ahead of prompt positive. every_s, coherent_s : means over so much of
+        every so much.
+    """
+
+    delays_chips: tuple[float, ...]
+    every_s: float
+    coherent_s: float
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Taps:
     """Correlator outputs of one receiver at common receiver times, carrier and data bits wiped off.
 
-    elapsed_s : (n_epochs,) as in `Observations`.
+    elapsed_s : (n_epochs,) as in `Observations`, the middle of what each value is the mean of.
     delays_chips : (n_delays,) of the replica ahead of the tracked code; dopplers_hz : (n_dopplers,) off the carrier.
-    value : (n_epochs, n_channels, n_dopplers, n_delays) complex64, correlation a sample, so in the samples' own unit,
-        mean over the epoch's averaging time; NaN where nothing is tracked. The prompt is real but for noise.
+    value : (n_epochs, n_channels, n_dopplers, n_delays) complex64, correlation a sample, so in the samples' own unit;
+        NaN where nothing is tracked. The prompt is real but for noise.
     """
 
     receiver: str

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from skyproof.detectors.array.ins_array import InsArraySettings, equilateral_triangle, predicted_directions
 from skyproof.detectors.array.spin import arm_angles, arm_columns
-from skyproof.detectors.correlators.correlator_laws import prompt_amplitude
+from skyproof.detectors.correlators.correlator_laws import prompt_amplitude, triangle
+from skyproof.detectors.correlators.sqm import tap_covariance
 from skyproof.detectors.dccaf.decomposition import delay_dictionary, noise_variance, simulate_taps
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
@@ -70,13 +71,12 @@ def with_unrelated(rng, spread_m=60.0):
 TAPS_SCENE = MeasuredScene(antennas_enu_m=ONE, epochs=3, step_s=0.02, max_satellites=8, cn0_dbhz=45.0)
 
 
-def with_taps(rng, name, code_chips=0.0, phase_rad=0.0, second=0.0):
-    """Records with taps, as the extra `name`, of channels at the offsets; `second` is added to each early one."""
+def with_vector_taps(rng, code_chips=0.0, phase_rad=0.0):
+    """Records with taps of a vector receiver's channels at the offsets."""
     records = TAPS_SCENE.records(rng)
     (o,) = records.observations
     amplitude = prompt_amplitude(TAPS_SCENE.cn0_dbhz, coherent_s=TAPS_SCENE.step_s)
     value = draw_taps(rng, (TAPS_SCENE.epochs, len(o.signals)), amplitude, code_chips, phase_rad) / amplitude
-    value[..., 0] += second
     taps = Taps(
         receiver=o.receiver,
         signals=o.signals,
@@ -85,7 +85,45 @@ def with_taps(rng, name, code_chips=0.0, phase_rad=0.0, second=0.0):
         dopplers_hz=np.zeros(1),
         value=(0.07 * value[:, :, None, :]).astype(np.complex64),
     )
-    return replace(records, **{name: (taps,)})
+    return replace(records, vector_taps=(taps,))
+
+
+DELAYS_CHIPS = np.array([0.125, 0.0, -0.125, 0.5, -0.5, 1.0, -1.0])
+LOOK_S, LOOKED_S = 0.02, 0.004
+TAPS_SIGNALS = tuple(SignalId(f"G{k + 1:02d}") for k in range(10))
+
+
+def looks(rng, cn0_dbhz=45.0, n=500, *, second=0.0, lag_chips=0.0, beat_hz=0.0, delays=DELAYS_CHIPS):
+    """One signal's taps (n, n_taps) with a second one, later by `lag_chips`, beside it; in the amplitude's unit."""
+    sigma = 1.0 / prompt_amplitude(cn0_dbhz, coherent_s=LOOKED_S)
+    root = np.linalg.cholesky(tap_covariance(delays) + 1e-9 * np.eye(delays.size))
+    noise = (rng.standard_normal((n, delays.size, 2)) @ [1.0, 1j]) @ root.T
+    turn = np.exp(2j * np.pi * (beat_hz * LOOK_S * np.arange(n) + rng.random()))
+    other = second * turn[:, None] * triangle(delays + lag_chips)
+    return (triangle(delays) + other + sigma * noise).astype(np.complex64)
+
+
+def looked(rng, cn0_dbhz=(35.0, 50.0), n=500, seconds=None):
+    """Records of ten signals' taps in looks; `seconds` maps a number of a signal to `looks`'s words."""
+    levels = rng.uniform(*cn0_dbhz, len(TAPS_SIGNALS))
+    value = [looks(rng, level, n, **(seconds or {}).get(k, {})) for k, level in enumerate(levels)]
+    taps = Taps(
+        receiver="rx1",
+        signals=TAPS_SIGNALS,
+        elapsed_s=LOOK_S * np.arange(n),
+        delays_chips=DELAYS_CHIPS,
+        dopplers_hz=np.zeros(1),
+        value=np.stack(value, axis=1)[:, :, None, :],
+    )
+    end = START + np.timedelta64(round(n * LOOK_S * 1e9), "ns")
+    return Records(start_gpst=START, end_gpst=end, taps=(taps,))
+
+
+def reflected(rng, probability):
+    """Each signal has a strong reflection with this probability: late, and at any beat."""
+    hit = np.flatnonzero(rng.random(len(TAPS_SIGNALS)) < probability)
+    ray = [{"second": 0.5, "lag_chips": rng.uniform(0.2, 1.2), "beat_hz": rng.uniform(-20.0, 20.0)} for _ in hit]
+    return looked(rng, seconds=dict(zip(hit.tolist(), ray, strict=True)), n=150)
 
 
 CCAF_RATE_HZ = 10e6

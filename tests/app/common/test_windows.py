@@ -1,10 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import RECEIVED, detectors_for, following_epochs, windows_of
+from skyproof.app.common.windows import RECEIVED, detectors_for, following_epochs, taps_asked, windows_of
 from skyproof.detectors.base import load_detectors
-from skyproof.records import NavigationData, Observations, Records, SignalId, SpinArm
+from skyproof.records import NavigationData, Need, Observations, Records, SignalId, SpinArm, Taps
+from skyproof.testing import MeasuredScene
 
 START = np.datetime64("2022-01-01", "ns")
 ARM = SpinArm(receiver="rx1", radius_m=0.1, rate_rad_s=1.0)
@@ -66,3 +69,56 @@ def test_windows_hold_five_epochs_or_more_whatever_lies_between_them(step_s, win
     usual = sum(RECEIVED.issuperset(kind().needs) for kind in load_detectors().values())
     of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
     assert peaks.settings.false_alarm_probability == pytest.approx(of_a_window / usual)
+
+
+def test_each_window_has_the_correlators_of_its_epochs_and_every_look_is_in_one():
+    """Looks lie to both sides of the epoch whose block they belong to; where the clock's label steps they go along."""
+    observations = (
+        MeasuredScene(epochs=40, antennas_enu_m={"rx1": (0.0, 0.0, 0.0)})
+        .records(np.random.default_rng(1))
+        .observations[0]
+    )
+    later = np.where(np.arange(40) < 25, 0, 7).astype("timedelta64[ms]")
+    observations = replace(observations, gpst=observations.gpst + later)
+    elapsed_s = (observations.elapsed_s[:, None] + np.arange(-0.5, 0.45, 0.1)).ravel()
+    value = np.repeat(np.arange(40.0), 10)[:, None, None, None] * np.ones((1, len(observations.signals), 1, 1))
+    taps = Taps(
+        receiver="rx1",
+        signals=observations.signals,
+        elapsed_s=elapsed_s,
+        delays_chips=np.zeros(1),
+        dopplers_hz=np.zeros(1),
+        value=value.astype(np.complex64),
+    )
+    windows = windows_of([observations], NavigationData(ephemerides=()), Settings(window_s=12.0), [taps])
+    seen = []
+    for records in windows:
+        (part,), (own,) = records.taps, records.observations
+        epochs = np.flatnonzero(np.isin(observations.gpst, own.gpst))
+        assert part.value[:, 0, 0, 0].real.tolist() == np.repeat(epochs, 10).tolist()
+        seen += part.elapsed_s.tolist()
+    assert seen == elapsed_s.tolist()
+
+
+def test_taps_are_those_that_the_installed_detectors_ask_for():
+    asked = taps_asked()
+    assert asked is not None
+    wanting = [kind for kind in load_detectors().values() if Need.TAPS in kind().needs]
+    assert [kind().name for kind in wanting] == ["sqm"]
+    assert set(wanting[0].taps.delays_chips) == set(asked.delays_chips)
+
+
+def test_a_run_with_correlators_shares_the_false_alarms_with_sqm():
+    settings = Settings()
+    of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
+    usual = [name for name, kind in load_detectors().items() if RECEIVED.issuperset(kind().needs)]
+    taps = Taps(
+        receiver="rx1",
+        signals=(),
+        elapsed_s=np.zeros(0),
+        delays_chips=np.zeros(1),
+        dopplers_hz=np.zeros(1),
+        value=np.zeros((0, 0, 1, 1), np.complex64),
+    )
+    run = Records(start_gpst=START, end_gpst=START, taps=(taps,))
+    assert share(run) == pytest.approx(of_a_window / (len(usual) + 1))

@@ -13,9 +13,29 @@ from skyproof.arrays import Booleans
 from skyproof.detectors.base import Detector, load_detectors
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import interval_s
-from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, ObservationLog, Observations, Records
+from skyproof.records import (
+    ConsistentSet,
+    Evidence,
+    NavigationData,
+    Need,
+    ObservationLog,
+    Observations,
+    Records,
+    Taps,
+    TapsAsked,
+)
 
-__all__ = ["Windows", "cut", "detectors_for", "examine", "examine_all", "following_epochs", "reviewed", "windows_of"]
+__all__ = [
+    "Windows",
+    "cut",
+    "detectors_for",
+    "examine",
+    "examine_all",
+    "following_epochs",
+    "reviewed",
+    "taps_asked",
+    "windows_of",
+]
 
 NO_TIME = np.datetime64("NaT", "ns")
 RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAVIGATION})
@@ -43,6 +63,14 @@ def take(observations: Observations, rows: Booleans) -> Observations:
         and f.name not in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
     }
     return replace(observations, **chosen)
+
+
+def cut_taps(taps: Taps, observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> Taps:
+    """The correlators whose nearest epoch of the receiver's observations has start <= label < end."""
+    middles_s = 0.5 * (observations.elapsed_s[1:] + observations.elapsed_s[:-1])
+    label = observations.gpst[np.searchsorted(middles_s, taps.elapsed_s, side="right")]
+    rows = (label >= start_gpst) & (label < end_gpst)
+    return replace(taps, elapsed_s=taps.elapsed_s[rows], value=taps.value[rows])
 
 
 def following_epochs(settings: Settings, observations: Sequence[Observations]) -> Settings:
@@ -91,10 +119,14 @@ class Windows:
         if orbits is not None:
             for window in cuts:
                 sets += consistent_sets(window, orbits, multipath_sigma_m=self.multipath_sigma_m)
-        return replace(self.run, start_gpst=start, end_gpst=end, observations=cuts, sets=tuple(sets))
+        whole = {o.receiver: o for o in self.run.observations}
+        taps = tuple(cut_taps(t, whole[t.receiver], start, end) for t in self.run.taps)
+        return replace(self.run, start_gpst=start, end_gpst=end, observations=cuts, sets=tuple(sets), taps=taps)
 
 
-def windows_of(observations: Sequence[Observations], navigation: NavigationData, settings: Settings) -> Windows:
+def windows_of(
+    observations: Sequence[Observations], navigation: NavigationData, settings: Settings, taps: Sequence[Taps] = ()
+) -> Windows:
     """The windows of a run. Without observations it is one empty window, in which every detector says what it lacks."""
     edges = window_edges(observations, settings.window_s)
     run = Records(
@@ -102,6 +134,7 @@ def windows_of(observations: Sequence[Observations], navigation: NavigationData,
         end_gpst=edges[-1],
         observations=tuple(observations),
         navigation=navigation if navigation.ephemerides else None,
+        taps=tuple(taps),
     )
     return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m)
 
@@ -125,6 +158,18 @@ def detectors_for(settings: Settings, run: Records) -> list[Detector]:
         chosen = {name: value for name, value in shared.items() if name in known}
         detectors.append(cls(settings=replace(defaults, **chosen)))  # type: ignore[call-arg]
     return detectors
+
+
+def taps_asked() -> TapsAsked | None:
+    """The correlators that the installed detectors ask for, all together; None if none needs any."""
+    asked: list[TapsAsked] = [cls.taps for cls in load_detectors().values() if Need.TAPS in cls().needs]  # type: ignore[attr-defined]
+    if not asked:
+        return None
+    return TapsAsked(
+        delays_chips=tuple(sorted({delay for one in asked for delay in one.delays_chips})),
+        every_s=min(one.every_s for one in asked),
+        coherent_s=max(one.coherent_s for one in asked),
+    )
 
 
 def _equipped(detector: Detector, run: Records) -> bool:

@@ -13,7 +13,7 @@ from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.platform_use import described, inputs_of, settings_of
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
-from skyproof.app.common.windows import detectors_for, examine_all, following_epochs, windows_of
+from skyproof.app.common.windows import detectors_for, examine_all, following_epochs, taps_asked, windows_of
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.outputs import write_outputs
@@ -123,7 +123,7 @@ def _received(
 ) -> tuple[list[Reception], bool]:
     """What each source's receiver heard, in their order, and whether Ctrl-C ended the tracking early."""
     recordings = [source for source in sources if isinstance(source, Samples)]
-    trackers, interrupted = track(recordings, settings, progress, navigation, summed=True)
+    trackers, interrupted = track(recordings, settings, progress, navigation, summed=True, taps=taps_asked())
     if not interrupted and len(recordings) == len(sources):
         require_signals(trackers)
     tracked = iter(trackers)
@@ -192,8 +192,11 @@ def judge(
 ) -> tuple[Outcome, bool]:
     """Windows, evidence, decision and fixes from what the receivers heard, and whether Ctrl-C left windows out."""
     orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
-    observed = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
-    windows = windows_of(observed, orbits, settings)
+    heard = [
+        (r.observations, r.taps) for r in receptions if r.observations is not None and r.observations.gpst.size > 1
+    ]
+    observed = [observations for observations, _ in heard]
+    windows = windows_of(observed, orbits, settings, [taps for _, taps in heard if taps is not None])
     evidence, sets, interrupted = examine_all(windows, detectors_for(settings, windows.run), progress)
     decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]

@@ -13,7 +13,7 @@ from skyproof.app.inspect.advice import correction_remark
 from skyproof.app.receive.bridge import bridged
 from skyproof.app.receive.clock_check import CHECKED_S, MOST_CHECKS, agreeing
 from skyproof.app.receive.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_told
-from skyproof.arrays import Indices
+from skyproof.arrays import Indices, Reals
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state
@@ -30,12 +30,13 @@ from skyproof.receiver.observables import (
     messages_that_differ,
     navigation_of,
     receiver_time_tag,
+    taps_of,
     timed_by_range,
     week_told,
 )
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
 from skyproof.recording.conditioning import conditioned, measure_front_end
-from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId, Source
+from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId, Source, Taps, TapsAsked
 
 __all__ = ["Reception", "Tracker", "observe", "require_signals", "track"]
 
@@ -54,6 +55,7 @@ class Reception:
     examined_s : how much of the recording was worked on.
     same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
     messages_differ : where signals of one satellite tell different messages, in words; among the remarks as well.
+    taps : correlators beside the observations, if they were asked for.
     """
 
     source: Source
@@ -65,6 +67,7 @@ class Reception:
     same_as: str | None = None
     remarks: tuple[str, ...] = ()
     messages_differ: tuple[str, ...] = ()
+    taps: Taps | None = None
 
     @property
     def samples(self) -> Samples | None:
@@ -155,6 +158,7 @@ def track(
     *,
     watchful: bool = True,
     summed: bool = False,
+    taps: TapsAsked | None = None,
 ) -> tuple[list[Tracker], bool]:
     """Track all recordings side by side, so that an interruption leaves all equally far.
 
@@ -164,10 +168,12 @@ def track(
 
     summed : the sums of the files will be asked for.
 
+    taps : correlators to take beside early, prompt and late.
+
     Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
     """
     progress = progress or Silent()
-    trackers = [_tracker(samples, settings, navigation, watchful) for samples in recordings]
+    trackers = [_tracker(samples, settings, navigation, watchful, taps) for samples in recordings]
     for samples in recordings:
         if summed and samples.file is not None:
             samples.file.sum_as_read()
@@ -186,7 +192,9 @@ def track(
     return trackers, False
 
 
-def _tracker(samples: Samples, settings: Settings, navigation: NavigationData | None, watchful: bool) -> Tracker:
+def _tracker(
+    samples: Samples, settings: Settings, navigation: NavigationData | None, watchful: bool, taps: TapsAsked | None
+) -> Tracker:
     """A recording made ready: what hurts in its samples taken off, gaps that it tells of bridged."""
     clean, cleaned = _cleaned(samples)
     whole, filled = bridged(clean, begun_s=settings.start_s)
@@ -197,6 +205,13 @@ def _tracker(samples: Samples, settings: Settings, navigation: NavigationData | 
         near_search_s=0.5 if watchful else 1.0,
         full_search_s=10.0 if watchful else 20.0,
     )
+    if taps is not None:
+        receiver_settings = replace(
+            receiver_settings,
+            further_taps_chips=taps.delays_chips,
+            looks_per_frame=round(receiver_settings.frame_s / taps.every_s),
+            look_share=taps.coherent_s / taps.every_s,
+        )
     receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), receiver_settings)
     return Tracker(samples=whole, receiver=receiver, told=(*cleaned, *filled, *narrowed))
 
@@ -290,6 +305,7 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
         left_out=left_out,
         remarks=tuple(remarks),
         messages_differ=differ,
+        taps=None if observations is None else _taps(tracker, observations.elapsed_s),
     )
 
 
@@ -433,6 +449,24 @@ def _assembled(tracker: Tracker, arcs: Mapping[int, Arc], label: ReceiverTimeTag
         elapsed_s,
         carrier_hz=settings.signal.carrier_hz,
         averaged_s=tracker.epoch_s,
+    )
+
+
+def _taps(tracker: Tracker, elapsed_s: Reals) -> Taps | None:
+    """The correlators that were asked for, at the epochs of the observations."""
+    receiver = tracker.receiver
+    if not receiver.settings.looks_per_frame:
+        return None
+    return taps_of(
+        tracker.samples.name,
+        tracker.measurements,
+        tracker.arcs,
+        elapsed_s,
+        delays_chips=receiver.taps_chips,
+        dopplers_hz=receiver.taps_hz,
+        samples_per_period=receiver.rate_hz * receiver.signal.period_s,
+        averaged_s=tracker.epoch_s,
+        look_share=receiver.settings.look_share,
     )
 
 

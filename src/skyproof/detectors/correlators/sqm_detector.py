@@ -1,73 +1,85 @@
-"""The detector over `sqm`: is early equal to late, as noise allows?"""
+"""The detector of signal quality: does a second signal of the same satellite overlap the tracked one?
+
+A reflection within a chip distorts correlators exactly as a second transmitter does. What tells them apart is how many
+satellites show it at once, and on which side: a reflection comes after its signal, so one that comes before is the
+weaker direct signal beside a tracked reflection, or not of the sky. Both counts are binomial if reflections come to
+each satellite by themselves; only the second one says "attack".
+"""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import special
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Booleans, ComplexFloats
 from skyproof.detectors.base import missing, undecided
-from skyproof.detectors.correlators.correlator_laws import prompt_amplitude
-from skyproof.detectors.correlators.sqm import delta_law, delta_metric
+from skyproof.detectors.correlators.second_component import (
+    Line,
+    allowed_share,
+    distortion,
+    earlier,
+    pairs_of,
+    together,
+)
 from skyproof.errors import SettingsError, require_probability
-from skyproof.records import Evidence, Need, Observations, Records, SignalId, SignalRef, Taps
+from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.records import Evidence, Need, Records, SignalRef, Taps, TapsAsked
+from skyproof.statistics.distributions import binomial_survival
 
-__all__ = ["Sqm", "SqmSettings", "level_dbhz", "pair_of_taps"]
+__all__ = ["Sqm", "SqmSettings"]
+
+LONGEST_S = 10.0
+"""Over which a line is looked for at once: the beat of two signals drifts."""
+LEAST_LOOKS = 100
+SIGNAL_LEVEL = 1e-4
+"""By chance a signal counts as distorted so often."""
+CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
 
 
 @dataclass(frozen=True)
 class SqmSettings:
     """Settings of `Sqm`.
 
-    false_alarm_probability : of all signals and epochs of a receiver's window together.
-    distortion_allowed : of delta, that echoes and the antenna's filter make without an attack; 0 makes the test exact.
+    false_alarm_probability : of a receiver's window.
+    multipath_sigma_m : error of code that a reflection causes without being counted, one sigma; 0 counts every one.
+    reflection_probability : that a signal has a reflection beyond that.
+    tracked_reflection_probability : that what is tracked is a reflection, with its direct signal weaker before it.
+    min_signals : fewer say nothing together.
     """
 
     false_alarm_probability: float = 1e-3
-    distortion_allowed: float = 0.02
+    multipath_sigma_m: float = 1.0
+    reflection_probability: float = 0.1
+    tracked_reflection_probability: float = 0.01
+    min_signals: int = 4
 
     def __post_init__(self) -> None:
-        require_probability("sqm", "false_alarm_probability", self.false_alarm_probability)
-        if self.distortion_allowed < 0.0:
-            raise SettingsError(f"sqm: distortion_allowed is {self.distortion_allowed}, expected 0 or more")
+        for name in ("false_alarm_probability", "reflection_probability", "tracked_reflection_probability"):
+            require_probability("sqm", name, getattr(self, name))
+        if self.multipath_sigma_m < 0.0:
+            raise SettingsError(f"sqm: multipath_sigma_m is {self.multipath_sigma_m:g}, expected 0 or more")
 
 
-def pair_of_taps(taps: Taps) -> tuple[float, int, int, int] | None:
-    """Spacing in chips and places of early, prompt and late: the widest pair within a chip that stands evenly about the
-    prompt; None if there is none. Early is the replica ahead."""
-    delays = taps.delays_chips
-    prompt = np.flatnonzero(np.abs(delays) < 1e-6)
-    for early in np.argsort(-delays):
-        late = np.flatnonzero(np.abs(delays + delays[early]) < 1e-6)
-        if prompt.size and late.size and 1e-6 < delays[early] < 1.0:
-            return float(delays[early]), int(early), int(prompt[0]), int(late[0])
-    return None
+@dataclass(frozen=True)
+class _Signal:
+    """What one signal's correlators show: the most telling line of all, and the most telling one before it."""
 
-
-def level_dbhz(observations: Observations, signals: tuple[SignalId, ...]) -> Reals:
-    """Median C/N0 of each signal over the window, (n,); NaN where it was not measured."""
-    column = {signal: i for i, signal in enumerate(observations.signals)}
-    levels = np.full(len(signals), np.nan)
-    for i, signal in enumerate(signals):
-        if signal in column:
-            known = observations.cn0_dbhz[:, column[signal]]
-            known = known[np.isfinite(known)]
-            levels[i] = np.median(known) if known.size else np.nan
-    return levels
+    ref: SignalRef
+    distorted: Line
+    early: Line
 
 
 class Sqm:
-    """The detector: one Evidence per receiver and window, from observations and `taps`, a tuple of `Taps`.
+    """One Evidence per receiver and window, from `taps`.
 
-    The statistic is the smallest p-value of delta over signals and epochs, made one of all: exact for white noise of
-    known C/N0, taps without a band limit, and loops that leave the pair alone. A filter that rounds the peak makes
-    alarms rarer. A loop that holds this very pair equal adds its jitter to sums T shorter than its time, about 2 B T of
-    the variance, and takes noise and distortion alike from longer ones.
+    While several signals of a satellite are tracked nothing is said of them: they distort each other, and `peaks`
+    looks at them. The counts' p-values are upper bounds. That of a single signal's distortion is exact with
+    `multipath_sigma_m` = 0.
     """
 
     name = "sqm"
-    needs = (Need.OBSERVATIONS, Need.TAPS)
+    needs = (Need.TAPS,)
+    taps = TapsAsked(delays_chips=(0.5, -0.5, 1.0, -1.0), every_s=0.02, coherent_s=0.004)
 
     def __init__(self, settings: SqmSettings | None = None) -> None:
         self.settings = settings or SqmSettings()
@@ -77,52 +89,115 @@ class Sqm:
         lacking = missing(self, records)
         if lacking:
             return lacking, state
-        by_receiver = {o.receiver: o for o in records.observations}
-        return [self._receiver(records, by_receiver.get(taps.receiver), taps) for taps in records.taps], state
+        return [self._receiver(records, taps) for taps in records.taps], state
 
-    def _receiver(self, records: Records, observations: Observations | None, taps: Taps) -> Evidence:
-        refs = tuple(SignalRef(taps.receiver, signal) for signal in taps.signals)
-        pair = pair_of_taps(taps)
-        if pair is None or observations is None or observations.averaged_s <= 0.0:
+    def _receiver(self, records: Records, taps: Taps) -> Evidence:
+        signals = _examined(taps, self.settings.multipath_sigma_m)
+        if len(signals) < self.settings.min_signals:
+            refs = tuple(SignalRef(taps.receiver, signal) for signal in taps.signals)
             return undecided(
                 self,
                 records,
                 refs,
-                because=f"{taps.receiver} has no prompt with early and late about it, or no C/N0",
-                would_need="correlators at -d, 0 and +d chip, and observations averaged over their time",
+                because=f"{len(signals)} signals of {taps.receiver} stood alone of their satellite long enough to have "
+                f"their correlators examined, and fewer than {self.settings.min_signals} say nothing together",
+                would_need="correlators at the prompt and evenly to both sides of it, of at least "
+                f"{self.settings.min_signals} satellites tracked without a break for 2 s, one signal each",
             )
-        spacing, early, prompt, late = pair
-        amplitude = prompt_amplitude(level_dbhz(observations, taps.signals), coherent_s=observations.averaged_s)
-        value = taps.value[:, :, int(np.argmin(np.abs(taps.dopplers_hz)))].astype(np.complex128)
-        delta = np.abs(delta_metric(value[..., early], value[..., prompt], value[..., late]))
-        law = delta_law(spacing)
-        excess = np.maximum(delta - self.settings.distortion_allowed, 0.0)
-        p_value = 2.0 * special.ndtr(-amplitude * excess / np.sqrt(law.noise + delta**2))
-        known = np.isfinite(p_value)
-        if not known.any():
-            return undecided(
-                self,
-                records,
-                refs,
-                because=f"no signal of {taps.receiver} was tracked with a known C/N0",
-                would_need="signals tracked over the window",
+        return self._counted(records, taps.receiver, signals)
+
+    def _counted(self, records: Records, receiver: str, signals: list[_Signal]) -> Evidence:
+        settings, n = self.settings, len(signals)
+        distorted = [s for s in signals if s.distorted.p_value < SIGNAL_LEVEL]
+        early = [s for s in signals if s.early.p_value < SIGNAL_LEVEL]
+        p_many = float(binomial_survival(len(distorted), n, settings.reflection_probability + SIGNAL_LEVEL))
+        p_early = float(binomial_survival(len(early), n, settings.tracked_reflection_probability + SIGNAL_LEVEL))
+        p_value, alpha = min(2.0 * p_many, 2.0 * p_early, 1.0), settings.false_alarm_probability
+        certain = [s for s in signals if together(s.distorted.p_value, n) < alpha]
+
+        def evidence(says: Any, subject: list[_Signal], because: str, **more: Any) -> Evidence:
+            return Evidence(
+                detector=self.name,
+                start_gpst=records.start_gpst,
+                end_gpst=records.end_gpst,
+                subject=tuple(s.ref for s in subject),
+                says=says,
+                because=because,
+                statistic=float(len(early) if says == "attack" else len(distorted)),
+                false_alarm_probability=alpha,
+                p_value=p_value,
+                **more,
             )
-        together = -np.expm1(known.sum() * np.log1p(-np.minimum(np.where(known, p_value, 1.0), 1.0 - 1e-16)))
-        alpha = self.settings.false_alarm_probability
-        smallest = float(together.min())
-        worst = np.unravel_index(int(np.argmin(together)), together.shape)
-        attack = smallest < alpha
-        named = np.flatnonzero((together < alpha).any(axis=0)) if attack else np.flatnonzero(known.any(axis=0))
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=tuple(refs[k] for k in named),
-            says="attack" if attack else "clean",
-            because=f"early minus late of {taps.signals[worst[1]]} in {taps.receiver} is up to {delta[worst]:.3f} of "
-            f"the prompt, {'more than' if attack else 'as'} noise and an allowed distortion of "
-            f"{self.settings.distortion_allowed:g} explain",
-            statistic=float(delta[worst]),
-            false_alarm_probability=alpha,
-            p_value=smallest,
+
+        if 2.0 * p_early < alpha:
+            return evidence(
+                "attack",
+                early,
+                f"the correlators of {_named(early)} in {receiver}, {len(early)} of {n} signals, hold a second signal "
+                "of the same satellite that comes before the tracked one, which no reflection does",
+            )
+        if 2.0 * p_many < alpha:
+            return evidence(
+                "undecided",
+                distorted,
+                f"the correlators of {_named(distorted)} in {receiver}, {len(distorted)} of {n} signals, are distorted "
+                "at once, by reflections all around or by second signals",
+                would_need="a second receiver nearby, or an antenna array",
+            )
+        if certain:
+            return evidence(
+                "undecided",
+                certain,
+                f"the correlators of {_named(certain)} in {receiver} are distorted, by a reflection or a second signal",
+                would_need="a second receiver nearby, or an antenna array",
+                noted=True,
+            )
+        return evidence(
+            "clean",
+            signals,
+            f"the correlators of {n} signals of {receiver} are distorted no more than noise and multipath of "
+            f"{settings.multipath_sigma_m:g} m explain",
         )
+
+
+def _examined(taps: Taps, multipath_sigma_m: float) -> list[_Signal]:
+    """Every signal that stands alone of its satellite and was tracked long enough without a break."""
+    pairs, signals = pairs_of(taps.delays_chips), []
+    if not pairs or taps.elapsed_s.size < LEAST_LOOKS:
+        return []
+    step_s = float(np.median(np.diff(taps.elapsed_s)))
+    allowed = allowed_share(
+        multipath_sigma_m, float(np.min(np.abs(taps.delays_chips[[a for a, _, _ in pairs]]))), CHIP_M
+    )
+    value = taps.value[:, :, int(np.argmin(np.abs(taps.dopplers_hz)))]
+    there: Booleans = np.asarray(np.isfinite(value).all(axis=2))
+    for column in np.flatnonzero(there.any(axis=0)):
+        rivals = [k for k, s in enumerate(taps.signals) if s.transmission == taps.signals[column].transmission]
+        looks = _unbroken(value[:, column], there[:, column] & (there[:, rivals].sum(axis=1) == 1))
+        if len(looks) < LEAST_LOOKS:
+            continue
+        parts = np.array_split(looks, -(-len(looks) // round(LONGEST_S / step_s)))
+        lines = [distortion(part, taps.delays_chips, step_s, allowed=allowed) for part in parts]
+        early = [earlier(part, taps.delays_chips, step_s) for part in parts]
+        ref = SignalRef(taps.receiver, taps.signals[column])
+        signals.append(_Signal(ref, _most_telling(lines), _most_telling(early)))
+    return signals
+
+
+def _unbroken(looks: ComplexFloats, there: Booleans) -> ComplexFloats:
+    """The longest run without a gap."""
+    if not there.any():
+        return looks[:0]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
+    begins, ends = edges[::2], edges[1::2]
+    longest = int(np.argmax(ends - begins))
+    return looks[begins[longest] : ends[longest]]
+
+
+def _most_telling(lines: list[Line]) -> Line:
+    best = min(lines, key=lambda line: line.p_value)
+    return best._replace(p_value=together(best.p_value, len(lines)))
+
+
+def _named(signals: list[_Signal]) -> str:
+    return ", ".join(sorted(s.ref.signal.sat for s in signals))

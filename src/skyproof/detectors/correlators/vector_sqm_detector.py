@@ -8,7 +8,6 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.correlators.correlator_laws import code_discriminator, phase_discriminator, prompt_amplitude
-from skyproof.detectors.correlators.sqm_detector import level_dbhz, pair_of_taps
 from skyproof.detectors.correlators.vector_parity import (
     explanations,
     parity_test,
@@ -22,7 +21,7 @@ from skyproof.errors import SettingsError, require_probability
 from skyproof.navigation.least_squares import design_matrix, line_of_sight
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.navigation.window import window_mean
-from skyproof.records import Evidence, NavigationData, Need, Observations, Records, SignalRef, Taps
+from skyproof.records import Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef, Taps
 
 __all__ = ["VectorSqm", "VectorSqmSettings"]
 
@@ -43,6 +42,30 @@ class VectorSqmSettings:
         require_probability("vector_sqm", "false_alarm_probability", self.false_alarm_probability)
         if self.min_satellites < 5:
             raise SettingsError(f"vector_sqm: min_satellites is {self.min_satellites}; four always fit, take 5 or more")
+
+
+def pair_of_taps(taps: Taps) -> tuple[float, int, int, int] | None:
+    """Spacing in chips and places of early, prompt and late: the widest pair within a chip that stands evenly about the
+    prompt; None if there is none. Early is the replica ahead."""
+    delays = taps.delays_chips
+    prompt = np.flatnonzero(np.abs(delays) < 1e-6)
+    for early in np.argsort(-delays):
+        late = np.flatnonzero(np.abs(delays + delays[early]) < 1e-6)
+        if prompt.size and late.size and 1e-6 < delays[early] < 1.0:
+            return float(delays[early]), int(early), int(prompt[0]), int(late[0])
+    return None
+
+
+def level_dbhz(observations: Observations, signals: tuple[SignalId, ...]) -> Reals:
+    """Median C/N0 of each signal over the window, (n,); NaN where it was not measured."""
+    column = {signal: i for i, signal in enumerate(observations.signals)}
+    levels = np.full(len(signals), np.nan)
+    for i, signal in enumerate(signals):
+        if signal in column:
+            known = observations.cn0_dbhz[:, column[signal]]
+            known = known[np.isfinite(known)]
+            levels[i] = np.median(known) if known.size else np.nan
+    return levels
 
 
 class VectorSqm:

@@ -1,12 +1,11 @@
-"""`Sqm` and `VectorSqm` on records."""
+"""`VectorSqm` on records."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.detectors.nulls import with_taps
+from tests.detectors.nulls import with_vector_taps
 
-from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.detectors.correlators.vector_sqm import equilibrium, sky
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings, _design
 from skyproof.errors import SettingsError
@@ -20,24 +19,17 @@ def settled(records, code_chips, doppler_hz, place):
     return equilibrium(where, code_chips * attack, doppler_hz * attack, 45.0)
 
 
-def test_a_distorted_signal_is_an_attack():
-    records = with_taps(np.random.default_rng(4), "taps", second=np.array([0.0, 0.0, 0.5] + [0.0] * 5))
-    (evidence,) = Sqm().examine(records)[0]
-    assert evidence.says == "attack"
-    assert [ref.signal for ref in evidence.subject] == [records.observations[0].signals[2]]
-
-
 def test_an_inconsistent_satellite_is_an_attack_and_named():
     rng = np.random.default_rng(5)
-    offsets = settled(with_taps(rng, "vector_taps"), 0.3, 150.0, 3)
-    records = with_taps(rng, "vector_taps", *offsets)
+    offsets = settled(with_vector_taps(rng), 0.3, 150.0, 3)
+    records = with_vector_taps(rng, *offsets)
     (evidence,) = VectorSqm().examine(records)[0]
     assert evidence.says == "attack"
     assert str(records.observations[0].signals[3]) in evidence.because
 
 
 def test_without_the_right_taps_nothing_is_said():
-    records = with_taps(np.random.default_rng(6), "vector_taps")
+    records = with_vector_taps(np.random.default_rng(6))
     (taps,) = records.vector_taps
     for changed in (
         replace(taps, delays_chips=np.array([0.25, 0.0, -0.25])),
@@ -49,24 +41,8 @@ def test_without_the_right_taps_nothing_is_said():
         assert evidence.would_need
 
 
-def test_sqm_without_a_pair_or_a_signal_is_undecided():
-    records = with_taps(np.random.default_rng(7), "taps")
-    (taps,) = records.taps
-    for changed in (
-        replace(taps, delays_chips=np.array([0.5, 0.0, -0.4])),
-        replace(taps, value=np.full(taps.value.shape, np.nan, np.complex64)),
-    ):
-        (evidence,) = Sqm().examine(replace(records, taps=(changed,)))[0]
-        assert evidence.says == "undecided"
-        assert evidence.would_need
-
-
 def test_settings_that_make_no_sense_are_refused():
     with pytest.raises(SettingsError, match="four always fit"):
         VectorSqmSettings(min_satellites=4)
     with pytest.raises(SettingsError, match="above 0 and below 1"):
         VectorSqmSettings(false_alarm_probability=0.0)
-    with pytest.raises(SettingsError, match="above 0 and below 1"):
-        SqmSettings(false_alarm_probability=1.0)
-    with pytest.raises(SettingsError, match="0 or more"):
-        SqmSettings(distortion_allowed=-0.1)

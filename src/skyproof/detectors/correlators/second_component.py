@@ -1,0 +1,172 @@
+"""What a second signal of the same satellite leaves in the correlators of the first, while the two overlap.
+
+Taps of look n (some milliseconds of every 20 ms), carrier and data bits wiped off, at the delays d of the replica ahead
+of the tracked code:
+
+    y_n(d) = A R(d) + sum over k of a_k A R(d + lag_k) exp(2 pi i f_k t_n) + noise
+
+R the correlation behind the front end, lag_k by how much signal k is later. It carries the tracked one's data bits, so
+that wiping them leaves it a *line* at the difference f_k of the carriers. Noise is white from look to look, and so are
+other satellites' signals, whose own bits turn them at random. So a line is what a second signal of the same satellite
+makes and nothing else does; the window's own mean is its reference, and its own scatter the noise: neither the shape
+that the front end gives to R, nor C/N0, nor how taps are correlated has to be known, nor is any of it fitted.
+
+Of Fourier bins X_f of m taps all are alike under noise: with S the sum of X X^H over K bins beside f,
+
+    X_f^H S^-1 X_f = b / (1 - b),  b being Beta(m, K + 1 - m)      (complex Wishart: Goodman, Ann. Math. Stat., 1963)
+
+The nearest bins are left out of S, for beats drift: a line would hide itself.
+
+`distortion` leaves out what the tracked signal does itself: sums of taps at d and -d less their mean share of the
+prompt, which neither its fading, nor its phase, nor errors of its code (odd in d) change. `earlier` compares, at beats
+faster than the loops are, where the line lies: R(d + lag) with lags before the tracked signal against all others.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from skyproof.arrays import Complexes, ComplexFloats, Reals
+from skyproof.detectors.correlators.correlator_laws import triangle
+
+__all__ = ["Line", "allowed_share", "distortion", "earlier", "line_p_value", "pairs_of", "together"]
+
+FASTEST_LOOP_HZ = 2.0
+"""Above, a code loop of about a hertz does not follow, so that the tracked signal stays where it is in the taps."""
+EARLY_CHIPS = np.arange(-1.5, -0.249, 0.125)
+OTHER_CHIPS = np.arange(-0.125, 1.501, 0.125)
+"""Lags that `earlier` compares. Within a quarter of a chip a second signal cannot be told from a wider peak."""
+LINE_HZ = 1.0
+"""To either side of a bin: how far a line may spread."""
+SHAPE_ERROR = 0.1
+"""Of the power of a line, that triangles may miss of it, where a front end rounds R: as much has to be beyond doubt."""
+
+
+class Line(NamedTuple):
+    """The most telling line: p-value of all bins together, frequency in hertz, lag in chips (NaN where not looked at)
+    and its statistic."""
+
+    p_value: float
+    frequency_hz: float
+    lag_chips: float
+    statistic: float
+
+
+def pairs_of(delays_chips: Reals) -> list[tuple[int, int, int]]:
+    """Places of each pair of taps that stand evenly about the prompt, ahead and behind, and of the prompt."""
+    prompt = np.flatnonzero(np.abs(delays_chips) < 1e-6)
+    ahead = np.flatnonzero(delays_chips > 1e-6)
+    behind = [np.flatnonzero(np.abs(delays_chips + delays_chips[k]) < 1e-6) for k in ahead]
+    return [
+        (int(k), int(other[0]), int(prompt[0]))
+        for k, other in zip(ahead, behind, strict=True)
+        if other.size and prompt.size
+    ]
+
+
+def line_p_value(odds: ArrayLike, n_taps: int, n_bins: int) -> Reals:
+    """Of X_f^H S^-1 X_f = `odds` with S the sum over `n_bins` other bins, under noise."""
+    ratio = np.maximum(np.asarray(odds, float), 0.0)
+    return np.asarray(special.betainc(n_bins + 1 - n_taps, n_taps, 1.0 / (1.0 + ratio)), float)
+
+
+def together(p_value: float, count: int) -> float:
+    """The smallest of `count` independent p-values made one (Sidak)."""
+    return float(-np.expm1(count * np.log1p(-min(p_value, 1.0 - 1e-16))))
+
+
+def distortion(looks: ComplexFloats, delays_chips: Reals, step_s: float, *, allowed: float = 0.0) -> Line:
+    """The strongest line at any beat, of the sums of pairs of taps.
+
+    looks : (n, n_taps), one signal. step_s : from look to look. allowed : amplitude of a second signal, relative to the
+        tracked one, that reflections have without an attack, one sigma; 0 makes the p-value exact.
+    """
+    value, pairs = looks.astype(np.complex128), pairs_of(delays_chips)
+    sums = np.stack([value[:, a] + value[:, b] for a, b, _ in pairs], axis=1)
+    prompt = value[:, pairs[0][2]]
+    share = sums.mean(axis=0) / prompt.mean()
+    spectrum = _spectrum(sums - prompt[:, np.newaxis] * share, step_s, least_hz=0.0)
+    lags = OTHER_CHIPS[OTHER_CHIPS > 0.0]
+    ahead = delays_chips[[a for a, _, _ in pairs], np.newaxis]
+    shape = triangle(lags + ahead) + triangle(lags - ahead) - share[:, np.newaxis] * triangle(lags)  # (pair, lag)
+    power = spectrum.power(shape).max(axis=1)
+    expected = len(looks) * np.abs(prompt.mean()) ** 2 * allowed**2 * power * spectrum.n_others
+    odds = spectrum.odds() / (1.0 + expected)
+    p_values = line_p_value(odds, len(pairs), spectrum.n_others)
+    best = int(np.argmin(p_values))
+    return Line(
+        together(float(p_values[best]), len(p_values)), float(spectrum.frequency_hz[best]), np.nan, float(odds[best])
+    )
+
+
+def earlier(looks: ComplexFloats, delays_chips: Reals, step_s: float) -> Line:
+    """The line that is most of a signal before the tracked one; arguments as of `distortion`.
+
+    The statistic is by how much lags before the tracked signal explain a bin better than all others do. Under noise it
+    is less than the whole of the bin, whose law is known; under a line at any other lag it is less still. So the
+    p-value is an upper bound.
+    """
+    value = looks.astype(np.complex128)
+    spectrum = _spectrum(value, step_s, least_hz=FASTEST_LOOP_HZ)
+    towards = spectrum.towards().conj()
+
+    def explained(lags: Reals) -> Reals:
+        shape = triangle(delays_chips[:, np.newaxis] + lags)  # (tap, lag)
+        return np.asarray(np.abs(towards @ shape) ** 2 / spectrum.power(shape))
+
+    early, other = explained(EARLY_CHIPS), explained(OTHER_CHIPS)
+    more = early.max(axis=1) - other.max(axis=1) - SHAPE_ERROR * spectrum.odds()
+    p_values = line_p_value(more, value.shape[1], spectrum.n_others)
+    best = int(np.argmin(p_values))
+    return Line(
+        together(float(p_values[best]), len(p_values)),
+        float(spectrum.frequency_hz[best]),
+        float(EARLY_CHIPS[np.argmax(early[best])]),
+        float(more[best]),
+    )
+
+
+def allowed_share(multipath_sigma_m: float, early_chips: float, chip_m: float) -> float:
+    """Relative amplitude of a reflection that shifts the code by `multipath_sigma_m` at most: with early and late at
+    +-`early_chips`, an amplitude a shifts it by a early_chips (Kaplan & Hegarty, 9.5.2, coherent discriminator)."""
+    return multipath_sigma_m / (chip_m * early_chips)
+
+
+class _Spectrum(NamedTuple):
+    """bins : (n, m) of the frequencies (n,). inverse : (n, m, m) of the sum of outer products of `n_others` other bins,
+    without the nearest."""
+
+    bins: Complexes
+    frequency_hz: Reals
+    inverse: Complexes
+    n_others: int
+
+    def odds(self) -> Reals:
+        """(n,) X^H S^-1 X."""
+        return np.asarray(np.real(np.sum(self.bins.conj() * self.towards(), axis=1)))
+
+    def towards(self) -> Complexes:
+        """(n, m) S^-1 X."""
+        return np.asarray((self.inverse @ self.bins[:, :, np.newaxis])[:, :, 0])
+
+    def power(self, shape: Reals | Complexes) -> Reals:
+        """(n, n_shapes) of a line of each shape (m, n_shapes)."""
+        return np.asarray(np.real(np.sum(shape.conj() * (self.inverse @ shape), axis=1)))
+
+
+def _spectrum(value: Complexes, step_s: float, *, least_hz: float) -> _Spectrum:
+    """Fourier bins of (n, m), without those of the mean and of beats slower than `least_hz`."""
+    frequency_hz = np.fft.fftfreq(len(value), step_s)
+    order = np.argsort(frequency_hz)
+    order = order[np.abs(frequency_hz[order]) > least_hz]
+    bins = np.fft.fft(value, axis=0)[order] / np.sqrt(len(value))
+    products = bins[:, :, np.newaxis] * bins.conj()[:, np.newaxis, :]
+    reach = math.ceil(LINE_HZ * len(value) * step_s)
+    # Frequencies go round: the neighbours of the last are the first.
+    ahead = np.cumsum(np.concatenate([products[-reach - 1 :], products, products[:reach]]), axis=0)
+    nearest = ahead[2 * reach + 1 :] - ahead[: -2 * reach - 1]
+    inverse = np.linalg.inv(products.sum(axis=0) - nearest)
+    return _Spectrum(bins, frequency_hz[order], inverse, len(bins) - 2 * reach - 1)
