@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.imu_grades import GRADES, ImuGrade
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.ins_errors import (
     STATES,
@@ -17,7 +18,7 @@ from skyproof.navigation.ins_errors import (
 )
 from skyproof.navigation.strapdown import strapdown, strapdown_paths
 from skyproof.records import ImuSeries, NavState
-from skyproof.simulator.inertial import GRADES, ImuErrors, ImuGrade, inertial
+from skyproof.simulator.inertial import ImuErrors, inertial
 from skyproof.simulator.trajectories import las_vegas
 
 SECONDS = np.arange(0.0, 234.0)

@@ -14,8 +14,15 @@ from scipy.spatial.transform import Rotation
 from skyproof.errors import ScenarioError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.imu_grades import GRADES, ImuGrade
 from skyproof.gnss.time import GPS_EPOCH, seconds_between
-from skyproof.simulator.inertial import BLOCK, GRADES, ImuErrors, ImuGrade, inertial
+from skyproof.simulator.inertial import (
+    BLOCK,
+    ImuErrors,
+    accelerometer_allan_deviation_m_s2,
+    gyro_allan_deviation_rad_s,
+    inertial,
+)
 from skyproof.simulator.trajectories import las_vegas, way_points
 from skyproof.statistics.allan import allan_deviation
 
@@ -309,7 +316,7 @@ def test_noise_density_is_the_grades(name):
     phase = np.concatenate([np.zeros((25, 1, 6)), np.cumsum(runs, axis=1) / rate_hz], axis=1)
     got = allan_deviation(np.moveaxis(phase, 1, 2), 1.0 / rate_hz, factors, confidence=0.8)
     want = np.stack(
-        [grade.accelerometer_allan_deviation_m_s2(got.tau_s)] * 3 + [grade.gyro_allan_deviation_rad_s(got.tau_s)] * 3
+        [accelerometer_allan_deviation_m_s2(grade, got.tau_s)] * 3 + [gyro_allan_deviation_rad_s(grade, got.tau_s)] * 3
     )
     inside = ((got.lower < want) & (want < got.upper)).sum(axis=0)
     for count in inside.ravel():  # 18 counts of 25
@@ -328,8 +335,8 @@ def test_allan_deviation_with_instability_is_the_grades(name):
     phase = np.concatenate([np.zeros((40, 1, 6)), np.cumsum(runs, axis=1) / rate_hz], axis=1)
     got = allan_deviation(np.moveaxis(phase, 1, 2), 1.0 / rate_hz, factors)
     for columns, want in (
-        (slice(0, 3), grade.accelerometer_allan_deviation_m_s2(got.tau_s)),
-        (slice(3, 6), grade.gyro_allan_deviation_rad_s(got.tau_s)),
+        (slice(0, 3), accelerometer_allan_deviation_m_s2(grade, got.tau_s)),
+        (slice(3, 6), gyro_allan_deviation_rad_s(grade, got.tau_s)),
     ):
         variance = got.deviation[:, columns].reshape(120, -1) ** 2
         z = (variance.mean(axis=0) - want**2) / (variance.std(axis=0, ddof=1) / np.sqrt(120.0))

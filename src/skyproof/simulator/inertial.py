@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
-from typing import Final, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,11 +34,20 @@ from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.imu_grades import GRADES, ImuGrade
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.records import ImuSeries
 from skyproof.statistics.gauss_markov import gauss_markov_allan_variance, gauss_markov_path, gauss_markov_step
 
-__all__ = ["BLOCK", "GRADES", "Imu", "ImuErrors", "ImuGrade", "MotionLike", "inertial"]
+__all__ = [
+    "BLOCK",
+    "Imu",
+    "ImuErrors",
+    "MotionLike",
+    "accelerometer_allan_deviation_m_s2",
+    "gyro_allan_deviation_rad_s",
+    "inertial",
+]
 
 BLOCK = 4096
 """Readings that are worked out together and have a noise stream of their own, whatever is asked for."""
@@ -47,9 +56,6 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 _STREAM = 0x696D75  # sets the errors apart from other random numbers of the same seed
 _MAX_RATE_HZ = 10_000.0
 _EARTH_RAD_S = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
-
-_MILLI_G_M_S2: Final = 9.80665e-3
-_DEG_PER_HOUR_RAD_S: Final = np.pi / 180.0 / 3600.0
 
 
 class MotionLike(Protocol):
@@ -68,84 +74,20 @@ class MotionLike(Protocol):
     def angular_rate_body_rad_s(self) -> Reals: ...
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImuGrade:
-    """Errors of one axis of a grade, in SI units; standard deviations. `source` says whose figures they are.
-
-    velocity_random_walk_m_s_rts, angular_random_walk_rad_rts : white noise, in m/s and rad per square root of a second.
-    ..._instability : standard deviation of the Gauss-Markov bias, whose Allan deviation peaks at 0.617 of it.
-    ..._repeatability : of the constant bias, drawn anew at each turn-on (each seed).
-    ..._scale : of the scale factor, without unit; misalignment_rad : of each sensor axis toward each other axis.
-    """
-
-    velocity_random_walk_m_s_rts: float
-    angular_random_walk_rad_rts: float
-    accelerometer_instability_m_s2: float
-    gyro_instability_rad_s: float
-    accelerometer_repeatability_m_s2: float = 0.0
-    gyro_repeatability_rad_s: float = 0.0
-    correlation_s: float = 300.0
-    accelerometer_scale: float = 0.0
-    gyro_scale: float = 0.0
-    misalignment_rad: float = 0.0
-    source: str = ""
-
-    def accelerometer_allan_deviation_m_s2(self, tau_s: ArrayLike) -> Reals:
-        """Of white noise and instability together, by theory, at averaging times of any shape."""
-        return self._allan(self.velocity_random_walk_m_s_rts, self.accelerometer_instability_m_s2, tau_s)
-
-    def gyro_allan_deviation_rad_s(self, tau_s: ArrayLike) -> Reals:
-        """Of white noise and instability together, by theory, at averaging times of any shape."""
-        return self._allan(self.angular_random_walk_rad_rts, self.gyro_instability_rad_s, tau_s)
-
-    def _allan(self, walk: float, instability: float, tau_s: ArrayLike) -> Reals:
-        tau_s = np.asarray(tau_s, np.float64)
-        slow = gauss_markov_allan_variance(instability, self.correlation_s, tau_s)
-        return np.asarray(np.sqrt(walk**2 / tau_s + slow))
+def accelerometer_allan_deviation_m_s2(grade: ImuGrade, tau_s: ArrayLike) -> Reals:
+    """Of white noise and instability together, by theory, at averaging times of any shape."""
+    return _allan(grade.velocity_random_walk_m_s_rts, grade.accelerometer_instability_m_s2, grade.correlation_s, tau_s)
 
 
-def _grade(
-    *,
-    m_s_rthour: float,
-    milli_g: float,
-    deg_rthour: float,
-    deg_hour: float,
-    turn_on_milli_g: float,
-    turn_on_deg_hour: float,
-    source: str,
-) -> ImuGrade:
-    """In the units of data sheets."""
-    return ImuGrade(
-        velocity_random_walk_m_s_rts=m_s_rthour / 60.0,
-        angular_random_walk_rad_rts=np.radians(deg_rthour) / 60.0,
-        accelerometer_instability_m_s2=milli_g * _MILLI_G_M_S2,
-        gyro_instability_rad_s=deg_hour * _DEG_PER_HOUR_RAD_S,
-        accelerometer_repeatability_m_s2=turn_on_milli_g * _MILLI_G_M_S2,
-        gyro_repeatability_rad_s=turn_on_deg_hour * _DEG_PER_HOUR_RAD_S,
-        source=source,
-    )
+def gyro_allan_deviation_rad_s(grade: ImuGrade, tau_s: ArrayLike) -> Reals:
+    """Of white noise and instability together, by theory, at averaging times of any shape."""
+    return _allan(grade.angular_random_walk_rad_rts, grade.gyro_instability_rad_s, grade.correlation_s, tau_s)
 
 
-_TABLE = "Ahmed, Khanafseh, Pervan, table 1"
-_OURS = "turn-on bias and correlation time, which the paper does not give, are ours"
-_CALIBRATED = "as a calibration leaves them"
-_NAVIGATION = {"m_s_rthour": 0.0143, "milli_g": 0.01, "deg_rthour": 0.001, "deg_hour": 0.0035}
-_TACTICAL = {"m_s_rthour": 0.06, "milli_g": 0.05, "deg_rthour": 0.15, "deg_hour": 0.5}
-GRADES: dict[str, ImuGrade] = {
-    "navigation": _grade(
-        **_NAVIGATION, turn_on_milli_g=0.025, turn_on_deg_hour=0.003, source=f"{_TABLE} (Honeywell HG9900); {_OURS}"
-    ),
-    "tactical": _grade(
-        **_TACTICAL, turn_on_milli_g=0.75, turn_on_deg_hour=4.0, source=f"{_TABLE} (Safran STIM300); {_OURS}"
-    ),
-    "navigation-calibrated": _grade(
-        **_NAVIGATION, turn_on_milli_g=0.01, turn_on_deg_hour=0.002, source=f"{_TABLE}; {_OURS}, {_CALIBRATED}"
-    ),
-    "tactical-calibrated": _grade(
-        **_TACTICAL, turn_on_milli_g=0.2, turn_on_deg_hour=1.0, source=f"{_TABLE}; {_OURS}, {_CALIBRATED}"
-    ),
-}
-"""By name. The table alone, without turn-on bias, is `dataclasses.replace(grade, ..._repeatability...=0.0)`."""
+def _allan(walk: float, instability: float, correlation_s: float, tau_s: ArrayLike) -> Reals:
+    tau_s = np.asarray(tau_s, np.float64)
+    slow = gauss_markov_allan_variance(instability, correlation_s, tau_s)
+    return np.asarray(np.sqrt(walk**2 / tau_s + slow))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -14,9 +14,9 @@ from pydantic import Field, ValidationError, model_validator
 from skyproof.errors import InputError, ScenarioError, shortened
 from skyproof.formats.documents import read_toml
 from skyproof.formats.models import Instant, Model, Name, faults_of
+from skyproof.gnss.imu_grades import GRADES
 from skyproof.simulator.attacks import Attack, Interference, Meaconer, Spoofer, Takeover, TransmitAntenna
 from skyproof.simulator.clocks import OSCILLATORS
-from skyproof.simulator.inertial import GRADES
 from skyproof.simulator.sites import Place, SatName, Site
 
 __all__ = [

@@ -2,15 +2,22 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
 import scipy
 
 from skyproof.arrays import Reals
+from skyproof.gnss.imu_grades import GRADES
 from skyproof.records import freeze
 from skyproof.simulator.clocks import OSCILLATORS, STEP_S, clock
-from skyproof.simulator.inertial import BLOCK, GRADES, ImuErrors
+from skyproof.simulator.inertial import (
+    BLOCK,
+    ImuErrors,
+    accelerometer_allan_deviation_m_s2,
+    gyro_allan_deviation_rad_s,
+)
 from skyproof.statistics.allan import allan_deviation
 
 __all__ = ["Stability", "clock_stability", "imu_stability"]
@@ -54,8 +61,8 @@ def imu_stability(*, seed: int = 0) -> list[Stability]:
         drawn = np.stack([np.concatenate([unit.drawn(block) for block in range(n_blocks)]) for unit in units])
         phase = np.cumsum(np.moveaxis(drawn, 1, 2), axis=-1) / IMU_HZ
         theories = (
-            ("accelerometer", "m/s²", grade.accelerometer_allan_deviation_m_s2),
-            ("gyro", "rad/s", grade.gyro_allan_deviation_rad_s),
+            ("accelerometer", "m/s²", partial(accelerometer_allan_deviation_m_s2, grade)),
+            ("gyro", "rad/s", partial(gyro_allan_deviation_rad_s, grade)),
         )
         for first, (what, unit, theory) in zip((0, 3), theories, strict=True):
             runs = phase[:, first : first + 3].reshape(3 * IMU_UNITS, -1)

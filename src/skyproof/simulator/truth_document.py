@@ -10,9 +10,9 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad
+from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.time import iso
 from skyproof.simulator.attacks import Interference, Takeover
-from skyproof.simulator.inertial import GRADES
 from skyproof.simulator.platforms import Point, motion_within
 from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.scenario import Receiver

@@ -11,7 +11,7 @@ from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.platform_tables import Imu, InitialAttitude, Receiver, Spin, StatedAttitude, Surveyed
 from skyproof.app.common.settings import Settings
 from skyproof.errors import SettingsError, SkyproofError
-from skyproof.simulator.inertial import GRADES
+from skyproof.gnss.imu_grades import GRADES
 
 MODELS = (Platform, Receiver, Surveyed, Spin, StatedAttitude, Imu, InitialAttitude)
 
@@ -208,7 +208,7 @@ WRONG = [
     (f"{IMU}start_gpst = 2022-01-01T10:29:58Z", "imu.start_gpst: has a time zone; write GPS time without a zone"),
     (f'{IMU}start_gpst = "noon"', "imu.start_gpst: 'noon' is no instant; expected GPS time as 2022-01-01T21:45:58"),
     (f"{IMU}start_gpst = 10:29:58", "imu.start_gpst: is 10:29:58, expected GPS time as 2022-01-01T21:45:58"),
-    (f'{IMU}grade = "toy"', "imu.grade = \"toy\", expected 'navigation', 'tactical', "),
+    (f'{IMU}grade = "toy"', "imu.grade = \"toy\", expected 'consumer', 'industrial', 'tactical', "),
     (
         f'{IMU}grade = "tactical"\naccel_bias_ug = 3',
         "imu: grade and accel_bias_ug both state its errors; leave one out",
@@ -262,3 +262,20 @@ def test_faults_are_named_together_up_to_a_bound(tmp_path: Path) -> None:
 def test_what_is_no_toml_is_refused_with_its_line(tmp_path: Path, text: str) -> None:
     with pytest.raises(SkyproofError, match=r"platform\.toml: not valid TOML: .*: fix that line"):
         read(tmp_path, text)
+
+
+def test_errors_of_a_unit_are_those_of_its_grade_or_numbers_and_the_poorest_if_nothing_is_stated() -> None:
+    numbers = {
+        "gyro_bias_deg_h": 36.0,
+        "gyro_noise_deg_sqrt_h": 0.6,
+        "accel_bias_ug": 1000.0,
+        "accel_noise_m_s_sqrt_h": 0.06,
+    }
+    stated = Imu(file=Path("imu.csv"), **numbers).errors
+    assert stated.gyro_repeatability_rad_s == pytest.approx(np.radians(0.01))
+    assert stated.angular_random_walk_rad_rts == pytest.approx(np.radians(0.01))
+    assert stated.accelerometer_repeatability_m_s2 == pytest.approx(9.80665e-3)
+    assert stated.velocity_random_walk_m_s_rts == pytest.approx(0.001)
+    assert Imu(file=Path("imu.csv"), grade="tactical").errors is GRADES["tactical"]
+    assert Imu(file=Path("imu.csv")).errors is GRADES["consumer"]
+    assert max(GRADES.values(), key=lambda grade: grade.gyro_repeatability_rad_s) is GRADES["consumer"]

@@ -13,6 +13,7 @@ from skyproof.arrays import Reals
 from skyproof.errors import shown
 from skyproof.formats.models import FilePath, Instant, Model, Name, Number, repeated
 from skyproof.gnss.frames import ecef_from_geodetic
+from skyproof.gnss.imu_grades import GRADES, ImuGrade, imu_grade
 
 __all__ = ["Imu", "InitialAttitude", "Receiver", "Spin", "StatedAttitude", "Surveyed"]
 
@@ -207,9 +208,10 @@ class Imu(Model):
     start_gpst: Instant | None = Field(
         default=None, description="GPS time of time_s = 0; the start of the recording if absent."
     )
-    grade: Literal["navigation", "tactical", "navigation-calibrated", "tactical-calibrated"] | None = Field(
-        default=None, description="Of its errors; or give the four numbers."
-    )
+    grade: (
+        Literal["consumer", "industrial", "tactical", "navigation", "tactical-calibrated", "navigation-calibrated"]
+        | None
+    ) = Field(default=None, description="Of its errors; or give the four numbers. Consumer if neither is there.")
     gyro_bias_deg_h: Number | None = Field(
         default=None, ge=0.0, le=1e5, description="One sigma of the gyros' bias, degrees an hour."
     )
@@ -263,6 +265,13 @@ class Imu(Model):
             lacking = ", ".join(key for key in ERRORS if key not in given)
             raise ValueError(f"{given[0]} is given, but not {lacking}; give all four, or a grade")
         return self
+
+    @property
+    def errors(self) -> ImuGrade:
+        """The size of its errors: of the grade or the numbers given, else of the poorest units."""
+        if self.gyro_bias_deg_h is None:
+            return GRADES[self.grade or "consumer"]
+        return imu_grade(**{name: getattr(self, name) for name in ERRORS})
 
     @property
     def rotation(self) -> Reals:

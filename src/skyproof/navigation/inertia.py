@@ -1,0 +1,238 @@
+"""A navigator that runs free on an inertial unit: from a known start over readings with gaps, with its covariance.
+
+Strapdown (`strapdown`) with the linear error model (`ins_errors`) beside it. It takes nothing from the received signals
+once it has begun, so that no false signal moves it; what it costs is drift, which the covariance states.
+
+The error model is linear. What it leaves out of gravity, g psi^2 / 2 for a tilt psi, half as much for a tilt and a turn
+about the vertical together, is added to the bias of the accelerometers at the start: its root mean square there,
+sqrt(2) g times the standard deviations of the tilt and of the largest angle. A run ends where the tilt becomes larger
+than `TILT_MOST_RAD`, or, if only the attitude is wanted, any angle than `TURN_MOST_RAD`.
+
+A gap in the readings of up to `GAP_S` is bridged along a straight line. Over a gap of T the mean of a reading is then
+off by no more than the readings differ from each other over that time; with D their mean square difference at that
+distance, measured on the readings around, velocity and angle gain a variance of T^2 D / 2 an axis: for white noise what
+it is, for a random walk six times too much. A longer gap ends the run.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skyproof.arrays import Booleans, Indices, Instants, Integers, Reals
+from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
+from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.imu_grades import ImuGrade
+from skyproof.gnss.time import seconds_between
+from skyproof.navigation.ins_errors import error_covariance, skew, start_covariance
+from skyproof.navigation.nav_state import state_at
+from skyproof.navigation.strapdown import strapdown_paths
+from skyproof.records import ImuSeries, NavState
+
+__all__ = ["GAP_S", "TILT_MOST_RAD", "TURN_MOST_RAD", "FreeRun", "apparent_tilt_rad", "begin", "coast", "moved"]
+
+GAP_S: Final = 1.0
+TILT_MOST_RAD: Final = np.radians(1.5)
+"""One sigma: g psi^2 / 2 is then 3e-3 m/s2, below the bias of the accelerometers of a unit that drifts so fast."""
+TURN_MOST_RAD: Final = np.radians(10.0)
+_BIAS: Final = np.arange(9, 12)  # of the accelerometers, among the states
+_KNOT_S: Final = 0.5  # between covariances, which grow smoothly
+_EARTH_RAD_S: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FreeRun:
+    """A free-running navigator at one instant.
+
+    state : one row, of the unit (not the antenna). covariance : (21, 21) as `ins_errors` has its states.
+    """
+
+    state: NavState
+    covariance: Reals
+
+
+def begin(start: NavState, grade: ImuGrade) -> FreeRun:
+    """A navigator that begins at the last row of `start`, which is of the unit and has a covariance."""
+    if start.covariance is None:
+        raise ValueError("a start without covariance; give one")
+    state = _row(start, -1)
+    covariance = start_covariance(grade)
+    covariance[:9, :9] = start.covariance[-1]
+    turn2, tilt2 = _turn_and_tilt(state, covariance[None])
+    gravity = float(np.linalg.norm(gravity_ecef_m_s2(state.position_ecef_m[0])))
+    covariance[_BIAS, _BIAS] += 2.0 * gravity**2 * float(tilt2[0] * turn2[0])
+    return FreeRun(state=state, covariance=covariance)
+
+
+def coast(
+    run: FreeRun, readings: ImuSeries, grade: ImuGrade, *, attitude_only: bool = False
+) -> tuple[NavState, FreeRun | None]:
+    """The unit's states (n + 1) from the run's instant on, after each reading later than that; and the run at the end.
+
+    Readings that are missing are bridged and have their states, too. At a gap longer than `GAP_S`, also between the
+    run's instant and the first reading, and where the covariance becomes too large to be true, the states end, and
+    there is no run any more.
+
+    attitude_only : position and velocity are of no account; the run lasts longer.
+    """
+    whole = _filled(readings, run.state.gpst[-1])
+    path = _path(run.state, whole)
+    every = max(int(_KNOT_S / readings.interval_s), 1)
+    knots = np.unique(np.append(np.arange(0, path.gpst.size, every), path.gpst.size - 1))
+    if knots.size == 1:
+        return path, None if whole.broken else run
+    most_s = 2.0 * max(_KNOT_S, readings.interval_s)  # labels scatter
+    sums = np.add.reduceat(whole.extra, knots[:-1])
+    covariance = error_covariance(_rows(path, knots), grade, run.covariance, extra=sums, most_s=most_s)
+    good = int(np.argmin(np.append(_holds(_rows(path, knots), covariance, attitude_only), False)))
+    if good < knots.size:
+        knots, covariance = knots[: max(good, 1)], covariance[: max(good, 1)]
+        path = _rows(path, np.arange(knots[-1] + 1))
+    between = state_at(_rows(path, knots, covariance[:, :9, :9]), path.gpst)
+    states = replace(path, covariance=between.covariance)
+    ended = whole.broken or good < len(sums) + 1
+    return states, None if ended else FreeRun(state=_row(states, -1), covariance=covariance[-1])
+
+
+def _holds(path: NavState, covariance: Reals, attitude_only: bool) -> Booleans:
+    """At which of the states (n,) errors are small enough for the linear model."""
+    turn2, tilt2 = _turn_and_tilt(path, covariance)
+    return np.asarray(turn2 < TURN_MOST_RAD**2 if attitude_only else tilt2 < TILT_MOST_RAD**2)
+
+
+def _turn_and_tilt(path: NavState, covariance: Reals) -> tuple[Reals, Reals]:
+    """Largest variances (n,) of the angles about any axis and about any level one."""
+    turn = covariance[:, 6:9, 6:9]
+    up = path.position_ecef_m / np.linalg.norm(path.position_ecef_m, axis=1, keepdims=True)
+    level = np.eye(3) - up[:, :, None] * up[:, None, :]
+    largest = [np.linalg.eigvalsh(each)[:, -1].astype(np.float64) for each in (turn, level @ turn @ level)]
+    return largest[0], largest[1]
+
+
+class _Filled(NamedTuple):
+    """Readings at an even rate. extra : (n, 2) variances of velocity and angle that bridging adds at each."""
+
+    gpst: Instants
+    interval_s: float
+    first_s: float
+    force: Reals
+    rate: Reals
+    extra: Reals
+    broken: bool
+
+
+def _filled(readings: ImuSeries, start_gpst: np.datetime64) -> _Filled:
+    """The readings after an instant, up to the first gap that is too long; `first_s` is what of the first lies after
+    it."""
+    later = readings.gpst > start_gpst
+    gpst, interval_s = readings.gpst[later], readings.interval_s
+    force, rate = readings.specific_force_m_s2[later], readings.angular_rate_rad_s[later]
+    apart_s = seconds_between(gpst, np.concatenate(([start_gpst], gpst[:-1]))) if gpst.size else np.empty(0)
+    steps = np.maximum(np.rint(apart_s / interval_s), 1.0).astype(np.int64)
+    long = np.flatnonzero((steps - 1) * interval_s > GAP_S)
+    n = int(long[0]) if long.size else gpst.size
+    gpst, force, rate, steps = gpst[:n], force[:n], rate[:n], steps[:n]
+    rows = np.cumsum(steps) - 1
+    every = np.arange(rows[-1] + 1 if n else 0)
+    extra = np.zeros((every.size, 2))
+    for row in np.flatnonzero(steps > 1):
+        missing = int(steps[row]) - 1
+        spread = [_difference2(values, missing + 1) for values in (force, rate)]
+        extra[rows[row]] = 0.5 * (missing * interval_s) ** 2 * np.array(spread)
+    labels = np.interp(every, rows, seconds_between(gpst, start_gpst)) if n else np.empty(0)
+    if n and steps[0] > 1:
+        labels[: rows[0]] = labels[rows[0]] - interval_s * np.arange(rows[0], 0, -1)
+    between = start_gpst + np.rint(labels * 1e9).astype("timedelta64[ns]")
+    if n:
+        between[rows] = gpst
+    return _Filled(
+        gpst=between,
+        interval_s=interval_s,
+        first_s=float(labels[0]) if n else 0.0,
+        force=_lines(every, rows, force),
+        rate=_lines(every, rows, rate),
+        extra=extra,
+        broken=bool(long.size),
+    )
+
+
+def _lines(every: Integers, rows: Integers, values: Reals) -> Reals:
+    if rows.size == every.size:
+        return values
+    return np.column_stack([np.interp(every, rows, axis) for axis in values.T])
+
+
+def _difference2(values: Reals, distance: int) -> float:
+    """Mean square difference of readings (n, 3) that are so many apart, of the axis where it is largest."""
+    distance = min(distance, len(values) - 1)
+    if distance < 1:
+        return float(np.max(values**2))
+    return float(np.max(np.mean((values[distance:] - values[:-distance]) ** 2, axis=0)))
+
+
+def _path(start: NavState, whole: _Filled) -> NavState:
+    """States from the start on, without covariance. The first reading may reach back before it."""
+    places, speeds, attitudes = [start.position_ecef_m[-1:]], [start.velocity_ecef_m_s[-1:]], [start.attitude[-1:]]
+    n, first = len(whole.force), abs(whole.first_s - whole.interval_s) > 1e-3 * whole.interval_s
+    for rows, interval_s in ((slice(0, first), whole.first_s), (slice(first, n), whole.interval_s)):
+        if rows.stop > rows.start and n:
+            path = strapdown_paths(
+                places[-1][-1], speeds[-1][-1], attitudes[-1][-1], whole.force[rows], whole.rate[rows], interval_s
+            )
+            for parts, part in zip((places, speeds, attitudes), path, strict=True):
+                parts.append(part[1:])
+    return NavState(
+        gpst=np.concatenate((start.gpst[-1:], whole.gpst)),
+        position_ecef_m=np.concatenate(places),
+        velocity_ecef_m_s=np.concatenate(speeds),
+        attitude=np.concatenate(attitudes),
+    )
+
+
+def moved(state: NavState, angular_rate_rad_s: ArrayLike, arm_m: ArrayLike) -> NavState:
+    """The state of another point of the body: from the unit to the antenna, or back with the arm's sign changed.
+
+    angular_rate_rad_s : (n, 3) or (3,) against inertial space, in body axes, at the state's times.
+    arm_m : (3,) in body axes. What the gyros' errors add to the velocity of the arm's end is left out.
+    """
+    turn: Reals = np.asarray(angular_rate_rad_s, np.float64) - _EARTH_RAD_S @ state.attitude
+    own = np.asarray(arm_m, np.float64)
+    arm = state.attitude @ own
+    swing = np.asarray(np.einsum("nij,nj->ni", state.attitude, np.cross(turn, own)))
+    covariance = state.covariance
+    if covariance is not None:
+        lever = np.tile(np.eye(9), (state.gpst.size, 1, 1))
+        lever[:, 0:3, 6:9], lever[:, 3:6, 6:9] = -skew(arm), -skew(swing)
+        covariance = lever @ covariance @ np.swapaxes(lever, -1, -2)
+    return NavState(
+        gpst=state.gpst,
+        position_ecef_m=state.position_ecef_m + arm,
+        velocity_ecef_m_s=state.velocity_ecef_m_s + swing,
+        attitude=state.attitude,
+        covariance=covariance,
+    )
+
+
+def apparent_tilt_rad(state: NavState, specific_force_m_s2: ArrayLike) -> float:
+    """Between the vertical by the state's last attitude and by the mean of readings (n, 3) around its time.
+
+    Accelerations tilt the latter: a vehicle's by some degrees, an aircraft's in a turn by as much as it banks.
+    """
+    felt = state.attitude[-1] @ np.mean(np.asarray(specific_force_m_s2, np.float64), axis=0)
+    up = -gravity_ecef_m_s2(state.position_ecef_m[-1])
+    return float(np.arctan2(np.linalg.norm(np.cross(felt, up)), felt @ up))
+
+
+def _row(state: NavState, row: int) -> NavState:
+    return _rows(state, np.array([row]), None if state.covariance is None else state.covariance[[row]])
+
+
+def _rows(state: NavState, rows: Indices, covariance: Reals | None = None) -> NavState:
+    return NavState(
+        gpst=state.gpst[rows],
+        position_ecef_m=state.position_ecef_m[rows],
+        velocity_ecef_m_s=state.velocity_ecef_m_s[rows],
+        attitude=state.attitude[rows],
+        covariance=covariance,
+    )
