@@ -206,11 +206,12 @@ def test_a_page_that_is_filled_twice_is_the_same_and_has_nothing_twice(fill: Mod
 
 def test_the_files_that_the_manual_shows_are_read(tmp_path: Path) -> None:
     sidecar, scenario = blocks(DOCS / "formats.md", "toml")
-    (platform,) = blocks(DOCS / "commands.md", "toml")
     (tmp_path / "rx1.toml").write_text(sidecar, encoding="utf-8")
-    (tmp_path / "platform.toml").write_text(platform, encoding="utf-8")
     read_sidecar(tmp_path / "rx1.toml")
-    assert read_platform(tmp_path / "platform.toml") != Platform()
+    for page in ("commands.md", "platform.md"):
+        (platform,) = blocks(DOCS / page, "toml")
+        (tmp_path / "platform.toml").write_text(platform, encoding="utf-8")
+        assert read_platform(tmp_path / "platform.toml") != Platform()
     assert [attack.kind for attack in parse_scenario(tomllib.loads(scenario)).attacks] == ["meaconer"]
     (meta,) = blocks(DOCS / "formats.md", "json")
     (tmp_path / "one.sigmf-meta").write_text(meta, encoding="utf-8")

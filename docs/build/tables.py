@@ -11,6 +11,7 @@ from docstrings import items_of
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from skyproof.app.init.text import one_line
 from skyproof.cli import app
 from skyproof.simulator import Site, ready_made
 from skyproof.studies import studies
@@ -99,10 +100,15 @@ def keys(name: str) -> str:
         text = field.description or told.get(key) or WORDS.get(f"{model_name}.{key}") or WORDS.get(key, "")
         choices = _choices(field.annotation)
         means = text if all(word in text for word in choices) else f"{text} {_listed(choices)}".strip()
-        rows.append((f"`{key}`", default, _cell(means[:1].upper() + means[1:])))
-    if all(default == "needed" for _, default, _ in rows):  # a document that is written, not one to write
-        return _table(("key", "means"), [(key, means) for key, _, means in rows])
-    return _table(("key", "default", "means"), rows)
+        example = f"`{one_line(field.examples[0])}`" if field.examples else ""
+        rows.append((f"`{key}`", default, example, _cell(means[:1].upper() + means[1:])))
+    heads = ["key", "default", "example", "means"]
+    if not any(example for _, _, example, _ in rows):
+        heads.remove("example")
+        if all(default == "needed" for _, default, _, _ in rows):  # a document that is written, not one to write
+            heads.remove("default")
+    told_of = [dict(zip(("key", "default", "example", "means"), row, strict=True)) for row in rows]
+    return _table(heads, [[row[head] for head in heads] for row in told_of])
 
 
 def _of_site(model: type[BaseModel]) -> set[str]:

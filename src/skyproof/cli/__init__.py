@@ -32,7 +32,11 @@ COMMANDS = {
     "protect": (
         "[INPUT...] --out FOLDER [OPTIONS]",
         "Say whether received signals are spoofed, since when and which, and give the position to be trusted.",
-        AFTER_DEMO + "skyproof protect demo/bow.bin demo/stern.bin --nav demo/broadcast.rnx --out out",
+        AFTER_DEMO
+        + "skyproof protect demo/bow.bin demo/stern.bin --nav demo/broadcast.rnx --out out\n\n"
+        + "The same with a platform file:\n\n"
+        + "skyproof init demo/bow.bin demo/stern.bin --out demo/platform.toml\n"
+        + "skyproof protect --platform demo/platform.toml --out out",
     ),
     "inspect": (
         "FILE [OPTIONS]",
@@ -48,6 +52,11 @@ COMMANDS = {
         "SCENARIO --out FOLDER [OPTIONS]",
         "Make recordings and measurements of a scene with attacks, and write the truth about them.",
         "Examples:\n\nskyproof simulate --list\nskyproof simulate takeover --out scene",
+    ),
+    "init": (
+        "FILE... [--out PLATFORM] [OPTIONS]",
+        "Write a platform file from what inputs say of themselves, with lines to complete for all else.",
+        AFTER_DEMO + "skyproof init demo/bow.bin demo/stern.bin --out demo/platform.toml",
     ),
     "study": (
         "NAME [OPTIONS]",

@@ -1,13 +1,16 @@
 """The platform file: every key, right and wrong, and what must agree with itself."""
 
+import json
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 
-from skyproof.app.common.platform import Platform, read_platform
+from skyproof.app.common.platform import SCHEMA_PATH, Platform, platform_schema, read_platform
 from skyproof.app.common.platform_tables import Imu, InitialAttitude, Receiver, Spin, StatedAttitude, Surveyed
 from skyproof.app.common.settings import Settings
 from skyproof.errors import SettingsError, SkyproofError
@@ -279,3 +282,32 @@ def test_errors_of_a_unit_are_those_of_its_grade_or_numbers_and_the_poorest_if_n
     assert Imu(file=Path("imu.csv"), grade="tactical").errors is GRADES["tactical"]
     assert Imu(file=Path("imu.csv")).errors is GRADES["consumer"]
     assert max(GRADES.values(), key=lambda grade: grade.gyro_repeatability_rad_s) is GRADES["consumer"]
+
+
+def test_the_published_schema_is_the_one_of_the_model() -> None:
+    assert json.loads(SCHEMA_PATH.read_text(encoding="utf-8")) == platform_schema(), (
+        "write it anew: python -c 'import json; from skyproof.app.common.platform import *; "
+        'SCHEMA_PATH.write_text(json.dumps(platform_schema(), indent=1) + "\\n")\''
+    )
+
+
+def test_the_schema_takes_what_is_right_and_names_what_is_wrong() -> None:
+    checker = jsonschema.Draft202012Validator(platform_schema())
+    checker.check_schema(platform_schema())
+    whole = json.loads(json.dumps(tomllib.loads(WHOLE), default=lambda instant: instant.isoformat()))
+    assert list(checker.iter_errors(whole)) == []
+    for table in (whole, whole["receivers"][0]["position"], whole["protect"]):
+        table["unknown"] = 1
+        assert not checker.is_valid(whole)
+        del table["unknown"]
+    assert checker.is_valid(whole)
+    whole["receivers"][0]["position"]["lat_deg"] = 91
+    assert not checker.is_valid(whole)
+
+
+def test_keys_that_stand_in_the_place_of_others_have_examples_that_hold() -> None:
+    numbers = {key: Imu.model_fields[key].examples[0] for key in Imu.model_fields if key.startswith(("gyro_", "accel"))}
+    assert len(numbers) == 4
+    assert Imu.model_validate({"file": "imu.csv"} | numbers).grade is None
+    examples = {key: StatedAttitude.model_fields[key].examples[0] for key in ("file", "sigma_deg")}
+    assert StatedAttitude.model_validate(examples).heading_deg is None

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from math import dist, hypot
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
@@ -13,7 +13,9 @@ from skyproof.errors import SettingsError
 from skyproof.formats.documents import read_toml
 from skyproof.formats.models import Model, Number, faults_of, repeated
 
-__all__ = ["Platform", "read_platform"]
+__all__ = ["SCHEMA_PATH", "Platform", "platform_schema", "read_platform"]
+
+SCHEMA_PATH: Final = Path(__file__).with_name("platform.schema.json")
 
 FARTHEST_M: Final = 1e5
 """Receivers that are compared see nearly the same sky."""
@@ -25,13 +27,21 @@ class Platform(Model):
     """What carries the receivers, what there is besides their recordings, and the settings of a run."""
 
     motion: Literal["static", "moving"] | None = Field(
-        default=None, description='Whether it moves: "static" if it is known to stand still; not known if absent.'
+        default=None,
+        description='Whether it moves: "static" if it is known to stand still, or "moving"; not known if absent.',
+        examples=["static"],
     )
     speed_max_m_s: Number | None = Field(
-        default=None, gt=0.0, le=1e5, description="It is never faster, metres a second; not known if absent."
+        default=None,
+        gt=0.0,
+        le=1e5,
+        description="It is never faster, metres a second; not known if absent.",
+        examples=[40.0],
     )
     oscillator: Literal["quartz", "tcxo", "ocxo", "csac", "rubidium"] | None = Field(
-        default=None, description="What the receivers' clocks run on; not known if absent."
+        default=None,
+        description="What the receivers' clocks run on: quartz, tcxo, ocxo, csac or rubidium; not known if absent.",
+        examples=["tcxo"],
     )
     receivers: tuple[Receiver, ...] = Field(default=(), max_length=64, description="A table for each.")
     attitude: StatedAttitude | None = Field(
@@ -100,3 +110,11 @@ def read_platform(path: Path) -> Platform:
         return Platform.model_validate(table, context={"folder": path.parent})
     except ValidationError as error:
         raise SettingsError(f"{path}: {'; '.join(faults_of(error, Platform))}") from error
+
+
+def platform_schema() -> dict[str, Any]:
+    """The JSON Schema (2020-12) of a platform file, by which editors of TOML complete and check keys.
+
+    It is published as `SCHEMA_PATH`; what keys must agree on among each other is checked when the file is read.
+    """
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Platform.model_json_schema()}

@@ -3,6 +3,7 @@
 Body axes are forward, right, down. Positions are geodetic, WGS-84. Standard deviations are of each axis.
 """
 
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -56,10 +57,10 @@ def _axes(value: Any) -> str | Matrix:
 class Surveyed(Model):
     """Where an antenna was surveyed to stand."""
 
-    lat_deg: Number = Field(ge=-90.0, le=90.0, description="Geodetic latitude, WGS-84, degrees.")
-    lon_deg: Number = Field(ge=-180.0, le=360.0, description="Longitude, east positive, degrees.")
-    height_m: Number = Field(ge=-1e3, le=1e5, description="Height above the ellipsoid, metres.")
-    sigma_m: Number = Field(gt=0.0, le=1e5, description="One sigma of each axis, metres.")
+    lat_deg: Number = Field(ge=-90.0, le=90.0, description="Geodetic latitude, WGS-84, degrees.", examples=[57.7])
+    lon_deg: Number = Field(ge=-180.0, le=360.0, description="Longitude, east positive, degrees.", examples=[11.94])
+    height_m: Number = Field(ge=-1e3, le=1e5, description="Height above the ellipsoid, metres.", examples=[50.0])
+    sigma_m: Number = Field(gt=0.0, le=1e5, description="One sigma of each axis, metres.", examples=[0.05])
 
     @property
     def ecef_m(self) -> Reals:
@@ -70,12 +71,19 @@ class Surveyed(Model):
 class Spin(Model):
     """An arm that carries the antenna round in a level circle."""
 
-    radius_m: Number = Field(gt=0.0, le=100.0, description="From the axis to the antenna, metres.")
+    radius_m: Number = Field(gt=0.0, le=100.0, description="From the axis to the antenna, metres.", examples=[0.0951])
     rate_hz: Number = Field(
-        ge=-50.0, le=50.0, description="Turns a second; positive is clockwise, seen from above. Not zero."
+        ge=-50.0,
+        le=50.0,
+        description="Turns a second; positive is clockwise, seen from above. Not zero.",
+        examples=[0.25],
     )
     rate_sigma_hz: Number = Field(
-        default=0.0, ge=0.0, le=50.0, description="One sigma of rate_hz, hertz; 0 if it is known exactly."
+        default=0.0,
+        ge=0.0,
+        le=50.0,
+        description="One sigma of rate_hz, hertz; 0 if it is known exactly.",
+        examples=[0.001],
     )
 
     @field_validator("rate_hz")
@@ -90,17 +98,26 @@ class Receiver(Model):
     """One receiver: its inputs, and where its antennas are."""
 
     name: Name | None = Field(
-        default=None, description="By which outputs and settings call it; as its first input is named if absent."
+        default=None,
+        description="By which outputs and settings call it; as its first input is named if absent.",
+        examples=["rx1"],
     )
     inputs: tuple[FilePath, ...] = Field(
         default=(),
         max_length=64,
         description="Recordings, one file an antenna or one whose channels are the antennas, or an observation file; "
         "relative to the platform file.",
+        examples=[["rx1.bin"]],
     )
-    position: Surveyed | None = Field(default=None, description="Where its first antenna was surveyed to stand.")
+    position: Surveyed | None = Field(
+        default=None,
+        description="Where its first antenna was surveyed to stand.",
+        examples=[{"lat_deg": 57.7, "lon_deg": 11.94, "height_m": 50.0, "sigma_m": 0.05}],
+    )
     body_m: Vector | None = Field(
-        default=None, description="Its first antenna in the body frame: forward, right, down, metres."
+        default=None,
+        description="Its first antenna in the body frame: forward, right, down, metres.",
+        examples=[[0.0, 0.0, 0.0]],
     )
     antennas_m: tuple[Vector, ...] | None = Field(
         default=None,
@@ -108,6 +125,7 @@ class Receiver(Model):
         max_length=64,
         description="Its antennas in the order of the inputs or channels, relative to body_m: forward, right, down, "
         "metres.",
+        examples=[[[0.0, 0.0, 0.0], [0.19, 0.0, 0.0], [0.095, -0.165, 0.0]]],
     )
     antenna_sigma_m: Number | None = Field(
         default=None,
@@ -115,13 +133,19 @@ class Receiver(Model):
         le=1e3,
         description="One sigma of body_m and antennas_m on each axis, metres; if absent 0.003 among the antennas of "
         "one receiver and 0.1 between receivers.",
+        examples=[0.003],
     )
     line_bias_cyc: tuple[Number, ...] | None = Field(
         default=None,
         max_length=64,
         description="Carrier phase that each antenna's line adds, cycles; estimated if absent.",
+        examples=[[0.0, 0.12, -0.3]],
     )
-    spin: Spin | None = Field(default=None, description="An arm that turns its antenna.")
+    spin: Spin | None = Field(
+        default=None,
+        description="An arm that turns its antenna.",
+        examples=[{"radius_m": 0.0951, "rate_hz": 0.25, "rate_sigma_hz": 0.001}],
+    )
 
     @field_validator("inputs")
     @classmethod
@@ -166,26 +190,33 @@ class InitialAttitude(Model):
     """How the body is turned at the start of the inertial readings."""
 
     heading_deg: Number = Field(
-        ge=-360.0, le=360.0, description="From north to the right, degrees: where forward points."
+        ge=-360.0, le=360.0, description="From north to the right, degrees: where forward points.", examples=[40.0]
     )
-    pitch_deg: Number = Field(default=0.0, ge=-90.0, le=90.0, description="Forward up, degrees.")
-    roll_deg: Number = Field(default=0.0, ge=-180.0, le=180.0, description="Right side down, degrees.")
-    sigma_deg: SigmaDeg = Field(description="One sigma about each axis, degrees.")
+    pitch_deg: Number = Field(default=0.0, ge=-90.0, le=90.0, description="Forward up, degrees.", examples=[0.6])
+    roll_deg: Number = Field(default=0.0, ge=-180.0, le=180.0, description="Right side down, degrees.", examples=[0.0])
+    sigma_deg: SigmaDeg = Field(description="One sigma about each axis, degrees.", examples=[0.5])
 
 
 class StatedAttitude(Model):
     """How the body is turned: angles that stay, or a file of them."""
 
     heading_deg: Number | None = Field(
-        default=None, ge=-360.0, le=360.0, description="From north to the right, degrees: where forward points."
+        default=None,
+        ge=-360.0,
+        le=360.0,
+        description="From north to the right, degrees: where forward points.",
+        examples=[35.0],
     )
-    pitch_deg: Number = Field(default=0.0, ge=-90.0, le=90.0, description="Forward up, degrees.")
-    roll_deg: Number = Field(default=0.0, ge=-180.0, le=180.0, description="Right side down, degrees.")
-    sigma_deg: SigmaDeg = Field(description="One sigma about each axis, degrees; of a file's angles as well.")
+    pitch_deg: Number = Field(default=0.0, ge=-90.0, le=90.0, description="Forward up, degrees.", examples=[2.0])
+    roll_deg: Number = Field(default=0.0, ge=-180.0, le=180.0, description="Right side down, degrees.", examples=[-1.0])
+    sigma_deg: SigmaDeg = Field(
+        description="One sigma about each axis, degrees; of a file's angles as well.", examples=[0.2]
+    )
     file: FilePath | None = Field(
         default=None,
         description="CSV or Parquet with gpst or time_s, heading_deg, pitch_deg, roll_deg, in place of the angles; "
         "relative to the platform file.",
+        examples=["attitude.csv"],
     )
 
     @model_validator(mode="after")
@@ -203,29 +234,42 @@ class Imu(Model):
 
     file: FilePath = Field(
         description="CSV or Parquet with gpst or time_s, accel_x_m_s2 to accel_z_m_s2, gyro_x_rad_s to gyro_z_rad_s: "
-        "means over the intervals that end at the time; relative to the platform file."
+        "means over the intervals that end at the time; relative to the platform file.",
+        examples=["imu.csv"],
     )
     start_gpst: Instant | None = Field(
-        default=None, description="GPS time of time_s = 0; the start of the recording if absent."
+        default=None,
+        description="GPS time of time_s = 0; the start of the recording if absent.",
+        examples=[datetime(2022, 1, 1, 10, 29, 58)],
     )
     grade: (
         Literal["consumer", "industrial", "tactical", "navigation", "tactical-calibrated", "navigation-calibrated"]
         | None
-    ) = Field(default=None, description="Of its errors; or give the four numbers. Consumer if neither is there.")
+    ) = Field(
+        default=None,
+        description="Of its errors: consumer, industrial, tactical, navigation, and the last two with -calibrated; or "
+        "give the four numbers. Consumer if neither is there.",
+        examples=["tactical"],
+    )
     gyro_bias_deg_h: Number | None = Field(
-        default=None, ge=0.0, le=1e5, description="One sigma of the gyros' bias, degrees an hour."
+        default=None, ge=0.0, le=1e5, description="One sigma of the gyros' bias, degrees an hour.", examples=[0.5]
     )
     gyro_noise_deg_sqrt_h: Number | None = Field(
-        default=None, ge=0.0, le=1e3, description="Angular random walk, degrees per root hour."
+        default=None, ge=0.0, le=1e3, description="Angular random walk, degrees per root hour.", examples=[0.15]
     )
     accel_bias_ug: Number | None = Field(
         default=None,
         ge=0.0,
         le=1e6,
         description="One sigma of the accelerometers' bias, millionths of g (9.80665 m/s2).",
+        examples=[50.0],
     )
     accel_noise_m_s_sqrt_h: Number | None = Field(
-        default=None, ge=0.0, le=1e3, description="Velocity random walk, metres a second per root hour."
+        default=None,
+        ge=0.0,
+        le=1e3,
+        description="Velocity random walk, metres a second per root hour.",
+        examples=[0.07],
     )
     axes: Annotated[
         str | Matrix,
@@ -247,13 +291,17 @@ class Imu(Model):
         default="frd",
         description='Where its axes point: "frd" forward, right, down; "flu" forward, left, up; "rfu" right, forward, '
         "up; or the rotation from its axes to forward, right, down, as three rows.",
+        examples=["flu"],
     )
     lever_arm_m: Vector = Field(
         default=(0.0, 0.0, 0.0),
         description="From the unit to the first receiver's first antenna: forward, right, down, metres.",
+        examples=[[0.4, 0.0, -1.2]],
     )
     initial: InitialAttitude | None = Field(
-        default=None, description="The attitude at the first reading; aligned from the motion if absent."
+        default=None,
+        description="The attitude at the first reading; aligned from the motion if absent.",
+        examples=[{"heading_deg": 40.0, "pitch_deg": 0.6, "roll_deg": 0.0, "sigma_deg": 0.5}],
     )
 
     @model_validator(mode="after")

@@ -34,6 +34,7 @@ class Settings(BaseModel):
     )
     antenna_distance_m: float | None = Field(
         default=None,
+        examples=[61.5],
         gt=0.0,
         le=1e5,
         description="The antennas of two receivers stand this far apart. One receiver alone under attack is then "
@@ -41,12 +42,14 @@ class Settings(BaseModel):
     )
     antenna_distance_sigma_m: float | None = Field(
         default=None,
+        examples=[0.5],
         gt=0.0,
         le=1e5,
         description="Standard deviation of antenna_distance_m; by default it is good to 5 % or 1 m in 95 of 100 cases.",
     )
     antennas_enu_m: dict[str, tuple[_Metres, _Metres, _Metres]] | None = Field(
         default=None,
+        examples=[{"rx1": [0.0, 0.0, 0.0], "rx2": [50.7, -33.4, -1.0]}],
         description="Where each receiver's antenna stands: east, north, up of any common point; by receiver name.",
     )
     antennas_sigma_m: float = Field(
@@ -54,6 +57,7 @@ class Settings(BaseModel):
     )
     speed_max_m_s: float | None = Field(
         default=None,
+        examples=[40.0],
         ge=0.0,
         le=1e5,
         description="No antenna is faster; 0 if all stand still. Jumps over a time without measurements that need more "
@@ -75,12 +79,13 @@ class Settings(BaseModel):
     )
     place_deg: tuple[_Latitude, _Longitude] | None = Field(
         default=None,
+        examples=[[57.7, 11.9]],
         description="Latitude and longitude, roughly: with a navigation file and a dated recording only satellites "
         "above the horizon there are looked for, so that false signals of others are missed.",
     )
     start_s: float = Field(default=0.0, ge=0.0, le=1e9, description="Skip this much of every recording.")
     duration_s: float | None = Field(
-        default=None, gt=0.0, le=1e9, description="Use no more than this of every recording."
+        default=None, examples=[60.0], gt=0.0, le=1e9, description="Use no more than this of every recording."
     )
 
     @model_validator(mode="after")

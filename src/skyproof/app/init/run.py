@@ -1,0 +1,156 @@
+"""`platform.toml` for the files at hand: which receiver has which, and what only a person knows as commented lines."""
+
+import importlib.metadata
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from skyproof.app.common.platform import Platform, read_platform
+from skyproof.app.init.text import FoundReceiver, platform_lines
+from skyproof.errors import InputError, OutputError
+from skyproof.formats.atomic_write import write_lines
+from skyproof.formats.attitude import read_attitude
+from skyproof.formats.imu import read_imu
+from skyproof.formats.recording import open_recording
+from skyproof.formats.rinex_obs_read import holds_observations, read_obs
+from skyproof.gnss.frames import geodetic_from_ecef
+from skyproof.gnss.time import iso, seconds_between
+
+__all__ = ["InitResult", "init"]
+
+_SERIES = (".csv", ".parquet")
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitResult:
+    """The file that was written, and the platform that it describes."""
+
+    path: Path
+    platform: Platform
+
+
+def init(files: Sequence[str | Path], *, out: str | Path = "platform.toml", overwrite: bool = False) -> InitResult:
+    """Write a platform file that `protect` takes, from what recordings and observation files say.
+
+    Parameters
+    ----------
+    files : one a receiver: recordings with their sidecars, observation files; besides, inertial readings or an attitude
+        as CSV or Parquet.
+    out : the file to write; paths in it are relative to its folder.
+    overwrite : whether a file that is there already is replaced.
+
+    Raises
+    ------
+    InputError : a file that cannot be opened; inertial readings or attitudes in more than one.
+    OutputError : the file is there already, or cannot be written.
+    """
+    out = Path(out)
+    if out.exists() and not overwrite:
+        raise OutputError(
+            f"{out}: is there already; give another name with --out, or --overwrite to replace what stands in it"
+        )
+    paths = [Path(file) for file in files]
+    series = [path for path in paths if path.suffix.lower() in _SERIES]
+    receivers = _named([_found(path, out.parent) for path in paths if path not in series])
+    if not receivers:
+        raise InputError("no recording and no observation file given; give one a receiver")
+    tables = _tables(series, out.parent)
+    version = importlib.metadata.version("skyproof")
+    write_lines(out, platform_lines(receivers, tables, version), encoding="utf-8")
+    return InitResult(path=out, platform=read_platform(out))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """One input, what it says in words, and how many antennas it is of; `marker` as a header names it."""
+
+    path: Path
+    input: str
+    says: tuple[str, ...]
+    marker: str = ""
+    antennas: int = 1
+
+
+def _found(path: Path, folder: Path) -> _Found:
+    if holds_observations(path):
+        return _observed(path, folder)
+    channels = open_recording(path)
+    one = channels[0]
+    says = [f"{one.format or 'raw'}, {one.rate_hz / 1e6:g} Msps, {_when(one.start_gpst, one.duration_s)}"]
+    if len(channels) > 1:
+        says.append(f"its {len(channels)} channels are the receiver's antennas")
+    return _Found(path=path, input=_relative(path, folder), says=tuple(says), antennas=len(channels))
+
+
+def _observed(path: Path, folder: Path) -> _Found:
+    file = read_obs(path)
+    o = file.observations
+    lasts_s = seconds_between(o.gpst[-1], o.gpst[0])
+    says = [f"RINEX {file.version:g} observations, {o.gpst.size} epochs, {_when(o.gpst[0], lasts_s)}"]
+    if file.position_ecef_m is not None and np.any(file.position_ecef_m):
+        lat, lon, height_m = (float(value) for value in geodetic_from_ecef(file.position_ecef_m))
+        says.append(
+            f"its header says that it stands near lat_deg = {np.degrees(lat):.6f}, lon_deg = {np.degrees(lon):.6f}, "
+            f"height_m = {height_m:.1f}, and not how nearly"
+        )
+    return _Found(path=path, input=_relative(path, folder), says=tuple(says), marker=file.marker)
+
+
+def _named(found: Sequence[_Found]) -> list[FoundReceiver]:
+    """Each under a name of its own: its marker's if that is no other's, else its file's."""
+    markers = [one.marker for one in found]
+    receivers: list[FoundReceiver] = []
+    for one in found:
+        text = one.marker if markers.count(one.marker) == 1 and one.marker else one.path.stem
+        name = _name(text, [receiver.name for receiver in receivers])
+        receivers.append(FoundReceiver(name, one.input, one.says, one.antennas))
+    return receivers
+
+
+def _when(start_gpst: np.datetime64 | None, lasts_s: float) -> str:
+    start = "of unknown date" if start_gpst is None else f"from {iso(start_gpst, 3)} (GPS time)"
+    return f"{start}, {lasts_s:.1f} s"
+
+
+def _name(text: str, names: Sequence[str]) -> str:
+    """A receiver's name that is not yet taken, of the letters that a name may have."""
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip("._-")[:90] or "rx"
+    candidates = (plain, *(f"{plain}-{number}" for number in range(2, len(names) + 3)))
+    return next(name for name in candidates if name not in names)
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """The path as it is written into a file in `folder`. Raises InputError if no text can hold it."""
+    text = Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{path}: its name is not UTF-8, which a platform file is; rename it") from error
+    return text
+
+
+def _tables(series: Sequence[Path], folder: Path) -> dict[str, str]:
+    """The file of each table that readings over time are for: "imu", "attitude"."""
+    tables: dict[str, str] = {}
+    for path in series:
+        table = _table_of(path)
+        if table in tables:
+            raise InputError(f"{path}: a second file for [{table}], which has one; give one of the two")
+        tables[table] = _relative(path, folder)
+    return tables
+
+
+def _table_of(path: Path) -> str:
+    try:
+        read_imu(path)
+        return "imu"
+    except InputError as not_imu:
+        try:
+            read_attitude(path)
+            return "attitude"
+        except InputError as neither:
+            raise InputError(f"neither inertial readings nor an attitude: {not_imu}; {neither}") from neither
