@@ -5,14 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.app.kit import ENU_M, LIGHT_M_S, scenario_of
+from tests.app.kit import ENU_M, scenario_of
+from tests.app.protect.captured import captured
 
 from skyproof.app.protect import protect
 from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.records import CellStatus, Observations
+from skyproof.records import Observations
 from skyproof.simulator.measurements import NoiseModel, observations_of
 
 SETTINGS = {"antennas_enu_m": {name: ENU_M[name] for name in ("bow", "stern")}}
@@ -27,26 +28,6 @@ def measured():
     noise = NoiseModel(sigma_m=1.0, ar1=0.9, constant_m=0.5)
     (bow, stern), _ = observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)
     return bow, stern, navigation
-
-
-def captured(own: Observations, other: Observations, row: int, *, rng: np.random.Generator) -> Observations:
-    """`own` with what `other` measured in the place of its own from `row` on, by a clock of its own."""
-    common = [(own.signals.index(s), other.signals.index(s)) for s in own.signals if s in other.signals]
-    mine, theirs = (np.array(columns) for columns in zip(*common, strict=True))
-    since_s = own.elapsed_s[row:, None] - own.elapsed_s[row]
-    clock_m = LIGHT_M_S * (3.1e-5 + 2e-7 * since_s)
-    cells = {
-        "pseudorange_m": clock_m + 0.3 * rng.normal(size=(len(since_s), len(mine))),
-        "carrier_cyc": clock_m * own.carrier_hz[mine] / LIGHT_M_S,
-        "doppler_hz": -2e-7 * own.carrier_hz[mine],
-    }
-    changed = {}
-    for name, added in cells.items():
-        changed[name] = getattr(own, name).copy()
-        changed[name][row:, mine] = getattr(other, name)[row:, theirs] + added
-    status = own.status.copy()
-    status[row, mine] = CellStatus.SLIP
-    return replace(own, status=status, **changed)
 
 
 def written(folder: Path, *observations: Observations) -> list[Path]:

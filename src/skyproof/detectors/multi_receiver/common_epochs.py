@@ -117,22 +117,37 @@ def common_ranges(
     step_s = float(np.median(np.diff(instants_s))) if instants_s.size > 1 else 1.0
     ranges = np.full((instants_s.size, len(shared), len(sets)), np.nan)
     sigma_m = np.full_like(ranges, np.nan)
+    paces_m_s: list[Reals] = []
     for i, chosen in enumerate(sets):
         observations = receivers[chosen.receiver]
         columns = np.array([observations.signals.index(tracks[i]) for tracks in shared], dtype=np.intp)
+        rate_m_s = -SPEED_OF_LIGHT_M_S / observations.carrier_hz[columns] * observations.doppler_hz[:, columns]
         time_s = _true_time_s(observations, records, chosen)
+        paces_m_s.append(rate_m_s)
+        time_s -= _drift(rate_m_s, paces_m_s[0]) * (time_s - float(seconds_between(chosen.gpst, records.start_gpst)))
         nearest = _nearest(time_s, instants_s)
         if nearest.size == 0:
             continue
         dt_s = instants_s - time_s[nearest]
         cells = np.ix_(nearest, columns)
-        rate_m_s = -SPEED_OF_LIGHT_M_S / observations.carrier_hz[columns] * observations.doppler_hz[cells]
         # With equal instants the Doppler is not needed, and may be missing.
-        shift_m = np.where(np.abs(dt_s)[:, None] > 1e-9, rate_m_s * dt_s[:, None], 0.0)
+        shift_m = np.where(np.abs(dt_s)[:, None] > 1e-9, rate_m_s[nearest] * dt_s[:, None], 0.0)
         near = np.abs(dt_s) <= 0.51 * step_s
         ranges[..., i] = np.where(near[:, None], observations.pseudorange_m[cells] + shift_m, np.nan)
         sigma_m[..., i] = observations.pseudorange_sigma_m[cells]
     return _without_holes(shared, ranges, sigma_m, instants_s / step_s, min_share, min_satellites)
+
+
+def _drift(rate_m_s: Reals, reference_m_s: Reals) -> float:
+    """By how much faster a receiver's clock runs than the first one's: what its ranges grow faster, by most signals.
+
+    Antennas d apart see a range grow differently by 4 km/s times d over 20 000 km: 1 m/s, or 3e-9, at 5 km.
+    """
+    known = np.isfinite(rate_m_s).any(axis=0) & np.isfinite(reference_m_s).any(axis=0)
+    if not known.any():
+        return 0.0
+    faster_m_s = np.nanmean(rate_m_s[:, known], axis=0) - np.nanmean(reference_m_s[:, known], axis=0)
+    return float(np.median(faster_m_s)) / SPEED_OF_LIGHT_M_S
 
 
 def _true_time_s(observations: Observations, records: Records, chosen: ConsistentSet) -> Reals:
