@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skyproof.fusion.unprotected import unprotected
+from skyproof.fusion import unprotected
 
 
 def at_cn0(o, **dbhz):
@@ -16,7 +16,7 @@ def at_cn0(o, **dbhz):
 
 def followed(o):
     """The column followed at each epoch; -1 for none, and never two."""
-    there = np.isfinite(unprotected(o).pseudorange_m)
+    there = unprotected.followed(o)
     assert there.sum(axis=1).max() <= 1
     return np.where(there.any(axis=1), there.argmax(axis=1), -1)
 
@@ -47,5 +47,5 @@ def test_a_single_missing_epoch_hands_nothing_over(invented):
 
 def test_each_satellite_has_its_own(invented):
     o = invented.observations(("G05a", "G05b", "G07a"))
-    there = np.isfinite(unprotected(at_cn0(o, G05a=40.0, G05b=45.0, G07a=30.0)).pseudorange_m)
+    there = unprotected.followed(at_cn0(o, G05a=40.0, G05b=45.0, G07a=30.0))
     assert there.all(axis=0).tolist() == [False, True, True]

@@ -7,20 +7,22 @@ version 3.05" (IGS and RTCM SC-104, 2020-12-01).
 import itertools
 import os
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skyproof.arrays import Booleans, Instants, Integers, Reals
+from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.signals import frequency_number_of, rinex_attribute
 from skyproof.gnss.time import leap_seconds, rinex_date, utc_from_gpst
-from skyproof.records import CellStatus, Observations, SignalId
+from skyproof.records import ObservationLog, Observations, SignalId
 
 __all__ = ["obs_lines", "write_obs"]
 
+_STRETCH_EPOCHS: Final = 4096  # formatted at once, so that memory does not grow with the run
 _TICK_NS: Final = 100  # an epoch's last digit: seconds are F11.7
 _LOWEST, _HIGHEST = -1e9 + 1e-3, 1e10 - 1e-3  # what F14.3 holds
 _COLUMNS: Final = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz")
@@ -33,12 +35,13 @@ _EMPTY: Final = " " * 64  # four fields
 
 def write_obs(
     path: str | os.PathLike[str],
-    observations: Observations,
+    observations: ObservationLog,
     *,
     signals: Sequence[SignalId],
     holds: str,
     marker: str,
     version: str,
+    mask: Booleans | None = None,
     position_ecef_m: ArrayLike | None = None,
     comments: Sequence[str] = (),
     created_utc: np.datetime64 | None = None,
@@ -56,6 +59,7 @@ def write_obs(
         holds=holds,
         marker=marker,
         version=version,
+        mask=mask,
         position_ecef_m=position_ecef_m,
         comments=comments,
         created_utc=created_utc,
@@ -64,12 +68,13 @@ def write_obs(
 
 
 def obs_lines(
-    observations: Observations,
+    observations: ObservationLog,
     *,
     signals: Sequence[SignalId],
     holds: str,
     marker: str,
     version: str,
+    mask: Booleans | None = None,
     position_ecef_m: ArrayLike | None = None,
     comments: Sequence[str] = (),
     created_utc: np.datetime64 | None = None,
@@ -88,6 +93,7 @@ def obs_lines(
     holds : the label that these signals have, "authentic" for instance; comments say so and list the signals.
     marker : name of the site or receiver.
     version : of this program.
+    mask : (n_epochs, n_channels) of all channels of `observations`, which cells to write; all by default.
     position_ecef_m : (3,), approximate; without it the file has none, as for a moving receiver (table A2).
     created_utc : the header's date; if not given that of the first epoch, so that equal observations make equal bytes.
 
@@ -98,21 +104,22 @@ def obs_lines(
     """
     channels = _channels(observations, signals)
     sent = [(observations.signals[k].sat, _name_of(observations.signals[k])) for k in channels]
-    values = np.stack([getattr(observations, name)[:, channels] for name in _COLUMNS], axis=-1)
-    values[~((values > _LOWEST) & (values < _HIGHEST))] = np.nan
-    there = np.isfinite(values[..., :3]).any(axis=-1)
-    for sat, name in sorted({one for one in sent if sent.count(one) > 1}):
-        if (there[:, [one == (sat, name) for one in sent]].sum(axis=1) > 1).any():
-            raise ValueError(
-                f"two of the signals of {sat} ({name}) are there at one epoch; write them to separate files"
-            )
-    kept = there.any(axis=1)
-    if not kept.any():
+
+    def stretches() -> Iterator[_Stretch]:
+        for first in range(0, observations.gpst.size, _STRETCH_EPOCHS):
+            part = observations.read(first, min(first + _STRETCH_EPOCHS, observations.gpst.size))
+            yield _stretch(part, channels, None if mask is None else mask[first : first + part.gpst.size, channels])
+
+    kept: list[Instants] = []
+    for stretch in stretches():
+        for sat, name in sorted({one for one in sent if sent.count(one) > 1}):
+            if (stretch.there[:, [one == (sat, name) for one in sent]].sum(axis=1) > 1).any():
+                raise ValueError(
+                    f"two of the signals of {sat} ({name}) are there at one epoch; write them to separate files"
+                )
+        kept.append(stretch.ticks[stretch.there.any(axis=1)])
+    if not any(ticks.size for ticks in kept):
         raise ValueError(f"{marker}: no measurement on any of the {len(channels)} signals; there is nothing to write")
-    ticks = _in_ticks(observations.gpst)
-    phase = np.isfinite(values[..., 1])
-    lost = _lock_was_lost(observations.status[:, channels] == CellStatus.SLIP, phase, sent)
-    indicator = 1 * lost + 2 * (phase & observations.half_cycle_open[:, channels])
 
     types = {
         system: tuple(sorted({name for sat, name in sent if sat[0] == system}))
@@ -120,7 +127,7 @@ def obs_lines(
     }
     listed = ", ".join(_listed(signal) for signal in sorted(signals))
     header = _header(
-        ticks[kept],
+        np.concatenate(kept),
         marker=marker,
         version=version,
         position_ecef_m=position_ecef_m,
@@ -129,10 +136,36 @@ def obs_lines(
         types=types,
         slots=_slots(observations, channels),
     )
-    return itertools.chain(header, _body(ticks, sent, types, values, there, indicator))
+    return itertools.chain(header, _body(stretches(), sent, types))
 
 
-def _channels(observations: Observations, signals: Sequence[SignalId]) -> list[int]:
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """Of the channels written: ticks (n_epochs,); values (n_epochs, n, 4), NaN where they are missing or too long;
+    there, slipped and half_open (n_epochs, n)."""
+
+    ticks: Instants
+    values: Reals
+    there: Booleans
+    slipped: Booleans
+    half_open: Booleans
+
+
+def _stretch(part: Observations, channels: list[int], mask: Booleans | None) -> _Stretch:
+    values = np.stack([getattr(part, name)[:, channels] for name in _COLUMNS], axis=-1)
+    values[~((values > _LOWEST) & (values < _HIGHEST))] = np.nan
+    if mask is not None:
+        values[~mask] = np.nan
+    return _Stretch(
+        ticks=_in_ticks(part.gpst),
+        values=values,
+        there=np.isfinite(values[..., :3]).any(axis=-1),
+        slipped=part.slipped[:, channels],
+        half_open=part.half_cycle_open[:, channels],
+    )
+
+
+def _channels(observations: ObservationLog, signals: Sequence[SignalId]) -> list[int]:
     """Where the signals stand, by satellite, band and code."""
     for signal in signals:
         if signal not in observations.signals:
@@ -154,7 +187,7 @@ def _listed(signal: SignalId) -> str:
     return f"{signal.sat}{signal.copy}" if usual else f"{signal.sat} {signal.band} {signal.code}{signal.copy}"
 
 
-def _slots(observations: Observations, channels: Sequence[int]) -> dict[str, int]:
+def _slots(observations: ObservationLog, channels: Sequence[int]) -> dict[str, int]:
     """Frequency numbers of GLONASS's satellites."""
     numbers = {
         observations.signals[k].sat: frequency_number_of(observations.signals[k].band, float(hz))
@@ -168,16 +201,25 @@ def _in_ticks(instants: Instants) -> Instants:
     return ((ns + _TICK_NS // 2) // _TICK_NS * _TICK_NS).astype("datetime64[ns]")
 
 
-def _lock_was_lost(slip: Booleans, phase: Booleans, sent: Sequence[tuple[str, str]]) -> Booleans:
+class _Lock:
     """Where a transmission's phase does not continue that of the epoch before: a slip, a gap, or another channel."""
-    begins = phase.copy()
-    begins[1:] &= ~phase[:-1]
-    for one in set(sent):
-        own = np.flatnonzero([s == one for s in sent])
-        epochs = np.flatnonzero(phase[:, own].any(axis=1))
-        if epochs.size:
-            begins[epochs[0], own] = False  # nothing came before it
-    return phase & (slip | begins)
+
+    def __init__(self, sent: Sequence[tuple[str, str]]) -> None:
+        self._sent = sent
+        self._before = np.zeros(len(sent), np.bool_)  # whether the phase was there at the last epoch
+        self._seen: set[tuple[str, str]] = set()  # whose phase was there at all: nothing came before the first
+
+    def lost(self, slip: Booleans, phase: Booleans) -> Booleans:
+        """Of the stretch that follows, (n_epochs, n)."""
+        begins = phase & ~np.vstack([self._before, phase[:-1]])
+        for one in set(self._sent) - self._seen:
+            own = np.flatnonzero([s == one for s in self._sent])
+            epochs = np.flatnonzero(phase[:, own].any(axis=1))
+            if epochs.size:
+                begins[epochs[0], own] = False
+                self._seen.add(one)
+        self._before = phase[-1]
+        return np.asarray(phase & (slip | begins))
 
 
 # --- the header: 60 columns of text, 20 of label (table A2)
@@ -247,22 +289,31 @@ def _line(text: str, label: str) -> str:
 
 
 def _body(
-    ticks: Instants,
+    stretches: Iterable[_Stretch], sent: Sequence[tuple[str, str]], types: Mapping[str, Sequence[str]]
+) -> Iterator[str]:
+    lock = _Lock(sent)
+    for stretch in stretches:
+        phase = np.isfinite(stretch.values[..., 1])
+        indicator = 1 * lock.lost(stretch.slipped, phase) + 2 * (phase & stretch.half_open)
+        for epoch in np.flatnonzero(stretch.there.any(axis=1)):
+            yield from _record(stretch, int(epoch), indicator[epoch].tolist(), sent, types)
+
+
+def _record(
+    stretch: _Stretch,
+    epoch: int,
+    indicator: Sequence[int],
     sent: Sequence[tuple[str, str]],
     types: Mapping[str, Sequence[str]],
-    values: Reals,
-    there: Booleans,
-    indicator: Integers,
 ) -> Iterator[str]:
-    for epoch in np.flatnonzero(there.any(axis=1)):
-        year, month, day, hour, minute, second_ticks = _calendar(ticks[epoch])
-        lines: dict[str, dict[str, str]] = {}
-        for channel in np.flatnonzero(there[epoch]).tolist():
-            sat, name = sent[channel]
-            lines.setdefault(sat, {})[name] = _fields(values[epoch, channel].tolist(), int(indicator[epoch, channel]))
-        yield f"> {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d}{_seconds(second_ticks):>11}  0{len(lines):3d}"
-        for sat, fields in lines.items():
-            yield (sat + "".join(fields.get(name, _EMPTY) for name in types[sat[0]])).rstrip()
+    year, month, day, hour, minute, second_ticks = _calendar(stretch.ticks[epoch])
+    lines: dict[str, dict[str, str]] = {}
+    for channel in np.flatnonzero(stretch.there[epoch]).tolist():
+        sat, name = sent[channel]
+        lines.setdefault(sat, {})[name] = _fields(stretch.values[epoch, channel].tolist(), indicator[channel])
+    yield f"> {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d}{_seconds(second_ticks):>11}  0{len(lines):3d}"
+    for sat, fields in lines.items():
+        yield (sat + "".join(fields.get(name, _EMPTY) for name in types[sat[0]])).rstrip()
 
 
 def _fields(values: list[float], indicator: int) -> str:

@@ -1,6 +1,6 @@
 """Positions from signals of one label: the trusted fix, and what the false signals show."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,27 +10,27 @@ from skyproof.arrays import Booleans
 from skyproof.fusion.labels import Label, LabelledSignal
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.screen import screened
-from skyproof.records import CellStatus, Fix, NavigationData, Observations, SignalId
+from skyproof.records import CellStatus, Fix, NavigationData, ObservationLog, Observations, SignalId
 
-__all__ = ["fix_of", "labelled", "masked", "only"]
+__all__ = ["carries", "fix_of", "masked", "of_signals"]
 
 NEARLY_AS_MANY = 0.75
 """A band is not left for one that has a satellite more."""
 
 
-def labelled(observations: Observations, labels: Sequence[LabelledSignal], label: Label) -> Observations:
-    """The observations with every cell that does not carry `label` emptied."""
-    mask = np.zeros(observations.pseudorange_m.shape, np.bool_)
+def carries(log: ObservationLog, labels: Sequence[LabelledSignal], label: Label) -> Booleans:
+    """Which cells (n_epochs, n_signals) carry a label."""
+    mask = np.zeros((log.gpst.size, len(log.signals)), np.bool_)
     for s in labels:
-        if s.ref.receiver == observations.receiver and s.label == label:
-            mask[s.first_epoch : s.last_epoch + 1, observations.signals.index(s.ref.signal)] = True
-    return masked(observations, mask)
+        if s.ref.receiver == log.receiver and s.label == label:
+            mask[s.first_epoch : s.last_epoch + 1, log.signals.index(s.ref.signal)] = True
+    return mask
 
 
-def only(observations: Observations, signals: Sequence[SignalId]) -> Observations:
-    """The observations with all other signals' cells emptied."""
-    chosen = np.array([signal in signals for signal in observations.signals], np.bool_)
-    return masked(observations, np.broadcast_to(chosen, observations.pseudorange_m.shape))
+def of_signals(log: ObservationLog, signals: Collection[SignalId]) -> Booleans:
+    """Which cells (n_epochs, n_signals) are of these signals."""
+    chosen = np.array([signal in signals for signal in log.signals], np.bool_)
+    return np.broadcast_to(chosen, (log.gpst.size, chosen.size))
 
 
 def masked(observations: Observations, mask: Booleans) -> Observations:

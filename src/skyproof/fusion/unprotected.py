@@ -3,32 +3,31 @@
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
-from skyproof.fusion.trusted import masked
 from skyproof.navigation.window import interval_s
-from skyproof.records import Observations
+from skyproof.records import ObservationLog
 
-__all__ = ["HOLD_S", "unprotected"]
+__all__ = ["HOLD_S", "followed"]
 
 HOLD_S = 1.0
 """A signal that is not measured for so long still counts as followed: a receiver's loops coast through a short fade.
 At least from one epoch to the next."""
 
 
-def unprotected(observations: Observations) -> Observations:
-    """The observations with every cell emptied that a receiver without protection would not have.
+def followed(log: ObservationLog) -> Booleans:
+    """Which cells (n_epochs, n_signals) a receiver without protection would have.
 
     Of what a satellite sends on one band in one code it begins with the strongest signal, keeps it while it is
     received, and takes the strongest again when it has lost it for more than `HOLD_S`: who jams it first and then
     transmits the strongest signals leads it.
     """
-    o = observations
-    mask = np.zeros(o.pseudorange_m.shape, np.bool_)
-    hold_s = max(HOLD_S, 1.5 * interval_s(o.elapsed_s))
-    for transmission in {signal.transmission for signal in o.signals}:
-        columns = [i for i, signal in enumerate(o.signals) if signal.transmission == transmission]
-        there = np.isfinite(o.pseudorange_m[:, columns])
-        mask[:, columns] = _followed(o.elapsed_s, there, o.cn0_dbhz[:, columns], hold_s)
-    return masked(o, mask)
+    mask = np.array(log.measured)
+    hold_s = max(HOLD_S, 1.5 * interval_s(log.elapsed_s))
+    for transmission in {signal.transmission for signal in log.signals}:
+        columns = [i for i, signal in enumerate(log.signals) if signal.transmission == transmission]
+        if len(columns) > 1:
+            cn0_dbhz = np.stack([log.series("cn0_dbhz", column) for column in columns], axis=1)
+            mask[:, columns] = _followed(log.elapsed_s, mask[:, columns], cn0_dbhz, hold_s)
+    return mask
 
 
 def _followed(elapsed_s: Reals, there: Booleans, cn0_dbhz: Reals, hold_s: float) -> Booleans:

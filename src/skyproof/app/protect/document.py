@@ -4,10 +4,12 @@ import importlib.metadata
 import platform as machine
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from skyproof.app.common.settings import Settings
+from skyproof.app.protect.positions import KINDS, Positions, Track
 from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NEEDS
@@ -20,10 +22,9 @@ from skyproof.records import (
     ConsistentSet,
     Evidence,
     Fix,
-    FixStatus,
     NavigationData,
     Need,
-    Observations,
+    ObservationLog,
     Says,
 )
 from skyproof.report.positions import radius_95_m
@@ -57,13 +58,24 @@ class InputNote:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ReceiverOutcome:
-    """One receiver's fixes by kind; `shown` by the name of a source or of one of two open skies."""
+    """One receiver's positions by kind (`positions.KINDS`, or the name of a source or of one of two open skies).
+
+    tracks : those that have a fix.
+    """
 
     reception: Reception
-    trusted: Fix | None = None
-    false: Fix | None = None
-    unprotected: Fix | None = None
-    shown: Mapping[str, Fix] = field(default_factory=dict)
+    positions: Positions | None = None
+    tracks: Mapping[str, Track] = field(default_factory=dict)
+
+    @property
+    def shown(self) -> dict[str, Track]:
+        """By the name of what shows it, whether a source of false signals or one of two open skies."""
+        return {name: track for name, track in self.tracks.items() if name not in KINDS}
+
+    @cached_property
+    def trusted(self) -> Fix | None:
+        """All fixes from authentic signals; None if there is none."""
+        return None if self.positions is None else self.positions.whole("trusted")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -267,9 +279,8 @@ def _kept(outcome: Outcome, begin: str) -> str:
     """How far the trusted positions can be relied on: the largest 95 % horizontal radius of the last fixes."""
     radii = []
     for r in outcome.receivers:
-        last = None if r.trusted is None else _last(r.trusted)
-        if r.trusted is not None and last is not None:
-            east, north, _ = _sigmas_enu_m(r.trusted, last)
+        if (track := r.tracks.get("trusted")) is not None:
+            east, north, _ = _sigmas_enu_m(track.last)
             radii.append(radius_95_m(east, north))
     if not radii:
         return "." if begin.startswith(";") else ""
@@ -288,30 +299,25 @@ def _receiver(r: ReceiverOutcome) -> Receiver:
         input=source.path or source.name,
         start_gpst=None if start is None else iso(start, DIGITS),
         duration_s=r.reception.examined_s,
-        trusted_fix=_position(r.trusted),
-        false_fix=_position(r.false),
-        unprotected_fix=_position(r.unprotected),
+        trusted_fix=_position(r.tracks.get("trusted")),
+        false_fix=_position(r.tracks.get("false")),
+        unprotected_fix=_position(r.tracks.get("unprotected")),
     )
 
 
-def _start(o: Observations) -> np.datetime64:
+def _start(o: ObservationLog) -> np.datetime64:
     start: np.datetime64 = o.gpst[0] - np.timedelta64(round(float(o.elapsed_s[0]) * 1e9), "ns")
     return start
 
 
-def _last(fix: Fix) -> int | None:
-    good = np.flatnonzero(fix.status == FixStatus.OK)
-    return int(good[-1]) if good.size else None
-
-
-def _position(fix: Fix | None) -> Position | None:
-    last = None if fix is None else _last(fix)
-    if fix is None or last is None:
+def _position(track: Track | None) -> Position | None:
+    if track is None:
         return None
-    place = place_of(fix.position_ecef_m[last])
-    east, north, up = _sigmas_enu_m(fix, last)
+    fix = track.last
+    place = place_of(fix.position_ecef_m[0])
+    east, north, up = _sigmas_enu_m(fix)
     return Position(
-        gpst=iso(fix.gpst[last], DIGITS),
+        gpst=iso(fix.gpst[0], DIGITS),
         lat_deg=place.lat_deg,
         lon_deg=place.lon_deg,
         height_m=place.height_m,
@@ -327,10 +333,10 @@ def place_of(ecef_m: Reals) -> Place:
     return Place(lat_deg=float(np.degrees(lat)), lon_deg=float(np.degrees(lon)), height_m=float(height))
 
 
-def _sigmas_enu_m(fix: Fix, epoch: int) -> tuple[float, float, float]:
-    lat, lon, _ = geodetic_from_ecef(fix.position_ecef_m[epoch])
+def _sigmas_enu_m(fix: Fix) -> tuple[float, float, float]:
+    lat, lon, _ = geodetic_from_ecef(fix.position_ecef_m[0])
     rot = rot_enu_ecef(lat, lon)
-    variances = np.diag(rot @ fix.covariance_m2[epoch, :3, :3] @ rot.T)
+    variances = np.diag(rot @ fix.covariance_m2[0, :3, :3] @ rot.T)
     east, north, up = (float(s) for s in np.sqrt(variances))
     return east, north, up
 
@@ -348,9 +354,9 @@ def _signals(outcome: Outcome) -> list[Signal]:
     return signals
 
 
-def _signal(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal], source: str | None) -> Signal:
-    rows = slice(s.first_epoch, s.last_epoch + 1)
+def _signal(s: LabelledSignal, o: ObservationLog, labels: Sequence[LabelledSignal], source: str | None) -> Signal:
     column = o.signals.index(s.ref.signal)
+    rows = s.first_epoch, s.last_epoch + 1
     return Signal(
         receiver=s.ref.receiver,
         sat=s.ref.signal.sat,
@@ -361,8 +367,8 @@ def _signal(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal]
         source=source,
         from_gpst=iso(o.gpst[s.first_epoch], DIGITS),
         to_gpst=iso(o.gpst[s.last_epoch], DIGITS),
-        cn0_dbhz=_mean(o.cn0_dbhz[rows, column]),
-        doppler_hz=_mean(o.doppler_hz[rows, column]),
+        cn0_dbhz=_mean(o.series("cn0_dbhz", column, *rows)),
+        doppler_hz=_mean(o.series("doppler_hz", column, *rows)),
         delay_to_authentic_m=_delay_m(s, o, labels),
         because=tuple(Because(detector=name, p_value=p) for name, p in s.because),
     )
@@ -374,7 +380,7 @@ def _mean(values: Reals) -> float | None:
     return float(known.mean()) if known.size else None
 
 
-def _delay_m(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal]) -> float | None:
+def _delay_m(s: LabelledSignal, o: ObservationLog, labels: Sequence[LabelledSignal]) -> float | None:
     """Mean code delay behind the authentic signal of the same transmission, over the epochs that both have."""
     if s.label == "authentic":
         return 0.0
@@ -384,9 +390,9 @@ def _delay_m(s: LabelledSignal, o: Observations, labels: Sequence[LabelledSignal
         same = sent and other.ref.receiver == s.ref.receiver
         if same and other.label == "authentic":
             first = max(s.first_epoch, other.first_epoch)
-            rows = slice(first, max(min(s.last_epoch, other.last_epoch) + 1, first))
+            rows = first, max(min(s.last_epoch, other.last_epoch) + 1, first)
             a, b = o.signals.index(s.ref.signal), o.signals.index(other.ref.signal)
-            delays.append(o.pseudorange_m[rows, a] - o.pseudorange_m[rows, b])
+            delays.append(o.series("pseudorange_m", a, *rows) - o.series("pseudorange_m", b, *rows))
     return _mean(np.concatenate(delays)) if delays else None
 
 
@@ -394,8 +400,8 @@ def _sources(outcome: Outcome) -> list[SourceModel]:
     decided = bool(outcome.decision.sources)
     models = []
     for source in outcome.decision.sources or outcome.decision.skies:
-        fixes = [r.shown[source.name] for r in outcome.receivers if source.name in r.shown]
-        places = [fix.position_ecef_m[_last(fix)] for fix in fixes if _last(fix) is not None]
+        shown = [r.tracks[source.name] for r in outcome.receivers if source.name in r.tracks]
+        places = [track.last.position_ecef_m[0] for track in shown]
         models.append(
             SourceModel(
                 name=source.name,
@@ -416,17 +422,18 @@ def _time_offset_s(name: str, outcome: Outcome) -> float | None:
     authentic ones; while it is open which those are, from the sky that arrives first.
     """
     for r in outcome.receivers:
-        if name not in r.shown or (r.trusted is None and len(r.shown) < 2):
+        trusted, shown = r.tracks.get("trusted"), r.shown
+        if name not in shown or (trusted is None and len(shown) < 2):
             continue
-        reference = [r.trusted] if r.trusted is not None else list(r.shown.values())
-        offsets = [_median_difference_s(r.shown[name], other) for other in reference]
+        reference = [trusted] if trusted is not None else list(shown.values())
+        offsets = [_median_difference_s(shown[name], other) for other in reference]
         known = [offset for offset in offsets if offset is not None]
         if known:
-            return max(known) if r.trusted is None else known[0]
+            return max(known) if trusted is None else known[0]
     return None
 
 
-def _median_difference_s(a: Fix, b: Fix) -> float | None:
+def _median_difference_s(a: Track, b: Track) -> float | None:
     difference = a.clock_bias_s - b.clock_bias_s
     difference = difference[np.isfinite(difference)]
     return float(np.median(difference)) if difference.size else None

@@ -2,7 +2,7 @@
 
 import contextlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +12,22 @@ import tomli_w
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import Settings
-from skyproof.app.protect.document import Outcome, versions
-from skyproof.app.protect.pictures import fixes_by_kind, last_position, pictures_of, possible_fixes
+from skyproof.app.protect.document import Outcome, ReceiverOutcome, versions
+from skyproof.app.protect.pictures import kinds_of, pictures_of
+from skyproof.app.protect.positions import KINDS, STRETCH_EPOCHS, Track
 from skyproof.errors import InputError
 from skyproof.formats.atomic_write import UNFINISHED, write_lines, writing_together
 from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.formats.tables import fixes_columns, write_table
+from skyproof.formats.tables import fixes_columns, growing_tables, write_table
 from skyproof.formats.verdict import read_verdict, write_verdict
-from skyproof.fusion.labels import LabelledSignal
-from skyproof.fusion.trusted import labelled
+from skyproof.fusion.labels import Label, LabelledSignal
+from skyproof.fusion.trusted import carries
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.geoid import GEOID_SIGMA_M, geoid_separation_m
 from skyproof.navigation.dilution import horizontal_dilution
-from skyproof.records import CELL_STATUS, Evidence, Fix, FixStatus, NavigationData, Observations
+from skyproof.records import CELL_STATUS, Evidence, Fix, FixStatus, NavigationData, ObservationLog, Observations
 from skyproof.report.page import report_html
 from skyproof.verdict import Verdict
 
@@ -78,59 +79,67 @@ def _settings_lines(settings: Settings) -> list[str]:
 
 
 def _write_tables(folder: Path, outcome: Outcome) -> None:
-    fixes = fixes_columns([pair for r in outcome.receivers for pair in (*fixes_by_kind(r), *possible_fixes(r))])
-    write_table(folder / "fixes.csv", fixes)
-    write_table(folder / "fixes.parquet", fixes)
-    write_table(folder / "signals.parquet", _signal_columns(outcome))
+    with growing_tables((folder / "fixes.csv", folder / "fixes.parquet")) as take:
+        take(fixes_columns([]))
+        for r in outcome.receivers:
+            for kind in kinds_of(r):
+                for _, fix in _stretches(r, kind):
+                    take(fixes_columns([(kind, fix)]))
+    logs = [r.reception.observations for r in outcome.receivers if r.reception.observations is not None]
+    with growing_tables((folder / "signals.parquet",)) as take:
+        for log in logs:
+            for first, part in _parts(log):
+                take(_signal_columns(part, _label_cells(part, first, outcome.decision.labels)))
+        if not logs:
+            take({})
     write_table(folder / "evidence.parquet", _evidence_columns(outcome.evidence))
 
 
-def _signal_columns(outcome: Outcome) -> dict[str, Any]:
-    """One row a receiver, epoch and signal: the measurement, why it is missing, and its label.
+def _stretches(r: ReceiverOutcome, kind: str) -> Iterator[tuple[int, Fix]]:
+    return iter(()) if r.positions is None else r.positions.stretches(kind)
+
+
+def _parts(log: ObservationLog) -> Iterator[tuple[int, Observations]]:
+    """A log in stretches, each with its first epoch."""
+    for first in range(0, log.gpst.size, STRETCH_EPOCHS):
+        yield first, log.read(first, min(first + STRETCH_EPOCHS, log.gpst.size))
+
+
+def _signal_columns(o: Observations, labels: Any) -> dict[str, Any]:
+    """One row an epoch and signal: the measurement, why it is missing, and its label, (n_epochs, n_signals).
 
     `receiver_clock` is what the receiver's clock shows, which pseudoranges count from; a fix of the same epoch has that
     less its clock bias.
     """
-    parts: list[Mapping[str, Any]] = []
-    for r in outcome.receivers:
-        o = r.reception.observations
-        if o is not None:
-            labels = _label_cells(o, outcome.decision.labels)
-            n_epochs, n_signals = o.pseudorange_m.shape
-            each = {
-                name: np.tile([getattr(s, name) for s in o.signals], n_epochs)
-                for name in ("sat", "band", "code", "copy")
-            }
-            words = np.array([CELL_STATUS[code] for code in sorted(CELL_STATUS)])
-            values = {
-                name: getattr(o, name).ravel()
-                for name in (
-                    "pseudorange_m",
-                    "carrier_cyc",
-                    "doppler_hz",
-                    "cn0_dbhz",
-                    "pseudorange_sigma_m",
-                    "carrier_sigma_cyc",
-                    "doppler_sigma_hz",
-                    "half_cycle_open",
-                )
-            }
-            parts.append(
-                {"receiver": np.repeat(o.receiver, n_epochs * n_signals)}
-                | {"receiver_clock": np.repeat(o.gpst, n_signals)}
-                | each
-                | values
-                | {"status": words[o.status.ravel()], "label": labels.ravel()}
-            )
-    names = parts[0].keys() if parts else ()
-    return {name: np.concatenate([part[name] for part in parts]) for name in names}
+    n_epochs, n_signals = o.pseudorange_m.shape
+    names = {name: [getattr(s, name) for s in o.signals] for name in ("sat", "band", "code", "copy")}
+    words = np.array([CELL_STATUS[code] for code in sorted(CELL_STATUS)])
+    values = (
+        "pseudorange_m",
+        "carrier_cyc",
+        "doppler_hz",
+        "cn0_dbhz",
+        "pseudorange_sigma_m",
+        "carrier_sigma_cyc",
+        "doppler_sigma_hz",
+        "half_cycle_open",
+    )
+    return (
+        {"receiver": np.repeat(o.receiver, n_epochs * n_signals)}
+        | {"receiver_clock": np.repeat(o.gpst, n_signals)}
+        | {name: np.tile(each, n_epochs) for name, each in names.items()}
+        | {name: getattr(o, name).ravel() for name in values}
+        | {"status": words[o.status.ravel()], "label": labels.ravel()}
+    )
 
 
-def _label_cells(o: Observations, labels: Sequence[LabelledSignal]) -> Any:
+def _label_cells(o: Observations, first: int, labels: Sequence[LabelledSignal]) -> Any:
+    """Labels (n_epochs, n_signals) of a stretch that begins at epoch `first` of the run."""
     cells = np.full(o.pseudorange_m.shape, "unknown", dtype="U9")
     for s in labels:
         if s.ref.receiver == o.receiver:
-            cells[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)] = s.label
+            rows = slice(max(s.first_epoch - first, 0), max(s.last_epoch + 1 - first, 0))
+            cells[rows, o.signals.index(s.ref.signal)] = s.label
     return cells
 
 
@@ -171,32 +180,39 @@ def _write_rinex(folder: Path, outcome: Outcome) -> None:
         o = r.reception.observations
         if o is None:
             continue
-        place = None if r.trusted is None else last_position(r.trusted)
-        authentic = labelled(o, outcome.decision.labels, "authentic")
-        write_channels(folder / f"{o.receiver}-authentic.obs", authentic, "authentic", place)
-        for label, name in (("spoofed", "other"), ("unknown", "unknown")):
-            others = labelled(o, outcome.decision.labels, label)  # type: ignore[arg-type]
-            for number, signals in enumerate(one_a_transmission(others)):
+        track = r.tracks.get("trusted")
+        place = None if track is None else track.last.position_ecef_m[0]
+        labels: tuple[tuple[Label, str], ...] = (
+            ("authentic", "authentic"),
+            ("spoofed", "other"),
+            ("unknown", "unknown"),
+        )
+        for label, name in labels:
+            mask = carries(o, outcome.decision.labels, label)
+            groups = one_a_transmission(o, mask)
+            for number, signals in enumerate(groups if label != "authentic" else groups[:1]):
                 suffix = name if number == 0 else f"{name}-{number + 1}"
-                write_channels(folder / f"{o.receiver}-{suffix}.obs", others, label, place, signals)
-
-
-def _geodetic_deg(fix: Fix) -> tuple[Any, Any, Any]:
-    lat, lon, height = geodetic_from_ecef(fix.position_ecef_m)
-    return np.degrees(lat), np.degrees(lon), height
+                write_channels(folder / f"{o.receiver}-{suffix}.obs", o, label, place, signals, mask)
 
 
 def _write_tracks(folder: Path, outcome: Outcome) -> None:
     tracks = {
-        f"{r.reception.source.name} {kind}": (fix.gpst, *_geodetic_deg(fix))
+        f"{r.reception.source.name} {kind if kind in KINDS else f'{kind} possible'}": _points(r.tracks[kind])
         for r in outcome.receivers
-        for kind, fix in (*fixes_by_kind(r), *((f"{sky} possible", fix) for sky, fix in possible_fixes(r)))
+        for kind in kinds_of(r)
     }
     write_kml(folder / "tracks.kml", tracks)
     for r in outcome.receivers:
-        if r.trusted is not None:
+        if "trusted" in r.tracks:
             path = folder / f"{r.reception.source.name}-trusted.nmea"
-            write_nmea(path, _sentences(r.trusted, outcome.navigation))
+            fixes = (fix for _, fix in _stretches(r, "trusted"))
+            write_nmea(path, (line for fix in fixes for line in _sentences(fix, outcome.navigation)))
+
+
+def _points(track: Track) -> tuple[Any, Any, Any, Any]:
+    """Times and places for a map, NaN where there is no fix."""
+    lat, lon, height = geodetic_from_ecef(track.position_ecef_m)
+    return track.gpst, np.degrees(lat), np.degrees(lon), height
 
 
 def _sentences(fix: Fix, navigation: NavigationData) -> Iterator[str]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from skyproof.app.common.windows import cut
 from skyproof.app.protect.document import Outcome, ReceiverOutcome, place_of, telling
+from skyproof.app.protect.positions import KINDS
 from skyproof.app.receive.reception import carrier_at_hz
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges
@@ -27,7 +28,7 @@ from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.recording.profile import delay_profiles
-from skyproof.records import ConsistentSet, Fix, FixStatus, Observations, Records, Samples
+from skyproof.records import ConsistentSet, ObservationLog, Observations, Records, Samples
 from skyproof.report.page import Pictures
 from skyproof.report.pictures import (
     DelayProfile,
@@ -41,7 +42,7 @@ from skyproof.report.pictures import (
 )
 from skyproof.verdict import Label
 
-__all__ = ["fixes_by_kind", "last_position", "pictures_of", "possible_fixes"]
+__all__ = ["kinds_of", "pictures_of"]
 
 PROFILES: Final = 6
 """Satellites whose correlation is drawn: more would show the same again."""
@@ -53,21 +54,11 @@ PERIOD_NS: Final = 1_000_000
 _CHIP_M: Final = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
 
 
-def fixes_by_kind(r: ReceiverOutcome) -> list[tuple[str, Fix]]:
-    """A receiver's fixes that there are, with what they come from."""
-    kinds = (("trusted", r.trusted), ("false", r.false), ("unprotected", r.unprotected))
-    return [(kind, fix) for kind, fix in kinds if fix is not None]
-
-
-def possible_fixes(r: ReceiverOutcome) -> list[tuple[str, Fix]]:
-    """The name of each consistent sky and the fix that it gives, where it is open which of several is true."""
-    return list(r.shown.items()) if r.false is None and len(r.shown) > 1 else []
-
-
-def last_position(fix: Fix) -> Any:
-    """(3,) of the last epoch that has one; None without any."""
-    good = np.flatnonzero(fix.status == FixStatus.OK)
-    return fix.position_ecef_m[good[-1]] if good.size else None
+def kinds_of(r: ReceiverOutcome) -> list[str]:
+    """The kinds of a receiver's fixes that are given out: what is trusted, what is not; each consistent sky where it
+    is open which of several is true."""
+    possible = list(r.shown) if "false" not in r.tracks and len(r.shown) > 1 else []
+    return [*(kind for kind in KINDS if kind in r.tracks), *possible]
 
 
 def pictures_of(outcome: Outcome) -> Pictures:
@@ -103,10 +94,8 @@ def _origin(outcome: Outcome) -> Any:
     """The first trusted place; without one, the first of any kind."""
     for kind in ("trusted", "unprotected", "false"):
         for r in outcome.receivers:
-            fix = getattr(r, kind)
-            place = None if fix is None else last_position(fix)
-            if place is not None:
-                return place
+            if kind in r.tracks:
+                return r.tracks[kind].last.position_ecef_m[0]
     return None
 
 
@@ -118,23 +107,19 @@ def _enu(origin: Any) -> Reals:
 def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
     rot = _enu(origin)
     name = r.reception.source.name
-    drawn: list[tuple[str, Any, Fix]] = [(name, kind, fix) for kind, fix in fixes_by_kind(r)]
-    drawn += [(f"{name} {sky}", "possible", fix) for sky, fix in possible_fixes(r)]
     tracks = []
-    for receiver, kind, fix in drawn:
-        good = np.flatnonzero(fix.status == FixStatus.OK)
-        if good.size:
-            enu = (fix.position_ecef_m - origin) @ rot.T
-            covariance = (rot @ fix.covariance_m2[good[-1], :3, :3] @ rot.T)[:2, :2]
-            tracks.append(
-                FixTrack(
-                    receiver=receiver,
-                    kind=kind,
-                    east_m=enu[:, 0],
-                    north_m=enu[:, 1],
-                    covariance_m2=covariance,
-                )
+    for kind in kinds_of(r):
+        track = r.tracks[kind]
+        enu = (track.position_ecef_m - origin) @ rot.T
+        tracks.append(
+            FixTrack(
+                receiver=name if kind in KINDS else f"{name} {kind}",
+                kind=cast(Any, kind if kind in KINDS else "possible"),
+                east_m=enu[:, 0],
+                north_m=enu[:, 1],
+                covariance_m2=(rot @ track.last.covariance_m2[0, :3, :3] @ rot.T)[:2, :2],
             )
+        )
     return tracks
 
 
@@ -143,7 +128,7 @@ def _truth(observed: Sequence[ReceiverOutcome], origin: Any) -> Iterator[TruePla
     rot = _enu(origin)
     for r in observed:
         source = r.reception.source
-        at_gpst = next((when for _, fix in fixes_by_kind(r) if (when := _last_instant(fix)) is not None), None)
+        at_gpst = next((r.tracks[kind].last.gpst[0] for kind in KINDS if kind in r.tracks), None)
         if not source.path or at_gpst is None:
             continue
         folder = Path(source.path).parent
@@ -153,11 +138,6 @@ def _truth(observed: Sequence[ReceiverOutcome], origin: Any) -> Iterator[TruePla
         if place is not None:
             east_m, north_m, _ = rot @ (place - origin)
             yield TruePlace(receiver=source.name, east_m=float(east_m), north_m=float(north_m))
-
-
-def _last_instant(fix: Fix) -> np.datetime64 | None:
-    good = np.flatnonzero(fix.status == FixStatus.OK)
-    return cast(np.datetime64, fix.gpst[good[-1]]) if good.size else None
 
 
 def _told_place(path: Path, name: str) -> Reals | None:
@@ -198,33 +178,34 @@ def _ecef_m(told: Mapping[str, Any]) -> Reals:
 # ---------------------------------------------------------------------- signals
 
 
-def _series(o: Observations | None, outcome: Outcome, zero: np.datetime64) -> list[SignalSeries]:
+def _series(o: ObservationLog | None, outcome: Outcome, zero: np.datetime64) -> list[SignalSeries]:
     assert o is not None
     series = []
     for s in _labels_of(o, outcome):
         rows = slice(s.first_epoch, s.last_epoch + 1)
+        column = o.signals.index(s.ref.signal)
         series.append(
             SignalSeries(
                 receiver=o.receiver,
                 signal=str(s.ref.signal),
                 label=s.label,
                 seconds=np.asarray(seconds_between(o.gpst[rows], zero), np.float64),
-                cn0_dbhz=o.cn0_dbhz[rows, o.signals.index(s.ref.signal)],
+                cn0_dbhz=o.series("cn0_dbhz", column, s.first_epoch, s.last_epoch + 1),
             )
         )
     return series
 
 
-def _labels_of(o: Observations, outcome: Outcome) -> list[LabelledSignal]:
+def _labels_of(o: ObservationLog, outcome: Outcome) -> list[LabelledSignal]:
     return [s for s in outcome.decision.labels if s.ref.receiver == o.receiver]
 
 
 def _sky(r: ReceiverOutcome, outcome: Outcome) -> list[SkyPosition]:
     o = r.reception.observations
-    fix = r.trusted or r.unprotected
-    place = None if fix is None else last_position(fix)
-    if o is None or place is None:
+    track = r.tracks.get("trusted") or r.tracks.get("unprotected")
+    if o is None or track is None:
         return []
+    place = track.last.position_ecef_m[0]
     positions = []
     for s in _labels_of(o, outcome):
         ephemeris = outcome.navigation.best(s.ref.signal.sat, o.gpst[s.last_epoch])
@@ -272,14 +253,15 @@ def _profiles(observed: Sequence[ReceiverOutcome], outcome: Outcome, zero: np.da
     return []
 
 
-def _telling_epoch(o: Observations, labels: Sequence[LabelledSignal], several: bool) -> int | None:
+def _telling_epoch(o: ObservationLog, labels: Sequence[LabelledSignal], several: bool) -> int | None:
     """The last epoch of those at which most satellites have several signals (or one that is not true)."""
+    measured = o.measured
     signals: dict[tuple[str, str, str], Any] = {}
     false: dict[tuple[str, str, str], Any] = {}
     for s in labels:
         rows = np.zeros(o.gpst.size, np.int64)
         rows[s.first_epoch : s.last_epoch + 1] = 1
-        rows *= np.isfinite(o.pseudorange_m[:, o.signals.index(s.ref.signal)])
+        rows *= measured[:, o.signals.index(s.ref.signal)]
         sent = s.ref.signal.transmission
         signals[sent] = signals.get(sent, 0) + rows
         if s.label != "authentic":
@@ -294,13 +276,14 @@ def _telling_epoch(o: Observations, labels: Sequence[LabelledSignal], several: b
 
 
 def _profiles_at(
-    samples: Samples, o: Observations, labels: Sequence[LabelledSignal], epoch: int, several: bool, at_s: float
+    samples: Samples, o: ObservationLog, labels: Sequence[LabelledSignal], epoch: int, several: bool, at_s: float
 ) -> list[DelayProfile]:
     length_s = min(0.05, float(o.elapsed_s[epoch]))
     start_s = float(o.elapsed_s[epoch]) - length_s
+    here = o.read(epoch, epoch + 1)
     groups: dict[str, list[_Peak]] = {}
     for s in labels:
-        if s.first_epoch <= epoch <= s.last_epoch and (peak := _peak(o, s, epoch, length_s)) is not None:
+        if s.first_epoch <= epoch <= s.last_epoch and (peak := _peak(here, s, length_s)) is not None:
             groups.setdefault(peak.sat, []).append(peak)
     chosen = [
         sorted(group, key=_first_true)
@@ -337,17 +320,18 @@ def _profiles_at(
     ]
 
 
-def _peak(o: Observations, s: LabelledSignal, epoch: int, length_s: float) -> _Peak | None:
+def _peak(o: Observations, s: LabelledSignal, length_s: float) -> _Peak | None:
+    """Of a signal at the one epoch of `o`."""
     column = o.signals.index(s.ref.signal)
-    range_m, doppler_hz = float(o.pseudorange_m[epoch, column]), float(o.doppler_hz[epoch, column])
+    range_m, doppler_hz = float(o.pseudorange_m[0, column]), float(o.doppler_hz[0, column])
     if not np.isfinite(range_m + doppler_hz):
         return None
     # The code period is a millisecond of transmission time, which is the label less the range.
-    shown_s = float(o.gpst[epoch].astype("datetime64[ns]").astype(np.int64) % PERIOD_NS) * 1e-9
+    shown_s = float(o.gpst[0].astype("datetime64[ns]").astype(np.int64) % PERIOD_NS) * 1e-9
     sent_s = shown_s - range_m / SPEED_OF_LIGHT_M_S
     before_s = length_s * (1.0 + doppler_hz / float(o.carrier_hz[column]))
     delay_s = (before_s - sent_s) % (PERIOD_NS * 1e-9)
-    return _Peak(s.ref.signal.sat, s.label, float(o.cn0_dbhz[epoch, column]), range_m, delay_s, doppler_hz)
+    return _Peak(s.ref.signal.sat, s.label, float(o.cn0_dbhz[0, column]), range_m, delay_s, doppler_hz)
 
 
 def _first_true(peak: _Peak) -> tuple[bool, float]:
@@ -414,7 +398,7 @@ def _alike(records: Records, first: Sequence[ConsistentSet], second: Sequence[Co
 
 
 def _sets_by_label(
-    o: Observations, window: tuple[np.datetime64, np.datetime64], outcome: Outcome
+    o: ObservationLog, window: tuple[np.datetime64, np.datetime64], outcome: Outcome
 ) -> dict[Label, list[ConsistentSet]]:
     """The consistent sets of the window by the label that most of their signals carry."""
     middle = window[0] + (window[1] - window[0]) / 2

@@ -17,6 +17,7 @@ from skyproof.app.common.windows import detectors_for, examine_all, following_ep
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.outputs import write_outputs
+from skyproof.app.protect.positions import positions_of
 from skyproof.app.receive.inputs import open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals, track
@@ -24,11 +25,8 @@ from skyproof.errors import InputError, SettingsError, readable
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
-from skyproof.fusion.trusted import fix_of, labelled, only
-from skyproof.fusion.unprotected import unprotected
 from skyproof.gnss.time import iso, seconds_between
-from skyproof.navigation.smooth import smooth
-from skyproof.records import Fix, NavigationData, Observations, Samples, Source
+from skyproof.records import NavigationData, Samples, Source
 from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect", "verdict_of"]
@@ -212,28 +210,12 @@ def _receiver_outcome(
     o = reception.observations
     if o is None or not orbits.ephemerides:
         return ReceiverOutcome(reception=reception)
-
-    def fixed(part: Observations) -> Fix | None:
-        # Smoothed after the choice: what a channel followed before or after it was captured does not leak across.
-        return fix_of(
-            smooth(part, window_s=settings.smoothing_s),
-            orbits,
-            multipath_sigma_m=settings.multipath_sigma_m,
-            elevation_mask_deg=settings.elevation_mask_deg,
-        )
-
-    false = labelled(o, decision.labels, "spoofed")
-    shown = {
-        source.name: fixed(only(part, [r.signal for r in source.signals if r.receiver == o.receiver]))
-        for part, sources in ((false, decision.sources), (o, decision.skies))
-        for source in sources
-    }
+    positions = positions_of(o, decision, orbits, settings)
+    tracks = {kind: positions.track(kind) for kind in positions.masks}
     return ReceiverOutcome(
         reception=reception,
-        trusted=fixed(labelled(o, decision.labels, "authentic")),
-        false=fixed(false),
-        unprotected=fixed(unprotected(o)),
-        shown={name: fix for name, fix in shown.items() if fix is not None},
+        positions=positions,
+        tracks={kind: track for kind, track in tracks.items() if track is not None},
     )
 
 

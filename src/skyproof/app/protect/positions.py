@@ -1,0 +1,159 @@
+"""A receiver's positions of each kind, computed stretch by stretch, so that memory does not grow with the run."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.app.common.settings import Settings
+from skyproof.arrays import Booleans, Instants, Reals
+from skyproof.fusion.fuse import Decision
+from skyproof.fusion.trusted import carries, fix_of, masked, of_signals
+from skyproof.fusion.unprotected import followed
+from skyproof.navigation.smooth import smooth
+from skyproof.records import Fix, FixStatus, NavigationData, ObservationLog, SignalId
+
+__all__ = ["KINDS", "STRETCH_EPOCHS", "Positions", "Track", "positions_of"]
+
+KINDS: Final = ("trusted", "false", "unprotected")
+"""Of a receiver's fixes. Others are named as the sources of false signals, or as skies of which one may be true."""
+STRETCH_EPOCHS: Final = 4096
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Track:
+    """What of the fixes of one kind stays at hand; each of n_epochs, NaN where there is no fix.
+
+    last : the last fix alone, one epoch.
+    """
+
+    gpst: Instants
+    position_ecef_m: Reals
+    clock_bias_s: Reals
+    last: Fix
+
+    @property
+    def fixed(self) -> Booleans:
+        """(n_epochs,) where there is a fix."""
+        return np.isfinite(self.clock_bias_s)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Positions:
+    """masks : by kind, which cells (n_epochs, n_channels) of the log its fixes are made of."""
+
+    log: ObservationLog
+    orbits: NavigationData
+    settings: Settings
+    masks: Mapping[str, Callable[[], Booleans]]
+
+    def stretches(self, kind: str) -> Iterator[tuple[int, Fix]]:
+        """The fixes of a kind as stretches, each with the epoch that it begins at; those without any are left out.
+
+        Smoothed after the choice of signals: what a channel followed before or after it was captured does not leak.
+        """
+        if (kept := self._kept.get(kind)) is not None:
+            yield kept
+            return
+        mask, elapsed_s = self.masks[kind](), self.log.elapsed_s
+        reach_s = 0.5 * self.settings.smoothing_s * (1.0 + 1e-6)
+        for first in range(0, elapsed_s.size, STRETCH_EPOCHS):
+            stop = min(first + STRETCH_EPOCHS, elapsed_s.size)
+            if not mask[first:stop].any():
+                continue
+            rim_s = [elapsed_s[first] - reach_s, elapsed_s[stop - 1] + reach_s]
+            begin, end = (int(row) for row in np.searchsorted(elapsed_s, rim_s))
+            smoothed = smooth(masked(self.log.read(begin, end), mask[begin:end]), window_s=self.settings.smoothing_s)
+            found = fix_of(
+                smoothed.read(first - begin, stop - begin),
+                self.orbits,
+                multipath_sigma_m=self.settings.multipath_sigma_m,
+                elevation_mask_deg=self.settings.elevation_mask_deg,
+            )
+            if found is None:
+                continue
+            if elapsed_s.size <= STRETCH_EPOCHS:  # a short run is not computed again
+                self._kept[kind] = first, found
+            yield first, found
+
+    @cached_property
+    def _kept(self) -> dict[str, tuple[int, Fix]]:
+        return {}
+
+    def track(self, kind: str) -> Track | None:
+        """What stays at hand of a kind; None if there is no fix of it."""
+        n = self.log.gpst.size
+        gpst, bias_s, place_m = self.log.gpst.copy(), np.full(n, np.nan), np.full((n, 3), np.nan)
+        last: Fix | None = None
+        for first, fix in self.stretches(kind):
+            good = np.flatnonzero(fix.status == FixStatus.OK)
+            gpst[first + good], bias_s[first + good] = fix.gpst[good], fix.clock_bias_s[good]
+            place_m[first + good] = fix.position_ecef_m[good]
+            last = _epochs(fix, good[-1:]) if good.size else last
+        if last is None:
+            return None
+        return Track(gpst=gpst, position_ecef_m=place_m, clock_bias_s=bias_s, last=last)
+
+    def whole(self, kind: str) -> Fix | None:
+        """All fixes of a kind as one record, in the memory that it takes; None if no stretch has any."""
+        parts = list(self.stretches(kind)) if kind in self.masks else []
+        if not parts:
+            return None
+        n, signals = self.log.gpst.size, tuple(sorted({signal for _, fix in parts for signal in fix.signals}))
+        scales = sorted({scale for _, fix in parts for scale in fix.inter_system_s})
+        shapes: dict[str, tuple[int, ...]] = {
+            "position_ecef_m": (3,),
+            "velocity_ecef_m_s": (3,),
+            "clock_bias_s": (),
+            "clock_drift": (),
+            "covariance_m2": (4, 4),
+            "residual_m": (len(signals),),
+        }
+        values: dict[str, Any] = {name: np.full((n, *shape), np.nan) for name, shape in shapes.items()}
+        values["gpst"] = self.log.gpst.copy()
+        values["status"] = np.full(n, FixStatus.TOO_FEW, np.uint8)
+        offsets = {scale: np.full(n, np.nan) for scale in scales}
+        for first, fix in parts:
+            rows = slice(first, first + fix.gpst.size)
+            for name in (*shapes, "gpst", "status"):
+                if name != "residual_m":
+                    values[name][rows] = getattr(fix, name)
+            values["residual_m"][rows, [signals.index(signal) for signal in fix.signals]] = fix.residual_m
+            for scale, offset_s in fix.inter_system_s.items():
+                offsets[scale][rows] = offset_s
+        return Fix(receiver=self.log.receiver, signals=signals, inter_system_s=offsets, **values)
+
+
+def positions_of(log: ObservationLog, decision: Decision, orbits: NavigationData, settings: Settings) -> Positions:
+    """Of a receiver: from authentic signals, from spoofed ones, as a receiver without protection has them, and what
+    each source of false signals shows, or each sky where it is open which is true.
+    """
+    labels = decision.labels
+    masks: dict[str, Callable[[], Booleans]] = {
+        "trusted": lambda: carries(log, labels, "authentic"),
+        "false": lambda: carries(log, labels, "spoofed"),
+        "unprotected": lambda: followed(log),
+    }
+
+    def showing(signals: tuple[SignalId, ...], decided: bool) -> Callable[[], Booleans]:
+        if decided:
+            return lambda: of_signals(log, signals) & carries(log, labels, "spoofed")
+        return lambda: of_signals(log, signals)
+
+    for sources, decided in ((decision.sources, True), (decision.skies, False)):
+        for source in sources:
+            own = tuple(ref.signal for ref in source.signals if ref.receiver == log.receiver)
+            masks[source.name] = showing(own, decided)
+    return Positions(log=log, orbits=orbits, settings=settings, masks=masks)
+
+
+def _epochs(fix: Fix, rows: Any) -> Fix:
+    """Some epochs of a fix."""
+    per_epoch: dict[str, Any] = {
+        f.name: getattr(fix, f.name)[rows] for f in fields(fix) if isinstance(getattr(fix, f.name), np.ndarray)
+    }
+    return replace(
+        fix, **per_epoch, inter_system_s={scale: offset[rows] for scale, offset in fix.inter_system_s.items()}
+    )

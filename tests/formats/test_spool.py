@@ -1,0 +1,73 @@
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skyproof.formats.spool import ObservationSpool
+from skyproof.records import Observations
+from skyproof.testing import MeasuredScene
+
+WHOLE = MeasuredScene(epochs=40, step_s=0.5, max_satellites=6).records(np.random.default_rng(1)).observations[0]
+SLIPPING = replace(WHOLE, status=np.where(np.arange(40)[:, None] % 7 == np.arange(len(WHOLE.signals)), 3, WHOLE.status))
+
+
+def channels(observations, kept):
+    """The observations of some signals only."""
+    names = {f.name for f in fields(Observations)} - {"receiver", "signals", "gpst", "elapsed_s", "averaged_s"}
+    arrays = {name: getattr(observations, name)[..., kept] for name in names}
+    return replace(observations, signals=tuple(observations.signals[k] for k in kept), **arrays)
+
+
+def spooled(folder, whole, cuts):
+    log = ObservationSpool(folder, whole.receiver)
+    for first, stop in zip([0, *cuts], [*cuts, whole.gpst.size], strict=True):
+        log.append(whole.read(first, stop))
+    return log
+
+
+def assert_equal(one, other):
+    for f in fields(Observations):
+        a, b = getattr(one, f.name), getattr(other, f.name)
+        if isinstance(a, np.ndarray):
+            assert a.dtype == b.dtype, f.name
+            np.testing.assert_array_equal(a, b, err_msg=f.name)
+        else:
+            assert a == b, f.name
+
+
+@settings(max_examples=25)
+@given(
+    cuts=st.lists(st.integers(0, 40), max_size=5).map(sorted),
+    ends=st.tuples(st.integers(0, 40), st.integers(0, 40)).map(sorted),
+)
+def test_pieces_give_what_the_whole_gives_cut_and_read_anywhere(tmp_path_factory, cuts, ends):
+    log = spooled(tmp_path_factory.mktemp("spool") / "rx1", SLIPPING, cuts)
+    first, stop = ends
+    assert_equal(log.read(first, stop), SLIPPING.read(first, stop))
+    assert log.signals == SLIPPING.signals
+    for name in ("gpst", "elapsed_s", "measured", "slipped", "found_elapsed_s", "missed_elapsed_s"):
+        np.testing.assert_array_equal(getattr(log, name), getattr(SLIPPING, name), err_msg=name)
+    for channel in range(len(log.signals)):
+        one, other = (o.series("pseudorange_m", channel, first, stop) for o in (log, SLIPPING))
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_signal_that_comes_late_was_not_tracked_before(tmp_path):
+    log = ObservationSpool(tmp_path / "rx1", WHOLE.receiver)
+    log.append(channels(WHOLE, [1, 3]).read(0, 20))
+    log.append(channels(WHOLE, [0, 3]).read(20, 40))
+    assert log.signals == (WHOLE.signals[0], WHOLE.signals[1], WHOLE.signals[3])
+    got = log.read(0, 40)
+    assert np.array_equal(got.measured.sum(axis=0), [20, 20, 40])
+    assert set(got.status[:20, 0]) == {1}
+    assert np.array_equal(got.pseudorange_m[:, 2], WHOLE.pseudorange_m[:, 3])
+    assert np.isnan(log.series("cn0_dbhz", 0)[:20]).all()
+
+
+def test_what_does_not_follow_in_time_is_refused_and_loses_nothing(tmp_path):
+    log = spooled(tmp_path / "rx1", WHOLE, [10])
+    with pytest.raises(ValueError, match="after one to"):
+        log.append(WHOLE.read(30, 40))
+    assert_equal(log.read(0, 40), WHOLE)
