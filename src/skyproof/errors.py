@@ -47,7 +47,7 @@ _KINDS: Final = {
 
 
 class SkyproofError(Exception):
-    """Root of the errors that a user can mend; anything else that is raised is our mistake.
+    """Root of the errors that a user can put right; anything else that is raised is our mistake.
 
     The middle of a very long message is left out: what came may be as long as the file that it came from.
     """

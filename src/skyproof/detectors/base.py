@@ -70,7 +70,7 @@ def load_detectors() -> dict[str, type[Detector]]:
             package = point.dist.name if point.dist is not None else "an unknown package"
             raise SettingsError(
                 f"detector {point.name!r} of {package} cannot be loaded from {point.value}: {error}; "
-                "mend or uninstall that package"
+                "repair or uninstall that package"
             ) from error
     return found
 

@@ -127,7 +127,7 @@ def parse_csv(text: str, *, source: str = "CSV") -> Track:
             continue
         where = f"{source}: line {number}"
         if len(row) < len(names):
-            raise InputError(f"{where}: {len(row)} fields, expected {len(names)}; mend the line or leave it out")
+            raise InputError(f"{where}: {len(row)} fields, expected {len(names)}; correct the line or leave it out")
         when, *fields = (row[column].strip() for column in columns)
         if not all(fields[:3]):
             left_out += 1

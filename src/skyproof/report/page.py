@@ -337,7 +337,7 @@ def _maps(pictures: Pictures) -> list[Figure]:
         "possible": "triangle: a place that the evidence leaves open",
     }
     told = [words for kind, words in keys.items() if kind in kinds]
-    told += ["cross: the true place, told by a file beside the recording, which the verdict does not use"] * bool(
+    told += ["cross: the true place, by a file beside the recording, which the verdict does not use"] * bool(
         pictures.truth
     )
     close = [

@@ -77,8 +77,8 @@ def require_span(trajectory: Trajectory, first_s: float, last_s: float, where: s
         if not LOWEST_M <= height_m[number] <= HIGHEST_M:
             raise ScenarioError(
                 f"{where}.path: {height_m[number]:.0f} m high at {at_s[number]:.1f} s, {side}; expected "
-                f"{LOWEST_M:.0f} m to {HIGHEST_M:.0f} m over the ellipsoid; mend the heights of its points, or shorten "
-                "the scene"
+                f"{LOWEST_M:.0f} m to {HIGHEST_M:.0f} m over the ellipsoid; correct the heights of its points, or "
+                "shorten the scene"
             )
 
 

@@ -47,7 +47,7 @@ def advice(samples: Samples, satellites: Sequence[Heard], *, gaps: int, mirrored
         )
     needs = []
     if mirrored:
-        needs.append("conjugate = true where it is told how to read it")
+        needs.append("conjugate = true where its layout is described")
     if samples.duration_s < _TRACKED_S:
         needs.append(f"{_EPHEMERIS_S:.0f} s of recording (with --nav {_SUBFRAME_S:.0f} s)")
         can = "is too short for `protect`, which follows signals for seconds"

@@ -262,7 +262,7 @@ def _same_day(navigation: NavigationData, gpst: np.datetime64, path: str) -> Non
     raise InputError(
         f"{navigation.source}: its orbits are for {iso(min(weeks), 0)} to {iso(max(weeks), 0)}, but {path} was "
         f"recorded at {iso(gpst, 0)}; give the navigation file of that day, or none to take the orbits from the "
-        "signals (if the date is wrong, mend start_gpst in the sidecar)"
+        "signals (if the date is wrong, correct start_gpst in the sidecar)"
     )
 
 

@@ -42,7 +42,7 @@ def diagnosis(samples: Samples, doppler_max_hz: float) -> Diagnosis:
     cures = []
     if found.conjugate:
         cures.append(
-            "its spectrum is mirrored: give conjugate = true where it is told how to read it (false if that is so now; "
+            "its spectrum is mirrored: give conjugate = true where its layout is described (false if that is so now; "
             "of real samples, if_hz with the other sign)"
         )
     highest_hz = max((abs(satellite.doppler_hz) for satellite in found.satellites), default=0.0)
