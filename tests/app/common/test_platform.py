@@ -237,6 +237,10 @@ WRONG = [
     (f"{IMU}rate_hz = 3", "imu.rate_hz: unknown key"),
     ("[protect]\nwindow = 3", "protect.window: unknown key, did you mean window_s?"),
     ("[protect]\nantenna_separation_m = 400", "protect: antenna_separation_m = 400 is more than max_separation_m"),
+    (
+        "speed_max_m_s = 3\n[protect]\nspeed_max_m_s = 4",
+        "protect: speed_max_m_s is given for the platform as well; leave",
+    ),
     ("[protct]\nwindow = 3", "protct: unknown key, did you mean protect?"),
 ]
 

@@ -1,5 +1,6 @@
 """`skyproof init`: the platform file that it writes parses, runs, and lays out every key that a person may state."""
 
+import os
 import re
 import shutil
 import tomllib
@@ -161,3 +162,10 @@ def test_a_value_on_one_line_reads_back(value: object) -> None:
     line = one_line(value)
     assert "\n" not in line
     assert tomllib.loads(f"x = {line}") == {"x": value}
+
+
+def test_a_name_that_is_no_text_is_refused(measured: Path, tmp_path: Path) -> None:
+    odd = os.fsdecode(b"odd-\xff.obs")
+    shutil.copy(measured / "one.obs", tmp_path / odd)
+    with pytest.raises(InputError, match="its name is not UTF-8, which a platform file is; rename it"):
+        init([tmp_path / odd], out=tmp_path / "platform.toml")

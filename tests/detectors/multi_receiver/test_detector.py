@@ -91,7 +91,11 @@ def test_antennas_that_may_be_one_leave_captured_receivers_undecided():
 
 def test_a_clean_sky_over_antennas_too_near_to_tell_is_undecided():
     near = {"rx1": (0.0, 0.0, 0.0), "rx2": (3.0, 0.0, 0.0)}
-    evidence = examine(scene(antennas_enu_m=near).records(rng()), antenna_separation_m=2.0)
+    records = scene(antennas_enu_m=near).records(rng())
+    assert [e.would_need for e in examine(records, antennas_enu_m=near)] == [
+        "a longer window, or antennas farther apart"  # and not what is given
+    ]
+    evidence = examine(records, antenna_separation_m=2.0)
     assert [e.says for e in evidence] == ["undecided"]
     assert "longer window" in evidence[0].would_need
 

@@ -289,8 +289,8 @@ class _Window:
                 pairing.subject,
                 because=f"{_names(pairing)} could come from one antenna or from the sky: range differences between the "
                 f"receivers vary by {pairing.scatter_m:.1f} m between satellites, which errors may explain",
-                would_need="a longer window, antennas farther apart, or to know how far apart they are "
-                "(antenna_distance_m) or where they stand (antennas_enu_m)",
+                would_need="a longer window, or antennas farther apart"
+                + ("" if geometry is not None else f", or to know {self._where()}"),
             )
         ]
 
