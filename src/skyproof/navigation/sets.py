@@ -85,7 +85,7 @@ def consistent_sets(
             continue
         found = _of_one_kind(measurements, mean.signals, rows, false_alarm_probability, min_satellites, max_sets)
         parts += [Part(kind, candidate.choice[0], candidate) for candidate in found]
-    skies = [sky_of(measurements, mean.signals, own) for own in joined(parts)]
+    skies = [sky_of(measurements, mean.signals, own) for own in joined(measurements, parts)]
     if not skies and (sky := lone_sky(measurements, mean.signals, few, false_alarm_probability)) is not None:
         skies = [sky]
     for kind, rows in few.items() if parts else ():

@@ -42,6 +42,8 @@ Kind = tuple[str, str, str]
 OFFSET_MAX_S = 1e-6
 """By which the clocks of two kinds differ at most: time scales by 0.1 us, the ways through a receiver by less than the
 inverse of its narrowest filter."""
+ERROR_BOUND_M = 3.0
+"""No range's error that stays has a larger sigma, as reflections make it in a street."""
 JOIN_PROBABILITY = 1e-6
 """Of parting two kinds of one sky: rarer than what a day's windows make."""
 _MOST_CHOICES = 4096
@@ -80,22 +82,30 @@ def by_kind(signals: Sequence[SignalId], rows: Indices) -> dict[Kind, Indices]:
 
 
 def apart_p_value(
-    off_m: Reals, covariance_m2: Reals, clock_m: float, clock_m2: float, statistic: float, dof: int
+    off_m: Reals,
+    covariance_m2: Reals,
+    clock_m: float,
+    clock_m2: float,
+    *,
+    statistic: float,
+    dof: int,
+    sigma_m: float,
 ) -> float:
     """Chance that two kinds of one sky show positions `off_m` (3,) and clocks `clock_m` apart.
 
-    The position's squared distance is chi-square with 3 degrees; the clock counts from `OFFSET_MAX_S` on. The variances
-    grow by `statistic` over `dof`, of the two fits together, where that is more than one: what makes residuals large
-    moves positions as well. Two looks, so twice the smaller chance.
+    The position's squared distance is chi-square with 3 degrees; the clock counts from `OFFSET_MAX_S` on. Two looks, so
+    twice the smaller chance. What parts kinds is taken for an attack, so the variances are those of the largest errors
+    that there may be: of ranges with `ERROR_BOUND_M` beside their sigma, `sigma_m` (rms of the two fits); and larger
+    by `statistic` over `dof` of the two fits together where that is more.
     """
-    scale = max(statistic / max(dof, 1), 1.0)
+    scale = max(statistic / max(dof, 1), 1.0 + (ERROR_BOUND_M / sigma_m) ** 2)
     squared = float(off_m @ np.linalg.solve(covariance_m2, off_m)) / scale
     beyond_m = max(abs(clock_m) - SPEED_OF_LIGHT_M_S * OFFSET_MAX_S, 0.0)
     chances = chi_square_survival(squared, 3), chi_square_survival(beyond_m**2 / clock_m2 / scale, 1)
     return min(1.0, 2.0 * float(min(chances)))
 
 
-def joined(parts: Sequence[Part]) -> list[list[Part]]:
+def joined(measurements: Measurements, parts: Sequence[Part]) -> list[list[Part]]:
     """The parts as skies, the largest first: each goes to the sky whose parts it fits best, if it fits them all.
 
     A sky has one part of a kind. Parts of one kind are different skies, by time if not by position.
@@ -103,7 +113,7 @@ def joined(parts: Sequence[Part]) -> list[list[Part]]:
     skies: list[list[Part]] = []
     for part in sorted(parts, key=lambda p: (-p.rows.size, p.alone.statistic[0])):
         fits = [
-            (min(_p_of(part, other) for other in sky), -number)
+            (min(_p_of(measurements, part, other) for other in sky), -number)
             for number, sky in enumerate(skies)
             if all(other.kind != part.kind for other in sky)
         ]
@@ -115,7 +125,7 @@ def joined(parts: Sequence[Part]) -> list[list[Part]]:
     return skies
 
 
-def _p_of(one: Part, other: Part) -> float:
+def _p_of(measurements: Measurements, one: Part, other: Part) -> float:
     difference_m = one.alone.state_m[0] - other.alone.state_m[0]
     covariance_m2 = one.alone.covariance_m2[0] + other.alone.covariance_m2[0]
     return apart_p_value(
@@ -123,8 +133,9 @@ def _p_of(one: Part, other: Part) -> float:
         covariance_m2[:3, :3],
         float(difference_m[3]),
         float(covariance_m2[3, 3]),
-        float(one.alone.statistic[0] + other.alone.statistic[0]),
-        one.rows.size + other.rows.size - 8,
+        statistic=float(one.alone.statistic[0] + other.alone.statistic[0]),
+        dof=one.rows.size + other.rows.size - 8,
+        sigma_m=float(np.sqrt(np.mean(measurements.sigma_m[np.concatenate((one.rows, other.rows))] ** 2))),
     )
 
 

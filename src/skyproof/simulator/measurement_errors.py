@@ -92,13 +92,15 @@ class Way:
 
     air_ecef_m : (3,) where it left the air: at the antenna itself or at a relay's ears; None if it was made on the
         ground. relay : the name of the relay that heard it, "" for none. transmitter : of the transmit antenna that it
-        comes from, "" for the satellite.
+        comes from, "" for the satellite. carrier_hz : reflections of different carriers are independent, their
+        ionosphere is one, by the inverse square.
     """
 
     sat: str
     air_ecef_m: Reals | None
     relay: str = ""
     transmitter: str = ""
+    carrier_hz: float = L1_HZ
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -139,7 +141,6 @@ def field_errors(
     interval_s: float,
     *,
     rng: np.random.Generator | None = None,
-    carrier_hz: float = L1_HZ,
     draws: tuple[int, ...] = (),
 ) -> tuple[FieldError, ...]:
     """The errors of every signal at every antenna. The draws are independent worlds of one seed.
@@ -150,17 +151,16 @@ def field_errors(
         raise ValueError("field errors need a seed, or a generator to draw one from")
     seed = model.seed if model.seed is not None or rng is None else int(rng.integers(2**63))
     world = _World(replace(model, seed=seed), exposures, interval_s, draws)
-    return tuple(_error(model, exposure, world, carrier_hz, draws) for exposure in exposures)
+    return tuple(_error(model, exposure, world, draws) for exposure in exposures)
 
 
-def _error(
-    model: FieldErrors, exposure: Exposure, world: "_World", carrier_hz: float, draws: tuple[int, ...]
-) -> FieldError:
+def _error(model: FieldErrors, exposure: Exposure, world: "_World", draws: tuple[int, ...]) -> FieldError:
     shape = (*draws, *exposure.el_rad.shape)
     code_m, carrier_cyc = np.zeros(shape), np.zeros(shape)
-    wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz
     for column, way in enumerate(exposure.ways):
         el_rad = exposure.el_rad[:, column]
+        wavelength_m, slower = SPEED_OF_LIGHT_M_S / way.carrier_hz, (L1_HZ / way.carrier_hz) ** 2
+        band = "" if way.carrier_hz == L1_HZ else f" {way.carrier_hz:.0f}"
         reflections = []
         if way.transmitter:
             sigma_m = np.broadcast_to(model.multipath_sigma_m(0.0), el_rad.shape)
@@ -170,12 +170,12 @@ def _error(
         if way.relay:
             reflections.append((f"{way.relay}<{way.sat}", model.multipath_sigma_m(el_rad)))
         for name, sigma_m in reflections:
-            of_code, of_carrier = world.reflection(name, exposure)
+            of_code, of_carrier = world.reflection(name + band, exposure)
             code_m[..., column] += sigma_m * of_code
             turned = model.carrier_cyc_a_m * sigma_m * of_carrier
             carrier_cyc[..., column] += _QUARTER_CYC * np.tanh(turned / _QUARTER_CYC)
         if way.air_ecef_m is not None:
-            ionosphere_m = ionosphere_obliquity(el_rad) * world.air("ionosphere", way, exposure)
+            ionosphere_m = slower * ionosphere_obliquity(el_rad) * world.air("ionosphere", way, exposure)
             troposphere_m = troposphere_obliquity(el_rad) * world.air("troposphere", way, exposure)
             code_m[..., column] += troposphere_m + ionosphere_m
             carrier_cyc[..., column] += (troposphere_m - ionosphere_m) / wavelength_m

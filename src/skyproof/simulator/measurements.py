@@ -15,15 +15,16 @@ import numpy as np
 import scipy
 
 from skyproof.arrays import Booleans, Instants, Integers, Reals
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.records import CellStatus, Observations, SignalId, SignalRef
 from skyproof.simulator.attacks import Meaconer
+from skyproof.simulator.kinds import Kind
 from skyproof.simulator.measurement_errors import Exposure, FieldError, FieldErrors, Way, field_errors
 from skyproof.simulator.overlap_bias import pull_of
 from skyproof.simulator.platforms import Point
-from skyproof.simulator.received import HeardSignal, ReceiverSky, Scene
+from skyproof.simulator.received import HeardSignal, ReceiverSky, Scene, ephemeris_of
 from skyproof.simulator.scenario import Scenario
 from skyproof.simulator.sky import scene_of
 
@@ -71,7 +72,8 @@ class Geometry:
     doppler_hz: Reals
     cn0_dbhz: Reals
     averaged_s: float
-    carrier_hz: float
+    air_s: Reals  # the ionosphere's delay on L1
+    carrier_hz: Reals  # (n_signals,)
     exposure: Exposure
 
     @property
@@ -97,7 +99,9 @@ def observations_of(
     return draw(geometries, rng=rng, noise=noise, shuffle_copies=shuffle_copies)
 
 
-def geometry_of(scene: Scene, *, interval_s: float = 1.0, pulled: bool = False) -> tuple[Geometry, ...]:
+def geometry_of(
+    scene: Scene, *, interval_s: float = 1.0, pulled: bool = False, kinds: Sequence[Kind] | None = None
+) -> tuple[Geometry, ...]:
     """Measurements without noise, at the times when each receiver's clock shows a whole multiple of `interval_s`.
 
     An epoch is a mean over `interval_s`, centred on it, so it needs that much of the recording around it. Receivers
@@ -105,8 +109,14 @@ def geometry_of(scene: Scene, *, interval_s: float = 1.0, pulled: bool = False) 
 
     pulled : with what other signals of the satellite and reflections do to each, see `overlap_bias.pull_of`; else each
         is measured as if alone.
+    kinds : what each satellite sends, and how each receiver delays it; the first signal of its system alone if absent.
+
+    Raises ValueError for `kinds` that are to be `pulled`: what overlaps on a band is known of the first signal only.
     """
-    return tuple(_geometry(scene, index, interval_s, pulled) for index in range(len(scene.skies)))
+    if pulled and kinds is not None:
+        raise ValueError("pulled measurements are of one kind of signal; leave kinds or pulled out")
+    every = tuple(_geometry(scene, index, interval_s, pulled) for index in range(len(scene.skies)))
+    return every if kinds is None else tuple(_of_kinds(geometry, scene, kinds) for geometry in every)
 
 
 def draw(
@@ -127,7 +137,7 @@ def draw(
     fields: Sequence[FieldError | None] = [None] * len(geometries)
     if noise.field is not None and geometries:
         exposures, first = [geometry.exposure for geometry in geometries], geometries[0]
-        fields = field_errors(noise.field, exposures, first.averaged_s, rng=rng, carrier_hz=first.carrier_hz)
+        fields = field_errors(noise.field, exposures, first.averaged_s, rng=rng)
     for geometry, field in zip(geometries, fields, strict=True):
         copies = _shuffled_copies(geometry.signals, rng) if shuffle_copies else geometry.signals
         order = sorted(range(len(copies)), key=lambda column: copies[column])
@@ -208,8 +218,47 @@ def _geometry(scene: Scene, index: int, interval_s: float, pulled: bool) -> Geom
         doppler_hz=doppler_hz[:, kept],
         cn0_dbhz=cn0_dbhz[:, kept],
         averaged_s=interval_s,
-        carrier_hz=carrier_hz,
+        air_s=(0.5 * (code_s - carrier_s))[:, kept],
+        carrier_hz=np.full(kept.size, carrier_hz),
         exposure=_exposure(scene, sky, kept, true_s[1], first - _first_epoch(scene, off_grid_s, interval_s)),
+    )
+
+
+def _of_kinds(geometry: Geometry, scene: Scene, kinds: Sequence[Kind]) -> Geometry:
+    """Each signal on all bands and in all codes of its system."""
+    picked = [
+        (column, kind)
+        for column, signal in enumerate(geometry.signals)
+        for kind in kinds
+        if kind.system == signal.sat[0]
+    ]
+    columns = np.array([column for column, _ in picked], np.intp)
+    ephemerides = [ephemeris_of(scene.navigation, geometry.signals[c].sat, scene.scenario) for c in columns]
+    delay_m, carrier_hz = np.empty(len(picked)), np.empty(len(picked))
+    for n, ((_, kind), ephemeris) in enumerate(zip(picked, ephemerides, strict=True)):
+        assert ephemeris is not None
+        delay_m[n] = kind.satellite_delay_m(ephemeris) + kind.receiver_delay_m.get(geometry.receiver, 0.0)
+        carrier_hz[n] = kind.carrier_hz(ephemeris)
+    more = (L1_HZ / carrier_hz) ** 2 - 1.0  # of the ionosphere than on L1
+    air_m = SPEED_OF_LIGHT_M_S * geometry.air_s[:, columns]
+    rate_m_s = np.gradient(air_m, geometry.elapsed_s, axis=0) if len(air_m) > 1 else np.zeros_like(air_m)
+    wave_m, first_m = SPEED_OF_LIGHT_M_S / carrier_hz, SPEED_OF_LIGHT_M_S / geometry.carrier_hz[columns]
+    ways = geometry.exposure.ways
+    return replace(
+        geometry,
+        signals=tuple(replace(geometry.signals[c], band=k.band, code=k.code) for c, k in picked),
+        labels=tuple(geometry.labels[c] for c in columns),
+        pseudorange_m=geometry.pseudorange_m[:, columns] + more * air_m + delay_m,
+        carrier_cyc=(geometry.carrier_cyc[:, columns] * first_m - more * air_m) / wave_m,
+        doppler_hz=(geometry.doppler_hz[:, columns] * first_m + more * rate_m_s) / wave_m,
+        cn0_dbhz=geometry.cn0_dbhz[:, columns],
+        air_s=geometry.air_s[:, columns],
+        carrier_hz=carrier_hz,
+        exposure=replace(
+            geometry.exposure,
+            ways=tuple(replace(ways[c], carrier_hz=float(hz)) for c, hz in zip(columns, carrier_hz, strict=True)),
+            el_rad=geometry.exposure.el_rad[:, columns],
+        ),
     )
 
 
@@ -291,16 +340,16 @@ def _observations(
         status=np.where(there, CellStatus.OK, CellStatus.NOT_TRACKED).astype(np.uint8),
         found_elapsed_s=found_s,
         missed_elapsed_s=np.where(first > 0, found_s - geometry.averaged_s, np.nan),
-        carrier_hz=np.full(len(signals), geometry.carrier_hz),
+        carrier_hz=geometry.carrier_hz[columns],
         averaged_s=geometry.averaged_s,
     )
 
 
 def _shuffled_copies(signals: Sequence[SignalId], rng: np.random.Generator) -> list[SignalId]:
-    """The same satellites with the letters a, b, ... in a random order among each satellite's copies."""
+    """The same transmissions with the letters a, b, ... in a random order among the copies of each."""
     dealt = list(signals)
-    for sat in sorted({signal.sat for signal in signals}):
-        columns = [column for column, signal in enumerate(signals) if signal.sat == sat]
+    for transmission in sorted({signal.transmission for signal in signals}):
+        columns = [column for column, signal in enumerate(signals) if signal.transmission == transmission]
         for column, letter in zip(columns, rng.permutation(len(columns)), strict=True):
             dealt[column] = replace(signals[column], copy=chr(ord("a") + int(letter)))
     return dealt

@@ -16,12 +16,14 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.ephemeris import Ephemeris
-from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.ephemeris import BroadcastEphemeris
+from skyproof.gnss.orbits import group_delay_s, satellite_state_s
 from skyproof.gnss.time import week_and_tow
 
-__all__ = ["Orbits", "Sight", "orbits_between"]
+__all__ = ["FIRST_SIGNAL", "Orbits", "Sight", "orbits_between"]
 
+FIRST_SIGNAL = {"G": ("L1", "CA"), "E": ("E1", "C"), "C": ("B1", "2I"), "R": ("G1", "CA")}
+"""Band and code, by system, of the signal whose delays a scene has."""
 KNOT_S = 10.0
 _EARLIEST_S = 0.2  # before reception; no signal is under way for longer
 _FIRST_GUESS_S = 0.075
@@ -73,11 +75,11 @@ class Orbits:
 
 
 def orbits_between(
-    ephemerides: Sequence[Ephemeris], start_gpst: np.datetime64, first_s: float, last_s: float
+    ephemerides: Sequence[BroadcastEphemeris], start_gpst: np.datetime64, first_s: float, last_s: float
 ) -> Orbits:
-    """Orbits by one ephemeris a satellite; the clock is that of a single-frequency user of L1 C/A.
+    """Orbits by one ephemeris a satellite; the clock is that of a user of its system's first signal alone.
 
-    That is the message's minus the group delay (IS-GPS-200N, 20.3.3.3.3.2).
+    That is the message's minus the group delay, of GPS on L1 (IS-GPS-200N, 20.3.3.3.3.2).
     """
     week, tow_s = week_and_tow(start_gpst)
     n_knots = max(math.ceil((last_s - first_s + _EARLIEST_S) / KNOT_S), 3) + 1
@@ -86,7 +88,7 @@ def orbits_between(
     for column, ephemeris in enumerate(ephemerides):
         state = satellite_state_s(ephemeris, week, tow_s + knots_s)
         rows[:, column, :3] = state.position_ecef_m
-        rows[:, column, 3] = state.clock_s - ephemeris.tgd
+        rows[:, column, 3] = state.clock_s - group_delay_s(ephemeris, *FIRST_SIGNAL[ephemeris.sat[0]])
     pieces = np.moveaxis(scipy.interpolate.CubicSpline(knots_s, rows).c, 0, -1)
     return Orbits(
         sats=tuple(ephemeris.sat for ephemeris in ephemerides),

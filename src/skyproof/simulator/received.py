@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skyproof.arrays import Integers, Reals
-from skyproof.gnss.ephemeris import Ephemeris, NavigationData
+from skyproof.gnss.ephemeris import BroadcastEphemeris, Ephemeris, NavigationData
 from skyproof.gnss.lnav import encode_subframes
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
 from skyproof.gnss.time import week_and_tow
@@ -209,7 +209,7 @@ class Scene:
         symbols = []
         for number, (sat, variant) in enumerate(names):
             ephemeris = ephemeris_of(nav, sat, scenario)
-            assert ephemeris is not None
+            assert isinstance(ephemeris, Ephemeris)
             attack = attacks.get(variant)
             told_s = start + (attack.message_later_s if attack is not None else 0)
             week_told, tow_told = divmod(week * 604_800 + told_s, 604_800)
@@ -223,10 +223,9 @@ class Scene:
         return Messages(names=names, symbols=np.stack(symbols), lead_s=tow_s - start)
 
 
-def ephemeris_of(navigation: NavigationData, sat: str, scenario: Scenario) -> Ephemeris | None:
+def ephemeris_of(navigation: NavigationData, sat: str, scenario: Scenario) -> BroadcastEphemeris | None:
     """One for the whole scene; none if the satellite is unhealthy."""
-    ephemeris = navigation.best(sat, scenario.start_gpst)
-    return ephemeris if isinstance(ephemeris, Ephemeris) else None
+    return navigation.best(sat, scenario.start_gpst)
 
 
 def row_of(messages: Messages, signals: Sequence[HeardSignal]) -> Integers:

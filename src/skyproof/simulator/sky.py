@@ -1,6 +1,6 @@
 """From a scenario to what each antenna hears."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy
@@ -38,8 +38,11 @@ __all__ = ["scene_of"]
 _MARGIN_S = 4.0
 
 
-def scene_of(scenario: Scenario, navigation: NavigationData) -> Scene:
+def scene_of(scenario: Scenario, navigation: NavigationData, *, sats: Sequence[str] = GPS_SATS) -> Scene:
     """Work out who hears what.
+
+    sats : that there are. Those of other systems than GPS are for measurements only (`kinds`): nothing renders their
+    codes.
 
     Raises
     ------
@@ -47,7 +50,7 @@ def scene_of(scenario: Scenario, navigation: NavigationData) -> Scene:
         that cannot be seen from the place it shows, a path does not cover the scene or leads underground, or a
         receiver comes too near to a transmit antenna.
     """
-    world = _World(scenario, navigation)
+    world = _World(scenario, navigation, sats)
     antennas = [(index, antenna) for index, receiver in enumerate(scenario.receivers) for antenna in receiver.antennas]
     skies = tuple(world.sky(index, antenna, number) for number, (index, antenna) in enumerate(antennas))
     onsets_s = [np.array([attacker.attack.onset_s]) for attacker in world.attackers]
@@ -68,9 +71,9 @@ def scene_of(scenario: Scenario, navigation: NavigationData) -> Scene:
 class _World:
     """What all antennas of a scene share."""
 
-    def __init__(self, scenario: Scenario, navigation: NavigationData) -> None:
+    def __init__(self, scenario: Scenario, navigation: NavigationData, sats: Sequence[str]) -> None:
         self.scenario, self.navigation = scenario, navigation
-        ephemerides = [eph for sat in GPS_SATS if (eph := ephemeris_of(navigation, sat, scenario)) is not None]
+        ephemerides = [eph for sat in sats if (eph := ephemeris_of(navigation, sat, scenario)) is not None]
         if not ephemerides:
             raise ScenarioError(
                 f"start_gpst: {navigation.source or 'the navigation data'} has no healthy satellite for "

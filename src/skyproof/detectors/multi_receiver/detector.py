@@ -17,8 +17,7 @@ it cannot be the false one itself (`one_antenna.ratio_test`, which needs no nois
 authentic if both this test and the one for "one antenna" say so. What is decided is decided for whole groups.
 
 A group is of one kind of signal (time scale, band, code; `pairing`): each kind has its own delay in each receiver, and
-each may be imitated alone. What all kinds of one sky share are the antennas: kinds that put them elsewhere are not all
-true (`_Window._other_antennas`).
+each may be imitated alone. Kinds that show different places are different sets.
 
 Assumed: one transmitter of one false sky, or several that do not act in concert. What is not assumed: where it is,
 which receivers it reaches, when the attack began, that receivers share a clock or their satellites, or that the noise
@@ -33,12 +32,12 @@ from typing import Any
 import numpy as np
 
 from skyproof.detectors.base import missing, signals_of, undecided
+from skyproof.detectors.multi_receiver.common_epochs import Kind
 from skyproof.detectors.multi_receiver.known_geometry import (
     AntennaDistance,
     AntennaPlaces,
     Geometry,
     LearntBaseline,
-    OtherSignals,
     agreement,
 )
 from skyproof.detectors.multi_receiver.one_antenna import NoiseModel, RatioTest
@@ -232,8 +231,7 @@ class _Window:
                 )
             ]
         if self.one_choice:
-            found = [e for pairing in self.pairings for e in self._only_pairing(pairing)]
-            return found + self._other_antennas()
+            return [e for pairing in self.pairings for e in self._only_pairing(pairing)]
         return self._several_sets()
 
     def _enough(self, pairing: Pairing) -> bool:
@@ -241,36 +239,6 @@ class _Window:
         n_kinds = int(ranges.kinds.max(initial=0)) + 1
         enough = len(ranges.signals) - n_kinds >= settings.min_satellites - 1
         return enough and len(ranges.range_m) >= settings.min_epochs
-
-    def _other_antennas(self) -> list[Evidence]:
-        """Kinds of signals that put the antennas elsewhere than another kind does: not all of them are true.
-
-        The other kind is the one with most satellites of those that one antenna does not send; the test allows for the
-        largest errors that its baseline may have. Which of the two is false it does not say: one receiver alone may
-        follow a false sky of the other kind.
-        """
-        alpha = self.settings.false_alarm_probability
-        apart = [p for p in self.pairings if self._p_each(p) < alpha and p.largest_errors is not None]
-        if not apart:
-            return []
-        measure = max(apart, key=lambda p: len(p.ranges.signals))
-        assert measure.largest_errors is not None
-        elsewhere = OtherSignals(measure.largest_errors)
-        found = []
-        for pairing in self.pairings:
-            p_value = 1.0 if pairing is measure else min(1.0, len(self.pairings) * pairing.survival(elsewhere))
-            if p_value < alpha:
-                because = f"{_names(pairing)} put the antennas elsewhere than {_names(measure)}"
-                found.append(
-                    self._say(
-                        "attack",
-                        (*pairing.subject, *measure.subject),
-                        p_value=p_value,
-                        because=f"{because}: some of them are imitations",
-                        would_need=self._where(),
-                    )
-                )
-        return found
 
     # One set in each receiver -----------------------------------------------------------------------------------------
 
@@ -335,8 +303,7 @@ class _Window:
         """
         pairs = list(itertools.combinations(pairing.sets, 2))
         settings, found = self.settings, []
-        kinds = {signal.kind for signal in pairing.ranges.signals}
-        kind = kinds.pop() if len(kinds) == 1 else None
+        kind = next(iter(pairing.kinds)) if len(pairing.kinds) == 1 else None
         tests = len(pairs) * self.tests
         for sets in pairs:
             noise = settings.noise(tests)
@@ -441,15 +408,16 @@ class _Window:
         Which of several it is, and whether anything but the false is left over when some receiver shows one set only,
         a known baseline decides: of the pairings that agree with it there must be just one of each kind.
         """
-        taken = {id(s) for pairing in false for s in pairing.sets}
-        free = [p for p in self.pairings if not taken & {id(s) for s in p.sets}]
+        taken = set[tuple[int, Kind]]().union(*(p.takes for p in false))
+        free = [p for p in self.pairings if not taken & p.takes]
         free = [p for p in free if self._p_each(p) < self.settings.false_alarm_probability]
         known = [self.settings.geometry(p.receivers) for p in free]
         if free and all(g is not None for g in known):
             free = [p for p, g in zip(free, known, strict=True) if g is not None and self._agrees(p, g)]
-            kinds = [{signal.kind for signal in p.ranges.signals} for p in free]
-            return [p for p, own in zip(free, kinds, strict=True) if sum(bool(own & k) for k in kinds) == 1]
-        single = all(sum(id(s) not in taken for s in sets) == 1 for sets in self.sets.values())
+            return [p for p in free if not any(p is not q and p.kinds & q.kinds for q in free)]
+        whole = {id(s) for pairing in false for s in pairing.sets}
+        single = all(sum(id(s) not in whole for s in sets) == 1 for sets in self.sets.values())
+        free = [p for p in free if not whole & {id(s) for s in p.sets}]
         return free if false and single else []
 
     def _who(self) -> Evidence:
@@ -588,11 +556,10 @@ def _sets_to_decide(records: Records) -> dict[str, list[ConsistentSet]]:
 
 
 def _disjoint(pairings: list[Pairing]) -> list[Pairing]:
-    """The first, and of the others in order those that share no set with one taken before, or all with one."""
+    """The first, and of the others in order those that share no set's signals with one taken before."""
     taken: list[Pairing] = []
     for pairing in pairings:
-        shared = [sum(a is b for a, b in zip(other.sets, pairing.sets, strict=True)) for other in taken]
-        if all(n in (0, len(pairing.sets)) for n in shared):
+        if not any(pairing.takes & other.takes for other in taken):
             taken.append(pairing)
     return taken
 
@@ -607,6 +574,6 @@ def _far(pairing: Pairing) -> str:
 
 def _names(pairing: Pairing) -> str:
     *others, last = [chosen.receiver for chosen in pairing.sets]
-    kinds = sorted({signal.kind for signal in pairing.ranges.signals})
+    kinds = sorted(pairing.kinds)
     which = "" if kinds == [("G", "L1", "CA")] else f" {' and '.join(' '.join(kind) for kind in kinds)}"
     return f"the {len(set(pairing.ranges.sats))} satellites'{which} signals in {', '.join(others)} and {last}"

@@ -28,7 +28,6 @@ __all__ = [
     "Geometry",
     "LearntBaseline",
     "Misfit",
-    "OtherSignals",
     "agreement",
     "survival",
 ]
@@ -118,14 +117,6 @@ class LearntBaseline:
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         off_m = enu_m - self.baseline.enu_m.ravel()
         return _from_vector(off_m, covariance_m2 + self.baseline.covariance_m2)
-
-
-@dataclass(frozen=True, eq=False)
-class OtherSignals(LearntBaseline):
-    """The baseline that signals of another kind show in the same window."""
-
-    assumes = ("the other signals are true",)
-    words = "where other signals put the antennas"
 
 
 def survival(geometry: Geometry, receivers: Sequence[str], estimate: BaselineEstimate, dof_den: Reals) -> Reals:

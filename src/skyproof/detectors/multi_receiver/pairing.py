@@ -16,7 +16,6 @@ from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, Kind, 
 from skyproof.detectors.multi_receiver.known_geometry import Geometry, survival
 from skyproof.detectors.multi_receiver.one_antenna import (
     Levels,
-    Means,
     MeanTest,
     NoiseModel,
     RatioTest,
@@ -62,6 +61,16 @@ class Pairing:
     @property
     def receivers(self) -> tuple[str, ...]:
         return tuple(chosen.receiver for chosen in self.sets)
+
+    @property
+    def kinds(self) -> set[Kind]:
+        """As the first receiver calls them."""
+        return {signal.kind for signal in self.ranges.signals}
+
+    @property
+    def takes(self) -> set[tuple[int, Kind]]:
+        """The signals of which sets these are, by set and kind."""
+        return {(id(chosen), kind) for chosen in self.sets for kind in self.kinds}
 
     @cached_property
     def subject(self) -> tuple[SignalRef, ...]:
@@ -186,25 +195,6 @@ class Pairing:
                 )
             )
         return tuple(found)
-
-    @cached_property
-    def largest_errors(self) -> Baseline | None:
-        """The baseline over the window with the covariance that errors as large as the noise model's bound give it.
-
-        None without orbits or a bound.
-        """
-        levels, matrix = self._levels
-        if self.unit_enu is None or not levels.bounded:
-            return None
-        means = Means(levels.level[-1], levels.variance[-1])
-        estimate = baseline_estimate(means, baseline_design(matrix, self.unit_enu))
-        return Baseline(
-            receivers=self.receivers,
-            start_gpst=self.start_gpst,
-            end_gpst=self.end_gpst,
-            enu_m=estimate.enu_m.reshape(-1, 3),
-            covariance_m2=estimate.covariance_m2,
-        )
 
     def _instant(self, share: float) -> np.datetime64:
         length_ns = int((self.end_gpst - self.start_gpst) / np.timedelta64(1, "ns"))

@@ -48,7 +48,8 @@ def second_sky_p_value(
     for chosen in ordered[1:]:
         shared = sorted({signal.kind for signal in chosen.signals} & known)
         if not shared:
-            p_values.append(_another_place(first, chosen))
+            both_m = [sigma_m.get(s, multipath_sigma_m) for s in (*first.signals, *chosen.signals)]
+            p_values.append(_another_place(first, chosen, float(np.sqrt(np.mean(np.square(both_m))))))
             continue
         chances = []
         for kind in shared:
@@ -72,13 +73,14 @@ def _by_chance(
     return float(chance_p_value(sigma_m, window_m=spread_m, largest_statistic=limit, combinations=count))
 
 
-def _another_place(one: ConsistentSet, other: ConsistentSet) -> float:
+def _another_place(one: ConsistentSet, other: ConsistentSet, sigma_m: float) -> float:
     covariance_m2 = one.covariance_m2 + other.covariance_m2
     return apart_p_value(
         one.position_ecef_m - other.position_ecef_m,
         covariance_m2[:3, :3],
         SPEED_OF_LIGHT_M_S * (one.clock_bias_s - other.clock_bias_s),
         float(covariance_m2[3, 3]),
-        one.statistic + other.statistic,
-        one.dof + other.dof,
+        statistic=one.statistic + other.statistic,
+        dof=one.dof + other.dof,
+        sigma_m=sigma_m,
     )
