@@ -22,7 +22,6 @@ __all__ = [
     "beginning",
     "content_of",
     "digest",
-    "gunzipped",
     "reading",
     "require_size",
     "sha256",
@@ -71,25 +70,16 @@ def content_of(path: Path, most: int, what: str, to_do: str) -> bytes:
 
 def unpacked(path: Path, most: int, what: str, to_do: str) -> bytes:
     """A whole file, plain or gzip, of at most `most` bytes packed and unpacked; otherwise as `content_of`."""
-    return gunzipped(content_of(path, most, what, to_do), most, f"{path}: {what}", to_do)
-
-
-def gunzipped(content: bytes, most: int, what: str, to_do: str) -> bytes:
-    """The bytes of a file, plain or gzip, of at most `most` bytes unpacked. `what` names the file and its kind.
-
-    Raises
-    ------
-    InputError : it holds more, is damaged, or packed otherwise.
-    """
+    content = content_of(path, most, what, to_do)
     if content[:2] == b"\x1f\x9d":
-        raise InputError(f"{what} is compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
+        raise InputError(f"{path}: compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
     if content[:2] != _GZIP:
         return content
     try:
         content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(most + 1)
     except (EOFError, OSError, zlib.error) as error:
-        raise InputError(f"{what} is a damaged gzip file ({error}); fetch or compress it again") from None
-    require_size(len(content), most, f"{what}, unpacked,", to_do)
+        raise InputError(f"{path}: damaged gzip file ({error}); fetch or compress it again") from None
+    require_size(len(content), most, f"{path}: {what}, unpacked,", to_do)
     return content
 
 

@@ -17,9 +17,10 @@ from skyproof.errors import InputError
 from skyproof.formats.bounds import OBSERVATION_BYTES, Remarks
 from skyproof.formats.byte_io import require_size
 
-__all__ = ["expanded", "is_compact"]
+__all__ = ["Expander", "expanded", "is_compact"]
 
 _MOST_TYPES: Final = 100
+_MOST_LINES: Final = 1002  # of an epoch: its head, its clock, and what three digits count
 _NUMBER: Final = re.compile(r"(?:([0-9])&)?(-?[0-9]{1,16})", re.ASCII)
 _SAT: Final = re.compile(r"[GRECJSI ][ 0-9][0-9]", re.ASCII)
 
@@ -36,25 +37,78 @@ def expanded(content: bytes, *, source: str = "observations") -> tuple[bytes, tu
     ------
     InputError : a version that is not known, an end before the header's, or more than is read.
     """
-    version = content[:20].decode("latin-1").strip()
-    if version not in ("1.0", "3.0"):
-        raise InputError(f"{source}, line 1: compact RINEX version {version!r}, expected 1.0 or 3.0; expand it first")
-    lines = [line.rstrip("\r") for line in content.decode("latin-1").split("\n")]
-    if not lines[-1]:
-        lines.pop()
-    end = next((k for k, line in enumerate(lines) if line[60:].rstrip() == "END OF HEADER"), None)
-    if end is None:
-        raise InputError(f"{source}, line {len(lines)}: the file ends before END OF HEADER; fetch it again")
-    plain = lines[2 : end + 1]
-    decoder = _Version3(plain) if version == "3.0" else _Version1(plain)
-    position, size = end + 1, 0
-    while position < len(lines):
-        position, epoch = decoder.epoch(lines, position)
-        plain += epoch
-        size += sum(map(len, epoch))
+    expander, plain, size = Expander(source=source), list[bytes](), 0
+    for part in (expander.take(content), expander.rest()):
+        plain.append(part)
+        size += len(part)
         require_size(size, OBSERVATION_BYTES, f"{source}: the expanded file", "cut it into shorter ones")
-    remarks = decoder.remarks.words("further places where the compact RINEX is damaged")
-    return "\n".join([*plain, ""]).encode("latin-1"), tuple(remarks)
+    return b"".join(plain), expander.remarks
+
+
+class Expander:
+    """Compact RINEX to plain RINEX as it comes: bytes of any length in, whole plain lines out.
+
+    What is kept is one epoch's numbers and the lines that are not decided yet, at most those of the longest event.
+    """
+
+    def __init__(self, *, source: str = "observations") -> None:
+        self._source = source
+        self._decoder: _Decoder | None = None
+        self._waiting = b""  # the beginning of a line
+        self._lines: list[str] = []
+        self._done = 0  # lines of the file before the first of these
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was damaged so far."""
+        words = "further places where the compact RINEX is damaged"
+        return () if self._decoder is None else tuple(self._decoder.remarks.words(words))
+
+    def take(self, content: bytes) -> bytes:
+        """The plain lines that these bytes complete. Raises InputError as `expanded` does."""
+        *whole, self._waiting = (self._waiting + content).split(b"\n")
+        self._lines += [line.decode("latin-1").rstrip("\r") for line in whole]
+        return self._expanded(ahead=_MOST_LINES)
+
+    def rest(self) -> bytes:
+        """The plain lines of what is left at the end. Raises InputError as `expanded` does."""
+        self._lines += [self._waiting.decode("latin-1").rstrip("\r")] if self._waiting else []
+        self._waiting = b""
+        plain = self._expanded(ahead=0)
+        if self._decoder is None:
+            raise InputError(
+                f"{self._source}, line {len(self._lines)}: the file ends before END OF HEADER; fetch it again"
+            )
+        return plain
+
+    def _expanded(self, *, ahead: int) -> bytes:
+        """The plain lines of all epochs that lie whole within the lines at hand: `ahead` lines are enough for any."""
+        plain: list[str] = []
+        if self._decoder is None:
+            plain = self._begun()
+        position = 0
+        while self._decoder is not None and position < len(self._lines) - ahead:
+            position, epoch = self._decoder.epoch(self._lines, position, self._done)
+            plain += epoch
+        del self._lines[:position]
+        self._done += position
+        return "".join(f"{line}\n" for line in plain).encode("latin-1")
+
+    def _begun(self) -> list[str]:
+        """The header's lines, once it is there whole."""
+        version = self._lines[0][:20].strip() if self._lines else ""
+        if self._lines and version not in ("1.0", "3.0"):
+            raise InputError(
+                f"{self._source}, line 1: compact RINEX version {version!r}, expected 1.0 or 3.0; expand it first"
+            )
+        end = next((k for k, line in enumerate(self._lines) if line[60:].rstrip() == "END OF HEADER"), None)
+        if end is None:
+            return []
+        plain = self._lines[2 : end + 1]
+        self._decoder = _Version3(plain) if version == "3.0" else _Version1(plain)
+        del self._lines[: end + 1]
+        self._done = end + 1
+        return plain
 
 
 def _patched(old: str, change: str) -> str:
@@ -121,14 +175,17 @@ class _Decoder(ABC):
     def plain(self, head: str, clock: int | None, sats: Sequence[str], data: Sequence[str]) -> list[str]:
         """The plain lines of an epoch: its head, the receiver's clock, its satellites and their data."""
 
-    def epoch(self, lines: Sequence[str], position: int) -> tuple[int, list[str]]:
-        """Where the next epoch begins, and the plain lines of this one (none if it is lost)."""
+    def epoch(self, lines: Sequence[str], position: int, before: int) -> tuple[int, list[str]]:
+        """Where the next epoch begins, and the plain lines of this one (none if it is lost); `before` lines of the
+        file lie before these."""
         if not self.head and not lines[position].startswith(self.begins):
             return position + 1, []  # after damage: until an epoch that is written in full
         try:
             return self.whole_epoch(lines, position)
         except _Lost as lost:
-            self.remarks.add(f"line {position + 1} of the compact RINEX: {lost}; left out until all starts anew")
+            self.remarks.add(
+                f"line {before + position + 1} of the compact RINEX: {lost}; left out until all starts anew"
+            )
             self.head, self.satellites, self.clock = "", {}, {}
             return position + 1, []
 

@@ -4,7 +4,6 @@ Lines are found and numbers parsed for the whole body at once; only the line tha
 itself. RINEX 2.11, tables A2 and 5.1; 3.05, table A3.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -16,7 +15,7 @@ from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.formats.bounds import REMARKS
 from skyproof.gnss.time import require_year
 
-__all__ = ["Cells", "Layout", "Lines", "Rows", "cells", "layout_change", "lines_of", "rows_2", "rows_3"]
+__all__ = ["Cells", "Layout", "Lines", "Rows", "cells", "heads_of", "layout_change", "lines_of", "rows_2", "rows_3"]
 
 Layout = dict[str, tuple[str, ...]]
 """Observation types by system; of version 2 the same for all, under ""."""
@@ -24,6 +23,7 @@ Layout = dict[str, tuple[str, ...]]
 _FIELD: Final = 16
 _AT_ONCE: Final = 1 << 23  # characters of text that are parsed at once
 _EVENTS: Final = {2: "antenna starts to move", 3: "new site", 4: "header lines", 5: "external event", 6: "cycle slips"}
+_TIMES: Final = 3  # of events that are named
 _SCALE: Final = 10.0 ** np.arange(12, -1, -1)
 
 
@@ -102,7 +102,7 @@ class _Walk:
     instant_ns: list[int] = field(default_factory=list)
     flag: list[int] = field(default_factory=list)
     layout: list[int] = field(default_factory=list)
-    events: Counter[str] = field(default_factory=Counter)
+    events: list[tuple[int, int]] = field(default_factory=list)  # flag, and the epoch that comes next
     damaged: list[int] = field(default_factory=list)
     days: dict[str, int] = field(default_factory=dict)
 
@@ -112,7 +112,7 @@ class _Walk:
         self.layout.append(len(self.layouts) - 1)
 
     def event(self, flag: int, told: Sequence[str]) -> None:
-        self.events[_EVENTS[flag]] += 1
+        self.events.append((flag, len(self.flag)))
         changed = layout_change(told, self.layouts[-1])
         if changed != self.layouts[-1]:
             self.layouts.append(changed)
@@ -132,8 +132,19 @@ class _Walk:
             raise ValueError(clock)
         return (day + hour * 3600 + minute * 60) * 1_000_000_000 + round(second * 1e9)
 
+    def _events_told(self) -> list[str]:
+        """What events tell and when: from which epoch on."""
+        told = []
+        for flag in sorted({flag for flag, _ in self.events}):
+            nexts = [epoch for own, epoch in self.events if own == flag]
+            times = [str(np.datetime64(self.instant_ns[k], "ns"))[11:19] for k in nexts if k < len(self.instant_ns)]
+            more = f" and {len(times) - _TIMES} more" if len(times) > _TIMES else ""
+            when = f", before {', '.join(times[:_TIMES])}{more}" if times else ""
+            told.append(f"{len(nexts)} events inside the data: {_EVENTS[flag]}{when}")
+        return told
+
     def rows(self, sat: Integers, epoch: Integers, line: Integers, first_number: int) -> Rows:
-        remarks = [f"{count} events inside the data: {name}" for name, count in sorted(self.events.items())]
+        remarks = self._events_told()
         damaged = self.damaged[:REMARKS]
         remarks += [f"line {first_number + k}: what belongs to no whole epoch is left out" for k in damaged]
         if len(self.damaged) > REMARKS:
@@ -276,6 +287,14 @@ def rows_2(lines: Lines, layout: Layout, system: str) -> Rows:
 def _code(name: str, system: str) -> int:
     letter, number = name[:1].strip() or system, name[1:].strip()
     return ord(letter) * 100 + int(number) if letter in "GRECJSI" and number.isdecimal() and int(number) > 0 else 0
+
+
+def heads_of(lines: Lines, version: float) -> tuple[Integers, Booleans]:
+    """Lines that begin an epoch or an event, in order, and which of them are epochs with measurements (flag 0 or 1)."""
+    old = version < 3.0
+    heads = np.flatnonzero(_looks_like_a_head(lines) if old else lines.column(0) == ord(">"))
+    flag = lines.column(28 if old else 31)[heads]
+    return heads, (flag == ord("0")) | (flag == ord("1")) | (flag == ord(" "))
 
 
 def _looks_like_a_head(lines: Lines) -> Booleans:

@@ -7,7 +7,7 @@ compact file it costs all that continues from it.
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, Instants, Integers, Reals
 from skyproof.errors import InputError
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, EMPTY_CELLS, OBSERVATION_BYTES, Remarks
-from skyproof.formats.byte_io import beginning, content_of, gunzipped, require_size
+from skyproof.formats.byte_io import beginning, unpacked
 from skyproof.formats.crinex import expanded, is_compact
 from skyproof.formats.rinex_cells import Layout, Lines, Rows, cells, layout_change, lines_of, rows_2, rows_3
 from skyproof.formats.signatures import head_of
@@ -26,9 +26,16 @@ from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal
 from skyproof.gnss.time import gpst_from_utc
 from skyproof.records import CellStatus, Observations, SignalId
 
-__all__ = ["ObservationFile", "holds_observations", "parse_obs", "read_obs", "unpacked_obs"]
+__all__ = [
+    "Header",
+    "ObservationFile",
+    "file_of",
+    "header_of",
+    "holds_observations",
+    "parse_obs",
+    "read_obs",
+]
 
-_WHAT: Final = "the observation file"
 _TO_DO: Final = "give a RINEX observation file (2.1x, 3.0x, 4.0x), plain, compact (.crx, .21d) or gzip"
 _TIME_SYSTEMS: Final = {"R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS"}  # of a file of one system that tells none
 _BY_TYPE_2: Final = {
@@ -95,14 +102,8 @@ def read_obs(
     ------
     InputError : the file cannot be read, is no RINEX observation file, or holds no observation.
     """
-    content = content_of(Path(path), OBSERVATION_BYTES, _WHAT, _TO_DO)
-    return parse_obs(unpacked_obs(content, str(path)), source=str(path), keep=keep, glonass_channels=glonass_channels)
-
-
-def unpacked_obs(content: bytes, source: str) -> bytes:
-    """The bytes of an observation file that may be packed by gzip. Raises InputError as `read_obs` does."""
-    require_size(len(content), OBSERVATION_BYTES, f"{source}: {_WHAT}", _TO_DO)
-    return gunzipped(content, OBSERVATION_BYTES, f"{source}: {_WHAT}", _TO_DO)
+    content = unpacked(Path(path), OBSERVATION_BYTES, "the observation file", _TO_DO)
+    return parse_obs(content, source=str(path), keep=keep, glonass_channels=glonass_channels)
 
 
 def holds_observations(path: Path) -> bool:
@@ -138,16 +139,31 @@ def parse_obs(
         content, compact_remarks = expanded(content, source=source)
     if content.count(b"\n") > _EMPTY_LINES + len(content) // 16:
         raise InputError(f"{source}: hardly more than empty lines; {_TO_DO}")
-    text = np.frombuffer(content, np.uint8)
-    header, body_at = _header(content, source)
-    lines = lines_of(text[body_at:], header.n_lines + 1)
+    header, body_at = header_of(content, source)
+    lines = lines_of(np.frombuffer(content, np.uint8)[body_at:], header.n_lines + 1)
+    found = file_of(lines, header, keep=keep, glonass_channels=glonass_channels)
+    remarks = [*compact_remarks, *header.remarks.words("further header lines left out"), *found.remarks]
+    if not found.observations.signals:
+        first = f"; {found.remarks[0]}" if found.remarks else ""
+        raise InputError(f"{source}: no observation after line {header.n_lines}{first}; {_TO_DO}")
+    return replace(found, remarks=tuple(remarks))
+
+
+def file_of(
+    lines: Lines,
+    header: "Header",
+    *,
+    keep: Callable[[SignalId], bool] | None = None,
+    glonass_channels: Mapping[str, int] | None = None,
+) -> ObservationFile:
+    """The observations in lines of the body, which may have none; and changes of the observation types into `header`,
+    so that it is that of the lines that follow.
+    """
     rows = rows_3(lines, header.layout) if header.version >= 3.0 else rows_2(lines, header.layout, header.system)
+    header.layout = rows.layouts[-1]
     table = _Table.of(lines, rows, header, keep)
-    if not table.signals:
-        raise InputError(f"{source}: no observation after line {header.n_lines}{header.words(rows)}; {_TO_DO}")
     numbers = dict(glonass_channels or {}) | header.glonass_channels
-    header_remarks = header.remarks.words("further header lines left out")
-    remarks = [*compact_remarks, *header_remarks, *rows.remarks, *table.remarks]
+    remarks = [*rows.remarks, *table.remarks]
     untold = sorted({s.sat for s in table.signals if s.band in ("G1", "G2") and s.sat not in numbers})
     if untold:
         remarks.append(f"no frequency number of {', '.join(untold)}: their carriers are not known")
@@ -171,7 +187,9 @@ def parse_obs(
 
 
 @dataclass
-class _Header:
+class Header:
+    """What the header tells. `layout` follows the changes that events inside the data make."""
+
     version: float
     system: str
     source: str
@@ -187,9 +205,6 @@ class _Header:
     leap_seconds: int | None = None
     glonass_channels: dict[str, int] = field(default_factory=dict)
     remarks: Remarks = field(default_factory=Remarks)
-
-    def words(self, rows: Rows) -> str:
-        return f"; {rows.remarks[0]}" if rows.remarks else ""
 
     def take(self, line: str, label: str) -> None:
         """What the line tells. ValueError if it cannot be read."""
@@ -231,8 +246,8 @@ def _finite(text: str) -> float:
     return number
 
 
-def _header(content: bytes, source: str) -> tuple[_Header, int]:
-    """The header and where the body begins."""
+def header_of(content: bytes, source: str) -> tuple[Header, int]:
+    """The header and where the body begins. Raises InputError if there is none, or it names no observation types."""
     first = content[: max(content.find(b"\n", 0, 200), 0) or 80].decode("latin-1")
     if first[60:80].rstrip() != "RINEX VERSION / TYPE":
         raise InputError(f"{source}, line 1: {first[:40]!r}, expected RINEX VERSION / TYPE in column 61; {_TO_DO}")
@@ -243,7 +258,7 @@ def _header(content: bytes, source: str) -> tuple[_Header, int]:
     if first[20:21].upper() != "O":
         raise InputError(f"{source}, line 1: the file is of type {first[20:40].strip()!r}, not observations; {_TO_DO}")
     system = first[40:41].strip() or "G"
-    header = _Header(version=version, system="G" if system == "M" else system, source=source)
+    header = Header(version=version, system="G" if system == "M" else system, source=source)
     told = list[str]()
     at = 0
     while at < len(content):
@@ -309,7 +324,7 @@ class _Table:
     remarks: tuple[str, ...]
 
     @classmethod
-    def of(cls, lines: Lines, rows: Rows, header: _Header, keep: Callable[[SignalId], bool] | None) -> "_Table":
+    def of(cls, lines: Lines, rows: Rows, header: Header, keep: Callable[[SignalId], bool] | None) -> "_Table":
         place, instant_ns, remarks = _epochs_in_order(rows)
         observed = rows.flag[rows.epoch] < 6
         bad: list[int] = []
@@ -366,7 +381,7 @@ def _blocks(
     rows: Rows,
     its: Integers,
     fields: Mapping[tuple[str, str], Mapping[str, int]],
-    header: _Header,
+    header: Header,
     keep: Callable[[SignalId], bool] | None,
     place: Integers,
     bad: list[int],
@@ -442,15 +457,15 @@ def _changes(marks: Booleans, there: Booleans) -> Booleans:
 # --- the record
 
 
-def _observations(table: _Table, header: _Header, channels: Mapping[str, int], remarks: list[str]) -> Observations:
+def _observations(table: _Table, header: Header, channels: Mapping[str, int], remarks: list[str]) -> Observations:
     code_m, phase_cyc, doppler_hz, cn0_dbhz = (table.numbers[kind] for kind in _KINDS)
     there = np.isfinite(code_m) | np.isfinite(phase_cyc) | np.isfinite(doppler_hz)
     by_strength = np.where(table.strength > 0, 6.0 * table.strength + 3.0, _UNTOLD_CN0_DBHZ)
     untold = there & ~np.isfinite(cn0_dbhz)
     if untold.any():
+        where = "all" if untold.sum() == there.sum() else "some"
         remarks.append(
-            f"C/N0 is not told in {untold.sum() / there.sum():.0%} of the cells: sigmas there are those of the strength"
-            f" indicator or of {_UNTOLD_CN0_DBHZ:g} dB-Hz"
+            f"C/N0 is missing in {where} cells: sigmas there are those of the strength indicator or of {_UNTOLD_CN0_DBHZ:g} dB-Hz"
         )
     cn0 = 10.0 ** (np.clip(np.where(np.isfinite(cn0_dbhz), cn0_dbhz, by_strength), 15.0, 60.0) / 10.0)
     chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in table.signals])
@@ -461,8 +476,8 @@ def _observations(table: _Table, header: _Header, channels: Mapping[str, int], r
     doppler_sigma_hz = np.sqrt(4.0 * _PLL_HZ / cn0 * (1.0 + 1.0 / (_INTEGRATION_S * cn0))) / (
         2.0 * np.pi * _INTEGRATION_S
     )
-    elapsed_s = (table.instant_ns - table.instant_ns[0]) * 1e-9
-    first = there.argmax(axis=0)
+    elapsed_s = np.asarray((table.instant_ns - table.instant_ns[:1]) * 1e-9, np.float64)
+    first = there.argmax(axis=0) if len(there) else np.zeros(len(table.signals), np.intp)
     return Observations(
         receiver=header.marker or "rx1",
         signals=table.signals,
@@ -485,9 +500,9 @@ def _observations(table: _Table, header: _Header, channels: Mapping[str, int], r
     )
 
 
-def _gpst(instants: Instants, header: _Header) -> Instants:
+def _gpst(instants: Instants, header: Header) -> Instants:
     """Instants of the file's time system as GPS time (RINEX 3.05, 4.1): GLONASS's is UTC."""
-    if header.time_system in ("GLO", "UTC"):
+    if header.time_system in ("GLO", "UTC") and instants.size:
         return np.asarray(instants + (gpst_from_utc(instants[0]) - instants[0]))
     if header.time_system in ("BDT", "BDS"):
         return np.asarray(instants + np.timedelta64(round(BDT_BEHIND_GPST_S), "s"))

@@ -9,8 +9,9 @@ import numpy as np
 from skyproof.app.common.windows import take
 from skyproof.app.receive.reception import Reception
 from skyproof.errors import InputError
+from skyproof.formats.bounds import REMARKS
 from skyproof.formats.byte_io import FileBytes, size_of
-from skyproof.formats.rinex_obs_read import parse_obs, unpacked_obs
+from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, joined_observations, obs_pieces
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.navigation.clock import unstepped
 from skyproof.navigation.rates import with_dopplers
@@ -57,21 +58,28 @@ def open_observations(path: Path, glonass_channels: Mapping[str, int] | None = N
 
     Raises
     ------
-    InputError : as `formats.rinex_obs_read.read_obs`.
+    InputError : it cannot be read, is no RINEX observation file, or holds nothing that is judged.
     """
     size = size_of(path)
     file = FileBytes(path)
     file.sum_as_read()
-    content = unpacked_obs(file[0:size].tobytes(), str(path))
-    found = parse_obs(content, source=str(path), keep=_is_judged, glonass_channels=glonass_channels)
+    blocks = (file[at : at + PIECE_BYTES].tobytes() for at in range(0, size, PIECE_BYTES))
+    pieces = list(obs_pieces(blocks, source=str(path), keep=_is_judged, glonass_channels=glonass_channels))
+    if not pieces:
+        raise InputError(
+            f"{path}: the observation file holds no measurement of a satellite of GPS, Galileo, BeiDou, GLONASS or "
+            "QZSS; give the file that the receiver wrote"
+        )
     plain = path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    remarks = list(dict.fromkeys(remark for piece in pieces for remark in piece.remarks))
+    more = (f"{len(remarks) - REMARKS} further remarks",) if len(remarks) > REMARKS else ()
     return ObservedFile(
         name=plain.stem,
         path=str(path),
-        format=f"RINEX {found.version:g} observations",
-        observations=replace(found.observations, receiver=plain.stem),
+        format=f"RINEX {pieces[0].version:g} observations",
+        observations=replace(joined_observations([piece.observations for piece in pieces]), receiver=plain.stem),
         file=file,
-        remarks=(*found.remarks, NO_SAMPLES),
+        remarks=(*remarks[:REMARKS], *more, NO_SAMPLES),
     )
 
 

@@ -1,0 +1,194 @@
+"""An observation file in pieces, one after the other: epochs of it as they come, in memory that does not grow.
+
+The bytes may be packed by gzip and compact. A piece holds whole epochs, with the events that come before them; what an
+event changes holds for the pieces that follow. Pieces put together are what `parse_obs` makes of the whole file, but
+that epochs are put in order, and come once, within a piece alone.
+"""
+
+import itertools
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.errors import InputError
+from skyproof.formats.bounds import OBSERVATION_BYTES
+from skyproof.formats.crinex import Expander, is_compact
+from skyproof.formats.rinex_cells import Lines, heads_of, lines_of
+from skyproof.formats.rinex_obs_read import Header, ObservationFile, file_of, header_of
+from skyproof.records import CellStatus, Observations, SignalId
+
+__all__ = ["PIECE_BYTES", "joined_observations", "obs_pieces"]
+
+PIECE_BYTES: Final = 1 << 22
+_GZIP: Final = b"\x1f\x8b"
+_DAMAGED: Final = "the observation file is a damaged gzip file"
+_TELLING_BYTES: Final = 100  # whether a file is compact
+_END_OF_HEADER: Final = b"END OF HEADER"
+_CELLS: Final = (
+    "pseudorange_m",
+    "carrier_cyc",
+    "doppler_hz",
+    "cn0_dbhz",
+    "pseudorange_sigma_m",
+    "carrier_sigma_cyc",
+    "doppler_sigma_hz",
+)
+
+
+def obs_pieces(
+    blocks: Iterable[bytes],
+    *,
+    source: str = "observations",
+    keep: Callable[[SignalId], bool] | None = None,
+    glonass_channels: Mapping[str, int] | None = None,
+    piece_bytes: int = PIECE_BYTES,
+) -> Iterator[ObservationFile]:
+    """The observations in the blocks of a RINEX file's bytes, cut anywhere, piece by piece.
+
+    A piece is what about `piece_bytes` of plain text hold; pieces without a signal that is kept are left out. Each has
+    the signals that are in it and counts its elapsed time from its own first epoch.
+
+    Raises
+    ------
+    InputError : as `rinex_obs_read.read_obs` does, when it is come upon.
+    """
+    text, header, line = b"", None, 0
+    ended = False
+    plain = _plain(blocks, source)
+    while not ended:
+        block = next(plain, None)
+        ended = block is None
+        text += block or b""
+        if header is None:
+            at = text.find(_END_OF_HEADER)
+            if (at < 0 or text.find(b"\n", at) < 0) and not ended:
+                if len(text) > OBSERVATION_BYTES:
+                    raise InputError(f"{source}: no END OF HEADER in {len(text)} bytes; fetch the file again")
+                continue
+            header, body_at = header_of(text, source)
+            text, line = text[body_at:], header.n_lines + 1
+        if len(text) >= piece_bytes or ended:
+            lines = lines_of(np.frombuffer(text, np.uint8), line)
+            whole = len(lines) if ended else _whole(lines, header)
+            found = file_of(_first(lines, whole), header, keep=keep, glonass_channels=glonass_channels)
+            if found.observations.signals:
+                yield found
+            text = text[int(lines.start[whole]) :] if whole < len(lines) else b""
+            line += whole
+
+
+def _plain(blocks: Iterable[bytes], source: str) -> Iterator[bytes]:
+    """Plain RINEX, whatever the blocks are packed by."""
+    blocks = _from_the_start(iter(blocks), len(_GZIP))
+    first = next(blocks, b"")
+    packed = first.startswith(_GZIP)
+    blocks = itertools.chain((first,), blocks)
+    text = _from_the_start(_unpacked(blocks, source) if packed else blocks, _TELLING_BYTES)
+    first = next(text, b"")
+    if not is_compact(first):
+        yield first
+        yield from text
+        return
+    expander = Expander(source=source)
+    for block in itertools.chain((first,), text):
+        yield expander.take(block)
+    yield expander.rest()
+
+
+def _from_the_start(blocks: Iterator[bytes], least: int) -> Iterator[bytes]:
+    """The blocks, of which the first has `least` bytes or more, or all there are."""
+    first = b""
+    for block in blocks:
+        first += block
+        if len(first) >= least:
+            break
+    yield first
+    yield from blocks
+
+
+def _unpacked(blocks: Iterator[bytes], source: str) -> Iterator[bytes]:
+    state = zlib.decompressobj(wbits=31)
+    for block in blocks:
+        rest = block
+        while rest:
+            if state.eof:  # members follow each other; what else follows is padding
+                if rest[:1] != _GZIP[:1]:
+                    break
+                state = zlib.decompressobj(wbits=31)
+            try:
+                yield state.decompress(rest, PIECE_BYTES)
+            except zlib.error as error:
+                raise InputError(f"{source}: {_DAMAGED} ({error}); fetch or compress it again") from None
+            rest = state.unused_data if state.eof else state.unconsumed_tail
+    if not state.eof:
+        raise InputError(f"{source}: {_DAMAGED} (it ends early); fetch or compress it again")
+
+
+def _whole(lines: Lines, header: Header) -> int:
+    """How many lines hold whole epochs: up to the head that follows the last epoch but one, so that events before an
+    epoch stay with it."""
+    heads, measured = heads_of(lines, header.version)
+    epochs = np.flatnonzero(measured)
+    return int(heads[epochs[-2] + 1]) if epochs.size > 1 else 0
+
+
+def _first(lines: Lines, count: int) -> Lines:
+    return Lines(lines.text, lines.start[:count], lines.end[:count], lines.first_number)
+
+
+def joined_observations(pieces: Sequence[Observations]) -> Observations:
+    """Pieces of one receiver, in order of time, as one record with the signals of all.
+
+    Epochs that do not come after those before are left out. A phase that may be half a cycle off where it was not
+    before, or the other way round, is a slip, as within a piece.
+    """
+    signals = tuple(sorted({signal for piece in pieces for signal in piece.signals}))
+    kept: list[Observations] = []
+    rows: list[Any] = []
+    for piece in pieces:
+        later = piece.gpst > kept[-1].gpst[-1] if kept else np.ones(piece.gpst.size, np.bool_)
+        if later.any():
+            kept.append(piece)
+            rows.append(later)
+    columns = [[signals.index(s) for s in piece.signals] for piece in kept]
+
+    def spread(name: str, empty: Any) -> Any:
+        parts = []
+        for piece, own, later in zip(kept, columns, rows, strict=True):
+            cells = np.full((piece.gpst.size, len(signals)), empty)
+            cells[:, own] = getattr(piece, name)
+            parts.append(cells[later])
+        return np.concatenate(parts)
+
+    gpst = np.concatenate([piece.gpst[later] for piece, later in zip(kept, rows, strict=True)])
+    elapsed_s = (gpst - gpst[0]) / np.timedelta64(1, "ns") * 1e-9
+    cells = {name: spread(name, np.nan) for name in _CELLS}
+    status, half_open = spread("status", np.uint8(CellStatus.NOT_TRACKED)), spread("half_cycle_open", False)
+    status[_changed(half_open, np.isfinite(cells["carrier_cyc"]))] = CellStatus.SLIP
+    there = status != CellStatus.NOT_TRACKED
+    first = there.argmax(axis=0)
+    carrier_hz = {s: hz for piece in kept for s, hz in zip(piece.signals, piece.carrier_hz, strict=True)}
+    return replace(
+        kept[0],
+        signals=signals,
+        gpst=gpst,
+        elapsed_s=elapsed_s,
+        status=status,
+        half_cycle_open=half_open,
+        found_elapsed_s=elapsed_s[first],
+        missed_elapsed_s=np.where(first > 0, elapsed_s[np.maximum(first - 1, 0)], np.nan),
+        carrier_hz=np.array([carrier_hz[s] for s in signals]),
+        **cells,
+    )
+
+
+def _changed(marks: Any, there: Any) -> Any:
+    """Where a mark differs from that of the same signal's measurement before; all (n_epochs, n_signals)."""
+    row = np.arange(len(there))[:, None]
+    latest = np.maximum.accumulate(np.where(there, row, -1), axis=0)
+    before = np.vstack((np.full((1, there.shape[1]), -1), latest[:-1]))
+    earlier = np.take_along_axis(marks, np.maximum(before, 0), axis=0)
+    return there & (before >= 0) & (marks != earlier)

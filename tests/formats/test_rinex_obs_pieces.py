@@ -1,0 +1,134 @@
+"""A file in pieces gives what the whole gives, wherever it is cut and however it is packed."""
+
+import gzip
+import itertools
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skyproof.errors import InputError
+from skyproof.formats.rinex_obs_pieces import joined_observations, obs_pieces
+from skyproof.formats.rinex_obs_read import parse_obs
+
+TYPES_3 = f"{'G    4 C1C L1C D1C S1C':60}SYS / # / OBS TYPES"
+VERSION_3 = [
+    f"{'     3.05           OBSERVATION DATA    G: GPS':60}RINEX VERSION / TYPE",
+    TYPES_3,
+    f"{'':60}END OF HEADER",
+]
+VERSION_2 = [
+    f"{'     2.11           OBSERVATION DATA    G (GPS)':60}RINEX VERSION / TYPE",
+    f"{'     4    C1    L1    D1    S1':60}# / TYPES OF OBSERV",
+    f"{'':60}END OF HEADER",
+]
+
+
+def cell(value, lli=" "):
+    return f"{value:14.3f}{lli}7"
+
+
+def satellite_3(k, n):
+    marks = "2" if (k // 3 + n) % 4 == 0 else " "  # a half cycle, now and then
+    return f"G{n:02d}" + cell(2.2e7 + 100.0 * k + n) + cell(1e6 + 500.0 * k + n, marks) + cell(-500.0) + cell(44.0)
+
+
+def file_3(n_epochs=24):
+    lines = list(VERSION_3)
+    for k in range(n_epochs):
+        if k == 7:
+            lines += [">                              4  1", f"{'a splice':60}COMMENT"]
+        if k == 11:
+            lines += ["> 2024 05 14 10 00 11.0000000  6  1", "G07" + cell(0.0) + cell(3.0)]
+        sats = [n for n in (5, 7, 9, 12) if (k + n) % 9]
+        lines.append(f"> 2024 05 14 10 {k // 60:02d} {k % 60:2d}.0000000  {1 if k == 15 else 0}{len(sats):3d}")
+        lines += [satellite_3(k, n) for n in sats]
+        if k == 18:  # other types from now on: the phase first
+            lines += [">                              4  1", TYPES_3.replace("C1C L1C", "L1C C1C")]
+    return "\n".join([*lines, ""]).encode()
+
+
+def file_2(n_epochs=24):
+    lines = list(VERSION_2)
+    for k in range(n_epochs):
+        sats = [n for n in (5, 7, 9, 12) if (k + n) % 9]
+        listed = "".join(f"G{n:02d}" for n in sats)
+        lines.append(f" 24  5 14 10  0 {k:2d}.0000000  0{len(sats):3d}{listed}")
+        lines += [satellite_3(k, n)[3:] for n in sats]
+        if k == 7:
+            lines += [f"{'':28}4  1", f"{'a splice':60}COMMENT"]
+    return "\n".join([*lines, ""]).encode()
+
+
+def blocks(content, cuts):
+    edges = [0, *sorted(cuts), len(content)]
+    return [content[a:b] for a, b in itertools.pairwise(edges)]
+
+
+def same(a, b):
+    assert a.signals == b.signals
+    for f in fields(a):
+        one, other = getattr(a, f.name), getattr(b, f.name)
+        if isinstance(one, np.ndarray):
+            np.testing.assert_array_equal(one, other, err_msg=f.name)
+
+
+@pytest.mark.parametrize("content", [file_3(), file_2()], ids=["3", "2"])
+@settings(deadline=None, max_examples=25)
+@given(st.data())
+def test_pieces_put_together_are_the_whole_file(content, data):
+    cuts = data.draw(st.lists(st.integers(0, len(content)), max_size=6))
+    piece_bytes = data.draw(st.integers(1, len(content)))
+    packed = data.draw(st.booleans())
+    given_bytes = gzip.compress(content) if packed else content
+    cuts = [min(cut, len(given_bytes)) for cut in cuts]
+    found = list(obs_pieces(blocks(given_bytes, cuts), piece_bytes=piece_bytes))
+    whole = parse_obs(content)
+    same(joined_observations([piece.observations for piece in found]), whole.observations)
+    remarks = [remark for piece in found for remark in piece.remarks]
+    assert sum("header lines" in remark for remark in remarks) >= 1
+
+
+def test_no_piece_is_larger_than_was_asked_for():
+    content = file_3(600)
+    found = list(obs_pieces(blocks(content, range(500, len(content), 500)), piece_bytes=4000))
+    assert len(found) > 20
+    assert max(piece.observations.gpst.size for piece in found) < 30
+    assert sum(piece.observations.gpst.size for piece in found) == 600
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (gzip.compress(file_3())[:-30], "damaged gzip file .it ends early.; fetch"),
+        (gzip.compress(file_3())[:200] + b"xxxxx" * 20, "damaged gzip file .*; fetch or compress it again"),
+        (b"\n".join(VERSION_3[i].encode() for i in (0, 1)), "the file ends before END OF HEADER; fetch it again"),
+        (b"", "expected RINEX VERSION / TYPE"),
+    ],
+)
+def test_a_damaged_file_is_refused_where_it_is_come_upon(content, words):
+    with pytest.raises(InputError, match=words):
+        list(obs_pieces([content], source="a.obs"))
+
+
+REAL = [
+    "rinex-gsi-3km/07590920.05o",
+    "rinex-mosaic-5km/SEPT265G.21O",
+    "rinex-variety/ACOR00ESP_R_20213550000_01D_30S_MO.crx",
+    "rinex-variety/AJAC3550.21D",
+    "rinex-variety/GEOP092I.24o.gz",
+    "rinex-variety/KMS300DNK_R_20221591000_01H_30S_MO.crx",
+    "rinex-variety/rovn0010.21o",
+    "rinex-variety/zegv0010.21d",
+]
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", REAL)
+def test_real_files_in_pieces_are_the_whole_file(shared_data, name):
+    content = (shared_data / "real" / name).read_bytes()
+    found = list(obs_pieces(blocks(content, range(10_007, len(content), 10_007)), piece_bytes=1 << 15))
+    whole = parse_obs(gzip.decompress(content) if name.endswith(".gz") else content)
+    same(joined_observations([piece.observations for piece in found]), whole.observations)
