@@ -464,9 +464,8 @@ def _observations(table: _Table, header: Header, channels: Mapping[str, int], re
     untold = there & ~np.isfinite(cn0_dbhz)
     if untold.any():
         where = "all" if untold.sum() == there.sum() else "some"
-        remarks.append(
-            f"C/N0 is missing in {where} cells: sigmas there are those of the strength indicator or of {_UNTOLD_CN0_DBHZ:g} dB-Hz"
-        )
+        instead = f"the strength indicator or of {_UNTOLD_CN0_DBHZ:g} dB-Hz"
+        remarks.append(f"C/N0 is missing in {where} cells: sigmas there are those of {instead}")
     cn0 = 10.0 ** (np.clip(np.where(np.isfinite(cn0_dbhz), cn0_dbhz, by_strength), 15.0, 60.0) / 10.0)
     chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in table.signals])
     code_sigma_m = chip_m * np.sqrt(
