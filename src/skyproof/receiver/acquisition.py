@@ -5,12 +5,19 @@ The search folds `coherent_periods` code periods after wipe-off, correlates them
 measured, taken out of the samples with its whole correlation shape (`cancellation`), and its satellite is looked at
 again: so a second signal of a satellite comes to light, and no side lobe or cross-correlation is taken for one.
 
+What strong signals leave on other codes is no noise: no tail of a search's own cells tells how far it reaches
+(docs/design/receiver.md). So nothing is called a signal before what may have made it is out of the samples. Where a
+cell stands that white noise does not explain, strong signals that the search is not asked for are sought once, in a few
+periods, and taken out; of those asked for, only what is too strong for a cross-correlation of the stronger ones is
+taken at once, and all else is looked at again behind them. A sky on which nothing stands out costs nothing of this.
+
 Time is saved (docs/design/receiver.md) by 2 cells a chip, cut out of the spectrum, so that any sample rate is resampled
 for nothing; by transforms shared between satellites and between Dopplers that differ by whole kilohertz; and by a
 kernel of its own for what is done for each satellite, Doppler and block (`fourier`).
 """
 
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -23,8 +30,8 @@ from scipy import fft
 
 from skyproof.arrays import Booleans, ComplexFloats, Floats, Integers, Reals
 from skyproof.compiled import compiled
-from skyproof.gnss.signals import SignalDescription, prn_of
-from skyproof.receiver.calibration import tail_of, unused_codes
+from skyproof.gnss.signals import GPS_SATS, SignalDescription, prn_of
+from skyproof.receiver.calibration import tail_of, unused_codes, white_tail
 from skyproof.receiver.cancellation import KnownSignal, Measured, measure, noise_of, remove, separation_chips
 from skyproof.receiver.fourier import N_CELLS, correlate_rows
 
@@ -33,6 +40,15 @@ __all__ = ["KnownSignal", "Peak", "SearchSettings", "Searcher"]
 _CROSS: Final = 0.02
 """Power over the strongest's of what may be its cross-correlation: -23.9 dB at most without Doppler, -21.6 dB with a
 difference of whole kilohertz, -19 dB with a margin and the noise on it (Kaplan and Hegarty, 4.3.4)."""
+_ADDING: Final = 4.0
+"""Strong signals whose cross-correlations may add in phase in one cell: so many times the sum of their powers."""
+_ROUNDS: Final = 8
+"""Looks at most, each of which takes out what stands clear of stronger signals, 11 dB or more of them."""
+_GLANCE_PERIODS: Final = 5
+"""Code periods in which signals not asked for are sought. Those above 42 dB-Hz show; what a weaker one leaves on other
+codes is at most a tenth of a period's noise."""
+_SPREAD_HZ: Final = 1e4
+"""The Dopplers of two satellites differ by less, +-5 kHz each, whatever the oscillator adds to both."""
 _LEFT: Final = 1e-3
 """Power over its own that a signal taken out may leave anywhere: the front end's shape, motion within the stretch."""
 _SHOULDER: Final = 0.05
@@ -96,6 +112,16 @@ class _Candidate:
     p_value: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Look:
+    """candidates : the highest cell of each satellite that the noise does not explain.
+    doubtful : satellites with a cell that white noise alone would not explain; among them those of the candidates.
+    """
+
+    candidates: tuple[_Candidate, ...]
+    doubtful: tuple[str, ...]
+
+
 class Searcher:
     """Keeps the code spectra of one signal and sample rate; `search` looks at one stretch of samples."""
 
@@ -112,6 +138,7 @@ class Searcher:
         self._unused_codes = unused_codes(8)
         self._unused = [self._code_spectrum(code) for code in self._unused_codes]
         self._threads = ThreadPoolExecutor(os.cpu_count())
+        self._glance: Searcher | None = None
 
     @property
     def duration_s(self) -> float:
@@ -135,7 +162,7 @@ class Searcher:
         dopplers_hz: Mapping[str, Reals],
         known: Mapping[str, Sequence[KnownSignal]],
     ) -> list[Peak]:
-        """All credible new signals.
+        """All credible new signals of those asked for.
 
         samples : (2, >= n_samples) I and Q.
         dopplers_hz : for each satellite to look for, the Dopplers to try; multiples of the step share most work.
@@ -146,16 +173,16 @@ class Searcher:
         planes = np.array(samples[:, : self.n_samples], dtype=np.float32)
         taken: dict[str, list[tuple[KnownSignal, float]]] = {}
         self._take_out(planes, if_hz, [(sat, one) for sat, ones in known.items() for one in ones], taken)
-        wanted = dict(dopplers_hz)
+        n_cells = N_CELLS * sum(rows_hz.size for rows_hz in dopplers_hz.values())
+        look = self._look(planes, if_hz, dopplers_hz, taken, n_cells)
+        if look.doubtful and self._take_out_others(planes, if_hz, dopplers_hz):
+            look = self._look(planes, if_hz, dopplers_hz, taken, n_cells)
         peaks: list[Peak] = []
-        for _ in range(self.settings.max_peaks + 1):
-            candidates = self._candidates(planes, if_hz, wanted, taken)
-            if not candidates:
+        for _ in range(_ROUNDS):
+            if not look.candidates:
                 break
             known_before = {sat: [one for one, _ in ones] for sat, ones in taken.items()}
-            least = _CROSS * max(c.power - 1.0 for c in candidates)
-            clear = [c for c in candidates if c.power - 1.0 >= least]
-            fresh = [(c, self._measured(planes, if_hz, c)) for c in clear]
+            fresh = [(c, self._measured(planes, if_hz, c)) for c in _clear(look.candidates)]
             self._take_out(planes, if_hz, [(c.sat, m.signal) for c, m in fresh], taken)
             noise = self._noise(planes, if_hz)
             peaks += [
@@ -170,20 +197,25 @@ class Searcher:
                 for c, m in fresh
                 if not self._shoulder(samples, if_hz, c.sat, m.signal, known_before)
             ]
-            wanted = {c.sat: dopplers_hz[c.sat] for c in candidates}
+            found = Counter(peak.sat for peak in peaks)
+            wanted = {sat: dopplers_hz[sat] for sat in look.doubtful if found[sat] < self.settings.max_peaks}
+            if not wanted:
+                break
+            look = self._look(planes, if_hz, wanted, taken, n_cells)
         order = list(dopplers_hz)
         return sorted(peaks, key=lambda peak: order.index(peak.sat))
 
     # ------------------------------------------------------------------ one look
 
-    def _candidates(
+    def _look(
         self,
         planes: Floats,
         if_hz: float,
         dopplers_hz: Mapping[str, Reals],
         taken: Mapping[str, list[tuple[KnownSignal, float]]],
-    ) -> list[_Candidate]:
-        """The highest cell of each satellite that noise does not explain."""
+        n_cells: int,
+    ) -> _Look:
+        """The highest cell of each satellite, held against the noise of a search of `n_cells`."""
         rows_hz = np.unique(np.concatenate(list(dopplers_hz.values())))
         spectra = self._rows(planes, if_hz, rows_hz)
         sats = list(dopplers_hz)
@@ -200,31 +232,59 @@ class Searcher:
             np.concatenate([of_sat, len(sats) + np.arange(n_unused) % len(self._unused)]),
         )
         tail = tail_of(power[row.size :], self.settings.n_sums)
-        n_cells = row.size * N_CELLS
-        threshold = tail.threshold(n_cells, self.settings.false_alarm_probability)
-        found = []
+        probability = self.settings.false_alarm_probability
+        threshold = tail.threshold(n_cells, probability)
+        lowest = min(threshold, white_tail(self.settings.n_sums).threshold(n_cells, probability))
+        candidates, doubtful = [], []
         noise: float | None = None  # needed rarely
         for number, sat in enumerate(sats):
             mine = np.flatnonzero(of_sat == number)
-            if highest[mine].max() <= threshold:
+            if highest[mine].max() <= lowest:
                 continue
             cells = power[mine[0] : mine[-1] + 1]
             if sat in taken:
                 noise = self._noise(planes, if_hz) if noise is None else noise
-                cells = cells * self._weights(taken[sat], dopplers_hz[sat], threshold, noise)
+                cells = cells * self._weights(taken[sat], dopplers_hz[sat], lowest, noise)
             at, column = np.unravel_index(int(np.argmax(cells)), cells.shape)
-            if cells[at, column] > threshold:
-                value = float(power[mine[at], column])
-                found.append(
+            if cells[at, column] <= lowest:
+                continue
+            doubtful.append(sat)
+            value, row_hz = float(power[mine[at], column]), float(dopplers_hz[sat][at])
+            if value > threshold:
+                candidates.append(
                     _Candidate(
                         sat=sat,
-                        row_hz=float(dopplers_hz[sat][at]),
+                        row_hz=row_hz,
                         power=value,
                         p_value=tail.p_value(value, n_cells),
-                        delay_s=self._delay_s(int(column), float(dopplers_hz[sat][at])),
+                        delay_s=self._delay_s(int(column), row_hz),
                     )
                 )
-        return found
+        return _Look(candidates=tuple(candidates), doubtful=tuple(doubtful))
+
+    def _take_out_others(self, planes: Floats, if_hz: float, dopplers_hz: Mapping[str, Reals]) -> bool:
+        """Take strong signals out that are not looked for, of any satellite at any Doppler; whether there are any."""
+        step_hz = 0.5 / self.period_s
+        rows_hz = np.concatenate(list(dopplers_hz.values()))
+        first, last = np.max(rows_hz) - _SPREAD_HZ, np.min(rows_hz) + _SPREAD_HZ
+        grid_hz = step_hz * np.arange(np.ceil(first / step_hz), np.floor(last / step_hz) + 1.0)
+
+        def asked(sat: str, at_hz: Reals) -> Booleans:
+            apart_hz = np.abs(at_hz - dopplers_hz.get(sat, np.array([np.inf]))[:, np.newaxis])
+            return np.asarray(np.min(apart_hz, axis=0) < self._near_hz)
+
+        if all(np.all(asked(sat, grid_hz)) for sat in GPS_SATS):
+            return False
+        if self._glance is None:
+            n_sums = min(_GLANCE_PERIODS, self.settings.coherent_periods * self.settings.n_sums)
+            self._glance = Searcher(self.signal, self.rate_hz, SearchSettings(n_sums=n_sums))
+        others = [
+            (peak.sat, KnownSignal(delay_s=peak.delay_s, doppler_hz=peak.doppler_hz))
+            for peak in self._glance.search(planes, if_hz, dict.fromkeys(GPS_SATS, grid_hz), {})
+            if not asked(peak.sat, np.array([peak.doppler_hz]))[0]
+        ]
+        remove(planes, self.signal, self.rate_hz, if_hz, others)
+        return bool(others)
 
     def _correlate(self, spectra: Floats, codes: Floats, row: Integers, code: Integers) -> tuple[Floats, Floats]:
         """Power over its mean of each job's cells, (n_jobs, N_CELLS), and the highest of each; many jobs in threads."""
@@ -396,6 +456,17 @@ class Searcher:
         together = [(sat, one) for sat in {sat for sat, _ in fresh} if len(taken[sat]) > 1 for one, _ in taken[sat]]
         if together:
             remove(planes, self.signal, self.rate_hz, if_hz, sorted(together, key=lambda pair: pair[0]), rounds=2)
+
+
+def _clear(candidates: Sequence[_Candidate]) -> list[_Candidate]:
+    """Those that are no cross-correlation of the stronger ones, the strongest first."""
+    clear: list[_Candidate] = []
+    stronger = 0.0
+    for one in sorted(candidates, key=lambda c: -c.power):
+        if one.power - 1.0 >= _CROSS * _ADDING * stronger or not clear:
+            clear.append(one)
+        stronger += one.power - 1.0
+    return clear
 
 
 def _notch(planes: Floats, limit: float) -> None:

@@ -7,9 +7,9 @@ taken as exponential with the mean excess that is seen, never less than the 1 of
 Statistical Modeling of Extreme Values, 4.2, with shape zero). What was seen up to a few in a hundred thousand is so
 carried to the few in 10^11 of a threshold for the whole search.
 
-Counted: it holds on white and coloured noise, on lines, and beside strong signals that are known and taken out. It does
-not hold under strong signals that are neither known nor looked for. Worst are Dopplers whole kilohertz off, where
-false alarms at 0.001 came 19 times too often: one tail for all Dopplers is too thin for those that such signals reach.
+Counted: it holds on white and coloured noise, on lines, and beside strong signals once they are taken out. Under strong
+signals it does not: cross-correlations add different powers to different cells, and an exponential through the highest
+of such a mixture falls too fast. So the search takes those out first (`acquisition`).
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from scipy import special
 from skyproof.arrays import Floats, Reals
 from skyproof.gnss.codes import UNUSED_DELAYS_CHIPS, gold_code
 
-__all__ = ["Tail", "exponent", "tail_of", "unused_codes"]
+__all__ = ["Tail", "exponent", "tail_of", "unused_codes", "white_tail"]
 
 _SHARE = 0.004
 """Of all powers in white noise: what lies above that quantile is the tail."""
@@ -67,6 +67,11 @@ def tail_of(power: Floats, n_sums: int) -> Tail:
     e = exponent(power[power > power_of(level, n_sums)], n_sums)
     excess = float(np.mean(e - level)) if e.size else 1.0
     return Tail(n_sums=n_sums, level=level, share=max(e.size, 1) / power.size, scale=max(1.0, excess))
+
+
+def white_tail(n_sums: int) -> Tail:
+    """The tail of white noise, which no other is thinner than."""
+    return Tail(n_sums=n_sums, level=-float(np.log(_SHARE)), share=_SHARE, scale=1.0)
 
 
 def unused_codes(count: int) -> list[NDArray[np.int8]]:
