@@ -141,6 +141,15 @@ def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
     assert init([recording(tmp_path)], out=out, overwrite=True).platform.motion is None
 
 
+@pytest.mark.parametrize("name", ["rx 1.toml", "rx 1.bin"])
+def test_no_input_and_no_sidecar_is_ever_replaced(name: str, tmp_path: Path) -> None:
+    path = recording(tmp_path)
+    before = (tmp_path / name).read_bytes()
+    with pytest.raises(OutputError, match=rf"{name}: is an input or its sidecar; give another name with --out"):
+        init([path], out=tmp_path / name, overwrite=True)
+    assert (tmp_path / name).read_bytes() == before
+
+
 def test_paths_count_from_the_folder_of_the_platform_file(tmp_path: Path) -> None:
     for folder in ("here", "there"):
         (tmp_path / folder).mkdir()

@@ -46,14 +46,16 @@ def init(files: Sequence[str | Path], *, out: str | Path = "platform.toml", over
     Raises
     ------
     InputError : a file that cannot be opened; inertial readings or attitudes in more than one.
-    OutputError : the file is there already, or cannot be written.
+    OutputError : the file is there already, is an input or the sidecar of one, or cannot be written.
     """
     out = Path(out)
+    paths = [Path(file) for file in files]
+    if any(out.resolve() in (path.resolve(), path.with_suffix(".toml").resolve()) for path in paths):
+        raise OutputError(f"{out}: is an input or its sidecar; give another name with --out")
     if out.exists() and not overwrite:
         raise OutputError(
             f"{out}: is there already; give another name with --out, or --overwrite to replace what stands in it"
         )
-    paths = [Path(file) for file in files]
     series = [path for path in paths if path.suffix.lower() in _SERIES]
     receivers = _named([_found(path, out.parent) for path in paths if path not in series])
     if not receivers:
