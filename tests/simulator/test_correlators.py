@@ -250,6 +250,15 @@ CASES = {
     "70 ms": (NARROW, {}, 0.04, 0.07, True),
     "bits kept": (NARROW, {}, 0.04, 0.06, False),
     "other bits": (NARROW, {"attacks": attacked(message="random")}, 0.04, 0.07, True),
+    "guessed bits": (NARROW, {"attacks": attacked(guess_s=6.3e-3)}, 0.04, 0.07, True),
+    "guessed bits, in chips": (FILTERED, {"attacks": attacked(guess_s=5e-5)}, 0.0164, 0.02, True),
+    "growing on the true one": (
+        NARROW,
+        {"attacks": attacked(phase="aligned", seamless_s=(-1.0, 19.0))},
+        0.04,
+        0.02,
+        True,
+    ),
     "some code periods off": (
         NARROW,
         {"attacks": attacked(code_offset_m=1_948_750.0 + 150.0 - 4 * 299_792.458)},

@@ -10,7 +10,7 @@ from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.simulator.attacks import Meaconer, Takeover
+from skyproof.simulator.attacks import Meaconer
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.scenario import Place, Scenario, parse_scenario
@@ -456,24 +456,20 @@ def test_likeness_1_switches_from_the_sky_to_the_spoofer() -> None:
 
 
 @pytest.mark.parametrize("number", [7, 8])
-def test_likenesses_7_and_8_take_over_without_a_sign_and_push_by_1_2_m_s(number: int) -> None:
-    sky = scene(f"texbat-like-{number}").skies[0]
-    takeover = scene(f"texbat-like-{number}").scenario.attacks[0]
-    assert isinstance(takeover, Takeover)
-    at_s = np.linspace(112.0, 149.0, 200)
+def test_likenesses_7_and_8_take_over_all_satellites_alike_and_push_them_by_1_2_m_s(number: int) -> None:
+    """`test_seamless_takeover` measures them."""
+    the_scene = scene(f"texbat-like-{number}")
+    sky, scenario = the_scene.skies[0], the_scene.scenario
+    assert scenario.duration_s == 468.0
+    assert [heard.source for heard in sky.signals].count("takeover") == len(sky.signals) / 2 >= 8
+    assert scenario.attacks[0].guess_s == (0.0 if number == 7 else 50e-6)
+    at_s = np.array([110.5, 120.0, 129.0, 131.0, 149.9, 150.1, 275.0, 400.0, 420.0])
     code_m, carrier_m = lags_m(sky, at_s)
-    assert np.abs(code_m).max() < 1e-3
+    pushed_m = 1.2 * np.maximum(at_s - 150.0, 0.0)
+    assert code_m == pytest.approx(np.broadcast_to(pushed_m[:, np.newaxis], code_m.shape), abs=2e-3)
+    ahead_deg = -360.0 * carrier_m / WAVELENGTH_M
+    published_deg = np.interp(at_s, [110.0, 130.0], [90.0, 180.0])
+    assert ahead_deg == pytest.approx(np.broadcast_to(published_deg[:, np.newaxis], ahead_deg.shape), abs=0.1)
     amplitude = 10.0 ** (excess_db(sky, at_s) / 20.0)
-    phasor = 1.0 + amplitude * np.exp(-2j * np.pi * carrier_m / WAVELENGTH_M)
-    assert np.abs(phasor) == pytest.approx(1.0, abs=0.03)  # the sum does not change its level
-    late_deg = 360.0 * carrier_m / WAVELENGTH_M
-    assert late_deg == pytest.approx(
-        np.broadcast_to(np.interp(at_s, [110.0, 130.0], [90.0, 180.0])[:, np.newaxis], late_deg.shape), abs=0.1
-    )
-    assert amplitude[-1] == pytest.approx(2.0, abs=1e-3)
-    at_s = np.array([160.0, 200.0, 299.0])
-    code_m, carrier_m = lags_m(sky, at_s)
-    pushed_m = np.broadcast_to(1.2 * (at_s - 150.0)[:, np.newaxis], code_m.shape)
-    assert code_m == pytest.approx(pushed_m, abs=2e-3)
-    assert carrier_m == pytest.approx(0.5 * WAVELENGTH_M, abs=1e-4)
-    assert takeover.clock_s(np.array([469.5])) * SPEED_OF_LIGHT_M_S == pytest.approx(381.6, abs=0.01)
+    published = np.where(at_s < 150.0, -2.0 * np.cos(np.radians(published_deg)), np.interp(at_s, [150, 400], [2, 1]))
+    assert amplitude == pytest.approx(np.broadcast_to(published[:, np.newaxis], amplitude.shape), rel=1e-4)

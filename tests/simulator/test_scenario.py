@@ -79,6 +79,30 @@ def test_a_mistake_is_refused_with_the_path_of_its_key(path: str, value: Any, wo
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"phase": "random"}, ["seamless_s needs phase = \"aligned\", not 'random'"]),
+        ({"onset_s": 3.0}, ["seamless_s begins at 2 s, before onset_s 3", "begin at the onset or later"]),
+        ({"seamless_s": [4.0, 4.0]}, ["seamless_s[1] is at 4 s, not after 4 s"]),
+        (
+            {"amplitude_points": [[4.0, 1.0], [5.0, 0.0]]},
+            ["attacks[0].amplitude_points[1][1] = 0.0, expected more than 0"],
+        ),
+        ({"amplitude_points": [[5.0, 1.0], [4.0, 1.0]]}, ["amplitude_points[1] is at 4 s, not after 5 s"]),
+        ({"guess_s": 0.02}, ["attacks[0].guess_s", "less than 0.02"]),
+        ({"clock_corner_s": -1.0}, ["attacks[0].clock_corner_s"]),
+    ],
+)
+def test_a_seamless_takeover_that_is_none_is_refused(changes: dict[str, Any], words: list[str]) -> None:
+    attack = {"kind": "takeover", "target": "one", "transmit": {**PLACE, "lat_deg": 40.001}, "phase": "aligned"}
+    sound = attack | {"onset_s": 1.0, "seamless_s": [2.0, 4.0], "guess_s": 5e-5}
+    assert parse_scenario(TABLE | {"attacks": [sound]}).attacks[0].kind == "takeover"
+    with pytest.raises(ScenarioError) as caught:
+        parse_scenario(TABLE | {"attacks": [sound | changes]})
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
 def test_all_mistakes_are_told_at_once() -> None:
     table = changed("receivers.0.height_m", -3000.0) | {"colour": "red"}
     with pytest.raises(ScenarioError, match=r"(?s)receivers\[0\]\.height_m.*colour"):

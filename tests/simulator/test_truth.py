@@ -146,7 +146,11 @@ def test_blocks_put_together_are_the_whole(scene: Scene, monkeypatch: pytest.Mon
         assert one.keys() == other.keys()
         for name in one:
             if one[name].dtype.kind == "f":
-                apart = 1e-5 if name == "doppler_hz" else 1e-14  # of a difference of delays, over 20 ms
+                apart = 1e-14
+                if "doppler" in name:
+                    apart = 2e-5  # of differences of delays, over 20 ms
+                elif "to_authentic" in name:
+                    apart = 1e-7  # of differences of delays, in metres and cycles
                 np.testing.assert_allclose(one[name], other[name], rtol=1e-14, atol=apart)
             else:
                 np.testing.assert_array_equal(one[name], other[name])
@@ -177,6 +181,26 @@ def test_an_inertial_unit_feels_gravity_and_the_turn(scene: Scene) -> None:
     np.testing.assert_allclose(rate[:, 0], -0.2 * np.sin(lean_rad) * -1.0, atol=1e-3)
     np.testing.assert_allclose(rate[:, 1], 0.0, atol=1e-3)
     np.testing.assert_allclose(rate[:, 2], 0.2 * np.cos(lean_rad), atol=1e-3)
+
+
+def test_what_false_signals_are_to_true_ones_is_the_difference_of_their_rows(scene: Scene) -> None:
+    table = signal_truth(scene, "one", 10.0)
+    true = {
+        (sat, at_s): row
+        for row, (sat, at_s, label) in enumerate(zip(table["sat"], table["true_s"], table["label"], strict=True))
+        if label == "authentic"
+    }
+    false = np.flatnonzero(table["label"] == "spoofed")
+    paired = [(row, true[key]) for row in false if (key := (table["sat"][row], table["true_s"][row])) in true]
+    alone = set(false.tolist()) - {row for row, _ in paired}
+    assert len(paired) > 50
+    for row, own in paired:
+        apart = {name: table[name][row] - table[name][own] for name in ("pseudorange_m", "carrier_cyc", "cn0_dbhz")}
+        assert table["delay_to_authentic_m"][row] == pytest.approx(apart["pseudorange_m"], abs=1e-6)
+        assert table["phase_to_authentic_cyc"][row] == pytest.approx(-apart["carrier_cyc"], abs=1e-5)
+        assert 20.0 * np.log10(table["amplitude_to_authentic"][row]) == pytest.approx(apart["cn0_dbhz"], abs=1e-9)
+        assert table["doppler_to_authentic_hz"][row] == table["doppler_hz"][row] - table["doppler_hz"][own]
+    assert all(np.isnan(table["delay_to_authentic_m"][row]) for row in alone)
 
 
 def test_a_name_that_is_not_there_is_told(scene: Scene) -> None:

@@ -13,11 +13,14 @@ from pydantic import Field, model_validator
 
 from skyproof.arrays import Reals
 from skyproof.formats.models import Model, Name
-from skyproof.simulator.sites import SatName, Site, between, rising
+from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.simulator.sites import CORNER_S, SatName, Site, between, rising
 
 __all__ = ["Attack", "Interference", "Meaconer", "Spoofer", "Takeover", "TransmitAntenna"]
 
 LEAST_PAUSE_S = 0.1
+LEAST_AMPLITUDE = 1e-5
+"""Of what grows from nothing: 100 dB below the true signal, so that it has a level in decibels."""
 
 Points = tuple[tuple[float, float], ...]
 
@@ -44,8 +47,11 @@ class _Transmitter(Model):
         carrier: each by itself, so that code and carrier may part.
     clock_offset_s, clock_drift, clock_points_s : how late the false signals are: constant, growing since the onset, and
         (time, further offset), straight lines with rounded corners between.
+    clock_corner_s : over which those corners are rounded; 0 for sharp ones.
     message : "true"; "inverted": every bit; "random": bits without a message. With `message_later_s` it tells a time
         of week that is so much later.
+    guess_s : for so long after each bit begins, its sign is a guess, one for each bit and satellite and as often wrong
+        as right; then the transmitter has read it off the true signal (security code estimation and replay).
     """
 
     name: str = Field(default="", pattern=r"^$|^[A-Za-z0-9][A-Za-z0-9._-]*$")
@@ -64,8 +70,10 @@ class _Transmitter(Model):
     sat_doppler_hz: Mapping[SatName, float] = Field(default_factory=dict)
     clock_drift: float = Field(default=0.0, ge=-1e-4, le=1e-4)
     clock_points_s: Points = ()
+    clock_corner_s: float = Field(default=CORNER_S, ge=0, le=60)
     message: Literal["true", "inverted", "random"] = "true"
     message_later_s: int = Field(default=0, ge=-604_800, le=604_800, multiple_of=6)
+    guess_s: float = Field(default=0.0, ge=0, lt=GPS_L1_CA.symbol_s)
 
     @model_validator(mode="after")
     def _times(self) -> Self:
@@ -99,7 +107,7 @@ class _Transmitter(Model):
         """By how much what leaves at times (n,) is late, besides the constant part."""
         at_s = np.asarray(left_s, np.float64)
         drifted_s = self.clock_drift * np.maximum(at_s - self.onset_s, 0.0)
-        return np.asarray(drifted_s + between(self.clock_points_s, at_s, 1)[..., 0])
+        return np.asarray(drifted_s + between(self.clock_points_s, at_s, 1, self.clock_corner_s)[..., 0])
 
     def antenna_of(self, sat: str) -> int:
         """0 for `transmit`, else the number of the further antenna that sends a satellite's signal, from 1 on."""
@@ -148,6 +156,10 @@ class Takeover(_Transmitter):
     carrier : "follows" the code; or keeps to the true one's frequency ("locked") while the code is drawn off.
     phase : of the carrier against the true one's at the target: "aligned", or "random" for each satellite.
     phase_points_deg : (time, by how much the carrier is late besides), straight between, held beyond the ends.
+    amplitude_points : (time, further factor of the amplitude), straight between, held beyond the ends.
+    seamless_s : (from, until): the false carrier's phase turns evenly from 90 to 180 degrees ahead of the true one's,
+        and its amplitude is -2 cos(phase) times the true one's. The sum keeps the true amplitude and turns by half a
+        cycle; what follows is antipodal and twice as strong (Humphreys, TEXBAT data sets 7 and 8, 2016, section 4).
     """
 
     kind: Literal["takeover"] = "takeover"
@@ -157,16 +169,43 @@ class Takeover(_Transmitter):
     carrier: Literal["follows", "locked"] = "follows"
     phase: Literal["aligned", "random"] = "random"
     phase_points_deg: Points = ()
+    amplitude_points: tuple[tuple[float, Annotated[float, Field(gt=0, le=1e3)]], ...] = ()
+    seamless_s: tuple[float, float] | None = None
 
     @model_validator(mode="after")
     def _points(self) -> Self:
         rising([row[0] for row in self.away_points_enu_m], "away_points_enu_m")
         rising([row[0] for row in self.phase_points_deg], "phase_points_deg")
+        rising([row[0] for row in self.amplitude_points], "amplitude_points")
+        if self.seamless_s is not None:
+            rising(self.seamless_s, "seamless_s")
+            if self.onset_s > self.seamless_s[0]:
+                raise ValueError(
+                    f"seamless_s begins at {self.seamless_s[0]:g} s, before onset_s {self.onset_s:g}; the false "
+                    "signals grow from nothing, so begin at the onset or later"
+                )
+            if self.phase != "aligned":
+                raise ValueError(f'seamless_s needs phase = "aligned", not {self.phase!r}; set it')
         return self
+
+    def power_at_db(self, left_s: ArrayLike) -> Reals:
+        """Power over that at the onset, of waves that leave at times (n,), before any spreading."""
+        amplitude = _straight(self.amplitude_points, left_s, without=1.0)
+        if self.seamless_s is not None:
+            amplitude = amplitude * np.maximum(-2.0 * np.cos(np.radians(self._ahead_deg(left_s))), LEAST_AMPLITUDE)
+        return np.asarray(super().power_at_db(left_s) + 20.0 * np.log10(amplitude))
 
     def phase_cyc(self, left_s: ArrayLike) -> Reals:
         """By how much the carrier is late besides, of waves that leave at times (n,)."""
-        return _straight(self.phase_points_deg, left_s) / 360.0
+        late_deg = _straight(self.phase_points_deg, left_s)
+        if self.seamless_s is not None:
+            late_deg = late_deg - self._ahead_deg(left_s)
+        return np.asarray(late_deg / 360.0)
+
+    def _ahead_deg(self, left_s: ArrayLike) -> Reals:
+        """Of the true carrier in a seamless takeover."""
+        assert self.seamless_s is not None
+        return np.asarray(np.interp(np.asarray(left_s, np.float64), self.seamless_s, (90.0, 180.0)))
 
     @property
     def added_delay_s(self) -> float:
@@ -211,10 +250,10 @@ def _power_db(power_db: float, points_db: Points, at_s: ArrayLike) -> Reals:
     return power_db + _straight(points_db, at_s)
 
 
-def _straight(points: Points, at_s: ArrayLike) -> Reals:
-    """Values between (time, value), straight, held beyond the ends; zeros without points."""
+def _straight(points: Points, at_s: ArrayLike, *, without: float = 0.0) -> Reals:
+    """Values between (time, value), straight, held beyond the ends; the same everywhere `without` points."""
     at_s = np.asarray(at_s, np.float64)
     if not points:
-        return np.zeros(at_s.shape)
+        return np.full(at_s.shape, without)
     rows = np.array(points)
     return np.asarray(np.interp(at_s, rows[:, 0], rows[:, 1]))

@@ -5,10 +5,10 @@ Over an integration of T seconds a signal of amplitude A adds to the tap whose r
     A R(lag + d) mean of b(t) exp(2 pi i (phase(t) - f (t - middle)))
 
 with R the correlation of the signal behind the front end and the replica, its lag and phase against the tracked ones,
-and b the data bits of both. Phases run straight over at most 20 ms and are cut where bits turn over and signals come
-and go; nothing else is rounded. White noise of the samples makes the taps Gaussian: two taps correlate as their
-replicas do, R_replica(d1 - d2) in delay and sin(x)/x of the Doppler's distance, also across channels on copies that
-overlap.
+and b the data bits of both. Phases run straight over at most 20 ms and are cut where bits turn over, where guesses of
+them end, and where signals come and go; amplitudes are those of the middle; nothing else is rounded. White noise of the
+samples makes the taps Gaussian: two taps correlate as their replicas do, R_replica(d1 - d2) in delay and sin(x)/x of
+the Doppler's distance, also across channels on copies that overlap.
 
 Units are those of the samples: correlation a sample, the receiver's own noise having variance 1 in I and in Q before
 the quantiser, whose gain and own noise follow from the normal law (Bussgang, 1952). R is exact for the whole code
@@ -246,7 +246,8 @@ class _Spans:
 class _Waves:
     """Signals or replicas at the edges: delays (n_epochs, n_edges, n), the bits' positions, which bits, when there.
 
-    sent : symbols since the first of the message. symbols : (n_messages, n_symbols). message : (n,) -1 for no bits.
+    sent : symbols since the first of the message. symbols, guesses : (n_messages, n_symbols), as in `Messages`.
+    message : (n,) -1 for no bits. guessed : (n,) how much of each symbol, 0 for replicas, who know it.
     windows_s : (n, n_windows, 2) in true time.
     """
 
@@ -255,7 +256,9 @@ class _Waves:
     carrier_s: Reals
     sent: Reals
     symbols: NDArray[np.int8]
+    guesses: NDArray[np.int8]
     message: Integers
+    guessed: Reals
     windows_s: Reals
     of: Integers
 
@@ -293,13 +296,16 @@ def _rows(scene: Scene, sky: ReceiverSky, spans: _Spans) -> _Waves:
         code_s[..., row] += further_s
         carrier_s[..., row] += further_s - (ray.phase_cyc + ray.rate_hz * spans.true_s) / sky.signal.carrier_hz
     heard = [sky.signals[column] for column in of]
+    message = row_of(scene.messages, heard)
     return _Waves(
         sats=[each.id.sat for each in heard],
         code_s=code_s,
         carrier_s=carrier_s,
         sent=_sent(scene, sky, spans.true_s, code_s),
         symbols=scene.messages.symbols,
-        message=row_of(scene.messages, heard),
+        guesses=scene.messages.guesses,
+        message=message,
+        guessed=scene.messages.guess_s[message] / sky.signal.symbol_s,
         windows_s=_windows(heard),
         of=of,
     )
@@ -315,7 +321,9 @@ def _channels(scene: Scene, sky: ReceiverSky, tracked: Tracked, spans: _Spans, w
         carrier_s=carrier_s,
         sent=_sent(scene, sky, spans.true_s, code_s),
         symbols=scene.messages.symbols,
+        guesses=scene.messages.guesses,
         message=tracked.symbols if wiped else np.full(len(tracked.signals), -1),
+        guessed=np.zeros(len(tracked.signals)),
         windows_s=always_s,
         of=tracked.columns,
     )
@@ -367,7 +375,9 @@ def _couplings(
         rows.sent,
         channels.sent,
         rows.symbols,
+        rows.guesses,
         rows.message,
+        rows.guessed,
         channels.message,
         rows.windows_s,
     )
@@ -603,7 +613,9 @@ def _couple(
     sent: Reals,
     wiped: Reals,
     symbols: NDArray[np.int8],
+    guesses: NDArray[np.int8],
     message: Integers,
+    guessed: Reals,
     wiped_message: Integers,
     windows_s: Reals,
 ) -> None:
@@ -631,6 +643,9 @@ def _couple(
                         sign = 1.0
                         if message[r] >= 0:
                             sign = float(symbols[message[r], at])
+                        if bit + u * bits + 1e-9 - at < guessed[r]:
+                            sign = float(guesses[message[r], at])
+                            until = min(until, (at + guessed[r] - bit) / bits)
                         if wiped_message[c] >= 0:
                             until = min(until, (own_at + 1 - own) / owns)
                             sign *= symbols[wiped_message[c], own_at]

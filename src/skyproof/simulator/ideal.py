@@ -15,7 +15,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
 from skyproof.records import SignalId
 from skyproof.simulator.platforms import trajectory_of
-from skyproof.simulator.received import HeardSignal, ReceiverSky, codes_of
+from skyproof.simulator.received import HeardSignal, Messages, ReceiverSky, codes_of
 from skyproof.simulator.samples import Rendering, filtered_codes
 from skyproof.simulator.scenario import FrontEnd, Receiver
 
@@ -110,7 +110,12 @@ def ideal_signals(
         n_samples=int(duration_s * front_end.rate_hz) // 8 * 8,
         codes=codes,
         waves=filtered_codes(codes, signal.chip_rate_hz, front_end),
-        symbols=symbols,
-        messages=np.arange(n),
-        lead_s=_SPARE_S,
+        messages=Messages(
+            names=tuple((sat, "") for sat in sats),
+            symbols=symbols,
+            lead_s=_SPARE_S,
+            guesses=symbols,
+            guess_s=np.zeros(n),
+        ),
+        carried=np.arange(n),
     )

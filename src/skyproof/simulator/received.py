@@ -45,6 +45,7 @@ _SHORT_S = 0.01  # 0.1 mm/s at 2 g; the delays' own digits leave 1 um/s
 _SUBFRAME_S = 6
 _SPARE_S = 2  # of message before the first sample and after the last
 _MESSAGE_STREAM = 1 << 21  # sets random bits apart from other random numbers of one seed
+_GUESS_STREAM = 1 << 24  # and those that are guessed
 
 
 @dataclass(frozen=True)
@@ -106,11 +107,14 @@ class Messages:
     """The symbols (+1 for bit 0) of each message, one row each: (satellite, variant), variant "" its own.
 
     symbols : (n_messages, n_symbols) int8, the first of which begins `lead_s` before the scenario's start.
+    guesses : of the same shape, what is sent instead for the first `guess_s`, (n_messages,), of each symbol.
     """
 
     names: tuple[tuple[str, str], ...]
     symbols: NDArray[np.int8]
     lead_s: float
+    guesses: NDArray[np.int8]
+    guess_s: Reals
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -220,7 +224,19 @@ class Scene:
                 rng = np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=(_MESSAGE_STREAM, number)))
                 bits = rng.integers(0, 2, bits.size, dtype=bits.dtype)
             symbols.append((1 - 2 * bits).astype(np.int8))
-        return Messages(names=names, symbols=np.stack(symbols), lead_s=tow_s - start)
+        guess_s = [attacks[variant].guess_s if variant else 0.0 for _, variant in names]
+        return Messages(
+            names=names,
+            symbols=np.stack(symbols),
+            lead_s=tow_s - start,
+            guesses=np.stack([self._guesses(number, symbols[0].size) for number in range(len(names))]),
+            guess_s=np.array(guess_s),
+        )
+
+    def _guesses(self, number: int, count: int) -> NDArray[np.int8]:
+        """A coin's throws: +1 and -1, of the message of that number."""
+        rng = np.random.default_rng(np.random.SeedSequence(self.scenario.seed, spawn_key=(_GUESS_STREAM, number)))
+        return (1 - 2 * rng.integers(0, 2, count)).astype(np.int8)
 
 
 def ephemeris_of(navigation: NavigationData, sat: str, scenario: Scenario) -> BroadcastEphemeris | None:

@@ -31,7 +31,7 @@ from skyproof.arrays import Floats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records import Samples
-from skyproof.simulator.received import AddedNoise, Jammer, ReceiverSky, Scene, codes_of, row_of
+from skyproof.simulator.received import AddedNoise, Jammer, Messages, ReceiverSky, Scene, codes_of, row_of
 from skyproof.simulator.scenario import FrontEnd, Scenario
 from skyproof.simulator.sky import scene_of
 
@@ -65,9 +65,8 @@ class Rendering:
     n_samples: int
     codes: NDArray[np.int8]  # (n_rows, code_length)
     waves: Floats  # (n_rows, ROWS + 1, columns) of `filtered_codes`, or (n_rows, 0, 0)
-    symbols: NDArray[np.int8]  # (n_messages, n_symbols)
-    messages: Integers  # (n_rows,) row of `symbols` that each carries
-    lead_s: float  # of the symbols before the scenario's start
+    messages: Messages
+    carried: Integers  # (n_rows,) row of the messages that each carries
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,9 +105,8 @@ def rendering_of(scene: Scene, index: int) -> Rendering:
         n_samples=int(scene.scenario.duration_s * front_end.rate_hz) // 8 * 8,
         codes=codes[of],
         waves=filtered_codes(codes, sky.signal.chip_rate_hz, front_end)[of],
-        symbols=messages.symbols,
-        messages=row_of(messages, sky.signals)[of],
-        lead_s=messages.lead_s,
+        messages=messages,
+        carried=row_of(messages, sky.signals)[of],
     )
 
 
@@ -162,8 +160,10 @@ def render(rendering: Rendering, block: int, *, noise: bool = True) -> Floats:
         rendering.codes,
         rendering.waves,
         rendering.sky.signal.chip_rate_hz / rendering.front_end.rate_hz,
-        rendering.symbols,
-        rendering.messages,
+        rendering.messages.symbols,
+        rendering.messages.guesses,
+        rendering.messages.guess_s * rendering.sky.signal.chip_rate_hz,
+        rendering.carried,
         rendering.sky.signal.periods_per_symbol,
         chunks.period,
         chunks.chip,
@@ -274,7 +274,7 @@ def _chunks(rendering: Rendering, block: int) -> _Chunks:
     phase_cyc = phase_cyc + front_end.if_hz * rest_s  # a whole number of cycles in a whole second
 
     periods_in_1_s = round(1.0 / signal.period_s)
-    sent = periods_in_1_s * (rendering.lead_s + rest_s + late_s - code_delay_s.T)
+    sent = periods_in_1_s * (rendering.messages.lead_s + rest_s + late_s - code_delay_s.T)
     period = np.floor(sent)
     advance = np.diff(sent, axis=1) + periods_in_1_s * np.diff(whole_s)
 
@@ -475,6 +475,32 @@ def _spread_wave(code: Floats, wave: Floats, symbol: np.float32, begin: float, s
 
 
 @compiled
+def _guess(
+    code: Floats,
+    symbols: NDArray[np.int8],
+    guesses: NDArray[np.int8],
+    guess_chips: float,
+    periods_per_symbol: int,
+    length: int,
+    period: int,
+    chip: float,
+    chip_step: float,
+) -> None:
+    """Turn over what was guessed wrong in a chunk of code: from each symbol's beginning on, for `guess_chips`."""
+    symbol_chips = periods_per_symbol * length
+    symbol = period // periods_per_symbol
+    begin = chip + (period - symbol * periods_per_symbol) * length  # of the chunk, chips after the symbol's beginning
+    while begin + chip_step * code.shape[0] > 0.0:
+        if symbols[symbol] != guesses[symbol]:
+            first = min(max(math.ceil(-begin / chip_step), 0), code.shape[0])
+            last = min(max(math.ceil((guess_chips - begin) / chip_step), 0), code.shape[0])
+            for k in range(first, last):
+                code[k] = -code[k]
+        symbol += 1
+        begin -= symbol_chips
+
+
+@compiled
 def _blend(code: Floats, one: Floats, other: Floats, share: np.float32, other_share: np.float32) -> None:
     for k in range(code.shape[0]):
         code[k] = share * one[k] + other_share * other[k]
@@ -519,6 +545,8 @@ def _add_signals(
     waves: Floats,
     chips_per_sample: float,
     symbols: NDArray[np.int8],
+    guesses: NDArray[np.int8],
+    guess_chips: Reals,
     rows: Integers,
     periods_per_symbol: int,
     period: Integers,
@@ -563,6 +591,18 @@ def _add_signals(
                         chips[turn * length + k] = codes[s, k] * symbol
             if not filtered:
                 _spread(code, chips, chip[s, c], chip_step[s, c])
+            if guess_chips[rows[s]] > 0.0:
+                _guess(
+                    code,
+                    symbols[rows[s]],
+                    guesses[rows[s]],
+                    guess_chips[rows[s]],
+                    periods_per_symbol,
+                    length,
+                    period[s, c],
+                    chip[s, c],
+                    chip_step[s, c],
+                )
             _turn(phase_step_cyc[s, c], cosine, sine)
             _turn(phase_step_cyc[s, c] * _STEP, coarse_cosine, coarse_sine)
             angle_rad = 2.0 * math.pi * (phase_cyc[s, c] - math.floor(phase_cyc[s, c]))

@@ -46,18 +46,21 @@ def rising(times_s: Sequence[float], what: str) -> None:
             raise ValueError(f"{what}[{number + 1}] is at {next_one:g} s, not after {one:g} s; give times that rise")
 
 
-def between(points: Sequence[Sequence[float]], at_s: ArrayLike, columns: int) -> Reals:
+def between(points: Sequence[Sequence[float]], at_s: ArrayLike, columns: int, corner_s: float = CORNER_S) -> Reals:
     """Rows of (time, values...) at other times (n,): (n, columns); held beyond the ends.
 
-    Straight lines whose corners are rounded over `CORNER_S`, the mean over which is taken: rates are continuous, as
-    those of any body and oscillator are, and a push of so many metres a second is one.
+    Straight lines whose corners are rounded over `corner_s`, the mean over which is taken: rates are continuous, as
+    those of any body and oscillator are, and a push of so many metres a second is one. Without `corner_s` they are
+    sharp, as a generator of signals can make them.
     """
     at_s = np.asarray(at_s, np.float64)
     if not points:
         return np.zeros((*at_s.shape, columns))
     rows = np.array(points, np.float64)
-    early, late = (_summed(rows, at_s + side * 0.5 * CORNER_S) for side in (-1.0, 1.0))
-    return np.asarray((late - early) / CORNER_S)
+    if corner_s == 0.0:
+        return np.stack([np.interp(at_s, rows[:, 0], values) for values in rows[:, 1:].T], axis=-1)
+    early, late = (_summed(rows, at_s + side * 0.5 * corner_s) for side in (-1.0, 1.0))
+    return np.asarray((late - early) / corner_s)
 
 
 def _summed(rows: Reals, at_s: Reals) -> Reals:

@@ -219,7 +219,8 @@ def false_signals(
 def _imitated(attacker: Attacker, point: Point, knots_s: Reals, mask_deg: float) -> tuple[list[int], list[HeardSignal]]:
     """The columns of the satellites that an attack imitates, and what is heard of them when."""
     attack, view = attacker.attack, attacker.view
-    message = attacker.name if attack.message != "true" or attack.message_later_s else ""
+    own_message = attack.message != "true" or attack.message_later_s or attack.guess_s
+    message = attacker.name if own_message else ""
     known = {sat: column for column, sat in enumerate(view.orbits.sats)}
     columns, heard, unseen = [], [], []
     for sat in attack.sats if attack.sats is not None else view.orbits.sats:

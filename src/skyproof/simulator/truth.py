@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad, rot_enu_ecef
 from skyproof.gnss.time import GPS_EPOCH, seconds_between
@@ -124,6 +124,9 @@ def signal_truth(scene: Scene, antenna: str, rate_hz: float = SIGNALS_HZ) -> Tab
     doppler_hz : apparent frequency minus nominal, by the receiver's own clock.
     azimuth_deg, elevation_deg : of the satellite, as seen from whoever hears it: for false signals a meaconer's receive
         antenna or the place that they show.
+    amplitude_to_authentic, delay_to_authentic_m, phase_to_authentic_cyc, doppler_to_authentic_hz : of the satellite's
+        true signal: ratio of amplitudes; code later by; carrier ahead by, whole cycles included; carrier higher by. NaN
+        while that is not there.
     """
     return _joined(signal_blocks(scene, antenna, rate_hz))
 
@@ -153,6 +156,12 @@ def _signals(scene: Scene, sky: ReceiverSky, shown_s: Reals, shown_at_start_s: f
         for begin_s, end_s in heard.windows_s:
             there[:, column] |= (begin_s <= true_s) & (true_s <= end_s)
     epoch, of = np.nonzero(there)
+    level_dbhz, doppler = sky.cn0_dbhz(true_s), doppler_hz(sky, elapsed_s)
+    true_of = _authentic(sky)
+    beside = (true_of >= 0) & there[:, true_of]
+
+    def to_authentic(values: Reals) -> Reals:
+        return np.where(beside, values - values[:, true_of], np.nan)[there]
 
     def directions_deg(knots_rad: Reals) -> Reals:
         angles = [np.interp(true_s, sky.knots_s, angle_rad) for angle_rad in knots_rad.T]
@@ -169,11 +178,21 @@ def _signals(scene: Scene, sky: ReceiverSky, shown_s: Reals, shown_at_start_s: f
         "source": np.array([heard.source for heard in sky.signals])[of],
         "pseudorange_m": (SPEED_OF_LIGHT_M_S * (clock_s + code_s))[there],
         "carrier_cyc": (sky.signal.carrier_hz * (clock_s + carrier_s))[there],
-        "doppler_hz": doppler_hz(sky, elapsed_s)[there],
-        "cn0_dbhz": sky.cn0_dbhz(true_s)[there],
+        "doppler_hz": doppler[there],
+        "cn0_dbhz": level_dbhz[there],
         "azimuth_deg": directions_deg(np.unwrap(sky.az_rad, axis=0)) % 360.0,
         "elevation_deg": directions_deg(sky.el_rad),
+        "amplitude_to_authentic": 10.0 ** (to_authentic(level_dbhz) / 20.0),
+        "delay_to_authentic_m": SPEED_OF_LIGHT_M_S * to_authentic(code_s),
+        "phase_to_authentic_cyc": -sky.signal.carrier_hz * to_authentic(carrier_s),
+        "doppler_to_authentic_hz": to_authentic(doppler),
     }
+
+
+def _authentic(sky: ReceiverSky) -> Integers:
+    """The column of each signal's satellite's true signal, (n_signals,); -1 where there is none."""
+    columns = {heard.id.sat: column for column, heard in enumerate(sky.signals) if heard.label == "authentic"}
+    return np.array([columns.get(heard.id.sat, -1) for heard in sky.signals], np.int64)
 
 
 def doppler_hz(sky: ReceiverSky, elapsed_s: Reals) -> Reals:
