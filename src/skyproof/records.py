@@ -24,6 +24,7 @@ from skyproof.gnss.signals import time_scale_of
 __all__ = [
     "CELL_STATUS",
     "FIX_STATUS",
+    "AntennaArray",
     "ArrayPhases",
     "Attitude",
     "Baseline",
@@ -227,6 +228,8 @@ class Samples:
     gaps : what the recording itself says is missing, in order; samples are numbered as recorded, so that `read` goes
         over a gap without a sign.
     file : what `read` reads from, if it is a file; several recordings may share one.
+    others : of the further antennas of the same receiver, sampled at the same instants behind the same oscillator. What
+        stands here of rate, frequency and length holds for them too.
     """
 
     name: str
@@ -242,10 +245,35 @@ class Samples:
     remarks: tuple[str, ...] = ()
     gaps: tuple[SampleGap, ...] = ()
     file: OpenFile | None = None
+    others: tuple["Samples", ...] = ()
 
     @property
     def duration_s(self) -> float:
         return self.n_samples / self.rate_hz
+
+    def read_all(self, start: int, count: int) -> Floats:
+        """Every antenna's samples, (n_antennas, 2, count)."""
+        if not self.others:
+            return self.read(start, count)[None]
+        return np.stack([one.read(start, count) for one in (self, *self.others)])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AntennaArray:
+    """Where the antennas of one receiver are, and what their lines do.
+
+    elements_m : (n_antennas, 3) phase centres in the body frame (forward, right, down).
+    sigma_m : of each phase centre along each axis; None if not known.
+    line_bias_cyc : (n_antennas,) by which each line delays the carrier; None if not known.
+    """
+
+    elements_m: Reals
+    sigma_m: float | None = None
+    line_bias_cyc: Reals | None = None
+
+    def __post_init__(self) -> None:
+        lines: dict[str, tuple[str, ...]] = {} if self.line_bias_cyc is None else {"line_bias_cyc": ("antenna",)}
+        freeze(self, {"elements_m": ("antenna", "3"), **lines})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -534,6 +562,7 @@ class ArrayPhases:
         its position in wavelengths; what antennas share and whole cycles are arbitrary. NaN where there is nothing.
     sigma_cyc : likewise, thermal noise, one sigma.
     calibrated : constant delays of antenna lines are known, and taken off.
+    elements_sigma_m : of each phase centre along each axis; None if not known.
     carrier_hz : (n_channels,) nominal carrier; one number at construction stands for all channels.
     """
 
@@ -546,6 +575,7 @@ class ArrayPhases:
     sigma_cyc: Reals
     carrier_hz: Reals = field(default_factory=lambda: np.array(L1_HZ))
     calibrated: bool = True
+    elements_sigma_m: float | None = None
 
     def __post_init__(self) -> None:
         carrier_hz = np.asarray(self.carrier_hz, np.float64)

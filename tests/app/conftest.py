@@ -1,13 +1,16 @@
 """Scenes and the truth about them, which the tests of this room share."""
 
 import importlib.util
+import json
 import os
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 
@@ -48,3 +51,36 @@ def made_once(tmp_path_factory) -> Callable[[str, Callable[[Path], None]], Path]
         return folder
 
     return made_once
+
+
+@dataclass(frozen=True)
+class ArrayFiles:
+    """One array in three ways: a raw file for each antenna, one with all channels, and SigMF; and the day's orbits."""
+
+    raw: tuple[Path, ...]
+    woven: Path
+    sigmf: Path
+    nav: Path
+
+
+@pytest.fixture(scope="session")
+def array_files(kit, made_once) -> ArrayFiles:
+    """13 s of clean sky on four antennas."""
+
+    def fill(folder: Path) -> None:
+        recorded = kit.record(kit.array_scenario(), folder)
+        octets = np.stack([np.fromfile(path, "<i2") for path in recorded.paths], axis=1)  # I and Q of a byte each
+        octets.tofile(folder / "woven.bin")
+        layout = recorded.paths[0].with_suffix(".toml").read_text().splitlines()
+        layout = [line for line in layout if not line.startswith("antenna")]
+        (folder / "woven.toml").write_text("\n".join([*layout, "channels = 4", ""]))
+        octets.tofile(folder / "four.sigmf-data")
+        front_end = recorded.scene.scenario.front_end
+        about = {"core:datatype": "ci8", "core:sample_rate": front_end.rate_hz, "core:version": "1.2.0"}
+        capture = {"core:sample_start": 0, "core:frequency": 1575.42e6, "core:datetime": "2024-05-14T09:59:40Z"}
+        meta = {"global": about | {"core:num_channels": 4}, "captures": [capture], "annotations": []}
+        (folder / "four.sigmf-meta").write_text(json.dumps(meta))
+
+    folder = made_once("array", fill)
+    raw = tuple(folder / f"array.{name}.bin" for name in "1234")
+    return ArrayFiles(raw, folder / "woven.bin", folder / "four.sigmf-meta", folder / "broadcast.rnx")

@@ -86,6 +86,30 @@ def scenario_of(
     )
 
 
+ELEMENTS_M = ((0.0, 0.0, 0.0), (0.19, 0.0, 0.0), (0.095, 0.165, 0.0), (0.095, 0.055, -0.155))
+LINE_BIAS_CYC = (0.0, 0.31, -0.12, 0.47)
+
+
+def array_scenario(
+    *, antennas: int = 4, duration_s: float = 13.0, attacks: tuple = (), seed: int = 1, **receiver: object
+) -> Scenario:
+    """One receiver with several antennas a wavelength apart, on a ship that heads to 30 degrees."""
+    elements = [
+        {"name": str(number), "body_m": place, "line_bias_cyc": bias}
+        for number, (place, bias) in enumerate(zip(ELEMENTS_M[:antennas], LINE_BIAS_CYC, strict=False), 1)
+    ]
+    place = PLACES[0].model_dump(include={"lat_deg", "lon_deg", "height_m", "clock_offset_s", "lo_ppm"})
+    return Scenario(
+        seed=seed,
+        start_gpst=START,
+        duration_s=duration_s,
+        receivers=[{"name": "array", **place, "heading_deg": 30.0, "pitch_deg": 2.0, "antennas": elements, **receiver}],
+        attacks=attacks,
+        front_end=FrontEnd(rate_hz=1.6e6, bandwidth_hz=1.28e6, encoding="int", bits=8),
+        sky=Sky(zenith_cn0_dbhz=48.0, horizon_cn0_dbhz=42.0),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Recorded:
     """A scene on disk: recordings, the navigation file of the day, and the truth."""

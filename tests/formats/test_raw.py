@@ -12,7 +12,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from skyproof.errors import InputError
-from skyproof.formats.raw import SampleLayout, check_levels, open_raw, read_sidecar, sha256, sidecar_text
+from skyproof.formats.raw import (
+    SampleLayout,
+    check_levels,
+    open_raw,
+    open_raw_channels,
+    read_sidecar,
+    sha256,
+    sidecar_text,
+)
 from skyproof.records import Samples
 
 PACKINGS = [
@@ -81,6 +89,41 @@ def noise(n_samples, *, seed=1, sigma=20.0, numbers=2):
 
 
 # --- what is read
+
+
+@pytest.mark.parametrize(("encoding", "bits"), [("sign", 1), ("sign-magnitude", 2), ("int", 8), ("float", 32)])
+@pytest.mark.parametrize("n_channels", [2, 3, 4])
+def test_channels_of_one_file_are_what_files_of_their_own_are(tmp_path, encoding, bits, n_channels):
+    rng = np.random.default_rng(n_channels)
+    of_each = [[draw(encoding, bits, rng) for _ in range(2 * 4000)] for _ in range(n_channels)]
+    layout = layout_of(encoding, bits, start_gpst="2022-01-01T21:45:58")
+    woven = np.array(of_each).reshape(n_channels, -1, 2).swapaxes(0, 1).ravel().tolist()
+    together = layout.model_copy(update={"channels": n_channels})
+    opened = open_raw_channels(write(tmp_path, together, packed(woven, together), "all"))
+    assert [one.name for one in opened] == [f"all-{k + 1}" for k in range(n_channels)]
+    assert [one.antenna for one in opened] == [f"1-{k + 1}" for k in range(n_channels)]
+    for one, values in zip(opened, of_each, strict=True):
+        alone = open_raw(write(tmp_path, layout, packed(values, layout), "alone"))
+        assert (one.n_samples, one.rate_hz, one.start_gpst) == (4000, 2.6e6, alone.start_gpst)
+        assert np.array_equal(one.read(0, 4000), alone.read(0, 4000))
+        assert np.array_equal(one.read(1234, 567), alone.read(1234, 567))
+
+
+def draw(encoding, bits, rng):
+    if encoding == "float":
+        return float(np.float32(rng.normal()))
+    if encoding == "int":
+        return int(rng.integers(-100, 100))
+    magnitude = 1 if encoding == "sign" else 2 * int(rng.integers(0, 2 ** (bits - 1))) + 1
+    return magnitude * int(rng.choice([-1, 1]))
+
+
+def test_a_channel_that_never_changes_is_left_out_and_told(tmp_path):
+    values = np.stack([noise(5000), np.full(10_000, 3.0)]).reshape(2, -1, 2).swapaxes(0, 1)
+    layout = layout_of(channels=2)
+    (alive,) = open_raw_channels(write(tmp_path, layout, values.astype(np.int8).tobytes()))
+    assert alive.name == "rec-1"
+    assert any("left out: rec-2" in remark and "all samples are 3" in remark for remark in alive.remarks)
 
 
 @pytest.mark.parametrize(("encoding", "bits"), PACKINGS, ids=lambda value: str(value))

@@ -14,6 +14,7 @@ from skyproof.receiver.antennas import combining, unwrapped
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.observables import array_phases_of
 from skyproof.receiver.tracking import Receiver, ReceiverState
+from skyproof.records import AntennaArray
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd, Scenario
 from skyproof.simulator.sky import scene_of
@@ -161,11 +162,11 @@ def test_delays_of_the_lines_are_taken_off_where_they_are_known(array, tracked):
     measurements, arcs = tracked
     elapsed_s = 0.2 * np.arange(1, 25)
     gpst = START + (elapsed_s * 1e9).astype("timedelta64[ns]")
-    described = {"elements_m": np.array(ELEMENTS_M), "carrier_hz": 1575.42e6, "averaged_s": 0.2}
-    known = array_phases_of(
-        "array", measurements, arcs, elapsed_s, gpst, line_bias_cyc=np.array(LINE_BIAS_CYC), **described
+    elements_m, lines_cyc = np.array(ELEMENTS_M), np.array(LINE_BIAS_CYC)
+    unknown, known = (
+        array_phases_of("array", measurements, arcs, elapsed_s, gpst, array=array, carrier_hz=1575.42e6, averaged_s=0.2)
+        for array in (AntennaArray(elements_m=elements_m), AntennaArray(elements_m=elements_m, line_bias_cyc=lines_cyc))
     )
-    unknown = array_phases_of("array", measurements, arcs, elapsed_s, gpst, line_bias_cyc=None, **described)
     assert known.calibrated
     assert not unknown.calibrated
     there = np.isfinite(unknown.phase_cyc)
@@ -185,12 +186,12 @@ def test_weights_find_the_best_sum_and_do_not_turn_it(seed, n_antennas):
     gain = rng.normal(size=n_antennas) + 1j * rng.normal(size=n_antennas)
     data = rng.choice([-1.0, 1.0], (1, 30, 1)) * np.exp(1j * rng.uniform(0, 7))
     prompts = gain * data
-    rows = np.full((1, 40, k.row_size(3, n_antennas)), np.nan)
+    rows = np.zeros((1, 40, k.row_size(3, n_antennas)))
     own = rows[:, :30, k.row_size(3, 1) :].reshape(1, 30, n_antennas, 3, 2)
     own[..., 1, 0], own[..., 1, 1] = prompts.real, prompts.imag
     rows[:, :30, k.row_size(3, 1) :] = own.reshape(1, 30, -1)
     before = rng.normal(size=(1, n_antennas, 2))
-    weights = combining(rows, np.array([30]), before, power)
+    weights = combining(rows, before, power)
     turned, old = weights[..., 0] + 1j * weights[..., 1], before[..., 0] + 1j * before[..., 1]
     assert np.sum(np.abs(turned) ** 2 * power) == pytest.approx(power.max())
     best = gain / power

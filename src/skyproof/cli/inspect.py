@@ -36,6 +36,7 @@ def inspect(
         Literal["msb-first", "lsb-first"] | None, Parameter(help="Where in its byte the first number lies.")
     ] = None,
     byte_order: Annotated[Literal["little", "big"] | None, Parameter(help="Of numbers of several bytes.")] = None,
+    channels: Annotated[int | None, Parameter(help="Channels that follow each other sample by sample.")] = None,
     header_bytes: Annotated[int | None, Parameter(help="Bytes to skip at the start.")] = None,
     swap_iq: Annotated[bool | None, Parameter(help="Q comes before I.")] = None,
     conjugate: Annotated[bool | None, Parameter(help="The spectrum is inverted.")] = None,
@@ -62,6 +63,7 @@ def inspect(
         "if_hz": if_hz,
         "bit_order": bit_order,
         "byte_order": byte_order,
+        "channels": channels,
         "header_bytes": header_bytes,
         "swap_iq": swap_iq,
         "conjugate": conjugate,

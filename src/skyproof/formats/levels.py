@@ -1,5 +1,6 @@
 """Are the samples plausible? A look at a few stretches of a recording, whatever container it came in."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -10,7 +11,7 @@ from skyproof.errors import InputError
 from skyproof.formats.layout import PackedSamples
 from skyproof.records import Samples
 
-__all__ = ["check_levels", "looked_at"]
+__all__ = ["check_levels", "live_channels", "looked_at", "without_dead"]
 
 _STRETCHES, _STRETCH_SAMPLES = 16, 32768  # what the check of levels looks at: at most half a million samples
 _DC_LIMIT = 0.05  # of the rms; above that the line at zero frequency costs acquisition more than 0.01 dB
@@ -19,6 +20,33 @@ _FEW_LEVELS = 4
 _SATURATED, _SATURATED_FEW_LEVELS = 0.10, 0.60
 """Shares at the extreme codes. With up to four levels a good gain control puts 30 to 40 % there, with more under 10 %
 (Max, IRE Trans. Inf. Theory 6, 1960: 32 % with 4, 8 % with 8 equally spaced levels of least distortion)."""
+
+
+def live_channels(
+    one: Samples, packed: Sequence[PackedSamples], told_by: str
+) -> tuple[list[Samples], list[InputError]]:
+    """Each channel of a recording as one of its own, and why others are left out: those that never change.
+
+    one : the recording but for `read`; its name and antenna get the channel's number where there are several.
+    """
+    opened: list[Samples] = []
+    dead: list[InputError] = []
+    for number, channel in enumerate(packed, 1):
+        samples = replace(one, read=channel.read)
+        if len(packed) > 1:
+            samples = replace(samples, name=f"{one.name}-{number}", antenna=f"{one.antenna}-{number}")
+        try:
+            opened.append(looked_at(samples, channel, told_by))
+        except InputError as error:
+            dead.append(InputError(f"{samples.name}: {error}") if len(packed) > 1 else error)
+    return opened, dead
+
+
+def without_dead(opened: Sequence[Samples], dead: Sequence[InputError]) -> tuple[Samples, ...]:
+    """The channels that change, which say of the others that they are left out. Raises the first error if none does."""
+    if not opened:
+        raise dead[0]
+    return tuple(replace(one, remarks=(*one.remarks, *(f"left out: {error}" for error in dead))) for one in opened)
 
 
 def looked_at(samples: Samples, packed: PackedSamples, told_by: str) -> Samples:

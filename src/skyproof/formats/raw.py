@@ -8,6 +8,7 @@
     encoding = "sign"           # "int" | "float" | "sign" | "sign-magnitude" | "offset-binary"
     bits = 1                    # of one number, I or Q
     bit_order = "msb-first"     # or "lsb-first": where in its byte the first number lies
+    channels = 1                # of several, the samples of one instant follow each other, channel by channel
     start_gpst = "2022-01-01T21:45:58"
 
 What the encodings mean stands in `skyproof.formats.layout`.
@@ -29,13 +30,14 @@ from skyproof.formats.bounds import first_few
 from skyproof.formats.byte_io import FileBytes, sha256, size_of
 from skyproof.formats.documents import read_toml
 from skyproof.formats.layout import FITTING_BITS, BitOrder, ByteOrder, Chunk, Encoding, Kind, PackedSamples, Packing
-from skyproof.formats.levels import check_levels, looked_at
+from skyproof.formats.levels import check_levels, live_channels, without_dead
 from skyproof.formats.signatures import head_of, other_than_samples
 from skyproof.gnss.time import GPS_EPOCH, iso, parse_iso
 from skyproof.records import Samples
 
-__all__ = ["SampleLayout", "check_levels", "open_raw", "read_sidecar", "sha256", "sidecar_text"]
+__all__ = ["SampleLayout", "check_levels", "open_raw", "open_raw_channels", "read_sidecar", "sha256", "sidecar_text"]
 
+MOST_CHANNELS: Final = 64
 _EXAMPLE: Final = 'samples = {rate_hz = 2600000.0, kind = "complex", encoding = "int", bits = 8}'
 
 
@@ -67,6 +69,12 @@ class SampleLayout(BaseModel):
     if_hz: float = Field(0.0, description="where centre_hz lies in the samples, in hertz")
     bit_order: BitOrder = Field("msb-first", description='"msb-first" or "lsb-first"')
     byte_order: ByteOrder = Field("little", description='"little" or "big"')
+    channels: int = Field(
+        1,
+        ge=1,
+        le=MOST_CHANNELS,
+        description=f"how many channels follow each other sample by sample, 1 to {MOST_CHANNELS}",
+    )
     header_bytes: int = Field(0, ge=0, description="how many bytes to skip at the start, zero or more")
     swap_iq: bool = Field(False, description="true if Q comes before I, else false")
     conjugate: bool = Field(False, description="true if the spectrum is inverted (Q is negated then), else false")
@@ -110,6 +118,7 @@ class SampleLayout(BaseModel):
             byte_order=self.byte_order,
             swap_iq=self.swap_iq,
             conjugate=self.conjugate,
+            n_channels=self.channels,
         )
 
 
@@ -164,7 +173,14 @@ def _fault(fault: Any) -> str:
 
 
 def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None) -> Samples:
-    """Open a raw recording; nothing but a few stretches of it, for the check of levels, is read now.
+    """Open the first channel of a raw recording, mostly the only one: as `open_raw_channels`."""
+    return open_raw_channels(path, sidecar)[0]
+
+
+def open_raw_channels(
+    path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None
+) -> tuple[Samples, ...]:
+    """Open the channels of a raw recording; nothing but a few stretches of it, for the check of levels, is read now.
 
     Parameters
     ----------
@@ -173,9 +189,10 @@ def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
 
     Returns
     -------
-    Samples : `read(start, count)` gives float32, shape (2, count), planar I and Q, in the encoding's own numbers; it
-        may be called from several threads. A float that is not finite is read as zero. A tail of less than one sample
-        is left out and told in `remarks`, beside what `check_levels` finds.
+    tuple of Samples : one for each channel. `read(start, count)` gives float32, shape (2, count), planar I and Q, in
+        the encoding's own numbers; it may be called from several threads. A float that is not finite is read as zero. A
+        tail of less than one sample is left out and told in `remarks`, beside what `check_levels` finds. A channel that
+        never changes is left out and told, where others do.
 
     Raises
     ------
@@ -201,7 +218,7 @@ def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
     if n_samples < 1:
         raise InputError(
             f"{path}: {size} bytes hold no sample of {packing.frame_bits} bits after {layout.header_bytes} "
-            f"header bytes; the file is cut, or bits, kind or header_bytes of {sidecar} are wrong"
+            f"header bytes; the file is cut, or bits, kind, channels or header_bytes of {sidecar} are wrong"
         )
     remarks = []
     if tail := body - -(-n_samples * packing.frame_bits // 8):
@@ -210,12 +227,12 @@ def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
             f"or header_bytes of {sidecar.name} are wrong"
         )
     stored = FileBytes(path, layout.header_bytes, body - tail)
-    packed = PackedSamples(stored, packing, [Chunk(0, n_samples)])
+    packed = [PackedSamples(stored, packing, [Chunk(0, n_samples)], channel) for channel in range(layout.channels)]
     samples = Samples(
         name=readable(path.stem),
         rate_hz=layout.rate_hz,
         n_samples=n_samples,
-        read=packed.read,
+        read=packed[0].read,
         centre_hz=layout.centre_hz,
         if_hz=math.remainder(layout.if_hz, layout.rate_hz),  # sampling folds it so
         start_gpst=layout.start_gpst,
@@ -225,4 +242,5 @@ def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
         remarks=tuple(remarks),
         file=stored,
     )
-    return looked_at(samples, packed, f"kind, encoding, bits, byte_order and header_bytes of {sidecar.name}")
+    told_by = f"kind, encoding, bits, byte_order and header_bytes of {sidecar.name}"
+    return without_dead(*live_channels(samples, packed, told_by))

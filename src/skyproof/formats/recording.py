@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from skyproof.errors import InputError
-from skyproof.formats.raw import open_raw
+from skyproof.formats.raw import open_raw_channels
 from skyproof.formats.sigmf import open_sigmf
 from skyproof.records import Samples
 
@@ -25,11 +25,11 @@ def open_recording(path: str | os.PathLike[str], sidecar: str | os.PathLike[str]
 
     Returns
     -------
-    tuple of Samples : one from raw samples, as `open_raw`; one or several from SigMF, as `open_sigmf`.
+    tuple of Samples : one for each channel, as `open_raw_channels` and `open_sigmf` give them.
 
     Raises
     ------
-    InputError : as `open_raw` and `open_sigmf`; a container that is not read.
+    InputError : as `open_raw_channels` and `open_sigmf`; a container that is not read.
     """
     path = Path(path)
     if path.name.endswith(_PACKED):
@@ -39,9 +39,9 @@ def open_recording(path: str | os.PathLike[str], sidecar: str | os.PathLike[str]
     if sidecar is not None:
         if path.suffix in (".sigmf-meta", ".sigmf"):
             raise InputError(f"{path}: says itself how to read its samples; leave the sidecar {sidecar} out")
-        return (open_raw(path, sidecar),)
+        return open_raw_channels(path, sidecar)
     if path.suffix in (".sigmf-meta", ".sigmf-data", ".sigmf"):
         return open_sigmf(path)
     if path.is_file() and not path.with_suffix(".toml").exists() and path.with_suffix(".sigmf-meta").exists():
         return open_sigmf(path)
-    return (open_raw(path),)
+    return open_raw_channels(path)

@@ -31,7 +31,6 @@ import tarfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from functools import partial
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
@@ -42,7 +41,7 @@ from skyproof.errors import InputError, readable
 from skyproof.formats.bounds import METADATA_BYTES
 from skyproof.formats.byte_io import FileBytes, content_of, digest, reading, require_size, size_of
 from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, PackedSamples, Packing
-from skyproof.formats.levels import looked_at
+from skyproof.formats.levels import live_channels, without_dead
 from skyproof.formats.raw import SampleLayout
 from skyproof.formats.sigmf_keys import DATATYPE, LARGEST, Capture, Global, Meta, checked, expected, parsed, shown, some
 from skyproof.gnss.constants import L1_HZ
@@ -333,36 +332,31 @@ def _recordings(source: _Source) -> list[Samples]:
     dead: list[InputError] = []
     for tuning, name in zip(tuned, _names(source.name, tuned), strict=True):
         here = list(remarks)
-        described = partial(
-            Samples,
-            name=readable(name),
-            rate_hz=rate_hz,
-            n_samples=sum(s.chunk.n_samples for s in tuned[tuning]),
-            centre_hz=L1_HZ if tuning.centre_hz is None else tuning.centre_hz,
-            if_hz=tuning.if_hz,
-            start_gpst=_dates(tuned[tuning], rate_hz, where, here),
-            antenna=meta.general.antenna,
-            path=readable(str(source.data)),
-            format="SigMF",
-            gaps=_gaps(tuned[tuning], rate_hz, here),
-            file=octets,
-        )
+        start_gpst = _dates(tuned[tuning], rate_hz, where, here)
+        gaps = _gaps(tuned[tuning], rate_hz, here)
         if tuning.centre_hz is None:
             here.append("no core:frequency is told: the samples are taken to be centred on L1, 1575.42 MHz")
         packing_here = replace(packing, swap_iq=tuning.swap_iq, conjugate=tuning.conjugate)
         chunks = _joined([segment.chunk for segment in tuned[tuning]], packing)
-        for channel in range(packing.n_channels):
-            packed = PackedSamples(octets, packing_here, chunks, channel)
-            one = described(read=packed.read, remarks=tuple(here))
-            if packing.n_channels > 1:
-                one = replace(one, name=f"{name}-{channel + 1}", antenna=f"{one.antenna}-{channel + 1}")
-            try:
-                opened.append(looked_at(one, packed, told_by))
-            except InputError as error:
-                dead.append(InputError(f"{one.name}: {error}"))
-    if not opened:
-        raise dead[0]
-    return [replace(one, remarks=(*one.remarks, *(f"left out: {error}" for error in dead))) for one in opened]
+        packed = [PackedSamples(octets, packing_here, chunks, channel) for channel in range(packing.n_channels)]
+        one = Samples(
+            name=readable(name),
+            rate_hz=rate_hz,
+            n_samples=sum(s.chunk.n_samples for s in tuned[tuning]),
+            read=packed[0].read,
+            centre_hz=L1_HZ if tuning.centre_hz is None else tuning.centre_hz,
+            if_hz=tuning.if_hz,
+            start_gpst=start_gpst,
+            antenna=meta.general.antenna,
+            path=readable(str(source.data)),
+            format="SigMF",
+            remarks=tuple(here),
+            gaps=gaps,
+            file=octets,
+        )
+        alive, still = live_channels(one, packed, told_by)
+        opened, dead = [*opened, *alive], [*dead, *still]
+    return list(without_dead(opened, dead))
 
 
 def _names(name: str, tunings: Iterable[_Tuning]) -> list[str]:

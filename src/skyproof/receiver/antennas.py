@@ -42,18 +42,19 @@ def first_weights(antenna: int, n_antennas: int) -> Reals:
     return weights
 
 
-def combining(rows: Reals, counts: Integers, weights: Reals, power: Reals) -> Reals:
+def combining(rows: Reals, weights: Reals, power: Reals) -> Reals:
     """Weights (n_channels, n_antennas, 2), real and imaginary part, for the next frame.
 
-    rows, counts, weights : of the frame before, as of the kernel. power : (n_antennas,) of the antennas' noise.
+    rows, weights : of the frame before, as of the kernel; zero where there is none.
+    power : (n_antennas,) of the antennas' noise.
 
     The weighted sum of the antennas' noise has the largest of the powers. One antenna has the weight 1.
     """
     n_antennas = power.size
-    scale = np.sqrt(np.max(power) / np.where(power > 0.0, power, np.inf)) if np.any(power > 0.0) else np.ones(1)
-    if n_antennas == 1 or counts.size == 0:
+    if n_antennas == 1 or not np.any(power > 0.0):
         return weights
-    prompts = np.where(_counted(rows, counts)[..., None], _taps(rows, n_antennas)[..., 1], 0.0)
+    scale = np.sqrt(np.max(power) / np.where(power > 0.0, power, np.inf))
+    prompts = _taps(rows, n_antennas)[..., 1]
     turned = _complex(weights)
     total = np.einsum("cra,ca->cr", prompts, turned.conj())
     seen = np.einsum("cra,cr->ca", prompts, total.conj()) * scale
@@ -81,11 +82,10 @@ def separated(sats: Sequence[str], before: Rows, now: Rows, weights: tuple[Reals
         for (rows, _), (part, _) in zip((before, now), parts, strict=True):
             first = _first_column(rows, n_antennas) + 6 * antenna
             rows[..., first : first + 6] = part[..., k.OUT_TAPS :]
-    for (rows, counts), those in zip((before, now), weights, strict=True):
+    for (rows, _), those in zip((before, now), weights, strict=True):
         summed = np.einsum("crat,ca->crt", _taps(rows, n_antennas), _complex(those).conj())
-        pairs = np.stack([summed.real, summed.imag], axis=-1).reshape(*summed.shape[:2], 6)
-        there = _counted(rows, counts)
-        rows[there, k.OUT_TAPS : k.OUT_TAPS + 6] = pairs[there]
+        pairs = np.stack([summed.real, summed.imag], axis=-1)
+        rows[..., k.OUT_TAPS : k.OUT_TAPS + 6] = pairs.reshape(*summed.shape[:2], 6)
     share = np.sum(weights[1] ** 2, axis=-1)
     return np.asarray(np.sum(errors_chips * share, axis=1) / np.sum(share, axis=1))
 
@@ -166,10 +166,6 @@ def _taps(rows: Reals, n_antennas: int) -> Complexes:
 
 def _complex(parts: Reals) -> Complexes:
     return np.asarray(parts[..., 0] + 1j * parts[..., 1])
-
-
-def _counted(rows: Reals, counts: Integers) -> Booleans:
-    return np.asarray(np.arange(rows.shape[1]) < counts[:, None])
 
 
 @compiled

@@ -18,7 +18,7 @@ from skyproof.receiver.channels import Arc
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.polarity import half_cycles
 from skyproof.receiver.replica import CODE_SCALE
-from skyproof.records import ArrayPhases, CellStatus, Observations, SignalId, Taps
+from skyproof.records import AntennaArray, ArrayPhases, CellStatus, Observations, SignalId, Taps
 
 TYPICAL_TRAVEL_MS = 77
 WEEK_MS = SECONDS_PER_WEEK * 1000
@@ -172,14 +172,13 @@ def array_phases_of(
     elapsed_s: Reals,
     gpst: Instants,
     *,
-    elements_m: Reals,
-    line_bias_cyc: Reals | None,
+    array: AntennaArray,
     carrier_hz: float,
     averaged_s: float,
 ) -> ArrayPhases:
     """The carrier's phase on each of several antennas as one record, with rows and columns as in `assemble`.
 
-    line_bias_cyc : (n_antennas,) by which each antenna's line delays the carrier, to be taken off; None if not known.
+    gpst : (n_epochs,) of the epochs. What is known of the delays of the antennas' lines is taken off.
     """
     rows, columns, signals = _cells(measurements, arcs, elapsed_s, averaged_s)
     shape = (elapsed_s.size, len(signals), measurements.own.shape[1])
@@ -191,11 +190,12 @@ def array_phases_of(
         signals=signals,
         gpst=gpst,
         elapsed_s=elapsed_s,
-        elements_m=elements_m,
-        phase_cyc=phase_cyc if line_bias_cyc is None else phase_cyc + line_bias_cyc,
+        elements_m=array.elements_m,
+        phase_cyc=phase_cyc if array.line_bias_cyc is None else phase_cyc + array.line_bias_cyc,
         sigma_cyc=sigma_cyc,
         carrier_hz=np.full(len(signals), carrier_hz),
-        calibrated=line_bias_cyc is not None,
+        calibrated=array.line_bias_cyc is not None,
+        elements_sigma_m=array.sigma_m,
     )
 
 

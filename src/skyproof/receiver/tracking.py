@@ -304,7 +304,7 @@ class Receiver:
         missed_s = state.searched.get(peak.sat, {}).get(_bin(peak.doppler_hz), np.nan)
         channel = Channel(sat=peak.sat, began_s=now_s, found_s=now_s, missed_s=missed_s, arc=state.next_arc)
         n_antennas = state.tail.shape[0]
-        rows = np.empty((1, self._max_periods, k.row_size(self.n_taps, n_antennas)))
+        rows = np.zeros((1, self._max_periods, k.row_size(self.n_taps, n_antennas)))
         weights, last = first_weights(antenna, n_antennas), np.full((1, n_antennas, N_LAST), np.nan)
         old = (state.rows, state.weights, state.last_phases) if state.channels else (rows[:0], weights[:0], last[:0])
         return replace(
@@ -329,7 +329,7 @@ class Receiver:
             return state
         n_samples, n_antennas = end - state.tail_start, state.tail.shape[0]
         sats, tables = self._stack(tuple(sorted({c.sat for c in state.channels})))
-        rows = np.empty((n, self._max_periods, k.row_size(self.n_taps, n_antennas)))
+        rows = np.zeros((n, self._max_periods, k.row_size(self.n_taps, n_antennas)))
         counts = np.zeros(n, np.int64)
         loops = state.loops.copy()
         loops[:, [k.LOCK_I, k.LOCK_Q, k.LOCK_COUNT]] = 0.0
@@ -337,7 +337,7 @@ class Receiver:
         fresh = state.tail[..., begin - state.tail_start : n_samples : POWER_STRIDE]
         powers = np.array([2.0 * float(np.mean(one**2)) * CODE_SCALE**2 for one in fresh])
         power = float(powers.max())
-        weights = combining(state.rows, state.counts, state.weights, powers)
+        weights = combining(state.rows, state.weights, powers)
         table_of = np.array([sats.index(c.sat) for c in state.channels])
 
         def work(part: slice) -> None:

@@ -145,13 +145,13 @@ def test_what_no_method_uses_stands_in_one_remark() -> None:
         "receivers": [{"line_bias_cyc": [0.1], "spin": {"radius_m": 0.1, "rate_hz": 0.5}}],
     }
     _, remarks = used(names=["a"], **tables)
-    keys = "motion, oscillator, attitude, imu, receivers[0].line_bias_cyc, receivers[0].spin"
+    keys = "motion, oscillator, attitude, imu, receivers[0].line_bias_cyc"
     assert remarks == (f"{keys}: read, used by no method of this run",)
 
 
 def test_inputs_and_names_come_from_the_platform(tmp_path: Path) -> None:
     platform = Platform.model_validate({"receivers": [{"name": "rx1", "inputs": ["a.bin"]}, {"inputs": ["b.obs"]}]})
-    assert inputs_of(platform, []) == ([Path("a.bin"), Path("b.obs")], ["rx1", None])
+    assert inputs_of(platform, []) == ([(Path("a.bin"),), (Path("b.obs"),)], ["rx1", None])
     assert list(described(platform, ["rx1", "b"]).items()) == [
         ("rx1", platform.receivers[0]),
         ("b", platform.receivers[1]),
@@ -162,13 +162,35 @@ def test_inputs_and_names_come_from_the_platform(tmp_path: Path) -> None:
     assert described(alone, ["c"]) == {"c": alone.receivers[0]}
 
 
+PAIR_M = [[0, 0, 0], [0.2, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("receivers", "given", "inputs", "called"),
+    [
+        ([{"name": "rx", "inputs": ["a", "b"]}], [], [("a", "b")], ["rx"]),
+        ([{"antennas_m": PAIR_M}], ["a", "b"], [("a", "b")], [None]),
+        ([{"antennas_m": PAIR_M}], ["both"], [("both",)], [None]),
+        (
+            [{"name": "rx", "antennas_m": PAIR_M}, {"name": "b"}],
+            ["rx.bin", "b.bin"],
+            [("rx.bin",), "b.bin"],
+            [None] * 2,
+        ),
+        ([{"antennas_m": PAIR_M}], ["a", "b", "c"], ["a", "b", "c"], [None] * 3),
+        ([{"body_m": [0, 0, 0]}], ["channels"], ["channels"], [None]),
+    ],
+)
+def test_antennas_of_a_receiver_are_opened_as_one(receivers: Any, given: list[str], inputs: Any, called: Any) -> None:
+    wanted = [tuple(map(Path, one)) if isinstance(one, tuple) else Path(one) for one in inputs]
+    assert inputs_of(Platform.model_validate({"receivers": receivers}), given) == (wanted, called)
+
+
 @pytest.mark.parametrize(
     ("receivers", "given", "words"),
     [
         ([{"inputs": ["a"]}], ["b"], r"p\.toml: receivers\[0\] has inputs, and the command line as well"),
         ([{"inputs": ["a"]}, {"name": "b"}], [], r"p\.toml: receivers\[1\] has no inputs; give it some, or all inputs"),
-        ([{"inputs": ["a"]}, {"inputs": ["b", "c"]}], [], r"receivers\[1\] has several antennas, expected one"),
-        ([{"antennas_m": [[0, 0, 0], [0.2, 0, 0]]}], ["a"], r"receivers\[0\] has several antennas, expected one"),
     ],
 )
 def test_inputs_that_do_not_fit_the_platform_are_refused(receivers: Any, given: list[str], words: str) -> None:
@@ -181,7 +203,6 @@ def test_inputs_that_do_not_fit_the_platform_are_refused(receivers: Any, given: 
     [
         ([{"name": "a"}, {"name": "c"}], r"p\.toml: receivers\[1\] is c, but the receivers are a, b; give it the name"),
         ([{"name": "a"}, {}], r"p\.toml: receivers\[1\] is without name and inputs, but the receivers are a, b"),
-        ([{"inputs": ["a"]}], r"p\.toml: 1 receivers, but the inputs have 2 channels \(a, b\): several antennas"),
     ],
 )
 def test_a_table_of_no_receiver_of_the_run_is_refused(receivers: Any, words: str) -> None:

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.app.common.platform import Platform
+from skyproof.app.common.platform_antennas import is_array
 from skyproof.app.common.platform_tables import Receiver, Surveyed
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.arrays import Reals
@@ -22,36 +23,36 @@ _ENU_FROM_NED: Final = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1
 
 def inputs_of(
     platform: Platform, given: Sequence[str | Path], where: str = "the platform file"
-) -> tuple[list[Path], list[str | None]]:
-    """The inputs of a run, and the name of the receiver of each where the platform has one.
+) -> tuple[list[Path | tuple[Path, ...]], list[str | None]]:
+    """The inputs of a run as `open_inputs` takes them, and the name of the receiver of each where it has one.
 
-    given : the inputs of the command line; with any, the platform may not name others.
+    given : the inputs of the command line; with any, the platform may not name others. They are the antennas of the
+        only receiver if that has as many; one that has the name of a receiver with several has them in its channels.
     where : the platform file, to begin messages.
 
     Raises
     ------
-    SettingsError : inputs in both places, a receiver without any, or with several antennas.
+    SettingsError : inputs in both places, or a receiver without any.
     """
-    several = [n for n, r in enumerate(platform.receivers) if max(len(r.inputs), len(r.antennas_m or ())) > 1]
-    if several:
-        raise SettingsError(
-            f"{where}: receivers[{several[0]}] has several antennas, expected one: several of one receiver are not "
-            "supported yet; give the input of one of them"
-        )
+    tables = platform.receivers
     if given:
-        both = [number for number, receiver in enumerate(platform.receivers) if receiver.inputs]
+        both = [number for number, table in enumerate(tables) if table.inputs]
         if both:
             raise SettingsError(
                 f"{where}: receivers[{both[0]}] has inputs, and the command line as well: which receiver is which is "
                 "then not known; give all inputs in one of the two places"
             )
-        return [Path(path) for path in given], [None] * len(given)
-    without = [number for number, receiver in enumerate(platform.receivers) if not receiver.inputs]
+        paths = tuple(Path(path) for path in given)
+        if len(tables) == 1 and is_array(tables[0]) and len(paths) in (1, len(tables[0].antennas_m or ())):
+            return [paths], [tables[0].name]
+        arrays = {table.name for table in tables if is_array(table)}
+        return [(path,) if path.stem in arrays else path for path in paths], [None] * len(paths)
+    without = [number for number, table in enumerate(tables) if not table.inputs]
     if without:
         raise SettingsError(
             f"{where}: receivers[{without[0]}] has no inputs; give it some, or all inputs on the command line"
         )
-    return [receiver.inputs[0] for receiver in platform.receivers], [receiver.name for receiver in platform.receivers]
+    return [table.inputs for table in tables], [table.name for table in tables]
 
 
 def described(platform: Platform, names: Sequence[str], where: str = "the platform file") -> dict[str, Receiver]:
@@ -61,15 +62,10 @@ def described(platform: Platform, names: Sequence[str], where: str = "the platfo
 
     Raises
     ------
-    SettingsError : a table of no receiver, or an input of several channels.
+    SettingsError : a table of no receiver.
     """
     tables = platform.receivers
     if any(table.inputs for table in tables):
-        if len(tables) != len(names):
-            raise SettingsError(
-                f"{where}: {len(tables)} receivers, but the inputs have {len(names)} channels ({', '.join(names)}): "
-                "several antennas of one receiver are not supported yet; give files of one channel"
-            )
         return dict(zip(names, tables, strict=True))
     if len(tables) == len(names) == 1:
         return {names[0]: tables[0]}
@@ -118,14 +114,13 @@ def settings_of(
 
 
 def _given(platform: Platform) -> list[str]:
-    """The keys that stand in the file and say something of the platform."""
+    """The keys that stand in the file and say something of the platform; `platform_antennas` uses others."""
     top = [key for key in ("motion", "speed_max_m_s", "oscillator", "attitude", "imu") if getattr(platform, key)]
-    of_receivers = ("position", "body_m", "line_bias_cyc", "spin")
     return top + [
         f"receivers[{number}].{key}"
-        for number, receiver in enumerate(platform.receivers)
-        for key in of_receivers
-        if getattr(receiver, key) is not None
+        for number, table in enumerate(platform.receivers)
+        for key in ("position", "body_m", *(() if is_array(table) and table.antennas_m else ("line_bias_cyc",)))
+        if getattr(table, key) is not None
     ]
 
 

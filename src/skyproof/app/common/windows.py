@@ -14,6 +14,7 @@ from skyproof.detectors.base import Detector, load_detectors
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import interval_s
 from skyproof.records import (
+    ArrayPhases,
     ConsistentSet,
     Evidence,
     NavigationData,
@@ -21,6 +22,7 @@ from skyproof.records import (
     ObservationLog,
     Observations,
     Records,
+    SpinArm,
     Taps,
     TapsAsked,
 )
@@ -79,6 +81,13 @@ def following_epochs(settings: Settings, observations: Sequence[Observations]) -
     return settings if needed_s <= settings.window_s else settings.model_copy(update={"window_s": needed_s})
 
 
+def cut_phases(phases: ArrayPhases, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ArrayPhases:
+    """The epochs with start <= label < end."""
+    rows = (phases.gpst >= start_gpst) & (phases.gpst < end_gpst)
+    by_epoch = ("gpst", "elapsed_s", "phase_cyc", "sigma_cyc")
+    return replace(phases, **{name: getattr(phases, name)[rows] for name in by_epoch})
+
+
 def window_edges(observations: Sequence[Observations], window_s: float) -> list[np.datetime64]:
     """Edges of the windows, common to all receivers: from the first epoch of any to past the last."""
     if not observations:
@@ -120,12 +129,25 @@ class Windows:
             for window in cuts:
                 sets += consistent_sets(window, orbits, multipath_sigma_m=self.multipath_sigma_m)
         whole = {o.receiver: o for o in self.run.observations}
-        taps = tuple(cut_taps(t, whole[t.receiver], start, end) for t in self.run.taps)
-        return replace(self.run, start_gpst=start, end_gpst=end, observations=cuts, sets=tuple(sets), taps=taps)
+        return replace(
+            self.run,
+            start_gpst=start,
+            end_gpst=end,
+            observations=cuts,
+            sets=tuple(sets),
+            taps=tuple(cut_taps(t, whole[t.receiver], start, end) for t in self.run.taps),
+            array_phases=tuple(p for p in (cut_phases(p, start, end) for p in self.run.array_phases) if p.gpst.size),
+        )
 
 
 def windows_of(
-    observations: Sequence[Observations], navigation: NavigationData, settings: Settings, taps: Sequence[Taps] = ()
+    observations: Sequence[Observations],
+    navigation: NavigationData,
+    settings: Settings,
+    taps: Sequence[Taps] = (),
+    *,
+    array_phases: Sequence[ArrayPhases] = (),
+    spin_arms: Sequence[SpinArm] = (),
 ) -> Windows:
     """The windows of a run. Without observations it is one empty window, in which every detector says what it lacks."""
     edges = window_edges(observations, settings.window_s)
@@ -135,6 +157,8 @@ def windows_of(
         observations=tuple(observations),
         navigation=navigation if navigation.ephemerides else None,
         taps=tuple(taps),
+        array_phases=tuple(array_phases),
+        spin_arms=tuple(spin_arms),
     )
     return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m)
 

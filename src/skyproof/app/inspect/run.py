@@ -17,7 +17,7 @@ from skyproof.app.inspect.signal_pictures import write_pictures
 from skyproof.arrays import Floats
 from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError, fault_words
 from skyproof.formats.atomic_write import write_lines
-from skyproof.formats.raw import SampleLayout, open_raw, read_sidecar, sidecar_text
+from skyproof.formats.raw import SampleLayout, open_raw_channels, read_sidecar, sidecar_text
 from skyproof.formats.recording import open_recording
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import iso
@@ -330,9 +330,9 @@ def _opened_as(
         raise SettingsError(
             f"{path}: the options do not tell how to read it: {faults}; give rate_hz, kind, encoding and bits at least"
         ) from error
-    samples = _read_as(path, layout, "options.toml")
-    sources = _sources_of(samples, told, f"sidecar {beside.name}") | {key: "option" for key in given}
-    return (samples,), sources, layout
+    recordings = _channels_as(path, layout, "options.toml")
+    sources = _sources_of(recordings[0], told, f"sidecar {beside.name}") | {key: "option" for key in given}
+    return recordings, sources, layout
 
 
 def _sources_of(samples: Samples, told: Any, by: str) -> dict[str, str]:
@@ -344,10 +344,14 @@ def _sources_of(samples: Samples, told: Any, by: str) -> dict[str, str]:
 
 
 def _read_as(path: Path, layout: SampleLayout, name: str) -> Samples:
+    return _channels_as(path, layout, name)[0]
+
+
+def _channels_as(path: Path, layout: SampleLayout, name: str) -> tuple[Samples, ...]:
     with tempfile.TemporaryDirectory() as folder:
         written = Path(folder) / name
         written.write_text(sidecar_text(layout), encoding="utf-8")
-        return open_raw(path, written)
+        return open_raw_channels(path, written)
 
 
 # --- what nothing describes

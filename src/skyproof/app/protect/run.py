@@ -1,6 +1,6 @@
 """The main job: recordings and observations in, spoofed signals named, the true position out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -10,6 +10,7 @@ import numpy as np
 
 from skyproof.app.common.folder import check_folder
 from skyproof.app.common.platform import Platform, read_platform
+from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
 from skyproof.app.common.platform_use import described, inputs_of, settings_of
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
@@ -18,7 +19,7 @@ from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, d
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.outputs import write_outputs
 from skyproof.app.protect.positions import positions_of
-from skyproof.app.receive.inputs import open_inputs
+from skyproof.app.receive.inputs import antennas_of, open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals, track
 from skyproof.errors import InputError, SettingsError, readable
@@ -26,7 +27,7 @@ from skyproof.formats.byte_io import sha256
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.gnss.time import iso, seconds_between
-from skyproof.records import NavigationData, Samples, Source
+from skyproof.records import AntennaArray, NavigationData, OpenFile, Samples, SpinArm
 from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect", "verdict_of"]
@@ -87,21 +88,23 @@ def protect(
     paths, called = inputs_of(carrier, inputs, str(platform))
     sources = open_inputs(paths, settings, navigation, called)
     names = [source.name for source in sources]
-    settings, unused = settings_of(carrier, settings, names, described(carrier, names, str(platform)))
+    tables = described(carrier, names, str(platform))
+    settings, unused = settings_of(carrier, settings, names, tables)
+    arrays = arrays_of(tables, {source.name: len(antennas_of(source)) for source in sources}, str(platform))
     _require_two(settings, names)
     _require_orbits(sources, navigation)
-    receptions, interrupted = _received(sources, navigation, settings, progress)
+    receptions, interrupted = _received(sources, navigation, settings, progress, arrays)
     _same_time(receptions, navigation)
     receptions = [_with_common_time(r, receptions) for r in receptions]
     receptions = one_receiver_each(receptions, settings)
     settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
-    outcome, cut_short = judge(receptions, navigation, settings, progress)
+    outcome, cut_short = judge(receptions, navigation, settings, progress, spin_arms_of(tables))
     if interrupted and cut_short:
         raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
     interrupted |= cut_short
     # Whoever interrupts does not wait for the sums of large files.
-    sums, stopped = ({}, False) if interrupted else _sums([r.source for r in receptions], progress)
-    notes = [_note(r, interrupted, sums.get(r.source.path)) for r in receptions]
+    sums, stopped = ({}, False) if interrupted else _sums(_files(receptions), progress)
+    notes = [note for r in receptions for note in _notes(r, interrupted, sums)]
     if nav is not None:
         told = _told(navigation)
         notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=told))
@@ -117,7 +120,11 @@ def protect(
 
 
 def _received(
-    sources: Sequence[Samples | ObservedFile], navigation: NavigationData | None, settings: Settings, progress: Progress
+    sources: Sequence[Samples | ObservedFile],
+    navigation: NavigationData | None,
+    settings: Settings,
+    progress: Progress,
+    arrays: Mapping[str, AntennaArray],
 ) -> tuple[list[Reception], bool]:
     """What each source's receiver heard, in their order, and whether Ctrl-C ended the tracking early."""
     recordings = [source for source in sources if isinstance(source, Samples)]
@@ -126,7 +133,8 @@ def _received(
         require_signals(trackers)
     tracked = iter(trackers)
     return [
-        observe(next(tracked), navigation) if isinstance(source, Samples) else observed(source) for source in sources
+        observe(next(tracked), navigation, arrays.get(source.name)) if isinstance(source, Samples) else observed(source)
+        for source in sources
     ], interrupted
 
 
@@ -186,15 +194,24 @@ def _write(
 
 
 def judge(
-    receptions: Sequence[Reception], navigation: NavigationData | None, settings: Settings, progress: Progress
+    receptions: Sequence[Reception],
+    navigation: NavigationData | None,
+    settings: Settings,
+    progress: Progress,
+    spin_arms: Sequence[SpinArm] = (),
 ) -> tuple[Outcome, bool]:
     """Windows, evidence, decision and fixes from what the receivers heard, and whether Ctrl-C left windows out."""
     orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
-    heard = [
-        (r.observations, r.taps) for r in receptions if r.observations is not None and r.observations.gpst.size > 1
-    ]
-    observed = [observations for observations, _ in heard]
-    windows = windows_of(observed, orbits, settings, [taps for _, taps in heard if taps is not None])
+    heard = [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
+    observed = [r.observations for r in heard if r.observations is not None]
+    windows = windows_of(
+        observed,
+        orbits,
+        settings,
+        taps=[r.taps for r in heard if r.taps is not None],
+        array_phases=[r.array_phases for r in heard if r.array_phases is not None],
+        spin_arms=spin_arms,
+    )
     evidence, sets, interrupted = examine_all(windows, detectors_for(settings, windows.run), progress)
     decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
@@ -298,9 +315,14 @@ def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> 
     return replace(reception, remarks=(*reception.remarks, *told))
 
 
-def _sums(sources: Sequence[Source], progress: Progress) -> tuple[dict[str, str | None], bool]:
+def _files(receptions: Sequence[Reception]) -> dict[str, OpenFile]:
+    """What was read, by its path."""
+    sources = [source for r in receptions for source in (r.source, *(() if r.samples is None else r.samples.others))]
+    return {source.path: source.file for source in sources if source.file is not None}
+
+
+def _sums(files: Mapping[str, OpenFile], progress: Progress) -> tuple[dict[str, str | None], bool]:
     """SHA-256 of each file, of the bytes that were worked on as they were then; and whether Ctrl-C left some out."""
-    files = {source.path: source.file for source in sources if source.file is not None}
     sums: dict[str, str | None] = {}
     try:
         with progress.stage("taking the sums of the inputs", float(len(files))) as stage:
@@ -316,17 +338,17 @@ def _from(number: int, stage: Stage) -> Callable[[int, int], None]:
     return lambda done, size: stage.advance(number + done / size)
 
 
-def _note(reception: Reception, interrupted: bool, digest: str | None) -> InputNote:
-    """One input's row."""
+def _notes(reception: Reception, interrupted: bool, sums: Mapping[str, str | None]) -> list[InputNote]:
+    """A row for each file of a receiver; what is to be said of the receiver stands in the first."""
     source = reception.source
-    changes = () if source.file is None else source.file.changes()
     read = f"{reception.examined_s:.1f} of {source.duration_s:.1f} s were worked on before the run was interrupted"
-    return InputNote(
-        path=source.path or source.name,
-        format=source.format or "raw",
-        sha256=digest,
-        remarks=(*source.remarks, *reception.remarks, *changes, *((read,) if interrupted else ())),
-    )
+    files = _files([reception])
+    notes = [
+        InputNote(path=path, format=source.format or "raw", sha256=sums.get(path), remarks=file.changes())
+        for path, file in files.items()
+    ] or [InputNote(path=source.path or source.name, format=source.format or "raw", sha256=None, remarks=())]
+    told = (*source.remarks, *reception.remarks, *notes[0].remarks, *((read,) if interrupted else ()))
+    return [replace(notes[0], remarks=told), *notes[1:]]
 
 
 def _told(navigation: NavigationData | None) -> tuple[str, ...]:

@@ -55,4 +55,5 @@ def bridged(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tuple[s
             f"used up to the gap of {gap.missing_samples / samples.rate_hz:.6g} s only, for {LONGEST_S:g} s of gaps "
             f"are bridged at most; for what comes after it give start_s = {start_s:.9g}"
         )
-    return replace(samples, n_samples=n_samples, read=read, gaps=()), tuple(remarks)
+    others = tuple(bridged(other)[0] for other in samples.others)
+    return replace(samples, n_samples=n_samples, read=read, gaps=(), others=others), tuple(remarks)

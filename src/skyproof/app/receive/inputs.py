@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.app.common.settings import Settings
+from skyproof.app.receive.antennas import in_step
 from skyproof.app.receive.observed import ObservedFile, epochs_of, open_observations, same_measurements
 from skyproof.errors import InputError, SettingsError
 from skyproof.formats.recording import open_recording
@@ -16,20 +17,22 @@ from skyproof.formats.rinex_nav import glonass_channels
 from skyproof.formats.rinex_obs_read import holds_observations
 from skyproof.records import NavigationData, Samples
 
-__all__ = ["only_recordings", "open_inputs", "stretch"]
+__all__ = ["antennas_of", "only_recordings", "open_inputs", "stretch"]
 
 SAME_SAMPLES: Final = 1 << 16  # compared, to tell whether two recordings are one
 LONGEST_NAME: Final = 200  # of a receiver, in bytes; of a file it is 255
 
 
 def open_inputs(
-    paths: Sequence[Path],
+    paths: Sequence[Path | tuple[Path, ...]],
     settings: Settings,
     navigation: NavigationData | None = None,
     called: Sequence[str | None] = (),
 ) -> list[Samples | ObservedFile]:
     """Open recordings and observation files, cut them to the stretch asked for, and give each receiver its own name.
 
+    paths : each a file, of whose channels each is a receiver; or the antennas of one receiver, a file each or the
+        channels of one.
     navigation : has the frequency numbers of GLONASS that an observation file may lack.
     called : the receiver's name of each path; as its file is named where that is None.
 
@@ -45,24 +48,14 @@ def open_inputs(
         )
     opened: list[Samples | ObservedFile] = []
     for path, receiver in zip_longest(paths, called):
-        for source in _opened(path, navigation):
-            for other in opened:
-                if _is_same(other, source):
-                    raise InputError(
-                        f"{source.path}: the same recording as {other.path}; two receivers that are one would look "
-                        "like signals from one antenna: give each receiver's own recording, and each once"
-                    )
+        for source in _opened(path, settings, navigation):
+            _require_own(source, opened)
             names = [other.name for other in opened] + [name for name in called if name not in (None, receiver)]
             name = receiver or _short(source.name)
             candidates = (name, *(f"{name}-{number}" for number in range(2, len(names) + 3)))
             opened.append(_named(source, next(name for name in candidates if name not in names)))
     _require_antennas(settings, [source.name for source in opened])
-    return [
-        stretch(source, settings.start_s, settings.duration_s)
-        if isinstance(source, Samples)
-        else epochs_of(source, settings.start_s, settings.duration_s)
-        for source in opened
-    ]
+    return opened
 
 
 def only_recordings(sources: Sequence[Samples | ObservedFile]) -> list[Samples]:
@@ -76,11 +69,51 @@ def only_recordings(sources: Sequence[Samples | ObservedFile]) -> list[Samples]:
     return [source for source in sources if isinstance(source, Samples)]
 
 
-def _opened(path: Path, navigation: NavigationData | None) -> tuple[Samples | ObservedFile, ...]:
-    """One source, or several if the file has several channels."""
+def _opened(
+    wanted: Path | tuple[Path, ...], settings: Settings, navigation: NavigationData | None
+) -> tuple[Samples | ObservedFile, ...]:
+    """The stretch asked for of one source, or of several if a file has several channels, each a receiver."""
+    paths = wanted if isinstance(wanted, tuple) else (wanted,)
+    sources = [
+        stretch(source, settings.start_s, settings.duration_s)
+        if isinstance(source, Samples)
+        else epochs_of(source, settings.start_s, settings.duration_s)
+        for path in paths
+        for source in _of_file(path, navigation)
+    ]
+    if len(sources) == 1 or not isinstance(wanted, tuple):
+        return tuple(sources)
+    antennas: list[Samples] = []
+    for source in sources:
+        if not isinstance(source, Samples):
+            raise InputError(
+                f"{source.path}: an observation file among the antennas of one receiver; give recordings of samples, "
+                "one an antenna, or make a receiver of its own of it"
+            )
+        _require_own(source, antennas)
+        antennas.append(source)
+    return (in_step(antennas, _short(paths[0].stem)),)
+
+
+def _of_file(path: Path, navigation: NavigationData | None) -> tuple[Samples | ObservedFile, ...]:
     if not holds_observations(path):
         return open_recording(path)
     return (open_observations(path, None if navigation is None else glonass_channels(navigation)),)
+
+
+def _require_own(source: Samples | ObservedFile, others: Sequence[Samples | ObservedFile]) -> None:
+    """Raise InputError if an antenna of this source is one of the others'."""
+    for other in others:
+        if any(_is_same(one, two) for one in antennas_of(other) for two in antennas_of(source)):
+            raise InputError(
+                f"{source.path}: the same recording as {other.path}; two antennas that are one would look like signals "
+                "from one place: give each receiver's own recording of each antenna, and each once"
+            )
+
+
+def antennas_of(source: Samples | ObservedFile) -> tuple[Samples | ObservedFile, ...]:
+    """The source of each antenna of a receiver, itself first."""
+    return (source, *source.others) if isinstance(source, Samples) else (source,)
 
 
 def _named(source: Samples | ObservedFile, name: str) -> Samples | ObservedFile:
@@ -137,4 +170,5 @@ def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Sampl
             for gap in samples.gaps
             if first < gap.at_sample < first + count
         ),
+        others=tuple(stretch(other, start_s, duration_s) for other in samples.others),
     )

@@ -26,6 +26,7 @@ from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.measurement import DOPPLER_HZ, Measurements
 from skyproof.receiver.observables import (
     ReceiverTimeTag,
+    array_phases_of,
     assemble,
     messages_that_differ,
     navigation_of,
@@ -36,12 +37,24 @@ from skyproof.receiver.observables import (
 )
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
 from skyproof.recording.conditioning import conditioned, measure_front_end
-from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId, Source, Taps, TapsAsked
+from skyproof.records import (
+    AntennaArray,
+    ArrayPhases,
+    FixStatus,
+    NavigationData,
+    Observations,
+    Samples,
+    SignalId,
+    Source,
+    Taps,
+    TapsAsked,
+)
 
 __all__ = ["Reception", "Tracker", "observe", "require_signals", "track"]
 
 BLOCK_S = 0.5
 ENOUGH_SATS = 4
+NEARLY_ALL = 0.9
 MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
 FOLLOWED_S = 2.0  # shorter, a signal that is there may not have proved itself
 TIME_OF_WEEK_S = 12.0  # by then a signal has told its time of week: it does so every 6 s, once its bits can be read
@@ -56,6 +69,9 @@ class Reception:
     same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
     messages_differ : where signals of one satellite tell different messages, in words; among the remarks as well.
     taps : correlators beside the observations, if they were asked for.
+    antennas : the same signals at the same epochs on each antenna, where the receiver has several; `observations` are
+        those of the first, or if that has clearly fewer those of the antenna that has most.
+    array_phases : the carrier's phases on all of them, if it is known where they are.
     """
 
     source: Source
@@ -68,6 +84,8 @@ class Reception:
     remarks: tuple[str, ...] = ()
     messages_differ: tuple[str, ...] = ()
     taps: Taps | None = None
+    antennas: tuple[Observations, ...] = ()
+    array_phases: ArrayPhases | None = None
 
     @property
     def samples(self) -> Samples | None:
@@ -103,7 +121,7 @@ class Tracker:
         if count <= 0 or self.broken:
             return False
         try:
-            planes = self.samples.read(self.position, count)
+            planes = self.samples.read_all(self.position, count)
         except InputError as error:
             self.broken = str(error)
             self.told = (*self.told, f"only its first {self.examined_s:.1f} s were worked on: {error}")
@@ -174,7 +192,7 @@ def track(
     """
     progress = progress or Silent()
     trackers = [_tracker(samples, settings, navigation, watchful, taps) for samples in recordings]
-    for samples in recordings:
+    for samples in (one for recording in recordings for one in (recording, *recording.others)):
         if summed and samples.file is not None:
             samples.file.sum_as_read()
     names = ", ".join(s.name for s in recordings)
@@ -196,7 +214,7 @@ def _tracker(
     samples: Samples, settings: Settings, navigation: NavigationData | None, watchful: bool, taps: TapsAsked | None
 ) -> Tracker:
     """A recording made ready: what hurts in its samples taken off, gaps that it tells of bridged."""
-    clean, cleaned = _cleaned(samples)
+    clean, cleaned = _cleaned_all(samples)
     whole, filled = bridged(clean, begun_s=settings.start_s)
     sats, narrowed = _sats(samples, settings, navigation)
     receiver_settings = ReceiverSettings(
@@ -236,6 +254,16 @@ def _sats(
     return above, (f"only the {len(above)} satellites above the horizon of place_deg were looked for",)
 
 
+def _cleaned_all(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """`_cleaned` antenna by antenna: each has a front end of its own behind the one oscillator."""
+    if not samples.others:
+        return _cleaned(samples)
+    (first, *others), told = zip(*map(_cleaned, (samples, *samples.others)), strict=True)
+    names = (one.antenna for one in (samples, *samples.others))
+    words = [f"antenna {name}: {word}" for name, words in zip(names, told, strict=True) for word in words]
+    return replace(first, others=tuple(others)), tuple(words)
+
+
 def _cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
     """The recording without what costs C/N0, and what was done; itself where nothing does, or too little tells it.
 
@@ -260,8 +288,10 @@ def carrier_at_hz(samples: Samples) -> float:
     return samples.if_hz + GPS_L1_CA.carrier_hz - samples.centre_hz
 
 
-def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
+def observe(tracker: Tracker, navigation: NavigationData | None, array: AntennaArray | None = None) -> Reception:
     """Time, observations and navigation data of one tracked recording.
+
+    array : where its antennas are, if it has several and that is known.
 
     The week comes from the recording's date, else from the navigation file, else from the message (which knows it
     modulo 1024, resolved by nothing better than the calendar's present era).
@@ -276,13 +306,25 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
         week = label.week
     told = navigation_of(tracker.arcs, week, samples.path or samples.name)
     orbits = navigation if navigation is not None else told
-    observations = None
+    antennas: tuple[Observations, ...] = ()
+    observations = phases = None
     if label is not None:
-        observations = _assembled(tracker, tracker.arcs, label)
-        arcs = _all_timed(tracker, observations, orbits, label, remarks)
+        antennas = _on_antennas(tracker, tracker.arcs, label)
+        best = _best(antennas)
+        arcs = _all_timed(tracker, antennas[best], orbits, label, remarks)
         if arcs is not None:
-            observations = _assembled(tracker, arcs, label)
-        observations = _anchored(observations, orbits, tracker.gaps)
+            antennas = _on_antennas(tracker, arcs, label)
+        biases_s = _clock_biases_s(antennas[best], orbits, tracker.gaps)
+        if biases_s is not None:
+            antennas = tuple(anchored(one, biases_s) for one in antennas)
+        observations = antennas[best]
+        if array is not None:
+            phases = _array_phases(tracker, observations, array)
+        if best:
+            remarks.append(
+                f"its measurements are those on antenna {best + 1} of {len(antennas)}, for the first has fewer: check "
+                "that antenna and its line"
+            )
     found = _diagnosed(tracker) if observations is None or _is_doubtful(tracker) else None
     if found is None or not found.mirrored:  # signals of a mirrored spectrum are lost all the time: no gaps are told
         remarks += gap_remarks(tracker.gaps, tracker.receiver.signal.period_s)
@@ -306,6 +348,8 @@ def observe(tracker: Tracker, navigation: NavigationData | None) -> Reception:
         remarks=tuple(remarks),
         messages_differ=differ,
         taps=None if observations is None else _taps(tracker, observations.elapsed_s),
+        antennas=antennas if len(antennas) > 1 else (),
+        array_phases=phases,
     )
 
 
@@ -437,17 +481,43 @@ def _week_of_message(arcs: Mapping[int, Arc], label: ReceiverTimeTag) -> int | N
     return weeks.most_common(1)[0][0] if weeks else None
 
 
-def _assembled(tracker: Tracker, arcs: Mapping[int, Arc], label: ReceiverTimeTag) -> Observations:
-    settings = tracker.receiver.settings
+def _on_antennas(tracker: Tracker, arcs: Mapping[int, Arc], label: ReceiverTimeTag) -> tuple[Observations, ...]:
+    """What each antenna measured; of a receiver with one, all that there is."""
+    settings, measured = tracker.receiver.settings, tracker.measurements
+    parts = [measured.on_antenna(antenna) for antenna in range(measured.own.shape[1])] or [measured]
     n_epochs = int(tracker.state.frame - 1) // MEASURE_FRAMES
-    elapsed_s = settings.frame_s * MEASURE_FRAMES * np.arange(1.0, n_epochs + 1)
-    return assemble(
-        tracker.samples.name,
+    return tuple(
+        assemble(
+            tracker.samples.name,
+            part,
+            arcs,
+            label,
+            settings.frame_s * MEASURE_FRAMES * np.arange(1.0, n_epochs + 1),
+            carrier_hz=settings.signal.carrier_hz,
+            averaged_s=tracker.epoch_s,
+        )
+        for part in parts
+    )
+
+
+def _best(antennas: Sequence[Observations]) -> int:
+    """The antenna whose measurements stand for the receiver: the first, if it has nearly as many as any."""
+    counts = [int(np.isfinite(one.pseudorange_m).sum()) for one in antennas]
+    return 0 if counts[0] >= NEARLY_ALL * max(counts) else int(np.argmax(counts))
+
+
+def _array_phases(tracker: Tracker, observations: Observations, array: AntennaArray) -> ArrayPhases | None:
+    """None if there is no epoch."""
+    if observations.elapsed_s.size == 0:
+        return None
+    return array_phases_of(
+        observations.receiver,
         tracker.measurements,
-        arcs,
-        label,
-        elapsed_s,
-        carrier_hz=settings.signal.carrier_hz,
+        tracker.arcs,
+        observations.elapsed_s,
+        observations.gpst,
+        array=array,
+        carrier_hz=tracker.receiver.settings.signal.carrier_hz,
         averaged_s=tracker.epoch_s,
     )
 
@@ -516,15 +586,15 @@ def _all_timed(
     return arcs
 
 
-def _anchored(observations: Observations, navigation: NavigationData, gaps: Sequence[Gap]) -> Observations:
-    """Move the clock label to within half a millisecond of what most signals say, when they give a fix at all; where
-    samples are missing unmarked it steps by what is missing. Where the signals' time goes back, as in a recording
-    joined to itself, it goes on with the samples.
+def _clock_biases_s(observations: Observations, navigation: NavigationData, gaps: Sequence[Gap]) -> Reals | None:
+    """By how much to move the clock label at each epoch, (n_epochs,), to bring it to within half a millisecond of what
+    most signals say; None where they give no fix at all. Where samples are missing unmarked it steps by what is
+    missing. Where the signals' time goes back, as in a recording joined to itself, it goes on with the samples.
     """
     shown = fix(observations, navigation, signals=first_copies(observations), elevation_mask_deg=0.0)
     known = np.isfinite(shown.clock_bias_s)
     if not known.any():
-        return observations
+        return None
     segment = _segment(observations.elapsed_s, gaps)
     told = np.unique(segment[known])
     biases_s = np.array([np.median(shown.clock_bias_s[known & (segment == one)]) for one in told])
@@ -532,7 +602,7 @@ def _anchored(observations: Observations, navigation: NavigationData, gaps: Sequ
     chosen = biases_s[np.clip(np.searchsorted(told, segment), 0, told.size - 1)]
     # When a gap began is known to a few epochs only: the fixes themselves tell on which side of it they lie.
     chosen[known] = biases_s[np.argmin(np.abs(shown.clock_bias_s[known][:, None] - biases_s), axis=1)]
-    return anchored(observations, chosen)
+    return np.asarray(chosen)
 
 
 def first_copies(observations: Observations) -> tuple[SignalId, ...]:

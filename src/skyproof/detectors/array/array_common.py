@@ -27,6 +27,9 @@ from skyproof.statistics.distributions import chi_square_survival, chi_square_th
 __all__ = ["ArrayCommon", "ArrayCommonSettings", "cluster_chance", "cluster_evidence", "of_one_carrier"]
 
 
+ONE_ANTENNA = "false signals are several, and come from one transmit antenna"
+
+
 def cluster_chance(signals: int, size: int, chance: float) -> float:
     """At most this probable: that among independent directions `size` of `signals` are taken for one, each pair of them
     with `chance` (the union bound over all choices, each about one of its members)."""
@@ -123,6 +126,7 @@ def cluster_evidence(
             subject=refs,
             says="authentic",
             because=f"no two of {n} signals come to {refs[0].receiver} from one direction",
+            assumes=(ONE_ANTENNA,),
             statistic=statistic,
             threshold=float(chi_square_threshold(alpha, (n - 1) * d)),
             false_alarm_probability=alpha,

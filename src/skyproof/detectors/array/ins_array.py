@@ -343,7 +343,7 @@ class InsArraySettings:
     """Settings of `InsArray`.
 
     false_alarm_probability : of each array and window.
-    position_sigma_m : of each antenna's phase centre along each axis.
+    position_sigma_m : of each antenna's phase centre along each axis, where the array does not state it.
     bias_sigma_cyc : of what calibration leaves of each antenna's line.
     attitude_sigma_deg : about each axis, where the inertial system tells no covariance.
     min_epochs : of a signal that is tested.
@@ -381,6 +381,14 @@ class InsArray:
         return [self._array(records, phases, body, orbits) for phases in records.array_phases], state
 
     def _array(self, records: Records, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> Evidence:
+        if not phases.calibrated:
+            return undecided(
+                self,
+                records,
+                tuple(SignalRef(phases.receiver, s) for s in phases.signals),
+                because=f"by how much the antenna lines of {phases.receiver} delay the carrier is not known",
+                would_need="line_bias_cyc of that receiver in the platform file",
+            )
         direction = predicted_directions(phases, state, navigation)
         elements_cyc = phases.elements_m * (L1_HZ / SPEED_OF_LIGHT_M_S)
         ratio = phases.carrier_hz / L1_HZ
@@ -395,11 +403,14 @@ class InsArray:
                 because=f"no signal on all antennas of {phases.receiver} while its attitude and an ephemeris are known",
                 would_need="phases of all antennas, ephemerides, and attitudes over the same time",
             )
+        known_m = phases.elements_sigma_m
         covariance = residual_covariance(
             elements_cyc,
             np.einsum("kn,kni->ni", mean.share, np.nan_to_num(direction))[used],
             sigma_cyc=mean.sigma_cyc[used],
-            position_sigma_cyc=self.settings.position_sigma_m * L1_HZ / SPEED_OF_LIGHT_M_S,
+            position_sigma_cyc=(self.settings.position_sigma_m if known_m is None else known_m)
+            * L1_HZ
+            / SPEED_OF_LIGHT_M_S,
             attitude_covariance_rad2=self._attitude_covariance(state),
             bias_sigma_cyc=self.settings.bias_sigma_cyc,
             frequency_ratio=ratio[used],

@@ -1,0 +1,61 @@
+"""What a platform file says of antennas: where those of an array are, and which one turns."""
+
+from collections.abc import Mapping
+from math import pi
+
+import numpy as np
+
+from skyproof.app.common.platform_tables import Receiver
+from skyproof.errors import SettingsError
+from skyproof.records import AntennaArray, SpinArm
+
+__all__ = ["arrays_of", "is_array", "spin_arms_of"]
+
+
+def is_array(table: Receiver) -> bool:
+    """Whether a receiver's table says that it has several antennas; one input may have several channels besides."""
+    return max(len(table.inputs), len(table.antennas_m or ())) > 1
+
+
+def arrays_of(
+    tables: Mapping[str, Receiver], n_antennas: Mapping[str, int], where: str = "the platform file"
+) -> dict[str, AntennaArray]:
+    """The receivers with several antennas whose places are known.
+
+    n_antennas : that each receiver's inputs have.
+
+    Raises
+    ------
+    SettingsError : a table is of more or fewer antennas than the inputs have.
+    """
+    arrays = {}
+    for name, table in tables.items():
+        count = n_antennas[name]
+        for key in ("antennas_m", "line_bias_cyc"):
+            given = getattr(table, key)
+            if given is not None and len(given) != count:
+                raise SettingsError(
+                    f"{where}: {key} of receiver {name} is of {len(given)} antennas, but its inputs have {count}; give "
+                    "one for each antenna: a file each, or one file whose channels they are"
+                )
+        if count > 1 and table.antennas_m is not None:
+            arrays[name] = AntennaArray(
+                elements_m=np.array(table.antennas_m, np.float64),
+                sigma_m=table.antenna_sigma_m,
+                line_bias_cyc=None if table.line_bias_cyc is None else np.array(table.line_bias_cyc, np.float64),
+            )
+    return arrays
+
+
+def spin_arms_of(tables: Mapping[str, Receiver]) -> tuple[SpinArm, ...]:
+    """The arms that turn a receiver's antenna."""
+    return tuple(
+        SpinArm(
+            receiver=name,
+            radius_m=table.spin.radius_m,
+            rate_rad_s=2.0 * pi * table.spin.rate_hz,
+            rate_sigma_rad_s=2.0 * pi * table.spin.rate_sigma_hz,
+        )
+        for name, table in tables.items()
+        if table.spin is not None
+    )
