@@ -310,6 +310,14 @@ def test_an_absurd_number_in_a_compact_file_costs_its_arc(old: str, new: str) ->
     assert set(seen.pseudorange_m[np.isfinite(seen.pseudorange_m)]) <= {2e7, 2e7 + 5, 2e7 + 6, 2e7 + 7, 2.1e7}
 
 
+def test_a_control_character_before_a_number_of_types_is_no_fault() -> None:
+    old = READERS["compact"].seeds[0].decode().splitlines()
+    types = next(k for k, text in enumerate(old) if text[60:].startswith("# / TYPES OF OBS"))
+    damaged = [*old[:types], f"  \x1d{old[types][3:]}", *old[types + 1 :]]
+    found = parse_obs("\n".join(damaged).encode())
+    assert found.observations.signals == parse_obs("\n".join(old).encode()).observations.signals
+
+
 @pytest.mark.parametrize("count", ["999", " -1", "1e9", "  4", "  2"])
 def test_an_absurd_count_in_a_compact_file_costs_what_continues_from_it(count: str) -> None:
     head = next(k for k, text in enumerate(COMPACT) if text.startswith("> 2024"))

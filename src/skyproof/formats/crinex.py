@@ -270,7 +270,7 @@ def _cells(satellite: _Satellite, text: str, n_types: int) -> str:
 
 
 def _count_of_types(text: str) -> int:
-    count = int(text) if text.strip().isdecimal() else 0
+    count = int(text.strip()) if text.strip().isdecimal() else 0
     return count if count <= _MOST_TYPES else 0
 
 

@@ -185,7 +185,7 @@ def layout_change(lines: Sequence[str], layout: Layout) -> Layout:
 
 def _types_wanted(text: str) -> int | None:
     """How many of the names that follow count; all of them if the number is damaged."""
-    return int(text) if text.strip().isdecimal() else None
+    return int(text.strip()) if text.strip().isdecimal() else None
 
 
 def _count(text: str) -> int:
