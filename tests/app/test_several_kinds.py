@@ -13,9 +13,12 @@ from scipy import stats
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import detectors_for, examine_all, windows_of
+from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
 from skyproof.fusion.fuse import fuse
+from skyproof.fusion.trusted import fix_of
 from skyproof.gnss.nominal_systems import nominal_systems
-from skyproof.records import SignalRef
+from skyproof.navigation.sets import consistent_sets
+from skyproof.records import CellStatus, Records, SignalRef
 from skyproof.simulator.attacks import Spoofer
 from skyproof.simulator.kinds import Kind
 from skyproof.simulator.measurements import NoiseModel, draw, geometry_of
@@ -126,6 +129,91 @@ def test_a_clean_sky_of_several_kinds_is_one_set_and_authentic(kinds):
     assert all({s.kind for s in found.signals} == set(kinds) for found in sets)
     assert all(set(found.offsets_s) == set(kinds) for found in sets)
     assert decision.verdict == "authentic"
+
+
+def with_sats(o, wanted):
+    """The first so many satellites of each system, by how high they stand in the list; others are not received."""
+    sats = {system: sorted({s.sat for s in o.signals if s.sat[0] == system})[:n] for system, n in wanted.items()}
+    kept = np.array([s.sat in sats.get(s.sat[0], ()) for s in o.signals])
+    return replace(o, pseudorange_m=np.where(kept, o.pseudorange_m, np.nan))
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """The first of two receivers, and the orbits."""
+    observed, navigation, _ = sky((("G", "L1", "CA"), ("E", "E1", "C")))
+    return observed[0], navigation
+
+
+def test_few_satellites_of_a_system_join_the_sky_where_they_fit_with_a_clock_of_their_own(clean):
+    o, navigation = clean
+    (found,) = consistent_sets(with_sats(o, {"G": 8, "E": 3}), navigation)
+    assert Counter(s.sat[0] for s in found.signals) == {"G": 8, "E": 3}
+    assert found.dof == 8 - 4  # the few do not move the position
+    (whole,) = consistent_sets(o, navigation)
+    assert found.offsets_s[("E", "E1", "C")] == pytest.approx(whole.offsets_s[("E", "E1", "C")], abs=1e-8)
+
+
+def test_one_satellite_alone_with_its_clock_is_in_no_set(clean):
+    o, navigation = clean
+    (found,) = consistent_sets(with_sats(o, {"G": 8, "E": 1}), navigation)
+    assert {s.sat[0] for s in found.signals} == {"G"}
+
+
+def test_few_satellites_that_do_not_fit_the_sky_are_left_out(clean):
+    o, navigation = clean
+    moved = o.pseudorange_m.copy()
+    for k, signal in enumerate(o.signals):
+        moved[:, k] += 90.0 * (signal.sat[0] == "E") * (k % 3)  # three that no one clock makes up for
+    (found,) = consistent_sets(with_sats(replace(o, pseudorange_m=moved), {"G": 8, "E": 3}), navigation)
+    assert "E" not in {s.sat[0] for s in found.signals}
+
+
+def test_systems_of_four_satellites_each_make_a_sky_together_or_none(clean):
+    o, navigation = clean
+    few = with_sats(o, {"G": 4, "E": 4})
+    (found,) = consistent_sets(few, navigation)
+    assert len(found.signals) == 8
+    assert found.dof == 8 - 3 - 2
+    moved = few.pseudorange_m.copy()
+    moved[:, next(k for k, s in enumerate(o.signals) if s.sat[0] == "E")] += 150.0
+    assert consistent_sets(replace(few, pseudorange_m=moved), navigation) == ()
+    assert consistent_sets(with_sats(o, {"G": 3, "E": 2}), navigation) == ()  # as many unknowns as signals
+
+
+def test_what_one_kind_steps_by_leaves_the_others_as_they_were(clean):
+    o, navigation = clean
+    of_gps = np.array([s.sat[0] == "G" for s in o.signals])
+    later = (o.elapsed_s > 6.0)[:, None] & of_gps
+    stepped = replace(
+        o,
+        pseudorange_m=o.pseudorange_m + 60.0 * later,
+        status=np.where(np.diff(later, axis=0, prepend=False), CellStatus.SLIP, o.status).astype(np.uint8),
+    )
+    records = Records(
+        start_gpst=o.gpst[0],
+        end_gpst=o.gpst[-1] + np.timedelta64(1, "s"),
+        observations=(stepped,),
+        navigation=navigation,
+        sets=consistent_sets(o, navigation),
+    )
+    said, _ = Continuity(ContinuitySettings(false_alarm_probability=1e-6)).examine(records)
+    broken = [e for e in said if e.overrules]
+    assert {ref.signal.sat[0] for e in broken for ref in e.subject} == {"G"}
+    assert {ref.signal.sat[0] for e in said if e.says == "clean" for ref in e.subject} >= {"E"}
+
+
+def test_a_fix_goes_over_to_the_band_that_is_left():
+    (o, _), navigation, _ = sky(TWO_BANDS)
+    first = np.array([s.band == "L1" for s in o.signals])
+    lost = replace(o, pseudorange_m=np.where(first & (o.elapsed_s > 6.0)[:, None], np.nan, o.pseudorange_m))
+    fix = fix_of(lost, navigation, multipath_sigma_m=1.0, elevation_mask_deg=5.0)
+    used = np.isfinite(fix.residual_m)
+    bands = np.array([s.band for s in fix.signals])
+    assert (fix.status == 0).all()
+    for row, elapsed_s in enumerate(o.elapsed_s):
+        assert set(bands[used[row]]) == {"L2" if elapsed_s > 6.0 else "L1"}
+    assert np.linalg.norm(np.diff(fix.position_ecef_m, axis=0), axis=1).max() < 15.0
 
 
 def spoofer(east_m=400.0, north_m=300.0, clock_s=0.0):

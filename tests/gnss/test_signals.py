@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of, sat_name
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of, sat_name, service_of
 
 
 def test_the_signal_is_described_in_one_place():
@@ -27,3 +27,12 @@ def test_a_name_that_is_no_gps_satellite_is_refused(sat):
 def test_a_number_that_is_no_gps_satellite_is_refused(prn):
     with pytest.raises(ValueError, match="no GPS satellite"):
         sat_name(prn)
+
+
+def test_codes_of_one_signal_are_one_service_and_others_are_not():
+    assert service_of("E1", "C") == service_of("E1", "X") == service_of("E1", "B")
+    assert service_of("L2", "L") == service_of("L2", "X")
+    assert service_of("L2", "W") != service_of("L2", "L")
+    assert service_of("L1", "CA") != service_of("L1", "X")
+    assert service_of("B1C", "1P") == service_of("B1C", "1X")
+    assert service_of("E1", "A") not in (service_of("E1", "C"), service_of("E1", "Z"))

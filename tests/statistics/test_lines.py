@@ -36,3 +36,15 @@ def test_contrasts_do_not_see_rows_and_columns_and_whiten_the_noise():
     np.testing.assert_allclose(covariance, np.broadcast_to(np.eye(8), (6, 8, 8)), atol=1e-10)
     constant = np.einsum("bij,bik->bjk", contrasts, contrasts)
     np.testing.assert_allclose(constant, gain[..., None] * np.eye(8), atol=1e-10)
+
+
+def test_contrasts_of_groups_do_not_see_what_a_column_adds_to_a_group():
+    rng = np.random.default_rng(5)
+    sigma, groups = rng.uniform(0.5, 2.0, (9, 3)), np.array([0, 0, 0, 1, 1, 1, 1, 2, 2])
+    contrasts, _ = additive_contrasts(sigma, groups)
+    assert contrasts.shape == (27, (9 - 3) * 2)
+    effects = rng.standard_normal((3, 3)) * 50.0
+    table = rng.standard_normal((9, 1)) * 100.0 + effects[groups]
+    np.testing.assert_allclose(table.ravel() @ contrasts, 0.0, atol=1e-10)
+    np.testing.assert_allclose(contrasts.T @ np.diag(sigma.ravel() ** 2) @ contrasts, np.eye(12), atol=1e-12)
+    np.testing.assert_allclose(additive_contrasts(sigma, np.zeros(9, int))[0], additive_contrasts(sigma)[0])
