@@ -257,6 +257,8 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
             *PROTECT,
             "--nav",
             "b.22n",
+            "--imu",
+            "imu.csv",
             "--platform",
             "p.toml",
             "--false-alarm-probability-per-hour",
@@ -314,6 +316,7 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
             [Path("rx1.bin"), Path("rx2.bin")],
             {
                 "nav": Path("b.22n"),
+                "imu": Path("imu.csv"),
                 "platform": Path("p.toml"),
                 "out": Path("result"),
                 **dict(zip(settings, (1e-4, 60.0, 0.5, 2.5, 9e3, (57.7, 11.9), 27.0, 33.0), strict=True)),
@@ -322,7 +325,7 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
         (
             "protect",
             [Path("rx1.bin"), Path("rx2.bin")],
-            {"nav": None, "platform": None, "out": Path("result"), **dict.fromkeys(settings)},
+            {"nav": None, "imu": None, "platform": None, "out": Path("result"), **dict.fromkeys(settings)},
         ),
         ("receive", [Path("rx1.bin")], {"out": Path("d"), "nav": Path("b.22n"), **dict.fromkeys(stretch)}),
         (
@@ -332,7 +335,11 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
         ),
         ("init", [Path("rx1.bin"), Path("rx2.obs")], {"out": Path("platform.toml"), "overwrite": False}),
         ("init", [Path("rx1.bin")], {"out": Path("p.toml"), "overwrite": True}),
-        ("protect", [], {"nav": None, "platform": Path("p.toml"), "out": Path("d"), **dict.fromkeys(settings)}),
+        (
+            "protect",
+            [],
+            {"nav": None, "imu": None, "platform": Path("p.toml"), "out": Path("d"), **dict.fromkeys(settings)},
+        ),
         ("demo", Path("there"), {}),
         (
             "simulate",

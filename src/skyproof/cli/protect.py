@@ -29,6 +29,10 @@ def protect(
     *,
     out: Annotated[Path, Parameter(help="Folder for the verdict, the report, fixes and all other files.")],
     nav: Nav = None,
+    imu: Annotated[
+        Path | None,
+        Parameter(help="Inertial readings (CSV, Parquet); the platform file says how the unit sits and is turned."),
+    ] = None,
     platform: Annotated[
         Path | None, Parameter(help="Platform file: receivers, their inputs and places, and settings.")
     ] = None,
@@ -48,6 +52,7 @@ def protect(
     result = app.protect.protect(
         inputs or [],
         nav=nav,
+        imu=imu,
         platform=platform,
         out=out,
         false_alarm_probability_per_hour=false_alarm_probability_per_hour,

@@ -4,12 +4,13 @@ Golden numbers are those of an independent re-derivation of the paper, to the di
 """
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
-from tests.detectors.nulls import NAVIGATION, PLACE_M, SIGNALS, START, TRUE, array_records
+from tests.detectors.nulls import NAVIGATION, PLACE_M, SIGNALS, START, STATE, TRUE, array_records
 
 from skyproof.detectors.array.ins_array import (
     InsArray,
@@ -32,7 +33,7 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import week_and_tow
-from skyproof.records import Records
+from skyproof.records import ConsistentSet, Records
 from skyproof.statistics.directions import (
     blocks,
     dead_zone,
@@ -477,6 +478,34 @@ def test_one_source_for_all_is_found():
     (said,), _ = InsArray().examine(array_records(np.random.default_rng(9), direction))
     assert said.says == "spoofed"
     assert said.p_value < 1e-12
+
+
+def test_at_a_position_that_only_signals_show_no_signal_without_one_is_tested():
+    """False signals that fit no position are left alone then: the true place may be another one."""
+    direction = TRUE.copy()
+    direction[:, 2:4] = direction[:, :1]
+    covariance = np.tile(np.radians(0.05) ** 2 * np.eye(9), (STATE.gpst.size, 1, 1))
+    covariance[:, range(6), range(6)] = np.inf
+    records = replace(
+        array_records(np.random.default_rng(8), direction), nav_state=replace(STATE, covariance=covariance)
+    )
+    (said,), _ = InsArray().examine(records)
+    assert said.says == "undecided"
+    assert "its position" in said.because
+    one = ConsistentSet(
+        receiver="rx1",
+        signals=SIGNALS[:3],
+        gpst=START,
+        position_ecef_m=PLACE_M,
+        clock_bias_s=0.0,
+        covariance_m2=np.eye(4),
+        statistic=1.0,
+        dof=1,
+        p_value=0.5,
+    )
+    (said,), _ = InsArray().examine(replace(records, sets=(one,)))
+    assert said.says == "spoofed"
+    assert [ref.signal for ref in said.subject] == [SIGNALS[2]]
 
 
 def test_without_an_ephemeris_of_any_satellite_it_says_so():

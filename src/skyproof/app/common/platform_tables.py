@@ -300,7 +300,7 @@ class Imu(Model):
     )
     initial: InitialAttitude | None = Field(
         default=None,
-        description="The attitude at the first reading; aligned from the motion if absent.",
+        description="The attitude at the first reading; without it the readings are not used.",
         examples=[{"heading_deg": 40.0, "pitch_deg": 0.6, "roll_deg": 0.0, "sigma_deg": 0.5}],
     )
 

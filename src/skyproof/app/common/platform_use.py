@@ -107,6 +107,7 @@ def settings_of(
         elif places.keys:
             remarks.append(f"{stated} is a setting of this run, and comes before {', '.join(sorted(places.keys))}")
             use = use + _Use(keys=places.keys)
+    use = use + _Use(keys=_of_body(platform))
     unused = [key for key in _given(platform) if key not in use.keys]
     if unused:
         remarks.append(f"{', '.join(unused)}: read, used by no method of this run")
@@ -122,6 +123,15 @@ def _given(platform: Platform) -> list[str]:
         for key in ("position", "body_m", *(() if is_array(table) and table.antennas_m else ("line_bias_cyc",)))
         if getattr(table, key) is not None
     ]
+
+
+def _of_body(platform: Platform) -> frozenset[str]:
+    """The keys that `body` makes the state of: arrays are held against it."""
+    if not any(is_array(table) and table.antennas_m for table in platform.receivers):
+        return frozenset()
+    placed = next((k for k, table in enumerate(platform.receivers) if table.position is not None), None)
+    place = () if placed is None or platform.motion == "moving" else (f"receivers[{placed}].position", "motion")
+    return frozenset({"attitude", "imu", *place})
 
 
 def _speed(platform: Platform) -> _Use:

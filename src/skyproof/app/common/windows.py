@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from skyproof.app.common.body import Body, Carried, body_state, state_to_come
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
 from skyproof.arrays import Booleans
@@ -106,19 +107,26 @@ def window_edges(observations: Sequence[Observations], window_s: float) -> list[
 class Windows:
     """A run cut into windows, which are made one by one as they are asked for.
 
-    run : all that is known of the whole run, without sets. edges : of the windows, common to all receivers; (n + 1,).
+    run : all that is known of the whole run, without sets; its `nav_state` says only that windows have one.
+    edges : of the windows, common to all receivers; (n + 1,). body : that carries the antennas.
     """
 
     run: Records
     edges: tuple[np.datetime64, ...]
     multipath_sigma_m: float
+    body: Body | None = None
 
     def __len__(self) -> int:
         return len(self.edges) - 1
 
     def __iter__(self) -> Iterator[Records]:
+        carried = Carried()
         for start, end in pairwise(self.edges):
-            yield self._window(start, end)
+            records = self._window(start, end)
+            if self.body is not None:
+                state, carried = body_state(self.body, records, carried)
+                records = replace(records, nav_state=state)
+            yield records
 
     def _window(self, start: np.datetime64, end: np.datetime64) -> Records:
         """Each receiver's epochs in a window, and the consistent sets that they hold."""
@@ -137,6 +145,7 @@ class Windows:
             sets=tuple(sets),
             taps=tuple(cut_taps(t, whole[t.receiver], start, end) for t in self.run.taps),
             array_phases=tuple(p for p in (cut_phases(p, start, end) for p in self.run.array_phases) if p.gpst.size),
+            nav_state=None,
         )
 
 
@@ -148,6 +157,7 @@ def windows_of(
     *,
     array_phases: Sequence[ArrayPhases] = (),
     spin_arms: Sequence[SpinArm] = (),
+    body: Body | None = None,
 ) -> Windows:
     """The windows of a run. Without observations it is one empty window, in which every detector says what it lacks."""
     edges = window_edges(observations, settings.window_s)
@@ -159,8 +169,9 @@ def windows_of(
         taps=tuple(taps),
         array_phases=tuple(array_phases),
         spin_arms=tuple(spin_arms),
+        nav_state=None if body is None else state_to_come(edges[0]),
     )
-    return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m)
+    return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m, body=body)
 
 
 def detectors_for(settings: Settings, run: Records) -> list[Detector]:

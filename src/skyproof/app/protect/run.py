@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from skyproof.app.common.body import Body, body_of, open_body, with_imu
 from skyproof.app.common.folder import check_folder
 from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
@@ -27,7 +28,7 @@ from skyproof.formats.byte_io import sha256
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.gnss.time import iso, seconds_between
-from skyproof.records import AntennaArray, NavigationData, OpenFile, Samples, SpinArm
+from skyproof.records import AntennaArray, NavigationData, OpenFile, Records, Samples, SpinArm
 from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect", "verdict_of"]
@@ -57,6 +58,7 @@ def protect(
     inputs: Sequence[str | Path] = (),
     *,
     nav: str | Path | None = None,
+    imu: str | Path | None = None,
     platform: str | Path | None = None,
     out: str | Path | None = None,
     progress: Progress | None = None,
@@ -69,6 +71,7 @@ def protect(
     inputs : one a receiver: recordings, each with its sidecar NAME.toml, and observation files (RINEX); none if the
         platform file names them.
     nav : RINEX navigation file; without one the orbits come from the signals of recordings.
+    imu : inertial readings (CSV or Parquet) in place of the file in [imu] of the platform file.
     platform : TOML file of receivers, their inputs and places, and settings: see `app.common.platform`.
     out : folder for the outputs, made if absent; None writes nothing.
     options : any field of `Settings`; None means not given.
@@ -78,13 +81,14 @@ def protect(
     SkyproofError : an input, option or folder that cannot be used; says what to do.
     """
     progress = progress or Silent()
-    carrier = Platform() if platform is None else read_platform(Path(platform))
+    carrier = with_imu(Platform() if platform is None else read_platform(Path(platform)), imu)
     platform_sum = None if platform is None else sha256(platform)
     settings = resolve_settings(carrier.protect, **options)
     if out is not None:
         check_folder(out)
     navigation = None if nav is None else read_nav(Path(nav))
     nav_sum = None if nav is None else sha256(nav)  # now, of what was read: it may be gone at the end
+    body_files = open_body(carrier, str(platform or imu))
     paths, called = inputs_of(carrier, inputs, str(platform))
     sources = open_inputs(paths, settings, navigation, called)
     names = [source.name for source in sources]
@@ -98,7 +102,8 @@ def protect(
     receptions = [_with_common_time(r, receptions) for r in receptions]
     receptions = one_receiver_each(receptions, settings)
     settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
-    outcome, cut_short = judge(receptions, navigation, settings, progress, spin_arms_of(tables))
+    body = body_of(carrier, body_files, _span_of(receptions).start_gpst, settings.max_separation_m)
+    outcome, cut_short = judge(receptions, navigation, settings, progress, spin_arms_of(tables), body)
     if interrupted and cut_short:
         raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
     interrupted |= cut_short
@@ -108,6 +113,8 @@ def protect(
     if nav is not None:
         told = _told(navigation)
         notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=told))
+    for path, kind, remarks in body_files.remarks(body, _span_of(receptions)):
+        notes.append(InputNote(path=readable(path), format=kind, sha256=body_files.sums[path], remarks=remarks))
     if platform is not None:
         notes.append(InputNote(path=readable(str(platform)), format="platform", sha256=platform_sum, remarks=unused))
     verdict = document(outcome, notes, settings, interrupted=interrupted)
@@ -136,6 +143,15 @@ def _received(
         observe(next(tracked), navigation, arrays.get(source.name)) if isinstance(source, Samples) else observed(source)
         for source in sources
     ], interrupted
+
+
+def _span_of(receptions: Sequence[Reception]) -> Records:
+    """From the start of the first recording to the last epoch of any; without times if nothing was heard."""
+    heard = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size]
+    if not heard:
+        return Records(start_gpst=np.datetime64("NaT", "ns"), end_gpst=np.datetime64("NaT", "ns"))
+    starts = [o.gpst[0] - np.timedelta64(round(float(o.elapsed_s[0]) * 1e9), "ns") for o in heard]
+    return Records(start_gpst=min(starts), end_gpst=max(o.gpst[-1] for o in heard))
 
 
 def verdict_of(
@@ -199,8 +215,12 @@ def judge(
     settings: Settings,
     progress: Progress,
     spin_arms: Sequence[SpinArm] = (),
+    body: Body | None = None,
 ) -> tuple[Outcome, bool]:
-    """Windows, evidence, decision and fixes from what the receivers heard, and whether Ctrl-C left windows out."""
+    """Windows, evidence, decision and fixes from what the receivers heard, and whether Ctrl-C left windows out.
+
+    body : that carries all antennas.
+    """
     orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
     heard = [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
     observed = [r.observations for r in heard if r.observations is not None]
@@ -211,6 +231,7 @@ def judge(
         taps=[r.taps for r in heard if r.taps is not None],
         array_phases=[r.array_phases for r in heard if r.array_phases is not None],
         spin_arms=spin_arms,
+        body=body,
     )
     evidence, sets, interrupted = examine_all(windows, detectors_for(settings, windows.run), progress)
     decision = fuse(evidence, observed, sets)

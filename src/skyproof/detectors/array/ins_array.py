@@ -31,7 +31,7 @@ from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.nav_state import covered, state_at
-from skyproof.records import ArrayPhases, Evidence, NavigationData, NavState, Need, Records, SignalRef
+from skyproof.records import ArrayPhases, Evidence, NavigationData, NavState, Need, Records, SignalId, SignalRef
 from skyproof.statistics.directions import nearest_whole, squared_norm
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
@@ -363,6 +363,9 @@ class InsArray:
     """The detector: one Evidence per array and window, from `array_phases` (a tuple of `ArrayPhases`) and
     `nav_state` (`NavState`, the body that carries the arrays).
 
+    Where the state's position is only what the signals show (its variance is infinite), only signals of consistent sets
+    are tested: if they are true, one of the positions that the attitude's covariance allows for is theirs.
+
     The joint test of all signals and the conditional tests of each share the false alarms evenly, by the union bound.
     """
 
@@ -393,14 +396,16 @@ class InsArray:
         elements_cyc = phases.elements_m * (L1_HZ / SPEED_OF_LIGHT_M_S)
         ratio = phases.carrier_hz / L1_HZ
         mean = mean_differences(phases, np.einsum("kni,mi,n->knm", direction, elements_cyc, ratio))
-        used = np.flatnonzero(mean.epochs >= self.settings.min_epochs)
+        testable = [not _is_of_signals(state) or signal in _placed(records) for signal in phases.signals]
+        used = np.flatnonzero((mean.epochs >= self.settings.min_epochs) & testable)
         refs = tuple(SignalRef(phases.receiver, phases.signals[k]) for k in used)
         if used.size == 0:
             return undecided(
                 self,
                 records,
                 tuple(SignalRef(phases.receiver, s) for s in phases.signals),
-                because=f"no signal on all antennas of {phases.receiver} while its attitude and an ephemeris are known",
+                because=f"no signal on all antennas of {phases.receiver} while its attitude"
+                f"{', its position' if _is_of_signals(state) else ''} and an ephemeris are known",
                 would_need="phases of all antennas, ephemerides, and attitudes over the same time",
             )
         known_m = phases.elements_sigma_m
@@ -443,6 +448,16 @@ class InsArray:
         middle = state.gpst.size // 2
         attitude = state.attitude[middle]
         return np.asarray(attitude.T @ state.covariance[middle, 6:, 6:] @ attitude)
+
+
+def _is_of_signals(state: NavState) -> bool:
+    """Whether the position is only what the signals show."""
+    return state.covariance is not None and not bool(np.isfinite(state.covariance[0, 0, 0]))
+
+
+def _placed(records: Records) -> frozenset[SignalId]:
+    """The signals that belong to a consistent set."""
+    return frozenset(signal for one in records.sets for signal in one.signals)
 
 
 def _out_of_place(residual: Reals, covariance: Reals, false_alarm_probability: float) -> list[int]:

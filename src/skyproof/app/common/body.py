@@ -1,0 +1,290 @@
+"""The body that carries the antennas, window by window: its attitude and, where that is known, its position.
+
+The attitude comes from the inertial unit, whose gyros carry on the attitude stated at the first reading, and where that
+does not reach from the attitude stated for the body. The position comes
+
+- from the platform file, where a receiver is surveyed and does not move: then it is known, with its covariance;
+- else from what the signals of the window themselves show, which may be false. It is used for one thing: to say where
+  north and the vertical are. The state then has an infinite variance of position, so that nobody takes it for one, and
+  the attitude's variance holds for each of the positions that signals show in the window: signals that are true have a
+  covariance that is, and those that are false gain nothing by it.
+
+Neither velocity nor position is carried on from the inertial unit: that would have to begin at a trusted position.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from skyproof.app.common.platform import Platform
+from skyproof.app.common.platform_tables import Imu
+from skyproof.arrays import Instants, Reals
+from skyproof.errors import SettingsError
+from skyproof.formats.attitude import AttitudeFile, read_attitude
+from skyproof.formats.byte_io import sha256
+from skyproof.formats.imu import ImuFile, read_imu
+from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic
+from skyproof.gnss.imu_grades import ImuGrade
+from skyproof.gnss.time import iso
+from skyproof.navigation.attitude import direction_off_rad, interpolation_sigma_rad, stated_state, stood
+from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin, coast
+from skyproof.records import Attitude, ImuSeries, NavState, Records
+
+__all__ = ["Body", "BodyFiles", "Carried", "body_of", "body_state", "open_body", "state_to_come", "with_imu"]
+
+_TILT_MOST_RAD: Final = np.radians(60.0)
+"""Between the vertical of the attitude stated and of the accelerometers: more than bodies bank or speed up."""
+_LEVEL_S: Final = 10.0  # over which the latter is averaged
+_PIECE_S: Final = 10.0  # of readings that are worked on at once
+_EQUATOR: Final = ecef_from_geodetic(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BodyFiles:
+    """The files that a platform names for its body.
+
+    initial : the attitude at the first inertial reading. sums : SHA-256 of each file as it was read, by its name.
+    """
+
+    imu: ImuFile | None = None
+    attitude: AttitudeFile | None = None
+    initial: Attitude | None = None
+    sums: Mapping[str, str] = field(default_factory=dict)
+
+    def remarks(self, body: "Body | None", run: Records) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+        """Name, kind and remarks of each file, once its part in a run is known."""
+        stated = None if body is None else body.stated
+        readings = None if body is None else body.readings
+        if self.imu is not None:
+            words = _UNALIGNED if self.initial is None else _apart(readings, run)
+            yield self.imu.source, "inertial readings", self.imu.remarks + words
+        if self.attitude is not None:
+            yield self.attitude.source, "attitude", self.attitude.remarks + _apart(stated, run)
+
+
+_UNALIGNED: Final = (
+    "not used: the attitude at the first reading is not stated, and aligning from the motion is not supported yet; "
+    "give initial in [imu] of a platform file",
+)
+
+
+def _apart(series: ImuSeries | Attitude | None, run: Records) -> tuple[str, ...]:
+    if series is None or (series.gpst[0] <= run.end_gpst and series.gpst[-1] >= run.start_gpst):
+        return ()
+    return (
+        f"not used: it is of {iso(series.gpst[0], 1)} to {iso(series.gpst[-1], 1)}, the signals of "
+        f"{iso(run.start_gpst, 1)} to {iso(run.end_gpst, 1)}; check start_gpst",
+    )
+
+
+def with_imu(platform: Platform, imu: str | Path | None) -> Platform:
+    """The platform with another file of inertial readings, if one is given."""
+    if imu is None:
+        return platform
+    unit = Imu(file=Path(imu)) if platform.imu is None else platform.imu.model_copy(update={"file": Path(imu)})
+    return platform.model_copy(update={"imu": unit})
+
+
+def open_body(platform: Platform, where: str = "the platform file") -> BodyFiles:
+    """The files of the body, read and checked before any signal is worked on.
+
+    Raises
+    ------
+    InputError : a file that cannot be read as what it should be.
+    SettingsError : gravity in the accelerometers is far from the vertical by the attitude stated.
+    """
+    stated, unit = platform.attitude, platform.imu
+    attitude = None if stated is None or stated.file is None else read_attitude(stated.file)
+    files = [path for path in (None if unit is None else unit.file, None if stated is None else stated.file) if path]
+    sums = {str(path): sha256(path) for path in files}
+    if unit is None:
+        return BodyFiles(attitude=attitude, sums=sums)
+    imu = read_imu(unit.file, rot_body_unit=unit.rotation)
+    initial = None
+    if unit.initial is not None:
+        turn = unit.initial
+        initial = _angles(turn.heading_deg, turn.pitch_deg, turn.roll_deg, turn.sigma_deg)
+    if initial is not None:
+        _require_upright(imu, initial, where)
+    return BodyFiles(imu=imu, attitude=attitude, initial=initial, sums=sums)
+
+
+def _angles(heading_deg: float, pitch_deg: float, roll_deg: float, sigma_deg: float) -> Attitude:
+    return Attitude(
+        gpst=np.array([np.datetime64(0, "ns")]),
+        angles_rad=np.radians([[heading_deg, pitch_deg, roll_deg]]),
+        sigma_rad=float(np.radians(sigma_deg)),
+    )
+
+
+def _require_upright(imu: ImuFile, initial: Attitude, where: str) -> None:
+    readings = imu.series(np.datetime64(0, "ns"))
+    first = max(round(_LEVEL_S / imu.interval_s), 1)
+    state = _start(readings, initial, _EQUATOR)
+    tilt_rad = apparent_tilt_rad(state, readings.specific_force_m_s2[:first])
+    if tilt_rad > _TILT_MOST_RAD:
+        raise SettingsError(
+            f"{where}: gravity in the accelerometers of {imu.source} is {np.degrees(tilt_rad):.0f} degrees from the "
+            "vertical by the attitude stated at the first reading; correct axes or initial in [imu]"
+        )
+
+
+def _start(readings: ImuSeries, initial: Attitude, place_ecef_m: Reals) -> NavState:
+    """At the first reading, at rest: what moves it does not turn it."""
+    return NavState(
+        gpst=readings.gpst[:1],
+        position_ecef_m=place_ecef_m[None],
+        velocity_ecef_m_s=np.zeros((1, 3)),
+        attitude=attitude_ecef(place_ecef_m[None], *initial.angles_rad.T),
+        covariance=np.diag(np.repeat([0.0, 0.0, initial.sigma_rad**2], 3))[None],
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Body:
+    """What is known of the body in GPS time.
+
+    stated : its attitude, with the error of interpolation. readings, initial, grade : of the inertial unit.
+    place_ecef_m, place_covariance_m2 : (3,), (3, 3) of a body that stands where it was surveyed, else None.
+    """
+
+    stated: Attitude | None = None
+    readings: ImuSeries | None = None
+    initial: Attitude | None = None
+    grade: ImuGrade | None = None
+    place_ecef_m: Reals | None = None
+    place_covariance_m2: Reals | None = None
+
+
+def body_of(platform: Platform, files: BodyFiles, zero_gpst: np.datetime64, apart_m: float) -> Body | None:
+    """The body of a run; None if nothing is known of its attitude.
+
+    zero_gpst : the recording's start, from which files without GPS time count unless the platform says otherwise.
+    apart_m : the antennas of two receivers stand at most this far apart.
+    """
+    stated, unit = platform.attitude, platform.imu
+    attitude, readings = None, None
+    if files.attitude is not None and stated is not None:
+        attitude = files.attitude.attitude(zero_gpst, float(np.radians(stated.sigma_deg)))
+        sigma_rad = float(np.hypot(attitude.sigma_rad, interpolation_sigma_rad(attitude)))
+        attitude = replace(attitude, sigma_rad=sigma_rad)
+    elif stated is not None and stated.heading_deg is not None and platform.motion != "moving":
+        attitude = _angles(stated.heading_deg, stated.pitch_deg, stated.roll_deg, stated.sigma_deg)
+    if files.imu is not None and files.initial is not None and unit is not None:
+        readings = files.imu.series(zero_gpst if unit.start_gpst is None else unit.start_gpst)
+    if attitude is None and readings is None:
+        return None
+    place = _surveyed(platform, apart_m)
+    return Body(
+        stated=attitude,
+        readings=readings,
+        initial=files.initial,
+        grade=None if unit is None else unit.errors,
+        place_ecef_m=None if place is None else place[0],
+        place_covariance_m2=None if place is None else place[1],
+    )
+
+
+def _surveyed(platform: Platform, apart_m: float) -> tuple[Reals, Reals] | None:
+    """Where the first receiver's first antenna stands, and its covariance: as surveyed, or another's with the distance
+    between the two as an error."""
+    if platform.motion == "moving":
+        return None
+    for number, receiver in enumerate(platform.receivers):
+        if receiver.position is not None:
+            sigma_m = np.hypot(receiver.position.sigma_m, apart_m if number else 0.0)
+            return receiver.position.ecef_m, sigma_m**2 * np.eye(3)
+    return None
+
+
+class Carried(NamedTuple):
+    """What the inertial unit carries from window to window: the run, None once it has ended, and where it began."""
+
+    run: FreeRun | None = None
+    begun_ecef_m: Reals | None = None
+
+
+def body_state(body: Body, records: Records, carried: Carried) -> tuple[NavState | None, Carried]:
+    """The body's state over a window, None where it is not known, and what is carried on to the next one."""
+    shown = [one.position_ecef_m for one in records.sets] if body.place_ecef_m is None else [body.place_ecef_m]
+    path, carried = _turned(body, records, carried, shown)
+    if not shown:
+        return None, carried
+    place, level = shown[0], carried.begun_ecef_m
+    if path is None and body.stated is not None:
+        path, level = stated_state(body.stated, records.start_gpst, records.end_gpst, place), place
+    if path is None or level is None:
+        return None, carried
+    off_rad = max(direction_off_rad(level, place, other) for other in shown)
+    state = stood(path, place, body.place_covariance_m2, off_rad)
+    largest = 0.0 if state.covariance is None else float(np.linalg.eigvalsh(state.covariance[:, 6:, 6:]).max())
+    return (state if largest < TURN_MOST_RAD**2 else None), carried
+
+
+def state_to_come(gpst: np.datetime64) -> NavState:
+    """What stands for the states of all windows before they are known: nothing at one instant."""
+    nothing = np.full((1, 3), np.nan)
+    return NavState(
+        gpst=np.array([gpst]),
+        position_ecef_m=nothing,
+        velocity_ecef_m_s=nothing,
+        attitude=np.full((1, 3, 3), np.nan),
+    )
+
+
+def _turned(body: Body, records: Records, carried: Carried, shown: list[Reals]) -> tuple[NavState | None, Carried]:
+    """The inertial unit's states over a window, of which only the attitude is of account."""
+    readings, grade = body.readings, body.grade
+    if readings is None or body.initial is None or grade is None or readings.gpst[0] >= records.end_gpst:
+        return None, carried
+    run, begun = carried
+    if begun is None:
+        if not shown:
+            return None, carried
+        run, begun = begin(_start(readings, body.initial, shown[0]), grade), shown[0]
+    paths = list[NavState]()
+    last_gpst = min(records.end_gpst, readings.gpst[-1])
+    while run is not None and run.state.gpst[0] < last_gpst:
+        end_gpst = min(run.state.gpst[0] + np.timedelta64(round(_PIECE_S * 1e9), "ns"), last_gpst)
+        at_rest = replace(run.state, position_ecef_m=begun[None], velocity_ecef_m_s=np.zeros((1, 3)))
+        path, run = coast(
+            replace(run, state=at_rest), _between(readings, run.state.gpst[0], end_gpst), grade, attitude_only=True
+        )
+        if path.gpst[-1] > records.start_gpst:
+            paths.append(path)
+        if run is not None and run.state.gpst[0] < end_gpst:  # the rest is shorter than an interval
+            break
+    return (_joined(paths, records.start_gpst) if paths else None), Carried(run, begun)
+
+
+def _between(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
+    """The readings later than an instant, up to the first that is not before the other."""
+    first = int(np.searchsorted(readings.gpst, start_gpst, side="right"))
+    stop = int(np.searchsorted(readings.gpst, end_gpst)) + 1
+    return ImuSeries(
+        gpst=readings.gpst[first:stop],
+        interval_s=readings.interval_s,
+        specific_force_m_s2=readings.specific_force_m_s2[first:stop],
+        angular_rate_rad_s=readings.angular_rate_rad_s[first:stop],
+    )
+
+
+def _joined(paths: list[NavState], start_gpst: np.datetime64) -> NavState:
+    """One path from pieces, each of which begins with the end of the one before; from the last state before on."""
+    gpst: Instants = np.concatenate([paths[0].gpst[:1], *(path.gpst[1:] for path in paths)])
+    kept = slice(max(int(np.searchsorted(gpst, start_gpst, side="right")) - 1, 0), None)
+
+    def whole(name: str) -> Reals:
+        parts = [getattr(path, name) for path in paths]
+        return np.asarray(np.concatenate([parts[0][:1], *(part[1:] for part in parts)])[kept])
+
+    return NavState(
+        gpst=gpst[kept],
+        position_ecef_m=whole("position_ecef_m"),
+        velocity_ecef_m_s=whole("velocity_ecef_m_s"),
+        attitude=whole("attitude"),
+        covariance=whole("covariance"),
+    )

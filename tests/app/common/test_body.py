@@ -1,0 +1,327 @@
+"""The body's state in the windows of a run: whose position it is, and a covariance that holds whatever signals show."""
+
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from skyproof.app.common.body import Body, Carried, body_of, body_state, open_body, state_to_come, with_imu
+from skyproof.app.common.platform import Platform
+from skyproof.app.common.settings import Settings
+from skyproof.app.common.windows import windows_of
+from skyproof.errors import InputError, SettingsError
+from skyproof.formats.byte_io import sha256
+from skyproof.formats.imu import COLUMNS
+from skyproof.formats.tables import write_table
+from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, heading_pitch_roll_rad, rot_enu_ecef
+from skyproof.gnss.imu_grades import GRADES
+from skyproof.navigation.attitude import interpolation_sigma_rad
+from skyproof.records import Attitude, ConsistentSet, NavigationData, Records, SignalId
+from skyproof.simulator.inertial import inertial
+from skyproof.simulator.trajectories import circle, static
+
+START = np.datetime64("2022-01-01T10:30:00", "ns")
+HOME_RAD = 0.9, 0.2
+HOME = ecef_from_geodetic(*HOME_RAD, 100.0)
+TO_ENU = rot_enu_ecef(*HOME_RAD)
+ANGLES_DEG = 40.0, 5.0, -3.0
+SIGMA_RAD = np.radians(0.2)
+SURVEYED = {"lat_deg": np.degrees(0.9), "lon_deg": np.degrees(0.2), "height_m": 100.0, "sigma_m": 0.05}
+
+
+def later(seconds):
+    return START + np.rint(np.asarray(seconds) * 1e9).astype("timedelta64[ns]")
+
+
+def away(east_m, north_m=0.0):
+    return HOME + np.array([east_m, north_m, 0.0]) @ TO_ENU
+
+
+def window(start_s, end_s, *places):
+    """A window in which signals show these places."""
+    sets = tuple(
+        ConsistentSet(
+            receiver="one",
+            signals=(SignalId(f"G{k + 1:02d}"),),
+            gpst=later(start_s),
+            position_ecef_m=np.asarray(place),
+            clock_bias_s=0.0,
+            covariance_m2=np.eye(4),
+            statistic=1.0,
+            dof=1,
+            p_value=0.5,
+        )
+        for k, place in enumerate(places)
+    )
+    return Records(start_gpst=later(start_s), end_gpst=later(end_s), sets=sets)
+
+
+def platform(**tables):
+    return Platform.model_validate(tables, context={"folder": Path()})
+
+
+def stated(**more):
+    heading, pitch, roll = ANGLES_DEG
+    return {"heading_deg": heading, "pitch_deg": pitch, "roll_deg": roll, "sigma_deg": 0.2, **more}
+
+
+def body(carrier, apart_m=300.0):
+    return body_of(carrier, open_body(carrier), START, apart_m)
+
+
+def true_attitude(place=HOME, angles_deg=ANGLES_DEG):
+    return attitude_ecef(place, *np.radians(angles_deg))
+
+
+def off_rad(state, true, row=-1):
+    return Rotation.from_matrix(state.attitude[row] @ true.T).magnitude()
+
+
+def sigma_rad(state, row=-1):
+    return np.sqrt(np.linalg.eigvalsh(state.covariance[row, 6:, 6:])[-1])
+
+
+# Stated angles
+
+
+def test_stated_angles_at_a_surveyed_place_are_a_state_with_its_position():
+    carrier = platform(attitude=stated(), receivers=[{"position": SURVEYED}])
+    state, _ = body_state(body(carrier), window(0.0, 10.0, away(5e5)), Carried())
+    assert state.gpst.tolist() == later([0.0, 10.0]).tolist()
+    np.testing.assert_allclose(state.position_ecef_m, [HOME, HOME], atol=1e-6)
+    np.testing.assert_allclose(state.covariance[0, :3, :3], 0.05**2 * np.eye(3))
+    assert off_rad(state, true_attitude()) < 1e-9
+    assert sigma_rad(state) == pytest.approx(SIGMA_RAD)  # whatever the signals show
+    assert not state.velocity_ecef_m_s.any()
+
+
+def test_a_platform_that_moves_has_neither_a_surveyed_place_nor_angles_that_stay():
+    carrier = platform(motion="moving", attitude=stated(), receivers=[{"position": SURVEYED}])
+    assert body(carrier) is None
+    assert body(platform(receivers=[{"position": SURVEYED}])) is None
+
+
+def test_the_place_of_another_receiver_is_as_far_off_as_the_two_may_be_apart():
+    carrier = platform(attitude=stated(), receivers=[{"name": "a"}, {"name": "b", "position": SURVEYED}])
+    state, _ = body_state(body(carrier, 300.0), window(0.0, 10.0), Carried())
+    assert np.sqrt(state.covariance[0, 0, 0]) == pytest.approx(300.0, rel=1e-6)
+
+
+@settings(max_examples=30)
+@given(
+    st.lists(st.tuples(st.floats(-2e5, 2e5), st.floats(-2e5, 2e5)), min_size=1, max_size=4),
+    st.integers(0, 3),
+)
+def test_without_a_known_place_the_true_one_is_within_the_covariance_wherever_false_ones_lie(offsets, where):
+    """The body is at one of the places that signals show: there its attitude is as far off as the sigma allows."""
+    places = [away(*offset) for offset in offsets]
+    true = places[where % len(places)]
+    state, _ = body_state(body(platform(attitude=stated())), window(0.0, 10.0, *places), Carried())
+    assert np.isinf(state.covariance[:, range(6), range(6)]).all()
+    satellite = true + 2.2e7 * true / np.linalg.norm(true) + 1e7 * TO_ENU[0]
+    directions = [
+        (satellite - place) / np.linalg.norm(satellite - place) for place in (true, state.position_ecef_m[-1])
+    ]
+    in_body = true_attitude(true).T @ directions[0], state.attitude[-1].T @ directions[1]
+    wrong_rad = np.linalg.norm(np.cross(*in_body))
+    assert wrong_rad**2 <= sigma_rad(state) ** 2 - SIGMA_RAD**2 + 1e-14
+
+
+def test_places_that_lie_too_far_from_each_other_or_none_give_no_state():
+    stays = body(platform(attitude=stated()))
+    assert body_state(stays, window(0.0, 10.0), Carried())[0] is None
+    assert body_state(stays, window(0.0, 10.0, HOME, away(2e6)), Carried())[0] is None
+
+
+# Angles from a file
+
+
+def attitude_file(tmp_path, seconds, heading_deg):
+    path = tmp_path / "attitude.csv"
+    n = len(seconds)
+    write_table(
+        path,
+        {"time_s": seconds, "heading_deg": heading_deg, "pitch_deg": np.full(n, 5.0), "roll_deg": np.full(n, -3.0)},
+    )
+    return platform(attitude={"file": str(path), "sigma_deg": 0.2})
+
+
+def test_angles_of_a_file_are_those_of_its_times_and_holes_have_none(tmp_path):
+    seconds = np.delete(np.arange(0.0, 60.0, 0.5), slice(50, 55))
+    turning = body(attitude_file(tmp_path, seconds, 350.0 + 2.0 * seconds - 360.0 * (seconds > 5.0)))
+    state, carried = body_state(turning, window(10.2, 20.0, HOME), Carried())
+    assert state.gpst[0] == later(10.0)
+    assert state.gpst[-1] == later(20.0)
+    assert off_rad(state, true_attitude(angles_deg=(30.0, 5.0, -3.0))) < 1e-9
+    assert body_state(turning, window(20.0, 30.0, HOME), carried)[0] is None  # 25 to 27 s are missing
+    state, _ = body_state(turning, window(50.0, 70.0, HOME), carried)
+    assert state.gpst[-1] == later(59.5)
+    assert body_state(turning, window(70.0, 80.0, HOME), carried)[0] is None
+
+
+def test_what_lies_between_rows_is_in_the_sigma():
+    time_s = np.arange(0.0, 60.0, 0.5)
+    swing = np.radians(3.0) * np.sin(0.8 * time_s)
+    rows = np.column_stack([np.full(time_s.size, 1.0), np.zeros(time_s.size), swing])
+    sigma = interpolation_sigma_rad(Attitude(gpst=later(time_s), angles_rad=rows, sigma_rad=0.0))
+    between = np.radians(3.0) * np.sin(0.8 * (time_s[:-1] + 0.25)) - 0.5 * (swing[1:] + swing[:-1])
+    assert np.sqrt(np.mean(between**2)) < sigma < 6.0 * np.sqrt(np.mean(between**2))
+    assert interpolation_sigma_rad(Attitude(gpst=later([0.0, 1.0]), angles_rad=np.zeros((2, 3)), sigma_rad=0.0)) == 0.0
+
+
+# An inertial unit
+
+
+ROUND = circle(HOME, 300.0, 30.0)
+
+
+@lru_cache
+def readings(motion, duration_s, grade):
+    unit = inertial(motion.at, rate_hz=50.0, duration_s=duration_s, grade=grade, zero_gpst=later(-2.0), seed=3)
+    return unit.read(0, unit.n_samples)
+
+
+def imu(tmp_path, motion=ROUND, duration_s=60.0, grade="tactical", missing=(), **more):
+    """A platform with readings that begin two seconds before the signals, and the attitude at the first."""
+    series = readings(motion, duration_s, grade)
+    values = np.concatenate([series.specific_force_m_s2, series.angular_rate_rad_s], axis=1)
+    table = {"gpst": series.gpst, **dict(zip(COLUMNS, values.T, strict=True))}
+    path = tmp_path / "imu.csv"
+    write_table(path, {name: np.delete(column, list(missing), axis=0) for name, column in table.items()})
+    first = motion.at(np.array([0.02]))
+    heading, pitch, roll = np.degrees(heading_pitch_roll_rad(first.position_ecef_m, first.attitude)).ravel()
+    initial = {"heading_deg": heading, "pitch_deg": pitch, "roll_deg": roll, "sigma_deg": 0.1}
+    return {"file": str(path), "grade": grade, "initial": initial, **more}
+
+
+def through(carried_body, edges_s, *places):
+    states, carried = [], Carried()
+    for start_s, end_s in pairwise(edges_s):
+        state, carried = body_state(carried_body, window(start_s, end_s, *places), carried)
+        states.append(state)
+    return states, carried
+
+
+def at_s(state):
+    return (state.gpst[-1] - later(-2.0)) / np.timedelta64(1, "s")
+
+
+def test_the_gyros_carry_the_attitude_from_window_to_window(tmp_path):
+    states, carried = through(body(platform(imu=imu(tmp_path))), [0.0, 10.0, 20.0, 30.0], HOME)
+    assert carried.run is not None
+    for k, state in enumerate(states):
+        assert state.gpst[0] <= later(10.0 * k)
+        assert later(10.0 * k + 9.98) < state.gpst[-1] <= later(10.0 * k + 10.02)
+        true = ROUND.at(np.array([at_s(state)])).attitude[0]
+        error = Rotation.from_matrix(state.attitude[-1] @ true.T).as_rotvec()
+        assert error @ np.linalg.solve(state.covariance[-1, 6:, 6:], error) < 16.3  # 1e-3 of chi-square of three
+        assert np.isinf(state.covariance[-1, 0, 0])
+    sigmas = [sigma_rad(state) for state in states]
+    assert np.radians(0.1) < sigmas[0] < sigmas[1] < sigmas[2] < np.radians(0.3)
+
+
+def test_cuts_of_the_run_change_nothing(tmp_path):
+    unit = body(platform(imu=imu(tmp_path)))
+    fine, _ = through(unit, [0.0, 3.0, 3.7, 12.0, 20.0, 30.0], HOME)
+    coarse, _ = through(unit, [0.0, 30.0], HOME)
+    assert fine[-1].gpst[-1] == coarse[-1].gpst[-1]
+    assert off_rad(fine[-1], coarse[-1].attitude[-1]) < 1e-7
+    np.testing.assert_allclose(sigma_rad(fine[-1]), sigma_rad(coarse[-1]), rtol=1e-3)
+
+
+def test_an_attack_that_begins_later_does_not_move_the_attitude_nor_one_from_the_start_its_truth(tmp_path):
+    unit = body(platform(imu=imu(tmp_path)))
+    _, carried = body_state(unit, window(0.0, 10.0, HOME), Carried())
+    state, _ = body_state(unit, window(10.0, 20.0, away(1e5), HOME), carried)
+    true = ROUND.at(np.array([at_s(state)])).attitude[0]
+    assert off_rad(state, true) < np.radians(0.3)
+    assert sigma_rad(state) > 1e5 / 6.4e6
+    _, carried = body_state(unit, window(0.0, 10.0, away(1e5)), Carried())
+    state, _ = body_state(unit, window(10.0, 20.0, HOME), carried)
+    assert np.radians(1.0) < off_rad(state, true) < 1.05 * sigma_rad(state)
+
+
+def test_a_long_gap_ends_the_gyros_part_and_the_stated_attitude_takes_over(tmp_path):
+    unit = imu(tmp_path, static(HOME, heading_rad=0.7), missing=range(500, 600))
+    alone, _ = through(body(platform(imu=unit)), [0.0, 10.0, 20.0], HOME)
+    assert alone[0].gpst[-1] == later(8.0)
+    assert alone[1] is None
+    both, _ = through(body(platform(imu=unit, attitude=stated())), [0.0, 10.0, 20.0], HOME)
+    assert off_rad(both[1], true_attitude()) < 1e-9
+
+
+def test_a_unit_of_other_axes_gives_the_same_states(tmp_path):
+    straight, _ = through(body(platform(imu=imu(tmp_path))), [0.0, 10.0], HOME)
+    unit = imu(tmp_path)
+    rotation = Rotation.from_euler("zyx", [0.3, -0.2, 2.0]).as_matrix()
+    for axes, rot in (("flu", np.diag([1.0, -1, -1])), ("rfu", np.eye(3)[[1, 0, 2]] * [1, 1, -1]), (None, rotation)):
+        lines = Path(unit["file"]).read_text().splitlines()
+        rows = [line.split(",") for line in lines[1:]]
+        values = np.array([row[1:] for row in rows], np.float64).reshape(-1, 2, 3) @ rot
+        turned = tmp_path / "turned.csv"
+        columns = dict(zip(COLUMNS, values.reshape(-1, 6).T, strict=True))
+        write_table(turned, {"gpst": np.array([row[0] for row in rows], "datetime64[ns]"), **columns})
+        other = platform(imu={**unit, "file": str(turned), "axes": axes or rot.tolist()})
+        states, _ = through(body(other), [0.0, 10.0], HOME)
+        np.testing.assert_allclose(states[0].attitude, straight[0].attitude, atol=1e-12)
+        np.testing.assert_allclose(states[0].covariance, straight[0].covariance, rtol=1e-9)
+        if axes is not None:
+            assert np.array_equal(states[0].attitude, straight[0].attitude)
+
+
+def test_times_from_a_start_count_from_the_one_stated_or_the_recordings(tmp_path):
+    unit = imu(tmp_path)
+    path = Path(unit["file"])
+    lines = path.read_text().replace("gpst", "time_s").splitlines()
+    rows = [f"{0.02 * k:.2f},{line.split(',', 1)[1]}" for k, line in enumerate(lines[1:], 1)]
+    path.write_text("\n".join([lines[0], *rows]))
+    assert body(platform(imu=unit)).readings.gpst[0] == later(0.02)
+    unit["start_gpst"] = later(-2.0)
+    assert body(platform(imu=unit)).readings.gpst[0] == later(-1.98)
+
+
+def test_wrong_axes_are_noticed_by_gravity(tmp_path):
+    with pytest.raises(
+        SettingsError, match=r"p\.toml: gravity in the accelerometers of .*imu\.csv is 1\d\d degrees from"
+    ):
+        open_body(platform(imu=imu(tmp_path, axes="flu")), "p.toml")
+
+
+def test_readings_without_an_initial_attitude_are_read_and_said_to_be_unused(tmp_path):
+    unit = imu(tmp_path)
+    carrier = with_imu(platform(), unit["file"])
+    files = open_body(carrier)
+    assert body_of(carrier, files, START, 300.0) is None
+    ((path, kind, remarks),) = files.remarks(None, window(0.0, 10.0))
+    assert (path, kind) == (unit["file"], "inertial readings")
+    assert files.sums[path] == sha256(path)
+    assert "not used: the attitude at the first reading is not stated" in remarks[-1]
+    with pytest.raises(InputError, match=r"none\.csv does not exist"):
+        open_body(with_imu(platform(imu=unit), "none.csv"))
+
+
+def test_files_of_another_time_are_said_to_be_unused(tmp_path):
+    carrier = platform(imu=imu(tmp_path))
+    files = open_body(carrier)
+    carried = body_of(carrier, files, START, 300.0)
+    ((_, _, remarks),) = files.remarks(carried, window(100.0, 110.0))
+    assert "not used: it is of 2022-01-01T10:29:58.0 to 2022-01-01T10:30:58.0, the signals of" in remarks[-1]
+    assert not next(iter(files.remarks(carried, window(50.0, 110.0))))[2]
+    assert body_state(carried, window(100.0, 110.0, HOME), Carried())[0] is None
+    assert body_state(carried, window(-30.0, -20.0, HOME), Carried())[0] is None
+
+
+def test_windows_carry_the_state_and_the_run_says_that_there_is_one(tmp_path):
+    carried = body(platform(imu=imu(tmp_path)))
+    run = windows_of([], NavigationData(ephemerides=()), Settings(), body=carried)
+    assert isinstance(carried, Body)
+    assert run.run.nav_state is not None
+    assert [records.nav_state for records in run] == [None]  # nothing was received, so nothing says where it is
+    assert np.isnat(state_to_come(np.datetime64("NaT", "ns")).gpst[0])
+    assert replace(carried, grade=GRADES["consumer"]).grade is not carried.grade
