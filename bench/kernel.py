@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from timing import Spread, line, take_turns
 
-from skyproof.arrays import Complexes, Reals
+from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
 from skyproof.receiver.correlator import correlate_period, scratch_for, table_pad
@@ -24,6 +24,7 @@ from skyproof.receiver.replica import CODE_SCALE, code_table
 RATES_HZ = (2.6e6, 4e6, 5e6, 25e6)
 DELAYS = (3, 5, 41)
 CHANNELS = 12
+ANTENNAS = 4
 DURATION_S = 0.02
 PLAIN_PERIODS = 1  # what the slow peers do of each channel
 CODE_PHASES = 32
@@ -57,6 +58,12 @@ def report() -> Iterator[str]:
             for (a, few), (b, more) in pairwise(zip(alone, DELAYS, strict=True))
         )
         yield f"  {rate_hz / 1e6:g} Msps, each further delay: {further}"
+        several, one = take_turns(
+            lambda first=cases[0]: first.track_antennas(ANTENNAS), cases[0].track, runs=RUNS, clock=process_time
+        )
+        each, alone_ns = several * (1e9 / cases[0].cells / ANTENNAS), one.median * 1e9 / cases[0].cells
+        peer = f"one antenna {alone_ns:.2f} ns"
+        yield line(f"{rate_hz / 1e6:g} Msps, {ANTENNAS} antennas, loops closed, each antenna", each, "ns", peer)
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
 
 
@@ -122,12 +129,22 @@ class _Case:
         )
 
     def track(self) -> None:
+        self._advance(self.samples[None], self.out)
+
+    def track_antennas(self, n: int) -> None:
+        """With n antennas that receive the same."""
+        self._advance(
+            np.repeat(self.samples[None], n, axis=0),
+            np.empty((CHANNELS, self.periods, k.row_size(self.delays.size, n))),
+        )
+
+    def _advance(self, samples: Floats, out: Reals) -> None:
         k.advance(
-            self.samples[None],
+            samples,
             self.samples.shape[1],
             0,
             self.power,
-            np.tile([1.0, 0.0], (CHANNELS, 1, 1)),
+            np.tile([1.0 / len(samples), 0.0], (CHANNELS, len(samples), 1)),
             self.states.copy(),
             self.tables,
             table_pad(self.nominal),
@@ -142,7 +159,7 @@ class _Case:
             GPS_L1_CA.carrier_hz,
             GPS_L1_CA.code_length,
             self.gain,
-            self.out,
+            out,
             self.counts,
         )
 

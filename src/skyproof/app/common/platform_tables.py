@@ -138,7 +138,8 @@ class Receiver(Model):
     line_bias_cyc: tuple[Number, ...] | None = Field(
         default=None,
         max_length=64,
-        description="Carrier phase that each antenna's line adds, cycles; estimated if absent.",
+        description="By how much each antenna's line delays the carrier, cycles; if absent, directions are not held "
+        "against the orbits.",
         examples=[[0.0, 0.12, -0.3]],
     )
     spin: Spin | None = Field(

@@ -1,0 +1,100 @@
+"""One receiver with several antennas, from samples to the verdict."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+from scipy import stats
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.protect import protect
+from skyproof.app.receive.inputs import open_inputs
+from skyproof.app.receive.reception import observe, track
+from skyproof.detectors.array.ins_array import mean_differences, white_covariance
+from skyproof.errors import SettingsError
+from skyproof.records import AntennaArray
+from skyproof.simulator.scenario import Sky
+from skyproof.statistics.directions import equal_statistic
+
+
+def described(kit, folder: Path, inputs, **receiver) -> Path:
+    """A platform file of the array."""
+    places_m = [list(place) for place in kit.ELEMENTS_M]
+    table = {"name": "array", "inputs": [str(path) for path in inputs], "antennas_m": places_m, **receiver}
+    path = folder / "platform.toml"
+    path.write_text(tomli_w.dumps({"receivers": [table]}))
+    return path
+
+
+def said_by(result, detector):
+    return [e for e in result.outcome.evidence if e.detector == detector]
+
+
+def spoofer(kit, **given):
+    """A transmitter 100 m off, which shows another place."""
+    shows, transmit = kit.ELSEWHERE.model_dump(), kit.TRANSMIT.model_dump()
+    return {"kind": "spoofer", "shows": shows, "transmit": transmit, "power_db": 3.0, "clock_offset_s": 3e-6, **given}
+
+
+def test_a_clean_sky_comes_from_several_directions(kit, array_files, tmp_path):
+    result = protect(platform=described(kit, tmp_path, [array_files.sigmf]), nav=array_files.nav)
+    (said,) = said_by(result, "array_common")
+    assert (said.says, {ref.receiver for ref in said.subject}) == ("authentic", {"array"})
+    assert len(said.subject) > 7
+    assert said.assumes[0] in result.verdict.assumed
+    (lacks,) = said_by(result, "ins_array")
+    assert [need.value for need in lacks.lacking] == ["nav_state"]
+    assert not any(signal.label == "spoofed" for signal in result.verdict.signals)
+
+
+def test_other_antennas_than_the_inputs_have_are_refused(kit, array_files, tmp_path):
+    three = described(kit, tmp_path, [array_files.woven], antennas_m=[list(place) for place in kit.ELEMENTS_M[:3]])
+    with pytest.raises(SettingsError, match=r"antennas_m of receiver array is of 3 antennas, but its inputs have 4"):
+        protect(platform=three, nav=array_files.nav)
+
+
+@pytest.mark.long
+def test_no_true_signal_is_called_false_and_false_ones_from_one_transmitter_are_named(kit, tmp_path):
+    clean = kit.record(kit.array_scenario(duration_s=34.0, seed=3), tmp_path / "clean")
+    result = protect(platform=described(kit, tmp_path, clean.paths), nav=clean.nav)
+    assert result.verdict.verdict == "authentic"
+    scenario = kit.array_scenario(duration_s=34.0, seed=3, attacks=(spoofer(kit, onset_s=8.0),))
+    attacked = kit.record(scenario, tmp_path / "attacked")
+    result = protect(platform=described(kit, tmp_path, attacked.paths), nav=attacked.nav)
+    assert result.verdict.verdict == "spoofed"
+    labels = {label.ref.signal: label.label for label in result.outcome.decision.labels}
+    assert "authentic" not in labels.values()  # nobody has shown that the others are true
+    named = {signal for signal, label in labels.items() if label == "spoofed"}
+    assert len({signal.sat for signal in named}) >= 8
+    assert {signal.copy for signal in named if signal.copy == "a"} == set()  # what was there before the attack
+
+
+@pytest.mark.long
+def test_false_signals_of_one_transmitter_are_as_equal_as_noise_allows(kit, tmp_path):
+    scenario = kit.array_scenario(duration_s=40.0, seed=7, attacks=(spoofer(kit, onset_s=-1.0),))
+    alone = scenario.model_copy(update={"sky": Sky(zenith_cn0_dbhz=41.0, horizon_cn0_dbhz=39.0, until_s=-0.5)})
+    recorded = kit.record(alone, tmp_path)
+    (source,) = open_inputs([tuple(recorded.paths)], Settings(), None, ["array"])
+    (tracker,), _ = track([source], Settings())
+    lines_cyc = np.array(kit.LINE_BIAS_CYC)
+    places = AntennaArray(elements_m=np.array(kit.ELEMENTS_M), line_bias_cyc=lines_cyc)
+    phases = observe(tracker, None, places).array_phases
+    p_values = []
+    for first in range(10, phases.gpst.size - 5, 5):
+        rows = slice(first, first + 5)
+        part = type(phases)(
+            receiver="array",
+            signals=phases.signals,
+            gpst=phases.gpst[rows],
+            elapsed_s=phases.elapsed_s[rows],
+            elements_m=phases.elements_m,
+            phase_cyc=phases.phase_cyc[rows],
+            sigma_cyc=phases.sigma_cyc[rows],
+        )
+        mean = mean_differences(part)
+        there = mean.epochs == 5
+        statistic, *_ = equal_statistic(mean.cycles[there], white_covariance(mean.sigma_cyc[there]), wrapped=True)
+        p_values.append(stats.chi2.sf(float(statistic), 3 * (int(there.sum()) - 1)))
+    assert len(p_values) > 30
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
