@@ -231,7 +231,10 @@ class _Window:
                 )
             ]
         if self.one_choice:
-            return [e for pairing in self.pairings for e in self._only_pairing(pairing)]
+            by_size = sorted(
+                self.pairings, key=lambda pairing: len(pairing.ranges.signals)
+            )  # what is said last is told
+            return [e for pairing in by_size for e in self._only_pairing(pairing)]
         return self._several_sets()
 
     def _enough(self, pairing: Pairing) -> bool:
