@@ -233,7 +233,7 @@ def _errors(
 ) -> list[tuple[float, float, float]]:
     """Mean errors of differences over `step` epochs about what clock and, where it is not known, the baseline explain;
     each with its elevation and the share of its variance that is left by that."""
-    n, k = difference_m.shape
+    n = len(difference_m)
     found = []
     baseline = np.zeros(3) if pair.known or pair.moving else _baseline(difference_m, units)
     for first in range(0, n - step // 2, step):
@@ -243,16 +243,12 @@ def _errors(
         if there.sum() < 5:
             continue
         design = np.ones((int(there.sum()), 1))
-        middle = units[part][len(steady) // 2][there]
-        if pair.moving:
-            design = np.hstack((design, middle))
-            steady = steady - np.nanmedian(steady[:, there], axis=1)[:, None]
-            # Where the antenna moves within a window each epoch has a position of its own.
-            steady = np.array([_left_over(row[there], u[there]) for row, u in zip(steady, units[part], strict=True)])
-            values = np.nanmean(steady, axis=0)
+        if pair.moving:  # each epoch has a position of its own
+            design = np.hstack((design, units[part][len(steady) // 2][there]))
+            left = np.array([_left_over(row[there], u[there]) for row, u in zip(steady, units[part], strict=True)])
         else:
-            steady = steady[:, there] - np.nanmean(steady[:, there], axis=1)[:, None]
-            values = np.nanmean(steady, axis=0)
+            left = steady[:, there] - np.nanmean(steady[:, there], axis=1)[:, None]
+        values = np.nanmean(left, axis=0)
         hat = design @ np.linalg.pinv(np.nan_to_num(design))
         share = np.clip(1.0 - np.diag(hat), 1e-3, 1.0)
         el = np.nanmean(elevations[part][:, there], axis=0)

@@ -17,6 +17,7 @@ import pairs
 import position
 import protection
 import reading
+import real_code
 import rinex
 import sets
 import startup
@@ -41,6 +42,7 @@ BENCHES = {
     "pairs": pairs,
     "startup": startup,
     "drawn": drawn,
+    "real-code": real_code,
 }
 
 

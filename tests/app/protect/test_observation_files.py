@@ -1,5 +1,7 @@
 """Observation files as inputs of `protect`: written by our own writer from simulated measurements, and read back."""
 
+import gzip
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +15,8 @@ from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.records import Observations
+from skyproof.navigation.clock import anchored
+from skyproof.records import FixStatus, Observations
 from skyproof.simulator.measurements import NoiseModel, observations_of
 
 SETTINGS = {"antennas_enu_m": {name: ENU_M[name] for name in ("bow", "stern")}}
@@ -49,6 +52,37 @@ def test_a_clean_sky_is_authentic_in_observation_files(measured, tmp_path):
     assert any("holds measurements and no samples" in remark for remark in result.verdict.inputs[0].remarks)
     for name in ("verdict.json", "report.html", "fixes.csv", "tracks.kml", "bow-authentic.obs", "stern-trusted.nmea"):
         assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+@pytest.mark.parametrize(
+    ("interval_s", "duration_s", "window_s"),
+    [pytest.param(0.05, 12.0, 10.0, marks=pytest.mark.long), (30.0, 631.0, 150.0)],
+)
+def test_any_interval_a_clock_that_is_set_and_what_a_receiver_does_not_report(
+    tmp_path, interval_s, duration_s, window_s
+):
+    """One receiver sets its clock by a millisecond in the middle, and reports neither Doppler nor C/N0."""
+    scenario = scenario_of(duration_s=duration_s)
+    navigation = nominal_constellation(scenario.start_gpst)
+    rng = np.random.default_rng(7)
+    (bow, stern), _ = observations_of(
+        scenario, navigation, rng=rng, interval_s=interval_s, noise=NoiseModel(sigma_m=0.5, constant_m=0.3)
+    )
+    nothing = np.full_like(stern.doppler_hz, np.nan)
+    stern = anchored(stern, 1e-3 * (np.arange(stern.gpst.size) > stern.gpst.size // 2))
+    stern = replace(stern, doppler_hz=nothing, cn0_dbhz=nothing)
+    write_nav(tmp_path / "nav.rnx", navigation)
+    result = protect(written(tmp_path, bow, stern), nav=tmp_path / "nav.rnx", **SETTINGS)
+    assert result.verdict.verdict == "authentic", result.verdict.summary
+    assert result.verdict.settings["window_s"] == pytest.approx(window_s)
+    remarks = " ".join(result.verdict.inputs[1].remarks)
+    assert "the receiver's clock steps by whole milliseconds at" in remarks
+    assert "Dopplers of 100% of the cells are missing and taken from the carrier phase" in remarks
+    assert "C/N0 is missing in all cells" in remarks
+    assert {s.cn0_dbhz for s in result.verdict.signals if s.receiver == "stern"} == {None}
+    for r in result.outcome.receivers:
+        assert r.trusted is not None
+        assert (r.trusted.status == FixStatus.OK).all()
 
 
 def test_a_captured_receiver_is_spoofed_since_then(measured, tmp_path):
@@ -98,3 +132,30 @@ def test_a_navigation_file_in_the_place_of_an_input_is_named(measured, tmp_path)
     write_nav(tmp_path / "nav.rnx", measured[2])
     with pytest.raises(InputError, match=r"nav.rnx.*a RINEX navigation file.*takes it as --nav"):
         protect([*written(tmp_path, measured[0]), tmp_path / "nav.rnx"])
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (lambda lines: lines[:3], r"bow.obs, line 3: the file ends before END OF HEADER; fetch it again"),
+        (lambda lines: [line.replace("G    4 C1C", "I    4 C5A") for line in lines], "holds no measurement of a sat"),
+        (lambda lines: [*lines[:1], *(x for x in lines[1:] if "OBS TYPES" not in x)], "no observation types; fetch"),
+    ],
+)
+def test_a_file_without_observations_is_refused(measured, tmp_path, content, words):
+    path, *_ = written(tmp_path, measured[0])
+    path.write_text("\n".join([*content(path.read_text().splitlines()), ""]))
+    with pytest.raises(InputError, match=words):
+        protect([path])
+
+
+def test_packed_files_are_read_and_named_without_their_packing(measured, tmp_path):
+    bow, stern, navigation = measured
+    write_nav(tmp_path / "nav.rnx", navigation)
+    paths = written(tmp_path, bow, stern)
+    packed = tmp_path / "bow.obs.gz"
+    packed.write_bytes(gzip.compress(paths[0].read_bytes()))
+    verdict = protect([packed, paths[1]], nav=tmp_path / "nav.rnx", duration_s=20.0, **SETTINGS).verdict
+    assert [r.name for r in verdict.receivers] == ["bow", "stern"]
+    assert verdict.verdict == "authentic"
+    assert verdict.inputs[0].sha256 == hashlib.sha256(packed.read_bytes()).hexdigest()

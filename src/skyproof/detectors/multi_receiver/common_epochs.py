@@ -14,6 +14,7 @@ from skyproof.records import ConsistentSet, Observations, Records, SignalId
 __all__ = ["CommonRanges", "Kind", "common_ranges", "shared_kinds"]
 
 Kind = tuple[str, str, str]
+_FEW = 5  # epochs: where there are no more, who lacks one would take it from all
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -108,8 +109,8 @@ def common_ranges(
     Parameters
     ----------
     kind : of the transmissions wanted, as the first receiver calls it; all if absent.
-    min_share : transmissions with less than this share of the best one's epochs are left out, if `min_satellites`
-        remain.
+    min_share : transmissions with less than this share of the best one's epochs, or with less than five where it has
+        as many, are left out, if `min_satellites` remain.
     """
     shared = [tracks for tracks in _shared(sets) if kind in (None, tracks[0].kind)]
     receivers = {o.receiver: o for o in records.observations}
@@ -175,7 +176,8 @@ def _without_holes(
 ) -> CommonRanges:
     whole = np.asarray(np.isfinite(ranges + sigma_m).all(axis=2))  # (N, K)
     epochs = whole.sum(axis=0)
-    kept = epochs >= min_share * epochs.max(initial=1)
+    best = int(epochs.max(initial=1))
+    kept = epochs >= max(min_share * best, min(_FEW, best))
     if kept.sum() < min_satellites:
         kept = epochs > 0
     rows = whole[:, kept].all(axis=1)
