@@ -16,6 +16,7 @@ import methods
 import pairs
 import position
 import protection
+import quality
 import reading
 import real_code
 import rinex
@@ -35,6 +36,7 @@ BENCHES = {
     "deciding": deciding,
     "methods": methods,
     "protection": protection,
+    "quality": quality,
     "receiver": receiver,
     "reading": reading,
     "rinex": rinex,

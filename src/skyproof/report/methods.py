@@ -14,7 +14,7 @@ _ABOUT = {
     "peaks": ("Second signals", "Is a satellite received more than once, farther apart than echoes are?"),
     "residual": ("One position or two", "Do all measurements of a receiver fit one position and time?"),
     "spin": ("A turning antenna", "Do the signals swing as those of one direction do, or of many?"),
-    "sqm": ("Shape of the correlation peak", "Is a peak more lopsided than noise makes it?"),
+    "sqm": ("Shape of the correlation peak", "Does a second signal of the same satellite overlap the tracked one?"),
     "vector_sqm": ("Peaks against the common position", "Are signals displaced from where the position puts them?"),
 }
 

@@ -196,8 +196,9 @@ def detectors_for(settings: Settings, run: Records) -> list[Detector]:
 
 
 def taps_asked() -> TapsAsked | None:
-    """The correlators that the installed detectors ask for, all together; None if none needs any."""
-    asked: list[TapsAsked] = [cls.taps for cls in load_detectors().values() if Need.TAPS in cls().needs]  # type: ignore[attr-defined]
+    """The correlators that the installed detectors ask for, all together; None if none asks for any."""
+    stated = (getattr(kind, "taps", None) for kind in load_detectors().values())
+    asked = [one for one in stated if isinstance(one, TapsAsked)]
     if not asked:
         return None
     return TapsAsked(

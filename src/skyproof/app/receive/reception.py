@@ -227,7 +227,7 @@ def _tracker(
         receiver_settings = replace(
             receiver_settings,
             further_taps_chips=taps.delays_chips,
-            looks_per_frame=round(receiver_settings.frame_s / taps.every_s),
+            looks_per_frame=max(round(receiver_settings.frame_s / taps.every_s), 1),
             look_share=taps.coherent_s / taps.every_s,
         )
     receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), receiver_settings)
