@@ -563,6 +563,7 @@ class ArrayPhases:
     sigma_cyc : likewise, thermal noise, one sigma.
     calibrated : constant delays of antenna lines are known, and taken off.
     elements_sigma_m : of each phase centre along each axis; None if not known.
+    lasting_sigma_cyc : of each signal's phase on each antenna, what epochs share and their mean keeps.
     carrier_hz : (n_channels,) nominal carrier; one number at construction stands for all channels.
     """
 
@@ -576,6 +577,7 @@ class ArrayPhases:
     carrier_hz: Reals = field(default_factory=lambda: np.array(L1_HZ))
     calibrated: bool = True
     elements_sigma_m: float | None = None
+    lasting_sigma_cyc: float = 0.0
 
     def __post_init__(self) -> None:
         carrier_hz = np.asarray(self.carrier_hz, np.float64)

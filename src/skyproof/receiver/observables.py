@@ -21,6 +21,9 @@ from skyproof.receiver.replica import CODE_SCALE
 from skyproof.records import AntennaArray, ArrayPhases, CellStatus, Observations, SignalId, Taps
 
 TYPICAL_TRAVEL_MS = 77
+LASTING_SIGMA_CYC = 0.01
+"""Another satellite's code has up to 65/1023 of its amplitude in a correlator (IS-GPS-200, side lobes of Gold codes),
+which turns a phase by 0.01 cycle, for as long as their Dopplers differ by whole kilohertz."""
 WEEK_MS = SECONDS_PER_WEEK * 1000
 _AS_MEASURED = {
     "doppler_hz": (m.DOPPLER_HZ, 1.0),
@@ -196,6 +199,7 @@ def array_phases_of(
         carrier_hz=np.full(len(signals), carrier_hz),
         calibrated=array.line_bias_cyc is not None,
         elements_sigma_m=array.sigma_m,
+        lasting_sigma_cyc=LASTING_SIGMA_CYC,
     )
 
 

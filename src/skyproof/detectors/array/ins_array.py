@@ -291,7 +291,8 @@ def mean_differences(phases: ArrayPhases, predicted_cyc: ArrayLike = 0.0) -> Mea
     about = z - middle
     mean = middle + np.einsum("kn,kna->na", share, about - np.rint(about))
     variance = np.where(whole[..., None], phases.sigma_cyc, 0.0) ** 2
-    return MeanDifferences(mean, np.sqrt(np.einsum("kn,knm->nm", share**2, variance)), share, count)
+    variance_of_mean = np.einsum("kn,knm->nm", share**2, variance) + phases.lasting_sigma_cyc**2
+    return MeanDifferences(mean, np.sqrt(variance_of_mean), share, count)
 
 
 def predicted_directions(phases: ArrayPhases, state: NavState, navigation: NavigationData) -> Reals:
