@@ -18,7 +18,7 @@ NEEDS: dict[Need, str] = {
     Need.VECTOR_TAPS: "correlators of a receiver whose channels all follow one position",
     Need.CCAF: "correlation over a grid of delay and Doppler, for each satellite",
     Need.ARRAY_PHASES: "carrier phases of an antenna array",
-    Need.NAV_STATE: "attitude and position of an inertial system over the same time",
+    Need.NAV_STATE: "attitude of the body over the same time: an inertial unit, or angles that are stated",
     Need.SPIN_ARMS: "length and rate of the arm that turns the antenna",
 }
 """What detectors may need, in words for the user."""
