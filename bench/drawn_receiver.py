@@ -16,12 +16,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.app.receive.reception import Reception, _anchored
+from skyproof.app.receive.reception import Reception, clock_biases_s
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
+from skyproof.navigation.clock import anchored
 from skyproof.receiver.channels import FORGET_S, Gap, LostSignal, Place, continued, letter
 from skyproof.records import Observations, Samples, SignalId
 from skyproof.simulator.measurement_errors import FieldError, FieldErrors, field_errors
@@ -402,7 +403,8 @@ def _receive(
     observations, share = _observed(geometry, receiver, noise, rng)
     left_out = None
     if observations is not None:
-        observations = _anchored(observations, scene.navigation, receiver.gaps)
+        biases_s = clock_biases_s(observations, scene.navigation, receiver.gaps)
+        observations = observations if biases_s is None else anchored(observations, biases_s)
     else:
         left_out = "no signal heard"
     samples = Samples(
@@ -463,7 +465,7 @@ def _observed(
         status=status,
         found_elapsed_s=found[:, 0],
         missed_elapsed_s=found[:, 1],
-        carrier_hz=np.full(len(names), geometry.carrier_hz),
+        carrier_hz=np.full(len(names), GPS_L1_CA.carrier_hz),
         averaged_s=INTERVAL_S,
     ), share
 

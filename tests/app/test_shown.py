@@ -3,11 +3,11 @@
 import numpy as np
 
 from skyproof.app.protect.document import ReceiverOutcome
-from skyproof.app.protect.pictures import fixes_by_kind, possible_fixes
+from skyproof.app.protect.pictures import kinds_of
+from skyproof.app.protect.positions import Track
 from skyproof.app.receive import ReceiveResult
 from skyproof.app.receive.reception import Reception
 from skyproof.app.scenes.simulate import SimulateResult
-from skyproof.formats.tables import fixes_columns
 from skyproof.records import Fix, NavigationData, Observations, Samples, SignalId
 from skyproof.simulator.scenes import ready
 
@@ -71,29 +71,29 @@ def test_a_scene_is_shown_with_the_files_that_there_are(tmp_path) -> None:
     assert "rx2.obs" not in shown
 
 
-def fix_at(receiver: str, x_m: float) -> Fix:
-    """Two epochs at one place, from one signal's worth of residuals."""
-    two = np.full(2, 0.0)
-    return Fix(
+def track_at(receiver: str, x_m: float) -> Track:
+    """Two epochs at one place."""
+    one = np.zeros(1)
+    last = Fix(
         receiver=receiver,
         signals=(SignalId("G05"),),
-        gpst=observations(receiver).gpst[:2],
-        position_ecef_m=np.tile([x_m, 0.0, 0.0], (2, 1)),
-        velocity_ecef_m_s=np.zeros((2, 3)),
-        clock_bias_s=two,
-        clock_drift=two,
-        covariance_m2=np.tile(np.eye(4), (2, 1, 1)),
-        residual_m=np.zeros((2, 1)),
-        status=np.zeros(2, np.uint8),
+        gpst=observations(receiver).gpst[1:2],
+        position_ecef_m=np.array([[x_m, 0.0, 0.0]]),
+        velocity_ecef_m_s=np.zeros((1, 3)),
+        clock_bias_s=one,
+        clock_drift=one,
+        covariance_m2=np.eye(4)[None],
+        residual_m=np.zeros((1, 1)),
+        status=np.zeros(1, np.uint8),
     )
+    place_m = np.tile([x_m, 0.0, 0.0], (2, 1))
+    return Track(gpst=observations(receiver).gpst[:2], position_ecef_m=place_m, clock_bias_s=np.zeros(2), last=last)
 
 
-def test_while_two_skies_are_open_the_fixes_of_both_are_in_the_table() -> None:
+def test_while_two_skies_are_open_the_fixes_of_both_are_given_out() -> None:
     heard = Reception(source=samples("bow"), observations=None, told=NOBODY, n_signals=8, examined_s=3.0)
-    skies = {"S1": fix_at("bow", 6.378137e6), "S2": fix_at("bow", 6.378237e6)}
-    outcome = ReceiverOutcome(reception=heard, unprotected=skies["S2"], shown=skies)
-    table = fixes_columns([*fixes_by_kind(outcome), *possible_fixes(outcome)])
-    assert table["kind"].tolist() == ["unprotected"] * 2 + ["S1"] * 2 + ["S2"] * 2
-    np.testing.assert_allclose(table["height_m"], [100.0, 100.0, 0.0, 0.0, 100.0, 100.0], atol=1e-6)
-    decided = ReceiverOutcome(reception=heard, false=skies["S2"], shown={"S2": skies["S2"]})
-    assert possible_fixes(decided) == []
+    skies = {"S1": track_at("bow", 6.378137e6), "S2": track_at("bow", 6.378237e6)}
+    outcome = ReceiverOutcome(reception=heard, tracks=skies | {"unprotected": skies["S2"]})
+    assert kinds_of(outcome) == ["unprotected", "S1", "S2"]
+    decided = ReceiverOutcome(reception=heard, tracks={"false": skies["S2"], "S2": skies["S2"]})
+    assert kinds_of(decided) == ["false"]

@@ -415,7 +415,7 @@ def test_what_is_no_navigation_file_is_told_with_place_and_remedy(lines, words):
 def test_files_that_cannot_be_read_are_told(tmp_path):
     for name, content in (("cut.gz", gzip.compress("\n".join(VERSION_2).encode())[:-20]), ("junk.gz", b"\x1f\x8bjunk")):
         (tmp_path / name).write_bytes(content)
-        with pytest.raises(InputError, match=f"{re.escape(name)}: the navigation file is a damaged gzip file"):
+        with pytest.raises(InputError, match=f"{re.escape(name)}: damaged gzip file"):
             read_nav(tmp_path / name)
     (tmp_path / "old.Z").write_bytes(b"\x1f\x9d\x90abc")
     with pytest.raises(InputError, match="uncompress it first"):

@@ -41,7 +41,7 @@ def errors_of_the_weaker(apart_chips, stronger_db, apart_hz, *, same_bits=True):
     levels = WEAK_DBHZ + np.array([0.0, stronger_db])
     rendering = ideal_signals([SAT, SAT], motion, levels, FRONT_END, duration_s=SETTLED_S + SPREAD_S + 0.1, seed=7)
     if same_bits:
-        rendering = replace(rendering, messages=np.zeros(2, np.int64))
+        rendering = replace(rendering, carried=np.zeros(2, np.int64))
     receiver = Receiver(FRONT_END.rate_hz, 0.0, ReceiverSettings(sats=(), near_search_s=1e9))
     state = ReceiverState()
     for i in range(2):

@@ -136,6 +136,7 @@ MADE_ELSEWHERE = {
     "late_copies": None,
     "multi_receiver": "one_antenna",
     "pairing": "one_antenna",
+    "second_component": None,
     "second_sky": "chance",
     "sqm_detector": "sqm",
     "vector_sqm_detector": "vector_parity",

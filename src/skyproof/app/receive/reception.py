@@ -50,7 +50,7 @@ from skyproof.records import (
     TapsAsked,
 )
 
-__all__ = ["Reception", "Tracker", "observe", "require_signals", "track"]
+__all__ = ["Reception", "Tracker", "clock_biases_s", "observe", "require_signals", "track"]
 
 BLOCK_S = 0.5
 ENOUGH_SATS = 4
@@ -314,7 +314,7 @@ def observe(tracker: Tracker, navigation: NavigationData | None, array: AntennaA
         arcs = _all_timed(tracker, antennas[best], orbits, label, remarks)
         if arcs is not None:
             antennas = _on_antennas(tracker, arcs, label)
-        biases_s = _clock_biases_s(antennas[best], orbits, tracker.gaps)
+        biases_s = clock_biases_s(antennas[best], orbits, tracker.gaps)
         if biases_s is not None:
             antennas = tuple(anchored(one, biases_s) for one in antennas)
         observations = antennas[best]
@@ -586,7 +586,7 @@ def _all_timed(
     return arcs
 
 
-def _clock_biases_s(observations: Observations, navigation: NavigationData, gaps: Sequence[Gap]) -> Reals | None:
+def clock_biases_s(observations: Observations, navigation: NavigationData, gaps: Sequence[Gap]) -> Reals | None:
     """By how much to move the clock label at each epoch, (n_epochs,), to bring it to within half a millisecond of what
     most signals say; None where they give no fix at all. Where samples are missing unmarked it steps by what is
     missing. Where the signals' time goes back, as in a recording joined to itself, it goes on with the samples.
