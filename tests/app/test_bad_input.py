@@ -150,6 +150,7 @@ def wide(kit, tmp_path_factory):
     return kit.record(scenario, tmp_path_factory.mktemp("wide")).paths[0]
 
 
+@pytest.mark.long
 def test_an_odd_byte_at_the_end_is_left_out_and_told(run, wide, tmp_path):
     cut = copied(wide, tmp_path, n_bytes=wide.stat().st_size - 1)
     ended = run(cut)
@@ -346,6 +347,7 @@ def test_recordings_that_overlap_in_part_are_compared_in_that_part(kit, run, tmp
     assert np.datetime64(bow.trusted_fix.gpst) < np.datetime64(stern.trusted_fix.gpst) - np.timedelta64(3, "s")
 
 
+@pytest.mark.long
 def test_a_recording_of_any_name_is_worked_on_and_named_so_that_it_can_be_read(run, wide, tmp_path):
     name = os.fsdecode(b"[x] \xff\x1b[31m%" + b"n" * 230 + b".bin")
     assert len(os.fsencode(name)) >= 245
@@ -487,6 +489,7 @@ def test_inputs_that_are_deleted_while_they_are_worked_on_cost_nothing(meddled, 
     assert "deleted or replaced while it was worked on" in ended.remarks(1)
 
 
+@pytest.mark.long
 def test_files_of_a_run_that_was_killed_while_they_appeared_do_not_outlive_the_next(run, wide):
     ended = run(wide)
     names = {path.name for path in ended.folder.iterdir()}
@@ -555,6 +558,7 @@ def test_ctrl_c_while_windows_are_examined_keeps_those_that_were(run, pair, monk
     assert_whole(ended.folder)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("press", [("taking the sums", 1.0), ("writing", 2)], ids=["sums", "writing"])
 def test_ctrl_c_after_the_decision_does_not_lose_it(run, wide, monkeypatch, press):
     monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(press))

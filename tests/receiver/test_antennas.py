@@ -95,6 +95,7 @@ def normalised_differences(array, measurements, arcs, antennas):
             yield (error - np.rint(np.nanmedian(error))) / sigma
 
 
+@pytest.mark.long
 def test_phases_differ_by_the_direction_with_the_noise_stated(array, tracked):
     ratios = np.concatenate(list(normalised_differences(array, *tracked, [0, 1, 2])))
     assert ratios.size > 300
@@ -102,12 +103,14 @@ def test_phases_differ_by_the_direction_with_the_noise_stated(array, tracked):
     assert 0.8 < np.mean(ratios**2) < 1.2
 
 
+@pytest.mark.long
 def test_the_sum_is_stronger_by_the_number_of_antennas(tracked):
     measurements, _ = tracked
     gain_db = measurements.column(m.CN0_DBHZ)[:, None] - measurements.own[..., m.OWN_CN0_DBHZ]
     assert np.median(gain_db) == pytest.approx(10.0 * np.log10(3.0), abs=0.3)
 
 
+@pytest.mark.long
 def test_code_and_carrier_on_each_antenna_are_true(array, tracked):
     measurements, arcs = tracked
     spreads = []
@@ -126,6 +129,7 @@ def test_code_and_carrier_on_each_antenna_are_true(array, tracked):
     assert 0.8 < np.sqrt(np.mean(np.square(spreads))) < 1.2
 
 
+@pytest.mark.long
 def test_pieces_give_what_the_whole_gives(array, tracked):
     whole, whole_arcs = tracked
     pieces, arcs = receive(array.planes, [1, 260_000, 3_333_333])
@@ -134,6 +138,7 @@ def test_pieces_give_what_the_whole_gives(array, tracked):
         assert np.array_equal(getattr(pieces, name), getattr(whole, name), equal_nan=True)
 
 
+@pytest.mark.long
 def test_an_antenna_that_fades_does_not_lose_the_array(array, tracked):
     planes = array.planes.copy()
     faded = int(2.05 * RATE_HZ)
@@ -147,6 +152,7 @@ def test_an_antenna_that_fades_does_not_lose_the_array(array, tracked):
     assert 0.75 < np.mean(ratios**2) < 1.25
 
 
+@pytest.mark.long
 def test_signals_are_found_though_the_first_antenna_is_dead_from_the_start(array, tracked):
     planes = array.planes[..., : 3 * RATE_HZ].copy()
     planes[0] = 0.0
@@ -158,6 +164,7 @@ def test_signals_are_found_though_the_first_antenna_is_dead_from_the_start(array
     assert 0.75 < np.mean(ratios**2) < 1.25
 
 
+@pytest.mark.long
 def test_delays_of_the_lines_are_taken_off_where_they_are_known(array, tracked):
     measurements, arcs = tracked
     elapsed_s = 0.2 * np.arange(1, 25)

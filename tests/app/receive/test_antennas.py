@@ -27,6 +27,7 @@ def received(array_files):
     return {"files": reception(*array_files.raw), "SigMF": reception(array_files.sigmf)}
 
 
+@pytest.mark.long
 def test_antennas_in_one_file_are_measured_as_those_in_files_of_their_own(received):
     apart, together = received["files"].antennas, received["SigMF"].antennas
     assert len(apart) == len(together) == 4

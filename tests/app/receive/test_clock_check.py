@@ -73,7 +73,8 @@ def test_right_rates_are_left_alone():
         recorded.cache_clear()
 
 
-@pytest.mark.parametrize("ppm", [100.0, pytest.param(-30.0, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("ppm", [100.0, -30.0])
 def test_an_inspection_reads_at_the_rate_that_it_measures(ppm):
     found = inspect_recording(wrong(recorded(0.5), ppm))
     assert found.samples.rate_hz == pytest.approx(RATE_HZ, rel=1e-7)
