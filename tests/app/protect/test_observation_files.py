@@ -118,6 +118,12 @@ def test_observation_files_alone_need_orbits(measured, tmp_path):
         protect(written(tmp_path, *measured[:2]))
 
 
+def test_orbits_of_another_day_are_refused_without_advice_for_recordings(measured, tmp_path):
+    write_nav(tmp_path / "late.rnx", nominal_constellation(np.datetime64("2031-03-03", "ns")))
+    with pytest.raises(InputError, match=r"late.rnx: its orbits are for 2031.*navigation file of that day$"):
+        protect(written(tmp_path, *measured[:2]), nav=tmp_path / "late.rnx")
+
+
 def test_one_receivers_file_is_refused_twice(measured, tmp_path):
     bow, _, _ = measured
     path, *_ = written(tmp_path, bow)

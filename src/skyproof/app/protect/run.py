@@ -28,7 +28,7 @@ from skyproof.formats.byte_io import sha256
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.gnss.time import iso, seconds_between
-from skyproof.records import AntennaArray, NavigationData, OpenFile, Records, Samples, SpinArm
+from skyproof.records import AntennaArray, NavigationData, OpenFile, Records, Samples, Source, SpinArm
 from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect", "verdict_of"]
@@ -271,7 +271,7 @@ def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: Navig
     """Raise InputError if nothing tells orbits, or a file's orbits are of another day."""
     for source in sources:
         if navigation is not None and source.start_gpst is not None:
-            _same_day(navigation, source.start_gpst, source.path)
+            _same_day(navigation, source.start_gpst, source)
     if navigation is None and all(isinstance(source, ObservedFile) for source in sources):
         raise InputError(
             f"{sources[0].path}: an observation file does not hold orbits; give the navigation file of that day "
@@ -289,18 +289,23 @@ def _pooled(told: Sequence[NavigationData]) -> NavigationData:
     )
 
 
-def _same_day(navigation: NavigationData, gpst: np.datetime64, path: str) -> None:
-    """Raise InputError if no orbit of the file holds at the recording's time."""
+def _same_day(navigation: NavigationData, gpst: np.datetime64, source: Source) -> None:
+    """Raise InputError if no orbit of the file holds at the input's time."""
     if any(navigation.best(e.sat, gpst) is not None for e in navigation.ephemerides):
         return
     weeks = [
         np.datetime64("1980-01-06", "ns") + np.timedelta64(round(e.week * 604800 + e.toe), "s")
         for e in navigation.ephemerides
     ]
+    # An observation file holds no messages, and its date is the receiver's own.
+    otherwise = (
+        ", or none to take the orbits from the signals (if the date is wrong, correct start_gpst in the sidecar)"
+        if isinstance(source, Samples)
+        else ""
+    )
     raise InputError(
-        f"{navigation.source}: its orbits are for {iso(min(weeks), 0)} to {iso(max(weeks), 0)}, but {path} was "
-        f"recorded at {iso(gpst, 0)}; give the navigation file of that day, or none to take the orbits from the "
-        "signals (if the date is wrong, correct start_gpst in the sidecar)"
+        f"{navigation.source}: its orbits are for {iso(min(weeks), 0)} to {iso(max(weeks), 0)}, but {source.path} was "
+        f"recorded at {iso(gpst, 0)}; give the navigation file of that day{otherwise}"
     )
 
 
@@ -316,8 +321,9 @@ def _same_time(receptions: Sequence[Reception], navigation: NavigationData | Non
                 "time to compare them in; give recordings of the same time, or protect each alone"
             )
     if navigation is not None:
-        for path, o in heard:
-            _same_day(navigation, o.gpst[0], path)
+        for r in receptions:
+            if r.observations is not None and r.observations.gpst.size:
+                _same_day(navigation, r.observations.gpst[0], r.source)
 
 
 def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> Reception:
