@@ -9,6 +9,13 @@ import numpy as np
 from timing import line, take_turns
 
 from skyproof.arrays import Reals
+from skyproof.decomposition.correlation import noise_variance
+from skyproof.decomposition.fit import (
+    count_statistic,
+    decompose,
+    delay_dictionary,
+    simulate_taps,
+)
 from skyproof.detectors.array.array_common import equal_statistic
 from skyproof.detectors.array.ins_array import (
     array_design,
@@ -22,13 +29,6 @@ from skyproof.detectors.array.spin import arm_angles, full_fit, paired_fit
 from skyproof.detectors.correlators.sqm import delta_law, delta_metric, moving_variance, ratio_p_value
 from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector, whitener
 from skyproof.detectors.correlators.vector_sqm import geometry_matrix, sky, two_step
-from skyproof.detectors.dccaf.decomposition import (
-    count_statistic,
-    decompose,
-    delay_dictionary,
-    noise_variance,
-    simulate_taps,
-)
 from skyproof.detectors.dccaf.inverse_raim import passing_sets
 from skyproof.detectors.multi_receiver.double_difference import difference_test, pairs_rejected
 from skyproof.detectors.multi_receiver.group_choice import span_test, split_skies

@@ -5,11 +5,15 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from skyproof.decomposition.correlation import noise_variance
+from skyproof.decomposition.fit import (
+    delay_dictionary,
+    simulate_taps,
+)
 from skyproof.detectors.array.ins_array import InsArraySettings, equilateral_triangle, predicted_directions
 from skyproof.detectors.array.spin import arm_angles, arm_columns
 from skyproof.detectors.correlators.correlator_laws import prompt_amplitude, triangle
 from skyproof.detectors.correlators.sqm import tap_covariance
-from skyproof.detectors.dccaf.decomposition import delay_dictionary, noise_variance, simulate_taps
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation

@@ -9,7 +9,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.receive.inputs import only_recordings, open_inputs
 from skyproof.app.receive.reception import track
 from skyproof.app.scenes.simulate import simulate
-from skyproof.detectors.dccaf.decomposition import (
+from skyproof.decomposition.fit import (
     blocks_dictionary,
     decompose,
     delay_bound,

@@ -9,16 +9,15 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.arrays import Complexes, Reals
-from skyproof.detectors.dccaf.decomposition import (
+from skyproof.decomposition.correlation import correlation, noise_variance
+from skyproof.decomposition.fit import (
     Dictionary,
     blocks_dictionary,
-    correlation,
     count_statistic,
     count_test,
     decompose,
     delay_bound,
     delay_dictionary,
-    noise_variance,
     simulate_taps,
 )
 from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose

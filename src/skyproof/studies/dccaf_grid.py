@@ -3,7 +3,7 @@ with two, and its noise (Ahmed, Khanafseh, Pervan: figures 2 and 3, of which onl
 
 Signals are made from the codes of real satellites in the band of an ideal front end: a code's spectrum has a line each
 kilohertz, so delays and the band are exact. None of the correlation functions of
-`detectors.dccaf.decomposition` are used.
+`decomposition` are used.
 """
 
 import math
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import find_peaks
 
 from skyproof.arrays import Complexes, Reals
-from skyproof.detectors.dccaf.decomposition import noise_variance
+from skyproof.decomposition.correlation import noise_variance
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
 from skyproof.report.chart import Axes

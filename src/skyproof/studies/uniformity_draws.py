@@ -13,6 +13,13 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from skyproof.arrays import Booleans, Reals
+from skyproof.decomposition.correlation import noise_variance
+from skyproof.decomposition.fit import (
+    count_statistic,
+    count_test,
+    delay_dictionary,
+    simulate_taps,
+)
 from skyproof.detectors.array.array_common import cluster_chance
 from skyproof.detectors.array.ins_array import (
     array_design,
@@ -39,13 +46,6 @@ from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators import sqm
 from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.correlators import vector_sqm as rule
-from skyproof.detectors.dccaf.decomposition import (
-    count_statistic,
-    count_test,
-    delay_dictionary,
-    noise_variance,
-    simulate_taps,
-)
 from skyproof.detectors.dccaf.inverse_raim import parity_matrix
 from skyproof.detectors.multi_receiver.double_difference import Tested, difference_test, pooled_correlation
 from skyproof.detectors.multi_receiver.group_choice import fraction_test, known_baseline_test, known_sky_test, span_test

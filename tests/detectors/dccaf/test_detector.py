@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from tests.detectors.nulls import CLEAN_CCAF, OVERLAPPED_CCAF, with_ccaf
 
-from skyproof.detectors.dccaf.decomposition import (
+from skyproof.decomposition.correlation import correlation, noise_variance
+from skyproof.decomposition.fit import (
     at_strongest_doppler,
-    correlation,
     count_statistic,
     count_test,
     delay_dictionary,
-    noise_variance,
     simulate_taps,
 )
 from skyproof.detectors.dccaf.detector import Dccaf, DccafSettings, delays_of

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.base import missing, undecided
-from skyproof.detectors.dccaf.decomposition import (
+from skyproof.decomposition.fit import (
     CountTest,
     Decomposition,
     Dictionary,
@@ -24,6 +23,7 @@ from skyproof.detectors.dccaf.decomposition import (
     count_test,
     taps_dictionary,
 )
+from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.dccaf.inverse_raim import passing_sets, second_subset, set_states
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S

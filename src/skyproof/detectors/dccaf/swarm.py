@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Complexes, Reals
 from skyproof.compiled import compiled
-from skyproof.detectors.dccaf.decomposition import correlation
+from skyproof.decomposition.correlation import correlation
 
 __all__ = ["SwarmFit", "SwarmSettings", "swarm_decompose"]
 

@@ -4,20 +4,22 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.detectors.dccaf.decomposition import (
+from skyproof.decomposition.correlation import (
     band_share,
-    bins_dictionary,
-    blocks_dictionary,
     correlation,
     correlation_slope,
+    model,
+    model_as_printed,
+    noise_variance,
+)
+from skyproof.decomposition.fit import (
+    bins_dictionary,
+    blocks_dictionary,
     count_statistic,
     count_test,
     decompose,
     delay_bound,
     delay_dictionary,
-    model,
-    model_as_printed,
-    noise_variance,
     simulate_taps,
 )
 from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose

@@ -1,0 +1,100 @@
+"""What the signals of one satellite look like on a grid of delays and Dopplers, behind a front end's filter.
+
+A signal of amplitude a, delay tau, Doppler f and phase theta gives a replica of delay taub and Doppler fb, over a
+coherent time T (S. Ahmed, S. Khanafseh, B. Pervan, "GNSS Spoofing Detection and Exclusion by Decomposition of Complex
+Cross Ambiguity Function (DCCAF) with INS Aiding", ION, equation 4, corrected),
+
+    a R(taub - tau) sinc(pi (f - fb) T) exp(i (pi (f - fb) T + theta)),    theta the phase at the start,
+
+and without the term pi (f - fb) T if theta is the phase at the middle, as everywhere here but in `model_as_printed`.
+R is that of the band that the front end passes. With the triangle there is no bound, and the wrong answer.
+
+Leading axes are free. Delays are in chips, larger for a longer way.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from skyproof.arrays import Complexes, Reals
+from skyproof.gnss.constants import CA_CHIP_RATE_HZ
+
+__all__ = [
+    "band_share",
+    "correlation",
+    "correlation_slope",
+    "model",
+    "model_as_printed",
+    "noise_variance",
+]
+
+
+def correlation(lag_chips: ArrayLike, band_hz: float) -> Reals:
+    """R at lags (...), one at zero, of random chips through an ideal filter of two-sided width `band_hz`.
+
+    The integral of sinc^2(pi f) cos(2 pi f x) over |f| <= b, b = band / 2 in cycles per chip, in closed form: the
+    second difference of G(y) = (cos(2 pi b y) - 1) / (pi^2 b) + (2/pi) y Si(2 pi b y), which is |y| without a limit.
+    """
+    lag, b = np.asarray(lag_chips, np.float64), _half_band(band_hz)
+    second = _g(lag + 1.0, b) + _g(lag - 1.0, b) - 2.0 * _g(lag, b)
+    return np.asarray(0.5 * second / band_share(band_hz))
+
+
+def correlation_slope(lag_chips: ArrayLike, band_hz: float) -> Reals:
+    """Derivative of `correlation` by the lag, per chip."""
+    lag, b = np.asarray(lag_chips, np.float64), _half_band(band_hz)
+    second = _dg(lag + 1.0, b) + _dg(lag - 1.0, b) - 2.0 * _dg(lag, b)
+    return np.asarray(0.5 * second / band_share(band_hz))
+
+
+def band_share(band_hz: float) -> float:
+    """Share of the code's power in the band: 0.957 for 5 MHz, 0.992 for 25 MHz."""
+    return float(_g(np.asarray(1.0), _half_band(band_hz)))
+
+
+def noise_variance(cn0_dbhz: ArrayLike, coherent_s: ArrayLike, band_hz: float) -> Reals:
+    """s^2 = E|v|^2 of one point of the grid beside a signal of amplitude one: 1 / (C/N0 T eta)."""
+    cn0_hz = 10.0 ** (0.1 * np.asarray(cn0_dbhz, np.float64))
+    return np.asarray(1.0 / (cn0_hz * np.asarray(coherent_s, np.float64) * band_share(band_hz)))
+
+
+def model(
+    amplitude: ArrayLike,
+    delay_chips: ArrayLike,
+    doppler_hz: ArrayLike,
+    *,
+    taps_chips: ArrayLike,
+    bins_hz: ArrayLike = 0.0,
+    coherent_s: float,
+    band_hz: float,
+) -> Complexes:
+    """What signals (..., n) of complex amplitude (phase at mid-interval) give on a grid (..., bins, taps)."""
+    lag = np.atleast_1d(taps_chips) - np.asarray(delay_chips, np.float64)[..., None]
+    off = np.asarray(doppler_hz, np.float64)[..., None] - np.atleast_1d(bins_hz)
+    each = np.sinc(off * coherent_s)[..., :, None] * correlation(lag, band_hz)[..., None, :]
+    return np.asarray(np.sum(np.asarray(amplitude, np.complex128)[..., None, None] * each, axis=-3))
+
+
+def model_as_printed(
+    amplitude: ArrayLike, doppler_off_hz: ArrayLike, phase_rad: ArrayLike, coherent_s: float, *, form: str = "corrected"
+) -> Complexes:
+    """The factor beside R of the paper's equation 4, phase at the start of the interval; form "corrected" or "paper".
+
+    In print the phase stands inside the factor pi.
+    """
+    turn, phase = np.asarray(doppler_off_hz, np.float64) * coherent_s, np.asarray(phase_rad, np.float64)
+    angle = np.pi * (turn + phase) if form == "paper" else np.pi * turn + phase
+    return np.asarray(np.asarray(amplitude) * np.sinc(turn) * np.exp(1j * angle))
+
+
+def _half_band(band_hz: float) -> float:
+    return band_hz / (2.0 * CA_CHIP_RATE_HZ)
+
+
+def _g(y: Reals, b: float) -> Reals:
+    angle = 2.0 * np.pi * b * y
+    return np.asarray((np.cos(angle) - 1.0) / (np.pi**2 * b) + 2.0 / np.pi * y * special.sici(angle)[0])
+
+
+def _dg(y: Reals, b: float) -> Reals:
+    return np.asarray(2.0 / np.pi * special.sici(2.0 * np.pi * b * y)[0])
