@@ -31,7 +31,9 @@ LEVELS_DBHZ = (35.0, 38.75, 42.5, 46.25, 50.0)
 HOURS, SKIES = 0.5, 4
 CITIES = 20
 WINDOW_S = 10.0
-DELAYS_CHIPS = (0.125, 0.0, -0.125, *Sqm.taps.delays_chips)
+TAPS = Sqm.asks.taps
+assert TAPS is not None
+DELAYS_CHIPS = (0.125, 0.0, -0.125, *TAPS.delays_chips)
 OF_A_RUN = 1e-3 * WINDOW_S / 3600.0 / 5.0
 """What `protect` allows a window of one receiver, by default."""
 RATE_HZ, TRACKED_S, RUNS = 2.6e6, 12.0, 5
@@ -78,7 +80,7 @@ def _clean() -> Iterator[str]:
 def _exact(taps: Taps) -> list[float]:
     """p-values of the signals tracked throughout, no reflection allowed."""
     value = taps.value[:, np.isfinite(taps.value).all(axis=(0, 2, 3)), 0]
-    return [distortion(value[:, k], taps.delays_chips, Sqm.taps.every_s).p_value for k in range(value.shape[1])]
+    return [distortion(value[:, k], taps.delays_chips, TAPS.every_s).p_value for k in range(value.shape[1])]
 
 
 def _reflections() -> Iterator[str]:
@@ -137,7 +139,7 @@ def _cost() -> Iterator[str]:
 
     def tracked(taps: bool) -> tuple[float, float]:
         begin = process_time()
-        (tracker,), _ = track([held], Settings(), taps=Sqm.taps if taps else None)
+        (tracker,), _ = track([held], Settings(), asked=Sqm.asks if taps else None)
         cpu_s = process_time() - begin
         return cpu_s, len(tracker.measurements) * tracker.epoch_s * RATE_HZ
 
@@ -152,7 +154,7 @@ def _cost() -> Iterator[str]:
     yield line("early, prompt and late", plain, "ns")
     further = Spread.of(ns[True])
     more = further.least / plain.least - 1.0
-    yield line(f"and {len(Sqm.taps.delays_chips)} taps in looks", further, "ns", f"{more:+.1%}, least of each")
+    yield line(f"and {len(TAPS.delays_chips)} taps in looks", further, "ns", f"{more:+.1%}, least of each")
     (window,) = _windows(scenario, "a", WINDOW_S, np.random.default_rng(1))
     begin = process_time()
     for _ in range(20):
@@ -173,7 +175,7 @@ def _windows(
     """The correlators of every whole window, of channels on the signals of one copy."""
     scene = scene_of(scenario, nominal_constellation(scenario.start_gpst))
     columns = [k for k, s in enumerate(scene.skies[receiver].signals) if s.id.copy == copy]
-    asked, tracked = Sqm.taps, aligned(scene, receiver, columns)
+    asked, tracked = TAPS, aligned(scene, receiver, columns)
     looks = np.arange(0.0, WINDOW_S, asked.every_s) + 0.5 * asked.coherent_s
     for begin_s in np.arange(start_s, start_s + duration_s - WINDOW_S + 1e-6, WINDOW_S):
         yield correlate(

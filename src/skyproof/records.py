@@ -26,9 +26,11 @@ __all__ = [
     "FIX_STATUS",
     "AntennaArray",
     "ArrayPhases",
+    "Asked",
     "Attitude",
     "Baseline",
     "Ccaf",
+    "CcafAsked",
     "CellStatus",
     "ConsistentSet",
     "Direction",
@@ -412,6 +414,31 @@ class TapsAsked:
     delays_chips: tuple[float, ...]
     every_s: float
     coherent_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CcafAsked:
+    """Which `Ccaf` a detector asks a receiver for.
+
+    reach_chips : of delays to both sides of what is tracked, as near as the band's correlation needs. dopplers_hz : off
+        the tracked carrier. coherent_s : of each interval; the message's bits are taken off. intervals : one after the
+        other, taken `every_s`, and `soon_s` apart while the signals' strengths change together.
+    """
+
+    reach_chips: float
+    every_s: float
+    soon_s: float
+    dopplers_hz: tuple[float, ...] = (0.0,)
+    coherent_s: float = 0.02
+    intervals: int = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What a detector asks receivers for beside observations."""
+
+    taps: TapsAsked | None = None
+    ccaf: CcafAsked | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -36,8 +36,8 @@ class Detector(Protocol):
     window, so that a recording in pieces gives what the whole gives. `skyproof.testing.check_detector` holds the
     contract.
 
-    One that needs `Need.TAPS` has a `TapsAsked` as its class's `taps`: the receivers take those that any detector asks
-    for.
+    One that needs `Need.TAPS` or `Need.CCAF` has an `Asked` as its class's `asks`: the receivers take what any detector
+    asks for.
 
     A detector may have a method `review(evidence) -> list[Evidence]` as well: at the end of a run it is given the
     evidence of all detectors and windows, and gives it back with its own changed by what later windows have shown.

@@ -15,10 +15,11 @@ from skyproof.gnss.lnav import Subframe, ephemeris_from_subframes, ionosphere_an
 from skyproof.gnss.time import gpst
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Arc
+from skyproof.receiver.grids import GridCorrelator, Grids
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.polarity import half_cycles
 from skyproof.receiver.replica import CODE_SCALE
-from skyproof.records import AntennaArray, ArrayPhases, CellStatus, Observations, SignalId, Taps
+from skyproof.records import AntennaArray, ArrayPhases, Ccaf, CellStatus, Observations, SignalId, Taps
 
 TYPICAL_TRAVEL_MS = 77
 LASTING_SIGMA_CYC = 0.01
@@ -165,6 +166,55 @@ def taps_of(
         delays_chips=delays_chips,
         dopplers_hz=dopplers_hz,
         value=value.reshape(-1, len(signals), *grid),
+    )
+
+
+def ccaf_of(
+    receiver: str,
+    grids: Grids,
+    taken: GridCorrelator,
+    arcs: Mapping[int, Arc],
+    label: ReceiverTimeTag,
+    observations: Observations,
+) -> Ccaf:
+    """All grids as one record: columns as in `assemble`, a row for each interval.
+
+    observations : of the same receiver, whose clock is moved by whole milliseconds as the references' is then. An arc
+        without a time of week has grids and no reference.
+    """
+    elapsed_s, rows = np.unique(grids.elapsed_s, return_inverse=True)
+    column = {signal: i for i, signal in enumerate(observations.signals)}
+    own = [arcs[number] for number in grids.arc.tolist()]
+    columns = np.array([column[arc.signal] for arc in own], np.int64)
+    shown = gpst(label.week, label.tow_ms * 1e-3 + observations.elapsed_s) - observations.gpst
+    middles_s = 0.5 * (observations.elapsed_s[1:] + observations.elapsed_s[:-1])
+    moved = shown[np.searchsorted(middles_s, elapsed_s)] if shown.size else np.zeros(elapsed_s.size, "timedelta64[ns]")
+    timed = np.array([arc.tow_ms_at_period_0 is not None for arc in own], np.bool_)
+    tow_ms = np.array([arc.tow_ms_at_period_0 or 0 for arc in own], np.int64)
+    elapsed_ms = np.rint(grids.elapsed_s * 1000).astype(np.int64)
+    rest_s = grids.elapsed_s - elapsed_ms * 1e-3
+    whole_ms = label.tow_ms + elapsed_ms - tow_ms - grids.periods - np.rint(moved / np.timedelta64(1, "ms"))[rows]
+    whole_ms = (whole_ms + WEEK_MS // 2) % WEEK_MS - WEEK_MS // 2
+    shape = (elapsed_s.size, len(observations.signals))
+    cells = {name: np.full(shape, np.nan) for name in ("reference_m", "reference_hz", "noise_variance")}
+    range_m = SPEED_OF_LIGHT_M_S * (whole_ms * 1e-3 + rest_s - grids.fraction_s)
+    cells["reference_m"][rows, columns] = np.where(timed, range_m, np.nan)
+    cells["reference_hz"][rows, columns] = grids.doppler_hz
+    cells["noise_variance"][rows, columns] = grids.noise_variance
+    value = np.full((*shape, *grids.value.shape[1:]), complex(np.nan, np.nan), np.complex64)
+    value[rows, columns] = grids.value
+    return Ccaf(
+        receiver=receiver,
+        signals=observations.signals,
+        gpst=gpst(label.week, label.tow_ms * 1e-3 + elapsed_s) - moved,
+        elapsed_s=elapsed_s,
+        coherent_s=taken.periods * taken.signal.period_s,
+        band_hz=taken.band_hz,
+        delays_chips=taken.delays_chips,
+        dopplers_hz=taken.dopplers_hz,
+        value=value,
+        noise_samples=taken.noise_samples,
+        **cells,
     )
 
 

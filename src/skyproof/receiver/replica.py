@@ -1,6 +1,7 @@
 """The replica that samples are correlated with: the code as a front end lets it pass, at fractions of a sample."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ def code_table(
     n_phases: int,
     n_samples: int,
     reach_chips: float = REACH_CHIPS,
+    low_pass: Callable[[Reals], Reals] = passed,
 ) -> NDArray[np.int8]:
     """The code resampled at `n_phases` fractions of a sample behind a low-pass, times `CODE_SCALE`.
 
@@ -35,6 +37,7 @@ def code_table(
     chips_per_sample : at the nominal code rate.
     n_samples : of the longest period to correlate.
     reach_chips : how far from the prompt a delay may lie.
+    low_pass : amplitude that is left at frequencies, cycles a sample; nothing from half a cycle on.
 
     Gives (n_phases, n_samples + 2 pad), pad being `table_pad(chips_per_sample, reach_chips)`. Row p, column k is the
     filtered code at the time (k - pad + p / n_phases) samples after the start of the code.
@@ -47,7 +50,9 @@ def code_table(
     points = 2 ** math.ceil(math.log2(max(POINTS / chips_per_sample, POINTS)))  # a chip
     line = np.arange(code.size * points // 2 + 1)
     cycles_per_chip = line / code.size
-    chip = np.sinc(cycles_per_chip) * np.exp(-1j * np.pi * cycles_per_chip) * passed(cycles_per_chip * chips_per_sample)
+    chip = (
+        np.sinc(cycles_per_chip) * np.exp(-1j * np.pi * cycles_per_chip) * low_pass(cycles_per_chip * chips_per_sample)
+    )
     period = np.fft.irfft(np.fft.fft(code)[line % code.size] * chip, code.size * points) * points
     samples = np.arange(n_samples + 2 * pad) - pad + np.arange(n_phases)[:, np.newaxis] / n_phases
     at = samples * (chips_per_sample * points)

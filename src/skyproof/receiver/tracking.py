@@ -36,10 +36,12 @@ from skyproof.receiver.channels import (
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
 from skyproof.receiver.crosstalk import Rows
 from skyproof.receiver.discriminator import discriminator
+from skyproof.receiver.grids import GridCorrelator, Grids, at_stake
 from skyproof.receiver.lock import lock_threshold, lock_value
 from skyproof.receiver.looks import look_means
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.replica import CODE_SCALE, code_table
+from skyproof.records import CcafAsked
 
 MEASURE_FRAMES = 2
 TELEMETRY_FRAMES = 5
@@ -76,6 +78,7 @@ class ReceiverSettings:
     further_taps_hz : Dopplers beside the carrier's at which all taps are taken as well.
     looks_per_frame, look_share : all taps are taken in this share of so many equal parts of a frame, and averaged over
         each; 0 takes them all the time and averages over a row of measurements.
+    grids : which correlation grids are taken; None takes none.
     pull_in, searching_bits, tracking, weak : the loops for `pull_in_s`; until bits are known; then; and below
         `weak_dbhz` (with 2 dB of hysteresis).
     confirm_s : after that time a channel must be locked or is dropped.
@@ -93,6 +96,7 @@ class ReceiverSettings:
     further_taps_hz: tuple[float, ...] = ()
     looks_per_frame: int = 0
     look_share: float = 1.0
+    grids: CcafAsked | None = None
     code_phases: int = 32
     # Of 5 ms: a frequency loop of 1 ms shakes by 18 Hz at 35 dB-Hz and loses every other signal.
     pull_in: LoopSettings = LoopSettings(
@@ -146,11 +150,13 @@ class ReceiverState:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StepOutput:
-    """What a step gives: measurements, the arcs that were followed as they stand, and gaps that were bridged."""
+    """What a step gives: measurements, the arcs that were followed as they stand, gaps that were bridged, and the
+    correlation grids that were asked for."""
 
     measurements: Measurements
     arcs: Mapping[int, Arc]
     gaps: tuple[Gap, ...] = ()
+    grids: Grids = field(default_factory=Grids.nothing)
 
 
 class Receiver:
@@ -180,6 +186,9 @@ class Receiver:
         self._max_periods = int(self.settings.frame_s / self.signal.period_s) + 4
         self._n_threads = os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(self._n_threads)
+        self.grids: GridCorrelator | None = None
+        if self.settings.grids is not None:
+            self.grids = GridCorrelator(self.settings.grids, rate_hz, if_hz, self.signal, self.settings.code_phases)
         self._tables: dict[str, NDArray[np.int8]] = {}
         self._stacked: tuple[tuple[str, ...], NDArray[np.int8]] | None = None
 
@@ -198,16 +207,24 @@ class Receiver:
         measured = [Measurements.nothing(self.n_looks, self.n_taps, _antennas_measured(state.tail))]
         arcs: dict[int, Arc] = {}
         gaps: list[Gap] = []
+        grids: list[Grids] = []
         while self.frame_start(state.frame + 1) <= state.tail_start + state.tail.shape[-1]:
-            state = self._frame(state, measured, arcs, gaps)
+            state = self._frame(state, measured, arcs, gaps, grids)
         arcs |= {c.arc: arc_of(c, self.signal) for c in state.channels if c.copy is not None}
-        output = StepOutput(measurements=Measurements.joined(measured), arcs=arcs, gaps=tuple(gaps))
+        output = StepOutput(
+            measurements=Measurements.joined(measured), arcs=arcs, gaps=tuple(gaps), grids=Grids.joined(grids)
+        )
         keep = int(min([self.frame_start(state.frame), *state.loops[:, k.START].tolist()]))
         # A copy of what is left, so that the state does not hold on to the whole block.
         return output, replace(state, tail=state.tail[..., keep - state.tail_start :].copy(), tail_start=keep)
 
     def _frame(
-        self, state: ReceiverState, measured: list[Measurements], arcs: dict[int, Arc], gaps: list[Gap]
+        self,
+        state: ReceiverState,
+        measured: list[Measurements],
+        arcs: dict[int, Arc],
+        gaps: list[Gap],
+        grids: list[Grids],
     ) -> ReceiverState:
         begin, end = self.frame_start(state.frame), self.frame_start(state.frame + 1)
         state = self._look_for_signals(state, begin)
@@ -216,6 +233,8 @@ class Receiver:
         state = self._check_locks(state, end)
         if state.frame > 0 and state.frame % MEASURE_FRAMES == 0:
             state = self._measure(state, before, measured, arcs, gaps)
+            if self.grids is not None:
+                grids += self._take_grids(self.grids, state, measured[-1])
         state = self._steer_slowly(self._read_messages(state, arcs))
         state = self._confirm(state, gaps)
         return replace(self._drop(state, end, arcs), frame=state.frame + 1)
@@ -473,6 +492,30 @@ class Receiver:
         of_all = Measurements(elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=looks, own=own)
         measured.append(of_all.chosen(good))
         return replace(state, last_phases=last_phases)
+
+    def _take_grids(self, grids: GridCorrelator, state: ReceiverState, row: Measurements) -> list[Grids]:
+        """Of the channels that were just measured, if it is time."""
+        elapsed_s = state.frame * self.settings.frame_s
+        channels = [i for i, channel in enumerate(state.channels) if channel.arc in row.arc]
+        if not channels or row.elapsed_s[0] != elapsed_s:
+            return []
+        interval_s = MEASURE_FRAMES * self.settings.frame_s
+        soon = at_stake(row.column(m.CN0_DBHZ), state.loops[channels, k.CN0_DBHZ], interval_s)
+        if not grids.due(state.frame, self.settings.frame_s, soon=soon):
+            return []
+        return [
+            grids.take(
+                state.tail[0],
+                state.tail_start,
+                (state.rows[channels], state.counts[channels]),
+                state.loops[channels, k.BIT_START],
+                [state.channels[i].sat for i in channels],
+                np.array([state.channels[i].arc for i in channels], np.int64),
+                elapsed_s,
+                self._threads,
+                self._n_threads,
+            )
+        ]
 
     def _on_each_antenna(
         self,

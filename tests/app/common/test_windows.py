@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import RECEIVED, detectors_for, following_epochs, taps_asked, windows_of
+from skyproof.app.common.windows import RECEIVED, asked, detectors_for, following_epochs, windows_of
 from skyproof.detectors.base import load_detectors
 from skyproof.records import NavigationData, Need, Observations, Records, SignalId, SpinArm, Taps
 from skyproof.testing import MeasuredScene
@@ -100,12 +100,14 @@ def test_each_window_has_the_correlators_of_its_epochs_and_every_look_is_in_one(
     assert seen == elapsed_s.tolist()
 
 
-def test_taps_are_those_that_the_installed_detectors_ask_for():
-    asked = taps_asked()
-    assert asked is not None
-    wanting = [kind for kind in load_detectors().values() if Need.TAPS in kind().needs]
-    assert [kind().name for kind in wanting] == ["sqm"]
-    assert set(wanting[0].taps.delays_chips) == set(asked.delays_chips)
+def test_correlators_are_those_that_the_installed_detectors_ask_for():
+    together = asked()
+    for need, kind in ((Need.TAPS, "taps"), (Need.CCAF, "ccaf")):
+        wanting = [detector for detector in load_detectors().values() if need in detector().needs]
+        stated = [own for one in wanting if (own := getattr(getattr(one, "asks", None), kind, None)) is not None]
+        assert len(stated) <= 1
+        assert getattr(together, kind) == (stated[0] if stated else None)
+    assert together.taps is not None
 
 
 def test_a_run_with_correlators_shares_the_false_alarms_with_sqm():

@@ -16,6 +16,9 @@ from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import interval_s
 from skyproof.records import (
     ArrayPhases,
+    Asked,
+    Ccaf,
+    CcafAsked,
     ConsistentSet,
     Evidence,
     NavigationData,
@@ -30,13 +33,13 @@ from skyproof.records import (
 
 __all__ = [
     "Windows",
+    "asked",
     "cut",
     "detectors_for",
     "examine",
     "examine_all",
     "following_epochs",
     "reviewed",
-    "taps_asked",
     "windows_of",
 ]
 
@@ -74,6 +77,13 @@ def cut_taps(taps: Taps, observations: ObservationLog, start_gpst: np.datetime64
     label = observations.gpst[np.searchsorted(middles_s, taps.elapsed_s, side="right")]
     rows = (label >= start_gpst) & (label < end_gpst)
     return replace(taps, elapsed_s=taps.elapsed_s[rows], value=taps.value[rows])
+
+
+def cut_ccaf(ccaf: Ccaf, start_gpst: np.datetime64, end_gpst: np.datetime64) -> Ccaf:
+    """The intervals whose middle has start <= label < end."""
+    rows = (ccaf.gpst >= start_gpst) & (ccaf.gpst < end_gpst)
+    by_epoch = ("gpst", "elapsed_s", "reference_m", "reference_hz", "value", "noise_variance")
+    return replace(ccaf, **{name: getattr(ccaf, name)[rows] for name in by_epoch})
 
 
 def following_epochs(settings: Settings, observations: Sequence[Observations]) -> Settings:
@@ -144,6 +154,7 @@ class Windows:
             observations=cuts,
             sets=tuple(sets),
             taps=tuple(cut_taps(t, whole[t.receiver], start, end) for t in self.run.taps),
+            ccaf=tuple(c for c in (cut_ccaf(c, start, end) for c in self.run.ccaf) if c.gpst.size),
             array_phases=tuple(p for p in (cut_phases(p, start, end) for p in self.run.array_phases) if p.gpst.size),
             nav_state=None,
         )
@@ -155,6 +166,7 @@ def windows_of(
     settings: Settings,
     taps: Sequence[Taps] = (),
     *,
+    ccaf: Sequence[Ccaf] = (),
     array_phases: Sequence[ArrayPhases] = (),
     spin_arms: Sequence[SpinArm] = (),
     body: Body | None = None,
@@ -167,6 +179,7 @@ def windows_of(
         observations=tuple(observations),
         navigation=navigation if navigation.ephemerides else None,
         taps=tuple(taps),
+        ccaf=tuple(ccaf),
         array_phases=tuple(array_phases),
         spin_arms=tuple(spin_arms),
         nav_state=None if body is None else state_to_come(edges[0]),
@@ -195,16 +208,31 @@ def detectors_for(settings: Settings, run: Records) -> list[Detector]:
     return detectors
 
 
-def taps_asked() -> TapsAsked | None:
-    """The correlators that the installed detectors ask for, all together; None if none asks for any."""
-    stated = (getattr(kind, "taps", None) for kind in load_detectors().values())
-    asked = [one for one in stated if isinstance(one, TapsAsked)]
-    if not asked:
-        return None
+def asked() -> Asked:
+    """The correlators that the installed detectors ask for, all together."""
+    stated = [one for kind in load_detectors().values() if isinstance(one := getattr(kind, "asks", None), Asked)]
+    taps = [one.taps for one in stated if one.taps is not None]
+    grids = [one.ccaf for one in stated if one.ccaf is not None]
+    return Asked(taps=_taps_together(taps) if taps else None, ccaf=_grids_together(grids) if grids else None)
+
+
+def _taps_together(taps: Sequence[TapsAsked]) -> TapsAsked:
     return TapsAsked(
-        delays_chips=tuple(sorted({delay for one in asked for delay in one.delays_chips})),
-        every_s=min(one.every_s for one in asked),
-        coherent_s=max(one.coherent_s for one in asked),
+        delays_chips=tuple(sorted({delay for one in taps for delay in one.delays_chips})),
+        every_s=min(one.every_s for one in taps),
+        coherent_s=max(one.coherent_s for one in taps),
+    )
+
+
+def _grids_together(grids: Sequence[CcafAsked]) -> CcafAsked:
+    """Where they differ, what costs most; the coherent time is that of the first."""
+    return CcafAsked(
+        reach_chips=max(one.reach_chips for one in grids),
+        every_s=min(one.every_s for one in grids),
+        soon_s=min(one.soon_s for one in grids),
+        dopplers_hz=tuple(sorted({doppler_hz for one in grids for doppler_hz in one.dopplers_hz})),
+        coherent_s=grids[0].coherent_s,
+        intervals=max(one.intervals for one in grids),
     )
 
 

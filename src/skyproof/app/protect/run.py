@@ -15,7 +15,7 @@ from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
 from skyproof.app.common.platform_use import described, inputs_of, settings_of
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
-from skyproof.app.common.windows import detectors_for, examine_all, following_epochs, taps_asked, windows_of
+from skyproof.app.common.windows import asked, detectors_for, examine_all, following_epochs, windows_of
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.outputs import write_outputs
@@ -135,7 +135,7 @@ def _received(
 ) -> tuple[list[Reception], bool]:
     """What each source's receiver heard, in their order, and whether Ctrl-C ended the tracking early."""
     recordings = [source for source in sources if isinstance(source, Samples)]
-    trackers, interrupted = track(recordings, settings, progress, navigation, summed=True, taps=taps_asked())
+    trackers, interrupted = track(recordings, settings, progress, navigation, summed=True, asked=asked())
     if not interrupted and len(recordings) == len(sources):
         require_signals(trackers)
     tracked = iter(trackers)
@@ -229,6 +229,7 @@ def judge(
         orbits,
         settings,
         taps=[r.taps for r in heard if r.taps is not None],
+        ccaf=[r.ccaf for r in heard if r.ccaf is not None],
         array_phases=[r.array_phases for r in heard if r.array_phases is not None],
         spin_arms=spin_arms,
         body=body,

@@ -23,11 +23,13 @@ from skyproof.navigation.clock import anchored
 from skyproof.navigation.fix import fix
 from skyproof.navigation.horizon import sats_above
 from skyproof.receiver.channels import Arc, Gap
+from skyproof.receiver.grids import Grids
 from skyproof.receiver.measurement import DOPPLER_HZ, Measurements
 from skyproof.receiver.observables import (
     ReceiverTimeTag,
     array_phases_of,
     assemble,
+    ccaf_of,
     messages_that_differ,
     navigation_of,
     receiver_time_tag,
@@ -40,6 +42,8 @@ from skyproof.recording.conditioning import conditioned, measure_front_end
 from skyproof.records import (
     AntennaArray,
     ArrayPhases,
+    Asked,
+    Ccaf,
     FixStatus,
     NavigationData,
     Observations,
@@ -47,7 +51,6 @@ from skyproof.records import (
     SignalId,
     Source,
     Taps,
-    TapsAsked,
 )
 
 __all__ = ["Reception", "Tracker", "clock_biases_s", "observe", "require_signals", "track"]
@@ -68,7 +71,7 @@ class Reception:
     examined_s : how much of the recording was worked on.
     same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
     messages_differ : where signals of one satellite tell different messages, in words; among the remarks as well.
-    taps : correlators beside the observations, if they were asked for.
+    taps, ccaf : correlators beside the observations, if they were asked for.
     antennas : the same signals at the same epochs on each antenna, where the receiver has several; `observations` are
         those of the first, or if that has clearly fewer those of the antenna that has most.
     array_phases : the carrier's phases on all of them, if it is known where they are.
@@ -84,6 +87,7 @@ class Reception:
     remarks: tuple[str, ...] = ()
     messages_differ: tuple[str, ...] = ()
     taps: Taps | None = None
+    ccaf: Ccaf | None = None
     antennas: tuple[Observations, ...] = ()
     array_phases: ArrayPhases | None = None
 
@@ -114,6 +118,7 @@ class Tracker:
     measured: list[Measurements] = field(default_factory=list)
     arcs: dict[int, Arc] = field(default_factory=dict)
     gaps: list[Gap] = field(default_factory=list)
+    grids: list[Grids] = field(default_factory=list)
 
     def advance(self) -> bool:
         """Work on the next block; False when the recording has ended, or can be read no further."""
@@ -131,6 +136,7 @@ class Tracker:
         self.arcs |= output.arcs  # before the measurements that name them, whenever Ctrl-C comes
         self.measured.append(output.measurements)
         self.gaps += output.gaps
+        self.grids.append(output.grids)
         if self.checks and (self.examined_s >= CHECKED_S or self.ended):
             self._check_clock()
         return True
@@ -147,7 +153,7 @@ class Tracker:
         self.told = (*self.told, correction_remark(self.given, self.samples, apart.sigma))
         self.receiver = Receiver(self.samples.rate_hz, carrier_at_hz(self.samples), self.receiver.settings)
         self.state, self.position = ReceiverState(), 0
-        self.measured, self.arcs, self.gaps = [], {}, []
+        self.measured, self.arcs, self.gaps, self.grids = [], {}, [], []
 
     @property
     def examined_s(self) -> float:
@@ -176,7 +182,7 @@ def track(
     *,
     watchful: bool = True,
     summed: bool = False,
-    taps: TapsAsked | None = None,
+    asked: Asked | None = None,
 ) -> tuple[list[Tracker], bool]:
     """Track all recordings side by side, so that an interruption leaves all equally far.
 
@@ -186,12 +192,12 @@ def track(
 
     summed : the sums of the files will be asked for.
 
-    taps : correlators to take beside early, prompt and late.
+    asked : correlators to take beside early, prompt and late.
 
     Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
     """
     progress = progress or Silent()
-    trackers = [_tracker(samples, settings, navigation, watchful, taps) for samples in recordings]
+    trackers = [_tracker(samples, settings, navigation, watchful, asked or Asked()) for samples in recordings]
     for samples in (one for recording in recordings for one in (recording, *recording.others)):
         if summed and samples.file is not None:
             samples.file.sum_as_read()
@@ -211,7 +217,7 @@ def track(
 
 
 def _tracker(
-    samples: Samples, settings: Settings, navigation: NavigationData | None, watchful: bool, taps: TapsAsked | None
+    samples: Samples, settings: Settings, navigation: NavigationData | None, watchful: bool, asked: Asked
 ) -> Tracker:
     """A recording made ready: what hurts in its samples taken off, gaps that it tells of bridged."""
     clean, cleaned = _cleaned_all(samples)
@@ -222,8 +228,9 @@ def _tracker(
         doppler_max_hz=settings.doppler_max_hz,
         near_search_s=0.5 if watchful else 1.0,
         full_search_s=10.0 if watchful else 20.0,
+        grids=asked.ccaf,
     )
-    if taps is not None:
+    if (taps := asked.taps) is not None:
         receiver_settings = replace(
             receiver_settings,
             further_taps_chips=taps.delays_chips,
@@ -307,17 +314,19 @@ def observe(tracker: Tracker, navigation: NavigationData | None, array: AntennaA
     told = navigation_of(tracker.arcs, week, samples.path or samples.name)
     orbits = navigation if navigation is not None else told
     antennas: tuple[Observations, ...] = ()
-    observations = phases = None
+    observations = phases = ccaf = None
     if label is not None:
         antennas = _on_antennas(tracker, tracker.arcs, label)
         best = _best(antennas)
-        arcs = _all_timed(tracker, antennas[best], orbits, label, remarks)
-        if arcs is not None:
+        timed = _all_timed(tracker, antennas[best], orbits, label, remarks)
+        arcs = tracker.arcs if timed is None else timed
+        if timed is not None:
             antennas = _on_antennas(tracker, arcs, label)
         biases_s = clock_biases_s(antennas[best], orbits, tracker.gaps)
         if biases_s is not None:
             antennas = tuple(anchored(one, biases_s) for one in antennas)
         observations = antennas[best]
+        ccaf = _ccaf(tracker, arcs, label, observations)
         if array is not None:
             phases = _array_phases(tracker, observations, array)
         if best:
@@ -348,6 +357,7 @@ def observe(tracker: Tracker, navigation: NavigationData | None, array: AntennaA
         remarks=tuple(remarks),
         messages_differ=differ,
         taps=None if observations is None else _taps(tracker, observations.elapsed_s),
+        ccaf=ccaf,
         antennas=antennas if len(antennas) > 1 else (),
         array_phases=phases,
     )
@@ -538,6 +548,14 @@ def _taps(tracker: Tracker, elapsed_s: Reals) -> Taps | None:
         averaged_s=tracker.epoch_s,
         look_share=receiver.settings.look_share,
     )
+
+
+def _ccaf(tracker: Tracker, arcs: Mapping[int, Arc], label: ReceiverTimeTag, observations: Observations) -> Ccaf | None:
+    """The correlation grids that were asked for; None without any."""
+    taken, grids = tracker.receiver.grids, Grids.joined(tracker.grids)
+    if taken is None or not len(grids):
+        return None
+    return ccaf_of(tracker.samples.name, grids, taken, arcs, label, observations)
 
 
 def _all_timed(

@@ -23,7 +23,7 @@ from skyproof.detectors.correlators.second_component import (
 )
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.records import Evidence, Need, Records, SignalRef, Taps, TapsAsked
+from skyproof.records import Asked, Evidence, Need, Records, SignalRef, Taps, TapsAsked
 from skyproof.statistics.distributions import binomial_survival
 
 __all__ = ["Sqm", "SqmSettings"]
@@ -79,7 +79,7 @@ class Sqm:
 
     name = "sqm"
     needs = (Need.TAPS,)
-    taps = TapsAsked(delays_chips=(0.5, -0.5, 1.0, -1.0), every_s=0.02, coherent_s=0.004)
+    asks = Asked(taps=TapsAsked(delays_chips=(-1.0, -0.5, 0.5, 1.0), every_s=0.02, coherent_s=0.004))
 
     def __init__(self, settings: SqmSettings | None = None) -> None:
         self.settings = settings or SqmSettings()
