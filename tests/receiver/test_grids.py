@@ -5,7 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from skyproof.detectors.dccaf.decomposition import band_share, correlation, decompose, taps_dictionary
+from skyproof.decomposition.correlation import band_share, correlation
+from skyproof.decomposition.fit import decompose, taps_dictionary
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ
 from skyproof.gnss.signals import GPS_L1_CA
