@@ -16,7 +16,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.app.receive.reception import Reception, clock_biases_s
+from skyproof.app.receive.reception import Reception
+from skyproof.app.receive.time_tag import clock_biases_s, shown_by
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
@@ -403,7 +404,7 @@ def _receive(
     observations, share = _observed(geometry, receiver, noise, rng)
     left_out = None
     if observations is not None:
-        biases_s = clock_biases_s(observations, scene.navigation, receiver.gaps)
+        biases_s = clock_biases_s(shown_by(iter([observations]), scene.navigation), receiver.gaps)
         observations = observations if biases_s is None else anchored(observations, biases_s)
     else:
         left_out = "no signal heard"

@@ -14,7 +14,7 @@ from scipy import stats
 from timing import Spread, line
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.receive.reception import track
+from skyproof.app.receive.tracker import track
 from skyproof.detectors.correlators.second_component import distortion, together
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.gnss.nominal import nominal_constellation
@@ -141,7 +141,7 @@ def _cost() -> Iterator[str]:
         begin = process_time()
         (tracker,), _ = track([held], Settings(), asked=Sqm.asks if taps else None)
         cpu_s = process_time() - begin
-        return cpu_s, len(tracker.measurements) * tracker.epoch_s * RATE_HZ
+        return cpu_s, len(tracker.measured) * tracker.epoch_s * RATE_HZ
 
     tracked(False), tracked(True)
     ns: dict[bool, list[float]] = {False: [], True: []}

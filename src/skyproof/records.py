@@ -11,7 +11,7 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum, StrEnum
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ __all__ = [
     "Evidence",
     "Fix",
     "FixStatus",
+    "Holding",
     "ImuSeries",
     "Klobuchar",
     "NavState",
@@ -53,11 +54,14 @@ __all__ = [
     "SignalRef",
     "Source",
     "SpinArm",
+    "Stretched",
     "Taps",
     "TapsAsked",
     "UtcParameters",
     "freeze",
 ]
+
+T_co = TypeVar("T_co", covariant=True)
 
 
 class CellStatus(IntEnum):
@@ -403,6 +407,16 @@ class ObservationLog(Protocol):
         """The epochs from `first` to before `stop`, of all channels."""
 
 
+class Stretched(Protocol[T_co]):
+    """What a receiver has beside its measurements over a run, read in stretches: a record, or pieces on a disk."""
+
+    @property
+    def receiver(self) -> str: ...
+
+    def between(self, begin_s: float, end_s: float) -> T_co:
+        """What has begin <= `elapsed_s` < end, as one record."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TapsAsked:
     """Which `Taps` a detector asks a receiver for.
@@ -468,6 +482,11 @@ class Taps:
                 "value": ("epoch", "channel", "doppler", "delay"),
             },
         )
+
+    def between(self, begin_s: float, end_s: float) -> "Taps":
+        """What has begin <= `elapsed_s` < end."""
+        rows = (self.elapsed_s >= begin_s) & (self.elapsed_s < end_s)
+        return replace(self, elapsed_s=self.elapsed_s[rows], value=self.value[rows])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -624,6 +643,13 @@ class ArrayPhases:
         )
         if len(self.signals) != self.carrier_hz.size:
             raise ValueError(f"ArrayPhases has {len(self.signals)} signals for {self.carrier_hz.size} channels")
+
+    def between(self, begin_s: float, end_s: float) -> "ArrayPhases":
+        """What has begin <= `elapsed_s` < end."""
+        rows = (self.elapsed_s >= begin_s) & (self.elapsed_s < end_s)
+        return replace(
+            self, **{name: getattr(self, name)[rows] for name in ("gpst", "elapsed_s", "phase_cyc", "sigma_cyc")}
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -809,8 +835,21 @@ class Evidence:
         return self.says == "undecided" and self.p_value is not None and asked is not None and self.p_value < asked
 
 
+class Holding:
+    """What says which needs it meets: fields are named as they are."""
+
+    observations: tuple[Any, ...]
+
+    def has(self, need: Need) -> bool:
+        """Whether what a detector needs is there."""
+        if need is Need.TWO_RECEIVERS:
+            return len({o.receiver for o in self.observations}) >= 2
+        value = getattr(self, need)
+        return value is not None and value != ()
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Records:
+class Records(Holding):
     """All that is known of one window, for detectors to look at. A detector declares which of these it needs.
 
     sets : of each receiver, what was found in `observations`. taps, array_phases : of the receivers that have them.
@@ -829,10 +868,3 @@ class Records:
     array_phases: tuple[ArrayPhases, ...] = ()
     nav_state: NavState | None = None
     spin_arms: tuple[SpinArm, ...] = ()
-
-    def has(self, need: Need) -> bool:
-        """Whether what a detector needs is there."""
-        if need is Need.TWO_RECEIVERS:
-            return len({o.receiver for o in self.observations}) >= 2
-        value = getattr(self, need)
-        return value is not None and value != ()

@@ -8,7 +8,8 @@ from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import detectors_for, examine_all, windows_of
 from skyproof.app.protect import judge
-from skyproof.app.receive.reception import Reception, observe, track
+from skyproof.app.receive.reception import Reception, observe
+from skyproof.app.receive.tracker import track
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator import scenes

@@ -255,7 +255,8 @@ def test_one_receiver_sees_that_kinds_of_signals_disagree_and_names_none(kinds, 
 
 @pytest.mark.parametrize(("kinds", "false"), ONE_FALSE)
 def test_two_receivers_name_the_kind_that_is_false_and_trust_the_others(kinds, false):
-    _, decision = attacked(kinds, false)
+    # At 40 m seven satellites of one kind leave it open which sky is true in one draw of four.
+    _, decision = attacked(kinds, false, distance_m=80.0)
     of_false, of_true = labelled(decision, false=false)
     assert decision.verdict == "spoofed"
     assert set(of_false) == {"spoofed"}

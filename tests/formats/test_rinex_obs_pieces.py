@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyproof.errors import InputError
-from skyproof.formats.rinex_obs_pieces import joined_observations, obs_pieces
+from skyproof.formats.rinex_obs_pieces import following, obs_pieces
 from skyproof.formats.rinex_obs_read import parse_obs
+from skyproof.formats.spool import joined
 
 TYPES_3 = f"{'G    4 C1C L1C D1C S1C':60}SYS / # / OBS TYPES"
 VERSION_3 = [
@@ -24,6 +25,11 @@ VERSION_2 = [
     f"{'     4    C1    L1    D1    S1':60}# / TYPES OF OBSERV",
     f"{'':60}END OF HEADER",
 ]
+
+
+def put_together(pieces):
+    """The observations of pieces of a file as one record."""
+    return joined([*following(piece.observations for piece in pieces)], pieces[0].observations.receiver)
 
 
 def cell(value, lli=" "):
@@ -86,7 +92,7 @@ def test_pieces_put_together_are_the_whole_file(content, data):
     cuts = [min(cut, len(given_bytes)) for cut in cuts]
     found = list(obs_pieces(blocks(given_bytes, cuts), piece_bytes=piece_bytes))
     whole = parse_obs(content)
-    same(joined_observations([piece.observations for piece in found]), whole.observations)
+    same(put_together(found), whole.observations)
     remarks = [remark for piece in found for remark in piece.remarks]
     assert sum("header lines" in remark for remark in remarks) >= 1
 
@@ -131,4 +137,4 @@ def test_real_files_in_pieces_are_the_whole_file(shared_data, name):
     content = (shared_data / "real" / name).read_bytes()
     found = list(obs_pieces(blocks(content, range(10_007, len(content), 10_007)), piece_bytes=1 << 15))
     whole = parse_obs(gzip.decompress(content) if name.endswith(".gz") else content)
-    same(joined_observations([piece.observations for piece in found]), whole.observations)
+    same(put_together(found), whole.observations)

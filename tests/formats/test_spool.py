@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyproof.formats.spool import ObservationSpool
+from skyproof.formats.pieces import UNFINISHED_RUN, Workspace
+from skyproof.formats.spool import ObservationSpool, gathered
 from skyproof.records import Observations
 from skyproof.testing import MeasuredScene
 
@@ -20,10 +21,14 @@ def channels(observations, kept):
     return replace(observations, signals=tuple(observations.signals[k] for k in kept), **arrays)
 
 
-def spooled(folder, whole, cuts):
-    log = ObservationSpool(folder, whole.receiver)
-    for first, stop in zip([0, *cuts], [*cuts, whole.gpst.size], strict=True):
-        log.append(whole.read(first, stop))
+def cut(whole, cuts):
+    return [whole.read(first, stop) for first, stop in zip([0, *cuts], [*cuts, whole.gpst.size], strict=True)]
+
+
+def spooled(whole, cuts, workspace=None):
+    log = ObservationSpool(workspace or Workspace(), whole.receiver)
+    for piece in cut(whole, cuts):
+        log.append(piece)
     return log
 
 
@@ -42,8 +47,8 @@ def assert_equal(one, other):
     cuts=st.lists(st.integers(0, 40), max_size=5).map(sorted),
     ends=st.tuples(st.integers(0, 40), st.integers(0, 40)).map(sorted),
 )
-def test_pieces_give_what_the_whole_gives_cut_and_read_anywhere(tmp_path_factory, cuts, ends):
-    log = spooled(tmp_path_factory.mktemp("spool") / "rx1", SLIPPING, cuts)
+def test_pieces_give_what_the_whole_gives_cut_and_read_anywhere(cuts, ends):
+    log = spooled(SLIPPING, cuts)
     first, stop = ends
     assert_equal(log.read(first, stop), SLIPPING.read(first, stop))
     assert log.signals == SLIPPING.signals
@@ -54,8 +59,8 @@ def test_pieces_give_what_the_whole_gives_cut_and_read_anywhere(tmp_path_factory
         np.testing.assert_array_equal(one, other)
 
 
-def test_a_signal_that_comes_late_was_not_tracked_before(tmp_path):
-    log = ObservationSpool(tmp_path / "rx1", WHOLE.receiver)
+def test_a_signal_that_comes_late_was_not_tracked_before():
+    log = ObservationSpool(Workspace(), WHOLE.receiver)
     log.append(channels(WHOLE, [1, 3]).read(0, 20))
     log.append(channels(WHOLE, [0, 3]).read(20, 40))
     assert log.signals == (WHOLE.signals[0], WHOLE.signals[1], WHOLE.signals[3])
@@ -66,8 +71,36 @@ def test_a_signal_that_comes_late_was_not_tracked_before(tmp_path):
     assert np.isnan(log.series("cn0_dbhz", 0)[:20]).all()
 
 
-def test_what_does_not_follow_in_time_is_refused_and_loses_nothing(tmp_path):
-    log = spooled(tmp_path / "rx1", WHOLE, [10])
+def test_what_does_not_follow_in_time_is_refused_and_loses_nothing():
+    log = spooled(WHOLE, [10])
     with pytest.raises(ValueError, match="after one to"):
         log.append(WHOLE.read(30, 40))
     assert_equal(log.read(0, 40), WHOLE)
+
+
+@pytest.mark.parametrize("held_epochs", [0, 15, 40])
+def test_few_pieces_stay_in_memory_and_many_go_to_the_disk(held_epochs):
+    log = gathered(cut(SLIPPING, [10, 20]), "rx1", Workspace(), held_epochs=held_epochs)
+    assert isinstance(log, Observations) == (held_epochs == 40)
+    assert_equal(log.read(0, 40), replace(SLIPPING, receiver="rx1"))
+
+
+def test_the_folder_of_a_run_goes_with_it_and_what_a_killed_one_left_with_the_next(tmp_path):
+    with Workspace(tmp_path) as workspace:
+        log = spooled(WHOLE, [10], workspace)
+        assert sorted(path.name for path in (tmp_path / UNFINISHED_RUN).iterdir()) == ["README.txt", WHOLE.receiver]
+        assert_equal(log.read(0, 40), WHOLE)
+    assert not list(tmp_path.iterdir())
+    left = tmp_path / UNFINISHED_RUN / "rx9"
+    left.mkdir(parents=True)
+    with Workspace(tmp_path):
+        assert not list(tmp_path.iterdir())
+
+
+def test_a_temporary_folder_lasts_as_long_as_what_is_in_it():
+    log = spooled(WHOLE, [10])
+    folder = log._stored.folder
+    assert_equal(log.read(0, 40), WHOLE)
+    assert folder.is_dir()
+    del log
+    assert not folder.exists()

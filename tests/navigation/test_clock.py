@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.navigation.clock import anchored, unstepped
+from skyproof.navigation.clock import anchored, clock_steps, unstepped
 from skyproof.navigation.fix import fix
 from skyproof.navigation.ranges import corrected_ranges
 
@@ -66,33 +66,39 @@ def stepping(sky, *, step_s=1.0, carrier_too=True, dopplers=True):
     return free, told
 
 
-@pytest.mark.parametrize("step_s", [0.1, 1.0])
+@pytest.mark.parametrize("step_s", [0.5, 1.0])
 @pytest.mark.parametrize("carrier_too", [True, False])
 @pytest.mark.parametrize("dopplers", [True, False])
-def test_steps_of_a_clock_are_taken_back_however_the_receiver_makes_them(sky, step_s, carrier_too, dopplers):
+@pytest.mark.parametrize("stretch_epochs", [4096, 7])
+def test_steps_of_a_clock_are_taken_back_however_the_receiver_makes_them(
+    sky, step_s, carrier_too, dopplers, stretch_epochs
+):
     free, told = stepping(sky, step_s=step_s, carrier_too=carrier_too, dopplers=dopplers)
-    steady, steps = unstepped(told)
+    found = clock_steps(told, stretch_epochs)
+    steady = unstepped(told, found)
     np.testing.assert_allclose(steady.pseudorange_m, free.pseudorange_m, atol=1e-6)
     np.testing.assert_allclose(steady.carrier_cyc, free.carrier_cyc, atol=1e-4)
     np.testing.assert_array_equal(steady.gpst, free.gpst)
     np.testing.assert_allclose(steady.elapsed_s, free.elapsed_s, atol=1e-8)
-    assert sum(step.milliseconds for step in steps) == -round(1e-4 * step_s * 29 * 1e3)
+    middle = unstepped(told.read(10, 20), found, 10)
+    np.testing.assert_array_equal(middle.pseudorange_m, steady.pseudorange_m[10:20])
+    assert sum(step.milliseconds for step in found.steps) == -round(1e-4 * step_s * 29 * 1e3)
 
 
 def test_a_clock_that_runs_on_is_left_alone(sky):
     free, _ = stepping(sky)
-    assert unstepped(free) == (free, ())
+    assert clock_steps(free) is None
 
 
 def test_a_step_that_not_all_satellites_make_is_no_step_of_the_clock(sky):
     free, _ = stepping(sky)
     code_m = free.pseudorange_m.copy()
     code_m[15:, : code_m.shape[1] // 2 - 1] += 299792.458
-    assert unstepped(replace(free, pseudorange_m=code_m))[1] == ()
+    assert clock_steps(replace(free, pseudorange_m=code_m)) is None
 
 
 def test_what_is_no_whole_millisecond_is_no_step_of_the_clock(sky):
     free, _ = stepping(sky)
     code_m = free.pseudorange_m.copy()
     code_m[15:] += 299792.458 + 400.0
-    assert unstepped(replace(free, pseudorange_m=code_m))[1] == ()
+    assert clock_steps(replace(free, pseudorange_m=code_m)) is None

@@ -12,7 +12,7 @@ from skyproof.gnss.time import week_and_tow
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import letter
 from skyproof.receiver.measurement import Measurements
-from skyproof.receiver.observables import assemble, receiver_time_tag
+from skyproof.receiver.observables import arc_carriers, assemble, receiver_time_tag
 from skyproof.receiver.tracking import Receiver, ReceiverState
 from skyproof.records import Observations
 from skyproof.simulator import scenes
@@ -33,10 +33,20 @@ def receive(rendered, cuts):
 
 def observations(rendered, measurements, arcs):
     week = week_and_tow(rendered.scenario.start_gpst)[0]
-    label = receiver_time_tag(measurements, arcs, week)
+    first = np.isin(np.arange(len(measurements)), np.unique(measurements.arc, return_index=True)[1])
+    label = receiver_time_tag(measurements.chosen(first), arcs, week)
     assert label is not None
     elapsed_s = 0.2 * np.arange(1, round(measurements.elapsed_s[-1] / 0.2) + 1)
-    return assemble("rx", measurements, arcs, label, elapsed_s, carrier_hz=1575.42e6, averaged_s=0.2)
+    carriers = arc_carriers(
+        np.rint(measurements.elapsed_s / 0.2).astype(np.int64),
+        measurements.arc,
+        measurements.column(m.PERIODS).astype(np.int64),
+        measurements.column(m.TURNED) > 0.0,
+        measurements.column(m.SLIP) > 0.0,
+        arcs,
+        averaged_s=0.2,
+    )
+    return assemble("rx", measurements, arcs, label, elapsed_s, carriers, carrier_hz=1575.42e6, averaged_s=0.2)
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ import numpy as np
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.inputs import only_recordings, open_inputs
-from skyproof.app.receive.reception import track
+from skyproof.app.receive.tracker import track
 from skyproof.app.scenes.simulate import simulate
 from skyproof.decomposition.fit import (
     blocks_dictionary,

@@ -14,7 +14,7 @@ from typing import BinaryIO, Final
 
 from skyproof.errors import OutputError
 
-__all__ = ["UNFINISHED", "write_lines", "writing", "writing_together"]
+__all__ = ["UNFINISHED", "output_error", "write_lines", "writing", "writing_together"]
 
 UNFINISHED: Final = ".skyproof-unfinished"
 """The folder within another one that holds what `writing_together` has not finished."""
@@ -59,7 +59,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
             os.fsync(file.fileno())
             os.replace(part, target)
     except OSError as error:
-        raise _output_error(path, error) from error
+        raise output_error(path, error) from error
     finally:
         with contextlib.suppress(OSError):  # after success it has its name already
             part.unlink(missing_ok=True)
@@ -95,7 +95,7 @@ def writing_together(folder: Path, *, instead_of: Iterable[str] = (), last: str 
     except OutputError as error:
         raise OutputError(str(error).replace(f"{UNFINISHED}{os.sep}", "")) from error
     except OSError as error:
-        raise _output_error(folder, error) from error
+        raise output_error(folder, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
         os.close(lock)
@@ -107,7 +107,7 @@ def _locked(part: Path) -> int:
         part.mkdir(exist_ok=True)
         lock = os.open(part, os.O_RDONLY)
     except OSError as error:
-        raise _output_error(part.parent, error) from error
+        raise output_error(part.parent, error) from error
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -137,7 +137,8 @@ def _remove_left(part: Path) -> None:
         part.unlink()
 
 
-def _output_error(path: str | os.PathLike[str], error: OSError) -> OutputError:
+def output_error(path: str | os.PathLike[str], error: OSError) -> OutputError:
+    """What could not be written, why, and what to do."""
     remedy = _REMEDIES.get(error.errno or 0, "choose another place")
     return OutputError(f"{os.fspath(path)} cannot be written ({error.strerror or error}): {remedy}")
 

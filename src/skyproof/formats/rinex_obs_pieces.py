@@ -7,11 +7,12 @@ that epochs are put in order, and come once, within a piece alone.
 
 import itertools
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyproof.errors import InputError
 from skyproof.formats.bounds import OBSERVATION_BYTES
@@ -20,7 +21,7 @@ from skyproof.formats.rinex_cells import Lines, heads_of, lines_of
 from skyproof.formats.rinex_obs_read import Header, ObservationFile, file_of, header_of
 from skyproof.records import CellStatus, Observations, SignalId
 
-__all__ = ["PIECE_BYTES", "joined_observations", "obs_pieces"]
+__all__ = ["PIECE_BYTES", "following", "obs_pieces"]
 
 PIECE_BYTES: Final = 1 << 22
 _GZIP: Final = b"\x1f\x8b"
@@ -139,56 +140,65 @@ def _first(lines: Lines, count: int) -> Lines:
     return Lines(lines.text, lines.start[:count], lines.end[:count], lines.first_number)
 
 
-def joined_observations(pieces: Sequence[Observations]) -> Observations:
-    """Pieces of one receiver, in order of time, as one record with the signals of all.
+def following(pieces: Iterable[Observations]) -> Iterator[Observations]:
+    """Pieces of one file as pieces of one run: each goes on where those before it ended.
 
     Epochs that do not come after those before are left out. A phase that may be half a cycle off where it was not
-    before, or the other way round, is a slip, as within a piece.
+    before, or the other way round, is a slip, as within a piece. Time is counted from the first epoch of all.
     """
-    signals = tuple(sorted({signal for piece in pieces for signal in piece.signals}))
-    kept: list[Observations] = []
-    rows: list[Any] = []
+    begin: np.datetime64 | None = None
+    last: np.datetime64 | None = None
+    marks: dict[SignalId, bool] = {}
     for piece in pieces:
-        later = piece.gpst > kept[-1].gpst[-1] if kept else np.ones(piece.gpst.size, np.bool_)
-        if later.any():
-            kept.append(piece)
-            rows.append(later)
-    columns = [[signals.index(s) for s in piece.signals] for piece in kept]
+        kept = piece if last is None else _later(piece, last)
+        if not kept.gpst.size:
+            continue
+        begin = kept.gpst[0] if begin is None else begin
+        elapsed_s = (kept.gpst - begin) / np.timedelta64(1, "ns") * 1e-9
+        there = kept.status != CellStatus.NOT_TRACKED
+        first = there.argmax(axis=0)
+        before_s = np.nan if last is None else (last - begin) / np.timedelta64(1, "ns") * 1e-9
+        last = kept.gpst[-1]
+        yield replace(
+            kept,
+            elapsed_s=elapsed_s,
+            status=_slipping(kept, marks),
+            found_elapsed_s=elapsed_s[first],
+            missed_elapsed_s=np.where(first > 0, elapsed_s[np.maximum(first - 1, 0)], before_s),
+        )
 
-    def spread(name: str, empty: Any) -> Any:
-        parts = []
-        for piece, own, later in zip(kept, columns, rows, strict=True):
-            cells = np.full((piece.gpst.size, len(signals)), empty)
-            cells[:, own] = getattr(piece, name)
-            parts.append(cells[later])
-        return np.concatenate(parts)
 
-    gpst = np.concatenate([piece.gpst[later] for piece, later in zip(kept, rows, strict=True)])
-    elapsed_s = (gpst - gpst[0]) / np.timedelta64(1, "ns") * 1e-9
-    cells = {name: spread(name, np.nan) for name in _CELLS}
-    status, half_open = spread("status", np.uint8(CellStatus.NOT_TRACKED)), spread("half_cycle_open", False)
-    status[_changed(half_open, np.isfinite(cells["carrier_cyc"]))] = CellStatus.SLIP
-    there = status != CellStatus.NOT_TRACKED
-    first = there.argmax(axis=0)
-    carrier_hz = {s: hz for piece in kept for s, hz in zip(piece.signals, piece.carrier_hz, strict=True)}
+def _later(piece: Observations, last: np.datetime64) -> Observations:
+    """The epochs after `last`, with the signals that they have."""
+    rows = piece.gpst > last
+    if rows.all():
+        return piece
+    kept = np.flatnonzero((piece.status[rows] != CellStatus.NOT_TRACKED).any(axis=0))
+    of_channels = {name: getattr(piece, name)[kept] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
+    cells = {name: getattr(piece, name)[rows][:, kept] for name in ("status", "half_cycle_open", *_CELLS)}
     return replace(
-        kept[0],
-        signals=signals,
-        gpst=gpst,
-        elapsed_s=elapsed_s,
-        status=status,
-        half_cycle_open=half_open,
-        found_elapsed_s=elapsed_s[first],
-        missed_elapsed_s=np.where(first > 0, elapsed_s[np.maximum(first - 1, 0)], np.nan),
-        carrier_hz=np.array([carrier_hz[s] for s in signals]),
+        piece,
+        signals=tuple(piece.signals[k] for k in kept),
+        gpst=piece.gpst[rows],
+        elapsed_s=piece.elapsed_s[rows],
+        **of_channels,
         **cells,
     )
 
 
-def _changed(marks: Any, there: Any) -> Any:
-    """Where a mark differs from that of the same signal's measurement before; all (n_epochs, n_signals)."""
-    row = np.arange(len(there))[:, None]
-    latest = np.maximum.accumulate(np.where(there, row, -1), axis=0)
-    before = np.vstack((np.full((1, there.shape[1]), -1), latest[:-1]))
-    earlier = np.take_along_axis(marks, np.maximum(before, 0), axis=0)
-    return there & (before >= 0) & (marks != earlier)
+def _slipping(piece: Observations, marks: dict[SignalId, bool]) -> NDArray[np.uint8]:
+    """The status of the cells, where a first phase that is marked otherwise than the last one before is a slip.
+
+    marks : of each signal's last phase; brought forward.
+    """
+    status = piece.status.copy()
+    there = np.isfinite(piece.carrier_cyc)
+    for column, signal in enumerate(piece.signals):
+        rows = np.flatnonzero(there[:, column])
+        if not rows.size:
+            continue
+        first, mark = rows[0], piece.half_cycle_open[rows, column]
+        if marks.get(signal, mark[0]) != mark[0]:
+            status[first, column] = CellStatus.SLIP
+        marks[signal] = bool(mark[-1])
+    return status

@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import Observations
+from skyproof.records import ObservationLog, Observations
 
-__all__ = ["ClockStep", "anchored", "unstepped"]
+__all__ = ["ClockStep", "ClockSteps", "anchored", "clock_steps", "unstepped"]
 
 _MS_M: Final = SPEED_OF_LIGHT_M_S * 1e-3
 _WITHIN_M: Final = 150.0
@@ -56,37 +56,66 @@ def anchored(observations: Observations, clock_bias_s: ArrayLike) -> Observation
     )
 
 
-def unstepped(observations: Observations) -> tuple[Observations, tuple[ClockStep, ...]]:
-    """The measurements as if the receiver had let its clock run, and the steps of whole milliseconds that it made.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ClockSteps:
+    """(n_epochs,) whole milliseconds by which a receiver's clock was set before each epoch, as pseudoranges and as
+    carrier phases have them; receivers differ in that. `elapsed_s` is without them."""
+
+    by_code: Integers
+    by_carrier: Integers
+    elapsed_s: Reals
+    steps: tuple[ClockStep, ...]
+
+
+def clock_steps(log: ObservationLog, stretch_epochs: int = 4096) -> ClockSteps | None:
+    """The steps of whole milliseconds that a receiver's clock made; None if there are none.
 
     Where all pseudoranges step by the same k milliseconds, less than 150 m and what a platform's acceleration may do
-    beside it, the clock was set: labels, pseudoranges and elapsed time are moved back by k ms from then on. Carrier
-    phases are moved where they step too; receivers differ in that. Times of transmission stay what they were.
+    beside it, the clock was set.
 
     What a range should do from one epoch to the next is told by its Dopplers, or where there are none by its own pace
     in the intervals around. A false time that steps by just that much is taken for the receiver's, and shows in the
     clock bias alone.
     """
-    o = observations
-    if o.gpst.size < 2:
-        return o, ()
-    wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
-    carrier_m = wavelength_m * o.carrier_cyc
-    rate_m_s = -wavelength_m * o.doppler_hz
-    code_ms = _steps_ms(o.pseudorange_m, rate_m_s, o.elapsed_s)
-    carrier_ms = _steps_ms(carrier_m, rate_m_s, o.elapsed_s)
+    n = log.gpst.size
+    code_ms, carrier_ms = np.zeros((2, n), np.int64)
+    rim = max(_NEIGHBOURS) + 1
+    for first in range(0, n, stretch_epochs):
+        begin, stop = max(first - rim, 0), min(first + stretch_epochs, n)
+        o = log.read(begin, stop + rim)
+        if o.gpst.size < 2:
+            continue
+        wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
+        rate_m_s = -wavelength_m * o.doppler_hz
+        own = slice(first - begin, stop - begin)
+        code_ms[first:stop] = _steps_ms(o.pseudorange_m, rate_m_s, o.elapsed_s)[own]
+        carrier_ms[first:stop] = _steps_ms(wavelength_m * o.carrier_cyc, rate_m_s, o.elapsed_s)[own]
     if not (code_ms.any() or carrier_ms.any()):
-        return o, ()
-    by_code, by_carrier = np.cumsum(code_ms), np.cumsum(carrier_ms)
-    rows = np.flatnonzero(code_ms)
-    steady = replace(
-        o,
-        gpst=o.gpst - by_code.astype("timedelta64[ms]"),
-        elapsed_s=o.elapsed_s - by_code * 1e-3,
-        pseudorange_m=o.pseudorange_m - by_code[:, None] * _MS_M,
-        carrier_cyc=o.carrier_cyc - by_carrier[:, None] * (o.carrier_hz * 1e-3),
+        return None
+    by_code, gpst = np.cumsum(code_ms), log.gpst
+    return ClockSteps(
+        by_code=by_code,
+        by_carrier=np.cumsum(carrier_ms),
+        elapsed_s=log.elapsed_s - by_code * 1e-3,
+        steps=tuple(ClockStep(gpst=gpst[k], milliseconds=int(code_ms[k])) for k in np.flatnonzero(code_ms)),
     )
-    return steady, tuple(ClockStep(gpst=o.gpst[k], milliseconds=int(code_ms[k])) for k in rows)
+
+
+def unstepped(observations: Observations, steps: ClockSteps, first: int = 0) -> Observations:
+    """The measurements as if the receiver had let its clock run. The first of them is number `first` of the run.
+
+    Labels, pseudoranges and elapsed time move back by the steps, carrier phases where they step too. Times of
+    transmission stay what they were.
+    """
+    rows = slice(first, first + observations.gpst.size)
+    by_code, by_carrier = steps.by_code[rows], steps.by_carrier[rows]
+    return replace(
+        observations,
+        gpst=observations.gpst - by_code.astype("timedelta64[ms]"),
+        elapsed_s=steps.elapsed_s[rows],
+        pseudorange_m=observations.pseudorange_m - by_code[:, None] * _MS_M,
+        carrier_cyc=observations.carrier_cyc - by_carrier[:, None] * (observations.carrier_hz * 1e-3),
+    )
 
 
 def _steps_ms(range_m: Reals, rate_m_s: Reals, elapsed_s: Reals) -> Integers:

@@ -7,24 +7,30 @@ import numpy as np
 from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.records import CellStatus, Observations
 
-__all__ = ["with_dopplers"]
+__all__ = ["RIM_EPOCHS", "with_dopplers"]
 
 _GAP = 1.5  # usual intervals; phases across a longer one are not joined
 
 
-def with_dopplers(observations: Observations) -> tuple[Observations, float]:
-    """The observations with missing Dopplers taken from the carrier phase, and the share of cells that were.
+RIM_EPOCHS = 2
+"""Beside a stretch of a run, of which its Dopplers may come."""
+
+
+def with_dopplers(observations: Observations, usual_s: float | None = None) -> tuple[Observations, Booleans]:
+    """The observations with missing Dopplers taken from the carrier phase, and which cells (n_epochs, n_channels) were.
 
     The slope of the parabola through the phase of three epochs in a row, the cell's own in their middle where it can
     be: exact for a steady acceleration. What the acceleration changes by, j in m/s^3, leaves j times the interval
     squared over 6 (over 3 at the ends of an arc): 1 cm/s over 30 s for a GPS satellite and an antenna at rest. The
     sigma is that of the phases. Arcs of one or two epochs stay without.
+
+    usual_s : from one epoch to the next, if these are a stretch of more.
     """
     o = observations
     missing = np.isfinite(o.carrier_cyc) & ~np.isfinite(o.doppler_hz)
     if o.gpst.size < 3 or not missing.any():
-        return o, 0.0
-    first = _triples(_goes_on(o))
+        return o, np.zeros_like(missing)
+    first = _triples(_goes_on(o, float(np.median(np.diff(o.elapsed_s))) if usual_s is None else usual_s))
     cells = missing & (first >= 0)
     rows, columns = np.nonzero(cells)
     three = first[rows, columns, None] + np.arange(3)
@@ -33,17 +39,16 @@ def with_dopplers(observations: Observations) -> tuple[Observations, float]:
     doppler_hz, sigma_hz = o.doppler_hz.copy(), o.doppler_sigma_hz.copy()
     doppler_hz[cells] = -np.sum(weight * (phase_cyc - phase_cyc[:, :1]), axis=1)
     sigma_hz[cells] = np.sqrt(np.sum((weight * sigma_cyc) ** 2, axis=1))
-    derived = float(cells.sum() / np.isfinite(o.carrier_cyc).sum())
-    return replace(o, doppler_hz=doppler_hz, doppler_sigma_hz=sigma_hz), derived
+    return replace(o, doppler_hz=doppler_hz, doppler_sigma_hz=sigma_hz), cells
 
 
-def _goes_on(o: Observations) -> Booleans:
+def _goes_on(o: Observations, usual_s: float) -> Booleans:
     """(n_epochs, n_channels) whether a phase continues that of the epoch before."""
     there = np.isfinite(o.carrier_cyc)
     step_s = np.diff(o.elapsed_s)
     goes_on = np.zeros_like(there)
     goes_on[1:] = there[1:] & there[:-1] & (o.status[1:] != CellStatus.SLIP)
-    goes_on[1:] &= (step_s <= _GAP * np.median(step_s))[:, None]
+    goes_on[1:] &= (step_s <= _GAP * usual_s)[:, None]
     return goes_on
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skyproof.arrays import Instants, Integers, Reals
+from skyproof.arrays import Booleans, Instants, Integers, Reals
 from skyproof.gnss.constants import SECONDS_PER_WEEK, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris, NavigationData
 from skyproof.gnss.lnav import Subframe, ephemeris_from_subframes, ionosphere_and_utc
@@ -19,7 +19,7 @@ from skyproof.receiver.grids import GridCorrelator, Grids
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.polarity import half_cycles
 from skyproof.receiver.replica import CODE_SCALE
-from skyproof.records import AntennaArray, ArrayPhases, Ccaf, CellStatus, Observations, SignalId, Taps
+from skyproof.records import AntennaArray, ArrayPhases, Ccaf, CellStatus, ObservationLog, Observations, SignalId, Taps
 
 TYPICAL_TRAVEL_MS = 77
 LASTING_SIGMA_CYC = 0.01
@@ -47,17 +47,17 @@ class ReceiverTimeTag:
     tow_ms: int
 
 
-def receiver_time_tag(measurements: Measurements, arcs: Mapping[int, Arc], week: int) -> ReceiverTimeTag | None:
+def receiver_time_tag(first: Measurements, arcs: Mapping[int, Arc], week: int) -> ReceiverTimeTag | None:
     """The label that puts the middle travel time at 77 ms; None while no time of week is decoded.
 
-    `week` is that of the first sample, or of the one nearest in time to it.
+    first : of each arc the first measurement. week : of the first sample, or of the one nearest in time to it.
     """
     starts_ms = []
-    for number, row in _first_rows(measurements).items():
+    for row, number in enumerate(first.arc.tolist()):
         tow_ms = arcs[number].tow_ms_at_period_0
         if tow_ms is not None:
-            sent_ms = tow_ms + int(measurements.table[row, m.PERIODS])
-            starts_ms.append(sent_ms + TYPICAL_TRAVEL_MS - round(float(measurements.elapsed_s[row]) * 1000))
+            sent_ms = tow_ms + int(first.table[row, m.PERIODS])
+            starts_ms.append(sent_ms + TYPICAL_TRAVEL_MS - round(float(first.elapsed_s[row]) * 1000))
     if not starts_ms:
         return None
     # The week may turn over between satellites: count from the first one seen.
@@ -66,10 +66,51 @@ def receiver_time_tag(measurements: Measurements, arcs: Mapping[int, Arc], week:
     return ReceiverTimeTag(week=week + tow_ms // WEEK_MS, tow_ms=tow_ms % WEEK_MS)
 
 
-def _first_rows(measurements: Measurements) -> dict[int, int]:
-    """The first row of each arc."""
-    numbers, rows = np.unique(measurements.arc, return_index=True)
-    return dict(zip(numbers.tolist(), rows.tolist(), strict=True))
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ArcCarrier:
+    """What the whole of an arc tells of its carrier, row by row (n,): the epoch, numbered from the first sample; half
+    cycles to add; whether those are unknown; and whether it slipped."""
+
+    epoch: Integers
+    added: Integers
+    open: Booleans
+    slipped: Booleans
+
+
+def arc_carriers(
+    epoch: Integers,
+    arc: Integers,
+    periods: Integers,
+    turned: Booleans,
+    slipped: Booleans,
+    arcs: Mapping[int, Arc],
+    *,
+    averaged_s: float,
+) -> dict[int, ArcCarrier]:
+    """Of each arc whose time of week is known.
+
+    Parameters
+    ----------
+    epoch, arc, periods, turned, slipped : (n,) of all measurements, in order of time; of the last three the columns of
+        that name, `turned` and `slipped` as truth values.
+    """
+    reach_periods = round(500.0 * averaged_s)  # of a millisecond
+    found: dict[int, ArcCarrier] = {}
+    begun: set[SignalId] = set()
+    by_arc = np.argsort(arc, kind="stable")
+    numbers, starts = np.unique(arc[by_arc], return_index=True)
+    for number, rows in zip(numbers.tolist(), np.split(by_arc, starts[1:]), strict=True):
+        if arcs[number].tow_ms_at_period_0 is None:
+            continue
+        halves = half_cycles(periods[rows], turned[rows], slipped[rows], arcs[number].stretches, reach_periods)
+        slips = halves.slipped.copy()
+        # Two arcs of one signal cannot overlap, but a new one is not the old one's continuation.
+        slips[0] |= arcs[number].signal in begun
+        begun.add(arcs[number].signal)
+        found[number] = ArcCarrier(
+            epoch=epoch[rows], added=halves.added.astype(np.int8), open=halves.open, slipped=slips
+        )
+    return found
 
 
 def assemble(
@@ -78,13 +119,15 @@ def assemble(
     arcs: Mapping[int, Arc],
     label: ReceiverTimeTag,
     elapsed_s: Reals,
+    carriers: Mapping[int, ArcCarrier],
     *,
     carrier_hz: float,
     averaged_s: float,
 ) -> Observations:
-    """All measurements as one record, one column a signal; a signal lost and found again keeps its column.
+    """Measurements as one record, one column a signal; a signal lost and found again keeps its column.
 
     elapsed_s : (n_epochs,) times of the rows, multiples of `averaged_s`; those without a measurement are there too.
+    carriers : of whole arcs, of which the measurements may be a stretch.
     """
     signals = tuple(sorted({arc.signal for arc in arcs.values()}))
     column = {signal: i for i, signal in enumerate(signals)}
@@ -92,25 +135,23 @@ def assemble(
     status = np.full(shape, CellStatus.NOT_TRACKED, np.uint8)
     half_cycle_open = np.zeros(shape, np.bool_)
     cells = {name: np.full(shape, np.nan) for name in ("pseudorange_m", "carrier_cyc", *_AS_MEASURED)}
-    reach_periods = round(500.0 * averaged_s)  # of a millisecond
+    first_epoch = round(float(elapsed_s[0]) / averaged_s) if elapsed_s.size else 0
     for number in np.unique(measurements.arc).tolist():
         arc = arcs[number]
         chosen = measurements.arc == number
         table = measurements.table[chosen]
         measured_s = measurements.elapsed_s[chosen]
-        rows = np.rint((measured_s - elapsed_s[0]) / averaged_s).astype(np.int64)
-        cell = rows, column[arc.signal]
+        epoch = np.rint(measured_s / averaged_s).astype(np.int64)
+        cell = epoch - first_epoch, column[arc.signal]
         if arc.tow_ms_at_period_0 is None:
             status[cell] = CellStatus.NO_TIME
             continue
-        # Two arcs of one signal cannot overlap, but a new one is not the old one's continuation.
-        begun_before = bool(np.isfinite(cells["pseudorange_m"][: rows[0], cell[1]]).any())
+        carrier = carriers[number]
+        own = np.searchsorted(carrier.epoch, epoch)
+        status[cell] = np.where(carrier.slipped[own], CellStatus.SLIP, CellStatus.OK)
+        half_cycle_open[cell] = carrier.open[own]
+        cells["carrier_cyc"][cell] = table[:, m.CARRIER_CYC] + 0.5 * carrier.added[own]
         periods = table[:, m.PERIODS].astype(np.int64)
-        halves = half_cycles(periods, table[:, m.TURNED] > 0.0, table[:, m.SLIP] > 0.0, arc.stretches, reach_periods)
-        status[cell] = np.where(halves.slipped, CellStatus.SLIP, CellStatus.OK)
-        status[rows[0], cell[1]] = CellStatus.SLIP if begun_before or halves.slipped[0] else CellStatus.OK
-        half_cycle_open[cell] = halves.open
-        cells["carrier_cyc"][cell] = table[:, m.CARRIER_CYC] + 0.5 * halves.added
         elapsed_ms = np.rint(measured_s * 1000).astype(np.int64)
         whole_ms = label.tow_ms + elapsed_ms - arc.tow_ms_at_period_0 - periods
         whole_ms = (whole_ms + WEEK_MS // 2) % WEEK_MS - WEEK_MS // 2
@@ -175,9 +216,9 @@ def ccaf_of(
     taken: GridCorrelator,
     arcs: Mapping[int, Arc],
     label: ReceiverTimeTag,
-    observations: Observations,
+    observations: ObservationLog,
 ) -> Ccaf:
-    """All grids as one record: columns as in `assemble`, a row for each interval.
+    """Grids as one record: columns as in `assemble`, a row for each interval.
 
     observations : of the same receiver, whose clock is moved by whole milliseconds as the references' is then. An arc
         without a time of week has grids and no reference.
@@ -289,7 +330,7 @@ def messages_that_differ(arcs: Mapping[int, Arc]) -> list[str]:
 
 def timed_by_range(
     arcs: Mapping[int, Arc],
-    measurements: Measurements,
+    first: Measurements,
     label: ReceiverTimeTag,
     range_m: Callable[[str, float], float | None],
 ) -> dict[int, Arc]:
@@ -301,16 +342,15 @@ def timed_by_range(
 
     Parameters
     ----------
+    first : of each arc the first measurement.
     range_m : pseudorange expected of a satellite (name) at an epoch (elapsed_s), on the receiver's clock; None where
         that is not known.
     """
-    first = _first_rows(measurements)
     timed = dict(arcs)
-    for number, arc in arcs.items():
-        if arc.tow_ms_at_period_0 is not None or not arc.bit_synchronised or number not in first:
+    for number, elapsed_s, row in zip(first.arc.tolist(), first.elapsed_s.tolist(), first.table, strict=True):
+        arc = arcs[number]
+        if arc.tow_ms_at_period_0 is not None or not arc.bit_synchronised:
             continue
-        row = measurements.table[first[number]]
-        elapsed_s = float(measurements.elapsed_s[first[number]])
         expected_m = range_m(arc.signal.sat, elapsed_s)
         if expected_m is None:
             continue

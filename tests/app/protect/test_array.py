@@ -10,7 +10,8 @@ from scipy import stats
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import protect
 from skyproof.app.receive.inputs import open_inputs
-from skyproof.app.receive.reception import observe, track
+from skyproof.app.receive.reception import observe
+from skyproof.app.receive.tracker import track
 from skyproof.detectors.array.ins_array import mean_differences, white_covariance
 from skyproof.errors import SettingsError
 from skyproof.records import AntennaArray
@@ -72,14 +73,16 @@ def test_no_true_signal_is_called_false_and_false_ones_from_one_transmitter_are_
 
 @pytest.mark.long
 def test_false_signals_of_one_transmitter_are_as_equal_as_noise_allows(kit, tmp_path):
-    scenario = kit.array_scenario(duration_s=40.0, seed=7, attacks=(spoofer(kit, onset_s=-1.0),))
+    # Weak: the transmitter's other codes are noise of one direction too, which antennas share; their phases then differ
+    # by less than the noise of each (statistic over its mean: 0.94 at -3 dB, 0.83 at +3 dB, 0.53 at +10 dB).
+    scenario = kit.array_scenario(duration_s=40.0, seed=7, attacks=(spoofer(kit, onset_s=-1.0, power_db=-3.0),))
     alone = scenario.model_copy(update={"sky": Sky(zenith_cn0_dbhz=41.0, horizon_cn0_dbhz=39.0, until_s=-0.5)})
     recorded = kit.record(alone, tmp_path)
     (source,) = open_inputs([tuple(recorded.paths)], Settings(), None, ["array"])
     (tracker,), _ = track([source], Settings())
     lines_cyc = np.array(kit.LINE_BIAS_CYC)
     places = AntennaArray(elements_m=np.array(kit.ELEMENTS_M), line_bias_cyc=lines_cyc)
-    phases = observe(tracker, None, places).array_phases
+    phases = observe(tracker, None, places).array_phases.between(0.0, np.inf)
     p_values = []
     for first in range(10, phases.gpst.size - 5, 5):
         rows = slice(first, first + 5)

@@ -11,7 +11,8 @@ from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge, protect
 from skyproof.app.protect.duplicates import one_receiver_each, same_noise
-from skyproof.app.receive.reception import observe, track
+from skyproof.app.receive.reception import observe
+from skyproof.app.receive.tracker import track
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd

@@ -8,7 +8,8 @@ import pytest
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.antennas import in_step
 from skyproof.app.receive.inputs import open_inputs
-from skyproof.app.receive.reception import observe, track
+from skyproof.app.receive.reception import observe
+from skyproof.app.receive.tracker import track
 from skyproof.errors import InputError
 from skyproof.records import Observations, SampleGap, Samples
 

@@ -9,7 +9,8 @@ import pytest
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.inspect import inspect_recording
-from skyproof.app.receive.reception import observe, require_signals, track
+from skyproof.app.receive.reception import observe, require_signals
+from skyproof.app.receive.tracker import track
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator import scenes
@@ -46,7 +47,7 @@ def check_followed(ppm, samples):
     assert tracker.given.rate_hz == RATE_HZ * (1.0 + ppm * 1e-6)
     signals = {arc.signal for arc in tracker.arcs.values()}
     assert len(signals) == len(tracker.arcs) >= 7  # none was lost
-    assert len(tracker.measurements) >= 0.95 * len(signals) * (samples.duration_s - 1.0) / tracker.epoch_s
+    assert len(tracker.measured) >= 0.95 * len(signals) * (samples.duration_s - 1.0) / tracker.epoch_s
     (remark,) = [remark for remark in observe(tracker, None).remarks if "rate_hz" in remark]
     found_ppm, sigma_ppm = (float(number) for number in re.search(r"is ([\d.]+) ± ([\d.]+) ppm", remark).groups())
     assert sigma_ppm < 0.05

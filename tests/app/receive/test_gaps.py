@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.receive.reception import observe, track
+from skyproof.app.receive.reception import observe
+from skyproof.app.receive.tracker import track
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import SampleGap, Samples
 from skyproof.simulator.samples import samples_of

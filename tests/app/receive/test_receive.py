@@ -9,7 +9,8 @@ import pytest
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive import document_json, receive
 from skyproof.app.receive.inputs import open_inputs
-from skyproof.app.receive.reception import observe, track
+from skyproof.app.receive.reception import observe
+from skyproof.app.receive.tracker import track
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.simulator.scenario import Meaconer

@@ -33,7 +33,7 @@ from skyproof.navigation.attitude import direction_off_rad, interpolation_sigma_
 from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin, coast
 from skyproof.records import Attitude, ImuSeries, NavState, Records
 
-__all__ = ["Body", "BodyFiles", "Carried", "body_of", "body_state", "open_body", "state_to_come", "with_imu"]
+__all__ = ["Body", "BodyFiles", "Carried", "body_of", "body_state", "open_body", "with_imu"]
 
 _TILT_MOST_RAD: Final = np.radians(60.0)
 """Between the vertical of the attitude stated and of the accelerometers: more than bodies bank or speed up."""
@@ -222,17 +222,6 @@ def body_state(body: Body, records: Records, carried: Carried) -> tuple[NavState
     state = stood(path, place, body.place_covariance_m2, off_rad)
     largest = 0.0 if state.covariance is None else float(np.linalg.eigvalsh(state.covariance[:, 6:, 6:]).max())
     return (state if largest < TURN_MOST_RAD**2 else None), carried
-
-
-def state_to_come(gpst: np.datetime64) -> NavState:
-    """What stands for the states of all windows before they are known: nothing at one instant."""
-    nothing = np.full((1, 3), np.nan)
-    return NavState(
-        gpst=np.array([gpst]),
-        position_ecef_m=nothing,
-        velocity_ecef_m_s=nothing,
-        attitude=np.full((1, 3, 3), np.nan),
-    )
 
 
 def _turned(body: Body, records: Records, carried: Carried, shown: list[Reals]) -> tuple[NavState | None, Carried]:

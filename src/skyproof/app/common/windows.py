@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from skyproof.app.common.body import Body, Carried, body_state, state_to_come
+from skyproof.app.common.body import Body, Carried, body_state
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
 from skyproof.arrays import Booleans
@@ -21,17 +21,20 @@ from skyproof.records import (
     CcafAsked,
     ConsistentSet,
     Evidence,
+    Holding,
     NavigationData,
     Need,
     ObservationLog,
     Observations,
     Records,
     SpinArm,
+    Stretched,
     Taps,
     TapsAsked,
 )
 
 __all__ = [
+    "Run",
     "Windows",
     "asked",
     "cut",
@@ -71,35 +74,27 @@ def take(observations: Observations, rows: Booleans) -> Observations:
     return replace(observations, **chosen)
 
 
-def cut_taps(taps: Taps, observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> Taps:
-    """The correlators whose nearest epoch of the receiver's observations has start <= label < end."""
-    middles_s = 0.5 * (observations.elapsed_s[1:] + observations.elapsed_s[:-1])
-    label = observations.gpst[np.searchsorted(middles_s, taps.elapsed_s, side="right")]
-    rows = (label >= start_gpst) & (label < end_gpst)
-    return replace(taps, elapsed_s=taps.elapsed_s[rows], value=taps.value[rows])
+def span_s(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> tuple[float, float]:
+    """From when to when, in elapsed seconds, lies what is nearest to the epochs with start <= label < end."""
+    first, stop = (int(row) for row in np.searchsorted(observations.gpst, [start_gpst, end_gpst]))
+    elapsed_s = observations.elapsed_s
+
+    def middle_s(row: int) -> float:
+        """Between an epoch and the one before it."""
+        if row == 0 or row == elapsed_s.size:
+            return -np.inf if row == 0 else np.inf
+        return 0.5 * float(elapsed_s[row - 1] + elapsed_s[row])
+
+    return middle_s(first), middle_s(stop)
 
 
-def cut_ccaf(ccaf: Ccaf, start_gpst: np.datetime64, end_gpst: np.datetime64) -> Ccaf:
-    """The intervals whose middle has start <= label < end."""
-    rows = (ccaf.gpst >= start_gpst) & (ccaf.gpst < end_gpst)
-    by_epoch = ("gpst", "elapsed_s", "reference_m", "reference_hz", "value", "noise_variance")
-    return replace(ccaf, **{name: getattr(ccaf, name)[rows] for name in by_epoch})
-
-
-def following_epochs(settings: Settings, observations: Sequence[Observations]) -> Settings:
+def following_epochs(settings: Settings, observations: Sequence[ObservationLog]) -> Settings:
     """The settings with windows of at least five epochs of the receiver that has fewest."""
     needed_s = round(LEAST_EPOCHS * max((interval_s(o.elapsed_s) for o in observations), default=0.0), 3)
     return settings if needed_s <= settings.window_s else settings.model_copy(update={"window_s": needed_s})
 
 
-def cut_phases(phases: ArrayPhases, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ArrayPhases:
-    """The epochs with start <= label < end."""
-    rows = (phases.gpst >= start_gpst) & (phases.gpst < end_gpst)
-    by_epoch = ("gpst", "elapsed_s", "phase_cyc", "sigma_cyc")
-    return replace(phases, **{name: getattr(phases, name)[rows] for name in by_epoch})
-
-
-def window_edges(observations: Sequence[Observations], window_s: float) -> list[np.datetime64]:
+def window_edges(observations: Sequence[ObservationLog], window_s: float) -> list[np.datetime64]:
     """Edges of the windows, common to all receivers: from the first epoch of any to past the last."""
     if not observations:
         return [NO_TIME, NO_TIME]
@@ -113,18 +108,38 @@ def window_edges(observations: Sequence[Observations], window_s: float) -> list[
     return [first, *edges, last]
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Run(Holding):
+    """All that is known of a run, as `Records` has it of a window, but as logs that are read in stretches.
+
+    body : that carries the antennas.
+    """
+
+    observations: tuple[ObservationLog, ...]
+    navigation: NavigationData | None
+    taps: tuple[Stretched[Taps], ...] = ()
+    ccaf: tuple[Stretched[Ccaf], ...] = ()
+    array_phases: tuple[Stretched[ArrayPhases], ...] = ()
+    vector_taps: tuple[Stretched[Taps], ...] = ()
+    spin_arms: tuple[SpinArm, ...] = ()
+    body: Body | None = None
+
+    @property
+    def nav_state(self) -> Body | None:
+        """What gives each window its own."""
+        return self.body
+
+
 @dataclass(frozen=True, kw_only=True)
 class Windows:
     """A run cut into windows, which are made one by one as they are asked for.
 
-    run : all that is known of the whole run, without sets; its `nav_state` says only that windows have one.
-    edges : of the windows, common to all receivers; (n + 1,). body : that carries the antennas.
+    edges : of the windows, common to all receivers; (n + 1,).
     """
 
-    run: Records
+    run: Run
     edges: tuple[np.datetime64, ...]
     multipath_sigma_m: float
-    body: Body | None = None
 
     def __len__(self) -> int:
         return len(self.edges) - 1
@@ -133,61 +148,61 @@ class Windows:
         carried = Carried()
         for start, end in pairwise(self.edges):
             records = self._window(start, end)
-            if self.body is not None:
-                state, carried = body_state(self.body, records, carried)
+            if self.run.body is not None:
+                state, carried = body_state(self.run.body, records, carried)
                 records = replace(records, nav_state=state)
             yield records
 
     def _window(self, start: np.datetime64, end: np.datetime64) -> Records:
         """Each receiver's epochs in a window, and the consistent sets that they hold."""
-        orbits = self.run.navigation
-        cuts = tuple(c for c in (cut(o, start, end) for o in self.run.observations) if c.gpst.size > 1)
+        run = self.run
+        cuts = tuple(c for c in (cut(o, start, end) for o in run.observations) if c.gpst.size > 1)
         sets: list[ConsistentSet] = []
-        if orbits is not None:
+        if run.navigation is not None:
             for window in cuts:
-                sets += consistent_sets(window, orbits, multipath_sigma_m=self.multipath_sigma_m)
-        whole = {o.receiver: o for o in self.run.observations}
-        return replace(
-            self.run,
+                sets += consistent_sets(window, run.navigation, multipath_sigma_m=self.multipath_sigma_m)
+        spans_s = {o.receiver: span_s(o, start, end) for o in run.observations}
+        grids = (log.between(*spans_s[log.receiver]) for log in run.ccaf)
+        phases = (log.between(*spans_s[log.receiver]) for log in run.array_phases)
+        return Records(
             start_gpst=start,
             end_gpst=end,
             observations=cuts,
+            navigation=run.navigation,
             sets=tuple(sets),
-            taps=tuple(cut_taps(t, whole[t.receiver], start, end) for t in self.run.taps),
-            ccaf=tuple(c for c in (cut_ccaf(c, start, end) for c in self.run.ccaf) if c.gpst.size),
-            array_phases=tuple(p for p in (cut_phases(p, start, end) for p in self.run.array_phases) if p.gpst.size),
-            nav_state=None,
+            taps=tuple(log.between(*spans_s[log.receiver]) for log in run.taps),
+            ccaf=tuple(one for one in grids if one.gpst.size),
+            array_phases=tuple(one for one in phases if one.gpst.size),
+            spin_arms=run.spin_arms,
         )
 
 
 def windows_of(
-    observations: Sequence[Observations],
+    observations: Sequence[ObservationLog],
     navigation: NavigationData,
     settings: Settings,
-    taps: Sequence[Taps] = (),
+    taps: Sequence[Stretched[Taps]] = (),
     *,
-    ccaf: Sequence[Ccaf] = (),
-    array_phases: Sequence[ArrayPhases] = (),
+    ccaf: Sequence[Stretched[Ccaf]] = (),
+    array_phases: Sequence[Stretched[ArrayPhases]] = (),
     spin_arms: Sequence[SpinArm] = (),
     body: Body | None = None,
 ) -> Windows:
     """The windows of a run. Without observations it is one empty window, in which every detector says what it lacks."""
-    edges = window_edges(observations, settings.window_s)
-    run = Records(
-        start_gpst=edges[0],
-        end_gpst=edges[-1],
+    run = Run(
         observations=tuple(observations),
         navigation=navigation if navigation.ephemerides else None,
         taps=tuple(taps),
         ccaf=tuple(ccaf),
         array_phases=tuple(array_phases),
         spin_arms=tuple(spin_arms),
-        nav_state=None if body is None else state_to_come(edges[0]),
+        body=body,
     )
-    return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m, body=body)
+    edges = window_edges(observations, settings.window_s)
+    return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m)
 
 
-def detectors_for(settings: Settings, run: Records) -> list[Detector]:
+def detectors_for(settings: Settings, run: Holding) -> list[Detector]:
     """Every installed detector with the run's settings.
 
     The probability allowed per hour is shared evenly among windows, detectors and receivers (union bound; a detector
@@ -236,7 +251,7 @@ def _grids_together(grids: Sequence[CcafAsked]) -> CcafAsked:
     )
 
 
-def _equipped(detector: Detector, run: Records) -> bool:
+def _equipped(detector: Detector, run: Holding) -> bool:
     """Whether the run has what special equipment gives and this detector needs."""
     return all(run.has(need) for need in detector.needs if need not in RECEIVED)
 

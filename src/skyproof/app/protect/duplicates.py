@@ -13,19 +13,23 @@ import numpy as np
 from scipy import stats
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.receive.reception import Reception, carrier_at_hz
+from skyproof.app.receive.reception import Reception
+from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Booleans, Floats, Reals
+from skyproof.formats.spool import joined
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
 from skyproof.recording.same_noise import N_ROWS, SharedNoise, rows_of, shared_noise, usable_hz
-from skyproof.records import Observations, Samples
+from skyproof.records import ObservationLog, Observations, Samples
 
 __all__ = ["one_receiver_each", "same_noise"]
 
 _STRETCH_S: Final = N_ROWS * GPS_L1_CA.period_s
 _NEAR_S: Final = 2.5  # around a stretch, for what the signals tell of it
 _PLACES: Final = (0.5, 0.05, 0.95)  # of the common time
+_PLACE_EPOCHS: Final = 1024
+_MARGIN: Final = np.timedelta64(2, "s")
 _LEAST_CELLS: Final = 500  # of a row: a quarter of the usual band
 
 
@@ -62,7 +66,7 @@ def _left_out(reception: Reception, other: Reception, found: SharedNoise) -> Rec
 
 def _measurements(reception: Reception) -> int:
     o = reception.observations
-    return 0 if o is None else int(np.isfinite(o.pseudorange_m).sum())
+    return 0 if o is None else int(o.measured.sum())
 
 
 def same_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_m: float) -> SharedNoise | None:
@@ -75,7 +79,7 @@ def same_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_
     """
     if first.observations is None or second.observations is None or first.samples is None or second.samples is None:
         return None
-    lags = _later(first.observations, second.observations)
+    lags = _later(*_looked_at(first.observations, second.observations))
     known = np.flatnonzero(np.isfinite(lags.later_s).any(axis=0))
     found: list[tuple[int, SharedNoise]] = []
     for place in _PLACES if known.size else ():
@@ -87,6 +91,21 @@ def same_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_
     if not found or _agreement(lags, found, code_sigma_m) < alpha:
         return None
     return min((noise for _, noise in found), key=lambda noise: noise.coefficient)
+
+
+def _looked_at(a: ObservationLog, b: ObservationLog) -> tuple[Observations, Observations]:
+    """The measurements around the places that are looked at; all of a short recording."""
+    n = a.gpst.size
+    if n <= len(_PLACES) * _PLACE_EPOCHS:
+        return a.read(0, n), b.read(0, b.gpst.size)
+    ours = [
+        a.read(first, first + _PLACE_EPOCHS) for first in np.linspace(0, n - _PLACE_EPOCHS, len(_PLACES)).astype(int)
+    ]
+    theirs = []
+    for part in ours:
+        first, stop = np.searchsorted(b.gpst, [part.gpst[0] - _MARGIN, part.gpst[-1] + _MARGIN])
+        theirs.append(b.read(int(first), int(stop)))
+    return joined(ours, a.receiver), joined(theirs, b.receiver)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -14,7 +14,7 @@ import numpy as np
 from skyproof.app.common.windows import cut
 from skyproof.app.protect.document import Outcome, ReceiverOutcome, place_of, telling
 from skyproof.app.protect.positions import KINDS
-from skyproof.app.receive.reception import carrier_at_hz
+from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges
 from skyproof.errors import InputError
@@ -48,6 +48,7 @@ PROFILES: Final = 6
 """Satellites whose correlation is drawn: more would show the same again."""
 PROFILE_REACH_CHIPS: Final = 60.0  # between a satellite's first and last signal; farther ones are not drawn together
 PAIRS: Final = 3  # of receivers, whose range differences are drawn
+COMPARED_WINDOWS: Final = 256  # from which the one to be drawn is chosen
 STANDS_M: Final = 0.5
 PERIOD_NS: Final = 1_000_000
 
@@ -352,13 +353,14 @@ def _differences(observed: Sequence[ReceiverOutcome], outcome: Outcome) -> Itera
     """
     observations = [r.reception.observations for r in observed if r.reception.observations is not None]
     windows = sorted({(e.start_gpst, e.end_gpst) for e in outcome.evidence}, reverse=True)
+    windows = windows[:: max(-(-len(windows) // COMPARED_WINDOWS), 1)]
     for pair in list(combinations(observations, 2))[:PAIRS]:
         per_window = [_differences_in(pair, window, outcome) for window in windows]
         yield from max(per_window, key=lambda found: (len({d.group for d in found}), len(found)), default=[])
 
 
 def _differences_in(
-    pair: tuple[Observations, Observations], window: tuple[np.datetime64, np.datetime64], outcome: Outcome
+    pair: tuple[ObservationLog, ObservationLog], window: tuple[np.datetime64, np.datetime64], outcome: Outcome
 ) -> list[RangeDifference]:
     cuts = [cut(o, *window) for o in pair]
     if any(o.gpst.size < 2 for o in cuts):

@@ -22,9 +22,11 @@ from skyproof.app.protect.outputs import write_outputs
 from skyproof.app.protect.positions import positions_of
 from skyproof.app.receive.inputs import antennas_of, open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
-from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals, track
+from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
+from skyproof.app.receive.tracker import track
 from skyproof.errors import InputError, SettingsError, readable
 from skyproof.formats.byte_io import sha256
+from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.gnss.time import iso, seconds_between
@@ -41,7 +43,9 @@ COMMON_SHARE = 0.9
 class ProtectResult:
     """What `protect` gives: the verdict, the folder with all outputs, and whether Ctrl-C ended it early.
 
-    outcome : everything behind the verdict, for a notebook: observations, evidence, fixes, labels.
+    outcome : everything behind the verdict, for a notebook: observations, evidence, fixes, labels. Measurements of a
+        long run (4096 epochs and more) are on a disk as long as this is held, or if a folder was given until its
+        outputs are written: `signals.parquet` has them.
     """
 
     verdict: Verdict
@@ -90,37 +94,41 @@ def protect(
     nav_sum = None if nav is None else sha256(nav)  # now, of what was read: it may be gone at the end
     body_files = open_body(carrier, str(platform or imu))
     paths, called = inputs_of(carrier, inputs, str(platform))
-    sources = open_inputs(paths, settings, navigation, called)
-    names = [source.name for source in sources]
-    tables = described(carrier, names, str(platform))
-    settings, unused = settings_of(carrier, settings, names, tables)
-    arrays = arrays_of(tables, {source.name: len(antennas_of(source)) for source in sources}, str(platform))
-    _require_two(settings, names)
-    _require_orbits(sources, navigation)
-    receptions, interrupted = _received(sources, navigation, settings, progress, arrays)
-    _same_time(receptions, navigation)
-    receptions = [_with_common_time(r, receptions) for r in receptions]
-    receptions = one_receiver_each(receptions, settings)
-    settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
-    body = body_of(carrier, body_files, _span_of(receptions).start_gpst, settings.max_separation_m)
-    outcome, cut_short = judge(receptions, navigation, settings, progress, spin_arms_of(tables), body)
-    if interrupted and cut_short:
-        raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
-    interrupted |= cut_short
-    # Whoever interrupts does not wait for the sums of large files.
-    sums, stopped = ({}, False) if interrupted else _sums(_files(receptions), progress)
-    notes = [note for r in receptions for note in _notes(r, interrupted, sums)]
-    if nav is not None:
-        told = _told(navigation)
-        notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=told))
-    for path, kind, remarks in body_files.remarks(body, _span_of(receptions)):
-        notes.append(InputNote(path=readable(path), format=kind, sha256=body_files.sums[path], remarks=remarks))
-    if platform is not None:
-        notes.append(InputNote(path=readable(str(platform)), format="platform", sha256=platform_sum, remarks=unused))
-    verdict = document(outcome, notes, settings, interrupted=interrupted)
-    interrupted |= stopped
-    if out is not None:
-        interrupted = _write(Path(out), verdict, outcome, settings, progress, interrupted)
+    with Workspace(None if out is None else Path(out)) as workspace:
+        sources = open_inputs(paths, settings, navigation, called, workspace)
+        names = [source.name for source in sources]
+        tables = described(carrier, names, str(platform))
+        settings, unused = settings_of(carrier, settings, names, tables)
+        arrays = arrays_of(tables, {source.name: len(antennas_of(source)) for source in sources}, str(platform))
+        _require_two(settings, names)
+        _require_orbits(sources, navigation)
+        receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace)
+        _same_time(receptions, navigation)
+        receptions = [_with_common_time(r, receptions) for r in receptions]
+        receptions = one_receiver_each(receptions, settings)
+        settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
+        body = body_of(carrier, body_files, _span_of(receptions).start_gpst, settings.max_separation_m)
+        outcome, cut_short = judge(receptions, navigation, settings, progress, spin_arms_of(tables), body)
+        if interrupted and cut_short:
+            raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
+        interrupted |= cut_short
+        # Whoever interrupts does not wait for the sums of large files.
+        sums, stopped = ({}, False) if interrupted else _sums(_files(receptions), progress)
+        notes = [note for r in receptions for note in _notes(r, interrupted, sums)]
+        if nav is not None:
+            told = _told(navigation)
+            notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=told))
+        for path, kind, remarks in body_files.remarks(body, _span_of(receptions)):
+            notes.append(InputNote(path=readable(path), format=kind, sha256=body_files.sums[path], remarks=remarks))
+        if platform is not None:
+            remarks = unused
+            notes.append(
+                InputNote(path=readable(str(platform)), format="platform", sha256=platform_sum, remarks=remarks)
+            )
+        verdict = document(outcome, notes, settings, interrupted=interrupted)
+        interrupted |= stopped
+        if out is not None:
+            interrupted = _write(Path(out), verdict, outcome, settings, progress, interrupted)
     return ProtectResult(
         verdict=verdict, outcome=outcome, folder=None if out is None else Path(out), interrupted=interrupted
     )
@@ -132,15 +140,20 @@ def _received(
     settings: Settings,
     progress: Progress,
     arrays: Mapping[str, AntennaArray],
+    workspace: Workspace,
 ) -> tuple[list[Reception], bool]:
     """What each source's receiver heard, in their order, and whether Ctrl-C ended the tracking early."""
     recordings = [source for source in sources if isinstance(source, Samples)]
-    trackers, interrupted = track(recordings, settings, progress, navigation, summed=True, asked=asked())
+    trackers, interrupted = track(
+        recordings, settings, progress, navigation, summed=True, asked=asked(), workspace=workspace
+    )
     if not interrupted and len(recordings) == len(sources):
         require_signals(trackers)
     tracked = iter(trackers)
     return [
-        observe(next(tracked), navigation, arrays.get(source.name)) if isinstance(source, Samples) else observed(source)
+        observe(next(tracked), navigation, arrays.get(source.name), workspace)
+        if isinstance(source, Samples)
+        else observed(source, workspace)
         for source in sources
     ], interrupted
 

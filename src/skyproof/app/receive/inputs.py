@@ -10,11 +10,13 @@ import numpy as np
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.antennas import in_step
-from skyproof.app.receive.observed import ObservedFile, epochs_of, open_observations, same_measurements
+from skyproof.app.receive.observed import ObservedFile, open_observations, same_measurements
 from skyproof.errors import InputError, SettingsError
+from skyproof.formats.pieces import Workspace
 from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_nav import glonass_channels
 from skyproof.formats.rinex_obs_read import holds_observations
+from skyproof.formats.spool import named
 from skyproof.records import NavigationData, Samples
 
 __all__ = ["antennas_of", "only_recordings", "open_inputs", "stretch"]
@@ -28,6 +30,7 @@ def open_inputs(
     settings: Settings,
     navigation: NavigationData | None = None,
     called: Sequence[str | None] = (),
+    workspace: Workspace | None = None,
 ) -> list[Samples | ObservedFile]:
     """Open recordings and observation files, cut them to the stretch asked for, and give each receiver its own name.
 
@@ -35,6 +38,7 @@ def open_inputs(
         channels of one.
     navigation : has the frequency numbers of GLONASS that an observation file may lack.
     called : the receiver's name of each path; as its file is named where that is None.
+    workspace : where the measurements of long observation files are kept.
 
     Raises
     ------
@@ -48,7 +52,7 @@ def open_inputs(
         )
     opened: list[Samples | ObservedFile] = []
     for path, receiver in zip_longest(paths, called):
-        for source in _opened(path, settings, navigation):
+        for source in _opened(path, settings, navigation, workspace):
             _require_own(source, opened)
             names = [other.name for other in opened] + [name for name in called if name not in (None, receiver)]
             name = receiver or _short(source.name)
@@ -70,17 +74,14 @@ def only_recordings(sources: Sequence[Samples | ObservedFile]) -> list[Samples]:
 
 
 def _opened(
-    wanted: Path | tuple[Path, ...], settings: Settings, navigation: NavigationData | None
+    wanted: Path | tuple[Path, ...],
+    settings: Settings,
+    navigation: NavigationData | None,
+    workspace: Workspace | None,
 ) -> tuple[Samples | ObservedFile, ...]:
     """The stretch asked for of one source, or of several if a file has several channels, each a receiver."""
     paths = wanted if isinstance(wanted, tuple) else (wanted,)
-    sources = [
-        stretch(source, settings.start_s, settings.duration_s)
-        if isinstance(source, Samples)
-        else epochs_of(source, settings.start_s, settings.duration_s)
-        for path in paths
-        for source in _of_file(path, navigation)
-    ]
+    sources = [source for path in paths for source in _of_file(path, settings, navigation, workspace)]
     if len(sources) == 1 or not isinstance(wanted, tuple):
         return tuple(sources)
     antennas: list[Samples] = []
@@ -95,10 +96,17 @@ def _opened(
     return (in_step(antennas, _short(paths[0].stem)),)
 
 
-def _of_file(path: Path, navigation: NavigationData | None) -> tuple[Samples | ObservedFile, ...]:
+def _of_file(
+    path: Path, settings: Settings, navigation: NavigationData | None, workspace: Workspace | None
+) -> tuple[Samples | ObservedFile, ...]:
     if not holds_observations(path):
-        return open_recording(path)
-    return (open_observations(path, None if navigation is None else glonass_channels(navigation)),)
+        return tuple(stretch(one, settings.start_s, settings.duration_s) for one in open_recording(path))
+    channels = None if navigation is None else glonass_channels(navigation)
+    return (
+        open_observations(
+            path, channels, start_s=settings.start_s, duration_s=settings.duration_s, workspace=workspace
+        ),
+    )
 
 
 def _require_own(source: Samples | ObservedFile, others: Sequence[Samples | ObservedFile]) -> None:
@@ -119,7 +127,7 @@ def antennas_of(source: Samples | ObservedFile) -> tuple[Samples | ObservedFile,
 def _named(source: Samples | ObservedFile, name: str) -> Samples | ObservedFile:
     if isinstance(source, Samples):
         return replace(source, name=name)
-    return replace(source, name=name, observations=replace(source.observations, receiver=name))
+    return replace(source, name=name, observations=named(source.observations, name))
 
 
 def _short(name: str) -> str:

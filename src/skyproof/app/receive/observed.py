@@ -1,6 +1,6 @@
 """Observation files as inputs: what one receiver measured itself, read instead of tracked."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,19 +11,24 @@ from skyproof.app.receive.reception import Reception
 from skyproof.errors import InputError
 from skyproof.formats.bounds import REMARKS
 from skyproof.formats.byte_io import FileBytes, size_of
-from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, joined_observations, obs_pieces
+from skyproof.formats.pieces import Workspace
+from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, following, obs_pieces
+from skyproof.formats.rinex_obs_read import ObservationFile
+from skyproof.formats.spool import NothingGathered, gathered
 from skyproof.gnss.time import iso, seconds_between
-from skyproof.navigation.clock import unstepped
-from skyproof.navigation.rates import with_dopplers
-from skyproof.records import NavigationData, Observations, SignalId
+from skyproof.navigation.clock import ClockSteps, clock_steps, unstepped
+from skyproof.navigation.rates import RIM_EPOCHS, with_dopplers
+from skyproof.navigation.window import interval_s
+from skyproof.records import NavigationData, ObservationLog, Observations, SignalId
 
-__all__ = ["ObservedFile", "epochs_of", "observed", "open_observations", "same_measurements"]
+__all__ = ["ObservedFile", "observed", "open_observations", "same_measurements"]
 
 NO_SAMPLES = (
     "holds measurements and no samples: no correlation is drawn, second signals of a satellite and the receiver's own "
     "noise cannot be looked for"
 )
 MOST_STEPS_TOLD = 3
+STRETCH_EPOCHS = 1024
 SYSTEMS = "GECRJ"
 
 
@@ -37,7 +42,7 @@ class ObservedFile:
     name: str
     path: str
     format: str
-    observations: Observations
+    observations: ObservationLog
     file: FileBytes
     remarks: tuple[str, ...] = ()
 
@@ -53,34 +58,82 @@ class ObservedFile:
         return float(seconds_between(self.observations.gpst[-1], self.observations.gpst[0]))
 
 
-def open_observations(path: Path, glonass_channels: Mapping[str, int] | None = None) -> ObservedFile:
+def open_observations(
+    path: Path,
+    glonass_channels: Mapping[str, int] | None = None,
+    *,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    workspace: Workspace | None = None,
+) -> ObservedFile:
     """Read an observation file.
+
+    start_s, duration_s : of the stretch that is wanted; all of it if none is given.
+    workspace : where those of a long file are kept.
 
     Raises
     ------
-    InputError : it cannot be read, is no RINEX observation file, or holds nothing that is judged.
+    InputError : it cannot be read, is no RINEX observation file, or holds nothing that is judged in that stretch.
     """
     size = size_of(path)
     file = FileBytes(path)
     file.sum_as_read()
     blocks = (file[at : at + PIECE_BYTES].tobytes() for at in range(0, size, PIECE_BYTES))
-    pieces = list(obs_pieces(blocks, source=str(path), keep=_is_judged, glonass_channels=glonass_channels))
-    if not pieces:
-        raise InputError(
-            f"{path}: the observation file holds no measurement of a satellite of GPS, Galileo, BeiDou, GLONASS or "
-            "QZSS; give the file that the receiver wrote"
-        )
+    pieces = obs_pieces(blocks, source=str(path), keep=_is_judged, glonass_channels=glonass_channels)
+    noted = _Noted()
     plain = path.with_suffix("") if path.suffix.lower() == ".gz" else path
-    remarks = list(dict.fromkeys(remark for piece in pieces for remark in piece.remarks))
-    more = (f"{len(remarks) - REMARKS} further remarks",) if len(remarks) > REMARKS else ()
+    stretch = _stretch(following(noted.all(pieces)), start_s, duration_s)
+    try:
+        observations = gathered(stretch, plain.stem, workspace or Workspace(), "as-given")
+    except NothingGathered:
+        if not noted.epochs:
+            raise InputError(
+                f"{path}: the observation file holds no measurement of a satellite of GPS, Galileo, BeiDou, GLONASS or "
+                "QZSS; give the file that the receiver wrote"
+            ) from None
+        raise InputError(
+            f"{path}: lasts {noted.duration_s:.3f} s, but start_s is {start_s:g}"
+            + ("" if duration_s is None else f" and duration_s {duration_s:g}")
+            + ", in which no epoch lies; give less or more"
+        ) from None
     return ObservedFile(
-        name=plain.stem,
+        name=observations.receiver,
         path=str(path),
-        format=f"RINEX {pieces[0].version:g} observations",
-        observations=replace(joined_observations([piece.observations for piece in pieces]), receiver=plain.stem),
+        format=f"RINEX {noted.version:g} observations",
+        observations=observations,
         file=file,
-        remarks=(*remarks[:REMARKS], *more, NO_SAMPLES),
+        remarks=(*noted.remarks, NO_SAMPLES),
     )
+
+
+class _Noted:
+    """What is kept of a file beside its measurements, as its pieces pass."""
+
+    def __init__(self) -> None:
+        self.version, self.epochs = 0.0, 0
+        self._first = self._last = np.datetime64("NaT", "ns")
+        self._remarks: dict[str, None] = {}
+
+    def all(self, pieces: Iterable[ObservationFile]) -> Iterator[Observations]:
+        """The observations of the pieces."""
+        for piece in pieces:
+            self.version = self.version or piece.version
+            self._remarks |= dict.fromkeys(piece.remarks)
+            o = piece.observations
+            self._first, self._last = (o.gpst[0] if not self.epochs else self._first), o.gpst[-1]
+            self.epochs += o.gpst.size
+            yield o
+
+    @property
+    def duration_s(self) -> float:
+        return float(seconds_between(self._last, self._first))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Each once, and not without end."""
+        remarks = list(self._remarks)
+        more = (f"{len(remarks) - REMARKS} further remarks",) if len(remarks) > REMARKS else ()
+        return (*remarks[:REMARKS], *more)
 
 
 def _is_judged(signal: SignalId) -> bool:
@@ -88,63 +141,60 @@ def _is_judged(signal: SignalId) -> bool:
     return signal.sat[0] in SYSTEMS
 
 
+def _stretch(pieces: Iterable[Observations], start_s: float, duration_s: float | None) -> Iterator[Observations]:
+    """What lies from `start_s` on, `duration_s` long at most; elapsed time counts from the first epoch of it."""
+    begun_s: float | None = None
+    for piece in pieces:
+        rows = piece.elapsed_s >= start_s
+        if duration_s is not None:
+            rows &= piece.elapsed_s < start_s + duration_s
+        if not rows.any():
+            continue
+        kept = take(piece, rows)
+        begun_s = float(kept.elapsed_s[0]) if begun_s is None else begun_s
+        missed_s = kept.missed_elapsed_s - begun_s
+        yield replace(
+            kept,
+            elapsed_s=kept.elapsed_s - begun_s,
+            found_elapsed_s=np.maximum(kept.found_elapsed_s - begun_s, 0.0),
+            missed_elapsed_s=np.where(missed_s >= 0.0, missed_s, np.nan),
+        )
+
+
 def same_measurements(a: ObservedFile, b: ObservedFile) -> bool:
     """Whether two files hold the same pseudoranges at common epochs: noise never repeats itself to the millimetre."""
     one, other = a.observations, b.observations
-    _, rows, columns = np.intersect1d(one.gpst, other.gpst, return_indices=True)
     common = [s for s in one.signals if s in other.signals]
-    if not (rows.size and common):
-        return False
-    ours = one.pseudorange_m[rows][:, [one.signals.index(s) for s in common]]
-    theirs = other.pseudorange_m[columns][:, [other.signals.index(s) for s in common]]
-    both = np.isfinite(ours) & np.isfinite(theirs)
-    return bool(both.any()) and float(np.mean(ours[both] == theirs[both])) > 0.5
+    alike = compared = 0
+    for first in range(0, one.gpst.size, STRETCH_EPOCHS):
+        ours = one.read(first, first + STRETCH_EPOCHS)
+        begin = int(np.searchsorted(other.gpst, ours.gpst[0]))
+        theirs = other.read(begin, int(np.searchsorted(other.gpst, ours.gpst[-1], side="right")))
+        _, rows, columns = np.intersect1d(ours.gpst, theirs.gpst, return_indices=True)
+        x = ours.pseudorange_m[rows][:, [ours.signals.index(s) for s in common]]
+        y = theirs.pseudorange_m[columns][:, [theirs.signals.index(s) for s in common]]
+        both = np.isfinite(x) & np.isfinite(y)
+        compared += int(both.sum())
+        alike += int(np.sum(x[both] == y[both]))
+    return alike > 0.5 * compared
 
 
-def epochs_of(source: ObservedFile, start_s: float, duration_s: float | None) -> ObservedFile:
-    """The part of a file from `start_s` on, `duration_s` long at most.
-
-    Raises
-    ------
-    InputError : nothing is left.
-    """
-    elapsed_s = source.observations.elapsed_s
-    rows = elapsed_s >= start_s
-    if duration_s is not None:
-        rows &= elapsed_s < start_s + duration_s
-    if not rows.any():
-        raise InputError(
-            f"{source.path}: lasts {source.duration_s:.3f} s, but start_s is {start_s:g}"
-            + ("" if duration_s is None else f" and duration_s {duration_s:g}")
-            + ", in which no epoch lies; give less or more"
-        )
-    if rows.all():
-        return source
-    kept = take(source.observations, rows)
-    begun_s = kept.elapsed_s[0]
-    missed_s = kept.missed_elapsed_s - begun_s
-    cut = replace(
-        kept,
-        elapsed_s=kept.elapsed_s - begun_s,
-        found_elapsed_s=np.maximum(kept.found_elapsed_s - begun_s, 0.0),
-        missed_elapsed_s=np.where(missed_s >= 0.0, missed_s, np.nan),
-    )
-    return replace(source, observations=cut)
-
-
-def observed(source: ObservedFile) -> Reception:
+def observed(source: ObservedFile, workspace: Workspace | None = None) -> Reception:
     """What a receiver measured, made ready to be compared: its clock without steps, Dopplers where it gave none."""
-    steady, steps = unstepped(source.observations)
-    whole, derived = with_dopplers(steady)
+    steps = clock_steps(source.observations)
+    made = _Made()
+    whole = gathered(made.ready(source.observations, steps), source.name, workspace or Workspace(), "observations")
     remarks = []
-    if steps:
-        times = ", ".join(iso(step.gpst, 0)[11:] for step in steps[:MOST_STEPS_TOLD])
-        more = f" and {len(steps) - MOST_STEPS_TOLD} more" if len(steps) > MOST_STEPS_TOLD else ""
+    if steps is not None and steps.steps:
+        times = ", ".join(iso(step.gpst, 0)[11:] for step in steps.steps[:MOST_STEPS_TOLD])
+        more = f" and {len(steps.steps) - MOST_STEPS_TOLD} more" if len(steps.steps) > MOST_STEPS_TOLD else ""
         remarks.append(
             f"the receiver's clock steps by whole milliseconds at {times}{more}; it is taken as if it did not"
         )
-    if derived:
-        remarks.append(f"Dopplers of {derived:.0%} of the cells are missing and taken from the carrier phase")
+    if made.derived:
+        remarks.append(
+            f"Dopplers of {made.derived / made.phases:.0%} of the cells are missing and taken from the carrier phase"
+        )
     return Reception(
         source=source,
         observations=whole,
@@ -153,3 +203,23 @@ def observed(source: ObservedFile) -> Reception:
         examined_s=source.duration_s,
         remarks=tuple(remarks),
     )
+
+
+@dataclass
+class _Made:
+    """How many cells have a carrier phase, and how many a Doppler that was taken from it."""
+
+    derived: int = 0
+    phases: int = 0
+
+    def ready(self, log: ObservationLog, steps: ClockSteps | None) -> Iterator[Observations]:
+        """A log in stretches, as if its clock had run on, with Dopplers."""
+        usual_s = interval_s(log.elapsed_s if steps is None else steps.elapsed_s)
+        for first in range(0, log.gpst.size, STRETCH_EPOCHS):
+            begin, stop = max(first - RIM_EPOCHS, 0), first + STRETCH_EPOCHS
+            part = log.read(begin, stop + RIM_EPOCHS)
+            whole, derived = with_dopplers(part if steps is None else unstepped(part, steps, begin), usual_s)
+            own = slice(first - begin, stop - begin)
+            self.derived += int(derived[own].sum())
+            self.phases += int(np.isfinite(part.carrier_cyc[own]).sum())
+            yield whole.read(own.start, own.stop)

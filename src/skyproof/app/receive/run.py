@@ -13,14 +13,17 @@ from skyproof.app.common.folder import check_folder
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import resolve_settings
-from skyproof.app.common.windows import take
 from skyproof.app.receive.inputs import only_recordings, open_inputs
-from skyproof.app.receive.reception import Reception, first_copies, observe, require_signals, track
+from skyproof.app.receive.reception import Reception, observe, require_signals
+from skyproof.app.receive.time_tag import first_copies
+from skyproof.app.receive.tracker import track
 from skyproof.formats.atomic_write import writing_together
+from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav, write_nav
+from skyproof.formats.spool import joined
 from skyproof.gnss.time import iso
 from skyproof.navigation.fix import fix
-from skyproof.records import FixStatus, NavigationData, Observations
+from skyproof.records import FixStatus, NavigationData, ObservationLog
 from skyproof.verdict import notebook_html
 
 __all__ = ["ReceiveResult", "document_json", "receive"]
@@ -33,10 +36,15 @@ HEADER_FIXES: Final = 25  # about so many make the approximate position of a hea
 class ReceiveResult:
     """What each receiver heard, the folder with its files, and whether Ctrl-C ended it early.
 
+    Measurements of a recording longer than some 13 minutes are on a disk as long as this is held, or if a folder was
+    given until its files are written.
+
+    signals : of each receiver, a row a signal.
     files : of each receiver, the names of what was written into the folder.
     """
 
     receptions: tuple[Reception, ...]
+    signals: tuple[tuple[dict[str, Any], ...], ...]
     folder: Path | None = None
     files: tuple[tuple[str, ...], ...] = ()
     interrupted: bool = False
@@ -49,13 +57,12 @@ class ReceiveResult:
     def _repr_html_(self) -> str:
         """The signals of each receiver, for a notebook."""
         heads, rows = [], []
-        for r in self.receptions:
-            o = r.observations
+        for r, signals in zip(self.receptions, self.signals, strict=True):
             heads.append(
                 f"{r.source.name}: {r.n_signals} signals in {r.examined_s:.1f} s"
                 + (f"; left out: {r.left_out}" if r.left_out is not None else "")
             )
-            for signal in [] if o is None else [_signal(o, column) for column in range(len(o.signals))]:
+            for signal in signals:
                 cn0_dbhz, doppler_hz = signal["cn0_dbhz"], signal["doppler_hz"]
                 rows.append(
                     (
@@ -111,14 +118,18 @@ def receive(
     paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
     recordings = only_recordings(open_inputs([Path(p) for p in paths], settings))
     navigation = None if nav is None else read_nav(Path(nav))
-    trackers, interrupted = track(recordings, settings, progress, navigation, watchful=False)
-    if not interrupted:
-        require_signals(trackers)
-    receptions = tuple(observe(tracker, navigation) for tracker in trackers)
-    if out is None:
-        return ReceiveResult(receptions=receptions, interrupted=interrupted)
-    files, again = _write(Path(out), receptions, navigation, interrupted)
-    return ReceiveResult(receptions=receptions, folder=Path(out), files=files, interrupted=interrupted or again)
+    with Workspace(None if out is None else Path(out)) as workspace:
+        trackers, interrupted = track(recordings, settings, progress, navigation, watchful=False, workspace=workspace)
+        if not interrupted:
+            require_signals(trackers)
+        receptions = tuple(observe(tracker, navigation, workspace=workspace) for tracker in trackers)
+        signals = tuple(_signals(r.observations) for r in receptions)
+        if out is None:
+            return ReceiveResult(receptions=receptions, signals=signals, interrupted=interrupted)
+        files, again = _write(Path(out), receptions, navigation, interrupted)
+    return ReceiveResult(
+        receptions=receptions, signals=signals, folder=Path(out), files=files, interrupted=interrupted or again
+    )
 
 
 def _write(
@@ -155,10 +166,11 @@ def _written(folder: Path, reception: Reception, navigation: NavigationData | No
     return tuple(names)
 
 
-def _approximate_position_ecef_m(o: Observations, orbits: NavigationData) -> Any:
+def _approximate_position_ecef_m(o: ObservationLog, orbits: NavigationData) -> Any:
     """(3,) where the first copies say that the receiver stands, unjudged like them; None if they say nothing."""
     step = max(o.gpst.size // HEADER_FIXES, 1)
-    shown = fix(take(o, np.arange(o.gpst.size) % step == 0), orbits, signals=first_copies(o))
+    some = joined([o.read(row, row + 1) for row in range(0, o.gpst.size, step)], o.receiver)
+    shown = fix(some, orbits, signals=first_copies(some))
     good = shown.status == FixStatus.OK
     return np.median(shown.position_ecef_m[good], axis=0) if good.any() else None
 
@@ -171,22 +183,24 @@ def document_json(result: ReceiveResult) -> str:
         "interrupted": result.interrupted,
         "folder": None if result.folder is None else str(result.folder),
         "receivers": [
-            _receiver(reception, names)
-            for reception, names in zip(result.receptions, result.files or [()] * len(result.receptions), strict=True)
+            _receiver(reception, signals, names)
+            for reception, signals, names in zip(
+                result.receptions, result.signals, result.files or [()] * len(result.receptions), strict=True
+            )
         ],
     }
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _receiver(reception: Reception, files: tuple[str, ...]) -> dict[str, Any]:
-    o, source = reception.observations, reception.source
+def _receiver(reception: Reception, signals: tuple[dict[str, Any], ...], files: tuple[str, ...]) -> dict[str, Any]:
+    source = reception.source
     return {
         "name": source.name,
         "path": source.path,
         "examined_s": reception.examined_s,
         "n_signals": reception.n_signals,
         "left_out": reception.left_out,
-        "signals": [] if o is None else [_signal(o, column) for column in range(len(o.signals))],
+        "signals": list(signals),
         "messages_differ": list(reception.messages_differ),
         "satellites_with_orbits": sorted({ephemeris.sat for ephemeris in reception.told.ephemerides}),
         "remarks": [*source.remarks, *reception.remarks],
@@ -194,9 +208,13 @@ def _receiver(reception: Reception, files: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def _signal(o: Observations, column: int) -> dict[str, Any]:
+def _signals(o: ObservationLog | None) -> tuple[dict[str, Any], ...]:
+    return () if o is None else tuple(_signal(o, column) for column in range(len(o.signals)))
+
+
+def _signal(o: ObservationLog, column: int) -> dict[str, Any]:
     """One signal; without a pseudorange it never told a time."""
-    signal, heard = o.signals[column], np.flatnonzero(np.isfinite(o.pseudorange_m[:, column]))
+    signal, heard = o.signals[column], np.flatnonzero(o.measured[:, column])
     there = heard.size > 0
     return {
         "sat": signal.sat,
@@ -207,6 +225,6 @@ def _signal(o: Observations, column: int) -> dict[str, Any]:
         "first_gpst": iso(o.gpst[heard[0]], DIGITS) if there else None,
         "last_gpst": iso(o.gpst[heard[-1]], DIGITS) if there else None,
         "n_epochs": int(heard.size),
-        "cn0_dbhz": float(np.median(o.cn0_dbhz[heard, column])) if there else None,
-        "doppler_hz": float(np.median(o.doppler_hz[heard, column])) if there else None,
+        "cn0_dbhz": float(np.median(o.series("cn0_dbhz", column)[heard])) if there else None,
+        "doppler_hz": float(np.median(o.series("doppler_hz", column)[heard])) if there else None,
     }

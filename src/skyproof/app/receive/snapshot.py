@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skyproof.app.receive.reception import carrier_at_hz
+from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Reals
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S

@@ -1,0 +1,188 @@
+"""A tracked recording's time: which week, what the receiver's clock shows, and by how much its label is off."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skyproof.app.receive.tracker import Tracker
+from skyproof.arrays import Booleans, Indices, Instants, Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.time import iso, resolve_week, week_and_tow
+from skyproof.navigation.fix import fix
+from skyproof.receiver.channels import Arc, Gap
+from skyproof.receiver.observables import ReceiverTimeTag, receiver_time_tag, timed_by_range, week_told
+from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId
+
+__all__ = [
+    "Shown",
+    "clock_biases_s",
+    "first_copies",
+    "near_date",
+    "shown_by",
+    "time_tag",
+    "timed_by_others",
+    "week_of",
+]
+
+
+def week_of(tracker: Tracker, navigation: NavigationData | None, remarks: list[str]) -> int:
+    start = tracker.samples.start_gpst
+    if start is not None:
+        return int(week_and_tow(start)[0])
+    if navigation is not None and navigation.ephemerides:
+        week = int(np.median([e.week for e in navigation.ephemerides]))
+        remarks.append(f"no date in the sidecar: GPS week {week} taken from the navigation file")
+        return week
+    told = week_told(tracker.arcs)
+    near = np.datetime64("now", "ns")
+    week = resolve_week(told, near) if told is not None else int(week_and_tow(near)[0])
+    remarks.append(
+        f"no date in the sidecar and no navigation file: GPS week {week} taken "
+        + ("from the message, as the one nearest to today" if told is not None else "as today's; give start_gpst")
+    )
+    return week
+
+
+def time_tag(tracker: Tracker, week: int) -> ReceiverTimeTag | None:
+    """The label at the first sample: from what was measured before samples were missing, if that tells it."""
+    first = tracker.measured.first
+    before = _segment(first.elapsed_s, tracker.gaps) == 0
+    label = receiver_time_tag(first.chosen(before), tracker.arcs, week)
+    return label if label is not None else receiver_time_tag(first, tracker.arcs, week)
+
+
+def _segment(elapsed_s: ArrayLike, gaps: Sequence[Gap]) -> Indices:
+    """How many unmarked gaps lie before each moment."""
+    return np.searchsorted(np.sort([gap.elapsed_s for gap in gaps]), np.asarray(elapsed_s, float), side="right")
+
+
+def near_date(label: ReceiverTimeTag, samples: Samples, arcs: Mapping[int, Arc], remarks: list[str]) -> ReceiverTimeTag:
+    """The label in the week that brings it nearest to the recording's date; tell if the signals say otherwise.
+
+    A recorder's clock may never have been set. The message knows the week modulo 1024.
+    """
+    if samples.start_gpst is None:
+        return label
+    week, tow_s = week_and_tow(samples.start_gpst)
+    ahead_s = label.tow_ms * 1e-3 - tow_s
+    turned = round(ahead_s / 604800.0)
+    label = replace(label, week=int(week) - turned)
+    off_s = ahead_s - 604800.0 * turned
+    told = _week_of_message(arcs, label)
+    if told is not None and (told - label.week) % 1024 != 0:
+        label = replace(label, week=resolve_week(told, samples.start_gpst))
+        off_s += 604800.0 * (label.week - int(week) + turned)
+    if abs(off_s) > 2.0:
+        remarks.append(
+            f"the sidecar's start_gpst is {iso(samples.start_gpst, 0)}, but the signals' own time differs from it by "
+            f"{off_s:+.1f} s; the signals' time is used"
+        )
+    return label
+
+
+def _week_of_message(arcs: Mapping[int, Arc], label: ReceiverTimeTag) -> int | None:
+    """The week at `label`, modulo 1024, that most signals tell; None if none does."""
+    half_week_s = 302_400
+    weeks = Counter(
+        (int(first.fields["week_mod_1024"]) - (first.tow_s < label.tow_ms * 1e-3 - half_week_s)) % 1024
+        for arc in arcs.values()
+        if (first := arc.subframes.get(1)) is not None
+    )
+    return weeks.most_common(1)[0][0] if weeks else None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Shown:
+    """Where the signals found first say that a receiver is, unjudged; (n_epochs,), NaN where they do not.
+
+    good : where there is a fix.
+    """
+
+    gpst: Instants
+    elapsed_s: Reals
+    position_ecef_m: Reals
+    clock_bias_s: Reals
+    good: Booleans
+
+
+def shown_by(stretches: Iterator[Observations], orbits: NavigationData) -> Shown:
+    """By all epochs of a recording."""
+    parts = []
+    for part in stretches:
+        found = fix(part, orbits, signals=first_copies(part), elevation_mask_deg=0.0)
+        parts.append(
+            (found.gpst, part.elapsed_s, found.position_ecef_m, found.clock_bias_s, found.status == FixStatus.OK)
+        )
+    gpst, elapsed_s, position_ecef_m, clock_bias_s, good = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return Shown(gpst=gpst, elapsed_s=elapsed_s, position_ecef_m=position_ecef_m, clock_bias_s=clock_bias_s, good=good)
+
+
+def timed_by_others(
+    tracker: Tracker, shown: Shown, orbits: NavigationData, label: ReceiverTimeTag, remarks: list[str]
+) -> dict[int, Arc] | None:
+    """Arcs too short for a subframe take their time of week from the position that the others give; None if no arc
+    gains by it.
+    """
+    good = np.flatnonzero(shown.good)
+    if good.size == 0:
+        return None
+    segment = _segment(shown.elapsed_s[good], tracker.gaps)
+
+    def range_m(sat: str, elapsed_s: float) -> float | None:
+        # Beyond a gap the receiver's clock is another one.
+        near = good[segment == _segment(elapsed_s, tracker.gaps)]
+        if near.size == 0:
+            return None
+        row = near[np.argmin(np.abs(shown.elapsed_s[near] - elapsed_s))]
+        ephemeris = orbits.best(sat, shown.gpst[row])
+        if ephemeris is None:
+            return None
+        later = np.timedelta64(round((elapsed_s - float(shown.elapsed_s[row])) * 1e9), "ns")
+        state = satellite_state(ephemeris, shown.gpst[row] + later - np.timedelta64(75, "ms"))
+        clock_s = float(shown.clock_bias_s[row]) - float(state.clock_s)
+        away_m = float(np.linalg.norm(state.position_ecef_m - shown.position_ecef_m[row]))
+        return away_m + SPEED_OF_LIGHT_M_S * clock_s
+
+    arcs = timed_by_range(tracker.arcs, tracker.measured.first, label, range_m)
+    gained = sorted(
+        str(arc.signal)
+        for number, arc in arcs.items()
+        if arc.tow_ms_at_period_0 is not None and tracker.arcs[number].tow_ms_at_period_0 is None
+    )
+    if not gained:
+        return None
+    remarks.append(
+        f"{', '.join(gained)}: received too shortly for a time of week of their own; it was taken from the range that "
+        "the position of the others predicts"
+    )
+    return arcs
+
+
+def clock_biases_s(shown: Shown, gaps: Sequence[Gap]) -> Reals | None:
+    """By how much to move the clock label at each epoch, (n_epochs,), to bring it to within half a millisecond of what
+    most signals say; None where they give no fix at all. Where samples are missing unmarked it steps by what is
+    missing. Where the signals' time goes back, as in a recording joined to itself, it goes on with the samples.
+    """
+    known = np.isfinite(shown.clock_bias_s)
+    if not known.any():
+        return None
+    segment = _segment(shown.elapsed_s, gaps)
+    told = np.unique(segment[known])
+    biases_s = np.array([np.median(shown.clock_bias_s[known & (segment == one)]) for one in told])
+    biases_s = np.minimum.accumulate(biases_s)  # labels never go back, where the signals' time does
+    chosen = biases_s[np.clip(np.searchsorted(told, segment), 0, told.size - 1)]
+    # When a gap began is known to a few epochs only: the fixes themselves tell on which side of it they lie.
+    chosen[known] = biases_s[np.argmin(np.abs(shown.clock_bias_s[known][:, None] - biases_s), axis=1)]
+    return np.asarray(chosen)
+
+
+def first_copies(observations: Observations) -> tuple[SignalId, ...]:
+    """Of each satellite the signal that was found first."""
+    first: dict[str, SignalId] = {}
+    for signal in sorted(observations.signals, key=lambda s: (len(s.copy), s.copy)):
+        first.setdefault(signal.sat, signal)
+    return tuple(first.values())

@@ -1,0 +1,241 @@
+"""Recordings tracked side by side, block by block: every signal in them, and all that it sends."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from skyproof.app.common.progress import Progress, Silent
+from skyproof.app.common.settings import Settings
+from skyproof.app.inspect.advice import correction_remark
+from skyproof.app.receive.bridge import bridged
+from skyproof.app.receive.clock_check import CHECKED_S, MOST_CHECKS, agreeing
+from skyproof.app.receive.measured import MeasurementLog, RowLog
+from skyproof.errors import InputError
+from skyproof.formats.pieces import Workspace
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
+from skyproof.navigation.horizon import sats_above
+from skyproof.receiver.channels import Arc, Gap
+from skyproof.receiver.grids import Grids
+from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
+from skyproof.recording.conditioning import conditioned, measure_front_end
+from skyproof.records import Asked, NavigationData, Samples
+
+__all__ = ["ENOUGH_SATS", "Tracker", "carrier_at_hz", "track"]
+
+BLOCK_S = 0.5
+ENOUGH_SATS = 4
+
+
+@dataclass(kw_only=True)
+class Tracker:
+    """One recording on its way through the receiver: which sample comes next, and all that came out so far.
+
+    told : what was done to the samples before, and what ended them.
+    broken : why the recording could be read no further, if it could not: all that came before counts.
+    given : the recording as it is described, if its codes and carriers agree at another rate or carrier only; `samples`
+        are read so then, and `told` ends with it. checks : how often that is looked at yet.
+    """
+
+    samples: Samples
+    receiver: Receiver
+    measured: MeasurementLog
+    grids: RowLog[Grids]
+    told: tuple[str, ...] = ()
+    broken: str = ""
+    given: Samples | None = None
+    checks: int = MOST_CHECKS
+    state: ReceiverState = field(default_factory=ReceiverState)
+    position: int = 0
+    arcs: dict[int, Arc] = field(default_factory=dict)
+    gaps: list[Gap] = field(default_factory=list)
+
+    def advance(self) -> bool:
+        """Work on the next block; False when the recording has ended, or can be read no further."""
+        count = min(int(BLOCK_S * self.samples.rate_hz), self.samples.n_samples - self.position)
+        if count <= 0 or self.broken:
+            return False
+        try:
+            planes = self.samples.read_all(self.position, count)
+        except InputError as error:
+            self.broken = str(error)
+            self.told = (*self.told, f"only its first {self.examined_s:.1f} s were worked on: {error}")
+            return False
+        output, self.state = self.receiver.step(self.state, planes)
+        self.position += count
+        self.arcs |= output.arcs  # before the measurements that name them, whenever Ctrl-C comes
+        self.measured.append(output.measurements, self.arcs)
+        self.gaps += output.gaps
+        self.grids.append(output.grids, self.arcs)
+        if self.checks and (self.examined_s >= CHECKED_S or self.ended):
+            self._check_clock()
+        return True
+
+    def _check_clock(self) -> None:
+        """Begin anew where codes and carriers do not agree at the rate given."""
+        found = agreeing(self.samples, self.measured.whole(), self.arcs)
+        self.checks = self.checks - 1 if found else 0
+        if found is None:
+            return
+        self.told = self.told if self.given is None else self.told[:-1]
+        self.given = self.given or self.samples
+        self.samples, apart = found
+        self.told = (*self.told, correction_remark(self.given, self.samples, apart.sigma))
+        self.receiver = Receiver(self.samples.rate_hz, carrier_at_hz(self.samples), self.receiver.settings)
+        self.state, self.position = ReceiverState(), 0
+        self.measured.clear()
+        self.grids.clear()
+        self.arcs, self.gaps = {}, []
+
+    @property
+    def examined_s(self) -> float:
+        return self.position / self.samples.rate_hz
+
+    @property
+    def ended(self) -> bool:
+        """Whether all of the recording was worked on."""
+        return self.position >= self.samples.n_samples
+
+    @property
+    def n_epochs(self) -> int:
+        """Rows of measurements so far; row number k, from 1 on, is at k times `epoch_s`."""
+        return max(int(self.state.frame - 1) // MEASURE_FRAMES, 0)
+
+    @property
+    def epoch_s(self) -> float:
+        """From one row of measurements to the next."""
+        return self.measured.epoch_s
+
+
+def track(
+    recordings: Sequence[Samples],
+    settings: Settings,
+    progress: Progress | None = None,
+    navigation: NavigationData | None = None,
+    *,
+    watchful: bool = True,
+    summed: bool = False,
+    asked: Asked | None = None,
+    workspace: Workspace | None = None,
+) -> tuple[list[Tracker], bool]:
+    """Track all recordings side by side, so that an interruption leaves all equally far.
+
+    navigation : tells which satellites stand above the horizon, where the place is known.
+
+    watchful : look for further signals twice as often as receiving alone needs.
+
+    summed : the sums of the files will be asked for.
+
+    asked : correlators to take beside early, prompt and late.
+
+    workspace : where measurements are kept; a temporary folder if None.
+
+    Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
+    """
+    progress = progress or Silent()
+    kept = workspace or Workspace()
+    trackers = [_tracker(samples, settings, navigation, watchful, asked or Asked(), kept) for samples in recordings]
+    for samples in (one for recording in recordings for one in (recording, *recording.others)):
+        if summed and samples.file is not None:
+            samples.file.sum_as_read()
+    names = ", ".join(s.name for s in recordings)
+    total_s = sum(s.duration_s for s in recordings)
+    try:
+        with progress.stage(f"tracking {names}", total_s) as stage:
+            running = True
+            while running:
+                running = False
+                for tracker in trackers:
+                    running |= tracker.advance()
+                    stage.advance(sum(t.examined_s for t in trackers))
+    except KeyboardInterrupt:
+        return trackers, True
+    return trackers, False
+
+
+def _tracker(
+    samples: Samples,
+    settings: Settings,
+    navigation: NavigationData | None,
+    watchful: bool,
+    asked: Asked,
+    workspace: Workspace,
+) -> Tracker:
+    """A recording made ready: what hurts in its samples taken off, gaps that it tells of bridged."""
+    clean, cleaned = _cleaned_all(samples)
+    whole, filled = bridged(clean, begun_s=settings.start_s)
+    sats, narrowed = _sats(samples, settings, navigation)
+    receiver_settings = ReceiverSettings(
+        sats=sats,
+        doppler_max_hz=settings.doppler_max_hz,
+        near_search_s=0.5 if watchful else 1.0,
+        full_search_s=10.0 if watchful else 20.0,
+        grids=asked.ccaf,
+    )
+    if (taps := asked.taps) is not None:
+        receiver_settings = replace(
+            receiver_settings,
+            further_taps_chips=taps.delays_chips,
+            looks_per_frame=max(round(receiver_settings.frame_s / taps.every_s), 1),
+            look_share=taps.coherent_s / taps.every_s,
+        )
+    receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), receiver_settings)
+    grids: RowLog[Grids] = RowLog(workspace, f"{samples.name}/grids")
+    measured = MeasurementLog(workspace, samples.name, MEASURE_FRAMES * receiver_settings.frame_s)
+    return Tracker(
+        samples=whole, receiver=receiver, measured=measured, grids=grids, told=(*cleaned, *filled, *narrowed)
+    )
+
+
+def _sats(
+    samples: Samples, settings: Settings, navigation: NavigationData | None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The satellites to look for, and what was done to their list."""
+    if settings.place_deg is None:
+        return GPS_SATS, ()
+    if navigation is None or samples.start_gpst is None:
+        lacks = "a navigation file (--nav)" if navigation is None else "a date in the recording (start_gpst)"
+        return GPS_SATS, (f"every satellite was looked for: place_deg is of use with {lacks} only",)
+    lat_rad, lon_rad = np.radians(settings.place_deg)
+    end = samples.start_gpst + np.timedelta64(round(samples.duration_s * 1e9), "ns")
+    above = sats_above(navigation, GPS_SATS, float(lat_rad), float(lon_rad), samples.start_gpst, end)
+    if len(above) < ENOUGH_SATS:
+        return GPS_SATS, (
+            f"every satellite was looked for: at place_deg only {len(above)} stood above the horizon; check it and the "
+            "recording's date",
+        )
+    return above, (f"only the {len(above)} satellites above the horizon of place_deg were looked for",)
+
+
+def _cleaned_all(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """`_cleaned` antenna by antenna: each has a front end of its own behind the one oscillator."""
+    if not samples.others:
+        return _cleaned(samples)
+    (first, *others), told = zip(*map(_cleaned, (samples, *samples.others)), strict=True)
+    names = (one.antenna for one in (samples, *samples.others))
+    words = [f"antenna {name}: {word}" for name, words in zip(names, told, strict=True) for word in words]
+    return replace(first, others=tuple(others)), tuple(words)
+
+
+def _cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """The recording without what costs C/N0, and what was done; itself where nothing does, or too little tells it.
+
+    Figures of DC and imbalance are told with the levels when a file is opened, and not again.
+    """
+    try:
+        front = measure_front_end(samples)
+    except ValueError:  # too few samples, or none that changes
+        return samples, ()
+    told = [f"the DC offset cost {front.dc_loss_db:.2f} dB of C/N0 and is removed"] if front.removes_dc else []
+    if front.balances:
+        told.append(f"the I/Q imbalance made images of {front.image_db:.0f} dB and is corrected")
+    told += [
+        f"a line at {line.frequency_hz / 1e3:+.1f} kHz cost {line.loss_db:.2f} dB of C/N0 and is notched"
+        for line in front.notched
+    ]
+    return conditioned(samples, front), tuple(told)
+
+
+def carrier_at_hz(samples: Samples) -> float:
+    """Where the nominal carrier lies in the samples: the frequency `centre_hz` lies at `if_hz`."""
+    return samples.if_hz + GPS_L1_CA.carrier_hz - samples.centre_hz
