@@ -8,6 +8,7 @@ import pytest
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import positions
 from skyproof.app.protect.positions import positions_of
+from skyproof.formats.pieces import Workspace
 from skyproof.formats.spool import ObservationSpool
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import LabelledSignal, Source
@@ -37,8 +38,8 @@ def positions_in(log, smoothing_s=20.0):
 
 
 @pytest.fixture
-def spooled(tmp_path):
-    log = ObservationSpool(tmp_path / "rx1", "rx1")
+def spooled():
+    log = ObservationSpool(Workspace(), "rx1")
     for first in range(0, 90, 25):
         log.append(WHOLE.read(first, first + 25))
     return log
