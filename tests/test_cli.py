@@ -81,7 +81,11 @@ class App:
         )
         if name == "receive":
             return ReceiveResult(
-                receptions=(reception,), folder=options["out"], files=(("rx1-nav.rnx",),), interrupted=self.interrupted
+                signals=((),),
+                receptions=(reception,),
+                folder=options["out"],
+                files=(("rx1-nav.rnx",),),
+                interrupted=self.interrupted,
             )
         if name == "simulate":
             folder = options["out"]

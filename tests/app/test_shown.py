@@ -7,6 +7,7 @@ from skyproof.app.protect.pictures import kinds_of
 from skyproof.app.protect.positions import Track
 from skyproof.app.receive import ReceiveResult
 from skyproof.app.receive.reception import Reception
+from skyproof.app.receive.run import signals_of
 from skyproof.app.scenes.simulate import SimulateResult
 from skyproof.records import Fix, NavigationData, Observations, Samples, SignalId
 from skyproof.simulator.scenes import ready
@@ -46,7 +47,7 @@ def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> Non
     deaf = Reception(
         source=samples("<stern>"), observations=None, told=NOBODY, n_signals=0, examined_s=3.0, left_out="no signal"
     )
-    shown = ReceiveResult(receptions=(heard, deaf))._repr_html_()
+    shown = ReceiveResult(receptions=(heard, deaf), signals=(signals_of(heard.observations), ()))._repr_html_()
     for told in (
         "bow: 2 signals in 3.0 s",
         "&lt;stern&gt;: 0 signals in 3.0 s; left out: no signal",

@@ -14,7 +14,7 @@ from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import resolve_settings
 from skyproof.app.receive.inputs import only_recordings, open_inputs
-from skyproof.app.receive.reception import Reception, observe, require_signals
+from skyproof.app.receive.reception import Reception, observe
 from skyproof.app.receive.time_tag import first_copies
 from skyproof.app.receive.tracker import track
 from skyproof.formats.atomic_write import writing_together
@@ -26,7 +26,7 @@ from skyproof.navigation.fix import fix
 from skyproof.records import FixStatus, NavigationData, ObservationLog
 from skyproof.verdict import notebook_html
 
-__all__ = ["ReceiveResult", "document_json", "receive"]
+__all__ = ["ReceiveResult", "document_json", "receive", "signals_of"]
 
 DIGITS: Final = 6  # of a second in instants
 HEADER_FIXES: Final = 25  # about so many make the approximate position of a header
@@ -123,7 +123,7 @@ def receive(
         if not interrupted:
             require_signals(trackers)
         receptions = tuple(observe(tracker, navigation, workspace=workspace) for tracker in trackers)
-        signals = tuple(_signals(r.observations) for r in receptions)
+        signals = tuple(signals_of(r.observations) for r in receptions)
         if out is None:
             return ReceiveResult(receptions=receptions, signals=signals, interrupted=interrupted)
         files, again = _write(Path(out), receptions, navigation, interrupted)
@@ -208,7 +208,8 @@ def _receiver(reception: Reception, signals: tuple[dict[str, Any], ...], files: 
     }
 
 
-def _signals(o: ObservationLog | None) -> tuple[dict[str, Any], ...]:
+def signals_of(o: ObservationLog | None) -> tuple[dict[str, Any], ...]:
+    """A row a signal, of what the `signals` of a receiver hold."""
     return () if o is None else tuple(_signal(o, column) for column in range(len(o.signals)))
 
 
