@@ -14,7 +14,7 @@ from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import resolve_settings
 from skyproof.app.receive.inputs import only_recordings, open_inputs
-from skyproof.app.receive.reception import Reception, observe
+from skyproof.app.receive.reception import Reception, observe, require_signals
 from skyproof.app.receive.time_tag import first_copies
 from skyproof.app.receive.tracker import track
 from skyproof.formats.atomic_write import writing_together
