@@ -72,18 +72,18 @@ class Wave:
         return np.asarray(t_s * (1.0 + self.doppler_hz / GPS_L1_CA.carrier_hz) - self.delay_s)
 
 
-def add(wave: Wave, first: int, planes: Floats) -> None:
+def add(wave: Wave, first: int, planes: Floats, rate_hz: float = RATE_HZ) -> None:
     """Add a signal to samples, (2, n), of which the first has this number. Noise has variance 1 in I and in Q."""
-    amplitude = math.sqrt(2.0 * 10.0 ** (0.1 * wave.cn0_dbhz) / RATE_HZ)
-    skip = min(max(math.ceil(wave.begin_s * RATE_HZ) - first, 0), planes.shape[1])
-    t_s = (first + skip) / RATE_HZ
+    amplitude = math.sqrt(2.0 * 10.0 ** (0.1 * wave.cn0_dbhz) / rate_hz)
+    skip = min(max(math.ceil(wave.begin_s * rate_hz) - first, 0), planes.shape[1])
+    t_s = (first + skip) / rate_hz
     _add(
         GPS_L1_CA.code(prn_of(wave.sat)),
         wave.bits,
         float(wave.sent_s(t_s)) / CHIP_S,
-        (1.0 + wave.doppler_hz / GPS_L1_CA.carrier_hz) / CHIP_S / RATE_HZ,
+        (1.0 + wave.doppler_hz / GPS_L1_CA.carrier_hz) / CHIP_S / rate_hz,
         (wave.phase_cyc + wave.doppler_hz * t_s) % 1.0,
-        wave.doppler_hz / RATE_HZ,
+        wave.doppler_hz / rate_hz,
         amplitude,
         planes[:, skip:],
     )

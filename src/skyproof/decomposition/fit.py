@@ -38,6 +38,7 @@ __all__ = [
     "decompose",
     "delay_bound",
     "delay_dictionary",
+    "dictionary_of",
     "one_doppler",
     "simulate_taps",
     "taps_dictionary",
@@ -71,6 +72,21 @@ class Dictionary:
         step = float(self.grid[1] - self.grid[0])
         return float(self.grid[0]), step, self.value, self.slope
 
+    def at(self, x: ArrayLike) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
+        """The vectors at delays or Dopplers (...) and their derivatives, (..., d): cubic Hermite interpolation.
+
+        Beyond the grid the cubic of its last cell goes on.
+        """
+        first, step, value, slope = self.table
+        place = (np.asarray(x, np.float64) - first) / step
+        i = np.clip(np.floor(place).astype(np.int64), 0, value.shape[0] - 2)
+        u = (place - i)[..., None]
+        v0, v1, s0, s1 = value[i], value[i + 1], step * slope[i], step * slope[i + 1]
+        along = u * (1.0 - u)
+        here = (1.0 + 2.0 * u) * (1.0 - u) ** 2 * v0 + u * u * (3.0 - 2.0 * u) * v1 + along * ((1.0 - u) * s0 - u * s1)
+        there = 6.0 * along * (v1 - v0) + (1.0 - u) * (1.0 - 3.0 * u) * s0 + u * (3.0 * u - 2.0) * s1
+        return here, there / step
+
 
 @lru_cache(maxsize=32)
 def delay_dictionary(
@@ -92,18 +108,41 @@ def taps_dictionary(taps_chips: tuple[float, ...], band_hz: float, *, window_chi
     taps = np.array(taps_chips)
     step = 0.01 if band_hz < 30e6 else 0.005  # Hermite's error stays below 1e-3 of the highest frequency
     grid = np.asarray(step * np.arange(-round(window_chips / step), round(window_chips / step) + 1), np.float64)
-    whiten = _whitening(correlation(taps[:, None] - taps, band_hz))
     lag = taps[:, None] - grid
-    value = whiten @ correlation(lag, band_hz)
-    basis, size, _ = np.linalg.svd(value, full_matrices=False)
+    return dictionary_of(
+        taps,
+        grid,
+        value=correlation(lag, band_hz),
+        slope=-correlation_slope(lag, band_hz),
+        noise=correlation(taps[:, None] - taps, band_hz),
+        band_hz=band_hz,
+    )
+
+
+def dictionary_of(
+    taps_chips: Reals,
+    grid_chips: Reals,
+    *,
+    value: Reals,
+    slope: Reals,
+    noise: Reals,
+    band_hz: float = 0.0,
+    least: float = _CODE_NULLS,
+) -> Dictionary:
+    """Of any shape: what signals at each delay of the grid give in the taps, (m, g), its derivative by the delay, and
+    the noise's covariance between the taps, (m, m).
+
+    least : of the largest eigenvalue of the noise; directions below are left out.
+    """
+    whiten = _whitening(noise, least)
+    basis, size, _ = np.linalg.svd(whiten @ value, full_matrices=False)
     basis = basis[:, size > 1e-7 * size[0]]
-    slope = -whiten @ correlation_slope(lag, band_hz)
     return Dictionary(
-        points=taps,
+        points=taps_chips,
         whiten=basis.T @ whiten,
-        grid=grid,
-        value=np.ascontiguousarray((basis.T @ value).T),
-        slope=np.ascontiguousarray((basis.T @ slope).T),
+        grid=grid_chips,
+        value=np.ascontiguousarray((basis.T @ (whiten @ value)).T),
+        slope=np.ascontiguousarray((basis.T @ (whiten @ slope)).T),
         band_hz=band_hz,
     )
 
@@ -153,9 +192,9 @@ def _dsinc(x: Reals) -> Reals:
     return np.asarray(np.where(small, -(np.pi**2) * x / 3.0, (np.cos(np.pi * safe) - np.sinc(safe)) / safe))
 
 
-def _whitening(covariance: Reals) -> Reals:
+def _whitening(covariance: Reals, least: float = _CODE_NULLS) -> Reals:
     values, vectors = linalg.eigh(covariance)
-    kept = values > _CODE_NULLS * values[-1]
+    kept = values > least * values[-1]
     return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T)
 
 

@@ -1,0 +1,276 @@
+"""One satellite's signals within a chip and a half as one channel: data bit in, rows of measurements out.
+
+The filter of `joint` goes from bit to bit; ten bits make a row, which is measured anew by itself and searched for
+signals that begin; signals end by the tests of `components`. Between rows the replica may be moved to where the signals
+are: `rebased`.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.arrays import Complexes, Reals
+from skyproof.decomposition.fit import Dictionary
+from skyproof.decomposition.shape import code_dictionary, filter_loss, quiet_lags
+from skyproof.gnss.signals import SignalDescription
+from skyproof.receiver import joint as j
+from skyproof.receiver.components import Candidates, birth_threshold, born, faint, newcomer, unresolved
+from skyproof.receiver.joint import Joint, JointSettings, Row
+from skyproof.receiver.replica import passed
+
+__all__ = ["JointChannel", "JointModel", "JointRow", "bit", "rebased", "started"]
+
+WINDOW_CHIPS = 1.6
+REACH_CHIPS = 2.2
+QUIET_TAPS = 4
+LEAVE_ROWS = 5
+"""So many rows on end a signal is faint, or not told from another, before it is given up."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointModel:
+    """What does not change while a satellite is followed.
+
+    code : (n,) of +1 and -1. false_births_per_h : of a channel on clean sky. most : signals at once.
+    """
+
+    signal: SignalDescription
+    code: NDArray[np.int8]
+    rate_hz: float
+    periods_per_look: int = 4
+    bits_per_row: int = 10
+    false_births_per_h: float = 0.01
+    most: int = 2
+    settings: JointSettings = field(default_factory=JointSettings)
+
+    @property
+    def look_s(self) -> float:
+        """Duration of a look."""
+        return self.periods_per_look * self.signal.period_s
+
+    @property
+    def bit_s(self) -> float:
+        """Duration of a data bit."""
+        return self.signal.periods_per_symbol * self.signal.period_s
+
+    @cached_property
+    def bit_times_s(self) -> Reals:
+        """Of the looks of a bit, about its middle."""
+        n = self.signal.periods_per_symbol // self.periods_per_look
+        return (np.arange(n) + 0.5) * self.look_s - 0.5 * self.bit_s
+
+    @cached_property
+    def row_times_s(self) -> Reals:
+        """Of the looks of a row, about its middle."""
+        n = self.bits_per_row * self.bit_times_s.size
+        return (np.arange(n) + 0.5) * self.look_s - 0.5 * self.bits_per_row * self.bit_s
+
+    @property
+    def chips_per_sample(self) -> float:
+        """At the nominal rate."""
+        return self.signal.chip_rate_hz / self.rate_hz
+
+    @cached_property
+    def taps_chips(self) -> Reals:
+        """Delays of the replicas, later positive: one a sample, and then `QUIET_TAPS` that show noise alone."""
+        side = int(REACH_CHIPS / self.chips_per_sample)
+        near = np.arange(-side, side + 1) * self.chips_per_sample
+        # A whole number of samples as well, so that all are rounded alike.
+        quiet = quiet_lags(self.code, QUIET_TAPS)
+        return np.concatenate([near, np.rint(quiet / self.chips_per_sample) * self.chips_per_sample])
+
+    @property
+    def band_cycles(self) -> float:
+        """Highest frequency of the replica, cycles a chip."""
+        return 0.5 / self.chips_per_sample
+
+    @cached_property
+    def dictionary(self) -> Dictionary:
+        """Of the taps that show signals."""
+        return code_dictionary(
+            self.code,
+            self.taps_chips[:-QUIET_TAPS],
+            self._replica,
+            band_cycles=self.band_cycles,
+            window_chips=WINDOW_CHIPS,
+        )
+
+    @cached_property
+    def loss(self) -> float:
+        """Of C/N0 by the replica's low-pass."""
+        return filter_loss(self._replica, band_cycles=self.band_cycles)
+
+    @cached_property
+    def candidates(self) -> Candidates:
+        """Where further signals are looked for."""
+        return Candidates.of(self.dictionary, self.band_cycles, self.bits_per_row * self.bit_s)
+
+    @cached_property
+    def threshold(self) -> float:
+        """Of the score at which a signal is born."""
+        probability = self.false_births_per_h * self.bits_per_row * self.bit_s / 3600.0
+        return birth_threshold(probability, self.dictionary, self.candidates, self.row_times_s, self.look_s)
+
+    def _replica(self, cycles: Reals) -> Reals:
+        return passed(cycles * self.chips_per_sample)
+
+    def energy(self, cn0_dbhz: float) -> float:
+        """Amplitude squared, in sigmas of a look, of a signal of this strength."""
+        return float(10.0 ** (0.1 * cn0_dbhz) * self.look_s * self.loss)
+
+    def cn0_dbhz(self, mean: Reals) -> Reals:
+        """Strengths (n,) of signals (n, N_STATE)."""
+        energy = mean[..., j.RE] ** 2 + mean[..., j.IM] ** 2
+        return np.asarray(10.0 * np.log10(np.maximum(energy, 1e-9) / (self.look_s * self.loss)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointRow:
+    """A row: signals by name, as the filter has them at the row's middle and as its looks alone show them.
+
+    names : of the n signals, in their order in `filtered` and `alone`. filtered : (n, N_STATE); sigma : (n, N_STATE).
+    alone : white from row to row. score : largest of a further signal. came, went : names.
+    """
+
+    names: tuple[int, ...]
+    filtered: Reals
+    sigma: Reals
+    alone: Row
+    score: float
+    came: tuple[int, ...] = ()
+    went: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointChannel:
+    """What is remembered: the filter at the middle of the last bit, and at that of the last one of the row before; the
+    bits of the row begun; names of the signals.
+    """
+
+    joint: Joint
+    before: Joint
+    names: tuple[int, ...] = (0,)
+    next_name: int = 1
+    wiped: tuple[Complexes, ...] = ()
+    doubtful: int = 0  # rows on end
+
+
+def started(
+    model: JointModel, amplitude: complex, hz: float, *, hz_sigma: float = 2.0, chips_sigma: float = 0.05
+) -> JointChannel:
+    """A channel of one signal, on the replica; its amplitude in sigmas of a look at half a bit before the first one."""
+    mean = np.zeros((1, j.N_STATE))
+    mean[0, j.RE], mean[0, j.IM], mean[0, j.HZ] = amplitude.real, amplitude.imag, hz
+    spread = 0.3 * abs(amplitude) + 1.0
+    variance = np.array([spread, spread, hz_sigma, model.settings.common_hz_s, chips_sigma, 2e-3]) ** 2
+    joint = Joint(mean=mean, covariance=np.diag(variance), settings=model.settings)
+    return JointChannel(joint=joint, before=joint)
+
+
+def bit(model: JointModel, channel: JointChannel, looks: Complexes) -> tuple[JointChannel, JointRow | None]:
+    """One data bit on: looks (n_looks, d), whitened, in sigmas of the noise of one. A row where it is complete."""
+    joint, sign = j.update(
+        j.predict(channel.joint, model.bit_s), looks, model.bit_times_s, model.look_s, model.dictionary
+    )
+    channel = replace(channel, joint=joint, wiped=(*channel.wiped, float(sign) * looks))
+    if len(channel.wiped) < model.bits_per_row:
+        return channel, None
+    return _row(model, channel)
+
+
+def _row(model: JointModel, channel: JointChannel) -> tuple[JointChannel, JointRow]:
+    looks = np.concatenate(channel.wiped)
+    back_s = 0.5 * (model.bits_per_row - 1) * model.bit_s
+    times_s, look_s, dictionary = model.row_times_s, model.look_s, model.dictionary
+    middle = j.carried(channel.joint.mean, -back_s, model.settings.chips_per_cycle)
+    alone = j.fit_row(looks, times_s, look_s, middle, dictionary)
+    score, state = newcomer(looks, times_s, look_s, alone, dictionary, model.candidates)
+    names = channel.names
+    row = JointRow(
+        names=names,
+        filtered=middle,
+        sigma=np.stack([channel.joint.sigma(column) for column in range(j.N_STATE)], axis=-1),
+        alone=alone,
+        score=float(score),
+    )
+    expected = j.carried(channel.before.mean, back_s + model.bit_s, model.settings.chips_per_cycle)
+    channel = replace(channel, wiped=(), before=channel.joint)
+    if score > model.threshold and len(names) < model.most:
+        fitted, holds = born(looks, times_s, look_s, alone, state, dictionary, model.threshold)
+        if holds:
+            fitted = _in_order(fitted, expected)
+            joint = j.predict(_filter_of(fitted, channel.joint), back_s)
+            came = channel.next_name
+            channel = replace(channel, joint=joint, before=joint, names=(*names, came), next_name=came + 1, doubtful=0)
+            return channel, replace(row, came=(came,))
+    return _without_the_lost(channel, row)
+
+
+def _in_order(row: Row, expected: Reals) -> Row:
+    """The row with its signals in the order of those that were expected, the newcomer last.
+
+    A sudden strong newcomer draws the filter of one signal over to itself within a row: what was there before is what
+    the row before foretold.
+    """
+    chips, foretold = row.mean[:, j.CHIPS], expected[:, j.CHIPS]
+    orders = list(permutations(range(chips.size)))
+    off = [float(np.sum(np.abs(chips[list(order[: foretold.size])] - foretold))) for order in orders]
+    order = np.array(orders[int(np.argmin(off))])
+    states = (order[:, None] * j.N_FITTED + np.arange(j.N_FITTED)).ravel()
+    return replace(row, mean=row.mean[order], covariance=row.covariance[np.ix_(states, states)])
+
+
+def _filter_of(row: Row, before: Joint) -> Joint:
+    """A filter that begins with what a row alone shows."""
+    n = row.mean.shape[-2]
+    covariance = np.zeros((n, j.N_STATE, n, j.N_STATE))
+    covariance[:, : j.N_FITTED, :, : j.N_FITTED] = row.covariance.reshape(n, j.N_FITTED, n, j.N_FITTED)
+    for k in range(n):
+        covariance[k, j.CHIPS_S, k, j.CHIPS_S] = 1e-5
+    return replace(before, mean=row.mean, covariance=covariance.reshape(n * j.N_STATE, n * j.N_STATE))
+
+
+def _without_the_lost(channel: JointChannel, row: JointRow) -> tuple[JointChannel, JointRow]:
+    """Give up a signal that has been faint, or not to be told from another, for long enough."""
+    joint, names = channel.joint, channel.names
+    if len(names) == 1:
+        return channel, row
+    is_faint, weakest = faint(joint)
+    if not (is_faint or unresolved(joint)):
+        return replace(channel, doubtful=0), row
+    if channel.doubtful + 1 < LEAVE_ROWS:
+        return replace(channel, doubtful=channel.doubtful + 1), row
+    stay = [k for k in range(len(names)) if k != int(weakest)]
+    states = (np.array(stay)[:, None] * j.N_STATE + np.arange(j.N_STATE)).ravel()
+    mean, covariance = joint.mean[stay], joint.covariance[np.ix_(states, states)].copy()
+    if not is_faint:  # what was there as two goes on as one, which is where their sum is
+        amplitude = mean[0, j.RE] + 1j * mean[0, j.IM] + joint.amplitude[int(weakest)]
+        mean[0, j.RE], mean[0, j.IM] = amplitude.real, amplitude.imag
+        covariance[[0, 1], [0, 1]] += 0.1 * abs(amplitude) ** 2
+    left = tuple(names[k] for k in stay)
+    joint = replace(joint, mean=mean, covariance=covariance)
+    channel = replace(channel, joint=joint, before=joint, names=left, doubtful=0)
+    return channel, replace(row, went=(names[int(weakest)],))
+
+
+def rebased(channel: JointChannel, hz: float, chips: float) -> JointChannel:
+    """The same signals beside a replica that is `hz` higher and `chips` later; between rows."""
+    if channel.wiped:
+        raise ValueError(f"a row of {len(channel.wiped)} bits has begun: the replica stays until it is complete")
+    moved = channel.joint.mean.copy()
+    moved[..., j.HZ] -= hz
+    moved[..., j.CHIPS] -= chips
+    joint = replace(channel.joint, mean=moved)
+    return replace(channel, joint=joint, before=joint)
+
+
+def replica_of(channel: JointChannel) -> tuple[float, float]:
+    """By how much (Hz, chips) the replica is best moved: to the strongest carrier, to the middle of the delays."""
+    mean = channel.joint.mean
+    strongest = int(np.argmax(np.abs(channel.joint.amplitude)))
+    middle = 0.5 * float(mean[:, j.CHIPS].min() + mean[:, j.CHIPS].max())
+    return float(mean[strongest, j.HZ]), middle if math.isfinite(middle) else 0.0
