@@ -298,7 +298,7 @@ def update(
         if np.max(np.abs(step), initial=0.0) < NEAR_CHIPS:
             break
     after = np.linalg.solve(system, p)
-    even: Reals = 0.5 * (after + np.swapaxes(after, -1, -2))
+    even = np.asarray(0.5 * (after + np.swapaxes(after, -1, -2)), np.float64)
     return replace(joint, mean=mean, covariance=even), sign
 
 

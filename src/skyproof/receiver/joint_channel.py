@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Complexes, Reals
 from skyproof.decomposition.fit import Dictionary
-from skyproof.decomposition.shape import code_dictionary, filter_loss, quiet_lags
+from skyproof.decomposition.shape import Filter, code_dictionary, filter_loss, quiet_lags
 from skyproof.gnss.signals import SignalDescription
 from skyproof.receiver import joint as j
 from skyproof.receiver.components import Candidates, birth_threshold, born, faint, newcomer, unresolved
@@ -36,6 +36,8 @@ class JointModel:
     """What does not change while a satellite is followed.
 
     code : (n,) of +1 and -1. false_births_per_h : of a channel on clean sky. most : signals at once.
+    low_pass : amplitude that the replica keeps at frequencies in cycles a sample, nothing from half a cycle on.
+    front_end : likewise of the samples; None where they hold all that the replica lets through.
     """
 
     signal: SignalDescription
@@ -46,6 +48,8 @@ class JointModel:
     false_births_per_h: float = 0.01
     most: int = 2
     settings: JointSettings = field(default_factory=JointSettings)
+    low_pass: Filter = passed
+    front_end: Filter | None = None
 
     @property
     def look_s(self) -> float:
@@ -61,13 +65,13 @@ class JointModel:
     def bit_times_s(self) -> Reals:
         """Of the looks of a bit, about its middle."""
         n = self.signal.periods_per_symbol // self.periods_per_look
-        return (np.arange(n) + 0.5) * self.look_s - 0.5 * self.bit_s
+        return np.asarray((np.arange(n) + 0.5) * self.look_s - 0.5 * self.bit_s, np.float64)
 
     @cached_property
     def row_times_s(self) -> Reals:
         """Of the looks of a row, about its middle."""
         n = self.bits_per_row * self.bit_times_s.size
-        return (np.arange(n) + 0.5) * self.look_s - 0.5 * self.bits_per_row * self.bit_s
+        return np.asarray((np.arange(n) + 0.5) * self.look_s - 0.5 * self.bits_per_row * self.bit_s, np.float64)
 
     @property
     def chips_per_sample(self) -> float:
@@ -93,8 +97,9 @@ class JointModel:
         """Of the taps that show signals."""
         return code_dictionary(
             self.code,
-            self.taps_chips[:-QUIET_TAPS],
+            self.taps_chips[:-QUIET_TAPS].tolist(),
             self._replica,
+            None if self.front_end is None else self._front_end,
             band_cycles=self.band_cycles,
             window_chips=WINDOW_CHIPS,
         )
@@ -116,7 +121,11 @@ class JointModel:
         return birth_threshold(probability, self.dictionary, self.candidates, self.row_times_s, self.look_s)
 
     def _replica(self, cycles: Reals) -> Reals:
-        return passed(cycles * self.chips_per_sample)
+        return self.low_pass(cycles * self.chips_per_sample)
+
+    def _front_end(self, cycles: Reals) -> Reals:
+        assert self.front_end is not None
+        return self.front_end(cycles * self.chips_per_sample)
 
     def energy(self, cn0_dbhz: float) -> float:
         """Amplitude squared, in sigmas of a look, of a signal of this strength."""

@@ -96,7 +96,7 @@ class JointTracker:
     def __post_init__(self) -> None:
         model, reach = self.model, float(np.max(np.abs(self.model.taps_chips))) + 2.0
         n = math.ceil(model.rate_hz * model.signal.period_s) + 64
-        table = code_table(model.code, model.chips_per_sample, CODE_PHASES, n, reach)
+        table = code_table(model.code, model.chips_per_sample, CODE_PHASES, n, reach, model.low_pass)
         object.__setattr__(self, "_table", table)
         object.__setattr__(self, "_pad", table_pad(model.chips_per_sample, reach))
 
