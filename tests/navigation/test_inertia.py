@@ -159,7 +159,7 @@ def test_a_run_ends_where_its_errors_are_too_large_for_the_model():
     states, run = coast(begin(start, grade), series, grade)
     assert run is None
     assert 1.0 < (states.gpst[-1] - GPS_EPOCH) / np.timedelta64(1, "s") < 5.0
-    turns, run = coast(begin(start, grade), series, grade, attitude_only=True)
+    turns, run = coast(begin(start, grade), series, grade, tilt_most_rad=np.inf, turn_most_rad=TURN_MOST_RAD)
     assert run is None
     sigma = np.sqrt(np.linalg.eigvalsh(turns.covariance[-1, 6:, 6:])[-1])
     assert 0.9 * TURN_MOST_RAD < sigma < TURN_MOST_RAD

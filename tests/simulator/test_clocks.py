@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from skyproof.errors import ScenarioError
-from skyproof.simulator.clocks import BLOCK, LEAD_S, OSCILLATORS, STEP_S, Clock, Oscillator, clock
+from skyproof.gnss.oscillators import OSCILLATORS, Oscillator
+from skyproof.simulator.clocks import BLOCK, LEAD_S, STEP_S, Clock, clock
 from skyproof.statistics.allan import allan_deviation
 
 TCXO = clock("tcxo", 1e-4, 2e-6, seed=5, duration_s=40.0)

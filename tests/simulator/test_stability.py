@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.simulator.clocks import OSCILLATORS
+from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.simulator.stability import Stability, clock_stability, imu_stability
 
 

@@ -14,13 +14,14 @@ distance, measured on the readings around, velocity and angle gain a variance of
 it is, for a random walk six times too much. A longer gap ends the run.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skyproof.arrays import Booleans, Indices, Instants, Integers, Reals
+from skyproof.arrays import Indices, Instants, Integers, Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.imu_grades import ImuGrade
@@ -30,7 +31,17 @@ from skyproof.navigation.nav_state import state_at
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import ImuSeries, NavState
 
-__all__ = ["GAP_S", "TILT_MOST_RAD", "TURN_MOST_RAD", "FreeRun", "apparent_tilt_rad", "begin", "coast", "moved"]
+__all__ = [
+    "GAP_S",
+    "TILT_MOST_RAD",
+    "TURN_MOST_RAD",
+    "FreeRun",
+    "apparent_tilt_rad",
+    "begin",
+    "coast",
+    "moved",
+    "turn_and_tilt",
+]
 
 GAP_S: Final = 1.0
 TILT_MOST_RAD: Final = np.radians(1.5)
@@ -45,11 +56,14 @@ _EARTH_RAD_S: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 class FreeRun:
     """A free-running navigator at one instant.
 
-    state : one row, of the unit (not the antenna). covariance : (21, 21) as `ins_errors` has its states.
+    state : one row, of the unit (not the antenna). covariance : (21 + k, 21 + k) as `ins_errors` has its states, and k
+        more of whoever runs it.
+    last : (2, 3) specific force and angular rate of the last reading, None before the first.
     """
 
     state: NavState
     covariance: Reals
+    last: Reals | None = None
 
 
 def begin(start: NavState, grade: ImuGrade) -> FreeRun:
@@ -59,14 +73,20 @@ def begin(start: NavState, grade: ImuGrade) -> FreeRun:
     state = _row(start, -1)
     covariance = start_covariance(grade)
     covariance[:9, :9] = start.covariance[-1]
-    turn2, tilt2 = _turn_and_tilt(state, covariance[None])
+    turn2, tilt2 = turn_and_tilt(state, covariance[None])
     gravity = float(np.linalg.norm(gravity_ecef_m_s2(state.position_ecef_m[0])))
     covariance[_BIAS, _BIAS] += 2.0 * gravity**2 * float(tilt2[0] * turn2[0])
     return FreeRun(state=state, covariance=covariance)
 
 
 def coast(
-    run: FreeRun, readings: ImuSeries, grade: ImuGrade, *, attitude_only: bool = False
+    run: FreeRun,
+    readings: ImuSeries,
+    grade: ImuGrade,
+    *,
+    tilt_most_rad: float = TILT_MOST_RAD,
+    turn_most_rad: float = np.inf,
+    further: Callable[[float], tuple[Reals, Reals]] | None = None,
 ) -> tuple[NavState, FreeRun | None]:
     """The unit's states (n + 1) from the run's instant on, after each reading later than that; and the run at the end.
 
@@ -74,34 +94,35 @@ def coast(
     run's instant and the first reading, and where the covariance becomes too large to be true, the states end, and
     there is no run any more.
 
-    attitude_only : position and velocity are of no account; the run lasts longer.
+    tilt_most_rad, turn_most_rad : one sigma at which the states end, of angles about level axes and about any. Where
+        position and velocity are of no account, only the latter, of `TURN_MOST_RAD`, matters.
+    further : of k more states, as in `error_covariance`.
     """
     whole = _filled(readings, run.state.gpst[-1])
-    path = _path(run.state, whole)
+    path = _path(run, whole)
     every = max(int(_KNOT_S / readings.interval_s), 1)
     knots = np.unique(np.append(np.arange(0, path.gpst.size, every), path.gpst.size - 1))
     if knots.size == 1:
         return path, None if whole.broken else run
     most_s = 2.0 * max(_KNOT_S, readings.interval_s)  # labels scatter
     sums = np.add.reduceat(whole.extra, knots[:-1])
-    covariance = error_covariance(_rows(path, knots), grade, run.covariance, extra=sums, most_s=most_s)
-    good = int(np.argmin(np.append(_holds(_rows(path, knots), covariance, attitude_only), False)))
+    covariance = error_covariance(_rows(path, knots), grade, run.covariance, extra=sums, most_s=most_s, further=further)
+    turn2, tilt2 = turn_and_tilt(_rows(path, knots), covariance)
+    holds = (tilt2 < tilt_most_rad**2) & (turn2 < turn_most_rad**2)
+    good = int(np.argmin(np.append(holds, False)))
     if good < knots.size:
         knots, covariance = knots[: max(good, 1)], covariance[: max(good, 1)]
         path = _rows(path, np.arange(knots[-1] + 1))
     between = state_at(_rows(path, knots, covariance[:, :9, :9]), path.gpst)
     states = replace(path, covariance=between.covariance)
     ended = whole.broken or good < len(sums) + 1
-    return states, None if ended else FreeRun(state=_row(states, -1), covariance=covariance[-1])
+    if ended:
+        return states, None
+    last = np.stack((whole.force[-1], whole.rate[-1]))
+    return states, FreeRun(state=_row(states, -1), covariance=covariance[-1], last=last)
 
 
-def _holds(path: NavState, covariance: Reals, attitude_only: bool) -> Booleans:
-    """At which of the states (n,) errors are small enough for the linear model."""
-    turn2, tilt2 = _turn_and_tilt(path, covariance)
-    return np.asarray(turn2 < TURN_MOST_RAD**2 if attitude_only else tilt2 < TILT_MOST_RAD**2)
-
-
-def _turn_and_tilt(path: NavState, covariance: Reals) -> tuple[Reals, Reals]:
+def turn_and_tilt(path: NavState, covariance: Reals) -> tuple[Reals, Reals]:
     """Largest variances (n,) of the angles about any axis and about any level one."""
     turn = covariance[:, 6:9, 6:9]
     up = path.position_ecef_m / np.linalg.norm(path.position_ecef_m, axis=1, keepdims=True)
@@ -171,15 +192,23 @@ def _difference2(values: Reals, distance: int) -> float:
     return float(np.max(np.mean((values[distance:] - values[:-distance]) ** 2, axis=0)))
 
 
-def _path(start: NavState, whole: _Filled) -> NavState:
+def _path(run: FreeRun, whole: _Filled) -> NavState:
     """States from the start on, without covariance. The first reading may reach back before it."""
+    start, before = run.state, run.last
     places, speeds, attitudes = [start.position_ecef_m[-1:]], [start.velocity_ecef_m_s[-1:]], [start.attitude[-1:]]
     n, first = len(whole.force), abs(whole.first_s - whole.interval_s) > 1e-3 * whole.interval_s
     for rows, interval_s in ((slice(0, first), whole.first_s), (slice(first, n), whole.interval_s)):
         if rows.stop > rows.start and n:
             path = strapdown_paths(
-                places[-1][-1], speeds[-1][-1], attitudes[-1][-1], whole.force[rows], whole.rate[rows], interval_s
+                places[-1][-1],
+                speeds[-1][-1],
+                attitudes[-1][-1],
+                whole.force[rows],
+                whole.rate[rows],
+                interval_s,
+                before=before,
             )
+            before = np.stack((whole.force[rows][-1], whole.rate[rows][-1]))
             for parts, part in zip((places, speeds, attitudes), path, strict=True):
                 parts.append(part[1:])
     return NavState(

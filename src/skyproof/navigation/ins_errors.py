@@ -13,6 +13,7 @@ The paper on decomposition (Ahmed, Khanafseh, Pervan) takes the figures of its t
 and the bias that comes anew with each turn-on make most of the drift, and stand in `start_covariance`.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -27,7 +28,16 @@ from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import seconds_between
 from skyproof.records import NavState
 
-__all__ = ["STATES", "error_covariance", "restarted", "skew", "start_covariance", "updated", "with_covariance"]
+__all__ = [
+    "STATES",
+    "error_covariance",
+    "restarted",
+    "skew",
+    "start_covariance",
+    "transitions",
+    "updated",
+    "with_covariance",
+]
 
 STATES: Final = 21
 _VELOCITY_AND_TILT: Final = np.arange(3, 9)
@@ -51,35 +61,59 @@ def start_covariance(
 
 
 def error_covariance(
-    path: NavState, grade: ImuGrade, start: ArrayLike, *, most_s: float = 1.0, extra: ArrayLike | None = None
+    path: NavState,
+    grade: ImuGrade,
+    start: ArrayLike,
+    *,
+    most_s: float = 1.0,
+    extra: ArrayLike | None = None,
+    further: Callable[[float], tuple[Reals, Reals]] | None = None,
 ) -> Reals:
-    """The covariance (n, 21, 21) at each time of `path` (n,), from `start` (21, 21) at its first.
+    """The covariance (n, 21 + k, 21 + k) at each time of `path` (n,), from `start` (21 + k, 21 + k) at its first.
 
     path : the navigator's, or a true one nearby. Its states should be at most `most_s` apart; where they are closer,
         the model is still stepped at every one, which costs time and nothing else. Force and attitude are taken as
         even between states.
     extra : (n - 1, 2) variances of an axis of velocity and of attitude that each step has beyond the model's.
+    further : transition and noise (k, k) over a time in s of k more states, which the navigator's do not drive.
     """
+    step, added = transitions(path, grade, most_s=most_s)
     steps_s = seconds_between(path.gpst[1:], path.gpst[:-1])
-    if np.any(steps_s <= 0.0) or np.any(steps_s > most_s * (1.0 + 1e-9)):
-        raise ValueError(f"path: steps from {steps_s.min():g} to {steps_s.max():g} s, expected above 0 to {most_s:g}")
-    rates, noise = _rates(path, grade), _noise(grade)
-    covariance = np.empty((path.gpst.size, STATES, STATES))
-    covariance[0] = np.asarray(start, np.float64)
-    # Van Loan, IEEE Trans. Automatic Control 23(3), 1978: both integrals from one exponential.
-    block = np.zeros((len(rates), 2 * STATES, 2 * STATES))
-    block[:, :STATES, :STATES] = -rates
-    block[:, :STATES, STATES:] = noise
-    block[:, STATES:, STATES:] = np.swapaxes(rates, -1, -2)
-    powers = _exponential(block * steps_s[:, None, None])
-    step = np.swapaxes(powers[:, STATES:, STATES:], -1, -2)
-    added = step @ powers[:, :STATES, STATES:]
-    for k in range(len(rates)):
-        after = step[k] @ covariance[k] @ step[k].T + added[k]
+    start = np.asarray(start, np.float64)
+    covariance = np.empty((path.gpst.size, *start.shape))
+    covariance[0] = start
+    for k in range(len(step)):
+        moves, noises = step[k], added[k]
+        if further is not None:
+            moves, noises = (
+                linalg.block_diag(*pair) for pair in zip((moves, noises), further(steps_s[k]), strict=True)
+            )
+        after = moves @ covariance[k] @ moves.T + noises
         if extra is not None:
             after[_VELOCITY_AND_TILT, _VELOCITY_AND_TILT] += np.repeat(np.asarray(extra)[k], 3)
         covariance[k + 1] = 0.5 * (after + after.T)
     return covariance
+
+
+def transitions(path: NavState, grade: ImuGrade, *, most_s: float = 1.0) -> tuple[Reals, Reals]:
+    """How errors go on from each state of `path` (n,) to the next, and the noise that comes to them: (n - 1, 21, 21).
+
+    Raises
+    ------
+    ValueError : steps longer than `most_s`.
+    """
+    steps_s = seconds_between(path.gpst[1:], path.gpst[:-1])
+    if np.any(steps_s <= 0.0) or np.any(steps_s > most_s * (1.0 + 1e-9)):
+        raise ValueError(f"path: steps from {steps_s.min():g} to {steps_s.max():g} s, expected above 0 to {most_s:g}")
+    rates = _rates(path, grade)
+    # Van Loan, IEEE Trans. Automatic Control 23(3), 1978: both integrals from one exponential.
+    block = np.zeros((len(rates), 2 * STATES, 2 * STATES))
+    block[:, :STATES, :STATES] = -rates
+    block[:, :STATES, STATES:] = _noise(grade)
+    block[:, STATES:, STATES:] = np.swapaxes(rates, -1, -2)
+    powers = _exponential(block * steps_s[:, None, None])
+    step = np.swapaxes(powers[:, STATES:, STATES:], -1, -2)
+    return step, step @ powers[:, :STATES, STATES:]
 
 
 def with_covariance(path: NavState, covariance: Reals) -> NavState:

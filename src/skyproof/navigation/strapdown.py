@@ -150,9 +150,7 @@ def _advance(  # type: ignore[no-untyped-def]
 def strapdown(start: NavState, readings: ImuSeries) -> NavState:
     """States (n + 1) from the last of `start` on: that one, then after each of the n readings.
 
-    The unit sits at the body's origin. The first reading's interval begins at `start`, and no reading is missing. Each
-    piece of a run in pieces takes its own first interval for the one before, which is what the whole run does at its
-    begin; elsewhere it costs one correction for turning.
+    The unit sits at the body's origin. The first reading's interval begins at `start`, and no reading is missing.
     """
     path = strapdown_paths(
         start.position_ecef_m[-1],
@@ -174,11 +172,14 @@ def strapdown_paths(
     angular_rate_rad_s: ArrayLike,
     interval_s: float,
     *,
+    before: ArrayLike | None = None,
     gravity_reach_m: float = _GRAVITY_REACH_M,
 ) -> tuple[Reals, Reals, Reals]:
     """Position and velocity (..., n + 1, 3) and attitude (..., n + 1, 3, 3) from the start on, of many units at once.
 
     Starts (..., 3), (..., 3) and (..., 3, 3); readings (..., n, 3); they broadcast.
+    before : (..., 2, 3) specific force and angular rate of the reading before the first, by which pieces of a run are
+        the whole run; without it the first is taken for it, which costs one correction for turning.
     gravity_reach_m : gravity is linear within this; its error grows with the square, and 233 s make 9 mm of 2 km.
     """
     speed = np.asarray(specific_force_m_s2, np.float64) * interval_s
@@ -193,10 +194,13 @@ def strapdown_paths(
     attitudes = np.empty((*shape, n + 1, 3, 3))
     places[..., 0, :], speeds[..., 0, :], attitudes[..., 0, :, :] = begin[0], begin[1], turned
     speed, angle = np.broadcast_to(speed, (*shape, n, 3)), np.broadcast_to(angle, (*shape, n, 3))
+    first = np.stack((speed[..., 0, :], angle[..., 0, :]), axis=-2) if n else np.zeros((*shape, 2, 3))
+    last = first if before is None else np.broadcast_to(interval_s * np.asarray(before, np.float64), first.shape)
     for unit in np.ndindex(shape if n else (0,)):
         _one_path(
             np.ascontiguousarray(angle[unit]),
             np.ascontiguousarray(speed[unit]),
+            last[unit],
             interval_s,
             gravity_reach_m,
             places[unit],
@@ -207,11 +211,18 @@ def strapdown_paths(
 
 
 def _one_path(
-    angle: Reals, speed: Reals, interval_s: float, reach_m: float, places: Reals, speeds: Reals, attitudes: Reals
+    angle: Reals,
+    speed: Reals,
+    last: Reals,
+    interval_s: float,
+    reach_m: float,
+    places: Reals,
+    speeds: Reals,
+    attitudes: Reals,
 ) -> None:
     """Fill places, speeds (n + 1, 3) and attitudes (n + 1, 3, 3) from their first on; gravity anew where needed."""
     position, velocity, attitude = places[0].copy(), speeds[0].copy(), attitudes[0].copy()
-    last_angle, last_speed = angle[0].copy(), speed[0].copy()
+    last_speed, last_angle = last.copy()
     done, n = 0, len(angle)
     while done < n:
         ahead_s = min(0.9 * reach_m / (1e-9 + float(np.linalg.norm(velocity))), (n - done) * interval_s)

@@ -25,9 +25,10 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
+from skyproof.gnss.oscillators import OSCILLATORS, Oscillator
 from skyproof.statistics.gauss_markov import gauss_markov_path, gauss_markov_step
 
-__all__ = ["LEAD_S", "OSCILLATORS", "Clock", "Oscillator", "clock"]
+__all__ = ["LEAD_S", "Clock", "clock"]
 
 STEP_S = 1.0 / 256.0
 """Of the knots: as long as the samples' chunks of straight phase at their longest, and exact in binary."""
@@ -39,48 +40,6 @@ _LEAD_BLOCKS = 2  # before zero; the first serves as a neighbour only
 _STREAM = 0x636C6F636B  # sets the clock's random numbers apart from others of the same seed
 _FLICKER_S = 10.0 ** np.arange(-2.0, 5.0)  # correlation times
 _ROUNDS = 6  # of the inversion; each shrinks the error by the drift, 1e-3 at most
-
-
-@dataclass(frozen=True, kw_only=True)
-class Oscillator:
-    """Power-law densities of the fractional frequency, one-sided: S(f) = h0 + h_1 / f + h_2 / f^2.
-
-    white_s : h0 in s; flicker : h-1, without unit; walk_hz : h-2 in 1/s.
-    """
-
-    white_s: float = 0.0
-    flicker: float = 0.0
-    walk_hz: float = 0.0
-    source: str = ""
-
-    def allan_deviation(self, tau_s: ArrayLike) -> Reals:
-        """By theory, at averaging times of any shape (NIST SP 1065, table 3)."""
-        tau_s = np.asarray(tau_s, np.float64)
-        return np.asarray(
-            np.sqrt(
-                0.5 * self.white_s / tau_s
-                + 2.0 * np.log(2.0) * self.flicker
-                + 2.0 / 3.0 * np.pi**2 * self.walk_hz * tau_s
-            )
-        )
-
-
-_BROWN_HWANG = "Brown and Hwang, Introduction to Random Signals and Applied Kalman Filtering, 4th ed., table 9.3"
-OSCILLATORS: dict[str, Oscillator] = {
-    "perfect": Oscillator(source="no noise"),
-    "tcxo": Oscillator(white_s=2e-19, flicker=7e-21, walk_hz=2e-20, source=f"{_BROWN_HWANG}, low quality"),
-    "tcxo-good": Oscillator(white_s=2e-21, flicker=1e-22, walk_hz=3e-24, source=f"{_BROWN_HWANG}, high quality"),
-    "ocxo": Oscillator(white_s=2e-25, flicker=7e-25, walk_hz=6e-25, source=_BROWN_HWANG),
-    "rubidium": Oscillator(white_s=2e-22, flicker=4.5e-26, walk_hz=1e-30, source=_BROWN_HWANG),
-    "caesium": Oscillator(white_s=2e-22, flicker=5e-27, walk_hz=1.5e-33, source=_BROWN_HWANG),
-    "csac": Oscillator(
-        white_s=1.8e-19,
-        flicker=7e-24,
-        source="limits of a chip-scale atomic clock's data sheet (Microchip SA.45s): Allan deviation 3e-10 at 1 s, "
-        "1e-11 at 1000 s, of which the flicker takes what the white noise leaves; it says nothing of a random walk",
-    ),
-}
-"""By class. Typical values: single oscillators of one class differ by factors of several."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

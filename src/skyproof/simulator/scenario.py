@@ -15,8 +15,8 @@ from skyproof.errors import InputError, ScenarioError, shortened
 from skyproof.formats.documents import read_toml
 from skyproof.formats.models import Instant, Model, Name, faults_of
 from skyproof.gnss.imu_grades import GRADES
+from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.simulator.attacks import Attack, Interference, Meaconer, Spoofer, Takeover, TransmitAntenna
-from skyproof.simulator.clocks import OSCILLATORS
 from skyproof.simulator.sites import Place, SatName, Site
 
 __all__ = [

@@ -10,8 +10,9 @@ import scipy
 
 from skyproof.arrays import Reals
 from skyproof.gnss.imu_grades import GRADES
+from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.records import freeze
-from skyproof.simulator.clocks import OSCILLATORS, STEP_S, clock
+from skyproof.simulator.clocks import STEP_S, clock
 from skyproof.simulator.inertial import (
     BLOCK,
     ImuErrors,

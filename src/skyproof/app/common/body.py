@@ -240,7 +240,11 @@ def _turned(body: Body, records: Records, carried: Carried, shown: list[Reals]) 
         end_gpst = min(run.state.gpst[0] + np.timedelta64(round(_PIECE_S * 1e9), "ns"), last_gpst)
         at_rest = replace(run.state, position_ecef_m=begun[None], velocity_ecef_m_s=np.zeros((1, 3)))
         path, run = coast(
-            replace(run, state=at_rest), _between(readings, run.state.gpst[0], end_gpst), grade, attitude_only=True
+            replace(run, state=at_rest),
+            _between(readings, run.state.gpst[0], end_gpst),
+            grade,
+            tilt_most_rad=np.inf,
+            turn_most_rad=TURN_MOST_RAD,
         )
         if path.gpst[-1] > records.start_gpst:
             paths.append(path)

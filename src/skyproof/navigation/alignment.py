@@ -1,0 +1,297 @@
+"""The attitude at the start of an inertial navigator: of a body that stands, or from fixes while it moves.
+
+Both find a rough attitude first, and then the likeliest errors of it by all measurements at once, from a start that
+claims nothing of the attitude (90 degrees about each axis), three times over, each about the attitude and biases that
+the one before found (Gauss-Newton). So what the rough attitude takes from the same readings is not counted twice, the
+covariance has the correlation of tilt and accelerometer biases in it, and no early measurement turns the axes about
+which later ones are linear, as it would in a filter whose attitude is open.
+
+- Standing: gravity gives the vertical, a stated heading or the Earth's turn in the gyros (gyrocompassing) the heading.
+- In motion: velocities from fixes against the specific force, summed up between fixes along the gyros' turn (Wu and
+  Pan, "Velocity/position integration formula, part I: application to in-flight coarse alignment", IEEE Trans. Aerospace
+  and Electronic Systems 49(2), 2013), solved for the one rotation between the two by singular values (Markley, J.
+  Astronautical Sciences 36(3), 1988). How body and course are turned to each other is of no account. What shows the
+  heading is that the velocity changes: straight and even motion has none, and gets no alignment.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy import linalg
+
+from skyproof.arrays import Indices, Reals
+from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
+from skyproof.gnss.frames import attitude_ecef, geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.time import seconds_between
+from skyproof.navigation.inertia import FreeRun
+from skyproof.navigation.ins import (
+    ATTITUDE,
+    SIZE,
+    InsSettings,
+    InsState,
+    Measurement,
+    begin,
+    corrected,
+    put_right,
+)
+from skyproof.navigation.ins_errors import STATES, transitions, updated
+from skyproof.navigation.ins_updates import by_fix, by_gravity, by_heading, by_rest
+from skyproof.navigation.known import Known, known
+from skyproof.navigation.strapdown import strapdown, strapdown_paths
+from skyproof.records import ImuSeries, NavState
+from skyproof.statistics.distributions import chi_square_survival
+
+__all__ = ["Alignment", "align_moving", "align_standing", "heading_sigma_rad"]
+
+_OPEN_RAD: Final = np.pi / 2.0
+_OPEN_M: Final = 1e3
+_OPEN_M_S: Final = 1e2
+_ROUNDS: Final = 3
+_KNOT_S: Final = 0.5  # between covariances
+_HOLE: Final = 1.5  # intervals between readings: more, and one is missing
+_SPIN: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Alignment:
+    """What an alignment found: the state at its end, or None and why not.
+
+    heading_sigma_rad : infinite where nothing was found. p_value : of how the corrections fitted, of all together.
+    """
+
+    state: InsState | None
+    heading_sigma_rad: float
+    p_value: float
+    because: str = ""
+
+
+def heading_sigma_rad(state: InsState) -> float:
+    """One sigma of a turn about the vertical."""
+    up = rot_enu_ecef(*geodetic_from_ecef(state.position_ecef_m)[:2])[2]
+    return float(np.sqrt(up @ state.covariance[ATTITUDE, ATTITUDE] @ up))
+
+
+def align_standing(
+    readings: ImuSeries,
+    place: Known,
+    settings: InsSettings,
+    *,
+    heading_rad: float | None = None,
+    heading_sigma: float = 0.0,
+    heading_most_rad: float = np.radians(5.0),
+) -> Alignment:
+    """Level a body that stands over all of `readings`, with a heading that is given or by gyrocompassing.
+
+    place : of the antenna, as a fix of it. heading_sigma : of the given heading, in rad. heading_most_rad : one sigma;
+    where the gyros cannot do that, nothing is found.
+    """
+    grade, rest_s = settings.grade, readings.gpst.size * readings.interval_s
+    force, rate = readings.specific_force_m_s2.mean(axis=0), readings.angular_rate_rad_s.mean(axis=0)
+    slow, left = _slow_in_mean(rest_s / grade.correlation_s)
+    force_sigma, rate_sigma = (
+        float(np.hypot(walk / np.sqrt(rest_s), left * instability))
+        for walk, instability in (
+            (grade.velocity_random_walk_m_s_rts, grade.accelerometer_instability_m_s2),
+            (grade.angular_random_walk_rad_rts, grade.gyro_instability_rad_s),
+        )
+    )
+    gravity = gravity_ecef_m_s2(place.mean[0:3])
+    if heading_rad is None:
+        rough = _rotation(np.stack((-gravity, np.cross(gravity, _SPIN))), np.stack((force, np.cross(-force, rate))))
+    else:
+        pitch_rad = np.arctan2(force[0], np.hypot(force[1], force[2]))
+        rough = attitude_ecef(place.mean[0:3], heading_rad, pitch_rad, np.arctan2(-force[1], -force[2]))
+    # A heading that is off turns the tilt that an accelerometer's bias makes, which is not linear: taken for noise.
+    up = force / np.linalg.norm(force)
+    level, turned_m_s2 = np.eye(3) - np.outer(up, up), 0.0
+    for _ in range(_ROUNDS):
+        begun = begin(_start(readings.gpst[-1], place, np.zeros(3), rough, settings), settings)
+        seen = [
+            by_gravity(begun, force, force_sigma**2 * np.eye(3) + turned_m_s2**2 * level, slow=slow),
+            by_rest(begun, rate, rate_sigma, slow=slow),
+            by_fix(begun, replace(place, gpst=begun.gpst), settings),
+        ]
+        if heading_rad is not None:
+            seen.append(by_heading(begun, heading_rad, heading_sigma))
+        state, fit = corrected(begun, _together(seen))
+        rough = state.attitude
+        turned_m_s2 = heading_sigma_rad(state) * np.hypot(
+            grade.accelerometer_repeatability_m_s2, grade.accelerometer_instability_m_s2
+        )
+    return _judged(
+        state, fit.p_value, heading_most_rad, "the gyros are not good enough to find north; give the heading"
+    )
+
+
+def _slow_in_mean(span: float) -> tuple[float, float]:
+    """What the mean of a Gauss-Markov process over a span has of its last value, and the rest's standard deviation, of
+    its own as unit; the span in correlation times."""
+    share = -np.expm1(-span) / span
+    mean2 = 2.0 * (span + np.expm1(-span)) / span**2
+    return float(share), float(np.sqrt(max(mean2 - share**2, 0.0)))
+
+
+def _together(parts: Sequence[Measurement]) -> Measurement:
+    """Independent measurements as one, all linear about the same state."""
+    return Measurement(
+        innovation=np.concatenate([part.innovation for part in parts]),
+        sensitivity=np.concatenate([part.sensitivity for part in parts]),
+        noise=linalg.block_diag(*(part.noise for part in parts)),
+    )
+
+
+def align_moving(
+    readings: ImuSeries, fixes: Sequence[Known], settings: InsSettings, *, heading_most_rad: float = np.radians(10.0)
+) -> Alignment:
+    """Align by fixes with velocity of a body that speeds up, brakes or turns on its way; the state is at the last
+    reading before the last fix.
+
+    readings : over all of the fixes without a gap. heading_most_rad : one sigma; where the motion does not show the
+    heading so well, nothing is found: wait for more.
+    """
+    fixes = [_of_motion(fix) for fix in fixes if fix.there.size >= 6]
+    fixes = [fix for fix in fixes if readings.gpst[0] <= fix.gpst <= readings.gpst[-1]]
+    if len(fixes) < 3:
+        return _nothing("fewer than three fixes with velocity")
+    first_gpst = readings.gpst[np.searchsorted(readings.gpst, fixes[0].gpst, side="right") - 1]
+    within = _until(readings, first_gpst, fixes[-1].gpst)
+    if np.diff(seconds_between(within.gpst, first_gpst), prepend=0.0).max() > _HOLE * readings.interval_s:
+        return _nothing("readings are missing")
+    bias, place_ecef_m = np.zeros(12), fixes[0].mean[0:3]
+    rough = _by_velocities(within, _turned(within, place_ecef_m, bias[3:6]), fixes)
+    for _ in range(_ROUNDS):
+        start = _start(first_gpst, fixes[0], fixes[0].mean[3:6], rough, settings)
+        state, nis, dof = _batch(start, within, fixes, bias, settings)
+        bias = state.bias
+        rough = state.attitude @ _turned(within, place_ecef_m, state.gyro_bias_rad_s)[-1].T
+    p_value = float(chi_square_survival(nis, dof))
+    return _judged(state, p_value, heading_most_rad, "the motion does not show the heading yet")
+
+
+def _batch(
+    start: NavState, readings: ImuSeries, fixes: Sequence[Known], bias: Reals, settings: InsSettings
+) -> tuple[InsState, float, int]:
+    """The state at the last reading by all fixes, linear about the path from a rough start and biases (12,) on that
+    nothing corrects; and the sum of squares of what came unexpected, with its degrees."""
+    right = replace(
+        readings,
+        specific_force_m_s2=readings.specific_force_m_s2 - bias[0:3] - bias[6:9],
+        angular_rate_rad_s=readings.angular_rate_rad_s - bias[3:6] - bias[9:12],
+    )
+    path = strapdown(start, right)
+    rows = np.searchsorted(path.gpst, np.array([fix.gpst for fix in fixes]), side="right") - 1
+    every = max(int(_KNOT_S / readings.interval_s), 1)
+    knots = np.unique(np.concatenate((np.arange(0, path.gpst.size, every), rows, [path.gpst.size - 1])))
+    steps, noises = transitions(_rows(path, knots), settings.grade, most_s=2.0 * max(_KNOT_S, readings.interval_s))
+    wrong, covariance, nis, dof = np.zeros(SIZE), begin(start, settings).covariance, 0.0, 0
+    wrong[9:STATES] = -bias  # before, all biases were expected to be nothing
+    for number, knot in enumerate(knots):
+        if number:
+            moves, noise = np.eye(SIZE), np.zeros((SIZE, SIZE))
+            moves[:STATES, :STATES], noise[:STATES, :STATES] = steps[number - 1], noises[number - 1]
+            wrong, covariance = moves @ wrong, moves @ covariance @ moves.T + noise
+        last = np.stack((right.specific_force_m_s2[max(knot - 1, 0)], right.angular_rate_rad_s[max(knot - 1, 0)]))
+        state = InsState(
+            run=FreeRun(state=_rows(path, np.array([knot])), covariance=covariance, last=last),
+            bias=bias,
+            clock_m=np.zeros(2),
+            lasting_m=np.zeros(4),
+        )
+        for fix in (fixes[int(k)] for k in np.flatnonzero(rows == knot)):
+            seen = by_fix(state, fix, settings)
+            unexpected = seen.innovation - seen.sensitivity @ wrong
+            spread = seen.sensitivity @ covariance @ seen.sensitivity.T + seen.noise
+            nis, dof = nis + float(unexpected @ np.linalg.solve(spread, unexpected)), dof + unexpected.size
+            more, covariance = updated(covariance, seen.sensitivity, seen.noise, unexpected)
+            wrong = wrong + more
+    return put_right(state, wrong, covariance), nis, dof
+
+
+def _of_motion(fix: Known) -> Known:
+    """Position and velocity of a fix."""
+    return known(
+        fix.gpst,
+        position_ecef_m=fix.mean[0:3],
+        position_m2=fix.covariance[0:3, 0:3],
+        velocity_ecef_m_s=fix.mean[3:6],
+        velocity_m2_s2=fix.covariance[3:6, 3:6],
+    )
+
+
+def _nothing(because: str) -> Alignment:
+    return Alignment(state=None, heading_sigma_rad=np.inf, p_value=1.0, because=because)
+
+
+def _until(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
+    """Those later than one instant and no later than the other."""
+    rows = slice(*np.searchsorted(readings.gpst, np.array([start_gpst, end_gpst]), side="right"))
+    return replace(
+        readings,
+        gpst=readings.gpst[rows],
+        specific_force_m_s2=readings.specific_force_m_s2[rows],
+        angular_rate_rad_s=readings.angular_rate_rad_s[rows],
+    )
+
+
+def _turned(readings: ImuSeries, place_ecef_m: Reals, gyro_bias_rad_s: Reals) -> Reals:
+    """Turns (n + 1, 3, 3) from the body's axes at the begin of the readings to those after each; the Earth's own turn,
+    which is about other axes, left in."""
+    return strapdown_paths(
+        place_ecef_m,
+        np.zeros(3),
+        np.eye(3),
+        np.zeros_like(readings.specific_force_m_s2),
+        readings.angular_rate_rad_s - gyro_bias_rad_s,
+        readings.interval_s,
+    )[2]
+
+
+def _by_velocities(readings: ImuSeries, turned: Reals, fixes: Sequence[Known]) -> Reals:
+    """The attitude (3, 3) at the begin of the readings that takes what the unit felt to how the velocities changed."""
+    at_s = seconds_between(np.array([fix.gpst for fix in fixes]), fixes[0].gpst)
+    speeds, places = (np.stack([fix.mean[part] for fix in fixes]) for part in (slice(3, 6), slice(0, 3)))
+    pushes = np.einsum("nij,nj->ni", turned[:-1], readings.specific_force_m_s2) * readings.interval_s
+    rows = np.searchsorted(readings.gpst, np.array([fix.gpst for fix in fixes]), side="right")
+    felt = np.diff(np.concatenate((np.zeros((1, 3)), np.cumsum(pushes, axis=0)))[rows], axis=0)
+    pull = gravity_ecef_m_s2(places[:-1]) - 2.0 * np.cross(_SPIN, speeds[:-1])
+    return _rotation(np.diff(speeds, axis=0) - pull * np.diff(at_s)[:, None], felt)
+
+
+def _rotation(there: Reals, here: Reals) -> Reals:
+    """The rotation (3, 3) that takes vectors `here` (n, 3) nearest to those `there`."""
+    left, _, right = np.linalg.svd(there.T @ here)
+    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+
+
+def _rows(path: NavState, rows: Indices) -> NavState:
+    return NavState(
+        gpst=path.gpst[rows],
+        position_ecef_m=path.position_ecef_m[rows],
+        velocity_ecef_m_s=path.velocity_ecef_m_s[rows],
+        attitude=path.attitude[rows],
+    )
+
+
+def _start(gpst: np.datetime64, place: Known, velocity: Reals, attitude: Reals, settings: InsSettings) -> NavState:
+    """A start near the truth that claims nothing."""
+    return NavState(
+        gpst=np.array([gpst]),
+        position_ecef_m=(place.mean[0:3] - attitude @ settings.lever_m)[None],
+        velocity_ecef_m_s=velocity[None],
+        attitude=attitude[None],
+        covariance=np.diag(np.repeat(np.square([_OPEN_M, _OPEN_M_S, _OPEN_RAD]), 3))[None],
+    )
+
+
+def _judged(state: InsState, p_value: float, heading_most_rad: float, because: str) -> Alignment:
+    sigma_rad = heading_sigma_rad(state)
+    found = sigma_rad <= heading_most_rad
+    return Alignment(
+        state=state if found else None,
+        heading_sigma_rad=sigma_rad,
+        p_value=p_value,
+        because="" if found else f"heading to {np.degrees(sigma_rad):.0f} degrees: {because}",
+    )

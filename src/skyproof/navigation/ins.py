@@ -1,0 +1,292 @@
+"""An inertial navigator that is corrected: position, velocity, attitude, biases of the sensors, and the clock.
+
+Two functions over an explicit state: `step` carries it on over readings (`inertia`: strapdown and its linear errors),
+`corrected` takes in a measurement (`ins_updates` makes them). An error-state filter: the estimates are kept out of the
+covariance's states and put right after each measurement, the attitude by a rotation (Groves, Principles of GNSS,
+Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., 14.1 and 14.2.6).
+
+States are errors, what the navigator has minus truth: the 15 of position, velocity, attitude, accelerometers and gyros,
+with each sensor's bias in its constant and its slow part (21, `ins_errors`: biases are what is left of them in the
+readings); c times clock bias and drift (2); and the lasting error of fixes, of position and c times clock (4): what
+multipath and models leave in every fix for minutes. A filter without it takes a thousand fixes for a thousand
+independent ones and claims a thirtieth of their error.
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import linalg
+from scipy.spatial.transform import Rotation
+
+from skyproof.arrays import Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.imu_grades import ImuGrade
+from skyproof.gnss.oscillators import Oscillator, clock_step
+from skyproof.gnss.time import seconds_between
+from skyproof.navigation.inertia import FreeRun, coast, turn_and_tilt
+from skyproof.navigation.ins_errors import STATES, start_covariance, updated
+from skyproof.records import ImuSeries, NavState
+from skyproof.statistics.distributions import chi_square_survival
+
+__all__ = [
+    "ACCELEROMETER",
+    "ATTITUDE",
+    "CLOCK",
+    "GYRO",
+    "LASTING",
+    "POSITION",
+    "SIZE",
+    "VELOCITY",
+    "Innovation",
+    "InsSettings",
+    "InsState",
+    "Measurement",
+    "begin",
+    "corrected",
+    "put_right",
+    "step",
+]
+
+POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
+ACCELEROMETER, GYRO = (slice(9, 12), slice(15, 18)), (slice(12, 15), slice(18, 21))
+"""Of each sensor the constant and the slow part of the bias."""
+CLOCK, LASTING = slice(STATES, STATES + 2), slice(STATES + 2, STATES + 6)
+SIZE: Final = STATES + 6
+_BIASES = slice(9, STATES)
+_GRAVITY_M_S2: Final = 9.81
+_TURNS_S: Final = 5.0  # our choice: what bodies take to turn
+_OPEN_CLOCK: Final = 1e6, 1e4  # m and m/s: nothing is known
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InsSettings:
+    """What the filter takes for given.
+
+    lever_m : (3,) from the unit to the antenna, body axes.
+    lasting_m2 : (4, 4) covariance of the lasting error of position and c times clock in fixes, ECEF.
+    lasting_s : after which it is another one (`filter_state`: between multipath, a minute, and orbits, hours).
+    tilt_most_rad : one sigma of a tilt beyond which the linear model holds no more, and the state ends.
+    """
+
+    grade: ImuGrade
+    oscillator: Oscillator
+    lever_m: Reals = field(default_factory=lambda: np.zeros(3))
+    lasting_m2: Reals = field(default_factory=lambda: np.zeros((4, 4)))
+    lasting_s: float = 600.0
+    tilt_most_rad: float = np.radians(5.0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InsState:
+    """What is known at one instant.
+
+    run : the unit's state, and the covariance (27, 27) of all errors.
+    bias : (12,) of the sensors, in their covariance's order: constant of accelerometers and gyros, then slow.
+    clock_m : (2,) c times bias and drift. lasting_m : (4,) what a fix there and then has more than truth.
+    """
+
+    run: FreeRun
+    bias: Reals
+    clock_m: Reals
+    lasting_m: Reals
+
+    @property
+    def gpst(self) -> np.datetime64:
+        """Of the last reading."""
+        return np.datetime64(self.run.state.gpst[0])
+
+    @property
+    def covariance(self) -> Reals:
+        """(27, 27) of the errors."""
+        return self.run.covariance
+
+    @property
+    def position_ecef_m(self) -> Reals:
+        """(3,) of the unit."""
+        return np.asarray(self.run.state.position_ecef_m[0])
+
+    @property
+    def velocity_ecef_m_s(self) -> Reals:
+        """(3,) of the unit."""
+        return np.asarray(self.run.state.velocity_ecef_m_s[0])
+
+    @property
+    def attitude(self) -> Reals:
+        """(3, 3) from body to ECEF axes."""
+        return np.asarray(self.run.state.attitude[0])
+
+    @property
+    def accelerometer_bias_m_s2(self) -> Reals:
+        """(3,) in body axes, constant and slow part together."""
+        return self.bias[0:3] + self.bias[6:9]
+
+    @property
+    def gyro_bias_rad_s(self) -> Reals:
+        """(3,) in body axes, constant and slow part together."""
+        return self.bias[3:6] + self.bias[9:12]
+
+    @property
+    def last(self) -> Reals:
+        """(2, 3) specific force and angular rate of the last reading, without the biases; at rest before the first."""
+        return np.zeros((2, 3)) if self.run.last is None else self.run.last
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measurement:
+    """What was measured, linear about a state.
+
+    innovation : (m,) what the navigator says minus what was measured. sensitivity : (m, 27) of that to the errors.
+    noise : (m, m) covariance of what was measured.
+    """
+
+    innovation: Reals
+    sensitivity: Reals
+    noise: Reals
+
+
+@dataclass(frozen=True, kw_only=True)
+class Innovation:
+    """How a measurement fits: its normalised square, chi-square with `dof` degrees if state and measurement are true.
+
+    used : it was taken in.
+    """
+
+    nis: float
+    dof: int
+    p_value: float
+    used: bool
+
+
+def begin(
+    start: NavState, settings: InsSettings, clock_m: ArrayLike | None = None, clock_m2: ArrayLike | None = None
+) -> InsState:
+    """A filter at the last row of `start`, which is of the unit and has a covariance, with the grade's biases unknown.
+
+    clock_m, clock_m2 : (2,) and (2, 2), c times bias and drift; without them the clock is not known.
+
+    Raises
+    ------
+    ValueError : a start without covariance, or a clock without one.
+    """
+    if start.covariance is None or (clock_m is None) != (clock_m2 is None):
+        raise ValueError("a start or a clock without covariance; give both")
+    covariance = np.zeros((SIZE, SIZE))
+    covariance[:STATES, :STATES] = start_covariance(settings.grade)
+    covariance[:9, :9] = start.covariance[-1]
+    covariance[CLOCK, CLOCK] = np.diag(np.square(_OPEN_CLOCK)) if clock_m2 is None else clock_m2
+    covariance[LASTING, LASTING] = settings.lasting_m2
+    return InsState(
+        run=FreeRun(state=_at(start.gpst[-1], *_parts(start), covariance), covariance=covariance),
+        bias=np.zeros(12),
+        clock_m=np.zeros(2) if clock_m is None else np.asarray(clock_m, np.float64),
+        lasting_m=np.zeros(4),
+    )
+
+
+def step(state: InsState, readings: ImuSeries, settings: InsSettings) -> tuple[NavState, InsState | None]:
+    """The unit's states from the state's instant on, after each reading later than that, and the state at the last.
+
+    The states' covariance is that of position, velocity and attitude. As `inertia.coast`, which bridges gaps; None
+    where a gap is too long, or the covariance too large to be true.
+    """
+    ahead_s = np.maximum(seconds_between(readings.gpst, state.gpst), 0.0)
+    fade = np.exp(-ahead_s / settings.grade.correlation_s)[:, None]
+    whole = replace(
+        readings,
+        specific_force_m_s2=readings.specific_force_m_s2 - state.bias[0:3] - fade * state.bias[6:9],
+        angular_rate_rad_s=readings.angular_rate_rad_s - state.bias[3:6] - fade * state.bias[9:12],
+    )
+    path, run = coast(
+        state.run,
+        whole,
+        settings.grade,
+        tilt_most_rad=settings.tilt_most_rad,
+        further=partial(_clock_and_lasting, settings),
+    )
+    if run is None:
+        return path, None
+    passed_s = float(seconds_between(run.state.gpst[0], state.gpst))
+    run = _with_second_order(run, passed_s)
+    slow = np.repeat([1.0, np.exp(-passed_s / settings.grade.correlation_s)], 6)
+    return path, replace(
+        state,
+        run=run,
+        bias=slow * state.bias,
+        clock_m=state.clock_m + [passed_s * state.clock_m[1], 0.0],
+        lasting_m=np.exp(-passed_s / settings.lasting_s) * state.lasting_m,
+    )
+
+
+def _clock_and_lasting(settings: InsSettings, seconds: float) -> tuple[Reals, Reals]:
+    """Transition and noise (6, 6) of what is not the navigator's."""
+    moves, noise_s2 = clock_step(settings.oscillator, seconds)
+    fade = np.exp(-seconds / settings.lasting_s)
+    return (
+        linalg.block_diag(moves, fade * np.eye(4)),
+        linalg.block_diag(SPEED_OF_LIGHT_M_S**2 * noise_s2, (1.0 - fade**2) * settings.lasting_m2),
+    )
+
+
+def _with_second_order(run: FreeRun, seconds: float) -> FreeRun:
+    """What the linear model leaves out of gravity for a tilt and a turn together, g tilt turn / 2, as an acceleration
+    that is another one every `_TURNS_S`: white noise of twice its square times that."""
+    turn2, tilt2 = turn_and_tilt(run.state, run.covariance[None])
+    density = 0.5 * _GRAVITY_M_S2**2 * float(turn2[0] * tilt2[0]) * _TURNS_S
+    covariance = run.covariance.copy()
+    walk = density * np.array([[seconds**3 / 3.0, seconds**2 / 2.0], [seconds**2 / 2.0, seconds]])
+    for axis in range(3):
+        covariance[np.ix_([axis, axis + 3], [axis, axis + 3])] += walk
+    state = _at(run.state.gpst[0], *_parts(run.state), covariance)
+    return FreeRun(state=state, covariance=covariance, last=run.last)
+
+
+def corrected(
+    state: InsState, measurement: Measurement, *, false_alarm_probability: float = 0.0
+) -> tuple[InsState, Innovation]:
+    """The state with a measurement taken in, and how it fits.
+
+    false_alarm_probability : if less than that is the chance of so bad a fit, the measurement is left out.
+    """
+    h, y = measurement.sensitivity, measurement.innovation
+    spread = h @ state.covariance @ h.T + measurement.noise
+    nis = float(y @ np.linalg.solve(spread, y))
+    p_value = float(chi_square_survival(nis, y.size))
+    fit = Innovation(nis=nis, dof=y.size, p_value=p_value, used=p_value >= false_alarm_probability)
+    if not fit.used:
+        return state, fit
+    return put_right(state, *updated(state.covariance, h, measurement.noise, y)), fit
+
+
+def put_right(state: InsState, wrong: Reals, covariance: Reals) -> InsState:
+    """The state less its estimated errors (27,), with the covariance (27, 27) of what is left of them."""
+    covariance = 0.5 * (covariance + covariance.T)
+    upright = Rotation.from_rotvec(-wrong[ATTITUDE]) * Rotation.from_matrix(state.attitude)
+    place, speed = state.position_ecef_m - wrong[POSITION], state.velocity_ecef_m_s - wrong[VELOCITY]
+    more, last = wrong[_BIASES], state.run.last
+    if last is not None:  # by which the next piece is corrected for turning
+        last = last - np.stack((more[0:3] + more[6:9], more[3:6] + more[9:12]))
+    return InsState(
+        run=FreeRun(
+            state=_at(state.gpst, place, speed, upright.as_matrix(), covariance), covariance=covariance, last=last
+        ),
+        bias=state.bias + more,
+        clock_m=state.clock_m - wrong[CLOCK],
+        lasting_m=state.lasting_m - wrong[LASTING],
+    )
+
+
+def _parts(state: NavState) -> tuple[Reals, Reals, Reals]:
+    return state.position_ecef_m[-1], state.velocity_ecef_m_s[-1], state.attitude[-1]
+
+
+def _at(gpst: np.datetime64, place: Reals, speed: Reals, attitude: Reals, covariance: Reals) -> NavState:
+    return NavState(
+        gpst=np.array([gpst]),
+        position_ecef_m=place[None],
+        velocity_ecef_m_s=speed[None],
+        attitude=attitude[None],
+        covariance=covariance[None, :9, :9],
+    )

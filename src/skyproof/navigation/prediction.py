@@ -1,0 +1,131 @@
+"""Which of several consistent skies is true, by what the last trusted fix lets expect.
+
+A trusted fix is carried on to a later time by whatever is at hand:
+
+- an inertial navigator that it corrected (`ins`, `ins_updates.expected`);
+- a body that stands: its position stays, its velocity is nothing (`standing_still`);
+- the clock, by its oscillator's class, in either case (`gnss.oscillators.clock_step`).
+
+`choose` then compares it with the fix that each sky gives. With z_j the fix of sky j, R_j its covariance and N(m, P)
+the prediction, it takes for given that at most one sky is true, that each is as likely to be so before, and that a
+false one may be anywhere: the density of its fix is the same wherever it lies. Then what the false ones show cancels:
+
+    P(j is true | one is) = N(z_j - m; 0, P + R_j) / sum over k of N(z_k - m; 0, P + R_k).
+
+An attacker who chooses where his sky lies gains nothing by this as long as he does not know the prediction's error:
+with both fixes given, and only not which is which, the probability holds for that pair. A sky that lies nearer than the
+prediction's error is not told from the true one, and then the probability is near a half: nothing is chosen.
+
+That none is true is not among the hypotheses (it would need the density); instead a sky is only taken if its distance
+from the prediction is not larger than chance allows: its normalised square is chi-square if it is true.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from skyproof.arrays import Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.oscillators import Oscillator, clock_step
+from skyproof.gnss.time import seconds_between
+from skyproof.navigation.known import KNOWN, Known
+from skyproof.statistics.distributions import chi_square_survival
+
+__all__ = ["Choice", "choose", "standing_still", "wrong_choice_probability"]
+
+_PLACE, _SPEED, _CLOCK = slice(0, 3), slice(3, 6), slice(6, 8)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Choice:
+    """Which sky is true, if that can be said.
+
+    chosen : its number; None if the probability of a wrong choice is above the limit, or it does not fit.
+    probabilities : (n,) that each is the true one, if one is. fits : (n,) p-value of each one's distance from the
+        prediction, if it is true.
+    wrong_probability : that the likeliest is not the true one, if one is.
+    used : which of the eight numbers of `Known` were compared.
+    """
+
+    chosen: int | None
+    probabilities: Reals
+    fits: Reals
+    wrong_probability: float
+    used: tuple[int, ...]
+
+
+def standing_still(last: Known, gpst: np.datetime64, oscillator: Oscillator, *, sway_m_s: float = 0.01) -> Known:
+    """What is expected of a body that stands, from its last trusted fix: the position stays, the clock runs on.
+
+    sway_m_s : of the antenna. The clock is not known where the fix had no drift.
+    """
+    seconds = float(seconds_between(gpst, last.gpst))
+    moves, noise = np.eye(KNOWN), np.zeros((KNOWN, KNOWN))
+    moves[_PLACE, _SPEED] = moves[_SPEED, _SPEED] = 0.0
+    moves[_CLOCK, _CLOCK], noise_s2 = clock_step(oscillator, seconds)
+    noise[_CLOCK, _CLOCK] = SPEED_OF_LIGHT_M_S**2 * noise_s2
+    noise[_SPEED, _SPEED] = sway_m_s**2 * np.eye(3)
+    open_ = ~np.isfinite(np.diag(last.covariance))
+    before = np.where(open_[:, None] | open_[None, :], 0.0, last.covariance)
+    covariance = moves @ before @ moves.T + noise
+    lost = np.flatnonzero((moves != 0.0) @ open_)
+    covariance[lost, :] = covariance[:, lost] = 0.0
+    covariance[lost, lost] = np.inf
+    return Known(gpst=gpst, mean=moves @ np.where(open_, 0.0, last.mean), covariance=covariance)
+
+
+def choose(
+    prediction: Known,
+    candidates: Sequence[Known],
+    *,
+    most_wrong: float = 1e-3,
+    false_alarm_probability: float = 1e-3,
+) -> Choice:
+    """The true one of the skies whose fixes at the prediction's time are `candidates`.
+
+    most_wrong : probability of a wrong choice above which nothing is chosen. false_alarm_probability : that the true
+    one is refused because it does not fit the prediction.
+
+    Raises
+    ------
+    ValueError : no candidate, or nothing that prediction and all candidates have in common.
+    """
+    there = set(prediction.there).intersection(*(candidate.there for candidate in candidates))
+    if not candidates or not there:
+        raise ValueError("prediction and candidates have nothing to compare; give fixes with position or clock")
+    used = np.array(sorted(there))
+    both = np.ix_(used, used)
+    logs, fits = np.empty(len(candidates)), np.empty(len(candidates))
+    for number, candidate in enumerate(candidates):
+        off = candidate.mean[used] - prediction.mean[used]
+        spread = prediction.covariance[both] + candidate.covariance[both]
+        distance2 = float(off @ np.linalg.solve(spread, off))
+        logs[number] = -0.5 * (distance2 + np.linalg.slogdet(2.0 * np.pi * spread)[1])
+        fits[number] = chi_square_survival(distance2, used.size)
+    probabilities = special.softmax(logs)
+    best = int(np.argmax(probabilities))
+    wrong = float(np.sum(np.delete(probabilities, best)))  # not 1 - p, which has no digits below 1e-16
+    sure = wrong <= most_wrong and fits[best] >= false_alarm_probability
+    return Choice(
+        chosen=best if sure else None,
+        probabilities=probabilities,
+        fits=fits,
+        wrong_probability=wrong,
+        used=tuple(int(k) for k in used),
+    )
+
+
+def wrong_choice_probability(prediction: Known, true: Known, false: Known) -> float:
+    """How likely the nearer of two fixes will be the false one, before the prediction's error is known.
+
+    Q(d / 2) with d the distance of the two over the covariance of the prediction and a fix's own (Ahmed, Khanafseh,
+    Pervan, "GNSS Spoofing Detection and Exclusion by Decomposition of Complex Cross Ambiguity Function with INS
+    Aiding", leave it out; it is that of two simple hypotheses). For planning: how far skies must part.
+    """
+    used = np.array(sorted(set(prediction.there).intersection(true.there, false.there)))
+    both = np.ix_(used, used)
+    apart = false.mean[used] - true.mean[used]
+    spread = prediction.covariance[both] + true.covariance[both]
+    return float(special.ndtr(-0.5 * np.sqrt(apart @ np.linalg.solve(spread, apart))))

@@ -1,0 +1,226 @@
+"""The corrected inertial navigator: as far off as it states, whatever corrects it, in one piece and in many."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+from tests.navigation.units import (
+    ARM,
+    HOME,
+    REST,
+    ROUND,
+    drawn_fix,
+    drawn_start,
+    erroneous,
+    label,
+    nees,
+    perfect,
+    piece,
+)
+
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.imu_grades import GRADES
+from skyproof.gnss.oscillators import OSCILLATORS
+from skyproof.navigation.ins import CLOCK, SIZE, InsSettings, begin, corrected, step
+from skyproof.navigation.ins_updates import by_fix, by_gravity, by_heading, by_ranges, by_rest, expected
+from skyproof.navigation.known import known
+from skyproof.simulator.trajectories import static
+
+START = np.repeat([2.0, 0.3, np.radians(1.0)], 3)
+SECONDS = 20
+TRUE = perfect(ROUND, float(SECONDS))
+
+
+def settings_of(grade, **more):
+    return InsSettings(grade=grade, oscillator=OSCILLATORS["tcxo"], lever_m=ARM, **more)
+
+
+def a_run(grade, seed, seconds=SECONDS):
+    """NEES at the end, and the normalised innovation of each fix."""
+    rng, settings = np.random.default_rng(seed), settings_of(grade)
+    unit = erroneous(piece(TRUE, 0.0, seconds), grade, rng)
+    state, squares = begin(drawn_start(ROUND, START, rng), settings), []
+    for second in range(seconds):
+        _, state = step(state, piece(unit.readings, second, second + 1.0), settings)
+        state, fit = corrected(state, by_fix(state, drawn_fix(ROUND, second + 1.0, rng), settings))
+        squares.append(fit.nis)
+    return nees(state, ROUND, float(seconds), unit.bias[-1]), squares
+
+
+def chance(squares, dof):
+    """Two-sided, of the sum of squares that are chi-square with `dof` degrees each."""
+    below = stats.chi2.cdf(np.sum(squares), dof * len(squares))
+    return 2.0 * min(below, 1.0 - below)
+
+
+def test_errors_and_innovations_are_as_large_as_stated():
+    runs = [a_run(GRADES["industrial"], seed, 5) for seed in range(25)]
+    assert chance([square for square, _ in runs], 15) > 1e-3
+    assert chance([square for _, squares in runs for square in squares], 6) > 1e-3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["consumer", "industrial", "tactical", "navigation"])
+def test_errors_of_every_grade_are_as_large_as_stated(name, record_property):
+    runs = [a_run(GRADES[name], seed) for seed in range(100)]
+    errors, fits = [square for square, _ in runs], [square for _, squares in runs for square in squares]
+    record_property("nees_a_state", np.mean(errors) / 15.0)
+    record_property("nis_a_number", np.mean(fits) / 6.0)
+    print(f"{name}: NEES {np.mean(errors) / 15.0:.3f} a state, NIS {np.mean(fits) / 6.0:.3f} a number")
+    if name == "consumer":  # turned by degrees before its biases are known: what is not linear is noise by our choice
+        assert 0.85 < np.mean(errors) / 15.0 < 1.15
+        assert 0.9 < np.mean(fits) / 6.0 < 1.1
+    else:
+        assert chance(errors, 15) > 1e-4
+        assert chance(fits, 6) > 1e-4
+
+
+def test_pieces_give_what_the_whole_gives():
+    settings = settings_of(GRADES["tactical"])
+    unit = erroneous(TRUE, GRADES["tactical"], np.random.default_rng(1))
+    start = begin(drawn_start(ROUND, START, np.random.default_rng(2)), settings)
+    _, whole = step(start, unit.readings, settings)
+    state = start
+    for first, last in ((0.0, 0.5), (0.5, 7.25), (7.25, 20.0)):
+        _, state = step(state, piece(unit.readings, first, last), settings)
+    # Gravity is taken as linear about other places: 1e-8 m/s2.
+    assert np.abs(state.position_ecef_m - whole.position_ecef_m).max() < 1e-5
+    assert np.abs(state.attitude - whole.attitude).max() < 1e-12
+    ratio = np.sqrt(np.diag(state.covariance)[:9] / np.diag(whole.covariance)[:9])
+    assert ratio == pytest.approx(1.0, abs=0.02)  # knots of the covariance lie elsewhere
+
+
+def test_a_false_fix_is_refused_and_leaves_the_state_as_it_was():
+    settings = settings_of(GRADES["tactical"])
+    rng = np.random.default_rng(3)
+    state = begin(drawn_start(ROUND, START / 10.0, rng), settings)
+    _, state = step(state, piece(TRUE, 0.0, 1.0), settings)
+    far = by_fix(state, drawn_fix(ROUND, 1.0, rng, shift=30.0), settings)
+    after, fit = corrected(state, far, false_alarm_probability=1e-3)
+    assert not fit.used
+    assert fit.p_value < 1e-6
+    assert after is state
+
+
+def test_good_fixes_are_refused_at_the_stated_rate():
+    settings = settings_of(GRADES["tactical"])
+    refused, n = 0, 200
+    for seed in range(n):
+        rng = np.random.default_rng(seed)
+        state = begin(drawn_start(ROUND, START, rng), settings)
+        _, fit = corrected(state, by_fix(state, drawn_fix(ROUND, 0.0, rng), settings), false_alarm_probability=0.05)
+        refused += not fit.used
+    assert stats.binomtest(refused, n, 0.05).pvalue > 1e-3
+
+
+def test_lasting_errors_of_fixes_do_not_average_out():
+    lasting = np.diag([9.0, 9.0, 9.0, 4.0])
+    settings = settings_of(GRADES["navigation"], lasting_m2=lasting)
+    rng = np.random.default_rng(5)
+    state = begin(drawn_start(ROUND, START / 10.0, rng), settings)
+    before = np.sqrt(np.diag(state.covariance)[:3])
+    for second in range(10):
+        _, state = step(state, piece(TRUE, second, second + 1.0), settings)
+        state, _ = corrected(state, by_fix(state, drawn_fix(ROUND, second + 1.0, rng, place_m=0.1), settings))
+    assert np.all(np.sqrt(np.diag(state.covariance)[:3]) > 0.9 * before)  # as the start, not as the fixes
+    shown = expected(state, settings)
+    assert np.sqrt(np.diag(shown.covariance)[:3]).max() < 0.1  # what a fix says is known far better than where one is
+
+
+def test_the_clock_runs_on_with_its_class():
+    settings = settings_of(GRADES["tactical"])
+    rng = np.random.default_rng(6)
+    begun = begin(drawn_start(ROUND, START, rng), settings, [1e4, 30.0], np.diag([1.0, 1e-4]))
+    _, state = step(begun, TRUE, settings)
+    assert state.clock_m == pytest.approx([1e4 + 30.0 * SECONDS, 30.0])
+    tcxo = OSCILLATORS["tcxo"]
+    walk = 2.0 * np.pi**2 * tcxo.walk_hz * SECONDS * SPEED_OF_LIGHT_M_S**2
+    assert state.covariance[CLOCK, CLOCK][1, 1] == pytest.approx(1e-4 + walk, rel=0.1)
+    fix = known(state.gpst, clock_m=np.array([1e4 + 30.0 * SECONDS + 3.0, 30.1]), clock_m2=np.diag([1.0, 0.01]))
+    after, fit = corrected(state, by_fix(state, fix, settings))
+    assert fit.dof == 2
+    assert abs(after.clock_m[0] - fix.mean[6]) < 0.2
+
+
+@pytest.mark.parametrize("what", ["fix", "rest", "gravity", "heading"])
+def test_each_sensitivity_is_the_derivative_of_its_innovation(what):
+    settings = settings_of(GRADES["tactical"])
+    rng = np.random.default_rng(7)
+    state = begin(drawn_start(REST, START, rng), settings, [5.0, 0.1], np.eye(2))
+    state = replace(state, run=replace(state.run, last=np.stack((-HOME / 6.4e5, [0.1, -0.2, 0.3]))))
+    fix = drawn_fix(REST, 0.004, rng)
+    make = {
+        "fix": lambda s: by_fix(s, fix, settings),
+        "rest": lambda s: by_rest(s, [0.01, 0.02, 0.03], 1e-4),
+        "gravity": lambda s: by_gravity(s, [0.1, 0.2, -9.7], np.eye(3)),
+        "heading": lambda s: by_heading(s, 0.4, 0.01),
+    }[what]
+    there = make(state)
+    for column in range(21):
+        size = 1e-4
+        moved = make(_off(state, column, size))
+        slope = (moved.innovation - there.innovation) / size
+        # An acceleration within the time to the fix is not followed: at most g times that.
+        assert slope == pytest.approx(there.sensitivity[:, column], abs=0.05 if what == "fix" else 2e-3)
+
+
+def _off(state, column, size):
+    """A state that is more wrong by `size` in one error."""
+    wrong = np.zeros(SIZE)
+    wrong[column] = size
+    row = state.run.state
+    bias = state.bias - wrong[9:21]
+    less = wrong[9:21].reshape(4, 3)
+    return replace(
+        state,
+        bias=bias,
+        run=replace(
+            state.run,
+            state=replace(
+                row,
+                position_ecef_m=row.position_ecef_m + wrong[:3],
+                velocity_ecef_m_s=row.velocity_ecef_m_s + wrong[3:6],
+                attitude=Rotation.from_rotvec(wrong[6:9]).as_matrix() @ row.attitude,
+            ),
+            last=state.run.last + np.stack((less[0] + less[2], less[1] + less[3])),
+        ),
+    )
+
+
+def test_ranges_and_rates_of_few_satellites_fit_as_stated_and_make_the_state_better(sky):
+    nav, place = sky.navigation(), sky.place(48.0, 11.0, 400.0)
+    motion, arm = static(place, heading_rad=0.5), np.array([0.5, 0.2, -1.0])
+    antenna = place + motion.at(np.zeros(1)).attitude[0] @ arm
+    names = sky.visible(nav, place, 15.0)[:3]
+    seen = sky.scene(nav, [(names, antenna, 1e-5)], n=5).observations
+    settings = InsSettings(grade=GRADES["tactical"], oscillator=OSCILLATORS["tcxo"], lever_m=arm)
+    squares = []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        noisy = replace(
+            seen,
+            pseudorange_m=seen.pseudorange_m + np.hypot(0.8, 0.6) * rng.standard_normal((5, 3)),
+            pseudorange_sigma_m=np.full((5, 3), 0.8),
+            doppler_hz=seen.doppler_hz + np.hypot(0.03, 0.05) / sky.WAVELENGTH * rng.standard_normal((5, 3)),
+            doppler_sigma_hz=np.full((5, 3), 0.03 / sky.WAVELENGTH),
+        )
+        start = replace(drawn_start(motion, START, rng), gpst=seen.gpst[2:3])
+        clock = np.array([sky.C * 1e-5, 0.0]) + [20.0, 0.5] * rng.standard_normal(2)
+        state = begin(start, settings, clock, np.diag([400.0, 0.25]))
+        seen_so = by_ranges(state, noisy, 2, nav, settings, multipath_sigma_m=0.0, ionosphere_share=0.0)
+        after, fit = corrected(state, seen_so)
+        squares.append(fit.nis)
+    assert fit.dof == 6
+    assert chance(squares, 6) > 1e-3
+    assert np.trace(after.covariance[:3, :3]) < np.trace(state.covariance[:3, :3])
+
+
+def test_a_state_ends_at_a_long_gap():
+    settings = settings_of(GRADES["tactical"])
+    state = begin(drawn_start(ROUND, START, np.random.default_rng(8)), settings)
+    _, state = step(state, piece(TRUE, 0.0, 2.0), settings)
+    path, ended = step(state, piece(TRUE, 5.0, 6.0), settings)
+    assert ended is None
+    assert path.gpst[-1] == label(2.0)
