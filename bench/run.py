@@ -12,6 +12,7 @@ import acquisition
 import deciding
 import drawn
 import kernel
+import memory
 import methods
 import pairs
 import position
@@ -45,6 +46,7 @@ BENCHES = {
     "startup": startup,
     "drawn": drawn,
     "real-code": real_code,
+    "memory": memory,
 }
 
 

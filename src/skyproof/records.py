@@ -147,7 +147,7 @@ def freeze(record: Any, shapes: Mapping[str, tuple[str, ...]]) -> None:
         object.__setattr__(record, name, view)
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True, order=True, slots=True)
 class SignalId:
     """One received signal. `copy` tells several signals of one satellite apart in order of finding, nothing more."""
 
@@ -170,7 +170,7 @@ class SignalId:
         return f"{self.sat} {self.band} {self.code} {self.copy}"
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True, order=True, slots=True)
 class SignalRef:
     """A signal in one receiver."""
 
@@ -708,7 +708,7 @@ class Fix:
         )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class ConsistentSet:
     """Signals of one receiver, at most one a transmission, that together fit one position in one window, and a clock
     for each kind of signal (`SignalId.kind`).
@@ -740,7 +740,7 @@ class ConsistentSet:
         return float("nan")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class Baseline:
     """Where these receivers' antennas stand relative to the first one, by what their signals show over a stretch.
 
@@ -792,7 +792,7 @@ undecided : the test could not tell, or could not run; `because` says why and wh
 """
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class Evidence:
     """One test's outcome on one window: the statistic, its threshold and what it says, with the error rate asked for.
 

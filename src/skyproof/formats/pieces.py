@@ -6,7 +6,7 @@ run was killed can be read.
 
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any, Final
@@ -59,6 +59,15 @@ class Workspace:
     def __exit__(self, *_: object) -> None:
         if self._out is not None:
             shutil.rmtree(self._out / UNFINISHED_RUN, ignore_errors=True)
+
+    def add_lines(self, name: str, lines: Sequence[str]) -> None:
+        """Append lines to a file: all or none, whenever the run is killed. Raises OutputError if they cannot be."""
+        path = self.path / name
+        try:
+            with path.open("ab", buffering=0) as file:
+                file.write("".join(f"{line}\n" for line in lines).encode())
+        except OSError as error:
+            raise output_error(path, error) from error
 
     def own(self, name: str) -> str:
         """A name that nothing else in the folder has."""

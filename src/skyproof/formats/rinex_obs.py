@@ -22,7 +22,7 @@ from skyproof.records import ObservationLog, Observations, SignalId
 
 __all__ = ["obs_lines", "write_obs"]
 
-_STRETCH_EPOCHS: Final = 4096  # formatted at once, so that memory does not grow with the run
+_STRETCH_EPOCHS: Final = 1024  # formatted at once, so that memory does not grow with the run
 _TICK_NS: Final = 100  # an epoch's last digit: seconds are F11.7
 _LOWEST, _HIGHEST = -1e9 + 1e-3, 1e10 - 1e-3  # what F14.3 holds
 _COLUMNS: Final = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz")

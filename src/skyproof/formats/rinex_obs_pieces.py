@@ -23,7 +23,7 @@ from skyproof.records import CellStatus, Observations, SignalId
 
 __all__ = ["PIECE_BYTES", "following", "obs_pieces"]
 
-PIECE_BYTES: Final = 1 << 22
+PIECE_BYTES: Final = 1 << 20
 _GZIP: Final = b"\x1f\x8b"
 _DAMAGED: Final = "the observation file is a damaged gzip file"
 _TELLING_BYTES: Final = 100  # whether a file is compact

@@ -39,7 +39,6 @@ def gathered(
     receiver: str,
     workspace: Workspace,
     name: str = "observations",
-    held_epochs: int = HELD_EPOCHS,
 ) -> ObservationLog:
     """Pieces as they come, as one record if they are few, else on the disk of the workspace, in a folder of that name.
 
@@ -53,7 +52,7 @@ def gathered(
     for piece in pieces:
         if spool is None:
             held.append(piece)
-            if sum(one.gpst.size for one in held) > held_epochs:
+            if sum(one.gpst.size for one in held) > HELD_EPOCHS:
                 spool = ObservationSpool(workspace, receiver, name)
                 for one in held:
                     spool.append(one)

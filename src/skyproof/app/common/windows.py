@@ -1,9 +1,10 @@
 """From whole observations to windows of records, and what every detector says of each."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from skyproof.records import (
     ObservationLog,
     Observations,
     Records,
+    SignalRef,
     SpinArm,
     Stretched,
     Taps,
@@ -46,11 +48,15 @@ __all__ = [
     "windows_of",
 ]
 
+H = TypeVar("H", bound=Hashable)
+
 NO_TIME = np.datetime64("NaT", "ns")
 RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAVIGATION})
 """What any detector may need that every receiver makes, sooner or later; the rest is of special equipment."""
 LEAST_EPOCHS = 5
 """Of a window."""
+SETS_KEPT = 256
+"""Windows of a long run, evenly spread."""
 MIN_WINDOW_SHARE = 0.5
 """A last window shorter than this share of a whole one is joined to the one before."""
 
@@ -280,20 +286,60 @@ def reviewed(detectors: Sequence[Detector], evidence: Sequence[Evidence]) -> lis
 
 
 def examine_all(
-    windows: Windows, detectors: Sequence[Detector], progress: Progress
+    windows: Windows,
+    detectors: Sequence[Detector],
+    progress: Progress,
+    told: Callable[[Sequence[Evidence]], None] | None = None,
 ) -> tuple[list[Evidence], list[ConsistentSet], bool]:
-    """What all detectors say of all windows, the sets found in them, and whether Ctrl-C left windows out."""
-    evidence: list[Evidence] = []
-    sets: list[ConsistentSet] = []
+    """What all detectors say of all windows, sets found in them, and whether Ctrl-C left windows out.
+
+    told : is given what was said of each window, as it is said.
+    Of the sets are kept those beside which there is another one, and of a long run those of `SETS_KEPT` windows.
+    """
+    evidence, sets = _Kept(), []
     states: States = {}
     interrupted = False
+    stride = -(-len(windows) // SETS_KEPT)
     try:
         with progress.stage("examining the signals, window by window", len(windows)) as stage:
             for number, records in enumerate(windows, 1):
                 said, states = examine(detectors, records, states)
-                evidence += said
-                sets += records.sets
+                evidence.take(said)
+                if told is not None:
+                    told(said)
+                several = Counter(one.receiver for one in records.sets)
+                sets += [one for one in records.sets if number % stride == 0 or several[one.receiver] > 1]
                 stage.advance(number)
     except KeyboardInterrupt:
         interrupted = True
-    return reviewed(detectors, evidence), sets, interrupted
+    return reviewed(detectors, evidence.all), sets, interrupted
+
+
+class _Kept:
+    """Evidence in little memory: what is equal is kept once, and what could not run window after window is one."""
+
+    def __init__(self) -> None:
+        self.all: list[Evidence] = []
+        self._same: dict[Hashable, Any] = {}
+        self._lacking: dict[tuple[str, tuple[SignalRef, ...], tuple[Need, ...]], int] = {}
+
+    def take(self, said: Sequence[Evidence]) -> None:
+        """The evidence of one more window."""
+        lacking = {}
+        for one in said:
+            subject = self._once(tuple(self._once(ref) for ref in one.subject))
+            kept = replace(one, subject=subject, because=self._once(one.because), assumes=self._once(one.assumes))
+            if one.lacking:
+                key = one.detector, subject, one.lacking
+                at = self._lacking.get(key)
+                if at is not None and self.all[at].end_gpst == one.start_gpst:
+                    self.all[at] = replace(self.all[at], end_gpst=one.end_gpst)
+                    lacking[key] = at
+                    continue
+                lacking[key] = len(self.all)
+            self.all.append(kept)
+        self._lacking = lacking
+
+    def _once(self, value: H) -> H:
+        kept: H = self._same.setdefault(value, value)
+        return kept

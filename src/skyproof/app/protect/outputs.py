@@ -1,6 +1,7 @@
 """Everything that `protect` writes into its folder."""
 
 import contextlib
+import json
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ from skyproof.app.common.rinex import date_of, one_a_transmission, write_channel
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.document import Outcome, ReceiverOutcome, versions
 from skyproof.app.protect.pictures import kinds_of, pictures_of
-from skyproof.app.protect.positions import KINDS, STRETCH_EPOCHS, Track
+from skyproof.app.protect.positions import KINDS, Track
 from skyproof.errors import InputError
 from skyproof.formats.atomic_write import UNFINISHED, write_lines, writing_together
 from skyproof.formats.kml import write_kml
@@ -26,12 +27,15 @@ from skyproof.fusion.labels import Label, LabelledSignal
 from skyproof.fusion.trusted import carries
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.geoid import GEOID_SIGMA_M, geoid_separation_m
+from skyproof.gnss.time import iso
 from skyproof.navigation.dilution import horizontal_dilution
 from skyproof.records import CELL_STATUS, Evidence, Fix, FixStatus, NavigationData, ObservationLog, Observations
 from skyproof.report.page import report_html
 from skyproof.verdict import Verdict
 
-__all__ = ["write_outputs"]
+__all__ = ["evidence_line", "write_outputs"]
+
+_TABLE_CELLS = 1 << 15  # made into rows at once, of some 400 bytes each
 
 
 def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> None:
@@ -88,7 +92,7 @@ def _write_tables(folder: Path, outcome: Outcome) -> None:
     logs = [r.reception.observations for r in outcome.receivers if r.reception.observations is not None]
     with growing_tables((folder / "signals.parquet",)) as take:
         for log in logs:
-            for first, part in _parts(log):
+            for first, part in _parts(log, max(_TABLE_CELLS // max(len(log.signals), 1), 1)):
                 take(_signal_columns(part, _label_cells(part, first, outcome.decision.labels)))
         if not logs:
             take({})
@@ -99,10 +103,10 @@ def _stretches(r: ReceiverOutcome, kind: str) -> Iterator[tuple[int, Fix]]:
     return iter(()) if r.positions is None else r.positions.stretches(kind)
 
 
-def _parts(log: ObservationLog) -> Iterator[tuple[int, Observations]]:
-    """A log in stretches, each with its first epoch."""
-    for first in range(0, log.gpst.size, STRETCH_EPOCHS):
-        yield first, log.read(first, min(first + STRETCH_EPOCHS, log.gpst.size))
+def _parts(log: ObservationLog, epochs: int) -> Iterator[tuple[int, Observations]]:
+    """A log in stretches of so many epochs, each with its first one."""
+    for first in range(0, log.gpst.size, epochs):
+        yield first, log.read(first, min(first + epochs, log.gpst.size))
 
 
 def _signal_columns(o: Observations, labels: Any) -> dict[str, Any]:
@@ -167,6 +171,14 @@ def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
         "because": words("because"),
         "would_need": words("would_need"),
     }
+
+
+def evidence_line(e: Evidence) -> str:
+    """A piece of evidence as JSON, with the columns of evidence.parquet; null for what is absent."""
+    columns = {name: values[0].item() for name, values in _evidence_columns([e]).items()}
+    columns |= {name: iso(getattr(e, name), 3) for name in ("start_gpst", "end_gpst")}
+    absent = {name: None if isinstance(value, float) and np.isnan(value) else value for name, value in columns.items()}
+    return json.dumps(absent, ensure_ascii=False, allow_nan=False)
 
 
 # ---------------------------------------------------------------------- RINEX, KML, NMEA

@@ -19,7 +19,7 @@ __all__ = ["KINDS", "STRETCH_EPOCHS", "Positions", "Track", "positions_of"]
 
 KINDS: Final = ("trusted", "false", "unprotected")
 """Of a receiver's fixes. Others are named as the sources of false signals, or as skies of which one may be true."""
-STRETCH_EPOCHS: Final = 4096
+STRETCH_EPOCHS: Final = 1024
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -18,7 +18,7 @@ from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, detectors_for, examine_all, following_epochs, windows_of
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.protect.duplicates import one_receiver_each
-from skyproof.app.protect.outputs import write_outputs
+from skyproof.app.protect.outputs import evidence_line, write_outputs
 from skyproof.app.protect.positions import positions_of
 from skyproof.app.receive.inputs import antennas_of, open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
@@ -30,7 +30,7 @@ from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.gnss.time import iso, seconds_between
-from skyproof.records import AntennaArray, NavigationData, OpenFile, Records, Samples, Source, SpinArm
+from skyproof.records import AntennaArray, Evidence, NavigationData, OpenFile, Records, Samples, Source, SpinArm
 from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect", "verdict_of"]
@@ -108,7 +108,7 @@ def protect(
         receptions = one_receiver_each(receptions, settings)
         settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
         body = body_of(carrier, body_files, _span_of(receptions).start_gpst, settings.max_separation_m)
-        outcome, cut_short = judge(receptions, navigation, settings, progress, spin_arms_of(tables), body)
+        outcome, cut_short = judge(receptions, navigation, settings, progress, spin_arms_of(tables), body, workspace)
         if interrupted and cut_short:
             raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
         interrupted |= cut_short
@@ -229,10 +229,11 @@ def judge(
     progress: Progress,
     spin_arms: Sequence[SpinArm] = (),
     body: Body | None = None,
+    workspace: Workspace | None = None,
 ) -> tuple[Outcome, bool]:
     """Windows, evidence, decision and fixes from what the receivers heard, and whether Ctrl-C left windows out.
 
-    body : that carries all antennas.
+    body : that carries all antennas. workspace : where evidence is written as it comes.
     """
     orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
     heard = [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
@@ -247,7 +248,12 @@ def judge(
         spin_arms=spin_arms,
         body=body,
     )
-    evidence, sets, interrupted = examine_all(windows, detectors_for(settings, windows.run), progress)
+
+    def told(said: Sequence[Evidence]) -> None:
+        if workspace is not None:
+            workspace.add_lines("evidence.jsonl", [evidence_line(one) for one in said])
+
+    evidence, sets, interrupted = examine_all(windows, detectors_for(settings, windows.run), progress, told)
     decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
     outcome = Outcome(

@@ -98,10 +98,12 @@ def joined(before: Observations, after: Observations) -> Observations:
     if before.gpst.size:
         after = rows_of(after, after.elapsed_s > before.elapsed_s[-1])
     signals = tuple(sorted(set(before.signals) | set(after.signals)))
+    at = {signal: column for column, signal in enumerate(signals)}
+    columns = {id(o): [at[signal] for signal in o.signals] for o in (before, after)}
 
     def spread(o: Observations, name: str, empty: float) -> Reals:
         cells = np.full((o.gpst.size, len(signals)), empty)
-        cells[:, [signals.index(s) for s in o.signals]] = getattr(o, name)
+        cells[:, columns[id(o)]] = getattr(o, name)
         return cells
 
     cells: dict[str, Any] = {name: np.vstack([spread(o, name, np.nan) for o in (before, after)]) for name in _CELLS}

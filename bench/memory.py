@@ -1,0 +1,146 @@
+"""Peak memory of the main job on runs of different lengths: two receivers' samples, rendered as they are read, and
+observation files of 1 Hz. Memory should not grow with the run.
+
+Each run is a process of its own: `python memory.py samples MINUTES` or `python memory.py rinex HOURS` is one.
+"""
+
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from unittest.mock import patch
+
+import numpy as np
+
+from skyproof.app.protect import protect
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.formats.rinex_obs import obs_lines
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal_systems import nominal_systems
+from skyproof.records import NavigationData, Samples
+from skyproof.simulator.kinds import Kind
+from skyproof.simulator.measurements import NoiseModel, draw, geometry_of
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd, Receiver, Scenario
+from skyproof.simulator.sky import scene_of
+
+START = np.datetime64("2022-01-01T10:30:00", "ns")
+LAT_DEG, LON_DEG, APART_DEG = 57.7, 11.94, 6.7e-4  # 40 m
+RATE_HZ = 2.046e6
+KINDS = (("G", "L1", "CA"), ("G", "L2", "L"), ("E", "E1", "C"), ("C", "B1", "2I"))
+MINUTES, HOURS = (1, 10), (1, 6)
+WHOLE_MINUTES, WHOLE_HOURS = (1, 10, 60), (1, 24)
+
+
+def report(minutes: tuple[int, ...] = MINUTES, hours: tuple[int, ...] = HOURS) -> Iterator[str]:
+    """Rows of the table."""
+    for kind, lengths, unit in (("samples", minutes, "min"), ("rinex", hours, "h")):
+        first: float | None = None
+        for length in lengths:
+            run = _run_of_its_own(kind, length)
+            first = first or run["peak_mb"]
+            yield (
+                f"  {kind} of two receivers, {length:2d} {unit}: peak {run['peak_mb']:.0f} MB "
+                f"({run['peak_mb'] / first:.2f} of the shortest), {run['seconds']:.0f} s, {run['verdict']}"
+            )
+
+
+def whole() -> Iterator[str]:
+    """Rows of an hour of samples and a day of observations."""
+    return report(WHOLE_MINUTES, WHOLE_HOURS)
+
+
+def _run_of_its_own(kind: str, length: int) -> dict[str, float]:
+    done = subprocess.run([sys.executable, __file__, kind, str(length)], capture_output=True, text=True, check=True)
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def _receivers(oscillator: str) -> tuple[Receiver, ...]:
+    return tuple(
+        Receiver(
+            name=f"rx{number + 1}",
+            lat_deg=LAT_DEG,
+            lon_deg=LON_DEG + number * APART_DEG,
+            height_m=50.0,
+            clock_offset_s=1e-5 * (number + 1),
+            oscillator=oscillator,
+        )
+        for number in range(2)
+    )
+
+
+def samples(minutes: int, folder: Path) -> str:
+    """The verdict on samples that are rendered as they are read."""
+    scenario = Scenario(
+        seed=1,
+        start_gpst=START,
+        duration_s=60.0 * minutes,
+        front_end=FrontEnd(rate_hz=RATE_HZ),
+        receivers=_receivers("tcxo"),
+    )
+    navigation = nominal_constellation(START + np.timedelta64(30 * minutes, "s"))
+    write_nav(folder / "nav.rnx", navigation)
+    sources: list[Samples] = list(samples_of(scenario, navigation))
+    with patch("skyproof.app.protect.run.open_inputs", lambda *_: sources):
+        return protect(["rendered"], nav=folder / "nav.rnx", out=folder / "out").verdict.verdict
+
+
+def rinex(hours: int, folder: Path) -> str:
+    """The verdict on observation files of 1 Hz."""
+    sets = {}
+    paths = [folder / f"rx{number}.obs" for number in (1, 2)]
+    for hour in range(hours):
+        start = START + np.timedelta64(hour, "h")
+        truth = nominal_systems(start + np.timedelta64(30, "m"), "GEC")
+        scenario = Scenario(seed=1, start_gpst=start, duration_s=3600.0, mask_deg=8.0, receivers=_receivers("rubidium"))
+        scene = scene_of(scenario, truth, sats=[e.sat for e in truth.ephemerides])
+        kinds = [Kind(*kind, {"rx1": 1.0, "rx2": 2.0}) for kind in KINDS]
+        noise = NoiseModel(sigma_m=0.5, constant_m=0.5)
+        observed, _ = draw(
+            geometry_of(scene, interval_s=1.0, kinds=kinds), rng=np.random.default_rng(hour), noise=noise
+        )
+        for path, o in zip(paths, observed, strict=True):
+            lines = list(obs_lines(o, signals=o.signals, holds="truth", marker=o.receiver, version="bench"))
+            body = next(row for row, text in enumerate(lines) if "END OF HEADER" in text) + 1
+            with path.open("a") as file:
+                file.write("\n".join(lines[body if hour else 0 :]) + "\n")
+        sets |= {(e.sat, e.week, e.toe): e for e in truth.ephemerides}
+    # What is believed of the ionosphere is not what it is.
+    believed = replace(truth.ionosphere, alpha=tuple(0.8 * a for a in truth.ionosphere.alpha))
+    write_nav(folder / "nav.rnx", NavigationData(ephemerides=tuple(sets.values()), ionosphere=believed))
+    # Making the files takes memory of its own: the run is another process.
+    done = subprocess.run(
+        [sys.executable, __file__, "protect", *map(str, paths), str(folder / "nav.rnx"), str(folder / "out")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    print(done.stdout.strip())
+    return ""
+
+
+def _measured(verdict: str, begin: float) -> str:
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return json.dumps({"peak_mb": peak_mb, "seconds": perf_counter() - begin, "verdict": verdict})
+
+
+def main(kind: str, *rest: str) -> None:
+    """One run."""
+    with tempfile.TemporaryDirectory() as folder:
+        begin = perf_counter()
+        if kind == "samples":
+            print(_measured(samples(int(rest[0]), Path(folder)), begin))
+        elif kind == "rinex":
+            rinex(int(rest[0]), Path(folder))
+        else:
+            *paths, nav, out = rest
+            print(_measured(protect(paths, nav=nav, out=out).verdict.verdict, begin))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,67 @@
+"""A run that is killed leaves what it has measured and found so far, whole and readable."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skyproof.formats.pieces import UNFINISHED_RUN
+
+COMMAND = "from skyproof.cli import main; main()"
+MOMENTS = 20
+
+
+@pytest.fixture(scope="module")
+def recorded(kit, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("killed")
+    return kit.record(kit.scenario_of(duration_s=34.0), folder)
+
+
+def started(recorded, out: Path) -> subprocess.Popen:
+    given = [*map(str, recorded.paths), "--nav", str(recorded.nav), "--out", str(out)]
+    return subprocess.Popen(
+        [sys.executable, "-c", COMMAND, "protect", *given], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+
+
+def read(left: Path) -> tuple[int, int]:
+    """How many rows of measurements and lines of evidence are there; all of what is there can be read."""
+    rows = 0
+    for path in left.rglob("*.npz"):
+        with np.load(path) as piece:
+            lengths = {len(piece[name]) for name in ("elapsed_s", "arc", "table", "sat")} if "arc" in piece else set()
+            assert len(lengths) <= 1
+            rows += sum(lengths) if path.parent.name == "measured" else 0
+    lines = left / "evidence.jsonl"
+    said = [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
+    assert all(one["detector"] and one["because"] for one in said)
+    return rows, len(said)
+
+
+@pytest.mark.long
+def test_a_run_that_is_killed_at_any_moment_leaves_what_can_be_read(recorded, tmp_path):
+    whole = started(recorded, tmp_path / "whole")
+    assert whole.wait(120.0) == 0
+    names = sorted(path.name for path in (tmp_path / "whole").iterdir())
+    assert UNFINISHED_RUN not in names
+    rng = np.random.default_rng(1)
+    out, found = tmp_path / "out", []
+    out.mkdir()
+    for _ in range(MOMENTS):
+        run = started(recorded, out)
+        try:
+            run.wait(float(rng.uniform(0.5, 14.0)))
+        except subprocess.TimeoutExpired:
+            run.send_signal(signal.SIGKILL)
+            run.wait()
+        found.append(read(out / UNFINISHED_RUN))
+        present = {path.name for path in out.iterdir() if path.is_file()}
+        assert "verdict.json" not in present or present >= set(names)
+    assert max(rows for rows, _ in found) > 500
+    after = started(recorded, out)
+    assert after.wait(120.0) == 0
+    assert sorted(path.name for path in out.iterdir() if not path.name.startswith(".")) == names
