@@ -176,7 +176,8 @@ def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
 def evidence_line(e: Evidence) -> str:
     """A piece of evidence as JSON, with the columns of evidence.parquet; null for what is absent."""
     columns = {name: values[0].item() for name, values in _evidence_columns([e]).items()}
-    columns |= {name: iso(getattr(e, name), 3) for name in ("start_gpst", "end_gpst")}
+    instants = {name: getattr(e, name) for name in ("start_gpst", "end_gpst")}
+    columns |= {name: None if np.isnat(gpst) else iso(gpst, 3) for name, gpst in instants.items()}
     absent = {name: None if isinstance(value, float) and np.isnan(value) else value for name, value in columns.items()}
     return json.dumps(absent, ensure_ascii=False, allow_nan=False)
 
