@@ -1,0 +1,119 @@
+"""A real walk with a hand-held inertial unit and a carrier-phase receiver, as readings and fixes.
+
+The unit's model is not stated: the grade "consumer" is taken, which its bias at rest fits (0.2 deg/s, 12 mg). Its
+readings were filtered to 10 Hz by whoever recorded them, at uneven times; they are brought to 150 Hz. Its axes are x, y
+and z with z up; body axes are x, -y and -z. The antenna is 5 cm from the unit, along an axis that is not certain: the
+fixes of 1 to 3 cm are taken for ones of 5 cm.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
+from skyproof.gnss.imu_grades import GRADES
+from skyproof.gnss.oscillators import OSCILLATORS
+from skyproof.navigation.alignment import align_moving
+from skyproof.navigation.ins import InsSettings, InsState, corrected, step
+from skyproof.navigation.ins_updates import by_fix, expected
+from skyproof.navigation.known import Known, known
+from skyproof.records import ImuSeries
+
+RATE_HZ = 150.0
+UNIX = np.datetime64("1970-01-01", "ns")
+SETTINGS = InsSettings(grade=GRADES["consumer"], oscillator=OSCILLATORS["tcxo"])
+PLACE_M, SPEED_M_S = 0.05, 0.1
+
+
+@dataclass(frozen=True)
+class Walk:
+    """readings of the unit; fixes four times a second; seconds (n,) of the fixes since the first reading; to_enu."""
+
+    readings: ImuSeries
+    fixes: list[Known]
+    seconds: np.ndarray
+    to_enu: np.ndarray
+
+
+def read_walk(folder) -> Walk:
+    rows = np.loadtxt(folder / "imu_1730_sf.csv", delimiter=",", usecols=range(7))
+    at_s = rows[:, 0] - rows[0, 0]
+    ends = np.arange(1.0, np.floor(at_s[-1] * RATE_HZ)) / RATE_HZ
+    middle = ends - 0.5 / RATE_HZ
+    even = np.stack([np.interp(middle, at_s, column) for column in rows[:, 1:].T], axis=1) * np.tile(
+        [1.0, -1.0, -1.0], 2
+    )
+    zero = UNIX + np.rint(rows[0, 0] * 1e9).astype("timedelta64[ns]")
+    readings = ImuSeries(
+        gpst=zero + np.rint(ends * 1e9).astype("timedelta64[ns]"),
+        interval_s=1.0 / RATE_HZ,
+        specific_force_m_s2=9.80665 * even[:, :3],
+        angular_rate_rad_s=even[:, 3:],
+    )
+    solution = [line.split() for line in (folder / "gnss_1730_sf.pos").read_text().splitlines() if line[0] != "%"]
+    values = np.array([[float(word) for word in line[2:]] for line in solution])
+    gpst = np.array([np.datetime64(line[0].replace("/", "-") + "T" + line[1], "ns") for line in solution])
+    places = ecef_from_geodetic(np.radians(values[:, 0]), np.radians(values[:, 1]), values[:, 2])
+    to_enu = rot_enu_ecef(*np.radians(values[0, :2]))
+    speeds = values[:, [14, 13, 15]] @ to_enu  # the file has north, east, up
+    within = (gpst > readings.gpst[0]) & (gpst <= readings.gpst[-1])
+    fixes = [
+        known(
+            when,
+            position_ecef_m=place,
+            position_m2=PLACE_M**2 * np.eye(3),
+            velocity_ecef_m_s=speed,
+            velocity_m2_s2=SPEED_M_S**2 * np.eye(3),
+        )
+        for when, place, speed in zip(gpst[within], places[within], speeds[within], strict=True)
+    ]
+    return Walk(readings, fixes, (gpst[within] - zero) / np.timedelta64(1, "s"), to_enu)
+
+
+def between(readings: ImuSeries, start_gpst, end_gpst) -> ImuSeries:
+    rows = slice(*np.searchsorted(readings.gpst, np.array([start_gpst, end_gpst]), side="right"))
+    return replace(
+        readings,
+        gpst=readings.gpst[rows],
+        specific_force_m_s2=readings.specific_force_m_s2[rows],
+        angular_rate_rad_s=readings.angular_rate_rad_s[rows],
+    )
+
+
+def aligned(walk: Walk, start_s: float, end_s: float):
+    return align_moving(
+        walk.readings,
+        [fix for fix, at in zip(walk.fixes, walk.seconds, strict=True) if start_s <= at <= end_s],
+        SETTINGS,
+        heading_most_rad=np.radians(20.0),
+    )
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Of a run fix by fix: off (n, 8) what was expected less the fix; spread (n, 8, 8) of that; p_value (n,)."""
+
+    seconds: np.ndarray
+    off: np.ndarray
+    spread: np.ndarray
+    p_value: np.ndarray
+
+
+def follow(walk: Walk, state: InsState, end_s: float, *, use=None, fixes=None, false_alarm_probability=0.0):
+    """The filter over the fixes after its instant; `use` says which are taken in. What was seen, and its state."""
+    seconds, off, spread, p_value = [], [], [], []
+    for fix, at in zip(fixes or walk.fixes, walk.seconds, strict=True):
+        if fix.gpst <= state.gpst or at > end_s:
+            continue
+        _, state = step(state, between(walk.readings, state.gpst, fix.gpst), SETTINGS)
+        if state is None:
+            break
+        shown = expected(state, SETTINGS, fix.gpst)
+        seconds.append(at)
+        off.append(shown.mean - fix.mean)
+        spread.append(shown.covariance + np.diag(np.diag(fix.covariance)))
+        after, fit = corrected(state, by_fix(state, fix, SETTINGS), false_alarm_probability=false_alarm_probability)
+        p_value.append(fit.p_value)
+        if use is None or use(at):
+            state = after
+    return Seen(np.array(seconds), np.array(off), np.array(spread), np.array(p_value)), state
