@@ -1,62 +1,126 @@
-"""How long a RINEX observation file takes, and the same by georinex where that is installed."""
+"""Reading RINEX observations: a day at 1 Hz of all systems, and a part of it beside georinex.
 
-import importlib
-import importlib.util
-from collections.abc import Callable, Iterator
+The day is made of the minutes of a real receiver (rinex-mosaic-1m/base.obs under SKYPROOF_DATA), again and again with
+the time going on. Every figure is of a process of its own: seconds of one core from its first import to its end,
+seconds of reading alone, and the most memory that it held. georinex brings a stack of libraries, so that it may stand
+in an environment of its own: SKYPROOF_PEERS names that environment's python.
+"""
+
+import itertools
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import process_time
 
 import numpy as np
-from timing import Spread, line, take_turns
+from timing import Spread, line
 
+DAY, PART = 86_400, 300  # epochs; georinex needs minutes for more
+RUNS = 3
+SOURCE = "real/rinex-mosaic-1m/base.obs"
+FACTOR = 20  # asked for: times as fast as georinex
+
+IN_PIECES = """
+from functools import partial
+from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, obs_pieces
+begin, ranges = time.process_time(), 0
+with open(path, "rb") as file:
+    for piece in obs_pieces(iter(partial(file.read, PIECE_BYTES), b"")):
+        ranges += int(np.isfinite(piece.observations.pseudorange_m).sum())
+"""
+AT_ONCE = """
 from skyproof.formats.rinex_obs_read import read_obs
+begin = time.process_time()
+ranges = int(np.isfinite(read_obs(path).observations.pseudorange_m).sum())
+"""
+BY_GEORINEX = """
+import georinex
+begin = time.process_time()
+found = georinex.load(path)
+ranges = int(sum(np.isfinite(found[name]).sum() for name in found if name[0] == "C"))
+"""
+PROGRAM = "import sys, time\nimport numpy as np\npath = sys.argv[1]\n{}print(time.process_time() - begin, ranges)"
 
-EPOCHS, SATS = 900, 50  # a quarter of an hour at 1 Hz; a day is 96 of them
-UNIT = "s/100k sat-ep"
+
+@dataclass(frozen=True)
+class Read:
+    """What a process took for a file, in seconds of one core, and the most memory that it held, in megabytes."""
+
+    whole_s: float
+    reading_s: float
+    peak_mb: float
+    ranges: int
 
 
 def report() -> Iterator[str]:
-    """Seconds of one core for 100 000 satellites' records of four signals with code, phase, Doppler and C/N0."""
-    georinex = importlib.import_module("georinex") if importlib.util.find_spec("georinex") else None
+    """Rows of the table."""
+    source = Path(os.environ.get("SKYPROOF_DATA", "")) / SOURCE
+    if "SKYPROOF_DATA" not in os.environ or not source.is_file():
+        yield f"reading RINEX: skipped, SKYPROOF_DATA names no folder with {SOURCE}"
+        return
     with TemporaryDirectory() as folder:
-        whole, part = Path(folder) / "whole.rnx", Path(folder) / "part.rnx"
-        _write(whole, EPOCHS)
-        _write(part, 30)  # georinex needs minutes for the whole
-        readers: list[tuple[str, int, Callable[[], object]]] = [
-            ("all signals", EPOCHS, lambda: read_obs(whole)),
-            ("L1 C/A alone", EPOCHS, lambda: read_obs(whole, keep=lambda signal: signal.code == "CA")),
-        ]
-        if georinex is not None:
-            readers.append(("georinex, all signals", 30, lambda: georinex.load(part)))
-        figures = take_turns(*(read for _, _, read in readers), runs=3, clock=process_time)
-        yield f"RINEX 3.04 observations, {SATS} satellites, {whole.stat().st_size / 1e6:.0f} MB"
-        for (what, epochs, _), seconds in zip(readers, figures, strict=True):
-            per: Spread = seconds * (1e5 / (epochs * SATS))
-            yield line(what, per, UNIT, f"a day at 1 Hz: {per.median * 864 * SATS / 1000:.0f} s")
-        if georinex is None:
-            yield "  georinex is not installed; `pip install georinex` to have it beside"
+        part, hour, day = (
+            repeated(source, Path(folder) / f"{epochs}.rnx", epochs) for epochs in (PART, DAY // 24, DAY)
+        )
+        yield f"reading RINEX 3.04 of a real receiver, 57 satellites at 1 Hz, whole processes, {RUNS} runs each"
+        yield from _rows_of_pieces(hour, day)
+        yield from _rows_beside_georinex(part)
 
 
-def _write(path: Path, epochs: int) -> None:
-    """Four signals of each of the satellites of GPS at every second."""
-    rng = np.random.default_rng(1)
-    types = [kind + signal for signal in ("1C", "1W", "2W", "5Q") for kind in "CLDS"]
-    lines = [
-        f"{'     3.04           OBSERVATION DATA    G':60}RINEX VERSION / TYPE",
-        f"{'        0.0000        0.0000        0.0000':60}APPROX POSITION XYZ",
-        f"{'G   16 ' + ' '.join(types[:13]):60}SYS / # / OBS TYPES",
-        f"{'       ' + ' '.join(types[13:]):60}SYS / # / OBS TYPES",
-        f"{'  2024    10    27     0     0    0.0000000     GPS':60}TIME OF FIRST OBS",
-        f"{'':60}END OF HEADER",
-    ]
-    record = ("{:14.3f} 7{:14.3f} 7{:14.3f}  {:14.3f}  " * 4).rstrip()
-    for epoch in range(epochs):
-        lines.append(f"> 2024 10 27 00 {epoch // 60:02d}{epoch % 60:11.7f}  0{SATS:3d}")
-        for sat in range(SATS):
-            values = (2e7 + 6e6 * rng.random(16)).tolist()
-            lines.append(f"G{sat + 1:02d}" + record.format(*values))
-    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+def repeated(source: Path, path: Path, epochs: int) -> Path:
+    """`source` again and again, so many epochs, a second apart."""
+    head, _, body = source.read_bytes().partition(b"END OF HEADER")
+    ending, _, body = body.partition(b"\n")
+    records = [record[28:].rstrip() + b"\n" for record in body.lstrip(b"> ").split(b"\n> ")]
+    begin = np.datetime64("2024-06-24T00:00:00")
+    with path.open("wb") as file:
+        file.write(head + b"END OF HEADER" + ending + b"\n")
+        for second, record in zip(range(epochs), itertools.cycle(records)):
+            label = str(begin + np.timedelta64(second, "s")).replace("-", " ").replace("T", " ").replace(":", " ")
+            file.write(f"> {label}.0000000 ".encode() + record)
+    return path
+
+
+def _rows_of_pieces(hour: Path, day: Path) -> Iterator[str]:
+    """An hour and a day in turns: the memory must be the same."""
+    runs = [(read(sys.executable, IN_PIECES, hour), read(sys.executable, IN_PIECES, day)) for _ in range(RUNS)]
+    for name, path, reads in zip(("an hour", "a day"), (hour, day), zip(*runs, strict=True), strict=True):
+        size = f"{path.stat().st_size / 1e6:.0f} MB, {reads[0].ranges} ranges"
+        yield line(f"{name} in pieces", Spread.of([r.whole_s for r in reads]), "s", size)
+        yield line(f"{name} in pieces, most memory", Spread.of([r.peak_mb for r in reads]), "MB")
+
+
+def _rows_beside_georinex(part: Path) -> Iterator[str]:
+    """The same part by ours at once, by ours in pieces and by georinex, in turns."""
+    peer = os.environ.get("SKYPROOF_PEERS", sys.executable)
+    found = subprocess.run([peer, "-c", "import georinex"], capture_output=True, check=False).returncode == 0
+    programs = {"at once": (sys.executable, AT_ONCE), "in pieces": (sys.executable, IN_PIECES)}
+    programs |= {"georinex": (peer, BY_GEORINEX)} if found else {}
+    runs = [[read(python, program, part) for python, program in programs.values()] for _ in range(RUNS)]
+    for name, reads in zip(programs, zip(*runs, strict=True), strict=True):
+        per_epoch = Spread.of([r.reading_s / PART * 1e3 for r in reads])
+        whole_s, peak_mb = (Spread.of([getattr(r, key) for r in reads]) for key in ("whole_s", "peak_mb"))
+        beside = f"process {whole_s.median:.2g} s, {peak_mb.median:.0f} MB ({peak_mb.least:.0f} to {peak_mb.most:.0f})"
+        yield line(f"{PART} epochs, {name}", per_epoch, "ms an epoch", f"{beside}, {reads[0].ranges} ranges")
+    if not found:
+        yield "  georinex is not there: make an environment with it, and name its python by SKYPROOF_PEERS"
+        return
+    times = Spread.of([run[2].reading_s / run[0].reading_s for run in runs])
+    yield line("georinex's time over ours, pair by pair", times, "times", f"asked for {FACTOR}")
+
+
+def read(python: str, program: str, path: Path) -> Read:
+    """One file by one program, in a process of its own."""
+    command = [python, "-W", "ignore", "-c", PROGRAM.format(program), str(path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    reading_s, ranges = process.stdout.read().split()
+    _, _, used = os.wait4(process.pid, 0)
+    process.returncode = 0
+    return Read(used.ru_utime + used.ru_stime, float(reading_s), used.ru_maxrss * 1024 / 1e6, int(ranges))
 
 
 if __name__ == "__main__":

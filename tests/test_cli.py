@@ -39,7 +39,7 @@ from skyproof.formats.verdict import read_verdict, verdict_json
 from skyproof.report.chart import Axes
 from skyproof.simulator.scenes import ready, ready_made
 from skyproof.studies.base import Claim, Study
-from skyproof.verdict import Verdict
+from skyproof.verdict import InputFile, Verdict
 
 VERDICT = read_verdict(Path(__file__).parent / "formats" / "verdict-sample.json")
 PROTECT = ["protect", "rx1.bin", "rx2.bin", "--out", "result"]
@@ -196,6 +196,17 @@ def test_an_interrupted_run_tells_what_is_decided_and_exits_with_130(
     assert cli.main([*PROTECT, "--json"]) == 130
     assert json.loads(capsys.readouterr().out)["verdict"] == "spoofed"
     assert cli.main(["demo"]) == cli.main(["receive", "rx1.bin", "--out", "d"]) == 130
+
+
+def test_what_of_a_platform_file_no_method_uses_is_said_in_one_line(
+    app: App, capsys: pytest.CaptureFixture[str]
+) -> None:
+    remark = "oscillator: read, used by no method of this run"
+    given = InputFile(path="ship.toml", format="platform", sha256=None, remarks=(remark,))
+    app.verdict = said("authentic").model_copy(update={"inputs": (given,)})
+    for more in ([], ["--json"]):
+        assert cli.main([*PROTECT, *more]) == 0
+        assert capsys.readouterr().err.splitlines()[-1] == f"skyproof: ship.toml: {remark}"
 
 
 def test_an_interruption_before_anything_is_decided_exits_with_130(

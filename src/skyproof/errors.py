@@ -12,6 +12,7 @@ of them is made by the tests (`pytest --messages FILE`).
 """
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any, Final
 
 __all__ = [
@@ -122,12 +123,21 @@ def fault_words(place: str, fault: Mapping[str, Any]) -> str:
         return f"{place} holds {context['actual_length']}, expected {f'{least} or more' if most is None else most}"
     expected = next((words.format(float(context[key])) for key, words in _BOUNDS.items() if key in context), "")
     expected = expected or next((words for begin, words in _KINDS.items() if kind.startswith(begin)), "")
+    if kind in ("float_type", "int_type") and isinstance(fault["input"], str) and _is_number(fault["input"]):
+        expected += f" without quotes: {shortened(fault['input'])}"
     if not expected and message.startswith("Input should be "):
         expected = message.removeprefix("Input should be ")
     if not expected:
         return f"{place}: {message}" if place else message
     came = fault["input"]
     return f"{place or 'the whole'} = {shown(came)}, expected {expected}"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def shown(value: object) -> str:

@@ -190,7 +190,7 @@ class SampleGap:
 
 
 class OpenFile(Protocol):
-    """A file that is read and stays open, so that what is told of it is told of the bytes that were read."""
+    """A file that is read and stays open, so that what is said of it holds for the bytes that were read."""
 
     def sum_as_read(self) -> None:
         """Sum bytes as they are read from now on."""
@@ -294,7 +294,7 @@ class Observations:
     doppler_hz : apparent carrier frequency minus nominal; falls with a growing range rate; contains the clock drift.
     pseudorange_sigma_m, carrier_sigma_cyc, doppler_sigma_hz : thermal noise, one sigma.
     status : (n_epochs, n_channels) uint8, see CellStatus. NaN always has a reason here.
-    half_cycle_open : (n_epochs, n_channels) where the carrier may be half a cycle off, for nothing told the sign of the
+    half_cycle_open : (n_epochs, n_channels) where the carrier may be half a cycle off, for nothing gave the sign of the
         data bits; elsewhere it is arbitrary by whole cycles only. One value at construction stands for all cells.
     found_elapsed_s : (n_channels,) when the search found the signal.
     missed_elapsed_s : (n_channels,) the last search before that which looked and did not find it; NaN if the first

@@ -50,7 +50,7 @@ __all__ = [
     "check_detector",
     "check_false_alarms",
     "check_inputs_untouched",
-    "check_missing_told",
+    "check_missing_named",
     "check_pieces",
     "check_repeatable",
 ]
@@ -88,7 +88,7 @@ def check_detector(
     detector = make()
     check_declarations(detector)
     examples = [null_records(rng) for _ in range(4)]
-    check_missing_told(detector, examples[0])
+    check_missing_named(detector, examples[0])
     for records in examples:
         check_inputs_untouched(make, records)
         check_repeatable(make, records)
@@ -115,7 +115,7 @@ def check_declarations(detector: Detector) -> None:
     assert 0.0 < rate < 1.0, f"settings of {kind} state no false_alarm_probability between 0 and 1"
 
 
-def check_missing_told(detector: Detector, records: Records) -> None:
+def check_missing_named(detector: Detector, records: Records) -> None:
     """Without a record that it needs, or with nothing measured in them, it does not raise, nor is it silent:
     "undecided", why, what would be needed."""
     lacking = [need for need in detector.needs if not records.has(need)]
@@ -144,14 +144,14 @@ def check_repeatable(make: Callable[[], Detector], records: Records) -> None:
     """The same input gives the same evidence, also from a detector made anew."""
     detector = make()
     first, second, third = detector.examine(records)[0], detector.examine(records)[0], make().examine(records)[0]
-    assert [_told(e) for e in first] == [_told(e) for e in second] == [_told(e) for e in third], (
+    assert [_said(e) for e in first] == [_said(e) for e in second] == [_said(e) for e in third], (
         f"{detector.name} gives different evidence for the same records"
     )
 
 
 def check_channel_order(make: Callable[[], Detector], records: Records, rng: np.random.Generator) -> None:
     """The order of channels means nothing, in observations as in taps, grids and phases, each in an order of its own:
-    what belongs together is told by the names of signals."""
+    what belongs together follows from the names of signals."""
     shuffled = _each_measured(records, lambda measured: _permuted(measured, rng))
     one, other = make().examine(records)[0], make().examine(shuffled)[0]
     assert len(one) == len(other), f"{make().name} finds {len(one)} or {len(other)} things by the order of the channels"
@@ -168,7 +168,7 @@ def check_pieces(make: Callable[[], Detector], windows: Iterable[Records]) -> No
     for records in windows:
         expected, state = whole.examine(records, state)
         found, saved = pieces.examine(records, saved)
-        assert [_told(e) for e in found] == [_told(e) for e in expected], f"{whole.name}: pieces do not equal the whole"
+        assert [_said(e) for e in found] == [_said(e) for e in expected], f"{whole.name}: pieces do not equal the whole"
         pieces, saved = make(), pickle.loads(pickle.dumps(saved))
 
 
@@ -219,7 +219,7 @@ def _arrays(record: Any) -> list[NDArray[Any]]:
     return []
 
 
-def _told(evidence: Evidence) -> tuple[str, ...]:
+def _said(evidence: Evidence) -> tuple[str, ...]:
     """All of it, NaN equal to NaN."""
     return tuple(repr(getattr(evidence, f.name)) for f in fields(evidence))
 

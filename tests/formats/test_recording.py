@@ -54,7 +54,7 @@ def test_metadata_beside_a_raw_file_without_sidecar_are_used(tmp_path):
 
 
 def test_a_raw_file_that_nothing_describes_is_told_as_ever(tmp_path):
-    with pytest.raises(InputError, match=r"nothing tells how to read it, for there is no sidecar .*rec\.toml"):
+    with pytest.raises(InputError, match=r"nothing says how to read it, for there is no sidecar .*rec\.toml"):
         open_recording(write(tmp_path))
     with pytest.raises(InputError, match=r"gone\.bin does not exist"):
         open_recording(tmp_path / "gone.bin")

@@ -236,7 +236,7 @@ def test_an_unknown_fit_interval_is_four_hours(fit):
 def test_the_date_resolves_the_week_whatever_the_writer_counted(written):
     navigation = parse_nav(changed(VERSION_3, 14, "2.320000000000E+03", written))
     assert navigation.ephemerides[0].week == 2320
-    assert "GPS week resolved by the date in 1 records that tell another one" in navigation.remarks
+    assert "GPS week resolved by the date in 1 records that state another one" in navigation.remarks
 
 
 def test_an_orbit_of_the_next_week_with_a_clock_of_this_one_is_put_right():

@@ -353,7 +353,7 @@ def test_samples_before_the_first_capture_are_read(tmp_path):
 def test_no_capture_is_one_capture_on_l1_and_told(tmp_path):
     samples = one(write(tmp_path, meta_of(captures=[]), noise(500).tobytes()))
     assert samples.centre_hz == 1575.42e6
-    assert "no core:frequency is told" in samples.remarks[0]
+    assert "no core:frequency is given" in samples.remarks[0]
 
 
 def test_annotations_are_counted_and_labels_told(tmp_path):
@@ -392,7 +392,7 @@ def test_a_digest_that_differs_is_told_and_one_that_agrees_is_not(tmp_path):
     assert sha512_remarks(path, lambda done, size: told.append((done, size))) == ()
     assert told == [(10_000, 10_000)]
     path.with_suffix(".sigmf-data").write_bytes(octets[:-1] + b"\x00")
-    assert "not those that core:sha512 tells of" in one(path).remarks[0]
+    assert "not those that core:sha512 was made of" in one(path).remarks[0]
     assert len(sha512_remarks(path)) == 1
 
 

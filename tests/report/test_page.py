@@ -223,6 +223,14 @@ def test_how_sure_names_the_strongest_evidence_for_the_verdict(verdict: str, dec
     assert f"that of d2: {words}" in told
 
 
+def test_a_test_that_did_not_decide_rejects_no_clean_sky() -> None:
+    document = copy.deepcopy(SAMPLE)
+    document["methods"] = [document["methods"][0] | {"decision": "undecided", "p_value": 1e-9}]
+    text = read(report_html(Verdict.model_validate(document), EMPTY)).text
+    assert "It did not decide (p = 1.0·10⁻⁹)." in text
+    assert "in a clean sky, chance alone" not in text
+
+
 def test_a_signal_that_changes_its_label_is_one_signal() -> None:
     signals = [SAMPLE["signals"][0], SAMPLE["signals"][0] | {"label": "unknown"}]
     told = how_sure(Verdict.model_validate(SAMPLE | {"signals": signals}))[-1]

@@ -35,8 +35,8 @@ def warm() -> None:
 
 
 def _receiver(folder: Path) -> None:
-    """Seconds under a meaconer through simulator and receiver, until two signals of a satellite are told apart, then a
-    moment of each kind of whole bytes behind a filter.
+    """Seconds under a meaconer through simulator and receiver, until two signals of a satellite are distinguished, then
+    a moment of each kind of whole bytes behind a filter.
     """
     scenario = scenes.meaconed(duration_s=2.2, onset_s=-1.0)
     recordings = write(scenario, nominal_constellation(scenario.start_gpst), folder / "bits")

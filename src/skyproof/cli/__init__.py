@@ -1,7 +1,7 @@
 """Arguments in, words out: one module a command.
 
 Results go to standard output, everything else to standard error. Exit codes: 0 it ran to its end; with --exit-code
-0 authentic, 1 spoofed, 3 undecided; 2 an error, told in one line; 130 interrupted, with what was decided so far.
+0 authentic, 1 spoofed, 3 undecided; 2 an error, reported in one line; 130 interrupted, with what was decided so far.
 
 A command's module is loaded when the command is called, and what computes (`skyproof.app`) when it is to work: help
 and errors come at once.

@@ -29,9 +29,7 @@ def install_completion(
     try:
         path = app.install_completion(shell=shell, output=output, add_to_startup=output is None)
     except ShellDetectionError as error:
-        raise SettingsError(
-            "which shell this is cannot be told from its environment; name it, as in --shell bash"
-        ) from error
+        raise SettingsError("the environment does not say which shell this is; name it, as in --shell bash") from error
     except OSError as error:
         raise OutputError(
             f"{error.filename or output}: cannot be written ({error.strerror or error}); name another file with "

@@ -10,7 +10,7 @@ from skyproof.app.common.settings import Settings
 __all__ = ["Debug", "Duration", "Json", "Nav", "OneDocument", "Place", "Reach", "Start", "setting"]
 
 
-_UNTOLD = {
+_NOT_GIVEN = {
     "duration_s": "the end",
     "place_deg": "every satellite is looked for",
     "antenna_distance_m": "not known",
@@ -22,7 +22,7 @@ _UNITS = {"s": "seconds", "hz": "hertz", "m": "metres", "deg": "degrees"}
 def setting(name: str) -> Parameter:
     """The help of an option that is a setting: its description, unit and default, from where they are defined."""
     field = Settings.model_fields[name]
-    default = _UNTOLD[name] if field.default is None else f"{field.default:g}"
+    default = _NOT_GIVEN[name] if field.default is None else f"{field.default:g}"
     unit = _UNITS.get(name.rpartition("_")[2])
     return Parameter(help=" ".join(filter(None, (field.description, unit and f"In {unit}.", f"Default: {default}."))))
 

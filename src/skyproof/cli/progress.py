@@ -48,7 +48,7 @@ class _Bar:
 
 
 class _Time(rich_progress.ProgressColumn):
-    """The time left once it can be told; until then, and where the amount of work is not known, the time taken."""
+    """The time left once it can be estimated; until then, and where the amount of work is not known, the time taken."""
 
     max_refresh = 0.5
 

@@ -28,19 +28,19 @@ _FEW_LEVELS = 4
 _NOTES = 6
 
 
-def show_inspection(console: Console, told: "Inspection") -> None:
+def show_inspection(console: Console, inspection: "Inspection") -> None:
     """One recording on one screen."""
     width = min(console.width, _WIDEST)
-    console.print(words(told.samples.path or told.samples.name, style="bold"), soft_wrap=True)
-    console.print(words(told.summary))
+    console.print(words(inspection.samples.path or inspection.samples.name, style="bold"), soft_wrap=True)
+    console.print(words(inspection.summary))
     console.print()
-    console.print(_facts(told))
+    console.print(_facts(inspection))
     console.print()
-    console.print(_measured(told, width - _LABEL - 1))
-    if told.satellites:
+    console.print(_measured(inspection, width - _LABEL - 1))
+    if inspection.satellites:
         console.print()
-        print_table(console, _satellites(told, width))
-    notes = [remark for remark in told.remarks if remark not in told.front_end.remarks]
+        print_table(console, _satellites(inspection, width))
+    notes = [remark for remark in inspection.remarks if remark not in inspection.front_end.remarks]
     if notes:
         console.print()
     for remark in notes[:_NOTES]:
@@ -48,9 +48,9 @@ def show_inspection(console: Console, told: "Inspection") -> None:
     if len(notes) > _NOTES:
         console.print(words(f"  · and {len(notes) - _NOTES} more: --json has all", style="yellow"))
     console.print()
-    if told.sidecar is not None:
-        console.print(words(f"Written: {told.sidecar}", style="green"), soft_wrap=True)
-    console.print(words(told.advice, style="bold"))
+    if inspection.sidecar is not None:
+        console.print(words(f"Written: {inspection.sidecar}", style="green"), soft_wrap=True)
+    console.print(words(inspection.advice, style="bold"))
 
 
 def show_guess(console: Console, found: "Guess") -> None:
@@ -71,11 +71,11 @@ def _grid() -> Table:
     return grid
 
 
-def _facts(told: "Inspection") -> Table:
+def _facts(inspection: "Inspection") -> Table:
     """How it is read, and where that comes from."""
-    samples, sources = told.samples, told.sources
-    kind = "real" if told.front_end.real else "complex"
-    numbers = samples.format if told.layout is None else numbers_of(told.layout)
+    samples, sources = inspection.samples, inspection.sources
+    kind = "real" if inspection.front_end.real else "complex"
+    numbers = samples.format if inspection.layout is None else numbers_of(inspection.layout)
     start = "unknown" if samples.start_gpst is None else f"{str(samples.start_gpst)[:19].replace('T', ' ')} GPS time"
     rows = [
         ("format", f"{kind}, {numbers}", "encoding"),
@@ -89,14 +89,14 @@ def _facts(told: "Inspection") -> Table:
     grid.add_column(style="dim")
     for name, value, key in rows:
         grid.add_row(name, value, sources.get(key, ""))
-    if told.proposals:
-        grid.add_row("guessed", *_guessed(told))
+    if inspection.proposals:
+        grid.add_row("guessed", *_guessed(inspection))
     return grid
 
 
-def _guessed(told: "Inspection") -> tuple[str, str]:
-    taken = told.proposals[told.taken]
-    others = [one for number, one in enumerate(told.proposals) if number != told.taken and one.satellites]
+def _guessed(inspection: "Inspection") -> tuple[str, str]:
+    taken = inspection.proposals[inspection.taken]
+    others = [one for number, one in enumerate(inspection.proposals) if number != inspection.taken and one.satellites]
     rival = max(others, key=lambda one: one.power, default=None)
     heard = f"{len(taken.satellites)} satellites; by noise once in 10^{-taken.log10_chance:.0f}"
     if rival is None:
@@ -131,11 +131,11 @@ def _proposals(proposals: "Sequence[Proposal]") -> Table:
 # --- measurements
 
 
-def _measured(told: "Inspection", width: int) -> Table:
-    front, survey = told.front_end, told.survey
+def _measured(inspection: "Inspection", width: int) -> Table:
+    front, survey = inspection.front_end, inspection.survey
     grid = _grid()
     grid.add_column(max_width=width)
-    grid.add_row("levels", _levels(told, width))
+    grid.add_row("levels", _levels(inspection, width))
     dc = [offset / rms if rms > 0.0 else 0.0 for offset, rms in zip(front.dc, front.rms, strict=True)]
     balance = (
         f"DC {dc[0]:+.3f} rms"
@@ -147,29 +147,29 @@ def _measured(told: "Inspection", width: int) -> Table:
     )
     extremes = f" · {front.extreme_share:.1%} at the extremes" if front.levels.size > 2 else ""
     grid.add_row("", f"{balance}{extremes}")
-    for label, line in _spectrum(told, width):
+    for label, line in _spectrum(inspection, width):
         grid.add_row(label, line)
-    grid.add_row("gaps", _gaps(told))
-    grid.add_row("oscillator", _oscillator(told))
+    grid.add_row("gaps", _gaps(inspection))
+    grid.add_row("oscillator", _oscillator(inspection))
     if math.isfinite(survey.clock_minus_lo_ppm):
         off = f"{survey.clock_minus_lo_ppm:+.3f} ± {survey.clock_minus_lo_sigma_ppm:.3f} ppm"
         grid.add_row("clock", f"{off} against the oscillator")
     return grid
 
 
-def _levels(told: "Inspection", width: int) -> str:
-    values, shares = told.front_end.levels, told.front_end.level_shares
+def _levels(inspection: "Inspection", width: int) -> str:
+    values, shares = inspection.front_end.levels, inspection.front_end.level_shares
     if values.size <= _FEW_LEVELS:
         return "   ".join(f"{value:+g} {share:.1%}" for value, share in zip(values, shares, strict=True))
     parts = _split(values.size, min(width - 24, 64, values.size))
     pooled = [sum(shares[part]) / (part.stop - part.start) for part in parts]
     bars = "".join(_BLOCKS[math.ceil(8 * share / max(pooled) - 1e-9)] for share in pooled)
-    return f"{values[0]:.4g} {bars} {values[-1]:.4g}   rms {told.front_end.rms[0]:.3g}"
+    return f"{values[0]:.4g} {bars} {values[-1]:.4g}   rms {inspection.front_end.rms[0]:.3g}"
 
 
-def _spectrum(told: "Inspection", width: int) -> Iterator[tuple[str, Text]]:
+def _spectrum(inspection: "Inspection", width: int) -> Iterator[tuple[str, Text]]:
     """Rows of blocks, marks of lines above, frequencies below."""
-    front = told.front_end
+    front = inspection.front_end
     columns = min(width - 8, 96)
     parts = _split(front.frequency_hz.size, columns)
     reference = max(front.floor)
@@ -195,11 +195,11 @@ def _spectrum(told: "Inspection", width: int) -> Iterator[tuple[str, Text]]:
             text.append(f" {high_db - span_db * (row == 0):+.0f} dB", style="dim")
         yield "spectrum" if row == _SPECTRUM_ROWS - 1 else "", text
     yield "", words(_axis(float(front.frequency_hz[0]), float(front.frequency_hz[-1]) + step_hz, columns), style="dim")
-    yield "lines", words(_lines(told))
+    yield "lines", words(_lines(inspection))
 
 
-def _lines(told: "Inspection") -> str:
-    lines = told.front_end.lines
+def _lines(inspection: "Inspection") -> str:
+    lines = inspection.front_end.lines
     hurting = [line for line in lines if line.hurts]
     if not lines:
         return "none"
@@ -228,33 +228,33 @@ def _axis(low_hz: float, high_hz: float, columns: int) -> str:
     return f"{marks[0]}{' ' * first}{marks[1]}{' ' * second}{marks[2]} MHz"
 
 
-def _gaps(told: "Inspection") -> str:
-    gaps, known = told.survey.gaps, told.samples.gaps
-    examined_s = min(told.samples.duration_s, 0.5)
-    if not told.satellites:
+def _gaps(inspection: "Inspection") -> str:
+    gaps, known = inspection.survey.gaps, inspection.samples.gaps
+    examined_s = min(inspection.samples.duration_s, 0.5)
+    if not inspection.satellites:
         return "not known without signals"
     if not gaps and not known:
         return f"none in the first {_long(examined_s)}"
-    at = [f"{gap.at_sample / told.samples.rate_hz * 1e3:.1f} ms" for gap in gaps] or [
+    at = [f"{gap.at_sample / inspection.samples.rate_hz * 1e3:.1f} ms" for gap in gaps] or [
         str(gap.at_sample) for gap in known
     ]
     return f"{len(at)}, at {', '.join(at[:4])}{' …' if len(at) > 4 else ''}"
 
 
-def _oscillator(told: "Inspection") -> str:
-    error = told.oscillator
+def _oscillator(inspection: "Inspection") -> str:
+    error = inspection.oscillator
     if not math.isfinite(error.doppler_hz):
         return "not known without signals"
-    ppm = 1e6 / told.samples.centre_hz
+    ppm = 1e6 / inspection.samples.centre_hz
     off_ppm = 0.0 - round(error.doppler_hz * ppm, 1)  # a slow oscillator makes signals appear high
     seen = f"signals appear {error.doppler_hz:+.0f} ± {error.sigma_hz:.0f} Hz off"
     return f"{off_ppm:+.1f} ± {error.sigma_hz * ppm:.1f} ppm ({seen})"
 
 
-def _satellites(told: "Inspection", width: int) -> Table:
+def _satellites(inspection: "Inspection", width: int) -> Table:
     rows = table("satellite", "", "C/N0 dB-Hz", "Doppler Hz", "code chips", "peaks", numbers=4)
     longest = max(8, min(width - 58, 40))
-    for one in told.satellites:
+    for one in inspection.satellites:
         share = min(max((one.cn0_dbhz - 30.0) / 25.0, 0.02), 1.0)
         bar = words("━" * max(1, round(share * longest)), style="cyan")
         peaks = words(str(one.peaks), style="bold red" if one.peaks > 1 else "")

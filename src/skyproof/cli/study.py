@@ -121,13 +121,13 @@ def _run(chosen: Study, settings: Settings) -> tuple[list[Row], bool]:
 
 def _validation(found: Mapping[str, Study], settings: Settings) -> str:
     """The table of all figures; how far it is, in studies."""
-    told, begun = progress(), list(found)
+    shown, begun = progress(), list(found)
     try:
-        with told.stage("making the table of all figures", len(found)) as stage:
+        with shown.stage("making the table of all figures", len(found)) as stage:
 
             def before(name: str) -> None:
                 stage.advance(begun.index(name))
-                told.say(name)
+                shown.say(name)
 
             return validation_table(found, settings, before=before)
     except KeyboardInterrupt:
@@ -190,11 +190,11 @@ def _tell(chosen: Study, rows: Sequence[Row], *, whole: bool) -> None:
     print_table(console, listed)
     claims = check(chosen, rows) if whole else []
     if claims:
-        told = table("what", *COLUMNS, "agrees")
+        claims_table = table("what", *COLUMNS, "agrees")
         for one in claims:
-            told.add_row(Text(one.claim.what), *(Text(cell.replace("*", "")) for cell in one.cells()))
+            claims_table.add_row(Text(one.claim.what), *(Text(cell.replace("*", "")) for cell in one.cells()))
         console.print()
-        print_table(console, told)
+        print_table(console, claims_table)
 
 
 def _cell(value: Any) -> str:

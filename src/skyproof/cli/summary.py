@@ -22,6 +22,10 @@ def tell(result: "ProtectResult", *, as_json: bool) -> None:
     """Print the verdict, as JSON or in words, and where the report is."""
     if result.interrupted:
         complain("interrupted: this is what was decided so far")
+    for given in result.verdict.inputs:
+        if given.format == "platform":  # what its owner wrote and no method uses
+            for remark in given.remarks:
+                complain(f"{given.path}: {remark}")
     if as_json:
         print_document(verdict_json(result.verdict))
     else:

@@ -1,6 +1,6 @@
 """Compiled inner loops of `decomposition`: the search over pairs of delays and the fit from there.
 
-Everything is told in whitened coordinates: noise is white with variance one per complex sample after scaling. A signal
+Everything is given in whitened coordinates: noise is white with variance one per complex sample after scaling. A signal
 is amplitude times D(delay) times e(Doppler), an outer product of a real and a complex vector that tables hold with
 their derivatives; so every inner product is one over delays times one over Dopplers, and a step costs little.
 """

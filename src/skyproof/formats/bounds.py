@@ -84,18 +84,18 @@ def require_toml_depth(text: str) -> None:
 class Remarks:
     """The first few texts of one kind, and how many came after them."""
 
-    told: list[str] = field(default_factory=list)
+    named: list[str] = field(default_factory=list)
     others: int = 0
 
     def add(self, text: str) -> None:
-        if len(self.told) < REMARKS:
-            self.told.append(text)
+        if len(self.named) < REMARKS:
+            self.named.append(text)
         else:
             self.others += 1
 
     def words(self, others: str) -> list[str]:
         """The texts, and "3 ..." of the others."""
-        return [*self.told, *([f"{self.others} {others}"] if self.others else [])]
+        return [*self.named, *([f"{self.others} {others}"] if self.others else [])]
 
 
 def first_few(faults: Sequence[_Fault], words: Callable[[_Fault], str]) -> list[str]:

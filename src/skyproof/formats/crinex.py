@@ -204,10 +204,10 @@ class _Decoder(ABC):
         if count < 0 or end > len(lines):
             raise _Lost(f"an epoch of {count} lines")
         if 2 <= flag <= 5:
-            told = list(lines[position + 1 : end])
-            self.learn(told)
+            stated = list(lines[position + 1 : end])
+            self.learn(stated)
             self.head = ""
-            return end, [head.rstrip(), *told]
+            return end, [head.rstrip(), *stated]
         listed = head[self.sats_at :].rstrip()
         sats = [listed[3 * k : 3 * k + 3] for k in range(count)]
         texts = lines[position + 2 : end]

@@ -156,16 +156,16 @@ def _require_turning(source: str, force: Reals, rate: Reals, steps: Integers, in
     means = rate[: count * length].reshape(count, length, 3).mean(axis=1)
     fastest = float(np.linalg.norm(means, axis=1).max(initial=0.0)) if length * interval_s > 0.5 * _BLOCK_S else 0.0
     slope, sigma = _slope(force, means, steps, length, interval_s)
-    told = "expected rad/s; multiply them by pi / 180"
+    remedy = "expected rad/s; multiply them by pi / 180"
     if slope > _SURE * sigma and _ALIKE[0] < np.degrees(slope) < _ALIKE[1]:
         raise InputError(
             f"{source}: gravity turns in the accelerometers by {slope:.4f} of what the gyros say, as if these were in "
-            f"degrees a second, {told}"
+            f"degrees a second, {remedy}"
         )
     if fastest > _FASTEST_RAD_S:
         raise InputError(
             f"{source}: the gyros say {fastest:.3g} for half a second, {fastest / (2.0 * np.pi):.1f} turns a second, "
-            f"{told} if they are in degrees a second"
+            f"{remedy} if they are in degrees a second"
         )
     if -slope > _SURE * sigma and _ALIKE[0] < -slope < _ALIKE[1]:
         raise InputError(

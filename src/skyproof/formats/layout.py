@@ -207,7 +207,7 @@ def _convert(octets: Octets, packing: Packing, channel: int, start: int, planes:
     if numbers == 2 and stored.flags.c_contiguous and stored.flags.aligned and stored.dtype.isnative:
         _split(stored.reshape(-1), rows[0], rows[1])
     else:
-        with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite, and is told as such
+        with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite, and is reported as such
             rows[...] = stored.T
     if packing.encoding == "offset-binary":
         rows *= 2.0

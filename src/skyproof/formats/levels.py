@@ -23,7 +23,7 @@ _SATURATED, _SATURATED_FEW_LEVELS = 0.10, 0.60
 
 
 def live_channels(
-    one: Samples, packed: Sequence[PackedSamples], told_by: str
+    one: Samples, packed: Sequence[PackedSamples], stated_by: str
 ) -> tuple[list[Samples], list[InputError]]:
     """Each channel of a recording as one of its own, and why others are left out: those that never change.
 
@@ -36,7 +36,7 @@ def live_channels(
         if len(packed) > 1:
             samples = replace(samples, name=f"{one.name}-{number}", antenna=f"{one.antenna}-{number}")
         try:
-            opened.append(looked_at(samples, channel, told_by))
+            opened.append(looked_at(samples, channel, stated_by))
         except InputError as error:
             dead.append(InputError(f"{samples.name}: {error}") if len(packed) > 1 else error)
     return opened, dead
@@ -49,22 +49,22 @@ def without_dead(opened: Sequence[Samples], dead: Sequence[InputError]) -> tuple
     return tuple(replace(one, remarks=(*one.remarks, *(f"left out: {error}" for error in dead))) for one in opened)
 
 
-def looked_at(samples: Samples, packed: PackedSamples, told_by: str) -> Samples:
+def looked_at(samples: Samples, packed: PackedSamples, stated_by: str) -> Samples:
     """The recording with what its levels tell added to its remarks.
 
-    told_by : what says how to read it, for the words: "encoding and bits of rx.toml".
+    stated_by : what says how to read it, for the words: "encoding and bits of rx.toml".
 
     Raises
     ------
     InputError : no stretch that was looked at changes, or none holds finite numbers.
     """
-    finite = _finite_remarks(samples, packed, told_by) if packed.packing.encoding == "float" else ()
-    levels = check_levels(samples, kind=packed.packing.kind, told_by=told_by)
+    finite = _finite_remarks(samples, packed, stated_by) if packed.packing.encoding == "float" else ()
+    levels = check_levels(samples, kind=packed.packing.kind, stated_by=stated_by)
     return replace(samples, remarks=(*samples.remarks, *finite, *levels))
 
 
 def check_levels(
-    samples: Samples, *, kind: Literal["real", "complex"] = "complex", told_by: str = "what says how to read it"
+    samples: Samples, *, kind: Literal["real", "complex"] = "complex", stated_by: str = "what says how to read it"
 ) -> tuple[str, ...]:
     """What the levels of the samples tell, from at most 16 stretches spread over the recording.
 
@@ -81,7 +81,7 @@ def check_levels(
         what = "all samples are zero" if not planes.any() else f"all samples are {planes[0, 0]:g}"
         raise InputError(
             f"{samples.path or samples.name}: {what} in {_all_of(len(stretches))} looked at; there is nothing to "
-            f"receive: check the recorder, and {told_by}"
+            f"receive: check the recorder, and {stated_by}"
         )
     remarks = []
     if any(still):
@@ -90,7 +90,7 @@ def check_levels(
             f"the samples do not change in {sum(still)} of {len(still)} stretches looked at, first at "
             f"{first_s:.3f} s: the recorder left gaps, or the front end was off"
         )
-    return (*remarks, *_saturation(planes), *_offsets(planes, told_by))
+    return (*remarks, *_saturation(planes), *_offsets(planes, stated_by))
 
 
 def _all_of(n_stretches: int) -> str:
@@ -115,12 +115,12 @@ def _saturation(planes: Reals) -> list[str]:
     ]
 
 
-def _offsets(planes: Reals, told_by: str) -> list[str]:
+def _offsets(planes: Reals, stated_by: str) -> list[str]:
     mean, deviation = planes.mean(axis=1), planes.std(axis=1)
     names = "IQ"[: len(planes)]
     if not deviation.all():
         dead = names[int(np.argmin(deviation))]
-        return [f"{dead} never changes: check {told_by}, and the front end"]
+        return [f"{dead} never changes: check {stated_by}, and the front end"]
     offset = mean / deviation
     remarks = []
     if np.abs(offset).max() > _DC_LIMIT:
@@ -134,12 +134,12 @@ def _offsets(planes: Reals, told_by: str) -> list[str]:
     return remarks
 
 
-def _finite_remarks(samples: Samples, packed: PackedSamples, told_by: str) -> tuple[str, ...]:
+def _finite_remarks(samples: Samples, packed: PackedSamples, stated_by: str) -> tuple[str, ...]:
     planes = np.concatenate([packed.read_as_stored(*stretch) for stretch in _stretches(packed.n_samples)], axis=1)
     bad = 1.0 - np.isfinite(planes).all(axis=0).mean()
     if bad == 0.0:
         return ()
     what = f"{bad:.2%} of the samples looked at are not finite numbers"
     if bad == 1.0:
-        raise InputError(f"{samples.path}: {what}; check {told_by}")
-    return (f"{what} and read as zero: check {told_by}, and the recorder",)
+        raise InputError(f"{samples.path}: {what}; check {stated_by}")
+    return (f"{what} and read as zero: check {stated_by}, and the recorder",)

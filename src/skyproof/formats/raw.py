@@ -191,8 +191,8 @@ def open_raw_channels(
     -------
     tuple of Samples : one for each channel. `read(start, count)` gives float32, shape (2, count), planar I and Q, in
         the encoding's own numbers; it may be called from several threads. A float that is not finite is read as zero. A
-        tail of less than one sample is left out and told in `remarks`, beside what `check_levels` finds. A channel that
-        never changes is left out and told, where others do.
+        tail of less than one sample is left out and reported in `remarks`, beside what `check_levels` finds. A channel
+        that never changes is left out and reported, where others do.
 
     Raises
     ------
@@ -207,7 +207,7 @@ def open_raw_channels(
         if known := other_than_samples(head_of(path)):
             raise InputError(f"{path} looks like {known[0]}; {known[1]}")
         raise InputError(
-            f"{path}: nothing tells how to read it, for there is no sidecar {sidecar}; run `skyproof inspect {path}`, "
+            f"{path}: nothing says how to read it, for there is no sidecar {sidecar}; run `skyproof inspect {path}`, "
             "which finds out and writes it, or write it with the keys rate_hz, kind, encoding, bits and, where they "
             f"differ from L1 at zero frequency, centre_hz and if_hz: {_EXAMPLE}"
         )
@@ -242,5 +242,5 @@ def open_raw_channels(
         remarks=tuple(remarks),
         file=stored,
     )
-    told_by = f"kind, encoding, bits, byte_order and header_bytes of {sidecar.name}"
-    return without_dead(*live_channels(samples, packed, told_by))
+    stated_by = f"kind, encoding, bits, byte_order and header_bytes of {sidecar.name}"
+    return without_dead(*live_channels(samples, packed, stated_by))

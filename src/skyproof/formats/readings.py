@@ -155,7 +155,7 @@ def _wide(octets: Octets) -> list[Likely]:
 
 
 def _first_bound(octets: Octets, entropy: Reals) -> int | None:
-    """Where pairs begin if every other byte is told by the one before it, and not by the one behind, as in numbers of
+    """Where pairs begin if every other byte depends on the one before it, and not by the one behind, as in numbers of
     few values; None if that is not so.
 
     Two channels that hold the same numbers are bound as well, but alike.
@@ -164,12 +164,12 @@ def _first_bound(octets: Octets, entropy: Reals) -> int | None:
     least = float(min(entropy[:2]))
     if least < _ENTROPY_APART or np.array_equal(pairs[:, 0], pairs[:, 1]):
         return None
-    told = _told_bits(octets, entropy), _told_bits(octets[1:-1], entropy)
-    bound = max(told) > _BOUND * least and min(told) < 0.5 * max(told)
-    return int(told[1] > told[0]) if bound else None
+    shared = _shared_bits(octets, entropy), _shared_bits(octets[1:-1], entropy)
+    bound = max(shared) > _BOUND * least and min(shared) < 0.5 * max(shared)
+    return int(shared[1] > shared[0]) if bound else None
 
 
-def _told_bits(octets: Octets, entropy: Reals) -> float:
+def _shared_bits(octets: Octets, entropy: Reals) -> float:
     """Mutual information of the first and second byte of each pair, in bits."""
     pairs = octets[: octets.size // 2 * 2].view("<u2")
     shares = np.bincount(pairs, minlength=1 << 16) / pairs.size

@@ -111,9 +111,9 @@ class _Walk:
         self.flag.append(flag)
         self.layout.append(len(self.layouts) - 1)
 
-    def event(self, flag: int, told: Sequence[str]) -> None:
+    def event(self, flag: int, stated: Sequence[str]) -> None:
         self.events.append((flag, len(self.flag)))
-        changed = layout_change(told, self.layouts[-1])
+        changed = layout_change(stated, self.layouts[-1])
         if changed != self.layouts[-1]:
             self.layouts.append(changed)
 
@@ -132,19 +132,19 @@ class _Walk:
             raise ValueError(clock)
         return (day + hour * 3600 + minute * 60) * 1_000_000_000 + round(second * 1e9)
 
-    def _events_told(self) -> list[str]:
+    def _event_remarks(self) -> list[str]:
         """What events tell and when: from which epoch on."""
-        told = []
+        stated = []
         for flag in sorted({flag for flag, _ in self.events}):
             nexts = [epoch for own, epoch in self.events if own == flag]
             times = [str(np.datetime64(self.instant_ns[k], "ns"))[11:19] for k in nexts if k < len(self.instant_ns)]
             more = f" and {len(times) - _TIMES} more" if len(times) > _TIMES else ""
             when = f", before {', '.join(times[:_TIMES])}{more}" if times else ""
-            told.append(f"{len(nexts)} events inside the data: {_EVENTS[flag]}{when}")
-        return told
+            stated.append(f"{len(nexts)} events inside the data: {_EVENTS[flag]}{when}")
+        return stated
 
     def rows(self, sat: Integers, epoch: Integers, line: Integers, first_number: int) -> Rows:
-        remarks = self._events_told()
+        remarks = self._event_remarks()
         damaged = self.damaged[:REMARKS]
         remarks += [f"line {first_number + k}: what belongs to no whole epoch is left out" for k in damaged]
         if len(self.damaged) > REMARKS:

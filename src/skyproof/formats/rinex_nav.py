@@ -1,6 +1,6 @@
 """RINEX navigation files of GPS, QZSS, Galileo, BeiDou, GLONASS: versions 2.1x, 3.0x and 4.0x in; version 3.05 out.
 
-A damaged record costs that record, never the file; what was left out is told in `NavigationData.remarks`.
+A damaged record costs that record, never the file; what was left out is reported in `NavigationData.remarks`.
 """
 
 import bisect
@@ -98,8 +98,8 @@ def parse_nav(lines: Iterable[str], *, source: str = "navigation data") -> Navig
     for record in _records(body, header.version, header.default_system):
         found.take(record, header.version)
     if not found.ephemerides:
-        others = f"; {found.others_told()}" if found.others else ""
-        broken = f"; {found.damaged.told[0]}" if found.damaged.told else ""
+        others = f"; {found.others_named()}" if found.others else ""
+        broken = f"; {found.damaged.named[0]}" if found.damaged.named else ""
         raise InputError(f"{source}: no ephemeris after line {header.last_line}{others}{broken}; {_TO_DO}")
     week = max(e.week for e in found.ephemerides)
     return NavigationData(
@@ -277,17 +277,17 @@ class _Found:
         except ValueError as error:
             self.damaged.add(f"line {record.line_number}: {record.sat} left out, {error}")
 
-    def others_told(self) -> str:
+    def others_named(self) -> str:
         counts = ", ".join(f"{kind}: {count}" for kind, count in sorted(self.others.items()))
         return f"{self.others.total()} records of other kinds left out ({counts})"
 
     def remarks(self) -> list[str]:
-        told = self.damaged.words("further damaged records left out")
+        remarks = self.damaged.words("further damaged records left out")
         if self.weeks_off:
-            told.append(f"GPS week resolved by the date in {self.weeks_off} records that tell another one")
+            remarks.append(f"GPS week resolved by the date in {self.weeks_off} records that state another one")
         if self.others:
-            told.append(self.others_told())
-        return told
+            remarks.append(self.others_named())
+        return remarks
 
 
 def _ephemeris(record: _Record, version: float) -> tuple[Ephemeris, int]:
@@ -303,7 +303,7 @@ def _ephemeris(record: _Record, version: float) -> tuple[Ephemeris, int]:
     if system == "C" and week_as_written < week - _BDT_WEEK_0 // 2:
         week_as_written += _BDT_WEEK_0
     if abs(nearest_week(week_as_written, week, 1024) - week) > 1:
-        raise ValueError(f"its date is in GPS week {week}, but it tells week {week_as_written}")
+        raise ValueError(f"its date is in GPS week {week}, but it states week {week_as_written}")
     sent_s, fit_h = orbit[24], orbit[25]
     gps = system in "GJ"
     group_delays = (orbit[22], 0.0) if gps else (orbit[22], orbit[23])

@@ -253,10 +253,10 @@ def _header(
         yield _line(f"{x_m:14.4f}{y_m:14.4f}{z_m:14.4f}", "APPROX POSITION XYZ")
     yield _line(f"{0.0:14.4f}{0.0:14.4f}{0.0:14.4f}", "ANTENNA: DELTA H/E/N")
     for letter, names in types.items():
-        told = [kind + name for name in names for kind in _KINDS]
-        for first in range(0, len(told), _TYPES_A_LINE):
-            begin = f"{letter}  {len(told):3d}" if first == 0 else " " * 6
-            yield _line(f"{begin} {' '.join(told[first : first + _TYPES_A_LINE])}", "SYS / # / OBS TYPES")
+        types_here = [kind + name for name in names for kind in _KINDS]
+        for first in range(0, len(types_here), _TYPES_A_LINE):
+            begin = f"{letter}  {len(types_here):3d}" if first == 0 else " " * 6
+            yield _line(f"{begin} {' '.join(types_here[first : first + _TYPES_A_LINE])}", "SYS / # / OBS TYPES")
     yield _line("DBHZ", "SIGNAL STRENGTH UNIT")
     if epochs.size > 1:
         interval_s = float(np.median(np.diff(epochs).astype(np.int64))) / 1e9

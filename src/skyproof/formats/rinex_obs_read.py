@@ -48,13 +48,13 @@ _BY_TYPE_2: Final = {
     "C7": "7X",
     "C8": "8X",
 }
-"""The RINEX 3 signal of a code of version 2 (RINEX 3.05, section 10): the channel of a modern code is not told: X."""
+"""The RINEX 3 signal of a code of version 2 (RINEX 3.05, section 10): the channel of a modern code is not given: X."""
 _BY_SYSTEM_2: Final = {
     "G": {"P1": "1W", "P2": "2W", "C2": "2X"},
     "E": {"C1": "1X"},
     "C": {"C1": "2I", "C2": "2I", "C7": "7I", "C6": "6I"},
 }
-_UNTOLD_CN0_DBHZ: Final = 40.0
+_UNKNOWN_CN0_DBHZ: Final = 40.0
 _DLL_HZ, _SPACING_CHIPS, _PLL_HZ, _INTEGRATION_S = 1.0, 0.5, 15.0, 0.02
 _KINDS: Final = ("C", "L", "D", "S")
 _EMPTY_LINES: Final = 1 << 20  # beyond one in 16 bytes
@@ -124,11 +124,11 @@ def parse_obs(
 ) -> ObservationFile:
     """The observations in the bytes of a RINEX file; `source` names it in messages.
 
-    Loss of lock, slips told by event records and a power failure become status 3 (cycle slip), and so does a phase that
-    may be half a cycle off and then may not, or the other way round. Sigmas are those of
-    thermal noise in textbook loops: code by an early-minus-late loop of 1 Hz and 0.5 chip, phase and frequency by loops
-    of 15 Hz, 20 ms of integration (Kaplan and Hegarty, Understanding GPS/GNSS, 3rd ed., 8.9); without C/N0 by that of
-    the strength indicator, and 40 dB-Hz where there is none either, which the remarks tell.
+    Loss of lock, slips stated by event records and a power failure become status 3 (cycle slip), and so does a phase
+    that may be half a cycle off and then may not, or the other way round. Sigmas are those of thermal noise in textbook
+    loops: code by an early-minus-late loop of 1 Hz and 0.5 chip, phase and frequency by loops of 15 Hz, 20 ms
+    of integration (Kaplan and Hegarty, Understanding GPS/GNSS, 3rd ed., 8.9); without C/N0 by that of the strength
+    indicator, and 40 dB-Hz where there is none either, which the remarks report.
 
     Raises
     ------
@@ -164,9 +164,9 @@ def file_of(
     table = _Table.of(lines, rows, header, keep)
     numbers = dict(glonass_channels or {}) | header.glonass_channels
     remarks = [*rows.remarks, *table.remarks]
-    untold = sorted({s.sat for s in table.signals if s.band in ("G1", "G2") and s.sat not in numbers})
-    if untold:
-        remarks.append(f"no frequency number of {', '.join(untold)}: their carriers are not known")
+    unnumbered = sorted({s.sat for s in table.signals if s.band in ("G1", "G2") and s.sat not in numbers})
+    if unnumbered:
+        remarks.append(f"no frequency number of {', '.join(unnumbered)}: their carriers are not known")
     return ObservationFile(
         observations=_observations(table, header, numbers, remarks),
         version=header.version,
@@ -259,7 +259,7 @@ def header_of(content: bytes, source: str) -> tuple[Header, int]:
         raise InputError(f"{source}, line 1: the file is of type {first[20:40].strip()!r}, not observations; {_TO_DO}")
     system = first[40:41].strip() or "G"
     header = Header(version=version, system="G" if system == "M" else system, source=source)
-    told = list[str]()
+    lines = list[str]()
     at = 0
     while at < len(content):
         end = content.find(b"\n", at)
@@ -270,14 +270,14 @@ def header_of(content: bytes, source: str) -> tuple[Header, int]:
         label = line[60:80].rstrip()
         if label == "END OF HEADER":
             break
-        told.append(line)
+        lines.append(line)
         try:
             header.take(line, label)
         except ValueError:
             header.remarks.add(f"line {header.n_lines}: {label} cannot be read and is left out")
     else:
         raise InputError(f"{source}, line {header.n_lines}: the file ends before END OF HEADER; fetch it again")
-    header.layout = layout_change(told, {})
+    header.layout = layout_change(lines, {})
     if not any(header.layout.values()):
         raise InputError(f"{source}: the header names no observation types; fetch the file again")
     header.time_system = header.time_system or _TIME_SYSTEMS.get(system, "GPS")
@@ -291,10 +291,10 @@ def _signals_of(types: Sequence[str], system: str, version: float) -> dict[tuple
     """Band and code to the field of its code, phase, Doppler and strength."""
     found: dict[tuple[str, str], dict[str, int]] = {}
     for column, name in enumerate(types):
-        told = name if version >= 3.0 else _as_version_3(name, types, system)
-        signal = rinex_signal(system, told[1:], version) if len(told) == 3 and told[0] in _KINDS else None
+        type_3 = name if version >= 3.0 else _as_version_3(name, types, system)
+        signal = rinex_signal(system, type_3[1:], version) if len(type_3) == 3 and type_3[0] in _KINDS else None
         if signal is not None:
-            found.setdefault(signal, {}).setdefault(told[0], column)
+            found.setdefault(signal, {}).setdefault(type_3[0], column)
     return found
 
 
@@ -353,11 +353,13 @@ class _Table:
             strength[epochs, column[signal]] = marks
             lost[epochs, column[signal]] = slips
             half_open[epochs, column[signal]] = halves
-        lost |= _told_slips(rows, place, instant_ns, signals) | _changes(half_open, np.isfinite(numbers["L"]))
-        told = [f"line {lines.first_number + k}: a field that is no number is left out" for k in sorted(set(bad))[:10]]
+        lost |= _stated_slips(rows, place, instant_ns, signals) | _changes(half_open, np.isfinite(numbers["L"]))
+        faults = [
+            f"line {lines.first_number + k}: a field that is no number is left out" for k in sorted(set(bad))[:10]
+        ]
         if len(set(bad)) > 10:
-            told.append(f"{len(set(bad)) - 10} further lines with fields that are no numbers")
-        return cls(signals, instant_ns, numbers, strength, lost, half_open, (*remarks, *told))
+            faults.append(f"{len(set(bad)) - 10} further lines with fields that are no numbers")
+        return cls(signals, instant_ns, numbers, strength, lost, half_open, (*remarks, *faults))
 
 
 def _epochs_in_order(rows: Rows) -> tuple[Integers, Integers, list[str]]:
@@ -434,7 +436,7 @@ def _blocks(
     return blocks
 
 
-def _told_slips(rows: Rows, place: Integers, instant_ns: Integers, signals: tuple[SignalId, ...]) -> Booleans:
+def _stated_slips(rows: Rows, place: Integers, instant_ns: Integers, signals: tuple[SignalId, ...]) -> Booleans:
     """Where event records (flag 6) tell a slip: at their satellites' first epoch from then on."""
     lost = np.zeros((instant_ns.size, len(signals)), np.bool_)
     for row in np.flatnonzero(rows.flag[rows.epoch] == 6):
@@ -460,11 +462,11 @@ def _changes(marks: Booleans, there: Booleans) -> Booleans:
 def _observations(table: _Table, header: Header, channels: Mapping[str, int], remarks: list[str]) -> Observations:
     code_m, phase_cyc, doppler_hz, cn0_dbhz = (table.numbers[kind] for kind in _KINDS)
     there = np.isfinite(code_m) | np.isfinite(phase_cyc) | np.isfinite(doppler_hz)
-    by_strength = np.where(table.strength > 0, 6.0 * table.strength + 3.0, _UNTOLD_CN0_DBHZ)
-    untold = there & ~np.isfinite(cn0_dbhz)
-    if untold.any():
-        where = "all" if untold.sum() == there.sum() else "some"
-        instead = f"the strength indicator or of {_UNTOLD_CN0_DBHZ:g} dB-Hz"
+    by_strength = np.where(table.strength > 0, 6.0 * table.strength + 3.0, _UNKNOWN_CN0_DBHZ)
+    unknown = there & ~np.isfinite(cn0_dbhz)
+    if unknown.any():
+        where = "all" if unknown.sum() == there.sum() else "some"
+        instead = f"the strength indicator or of {_UNKNOWN_CN0_DBHZ:g} dB-Hz"
         remarks.append(f"C/N0 is missing in {where} cells: sigmas there are those of {instead}")
     cn0 = 10.0 ** (np.clip(np.where(np.isfinite(cn0_dbhz), cn0_dbhz, by_strength), 15.0, 60.0) / 10.0)
     chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in table.signals])

@@ -8,7 +8,7 @@ numbers are offset binary: v has the value 2v - (2^bits - 1), so that the middle
 - Captures of one tuning are one recording; another tuning is another recording, NAME-1575.42MHz, ...
 - Where core:global_index runs ahead of the samples, samples are missing: a `SampleGap`.
 - core:datetime is UTC and becomes `start_gpst`, carried back to the first sample.
-- Without core:frequency the samples are taken to be centred on L1, which is told.
+- Without core:frequency the samples are taken to be centred on L1, which is reported.
 
 What SigMF has no word for stands in keys of the namespace skyproof; the first three in a capture, or in the global
 object for all captures; the others in the global object.
@@ -96,7 +96,7 @@ def _packing(general: Global, where: str, remarks: list[str]) -> Packing:
                 f'"{encoding}", expected {fitting}'
             )
     if bits > 8 and match[3] is None:
-        remarks.append(f"core:datatype {general.datatype} does not tell the byte order; read as little-endian")
+        remarks.append(f"core:datatype {general.datatype} does not state the byte order; read as little-endian")
     return Packing(
         kind="complex" if match[1] == "c" else "real",
         encoding=encoding,
@@ -108,22 +108,22 @@ def _packing(general: Global, where: str, remarks: list[str]) -> Packing:
 
 
 def _tuning(general: Global, segment: _Segment, packing: Packing, where: str) -> _Tuning:
-    def told(key: str) -> Any:
+    def stated(key: str) -> Any:
         here = getattr(segment.capture, key)
         return here if here is not None else getattr(general, key)
 
-    if packing.kind == "real" and told("if_hz") is None:
+    if packing.kind == "real" and stated("if_hz") is None:
         raise InputError(
             f"{where}: {segment.place}.skyproof:if_hz is missing, and real samples need it: give where core:frequency "
             "lies in them, in hertz, negative if the spectrum is inverted"
         )
-    if packing.kind == "real" and (told("conjugate") or told("swap_iq")):
+    if packing.kind == "real" and (stated("conjugate") or stated("swap_iq")):
         raise InputError(
             f"{where}: {segment.place}: skyproof:conjugate and skyproof:swap_iq need complex samples; for an inverted "
             "spectrum of real samples give a negative skyproof:if_hz"
         )
-    if_hz = math.remainder(told("if_hz") or 0.0, general.sample_rate)  # sampling folds it so
-    return _Tuning(segment.capture.frequency, if_hz, bool(told("conjugate")), bool(told("swap_iq")))
+    if_hz = math.remainder(stated("if_hz") or 0.0, general.sample_rate)  # sampling folds it so
+    return _Tuning(segment.capture.frequency, if_hz, bool(stated("conjugate")), bool(stated("swap_iq")))
 
 
 def _segments(meta: Meta, packing: Packing, size: int, where: str, remarks: list[str]) -> list[_Segment]:
@@ -183,20 +183,20 @@ def _segments(meta: Meta, packing: Packing, size: int, where: str, remarks: list
 
 def _gaps(segments: Sequence[_Segment], rate_hz: float, remarks: list[str]) -> tuple[SampleGap, ...]:
     """Where the count of the stream runs ahead of the samples of one recording."""
-    gaps, told = [], []
+    gaps, missed = [], []
     at_sample = segments[0].chunk.n_samples
     for before, after in pairwise(segments):
         missing = after.index - before.index - before.chunk.n_samples
         if missing > 0:
             gaps.append(SampleGap(at_sample, missing))
-            told.append(f"{missing} before sample {at_sample} ({at_sample / rate_hz:.3f} s)")
+            missed.append(f"{missing} before sample {at_sample} ({at_sample / rate_hz:.3f} s)")
         elif missing < 0:
             remarks.append(
                 f"core:global_index goes back by {-missing} samples at {after.place}: the count began anew, or samples "
                 "stand twice; what is missing there is not known"
             )
         at_sample += after.chunk.n_samples
-    remarks += [f"samples are missing by core:global_index: {text}" for text in some(told, ", ")]
+    remarks += [f"samples are missing by core:global_index: {text}" for text in some(missed, ", ")]
     return tuple(gaps)
 
 
@@ -210,7 +210,7 @@ def _dates(segments: Sequence[_Segment], rate_hz: float, where: str, remarks: li
         if abs(ahead_s) > _CLOCK_S:
             remarks.append(
                 f"core:datetime of {after.place} is {ahead_s:+.3f} s off what the samples since {before.place} say: "
-                "samples may be missing there that core:global_index does not tell of"
+                "samples may be missing there that core:global_index does not show"
             )
     first, date = dated[0]
     back_s = (first.index - segments[0].index) / rate_hz
@@ -280,8 +280,8 @@ def open_sigmf(path: str | os.PathLike[str]) -> tuple[Samples, ...]:
     Returns
     -------
     tuple of Samples : one for each channel and tuning, in the order of the file; `path` is the file that holds the
-        samples. `gaps` is what core:global_index tells; annotations and what is doubtful are told in `remarks`. A
-        channel that never changes is left out and told, where others do.
+        samples. `gaps` is what core:global_index tells; annotations and what is doubtful are reported in `remarks`. A
+        channel that never changes is left out and reported, where others do.
 
     Raises
     ------
@@ -302,10 +302,12 @@ def sha512_remarks(path: str | os.PathLike[str], progress: Callable[[int, int], 
 
 
 def _digest_remarks(source: _Source, progress: Callable[[int, int], None] | None = None) -> list[str]:
-    told = source.meta.general.sha512
-    if told is None or digest(source.data, "sha512", source.start, source.size, progress) == told.lower():
+    stated = source.meta.general.sha512
+    if stated is None or digest(source.data, "sha512", source.start, source.size, progress) == stated.lower():
         return []
-    return ["the samples are not those that core:sha512 tells of: they were damaged, or changed after it was written"]
+    return [
+        "the samples are not those that core:sha512 was made of: they were damaged, or changed after it was written"
+    ]
 
 
 def _recordings(source: _Source) -> list[Samples]:
@@ -327,7 +329,7 @@ def _recordings(source: _Source) -> list[Samples]:
     if len(tuned) > 1:
         remarks.append(f"the captures have {len(tuned)} tunings: each is a recording of its own")
     octets = FileBytes(source.data, source.start, source.size)
-    told_by = f"core:datatype, core:num_channels and core:header_bytes of {where}"
+    stated_by = f"core:datatype, core:num_channels and core:header_bytes of {where}"
     opened: list[Samples] = []
     dead: list[InputError] = []
     for tuning, name in zip(tuned, _names(source.name, tuned), strict=True):
@@ -335,7 +337,7 @@ def _recordings(source: _Source) -> list[Samples]:
         start_gpst = _dates(tuned[tuning], rate_hz, where, here)
         gaps = _gaps(tuned[tuning], rate_hz, here)
         if tuning.centre_hz is None:
-            here.append("no core:frequency is told: the samples are taken to be centred on L1, 1575.42 MHz")
+            here.append("no core:frequency is given: the samples are taken to be centred on L1, 1575.42 MHz")
         packing_here = replace(packing, swap_iq=tuning.swap_iq, conjugate=tuning.conjugate)
         chunks = _joined([segment.chunk for segment in tuned[tuning]], packing)
         packed = [PackedSamples(octets, packing_here, chunks, channel) for channel in range(packing.n_channels)]
@@ -354,7 +356,7 @@ def _recordings(source: _Source) -> list[Samples]:
             gaps=gaps,
             file=octets,
         )
-        alive, still = live_channels(one, packed, told_by)
+        alive, still = live_channels(one, packed, stated_by)
         opened, dead = [*opened, *alive], [*dead, *still]
     return list(without_dead(opened, dead))
 
@@ -387,7 +389,7 @@ def _sources(path: Path) -> list[_Source]:
         size_of(path)  # the file that was asked for comes first
         if not meta_path.exists():
             raise InputError(
-                f"{path}: nothing tells how to read it, for there is no {meta_path} beside it; fetch that as well"
+                f"{path}: nothing says how to read it, for there is no {meta_path} beside it; fetch that as well"
             )
     size_of(meta_path)  # what does not exist is said as for samples
     text = content_of(meta_path, METADATA_BYTES, "the metadata of SigMF", "give the .sigmf-meta, not the samples")

@@ -199,7 +199,7 @@ def checked(meta: Meta, where: str) -> tuple[str, ...]:
     remarks = ["; ".join(first_few(strange, _unknown))] if strange else []
     if foreign and not isinstance(meta.general.extensions, dict):
         remarks.append(
-            "keys that SigMF does not have and core:extensions does not tell of were passed over: "
+            "keys that SigMF does not have and core:extensions does not declare were passed over: "
             + ", ".join(some(foreign, ", "))
         )
     return tuple(remarks)
@@ -213,5 +213,5 @@ def _unknown(key: tuple[str, str, _Part]) -> str:
 
 def some(texts: Iterable[str], between: str) -> list[str]:
     """The texts in one, not more than a few of them; an empty list if there are none."""
-    told = list(texts)
-    return [between.join(first_few(told, shortened))] if told else []
+    all_of_them = list(texts)
+    return [between.join(first_few(all_of_them, shortened))] if all_of_them else []

@@ -1,4 +1,4 @@
-"""What a file is by its first bytes: what holds no samples is told by name, and a WAV header tells how to read them."""
+"""What a file is by its first bytes: what holds no samples is named, and a WAV header tells how to read them."""
 
 import string
 import struct
@@ -120,7 +120,7 @@ def wav_header(head: bytes) -> WavHeader | None:
     """
     if head[:4] not in (b"RIFF", b"RF64") or head[8:12] != b"WAVE":
         return None
-    at, told = 12, None
+    at, stated = 12, None
     while at + 8 <= len(head):
         name, size = head[at : at + 4], struct.unpack_from("<I", head, at + 4)[0]
         if name == b"fmt " and at + 24 <= len(head):
@@ -131,10 +131,15 @@ def wav_header(head: bytes) -> WavHeader | None:
             kind: Encoding | None = {1: "offset-binary" if bits == 8 else "int", 3: "float"}.get(code)
             if kind is None or channels not in (1, 2) or bits not in (8, 16, 32, 64):
                 return None
-            told = (float(rate_hz), int(channels), kind, int(bits))
-        elif name == b"data" and told is not None:
+            stated = (float(rate_hz), int(channels), kind, int(bits))
+        elif name == b"data" and stated is not None:
             return WavHeader(
-                rate_hz=told[0], channels=told[1], encoding=told[2], bits=told[3], header_bytes=at + 8, data_bytes=size
+                rate_hz=stated[0],
+                channels=stated[1],
+                encoding=stated[2],
+                bits=stated[3],
+                header_bytes=at + 8,
+                data_bytes=size,
             )
         at += 8 + size + size % 2
     return None

@@ -186,7 +186,7 @@ def _number(text: str, column: str, where: str) -> float:
 
 @dataclass(slots=True)
 class _Epoch:
-    """What the sentences of one moment tell. Angles in degrees, heights in metres, NaN if not told."""
+    """What the sentences of one moment tell. Angles in degrees, heights in metres, NaN if not given."""
 
     line: int
     of_day_ns: int
@@ -229,7 +229,7 @@ def parse_nmea(lines: Iterable[str], *, source: str = "NMEA", geoid_separation_m
         remarks.append(f"{len(epochs) - len(good)} epochs without a position are left out")
     instants, dated = _dated_ns(epochs)
     columns = np.array([(e.lat_deg, e.lon_deg, e.altitude_m, e.separation_m, e.height_m) for e in good])
-    heights_m, told = _heights_m(columns[:, 2], columns[:, 3], columns[:, 4], geoid_separation_m)
+    heights_m, of_heights = _heights_m(columns[:, 2], columns[:, 3], columns[:, 4], geoid_separation_m)
     kept = [instants[id(epoch)] for epoch in good]
     at_lines = [epoch.line for epoch in good]
     return Track(
@@ -237,7 +237,7 @@ def parse_nmea(lines: Iterable[str], *, source: str = "NMEA", geoid_separation_m
         position_ecef_m=_ecef(np.column_stack([columns[:, :2], heights_m]), source, at_lines),
         t_s=_rising_s(kept, source, at_lines),
         start_gpst=np.datetime64(kept[0], "ns") if dated else None,
-        remarks=(*remarks, *told),
+        remarks=(*remarks, *of_heights),
     )
 
 
@@ -307,7 +307,7 @@ def _angle_deg(text: str, side: str) -> float:
 
 
 def _dated_ns(epochs: Sequence[_Epoch]) -> tuple[dict[int, int], bool]:
-    """Each epoch's instant in GPS time, by its id, and whether a date is told: without one, days count from 0.
+    """Each epoch's instant in GPS time, by its id, and whether a date is given: without one, days count from 0.
 
     Midnight lies where the time of day falls by more than half a day.
     """

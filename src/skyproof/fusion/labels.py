@@ -165,13 +165,13 @@ def _arcs(o: ObservationLog, column: int) -> list[tuple[int, int]]:
 
 
 def _label_arc(
-    ref: SignalRef, o: ObservationLog, arc: tuple[int, int], told: Sequence[_Vote], window_s: float
+    ref: SignalRef, o: ObservationLog, arc: tuple[int, int], given: Sequence[_Vote], window_s: float
 ) -> list[LabelledSignal]:
     """The stretches of an arc that carry one label each: what windows say, and between them what both neighbours say.
 
     What only one side says holds on if it is *spoofed*; *authentic* does not.
     """
-    votes = [cut for vote in told if (cut := _within(vote, arc)) is not None]
+    votes = [cut for vote in given if (cut := _within(vote, arc)) is not None]
     said = np.full(arc[1] - arc[0] + 1, SILENT)
     for vote in votes:
         here = said[vote.first_epoch - arc[0] : vote.last_epoch - arc[0] + 1]

@@ -43,12 +43,19 @@ def open_question(
         return OpenQuestion(receivers=open_receivers, why=None, remedy=None)
     attacked = any(e.says in ("attack", "spoofed") for e in evidence)
     chosen = max(ran.values(), key=lambda own: _weight(own, attacked))
-    last = [e for e in chosen if _compared(e)][-1]
+    *before, last = [e for e in chosen if _compared(e)]
     remedy = last.would_need
     far = measured_distance_m([b for e in chosen for b in e.baselines[:1]])
     if remedy is not None and far is not None:
         remedy += f"; these signals come from the sky if the antennas stand {far[0]:.1f} ± {far[1]:.1f} m apart"
-    return OpenQuestion(receivers=open_receivers, why=last.because, remedy=remedy)
+    others = _kinds([e for e in before if e.start_gpst == last.start_gpst]) - _kinds([last])
+    why = last.because + (f"; the same holds for {', '.join(sorted(others))}" if others else "")
+    return OpenQuestion(receivers=open_receivers, why=why, remedy=remedy)
+
+
+def _kinds(evidence: Sequence[Evidence]) -> set[str]:
+    """The kinds of signal that were tested: system, band and code."""
+    return {f"{ref.signal.sat[0]} {ref.signal.band} {ref.signal.code}" for e in evidence for ref in e.subject}
 
 
 def measured_distance_m(baselines: Sequence[Baseline]) -> tuple[float, float] | None:

@@ -32,7 +32,7 @@ class Ephemeris:
     tgd : group delay; of Galileo BGD(E1, E5a), of BeiDou TGD1 (B1I).
     tgd2 : of Galileo BGD(E1, E5b), of BeiDou TGD2 (B2I).
     ura_index : index of the accuracy in metres on GPS's scale, whatever the system.
-    message : which one told: LNAV, INAV, FNAV, D1, D2. Clocks of INAV and FNAV differ by their pair of signals.
+    message : which one it is of: LNAV, INAV, FNAV, D1, D2. Clocks of INAV and FNAV differ by their pair of signals.
     """
 
     sat: str  # "G05"

@@ -47,8 +47,8 @@ class SatelliteState:
 
     position_ecef_m, velocity_ecef_m_s : (..., 3) in the ECEF frame of each instant. The systems' own frames (PZ-90.11,
         GTRF, BDCS) count as WGS-84: they agree to centimetres.
-    clock_s : (...) satellite clock minus its system's time (BDT and GLONASS time as their whole seconds are told), with
-        the relativistic term, without group delay: what a user of one signal corrects with is
+    clock_s : (...) satellite clock minus its system's time (BDT and GLONASS time as their whole seconds are counted),
+        with the relativistic term, without group delay: what a user of one signal corrects with is
         `clock_s - group_delay_s(...)`. Systems differ by tens of nanoseconds: each needs a receiver clock of its own.
     clock_drift : (...) its rate, s/s.
     """
@@ -168,7 +168,7 @@ def _state(eph: Ephemeris, tk: Reals, dt: Reals) -> SatelliteState:
 
 
 def _turned_with_the_earth(position: Reals, velocity: Reals, tk: Reals, rotation_rad_s: float) -> tuple[Reals, Reals]:
-    """BDS-SIS-ICD-B1I-3.0, 5.2.4.12: a geostationary orbit is told in a tilted frame that stands still from toe on."""
+    """BDS-SIS-ICD-B1I-3.0, 5.2.4.12: a geostationary orbit is given in a tilted frame that stands still from toe on."""
     cos_tilt, sin_tilt = np.cos(_GEO_TILT_RAD), np.sin(_GEO_TILT_RAD)
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, cos_tilt, sin_tilt], [0.0, -sin_tilt, cos_tilt]])
     position, velocity = position @ tilt.T, velocity @ tilt.T

@@ -73,9 +73,9 @@ def clock_steps(log: ObservationLog, stretch_epochs: int = 4096) -> ClockSteps |
     Where all pseudoranges step by the same k milliseconds, less than 150 m and what a platform's acceleration may do
     beside it, the clock was set.
 
-    What a range should do from one epoch to the next is told by its Dopplers, or where there are none by its own pace
-    in the intervals around. A false time that steps by just that much is taken for the receiver's, and shows in the
-    clock bias alone.
+    What a range should do from one epoch to the next is known from its Dopplers, or where there are none from its own
+    pace in the intervals around. A false time that steps by just that much is taken for the receiver's, and shows in
+    the clock bias alone.
     """
     n = log.gpst.size
     code_ms, carrier_ms = np.zeros((2, n), np.int64)

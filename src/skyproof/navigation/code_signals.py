@@ -21,7 +21,7 @@ def code_positioning_signals(observations: Observations) -> tuple[SignalId, ...]
     """One signal of each satellite of GPS, QZSS (L1 C/A), Galileo (E1), BeiDou (B1I, else B1C) and GLONASS (G1 C/A).
 
     Only signals with a pseudorange somewhere count; of several the one of a satellite with most, then the one named
-    first. Several copies of a satellite's signal are not told apart here: the first is taken.
+    first. Several copies of a satellite's signal are not distinguished here: the first is taken.
     """
     epochs = np.isfinite(observations.pseudorange_m).sum(axis=0)
     best: dict[str, tuple[int, int, int, SignalId]] = {}

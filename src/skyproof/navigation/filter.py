@@ -56,7 +56,7 @@ class Filtered:
     fix : residuals are of the code, with the errors b left in. Status 1 where no measurement was used.
     nis, nis_dof : (n_epochs,) normalised innovation squared, chi-square with that many degrees; NaN at a start.
     rejected : (n_epochs, n_signals) a code or Doppler did not fit and was not used.
-    slipped : (n_epochs, n_signals) a carrier did not fit the one before: a slip that nothing had told.
+    slipped : (n_epochs, n_signals) a carrier did not fit the one before: a slip that nothing had reported.
     """
 
     fix: Fix

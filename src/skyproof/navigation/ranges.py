@@ -15,7 +15,7 @@ from skyproof.gnss.time import seconds_between, week_and_tow
 from skyproof.records import Klobuchar, NavigationData, SignalId
 
 __all__ = [
-    "UNTOLD_DELAY_SIGMA_M",
+    "UNKNOWN_DELAY_SIGMA_M",
     "Delays",
     "Ranges",
     "atmosphere",
@@ -30,7 +30,7 @@ _SPACE_M = {"G": 0.6, "J": 0.6, "E": 0.2, "C": 1.0, "R": 2.0}
 """Error of a range by broadcast orbit and clock, rms: O. Montenbruck, P. Steigenberger and A. Hauschild, "Multi-GNSS
 signal-in-space range error assessment", Advances in Space Research 61(12), 2018 (abstract); QZSS taken as GPS."""
 
-UNTOLD_DELAY_SIGMA_M = 5.2
+UNKNOWN_DELAY_SIGMA_M = 5.2
 """Of a satellite's delay of a signal that no message gives: uniform within 30 ns of the mean, by so much L1 and L5 may
 part (IS-GPS-705, group delay differential)."""
 
@@ -47,7 +47,7 @@ class Ranges:
     satellite_ecef_m, satellite_velocity_ecef_m_s : (epoch, channel, 3) at transmission, in the frame of transmission.
     satellite_drift : rate of the satellite's clock.
     range_m : pseudorange plus c times the satellite's clock: geometric range, receiver clock and atmosphere.
-    untold : cells whose group delay no message gives; it is in `range_m` still, `UNTOLD_DELAY_SIGMA_M`.
+    delay_unknown : cells whose group delay no message gives; it is in `range_m` still, `UNKNOWN_DELAY_SIGMA_M`.
     """
 
     week: Integers
@@ -56,7 +56,7 @@ class Ranges:
     satellite_velocity_ecef_m_s: Reals
     satellite_drift: Reals
     range_m: Reals
-    untold: Booleans
+    delay_unknown: Booleans
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,7 +76,7 @@ def corrected_ranges(
     pseudorange_m: Reals,
     navigation: NavigationData,
     *,
-    with_untold: bool = False,
+    with_unknown_delay: bool = False,
 ) -> Ranges:
     """Satellite positions and corrected ranges of all cells; one orbit computation per satellite and ephemeris in use.
 
@@ -87,7 +87,7 @@ def corrected_ranges(
     Parameters
     ----------
     gpst : (n_epochs,) labels. pseudorange_m : (n_epochs, n_channels), one column a signal.
-    with_untold : signals whose group delay no ephemeris gives keep it in their range; else their columns are NaN.
+    with_unknown_delay : signals whose group delay no ephemeris gives keep it in their range; else they are NaN.
     """
     pseudorange_m = np.asarray(pseudorange_m, np.float64)
     week, tow_s = week_and_tow(gpst)
@@ -95,8 +95,8 @@ def corrected_ranges(
     shape = pseudorange_m.shape
     transmission_tow_s, drift, range_m = (np.full(shape, np.nan) for _ in range(3))
     position, velocity = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
-    untold = np.zeros(shape, np.bool_)
-    for ephemeris, rows, columns in _in_use(navigation, signals, gpst, with_untold):
+    delay_unknown = np.zeros(shape, np.bool_)
+    for ephemeris, rows, columns in _in_use(navigation, signals, gpst, with_unknown_delay):
         delay_s = np.array([group_delay_s(ephemeris, signals[c].band, signals[c].code) for c in columns])
         cells = np.ix_(rows, columns)
         sent_week, sent_tow_s = week[rows][:, None], shown_tow_s[cells]
@@ -106,7 +106,7 @@ def corrected_ranges(
         position[cells], velocity[cells] = state.position_ecef_m, state.velocity_ecef_m_s
         drift[cells] = state.clock_drift
         range_m[cells] = pseudorange_m[cells] + SPEED_OF_LIGHT_M_S * (state.clock_s - np.nan_to_num(delay_s))
-        untold[cells] = np.isnan(delay_s)
+        delay_unknown[cells] = np.isnan(delay_s)
     return Ranges(
         week=week,
         transmission_tow_s=transmission_tow_s,
@@ -114,7 +114,7 @@ def corrected_ranges(
         satellite_velocity_ecef_m_s=velocity,
         satellite_drift=drift,
         range_m=range_m,
-        untold=untold,
+        delay_unknown=delay_unknown,
     )
 
 
@@ -184,7 +184,7 @@ def atmosphere(
 
 
 def _in_use(
-    navigation: NavigationData, signals: tuple[SignalId, ...], gpst: Instants, with_untold: bool
+    navigation: NavigationData, signals: tuple[SignalId, ...], gpst: Instants, with_unknown_delay: bool
 ) -> list[tuple[BroadcastEphemeris, Indices, Indices]]:
     """Every (ephemeris, rows of `gpst` that it serves, columns): the nearest in time of ephemeris that knows them."""
     healthy: dict[str, list[BroadcastEphemeris]] = {signal.sat: [] for signal in signals}
@@ -195,7 +195,7 @@ def _in_use(
     for column, signal in enumerate(signals):
         own = healthy[signal.sat]
         known = tuple(k for k, e in enumerate(own) if np.isfinite(group_delay_s(e, signal.band, signal.code)))
-        which = known if known or not with_untold else tuple(range(len(own)))
+        which = known if known or not with_unknown_delay else tuple(range(len(own)))
         if which:
             served.setdefault((signal.sat, which), []).append(column)
     uses = []

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.ranges import UNTOLD_DELAY_SIGMA_M, corrected_ranges, space_sigma_m
+from skyproof.navigation.ranges import UNKNOWN_DELAY_SIGMA_M, corrected_ranges, space_sigma_m
 from skyproof.navigation.search import Candidates, Measurements, SetSearch, innovation, plausible, solve
 from skyproof.navigation.skies import Kind, Part, Sky, by_kind, extended, joined, lone_sky, sky_of, with_few
 from skyproof.navigation.window import WindowMean, window_mean
@@ -139,13 +139,13 @@ def window_measurements(
     `consistent_sets`. Signals whose group delay no message gives are there, with the sigma of that."""
     mean = window_mean(window, min_share=min_share)
     ranges = corrected_ranges(
-        mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], navigation, with_untold=True
+        mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], navigation, with_unknown_delay=True
     )
-    untold_m2 = np.where(ranges.untold[0], UNTOLD_DELAY_SIGMA_M, 0.0) ** 2
+    unknown_delay_m2 = np.where(ranges.delay_unknown[0], UNKNOWN_DELAY_SIGMA_M, 0.0) ** 2
     measurements = Measurements(
         satellite_ecef_m=ranges.satellite_ecef_m[0],
         range_m=ranges.range_m[0],
-        sigma_m=np.sqrt(mean.sigma_m**2 + multipath_sigma_m**2 + space_sigma_m(mean.signals) ** 2 + untold_m2),
+        sigma_m=np.sqrt(mean.sigma_m**2 + multipath_sigma_m**2 + space_sigma_m(mean.signals) ** 2 + unknown_delay_m2),
         carrier_hz=mean.carrier_hz,
         tow_s=week_and_tow(mean.gpst)[1],
         ionosphere=navigation.ionosphere,

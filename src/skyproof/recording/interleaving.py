@@ -32,7 +32,7 @@ _BLOCKS, _LINE = 64, 30.0
 """Of the spectrum, for its median, and how far over it a line stands: noise once in 10^9."""
 _MOST_SIGNALS, _MOST_SAMPLES, _LEAST_PERIODS = 6, 1 << 18, 4
 _APART_HZ: Final = 3e3
-"""Nearer to the signal's own carriers an image cannot be told from them in one code period."""
+"""Nearer to the signal's own carriers an image cannot be distinguished from them in one code period."""
 _OFF_CHIPS: Final = (200.5, 401.0, 602.5, 803.0)
 
 
@@ -73,13 +73,13 @@ def turns(
     planes : (2, n) I and Q; Q zero for real samples.
     signals : found in them; the strongest are looked at.
     """
-    told = _turns(planes, rate_hz, signals, real, code)
+    as_read = _turns(planes, rate_hz, signals, real, code)
     single = [one for one in signals if _single(one, rate_hz)]
-    if told.one_channel or not single:
-        return told
+    if as_read.one_channel or not single:
+        return as_read
     # mirror images among the images of turns look like turns of twice the length
     samples = _turns(planes, rate_hz, single, real, code).samples
-    return Turns(samples=samples if samples > 1 or told.mirrored else told.samples, mirrored=told.mirrored)
+    return Turns(samples=samples if samples > 1 or as_read.mirrored else as_read.samples, mirrored=as_read.mirrored)
 
 
 def _single(one: Carried, rate_hz: float) -> bool:

@@ -97,15 +97,15 @@ def repetition(wave: ComplexFloats | Floats, *, signal: SignalDescription = GPS_
     period, sigma = _refined(powers, lag, n, signal.code_length)
     count = min(_MULTIPLES, int((n // 2) / lag))
     multiples = _near(lag * np.arange(1, count + 1))
-    told, imaged = (float(np.sum(kind[multiples])) for kind in (powers, images))
-    chance = min(0.0, float(_log10_gamma(np.array([count]), np.array([told]))[0]) + math.log10(lags.size))
+    plain, imaged = (float(np.sum(kind[multiples])) for kind in (powers, images))
+    chance = min(0.0, float(_log10_gamma(np.array([count]), np.array([plain]))[0]) + math.log10(lags.size))
     return Repetition(
         period_samples=period,
         period_sigma=sigma,
         carrier_cycles=_carrier(lobes, period, n, signal.code_length, real),
         log10_chance=chance,
-        strength=told / n,
-        mirrored_share=max(imaged - 3.0 * count, 0.0) / max(told, 1.0),
+        strength=plain / n,
+        mirrored_share=max(imaged - 3.0 * count, 0.0) / max(plain, 1.0),
     )
 
 

@@ -38,8 +38,9 @@ __all__ = [
 N_ROWS: Final = 80
 """Code periods of a stretch: several times as many as there are signals."""
 EXPLAINED: Final = 0.1
-"""Correlation coefficient that components of signals may have that were too weak to be told from noise. One that is
-told with `N_ROWS` rows of N cells has a power of 1 / sqrt(N_ROWS N) or more, so that ten that are not make 0.03."""
+"""Correlation coefficient that components of signals may have that were too weak to be distinguished from noise. One
+that is found with `N_ROWS` rows of N cells has a power of 1 / sqrt(N_ROWS N) or more, so that ten that are not make
+0.03."""
 _LEAST_LEFT: Final = 0.25  # of the rows: where less is left, nearly all that was received repeats
 _BAND_HZ: Final = 2.046e6  # the main lobe; noise beyond it tells nothing that noise within it does not
 _LEVELS: Final = 64

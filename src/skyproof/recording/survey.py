@@ -98,7 +98,7 @@ class Survey:
 
     gaps : in order. doppler_ratio : code Doppler over carrier Doppler, 1 or, if the spectrum is mirrored, -1; with one
         sigma. conjugate : whether it is mirrored; None if the recording is too short to tell.
-    conjugate_error_probability : that this is wrong, both being equally likely before; 0.5 where it is not told.
+    conjugate_error_probability : that this is wrong, both being equally likely before; 0.5 where it is not known.
     clock_minus_lo_ppm : how much faster the sampling clock is than the local oscillator says, with one sigma.
     """
 
@@ -187,9 +187,9 @@ def survey(
     ----------
     samples, carrier_hz : the recording and where the nominal carrier lies in it.
     signals : found near its beginning; one a satellite is used, the first.
-    false_alarm_probability : of one gap or more told in a recording that has none. At least three satellites are
-        needed, so that one signal's own jump is not taken for a gap. Nothing is told where the samples do not change in
-        one code period or more: what noise does to a delay cannot be learnt there.
+    false_alarm_probability : of one gap or more reported in a recording that has none. At least three satellites are
+        needed, so that one signal's own jump is not taken for a gap. Nothing is reported where the samples do not
+        change in one code period or more: what noise does to a delay cannot be learnt there.
     """
     unique = list({heard.sat: heard for heard in reversed(signals)}.values())[::-1]
     n_blocks = int(min(longest_s, samples.duration_s) / signal.period_s)
@@ -366,7 +366,7 @@ def _drifting(
         _Moved(sat=one.sat, delay_s=one.delay_s, doppler_hz=one.doppler_hz + drift * (carrier_hz + one.doppler_hz))
         for one in signals
     ]
-    told = survey(
+    found = survey(
         rated,
         carrier_hz,
         moved,
@@ -375,7 +375,7 @@ def _drifting(
         longest_s=longest_s,
         _drifts=False,
     )
-    return replace(told, clock_minus_lo_ppm=told.clock_minus_lo_ppm + 1e6 * drift)
+    return replace(found, clock_minus_lo_ppm=found.clock_minus_lo_ppm + 1e6 * drift)
 
 
 # --- jumps
@@ -503,12 +503,12 @@ def _weighted(values: Reals, sigma: Reals) -> tuple[Reals, float]:
     """Mean over satellites (axis 0) by their sigmas, and its sigma: no less than what the scatter shows."""
     weight = 1.0 / sigma**2
     mean = weight @ values / weight.sum()
-    told = 1.0 / math.sqrt(weight.sum())
+    stated = 1.0 / math.sqrt(weight.sum())
     if mean.size < 8:
-        return mean, told
+        return mean, stated
     # second differences know neither level nor drift, and their median no jump; variance 6 of white noise
     shown = 1.4826 * float(np.median(np.abs(np.diff(mean, 2)))) / math.sqrt(6.0)
-    return mean, max(told, shown)
+    return mean, max(stated, shown)
 
 
 def _fit(
@@ -695,8 +695,8 @@ def _reading(signals: Sequence[Heard], tracks: _Tracks, levels: _Levels, signal:
     _, beyond = covariance @ design.T @ (drift / sigma)
     ratio, ratio_sigma = float(tracks.ratio - beyond), math.sqrt(float(covariance[1, 1]))
     error = float(special.expit(-2.0 * abs(ratio) / ratio_sigma**2))
-    told = error < 1e-3 and abs(abs(ratio) - 1.0) < 5.0 * ratio_sigma + 0.1
-    if not told:
+    reliable = error < 1e-3 and abs(abs(ratio) - 1.0) < 5.0 * ratio_sigma + 0.1
+    if not reliable:
         return Survey(doppler_ratio=ratio, doppler_ratio_sigma=ratio_sigma, conjugate_error_probability=0.5)
     drift = drift - (tracks.ratio - math.copysign(1.0, ratio)) * expected
     weight = 1.0 / sigma**2

@@ -113,8 +113,8 @@ def words_of(column: str, value: Any) -> str:
         return name if value else f"no {name}"
     if unit == "Hz" and isinstance(value, int | float | np.number) and value >= 1e6:
         value, unit = float(value) / 1e6, "MHz"
-    told = draw.number(float(value)) if isinstance(value, int | float | np.number) else str(value)
-    return f"{name} {told}{'' if unit in ('', '°') else ' '}{unit}"
+    written = draw.number(float(value)) if isinstance(value, int | float | np.number) else str(value)
+    return f"{name} {written}{'' if unit in ('', '°') else ' '}{unit}"
 
 
 def curves_of(rows: Iterable[Mapping[str, Any]], axes: Axes) -> tuple[list[Curve], list[str]]:
@@ -164,7 +164,7 @@ def _chart(rows: Sequence[Mapping[str, Any]], axes: Axes) -> tuple[Markup, float
     x_log = axes.x_log and not names
     up = draw.Scale(*_bounds(y, axes.y_log, 0.5), _BOTTOM, _TOP)
     up_ticks = _ticks(up, axes.y_log)
-    left = max(_LEFT, _AXIS_NAME + _LETTER * max((len(told) for _, told in up_ticks), default=0))
+    left = max(_LEFT, _AXIS_NAME + _LETTER * max((len(written) for _, written in up_ticks), default=0))
     across = draw.Scale(*((-0.5, len(names) - 0.5) if names else _bounds(x, x_log, 0.2)), left, _RIGHT)
     across_ticks = [(float(index), name) for index, name in enumerate(names)]
     parts = _grid(across, up, axes, across_ticks or _ticks_at(x, across, x_log) or _ticks(across, x_log), up_ticks)
@@ -176,8 +176,8 @@ def _chart(rows: Sequence[Mapping[str, Any]], axes: Axes) -> tuple[Markup, float
     body = Markup("\n").join([*parts, *legend])
     if lower:
         body = Markup('<g transform="translate(0 {:.0f})">\n{}\n</g>').format(lower, body)
-    told = [draw.text(8.0, 18.0 + _TITLE_STEP * row, line, css="title") for row, line in enumerate(title)]
-    return Markup("\n").join([*told, body]), lower + _BOTTOM + _LEGEND_FROM + _LEGEND_STEP * lines
+    written = [draw.text(8.0, 18.0 + _TITLE_STEP * row, line, css="title") for row, line in enumerate(title)]
+    return Markup("\n").join([*written, body]), lower + _BOTTOM + _LEGEND_FROM + _LEGEND_STEP * lines
 
 
 def _drawn(x: Reals, y: Reals, index: int) -> list[Markup]:
@@ -215,17 +215,19 @@ def _grid(
 ) -> list[Markup]:
     parts: list[Markup] = []
     left = across.start
-    for value, told in across_ticks:
+    for value, written in across_ticks:
         x = across(value)
         parts += [
             draw.line(x, _TOP, x, _BOTTOM, "grid"),
-            draw.text(min(x, draw.WIDTH - 1.0 - 3.7 * len(told)), _BOTTOM + 14.0, told, anchor="middle", css="small"),
+            draw.text(
+                min(x, draw.WIDTH - 1.0 - 3.7 * len(written)), _BOTTOM + 14.0, written, anchor="middle", css="small"
+            ),
         ]
-    for value, told in up_ticks:
+    for value, written in up_ticks:
         y = up(value)
         parts += [
             draw.line(left, y, _RIGHT, y, "grid"),
-            draw.text(left - 5.0, y + 3.5, told, anchor="end", css="small"),
+            draw.text(left - 5.0, y + 3.5, written, anchor="end", css="small"),
         ]
     parts.append(
         Markup('<rect class="frame" x="{}" y="{}" width="{}" height="{}"/>').format(
@@ -244,10 +246,10 @@ def _ticks_at(values: Reals, scale: draw.Scale, log: bool) -> list[tuple[float, 
     distinct = np.unique(values)
     if not 2 <= distinct.size <= _TICKS:
         return []
-    told = [draw.number(float(f"{10.0**value if log else value:.6g}")) for value in distinct]
-    widths = np.array([_LETTER * len(one) for one in told])
+    written = [draw.number(float(f"{10.0**value if log else value:.6g}")) for value in distinct]
+    widths = np.array([_LETTER * len(one) for one in written])
     apart = np.diff(scale.pixels(distinct)) - 0.5 * (widths[1:] + widths[:-1])
-    return list(zip(distinct.tolist(), told, strict=True)) if np.all(apart > 6.0) else []
+    return list(zip(distinct.tolist(), written, strict=True)) if np.all(apart > 6.0) else []
 
 
 def _ticks(scale: draw.Scale, log: bool) -> list[tuple[float, str]]:

@@ -167,10 +167,10 @@ def scale_bar(across: Scale, y: float) -> tuple[list[Markup], "Box"]:
     power = 10.0 ** math.floor(math.log10(most_m))
     length_m = max(power * factor for factor in (1.0, 2.0, 5.0) if power * factor <= most_m)
     x, end = across.start + 10.0, across.start + 10.0 + abs(across(length_m) - across(0.0))
-    told = f"{number(length_m)} m" if length_m < 1000.0 else f"{number(length_m / 1000.0)} km"
+    written = f"{number(length_m)} m" if length_m < 1000.0 else f"{number(length_m / 1000.0)} km"
     parts = [
         Markup('<path class="bar" d="M{:.1f} {:.1f}v6H{:.1f}v-6"/>').format(x, y - 6.0, end),
-        text((x + end) / 2.0, y - 6.0, told, anchor="middle", css="small halo"),
+        text((x + end) / 2.0, y - 6.0, written, anchor="middle", css="small halo"),
     ]
     return parts, (x - 4.0, y - 18.0, end + 4.0, y + 3.0)
 
@@ -197,8 +197,8 @@ def grid(
     for tick in nice_ticks(across.low / units[0], across.high / units[0], wanted):
         x = across(tick * units[0])
         yield line(x, top, x, bottom, "grid")
-        told = number(tick)
-        yield text(min(x, WIDTH - 1.0 - 3.7 * len(told)), bottom + 15.0, told, anchor="middle")
+        written = number(tick)
+        yield text(min(x, WIDTH - 1.0 - 3.7 * len(written)), bottom + 15.0, written, anchor="middle")
     for tick in nice_ticks(up.low / units[1], up.high / units[1], wanted):
         y = up(tick * units[1])
         yield line(left, y, right, y, "grid")

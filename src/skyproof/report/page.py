@@ -44,10 +44,10 @@ __all__ = ["Figure", "FixTrack", "Pictures", "SignalSeries", "SkyPosition", "env
 
 MAX_POINTS = 20_000  # of all time lines together: keeps the page small, whatever the number of receivers
 MOST_OPEN = 80  # signals whose tables are unfolded at first
-MOST_TOLD = 3  # receivers at the top of the page; the table below has all
+MOST_NAMED_ABOVE = 3  # receivers at the top of the page; the table below has all
 MOST_CLOSE = 6  # receivers that get a map of their own
 SURE = "95\N{NO-BREAK SPACE}%"
-LEAST_TOLD = 1e-30  # a smaller probability says more of the model than of the world
+LEAST_STATED = 1e-30  # a smaller probability says more of the model than of the world
 ORDER = ("spoofed", "attack", "authentic", "multipath", "undecided", "clean")  # of methods, by what they say
 
 
@@ -145,19 +145,19 @@ def _undecided(verdict: Verdict) -> list[tuple[str, str]]:
     if verdict.undecided_because is None:
         return assumed
     why, _, cure = verdict.undecided_because.partition(CURE)
-    told = [("Not decided:", why)] if why not in verdict.summary else []
-    return [*told, *([("Would decide it:", cure)] if cure else []), *assumed]
+    parts = [("Not decided:", why)] if why not in verdict.summary else []
+    return [*parts, *([("Would decide it:", cure)] if cure else []), *assumed]
 
 
 def _scope(verdict: Verdict) -> str:
     """What the page is about: when, how long, how many."""
     n = len(verdict.receivers)
-    told = [f"{n} receiver{'s' * (n != 1)}"]
+    parts = [f"{n} receiver{'s' * (n != 1)}"]
     starts = sorted(r.start_gpst for r in verdict.receivers if r.start_gpst is not None)
     if starts:
-        told.append(f"from {instant_words(starts[0])} GPS time")
+        parts.append(f"from {instant_words(starts[0])} GPS time")
     longest_s = max((r.duration_s for r in verdict.receivers), default=0.0)
-    return ", ".join([*told, f"{number_words(longest_s)} s"]) if longest_s else ", ".join(told)
+    return ", ".join([*parts, f"{number_words(longest_s)} s"]) if longest_s else ", ".join(parts)
 
 
 def _facts(verdict: Verdict) -> list[Fact]:
@@ -217,8 +217,8 @@ def _not_later(receiver: Receiver, fix: Position) -> str:
 
 
 def _few(lines: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
-    more = len(lines) - MOST_TOLD
-    return (*lines[:MOST_TOLD], *([("", f"and {more} more, in the table below")] if more > 0 else []))
+    more = len(lines) - MOST_NAMED_ABOVE
+    return (*lines[:MOST_NAMED_ABOVE], *([("", f"and {more} more, in the table below")] if more > 0 else []))
 
 
 def _when(verdict: Verdict) -> Fact:
@@ -241,9 +241,11 @@ def _sure(verdict: Verdict) -> Fact:
     lines = [(f"{rate[:1].upper()}{rate[1:]}", "at most, clean signals are called spoofed")]
     best = _strongest(verdict)
     if best is not None and best.p_value is not None:
-        told = chance_words(best.p_value) if best.p_value >= LEAST_TOLD else f"less than {chance_words(LEAST_TOLD)}"
+        chance = (
+            chance_words(best.p_value) if best.p_value >= LEAST_STATED else f"less than {chance_words(LEAST_STATED)}"
+        )
         words = "clean" if verdict.verdict == "spoofed" else "false"
-        lines.append((f"{told[:1].upper()}{told[1:]}", f"{words} signals look like these by chance"))
+        lines.append((f"{chance[:1].upper()}{chance[1:]}", f"{words} signals look like these by chance"))
     return Fact("How sure", tuple(lines))
 
 
@@ -266,12 +268,12 @@ def how_sure(verdict: Verdict) -> list[str]:
         sentences.append(
             f"The strongest evidence is that of {_quoted(best.detector)}: {_by_chance(best.decision, best.p_value)}"
         )
-    told = _counts(verdict.signals)
+    counts = _counts(verdict.signals)
     count = len({(s.receiver, s.sat, s.band, s.code, s.copy) for s in verdict.signals})
     changing = len(_labels(verdict.signals)) - count
     twice = f"; {changing} with one label after another" if changing else ""
     sentences.append(
-        f"{count} signal{'s' * (count != 1)} received: {told}{twice}." if told else "No signals were received."
+        f"{count} signal{'s' * (count != 1)} received: {counts}{twice}." if counts else "No signals were received."
     )
     return sentences
 
@@ -336,8 +338,8 @@ def _maps(pictures: Pictures) -> list[Figure]:
         "unprotected": "ring: what a receiver without protection shows",
         "possible": "triangle: a place that the evidence leaves open",
     }
-    told = [words for kind, words in keys.items() if kind in kinds]
-    told += ["cross: the true place, by a file beside the recording, which the verdict does not use"] * bool(
+    legend = [words for kind, words in keys.items() if kind in kinds]
+    legend += ["cross: the true place, by a file beside the recording, which the verdict does not use"] * bool(
         pictures.truth
     )
     close = [
@@ -352,7 +354,7 @@ def _maps(pictures: Pictures) -> list[Figure]:
             "Where it was, where it seemed to be" if "false" in kinds else "Map of the fixes",
             overview,
             f"Metres east and north of {place_words(pictures.origin.lat_deg, pictures.origin.lon_deg)}. "
-            + "; ".join([*told, "lines: the way there"]).capitalize()
+            + "; ".join([*legend, "lines: the way there"]).capitalize()
             + "."
             + "".join(_off_truth(track, pictures) for track in pictures.tracks if track not in close),
         )
@@ -388,17 +390,17 @@ def _skies(verdict: Verdict, pictures: Pictures) -> list[Figure]:
         for source in verdict.sources
         if source.azimuth_deg is not None and source.elevation_deg is not None
     ]
-    told = (
+    caption = (
         "Where the satellites stand, zenith in the middle; rings of elevation every 30°. Symbols side by side are "
         "signals of one satellite."
     )
     if sources:
-        told += " Cross: a source of false signals."
+        caption += " Cross: a source of false signals."
     figures = []
     for receivers in _same_sky(pictures.sky):
         title = f"Sky over {', '.join(receivers)}"
         here = [p for p in pictures.sky if p.receiver == receivers[0]]
-        figures.append(Figure(title, draw.sky_plot(here, sources, title=title), told))
+        figures.append(Figure(title, draw.sky_plot(here, sources, title=title), caption))
     return figures
 
 
@@ -517,14 +519,16 @@ def _words_of_test(method: Method) -> list[str]:
     sentences = []
     if method.p_value is not None:
         words = _by_chance(method.decision, method.p_value)
+        if method.decision == "undecided":  # what was tested, one antenna or a clean sky, the evidence says
+            words = f"it did not decide ({p_value_words(method.p_value)})."
         sentences.append(words[0].upper() + words[1:])
     if method.statistic is not None:
         against = f", its threshold {number_words(method.threshold)}" if method.threshold is not None else ""
         sentences.append(f"Statistic {number_words(method.statistic)}{against}.")
-    told = f"{method.tests} {'test' if method.tests == 1 else 'tests'} made"
+    made = f"{method.tests} {'test' if method.tests == 1 else 'tests'} made"
     if method.false_alarm_probability is not None:
-        told += f", false alarms allowed in each: {chance_words(method.false_alarm_probability)}"
-    return [*sentences, f"{told}."]
+        made += f", false alarms allowed in each: {chance_words(method.false_alarm_probability)}"
+    return [*sentences, f"{made}."]
 
 
 def _lines(settings: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:

@@ -268,10 +268,10 @@ def _said(place: Sequence[Mark], names: bool, *, brief: bool) -> list[draw.Tag]:
     x, y = place[0][:2]
     tags = []
     for who, same in spots.items():
-        told = ", ".join(same[:1] if brief else same)
+        written = ", ".join(same[:1] if brief else same)
         if names:
-            told += f": {', '.join(who) if len(who) <= MOST_NAMED else f'{len(who)} receivers'}"
-        tags.append(draw.Tag(x, y, told, f"name {same[0]}", 9.0))
+            written += f": {', '.join(who) if len(who) <= MOST_NAMED else f'{len(who)} receivers'}"
+        tags.append(draw.Tag(x, y, written, f"name {same[0]}", 9.0))
     return tags
 
 

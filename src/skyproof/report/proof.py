@@ -129,10 +129,10 @@ def chance_scale(p_value: float, allowed: float | None, *, title: str) -> Markup
     for power in (0, 10, 20, 30):
         edge = "≤ " if power == _MOST else ""
         x = scale(power)
-        told = "1" if power == 0 else edge + power_words(-power)
+        written = "1" if power == 0 else edge + power_words(-power)
         parts += [
             draw.line(x, y - 3.0, x, y + 3.0, "frame"),
-            draw.text(min(x, right - 8.0), y + 19.0, told, anchor="middle", css="small"),
+            draw.text(min(x, right - 8.0), y + 19.0, written, anchor="middle", css="small"),
         ]
     parts += [
         draw.circle(at(p_value), y, 5.0, "mark statistic"),

@@ -337,7 +337,7 @@ def _arrays(page: ScenePage) -> list[Figure]:
 
 
 def line_plot(lines: Sequence[Line], *, title: str, zero: str, quantity: str, metres: bool = False) -> Markup:
-    """Lines over time, each named at its end. metres : values are metres and may be told as kilometres."""
+    """Lines over time, each named at its end. metres : values are metres and may be written as kilometres."""
     lines = [one for one in lines if np.isfinite(one.values).any()]
     if not lines:
         return Markup("")
@@ -349,8 +349,8 @@ def line_plot(lines: Sequence[Line], *, title: str, zero: str, quantity: str, me
     kilo = metres and max(abs(low), abs(high)) >= 2e4
     across = draw.Scale(first_s, max(last_s, first_s + 1e-3), left, right)
     up = draw.Scale(low, high, bottom, top)
-    told = f"{quantity}, {'km' if kilo else 'm'}" if metres else quantity
-    parts = list(draw.grid(across, up, (f"time since {zero}, {unit}", told), (scale, 1e3 if kilo else 1.0)))
+    written = f"{quantity}, {'km' if kilo else 'm'}" if metres else quantity
+    parts = list(draw.grid(across, up, (f"time since {zero}, {unit}", written), (scale, 1e3 if kilo else 1.0)))
     ends, early = [], []
     for one in lines:
         parts.append(draw.path(across.pixels(one.seconds), up.pixels(one.values), f"series {one.kind}"))
@@ -400,11 +400,11 @@ def switching_plot(rows: Sequence[Switching], span_s: tuple[float, float], *, ti
         low, high = float(power_db.min()), float(power_db.max())
         up = draw.Scale(low, max(high, low + 1e-6), base - (0.3 if high - low > 0.05 else 1.0) * band, base - band)
         parts.append(_filled(across.pixels(row.seconds), up.pixels(row.power_db), on, base, f"on {row.role}"))
-        told = f"{_db(low)} dB" if high - low < 0.05 else f"{_db(low)} to {_db(high)} dB"
+        written = f"{_db(low)} dB" if high - low < 0.05 else f"{_db(low)} to {_db(high)} dB"
         parts += [
             draw.line(left, base, right, base, "frame"),
             draw.text(left, base - band - 6.0, row.name, css=f"name {row.role}"),
-            draw.text(right, base - band - 6.0, f"{row.what}, {told}", anchor="end", css="small halo"),
+            draw.text(right, base - band - 6.0, f"{row.what}, {written}", anchor="end", css="small halo"),
         ]
     parts.append(
         draw.text((left + right) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis")
@@ -434,8 +434,8 @@ def _switching(page: ScenePage) -> list[Figure]:
     if not picture:
         return []
     caption = (
-        "Filled while it transmits, the higher the stronger. Power of false signals is told against the true signal of "
-        "the same satellite, that of interference against the receiver's noise in its band; both at the first "
+        "Filled while it transmits, the higher the stronger. Power of false signals is given against the true signal "
+        "of the same satellite, that of interference against the receiver's noise in its band; both at the first "
         "receiver, at the distance of the beginning."
     )
     return [Figure("What is on when", picture, caption)]

@@ -41,7 +41,7 @@ def _count(number: float) -> str:
 
 
 def chance_words(probability: float) -> str:
-    """How often something of this probability happens; rare things are told a little more often than they are."""
+    """How often something of this probability happens; of rare things a little more often than it does."""
     if probability < _LEAST:
         return "practically never"
     if probability >= 0.01:

@@ -34,7 +34,7 @@ class TransmitAntenna(Site):
 class _Transmitter(Model):
     """What every attack has.
 
-    transmit : the antenna from which all signals leave that no other antenna is told for.
+    transmit : the antenna from which all signals leave that name no other antenna.
     power_db : of each false signal at the first receiver at the onset, relative to the true signal of the same
         satellite there; with time and at other receivers it changes with the distance from the transmit antenna.
     power_points_db : (time, further power), straight between, held beyond the ends.

@@ -65,7 +65,7 @@ __all__ = [
 ]
 
 Container = Literal["sigmf", "raw"]
-Told = Callable[[int, int], None]
+Report = Callable[[int, int], None]
 """Called with what is done and what is to do in all."""
 
 _ENDINGS: Final = {"sigmf": (".sigmf-data", ".sigmf-meta"), "raw": (".bin", ".toml")}
@@ -81,7 +81,7 @@ def write(
     folder: Path,
     *,
     container: Container = "raw",
-    progress: Told | None = None,
+    progress: Report | None = None,
 ) -> list[Path]:
     """Render a scene into `folder`, which is made if need be: samples and truth.json.
 
@@ -139,7 +139,7 @@ def samples_octets(scenario: Scenario) -> int:
     return n_antennas * int(scenario.duration_s * front_end.rate_hz) * bits // 8
 
 
-def write_samples(scene: Scene, folder: Path, container: Container, *, progress: Told | None = None) -> list[Path]:
+def write_samples(scene: Scene, folder: Path, container: Container, *, progress: Report | None = None) -> list[Path]:
     """Render every antenna; what tells how to read the samples is written after them."""
     renderings = [rendering_of(scene, index) for index in range(len(scene.skies))]
     data_ending, meta_ending = _ENDINGS[container]
@@ -297,7 +297,7 @@ def write_series(
     *,
     trajectory_hz: float = TRAJECTORY_HZ,
     signals_hz: float = SIGNALS_HZ,
-    progress: Told | None = None,
+    progress: Report | None = None,
 ) -> list[Path]:
     """Tables of the truth and of inertial readings, as CSV and Parquet; progress in tables.
 
@@ -319,24 +319,24 @@ def write_series(
 def _series(
     scene: Scene, trajectory_hz: float, signals_hz: float
 ) -> Iterator[tuple[str, dict[str, str], Iterable[Table]]]:
-    """Name without ending, what is told within the file, and the blocks of each table."""
+    """Name without ending, what is stated within the file, and the blocks of each table."""
     about = {"scene": scene.scenario.name, "seed": str(scene.scenario.seed), "skyproof": version("skyproof")}
     imus = imus_of(scene)
     for name in scene.trajectories:
-        told = about | {"receiver": name, "rate_hz": f"{trajectory_hz:g}"}
-        yield f"{name}-truth", told, trajectory_blocks(scene, name, trajectory_hz)
+        stated = about | {"receiver": name, "rate_hz": f"{trajectory_hz:g}"}
+        yield f"{name}-truth", stated, trajectory_blocks(scene, name, trajectory_hz)
     for sky in scene.skies:
-        told = about | {"receiver": sky.receiver.name, "antenna": sky.antenna.name, "rate_hz": f"{signals_hz:g}"}
-        yield f"{sky.name}-signals", told, signal_blocks(scene, sky.name, signals_hz)
+        stated = about | {"receiver": sky.receiver.name, "antenna": sky.antenna.name, "rate_hz": f"{signals_hz:g}"}
+        yield f"{sky.name}-signals", stated, signal_blocks(scene, sky.name, signals_hz)
     for name, imu in imus.items():
-        yield f"{name}-imu", about | _imu_told(_sky_of_receiver(scene, name), imu), imu_blocks(scene, imu)
+        yield f"{name}-imu", about | _imu_stated(_sky_of_receiver(scene, name), imu), imu_blocks(scene, imu)
 
 
 def _sky_of_receiver(scene: Scene, receiver: str) -> ReceiverSky:
     return next(sky for sky in scene.skies if sky.receiver.name == receiver)
 
 
-def _imu_told(sky: ReceiverSky, imu: Imu) -> dict[str, str]:
+def _imu_stated(sky: ReceiverSky, imu: Imu) -> dict[str, str]:
     unit = sky.receiver.imu
     assert unit is not None
     return {

@@ -13,8 +13,8 @@ from skyproof.simulator.ranges import FIRST_SIGNAL
 
 __all__ = ["Kind"]
 
-_UNTOLD_S = 1e-9
-_UNTOLD_STEPS = 13
+_UNKNOWN_S = 1e-9
+_UNKNOWN_STEPS = 13
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Kind:
 
         As the message says; where it says nothing some nanoseconds that differ from satellite to satellite.
         """
-        told_s = group_delay_s(ephemeris, self.band, self.code)
-        if not np.isfinite(told_s):
-            told_s = _UNTOLD_S * (int(ephemeris.sat[1:]) * 7 % _UNTOLD_STEPS - _UNTOLD_STEPS // 2)
-        return SPEED_OF_LIGHT_M_S * (told_s - group_delay_s(ephemeris, *FIRST_SIGNAL[ephemeris.sat[0]]))
+        known_s = group_delay_s(ephemeris, self.band, self.code)
+        if not np.isfinite(known_s):
+            known_s = _UNKNOWN_S * (int(ephemeris.sat[1:]) * 7 % _UNKNOWN_STEPS - _UNKNOWN_STEPS // 2)
+        return SPEED_OF_LIGHT_M_S * (known_s - group_delay_s(ephemeris, *FIRST_SIGNAL[ephemeris.sat[0]]))

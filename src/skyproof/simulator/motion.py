@@ -75,7 +75,7 @@ class Trajectory(Protocol):
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """From when to when it is told; beyond, it goes on as its class says."""
+        """From when to when it is given; beyond, it goes on as its class says."""
         ...
 
     def at(self, t_s: ArrayLike) -> Motion:

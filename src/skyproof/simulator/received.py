@@ -215,9 +215,9 @@ class Scene:
             ephemeris = ephemeris_of(nav, sat, scenario)
             assert isinstance(ephemeris, Ephemeris)
             attack = attacks.get(variant)
-            told_s = start + (attack.message_later_s if attack is not None else 0)
-            week_told, tow_told = divmod(week * 604_800 + told_s, 604_800)
-            bits = encode_subframes(ephemeris, nav.ionosphere, nav.utc, tow_told, week_told, count)
+            stated_s = start + (attack.message_later_s if attack is not None else 0)
+            week_stated, tow_stated = divmod(week * 604_800 + stated_s, 604_800)
+            bits = encode_subframes(ephemeris, nav.ionosphere, nav.utc, tow_stated, week_stated, count)
             if attack is not None and attack.message == "inverted":
                 bits = 1 - bits
             elif attack is not None and attack.message == "random":

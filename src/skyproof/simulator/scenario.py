@@ -257,7 +257,7 @@ class Scenario(Model):
                         f"{self.duration_s:g}"
                     )
         if self.navigation is not None and self.sky.directions is not None:
-            raise ValueError("sky.directions and navigation both tell where the satellites are; leave one out")
+            raise ValueError("sky.directions and navigation both say where the satellites are; leave one out")
         for index, attack in enumerate(self.attacks):
             if isinstance(attack, Takeover):
                 known_name(attack.target, receivers, f"attacks[{index}].target")

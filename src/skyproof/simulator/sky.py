@@ -88,7 +88,7 @@ class _World:
             for index, receiver in enumerate(scenario.receivers)
         ]
         self.clocks = [self._clock(index) for index in range(len(scenario.receivers))]
-        self.first = self._antenna(0)  # powers are told for it
+        self.first = self._antenna(0)  # powers are stated for it
         self.cn0_dbhz = scipy.interpolate.CubicSpline(self.knots_s, self._level_dbhz(self._view(self.first).el_rad))
         self.attackers = [self._attacker(number) for number in range(len(scenario.attacks))]
 

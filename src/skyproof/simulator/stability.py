@@ -36,7 +36,7 @@ class Stability:
     """The Allan deviation of generated data at averaging times tau_s (n,), and what theory says there.
 
     deviation : (n,) root of the mean variance of several runs. lower, upper : (n,) its 90 % limits by the runs' own
-        spread, which supposes no kind of noise. what : the quantity, told in `unit`.
+        spread, which supposes no kind of noise. what : the quantity, given in `unit`.
     """
 
     name: str

@@ -338,10 +338,10 @@ def from_track(
     """
     try:
         t_s = _track_times(track, speed_m_s)
-        told: Reals | Held | AlongMotion | None = attitude
-        if told is None and track.attitude_rad is not None:
-            told = attitude_ecef(track.position_ecef_m, *track.attitude_rad.T)
-        return from_samples(start_s + t_s, track.position_ecef_m, attitude=told, knot_s=knot_s, slow_m_s=slow_m_s)
+        stated: Reals | Held | AlongMotion | None = attitude
+        if stated is None and track.attitude_rad is not None:
+            stated = attitude_ecef(track.position_ecef_m, *track.attitude_rad.T)
+        return from_samples(start_s + t_s, track.position_ecef_m, attitude=stated, knot_s=knot_s, slow_m_s=slow_m_s)
     except ScenarioError as error:
         raise ScenarioError(f"{track.source}: {error}") from error
 

@@ -8,7 +8,7 @@ from skyproof.studies.base import Study
 __all__ = ["studies"]
 
 _PAPERS = ("multi_receiver", "dccaf", "inverse_raim", "vector_sqm", "ins_array", "spin")
-"""Order in which papers are told; others come after them, by name."""
+"""Order in which papers are listed; others come after them, by name."""
 
 
 def studies() -> dict[str, Study]:

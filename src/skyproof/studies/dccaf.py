@@ -239,15 +239,20 @@ def count(settings: Settings) -> Iterator[Row]:
 
 
 def _statistics(
-    delay: Reals, amplitude: Complexes, variance: float, told: float, delays: Dictionary, rng: np.random.Generator
+    delay: Reals,
+    amplitude: Complexes,
+    variance: float,
+    assumed_variance: float,
+    delays: Dictionary,
+    rng: np.random.Generator,
 ) -> tuple[Reals, Reals]:
-    """T (n,) of correlations with noise of `variance`, for a test that is told another, and the smaller amplitude (n,)
-    of two signals fitted to them. T goes with one over what is told."""
+    """T (n,) of correlations with noise of `variance`, for a test that is given another, and the smaller amplitude (n,)
+    of two signals fitted to them. T goes with one over what is given."""
     parts, weaker = [], []
     for begin in range(0, len(delay), 5000):
         part = slice(begin, begin + 5000)
         taps = simulate_taps(delay[part], amplitude[part], variance, delays, rng)
-        statistic, _, two = count_statistic(taps, delays, told)
+        statistic, _, two = count_statistic(taps, delays, assumed_variance)
         parts.append(statistic)
         weaker.append(np.abs(two.amplitude).min(axis=-1))
     return np.concatenate(parts), np.concatenate(weaker)

@@ -257,8 +257,8 @@ def exclusion(settings: Settings) -> Iterator[Row]:
         predicted = _place_enu_m2(_predicted(grade, start))
         for k, moment_s in enumerate(_MOMENTS_S):
             offset_m = min(max(moment_s - 90.0, 0.0), 100.0) * _UP_EAST
-            told = _judged(offset_m, drift_m[:, k], predicted[moment_s], rng)
-            yield {"grade": name, "errors": errors, "time_s": moment_s, **told}
+            judged = _judged(offset_m, drift_m[:, k], predicted[moment_s], rng)
+            yield {"grade": name, "errors": errors, "time_s": moment_s, **judged}
 
 
 def interval(settings: Settings) -> Iterator[Row]:
@@ -276,8 +276,8 @@ def interval(settings: Settings) -> Iterator[Row]:
         )
         predicted = _place_enu_m2(_predicted(grade, start))
         for k, interval_s in enumerate(_INTERVALS_S):
-            told = _judged(interval_s * _UP_EAST, drift_m[:, k], predicted[interval_s], rng)
-            yield {"grade": name, "errors": errors, "interval_s": interval_s, **told}
+            judged = _judged(interval_s * _UP_EAST, drift_m[:, k], predicted[interval_s], rng)
+            yield {"grade": name, "errors": errors, "interval_s": interval_s, **judged}
 
 
 def restart(settings: Settings) -> Iterator[Row]:
@@ -298,8 +298,8 @@ def restart(settings: Settings) -> Iterator[Row]:
                 drifts[how].append(_restarted(flown, covariance[_RESTART_S], taken, grade, rng))
         for how, taken in _RESTARTS.items():
             after = _covariance_after(covariance[_RESTART_S], taken, grade) if taken else covariance[_END_S]
-            told = _judged(100.0 * _UP_EAST, np.concatenate(drifts[how]), _place_enu_m2(after), rng)
-            yield {"grade": "tactical", "errors": errors, "restart": how, "time_s": _END_S, **told}
+            judged = _judged(100.0 * _UP_EAST, np.concatenate(drifts[how]), _place_enu_m2(after), rng)
+            yield {"grade": "tactical", "errors": errors, "restart": how, "time_s": _END_S, **judged}
 
 
 _SET, _BOTH = "place set", "both updated"

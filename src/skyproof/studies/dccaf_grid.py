@@ -145,8 +145,8 @@ def noise(settings: Settings) -> Iterator[Row]:
         added: list[float] = []
         for _ in range(skies):
             others = _others(rate_hz, coherent_s, rng)
-            for told, samples in ((thermal, _noise(others.size, rate_hz, rng)), (added, others)):
-                told.append(float(np.mean(np.abs(_correlated(samples, 1, rate_hz, delays, dopplers)) ** 2)))
+            for powers, samples in ((thermal, _noise(others.size, rate_hz, rng)), (added, others)):
+                powers.append(float(np.mean(np.abs(_correlated(samples, 1, rate_hz, delays, dopplers)) ** 2)))
         predicted = float(noise_variance(_CN0_DBHZ, coherent_s, rate_hz))
         yield {
             "coherent_ms": coherent_ms,
@@ -230,22 +230,22 @@ STUDIES_OF_THE_GRID: Final[tuple[Study, ...]] = (
             *(
                 Claim(
                     what=f"{case}: number of peaks",
-                    paper=told,
+                    paper=stated,
                     reference=float(peaks),
                     same=_of("peaks", _first, case=case),
                     tolerance=0.0,
                 )
-                for case, peaks, told in zip(_CASES, (1, 2, 1), ("one", "two", "one, the phase differs"), strict=True)
+                for case, peaks, stated in zip(_CASES, (1, 2, 1), ("one", "two", "one, the phase differs"), strict=True)
             ),
             *(
                 Claim(
                     what=f"{case}: change of phase along delay, cycles",
-                    paper=told,
+                    paper=stated,
                     same=_of("phase_cyc", _span, case=case, along="delay"),
                     reference=reference,
                     tolerance=tolerance,
                 )
-                for case, told, reference, tolerance in (
+                for case, stated, reference, tolerance in (
                     ("one signal", "none", 0.0, 0.03),
                     ("two, 0.25 chip apart", "differs", 0.08, 0.03),
                 )

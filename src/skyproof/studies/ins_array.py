@@ -547,7 +547,7 @@ STUDIES = (
         claims=tuple(
             Claim(
                 what=f"worst share, %, b = {side:g} (better: with whole cycles unknown)",
-                paper="told of blocks only",
+                paper="stated for blocks only",
                 reference=right,
                 tolerance=0.01 * right,
                 same=_percent("share", baseline=side),

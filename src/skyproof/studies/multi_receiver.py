@@ -393,7 +393,7 @@ def _share_claims() -> Iterator[Claim]:
                 where = pair, window_s, detector, noise
                 yield Claim(
                     what=f"share of windows with 7 of 7 at {distance_m} m, {window_s} s, {noise}, {detector}, wrong at "
-                    f"most {rate:g}; asked 0.999; reference: the most that a test can that is told the noise",
+                    f"most {rate:g}; asked 0.999; reference: the most that a test can that knows the noise",
                     paper="not reached",
                     reference=_share(f"authenticated_bound{end}", *where),
                     better=_share(f"authenticated_mean{end}", *where),
@@ -405,7 +405,7 @@ def _share_claims() -> Iterator[Claim]:
                 where = "4", 30, detector, noise
                 yield Claim(
                     what=f"the same at 5 m, 30 s, {noise}, {detector}, wrong at most {rate:g}; reference: the most "
-                    "that a test can that is not told the noise",
+                    "that a test can that does not know the noise",
                     paper="not reached",
                     reference=_share(f"authenticated_bound_noise_unknown{end}", *where),
                     better=_share(f"authenticated_mean{end}", *where),
@@ -458,7 +458,7 @@ DISTANCE = Study(
             for end, rate in (("", ALPHA_OURS), (LAX, ALPHA_PAPER)) for noise in NOISES
         ),
         *(
-            Claim(what=f"the same at 1 m in 15 s, all noises, where little can be told; stated: at most {rate:g}",
+            Claim(what=f"the same at 1 m in 15 s, all noises, where little is distinguished; stated: at most {rate:g}",
                   paper="not stated", reference=0.0, better=_pooled_wrong(f"wrong_mean{end}", pair="3", window_s=15),
                   tolerance=_most_by_count(rate, detector=UNKNOWN, pair="3", window_s=15))
             for end, rate in (("", ALPHA_OURS), (LAX, ALPHA_PAPER))

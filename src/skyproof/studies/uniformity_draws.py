@@ -126,7 +126,7 @@ __all__ = [
 Draw = Callable[[np.random.Generator, int], Reals]
 
 ASKED: Final = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
-"""Values of p at which shares are told."""
+"""Values of p at which shares are reported."""
 
 _SKY_DEG: Final = ((20, 15), (75, 40), (110, 65), (160, 25), (205, 50), (250, 20), (300, 35), (340, 75))
 _UNITS: Final = direction_cosines(*np.radians(np.array(_SKY_DEG, float).T))  # of eight satellites
@@ -469,7 +469,7 @@ def divided(rng: np.random.Generator, n: int) -> Reals:
 
 
 def clusters_of_random_directions(rng: np.random.Generator, n: int) -> Reals:
-    """Six signals from anywhere: the chance that the largest cluster is told to have."""
+    """Six signals from anywhere: the chance that the largest cluster is reported to have."""
     design = array_design(_ELEMENTS)
     sky = direction_cosines(2.0 * np.pi * rng.random((n, 6)), np.arcsin(rng.random((n, 6))))
     values = sky @ design.T + rng.standard_normal((n, 6, 2)) @ np.linalg.cholesky(_OWN).T

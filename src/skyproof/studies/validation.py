@@ -39,8 +39,8 @@ class Checked:
         if self.agrees is None:
             verdict = NONE
         else:
-            verdict = f"{'within' if self.agrees else '**not** within'} {_told(self.tolerance, claim.digits)}"
-        return (*(_told(value, claim.digits) for value in values), verdict)
+            verdict = f"{'within' if self.agrees else '**not** within'} {_written(self.tolerance, claim.digits)}"
+        return (*(_written(value, claim.digits) for value in values), verdict)
 
 
 def check(study: Study, rows: Sequence[Row]) -> list[Checked]:
@@ -60,7 +60,7 @@ def table(
     Parameters
     ----------
     made_on : the date that the page shows; today if None.
-    before : is told the name of each study before it runs.
+    before : is given the name of each study before it runs.
     """
     return "\n".join(_lines(studies, settings, made_on or date.today(), before)) + "\n"
 
@@ -108,7 +108,7 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def _told(value: float | str | None, digits: int) -> str:
+def _written(value: float | str | None, digits: int) -> str:
     if value is None:
         return NONE
     if isinstance(value, str):

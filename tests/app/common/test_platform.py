@@ -140,7 +140,8 @@ HERE = PLACE.format(57.7, 11.9, 50, 0.1)
 WRONG = [
     ('motion = "flying"', "motion = \"flying\", expected 'static' or 'moving'"),
     ("speed_max_m_s = 0", "speed_max_m_s = 0, expected more than 0"),
-    ('speed_max_m_s = "40"', 'speed_max_m_s = "40", expected a number'),
+    ('speed_max_m_s = "40"', 'speed_max_m_s = "40", expected a number without quotes: 40'),
+    ('[protect]\nantenna_distance_m = "60"', 'protect.antenna_distance_m = "60", expected a number without quotes: 60'),
     ("speed_max_m_s = nan", "speed_max_m_s = nan, expected"),
     ("speed_max_m_s = true", "speed_max_m_s = true, expected a number"),
     ("speed_max = 40", "speed_max: unknown key, did you mean speed_max_m_s?; known here: motion, "),

@@ -41,6 +41,11 @@ def test_every_setting_stands_in_the_verdict():
         ),
         ({"antennas_enu_m": {"a": (0.0, 1.0)}}, r"antennas_enu_m\.a\[2\] is missing"),
         ({"antennas_enu_m": {"a": (0.0, float("inf"), 0.0)}}, r"antennas_enu_m\.a\[1\] = inf, expected"),
+        ({"antenna_separation_m": 400.0}, r"in the table \[protect\] of a platform file"),
+        ({"antenna_distance_m": "60"}, 'antenna_distance_m = "60", expected a number without quotes: 60$'),
+        ({"antenna_distance_m": "sixty"}, 'antenna_distance_m = "sixty", expected a number$'),
+        ({"antenna_distance_m": True}, "antenna_distance_m = true, expected a number$"),
+        ({"place_deg": ("57.7", 11.9)}, r'place_deg\[0\] = "57.7", expected a number without quotes: 57.7$'),
         ({"window_s": 1e300}, r"window_s = 1e\+300, expected 100000 or less"),
     ],
 )

@@ -281,7 +281,7 @@ def test_the_document_tells_where_each_fact_comes_from(stored: tuple[Path, set[s
     (document,) = [one.document() for one in inspect(path, layout={"if_hz": 300e3})]
     sources = document["sources"]
     assert (sources["rate_hz"], sources["if_hz"], sources["centre_hz"]) == ("sidecar rx.toml", "option", "default")
-    assert sources["start_gpst"] == "nothing tells it"
+    assert sources["start_gpst"] == "nothing states it"
     assert document["layout"]["if_hz"] == 300e3
     assert all({"sat", "cn0_dbhz", "doppler_hz", "peaks"} <= set(one) for one in document["satellites"])
 

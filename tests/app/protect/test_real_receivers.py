@@ -96,6 +96,7 @@ def test_nothing_false_is_said_of_a_real_clean_sky(shared_data, name):
     assert not false, [(str(e.start_gpst), e.detector, e.because) for e in false]
     assert not {s.label for s in result.verdict.signals} & {"spoofed", "multipath"}
     assert result.verdict.verdict == pair.says, result.verdict.summary
+    assert [m.ran for m in result.verdict.methods if m.detector == "multi_receiver"] == [True]
     if pair.truth is not None:
         assert horizontal_error_m(result, 0, pair.truth) < pair.within_m
 

@@ -12,6 +12,7 @@ from skyproof.detectors.multi_receiver.pairing import pair_up
 from skyproof.errors import SettingsError
 from skyproof.fusion.open_question import open_question
 from skyproof.navigation.sets import consistent_sets
+from skyproof.records import SignalRef
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 ERRORS = TrackErrors(sigma_m=1.0, correlation=0.5, constant_m=1.0)
@@ -98,6 +99,23 @@ def test_a_clean_sky_over_antennas_too_near_to_tell_is_undecided():
     evidence = examine(records, antenna_separation_m=2.0)
     assert [e.says for e in evidence] == ["undecided"]
     assert "longer window" in evidence[0].would_need
+    assert evidence[0].p_value > evidence[0].false_alarm_probability  # of one antenna: the test was made
+
+
+def test_antennas_farther_apart_than_was_allowed_are_told_where_that_is_set():
+    (evidence,) = examine(scene().records(rng()), max_separation_m=10.0)
+    assert "30 m apart, more than the 10 m that they may be" in evidence.because
+    assert "a larger max_separation_m in the table [protect] of a platform file" in evidence.would_need
+
+
+def test_the_reason_of_a_run_names_all_kinds_of_signal_that_have_it():
+    records = scene().records(rng())
+    (of_one,) = examine(records)
+    others = [SignalRef(ref.receiver, replace(ref.signal, band="L2", code="L")) for ref in of_one.subject]
+    reason = open_question([replace(of_one, subject=tuple(others)), of_one], records.observations, set())
+    assert reason.why == f"{of_one.because}; the same holds for G L2 L"
+    earlier = replace(of_one, subject=tuple(others), start_gpst=of_one.start_gpst - np.timedelta64(10, "s"))
+    assert open_question([earlier, of_one], records.observations, set()).why == of_one.because
 
 
 @pytest.mark.parametrize("seed", range(3))

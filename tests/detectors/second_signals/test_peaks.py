@@ -53,6 +53,15 @@ def test_many_second_signals_are_an_attack_and_one_is_an_echo():
     assert one.statistic == 1.0
 
 
+def test_without_cn0_it_says_that_this_is_what_is_missing():
+    (evidence,) = examine(observations(range(8), cn0_dbhz=np.nan))
+    assert (evidence.says, evidence.p_value) == ("undecided", None)
+    assert evidence.because == "rx1 gives no C/N0, without which no signal is known to be credible"
+    assert evidence.would_need.startswith("C/N0 of the signals")
+    (weak,) = examine(observations(cn0_dbhz=20.0))
+    assert weak.because == "0 satellites with a signal of 30 dB-Hz or more are too few"
+
+
 def test_the_rate_that_counts_attain_is_stated():
     (evidence,) = examine(observations([3]))
     assert evidence.threshold == 3.0

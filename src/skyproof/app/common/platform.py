@@ -40,7 +40,8 @@ class Platform(Model):
     )
     oscillator: Literal["quartz", "tcxo", "ocxo", "csac", "rubidium"] | None = Field(
         default=None,
-        description="What the receivers' clocks run on: quartz, tcxo, ocxo, csac or rubidium; not known if absent.",
+        description="What the receivers' clocks run on: quartz, tcxo, ocxo, csac or rubidium; not known if absent. No "
+        "method uses it yet.",
         examples=["tcxo"],
     )
     receivers: tuple[Receiver, ...] = Field(default=(), max_length=64, description="A table for each.")

@@ -5,13 +5,13 @@ from typing import Annotated, Any, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from skyproof.errors import SettingsError
-from skyproof.formats.models import faults_of
+from skyproof.formats.models import Number, faults_of
 
 __all__ = ["Settings", "resolve_settings"]
 
-_Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
-_Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
-_Longitude = Annotated[float, Field(ge=-180.0, le=360.0)]
+_Metres = Annotated[Number, Field(ge=-1e5, le=1e5)]
+_Latitude = Annotated[Number, Field(ge=-90.0, le=90.0)]
+_Longitude = Annotated[Number, Field(ge=-180.0, le=360.0)]
 
 
 class Settings(BaseModel):
@@ -19,20 +19,20 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    false_alarm_probability_per_hour: float = Field(
+    false_alarm_probability_per_hour: Number = Field(
         default=1e-3, gt=0.0, lt=0.5, description="Probability of a false label or verdict in an hour of clean sky."
     )
-    antenna_separation_m: float = Field(
+    antenna_separation_m: Number = Field(
         default=0.0,
         ge=0.0,
         le=1e5,
         description="The antennas stand at least this far apart, horizontally; 0 if they may share one or it is not "
         "known.",
     )
-    max_separation_m: float = Field(
+    max_separation_m: Number = Field(
         default=300.0, gt=0.0, le=1e5, description="The antennas stand at most this far apart, horizontally."
     )
-    antenna_distance_m: float | None = Field(
+    antenna_distance_m: Number | None = Field(
         default=None,
         examples=[61.5],
         gt=0.0,
@@ -40,7 +40,7 @@ class Settings(BaseModel):
         description="The antennas of two receivers stand this far apart. One receiver alone under attack is then "
         "noticed, unless its false position lies at that distance from the other.",
     )
-    antenna_distance_sigma_m: float | None = Field(
+    antenna_distance_sigma_m: Number | None = Field(
         default=None,
         examples=[0.5],
         gt=0.0,
@@ -52,10 +52,10 @@ class Settings(BaseModel):
         examples=[{"rx1": [0.0, 0.0, 0.0], "rx2": [50.7, -33.4, -1.0]}],
         description="Where each receiver's antenna stands: east, north, up of any common point; by receiver name.",
     )
-    antennas_sigma_m: float = Field(
+    antennas_sigma_m: Number = Field(
         default=0.1, ge=0.0, le=1e5, description="Standard deviation of antennas_enu_m on each axis."
     )
-    speed_max_m_s: float | None = Field(
+    speed_max_m_s: Number | None = Field(
         default=None,
         examples=[40.0],
         ge=0.0,
@@ -63,18 +63,18 @@ class Settings(BaseModel):
         description="No antenna is faster; 0 if all stand still. Jumps over a time without measurements that need more "
         "are then noticed.",
     )
-    multipath_sigma_m: float = Field(
+    multipath_sigma_m: Number = Field(
         default=1.0,
         ge=0.0,
         le=1e4,
         description="Constant error of one pseudorange that multipath may cause, one sigma.",
     )
-    window_s: float = Field(
+    window_s: Number = Field(
         default=10.0, ge=2.0, le=1e5, description="Length of the windows that are decided one by one."
     )
-    smoothing_s: float = Field(default=100.0, gt=0.0, le=1e5, description="Carrier smoothing of the positions given.")
-    elevation_mask_deg: float = Field(default=5.0, ge=0.0, lt=90.0, description="Satellites below are not used.")
-    doppler_max_hz: float = Field(
+    smoothing_s: Number = Field(default=100.0, gt=0.0, le=1e5, description="Carrier smoothing of the positions given.")
+    elevation_mask_deg: Number = Field(default=5.0, ge=0.0, lt=90.0, description="Satellites below are not used.")
+    doppler_max_hz: Number = Field(
         default=7000.0, gt=0.0, le=1e6, description="Reach of the search, oscillator error included."
     )
     place_deg: tuple[_Latitude, _Longitude] | None = Field(
@@ -83,8 +83,8 @@ class Settings(BaseModel):
         description="Latitude and longitude, roughly: with a navigation file and a dated recording only satellites "
         "above the horizon there are looked for, so that false signals of others are missed.",
     )
-    start_s: float = Field(default=0.0, ge=0.0, le=1e9, description="Skip this much of every recording.")
-    duration_s: float | None = Field(
+    start_s: Number = Field(default=0.0, ge=0.0, le=1e9, description="Skip this much of every recording.")
+    duration_s: Number | None = Field(
         default=None, examples=[60.0], gt=0.0, le=1e9, description="Use no more than this of every recording."
     )
 
@@ -94,7 +94,7 @@ class Settings(BaseModel):
             raise ValueError(
                 f"antenna_separation_m = {self.antenna_separation_m:g} is more than max_separation_m = "
                 f"{self.max_separation_m:g}; the antennas cannot stand at least that far and at most that near: give "
-                "max_separation_m as well"
+                "a larger max_separation_m as well, in the table [protect] of a platform file"
             )
         return self
 

@@ -76,7 +76,7 @@ def advice(samples: Samples, satellites: Sequence[Heard], *, gaps: int, mirrored
     return f"`protect` {can}; stronger with {_listed(needs)}."
 
 
-def signal_remarks(samples: Samples, told: Survey, conjugate: bool | None, oscillator: OscillatorError) -> list[str]:
+def signal_remarks(samples: Samples, survey: Survey, conjugate: bool | None, oscillator: OscillatorError) -> list[str]:
     """What is odd about the signals."""
     remarks = []
     if conjugate:
@@ -84,7 +84,7 @@ def signal_remarks(samples: Samples, told: Survey, conjugate: bool | None, oscil
             "the spectrum is mirrored: negate Q (or swap I and Q, or give the intermediate frequency the "
             "other sign) in what says how to read the file"
         )
-    for gap in told.gaps:
+    for gap in survey.gaps:
         remarks.append(
             f"samples are missing at sample {gap.at_sample} ± {gap.at_sigma_samples:.0f} "
             f"({gap.at_sample / samples.rate_hz * 1e3:.2f} ms): {gap.missing_samples:.1f} "
@@ -93,10 +93,10 @@ def signal_remarks(samples: Samples, told: Survey, conjugate: bool | None, oscil
     for known in samples.gaps:
         remarks.append(f"the recording says that {known.missing_samples} samples are missing at {known.at_sample}")
     remarks += oscillator_remarks(oscillator)
-    if abs(told.clock_minus_lo_ppm) > 4.0 * told.clock_minus_lo_sigma_ppm:
+    if abs(survey.clock_minus_lo_ppm) > 4.0 * survey.clock_minus_lo_sigma_ppm:
         remarks.append(
-            f"the sampling clock is {told.clock_minus_lo_ppm:+.3f} ± {told.clock_minus_lo_sigma_ppm:.3f} ppm off the "
-            "local oscillator: they are not of one source, or rate_hz is not exact"
+            f"the sampling clock is {survey.clock_minus_lo_ppm:+.3f} ± {survey.clock_minus_lo_sigma_ppm:.3f} ppm off "
+            "the local oscillator: they are not of one source, or rate_hz is not exact"
         )
     return remarks
 
@@ -133,7 +133,7 @@ def oscillator_remarks(oscillator: OscillatorError) -> tuple[str, ...]:
 
 
 def summary(
-    samples: Samples, satellites: Sequence[Heard], told: Survey, conjugate: bool | None, front: FrontEnd
+    samples: Samples, satellites: Sequence[Heard], survey: Survey, conjugate: bool | None, front: FrontEnd
 ) -> str:
     """One or two sentences: what is there, and whether it can be used."""
     long = f"{samples.duration_s:.1f} s" if samples.duration_s >= 1.0 else f"{samples.duration_s * 1e3:.0f} ms"
@@ -148,7 +148,7 @@ def summary(
     but = []
     if conjugate:
         but.append("the spectrum is mirrored")
-    if n_gaps := max(len(told.gaps), len(samples.gaps)):
+    if n_gaps := max(len(survey.gaps), len(samples.gaps)):
         but.append("samples are missing" + ("" if n_gaps == 1 else f" in {n_gaps} places"))
     if front.notched:
         hurting = len(front.notched)

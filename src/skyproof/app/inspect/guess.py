@@ -198,7 +198,7 @@ class Guess:
             )
         numbers = " or ".join(dict.fromkeys(f"{one.layout.kind} {_numbers(one.layout)}" for one in self.proposals[:4]))
         return (
-            f"nothing tells how to read it, and no {GPS_L1_CA.name} signal was found for certain in {self.tried} ways "
+            f"nothing says how to read it, and no {GPS_L1_CA.name} signal was found for certain in {self.tried} ways "
             f"that were tried; by its bytes it holds {numbers}. Give what you know of the recorder, at least the rate: "
             f"`skyproof inspect {self.path} --rate-hz RATE --kind {best.kind} --encoding {best.encoding} "
             f"--bits {best.bits}`, with --if-hz where L1 does not lie at zero"
@@ -210,7 +210,7 @@ def guess(path: str | Path) -> Guess:
 
     Raises
     ------
-    InputError : the file cannot be read, is empty, or is something else than a recording, which is told.
+    InputError : the file cannot be read, is empty, or is something else than a recording; the message says what.
     NotEnoughData : too few bytes to say anything.
     """
     path = Path(path)
@@ -364,11 +364,11 @@ def _repetition(samples: PackedSamples, most: int) -> Repetition:
 
 
 def _blind(looks: Sequence[_Look], hints: NameHints, wav: WavHeader | None) -> Iterator[_Look]:
-    """Nothing repeats that a search confirms: the rates that are told, or the usual ones, in the likeliest readings."""
-    told = [rate for rate in (hints.rate_hz, wav.rate_hz if wav else None) if rate is not None and rate >= 1e6]
+    """Nothing repeats that a search confirms: the rates that are stated, or usual ones, in the likeliest readings."""
+    stated = [rate for rate in (hints.rate_hz, wav.rate_hz if wav else None) if rate is not None and rate >= 1e6]
     likely = sorted(looks, key=lambda look: (look._contradicted, look.rank))[:2]
     for look in likely:
-        for rate_hz in told or _TRIED_BLIND:
+        for rate_hz in stated or _TRIED_BLIND:
             yield replace(look, rate_hz=rate_hz)
 
 
@@ -446,14 +446,14 @@ def _holds(look: _Look, rate_hz: float, carrier_hz: float) -> bool:
 
 
 def _rate_of(look: _Look) -> tuple[float, str]:
-    """The rate and where it comes from: what is told or usual, if what repeats agrees with it."""
-    told = [(look.hints.rate_hz, "the file's name"), (look.wav.rate_hz if look.wav else None, "the WAV header")]
+    """The rate and where it comes from: what is stated or usual, if what repeats agrees with it."""
+    stated = [(look.hints.rate_hz, "the file's name"), (look.wav.rate_hz if look.wav else None, "the WAV header")]
     if look.rate_hz is not None:
-        source = next((source for rate, source in told if rate == look.rate_hz), "guessed: a usual rate")
+        source = next((source for rate, source in stated if rate == look.rate_hz), "guessed: a usual rate")
         return look.rate_hz, source
     measured_hz = look.what.period_samples / GPS_L1_CA.period_s
     within_hz = max(4.0 * look.what.period_sigma / GPS_L1_CA.period_s, 1e-6 * measured_hz)
-    for rate_hz, source in told:
+    for rate_hz, source in stated:
         if rate_hz is not None and abs(rate_hz - measured_hz) < within_hz:
             return rate_hz, f"{source}; code period agrees"
     usual = [*USUAL_RATES_HZ, round(measured_hz, -3), round(_NICE_HZ / round(_NICE_HZ / measured_hz))]
@@ -464,11 +464,11 @@ def _rate_of(look: _Look) -> tuple[float, str]:
 
 
 def _carriers(look: _Look, rate_hz: float, measured_hz: float | None) -> list[float]:
-    """Where to look: the nominal carriers that are told or usual, near the one measured; of near ones the likelier."""
-    told = [] if look.hints.if_hz is None else [_folded(look, look.hints.if_hz, rate_hz)]
-    likely = list(dict.fromkeys([*told, *_usual(look, rate_hz)]))
+    """Where to look: the nominal carriers that are stated or usual, near the one measured; of near ones the likely."""
+    stated = [] if look.hints.if_hz is None else [_folded(look, look.hints.if_hz, rate_hz)]
+    likely = list(dict.fromkeys([*stated, *_usual(look, rate_hz)]))
     if measured_hz is None:
-        return likely[: len(told) + 2] if look.real else likely[: max(1, len(told))]
+        return likely[: len(stated) + 2] if look.real else likely[: max(1, len(stated))]
     apart: list[float] = []
     for hz in likely:
         if abs(hz - measured_hz) < _CARRIER_OFF_HZ and all(abs(hz - other) > _NEAR_HZ for other in apart):
@@ -491,7 +491,7 @@ def _folded(look: _Look, hz: float, rate_hz: float) -> float:
 def _if_of(
     look: _Look, rate_hz: float, measured_hz: float | None, carriers: Sequence[float], found_hz: Sequence[float]
 ) -> tuple[float, str]:
-    """The nominal intermediate frequency: a told, usual or round one near the middle of the satellites' carriers.
+    """The nominal intermediate frequency: a stated, usual or round one near the middle of the satellites' carriers.
 
     A kilohertz or two off is the oscillator's error; a frequency that nobody would choose is worth several.
     """
@@ -500,20 +500,20 @@ def _if_of(
             return (carriers[0] if carriers else 0.0), "guessed: a usual one"
         return carriers[0], "measured: around what repeats"
     middle_hz = 0.5 * (min(found_hz) + max(found_hz))
-    told_hz = look.hints.if_hz
+    stated_hz = look.hints.if_hz
     choices = [(0.5 if hz else 0.0, hz) for hz in _usual(look, rate_hz)]
     choices += [(4.0, round(middle_hz, -5)), (8.0, round(middle_hz, -4)), (10.0, round(middle_hz, -3))]
-    if told_hz is not None:
-        choices.append((-1.0, _folded(look, told_hz, rate_hz)))
+    if stated_hz is not None:
+        choices.append((-1.0, _folded(look, stated_hz, rate_hz)))
     _, if_hz = min(choices, key=lambda choice: choice[0] + abs(choice[1] - middle_hz) / 2e3)
-    if told_hz is not None and if_hz == _folded(look, told_hz, rate_hz):
+    if stated_hz is not None and if_hz == _folded(look, stated_hz, rate_hz):
         return if_hz, "the file's name; the satellites agree"
     return if_hz + 0.0, "measured: amid the satellites"
 
 
 def _layout(look: _Look, rate_hz: float, if_hz: float) -> SampleLayout:
     packing = look.packing
-    told: dict[str, Any] = {
+    keys: dict[str, Any] = {
         "rate_hz": rate_hz,
         "centre_hz": look.hints.centre_hz or L1_HZ,
         "if_hz": if_hz,
@@ -522,12 +522,12 @@ def _layout(look: _Look, rate_hz: float, if_hz: float) -> SampleLayout:
         "bits": packing.bits,
     }
     if packing.bits < 8:
-        told["bit_order"] = packing.bit_order
+        keys["bit_order"] = packing.bit_order
     if packing.bits > 8:
-        told["byte_order"] = packing.byte_order
+        keys["byte_order"] = packing.byte_order
     if look.header_bytes:
-        told["header_bytes"] = look.header_bytes
-    return SampleLayout.model_validate(told)
+        keys["header_bytes"] = look.header_bytes
+    return SampleLayout.model_validate(keys)
 
 
 def _sources(look: _Look, rate_source: str, if_source: str) -> dict[str, str]:

@@ -71,7 +71,7 @@ class Inspection:
     """What `inspect` finds in one recording.
 
     conjugate : whether the samples, as they were read, are the complex conjugate of what they should be; None if that
-        cannot be told. Dopplers are those of the right reading.
+        is not known. Dopplers are those of the right reading.
     stretch : first and last sample (exclusive) of the longest stretch without a gap; satellites are those of its first
         tenth of a second.
     advice : what `protect` can do with it, and what would make it stronger.
@@ -103,7 +103,7 @@ class Inspection:
 
     def document(self) -> dict[str, Any]:
         """As `--json` prints it: keys in order, numbers unrounded, None for what is absent."""
-        samples, front, told = self.samples, self.front_end, self.survey
+        samples, front, survey = self.samples, self.front_end, self.survey
         few = front.levels.size <= _LEVELS_TOLD
         start, apart = samples.start_gpst, self.disagreement
         document = {
@@ -146,9 +146,9 @@ class Inspection:
             ],
             "line_threshold_db": front.line_threshold_db,
             "conjugate": self.conjugate,
-            "conjugate_error_probability": told.conjugate_error_probability,
-            "doppler_ratio": told.doppler_ratio,
-            "doppler_ratio_sigma": told.doppler_ratio_sigma,
+            "conjugate_error_probability": survey.conjugate_error_probability,
+            "doppler_ratio": survey.doppler_ratio,
+            "doppler_ratio_sigma": survey.doppler_ratio_sigma,
             "gaps": [
                 {
                     "at_sample": gap.at_sample,
@@ -157,15 +157,17 @@ class Inspection:
                     "missing_sigma_samples": gap.missing_sigma_samples,
                     "period_samples": gap.period_samples,
                 }
-                for gap in told.gaps
+                for gap in survey.gaps
             ],
-            "gaps_told": [{"at_sample": gap.at_sample, "missing_samples": gap.missing_samples} for gap in samples.gaps],
+            "gaps_stated": [
+                {"at_sample": gap.at_sample, "missing_samples": gap.missing_samples} for gap in samples.gaps
+            ],
             "oscillator_error_hz": self.oscillator.doppler_hz,
             "oscillator_error_sigma_hz": self.oscillator.sigma_hz,
             "oscillator_error_ppm": self.oscillator.doppler_hz / GPS_L1_CA.carrier_hz * 1e6,
             "oscillator_error_sigma_ppm": self.oscillator.sigma_hz / GPS_L1_CA.carrier_hz * 1e6,
-            "clock_minus_lo_ppm": told.clock_minus_lo_ppm,
-            "clock_minus_lo_sigma_ppm": told.clock_minus_lo_sigma_ppm,
+            "clock_minus_lo_ppm": survey.clock_minus_lo_ppm,
+            "clock_minus_lo_sigma_ppm": survey.clock_minus_lo_sigma_ppm,
             "examined_samples": list(self.stretch),
             "satellites": [vars(satellite) for satellite in self.satellites],
             "remarks": list(self.remarks),
@@ -234,7 +236,7 @@ class NotUnderstood(InputError):
         """
         samples = _read_as(self.guess.path, self.guess.proposals[0].layout, "proposal.toml")
         front = measure_front_end(samples, false_alarm_probability=FALSE_ALARM_PROBABILITY)
-        return _told(samples, front, (), Survey(), None, (0, samples.n_samples))
+        return _inspection(samples, front, (), Survey(), None, (0, samples.n_samples))
 
 
 def inspect(
@@ -246,8 +248,8 @@ def inspect(
 ) -> tuple[Inspection, ...]:
     """Say what is in a recording: one `Inspection` for each channel that the file holds.
 
-        (told,) = sp.inspect("rx1.bin")
-        print(told.summary, told.satellites)
+        (inspection,) = sp.inspect("rx1.bin")
+        print(inspection.summary, inspection.satellites)
 
     A file that nothing describes is read in the way that shows satellites, if there is one.
 
@@ -271,13 +273,13 @@ def inspect(
     path = Path(path)
     given = {key: value for key, value in (layout or {}).items() if value is not None}
     if given:
-        recordings, sources, told = _opened_as(path, sidecar, given)
+        recordings, sources, used = _opened_as(path, sidecar, given)
     elif sidecar is not None or _is_described(path):
-        recordings, sources, told = _opened(path, sidecar)
+        recordings, sources, used = _opened(path, sidecar)
     else:
         return (_guessed(path, write),)
     found = [inspect_recording(samples) for samples in recordings]
-    return tuple(replace(one, sources=sources | _measured_sources(one), layout=told) for one in found)
+    return tuple(replace(one, sources=sources | _measured_sources(one), layout=used) for one in found)
 
 
 def _measured_sources(found: Inspection) -> dict[str, str]:
@@ -313,33 +315,33 @@ def _opened(path: Path, sidecar: str | Path | None) -> tuple[tuple[Samples, ...]
     if recordings[0].format != "raw":
         return recordings, _sources_of(recordings[0], SampleLayout.model_fields, "SigMF metadata"), None
     beside = Path(sidecar) if sidecar is not None else path.with_suffix(".toml")
-    told = read_sidecar(beside)
-    return recordings, _sources_of(recordings[0], told.model_fields_set, f"sidecar {beside.name}"), told
+    stated = read_sidecar(beside)
+    return recordings, _sources_of(recordings[0], stated.model_fields_set, f"sidecar {beside.name}"), stated
 
 
 def _opened_as(
     path: Path, sidecar: str | Path | None, given: Mapping[str, object]
 ) -> tuple[tuple[Samples, ...], dict[str, str], SampleLayout | None]:
     beside = Path(sidecar) if sidecar is not None else path.with_suffix(".toml")
-    told = read_sidecar(beside).model_dump(exclude_unset=True) if sidecar is not None or beside.is_file() else {}
-    told = {key: iso(value) if isinstance(value, np.datetime64) else value for key, value in told.items()}
+    stated = read_sidecar(beside).model_dump(exclude_unset=True) if sidecar is not None or beside.is_file() else {}
+    stated = {key: iso(value) if isinstance(value, np.datetime64) else value for key, value in stated.items()}
     try:
-        layout = SampleLayout.model_validate({**told, **given})
+        layout = SampleLayout.model_validate({**stated, **given})
     except ValidationError as error:
         faults = "; ".join(fault_words(".".join(map(str, one["loc"])), one) for one in error.errors(include_url=False))
         raise SettingsError(
-            f"{path}: the options do not tell how to read it: {faults}; give rate_hz, kind, encoding and bits at least"
+            f"{path}: the options do not say how to read it: {faults}; give rate_hz, kind, encoding and bits at least"
         ) from error
     recordings = _channels_as(path, layout, "options.toml")
-    sources = _sources_of(recordings[0], told, f"sidecar {beside.name}") | {key: "option" for key in given}
+    sources = _sources_of(recordings[0], stated, f"sidecar {beside.name}") | {key: "option" for key in given}
     return recordings, sources, layout
 
 
-def _sources_of(samples: Samples, told: Any, by: str) -> dict[str, str]:
+def _sources_of(samples: Samples, stated: Any, by: str) -> dict[str, str]:
     keys = ("encoding", "bits", "kind", "rate_hz", "centre_hz", "if_hz", "start_gpst")
-    sources = {key: by if key in told else "default" for key in keys}
+    sources = {key: by if key in stated else "default" for key in keys}
     if samples.start_gpst is None:
-        sources["start_gpst"] = "nothing tells it"
+        sources["start_gpst"] = "nothing states it"
     return sources | {"duration": "length of the file"}
 
 
@@ -370,23 +372,23 @@ def _guessed(path: Path, write: bool | int) -> Inspection:
         raise NotUnderstood(found)
     proposal = found.proposals[number]
     layout, sources, name = proposal.layout, dict(proposal.sources), path.with_suffix(".toml").name
-    told = inspect_samples(_read_as(path, layout, name), peaks=proposal.peaks)
-    if not proposal.round_rate and (better := _better_rate_hz(layout, told.survey)) is not None:
+    inspection = inspect_samples(_read_as(path, layout, name), peaks=proposal.peaks)
+    if not proposal.round_rate and (better := _better_rate_hz(layout, inspection.survey)) is not None:
         layout = layout.model_copy(update={"rate_hz": better})
         sources["rate_hz"] = "measured: code period and drift"
-        told = inspect_samples(_read_as(path, layout, name), peaks=proposal.peaks)
-    if told.conjugate:
+        inspection = inspect_samples(_read_as(path, layout, name), peaks=proposal.peaks)
+    if inspection.conjugate:
         layout, sources = _righted(layout, sources)
-        told = _told_righted(told, _read_as(path, layout, name))
-    told = replace(
-        told,
+        inspection = _inspection_righted(inspection, _read_as(path, layout, name))
+    inspection = replace(
+        inspection,
         layout=layout,
         sources=sources | {"start_gpst": _start_words(found), "duration": "length of the file"},
         proposals=tuple(
             replace(one, layout=layout, sources=sources) if one is proposal else one for one in found.proposals
         ),
         taken=number,
-        remarks=told.remarks
+        remarks=inspection.remarks
         + (
             (
                 f"it looks like {proposal.interleaved} whose samples take turns: satellites, their "
@@ -396,21 +398,21 @@ def _guessed(path: Path, write: bool | int) -> Inspection:
             else ()
         ),
     )
-    return _with_sidecar(told, path.with_suffix(".toml")) if write else told
+    return _with_sidecar(inspection, path.with_suffix(".toml")) if write else inspection
 
 
 def _start_words(found: Guess) -> str:
     return (
-        "nothing tells it" if found.start_utc is None else f"not taken; the file's name has {iso(found.start_utc, 0)}"
+        "nothing states it" if found.start_utc is None else f"not taken; the file's name has {iso(found.start_utc, 0)}"
     )
 
 
-def _better_rate_hz(layout: SampleLayout, told: Survey) -> float | None:
+def _better_rate_hz(layout: SampleLayout, survey: Survey) -> float | None:
     """The rate by which sampling clock and local oscillator are one, as round as its error allows; None if unknown."""
-    sigma_hz = 1e-6 * told.clock_minus_lo_sigma_ppm * layout.rate_hz
-    if not abs(told.clock_minus_lo_ppm) > 4.0 * told.clock_minus_lo_sigma_ppm:
+    sigma_hz = 1e-6 * survey.clock_minus_lo_sigma_ppm * layout.rate_hz
+    if not abs(survey.clock_minus_lo_ppm) > 4.0 * survey.clock_minus_lo_sigma_ppm:
         return None
-    exact_hz = layout.rate_hz * (1.0 + 1e-6 * told.clock_minus_lo_ppm)
+    exact_hz = layout.rate_hz * (1.0 + 1e-6 * survey.clock_minus_lo_ppm)
     # An oscillator is a few ppm off, or an intermediate frequency a few kilohertz: then so is this. A round number that
     # near is the rate, if such numbers are not so dense that there is one anyway.
     near_hz = 3e-6 * exact_hz
@@ -431,29 +433,29 @@ def _righted(layout: SampleLayout, sources: Mapping[str, str]) -> tuple[SampleLa
     return SampleLayout.model_validate({**layout.model_dump(exclude_unset=True), **changes}), {**sources, key: sign}
 
 
-def _told_righted(told: Inspection, samples: Samples) -> Inspection:
+def _inspection_righted(inspection: Inspection, samples: Samples) -> Inspection:
     """The same inspection of the recording read the other way round: its Dopplers are right already."""
     front = measure_front_end(samples, false_alarm_probability=FALSE_ALARM_PROBABILITY)
-    ratio = -told.survey.doppler_ratio if told.survey.conjugate else told.survey.doppler_ratio
-    right = replace(told.survey, conjugate=False, doppler_ratio=ratio)
-    return _told(samples, front, told.satellites, right, False, told.stretch)
+    ratio = -inspection.survey.doppler_ratio if inspection.survey.conjugate else inspection.survey.doppler_ratio
+    right = replace(inspection.survey, conjugate=False, doppler_ratio=ratio)
+    return _inspection(samples, front, inspection.satellites, right, False, inspection.stretch)
 
 
-def _with_sidecar(told: Inspection, sidecar: Path) -> Inspection:
+def _with_sidecar(inspection: Inspection, sidecar: Path) -> Inspection:
     """Write how to read the recording beside it, and which of it was measured; a remark where that cannot be."""
-    assert told.layout is not None
+    assert inspection.layout is not None
     lines = [
-        f"{line}  # {told.sources[key]}" if (key := line.split(" = ")[0]) in told.sources else line
-        for line in sidecar_text(told.layout).splitlines()
+        f"{line}  # {inspection.sources[key]}" if (key := line.split(" = ")[0]) in inspection.sources else line
+        for line in sidecar_text(inspection.layout).splitlines()
     ]
     lines[0] += ", found out by `skyproof inspect`"
     try:
         if sidecar.exists():
-            return told
+            return inspection
         write_lines(sidecar, lines, encoding="utf-8")
     except OutputError as error:
-        return replace(told, remarks=(*told.remarks, f"the sidecar was not written: {error}"))
-    return replace(told, sidecar=str(sidecar))
+        return replace(inspection, remarks=(*inspection.remarks, f"the sidecar was not written: {error}"))
+    return replace(inspection, sidecar=str(sidecar))
 
 
 # --- one recording
@@ -496,12 +498,12 @@ def inspect_recording(samples: Samples) -> Inspection:
     if apart is None or not apart.certain or near.conjugate:
         return first
     right = corrected(near.samples, apart)
-    told = inspect_samples(right)
+    inspection = inspect_samples(right)
     return replace(
-        told,
+        inspection,
         given=samples,
         disagreement=apart,
-        remarks=(correction_remark(samples, right, apart.sigma), *told.remarks),
+        remarks=(correction_remark(samples, right, apart.sigma), *inspection.remarks),
     )
 
 
@@ -535,26 +537,26 @@ def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspecti
     view = _View(samples=conditioned(samples, front), carrier_hz=front.carrier_hz)
     if abs(front.carrier_hz) > 0.5 * samples.rate_hz:
         away = f"the band recorded, around {samples.centre_hz / 1e6:.3f} MHz, does not hold {GPS_L1_CA.name}"
-        return _told(samples, front, (), Survey(), None, (0, 0), (f"{away}; nothing was looked for",))
+        return _inspection(samples, front, (), Survey(), None, (0, 0), (f"{away}; nothing was looked for",))
     found = [peak for peak in peaks if abs(peak.doppler_hz) < _ATTEMPTS[-1][1]]
     if len(found) < _ENOUGH_SATS:
         view, found = _first_looks(view, front.real)
     if not found:
-        return _told(samples, front, (), Survey(), None, (0, samples.n_samples))
-    told = survey(view.samples, view.carrier_hz, found, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+        return _inspection(samples, front, (), Survey(), None, (0, samples.n_samples))
+    measured = survey(view.samples, view.carrier_hz, found, false_alarm_probability=FALSE_ALARM_PROBABILITY)
     conjugate = None if _readings(view, front.real) == 1 else view.mirrored
-    if told.conjugate is not None:
-        conjugate = view.mirrored != told.conjugate
-    if told.conjugate:
+    if measured.conjugate is not None:
+        conjugate = view.mirrored != measured.conjugate
+    if measured.conjugate:
         view = view.flipped(carrier_too=True)
         found = [replace(peak, doppler_hz=-peak.doppler_hz) for peak in found]
-    stretch = _longest_stretch(samples, told)
+    stretch = _longest_stretch(samples, measured)
     common = oscillator_error([peak.doppler_hz for peak in found])
     reach_hz = DOPPLER_LIMIT_HZ + 2.0 * common.sigma_hz
     periods = _periods(samples, stretch[1] - stretch[0])
     final = _search(view, stretch[0], periods, common.doppler_hz, reach_hz)
     satellites = _satellites(final, stretch[0], samples) if final else _satellites(found, 0, samples)
-    return _told(samples, front, satellites, told, conjugate, stretch)
+    return _inspection(samples, front, satellites, measured, conjugate, stretch)
 
 
 def _periods(samples: Samples, n_samples: int) -> int:
@@ -594,9 +596,9 @@ def _search(view: _View, start: int, periods: int, middle_hz: float, reach_hz: f
     return searcher.search(planes, view.carrier_hz, {sat: dopplers_hz for sat in GPS_SATS}, {})
 
 
-def _longest_stretch(samples: Samples, told: Survey) -> tuple[int, int]:
-    """Between gaps, found or told; the first of those that are all but as long as the longest."""
-    guards = [(gap.at_sample, math.ceil(3.0 * gap.at_sigma_samples)) for gap in told.gaps]
+def _longest_stretch(samples: Samples, survey: Survey) -> tuple[int, int]:
+    """Between gaps, found or survey; the first of those that are all but as long as the longest."""
+    guards = [(gap.at_sample, math.ceil(3.0 * gap.at_sigma_samples)) for gap in survey.gaps]
     guards += [(gap.at_sample, 0) for gap in samples.gaps]
     guards.sort()
     begins = [0, *(at + guard for at, guard in guards)]
@@ -631,11 +633,11 @@ def _satellites(peaks: Sequence[Peak], start: int, samples: Samples) -> tuple[Sa
 # --- telling
 
 
-def _told(
+def _inspection(
     samples: Samples,
     front: FrontEnd,
     satellites: tuple[Satellite, ...],
-    told: Survey,
+    survey: Survey,
     conjugate: bool | None,
     stretch: tuple[int, int],
     remarks: Sequence[str] = (),
@@ -645,13 +647,13 @@ def _told(
         samples=samples,
         front_end=front,
         satellites=satellites,
-        survey=told,
+        survey=survey,
         conjugate=conjugate,
         oscillator=oscillator,
         stretch=stretch,
-        remarks=(*samples.remarks, *remarks, *front.remarks, *signal_remarks(samples, told, conjugate, oscillator)),
-        summary=summary(samples, satellites, told, conjugate, front),
-        advice=advice(samples, satellites, gaps=max(len(told.gaps), len(samples.gaps)), mirrored=bool(conjugate)),
+        remarks=(*samples.remarks, *remarks, *front.remarks, *signal_remarks(samples, survey, conjugate, oscillator)),
+        summary=summary(samples, satellites, survey, conjugate, front),
+        advice=advice(samples, satellites, gaps=max(len(survey.gaps), len(samples.gaps)), mirrored=bool(conjugate)),
     )
 
 

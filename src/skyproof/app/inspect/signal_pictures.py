@@ -33,39 +33,39 @@ def write_pictures(inspections: "Sequence[Inspection]", folder: str | Path) -> t
             f"{folder}: cannot be made ({error.strerror or error}); give --out a folder that can"
         ) from error
     paths = []
-    for told in inspections:
-        front = told.front_end
-        marks = [Mark(line.frequency_hz, _top(told, line.frequency_hz), line.hurts) for line in front.lines]
+    for inspection in inspections:
+        front = inspection.front_end
+        marks = [Mark(line.frequency_hz, _top(inspection, line.frequency_hz), line.hurts) for line in front.lines]
         pictures = {
             "levels": levels_svg(front.levels, front.level_shares),
             "spectrum": spectrum_svg(front.frequency_hz, front.density, front.floor, marks),
-            "correlation": correlation_svg(_lobes(told)),
+            "correlation": correlation_svg(_lobes(inspection)),
         }
         for what, picture in pictures.items():
             if picture:
-                paths.append(folder / f"{told.samples.name}-{what}.svg")
+                paths.append(folder / f"{inspection.samples.name}-{what}.svg")
                 write_lines(paths[-1], [str(picture)], end="", encoding="utf-8")
     return tuple(paths)
 
 
-def _top(told: "Inspection", frequency_hz: float) -> float:
-    at = int(np.argmin(np.abs(told.front_end.frequency_hz - frequency_hz)))
-    return float(told.front_end.density[max(at - 2, 0) : at + 3].max())
+def _top(inspection: "Inspection", frequency_hz: float) -> float:
+    at = int(np.argmin(np.abs(inspection.front_end.frequency_hz - frequency_hz)))
+    return float(inspection.front_end.density[max(at - 2, 0) : at + 3].max())
 
 
-def _lobes(told: "Inspection") -> list[Lobe]:
+def _lobes(inspection: "Inspection") -> list[Lobe]:
     """Of the stretch that was searched, in the right reading of the spectrum."""
-    begin, end = told.stretch
-    count = min(end - begin, round(_CORRELATED_S * told.samples.rate_hz))
-    planes = conditioned(told.samples, told.front_end).read(begin, count)
-    turned = -1.0 if told.conjugate else 1.0
-    if told.conjugate:
+    begin, end = inspection.stretch
+    count = min(end - begin, round(_CORRELATED_S * inspection.samples.rate_hz))
+    planes = conditioned(inspection.samples, inspection.front_end).read(begin, count)
+    turned = -1.0 if inspection.conjugate else 1.0
+    if inspection.conjugate:
         planes = np.stack([planes[0], -planes[1]])
-    if told.front_end.real:
+    if inspection.front_end.real:
         turned = abs(turned)
-    carrier_hz = turned * told.front_end.carrier_hz
+    carrier_hz = turned * inspection.front_end.carrier_hz
     powers = correlation_power(
-        planes, told.samples.rate_hz, {one.sat: carrier_hz + one.doppler_hz for one in told.satellites}
+        planes, inspection.samples.rate_hz, {one.sat: carrier_hz + one.doppler_hz for one in inspection.satellites}
     )
     return [
         Lobe(
@@ -75,5 +75,5 @@ def _lobes(told: "Inspection") -> list[Lobe]:
             cn0_dbhz=one.cn0_dbhz,
             peaks=one.peaks,
         )
-        for one in told.satellites
+        for one in inspection.satellites
     ]

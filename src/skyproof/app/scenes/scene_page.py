@@ -435,14 +435,14 @@ def _switching(scenario: Scenario, at_s: Reals) -> Iterator[Switching]:
 
 
 def _settings(scenario: Scenario) -> Iterator[SettingGroup]:
-    told = scenario.model_dump(mode="json", exclude_none=True)
-    parts = {key: told.pop(key) for key in ("receivers", "attacks", "interference", "sky", "front_end")}
+    entries = scenario.model_dump(mode="json", exclude_none=True)
+    parts = {key: entries.pop(key) for key in ("receivers", "attacks", "interference", "sky", "front_end")}
     if scenario.navigation is not None:
-        told["navigation"] = Path(scenario.navigation).name
-    told["start_gpst"] = instant_words(told["start_gpst"])
+        entries["navigation"] = Path(scenario.navigation).name
+    entries["start_gpst"] = instant_words(entries["start_gpst"])
     for key in ("description", "source"):
-        told.pop(key, None)
-    groups = [("Scene", told), ("Sky", parts["sky"]), ("Front end", parts["front_end"])]
+        entries.pop(key, None)
+    groups = [("Scene", entries), ("Sky", parts["sky"]), ("Front end", parts["front_end"])]
     groups += [(f"Receiver {table['name']}", table) for table in parts["receivers"]]
     groups += [(f"Attack {name}", table) for name, table in zip(scenario.attack_names, parts["attacks"], strict=True)]
     groups += [(f"Interference {table['name'] or table['kind']}", table) for table in parts["interference"]]

@@ -69,13 +69,13 @@ class SimulateResult:
         """What was made, for a notebook."""
         made = self.scenario
         attacks = ", ".join(made.attack_names) or "none"
-        told = (
+        legend = (
             f"{made.description} {made.duration_s:g} s from {made.start_gpst} GPS time; receivers: "
             f"{', '.join(r.name for r in made.receivers)}; attacks: {attacks}."
         )
         there = [(name, self.folder / name) for name in self.files]
         rows = [(name, _size(path.stat().st_size)) for name, path in there if path.exists()]
-        return notebook_html(f"Scene {made.name}", [told.strip()], ((f"file in {self.folder}", "size"), rows))
+        return notebook_html(f"Scene {made.name}", [legend.strip()], ((f"file in {self.folder}", "size"), rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ def simulate(
     depth : "samples", "measurements" (RINEX observations), or both; the truth and inertial readings come with each.
     container : of samples, "sigmf" or "raw"; without it SigMF where that can hold them.
     plot : write the page that shows the scene as well.
-    progress : told how far the work is.
+    progress : is called with how far the work is.
 
     Returns
     -------
@@ -156,8 +156,8 @@ def simulate(
     try:
         _remove(older)
         _write_inputs(folder, scene, alone)
-        told = navigation.source if made.navigation is None else NAVIGATION
-        write_truth(folder, truth_of(scene, scenario=alone.table, files=files, navigation=told))
+        orbits = navigation.source if made.navigation is None else NAVIGATION
+        write_truth(folder, truth_of(scene, scenario=alone.table, files=files, navigation=orbits))
         with progress.stage("writing truth and inertial readings", 1.0) as stage:
             write_series(scene, folder, progress=lambda done, total: stage.advance(done / total))
         for one in measured:
@@ -221,8 +221,8 @@ def _measured(scene: Scene, *, required: bool, progress: Progress) -> list[_Meas
         for number, letter in enumerate(sorted({signal.copy for signal in o.signals})):
             signals = tuple(signal for signal in o.signals if signal.copy == letter)
             name = f"{o.receiver}.obs" if number == 0 else f"{o.receiver}-{number + 1}.obs"
-            told = " and ".join(sorted({label_of[signal] for signal in signals}))
-            measured.append(_Measured(name, o, signals, told))
+            its_labels = " and ".join(sorted({label_of[signal] for signal in signals}))
+            measured.append(_Measured(name, o, signals, its_labels))
     return measured
 
 

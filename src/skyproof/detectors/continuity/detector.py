@@ -246,7 +246,7 @@ class _Window:
         broke = {} if self.past is None else dict(self.past.broke)
         for kinds, step in look.steps:
             if step.p_value < self.alpha:
-                words = _told(self.o.receiver, look.stretch, step)
+                words = _step_words(self.o.receiver, look.stretch, step)
                 broke |= dict.fromkeys(kinds, _Break(words, step.p_value, step.statistic))
         return broke
 
@@ -397,7 +397,7 @@ def _largest(sets: Sequence[ConsistentSet]) -> Sequence[ConsistentSet]:
 # Words ----------------------------------------------------------------------------------------------------------------
 
 
-def _told(receiver: str, o: Observations, step: Step) -> str:
+def _step_words(receiver: str, o: Observations, step: Step) -> str:
     """What does not go on, when, by how much, and what that may be."""
     found = {
         "position": f"the position jumps by {_metres(step.position_m)}",

@@ -164,7 +164,7 @@ def largest_step(series: Series, rows: Indices, limits: Limits, *, alpha: float)
     sides.
 
     A step ahead of time where all carriers break is what missing samples make; it counts neither as a step of the
-    clock nor, with the motion of that time, of the position, and is told in `missing_s` if no other step fails.
+    clock nor, with the motion of that time, of the position, and is reported in `missing_s` if no other step fails.
     """
     rows = rows[(rows > 0) & (rows < series.elapsed_s.size)]
     if rows.size == 0:

@@ -38,7 +38,7 @@ FASTEST_LOOP_HZ = 2.0
 """Above, a code loop of about a hertz does not follow, so that the tracked signal stays where it is in the taps."""
 EARLY_CHIPS = np.arange(-1.5, -0.249, 0.125)
 OTHER_CHIPS = np.arange(-0.125, 1.501, 0.125)
-"""Lags that `earlier` compares. Within a quarter of a chip a second signal cannot be told from a wider peak."""
+"""Lags that `earlier` compares. Within a quarter of a chip a second signal looks like a wider peak."""
 LINE_HZ = 1.0
 """To either side of a bin: how far a line may spread."""
 SHAPE_ERROR = 0.1

@@ -203,7 +203,7 @@ class Explanation(NamedTuple):
 
 
 def explanations(y: Reals, white: Whitener, probability: float) -> tuple[Explanation, ...]:
-    """All sets of the smallest size that explain one y (2 (n - 4),), best first: they cannot be told apart.
+    """All sets of the smallest size that explain one y (2 (n - 4),), best first: they cannot be distinguished.
 
     One empty set means no sign of an attack. `probability` : that a true set is missed, if the discriminators are
     linear: sums long enough (A^2 above 2000), y without scores, offsets up to 0.2 chip and 0.3 rad.
@@ -232,8 +232,8 @@ def _left(y: Reals, columns: Reals) -> float:
 def separability(parity: Reals, size: int) -> float:
     """Smallest singular value of any 2 `size` columns of B (n - 4, n).
 
-    Sets of up to `size` attacked satellites can be told apart for all amplitudes if and only if it is above zero, which
-    needs n >= 4 + 2 size: one from 6 satellites, two from 8. It is zero with fewer.
+    Sets of up to `size` attacked satellites can be distinguished for all amplitudes if and only if it is above zero,
+    which needs n >= 4 + 2 size: one from 6 satellites, two from 8. It is zero with fewer.
     """
     rows, n = parity.shape
     if 2 * size > rows:

@@ -141,10 +141,10 @@ class VectorSqm:
         because = f"{kept.size} channels of {taps.receiver} sit where one position and clock put them"
         if attack:
             found = explanations(parity_vector(u, q, white, scores=False), white, alpha)
-            told = [" and ".join(str(taps.signals[kept[k]]) for k in each.satellites) for each in found[:6]]
+            named = [" and ".join(str(taps.signals[kept[k]]) for k in each.satellites) for each in found[:6]]
             because = (
                 f"{kept.size} channels of {taps.receiver} do not fit one position and clock; explained by "
-                f"{', or '.join(told)}{' or others' if len(found) > 6 else ''} alone (smallest singular value of two "
+                f"{', or '.join(named)}{' or others' if len(found) > 6 else ''} alone (smallest singular value of two "
                 f"satellites' directions {separability(where.parity, 1):.2g})"
             )
         return Evidence(

@@ -4,7 +4,7 @@ Each satellite's correlation is taken apart into one or two signals, as many as 
 left over by the best consistent set are searched for a second one, of five satellites at least. Echoes make second
 signals, too, but no second position. Which sky is true the correlation does not tell. An inertial unit that has
 navigated alone since before the attack does, by `navigation.exclusion`: where its state is among the records, with its
-covariance, the signals of the satellites that show both skies are named, or it is told that they cannot be.
+covariance, the signals of the satellites that show both skies are named, or it is reported that they cannot be.
 """
 
 from dataclasses import dataclass
@@ -153,7 +153,7 @@ class _Fixes(NamedTuple):
 class Dccaf:
     """The detector: of each receiver and window an Evidence of the last epoch in which most channels are there.
 
-    An attack is told of the receiver as a whole. With `nav_state`, a `NavState` with covariance of a unit
+    An attack is reported of the receiver as a whole. With `nav_state`, a `NavState` with covariance of a unit
     that has had no fix since before the attack, there is more evidence, on the signals nearest to the references, which
     are those that the receiver follows.
     """
@@ -169,8 +169,8 @@ class Dccaf:
         lacking = missing(self, records)
         if lacking or records.navigation is None:
             return lacking, state
-        told = [self._receiver(records, records.navigation, ccaf) for ccaf in records.ccaf]
-        return [evidence for each in told for evidence in each], state
+        said = [self._receiver(records, records.navigation, ccaf) for ccaf in records.ccaf]
+        return [evidence for each in said for evidence in each], state
 
     def _receiver(self, records: Records, navigation: NavigationData, ccaf: Ccaf) -> list[Evidence]:
         every = tuple(SignalRef(ccaf.receiver, signal) for signal in sorted(ccaf.signals))
@@ -206,7 +206,7 @@ class Dccaf:
         second = second_subset(sky.unit, sky.misfit_m, sky.sigma_m, best.choice[0], false_alarm_probability=probability)
         if second is None:
             return [
-                self._told(
+                self._of_receiver(
                     records,
                     every,
                     1.0,
@@ -230,13 +230,13 @@ class Dccaf:
             f"{np.linalg.norm(apart[:3]):.0f} m away, and a time {apart[3]:.0f} m off"
         )
         chosen = self._chosen(records, ccaf, epoch, found, sky, fixes) if p_value < self._alpha else []
-        return [self._told(records, every, p_value, because, doubles), *chosen]
+        return [self._of_receiver(records, every, p_value, because, doubles), *chosen]
 
     @property
     def _alpha(self) -> float:
         return self.settings.false_alarm_probability
 
-    def _told(
+    def _of_receiver(
         self, records: Records, every: tuple[SignalRef, ...], p_value: float, because: str, doubles: int
     ) -> Evidence:
         attack = p_value < self._alpha
@@ -293,11 +293,11 @@ class Dccaf:
         near, far = np.sqrt(choice.distance2[[true, 1 - true]])
         followed = np.argmin(np.where(np.isnan(found.delay_chips), np.inf, np.abs(found.delay_chips)), axis=1)[sky.rows]
         kinds: tuple[tuple[Says, str, int], ...] = (("authentic", "show", true), ("spoofed", "do not show", 1 - true))
-        told = []
+        said = []
         for says, verb, sky_number in kinds:
             mine = both & (fixes.signal[:, sky_number] == followed)
             if mine.any():
-                told.append(
+                said.append(
                     Evidence(
                         detector=self.name,
                         start_gpst=records.start_gpst,
@@ -312,7 +312,7 @@ class Dccaf:
                         false_alarm_probability=self.settings.set_probability,
                     )
                 )
-        return told
+        return said
 
     def _sky(self, navigation: NavigationData, ccaf: Ccaf, epoch: int, found: Delays) -> _Sky | None:
         """Around the fix of the strongest signals; None with fewer than five satellites."""

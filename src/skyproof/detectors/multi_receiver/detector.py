@@ -233,7 +233,7 @@ class _Window:
         if self.one_choice:
             by_size = sorted(
                 self.pairings, key=lambda pairing: len(pairing.ranges.signals)
-            )  # what is said last is told
+            )  # what is said last is reported
             return [e for pairing in by_size for e in self._only_pairing(pairing)]
         return self._several_sets()
 
@@ -256,8 +256,10 @@ class _Window:
         if p_one >= self.settings.accept_probability and p_false < alpha:
             return [self._say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(self.groups))]
         return [
-            self._undecided(
+            self._say(
+                "undecided",
                 pairing.subject,
+                p_value=p_one,
                 because=f"{_names(pairing)} could come from one antenna or from the sky: range differences between the "
                 f"receivers vary by {pairing.scatter_m:.1f} m between satellites, which errors may explain",
                 would_need="a longer window, or antennas farther apart"
@@ -326,7 +328,12 @@ class _Window:
         alpha = self.settings.false_alarm_probability
         if self._p_possible(pairing) < alpha:
             return self._say(
-                "undecided", pairing.subject, p_value=p_one, because=self._too_far(pairing), would_need=self._where()
+                "undecided",
+                pairing.subject,
+                p_value=p_one,
+                because=self._too_far(pairing),
+                would_need=f"{self._where()}; or, if they may be that far apart, a larger max_separation_m in the "
+                "table [protect] of a platform file",
             )
         return self._say(
             "undecided",

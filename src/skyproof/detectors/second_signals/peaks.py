@@ -36,8 +36,8 @@ SAME_DELAY = 4.0
 class PeaksSettings:
     """Settings of `Peaks`.
 
-    false_alarm_probability : at most, per receiver and window; counts are whole, so the attained rate is lower. It is
-        told.
+    false_alarm_probability : at most, per receiver and window; counts are whole, so the attained rate is lower, and
+        is reported.
     long_echo_probability : that a satellite has a credible second signal without an attack.
     min_separation_chips : second signals nearer than this in delay and `min_separation_hz` in Doppler do not count.
     max_weaker_db : nor those weaker than the satellite's strongest by more.
@@ -63,7 +63,7 @@ class PeaksSettings:
 @dataclass(frozen=True)
 class SecondSignals:
     """Satellites of one receiver and window: all with a credible signal, those with a second one, and those of which it
-    cannot be told, because the time of week, and with it the delay, is not known yet.
+    is not known, because the time of week, and with it the delay, is not known yet.
 
     repeated : signals later and weaker than the strongest of their transmission, by a delay that several satellites
         share; so these do not make a satellite count as doubled.
@@ -122,17 +122,17 @@ def _repeated(
 
 
 def _apart(observations: Observations, channels: list[int], level_dbhz: Reals, settings: PeaksSettings) -> bool | None:
-    """Whether two of a transmission's channels are apart; None if that cannot be told."""
+    """Whether two of a transmission's channels are apart; None if that is not known."""
     strong = [c for c in channels if level_dbhz[c] >= level_dbhz[channels].max() - settings.max_weaker_db]
     chip_m = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
-    told = True
+    known = True
     for one, other in combinations(strong, 2):
         delay_m = _median_difference(observations.pseudorange_m, one, other, settings.min_epochs)
         doppler_hz = _median_difference(observations.doppler_hz, one, other, settings.min_epochs)
         if delay_m > settings.min_separation_chips * chip_m or doppler_hz > settings.min_separation_hz:
             return True
-        told &= bool(np.isfinite(delay_m))
-    return False if told else None
+        known &= bool(np.isfinite(delay_m))
+    return False if known else None
 
 
 def _median_difference(values: Reals, one: int, other: int, min_epochs: int) -> float:
@@ -174,6 +174,14 @@ class Peaks:
         )
 
     def _count(self, records: Records, observations: Observations, found: SecondSignals) -> Evidence:
+        if not np.isfinite(observations.cn0_dbhz).any():
+            return undecided(
+                self,
+                records,
+                signals_of((observations,)),
+                would_need="C/N0 of the signals: of an observation file the types that begin with S",
+                because=f"{observations.receiver} gives no C/N0, without which no signal is known to be credible",
+            )
         n, k = len(found.sats), len(found.doubled)
         count, attained = binomial_threshold(
             self.settings.false_alarm_probability, n, self.settings.long_echo_probability
@@ -184,7 +192,7 @@ class Peaks:
                 records,
                 signals_of((observations,)),
                 would_need="more satellites in view",
-                because=f"{n} satellites with a credible signal are too few",
+                because=f"{n} satellites with a signal of {self.settings.min_cn0_dbhz:g} dB-Hz or more are too few",
             )
         if k < count <= k + len(found.unknown):
             return undecided(
