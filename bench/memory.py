@@ -31,7 +31,7 @@ from skyproof.simulator.sky import scene_of
 
 START = np.datetime64("2022-01-01T10:30:00", "ns")
 LAT_DEG, LON_DEG, APART_DEG = 57.7, 11.94, 6.7e-4  # 40 m
-RATE_HZ = 2.046e6
+RATE_HZ = 2.6e6
 KINDS = (("G", "L1", "CA"), ("G", "L2", "L"), ("E", "E1", "C"), ("C", "B1", "2I"))
 MINUTES, HOURS = (1, 10), (1, 6)
 WHOLE_MINUTES, WHOLE_HOURS = (1, 10, 60), (1, 24)
@@ -81,7 +81,7 @@ def samples(minutes: int, folder: Path) -> str:
         start_gpst=START,
         duration_s=60.0 * minutes,
         front_end=FrontEnd(rate_hz=RATE_HZ),
-        receivers=_receivers("tcxo"),
+        receivers=_receivers("ocxo"),
     )
     navigation = nominal_constellation(START + np.timedelta64(30 * minutes, "s"))
     write_nav(folder / "nav.rnx", navigation)
