@@ -130,6 +130,14 @@ class ArrayPieces:
             self._cached = dict([*self._cached.items()][1 - _CACHED :]) | {number: arrays}
         return self._cached[number]
 
+    def read_one(self, number: int, name: str) -> NDArray[Any]:
+        """One array of one piece."""
+        if number in self._cached:
+            return self._cached[number][name]
+        with np.load(self.folder / f"{number:06d}.npz") as stored:
+            array: NDArray[Any] = stored[name]
+        return array
+
     def clear(self) -> None:
         """Forget and remove all pieces."""
         if self._count:

@@ -191,7 +191,7 @@ class ObservationSpool:
         for number, rows, into in self._between(first, stop):
             signals = self._pieces[number].signals
             if signal in signals:
-                values[into] = self._stored.read(number)[name][rows, signals.index(signal)]
+                values[into] = self._stored.read_one(number, name)[rows, signals.index(signal)]
         return values
 
     def read(self, first: int, stop: int) -> Observations:

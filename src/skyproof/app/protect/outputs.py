@@ -21,7 +21,7 @@ from skyproof.formats.atomic_write import UNFINISHED, write_lines, writing_toget
 from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.formats.tables import fixes_columns, growing_tables, write_table
+from skyproof.formats.tables import fixes_columns, growing_tables
 from skyproof.formats.verdict import read_verdict, write_verdict
 from skyproof.fusion.labels import Label, LabelledSignal
 from skyproof.fusion.trusted import carries
@@ -36,6 +36,7 @@ from skyproof.verdict import Verdict
 __all__ = ["evidence_line", "write_outputs"]
 
 _TABLE_CELLS = 1 << 15  # made into rows at once, of some 400 bytes each
+_TABLE_EVIDENCE = 1 << 10  # of some kilobytes each
 
 
 def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> None:
@@ -96,7 +97,10 @@ def _write_tables(folder: Path, outcome: Outcome) -> None:
                 take(_signal_columns(part, _label_cells(part, first, outcome.decision.labels)))
         if not logs:
             take({})
-    write_table(folder / "evidence.parquet", _evidence_columns(outcome.evidence))
+    with growing_tables((folder / "evidence.parquet",)) as take:
+        take(_evidence_columns([]))
+        for first in range(0, len(outcome.evidence), _TABLE_EVIDENCE):
+            take(_evidence_columns(outcome.evidence[first : first + _TABLE_EVIDENCE]))
 
 
 def _stretches(r: ReceiverOutcome, kind: str) -> Iterator[tuple[int, Fix]]:
