@@ -316,28 +316,25 @@ def examine_all(
 
 
 class _Kept:
-    """Evidence in little memory: what is equal is kept once, and what could not run window after window is one."""
+    """Evidence in little memory: what is equal is kept once, and that a test cannot run is said once in a row."""
 
     def __init__(self) -> None:
         self.all: list[Evidence] = []
         self._same: dict[Hashable, Any] = {}
-        self._lacking: dict[tuple[str, tuple[SignalRef, ...], tuple[Need, ...]], int] = {}
+        self._lacking: set[tuple[str, tuple[SignalRef, ...], tuple[Need, ...]]] = set()
 
     def take(self, said: Sequence[Evidence]) -> None:
         """The evidence of one more window."""
-        lacking = {}
+        lacking = set()
         for one in said:
             subject = self._once(tuple(self._once(ref) for ref in one.subject))
-            kept = replace(one, subject=subject, because=self._once(one.because), assumes=self._once(one.assumes))
             if one.lacking:
                 key = one.detector, subject, one.lacking
-                at = self._lacking.get(key)
-                if at is not None and self.all[at].end_gpst == one.start_gpst:
-                    self.all[at] = replace(self.all[at], end_gpst=one.end_gpst)
-                    lacking[key] = at
+                lacking.add(key)
+                if key in self._lacking:
                     continue
-                lacking[key] = len(self.all)
-            self.all.append(kept)
+            because, assumes = self._once(one.because), self._once(one.assumes)
+            self.all.append(replace(one, subject=subject, because=because, assumes=assumes))
         self._lacking = lacking
 
     def _once(self, value: H) -> H:
