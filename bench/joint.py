@@ -26,7 +26,7 @@ import pairs
 from skyproof.arrays import Floats, Reals
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
 from skyproof.receiver import joint as j
-from skyproof.receiver.joint_channel import JointModel, JointRow, bit, started
+from skyproof.receiver.joint_channel import JointModel, JointRow, bits, started
 from skyproof.receiver.joint_tracker import JointState, JointTracker, Replica
 
 SAT = "G07"
@@ -76,30 +76,30 @@ def cells(apart: Sequence[float] = APART_CHIPS) -> Iterator[Cell]:
             yield Cell(apart_chips=apart_chips, relative_db=0.0, apart_hz=apart_hz)
 
 
-def draw(model: JointModel, cell: Cell, rng: np.random.Generator) -> Result:
-    """One pair at the correlators."""
-    mean = np.zeros((2, j.N_STATE))
+def draws_of(model: JointModel, cell: Cell, rng: np.random.Generator, count: int) -> list[Result]:
+    """Pairs at the correlators."""
+    mean = np.zeros((count, 2, j.N_STATE))
     size = math.sqrt(model.energy(cell.cn0_dbhz)) * np.array([1.0, 10.0 ** (cell.relative_db / 20.0)])
-    amplitude = size * np.exp(2j * np.pi * rng.random(2))
-    mean[:, j.RE], mean[:, j.IM] = amplitude.real, amplitude.imag
-    mean[1, j.HZ] = cell.apart_hz * rng.choice([-1.0, 1.0])
+    amplitude = size * np.exp(2j * np.pi * rng.random((count, 2)))
+    mean[..., j.RE], mean[..., j.IM] = amplitude.real, amplitude.imag
+    mean[:, 1, j.HZ] = cell.apart_hz * rng.choice([-1.0, 1.0], count)
     middle_s = 0.5 * (ONSET_S + END_S)
-    mean[1, j.CHIPS] = cell.apart_chips * rng.choice([-1.0, 1.0]) + RHO * mean[1, j.HZ] * middle_s
-
-    def truth(t_s: float) -> Reals:
-        return j.carried(mean, t_s, RHO)
-
-    channel = started(model, complex(amplitude[0]) * np.exp(0.2j), 0.5)
-    rows = []
+    mean[:, 1, j.CHIPS] = cell.apart_chips * rng.choice([-1.0, 1.0], count) + RHO * mean[:, 1, j.HZ] * middle_s
+    channels = [started(model, complex(a) * np.exp(0.2j), 0.5) for a in amplitude[:, 0]]
+    rows: list[list[tuple[float, JointRow, Reals]]] = [[] for _ in range(count)]
     for number in range(round(END_S / model.bit_s)):
         t_s = (number + 0.5) * model.bit_s
-        there = truth(t_s)[: 2 if t_s > ONSET_S else 1]
-        looks = rng.choice([-1.0, 1.0]) * j.signals_in(there, model.bit_times_s, model.look_s, model.dictionary)
+        there = j.carried(mean, t_s, RHO)[:, : 2 if t_s > ONSET_S else 1]
+        looks = j.signals_in(there, model.bit_times_s, model.look_s, model.dictionary)
+        looks = looks * rng.choice([-1.0, 1.0], (count, 1, 1))
         noise = rng.standard_normal((2, *looks.shape)) * math.sqrt(0.5)
-        channel, row = bit(model, channel, looks + noise[0] + 1j * noise[1])
-        if row is not None:
-            rows.append((t_s - 0.09, row, truth(t_s - 0.09)))
-    return _result(model, cell, rows)
+        done = bits(model, channels, looks + noise[0] + 1j * noise[1])
+        channels = [channel for channel, _ in done]
+        truth = j.carried(mean, t_s - 0.09, RHO)
+        for i, (_, row) in enumerate(done):
+            if row is not None:
+                rows[i].append((t_s - 0.09, row, truth[i]))
+    return [_result(one, model) for one in rows]
 
 
 def drawn_from_samples(model: JointModel, cell: Cell, rng: np.random.Generator) -> tuple[Result, float]:
@@ -131,7 +131,7 @@ def drawn_from_samples(model: JointModel, cell: Cell, rng: np.random.Generator) 
             rows.append((t_s, row, _truth(model, cell, waves, t_s, zero, hz)))
         skip = max(state.replica.start - begin - 8, 0)
         tail, begin = tail[:, skip:], begin + skip
-    return _result(model, cell, rows), spent_s / END_S
+    return _result(rows, model), spent_s / END_S
 
 
 def _waves(rng: np.random.Generator, cell: Cell) -> tuple[pairs.Wave, pairs.Wave]:
@@ -168,7 +168,7 @@ def _truth(
     return mean
 
 
-def _result(model: JointModel, cell: Cell, rows: Sequence[tuple[float, JointRow, Reals]]) -> Result:
+def _result(rows: Sequence[tuple[float, JointRow, Reals]], model: JointModel) -> Result:
     wait_s = next((t_s + 0.1 - ONSET_S for t_s, row, _ in rows if row.came), math.nan)
     followed, over_bound, over_sigma, bounds, errors = [], [], [], [], []
     for t_s, row, truth in rows:
@@ -240,7 +240,7 @@ def table(rate_hz: float, draws: int, chosen: Sequence[Cell]) -> Iterator[str]:
     model = model_of(rate_hz)
     for cell in chosen:
         rng = np.random.default_rng(seed_of(cell))
-        yield line_of(model, cell, [draw(model, cell, rng) for _ in range(draws)])
+        yield line_of(model, cell, draws_of(model, cell, rng, draws))
 
 
 def table_of_samples(rate_hz: float, draws: int, chosen: Sequence[Cell]) -> Iterator[str]:

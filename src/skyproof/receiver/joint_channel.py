@@ -6,6 +6,7 @@ are: `rebased`.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import permutations
@@ -22,7 +23,7 @@ from skyproof.receiver.components import Candidates, birth_threshold, born, fain
 from skyproof.receiver.joint import Joint, JointSettings, Row
 from skyproof.receiver.replica import passed
 
-__all__ = ["JointChannel", "JointModel", "JointRow", "bit", "rebased", "started"]
+__all__ = ["JointChannel", "JointModel", "JointRow", "bit", "bits", "rebased", "started"]
 
 WINDOW_CHIPS = 1.6
 REACH_CHIPS = 2.2
@@ -182,41 +183,78 @@ def started(
 
 def bit(model: JointModel, channel: JointChannel, looks: Complexes) -> tuple[JointChannel, JointRow | None]:
     """One data bit on: looks (n_looks, d), whitened, in sigmas of the noise of one. A row where it is complete."""
-    joint, sign = j.update(
-        j.predict(channel.joint, model.bit_s), looks, model.bit_times_s, model.look_s, model.dictionary
+    return bits(model, [channel], looks[np.newaxis])[0]
+
+
+def bits(
+    model: JointModel, channels: Sequence[JointChannel], looks: Complexes
+) -> list[tuple[JointChannel, JointRow | None]]:
+    """As `bit`, of several channels, with looks (n_channels, n_looks, d): those of as many signals at once."""
+    done: list[tuple[JointChannel, JointRow | None]] = [(channel, None) for channel in channels]
+    for group in _alike([len(channel.names) for channel in channels]):
+        joint = _stacked([channels[i].joint for i in group])
+        joint, sign = j.update(
+            j.predict(joint, model.bit_s), looks[group], model.bit_times_s, model.look_s, model.dictionary
+        )
+        for place, i in enumerate(group):
+            one = replace(joint, mean=joint.mean[place], covariance=joint.covariance[place])
+            done[i] = replace(channels[i], joint=one, wiped=(*channels[i].wiped, sign[place] * looks[i])), None
+    full = [i for i, (channel, _) in enumerate(done) if len(channel.wiped) == model.bits_per_row]
+    for group in _alike([len(done[i][0].names) for i in full]):
+        chosen = [full[place] for place in group]
+        for i, row in zip(chosen, _rows(model, [done[i][0] for i in chosen]), strict=True):
+            done[i] = row
+    return done
+
+
+def _alike(counts: Sequence[int]) -> list[list[int]]:
+    """Places of equal counts."""
+    return [[i for i, n in enumerate(counts) if n == count] for count in sorted(set(counts))]
+
+
+def _stacked(joints: Sequence[Joint]) -> Joint:
+    return replace(
+        joints[0],
+        mean=np.stack([joint.mean for joint in joints]),
+        covariance=np.stack([joint.covariance for joint in joints]),
     )
-    channel = replace(channel, joint=joint, wiped=(*channel.wiped, float(sign) * looks))
-    if len(channel.wiped) < model.bits_per_row:
-        return channel, None
-    return _row(model, channel)
 
 
-def _row(model: JointModel, channel: JointChannel) -> tuple[JointChannel, JointRow]:
-    looks = np.concatenate(channel.wiped)
-    back_s = 0.5 * (model.bits_per_row - 1) * model.bit_s
+def _rows(model: JointModel, channels: Sequence[JointChannel]) -> list[tuple[JointChannel, JointRow | None]]:
+    """Rows of channels of as many signals, and what becomes of the channels."""
+    looks = np.stack([np.concatenate(channel.wiped) for channel in channels])
+    back_s, rho = 0.5 * (model.bits_per_row - 1) * model.bit_s, model.settings.chips_per_cycle
     times_s, look_s, dictionary = model.row_times_s, model.look_s, model.dictionary
-    middle = j.carried(channel.joint.mean, -back_s, model.settings.chips_per_cycle)
+    middle = j.carried(np.stack([channel.joint.mean for channel in channels]), -back_s, rho)
     alone = j.fit_row(looks, times_s, look_s, middle, dictionary)
     score, state = newcomer(looks, times_s, look_s, alone, dictionary, model.candidates)
-    names = channel.names
-    row = JointRow(
-        names=names,
-        filtered=middle,
-        sigma=np.stack([channel.joint.sigma(column) for column in range(j.N_STATE)], axis=-1),
-        alone=alone,
-        score=float(score),
-    )
-    expected = j.carried(channel.before.mean, back_s + model.bit_s, model.settings.chips_per_cycle)
-    channel = replace(channel, wiped=(), before=channel.joint)
-    if score > model.threshold and len(names) < model.most:
-        fitted, holds = born(looks, times_s, look_s, alone, state, dictionary, model.threshold)
-        if holds:
-            fitted = _in_order(fitted, expected)
-            joint = j.predict(_filter_of(fitted, channel.joint), back_s)
-            came = channel.next_name
-            channel = replace(channel, joint=joint, before=joint, names=(*names, came), next_name=came + 1, doubtful=0)
-            return channel, replace(row, came=(came,))
-    return _without_the_lost(channel, row)
+    done: list[tuple[JointChannel, JointRow | None]] = []
+    for i, channel in enumerate(channels):
+        one = Row(mean=alone.mean[i], covariance=alone.covariance[i], misfit=alone.misfit[i])
+        row = JointRow(
+            names=channel.names,
+            filtered=middle[i],
+            sigma=np.stack([channel.joint.sigma(column) for column in range(j.N_STATE)], axis=-1),
+            alone=one,
+            score=float(score[i]),
+        )
+        expected = j.carried(channel.before.mean, back_s + model.bit_s, rho)
+        channel = replace(channel, wiped=(), before=channel.joint)
+        if score[i] > model.threshold and len(channel.names) < model.most:
+            fitted, holds = born(looks[i], times_s, look_s, one, state[i], dictionary, model.threshold)
+            if holds:
+                done.append(_with_the_newcomer(channel, row, _in_order(fitted, expected), back_s))
+                continue
+        done.append(_without_the_lost(channel, row))
+    return done
+
+
+def _with_the_newcomer(
+    channel: JointChannel, row: JointRow, fitted: Row, later_s: float
+) -> tuple[JointChannel, JointRow]:
+    joint, came = j.predict(_filter_of(fitted, channel.joint), later_s), channel.next_name
+    channel = replace(channel, joint=joint, before=joint, names=(*channel.names, came), next_name=came + 1, doubtful=0)
+    return channel, replace(row, came=(came,))
 
 
 def _in_order(row: Row, expected: Reals) -> Row:
