@@ -150,3 +150,20 @@ def test_a_bit_in_which_nothing_is_seen_teaches_nothing():
     assert sign == 0.0
     np.testing.assert_allclose(after.mean, mean)
     np.testing.assert_allclose(after.covariance, joint.covariance)
+
+
+@pytest.mark.parametrize("count", [1, 10, 12])  # as many channels as parameters or states, too
+def test_channels_at_once_are_as_channels_one_by_one(count):
+    rng = np.random.default_rng(6)
+    mean = signals(0.5, -3.0, 5.0, phase_cyc=rng.random(count), count=count)
+    looks = noisy(rng, seen(mean, MODEL.bit_times_s))
+    covariance = np.broadcast_to(np.diag(np.tile([1.0, 1.0, 0.3, 0.3, 0.02, 1e-3], 2) ** 2), (count, 12, 12))
+    together = j.predict(j.Joint(mean=mean, covariance=covariance), 0.02)
+    together, _ = j.update(together, looks, MODEL.bit_times_s, MODEL.look_s, MODEL.dictionary)
+    for one in range(count):
+        alone = j.predict(j.Joint(mean=mean[one], covariance=covariance[one]), 0.02)
+        alone, _ = j.update(alone, looks[one], MODEL.bit_times_s, MODEL.look_s, MODEL.dictionary)
+        # Steps end for all at once: what is left to go differs by a small part of what is known.
+        sigma = np.sqrt(np.diagonal(alone.covariance))
+        assert np.abs((together.mean[one] - alone.mean).ravel() / sigma).max() < 0.02
+        assert np.abs((together.covariance[one] - alone.covariance) / np.outer(sigma, sigma)).max() < 0.02

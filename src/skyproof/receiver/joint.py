@@ -23,7 +23,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.arrays import Complexes, Reals
+from skyproof.arrays import Complexes, Integers, Reals
 from skyproof.decomposition.fit import Dictionary
 from skyproof.gnss.signals import GPS_L1_CA
 
@@ -186,18 +186,9 @@ def _coefficients(amplitude: Complexes) -> Complexes:
     return np.stack([one, 1j * one, 2j * np.pi * amplitude, 1j * np.pi * amplitude, amplitude], axis=-1)
 
 
-def _widened(matrix: Reals, n: int) -> Reals:
-    """From fitted parameters to states: zero where a look shows nothing."""
-    keep = (np.arange(n)[:, None] * N_STATE + np.arange(N_FITTED)).ravel()
-    if matrix.shape[-1] != n * N_FITTED:
-        raise ValueError(f"{matrix.shape[-1]} fitted parameters are not those of {n} signals")
-    if matrix.ndim >= 2 and matrix.shape[-2] == matrix.shape[-1]:
-        wide = np.zeros((*matrix.shape[:-2], n * N_STATE, n * N_STATE))
-        wide[..., keep[:, None], keep] = matrix
-    else:
-        wide = np.zeros((*matrix.shape[:-1], n * N_STATE))
-        wide[..., keep] = matrix
-    return wide
+def _of_states(n: int) -> Integers:
+    """Where the fitted parameters of n signals stand among their states: of the others a look shows nothing."""
+    return (np.arange(n)[:, None] * N_STATE + np.arange(N_FITTED)).ravel()
 
 
 # The filter -----------------------------------------------------------------------------------------------------------
@@ -283,13 +274,14 @@ def update(
     sign = np.where(4.0 * np.abs(agreement) > SURE, np.sign(agreement), 0.0)
     wiped = sign[..., None, None] * looks
     known = (sign != 0.0)[..., None]
-    p, mean = joint.covariance, joint.mean
+    p, mean, fitted = joint.covariance, joint.mean, _of_states(n)
     for _ in range(STEPS):
         information, score, _ = normal_equations(wiped, times_s, look_s, mean, dictionary)
-        information = _widened(information * known[..., None], n)
+        wide, right = np.zeros_like(p), np.zeros(p.shape[:-1])
+        wide[..., fitted[:, None], fitted], right[..., fitted] = information * known[..., None], score * known
         gone = (mean - joint.mean).reshape(*mean.shape[:-2], -1)
-        right = _widened(score * known, n) + (information @ gone[..., None])[..., 0]
-        system = np.eye(n * N_STATE) + p @ information
+        right += (wide @ gone[..., None])[..., 0]
+        system = np.eye(n * N_STATE) + p @ wide
         change = np.linalg.solve(system, (p @ right[..., None]))[..., 0]
         new = joint.mean + change.reshape(mean.shape)
         step = np.clip(new[..., CHIPS] - mean[..., CHIPS], -LONGEST_CHIPS, LONGEST_CHIPS)

@@ -28,6 +28,8 @@ __all__ = ["JointChannel", "JointModel", "JointRow", "bit", "bits", "rebased", "
 WINDOW_CHIPS = 1.6
 REACH_CHIPS = 2.2
 QUIET_TAPS = 4
+BORN_CHIPS_S = 0.02
+"""How fast code and carrier of a newcomer may part, rms: 6 m/s."""
 LEAVE_ROWS = 5
 """So many rows on end a signal is faint, or not told from another, before it is given up."""
 
@@ -144,6 +146,7 @@ class JointRow:
 
     names : of the n signals, in their order in `filtered` and `alone`. filtered : (n, N_STATE); sigma : (n, N_STATE).
     alone : white from row to row. score : largest of a further signal. came, went : names.
+    dark : whether the signs of half the data bits were not to be seen.
     """
 
     names: tuple[int, ...]
@@ -151,6 +154,7 @@ class JointRow:
     sigma: Reals
     alone: Row
     score: float
+    dark: bool = False
     came: tuple[int, ...] = ()
     went: tuple[int, ...] = ()
 
@@ -167,6 +171,11 @@ class JointChannel:
     next_name: int = 1
     wiped: tuple[Complexes, ...] = ()
     doubtful: int = 0  # rows on end
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether its only signal has been faint for long enough to be given up."""
+        return self.doubtful >= LEAVE_ROWS
 
 
 def started(
@@ -230,18 +239,19 @@ def _rows(model: JointModel, channels: Sequence[JointChannel]) -> list[tuple[Joi
     score, state = newcomer(looks, times_s, look_s, alone, dictionary, model.candidates)
     done: list[tuple[JointChannel, JointRow | None]] = []
     for i, channel in enumerate(channels):
-        one = Row(mean=alone.mean[i], covariance=alone.covariance[i], misfit=alone.misfit[i])
+        by_itself = Row(mean=alone.mean[i], covariance=alone.covariance[i], misfit=alone.misfit[i])
         row = JointRow(
             names=channel.names,
             filtered=middle[i],
             sigma=np.stack([channel.joint.sigma(column) for column in range(j.N_STATE)], axis=-1),
-            alone=one,
+            alone=by_itself,
             score=float(score[i]),
+            dark=sum(not np.any(one) for one in channel.wiped) * 2 >= model.bits_per_row,
         )
         expected = j.carried(channel.before.mean, back_s + model.bit_s, rho)
         channel = replace(channel, wiped=(), before=channel.joint)
         if score[i] > model.threshold and len(channel.names) < model.most:
-            fitted, holds = born(looks[i], times_s, look_s, one, state[i], dictionary, model.threshold)
+            fitted, holds = born(looks[i], times_s, look_s, by_itself, state[i], dictionary, model.threshold)
             if holds:
                 done.append(_with_the_newcomer(channel, row, _in_order(fitted, expected), back_s))
                 continue
@@ -275,22 +285,23 @@ def _filter_of(row: Row, before: Joint) -> Joint:
     """A filter that begins with what a row alone shows."""
     n = row.mean.shape[-2]
     covariance = np.zeros((n, j.N_STATE, n, j.N_STATE))
+    mean = row.mean.copy()
+    mean[:, j.CHIPS_S] = 0.0  # what the filter had of it before is of a sum that was taken for one signal
     covariance[:, : j.N_FITTED, :, : j.N_FITTED] = row.covariance.reshape(n, j.N_FITTED, n, j.N_FITTED)
     for k in range(n):
-        covariance[k, j.CHIPS_S, k, j.CHIPS_S] = 1e-5
-    return replace(before, mean=row.mean, covariance=covariance.reshape(n * j.N_STATE, n * j.N_STATE))
+        covariance[k, j.CHIPS_S, k, j.CHIPS_S] = BORN_CHIPS_S**2
+    return replace(before, mean=mean, covariance=covariance.reshape(n * j.N_STATE, n * j.N_STATE))
 
 
 def _without_the_lost(channel: JointChannel, row: JointRow) -> tuple[JointChannel, JointRow]:
     """Give up a signal that has been faint, or not to be told from another, for long enough."""
     joint, names = channel.joint, channel.names
-    if len(names) == 1:
-        return channel, row
     is_faint, weakest = faint(joint)
-    if not (is_faint or unresolved(joint)):
+    if not (is_faint or row.dark or unresolved(joint)):
         return replace(channel, doubtful=0), row
-    if channel.doubtful + 1 < LEAVE_ROWS:
-        return replace(channel, doubtful=channel.doubtful + 1), row
+    channel = replace(channel, doubtful=channel.doubtful + 1)
+    if not channel.is_lost or len(names) == 1:
+        return channel, row
     stay = [k for k in range(len(names)) if k != int(weakest)]
     states = (np.array(stay)[:, None] * j.N_STATE + np.arange(j.N_STATE)).ravel()
     mean, covariance = joint.mean[stay], joint.covariance[np.ix_(states, states)].copy()

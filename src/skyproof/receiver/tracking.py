@@ -37,6 +37,7 @@ from skyproof.receiver.correlator import REACH_CHIPS, table_pad
 from skyproof.receiver.crosstalk import Rows
 from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.grids import GridCorrelator, Grids, at_stake
+from skyproof.receiver.joining import Components, JointReceiver, JointStates
 from skyproof.receiver.lock import lock_threshold, lock_value
 from skyproof.receiver.looks import look_means
 from skyproof.receiver.measurement import Measurements
@@ -79,6 +80,8 @@ class ReceiverSettings:
     looks_per_frame, look_share : all taps are taken in this share of so many equal parts of a frame, and averaged over
         each; 0 takes them all the time and averages over a row of measurements.
     grids : which correlation grids are taken; None takes none.
+    joint : whether signals are followed by joint channels beside the loops, so that several of a satellite within a
+        chip and a half are told apart (`joining`).
     pull_in, searching_bits, tracking, weak : the loops for `pull_in_s`; until bits are known; then; and below
         `weak_dbhz` (with 2 dB of hysteresis).
     confirm_s : after that time a channel must be locked or is dropped.
@@ -97,6 +100,7 @@ class ReceiverSettings:
     looks_per_frame: int = 0
     look_share: float = 1.0
     grids: CcafAsked | None = None
+    joint: bool = False
     code_phases: int = 32
     # Of 5 ms: a frequency loop of 1 ms shakes by 18 Hz at 35 dB-Hz and loses every other signal.
     pull_in: LoopSettings = LoopSettings(
@@ -142,6 +146,7 @@ class ReceiverState:
     prompts: tuple[tuple[Floats, ...], ...] = ()  # in phase, of the frames since the last telemetry
     lock: Reals = field(default_factory=lambda: np.empty((0, LOCK_FRAMES, 2)))
     locked_at: Reals = field(default_factory=lambda: np.empty((0, 3)))
+    joint: JointStates = field(default_factory=dict)
     lost: tuple[LostSignal, ...] = ()
     letters: Mapping[str, int] = field(default_factory=dict)
     searched: Mapping[str, Mapping[int, float]] = field(default_factory=dict)  # sat -> Doppler bin -> last time
@@ -150,13 +155,14 @@ class ReceiverState:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StepOutput:
-    """What a step gives: measurements, the arcs that were followed as they stand, gaps that were bridged, and the
-    correlation grids that were asked for."""
+    """What a step gives: measurements, the arcs that were followed as they stand, gaps that were bridged, the
+    correlation grids that were asked for, and what joint channels say."""
 
     measurements: Measurements
     arcs: Mapping[int, Arc]
     gaps: tuple[Gap, ...] = ()
     grids: Grids = field(default_factory=Grids.nothing)
+    components: tuple[Components, ...] = ()
 
 
 class Receiver:
@@ -189,6 +195,7 @@ class Receiver:
         self.grids: GridCorrelator | None = None
         if self.settings.grids is not None:
             self.grids = GridCorrelator(self.settings.grids, rate_hz, if_hz, self.signal, self.settings.code_phases)
+        self.joint = JointReceiver(self.signal, rate_hz, if_hz) if self.settings.joint else None
         self._tables: dict[str, NDArray[np.int8]] = {}
         self._stacked: tuple[tuple[str, ...], NDArray[np.int8]] | None = None
 
@@ -208,13 +215,21 @@ class Receiver:
         arcs: dict[int, Arc] = {}
         gaps: list[Gap] = []
         grids: list[Grids] = []
+        components: list[Components] = []
         while self.frame_start(state.frame + 1) <= state.tail_start + state.tail.shape[-1]:
             state = self._frame(state, measured, arcs, gaps, grids)
+            if self.joint is not None:
+                state = self._follow_jointly(self.joint, state, components)
         arcs |= {c.arc: arc_of(c, self.signal) for c in state.channels if c.copy is not None}
         output = StepOutput(
-            measurements=Measurements.joined(measured), arcs=arcs, gaps=tuple(gaps), grids=Grids.joined(grids)
+            measurements=Measurements.joined(measured),
+            arcs=arcs,
+            gaps=tuple(gaps),
+            grids=Grids.joined(grids),
+            components=tuple(components),
         )
-        keep = int(min([self.frame_start(state.frame), *state.loops[:, k.START].tolist()]))
+        joint = [one.replica.start for _, one in state.joint.values()]
+        keep = int(min([self.frame_start(state.frame), *state.loops[:, k.START].tolist(), *joint]))
         # A copy of what is left, so that the state does not hold on to the whole block.
         return output, replace(state, tail=state.tail[..., keep - state.tail_start :].copy(), tail_start=keep)
 
@@ -238,6 +253,21 @@ class Receiver:
         state = self._steer_slowly(self._read_messages(state, arcs))
         state = self._confirm(state, gaps)
         return replace(self._drop(state, end, arcs), frame=state.frame + 1)
+
+    def _follow_jointly(
+        self, joint: JointReceiver, state: ReceiverState, components: list[Components]
+    ) -> ReceiverState:
+        """Joint channels over the frame that has just been worked on, and new ones on loops whose bits are known."""
+        end = self.frame_start(state.frame) - state.tail_start
+        found, states = joint.step(state.joint, state.tail[0, :, :end], state.tail_start)
+        components += found
+        ready = [i for i, c in enumerate(state.channels) if c.copy is not None and state.loops[i, k.BIT_START] >= 0.0]
+        if ready:
+            fresh = state.tail[0, :, end - round(self.settings.frame_s * self.rate_hz) : end : POWER_STRIDE]
+            power = 2.0 * float(np.mean(fresh**2))
+            channels = [(state.channels[i].arc, state.channels[i].sat) for i in ready]
+            states = joint.begin(states, channels, state.loops[ready], power)
+        return replace(state, joint=states)
 
     # ------------------------------------------------------------------ searching
 
