@@ -11,6 +11,7 @@ import accuracy
 import acquisition
 import deciding
 import drawn
+import joint
 import kernel
 import memory
 import methods
@@ -43,6 +44,7 @@ BENCHES = {
     "rinex": rinex,
     "position": position,
     "pairs": pairs,
+    "joint": joint,
     "startup": startup,
     "drawn": drawn,
     "real-code": real_code,

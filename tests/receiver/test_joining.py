@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.receiver.test_joint_channel import samples
 
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import joint as j
 from skyproof.receiver import kernels as k
+from skyproof.receiver.channels import Channel
 from skyproof.receiver.joining import JointReceiver, handed_back, handed_over
 from skyproof.receiver.joint_tracker import Followed, JointTracker
+from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 
 RATE_HZ = 4.0037e6
 RECEIVER = JointReceiver(GPS_L1_CA, RATE_HZ)
@@ -99,3 +102,32 @@ def test_a_channel_whose_signal_is_gone_is_given_up():
     found, left = RECEIVER.step(states, planes, 0)
     assert left == {}
     assert {one.arc for one in found} == {1}
+
+
+def test_a_receiver_follows_jointly_what_one_of_its_loops_cannot_tell_apart():
+    settings = ReceiverSettings(sats=("G07",), joint=True)
+    receiver = Receiver(RATE_HZ, 0.0, settings)
+    delay_s, hz = 1.5e-3, 1234.5
+    waves = [
+        (47.0, delay_s, hz, 0.2, 0.0),
+        (44.0, delay_s + 0.45 / GPS_L1_CA.chip_rate_hz, hz + 3.0, 0.7, 0.25),
+    ]
+    planes = samples(np.random.default_rng(4), RATE_HZ, 1.0, waves)
+    start = math.ceil(delay_s * RATE_HZ)
+    code_rate = GPS_L1_CA.chip_rate_hz * (1.0 + hz / GPS_L1_CA.carrier_hz)
+    chip = start / RATE_HZ * code_rate - delay_s * GPS_L1_CA.chip_rate_hz
+    row = loop(start=start, chip=chip, periods=40, bit_start=0, hz=hz, phase_cyc=hz * start / RATE_HZ + 0.2)
+    channel = Channel(sat="G07", began_s=0.0, found_s=0.0, missed_s=math.nan, arc=5, copy="a")
+    state = ReceiverState(tail=planes[None], frame=10, channels=(channel,), loops=row[None], next_arc=6)
+    assert receiver.joint is not None
+    found = []
+    for _ in range(2):  # begun by the loop, then followed
+        state = receiver._follow_jointly(receiver.joint, state, found)
+    assert {one.arc for one in found} == {5}
+    late = [one.followed for one in found][-2:]
+    assert [one.name for one in late] == [0, 1]
+    for one, (_, delay_s, hz, _, _) in zip(late, waves, strict=True):
+        sent = (one.middle / RATE_HZ * (1.0 + hz / GPS_L1_CA.carrier_hz) - delay_s) * GPS_L1_CA.chip_rate_hz
+        assert abs(one.code_chips - 40 * 1023 - sent) < 5.0 * one.code_sigma_chips
+        assert abs(one.hz - hz) < 5.0 * one.hz_sigma
+    assert state.joint[5][1].replica.start > 0.9 * planes.shape[1]
