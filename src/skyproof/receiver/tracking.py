@@ -208,7 +208,7 @@ class Receiver:
 
         samples : (2, n), or (n_antennas, 2, n) of several antennas that share the sampling clock and the oscillator.
         """
-        fresh = samples.reshape(-1, 2, samples.shape[-1])
+        fresh = samples if samples.ndim == 3 else samples[None]
         known = state.tail if state.tail.shape[-1] else fresh[..., :0]
         state = replace(state, tail=np.ascontiguousarray(np.concatenate([known, fresh], axis=-1)))
         measured = [Measurements.nothing(self.n_looks, self.n_taps, _antennas_measured(state.tail))]
