@@ -35,6 +35,7 @@ FIXES_COLUMNS: Final = (
     "sigma_up_m",
     "clock_bias_m",
     "satellites",
+    "from",
 )
 _CSV_ROWS: Final = 8192  # turned to text at once, so that memory does not grow with the table
 
@@ -120,26 +121,28 @@ def _taker(
     return take_parquet if ending == ".parquet" else take_csv
 
 
-def fixes_columns(fixes: Iterable[tuple[str, Fix]]) -> dict[str, Column]:
+def fixes_columns(fixes: Iterable[tuple[str, Fix]], source: str = "satellites") -> dict[str, Column]:
     """The table of fixes, `FIXES_COLUMNS`, of any number of (kind, Fix): one row per receiver, kind and epoch.
 
     `kind` is "trusted", "false", "unprotected" or the name of a sky that may be the true one. `gpst` is the time that
     the signals of the fix give: the receiver's clock less the clock bias. An epoch without a fix (status not 0) has no
     row. Sigmas are the roots of the diagonal of the covariance, turned from ECEF to east, north, up at the fix itself;
-    `clock_bias_m` is c times the clock bias; `satellites` counts those used. Rows stand in the order given.
+    `clock_bias_m` is c times the clock bias; `satellites` counts those used; `from` is `source`:
+    "satellites", or "inertia" for what is carried on from an earlier fix. Rows stand in the order given.
     """
-    parts = [_fix_columns(kind, fix) for kind, fix in fixes]
+    parts = [_fix_columns(kind, fix, source) for kind, fix in fixes]
     empty = {name: np.empty(0) for name in FIXES_COLUMNS}
     empty |= {
         "receiver": np.empty(0, "U1"),
         "kind": np.empty(0, "U1"),
         "gpst": np.empty(0, "datetime64[ns]"),
         "satellites": np.empty(0, np.int64),
+        "from": np.empty(0, "U1"),
     }
     return {name: np.concatenate([empty[name], *(part[name] for part in parts)]) for name in FIXES_COLUMNS}
 
 
-def _fix_columns(kind: str, fix: Fix) -> dict[str, Column]:
+def _fix_columns(kind: str, fix: Fix, source: str) -> dict[str, Column]:
     good = np.asarray(fix.status == FixStatus.OK)
     lat_rad, lon_rad, height_m = geodetic_from_ecef(fix.position_ecef_m[good])
     rot_enu = rot_enu_ecef(lat_rad, lon_rad)
@@ -159,6 +162,7 @@ def _fix_columns(kind: str, fix: Fix) -> dict[str, Column]:
         *sigma_m.T,
         SPEED_OF_LIGHT_M_S * fix.clock_bias_s[good],
         satellites,
+        np.full(lat_rad.size, source),
     )
     return dict(zip(FIXES_COLUMNS, values, strict=True))
 

@@ -13,6 +13,7 @@ import tomli_w
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import Settings
+from skyproof.app.protect.coasting import trusted_and_coasted
 from skyproof.app.protect.document import Outcome, ReceiverOutcome, versions
 from skyproof.app.protect.pictures import kinds_of, pictures_of
 from skyproof.app.protect.positions import KINDS, Track
@@ -88,8 +89,8 @@ def _write_tables(folder: Path, outcome: Outcome) -> None:
         take(fixes_columns([]))
         for r in outcome.receivers:
             for kind in kinds_of(r):
-                for _, fix in _stretches(r, kind):
-                    take(fixes_columns([(kind, fix)]))
+                for source, fix in _fixes(r, kind):
+                    take(fixes_columns([(kind, fix)], source))
     logs = [r.reception.observations for r in outcome.receivers if r.reception.observations is not None]
     with growing_tables((folder / "signals.parquet",)) as take:
         for log in logs:
@@ -101,6 +102,13 @@ def _write_tables(folder: Path, outcome: Outcome) -> None:
         take(_evidence_columns([]))
         for first in range(0, len(outcome.evidence), _TABLE_EVIDENCE):
             take(_evidence_columns(outcome.evidence[first : first + _TABLE_EVIDENCE]))
+
+
+def _fixes(r: ReceiverOutcome, kind: str) -> Iterator[tuple[str, Fix]]:
+    """All fixes of a kind, each with where it comes from."""
+    if r.positions is not None and kind == "trusted":
+        return trusted_and_coasted(r.positions)
+    return (("satellites", fix) for _, fix in _stretches(r, kind))
 
 
 def _stretches(r: ReceiverOutcome, kind: str) -> Iterator[tuple[int, Fix]]:

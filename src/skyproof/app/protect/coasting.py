@@ -1,0 +1,107 @@
+"""Where a receiver is while nothing is trusted: carried on from its last trusted fix.
+
+A receiver that is known to stand is where it was, as well known as it was, for as long as it takes. Its clock runs on
+with the last drift; how far that is off is not stated. What is carried from stretch to stretch is the last trusted fix
+and nothing else: a false signal does not move it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from skyproof.app.protect.positions import STRETCH_EPOCHS, Positions
+from skyproof.arrays import Instants, Reals
+from skyproof.gnss.time import seconds_between
+from skyproof.records import Fix, FixStatus
+
+__all__ = ["Last", "stands", "step", "trusted_and_coasted"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Last:
+    """The last trusted fix: its label by the receiver's clock, position (3,), covariance (4, 4), clock bias, drift."""
+
+    gpst: np.datetime64
+    position_ecef_m: Reals
+    covariance_m2: Reals
+    clock_bias_s: float
+    clock_drift: float
+
+
+def stands(positions: Positions) -> bool:
+    """Whether the receiver is known not to move: the platform's `motion`, by the bound of its speed."""
+    return positions.settings.speed_max_m_s == 0.0
+
+
+def step(last: Last | None, receiver: str, gpst: Instants, fix: Fix | None) -> tuple[Fix | None, Last | None]:
+    """Fixes of a receiver that stands at those of its epochs (n,) that have none, and the last fix after them.
+
+    gpst : labels by the receiver's clock. fix : the trusted ones at the same epochs, None if there are none.
+    """
+    good = np.zeros(gpst.size, np.bool_) if fix is None else np.asarray(fix.status == FixStatus.OK)
+    known = [] if last is None else [last]
+    if fix is not None:
+        known += [_of(fix, gpst, int(row)) for row in np.flatnonzero(good)]
+    after = known[-1] if known else None
+    # Before the first fix there is nothing to carry on.
+    rows = np.flatnonzero(~good & ((np.cumsum(good) > 0) | (last is not None)))
+    if not rows.size:
+        return None, after
+    number = np.cumsum(good)[rows] - (last is None)  # which of `known`
+    carried = [known[k] for k in number]
+    ahead_s = np.array([seconds_between(gpst[row], one.gpst) for row, one in zip(rows, carried, strict=True)])
+    drift = np.array([one.clock_drift for one in carried])
+    bias_s = np.array([one.clock_bias_s for one in carried]) + ahead_s * np.nan_to_num(drift)
+    covariance = np.stack([one.covariance_m2 for one in carried])
+    covariance[:, 3, :3] = covariance[:, :3, 3] = 0.0
+    covariance[:, 3, 3] = np.inf
+    return Fix(
+        receiver=receiver,
+        signals=(),
+        gpst=gpst[rows] - np.rint(bias_s * 1e9).astype("timedelta64[ns]"),
+        position_ecef_m=np.stack([one.position_ecef_m for one in carried]),
+        velocity_ecef_m_s=np.zeros((rows.size, 3)),
+        clock_bias_s=bias_s,
+        clock_drift=drift,
+        covariance_m2=covariance,
+        residual_m=np.empty((rows.size, 0)),
+        status=np.full(rows.size, FixStatus.OK, np.uint8),
+    ), after
+
+
+def _of(fix: Fix, gpst: Instants, row: int) -> Last:
+    return Last(
+        gpst=gpst[row],
+        position_ecef_m=fix.position_ecef_m[row],
+        covariance_m2=fix.covariance_m2[row],
+        clock_bias_s=float(fix.clock_bias_s[row]),
+        clock_drift=float(fix.clock_drift[row]),
+    )
+
+
+def trusted_and_coasted(positions: Positions) -> Iterator[tuple[str, Fix]]:
+    """The trusted fixes of a run, stretch by stretch, each with where it comes from: "satellites" or "inertia"."""
+    log, last = positions.log, None
+    for rows, fix in _stretches(positions):
+        if fix is not None:
+            yield "satellites", fix
+        if stands(positions):
+            between, last = step(last, log.receiver, log.gpst[rows], fix)
+            if between is not None:
+                yield "inertia", between
+
+
+def _stretches(positions: Positions) -> Iterator[tuple[slice, Fix | None]]:
+    """All epochs of the run in stretches, with their trusted fixes; None where a stretch has none."""
+    done, n = 0, positions.log.gpst.size
+    for first, fix in positions.stretches("trusted"):
+        yield from ((rows, None) for rows in _cut(done, first))
+        done = first + fix.gpst.size
+        yield slice(first, done), fix
+    yield from ((rows, None) for rows in _cut(done, n))
+
+
+def _cut(begin: int, stop: int) -> Iterator[slice]:
+    for first in range(begin, stop, STRETCH_EPOCHS):
+        yield slice(first, min(first + STRETCH_EPOCHS, stop))

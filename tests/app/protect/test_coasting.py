@@ -1,0 +1,94 @@
+"""While nothing is trusted a receiver that stands is where its last trusted fix was; false signals move nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.app.protect.test_positions import RECORDS, WHOLE, decision
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.protect.coasting import step, trusted_and_coasted
+from skyproof.app.protect.positions import positions_of
+from skyproof.records import Fix
+
+LABELS = np.datetime64("2022-01-01T21:45:58", "ns") + np.arange(12) * np.timedelta64(1, "s")
+
+
+def fix_at(good) -> Fix:
+    """Each epoch with a position of its own."""
+    n = len(good)
+    return Fix(
+        receiver="rx1",
+        signals=(),
+        gpst=LABELS[:n] - np.timedelta64(1_000_000, "ns"),
+        position_ecef_m=np.where(np.array(good)[:, None], 6.4e6 + np.arange(n)[:, None] + np.zeros(3), np.nan),
+        velocity_ecef_m_s=np.zeros((n, 3)),
+        clock_bias_s=np.where(good, 1e-3 + 1e-6 * np.arange(n), np.nan),
+        clock_drift=np.full(n, 1e-6),
+        covariance_m2=np.tile(4.0 * np.eye(4), (n, 1, 1)),
+        residual_m=np.empty((n, 0)),
+        status=np.where(good, 0, 1).astype(np.uint8),
+    )
+
+
+def rows_of(fix: Fix, rows: slice) -> Fix:
+    return replace(
+        fix,
+        **{
+            name: getattr(fix, name)[rows]
+            for name in (
+                "gpst",
+                "position_ecef_m",
+                "velocity_ecef_m_s",
+                "clock_bias_s",
+                "clock_drift",
+                "covariance_m2",
+                "residual_m",
+                "status",
+            )
+        },
+    )
+
+
+def test_epochs_without_a_fix_have_the_last_ones_position_and_sigma():
+    good = [False, True, True, False, False, True, False]
+    found, last = step(None, "rx1", LABELS[:7], fix_at(good))
+    assert found.position_ecef_m[:, 0] - 6.4e6 == pytest.approx([2.0, 2.0, 5.0])
+    assert found.covariance_m2[:, :3, :3] == pytest.approx(np.tile(4.0 * np.eye(3), (3, 1, 1)))
+    assert found.clock_bias_s == pytest.approx(1e-3 + 1e-6 * np.array([3.0, 4.0, 6.0]))
+    assert np.abs(found.gpst - (LABELS[[3, 4, 6]] - np.timedelta64(1_000_000, "ns"))).max() < np.timedelta64(10, "us")
+    assert last.gpst == LABELS[5]
+
+
+def test_before_the_first_fix_there_is_nothing():
+    assert step(None, "rx1", LABELS[:3], None) == (None, None)
+
+
+@given(st.lists(st.booleans(), min_size=12, max_size=12), st.integers(0, 12))
+def test_pieces_give_what_the_whole_gives(good, cut):
+    whole, fix = step(None, "rx1", LABELS, fix_at(good))[0], fix_at(good)
+    first, last = step(None, "rx1", LABELS[:cut], rows_of(fix, slice(0, cut)))
+    second, _ = step(last, "rx1", LABELS[cut:], rows_of(fix, slice(cut, 12)))
+    parts = [part.position_ecef_m for part in (first, second) if part is not None]
+    if whole is None:
+        assert not parts
+    else:
+        assert np.array_equal(np.concatenate(parts), whole.position_ecef_m)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.0, None])
+def test_a_run_goes_on_where_its_receiver_stands_and_only_there(speed_m_s):
+    positions = positions_of(WHOLE, decision(), RECORDS.navigation, Settings(smoothing_s=20.0, speed_max_m_s=speed_m_s))
+    found = list(trusted_and_coasted(positions))
+    trusted = [fix for source, fix in found if source == "satellites"]
+    carried = [fix for source, fix in found if source == "inertia"]
+    assert len(trusted) == 1
+    if speed_m_s is None:
+        assert not carried
+        return
+    (after,) = carried
+    last = np.flatnonzero(trusted[0].status == 0)[-1]
+    assert after.gpst.size == 90 - 1 - last  # the false sky goes on to the end
+    assert after.position_ecef_m == pytest.approx(np.tile(trusted[0].position_ecef_m[last], (after.gpst.size, 1)))
