@@ -108,12 +108,13 @@ class Joint:
 
 def signals_in(mean: Reals, times_s: Reals, look_s: float, dictionary: Dictionary) -> Complexes:
     """What signals (..., n, N_STATE) show in looks (..., n_looks, d) at times from the state's own."""
-    turn = _turns(mean, times_s, look_s) * (mean[..., RE] + 1j * mean[..., IM])[..., None]
+    turn = turns(mean, times_s, look_s) * (mean[..., RE] + 1j * mean[..., IM])[..., None]
     value, _ = dictionary.at(mean[..., CHIPS])
     return np.asarray(np.swapaxes(turn, -1, -2) @ value)
 
 
-def _turns(mean: Reals, times_s: Reals, look_s: float) -> Complexes:
+def turns(mean: Reals, times_s: Reals, look_s: float) -> Complexes:
+    """By what each signal (..., n, N_STATE) has turned in each look, and what is left of it, (..., n, n_looks)."""
     hz, hz_s = mean[..., HZ, None], mean[..., HZ_S, None]
     cycles = hz * times_s + 0.5 * hz_s * times_s**2
     return np.asarray(np.exp(2j * np.pi * cycles) * np.sinc(hz * look_s))
@@ -135,7 +136,7 @@ def normal_equations(
     """
     amplitude = mean[..., RE] + 1j * mean[..., IM]
     n = mean.shape[-2]
-    turn = _turns(mean, times_s, look_s)
+    turn = turns(mean, times_s, look_s)
     both = np.concatenate(dictionary.at(mean[..., CHIPS]), axis=-2)  # (..., 2 n, d): values, then slopes
     # Matrix products and not einsum: looking for the best order would take longer than the sums.
     space = both @ np.swapaxes(both, -1, -2)
@@ -173,7 +174,7 @@ def projected(
     amplitude = mean[..., RE] + 1j * mean[..., IM]
     both = np.stack(dictionary.at(mean[..., CHIPS]), axis=-3)  # (..., 2, n, d)
     space = both @ value.T  # (..., 2, n, u)
-    own = _turns(mean, times_s, look_s).conj()[..., None, :, :] * (times_s ** np.arange(3)[:, None])[:, None, :]
+    own = turns(mean, times_s, look_s).conj()[..., None, :, :] * (times_s ** np.arange(3)[:, None])[:, None, :]
     time = own @ turn.T  # (..., 3, n, f)
     c = np.moveaxis(_coefficients(amplitude).conj(), -1, -2)  # (..., N_FITTED, n)
     each = c[..., None] * time[..., _POWER, :, :]  # (..., N_FITTED, n, f)

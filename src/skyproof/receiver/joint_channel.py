@@ -30,6 +30,7 @@ REACH_CHIPS = 2.2
 QUIET_TAPS = 4
 BORN_CHIPS_S = 0.02
 """How fast code and carrier of a newcomer may part, rms: 6 m/s."""
+RESIGNED = 3
 LEAVE_ROWS = 5
 """So many rows on end a signal is faint, or not told from another, before it is given up."""
 
@@ -162,15 +163,19 @@ class JointRow:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointChannel:
     """What is remembered: the filter at the middle of the last bit, and at that of the last one of the row before; the
-    bits of the row begun; names of the signals.
+    bits of the row begun, and their signs; names of the signals.
+    young : whether a signal was born in the row before, of whose bits some may have been read with the wrong sign: the
+        filter is set anew by the first whole row.
     """
 
     joint: Joint
     before: Joint
     names: tuple[int, ...] = (0,)
     next_name: int = 1
-    wiped: tuple[Complexes, ...] = ()
+    looks: tuple[Complexes, ...] = ()
+    signs: tuple[float, ...] = ()
     doubtful: int = 0  # rows on end
+    young: bool = False
 
     @property
     def is_lost(self) -> bool:
@@ -207,8 +212,9 @@ def bits(
         )
         for place, i in enumerate(group):
             one = replace(joint, mean=joint.mean[place], covariance=joint.covariance[place])
-            done[i] = replace(channels[i], joint=one, wiped=(*channels[i].wiped, sign[place] * looks[i])), None
-    full = [i for i, (channel, _) in enumerate(done) if len(channel.wiped) == model.bits_per_row]
+            signs = (*channels[i].signs, float(sign[place]))
+            done[i] = replace(channels[i], joint=one, looks=(*channels[i].looks, looks[i]), signs=signs), None
+    full = [i for i, (channel, _) in enumerate(done) if len(channel.looks) == model.bits_per_row]
     for group in _alike([len(done[i][0].names) for i in full]):
         chosen = [full[place] for place in group]
         for i, row in zip(chosen, _rows(model, [done[i][0] for i in chosen]), strict=True):
@@ -231,7 +237,9 @@ def _stacked(joints: Sequence[Joint]) -> Joint:
 
 def _rows(model: JointModel, channels: Sequence[JointChannel]) -> list[tuple[JointChannel, JointRow | None]]:
     """Rows of channels of as many signals, and what becomes of the channels."""
-    looks = np.stack([np.concatenate(channel.wiped) for channel in channels])
+    raw = np.stack([channel.looks for channel in channels])  # (channels, bits, looks of a bit, d)
+    row_signs = [channel.signs for channel in channels]
+    looks = _wiped(raw, np.array(row_signs))
     back_s, rho = 0.5 * (model.bits_per_row - 1) * model.bit_s, model.settings.chips_per_cycle
     times_s, look_s, dictionary = model.row_times_s, model.look_s, model.dictionary
     middle = j.carried(np.stack([channel.joint.mean for channel in channels]), -back_s, rho)
@@ -246,12 +254,17 @@ def _rows(model: JointModel, channels: Sequence[JointChannel]) -> list[tuple[Joi
             sigma=np.stack([channel.joint.sigma(column) for column in range(j.N_STATE)], axis=-1),
             alone=by_itself,
             score=float(score[i]),
-            dark=sum(not np.any(one) for one in channel.wiped) * 2 >= model.bits_per_row,
+            dark=2 * channel.signs.count(0.0) >= model.bits_per_row,
         )
         expected = j.carried(channel.before.mean, back_s + model.bit_s, rho)
-        channel = replace(channel, wiped=(), before=channel.joint)
+        joint = channel.joint
+        if channel.young and np.isfinite(by_itself.covariance).all():
+            joint = j.predict(_filter_of(by_itself, joint), back_s)
+        channel = replace(channel, joint=joint, looks=(), signs=(), before=joint, young=False)
         if score[i] > model.threshold and len(channel.names) < model.most:
-            fitted, holds = born(looks[i], times_s, look_s, by_itself, state[i], dictionary, model.threshold)
+            seen, beside = np.array(row_signs[i]), _signs_beside(model, raw[i], expected, state[i])
+            births = [_birth(model, raw[i], seen, middle[i]), _birth(model, raw[i], beside, expected)]
+            fitted, holds = min(births, key=lambda birth: (not birth[1], float(birth[0].misfit)))
             if holds:
                 done.append(_with_the_newcomer(channel, row, _in_order(fitted, expected), back_s))
                 continue
@@ -259,11 +272,56 @@ def _rows(model: JointModel, channels: Sequence[JointChannel]) -> list[tuple[Joi
     return done
 
 
+def _wiped(looks: Complexes, signs: Reals) -> Complexes:
+    """Looks (..., bits, looks of a bit, d) with the bits' signs (..., bits) taken off, bit behind bit."""
+    signed = looks * signs[..., None, None]
+    return np.asarray(signed.reshape(*looks.shape[:-3], -1, looks.shape[-1]))
+
+
+def _birth(model: JointModel, looks: Complexes, signs: Reals, start: Reals) -> tuple[Row, bool]:
+    """A row (bits, looks, d) fitted with one signal more than there are in `start`, and whether it holds; signs of the
+    bits are gone over again with what was fitted.
+    """
+    times_s, look_s, dictionary = model.row_times_s, model.look_s, model.dictionary
+    for _ in range(RESIGNED):
+        told = _wiped(looks, signs)
+        fewer = j.fit_row(told, times_s, look_s, start, dictionary)
+        _, state = newcomer(told, times_s, look_s, fewer, dictionary, model.candidates)
+        fitted, holds = born(told, times_s, look_s, fewer, state, dictionary, model.threshold)
+        shown = j.signals_in(fitted.mean, times_s, look_s, dictionary).reshape(looks.shape)
+        again = np.where(np.sum((shown.conj() * looks).real, axis=(-2, -1)) < 0.0, -1.0, 1.0)
+        if np.array_equal(again, signs):
+            break
+        signs = again
+    return fitted, bool(holds)
+
+
+def _signs_beside(model: JointModel, looks: Complexes, expected: Reals, state: Reals) -> Reals:
+    """Signs of the bits of a row (bits, looks, d) in which a newcomer (N_STATE,) came beside those that were expected.
+
+    A filter that does not know the newcomer sees the sum, which turns over at each null of the beat: it takes that for
+    data. So amplitudes are solved for at the delays of all, bit by bit, and the signs are those of the signals known.
+    """
+    mean = np.concatenate([expected, state[None]])
+    n, d = len(mean), looks.shape[-1]
+    turn = j.turns(mean, model.row_times_s, model.look_s).reshape(n, len(looks), -1)
+    value, _ = model.dictionary.at(mean[:, j.CHIPS])
+    shown = (turn[..., None] * value[:, None, None, :]).transpose(1, 0, 2, 3).reshape(len(looks), n, -1)
+    gram = shown.conj() @ np.swapaxes(shown, -1, -2)
+    seen = shown.conj() @ looks.reshape(len(looks), -1, 1)
+    amplitude = np.linalg.solve(gram + 1e-6 * d * np.eye(n), seen)[..., 0]
+    foretold = expected[:, j.RE] + 1j * expected[:, j.IM]
+    agreement = np.sum((amplitude[:, : n - 1] * foretold.conj()).real, axis=-1)
+    return np.asarray(np.where(agreement < 0.0, -1.0, 1.0), np.float64)
+
+
 def _with_the_newcomer(
     channel: JointChannel, row: JointRow, fitted: Row, later_s: float
 ) -> tuple[JointChannel, JointRow]:
     joint, came = j.predict(_filter_of(fitted, channel.joint), later_s), channel.next_name
-    channel = replace(channel, joint=joint, before=joint, names=(*channel.names, came), next_name=came + 1, doubtful=0)
+    channel = replace(
+        channel, joint=joint, before=joint, names=(*channel.names, came), next_name=came + 1, doubtful=0, young=True
+    )
     return channel, replace(row, came=(came,))
 
 
@@ -317,8 +375,8 @@ def _without_the_lost(channel: JointChannel, row: JointRow) -> tuple[JointChanne
 
 def rebased(channel: JointChannel, hz: float, chips: float) -> JointChannel:
     """The same signals beside a replica that is `hz` higher and `chips` later; between rows."""
-    if channel.wiped:
-        raise ValueError(f"a row of {len(channel.wiped)} bits has begun: the replica stays until it is complete")
+    if channel.looks:
+        raise ValueError(f"a row of {len(channel.looks)} bits has begun: the replica stays until it is complete")
     moved = channel.joint.mean.copy()
     moved[..., j.HZ] -= hz
     moved[..., j.CHIPS] -= chips
