@@ -14,6 +14,7 @@ import drawn
 import joint
 import kernel
 import memory
+import metadata
 import methods
 import pairs
 import position
@@ -41,6 +42,7 @@ BENCHES = {
     "quality": quality,
     "receiver": receiver,
     "reading": reading,
+    "metadata": metadata,
     "rinex": rinex,
     "position": position,
     "pairs": pairs,
