@@ -89,7 +89,7 @@ class Gap:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Arc:
-    """A stretch of uninterrupted tracking: which signal, and what its message told (as of the last frame)."""
+    """A stretch of uninterrupted tracking: which signal, and what its message stated (as of the last frame)."""
 
     signal: SignalId
     found_s: float
@@ -159,7 +159,7 @@ def _common_shift(pairs: Sequence[tuple[LostSignal, Place]], signal: SignalDescr
     """The shift of code (chips) that most satellites share, and the missing time (s) that makes them share it.
 
     Missing time shifts all codes alike, and each by its own range rate besides: half a chip in 0.15 s at 5 kHz. The
-    shortest is taken, for without need none is told. None if fewer than `GAP_VOTES` satellites share one.
+    shortest is taken, for without need none is reported. None if fewer than `GAP_VOTES` satellites share one.
     """
     sats = np.array([old.sat for old, _ in pairs])
     steps_s = np.arange(0.0, FORGET_S, 0.5 * _ALIKE_CHIPS * signal.carrier_hz / signal.chip_rate_hz / _HIGHEST_HZ)

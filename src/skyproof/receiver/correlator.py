@@ -5,7 +5,7 @@ Four things keep a sample cheap (`bench/kernel.py` measures them; docs/design/re
 - The samples are worked through in chunks. Within one, the carrier is wiped off with a table of rotations that is made
   anew when the frequency changes; what the carrier had turned by until the chunk began turns the sums, not the samples.
 - The code is a table of the resampled code at fractions of a sample, read in a row as int8. What rounding to the
-  nearest fraction shifts the replica by is known and told, so it causes no bias.
+  nearest fraction shifts the replica by is known and reported, so it causes no bias.
 - The carrier is wiped off and the first three delays are summed in one loop; further delays go four at a time over what
   it left, so that a wiped sample is loaded once for four. Rows are reached by offsets into the flat table: a slice
   would count references, which costs as much as sixty samples.

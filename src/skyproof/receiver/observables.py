@@ -362,7 +362,7 @@ def timed_by_range(
 
 
 def navigation_of(arcs: Mapping[int, Arc], week_near: int, source: str) -> NavigationData:
-    """The ephemerides, ionosphere and UTC parameters that the signals themselves told."""
+    """The ephemerides, ionosphere and UTC parameters that the signals themselves sent."""
     ephemerides: dict[tuple[str, int, int], Ephemeris] = {}
     ionosphere, utc = None, None
     for arc in arcs.values():

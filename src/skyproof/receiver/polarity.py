@@ -3,7 +3,7 @@
 A Costas loop holds a signal's carrier or its opposite and cannot tell which: its data bits then come inverted. Known
 bits can: the preamble, and the zeros in which words 2 and 10 of a subframe end. Parity does not see an inversion, since
 each of its equations takes in one of the last two bits of the word before, but it breaks in the word in which the sign
-turns; so the sign told by known bits holds as far as the words around them hold without a break.
+turns; so the sign given by known bits holds as far as the words around them hold without a break.
 """
 
 from collections.abc import Sequence

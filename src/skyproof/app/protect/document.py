@@ -148,8 +148,8 @@ def _summary(outcome: Outcome) -> str:
         return f"The signals of {n} satellites come from the sky{sign}{_repeated(outcome)}{_kept(outcome, ' The')}"
     if decision.verdict == "undecided":
         why = (_undecided_because(outcome) or "").split(CURE)[0]  # the document has the remedy
-        told = f" {left}" if left and left.rstrip(".") not in why else ""
-        return f"Not decided {why}.{told}{_repeated(outcome)}"
+        rest = f" {left}" if left and left.rstrip(".") not in why else ""
+        return f"Not decided {why}.{rest}{_repeated(outcome)}"
     return _attack_words(outcome) + (f" {left}" if left else "") + _repeated(outcome)
 
 
@@ -181,7 +181,7 @@ _EXPLAINS: dict[Kind, str] = {
 
 def _unexplained(left: Sequence[Unexplained]) -> str:
     """How many signals stay unknown, how strong, and what would explain them; empty if there are none."""
-    told = []
+    words_of_kinds = []
     for kind, words in _EXPLAINS.items():
         own = [u for u in left if u.kind == kind]
         if not own:
@@ -191,11 +191,11 @@ def _unexplained(left: Sequence[Unexplained]) -> str:
         strong = f"up to {max(levels):.0f} dB-Hz" if levels else "of unknown strength"
         if over:
             strong += f", {abs(max(over)):.0f} dB {'above' if max(over) > 0.0 else 'below'} the other"
-        told.append(f"{len(own)} {words} ({strong})")
-    if not told:
+        words_of_kinds.append(f"{len(own)} {words} ({strong})")
+    if not words_of_kinds:
         return ""
     n = len(left)
-    return f"{n} further signal{'s stay' if n > 1 else ' stays'} unexplained: {'; '.join(told)}."
+    return f"{n} further signal{'s stay' if n > 1 else ' stays'} unexplained: {'; '.join(words_of_kinds)}."
 
 
 MOST_NOTED = 2

@@ -38,16 +38,16 @@ def one_receiver_each(receptions: Sequence[Reception], settings: Settings) -> li
     n = len(receptions)
     alpha = settings.false_alarm_probability_per_hour / max(n * (n - 1) // 2, 1)
     kept: list[Reception] = []
-    told: dict[str, Reception] = {}
+    left_out: dict[str, Reception] = {}
     for reception in sorted(receptions, key=_measurements, reverse=True):
         for other in kept:
             found = same_noise(other, reception, alpha=alpha, code_sigma_m=settings.multipath_sigma_m)
             if found is not None:
-                told[reception.source.name] = _left_out(reception, other, found)
+                left_out[reception.source.name] = _left_out(reception, other, found)
                 break
         else:
             kept.append(reception)
-    return [told.get(r.source.name, r) for r in receptions]
+    return [left_out.get(r.source.name, r) for r in receptions]
 
 
 def _left_out(reception: Reception, other: Reception, found: SharedNoise) -> Reception:

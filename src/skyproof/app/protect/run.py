@@ -36,7 +36,7 @@ from skyproof.verdict import Verdict
 __all__ = ["ProtectResult", "protect", "verdict_of"]
 
 COMMON_SHARE = 0.9
-"""Of a recording: if another receiver's covers less, it is told."""
+"""Of a recording: if another receiver's covers less, that is reported."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -186,8 +186,8 @@ def verdict_of(
     nav : RINEX navigation file of that day; without one the orbits come from the signals of recordings (30 s of them).
     out : folder for the verdict, the report, fixes and all other files, made if absent; None writes nothing.
     options : any field of `skyproof.app.common.settings.Settings`, such as `antenna_separation_m` or `duration_s`;
-        `platform`, a TOML file of receivers, their inputs and places, and settings; `progress`, told how far the work
-        is.
+        `platform`, a TOML file of receivers, their inputs and places, and settings; `progress`, called with how far the
+        work is.
 
     Returns
     -------
@@ -300,7 +300,7 @@ def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: Navig
 
 
 def _pooled(told: Sequence[NavigationData]) -> NavigationData:
-    """What all receivers' signals told, each data set once."""
+    """What all receivers' signals sent, each data set once."""
     sets = {(e.sat, e.week, e.toe): e for data in told for e in data.ephemerides}
     ionosphere = next((d.ionosphere for d in told if d.ionosphere is not None), None)
     utc = next((d.utc for d in told if d.utc is not None), None)

@@ -24,7 +24,7 @@ _ALIKE: Final = {
     ),
     "gaps": ("gaps {}", "antennas are compared sample by sample: record them together"),
 }
-"""What the antennas of one receiver have in common: how it is told, and what to do where it is not so."""
+"""What the antennas of one receiver have in common: how it is stated, and what to do where it is not so."""
 
 
 def in_step(antennas: Sequence[Samples], name: str) -> Samples:

@@ -34,7 +34,7 @@ def diagnosis(samples: Samples, doppler_max_hz: float) -> Diagnosis:
 
     doppler_max_hz : how far it searched.
     """
-    more = f"`skyproof inspect {samples.path or samples.name}` tells what is in it"
+    more = f"`skyproof inspect {samples.path or samples.name}` says what is in it"
     try:
         found = inspect_recording(samples)
     except NotEnoughData:

@@ -30,7 +30,7 @@ __all__ = ["Reception", "observe", "overlap_s", "require_signals"]
 NEARLY_ALL = 0.9
 MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
 FOLLOWED_S = 2.0  # shorter, a signal that is there may not have proved itself
-TIME_OF_WEEK_S = 12.0  # by then a signal has told its time of week: it does so every 6 s, once its bits can be read
+TIME_OF_WEEK_S = 12.0  # by then a signal has sent its time of week: it does so every 6 s, once its bits can be read
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,7 +113,7 @@ def observe(
                 "that antenna and its line"
             )
     found = _diagnosed(tracker) if observations is None or _is_doubtful(tracker) else None
-    if found is None or not found.mirrored:  # signals of a mirrored spectrum are lost all the time: no gaps are told
+    if found is None or not found.mirrored:  # signals of a mirrored spectrum are lost all the time: gaps say nothing
         remarks += gap_remarks(tracker.gaps, tracker.receiver.signal.period_s)
         remarks += oscillator_told(_dopplers_hz(tracker))
     differ = tuple(messages_that_differ(tracker.arcs))

@@ -97,7 +97,7 @@ def receive(
     nav : RINEX navigation file of that day; without one the orbits come from the signals.
     out : folder for NAME.obs, NAME-2.obs (second signals of satellites) and so on, and NAME-nav.rnx; None writes
         nothing.
-    progress : told how far the work is.
+    progress : is called with how far the work is.
     options : `start_s`, `duration_s`, `doppler_max_hz`, `place_deg` of `skyproof.app.common.settings.Settings`.
 
     Returns
@@ -214,7 +214,7 @@ def signals_of(o: ObservationLog | None) -> tuple[dict[str, Any], ...]:
 
 
 def _signal(o: ObservationLog, column: int) -> dict[str, Any]:
-    """One signal; without a pseudorange it never told a time."""
+    """One signal; without a pseudorange it never gave a time."""
     signal, heard = o.signals[column], np.flatnonzero(o.measured[:, column])
     there = heard.size > 0
     return {

@@ -220,7 +220,7 @@ def _cleaned_all(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
 def _cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
     """The recording without what costs C/N0, and what was done; itself where nothing does, or too little tells it.
 
-    Figures of DC and imbalance are told with the levels when a file is opened, and not again.
+    Figures of DC and imbalance are reported with the levels when a file is opened, and not again.
     """
     try:
         front = measure_front_end(samples)
