@@ -13,7 +13,7 @@ from skyproof.testing import MeasuredScene, TrackErrors
 EPOCHS = 30
 
 
-def fix_of(sats: int, late_m: float = 0.0, first: int = EPOCHS, seed: int = 1):
+def fix_of(sats: int, late_m: float = 0.0, first: int = EPOCHS, seed: int = 1, **options):
     """Screened fixes by so many satellites, one of which is late by `late_m` from epoch `first` on."""
     scene = MeasuredScene(epochs=EPOCHS, max_satellites=sats, errors=TrackErrors(sigma_m=1.0))
     records = scene.records(np.random.default_rng(seed))
@@ -21,7 +21,7 @@ def fix_of(sats: int, late_m: float = 0.0, first: int = EPOCHS, seed: int = 1):
     ranges_m = observations.pseudorange_m.copy()
     ranges_m[first:, 0] += late_m
     observations = replace(observations, pseudorange_m=ranges_m)
-    return screened(*fix_and_geometry(observations, records.navigation, multipath_sigma_m=1.0))
+    return screened(*fix_and_geometry(observations, records.navigation, multipath_sigma_m=1.0), **options)
 
 
 @pytest.mark.parametrize("sats", [4, 5, 8])
@@ -44,3 +44,11 @@ def test_as_few_satellites_as_unknowns_fit_anywhere_and_are_believed_on_the_eart
     assert (fix.status[20:] == 5).all()
     assert np.isnan(fix.position_ecef_m[20:]).all()
     assert not fix.status[:20].any()
+
+
+def test_a_receiver_that_does_not_look_at_its_residuals_shows_them_on_the_earth():
+    fix = fix_of(8, late_m=500.0, first=20, with_misfits=True)
+    assert not fix.status.any()
+    assert np.isfinite(fix.position_ecef_m).all()
+    far = fix_of(8, late_m=1e6, first=20, with_misfits=True)
+    assert (far.status[20:] == 5).all()

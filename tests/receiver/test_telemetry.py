@@ -59,3 +59,28 @@ def test_memory_does_not_grow():
     state = feed(prompts(120, lead_periods=0, cn0_dbhz=40.0))
     assert state.bits.size <= tm.BITS_KEPT
     assert state.prompts.size < 2000
+
+
+# ---------------------------------------------------------------------- a time of week that is kept
+
+
+def test_a_time_of_week_that_fits_is_kept_while_the_message_cannot_be_read():
+    """Bits that a beat turns over at other places in each word: no subframe for longer than two."""
+    values = prompts(50, lead_periods=1313, cn0_dbhz=42.0)
+    known = feed(values[:12_000])
+    turned = np.where((np.arange(38_000) // 97) % 2, -1.0, 1.0)
+    state = known
+    for start in range(12_000, 50_000, 500):
+        state = tm.step(state, (values[12_000:] * turned)[start - 12_000 : start - 11_500], start)
+        assert state.tow_ms_at_period_0 == TOW_S * 1000 - 1313
+        assert tm.bit_start(state) == -(TOW_S * 1000 - 1313) % 20
+
+
+def test_a_time_of_week_is_dropped_once_bits_begin_elsewhere():
+    state = tm.Telemetry(tow_ms_at_period_0=TOW_S * 1000 - 4313)
+    values = prompts(3, lead_periods=4306, cn0_dbhz=40.0)  # no subframe begins in them
+    assert tm.bit_start(state) == 4313 % 20
+    state = tm.step(state, values, 0)
+    assert state.synchronised
+    assert state.tow_ms_at_period_0 is None
+    assert tm.bit_start(state) == 4306 % 20

@@ -16,6 +16,8 @@ __all__ = ["carries", "fix_of", "masked", "of_signals"]
 
 NEARLY_AS_MANY = 0.75
 """A band is not left for one that has a satellite more."""
+ORDINARY_ALARMS = 1e-3
+"""At which rate a receiver without protection looks for measurements to leave out."""
 
 
 def carries(log: ObservationLog, labels: Sequence[LabelledSignal], label: Label) -> Booleans:
@@ -51,11 +53,20 @@ def masked(observations: Observations, mask: Booleans) -> Observations:
 
 
 def fix_of(
-    observations: Observations, navigation: NavigationData, *, multipath_sigma_m: float, elevation_mask_deg: float
+    observations: Observations,
+    navigation: NavigationData,
+    *,
+    multipath_sigma_m: float,
+    elevation_mask_deg: float,
+    ordinary: bool = False,
 ) -> Fix | None:
     """The fix from all cells that are left, at each epoch of one kind of signal of each time scale; None without any.
 
     Epochs whose residuals fit no one position are no fix (`navigation.screen`).
+
+    ordinary : as a good receiver without protection makes it, which leaves measurements out that fit worst, and shows
+        what the rest gives whether it fits or not.
+
     Two signals of one transmission with the same label leave it open which is meant: neither is used.
     """
     usable = np.isfinite(observations.pseudorange_m)
@@ -74,8 +85,9 @@ def fix_of(
         signals=signals,
         multipath_sigma_m=multipath_sigma_m,
         elevation_mask_deg=elevation_mask_deg,
+        false_alarm_probability=ORDINARY_ALARMS if ordinary else None,
     )
-    return screened(*found)
+    return screened(*found, with_misfits=ordinary)
 
 
 def _one_kind_a_scale(signals: Sequence[SignalId], usable: Booleans) -> Booleans:

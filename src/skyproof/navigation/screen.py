@@ -19,8 +19,11 @@ HEIGHT_M = (-1e3, 40e3)
 NUMBERS = ("position_ecef_m", "velocity_ecef_m_s", "clock_bias_s", "clock_drift", "covariance_m2", "residual_m")
 
 
-def screened(fix: Fix, geometry: Geometry) -> Fix:
+def screened(fix: Fix, geometry: Geometry, *, with_misfits: bool = False) -> Fix:
     """The fix with the epochs emptied that are no fix.
+
+    with_misfits : keep epochs whose residuals fit no one position, wherever a receiver on Earth can be, as a receiver
+        shows them that does not look at its residuals.
 
     The sum of squared residuals over their sigmas is chi-square with as many degrees as there are satellites beyond the
     unknowns, if all of them fit one position. Without such a satellite anything fits: true and false signals mixed gave
@@ -31,9 +34,10 @@ def screened(fix: Fix, geometry: Geometry) -> Fix:
     unknowns = 3 + np.any(np.where(used[..., None], geometry.design[..., 3:], 0.0) != 0.0, axis=1).sum(axis=-1)
     dof = used.sum(axis=1) - unknowns
     squared = np.nansum(np.where(used, fix.residual_m / geometry.sigma_m, np.nan) ** 2, axis=1)
-    misfit = good & (dof > 0) & (chi_square_survival(squared, np.maximum(dof, 1)) < MISFIT_PROBABILITY)
+    redundant = (dof > 0) & (not with_misfits)
+    misfit = good & redundant & (chi_square_survival(squared, np.maximum(dof, 1)) < MISFIT_PROBABILITY)
     height_m = geodetic_from_ecef(np.where(good[:, None], fix.position_ecef_m, 6.4e6))[2]
-    off = good & (dof <= 0) & ((height_m < HEIGHT_M[0]) | (height_m > HEIGHT_M[1]))
+    off = good & ~redundant & ((height_m < HEIGHT_M[0]) | (height_m > HEIGHT_M[1]))
     status = np.where(misfit, FixStatus.MISFIT, np.where(off, FixStatus.OFF_EARTH, fix.status)).astype(np.uint8)
     bad = misfit | off
     if not bad.any():

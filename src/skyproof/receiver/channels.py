@@ -4,6 +4,7 @@ A channel proves itself before it gets a letter: that of a signal lost a moment 
 one of its satellite. Letters say nothing of authenticity.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -18,12 +19,14 @@ from skyproof.receiver import telemetry as tm
 from skyproof.receiver.polarity import Stretch
 from skyproof.records import SignalId
 
-__all__ = ["Arc", "Channel", "Gap", "LostSignal", "Place", "arc_of", "continued", "letter"]
+__all__ = ["Arc", "Channel", "Gap", "LostSignal", "Place", "arc_of", "continued", "letter", "lost_of", "tow_kept"]
 
 FORGET_S = 30.0
 """A lost signal that is found again within this time, near its old delay, keeps its letter."""
 GAP_VOTES = 3
-"""So many signals that come back with one common shift of delay say that samples are missing."""
+"""So many signals, at least, must come back with one common shift of delay to say that samples are missing."""
+FALSE_GAP_PROBABILITY: Final = 1e-3
+"""That signals which come back anywhere in the code share a shift by chance."""
 
 _ALIKE_CHIPS: Final = 0.5
 _HIGHEST_HZ: Final = 5e3  # of a satellite's Doppler
@@ -51,31 +54,45 @@ class Channel:
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Where a signal was: the delay of a code period's start after a moment of receiver time, and its Doppler."""
+    """Where a signal was: the delay of a code period's start after a moment of receiver time, and its Doppler.
+
+    period : which code period that is, counted since its channel began.
+    """
 
     at_s: float
     delay_s: float
     doppler_hz: float
+    period: int = 0
 
     def delay_at_s(self, at_s: float, signal: SignalDescription) -> float:
         """The delay carried by its Doppler to another moment."""
         return self.delay_s - self.doppler_hz / signal.carrier_hz * (at_s - self.at_s)
 
+    def periods_to(self, later: "Place", signal: SignalDescription) -> int:
+        """Code periods from this one's start to the other's, of one signal that went on between."""
+        away_s = (later.at_s - self.at_s) + (later.delay_s - self.delay_s)
+        doppler_hz = 0.5 * (self.doppler_hz + later.doppler_hz)
+        return round(away_s * (1.0 + doppler_hz / signal.carrier_hz) / signal.period_s)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LostSignal:
-    """A confirmed signal that is not tracked at the moment."""
+    """A confirmed signal that is not tracked at the moment.
+
+    tow_ms : time of week at which the code period of `place` was sent; None where it was not read.
+    """
 
     sat: str
     copy: str
     found_s: float
     missed_s: float
     place: Place
+    tow_ms: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gap:
-    """Samples that are missing: the carriers of all signals jumped at once, or they came back with one shift of code.
+    """Samples that are missing: the data bits of all signals moved at once, or they came back with one shift of code.
 
     shift_s : of the code's delay, modulo a code period; that many seconds less are missing, modulo the same.
     missing_s : roughly, by how far the satellites moved meanwhile; 0 where that is too little to tell.
@@ -118,13 +135,40 @@ def arc_of(channel: Channel, signal: SignalDescription) -> Arc:
     )
 
 
+def lost_of(channel: Channel, place: Place) -> LostSignal:
+    """A confirmed channel as a lost signal, last seen there."""
+    assert channel.copy is not None
+    began_ms = channel.telemetry.tow_ms_at_period_0
+    return LostSignal(
+        sat=channel.sat,
+        copy=channel.copy,
+        found_s=channel.found_s,
+        missed_s=channel.missed_s,
+        place=place,
+        tow_ms=None if began_ms is None else began_ms + place.period,
+    )
+
+
+def tow_kept(old: LostSignal, place: Place, signal: SignalDescription) -> int | None:
+    """Time of week at code period 0 of the channel that goes on with a lost signal from `place`: code periods go on
+    through a fade. Whether data bits still begin where that time has them is seen once they are found.
+    """
+    if old.tow_ms is None:
+        return None
+    return old.tow_ms + old.place.periods_to(place, signal) - place.period
+
+
 def continued(
-    lost: Sequence[LostSignal], found: Sequence[tuple[str, Place]], signal: SignalDescription
+    lost: Sequence[LostSignal],
+    found: Sequence[tuple[str, Place]],
+    signal: SignalDescription,
+    held: Sequence[tuple[float, Place]] = (),
 ) -> tuple[list[LostSignal | None], Gap | None]:
     """Which lost signal each of the found ones (satellite, place) goes on with.
 
     One goes on with the other if their delays agree after the time between. Where they do not, but those of several
-    satellites do once the same time is taken to be missing, samples are.
+    satellites do once the same time is taken to be missing, samples are: unless as many signals were held all the time
+    (since when, and their place), whose codes that would have thrown off.
     """
     matches: list[LostSignal | None] = [None] * len(found)
     free = list(lost)
@@ -151,6 +195,13 @@ def continued(
         return matches, None
     shift, missing_s = common
     gone_s = max(old.place.at_s for old in free)
+    against = sum(
+        abs(_wrapped(_shift_chips(place, place, signal, missing_s) - shift, signal)) > _ALIKE_CHIPS
+        for since_s, place in held
+        if since_s < gone_s
+    )
+    if against >= GAP_VOTES:
+        return matches, None
     count = match(shift, missing_s)
     return matches, Gap(elapsed_s=gone_s, shift_s=shift / signal.chip_rate_hz, signals=count, missing_s=missing_s)
 
@@ -159,7 +210,7 @@ def _common_shift(pairs: Sequence[tuple[LostSignal, Place]], signal: SignalDescr
     """The shift of code (chips) that most satellites share, and the missing time (s) that makes them share it.
 
     Missing time shifts all codes alike, and each by its own range rate besides: half a chip in 0.15 s at 5 kHz. The
-    shortest is taken, for without need none is reported. None if fewer than `GAP_VOTES` satellites share one.
+    shortest is taken, for without need none is reported. None if fewer satellites share one than `_votes_needed`.
     """
     sats = np.array([old.sat for old, _ in pairs])
     steps_s = np.arange(0.0, FORGET_S, 0.5 * _ALIKE_CHIPS * signal.carrier_hz / signal.chip_rate_hz / _HIGHEST_HZ)
@@ -170,7 +221,7 @@ def _common_shift(pairs: Sequence[tuple[LostSignal, Place]], signal: SignalDescr
         votes[i] = sum(alike[sats == sat].any(axis=0) for sat in np.unique(sats))
     step = int(np.argmax(votes.max(axis=0)))
     best = int(np.argmax(votes[:, step]))
-    if votes[best, step] < GAP_VOTES:
+    if votes[best, step] < _votes_needed(np.unique(sats).size, step + 1, signal):
         return None
     apart = _wrapped(shifts[:, step] - shifts[best, step], signal)
     alike = np.abs(apart) < _ALIKE_CHIPS
@@ -180,6 +231,17 @@ def _common_shift(pairs: Sequence[tuple[LostSignal, Place]], signal: SignalDescr
     design = np.stack([np.ones(int(alike.sum())), -rates[alike]], axis=1)
     (further, later_s), *_ = np.linalg.lstsq(design, apart[alike], rcond=None)
     return float(shifts[best, step] + further), float(steps_s[step] + later_s)
+
+
+def _votes_needed(n_sats: int, n_steps: int, signal: SignalDescription) -> int:
+    """How many of the satellites must share a shift so that delays anywhere in the code do by chance, at any of the
+    first steps, with `FALSE_GAP_PROBABILITY` at most (the union over all choices of them).
+    """
+    alike = 2.0 * _ALIKE_CHIPS / signal.code_length
+    votes = GAP_VOTES
+    while votes < n_sats and n_steps * math.comb(n_sats, votes) * alike ** (votes - 1) > FALSE_GAP_PROBABILITY:
+        votes += 1
+    return votes
 
 
 @overload

@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Floats, Reals
 from skyproof.gnss.lnav import Subframe, decode_how, decode_subframe, find_subframes
+from skyproof.receiver.bit_edges import PERIODS_PER_BIT, EdgeSums, add_bits, edge_scores, shift_limit
 from skyproof.receiver.polarity import Stretch, joined, stretches_of
 
-PERIODS_PER_BIT = 20
+FALSE_REFUTATION = 1e-6
+"""Probability that bits which begin where the time of week has them are taken for others."""
 BIT_SYNC_PERIODS = 1500
 """Code periods looked at to find where bits begin: some 35 transitions, enough down to 28 dB-Hz."""
 BITS_PER_SUBFRAME = 300
@@ -25,7 +27,8 @@ class Telemetry:
     prompts : in-phase prompts not yet made into bits; the first one is that of code period `prompts_period`.
     bits : the latest bits, 0 or 1, polarity unknown; the first begins with code period `bits_period`.
     due_bits : so many bits make the next subframe whole; None while none is found.
-    tow_ms_at_period_0 : time of week at which the satellite sent the start of code period 0; None until decoded.
+    tow_ms_at_period_0 : time of week at which the satellite sent the start of code period 0; None until decoded. It is
+        kept through a fade, and while bits are sought anew, as long as it fits where they begin.
     subframes : the latest of each kind: 1, 2, 3, and page 18 of 4 as 4.
     stretches : where it is known whether the bits came inverted.
     """
@@ -61,8 +64,25 @@ def bit_energy(prompts: Floats) -> Reals:
     return energy
 
 
+def bit_start(telemetry: Telemetry) -> int | None:
+    """Code period, modulo those of a bit, with which bits begin; None while that is not known."""
+    if telemetry.synchronised:
+        return telemetry.bits_period % PERIODS_PER_BIT
+    if telemetry.tow_ms_at_period_0 is not None:
+        return -telemetry.tow_ms_at_period_0 % PERIODS_PER_BIT
+    return None
+
+
 def _synchronise(telemetry: Telemetry) -> Telemetry:
+    """Bits begin where their energy is largest, or where a known time of week has them unless that is refuted."""
+    known = bit_start(telemetry)
     offset = int(np.argmax(bit_energy(telemetry.prompts)))
+    if known is not None:
+        expected = (known - telemetry.prompts_period) % PERIODS_PER_BIT
+        if offset == expected or not _refuted(telemetry.prompts, expected):
+            offset = expected
+        else:
+            telemetry = replace(telemetry, tow_ms_at_period_0=None, stretches=())
     return replace(
         telemetry,
         synchronised=True,
@@ -71,6 +91,14 @@ def _synchronise(telemetry: Telemetry) -> Telemetry:
         bits=np.empty(0, np.int8),
         bits_period=telemetry.prompts_period + offset,
     )
+
+
+def _refuted(prompts: Floats, offset: int) -> bool:
+    """Whether bits that begin at period `offset` are refuted by others that fit better."""
+    sums = add_bits(
+        EdgeSums(since_s=0.0), prompts[None].astype(np.complex128), np.zeros(1, np.int64), np.array([float(offset)])
+    )
+    return bool(np.max(edge_scores(sums)) > shift_limit(FALSE_REFUTATION))
 
 
 def _make_bits(telemetry: Telemetry) -> Telemetry:
@@ -108,8 +136,12 @@ def _decode(telemetry: Telemetry, n_before: int) -> Telemetry:
         subframe = decode_subframe(telemetry.bits[start:end]) if end <= n else None
         if subframe is not None and (subframe.id < 4 or "alpha0" in subframe.fields):
             subframes[subframe.id] = subframe
-    if n >= BITS_KEPT and due_bits is None:  # two subframes' time without one: bits do not begin where we think
-        return Telemetry()
+    if n >= BITS_KEPT and due_bits is None:  # two subframes' time without one: bits may not begin where we think
+        return Telemetry(
+            tow_ms_at_period_0=telemetry.tow_ms_at_period_0,
+            subframes=telemetry.subframes,
+            stretches=telemetry.stretches,
+        )
     known = telemetry.stretches if tow_ms == telemetry.tow_ms_at_period_0 else ()
     found = stretches_of(telemetry.bits, starts[0], telemetry.bits_period) if starts else ()
     telemetry = replace(

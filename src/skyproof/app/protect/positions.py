@@ -71,6 +71,7 @@ class Positions:
                 self.orbits,
                 multipath_sigma_m=self.settings.multipath_sigma_m,
                 elevation_mask_deg=self.settings.elevation_mask_deg,
+                ordinary=kind == "unprotected",
             )
             if found is None:
                 continue

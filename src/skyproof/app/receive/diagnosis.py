@@ -76,8 +76,8 @@ def gap_remarks(gaps: Sequence[Gap], period_s: float) -> tuple[str, ...]:
 def _told(gap: Gap, period_s: float) -> str:
     if gap.shift_s == 0.0:
         return (
-            f"the carriers of {gap.signals} signals jumped at once near {gap.elapsed_s:.1f} s: whole code periods of "
-            "samples may be missing there; time was read anew after it"
+            f"whole code periods of samples are missing near {gap.elapsed_s:.1f} s: data bits or carriers of "
+            f"{gap.signals} signals moved at once by what that makes of them; time was read anew after it"
         )
     missing_ms = (-gap.shift_s % period_s) * 1e3
     about = "" if gap.missing_s < 0.5 else f", by the satellites' motion about {gap.missing_s:.1f} s in all"

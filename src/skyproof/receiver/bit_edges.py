@@ -1,0 +1,91 @@
+"""Do data bits begin where they are thought to, or do they all begin so many code periods earlier?
+
+Samples that are missing move the bits of all signals by the same number of code periods. Fades, slips and a second
+signal move none. For each bit the energy of its sum is compared with that of the nearest sum which begins so many
+periods earlier, modulo a bit, as a share of both, so that no strong bit counts for more than a weak one. With bits as
+they are thought the mean of that is negative where the bit turns over and zero where it does not, whatever the signal's
+strength and phase and whatever else disturbs both sums alike. So the mean over all bits of all signals, over its
+standard error, exceeds a normal quantile with at most the stated probability.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import stats
+
+from skyproof.arrays import Complexes, Integers, Reals
+from skyproof.gnss.signals import GPS_L1_CA
+
+__all__ = ["PERIODS_PER_BIT", "EdgeSums", "add_bits", "edge_scores", "shift_limit"]
+
+PERIODS_PER_BIT = GPS_L1_CA.periods_per_symbol
+_SHIFTS = np.arange(1, PERIODS_PER_BIT)
+_HALF = PERIODS_PER_BIT // 2
+_AWAY = np.concatenate([[0], np.where(_SHIFTS > _HALF, PERIODS_PER_BIT - _SHIFTS, -_SHIFTS)])
+"""Periods from a bit's sum to those it is compared with: the nearest that are moved so, as a beat changes both."""
+_FEWEST_BITS = 15
+"""The mean of fewer differences is not normal enough."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EdgeSums:
+    """Differences of energy so far: sums (19,) over `n_bits` bits, for bits that begin 1, 2, ... 19 periods earlier.
+
+    since_s : receiver time of the look that asked for it; is_fresh : when nothing had asked for a while. looks : taken
+    since.
+    """
+
+    since_s: float
+    is_fresh: bool = False
+    looks: int = 0
+    n_bits: int = 0
+    total: Reals = field(default_factory=lambda: np.zeros(_SHIFTS.size))
+    squares: Reals = field(default_factory=lambda: np.zeros(_SHIFTS.size))
+
+
+def add_bits(sums: EdgeSums, prompts: Complexes, first_periods: Integers, bit_starts: Reals) -> EdgeSums:
+    """One more look.
+
+    prompts : (n_signals, n_periods) of successive code periods, of each signal from `first_periods` (n_signals,) on.
+    bit_starts : (n_signals,) period, modulo 20, with which its bits are thought to begin.
+    """
+    difference = _differences(prompts, np.mod(bit_starts - first_periods, PERIODS_PER_BIT).astype(np.int64))
+    return replace(
+        sums,
+        looks=sums.looks + 1,
+        n_bits=sums.n_bits + difference.shape[0],
+        total=sums.total + difference.sum(axis=0),
+        squares=sums.squares + (difference**2).sum(axis=0),
+    )
+
+
+def _differences(prompts: Complexes, offsets: Integers) -> Reals:
+    """(n_bits, 19): energy of each bit's sum moved, less that of the sum itself, over the sum of both."""
+    offsets = np.where(offsets < _HALF, offsets + PERIODS_PER_BIT, offsets)  # what begins earliest must be there
+    stop = prompts.shape[1] - PERIODS_PER_BIT - _HALF + 2  # and what ends last
+    first = np.arange(0, max(stop - int(offsets.max(initial=0)), 0), PERIODS_PER_BIT)
+    begins = offsets[:, np.newaxis, np.newaxis] + first[:, np.newaxis] + _AWAY
+    summed = np.concatenate([np.zeros((prompts.shape[0], 1)), np.cumsum(prompts, axis=1)], axis=1)
+    of_signal = np.arange(prompts.shape[0])[:, np.newaxis, np.newaxis]
+    energy = np.abs(summed[of_signal, begins + PERIODS_PER_BIT] - summed[of_signal, begins]) ** 2
+    moved, still = energy[..., 1:], energy[..., :1]
+    both = moved + still
+    difference = np.divide(moved - still, both, out=np.zeros_like(both), where=both > 0.0)
+    return np.asarray(difference.reshape(-1, _SHIFTS.size))
+
+
+def edge_scores(sums: EdgeSums) -> Reals:
+    """(19,) mean difference over its standard error for each shift; zero with too few bits to tell.
+
+    Standard normal or lower where bits begin as they are thought to.
+    """
+    if sums.n_bits < _FEWEST_BITS:
+        return np.zeros(_SHIFTS.size)
+    mean = sums.total / sums.n_bits
+    variance = np.maximum(sums.squares / sums.n_bits - mean**2, np.finfo(float).tiny)
+    return np.asarray(mean / np.sqrt(variance / sums.n_bits))
+
+
+def shift_limit(probability: float) -> float:
+    """What the largest of the scores exceeds with at most this probability where no bit moved."""
+    return float(stats.norm.isf(probability / _SHIFTS.size))

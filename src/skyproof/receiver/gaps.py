@@ -1,0 +1,167 @@
+"""Are samples missing? Code, carriers and data bits of all signals decide together.
+
+n missing code periods leave all codes where they are, turn each carrier by its frequency times the time that is
+missing, and move all data bits by n periods. Whether bits moved is looked at with every row of measurements
+(`bit_edges`). Where they did not, whole bits may be missing: carriers that jump together, as fades, slips and a second
+signal in the beam make them do, too, raise that question, and whether they turned by what it predicts answers it. Time
+that is no whole number of periods throws all codes off: `channels.continued` sees signals come back with one shift.
+
+Carriers are known modulo half a cycle, as bits turn them. Where nothing is missing, their turns are what fades made
+them, anything; the likelihood ratio of what whole missing bits predict, averaged over an unknown turn of the
+oscillator that is common to all, has then the mean 1 whatever is missing. So by Markov's inequality it exceeds N/p for
+any of N candidates with probability p at most.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Reals
+from skyproof.receiver import coasting
+from skyproof.receiver import kernels as k
+from skyproof.receiver import measurement as m
+from skyproof.receiver.bit_edges import PERIODS_PER_BIT, EdgeSums, add_bits, edge_scores, shift_limit
+from skyproof.receiver.channels import GAP_VOTES, Gap
+from skyproof.receiver.crosstalk import Rows
+from skyproof.receiver.settings import ReceiverSettings
+from skyproof.receiver.state import ReceiverState
+
+__all__ = ["Look", "looked_for_gap", "turn_ratio"]
+
+JUMP_SIGMAS = 6.0
+MOST_VOTES: Final = 0.7
+"""Of the signals measured, whose carriers must have jumped to raise the question."""
+MOST_LOOKS: Final = 5
+DOUBT_SCORE: Final = 2.0
+"""While bits fit so much better elsewhere, no measurement is given; where they fit so much worse, they did not move."""
+FRESH_S: Final = 2.0
+"""Carriers that jump together again within this time do what they did before: their row is given."""
+LATELY_FRAMES: Final = 4
+"""Before bits are seen to have moved they did: one row of measurements tells it mostly."""
+QUIET_WITHIN_S: Final = 0.3
+FALSE_TURN_PROBABILITY: Final = 1e-4
+MOST_BITS_MISSING: Final = 16
+"""Without bits that move. After more the carriers' turns are no longer predicted."""
+TURN_SIGMA_CYC: Final = 0.01
+"""Of a carrier over two rows of measurements beside what they state: its Doppler does not change quite evenly."""
+_TURNS_CYC: Final = np.arange(0.0, 0.5, 0.0025)
+
+
+_COLUMNS: Final = [k.OUT_PERIOD, k.OUT_TAPS + 2, k.OUT_TAPS + 3]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Look:
+    """What one row of measurements says. gap : samples that are missing. withheld : the row may be of the other side of
+    a gap; untimed : so may all that comes until a time of week is read."""
+
+    gap: Gap | None = None
+    withheld: bool = False
+    untimed: bool = False
+
+
+def looked_for_gap(
+    state: ReceiverState,
+    table: Reals,
+    good: Booleans,
+    blocks: tuple[Rows, Rows],
+    elapsed_s: float,
+    settings: ReceiverSettings,
+    if_hz: float,
+) -> tuple[Look, ReceiverState]:
+    """Take one row of measurements (n_channels, N_COLUMNS), those of `good` channels, made of two frames' blocks."""
+    jumped = good & (table[:, m.JUMP] > JUMP_SIGMAS)
+    asks = bool(jumped.sum() >= GAP_VOTES and jumped.sum() > MOST_VOTES * good.sum())
+    known = good & (state.loops[:, k.BIT_START] >= 0.0)
+    moved, gap, doubts = state.moved, None, False
+    if moved is not None:
+        moved = _with_bits(moved, state, known, blocks)
+        score = float(np.max(edge_scores(moved)))
+        doubts = score > DOUBT_SCORE
+        if score > shift_limit(settings.false_gap_probability):
+            lately_s = elapsed_s - LATELY_FRAMES * settings.frame_s
+            gap = Gap(elapsed_s=max(moved.since_s, lately_s), shift_s=0.0, signals=int(known.sum()))
+        elif score < -DOUBT_SCORE:
+            if moved.is_fresh and moved.looks == 1:
+                gap = _bits_missing(state, table, good & ~jumped, elapsed_s, moved.since_s, if_hz)
+            moved = None
+        elif moved.looks >= MOST_LOOKS:
+            moved, doubts = None, False
+    if gap is not None:
+        return Look(gap=gap), replace(state, moved=None, asked_s=elapsed_s)
+    if not asks:
+        state = replace(state, moved=moved or EdgeSums(since_s=elapsed_s))
+        return Look(withheld=doubts), _with_quiet_row(state, table, good, elapsed_s)
+    fresh = elapsed_s - state.asked_s > FRESH_S
+    if moved is None:
+        moved = EdgeSums(since_s=elapsed_s, is_fresh=fresh)
+        # What came after the row's moment: whether the row is of the other side already.
+        doubts = bool(np.max(edge_scores(_with_bits(moved, state, known, blocks[1:]))) > DOUBT_SCORE)
+    untimed = fresh and bool(known.sum() < GAP_VOTES)
+    return Look(withheld=fresh or doubts, untimed=untimed), replace(state, moved=moved, asked_s=elapsed_s)
+
+
+def _with_quiet_row(state: ReceiverState, table: Reals, good: Booleans, elapsed_s: float) -> ReceiverState:
+    courses = state.courses.copy()
+    courses[good, coasting.QUIET_S] = elapsed_s
+    courses[good, coasting.QUIET_CYC] = table[good, m.CARRIER_CYC]
+    courses[good, coasting.QUIET_HZ] = table[good, m.DOPPLER_HZ]
+    return replace(state, courses=courses)
+
+
+def _with_bits(moved: EdgeSums, state: ReceiverState, known: Booleans, blocks: Sequence[Rows]) -> EdgeSums:
+    """One more look at the bits of the channels that know where theirs begin."""
+    counts = [count[known] for _, count in blocks]
+    n_periods = int(np.sum(counts, axis=0).min(initial=10**6)) if known.any() else 0
+    at = np.broadcast_to(np.arange(n_periods), (int(known.sum()), n_periods))
+    values = np.zeros((*at.shape, 3))
+    before = np.zeros((at.shape[0], 1), np.int64)
+    for (rows, _), count in zip(blocks, counts, strict=True):
+        columns = rows[known][:, :, _COLUMNS]
+        here = (at >= before) & (at < before + count[:, np.newaxis])
+        own = np.clip(at - before, 0, rows.shape[1] - 1)
+        values = np.where(here[..., np.newaxis], np.take_along_axis(columns, own[..., np.newaxis], axis=1), values)
+        before = before + count[:, np.newaxis]
+    if n_periods == 0:
+        return moved
+    firsts = np.rint(values[:, 0, 0]).astype(np.int64)
+    return add_bits(moved, values[..., 1] + 1j * values[..., 2], firsts, state.loops[known, k.BIT_START])
+
+
+def _bits_missing(
+    state: ReceiverState, table: Reals, quiet: Booleans, elapsed_s: float, since_s: float, if_hz: float
+) -> Gap | None:
+    """Whether whole data bits are missing between the last row before all carriers jumped and this one, of the channels
+    that are quiet in both.
+    """
+    quiet &= state.courses[:, coasting.QUIET_S] > since_s - QUIET_WITHIN_S
+    if quiet.sum() < GAP_VOTES:
+        return None
+    now, before = table[quiet], state.courses[quiet]
+    away_s = elapsed_s - before[:, coasting.QUIET_S]
+    mean_hz = 0.5 * (now[:, m.DOPPLER_HZ] + before[:, coasting.QUIET_HZ])
+    turn_cyc = before[:, coasting.QUIET_CYC] - now[:, m.CARRIER_CYC] - mean_hz * away_s
+    variance = (
+        2.0 * now[:, m.CARRIER_SIGMA_CYC] ** 2 + 0.5 * (now[:, m.DOPPLER_SIGMA_HZ] * away_s) ** 2 + TURN_SIGMA_CYC**2
+    )
+    bit_s = PERIODS_PER_BIT * 1e-3
+    predicted_cyc = (if_hz + mean_hz) * bit_s * np.arange(1, MOST_BITS_MISSING + 1)[:, np.newaxis]
+    ratios = turn_ratio(turn_cyc - predicted_cyc, np.sqrt(variance))
+    if np.max(ratios) < MOST_BITS_MISSING / FALSE_TURN_PROBABILITY:
+        return None
+    return Gap(elapsed_s=since_s, shift_s=0.0, signals=int(quiet.sum()))
+
+
+def turn_ratio(apart_cyc: Reals, sigma_cyc: Reals) -> Reals:
+    """Likelihood ratio of candidates (n_candidates,): carriers turned as predicted, or by anything.
+
+    apart_cyc : (n_candidates, n_signals) turn beyond the predicted one, modulo half a cycle. sigma_cyc : (n_signals,).
+
+    A turn that all have in common is averaged over.
+    """
+    rest = apart_cyc[:, np.newaxis, :] - _TURNS_CYC[:, np.newaxis]
+    rest = rest - 0.5 * np.rint(2.0 * rest)
+    density = np.exp(-0.5 * (rest / sigma_cyc) ** 2) / (np.sqrt(2.0 * np.pi) * sigma_cyc) / 2.0
+    return np.asarray(np.mean(np.prod(density, axis=-1), axis=-1))

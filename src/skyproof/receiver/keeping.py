@@ -1,0 +1,266 @@
+"""Which channels stay, which signal each one is, and where arcs end."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Reals
+from skyproof.gnss.signals import SignalDescription
+from skyproof.receiver import coasting
+from skyproof.receiver import kernels as k
+from skyproof.receiver import measurement as m
+from skyproof.receiver import telemetry as tm
+from skyproof.receiver.channels import (
+    FORGET_S,
+    Arc,
+    Began,
+    Channel,
+    Gap,
+    LostSignal,
+    Place,
+    arc_of,
+    continued,
+    letter,
+    lost_of,
+    tow_kept,
+)
+from skyproof.receiver.grids import Grids
+from skyproof.receiver.joining import Components
+from skyproof.receiver.lock import lock_threshold
+from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.settings import LOCK_FRAMES, TELEMETRY_FRAMES, ReceiverSettings
+from skyproof.receiver.state import ReceiverState, kept, place_of
+
+__all__ = ["Given", "confirmed", "dropped", "end_diverged_arcs", "forget_time", "holds", "messages_read"]
+
+MERGE_HZ = 100.0
+BRIEF_ERROR = 1e-2
+"""A short look at the lock may err more often: it decides on one row of measurements, not on the channel."""
+
+
+@dataclass(kw_only=True)
+class Given:
+    """What a step gives, as it comes together frame by frame."""
+
+    measured: list[Measurements]
+    arcs: dict[int, Arc] = field(default_factory=dict)
+    gaps: list[Gap] = field(default_factory=list)
+    grids: list[Grids] = field(default_factory=list)
+    components: list[Components] = field(default_factory=list)
+
+
+def holds(state: ReceiverState, n_frames: int, settings: ReceiverSettings) -> Booleans:
+    """Whether each channel holds its signal, by its last `n_frames` frames (fewer if it is younger, or came back)."""
+    value, prompts = state.lock[:, -n_frames:, 0], state.lock[:, -n_frames:, 1]
+    there = ~np.isnan(value)
+    frames = np.maximum(there.sum(axis=1), 1)
+    mean_value = np.sum(value, axis=1, where=there) / frames
+    mean_prompts = np.maximum(np.sum(prompts, axis=1, where=there) / frames, 1.0)
+    error = settings.false_hold_probability if n_frames == LOCK_FRAMES else BRIEF_ERROR
+    return np.asarray(mean_value > lock_threshold(mean_prompts, frames, error))
+
+
+# ---------------------------------------------------------------------- arcs
+
+
+def forget_time(
+    state: ReceiverState, signal: SignalDescription, given: Given, *, before_s: float = math.inf
+) -> ReceiverState:
+    """New arcs for all channels that began before, with bits and time of week to be found anew: samples that are
+    missing shift both by the same time, of which only a part is known. An arc's time, once read, holds from its
+    beginning.
+    """
+    channels, loops, last_phases = list(state.channels), state.loops.copy(), state.last_phases.copy()
+    number = state.next_arc
+    for i, channel in enumerate(channels):
+        if channel.began_s >= before_s:
+            continue
+        loops[i, k.BIT_START] = -1.0
+        loops[i, [k.RESIDUAL, k.CODE_MINUS_CARRIER]] = np.nan
+        last_phases[i] = np.nan
+        if channel.copy is not None:
+            channel = _new_arc(channel, number, "after a gap", signal, given)
+            number += 1
+        channels[i] = replace(channel, telemetry=tm.Telemetry())
+    return replace(state, channels=tuple(channels), loops=loops, last_phases=last_phases, next_arc=number)
+
+
+def end_diverged_arcs(
+    state: ReceiverState, table: Reals, good: Booleans, elapsed_s: float, settings: ReceiverSettings, given: Given
+) -> ReceiverState:
+    """End the arc of a channel whose code has left its carrier: it was pulled to another signal's peak.
+
+    On one signal code minus carrier moves with the ionosphere only, millimetres a second.
+    """
+    signal = settings.signal
+    loops, channels = state.loops.copy(), list(state.channels)
+    code_s = table[:, m.PERIODS] * signal.period_s - elapsed_s + table[:, m.FRACTION_S]
+    apart_s = code_s + table[:, m.CARRIER_CYC] / signal.carrier_hz
+    reference = loops[:, k.CODE_MINUS_CARRIER]
+    limit_s = np.maximum(settings.pulled_chips / signal.chip_rate_hz, 6.0 * table[:, m.CODE_SIGMA_S])
+    new = good & ~np.isfinite(reference)
+    pulled = good & (np.abs(apart_s - reference) > limit_s)
+    loops[good, k.CODE_MINUS_CARRIER] += 0.02 * (apart_s - reference)[good]
+    loops[new | pulled, k.CODE_MINUS_CARRIER] = apart_s[new | pulled]
+    number = state.next_arc
+    for i in np.flatnonzero(pulled):
+        if channels[i].copy is not None:
+            channels[i] = _new_arc(channels[i], number, "pulled away", signal, given)
+            number += 1
+    return replace(state, loops=loops, channels=tuple(channels), next_arc=number)
+
+
+def messages_read(state: ReceiverState, settings: ReceiverSettings, given: Given) -> ReceiverState:
+    """Telemetry every few frames, of channels past their pull-in; tells the loops where bits begin.
+
+    A time of week that moves against the code periods counted means that samples are missing: a new arc.
+    """
+    if (state.frame + 1) % TELEMETRY_FRAMES:
+        return state
+    now_s = (state.frame + 1) * settings.frame_s
+    channels, loops = list(state.channels), state.loops.copy()
+    prompts = list(state.prompts)
+    number = state.next_arc
+    for i, channel in enumerate(channels):
+        new = np.concatenate(prompts[i])
+        prompts[i] = ()
+        if new.size == 0 or now_s - channel.began_s <= settings.pull_in_s:
+            continue
+        first = int(loops[i, k.PERIODS]) - new.size
+        known_ms = channel.telemetry.tow_ms_at_period_0
+        telemetry = tm.step(channel.telemetry, new, first)
+        begins = tm.bit_start(telemetry)
+        loops[i, k.BIT_START] = -1.0 if begins is None else begins
+        if channel.copy is not None and known_ms is not None and known_ms != telemetry.tow_ms_at_period_0:
+            channel = _new_arc(channel, number, "after a gap", settings.signal, given)
+            number += 1
+        channels[i] = replace(channel, telemetry=telemetry)
+    return replace(state, channels=tuple(channels), loops=loops, prompts=tuple(prompts), next_arc=number)
+
+
+def _new_arc(channel: Channel, number: int, began: Began, signal: SignalDescription, given: Given) -> Channel:
+    """The channel in a new arc; the one before is given as it ended."""
+    given.arcs[channel.arc] = arc_of(channel, signal)
+    return replace(channel, arc=number, began=began)
+
+
+# ---------------------------------------------------------------------- which channels stay
+
+
+def confirmed(state: ReceiverState, settings: ReceiverSettings, given: Given) -> ReceiverState:
+    """Give channels that have proved themselves a letter: that of a signal that was lost, or is coasted for, and that
+    they continue, or the next one.
+    """
+    if all(channel.copy is not None for channel in state.channels):
+        return state
+    end_s = (state.frame + 1) * settings.frame_s
+    held = holds(state, LOCK_FRAMES, settings)
+    due = [
+        i
+        for i, channel in enumerate(state.channels)
+        if channel.copy is None and held[i] and end_s - channel.began_s >= settings.confirm_s - 1e-9
+    ]
+    if not due:
+        return state
+    places = [(state.channels[i].sat, place_of(state.locked_at[i])) for i in due]
+    coasted = _coasted(state)
+    still = [
+        (channel.began_s, place_of(state.locked_at[i]))
+        for i, channel in enumerate(state.channels)
+        if channel.copy is not None and held[i]
+    ]
+    matches, gap = continued((*state.lost, *coasted.values()), places, settings.signal, still)
+    letters, channels = dict(state.letters), list(state.channels)
+    for i, old, (_, place) in zip(due, matches, places, strict=True):
+        channels[i] = _as_signal(channels[i], old, place, letters, settings.signal, goes_on=gap is None)
+    lost = tuple(old for old in state.lost if not any(old is match for match in matches))
+    state = replace(state, channels=tuple(channels), letters=letters, lost=lost)
+    taken = {i for i, old in coasted.items() if any(old is match for match in matches)}
+    for i in taken:
+        given.arcs[state.channels[i].arc] = arc_of(state.channels[i], settings.signal)
+    state = kept(state, [i for i in range(len(state.channels)) if i not in taken])
+    if gap is None:
+        return state
+    given.gaps.append(gap)
+    return forget_time(state, settings.signal, given, before_s=gap.elapsed_s)
+
+
+def _as_signal(
+    channel: Channel,
+    old: LostSignal | None,
+    place: Place,
+    letters: dict[str, int],
+    signal: SignalDescription,
+    *,
+    goes_on: bool,
+) -> Channel:
+    """A channel with its letter. goes_on : whether code periods were counted on since the old signal was lost."""
+    if old is None:
+        number = letters.get(channel.sat, 0)
+        letters[channel.sat] = number + 1
+        return replace(channel, copy=letter(number))
+    telemetry = channel.telemetry
+    if goes_on and not telemetry.synchronised:
+        telemetry = replace(telemetry, tow_ms_at_period_0=tow_kept(old, place, signal))
+    return replace(
+        channel, copy=old.copy, found_s=old.found_s, missed_s=old.missed_s, began="found again", telemetry=telemetry
+    )
+
+
+def _coasted(state: ReceiverState) -> Mapping[int, LostSignal]:
+    """The channels that coast, as signals that may be found elsewhere."""
+    coast = np.flatnonzero(np.isfinite(state.courses[:, coasting.SINCE_S]))
+    return {
+        i: lost_of(state.channels[i], place_of(state.locked_at[i]))
+        for i in coast.tolist()
+        if state.channels[i].copy is not None
+    }
+
+
+def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, given: Given) -> ReceiverState:
+    """Let go of channels that never locked, lost lock, or fell on the signal of another channel.
+
+    A confirmed channel whose signal has faded is kept for `coast_s`, and for as long as a lock takes to be judged after
+    that.
+
+    delays_s : (n_channels,) of a code period's start after the frame's end.
+    """
+    end_s = (state.frame + 1) * settings.frame_s
+    held = holds(state, LOCK_FRAMES, settings)
+    doubles = _doubles(state, delays_s, settings)
+    lost = tuple(old for old in state.lost if end_s - old.place.at_s < FORGET_S)
+    if held.all() and not doubles:
+        return replace(state, lost=lost) if lost != state.lost else state
+    judged = ~np.isnan(state.lock[:, :, 0]).any(axis=1)
+    lasts = ~judged & (end_s - state.locked_at[:, 0] < settings.coast_s)
+    stay: list[int] = []
+    for i, channel in enumerate(state.channels):
+        is_young = end_s - channel.began_s < settings.confirm_s - 1e-9
+        if i not in doubles and (is_young or held[i] or (channel.copy is not None and lasts[i])):
+            stay.append(i)
+        elif channel.copy is not None:
+            given.arcs[channel.arc] = arc_of(channel, settings.signal)
+            lost = (*lost, lost_of(channel, place_of(state.locked_at[i])))
+    return replace(kept(state, stay), lost=lost)
+
+
+def _doubles(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings) -> set[int]:
+    """Channels that follow the signal of another one of their satellite, which has the better right to it: it was
+    not pulled there, or is older.
+    """
+    signal, hz = settings.signal, state.loops[:, k.FREQUENCY].tolist()
+    of_sat: dict[str, list[int]] = {}
+    for i, channel in enumerate(state.channels):
+        of_sat.setdefault(channel.sat, []).append(i)
+    doubles = set()
+    for numbers in of_sat.values():
+        by_right = sorted(numbers, key=lambda i: (state.channels[i].began == "pulled away", i))
+        for place, i in enumerate(by_right):
+            for j in by_right[:place]:
+                apart_s = math.remainder(float(delays_s[i] - delays_s[j]), signal.period_s)
+                same_hz = abs(hz[i] - hz[j]) < MERGE_HZ
+                if same_hz and abs(apart_s) * signal.chip_rate_hz < settings.merge_chips:
+                    doubles.add(i)
+    return doubles
