@@ -13,7 +13,7 @@ from scipy import fft
 
 from skyproof.arrays import ComplexFloats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
-from skyproof.recording.survey import Heard
+from skyproof.recording.code_phases import Heard
 from skyproof.records import Samples
 
 __all__ = ["delay_profiles"]

@@ -11,7 +11,10 @@ import pytest
 from skyproof import cli
 from skyproof.app.inspect.advice import advice
 from skyproof.app.inspect.guess import guess
-from skyproof.app.inspect.run import _first_looks, document_json, inspect, inspect_samples, write_pictures
+from skyproof.app.inspect.inspection import document_json
+from skyproof.app.inspect.run import inspect
+from skyproof.app.inspect.signal_pictures import write_pictures
+from skyproof.app.inspect.signals import _first_looks, inspect_samples
 from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import SampleGap, Samples
@@ -376,7 +379,8 @@ def test_what_was_found_before_is_not_searched_again_and_tells_the_same(
     peaks = guess(path).proposals[0].peaks
     searched = []
     monkeypatch.setattr(
-        "skyproof.app.inspect.run._first_looks", lambda *told, looks=_first_looks: searched.append(1) or looks(*told)
+        "skyproof.app.inspect.signals._first_looks",
+        lambda *told, looks=_first_looks: searched.append(1) or looks(*told),
     )
     again = inspect_samples(described.samples, peaks=peaks)
     assert searched == []

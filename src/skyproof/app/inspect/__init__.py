@@ -1,16 +1,11 @@
 """What is in a recording, and is it usable; and what a recording may be that nothing describes."""
 
-from skyproof.app.inspect.run import (
-    Inspection,
-    NotUnderstood,
-    Satellite,
-    document_json,
-    inspect,
-    inspect_recording,
-    inspect_samples,
-    oscillator_remarks,
-    write_pictures,
-)
+from skyproof.app.inspect.advice import oscillator_remarks
+from skyproof.app.inspect.inspection import Inspection, Satellite, document_json
+from skyproof.app.inspect.run import inspect
+from skyproof.app.inspect.signal_pictures import write_pictures
+from skyproof.app.inspect.signals import inspect_recording, inspect_samples
+from skyproof.app.inspect.undescribed import NotUnderstood
 
 __all__ = [
     "Inspection",

@@ -13,7 +13,7 @@ from skyproof.recording.lobes import CELLS_PER_CHIP, correlation_power
 from skyproof.report.signal import Lobe, Mark, correlation_svg, levels_svg, spectrum_svg
 
 if TYPE_CHECKING:
-    from skyproof.app.inspect.run import Inspection
+    from skyproof.app.inspect.inspection import Inspection
 
 __all__ = ["write_pictures"]
 

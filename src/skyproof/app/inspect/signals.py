@@ -1,0 +1,225 @@
+"""An open recording: front end, satellites, lost samples, mirrored spectrum, oscillator."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from skyproof.app.inspect.advice import advice, correction_remark, signal_remarks, summary
+from skyproof.app.inspect.inspection import Inspection, Satellite
+from skyproof.arrays import Floats
+from skyproof.errors import NotEnoughData
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
+from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
+from skyproof.receiver.clock_agreement import corrected, in_survey
+from skyproof.recording.conditioning import FrontEnd, conditioned, measure_front_end
+from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, oscillator_error, survey
+from skyproof.records import Samples
+
+__all__ = ["FALSE_ALARM_PROBABILITY", "inspect_recording", "inspect_samples", "inspection_of"]
+FALSE_ALARM_PROBABILITY: Final = 1e-4
+"""Of each search, of the lines, and of the gaps."""
+_ENOUGH_SATS: Final = 4
+_ATTEMPTS: Final = ((20, 7e3), (100, 20e3))
+"""Code periods and reach in Doppler of the first looks: short and near, then long and wide."""
+_LONGEST_PERIODS: Final = 100
+"""Of a search: finds 34 dB-Hz. Five times as many find cross-correlations of what cannot be taken out well enough."""
+_LEAST_PERIODS: Final = 2
+_OTHER_RATES_PPM: Final = (-50.0, 50.0, -100.0, 100.0)
+"""Off the rate given, where that shows too few satellites: a search of 20 ms reaches 25 to either side."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _View:
+    """The samples in one reading of their spectrum, and where the nominal carrier lies in that."""
+
+    samples: Samples
+    carrier_hz: float
+    mirrored: bool = False
+
+    def flipped(self, *, carrier_too: bool) -> "_View":
+        """The complex conjugate. With `carrier_too` what lay at the carrier is still looked at, mirrored in itself."""
+        read = self.samples.read
+
+        def conjugate(start: int, count: int) -> Floats:
+            planes = read(start, count).copy()
+            np.negative(planes[1], out=planes[1])
+            return planes
+
+        return _View(
+            samples=replace(self.samples, read=conjugate),
+            carrier_hz=(-1.0 if carrier_too else 1.0) * self.carrier_hz,
+            mirrored=not self.mirrored,
+        )
+
+
+def inspect_recording(samples: Samples) -> Inspection:
+    """Say what is in an open recording, from its front end's statistics and half a second of signals at most.
+
+    Where codes and carriers tell that its rate, or where the carrier lies, is given wrong, it is read as they tell.
+
+    Raises NotEnoughData for fewer than two code periods.
+    """
+    first = inspect_samples(samples)
+    near = first if len(first.satellites) >= _ENOUGH_SATS else _at_another_rate(first)
+    apart = in_survey(near.survey, {one.sat: one.doppler_hz for one in near.satellites})
+    if apart is None or not apart.certain or near.conjugate:
+        return first
+    right = corrected(near.samples, apart)
+    inspection = inspect_samples(right)
+    return replace(
+        inspection,
+        given=samples,
+        disagreement=apart,
+        remarks=(correction_remark(samples, right, apart.sigma), *inspection.remarks),
+    )
+
+
+def _at_another_rate(first: Inspection) -> Inspection:
+    """The inspection at the nearest rate that shows enough satellites; that at the rate given if none does."""
+    if abs(first.front_end.carrier_hz) > 0.5 * first.samples.rate_hz:
+        return first
+    for ppm in _OTHER_RATES_PPM:
+        other = replace(first.samples, rate_hz=first.samples.rate_hz * (1.0 + 1e-6 * ppm))
+        view = _View(samples=conditioned(other, first.front_end), carrier_hz=first.front_end.carrier_hz)
+        periods, reach_hz = _ATTEMPTS[0]
+        peaks = _search(view, 0, min(periods, _periods(other, other.n_samples)), 0.0, reach_hz)
+        if len({peak.sat for peak in peaks}) >= _ENOUGH_SATS:
+            return inspect_samples(other)
+    return first
+
+
+def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspection:
+    """Say what is in an open recording, read as it is described.
+
+    peaks : what a search of its start has found, Dopplers off the nominal carrier; enough of them spare another.
+
+    Raises NotEnoughData for fewer than two code periods.
+    """
+    if samples.duration_s < _LEAST_PERIODS * GPS_L1_CA.period_s:
+        raise NotEnoughData(
+            f"{samples.path or samples.name}: {samples.duration_s * 1e3:.2g} ms of samples; a search needs "
+            f"{_LEAST_PERIODS} ms at least: give a longer recording, or check rate_hz and bits"
+        )
+    front = measure_front_end(samples, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+    view = _View(samples=conditioned(samples, front), carrier_hz=front.carrier_hz)
+    if abs(front.carrier_hz) > 0.5 * samples.rate_hz:
+        away = f"the band recorded, around {samples.centre_hz / 1e6:.3f} MHz, does not hold {GPS_L1_CA.name}"
+        return inspection_of(samples, front, (), Survey(), None, (0, 0), (f"{away}; nothing was looked for",))
+    found = [peak for peak in peaks if abs(peak.doppler_hz) < _ATTEMPTS[-1][1]]
+    if len(found) < _ENOUGH_SATS:
+        view, found = _first_looks(view, front.real)
+    if not found:
+        return inspection_of(samples, front, (), Survey(), None, (0, samples.n_samples))
+    measured = survey(view.samples, view.carrier_hz, found, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+    conjugate = None if _readings(view, front.real) == 1 else view.mirrored
+    if measured.conjugate is not None:
+        conjugate = view.mirrored != measured.conjugate
+    if measured.conjugate:
+        view = view.flipped(carrier_too=True)
+        found = [replace(peak, doppler_hz=-peak.doppler_hz) for peak in found]
+    stretch = _longest_stretch(samples, measured)
+    common = oscillator_error([peak.doppler_hz for peak in found])
+    reach_hz = DOPPLER_LIMIT_HZ + 2.0 * common.sigma_hz
+    periods = _periods(samples, stretch[1] - stretch[0])
+    final = _search(view, stretch[0], periods, common.doppler_hz, reach_hz)
+    satellites = _satellites(final, stretch[0], samples) if final else _satellites(found, 0, samples)
+    return inspection_of(samples, front, satellites, measured, conjugate, stretch)
+
+
+def _periods(samples: Samples, n_samples: int) -> int:
+    """Whole code periods in so many samples, up to the most that are searched."""
+    return min(math.floor(n_samples / samples.rate_hz / GPS_L1_CA.period_s + 1e-6), _LONGEST_PERIODS)
+
+
+def _readings(view: _View, real: bool) -> int:
+    """How many readings of the spectrum differ in where they show satellites: one if the carrier is at zero."""
+    return 1 if real or abs(view.carrier_hz) < 1.0 / GPS_L1_CA.period_s else 2
+
+
+def _first_looks(view: _View, real: bool) -> tuple[_View, list[Peak]]:
+    """The reading of the spectrum that shows satellites, and those: the first that shows enough, else the one that
+    shows most."""
+    views = [view, view.flipped(carrier_too=False)][: _readings(view, real)]
+    best: tuple[int, _View, list[Peak]] = (0, view, [])
+    for periods, reach_hz in _ATTEMPTS:
+        for one in views:
+            length = min(periods, _periods(one.samples, one.samples.n_samples))
+            peaks = _search(one, 0, length, 0.0, reach_hz)
+            n_sats = len({peak.sat for peak in peaks})
+            if n_sats > best[0]:
+                best = (n_sats, one, peaks)
+        if best[0] >= _ENOUGH_SATS:
+            break
+    return best[1], best[2]
+
+
+def _search(view: _View, start: int, periods: int, middle_hz: float, reach_hz: float) -> list[Peak]:
+    settings = SearchSettings(false_alarm_probability=FALSE_ALARM_PROBABILITY, n_sums=periods)
+    searcher = Searcher(GPS_L1_CA, view.samples.rate_hz, settings)
+    step_hz = settings.doppler_step_hz
+    steps = np.arange(math.floor((middle_hz - reach_hz) / step_hz), math.ceil((middle_hz + reach_hz) / step_hz) + 1)
+    dopplers_hz = steps.astype(np.float64) * step_hz
+    planes = view.samples.read(start, searcher.n_samples)
+    return searcher.search(planes, view.carrier_hz, {sat: dopplers_hz for sat in GPS_SATS}, {})
+
+
+def _longest_stretch(samples: Samples, survey: Survey) -> tuple[int, int]:
+    """Between gaps, found or survey; the first of those that are all but as long as the longest."""
+    guards = [(gap.at_sample, math.ceil(3.0 * gap.at_sigma_samples)) for gap in survey.gaps]
+    guards += [(gap.at_sample, 0) for gap in samples.gaps]
+    guards.sort()
+    begins = [0, *(at + guard for at, guard in guards)]
+    ends = [*(at - guard for at, guard in guards), samples.n_samples]
+    stretches = [(begin, end) for begin, end in zip(begins, ends, strict=True) if end > begin]
+    most = max(end - begin for begin, end in stretches)
+    return next(stretch for stretch in stretches if stretch[1] - stretch[0] >= 0.9 * most)
+
+
+def _satellites(peaks: Sequence[Peak], start: int, samples: Samples) -> tuple[Satellite, ...]:
+    found: dict[str, list[Peak]] = {}
+    for peak in peaks:
+        found.setdefault(peak.sat, []).append(peak)
+    satellites = []
+    for sat, mine in sorted(found.items()):
+        strongest = max(mine, key=lambda peak: peak.cn0_dbhz)
+        start_s = start / samples.rate_hz
+        period_s = GPS_L1_CA.period_s * (1.0 - strongest.doppler_hz / GPS_L1_CA.carrier_hz)
+        phase_s = (start_s + strongest.delay_s) % period_s
+        satellites.append(
+            Satellite(
+                sat=sat,
+                cn0_dbhz=strongest.cn0_dbhz,
+                doppler_hz=strongest.doppler_hz,
+                code_phase_chips=float(phase_s / period_s * GPS_L1_CA.code_length),
+                peaks=len(mine),
+            )
+        )
+    return tuple(satellites)
+
+
+def inspection_of(
+    samples: Samples,
+    front: FrontEnd,
+    satellites: tuple[Satellite, ...],
+    survey: Survey,
+    conjugate: bool | None,
+    stretch: tuple[int, int],
+    remarks: Sequence[str] = (),
+) -> Inspection:
+    """What was found, with the oscillator's error, the remarks, the summary and the advice that follow from it."""
+    oscillator = oscillator_error([satellite.doppler_hz for satellite in satellites])
+    return Inspection(
+        samples=samples,
+        front_end=front,
+        satellites=satellites,
+        survey=survey,
+        conjugate=conjugate,
+        oscillator=oscillator,
+        stretch=stretch,
+        remarks=(*samples.remarks, *remarks, *front.remarks, *signal_remarks(samples, survey, conjugate, oscillator)),
+        summary=summary(samples, satellites, survey, conjugate, front),
+        advice=advice(samples, satellites, gaps=max(len(survey.gaps), len(samples.gaps)), mirrored=bool(conjugate)),
+    )

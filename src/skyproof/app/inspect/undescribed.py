@@ -1,0 +1,149 @@
+"""A recording that nothing describes: read in the way that shows satellites, and the sidecar that says so."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from skyproof.app.inspect.guess import Guess, guess
+from skyproof.app.inspect.inspection import Inspection, plain
+from skyproof.app.inspect.opening import read_as
+from skyproof.app.inspect.signals import FALSE_ALARM_PROBABILITY, inspect_samples, inspection_of
+from skyproof.errors import InputError, OutputError, SettingsError
+from skyproof.formats.atomic_write import write_lines
+from skyproof.formats.raw import SampleLayout, sidecar_text
+from skyproof.gnss.time import iso
+from skyproof.recording.conditioning import measure_front_end
+from skyproof.recording.survey import Survey
+from skyproof.records import Samples
+
+__all__ = ["NotUnderstood", "guessed"]
+
+
+class NotUnderstood(InputError):
+    """Nothing tells how to read a file, and nothing convincing was found in it. guess : what was tried."""
+
+    def __init__(self, tried: Guess) -> None:
+        super().__init__(f"{tried.path}: {tried.summary}")
+        self.guess = tried
+
+    def document(self) -> dict[str, Any]:
+        """For --json, in place of an inspection's."""
+        cleaned: dict[str, Any] = plain(
+            {
+                "format": "skyproof-inspect/1",
+                "path": str(self.guess.path),
+                "summary": self.guess.summary,
+                "proposals": [proposal.document() for proposal in self.guess.proposals],
+            }
+        )
+        return cleaned
+
+    def likeliest(self) -> Inspection:
+        """The front end in the first proposal, without satellites: its frequencies are as sure as its rate.
+
+        Raises InputError if the samples do not change.
+        """
+        samples = read_as(self.guess.path, self.guess.proposals[0].layout, "proposal.toml")
+        front = measure_front_end(samples, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+        return inspection_of(samples, front, (), Survey(), None, (0, samples.n_samples))
+
+
+def guessed(path: Path, write: bool | int) -> Inspection:
+    """The reading that shows satellites, set right by what they tell, and written down if asked for."""
+    found = guess(path)
+    chosen = isinstance(write, int) and not isinstance(write, bool) and write > 0
+    if chosen and write > len(found.proposals):
+        raise SettingsError(
+            f"{path}: proposal {write} asked for, but there are {len(found.proposals)}; give one of them"
+        )
+    number = int(write) - 1 if chosen else 0
+    if not chosen and not found.convincing:
+        raise NotUnderstood(found)
+    proposal = found.proposals[number]
+    layout, sources, name = proposal.layout, dict(proposal.sources), path.with_suffix(".toml").name
+    inspection = inspect_samples(read_as(path, layout, name), peaks=proposal.peaks)
+    if not proposal.round_rate and (better := _better_rate_hz(layout, inspection.survey)) is not None:
+        layout = layout.model_copy(update={"rate_hz": better})
+        sources["rate_hz"] = "measured: code period and drift"
+        inspection = inspect_samples(read_as(path, layout, name), peaks=proposal.peaks)
+    if inspection.conjugate:
+        layout, sources = _righted(layout, sources)
+        inspection = _inspection_righted(inspection, read_as(path, layout, name))
+    inspection = replace(
+        inspection,
+        layout=layout,
+        sources=sources | {"start_gpst": _start_words(found), "duration": "length of the file"},
+        proposals=tuple(
+            replace(one, layout=layout, sources=sources) if one is proposal else one for one in found.proposals
+        ),
+        taken=number,
+        remarks=inspection.remarks
+        + (
+            (
+                f"it looks like {proposal.interleaved} whose samples take turns: satellites, their "
+                "number and C/N0 are those of a mixture",
+            )
+            if proposal.interleaved
+            else ()
+        ),
+    )
+    return _with_sidecar(inspection, path.with_suffix(".toml")) if write else inspection
+
+
+def _start_words(found: Guess) -> str:
+    return (
+        "nothing states it" if found.start_utc is None else f"not taken; the file's name has {iso(found.start_utc, 0)}"
+    )
+
+
+def _better_rate_hz(layout: SampleLayout, survey: Survey) -> float | None:
+    """The rate by which sampling clock and local oscillator are one, as round as its error allows; None if unknown."""
+    sigma_hz = 1e-6 * survey.clock_minus_lo_sigma_ppm * layout.rate_hz
+    if not abs(survey.clock_minus_lo_ppm) > 4.0 * survey.clock_minus_lo_sigma_ppm:
+        return None
+    exact_hz = layout.rate_hz * (1.0 + 1e-6 * survey.clock_minus_lo_ppm)
+    # An oscillator is a few ppm off, or an intermediate frequency a few kilohertz: then so is this. A round number that
+    # near is the rate, if such numbers are not so dense that there is one anyway.
+    near_hz = 3e-6 * exact_hz
+    round_hz = round(exact_hz, -math.ceil(math.log10(8.0 * near_hz)))
+    if abs(round_hz - exact_hz) < near_hz:
+        return round_hz
+    digits = next((n for n in range(-5, 3) if abs(round(exact_hz, n) - exact_hz) < 3.0 * sigma_hz), 3)
+    return round(exact_hz, digits)
+
+
+def _righted(layout: SampleLayout, sources: Mapping[str, str]) -> tuple[SampleLayout, dict[str, str]]:
+    """The reading that turns the spectrum round."""
+    sign = "measured: drift of code and carrier"
+    key = "conjugate" if layout.kind == "complex" else "if_hz"
+    changes: dict[str, Any] = {"conjugate": True} if layout.kind == "complex" else {"if_hz": -layout.if_hz}
+    if layout.kind == "complex":
+        changes["if_hz"] = -layout.if_hz + 0.0
+    return SampleLayout.model_validate({**layout.model_dump(exclude_unset=True), **changes}), {**sources, key: sign}
+
+
+def _inspection_righted(inspection: Inspection, samples: Samples) -> Inspection:
+    """The same inspection of the recording read the other way round: its Dopplers are right already."""
+    front = measure_front_end(samples, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+    ratio = -inspection.survey.doppler_ratio if inspection.survey.conjugate else inspection.survey.doppler_ratio
+    right = replace(inspection.survey, conjugate=False, doppler_ratio=ratio)
+    return inspection_of(samples, front, inspection.satellites, right, False, inspection.stretch)
+
+
+def _with_sidecar(inspection: Inspection, sidecar: Path) -> Inspection:
+    """Write how to read the recording beside it, and which of it was measured; a remark where that cannot be."""
+    assert inspection.layout is not None
+    lines = [
+        f"{line}  # {inspection.sources[key]}" if (key := line.split(" = ")[0]) in inspection.sources else line
+        for line in sidecar_text(inspection.layout).splitlines()
+    ]
+    lines[0] += ", found out by `skyproof inspect`"
+    try:
+        if sidecar.exists():
+            return inspection
+        write_lines(sidecar, lines, encoding="utf-8")
+    except OutputError as error:
+        return replace(inspection, remarks=(*inspection.remarks, f"the sidecar was not written: {error}"))
+    return replace(inspection, sidecar=str(sidecar))
