@@ -11,6 +11,7 @@ import accuracy
 import acquisition
 import deciding
 import drawn
+import house
 import joint
 import kernel
 import memory
@@ -51,6 +52,7 @@ BENCHES = {
     "drawn": drawn,
     "real-code": real_code,
     "memory": memory,
+    "house": house,
 }
 
 

@@ -78,7 +78,7 @@ from skyproof.statistics.directions import (
 )
 from skyproof.statistics.distributions import binomial_survival, chi_square_survival
 from skyproof.statistics.linear_tests import linear_model, linear_test
-from skyproof.studies.ins_array import ERRORS, SIGMA_CYC
+from skyproof.studies.ins_array_figures import ERRORS, SIGMA_CYC
 from skyproof.studies.vector_loops import draw_discriminators
 from skyproof.studies.vector_sky import SKY, attack_on
 
