@@ -74,14 +74,15 @@ class Followed:
 class JointState:
     """All that a joint channel remembers: its replica, its signals, the noise of a tap, the replica at the row's start.
 
-    noise : mean power of a quiet tap over a look; noise_looks : how many it is the mean of.
+    noise : mean power of a quiet tap over a look; noise_looks : how many it is the mean of. What it begins with counts
+        for a few, so that missing samples, of which there is no noise, are not divided by.
     """
 
     replica: Replica
     row_began: Replica
     channel: JointChannel
     noise: float
-    noise_looks: int = 0
+    noise_looks: int = 20
 
 
 @dataclass(frozen=True, eq=False)
