@@ -1,7 +1,11 @@
 """Against tables, and against scipy.stats, which is slow but not ours."""
 
+from decimal import Decimal, localcontext
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
 from skyproof.statistics.distributions import (
@@ -13,6 +17,7 @@ from skyproof.statistics.distributions import (
     f_survival,
     f_threshold,
     noncentral_chi_square_survival,
+    noncentral_chi_square_tail,
     noncentral_f_survival,
 )
 
@@ -47,6 +52,29 @@ def test_noncentral_tails_agree_with_scipy_stats():
     x = np.array([0.5, 3.0, 20.0])
     np.testing.assert_allclose(noncentral_chi_square_survival(x, 3, 4.0), stats.ncx2.sf(x, 3, 4.0), atol=1e-9)
     np.testing.assert_allclose(noncentral_f_survival(x, 3, 9, 4.0), stats.ncf.sf(x, 3, 9, 4.0), atol=1e-7)
+
+
+@given(st.integers(1, 400), st.floats(0.0, 5000.0), st.floats(-8.0, 30.0))
+def test_the_noncentral_chi_square_tail_keeps_its_digits(dof, noncentrality, sigmas):
+    x = max(dof + noncentrality + sigmas * np.sqrt(2.0 * (dof + 2.0 * noncentrality)), 0.0)
+    expected = float(stats.ncx2.sf(x, dof, noncentrality))
+    assert noncentral_chi_square_tail(x, dof, noncentrality) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_noncentral_chi_square_tail_is_that_of_sixty_digits():
+    """Of an even number of degrees the central tail is a finite sum, e^-h (1 + h + h^2 / 2 ...) with h = x / 2."""
+    for x, dof, noncentrality in ((300, 10, 5), (1200, 160, 90), (1, 2, 8)):
+        with localcontext() as context:
+            context.prec = 60
+            h, mean = Decimal(x) / 2, Decimal(noncentrality) / 2
+            term, central = (-h).exp(), Decimal(0)
+            for j in range(dof // 2):
+                central, term = central + term, term * h / (j + 1)
+            weight, exact = (-mean).exp(), Decimal(0)
+            for k in range(600):
+                exact, central = exact + weight * central, central + term
+                weight, term = weight * mean / (k + 1), term * h / (dof // 2 + k + 1)
+        assert noncentral_chi_square_tail(x, dof, noncentrality) == pytest.approx(float(exact), rel=1e-12)
 
 
 def test_binomial_tail_agrees_with_scipy_stats_at_its_ends_too():

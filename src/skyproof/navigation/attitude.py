@@ -7,8 +7,8 @@ as much as north and the vertical turn between the two, and directions to satell
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from skyproof.arrays import Instants, Reals
 from skyproof.gnss.frames import attitude_ecef, geodetic_from_ecef, rot_enu_ecef, rot_ned_body
@@ -28,7 +28,7 @@ def direction_off_rad(level_ecef_m: ArrayLike, place_ecef_m: ArrayLike, true_ece
     place, north much faster towards the poles. place_ecef_m : from where directions to satellites are taken.
     """
     frames = [rot_enu_ecef(*geodetic_from_ecef(np.asarray(at, np.float64))[:2]) for at in (level_ecef_m, true_ecef_m)]
-    turn_rad = float(Rotation.from_matrix(frames[1].T @ frames[0]).magnitude())
+    turn_rad = float(scipy.spatial.transform.Rotation.from_matrix(frames[1].T @ frames[0]).magnitude())
     return turn_rad + float(np.linalg.norm(np.subtract(place_ecef_m, true_ecef_m))) / _SATELLITE_M
 
 
@@ -44,9 +44,10 @@ def interpolation_sigma_rad(attitude: Attitude) -> float:
     even = np.flatnonzero(np.maximum(steps_s[1:], steps_s[:-1]) <= _HOLE * np.median(steps_s)) + 1
     if not even.size:
         return 0.0
-    turned = Rotation.from_matrix(rot_ned_body(*attitude.angles_rad.T))
+    rotation = scipy.spatial.transform.Rotation  # loaded by its first use
+    turned = rotation.from_matrix(rot_ned_body(*attitude.angles_rad.T))
     before, after = turned[even - 1], turned[even + 1]
-    middle = before * Rotation.from_rotvec(0.5 * (before.inv() * after).as_rotvec())
+    middle = before * rotation.from_rotvec(0.5 * (before.inv() * after).as_rotvec())
     off = (middle.inv() * turned[even]).as_rotvec()
     return float(np.sqrt(np.mean(off**2, axis=0).max()))
 

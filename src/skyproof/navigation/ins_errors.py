@@ -18,8 +18,8 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import linalg
 
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
@@ -157,9 +157,9 @@ def restarted(
         if velocity_covariance_m2_s2 is None:
             raise ValueError("a velocity without its covariance; give both")
         misfit = np.concatenate((misfit, state.velocity_ecef_m_s[-1] - np.asarray(velocity_ecef_m_s, np.float64)))
-        noise = linalg.block_diag(noise, np.asarray(velocity_covariance_m2_s2, np.float64))
+        noise = scipy.linalg.block_diag(noise, np.asarray(velocity_covariance_m2_s2, np.float64))
     wrong, after = updated(covariance, sensitivity, noise, misfit)
-    attitude = linalg.expm(-skew(wrong[6:9])) @ state.attitude[-1]
+    attitude = scipy.linalg.expm(-skew(wrong[6:9])) @ state.attitude[-1]
     better = NavState(
         gpst=state.gpst[-1:],
         position_ecef_m=state.position_ecef_m[-1:] - wrong[:3],

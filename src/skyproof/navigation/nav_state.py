@@ -1,7 +1,7 @@
 """A body's state between the times at which it is stated."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
+import scipy
 
 from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.gnss.time import seconds_between
@@ -39,10 +39,11 @@ def state_at(state: NavState, gpst: Instants) -> NavState:
             mixed = (1.0 - part) * values[after - 1] + part * values[after]
         return np.asarray(np.where(values[after - 1] == values[after], values[after], mixed))
 
+    transform = scipy.spatial.transform  # loaded by its first use
     return NavState(
         gpst=gpst,
         position_ecef_m=between(state.position_ecef_m),
         velocity_ecef_m_s=between(state.velocity_ecef_m_s),
-        attitude=Slerp(known_s, Rotation.from_matrix(state.attitude))(at_s).as_matrix(),
+        attitude=transform.Slerp(known_s, transform.Rotation.from_matrix(state.attitude))(at_s).as_matrix(),
         covariance=None if state.covariance is None else between(state.covariance),
     )

@@ -20,9 +20,10 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, stats
+from scipy import fft
 
 from skyproof.arrays import ComplexFloats, Floats, Reals
+from skyproof.statistics.distributions import noncentral_chi_square_tail
 
 __all__ = [
     "EXPLAINED",
@@ -142,7 +143,8 @@ def shared_noise(first: ComplexFloats, second: ComplexFloats, *, period_s: float
     total = cells * np.sum(share, axis=0)
     best = int(np.argmax(total))
     excess = max(float(total[best]) / n_rows - 1.0, 0.0) / cells
-    p_value = total.size * float(stats.ncx2.sf(2.0 * total[best], 2.0 * n_rows, 2.0 * n_rows * cells * common**2))
+    noncentrality = 2.0 * n_rows * cells * common**2
+    p_value = total.size * noncentral_chi_square_tail(2.0 * float(total[best]), 2.0 * n_rows, noncentrality)
     lag = (best + _top(total, best)) / total.size
     return SharedNoise(
         coefficient=math.sqrt(min(excess, 1.0)),

@@ -29,7 +29,7 @@ def line_threshold(n_averaged: int, probability: float) -> float:
     """
     independent = _SIDE / _ALIKE
     spread = 1.2533 / math.sqrt(independent * n_averaged)  # of a median: sqrt(pi / 2) that of a mean
-    z, weights = special.roots_hermitenorm(40)
+    z, weights = np.polynomial.hermite_e.hermegauss(40)
     weights = weights * 2.0 * special.ndtr(z)  # the greater one of two
     weights /= weights.sum()
     floors = np.maximum(1.0 + spread * z, 0.05)

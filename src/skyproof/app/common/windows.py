@@ -11,7 +11,6 @@ import numpy as np
 from skyproof.app.common.body import Body, Carried, body_state
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
-from skyproof.arrays import Booleans
 from skyproof.detectors.base import Detector, load_detectors
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import interval_s
@@ -65,19 +64,6 @@ def cut(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.da
     """The epochs with start <= label < end."""
     first, stop = np.searchsorted(observations.gpst, [start_gpst, end_gpst])
     return observations.read(int(first), int(stop))
-
-
-def take(observations: Observations, rows: Booleans) -> Observations:
-    """The chosen epochs of a record."""
-    n = observations.gpst.size
-    chosen = {
-        f.name: getattr(observations, f.name)[rows]
-        for f in fields(observations)
-        if isinstance(getattr(observations, f.name), np.ndarray)
-        and getattr(observations, f.name).shape[:1] == (n,)
-        and f.name not in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
-    }
-    return replace(observations, **chosen)
 
 
 def span_s(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> tuple[float, float]:

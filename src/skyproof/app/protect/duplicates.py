@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy import stats
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.reception import Reception
@@ -22,6 +21,7 @@ from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
 from skyproof.recording.same_noise import N_ROWS, SharedNoise, rows_of, shared_noise, usable_hz
 from skyproof.records import ObservationLog, Observations, Samples
+from skyproof.statistics.distributions import chi_square_survival
 
 __all__ = ["one_receiver_each", "same_noise"]
 
@@ -214,7 +214,7 @@ def _agreement(lags: _Lags, found: Sequence[tuple[int, SharedNoise]], code_sigma
         return 1.0
     weight = 1.0 / np.array(variance)
     apart_s = np.array(off_s) - float(weight @ np.array(off_s) / weight.sum())
-    return float(stats.chi2.sf(float(weight @ apart_s**2), len(off_s) - 1))
+    return float(chi_square_survival(weight @ apart_s**2, len(off_s) - 1))
 
 
 def _beyond(lags: _Lags, pair: int, found: Sequence[tuple[int, SharedNoise]]) -> tuple[float, float]:

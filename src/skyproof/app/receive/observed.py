@@ -1,13 +1,13 @@
 """Observation files as inputs: what one receiver measured itself, read instead of tracked."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from skyproof.app.common.windows import take
 from skyproof.app.receive.reception import Reception
+from skyproof.arrays import Booleans
 from skyproof.errors import InputError
 from skyproof.formats.bounds import REMARKS
 from skyproof.formats.byte_io import FileBytes, size_of
@@ -150,7 +150,7 @@ def _stretch(pieces: Iterable[Observations], start_s: float, duration_s: float |
             rows &= piece.elapsed_s < start_s + duration_s
         if not rows.any():
             continue
-        kept = take(piece, rows)
+        kept = _rows(piece, rows)
         begun_s = float(kept.elapsed_s[0]) if begun_s is None else begun_s
         missed_s = kept.missed_elapsed_s - begun_s
         yield replace(
@@ -159,6 +159,19 @@ def _stretch(pieces: Iterable[Observations], start_s: float, duration_s: float |
             found_elapsed_s=np.maximum(kept.found_elapsed_s - begun_s, 0.0),
             missed_elapsed_s=np.where(missed_s >= 0.0, missed_s, np.nan),
         )
+
+
+def _rows(observations: Observations, rows: Booleans) -> Observations:
+    """The chosen epochs of a record."""
+    n = observations.gpst.size
+    chosen = {
+        f.name: getattr(observations, f.name)[rows]
+        for f in fields(observations)
+        if isinstance(getattr(observations, f.name), np.ndarray)
+        and getattr(observations, f.name).shape[:1] == (n,)
+        and f.name not in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
+    }
+    return replace(observations, **chosen)
 
 
 def same_measurements(a: ObservedFile, b: ObservedFile) -> bool:
