@@ -3,10 +3,10 @@
 The loops tell it for nothing and to 0.001 ppm, as long as they hold; where they do not, an inspection tells it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final
 
-from skyproof.app.inspect import inspect_recording
+from skyproof.app.inspect import Inspection
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.clock_agreement import Disagreement, corrected, in_tracks
@@ -21,14 +21,19 @@ MOST_CHECKS: Final = 3
 """A first correction by an inspection, a second by what is then tracked, and whether that holds."""
 
 
-def agreeing(samples: Samples, measured: Measurements, arcs: Mapping[int, Arc]) -> tuple[Samples, Disagreement] | None:
+def agreeing(
+    samples: Samples, measured: Measurements, arcs: Mapping[int, Arc], inspected: Callable[[], Inspection]
+) -> tuple[Samples, Disagreement] | None:
     """The recording at the rate or carrier by which codes and carriers agree, and how far they were apart; None if
-    there is nothing to correct, or too little to tell."""
+    there is nothing to correct, or too little to tell.
+
+    inspected : gives the recording's inspection.
+    """
     apart = in_tracks(measured, {number: arc.signal.sat for number, arc in arcs.items()})
     if apart is not None:
         return (corrected(samples, apart), apart) if apart.certain else None
     try:
-        found = inspect_recording(samples)
+        found = inspected()
     except (InputError, NotEnoughData):  # too short, or cut while it is read: tracking says so
         return None
     return None if found.disagreement is None else (found.samples, found.disagreement)

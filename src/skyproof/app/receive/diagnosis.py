@@ -1,11 +1,11 @@
 """What a recording's signals tell of the recorder, in words: why little was heard, and what was mended on the way."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from skyproof.app.inspect import inspect_recording, oscillator_remarks
+from skyproof.app.inspect import Inspection, oscillator_remarks
 from skyproof.errors import NotEnoughData
 from skyproof.receiver.channels import Gap
 from skyproof.recording.survey import oscillator_error
@@ -29,14 +29,14 @@ class Diagnosis:
     n_sats: int = 0
 
 
-def diagnosis(samples: Samples, doppler_max_hz: float) -> Diagnosis:
+def diagnosis(samples: Samples, doppler_max_hz: float, inspected: Callable[[], Inspection]) -> Diagnosis:
     """Why the receiver finds few satellites or none in a recording, or no message in what it finds.
 
-    doppler_max_hz : how far it searched.
+    doppler_max_hz : how far it searched. inspected : gives the recording's inspection.
     """
     more = f"`skyproof inspect {samples.path or samples.name}` says what is in it"
     try:
-        found = inspect_recording(samples)
+        found = inspected()
     except NotEnoughData:
         return Diagnosis(mirrored=False, cure=more)
     cures = []

@@ -159,8 +159,9 @@ def require_signals(trackers: Sequence[Tracker]) -> None:
         if broken:
             raise InputError("; ".join(broken))
         paths = ", ".join(t.samples.path or t.samples.name for t in trackers)
-        found = diagnosis(trackers[0].samples, trackers[0].receiver.settings.doppler_max_hz)
-        raise NotEnoughData(f"{paths}: {_nothing_heard(trackers[0], found)}; {found.cure}")
+        first = trackers[0]
+        found = diagnosis(first.samples, first.receiver.settings.doppler_max_hz, first.inspected)
+        raise NotEnoughData(f"{paths}: {_nothing_heard(first, found)}; {found.cure}")
 
 
 def _is_doubtful(tracker: Tracker) -> bool:
@@ -171,7 +172,9 @@ def _is_doubtful(tracker: Tracker) -> bool:
 
 def _diagnosed(tracker: Tracker) -> Diagnosis | None:
     """None of a recording that was left before its end: whoever interrupts does not wait."""
-    return diagnosis(tracker.samples, tracker.receiver.settings.doppler_max_hz) if tracker.ended else None
+    if not tracker.ended:
+        return None
+    return diagnosis(tracker.samples, tracker.receiver.settings.doppler_max_hz, tracker.inspected)
 
 
 def _dopplers_hz(tracker: Tracker) -> list[float]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.common.settings import Settings
+from skyproof.app.inspect import Inspection, inspect_recording
 from skyproof.app.inspect.advice import correction_remark
 from skyproof.app.receive.bridge import bridged
 from skyproof.app.receive.clock_check import CHECKED_S, MOST_CHECKS, agreeing
@@ -49,6 +50,7 @@ class Tracker:
     position: int = 0
     arcs: dict[int, Arc] = field(default_factory=dict)
     gaps: list[Gap] = field(default_factory=list)
+    inspection: Inspection | None = None
 
     def advance(self) -> bool:
         """Work on the next block; False when the recording has ended, or can be read no further."""
@@ -73,19 +75,29 @@ class Tracker:
 
     def _check_clock(self) -> None:
         """Begin anew where codes and carriers do not agree at the rate given."""
-        found = agreeing(self.samples, self.measured.whole(), self.arcs)
+        found = agreeing(self.samples, self.measured.whole(), self.arcs, self.inspected)
         self.checks = self.checks - 1 if found else 0
         if found is None:
             return
         self.told = self.told if self.given is None else self.told[:-1]
         self.given = self.given or self.samples
         self.samples, apart = found
+        self.inspection = None
         self.told = (*self.told, correction_remark(self.given, self.samples, apart.sigma))
         self.receiver = Receiver(self.samples.rate_hz, carrier_at_hz(self.samples), self.receiver.settings)
         self.state, self.position = ReceiverState(), 0
         self.measured.clear()
         self.grids.clear()
         self.arcs, self.gaps = {}, []
+
+    def inspected(self) -> Inspection:
+        """The inspection of `samples`, which takes seconds: made when it is first asked for.
+
+        Raises InputError and NotEnoughData as `inspect_recording` does.
+        """
+        if self.inspection is None:
+            self.inspection = inspect_recording(self.samples)
+        return self.inspection
 
     @property
     def examined_s(self) -> float:
