@@ -65,10 +65,12 @@ class ArrayFiles:
 
 @pytest.fixture(scope="session")
 def array_files(kit, made_once) -> ArrayFiles:
-    """13 s of clean sky on four antennas."""
+    """8 s of clean sky on four antennas, from 1.5 s before a subframe on: just enough for a time of week."""
 
     def fill(folder: Path) -> None:
-        recorded = kit.record(kit.array_scenario(), folder)
+        recorded = kit.record(
+            kit.array_scenario(duration_s=8.0, start_gpst=kit.START - np.timedelta64(1500, "ms")), folder
+        )
         octets = np.stack([np.fromfile(path, "<i2") for path in recorded.paths], axis=1)  # I and Q of a byte each
         octets.tofile(folder / "woven.bin")
         layout = recorded.paths[0].with_suffix(".toml").read_text().splitlines()

@@ -91,7 +91,13 @@ LINE_BIAS_CYC = (0.0, 0.31, -0.12, 0.47)
 
 
 def array_scenario(
-    *, antennas: int = 4, duration_s: float = 13.0, attacks: tuple = (), seed: int = 1, **receiver: object
+    *,
+    antennas: int = 4,
+    duration_s: float = 13.0,
+    start_gpst: np.datetime64 = START,
+    attacks: tuple = (),
+    seed: int = 1,
+    **receiver: object,
 ) -> Scenario:
     """One receiver with several antennas a wavelength apart, on a ship that heads to 30 degrees."""
     elements = [
@@ -101,7 +107,7 @@ def array_scenario(
     place = PLACES[0].model_dump(include={"lat_deg", "lon_deg", "height_m", "clock_offset_s", "lo_ppm"})
     return Scenario(
         seed=seed,
-        start_gpst=START,
+        start_gpst=start_gpst,
         duration_s=duration_s,
         receivers=[{"name": "array", **place, "heading_deg": 30.0, "pitch_deg": 2.0, "antennas": elements, **receiver}],
         attacks=attacks,

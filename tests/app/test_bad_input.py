@@ -144,9 +144,9 @@ def test_zeros_are_refused(run, tmp_path):
 
 @pytest.fixture(scope="session")
 def wide(kit, tmp_path_factory):
-    """1.5 s of one receiver in 8-bit numbers."""
+    """A second of one receiver in 8-bit numbers."""
     front_end = FrontEnd(encoding="int", bits=8)
-    scenario = kit.scenario_of(receivers=1, duration_s=1.5, front_end=front_end)
+    scenario = kit.scenario_of(receivers=1, duration_s=1.0, front_end=front_end)
     return kit.record(scenario, tmp_path_factory.mktemp("wide")).paths[0]
 
 
@@ -578,7 +578,7 @@ def test_ctrl_c_after_the_decision_does_not_lose_it(run, wide, monkeypatch, pres
     ids=["deciding", "writing"],
 )
 def test_a_second_ctrl_c_ends_it_and_leaves_no_half_file(run, wide, monkeypatch, second, words):
-    monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("tracking", 1.0), second))
+    monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("tracking", 0.5), second))
     ended = run(wide, options=["--json"])
     assert ended.code == 130
     assert ended.stdout == ""

@@ -70,13 +70,13 @@ def test_a_late_copy_of_the_sky_is_told_as_every_other_word_is():
 
 
 def test_drawn_clean_skies_are_never_called_spoofed():
-    rows = rows_of(0, 8, **SHORT)
+    rows = rows_of(0, 4, **SHORT)
     assert not names(row for row in rows if row["verdict"] == "spoofed" or row["wrong_labels"])
     assert not names(drawn.wrong_attacks(rows))
 
 
 def test_no_drawn_attack_moves_a_trusted_fix():
-    rows = rows_of(16, 0, **SHORT)
+    rows = rows_of(8, 0, **SHORT)
     assert not names(drawn.wrong_attacks(rows))
 
 

@@ -21,15 +21,16 @@ def correlate_numpy(planes, begin, n, chip, code_rate_hz, phase_cyc, frequency_h
         -2j * np.pi * (phase_cyc + index * frequency_hz / RATE_HZ)
     )
     chips = chip + index * code_rate_hz / RATE_HZ
-    return np.array([np.sum(base * smoothed(chips + tap)) for tap in taps_chips])
+    return base @ smoothed(chips, taps_chips)
 
 
-def smoothed(chips):
-    """The code behind the replica's low-pass, times its scale, from its line spectrum."""
+def smoothed(chips, taps_chips):
+    """The code behind the replica's low-pass, times its scale, from its line spectrum: (n_chips, n_taps)."""
     line = np.arange(-1300, 1301)  # kilohertz: the low-pass ends at half the rate
     spectrum = np.fft.fft(CODE)[line % 1023] / 1023.0 * np.sinc(line / 1023.0) * np.exp(-1j * np.pi * line / 1023.0)
     spectrum *= passed(line * 1e3 / RATE_HZ)
-    return CODE_SCALE * np.real(np.exp(2j * np.pi * np.outer(chips / 1023.0, line)) @ spectrum)
+    shifted = spectrum[:, None] * np.exp(2j * np.pi * np.outer(line, taps_chips) / 1023.0)
+    return CODE_SCALE * np.real(np.exp(2j * np.pi * np.outer(chips / 1023.0, line)) @ shifted)
 
 
 def signal(n, *, delay_chips, doppler_hz, phase_cyc=0.2, amplitude=1.0):

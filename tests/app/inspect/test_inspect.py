@@ -11,7 +11,7 @@ import pytest
 from skyproof import cli
 from skyproof.app.inspect.advice import advice
 from skyproof.app.inspect.guess import guess
-from skyproof.app.inspect.inspection import document_json
+from skyproof.app.inspect.inspection import Inspection, document_json
 from skyproof.app.inspect.run import inspect
 from skyproof.app.inspect.signal_pictures import write_pictures
 from skyproof.app.inspect.signals import _first_looks, inspect_samples
@@ -115,6 +115,7 @@ def test_12_mhz_real_samples_lose_some_once(shared_data: Path, tmp_path: Path) -
     assert abs(document["oscillator_error_hz"] - 285.0) < 3.0 * document["oscillator_error_sigma_hz"]
 
 
+@pytest.mark.long
 @pytest.mark.shared_data
 def test_24_mhz_real_samples_lose_some_twice(shared_data: Path, tmp_path: Path) -> None:
     path = shared_data / "real" / "iq-pocketsdr" / "L1_20211201_054600_24MHz_I.bin"
@@ -130,7 +131,7 @@ def test_24_mhz_real_samples_lose_some_twice(shared_data: Path, tmp_path: Path) 
 
 
 @pytest.mark.shared_data
-@pytest.mark.parametrize("conjugate", [False, True])
+@pytest.mark.parametrize("conjugate", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_4_mhz_complex_samples_are_mirrored(shared_data: Path, tmp_path: Path, conjugate: bool) -> None:
     path = shared_data / "real" / "iq-pocketsdr" / "L1_20211202_084700_4MHz_IQ.bin"
     sidecar = INT8 + 'rate_hz = 4e6\nkind = "complex"\n' + ("conjugate = true\n" if conjugate else "")
@@ -191,21 +192,42 @@ def sky(*, if_hz: float = 0.0, duration_s: float = 0.06) -> tuple[Samples, set[s
     return samples_of(scenario, navigation)[0], heard
 
 
-@pytest.fixture
-def stored(tmp_path: Path) -> tuple[Path, set[str]]:
+@pytest.fixture(scope="module")
+def rendered() -> tuple[bytes, set[str]]:
     samples, heard = sky(if_hz=300e3)
+    return samples.read(0, samples.n_samples).T.astype(np.int8).tobytes(), heard
+
+
+@pytest.fixture
+def stored(rendered: tuple[bytes, set[str]], tmp_path: Path) -> tuple[Path, set[str]]:
     path = tmp_path / "rx.bin"
-    samples.read(0, samples.n_samples).T.astype(np.int8).tofile(path)
-    return path, heard
+    path.write_bytes(rendered[0])
+    return path, rendered[1]
+
+
+@pytest.fixture(scope="module")
+def inspected(rendered: tuple[bytes, set[str]], tmp_path_factory: pytest.TempPathFactory) -> tuple[Inspection, ...]:
+    """What is found in that recording, once for all tests that want to see it shown."""
+    path = tmp_path_factory.mktemp("inspected") / "rx.bin"
+    path.write_bytes(rendered[0])
+    return tuple(inspect(path, layout=LAYOUT))
+
+
+@pytest.fixture
+def known(inspected: tuple[Inspection, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command shows that, without looking again."""
+    monkeypatch.setattr("skyproof.app.inspect.inspect", lambda *_, **__: inspected)
 
 
 LAYOUT = {"rate_hz": 4e6, "kind": "complex", "encoding": "int", "bits": 8, "if_hz": 300e3}
 OPTIONS = ["--rate-hz", "4e6", "--kind", "complex", "--encoding", "int", "--bits", "8", "--if-hz", "300e3"]
 
 
-def test_a_clean_sky_is_all_there_with_nothing_wrong(stored: tuple[Path, set[str]]) -> None:
-    path, heard = stored
-    (found,) = inspect(path, layout=LAYOUT)
+def test_a_clean_sky_is_all_there_with_nothing_wrong(
+    rendered: tuple[bytes, set[str]], inspected: tuple[Inspection, ...]
+) -> None:
+    _, heard = rendered
+    (found,) = inspected
     assert {one.sat for one in found.satellites} == heard
     assert found.conjugate is False
     assert found.survey.gaps == ()
@@ -253,13 +275,6 @@ def test_the_command_prints_one_document_or_one_screen(stored: tuple[Path, set[s
     assert screen.count("\n") < 40
 
 
-def test_options_go_before_a_sidecar(stored: tuple[Path, set[str]]) -> None:
-    path, _ = stored
-    path.with_suffix(".toml").write_text(f"[samples]\nrate_hz = 4e6\nkind = 'complex'\n{INT8}", encoding="utf-8")
-    assert inspect(path)[0].samples.if_hz == 0.0
-    assert inspect(path, layout={"if_hz": 300e3})[0].samples.if_hz == 300e3
-
-
 def test_what_makes_no_sense_is_one_line(stored: tuple[Path, set[str]], tmp_path: Path) -> None:
     path, _ = stored
     with pytest.raises(SettingsError, match="bits = 7, expected 1, 2, 4"):
@@ -278,9 +293,12 @@ def test_what_makes_no_sense_is_one_line(stored: tuple[Path, set[str]], tmp_path
         inspect(tmp_path / "short.bin", layout=LAYOUT)
 
 
-def test_the_document_tells_where_each_fact_comes_from(stored: tuple[Path, set[str]]) -> None:
+def test_options_go_before_a_sidecar_and_the_document_tells_where_each_fact_comes_from(
+    stored: tuple[Path, set[str]],
+) -> None:
     path, _ = stored
-    path.with_suffix(".toml").write_text(f"[samples]\nrate_hz = 4e6\nkind = 'complex'\n{INT8}", encoding="utf-8")
+    sidecar = f"[samples]\nrate_hz = 4e6\nif_hz = 1.0\nkind = 'complex'\n{INT8}"
+    path.with_suffix(".toml").write_text(sidecar, encoding="utf-8")
     (document,) = [one.document() for one in inspect(path, layout={"if_hz": 300e3})]
     sources = document["sources"]
     assert (sources["rate_hz"], sources["if_hz"], sources["centre_hz"]) == ("sidecar rx.toml", "option", "default")
@@ -322,6 +340,7 @@ def test_the_last_sentence_says_what_can_be_done_and_what_is_missing(stored: tup
     )
 
 
+@pytest.mark.usefixtures("known")
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_the_screen_keeps_to_the_terminal(stored: tuple[Path, set[str]], width: int, capsys, monkeypatch) -> None:
     path, heard = stored
@@ -336,6 +355,7 @@ def test_the_screen_keeps_to_the_terminal(stored: tuple[Path, set[str]], width: 
         assert sum(line.startswith(word) for line in lines) == 1
 
 
+@pytest.mark.usefixtures("known")
 def test_pictures_are_written_where_asked_for(stored: tuple[Path, set[str]], tmp_path: Path, capsys) -> None:
     path, heard = stored
     out = tmp_path / "pictures"
@@ -353,10 +373,12 @@ def test_pictures_are_written_where_asked_for(stored: tuple[Path, set[str]], tmp
     assert all((again / one.name).read_bytes() == one.read_bytes() for one in out.iterdir())
 
 
-def test_a_folder_for_pictures_that_cannot_be_made_is_told(stored: tuple[Path, set[str]], tmp_path: Path) -> None:
+def test_a_folder_for_pictures_that_cannot_be_made_is_told(
+    stored: tuple[Path, set[str]], inspected: tuple[Inspection, ...]
+) -> None:
     path, _ = stored
     with pytest.raises(OutputError, match=r"rx\.bin/pictures: cannot be made .*; give --out"):
-        write_pictures(inspect(path, layout=LAYOUT), path / "pictures")
+        write_pictures(inspected, path / "pictures")
 
 
 def test_a_notebook_shows_the_recording_and_its_satellites_escaped(stored: tuple[Path, set[str]]) -> None:
@@ -372,10 +394,10 @@ def test_a_notebook_shows_the_recording_and_its_satellites_escaped(stored: tuple
 
 
 def test_what_was_found_before_is_not_searched_again_and_tells_the_same(
-    stored: tuple[Path, set[str]], monkeypatch
+    stored: tuple[Path, set[str]], inspected: tuple[Inspection, ...], monkeypatch
 ) -> None:
     path, _ = stored
-    (described,) = inspect(path, layout=LAYOUT)
+    (described,) = inspected
     peaks = guess(path).proposals[0].peaks
     searched = []
     monkeypatch.setattr(
