@@ -426,7 +426,7 @@ def test_a_recording_cut_anywhere_loses_what_is_cut_and_no_more(tmp_path, cut, b
 
 
 @given(place=st.integers(0, 10**6), bit=st.integers(0, 7))
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_sidecar_with_a_flipped_bit_is_refused_or_read_as_it_stands(tmp_path, place, bit):
     layout = layout_of(centre_hz=1575e6, header_bytes=2, start_gpst="2022-01-01T21:45:58", swap_iq=True, antenna="mast")
     path = write(tmp_path, layout, noise(400).astype(np.int8).tobytes())

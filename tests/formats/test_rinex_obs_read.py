@@ -204,7 +204,7 @@ FILES = (
 )
 
 
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_no_damage_ends_in_anything_but_data_or_a_message(data):
     text = bytearray("\n".join(data.draw(st.sampled_from(FILES))), "latin-1")

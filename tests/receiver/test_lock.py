@@ -19,8 +19,20 @@ def test_a_signal_on_the_real_axis_gives_one_and_nothing_gives_zero():
     assert lock_value(np.array([4.0, 1.0, 0.0, 0.0]), np.array([0.0, 1.0, 2.0, 0.0])).tolist() == [1.0, 0.0, -1.0, 0.0]
 
 
-@pytest.mark.parametrize("n_prompts", [5, 20, 100])
-@pytest.mark.parametrize("n_frames", [1, 2, 5])
+@pytest.mark.parametrize(
+    ("n_prompts", "n_frames"),
+    [
+        (5, 1),
+        (20, 1),
+        (100, 1),
+        (5, 2),
+        (20, 2),
+        pytest.param(100, 2, marks=pytest.mark.long),
+        (5, 5),
+        (20, 5),
+        pytest.param(100, 5, marks=pytest.mark.long),
+    ],
+)
 def test_noise_is_held_as_often_as_stated(n_prompts, n_frames):
     rng = np.random.default_rng(n_prompts + n_frames)
     n_looks, stated = 60_000, 5e-3

@@ -86,7 +86,7 @@ def error_covariance(
         moves, noises = step[k], added[k]
         if further is not None:
             moves, noises = (
-                linalg.block_diag(*pair) for pair in zip((moves, noises), further(steps_s[k]), strict=True)
+                scipy.linalg.block_diag(*pair) for pair in zip((moves, noises), further(steps_s[k]), strict=True)
             )
         after = moves @ covariance[k] @ moves.T + noises
         if extra is not None:

@@ -16,21 +16,21 @@ from skyproof.records import Observations, SampleGap, Samples
 START = np.datetime64("2024-05-14T09:59:58", "ns")
 
 
+def reception(*paths):
+    """The receiver of the four antennas, tracked."""
+    (source,) = open_inputs([tuple(paths)], Settings(), None, ["array"])
+    (tracker,), _ = track([source], Settings())
+    return observe(tracker, None)
+
+
 @pytest.fixture(scope="module")
-def received(array_files):
-    """The receiver of the four antennas, by each way in which its samples are stored."""
-
-    def reception(*paths):
-        (source,) = open_inputs([tuple(paths)], Settings(), None, ["array"])
-        (tracker,), _ = track([source], Settings())
-        return observe(tracker, None)
-
-    return {"files": reception(*array_files.raw), "SigMF": reception(array_files.sigmf)}
+def of_files(array_files):
+    return reception(*array_files.raw)
 
 
 @pytest.mark.long
-def test_antennas_in_one_file_are_measured_as_those_in_files_of_their_own(received):
-    apart, together = received["files"].antennas, received["SigMF"].antennas
+def test_antennas_in_one_file_are_measured_as_those_in_files_of_their_own(of_files, array_files):
+    apart, together = of_files.antennas, reception(array_files.sigmf).antennas
     assert len(apart) == len(together) == 4
     for one, two in zip(apart, together, strict=True):
         assert one.signals == two.signals
@@ -48,11 +48,10 @@ def test_channels_of_a_raw_file_are_read_as_those_of_sigmf(array_files):
     assert np.array_equal(raw.read_all(123_456, 65_536), sigmf.read_all(123_456, 65_536))
 
 
-def test_the_first_antenna_stands_for_the_receiver(received):
-    reception = received["files"]
-    assert reception.observations is reception.antennas[0]
-    assert {o.receiver for o in reception.antennas} == {"array"}
-    assert reception.array_phases is None  # nobody said where they are
+def test_the_first_antenna_stands_for_the_receiver(of_files):
+    assert of_files.observations is of_files.antennas[0]
+    assert {o.receiver for o in of_files.antennas} == {"array"}
+    assert of_files.array_phases is None  # nobody said where they are
 
 
 def samples(**given):

@@ -69,9 +69,9 @@ def test_a_repeated_message_is_not_told_as_another(tracker):
 
 def test_a_rough_place_narrows_the_search_to_what_stands_above_it(recorded, tracker):
     navigation = read_nav(recorded.nav)
-    inputs = open_inputs(recorded.paths, Settings())
+    inputs = open_inputs(recorded.paths, Settings(duration_s=3.0))
     here, nowhere = ({"place_deg": place} for place in ((57.0, 13.0), (-57.0, -167.0)))
-    (near,), _ = track(inputs, Settings(duration_s=1.0, **here), navigation=navigation)
+    (near,), _ = track(inputs, Settings(**here), navigation=navigation)
     heard = {arc.signal.sat for arc in tracker.arcs.values()}
     sats = set(near.receiver.settings.sats)
     assert heard <= sats

@@ -53,7 +53,7 @@ def test_the_nearest_baseline_of_a_distance_is_the_nearest_of_all(seed):
 def test_under_the_truth_agreement_is_uniform_and_survival_is_never_too_small(known):
     """Measured baselines and what is known of them are drawn about the truth, with the sigmas that are stated."""
     rng = np.random.default_rng(3)
-    spread_m2, draws = covariance(rng, 2.0), 1000
+    spread_m2, draws = covariance(rng, 2.0), 400
     root_m = np.linalg.cholesky(spread_m2)
     agreed, survived = np.empty(draws), np.empty(draws)
     for k in range(draws):
