@@ -63,7 +63,7 @@ def white(rate: float) -> MultiReceiver:
 
 
 CASES = (
-    Case("one antenna, white noise", lambda: white(0.1), CAPTURED.records, 400, 10_000, AUTHENTIC),
+    Case("one antenna, white noise", lambda: white(0.1), CAPTURED.records, 1000, 10_000, AUTHENTIC),
     Case(
         "one antenna, as it comes",
         MultiReceiver,
@@ -85,14 +85,14 @@ CASES = (
         "echoes",
         lambda: Peaks(PeaksSettings(false_alarm_probability=0.2, long_echo_probability=0.05)),
         lambda rng: nulls.with_echoes(rng, 0.05),
-        400,
+        800,
         20_000,
     ),
     Case(
         "one sky: RAIM",
         lambda: Residual(ResidualSettings(false_alarm_probability=0.1, ionosphere_share=0.0)),
         CLEAN.records,
-        40,
+        80,
         2000,
         ("undecided",),
     ),
@@ -100,7 +100,7 @@ CASES = (
         "unrelated second signals",
         lambda: Residual(ResidualSettings(false_alarm_probability=0.3, unrelated_spread_m=60.0)),
         nulls.with_unrelated,
-        20,
+        30,
         500,
         conservative="a union bound over all sets that could be formed, at the worst geometry",
     ),
@@ -116,7 +116,7 @@ CASES = (
         "one receiver that goes on",
         lambda: Continuity(ContinuitySettings(false_alarm_probability=0.3)),
         CLEAN.records,
-        30,
+        60,
         1000,
         ("undecided",),
         "a union bound over all epochs, and multipath may change more than it does in these records",
@@ -173,7 +173,7 @@ CASES = (
         "two signals of one antenna",
         lambda: Spin(SpinSettings(false_alarm_probability=0.05)),
         lambda rng: nulls.spin_records(rng, nulls.somewhere(rng, 2)[:, :2]),
-        400,
+        800,
         20_000,
         AUTHENTIC,
     ),

@@ -107,7 +107,7 @@ def test_claims_hold():
 
 
 def test_shares_rise_to_one_and_the_right_line_is_beside_them():
-    rows = rows_of("distribution", trials=100)
+    rows = rows_of("distribution")
     charts = BY_NAME["uniformity.distribution"].charts
     assert {row["group"] for row in rows} == {chart.where["group"] for chart in charts}
     for case in CASES:
