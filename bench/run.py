@@ -17,6 +17,7 @@ import kernel
 import memory
 import metadata
 import methods
+import overlaps
 import pairs
 import position
 import protection
@@ -41,6 +42,7 @@ BENCHES = {
     "methods": methods,
     "protection": protection,
     "quality": quality,
+    "overlaps": overlaps,
     "receiver": receiver,
     "reading": reading,
     "metadata": metadata,

@@ -1,23 +1,22 @@
 """Records under the hypothesis that each detector's alarms reject, and under attacks of the same make."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from skyproof.decomposition.correlation import noise_variance
-from skyproof.decomposition.fit import (
-    delay_dictionary,
-    simulate_taps,
-)
+from skyproof.decomposition.correlation import correlation, noise_variance
 from skyproof.detectors.array.ins_array import InsArraySettings, equilateral_triangle, predicted_directions
 from skyproof.detectors.array.spin import arm_angles, arm_columns
 from skyproof.detectors.correlators.correlator_laws import prompt_amplitude, triangle
 from skyproof.detectors.correlators.sqm import tap_covariance
+from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.signals import prn_of
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.sets import consistent_sets
@@ -138,43 +137,81 @@ OVERLAPPED_CCAF = MeasuredScene(
 )
 
 
-def with_ccaf(records, rng):
-    """Grids of the observations' last epoch: copy a at the reference, copy b, where there is one, beside it."""
+CCAF_POINTS = np.arange(-16, 17) * 0.1
+INTERVALS = 4
+
+
+def own_correlation(prn, lag_chips, band_hz=CCAF_RATE_HZ):
+    """Of a code with itself in a band: that of single chips, as often as the code's chips are alike."""
+    return sum(
+        like * correlation(lag_chips - k, band_hz) for k, like in zip(range(-6, 7), side_lobes(prn), strict=True)
+    )
+
+
+@cache
+def side_lobes(prn):
+    """A code with itself at whole chips from -6 to 6."""
+    code = ca_code(prn).astype(int)
+    return tuple(int(code @ np.roll(code, k)) / 1023.0 for k in range(-6, 7))
+
+
+@cache
+def own_root(prn):
+    """Of the covariance of the taps' noise."""
+    values, vectors = np.linalg.eigh(own_correlation(prn, CCAF_POINTS[:, None] - CCAF_POINTS))
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def burst(prn, delay_chips, amplitude, variance, rng, intervals=INTERVALS):
+    """Taps (intervals, m) of signals (n,) of one satellite, with phases of their own in each interval."""
+    clean = own_correlation(prn, CCAF_POINTS - np.asarray(delay_chips)[:, None])  # (n, m)
+    turn = np.asarray(amplitude) * np.exp(2j * np.pi * rng.random((intervals, len(clean))))
+    white = rng.standard_normal((2, intervals, CCAF_POINTS.size)) * np.sqrt(0.5 * variance)
+    return turn @ clean + (white[0] + 1j * white[1]) @ own_root(prn).T
+
+
+def with_ccaf(records, rng, second_db=-1.2):
+    """A burst of grids that ends with the last epoch: copy a at the reference, copy b, where there is one, beside it,
+    stronger by `second_db`, one for all or one each."""
     (o,) = records.observations
     firsts = [k for k, signal in enumerate(o.signals) if signal.copy == "a"]
     where = {signal: k for k, signal in enumerate(o.signals)}
-    range_m, delays = o.pseudorange_m[-1], delay_dictionary(CCAF_RATE_HZ)
+    range_m = o.pseudorange_m[-1]
     variance = float(noise_variance(45.0, 0.02, CCAF_RATE_HZ))
     value = []
-    for k in firsts:
-        both = [0.0]
+    for k, over_db in zip(firsts, np.broadcast_to(second_db, len(firsts)), strict=True):
+        delays, sizes = [0.0], [1.0]
         other = where.get(replace(o.signals[k], copy="b"))
         if other is not None and np.isfinite(range_m[other]):
-            both.append((range_m[other] - range_m[k]) / CHIP_M)
-        turn = np.exp(2j * np.pi * rng.random(len(both))) * np.array([1.0, 0.87])[: len(both)]
-        value.append(simulate_taps(np.array(both), turn, np.array(variance), delays, rng))
-    n = len(firsts)
+            delays.append((range_m[other] - range_m[k]) / CHIP_M)
+            sizes.append(10.0 ** (0.05 * over_db))
+        value.append(burst(prn_of(o.signals[k].sat), delays, sizes, variance, rng))
+    n, back_s = len(firsts), 0.02 * np.arange(INTERVALS - 1, -1, -1)
     grid = Ccaf(
         receiver=o.receiver,
         signals=tuple(o.signals[k] for k in firsts),
-        gpst=o.gpst[-1:],
-        elapsed_s=o.elapsed_s[-1:],
+        gpst=o.gpst[-1] - (back_s * 1e9).astype("timedelta64[ns]"),
+        elapsed_s=o.elapsed_s[-1] - back_s,
         coherent_s=0.02,
         band_hz=CCAF_RATE_HZ,
-        delays_chips=delays.points,
+        delays_chips=CCAF_POINTS,
         dopplers_hz=np.zeros(1),
-        reference_m=range_m[None, firsts],
-        reference_hz=np.zeros((1, n)),
-        value=np.array(value)[None, :, None, :],
-        noise_variance=np.full((1, n), variance),
+        reference_m=np.tile(range_m[firsts], (INTERVALS, 1)),
+        reference_hz=np.zeros((INTERVALS, n)),
+        value=np.array(value).transpose(1, 0, 2)[:, :, None, :],
+        noise_variance=np.full((INTERVALS, n), variance),
     )
     return replace(records, ccaf=(grid,))
 
 
-def with_near_echoes(rng):
-    """Grids of a clean sky in which every satellite has a second signal within a chip, at a delay of its own."""
+def with_near_reflections(rng, no_reflection_probability=0.1):
+    """Grids of a clean sky in which every satellite has a reflection within a chip, 6 dB weaker, at a delay of its own;
+    now and then one has what no reflection is: a signal before it, or nearly as strong."""
     n = UNRELATED.max_satellites
-    return with_ccaf(with_seconds(rng, np.ones(n, bool), rng.uniform(-1.0, 1.0, n) * CHIP_M, scene=UNRELATED), rng)
+    odd = rng.random(n) < no_reflection_probability
+    delay = np.where(odd, rng.uniform(-1.0, 1.0, n), rng.uniform(0.0, 1.0, n))
+    records = with_seconds(rng, np.ones(n, bool), delay * CHIP_M, scene=UNRELATED)
+    return with_ccaf(records, rng, np.where(odd, -1.2, -6.0))
 
 
 # Arrays ---------------------------------------------------------------------------------------------------------------

@@ -105,12 +105,12 @@ CASES = (
         conservative="a union bound over all sets that could be formed, at the worst geometry",
     ),
     Case(
-        "unrelated near echoes",
-        lambda: Dccaf(DccafSettings(false_alarm_probability=0.1, count_runs=500, multipath_sigma_m=2.0)),
-        nulls.with_near_echoes,
+        "near reflections, and some that are none",
+        lambda: Dccaf(DccafSettings(false_alarm_probability=0.1, no_reflection_probability=0.1, multipath_sigma_m=2.0)),
+        nulls.with_near_reflections,
         10,
         300,
-        conservative="a union bound over all sets that could be formed, and not every near echo is seen",
+        conservative="two tests share the rate, counts are whole, and not every near signal is told from a reflection",
     ),
     Case(
         "one receiver that goes on",

@@ -1,73 +1,76 @@
-"""Two skies in signals that overlap: the detector over `decomposition` and `inverse_raim`.
+"""Two skies in signals that overlap: the detector over `bursts` and `inverse_raim`.
 
-Each satellite's correlation is taken apart into one or two signals, as many as its count test says; then the signals
-left over by the best consistent set are searched for a second one, of five satellites at least. Echoes make second
-signals, too, but no second position. Which sky is true the correlation does not tell. An inertial unit that has
+Each satellite's correlation over a burst of intervals is taken apart into one or two signals, as many as its count test
+says. A reflection is later and weaker. So a second signal that no reflection explains - before the stronger one, or as
+strong - is counted: how many satellites have one is binomial if that happens to each by itself, by a direct way that is
+blocked or a mirror that takes nothing. Where several have one, the signals left over by the best consistent set are
+searched for a second sky, of five satellites at least; that its ranges agree is evidence of its own, for reflections do
+not. A sky of which every signal is later and weaker is no attack here: a mirror's image fits a position too.
+
+Which sky is true the correlation does not tell. An inertial unit that has
 navigated alone since before the attack does, by `navigation.exclusion`: where its state is among the records, with its
 covariance, the signals of the satellites that show both skies are named, or it is reported that they cannot be.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Reals
-from skyproof.decomposition.fit import (
-    CountTest,
-    Decomposition,
-    Dictionary,
-    at_strongest_doppler,
-    count_statistic,
-    count_test,
-    taps_dictionary,
-)
+from skyproof.arrays import Integers, Reals
+from skyproof.decomposition.fit import at_strongest_doppler, taps_dictionary
 from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.dccaf.bursts import REFLECTED_DB, components, joint_p_value, shapes
 from skyproof.detectors.dccaf.inverse_raim import passing_sets, second_subset, set_states
 from skyproof.errors import require_probability
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.signals import prn_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.chance import chance_p_value, set_combinations
 from skyproof.navigation.exclusion import choose_fix, wrong_choice_rule
 from skyproof.navigation.least_squares import gauss_newton, line_of_sight
 from skyproof.navigation.nav_state import covered, state_at
 from skyproof.navigation.ranges import atmosphere, corrected_ranges
-from skyproof.records import Ccaf, Evidence, NavigationData, Need, Records, Says, SignalRef
-from skyproof.statistics.distributions import chi_square_threshold
+from skyproof.records import Asked, Ccaf, CcafAsked, Evidence, NavigationData, Need, Records, Says, SignalRef
+from skyproof.statistics.distributions import binomial_survival, chi_square_threshold
 
 __all__ = ["Dccaf", "DccafSettings", "Delays", "delays_of"]
 
 _CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
-_SEED = 20190601  # of the simulated law of the count: the same in every run
+SIGNAL_LEVEL = 1e-4
+"""By chance a satellite counts as one with a second signal that no reflection explains so often."""
+SEVERAL = 2
+"""So many of them, and agreement of the ranges is looked at as well."""
 
 
 @dataclass(frozen=True)
 class DccafSettings:
     """Settings of `Dccaf`.
 
-    false_alarm_probability : that unrelated second signals pass for a second sky, in each receiver and window.
+    false_alarm_probability : of a receiver's window.
     second_signal_probability : that a satellite alone is said to have two signals, divided by the number of satellites.
+    no_reflection_probability : that a satellite has a second signal that is earlier, or not weaker by 3 dB, without an
+        attack.
     set_probability : that a true set fails its chi-square test, and that the true fix fails its own.
     wrong_choice_probability : that the false sky is chosen, both being equally likely before; else none is.
     multipath_sigma_m, ionosphere_share : as for `residual`.
     window_chips : delays are searched this far to both sides of the reference.
-    count_runs : simulated correlations for the law of the count, once for each front end.
     """
 
     false_alarm_probability: float = 1e-3
     second_signal_probability: float = 0.01
+    no_reflection_probability: float = 0.02
     set_probability: float = 1e-3
     wrong_choice_probability: float = 1e-3
     multipath_sigma_m: float = 1.0
     ionosphere_share: float = 0.25
     window_chips: float = 1.3
-    count_runs: int = 4000
 
     def __post_init__(self) -> None:
         for name in (
             "false_alarm_probability",
             "second_signal_probability",
+            "no_reflection_probability",
             "set_probability",
             "wrong_choice_probability",
         ):
@@ -75,59 +78,62 @@ class DccafSettings:
 
 
 class Delays(NamedTuple):
-    """delay_chips, sigma_chips (channels, 2): NaN for a second signal that is not there; p_value (channels,) of "one
-    signal". Strongest first."""
+    """delay_chips, sigma_chips (channels, 2): NaN for a second signal that is not there. Strongest first. p_value
+    (channels,) of "one signal"; unlike_p_value (channels,) of "one signal, or a signal and its reflection"."""
 
     delay_chips: Reals
     sigma_chips: Reals
     p_value: Reals
+    unlike_p_value: Reals
 
 
-def delays_of(ccaf: Ccaf, epoch: int, settings: DccafSettings) -> Delays:
-    """One or two delays of each channel at one epoch, at the Doppler of its strongest signal."""
-    grid = np.asarray(ccaf.value[epoch], np.complex128)
-    variance = ccaf.noise_variance[epoch]
-    there = np.isfinite(grid).all(axis=(1, 2)) & np.isfinite(variance) & np.isfinite(ccaf.reference_m[epoch])
-    points = tuple(float(x) for x in ccaf.delays_chips)
-    dictionary, law = _law(points, ccaf.band_hz, settings.window_chips, settings.count_runs, ccaf.noise_samples)
-    n = len(there)
-    delay, sigma, p_value = np.full((n, 2), np.nan), np.full((n, 2), np.nan), np.full(n, np.nan)
+def last_burst(ccaf: Ccaf) -> Integers:
+    """The epochs of the last run of intervals that follow each other, of those with most channels; none without any."""
+    there = np.isfinite(ccaf.value).all(axis=(2, 3)) & np.isfinite(ccaf.noise_variance) & np.isfinite(ccaf.reference_m)
     if not there.any():
-        return Delays(delay, sigma, p_value)
-    taps, variance = grid[there, 0], variance[there]
-    if ccaf.dopplers_hz.size > 1:
-        taps, factor, _ = at_strongest_doppler(grid[there], dictionary, ccaf.dopplers_hz, ccaf.coherent_s)
-        variance = factor * variance
-    statistic, one, two = count_statistic(taps, dictionary, variance)
-    p_value[there] = law.p_value(statistic)
-    double = p_value[there] < settings.second_signal_probability / there.sum()
-    delay[there], sigma[there] = _strongest_first(one, two, double)
-    return Delays(delay, sigma, p_value)
+        return np.empty(0, np.int64)
+    first = np.flatnonzero(np.diff(ccaf.elapsed_s, prepend=-np.inf) > 1.5 * ccaf.coherent_s)
+    runs = np.split(np.arange(ccaf.elapsed_s.size), first[1:])
+    counts = np.array([int(there[run].all(axis=0).sum()) for run in runs])
+    return runs[int(np.flatnonzero(counts == counts.max())[-1])]
 
 
-@lru_cache(maxsize=16)
-def _law(
-    points: tuple[float, ...], band_hz: float, window_chips: float, runs: int, noise_samples: int | None
-) -> tuple[Dictionary, CountTest]:
-    dictionary = taps_dictionary(points, band_hz, window_chips=window_chips)
-    return dictionary, count_test(dictionary, np.random.default_rng(_SEED), runs=runs, noise_samples=noise_samples)
+def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
+    """One or two delays of each channel over a burst, from the reference of its last epoch."""
+    n = len(ccaf.signals)
+    grid = np.asarray(ccaf.value[epochs], np.complex128)
+    variance = np.asarray(ccaf.noise_variance[epochs], np.float64)
+    there = np.isfinite(grid).all(axis=(0, 2, 3)) & np.isfinite(variance).all(axis=0)
+    there &= np.isfinite(ccaf.reference_m[epochs]).all(axis=0)
+    points = tuple(float(x) for x in ccaf.delays_chips)
+    delay, sigma = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
+    p_value, unlike = np.full(n, np.nan), np.full(n, np.nan)
+    moved = _moved_chips(ccaf, epochs)
+    for row in np.flatnonzero(there):
+        taps, noise = grid[:, row, 0], variance[:, row]
+        if ccaf.dopplers_hz.size > 1:
+            table = taps_dictionary(points, ccaf.band_hz, window_chips=settings.window_chips)
+            taps, factor, _ = at_strongest_doppler(grid[:, row], table, ccaf.dopplers_hz, ccaf.coherent_s)
+            noise = factor * noise
+        own = shapes(prn_of(ccaf.signals[row].sat), points, ccaf.band_hz, settings.window_chips)
+        found = components(taps[None], own, noise[None], ccaf.band_hz)
+        law = len(epochs), own.path, ccaf.noise_samples
+        p_value[row] = joint_p_value(found.second, *law)[0]
+        unlike[row] = joint_p_value(found.unlike, *law)[0]
+        delay[row, 0], sigma[row, 0] = found.one_chips[0], found.one_sigma[0]
+        if p_value[row] < settings.second_signal_probability / there.sum():
+            delay[row], sigma[row] = found.two_chips[0], np.sqrt(found.two_variance[0])
+    return Delays(delay + moved[:, None], sigma, p_value, unlike)
 
 
-def _strongest_first(one: Decomposition, two: Decomposition, double: Any) -> tuple[Reals, Reals]:
-    order = np.argsort(-np.abs(two.amplitude), axis=-1)
-    spread = np.sqrt(np.diagonal(two.covariance, axis1=-2, axis2=-1))
-    alone = np.full((len(double), 1), np.nan)
-    delay = np.where(
-        double[:, None],
-        np.take_along_axis(two.delay_chips, order, axis=-1),
-        np.concatenate((one.delay_chips, alone), axis=1),
+def _moved_chips(ccaf: Ccaf, epochs: Integers) -> Reals:
+    """(n_channels,) by how much the mean of the grids' zeros over a burst lies after that of its last epoch, beyond
+    what the carrier says: the loop may move it from interval to interval."""
+    after_s = (ccaf.elapsed_s[epochs] - ccaf.elapsed_s[epochs[-1]])[:, None]
+    wavelengths_m = -ccaf.reference_hz[epochs] * (SPEED_OF_LIGHT_M_S / L1_HZ) * after_s
+    return np.asarray(
+        np.mean(ccaf.reference_m[epochs] - wavelengths_m - ccaf.reference_m[epochs[-1]], axis=0) / _CHIP_M
     )
-    sigma = np.where(
-        double[:, None],
-        np.take_along_axis(spread, order, axis=-1),
-        np.concatenate((np.sqrt(one.covariance[:, :, 0]), alone), axis=1),
-    )
-    return delay, sigma
 
 
 class _Sky(NamedTuple):
@@ -151,15 +157,16 @@ class _Fixes(NamedTuple):
 
 
 class Dccaf:
-    """The detector: of each receiver and window an Evidence of the last epoch in which most channels are there.
+    """The detector: of each receiver and window an Evidence of the last burst in which most channels are there.
 
     An attack is reported of the receiver as a whole. With `nav_state`, a `NavState` with covariance of a unit
     that has had no fix since before the attack, there is more evidence, on the signals nearest to the references, which
-    are those that the receiver follows.
+    are those that the receiver follows. p-values are upper bounds.
     """
 
     name = "dccaf"
     needs = (Need.CCAF, Need.NAVIGATION)
+    asks = Asked(ccaf=CcafAsked(reach_chips=1.5, every_s=1.0, soon_s=0.2))
 
     def __init__(self, settings: DccafSettings | None = None) -> None:
         self.settings = settings or DccafSettings()
@@ -174,46 +181,48 @@ class Dccaf:
 
     def _receiver(self, records: Records, navigation: NavigationData, ccaf: Ccaf) -> list[Evidence]:
         every = tuple(SignalRef(ccaf.receiver, signal) for signal in sorted(ccaf.signals))
-        whole = np.isfinite(ccaf.value).all(axis=(2, 3)).sum(axis=1)
-        few = undecided(
-            self,
-            records,
-            every,
-            because="fewer than five satellites with a correlation grid and an orbit",
-            would_need="correlation grids of five or more satellites with their orbits",
-        )
-        if whole.size == 0 or whole.max() < 5:
-            return [few]
-        epoch = int(np.flatnonzero(whole == whole.max())[-1])
-        found = delays_of(ccaf, epoch, self.settings)
-        sky = self._sky(navigation, ccaf, epoch, found)
-        if sky is None:
-            return [few]
-        probability = self.settings.set_probability
-        best = passing_sets(sky.unit, sky.misfit_m, sky.sigma_m, false_alarm_probability=probability)
-        doubles = int(np.isfinite(found.delay_chips[sky.rows, 1]).sum())
-        if not best.statistic.size:
+        epochs = last_burst(ccaf)
+        found = delays_of(ccaf, epochs, self.settings) if epochs.size else None
+        first = _first_of_each(ccaf, found)
+        if found is None or first.size < 5:
             return [
                 undecided(
                     self,
                     records,
                     every,
-                    because=f"no choice of one signal a satellite fits one position in "
-                    f"{ccaf.receiver}; {doubles} satellites have two signals",
-                    would_need="more satellites",
+                    because="fewer than five satellites with a correlation grid and a time of week",
+                    would_need="correlation grids of five or more satellites with their times of week",
                 )
             ]
+        unlike = first[found.unlike_p_value[first] < SIGNAL_LEVEL]
+        chance = self.settings.no_reflection_probability + SIGNAL_LEVEL
+        p_count = float(binomial_survival(unlike.size, first.size, chance))
+        doubles = int(np.isfinite(found.delay_chips[first, 1]).sum())
+        words = (
+            f"of {first.size} satellites in {ccaf.receiver}, {unlike.size} have a second signal within a chip that no "
+            f"reflection explains: before the stronger one, or not {REFLECTED_DB:g} dB weaker"
+        )
+        if unlike.size < SEVERAL:
+            return [self._of_receiver(records, every, p_count, words, doubles)]
+        epoch = int(epochs[-1])
+        sky = self._sky(navigation, ccaf, epoch, found, first)
+        fixes, p_sky, beside = (None, 1.0, "") if sky is None else self._second_sky(ccaf, sky)
+        both = p_count * p_sky
+        p_value = min(1.0, 2.0 * min(p_count, both * (1.0 - np.log(both))))
+        chosen: list[Evidence] = []
+        if p_value < self._alpha and sky is not None and fixes is not None:
+            chosen = self._chosen(records, ccaf, epoch, found, sky, fixes)
+        return [self._of_receiver(records, every, p_value, words + beside, doubles), *chosen]
+
+    def _second_sky(self, ccaf: Ccaf, sky: _Sky) -> tuple[_Fixes | None, float, str]:
+        """Both skies, the chance that the second one's ranges agree without one, and its words."""
+        probability = self.settings.set_probability
+        best = passing_sets(sky.unit, sky.misfit_m, sky.sigma_m, false_alarm_probability=probability)
+        if not best.statistic.size:
+            return None, 1.0, "; no choice of one signal a satellite fits one position"
         second = second_subset(sky.unit, sky.misfit_m, sky.sigma_m, best.choice[0], false_alarm_probability=probability)
         if second is None:
-            return [
-                self._of_receiver(
-                    records,
-                    every,
-                    1.0,
-                    f"{len(sky.rows)} satellites in {ccaf.receiver} fit one position, {doubles} have a second signal",
-                    doubles,
-                )
-            ]
+            return None, 1.0, ""
         rows, _ = second
         p_value = float(
             chance_p_value(
@@ -225,12 +234,12 @@ class Dccaf:
         )
         fixes = _fixes(sky, best.choice[0], rows)
         apart = fixes.state_m[1] - fixes.state_m[0]
-        because = (
-            f"signals of {len(rows)} satellites in {ccaf.receiver} fit a second position, "
-            f"{np.linalg.norm(apart[:3]):.0f} m away, and a time {apart[3]:.0f} m off"
+        return (
+            fixes,
+            p_value,
+            f"; signals of {len(rows)} fit a second position, {np.linalg.norm(apart[:3]):.0f} m away, and a time "
+            f"{apart[3]:.0f} m off",
         )
-        chosen = self._chosen(records, ccaf, epoch, found, sky, fixes) if p_value < self._alpha else []
-        return [self._of_receiver(records, every, p_value, because, doubles), *chosen]
 
     @property
     def _alpha(self) -> float:
@@ -240,6 +249,8 @@ class Dccaf:
         self, records: Records, every: tuple[SignalRef, ...], p_value: float, because: str, doubles: int
     ) -> Evidence:
         attack = p_value < self._alpha
+        if not attack and doubles:
+            because += f"; {doubles} have a second signal of any kind"
         return Evidence(
             detector=self.name,
             start_gpst=records.start_gpst,
@@ -249,7 +260,7 @@ class Dccaf:
             because=because,
             p_value=p_value,
             false_alarm_probability=self._alpha,
-            would_need=None if attack or doubles == 0 else "five or more satellites with a second signal",
+            would_need=None if attack or doubles == 0 else "second signals of more satellites, or farther apart",
         )
 
     def _chosen(
@@ -314,21 +325,13 @@ class Dccaf:
                 )
         return said
 
-    def _sky(self, navigation: NavigationData, ccaf: Ccaf, epoch: int, found: Delays) -> _Sky | None:
-        """Around the fix of the strongest signals; None with fewer than five satellites."""
+    def _sky(self, navigation: NavigationData, ccaf: Ccaf, epoch: int, found: Delays, first: Integers) -> _Sky | None:
+        """Around the fix of the strongest signals of the channels `first`; None with fewer than five satellites."""
         gpst = ccaf.gpst[epoch]
         measured_m = ccaf.reference_m[epoch][:, None] + found.delay_chips * _CHIP_M
         ranges = corrected_ranges(ccaf.signals, np.array([gpst]), measured_m[None, :, 0], navigation)
-        sats = [signal.sat for signal in ccaf.signals]
-        rows = np.array(
-            [
-                row
-                for row in np.flatnonzero(np.isfinite(ranges.range_m[0]) & np.isfinite(found.delay_chips[:, 0]))
-                if sats.index(sats[row]) == row
-            ],
-            np.int64,
-        )
-        rows = rows[np.argsort([sats[row] for row in rows], kind="stable")]
+        rows = first[np.isfinite(ranges.range_m[0, first])]
+        rows = rows[np.argsort([ccaf.signals[row].sat for row in rows], kind="stable")]
         if rows.size < 5:
             return None
         satellite, range_m = ranges.satellite_ecef_m[0, rows], ranges.range_m[0, rows]
@@ -348,6 +351,18 @@ class Dccaf:
         first = range_m - delays.delay_m - distance_m - state_m[3]
         second = first + (measured_m[rows, 1] - measured_m[rows, 0])
         return _Sky(unit, np.stack((first, second), axis=1), total_m, rows, state_m[:3])
+
+
+def _first_of_each(ccaf: Ccaf, found: Delays | None) -> Integers:
+    """Rows of the channels that were taken apart, one a satellite: that of its signal that was found first."""
+    if found is None:
+        return np.empty(0, np.int64)
+    rows: dict[str, int] = {}
+    for row in np.flatnonzero(np.isfinite(found.p_value)):
+        signal = ccaf.signals[row]
+        if signal.sat not in rows or signal.copy < ccaf.signals[rows[signal.sat]].copy:
+            rows[signal.sat] = int(row)
+    return np.array(sorted(rows.values()), np.int64)
 
 
 def _fixes(sky: _Sky, choice: Any, rows: Any) -> _Fixes:

@@ -1,0 +1,357 @@
+"""One signal or two, of the same delays through a burst of intervals, and whether a reflection explains the second.
+
+The intervals of a burst follow each other within tenths of a second: delays stay, amplitudes are free in each. With
+b(tau) the whitened correlation of an interval with a signal at delay tau, and sums over the intervals, what two signals
+explain is
+
+    Q(tau1, tau2) = sum (|b1|^2 g22 + |b2|^2 g11 - 2 g12 Re(b1* b2)) / (g11 g22 - g12^2)
+
+as in `decomposition.fit` for one interval; nothing but the sums of the products b1* b2 is needed to search all pairs.
+
+Each satellite's own code is used: its side lobes, up to 65/1023 from one chip on, are no second signals.
+
+A reflection comes after its signal and is weaker. `Components` therefore holds two statistics: what any second signal
+explains more than none, and what it explains more than the best pair whose later signal is weaker by `REFLECTED_DB` at
+least. The second is small under one signal, and under a signal with a reflection.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from skyproof.arrays import Complexes, Reals
+from skyproof.compiled import compiled
+from skyproof.gnss.codes import ca_code
+from skyproof.gnss.constants import CA_CHIP_RATE_HZ
+
+__all__ = ["REFLECTED_DB", "Components", "Shapes", "components", "joint_p_value", "own_correlation", "shapes"]
+
+REFLECTED_DB = 3.0
+"""By which a reflection is weaker at least: a wall takes that of a circular wave."""
+_POINTS = 512
+"""Of a code's correlation, a chip."""
+_STEP_CHIPS = 0.01
+_CODE_NULLS = 1e-7
+_LAST_STEP_CHIPS = 2e-4
+_CLOSEST_CHIPS = 0.004
+_SHIFTS = np.array([0.0, -0.02, 0.02, -0.05, 0.05])
+"""By which the first signal may stand off where one alone would, when the search for a second begins."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Shapes:
+    """What one satellite's signal looks like in white noise, by delay.
+
+    whiten : (d, m) from taps to coordinates in which noise is white. grid : (g,) chips. value, slope : (g, d).
+    path : length that the direction of a second signal goes as its delay runs over the window.
+    """
+
+    whiten: Reals
+    grid: Reals
+    value: Reals
+    slope: Reals
+    path: float
+
+
+@lru_cache(maxsize=64)
+def shapes(prn: int, taps_chips: tuple[float, ...], band_hz: float, window_chips: float) -> Shapes:
+    """Of the C/A code `prn` in an ideal band of two-sided width `band_hz`, delays within `window_chips`."""
+    taps = np.array(taps_chips)
+    count = round(window_chips / _STEP_CHIPS)
+    grid = np.arange(-count, count + 1.0) * _STEP_CHIPS
+    table, slopes = _period(prn, band_hz)
+    values, vectors = np.linalg.eigh(_read(table, taps[:, None] - taps))
+    kept = values > _CODE_NULLS * values[-1]
+    whiten = (vectors[:, kept] / np.sqrt(values[kept])).T
+    lag = taps[:, None] - grid
+    value, slope = (whiten @ _read(table, lag)).T.copy(), -(whiten @ _read(slopes, lag)).T
+    return Shapes(whiten=whiten, grid=grid, value=value, slope=np.ascontiguousarray(slope), path=_path(value, slope))
+
+
+def own_correlation(prn: int, lag_chips: ArrayLike, band_hz: float) -> Reals:
+    """Of the C/A code `prn` with itself in a band at lags (...), side lobes included."""
+    return _read(_period(prn, band_hz)[0], np.asarray(lag_chips, np.float64))
+
+
+@lru_cache(maxsize=64)
+def _period(prn: int, band_hz: float) -> tuple[Reals, Reals]:
+    """The whole of it and its derivative a chip, `_POINTS` a chip."""
+    code = ca_code(prn).astype(np.float64)
+    lines = np.arange(code.size * _POINTS // 2 + 1)
+    cycles = lines / code.size
+    power = np.abs(np.fft.fft(code))[lines % code.size] ** 2 * np.sinc(cycles) ** 2
+    power *= cycles <= 0.5 * band_hz / CA_CHIP_RATE_HZ
+    whole = np.fft.irfft(power, code.size * _POINTS)
+    slope = np.fft.irfft(power * 2j * np.pi * cycles, code.size * _POINTS)
+    return whole / whole[0], slope / whole[0]
+
+
+def _read(table: Reals, lag_chips: Reals) -> Reals:
+    at = lag_chips * _POINTS
+    whole = np.floor(at).astype(np.int64)
+    share = at - whole
+    return np.asarray(table[whole % table.size] * (1.0 - share) + table[(whole + 1) % table.size] * share)
+
+
+def _path(value: Reals, slope: Reals) -> float:
+    """Of the unit vectors towards D(tau) beside D(0); at zero that is towards the derivative, whose sign is no more."""
+    middle = len(value) // 2
+    first = value[middle] / np.linalg.norm(value[middle])
+    beside = value - np.outer(value @ first, first)
+    beside[middle] = slope[middle] - (slope[middle] @ first) * first
+    unit = beside / np.linalg.norm(beside, axis=1)[:, None]
+    turns = np.sum(unit[1:] * unit[:-1], axis=1)
+    return float(np.sum(np.arccos(np.clip(np.abs(turns), 0.0, 1.0))))
+
+
+def joint_p_value(statistic: ArrayLike, intervals: int, path: float, noise_samples: int | None = None) -> Reals:
+    """Chance (...) of a statistic `Components.second` at least as large under one signal: an upper bound.
+
+    Where the second signal may be, what it explains is a chi-square process of 2 K degrees for K intervals; the chance
+    that its highest point exceeds t is at most that of one point plus the expected number of level crossings,
+
+        P(chi2_2K > t) + path / sqrt(pi) (t/2)^(K - 1/2) exp(-t/2) / Gamma(K)
+
+    (Davies, Biometrika 74(1), 1987; Rice's formula for chi-square). A second degree is added, for the first signal's
+    delay moves as well. With a variance that is estimated from `noise_samples` complex values the law is mixed over
+    that estimate.
+    """
+    t = np.maximum(np.asarray(statistic, np.float64), 0.0)[..., None]
+    if noise_samples is not None:
+        share = (np.arange(64) + 0.5) / 64
+        t = t * special.chdtri(2.0 * noise_samples, share) / (2.0 * noise_samples)
+    k = intervals + 0.5
+    log_crossings = (k - 0.5) * np.log(np.maximum(0.5 * t, 1e-300)) - 0.5 * t - special.gammaln(k)
+    chance = special.chdtrc(2.0 * k, t) + path / np.sqrt(np.pi) * np.exp(log_crossings)
+    return np.asarray(np.minimum(chance, 1.0).mean(axis=-1))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Components:
+    """One signal, and two, of each burst (n,).
+
+    one_chips, one_sigma : (n,) delay of the signal, if it is one. two_chips : (n, 2) of two, the stronger first;
+    two_variance : (n, 2). two_energy : (n, 2) mean square amplitude in units of the noise's variance.
+    second : (n,) 2 (Q2 - Q1), what a second signal explains. unlike : (n,) 2 (Q2 - Q_reflection), at most `second`.
+    """
+
+    one_chips: Reals
+    one_sigma: Reals
+    two_chips: Reals
+    two_variance: Reals
+    two_energy: Reals
+    second: Reals
+    unlike: Reals
+
+
+def components(taps: Complexes, own: Shapes, noise_variance: Reals, band_hz: float) -> Components:
+    """Of bursts (n, intervals, m) of one satellite at the tracked Doppler; `noise_variance` (n, intervals)."""
+    n = len(taps)
+    white = np.asarray(taps, np.complex128) @ own.whiten.T / np.sqrt(noise_variance)[..., None]
+    cycles = 0.5 * band_hz / CA_CHIP_RATE_HZ
+    step = max(round(min(0.1 / cycles, 0.08) / _STEP_CHIPS), 1)
+    out = np.empty((n, _N_OUT))
+    _all_components(
+        np.ascontiguousarray(white),
+        float(own.grid[0]),
+        _STEP_CHIPS,
+        own.value,
+        own.slope,
+        np.arange(0, own.grid.size, step),
+        10.0 ** (-0.1 * REFLECTED_DB),
+        out,
+    )
+    order = np.argsort(-out[:, 5:7], axis=1)
+    each = [np.take_along_axis(out[:, first : first + 2], order, axis=1) for first in (3, 7, 5)]
+    return Components(
+        one_chips=out[:, 1],
+        one_sigma=np.sqrt(out[:, 2]),
+        two_chips=each[0],
+        two_variance=each[1],
+        two_energy=each[2] / taps.shape[1],
+        second=np.maximum(2.0 * (out[:, 9] - out[:, 0]), 0.0),
+        unlike=np.maximum(2.0 * (out[:, 9] - np.maximum(out[:, 10], out[:, 0])), 0.0),
+    )
+
+
+# Columns: 0 Q1, 1 delay, 2 its variance, 3 4 delays of two, 5 6 energies, 7 8 variances, 9 Q2, 10 Q of a reflection.
+_N_OUT = 11
+
+
+@compiled
+def _vector(x, first, step, value, slope, out):  # type: ignore[no-untyped-def]
+    """A table's vector at x, by cubic Hermite interpolation."""
+    place = (x - first) / step
+    i = min(max(int(np.floor(place)), 0), value.shape[0] - 2)
+    u = place - i
+    h0, h1 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * u * (3.0 - 2.0 * u)
+    g0, g1 = u * (1.0 - u) ** 2 * step, u * u * (u - 1.0) * step
+    for k in range(value.shape[1]):
+        out[k] = h0 * value[i, k] + h1 * value[i + 1, k] + g0 * slope[i, k] + g1 * slope[i + 1, k]
+
+
+@compiled
+def _seen(data, vector, out):  # type: ignore[no-untyped-def]
+    """Each interval along a vector, and the vector's square."""
+    for b in range(data.shape[0]):
+        real, imag = 0.0, 0.0
+        for i in range(vector.size):
+            real += vector[i] * data[b, i].real
+            imag += vector[i] * data[b, i].imag
+        out[b] = complex(real, imag)
+    return np.sum(vector * vector)
+
+
+@compiled
+def _pair(b1, b2, g11, g22, g12):  # type: ignore[no-untyped-def]
+    """What two signals explain, and the energy of each without what noise adds; -1 where they are one."""
+    e1, e2, x = 0.0, 0.0, 0.0
+    for k in range(b1.size):
+        e1 += b1[k].real ** 2 + b1[k].imag ** 2
+        e2 += b2[k].real ** 2 + b2[k].imag ** 2
+        x += b1[k].real * b2[k].real + b1[k].imag * b2[k].imag
+    det = g11 * g22 - g12 * g12
+    if det < 1e-9 * g11 * g22:
+        return -1.0, 0.0, 0.0
+    q = (e1 * g22 + e2 * g11 - 2.0 * g12 * x) / det
+    a1 = (e1 * g22**2 + e2 * g12**2 - 2.0 * g22 * g12 * x) / det**2 - b1.size * g22 / det
+    a2 = (e2 * g11**2 + e1 * g12**2 - 2.0 * g11 * g12 * x) / det**2 - b1.size * g11 / det
+    return q, a1, a2
+
+
+@compiled
+def _explained(data, t1, t2, weaker, table, room):  # type: ignore[no-untyped-def]
+    """Q of a pair; with `weaker` >= 0 only where the later one has at most that share of the earlier one's energy."""
+    first, step, value, slope = table
+    v1, v2, b1, b2 = room
+    last = first + step * (value.shape[0] - 1)
+    if min(t1, t2) < first or max(t1, t2) > last or abs(t1 - t2) < _CLOSEST_CHIPS:
+        return -1.0
+    _vector(t1, first, step, value, slope, v1)
+    _vector(t2, first, step, value, slope, v2)
+    g11, g22, g12 = _seen(data, v1, b1), _seen(data, v2, b2), np.sum(v1 * v2)
+    q, a1, a2 = _pair(b1, b2, g11, g22, g12)
+    if weaker >= 0.0:
+        early, late = (a1, a2) if t1 < t2 else (a2, a1)
+        if late > weaker * early:
+            return -1.0
+    return q
+
+
+@compiled
+def _climb(data, t1, t2, weaker, table, room):  # type: ignore[no-untyped-def]
+    """To the top near a pair, by trying all eight sides and halving the step."""
+    best, size = _explained(data, t1, t2, weaker, table, room), 0.02
+    while size > _LAST_STEP_CHIPS:
+        to1, to2, top = t1, t2, best
+        for i in range(-1, 2):
+            for j in range(-1, 2):
+                if i == 0 and j == 0:
+                    continue
+                q = _explained(data, t1 + i * size, t2 + j * size, weaker, table, room)
+                if q > top:
+                    to1, to2, top = t1 + i * size, t2 + j * size, q
+        if top > best:
+            t1, t2, best = to1, to2, top
+        else:
+            size *= 0.5
+    return t1, t2, best
+
+
+@compiled
+def _alone(data, t, table, room):  # type: ignore[no-untyped-def]
+    first, step, value, slope = table
+    if t < first or t > first + step * (value.shape[0] - 1):
+        return -1.0
+    _vector(t, first, step, value, slope, room[0])
+    g = _seen(data, room[0], room[2])
+    return np.sum(room[2].real ** 2 + room[2].imag ** 2) / g
+
+
+@compiled
+def _second(data, t1, weaker, coarse, seen, table, room):  # type: ignore[no-untyped-def]
+    """The best cell beside a signal at t1."""
+    first, step, value, slope = table
+    _vector(t1, first, step, value, slope, room[0])
+    g11 = _seen(data, room[0], room[2])
+    best, top = -1, -1.0
+    for c in range(coarse.size):
+        t2 = first + step * coarse[c]
+        if abs(t2 - t1) < 0.5 * step:
+            continue
+        v2 = value[coarse[c]]
+        q, a1, a2 = _pair(room[2], seen[c], g11, np.sum(v2 * v2), np.sum(room[0] * v2))
+        if weaker >= 0.0:
+            early, late = (a1, a2) if t1 < t2 else (a2, a1)
+            if late > weaker * early:
+                continue
+        if q > top:
+            best, top = c, q
+    return best, top
+
+
+@compiled
+def _all_components(data, first, step, value, slope, coarse, reflected, out):  # type: ignore[no-untyped-def]
+    n, blocks, d = data.shape
+    table = (first, step, value, slope)
+    room = (np.empty(d), np.empty(d), np.empty(blocks, np.complex128), np.empty(blocks, np.complex128))
+    seen = np.empty((coarse.size, blocks), np.complex128)
+    for burst in range(n):
+        one = data[burst]
+        top, best = -1.0, 0
+        for c in range(coarse.size):
+            g = _seen(one, value[coarse[c]], seen[c])
+            q = np.sum(seen[c].real ** 2 + seen[c].imag ** 2) / g
+            if q > top:
+                best, top = c, q
+        t, size = first + step * coarse[best], step * (coarse[1] - coarse[0])
+        while size > 0.5 * _LAST_STEP_CHIPS:
+            low, high = _alone(one, t - size, table, room), _alone(one, t + size, table, room)
+            if max(low, high) > top:
+                t, top = (t - size, low) if low > high else (t + size, high)
+            else:
+                size *= 0.5
+        h = 0.002
+        curved = (2.0 * top - _alone(one, t - h, table, room) - _alone(one, t + h, table, room)) / h**2
+        out[burst, 0], out[burst, 1] = top, t
+        out[burst, 2] = 1.0 / curved if curved > 0.0 else np.inf
+        for kind in range(2):  # any pair, then pairs that a reflection may make
+            weaker = -1.0 if kind == 0 else reflected
+            most, at1, at2 = -1.0, t, t
+            for shift in _SHIFTS:
+                start = min(max(t + shift, first), first + step * (value.shape[0] - 1))
+                c, _ = _second(one, start, weaker, coarse, seen, table, room)
+                if c < 0:
+                    continue
+                t1, t2, q = _climb(one, start, first + step * coarse[c], weaker, table, room)
+                if q > most:
+                    most, at1, at2 = q, t1, t2
+            if kind == 1:
+                out[burst, 10] = most
+                break
+            out[burst, 9] = most
+            out[burst, 3], out[burst, 4] = at1, at2
+            if most < 0.0:
+                out[burst, 5:9] = np.nan
+                continue
+            _vector(at1, first, step, value, slope, room[0])
+            _vector(at2, first, step, value, slope, room[1])
+            g11, g22, g12 = _seen(one, room[0], room[2]), _seen(one, room[1], room[3]), np.sum(room[0] * room[1])
+            _, out[burst, 5], out[burst, 6] = _pair(room[2], room[3], g11, g22, g12)
+            q00 = most
+            q1 = _explained(one, at1 + h, at2, -1.0, table, room) + _explained(one, at1 - h, at2, -1.0, table, room)
+            q2 = _explained(one, at1, at2 + h, -1.0, table, room) + _explained(one, at1, at2 - h, -1.0, table, room)
+            q12 = 0.25 * (
+                _explained(one, at1 + h, at2 + h, -1.0, table, room)
+                + _explained(one, at1 - h, at2 - h, -1.0, table, room)
+                - _explained(one, at1 + h, at2 - h, -1.0, table, room)
+                - _explained(one, at1 - h, at2 + h, -1.0, table, room)
+            )
+            i11, i22, i12 = (2.0 * q00 - q1) / h**2, (2.0 * q00 - q2) / h**2, -q12 / h**2
+            det = i11 * i22 - i12 * i12
+            sure = det > 1e-9 * abs(i11 * i22) and i11 > 0.0
+            out[burst, 7] = i22 / det if sure else np.inf
+            out[burst, 8] = i11 / det if sure else np.inf

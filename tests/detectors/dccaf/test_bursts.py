@@ -1,0 +1,82 @@
+"""One signal or two over a burst: false second signals as stated, delays at the bound, reflections told from others."""
+
+import numpy as np
+import pytest
+from tests.detectors.nulls import CCAF_POINTS, CCAF_RATE_HZ, INTERVALS, burst, own_correlation
+
+from skyproof.decomposition.correlation import noise_variance
+from skyproof.detectors.dccaf.bursts import components, joint_p_value, shapes
+
+PRN = 7
+OWN = shapes(PRN, tuple(CCAF_POINTS.tolist()), CCAF_RATE_HZ, 1.3)
+
+
+def bursts(count, delays, amplitudes, cn0_dbhz, rng):
+    """`count` of them, with delays and amplitudes (count, n)."""
+    variance = float(noise_variance(cn0_dbhz, 0.02, CCAF_RATE_HZ))
+    taps = [burst(PRN, d, a, variance, rng) for d, a in zip(delays, amplitudes, strict=True)]
+    return components(np.array(taps), OWN, np.full((count, INTERVALS), variance), CCAF_RATE_HZ)
+
+
+def test_a_satellites_own_side_lobes_are_in_its_shape():
+    lag = np.linspace(-3.0, 3.0, 25)
+    far = own_correlation(PRN, lag) - own_correlation(1, lag)
+    assert np.abs(far).max() > 0.05  # codes differ by their side lobes
+    shape = shapes(PRN, tuple(lag.tolist()), CCAF_RATE_HZ, 0.1)
+    middle = shape.value[shape.grid.size // 2]
+    np.testing.assert_allclose(np.linalg.pinv(shape.whiten) @ middle, own_correlation(PRN, lag), atol=2e-3)
+
+
+@pytest.mark.parametrize("cn0_dbhz", [36.0, 50.0])
+def test_one_signal_counts_as_two_at_most_as_often_as_stated(cn0_dbhz):
+    rng = np.random.default_rng(1)
+    count = 200
+    found = bursts(count, rng.uniform(-0.3, 0.3, (count, 1)), np.ones((count, 1)), cn0_dbhz, rng)
+    p_value = joint_p_value(found.second, INTERVALS, OWN.path)
+    for asked in (0.3, 0.1):
+        share = np.mean(p_value < asked)
+        assert share < asked + 4.0 * np.sqrt(asked / count)
+        assert share > 0.2 * asked - 4.0 * np.sqrt(0.2 * asked / count)  # a bound that says something
+    assert np.all(found.unlike <= found.second + 1e-9)
+
+
+def test_a_single_signals_delay_has_the_sigma_that_is_stated():
+    rng = np.random.default_rng(2)
+    delay = rng.uniform(-0.3, 0.3, (150, 1))
+    found = bursts(150, delay, np.ones((150, 1)), 45.0, rng)
+    scaled = (found.one_chips - delay[:, 0]) / found.one_sigma
+    assert np.std(scaled) == pytest.approx(1.0, abs=0.17)
+    assert abs(np.mean(scaled)) < 0.2
+
+
+def test_two_signals_have_their_delays_and_sigmas_whatever_their_phases():
+    rng = np.random.default_rng(3)
+    first = rng.uniform(-0.3, 0.3, 100)
+    delay = np.stack([first, first + 0.3], axis=1)
+    found = bursts(100, delay, np.tile([1.0, 0.8], (100, 1)), 45.0, rng)
+    assert np.mean(joint_p_value(found.second, INTERVALS, OWN.path) < 1e-6) == 1.0
+    scaled = (found.two_chips - delay) / np.sqrt(found.two_variance)
+    assert np.sqrt(np.mean(scaled**2)) == pytest.approx(1.0, abs=0.17)
+
+
+def test_reflections_are_explained_and_signals_before_or_as_strong_are_not():
+    """Reflections of all delays and strengths: hardly one is taken for another signal. 5 dB and more apart they are."""
+    rng = np.random.default_rng(4)
+    count = 150
+    first = rng.uniform(-0.2, 0.2, count)
+    later = rng.uniform(0.0, 1.0, count)
+    weaker_db = rng.uniform(3.0, 20.0, count)
+    strength = np.stack([np.ones(count), 10.0 ** (-0.05 * weaker_db)], axis=1)
+    for cn0_dbhz in (38.0, 50.0):
+        found = bursts(count, np.stack([first, first + later], axis=1), strength, cn0_dbhz, rng)
+        assert np.mean(joint_p_value(found.unlike, INTERVALS, OWN.path) < 1e-2) <= 0.01
+    before = bursts(100, np.stack([first, first - 0.3], axis=1)[:100], np.tile([1.0, 0.6], (100, 1)), 45.0, rng)
+    as_strong = bursts(100, np.stack([first, first + 0.3], axis=1)[:100], np.tile([1.0, 0.95], (100, 1)), 45.0, rng)
+    for found in (before, as_strong):
+        assert np.mean(joint_p_value(found.unlike, INTERVALS, OWN.path) < 1e-4) > 0.95
+
+
+def test_an_estimated_variance_makes_the_law_wider():
+    t = np.array([20.0, 40.0])
+    assert np.all(joint_p_value(t, 4, OWN.path, 64) > joint_p_value(t, 4, OWN.path))
+    np.testing.assert_allclose(joint_p_value(t, 4, OWN.path, 10**7), joint_p_value(t, 4, OWN.path), rtol=0.01)
