@@ -149,6 +149,10 @@ class GridCorrelator:
         self._reach_chips = max(abs(delay) for prn in range(1, 33) for delay in noise_delays(prn)) + 1.0
         self._pad = table_pad(self._chips_per_sample, self._reach_chips)
 
+    def nothing(self) -> Grids:
+        """No row, of the shape of those that there may be."""
+        return Grids.nothing(self.dopplers_hz.size, self.delays_chips.size)
+
     @property
     def noise_samples(self) -> int:
         """Independent complex samples that each noise variance is estimated from."""
@@ -179,7 +183,7 @@ class GridCorrelator:
         """
         n, shape = len(sats), (self.dopplers_hz.size, self.delays_chips.size)
         if n == 0:
-            return Grids.nothing(*shape)
+            return self.nothing()
         intervals = self.asked.intervals
         names = sorted(set(sats))
         tables = np.stack([self._table(sat) for sat in names])

@@ -90,6 +90,8 @@ class Receiver:
         state = replace(state, tail=np.ascontiguousarray(np.concatenate([known, fresh], axis=-1)))
         nothing = Measurements.nothing(self.n_looks, self.n_taps, _antennas_measured(state.tail))
         given = Given(measured=[nothing])
+        if self.grids is not None:
+            given.grids.append(self.grids.nothing())
         while self.frame_start(state.frame + 1) <= state.tail_start + state.tail.shape[-1]:
             state = self._frame(state, given)
             if self.joint is not None:
