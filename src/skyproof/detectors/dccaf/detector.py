@@ -34,11 +34,13 @@ from skyproof.navigation.ranges import atmosphere, corrected_ranges
 from skyproof.records import Asked, Ccaf, CcafAsked, Evidence, NavigationData, Need, Records, Says, SignalRef
 from skyproof.statistics.distributions import binomial_survival, chi_square_threshold
 
-__all__ = ["Dccaf", "DccafSettings", "Delays", "delays_of"]
+__all__ = ["GRIDS", "Dccaf", "DccafSettings", "Delays", "delays_of"]
 
 _CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
 SIGNAL_LEVEL = 1e-4
 """By chance a satellite counts as one with a second signal that no reflection explains so often."""
+GRIDS = CcafAsked(reach_chips=1.5, every_s=1.0, soon_s=0.2)
+"""What it is made for, and counted with."""
 SEVERAL = 2
 """So many of them, and agreement of the ranges is looked at as well."""
 
@@ -166,7 +168,7 @@ class Dccaf:
 
     name = "dccaf"
     needs = (Need.CCAF, Need.NAVIGATION)
-    asks = Asked(ccaf=CcafAsked(reach_chips=1.5, every_s=1.0, soon_s=0.2))
+    asks = Asked()  # `GRIDS`, once false alarms have been counted on whole recordings through `protect`
 
     def __init__(self, settings: DccafSettings | None = None) -> None:
         self.settings = settings or DccafSettings()
