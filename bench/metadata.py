@@ -37,7 +37,7 @@ WHOLE: dict[str, Any] = {
         "core:num_channels": 2,
         "core:sha512": hashlib.sha512(STORED).hexdigest(),
         "core:author": "someone",
-        "core:license": "https://spdx.org/licenses/MIT.html",
+        "core:license": "MIT",
         "core:hw": "a receiver",
         "core:dataset": "a.dat",
         "core:trailing_bytes": 4,
