@@ -142,7 +142,7 @@ def _started(receiver: Receiver, sats: Sequence[str], motion: Motion, cn0_dbhz: 
             p_value=0.0,
             cn0_dbhz=cn0_dbhz,
         )
-        state = receiver._start(state, peak, 0, 0.0)
+        state = receiver.started(state, peak)
     return state
 
 

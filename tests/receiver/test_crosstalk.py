@@ -48,7 +48,7 @@ def errors_of_the_weaker(apart_chips, stronger_db, apart_hz, *, same_bits=True):
         peak = Peak(
             sat=SAT, delay_s=delay_s[i] % 1e-3, doppler_hz=doppler_hz[i], power=1.0, p_value=0.0, cn0_dbhz=levels[i]
         )
-        state = receiver._start(state, peak, 0, 0.0)
+        state = receiver.started(state, peak)
     parts = []
     for block in range(-(-rendering.n_samples // BLOCK)):
         output, state = receiver.step(state, render(rendering, block)[:, : rendering.n_samples - block * BLOCK])

@@ -35,7 +35,7 @@ def followed(sats, motion, cn0_dbhz, *, duration_s, front_end=FRONT_END, noise=T
             p_value=0.0,
             cn0_dbhz=cn0_dbhz,
         )
-        state = receiver._start(state, peak, 0, 0.0)
+        state = receiver.started(state, peak)
     parts, arcs = [], {}
     for block in range(-(-rendering.n_samples // BLOCK)):
         planes = render(rendering, block, noise=noise)[:, : rendering.n_samples - block * BLOCK]

@@ -50,7 +50,7 @@ class Lookout:
                 continue
             peaks = searcher.search(samples, self.if_hz, dopplers, self._known(state, begin))
             for peak in peaks:
-                state = self._start(state, peak, begin, now_s, antenna, rows_shape)
+                state = self.started(state, peak, begin, now_s, antenna, rows_shape)
             searched = {sat: dict(bins) for sat, bins in state.searched.items()}
             for sat, grid in dopplers.items():
                 searched.setdefault(sat, {}).update({_bin(d): now_s for d in grid})
@@ -98,9 +98,10 @@ class Lookout:
             known.setdefault(channel.sat, []).append(KnownSignal(delay_s=at_s, doppler_hz=doppler_hz))
         return known
 
-    def _start(
+    def started(
         self, state: ReceiverState, peak: Peak, begin: int, now_s: float, antenna: int, rows_shape: tuple[int, int]
     ) -> ReceiverState:
+        """With a channel on a peak that was found at sample `begin`."""
         chips_per_sample = self.signal.chip_rate_hz / self.rate_hz
         first = np.ceil(peak.delay_s * self.rate_hz)
         loop = np.zeros(k.N_STATE)

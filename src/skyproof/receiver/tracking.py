@@ -16,6 +16,7 @@ from skyproof.arrays import Booleans, Complexes, ComplexFloats, Floats, Reals
 from skyproof.gnss.signals import prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
+from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.antennas import combining, measure_antennas, separated, unwrapped
 from skyproof.receiver.channels import Arc, arc_of
 from skyproof.receiver.coasting import SINCE_S, has_power, held_course, measured_course
@@ -80,6 +81,14 @@ class Receiver:
         """Index of the first sample of a frame."""
         return int(np.ceil(frame * self.settings.frame_s * self.rate_hz - 1e-6))
 
+    def started(self, state: ReceiverState, peak: Peak) -> ReceiverState:
+        """With a channel on a peak at the first sample, as if a search had found it on the first antenna."""
+        return self._lookout.started(state, peak, 0, 0.0, 0, self._rows_shape(state))
+
+    def _rows_shape(self, state: ReceiverState) -> tuple[int, int]:
+        """Of what the kernel gives of a channel in a frame."""
+        return self._max_periods, k.row_size(self.n_taps, state.tail.shape[0])
+
     def step(self, state: ReceiverState, samples: Floats) -> tuple[StepOutput, ReceiverState]:
         """Work on all frames that are complete with these samples, which follow on those before.
 
@@ -114,8 +123,7 @@ class Receiver:
     def _frame(self, state: ReceiverState, given: Given) -> ReceiverState:
         begin, end = self.frame_start(state.frame), self.frame_start(state.frame + 1)
         end_s = (state.frame + 1) * self.settings.frame_s
-        rows_shape = self._max_periods, k.row_size(self.n_taps, state.tail.shape[0])
-        state = self._lookout.look(state, begin, rows_shape)
+        state = self._lookout.look(state, begin, self._rows_shape(state))
         before = state
         state = self._advance(state, begin, end)
         state = self._check_locks(state, end)

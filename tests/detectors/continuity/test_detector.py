@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.app.common.windows import take
+from skyproof.app.common.windows import cut
 from skyproof.detectors.continuity.detector import CN0_MAX_DBHZ, Continuity, ContinuitySettings, common_level_p_value
 from skyproof.detectors.continuity.steps import Limits, jumps, p_values, series_of
 from skyproof.errors import SettingsError
@@ -93,12 +93,11 @@ def windows(o, *, sets=True):
     for number in range(int(o.elapsed_s[-1] // WINDOW_S)):
         start = o.gpst[0] + np.timedelta64(WINDOW_S * number, "s")
         end = start + np.timedelta64(WINDOW_S, "s")
-        rows = (o.gpst >= start) & (o.gpst < end)
-        cut = take(o, rows)
+        part = cut(o, start, end)
         sky = ConsistentSet(
             receiver=o.receiver,
             signals=o.signals,
-            gpst=cut.gpst[cut.gpst.size // 2],
+            gpst=part.gpst[part.gpst.size // 2],
             position_ecef_m=PLACE_ECEF_M,
             clock_bias_s=0.0,
             covariance_m2=np.eye(4),
@@ -108,7 +107,7 @@ def windows(o, *, sets=True):
         )
         found.append(
             Records(
-                start_gpst=start, end_gpst=end, observations=(cut,), navigation=NAVIGATION, sets=(sky,) if sets else ()
+                start_gpst=start, end_gpst=end, observations=(part,), navigation=NAVIGATION, sets=(sky,) if sets else ()
             )
         )
     return found
