@@ -38,6 +38,8 @@ class ReceiverSettings:
     grids : which correlation grids are taken; None takes none.
     joint : whether signals are followed by joint channels beside the loops, so that several of a satellite within a
         chip and a half are told apart (`joining`).
+    least_dbhz : weaker signals are not measured. Loops that sum over a bit may hold a carrier 75 Hz off, three half
+        cycles a bit, where a signal of 36 dB-Hz looks like one of 23: its code then leaves its carrier by 14 m/s.
     pull_in, searching_bits, tracking, weak : the loops for `pull_in_s`; until bits are known; then; and below
         `weak_dbhz` (with 2 dB of hysteresis).
     confirm_s : after that time a channel must be locked or is dropped.
@@ -69,6 +71,7 @@ class ReceiverSettings:
     tracking: LoopSettings = LoopSettings(integration=5, pll_bandwidth_hz=15.0)
     weak: LoopSettings = LoopSettings(integration=20, pll_bandwidth_hz=6.0, dll_bandwidth_hz=0.5)
     weak_dbhz: float = 31.0
+    least_dbhz: float = 25.0
     pull_in_s: float = 0.5
     confirm_s: float = 0.8
     coast_s: float = 10.0

@@ -274,6 +274,7 @@ class Receiver:
         # Telling fast what the strength is matters while it is not known; later, what it is on average.
         share = np.where(np.isfinite(loops[:, k.CODE_MINUS_CARRIER]), 0.2, 1.0)
         loops[good, k.CN0_DBHZ] += (share * (table[:, m.CN0_DBHZ] - loops[:, k.CN0_DBHZ]))[good]
+        good &= loops[:, k.CN0_DBHZ] > settings.least_dbhz
         proved = np.array([c.copy is not None for c in state.channels])
         loops[good | ~proved, k.SLIPPED] = 0.0
         courses = measured_course(state.courses, table[:, m.DOPPLER_HZ], good & proved, elapsed_s)
