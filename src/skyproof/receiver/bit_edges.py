@@ -8,21 +8,26 @@ strength and phase and whatever else disturbs both sums alike. So the mean over 
 standard error, exceeds a normal quantile with at most the stated probability.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
-from skyproof.arrays import Complexes, Integers, Reals
+from skyproof.arrays import Booleans, Complexes, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.receiver import kernels as k
+from skyproof.receiver.crosstalk import Rows
 
-__all__ = ["PERIODS_PER_BIT", "EdgeSums", "add_bits", "edge_scores", "shift_limit"]
+__all__ = ["PERIODS_PER_BIT", "EdgeSums", "add_bits", "edge_scores", "prompts_of", "shift_limit"]
 
 PERIODS_PER_BIT = GPS_L1_CA.periods_per_symbol
 _SHIFTS = np.arange(1, PERIODS_PER_BIT)
 _HALF = PERIODS_PER_BIT // 2
 _AWAY = np.concatenate([[0], np.where(_SHIFTS > _HALF, PERIODS_PER_BIT - _SHIFTS, -_SHIFTS)])
 """Periods from a bit's sum to those it is compared with: the nearest that are moved so, as a beat changes both."""
+_COLUMNS: Final = [k.OUT_PERIOD, k.OUT_TAPS + 2, k.OUT_TAPS + 3]
 _FEWEST_BITS = 15
 """The mean of fewer differences is not normal enough."""
 
@@ -41,6 +46,26 @@ class EdgeSums:
     n_bits: int = 0
     total: Reals = field(default_factory=lambda: np.zeros(_SHIFTS.size))
     squares: Reals = field(default_factory=lambda: np.zeros(_SHIFTS.size))
+
+
+def prompts_of(blocks: Sequence[Rows], chosen: Booleans) -> tuple[Complexes, Integers]:
+    """Prompts (n_signals, n_periods) of the chosen channels in successive blocks of the kernel's rows, as many as each
+    of them has, and the code period (n_signals,) of each one's first.
+    """
+    counts = [count[chosen] for _, count in blocks]
+    n_signals = int(chosen.sum())
+    n_periods = int(np.sum(counts, axis=0).min()) if n_signals else 0
+    at = np.broadcast_to(np.arange(n_periods), (n_signals, n_periods))
+    values = np.zeros((*at.shape, len(_COLUMNS)))
+    before = np.zeros((n_signals, 1), np.int64)
+    for (rows, _), count in zip(blocks, counts, strict=True):
+        columns = rows[chosen][:, :, _COLUMNS]
+        here = (at >= before) & (at < before + count[:, np.newaxis])
+        own = np.clip(at - before, 0, rows.shape[1] - 1)
+        values = np.where(here[..., np.newaxis], np.take_along_axis(columns, own[..., np.newaxis], axis=1), values)
+        before = before + count[:, np.newaxis]
+    firsts = np.rint(values[:, 0, 0]).astype(np.int64) if n_periods else np.zeros(n_signals, np.int64)
+    return values[..., 1] + 1j * values[..., 2], firsts
 
 
 def add_bits(sums: EdgeSums, prompts: Complexes, first_periods: Integers, bit_starts: Reals) -> EdgeSums:
@@ -88,4 +113,4 @@ def edge_scores(sums: EdgeSums) -> Reals:
 
 def shift_limit(probability: float) -> float:
     """What the largest of the scores exceeds with at most this probability where no bit moved."""
-    return float(stats.norm.isf(probability / _SHIFTS.size))
+    return -float(special.ndtri(probability / _SHIFTS.size))

@@ -22,7 +22,7 @@ from skyproof.arrays import Booleans, Reals
 from skyproof.receiver import coasting
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
-from skyproof.receiver.bit_edges import PERIODS_PER_BIT, EdgeSums, add_bits, edge_scores, shift_limit
+from skyproof.receiver.bit_edges import PERIODS_PER_BIT, EdgeSums, add_bits, edge_scores, prompts_of, shift_limit
 from skyproof.receiver.channels import GAP_VOTES, Gap
 from skyproof.receiver.crosstalk import Rows
 from skyproof.receiver.settings import ReceiverSettings
@@ -47,9 +47,6 @@ MOST_BITS_MISSING: Final = 16
 TURN_SIGMA_CYC: Final = 0.01
 """Of a carrier over two rows of measurements beside what they state: its Doppler does not change quite evenly."""
 _TURNS_CYC: Final = np.arange(0.0, 0.5, 0.0025)
-
-
-_COLUMNS: Final = [k.OUT_PERIOD, k.OUT_TAPS + 2, k.OUT_TAPS + 3]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,21 +110,8 @@ def _with_quiet_row(state: ReceiverState, table: Reals, good: Booleans, elapsed_
 
 def _with_bits(moved: EdgeSums, state: ReceiverState, known: Booleans, blocks: Sequence[Rows]) -> EdgeSums:
     """One more look at the bits of the channels that know where theirs begin."""
-    counts = [count[known] for _, count in blocks]
-    n_periods = int(np.sum(counts, axis=0).min(initial=10**6)) if known.any() else 0
-    at = np.broadcast_to(np.arange(n_periods), (int(known.sum()), n_periods))
-    values = np.zeros((*at.shape, 3))
-    before = np.zeros((at.shape[0], 1), np.int64)
-    for (rows, _), count in zip(blocks, counts, strict=True):
-        columns = rows[known][:, :, _COLUMNS]
-        here = (at >= before) & (at < before + count[:, np.newaxis])
-        own = np.clip(at - before, 0, rows.shape[1] - 1)
-        values = np.where(here[..., np.newaxis], np.take_along_axis(columns, own[..., np.newaxis], axis=1), values)
-        before = before + count[:, np.newaxis]
-    if n_periods == 0:
-        return moved
-    firsts = np.rint(values[:, 0, 0]).astype(np.int64)
-    return add_bits(moved, values[..., 1] + 1j * values[..., 2], firsts, state.loops[known, k.BIT_START])
+    prompts, firsts = prompts_of(blocks, known)
+    return add_bits(moved, prompts, firsts, state.loops[known, k.BIT_START]) if prompts.size else moved
 
 
 def _bits_missing(

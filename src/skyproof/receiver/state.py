@@ -12,6 +12,7 @@ from skyproof.receiver.antennas import N_LAST, first_weights
 from skyproof.receiver.bit_edges import EdgeSums
 from skyproof.receiver.channels import Arc, Channel, Gap, LostSignal, Place
 from skyproof.receiver.coasting import N_COURSE
+from skyproof.receiver.false_lock import N_TURNS
 from skyproof.receiver.grids import Grids
 from skyproof.receiver.joining import Components, JointStates
 from skyproof.receiver.measurement import Measurements
@@ -19,7 +20,7 @@ from skyproof.receiver.settings import LOCK_FRAMES
 
 __all__ = ["ReceiverState", "StepOutput", "kept", "place_of", "with_channel"]
 
-_OF_CHANNELS: Final = ("loops", "rows", "counts", "weights", "last_phases", "lock", "locked_at", "courses")
+_OF_CHANNELS: Final = ("loops", "rows", "counts", "weights", "last_phases", "lock", "locked_at", "courses", "turns")
 """Arrays with a row a channel."""
 
 
@@ -30,9 +31,9 @@ class ReceiverState:
     The arrays have a row a channel: loops as in `kernels`; rows and counts of the frame before; the lock value and
     number of prompts of the last frames, NaN before the channel began and while it coasted; where it was when it was
     last locked (time, delay, Doppler, number of the code period). weights : of the antennas, with which `rows` were
-    summed; last_phases : as `antennas.unwrapped` gives them, NaN before. courses : as in `coasting`. noise : power of
-    noise alone in the prompt of one code period, in the frame before. moved : whether data bits begin elsewhere since
-    the carriers jumped, while that is open; asked_s : when they last did.
+    summed; last_phases : as `antennas.unwrapped` gives them, NaN before. courses : as in `coasting`; turns : as in
+    `false_lock`. noise : power of noise alone in the prompt of one code period, in the frame before. moved : whether
+    data bits begin elsewhere since the carriers jumped, while that is open; asked_s : when they last did.
     """
 
     tail: Floats = field(default_factory=lambda: np.empty((1, 2, 0), np.float32))
@@ -48,6 +49,7 @@ class ReceiverState:
     lock: Reals = field(default_factory=lambda: np.empty((0, LOCK_FRAMES, 2)))
     locked_at: Reals = field(default_factory=lambda: np.empty((0, 4)))
     courses: Reals = field(default_factory=lambda: np.empty((0, N_COURSE)))
+    turns: Reals = field(default_factory=lambda: np.empty((0, N_TURNS)))
     noise: float = 0.0
     moved: EdgeSums | None = None
     asked_s: float = -np.inf
@@ -105,6 +107,7 @@ def with_channel(
         "lock": np.full((LOCK_FRAMES, 2), np.nan),
         "locked_at": np.array([begun_s, delay_s, loop[k.PLL_VELOCITY], 0.0]),
         "courses": course,
+        "turns": np.zeros(N_TURNS),
     }
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(state, name), row[None]]) if state.channels else row[None]

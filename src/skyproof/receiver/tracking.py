@@ -23,6 +23,7 @@ from skyproof.receiver.coasting import SINCE_S, has_power, held_course, measured
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
 from skyproof.receiver.crosstalk import Rows
 from skyproof.receiver.discriminator import discriminator
+from skyproof.receiver.false_lock import off_false_locks
 from skyproof.receiver.gaps import looked_for_gap
 from skyproof.receiver.grids import GridCorrelator, Grids, at_stake
 from skyproof.receiver.joining import Components, JointReceiver
@@ -275,10 +276,12 @@ class Receiver:
         share = np.where(np.isfinite(loops[:, k.CODE_MINUS_CARRIER]), 0.2, 1.0)
         loops[good, k.CN0_DBHZ] += (share * (table[:, m.CN0_DBHZ] - loops[:, k.CN0_DBHZ]))[good]
         good &= loops[:, k.CN0_DBHZ] > settings.least_dbhz
+        turning, loops, turns = off_false_locks(loops, state.turns, (earlier, later), good, self.signal)
+        good &= ~turning
         proved = np.array([c.copy is not None for c in state.channels])
         loops[good | ~proved, k.SLIPPED] = 0.0
         courses = measured_course(state.courses, table[:, m.DOPPLER_HZ], good & proved, elapsed_s)
-        state = replace(state, loops=loops, courses=courses)
+        state = replace(state, loops=loops, courses=courses, turns=turns)
         look, state = looked_for_gap(state, table, good, (earlier, later), elapsed_s, settings, self.if_hz)
         if look.gap is not None:
             given.gaps.append(look.gap)
