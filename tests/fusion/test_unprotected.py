@@ -35,6 +35,16 @@ def test_who_has_lost_its_signal_to_jamming_takes_the_strongest_afterwards(inven
     assert followed(at_cn0(o, G05a=48.0, G05b=40.0)).tolist() == [0] * 15 + [-1] * 5 + [0] * 20
 
 
+def test_the_strongest_is_taken_of_what_comes_while_it_searches(invented):
+    """True signals that loops coasted for are back at once, false ones have to be found first."""
+    o = invented.observations(("G05a", "G05b"), there={"G05b": (22, 39)})
+    jammed = np.arange(40)[:, None] // 5 == 3
+    o = replace(o, pseudorange_m=np.where(jammed, np.nan, o.pseudorange_m))
+    assert followed(at_cn0(o, G05a=40.0, G05b=48.0)).tolist() == [0] * 15 + [-1] * 7 + [1] * 18
+    late = replace(o, elapsed_s=2.0 * o.elapsed_s)
+    assert followed(at_cn0(late, G05a=40.0, G05b=48.0)).tolist() == [0] * 15 + [-1] * 5 + [0] * 20
+
+
 def test_a_single_missing_epoch_hands_nothing_over(invented):
     o = invented.observations(("G05a", "G05b"))
     o = replace(

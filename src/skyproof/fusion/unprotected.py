@@ -6,18 +6,21 @@ from skyproof.arrays import Booleans, Reals
 from skyproof.navigation.window import interval_s
 from skyproof.records import ObservationLog
 
-__all__ = ["HOLD_S", "followed"]
+__all__ = ["HOLD_S", "SEARCH_S", "followed"]
 
 HOLD_S = 1.0
 """A signal that is not measured for so long still counts as followed: a receiver's loops coast through a short fade.
 At least from one epoch to the next."""
 
+SEARCH_S = 2.0
+"""So long a receiver searches for a signal that it has not, or has lost, and takes the strongest of what it finds."""
+
 
 def followed(log: ObservationLog) -> Booleans:
     """Which cells (n_epochs, n_signals) a receiver without protection would have.
 
-    Of what a satellite sends on one band in one code it begins with the strongest signal, keeps it while it is
-    received, and takes the strongest again when it has lost it for more than `HOLD_S`: who jams it first and then
+    Of what a satellite sends on one band in one code it begins with the strongest signal that a search finds, keeps it
+    while it is received, and searches again when it has lost it for more than `HOLD_S`: who jams it first and then
     transmits the strongest signals leads it.
     """
     mask = np.array(log.measured)
@@ -37,7 +40,8 @@ def _followed(elapsed_s: Reals, there: Booleans, cn0_dbhz: Reals, hold_s: float)
     epoch = 0
     while there[epoch:].any():
         epoch += int(np.argmax(there[epoch:].any(axis=1)))
-        column = int(np.argmax(strength[epoch]))
+        found = (elapsed_s >= elapsed_s[epoch]) & (elapsed_s <= elapsed_s[epoch] + SEARCH_S)
+        column = int(np.argmax(np.max(strength, axis=0, initial=-np.inf, where=found[:, np.newaxis])))
         own = epoch + np.flatnonzero(there[epoch:, column])
         lost = np.append(np.diff(elapsed_s[own]), np.inf) > hold_s
         kept = own[: int(np.argmax(lost)) + 1]
