@@ -27,7 +27,7 @@ _SHIFTS = np.arange(1, PERIODS_PER_BIT)
 _HALF = PERIODS_PER_BIT // 2
 _AWAY = np.concatenate([[0], np.where(_SHIFTS > _HALF, PERIODS_PER_BIT - _SHIFTS, -_SHIFTS)])
 """Periods from a bit's sum to those it is compared with: the nearest that are moved so, as a beat changes both."""
-_COLUMNS: Final = [k.OUT_PERIOD, k.OUT_TAPS + 2, k.OUT_TAPS + 3]
+_PROMPT: Final = slice(k.OUT_TAPS + 2, k.OUT_TAPS + 4)
 _FEWEST_BITS = 15
 """The mean of fewer differences is not normal enough."""
 
@@ -52,20 +52,17 @@ def prompts_of(blocks: Sequence[Rows], chosen: Booleans) -> tuple[Complexes, Int
     """Prompts (n_signals, n_periods) of the chosen channels in successive blocks of the kernel's rows, as many as each
     of them has, and the code period (n_signals,) of each one's first.
     """
-    counts = [count[chosen] for _, count in blocks]
-    n_signals = int(chosen.sum())
-    n_periods = int(np.sum(counts, axis=0).min()) if n_signals else 0
-    at = np.broadcast_to(np.arange(n_periods), (n_signals, n_periods))
-    values = np.zeros((*at.shape, len(_COLUMNS)))
-    before = np.zeros((n_signals, 1), np.int64)
-    for (rows, _), count in zip(blocks, counts, strict=True):
-        columns = rows[chosen][:, :, _COLUMNS]
-        here = (at >= before) & (at < before + count[:, np.newaxis])
-        own = np.clip(at - before, 0, rows.shape[1] - 1)
-        values = np.where(here[..., np.newaxis], np.take_along_axis(columns, own[..., np.newaxis], axis=1), values)
-        before = before + count[:, np.newaxis]
-    firsts = np.rint(values[:, 0, 0]).astype(np.int64) if n_periods else np.zeros(n_signals, np.int64)
-    return values[..., 1] + 1j * values[..., 2], firsts
+    channels = np.flatnonzero(chosen)
+    counts = np.array([count[channels] for _, count in blocks])
+    n_periods = int(counts.sum(axis=0).min()) if channels.size else 0
+    prompts = np.empty((channels.size, n_periods), np.complex128)
+    firsts = np.zeros(channels.size, np.int64)
+    for number, channel in enumerate(channels if n_periods else ()):
+        parts = [rows[channel, : count[channel]] for rows, count in blocks]
+        columns = np.concatenate([part[:, _PROMPT] for part in parts])
+        prompts[number] = columns[:n_periods].view(np.complex128)[:, 0]
+        firsts[number] = round(next(part[0, k.OUT_PERIOD] for part in parts if part.size))
+    return prompts, firsts
 
 
 def add_bits(sums: EdgeSums, prompts: Complexes, first_periods: Integers, bit_starts: Reals) -> EdgeSums:
