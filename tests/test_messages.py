@@ -23,7 +23,7 @@ from skyproof.app.scenes.simulate import simulate
 from skyproof.detectors.array.array_common import ArrayCommonSettings
 from skyproof.detectors.array.ins_array import InsArraySettings
 from skyproof.detectors.array.spin import SpinSettings
-from skyproof.detectors.second_signals.peaks import PeaksSettings
+from skyproof.detectors.second_signals.detector import SecondSignalsSettings
 from skyproof.errors import InputError, NotEnoughData, OutputError, ScenarioError, SettingsError, fault_words
 from skyproof.formats import byte_io, sigmf
 from skyproof.formats.atomic_write import writing_together
@@ -79,7 +79,10 @@ def test_a_wrong_option_is_refused_as_a_setting_and_not_as_the_files(tmp_path: P
     [
         (lambda: ArrayCommonSettings(false_alarm_probability=0.0), "array_common: false_alarm_probability is 0.0"),
         (lambda: InsArraySettings(false_alarm_probability=1.0), "ins_array: false_alarm_probability is 1.0"),
-        (lambda: PeaksSettings(long_echo_probability=float("nan")), "peaks: long_echo_probability is nan"),
+        (
+            lambda: SecondSignalsSettings(long_echo_probability=float("nan")),
+            "second_signals: long_echo_probability is nan",
+        ),
         (lambda: SpinSettings(false_alarm_probability=-1.0), "spin: false_alarm_probability is -1.0"),
         (lambda: FilterSettings(false_alarm_probability=2.0), "filter: false_alarm_probability is 2.0"),
     ],

@@ -554,7 +554,7 @@ def test_ctrl_c_while_windows_are_examined_keeps_those_that_were(run, pair, monk
     ended = run(pair.paths[0], nav=pair.nav)
     assert ended.code == 130
     assert ended.verdict.summary.startswith("Interrupted")
-    assert [m.ran for m in ended.verdict.methods if m.detector == "peaks"] == [True]
+    assert [m.ran for m in ended.verdict.methods if m.detector == "second_signals"] == [True]
     assert_whole(ended.folder)
 
 

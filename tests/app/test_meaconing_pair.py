@@ -259,7 +259,7 @@ def test_the_document_is_complete(whole):
     assert [r.name for r in verdict.receivers] == list(RECEIVERS)
     assert [len(i.sha256) for i in verdict.inputs] == [64] * 3
     ran = {m.detector for m in verdict.methods if m.ran}
-    assert ran >= {"multi_receiver", "peaks", "residual"}
+    assert ran >= {"multi_receiver", "second_signals", "residual"}
     assert all(m.tests > 0 for m in verdict.methods if m.ran)
     assert all(m.why_not and m.would_need for m in verdict.methods if not m.ran)
     assert all(s.because for s in verdict.signals if s.label != "unknown")
@@ -294,7 +294,7 @@ def test_times_of_fixes_are_the_receivers_clock_less_its_bias(whole):
 
 def test_evidence_is_a_table_of_all_detectors(whole):
     table = pq.read_table(whole.folder / "evidence.parquet").to_pydict()
-    assert set(table["detector"]) >= {"multi_receiver", "peaks", "residual"}
+    assert set(table["detector"]) >= {"multi_receiver", "second_signals", "residual"}
     assert {"authentic", "spoofed", "attack"} <= set(table["says"])
     assert all(because for because in table["because"])
 

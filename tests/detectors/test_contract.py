@@ -17,7 +17,7 @@ from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, Vector
 from skyproof.detectors.dccaf.detector import Dccaf, DccafSettings
 from skyproof.detectors.multi_receiver.detector import MultiReceiver, MultiReceiverSettings
 from skyproof.detectors.residual import Residual, ResidualSettings
-from skyproof.detectors.second_signals.peaks import Peaks, PeaksSettings
+from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings
 from skyproof.records import Records
 from skyproof.testing import ALARMS, FalseSky, MeasuredScene, TrackErrors, check_detector, check_false_alarms
 
@@ -83,7 +83,7 @@ CASES = (
     ),
     Case(
         "echoes",
-        lambda: Peaks(PeaksSettings(false_alarm_probability=0.2, long_echo_probability=0.05)),
+        lambda: SecondSignals(SecondSignalsSettings(false_alarm_probability=0.2, long_echo_probability=0.05)),
         lambda rng: nulls.with_echoes(rng, 0.05),
         800,
         20_000,
@@ -250,9 +250,9 @@ def test_multi_receiver_false_alarms_at_one_percent_and_one_per_mille(receivers,
 
 
 @pytest.mark.long
-def test_peaks_false_alarms_at_the_attained_rate():
+def test_second_signals_false_alarms_at_the_attained_rate():
     rng = np.random.default_rng(7)
-    count, tests, rate = check_false_alarms(Peaks, (nulls.with_echoes(rng) for _ in range(100_000)))
+    count, tests, rate = check_false_alarms(SecondSignals, (nulls.with_echoes(rng) for _ in range(100_000)))
     assert rate < 1e-3
     assert count > 0
     assert tests == 100_000

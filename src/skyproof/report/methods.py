@@ -11,7 +11,7 @@ _ABOUT = {
         "Receivers compared",
         "Do signals reach several receivers as from one transmit antenna, or as from the sky?",
     ),
-    "peaks": ("Second signals", "Is a satellite received more than once, farther apart than echoes are?"),
+    "second_signals": ("Second signals", "Is a satellite received more than once, farther apart than echoes are?"),
     "residual": ("One position or two", "Do all measurements of a receiver fit one position and time?"),
     "spin": ("A turning antenna", "Do the signals swing as those of one direction do, or of many?"),
     "sqm": ("Shape of the correlation peak", "Does a second signal of the same satellite overlap the tracked one?"),

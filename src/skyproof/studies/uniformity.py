@@ -99,7 +99,7 @@ CASES: Final = (
     Case(group=_POSITION, method="chance, residual", test="a second set of unrelated signals",
          draw=draws.unrelated_sets,
          why="the volume of noise at the worst geometry; p-values near 1 are cut off there"),
-    Case(group=_POSITION, method="peaks", test="satellites with a second signal", draw=draws.echo_counts,
+    Case(group=_POSITION, method="second_signals", test="satellites with a second signal", draw=draws.echo_counts,
          why="a count is whole: the share at p is p at the values that counts attain and less between them"),
     Case(group=_POSITION, method="inverse_raim", test="the true set", draw=draws.true_set),
     Case(group=_POSITION, method="exclusion", test="the true fix", draw=draws.exclusion, at_once=200_000),

@@ -14,8 +14,8 @@ ARM = SpinArm(receiver="rx1", radius_m=0.1, rate_rad_s=1.0)
 
 
 def share(run):
-    (peaks,) = (d for d in detectors_for(Settings(), run) if d.name == "peaks")
-    return peaks.settings.false_alarm_probability
+    (detector,) = (d for d in detectors_for(Settings(), run) if d.name == "second_signals")
+    return detector.settings.false_alarm_probability
 
 
 def test_a_detector_without_its_equipment_gets_no_share_of_the_false_alarms():
@@ -24,7 +24,7 @@ def test_a_detector_without_its_equipment_gets_no_share_of_the_false_alarms():
     bare = Records(start_gpst=START, end_gpst=START)
     turning = Records(start_gpst=START, end_gpst=START, spin_arms=(ARM,))
     usual = [name for name, kind in load_detectors().items() if RECEIVED.issuperset(kind().needs)]
-    assert {"multi_receiver", "peaks", "residual"} <= set(usual)
+    assert {"multi_receiver", "second_signals", "residual"} <= set(usual)
     assert share(bare) == pytest.approx(of_a_window / len(usual))
     assert share(turning) == pytest.approx(of_a_window / (len(usual) + 1))
 
@@ -65,10 +65,10 @@ def test_windows_hold_five_epochs_or_more_whatever_lies_between_them(step_s, win
     counts = [window.observations[0].gpst.size for window in windows if window.observations]
     assert min(counts) >= 5
     assert sum(counts) == 41
-    (peaks,) = (d for d in detectors_for(settings, windows.run) if d.name == "peaks")
+    (detector,) = (d for d in detectors_for(settings, windows.run) if d.name == "second_signals")
     usual = sum(RECEIVED.issuperset(kind().needs) for kind in load_detectors().values())
     of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
-    assert peaks.settings.false_alarm_probability == pytest.approx(of_a_window / usual)
+    assert detector.settings.false_alarm_probability == pytest.approx(of_a_window / usual)
 
 
 def test_each_window_has_the_correlators_of_its_epochs_and_every_look_is_in_one():

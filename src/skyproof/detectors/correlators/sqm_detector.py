@@ -72,9 +72,9 @@ class _Signal:
 class Sqm:
     """One Evidence per receiver and window, from `taps`.
 
-    While several signals of a satellite are tracked nothing is said of them: they distort each other, and `peaks`
-    looks at them. The counts' p-values are upper bounds. That of a single signal's distortion is exact with
-    `multipath_sigma_m` = 0.
+    While several signals of a satellite are tracked nothing is said of them: they distort each other, and
+    `second_signals` looks at them. The counts' p-values are upper bounds. That of a single signal's distortion is exact
+    with `multipath_sigma_m` = 0.
     """
 
     name = "sqm"

@@ -28,11 +28,11 @@ def second_sky_p_value(
     """Chance that one of a receiver's `sets` beside the largest is of no second sky; 1 with fewer than two.
 
     A set with signals of a kind that the largest has as well is beside it by second signals. Given that there are
-    second signals at all: how many there are is another question (`peaks`), so the two p-values are of independent
-    things. The signals outside the largest set are taken as independent and uniform over `unrelated_spread_m`, and a
-    set's own statistic as the limit that another would have had to meet; the union bound runs over all sets of this
-    size that they could form, over the kinds (all have to fit, the least likely counts), and over the sets that were
-    found.
+    second signals at all: how many there are is another question (`second_signals`), so the two p-values are of
+    independent things. The signals outside the largest set are taken as independent and uniform over
+    `unrelated_spread_m`, and a set's own statistic as the limit that another would have had to meet; the union bound
+    runs over all sets of this size that they could form, over the kinds (all have to fit, the least likely counts), and
+    over the sets that were found.
 
     A set of other kinds altogether (all of GPS show one place, all of Galileo another) needs no second signal. It is of
     the same sky unless the places are farther apart than errors explain (`skies.apart_p_value`).

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.detectors.second_signals.peaks import Peaks, PeaksSettings, second_signals
+from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings, find_second_signals
 from skyproof.records import Observations, Records, SignalId
 from skyproof.statistics.distributions import binomial_survival
 
@@ -41,7 +41,7 @@ def observations(
 
 def examine(*receivers):
     records = Records(start_gpst=START, end_gpst=START + np.timedelta64(5, "s"), observations=receivers)
-    return Peaks().examine(records)[0]
+    return SecondSignals().examine(records)[0]
 
 
 def test_many_second_signals_are_an_attack_and_one_is_an_echo():
@@ -84,7 +84,7 @@ def test_the_rate_that_counts_attain_is_stated():
     ],
 )
 def test_what_counts_as_a_second_signal(kind, counts):
-    found = second_signals(observations([0, 1, 2], **kind), PeaksSettings())
+    found = find_second_signals(observations([0, 1, 2], **kind), SecondSignalsSettings())
     assert found.doubled == (("G01", "G02", "G03") if counts else ())
     assert found.unknown == ()
 
@@ -139,4 +139,4 @@ def test_a_channel_that_is_there_for_one_epoch_does_not_count():
     full = observations([0, 1, 2])
     cn0_dbhz = full.cn0_dbhz.copy()
     cn0_dbhz[1:, 12:] = np.nan
-    assert second_signals(replace(full, cn0_dbhz=cn0_dbhz), PeaksSettings()).doubled == ()
+    assert find_second_signals(replace(full, cn0_dbhz=cn0_dbhz), SecondSignalsSettings()).doubled == ()

@@ -23,7 +23,7 @@ from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.records import Evidence, Need, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.distributions import binomial_survival, binomial_threshold
 
-__all__ = ["Peaks", "PeaksSettings", "SecondSignals", "second_signals"]
+__all__ = ["FoundSecondSignals", "SecondSignals", "SecondSignalsSettings", "find_second_signals"]
 
 _Transmission = tuple[str, str, str]
 LATE_HZ = 10.0
@@ -33,8 +33,8 @@ SAME_DELAY = 4.0
 
 
 @dataclass(frozen=True)
-class PeaksSettings:
-    """Settings of `Peaks`.
+class SecondSignalsSettings:
+    """Settings of `SecondSignals`.
 
     false_alarm_probability : at most, per receiver and window; counts are whole, so the attained rate is lower, and
         is reported.
@@ -57,11 +57,11 @@ class PeaksSettings:
 
     def __post_init__(self) -> None:
         for name in ("false_alarm_probability", "long_echo_probability"):
-            require_probability("peaks", name, getattr(self, name))
+            require_probability("second_signals", name, getattr(self, name))
 
 
 @dataclass(frozen=True)
-class SecondSignals:
+class FoundSecondSignals:
     """Satellites of one receiver and window: all with a credible signal, those with a second one, and those of which it
     is not known, because the time of week, and with it the delay, is not known yet.
 
@@ -75,7 +75,7 @@ class SecondSignals:
     repeated: tuple[SignalId, ...]
 
 
-def second_signals(observations: Observations, settings: PeaksSettings) -> SecondSignals:
+def find_second_signals(observations: Observations, settings: SecondSignalsSettings) -> FoundSecondSignals:
     """Look for second signals in one receiver's window."""
     cn0_dbhz = observations.cn0_dbhz
     there = np.isfinite(cn0_dbhz).sum(axis=0) >= settings.min_epochs
@@ -88,7 +88,7 @@ def second_signals(observations: Observations, settings: PeaksSettings) -> Secon
     twice = sorted(name for name, apart in verdicts.items() if apart is True)
     repeated = _repeated(observations, {name: sent[name] for name in twice}, level_dbhz, settings)
     doubled = {sat for sat, *_ in set(twice) - {signal.transmission for signal in repeated}}
-    return SecondSignals(
+    return FoundSecondSignals(
         sats=tuple(sorted({sat for sat, *_ in sent})),
         doubled=tuple(sorted(doubled)),
         unknown=tuple(sorted({sat for (sat, *_), apart in verdicts.items() if apart is None} - doubled)),
@@ -97,7 +97,10 @@ def second_signals(observations: Observations, settings: PeaksSettings) -> Secon
 
 
 def _repeated(
-    observations: Observations, doubled: Mapping[_Transmission, list[int]], level_dbhz: Reals, settings: PeaksSettings
+    observations: Observations,
+    doubled: Mapping[_Transmission, list[int]],
+    level_dbhz: Reals,
+    settings: SecondSignalsSettings,
 ) -> tuple[SignalId, ...]:
     """Second signals of transmissions with two, later and weaker, whose delays agree: a late copy of the whole sky."""
     late: dict[int, tuple[float, float]] = {}
@@ -121,7 +124,9 @@ def _repeated(
     return tuple(observations.signals[c] for c in agreeing) if several else ()
 
 
-def _apart(observations: Observations, channels: list[int], level_dbhz: Reals, settings: PeaksSettings) -> bool | None:
+def _apart(
+    observations: Observations, channels: list[int], level_dbhz: Reals, settings: SecondSignalsSettings
+) -> bool | None:
     """Whether two of a transmission's channels are apart; None if that is not known."""
     strong = [c for c in channels if level_dbhz[c] >= level_dbhz[channels].max() - settings.max_weaker_db]
     chip_m = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
@@ -142,14 +147,14 @@ def _median_difference(values: Reals, one: int, other: int, min_epochs: int) -> 
     return float(np.abs(np.median(known))) if known.size >= min_epochs else np.nan
 
 
-class Peaks:
+class SecondSignals:
     """The detector: one Evidence per receiver and window."""
 
-    name = "peaks"
+    name = "second_signals"
     needs = (Need.OBSERVATIONS,)
 
-    def __init__(self, settings: PeaksSettings | None = None) -> None:
-        self.settings = settings or PeaksSettings()
+    def __init__(self, settings: SecondSignalsSettings | None = None) -> None:
+        self.settings = settings or SecondSignalsSettings()
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
         """Evidence of one window; never raises for what the data lack."""
@@ -157,11 +162,11 @@ class Peaks:
         return lacking or [e for o in records.observations for e in self._receiver(records, o)], state
 
     def _receiver(self, records: Records, observations: Observations) -> list[Evidence]:
-        found = second_signals(observations, self.settings)
+        found = find_second_signals(observations, self.settings)
         late = [self._late(records, observations, found)] if found.repeated else []
         return [self._count(records, observations, found), *late]
 
-    def _late(self, records: Records, observations: Observations, found: SecondSignals) -> Evidence:
+    def _late(self, records: Records, observations: Observations, found: FoundSecondSignals) -> Evidence:
         return Evidence(
             detector=self.name,
             start_gpst=records.start_gpst,
@@ -173,7 +178,7 @@ class Peaks:
             false_alarm_probability=self.settings.false_alarm_probability,
         )
 
-    def _count(self, records: Records, observations: Observations, found: SecondSignals) -> Evidence:
+    def _count(self, records: Records, observations: Observations, found: FoundSecondSignals) -> Evidence:
         if not np.isfinite(observations.cn0_dbhz).any():
             return undecided(
                 self,
