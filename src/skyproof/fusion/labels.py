@@ -14,6 +14,7 @@ the test overrules the others, unless false signals are named in the window.
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -76,6 +77,7 @@ def label_signals(evidence: Sequence[Evidence], observations: Sequence[Observati
     """Every signal of every receiver, cut where its label changes; in order of receiver, signal and time."""
     labelled: list[LabelledSignal] = []
     window_s = usual_window_s(evidence)
+    evidence = _window_by_window(evidence)
     for o in observations:
         votes = _votes(evidence, o)
         for column, signal in enumerate(o.signals):
@@ -85,15 +87,28 @@ def label_signals(evidence: Sequence[Evidence], observations: Sequence[Observati
     return tuple(labelled)
 
 
+def _window_by_window(evidence: Sequence[Evidence]) -> Sequence[Evidence]:
+    """In the order of the windows' times, as it comes from a run, where it may be too much to hold."""
+    times = np.array([(e.start_gpst, e.end_gpst) for e in evidence], "datetime64[ns]").reshape(-1, 2)
+    order = np.lexsort((times[:, 1], times[:, 0]))
+    return evidence if np.array_equal(order, np.arange(order.size)) else [evidence[place] for place in order]
+
+
 def _votes(evidence: Sequence[Evidence], o: ObservationLog) -> dict[SignalRef, list[_Vote]]:
-    """What is said of each of a receiver's signals. A failed test is a vote for "unknown" where nothing else speaks."""
-    windows: dict[tuple[int, int], list[Evidence]] = {}
-    for e in evidence:
+    """What is said of each of a receiver's signals. A failed test is a vote for "unknown" where nothing else speaks.
+
+    evidence : window by window.
+    """
+
+    def rows(e: Evidence) -> tuple[int, int]:
         first, end = (int(np.searchsorted(o.gpst, t)) for t in (e.start_gpst, e.end_gpst))
-        if end > first:
-            windows.setdefault((first, end - 1), []).append(e)
+        return first, end - 1
+
     votes: dict[SignalRef, list[_Vote]] = {}
-    for (first, last), said in windows.items():
+    for (first, last), of_window in groupby(evidence, rows):
+        if last < first:
+            continue
+        said = list(of_window)
         # Where false signals are named beside the true ones it is no wonder that what is received does not go on.
         attacked = any(e.says == "spoofed" and any(r.receiver == o.receiver for r in e.subject) for e in said)
         tests = [
@@ -113,14 +128,12 @@ def _votes(evidence: Sequence[Evidence], o: ObservationLog) -> dict[SignalRef, l
                 own -= overruled
             if e.says in LABELS:
                 spoken |= own
+                vote = _Vote(label=label, first_epoch=first, last_epoch=last, detector=e.detector, p_value=e.p_value)
                 for ref in own:
-                    votes.setdefault(ref, []).append(
-                        _Vote(label=label, first_epoch=first, last_epoch=last, detector=e.detector, p_value=e.p_value)
-                    )
+                    votes.setdefault(ref, []).append(vote)
+        doubt = _Vote(label="unknown", first_epoch=first, last_epoch=last, detector="", p_value=None)
         for ref in overruled.union(*failed) - spoken:
-            votes.setdefault(ref, []).append(
-                _Vote(label="unknown", first_epoch=first, last_epoch=last, detector="", p_value=None)
-            )
+            votes.setdefault(ref, []).append(doubt)
     return votes
 
 
@@ -133,7 +146,7 @@ def usual_window_s(evidence: Sequence[Evidence]) -> float:
 
 def sources_of(evidence: Sequence[Evidence]) -> tuple[Source, ...]:
     """Transmitters of false signals: groups that evidence calls spoofed, joined over windows by shared signals."""
-    groups = [e.subject for e in evidence if e.says == "spoofed"]
+    groups = dict.fromkeys(e.subject for e in evidence if e.says == "spoofed")
     return tuple(
         Source(name=f"S{number + 1}", signals=tuple(sorted(signals))) for number, signals in enumerate(linked(groups))
     )
@@ -193,7 +206,8 @@ def _within(vote: _Vote, arc: tuple[int, int]) -> _Vote | None:
     first, last = max(vote.first_epoch, arc[0]), min(vote.last_epoch, arc[1])
     if last - first + 1 < MIN_WINDOW_SHARE * (vote.last_epoch - vote.first_epoch + 1):
         return None
-    return replace(vote, first_epoch=first, last_epoch=last)
+    whole = (first, last) == (vote.first_epoch, vote.last_epoch)
+    return vote if whole else replace(vote, first_epoch=first, last_epoch=last)
 
 
 def _filled(said: Integers, elapsed_s: Reals, bridge_s: float, before_s: float) -> Integers:

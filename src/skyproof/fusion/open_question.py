@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,24 +33,52 @@ def open_question(
     The windows' sentences differ by their numbers; the same test with the same remedy is the same reason, and the
     window that was compared last speaks for all of them.
     """
-    groups: dict[tuple[str, str | None], list[Evidence]] = defaultdict(list)
+    reasons: dict[tuple[str, str | None], _Reason] = defaultdict(_Reason)
+    attacked = False
     for e in evidence:
+        attacked |= e.says in ("attack", "spoofed")
         if e.says == "undecided" or (e.says == "attack" and e.would_need):
-            groups[e.detector, e.would_need].append(e)
+            reasons[e.detector, e.would_need].add(e)
     open_receivers = tuple(o.receiver for o in observations if o.receiver not in trusted)
-    ran = {key: own for key, own in groups.items() if any(_compared(e) for e in own)}
+    ran = [reason for reason in reasons.values() if reason.compared]
     if not ran:
         return OpenQuestion(receivers=open_receivers, why=None, remedy=None)
-    attacked = any(e.says in ("attack", "spoofed") for e in evidence)
-    chosen = max(ran.values(), key=lambda own: _weight(own, attacked))
-    *before, last = [e for e in chosen if _compared(e)]
+    chosen = max(ran, key=lambda reason: reason.weight(attacked))
+    *before, last = chosen.latest
     remedy = last.would_need
-    far = measured_distance_m([b for e in chosen for b in e.baselines[:1]])
+    far = measured_distance_m(chosen.baselines)
     if remedy is not None and far is not None:
         remedy += f"; these signals come from the sky if the antennas stand {far[0]:.1f} ± {far[1]:.1f} m apart"
-    others = _kinds([e for e in before if e.start_gpst == last.start_gpst]) - _kinds([last])
+    others = _kinds(before) - _kinds([last])
     why = last.because + (f"; the same holds for {', '.join(sorted(others))}" if others else "")
     return OpenQuestion(receivers=open_receivers, why=why, remedy=remedy)
+
+
+@dataclass(kw_only=True)
+class _Reason:
+    """Undecided pieces of evidence of one test with one remedy.
+
+    compared : how many had something to look at; latest : of these those of the last window. baselines : of each piece,
+    over its whole window. overrules : whether a failed one overrules other tests.
+    """
+
+    compared: int = 0
+    latest: list[Evidence] = field(default_factory=list)
+    baselines: list[Baseline] = field(default_factory=list)
+    overrules: bool = False
+    has_remedy: bool = False
+
+    def add(self, e: Evidence) -> None:
+        self.baselines += e.baselines[:1]
+        self.overrules |= e.overrules and e.failed
+        self.has_remedy = e.would_need is not None
+        if _compared(e):
+            self.compared += 1
+            self.latest = [*(one for one in self.latest if one.start_gpst == e.start_gpst), e]
+
+    def weight(self, attacked: bool) -> tuple[bool, int, bool]:
+        """Under an attack it is no wonder that nothing goes on as it was: that is not what leaves the signals open."""
+        return self.overrules != attacked, self.compared, self.has_remedy
 
 
 def _kinds(evidence: Sequence[Evidence]) -> set[str]:
@@ -67,12 +95,6 @@ def measured_distance_m(baselines: Sequence[Baseline]) -> tuple[float, float] | 
     if not pairs:
         return None
     return float(np.mean([d for d, _ in pairs])), float(np.median([s for _, s in pairs]))
-
-
-def _weight(own: Sequence[Evidence], attacked: bool) -> tuple[bool, int, bool]:
-    """Under an attack it is no wonder that nothing goes on as it was: that is not what leaves the signals open."""
-    overrules = any(e.overrules and e.failed for e in own)
-    return overrules != attacked, sum(_compared(e) for e in own), own[0].would_need is not None
 
 
 def _compared(e: Evidence) -> bool:

@@ -184,7 +184,7 @@ def windows(*scenes, seed=0):
 
 def reviewed(records, **settings):
     detector = MultiReceiver(MultiReceiverSettings(**settings))
-    return detector.review([e for r in records for e in detector.examine(r)[0]])
+    return list(detector.review([e for r in records for e in detector.examine(r)[0]]))
 
 
 def test_windows_with_both_skies_vouch_for_the_others_that_show_the_same_baseline():

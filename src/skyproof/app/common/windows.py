@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from skyproof.app.common.body import Body, Carried, body_state
+from skyproof.app.common.evidence_log import EvidenceLog
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
 from skyproof.detectors.base import Detector, load_detectors
@@ -262,12 +263,12 @@ def examine(detectors: Sequence[Detector], records: Records, states: States) -> 
     return evidence, remembered
 
 
-def reviewed(detectors: Sequence[Detector], evidence: Sequence[Evidence]) -> list[Evidence]:
+def reviewed(detectors: Sequence[Detector], evidence: Sequence[Evidence]) -> Sequence[Evidence]:
     """The evidence of all windows, after each detector that has a method `review` looked at it once more."""
-    seen = list(evidence)
+    seen = evidence
     for detector in detectors:
         if (review := getattr(detector, "review", None)) is not None:
-            seen = review(seen)
+            seen = EvidenceLog(review(seen))
     return seen
 
 
@@ -276,7 +277,7 @@ def examine_all(
     detectors: Sequence[Detector],
     progress: Progress,
     told: Callable[[Sequence[Evidence]], None] | None = None,
-) -> tuple[list[Evidence], list[ConsistentSet], bool]:
+) -> tuple[Sequence[Evidence], list[ConsistentSet], bool]:
     """What all detectors say of all windows, sets found in them, and whether Ctrl-C left windows out.
 
     told : is given what was said of each window, as it is said.
@@ -305,7 +306,7 @@ class _Kept:
     """Evidence in little memory: what is equal is kept once, and that a test cannot run is said once in a row."""
 
     def __init__(self) -> None:
-        self.all: list[Evidence] = []
+        self.all = EvidenceLog()
         self._same: dict[Hashable, Any] = {}
         self._lacking: set[tuple[str, tuple[SignalRef, ...], tuple[Need, ...]]] = set()
 
@@ -320,7 +321,7 @@ class _Kept:
                 if key in self._lacking:
                     continue
             because, assumes = self._once(one.because), self._once(one.assumes)
-            self.all.append(replace(one, subject=subject, because=because, assumes=assumes))
+            self.all.extend((replace(one, subject=subject, because=because, assumes=assumes),))
         self._lacking = lacking
 
     def _once(self, value: H) -> H:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from skyproof.app.common.settings import Settings
+from skyproof.app.protect.methods import of_detectors
 from skyproof.app.protect.positions import KINDS, Positions, Track
 from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Reals
@@ -18,21 +19,12 @@ from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso
-from skyproof.records import (
-    ConsistentSet,
-    Evidence,
-    Fix,
-    NavigationData,
-    Need,
-    ObservationLog,
-    Says,
-)
+from skyproof.records import ConsistentSet, Evidence, Fix, NavigationData, Need, ObservationLog
 from skyproof.report.positions import radius_95_m
 from skyproof.verdict import (
     VERDICT_FORMAT,
     Because,
     InputFile,
-    Method,
     Place,
     Position,
     Receiver,
@@ -41,7 +33,7 @@ from skyproof.verdict import (
 )
 from skyproof.verdict import Source as SourceModel
 
-__all__ = ["InputNote", "Outcome", "ReceiverOutcome", "document", "telling", "versions"]
+__all__ = ["InputNote", "Outcome", "ReceiverOutcome", "document", "versions"]
 
 DIGITS = 6  # of a second in instants
 
@@ -84,7 +76,7 @@ class Outcome:
 
     receivers: tuple[ReceiverOutcome, ...]
     decision: Decision
-    evidence: tuple[Evidence, ...]
+    evidence: Sequence[Evidence]
     sets: tuple[ConsistentSet, ...]
     navigation: NavigationData
 
@@ -113,7 +105,7 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         receivers=receivers,
         signals=tuple(_signals(outcome)),
         sources=tuple(_sources(outcome)),
-        methods=tuple(_methods(outcome.evidence)),
+        methods=tuple(one.method() for one in of_detectors(outcome.evidence)),
         inputs=tuple(InputFile(path=n.path, format=n.format, sha256=n.sha256, remarks=n.remarks) for n in notes),
         settings=settings.model_dump(mode="json"),
         versions=versions(),
@@ -437,46 +429,3 @@ def _median_difference_s(a: Track, b: Track) -> float | None:
     difference = a.clock_bias_s - b.clock_bias_s
     difference = difference[np.isfinite(difference)]
     return float(np.median(difference)) if difference.size else None
-
-
-STRENGTH: tuple[Says, ...] = ("undecided", "clean", "multipath", "authentic", "attack", "spoofed")
-
-
-def _methods(evidence: Sequence[Evidence]) -> list[Method]:
-    methods = []
-    for name in sorted({e.detector for e in evidence}):
-        own = [e for e in evidence if e.detector == name]
-        ran = [e for e in own if e.p_value is not None]
-        decision = _strongest(own)
-        best = telling(own)
-        needs = [e for e in own if e.says == "undecided"]
-        methods.append(
-            Method(
-                detector=name,
-                ran=bool(ran) or any(e.would_need is None for e in own),
-                why_not=None if ran or not needs else needs[0].because,
-                would_need=needs[0].would_need if needs and decision in ("undecided", "clean", "attack") else None,
-                decision=decision if ran else None,
-                tests=len(ran),
-                statistic=None if best is None else best.statistic,
-                threshold=None if best is None else best.threshold,
-                p_value=None if best is None else best.p_value,
-                false_alarm_probability=own[0].false_alarm_probability,
-            )
-        )
-    return methods
-
-
-def telling(own: Sequence[Evidence]) -> Evidence | None:
-    """Of one detector's evidence the piece that says most: the least p-value behind its decision; None without one."""
-    ran = [e for e in own if e.p_value is not None]
-    decision = _strongest(own)
-    return min((e for e in ran if e.says == decision), key=_p, default=min(ran, key=_p, default=None))
-
-
-def _strongest(own: Sequence[Evidence]) -> Says:
-    return max((e.says for e in own), key=STRENGTH.index)
-
-
-def _p(evidence: Evidence) -> float:
-    return 1.0 if evidence.p_value is None else evidence.p_value

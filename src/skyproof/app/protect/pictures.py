@@ -12,7 +12,8 @@ from typing import Any, Final, cast
 import numpy as np
 
 from skyproof.app.common.windows import cut
-from skyproof.app.protect.document import Outcome, ReceiverOutcome, place_of, telling
+from skyproof.app.protect.document import Outcome, ReceiverOutcome, place_of
+from skyproof.app.protect.methods import of_detectors
 from skyproof.app.protect.positions import KINDS
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Reals
@@ -418,9 +419,12 @@ def _sets_by_label(
 
 
 def _findings(outcome: Outcome) -> Iterator[Finding]:
-    for name in sorted({e.detector for e in outcome.evidence}):
-        found = telling([e for e in outcome.evidence if e.detector == name])
+    for one in of_detectors(outcome.evidence):
+        found = one.telling
         if found is not None:
             yield Finding(
-                detector=name, words=found.because, from_gpst=iso(found.start_gpst, 3), to_gpst=iso(found.end_gpst, 3)
+                detector=found.detector,
+                words=found.because,
+                from_gpst=iso(found.start_gpst, 3),
+                to_gpst=iso(found.end_gpst, 3),
             )

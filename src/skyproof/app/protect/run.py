@@ -257,7 +257,7 @@ def judge(
     decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
     outcome = Outcome(
-        receivers=tuple(outcomes), decision=decision, evidence=tuple(evidence), sets=tuple(sets), navigation=orbits
+        receivers=tuple(outcomes), decision=decision, evidence=evidence, sets=tuple(sets), navigation=orbits
     )
     return outcome, interrupted
 

@@ -25,7 +25,7 @@ is white.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -143,26 +143,26 @@ class MultiReceiver:
             return lacking, state
         return _Window(self, records).evidence(), state
 
-    def review(self, evidence: Sequence[Evidence]) -> list[Evidence]:
-        """All windows' evidence once more, now that all of it is known.
+    def review(self, evidence: Sequence[Evidence]) -> Iterator[Evidence]:
+        """All windows' evidence once more, now that all of it is known; a sequence may read it from where it is kept.
 
         Windows in which both skies were received in every receiver give the baseline. Others that show the same one are
         authentic as well: a false sky in some of the receivers would have had to show the true place. One that shows
         another than most do is open again: true and false signals overlap when they part.
         """
-        both = [e for e in evidence if self._is_own(e) and e.says == "authentic" and ONE_FALSE_SKY in e.assumes]
-        learnt = {
-            key: self._learnt([e for e in both if e.baselines[0].receivers == key])
-            for key in {e.baselines[0].receivers for e in both}
-        }
-        return [self._reviewed(e, learnt.get(e.baselines[0].receivers)) if self._is_own(e) else e for e in evidence]
+        both: dict[tuple[str, ...], list[Baseline]] = {}
+        for e in evidence:
+            if self._is_own(e) and e.says == "authentic" and ONE_FALSE_SKY in e.assumes:
+                both.setdefault(e.baselines[0].receivers, []).append(e.baselines[0])
+        learnt = {receivers: self._learnt(baselines) for receivers, baselines in both.items()}
+        for e in evidence:
+            yield self._reviewed(e, learnt.get(e.baselines[0].receivers)) if self._is_own(e) else e
 
     def _is_own(self, e: Evidence) -> bool:
         return e.detector == self.name and bool(e.baselines)
 
-    def _learnt(self, both: Sequence[Evidence]) -> LearntBaseline | None:
-        """What most of the windows agree on."""
-        whole = [e.baselines[0] for e in both]
+    def _learnt(self, whole: Sequence[Baseline]) -> LearntBaseline | None:
+        """What most of the windows agree on, of what each shows as a whole."""
         middle = LearntBaseline(
             replace(
                 whole[0],
