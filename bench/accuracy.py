@@ -25,7 +25,7 @@ from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import LoopSettings, Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulator.ideal import Motion, ideal_signals
+from skyproof.simulator.ideal import SignalDelays, ideal_signals
 from skyproof.simulator.samples import BLOCK, Rendering, render
 from skyproof.simulator.scenario import FrontEnd
 
@@ -115,7 +115,7 @@ def errors(case: Case, settings: Sequence[ReceiverSettings]) -> list[Errors]:
     front_end = FrontEnd(rate_hz=rate_hz, bandwidth_hz=bandwidth_hz, encoding="float", bits=32)
     # Code phases and starts of bits that differ from case to case.
     rng = np.random.default_rng((case.seed, int(case.sat[1:]), int(abs(case.doppler_hz))))
-    motion = Motion(
+    motion = SignalDelays(
         delay_s=rng.uniform(0.065, 0.085, 1), doppler_hz=np.array([case.doppler_hz]), accelerations=case.accelerations
     )
     rendering = ideal_signals([case.sat], motion, case.cn0_dbhz, front_end, duration_s=case.duration_s, seed=case.seed)
@@ -130,7 +130,7 @@ def errors(case: Case, settings: Sequence[ReceiverSettings]) -> list[Errors]:
     return [_against_truth(Measurements.joined(p), motion) for p in parts]
 
 
-def _started(receiver: Receiver, sats: Sequence[str], motion: Motion, cn0_dbhz: float) -> ReceiverState:
+def _started(receiver: Receiver, sats: Sequence[str], motion: SignalDelays, cn0_dbhz: float) -> ReceiverState:
     """Channels on all signals, 2 Hz beside."""
     state = ReceiverState()
     for sat, delay_s, doppler_hz in zip(sats, motion.delay_s.tolist(), motion.doppler_hz.tolist(), strict=True):
@@ -146,7 +146,7 @@ def _started(receiver: Receiver, sats: Sequence[str], motion: Motion, cn0_dbhz: 
     return state
 
 
-def _against_truth(measured: Measurements, motion: Motion) -> Errors:
+def _against_truth(measured: Measurements, motion: SignalDelays) -> Errors:
     keep = measured.elapsed_s > SETTLED_S - 1e-6
     t, table = measured.elapsed_s[keep], measured.table[keep]
     sent_s = table[:, m.PERIODS] * GPS_L1_CA.period_s + table[:, m.FRACTION_S]
@@ -350,10 +350,10 @@ LOOPS = {
 }
 
 
-def _fading(cn0_dbhz: float, duration_s: float, n: int = 16) -> tuple[Rendering, Motion]:
+def _fading(cn0_dbhz: float, duration_s: float, n: int = 16) -> tuple[Rendering, SignalDelays]:
     """Signals of n satellites, of 42 dB-Hz for 3 s and then of this strength."""
     rng = np.random.default_rng(1000 + int(10 * cn0_dbhz))
-    motion = Motion(delay_s=rng.uniform(0.065, 0.08, n), doppler_hz=rng.uniform(-4e3, 4e3, n))
+    motion = SignalDelays(delay_s=rng.uniform(0.065, 0.08, n), doppler_hz=rng.uniform(-4e3, 4e3, n))
     front_end = FrontEnd(rate_hz=PLAIN[0], bandwidth_hz=PLAIN[1], encoding="float", bits=32)
     rendering = ideal_signals(
         GPS_SATS[:n], motion, cn0_dbhz, front_end, duration_s=duration_s, seed=100 + int(cn0_dbhz)
@@ -391,7 +391,9 @@ def _holding() -> Iterator[str]:
     yield from table.text()
 
 
-def _held(measured: Measurements, motion: Motion, ends_s: dict[str, float], sat_of: dict[int, str]) -> tuple[str, ...]:
+def _held(
+    measured: Measurements, motion: SignalDelays, ends_s: dict[str, float], sat_of: dict[int, str]
+) -> tuple[str, ...]:
     begin_s = _STRONG_S + 1.0
     held_s = sum(max(end - begin_s, 0.0) for end in ends_s.values())
     lost = sum(end < HOLDING_S - 0.3 for end in ends_s.values())
@@ -442,7 +444,7 @@ def _locks() -> Iterator[str]:
     yield from table.text()
 
 
-def _is_near(receiver: Receiver, state: ReceiverState, motion: Motion, sample: int) -> NDArray[np.bool_]:
+def _is_near(receiver: Receiver, state: ReceiverState, motion: SignalDelays, sample: int) -> NDArray[np.bool_]:
     """Which channels are within a tenth of a chip and 5 Hz of their signal."""
     at_s = sample / receiver.rate_hz
     late_s = receiver._delay_s(state.loops, sample) - motion.code_delay_s([at_s])[0] + at_s

@@ -24,10 +24,10 @@ from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.clock import anchored
-from skyproof.receiver.channels import FORGET_S, Gap, LostSignal, Place, continued, letter
+from skyproof.receiver.channels import FORGET_S, DelayDoppler, Gap, LostSignal, continued, letter
 from skyproof.records import Observations, Samples, SignalId
 from skyproof.simulator.measurement_errors import FieldError, FieldErrors, field_errors
-from skyproof.simulator.measurements import Geometry, geometry_of
+from skyproof.simulator.measurements import IdealMeasurements, ideal_measurements_of
 from skyproof.simulator.received import ReceiverSky, Scene
 
 __all__ = ["Heard", "Noise", "hear", "received", "true_offset_s"]
@@ -80,7 +80,7 @@ class Noise:
 
 def hear(scene: Scene, noise: Noise, *, rng: np.random.Generator) -> list[Heard]:
     """What every receiver of a scene measures."""
-    geometries = geometry_of(scene, interval_s=INTERVAL_S)
+    geometries = ideal_measurements_of(scene, interval_s=INTERVAL_S)
     fields: list[FieldError | None] = [None] * len(geometries)
     if noise.field:
         fields = list(field_errors(FieldErrors(), [g.exposure for g in geometries], INTERVAL_S, rng=rng))
@@ -115,7 +115,7 @@ def _noise_power(sky: ReceiverSky, true_s: Reals) -> Reals:
     return power
 
 
-def _arriving(geometry: Geometry, floor: Reals, error: FieldError | None) -> list[_Arriving]:
+def _arriving(geometry: IdealMeasurements, floor: Reals, error: FieldError | None) -> list[_Arriving]:
     power = np.where(np.isfinite(geometry.pseudorange_m), 10.0 ** (0.1 * geometry.cn0_dbhz), 0.0)
     floor = floor + CODE_NOISE * power.sum(axis=1)
     columns: dict[str, list[int]] = {}
@@ -315,8 +315,8 @@ class _Receiver:
         assert channel.copy is not None
         return self.arriving[channel.sat].sat, channel.copy
 
-    def _place(self, channel: _Channel, at_s: float) -> Place:
-        return Place(at_s=at_s, delay_s=channel.at_m / SPEED_OF_LIGHT_M_S % 1e-3, doppler_hz=channel.doppler_hz)
+    def _place(self, channel: _Channel, at_s: float) -> DelayDoppler:
+        return DelayDoppler(at_s=at_s, delay_s=channel.at_m / SPEED_OF_LIGHT_M_S % 1e-3, doppler_hz=channel.doppler_hz)
 
     def _lose(self, channel: _Channel, epoch: int) -> None:
         self.channels.remove(channel)
@@ -393,7 +393,12 @@ class _Receiver:
 
 
 def _receive(
-    scene: Scene, index: int, geometry: Geometry, noise: Noise, error: FieldError | None, rng: np.random.Generator
+    scene: Scene,
+    index: int,
+    geometry: IdealMeasurements,
+    noise: Noise,
+    error: FieldError | None,
+    rng: np.random.Generator,
 ) -> Heard:
     sky = scene.skies[index]
     true_s = geometry.elapsed_s + sky.true_minus_elapsed_s(geometry.elapsed_s)
@@ -433,7 +438,7 @@ def _no_samples(start: int, count: int) -> NDArray[np.float32]:
 
 
 def _observed(
-    geometry: Geometry, receiver: _Receiver, noise: Noise, rng: np.random.Generator
+    geometry: IdealMeasurements, receiver: _Receiver, noise: Noise, rng: np.random.Generator
 ) -> tuple[Observations | None, Reals]:
     names = sorted(name for name, rows in receiver.rows.items() if rows)
     shape = geometry.elapsed_s.size, len(names)

@@ -19,8 +19,8 @@ from skyproof.simulator.scenario import (
     FrontEnd,
     Interference,
     Meaconer,
-    Receiver,
     Scenario,
+    SceneReceiver,
     Sky,
     Spoofer,
     Takeover,
@@ -321,7 +321,7 @@ def _scenario(
 ) -> Scenario:
     own = _site(drawn, (drawn.lat_deg, drawn.lon_deg, drawn.height_m), rides=True)
     receivers = tuple(
-        Receiver(
+        SceneReceiver(
             **own,
             name=f"rx{k + 1}",
             antennas=(Antenna(name="1", body_m=body_m),),

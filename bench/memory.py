@@ -24,9 +24,9 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.nominal_systems import nominal_systems
 from skyproof.records import NavigationData, Samples
 from skyproof.simulator.kinds import Kind
-from skyproof.simulator.measurements import NoiseModel, draw, geometry_of
+from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
 from skyproof.simulator.samples import samples_of
-from skyproof.simulator.scenario import FrontEnd, Receiver, Scenario
+from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver
 from skyproof.simulator.sky import scene_of
 
 START = np.datetime64("2022-01-01T10:30:00", "ns")
@@ -60,9 +60,9 @@ def _run_of_its_own(kind: str, length: int) -> dict[str, float]:
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
-def _receivers(oscillator: str) -> tuple[Receiver, ...]:
+def _receivers(oscillator: str) -> tuple[SceneReceiver, ...]:
     return tuple(
-        Receiver(
+        SceneReceiver(
             name=f"rx{number + 1}",
             lat_deg=LAT_DEG,
             lon_deg=LON_DEG + number * APART_DEG,
@@ -102,7 +102,7 @@ def rinex(hours: int, folder: Path) -> str:
         kinds = [Kind(*kind, {"rx1": 1.0, "rx2": 2.0}) for kind in KINDS]
         noise = NoiseModel(sigma_m=0.5, constant_m=0.5)
         observed, _ = draw(
-            geometry_of(scene, interval_s=1.0, kinds=kinds), rng=np.random.default_rng(hour), noise=noise
+            ideal_measurements_of(scene, interval_s=1.0, kinds=kinds), rng=np.random.default_rng(hour), noise=noise
         )
         for path, o in zip(paths, observed, strict=True):
             lines = list(obs_lines(o, signals=o.signals, holds="truth", marker=o.receiver, version="bench"))

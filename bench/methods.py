@@ -28,7 +28,7 @@ from skyproof.detectors.array.ins_array import (
 from skyproof.detectors.array.spin import arm_angles, full_fit, paired_fit
 from skyproof.detectors.correlators.sqm import delta_law, delta_metric, moving_variance, ratio_p_value
 from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector, whitener
-from skyproof.detectors.correlators.vector_sqm import geometry_matrix, sky, two_step
+from skyproof.detectors.correlators.vector_sqm import geometry_matrix, satellite_geometry, two_step
 from skyproof.detectors.dccaf.inverse_raim import passing_sets
 from skyproof.detectors.multi_receiver.double_difference import difference_test, pairs_rejected
 from skyproof.detectors.multi_receiver.group_choice import span_test, split_skies
@@ -62,7 +62,7 @@ def _normal(*shape: int, sigma: float = 1.0) -> Callable[[int, np.random.Generat
 
 def _methods() -> Iterator[Method]:
     units = hemisphere(9)[:SATS]  # the ninth stands at the horizon
-    where = sky(geometry_matrix(np.arctan2(units[:, 0], units[:, 1]), np.arcsin(units[:, 2])))
+    where = satellite_geometry(geometry_matrix(np.arctan2(units[:, 0], units[:, 1]), np.arcsin(units[:, 2])))
     white, amplitude = whitener(where.parity, 20.0), 20.0
     law = delta_law(0.5)
     yield Method("multi-receiver 1b, 30 epochs", _normal(30, 1), difference_test)

@@ -32,7 +32,7 @@ from skyproof.receiver.channels import Arc
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.replica import passed
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulator import Place, samples_of, scenes
+from skyproof.simulator import ScenePlace, samples_of, scenes
 
 RATE_HZ = 2.6037e6
 """No whole number of samples a code period: with one, a signal of little Doppler is read at the same places of its
@@ -383,7 +383,7 @@ def clean_searches(rng: np.random.Generator, searches: int, *, full: bool) -> Co
 def clean_recording(duration_s: float, seed: int) -> tuple[float, list[str]]:
     """A clean sky through the whole receiver: signal-seconds followed, and confirmed signals that are not there."""
     start = np.datetime64("2024-05-14T09:59:58", "ns")
-    place = Place(lat_deg=-60.0 + 17.0 * (seed % 8), lon_deg=(41.0 * seed) % 360.0 - 180.0, height_m=50.0)
+    place = ScenePlace(lat_deg=-60.0 + 17.0 * (seed % 8), lon_deg=(41.0 * seed) % 360.0 - 180.0, height_m=50.0)
     scenario = scenes.clean(place, start, receivers=1, duration_s=duration_s, seed=seed)
     samples = samples_of(scenario, nominal_constellation(start))[0]
     receiver, state, arcs, epochs = Receiver(samples.rate_hz), ReceiverState(), {}, 0

@@ -19,14 +19,14 @@ from skyproof.detectors.correlators.second_component import distortion, together
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import Evidence, Records, Taps
-from skyproof.simulator import FrontEnd, Place, clean, scenes
+from skyproof.simulator import FrontEnd, ScenePlace, clean, scenes
 from skyproof.simulator.correlators import aligned, correlate
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import Multipath, Scenario
 from skyproof.simulator.sky import scene_of
 
 START_GPST = np.datetime64("2024-05-14T09:59:58", "ns")
-PLACE = Place(lat_deg=57.7, lon_deg=11.94, height_m=50.0)
+PLACE = ScenePlace(lat_deg=57.7, lon_deg=11.94, height_m=50.0)
 LEVELS_DBHZ = (35.0, 38.75, 42.5, 46.25, 50.0)
 HOURS, SKIES = 0.5, 4
 CITIES = 20

@@ -21,10 +21,10 @@ from timing import Spread, line
 
 from skyproof.formats.raw import open_raw
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulator import FrontEnd, Place, clean, scenes, write
+from skyproof.simulator import FrontEnd, ScenePlace, clean, scenes, write
 
 START_GPST = np.datetime64("2024-05-14T09:59:58", "ns")
-PLACE = Place(lat_deg=47.38, lon_deg=8.54, height_m=450.0)
+PLACE = ScenePlace(lat_deg=47.38, lon_deg=8.54, height_m=450.0)
 RUNS = 3
 # Run by a small process of its own, for the peak of a child counts what its parent held when it was forked.
 _USED = """

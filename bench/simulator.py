@@ -11,7 +11,17 @@ from timing import line, take_turns
 
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.signals import prn_of
-from skyproof.simulator import Antenna, FrontEnd, NoiseModel, Place, clean, draw, geometry_of, scene_of, scenes
+from skyproof.simulator import (
+    Antenna,
+    FrontEnd,
+    NoiseModel,
+    ScenePlace,
+    clean,
+    draw,
+    ideal_measurements_of,
+    scene_of,
+    scenes,
+)
 from skyproof.simulator.correlators import correlate
 from skyproof.simulator.measurement_errors import FieldErrors
 from skyproof.simulator.received import Scene
@@ -53,7 +63,7 @@ def report() -> Iterator[str]:
 
 def _growth() -> Iterator[str]:
     """How the work grows with satellites, rate and antennas: 8-bit samples behind a filter, noise included."""
-    place = Place(lat_deg=47.38, lon_deg=8.54, height_m=450.0)
+    place = ScenePlace(lat_deg=47.38, lon_deg=8.54, height_m=450.0)
     start = np.datetime64("2024-05-14T09:59:58", "ns")
     navigation = nominal_constellation(start)
     whole = clean(place, start, receivers=1, duration_s=DURATION_S, mask_deg=0.0)
@@ -113,14 +123,14 @@ def _measurements() -> Iterator[str]:
     scenario = scenes.meaconed(duration_s=LONG_S, onset_s=1.0)
     scene = scene_of(scenario, nominal_constellation(scenario.start_gpst))
     short = scene_of(scenario.model_copy(update={"duration_s": 60.0}), scene.navigation)
-    rng, geometries = np.random.default_rng(1), geometry_of(scene)
-    cells, few = (sum(each.there.size for each in those) for those in (geometries, geometry_of(short)))
+    rng, geometries = np.random.default_rng(1), ideal_measurements_of(scene)
+    cells, few = (sum(each.there.size for each in those) for those in (geometries, ideal_measurements_of(short)))
     field = NoiseModel(field=FieldErrors())
     white_s, draw_s, field_s, pulled_s = take_turns(
-        lambda: draw(geometry_of(scene), rng=rng),
+        lambda: draw(ideal_measurements_of(scene), rng=rng),
         lambda: draw(geometries, rng=rng),
         lambda: draw(geometries, rng=rng, noise=field),
-        lambda: geometry_of(short, pulled=True),
+        lambda: ideal_measurements_of(short, pulled=True),
         runs=5,
         clock=process_time,
     )

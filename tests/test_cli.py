@@ -26,7 +26,7 @@ from rich.console import Console
 
 from skyproof import cli
 from skyproof.app.common.platform import Platform
-from skyproof.app.common.platform_tables import Receiver
+from skyproof.app.common.platform_tables import PlatformReceiver
 from skyproof.app.init import InitResult
 from skyproof.app.receive import ReceiveResult
 from skyproof.app.scenes.simulate import SimulateResult
@@ -103,7 +103,7 @@ class App:
 
     def init(self, files: list[Path], **options: Any) -> InitResult:
         self.calls.append(("init", files, options))
-        return InitResult(path=options["out"], platform=Platform(receivers=(Receiver(name="bow"),)))
+        return InitResult(path=options["out"], platform=Platform(receivers=(PlatformReceiver(name="bow"),)))
 
     def inspect(self, file: Path, **options: Any) -> list[Any]:
         self.calls.append(("inspect", file, options))

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import grimp
@@ -76,3 +77,13 @@ def test_an_arrow_in_the_code_that_the_page_does_not_tell_is_seen(tmp_path, monk
     built, told = rooms_built("smallhouse"), {room: imports for room, (_, imports) in rooms_told(page).items()}
     assert built == {"__init__": {"attic"}, "attic": {"cellar"}, "cellar": set()}
     assert told == {"__init__": {"attic"}, "attic": set(), "cellar": set()}
+
+
+def test_no_two_public_classes_share_a_name():
+    found = [
+        (name, path.relative_to(PACKAGE).as_posix())
+        for path in sorted(PACKAGE.rglob("*.py"))
+        for name in re.findall(r"^class ([A-Za-z]\w*)", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    ]
+    counts = Counter(name for name, _ in found)
+    assert [one for one in found if counts[one[0]] > 1] == []

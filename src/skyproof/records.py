@@ -41,6 +41,7 @@ __all__ = [
     "Holding",
     "ImuSeries",
     "Klobuchar",
+    "MeasurementSource",
     "NavState",
     "NavigationData",
     "Need",
@@ -52,7 +53,6 @@ __all__ = [
     "Samples",
     "SignalId",
     "SignalRef",
-    "Source",
     "SpinArm",
     "Stretched",
     "Taps",
@@ -202,7 +202,7 @@ class OpenFile(Protocol):
         """What became of it since it was opened, in words."""
 
 
-class Source(Protocol):
+class MeasurementSource(Protocol):
     """What one receiver's measurements come from: a recording of samples, or observations of a receiver.
 
     name : of the receiver. path : of the file, empty where there is none. start_gpst : rough. file : what was read.

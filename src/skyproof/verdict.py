@@ -22,7 +22,7 @@ __all__ = [
     "Method",
     "Place",
     "Position",
-    "Receiver",
+    "ReceiverResult",
     "Signal",
     "Source",
     "Verdict",
@@ -87,7 +87,7 @@ class Position(_Model):
     sigma_up_m: Sigma = Field(description="Standard deviation upwards, metres.")
 
 
-class Receiver(_Model):
+class ReceiverResult(_Model):
     """One receiver: what it recorded, and the three positions that its signals give."""
 
     name: str = Field(description="Name by which the other parts of this document refer to the receiver.")
@@ -213,7 +213,7 @@ class Verdict(_Model):
     assumed: str | None = Field(
         description="Under what the word and the trusted positions hold, in one sentence; null if nothing is trusted."
     )
-    receivers: tuple[Receiver, ...]
+    receivers: tuple[ReceiverResult, ...]
     signals: tuple[Signal, ...]
     sources: tuple[Source, ...]
     methods: tuple[Method, ...]

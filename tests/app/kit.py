@@ -14,7 +14,7 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Fix, NavigationData, Observations
 from skyproof.simulator.files import write
-from skyproof.simulator.scenario import FrontEnd, Place, Receiver, Scenario, Sky
+from skyproof.simulator.scenario import FrontEnd, Scenario, ScenePlace, SceneReceiver, Sky
 from skyproof.simulator.sky import ReceiverSky, Scene, scene_of
 
 LIGHT_M_S = 299_792_458.0
@@ -22,7 +22,7 @@ NEAR_M = 100.0  # a signal whose delay is no nearer than this to any true one is
 START = np.datetime64("2024-05-14T09:59:58", "ns")  # two seconds before subframe 1
 
 PLACES = (
-    Receiver(
+    SceneReceiver(
         name="bow",
         lat_deg=57.7012,
         lon_deg=11.9321,
@@ -31,7 +31,7 @@ PLACES = (
         clock_offset_s=1.9e-4,
         lo_ppm=0.4,
     ),
-    Receiver(
+    SceneReceiver(
         name="stern",
         lat_deg=57.7009,
         lon_deg=11.93295,
@@ -40,7 +40,7 @@ PLACES = (
         clock_offset_s=-2.7e-4,
         lo_ppm=-0.6,
     ),
-    Receiver(
+    SceneReceiver(
         name="mast",
         lat_deg=57.70145,
         lon_deg=11.93285,
@@ -61,8 +61,8 @@ ENU_M = {
 }
 DISTANCE_M = round(float(np.linalg.norm(ENU_M["stern"])), 1)
 """Between the antennas of bow and stern."""
-TRANSMIT = Place(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0)
-ELSEWHERE = Place(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0)
+TRANSMIT = ScenePlace(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0)
+ELSEWHERE = ScenePlace(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0)
 
 
 def scenario_of(
@@ -191,7 +191,7 @@ class Judged:
         return next(sky for sky in self.scene.skies if sky.receiver.name == receiver)
 
 
-def error_m(fix: Fix, place: Place) -> NDArray[np.float64]:
+def error_m(fix: Fix, place: ScenePlace) -> NDArray[np.float64]:
     """(n_epochs,)"""
     return np.linalg.norm(fix.position_ecef_m - ecef_from_geodetic(*place.geodetic_rad), axis=1)
 

@@ -15,12 +15,12 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator import scenes
 from skyproof.simulator.measurements import NoiseModel, observations_of
 from skyproof.simulator.samples import samples_of
-from skyproof.simulator.scenario import Place
+from skyproof.simulator.scenario import ScenePlace
 
 
-def anywhere(rng: np.random.Generator) -> tuple[Place, np.datetime64]:
+def anywhere(rng: np.random.Generator) -> tuple[ScenePlace, np.datetime64]:
     """A place on land or sea between 70 S and 70 N, and a moment in four years."""
-    place = Place(
+    place = ScenePlace(
         lat_deg=float(np.degrees(np.arcsin(rng.uniform(-0.94, 0.94)))),
         lon_deg=float(rng.uniform(-180.0, 180.0)),
         height_m=float(rng.uniform(0.0, 1500.0)),

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from skyproof.simulator.attacks import TransmitAntenna
-from skyproof.simulator.scenario import Multipath, Place, Spoofer, Takeover
+from skyproof.simulator.scenario import Multipath, ScenePlace, Spoofer, Takeover
 
 pytestmark = pytest.mark.long
 
-SHOWS = Place(lat_deg=57.6985, lon_deg=11.9275, height_m=60.0)  # 400 m off
-BESIDE_STERN = Place(lat_deg=57.7009, lon_deg=11.932967, height_m=51.2)  # 1 m from it, 60 m from bow
+SHOWS = ScenePlace(lat_deg=57.6985, lon_deg=11.9275, height_m=60.0)  # 400 m off
+BESIDE_STERN = ScenePlace(lat_deg=57.7009, lon_deg=11.932967, height_m=51.2)  # 1 m from it, 60 m from bow
 
 
 def given(kit, what):
@@ -48,7 +48,7 @@ def test_a_takeover_at_one_receivers_place_leaves_no_false_trusted_fix(kit, tmp_
     """Aligned with bow's signals, misaligned at stern by what the antennas are apart; drawn off 1.2 km from 24 s on."""
     takeover = Takeover(
         target="bow",
-        transmit=Place(lat_deg=57.70183, lon_deg=11.9311, height_m=56.0),
+        transmit=ScenePlace(lat_deg=57.70183, lon_deg=11.9311, height_m=56.0),
         onset_s=12.0,
         power_db=4.0,
         power_points_db=((12.0, -20.0), (20.0, 0.0)),
@@ -66,7 +66,7 @@ def test_a_few_second_signals_from_two_antennas_are_counted(kit, tmp_path):
     """Two of ten, up to 8 dB stronger, in both receivers."""
     few = Spoofer(
         shows=SHOWS,
-        transmit=Place(lat_deg=57.7012, lon_deg=11.9371, height_m=58.0),
+        transmit=ScenePlace(lat_deg=57.7012, lon_deg=11.9371, height_m=58.0),
         clock_offset_s=3e-6,
         power_db=8.0,
         onset_s=12.0,

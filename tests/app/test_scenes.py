@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from skyproof.simulator.scenario import FrontEnd, Meaconer, Place, Sky, Spoofer
+from skyproof.simulator.scenario import FrontEnd, Meaconer, ScenePlace, Sky, Spoofer
 
 pytestmark = pytest.mark.long
 
-NEARBY = Place(lat_deg=57.7013, lon_deg=11.934, height_m=52.0)  # 110 m from the first receiver
+NEARBY = ScenePlace(lat_deg=57.7013, lon_deg=11.934, height_m=52.0)  # 110 m from the first receiver
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def spoofer(kit):
     """Shows a place 3 km away, from 12 s on."""
 
     def spoofer(**changes):
-        shows = Place(lat_deg=57.72, lon_deg=11.90, height_m=30.0)
+        shows = ScenePlace(lat_deg=57.72, lon_deg=11.90, height_m=30.0)
         return Spoofer(**{"shows": shows, "transmit": kit.TRANSMIT, "onset_s": 12.0} | changes)
 
     return spoofer
@@ -199,10 +199,10 @@ def test_signals_that_are_drawn_off_their_delays_do_not_stay_authentic(kit, spoo
 
 def test_two_attackers(kit, meaconer, spoofer, tmp_path):
     second = spoofer(
-        shows=Place(lat_deg=57.73, lon_deg=11.95, height_m=30.0),
+        shows=ScenePlace(lat_deg=57.73, lon_deg=11.95, height_m=30.0),
         clock_offset_s=2e-5,
         onset_s=20.0,
-        transmit=Place(lat_deg=57.7000, lon_deg=11.931, height_m=60.0),
+        transmit=ScenePlace(lat_deg=57.7000, lon_deg=11.931, height_m=60.0),
     )
     judged = kit.protected(kit.scenario_of(attacks=(meaconer(), second)), tmp_path)
     assert_spoofed(judged)

@@ -21,8 +21,8 @@ from skyproof.navigation.sets import consistent_sets
 from skyproof.records import CellStatus, Records, SignalRef
 from skyproof.simulator.attacks import Spoofer
 from skyproof.simulator.kinds import Kind
-from skyproof.simulator.measurements import NoiseModel, draw, geometry_of
-from skyproof.simulator.scenario import Place, Receiver, Scenario
+from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
+from skyproof.simulator.scenario import Scenario, ScenePlace, SceneReceiver
 from skyproof.simulator.sky import scene_of
 
 TWO_BANDS = (("G", "L1", "CA"), ("G", "L2", "L"))
@@ -64,7 +64,7 @@ def sky(
         mask_deg=8.0,
         attacks=attacks,
         receivers=tuple(
-            Receiver(
+            SceneReceiver(
                 name=name,
                 lat_deg=place[0],
                 lon_deg=place[1] + number * distance_m / degrees,
@@ -79,7 +79,7 @@ def sky(
     sent = [Kind(*kind, {name: float(10.0 * rng.standard_normal()) for name in NAMES}) for kind in kinds]
     systems = {kind[0] for kind in kinds}
     scene = scene_of(scenario, truth, sats=[e.sat for e in truth.ephemerides if e.sat[0] in systems])
-    geometries = geometry_of(scene, interval_s=interval_s, kinds=sent)
+    geometries = ideal_measurements_of(scene, interval_s=interval_s, kinds=sent)
     observed, labels = draw(geometries, rng=rng, noise=noise or NoiseModel(sigma_m=0.5, constant_m=0.5))
     if attacks:
         observed = tuple(one_of_two(o, labels, false) for o in observed)
@@ -219,12 +219,12 @@ def test_a_fix_goes_over_to_the_band_that_is_left():
 def spoofer(east_m=400.0, north_m=300.0, clock_s=0.0):
     """Shows a place so far from the first receiver, by a transmitter a kilometre or so away in another direction."""
     lat_deg, lon_deg = GOTHENBURG
-    shows = Place(
+    shows = ScenePlace(
         lat_deg=lat_deg + north_m / 111_200.0,
         lon_deg=lon_deg + east_m / (111_200.0 * np.cos(np.radians(lat_deg))),
         height_m=50.0,
     )
-    return Spoofer(transmit=Place(**TRANSMIT), shows=shows, clock_offset_s=clock_s, onset_s=-10.0)
+    return Spoofer(transmit=ScenePlace(**TRANSMIT), shows=shows, clock_offset_s=clock_s, onset_s=-10.0)
 
 
 def attacked(kinds, false, *, attack=None, distance_m=40.0, receivers=2, **options):

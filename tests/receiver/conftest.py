@@ -6,11 +6,11 @@ import pytest
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator import scenes
 from skyproof.simulator.samples import samples_of
-from skyproof.simulator.scenario import FrontEnd, Place
+from skyproof.simulator.scenario import FrontEnd, ScenePlace
 from skyproof.simulator.sky import Scene, scene_of
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
-PLACE = Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
+PLACE = ScenePlace(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
 
 
 class Rendered:

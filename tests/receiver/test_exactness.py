@@ -12,7 +12,7 @@ from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulator.ideal import Motion, ideal_signals
+from skyproof.simulator.ideal import SignalDelays, ideal_signals
 from skyproof.simulator.samples import BLOCK, render
 from skyproof.simulator.scenario import FrontEnd
 
@@ -62,7 +62,7 @@ def errors_of(rows, motion, column):
 
 
 def one(doppler_hz=1234.5, **motion):
-    return Motion(delay_s=np.array([0.0712345]), doppler_hz=np.array([doppler_hz]), **motion)
+    return SignalDelays(delay_s=np.array([0.0712345]), doppler_hz=np.array([doppler_hz]), **motion)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_spreads_are_those_of_theory(cn0_dbhz):
     """Eight satellites: their noise on each other is 0.2 dB at 40 dB-Hz."""
     sats = [f"G{number:02d}" for number in range(1, 9)]
     rng = np.random.default_rng(2)
-    motion = Motion(delay_s=rng.uniform(0.065, 0.08, 8), doppler_hz=rng.uniform(-4e3, 4e3, 8))
+    motion = SignalDelays(delay_s=rng.uniform(0.065, 0.08, 8), doppler_hz=rng.uniform(-4e3, 4e3, 8))
     rows, _ = followed(sats, motion, cn0_dbhz, duration_s=9.0)
     errors = np.concatenate([errors_of(rows[sat], motion, i) for i, sat in enumerate(sats)], axis=1)
     stated = np.concatenate([rows[sat][1] for sat in sats])
@@ -127,7 +127,7 @@ def test_weak_signals_are_pulled_in_and_do_not_slip(cn0_dbhz):
     n = 16
     sats = [f"G{number:02d}" for number in range(1, n + 1)]
     rng = np.random.default_rng(4)
-    motion = Motion(delay_s=rng.uniform(0.065, 0.08, n), doppler_hz=rng.uniform(-4e3, 4e3, n))
+    motion = SignalDelays(delay_s=rng.uniform(0.065, 0.08, n), doppler_hz=rng.uniform(-4e3, 4e3, n))
     rows, state = followed(sats, motion, cn0_dbhz, duration_s=4.0, beside_hz=8.0)
     assert sum(channel.copy is not None for channel in state.channels) >= n - 1
     for i, (t, table) in enumerate(rows.values()):

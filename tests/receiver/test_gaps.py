@@ -6,11 +6,11 @@ from scipy import stats
 from tests.receiver.conftest import PLACE, START, Rendered
 
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.receiver.channels import LostSignal, Place, continued, tow_kept
+from skyproof.receiver.channels import DelayDoppler, LostSignal, continued, tow_kept
 from skyproof.receiver.gaps import MOST_BITS_MISSING, turn_ratio
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 from skyproof.simulator.scenario import FrontEnd, Scenario, Sky, Takeover
-from skyproof.simulator.scenario import Receiver as ReceiverSite
+from skyproof.simulator.scenario import SceneReceiver as ReceiverSite
 
 # ---------------------------------------------------------------------- carriers
 
@@ -41,7 +41,7 @@ def test_carriers_that_turned_as_missing_bits_predict_are_seen_whatever_the_osci
 
 
 def lost(sat, delay_s, *, doppler_hz=0.0, tow_ms=None, period=0):
-    place = Place(at_s=1.0, delay_s=delay_s, doppler_hz=doppler_hz, period=period)
+    place = DelayDoppler(at_s=1.0, delay_s=delay_s, doppler_hz=doppler_hz, period=period)
     return LostSignal(sat=sat, copy="a", found_s=0.0, missed_s=0.0, place=place, tow_ms=tow_ms)
 
 
@@ -52,7 +52,8 @@ def test_signals_that_come_back_anywhere_share_a_shift_as_often_as_stated():
         sats = [f"G{prn:02d}" for prn in range(1, 9)]
         gone = [lost(sat, rng.uniform(0.0, 1e-3), doppler_hz=rng.uniform(-4e3, 4e3)) for sat in sats]
         found = [
-            (old.sat, Place(at_s=3.0, delay_s=rng.uniform(0.0, 1e-3), doppler_hz=old.place.doppler_hz)) for old in gone
+            (old.sat, DelayDoppler(at_s=3.0, delay_s=rng.uniform(0.0, 1e-3), doppler_hz=old.place.doppler_hz))
+            for old in gone
         ]
         gaps += continued(gone, found, GPS_L1_CA)[1] is not None
     assert gaps <= 1  # of 0.08 at most; three alike of eight at any of 400 missing times would be some 2
@@ -65,7 +66,7 @@ def test_signals_that_come_back_where_they_were_are_no_gap_and_keep_their_time()
     found = []
     for old in gone:
         delay_s = old.place.delay_at_s(9.0, GPS_L1_CA) % GPS_L1_CA.period_s
-        found.append((old.sat, Place(at_s=9.0, delay_s=delay_s, doppler_hz=old.place.doppler_hz, period=40)))
+        found.append((old.sat, DelayDoppler(at_s=9.0, delay_s=delay_s, doppler_hz=old.place.doppler_hz, period=40)))
     matches, gap = continued(gone, found, GPS_L1_CA)
     assert gap is None
     assert matches == gone

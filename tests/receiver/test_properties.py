@@ -12,7 +12,7 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.receiver import measurement as m
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulator import FrontEnd, Place, clean, samples_of
+from skyproof.simulator import FrontEnd, ScenePlace, clean, samples_of
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 RATE_HZ = 2_600_000
@@ -50,7 +50,7 @@ class Heard:
 def planes():
     """A clean sky of the five highest satellites, two-bit samples."""
     scenario = clean(
-        Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0),
+        ScenePlace(lat_deg=48.1, lon_deg=11.6, height_m=500.0),
         START,
         duration_s=DURATION_S,
         zenith_cn0_dbhz=48.0,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
-from skyproof.recording.interleaving import Carried, Turns, turns
+from skyproof.recording.interleaving import InterleavedSignal, Turns, turns
 
 RATE_HZ = 6.2e6
 SATS = {"G03": (1234.0, 0.0), "G07": (-2750.0, 2.2e-4), "G19": (3900.0, 5.1e-4), "G30": (-180.0, 9.0e-4)}
@@ -27,8 +27,11 @@ def woven(channels: list[np.ndarray]) -> np.ndarray:
     return np.stack(channels, axis=2).reshape(2, -1)
 
 
-def carried(carrier_hz: float = 0.0) -> list[Carried]:
-    return [Carried(sat=sat, carrier_hz=carrier_hz + hz, delay_s=s, cn0_dbhz=46.0) for sat, (hz, s) in SATS.items()]
+def carried(carrier_hz: float = 0.0) -> list[InterleavedSignal]:
+    return [
+        InterleavedSignal(sat=sat, carrier_hz=carrier_hz + hz, delay_s=s, cn0_dbhz=46.0)
+        for sat, (hz, s) in SATS.items()
+    ]
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 6])

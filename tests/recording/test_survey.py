@@ -15,11 +15,11 @@ from skyproof.gnss.sky import azimuth_elevation
 from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, oscillator_error, survey
 from skyproof.simulator import scenes
 from skyproof.simulator.samples import samples_of
-from skyproof.simulator.scenario import FrontEnd, Place
+from skyproof.simulator.scenario import FrontEnd, ScenePlace
 from skyproof.simulator.sky import scene_of
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
-PLACE = Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
+PLACE = ScenePlace(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
 INT8 = {"encoding": "int", "bits": 8}
 TWO_BIT_REAL = {"kind": "real", "encoding": "sign-magnitude", "bits": 2}
 

@@ -14,13 +14,13 @@ from skyproof.report.drawing import Tag, place_tags
 from skyproof.report.pictures import SignalSeries, SkyPosition, SkySource
 from skyproof.report.scene import (
     Element,
-    Line,
+    GroundTrack,
+    PlotLine,
     ScenePage,
     SceneSky,
     Setting,
     SettingGroup,
     Switching,
-    Way,
     array_plot,
     line_plot,
     scene_html,
@@ -38,12 +38,14 @@ def number(element: ElementTree.Element, name: str) -> float:
     return float(element.get(name, "nan"))
 
 
-def way(name: str, role: Any, *points: tuple[float, float]) -> Way:
-    return Way(name=name, role=role, east_m=np.array([e for e, _ in points]), north_m=np.array([n for _, n in points]))
+def way(name: str, role: Any, *points: tuple[float, float]) -> GroundTrack:
+    return GroundTrack(
+        name=name, role=role, east_m=np.array([e for e, _ in points]), north_m=np.array([n for _, n in points])
+    )
 
 
-def line(name: str, *values: float, kind: Any = "spoofed") -> Line:
-    return Line(name=name, kind=kind, seconds=np.arange(float(len(values))), values=np.array(values))
+def line(name: str, *values: float, kind: Any = "spoofed") -> PlotLine:
+    return PlotLine(name=name, kind=kind, seconds=np.arange(float(len(values))), values=np.array(values))
 
 
 # Labels

@@ -5,7 +5,7 @@ import pytest
 
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulator.scenario import Meaconer, Place, Receiver, Scenario
+from skyproof.simulator.scenario import Meaconer, Scenario, ScenePlace, SceneReceiver
 
 START = np.datetime64("2023-03-04T05:06:07.25", "ns")
 
@@ -22,7 +22,7 @@ def scenario() -> Scenario:
         start_gpst=START,
         duration_s=3.0,
         receivers=(
-            Receiver(
+            SceneReceiver(
                 name="one",
                 lat_deg=40.0,
                 lon_deg=-3.0,
@@ -31,7 +31,7 @@ def scenario() -> Scenario:
                 clock_offset_s=2.1e-4,
                 lo_ppm=0.7,
             ),
-            Receiver(
+            SceneReceiver(
                 name="two",
                 lat_deg=40.0004,
                 lon_deg=-2.9996,
@@ -43,8 +43,8 @@ def scenario() -> Scenario:
         ),
         attacks=(
             Meaconer(
-                receive=Place(lat_deg=40.005, lon_deg=-3.008, height_m=700.0),
-                transmit=Place(lat_deg=40.001, lon_deg=-3.0005, height_m=660.0),
+                receive=ScenePlace(lat_deg=40.005, lon_deg=-3.008, height_m=700.0),
+                transmit=ScenePlace(lat_deg=40.001, lon_deg=-3.0005, height_m=660.0),
                 delay_s=3.7e-6,
                 onset_s=1.5,
             ),

@@ -13,7 +13,7 @@ from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import week_and_tow
-from skyproof.simulator.sites import Place
+from skyproof.simulator.sites import ScenePlace
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -28,7 +28,7 @@ class Delays:
 
 
 def delays_at(
-    place: Place, ephemeris: Ephemeris, navigation: NavigationData, start_gpst: np.datetime64, true_s: ArrayLike
+    place: ScenePlace, ephemeris: Ephemeris, navigation: NavigationData, start_gpst: np.datetime64, true_s: ArrayLike
 ) -> Delays:
     """Delays of one satellite's signal at a place that stands still, at true times (...) of reception.
 

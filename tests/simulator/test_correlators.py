@@ -13,7 +13,7 @@ from skyproof.simulator.correlation import Replica, correlation, read
 from skyproof.simulator.correlators import CorrelatorOutputs, Tracked, aligned, correlate
 from skyproof.simulator.received import Scene
 from skyproof.simulator.samples import BLOCK, Rendering, quantised, render, rendering_of
-from skyproof.simulator.scenario import FrontEnd, Multipath, Place, Receiver, Scenario, Sky
+from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, ScenePlace, SceneReceiver, Sky
 from skyproof.simulator.sky import scene_of
 
 START = np.datetime64("2023-03-04T05:06:07.25", "ns")
@@ -26,7 +26,7 @@ COHERENT_S = 0.02
 
 TAKEOVER = Takeover(
     target="one",
-    transmit=Place(lat_deg=40.0003, lon_deg=-3.0002, height_m=660.0),
+    transmit=ScenePlace(lat_deg=40.0003, lon_deg=-3.0002, height_m=660.0),
     power_db=2.0,
     onset_s=-1.0,
     code_offset_m=150.0,
@@ -43,7 +43,7 @@ def overlapping(navigation: NavigationData, front_end: FrontEnd, **changes: obje
         front_end=front_end,
         sky=Sky(zenith_cn0_dbhz=46.0, horizon_cn0_dbhz=46.0),
         receivers=(
-            Receiver(
+            SceneReceiver(
                 name="one",
                 **place,
                 start_offset_s=1.23e-5,
@@ -213,7 +213,7 @@ def test_the_recorders_gain_and_loss_are_those_of_quantised_samples(
 ) -> None:
     """Under a broadband jammer as strong as the noise, which shifts both."""
     jammer = Interference(
-        kind="noise", transmit=Place(lat_deg=40.01, lon_deg=-3.0, height_m=700.0), power_db=0.0, onset_s=-1.0
+        kind="noise", transmit=ScenePlace(lat_deg=40.01, lon_deg=-3.0, height_m=700.0), power_db=0.0, onset_s=-1.0
     )
     scene = overlapping(navigation, front_end, interference=(jammer,))
     tracked = aligned(scene, 0)

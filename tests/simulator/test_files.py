@@ -28,7 +28,7 @@ from skyproof.simulator.files import (
     write_truth,
 )
 from skyproof.simulator.samples import samples_of
-from skyproof.simulator.scenario import Antenna, FrontEnd, Imu, Interference, Scenario, Takeover
+from skyproof.simulator.scenario import Antenna, FrontEnd, Interference, Scenario, SceneImu, Takeover
 from skyproof.simulator.sites import Circle, Site
 from skyproof.simulator.sky import scene_of
 from skyproof.simulator.truth import imus_of, signal_truth, trajectory_truth
@@ -64,7 +64,7 @@ def arrays(scenario: Scenario) -> Scenario:
     car = type(one)(
         **site,
         path=Circle(radius_m=40.0, speed_m_s=8.0),
-        imu=Imu(rate_hz=20.0, grade="tactical"),
+        imu=SceneImu(rate_hz=20.0, grade="tactical"),
         antennas=(Antenna(name="l"), Antenna(name="r", body_m=(0.0, 1.0, 0.0))),
     )
     at = Site(lat_deg=40.002, lon_deg=-3.0, height_m=700.0)

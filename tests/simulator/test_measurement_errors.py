@@ -10,12 +10,12 @@ from skyproof.gnss.ephemeris import NavigationData
 from skyproof.simulator.measurement_errors import (
     Exposure,
     FieldErrors,
-    Way,
+    SignalPath,
     field_errors,
     ionosphere_obliquity,
     troposphere_obliquity,
 )
-from skyproof.simulator.measurements import NoiseModel, draw, geometry_of, noise_of
+from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of, noise_of
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import Scenario
 from skyproof.simulator.sky import scene_of
@@ -27,13 +27,13 @@ WAVELENGTH_M = SPEED_OF_LIGHT_M_S / L1_HZ
 DRAWS = 20_000
 
 
-def exposure(*ways: Way, name: str = "one", el_deg: float = 90.0, epochs: int = 6, first: int = 0) -> Exposure:
+def exposure(*ways: SignalPath, name: str = "one", el_deg: float = 90.0, epochs: int = 6, first: int = 0) -> Exposure:
     el_rad = np.full((epochs, len(ways)), np.radians(el_deg))
     return Exposure(receiver=name, ways=ways, first=first, el_rad=el_rad)
 
 
-def from_sky(sat: str = "G05", east_km: float = 0.0) -> Way:
-    return Way(sat=sat, air_ecef_m=HERE + np.array([0.0, 1e3 * east_km, 0.0]))
+def from_sky(sat: str = "G05", east_km: float = 0.0) -> SignalPath:
+    return SignalPath(sat=sat, air_ecef_m=HERE + np.array([0.0, 1e3 * east_km, 0.0]))
 
 
 def correlation(one: np.ndarray, other: np.ndarray) -> float:
@@ -92,11 +92,11 @@ def test_neighbours_share_air_but_no_reflections() -> None:
 
 
 def test_false_signals_share_the_way_from_their_transmitter() -> None:
-    def relayed(sat: str, antenna: str = "meaconer/0") -> Way:
-        return Way(sat=sat, air_ecef_m=HERE, relay="meaconer", transmitter=antenna)
+    def relayed(sat: str, antenna: str = "meaconer/0") -> SignalPath:
+        return SignalPath(sat=sat, air_ecef_m=HERE, relay="meaconer", transmitter=antenna)
 
-    def made(sat: str) -> Way:
-        return Way(sat=sat, air_ecef_m=None, transmitter="spoofer/0")
+    def made(sat: str) -> SignalPath:
+        return SignalPath(sat=sat, air_ecef_m=None, transmitter="spoofer/0")
 
     whole = FieldErrors(seed=3)
     here, there = field_errors(
@@ -153,7 +153,7 @@ def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
 
 
 def test_observations_have_them_if_asked(scene: Scene) -> None:
-    geometries = geometry_of(scene)
+    geometries = ideal_measurements_of(scene)
     silent = NoiseModel(sigma_m=0.0, carrier_sigma_cyc=0.0, doppler_sigma_hz=0.0)
     field = NoiseModel(sigma_m=0.0, carrier_sigma_cyc=0.0, doppler_sigma_hz=0.0, field=FieldErrors(seed=4))
     plain, _ = draw(geometries, rng=np.random.default_rng(1), noise=silent)
@@ -171,7 +171,7 @@ def test_observations_have_them_if_asked(scene: Scene) -> None:
 
 
 def test_white_noise_is_as_it_was_without_them(scene: Scene) -> None:
-    geometry = geometry_of(scene)[0]
+    geometry = ideal_measurements_of(scene)[0]
     white = noise_of(geometry, NoiseModel(), rng=np.random.default_rng(2))
     both = noise_of(geometry, NoiseModel(field=FieldErrors()), rng=np.random.default_rng(2))
     extra = both - white

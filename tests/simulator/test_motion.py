@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from skyproof.errors import ScenarioError
-from skyproof.formats.track import Track
+from skyproof.formats.track import RecordedTrack
 from skyproof.gnss.frames import (
     attitude_ecef,
     ecef_from_geodetic,
@@ -484,7 +484,7 @@ def test_a_files_points_make_a_motion_from_the_time_asked_for():
     t_s = np.arange(0.0, 60.0)
     truth = circle(HOME, 80.0, 12.0).at(t_s)
     told = np.stack(heading_pitch_roll_rad(truth.position_ecef_m, truth.attitude), axis=-1)
-    track = Track(source="a.csv", position_ecef_m=truth.position_ecef_m, t_s=t_s, attitude_rad=told)
+    track = RecordedTrack(source="a.csv", position_ecef_m=truth.position_ecef_m, t_s=t_s, attitude_rad=told)
     found = from_track(track, start_s=10.0)
     assert found.span_s == (10.0, 69.0)
     np.testing.assert_allclose(found.at(10.0 + t_s).position_ecef_m, truth.position_ecef_m, atol=1e-7)
@@ -494,12 +494,12 @@ def test_a_files_points_make_a_motion_from_the_time_asked_for():
 
 
 def test_a_file_without_times_is_gone_at_the_speed_asked_for():
-    track = Track(source="a.kml", position_ecef_m=ecef_from_enu([[0, 100 * k, 0] for k in range(8)], HOME))
+    track = RecordedTrack(source="a.kml", position_ecef_m=ecef_from_enu([[0, 100 * k, 0] for k in range(8)], HOME))
     motion = from_track(track, speed_m_s=5.0).at([0.0, 70.0, 140.0])
     np.testing.assert_allclose(enu(motion.position_ecef_m), [[0, 0, 0], [0, 350, 0], [0, 700, 0]], atol=1e-6)
     with pytest.raises(ScenarioError, match=r"a.kml: speed_m_s: the file has no times, expected a speed above zero"):
         from_track(track)
-    twice = Track(source="a.kml", position_ecef_m=np.stack([HOME, HOME]))
+    twice = RecordedTrack(source="a.kml", position_ecef_m=np.stack([HOME, HOME]))
     with pytest.raises(ScenarioError, match=r"points\[1\]: the same place as the one before"):
         from_track(twice, speed_m_s=5.0)
 

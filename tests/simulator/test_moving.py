@@ -12,7 +12,7 @@ from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.scenario import parse_scenario
-from skyproof.simulator.sites import Place
+from skyproof.simulator.sites import ScenePlace
 from skyproof.simulator.sky import scene_of
 
 MM = 1e-3
@@ -65,13 +65,13 @@ def test_delays_are_those_of_each_instant_by_itself(scene: Scene, navigation: Na
                 assert SPEED_OF_LIGHT_M_S * abs(carrier_s[0, column] - exact.carrier_s) < 0.2 * MM
 
 
-def place_of(ecef_m: np.ndarray) -> Place:
+def place_of(ecef_m: np.ndarray) -> ScenePlace:
     from_geodetic = np.array([40.0, -3.0, 650.0])
     for _ in range(6):  # Newton, so that no inverse of the package's own is trusted
         base = ecef(from_geodetic)
         slopes = np.stack([(ecef(from_geodetic + step) - base) / step.sum() for step in np.diag([1e-6, 1e-6, 1e-3])])
         from_geodetic = from_geodetic + np.linalg.solve(slopes.T, ecef_m - base)
-    return Place(lat_deg=from_geodetic[0], lon_deg=from_geodetic[1], height_m=from_geodetic[2])
+    return ScenePlace(lat_deg=from_geodetic[0], lon_deg=from_geodetic[1], height_m=from_geodetic[2])
 
 
 def ecef(geodetic: np.ndarray) -> np.ndarray:

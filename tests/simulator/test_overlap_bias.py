@@ -7,10 +7,10 @@ from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.simulator.attacks import Takeover
 from skyproof.simulator.correlators import aligned, correlate
-from skyproof.simulator.measurements import geometry_of
+from skyproof.simulator.measurements import ideal_measurements_of
 from skyproof.simulator.overlap_bias import pull_of
 from skyproof.simulator.received import Scene
-from skyproof.simulator.scenario import FrontEnd, Multipath, Place, Receiver, Scenario, Sky
+from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, ScenePlace, SceneReceiver, Sky
 from skyproof.simulator.sky import scene_of
 
 START = np.datetime64("2023-03-04T05:06:07.25", "ns")
@@ -22,7 +22,7 @@ def scene_with(
 ) -> Scene:
     place = {"lat_deg": 40.0, "lon_deg": -3.0, "height_m": 650.0}
     takeover = Takeover(
-        target="one", transmit=Place(lat_deg=40.0003, lon_deg=-3.0002, height_m=660.0), onset_s=-1.0, **attack
+        target="one", transmit=ScenePlace(lat_deg=40.0003, lon_deg=-3.0002, height_m=660.0), onset_s=-1.0, **attack
     )  # type: ignore[arg-type]
     return scene_of(
         Scenario(
@@ -32,7 +32,7 @@ def scene_with(
             front_end=front_end,
             sky=Sky(zenith_cn0_dbhz=46.0, horizon_cn0_dbhz=46.0),
             attacks=(takeover,) if attack else (),
-            receivers=(Receiver(name="one", **place, multipath=rays),),
+            receivers=(SceneReceiver(name="one", **place, multipath=rays),),
         ),
         navigation,
     )
@@ -79,7 +79,7 @@ def test_a_copy_at_another_doppler_turns_away(navigation: NavigationData) -> Non
 def test_measurements_are_pulled_if_asked_and_only_where_signals_overlap(navigation: NavigationData) -> None:
     for overlap in (True, False):
         scene = scene_with(navigation, code_offset_m=100.0 if overlap else 3000.0, power_db=1.0)
-        (plain,), (pulled,) = geometry_of(scene), geometry_of(scene, pulled=True)
+        (plain,), (pulled,) = ideal_measurements_of(scene), ideal_measurements_of(scene, pulled=True)
         pull = pull_of(scene, 0, plain.elapsed_s, averaged_s=1.0)
         np.testing.assert_allclose(pulled.pseudorange_m - plain.pseudorange_m, pull.code_m, atol=1e-6)
         np.testing.assert_allclose(pulled.doppler_hz - plain.doppler_hz, pull.doppler_hz, atol=1e-9)

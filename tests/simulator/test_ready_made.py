@@ -13,7 +13,7 @@ from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.simulator.attacks import Meaconer
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.received import ReceiverSky, Scene
-from skyproof.simulator.scenario import Place, Scenario, parse_scenario
+from skyproof.simulator.scenario import Scenario, ScenePlace, parse_scenario
 from skyproof.simulator.scenes import ready, ready_made
 from skyproof.simulator.sky import scene_of
 from skyproof.simulator.trajectories import las_vegas_false
@@ -51,16 +51,16 @@ def worked_out(scenario: Scenario) -> Scene:
     return scene_of(scenario, navigation_of(scenario))
 
 
-def ecef(place: Place) -> Reals:
+def ecef(place: ScenePlace) -> Reals:
     return ecef_from_geodetic(*place.geodetic_rad)
 
 
-def enu_m(place: Place, seen_from: Place) -> Reals:
+def enu_m(place: ScenePlace, seen_from: ScenePlace) -> Reals:
     lat_rad, lon_rad, _ = seen_from.geodetic_rad
     return np.asarray(rot_enu_ecef(lat_rad, lon_rad) @ (ecef(place) - ecef(seen_from)))
 
 
-def az_el_deg(place: Place, seen_from: Place) -> tuple[float, float]:
+def az_el_deg(place: ScenePlace, seen_from: ScenePlace) -> tuple[float, float]:
     east, north, up = enu_m(place, seen_from)
     return float(np.degrees(np.arctan2(east, north)) % 360.0), float(np.degrees(np.arctan2(up, np.hypot(east, north))))
 

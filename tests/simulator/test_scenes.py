@@ -6,7 +6,7 @@ import pytest
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.time import week_and_tow
-from skyproof.simulator.scenario import Place, Scenario
+from skyproof.simulator.scenario import Scenario, ScenePlace
 from skyproof.simulator.scenes import clean, demo
 from skyproof.simulator.sky import scene_of
 
@@ -50,9 +50,10 @@ def test_the_demo_holds_a_whole_ephemeris_before_the_end() -> None:
 
 
 @pytest.mark.parametrize(
-    "place", [Place(lat_deg=-33.0, lon_deg=179.9999, height_m=0.0), Place(lat_deg=70.0, lon_deg=25.0, height_m=300.0)]
+    "place",
+    [ScenePlace(lat_deg=-33.0, lon_deg=179.9999, height_m=0.0), ScenePlace(lat_deg=70.0, lon_deg=25.0, height_m=300.0)],
 )
-def test_a_clean_scene_stands_where_and_when_it_is_asked(place: Place) -> None:
+def test_a_clean_scene_stands_where_and_when_it_is_asked(place: ScenePlace) -> None:
     scenario = clean(place, np.datetime64("2031-10-05T23:59:50"), baseline_m=100.0, receivers=3)
     assert baseline_m(scenario) == pytest.approx(100.0, rel=0.01)
     assert len(scenario.receivers) == 3

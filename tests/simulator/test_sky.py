@@ -19,7 +19,7 @@ from skyproof.gnss.sky import rotate_to_reception, unit_vectors
 from skyproof.gnss.time import week_and_tow
 from skyproof.records import SignalRef
 from skyproof.simulator.received import ReceiverSky, Scene
-from skyproof.simulator.scenario import Place, Scenario, Spoofer, parse_scenario
+from skyproof.simulator.scenario import Scenario, ScenePlace, Spoofer, parse_scenario
 from skyproof.simulator.sky import scene_of
 
 MM = 1e-3
@@ -30,7 +30,7 @@ def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
     return scene_of(scenario, navigation)
 
 
-def ecef(place: Place) -> np.ndarray:
+def ecef(place: ScenePlace) -> np.ndarray:
     return ecef_from_geodetic(np.radians(place.lat_deg), np.radians(place.lon_deg), place.height_m)
 
 
@@ -119,7 +119,7 @@ def test_a_copy_is_as_strong_as_asked_and_fades_with_distance(scenario: Scenario
 
 def test_a_spoofer_shows_its_false_place_and_clock(scenario: Scenario, navigation: NavigationData) -> None:
     """What reaches the receiver is what a receiver at the false place hears, later by the way and the false clock."""
-    shows = Place(lat_deg=40.3, lon_deg=-3.2, height_m=900.0)
+    shows = ScenePlace(lat_deg=40.3, lon_deg=-3.2, height_m=900.0)
     spoofer = Spoofer(transmit=scenario.attacks[0].transmit, shows=shows, clock_offset_s=-2.5e-3)
     scene = scene_of(scenario.model_copy(update={"attacks": (spoofer,)}), navigation)
     sky, true_s = scene.skies[0], 1.0

@@ -7,9 +7,9 @@ from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import ecef_from_geodetic, heading_pitch_roll_rad
 from skyproof.gnss.time import seconds_between
 from skyproof.simulator import truth
-from skyproof.simulator.measurements import geometry_of
+from skyproof.simulator.measurements import ideal_measurements_of
 from skyproof.simulator.received import Scene
-from skyproof.simulator.scenario import Antenna, Imu, Multipath, Scenario
+from skyproof.simulator.scenario import Antenna, Multipath, Scenario, SceneImu
 from skyproof.simulator.sites import Circle
 from skyproof.simulator.sky import scene_of
 from skyproof.simulator.truth import (
@@ -33,7 +33,7 @@ def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
         **site | {"oscillator": "tcxo"},
         path=Circle(radius_m=40.0, speed_m_s=8.0),
         antennas=(Antenna(name="l"), Antenna(name="r", body_m=(0.0, 1.0, 0.0), line_bias_cyc=0.25)),
-        imu=Imu(rate_hz=50.0, mounting_deg=(0.0, 0.0, 90.0)),
+        imu=SceneImu(rate_hz=50.0, mounting_deg=(0.0, 0.0, 90.0)),
         multipath=(Multipath(delay_m=20.0, power_db=-12.0),),
     )
     return scene_of(scenario.model_copy(update={"receivers": (one, two), "duration_s": 12.0}), navigation)
@@ -79,7 +79,7 @@ def test_the_clock_is_what_the_sampling_clock_counts(scene: Scene, name: str) ->
 def test_signals_are_what_is_measured_without_noise(scene: Scene, antenna: str) -> None:
     """Measurements are means over a second, which a steady acceleration moves by less than a tenth of a metre."""
     table = signal_truth(scene, antenna)
-    (geometry,) = (one for one in geometry_of(scene) if one.receiver == antenna)
+    (geometry,) = (one for one in ideal_measurements_of(scene) if one.receiver == antenna)
     compared = 0
     for column, signal in enumerate(geometry.signals):
         mine = (table["sat"] == signal.sat) & (table["copy"] == signal.copy)

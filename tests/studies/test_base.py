@@ -12,14 +12,14 @@ import pytest
 
 from skyproof.report.chart import Axes
 from skyproof.studies import studies
-from skyproof.studies.base import Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Study, StudySettings
 from skyproof.studies.validation import check, table
 
 FOUND = studies()
 
 
 def toy(**changes: Any) -> Study:
-    def run(settings: Settings) -> Iterator[Row]:
+    def run(settings: StudySettings) -> Iterator[Row]:
         draws = settings.rng().standard_normal(settings.count(1000, 100))
         yield {"trials": draws.size, "mean": float(np.mean(draws)), "method": "paper"}
         yield {"trials": draws.size, "mean": math.nan, "method": "skyproof"}
@@ -66,15 +66,17 @@ def test_papers_stand_together() -> None:
 
 
 def test_the_seed_gives_the_numbers_and_streams_are_apart() -> None:
-    draws = [Settings(seed=seed).rng(stream).standard_normal() for seed, stream in ((3, 0), (3, 0), (3, 1), (4, 0))]
+    draws = [
+        StudySettings(seed=seed).rng(stream).standard_normal() for seed, stream in ((3, 0), (3, 0), (3, 1), (4, 0))
+    ]
     assert draws[0] == draws[1]
     assert len(set(draws)) == 3
 
 
 def test_trials_that_are_told_come_before_quick() -> None:
-    assert Settings().count(1000, 10) == 1000
-    assert Settings(quick=True).count(1000, 10) == 10
-    assert Settings(trials=7, quick=True).count(1000, 10) == 7
+    assert StudySettings().count(1000, 10) == 1000
+    assert StudySettings(quick=True).count(1000, 10) == 10
+    assert StudySettings(trials=7, quick=True).count(1000, 10) == 7
 
 
 # The table
@@ -82,7 +84,7 @@ def test_trials_that_are_told_come_before_quick() -> None:
 
 def page(*claims: Claim, **changes: Any) -> str:
     one = toy(claims=claims, **changes)
-    return table({one.name: one}, Settings(quick=True, seed=5), made_on=date(2026, 1, 2))
+    return table({one.name: one}, StudySettings(quick=True, seed=5), made_on=date(2026, 1, 2))
 
 
 def test_the_page_names_version_date_and_seed() -> None:
@@ -96,9 +98,9 @@ def test_a_figure_that_agrees_and_one_that_does_not_are_told_apart() -> None:
 
 
 def test_what_is_right_by_an_independent_check_comes_before_what_the_paper_printed() -> None:
-    (one,) = check(toy(claims=(claim(paper=9.0, reference=0.0),)), list(toy().run(Settings())))
+    (one,) = check(toy(claims=(claim(paper=9.0, reference=0.0),)), list(toy().run(StudySettings())))
     assert one.agrees is True
-    (one,) = check(toy(claims=(claim(paper=0.0, reference="recordings"),)), list(toy().run(Settings())))
+    (one,) = check(toy(claims=(claim(paper=0.0, reference="recordings"),)), list(toy().run(StudySettings())))
     assert one.agrees is True
 
 
@@ -158,9 +160,9 @@ def plain(rows: Iterable[Row]) -> str:
 @pytest.mark.parametrize("name", FOUND)
 def test_rows_are_plain_and_come_again_with_the_same_seed_and_hold_what_charts_and_claims_want(name: str) -> None:
     study = FOUND[name]
-    rows = list(study.run(Settings(quick=True)))
+    rows = list(study.run(StudySettings(quick=True)))
     assert rows
-    assert plain(rows) == plain(study.run(Settings(quick=True)))
+    assert plain(rows) == plain(study.run(StudySettings(quick=True)))
     for chart in study.charts:
         drawn = [row for row in rows if all(row.get(key) == value for key, value in chart.where.items())]
         assert any(row.get(chart.x) is not None and row.get(chart.y) is not None for row in drawn), chart.title

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from skyproof.studies import dccaf, inverse_raim
-from skyproof.studies.base import Settings
+from skyproof.studies.base import StudySettings
 from skyproof.studies.validation import check
 
 KEYS = [
@@ -29,7 +29,7 @@ FOUND = {study.name: study for study in (*dccaf.STUDIES, *inverse_raim.STUDIES)}
 
 @pytest.fixture(scope="module")
 def separation():
-    return list(FOUND["dccaf.separation"].run(Settings(quick=True, seed=3)))
+    return list(FOUND["dccaf.separation"].run(StudySettings(quick=True, seed=3)))
 
 
 @pytest.mark.long
@@ -51,7 +51,7 @@ def test_two_signals_are_separated_at_the_bound(separation):
 
 @pytest.mark.long
 def test_false_second_signals_come_as_asked():
-    rows = list(FOUND["dccaf.count"].run(Settings(quick=True, trials=4000, seed=4)))
+    rows = list(FOUND["dccaf.count"].run(StudySettings(quick=True, trials=4000, seed=4)))
     for row in rows:
         if row["case"] == "one signal" and row["noise"] != "other satellites" and row["p_fa_asked"] >= 0.01:
             sigma = np.sqrt(2.0 * row["p_fa_asked"] / row["trials"])  # the law is counted, too
@@ -71,13 +71,13 @@ def test_a_noise_that_is_told_wrong_scales_the_statistic_as_the_study_takes_for_
 )
 def test_every_figure_of_a_quick_run_is_found_and_within_its_tolerance(name):
     study = FOUND[name]
-    for one in check(study, list(study.run(Settings(quick=True, seed=2)))):
+    for one in check(study, list(study.run(StudySettings(quick=True, seed=2)))):
         assert one.agrees is not False, (one.claim.what, one.same, one.better)
         assert "not found" not in one.cells()
 
 
 def test_a_restart_helps_as_predicted_and_more_where_velocity_is_put_right():
-    rows = list(FOUND["dccaf.restart"].run(Settings(trials=300)))
+    rows = list(FOUND["dccaf.restart"].run(StudySettings(trials=300)))
     for errors in ("table 1", "switch-on, start"):
         east = [row["east_m"] for row in rows if row["errors"] == errors]
         assert len(east) == 4
@@ -88,7 +88,7 @@ def test_a_restart_helps_as_predicted_and_more_where_velocity_is_put_right():
 
 
 def test_soon_after_a_clean_fix_the_choice_is_as_predicted():
-    rows = list(FOUND["dccaf.interval"].run(Settings(trials=800)))
+    rows = list(FOUND["dccaf.interval"].run(StudySettings(trials=800)))
     assert {row["interval_s"] for row in rows} == {10, 15, 20, 30, 40, 60, 100}
     for row in rows:
         assert row["east_m"] == pytest.approx(row["east_predicted_m"], rel=0.11)  # 2.5 % is one sigma
@@ -96,7 +96,7 @@ def test_soon_after_a_clean_fix_the_choice_is_as_predicted():
 
 
 def test_drift_and_wrong_choice_are_as_predicted():
-    rows = list(FOUND["dccaf.exclusion"].run(Settings(trials=150)))
+    rows = list(FOUND["dccaf.exclusion"].run(StudySettings(trials=150)))
     assert {row["grade"] for row in rows} == {"navigation", "tactical"}
     assert {row["time_s"] for row in rows} == {100, 190, 233}
     for row in rows:
@@ -108,7 +108,7 @@ def test_drift_and_wrong_choice_are_as_predicted():
 
 
 def test_both_searches_find_the_same_sets_in_the_promised_time():
-    rows = list(FOUND["inverse-raim.sets"].run(Settings(trials=10)))
+    rows = list(FOUND["inverse-raim.sets"].run(StudySettings(trials=10)))
     timed = {(row["satellites"], row["signals"]): row for row in rows if row["same_sets"] is not None}
     assert all(row["same_sets"] for row in timed.values())
     most = timed[12, 3]
@@ -120,12 +120,12 @@ def test_both_searches_find_the_same_sets_in_the_promised_time():
 
 @pytest.mark.long
 def test_the_promised_figures_hold_at_full_count():
-    rows = [row for row in FOUND["dccaf.separation"].run(Settings()) if row["method"] == "variable projection"]
+    rows = [row for row in FOUND["dccaf.separation"].run(StudySettings()) if row["method"] == "variable projection"]
     for row in rows:
         if (row["separation_chip"], row["cn0_dbhz"], row["coherent_ms"]) == (0.25, 45.0, 20.0):
             assert row["success"] >= (0.985 if row["rate_hz"] < 6e6 else 0.99)
             assert row["rms_chip"] <= 1.1 * row["crlb_chip"]
-    for row in FOUND["dccaf.count"].run(Settings()):
+    for row in FOUND["dccaf.count"].run(StudySettings()):
         if row["case"] == "one signal" and row["noise"] != "other satellites":
             assert row["counted_as_two"] == pytest.approx(row["p_fa_asked"], rel=0.2)
 
@@ -134,5 +134,5 @@ def test_the_promised_figures_hold_at_full_count():
 @pytest.mark.parametrize("name", [name for name in FOUND if name not in ("dccaf.separation", "dccaf.count")])
 def test_no_figure_is_outside_its_tolerance_at_full_count(name):
     study = FOUND[name]
-    for one in check(study, list(study.run(Settings()))):
+    for one in check(study, list(study.run(StudySettings()))):
         assert one.agrees is not False, (one.claim.what, one.same, one.better)

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from skyproof.studies.base import Settings
+from skyproof.studies.base import StudySettings
 from skyproof.studies.ins_array import STUDIES
 from skyproof.studies.validation import check
 
@@ -16,7 +16,7 @@ NAMES = ("threshold", "roc", "dead-zone", "solid-angle", "scenarios", "position-
 
 @cache
 def rows_of(name, **settings):
-    return list(BY_NAME[f"ins-array.{name}"].run(Settings(**({"quick": True} | settings))))
+    return list(BY_NAME[f"ins-array.{name}"].run(StudySettings(**({"quick": True} | settings))))
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from skyproof.statistics.distributions import binomial_survival
-from skyproof.studies.base import Settings
+from skyproof.studies.base import StudySettings
 from skyproof.studies.multi_receiver import DISTANCE, FALSE_ALARM, LAX, PAIRS, RECEIVERS, STUDIES, TIME_TAGS
 from skyproof.studies.multi_receiver_scene import (
     ALPHA_OURS,
@@ -212,7 +212,7 @@ def test_rows_have_the_keys_that_are_promised():
         "wrong_mean",
         "windows",
     ]
-    rows = list(islice(DISTANCE.run(Settings(quick=True, trials=16)), 10))
+    rows = list(islice(DISTANCE.run(StudySettings(quick=True, trials=16)), 10))
     assert [list(row)[:10] for row in rows] == [keys] * 10
     assert {row["method"] for row in rows} == {"paper", "skyproof"}
     assert {row["noise"] for row in rows} == {"white"}
@@ -222,7 +222,7 @@ def test_rows_have_the_keys_that_are_promised():
 @pytest.mark.long
 def test_every_claim_finds_its_rows():
     for study in (DISTANCE, RECEIVERS):
-        rows = list(study.run(Settings(trials=16)))
+        rows = list(study.run(StudySettings(trials=16)))
         for one in check(study, rows):
             assert one.same is None or np.isfinite(one.same), one.claim.what
             assert one.better is None or np.isfinite(one.better), one.claim.what
@@ -244,13 +244,13 @@ def test_the_studies_are_those_of_the_list():
 
 @pytest.mark.parametrize("study", [FALSE_ALARM, RECEIVERS, TIME_TAGS], ids=lambda study: study.name)
 def test_the_same_seed_gives_the_same_rows(study):
-    first, again = (list(islice(study.run(Settings(quick=True, trials=64)), 12)) for _ in range(2))
+    first, again = (list(islice(study.run(StudySettings(quick=True, trials=64)), 12)) for _ in range(2))
     assert first == again
-    assert list(islice(study.run(Settings(quick=True, trials=64, seed=2)), 12)) != first
+    assert list(islice(study.run(StudySettings(quick=True, trials=64, seed=2)), 12)) != first
 
 
 def test_counted_rates_of_time_tags_are_those_of_the_noncentral_law():
-    rows = list(islice(TIME_TAGS.run(Settings(trials=20_000)), 16))
+    rows = list(islice(TIME_TAGS.run(StudySettings(trials=20_000)), 16))
     for row in rows:
         spread = np.sqrt(row["p_fa_theory"] * (1.0 - row["p_fa_theory"]) / row["trials"])
         assert row["p_fa"] == pytest.approx(row["p_fa_theory"], abs=4.5 * spread + 1e-9)
@@ -258,14 +258,14 @@ def test_counted_rates_of_time_tags_are_those_of_the_noncentral_law():
 
 @pytest.mark.long
 def test_rates_of_all_detectors_are_within_a_fifth_of_the_nominal_ones():
-    for row in FALSE_ALARM.run(Settings(trials=400_000)):
+    for row in FALSE_ALARM.run(StudySettings(trials=400_000)):
         if row["form"] == "corrected":
             assert 0.8 < row["p_fa"] / row["nominal"] < 1.2, row
 
 
 @pytest.mark.long
 def test_ours_is_wrong_no_more_often_than_stated_under_every_noise():
-    rows = [row for row in DISTANCE.run(Settings(trials=480)) if row["method"] == "skyproof"]
+    rows = [row for row in DISTANCE.run(StudySettings(trials=480)) if row["method"] == "skyproof"]
     for end, rate in (("", 0.001), (LAX, 0.01)):
         for noise in NOISES:
             cells = [row for row in rows if row["noise"] == noise]
@@ -278,5 +278,5 @@ def test_ours_is_wrong_no_more_often_than_stated_under_every_noise():
 
 
 def test_the_quick_count_of_rates_agrees_within_its_own_scatter():
-    rows = list(FALSE_ALARM.run(Settings(trials=4000)))
+    rows = list(FALSE_ALARM.run(StudySettings(trials=4000)))
     assert all(one.agrees for one in check(FALSE_ALARM, rows)[:2])

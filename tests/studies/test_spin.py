@@ -5,7 +5,7 @@ from functools import cache
 
 import pytest
 
-from skyproof.studies.base import Settings
+from skyproof.studies.base import StudySettings
 from skyproof.studies.spin import STUDIES
 from skyproof.studies.validation import check
 
@@ -15,7 +15,7 @@ NAMES = ("roc", "dead-zone", "solid-angle", "scenario", "samples", "circular")
 
 @cache
 def rows_of(name, **settings):
-    return list(BY_NAME[f"spin.{name}"].run(Settings(**({"quick": True} | settings))))
+    return list(BY_NAME[f"spin.{name}"].run(StudySettings(**({"quick": True} | settings))))
 
 
 @pytest.mark.parametrize("name", NAMES)

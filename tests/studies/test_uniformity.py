@@ -12,7 +12,7 @@ from scipy import stats
 import skyproof.detectors
 import skyproof.statistics
 from skyproof.statistics.distributions import binomial_two_sided
-from skyproof.studies.base import Settings
+from skyproof.studies.base import StudySettings
 from skyproof.studies.uniformity import CASES, STUDIES, p_values
 from skyproof.studies.uniformity_draws import ASKED
 from skyproof.studies.validation import check
@@ -59,7 +59,7 @@ OFF = {
 
 @cache
 def rows_of(name, **settings):
-    return list(BY_NAME[f"uniformity.{name}"].run(Settings(**({"quick": True} | settings))))
+    return list(BY_NAME[f"uniformity.{name}"].run(StudySettings(**({"quick": True} | settings))))
 
 
 def shares_hold(p):
@@ -121,7 +121,7 @@ def test_shares_rise_to_one_and_the_right_line_is_beside_them():
 
 
 def test_the_same_seed_gives_the_same_p_values_whatever_else_is_drawn():
-    settings = Settings(trials=100, seed=3)
+    settings = StudySettings(trials=100, seed=3)
     alone = [p_values(case, settings).tobytes() for case in CASES[:4]]
     assert alone == [p_values(case, settings).tobytes() for case in CASES[3::-1]][::-1]
     assert len(set(alone)) == 4
@@ -158,7 +158,7 @@ def test_no_module_with_p_values_is_forgotten():
 @pytest.mark.long
 @pytest.mark.parametrize("case", EXACT, ids=lambda case: f"{case.method}: {case.test}")
 def test_p_values_of_exact_tests_are_uniform(case):
-    p = p_values(case, Settings(seed=2))
+    p = p_values(case, StudySettings(seed=2))
     assert stats.kstest(p, "uniform").pvalue > 1e-4
     assert shares_hold(p)
 
@@ -167,7 +167,7 @@ def test_p_values_of_exact_tests_are_uniform(case):
 @pytest.mark.parametrize("case", [case for case in CASES if not case.exact], ids=lambda case: f"{case.test}")
 def test_tests_that_are_not_exact_are_off_by_what_they_say(case):
     low, high = OFF[case.test]
-    p = p_values(case, Settings(seed=2))
+    p = p_values(case, StudySettings(seed=2))
     assert low <= (p <= 0.01).mean() / 0.01 <= high
 
 

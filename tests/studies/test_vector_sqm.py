@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from skyproof.studies import studies
-from skyproof.studies.base import Settings
+from skyproof.studies.base import StudySettings
 from skyproof.studies.validation import check
 from skyproof.studies.vector_sqm import STUDIES
 
-QUICK = Settings(quick=True)
+QUICK = StudySettings(quick=True)
 BY_NAME = {study.name: study for study in STUDIES}
 
 
@@ -72,7 +72,7 @@ def test_the_density_is_the_counted_one(rows):
 
 
 def test_the_same_seed_gives_the_same_rows():
-    study, few = BY_NAME["vector-sqm.many"], Settings(trials=500, seed=3)
+    study, few = BY_NAME["vector-sqm.many"], StudySettings(trials=500, seed=3)
     assert list(study.run(few)) == list(study.run(few))
 
 

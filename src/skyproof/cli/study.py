@@ -20,7 +20,7 @@ from skyproof.errors import OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.report.chart import chart_svg
 from skyproof.studies import studies
-from skyproof.studies.base import COLUMNS, Row, Settings, Study
+from skyproof.studies.base import COLUMNS, Row, Study, StudySettings
 from skyproof.studies.validation import check
 from skyproof.studies.validation import table as validation_table
 
@@ -78,12 +78,12 @@ def study(
     return INTERRUPTED if interrupted else 0
 
 
-def _settings(trials: int | None, seed: int, quick: bool) -> Settings:
+def _settings(trials: int | None, seed: int, quick: bool) -> StudySettings:
     if trials is not None and trials < 1:
         raise SettingsError(f"--trials is {trials}, expected 1 or more; leave it out for the study's own number")
     if seed < 0:
         raise SettingsError(f"--seed is {seed}, expected 0 or more; give another one")
-    return Settings(trials=trials, seed=seed, quick=quick)
+    return StudySettings(trials=trials, seed=seed, quick=quick)
 
 
 def _chosen(name: str | None, found: Mapping[str, Study]) -> Study:
@@ -105,7 +105,7 @@ def _make(folder: Path) -> None:
         raise OutputError(f"{folder}: cannot be made ({error.strerror}); name another folder with --out") from error
 
 
-def _run(chosen: Study, settings: Settings) -> tuple[list[Row], bool]:
+def _run(chosen: Study, settings: StudySettings) -> tuple[list[Row], bool]:
     """The rows, as many as there were when it was interrupted."""
     rows: list[Row] = []
     try:
@@ -119,7 +119,7 @@ def _run(chosen: Study, settings: Settings) -> tuple[list[Row], bool]:
     return rows, False
 
 
-def _validation(found: Mapping[str, Study], settings: Settings) -> str:
+def _validation(found: Mapping[str, Study], settings: StudySettings) -> str:
     """The table of all figures; how far it is, in studies."""
     shown, begun = progress(), list(found)
     try:
@@ -134,7 +134,7 @@ def _validation(found: Mapping[str, Study], settings: Settings) -> str:
         raise KeyboardInterrupt("interrupted: not all studies were run, so that no table was written") from None
 
 
-def _document(chosen: Study, settings: Settings, rows: Sequence[Row], *, interrupted: bool) -> str:
+def _document(chosen: Study, settings: StudySettings, rows: Sequence[Row], *, interrupted: bool) -> str:
     claims = [] if interrupted else check(chosen, rows)
     document = {
         "format": "skyproof-study/1",

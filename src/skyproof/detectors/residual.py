@@ -21,7 +21,7 @@ from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.navigation.raim import GlobalTest, exclude_one, global_test
-from skyproof.navigation.search import Measurements, below, misfits, solve
+from skyproof.navigation.search import WindowRanges, below, misfits, solve
 from skyproof.navigation.sets import window_measurements
 from skyproof.navigation.skies import Kind, by_kind
 from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
@@ -91,7 +91,7 @@ def plain_fixes(window: Observations, navigation: NavigationData, settings: Resi
 
 
 def _plain_fix(
-    signals: Sequence[SignalId], measurements: Measurements, groups: Sequence[Indices], alpha: float
+    signals: Sequence[SignalId], measurements: WindowRanges, groups: Sequence[Indices], alpha: float
 ) -> PlainFix | None:
     """Of rows in groups with a clock each; None where no position comes out."""
     rows = np.concatenate(groups)

@@ -15,7 +15,18 @@ from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.formats.bounds import REMARKS
 from skyproof.gnss.time import require_year
 
-__all__ = ["Cells", "Layout", "Lines", "Rows", "cells", "heads_of", "layout_change", "lines_of", "rows_2", "rows_3"]
+__all__ = [
+    "Cells",
+    "Layout",
+    "Lines",
+    "SatelliteRows",
+    "cells",
+    "heads_of",
+    "layout_change",
+    "lines_of",
+    "rows_2",
+    "rows_3",
+]
 
 Layout = dict[str, tuple[str, ...]]
 """Observation types by system; of version 2 the same for all, under ""."""
@@ -50,7 +61,7 @@ class Lines:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class SatelliteRows:
     """Satellites' records in the order of the file, and the epochs they belong to.
 
     instant_ns : (n_epochs,) since 1970 as written, flag : (n_epochs,). sat : (n_rows,) letter times 100 plus number.
@@ -143,14 +154,14 @@ class _Walk:
             stated.append(f"{len(nexts)} events inside the data: {_EVENTS[flag]}{when}")
         return stated
 
-    def rows(self, sat: Integers, epoch: Integers, line: Integers, first_number: int) -> Rows:
+    def rows(self, sat: Integers, epoch: Integers, line: Integers, first_number: int) -> SatelliteRows:
         remarks = self._event_remarks()
         damaged = self.damaged[:REMARKS]
         remarks += [f"line {first_number + k}: what belongs to no whole epoch is left out" for k in damaged]
         if len(self.damaged) > REMARKS:
             remarks.append(f"{len(self.damaged) - REMARKS} further places with damaged epochs left out")
         layout = np.array(self.layout, np.int64)
-        return Rows(
+        return SatelliteRows(
             np.array(self.instant_ns, np.int64),
             np.array(self.flag, np.int64),
             sat,
@@ -195,7 +206,7 @@ def _count(text: str) -> int:
     return int(text.strip() or 0)
 
 
-def rows_3(lines: Lines, layout: Layout) -> Rows:
+def rows_3(lines: Lines, layout: Layout) -> SatelliteRows:
     """Versions 3 and 4: an epoch begins with ">", and every satellite has a line that begins with its name."""
     walk = _Walk([layout])
     heads = np.flatnonzero(lines.column(0) == ord(">"))
@@ -234,7 +245,7 @@ def _sat(letter: NDArray[np.uint8], tens: NDArray[np.uint8], ones: NDArray[np.ui
     return np.where(digits & is_letter & (number > 0), letter.astype(np.int64) * 100 + number, 0)
 
 
-def rows_2(lines: Lines, layout: Layout, system: str) -> Rows:
+def rows_2(lines: Lines, layout: Layout, system: str) -> SatelliteRows:
     """Version 2: a head of one line or more names the satellites, whose records are lines of five fields, unnamed."""
     walk = _Walk([layout])
     heads = np.flatnonzero(_looks_like_a_head(lines))

@@ -19,7 +19,7 @@ from skyproof.errors import InputError
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, EMPTY_CELLS, OBSERVATION_BYTES, Remarks
 from skyproof.formats.byte_io import beginning, unpacked
 from skyproof.formats.crinex import expanded, is_compact
-from skyproof.formats.rinex_cells import Layout, Lines, Rows, cells, layout_change, lines_of, rows_2, rows_3
+from skyproof.formats.rinex_cells import Layout, Lines, SatelliteRows, cells, layout_change, lines_of, rows_2, rows_3
 from skyproof.formats.signatures import head_of
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal
@@ -324,7 +324,7 @@ class _Table:
     remarks: tuple[str, ...]
 
     @classmethod
-    def of(cls, lines: Lines, rows: Rows, header: Header, keep: Callable[[SignalId], bool] | None) -> "_Table":
+    def of(cls, lines: Lines, rows: SatelliteRows, header: Header, keep: Callable[[SignalId], bool] | None) -> "_Table":
         place, instant_ns, remarks = _epochs_in_order(rows)
         observed = rows.flag[rows.epoch] < 6
         bad: list[int] = []
@@ -362,7 +362,7 @@ class _Table:
         return cls(signals, instant_ns, numbers, strength, lost, half_open, (*remarks, *faults))
 
 
-def _epochs_in_order(rows: Rows) -> tuple[Integers, Integers, list[str]]:
+def _epochs_in_order(rows: SatelliteRows) -> tuple[Integers, Integers, list[str]]:
     """Where each epoch of the file stands in time (-1 for what is none), those times, and what was put right."""
     epochs = np.flatnonzero(rows.flag < 6)
     order = epochs[np.argsort(rows.instant_ns[epochs], kind="stable")]
@@ -380,7 +380,7 @@ def _epochs_in_order(rows: Rows) -> tuple[Integers, Integers, list[str]]:
 
 def _blocks(
     lines: Lines,
-    rows: Rows,
+    rows: SatelliteRows,
     its: Integers,
     fields: Mapping[tuple[str, str], Mapping[str, int]],
     header: Header,
@@ -436,7 +436,9 @@ def _blocks(
     return blocks
 
 
-def _stated_slips(rows: Rows, place: Integers, instant_ns: Integers, signals: tuple[SignalId, ...]) -> Booleans:
+def _stated_slips(
+    rows: SatelliteRows, place: Integers, instant_ns: Integers, signals: tuple[SignalId, ...]
+) -> Booleans:
     """Where event records (flag 6) tell a slip: at their satellites' first epoch from then on."""
     lost = np.zeros((instant_ns.size, len(signals)), np.bool_)
     for row in np.flatnonzero(rows.flag[rows.epoch] == 6):

@@ -33,7 +33,7 @@ from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.time import gpst_from_utc, parse_iso, require_year
 from skyproof.records import freeze
 
-__all__ = ["Track", "parse_csv", "parse_kml", "parse_nmea", "read_track"]
+__all__ = ["RecordedTrack", "parse_csv", "parse_kml", "parse_nmea", "read_track"]
 
 _PLACE: Final = ("lat_deg", "lon_deg", "height_m")
 _ECEF: Final = ("x_ecef_m", "y_ecef_m", "z_ecef_m")
@@ -47,7 +47,7 @@ _FROM_GEOID: Final = "heights are those above the geoid, taken as if above the e
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Track:
+class RecordedTrack:
     """Points in order.
 
     position_ecef_m : (n, 3). attitude_rad : (n, 3) heading, pitch, roll, or None.
@@ -73,7 +73,7 @@ class Track:
 
 def read_track(
     path: str | os.PathLike[str], *, name: str | None = None, geoid_separation_m: float | None = None
-) -> Track:
+) -> RecordedTrack:
     """The points in a file that ends in .csv, .nmea, .txt (NMEA too) or .kml.
 
     Parameters
@@ -102,7 +102,7 @@ def read_track(
 # --- CSV
 
 
-def parse_csv(text: str, *, source: str = "CSV") -> Track:
+def parse_csv(text: str, *, source: str = "CSV") -> RecordedTrack:
     """The points of a table, see above. Rows without a place are left out. Raises InputError as `read_track` does."""
     rows = _rows(text, source)
     names = [name.strip() for name in next(rows, (1, list[str]()))[1]]
@@ -139,7 +139,7 @@ def parse_csv(text: str, *, source: str = "CSV") -> Track:
         raise InputError(f"{source}: no row has a place; give a file with points")
     table = np.array(numbers)
     remarks = (f"{left_out} rows without a place are left out",) if left_out else ()
-    return Track(
+    return RecordedTrack(
         source=source,
         position_ecef_m=_within(table[:, :3], source, lines) if place is _ECEF else _ecef(table[:, :3], source, lines),
         t_s=_rising_s(instants, source, lines),
@@ -199,7 +199,7 @@ class _Epoch:
     date: np.datetime64 | None = None
 
 
-def parse_nmea(lines: Iterable[str], *, source: str = "NMEA", geoid_separation_m: float | None = None) -> Track:
+def parse_nmea(lines: Iterable[str], *, source: str = "NMEA", geoid_separation_m: float | None = None) -> RecordedTrack:
     """The fixes of GGA and RMC sentences; those of one time of day make one point. Raises InputError as `read_track`.
 
     The height is GGA's altitude plus its separation (or `geoid_separation_m`), or what a TXT sentence says as "HAE=".
@@ -232,7 +232,7 @@ def parse_nmea(lines: Iterable[str], *, source: str = "NMEA", geoid_separation_m
     heights_m, of_heights = _heights_m(columns[:, 2], columns[:, 3], columns[:, 4], geoid_separation_m)
     kept = [instants[id(epoch)] for epoch in good]
     at_lines = [epoch.line for epoch in good]
-    return Track(
+    return RecordedTrack(
         source=source,
         position_ecef_m=_ecef(np.column_stack([columns[:, :2], heights_m]), source, at_lines),
         t_s=_rising_s(kept, source, at_lines),
@@ -358,7 +358,7 @@ class _Points:
 
 def parse_kml(
     text: str, *, source: str = "KML", name: str | None = None, geoid_separation_m: float | None = None
-) -> Track:
+) -> RecordedTrack:
     """The points of the one placemark that has some, or of the one called `name`. Raises InputError as `read_track`.
 
     Absolute heights count from the geoid; others are taken as they stand, for heights above the ellipsoid.
@@ -407,7 +407,7 @@ def _points(mark: ElementTree.Element) -> Iterator[_Points]:
             yield _Points([], words, [], line.findtext("altitudeMode", "clampToGround").strip())
 
 
-def _kml_track(points: _Points, source: str, geoid_separation_m: float | None) -> Track:
+def _kml_track(points: _Points, source: str, geoid_separation_m: float | None) -> RecordedTrack:
     timed = bool(points.times)
     if timed and len(points.times) != len(points.coordinates):
         raise InputError(
@@ -446,7 +446,7 @@ def _kml_track(points: _Points, source: str, geoid_separation_m: float | None) -
     ]
     if any(len(words) != 3 for words in angles):
         raise InputError(f"{source}: gx:angles with other than 3 numbers; give heading, tilt and roll")
-    return Track(
+    return RecordedTrack(
         source=source,
         position_ecef_m=_ecef(places[:, [1, 0, 2]], source, numbers, "point"),
         t_s=_rising_s(instants, source, numbers, "point") if timed else None,

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from skyproof.fusion.labels import LabelledSignal, Source, label_signals, sources_of
+from skyproof.fusion.labels import FalseSource, LabelledSignal, label_signals, sources_of
 from skyproof.fusion.open_question import OpenQuestion, open_question
 from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.fusion.unexplained import Unexplained, unexplained
@@ -40,8 +40,8 @@ class Decision:
 
     verdict: VerdictWord
     labels: tuple[LabelledSignal, ...]
-    sources: tuple[Source, ...]
-    skies: tuple[Source, ...]
+    sources: tuple[FalseSource, ...]
+    skies: tuple[FalseSource, ...]
     onset: Onset | None
     until: np.datetime64 | None
     open: OpenQuestion | None
@@ -116,7 +116,7 @@ def _always_authentic(
     return bool(authentic.any() and np.diff(edges_s).max() <= max(MOMENT_S, 2.5 * interval_s(o.elapsed_s)))
 
 
-def _skies(sets: Sequence[ConsistentSet]) -> tuple[Source, ...]:
+def _skies(sets: Sequence[ConsistentSet]) -> tuple[FalseSource, ...]:
     """Sets of a receiver that stand beside another one in the same window, followed from window to window.
 
     A set goes on with the sky whose signals it has most of, and a signal belongs to the sky that it was seen in most:
@@ -139,13 +139,13 @@ def _skies(sets: Sequence[ConsistentSet]) -> tuple[Source, ...]:
             skies[goes_on.get(n, -1)].update(own)
     home = {ref: max(range(len(skies)), key=lambda m: skies[m][ref]) for sky in skies for ref in sky}
     return tuple(
-        Source(name=f"S{number}", signals=tuple(sorted(ref for ref in skies[m] if home[ref] == m)))
+        FalseSource(name=f"S{number}", signals=tuple(sorted(ref for ref in skies[m] if home[ref] == m)))
         for number, m in enumerate(sorted(set(home.values())), 1)
     )
 
 
 def _time_line(
-    false: Sequence[LabelledSignal], skies: Sequence[Source], observations: Sequence[ObservationLog]
+    false: Sequence[LabelledSignal], skies: Sequence[FalseSource], observations: Sequence[ObservationLog]
 ) -> tuple[Onset | None, np.datetime64 | None]:
     if false:
         came = [s.ref for s in false if not _was_tracked_before(s, observations)]
@@ -164,7 +164,7 @@ def _capture(s: LabelledSignal, observations: Sequence[ObservationLog]) -> Onset
     return Onset(seen=o.gpst[s.first_epoch], earliest=None)
 
 
-def _sky_onset(sky: Source, observations: Sequence[ObservationLog]) -> Onset | None:
+def _sky_onset(sky: FalseSource, observations: Sequence[ObservationLog]) -> Onset | None:
     """When half of a sky's signals were there: a set may have taken in some that were there before.
 
     Which sky is false is open, and with it whether the one that was seen first is: the attack may have begun earlier.

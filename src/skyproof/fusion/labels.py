@@ -23,7 +23,7 @@ from skyproof.arrays import Integers, Reals
 from skyproof.navigation.window import interval_s
 from skyproof.records import Evidence, ObservationLog, SignalRef
 
-__all__ = ["Label", "LabelledSignal", "Source", "label_signals", "sources_of", "usual_window_s"]
+__all__ = ["FalseSource", "Label", "LabelledSignal", "label_signals", "sources_of", "usual_window_s"]
 
 Label = Literal["authentic", "spoofed", "multipath", "unknown"]
 LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
@@ -55,7 +55,7 @@ class LabelledSignal:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
+class FalseSource:
     """Signals that evidence ascribes to one transmitter of false signals."""
 
     name: str
@@ -144,11 +144,12 @@ def usual_window_s(evidence: Sequence[Evidence]) -> float:
     return float(np.median(lengths_s)) if lengths_s else 0.0
 
 
-def sources_of(evidence: Sequence[Evidence]) -> tuple[Source, ...]:
+def sources_of(evidence: Sequence[Evidence]) -> tuple[FalseSource, ...]:
     """Transmitters of false signals: groups that evidence calls spoofed, joined over windows by shared signals."""
     groups = dict.fromkeys(e.subject for e in evidence if e.says == "spoofed")
     return tuple(
-        Source(name=f"S{number + 1}", signals=tuple(sorted(signals))) for number, signals in enumerate(linked(groups))
+        FalseSource(name=f"S{number + 1}", signals=tuple(sorted(signals)))
+        for number, signals in enumerate(linked(groups))
     )
 
 

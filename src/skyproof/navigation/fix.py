@@ -20,14 +20,14 @@ from skyproof.navigation.raim import exclude_several
 from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scales
 from skyproof.records import Fix, FixStatus, NavigationData, Observations, SignalId
 
-__all__ = ["Geometry", "RangeRates", "fix", "fix_and_geometry", "range_rates"]
+__all__ = ["FixGeometry", "RangeRates", "fix", "fix_and_geometry", "range_rates"]
 
 _BLOCK_EPOCHS = 4096  # bounds the memory of a day at 1 Hz
 _CONVERGED_M = 1e-2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Geometry:
+class FixGeometry:
     """The linear problem at each epoch's fix, for `raim` and `protection`.
 
     design (n_epochs, n_signals, 3 + c) by position and the clock of each time scale; misfit_m and sigma_m
@@ -131,7 +131,7 @@ def fix_and_geometry(
     start_ecef_m: Reals | None = None,
     max_gdop: float = 50.0,
     false_alarm_probability: float | None = None,
-) -> tuple[Fix, Geometry]:
+) -> tuple[Fix, FixGeometry]:
     """As `fix`, and the linear problem that it ended with."""
     channels = _channels(observations, observations.signals if signals is None else signals)
     settings = _Settings(
@@ -165,7 +165,7 @@ def fix_and_geometry(
         status=status.astype(np.uint8),
         inter_system_s={scale: offset_m[:, k] / SPEED_OF_LIGHT_M_S for k, scale in enumerate(channels.scales)},
     )
-    return found, Geometry(design=design, misfit_m=residual, sigma_m=sigma)
+    return found, FixGeometry(design=design, misfit_m=residual, sigma_m=sigma)
 
 
 def _channels(observations: Observations, signals: tuple[SignalId, ...]) -> _Channels:

@@ -16,7 +16,7 @@ from skyproof.records import Klobuchar, NavigationData, SignalId
 
 __all__ = [
     "UNKNOWN_DELAY_SIGMA_M",
-    "Delays",
+    "AtmosphereDelays",
     "Ranges",
     "atmosphere",
     "corrected_ranges",
@@ -60,7 +60,7 @@ class Ranges:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Delays:
+class AtmosphereDelays:
     """elevation_rad, delay_m of ionosphere and troposphere, sigma_m of what the models leave, and ionosphere_m, the
     ionosphere's part of the delay; all (..., k)."""
 
@@ -147,7 +147,7 @@ def atmosphere(
     *,
     ionosphere_share: float = 0.25,
     carrier_hz: Reals | None = None,
-) -> Delays:
+) -> AtmosphereDelays:
     """Delays of the code at `position_ecef_m` (..., 3) from satellites (..., k, 3) in the frame of reception.
 
     `sigma_m` is `ionosphere_share` of the ionosphere's delay: the broadcast model takes away about half of it
@@ -175,7 +175,7 @@ def atmosphere(
         slower = (L1_HZ / carrier_hz) ** 2
         ionosphere_m, ionosphere_sigma_m = slower * ionosphere_m, slower * ionosphere_sigma_m
     thin = np.exp(-np.clip(height_m - 11000.0, 0.0, 1e6) / 6340.0)
-    return Delays(
+    return AtmosphereDelays(
         elevation_rad=el_rad,
         delay_m=ionosphere_m + thin * troposphere_delay_m(lat_rad, height_m, above_rad),
         sigma_m=ionosphere_sigma_m,

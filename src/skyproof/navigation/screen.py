@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.gnss.frames import geodetic_from_ecef
-from skyproof.navigation.fix import Geometry
+from skyproof.navigation.fix import FixGeometry
 from skyproof.records import Fix, FixStatus
 from skyproof.statistics.distributions import chi_square_survival
 
@@ -19,7 +19,7 @@ HEIGHT_M = (-1e3, 40e3)
 NUMBERS = ("position_ecef_m", "velocity_ecef_m_s", "clock_bias_s", "clock_drift", "covariance_m2", "residual_m")
 
 
-def screened(fix: Fix, geometry: Geometry, *, with_misfits: bool = False) -> Fix:
+def screened(fix: Fix, geometry: FixGeometry, *, with_misfits: bool = False) -> Fix:
     """The fix with the epochs emptied that are no fix.
 
     with_misfits : keep epochs whose residuals fit no one position, wherever a receiver on Earth can be, as a receiver

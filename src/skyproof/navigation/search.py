@@ -23,7 +23,7 @@ from skyproof.navigation.ranges import atmosphere
 from skyproof.records import Klobuchar
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["Candidates", "Measurements", "SetSearch", "below", "innovation", "misfits", "plausible", "solve"]
+__all__ = ["SetCandidates", "SetSearch", "WindowRanges", "below", "innovation", "misfits", "plausible", "solve"]
 
 _UNKNOWNS = 4
 _MOST_FOURS = 300_000
@@ -34,7 +34,7 @@ _TRAVEL_S = 0.075  # of a signal from orbit to ground, within 0.01 s
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Measurements:
+class WindowRanges:
     """One window's signals: satellite_ecef_m (n, 3) at transmission, range_m (n,) without the satellite's clock,
     sigma_m (n,) of all but the ionosphere, carrier_hz (n,), tow_s of the window, and how the ionosphere is to be taken
     off."""
@@ -49,8 +49,8 @@ class Measurements:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Candidates:
-    """choice (m, satellites): row of `Measurements`, or -1 for skipped; state_m (m, 4), covariance_m2 (m, 4, 4) and
+class SetCandidates:
+    """choice (m, satellites): row of `WindowRanges`, or -1 for skipped; state_m (m, 4), covariance_m2 (m, 4, 4) and
     statistic (m,)."""
 
     choice: Indices
@@ -58,8 +58,8 @@ class Candidates:
     covariance_m2: Reals
     statistic: Reals
 
-    def take(self, rows: Booleans | Indices) -> "Candidates":
-        return Candidates(
+    def take(self, rows: Booleans | Indices) -> "SetCandidates":
+        return SetCandidates(
             choice=self.choice[rows],
             state_m=self.state_m[rows],
             covariance_m2=self.covariance_m2[rows],
@@ -75,12 +75,12 @@ class SetSearch:
     copies : per satellite, the rows of `measurements` that are its signals.
     """
 
-    def __init__(self, measurements: Measurements, copies: list[Indices]) -> None:
+    def __init__(self, measurements: WindowRanges, copies: list[Indices]) -> None:
         self._measurements = measurements
         self._copies = [copies[k] for k in _spread_first(measurements, copies)]
-        self._fours: dict[int, Candidates] = {}
+        self._fours: dict[int, SetCandidates] = {}
 
-    def of_size(self, size: int, free: Booleans, *, false_alarm_probability: float) -> Candidates:
+    def of_size(self, size: int, free: Booleans, *, false_alarm_probability: float) -> SetCandidates:
         """All consistent candidates of `size` satellites, the smallest statistic first; `choice` is (m, size).
 
         Parameters
@@ -109,14 +109,16 @@ class SetSearch:
         found = found.take((found.choice >= 0).sum(axis=1) == size)
         found = found.take(plausible(found.state_m[:, :3]))
         found = found.take(np.argsort(found.statistic, kind="stable"))
-        return Candidates(
+        return SetCandidates(
             choice=found.choice[found.choice >= 0].reshape(-1, size),
             state_m=found.state_m,
             covariance_m2=found.covariance_m2,
             statistic=found.statistic,
         )
 
-    def _extended(self, candidates: Candidates, level: int, skips: int, free: Booleans, limit: float) -> Candidates:
+    def _extended(
+        self, candidates: SetCandidates, level: int, skips: int, free: Booleans, limit: float
+    ) -> SetCandidates:
         """The candidates with each free signal of the satellite at `level`, where it fits, and with none of them."""
         signals = self._copies[level][free[self._copies[level]]]
         skipped = candidates.take((candidates.choice[:, : level + 1] < 0).sum(axis=1) <= skips)
@@ -125,7 +127,7 @@ class SetSearch:
         children.choice[:, level] = np.tile(signals, parents)  # `take` by index has made a copy
         return _joined(skipped, _one_more(self._measurements, children, level, limit))
 
-    def _fours_up_to(self, level: int) -> Candidates:
+    def _fours_up_to(self, level: int) -> SetCandidates:
         """All fours whose last satellite is at `level`: both solutions of each, unless nowhere near the Earth."""
         if level not in self._fours:
             table = np.full((level + 1, max(map(len, self._copies))), -1)
@@ -144,8 +146,8 @@ class SetSearch:
 
 
 def solve(
-    measurements: Measurements, choice: Indices, start_m: Reals, *, rounds: int = 1, clocks: Reals | None = None
-) -> Candidates:
+    measurements: WindowRanges, choice: Indices, start_m: Reals, *, rounds: int = 1, clocks: Reals | None = None
+) -> SetCandidates:
     """Position and clock of each row of `choice` (m, k), from `start_m` (m, 4), with the atmosphere of the start.
 
     With `clocks` (k, c), as in `design_matrix`, several clocks: states and covariances are of 3 + c numbers.
@@ -169,7 +171,7 @@ def solve(
             tolerance_m=100.0,
         )
         state = solution.state_m
-    return Candidates(
+    return SetCandidates(
         choice=choice,
         state_m=state,
         covariance_m2=solution.covariance_m2,
@@ -177,7 +179,7 @@ def solve(
     )
 
 
-def innovation(measurements: Measurements, rows: Indices, state_m: Reals, covariance_m2: Reals) -> tuple[Reals, Reals]:
+def innovation(measurements: WindowRanges, rows: Indices, state_m: Reals, covariance_m2: Reals) -> tuple[Reals, Reals]:
     """Each measurement (m,) minus its prediction from a fit without it, and the variance of that, m and m^2."""
     satellite = measurements.satellite_ecef_m[rows][:, None, :]
     turned, unit, distance_m = line_of_sight(satellite, state_m[:, :3])
@@ -189,7 +191,7 @@ def innovation(measurements: Measurements, rows: Indices, state_m: Reals, covari
     return measurements.range_m[rows] - predicted_m, variance_m2
 
 
-def misfits(measurements: Measurements, rows: Indices, state_m: Reals) -> tuple[Reals, Reals, Reals]:
+def misfits(measurements: WindowRanges, rows: Indices, state_m: Reals) -> tuple[Reals, Reals, Reals]:
     """Measurements (n,) minus what one state (4,) predicts, their sigmas (n,), and unit vectors (n, 3)."""
     turned, unit, distance_m = line_of_sight(measurements.satellite_ecef_m[rows][None], state_m[None, :3])
     delay_m, delay_sigma_m = _atmosphere(measurements, rows[None], state_m[None], turned)
@@ -197,7 +199,7 @@ def misfits(measurements: Measurements, rows: Indices, state_m: Reals) -> tuple[
     return misfit_m, np.hypot(measurements.sigma_m[rows], delay_sigma_m[0]), unit[0]
 
 
-def below(measurements: Measurements, rows: Indices) -> Reals:
+def below(measurements: WindowRanges, rows: Indices) -> Reals:
     """(3,) the point of the Earth's surface below the middle of these satellites: where to begin."""
     middle_m = measurements.satellite_ecef_m[rows].sum(axis=0)
     return np.asarray(middle_m * (WGS84_A_M / np.linalg.norm(middle_m)))
@@ -209,7 +211,7 @@ def plausible(position_ecef_m: Reals) -> Booleans:
     return np.asarray((height_m >= _LOWEST_M) & (np.linalg.norm(position_ecef_m, axis=-1) <= _FARTHEST_M))
 
 
-def _solved_fours(measurements: Measurements, choice: Indices, rows: Indices) -> Candidates:
+def _solved_fours(measurements: WindowRanges, choice: Indices, rows: Indices) -> SetCandidates:
     starts = _bancroft(measurements.satellite_ecef_m[rows], measurements.range_m[rows])
     near = _roughly_plausible(starts, 500e3)  # closed form and a poor geometry; NaN is nowhere
     four, _ = np.nonzero(near)
@@ -218,7 +220,7 @@ def _solved_fours(measurements: Measurements, choice: Indices, rows: Indices) ->
     kept = _plausible_within_sigma(solved)
     moved_m = np.linalg.norm(np.diff(solved.state_m, axis=0), axis=-1)
     kept[1:] &= (np.diff(four) != 0) | (moved_m > 10.0)  # else both starts led to one solution
-    return Candidates(
+    return SetCandidates(
         choice=choice[four[kept]],
         state_m=solved.state_m[kept],
         covariance_m2=solved.covariance_m2[kept],
@@ -226,7 +228,7 @@ def _solved_fours(measurements: Measurements, choice: Indices, rows: Indices) ->
     )
 
 
-def _one_more(measurements: Measurements, candidates: Candidates, level: int, limit: float) -> Candidates:
+def _one_more(measurements: WindowRanges, candidates: SetCandidates, level: int, limit: float) -> SetCandidates:
     """Candidates with a fifth or further signal, just chosen at `level`: predicted, then solved anew."""
     rows = candidates.choice[:, level]
     misfit_m, variance_m2 = innovation(measurements, rows, candidates.state_m, candidates.covariance_m2)
@@ -235,7 +237,7 @@ def _one_more(measurements: Measurements, candidates: Candidates, level: int, li
     kept = np.flatnonzero((solved.statistic <= limit) & _plausible_within_sigma(solved))
     if kept.size > _MOST_CANDIDATES:
         kept = kept[np.argpartition(solved.statistic[kept], _MOST_CANDIDATES)[:_MOST_CANDIDATES]]
-    return Candidates(
+    return SetCandidates(
         choice=candidates.choice[kept],
         state_m=solved.state_m[kept],
         covariance_m2=solved.covariance_m2[kept],
@@ -243,7 +245,7 @@ def _one_more(measurements: Measurements, candidates: Candidates, level: int, li
     )
 
 
-def _plausible_within_sigma(solved: Candidates) -> Booleans:
+def _plausible_within_sigma(solved: SetCandidates) -> Booleans:
     """Of few signals in poor geometry the place is only roughly known: ten sigma are allowed."""
     spread_m2 = np.trace(solved.covariance_m2[:, :3, :3], axis1=-2, axis2=-1)
     return _roughly_plausible(solved.state_m, 10.0 * np.sqrt(spread_m2))
@@ -256,7 +258,7 @@ def _roughly_plausible(state_m: Reals, slack_m: Reals | float) -> Booleans:
     return np.asarray((centre_m >= polar_m + _LOWEST_M - slack_m) & (centre_m <= _FARTHEST_M + slack_m))
 
 
-def _atmosphere(measurements: Measurements, rows: Indices, state_m: Reals, turned_ecef_m: Reals) -> tuple[Reals, Reals]:
+def _atmosphere(measurements: WindowRanges, rows: Indices, state_m: Reals, turned_ecef_m: Reals) -> tuple[Reals, Reals]:
     delays = atmosphere(
         state_m[:, :3],
         turned_ecef_m,
@@ -298,7 +300,7 @@ def _bancroft(satellite_ecef_m: Reals, range_m: Reals) -> Reals:
     return np.asarray(solutions)
 
 
-def _spread_first(measurements: Measurements, copies: list[Indices]) -> list[int]:
+def _spread_first(measurements: WindowRanges, copies: list[Indices]) -> list[int]:
     """Order of satellites in which the first few already have a good geometry, seen from below their middle."""
     satellite = measurements.satellite_ecef_m[[c[0] for c in copies]]
     _, unit, _ = line_of_sight(satellite, below(measurements, np.array([c[0] for c in copies])))
@@ -315,8 +317,8 @@ def _spread_first(measurements: Measurements, copies: list[Indices]) -> list[int
     return order
 
 
-def _nothing(n_satellites: int) -> Candidates:
-    return Candidates(
+def _nothing(n_satellites: int) -> SetCandidates:
+    return SetCandidates(
         choice=np.empty((0, n_satellites), dtype=np.intp),
         state_m=np.empty((0, _UNKNOWNS)),
         covariance_m2=np.empty((0, _UNKNOWNS, _UNKNOWNS)),
@@ -324,8 +326,8 @@ def _nothing(n_satellites: int) -> Candidates:
     )
 
 
-def _joined(*parts: Candidates) -> Candidates:
-    return Candidates(
+def _joined(*parts: SetCandidates) -> SetCandidates:
+    return SetCandidates(
         choice=np.concatenate([part.choice for part in parts]),
         state_m=np.concatenate([part.state_m for part in parts]),
         covariance_m2=np.concatenate([part.covariance_m2 for part in parts]),

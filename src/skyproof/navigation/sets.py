@@ -15,8 +15,8 @@ from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import UNKNOWN_DELAY_SIGMA_M, corrected_ranges, space_sigma_m
-from skyproof.navigation.search import Candidates, Measurements, SetSearch, innovation, plausible, solve
-from skyproof.navigation.skies import Kind, Part, Sky, by_kind, extended, joined, lone_sky, sky_of, with_few
+from skyproof.navigation.search import SetCandidates, SetSearch, WindowRanges, innovation, plausible, solve
+from skyproof.navigation.skies import ConsistentSky, Kind, Part, by_kind, extended, joined, lone_sky, sky_of, with_few
 from skyproof.navigation.window import WindowMean, window_mean
 from skyproof.records import ConsistentSet, NavigationData, Observations, SignalId
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
@@ -100,19 +100,19 @@ def consistent_sets(
 
 
 def _of_one_kind(
-    measurements: Measurements,
+    measurements: WindowRanges,
     signals: tuple[SignalId, ...],
     rows: Indices,
     false_alarm_probability: float,
     min_satellites: int,
     max_sets: int,
-) -> list[Candidates]:
+) -> list[SetCandidates]:
     """The consistent sets among the signals of one kind, as `solve` leaves them."""
     free = np.zeros(len(signals), np.bool_)
     free[rows] = True
     copies = list(_by_satellite(signals, free).values())
     search = SetSearch(measurements, copies)
-    found: list[Candidates] = []
+    found: list[SetCandidates] = []
     size = len(copies)
     while size >= min_satellites and len(found) < max_sets:
         candidates = search.of_size(size, free, false_alarm_probability=false_alarm_probability)
@@ -134,7 +134,7 @@ def window_measurements(
     multipath_sigma_m: float,
     ionosphere_share: float,
     min_share: float = 0.5,
-) -> tuple[WindowMean, Measurements, Booleans]:
+) -> tuple[WindowMean, WindowRanges, Booleans]:
     """The window's signals at its middle, and which of them have an ephemeris and a carrier; arguments as of
     `consistent_sets`. Signals whose group delay no message gives are there, with the sigma of that."""
     mean = window_mean(window, min_share=min_share)
@@ -142,7 +142,7 @@ def window_measurements(
         mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], navigation, with_unknown_delay=True
     )
     unknown_delay_m2 = np.where(ranges.delay_unknown[0], UNKNOWN_DELAY_SIGMA_M, 0.0) ** 2
-    measurements = Measurements(
+    measurements = WindowRanges(
         satellite_ecef_m=ranges.satellite_ecef_m[0],
         range_m=ranges.range_m[0],
         sigma_m=np.sqrt(mean.sigma_m**2 + multipath_sigma_m**2 + space_sigma_m(mean.signals) ** 2 + unknown_delay_m2),
@@ -159,7 +159,7 @@ def _by_satellite(signals: tuple[SignalId, ...], free: Booleans) -> dict[str, In
     return {sat: np.array([k for k in np.flatnonzero(free) if signals[k].sat == sat]) for sat in sats}
 
 
-def _same_sky(one: Candidates, other: Candidates, false_alarm_probability: float) -> bool:
+def _same_sky(one: SetCandidates, other: SetCandidates, false_alarm_probability: float) -> bool:
     """Whether two disjoint sets' positions and clocks differ by no more than their covariances explain."""
     difference_m = one.state_m[0] - other.state_m[0]
     covariance_m2 = one.covariance_m2[0] + other.covariance_m2[0]
@@ -168,12 +168,12 @@ def _same_sky(one: Candidates, other: Candidates, false_alarm_probability: float
 
 
 def _reassign_signals(
-    measurements: Measurements,
+    measurements: WindowRanges,
     signals: tuple[SignalId, ...],
-    found: list[Candidates],
+    found: list[SetCandidates],
     false_alarm_probability: float,
     min_satellites: int,
-) -> list[Candidates]:
+) -> list[SetCandidates]:
     """Each satellite's signals to the sets where they are likeliest, as long as every set stays consistent."""
     if len(found) < 2:
         return found
@@ -202,7 +202,7 @@ def _reassign_signals(
     return found
 
 
-def _costs(measurements: Measurements, sats: NDArray[np.str_], found: list[Candidates]) -> Reals:
+def _costs(measurements: WindowRanges, sats: NDArray[np.str_], found: list[SetCandidates]) -> Reals:
     """Minus twice the log-likelihood (n_signals, n_sets) of each signal beside a set's signals of other satellites."""
     rows = np.arange(sats.size)
     cost = np.empty((sats.size, len(found)))
@@ -215,7 +215,7 @@ def _costs(measurements: Measurements, sats: NDArray[np.str_], found: list[Candi
     return np.minimum(np.nan_to_num(cost, nan=_FORBIDDEN), _FORBIDDEN)
 
 
-def _record(receiver: str, mean: WindowMean, sky: Sky) -> ConsistentSet:
+def _record(receiver: str, mean: WindowMean, sky: ConsistentSky) -> ConsistentSet:
     clock_m = float(sky.state_m[3])
     several = sky.clock_m if len(sky.clock_m) > 1 else {}
     return ConsistentSet(

@@ -19,15 +19,15 @@ import numpy as np
 
 from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.search import Candidates, Measurements, below, misfits, plausible, solve
+from skyproof.navigation.search import SetCandidates, WindowRanges, below, misfits, plausible, solve
 from skyproof.records import SignalId
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
     "OFFSET_MAX_S",
+    "ConsistentSky",
     "Kind",
     "Part",
-    "Sky",
     "apart_p_value",
     "by_kind",
     "extended",
@@ -55,11 +55,11 @@ class Part:
 
     kind: Kind
     rows: Indices
-    alone: Candidates
+    alone: SetCandidates
 
 
 @dataclass(frozen=True, eq=False)
-class Sky:
+class ConsistentSky:
     """Parts of different kinds that show one position; `state_m` (4,) is that and the clock of the first part's kind.
 
     The position is by one signal a satellite, so that no error counts twice: of the first kind of each time scale, L1
@@ -105,7 +105,7 @@ def apart_p_value(
     return min(1.0, 2.0 * float(min(chances)))
 
 
-def joined(measurements: Measurements, parts: Sequence[Part]) -> list[list[Part]]:
+def joined(measurements: WindowRanges, parts: Sequence[Part]) -> list[list[Part]]:
     """The parts as skies, the largest first: each goes to the sky whose parts it fits best, if it fits them all.
 
     A sky has one part of a kind. Parts of one kind are different skies, by time if not by position.
@@ -125,7 +125,7 @@ def joined(measurements: Measurements, parts: Sequence[Part]) -> list[list[Part]
     return skies
 
 
-def _p_of(measurements: Measurements, one: Part, other: Part) -> float:
+def _p_of(measurements: WindowRanges, one: Part, other: Part) -> float:
     difference_m = one.alone.state_m[0] - other.alone.state_m[0]
     covariance_m2 = one.alone.covariance_m2[0] + other.alone.covariance_m2[0]
     return apart_p_value(
@@ -139,14 +139,14 @@ def _p_of(measurements: Measurements, one: Part, other: Part) -> float:
     )
 
 
-def sky_of(measurements: Measurements, signals: Sequence[SignalId], parts: Sequence[Part]) -> Sky:
+def sky_of(measurements: WindowRanges, signals: Sequence[SignalId], parts: Sequence[Part]) -> ConsistentSky:
     """The common position of parts, by the first signal of each satellite, and the clock of each."""
     kinds = sorted(part.kind for part in parts)
     rank = {kind: sum(other[0] == kind[0] for other in kinds[: kinds.index(kind)]) for kind in kinds}
     parts = sorted(parts, key=lambda part: (rank[part.kind], -part.rows.size))
     first = parts[0]
     if len(parts) == 1:
-        return Sky(
+        return ConsistentSky(
             first.rows,
             first.alone.state_m[0],
             first.alone.covariance_m2[0],
@@ -158,7 +158,9 @@ def sky_of(measurements: Measurements, signals: Sequence[SignalId], parts: Seque
     return _solved(measurements, signals, [part.rows for part in parts], start)
 
 
-def _solved(measurements: Measurements, signals: Sequence[SignalId], groups: Sequence[Indices], start_m: Reals) -> Sky:
+def _solved(
+    measurements: WindowRanges, signals: Sequence[SignalId], groups: Sequence[Indices], start_m: Reals
+) -> ConsistentSky:
     """Position by one signal a satellite of the groups of rows, each of one kind, and a clock for each group."""
     taken: set[str] = set()
     used: list[Indices] = []
@@ -172,7 +174,7 @@ def _solved(measurements: Measurements, signals: Sequence[SignalId], groups: Seq
     start = np.concatenate((start_m[:3], np.full(len(used), start_m[3])))
     found = solve(measurements, choice[None, :], start[None, :], rounds=2, clocks=clocks)
     state = found.state_m[0, :4]
-    return Sky(
+    return ConsistentSky(
         np.concatenate(groups),
         state,
         found.covariance_m2[0, :4, :4],
@@ -182,14 +184,18 @@ def _solved(measurements: Measurements, signals: Sequence[SignalId], groups: Seq
     )
 
 
-def _clock_m(measurements: Measurements, rows: Indices, state_m: Reals) -> float:
+def _clock_m(measurements: WindowRanges, rows: Indices, state_m: Reals) -> float:
     """The clock that these signals show at a position."""
     misfit_m, sigma_m, _ = misfits(measurements, rows, state_m)
     return float(state_m[3] + np.average(misfit_m, weights=sigma_m**-2.0))
 
 
 def with_few(
-    measurements: Measurements, signals: Sequence[SignalId], sky: Sky, rows: Indices, false_alarm_probability: float
+    measurements: WindowRanges,
+    signals: Sequence[SignalId],
+    sky: ConsistentSky,
+    rows: Indices,
+    false_alarm_probability: float,
 ) -> Indices:
     """Of one kind's `rows`, few satellites', those that fit a sky's position together with one clock of their own.
 
@@ -223,8 +229,8 @@ def _beside_a_clock(misfit_m: Reals, covariance_m2: Reals) -> float:
 
 
 def lone_sky(
-    measurements: Measurements, signals: Sequence[SignalId], kinds: dict[Kind, Indices], false_alarm_probability: float
-) -> Sky | None:
+    measurements: WindowRanges, signals: Sequence[SignalId], kinds: dict[Kind, Indices], false_alarm_probability: float
+) -> ConsistentSky | None:
     """The sky of kinds that all have too few satellites for sets of their own: all their signals, or none.
 
     Only where every transmission is there once: which copies belong together so few signals do not tell. None without
@@ -241,9 +247,9 @@ def lone_sky(
     return sky if sky.statistic <= chi_square_threshold(false_alarm_probability, sky.dof) else None
 
 
-def extended(measurements: Measurements, sky: Sky, kind: Kind, rows: Indices) -> Sky:
+def extended(measurements: WindowRanges, sky: ConsistentSky, kind: Kind, rows: Indices) -> ConsistentSky:
     """The sky with further signals of a kind, which do not move its position."""
-    return Sky(
+    return ConsistentSky(
         np.concatenate((sky.rows, rows)),
         sky.state_m,
         sky.covariance_m2,

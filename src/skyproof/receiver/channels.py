@@ -19,7 +19,18 @@ from skyproof.receiver import telemetry as tm
 from skyproof.receiver.polarity import Stretch
 from skyproof.records import SignalId
 
-__all__ = ["Arc", "Channel", "Gap", "LostSignal", "Place", "arc_of", "continued", "letter", "lost_of", "tow_kept"]
+__all__ = [
+    "Arc",
+    "Channel",
+    "DelayDoppler",
+    "Gap",
+    "LostSignal",
+    "arc_of",
+    "continued",
+    "letter",
+    "lost_of",
+    "tow_kept",
+]
 
 FORGET_S = 30.0
 """A lost signal that is found again within this time, near its old delay, keeps its letter."""
@@ -53,7 +64,7 @@ class Channel:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class DelayDoppler:
     """Where a signal was: the delay of a code period's start after a moment of receiver time, and its Doppler.
 
     period : which code period that is, counted since its channel began.
@@ -68,7 +79,7 @@ class Place:
         """The delay carried by its Doppler to another moment."""
         return self.delay_s - self.doppler_hz / signal.carrier_hz * (at_s - self.at_s)
 
-    def periods_to(self, later: "Place", signal: SignalDescription) -> int:
+    def periods_to(self, later: "DelayDoppler", signal: SignalDescription) -> int:
         """Code periods from this one's start to the other's, of one signal that went on between."""
         away_s = (later.at_s - self.at_s) + (later.delay_s - self.delay_s)
         doppler_hz = 0.5 * (self.doppler_hz + later.doppler_hz)
@@ -86,7 +97,7 @@ class LostSignal:
     copy: str
     found_s: float
     missed_s: float
-    place: Place
+    place: DelayDoppler
     tow_ms: int | None = None
 
 
@@ -135,7 +146,7 @@ def arc_of(channel: Channel, signal: SignalDescription) -> Arc:
     )
 
 
-def lost_of(channel: Channel, place: Place) -> LostSignal:
+def lost_of(channel: Channel, place: DelayDoppler) -> LostSignal:
     """A confirmed channel as a lost signal, last seen there."""
     assert channel.copy is not None
     began_ms = channel.telemetry.tow_ms_at_period_0
@@ -149,7 +160,7 @@ def lost_of(channel: Channel, place: Place) -> LostSignal:
     )
 
 
-def tow_kept(old: LostSignal, place: Place, signal: SignalDescription) -> int | None:
+def tow_kept(old: LostSignal, place: DelayDoppler, signal: SignalDescription) -> int | None:
     """Time of week at code period 0 of the channel that goes on with a lost signal from `place`: code periods go on
     through a fade. Whether data bits still begin where that time has them is seen once they are found.
     """
@@ -160,9 +171,9 @@ def tow_kept(old: LostSignal, place: Place, signal: SignalDescription) -> int | 
 
 def continued(
     lost: Sequence[LostSignal],
-    found: Sequence[tuple[str, Place]],
+    found: Sequence[tuple[str, DelayDoppler]],
     signal: SignalDescription,
-    held: Sequence[tuple[float, Place]] = (),
+    held: Sequence[tuple[float, DelayDoppler]] = (),
 ) -> tuple[list[LostSignal | None], Gap | None]:
     """Which lost signal each of the found ones (satellite, place) goes on with.
 
@@ -206,7 +217,9 @@ def continued(
     return matches, Gap(elapsed_s=gone_s, shift_s=shift / signal.chip_rate_hz, signals=count, missing_s=missing_s)
 
 
-def _common_shift(pairs: Sequence[tuple[LostSignal, Place]], signal: SignalDescription) -> tuple[float, float] | None:
+def _common_shift(
+    pairs: Sequence[tuple[LostSignal, DelayDoppler]], signal: SignalDescription
+) -> tuple[float, float] | None:
     """The shift of code (chips) that most satellites share, and the missing time (s) that makes them share it.
 
     Missing time shifts all codes alike, and each by its own range rate besides: half a chip in 0.15 s at 5 kHz. The
@@ -245,10 +258,12 @@ def _votes_needed(n_sats: int, n_steps: int, signal: SignalDescription) -> int:
 
 
 @overload
-def _shift_chips(old: Place, new: Place, signal: SignalDescription, missing_s: float) -> float: ...
+def _shift_chips(old: DelayDoppler, new: DelayDoppler, signal: SignalDescription, missing_s: float) -> float: ...
 @overload
-def _shift_chips(old: Place, new: Place, signal: SignalDescription, missing_s: Reals) -> Reals: ...
-def _shift_chips(old: Place, new: Place, signal: SignalDescription, missing_s: float | Reals) -> float | Reals:
+def _shift_chips(old: DelayDoppler, new: DelayDoppler, signal: SignalDescription, missing_s: Reals) -> Reals: ...
+def _shift_chips(
+    old: DelayDoppler, new: DelayDoppler, signal: SignalDescription, missing_s: float | Reals
+) -> float | Reals:
     """By how much the code comes later than it should, if so much time is missing as well."""
     predicted_s = old.delay_at_s(new.at_s, signal)
     moved_s = 0.5 * (old.doppler_hz + new.doppler_hz) / signal.carrier_hz * missing_s

@@ -10,7 +10,7 @@ from skyproof.arrays import Floats, Integers, Reals
 from skyproof.receiver import kernels as k
 from skyproof.receiver.antennas import N_LAST, first_weights
 from skyproof.receiver.bit_edges import EdgeSums
-from skyproof.receiver.channels import Arc, Channel, Gap, LostSignal, Place
+from skyproof.receiver.channels import Arc, Channel, DelayDoppler, Gap, LostSignal
 from skyproof.receiver.coasting import N_COURSE
 from skyproof.receiver.false_lock import N_TURNS
 from skyproof.receiver.grids import Grids
@@ -118,7 +118,7 @@ def with_channel(
     )
 
 
-def place_of(locked_at: Reals) -> Place:
+def place_of(locked_at: Reals) -> DelayDoppler:
     """Where a channel was when it was last locked, of its row (4,)."""
     at_s, delay_s, doppler_hz, period = locked_at.tolist()
-    return Place(at_s=at_s, delay_s=delay_s, doppler_hz=doppler_hz, period=round(period))
+    return DelayDoppler(at_s=at_s, delay_s=delay_s, doppler_hz=doppler_hz, period=round(period))

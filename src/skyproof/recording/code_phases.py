@@ -14,8 +14,8 @@ from skyproof.records import Samples
 __all__ = [
     "AT_START",
     "CELLS",
-    "Blocks",
-    "Heard",
+    "CodeBlocks",
+    "FoundSignal",
     "Tracks",
     "blocks_of",
     "by_stretch",
@@ -33,7 +33,7 @@ _STRETCHES, _MOST_PERIODS = 20, 10
 AT_START = np.arange(-8, 9)  # cells that the delay predicted may be off: a search at a wrong rate errs by chips
 
 
-class Heard(Protocol):
+class FoundSignal(Protocol):
     """A satellite's signal: its code period began `delay_s` after the recording's first sample did."""
 
     @property
@@ -45,7 +45,7 @@ class Heard(Protocol):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Blocks:
+class CodeBlocks:
     """One code period after the other, at zero frequency and few samples a chip: (n_blocks, CELLS).
 
     changing : whether the samples change in every one.
@@ -79,7 +79,7 @@ class Tracks:
     noise: Reals  # (n_sats,) mean power of one block's cell
 
 
-def blocks_of(samples: Samples, carrier_hz: float, n_blocks: int, signal: SignalDescription) -> Blocks:
+def blocks_of(samples: Samples, carrier_hz: float, n_blocks: int, signal: SignalDescription) -> CodeBlocks:
     """The first `n_blocks` code periods, the nominal carrier taken off; fewer if the recording ends before."""
     exact = samples.rate_hz * signal.period_s
     size = round(exact)
@@ -95,7 +95,7 @@ def blocks_of(samples: Samples, carrier_hz: float, n_blocks: int, signal: Signal
         spectrum = fft.fft((planes[0] + 1j * planes[1]) * phasor)
         waves[row, kept] = spectrum[kept]
     waves = fft.ifft(waves, axis=1)
-    return Blocks(
+    return CodeBlocks(
         waves=waves, first_sample=first, block_samples=size, rate_hz=samples.rate_hz, signal=signal, changing=changing
     )
 
@@ -106,7 +106,7 @@ def kept_bins(size: int, rate_hz: float) -> Integers:
     return np.arange(-reach, reach + 1)
 
 
-def correlation_spectra(blocks: Blocks, heard: Heard) -> ComplexFloats:
+def correlation_spectra(blocks: CodeBlocks, heard: FoundSignal) -> ComplexFloats:
     """Spectra of all blocks, Doppler taken off, times the conjugate one of the code."""
     size, rate_hz = blocks.block_samples, blocks.rate_hz
     chips = blocks.signal.code(prn_of(heard.sat))
@@ -120,7 +120,7 @@ def correlation_spectra(blocks: Blocks, heard: Heard) -> ComplexFloats:
     return spectra
 
 
-def tracks_of(blocks: Blocks, signals: Sequence[Heard], spectra: ComplexFloats, ratio: float) -> Tracks:
+def tracks_of(blocks: CodeBlocks, signals: Sequence[FoundSignal], spectra: ComplexFloats, ratio: float) -> Tracks:
     """All satellites in all stretches. `ratio` : of code Doppler to carrier Doppler, 1 or -1."""
     n_blocks = spectra.shape[1]
     periods = int(np.clip(n_blocks // _STRETCHES, 1, _MOST_PERIODS))
@@ -144,7 +144,7 @@ def by_stretch(values: Reals | Integers, periods: int) -> Reals:
     return np.asarray(values[: n_stretches * periods].reshape(n_stretches, periods), np.float64)
 
 
-def predicted_delay_s(blocks: Blocks, heard: Heard, ratio: float) -> Reals:
+def predicted_delay_s(blocks: CodeBlocks, heard: FoundSignal, ratio: float) -> Reals:
     """Delay of the code's start after each block's first sample, not reduced to one period."""
     start_s = blocks.first_sample / blocks.rate_hz
     # whole periods are taken off exactly: the blocks' starts are rounded to samples
@@ -152,7 +152,7 @@ def predicted_delay_s(blocks: Blocks, heard: Heard, ratio: float) -> Reals:
     return heard.delay_s - past_s - ratio * heard.doppler_hz / blocks.signal.carrier_hz * start_s
 
 
-def ramp_of(blocks: Blocks, delay_s: Reals) -> ComplexFloats:
+def ramp_of(blocks: CodeBlocks, delay_s: Reals) -> ComplexFloats:
     """What brings a delay to the first cell: (..., CELLS)."""
     bins = fft.fftfreq(CELLS, 1.0 / CELLS)
     turns = np.multiply.outer(np.asarray(delay_s) / blocks.block_s, bins)

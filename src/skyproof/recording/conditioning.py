@@ -28,7 +28,15 @@ from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
 from skyproof.recording.spectrum import GUARD, density_of, floor_and_lines, line_threshold, noise_bins, tone
 from skyproof.records import Samples, freeze
 
-__all__ = ["LOSS_LIMIT_DB", "Conditioner", "ConditionerState", "FrontEnd", "Line", "conditioned", "measure_front_end"]
+__all__ = [
+    "LOSS_LIMIT_DB",
+    "Conditioner",
+    "ConditionerState",
+    "MeasuredFrontEnd",
+    "SpectralLine",
+    "conditioned",
+    "measure_front_end",
+]
 
 LOSS_LIMIT_DB: Final = 0.05
 """Of C/N0, averaged over Doppler. A line that costs less than that has 41 dB-Hz over the noise density; met by one of
@@ -50,7 +58,7 @@ _RENEW = 4096  # samples after which a notch's phasor is worked out anew, counte
 
 
 @dataclass(frozen=True, kw_only=True)
-class Line:
+class SpectralLine:
     """A narrow-band line.
 
     frequency_hz : in the samples, -rate/2 to rate/2 (real samples: 0 to rate/2).
@@ -72,7 +80,7 @@ class Line:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FrontEnd:
+class MeasuredFrontEnd:
     """What `measure_front_end` finds. Powers are in squares of the samples' own unit; planes are I, Q.
 
     dc, rms : (2,), the rms without DC. dc_loss_db : as a line's.
@@ -112,7 +120,7 @@ class FrontEnd:
     resolution_hz: float
     line_threshold_db: float
     false_alarm_probability: float
-    lines: tuple[Line, ...]
+    lines: tuple[SpectralLine, ...]
 
     def __post_init__(self) -> None:
         freeze(
@@ -142,7 +150,7 @@ class FrontEnd:
         return certain and self.image_db > IMAGE_LIMIT_DB
 
     @property
-    def notched(self) -> tuple[Line, ...]:
+    def notched(self) -> tuple[SpectralLine, ...]:
         """The lines that are taken off: those that hurt, the worst first."""
         worst = sorted((line for line in self.lines if line.hurts), key=lambda line: -line.loss_db)
         return tuple(worst[:MOST_NOTCHES])
@@ -185,7 +193,7 @@ class FrontEnd:
 
 def measure_front_end(
     samples: Samples, *, signal: SignalDescription = GPS_L1_CA, false_alarm_probability: float = 1e-3
-) -> FrontEnd:
+) -> MeasuredFrontEnd:
     """Measure the front end on at most half a million samples, in 16 stretches spread over the recording.
 
     Parameters
@@ -229,7 +237,7 @@ def measure_front_end(
     for bins in groups:
         at_hz, power, width_hz = tone(bins, frequency_hz, density, floor, step_hz)
         lines.append(
-            Line(
+            SpectralLine(
                 frequency_hz=at_hz,
                 over_floor_db=float(10.0 * np.log10(np.max(density[bins] / floor[bins]))),
                 jn0_dbhz=10.0 * math.log10(power / n0) if inside else math.nan,
@@ -240,7 +248,7 @@ def measure_front_end(
     gain, skew, image_db = (math.nan, math.nan, math.nan) if real else _imbalance(planes, dc, rms)
     levels, shares, extreme = _levels(planes[:1] if real else planes)
     low, high = _band(frequency_hz, floor, carrier_hz)
-    return FrontEnd(
+    return MeasuredFrontEnd(
         rate_hz=samples.rate_hz,
         real=real,
         carrier_hz=carrier_hz,
@@ -333,7 +341,7 @@ class ConditionerState:
 class Conditioner:
     """Takes off what hurts: DC, imbalance of I and Q, lines. Does nothing, at no cost, where nothing hurts."""
 
-    def __init__(self, front_end: FrontEnd) -> None:
+    def __init__(self, front_end: MeasuredFrontEnd) -> None:
         self.front_end = front_end
         self.turns = np.array([line.frequency_hz / front_end.rate_hz for line in front_end.notched])
         width_hz = max((20.0 * line.width_hz for line in front_end.notched), default=0.0)
@@ -399,7 +407,7 @@ class Conditioner:
         return out, ConditionerState(position=position, held=held, waves=waves, firsts=firsts, sums=sums)
 
 
-def conditioned(samples: Samples, front_end: FrontEnd) -> Samples:
+def conditioned(samples: Samples, front_end: MeasuredFrontEnd) -> Samples:
     """The recording with what hurts taken off, sample for sample at its own time; itself if nothing hurts.
 
     A stretch read is the same whatever was read before, but for the last bit of the rounding. Within two
@@ -426,7 +434,7 @@ def conditioned(samples: Samples, front_end: FrontEnd) -> Samples:
     return replace(samples, read=read)
 
 
-def _correction(front_end: FrontEnd) -> tuple[Reals, Reals]:
+def _correction(front_end: MeasuredFrontEnd) -> tuple[Reals, Reals]:
     """Matrix and offset so that matrix @ (planes - offset) is centred and balanced; I keeps its scale."""
     matrix, offset = np.eye(2), np.zeros(2)
     if front_end.removes_dc:

@@ -8,17 +8,17 @@ import numpy as np
 
 from skyproof.arrays import Floats, Reals
 from skyproof.gnss.signals import prn_of
-from skyproof.recording.code_phases import Blocks, Heard, Tracks, predicted_delay_s, ramp_of
-from skyproof.recording.jumps import Levels, fitted_levels, segment_of
+from skyproof.recording.code_phases import CodeBlocks, FoundSignal, Tracks, predicted_delay_s, ramp_of
+from skyproof.recording.jumps import DelayLevels, fitted_levels, segment_of
 from skyproof.records import Samples
 
-__all__ = ["Gap", "gaps_of"]
+__all__ = ["MissingSamples", "gaps_of"]
 _PLACE_PERIODS = (2, 1)  # to either side of a gap, for its exact place: then few data bits change in between
 _ELSEWHERE_CHIPS = (205.5, 507.5, 809.5)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gap:
+class MissingSamples:
     """Samples are missing: `at_sample` is the first one after the gap, each number with one sigma.
 
     missing_samples : how many, known modulo a code period only: 0 to `period_samples`. (As many less than a period, put
@@ -33,8 +33,13 @@ class Gap:
 
 
 def gaps_of(
-    samples: Samples, carrier_hz: float, blocks: Blocks, signals: Sequence[Heard], tracks: Tracks, levels: Levels
-) -> tuple[Gap, ...]:
+    samples: Samples,
+    carrier_hz: float,
+    blocks: CodeBlocks,
+    signals: Sequence[FoundSignal],
+    tracks: Tracks,
+    levels: DelayLevels,
+) -> tuple[MissingSamples, ...]:
     """Place and size of each jump; the stretch that holds a jump has no part in its size."""
     places = [
         _gap_at(samples, carrier_hz, blocks, signals, tracks, levels, row) for row in range(1, len(levels.breaks))
@@ -58,7 +63,7 @@ def gaps_of(
         missing = blocks.rate_hz * float(pick[:-1] @ final.offset_s)
         missing_sigma = blocks.rate_hz * math.sqrt(float(pick @ final.covariance @ pick))
         gaps.append(
-            Gap(
+            MissingSamples(
                 at_sample=round(at),
                 at_sigma_samples=sigma,
                 missing_samples=missing % period,
@@ -72,10 +77,10 @@ def gaps_of(
 def _gap_at(
     samples: Samples,
     carrier_hz: float,
-    blocks: Blocks,
-    signals: Sequence[Heard],
+    blocks: CodeBlocks,
+    signals: Sequence[FoundSignal],
     tracks: Tracks,
-    levels: Levels,
+    levels: DelayLevels,
     row: int,
 ) -> tuple[float, float]:
     """The first sample after jump number `row`: mean and spread of its likelihood, each place being as likely before.
@@ -110,8 +115,8 @@ def _likeliest(
     planes: Floats,
     start: int,
     carrier_hz: float,
-    blocks: Blocks,
-    signals: Sequence[Heard],
+    blocks: CodeBlocks,
+    signals: Sequence[FoundSignal],
     ratio: float,
     extra_s: Reals,
 ) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from scipy import fft
 from skyproof.arrays import Booleans, ComplexFloats, Floats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
 
-__all__ = ["Carried", "Turns", "turns"]
+__all__ = ["InterleavedSignal", "Turns", "turns"]
 
 _POSITIONS: Final = 24
 """Turns of 2, 3, 4, 6, 8 and 12 samples show among so many."""
@@ -37,7 +37,7 @@ _OFF_CHIPS: Final = (200.5, 401.0, 602.5, 803.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Carried:
+class InterleavedSignal:
     """A signal found. carrier_hz : in the samples; delay_s : of a code period's start behind the first sample."""
 
     sat: str
@@ -61,7 +61,7 @@ class Turns:
 def turns(
     planes: Floats,
     rate_hz: float,
-    signals: Sequence[Carried],
+    signals: Sequence[InterleavedSignal],
     *,
     real: bool,
     code: SignalDescription = GPS_L1_CA,
@@ -82,12 +82,14 @@ def turns(
     return Turns(samples=samples if samples > 1 or as_read.mirrored else as_read.samples, mirrored=as_read.mirrored)
 
 
-def _single(one: Carried, rate_hz: float) -> bool:
+def _single(one: InterleavedSignal, rate_hz: float) -> bool:
     """Whether mirror images lie clear of all the signal's own images."""
     return abs(math.remainder(2.0 * one.carrier_hz, rate_hz / _POSITIONS)) > _APART_HZ
 
 
-def _turns(planes: Floats, rate_hz: float, signals: Sequence[Carried], real: bool, code: SignalDescription) -> Turns:
+def _turns(
+    planes: Floats, rate_hz: float, signals: Sequence[InterleavedSignal], real: bool, code: SignalDescription
+) -> Turns:
     chosen = sorted(signals, key=lambda one: -one.cn0_dbhz)[:_MOST_SIGNALS]
     per_period = rate_hz * code.period_s
     n_periods = min(int(planes.shape[1] / per_period), max(_LEAST_PERIODS, int(_MOST_SAMPLES / per_period)))
@@ -118,7 +120,7 @@ def _turns(planes: Floats, rate_hz: float, signals: Sequence[Carried], real: boo
 
 
 def _powers(
-    wave: ComplexFloats, index: Integers, rate_hz: float, one: Carried, code: SignalDescription
+    wave: ComplexFloats, index: Integers, rate_hz: float, one: InterleavedSignal, code: SignalDescription
 ) -> tuple[Reals, Reals]:
     """At the carrier and its images, means over the code periods: of the signal, and beside it.
 

@@ -10,8 +10,8 @@ from scipy import fft, special
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.recording.code_phases import (
     CELLS,
-    Blocks,
-    Heard,
+    CodeBlocks,
+    FoundSignal,
     Tracks,
     by_stretch,
     kept_bins,
@@ -19,7 +19,7 @@ from skyproof.recording.code_phases import (
     ramp_of,
 )
 
-__all__ = ["LEAST_SATS", "Levels", "fitted_levels", "jumps_of", "levels_of", "segment_of"]
+__all__ = ["LEAST_SATS", "DelayLevels", "fitted_levels", "jumps_of", "levels_of", "segment_of"]
 _ARM_CHIPS = 0.5  # between early and prompt
 LEAST_SATS = 3
 
@@ -51,7 +51,7 @@ def jumps_of(tracks: Tracks, probability: float) -> tuple[list[int], list[int]]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Levels:
+class DelayLevels:
     """The common delay beyond the prediction: `offset_s` from stretch `breaks` on, plus `drift` times the time.
 
     covariance : of (offset_s..., drift). errors_s : (n_sats, n_stretches) each satellite's delay beyond this model;
@@ -68,8 +68,13 @@ class Levels:
 
 
 def levels_of(
-    blocks: Blocks, signals: Sequence[Heard], tracks: Tracks, breaks: list[int], cells: list[int], probability: float
-) -> Levels:
+    blocks: CodeBlocks,
+    signals: Sequence[FoundSignal],
+    tracks: Tracks,
+    breaks: list[int],
+    cells: list[int],
+    probability: float,
+) -> DelayLevels:
     """Fit a level between jumps and one drift, and look for smaller jumps until there are none."""
     middle_s, n_stretches = tracks.middle_s, tracks.middle_s.size
     used = np.ones(n_stretches, bool)
@@ -87,12 +92,12 @@ def levels_of(
     return fitted_levels(middle_s, centre_s + errors_s, sigma_s, breaks, used)
 
 
-def fitted_levels(middle_s: Reals, delay_s: Reals, sigma_s: Reals, breaks: list[int], used: Booleans) -> Levels:
+def fitted_levels(middle_s: Reals, delay_s: Reals, sigma_s: Reals, breaks: list[int], used: Booleans) -> DelayLevels:
     """The model of the delays (n_sats, n_stretches) of all satellites, fitted to the stretches used."""
     common_s, common_sigma_s = weighted_mean(delay_s, sigma_s)
     offset_s, drift, covariance = _fit(middle_s, common_s, common_sigma_s, breaks, used)
     model_s = offset_s[segment_of(breaks, middle_s.size)] + drift * middle_s
-    return Levels(
+    return DelayLevels(
         breaks=breaks,
         offset_s=offset_s,
         drift=drift,
@@ -107,7 +112,9 @@ def segment_of(breaks: Sequence[int], n_stretches: int) -> Integers:
     return np.searchsorted(np.asarray(breaks), np.arange(n_stretches), side="right") - 1
 
 
-def _delay_errors(blocks: Blocks, signals: Sequence[Heard], tracks: Tracks, centre_s: Reals) -> tuple[Reals, Reals]:
+def _delay_errors(
+    blocks: CodeBlocks, signals: Sequence[FoundSignal], tracks: Tracks, centre_s: Reals
+) -> tuple[Reals, Reals]:
     """Delay beyond prediction and centre of each satellite in each stretch, and one sigma for each satellite.
 
     Late less early power over their sum, which is taken over all stretches so that a weak one is not divided by noise.
@@ -132,7 +139,7 @@ def _delay_errors(blocks: Blocks, signals: Sequence[Heard], tracks: Tracks, cent
     return errors_s, sigma_s
 
 
-def _early_late_slope(blocks: Blocks) -> float:
+def _early_late_slope(blocks: CodeBlocks) -> float:
     """Change of (late - early) / (late + early) per chip of delay, for a smooth code spectrum in the band kept."""
     chips = blocks.block_s * blocks.signal.chip_rate_hz
     bins = kept_bins(blocks.block_samples, blocks.rate_hz)

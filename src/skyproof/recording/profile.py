@@ -13,7 +13,7 @@ from scipy import fft
 
 from skyproof.arrays import ComplexFloats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
-from skyproof.recording.code_phases import Heard
+from skyproof.recording.code_phases import FoundSignal
 from skyproof.records import Samples
 
 __all__ = ["delay_profiles"]
@@ -26,7 +26,7 @@ _ELSEWHERE: Final = (0.2, 0.8)  # of a period from the signal: where its correla
 def delay_profiles(
     samples: Samples,
     carrier_hz: float,
-    signals: Sequence[Heard],
+    signals: Sequence[FoundSignal],
     first_chips: float,
     last_chips: float,
     *,

@@ -22,16 +22,16 @@ from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
 from skyproof.recording.code_phases import (
     AT_START,
     CELLS,
-    Blocks,
-    Heard,
+    CodeBlocks,
+    FoundSignal,
     Tracks,
     blocks_of,
     correlation_spectra,
     peak_at,
     tracks_of,
 )
-from skyproof.recording.gaps import Gap, gaps_of
-from skyproof.recording.jumps import LEAST_SATS, Levels, jumps_of, levels_of
+from skyproof.recording.gaps import MissingSamples, gaps_of
+from skyproof.recording.jumps import LEAST_SATS, DelayLevels, jumps_of, levels_of
 from skyproof.records import Samples
 
 __all__ = ["DOPPLER_LIMIT_HZ", "OscillatorError", "Survey", "oscillator_error", "survey"]
@@ -61,7 +61,7 @@ _LINE_SIGMAS = 8.0  # beyond what noise has: the most of some thousand lines
 
 @dataclass(frozen=True, kw_only=True)
 class _Moved:
-    """A signal as `Heard`."""
+    """A signal as `FoundSignal`."""
 
     sat: str
     delay_s: float
@@ -78,7 +78,7 @@ class Survey:
     clock_minus_lo_ppm : how much faster the sampling clock is than the local oscillator says, with one sigma.
     """
 
-    gaps: tuple[Gap, ...] = ()
+    gaps: tuple[MissingSamples, ...] = ()
     doppler_ratio: float = math.nan
     doppler_ratio_sigma: float = math.inf
     conjugate: bool | None = None
@@ -112,7 +112,7 @@ def oscillator_error(dopplers_hz: Sequence[float] | Reals) -> OscillatorError:
 def survey(
     samples: Samples,
     carrier_hz: float,
-    signals: Sequence[Heard],
+    signals: Sequence[FoundSignal],
     *,
     signal: SignalDescription = GPS_L1_CA,
     false_alarm_probability: float = 1e-4,
@@ -159,7 +159,7 @@ def survey(
     return replace(_reading(unique, tracks, levels, signal), gaps=gaps)
 
 
-def _line(blocks: Blocks, tracks: Tracks) -> tuple[float, float]:
+def _line(blocks: CodeBlocks, tracks: Tracks) -> tuple[float, float]:
     """The power along the straight line of common delays that holds most, and its drift: 0 unless a drift that makes
     more than a cell or so of difference holds clearly more.
 
@@ -190,7 +190,7 @@ def _along(tracks: Tracks, drift: float, cell_s: float) -> Integers:
     return cells
 
 
-def _met(blocks: Blocks, signals: Sequence[Heard], tracks: Tracks, drift: float) -> list["_Moved"]:
+def _met(blocks: CodeBlocks, signals: Sequence[FoundSignal], tracks: Tracks, drift: float) -> list["_Moved"]:
     """The signals with the delays that they have along the line: a search at a wrong rate smears each by chips."""
     cell_s = blocks.block_s / CELLS
     cells = _along(tracks, drift, cell_s)
@@ -204,7 +204,7 @@ def _met(blocks: Blocks, signals: Sequence[Heard], tracks: Tracks, drift: float)
 def _drifting(
     samples: Samples,
     carrier_hz: float,
-    signals: Sequence[Heard],
+    signals: Sequence[FoundSignal],
     drift: float,
     *,
     signal: SignalDescription,
@@ -232,7 +232,7 @@ def _drifting(
     return replace(found, clock_minus_lo_ppm=found.clock_minus_lo_ppm + 1e6 * drift)
 
 
-def _reading(signals: Sequence[Heard], tracks: Tracks, levels: Levels, signal: SignalDescription) -> Survey:
+def _reading(signals: Sequence[FoundSignal], tracks: Tracks, levels: DelayLevels, signal: SignalDescription) -> Survey:
     """Code Doppler over carrier Doppler, and what of the code's drift is common, from each satellite's own drift."""
     used = levels.used
     time_s = tracks.middle_s[used] - tracks.middle_s[used].mean()

@@ -38,7 +38,7 @@ from skyproof.report.words import (
     seconds_words,
     span_words,
 )
-from skyproof.verdict import Label, Method, Place, Position, Receiver, Signal, Verdict
+from skyproof.verdict import Label, Method, Place, Position, ReceiverResult, Signal, Verdict
 
 __all__ = ["Figure", "FixTrack", "Pictures", "SignalSeries", "SkyPosition", "environment", "report_html"]
 
@@ -211,7 +211,7 @@ def _facts(verdict: Verdict) -> list[Fact]:
     return [Fact("What to do now", what_now(verdict), "now"), *facts, _sure(verdict)]
 
 
-def _not_later(receiver: Receiver, fix: Position) -> str:
+def _not_later(receiver: ReceiverResult, fix: Position) -> str:
     """When a receiver's last trusted fix was, if it has later fixes that are not trusted."""
     return f" at {instant_words(fix.gpst)[11:]}, not later" if ended(receiver) else ""
 
@@ -311,7 +311,7 @@ def _unprotected_words(verdict: Verdict) -> str:
     return f"without protection {r.name} shows {place_words(fix.lat_deg, fix.lon_deg, 5)}"
 
 
-def _positions(verdict: Verdict) -> list[tuple[Receiver, str, Position, str]]:
+def _positions(verdict: Verdict) -> list[tuple[ReceiverResult, str, Position, str]]:
     """Receiver, kind, fix, and how far from the trusted one."""
     rows = []
     for receiver in verdict.receivers:

@@ -3,7 +3,7 @@
 import math
 
 from skyproof.report.words import offset_m, offset_words
-from skyproof.verdict import Position, Receiver
+from skyproof.verdict import Position, ReceiverResult
 
 __all__ = ["away_words", "led_away_m", "radius_95_m", "within_m"]
 
@@ -19,7 +19,7 @@ def radius_95_m(sigma_east_m: float, sigma_north_m: float) -> float:
     return _SIGMAS_95 * math.hypot(sigma_east_m, sigma_north_m)
 
 
-def led_away_m(receiver: Receiver) -> float:
+def led_away_m(receiver: ReceiverResult) -> float:
     """How far the unprotected fix lies from the trusted one, horizontally; 0 where their errors explain it."""
     one, other = receiver.trusted_fix, receiver.unprotected_fix
     if one is None or other is None:
@@ -33,7 +33,7 @@ def within_m(fix: Position) -> float:
     return radius_95_m(fix.sigma_east_m, fix.sigma_north_m)
 
 
-def away_words(receiver: Receiver, fix: Position) -> str:
+def away_words(receiver: ReceiverResult, fix: Position) -> str:
     """How far a fix lies from the receiver's trusted one, and in which direction; empty without one."""
     true = receiver.trusted_fix
     return "" if true is None else offset_words((true.lat_deg, true.lon_deg), (fix.lat_deg, fix.lon_deg))

@@ -15,14 +15,14 @@ from skyproof.report.pictures import LABELS, SignalSeries, SkyPosition, SkySourc
 
 __all__ = [
     "Element",
-    "Line",
+    "GroundTrack",
+    "PlotLine",
     "Role",
     "ScenePage",
     "SceneSky",
     "Setting",
     "SettingGroup",
     "Switching",
-    "Way",
     "array_plot",
     "line_plot",
     "scene_html",
@@ -46,7 +46,7 @@ CLOSE = 0.35  # what takes less of the map than this is drawn anew, larger
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Way:
+class GroundTrack:
     """Where something is over the scene, in the local level plane.
 
     east_m, north_m : (n,) in order of time; one point stands still.
@@ -91,7 +91,7 @@ class SceneSky:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Line:
+class PlotLine:
     """One line of a plot over time. seconds, values : (n,), NaN where there is nothing."""
 
     name: str
@@ -150,16 +150,16 @@ class ScenePage:
     events: tuple[str, ...]
     zero: str
     origin: str
-    ways: tuple[Way, ...]
-    displacements: tuple[tuple[str, tuple[Line, ...]], ...] = ()
+    ways: tuple[GroundTrack, ...]
+    displacements: tuple[tuple[str, tuple[PlotLine, ...]], ...] = ()
     arrays: tuple[tuple[str, tuple[Element, ...]], ...] = ()
     skies: tuple[SceneSky, ...] = ()
     levels: tuple[SignalSeries, ...] = ()
     level_note: str = ""
     onset_s: float | None = None
-    offsets: tuple[tuple[str, tuple[Line, ...]], ...] = ()
-    disturbance: tuple[tuple[str, tuple[Line, ...]], ...] = ()
-    reflections: tuple[tuple[str, tuple[Line, ...]], ...] = ()
+    offsets: tuple[tuple[str, tuple[PlotLine, ...]], ...] = ()
+    disturbance: tuple[tuple[str, tuple[PlotLine, ...]], ...] = ()
+    reflections: tuple[tuple[str, tuple[PlotLine, ...]], ...] = ()
     switching: tuple[Switching, ...] = ()
     span_s: tuple[float, float] = (0.0, 1.0)
     settings: tuple[SettingGroup, ...] = ()
@@ -186,7 +186,7 @@ def scene_html(page: ScenePage) -> str:
 # The map
 
 
-def scene_map(ways: Sequence[Way], *, title: str, least_m: float = 10.0) -> Markup:
+def scene_map(ways: Sequence[GroundTrack], *, title: str, least_m: float = 10.0) -> Markup:
     """Ways in metres east and north with equal scales: a mark where each ends, in its role's shape, and its name."""
     if not ways:
         return Markup("")
@@ -197,7 +197,7 @@ def scene_map(ways: Sequence[Way], *, title: str, least_m: float = 10.0) -> Mark
     unit, size = ("m", 1.0) if bounds_m[2] - bounds_m[0] < 2e4 else ("km", 1e3)
     parts = list(draw.grid(across, up, (f"east, {unit}", f"north, {unit}"), (size, size)))
     ordered = sorted(ways, key=lambda way: -list(ROLES).index(way.role))
-    ends: list[tuple[float, float, Way]] = []
+    ends: list[tuple[float, float, GroundTrack]] = []
     begins: list[tuple[float, float]] = []
     for way in ordered:
         x, y = across.pixels(way.east_m), up.pixels(way.north_m)
@@ -229,7 +229,7 @@ def _mark(x: float, y: float, role: Role) -> Markup:
     return Markup('<path class="mark {}" d="{}"/>').format(role, shapes[role].format(x, y))
 
 
-def _said(ends: Sequence[tuple[float, float, Way]]) -> list[tuple[float, float, Role, str]]:
+def _said(ends: Sequence[tuple[float, float, GroundTrack]]) -> list[tuple[float, float, Role, str]]:
     """One label for the marks of a role that nearly coincide: x, y, role, words."""
     groups: list[tuple[float, float, Role, list[str]]] = []
     for x, y, way in ends:
@@ -254,7 +254,7 @@ def _key(role: Role) -> Markup:
     return Markup('<svg class="mark-key" viewBox="0 0 16 16" aria-hidden="true">{}</svg>').format(_mark(8.0, 8.0, role))
 
 
-def _size_m(ways: Sequence[Way]) -> float:
+def _size_m(ways: Sequence[GroundTrack]) -> float:
     return float(np.ptp(np.concatenate([way.points for way in ways]), axis=0).max())
 
 
@@ -336,7 +336,7 @@ def _arrays(page: ScenePage) -> list[Figure]:
 # Over time
 
 
-def line_plot(lines: Sequence[Line], *, title: str, zero: str, quantity: str, metres: bool = False) -> Markup:
+def line_plot(lines: Sequence[PlotLine], *, title: str, zero: str, quantity: str, metres: bool = False) -> Markup:
     """Lines over time, each named at its end. metres : values are metres and may be written as kilometres."""
     lines = [one for one in lines if np.isfinite(one.values).any()]
     if not lines:

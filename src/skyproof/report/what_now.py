@@ -2,7 +2,7 @@
 
 from skyproof.report.positions import away_words, led_away_m
 from skyproof.report.words import instant_words, seconds_apart, seconds_words
-from skyproof.verdict import Receiver, Verdict
+from skyproof.verdict import ReceiverResult, Verdict
 
 __all__ = ["LATE_S", "ended", "what_now"]
 
@@ -28,13 +28,13 @@ def what_now(verdict: Verdict) -> tuple[tuple[str, str], ...]:
     return tuple(lines)
 
 
-def ended(receiver: Receiver) -> bool:
+def ended(receiver: ReceiverResult) -> bool:
     """Whether a receiver has later fixes than its last trusted one."""
     fix, others = receiver.trusted_fix, (receiver.false_fix, receiver.unprotected_fix)
     return fix is not None and any(o is not None and seconds_apart(o.gpst, fix.gpst) > LATE_S for o in others)
 
 
-def _ignore(trusted: list[Receiver], verdict: Verdict) -> tuple[str, str]:
+def _ignore(trusted: list[ReceiverResult], verdict: Verdict) -> tuple[str, str]:
     """Whether an ordinary receiver is led away: by the one that is led farthest."""
     r = max(trusted, key=led_away_m)
     if not led_away_m(r) or r.unprotected_fix is None:

@@ -20,7 +20,7 @@ from skyproof.gnss.signals import prn_of
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import gpst, seconds_between
 from skyproof.simulator.platforms import trajectory_of
-from skyproof.simulator.scenario import Direction, Scenario
+from skyproof.simulator.scenario import SatelliteDirection, Scenario
 
 __all__ = ["navigation_of"]
 
@@ -59,7 +59,9 @@ def navigation_of(scenario: Scenario) -> NavigationData:
     return replace(nominal, ephemerides=tuple(ephemerides), source="satellites in given directions")
 
 
-def _standing(direction: Direction, here_ecef_m: Reals, start_gpst: np.datetime64, like: Ephemeris) -> Ephemeris:
+def _standing(
+    direction: SatelliteDirection, here_ecef_m: Reals, start_gpst: np.datetime64, like: Ephemeris
+) -> Ephemeris:
     """An ephemeris whose wave that arrives at `start_gpst` comes from the direction.
 
     The orbit is a circle of the nominal radius and inclination; steeper where the satellite stands over a higher

@@ -34,7 +34,7 @@ from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.records import SignalId, Taps, freeze
 from skyproof.simulator.correlation import Correlation, Replica, correlation, read
-from skyproof.simulator.received import AddedNoise, Delay, HeardSignal, Jammer, ReceiverSky, Scene, row_of
+from skyproof.simulator.received import AddedNoise, Delay, Jammer, ReceivedSignal, ReceiverSky, Scene, row_of
 from skyproof.simulator.scenario import FrontEnd
 
 __all__ = ["CorrelatorOutputs", "Parts", "Replica", "Tracked", "aligned", "correlate"]
@@ -329,7 +329,7 @@ def _channels(scene: Scene, sky: ReceiverSky, tracked: Tracked, spans: _Spans, w
     )
 
 
-def _windows(heard: Sequence[HeardSignal]) -> Reals:
+def _windows(heard: Sequence[ReceivedSignal]) -> Reals:
     most = max(len(each.windows_s) for each in heard)
     windows_s = np.full((len(heard), most, 2), np.inf)
     for row, each in enumerate(heard):

@@ -34,7 +34,7 @@ from skyproof.formats.tables import growing_tables
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.time import iso
-from skyproof.simulator.inertial import Imu
+from skyproof.simulator.inertial import ImuReadings
 from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.samples import BLOCK, Rendering, ahead_of, quantised, rendering_of, rough_start
 from skyproof.simulator.scenario import FrontEnd, Scenario
@@ -49,7 +49,7 @@ from skyproof.simulator.truth import (
     signal_blocks,
     trajectory_blocks,
 )
-from skyproof.simulator.truth_document import Heard, interference_of, truth_of, windows_of
+from skyproof.simulator.truth_document import SourceWindow, interference_of, truth_of, windows_of
 
 __all__ = [
     "Container",
@@ -225,7 +225,7 @@ def _sigmf_text(scene: Scene, rendering: Rendering, sha512: str) -> str:
     )
 
 
-def _annotated(scene: Scene, rendering: Rendering, heard: Heard, comment: str) -> dict[str, Any] | None:
+def _annotated(scene: Scene, rendering: Rendering, heard: SourceWindow, comment: str) -> dict[str, Any] | None:
     """A stretch of samples, from the first that holds it on; none if it is not in the recording."""
     name, *edges_s = heard
     edges = np.ceil(rendering.sky.elapsed_at(np.array(edges_s)) * rendering.front_end.rate_hz)
@@ -336,7 +336,7 @@ def _sky_of_receiver(scene: Scene, receiver: str) -> ReceiverSky:
     return next(sky for sky in scene.skies if sky.receiver.name == receiver)
 
 
-def _imu_stated(sky: ReceiverSky, imu: Imu) -> dict[str, str]:
+def _imu_stated(sky: ReceiverSky, imu: ImuReadings) -> dict[str, str]:
     unit = sky.receiver.imu
     assert unit is not None
     return {

@@ -15,17 +15,17 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
 from skyproof.records import SignalId
 from skyproof.simulator.platforms import trajectory_of
-from skyproof.simulator.received import HeardSignal, Messages, ReceiverSky, codes_of
+from skyproof.simulator.received import Messages, ReceivedSignal, ReceiverSky, codes_of
 from skyproof.simulator.samples import Rendering, filtered_codes
-from skyproof.simulator.scenario import FrontEnd, Receiver
+from skyproof.simulator.scenario import FrontEnd, SceneReceiver
 
-__all__ = ["Motion", "ideal_signals"]
+__all__ = ["SignalDelays", "ideal_signals"]
 
 _SPARE_S = 2.0  # of message before the first sample and after the last
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Motion:
+class SignalDelays:
     """Delays of n signals over receiver time, which here is true time.
 
     delay_s, doppler_hz : (n,) at time 0.
@@ -70,7 +70,13 @@ class Motion:
 
 
 def ideal_signals(
-    sats: Sequence[str], motion: Motion, cn0_dbhz: ArrayLike, front_end: FrontEnd, *, duration_s: float, seed: int = 0
+    sats: Sequence[str],
+    motion: SignalDelays,
+    cn0_dbhz: ArrayLike,
+    front_end: FrontEnd,
+    *,
+    duration_s: float,
+    seed: int = 0,
 ) -> Rendering:
     """Signals (n,) of satellites in receiver noise, with random data bits, for `render`.
 
@@ -78,12 +84,12 @@ def ideal_signals(
     """
     signal, n = motion.signal, len(sats)
     cn0 = np.broadcast_to(np.asarray(cn0_dbhz, np.float64), (n,))
-    heard = tuple(HeardSignal(SignalId(sat), "sky", "authentic", ((-np.inf, np.inf),)) for sat in sats)
+    heard = tuple(ReceivedSignal(SignalId(sat), "sky", "authentic", ((-np.inf, np.inf),)) for sat in sats)
 
     def strength(elapsed_s: ArrayLike) -> Reals:
         return np.broadcast_to(cn0, (*np.shape(elapsed_s), n))
 
-    receiver = Receiver(name="ideal", lat_deg=0.0, lon_deg=0.0, height_m=0.0)
+    receiver = SceneReceiver(name="ideal", lat_deg=0.0, lon_deg=0.0, height_m=0.0)
     standing = trajectory_of(receiver, "ideal")
     sky = ReceiverSky(
         receiver=receiver,

@@ -41,8 +41,8 @@ from skyproof.statistics.gauss_markov import gauss_markov_allan_variance, gauss_
 
 __all__ = [
     "BLOCK",
-    "Imu",
     "ImuErrors",
+    "ImuReadings",
     "MotionLike",
     "accelerometer_allan_deviation_m_s2",
     "gyro_allan_deviation_rad_s",
@@ -133,7 +133,7 @@ class ImuErrors:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Imu:
+class ImuReadings:
     """A unit's readings, worked out when they are read.
 
     `read(start, count)` gives readings number `start` on, in the unit's own axes (the body's, but for the mounting); it
@@ -164,7 +164,7 @@ def inertial(
     stream: int = 0,
     start_s: float = 0.0,
     zero_gpst: np.datetime64 = GPS_EPOCH,
-) -> Imu:
+) -> ImuReadings:
     """The readings of a unit on a body that moves as `motion_at` says.
 
     Parameters
@@ -227,7 +227,7 @@ def inertial(
             angular_rate_rad_s=readings[:, 1],
         )
 
-    return Imu(rate_hz=rate_hz, n_samples=n_samples, grade=quality, read=read)
+    return ImuReadings(rate_hz=rate_hz, n_samples=n_samples, grade=quality, read=read)
 
 
 def _means(motion_at: Callable[[Reals], MotionLike], edges_s: Reals, lever_m: Reals) -> Reals:

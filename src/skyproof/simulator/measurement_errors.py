@@ -42,7 +42,7 @@ __all__ = [
     "Exposure",
     "FieldError",
     "FieldErrors",
-    "Way",
+    "SignalPath",
     "field_errors",
     "ionosphere_obliquity",
     "troposphere_obliquity",
@@ -87,7 +87,7 @@ class FieldErrors:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Way:
+class SignalPath:
     """How a signal came to an antenna.
 
     air_ecef_m : (3,) where it left the air: at the antenna itself or at a relay's ears; None if it was made on the
@@ -111,7 +111,7 @@ class Exposure:
     """
 
     receiver: str
-    ways: tuple[Way, ...]
+    ways: tuple[SignalPath, ...]
     first: int
     el_rad: Reals
 
@@ -209,7 +209,7 @@ class _World:
         window = self._window(self.made[name], exposure)
         return window[..., 0], window[..., 1]
 
-    def air(self, what: str, way: Way, exposure: Exposure) -> Reals:
+    def air(self, what: str, way: SignalPath, exposure: Exposure) -> Reals:
         """Vertical, in metres, (*draws, n_epochs), at the place of a way."""
         name, model = f"{what} {way.sat}", self.model
         sigma_m, correlation_s, reach_km = {
@@ -229,7 +229,7 @@ class _World:
         assert number is not None
         return self._window(self.made[name], exposure)[..., number]
 
-    def _place(self, way: Way) -> int | None:
+    def _place(self, way: SignalPath) -> int | None:
         known = enumerate(self.places.get(way.sat, []))
         return next((number for number, place in known if bool((place == way.air_ecef_m).all())), None)
 

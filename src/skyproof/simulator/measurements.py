@@ -1,7 +1,7 @@
 """The same scene at the level of measurements: what receivers that track every copy would observe, without samples.
 
-`geometry_of` does the work that does not depend on chance, once; `draw` adds noise, as often as windows are wanted;
-`noise_of` gives many draws at once as bare arrays, for counts of errors.
+`ideal_measurements_of` does the work that does not depend on chance, once; `draw` adds noise, as often as windows are
+wanted; `noise_of` gives many draws at once as bare arrays, for counts of errors.
 
 Errors are white unless the noise model has more; signals of one satellite do not disturb each other unless the geometry
 is asked for as receivers see it, `pulled`.
@@ -21,14 +21,14 @@ from skyproof.gnss.time import GPS_EPOCH
 from skyproof.records import CellStatus, Observations, SignalId, SignalRef
 from skyproof.simulator.attacks import Meaconer
 from skyproof.simulator.kinds import Kind
-from skyproof.simulator.measurement_errors import Exposure, FieldError, FieldErrors, Way, field_errors
+from skyproof.simulator.measurement_errors import Exposure, FieldError, FieldErrors, SignalPath, field_errors
 from skyproof.simulator.overlap_bias import pull_of
 from skyproof.simulator.platforms import Point
-from skyproof.simulator.received import HeardSignal, ReceiverSky, Scene, ephemeris_of
+from skyproof.simulator.received import ReceivedSignal, ReceiverSky, Scene, ephemeris_of
 from skyproof.simulator.scenario import Scenario
 from skyproof.simulator.sky import scene_of
 
-__all__ = ["Geometry", "NoiseModel", "draw", "geometry_of", "noise_of", "observations_of"]
+__all__ = ["IdealMeasurements", "NoiseModel", "draw", "ideal_measurements_of", "noise_of", "observations_of"]
 
 _SHORT_S = 0.01
 
@@ -59,7 +59,7 @@ class NoiseModel:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Geometry:
+class IdealMeasurements:
     """One receiver's measurements without noise: (n_epochs, n_signals), NaN while a signal is not there."""
 
     receiver: str
@@ -93,15 +93,16 @@ def observations_of(
 ) -> tuple[tuple[Observations, ...], dict[SignalRef, str]]:
     """Observations of every receiver of a scene, and the label ("authentic", "spoofed") of each of their signals.
 
-    Raises ScenarioError as `scene_of` does. See `geometry_of` for `pulled`, `draw` for `noise` and `shuffle_copies`.
+    Raises ScenarioError as `scene_of` does. See `ideal_measurements_of` for `pulled`, `draw` for `noise` and
+    `shuffle_copies`.
     """
-    geometries = geometry_of(scene_of(scenario, navigation), interval_s=interval_s, pulled=pulled)
+    geometries = ideal_measurements_of(scene_of(scenario, navigation), interval_s=interval_s, pulled=pulled)
     return draw(geometries, rng=rng, noise=noise, shuffle_copies=shuffle_copies)
 
 
-def geometry_of(
+def ideal_measurements_of(
     scene: Scene, *, interval_s: float = 1.0, pulled: bool = False, kinds: Sequence[Kind] | None = None
-) -> tuple[Geometry, ...]:
+) -> tuple[IdealMeasurements, ...]:
     """Measurements without noise, at the times when each receiver's clock shows a whole multiple of `interval_s`.
 
     An epoch is a mean over `interval_s`, centred on it, so it needs that much of the recording around it. Receivers
@@ -120,7 +121,7 @@ def geometry_of(
 
 
 def draw(
-    geometries: Sequence[Geometry],
+    geometries: Sequence[IdealMeasurements],
     *,
     rng: np.random.Generator,
     noise: NoiseModel | None = None,
@@ -147,7 +148,9 @@ def draw(
     return tuple(observations), labels
 
 
-def noise_of(geometry: Geometry, noise: NoiseModel, *, rng: np.random.Generator, draws: tuple[int, ...] = ()) -> Reals:
+def noise_of(
+    geometry: IdealMeasurements, noise: NoiseModel, *, rng: np.random.Generator, draws: tuple[int, ...] = ()
+) -> Reals:
     """Errors of the pseudorange in metres, shape (*draws, n_epochs, n_signals): stationary AR(1), a constant, and those
     of the field.
     """
@@ -158,7 +161,9 @@ def noise_of(geometry: Geometry, noise: NoiseModel, *, rng: np.random.Generator,
     return error_m
 
 
-def _code_noise_m(geometry: Geometry, noise: NoiseModel, rng: np.random.Generator, draws: tuple[int, ...]) -> Reals:
+def _code_noise_m(
+    geometry: IdealMeasurements, noise: NoiseModel, rng: np.random.Generator, draws: tuple[int, ...]
+) -> Reals:
     sigma_m = noise.sigma_m * noise.growth(geometry.cn0_dbhz)
     unit = rng.standard_normal((*draws, *sigma_m.shape))
     if noise.ar1:
@@ -170,7 +175,7 @@ def _code_noise_m(geometry: Geometry, noise: NoiseModel, rng: np.random.Generato
     return np.asarray(error_m)
 
 
-def _geometry(scene: Scene, index: int, interval_s: float, pulled: bool) -> Geometry:
+def _geometry(scene: Scene, index: int, interval_s: float, pulled: bool) -> IdealMeasurements:
     sky = scene.skies[index]
     receiver, carrier_hz, half_s = sky.receiver, sky.signal.carrier_hz, 0.5 * interval_s
     shown_at_start_s = receiver.start_offset_s + receiver.clock_offset_s  # by its own clock
@@ -207,7 +212,7 @@ def _geometry(scene: Scene, index: int, interval_s: float, pulled: bool) -> Geom
         doppler_hz += pull.doppler_hz
         cn0_dbhz += pull.level_db
     start_cyc = np.array([column[np.isfinite(column)][:1].sum() for column in carrier_cyc.T])
-    return Geometry(
+    return IdealMeasurements(
         receiver=sky.name,
         signals=tuple(sky.signals[column].id for column in kept),
         labels=tuple(sky.signals[column].label for column in kept),
@@ -224,7 +229,7 @@ def _geometry(scene: Scene, index: int, interval_s: float, pulled: bool) -> Geom
     )
 
 
-def _of_kinds(geometry: Geometry, scene: Scene, kinds: Sequence[Kind]) -> Geometry:
+def _of_kinds(geometry: IdealMeasurements, scene: Scene, kinds: Sequence[Kind]) -> IdealMeasurements:
     """Each signal on all bands and in all codes of its system."""
     picked = [
         (column, kind)
@@ -273,16 +278,16 @@ def _exposure(scene: Scene, sky: ReceiverSky, kept: Integers, true_s: Reals, fir
     attacks = dict(zip(scene.scenario.attack_names, zip(scene.scenario.attacks, scene.shown, strict=True), strict=True))
     middle_s = true_s[true_s.size // 2 :][:1]
 
-    def way(heard: HeardSignal) -> Way:
+    def way(heard: ReceivedSignal) -> SignalPath:
         if heard.source not in attacks:
-            return Way(sat=heard.id.sat, air_ecef_m=_first_place(sky.point, middle_s))
+            return SignalPath(sat=heard.id.sat, air_ecef_m=_first_place(sky.point, middle_s))
         attack, shown = attacks[heard.source]
         transmitter = f"{heard.source}/{attack.antenna_of(heard.id.sat)}"
         if isinstance(attack, Meaconer):
-            return Way(
+            return SignalPath(
                 sat=heard.id.sat, air_ecef_m=_first_place(shown, middle_s), relay=heard.source, transmitter=transmitter
             )
-        return Way(sat=heard.id.sat, air_ecef_m=None, transmitter=transmitter)
+        return SignalPath(sat=heard.id.sat, air_ecef_m=None, transmitter=transmitter)
 
     at = np.clip(np.searchsorted(sky.knots_s, true_s) - 1, 0, sky.knots_s.size - 2)
     share = ((true_s - sky.knots_s[at]) / (sky.knots_s[at + 1] - sky.knots_s[at]))[:, np.newaxis]
@@ -305,7 +310,7 @@ def _drift(sky: ReceiverSky, elapsed_s: Reals) -> Reals:
 
 
 def _observations(
-    geometry: Geometry,
+    geometry: IdealMeasurements,
     noise: NoiseModel,
     field: FieldError | None,
     rng: np.random.Generator,

@@ -22,18 +22,18 @@ from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu
 from skyproof.simulator.taylor import derivative, integral, polynomial, product, sine_cosine
 
 __all__ = [
-    "Circle",
+    "CircularPath",
     "Course",
-    "Curve",
     "Frame",
     "Pace",
-    "Way",
+    "PiecewisePath",
+    "TimedPath",
     "circle_around",
     "frame_at",
     "pace_along",
+    "path_through",
     "smooth_step",
     "turnable",
-    "way_through",
 ]
 
 ORDER: Final = 4  # derivatives of the place: the angular acceleration of a body that banks needs the fourth
@@ -60,7 +60,7 @@ class Course:
     direction: Reals
 
 
-class Curve(Protocol):
+class TimedPath(Protocol):
     """A place over time, for all times."""
 
     @property
@@ -174,7 +174,7 @@ def pace_along(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Way:
+class PiecewisePath:
     """Pieces of which each lies in a plane of its own: straight, or with a curvature that goes over by a smooth step.
 
     Before the first piece and behind the last one it goes on straight. Fields are arrays with a row for each piece.
@@ -238,7 +238,7 @@ def _advance_m(inside_m: Reals, length_m: Reals, from_1_m: Reals, change_1_m: Re
     return ahead_m * inside_m, aside_m * inside_m
 
 
-def way_through(
+def path_through(
     points_ecef_m: Reals,
     speed_m_s: float,
     *,
@@ -249,7 +249,7 @@ def way_through(
     from_rest: bool,
     to_rest: bool,
     start_s: float,
-) -> Way:
+) -> PiecewisePath:
     """Straight legs and, before each point but the ends, a turn that leads from one leg into the next.
 
     The corner itself is cut. A turn bends more and more over `turn_in_m`, then holds `radius_m`, then bends less and
@@ -297,7 +297,7 @@ def way_through(
     length_m, origin_m, forward, aside, from_1_m, to_1_m = (np.array(column) for column in zip(*pieces, strict=True))
     total_m = float(length_m.sum())
     pace = pace_along(total_m, speed_m_s, acceleration_m_s2, from_rest=from_rest, to_rest=to_rest, start_s=start_s)
-    return Way(
+    return PiecewisePath(
         frame=frame,
         pace=pace,
         start_m=np.cumsum(length_m) - length_m,
@@ -312,7 +312,7 @@ def way_through(
 
 
 class _Piece(NamedTuple):
-    """A row of `Way`."""
+    """A row of `PiecewisePath`."""
 
     length_m: float
     origin_m: Reals
@@ -355,7 +355,7 @@ def _turn(ahead: Reals, then: Reals, number: int, radius_m: float, turn_in_m: fl
 
 
 @dataclass(frozen=True, eq=False)
-class Circle:
+class CircularPath:
     """A circle in a horizontal plane at a constant speed, for all times.
 
     start_rad : azimuth of the place from the centre at time 0, clockwise from north.
@@ -383,13 +383,13 @@ class Circle:
 
 def circle_around(
     centre_ecef_m: Reals, radius_m: float, speed_m_s: float, *, clockwise: bool, start_rad: float
-) -> Circle:
+) -> CircularPath:
     """Raises ScenarioError if radius or speed is not above zero, or the one too small for the other."""
     _above_zero("radius_m", radius_m, "give the radius of the circle")
     _above_zero("speed_m_s", speed_m_s, "give the speed along the circle, or a static receiver")
     turnable(radius_m, speed_m_s)
     rate_rad_s = speed_m_s / radius_m * (1.0 if clockwise else -1.0)
-    return Circle(frame_at(np.asarray(centre_ecef_m, np.float64)), radius_m, start_rad, rate_rad_s)
+    return CircularPath(frame_at(np.asarray(centre_ecef_m, np.float64)), radius_m, start_rad, rate_rad_s)
 
 
 def turnable(radius_m: float, speed_m_s: float) -> None:

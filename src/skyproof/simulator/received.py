@@ -22,15 +22,15 @@ from skyproof.simulator.attacks import Interference
 from skyproof.simulator.clocks import Clock
 from skyproof.simulator.motion import Trajectory
 from skyproof.simulator.platforms import Point
-from skyproof.simulator.scenario import Antenna, Receiver, Scenario
+from skyproof.simulator.scenario import Antenna, Scenario, SceneReceiver
 
 __all__ = [
     "AddedNoise",
     "Delay",
-    "HeardSignal",
     "Jammer",
     "Messages",
     "Ray",
+    "ReceivedSignal",
     "ReceiverSky",
     "Scene",
     "codes_of",
@@ -49,7 +49,7 @@ _GUESS_STREAM = 1 << 24  # and those that are guessed
 
 
 @dataclass(frozen=True)
-class HeardSignal:
+class ReceivedSignal:
     """Which signal this is, and the truth about it. `source` is "sky" or the attack's name.
 
     windows_s : true times of arrival of its first and last wave, infinite beyond the scene; several if it pauses.
@@ -128,11 +128,11 @@ class ReceiverSky:
         them; a meaconer's or a false place's for false signals.
     """
 
-    receiver: Receiver
+    receiver: SceneReceiver
     antenna: Antenna
     name: str
     number: int
-    signals: tuple[HeardSignal, ...]
+    signals: tuple[ReceivedSignal, ...]
     delays_s: Delay
     cn0_dbhz: Callable[[ArrayLike], Reals]
     point: Point
@@ -244,11 +244,11 @@ def ephemeris_of(navigation: NavigationData, sat: str, scenario: Scenario) -> Br
     return navigation.best(sat, scenario.start_gpst)
 
 
-def row_of(messages: Messages, signals: Sequence[HeardSignal]) -> Integers:
+def row_of(messages: Messages, signals: Sequence[ReceivedSignal]) -> Integers:
     """The row of `messages.symbols` that each signal carries."""
     return np.array([messages.names.index((heard.id.sat, heard.message)) for heard in signals], dtype=np.int64)
 
 
-def codes_of(signals: Sequence[HeardSignal], signal: SignalDescription) -> NDArray[np.int8]:
+def codes_of(signals: Sequence[ReceivedSignal], signal: SignalDescription) -> NDArray[np.int8]:
     """The spreading codes, shape (n_signals, code_length)."""
     return np.stack([signal.code(prn_of(heard.id.sat)) for heard in signals])

@@ -17,23 +17,23 @@ from skyproof.formats.models import Instant, Model, Name, faults_of
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.simulator.attacks import Attack, Interference, Meaconer, Spoofer, Takeover, TransmitAntenna
-from skyproof.simulator.sites import Place, SatName, Site
+from skyproof.simulator.sites import SatName, ScenePlace, Site
 
 __all__ = [
     "Antenna",
     "Attack",
-    "Direction",
     "FrontEnd",
-    "Imu",
     "Interference",
     "Meaconer",
     "Multipath",
-    "Place",
-    "Receiver",
+    "SatelliteDirection",
     "Scenario",
+    "SceneImu",
+    "ScenePlace",
+    "SceneReceiver",
+    "SceneSpin",
     "Site",
     "Sky",
-    "Spin",
     "Spoofer",
     "Takeover",
     "TransmitAntenna",
@@ -44,7 +44,7 @@ __all__ = [
 Vector = tuple[float, float, float]
 
 
-class Spin(Model):
+class SceneSpin(Model):
     """An arm that carries an antenna round a vertical axis of the body; clockwise from above if the rate is positive.
 
     start_deg : at the scene's start, from forward to the right.
@@ -68,7 +68,7 @@ class Antenna(Model):
     body_m: Vector = (0.0, 0.0, 0.0)
     gain: Literal["isotropic", "patch"] = "isotropic"
     line_bias_cyc: float = Field(default=0.0, ge=-1e3, le=1e3)
-    spin: Spin | None = None
+    spin: SceneSpin | None = None
 
 
 class Multipath(Model):
@@ -94,7 +94,7 @@ class Multipath(Model):
         return self
 
 
-class Imu(Model):
+class SceneImu(Model):
     """An inertial unit. grade : of its errors; none for readings without error.
 
     mounting_deg : roll, pitch, heading from the body's axes to the unit's.
@@ -112,7 +112,7 @@ class Imu(Model):
         return self
 
 
-class Receiver(Site):
+class SceneReceiver(Site):
     """A receiver at a place or on a way. One oscillator makes its sampling clock and its local carrier.
 
     start_offset_s : true time of the first sample, after `start_gpst`.
@@ -129,7 +129,7 @@ class Receiver(Site):
     oscillator: str | None = None
     antennas: tuple[Antenna, ...] = Field(default=(Antenna(name="1"),), min_length=1)
     multipath: tuple[Multipath, ...] = ()
-    imu: Imu | None = None
+    imu: SceneImu | None = None
 
     @model_validator(mode="after")
     def _known(self) -> Self:
@@ -183,7 +183,7 @@ class FrontEnd(Model):
         return self
 
 
-class Direction(Model):
+class SatelliteDirection(Model):
     """Where a satellite stands at the scene's start, seen from the first receiver.
 
     It moves on a circular orbit through there, northward, or southward if `descending`.
@@ -209,7 +209,7 @@ class Sky(Model):
     ionosphere: bool = True
     troposphere: bool = True
     sats: tuple[SatName, ...] | None = Field(default=None, min_length=1)
-    directions: tuple[Direction, ...] | None = Field(default=None, min_length=1)
+    directions: tuple[SatelliteDirection, ...] | None = Field(default=None, min_length=1)
     until_s: float | None = None
 
     @model_validator(mode="after")
@@ -237,7 +237,7 @@ class Scenario(Model):
     duration_s: float = Field(gt=0, le=7200)  # one ephemeris a satellite serves the whole scene
     mask_deg: float = Field(default=5.0, ge=0, lt=90)
     navigation: Path | None = None
-    receivers: tuple[Receiver, ...] = Field(min_length=1)
+    receivers: tuple[SceneReceiver, ...] = Field(min_length=1)
     front_end: FrontEnd = FrontEnd()
     sky: Sky = Sky()
     attacks: tuple[Attack, ...] = ()

@@ -17,8 +17,8 @@ __all__ = [
     "Circle",
     "FromFile",
     "LasVegas",
-    "Place",
     "SatName",
+    "ScenePlace",
     "Site",
     "WayPoints",
     "between",
@@ -128,7 +128,7 @@ class FromFile(Model):
 Motion = Annotated[WayPoints | Circle | LasVegas | FromFile, Field(discriminator="kind")]
 
 
-class Place(Model):
+class ScenePlace(Model):
     """A point that stands still on the Earth."""
 
     lat_deg: float = Field(ge=-90, le=90)
@@ -140,7 +140,7 @@ class Place(Model):
         return float(np.radians(self.lat_deg)), float(np.radians(self.lon_deg)), self.height_m
 
 
-class Site(Place):
+class Site(ScenePlace):
     """A place, or a way that refers to it; a way that knows its own places needs none.
 
     heading_deg, pitch_deg, roll_deg : of what stands still.
@@ -154,7 +154,7 @@ class Site(Place):
     @model_validator(mode="before")
     @classmethod
     def _place(cls, value: Any) -> Any:
-        if type(value) is Place:
+        if type(value) is ScenePlace:
             return value.model_dump()
         path = value.get("path") if isinstance(value, dict) else None
         kind = path.get("kind") if isinstance(path, dict) else getattr(path, "kind", None)

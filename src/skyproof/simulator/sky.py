@@ -18,8 +18,8 @@ from skyproof.simulator.clocks import Clock, clock
 from skyproof.simulator.motion import Motion, Trajectory
 from skyproof.simulator.platforms import Point, antenna_point, motion_within, require_span, trajectory_of
 from skyproof.simulator.ranges import orbits_between
-from skyproof.simulator.received import AddedNoise, HeardSignal, Jammer, Ray, ReceiverSky, Scene, ephemeris_of
-from skyproof.simulator.scenario import Antenna, Multipath, Receiver, Scenario
+from skyproof.simulator.received import AddedNoise, Jammer, Ray, ReceivedSignal, ReceiverSky, Scene, ephemeris_of
+from skyproof.simulator.scenario import Antenna, Multipath, Scenario, SceneReceiver
 from skyproof.simulator.sites import Site
 from skyproof.simulator.transmitters import (
     NEAREST_M,
@@ -226,14 +226,16 @@ class _World:
             return np.asarray(level_dbhz(true_s) + patch_db(toward, here.position_ecef_m, here.attitude))
 
         return Group(
-            heard=tuple(HeardSignal(SignalId(sats[column]), "sky", "authentic", (window,)) for column, window in kept),
+            heard=tuple(
+                ReceivedSignal(SignalId(sats[column]), "sky", "authentic", (window,)) for column, window in kept
+            ),
             delays_s=delays_s,
             cn0_dbhz=cn0_dbhz,
             az_rad=view.az_rad[:, columns],
             el_rad=view.el_rad[:, columns],
         )
 
-    def _require_distance(self, attacker: Attacker, receiver: Receiver, point: Point) -> None:
+    def _require_distance(self, attacker: Attacker, receiver: SceneReceiver, point: Point) -> None:
         at_s = receiver.start_offset_s + np.linspace(0.0, self.scenario.duration_s, 100)
         here = point(at_s)
         nearest_m = SPEED_OF_LIGHT_M_S * min(float(radio.flight_s(at_s, here).min()) for radio in attacker.radios)
@@ -254,7 +256,7 @@ class _World:
             yield interference_at(source, Radio(trajectory, self.first, source.onset_s), point)
 
     def _rays(
-        self, receiver: Receiver, antenna: Antenna, signals: tuple[HeardSignal, ...], el_rad: Reals
+        self, receiver: SceneReceiver, antenna: Antenna, signals: tuple[ReceivedSignal, ...], el_rad: Reals
     ) -> Iterator[Ray]:
         for reflection in receiver.multipath:
             if antenna.name not in (reflection.antennas or (antenna.name,)):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
-from skyproof.formats.track import Track
+from skyproof.formats.track import RecordedTrack
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, heading_pitch_roll_rad
 from skyproof.simulator.motion import (
     AlongMotion,
@@ -24,7 +24,7 @@ from skyproof.simulator.motion import (
     moments,
     motion_of,
 )
-from skyproof.simulator.paths import Curve, Pace, circle_around, frame_at, turnable, way_through
+from skyproof.simulator.paths import Pace, TimedPath, circle_around, frame_at, path_through, turnable
 
 __all__ = [
     "Drifting",
@@ -77,7 +77,7 @@ class Static:
 class Travel:
     """A body on a curve, with an attitude that its way or the horizon gives."""
 
-    curve: Curve
+    curve: TimedPath
     attitude: Held | AlongMotion
 
     @property
@@ -178,7 +178,7 @@ def way_points(
     Raises
     ------
     ScenarioError : speed or acceleration zero, radius too small for the speed, turns that do not fit, a leg too steep
-        for an attitude along the motion, and what `way_through` raises.
+        for an attitude along the motion, and what `path_through` raises.
     """
     attitude = attitude if attitude is not None else AlongMotion()
     for name, value in (
@@ -192,7 +192,7 @@ def way_points(
     radius_m = radius_m if radius_m is not None else speed_m_s**2 / lateral_m_s2
     turnable(radius_m, speed_m_s)
     points = np.asarray(points_ecef_m, np.float64)
-    way = way_through(
+    way = path_through(
         points,
         speed_m_s,
         radius_m=radius_m,
@@ -321,7 +321,7 @@ def from_samples(
 
 
 def from_track(
-    track: Track,
+    track: RecordedTrack,
     *,
     start_s: float = 0.0,
     speed_m_s: float | None = None,
@@ -414,7 +414,7 @@ def _attitude_along(
     return attitude_ecef(places, *joined)
 
 
-def _track_times(track: Track, speed_m_s: float | None) -> Reals:
+def _track_times(track: RecordedTrack, speed_m_s: float | None) -> Reals:
     if track.t_s is not None:
         if speed_m_s is not None:
             raise ScenarioError(f"speed_m_s {speed_m_s:g}: the file has times of its own; leave the speed out")

@@ -18,7 +18,7 @@ from skyproof.records import SignalId
 from skyproof.simulator.attacks import Attack, Interference, Takeover
 from skyproof.simulator.motion import Motion, Trajectory
 from skyproof.simulator.platforms import Point, motion_within
-from skyproof.simulator.received import AddedNoise, HeardSignal, Jammer
+from skyproof.simulator.received import AddedNoise, Jammer, ReceivedSignal
 from skyproof.simulator.scenario import Antenna
 from skyproof.simulator.sites import between
 from skyproof.simulator.trajectories import ecef_from_enu
@@ -38,7 +38,7 @@ class Group:
     delays_s, cn0_dbhz : true times (n,) and the antenna's motion then to (n, n_signals).
     """
 
-    heard: tuple[HeardSignal, ...]
+    heard: tuple[ReceivedSignal, ...]
     delays_s: Callable[[Reals, Motion], tuple[Reals, Reals]]
     cn0_dbhz: Callable[[Reals, Motion], Reals]
     az_rad: Reals
@@ -216,7 +216,9 @@ def false_signals(
     )
 
 
-def _imitated(attacker: Attacker, point: Point, knots_s: Reals, mask_deg: float) -> tuple[list[int], list[HeardSignal]]:
+def _imitated(
+    attacker: Attacker, point: Point, knots_s: Reals, mask_deg: float
+) -> tuple[list[int], list[ReceivedSignal]]:
     """The columns of the satellites that an attack imitates, and what is heard of them when."""
     attack, view = attacker.attack, attacker.view
     own_message = attack.message != "true" or attack.message_later_s or attack.guess_s
@@ -240,7 +242,7 @@ def _imitated(attacker: Attacker, point: Point, knots_s: Reals, mask_deg: float)
         if windows:
             columns.append(column)
             copy = SignalId(sat, copy=chr(ord("b") + attacker.number))
-            heard.append(HeardSignal(copy, attacker.name, "spoofed", windows, message))
+            heard.append(ReceivedSignal(copy, attacker.name, "spoofed", windows, message))
     if attack.sats is not None and unseen:
         raise ScenarioError(
             f"attacks[{attacker.number}].sats: {', '.join(unseen)} cannot be seen above {mask_deg:g} degrees from the "

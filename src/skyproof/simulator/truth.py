@@ -21,7 +21,7 @@ from skyproof.arrays import Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad, rot_enu_ecef
 from skyproof.gnss.time import GPS_EPOCH, seconds_between
-from skyproof.simulator.inertial import Imu, inertial
+from skyproof.simulator.inertial import ImuReadings, inertial
 from skyproof.simulator.platforms import motion_within
 from skyproof.simulator.received import ReceiverSky, Scene
 
@@ -209,7 +209,7 @@ def doppler_hz(sky: ReceiverSky, elapsed_s: Reals) -> Reals:
 # --- inertial units
 
 
-def imus_of(scene: Scene) -> dict[str, Imu]:
+def imus_of(scene: Scene) -> dict[str, ImuReadings]:
     """The inertial unit of each receiver that has one, by the receiver's name.
 
     Its axes are the body's, turned by `mounting_deg`; it reads from the receiver's first sample on, by true time.
@@ -232,7 +232,7 @@ def imus_of(scene: Scene) -> dict[str, Imu]:
     }
 
 
-def imu_blocks(scene: Scene, imu: Imu) -> Iterator[Table]:
+def imu_blocks(scene: Scene, imu: ImuReadings) -> Iterator[Table]:
     """Readings as a table, in blocks: means over the intervals that end at each row's time, in the unit's axes.
 
     Columns are those that `skyproof.formats.imu` reads.

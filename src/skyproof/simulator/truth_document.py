@@ -15,14 +15,14 @@ from skyproof.gnss.time import iso
 from skyproof.simulator.attacks import Interference, Takeover
 from skyproof.simulator.platforms import Point, motion_within
 from skyproof.simulator.received import ReceiverSky, Scene
-from skyproof.simulator.scenario import Receiver
+from skyproof.simulator.scenario import SceneReceiver
 from skyproof.simulator.sites import Site
 from skyproof.simulator.standalone import resolved
 from skyproof.simulator.truth import moment
 
-__all__ = ["FORMAT", "Heard", "interference_of", "truth_of", "windows_of"]
+__all__ = ["FORMAT", "SourceWindow", "interference_of", "truth_of", "windows_of"]
 
-Heard = tuple[str, float, float]
+SourceWindow = tuple[str, float, float]
 """What is heard, and true times of its first and last wave."""
 
 FORMAT: Final = "skyproof-truth/1"
@@ -57,10 +57,10 @@ def truth_of(
 # --- what is heard when
 
 
-def windows_of(sky: ReceiverSky, source: str) -> list[Heard]:
+def windows_of(sky: ReceiverSky, source: str) -> list[SourceWindow]:
     """From when to when any signal of an attack is at an antenna, in order, one for each time it is switched on."""
     windows = sorted(window for heard in sky.signals if heard.source == source for window in heard.windows_s)
-    joined: list[Heard] = []
+    joined: list[SourceWindow] = []
     for begin_s, end_s in windows:
         if joined and begin_s <= joined[-1][2]:
             joined[-1] = source, joined[-1][1], max(joined[-1][2], end_s)
@@ -69,7 +69,7 @@ def windows_of(sky: ReceiverSky, source: str) -> list[Heard]:
     return joined
 
 
-def interference_of(scene: Scene, sky: ReceiverSky) -> list[Heard]:
+def interference_of(scene: Scene, sky: ReceiverSky) -> list[SourceWindow]:
     """From when to when each source of interference is at an antenna, in the scenario's order."""
     sources = scene.scenario.interference
     noises = iter(sky.noises[len(sky.noises) - sum(source.kind == "noise" for source in sources) :])
@@ -116,14 +116,14 @@ def _receiver_truth(scene: Scene, sky: ReceiverSky) -> dict[str, Any]:
     }
 
 
-def _attitude_deg(scene: Scene, receiver: Receiver, at_s: float) -> dict[str, float]:
+def _attitude_deg(scene: Scene, receiver: SceneReceiver, at_s: float) -> dict[str, float]:
     motion = motion_within(scene.trajectories[receiver.name], at_s)
     angles_rad = heading_pitch_roll_rad(motion.position_ecef_m, motion.attitude)
     heading, pitch, roll = (round(float(np.degrees(angle_rad[0])), 9) + 0.0 for angle_rad in angles_rad)  # no -0.0
     return {"heading_deg": heading % 360.0, "pitch_deg": pitch, "roll_deg": roll}
 
 
-def _imu_truth(receiver: Receiver) -> dict[str, Any] | None:
+def _imu_truth(receiver: SceneReceiver) -> dict[str, Any] | None:
     imu = receiver.imu
     if imu is None:
         return None

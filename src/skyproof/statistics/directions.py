@@ -16,8 +16,8 @@ from skyproof.arrays import Indices, Reals
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold, noncentral_chi_square_survival
 
 __all__ = [
-    "Blocks",
     "Clusters",
+    "DirectionBlocks",
     "blocks",
     "complete_linkage",
     "dead_zone",
@@ -42,7 +42,7 @@ def direction_cosines(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> Reals
     return np.stack((level * np.cos(az_rad), level * np.sin(az_rad), np.sin(el_rad)), axis=-1)
 
 
-class Blocks(NamedTuple):
+class DirectionBlocks(NamedTuple):
     """Blocks of azimuth and elevation over the upper hemisphere, azimuth running fastest.
 
     azimuth_rad, elevation_rad : (n,) the point that stands for the block. direction : (n, 3).
@@ -55,13 +55,13 @@ class Blocks(NamedTuple):
     share: Reals
 
 
-def blocks(step_deg: float = 1.0, *, azimuth_place: float = 0.5, elevation_place: float = 0.5) -> Blocks:
+def blocks(step_deg: float = 1.0, *, azimuth_place: float = 0.5, elevation_place: float = 0.5) -> DirectionBlocks:
     """All blocks of `step_deg`, which divides 90. The places are 0 at the lower edge, 0.5 in the middle."""
     rings = round(90.0 / step_deg)
     ring, turn = np.divmod(np.arange(4 * rings * rings), 4 * rings)
     az_rad, el_rad = np.radians((turn + azimuth_place) * step_deg), np.radians((ring + elevation_place) * step_deg)
     lower, upper = np.sin(np.radians(ring * step_deg)), np.sin(np.radians((ring + 1) * step_deg))
-    return Blocks(az_rad, el_rad, direction_cosines(az_rad, el_rad), (upper - lower) / (4 * rings))
+    return DirectionBlocks(az_rad, el_rad, direction_cosines(az_rad, el_rad), (upper - lower) / (4 * rings))
 
 
 def hemisphere(count: int) -> Reals:

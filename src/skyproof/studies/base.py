@@ -12,7 +12,7 @@ import numpy as np
 
 from skyproof.report.chart import Axes
 
-__all__ = ["Claim", "Row", "Settings", "Study"]
+__all__ = ["Claim", "Row", "Study", "StudySettings"]
 
 Row = Mapping[str, Any]
 """One line of a study's result: names with units to numbers, words or None."""
@@ -22,7 +22,7 @@ COLUMNS: Final = (PAPER, SAME, BETTER, REFERENCE)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings:
+class StudySettings:
     """trials : None means the study's own number, fewer if `quick`."""
 
     trials: int | None = None
@@ -68,6 +68,6 @@ class Study:
     title: str
     paper: str
     figure: str
-    run: Callable[[Settings], Iterator[Row]]
+    run: Callable[[StudySettings], Iterator[Row]]
     charts: tuple[Axes, ...] = ()
     claims: tuple[Claim, ...] = ()

@@ -22,7 +22,7 @@ from skyproof.decomposition.fit import (
 )
 from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
 from skyproof.report.chart import Axes
-from skyproof.studies.base import Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Study, StudySettings
 from skyproof.studies.dccaf_exclusion import STUDIES_OF_EXCLUSION
 from skyproof.studies.dccaf_grid import STUDIES_OF_THE_GRID
 
@@ -62,7 +62,7 @@ _SWARMS: Final = ((100, 300), (200, 600))
 _BLOCKS: Final = 10
 
 
-def separation(settings: Settings) -> Iterator[Row]:
+def separation(settings: StudySettings) -> Iterator[Row]:
     """Two signals, random phases and places between the samples: how often both are found, and how well."""
     rng = settings.rng()
     for case in _SEPARATIONS:
@@ -185,7 +185,7 @@ _NOISE_SAMPLES: Final = 100
 _NEAR_ZERO: Final = 0.2
 
 
-def count(settings: Settings) -> Iterator[Row]:
+def count(settings: StudySettings) -> Iterator[Row]:
     """One signal: how often two are counted; and two signals: how often they are.
 
     noise: "thermal" is known; "other satellites" raise it by 20 % unseen; "estimated" from 100 values of the noise that

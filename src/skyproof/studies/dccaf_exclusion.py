@@ -23,7 +23,7 @@ from skyproof.report.chart import Axes
 from skyproof.simulator.inertial import inertial
 from skyproof.simulator.trajectories import las_vegas, las_vegas_false
 from skyproof.statistics.gauss_markov import gauss_markov_step
-from skyproof.studies.base import Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Study, StudySettings
 
 __all__ = ["STUDIES_OF_EXCLUSION"]
 
@@ -218,7 +218,7 @@ def _judged(offset_m: Reals, drift_m: Reals, predicted_m2: Reals, rng: np.random
 # The studies ----------------------------------------------------------------------------------------------------------
 
 
-def approach(settings: Settings) -> Iterator[Row]:
+def approach(settings: StudySettings) -> Iterator[Row]:
     """The true and the false path, from the fix to the threshold (232.1 s) and on, in axes of the fix. No chance."""
     del settings
     seconds = np.concatenate((np.arange(0.0, 231.0, 10.0), [_THRESHOLD_S, float(_END_S)]))
@@ -243,7 +243,7 @@ def approach(settings: Settings) -> Iterator[Row]:
         }
 
 
-def exclusion(settings: Settings) -> Iterator[Row]:
+def exclusion(settings: StudySettings) -> Iterator[Row]:
     """The Las Vegas approach on a free-running unit: its drift, and which of the true and the false fix it chooses.
 
     The false fix is 1 m/s up-east from 90 s on, 100 m away from 190 s on. Both have noise of (1.5, 1.5, 3) m.
@@ -261,7 +261,7 @@ def exclusion(settings: Settings) -> Iterator[Row]:
             yield {"grade": name, "errors": errors, "time_s": moment_s, **judged}
 
 
-def interval(settings: Settings) -> Iterator[Row]:
+def interval(settings: StudySettings) -> Iterator[Row]:
     """How long after a clean fix the next choice is safe, and how soon.
 
     The unit begins with errors of 1 m and 0.05 m/s an axis, and the false fix leaves at once, 1 m/s up-east.
@@ -280,7 +280,7 @@ def interval(settings: Settings) -> Iterator[Row]:
             yield {"grade": name, "errors": errors, "interval_s": interval_s, **judged}
 
 
-def restart(settings: Settings) -> Iterator[Row]:
+def restart(settings: StudySettings) -> Iterator[Row]:
     """A tactical unit takes the true fix at 190 s, 100 m from the false one, and chooses again at 233 s.
 
     restart : its place is "set" to the fix, as in the paper; or place, or place and velocity (0.05 m/s an axis), are

@@ -19,7 +19,7 @@ from skyproof.decomposition.correlation import noise_variance
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
 from skyproof.report.chart import Axes
-from skyproof.studies.base import Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Study, StudySettings
 
 __all__ = ["STUDIES_OF_THE_GRID"]
 
@@ -88,7 +88,7 @@ _CASES: Final = {
 """Amplitude, delay (chips) and Doppler (Hz) of each signal. Phases are ours, a quarter of a cycle apart."""
 
 
-def grid(settings: Settings) -> Iterator[Row]:
+def grid(settings: StudySettings) -> Iterator[Row]:
     """The grid of 20 ms at 25 Msps and 45 dB-Hz, seen along delay and along Doppler: the largest magnitude of the rest.
 
     peaks : over delay, that stand out by 0.12, three times the noise. phase_cyc : from that of the highest cell, where
@@ -125,7 +125,7 @@ def _peaks(size: Reals) -> int:
     return int(find_peaks(over_delay, prominence=_PROMINENT)[0].size)
 
 
-def noise(settings: Settings) -> Iterator[Row]:
+def noise(settings: StudySettings) -> Iterator[Row]:
     """The noise of one value of the grid, 45 dB-Hz, 5 Msps: thermal, and what eleven other satellites add to it.
 
     They are as strong, with Dopplers within 4 kHz, random delays and a data bit's edge somewhere. added_predicted: the

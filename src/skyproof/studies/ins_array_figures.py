@@ -29,7 +29,7 @@ from skyproof.statistics.directions import (
     squared_norm,
 )
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
-from skyproof.studies.base import Row, Settings
+from skyproof.studies.base import Row, StudySettings
 
 __all__ = [
     "ERRORS",
@@ -77,7 +77,7 @@ def _directions(pairs_deg: Sequence[Degrees]) -> Reals:
 # Threshold and ROC ----------------------------------------------------------------------------------------------------
 
 
-def threshold(settings: Settings) -> Iterator[Row]:
+def threshold(settings: StudySettings) -> Iterator[Row]:
     """Thresholds for some false-alarm probabilities, and what fraction of noise exceeds them."""
     noise = settings.rng().multivariate_normal(np.zeros(2), WHITE, settings.count(1_000_000, 100_000))
     statistic = single_statistic(noise, WHITE)
@@ -98,7 +98,7 @@ ROC_CASES: Final = (
 )
 
 
-def roc(settings: Settings) -> Iterator[Row]:
+def roc(settings: StudySettings) -> Iterator[Row]:
     """Figures 5 and 6. Received from (121, 40), as the text has it for Figure 5, gives a detection of 1 throughout:
     (21, 40) is read."""
     for figure, side, predicted, received in ROC_CASES:
@@ -150,7 +150,7 @@ def lattice_share(direction: Reals, side: float) -> float:
     return float(disc_share(centre[centre < 1.0 + radius], radius).sum())
 
 
-def dead_zones(settings: Settings) -> Iterator[Row]:
+def dead_zones(settings: StudySettings) -> Iterator[Row]:
     """Received on whole degrees of azimuth and middle elevations, predicted in the middle of blocks of 1 degree.
 
     `max_blocks` of the 32400 have P_D < 0.99 at the worst predicted direction; `solid_angle_fraction` is the true share
@@ -177,7 +177,7 @@ def dead_zones(settings: Settings) -> Iterator[Row]:
         }
 
 
-def solid_angle(settings: Settings) -> Iterator[Row]:
+def solid_angle(settings: StudySettings) -> Iterator[Row]:
     """The true share of the hemisphere with P_D < 0.99 against the predicted elevation, azimuth 17 degrees."""
     for side in (1.0, 5.0):
         for el_deg in np.arange(0.1, 90.0, 0.2):
@@ -220,7 +220,7 @@ def draw_residuals(
 
 
 def _rates(
-    settings: Settings, stream: int, predicted: Reals, received: Reals, errors: bool, side: float = 1.0
+    settings: StudySettings, stream: int, predicted: Reals, received: Reals, errors: bool, side: float = 1.0
 ) -> tuple[Reals, Reals, float]:
     """Shares of trials in which the single test of the paper, the calibrated one and the joint one exceed."""
     covariance = residual_covariance(
@@ -241,7 +241,7 @@ def _rates(
     return paper / trials, calibrated / trials, joint / trials
 
 
-def scenarios(settings: Settings) -> Iterator[Row]:
+def scenarios(settings: StudySettings) -> Iterator[Row]:
     """Tables 1 and 2: two places, each satellite's false signal from its own place or all from one.
 
     Tests: `paper` (white noise only in the covariance) and `calibrated` (the errors of antenna positions and attitude
@@ -331,7 +331,7 @@ ASSUMPTIONS: Final[dict[str, Callable[[np.random.Generator, int], Reals]]] = {
 """What "3 mm" of position error may mean, in units of it."""
 
 
-def position_error(settings: Settings) -> Iterator[Row]:
+def position_error(settings: StudySettings) -> Iterator[Row]:
     """False alarms of the paper's test, nominally 1 %, under each meaning of its 3 mm; attitude within 0.05 degrees."""
     trials = settings.count(50_000, 20_000)
     for stream, (assumption, draw) in enumerate(ASSUMPTIONS.items()):
@@ -365,7 +365,7 @@ def position_error(settings: Settings) -> Iterator[Row]:
 SKY_DEG: Final = ((20, 15), (75, 40), (110, 65), (160, 25), (205, 50), (250, 20), (300, 35), (340, 75))
 
 
-def eight(settings: Settings) -> Iterator[Row]:
+def eight(settings: StudySettings) -> Iterator[Row]:
     """One satellite of eight shifted in elevation: mean power over which one, at 1 %, by formula; false alarms counted.
 
     Tests: `no errors` (the paper's, if there were none), `alone` (calibrated), `conditional` on the others, `joint`.

@@ -14,7 +14,7 @@ from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import unit_vectors
 from skyproof.gnss.time import week_and_tow
 from skyproof.report.chart import Axes
-from skyproof.studies.base import Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Study, StudySettings
 
 __all__ = ["STUDIES"]
 
@@ -26,7 +26,7 @@ _MOST_GDOP: Final = 10.0
 _PRUNED_REPEATS: Final = 20
 
 
-def sets(settings: Settings) -> Iterator[Row]:
+def sets(settings: StudySettings) -> Iterator[Row]:
     """Which choices of one signal a satellite pass at 0.1 %: how many beside the true and the false one, and how fast.
 
     attack "position": the false fix lies up-east; "time": all false signals are late by as much. With three signals the

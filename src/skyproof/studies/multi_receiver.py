@@ -19,7 +19,7 @@ from skyproof.detectors.multi_receiver.double_difference import Degrees, Tested,
 from skyproof.report.chart import Axes
 from skyproof.statistics.distributions import binomial_threshold, f_threshold
 from skyproof.statistics.roc import count_interval
-from skyproof.studies.base import Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Study, StudySettings
 from skyproof.studies.multi_receiver_scene import (
     ALPHA_OURS,
     ALPHA_PAPER,
@@ -61,7 +61,7 @@ NOMINAL = (0.01, 0.001)
 _CHUNK = 4_000_000
 
 
-def _false_alarm(settings: Settings) -> Iterator[Row]:
+def _false_alarm(settings: StudySettings) -> Iterator[Row]:
     trials, rng = settings.count(400_000, 60_000), settings.rng(0)
     for receivers in (2, 3, 5):
         for n in (5, 30, 120):
@@ -186,14 +186,14 @@ LAX = "_1_percent"
 """Ends the keys of what ours gives if it may be wrong at the paper's rate."""
 
 
-def _windows(settings: Settings, window_s: int) -> int:
+def _windows(settings: StudySettings, window_s: int) -> int:
     """For each sky."""
     skies = len(geometries())
     each = settings.count(3200, 64) // skies
     return max(1, each if settings.trials is not None else min(each, EPOCHS // window_s // skies))
 
 
-def _distance(settings: Settings) -> Iterator[Row]:
+def _distance(settings: StudySettings) -> Iterator[Row]:
     for index, window_s in enumerate(WINDOWS_S):
         shape = (_windows(settings, window_s), window_s, SATS, 2, 2)
         for other, noise in enumerate(NOISES):
@@ -485,7 +485,7 @@ GROUPS = ((1, 6), (6, 7), (1, 6, 7), (1, 4), (1, 10), (1, 4, 10), (1, 3, 4, 10))
 GROUP_WINDOWS_S = (5, 10, 30, 60)
 
 
-def _receivers(settings: Settings) -> Iterator[Row]:
+def _receivers(settings: StudySettings) -> Iterator[Row]:
     each = max(1, settings.count(800, 32) // len(geometries()))
     for index, numbers in enumerate(GROUPS):
         names = tuple(f"rx{number}" for number in numbers)
@@ -536,7 +536,7 @@ _OFFSETS_S, _DRIFTS = (0.0, 1e-4, 1e-3), (0.0, 1e-9, 1e-8, 1e-7, 1e-6)
 _TAG_WINDOWS_S = (10, 30, 60, 120, 240)
 
 
-def _time_tags(settings: Settings) -> Iterator[Row]:
+def _time_tags(settings: StudySettings) -> Iterator[Row]:
     trials = settings.count(200_000, 10_000)
     for n in _TAG_WINDOWS_S:
         seconds = np.arange(float(n)) - 0.5 * (n - 1)

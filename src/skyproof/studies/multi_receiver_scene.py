@@ -44,10 +44,10 @@ __all__ = [
     "PLACES",
     "SATS",
     "Bound",
-    "Geometry",
     "Groups",
     "Kept",
     "Noise",
+    "SatelliteTracks",
     "Split",
     "carrier_decision",
     "errors_of",
@@ -100,7 +100,7 @@ NOISES = {
 }
 
 
-class Geometry(NamedTuple):
+class SatelliteTracks(NamedTuple):
     """Seven satellites: sat_enu_m (361, 7, 3) second by second."""
 
     sat_enu_m: Reals
@@ -152,7 +152,7 @@ class Bound(NamedTuple):
 
 
 @lru_cache(maxsize=1)
-def geometries() -> tuple[Geometry, ...]:
+def geometries() -> tuple[SatelliteTracks, ...]:
     """Sixteen skies of seven satellites, as far apart in time as they come; always the same."""
     base_ecef_m, rot = ecef_from_geodetic(*_BASE_GEODETIC), rot_enu_ecef(*_BASE_GEODETIC[:2])
     times = [_FIRST + np.timedelta64(minute, "m") for minute in range(0, 1440, _STEP_MIN)]
@@ -171,7 +171,7 @@ def geometries() -> tuple[Geometry, ...]:
     made = []
     for k in np.linspace(0, len(seen) - 1, GEOMETRIES).round().astype(int):
         sat_enu_m = sats_enu_m(seen[k][1], seen[k][0], np.arange(_LONGEST_S + 1.0))
-        made.append(Geometry(sat_enu_m))
+        made.append(SatelliteTracks(sat_enu_m))
     return tuple(made)
 
 
@@ -189,7 +189,7 @@ def _units(vectors: Reals) -> Reals:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-def ranges_of(geometry: Geometry, receivers: tuple[str, ...], window_s: int) -> Reals:
+def ranges_of(geometry: SatelliteTracks, receivers: tuple[str, ...], window_s: int) -> Reals:
     """Ranges (N, 7, R, 2) of true and false tracks, less those of the base, without errors; a second an epoch."""
     sat_enu_m = geometry.sat_enu_m[:window_s, :, None, :]
     places_m = np.array([PLACES[name] for name in receivers])
@@ -229,7 +229,7 @@ def paper_decision(range_m: Reals, *, tested: Tested) -> Kept:
     return Kept(kept[:, 0], kept[:, 1])
 
 
-def split(range_m: Reals, geometry: Geometry) -> Split:
+def split(range_m: Reals, geometry: SatelliteTracks) -> Split:
     """Skies by windows' means of code. range_m : (windows, N, 7, R, 2)."""
     unit_enu, mean_m = geometry.unit_enu(range_m.shape[1]), range_m.mean(axis=1)
     first = split_skies(np.swapaxes(mean_m, 1, 2), unit_enu).first  # (W, R, 7)

@@ -23,9 +23,9 @@ from skyproof.detectors.array.spin import (
     spoofed_detection,
 )
 from skyproof.report.chart import Axes
-from skyproof.statistics.directions import Blocks, blocks, dead_zone, direction_cosines
+from skyproof.statistics.directions import DirectionBlocks, blocks, dead_zone, direction_cosines
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
-from skyproof.studies.base import Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Study, StudySettings
 
 __all__ = ["STUDIES"]
 
@@ -69,7 +69,7 @@ def _value(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
 # Receiver operating characteristics -----------------------------------------------------------------------------------
 
 
-def roc(settings: Settings) -> Iterator[Row]:
+def roc(settings: StudySettings) -> Iterator[Row]:
     """P_D of the pair (155, 50), (160, 55) in the paper's sense: false alarm, an authentic pair at known directions
     taken for spoofed; detection, a pair of one direction so taken. Tests: `paper`; `full`: the whole series."""
     for test in ("paper", "full"):
@@ -94,7 +94,7 @@ TABLE_1: Final = {150: (278, 389, 266, 398), 200: (201, 318, 194, 296)}
 FULL: Final = {150: (8, 10, 8, 12), 200: (4, 8, 4, 8)}
 
 
-def _missed(test: str, n: int, grid: Blocks, *, share: bool) -> Reals:
+def _missed(test: str, n: int, grid: DirectionBlocks, *, share: bool) -> Reals:
     """Blocks, or share of the hemisphere, with P_D < 0.99 about each reference; the same in the paper's sense and in
     the usual one."""
     covariance = np.asarray(np.linalg.inv(_information(test, n)), np.float64)
@@ -102,7 +102,7 @@ def _missed(test: str, n: int, grid: Blocks, *, share: bool) -> Reals:
     return dead_zone(reference, grid.direction, np.eye(3)[:2], covariance, weight=grid.share if share else 1.0)
 
 
-def dead_zones(settings: Settings) -> Iterator[Row]:
+def dead_zones(settings: StudySettings) -> Iterator[Row]:
     """Table 1: the reference as given, the other signal in the middle of blocks of one degree."""
     grid = blocks(1.0)
     for n in (40, 50, 150, 200):
@@ -111,7 +111,7 @@ def dead_zones(settings: Settings) -> Iterator[Row]:
                 yield {"test": test, "reference": f"({az_deg:g}, {el_deg:g})", "n": n, "blocks": int(count)}
 
 
-def solid_angle(settings: Settings) -> Iterator[Row]:
+def solid_angle(settings: StudySettings) -> Iterator[Row]:
     """The same as shares of the hemisphere: blocks near the zenith are small."""
     grid = blocks(0.25 if settings.quick else 0.2)
     for n in (40, 50, 150, 200):
@@ -126,7 +126,7 @@ SCENARIO: Final = (("[3,1]", (148.0, 50.0)), ("[4,1]", (158.0, 53.0)), ("[2,1]",
 SPOOFER: Final = (160.0, 55.0)
 
 
-def scenario(settings: Settings) -> Iterator[Row]:
+def scenario(settings: StudySettings) -> Iterator[Row]:
     """Signal 1 against each of the others, N = 150: threshold for an authentic pair of these directions at P_FA 0.01,
     and the detection of a pair of one direction, by formula and counted. `authentic_p_fa_simulated` counts the
     pairs themselves below the threshold."""
@@ -158,7 +158,7 @@ def scenario(settings: Settings) -> Iterator[Row]:
 # How much data; the rule with its own estimate ------------------------------------------------------------------------
 
 
-def samples(settings: Settings) -> Iterator[Row]:
+def samples(settings: StudySettings) -> Iterator[Row]:
     """Detection of the pair (155, 50), (160, 55) against the number of samples, in both senses, P_FA 0.01."""
     usual = float(chi_square_threshold(P_FA, 2))
     for test in ("paper", "full"):
@@ -173,7 +173,7 @@ def samples(settings: Settings) -> Iterator[Row]:
             }
 
 
-def circular(settings: Settings) -> Iterator[Row]:
+def circular(settings: StudySettings) -> Iterator[Row]:
     """The paper's rule with the noncentrality estimated from the same phases: what it comes to, and the count."""
     n, trials = 150, settings.count(50_000, 20_000)
     for p_fa in (0.001, 0.01, 0.1):

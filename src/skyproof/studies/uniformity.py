@@ -15,10 +15,10 @@ from scipy import special
 
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.double_difference import Tested
-from skyproof.detectors.multi_receiver.one_antenna import WHITE, NoiseModel
+from skyproof.detectors.multi_receiver.one_antenna import WHITE, TrackNoise
 from skyproof.report.chart import Axes
 from skyproof.studies import uniformity_draws as draws
-from skyproof.studies.base import Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Study, StudySettings
 from skyproof.studies.uniformity_draws import ASKED, Draw
 
 __all__ = ["CASES", "STUDIES", "Case", "p_values"]
@@ -70,7 +70,7 @@ CASES: Final = (
     Case(group=_RECEIVERS, method="one_antenna", test="one antenna, white noise", draw=draws.one_antenna(WHITE),
          quick=5000),
     *(Case(group=_RECEIVERS, method="one_antenna", test=f"one antenna, any noise; {words}", usual=20_000, quick=1000,
-           at_once=1000, draw=draws.one_antenna(NoiseModel(), epochs=30, **noise),
+           at_once=1000, draw=draws.one_antenna(TrackNoise(), epochs=30, **noise),
            why="the largest p-value over all noise that the window allows")
       for words, noise in (("it is white, 1 m", {}),
                            ("it is AR(1) 0.9, 3 m", {"sigma_m": 3.0, "phi": 0.9, "constant_m": 1.0}))),
@@ -178,14 +178,14 @@ CASES: Final = (
 )  # fmt: skip
 
 
-def p_values(case: Case, settings: Settings) -> Reals:
+def p_values(case: Case, settings: StudySettings) -> Reals:
     """(n,) drawn by a stream of the test's own."""
     rng = settings.rng(crc32(f"{case.method}: {case.test}".encode()))
     count = settings.count(case.usual, case.quick)
     return np.concatenate([case.draw(rng, min(case.at_once, count - begin)) for begin in range(0, count, case.at_once)])
 
 
-def every_test(settings: Settings) -> Iterator[Row]:
+def every_test(settings: StudySettings) -> Iterator[Row]:
     """One row a test.
 
     ks, ks_p : Kolmogorov's distance and its p-value. tail_01, tail_001 : shares at or below 0.01 and 0.001.
@@ -212,7 +212,7 @@ def every_test(settings: Settings) -> Iterator[Row]:
         }
 
 
-def distribution(settings: Settings) -> Iterator[Row]:
+def distribution(settings: StudySettings) -> Iterator[Row]:
     """The share of p-values at or below each p, and beside the tests of each group the line that is right."""
     for group in dict.fromkeys(case.group for case in CASES):
         for p in ASKED:

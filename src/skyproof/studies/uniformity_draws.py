@@ -51,7 +51,7 @@ from skyproof.detectors.multi_receiver.double_difference import Tested, differen
 from skyproof.detectors.multi_receiver.group_choice import fraction_test, known_baseline_test, known_sky_test, span_test
 from skyproof.detectors.multi_receiver.one_antenna import (
     WHITE,
-    NoiseModel,
+    TrackNoise,
     baseline_design,
     baseline_estimate,
     contrast_levels,
@@ -170,7 +170,7 @@ def cured(phi: float, constant_m: float = 0.0) -> Draw:
 
 
 def one_antenna(
-    noise: NoiseModel, *, epochs: int = 10, sigma_m: float = 1.0, phi: float = 0.0, constant_m: float = 0.0
+    noise: TrackNoise, *, epochs: int = 10, sigma_m: float = 1.0, phi: float = 0.0, constant_m: float = 0.0
 ) -> Draw:
     """Seven satellites in two receivers."""
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from datetime import date
 from importlib.metadata import version
 
-from skyproof.studies.base import COLUMNS, Claim, Row, Settings, Study
+from skyproof.studies.base import COLUMNS, Claim, Row, Study, StudySettings
 
 __all__ = ["Checked", "check", "table"]
 
@@ -50,7 +50,7 @@ def check(study: Study, rows: Sequence[Row]) -> list[Checked]:
 
 def table(
     studies: Mapping[str, Study],
-    settings: Settings,
+    settings: StudySettings,
     *,
     made_on: date | None = None,
     before: Callable[[str], None] | None = None,
@@ -66,7 +66,7 @@ def table(
 
 
 def _lines(
-    studies: Mapping[str, Study], settings: Settings, made_on: date, before: Callable[[str], None] | None
+    studies: Mapping[str, Study], settings: StudySettings, made_on: date, before: Callable[[str], None] | None
 ) -> Iterator[str]:
     counts = "quick counts" if settings.quick else "full counts"
     if settings.trials is not None:

@@ -15,7 +15,7 @@ from skyproof.arrays import Booleans, Complexes, Reals
 from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.correlators import vector_sqm as rule
-from skyproof.studies.base import Row, Settings
+from skyproof.studies.base import Row, StudySettings
 from skyproof.studies.vector_loops import mean_taps, tap_noise
 from skyproof.studies.vector_sky import SKY, attack_on
 
@@ -128,7 +128,7 @@ def bank_delays(
     return delay_ms
 
 
-def delay_rows(settings: Settings) -> Iterator[Row]:
+def delay_rows(settings: StudySettings) -> Iterator[Row]:
     """One row for each attack on PRN 2 and method; the block methods at their best block length."""
     bank = parity.cusum_bank(6, _MARGIN / RATE_PER_S)
     lengths = BLOCKS_QUICK if settings.quick else BLOCKS

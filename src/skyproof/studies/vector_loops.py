@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.correlators import correlator_laws as law
-from skyproof.detectors.correlators.vector_sqm import Sky
+from skyproof.detectors.correlators.vector_sqm import SatelliteGeometry
 
 __all__ = ["Loops", "draw_discriminators", "draw_taps", "mean_taps", "tap_noise", "vector_loops"]
 
@@ -67,7 +67,7 @@ class Loops(NamedTuple):
 
 def vector_loops(
     rng: np.random.Generator,
-    where: Sky,
+    where: SatelliteGeometry,
     code_chips: Reals,
     doppler_hz: Reals,
     cn0_dbhz: float,

@@ -10,14 +10,16 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.correlators.vector_sqm import Sky, geometry_matrix, sky
+from skyproof.detectors.correlators.vector_sqm import SatelliteGeometry, geometry_matrix, satellite_geometry
 
 __all__ = ["CHIPS", "HZ", "PRNS", "SKY", "attack_on", "of_prn"]
 
 PRNS: Final = (2, 12, 13, 17, 20, 28)
 _AZIMUTH_DEG: Final = (274.0, 327.0, 90.0, 239.0, 168.0, 212.0)
 _ELEVATION_DEG: Final = (21.0, 24.0, 26.0, 73.0, 57.0, 31.0)
-SKY: Final[Sky] = sky(geometry_matrix(np.radians(_AZIMUTH_DEG), np.radians(_ELEVATION_DEG)))
+SKY: Final[SatelliteGeometry] = satellite_geometry(
+    geometry_matrix(np.radians(_AZIMUTH_DEG), np.radians(_ELEVATION_DEG))
+)
 
 CHIPS, HZ = 0.4, 200.0  # the attack of Table 2, on PRN 2
 

@@ -15,7 +15,7 @@ from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.correlators import vector_sqm as rule
 from skyproof.report.chart import Axes
 from skyproof.statistics.roc import chi_square_power
-from skyproof.studies.base import Claim, Row, Settings, Study
+from skyproof.studies.base import Claim, Row, Study, StudySettings
 from skyproof.studies.vector_delay import ATTACKS, delay_rows
 from skyproof.studies.vector_loops import draw_discriminators, vector_loops
 from skyproof.studies.vector_sky import CHIPS, HZ, PRNS, SKY, attack_on, of_prn
@@ -53,7 +53,7 @@ def _value(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
 # Table 1 --------------------------------------------------------------------------------------------------------------
 
 
-def false_alarm(settings: Settings) -> Iterator[Row]:
+def false_alarm(settings: StudySettings) -> Iterator[Row]:
     """P_FA by formula and counted for a satellite chosen beforehand, and of the rule, which takes the largest."""
     trials = settings.count(1_000_000, 100_000)
     for stream, (cn0_dbhz, k) in enumerate((*CASES, (40, 20))):
@@ -73,7 +73,7 @@ def false_alarm(settings: Settings) -> Iterator[Row]:
 # Figures 3 and 4 ------------------------------------------------------------------------------------------------------
 
 
-def bias(settings: Settings) -> Iterator[Row]:
+def bias(settings: StudySettings) -> Iterator[Row]:
     """Where the loops settle: PRN 2 with 0.5 chip and 250 Hz. The loops closed beside it at a few C/N0."""
     trials = settings.count(400, 40)
     for cn0_dbhz in range(30, 51):
@@ -98,7 +98,7 @@ def bias(settings: Settings) -> Iterator[Row]:
 # Figures 10, 11 and 14 ------------------------------------------------------------------------------------------------
 
 
-def density(settings: Settings) -> Iterator[Row]:
+def density(settings: StudySettings) -> Iterator[Row]:
     """Densities of eta1 = |code| and eta2 = |phase| of one satellite: computed, counted, and with (17) as printed."""
     trials = settings.count(1_000_000, 100_000)
     cases: list[tuple[str, int, int, float, float]] = [("none", *case, 0.0, 0.0) for case in CASES]
@@ -141,7 +141,7 @@ def _mean_of(metric: str, column: str, cn0_dbhz: int, k: int) -> Callable[[Seque
 # Figures 6 and 13 -----------------------------------------------------------------------------------------------------
 
 
-def parameters(settings: Settings) -> Iterator[Row]:
+def parameters(settings: StudySettings) -> Iterator[Row]:
     """The parameter xi of every satellite under two attacks, and how often each has the largest."""
     trials = settings.count(1_000_000, 100_000)
     attacks = [((2,), 40, k) for k in (1, 10, 100)] + [(THREE, 45, k) for k in (1, 10)]
@@ -172,7 +172,7 @@ def _named(prns: Sequence[int]) -> str:
 # Figures 7, 8 and 9 ---------------------------------------------------------------------------------------------------
 
 
-def cn0_k(settings: Settings) -> Iterator[Row]:
+def cn0_k(settings: StudySettings) -> Iterator[Row]:
     """P_FA and P_D against C/N0, K and the offsets, by formula; `p_fa_rule` is that of the rule with six satellites.
 
     Figures 7 and 8 do not state their offsets: 0.2 chip and 0.1 pi are taken.
@@ -201,7 +201,7 @@ def cn0_k(settings: Settings) -> Iterator[Row]:
 # Figure 12 ------------------------------------------------------------------------------------------------------------
 
 
-def one_spoofer(settings: Settings) -> Iterator[Row]:
+def one_spoofer(settings: StudySettings) -> Iterator[Row]:
     """One satellite attacked with more and more, 45 dB-Hz, K = 1, by formula; the paper gives no range of sizes.
 
     `p_d` is of the attacked satellite, `p_d_largest` of the one with the largest noise-free parameter, `p_d_rule` of
@@ -241,7 +241,7 @@ def one_spoofer(settings: Settings) -> Iterator[Row]:
 # Tables 2 and 3 -------------------------------------------------------------------------------------------------------
 
 
-def many(settings: Settings) -> Iterator[Row]:
+def many(settings: StudySettings) -> Iterator[Row]:
     """Table 2 (PRN 2 attacked alone, 0.4 chip and 200 Hz) and the attack of Table 3 on three satellites at once.
 
     `p_d_theory` and `p_d_simulated` are of `tested_prn`, `p_d_rule` of the whole rule. `p_d_parity` is of the parity

@@ -11,12 +11,19 @@ import numpy as np
 import pytest
 
 from skyproof.app.common.platform import SCHEMA_PATH, Platform, platform_schema, read_platform
-from skyproof.app.common.platform_tables import Imu, InitialAttitude, Receiver, Spin, StatedAttitude, Surveyed
+from skyproof.app.common.platform_tables import (
+    InitialAttitude,
+    PlatformImu,
+    PlatformReceiver,
+    PlatformSpin,
+    StatedAttitude,
+    Surveyed,
+)
 from skyproof.app.common.settings import Settings
 from skyproof.errors import SettingsError, SkyproofError
 from skyproof.gnss.imu_grades import GRADES
 
-MODELS = (Platform, Receiver, Surveyed, Spin, StatedAttitude, Imu, InitialAttitude)
+MODELS = (Platform, PlatformReceiver, Surveyed, PlatformSpin, StatedAttitude, PlatformImu, InitialAttitude)
 
 WHOLE = """
 motion = "static"
@@ -71,7 +78,7 @@ def test_every_key_is_read(tmp_path: Path) -> None:
     assert (one.antenna_sigma_m, one.line_bias_cyc) == (0.003, (0.0, 0.25, -0.125))
     np.testing.assert_array_equal(one.antennas_body_m, [[0, 0, 0], [0.19, 0, 0], [0.095, -0.165, 0]])
     np.testing.assert_array_equal(two.antennas_body_m, [[0, 3, 0]])
-    assert two.spin == Spin(radius_m=0.0951, rate_hz=0.25, rate_sigma_hz=0.001)
+    assert two.spin == PlatformSpin(radius_m=0.0951, rate_hz=0.25, rate_sigma_hz=0.001)
     assert platform.attitude == StatedAttitude(heading_deg=35.0, pitch_deg=2.0, roll_deg=-1.0, sigma_deg=0.2)
     assert platform.imu is not None
     assert platform.imu.start_gpst == np.datetime64("2022-01-01T10:29:58.5", "ns")
@@ -104,7 +111,7 @@ def test_an_empty_file_is_a_platform_of_which_nothing_is_known(tmp_path: Path) -
 
 
 def test_the_grades_are_those_whose_errors_are_known() -> None:
-    assert set(Imu.model_fields["grade"].annotation.__args__[0].__args__) == set(GRADES)  # type: ignore[union-attr]
+    assert set(PlatformImu.model_fields["grade"].annotation.__args__[0].__args__) == set(GRADES)  # type: ignore[union-attr]
 
 
 def test_every_key_says_what_it_means() -> None:
@@ -123,7 +130,7 @@ def test_every_key_says_what_it_means() -> None:
     ],
 )
 def test_readings_in_any_axes_become_those_of_the_body(axes: Any, unit: Any, body: Any) -> None:
-    rotation = Imu(file="imu.csv", axes=axes).rotation
+    rotation = PlatformImu(file="imu.csv", axes=axes).rotation
     np.testing.assert_allclose(rotation @ unit, body, atol=1e-4)
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
@@ -279,13 +286,13 @@ def test_errors_of_a_unit_are_those_of_its_grade_or_numbers_and_the_poorest_if_n
         "accel_bias_ug": 1000.0,
         "accel_noise_m_s_sqrt_h": 0.06,
     }
-    stated = Imu(file=Path("imu.csv"), **numbers).errors
+    stated = PlatformImu(file=Path("imu.csv"), **numbers).errors
     assert stated.gyro_repeatability_rad_s == pytest.approx(np.radians(0.01))
     assert stated.angular_random_walk_rad_rts == pytest.approx(np.radians(0.01))
     assert stated.accelerometer_repeatability_m_s2 == pytest.approx(9.80665e-3)
     assert stated.velocity_random_walk_m_s_rts == pytest.approx(0.001)
-    assert Imu(file=Path("imu.csv"), grade="tactical").errors is GRADES["tactical"]
-    assert Imu(file=Path("imu.csv")).errors is GRADES["consumer"]
+    assert PlatformImu(file=Path("imu.csv"), grade="tactical").errors is GRADES["tactical"]
+    assert PlatformImu(file=Path("imu.csv")).errors is GRADES["consumer"]
     assert max(GRADES.values(), key=lambda grade: grade.gyro_repeatability_rad_s) is GRADES["consumer"]
 
 
@@ -311,8 +318,12 @@ def test_the_schema_takes_what_is_right_and_names_what_is_wrong() -> None:
 
 
 def test_keys_that_stand_in_the_place_of_others_have_examples_that_hold() -> None:
-    numbers = {key: Imu.model_fields[key].examples[0] for key in Imu.model_fields if key.startswith(("gyro_", "accel"))}
+    numbers = {
+        key: PlatformImu.model_fields[key].examples[0]
+        for key in PlatformImu.model_fields
+        if key.startswith(("gyro_", "accel"))
+    }
     assert len(numbers) == 4
-    assert Imu.model_validate({"file": "imu.csv"} | numbers).grade is None
+    assert PlatformImu.model_validate({"file": "imu.csv"} | numbers).grade is None
     examples = {key: StatedAttitude.model_fields[key].examples[0] for key in ("file", "sigma_deg")}
     assert StatedAttitude.model_validate(examples).heading_deg is None

@@ -7,13 +7,13 @@ import pytest
 
 from skyproof.app.common.platform import Platform
 from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
-from skyproof.app.common.platform_tables import Receiver
+from skyproof.app.common.platform_tables import PlatformReceiver
 from skyproof.errors import SettingsError
 
 PLACES_M = [[0.0, 0.0, 0.0], [0.19, 0.0, 0.0], [0.1, 0.16, 0.0]]
 
 
-def tables(**keys: Any) -> dict[str, Receiver]:
+def tables(**keys: Any) -> dict[str, PlatformReceiver]:
     return {"rx": Platform.model_validate({"receivers": [keys]}).receivers[0]}
 
 

@@ -11,7 +11,14 @@ import pytest
 from tests.app.kit import PLACES, scenario_of
 
 from skyproof.app.common.platform import Platform, read_platform
-from skyproof.app.common.platform_tables import Imu, InitialAttitude, Receiver, Spin, StatedAttitude, Surveyed
+from skyproof.app.common.platform_tables import (
+    InitialAttitude,
+    PlatformImu,
+    PlatformReceiver,
+    PlatformSpin,
+    StatedAttitude,
+    Surveyed,
+)
 from skyproof.app.common.settings import Settings
 from skyproof.app.init import init
 from skyproof.app.init.text import FoundReceiver, one_line, platform_lines
@@ -103,7 +110,16 @@ def test_every_key_can_be_completed_by_taking_its_sign_away(tmp_path: Path) -> N
     platform = Platform.model_validate(tables)
     assert platform.imu is not None
     assert platform.receivers[1].antennas_m == ((0.0, 0.0, 0.0), (0.0, 0.19, 0.0), (0.0, 0.38, 0.0))
-    models = (Platform, Receiver, Surveyed, Spin, StatedAttitude, Imu, InitialAttitude, Settings)
+    models = (
+        Platform,
+        PlatformReceiver,
+        Surveyed,
+        PlatformSpin,
+        StatedAttitude,
+        PlatformImu,
+        InitialAttitude,
+        Settings,
+    )
     derived = {"antennas_enu_m", "antennas_sigma_m"}
     absent = [key for model in models for key in model.model_fields if not re.search(rf"\b{key}\b", text)]
     assert set(absent) == derived
@@ -121,7 +137,7 @@ def test_readings_over_time_are_told_apart_by_their_columns(table: str, tmp_path
     made = init(files, out=tmp_path / "platform.toml")
     text = made.path.read_text(encoding="utf-8")
     if table == "imu":
-        assert made.platform.imu == Imu(file=tmp_path / "log.csv")
+        assert made.platform.imu == PlatformImu(file=tmp_path / "log.csv")
     else:
         assert '#[attitude]\n#file = "log.csv"\n' in text
     shutil.copy(tmp_path / "log.csv", tmp_path / "other.csv")

@@ -20,7 +20,7 @@ from skyproof.formats.raw import read_sidecar
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator import scenes
 from skyproof.simulator.samples import samples_of
-from skyproof.simulator.scenario import FrontEnd, Place, Sky
+from skyproof.simulator.scenario import FrontEnd, ScenePlace, Sky
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 
@@ -37,7 +37,7 @@ def sky(rate_hz: float, if_hz: float, real: bool, seed: int, duration_s: float =
         bits=32,
         bandwidth_hz=min(1.6 * room_hz, 8e6),
     )
-    place = Place(lat_deg=-60.0 + 4.0 * seed, lon_deg=-170.0 + 12.0 * seed, height_m=500.0)
+    place = ScenePlace(lat_deg=-60.0 + 4.0 * seed, lon_deg=-170.0 + 12.0 * seed, height_m=500.0)
     scenario = scenes.clean(
         place, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=seed, front_end=front_end
     )

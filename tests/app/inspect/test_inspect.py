@@ -20,7 +20,7 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import SampleGap, Samples
 from skyproof.simulator import scenes
 from skyproof.simulator.samples import samples_of
-from skyproof.simulator.scenario import FrontEnd, Place
+from skyproof.simulator.scenario import FrontEnd, ScenePlace
 from skyproof.simulator.sky import scene_of
 
 INT8 = 'encoding = "int"\nbits = 8\n'
@@ -178,7 +178,7 @@ def test_an_oscillator_6_ppm_off_is_told(shared_data: Path, tmp_path: Path) -> N
 
 
 LO_PPM = 0.628  # how much too fast the oscillator of that scene is
-PLACE = Place(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
+PLACE = ScenePlace(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
 
 
 def sky(*, if_hz: float = 0.0, duration_s: float = 0.06) -> tuple[Samples, set[str]]:

@@ -11,7 +11,7 @@ from skyproof.app.protect.positions import positions_of
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.spool import ObservationSpool
 from skyproof.fusion.fuse import Decision
-from skyproof.fusion.labels import LabelledSignal, Source
+from skyproof.fusion.labels import FalseSource, LabelledSignal
 from skyproof.records import Fix, SignalRef
 from skyproof.testing import FalseSky, MeasuredScene
 
@@ -29,7 +29,7 @@ def decision():
         for signal in WHOLE.signals
         for label, first, last in [("authentic", 0, 59) if signal.copy == "a" else ("spoofed", 30, 89)]
     )
-    false = Source(name="S1", signals=tuple(s.ref for s in labels if s.label == "spoofed"))
+    false = FalseSource(name="S1", signals=tuple(s.ref for s in labels if s.label == "spoofed"))
     return Decision(verdict="spoofed", labels=labels, sources=(false,), skies=(), onset=None, until=None, open=None)
 
 

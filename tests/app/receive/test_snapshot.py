@@ -12,10 +12,10 @@ from skyproof.formats.rinex_nav import read_nav
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator import samples_of, scenes
-from skyproof.simulator.scenario import FrontEnd, Place
+from skyproof.simulator.scenario import FrontEnd, ScenePlace
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
-PLACE = Place(lat_deg=-33.9, lon_deg=18.4, height_m=40.0)
+PLACE = ScenePlace(lat_deg=-33.9, lon_deg=18.4, height_m=40.0)
 
 
 @pytest.fixture(scope="module")

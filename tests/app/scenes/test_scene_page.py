@@ -14,7 +14,7 @@ from skyproof.app.scenes.scene_page import scene_page
 from skyproof.cli import main
 from skyproof.simulator import scenes
 from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.scenario import Place, Scenario, parse_scenario
+from skyproof.simulator.scenario import Scenario, ScenePlace, parse_scenario
 
 NAMES = list(scenes.ready_made())
 DOCS = Path(__file__).resolve().parents[3] / "docs"
@@ -93,7 +93,9 @@ def test_words_of_the_scenario_are_escaped() -> None:
 
 
 def test_a_clean_scene_says_that_nobody_else_transmits() -> None:
-    page = page_of(scenes.clean(Place(lat_deg=57.7, lon_deg=11.9, height_m=50.0), np.datetime64("2024-05-14T10:00:00")))
+    page = page_of(
+        scenes.clean(ScenePlace(lat_deg=57.7, lon_deg=11.9, height_m=50.0), np.datetime64("2024-05-14T10:00:00"))
+    )
     assert "Nobody transmits but the satellites." in page
     assert "False codes" not in page
 

@@ -17,7 +17,7 @@ from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import SignalId
-from skyproof.simulator.scenario import FrontEnd, Imu, Meaconer, Place, Receiver, Scenario
+from skyproof.simulator.scenario import FrontEnd, Meaconer, Scenario, SceneImu, ScenePlace, SceneReceiver
 from skyproof.simulator.sky import scene_of
 from skyproof.simulator.truth import signal_truth
 
@@ -34,7 +34,7 @@ def small(**changes: object) -> Scenario:
         duration_s=4.0,
         front_end=FrontEnd(rate_hz=1e6),
         receivers=(
-            Receiver(
+            SceneReceiver(
                 name="bow",
                 lat_deg=57.7012,
                 lon_deg=11.9321,
@@ -42,14 +42,14 @@ def small(**changes: object) -> Scenario:
                 start_offset_s=2.1e-5,
                 clock_offset_s=1.9e-4,
                 lo_ppm=0.4,
-                imu=Imu(rate_hz=10.0, grade="navigation"),
+                imu=SceneImu(rate_hz=10.0, grade="navigation"),
             ),
-            Receiver(name="stern", lat_deg=57.7009, lon_deg=11.93295, height_m=51.0, clock_offset_s=-2.7e-4),
+            SceneReceiver(name="stern", lat_deg=57.7009, lon_deg=11.93295, height_m=51.0, clock_offset_s=-2.7e-4),
         ),
         attacks=(
             Meaconer(
-                receive=Place(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0),
-                transmit=Place(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0),
+                receive=ScenePlace(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0),
+                transmit=ScenePlace(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0),
                 delay_s=4e-6,
                 onset_s=1.0,
             ),

@@ -15,7 +15,7 @@ from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import ConsistentSet, Records, SignalId
 from skyproof.simulator.measurement_errors import FieldErrors
-from skyproof.simulator.measurements import NoiseModel, draw, geometry_of
+from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
 from skyproof.simulator.scenario import parse_scenario
 from skyproof.simulator.sky import scene_of
 from skyproof.testing import MeasuredScene, TrackErrors, check_pieces
@@ -75,7 +75,7 @@ def geometry(motion="standing", oscillator="tcxo", *, place=(0.0, 0.0), lo_ppm=0
             }
         ],
     }
-    return geometry_of(scene_of(parse_scenario(table), NAVIGATION), interval_s=EPOCH_S)
+    return ideal_measurements_of(scene_of(parse_scenario(table), NAVIGATION), interval_s=EPOCH_S)
 
 
 def observed(draw_of=0, *, noise=FIELD, **scene):

@@ -12,7 +12,7 @@ from skyproof.studies.vector_loops import draw_discriminators, draw_taps, tap_no
 from skyproof.studies.vector_sky import PRNS, SKY, attack_on
 
 NOBODY = np.zeros(6)
-EIGHT = rule.sky(
+EIGHT = rule.satellite_geometry(
     rule.geometry_matrix(
         np.radians([274, 327, 90, 239, 168, 212, 30, 130]), np.radians([21, 24, 26, 73, 57, 31, 45, 15])
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.detectors.nulls import with_vector_taps
 
-from skyproof.detectors.correlators.vector_sqm import equilibrium, sky
+from skyproof.detectors.correlators.vector_sqm import equilibrium, satellite_geometry
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings, _design
 from skyproof.errors import SettingsError
 
@@ -14,7 +14,7 @@ from skyproof.errors import SettingsError
 def settled(records, code_chips, doppler_hz, place):
     """Offsets when one satellite is attacked."""
     (o,), (taps,) = records.observations, records.vector_taps
-    where = sky(_design(o, records.navigation, taps, records.sets[0].position_ecef_m))
+    where = satellite_geometry(_design(o, records.navigation, taps, records.sets[0].position_ecef_m))
     attack = np.eye(len(o.signals))[place]
     return equilibrium(where, code_chips * attack, doppler_hz * attack, 45.0)
 

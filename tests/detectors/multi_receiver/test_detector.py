@@ -7,7 +7,7 @@ import pytest
 
 from skyproof.detectors.multi_receiver.common_epochs import common_ranges
 from skyproof.detectors.multi_receiver.detector import MultiReceiver, MultiReceiverSettings
-from skyproof.detectors.multi_receiver.one_antenna import NoiseModel
+from skyproof.detectors.multi_receiver.one_antenna import TrackNoise
 from skyproof.detectors.multi_receiver.pairing import pair_up
 from skyproof.errors import SettingsError
 from skyproof.fusion.open_question import open_question
@@ -213,7 +213,7 @@ def test_a_sky_that_is_drawn_off_at_the_end_of_a_window_is_not_authentic(axis):
     """By 20 m in its last two seconds: its mean over the window is 2 m off."""
     records = scene(errors=TrackErrors(0.5, 0.0, 0.3), step_s=0.5).records(rng())
     first, second = records.observations
-    towards = pair_up(records, records.sets, NoiseModel(), min_satellites=5).unit_enu[:, axis]
+    towards = pair_up(records, records.sets, TrackNoise(), min_satellites=5).unit_enu[:, axis]
     away_m = np.concatenate([np.zeros(16), np.linspace(0.0, 20.0, 4)])
     drawn = replace(second, pseudorange_m=second.pseudorange_m - away_m[:, None] * towards)
     assert named(examine(records, **placed()), "authentic")

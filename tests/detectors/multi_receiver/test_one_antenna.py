@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from skyproof.detectors.multi_receiver.one_antenna import (
     WHITE,
-    NoiseModel,
+    TrackNoise,
     baseline_design,
     baseline_estimate,
     contrast_levels,
@@ -86,7 +86,7 @@ ERRORS = [
 @pytest.mark.parametrize(("n", "sats", "receivers"), [(5, 7, 2), (30, 5, 2), (15, 7, 3)])
 def test_coloured_noise_and_constant_errors_do_not_authenticate(n, sats, receivers, errors):
     trials = 600
-    noise = NoiseModel(miss_probability=1e-3)
+    noise = TrackNoise(miss_probability=1e-3)
     (count,) = counted(np.random.default_rng(1), trials, (n, sats, receivers), noise, [0.01], **errors)
     assert binomial_survival(count, trials, 0.01) > 1e-3
 
@@ -98,7 +98,7 @@ def test_coloured_noise_and_constant_errors_do_not_authenticate(n, sats, receive
 @pytest.mark.parametrize(("sats", "receivers"), [(5, 2), (12, 2), (7, 3)])
 def test_wrong_authentications_stay_below_the_stated_rate(sats, receivers, n, errors, rate):
     trials = 10_000
-    noise = NoiseModel(miss_probability=rate / 10)
+    noise = TrackNoise(miss_probability=rate / 10)
     (count,) = counted(np.random.default_rng(1), trials, (n, sats, receivers), noise, [rate], **errors)
     assert binomial_survival(count, trials, rate) > 1e-3
 
@@ -115,14 +115,14 @@ def test_wrong_weights_do_not_authenticate_either():
     scale[0] = 3.0
     errors = tracks(np.random.default_rng(3), (1000, 30, 7, 2)) * scale
     assert np.mean(p_values(errors, WHITE) < 0.01) > 0.03
-    assert np.mean(p_values(errors, NoiseModel(miss_probability=1e-3)) < 0.01) < 0.01
+    assert np.mean(p_values(errors, TrackNoise(miss_probability=1e-3)) < 0.01) < 0.01
 
 
 @pytest.mark.parametrize(("distance_m", "n", "power"), [(10, 30, 0.9), (20, 10, 0.8), (20, 30, 0.99), (60, 10, 0.99)])
 def test_the_sky_is_told_from_one_antenna(distance_m, n, power):
     errors = tracks(np.random.default_rng(4), (200, n, 7, 2), constant_m=1.0)
     errors[..., 1] -= sky() @ np.array([0.6 * distance_m, 0.8 * distance_m, 0.0])
-    assert np.mean(p_values(errors, NoiseModel()) < 1e-3) > power
+    assert np.mean(p_values(errors, TrackNoise()) < 1e-3) > power
 
 
 def test_unequal_thermal_noise_keeps_the_law_exact():
@@ -141,7 +141,7 @@ def test_clock_and_satellite_terms_of_any_size_do_not_matter():
 
 def test_the_threshold_is_where_the_p_value_crosses_the_rate():
     rng = np.random.default_rng(7)
-    for noise in (WHITE, NoiseModel(miss_probability=1e-4)):
+    for noise in (WHITE, TrackNoise(miss_probability=1e-4)):
         values, gain, _ = table_contrasts(tracks(rng, (300, 10, 6, 2)) * 1.3, np.ones((6, 2)))
         values = values + rng.uniform(0, 12, (300, 1, 1))
         levels = contrast_levels(values, gain, noise)
@@ -217,6 +217,6 @@ def test_epochs_that_are_missing_are_told_by_their_gaps():
     kept = np.array([0, 1, 2, 6, 7, 8, 9, 14, 15, 16])
     ranges_m = tracks(rng, (2000, 17, 6, 2), phi=0.9)[:, kept]
     values, gain, _ = table_contrasts(ranges_m, np.ones((6, 2)))
-    noise = NoiseModel(miss_probability=1e-3)
+    noise = TrackNoise(miss_probability=1e-3)
     count = np.sum(one_antenna_test(contrast_levels(values, gain, noise, np.diff(kept).astype(float))).p_value < 0.01)
     assert binomial_survival(int(count), 2000, 0.01) > 1e-3

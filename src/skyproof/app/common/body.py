@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from skyproof.app.common.platform import Platform
-from skyproof.app.common.platform_tables import Imu
+from skyproof.app.common.platform_tables import PlatformImu
 from skyproof.arrays import Instants, Reals
 from skyproof.errors import SettingsError
 from skyproof.formats.attitude import AttitudeFile, read_attitude
@@ -84,7 +84,7 @@ def with_imu(platform: Platform, imu: str | Path | None) -> Platform:
     """The platform with another file of inertial readings, if one is given."""
     if imu is None:
         return platform
-    unit = Imu(file=Path(imu)) if platform.imu is None else platform.imu.model_copy(update={"file": Path(imu)})
+    unit = PlatformImu(file=Path(imu)) if platform.imu is None else platform.imu.model_copy(update={"file": Path(imu)})
     return platform.model_copy(update={"imu": unit})
 
 

@@ -7,7 +7,7 @@ from typing import Any, Final, Literal
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
-from skyproof.app.common.platform_tables import Imu, Receiver, StatedAttitude
+from skyproof.app.common.platform_tables import PlatformImu, PlatformReceiver, StatedAttitude
 from skyproof.app.common.settings import Settings
 from skyproof.errors import SettingsError
 from skyproof.formats.documents import read_toml
@@ -44,16 +44,16 @@ class Platform(Model):
         "method uses it yet.",
         examples=["tcxo"],
     )
-    receivers: tuple[Receiver, ...] = Field(default=(), max_length=64, description="A table for each.")
+    receivers: tuple[PlatformReceiver, ...] = Field(default=(), max_length=64, description="A table for each.")
     attitude: StatedAttitude | None = Field(
         default=None, description="How the body is turned, where no inertial unit states it."
     )
-    imu: Imu | None = Field(default=None, description="An inertial unit, one for all receivers.")
+    imu: PlatformImu | None = Field(default=None, description="An inertial unit, one for all receivers.")
     protect: Settings = Field(default=Settings(), description="The settings.")
 
     @field_validator("receivers")
     @classmethod
-    def _agree(cls, receivers: tuple[Receiver, ...]) -> tuple[Receiver, ...]:
+    def _agree(cls, receivers: tuple[PlatformReceiver, ...]) -> tuple[PlatformReceiver, ...]:
         names = [receiver.name or f"[{number}]" for number, receiver in enumerate(receivers)]
         for number in repeated(names):
             raise ValueError(f"[{number}].name is {names[number]} once more; give each receiver its own")
@@ -75,7 +75,7 @@ class Platform(Model):
         return protect
 
 
-def _require_one_place(receivers: Sequence[Receiver]) -> None:
+def _require_one_place(receivers: Sequence[PlatformReceiver]) -> None:
     """Raise ValueError where surveyed positions are far apart, or contradict the places in the body frame."""
     placed = [(number, r, r.position) for number, r in enumerate(receivers) if r.position is not None]
     for at, (number, one, here) in enumerate(placed):

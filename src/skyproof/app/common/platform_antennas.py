@@ -5,20 +5,20 @@ from math import pi
 
 import numpy as np
 
-from skyproof.app.common.platform_tables import Receiver
+from skyproof.app.common.platform_tables import PlatformReceiver
 from skyproof.errors import SettingsError
 from skyproof.records import AntennaArray, SpinArm
 
 __all__ = ["arrays_of", "is_array", "spin_arms_of"]
 
 
-def is_array(table: Receiver) -> bool:
+def is_array(table: PlatformReceiver) -> bool:
     """Whether a receiver's table says that it has several antennas; one input may have several channels besides."""
     return max(len(table.inputs), len(table.antennas_m or ())) > 1
 
 
 def arrays_of(
-    tables: Mapping[str, Receiver], n_antennas: Mapping[str, int], where: str = "the platform file"
+    tables: Mapping[str, PlatformReceiver], n_antennas: Mapping[str, int], where: str = "the platform file"
 ) -> dict[str, AntennaArray]:
     """The receivers with several antennas whose places are known.
 
@@ -47,7 +47,7 @@ def arrays_of(
     return arrays
 
 
-def spin_arms_of(tables: Mapping[str, Receiver]) -> tuple[SpinArm, ...]:
+def spin_arms_of(tables: Mapping[str, PlatformReceiver]) -> tuple[SpinArm, ...]:
     """The arms that turn a receiver's antenna."""
     return tuple(
         SpinArm(

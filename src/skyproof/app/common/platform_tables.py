@@ -16,7 +16,7 @@ from skyproof.formats.models import FilePath, Instant, Model, Name, Number, repe
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.imu_grades import GRADES, ImuGrade, imu_grade
 
-__all__ = ["Imu", "InitialAttitude", "Receiver", "Spin", "StatedAttitude", "Surveyed"]
+__all__ = ["InitialAttitude", "PlatformImu", "PlatformReceiver", "PlatformSpin", "StatedAttitude", "Surveyed"]
 
 ROTATION_ERROR: Final = 1e-3
 """Of each number of a matrix that is written with few digits."""
@@ -68,7 +68,7 @@ class Surveyed(Model):
         return ecef_from_geodetic(np.radians(self.lat_deg), np.radians(self.lon_deg), self.height_m)
 
 
-class Spin(Model):
+class PlatformSpin(Model):
     """An arm that carries the antenna round in a level circle."""
 
     radius_m: Number = Field(gt=0.0, le=100.0, description="From the axis to the antenna, metres.", examples=[0.0951])
@@ -94,7 +94,7 @@ class Spin(Model):
         return rate_hz
 
 
-class Receiver(Model):
+class PlatformReceiver(Model):
     """One receiver: its inputs, and where its antennas are."""
 
     name: Name | None = Field(
@@ -142,7 +142,7 @@ class Receiver(Model):
         "against the orbits.",
         examples=[[0.0, 0.12, -0.3]],
     )
-    spin: Spin | None = Field(
+    spin: PlatformSpin | None = Field(
         default=None,
         description="An arm that turns its antenna.",
         examples=[{"radius_m": 0.0951, "rate_hz": 0.25, "rate_sigma_hz": 0.001}],
@@ -169,7 +169,7 @@ class Receiver(Model):
 
     @field_validator("spin")
     @classmethod
-    def _of_one_antenna(cls, spin: Spin | None, info: ValidationInfo) -> Spin | None:
+    def _of_one_antenna(cls, spin: PlatformSpin | None, info: ValidationInfo) -> PlatformSpin | None:
         count = max(len(info.data.get(key) or ()) for key in ("inputs", "antennas_m", "line_bias_cyc"))
         if spin is not None and count > 1:
             raise ValueError(f"turns one antenna, but the receiver has {count}; give the one that turns a receiver")
@@ -230,7 +230,7 @@ class StatedAttitude(Model):
         return self
 
 
-class Imu(Model):
+class PlatformImu(Model):
     """An inertial unit and its readings."""
 
     file: FilePath = Field(

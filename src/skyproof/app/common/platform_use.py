@@ -10,7 +10,7 @@ import numpy as np
 
 from skyproof.app.common.platform import Platform
 from skyproof.app.common.platform_antennas import is_array
-from skyproof.app.common.platform_tables import Receiver, Surveyed
+from skyproof.app.common.platform_tables import PlatformReceiver, Surveyed
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.arrays import Reals
 from skyproof.errors import SettingsError
@@ -55,7 +55,9 @@ def inputs_of(
     return [table.inputs for table in tables], [table.name for table in tables]
 
 
-def described(platform: Platform, names: Sequence[str], where: str = "the platform file") -> dict[str, Receiver]:
+def described(
+    platform: Platform, names: Sequence[str], where: str = "the platform file"
+) -> dict[str, PlatformReceiver]:
     """The table of each receiver, by the name that it has in this run; none where there is no table.
 
     A receiver with inputs is the one opened in its turn, another one the one of its name, or the only one.
@@ -90,7 +92,7 @@ class _Use:
 
 
 def settings_of(
-    platform: Platform, settings: Settings, names: Sequence[str], tables: Mapping[str, Receiver]
+    platform: Platform, settings: Settings, names: Sequence[str], tables: Mapping[str, PlatformReceiver]
 ) -> tuple[Settings, tuple[str, ...]]:
     """The settings with all that follows from the platform, and remarks on what of it is not used.
 
@@ -143,7 +145,7 @@ def _speed(platform: Platform) -> _Use:
     return _Use({"speed_max_m_s": bound_m_s + max(arms_m_s, default=0.0)}, frozenset({"motion", "speed_max_m_s"}))
 
 
-def _geometry(platform: Platform, tables: Mapping[str, Receiver]) -> _Use:
+def _geometry(platform: Platform, tables: Mapping[str, PlatformReceiver]) -> _Use:
     """Where the antennas stand relative to each other: as surveyed, else in the body as it is turned, else how far
     apart two are.
     """

@@ -9,14 +9,14 @@ import tomli_w
 from pydantic import BaseModel
 
 from skyproof.app.common.platform import Platform
-from skyproof.app.common.platform_tables import Imu, Receiver, StatedAttitude
+from skyproof.app.common.platform_tables import PlatformImu, PlatformReceiver, StatedAttitude
 from skyproof.app.common.settings import Settings
 
 __all__ = ["FoundReceiver", "one_line", "platform_lines"]
 
 _WIDTH: Final = 100
 _INSTEAD: Final = {"file": "heading_deg, pitch_deg and roll_deg"} | dict.fromkeys(
-    (key for key in Imu.model_fields if key.startswith(("gyro_", "accel_"))), "grade, with the three others"
+    (key for key in PlatformImu.model_fields if key.startswith(("gyro_", "accel_"))), "grade, with the three others"
 )
 """Keys that stand in the place of others."""
 _OF_RECEIVERS: Final = ("antennas_enu_m", "antennas_sigma_m", "speed_max_m_s")
@@ -66,7 +66,7 @@ def _receiver(number: int, receiver: FoundReceiver) -> Iterator[str]:
     }
     skip = ("name", "inputs", *(of_several if receiver.antennas == 1 else ["spin"]))
     known = of_several | {"body_m": [-_APART_M * number, 0.0, 0.0] if number else [0.0, 0.0, 0.0]}
-    yield from _examples(Receiver, skip=skip, known=known, words=number == 0)
+    yield from _examples(PlatformReceiver, skip=skip, known=known, words=number == 0)
 
 
 def _attitude(file: str | None) -> Iterator[str]:
@@ -84,10 +84,10 @@ def _imu(file: str | None) -> Iterator[str]:
     yield from _prose(str(Platform.model_fields["imu"].description))
     if file is None:
         yield "#[imu]"
-        yield from (*_prose(str(Imu.model_fields["file"].description)), '#file = "imu.csv"')
+        yield from (*_prose(str(PlatformImu.model_fields["file"].description)), '#file = "imu.csv"')
     else:
         yield from ("[imu]", f"file = {one_line(file)}")
-    yield from _examples(Imu, skip=("file",))
+    yield from _examples(PlatformImu, skip=("file",))
 
 
 def _examples(

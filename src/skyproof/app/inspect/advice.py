@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import Final, Protocol
 
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.recording.conditioning import FrontEnd
+from skyproof.recording.conditioning import MeasuredFrontEnd
 from skyproof.recording.survey import OscillatorError, Survey
 from skyproof.records import Samples
 
-__all__ = ["Heard", "advice", "correction_remark", "oscillator_remarks", "signal_remarks", "summary"]
+__all__ = ["FoundSatellite", "advice", "correction_remark", "oscillator_remarks", "signal_remarks", "summary"]
 
 _FIX_SATS: Final = 4
 _TEST_SATS: Final = 5
@@ -21,7 +21,7 @@ _TRACKED_S: Final = 2.0  # `Settings.window_s` has no less
 _REACH_HZ: Final = 7000.0
 
 
-class Heard(Protocol):
+class FoundSatellite(Protocol):
     """A satellite of an inspection."""
 
     @property
@@ -34,7 +34,7 @@ class Heard(Protocol):
     def peaks(self) -> int: ...
 
 
-def advice(samples: Samples, satellites: Sequence[Heard], *, gaps: int, mirrored: bool) -> str:
+def advice(samples: Samples, satellites: Sequence[FoundSatellite], *, gaps: int, mirrored: bool) -> str:
     """One sentence: what `protect` can do, and what would make it stronger.
 
     mirrored : whether the description reads the spectrum the wrong way round.
@@ -133,7 +133,11 @@ def oscillator_remarks(oscillator: OscillatorError) -> tuple[str, ...]:
 
 
 def summary(
-    samples: Samples, satellites: Sequence[Heard], survey: Survey, conjugate: bool | None, front: FrontEnd
+    samples: Samples,
+    satellites: Sequence[FoundSatellite],
+    survey: Survey,
+    conjugate: bool | None,
+    front: MeasuredFrontEnd,
 ) -> str:
     """One or two sentences: what is there, and whether it can be used."""
     long = f"{samples.duration_s:.1f} s" if samples.duration_s >= 1.0 else f"{samples.duration_s * 1e3:.0f} ms"

@@ -23,7 +23,7 @@ from skyproof.formats.signatures import WavHeader, head_of, other_than_samples, 
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
-from skyproof.recording.interleaving import Carried, turns
+from skyproof.recording.interleaving import InterleavedSignal, turns
 from skyproof.recording.repetition import LEAST_SAMPLES, Repetition, repetition, usual_length
 
 __all__ = ["CONVINCING", "Guess", "Proposal", "guess"]
@@ -256,7 +256,9 @@ def _interleaved(octets: FileBytes, proposal: Proposal) -> str:
     planes = samples.read(0, min(samples.n_samples, math.ceil(_PERIODS * GPS_L1_CA.period_s * layout.rate_hz)))
     planes -= planes.mean(axis=1, keepdims=True)
     signals = [
-        Carried(sat=one.sat, carrier_hz=layout.if_hz + one.doppler_hz, delay_s=one.delay_s, cn0_dbhz=one.cn0_dbhz)
+        InterleavedSignal(
+            sat=one.sat, carrier_hz=layout.if_hz + one.doppler_hz, delay_s=one.delay_s, cn0_dbhz=one.cn0_dbhz
+        )
         for one in proposal.peaks
     ]
     turn = turns(planes, layout.rate_hz, signals, real=layout.kind == "real")

@@ -13,7 +13,7 @@ from skyproof.formats.raw import SampleLayout
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import iso
 from skyproof.receiver.clock_agreement import Disagreement
-from skyproof.recording.conditioning import FrontEnd
+from skyproof.recording.conditioning import MeasuredFrontEnd
 from skyproof.recording.survey import OscillatorError, Survey
 from skyproof.records import Samples
 from skyproof.verdict import notebook_html
@@ -52,7 +52,7 @@ class Inspection:
     """
 
     samples: Samples
-    front_end: FrontEnd
+    front_end: MeasuredFrontEnd
     satellites: tuple[Satellite, ...]
     survey: Survey
     conjugate: bool | None

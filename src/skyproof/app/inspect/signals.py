@@ -14,7 +14,7 @@ from skyproof.errors import NotEnoughData
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.clock_agreement import corrected, in_survey
-from skyproof.recording.conditioning import FrontEnd, conditioned, measure_front_end
+from skyproof.recording.conditioning import MeasuredFrontEnd, conditioned, measure_front_end
 from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, oscillator_error, survey
 from skyproof.records import Samples
 
@@ -202,7 +202,7 @@ def _satellites(peaks: Sequence[Peak], start: int, samples: Samples) -> tuple[Sa
 
 def inspection_of(
     samples: Samples,
-    front: FrontEnd,
+    front: MeasuredFrontEnd,
     satellites: tuple[Satellite, ...],
     survey: Survey,
     conjugate: bool | None,

@@ -27,7 +27,7 @@ from skyproof.verdict import (
     InputFile,
     Place,
     Position,
-    Receiver,
+    ReceiverResult,
     Signal,
     Verdict,
 )
@@ -282,11 +282,11 @@ def _kept(outcome: Outcome, begin: str) -> str:
 # ---------------------------------------------------------------------- parts
 
 
-def _receiver(r: ReceiverOutcome) -> Receiver:
+def _receiver(r: ReceiverOutcome) -> ReceiverResult:
     source = r.reception.source
     o = r.reception.observations
     start = source.start_gpst if o is None or o.gpst.size == 0 else _start(o)
-    return Receiver(
+    return ReceiverResult(
         name=source.name,
         input=source.path or source.name,
         start_gpst=None if start is None else iso(start, DIGITS),

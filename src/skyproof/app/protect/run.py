@@ -30,7 +30,16 @@ from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.gnss.time import iso, seconds_between
-from skyproof.records import AntennaArray, Evidence, NavigationData, OpenFile, Records, Samples, Source, SpinArm
+from skyproof.records import (
+    AntennaArray,
+    Evidence,
+    MeasurementSource,
+    NavigationData,
+    OpenFile,
+    Records,
+    Samples,
+    SpinArm,
+)
 from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect", "verdict_of"]
@@ -309,7 +318,7 @@ def _pooled(told: Sequence[NavigationData]) -> NavigationData:
     )
 
 
-def _same_day(navigation: NavigationData, gpst: np.datetime64, source: Source) -> None:
+def _same_day(navigation: NavigationData, gpst: np.datetime64, source: MeasurementSource) -> None:
     """Raise InputError if no orbit of the file holds at the input's time."""
     if any(navigation.best(e.sat, gpst) is not None for e in navigation.ephemerides):
         return

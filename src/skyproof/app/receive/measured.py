@@ -23,7 +23,7 @@ PIECE_S: Final = 10.0
 """Of receiver time. What is younger is lost with a run that is killed."""
 
 
-class Rows(Protocol):
+class MeasuredRows(Protocol):
     """A dataclass of arrays with one row a signal and time, in order of time."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -35,7 +35,7 @@ class Rows(Protocol):
     def __len__(self) -> int: ...
 
 
-R = TypeVar("R", bound=Rows)
+R = TypeVar("R", bound=MeasuredRows)
 
 
 class RowLog(Generic[R]):

@@ -17,10 +17,10 @@ from skyproof.records import (
     AntennaArray,
     ArrayPhases,
     Ccaf,
+    MeasurementSource,
     NavigationData,
     ObservationLog,
     Samples,
-    Source,
     Stretched,
     Taps,
 )
@@ -47,7 +47,7 @@ class Reception:
     array_phases : the carrier's phases on all of them, if it is known where they are.
     """
 
-    source: Source
+    source: MeasurementSource
     observations: ObservationLog | None
     told: NavigationData  # by the signals themselves
     n_signals: int

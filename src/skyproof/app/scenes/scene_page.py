@@ -18,20 +18,20 @@ from skyproof.gnss.time import iso
 from skyproof.report.pictures import SignalSeries, SkyPosition, SkySource
 from skyproof.report.scene import (
     Element,
-    Line,
+    GroundTrack,
+    PlotLine,
     ScenePage,
     SceneSky,
     Setting,
     SettingGroup,
     Switching,
-    Way,
     scene_html,
 )
 from skyproof.report.words import instant_words
 from skyproof.simulator.attacks import Interference, Meaconer, Spoofer, Takeover
 from skyproof.simulator.platforms import Point, motion_within, trajectory_of
-from skyproof.simulator.received import HeardSignal, ReceiverSky, Scene
-from skyproof.simulator.scenario import Antenna, Attack, Receiver, Scenario
+from skyproof.simulator.received import ReceivedSignal, ReceiverSky, Scene
+from skyproof.simulator.scenario import Antenna, Attack, Scenario, SceneReceiver
 from skyproof.simulator.sites import Site
 from skyproof.simulator.sky import scene_of
 
@@ -217,15 +217,15 @@ def _when(transmitter: Attack | Interference) -> str:
 # --- places
 
 
-def _ways(scene: Scene, at_s: Reals, origin: Reals) -> Iterator[Way]:
+def _ways(scene: Scene, at_s: Reals, origin: Reals) -> Iterator[GroundTrack]:
     scenario = scene.scenario
     rot_enu = rot_enu_ecef(*geodetic_from_ecef(origin)[:2])
 
-    def way(name: str, role: Any, point: Point, when_s: Reals) -> Way:
+    def way(name: str, role: Any, point: Point, when_s: Reals) -> GroundTrack:
         enu_m = (point(when_s).position_ecef_m - origin) @ rot_enu.T
         if np.ptp(enu_m, axis=0).max() < _STANDS_M:
             enu_m = enu_m[:1]
-        return Way(name=name, role=role, east_m=enu_m[:, 0], north_m=enu_m[:, 1])
+        return GroundTrack(name=name, role=role, east_m=enu_m[:, 0], north_m=enu_m[:, 1])
 
     for name, trajectory in scene.trajectories.items():
         yield way(name, "receiver", lambda t_s, of=trajectory: motion_within(of, t_s), at_s)  # type: ignore[misc]
@@ -240,7 +240,7 @@ def _ways(scene: Scene, at_s: Reals, origin: Reals) -> Iterator[Way]:
         yield way(source.name or source.kind, "disturbs", _point(source.transmit), at_s)
 
 
-def _displacements(scene: Scene, firsts: list[ReceiverSky], at_s: Reals) -> Iterator[tuple[str, tuple[Line, ...]]]:
+def _displacements(scene: Scene, firsts: list[ReceiverSky], at_s: Reals) -> Iterator[tuple[str, tuple[PlotLine, ...]]]:
     """Of attacks whose place shown moves against the receiver: a takeover's target, or else the first."""
     scenario = scene.scenario
     for name, attack, shown in zip(scenario.attack_names, scenario.attacks, scene.shown, strict=True):
@@ -253,7 +253,7 @@ def _displacements(scene: Scene, firsts: list[ReceiverSky], at_s: Reals) -> Iter
         away_m[~on] = np.nan
         if np.ptp(away_m[on], axis=0).max(initial=0.0) > _STANDS_M:
             lines = tuple(
-                Line(name=axis, kind=kind, seconds=at_s, values=away_m[:, column])
+                PlotLine(name=axis, kind=kind, seconds=at_s, values=away_m[:, column])
                 for column, (axis, kind) in enumerate(_AXES)
             )
             yield f"What {name} shows to {target}", lines
@@ -315,7 +315,7 @@ def _sky(scene: Scene, sky: ReceiverSky) -> SceneSky:
     )
 
 
-def _label(heard: HeardSignal) -> Any:
+def _label(heard: ReceivedSignal) -> Any:
     return heard.label
 
 
@@ -324,7 +324,7 @@ def _direction(name: str, place: Reals, target: Reals) -> SkySource:
     return SkySource(name=name, azimuth_deg=float(np.degrees(az_rad)), elevation_deg=float(np.degrees(el_rad)))
 
 
-def _has_attitude(receiver: Receiver) -> bool:
+def _has_attitude(receiver: SceneReceiver) -> bool:
     given = {"heading_deg", "pitch_deg", "roll_deg"} & receiver.model_fields_set
     extended = any(a.spin is not None or any(a.body_m) or a.gain != "isotropic" for a in receiver.antennas)
     return bool(given) or receiver.path is not None or extended or receiver.imu is not None
@@ -333,7 +333,7 @@ def _has_attitude(receiver: Receiver) -> bool:
 # --- over time
 
 
-def _heard_at(heard: HeardSignal, at_s: Reals) -> Any:
+def _heard_at(heard: ReceivedSignal, at_s: Reals) -> Any:
     return np.any([(at_s >= begin) & (at_s <= end) for begin, end in heard.windows_s], axis=0)
 
 
@@ -364,7 +364,7 @@ def _within(source: Any, at_s: Reals) -> Reals:
     return np.asarray(np.where((at_s >= source.from_s) & (at_s <= source.until_s), source.power(at_s), 0.0))
 
 
-def _offsets(scene: Scene, sky: ReceiverSky, at_s: Reals) -> Iterator[Line]:
+def _offsets(scene: Scene, sky: ReceiverSky, at_s: Reals) -> Iterator[PlotLine]:
     at_s = _own(sky, at_s, scene.scenario.duration_s)
     behind_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(at_s)
     true = {heard.id.sat: column for column, heard in enumerate(sky.signals) if heard.source == "sky"}
@@ -374,7 +374,7 @@ def _offsets(scene: Scene, sky: ReceiverSky, at_s: Reals) -> Iterator[Line]:
             continue
         both = _heard_at(heard, at_s) & _heard_at(sky.signals[other], at_s)
         several = f" {heard.source}" if len(scene.scenario.attacks) > 1 else ""
-        yield Line(
+        yield PlotLine(
             name=f"{heard.id.sat}{several}",
             kind="spoofed",
             seconds=at_s,
@@ -382,7 +382,7 @@ def _offsets(scene: Scene, sky: ReceiverSky, at_s: Reals) -> Iterator[Line]:
         )
 
 
-def _disturbance(scenario: Scenario, sky: ReceiverSky, at_s: Reals) -> Iterator[Line]:
+def _disturbance(scenario: Scenario, sky: ReceiverSky, at_s: Reals) -> Iterator[PlotLine]:
     at_s = _own(sky, at_s, scenario.duration_s)
     names = [
         name
@@ -393,17 +393,17 @@ def _disturbance(scenario: Scenario, sky: ReceiverSky, at_s: Reals) -> Iterator[
     names += [source.name or source.kind for source in scenario.interference if source.kind != "noise"]
     for name, source in zip(names, (*sky.noises, *sky.jammers), strict=True):
         power = _within(source, at_s)
-        yield Line(
+        yield PlotLine(
             name=name, kind="multipath", seconds=at_s, values=10.0 * np.log10(np.where(power > 0.0, power, np.nan))
         )
 
 
-def _reflections(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[Line]:
+def _reflections(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[PlotLine]:
     at_s = _own(sky, at_s, duration_s)
     for ray in sky.rays:
         heard = sky.signals[ray.of]
         longer_m = SPEED_OF_LIGHT_M_S * ray.further_s(at_s)
-        yield Line(
+        yield PlotLine(
             name=heard.id.sat, kind="multipath", seconds=at_s, values=np.where(_heard_at(heard, at_s), longer_m, np.nan)
         )
 

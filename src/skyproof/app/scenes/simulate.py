@@ -33,7 +33,7 @@ from skyproof.simulator.files import (
     write_series,
     write_truth,
 )
-from skyproof.simulator.measurements import draw, geometry_of
+from skyproof.simulator.measurements import draw, ideal_measurements_of
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import Scenario, read_scenario
 from skyproof.simulator.scenes import ready, ready_made
@@ -214,7 +214,7 @@ def _measured(scene: Scene, *, required: bool, progress: Progress) -> list[_Meas
         progress.say(f"{words}: there are none")
         return []
     rng = np.random.default_rng(np.random.SeedSequence(scene.scenario.seed, spawn_key=(_STREAM,)))
-    observations, labels = draw(geometry_of(scene, interval_s=_INTERVAL_S), rng=rng)
+    observations, labels = draw(ideal_measurements_of(scene, interval_s=_INTERVAL_S), rng=rng)
     measured = []
     for o in observations:
         label_of = {ref.signal: label for ref, label in labels.items() if ref.receiver == o.receiver}

@@ -32,7 +32,7 @@ from scipy import special
 from skyproof.arrays import Complexes, ComplexFloats, Reals
 from skyproof.detectors.correlators.correlator_laws import triangle
 
-__all__ = ["Line", "allowed_share", "distortion", "earlier", "line_p_value", "pairs_of", "together"]
+__all__ = ["BeatLine", "allowed_share", "distortion", "earlier", "line_p_value", "pairs_of", "together"]
 
 FASTEST_LOOP_HZ = 2.0
 """Above, a code loop of about a hertz does not follow, so that the tracked signal stays where it is in the taps."""
@@ -45,7 +45,7 @@ SHAPE_ERROR = 0.1
 """Of the power of a line, that triangles may miss of it, where a front end rounds R: as much has to be beyond doubt."""
 
 
-class Line(NamedTuple):
+class BeatLine(NamedTuple):
     """The most telling line: p-value of all bins together, frequency in hertz, lag in chips (NaN where not looked at)
     and its statistic."""
 
@@ -78,7 +78,7 @@ def together(p_value: float, count: int) -> float:
     return float(-np.expm1(count * np.log1p(-min(p_value, 1.0 - 1e-16))))
 
 
-def distortion(looks: ComplexFloats, delays_chips: Reals, step_s: float, *, allowed: float = 0.0) -> Line:
+def distortion(looks: ComplexFloats, delays_chips: Reals, step_s: float, *, allowed: float = 0.0) -> BeatLine:
     """The strongest line at any beat, of the sums of pairs of taps.
 
     looks : (n, n_taps), one signal. step_s : from look to look. allowed : amplitude of a second signal, relative to the
@@ -97,12 +97,12 @@ def distortion(looks: ComplexFloats, delays_chips: Reals, step_s: float, *, allo
     odds = spectrum.odds() / (1.0 + expected)
     p_values = line_p_value(odds, len(pairs), spectrum.n_others)
     best = int(np.argmin(p_values))
-    return Line(
+    return BeatLine(
         together(float(p_values[best]), len(p_values)), float(spectrum.frequency_hz[best]), np.nan, float(odds[best])
     )
 
 
-def earlier(looks: ComplexFloats, delays_chips: Reals, step_s: float) -> Line:
+def earlier(looks: ComplexFloats, delays_chips: Reals, step_s: float) -> BeatLine:
     """The line that is most of a signal before the tracked one; arguments as of `distortion`.
 
     The statistic is by how much lags before the tracked signal explain a bin better than all others do. Under noise it
@@ -121,7 +121,7 @@ def earlier(looks: ComplexFloats, delays_chips: Reals, step_s: float) -> Line:
     more = early.max(axis=1) - other.max(axis=1) - SHAPE_ERROR * spectrum.odds()
     p_values = line_p_value(more, value.shape[1], spectrum.n_others)
     best = int(np.argmin(p_values))
-    return Line(
+    return BeatLine(
         together(float(p_values[best]), len(p_values)),
         float(spectrum.frequency_hz[best]),
         float(EARLY_CHIPS[np.argmax(early[best])]),

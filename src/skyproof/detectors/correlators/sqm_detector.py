@@ -14,7 +14,7 @@ import numpy as np
 from skyproof.arrays import Booleans, ComplexFloats
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.correlators.second_component import (
-    Line,
+    BeatLine,
     allowed_share,
     distortion,
     earlier,
@@ -65,8 +65,8 @@ class _Signal:
     """What one signal's correlators show: the most telling line of all, and the most telling one before it."""
 
     ref: SignalRef
-    distorted: Line
-    early: Line
+    distorted: BeatLine
+    early: BeatLine
 
 
 class Sqm:
@@ -194,7 +194,7 @@ def _unbroken(looks: ComplexFloats, there: Booleans) -> ComplexFloats:
     return looks[begins[longest] : ends[longest]]
 
 
-def _most_telling(lines: list[Line]) -> Line:
+def _most_telling(lines: list[BeatLine]) -> BeatLine:
     best = min(lines, key=lambda line: line.p_value)
     return best._replace(p_value=together(best.p_value, len(lines)))
 

@@ -27,7 +27,7 @@ __all__ = [
     "CODE_LIMIT_CHIPS",
     "PHASE_LIMIT_RAD",
     "Equilibrium",
-    "Sky",
+    "SatelliteGeometry",
     "TwoStep",
     "block_rate",
     "detection_probability",
@@ -37,7 +37,7 @@ __all__ = [
     "linear_shift",
     "parameter",
     "rule_alarm_probability",
-    "sky",
+    "satellite_geometry",
     "two_step",
 ]
 
@@ -48,7 +48,7 @@ PHASE_LIMIT_RAD: Final = 0.05 * np.pi
 # Geometry -------------------------------------------------------------------------------------------------------------
 
 
-class Sky(NamedTuple):
+class SatelliteGeometry(NamedTuple):
     """What the directions of n satellites say: design G (..., n, 4), projector S = I - G (G^T G)^-1 G^T (..., n, n),
     parity basis B (..., n - 4, n) with orthonormal rows and B G = 0, and a basis Q (..., n, 4) of the columns of G."""
 
@@ -65,15 +65,15 @@ def geometry_matrix(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> Reals:
     return np.asarray(np.stack(rows, axis=-1), float)
 
 
-def sky(design: Reals) -> Sky:
+def satellite_geometry(design: Reals) -> SatelliteGeometry:
     """Projector and bases of a design matrix (..., n, 4). With n <= 4 the parity basis is empty and nothing is seen."""
     left, _, _ = np.linalg.svd(design, full_matrices=True)
     span, parity = left[..., :4], np.swapaxes(left[..., 4:], -1, -2)
-    return Sky(design, np.asarray(np.swapaxes(parity, -1, -2) @ parity), parity, span)
+    return SatelliteGeometry(design, np.asarray(np.swapaxes(parity, -1, -2) @ parity), parity, span)
 
 
 def linear_shift(
-    where: Sky, code_chips: ArrayLike, doppler_hz: ArrayLike, *, coherent_s: float = 1e-3
+    where: SatelliteGeometry, code_chips: ArrayLike, doppler_hz: ArrayLike, *, coherent_s: float = 1e-3
 ) -> tuple[Reals, Reals]:
     """S C^s in chips and pi T S f^s in radians: the equilibrium without the bias of the discriminators."""
     code = where.projector @ np.asarray(code_chips, float)[..., None]
@@ -92,7 +92,12 @@ class Equilibrium(NamedTuple):
 
 
 def equilibrium(
-    where: Sky, code_chips: ArrayLike, doppler_hz: ArrayLike, cn0_dbhz: ArrayLike, *, coherent_s: float = 1e-3
+    where: SatelliteGeometry,
+    code_chips: ArrayLike,
+    doppler_hz: ArrayLike,
+    cn0_dbhz: ArrayLike,
+    *,
+    coherent_s: float = 1e-3,
 ) -> Equilibrium:
     """Settled offsets (20), (21) under an attack that adds `code_chips` (..., n) and `doppler_hz` (..., n).
 
@@ -109,7 +114,7 @@ def equilibrium(
     return Equilibrium(code, _phase_equilibrium(asked, amplitude, code))
 
 
-def _code_equilibrium(where: Sky, shift: Reals, amplitude: Reals) -> Reals:
+def _code_equilibrium(where: SatelliteGeometry, shift: Reals, amplitude: Reals) -> Reals:
     across = np.swapaxes(where.span, -1, -2)
     x = np.zeros((*shift.shape[:-1], 4, 1))
     step_chips, tolerance = 1e-6, 1e-12

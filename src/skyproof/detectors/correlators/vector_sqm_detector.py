@@ -16,7 +16,7 @@ from skyproof.detectors.correlators.vector_parity import (
     separability,
     whitener,
 )
-from skyproof.detectors.correlators.vector_sqm import sky
+from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.errors import SettingsError, require_probability
 from skyproof.navigation.least_squares import design_matrix, line_of_sight
 from skyproof.navigation.ranges import corrected_ranges
@@ -132,7 +132,7 @@ class VectorSqm:
         summed = value[:, kept].mean(axis=0)
         u = code_discriminator(summed[:, early], summed[:, late])
         q = phase_discriminator(summed[:, prompt])
-        where = sky(design[kept])
+        where = satellite_geometry(design[kept])
         amplitude = prompt_amplitude(level[kept], value.shape[0], coherent_s=observations.averaged_s)
         white = whitener(where.parity, amplitude)
         test = parity_test(parity_vector(u, q, white))

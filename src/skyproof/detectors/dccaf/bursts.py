@@ -10,9 +10,9 @@ as in `decomposition.fit` for one interval; nothing but the sums of the products
 
 Each satellite's own code is used: its side lobes, up to 65/1023 from one chip on, are no second signals.
 
-A reflection comes after its signal and is weaker. `Components` therefore holds two statistics: what any second signal
-explains more than none, and what it explains more than the best pair whose later signal is weaker by `REFLECTED_DB` at
-least. The second is small under one signal, and under a signal with a reflection.
+A reflection comes after its signal and is weaker. `BurstComponents` therefore holds two statistics: what any second
+signal explains more than none, and what it explains more than the best pair whose later signal is weaker by
+`REFLECTED_DB` at least. The second is small under one signal, and under a signal with a reflection.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from skyproof.compiled import compiled
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
 
-__all__ = ["REFLECTED_DB", "Components", "Shapes", "components", "joint_p_value", "own_correlation", "shapes"]
+__all__ = ["REFLECTED_DB", "BurstComponents", "Shapes", "components", "joint_p_value", "own_correlation", "shapes"]
 
 REFLECTED_DB = 3.0
 """By which a reflection is weaker at least: a wall takes that of a circular wave."""
@@ -108,7 +108,7 @@ def _path(value: Reals, slope: Reals) -> float:
 
 
 def joint_p_value(statistic: ArrayLike, intervals: int, path: float, noise_samples: int | None = None) -> Reals:
-    """Chance (...) of a statistic `Components.second` at least as large under one signal: an upper bound.
+    """Chance (...) of a statistic `BurstComponents.second` at least as large under one signal: an upper bound.
 
     Where the second signal may be, what it explains is a chi-square process of 2 K degrees for K intervals; the chance
     that its highest point exceeds t is at most that of one point plus the expected number of level crossings,
@@ -130,7 +130,7 @@ def joint_p_value(statistic: ArrayLike, intervals: int, path: float, noise_sampl
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Components:
+class BurstComponents:
     """One signal, and two, of each burst (n,).
 
     one_chips, one_sigma : (n,) delay of the signal, if it is one. two_chips : (n, 2) of two, the stronger first;
@@ -147,7 +147,7 @@ class Components:
     unlike: Reals
 
 
-def components(taps: Complexes, own: Shapes, noise_variance: Reals, band_hz: float) -> Components:
+def components(taps: Complexes, own: Shapes, noise_variance: Reals, band_hz: float) -> BurstComponents:
     """Of bursts (n, intervals, m) of one satellite at the tracked Doppler; `noise_variance` (n, intervals)."""
     n = len(taps)
     white = np.asarray(taps, np.complex128) @ own.whiten.T / np.sqrt(noise_variance)[..., None]
@@ -166,7 +166,7 @@ def components(taps: Complexes, own: Shapes, noise_variance: Reals, band_hz: flo
     )
     order = np.argsort(-out[:, 5:7], axis=1)
     each = [np.take_along_axis(out[:, first : first + 2], order, axis=1) for first in (3, 7, 5)]
-    return Components(
+    return BurstComponents(
         one_chips=out[:, 1],
         one_sigma=np.sqrt(out[:, 2]),
         two_chips=each[0],

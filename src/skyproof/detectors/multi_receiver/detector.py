@@ -35,12 +35,12 @@ from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.detectors.multi_receiver.common_epochs import Kind
 from skyproof.detectors.multi_receiver.known_geometry import (
     AntennaDistance,
+    AntennaGeometry,
     AntennaPlaces,
-    Geometry,
     LearntBaseline,
     agreement,
 )
-from skyproof.detectors.multi_receiver.one_antenna import NoiseModel, RatioTest
+from skyproof.detectors.multi_receiver.one_antenna import RatioTest, TrackNoise
 from skyproof.detectors.multi_receiver.pairing import Pairing, groups_in, pair_up, versus
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
@@ -106,7 +106,7 @@ class MultiReceiverSettings:
         if not 0.0 <= self.correlation_max < 1.0:
             raise SettingsError(f"multi_receiver: correlation_max is {self.correlation_max}, expected 0 to below 1")
 
-    def geometry(self, receivers: Sequence[str]) -> Geometry | None:
+    def geometry(self, receivers: Sequence[str]) -> AntennaGeometry | None:
         """What is known of where these receivers' antennas stand; None if nothing is."""
         if self.antennas_enu_m is not None and all(name in self.antennas_enu_m for name in receivers):
             return AntennaPlaces(self.antennas_enu_m, self.antennas_sigma_m)
@@ -116,10 +116,10 @@ class MultiReceiverSettings:
             return AntennaDistance(given_m, max(0.5 * SHARE * given_m, 0.5) if sigma_m is None else sigma_m)
         return None
 
-    def noise(self, tests: int) -> NoiseModel:
+    def noise(self, tests: int) -> TrackNoise:
         """The noise model for one of `tests` tests; a tenth of the error rate goes to the unknown correlation."""
         white = self.correlation_max == 0.0
-        return NoiseModel(
+        return TrackNoise(
             multipath_sigma_m=self.multipath_sigma_m,
             correlation_max=self.correlation_max,
             miss_probability=0.0 if white else 0.1 * self.false_alarm_probability / tests,
@@ -267,7 +267,7 @@ class _Window:
             )
         ]
 
-    def _by_geometry(self, pairing: Pairing, geometry: Geometry, p_one: float) -> list[Evidence]:
+    def _by_geometry(self, pairing: Pairing, geometry: AntennaGeometry, p_one: float) -> list[Evidence]:
         """Not of one antenna: of the sky if the antennas stand where they are known to."""
         alpha = self.settings.false_alarm_probability
         if self._agrees(pairing, geometry):
@@ -344,7 +344,7 @@ class _Window:
             would_need="the distance between the antennas (antenna_distance_m), or where they stand (antennas_enu_m)",
         )
 
-    def _agrees(self, pairing: Pairing, geometry: Geometry) -> bool:
+    def _agrees(self, pairing: Pairing, geometry: AntennaGeometry) -> bool:
         """Whether the baselines are as known."""
         baselines = self._believed(pairing)
         return bool(baselines) and agreement(geometry, baselines) >= self.settings.accept_probability
@@ -465,7 +465,7 @@ class _Window:
     def _p_possible(self, pairing: Pairing) -> float:
         return pairing.at_most_p_value(self.settings.max_separation_m)
 
-    def _p_not_sky(self, pairing: Pairing, geometry: Geometry | None) -> tuple[float, str]:
+    def _p_not_sky(self, pairing: Pairing, geometry: AntennaGeometry | None) -> tuple[float, str]:
         """p-value of "the sky over these antennas", and what to say if it is rejected."""
         because = f"{_names(pairing)} come from one antenna"
         if geometry is not None:

@@ -49,8 +49,8 @@ from skyproof.statistics.clusters import LineClusters, line_clusters
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
 __all__ = [
-    "Choice",
     "FractionTest",
+    "GroupChoice",
     "SkySplit",
     "SpanTest",
     "choose",
@@ -231,7 +231,7 @@ def fraction_test(difference_cyc: Reals, sigma_cyc: ArrayLike, *, modulus_cyc: f
     return FractionTest(statistic, chi_square_survival(statistic, n - 1), n - 1)
 
 
-class Choice(NamedTuple):
+class GroupChoice(NamedTuple):
     """which : (...) the pairing that comes from one antenna, -1 if that is open. p_value : (...) of the runner-up: the
     probability of a choice as clear as this if it is wrong."""
 
@@ -239,7 +239,7 @@ class Choice(NamedTuple):
     p_value: Reals
 
 
-def choose(p_values: Reals, false_alarm_probability: float, *, accept_probability: float = 1e-9) -> Choice:
+def choose(p_values: Reals, false_alarm_probability: float, *, accept_probability: float = 1e-9) -> GroupChoice:
     """The one pairing out of p_values (..., G) that is of one antenna, if all others are rejected.
 
     A wrong choice needs the true pairing's p-value to be below `false_alarm_probability`, so it is at most as probable.
@@ -248,7 +248,7 @@ def choose(p_values: Reals, false_alarm_probability: float, *, accept_probabilit
     best = np.argmax(p_values, axis=-1)
     two = np.sort(p_values, axis=-1)[..., -2:]
     decided = (two[..., 0] < false_alarm_probability) & (two[..., 1] >= accept_probability)
-    return Choice(np.where(decided, best, -1), two[..., 0])
+    return GroupChoice(np.where(decided, best, -1), two[..., 0])
 
 
 class _Seen(NamedTuple):

@@ -6,9 +6,9 @@ the true baseline decides. A false sky in one receiver that agrees with the ante
 that agrees with their distance shows a point of the sphere around the other antenna.
 
 Two questions, two p-values. `survival` holds for a rejection: under a clean sky it is below alpha at most with
-probability alpha, whatever the noise (`one_antenna.Levels`). `agreement` decides whether to believe: it takes the noise
-as it looks, over the whole window and over parts of it, so that a false sky that leaves the true place within the
-window is noticed.
+probability alpha, whatever the noise (`one_antenna.ContrastLevels`). `agreement` decides whether to believe: it takes
+the noise as it looks, over the whole window and over parts of it, so that a false sky that leaves the true place within
+the window is noticed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,8 +24,8 @@ from skyproof.statistics.distributions import chi_square_survival, f_survival
 
 __all__ = [
     "AntennaDistance",
+    "AntennaGeometry",
     "AntennaPlaces",
-    "Geometry",
     "LearntBaseline",
     "Misfit",
     "agreement",
@@ -45,7 +45,7 @@ class Misfit(NamedTuple):
     exact: int
 
 
-class Geometry(Protocol):
+class AntennaGeometry(Protocol):
     """What is known of where antennas stand relative to each other."""
 
     @property
@@ -119,7 +119,7 @@ class LearntBaseline:
         return _from_vector(off_m, covariance_m2 + self.baseline.covariance_m2)
 
 
-def survival(geometry: Geometry, receivers: Sequence[str], estimate: BaselineEstimate, dof_den: Reals) -> Reals:
+def survival(geometry: AntennaGeometry, receivers: Sequence[str], estimate: BaselineEstimate, dof_den: Reals) -> Reals:
     """p-value (G, ...) of "the sky over these antennas" for each noise that is considered, never too small.
 
     At the true baseline the squared deviation is chi-square with as many degrees as there are numbers to be met, and
@@ -129,7 +129,7 @@ def survival(geometry: Geometry, receivers: Sequence[str], estimate: BaselineEst
     return f_survival(misfit.squared / misfit.dof, misfit.dof, dof_den)
 
 
-def agreement(geometry: Geometry, baselines: Sequence[Baseline]) -> float:
+def agreement(geometry: AntennaGeometry, baselines: Sequence[Baseline]) -> float:
     """p-value of the worst of these baselines, times their number: 1 where all are as known."""
     p_values = []
     for baseline in baselines:

@@ -41,10 +41,10 @@ from skyproof.statistics.lines import additive_contrasts, fit_line
 __all__ = [
     "WHITE",
     "BaselineEstimate",
-    "Levels",
+    "ContrastLevels",
     "MeanTest",
     "Means",
-    "NoiseModel",
+    "TrackNoise",
     "baseline_design",
     "baseline_estimate",
     "contrast_levels",
@@ -57,7 +57,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class NoiseModel:
+class TrackNoise:
     """What is assumed of the errors of a track (one signal in one receiver).
 
     multipath_sigma_m : error that stays constant over the window, one sigma.
@@ -72,10 +72,10 @@ class NoiseModel:
     bound_m: float = 3.0
 
 
-WHITE = NoiseModel(multipath_sigma_m=0.0, correlation_max=0.0, miss_probability=0.0, bound_m=np.inf)
+WHITE = TrackNoise(multipath_sigma_m=0.0, correlation_max=0.0, miss_probability=0.0, bound_m=np.inf)
 
 
-class Levels(NamedTuple):
+class ContrastLevels(NamedTuple):
     """Mean contrasts of a window under each noise that is considered (axis 0): a grid of coefficients, then the bound.
 
     level : (G, ..., M) estimated mean of each contrast.
@@ -136,7 +136,7 @@ def table_contrasts(ranges_m: Reals, sigma_m: Reals, kinds: Indices | None = Non
     return flat @ matrix, gain, matrix
 
 
-def contrast_levels(values: Reals, gain: Reals, noise: NoiseModel, gaps: Reals | None = None) -> Levels:
+def contrast_levels(values: Reals, gain: Reals, noise: TrackNoise, gaps: Reals | None = None) -> ContrastLevels:
     """Means of contrasts (..., N, M), N >= 4, with the variances that the noise model gives them.
 
     gaps : (N-1,) steps between the epochs, in units of the usual step.
@@ -157,7 +157,7 @@ def contrast_levels(values: Reals, gain: Reals, noise: NoiseModel, gaps: Reals |
         variance = np.concatenate([variance, largest[None]])
         plausible = np.concatenate([plausible, np.ones_like(plausible[:1])])
         dof = np.append(dof, np.inf)
-    return Levels(level, variance, plausible, dof, noise.miss_probability, bounded)
+    return ContrastLevels(level, variance, plausible, dof, noise.miss_probability, bounded)
 
 
 class Means(NamedTuple):
@@ -183,14 +183,14 @@ def stretch_means(values: Reals, gain: Reals, multipath_sigma_m: float, first: i
 
 
 class MeanTest(NamedTuple):
-    """p_value (...), statistic (...), and which noise (...) of `Levels` gave them."""
+    """p_value (...), statistic (...), and which noise (...) of `ContrastLevels` gave them."""
 
     p_value: Reals
     statistic: Reals
     decides: Indices
 
 
-def one_antenna_test(levels: Levels, expected: Reals | None = None) -> MeanTest:
+def one_antenna_test(levels: ContrastLevels, expected: Reals | None = None) -> MeanTest:
     """Test that the mean contrasts are zero (one antenna), or `expected` (..., M) (a known baseline).
 
     The statistic is the mean square of the means over their sigmas, under the noise that decides. Under H0 with white
@@ -273,7 +273,7 @@ def ratio_test(
 
 
 class BaselineEstimate(NamedTuple):
-    """Baselines (b_2, ..., b_R) from mean contrasts, for each coefficient of `Levels`, if it is they.
+    """Baselines (b_2, ..., b_R) from mean contrasts, for each coefficient of `ContrastLevels`, if it is they.
 
     enu_m : (G, ..., 3 (R - 1)); covariance_m2 : (G, ..., 3 (R - 1), 3 (R - 1)).
     """
@@ -295,7 +295,7 @@ def baseline_design(matrix: Reals, unit_enu: Reals) -> Reals:
     return np.asarray(matrix.T @ table.reshape(n_sats * n_receivers, -1), float)
 
 
-def baseline_estimate(levels: Levels | Means, design: Reals) -> BaselineEstimate:
+def baseline_estimate(levels: ContrastLevels | Means, design: Reals) -> BaselineEstimate:
     """Least squares; design (M, 3 (R - 1)) of full rank."""
     weighted = design / levels.variance[..., None]
     covariance = np.linalg.inv(np.swapaxes(weighted, -1, -2) @ design)
@@ -304,7 +304,7 @@ def baseline_estimate(levels: Levels | Means, design: Reals) -> BaselineEstimate
 
 
 def distance_p_value(
-    levels: Levels, baseline: BaselineEstimate, distance_m: float, hypothesis: Literal["at least", "at most"]
+    levels: ContrastLevels, baseline: BaselineEstimate, distance_m: float, hypothesis: Literal["at least", "at most"]
 ) -> Reals:
     """Test that the antennas stand `at least`, or `at most`, so far apart in the horizontal; (...) p-values.
 

@@ -13,12 +13,12 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, Kind, common_ranges, shared_kinds
-from skyproof.detectors.multi_receiver.known_geometry import Geometry, survival
+from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, survival
 from skyproof.detectors.multi_receiver.one_antenna import (
-    Levels,
+    ContrastLevels,
     MeanTest,
-    NoiseModel,
     RatioTest,
+    TrackNoise,
     baseline_design,
     baseline_estimate,
     contrast_levels,
@@ -53,7 +53,7 @@ class Pairing:
 
     sets: tuple[ConsistentSet, ...]
     ranges: CommonRanges
-    noise: NoiseModel
+    noise: TrackNoise
     navigation: NavigationData | None
     start_gpst: np.datetime64
     end_gpst: np.datetime64
@@ -162,7 +162,7 @@ class Pairing:
             )
         return min(1.0, len(p_values) * min(p_values))
 
-    def survival(self, geometry: Geometry) -> float:
+    def survival(self, geometry: AntennaGeometry) -> float:
         """p-value of "the sky over antennas that stand so", never too small; 1 without orbits."""
         if self.unit_enu is None:
             return 1.0
@@ -207,12 +207,12 @@ class Pairing:
         return table_contrasts(self.ranges.range_m, self.ranges.sigma_m, self.ranges.kinds)
 
     @cached_property
-    def _levels(self) -> tuple[Levels, Reals]:
+    def _levels(self) -> tuple[ContrastLevels, Reals]:
         """Of all receivers; the levels of two of them are `_levels_of`."""
         values, gain, matrix = self._contrasts
         return contrast_levels(values, gain, self.noise, self.ranges.gaps), matrix
 
-    def _levels_of(self, receivers: list[int]) -> tuple[Levels, Reals]:
+    def _levels_of(self, receivers: list[int]) -> tuple[ContrastLevels, Reals]:
         if len(receivers) == len(self.sets):
             return self._levels
         ranges = self.ranges
@@ -237,7 +237,7 @@ def groups_in(sets: Sequence[ConsistentSet], min_satellites: int) -> list[Kind |
 def pair_up(
     records: Records,
     sets: tuple[ConsistentSet, ...],
-    noise: NoiseModel,
+    noise: TrackNoise,
     *,
     min_satellites: int,
     kind: Kind | None = None,

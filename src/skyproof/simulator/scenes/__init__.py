@@ -19,9 +19,9 @@ from skyproof.simulator.scenario import (
     FrontEnd,
     Interference,
     Meaconer,
-    Place,
-    Receiver,
     Scenario,
+    ScenePlace,
+    SceneReceiver,
     Site,
     Sky,
     read_scenario,
@@ -96,7 +96,7 @@ def meaconed(*, seed: int = 1, duration_s: float, onset_s: float, power_db: floa
         start_gpst=DEMO_START_GPST,
         duration_s=duration_s,
         receivers=(
-            Receiver(
+            SceneReceiver(
                 name="bow",
                 lat_deg=57.7012,
                 lon_deg=11.9321,
@@ -105,7 +105,7 @@ def meaconed(*, seed: int = 1, duration_s: float, onset_s: float, power_db: floa
                 clock_offset_s=1.9e-4,
                 lo_ppm=0.4,
             ),
-            Receiver(
+            SceneReceiver(
                 name="stern",
                 lat_deg=57.7009,
                 lon_deg=11.93295,
@@ -130,7 +130,7 @@ def meaconed(*, seed: int = 1, duration_s: float, onset_s: float, power_db: floa
 
 
 def clean(
-    place: Place,
+    place: ScenePlace,
     start_gpst: np.datetime64,
     *,
     zenith_cn0_dbhz: float = 50.0,
@@ -160,7 +160,7 @@ def clean(
         duration_s=duration_s,
         mask_deg=mask_deg,
         receivers=tuple(
-            Receiver(
+            SceneReceiver(
                 name=f"rx{number}",
                 lat_deg=place.lat_deg + float(north),
                 lon_deg=(place.lon_deg + float(east) + 180.0) % 360.0 - 180.0,
