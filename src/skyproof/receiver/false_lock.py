@@ -28,6 +28,9 @@ PARTS = 5
 """Of a bit: shorter ones are lost in noise; longer ones turn half round at the 100 Hz that loops of 5 ms may hold."""
 WINDOW_BITS = 50
 """Summed before it is decided where the carrier is."""
+FALSE_TURNING = 1e-2
+"""Probability, at most, that a row of measurements of a carrier half way to a false lock is withheld. On a true lock
+hardly any is, beside strong signals either, whose sidelobes are no white noise."""
 FALSE_MOVE = 1e-6
 """Probability, at most, that a true lock is left, a window."""
 _FEWEST_BITS = 5
@@ -40,8 +43,8 @@ def off_false_locks(
 ) -> tuple[Booleans, Reals, Reals]:
     """One row of measurements of the `good` channels, made of two frames' blocks.
 
-    Returns which channels rather turn in it than not, the loops, moved to their carriers where a window shows a false
-    lock, and what is summed of the windows so far.
+    Returns which channels turn in it, the loops, moved to their carriers where a window shows a false lock, and what is
+    summed of the windows so far.
     """
     known = good & (loops[:, k.BIT_START] >= 0.0)
     loops, turns, turning = loops.copy(), np.where(known[:, np.newaxis], turns, 0.0), np.zeros(good.size, np.bool_)
@@ -49,7 +52,7 @@ def off_false_locks(
     if not prompts.size:
         return turning, loops, turns
     row = turns_of(prompts, firsts, loops[known, k.BIT_START])
-    turning[known] = is_turning(row)
+    turning[known] = is_turning(row, FALSE_TURNING)
     turns[known] += row
     whole = np.flatnonzero(turns[:, N_BITS] >= WINDOW_BITS)
     more_hz = false_lock_hz(turns[whole], PERIODS_PER_BIT * signal.period_s)
@@ -80,11 +83,11 @@ def turns_of(prompts: Complexes, first_periods: Integers, bit_starts: Reals) -> 
     return np.stack([part.sum(axis=1) for part in (ones, i, q, i * i, q * q, i * q)], axis=-1)
 
 
-def is_turning(turns: Reals, probability: float = 1.0) -> Booleans:
+def is_turning(turns: Reals, probability: float) -> Booleans:
     """Whether each carrier turns further than half way to the first false lock; (n_signals,), False with few bits.
 
     turns : (n_signals, N_TURNS). probability : of saying so of a carrier that turns half way to one side or the
-    other, at most, and of one that turns less more seldom; 1 says what is nearer.
+    other, at most, and of one that turns less more seldom.
     """
     n = turns[:, N_BITS]
     enough = n >= _FEWEST_BITS

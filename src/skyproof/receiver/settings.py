@@ -38,8 +38,8 @@ class ReceiverSettings:
     grids : which correlation grids are taken; None takes none.
     joint : whether signals are followed by joint channels beside the loops, so that several of a satellite within a
         chip and a half are told apart (`joining`).
-    least_dbhz : weaker signals are not measured: every third slip of their carriers goes unseen, and one row in fifty
-        of a true lock looks like a false one (`false_lock`).
+    least_dbhz : weaker signals are not measured: every third slip of their carriers goes unseen, and so do more and
+        more false locks (`false_lock`).
     pull_in, searching_bits, tracking, weak : the loops for `pull_in_s`; until bits are known; then; and below
         `weak_dbhz` (with 2 dB of hysteresis).
     confirm_s : after that time a channel must be locked or is dropped.
