@@ -14,7 +14,7 @@ import argparse
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import process_time
 
@@ -22,14 +22,16 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 import pairs
+from pairs import SAT, Cell
 
 from skyproof.arrays import Floats, Reals
-from skyproof.gnss.signals import GPS_L1_CA, prn_of
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
 from skyproof.receiver import joint as j
+from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.joint_channel import JointModel, JointRow, bits, started
 from skyproof.receiver.joint_tracker import JointState, JointTracker, Replica
+from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 
-SAT = "G07"
 ONSET_S = 0.2
 GRACE_S = 0.4
 END_S = 1.6
@@ -38,16 +40,6 @@ RHO = GPS_L1_CA.chip_rate_hz / GPS_L1_CA.carrier_hz
 APART_CHIPS = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5)
 POWERS_DB = (-10.0, -6.0, 0.0, 6.0, 10.0)
 DIFFERENCES_HZ = (2.0, 10.0, 50.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cell:
-    """A second signal beside a first of `cn0_dbhz`; `apart_chips` in the middle of the time it is there."""
-
-    apart_chips: float
-    relative_db: float
-    apart_hz: float
-    cn0_dbhz: float = 45.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -93,7 +85,7 @@ def draws_of(model: JointModel, cell: Cell, rng: np.random.Generator, count: int
         looks = j.signals_in(there, model.bit_times_s, model.look_s, model.dictionary)
         looks = looks * rng.choice([-1.0, 1.0], (count, 1, 1))
         noise = rng.standard_normal((2, *looks.shape)) * math.sqrt(0.5)
-        done = bits(model, channels, looks + noise[0] + 1j * noise[1])
+        done = bits(model, channels, (looks + noise[0] + 1j * noise[1])[:, None])
         channels = [channel for channel, _ in done]
         truth = j.carried(mean, t_s - 0.09, RHO)
         for i, (_, row) in enumerate(done):
@@ -104,7 +96,8 @@ def draws_of(model: JointModel, cell: Cell, rng: np.random.Generator, count: int
 
 def drawn_from_samples(model: JointModel, cell: Cell, rng: np.random.Generator) -> tuple[Result, float]:
     """One pair from samples; and the tracker's time on the processor, s a second."""
-    rate_hz, waves = model.rate_hz, _waves(rng, cell)
+    rate_hz = model.rate_hz
+    waves = pairs.waves(rng, cell, ONSET_S, 0.5 * (ONSET_S + END_S), END_S + 0.1)
     first = waves[0]
     start = math.ceil(first.delay_s * rate_hz)
     chip = float(first.sent_s(start / rate_hz)) * GPS_L1_CA.chip_rate_hz
@@ -132,26 +125,6 @@ def drawn_from_samples(model: JointModel, cell: Cell, rng: np.random.Generator) 
         skip = max(state.replica.start - begin - 8, 0)
         tail, begin = tail[:, skip:], begin + skip
     return _result(rows, model), spent_s / END_S
-
-
-def _waves(rng: np.random.Generator, cell: Cell) -> tuple[pairs.Wave, pairs.Wave]:
-    sign, apart_hz = rng.choice([-1.0, 1.0]), cell.apart_hz * rng.choice([-1.0, 1.0])
-    doppler_hz, delay_s = rng.uniform(-4000.0, 4000.0), rng.uniform(2e-5, 0.0198)
-    data, middle_s = pairs.bits(rng, END_S + 0.1), 0.5 * (ONSET_S + END_S)
-    later_s = sign * cell.apart_chips / GPS_L1_CA.chip_rate_hz + apart_hz / GPS_L1_CA.carrier_hz * middle_s
-    first = pairs.Wave(
-        sat=SAT, cn0_dbhz=cell.cn0_dbhz, delay_s=delay_s, doppler_hz=doppler_hz, phase_cyc=rng.random(), bits=data
-    )
-    second = pairs.Wave(
-        sat=SAT,
-        cn0_dbhz=cell.cn0_dbhz + cell.relative_db,
-        delay_s=delay_s + later_s,
-        doppler_hz=doppler_hz + apart_hz,
-        phase_cyc=rng.random(),
-        bits=data,
-        begin_s=ONSET_S,
-    )
-    return first, second
 
 
 def _truth(
@@ -260,11 +233,47 @@ def report() -> Iterator[str]:
     for rate_hz, apart in ((5e6, (0.5, 1.0)), (25e6, (0.2, 0.5))):
         yield from table(rate_hz, 20, [one for one in cells(apart) if abs(one.relative_db) < 7.0])
     cell = Cell(apart_chips=0.5, relative_db=0.0, apart_hz=2.0)
-    for rate_hz in (5.0037e6, 25.0037e6):
+    for rate_hz in (2.6037e6, 5.0037e6, 25.0037e6):
         model = model_of(rate_hz)
-        drawn_from_samples(model, cell, np.random.default_rng(1))  # compiled before it is timed
-        spent = [drawn_from_samples(model, cell, np.random.default_rng(seed))[1] for seed in range(3)]
-        yield f"  {rate_hz / 1e6:.0f} Msps: {1e3 * np.median(spent):.0f} ms of CPU a second for a joint channel"
+        for seed in (0, 1):  # compiled before it is timed
+            spent = [drawn_from_samples(model, cell, np.random.default_rng(seed))[1] for _ in range(3 * seed + 1)]
+            alone = [single_channel(rate_hz, np.random.default_rng(seed)) for _ in range(3 * seed + 1)]
+        joint_ms, single_ms = 1e3 * np.median(spent), 1e3 * np.median(alone)
+        yield (
+            f"  {rate_hz / 1e6:.1f} Msps: {joint_ms:.1f} ms of CPU a second for a joint channel of two signals, "
+            f"{single_ms:.1f} for the loops of one, {joint_ms / single_ms:.1f} times"
+        )
+
+
+def single_channel(rate_hz: float, rng: np.random.Generator, more: int = 6) -> float:
+    """Time on the processor, s a second, of a receiver's step for each channel `more`; searches left out."""
+    few, many = (_receiver_s(rate_hz, GPS_SATS[:n], rng) for n in (2, 2 + more))
+    return (many - few) / more
+
+
+def _receiver_s(rate_hz: float, sats: tuple[str, ...], rng: np.random.Generator) -> float:
+    """Time on the processor, s a second, of a receiver that follows these satellites."""
+    receiver = Receiver(rate_hz, 0.0, ReceiverSettings(sats=sats, full_search_s=1e6, near_search_s=1e6))
+    planes, state = (
+        pairs.noise(rng, round(END_S * rate_hz)),
+        ReceiverState(frame=1, tail=np.zeros((1, 2, 0), np.float32)),
+    )
+    cell = Cell(apart_chips=0.5, relative_db=0.0, apart_hz=0.0)
+    for sat in sats:
+        wave = replace(pairs.waves(rng, cell, 0.0, 0.0, END_S + 0.1)[0], sat=sat)
+        pairs.add(wave, 0, planes, rate_hz)
+        peak = Peak(
+            sat=sat, delay_s=wave.delay_s, doppler_hz=wave.doppler_hz, cn0_dbhz=wave.cn0_dbhz, power=100.0, p_value=0.0
+        )
+        state = receiver.started(state, peak)
+    n = round(0.1 * rate_hz)
+    _, state = receiver.step(state, planes[:, :n])  # which makes the tables of the codes
+    since = process_time()
+    for begin in range(n, planes.shape[1], n):
+        _, state = receiver.step(state, planes[:, begin : begin + n])
+    spent_s = process_time() - since
+    assert len(state.channels) == len(sats)
+    return spent_s / (END_S - 0.1)
 
 
 def main() -> None:

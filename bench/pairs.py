@@ -162,7 +162,9 @@ def trial(rng: np.random.Generator, cell: Cell, settings: ReceiverSettings | Non
     receiver = Receiver(RATE_HZ, 0.0, settings or ReceiverSettings(sats=(SAT,)))
     # At any moment between two searches.
     onset_s = ALONE_S + receiver.settings.near_search_s * rng.random()
-    first, second = _waves(rng, cell, onset_s)
+    # Code and carrier belong together, so that signals of different Doppler move apart.
+    middle_s = onset_s + 0.3 + TRACKED_S + 0.5 * SEEN_S
+    first, second = waves(rng, cell, onset_s, middle_s, onset_s + WAIT_S + TRACKED_S + SEEN_S)
     state, parts, arcs = ReceiverState(), [], {}
     n = round(BLOCK_S * RATE_HZ)
     stop_s = math.inf  # of the epochs that count
@@ -181,13 +183,14 @@ def trial(rng: np.random.Generator, cell: Cell, settings: ReceiverSettings | Non
     return _outcome(Measurements.joined(parts), arcs, (first, second), onset_s, min(stop_s, now_s))
 
 
-def _waves(rng: np.random.Generator, cell: Cell, onset_s: float) -> tuple[Wave, Wave]:
+def waves(
+    rng: np.random.Generator, cell: Cell, onset_s: float, middle_s: float, duration_s: float
+) -> tuple[Wave, Wave]:
+    """A pair with the same data, the second from `onset_s` on; as far apart as the cell says at `middle_s`."""
     sign = rng.choice([-1.0, 1.0])
     apart_hz = cell.apart_hz * rng.choice([-1.0, 1.0])
     doppler_hz, delay_s = rng.uniform(-4000.0, 4000.0), rng.uniform(2e-5, 0.0198)
-    data = bits(rng, onset_s + WAIT_S + TRACKED_S + SEEN_S)
-    # Code and carrier belong together, so that signals of different Doppler move apart.
-    middle_s = onset_s + 0.3 + TRACKED_S + 0.5 * SEEN_S
+    data = bits(rng, duration_s)
     later_s = sign * cell.apart_chips * CHIP_S + apart_hz / GPS_L1_CA.carrier_hz * middle_s
     first = Wave(
         sat=SAT, cn0_dbhz=cell.cn0_dbhz, delay_s=delay_s, doppler_hz=doppler_hz, phase_cyc=rng.random(), bits=data

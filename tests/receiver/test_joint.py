@@ -11,6 +11,7 @@ from skyproof.receiver.joint_channel import JointModel
 
 RATE_HZ = 5e6
 MODEL = JointModel(signal=GPS_L1_CA, code=GPS_L1_CA.code(7), rate_hz=RATE_HZ)
+RHO = MODEL.settings.chips_per_cycle
 
 
 def signals(apart_chips, relative_db, apart_hz, *, cn0_dbhz=45.0, phase_cyc=0.1, count=1):
@@ -62,31 +63,21 @@ def test_the_information_is_the_spread_of_the_score():
     np.testing.assert_allclose(counted / np.outer(scale, scale), information[0] / np.outer(scale, scale), atol=0.12)
 
 
-def test_what_newcomers_are_projected_on_is_what_the_signals_would_change():
-    mean = signals(0.3, -3.0, 4.0)[0]
-    vector = seen(signals(0.9, 0.0, 11.0)[0][1:], MODEL.bit_times_s)
-    turn = np.exp(2j * np.pi * 11.0 * MODEL.bit_times_s)[None] * np.sinc(11.0 * MODEL.look_s)
-    value, _ = MODEL.dictionary.at(np.array([0.45]))
-    inner = j.projected(mean, MODEL.bit_times_s, MODEL.look_s, MODEL.dictionary, turn, value)[0, 0]
-    a = signals(0.9, 0.0, 11.0)[0][1]
-    for parameter in range(10):
-        signal, column = divmod(parameter, j.N_FITTED)
-        ahead, behind = mean.copy(), mean.copy()
-        ahead[signal, column] += 1e-5
-        behind[signal, column] -= 1e-5
-        change = (seen(ahead, MODEL.bit_times_s) - seen(behind, MODEL.bit_times_s)) / 2e-5
-        expected = np.sum(change.conj() * vector) / (a[j.RE] + 1j * a[j.IM])
-        assert inner[parameter] == pytest.approx(expected, rel=5e-3, abs=0.05)
-
-
 @given(first_s=st.floats(-0.2, 0.2), then_s=st.floats(-0.2, 0.2))
 def test_two_steps_carry_as_one(first_s, then_s):
     mean = signals(0.5, 3.0, 20.0)
     mean[..., j.HZ_S], mean[..., j.CHIPS_S] = 3.0, 0.01
-    rho = MODEL.settings.chips_per_cycle
     np.testing.assert_allclose(
-        j.carried(j.carried(mean, first_s, rho), then_s, rho), j.carried(mean, first_s + then_s, rho), atol=1e-9
+        j.carried(j.carried(mean, first_s, RHO), then_s, RHO), j.carried(mean, first_s + then_s, RHO), atol=1e-9
     )
+
+
+def follow(joint, looks):
+    """One data bit on: looks (..., n_looks, d)."""
+    joint, signs = j.follow(
+        joint, looks[..., None, :, :], MODEL.bit_times_s, MODEL.look_s, MODEL.bit_s, MODEL.dictionary
+    )
+    return joint, signs[..., 0]
 
 
 def followed(rng, mean, bits):
@@ -97,14 +88,12 @@ def followed(rng, mean, bits):
     spread = np.array([1.0, 1.0, 0.3, 0.3, 0.02, 1e-3])
     start += rng.standard_normal(mean.shape) * spread
     covariance = np.broadcast_to(np.diag(np.tile(spread, 2) ** 2), (len(mean), 12, 12))
-    joint, wiped, rho = j.Joint(mean=start, covariance=covariance), [], MODEL.settings.chips_per_cycle
-    for number in range(bits):
-        mean = j.carried(mean, 0.02 if number else 0.0, rho)
+    joint, wiped = j.Joint(mean=start, covariance=covariance), []
+    for _ in range(bits):
+        mean = j.carried(mean, 0.02, RHO)
         data = rng.choice([-1.0, 1.0], len(mean))[:, None, None]
         looks = noisy(rng, data * seen(mean, MODEL.bit_times_s))
-        joint, sign = j.update(
-            j.predict(joint, 0.02) if number else joint, looks, MODEL.bit_times_s, MODEL.look_s, MODEL.dictionary
-        )
+        joint, sign = follow(joint, looks)
         wiped.append(sign[:, None, None] * looks)
     return joint, mean, np.concatenate(wiped[-10:], axis=1)
 
@@ -120,9 +109,8 @@ def test_both_are_followed_and_a_row_is_at_the_bound(apart_chips, relative_db, a
     assert np.abs(error).max() < 0.5 * apart_chips
     # The signals stand still and the filter allows for motion: it says too much rather than too little.
     assert np.mean((error / joint.sigma(j.CHIPS)) ** 2) < 1.35
-    rho = MODEL.settings.chips_per_cycle
-    middle = j.carried(last, -0.09, rho)
-    start = j.carried(joint.mean, -0.09, rho)
+    middle = j.carried(last, -0.09, RHO)
+    start = j.carried(joint.mean, -0.09, RHO)
     row = j.fit_row(looks, MODEL.row_times_s, MODEL.look_s, start, MODEL.dictionary)
     limit = j.bound(middle, MODEL.row_times_s, MODEL.look_s, MODEL.dictionary)
     for column in (j.HZ, j.CHIPS):
@@ -146,24 +134,31 @@ def test_a_bit_in_which_nothing_is_seen_teaches_nothing():
     mean = signals(0.5, 0.0, 0.0)[0]
     joint = j.Joint(mean=mean, covariance=np.eye(12) * 0.1)
     silent = np.zeros((5, MODEL.dictionary.value.shape[1]), np.complex128)
-    after, sign = j.update(joint, silent, MODEL.bit_times_s, MODEL.look_s, MODEL.dictionary)
+    after, sign = follow(joint, silent)
     assert sign == 0.0
-    np.testing.assert_allclose(after.mean, mean)
-    np.testing.assert_allclose(after.covariance, joint.covariance)
+    as_foretold = j.predict(joint, MODEL.bit_s)
+    np.testing.assert_array_equal(after.mean, as_foretold.mean)
+    np.testing.assert_array_equal(after.covariance, as_foretold.covariance)
 
 
 @pytest.mark.parametrize("count", [1, 10, 12])  # as many channels as parameters or states, too
-def test_channels_at_once_are_as_channels_one_by_one(count):
+def test_channels_and_bits_at_once_are_as_one_by_one(count):
     rng = np.random.default_rng(6)
     mean = signals(0.5, -3.0, 5.0, phase_cyc=rng.random(count), count=count)
-    looks = noisy(rng, seen(mean, MODEL.bit_times_s))
+    looks = np.stack([noisy(rng, seen(j.carried(mean, t, RHO), MODEL.bit_times_s)) for t in (0.02, 0.04, 0.06)], axis=1)
     covariance = np.broadcast_to(np.diag(np.tile([1.0, 1.0, 0.3, 0.3, 0.02, 1e-3], 2) ** 2), (count, 12, 12))
-    together = j.predict(j.Joint(mean=mean, covariance=covariance), 0.02)
-    together, _ = j.update(together, looks, MODEL.bit_times_s, MODEL.look_s, MODEL.dictionary)
+    together, signs = j.follow(
+        j.Joint(mean=mean, covariance=covariance),
+        looks,
+        MODEL.bit_times_s,
+        MODEL.look_s,
+        MODEL.bit_s,
+        MODEL.dictionary,
+    )
     for one in range(count):
-        alone = j.predict(j.Joint(mean=mean[one], covariance=covariance[one]), 0.02)
-        alone, _ = j.update(alone, looks[one], MODEL.bit_times_s, MODEL.look_s, MODEL.dictionary)
-        # Steps end for all at once: what is left to go differs by a small part of what is known.
-        sigma = np.sqrt(np.diagonal(alone.covariance))
-        assert np.abs((together.mean[one] - alone.mean).ravel() / sigma).max() < 0.02
-        assert np.abs((together.covariance[one] - alone.covariance) / np.outer(sigma, sigma)).max() < 0.02
+        alone = j.Joint(mean=mean[one], covariance=covariance[one])
+        for bit in range(3):
+            alone, sign = follow(alone, looks[one, bit])
+            assert sign == signs[one, bit]
+        np.testing.assert_array_equal(together.mean[one], alone.mean)
+        np.testing.assert_array_equal(together.covariance[one], alone.covariance)

@@ -8,7 +8,7 @@ from tests.receiver.test_joint import noisy
 
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import joint as j
-from skyproof.receiver.joint_channel import JointModel, bit, rebased, started
+from skyproof.receiver.joint_channel import JointModel, bits, rebased, started
 from skyproof.receiver.joint_tracker import JointState, JointTracker, Replica
 
 MODEL = JointModel(signal=GPS_L1_CA, code=GPS_L1_CA.code(7), rate_hz=5e6)
@@ -47,7 +47,7 @@ def run(sky, channel, seconds):
     """Rows with the moment of their middle."""
     rows = []
     for _ in range(round(seconds / MODEL.bit_s)):
-        channel, row = bit(MODEL, channel, sky.bit())
+        channel, row = bits(MODEL, [channel], sky.bit()[None, None])[0]
         if row is not None:
             rows.append((sky.now_s - MODEL.bit_s - 0.09, row))
     return rows, channel
@@ -85,7 +85,7 @@ def test_a_replica_that_moves_changes_no_signal():
 
 def test_a_replica_does_not_move_within_a_row():
     sky = Sky(3, 0.5, 0.0, 0.0)
-    channel, _ = bit(MODEL, begun(sky), sky.bit())
+    channel, _ = bits(MODEL, [begun(sky)], sky.bit()[None, None])[0]
     with pytest.raises(ValueError, match="1 bits has begun"):
         rebased(channel, 1.0, 0.0)
 

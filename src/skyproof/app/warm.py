@@ -19,7 +19,11 @@ from skyproof.decomposition.fit import (
 from skyproof.detectors.dccaf.inverse_raim import passing_sets
 from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.navigation.strapdown import strapdown_paths
+from skyproof.receiver import kernels as k
+from skyproof.receiver.joining import JointReceiver
+from skyproof.receiver.joint import bound, predict
 from skyproof.simulator import scenes
 from skyproof.simulator.files import write
 from skyproof.simulator.scenario import FrontEnd
@@ -31,6 +35,7 @@ def warm() -> None:
     with tempfile.TemporaryDirectory() as folder:
         _receiver(Path(folder))
         simulate("takeover", out=Path(folder) / "measured", depth="measurements")
+    _joint_channels()
     _methods()
 
 
@@ -46,6 +51,19 @@ def _receiver(folder: Path) -> None:
         short = scenario.model_copy(update={"duration_s": 0.1, "front_end": front_end})
         recordings = write(short, nominal_constellation(scenario.start_gpst), folder / f"int{bits}")
         track(only_recordings(open_inputs(recordings, Settings())), Settings())
+
+
+def _joint_channels() -> None:
+    """One over a row of noise, and what it needs where a further signal is born."""
+    rate_hz = 2.6e6
+    loop = np.zeros(k.N_STATE)
+    loop[[k.CODE_RATE, k.CN0_DBHZ]] = GPS_L1_CA.chip_rate_hz, 45.0
+    receiver = JointReceiver(GPS_L1_CA, rate_hz)
+    states = receiver.begin({}, [(0, "G07")], loop[None], 2.0)
+    planes = np.random.default_rng(1).standard_normal((2, round(0.23 * rate_hz)), dtype=np.float32)
+    _, states = receiver.step(states, planes, 0)
+    model, joint = receiver.tracker("G07").model, states[0][1].channel.joint
+    bound(predict(joint, model.bit_s).mean, model.row_times_s, model.look_s, model.dictionary)
 
 
 def _methods() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from skyproof.compiled import compiled
 
-__all__ = ["bounds_of", "fit_all"]
+__all__ = ["bounds_of", "fit_all", "solve", "table_at"]
 
 _STARTS = 3  # pairs that the fit begins from
 _STEPS = 25
@@ -18,7 +18,7 @@ _CLOSEST_CHIPS = 1e-3  # two delays nearer than this are one to rounding
 
 
 @compiled
-def _solve(matrix, right):  # type: ignore[no-untyped-def]
+def solve(matrix, right):  # type: ignore[no-untyped-def]
     """Solution of a small system with several right sides, by elimination with pivots; False if it has none."""
     n, m = right.shape
     a, b = matrix.copy(), right.copy()
@@ -50,7 +50,7 @@ def _solve(matrix, right):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _at(x, first, step, value, slope, out, out_slope):  # type: ignore[no-untyped-def]
+def table_at(x, first, step, value, slope, out, out_slope):  # type: ignore[no-untyped-def]
     """A table's vector and its derivative at x, by cubic Hermite interpolation."""
     place = (x - first) / step
     i = min(max(int(np.floor(place)), 0), value.shape[0] - 2)
@@ -77,8 +77,8 @@ def _evaluate(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
     space, dspace = np.empty((n, d)), np.empty((n, d))
     time, dtime = np.empty((n, blocks), np.complex128), np.empty((n, blocks), np.complex128)
     for k in range(n):
-        _at(where[k], first, step, value, slope, space[k], dspace[k])
-        _at(where[n + k] if p > n else 0.0, f_first, f_step, f_value, f_slope, time[k], dtime[k])
+        table_at(where[k], first, step, value, slope, space[k], dspace[k])
+        table_at(where[n + k] if p > n else 0.0, f_first, f_step, f_value, f_slope, time[k], dtime[k])
     gram = np.empty((n, n), np.complex128)
     cross = np.empty((n, p), np.complex128)
     inner = np.empty((p, p), np.complex128)
@@ -115,10 +115,10 @@ def _evaluate(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
                 inner[n + k, j] = sd * ut
                 inner[n + k, n + j] = ss * uu
     information, gradient = np.zeros((p, p)), np.zeros(p)
-    solvable, amplitude = _solve(gram, seen)
+    solvable, amplitude = solve(gram, seen)
     if not solvable:
         return amplitude[:, 0], -1.0, gradient, information
-    _, explained = _solve(gram, cross)
+    _, explained = solve(gram, cross)
     captured = 0.0
     for k in range(n):
         captured += (np.conj(seen[k, 0]) * amplitude[k, 0]).real
@@ -158,7 +158,7 @@ def _polish(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
         for q in range(p):
             damped[q, q] = information[q, q] * (1.0 + damping) + 1e-12
             right[q, 0] = gradient[q]
-        solvable, step = _solve(damped, right)
+        solvable, step = solve(damped, right)
         moved = where.copy()
         longest = 0.0
         for q in range(p):
@@ -240,7 +240,7 @@ def _add_one(seen, gram, cells, m, score, start):  # type: ignore[no-untyped-def
         rest[k, 0] = seen[cells[k]]
         for j in range(m):
             inside[k, j] = gram[cells[k], cells[j]]
-    _, amplitude = _solve(inside.astype(np.complex128), rest)
+    _, amplitude = solve(inside.astype(np.complex128), rest)
     best, most = -1, -1.0
     column = np.empty((m, 1))
     for i in range(seen.size):
@@ -250,7 +250,7 @@ def _add_one(seen, gram, cells, m, score, start):  # type: ignore[no-untyped-def
             apart &= abs(i - cells[k]) > 1
         if not apart:
             continue
-        _, mix = _solve(inside, column)
+        _, mix = solve(inside, column)
         left, room = seen[i], gram[i, i]
         for k in range(m):
             left -= column[k, 0] * amplitude[k, 0]
@@ -282,7 +282,7 @@ def fit_all(data, n, delay, doppler, coarse, gram, f_coarse, fitted, where, ampl
     for t in range(trials):
         top, best_count, best_f = -1.0, 0, 0.0
         for f in f_coarse:
-            _at(f, doppler[0], doppler[1], doppler[2], doppler[3], time, dtime)
+            table_at(f, doppler[0], doppler[1], doppler[2], doppler[3], time, dtime)
             norm = 0.0
             for b in range(blocks):
                 norm += abs(time[b]) ** 2
@@ -324,9 +324,9 @@ def bounds_of(where, amplitude, delay, doppler, information):  # type: ignore[no
     for t in range(trials):
         data = np.zeros((blocks, d), np.complex128)
         for k in range(n):
-            _at(where[t, k], delay[0], delay[1], delay[2], delay[3], space, dspace)
+            table_at(where[t, k], delay[0], delay[1], delay[2], delay[3], space, dspace)
             f = where[t, n + k] if where.shape[1] > n else 0.0
-            _at(f, doppler[0], doppler[1], doppler[2], doppler[3], time, dtime)
+            table_at(f, doppler[0], doppler[1], doppler[2], doppler[3], time, dtime)
             for b in range(blocks):
                 for i in range(d):
                     data[b, i] += amplitude[t, k] * time[b] * space[i]

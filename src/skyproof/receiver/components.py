@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Complexes, Integers, Reals
 from skyproof.decomposition.fit import Dictionary
-from skyproof.receiver.joint import CHIPS, HZ, IM, N_FITTED, N_STATE, RE, Joint, Row, fit_row, projected, signals_in
+from skyproof.receiver.joint import CHIPS, N_FITTED, N_STATE, Joint, Row, fit_row
+from skyproof.receiver.joint_search import search
 
 __all__ = ["Candidates", "birth_threshold", "born", "faint", "false_birth_probability", "newcomer", "unresolved"]
 
@@ -61,55 +62,24 @@ def newcomer(
 
     looks : (..., n_looks, d), bits wiped off, to which the row was fitted.
     """
-    value, _ = dictionary.at(candidates.chips)
-    turn = np.exp(2j * np.pi * candidates.hz[:, None] * times_s) * np.sinc(candidates.hz * look_s)[:, None]
-    residual = looks - signals_in(row.mean, times_s, look_s, dictionary)
-    seen = turn.conj() @ (residual @ value.T)  # (..., f, u)
-    energy = np.sum(np.abs(turn) ** 2, axis=-1)[:, None] * np.sum(value**2, axis=-1)
-    cross = projected(row.mean, times_s, look_s, dictionary, turn, value)  # (..., f, u, n N_FITTED)
+    leading, (n, p) = row.mean.shape[:-2], (row.mean.shape[-2], row.covariance.shape[-1])
     sound = np.asarray(np.isfinite(row.covariance).all(axis=(-2, -1)))
-    spread = np.where(sound[..., None, None], row.covariance, 0.0)[..., None, :, :]
-    real, imag = 2.0 * cross.real, -2.0 * cross.imag
-    by_real, by_imag = real @ spread, imag @ spread
-    left = 2.0 * energy * (1.0 + LEFT)
-    rr = left - np.sum(by_real * real, axis=-1)
-    ii = left - np.sum(by_imag * imag, axis=-1)
-    ri = -np.sum(by_real * imag, axis=-1)
-    determinant = rr * ii - ri**2
-    in_phase, quadrature = 2.0 * seen.real, 2.0 * seen.imag
-    score = (ii * in_phase**2 + rr * quadrature**2 - 2.0 * ri * in_phase * quadrature) / determinant
-    flat = score.reshape(*score.shape[:-2], -1)
-    at = np.argmax(flat, axis=-1)
-
-    def chosen(field: Reals) -> Reals:
-        return np.take_along_axis(field.reshape(*score.shape[:-2], -1), at[..., None], axis=-1)[..., 0]
-
-    state = np.zeros((*at.shape, N_STATE))
-    state[..., RE] = chosen((ii * in_phase - ri * quadrature) / determinant)
-    state[..., IM] = chosen((rr * quadrature - ri * in_phase) / determinant)
-    state[..., HZ], by_hz = _top(score, at, candidates.hz, -2)
-    state[..., CHIPS], by_chips = _top(score, at, candidates.chips, -1)
-    return np.where(sound, chosen(score) + by_hz + by_chips, 0.0), state
-
-
-def _top(score: Reals, at: Integers, grid: Reals, axis: int) -> tuple[Reals, Reals]:
-    """Where along one axis the parabola through the largest score (..., f, u) and its neighbours is highest, and by how
-    much it is higher there.
-    """
-    place = list(np.unravel_index(at, score.shape[-2:]))
-    centre = place[axis]
-    place[axis] = np.clip(centre, 1, grid.size - 2)
-    lead = np.indices(at.shape)
-
-    def shifted(by: int) -> Reals:
-        where = [p + (by if i == 2 + axis else 0) for i, p in enumerate(place)]
-        return np.asarray(score[(*lead, *where)])
-
-    before, here, after = shifted(-1), shifted(0), shifted(1)
-    bend = np.maximum(2.0 * here - before - after, 1e-9)
-    inside = place[axis] == centre
-    off = np.where(inside, np.clip(0.5 * (after - before) / bend, -0.5, 0.5), 0.0)
-    return grid[centre] + off * (grid[1] - grid[0]), 0.5 * bend * off**2
+    spread = np.where(sound[..., None, None], row.covariance, 0.0).reshape(-1, p, p)
+    scores, states = np.empty(len(spread)), np.empty((len(spread), N_STATE))
+    search(
+        np.ascontiguousarray(looks).reshape(-1, *looks.shape[-2:]),
+        times_s,
+        look_s,
+        row.mean.reshape(-1, n, N_STATE),
+        spread,
+        dictionary.table,
+        candidates.chips,
+        candidates.hz,
+        LEFT,
+        scores,
+        states,
+    )
+    return np.where(sound, scores.reshape(leading), 0.0), states.reshape(*leading, N_STATE)
 
 
 def false_birth_probability(

@@ -19,38 +19,38 @@ positive.
 
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.arrays import Complexes, Integers, Reals
+from skyproof.arrays import Complexes, Reals
 from skyproof.decomposition.fit import Dictionary
 from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.receiver import joint_kernels as k
+from skyproof.receiver.joint_kernels import CHIPS, CHIPS_S, HZ, HZ_S, IM, N_FITTED, N_STATE, RE
 
 __all__ = [
+    "CHIPS",
+    "CHIPS_S",
+    "HZ",
+    "HZ_S",
+    "IM",
+    "N_FITTED",
+    "N_STATE",
+    "RE",
     "Joint",
     "JointSettings",
     "Row",
     "bound",
     "carried",
     "fit_row",
+    "follow",
     "normal_equations",
     "predict",
-    "projected",
     "signals_in",
-    "update",
+    "turns",
 ]
-
-# Of the state of a signal.
-RE, IM, HZ, HZ_S, CHIPS, CHIPS_S = range(6)
-N_STATE = 6
-N_FITTED = 5  # of those in a row; a delay's own rate shows over longer times only
-
-STEPS = 4
-LONGEST_CHIPS = 0.1
-NEAR_CHIPS = 3e-4
-SURE = 4.0
-"""Least log-likelihood ratio between the signs of a data bit that wipes it off: of 100 bits two would be wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,76 +120,24 @@ def turns(mean: Reals, times_s: Reals, look_s: float) -> Complexes:
     return np.asarray(np.exp(2j * np.pi * cycles) * np.sinc(hz * look_s))
 
 
-# Which power of time and which of value and slope stand beside each fitted parameter.
-_TO_SECOND = np.arange(3)
-_POWER = np.array([0, 0, 1, 2, 0])
-_SLOPE = np.array([0, 0, 0, 0, 1])
-
-
 def normal_equations(
     looks: Complexes, times_s: Reals, look_s: float, mean: Reals, dictionary: Dictionary
 ) -> tuple[Reals, Reals, Reals]:
     """Fisher information (..., n N_FITTED, n N_FITTED), score (..., n N_FITTED) and misfit (...) of looks at `mean`.
 
     looks : (..., n_looks, d). The misfit is the energy that the signals do not explain: n_looks d on average at the
-    truth. Every inner product is one over looks times one over delays.
+    truth.
     """
-    amplitude = mean[..., RE] + 1j * mean[..., IM]
-    n = mean.shape[-2]
-    turn = turns(mean, times_s, look_s)
-    both = np.concatenate(dictionary.at(mean[..., CHIPS]), axis=-2)  # (..., 2 n, d): values, then slopes
-    # Matrix products and not einsum: looking for the best order would take longer than the sums.
-    space = both @ np.swapaxes(both, -1, -2)
-    timed = (turn[..., None, :, :] * times_s ** _TO_SECOND[:, None, None]).conj()  # (..., 3, n, n_looks)
-    flat = timed.reshape(*turn.shape[:-2], 3 * n, times_s.size)
-    along = looks @ np.swapaxes(both, -1, -2)  # (..., n_looks, 2 n)
-    seen = (flat @ along).reshape(*turn.shape[:-2], 3, n, 2, n)[..., range(n), :, range(n)]  # (n, ..., 3, 2)
-    seen = np.moveaxis(seen, 0, -1)  # (..., 3, 2, n)
-    time = (flat @ np.swapaxes(flat.conj(), -1, -2)).reshape(*turn.shape[:-2], 3, n, 3, n)
-    space = space.reshape(*turn.shape[:-2], 2, n, 2, n)
-    c = _coefficients(amplitude)  # (..., n, N_FITTED)
-    # Every parameter is a power of time, and value or slope: (..., q, n, r, m).
-    pairs = time[..., _POWER, :, :, :][..., _POWER, :] * space[..., _SLOPE, :, :, :][..., _SLOPE, :]
-    each = np.moveaxis(c, -1, -2)  # (..., N_FITTED, n)
-    inner = (each.conj()[..., None, None] * each[..., None, None, :, :] * pairs).real
-    # Of the signals themselves, to be subtracted: the product with their amplitudes.
-    own = (pairs[..., 0, :] @ amplitude[..., None, :, None])[..., 0]  # (..., N_FITTED, n)
-    left = seen[..., _POWER, _SLOPE, :] - own
-    score = 2.0 * (each.conj() * left).real
-    misfit = np.sum(np.abs(looks) ** 2, axis=(-2, -1)) - np.sum(
-        (amplitude.conj() * (2.0 * seen[..., 0, 0, :] - own[..., 0, :])).real, axis=-1
-    )
-    size = n * N_FITTED
-    inner = np.moveaxis(inner, (-4, -2), (-3, -1)).reshape(*turn.shape[:-2], size, size)
-    return 2.0 * inner, np.moveaxis(score, -2, -1).reshape(*turn.shape[:-2], size), misfit
+    leading, p = mean.shape[:-2], mean.shape[-2] * N_FITTED
+    at = _flat(mean, 2)
+    information, score, misfit = np.empty((len(at), p, p)), np.empty((len(at), p)), np.empty(len(at))
+    k.equations(_flat(looks, 2), times_s, look_s, at, dictionary.table, information, score, misfit)
+    return information.reshape(*leading, p, p), score.reshape(*leading, p), misfit.reshape(leading)
 
 
-def projected(
-    mean: Reals, times_s: Reals, look_s: float, dictionary: Dictionary, turn: Complexes, value: NDArray[np.inexact]
-) -> Complexes:
-    """Inner products of what signals (..., n, N_STATE) would change, parameter by parameter, with vectors of a grid.
-
-    turn : (f, n_looks). value : (u, d). Gives (..., f, u, n N_FITTED).
-    """
-    amplitude = mean[..., RE] + 1j * mean[..., IM]
-    both = np.stack(dictionary.at(mean[..., CHIPS]), axis=-3)  # (..., 2, n, d)
-    space = both @ value.T  # (..., 2, n, u)
-    own = turns(mean, times_s, look_s).conj()[..., None, :, :] * (times_s ** np.arange(3)[:, None])[:, None, :]
-    time = own @ turn.T  # (..., 3, n, f)
-    c = np.moveaxis(_coefficients(amplitude).conj(), -1, -2)  # (..., N_FITTED, n)
-    each = c[..., None] * time[..., _POWER, :, :]  # (..., N_FITTED, n, f)
-    inner = np.einsum("...qnf,...qnu->...funq", each, space[..., _SLOPE, :, :], optimize=True)
-    return np.asarray(inner.reshape(*inner.shape[:-2], -1))
-
-
-def _coefficients(amplitude: Complexes) -> Complexes:
-    one = np.ones_like(amplitude)
-    return np.stack([one, 1j * one, 2j * np.pi * amplitude, 1j * np.pi * amplitude, amplitude], axis=-1)
-
-
-def _of_states(n: int) -> Integers:
-    """Where the fitted parameters of n signals stand among their states: of the others a look shows nothing."""
-    return (np.arange(n)[:, None] * N_STATE + np.arange(N_FITTED)).ravel()
+def _flat(values: NDArray[Any], last: int) -> NDArray[Any]:
+    """Contiguous, with one leading axis before the last ones, for kernels."""
+    return np.ascontiguousarray(values).reshape(-1, *values.shape[values.ndim - last :])
 
 
 # The filter -----------------------------------------------------------------------------------------------------------
@@ -208,91 +156,44 @@ def carried(mean: Reals, dt_s: float, chips_per_cycle: float) -> Reals:
 
 def predict(joint: Joint, dt_s: float) -> Joint:
     """The state `dt_s` later."""
-    mean, n, s = joint.mean, joint.mean.shape[-2], joint.settings
-    rho = s.chips_per_cycle
-    turn = np.exp(2j * np.pi * (mean[..., HZ] * dt_s + 0.5 * mean[..., HZ_S] * dt_s**2))
-    new, moved = carried(mean, dt_s, rho), joint.amplitude * turn
-    step = np.zeros((*mean.shape[:-1], N_STATE, N_STATE))
-    step[..., range(N_STATE), range(N_STATE)] = 1.0
-    step[..., RE, RE], step[..., RE, IM] = turn.real, -turn.imag
-    step[..., IM, RE], step[..., IM, IM] = turn.imag, turn.real
-    for column, by_hz in ((HZ, dt_s), (HZ_S, 0.5 * dt_s**2)):
-        step[..., RE, column], step[..., IM, column] = _turned(moved, by_hz)
-        step[..., CHIPS, column] = -rho * by_hz
-    step[..., HZ, HZ_S] = step[..., CHIPS, CHIPS_S] = dt_s
-    # Block by block: states of different signals are moved by different matrices.
-    p = joint.covariance.reshape(*joint.covariance.shape[:-2], n, N_STATE, n, N_STATE)
-    p = np.moveaxis(p, -2, -3)  # (..., n, n, N_STATE, N_STATE)
-    p = step[..., :, None, :, :] @ p @ np.swapaxes(step, -1, -2)[..., None, :, :, :] + _noise(moved, dt_s, s)
-    return replace(joint, mean=new, covariance=np.moveaxis(p, -2, -3).reshape(joint.covariance.shape))
+    mean, covariance = _flat(joint.mean, 2).copy(), _flat(joint.covariance, 2).copy()
+    for one, spread in zip(mean, covariance, strict=True):
+        k.predict_one(one, spread, dt_s, *_motion(joint.settings, dt_s))
+    return replace(joint, mean=mean.reshape(joint.mean.shape), covariance=covariance.reshape(joint.covariance.shape))
 
 
-def _turned(amplitude: Complexes, cycles: float) -> tuple[Reals, Reals]:
-    """Change of amplitude by so small a turn."""
-    return -2.0 * np.pi * cycles * amplitude.imag, 2.0 * np.pi * cycles * amplitude.real
+def follow(
+    joint: Joint, looks: Complexes, times_s: Reals, look_s: float, bit_s: float, dictionary: Dictionary
+) -> tuple[Joint, Reals]:
+    """The state after the looks (..., bits, n_looks, d) of data bits that come next, at its last one's middle.
 
+    times_s : (n_looks,) of a bit's looks, about its middle. A bit's sign is that which the prediction makes the
+    likelier; where neither is, nothing is learned.
 
-def _noise(amplitude: Complexes, dt: float, s: JointSettings) -> Reals:
-    """Covariance of what the random walks added, (..., n, n, N_STATE, N_STATE)."""
-    n = amplitude.shape[-1]
-    into = np.zeros((*amplitude.shape, N_STATE, 3))  # of phase (cycles), Doppler, its rate
-    into[..., RE, 0], into[..., IM, 0] = _turned(amplitude, 1.0)
-    into[..., HZ, 1] = into[..., HZ_S, 2] = 1.0
-    common = _walk(dt, s.common_phase_cyc, s.common_hz, s.common_hz_s)
-    own = _walk(dt, s.own_phase_cyc, s.own_hz, s.own_hz_s)
-    back = np.swapaxes(into, -1, -2)
-    q = into[..., :, None, :, :] @ common @ back[..., None, :, :, :]
-    alone = into @ own @ back
-    fading = s.own_amplitude * np.sqrt(dt) * np.stack([amplitude.real, amplitude.imag], axis=-1)
-    alone[..., :2, :2] += fading[..., :, None] * fading[..., None, :]
-    alone[..., CHIPS:, CHIPS:] += s.own_chips_s**2 * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
-    alone[..., CHIPS, CHIPS] += s.own_chips**2 * dt
-    q[..., range(n), range(n), :, :] += alone
-    return np.asarray(q)
+    Returns the state, and the signs (..., bits): 1, -1, or 0 where it is not known.
+    """
+    mean, covariance = _flat(joint.mean, 2).copy(), _flat(joint.covariance, 2).copy()
+    signs = np.empty((len(mean), looks.shape[-3]))
+    motion = _motion(joint.settings, bit_s)
+    k.follow(_flat(looks, 3), times_s, look_s, bit_s, mean, covariance, dictionary.table, *motion, signs)
+    after = replace(joint, mean=mean.reshape(joint.mean.shape), covariance=covariance.reshape(joint.covariance.shape))
+    return after, signs.reshape(looks.shape[:-2])
 
 
 @lru_cache(maxsize=64)
+def _motion(s: JointSettings, dt: float) -> tuple[Reals, Reals, Reals]:
+    """What moves signals over `dt`, as kernels take it: each alone but by its carrier; carriers of all, and of each."""
+    alone = np.array([s.own_amplitude, s.own_chips, s.own_chips_s, s.chips_per_cycle])
+    common = _walk(dt, s.common_phase_cyc, s.common_hz, s.common_hz_s)
+    return alone, common, _walk(dt, s.own_phase_cyc, s.own_hz, s.own_hz_s)
+
+
 def _walk(dt: float, phase_cyc: float, hz: float, hz_s: float) -> Reals:
     """Covariance (3, 3) of phase, frequency and its rate after white noise has moved each for `dt`."""
     jerk = [[dt**5 / 20, dt**4 / 8, dt**3 / 6], [dt**4 / 8, dt**3 / 3, dt**2 / 2], [dt**3 / 6, dt**2 / 2, dt]]
     drift = [[dt**3 / 3, dt**2 / 2, 0.0], [dt**2 / 2, dt, 0.0], [0.0, 0.0, 0.0]]
     walk = np.diag([dt, 0.0, 0.0])
     return np.asarray(hz_s**2 * np.array(jerk) + hz**2 * np.array(drift) + phase_cyc**2 * walk)
-
-
-def update(
-    joint: Joint, looks: Complexes, times_s: Reals, look_s: float, dictionary: Dictionary
-) -> tuple[Joint, Reals]:
-    """The state after the looks (..., n_looks, d) of one data bit, at times from the state's own.
-
-    The bit's sign is that which the prediction makes the likelier; where neither is, nothing is learned.
-
-    Returns the state, and the sign (...): 1, -1, or 0 where it is not known.
-    """
-    n = joint.mean.shape[-2]
-    expected = signals_in(joint.mean, times_s, look_s, dictionary)
-    agreement = np.sum((expected.conj() * looks).real, axis=(-2, -1))
-    sign = np.where(4.0 * np.abs(agreement) > SURE, np.sign(agreement), 0.0)
-    wiped = sign[..., None, None] * looks
-    known = (sign != 0.0)[..., None]
-    p, mean, fitted = joint.covariance, joint.mean, _of_states(n)
-    for _ in range(STEPS):
-        information, score, _ = normal_equations(wiped, times_s, look_s, mean, dictionary)
-        wide, right = np.zeros_like(p), np.zeros(p.shape[:-1])
-        wide[..., fitted[:, None], fitted], right[..., fitted] = information * known[..., None], score * known
-        gone = (mean - joint.mean).reshape(*mean.shape[:-2], -1)
-        right += (wide @ gone[..., None])[..., 0]
-        system = np.eye(n * N_STATE) + p @ wide
-        change = np.linalg.solve(system, (p @ right[..., None]))[..., 0]
-        new = joint.mean + change.reshape(mean.shape)
-        step = np.clip(new[..., CHIPS] - mean[..., CHIPS], -LONGEST_CHIPS, LONGEST_CHIPS)
-        new[..., CHIPS] = mean[..., CHIPS] + step
-        mean = new
-        if np.max(np.abs(step), initial=0.0) < NEAR_CHIPS:
-            break
-    after = np.linalg.solve(system, p)
-    even = np.asarray(0.5 * (after + np.swapaxes(after, -1, -2)), np.float64)
-    return replace(joint, mean=mean, covariance=even), sign
 
 
 # Rows -----------------------------------------------------------------------------------------------------------------
@@ -322,26 +223,12 @@ def fit_row(
 
     start : (..., n, N_STATE) at time 0, near enough that phases are right within a quarter of a cycle.
     """
-    mean = start.copy()
-    information, score, misfit = normal_equations(looks, times_s, look_s, mean, dictionary)
-    damping = np.full(misfit.shape, 1e-4)
-    for _ in range(steps):
-        diagonal = np.diagonal(information, axis1=-2, axis2=-1)
-        scale = np.sqrt(np.maximum(diagonal, 1e-12))
-        even = information / (scale[..., :, None] * scale[..., None, :])
-        even = even + damping[..., None, None] * np.eye(even.shape[-1])
-        step = np.linalg.solve(even, (score / scale)[..., None])[..., 0] / scale
-        tried = mean.copy()
-        tried[..., :N_FITTED] += step.reshape(*mean.shape[:-1], N_FITTED)
-        moved = np.clip(tried[..., CHIPS] - mean[..., CHIPS], -LONGEST_CHIPS, LONGEST_CHIPS)
-        tried[..., CHIPS] = mean[..., CHIPS] + moved
-        new = normal_equations(looks, times_s, look_s, tried, dictionary)
-        better = new[2] < misfit
-        mean = np.where(better[..., None, None], tried, mean)
-        information = np.where(better[..., None, None], new[0], information)
-        score, misfit = np.where(better[..., None], new[1], score), np.where(better, new[2], misfit)
-        damping = np.where(better, 0.1 * damping, 10.0 * damping)
-    return Row(mean=mean, covariance=_inverse(information), misfit=misfit)
+    leading, p = start.shape[:-2], start.shape[-2] * N_FITTED
+    mean = _flat(start, 2).copy()
+    information, misfit = np.empty((len(mean), p, p)), np.empty(len(mean))
+    k.fit_rows(_flat(looks, 2), times_s, look_s, mean, dictionary.table, steps, information, misfit)
+    covariance = _inverse(information.reshape(*leading, p, p))
+    return Row(mean=mean.reshape(start.shape), covariance=covariance, misfit=misfit.reshape(leading))
 
 
 def bound(mean: Reals, times_s: Reals, look_s: float, dictionary: Dictionary) -> Reals:

@@ -23,7 +23,7 @@ from skyproof.receiver.components import Candidates, birth_threshold, born, fain
 from skyproof.receiver.joint import Joint, JointSettings, Row
 from skyproof.receiver.replica import passed
 
-__all__ = ["JointChannel", "JointModel", "JointRow", "bit", "bits", "rebased", "started"]
+__all__ = ["JointChannel", "JointModel", "JointRow", "bits", "rebased", "started"]
 
 WINDOW_CHIPS = 1.6
 REACH_CHIPS = 2.2
@@ -195,25 +195,22 @@ def started(
     return JointChannel(joint=joint, before=joint)
 
 
-def bit(model: JointModel, channel: JointChannel, looks: Complexes) -> tuple[JointChannel, JointRow | None]:
-    """One data bit on: looks (n_looks, d), whitened, in sigmas of the noise of one. A row where it is complete."""
-    return bits(model, [channel], looks[np.newaxis])[0]
-
-
 def bits(
     model: JointModel, channels: Sequence[JointChannel], looks: Complexes
 ) -> list[tuple[JointChannel, JointRow | None]]:
-    """As `bit`, of several channels, with looks (n_channels, n_looks, d): those of as many signals at once."""
+    """Data bits on: looks (n_channels, n_bits, n_looks, d), whitened, in sigmas of the noise of one; no more bits than
+    the row begun still takes. A row where it is complete.
+
+    Channels of as many signals are worked on at once.
+    """
     done: list[tuple[JointChannel, JointRow | None]] = [(channel, None) for channel in channels]
     for group in _alike([len(channel.names) for channel in channels]):
         joint = _stacked([channels[i].joint for i in group])
-        joint, sign = j.update(
-            j.predict(joint, model.bit_s), looks[group], model.bit_times_s, model.look_s, model.dictionary
-        )
+        joint, signs = j.follow(joint, looks[group], model.bit_times_s, model.look_s, model.bit_s, model.dictionary)
         for place, i in enumerate(group):
             one = replace(joint, mean=joint.mean[place], covariance=joint.covariance[place])
-            signs = (*channels[i].signs, float(sign[place]))
-            done[i] = replace(channels[i], joint=one, looks=(*channels[i].looks, looks[i]), signs=signs), None
+            known = (*channels[i].signs, *signs[place].tolist())
+            done[i] = replace(channels[i], joint=one, looks=(*channels[i].looks, *looks[i]), signs=known), None
     full = [i for i, (channel, _) in enumerate(done) if len(channel.looks) == model.bits_per_row]
     for group in _alike([len(done[i][0].names) for i in full]):
         chosen = [full[place] for place in group]

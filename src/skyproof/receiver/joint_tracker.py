@@ -19,7 +19,7 @@ from skyproof.receiver.joint_channel import (
     JointChannel,
     JointModel,
     JointRow,
-    bit,
+    bits,
     rebased,
     replica_of,
 )
@@ -93,12 +93,14 @@ class JointTracker:
     if_hz: float = 0.0
     _table: NDArray[np.int8] = field(init=False)
     _pad: int = field(init=False)
+    _whiten: Complexes = field(init=False)
 
     def __post_init__(self) -> None:
         model, reach = self.model, float(np.max(np.abs(self.model.taps_chips))) + 2.0
         n = math.ceil(model.rate_hz * model.signal.period_s) + 64
         table = code_table(model.code, model.chips_per_sample, CODE_PHASES, n, reach, model.low_pass)
         object.__setattr__(self, "_table", table)
+        object.__setattr__(self, "_whiten", model.dictionary.whiten.astype(np.complex128))
         object.__setattr__(self, "_pad", table_pad(model.chips_per_sample, reach))
 
     @property
@@ -115,24 +117,25 @@ class JointTracker:
         """
         rows: list[tuple[JointRow, list[Followed]]] = []
         while True:
-            looks, replica = self._looks(state.replica, planes, first)
-            if looks is None:
+            looks, replica = self._looks(state, planes, first)
+            if not len(looks):
                 return rows, state
-            state = self._quiet(replace(state, replica=replica), looks)
-            white = looks[:, :-QUIET_TAPS] @ self.model.dictionary.whiten.T / math.sqrt(state.noise)
-            channel, row = bit(self.model, state.channel, np.asarray(white, np.complex128))
+            state, noise = self._quiet(replace(state, replica=replica), looks)
+            white: Complexes = looks[..., :-QUIET_TAPS] @ self._whiten.T / np.sqrt(noise)[:, None, None]
+            channel, row = bits(self.model, [state.channel], white[None])[0]
             state = replace(state, channel=channel)
             if row is not None:
                 rows.append((row, self._followed(state, row)))
                 state = self._moved(state)
 
-    def _quiet(self, state: JointState, looks: Complexes) -> JointState:
-        """The noise's power goes on from look to look."""
-        n = len(looks)
-        power = float(np.mean(np.abs(looks[:, -QUIET_TAPS:]) ** 2))
-        known = state.noise_looks
-        noise = (known * state.noise + n * power) / (known + n)
-        return replace(state, noise=noise, noise_looks=min(known + n, NOISE_LOOKS))
+    def _quiet(self, state: JointState, looks: Complexes) -> tuple[JointState, Reals]:
+        """The noise's power goes on from bit to bit, (bits,)."""
+        n, known, noise, of_bits = looks.shape[1], state.noise_looks, state.noise, []
+        for power in np.mean(np.abs(looks[..., -QUIET_TAPS:]) ** 2, axis=(1, 2)).tolist():
+            noise = (known * noise + n * power) / (known + n)
+            known = min(known + n, NOISE_LOOKS)
+            of_bits.append(noise)
+        return replace(state, noise=noise, noise_looks=known), np.array(of_bits)
 
     def _moved(self, state: JointState) -> JointState:
         """The replica where the signals are, for the next row."""
@@ -174,21 +177,18 @@ class JointTracker:
         signal = self.model.signal
         return signal.chip_rate_hz * (1.0 + (hz - self.if_hz) / signal.carrier_hz)
 
-    def _looks(self, replica: Replica, planes: Floats, first: int) -> tuple[Complexes | None, Replica]:
-        """Correlators (n_looks, taps) of the next data bit; None while it is not all there."""
-        model = self.model
-        rate = self._code_rate_hz(replica.hz) / model.rate_hz
+    def _looks(self, state: JointState, planes: Floats, first: int) -> tuple[Complexes, Replica]:
+        """Correlators (bits, n_looks, taps) of the data bits that are all there, up to the row's last."""
+        model, replica = self.model, state.replica
         n = model.signal.periods_per_symbol
-        last = (n * model.signal.code_length - replica.chip) / rate
-        if replica.start - first + math.ceil(last) + 1 > planes.shape[1]:
-            return None, replica
-        out = np.zeros((n // model.periods_per_look, model.taps_chips.size), np.complex128)
-        start, chip, phase_cyc, owed = _correlate_bit(
+        left = model.bits_per_row - len(state.channel.looks)
+        out = np.zeros((left, n // model.periods_per_look, model.taps_chips.size), np.complex128)
+        count, start, chip, phase_cyc, owed = _correlate_bits(
             planes[0],
             planes[1],
             replica.start - first,
             replica.chip,
-            rate,
+            self._code_rate_hz(replica.hz) / model.rate_hz,
             replica.phase_cyc,
             replica.hz / model.rate_hz,
             replica.owed_chips,
@@ -205,10 +205,10 @@ class JointTracker:
             chip=chip,
             phase_cyc=phase_cyc,
             hz=replica.hz,
-            periods=replica.periods + n,
+            periods=replica.periods + count * n,
             owed_chips=owed,
         )
-        return out, moved
+        return out[:count], moved
 
 
 def _told_apart(row: JointRow) -> bool:
@@ -228,7 +228,7 @@ def _row_sigma(row: JointRow, n: int) -> Reals:
 
 
 @compiled
-def _correlate_bit(
+def _correlate_bits(
     i_samples: Floats,
     q_samples: Floats,
     start: int,
@@ -244,36 +244,43 @@ def _correlate_bit(
     code_length: int,
     periods_per_look: int,
     out: Complexes,
-) -> tuple[int, float, float, float]:
-    """Sum all taps over each look, in place; where the replica then is."""
+) -> tuple[int, int, float, float, float]:
+    """Sum all taps over each look of the bits (bits, looks, taps) that lie in the samples, in place.
+
+    Returns how many bits those are, and where the replica then is: sample, chip, phase, and what rounding owes it.
+    """
     scratch = scratch_for(math.ceil(code_length / nominal) + 64, delays_chips.size)
     sums, shifts, carrier = np.empty((1, delays_chips.size, 2)), np.empty(delays_chips.size), np.zeros(1)
-    for look in range(out.shape[0]):
-        for _ in range(periods_per_look):
-            n = math.ceil((code_length - chip) / chips_per_sample)
-            correlate_period(
-                i_samples,
-                q_samples,
-                start,
-                n,
-                chip + owed_chips,
-                chips_per_sample,
-                phase_cyc,
-                cycles_per_sample,
-                table,
-                pad,
-                nominal,
-                delays_chips,
-                carrier,
-                scratch,
-                sums,
-                shifts,
-            )
-            # Rounding is made up for in the next period, so that its mean vanishes also where the code stands still.
-            owed_chips = float(np.mean(shifts))
-            for tap in range(delays_chips.size):
-                out[look, tap] += complex(sums[0, tap, 0], sums[0, tap, 1])
-            phase_cyc += n * cycles_per_sample
-            chip += n * chips_per_sample - code_length
-            start += n
-    return start, chip, phase_cyc, owed_chips
+    chips = out.shape[1] * periods_per_look * code_length
+    for bit in range(out.shape[0]):
+        if start + math.ceil((chips - chip) / chips_per_sample) + 1 > i_samples.size:
+            return bit, start, chip, phase_cyc, owed_chips
+        for look in range(out.shape[1]):
+            for _ in range(periods_per_look):
+                n = math.ceil((code_length - chip) / chips_per_sample)
+                correlate_period(
+                    i_samples,
+                    q_samples,
+                    start,
+                    n,
+                    chip + owed_chips,
+                    chips_per_sample,
+                    phase_cyc,
+                    cycles_per_sample,
+                    table,
+                    pad,
+                    nominal,
+                    delays_chips,
+                    carrier,
+                    scratch,
+                    sums,
+                    shifts,
+                )
+                # Made up for in the next period: the mean of rounding vanishes where the code stands still, too.
+                owed_chips = float(np.mean(shifts))
+                for tap in range(delays_chips.size):
+                    out[bit, look, tap] += complex(sums[0, tap, 0], sums[0, tap, 1])
+                phase_cyc += n * cycles_per_sample
+                chip += n * chips_per_sample - code_length
+                start += n
+    return out.shape[0], start, chip, phase_cyc, owed_chips
