@@ -201,7 +201,7 @@ def test_an_interrupted_run_tells_what_is_decided_and_exits_with_130(
 def test_what_of_a_platform_file_no_method_uses_is_said_in_one_line(
     app: App, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    remark = "oscillator: read, used by no method of this run"
+    remark = "attitude: read, used by no method of this run"
     given = InputFile(path="ship.toml", format="platform", sha256=None, remarks=(remark,))
     app.verdict = said("authentic").model_copy(update={"inputs": (given,)})
     for more in ([], ["--json"]):

@@ -804,6 +804,8 @@ class Evidence:
     direction : where the subject's signals come from, if they come from one place and the test can tell it.
     assumes : under what the word holds that the measurements cannot show, in words; each stands beside the verdict.
     baselines : what the subject's signals say of the antennas, over the whole window first and then over parts of it.
+    whole_sky : of "spoofed": the subject is one sky of two that cannot both be true; from how many antennas it came is
+        not known.
     overrules : of a test that failed ("undecided", and p_value below false_alarm_probability): its subject stays open
         whatever other tests say of this window, and the verdict with it.
     """
@@ -827,6 +829,7 @@ class Evidence:
     direction: Direction | None = None
     assumes: tuple[str, ...] = ()
     baselines: tuple[Baseline, ...] = ()
+    whole_sky: bool = False
 
     @property
     def failed(self) -> bool:

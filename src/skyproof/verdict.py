@@ -141,7 +141,9 @@ class Source(_Model):
     """
 
     name: str = Field(description="Name by which signals refer to the source.")
-    kind: str = Field(description="What is known of it, in words: one antenna.")
+    kind: str = Field(
+        description="What is known of it, in words: one antenna; a false sky; a sky of which that is open."
+    )
     sats: tuple[str, ...] = Field(description="Satellites whose signals are ascribed to it.")
     azimuth_deg: float | None = Field(ge=0.0, le=360.0, description="Direction seen, clockwise from north, degrees.")
     elevation_deg: float | None = Field(ge=-90.0, le=90.0, description="Direction seen, above the horizon, degrees.")

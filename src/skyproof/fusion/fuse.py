@@ -15,10 +15,11 @@ import numpy as np
 
 from skyproof.fusion.labels import FalseSource, LabelledSignal, label_signals, sources_of
 from skyproof.fusion.open_question import OpenQuestion, open_question
+from skyproof.fusion.skies import skies_of, sky_onset
 from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.fusion.unexplained import Unexplained, unexplained
 from skyproof.navigation.window import interval_s
-from skyproof.records import ConsistentSet, Evidence, ObservationLog, SignalRef
+from skyproof.records import ConsistentSet, Evidence, ObservationLog
 
 __all__ = ["Decision", "fuse"]
 
@@ -34,8 +35,8 @@ class Decision:
     open : what is left open, and why; None if nothing is.
     unexplained : signals that no evidence says anything of.
     assumed : under what the labels hold, in words.
-    skies : under an attack that leaves open who is true, the consistent sets of signals of each receiver, linked over
-        the windows; each is one position and time. Empty when the partition is decided.
+    skies : under an attack that leaves open which signals of a receiver are true, its consistent sets of signals,
+        linked over the windows; each is one position and time. None of a receiver of which false signals are named.
     """
 
     verdict: VerdictWord
@@ -60,8 +61,9 @@ def fuse(
     false = [s for s in labels if s.label == "spoofed"]
     everyone = {o.receiver for o in observations}
     if attacked:
-        trusted = {s.ref.receiver for s in labels if s.label == "authentic"}
-        skies = _skies(sets) if not sources else ()
+        trusted = _vouched_for(labels, observations, sets)
+        named = {ref.receiver for source in sources for ref in source.signals}
+        skies = skies_of((s for s in sets if s.receiver not in named), first=len(sources) + 1)
         onset, until = _time_line(false, skies, observations)
         verdict: VerdictWord = "spoofed"
         settled = trusted == everyone
@@ -85,6 +87,24 @@ def fuse(
         assumed=_assumed(evidence),
         open=None if settled else open_question(evidence, observations, trusted),
     )
+
+
+def _vouched_for(
+    labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog], sets: Sequence[ConsistentSet]
+) -> set[str]:
+    """Receivers with authentic signals; of one that receives two skies those before the second do not count."""
+    doubled = Counter((s.receiver, s.gpst) for s in sets)
+    since: dict[str, np.datetime64] = {}
+    for (receiver, gpst), count in sorted(doubled.items()):
+        if count > 1:
+            since.setdefault(receiver, gpst)
+    gpst_of = {o.receiver: o.gpst for o in observations}
+    return {
+        s.ref.receiver
+        for s in labels
+        if s.label == "authentic"
+        and (s.ref.receiver not in since or gpst_of[s.ref.receiver][s.last_epoch] >= since[s.ref.receiver])
+    }
 
 
 def _assumed(evidence: Sequence[Evidence]) -> tuple[str, ...]:
@@ -116,34 +136,6 @@ def _always_authentic(
     return bool(authentic.any() and np.diff(edges_s).max() <= max(MOMENT_S, 2.5 * interval_s(o.elapsed_s)))
 
 
-def _skies(sets: Sequence[ConsistentSet]) -> tuple[FalseSource, ...]:
-    """Sets of a receiver that stand beside another one in the same window, followed from window to window.
-
-    A set goes on with the sky whose signals it has most of, and a signal belongs to the sky that it was seen in most:
-    a set that takes a wrong signal for a window does not tie two skies together.
-    """
-    windows: dict[tuple[np.datetime64, str], list[ConsistentSet]] = {}
-    for s in sets:
-        windows.setdefault((s.gpst, s.receiver), []).append(s)
-    skies: list[Counter[SignalRef]] = []
-    for (_, receiver), rivals in sorted(windows.items()):
-        members = [{SignalRef(receiver, signal) for signal in s.signals} for s in rivals if len(rivals) > 1]
-        shared = [(sum(sky[r] for r in own), n, m) for n, own in enumerate(members) for m, sky in enumerate(skies)]
-        goes_on: dict[int, int] = {}
-        for seen, n, m in sorted(shared, reverse=True):
-            if seen > 0 and n not in goes_on and m not in goes_on.values():
-                goes_on[n] = m
-        for n, own in enumerate(members):
-            if n not in goes_on:
-                skies.append(Counter())
-            skies[goes_on.get(n, -1)].update(own)
-    home = {ref: max(range(len(skies)), key=lambda m: skies[m][ref]) for sky in skies for ref in sky}
-    return tuple(
-        FalseSource(name=f"S{number}", signals=tuple(sorted(ref for ref in skies[m] if home[ref] == m)))
-        for number, m in enumerate(sorted(set(home.values())), 1)
-    )
-
-
 def _time_line(
     false: Sequence[LabelledSignal], skies: Sequence[FalseSource], observations: Sequence[ObservationLog]
 ) -> tuple[Onset | None, np.datetime64 | None]:
@@ -153,8 +145,9 @@ def _time_line(
         known = [onset for onset in onsets if onset is not None]
         return min(known, key=lambda onset: onset.seen, default=None), end_of(false, observations)
     # Who is false is open, but from when on a second sky was there is not: the last of them to appear.
-    onsets = [_sky_onset(sky, observations) for sky in skies]
-    known = [onset for onset in onsets if onset is not None]
+    # Which of them is false is open, and with it whether the one that was seen first is: it may have begun earlier.
+    onsets = [sky_onset(sky, observations) for sky in skies]
+    known = [replace(onset, earliest=None) for onset in onsets if onset is not None]
     return max(known, key=lambda onset: onset.seen, default=None), None
 
 
@@ -162,21 +155,6 @@ def _capture(s: LabelledSignal, observations: Sequence[ObservationLog]) -> Onset
     """Of a channel that went over from one signal to another: the false one may have lain upon the true one before."""
     o = next(o for o in observations if o.receiver == s.ref.receiver)
     return Onset(seen=o.gpst[s.first_epoch], earliest=None)
-
-
-def _sky_onset(sky: FalseSource, observations: Sequence[ObservationLog]) -> Onset | None:
-    """When half of a sky's signals were there: a set may have taken in some that were there before.
-
-    Which sky is false is open, and with it whether the one that was seen first is: the attack may have begun earlier.
-    """
-    found = sorted(
-        (float(o.found_elapsed_s[o.signals.index(ref.signal)]), ref)
-        for o in observations
-        for ref in sky.signals
-        if ref.receiver == o.receiver
-    )
-    onset = onset_of([ref for _, ref in found[(len(found) - 1) // 2 :]], observations)
-    return None if onset is None else replace(onset, earliest=None)
 
 
 def _was_tracked_before(s: LabelledSignal, observations: Sequence[ObservationLog]) -> bool:

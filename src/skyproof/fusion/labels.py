@@ -56,10 +56,14 @@ class LabelledSignal:
 
 @dataclass(frozen=True, kw_only=True)
 class FalseSource:
-    """Signals that evidence ascribes to one transmitter of false signals."""
+    """Signals that belong together: of one transmitter of false signals, or of one sky.
+
+    one_antenna : evidence shows that they come from one antenna.
+    """
 
     name: str
     signals: tuple[SignalRef, ...]
+    one_antenna: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,11 +149,15 @@ def usual_window_s(evidence: Sequence[Evidence]) -> float:
 
 
 def sources_of(evidence: Sequence[Evidence]) -> tuple[FalseSource, ...]:
-    """Transmitters of false signals: groups that evidence calls spoofed, joined over windows by shared signals."""
-    groups = dict.fromkeys(e.subject for e in evidence if e.says == "spoofed")
+    """False signals that belong together: groups that evidence calls spoofed, joined over windows by shared signals."""
+    groups: dict[tuple[SignalRef, ...], bool] = {}
+    for e in evidence:
+        if e.says == "spoofed":
+            groups[e.subject] = groups.get(e.subject, False) or not e.whole_sky
+    from_one = {ref for subject, one in groups.items() if one for ref in subject}
     return tuple(
-        FalseSource(name=f"S{number + 1}", signals=tuple(sorted(signals)))
-        for number, signals in enumerate(linked(groups))
+        FalseSource(name=f"S{number}", signals=tuple(sorted(signals)), one_antenna=bool(signals & from_one))
+        for number, signals in enumerate(linked(groups), 1)
     )
 
 

@@ -12,6 +12,7 @@ _ABOUT = {
         "Do signals reach several receivers as from one transmit antenna, or as from the sky?",
     ),
     "second_signals": ("Second signals", "Is a satellite received more than once, farther apart than echoes are?"),
+    "prediction": ("What was to be expected", "Which of two skies goes on from the time before the attack?"),
     "residual": ("One position or two", "Do all measurements of a receiver fit one position and time?"),
     "spin": ("A turning antenna", "Do the signals swing as those of one direction do, or of many?"),
     "sqm": ("Shape of the correlation peak", "Does a second signal of the same satellite overlap the tracked one?"),
@@ -26,6 +27,8 @@ _REASONS = {
     ("ins_array", "spoofed"): "does not come from where its satellite stands",
     ("spin", "authentic"): "swings as from a direction of its own",
     ("spin", "spoofed"): "swings as from the same direction as others",
+    ("prediction", "authentic"): "belongs to the sky that was to be expected",
+    ("prediction", "spoofed"): "belongs to a sky that was not to be expected, beside one that was",
     ("dccaf", "authentic"): "belongs to the sky that fits the motion",
     ("dccaf", "spoofed"): "belongs to the sky that does not fit the motion",
 }

@@ -45,13 +45,21 @@ def test_surveyed_positions_are_the_antennas_places() -> None:
     assert remarks == ()
 
 
-def test_a_position_alone_is_not_used_and_that_is_reported() -> None:
-    settings, remarks = used(receivers=[SURVEYED[0], {"name": "stern"}, {"name": "mast"}])
-    assert settings == Settings()
-    assert remarks == ("receivers[0].position: read, used by no method of this run",)
-    settings, remarks = used(receivers=SURVEYED[:2])  # the third recording has no table
+def test_positions_that_are_not_all_there_say_nothing_of_the_antennas_and_are_used_if_they_stay() -> None:
+    for motion, remark in ((None, ()), ("moving", ("motion, receivers[0].position",))):
+        settings, remarks = used(receivers=[SURVEYED[0], {"name": "stern"}, {"name": "mast"}], motion=motion)
+        assert settings == Settings()
+        assert remarks == tuple(f"{keys}: read, used by no method of this run" for keys in remark)
+    settings, _ = used(receivers=SURVEYED[:2])  # the third recording has no table
     assert settings.antennas_enu_m is None
-    assert remarks == ("receivers[0].position, receivers[1].position: read, used by no method of this run",)
+
+
+def test_the_oscillator_is_a_setting_and_an_option_comes_before_it() -> None:
+    settings, remarks = used(oscillator="ocxo")
+    assert (settings.oscillator, remarks) == ("ocxo", ())
+    settings, remarks = used(Settings(oscillator="tcxo"), oscillator="ocxo")
+    assert settings.oscillator == "tcxo"
+    assert remarks == ("oscillator: read, used by no method of this run",)
 
 
 BODY = [{"name": "a", "body_m": [10.0, 0.0, 0.0]}, {"name": "b", "body_m": [10.0, 3.0, -1.0]}]
@@ -145,7 +153,7 @@ def test_what_no_method_uses_stands_in_one_remark() -> None:
         "receivers": [{"line_bias_cyc": [0.1], "spin": {"radius_m": 0.1, "rate_hz": 0.5}}],
     }
     _, remarks = used(names=["a"], **tables)
-    keys = "motion, oscillator, attitude, imu, receivers[0].line_bias_cyc"
+    keys = "motion, attitude, imu, receivers[0].line_bias_cyc"
     assert remarks == (f"{keys}: read, used by no method of this run",)
 
 

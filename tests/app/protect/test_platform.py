@@ -48,7 +48,8 @@ def test_a_platform_file_is_all_that_a_run_needs(folder: Path, tmp_path: Path) -
     assert result.verdict.settings["speed_max_m_s"] == 0.0
     note = result.verdict.inputs[-1]
     assert (note.path, note.format, note.sha256) == (str(path), "platform", sha256(path))
-    assert list(note.remarks) == ["oscillator: read, used by no method of this run"]
+    assert list(note.remarks) == []
+    assert result.verdict.settings["oscillator"] == "tcxo"
 
 
 def test_inputs_of_the_command_line_are_described_by_name(folder: Path) -> None:

@@ -40,8 +40,8 @@ class Platform(Model):
     )
     oscillator: Literal["quartz", "tcxo", "ocxo", "csac", "rubidium"] | None = Field(
         default=None,
-        description="What the receivers' clocks run on: quartz, tcxo, ocxo, csac or rubidium; not known if absent. No "
-        "method uses it yet.",
+        description="What the receivers' clocks run on, freely: quartz, tcxo, ocxo, csac or rubidium; not known if "
+        "absent.",
         examples=["tcxo"],
     )
     receivers: tuple[PlatformReceiver, ...] = Field(default=(), max_length=64, description="A table for each.")
@@ -70,8 +70,9 @@ class Platform(Model):
     @field_validator("protect")
     @classmethod
     def _once(cls, protect: Settings, info: ValidationInfo) -> Settings:
-        if protect.speed_max_m_s is not None and info.data.get("speed_max_m_s") is not None:
-            raise ValueError("speed_max_m_s is given for the platform as well; leave one out")
+        for key in ("speed_max_m_s", "oscillator"):
+            if getattr(protect, key) is not None and info.data.get(key) is not None:
+                raise ValueError(f"{key} is given for the platform as well; leave one out")
         return protect
 
 

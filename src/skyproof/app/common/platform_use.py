@@ -100,6 +100,8 @@ def settings_of(
     names : of the run's receivers. tables : see `described`.
     """
     use = _speed(platform) if settings.speed_max_m_s is None else _Use()
+    if platform.oscillator is not None and settings.oscillator is None:
+        use = use + _Use({"oscillator": platform.oscillator}, frozenset({"oscillator"}))
     remarks = []
     stated = next((key for key in ("antennas_enu_m", "antenna_distance_m") if getattr(settings, key) is not None), None)
     if len(names) > 1 and len(tables) == len(names):
@@ -109,7 +111,7 @@ def settings_of(
         elif places.keys:
             remarks.append(f"{stated} is a setting of this run, and comes before {', '.join(sorted(places.keys))}")
             use = use + _Use(keys=places.keys)
-    use = use + _Use(keys=_of_body(platform))
+    use = use + _Use(keys=_of_body(platform) | _places(platform))
     unused = [key for key in _given(platform) if key not in use.keys]
     if unused:
         remarks.append(f"{', '.join(unused)}: read, used by no method of this run")
@@ -134,6 +136,13 @@ def _of_body(platform: Platform) -> frozenset[str]:
     placed = next((k for k, table in enumerate(platform.receivers) if table.position is not None), None)
     place = () if placed is None or platform.motion == "moving" else (f"receivers[{placed}].position", "motion")
     return frozenset({"attitude", "imu", *place})
+
+
+def _places(platform: Platform) -> frozenset[str]:
+    """The keys of surveyed positions, by which `foresights` chooses between skies."""
+    if platform.motion == "moving":
+        return frozenset()
+    return frozenset(f"receivers[{k}].position" for k, table in enumerate(platform.receivers) if table.position)
 
 
 def _speed(platform: Platform) -> _Use:

@@ -1,6 +1,6 @@
 """The settings of a run: what options and the platform file say, else defaults; written with every output."""
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -62,6 +62,26 @@ class Settings(BaseModel):
         le=1e5,
         description="No antenna is faster; 0 if all stand still. Jumps over a time without measurements that need more "
         "are then noticed.",
+    )
+    oscillator: Literal["quartz", "tcxo", "ocxo", "csac", "rubidium"] | None = Field(
+        default=None,
+        examples=["ocxo"],
+        description="What the receivers' clocks run on, freely: a false time is told from the true one by how far such "
+        "a clock wanders. Not for a receiver that steers its clock.",
+    )
+    clean_start_s: Number = Field(
+        default=30.0,
+        ge=0.0,
+        le=1e5,
+        description="For so long from the start of the run the signals are taken for true, unless there is a sign "
+        "against it: where a receiver later gets two skies, what is predicted from then on says which is true. 0 takes "
+        "nothing for true.",
+    )
+    wrong_choice_probability: Number = Field(
+        default=1e-3,
+        gt=0.0,
+        lt=0.5,
+        description="Of two skies none is chosen by prediction while the probability of a wrong choice is above this.",
     )
     multipath_sigma_m: Number = Field(
         default=1.0,

@@ -15,7 +15,7 @@ from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NEEDS
 from skyproof.fusion.fuse import Decision
-from skyproof.fusion.labels import LabelledSignal
+from skyproof.fusion.labels import FalseSource, LabelledSignal
 from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso
@@ -150,8 +150,8 @@ def _attack_words(outcome: Outcome) -> str:
     since = _since(decision)
     if decision.sources:
         sats = {s.signal.sat for source in decision.sources for s in source.signals}
-        n = len(decision.sources)
-        by = "one transmitter" if n == 1 else f"{n} transmitters"
+        n = len([source for source in decision.sources if source.one_antenna])
+        by = "one transmitter" if n == 1 else f"{n} transmitters" if n else "a second sky beside the true one"
         were = "satellite was" if len(sats) == 1 else "satellites were"
         return f"{since}{len(sats)} {were} imitated by {by}{_kept(outcome, '; the')}"
     if decision.skies:
@@ -389,15 +389,14 @@ def _delay_m(s: LabelledSignal, o: ObservationLog, labels: Sequence[LabelledSign
 
 
 def _sources(outcome: Outcome) -> list[SourceModel]:
-    decided = bool(outcome.decision.sources)
     models = []
-    for source in outcome.decision.sources or outcome.decision.skies:
+    for source in (*outcome.decision.sources, *outcome.decision.skies):
         shown = [r.tracks[source.name] for r in outcome.receivers if source.name in r.tracks]
         places = [track.last.position_ecef_m[0] for track in shown]
         models.append(
             SourceModel(
                 name=source.name,
-                kind="one antenna" if decided else "a consistent sky; whether the true one is not decided",
+                kind=_kind(source, outcome.decision),
                 sats=tuple(sorted({ref.signal.sat for ref in source.signals})),
                 azimuth_deg=None,
                 elevation_deg=None,
@@ -407,6 +406,14 @@ def _sources(outcome: Outcome) -> list[SourceModel]:
             )
         )
     return models
+
+
+def _kind(source: FalseSource, decision: Decision) -> str:
+    if source in decision.skies:
+        return "a consistent sky; whether the true one is not decided"
+    return (
+        "one antenna" if source.one_antenna else "a false sky beside the true one; from how many antennas is not known"
+    )
 
 
 def _time_offset_s(name: str, outcome: Outcome) -> float | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from heapq import merge
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.app.common.body import Body, body_of, open_body, with_imu
+from skyproof.app.common.evidence_log import EvidenceLog
 from skyproof.app.common.folder import check_folder
 from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
@@ -18,6 +20,7 @@ from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, detectors_for, examine_all, following_epochs, windows_of
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.protect.duplicates import one_receiver_each
+from skyproof.app.protect.foresights import foresights_of
 from skyproof.app.protect.outputs import evidence_line, write_outputs
 from skyproof.app.protect.positions import positions_of
 from skyproof.app.receive.inputs import antennas_of, open_inputs
@@ -28,8 +31,10 @@ from skyproof.errors import InputError, SettingsError, readable
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
+from skyproof.fusion.choice import ChoiceRules, choices
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.gnss.time import iso, seconds_between
+from skyproof.navigation.foresight import Foresight
 from skyproof.records import (
     AntennaArray,
     Evidence,
@@ -117,7 +122,16 @@ def protect(
         receptions = one_receiver_each(receptions, settings)
         settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
         body = body_of(carrier, body_files, _span_of(receptions).start_gpst, settings.max_separation_m)
-        outcome, cut_short = judge(receptions, navigation, settings, progress, spin_arms_of(tables), body, workspace)
+        outcome, cut_short = judge(
+            receptions,
+            navigation,
+            settings,
+            progress,
+            spin_arms_of(tables),
+            body,
+            workspace,
+            foresights=foresights_of(names, settings, carrier, tables),
+        )
         if interrupted and cut_short:
             raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
         interrupted |= cut_short
@@ -239,10 +253,12 @@ def judge(
     spin_arms: Sequence[SpinArm] = (),
     body: Body | None = None,
     workspace: Workspace | None = None,
+    foresights: Mapping[str, Foresight] | None = None,
 ) -> tuple[Outcome, bool]:
     """Windows, evidence, decision and fixes from what the receivers heard, and whether Ctrl-C left windows out.
 
-    body : that carries all antennas. workspace : where evidence is written as it comes.
+    body : that carries all antennas. workspace : where evidence is written as it comes. foresights : by receiver, what
+        chooses between skies where nothing else does; from the settings alone if absent.
     """
     orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
     heard = [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
@@ -264,6 +280,13 @@ def judge(
 
     evidence, sets, interrupted = examine_all(windows, detectors_for(settings, windows.run), progress, told)
     decision = fuse(evidence, observed, sets)
+    if foresights is None:
+        foresights = foresights_of([o.receiver for o in observed], settings)
+    rules = ChoiceRules(most_wrong=settings.wrong_choice_probability, clean_start_s=settings.clean_start_s)
+    if chosen := choices(decision.skies, evidence, observed, sets, foresights, rules):
+        told(chosen)
+        evidence = EvidenceLog(merge(evidence, chosen, key=lambda one: (one.start_gpst, one.end_gpst)))
+        decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
     outcome = Outcome(
         receivers=tuple(outcomes), decision=decision, evidence=evidence, sets=tuple(sets), navigation=orbits

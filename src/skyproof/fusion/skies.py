@@ -1,0 +1,53 @@
+"""Which consistent sets of a receiver are one sky over the windows, and from when on a sky was there."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from skyproof.fusion.labels import FalseSource
+from skyproof.fusion.timeline import Onset, onset_of
+from skyproof.records import ConsistentSet, ObservationLog, SignalRef
+
+__all__ = ["skies_of", "sky_onset"]
+
+
+def skies_of(sets: Iterable[ConsistentSet], *, first: int = 1) -> tuple[FalseSource, ...]:
+    """Sets of a receiver that stand beside another one in the same window, followed from window to window.
+
+    A set goes on with the sky whose signals it has most of, and a signal belongs to the sky that it was seen in most:
+    a set that takes a wrong signal for a window does not tie two skies together.
+
+    first : number of the first in the names.
+    """
+    windows: dict[tuple[np.datetime64, str], list[ConsistentSet]] = {}
+    for s in sets:
+        windows.setdefault((s.gpst, s.receiver), []).append(s)
+    skies: list[Counter[SignalRef]] = []
+    for (_, receiver), rivals in sorted(windows.items()):
+        members = [{SignalRef(receiver, signal) for signal in s.signals} for s in rivals if len(rivals) > 1]
+        shared = [(sum(sky[r] for r in own), n, m) for n, own in enumerate(members) for m, sky in enumerate(skies)]
+        goes_on: dict[int, int] = {}
+        for seen, n, m in sorted(shared, reverse=True):
+            if seen > 0 and n not in goes_on and m not in goes_on.values():
+                goes_on[n] = m
+        for n, own in enumerate(members):
+            if n not in goes_on:
+                skies.append(Counter())
+            skies[goes_on.get(n, -1)].update(own)
+    home = {ref: max(range(len(skies)), key=lambda m: skies[m][ref]) for sky in skies for ref in sky}
+    return tuple(
+        FalseSource(name=f"S{number}", signals=tuple(sorted(ref for ref in skies[m] if home[ref] == m)))
+        for number, m in enumerate(sorted(set(home.values())), first)
+    )
+
+
+def sky_onset(sky: FalseSource, observations: Sequence[ObservationLog]) -> Onset | None:
+    """When half of a sky's signals were there: a set may have taken in some that were there before."""
+    found = sorted(
+        (float(o.found_elapsed_s[o.signals.index(ref.signal)]), ref)
+        for o in observations
+        for ref in sky.signals
+        if ref.receiver == o.receiver
+    )
+    return onset_of([ref for _, ref in found[(len(found) - 1) // 2 :]], observations)

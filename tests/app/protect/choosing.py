@@ -1,0 +1,124 @@
+"""Takeovers of one receiver at the level of measurements, with capture as loops do it: `bench/drawn_receiver.py`."""
+
+import importlib
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from tests.app.kit import PLACES, START, TRANSMIT
+
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings
+from skyproof.app.protect import judge
+from skyproof.app.protect.coasting import trusted_and_coasted
+from skyproof.app.protect.document import Outcome, document
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.records import FixStatus
+from skyproof.simulator.received import Scene
+from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver, Sky, Takeover
+from skyproof.simulator.sky import scene_of
+from skyproof.verdict import Verdict
+
+NAVIGATION = nominal_constellation(START)
+WAVE_M_S = 299_792_458.0
+
+
+def _bench() -> ModuleType:
+    sys.path.insert(0, str(Path(__file__).parents[3] / "bench"))
+    try:
+        return importlib.import_module("drawn_receiver")
+    finally:
+        sys.path.pop(0)
+
+
+drawn_receiver = _bench()
+
+
+def led_away(
+    *,
+    onset_s: float = 35.0,
+    duration_s: float = 110.0,
+    speed_m_s: float = 12.0,
+    clock_m_s: float = 0.0,
+    power_db: float = 3.0,
+    oscillator: str = "ocxo",
+    heading_deg: float = 90.0,
+    seed: int = 1,
+    **receiver: object,
+) -> Scene:
+    """A receiver whose signals are taken over at the onset, aligned, and drawn off from 3 s later on to the end."""
+    own = PLACES[0].model_dump(exclude_unset=True) | {"lo_ppm": 0.4, "oscillator": oscillator} | receiver
+    begin_s, long_s = onset_s + 3.0, duration_s - onset_s - 3.0
+    far_m, late_s = speed_m_s * long_s, clock_m_s / WAVE_M_S * long_s
+    east, north = np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg))
+    attack = Takeover(
+        target="bow",
+        transmit=TRANSMIT,
+        power_db=power_db,
+        onset_s=onset_s,
+        away_points_enu_m=((begin_s, 0.0, 0.0, 0.0), (duration_s, far_m * east, far_m * north, 0.0)),
+        clock_points_s=((begin_s, 0.0), (duration_s, late_s)),
+    )
+    scenario = Scenario(
+        seed=seed,
+        start_gpst=START,
+        duration_s=duration_s,
+        receivers=(SceneReceiver(**own),),
+        attacks=(attack,),
+        front_end=FrontEnd(),
+        sky=Sky(zenith_cn0_dbhz=50.0, horizon_cn0_dbhz=42.0),
+    )
+    return scene_of(scenario, NAVIGATION)
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """off_m, sigma_m (n,) of all trusted fixes in space; source (n,) where each comes from; at_s (n,) since the start.
+    wrong : whether a signal was called what it is not for a second and more."""
+
+    outcome: Outcome
+    verdict: Verdict
+    off_m: np.ndarray
+    sigma_m: np.ndarray
+    source: np.ndarray
+    at_s: np.ndarray
+    wrong: bool
+
+
+def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0.5, **judging: object) -> Judged:
+    noise = drawn_receiver.Noise(code_m=code_m)
+    (heard,) = drawn_receiver.hear(scene, noise, rng=np.random.default_rng(seed))
+    outcome, _ = judge([heard.reception], scene.navigation, settings, Silent(), **judging)
+    off_m, sigma_m, source, at_s = [], [], [], []
+    positions = outcome.receivers[0].positions
+    for name, fix in trusted_and_coasted(positions) if positions is not None else ():
+        good = fix.status == FixStatus.OK
+        true_s = (fix.gpst[good] - START) / np.timedelta64(1, "s")
+        rows = np.clip(np.searchsorted(heard.true_s, true_s - 0.25), 0, heard.true_s.size - 1)
+        off_m.append(np.linalg.norm(fix.position_ecef_m[good] - heard.position_ecef_m[rows], axis=1))
+        sigma_m.append(np.sqrt(np.trace(fix.covariance_m2[good, :3, :3], axis1=1, axis2=2)))
+        source.append(np.repeat(name, good.sum()))
+        at_s.append(true_s)
+    o = heard.reception.observations
+    faults = False
+    for s in outcome.decision.labels:
+        share = heard.false_share[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)]
+        wrong = share > 0.6 if s.label == "authentic" else share < 0.4
+        faults |= s.label in ("authentic", "spoofed") and wrong.sum() >= 2
+    empty = [np.empty(0)]
+    return Judged(
+        outcome,
+        document(outcome, [], settings),
+        np.concatenate(off_m or empty),
+        np.concatenate(sigma_m or empty),
+        np.concatenate(source or empty),
+        np.concatenate(at_s or empty),
+        bool(faults),
+    )
+
+
+def choice_of(found: Judged):
+    """The evidence that first chose; None where nothing did."""
+    return next((e for e in found.outcome.evidence if e.detector == "prediction" and e.noted), None)

@@ -1,0 +1,251 @@
+"""Which of two skies is true by prediction: as seldom wrong as stated, and nothing chosen where nothing is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from skyproof.fusion.choice import ChoiceRules, choices
+from skyproof.fusion.fuse import fuse
+from skyproof.fusion.skies import skies_of
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.oscillators import OSCILLATORS
+from skyproof.navigation.foresight import Standing, surveyed
+from skyproof.simulator.clocks import clock
+
+HOME = np.array([3.8e6, 7.9e5, 5.0e6])
+OLD = ("G05a", "G07a", "G10a", "G13a", "G15a")
+NEW = ("G05b", "G07b", "G10b", "G13b", "G15b")
+EAST, CLOCK = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+WINDOWS = 14
+
+
+def standing(oscillator=None, *, stands=True):
+    own = None if oscillator is None else OSCILLATORS[oscillator]
+    return Standing(stands=stands, oscillator=own, by="its standing still", assumes=("rx1 does not move",))
+
+
+class Taken:
+    """A receiver that stands is taken over: its channels follow the false sky from `onset_s` on, and the true one is
+    found anew when they have parted by `found_m`."""
+
+    def __init__(self, invented, rng, *, onset_s, away, found_m, sigma_m=1.5, clock_m=None, hidden=True):
+        self.invented, self.rng, self.sigma_m = invented, rng, sigma_m
+        self.clock_m = clock_m or (lambda at_s: 0.0 * at_s)
+        self.lasting_m = sigma_m * rng.standard_normal((2, 4)) / np.sqrt(2.0)
+        speed = np.linalg.norm(away)
+        self.found_s = onset_s + found_m / speed
+        self.onset_s, self.away = onset_s, away
+        self.sets = [s for window in range(WINDOWS) for s in self.sets_of(window)]
+        both = {w for w in range(WINDOWS) if sum(s.gpst == invented.at(10.0 * w + 5.0) for s in self.sets) > 1}
+        self.first = min(both, default=None)
+        self.evidence = [
+            invented.evidence(w, "attack" if w in both else "clean", *OLD, *(NEW if w in both else ()), p_value=0.5)
+            for w in range(WINDOWS)
+        ]
+        first = int(self.found_s)
+        o = invented.observations(
+            (*OLD, *NEW),
+            duration_s=10 * WINDOWS,
+            there=dict.fromkeys(NEW, (first, 10 * WINDOWS - 1)),
+            found=dict.fromkeys(NEW, (self.found_s - 0.5, self.found_s)),
+        )
+        if not hidden:
+            o = replace(o, pseudorange_m=o.pseudorange_m + np.where(np.arange(10) < 5, 0.0, 1e3))
+        self.observations = o
+
+    def sets_of(self, window):
+        at_s = 10.0 * window + 5.0
+        led = max(at_s - self.onset_s, 0.0) * self.away
+        yield self.set_of(window, OLD, led)
+        if 10.0 * window >= self.found_s:
+            yield self.set_of(window, NEW, np.zeros(4))
+
+    def set_of(self, window, names, off):
+        at_s = 10.0 * window + 5.0
+        white = self.sigma_m * self.rng.standard_normal(4) / np.sqrt(2.0)
+        shown = off + white + self.lasting_m[int(names is NEW)] + float(self.clock_m(np.array(at_s))) * CLOCK
+        return replace(
+            self.invented.sky(window, *names),
+            position_ecef_m=HOME + shown[:3],
+            clock_bias_s=shown[3] / SPEED_OF_LIGHT_M_S,
+            covariance_m2=self.sigma_m**2 * np.eye(4),
+        )
+
+    def chosen(self, foresight, **rules):
+        skies = skies_of(self.sets)
+        return choices(skies, self.evidence, [self.observations], self.sets, {"rx1": foresight}, ChoiceRules(**rules))
+
+    def decided(self, foresight, **rules):
+        return fuse([*self.evidence, *self.chosen(foresight, **rules)], [self.observations], self.sets)
+
+
+def after(taken, found, says):
+    """Names by window of what is said once there are two skies."""
+    return {
+        int((e.start_gpst - taken.invented.at(0)) / np.timedelta64(10, "s")): {
+            s.signal.sat + s.signal.copy for s in e.subject
+        }
+        for e in found
+        if e.says == says and e.start_gpst >= taken.invented.at(10.0 * taken.first)
+    }
+
+
+@pytest.fixture
+def led_away(invented):
+    def make(**options):
+        options = {"onset_s": 40.0, "away": 8.0 * EAST, "found_m": 400.0} | options
+        return Taken(invented, np.random.default_rng(1), **options)
+
+    return make
+
+
+def test_a_receiver_that_stands_chooses_the_sky_that_shows_where_it_stood(led_away):
+    taken = led_away()
+    found = taken.chosen(standing())
+    assert set(map(frozenset, after(taken, found, "authentic").values())) == {frozenset(NEW)}
+    assert set(map(frozenset, after(taken, found, "spoofed").values())) == {frozenset(OLD)}
+    decision = taken.decided(standing())
+    assert decision.verdict == "spoofed"
+    assert (decision.open, decision.skies) == (None, ())
+    assert [source.one_antenna for source in decision.sources] == [False]
+    assert len(decision.assumed) == 2
+    assert "were true until 10:00:30" in decision.assumed[0]
+    assert sum(e.noted for e in found) == 1
+    assert "is the wrong choice is 1e-12 or less" in next(e.because for e in found if e.noted)
+
+
+def test_what_was_received_while_the_attack_may_have_been_hidden_is_not_taken_for_true(led_away):
+    labels = led_away().decided(standing()).labels
+    old = [(s.label, s.first_epoch, s.last_epoch) for s in labels if s.ref.signal.copy == "a"][:3]
+    assert old == [("authentic", 0, 29), ("unknown", 30, 89), ("spoofed", 90, 139)]
+
+
+def test_a_sky_that_came_from_afar_was_not_there_before(led_away):
+    taken = led_away(onset_s=60.0, away=1e4 * EAST, hidden=False)
+    found = taken.chosen(standing())
+    trusted = [e for e in found if e.says == "authentic" and e.end_gpst <= taken.invented.at(60.0)]
+    assert len(trusted) == 5
+    assert "10:00:50" in trusted[0].assumes[0]
+
+
+def test_a_window_that_does_not_go_on_ends_what_is_taken_for_true(led_away):
+    """Channels taken over, by a pull that is over before the true sky is found, from afar."""
+    taken = led_away(onset_s=40.0, away=30.0 * EAST, found_m=2000.0, hidden=False)
+    found = taken.chosen(standing())
+    assert "10:00:30" in next(e.assumes[0] for e in found if e.assumes)
+    assert set(map(frozenset, after(taken, found, "authentic").values())) == {frozenset(NEW)}
+
+
+@pytest.mark.parametrize(
+    ("options", "rules"),
+    [({"onset_s": -100.0}, {}), ({}, {"clean_start_s": 0.0}), ({"onset_s": -1.0, "away": 30.0 * EAST}, {})],
+    ids=["both there from the first moment", "nothing taken for true", "led away from the first moment"],
+)
+def test_where_nothing_was_clean_nothing_is_chosen(led_away, options, rules):
+    taken = led_away(**options)
+    assert taken.chosen(standing(), **rules) == []
+    decision = taken.decided(standing(), **rules)
+    assert len(decision.skies) == 2
+    assert decision.open is not None
+
+
+def test_a_surveyed_place_chooses_from_the_first_moment_on(led_away):
+    taken = led_away(onset_s=-100.0)
+    found = taken.chosen(surveyed(standing(), HOME, 0.01 * np.eye(3)))
+    assert set(map(frozenset, after(taken, found, "authentic").values())) == {frozenset(NEW)}
+
+
+def test_a_push_of_the_clock_is_not_told_by_a_place(led_away):
+    taken = led_away(away=8.0 * CLOCK)
+    found = taken.chosen(standing())
+    assert not after(taken, found, "authentic")
+    assert "none is chosen: by its standing still" in found[-1].because
+    decision = taken.decided(standing())
+    assert decision.open is not None
+    assert "none is chosen" in decision.open.why
+    assert decision.open.receivers == ("rx1",)
+    assert {s.label for s in decision.labels if s.last_epoch > 40} == {"unknown"}
+
+
+def test_a_push_of_the_clock_is_told_by_an_oscillator_whether_or_not_it_stands(led_away):
+    taken = led_away(away=8.0 * CLOCK)
+    for stands in (True, False):
+        found = taken.chosen(standing("ocxo", stands=stands))
+        assert set(map(frozenset, after(taken, found, "authentic").values())) == {frozenset(NEW)}
+
+
+def test_without_an_alarm_two_skies_are_left_alone(led_away):
+    taken = led_away()
+    taken.evidence = [replace(e, says="clean") for e in taken.evidence]
+    assert not after(taken, taken.chosen(standing()), "spoofed")
+
+
+def test_a_late_copy_is_no_rival(led_away):
+    taken = led_away()
+    taken.evidence += [taken.invented.evidence(w, "multipath", *OLD) for w in range(taken.first, WINDOWS)]
+    assert not after(taken, taken.chosen(standing()), "spoofed")
+
+
+def test_whole_milliseconds_of_a_receivers_clock_are_of_no_account(led_away):
+    taken = led_away(away=8.0 * CLOCK, clock_m=lambda at_s: np.where(at_s > 95.0, 1e-3 * SPEED_OF_LIGHT_M_S, 0.0))
+    found = taken.chosen(standing("ocxo"))
+    assert set(map(frozenset, after(taken, found, "authentic").values())) == {frozenset(NEW)}
+
+
+def test_the_chosen_sky_alone_again_is_still_the_one_and_another_is_not(led_away):
+    taken = led_away()
+    last = taken.invented.at(10.0 * (WINDOWS - 2))
+    for left, expected in ((NEW, set(NEW)), (OLD, set())):
+        kept = [s for s in taken.sets if s.gpst < last or s.signals[0].copy == left[0][-1]]
+        found = choices(
+            skies_of(taken.sets), taken.evidence, [taken.observations], kept, {"rx1": standing()}, ChoiceRules()
+        )
+        assert after(taken, found, "authentic").get(WINDOWS - 1, set()) == expected
+
+
+def outcomes(invented, draws, kind):
+    """Of drawn takeovers: predicted and counted wrong choices, those that chose, and the worst of the chosen fixes."""
+    rng = np.random.default_rng(7)
+    predicted, wrong, chose, worst_m = 0.0, 0, 0, 0.0
+    for seed in range(draws):
+        name = str(rng.choice(["tcxo", "tcxo-good", "ocxo", "rubidium"]))
+        drawn = clock(name, seed=seed, duration_s=10.0 * WINDOWS)
+        part = {"position": EAST, "clock": CLOCK, "both": EAST + CLOCK}[kind]
+        taken = Taken(
+            invented,
+            rng,
+            onset_s=rng.uniform(30.0, 60.0),
+            away=rng.uniform(1.0, 10.0) * rng.choice([-1.0, 1.0]) * part,
+            found_m=rng.uniform(10.0, 400.0),
+            sigma_m=rng.uniform(1.0, 8.0),
+            clock_m=lambda at_s, drawn=drawn: SPEED_OF_LIGHT_M_S * drawn.offset_s(at_s),
+        )
+        if taken.first is None:
+            continue
+        found = taken.chosen(standing(name, stands=True))
+        first = next((e for e in found if e.noted), None)
+        if first is None:
+            continue
+        chose += 1
+        predicted += 1.0 / (1.0 + np.exp(first.log_likelihood_ratio))
+        if {s.signal.copy for s in first.subject} == {"a"}:
+            wrong += 1
+            worst_m = max(worst_m, float(np.abs(taken.away).max()) * (taken.found_s - taken.onset_s + 10.0))
+    print(f"{kind}: {chose} of {draws} chose, predicted wrong {predicted:.3f}, wrong {wrong}, of {worst_m:.0f} m")
+    return predicted, wrong, chose
+
+
+def test_no_more_choices_are_wrong_than_the_limit(invented):
+    _, wrong, chose = outcomes(invented, 15, "both")
+    assert chose > 10
+    assert wrong == 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["position", "clock", "both"])
+def test_of_many_choices_no_more_are_wrong_than_the_limit(invented, kind):
+    _, wrong, chose = outcomes(invented, 2000, kind)
+    assert chose > 600
+    assert stats.binom.sf(wrong - 1, chose, ChoiceRules().most_wrong) > 1e-3
