@@ -41,6 +41,22 @@ def test_bits_that_did_not_move_are_taken_for_moved_at_most_as_often_as_stated(c
     assert stats.binomtest(alarms, n, stated, alternative="greater").pvalue > 1e-3
 
 
+@pytest.mark.parametrize("step_db", [-6.0, 6.0])
+@pytest.mark.parametrize("n_signals", [5, 20])
+def test_strength_that_changes_in_all_signals_at_once_moves_no_bits(n_signals, step_db):
+    """Jamming that begins, while no bit turns over: what is compared stands for the same time."""
+    rng = np.random.default_rng(5)
+    stated, n, alarms = 0.02, 150, 0
+    for _ in range(n):
+        gain = np.where(np.arange(N_PERIODS) < rng.integers(60, 140), 1.0, 10.0 ** (0.05 * step_db))
+        noise = rng.normal(size=(2, n_signals, N_PERIODS))
+        prompts = gain * np.sqrt(2.0 * 10.0**4.2 * 1e-3) + noise[0] + 1j * noise[1]
+        starts = rng.integers(0, PERIODS_PER_BIT, n_signals).astype(float)
+        sums = add_bits(EdgeSums(since_s=0.0), prompts, np.zeros(n_signals, np.int64), starts)
+        alarms += edge_scores(sums).max() > shift_limit(stated)
+    assert stats.binomtest(alarms, n, stated, alternative="greater").pvalue > 1e-3
+
+
 @pytest.mark.parametrize("beat", [None, (0.9, 10.0)])
 @pytest.mark.parametrize("moved", [1, 10, 19])
 def test_bits_that_moved_are_seen_in_a_few_looks(moved, beat):

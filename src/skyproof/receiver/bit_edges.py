@@ -1,11 +1,12 @@
 """Do data bits begin where they are thought to, or do they all begin so many code periods earlier?
 
 Samples that are missing move the bits of all signals by the same number of code periods. Fades, slips and a second
-signal move none. For each bit the energy of its sum is compared with that of the nearest sum which begins so many
-periods earlier, modulo a bit, as a share of both, so that no strong bit counts for more than a weak one. With bits as
-they are thought the mean of that is negative where the bit turns over and zero where it does not, whatever the signal's
-strength and phase and whatever else disturbs both sums alike. So the mean over all bits of all signals, over its
-standard error, exceeds a normal quantile with at most the stated probability.
+signal move none. For each bit the energy of its sum is compared with that of the two sums which overlap it and begin so
+many periods earlier, modulo a bit, as a share of both, so that no strong bit counts for more than a weak one. The two
+are weighted so that they stand for the same time as the bit: strength that grows or falls makes no difference. With
+bits as they are thought the mean of that is negative where the bit turns over and zero where it does not, whatever the
+signal's strength and phase and whatever else disturbs all three sums alike. So the mean over all bits of all signals,
+over its standard error, exceeds a normal quantile with at most the stated probability.
 """
 
 from collections.abc import Sequence
@@ -24,9 +25,10 @@ __all__ = ["PERIODS_PER_BIT", "EdgeSums", "add_bits", "edge_scores", "prompts_of
 
 PERIODS_PER_BIT = GPS_L1_CA.periods_per_symbol
 _SHIFTS = np.arange(1, PERIODS_PER_BIT)
-_HALF = PERIODS_PER_BIT // 2
-_AWAY = np.concatenate([[0], np.where(_SHIFTS > _HALF, PERIODS_PER_BIT - _SHIFTS, -_SHIFTS)])
-"""Periods from a bit's sum to those it is compared with: the nearest that are moved so, as a beat changes both."""
+_LONGEST = PERIODS_PER_BIT - 1
+_AWAY = np.concatenate([[0], -_SHIFTS, PERIODS_PER_BIT - _SHIFTS])
+"""Periods from a bit's sum to itself and to those it is compared with: moved so, before it and behind it."""
+_LATER_SHARE = _SHIFTS / PERIODS_PER_BIT
 _PROMPT: Final = slice(k.OUT_TAPS + 2, k.OUT_TAPS + 4)
 _FEWEST_BITS = 15
 """The mean of fewer differences is not normal enough."""
@@ -83,17 +85,19 @@ def add_bits(sums: EdgeSums, prompts: Complexes, first_periods: Integers, bit_st
 
 def _differences(prompts: Complexes, offsets: Integers) -> Reals:
     """(n_bits, 19): energy of each bit's sum moved, less that of the sum itself, over the sum of both."""
-    offsets = np.where(offsets < _HALF, offsets + PERIODS_PER_BIT, offsets)  # what begins earliest must be there
-    stop = prompts.shape[1] - PERIODS_PER_BIT - _HALF + 2  # and what ends last
+    offsets = np.where(offsets < _LONGEST, offsets + PERIODS_PER_BIT, offsets)  # what begins earliest must be there
+    stop = prompts.shape[1] - PERIODS_PER_BIT - _LONGEST + 1  # and what ends last
     first = np.arange(0, max(stop - int(offsets.max(initial=0)), 0), PERIODS_PER_BIT)
     begins = offsets[:, np.newaxis, np.newaxis] + first[:, np.newaxis] + _AWAY
     summed = np.concatenate([np.zeros((prompts.shape[0], 1)), np.cumsum(prompts, axis=1)], axis=1)
     of_signal = np.arange(prompts.shape[0])[:, np.newaxis, np.newaxis]
     energy = np.abs(summed[of_signal, begins + PERIODS_PER_BIT] - summed[of_signal, begins]) ** 2
-    moved, still = energy[..., 1:], energy[..., :1]
+    still, moved = energy[..., :1], energy[..., 1:]
     both = moved + still
-    difference = np.divide(moved - still, both, out=np.zeros_like(both), where=both > 0.0)
-    return np.asarray(difference.reshape(-1, _SHIFTS.size))
+    share = np.divide(moved - still, both, out=np.zeros_like(both), where=both > 0.0)
+    earlier, later = np.split(share.reshape(-1, 2 * _SHIFTS.size), 2, axis=-1)
+    # Each share for itself has the mean zero on noise, as it is the same with both sums exchanged but for its sign.
+    return np.asarray((1.0 - _LATER_SHARE) * earlier + _LATER_SHARE * later)
 
 
 def edge_scores(sums: EdgeSums) -> Reals:
