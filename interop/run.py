@@ -22,18 +22,18 @@ import readers
 from tracks import Tracks, read_tracks
 
 from skyproof.app.receive import receive
-from skyproof.app.receive.reception import first_copies
+from skyproof.app.receive.time_tag import first_copies
 from skyproof.formats.raw import open_raw
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.fix import fix
-from skyproof.simulator import FrontEnd, Place, Scenario, clean, scene_of, write
+from skyproof.simulator import FrontEnd, Scenario, ScenePlace, clean, scene_of, write
 
 PEERS = (gnss_sdr,)  # a peer is a module with NAME, CURE, find() and receive(samples, folder)
 
-PLACE = Place(lat_deg=47.38, lon_deg=8.54, height_m=450.0)
+PLACE = ScenePlace(lat_deg=47.38, lon_deg=8.54, height_m=450.0)
 # Two seconds before subframe 1 of the frame whose subframe 4 is page 18: gnss-sdr writes no RINEX before it has the
 # ionosphere.
 START_GPST = np.datetime64("2024-05-14T10:03:28", "ns")

@@ -1,5 +1,7 @@
 """The page that shows the house shows it as it is built: rooms, floors and every arrow between them."""
 
+import ast
+import importlib
 import re
 import tomllib
 from collections import Counter
@@ -87,3 +89,15 @@ def test_no_two_public_classes_share_a_name():
     ]
     counts = Counter(name for name, _ in found)
     assert [one for one in found if counts[one[0]] > 1] == []
+
+
+@pytest.mark.parametrize("folder", ["bench", "interop"])
+def test_what_is_imported_beside_the_package_exists(folder):
+    imported = {
+        (node.module, alias.name)
+        for path in (ROOT / folder).glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module is not None and node.module.startswith("skyproof")
+        for alias in node.names
+    }
+    assert [one for one in sorted(imported) if not hasattr(importlib.import_module(one[0]), one[1])] == []
