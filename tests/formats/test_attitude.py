@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from tests.tables import write_table
 
 from skyproof.errors import InputError
 from skyproof.formats.attitude import COLUMNS, read_attitude
-from skyproof.formats.tables import write_table
 
 START = np.datetime64("2022-01-01T10:29:58", "ns")
 ANGLES_DEG = np.column_stack([np.arange(350.0, 359.0), np.linspace(-3.0, 3.0, 9), np.linspace(179.0, -179.0, 9)])

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.tables import write_table
 
 from skyproof.errors import InputError
 from skyproof.formats.imu import COLUMNS, read_imu
-from skyproof.formats.tables import write_table
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.simulator.inertial import inertial
 from skyproof.simulator.motion import AlongMotion

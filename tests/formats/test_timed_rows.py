@@ -6,9 +6,9 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.tables import write_table
 
 from skyproof.errors import InputError
-from skyproof.formats.tables import write_table
 from skyproof.formats.timed_rows import read_timed_rows
 
 START = np.datetime64("2022-01-01T10:29:58", "ns")

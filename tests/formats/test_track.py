@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.tables import write_table
 
 from skyproof.errors import InputError
 from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
-from skyproof.formats.tables import write_table
 from skyproof.formats.track import parse_csv, parse_kml, parse_nmea, read_track
 from skyproof.gnss.frames import ecef_from_geodetic
 

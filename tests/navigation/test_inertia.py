@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 from scipy.spatial.transform import Rotation
+from tests.tables import write_table
 
 from skyproof.formats.imu import COLUMNS, read_imu
-from skyproof.formats.tables import write_table
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.time import GPS_EPOCH

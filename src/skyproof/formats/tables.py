@@ -14,12 +14,12 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from skyproof.errors import OutputError
-from skyproof.formats.atomic_write import write_lines, writing
+from skyproof.formats.atomic_write import writing
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Fix, FixStatus
 
-__all__ = ["FIXES_COLUMNS", "Column", "fixes_columns", "growing_tables", "write_table"]
+__all__ = ["FIXES_COLUMNS", "Column", "fixes_columns", "growing_tables"]
 
 Column = NDArray[Any]
 
@@ -40,32 +40,6 @@ FIXES_COLUMNS: Final = (
 _CSV_ROWS: Final = 8192  # turned to text at once, so that memory does not grow with the table
 
 
-def write_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> None:
-    """Write `columns`, each of shape (n_rows,), to a file that ends in .csv or .parquet.
-
-    What is missing (NaN, NaT, None) is an empty field in CSV and null in Parquet. CSV is UTF-8 with a line of names,
-    instants as ISO 8601 without a zone (microseconds, or nanoseconds where a column needs them), floats with the
-    fewest digits that read back the same. Parquet holds instants as timestamps in nanoseconds without a zone.
-
-    Raises
-    ------
-    OutputError : the file cannot be written, or its ending is another one.
-    ValueError : the columns are not of one length.
-    """
-    shapes = {name: np.shape(column) for name, column in columns.items()}
-    if len(set(shapes.values())) > 1 or any(len(shape) != 1 for shape in shapes.values()):
-        raise ValueError(f"columns must be of one dimension and one length, not {shapes}")
-    match Path(path).suffix.lower():
-        case ".csv":
-            write_lines(path, _csv_lines(columns), encoding="utf-8")
-        case ".parquet":
-            table = pa.table({name: _arrow(np.asarray(column)) for name, column in columns.items()})
-            with writing(path) as file:
-                pq.write_table(table, file)
-        case ending:
-            raise _unknown(path, ending)
-
-
 def _unknown(path: str | os.PathLike[str], ending: str) -> OutputError:
     return OutputError(f'{os.fspath(path)}: cannot write a table that ends in "{ending}"; use .csv or .parquet')
 
@@ -76,18 +50,26 @@ def growing_tables(
 ) -> Iterator[Callable[[Mapping[str, Column]], None]]:
     """One table in files that end in .csv or .parquet, written block by block, so that memory does not grow with it.
 
-    Gives a function that takes the next block of columns: the same names and types each time, and at least one block,
-    which may be empty. Parquet has a group of rows for each block, and `metadata` in its schema. Else as `write_table`,
-    but instants in CSV are in nanoseconds. The files appear when the block of code ends well, or not at all.
+    Gives a function that takes the next block of columns, each of shape (n_rows,): the same names and types each time,
+    and at least one block, which may be empty. The files appear when the block of code ends well, or not at all.
+
+    What is missing (NaN, NaT, None) is an empty field in CSV and null in Parquet. CSV is UTF-8 with a line of names,
+    instants as ISO 8601 in nanoseconds without a zone, floats with the fewest digits that read back the same. Parquet
+    holds instants as timestamps in nanoseconds without a zone, a group of rows for each block, and `metadata` in its
+    schema.
 
     Raises
     ------
-    OutputError : as `write_table`.
+    OutputError : a file cannot be written, or its ending is another one.
+    ValueError : the columns are not of one length.
     """
     with contextlib.ExitStack() as stack:
         takers = [_taker(stack, path, metadata or {}) for path in paths]
 
         def take(columns: Mapping[str, Column]) -> None:
+            shapes = {name: np.shape(column) for name, column in columns.items()}
+            if len(set(shapes.values())) > 1 or any(len(shape) != 1 for shape in shapes.values()):
+                raise ValueError(f"columns must be of one dimension and one length, not {shapes}")
             for taker in takers:
                 taker(columns)
 
@@ -114,7 +96,7 @@ def _taker(
 
     def take_csv(columns: Mapping[str, Column]) -> None:
         nonlocal begun
-        for line in _csv_lines(columns, unit="ns", headed=not begun):
+        for line in _csv_lines(columns, headed=not begun):
             file.write(f"{line}\n".encode())
         begun = True
 
@@ -173,13 +155,12 @@ def _arrow(column: Column) -> Any:
     return pa.array(column, from_pandas=True)  # NaN to null
 
 
-def _csv_lines(columns: Mapping[str, Column], *, unit: str | None = None, headed: bool = True) -> Iterator[str]:
+def _csv_lines(columns: Mapping[str, Column], *, headed: bool) -> Iterator[str]:
     arrays = [np.asarray(column) for column in columns.values()]
-    units = [unit or ("us" if a.dtype.kind != "M" or _whole_microseconds(a) else "ns") for a in arrays]
     if headed:
         yield _csv_text([columns.keys()])
     for start in range(0, len(arrays[0]) if arrays else 0, _CSV_ROWS):
-        part = [_texts(a[start : start + _CSV_ROWS], unit) for a, unit in zip(arrays, units, strict=True)]
+        part = [_texts(a[start : start + _CSV_ROWS]) for a in arrays]
         yield _csv_text(zip(*part, strict=True))
 
 
@@ -189,14 +170,9 @@ def _csv_text(rows: Iterable[Iterable[str]]) -> str:
     return text.getvalue().removesuffix("\n")
 
 
-def _whole_microseconds(instants: Column) -> bool:
-    known = instants[~np.isnat(instants)].astype("datetime64[ns]")
-    return not (known.astype(np.int64) % 1000).any()
-
-
-def _texts(values: Column, unit: str) -> list[str]:
+def _texts(values: Column) -> list[str]:
     if values.dtype.kind == "M":
-        texts: list[str] = np.datetime_as_string(values.astype(f"datetime64[{unit}]")).tolist()
+        texts: list[str] = np.datetime_as_string(values.astype("datetime64[ns]")).tolist()
         return ["" if text == "NaT" else text for text in texts]
     return [_text(value) for value in values.tolist()]
 

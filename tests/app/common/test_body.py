@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.tables import write_table
 
 from skyproof.app.common.body import Body, Carried, body_of, body_state, open_body, with_imu
 from skyproof.app.common.platform import Platform
@@ -18,7 +19,6 @@ from skyproof.app.common.windows import windows_of
 from skyproof.errors import InputError, SettingsError
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.imu import COLUMNS
-from skyproof.formats.tables import write_table
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, heading_pitch_roll_rad, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.navigation.attitude import interpolation_sigma_rad

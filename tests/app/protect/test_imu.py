@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.app.kit import PLACES, scenario_of
+from tests.tables import write_table
 
 from skyproof.app.protect import protect
 from skyproof.errors import InputError
@@ -12,7 +13,6 @@ from skyproof.formats.byte_io import sha256
 from skyproof.formats.imu import COLUMNS
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
-from skyproof.formats.tables import write_table
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator.measurements import NoiseModel, observations_of
