@@ -8,10 +8,10 @@ deg.
 Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views; the caller's arrays stay writable.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Final, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from skyproof.gnss.signals import time_scale_of
 __all__ = [
     "CELL_STATUS",
     "FIX_STATUS",
+    "OBSERVABLES",
     "AntennaArray",
     "ArrayPhases",
     "Asked",
@@ -282,6 +283,21 @@ class AntennaArray:
         freeze(self, {"elements_m": ("antenna", "3"), **lines})
 
 
+OBSERVABLES: Final = (
+    "pseudorange_m",
+    "carrier_cyc",
+    "doppler_hz",
+    "cn0_dbhz",
+    "pseudorange_sigma_m",
+    "carrier_sigma_cyc",
+    "doppler_sigma_hz",
+)
+"""Fields of `Observations` with one real number a cell, NaN where nothing was measured."""
+_CELLS: Final = (*OBSERVABLES, "status", "half_cycle_open")
+_EMPTY: Final = {"status": CellStatus.NOT_TRACKED, "half_cycle_open": False}
+_OF_CHANNELS: Final = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Observations:
     """One receiver's measurements at common receiver times: epochs along axis 0, channels along axis 1.
@@ -327,17 +343,6 @@ class Observations:
         if half_open.ndim == 0:
             object.__setattr__(self, "half_cycle_open", np.full(np.shape(self.status), half_open))
         cell = ("epoch", "channel")
-        cells = (
-            "pseudorange_m",
-            "carrier_cyc",
-            "doppler_hz",
-            "cn0_dbhz",
-            "pseudorange_sigma_m",
-            "carrier_sigma_cyc",
-            "doppler_sigma_hz",
-            "status",
-            "half_cycle_open",
-        )
         freeze(
             self,
             {
@@ -347,7 +352,7 @@ class Observations:
                 "missed_elapsed_s": ("channel",),
                 "carrier_hz": ("channel",),
             }
-            | {name: cell for name in cells},
+            | dict.fromkeys(_CELLS, cell),
         )
         if len(self.signals) != self.found_elapsed_s.size:
             raise ValueError(f"Observations has {len(self.signals)} signals for {self.found_elapsed_s.size} channels")
@@ -369,10 +374,35 @@ class Observations:
 
     def read(self, first: int, stop: int) -> "Observations":
         """The epochs from `first` to before `stop`, as views."""
-        of_channels = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
-        whole: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in of_channels}
-        part: dict[str, Any] = {name: a[first:stop] for name, a in whole.items() if isinstance(a, np.ndarray)}
+        part: dict[str, Any] = {name: getattr(self, name)[first:stop] for name in ("gpst", "elapsed_s", *_CELLS)}
         return replace(self, **part)
+
+    @staticmethod
+    def joined(pieces: Sequence["Observations"]) -> "Observations":
+        """One receiver's pieces, at least one, in order of time, as one with the signals of all.
+
+        What holds for a channel (`found_elapsed_s` and the like) is that of the piece that found its signal first.
+        """
+        signals = tuple(sorted({signal for piece in pieces for signal in piece.signals}))
+        at = {signal: column for column, signal in enumerate(signals)}
+        shape = sum(piece.gpst.size for piece in pieces), len(signals)
+        cells: dict[str, Any] = {
+            name: np.full(shape, _EMPTY.get(name, np.nan), getattr(pieces[0], name).dtype) for name in _CELLS
+        }
+        known: dict[str, Any] = {name: np.full(len(signals), np.nan) for name in _OF_CHANNELS}
+        first = 0
+        for piece in pieces:
+            columns = np.array([at[signal] for signal in piece.signals], np.intp)
+            for name, whole in cells.items():
+                whole[first : first + piece.gpst.size, columns] = getattr(piece, name)
+            sooner = ~(piece.found_elapsed_s > known["found_elapsed_s"][columns])  # NaN: not known yet
+            for name, of_channels in known.items():
+                of_channels[columns[sooner]] = getattr(piece, name)[sooner]
+            first += piece.gpst.size
+        times: dict[str, Any] = {
+            name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("gpst", "elapsed_s")
+        }
+        return replace(pieces[-1], receiver=pieces[0].receiver, signals=signals, **times, **cells, **known)
 
 
 class ObservationLog(Protocol):

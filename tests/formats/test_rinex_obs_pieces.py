@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from skyproof.errors import InputError
 from skyproof.formats.rinex_obs_pieces import following, obs_pieces
 from skyproof.formats.rinex_obs_read import parse_obs
-from skyproof.formats.spool import joined
+from skyproof.records import Observations
 
 TYPES_3 = f"{'G    4 C1C L1C D1C S1C':60}SYS / # / OBS TYPES"
 VERSION_3 = [
@@ -29,7 +29,7 @@ VERSION_2 = [
 
 def put_together(pieces):
     """The observations of pieces of a file as one record."""
-    return joined([*following(piece.observations for piece in pieces)], pieces[0].observations.receiver)
+    return Observations.joined([*following(piece.observations for piece in pieces)])
 
 
 def cell(value, lli=" "):

@@ -19,7 +19,7 @@ from skyproof.formats.bounds import OBSERVATION_BYTES
 from skyproof.formats.crinex import Expander, is_compact
 from skyproof.formats.rinex_cells import Lines, heads_of, lines_of
 from skyproof.formats.rinex_obs_read import Header, ObservationFile, file_of, header_of
-from skyproof.records import CellStatus, Observations, SignalId
+from skyproof.records import OBSERVABLES, CellStatus, Observations, SignalId
 
 __all__ = ["PIECE_BYTES", "following", "obs_pieces"]
 
@@ -28,15 +28,6 @@ _GZIP: Final = b"\x1f\x8b"
 _DAMAGED: Final = "the observation file is a damaged gzip file"
 _TELLING_BYTES: Final = 100  # whether a file is compact
 _END_OF_HEADER: Final = b"END OF HEADER"
-_CELLS: Final = (
-    "pseudorange_m",
-    "carrier_cyc",
-    "doppler_hz",
-    "cn0_dbhz",
-    "pseudorange_sigma_m",
-    "carrier_sigma_cyc",
-    "doppler_sigma_hz",
-)
 
 
 def obs_pieces(
@@ -175,7 +166,7 @@ def _later(piece: Observations, last: np.datetime64) -> Observations:
         return piece
     kept = np.flatnonzero((piece.status[rows] != CellStatus.NOT_TRACKED).any(axis=0))
     of_channels = {name: getattr(piece, name)[kept] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
-    cells = {name: getattr(piece, name)[rows][:, kept] for name in ("status", "half_cycle_open", *_CELLS)}
+    cells = {name: getattr(piece, name)[rows][:, kept] for name in ("status", "half_cycle_open", *OBSERVABLES)}
     return replace(
         piece,
         signals=tuple(piece.signals[k] for k in kept),

@@ -5,7 +5,7 @@ Few pieces are put together; many go to a disk as they come, so that a run of an
 
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -13,21 +13,14 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.formats.pieces import ArrayPieces, Workspace
-from skyproof.records import CellStatus, ObservationLog, Observations, SignalId
+from skyproof.records import OBSERVABLES, ObservationLog, Observations, SignalId
 
-__all__ = ["NothingGathered", "ObservationSpool", "gathered", "joined", "named"]
+__all__ = ["NothingGathered", "ObservationSpool", "gathered", "named"]
 
 HELD_EPOCHS: Final = 4096
 """As many are kept in memory, as one record."""
-_OF_CHANNELS: Final = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
 _OF_EPOCHS: Final = ("gpst", "elapsed_s")
-_OF_CELLS: Final = tuple(
-    f.name
-    for f in fields(Observations)
-    if f.name not in ("receiver", "signals", "averaged_s", *_OF_EPOCHS, *_OF_CHANNELS)
-)
-_ABSENT: Final[dict[str, Any]] = {"status": np.uint8(CellStatus.NOT_TRACKED), "half_cycle_open": np.bool_(False)}
-"""What stands in the cells of a signal that a piece does not have; NaN in the others."""
+_OF_CELLS: Final = (*OBSERVABLES, "status", "half_cycle_open")
 
 
 class NothingGathered(ValueError):
@@ -59,30 +52,11 @@ def gathered(
                 held.clear()
         else:
             spool.append(piece)
-    return spool if spool is not None else joined(held, receiver)
-
-
-def joined(pieces: Sequence[Observations], receiver: str) -> Observations:
-    """Pieces as one record with the signals of all. Raises NothingGathered without a piece."""
-    if not pieces:
+    if spool is not None:
+        return spool
+    if not held:
         raise NothingGathered
-    channels = _Channels()
-    for piece in pieces:
-        channels.take(piece)
-    signals = channels.signals
-    n = sum(piece.gpst.size for piece in pieces)
-    cells = {name: _empty(name, (n, len(signals)), getattr(pieces[0], name).dtype) for name in _OF_CELLS}
-    first = 0
-    for piece in pieces:
-        columns = _columns(piece.signals, signals)
-        for name, whole in cells.items():
-            whole[first : first + piece.gpst.size, columns] = getattr(piece, name)
-        first += piece.gpst.size
-    times: dict[str, Any] = {name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in _OF_EPOCHS}
-    of_channels: dict[str, Any] = channels.known()
-    return Observations(
-        receiver=receiver, signals=signals, averaged_s=pieces[-1].averaged_s, **times, **cells, **of_channels
-    )
+    return named(Observations.joined(held), receiver)
 
 
 def named(log: ObservationLog, receiver: str) -> ObservationLog:
@@ -121,8 +95,7 @@ class ObservationSpool:
         self.receiver = receiver
         self._stored = ArrayPieces(workspace, f"{receiver}/{name}")
         self._pieces: list[_Piece] = []
-        self._channels = _Channels()
-        self._averaged_s = 0.0
+        self._known = _nothing_of(receiver)  # what is known of the channels of all pieces
         self._times: dict[str, NDArray[Any]] = {}
 
     def append(self, piece: Observations) -> None:
@@ -147,13 +120,12 @@ class ObservationSpool:
                 flags={name: np.packbits(getattr(piece, name)) for name in ("measured", "slipped")},
             )
         )
-        self._averaged_s = piece.averaged_s
-        self._channels.take(piece)
+        self._known = Observations.joined((self._known, piece.read(0, 0)))
         self._times.clear()
 
     @property
     def signals(self) -> tuple[SignalId, ...]:
-        return self._channels.signals
+        return self._known.signals
 
     @property
     def gpst(self) -> Instants:
@@ -173,15 +145,15 @@ class ObservationSpool:
 
     @property
     def found_elapsed_s(self) -> Reals:
-        return self._channels.known()["found_elapsed_s"]
+        return self._known.found_elapsed_s
 
     @property
     def missed_elapsed_s(self) -> Reals:
-        return self._channels.known()["missed_elapsed_s"]
+        return self._known.missed_elapsed_s
 
     @property
     def carrier_hz(self) -> Reals:
-        return self._channels.known()["carrier_hz"]
+        return self._known.carrier_hz
 
     def series(self, name: str, channel: int, first: int = 0, stop: int | None = None) -> Reals:
         """One observable (a field of `Observations`) of one channel, of the epochs from `first` to before `stop`."""
@@ -200,26 +172,16 @@ class ObservationSpool:
         Raises OSError if what was written cannot be read.
         """
         stop = min(stop, self.gpst.size)
-        signals, shape = self.signals, (max(stop - first, 0), len(self.signals))
-        cells: dict[str, NDArray[Any]] = {}
-        for number, rows, into in self._between(first, stop):
-            columns = _columns(self._pieces[number].signals, signals)
-            stored = self._stored.read(number)
-            for name in _OF_CELLS:
-                if name not in cells:
-                    cells[name] = _empty(name, shape, stored[name].dtype)
-                cells[name][into, columns] = stored[name][rows]
-        for name in _OF_CELLS:
-            cells.setdefault(name, _empty(name, shape, np.asarray(_ABSENT.get(name, np.nan)).dtype))
-        times: dict[str, Any] = {name: self._time(name)[first:stop] for name in _OF_EPOCHS}
-        of_channels: dict[str, Any] = self._channels.known()
-        return Observations(
-            receiver=self.receiver,
-            signals=signals,
-            averaged_s=self._averaged_s,
-            **times,
-            **cells,
-            **of_channels,
+        parts = [self._part(number, rows) for number, rows, _ in self._between(first, stop)]
+        return replace(Observations.joined((self._known, *parts)), receiver=self.receiver)
+
+    def _part(self, number: int, rows: slice) -> Observations:
+        """Epochs of a piece, without what holds for its channels: `_known` has that."""
+        signals, stored = self._pieces[number].signals, self._stored.read(number)
+        arrays: dict[str, Any] = {name: stored[name][rows] for name in (*_OF_EPOCHS, *_OF_CELLS)}
+        never = np.full(len(signals), np.inf)
+        return replace(
+            self._known, signals=signals, found_elapsed_s=never, missed_elapsed_s=never, carrier_hz=never, **arrays
         )
 
     def _between(self, first: int, stop: int) -> Iterator[tuple[int, slice, slice]]:
@@ -244,30 +206,21 @@ class ObservationSpool:
         return whole
 
 
-class _Channels:
-    """What is known of each signal of several pieces: of the one in which it was found first."""
-
-    def __init__(self) -> None:
-        self._of: dict[SignalId, tuple[float, ...]] = {}
-        self.signals: tuple[SignalId, ...] = ()
-
-    def take(self, piece: Observations) -> None:
-        for channel, signal in enumerate(piece.signals):
-            known = tuple(float(getattr(piece, name)[channel]) for name in _OF_CHANNELS)
-            self._of[signal] = min(known, self._of.get(signal, known), key=lambda one: one[0])
-        if len(self._of) != len(self.signals):
-            self.signals = tuple(sorted(self._of))
-
-    def known(self) -> dict[str, Reals]:
-        """Fields of `Observations` that are of channels."""
-        values = np.array([self._of[signal] for signal in self.signals], np.float64).reshape(-1, len(_OF_CHANNELS))
-        return {name: values[:, index].copy() for index, name in enumerate(_OF_CHANNELS)}
-
-
 def _columns(own: Sequence[SignalId], signals: Sequence[SignalId]) -> NDArray[np.intp]:
     at = {signal: column for column, signal in enumerate(signals)}
     return np.array([at[signal] for signal in own], np.intp)
 
 
-def _empty(name: str, shape: tuple[int, int], dtype: Any) -> NDArray[Any]:
-    return np.full(shape, _ABSENT.get(name, np.nan), dtype)
+def _nothing_of(receiver: str) -> Observations:
+    none = np.empty((0, 0))
+    cells: dict[str, Any] = dict.fromkeys(OBSERVABLES, none)
+    return Observations(
+        receiver=receiver,
+        signals=(),
+        gpst=np.empty(0, "datetime64[ns]"),
+        elapsed_s=np.empty(0),
+        **cells,
+        status=none.astype(np.uint8),
+        found_elapsed_s=np.empty(0),
+        missed_elapsed_s=np.empty(0),
+    )

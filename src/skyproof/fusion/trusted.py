@@ -10,7 +10,7 @@ from skyproof.arrays import Booleans
 from skyproof.fusion.labels import Label, LabelledSignal
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.screen import screened
-from skyproof.records import CellStatus, Fix, NavigationData, ObservationLog, Observations, SignalId
+from skyproof.records import OBSERVABLES, CellStatus, Fix, NavigationData, ObservationLog, Observations, SignalId
 
 __all__ = ["carries", "fix_of", "masked", "of_signals"]
 
@@ -37,16 +37,7 @@ def of_signals(log: ObservationLog, signals: Collection[SignalId]) -> Booleans:
 
 def masked(observations: Observations, mask: Booleans) -> Observations:
     """The observations with every cell emptied where `mask`, (n_epochs, n_signals), is false."""
-    names = (
-        "pseudorange_m",
-        "carrier_cyc",
-        "doppler_hz",
-        "cn0_dbhz",
-        "pseudorange_sigma_m",
-        "carrier_sigma_cyc",
-        "doppler_sigma_hz",
-    )
-    emptied: dict[str, Any] = {name: np.where(mask, getattr(observations, name), np.nan) for name in names}
+    emptied: dict[str, Any] = {name: np.where(mask, getattr(observations, name), np.nan) for name in OBSERVABLES}
     kept = mask | (observations.status == CellStatus.NOT_TRACKED)
     status = np.where(kept, observations.status, CellStatus.NOT_TRACKED).astype(np.uint8)
     return replace(observations, status=status, **emptied)

@@ -15,7 +15,6 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.receive.reception import Reception
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Booleans, Floats, Reals
-from skyproof.formats.spool import joined
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
@@ -105,7 +104,7 @@ def _looked_at(a: ObservationLog, b: ObservationLog) -> tuple[Observations, Obse
     for part in ours:
         first, stop = np.searchsorted(b.gpst, [part.gpst[0] - _MARGIN, part.gpst[-1] + _MARGIN])
         theirs.append(b.read(int(first), int(stop)))
-    return joined(ours, a.receiver), joined(theirs, b.receiver)
+    return Observations.joined(ours), Observations.joined(theirs)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

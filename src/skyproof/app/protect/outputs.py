@@ -30,7 +30,16 @@ from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.geoid import GEOID_SIGMA_M, geoid_separation_m
 from skyproof.gnss.time import iso
 from skyproof.navigation.dilution import horizontal_dilution
-from skyproof.records import CELL_STATUS, Evidence, Fix, FixStatus, NavigationData, ObservationLog, Observations
+from skyproof.records import (
+    CELL_STATUS,
+    OBSERVABLES,
+    Evidence,
+    Fix,
+    FixStatus,
+    NavigationData,
+    ObservationLog,
+    Observations,
+)
 from skyproof.report.page import report_html
 from skyproof.verdict import Verdict
 
@@ -130,21 +139,11 @@ def _signal_columns(o: Observations, labels: Any) -> dict[str, Any]:
     n_epochs, n_signals = o.pseudorange_m.shape
     names = {name: [getattr(s, name) for s in o.signals] for name in ("sat", "band", "code", "copy")}
     words = np.array([CELL_STATUS[code] for code in sorted(CELL_STATUS)])
-    values = (
-        "pseudorange_m",
-        "carrier_cyc",
-        "doppler_hz",
-        "cn0_dbhz",
-        "pseudorange_sigma_m",
-        "carrier_sigma_cyc",
-        "doppler_sigma_hz",
-        "half_cycle_open",
-    )
     return (
         {"receiver": np.repeat(o.receiver, n_epochs * n_signals)}
         | {"receiver_clock": np.repeat(o.gpst, n_signals)}
         | {name: np.tile(each, n_epochs) for name, each in names.items()}
-        | {name: getattr(o, name).ravel() for name in values}
+        | {name: getattr(o, name).ravel() for name in (*OBSERVABLES, "half_cycle_open")}
         | {"status": words[o.status.ravel()], "label": labels.ravel()}
     )
 

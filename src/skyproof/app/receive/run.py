@@ -20,10 +20,9 @@ from skyproof.app.receive.tracker import track
 from skyproof.formats.atomic_write import writing_together
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav, write_nav
-from skyproof.formats.spool import joined
 from skyproof.gnss.time import iso
 from skyproof.navigation.fix import fix
-from skyproof.records import FixStatus, NavigationData, ObservationLog
+from skyproof.records import FixStatus, NavigationData, ObservationLog, Observations
 from skyproof.verdict import notebook_html
 
 __all__ = ["ReceiveResult", "document_json", "receive", "signals_of"]
@@ -169,7 +168,7 @@ def _written(folder: Path, reception: Reception, navigation: NavigationData | No
 def _approximate_position_ecef_m(o: ObservationLog, orbits: NavigationData) -> Any:
     """(3,) where the first copies say that the receiver stands, unjudged like them; None if they say nothing."""
     step = max(o.gpst.size // HEADER_FIXES, 1)
-    some = joined([o.read(row, row + 1) for row in range(0, o.gpst.size, step)], o.receiver)
+    some = Observations.joined([o.read(row, row + 1) for row in range(0, o.gpst.size, step)])
     shown = fix(some, orbits, signals=first_copies(some))
     good = shown.status == FixStatus.OK
     return np.median(shown.position_ecef_m[good], axis=0) if good.any() else None

@@ -26,8 +26,8 @@ from skyproof.detectors.continuity.one_sky import (
     MIN_SATELLITES,
     Transmission,
     columns_of,
+    followed_by,
     groups_of,
-    joined,
     one_signal_a_transmission,
     rows_of,
 )
@@ -197,7 +197,7 @@ class _Window:
         before = () if self.past is None else self.past.members
         sources_before = {} if self.past is None else self.past.sources
         now, sources = one_signal_a_transmission(self.o, members, before, sources_before)
-        stretch = now if self.past is None else joined(self.past.tail, now)
+        stretch = now if self.past is None else followed_by(self.past.tail, now)
         look = _Look(
             members=members,
             place_ecef_m=place_ecef_m,

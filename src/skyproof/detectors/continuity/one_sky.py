@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Integers, Reals
-from skyproof.records import CellStatus, Observations, SignalId
+from skyproof.records import OBSERVABLES, CellStatus, Observations, SignalId
 
 __all__ = [
     "MIN_SATELLITES",
     "Transmission",
     "columns_of",
+    "followed_by",
     "groups_of",
-    "joined",
     "one_signal_a_transmission",
     "rows_of",
 ]
@@ -23,15 +23,6 @@ Transmission = tuple[str, str, str]
 
 MIN_SATELLITES = 5
 _WHATEVER = np.array(False)  # half a cycle is 10 cm
-_CELLS = (
-    "pseudorange_m",
-    "carrier_cyc",
-    "doppler_hz",
-    "cn0_dbhz",
-    "pseudorange_sigma_m",
-    "carrier_sigma_cyc",
-    "doppler_sigma_hz",
-)
 
 
 def one_signal_a_transmission(
@@ -61,7 +52,7 @@ def one_signal_a_transmission(
     breaks = np.cumsum(_breaks(chosen, o, sent, sources), axis=0)
     slipped = np.diff(breaks[kept], axis=0, prepend=0) > 0  # those of epochs that are left out count as well
     used = chosen[kept]
-    cells: dict[str, Any] = {name: _picked(getattr(o, name)[kept], used) for name in _CELLS}
+    cells: dict[str, Any] = {name: _picked(getattr(o, name)[kept], used) for name in OBSERVABLES}
     status = np.where(used < 0, CellStatus.NOT_TRACKED, np.where(slipped, CellStatus.SLIP, CellStatus.OK))
     whole = (chosen[-1] >= 0) & (breaks[-1] == (breaks[kept[-1]] if kept.size else 0))
     last = {sent[n]: o.signals[chosen[-1, n]] for n in np.flatnonzero(whole)}
@@ -93,36 +84,10 @@ def _picked(cells: Reals, chosen: Integers) -> Reals:
     return np.where(chosen >= 0, np.take_along_axis(cells, np.maximum(chosen, 0), axis=1), np.nan)
 
 
-def joined(before: Observations, after: Observations) -> Observations:
+def followed_by(before: Observations, after: Observations) -> Observations:
     """The epochs of both, with the transmissions of both; those of `after` that do not come later are left out."""
-    if before.gpst.size:
-        after = rows_of(after, after.elapsed_s > before.elapsed_s[-1])
-    signals = tuple(sorted(set(before.signals) | set(after.signals)))
-    at = {signal: column for column, signal in enumerate(signals)}
-    columns = {id(o): [at[signal] for signal in o.signals] for o in (before, after)}
-
-    def spread(o: Observations, name: str, empty: float) -> Reals:
-        cells = np.full((o.gpst.size, len(signals)), empty)
-        cells[:, columns[id(o)]] = getattr(o, name)
-        return cells
-
-    cells: dict[str, Any] = {name: np.vstack([spread(o, name, np.nan) for o in (before, after)]) for name in _CELLS}
-    status = np.vstack([spread(o, "status", CellStatus.NOT_TRACKED) for o in (before, after)]).astype(np.uint8)
-    carrier_hz = dict(zip(before.signals, before.carrier_hz, strict=True)) | dict(
-        zip(after.signals, after.carrier_hz, strict=True)
-    )
-    return replace(
-        after,
-        signals=signals,
-        gpst=np.concatenate((before.gpst, after.gpst)),
-        elapsed_s=np.concatenate((before.elapsed_s, after.elapsed_s)),
-        status=status,
-        found_elapsed_s=np.zeros(len(signals)),
-        missed_elapsed_s=np.full(len(signals), np.nan),
-        carrier_hz=np.array([carrier_hz[s] for s in signals]),
-        half_cycle_open=_WHATEVER,
-        **cells,
-    )
+    later = rows_of(after, after.elapsed_s > before.elapsed_s[-1]) if before.gpst.size else after
+    return Observations.joined((before, later))
 
 
 def rows_of(o: Observations, rows: Any) -> Observations:
@@ -133,7 +98,7 @@ def rows_of(o: Observations, rows: Any) -> Observations:
         elapsed_s=o.elapsed_s[rows],
         status=o.status[rows],
         half_cycle_open=_WHATEVER,
-        **{name: getattr(o, name)[rows] for name in _CELLS},
+        **{name: getattr(o, name)[rows] for name in OBSERVABLES},
     )
 
 
@@ -147,7 +112,7 @@ def columns_of(o: Observations, columns: Indices) -> Observations:
         missed_elapsed_s=o.missed_elapsed_s[columns],
         carrier_hz=o.carrier_hz[columns],
         half_cycle_open=_WHATEVER,
-        **{name: getattr(o, name)[:, columns] for name in _CELLS},
+        **{name: getattr(o, name)[:, columns] for name in OBSERVABLES},
     )
     return rows_of(chosen, np.isfinite(chosen.pseudorange_m).sum(axis=1) >= MIN_SATELLITES)
 
