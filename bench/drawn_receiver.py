@@ -423,7 +423,7 @@ def _receive(
     reception = Reception(
         source=samples,
         observations=observations,
-        told=NavigationData(ephemerides=()),
+        decoded=NavigationData(ephemerides=()),
         left_out=left_out,
         n_signals=len(receiver.rows),
         examined_s=scene.scenario.duration_s,

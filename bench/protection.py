@@ -52,11 +52,11 @@ def report() -> Iterator[str]:
         modules.update(run["shares"])
     for module, count in modules.items():
         rooms[module.partition("/")[0]] += count
-    yield f"  share of the time by room: {_told(rooms)}"
-    yield f"  by module: {_told(modules)}"
+    yield f"  share of the time by room: {_listed(rooms)}"
+    yield f"  by module: {_listed(modules)}"
 
 
-def _told(shares: Counter[str]) -> str:
+def _listed(shares: Counter[str]) -> str:
     """All that have half a percent or more."""
     total = sum(shares.values())
     return ", ".join(f"{k} {100.0 * n / total:.0f} %" for k, n in shares.most_common() if n >= 0.005 * total)

@@ -180,7 +180,7 @@ def _report(case: Case, folder: Path) -> Iterator[str]:
     ours = read_tracks(files, "skyproof")
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     yield f"  skyproof: {len(ours.signals)} signals, {cpu_s:.1f} s of CPU"
-    fixed = fix(reception.observations, reception.told, signals=first_copies(reception.observations))
+    fixed = fix(reception.observations, reception.decoded, signals=first_copies(reception.observations))
     place_m = case.place_ecef_m if case.place_ecef_m is not None else np.nanmedian(fixed.position_ecef_m, axis=0)
     yield _offset("skyproof's own position of the copies a", fixed.position_ecef_m, place_m)
     for file in files:

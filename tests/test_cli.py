@@ -77,7 +77,7 @@ class App:
             examined_s=4.0,
             left_out="no time",
             messages_differ=(),
-            told=SimpleNamespace(ephemerides=()),
+            decoded=SimpleNamespace(ephemerides=()),
         )
         if name == "receive":
             return ReceiveResult(

@@ -150,7 +150,7 @@ def freeze(record: Any, shapes: Mapping[str, tuple[str, ...]]) -> None:
 
 @dataclass(frozen=True, order=True, slots=True)
 class SignalId:
-    """One received signal. `copy` tells several signals of one satellite apart in order of finding, nothing more."""
+    """One received signal. `copy` numbers several signals of one satellite in order of finding, nothing more."""
 
     sat: str  # "G05"
     band: str = "L1"
@@ -707,7 +707,7 @@ class Fix:
     status : (n_epochs,) uint8, see FixStatus; NaN in the numbers unless 0.
     inter_system_s : time scale ("G", "E", "C", "R") to (n_epochs,), the clock bias by its signals minus
         `clock_bias_s`; NaN where it has none. Zero for the scale that the clock bias refers to: the first of G, E, C, R
-        that is there. Empty from sources that do not tell.
+        that is there. Empty from sources that do not state it.
     """
 
     receiver: str

@@ -6,7 +6,7 @@
         scene = MeasuredScene(epochs=10)                     # a true sky over two receivers
         check_detector(MyDetector, scene.records, np.random.default_rng(1))
 
-The contract: a detector declares itself, tells what it lacks, leaves its inputs alone, gives the same for the same
+The contract: a detector declares itself, states what it lacks, leaves its inputs alone, gives the same for the same
 input and for channels in another order, gives in pieces what it gives in one run, and raises false alarms at the rate
 that it states: not more, and not fewer without a reason. Each check raises AssertionError with what was found.
 """

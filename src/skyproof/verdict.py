@@ -173,7 +173,7 @@ class Method(_Model):
     false_alarm_probability: Probability | None = Field(description="False-alarm probability asked of one decision.")
 
     @model_validator(mode="after")
-    def _tells_why_it_did_not_run(self) -> Self:
+    def _states_why_it_did_not_run(self) -> Self:
         if not self.ran and not self.why_not:
             raise ValueError(f"{self.detector} did not run, but why_not does not say why")
         return self

@@ -39,7 +39,7 @@ def with_continuity(monkeypatch):
 def reception(o):
     samples = Samples(name=o.receiver, rate_hz=1e6, n_samples=1, read=lambda start, count: np.zeros((2, 0), np.float32))
     return Reception(
-        source=samples, observations=o, told=NavigationData(ephemerides=()), n_signals=len(o.signals), examined_s=1.0
+        source=samples, observations=o, decoded=NavigationData(ephemerides=()), n_signals=len(o.signals), examined_s=1.0
     )
 
 

@@ -43,9 +43,9 @@ def observations(receiver: str) -> Observations:
 
 def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> None:
     o = observations("bow")
-    heard = Reception(source=samples("bow"), observations=o, told=NOBODY, n_signals=2, examined_s=3.0)
+    heard = Reception(source=samples("bow"), observations=o, decoded=NOBODY, n_signals=2, examined_s=3.0)
     deaf = Reception(
-        source=samples("<stern>"), observations=None, told=NOBODY, n_signals=0, examined_s=3.0, left_out="no signal"
+        source=samples("<stern>"), observations=None, decoded=NOBODY, n_signals=0, examined_s=3.0, left_out="no signal"
     )
     shown = ReceiveResult(receptions=(heard, deaf), signals=(signals_of(heard.observations), ()))._repr_html_()
     for told in (
@@ -92,7 +92,7 @@ def track_at(receiver: str, x_m: float) -> Track:
 
 
 def test_while_two_skies_are_open_the_fixes_of_both_are_given_out() -> None:
-    heard = Reception(source=samples("bow"), observations=None, told=NOBODY, n_signals=8, examined_s=3.0)
+    heard = Reception(source=samples("bow"), observations=None, decoded=NOBODY, n_signals=8, examined_s=3.0)
     skies = {"S1": track_at("bow", 6.378137e6), "S2": track_at("bow", 6.378237e6)}
     outcome = ReceiverOutcome(reception=heard, tracks=skies | {"unprotected": skies["S2"]})
     assert kinds_of(outcome) == ["unprotected", "S1", "S2"]

@@ -180,7 +180,7 @@ def _open_streams() -> None:
 
 
 def _unwritten(error: Exception) -> int | None:
-    """The exit code if standard output could not be written; of files that cannot, an error of ours tells."""
+    """The exit code if standard output could not be written; files that cannot raise an error of ours."""
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in _UNWRITTEN:
         return None
     if isinstance(error, BrokenPipeError):

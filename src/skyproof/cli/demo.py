@@ -10,7 +10,7 @@ from skyproof import app
 from skyproof.cli.options import Debug, Json
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED
-from skyproof.cli.summary import tell
+from skyproof.cli.summary import print_result
 
 __all__ = ["demo"]
 
@@ -26,7 +26,7 @@ def demo(
 ) -> int:
     """Simulate two receivers that are jammed, then given the sky of another place by a meaconer, and protect them."""
     result = app.demo.demo(out, progress=progress())
-    tell(result, as_json=json)
+    print_result(result, as_json=json)
     if open_report and result.folder is not None:
         webbrowser.open((result.folder / "report.html").resolve().as_uri())
     return INTERRUPTED if result.interrupted else 0

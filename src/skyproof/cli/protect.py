@@ -9,7 +9,7 @@ from skyproof import app
 from skyproof.cli.options import Debug, Duration, Json, Nav, Place, Reach, Start, setting
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED
-from skyproof.cli.summary import tell
+from skyproof.cli.summary import print_result
 
 __all__ = ["protect"]
 
@@ -65,7 +65,7 @@ def protect(
         duration_s=duration_s,
         progress=progress(),
     )
-    tell(result, as_json=json)
+    print_result(result, as_json=json)
     if result.interrupted:
         return INTERRUPTED
     return EXIT_CODES[result.verdict.verdict] if exit_code else 0

@@ -59,7 +59,7 @@ def simulate(
 ) -> int:
     """Make recordings and measurements of a scene with attacks, and write the truth about them."""
     if list_scenes:
-        _tell_scenes(as_json=json)
+        _print_scenes(as_json=json)
         return 0
     if pages is not None:
         return _draw_all(pages)
@@ -85,7 +85,7 @@ def simulate(
     if json:
         print_document(app.simulate.document_json(result))
     else:
-        _tell(result)
+        _print_result(result)
     return INTERRUPTED if result.interrupted else 0
 
 
@@ -98,7 +98,7 @@ def _draw_all(folder: Path) -> int:
     return 0
 
 
-def _tell(result: "SimulateResult") -> None:
+def _print_result(result: "SimulateResult") -> None:
     console, made = Console(), result.scenario
     console.print(words(made.name, style="bold"))
     if made.description:
@@ -116,7 +116,7 @@ def _tell(result: "SimulateResult") -> None:
     print_path("the same again: skyproof simulate", result.folder / "scenario.toml")
 
 
-def _tell_scenes(*, as_json: bool) -> None:
+def _print_scenes(*, as_json: bool) -> None:
     if as_json:
         print_document(app.simulate.ready_made_json())
         return

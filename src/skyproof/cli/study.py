@@ -49,7 +49,7 @@ def study(
     found = studies()
     settings = _settings(trials, seed, quick)
     if list_studies:
-        _tell_studies(found, as_json=json)
+        _print_studies(found, as_json=json)
         return 0
     if validation is not None:
         lines = _validation(found, settings).splitlines()
@@ -64,7 +64,7 @@ def study(
     if json:
         print_document(document)
     else:
-        _tell(chosen, rows, whole=not interrupted)
+        _print_result(chosen, rows, whole=not interrupted)
     folder = out if out is not None else Path()
     if out is not None:
         write_lines(folder / f"{chosen.name}.json", document.splitlines(), encoding="utf-8")
@@ -175,7 +175,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _tell(chosen: Study, rows: Sequence[Row], *, whole: bool) -> None:
+def _print_result(chosen: Study, rows: Sequence[Row], *, whole: bool) -> None:
     console = Console()
     console.print(Text(f"{chosen.name}: {chosen.title}", style="bold"))
     console.print(Text(f"{chosen.paper}; {chosen.figure}", style="dim"))
@@ -204,7 +204,7 @@ def _cell(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
-def _tell_studies(found: Mapping[str, Study], *, as_json: bool) -> None:
+def _print_studies(found: Mapping[str, Study], *, as_json: bool) -> None:
     if as_json:
         listed = [{"study": s.name, "title": s.title, "paper": s.paper, "figure": s.figure} for s in found.values()]
         document = {"format": "skyproof-studies/1", "version": version("skyproof"), "studies": listed}

@@ -13,12 +13,12 @@ from skyproof.verdict import Position, Verdict, possible_places
 if TYPE_CHECKING:
     from skyproof.app.protect import ProtectResult
 
-__all__ = ["tell"]
+__all__ = ["print_result"]
 
 STYLES = {"authentic": "bold blue", "trusted": "blue", "spoofed": "bold dark_orange", "false": "dark_orange"}
 
 
-def tell(result: "ProtectResult", *, as_json: bool) -> None:
+def print_result(result: "ProtectResult", *, as_json: bool) -> None:
     """Print the verdict, as JSON or in words, and where the report is."""
     if result.interrupted:
         complain("interrupted: this is what was decided so far")

@@ -94,7 +94,7 @@ def delay_dictionary(
 ) -> Dictionary:
     """Of taps at the samples' spacing, `reach_chips` to both sides, for delays within `window_chips`.
 
-    band_hz : two-sided, of the front end; the sample rate if None. Such taps hold all that the signal tells.
+    band_hz : two-sided, of the front end; the sample rate if None. Such taps hold all the information of the signal.
     """
     band = rate_hz if band_hz is None else band_hz
     side = int(reach_chips * rate_hz / CA_CHIP_RATE_HZ)

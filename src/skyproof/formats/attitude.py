@@ -24,7 +24,7 @@ _CIRCLE_RAD: Final = 6.0, 7.0  # what headings in radians fill, and stay below
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AttitudeFile:
-    """Angles over time, but for the instant of `time_s` = 0, which the file does not tell.
+    """Angles over time, but for the instant of `time_s` = 0, which the file does not state.
 
     time_ns : (n,) of `datetime64[ns]` if `dated`, else since `time_s` = 0. angles_rad : (n, 3) heading, pitch, roll.
     """

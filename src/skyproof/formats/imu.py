@@ -38,7 +38,7 @@ _ALIKE: Final = 0.5, 2.0  # of the slope that confused units would have
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ImuFile:
-    """Readings as `ImuSeries`, but for the instant of `time_s` = 0, which the file does not tell.
+    """Readings as `ImuSeries`, but for the instant of `time_s` = 0, which the file does not state.
 
     time_ns : (n,) ends of the intervals: of `datetime64[ns]` if `dated`, else since `time_s` = 0.
     specific_force_m_s2, angular_rate_rad_s : (n, 3) in body axes.

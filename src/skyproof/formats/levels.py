@@ -50,7 +50,7 @@ def without_dead(opened: Sequence[Samples], dead: Sequence[InputError]) -> tuple
 
 
 def looked_at(samples: Samples, packed: PackedSamples, stated_by: str) -> Samples:
-    """The recording with what its levels tell added to its remarks.
+    """The recording with what its levels show added to its remarks.
 
     stated_by : what says how to read it, for the words: "encoding and bits of rx.toml".
 
@@ -66,7 +66,7 @@ def looked_at(samples: Samples, packed: PackedSamples, stated_by: str) -> Sample
 def check_levels(
     samples: Samples, *, kind: Literal["real", "complex"] = "complex", stated_by: str = "what says how to read it"
 ) -> tuple[str, ...]:
-    """What the levels of the samples tell, from at most 16 stretches spread over the recording.
+    """What the levels of the samples show, from at most 16 stretches spread over the recording.
 
     Remarks on stretches that do not change, saturation, DC offset and I/Q imbalance, in words.
 

@@ -1,4 +1,4 @@
-"""Raw recordings: bare samples in a file, and a sidecar NAME.toml beside it that tells how to read them.
+"""Raw recordings: bare samples in a file, and a sidecar NAME.toml beside it that states how to read them.
 
     [samples]
     rate_hz = 2600000.0

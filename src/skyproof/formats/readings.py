@@ -4,10 +4,10 @@ A front end hands over noise, whose numbers lie close around zero, alike on eith
 the right packing a histogram has one hump in the middle; in a wrong one it has teeth, or is flat:
 
 - numbers of 16 and 32 bits: the highest byte of each has less entropy than the lowest, or, where few values occur, one
-  byte of a number tells the other;
+  byte of a number predicts the other;
 - floats: all are finite, and within a few powers of ten of each other;
 - whole bytes: one hump, around 0 or around 128, or few values;
-- several numbers a byte: the same of their codes; two-bit codes tell by which of them are alike;
+- several numbers a byte: the same of their codes; two-bit codes show it by which of them are alike;
 - one bit: all bytes are about equally frequent, as they are when nothing else fits.
 
 How a stream of numbers is divided into samples, and in which order they lie within a byte, does not show so; what
@@ -30,7 +30,7 @@ _HEADER_MOST: Final = 1 << 16
 _HEADER_NATS: Final = 25.0
 """Log-likelihood ratio at which bytes at the start are taken for a header."""
 _ENTROPY_APART: Final = 0.4  # bits, of the bytes of one number; those of I and Q differ by less than 0.1
-_BOUND: Final = 0.9  # of a byte's entropy, that another tells
+_BOUND: Final = 0.9  # of a byte's entropy, that another explains
 _SHAPED: Final = 1 << 16  # numbers, to see their histogram's shape
 _HUMPED: Final = 2.0  # kurtosis that is enough
 _FLATTER: Final = 0.25  # how much less speaks against a reading
@@ -140,7 +140,7 @@ def _plausible(stored: NDArray[np.floating]) -> bool:
 
 
 def _wide(octets: Octets) -> list[Likely]:
-    """Numbers of 16 and 32 bits, by which of their bytes has least entropy, or by bytes that tell each other."""
+    """Numbers of 16 and 32 bits, by which of their bytes has least entropy, or by bytes that predict each other."""
     entropy = np.array([_entropy(octets[place::4]) for place in range(4)])
     if max(abs(entropy[0] - entropy[2]), abs(entropy[1] - entropy[3])) > _ENTROPY_APART:
         size, skips = 4, [0, 1, 2, 3]

@@ -144,7 +144,7 @@ class _Walk:
         return (day + hour * 3600 + minute * 60) * 1_000_000_000 + round(second * 1e9)
 
     def _event_remarks(self) -> list[str]:
-        """What events tell and when: from which epoch on."""
+        """What events state and when: from which epoch on."""
         stated = []
         for flag in sorted({flag for flag, _ in self.events}):
             nexts = [epoch for own, epoch in self.events if own == flag]
@@ -174,7 +174,7 @@ class _Walk:
 
 
 def layout_change(lines: Sequence[str], layout: Layout) -> Layout:
-    """The layout after these header lines, which tell observation types or not."""
+    """The layout after these header lines, which state observation types or not."""
     changed = dict(layout)
     system, found = "", list[str]()
     wanted: int | None = 0

@@ -86,7 +86,7 @@ def parse_nav(lines: Iterable[str], *, source: str = "navigation data") -> Navig
 
     Taken are LNAV of GPS and QZSS, I/NAV and F/NAV of Galileo, D1 and D2 of BeiDou, FDMA of GLONASS, and GPS's
     ionosphere. Weeks are full ones: the epoch of each record resolves them, whatever modulus the writer had. A file
-    that tells the leap seconds but not the polynomial of UTC gives one of zeros.
+    that gives the leap seconds but not the polynomial of UTC gives one of zeros.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def parse_nav(lines: Iterable[str], *, source: str = "navigation data") -> Navig
 
 
 def glonass_channels(navigation: NavigationData) -> dict[str, int]:
-    """The frequency number of every GLONASS satellite that the navigation data tell of."""
+    """The frequency number of every GLONASS satellite that is in the navigation data."""
     return {e.sat: e.frequency_number for e in navigation.ephemerides if isinstance(e, GlonassEphemeris)}
 
 
@@ -138,7 +138,7 @@ def write_nav(
 class _Header:
     version: float
     last_line: int
-    default_system: str = "G"  # of version 2, whose records do not tell it
+    default_system: str = "G"  # of version 2, whose records do not state it
     alpha: tuple[float, ...] = ()
     beta: tuple[float, ...] = ()
     utc_terms: tuple[float, ...] = ()  # A0, A1, reference time, reference week of any modulus
@@ -156,7 +156,7 @@ class _Header:
             return None
         a0, a1, tot, wnt = self.utc_terms or (0.0, 0.0, 0.0, week)
         leaps = leap_seconds(at) if self.leaps is None else self.leaps
-        # The message tells the week modulo 256, and writers differ in what they make of it.
+        # The message gives the week modulo 256, and writers differ in what they make of it.
         return UtcParameters(a0=a0, a1=a1, tot=tot, wnt=nearest_week(int(wnt), week, 256), leap_seconds=leaps)
 
 
@@ -240,7 +240,7 @@ def _records(body: Iterator[tuple[int, str]], version: float, default_system: st
 
 
 def _beginning(line: str, version: float, default_system: str) -> tuple[str, str] | None:
-    """Satellite and kind if a record begins with this line, else None; versions 2 and 3 do not tell the message."""
+    """Satellite and kind if a record begins with this line, else None; versions 2 and 3 do not name the message."""
     if version >= 4.0:
         match = re.match(r"> *(EPH|STO|EOP|ION) +([A-Z][ \d]\d) *(\w*)", line)
         return (match[2].replace(" ", "0"), f"{match[1]} {match[3]}") if match else None
@@ -350,7 +350,7 @@ def _ephemeris(record: _Record, version: float) -> tuple[Ephemeris, int]:
 
 
 def _message(record: _Record, sources: float) -> str:
-    """As version 4 tells it; of Galileo else by the pair of signals that its clock is for (RINEX 3.05, table A8)."""
+    """As version 4 states it; of Galileo else by the pair of signals that its clock is for (RINEX 3.05, table A8)."""
     if record.kind != "EPH":
         return record.kind.removeprefix("EPH ")
     if record.sat[0] == "E":

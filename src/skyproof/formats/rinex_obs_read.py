@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 _TO_DO: Final = "give a RINEX observation file (2.1x, 3.0x, 4.0x), plain, compact (.crx, .21d) or gzip"
-_TIME_SYSTEMS: Final = {"R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS"}  # of a file of one system that tells none
+_TIME_SYSTEMS: Final = {"R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS"}  # of a file of one system that states none
 _BY_TYPE_2: Final = {
     "C1": "1C",
     "P1": "1P",
@@ -64,7 +64,7 @@ _GLONASS_CHANNELS: Final = range(-7, 14)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ObservationFile:
-    """One receiver's observations and what the header tells beside them; None or "" where it does not.
+    """One receiver's observations and what the header states beside them; None or "" where it does not.
 
     observations : epochs in GPS time, in order, one channel a signal, every copy "a".
     position_ecef_m : (3,) approximate. antenna_delta_hen_m : (3,) height, east, north of the antenna over the marker.
@@ -188,7 +188,7 @@ def file_of(
 
 @dataclass
 class Header:
-    """What the header tells. `layout` follows the changes that events inside the data make."""
+    """What the header states. `layout` follows the changes that events inside the data make."""
 
     version: float
     system: str
@@ -207,7 +207,7 @@ class Header:
     remarks: Remarks = field(default_factory=Remarks)
 
     def take(self, line: str, label: str) -> None:
-        """What the line tells. ValueError if it cannot be read."""
+        """What the line states. ValueError if it cannot be read."""
         text = line[:60]
         if label == "MARKER NAME":
             self.marker = text.strip()
@@ -439,7 +439,7 @@ def _blocks(
 def _stated_slips(
     rows: SatelliteRows, place: Integers, instant_ns: Integers, signals: tuple[SignalId, ...]
 ) -> Booleans:
-    """Where event records (flag 6) tell a slip: at their satellites' first epoch from then on."""
+    """Where event records (flag 6) report a slip: at their satellites' first epoch from then on."""
     lost = np.zeros((instant_ns.size, len(signals)), np.bool_)
     for row in np.flatnonzero(rows.flag[rows.epoch] == 6):
         epoch = int(np.searchsorted(instant_ns, rows.instant_ns[rows.epoch[row]]))

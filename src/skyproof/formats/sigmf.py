@@ -13,7 +13,7 @@ numbers are offset binary: v has the value 2v - (2^bits - 1), so that the middle
 What SigMF has no word for stands in keys of the namespace skyproof; the first three in a capture, or in the global
 object for all captures; the others in the global object.
 
-    skyproof:if_hz       where core:frequency lies in the samples; real samples need it, and a negative one tells of an
+    skyproof:if_hz       where core:frequency lies in the samples; real samples need it, and a negative one means an
                          inverted spectrum. Complex samples have it at zero
     skyproof:conjugate   true if the spectrum of complex samples is inverted (Q is negated then)
     skyproof:swap_iq     true if Q comes before I
@@ -80,7 +80,7 @@ class _Segment:
 
 
 def _packing(general: Global, where: str, remarks: list[str]) -> Packing:
-    """What the bytes mean, but for swapped or inverted Q, which a capture may tell."""
+    """What the bytes mean, but for swapped or inverted Q, which a capture may state."""
     match = DATATYPE.fullmatch(general.datatype)
     assert match is not None  # checked with the other keys
     encoding: Encoding = {"f": "float", "i": "int", "u": "offset-binary"}[match[2][0]]  # type: ignore[assignment]
@@ -280,7 +280,7 @@ def open_sigmf(path: str | os.PathLike[str]) -> tuple[Samples, ...]:
     Returns
     -------
     tuple of Samples : one for each channel and tuning, in the order of the file; `path` is the file that holds the
-        samples. `gaps` is what core:global_index tells; annotations and what is doubtful are reported in `remarks`. A
+        samples. `gaps` is what core:global_index states; annotations and what is doubtful are reported in `remarks`. A
         channel that never changes is left out and reported, where others do.
 
     Raises

@@ -1,4 +1,4 @@
-"""What a file is by its first bytes: what holds no samples is named, and a WAV header tells how to read them."""
+"""What a file is by its first bytes: what holds no samples is named, and a WAV header states how to read them."""
 
 import string
 import struct
@@ -107,7 +107,7 @@ def _kind_of_text(head: bytes) -> tuple[str, str]:
     if b"CRINEX VERS" in first:
         return "a compressed RINEX observation file", _OBSERVED
     if b"[samples]" in head:
-        return "a sidecar", "it tells how to read samples: give the recording that it stands beside"
+        return "a sidecar", "it states how to read samples: give the recording that it stands beside"
     if b"core:datatype" in head:
         return "SigMF metadata", "name it NAME.sigmf-meta beside NAME.sigmf-data and give that"
     return "text", _SAMPLES

@@ -1,7 +1,7 @@
 """Rows of numbers with a time each, from CSV or Parquet: what sensors and loggers write.
 
 The time stands in `gpst` (GPS time: ISO 8601 without a zone in CSV, a timestamp without a zone in Parquet) or in
-`time_s`, seconds from a start that the file does not tell. Times rise. Other columns do no harm. An empty field, NaN
+`time_s`, seconds from a start that the file does not state. Times rise. Other columns do no harm. An empty field, NaN
 and infinity are a number that is missing.
 """
 

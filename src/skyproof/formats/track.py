@@ -52,7 +52,7 @@ class RecordedTrack:
 
     position_ecef_m : (n, 3). attitude_rad : (n, 3) heading, pitch, roll, or None.
     t_s : (n,) since the first point, rising, or None if the file has no times.
-    start_gpst : when the first point was, or None if the file does not tell.
+    start_gpst : when the first point was, or None if the file does not state it.
     """
 
     source: str
@@ -186,7 +186,7 @@ def _number(text: str, column: str, where: str) -> float:
 
 @dataclass(slots=True)
 class _Epoch:
-    """What the sentences of one moment tell. Angles in degrees, heights in metres, NaN if not given."""
+    """What the sentences of one moment state. Angles in degrees, heights in metres, NaN if not given."""
 
     line: int
     of_day_ns: int
@@ -250,7 +250,7 @@ def _fields(sentence: str) -> list[str] | None:
 
 
 def _take(fields: Sequence[str], epochs: list[_Epoch], line: int) -> None:
-    """Put what a sentence tells into its epoch. Raises ValueError or IndexError if it is damaged."""
+    """Put what a sentence states into its epoch. Raises ValueError or IndexError if it is damaged."""
     match fields[0][2:]:
         case "GGA":
             fixed = fields[6] not in ("", "0")

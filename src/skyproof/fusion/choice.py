@@ -351,7 +351,7 @@ def _open(
             f"than the limit of {rules.most_wrong:g}"
         )
     else:
-        why = f"in what {foresight.by} tells they do not differ by more than their noise"
+        why = f"in what {foresight.by} shows they do not differ by more than their noise"
     return Evidence(
         detector=DETECTOR,
         start_gpst=window.start,

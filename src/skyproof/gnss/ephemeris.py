@@ -20,7 +20,7 @@ renew at least hourly and are fit for more; two hours bridge a missed one. GLONA
 
 @dataclass(frozen=True, kw_only=True)
 class Ephemeris:
-    """Clock, orbit and health of one satellite of GPS, QZSS, Galileo or BeiDou; `sat[0]` tells which.
+    """Clock, orbit and health of one satellite of GPS, QZSS, Galileo or BeiDou; `sat[0]` says which.
 
     Names of IS-GPS-200N, tables 20-I and 20-III; Galileo (OS SIS ICD 2.1, 5.1.1) and BeiDou (B1I ICD 3.0, 5.2.4) send
     the same parameters. Angles are in radians (the message's semicircles times pi), times in seconds of the system's
@@ -79,7 +79,7 @@ class Ephemeris:
     def healthy(self) -> bool:
         """Whether its message calls the first band's signal good.
 
-        The last bit of QZSS tells of L1C/B, which no receiver of L1 C/A tracks (IS-QZSS-PNT-005, 5.4.1).
+        The last bit of QZSS is about L1C/B, which no receiver of L1 C/A tracks (IS-QZSS-PNT-005, 5.4.1).
         """
         return (self.health & ~1 if self.sat.startswith("J") else self.health) == 0
 
@@ -154,7 +154,7 @@ class UtcParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class NavigationData:
-    """Everything a navigation file or the signals themselves tell about orbits, clocks and the ionosphere."""
+    """Everything a navigation file or the signals themselves give of orbits, clocks and the ionosphere."""
 
     ephemerides: tuple[BroadcastEphemeris, ...]
     ionosphere: Klobuchar | None = None

@@ -87,7 +87,7 @@ def words_hold(bits: Bits) -> tuple[Bits, Booleans]:
 
 
 def word_signs(bits: Bits, start: int) -> tuple[Integers, Booleans, NDArray[np.int8]]:
-    """What each whole word of a stream of bits (n,), of which a subframe starts at bit `start`, tells of its polarity.
+    """What each whole word of a stream of bits (n,), of which a subframe starts at bit `start`, shows of its polarity.
 
     Returns
     -------
@@ -262,7 +262,7 @@ _FIELDS: Final[Mapping[int, tuple[_Field, ...]]] = {
 
 @dataclass(frozen=True)
 class How:
-    """What the first two words of a subframe tell."""
+    """What the first two words of a subframe state."""
 
     id: int  # 1 to 5
     tow_s: int  # of the start of this subframe
@@ -349,7 +349,7 @@ def _source(bits: Bits, n_words: int) -> tuple[int | None, bool]:
 
 def _how(source: int, inverted: bool) -> How | None:
     values = {field.name: int(field.value(source)) for field in _HOW}
-    tow_s = (values["how"] - 1) % _HOW_COUNTS * SUBFRAME_S  # the word tells the start of the next subframe
+    tow_s = (values["how"] - 1) % _HOW_COUNTS * SUBFRAME_S  # the word gives the start of the next subframe
     if values["how"] >= _HOW_COUNTS or values["id"] != _id_at(tow_s):
         return None
     return How(id=values["id"], tow_s=tow_s, inverted=inverted, alert=bool(values["alert"]))

@@ -91,11 +91,11 @@ def clock_polynomial_s(ephemeris: BroadcastEphemeris, week: ArrayLike, tow_s: Ar
 
 
 def group_delay_s(ephemeris: BroadcastEphemeris, band: str, code: str) -> float:
-    """What the user of this signal alone takes off the satellite's clock, in seconds; NaN where the message tells none.
+    """What the user of this signal alone takes off the satellite's clock, in seconds; NaN where the message gives none.
 
     GPS and QZSS: TGD on L1, gamma times that on L2 (IS-GPS-200N, 20.3.3.3.3.2). Galileo: the clock is that of the pair
     E1, E5b in I/NAV and E1, E5a in F/NAV, and the delay between the same two counts (OS SIS ICD 2.1, 5.1.5). BeiDou:
-    the clock is that of B3I, TGD1 counts on B1I and TGD2 on B2I (BDS-SIS-ICD-B1I-3.0, 5.2.4.10); D1 does not tell of
+    the clock is that of B3I, TGD1 counts on B1I and TGD2 on B2I (BDS-SIS-ICD-B1I-3.0, 5.2.4.10); D1 says nothing of
     B1C, which takes TGD1 for its nearest relative on almost the same carrier. GLONASS: the clock is that of G1.
     """
     if isinstance(ephemeris, GlonassEphemeris):

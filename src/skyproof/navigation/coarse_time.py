@@ -1,6 +1,6 @@
 """A position from code phases alone: what tens of milliseconds give, with orbits and a rough time from elsewhere.
 
-So short a recording tells where in its period each code stands, and its Doppler, but not which period: the range is
+So short a recording shows where in its period each code stands, and its Doppler, but not which period: the range is
 known up to whole milliseconds (300 km), and the time of transmission only as well as the rough time. Both come out of
 one weighted fit. After F. van Diggelen, A-GPS (2009), chapter 4 (five states: position, common bias, coarse time;
 whole milliseconds counted from a reference satellite), and B. Peterson, R. Hartnett, G. Ottman, "GPS receiver

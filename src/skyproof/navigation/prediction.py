@@ -14,7 +14,7 @@ false one may be anywhere: the density of its fix is the same wherever it lies. 
 
 An attacker who chooses where his sky lies gains nothing by this as long as he does not know the prediction's error:
 with both fixes given, and only not which is which, the probability holds for that pair. A sky that lies nearer than the
-prediction's error is not told from the true one, and then the probability is near a half: nothing is chosen.
+prediction's error cannot be told from the true one, and then the probability is near a half: nothing is chosen.
 
 "Anywhere" makes a sky that lies as near as the fixes' own noise improbable beforehand, and that is where an attacker's
 begins. For one that is held at a fixed small distance the probability is too sure of itself (2 m apart, fixes of 2 m:

@@ -166,7 +166,7 @@ def _solved(
     used: list[Indices] = []
     for rows in groups:
         own = np.array([k for k in rows if signals[k].sat not in taken], dtype=np.intp)
-        if own.size >= 2 or not used:  # one signal beside its own clock tells nothing
+        if own.size >= 2 or not used:  # one signal beside its own clock proves nothing
             used.append(own)
             taken |= {signals[k].sat for k in own}
     choice = np.concatenate(used)
@@ -233,7 +233,7 @@ def lone_sky(
 ) -> ConsistentSky | None:
     """The sky of kinds that all have too few satellites for sets of their own: all their signals, or none.
 
-    Only where every transmission is there once: which copies belong together so few signals do not tell. None without
+    Only where every transmission is there once: so few signals do not show which copies belong together. None without
     two signals beyond the unknowns, or where they fit no one position.
     """
     groups = [rows for rows in sorted(kinds.values(), key=lambda rows: -rows.size) if rows.size >= 2]

@@ -3,7 +3,7 @@
 A signal's code and carrier come from one clock. A recorder with one oscillator keeps them together, however far it is
 off. With a rate that is wrong by the share w in what says how to read the samples, all codes seem to run faster than
 their carriers by w, and carriers at zero intermediate frequency stay as they are; with a carrier frequency that is
-wrong by some hertz all carriers are off, and the codes are right. Which of both it is, the size tells: what is right
+wrong by some hertz all carriers are off, and the codes are right. Which of the two it is, its size shows: what is right
 shows satellites about as far on one side of zero as on the other, but for the oscillator's few parts in a million.
 
 Loops that take the code's rate from the carrier's lose a code that parts from it by a chip a second.
@@ -57,12 +57,12 @@ class Disagreement:
         return least_hz < abs(self.oscillator_hz)
 
 
-def in_survey(told: Survey, dopplers_hz: Mapping[str, float]) -> Disagreement | None:
-    """By a survey of the first half second; `dopplers_hz`, one a satellite. None if it does not tell."""
-    if len(dopplers_hz) < LEAST_SATS or not math.isfinite(told.clock_minus_lo_ppm):
+def in_survey(survey: Survey, dopplers_hz: Mapping[str, float]) -> Disagreement | None:
+    """By a survey of the first half second; `dopplers_hz`, one a satellite. None if it does not show it."""
+    if len(dopplers_hz) < LEAST_SATS or not math.isfinite(survey.clock_minus_lo_ppm):
         return None
-    share, sigma = -1e-6 * told.clock_minus_lo_ppm, 1e-6 * told.clock_minus_lo_sigma_ppm
-    return _told(share, sigma, list(dopplers_hz.values()), _LEAST_SURVEYED)
+    share, sigma = -1e-6 * survey.clock_minus_lo_ppm, 1e-6 * survey.clock_minus_lo_sigma_ppm
+    return _disagreement(share, sigma, list(dopplers_hz.values()), _LEAST_SURVEYED)
 
 
 def in_tracks(
@@ -98,10 +98,10 @@ def in_tracks(
     middle = float(np.median(slopes))
     scatter = 1.4826 * float(np.median(np.abs(slopes - middle)))
     sigma = math.sqrt(math.pi / 2.0 / slopes.size) * max(scatter, float(np.median(sigmas)))
-    return _told(middle, sigma, dopplers_hz, LEAST)
+    return _disagreement(middle, sigma, dopplers_hz, LEAST)
 
 
-def _told(share: float, sigma: float, dopplers_hz: Sequence[float] | Reals, least: float) -> Disagreement:
+def _disagreement(share: float, sigma: float, dopplers_hz: Sequence[float] | Reals, least: float) -> Disagreement:
     oscillator = oscillator_error(dopplers_hz)
     return Disagreement(
         code_minus_carrier=share,
@@ -119,14 +119,14 @@ def _slope(time_s: Reals, values: Reals, sigmas: Reals) -> tuple[float, float]:
     return float(centred @ values) / power, float(np.sqrt(np.mean(sigmas**2) / power))
 
 
-def corrected(samples: Samples, told: Disagreement, *, signal: SignalDescription = GPS_L1_CA) -> Samples:
+def corrected(samples: Samples, found: Disagreement, *, signal: SignalDescription = GPS_L1_CA) -> Samples:
     """The recording with the rate, or the intermediate frequency, by which codes and carriers agree.
 
     A rate that is too high by the share w lifts codes by w and carriers by w times their frequency in the samples.
     """
-    if told.of_carrier:
-        return replace(samples, if_hz=samples.if_hz - told.code_minus_carrier * signal.carrier_hz)
+    if found.of_carrier:
+        return replace(samples, if_hz=samples.if_hz - found.code_minus_carrier * signal.carrier_hz)
     carrier_hz = samples.if_hz + signal.carrier_hz - samples.centre_hz
     return replace(
-        samples, rate_hz=samples.rate_hz / (1.0 + told.code_minus_carrier / (1.0 - carrier_hz / signal.carrier_hz))
+        samples, rate_hz=samples.rate_hz / (1.0 + found.code_minus_carrier / (1.0 - carrier_hz / signal.carrier_hz))
     )

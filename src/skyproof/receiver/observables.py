@@ -305,7 +305,7 @@ def _cells(
 
 
 def messages_that_differ(arcs: Mapping[int, Arc]) -> list[str]:
-    """Where signals of one satellite tell different orbits or clocks for one issue of data, in words.
+    """Where signals of one satellite carry different orbits or clocks for one issue of data, in words.
 
     A satellite sends one message. A repeater repeats it; a forger who makes his own may err.
     """
@@ -323,7 +323,7 @@ def messages_that_differ(arcs: Mapping[int, Arc]) -> list[str]:
             keys = sorted(key for key in a.keys() & b.keys() if a[key] != b[key])
             if keys:
                 words.append(
-                    f"{sat}: signals {first} and {other} tell different messages (subframe {number}: {', '.join(keys)})"
+                    f"{sat}: signals {first} and {other} send different messages (subframe {number}: {', '.join(keys)})"
                 )
     return words
 
@@ -372,14 +372,14 @@ def navigation_of(arcs: Mapping[int, Arc], week_near: int, source: str) -> Navig
             if ephemeris is not None:
                 ephemerides.setdefault((ephemeris.sat, ephemeris.week, int(ephemeris.toe)), ephemeris)
         if 4 in sub:
-            told = ionosphere_and_utc(sub[4], week_near)
-            if told is not None:
-                ionosphere, utc = told
+            decoded = ionosphere_and_utc(sub[4], week_near)
+            if decoded is not None:
+                ionosphere, utc = decoded
     ordered = tuple(ephemerides[key] for key in sorted(ephemerides))
     return NavigationData(ephemerides=ordered, ionosphere=ionosphere, utc=utc, source=source)
 
 
-def week_told(arcs: Mapping[int, Arc]) -> int | None:
+def stated_week(arcs: Mapping[int, Arc]) -> int | None:
     """The week modulo 1024 of any subframe 1, None without one."""
     for arc in arcs.values():
         first: Subframe | None = arc.subframes.get(1)

@@ -4,7 +4,7 @@ In the samples of one channel a signal has one carrier. Where channels take turn
 the turn has an amplitude and a phase of its own, and so the signal has as many carriers, apart by the rate over their
 number (Vaidyanathan, Multirate Systems and Filter Banks, chapter 4). Real channels read as I and Q make mirror images.
 The powers there are compared with those of the code at delays where the signal is not, so that a line of a disturber,
-which is there at all delays, tells nothing. Channels of equal phases, as behind a splitter, have no images; then their
+which is there at all delays, shows nothing. Channels of equal phases, as behind a splitter, have no images; then their
 powers, or the correlation of neighbours, go with the position.
 """
 

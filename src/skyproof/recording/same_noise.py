@@ -43,7 +43,7 @@ EXPLAINED: Final = 0.1
 that is found with `N_ROWS` rows of N cells has a power of 1 / sqrt(N_ROWS N) or more, so that ten that are not make
 0.03."""
 _LEAST_LEFT: Final = 0.25  # of the rows: where less is left, nearly all that was received repeats
-_BAND_HZ: Final = 2.046e6  # the main lobe; noise beyond it tells nothing that noise within it does not
+_BAND_HZ: Final = 2.046e6  # the main lobe; noise beyond it adds nothing to noise within it
 _LEVELS: Final = 64
 _FINE: Final = 4
 """Lags a cell: between two of them the correlation loses 2.5 %."""
@@ -116,7 +116,7 @@ def explained(repeating: float) -> float:
 
     A quantiser mixes signals with each other, and the mixtures are too many to be taken off. Of one bit, the coarsest,
     two Gaussian inputs of correlation rho give outputs of 2 / pi asin(rho), of which 2 / pi rho repeats as the inputs
-    do (Van Vleck and Middleton, 1966). Any finer one mixes less. From 2 / pi on nothing is left that tells.
+    do (Van Vleck and Middleton, 1966). Any finer one mixes less. From 2 / pi on nothing is left to decide by.
     """
     rho = 0.5 * math.pi * repeating
     if rho >= 1.0:

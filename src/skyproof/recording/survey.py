@@ -1,4 +1,4 @@
-"""What the signals in a recording tell of the recorder: lost samples, a mirrored spectrum, its oscillator and clock.
+"""What the signals in a recording show of the recorder: lost samples, a mirrored spectrum, its oscillator and clock.
 
 Everything follows from the code phases of the satellites already found, measured in short stretches against what their
 Dopplers predict: delay(t) = delay(0) - k t doppler / carrier.
@@ -70,7 +70,7 @@ class _Moved:
 
 @dataclass(frozen=True, kw_only=True)
 class Survey:
-    """What the code phases tell.
+    """What the code phases show.
 
     gaps : in order. doppler_ratio : code Doppler over carrier Doppler, 1 or, if the spectrum is mirrored, -1; with one
         sigma. conjugate : whether it is mirrored; None if the recording is too short to tell.
@@ -119,7 +119,7 @@ def survey(
     longest_s: float = 0.5,
     _drifts: bool = True,
 ) -> Survey:
-    """What the code phases of `signals` tell of the recorder, from at most the first `longest_s`.
+    """What the code phases of `signals` show of the recorder, from at most the first `longest_s`.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ class Pictures:
     zero_gpst : the instant of second zero of all series, ISO 8601 without a zone, GPS time.
     onset_s, until_s : onset and end of the attack in these seconds; None draws no mark. onset_sigma_s : one sigma.
     origin : the point about which the tracks give east and north.
-    truth : where receivers truly were, if something else than the recordings tells.
+    truth : where receivers truly were, if something else than the recordings states it.
     """
 
     zero_gpst: str
@@ -405,7 +405,7 @@ def _skies(verdict: Verdict, pictures: Pictures) -> list[Figure]:
 
 
 def _same_sky(sky: tuple[SkyPosition, ...]) -> list[list[str]]:
-    """Receivers together that have the same labels in the same directions: one drawing tells all."""
+    """Receivers together that have the same labels in the same directions: one drawing shows all."""
     groups: dict[frozenset[tuple[str, str, int, int]], list[str]] = {}
     for receiver in _receivers(sky):
         seen = frozenset(

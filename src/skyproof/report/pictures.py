@@ -256,7 +256,7 @@ def _places(marks: Sequence[Mark]) -> list[list[Mark]]:
 
 def _said(place: Sequence[Mark], names: bool, *, brief: bool) -> list[draw.Tag]:
     """The labels of one place; kinds of the same receivers share one, in the colour of the weightiest. If it is to be
-    brief, that one stands for all: the marks tell the others.
+    brief, that one stands for all: the marks show the others.
     """
     receivers: dict[Spot, list[str]] = {}
     for _, _, spot, receiver in place:
@@ -298,7 +298,7 @@ def time_line(
     points: int = 240,
 ) -> Markup:
     """C/N0 of every signal over time, a row for each satellite, coloured by label, with onset and end of the attack
-    marked. Below each row a ribbon a signal tells how long it carries its label.
+    marked. Below each row a ribbon a signal shows how long it carries its label.
 
     zero : what second zero is, in words, for the axis. onset_sigma_s : draws a band of two of it to either side.
     points : the most that are drawn of one signal.

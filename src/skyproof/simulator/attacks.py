@@ -48,7 +48,7 @@ class _Transmitter(Model):
     clock_offset_s, clock_drift, clock_points_s : how late the false signals are: constant, growing since the onset, and
         (time, further offset), straight lines with rounded corners between.
     clock_corner_s : over which those corners are rounded; 0 for sharp ones.
-    message : "true"; "inverted": every bit; "random": bits without a message. With `message_later_s` it tells a time
+    message : "true"; "inverted": every bit; "random": bits without a message. With `message_later_s` it states a time
         of week that is so much later.
     guess_s : for so long after each bit begins, its sign is a guess, one for each bit and satellite and as often wrong
         as right; then the transmitter has read it off the true signal (security code estimation and replay).

@@ -1,6 +1,6 @@
 """Which satellites a scene has: those of a navigation file, those that stand where the scenario says, or the nominal.
 
-All are ephemerides, so that signals, messages and the navigation file that is written beside them tell the same.
+All are ephemerides, so that signals, messages and the navigation file that is written beside them state the same.
 """
 
 from dataclasses import replace

@@ -637,7 +637,7 @@ def _couple(
                     u = min(max((windows_s[r, w, 0] - begin_s) / took_s, 0.0), 1.0)
                     end = min(max((windows_s[r, w, 1] - begin_s) / took_s, 0.0), 1.0)
                     while u < end:
-                        # the middle of what is left of a bit tells which bit it is, roundings or not
+                        # the middle of what is left of a bit shows which bit it is, roundings or not
                         at, own_at = math.floor(bit + u * bits + 1e-9), math.floor(own + u * owns + 1e-9)
                         until = min(end, (at + 1 - bit) / bits)
                         sign = 1.0

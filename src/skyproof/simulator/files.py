@@ -69,7 +69,7 @@ Report = Callable[[int, int], None]
 """Called with what is done and what is to do in all."""
 
 _ENDINGS: Final = {"sigmf": (".sigmf-data", ".sigmf-meta"), "raw": (".bin", ".toml")}
-"""Of the samples, and of what tells how to read them."""
+"""Of the samples, and of what states how to read them."""
 _TABLES: Final = (".csv", ".parquet")
 _ROW_OCTETS: Final = {"truth": 600, "signals": 330, "imu": 290}
 """In both kinds of table together, at most; measured."""
@@ -140,7 +140,7 @@ def samples_octets(scenario: Scenario) -> int:
 
 
 def write_samples(scene: Scene, folder: Path, container: Container, *, progress: Report | None = None) -> list[Path]:
-    """Render every antenna; what tells how to read the samples is written after them."""
+    """Render every antenna; what states how to read the samples is written after them."""
     renderings = [rendering_of(scene, index) for index in range(len(scene.skies))]
     data_ending, meta_ending = _ENDINGS[container]
     total, done = sum(rendering.n_samples for rendering in renderings), 0

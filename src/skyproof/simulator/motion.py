@@ -189,7 +189,7 @@ def antenna_motion(motion: Motion, lever_body_m: ArrayLike | Lever) -> Motion:
 
 
 def motion_of(place_ecef_m: Reals, axes: tuple[Reals, Reals, Reals]) -> Motion:
-    """The motion that series of a place (5, 3, n) and of the body's axes (3, 3, n each) tell."""
+    """The motion that series of a place (5, 3, n) and of the body's axes (3, 3, n each) describe."""
     rate = _angular_rate(*axes)
     return Motion(
         position_ecef_m=place_ecef_m[0].T,

@@ -1,7 +1,7 @@
 """What antennas hear, as records: signals, reflections, noise and messages, as functions of time.
 
 A delay is the time of reception minus the time that the satellite's clock showed at transmission, as the code (or the
-carrier) tells it: travel time, satellite clock, group delay, ionosphere (code late, carrier early), troposphere, and,
+carrier) has it: travel time, satellite clock, group delay, ionosphere (code late, carrier early), troposphere, and,
 for a false signal, the way through the attacker. Times `true_s` are GPS time since the scenario's start.
 """
 

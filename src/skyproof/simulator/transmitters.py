@@ -82,7 +82,7 @@ class Radio:
         return np.asarray(-20.0 * np.log10(flight_s / self.reference_s))
 
     def power(self, power_at_db: Callable[[Reals], Reals], point: Point) -> Callable[[Reals], Reals]:
-        """Power at an antenna as a function of the time of reception, of what `power_at_db` tells for the reference."""
+        """Power at an antenna as a function of the time of reception, of what `power_at_db` gives for the reference."""
 
         def power(true_s: Reals) -> Reals:
             flight_s = self.flight_s(true_s, point(true_s))

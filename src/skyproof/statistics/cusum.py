@@ -72,7 +72,7 @@ def _chi_density(x: Reals, degrees: int, r: Reals) -> Reals:
 
 
 def cusum_run_length(reference: float, threshold: float, degrees: int) -> float:
-    """Mean number of steps from s = 0 to an alarm under the null; infinite where float64 cannot tell it any more."""
+    """Mean number of steps from s = 0 to an alarm under the null; infinite where float64 cannot express it any more."""
     nodes, weights = _nodes(threshold)
     start = np.concatenate(([1e-9], nodes))  # at the origin the density has a limit, reached well before
     kernel = weights * _chi_density(nodes + reference, degrees, start[:, None])

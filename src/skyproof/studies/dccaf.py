@@ -277,7 +277,7 @@ def _ratio(**where: Any) -> Callable[[Sequence[Row]], float]:
 
 
 def _share_of(asked: float) -> Callable[[Sequence[Row]], float]:
-    """A fifth of what is asked, or three standard deviations of a count that is too small to tell that."""
+    """A fifth of what is asked, or three standard deviations of a count that is too small to show that."""
     counted = _value("trials", case="one signal", p_fa_asked=asked)
 
     def tolerance(rows: Sequence[Row]) -> float:

@@ -233,7 +233,7 @@ def split(range_m: Reals, geometry: SatelliteTracks) -> Split:
     """Skies by windows' means of code. range_m : (windows, N, 7, R, 2)."""
     unit_enu, mean_m = geometry.unit_enu(range_m.shape[1]), range_m.mean(axis=1)
     first = split_skies(np.swapaxes(mean_m, 1, 2), unit_enu).first  # (W, R, 7)
-    first_is_false = np.swapaxes(first, 1, 2) == 1  # or true: which is which the choice tells
+    first_is_false = np.swapaxes(first, 1, 2) == 1  # or true: which is which is left to the choice
     return Split(first_is_false, _by_pairing(_sorted(mean_m, first_is_false)), unit_enu)
 
 

@@ -1,7 +1,7 @@
 """Are p-values uniform under the null? Every test of `detectors` and `statistics`, counted.
 
 A p-value is uniform if it comes at or below p with probability p, whatever p. Then a threshold is right at any rate
-asked for, and p-values can be put together with others. Kolmogorov's test tells of the whole distribution, the counts
+asked for, and p-values can be put together with others. Kolmogorov's test is of the whole distribution, the counts
 below 1 % and 0.1 % of the tail, which decides. A test that is only approximate says how far it is off.
 """
 
@@ -155,7 +155,7 @@ CASES: Final = (
          quick=3000, at_once=5000),
     Case(group=_ARM, method="spin", test="five signals, rate estimated", usual=10_000, quick=300, at_once=1000,
          draw=draws.signals_of_one_antenna(rate_known=False),
-         why="the rate is fitted to the same phases, which hardly differ in what it tells"),
+         why="the rate is fitted to the same phases, which hardly differ in what they say of it"),
     Case(group=_ARM, method="spin", test="predicted directions", draw=draws.predicted(start_known=True)),
     Case(group=_ARM, method="spin", test="predicted directions, start angle estimated",
          draw=draws.predicted(start_known=False), why="linear about the estimated angle"),

@@ -8,7 +8,7 @@ from skyproof.errors import OutputError
 __all__ = ["Stamps", "check_folder", "stamps", "written_since"]
 
 Stamps = dict[str, tuple[int, int]]
-"""What tells that a file is another one now: by name, its number on the disk and its time."""
+"""What shows that a file is another one now: by name, its number on the disk and its time."""
 
 
 def check_folder(out: str | Path) -> Path:

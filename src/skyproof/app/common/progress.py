@@ -1,4 +1,4 @@
-"""How long work tells how far it is: the promise that the use cases call, and the one that keeps silent."""
+"""How long work reports how far it is: the protocol that the use cases call, and the one that is silent."""
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager

@@ -66,7 +66,7 @@ class Settings(BaseModel):
     oscillator: Literal["quartz", "tcxo", "ocxo", "csac", "rubidium"] | None = Field(
         default=None,
         examples=["ocxo"],
-        description="What the receivers' clocks run on, freely: a false time is told from the true one by how far such "
+        description="What the receivers' clocks run on, freely: a false time is known from a true one by how far such "
         "a clock wanders. Not for a receiver that steers its clock.",
     )
     clean_start_s: Number = Field(

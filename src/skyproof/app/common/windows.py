@@ -276,11 +276,11 @@ def examine_all(
     windows: Windows,
     detectors: Sequence[Detector],
     progress: Progress,
-    told: Callable[[Sequence[Evidence]], None] | None = None,
+    report: Callable[[Sequence[Evidence]], None] | None = None,
 ) -> tuple[Sequence[Evidence], list[ConsistentSet], bool]:
-    """What all detectors say of all windows, sets found in them, and whether Ctrl-C left windows out.
+    """The evidence of all detectors and windows, the sets found in them, and whether Ctrl-C left windows out.
 
-    told : is given what was said of each window, as it is said.
+    report : is called with the evidence of each window as it comes.
     Of the sets are kept those beside which there is another one, and of a long run those of `SETS_KEPT` windows.
     """
     evidence, sets = _Kept(), []
@@ -292,8 +292,8 @@ def examine_all(
             for number, records in enumerate(windows, 1):
                 said, states = examine(detectors, records, states)
                 evidence.take(said)
-                if told is not None:
-                    told(said)
+                if report is not None:
+                    report(said)
                 several = Counter(one.receiver for one in records.sets)
                 sets += [one for one in records.sets if number % stride == 0 or several[one.receiver] > 1]
                 stage.advance(number)

@@ -58,7 +58,7 @@ class _View:
 def inspect_recording(samples: Samples) -> Inspection:
     """Say what is in an open recording, from its front end's statistics and half a second of signals at most.
 
-    Where codes and carriers tell that its rate, or where the carrier lies, is given wrong, it is read as they tell.
+    Where codes and carriers show that the rate or the carrier's frequency is stated wrong, it is read as they show.
 
     Raises NotEnoughData for fewer than two code periods.
     """

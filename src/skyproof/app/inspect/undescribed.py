@@ -22,7 +22,7 @@ __all__ = ["NotUnderstood", "guessed"]
 
 
 class NotUnderstood(InputError):
-    """Nothing tells how to read a file, and nothing convincing was found in it. guess : what was tried."""
+    """Nothing states how to read a file, and nothing convincing was found in it. guess : what was tried."""
 
     def __init__(self, tried: Guess) -> None:
         super().__init__(f"{tried.path}: {tried.summary}")
@@ -51,7 +51,7 @@ class NotUnderstood(InputError):
 
 
 def guessed(path: Path, write: bool | int) -> Inspection:
-    """The reading that shows satellites, set right by what they tell, and written down if asked for."""
+    """The reading that shows satellites, corrected by what they show, and written down if asked for."""
     found = guess(path)
     chosen = isinstance(write, int) and not isinstance(write, bool) and write > 0
     if chosen and write > len(found.proposals):

@@ -417,8 +417,8 @@ def _kind(source: FalseSource, decision: Decision) -> str:
 
 
 def _time_offset_s(name: str, outcome: Outcome) -> float | None:
-    """How late the signals of a source are, by the first receiver that tells: its clock bias from them minus that from
-    authentic ones; while it is open which those are, from the sky that arrives first.
+    """How late the signals of a source are, by the first receiver that shows it: its clock bias from them minus that
+    from authentic ones; while it is open which those are, from the sky that arrives first.
     """
     for r in outcome.receivers:
         trusted, shown = r.tracks.get("trusted"), r.shown

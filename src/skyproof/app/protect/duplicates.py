@@ -1,6 +1,6 @@
 """Which recordings are one receiver: those that hold the same noise, all the time and as late as their signals.
 
-Two receivers on one antenna, and copies of one file, tell nothing by being two: of course their signals have the same
+Two receivers on one antenna, and copies of one file, prove nothing by being two: of course their signals have the same
 delays. A transmitter's noise may be in both as well; but then the satellites' signals, unless it drowns them all, do
 not come as late as the noise does.
 """
@@ -25,7 +25,7 @@ from skyproof.statistics.distributions import chi_square_survival
 __all__ = ["one_receiver_each", "same_noise"]
 
 _STRETCH_S: Final = N_ROWS * GPS_L1_CA.period_s
-_NEAR_S: Final = 2.5  # around a stretch, for what the signals tell of it
+_NEAR_S: Final = 2.5  # around a stretch, for what the signals show of it
 _PLACES: Final = (0.5, 0.05, 0.95)  # of the common time
 _PLACE_EPOCHS: Final = 1024
 _MARGIN: Final = np.timedelta64(2, "s")
@@ -109,7 +109,7 @@ def _looked_at(a: ObservationLog, b: ObservationLog) -> tuple[Observations, Obse
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Lags:
-    """By each pair of signals of one transmission: when the second receiver heard what the first one did at an epoch.
+    """By each pair of signals of one transmission: when the second receiver got what the first one had at an epoch.
 
     elapsed_s : (n_epochs,) of the first. later_s : (n_pairs, n_epochs) the second's elapsed time minus it; NaN where
         one of the two was not measured. higher_hz : likewise, of the carrier. sigma_s : thermal, one sigma.

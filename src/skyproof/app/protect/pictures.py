@@ -126,7 +126,7 @@ def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
 
 
 def _truth(observed: Sequence[ReceiverOutcome], origin: Any) -> Iterator[TruePlace]:
-    """Where receivers truly were at their last fix, if files beside the recording tell: simulated ones have them."""
+    """Where receivers truly were at their last fix, if files beside the recording state it, as of simulated ones."""
     rot = _enu(origin)
     for r in observed:
         source = r.reception.source
@@ -134,19 +134,19 @@ def _truth(observed: Sequence[ReceiverOutcome], origin: Any) -> Iterator[TruePla
         if not source.path or at_gpst is None:
             continue
         folder = Path(source.path).parent
-        place = _told_place(folder / "truth.json", source.name)
+        place = _stated_place(folder / "truth.json", source.name)
         if place is None:
-            place = _told_on_the_way(folder / f"{source.name}-truth.csv", at_gpst)
+            place = _stated_on_the_way(folder / f"{source.name}-truth.csv", at_gpst)
         if place is not None:
             east_m, north_m, _ = rot @ (place - origin)
             yield TruePlace(receiver=source.name, east_m=float(east_m), north_m=float(north_m))
 
 
-def _told_place(path: Path, name: str) -> Reals | None:
-    """(3,) ECEF, of a receiver that stands. Whatever a file of this name holds that is not understood tells nothing."""
+def _stated_place(path: Path, name: str) -> Reals | None:
+    """(3,) ECEF, of a receiver that stands. What a file of this name holds and is not understood is ignored."""
     try:
-        told = read_json(path, "the truth", "give that of the simulator")
-        own = next(one for one in told["receivers"] if one["name"] == name)
+        stated = read_json(path, "the truth", "give that of the simulator")
+        own = next(one for one in stated["receivers"] if one["name"] == name)
         places = [_ecef_m(own[key]) for key in ("position", "position_at_end") if key in own]
     except (InputError, ValueError, TypeError, LookupError, StopIteration):
         return None
@@ -154,7 +154,7 @@ def _told_place(path: Path, name: str) -> Reals | None:
     return places[0] if places and stands else None
 
 
-def _told_on_the_way(path: Path, at_gpst: np.datetime64) -> Reals | None:
+def _stated_on_the_way(path: Path, at_gpst: np.datetime64) -> Reals | None:
     """(3,) ECEF, from a table over time; None if the instant is not within it."""
     try:
         lines = content_of(path, TRACK_BYTES, "the truth", "give that of the simulator").decode("utf-8").splitlines()
@@ -168,9 +168,9 @@ def _told_on_the_way(path: Path, at_gpst: np.datetime64) -> Reals | None:
     return np.array([np.interp(0.0, since_s, axis) for axis in places.T])
 
 
-def _ecef_m(told: Mapping[str, Any]) -> Reals:
-    lat_deg, lon_deg = float(told["lat_deg"]), float(told["lon_deg"])
-    height_m = float(told["height_m"] if "height_m" in told else told["h_m"])
+def _ecef_m(stated: Mapping[str, Any]) -> Reals:
+    lat_deg, lon_deg = float(stated["lat_deg"]), float(stated["lon_deg"])
+    height_m = float(stated["height_m"] if "height_m" in stated else stated["h_m"])
     place = np.asarray(ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), height_m), np.float64)
     if not np.isfinite(place).all():
         raise ValueError("no place")

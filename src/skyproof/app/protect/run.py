@@ -139,8 +139,8 @@ def protect(
         sums, stopped = ({}, False) if interrupted else _sums(_files(receptions), progress)
         notes = [note for r in receptions for note in _notes(r, interrupted, sums)]
         if nav is not None:
-            told = _told(navigation)
-            notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=told))
+            remarks = _navigation_remarks(navigation)
+            notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=remarks))
         for path, kind, remarks in body_files.remarks(body, _span_of(receptions)):
             notes.append(InputNote(path=readable(path), format=kind, sha256=body_files.sums[path], remarks=remarks))
         if platform is not None:
@@ -260,7 +260,7 @@ def judge(
     body : that carries all antennas. workspace : where evidence is written as it comes. foresights : by receiver, what
         chooses between skies where nothing else does; from the settings alone if absent.
     """
-    orbits = navigation if navigation is not None else _pooled([r.told for r in receptions])
+    orbits = navigation if navigation is not None else _pooled([r.decoded for r in receptions])
     heard = [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
     observed = [r.observations for r in heard if r.observations is not None]
     windows = windows_of(
@@ -274,17 +274,17 @@ def judge(
         body=body,
     )
 
-    def told(said: Sequence[Evidence]) -> None:
+    def report(said: Sequence[Evidence]) -> None:
         if workspace is not None:
             workspace.add_lines("evidence.jsonl", [evidence_line(one) for one in said])
 
-    evidence, sets, interrupted = examine_all(windows, detectors_for(settings, windows.run), progress, told)
+    evidence, sets, interrupted = examine_all(windows, detectors_for(settings, windows.run), progress, report)
     decision = fuse(evidence, observed, sets)
     if foresights is None:
         foresights = foresights_of([o.receiver for o in observed], settings)
     rules = ChoiceRules(most_wrong=settings.wrong_choice_probability, clean_start_s=settings.clean_start_s)
     if chosen := choices(decision.skies, evidence, observed, sets, foresights, rules):
-        told(chosen)
+        report(chosen)
         evidence = EvidenceLog(merge(evidence, chosen, key=lambda one: (one.start_gpst, one.end_gpst)))
         decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
@@ -320,7 +320,7 @@ def _require_two(settings: Settings, names: Sequence[str]) -> None:
 
 
 def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: NavigationData | None) -> None:
-    """Raise InputError if nothing tells orbits, or a file's orbits are of another day."""
+    """Raise InputError if nothing gives orbits, or a file's orbits are of another day."""
     for source in sources:
         if navigation is not None and source.start_gpst is not None:
             _same_day(navigation, source.start_gpst, source)
@@ -331,11 +331,11 @@ def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: Navig
         )
 
 
-def _pooled(told: Sequence[NavigationData]) -> NavigationData:
+def _pooled(decoded: Sequence[NavigationData]) -> NavigationData:
     """What all receivers' signals sent, each data set once."""
-    sets = {(e.sat, e.week, e.toe): e for data in told for e in data.ephemerides}
-    ionosphere = next((d.ionosphere for d in told if d.ionosphere is not None), None)
-    utc = next((d.utc for d in told if d.utc is not None), None)
+    sets = {(e.sat, e.week, e.toe): e for data in decoded for e in data.ephemerides}
+    ionosphere = next((d.ionosphere for d in decoded if d.ionosphere is not None), None)
+    utc = next((d.utc for d in decoded if d.utc is not None), None)
     return NavigationData(
         ephemerides=tuple(sets[key] for key in sorted(sets)), ionosphere=ionosphere, utc=utc, source="the signals"
     )
@@ -369,7 +369,7 @@ def _same_time(receptions: Sequence[Reception], navigation: NavigationData | Non
         if overlap_s(a, b) <= 0.0:
             raise InputError(
                 f"{other_path} was recorded from {iso(b.gpst[0], 1)} to {iso(b.gpst[-1], 1)}, but {path} from "
-                f"{iso(a.gpst[0], 1)} to {iso(a.gpst[-1], 1)} (GPS time, as the signals tell it): there is no common "
+                f"{iso(a.gpst[0], 1)} to {iso(a.gpst[-1], 1)} (GPS time, by the signals): there is no common "
                 "time to compare them in; give recordings of the same time, or protect each alone"
             )
     if navigation is not None:
@@ -385,13 +385,13 @@ def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> 
     if own is None or own.gpst.size < 2:
         return reception
     length_s = seconds_between(own.gpst[-1], own.gpst[0])
-    told = tuple(
+    used = tuple(
         f"{overlap_s(own, r.observations):.1f} of its {length_s:.1f} s with measurements are common with "
         f"{r.source.path or r.source.name}"
         for r in others
         if r.observations is not None and overlap_s(own, r.observations) < COMMON_SHARE * length_s
     )
-    return replace(reception, remarks=(*reception.remarks, *told))
+    return replace(reception, remarks=(*reception.remarks, *used))
 
 
 def _files(receptions: Sequence[Reception]) -> dict[str, OpenFile]:
@@ -426,9 +426,9 @@ def _notes(reception: Reception, interrupted: bool, sums: Mapping[str, str | Non
         InputNote(path=path, format=source.format or "raw", sha256=sums.get(path), remarks=file.changes())
         for path, file in files.items()
     ] or [InputNote(path=source.path or source.name, format=source.format or "raw", sha256=None, remarks=())]
-    told = (*source.remarks, *reception.remarks, *notes[0].remarks, *((read,) if interrupted else ()))
-    return [replace(notes[0], remarks=told), *notes[1:]]
+    remarks = (*source.remarks, *reception.remarks, *notes[0].remarks, *((read,) if interrupted else ()))
+    return [replace(notes[0], remarks=remarks), *notes[1:]]
 
 
-def _told(navigation: NavigationData | None) -> tuple[str, ...]:
+def _navigation_remarks(navigation: NavigationData | None) -> tuple[str, ...]:
     return () if navigation is None else tuple(getattr(navigation, "remarks", ()))

@@ -34,17 +34,17 @@ def in_step(antennas: Sequence[Samples], name: str) -> Samples:
 
     Raises
     ------
-    InputError : they differ in rate, frequency, length, start or gaps. A start that only some tell counts for all.
+    InputError : they differ in rate, frequency, length, start or gaps. A start that only some state holds for all.
     """
     first, *others = antennas
     start_gpst = next((one.start_gpst for one in antennas if one.start_gpst is not None), None)
     for other in others:
-        for key, (told, to_do) in _ALIKE.items():
+        for key, (stated, to_do) in _ALIKE.items():
             one, two = getattr(first, key), getattr(other, key)
             if one != two and not (key == "start_gpst" and None in (one, two)):
                 raise InputError(
-                    f"{other.path or other.name}: {told.format(_shown(two))}, expected {told.format(_shown(one))} as "
-                    f"of {first.path or first.name}, the first antenna of {name}; {to_do}"
+                    f"{other.path or other.name}: {stated.format(_shown(two))}, expected {stated.format(_shown(one))} "
+                    f"as of {first.path or first.name}, the first antenna of {name}; {to_do}"
                 )
     names = [one.antenna for one in antennas]
     if len(set(names)) < len(names):

@@ -1,6 +1,6 @@
 """Whether codes and carriers of a recording agree at the rate and carrier given, once its first seconds were tracked.
 
-The loops tell it for nothing and to 0.001 ppm, as long as they hold; where they do not, an inspection tells it.
+The loops show it at no cost and to 0.001 ppm, as long as they hold; where they do not, an inspection does.
 """
 
 from collections.abc import Callable, Mapping

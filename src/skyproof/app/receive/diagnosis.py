@@ -1,4 +1,4 @@
-"""What a recording's signals tell of the recorder, in words: why little was heard, and what was mended on the way."""
+"""What a recording's signals show of the recorder, in words: why little was received, and what was corrected."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ from skyproof.receiver.channels import Gap
 from skyproof.recording.survey import oscillator_error
 from skyproof.records import Samples
 
-__all__ = ["Diagnosis", "diagnosis", "gap_remarks", "oscillator_told"]
+__all__ = ["Diagnosis", "diagnosis", "gap_remarks", "oscillator_remarks_of"]
 
 _REACH_STEP_HZ: Final = 1e3
 _ONE_EVENT_S: Final = 3.0
@@ -21,8 +21,8 @@ _MOST_GAPS: Final = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """mirrored : whether the spectrum is inverted. cure : what to do, in words. n_sats : how many are heard in it, read
-    as it is described."""
+    """mirrored : whether the spectrum is inverted. cure : what to do, in words. n_sats : how many are received in it,
+    read as it is described."""
 
     mirrored: bool
     cure: str
@@ -53,7 +53,7 @@ def diagnosis(samples: Samples, doppler_max_hz: float, inspected: Callable[[], I
     return Diagnosis(mirrored=bool(found.conjugate), cure="; ".join([*cures, more]), n_sats=heard)
 
 
-def oscillator_told(dopplers_hz: Sequence[float]) -> tuple[str, ...]:
+def oscillator_remarks_of(dopplers_hz: Sequence[float]) -> tuple[str, ...]:
     """A remark if the Dopplers of all satellites, one each, lie far to one side."""
     return oscillator_remarks(oscillator_error(dopplers_hz))
 
@@ -67,13 +67,13 @@ def gap_remarks(gaps: Sequence[Gap], period_s: float) -> tuple[str, ...]:
                 events[-1] = gap
         else:
             events.append(gap)
-    remarks = [_told(gap, period_s) for gap in events[:_MOST_GAPS]]
+    remarks = [_gap_remark(gap, period_s) for gap in events[:_MOST_GAPS]]
     if len(events) > _MOST_GAPS:
         remarks.append(f"and so at {len(events) - _MOST_GAPS} more places")
     return tuple(remarks)
 
 
-def _told(gap: Gap, period_s: float) -> str:
+def _gap_remark(gap: Gap, period_s: float) -> str:
     if gap.shift_s == 0.0:
         return (
             f"whole code periods of samples are missing near {gap.elapsed_s:.1f} s: data bits or carriers of "

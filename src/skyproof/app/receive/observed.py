@@ -211,7 +211,7 @@ def observed(source: ObservedFile, workspace: Workspace | None = None) -> Recept
     return Reception(
         source=source,
         observations=whole,
-        told=NavigationData(ephemerides=(), source=source.path),
+        decoded=NavigationData(ephemerides=(), source=source.path),
         n_signals=len(whole.signals),
         examined_s=source.duration_s,
         remarks=tuple(remarks),

@@ -1,4 +1,4 @@
-"""What one receiver heard: its recording after tracking, or its own measurements."""
+"""What one receiver received: its recording after tracking, or its own measurements."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyproof.app.receive.assembled import Assembled
-from skyproof.app.receive.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_told
+from skyproof.app.receive.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_remarks_of
 from skyproof.app.receive.time_tag import clock_biases_s, near_date, shown_by, time_tag, timed_by_others, week_of
 from skyproof.app.receive.tracker import ENOUGH_SATS, Tracker, carrier_at_hz
 from skyproof.errors import InputError, NotEnoughData
@@ -35,12 +35,12 @@ TIME_OF_WEEK_S = 12.0  # by then a signal has sent its time of week: it does so 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reception:
-    """What one receiver heard: its recording after tracking, or its own measurements.
+    """What one receiver received: its recording after tracking, or its own measurements.
 
     observations : None if there are none; `left_out` then says why.
     examined_s : how much of the recording was worked on.
     same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
-    messages_differ : where signals of one satellite tell different messages, in words; among the remarks as well.
+    messages_differ : where signals of one satellite carry different messages, in words; among the remarks as well.
     taps, ccaf : correlators beside the observations, if they were asked for.
     antennas : the same signals at the same epochs on each antenna, where the receiver has several; `observations` are
         those of the first, or if that has clearly fewer those of the antenna that has most.
@@ -49,7 +49,7 @@ class Reception:
 
     source: MeasurementSource
     observations: ObservationLog | None
-    told: NavigationData  # by the signals themselves
+    decoded: NavigationData  # from the signals themselves
     n_signals: int
     examined_s: float
     left_out: str | None = None
@@ -83,14 +83,14 @@ def observe(
     """
     samples = tracker.samples
     heard = {arc.signal for arc in tracker.arcs.values()}
-    remarks: list[str] = [*tracker.told]
+    remarks: list[str] = [*tracker.remarks]
     week = week_of(tracker, navigation, remarks)
     label = time_tag(tracker, week)
     if label is not None:
         label = near_date(label, samples, tracker.arcs, remarks)
         week = label.week
-    told = navigation_of(tracker.arcs, week, samples.path or samples.name)
-    orbits = navigation if navigation is not None else told
+    decoded = navigation_of(tracker.arcs, week, samples.path or samples.name)
+    orbits = navigation if navigation is not None else decoded
     antennas: tuple[ObservationLog, ...] = ()
     observations = phases = taps = ccaf = None
     if label is not None:
@@ -115,7 +115,7 @@ def observe(
     found = _diagnosed(tracker) if observations is None or _is_doubtful(tracker) else None
     if found is None or not found.mirrored:  # signals of a mirrored spectrum are lost all the time: gaps say nothing
         remarks += gap_remarks(tracker.gaps, tracker.receiver.signal.period_s)
-        remarks += oscillator_told(_dopplers_hz(tracker))
+        remarks += oscillator_remarks_of(_dopplers_hz(tracker))
     differ = tuple(messages_that_differ(tracker.arcs))
     remarks += differ
     left_out = None
@@ -128,7 +128,7 @@ def observe(
     return Reception(
         source=samples,
         observations=observations,
-        told=told,
+        decoded=decoded,
         n_signals=len(heard),
         examined_s=tracker.examined_s,
         left_out=left_out,

@@ -33,7 +33,7 @@ HEADER_FIXES: Final = 25  # about so many make the approximate position of a hea
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ReceiveResult:
-    """What each receiver heard, the folder with its files, and whether Ctrl-C ended it early.
+    """What each receiver received, the folder with its files, and whether Ctrl-C ended it early.
 
     Measurements of a recording longer than some 13 minutes are on a disk as long as this is held, or if a folder was
     given until its files are written.
@@ -152,7 +152,7 @@ def _write(
 def _written(folder: Path, reception: Reception, navigation: NavigationData | None) -> tuple[str, ...]:
     """Write one receiver's orbits and signals; of a satellite with several signals each into a file of its own."""
     names = []
-    orbits = navigation if navigation is not None else reception.told
+    orbits = navigation if navigation is not None else reception.decoded
     if orbits.ephemerides:
         names.append(f"{reception.source.name}-nav.rnx")
         write_nav(folder / names[-1], orbits, created=date_of([reception.observations]))
@@ -201,7 +201,7 @@ def _receiver(reception: Reception, signals: tuple[dict[str, Any], ...], files: 
         "left_out": reception.left_out,
         "signals": list(signals),
         "messages_differ": list(reception.messages_differ),
-        "satellites_with_orbits": sorted({ephemeris.sat for ephemeris in reception.told.ephemerides}),
+        "satellites_with_orbits": sorted({ephemeris.sat for ephemeris in reception.decoded.ephemerides}),
         "remarks": [*source.remarks, *reception.remarks],
         "files": list(files),
     }

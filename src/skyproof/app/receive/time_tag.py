@@ -14,7 +14,7 @@ from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.time import iso, resolve_week, week_and_tow
 from skyproof.navigation.fix import fix
 from skyproof.receiver.channels import Arc, Gap
-from skyproof.receiver.observables import ReceiverTimeTag, receiver_time_tag, timed_by_range, week_told
+from skyproof.receiver.observables import ReceiverTimeTag, receiver_time_tag, stated_week, timed_by_range
 from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId
 
 __all__ = [
@@ -37,18 +37,18 @@ def week_of(tracker: Tracker, navigation: NavigationData | None, remarks: list[s
         week = int(np.median([e.week for e in navigation.ephemerides]))
         remarks.append(f"no date in the sidecar: GPS week {week} taken from the navigation file")
         return week
-    told = week_told(tracker.arcs)
+    stated = stated_week(tracker.arcs)
     near = np.datetime64("now", "ns")
-    week = resolve_week(told, near) if told is not None else int(week_and_tow(near)[0])
+    week = resolve_week(stated, near) if stated is not None else int(week_and_tow(near)[0])
     remarks.append(
         f"no date in the sidecar and no navigation file: GPS week {week} taken "
-        + ("from the message, as the one nearest to today" if told is not None else "as today's; give start_gpst")
+        + ("from the message, as the one nearest to today" if stated is not None else "as today's; give start_gpst")
     )
     return week
 
 
 def time_tag(tracker: Tracker, week: int) -> ReceiverTimeTag | None:
-    """The label at the first sample: from what was measured before samples were missing, if that tells it."""
+    """The label at the first sample: from what was measured before samples were missing, if that shows it."""
     first = tracker.measured.first
     before = _segment(first.elapsed_s, tracker.gaps) == 0
     label = receiver_time_tag(first.chosen(before), tracker.arcs, week)
@@ -61,7 +61,7 @@ def _segment(elapsed_s: ArrayLike, gaps: Sequence[Gap]) -> Indices:
 
 
 def near_date(label: ReceiverTimeTag, samples: Samples, arcs: Mapping[int, Arc], remarks: list[str]) -> ReceiverTimeTag:
-    """The label in the week that brings it nearest to the recording's date; tell if the signals say otherwise.
+    """The label in the week that brings it nearest to the recording's date; remarks if the signals say otherwise.
 
     A recorder's clock may never have been set. The message knows the week modulo 1024.
     """
@@ -72,9 +72,9 @@ def near_date(label: ReceiverTimeTag, samples: Samples, arcs: Mapping[int, Arc],
     turned = round(ahead_s / 604800.0)
     label = replace(label, week=int(week) - turned)
     off_s = ahead_s - 604800.0 * turned
-    told = _week_of_message(arcs, label)
-    if told is not None and (told - label.week) % 1024 != 0:
-        label = replace(label, week=resolve_week(told, samples.start_gpst))
+    stated = _week_of_message(arcs, label)
+    if stated is not None and (stated - label.week) % 1024 != 0:
+        label = replace(label, week=resolve_week(stated, samples.start_gpst))
         off_s += 604800.0 * (label.week - int(week) + turned)
     if abs(off_s) > 2.0:
         remarks.append(
@@ -85,7 +85,7 @@ def near_date(label: ReceiverTimeTag, samples: Samples, arcs: Mapping[int, Arc],
 
 
 def _week_of_message(arcs: Mapping[int, Arc], label: ReceiverTimeTag) -> int | None:
-    """The week at `label`, modulo 1024, that most signals tell; None if none does."""
+    """The week at `label`, modulo 1024, that most signals state; None if none does."""
     half_week_s = 302_400
     weeks = Counter(
         (int(first.fields["week_mod_1024"]) - (first.tow_s < label.tow_ms * 1e-3 - half_week_s)) % 1024
@@ -171,11 +171,11 @@ def clock_biases_s(shown: Shown, gaps: Sequence[Gap]) -> Reals | None:
     if not known.any():
         return None
     segment = _segment(shown.elapsed_s, gaps)
-    told = np.unique(segment[known])
-    biases_s = np.array([np.median(shown.clock_bias_s[known & (segment == one)]) for one in told])
+    parts = np.unique(segment[known])
+    biases_s = np.array([np.median(shown.clock_bias_s[known & (segment == one)]) for one in parts])
     biases_s = np.minimum.accumulate(biases_s)  # labels never go back, where the signals' time does
-    chosen = biases_s[np.clip(np.searchsorted(told, segment), 0, told.size - 1)]
-    # When a gap began is known to a few epochs only: the fixes themselves tell on which side of it they lie.
+    chosen = biases_s[np.clip(np.searchsorted(parts, segment), 0, parts.size - 1)]
+    # When a gap began is known to a few epochs only: the fixes themselves show on which side of it they lie.
     chosen[known] = biases_s[np.argmin(np.abs(shown.clock_bias_s[known][:, None] - biases_s), axis=1)]
     return np.asarray(chosen)
 

@@ -32,17 +32,17 @@ ENOUGH_SATS = 4
 class Tracker:
     """One recording on its way through the receiver: which sample comes next, and all that came out so far.
 
-    told : what was done to the samples before, and what ended them.
+    remarks : what was done to the samples before, and what ended them.
     broken : why the recording could be read no further, if it could not: all that came before counts.
     given : the recording as it is described, if its codes and carriers agree at another rate or carrier only; `samples`
-        are read so then, and `told` ends with it. checks : how often that is looked at yet.
+        are read so then, and `remarks` ends with it. checks : how often that is looked at yet.
     """
 
     samples: Samples
     receiver: Receiver
     measured: MeasurementLog
     grids: RowLog[Grids]
-    told: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     broken: str = ""
     given: Samples | None = None
     checks: int = MOST_CHECKS
@@ -61,7 +61,7 @@ class Tracker:
             planes = self.samples.read_all(self.position, count)
         except InputError as error:
             self.broken = str(error)
-            self.told = (*self.told, f"only its first {self.examined_s:.1f} s were worked on: {error}")
+            self.remarks = (*self.remarks, f"only its first {self.examined_s:.1f} s were worked on: {error}")
             return False
         output, self.state = self.receiver.step(self.state, planes)
         self.position += count
@@ -79,11 +79,11 @@ class Tracker:
         self.checks = self.checks - 1 if found else 0
         if found is None:
             return
-        self.told = self.told if self.given is None else self.told[:-1]
+        self.remarks = self.remarks if self.given is None else self.remarks[:-1]
         self.given = self.given or self.samples
         self.samples, apart = found
         self.inspection = None
-        self.told = (*self.told, correction_remark(self.given, self.samples, apart.sigma))
+        self.remarks = (*self.remarks, correction_remark(self.given, self.samples, apart.sigma))
         self.receiver = Receiver(self.samples.rate_hz, carrier_at_hz(self.samples), self.receiver.settings)
         self.state, self.position = ReceiverState(), 0
         self.measured.clear()
@@ -132,7 +132,7 @@ def track(
 ) -> tuple[list[Tracker], bool]:
     """Track all recordings side by side, so that an interruption leaves all equally far.
 
-    navigation : tells which satellites stand above the horizon, where the place is known.
+    navigation : gives which satellites stand above the horizon, where the place is known.
 
     watchful : look for further signals twice as often as receiving alone needs.
 
@@ -173,7 +173,7 @@ def _tracker(
     asked: Asked,
     workspace: Workspace,
 ) -> Tracker:
-    """A recording made ready: what hurts in its samples taken off, gaps that it tells of bridged."""
+    """A recording made ready: what hurts in its samples taken off, gaps that it states bridged."""
     clean, cleaned = _cleaned_all(samples)
     whole, filled = bridged(clean, begun_s=settings.start_s)
     sats, narrowed = _sats(samples, settings, navigation)
@@ -195,7 +195,7 @@ def _tracker(
     grids: RowLog[Grids] = RowLog(workspace, f"{samples.name}/grids")
     measured = MeasurementLog(workspace, samples.name, MEASURE_FRAMES * receiver_settings.frame_s)
     return Tracker(
-        samples=whole, receiver=receiver, measured=measured, grids=grids, told=(*cleaned, *filled, *narrowed)
+        samples=whole, receiver=receiver, measured=measured, grids=grids, remarks=(*cleaned, *filled, *narrowed)
     )
 
 
@@ -223,14 +223,14 @@ def _cleaned_all(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
     """`_cleaned` antenna by antenna: each has a front end of its own behind the one oscillator."""
     if not samples.others:
         return _cleaned(samples)
-    (first, *others), told = zip(*map(_cleaned, (samples, *samples.others)), strict=True)
+    (first, *others), done = zip(*map(_cleaned, (samples, *samples.others)), strict=True)
     names = (one.antenna for one in (samples, *samples.others))
-    words = [f"antenna {name}: {word}" for name, words in zip(names, told, strict=True) for word in words]
+    words = [f"antenna {name}: {word}" for name, words in zip(names, done, strict=True) for word in words]
     return replace(first, others=tuple(others)), tuple(words)
 
 
 def _cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
-    """The recording without what costs C/N0, and what was done; itself where nothing does, or too little tells it.
+    """The recording without what costs C/N0, and what was done; itself where nothing does, or too little shows it.
 
     Figures of DC and imbalance are reported with the levels when a file is opened, and not again.
     """
@@ -238,14 +238,14 @@ def _cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
         front = measure_front_end(samples)
     except ValueError:  # too few samples, or none that changes
         return samples, ()
-    told = [f"the DC offset cost {front.dc_loss_db:.2f} dB of C/N0 and is removed"] if front.removes_dc else []
+    done = [f"the DC offset cost {front.dc_loss_db:.2f} dB of C/N0 and is removed"] if front.removes_dc else []
     if front.balances:
-        told.append(f"the I/Q imbalance made images of {front.image_db:.0f} dB and is corrected")
-    told += [
+        done.append(f"the I/Q imbalance made images of {front.image_db:.0f} dB and is corrected")
+    done += [
         f"a line at {line.frequency_hz / 1e3:+.1f} kHz cost {line.loss_db:.2f} dB of C/N0 and is notched"
         for line in front.notched
     ]
-    return conditioned(samples, front), tuple(told)
+    return conditioned(samples, front), tuple(done)
 
 
 def carrier_at_hz(samples: Samples) -> float:

@@ -166,7 +166,7 @@ def _sky_source(scene: Scene) -> str:
     if scene.scenario.sky.directions is not None:
         return "on circular orbits through the directions given"
     if scene.scenario.navigation is not None:
-        return f"as {Path(scene.scenario.navigation).name} tells"
+        return f"as {Path(scene.scenario.navigation).name} states"
     return "the nominal constellation, which is not that of the day"
 
 

@@ -10,7 +10,7 @@ one cycle, errors of antenna positions, line biases and attitude that all satell
 Corrected: 0.01 is the standard deviation of a phase, not a variance, and the mean belongs into equation 37; an
 error of 3 mm in each antenna's position is larger than the noise and makes the paper's test alarm in 27 % of trials
 instead of 1 %; whole cycles cannot be neglected: from baselines of 0.58 wavelengths on they make further blind
-directions. `docs/methods/ins-array.md` tells all.
+directions. `docs/methods/ins-array.md` has the rest.
 
 Phases and lengths are in cycles (wavelengths of the carrier that the elements are counted in), angles in radians.
 Directions are unit vectors in the frame of the elements. M antennas make d = M - 1 differences against the first one;
@@ -175,7 +175,7 @@ def joint_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: 
 
 
 def conditional_statistics(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
-    """T (..., n) of each signal given the others, which tell the errors that all share: chi-square with d degrees each.
+    """T (..., n) of each signal given the others, which show the errors that all share: chi-square with d degrees each.
 
     Valid for a signal if the others are true. Parameters as in `joint_statistic`.
     """
@@ -346,7 +346,7 @@ class InsArraySettings:
     false_alarm_probability : of each array and window.
     position_sigma_m : of each antenna's phase centre along each axis, where the array does not state it.
     bias_sigma_cyc : of what calibration leaves of each antenna's line.
-    attitude_sigma_deg : about each axis, where the inertial system tells no covariance.
+    attitude_sigma_deg : about each axis, where the inertial system gives no covariance.
     min_epochs : of a signal that is tested.
     """
 

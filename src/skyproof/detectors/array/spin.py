@@ -11,7 +11,7 @@ with a polynomial for cycles, clocks and motion.
 Corrected: equation 6 holds sin w, cos w; equation 18 is one minus a tail probability; the paper's threshold supposes
 the direction of the authentic signal known (with the estimate put in, as it proposes, spoofed pairs are found with
 probability 0.0101, see `circular_threshold`); motion is not removed by the ephemeris where a signal is false.
-`docs/methods/spin.md` tells all.
+`docs/methods/spin.md` has the rest.
 
 Phases and the radius are in cycles, angles in radians; phases grow where the antenna is nearer to the source (the
 opposite sign of range only mirrors all directions). Series run along the last axis, N samples.
@@ -191,7 +191,7 @@ def estimate_rate(
     """The rate that explains most of n signals together.
 
     A grid over `rate_rad` (1 ± `within`), then variable projection (Kaufman, BIT 15, 1975), within the same limits.
-    Signals of one direction tell nothing of the rate: what is known before decides then.
+    Signals of one direction say nothing of the rate: what is known before decides then.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 One window may look as good as the next, and still not go on from it: the halves of two receivers' recordings joined, a
 recording that begins again, an attack that takes over in one step. For each receiver the satellites of its consistent
 set are followed from window to window, by what was sent and not by channel: signals that were lost and found again
-under another name are the same satellite's. `continuity_steps` tells where they step. Each kind of signal (time scale,
+under another name are the same satellite's. `steps` finds where they step. Each kind of signal (time scale,
 band, code) is looked at alone, for it may be imitated alone; kinds of few satellites together with the largest.
 
 What is found is *undecided*, and not an attack: a recording that was cut and joined steps as well. But it overrules

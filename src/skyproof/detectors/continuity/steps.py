@@ -42,7 +42,7 @@ _GAP = 1.5  # usual intervals; a longer one is an outage
 _AT_ONCE = 0.75  # of the channels: their carriers break together
 _FAULTY = 1e-4  # chance at which residuals show that a channel jumps by itself
 _STEERED_M = 1e-3 * SPEED_OF_LIGHT_M_S
-_STEERED_WITHIN_M = 150.0  # one epoch tells a step of a millisecond by this; what it leaves is tested
+_STEERED_WITHIN_M = 150.0  # one epoch shows a step of a millisecond by this; what it leaves is tested
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,7 +233,7 @@ def _chance(jump: Reals, covariance: Reals, slack: Reals, fitted: Jump) -> Reals
     """P(so far out) of jumps (K, d): chi-square with d degrees, from the rim of what `slack` (K,) explains.
 
     Where residuals show that more than jumps is the matter, and no exclusion cured it, the covariance is taken as known
-    up to a factor, which the residuals tell: F.
+    up to a factor, which the residuals give: F.
     """
     far = np.linalg.norm(jump, axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -7,7 +7,7 @@ blocked or a mirror that takes nothing. Where several have one, the signals left
 searched for a second sky, of five satellites at least; that its ranges agree is evidence of its own, for reflections do
 not. A sky of which every signal is later and weaker is no attack here: a mirror's image fits a position too.
 
-Which sky is true the correlation does not tell. An inertial unit that has
+The correlation does not show which sky is true. An inertial unit that has
 navigated alone since before the attack does, by `navigation.exclusion`: where its state is among the records, with its
 covariance, the signals of the satellites that show both skies are named, or it is reported that they cannot be.
 """
@@ -298,7 +298,7 @@ class Dccaf:
                     tuple(ref for ref, there in zip(refs, both, strict=True) if there),
                     because=f"neither of two positions in {ccaf.receiver} fits the inertial unit"
                     if neither
-                    else f"the inertial unit does not tell which of two positions in {ccaf.receiver} is true: "
+                    else f"the inertial unit cannot tell which of two positions in {ccaf.receiver} is true: "
                     f"the nearer one would be wrong with probability {chance:.2g}",
                     would_need="an inertial unit that drifts less, or a clean fix less than a minute before",
                 )

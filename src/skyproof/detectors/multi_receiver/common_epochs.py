@@ -100,7 +100,7 @@ def common_ranges(
 ) -> CommonRanges:
     """Pseudoranges of transmissions that all `sets` have, one set a receiver, at the instants of the first receiver.
 
-    A receiver's label minus its set's clock bias is GPS time, as these signals tell it. (False signals tell it wrongly,
+    A receiver's label minus its set's clock bias is GPS time, as these signals give it. (False signals give it wrongly,
     and alike to all receivers to within their distances over c: the difference between receivers is right to
     microseconds.) Each measurement moves from its own instant to the nearest one of the first receiver by its own
     Doppler, -lambda * doppler * dt, whatever the clocks; an acceleration of 0.13 m/s^2 leaves 4 cm for dt = 0.5 s with

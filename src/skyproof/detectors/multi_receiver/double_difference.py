@@ -144,7 +144,7 @@ def line_power(
     """Power (...) of the test on double differences that are dd_m (..., N, R-1) but for white noise of sigma_m.
 
     The noncentrality is the squared length of what the tested columns see of the whitened dd_m over the whitened
-    variance, 2 sigma_m^2; `known` tells whether the test knows sigma_m.
+    variance, 2 sigma_m^2; `known` says whether the test knows sigma_m.
     """
     n, m = dd_m.shape[-2:]
     fit = fit_line(dd_m @ difference_whitener(m))

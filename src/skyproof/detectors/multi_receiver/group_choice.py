@@ -104,7 +104,7 @@ def lone_sky(range_m: Reals, unit_enu: Reals) -> SkySplit:
     """The one sky that fits best, where the other tracks need not fit anything: false signals of several antennas.
 
     Arguments as of `split_skies`; all 2^K ways to take one track of each satellite. `squares` and `runner_up` are of
-    the one sky alone, K-4 degrees of freedom. Whether it is the true one a known baseline tells (`known_sky_test`).
+    the one sky alone, K-4 degrees of freedom. Whether it is the true one is for a known baseline (`known_sky_test`).
     """
     n = unit_enu.shape[0]
     parity = np.linalg.qr(np.column_stack([unit_enu, np.ones(n)]), mode="complete").Q[:, 4:]

@@ -308,7 +308,7 @@ def distance_p_value(
 ) -> Reals:
     """Test that the antennas stand `at least`, or `at most`, so far apart in the horizontal; (...) p-values.
 
-    The vertical is left free, since it is what satellites tell worst. The statistic is the squared distance, in the
+    The vertical is left free, since satellites determine it worst. The statistic is the squared distance, in the
     metric of the covariance, of the estimate from the nearest baseline that the hypothesis allows; for the true
     baseline it is twice an F with 2 and `dof` degrees, so the nearest allowed one gives a p-value that is never too
     small.

@@ -132,7 +132,7 @@ class Pairing:
 
     @cached_property
     def distances_m(self) -> tuple[float, ...] | None:
-        """Horizontal distance of each receiver from the first as these signals tell it; None without orbits."""
+        """Horizontal distance of each receiver from the first by these signals; None without orbits."""
         if self.unit_enu is None:
             return None
         found = []

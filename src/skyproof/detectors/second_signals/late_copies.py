@@ -3,7 +3,7 @@
 A delay that is common to all satellites is a shift of the receiver's clock; it shows the same place. So a set of
 signals that shows the place of another, later and weaker, attacks no position: it is named for what it is, and the
 earlier set stands for both. Both are compared in the kinds of signals that they share: clocks and strengths of
-different kinds tell nothing of each other.
+different kinds say nothing of each other.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """Ready-made scenes: those of the papers and our own as files to copy and change, and three made to measure.
 
-Each TOML file of this folder is one scene, under its own name; its first lines tell what it shows, what its source
+Each TOML file of this folder is one scene, under its own name; its first lines say what it shows, what its source
 gives, and what was chosen here. None needs another file.
 """
 
