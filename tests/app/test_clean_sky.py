@@ -6,7 +6,7 @@ from scipy import stats
 
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import detectors_for, examine_all, windows_of
+from skyproof.app.common.windows import asked, detectors_for, examine_all, windows_of
 from skyproof.app.protect import judge
 from skyproof.app.receive.reception import Reception, observe
 from skyproof.app.receive.tracker import track
@@ -15,7 +15,7 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator import scenes
 from skyproof.simulator.measurements import NoiseModel, observations_of
 from skyproof.simulator.samples import samples_of
-from skyproof.simulator.scenario import ScenePlace
+from skyproof.simulator.scenario import FrontEnd, ScenePlace
 
 
 def anywhere(rng: np.random.Generator) -> tuple[ScenePlace, np.datetime64]:
@@ -72,11 +72,11 @@ def test_false_verdicts_on_clean_measurements_come_at_most_at_the_stated_rate():
     assert stats.poisson.sf(verdicts - 1, 1e-3 * hours) > 1e-3
 
 
-def protect_in_memory(scenario, baseline_m):
+def protect_in_memory(scenario, baseline_m=None):
     """Verdict's decision on a scene rendered to samples, without files."""
     navigation = nominal_constellation(scenario.start_gpst)
     settings = Settings(antenna_distance_m=baseline_m)
-    trackers, _ = track(samples_of(scenario, navigation), settings)
+    trackers, _ = track(samples_of(scenario, navigation), settings, asked=asked())
     receptions: list[Reception] = [observe(tracker, navigation) for tracker in trackers]
     outcome, _ = judge(receptions, navigation, settings, Silent())
     return outcome
@@ -107,3 +107,33 @@ def test_two_hundred_windows_of_clean_samples_bear_no_false_label():
     assert windows >= 200
     assert false == 0
     assert authentic >= 30
+
+
+FRONT_ENDS = {
+    "that of the demonstration": FrontEnd(),
+    "two bits": FrontEnd(encoding="sign-magnitude", bits=2, bandwidth_hz=2.08e6),
+    "two bits at 5 Msps": FrontEnd(rate_hz=5e6, encoding="sign-magnitude", bits=2, bandwidth_hz=4e6),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", [*FRONT_ENDS, "reflections"])
+def test_grids_of_clean_samples_raise_no_alarm(kind):
+    """Four scenes of 24 s of each: `dccaf` looks at them all, and none is near an alarm."""
+    rng = np.random.default_rng(14)
+    p_values = []
+    for number in range(4):
+        place, start = anywhere(rng)
+        scenario = scenes.clean(place, start, duration_s=24.5, receivers=1, seed=number, mask_deg=8.0)
+        if kind == "reflections":
+            scenario = scenes.ready("multipath")
+            receivers = scenario.receivers[number % 2 : number % 2 + 1]
+            scenario = scenario.model_copy(update={"seed": number, "duration_s": 24.5, "receivers": receivers})
+        else:
+            scenario = scenario.model_copy(update={"front_end": FRONT_ENDS[kind]})
+        outcome = protect_in_memory(scenario)
+        said = [e for e in outcome.evidence if e.detector == "dccaf"]
+        assert {e.says for e in said} <= {"clean", "undecided"}
+        p_values += [e.p_value for e in said if e.p_value is not None]
+    assert len(p_values) >= 6
+    assert min(p_values) > 0.01

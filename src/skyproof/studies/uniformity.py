@@ -18,6 +18,7 @@ from skyproof.detectors.multi_receiver.double_difference import Tested
 from skyproof.detectors.multi_receiver.one_antenna import WHITE, TrackNoise
 from skyproof.report.chart import Axes
 from skyproof.studies import uniformity_draws as draws
+from skyproof.studies import uniformity_one_antenna as one_antenna
 from skyproof.studies.base import Claim, Row, Study, StudySettings
 from skyproof.studies.uniformity_draws import ASKED, Draw
 
@@ -103,8 +104,11 @@ CASES: Final = (
          why="a count is whole: the share at p is p at the values that counts attain and less between them"),
     Case(group=_POSITION, method="inverse_raim", test="the true set", draw=draws.true_set),
     Case(group=_POSITION, method="exclusion", test="the true fix", draw=draws.exclusion, at_once=200_000),
-    Case(group=_POSITION, method="decomposition, dccaf", test="one signal, not two", draw=draws.count_of_signals,
+    Case(group=_POSITION, method="decomposition", test="one signal, not two", draw=draws.count_of_signals,
          usual=30_000, quick=2000, at_once=30_000, why="the law is simulated, and its tail fitted"),
+    Case(group=_POSITION, method="dccaf, bursts", test="one signal, not two, over a burst", usual=20_000, quick=300,
+         draw=one_antenna.burst_of_one_signal,
+         why="an upper bound by level crossings, with a degree of freedom for the first signal's delay"),
     *(Case(group=_QUALITY, method="sqm", test=f"{metric}, A = {amplitude:g}",
            draw=draws.taps_metric(metric, amplitude))
       for metric, amplitude in (("delta", 14.14), ("ratio", 14.14), ("ratio", 4.47))),

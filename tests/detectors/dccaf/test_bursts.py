@@ -6,6 +6,7 @@ from tests.detectors.nulls import CCAF_POINTS, CCAF_RATE_HZ, INTERVALS, burst, o
 
 from skyproof.decomposition.correlation import noise_variance
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, shapes
+from skyproof.detectors.dccaf.detector import SIGNAL_LEVEL, DccafSettings
 
 PRN = 7
 OWN = shapes(PRN, tuple(CCAF_POINTS.tolist()), CCAF_RATE_HZ, 1.3)
@@ -74,6 +75,20 @@ def test_reflections_are_explained_and_signals_before_or_as_strong_are_not():
     as_strong = bursts(100, np.stack([first, first + 0.3], axis=1)[:100], np.tile([1.0, 0.95], (100, 1)), 45.0, rng)
     for found in (before, as_strong):
         assert np.mean(joint_p_value(found.unlike, INTERVALS, OWN.path) < 1e-4) > 0.95
+
+
+@pytest.mark.parametrize(("rays", "most"), [(2, 0.075), (3, 0.15)])
+def test_satellites_with_several_reflections_count_no_oftener_than_the_detector_allows_for(rays, most):
+    """Each 3 to 20 dB weaker: together they may look like one signal that is no reflection."""
+    rng = np.random.default_rng(5)
+    count = 150
+    first = rng.uniform(-0.2, 0.2, (count, 1))
+    delay = np.concatenate([first, first + rng.uniform(0.0, 1.0, (count, rays))], axis=1)
+    strength = np.concatenate([np.ones((count, 1)), 10.0 ** (-0.05 * rng.uniform(3.0, 20.0, (count, rays)))], axis=1)
+    found = bursts(count, delay, strength, 47.0, rng)
+    share = np.mean(joint_p_value(found.unlike, INTERVALS, OWN.path) < SIGNAL_LEVEL)
+    assert share < most + 3.0 * np.sqrt(most / count)
+    assert most <= DccafSettings().no_reflection_probability
 
 
 def test_an_estimated_variance_makes_the_law_wider():

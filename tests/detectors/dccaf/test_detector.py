@@ -4,12 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.detectors.nulls import CHIP_M, CLEAN_CCAF, OVERLAPPED_CCAF, UNRELATED, with_ccaf, with_seconds
+from scipy.stats import binom
+from tests.detectors.nulls import (
+    CHIP_M,
+    CLEAN_CCAF,
+    OVERLAPPED_CCAF,
+    UNRELATED,
+    with_ccaf,
+    with_near_reflections,
+    with_seconds,
+)
 
 from skyproof.detectors.dccaf.detector import Dccaf, DccafSettings, delays_of, last_burst
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.records import NavState
+
+OF_A_RUN = 1e-3 * 10.0 / 3600.0 / 7.0
+"""What `protect` allows a window of one receiver, by default."""
 
 
 def test_a_sky_shown_two_hundred_metres_off_in_overlapping_signals_is_an_attack():
@@ -41,6 +53,38 @@ def test_a_mirror_all_around_is_no_attack():
         (told,), _ = Dccaf(DccafSettings(false_alarm_probability=1e-3)).examine(records)
         assert told.says == "undecided"
         assert told.p_value > 1e-3
+
+
+def test_a_mirror_all_around_and_two_odd_satellites_are_no_attack():
+    """That the ranges of a mirror's image agree is no evidence that the two are an attacker's."""
+    rng = np.random.default_rng(14)
+    for _ in range(3):
+        delay_m = 80.0 * rng.uniform(0.2, 1.0, 8)
+        delay_m[:2] *= -1.0
+        records = with_ccaf(with_seconds(rng, np.ones(8, bool), delay_m, scene=UNRELATED), rng, -4.0)
+        (told,), _ = Dccaf(DccafSettings(false_alarm_probability=1e-3)).examine(records)
+        assert told.says == "undecided"
+        assert told.p_value > 0.1
+
+
+@pytest.mark.parametrize("rays", [0, 1])
+@pytest.mark.long
+def test_five_hours_of_clean_sky_raise_no_alarm_at_the_rate_of_a_run(rays):
+    """1800 windows of ten seconds each, without and with a reflection on every satellite, one in seven of them such
+    that no reflection explains it."""
+    rng, p_values = np.random.default_rng(15 + rays), []
+    detector = Dccaf(DccafSettings(multipath_sigma_m=2.0))
+    settings = detector.settings
+    for _ in range(1800):
+        if rays:
+            records = with_near_reflections(rng, settings.no_reflection_probability)
+        else:
+            records = with_ccaf(CLEAN_CCAF.records(rng), rng)
+        (told, *_), _ = detector.examine(records)
+        p_values.append(told.p_value)
+    assert min(p_values) > OF_A_RUN
+    for level in (0.1, 0.01):
+        assert np.sum(np.array(p_values) <= level) <= binom.ppf(0.999, len(p_values), level)
 
 
 def test_two_delays_come_where_the_count_says_two_and_one_elsewhere():

@@ -3,13 +3,14 @@
 Each satellite's correlation over a burst of intervals is taken apart into one or two signals, as many as its count test
 says. A reflection is later and weaker. So a second signal that no reflection explains - before the stronger one, or as
 strong - is counted: how many satellites have one is binomial if that happens to each by itself, by a direct way that is
-blocked or a mirror that takes nothing. Where several have one, the signals left over by the best consistent set are
-searched for a second sky, of five satellites at least; that its ranges agree is evidence of its own, for reflections do
-not. A sky of which every signal is later and weaker is no attack here: a mirror's image fits a position too.
+blocked, a mirror that takes nothing, or several reflections that look like one such signal. Where five have one, what
+the best consistent set leaves over of these is searched for a second sky, of five satellites at least; that its ranges
+agree is evidence of its own, for reflections do not. A sky of later and weaker signals is no attack here: a mirror's
+image fits a position too.
 
-The correlation does not show which sky is true. An inertial unit that has
-navigated alone since before the attack does, by `navigation.exclusion`: where its state is among the records, with its
-covariance, the signals of the satellites that show both skies are named, or it is reported that they cannot be.
+The correlation does not show which sky is true. An inertial unit that has navigated alone since before the attack does,
+by `navigation.exclusion`: where its state is among the records, with its covariance, the signals of the satellites that
+show both skies are named, or it is reported that they cannot be.
 """
 
 from dataclasses import dataclass
@@ -39,10 +40,11 @@ __all__ = ["GRIDS", "Dccaf", "DccafSettings", "Delays", "delays_of"]
 _CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
 SIGNAL_LEVEL = 1e-4
 """By chance a satellite counts as one with a second signal that no reflection explains so often."""
-GRIDS = CcafAsked(reach_chips=1.5, every_s=1.0, soon_s=0.2)
-"""What it is made for, and counted with."""
-SEVERAL = 2
-"""So many of them, and agreement of the ranges is looked at as well."""
+GRIDS = CcafAsked(reach_chips=1.5, every_s=2.0, soon_s=1.0)
+"""What it is made for, and counted with. A window needs one burst in which all channels are there: of five, or of ten
+where fading signals lose some."""
+OF_A_SKY = 5
+"""So many satellites make a sky: ranges of four fit any position."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,9 @@ class DccafSettings:
 
     false_alarm_probability : of a receiver's window.
     second_signal_probability : that a satellite alone is said to have two signals, divided by the number of satellites.
-    no_reflection_probability : that a satellite has a second signal that is earlier, or not weaker by 3 dB, without an
-        attack.
+    no_reflection_probability : that a satellite seems to have a second signal that is earlier, or not weaker by 3 dB,
+        without an attack. Of satellites with two reflections each, 3 to 20 dB weaker, it is one in thirteen at most,
+        with three one in six: street canyons.
     set_probability : that a true set fails its chi-square test, and that the true fix fails its own.
     wrong_choice_probability : that the false sky is chosen, both being equally likely before; else none is.
     multipath_sigma_m, ionosphere_share : as for `residual`.
@@ -61,7 +64,7 @@ class DccafSettings:
 
     false_alarm_probability: float = 1e-3
     second_signal_probability: float = 0.01
-    no_reflection_probability: float = 0.02
+    no_reflection_probability: float = 0.15
     set_probability: float = 1e-3
     wrong_choice_probability: float = 1e-3
     multipath_sigma_m: float = 1.0
@@ -168,7 +171,7 @@ class Dccaf:
 
     name = "dccaf"
     needs = (Need.CCAF, Need.NAVIGATION)
-    asks = Asked()  # `GRIDS`, once false alarms have been counted on whole recordings through `protect`
+    asks = Asked(ccaf=GRIDS)
 
     def __init__(self, settings: DccafSettings | None = None) -> None:
         self.settings = settings or DccafSettings()
@@ -186,7 +189,7 @@ class Dccaf:
         epochs = last_burst(ccaf)
         found = delays_of(ccaf, epochs, self.settings) if epochs.size else None
         first = _first_of_each(ccaf, found)
-        if found is None or first.size < 5:
+        if found is None or first.size < OF_A_SKY:
             return [
                 undecided(
                     self,
@@ -204,11 +207,11 @@ class Dccaf:
             f"of {first.size} satellites in {ccaf.receiver}, {unlike.size} have a second signal within a chip that no "
             f"reflection explains: before the stronger one, or not {REFLECTED_DB:g} dB weaker"
         )
-        if unlike.size < SEVERAL:
+        if unlike.size < OF_A_SKY:
             return [self._of_receiver(records, every, p_count, words, doubles)]
         epoch = int(epochs[-1])
         sky = self._sky(navigation, ccaf, epoch, found, first)
-        fixes, p_sky, beside = (None, 1.0, "") if sky is None else self._second_sky(ccaf, sky)
+        fixes, p_sky, beside = (None, 1.0, "") if sky is None else self._second_sky(sky, unlike)
         both = p_count * p_sky
         p_value = min(1.0, 2.0 * min(p_count, both * (1.0 - np.log(both))))
         chosen: list[Evidence] = []
@@ -216,13 +219,16 @@ class Dccaf:
             chosen = self._chosen(records, ccaf, epoch, found, sky, fixes)
         return [self._of_receiver(records, every, p_value, words + beside, doubles), *chosen]
 
-    def _second_sky(self, ccaf: Ccaf, sky: _Sky) -> tuple[_Fixes | None, float, str]:
-        """Both skies, the chance that the second one's ranges agree without one, and its words."""
+    def _second_sky(self, sky: _Sky, unlike: Integers) -> tuple[_Fixes | None, float, str]:
+        """Both skies, the second one of the channels `unlike`; the chance that its ranges agree without one; words."""
         probability = self.settings.set_probability
         best = passing_sets(sky.unit, sky.misfit_m, sky.sigma_m, false_alarm_probability=probability)
         if not best.statistic.size:
             return None, 1.0, "; no choice of one signal a satellite fits one position"
-        second = second_subset(sky.unit, sky.misfit_m, sky.sigma_m, best.choice[0], false_alarm_probability=probability)
+        misfit_m = sky.misfit_m.copy()
+        like = np.flatnonzero(~np.isin(sky.rows, unlike))
+        misfit_m[like, 1 - best.choice[0][like]] = np.nan
+        second = second_subset(sky.unit, misfit_m, sky.sigma_m, best.choice[0], false_alarm_probability=probability)
         if second is None:
             return None, 1.0, ""
         rows, _ = second
@@ -231,7 +237,7 @@ class Dccaf:
                 sky.sigma_m[rows],
                 window_m=2.0 * self.settings.window_chips * _CHIP_M,
                 largest_statistic=chi_square_threshold(probability, len(rows) - 4),
-                combinations=set_combinations(np.isfinite(sky.misfit_m).sum(axis=1) - 1, len(rows)),
+                combinations=set_combinations(np.isfinite(misfit_m).sum(axis=1) - 1, len(rows)),
             )
         )
         fixes = _fixes(sky, best.choice[0], rows)
@@ -251,6 +257,7 @@ class Dccaf:
         self, records: Records, every: tuple[SignalRef, ...], p_value: float, because: str, doubles: int
     ) -> Evidence:
         attack = p_value < self._alpha
+        sky = doubles >= OF_A_SKY  # a reflection here and there is under most skies
         if not attack and doubles:
             because += f"; {doubles} have a second signal of any kind"
         return Evidence(
@@ -258,11 +265,11 @@ class Dccaf:
             start_gpst=records.start_gpst,
             end_gpst=records.end_gpst,
             subject=every,
-            says="attack" if attack else "clean" if doubles == 0 else "undecided",
+            says="attack" if attack else "undecided" if sky else "clean",
             because=because,
             p_value=p_value,
             false_alarm_probability=self._alpha,
-            would_need=None if attack or doubles == 0 else "second signals of more satellites, or farther apart",
+            would_need="second signals of more satellites, or farther apart" if sky and not attack else None,
         )
 
     def _chosen(
@@ -334,7 +341,7 @@ class Dccaf:
         ranges = corrected_ranges(ccaf.signals, np.array([gpst]), measured_m[None, :, 0], navigation)
         rows = first[np.isfinite(ranges.range_m[0, first])]
         rows = rows[np.argsort([ccaf.signals[row].sat for row in rows], kind="stable")]
-        if rows.size < 5:
+        if rows.size < OF_A_SKY:
             return None
         satellite, range_m = ranges.satellite_ecef_m[0, rows], ranges.range_m[0, rows]
         sigma_m = np.hypot(_CHIP_M * np.nanmax(found.sigma_chips[rows], axis=1), self.settings.multipath_sigma_m)
