@@ -66,8 +66,8 @@ def test_errors_and_innovations_are_as_large_as_stated():
 def test_errors_of_every_grade_are_as_large_as_stated(name, record_property):
     runs = [a_run(GRADES[name], seed) for seed in range(100)]
     errors, fits = [square for square, _ in runs], [square for _, squares in runs for square in squares]
-    record_property("nees_a_state", np.mean(errors) / 15.0)
-    record_property("nis_a_number", np.mean(fits) / 6.0)
+    record_property("nees_a_state", float(np.mean(errors) / 15.0))
+    record_property("nis_a_number", float(np.mean(fits) / 6.0))
     print(f"{name}: NEES {np.mean(errors) / 15.0:.3f} a state, NIS {np.mean(fits) / 6.0:.3f} a number")
     if name == "consumer":  # turned by degrees before its biases are known: what is not linear is noise by our choice
         assert 0.85 < np.mean(errors) / 15.0 < 1.15
