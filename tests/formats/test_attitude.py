@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.tables import write_table
+from tests.written import write_table
 
 from skyproof.errors import InputError
 from skyproof.formats.attitude import COLUMNS, read_attitude

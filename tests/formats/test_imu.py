@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from tests.tables import write_table
+from tests.written import write_table
 
 from skyproof.errors import InputError
 from skyproof.formats.imu import COLUMNS, read_imu

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.tables import write_table
+from tests.written import write_table
 
 from skyproof.errors import OutputError
 from skyproof.formats.atomic_write import write_lines, writing

@@ -6,7 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.tables import write_table
+from tests.written import write_table
 
 from skyproof.errors import InputError
 from skyproof.formats.timed_rows import read_timed_rows

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.tables import write_table
+from tests.written import write_table
 
 from skyproof.errors import InputError
 from skyproof.formats.kml import write_kml

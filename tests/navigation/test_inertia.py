@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 from scipy.spatial.transform import Rotation
-from tests.tables import write_table
+from tests.written import write_table
 
 from skyproof.formats.imu import COLUMNS, read_imu
 from skyproof.gnss.frames import ecef_from_geodetic

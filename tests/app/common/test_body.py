@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from tests.tables import write_table
+from tests.written import write_table
 
 from skyproof.app.common.body import Body, Carried, body_of, body_state, open_body, with_imu
 from skyproof.app.common.platform import Platform

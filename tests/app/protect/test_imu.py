@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.app.kit import PLACES, scenario_of
-from tests.tables import write_table
+from tests.written import write_table
 
 from skyproof.app.protect import protect
 from skyproof.errors import InputError
