@@ -117,7 +117,7 @@ def drawn_from_samples(model: JointModel, cell: Cell, rng: np.random.Generator) 
         found, state = tracker.step(state, tail, begin)
         spent_s += process_time() - since
         for row, followed in found:
-            t_s = followed[0].middle / rate_hz
+            t_s = followed[0].at / rate_hz
             # Where the replica was, from what the row made of it.
             zero = followed[0].code_chips + float((row.alone.mean if followed[0].alone else row.filtered)[0, j.CHIPS])
             hz = followed[0].hz - float((row.alone.mean if followed[0].alone else row.filtered)[0, j.HZ])

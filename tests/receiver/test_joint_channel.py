@@ -130,7 +130,7 @@ def test_two_signals_in_samples_are_measured_as_they_were_made():
     assert len(seen) >= 2
     for followed in seen:
         for one, (_, delay_s, hz, _, _) in zip(followed, waves, strict=True):
-            t_s = one.middle / rate_hz
+            t_s = one.at / rate_hz
             sent = (t_s * (1.0 + hz / GPS_L1_CA.carrier_hz) - delay_s) * GPS_L1_CA.chip_rate_hz
             assert abs(one.code_chips - sent) < 4.5 * one.code_sigma_chips
             assert abs(one.hz - hz) < 4.5 * one.hz_sigma

@@ -59,10 +59,10 @@ def _joint_channels() -> None:
     loop = np.zeros(k.N_STATE)
     loop[[k.CODE_RATE, k.CN0_DBHZ]] = GPS_L1_CA.chip_rate_hz, 45.0
     receiver = JointReceiver(GPS_L1_CA, rate_hz)
-    states = receiver.begin({}, [(0, "G07")], loop[None], 2.0)
+    followed = receiver.begin([], [(0, "G07")], loop[None], np.ones(1, np.bool_), 2.0, 0.0)
     planes = np.random.default_rng(1).standard_normal((2, round(0.23 * rate_hz)), dtype=np.float32)
-    _, states = receiver.step(states, planes, 0)
-    model, joint = receiver.tracker("G07").model, states[0][1].channel.joint
+    receiver.step(followed, planes, 0, {})
+    model, joint = receiver.tracker("G07").model, followed[0].state.channel.joint
     bound(predict(joint, model.bit_s).mean, model.row_times_s, model.look_s, model.dictionary)
 
 

@@ -1,39 +1,44 @@
-"""Between the loops of single channels and joint channels: handed over and back, and the channels of a receiver that
-are followed jointly beside its loops.
+"""Between the loops of single channels and joint channels: handed over and back, and when joint channels are needed.
 
-A joint channel begins with the data bit that comes next, on the replica of a loop: carrier phase, code and count of
-code periods go on as they were. What it says of a signal later is of the same count, so an arc of the loop's goes on
-through it; and a loop that is handed back goes on where the filter is.
+A joint channel begins with a data bit on the replica of a loop: carrier phase, code and count of code periods go on as
+they were. What it says of a signal later is of the same count, so an arc of the loop's goes on through it; and a loop
+that is handed back goes on where the filter is.
+
+A joint channel costs as much as two loops, so it runs only where it is needed: on signals of one satellite that are
+near to each other; on a single one for one row now and then, to see whether there is another one beside it, or when its
+strength or its carrier moves as a second signal would move them; and then for as long as rows say that there may be.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.arrays import Floats, Reals
+from skyproof.arrays import Booleans, Floats, Reals
 from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.receiver import joint as j
 from skyproof.receiver import kernels as k
 from skyproof.receiver.joint import Joint
-from skyproof.receiver.joint_channel import JointChannel, JointModel
+from skyproof.receiver.joint_channel import JointChannel, JointModel, JointRow
 from skyproof.receiver.joint_tracker import Followed, JointState, JointTracker, Replica
 
-__all__ = ["Components", "JointReceiver", "JointStates", "handed_back", "handed_over"]
+__all__ = ["Components", "JointReceiver", "JointlyFollowed", "handed_back", "handed_over"]
 
-JointStates = Mapping[int, tuple[str, JointState]]
-"""Joint channels with their satellites, by the arc of the loop from which each was handed over."""
-
-TOGETHER_CHIPS = 1.5
+TOGETHER_CHIPS = 1.4
 """Signals of a satellite nearer to each other than this are of one joint channel."""
+PARTED_CHIPS = 1.6
+"""Further apart they are of loops of their own again."""
+OTHER_CODE = 65.0 / 1023.0
+"""Of another satellite's amplitude, what a correlator has of it at most (IS-GPS-200, side lobes of Gold codes)."""
 HZ_SIGMA = 2.0
 CHIPS_SIGMA = 0.05
 
 
-def handed_over(tracker: JointTracker, loops: Reals, sample_power: float) -> JointState:
-    """A joint channel on the loops (n, N_STATE) of one satellite's signals, the first of which gives the replica.
+def handed_over(tracker: JointTracker, loops: Reals, sample_power: float, at: float) -> JointState:
+    """A joint channel on the loops (n, N_STATE) of one satellite's signals, the first of which gives the replica: from
+    the last data bit that has begun at sample `at`, or where its rows fit epochs.
 
     Its data bits must be known. sample_power : mean of I^2 + Q^2 of the samples' noise.
 
@@ -41,7 +46,7 @@ def handed_over(tracker: JointTracker, loops: Reals, sample_power: float) -> Joi
     amplitude's size alone is taken over, and phases are what the first bit shows.
     """
     model, signal = tracker.model, tracker.model.signal
-    replica = _next_bit(loops[0], model)
+    replica = _bit_at(loops[0], model, at)
     n = len(loops)
     mean, variance = np.zeros((n, j.N_STATE)), np.empty((n, j.N_STATE))
     for i, loop in enumerate(loops):
@@ -56,23 +61,27 @@ def handed_over(tracker: JointTracker, loops: Reals, sample_power: float) -> Joi
     joint = Joint(mean=mean, covariance=np.diag(variance.ravel()), settings=model.settings)
     channel = JointChannel(joint=joint, before=joint, names=tuple(range(n)), next_name=n)
     noise = model.look_s * model.rate_hz * sample_power * tracker.replica_power
-    return JointState(replica=replica, row_began=replica, channel=channel, noise=noise)
+    return tracker.aligned(JointState(replica=replica, row_began=replica, channel=channel, noise=noise))
 
 
-def _next_bit(loop: Reals, model: JointModel) -> Replica:
-    """The loop's replica where the next data bit begins."""
+def _bit_at(loop: Reals, model: JointModel, at: float) -> Replica:
+    """The loop's replica where the last data bit began before sample `at`.
+
+    Whole and half cycles by which the loop has slipped, as its measurements mend them, are in its phase.
+    """
     signal = model.signal
-    bit = signal.periods_per_symbol
-    left = (int(loop[k.BIT_START]) - int(loop[k.PERIODS])) % bit
-    chips = left * signal.code_length - loop[k.CHIP]
-    start = int(loop[k.START]) + max(math.ceil(chips / loop[k.CODE_RATE] * model.rate_hz), 0)
+    bit, length = signal.periods_per_symbol, signal.code_length
+    shown = loop[k.PERIODS] + (loop[k.CHIP] + (at - loop[k.START]) / model.rate_hz * loop[k.CODE_RATE]) / length
+    periods = math.floor((shown - loop[k.BIT_START]) / bit) * bit + int(loop[k.BIT_START])
+    chips = (periods - loop[k.PERIODS]) * length - loop[k.CHIP]
+    start = int(loop[k.START]) + math.ceil(chips / loop[k.CODE_RATE] * model.rate_hz)
     gone_s = (start - loop[k.START]) / model.rate_hz
     return Replica(
         start=start,
         chip=float(gone_s * loop[k.CODE_RATE] - chips),
-        phase_cyc=float(loop[k.PHASE] + gone_s * loop[k.FREQUENCY]),
+        phase_cyc=float(loop[k.PHASE] + 0.5 * loop[k.HALF_CYCLES] + gone_s * loop[k.FREQUENCY]),
         hz=float(loop[k.FREQUENCY]),
-        periods=int(loop[k.PERIODS]) + left,
+        periods=periods,
     )
 
 
@@ -87,11 +96,12 @@ def _later_chips(loop: Reals, replica: Replica, signal: SignalDescription, rate_
 def handed_back(loop: Reals, one: Followed, model: JointModel, if_hz: float = 0.0) -> Reals:
     """A loop (N_STATE,) that goes on, at its own next code period, where the joint channel has the signal.
 
-    Count of code periods and whole cycles stay the loop's, if it followed the signal before.
+    Count of code periods, whole cycles, and half ones that its measurements mend, stay the loop's.
     """
     signal, steered = model.signal, loop.copy()
-    gone_s = (loop[k.START] - one.middle) / model.rate_hz
-    code_rate = signal.chip_rate_hz * (1.0 + (one.hz - if_hz) / signal.carrier_hz)
+    gone_s = (loop[k.START] - one.at) / model.rate_hz
+    hz = one.hz + one.hz_s * gone_s
+    code_rate = signal.chip_rate_hz * (1.0 + (hz - if_hz) / signal.carrier_hz)
     shown = one.code_chips + gone_s * code_rate
     length = signal.code_length
     # The next period begins at the first sample after the code's start.
@@ -100,9 +110,12 @@ def handed_back(loop: Reals, one: Followed, model: JointModel, if_hz: float = 0.
     skip = math.ceil(-chip / code_rate * model.rate_hz) if chip < 0.0 else 0
     steered[k.START] += skip
     steered[k.CHIP] = chip + skip * code_rate / model.rate_hz
-    steered[k.PHASE] = one.phase_cyc + (steered[k.START] - one.middle) / model.rate_hz * one.hz
-    steered[k.FREQUENCY] = one.hz
-    steered[k.PLL_VELOCITY], steered[k.PLL_ACCELERATION] = one.hz - if_hz, 0.0
+    mended, gone_s = 0.5 * loop[k.HALF_CYCLES], (steered[k.START] - one.at) / model.rate_hz
+    phase = one.phase_cyc + gone_s * one.hz + 0.5 * gone_s**2 * one.hz_s
+    whole = np.rint(loop[k.PHASE] + skip / model.rate_hz * loop[k.FREQUENCY] + mended - phase)
+    steered[k.PHASE] = phase + whole - mended
+    steered[k.FREQUENCY] = hz
+    steered[k.PLL_VELOCITY], steered[k.PLL_ACCELERATION] = hz - if_hz, one.hz_s
     steered[k.CODE_RATE] = code_rate
     steered[k.CN0_DBHZ] = one.cn0_dbhz
     steered[[k.LAST_I, k.LAST_Q, k.CODE_STEER]] = 0.0
@@ -123,6 +136,39 @@ class Components:
     score: float
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointlyFollowed:
+    """One satellite's joint channel beside the loops that it was handed over from.
+
+    arcs : of the loops, by the names that the channel gives its signals. periods : by which the code periods of each
+        are counted further than the channel's. row, seen : the row that was completed in the last step and its signals,
+        None and nothing where there was none.
+    """
+
+    sat: str
+    state: JointState
+    arcs: Mapping[int, int]
+    periods: Mapping[int, int]
+    row: JointRow | None = None
+    seen: tuple[Followed, ...] = ()
+
+    @property
+    def arc(self) -> int:
+        """Of the first of its loops."""
+        return next(iter(self.arcs.values()))
+
+    @property
+    def leads(self) -> bool:
+        """Whether it has several signals, whose loops follow it."""
+        return len(self.arcs) > 1
+
+    @property
+    def strongest(self) -> int:
+        """Name of the strongest signal."""
+        channel = self.state.channel
+        return channel.names[int(np.argmax(np.abs(channel.joint.amplitude)))]
+
+
 @dataclass(frozen=True, eq=False)
 class JointReceiver:
     """Joint channels of a receiver: one for each satellite's signals within a chip and a half of each other."""
@@ -130,6 +176,7 @@ class JointReceiver:
     signal: SignalDescription
     rate_hz: float
     if_hz: float = 0.0
+    epoch_samples: float = 0.0
     _trackers: dict[str, JointTracker] = field(default_factory=dict)
 
     def tracker(self, sat: str) -> JointTracker:
@@ -137,38 +184,51 @@ class JointReceiver:
         if sat not in self._trackers:
             code: NDArray[np.int8] = self.signal.code(prn_of(sat))
             model = JointModel(signal=self.signal, code=code, rate_hz=self.rate_hz)
-            self._trackers[sat] = JointTracker(model, self.if_hz)
+            self._trackers[sat] = JointTracker(model, self.if_hz, self.epoch_samples)
         return self._trackers[sat]
 
     def begin(
         self,
-        states: JointStates,
+        followed: Sequence[JointlyFollowed],
         channels: Sequence[tuple[int, str]],
         loops: Reals,
+        wanted: Booleans,
         sample_power: float,
-    ) -> dict[int, tuple[str, JointState]]:
-        """Joint channels, by arc, with new ones on loops that none follows yet.
+        at: float,
+    ) -> list[JointlyFollowed]:
+        """Joint channels with new ones on loops that none follows yet: where several are near to each other, and where
+        a look is `wanted` (n,).
 
-        channels : arc and satellite of each of the loops (n, N_STATE), whose bits are known. Loops of one satellite
-        that are near to each other make one channel, of the strongest.
+        channels : arc and satellite of each of the loops (n, N_STATE), whose bits are known. at : sample from which on
+        they begin.
         """
-        now = dict(states)
-        by_strength = sorted(range(len(channels)), key=lambda i: -float(loops[i, k.CN0_DBHZ]))
-        for i in by_strength:
-            arc, sat = channels[i]
-            if any(sat == other and self._near(loops[i], state) for other, state in now.values()):
+        now = list(followed)
+        for i in sorted(range(len(channels)), key=lambda i: -float(loops[i, k.CN0_DBHZ])):
+            sat = channels[i][1]
+            if any(sat == one.sat and self._near(loops[i], one.state) for one in now):
                 continue
             tracker = self.tracker(sat)
-            replica = _next_bit(loops[i], tracker.model)
+            replica = _bit_at(loops[i], tracker.model, at)
             near = [
                 m
-                for m in by_strength
+                for m, (_, other) in enumerate(channels)
                 if m != i
-                and channels[m][1] == sat
+                and other == sat
                 and abs(_later_chips(loops[m], replica, self.signal, self.rate_hz)) < TOGETHER_CHIPS
             ]
-            now[arc] = sat, handed_over(tracker, loops[[i, *near[: tracker.model.most - 1]]], sample_power)
+            if not near and not wanted[i]:
+                continue
+            chosen = [i, *near[: tracker.model.most - 1]]
+            state = handed_over(tracker, loops[chosen], sample_power, at)
+            counted = [round(self._shown(loops[m], at) - self._shown(loops[i], at)) for m in chosen]
+            arcs = {name: channels[m][0] for name, m in enumerate(chosen)}
+            now.append(JointlyFollowed(sat=sat, state=state, arcs=arcs, periods=dict(enumerate(counted))))
         return now
+
+    def _shown(self, loop: Reals, at: float) -> float:
+        """Code periods that a loop has counted at a sample."""
+        gone_s = (at - loop[k.START]) / self.rate_hz
+        return float(loop[k.PERIODS] + (loop[k.CHIP] + gone_s * loop[k.CODE_RATE]) / self.signal.code_length)
 
     def _near(self, loop: Reals, state: JointState) -> bool:
         """Whether a joint channel has a signal near a loop's."""
@@ -176,17 +236,31 @@ class JointReceiver:
         return bool(np.any(np.abs(later - state.channel.joint.mean[:, j.CHIPS]) < TOGETHER_CHIPS))
 
     def step(
-        self, states: JointStates, planes: Floats, first: int
-    ) -> tuple[list[Components], dict[int, tuple[str, JointState]]]:
+        self, followed: Sequence[JointlyFollowed], planes: Floats, first: int, strengths: Mapping[str, float]
+    ) -> tuple[list[Components], list[JointlyFollowed]]:
         """All joint channels over the samples (2, n), of which the first has absolute index `first`.
 
-        Gives what the rows that were completed say, and the channels that still have a signal.
+        strengths : C/N0 as a ratio, Hz, of the strongest signal of each satellite.
+
+        Gives what the rows that were completed say, and the channels that are needed further.
         """
-        found, now = [], {}
-        for arc, (sat, state) in states.items():
-            rows, state = self.tracker(sat).step(state, planes, first)
-            for row, followed in rows:
-                found += [Components(arc=arc, sat=sat, followed=one, score=row.score) for one in followed]
-            if not state.channel.is_lost:
-                now[arc] = sat, state
+        found, now = [], []
+        for one in followed:
+            others = sum(strength for sat, strength in strengths.items() if sat != one.sat)
+            least_dbhz = 10.0 * math.log10(max(OTHER_CODE**2 * others, 1e-9))
+            rows, state = self.tracker(one.sat).step(one.state, planes, first, least_dbhz)
+            one = replace(one, state=state, row=None, seen=())
+            for row, seen in rows:
+                found += [Components(arc=one.arc, sat=one.sat, followed=each, score=row.score) for each in seen]
+                one = replace(one, row=row, seen=tuple(seen))
+            if self._is_needed(one):
+                now.append(one)
         return found, now
+
+    def _is_needed(self, one: JointlyFollowed) -> bool:
+        channel = one.state.channel
+        if channel.is_lost or one.row is None:
+            return not channel.is_lost
+        if len(channel.names) > 1:
+            return float(np.ptp(channel.joint.mean[:, j.CHIPS])) < PARTED_CHIPS
+        return one.row.score > self.tracker(one.sat).model.suspicion

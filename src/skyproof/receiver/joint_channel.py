@@ -30,6 +30,9 @@ REACH_CHIPS = 2.2
 QUIET_TAPS = 4
 BORN_CHIPS_S = 0.02
 """How fast code and carrier of a newcomer may part, rms: 6 m/s."""
+SUSPICION = 0.05
+"""Of rows with nothing more in them, so many are followed by another."""
+SURE_SIGMAS = 4.0
 RESIGNED = 3
 LEAVE_ROWS = 5
 """So many rows on end a signal is faint, or not told from another, before it is given up."""
@@ -124,6 +127,11 @@ class JointModel:
         probability = self.false_births_per_h * self.bits_per_row * self.bit_s / 3600.0
         return birth_threshold(probability, self.dictionary, self.candidates, self.row_times_s, self.look_s)
 
+    @cached_property
+    def suspicion(self) -> float:
+        """Of the score at which another row is worth its time."""
+        return birth_threshold(SUSPICION, self.dictionary, self.candidates, self.row_times_s, self.look_s)
+
     def _replica(self, cycles: Reals) -> Reals:
         return self.low_pass(cycles * self.chips_per_sample)
 
@@ -196,10 +204,12 @@ def started(
 
 
 def bits(
-    model: JointModel, channels: Sequence[JointChannel], looks: Complexes
+    model: JointModel, channels: Sequence[JointChannel], looks: Complexes, least: float = 0.0
 ) -> list[tuple[JointChannel, JointRow | None]]:
     """Data bits on: looks (n_channels, n_bits, n_looks, d), whitened, in sigmas of the noise of one; no more bits than
     the row begun still takes. A row where it is complete.
+
+    least : amplitude, in sigmas of a look, up to which a further signal may be another satellite's.
 
     Channels of as many signals are worked on at once.
     """
@@ -214,7 +224,7 @@ def bits(
     full = [i for i, (channel, _) in enumerate(done) if len(channel.looks) == model.bits_per_row]
     for group in _alike([len(done[i][0].names) for i in full]):
         chosen = [full[place] for place in group]
-        for i, row in zip(chosen, _rows(model, [done[i][0] for i in chosen]), strict=True):
+        for i, row in zip(chosen, _rows(model, [done[i][0] for i in chosen], least), strict=True):
             done[i] = row
     return done
 
@@ -232,7 +242,9 @@ def _stacked(joints: Sequence[Joint]) -> Joint:
     )
 
 
-def _rows(model: JointModel, channels: Sequence[JointChannel]) -> list[tuple[JointChannel, JointRow | None]]:
+def _rows(
+    model: JointModel, channels: Sequence[JointChannel], least: float
+) -> list[tuple[JointChannel, JointRow | None]]:
     """Rows of channels of as many signals, and what becomes of the channels."""
     raw = np.stack([channel.looks for channel in channels])  # (channels, bits, looks of a bit, d)
     row_signs = [channel.signs for channel in channels]
@@ -262,7 +274,7 @@ def _rows(model: JointModel, channels: Sequence[JointChannel]) -> list[tuple[Joi
             seen, beside = np.array(row_signs[i]), _signs_beside(model, raw[i], expected, state[i])
             births = [_birth(model, raw[i], seen, middle[i]), _birth(model, raw[i], beside, expected)]
             fitted, holds = min(births, key=lambda birth: (not birth[1], float(birth[0].misfit)))
-            if holds:
+            if holds and _stronger_than(fitted, least):
                 done.append(_with_the_newcomer(channel, row, _in_order(fitted, expected), back_s))
                 continue
         done.append(_without_the_lost(channel, row))
@@ -310,6 +322,13 @@ def _signs_beside(model: JointModel, looks: Complexes, expected: Reals, state: R
     foretold = expected[:, j.RE] + 1j * expected[:, j.IM]
     agreement = np.sum((amplitude[:, : n - 1] * foretold.conj()).real, axis=-1)
     return np.asarray(np.where(agreement < 0.0, -1.0, 1.0), np.float64)
+
+
+def _stronger_than(row: Row, least: float) -> bool:
+    """Whether all amplitudes are surely larger."""
+    size = np.hypot(row.mean[:, j.RE], row.mean[:, j.IM])
+    sigma = np.hypot(row.sigma(j.RE), row.sigma(j.IM)) / math.sqrt(2.0)
+    return bool(np.all(size - SURE_SIGMAS * sigma > least))
 
 
 def _with_the_newcomer(

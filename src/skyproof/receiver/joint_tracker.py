@@ -5,6 +5,7 @@ the middle between the signals. The filter says where the signals are beside it;
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -49,20 +50,21 @@ class Replica:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Followed:
-    """One signal over a row, at the sample `middle` (absolute, fractional).
+    """One signal as it is at sample `at` (absolute, fractional).
 
-    code_chips : that the signal shows there, since the start of the channel's code period 0.
+    code_chips : that it shows there, since the start of the channel's code period 0.
     phase_cyc : of its carrier, half a cycle and whole ones unknown but steady.
-    hz : intermediate frequency included.
-    alone : estimates and sigmas are those of the row by itself, white from row to row; of the filter where it is False:
+    hz, hz_s : intermediate frequency included, and how it changes.
+    alone : estimates and sigmas are those of a row by itself, white from row to row; of the filter where it is False:
         there the looks of one row do not tell the signals apart.
     """
 
     name: int
-    middle: float
+    at: float
     code_chips: float
     phase_cyc: float
     hz: float
+    hz_s: float
     cn0_dbhz: float
     code_sigma_chips: float
     phase_sigma_cyc: float
@@ -87,10 +89,15 @@ class JointState:
 
 @dataclass(frozen=True, eq=False)
 class JointTracker:
-    """The unchanging part: the model, the table of the code."""
+    """The unchanging part: the model, the table of the code.
+
+    epoch_samples : a row tells of the next multiple of so many samples after its middle, within a data bit, and its
+        bits are chosen so; of its middle, whatever its bits, where this is 0.
+    """
 
     model: JointModel
     if_hz: float = 0.0
+    epoch_samples: float = 0.0
     _table: NDArray[np.int8] = field(init=False)
     _pad: int = field(init=False)
     _whiten: Complexes = field(init=False)
@@ -109,20 +116,23 @@ class JointTracker:
         return float(np.mean(self._table.astype(np.float64) ** 2))
 
     def step(
-        self, state: JointState, planes: Floats, first: int
+        self, state: JointState, planes: Floats, first: int, least_dbhz: float = -math.inf
     ) -> tuple[list[tuple[JointRow, list[Followed]]], JointState]:
         """All data bits that lie wholly in the samples, (2, n) float32, of which the first has absolute index `first`.
+
+        least_dbhz : up to which strength a further signal may be another satellite's.
 
         Gives the rows that were completed, with the signals in them.
         """
         rows: list[tuple[JointRow, list[Followed]]] = []
+        least = math.sqrt(self.model.energy(least_dbhz))
         while True:
             looks, replica = self._looks(state, planes, first)
             if not len(looks):
                 return rows, state
             state, noise = self._quiet(replace(state, replica=replica), looks)
             white: Complexes = looks[..., :-QUIET_TAPS] @ self._whiten.T / np.sqrt(noise)[:, None, None]
-            channel, row = bits(self.model, [state.channel], white[None])[0]
+            channel, row = bits(self.model, [state.channel], white[None], least)[0]
             state = replace(state, channel=channel)
             if row is not None:
                 rows.append((row, self._followed(state, row)))
@@ -140,35 +150,98 @@ class JointTracker:
     def _moved(self, state: JointState) -> JointState:
         """The replica where the signals are, for the next row."""
         hz, chips = replica_of(state.channel)
-        replica = replace(state.replica, hz=state.replica.hz + hz, chip=state.replica.chip - chips)
-        return replace(state, replica=replica, row_began=replica, channel=rebased(state.channel, hz, chips))
+        old, later_s = state.replica, 0.5 * self.model.bit_s
+        # Both replicas show the same at the middle of the last bit, of which the filter's state is.
+        replica = replace(old, hz=old.hz + hz, phase_cyc=old.phase_cyc + later_s * hz, chip=old.chip - chips)
+        return self.aligned(replace(state, replica=replica, channel=rebased(state.channel, hz, chips)))
+
+    def aligned(self, state: JointState) -> JointState:
+        """Between rows: without as many data bits as it takes for the middle of the next row to be in the last bit
+        before an epoch.
+        """
+        model, replica = self.model, state.replica
+        bit = model.bit_s * model.rate_hz
+        skipped = 0
+        if self.epoch_samples:
+            skipped = int((-(replica.start + 0.5 * model.bits_per_row * bit)) % self.epoch_samples // bit)
+        if skipped:
+            chips = skipped * model.signal.periods_per_symbol * model.signal.code_length
+            rate = self._code_rate_hz(replica.hz) / model.rate_hz
+            n = math.ceil((chips - replica.chip) / rate)
+            replica = replace(
+                replica,
+                start=replica.start + n,
+                chip=replica.chip + n * rate - chips,
+                phase_cyc=replica.phase_cyc + n / model.rate_hz * replica.hz,
+                periods=replica.periods + skipped * model.signal.periods_per_symbol,
+            )
+            joint = j.predict(state.channel.joint, skipped * model.bit_s)
+            state = replace(state, channel=replace(state.channel, joint=joint, before=joint))
+        return replace(state, replica=replica, row_began=replica)
+
+    def now(self, state: JointState) -> list[Followed]:
+        """The signals where the replica is, by the filter."""
+        channel, model = state.channel, self.model
+        mean = j.carried(channel.joint.mean, 0.5 * model.bit_s, model.settings.chips_per_cycle)
+        sigma = np.stack([channel.joint.sigma(column) for column in range(j.N_FITTED)], axis=-1)
+        spreads = [np.diag(one**2) for one in sigma]
+        return self._signals(channel.names, mean, spreads, state.replica, 0.0, 0.0, alone=False)
 
     def _followed(self, state: JointState, row: JointRow) -> list[Followed]:
-        model, began, ended = self.model, state.row_began, state.replica
-        middle = 0.5 * (began.start + ended.start)
-        gone_s = (middle - began.start) / model.rate_hz
-        code = began.periods * model.signal.code_length + began.chip + gone_s * self._code_rate_hz(began.hz)
-        phase = began.phase_cyc + gone_s * began.hz
-        alone = np.isfinite(row.alone.covariance).all() and _told_apart(row)
+        model, began = self.model, state.row_began
+        middle = 0.5 * (began.start + state.replica.start)
+        later_s = (-middle) % self.epoch_samples / model.rate_hz if self.epoch_samples else 0.0
+        alone = bool(np.isfinite(row.alone.covariance).all() and _told_apart(row))
         mean = row.alone.mean if alone else row.filtered
-        strengths = model.cn0_dbhz(row.filtered)
+        if alone:
+            spreads = [_of_signal(row.alone.covariance, n) for n in range(len(row.names))]
+        else:
+            spreads = [np.diag(one[: j.N_FITTED] ** 2) for one in row.sigma]
+        gone_s = (middle - began.start) / model.rate_hz
+        found = self._signals(row.names, mean, spreads, began, gone_s, later_s, alone=alone)
+        strengths = model.cn0_dbhz(row.filtered).tolist()  # an amplitude of one row alone may be anything
+        return [replace(one, cn0_dbhz=strength) for one, strength in zip(found, strengths, strict=True)]
+
+    def _signals(
+        self,
+        names: Sequence[int],
+        mean: Reals,
+        spreads: Sequence[Reals],
+        replica: Replica,
+        gone_s: float,
+        later_s: float,
+        *,
+        alone: bool,
+    ) -> list[Followed]:
+        """Signals (n, N_STATE), known with covariances (N_FITTED, N_FITTED), beside a replica as it is after `gone_s`,
+        carried on by `later_s`.
+        """
+        model, rho = self.model, self.model.settings.chips_per_cycle
+        after_s = gone_s + later_s
+        code = replica.periods * model.signal.code_length + replica.chip + after_s * self._code_rate_hz(replica.hz)
+        phase = replica.phase_cyc + after_s * replica.hz
+        there, strengths = j.carried(mean, later_s, rho), model.cn0_dbhz(mean)
         found = []
-        for n, name in enumerate(row.names):
-            a = mean[n, j.RE] + 1j * mean[n, j.IM]
-            energy = max(abs(a) ** 2, 1e-9)
-            sigma = _row_sigma(row, n) if alone else row.sigma[n]
+        for n, name in enumerate(names):
+            energy = max(mean[n, j.RE] ** 2 + mean[n, j.IM] ** 2, 1e-9)
+            turn = np.array([-mean[n, j.IM], mean[n, j.RE]]) / (2.0 * math.pi * energy)
+            by_phase = np.array([*turn, later_s, 0.5 * later_s**2, 0.0])
+            by_hz = np.array([0.0, 0.0, 1.0, later_s, 0.0])
+            by_chips = np.array([0.0, 0.0, -rho * later_s, -0.5 * rho * later_s**2, 1.0])
+            sigmas = [math.sqrt(max(float(g @ spreads[n] @ g), 0.0)) for g in (by_phase, by_hz, by_chips)]
             found.append(
                 Followed(
                     name=name,
-                    middle=middle,
-                    code_chips=code - float(mean[n, j.CHIPS]),
-                    phase_cyc=phase + float(np.angle(a)) / (2.0 * math.pi),
-                    hz=began.hz + float(mean[n, j.HZ]),
+                    at=replica.start + after_s * model.rate_hz,
+                    code_chips=code - float(there[n, j.CHIPS]),
+                    phase_cyc=phase + math.atan2(there[n, j.IM], there[n, j.RE]) / (2.0 * math.pi),
+                    hz=replica.hz + float(there[n, j.HZ]),
+                    hz_s=float(there[n, j.HZ_S]),
                     cn0_dbhz=float(strengths[n]),
-                    code_sigma_chips=float(sigma[j.CHIPS]),
-                    phase_sigma_cyc=math.sqrt(0.5 * (sigma[j.RE] ** 2 + sigma[j.IM] ** 2) / energy) / (2.0 * math.pi),
-                    hz_sigma=float(sigma[j.HZ]),
-                    alone=bool(alone),
+                    phase_sigma_cyc=sigmas[0],
+                    hz_sigma=sigmas[1],
+                    code_sigma_chips=sigmas[2],
+                    alone=alone,
                 )
             )
         return found
@@ -222,9 +295,9 @@ def _told_apart(row: JointRow) -> bool:
     return True
 
 
-def _row_sigma(row: JointRow, n: int) -> Reals:
+def _of_signal(covariance: Reals, n: int) -> Reals:
     part = slice(n * j.N_FITTED, (n + 1) * j.N_FITTED)
-    return np.asarray(np.sqrt(np.diagonal(row.alone.covariance)[part]))
+    return covariance[part, part]
 
 
 @compiled

@@ -261,6 +261,9 @@ def _doubles(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings) 
             for j in by_right[:place]:
                 apart_s = math.remainder(float(delays_s[i] - delays_s[j]), signal.period_s)
                 same_hz = abs(hz[i] - hz[j]) < MERGE_HZ
+                arcs = {state.channels[i].arc, state.channels[j].arc}
+                if any(one.leads and arcs <= set(one.arcs.values()) for one in state.joint):
+                    continue  # a joint channel tells them apart
                 if same_hz and abs(apart_s) * signal.chip_rate_hz < settings.merge_chips:
                     doubles.add(i)
     return doubles

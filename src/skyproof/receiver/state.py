@@ -14,7 +14,7 @@ from skyproof.receiver.channels import Arc, Channel, DelayDoppler, Gap, LostSign
 from skyproof.receiver.coasting import N_COURSE
 from skyproof.receiver.false_lock import N_TURNS
 from skyproof.receiver.grids import Grids
-from skyproof.receiver.joining import Components, JointStates
+from skyproof.receiver.joining import Components, JointlyFollowed
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.settings import LOCK_FRAMES
 
@@ -53,7 +53,7 @@ class ReceiverState:
     noise: float = 0.0
     moved: EdgeSums | None = None
     asked_s: float = -np.inf
-    joint: JointStates = field(default_factory=dict)
+    joint: tuple[JointlyFollowed, ...] = ()
     lost: tuple[LostSignal, ...] = ()
     letters: Mapping[str, int] = field(default_factory=dict)
     searched: Mapping[str, Mapping[int, float]] = field(default_factory=dict)  # sat -> Doppler bin -> last time
