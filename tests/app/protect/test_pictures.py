@@ -77,7 +77,7 @@ def test_a_place_is_read_in_either_spelling(tmp_path):
             }
         )
     )
-    first, second = (pictures._told_place(path, name) for name in ("rx1", "rx2"))
+    first, second = (pictures._stated_place(path, name) for name in ("rx1", "rx2"))
     np.testing.assert_allclose(np.degrees(geodetic_from_ecef(first)[:2]), (57.7, 11.9))
     np.testing.assert_allclose(geodetic_from_ecef(second)[2], 3.0, atol=1e-6)
 
@@ -100,23 +100,23 @@ def test_a_place_is_read_in_either_spelling(tmp_path):
 def test_a_truth_file_that_is_not_understood_tells_nothing(tmp_path, told):
     path = tmp_path / "truth.json"
     path.write_text(told)
-    assert pictures._told_place(path, "rx1") is None
-    assert pictures._told_place(tmp_path / "none.json", "rx1") is None
+    assert pictures._stated_place(path, "rx1") is None
+    assert pictures._stated_place(tmp_path / "none.json", "rx1") is None
 
 
 def test_a_receiver_that_moved_has_no_one_true_place(tmp_path):
     path = tmp_path / "truth.json"
     moved = {"name": "rx1", "position": PLACE, "position_at_end": PLACE | {"lat_deg": 57.71}}
     path.write_text(json.dumps({"receivers": [moved]}))
-    assert pictures._told_place(path, "rx1") is None
+    assert pictures._stated_place(path, "rx1") is None
 
 
 def test_where_a_moving_receiver_was_is_read_from_its_table(tmp_path):
     path = tmp_path / "rx1-truth.csv"
     path.write_text("gpst,true_s,x_m,y_m,z_m\n2024-05-14T10:00:00.0,0,1,2,3\n2024-05-14T10:00:00.1,0.1,2,4,6\n")
     at = np.datetime64("2024-05-14T10:00:00.05", "ns")
-    np.testing.assert_allclose(pictures._told_on_the_way(path, at), (1.5, 3.0, 4.5))
-    assert pictures._told_on_the_way(path, at + np.timedelta64(1, "s")) is None
+    np.testing.assert_allclose(pictures._stated_on_the_way(path, at), (1.5, 3.0, 4.5))
+    assert pictures._stated_on_the_way(path, at + np.timedelta64(1, "s")) is None
     for told in ("", "a,b\n1,2\n", "gpst,x_m,y_m,z_m\nnever,1,2,3\n", "gpst,x_m,y_m,z_m\n2024-05-14T10:00:00,1,2\n"):
         path.write_text(told)
-        assert pictures._told_on_the_way(path, at) is None
+        assert pictures._stated_on_the_way(path, at) is None

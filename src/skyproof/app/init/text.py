@@ -19,7 +19,7 @@ _INSTEAD: Final = {"file": "heading_deg, pitch_deg and roll_deg"} | dict.fromkey
     (key for key in PlatformImu.model_fields if key.startswith(("gyro_", "accel_"))), "grade, with the three others"
 )
 """Keys that stand in the place of others."""
-_OF_RECEIVERS: Final = ("antennas_enu_m", "antennas_sigma_m", "speed_max_m_s")
+_OF_RECEIVERS: Final = ("antennas_enu_m", "antennas_sigma_m", "speed_max_m_s", "oscillator")
 """Settings that follow from other tables."""
 _SPACING_M: Final = 0.19
 """Between antennas of an example: one wavelength of L1."""
