@@ -159,7 +159,7 @@ class SignalId:
 
     @property
     def transmission(self) -> tuple[str, str, str]:
-        """What a satellite sends once and a receiver may hear several times: satellite, band, code."""
+        """What a satellite sends once and a receiver may receive several times: satellite, band, code."""
         return self.sat, self.band, self.code
 
     @property

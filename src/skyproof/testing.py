@@ -297,7 +297,7 @@ class FalseSky:
     """One antenna that sends what was received elsewhere. Places are east, north, up of the scene's place, in metres.
 
     antenna_enu_m : where it sends. shows_enu_m : the position that the signals show. delay_m : added to the way.
-    receivers : who hears it; all if empty.
+    receivers : who receives it; all if empty.
     """
 
     antenna_enu_m: tuple[float, float, float] = (400.0, 300.0, 10.0)
@@ -313,7 +313,7 @@ class MeasuredScene:
 
     antennas_enu_m : where each receiver's antenna is, east, north, up of `place_deg` (latitude, longitude, height in
         m).
-    sky : the receivers that hear the true sky; None for all.
+    sky : the receivers that receive the true sky; None for all.
     clock_bias_s, first_epoch_s : of each receiver; by default some tenths of a millisecond and of an epoch apart.
     max_satellites : keep the highest only.
 
@@ -354,15 +354,15 @@ class MeasuredScene:
         for i, (receiver, enu_m) in enumerate(self.antennas_enu_m.items()):
             bias_s = self.clock_bias_s[i]
             since_s = self.step_s * np.asarray(self.first_epoch_s[i] + np.arange(self.epochs), float)
-            # Where the signals are received that this receiver hears, and how far they go from there.
-            heard = [(ecef(enu_m), 0.0)] if self.sky is None or receiver in self.sky else []
+            # Where the signals are received that this receiver receives, and how far they go from there.
+            received = [(ecef(enu_m), 0.0)] if self.sky is None or receiver in self.sky else []
             for attack in self.false:
                 if not attack.receivers or receiver in attack.receivers:
                     way_m = float(np.linalg.norm(np.subtract(enu_m, attack.antenna_enu_m))) + attack.delay_m
-                    heard.append((ecef(attack.shows_enu_m), way_m))
+                    received.append((ecef(attack.shows_enu_m), way_m))
             ranges_m: list[Reals] = []
             signals: list[SignalId] = []
-            for copy, (there_ecef_m, way_m) in enumerate(heard):
+            for copy, (there_ecef_m, way_m) in enumerate(received):
                 true_s = np.asarray(since_s - bias_s - way_m / SPEED_OF_LIGHT_M_S, float)
                 ranges_m += [
                     _range_m(orbit, navigation, there_ecef_m, self.start_gpst, true_s)

@@ -122,7 +122,7 @@ def test_a_held_phase_never_slips_nor_is_said_to(cn0_dbhz, bits_known):
 @pytest.mark.parametrize("slipped_cyc", [0.5, -0.5, 1.0])
 @pytest.mark.parametrize("takes_s", [0.08, 0.15])
 @pytest.mark.parametrize("cn0_dbhz", [33.0, 45.0])
-def test_a_slip_of_the_loop_is_mended_and_said(slipped_cyc, takes_s, cn0_dbhz):
+def test_a_slip_of_the_loop_is_repaired_and_reported(slipped_cyc, takes_s, cn0_dbhz):
     """The signal walks away from the loop by half cycles, as fast as loops of 6 to 15 Hz slip."""
     takes_s *= abs(slipped_cyc) / 0.5
 

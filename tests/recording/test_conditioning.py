@@ -1,4 +1,4 @@
-"""The front end measured and mended: what is found, what it costs, what is left of it; and signals stay unharmed."""
+"""The front end measured and corrected: what is found, what it costs, what is left of it; and signals stay unharmed."""
 
 from dataclasses import replace
 
@@ -117,8 +117,8 @@ def test_a_line_costs_what_theory_says_and_is_notched(over_signal_db):
     assert line.loss_db == pytest.approx(theory_db, abs=0.3)
     undisturbed_dbhz = cn0_dbhz(clean[:, 4000:-4000])
     assert undisturbed_dbhz - cn0_dbhz(samples.read(0, n)) == pytest.approx(theory_db, abs=1.5)  # few codes, few lines
-    mended = conditioned(samples, front).read(4000, n - 8000)  # at the ends a notch is not settled
-    assert undisturbed_dbhz - cn0_dbhz(mended) < 0.15
+    corrected = conditioned(samples, front).read(4000, n - 8000)  # at the ends a notch is not settled
+    assert undisturbed_dbhz - cn0_dbhz(corrected) < 0.15
 
 
 def test_a_line_that_does_not_hurt_is_told_and_left():
@@ -149,9 +149,11 @@ def test_a_line_in_real_samples_is_notched():
     (found,) = front.notched
     assert found.frequency_hz == pytest.approx(3.1e6, abs=60.0)
     assert found.jn0_dbhz == pytest.approx(70.0, abs=0.3)
-    mended = conditioned(samples, front).read(50_000, 1_000_000)
-    assert not mended[1].any()
-    left = 2.0 * np.mean(mended[0] * np.exp(-2j * np.pi * np.mod(3.1e6 / rate_hz * np.arange(50_000, 1_050_000), 1.0)))
+    corrected = conditioned(samples, front).read(50_000, 1_000_000)
+    assert not corrected[1].any()
+    left = 2.0 * np.mean(
+        corrected[0] * np.exp(-2j * np.pi * np.mod(3.1e6 / rate_hz * np.arange(50_000, 1_050_000), 1.0))
+    )
     assert abs(left) < 0.01 * np.sqrt(4.0 * 10.0**7.0 / rate_hz)
 
 
@@ -163,8 +165,8 @@ def test_a_notch_biases_neither_code_nor_carrier(line_hz, prn):
     assert len(front.notched) == 1
     delay_chips, doppler_hz = 200.3, -2750.0
     base = replica(prn, n, delay_chips=delay_chips, doppler_hz=doppler_hz)
-    mended = conditioned(recording(np.stack([base.real, base.imag])), front).read(40_000, 320_000)
-    mended = (mended[0] + 1j * mended[1]).astype(np.complex128)
+    corrected = conditioned(recording(np.stack([base.real, base.imag])), front).read(40_000, 320_000)
+    corrected = (corrected[0] + 1j * corrected[1]).astype(np.complex128)
 
     def correlation(offset_chips, planes):
         local = replica(prn, n, delay_chips=delay_chips + offset_chips, doppler_hz=doppler_hz)[40_000:360_000]
@@ -172,7 +174,7 @@ def test_a_notch_biases_neither_code_nor_carrier(line_hz, prn):
 
     plain = base[40_000:360_000]
     spacing = 0.1
-    early, prompt, late = (correlation(offset, mended) for offset in (-spacing, 0.0, spacing))
+    early, prompt, late = (correlation(offset, corrected) for offset in (-spacing, 0.0, spacing))
     reference = [correlation(offset, plain) for offset in (-spacing, 0.0, spacing)]
 
     def error_chips(before, after):
@@ -193,9 +195,9 @@ def test_dc_of_one_rms_is_measured_and_removed():
     front = measure_front_end(samples)
     assert front.removes_dc
     assert front.dc_loss_db == pytest.approx(10.0 * np.log10(1.0 + 0.5 * RATE_HZ / 1.023e6), abs=0.1)
-    mended = conditioned(samples, front).read(0, n)
-    assert np.abs(mended.mean(axis=1)).max() < 0.01
-    assert cn0_dbhz(clean) - cn0_dbhz(mended) < 0.05
+    corrected = conditioned(samples, front).read(0, n)
+    assert np.abs(corrected.mean(axis=1)).max() < 0.01
+    assert cn0_dbhz(clean) - cn0_dbhz(corrected) < 0.05
 
 
 def test_imbalance_of_a_decibel_and_five_degrees_is_measured_and_its_image_removed():
@@ -210,14 +212,14 @@ def test_imbalance_of_a_decibel_and_five_degrees_is_measured_and_its_image_remov
     assert front.phase_imbalance_deg == pytest.approx(5.0, abs=0.3)
     assert front.image_db == pytest.approx(-22.8, abs=0.3)
     assert front.balances
-    mended = conditioned(samples, replace(front, lines=())).read(0, n)
+    corrected = conditioned(samples, replace(front, lines=())).read(0, n)
 
     def power_at(frequency_hz, planes):
         base = (planes[0] + 1j * planes[1]).astype(np.complex128)
         return abs(np.mean(base * np.exp(-2j * np.pi * np.mod(frequency_hz / RATE_HZ * np.arange(n), 1.0)))) ** 2
 
     assert 10.0 * np.log10(power_at(-LINE_HZ, skewed) / power_at(LINE_HZ, skewed)) == pytest.approx(-22.8, abs=0.3)
-    assert 10.0 * np.log10(power_at(-LINE_HZ, mended) / power_at(LINE_HZ, mended)) < -40.0
+    assert 10.0 * np.log10(power_at(-LINE_HZ, corrected) / power_at(LINE_HZ, corrected)) < -40.0
 
 
 # The rest of what is told
@@ -270,10 +272,10 @@ def test_a_step_changes_neither_its_state_nor_its_block():
 
 @pytest.mark.parametrize(("start", "count"), [(0, 3000), (12_345, 777), (29_000, 5000), (30_000, 10)])
 def test_a_stretch_read_is_that_of_the_whole_at_its_own_time(start, count):
-    mended = conditioned(recording(HURT), FRONT)
-    whole = mended.read(0, HURT.shape[1])
+    corrected = conditioned(recording(HURT), FRONT)
+    whole = corrected.read(0, HURT.shape[1])
     assert whole.shape == HURT.shape
-    np.testing.assert_allclose(mended.read(start, count), whole[:, start : start + count], rtol=0.0, atol=1e-5)
+    np.testing.assert_allclose(corrected.read(start, count), whole[:, start : start + count], rtol=0.0, atol=1e-5)
     late = Conditioner(FRONT).delay_samples
     stepped, _ = Conditioner(FRONT).step(None, HURT)
     np.testing.assert_allclose(whole[:, : HURT.shape[1] - late], stepped[:, late:], rtol=0.0, atol=1e-5)

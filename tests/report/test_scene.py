@@ -80,7 +80,7 @@ def test_the_map_has_equal_scales_and_a_shape_for_each_role() -> None:
             [
                 way("rx", "receiver", (0, 0)),
                 way("m", "transmits", (300, 400)),
-                way("m", "hears", (-200, 100)),
+                way("m", "receives", (-200, 100)),
                 way("s", "shows", (0, -300)),
                 way("jam", "disturbs", (-300, -300)),
             ],
@@ -93,7 +93,7 @@ def test_the_map_has_equal_scales_and_a_shape_for_each_role() -> None:
     assert (x - number(receiver, "cx")) / (number(receiver, "cy") - y) == pytest.approx(300 / 400, rel=1e-2)
     shapes = {re.sub(r"[-\d. ]+", "", e.get("d", e.tag)) for e in of_class(root, "mark")}
     assert len(shapes - {"circle"}) >= 3
-    assert {"rx", "m transmits", "m hears", "s shows", "jam", "east, m", "north, m"} <= set(texts(root))
+    assert {"rx", "m transmits", "m receives", "s shows", "jam", "east, m", "north, m"} <= set(texts(root))
 
 
 def test_the_way_of_what_moves_is_drawn_from_its_ring_to_its_mark() -> None:

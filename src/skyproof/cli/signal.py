@@ -98,11 +98,11 @@ def _guessed(inspection: "Inspection") -> tuple[str, str]:
     taken = inspection.proposals[inspection.taken]
     others = [one for number, one in enumerate(inspection.proposals) if number != inspection.taken and one.satellites]
     rival = max(others, key=lambda one: one.power, default=None)
-    heard = f"{len(taken.satellites)} satellites; by noise once in 10^{-taken.log10_chance:.0f}"
+    shown = f"{len(taken.satellites)} satellites; by noise once in 10^{-taken.log10_chance:.0f}"
     if rival is None:
-        return heard, "no other reading shows any"
+        return shown, "no other reading shows any"
     less_db = 10.0 * math.log10(taken.power / rival.power) if taken.power and rival.power else math.inf
-    return heard, f"next: {numbers_of(rival.layout)}, {rival.layout.kind}, {less_db:.1f} dB less"
+    return shown, f"next: {numbers_of(rival.layout)}, {rival.layout.kind}, {less_db:.1f} dB less"
 
 
 def numbers_of(layout: "SampleLayout") -> str:

@@ -114,8 +114,8 @@ def _assumed(evidence: Sequence[Evidence]) -> tuple[str, ...]:
 
 def _common(observations: Sequence[ObservationLog]) -> tuple[np.datetime64, np.datetime64]:
     """First and last epoch of the time in which all receivers were recorded."""
-    heard = [o.gpst for o in observations if o.gpst.size]
-    return max(gpst[0] for gpst in heard), min(gpst[-1] for gpst in heard)
+    received = [o.gpst for o in observations if o.gpst.size]
+    return max(gpst[0] for gpst in received), min(gpst[-1] for gpst in received)
 
 
 def _always_authentic(

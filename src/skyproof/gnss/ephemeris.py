@@ -160,7 +160,7 @@ class NavigationData:
     ionosphere: Klobuchar | None = None
     utc: UtcParameters | None = None
     source: str = ""
-    remarks: tuple[str, ...] = ()  # what was skipped or mended on the way in
+    remarks: tuple[str, ...] = ()  # what was skipped or corrected on the way in
 
     def best(self, sat: str, gpst: np.datetime64, *, max_age_s: float | None = None) -> BroadcastEphemeris | None:
         """The healthy ephemeris of `sat` nearest in time to `gpst`; None if none is within `max_age_s`.

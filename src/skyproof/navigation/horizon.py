@@ -27,7 +27,7 @@ def sats_above(
 ) -> tuple[str, ...]:
     """Those of `sats` that stand higher than `MARGIN_DEG` below the horizon between two times.
 
-    Satellites without an ephemeris that serves then are left out: the file says that they were not heard.
+    Satellites without an ephemeris that serves then are left out: the file says that they were not received.
     """
     place_ecef_m = ecef_from_geodetic(lat_rad, lon_rad, 0.0)
     n_steps = int(seconds_between(last_gpst, first_gpst) // _STEP_S) + 2

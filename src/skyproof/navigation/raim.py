@@ -126,7 +126,7 @@ def exclude_several(
     """Leave out one measurement after the other, as `exclude_one` does, until the rest passes the global test.
 
     Returns which (..., k) are left out and the test of the rest. Where `most` exclusions do not cure the fit, none is
-    made: what fails for another reason than a few faults is not mended by throwing data away.
+    made: what fails for another reason than a few faults is not cured by throwing data away.
     """
     excluded = np.zeros(misfit_m.shape, np.bool_)
     for _ in range(most):

@@ -106,16 +106,16 @@ def kept_bins(size: int, rate_hz: float) -> Integers:
     return np.arange(-reach, reach + 1)
 
 
-def correlation_spectra(blocks: CodeBlocks, heard: FoundSignal) -> ComplexFloats:
+def correlation_spectra(blocks: CodeBlocks, received: FoundSignal) -> ComplexFloats:
     """Spectra of all blocks, Doppler taken off, times the conjugate one of the code."""
     size, rate_hz = blocks.block_samples, blocks.rate_hz
-    chips = blocks.signal.code(prn_of(heard.sat))
+    chips = blocks.signal.code(prn_of(received.sat))
     fine = np.arange(8 * CELLS) * (blocks.block_s / (8 * CELLS)) * blocks.signal.chip_rate_hz
     code = fft.fft(chips[np.floor(fine).astype(np.int64) % chips.size].astype(np.float64))
     kept = kept_bins(size, rate_hz)
     replica = np.zeros(CELLS, np.complex64)
     replica[kept] = np.conj(code[kept]) / (8 * CELLS)
-    turns = np.mod(heard.doppler_hz * blocks.block_s / CELLS * np.arange(CELLS), 1.0)
+    turns = np.mod(received.doppler_hz * blocks.block_s / CELLS * np.arange(CELLS), 1.0)
     spectra: ComplexFloats = fft.fft(blocks.waves * np.exp(-2j * np.pi * turns).astype(np.complex64), axis=1) * replica
     return spectra
 
@@ -126,9 +126,9 @@ def tracks_of(blocks: CodeBlocks, signals: Sequence[FoundSignal], spectra: Compl
     periods = int(np.clip(n_blocks // _STRETCHES, 1, _MOST_PERIODS))
     n_stretches = n_blocks // periods
     around = np.empty((len(signals), n_stretches, CELLS), np.float32)
-    for row, heard in enumerate(signals):
+    for row, received in enumerate(signals):
         # one ramp a stretch: within it the delay moves by a few hundredths of a chip, and half a sample for rounding
-        ramps = ramp_of(blocks, by_stretch(predicted_delay_s(blocks, heard, ratio), periods).mean(axis=1))
+        ramps = ramp_of(blocks, by_stretch(predicted_delay_s(blocks, received, ratio), periods).mean(axis=1))
         for j, ramp in enumerate(ramps):
             waves = fft.ifft(spectra[row, j * periods : (j + 1) * periods] * ramp, axis=-1)
             around[row, j] = np.sum(waves.real**2 + waves.imag**2, axis=0)
@@ -144,12 +144,12 @@ def by_stretch(values: Reals | Integers, periods: int) -> Reals:
     return np.asarray(values[: n_stretches * periods].reshape(n_stretches, periods), np.float64)
 
 
-def predicted_delay_s(blocks: CodeBlocks, heard: FoundSignal, ratio: float) -> Reals:
+def predicted_delay_s(blocks: CodeBlocks, received: FoundSignal, ratio: float) -> Reals:
     """Delay of the code's start after each block's first sample, not reduced to one period."""
     start_s = blocks.first_sample / blocks.rate_hz
     # whole periods are taken off exactly: the blocks' starts are rounded to samples
     past_s = start_s - np.arange(start_s.size) * blocks.signal.period_s
-    return heard.delay_s - past_s - ratio * heard.doppler_hz / blocks.signal.carrier_hz * start_s
+    return received.delay_s - past_s - ratio * received.doppler_hz / blocks.signal.carrier_hz * start_s
 
 
 def ramp_of(blocks: CodeBlocks, delay_s: Reals) -> ComplexFloats:

@@ -94,8 +94,8 @@ def _gap_at(
     part = slice(begin * tracks.periods, end * tracks.periods)
     extra_s = levels.offset_s[[row - 1, row]] + levels.drift * tracks.middle_s[k]
     gain = np.zeros(part.stop - part.start)
-    for number, heard in enumerate(signals):
-        delay_s = predicted_delay_s(blocks, heard, tracks.ratio)[part]
+    for number, received in enumerate(signals):
+        delay_s = predicted_delay_s(blocks, received, tracks.ratio)[part]
         before, after = (
             np.abs(np.mean(tracks.spectra[number, part] * ramp_of(blocks, delay_s + extra), axis=1)) ** 2
             for extra in extra_s
@@ -126,12 +126,12 @@ def _likeliest(
     time_s = (start + np.arange(count)) / blocks.rate_hz
     counts = np.arange(1, count)
     score, noise = np.zeros(count - 1), 0.0
-    for heard in signals:
-        chips = blocks.signal.code(prn_of(heard.sat))
-        turns = np.mod((carrier_hz + heard.doppler_hz) / blocks.rate_hz * np.arange(count), 1.0)
+    for received in signals:
+        chips = blocks.signal.code(prn_of(received.sat))
+        turns = np.mod((carrier_hz + received.doppler_hz) / blocks.rate_hz * np.arange(count), 1.0)
         base = wave * np.exp(-2j * np.pi * turns)
         at_chip = (
-            time_s * (1.0 + ratio * heard.doppler_hz / blocks.signal.carrier_hz) - heard.delay_s
+            time_s * (1.0 + ratio * received.doppler_hz / blocks.signal.carrier_hz) - received.delay_s
         ) * blocks.signal.chip_rate_hz
 
         before, after, *elsewhere = (

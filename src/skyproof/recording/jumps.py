@@ -127,8 +127,8 @@ def _delay_errors(
     arms = arms.astype(np.complex64)
     slope_per_chip = _early_late_slope(blocks)
     errors_s, sigma_s = np.empty((len(signals), n_stretches)), np.empty(len(signals))
-    for row, heard in enumerate(signals):
-        delay_s = by_stretch(predicted_delay_s(blocks, heard, tracks.ratio), periods).mean(axis=1) + centre_s
+    for row, received in enumerate(signals):
+        delay_s = by_stretch(predicted_delay_s(blocks, received, tracks.ratio), periods).mean(axis=1) + centre_s
         replicas = ramp_of(blocks, delay_s)[:, :, np.newaxis] * arms
         spectra = tracks.spectra[row, : n_stretches * periods].reshape(n_stretches, periods, CELLS)
         early, late = (np.abs(spectra @ replicas) ** 2).sum(axis=1).T / tracks.noise[row]

@@ -1,10 +1,10 @@
 """Whether two stretches of samples hold the same noise: then they are of one antenna, or one is a copy of the other.
 
-Two antennas hear signals in common, and under a strong transmitter hardly anything else. But signals repeat with their
-code: written as rows of one code period, each of them (what a filter or a coarse quantiser makes of it included) is a
-matrix of rank one, times the bits and the carrier's turns, while noise has full rank. So the rows are freed of every
-component that stands above what noise can have (`without_repetition`), and what is left is correlated. Nothing has to
-be known of the signals.
+Two antennas receive signals in common, and under a strong transmitter hardly anything else. But signals repeat with
+their code: written as rows of one code period, each of them (what a filter or a coarse quantiser makes of it included)
+is a matrix of rank one, times the bits and the carrier's turns, while noise has full rank. So the rows are freed of
+every component that stands above what noise can have (`without_repetition`), and what is left is correlated. Nothing
+has to be known of the signals.
 
 Rows are correlated one by one, and their powers added: carriers may differ by a tenth of the reciprocal of a code
 period, and their phase may drift. Under independent noise the sum over M rows of |r|^2 over its mean is Gamma(M); with

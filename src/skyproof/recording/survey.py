@@ -129,14 +129,14 @@ def survey(
         needed, so that one signal's own jump is not taken for a gap. Nothing is reported where the samples do not
         change in one code period or more: what noise does to a delay cannot be learnt there.
     """
-    unique = list({heard.sat: heard for heard in reversed(signals)}.values())[::-1]
+    unique = list({received.sat: received for received in reversed(signals)}.values())[::-1]
     n_blocks = int(min(longest_s, samples.duration_s) / signal.period_s)
     if len(unique) < LEAST_SATS or n_blocks < 3:
         return Survey()
     blocks = blocks_of(samples, carrier_hz, n_blocks, signal)
     if not blocks.changing:
         return Survey()
-    spectra = np.stack([correlation_spectra(blocks, heard) for heard in unique])
+    spectra = np.stack([correlation_spectra(blocks, received) for received in unique])
     # the wrong sign of the Doppler smears the peaks of a long recording: take the one that gives more
     lines = [
         (tracks, *_line(blocks, tracks)) for tracks in (tracks_of(blocks, unique, spectra, r) for r in (1.0, -1.0))
@@ -242,7 +242,7 @@ def _reading(signals: Sequence[FoundSignal], tracks: Tracks, levels: DelayLevels
     drift = levels.drift + errors_s @ time_s / np.sum(time_s**2)
     excess = _excess(errors_s, levels.sigma_s, time_s, drift - levels.drift)
     sigma = levels.sigma_s * excess / math.sqrt(np.sum(time_s**2))
-    expected = np.array([heard.doppler_hz for heard in signals]) / signal.carrier_hz
+    expected = np.array([received.doppler_hz for received in signals]) / signal.carrier_hz
     design = np.stack([np.ones(len(signals)), expected], axis=1) / sigma[:, np.newaxis]
     covariance = np.linalg.pinv(design.T @ design)
     _, beyond = covariance @ design.T @ (drift / sigma)

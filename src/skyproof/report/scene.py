@@ -30,14 +30,14 @@ __all__ = [
     "switching_plot",
 ]
 
-Role = Literal["receiver", "shows", "transmits", "hears", "disturbs"]
+Role = Literal["receiver", "shows", "transmits", "receives", "disturbs"]
 """What stands at a place: a receiver; where an attack puts whoever believes it; its antennas; other transmitters."""
 
 ROLES: dict[Role, str] = {
     "receiver": "receiver, with the way it went",
     "shows": "place that an attack shows",
     "transmits": "antenna that transmits false signals",
-    "hears": "antenna that a meaconer hears with",
+    "receives": "receive antenna of a meaconer",
     "disturbs": "transmitter of interference",
 }
 MOST_POINTS = 14_000  # of all time lines together: keeps the page small, whatever the number of receivers
@@ -223,7 +223,7 @@ def _mark(x: float, y: float, role: Role) -> Markup:
     shapes: dict[Role, str] = {
         "shows": "M{:.1f} {:.1f}m0 -8l8 8l-8 8l-8 -8z",
         "transmits": "M{:.1f} {:.1f}m0 -6l5.5 9.5h-11z",
-        "hears": "M{:.1f} {:.1f}m0 6l5.5 -9.5h-11z",
+        "receives": "M{:.1f} {:.1f}m0 6l5.5 -9.5h-11z",
         "disturbs": "M{:.1f} {:.1f}m-5 -5l10 10m0 -10l-10 10",
     }
     return Markup('<path class="mark {}" d="{}"/>').format(role, shapes[role].format(x, y))

@@ -119,7 +119,7 @@ class _Transmitter(Model):
 
 
 class Meaconer(_Transmitter):
-    """Repeats the sky that it hears with its receive antenna, `delay_s` later than the waves alone would take."""
+    """Repeats the sky that its receive antenna receives, `delay_s` later than the waves alone would take."""
 
     kind: Literal["meaconer"] = "meaconer"
     receive: Site
@@ -135,7 +135,7 @@ class Meaconer(_Transmitter):
 
 
 class Spoofer(_Transmitter):
-    """Makes the signals that a receiver at the place shown, or on the way shown, would hear; `clock_offset_s` late."""
+    """Makes the signals that a receiver at the place, or on the way, shown would receive; `clock_offset_s` late."""
 
     kind: Literal["spoofer"] = "spoofer"
     shows: Site

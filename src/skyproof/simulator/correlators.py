@@ -184,7 +184,7 @@ def correlate(
     """Correlator outputs of antenna number `index` over integrations of `coherent_s` centred on `elapsed_s` (n,).
 
     delays_chips : of the replica ahead of the tracked code. dopplers_hz : of the replica's carrier over the tracked.
-    tracked : what channels are aligned to; each signal that is heard if absent.
+    tracked : what channels are aligned to; each signal that is received if absent.
     wiped : whether the tracked message's bits are taken off; else the replica has none.
     others : satellites' signals in other channels: see above. quantised : in units of the recorder's numbers, with its
         loss; else as before the quantiser and the gain control.
@@ -295,10 +295,10 @@ def _rows(scene: Scene, sky: ReceiverSky, spans: _Spans) -> _Waves:
         further_s = ray.further_s(spans.true_s)
         code_s[..., row] += further_s
         carrier_s[..., row] += further_s - (ray.phase_cyc + ray.rate_hz * spans.true_s) / sky.signal.carrier_hz
-    heard = [sky.signals[column] for column in of]
-    message = row_of(scene.messages, heard)
+    received = [sky.signals[column] for column in of]
+    message = row_of(scene.messages, received)
     return _Waves(
-        sats=[each.id.sat for each in heard],
+        sats=[each.id.sat for each in received],
         code_s=code_s,
         carrier_s=carrier_s,
         sent=_sent(scene, sky, spans.true_s, code_s),
@@ -306,7 +306,7 @@ def _rows(scene: Scene, sky: ReceiverSky, spans: _Spans) -> _Waves:
         guesses=scene.messages.guesses,
         message=message,
         guessed=scene.messages.guess_s[message] / sky.signal.symbol_s,
-        windows_s=_windows(heard),
+        windows_s=_windows(received),
         of=of,
     )
 
@@ -329,10 +329,10 @@ def _channels(scene: Scene, sky: ReceiverSky, tracked: Tracked, spans: _Spans, w
     )
 
 
-def _windows(heard: Sequence[ReceivedSignal]) -> Reals:
-    most = max(len(each.windows_s) for each in heard)
-    windows_s = np.full((len(heard), most, 2), np.inf)
-    for row, each in enumerate(heard):
+def _windows(received: Sequence[ReceivedSignal]) -> Reals:
+    most = max(len(each.windows_s) for each in received)
+    windows_s = np.full((len(received), most, 2), np.inf)
+    for row, each in enumerate(received):
         windows_s[row, : len(each.windows_s)] = each.windows_s
     return windows_s
 

@@ -203,11 +203,11 @@ def _sigmf_text(scene: Scene, rendering: Rendering, sha512: str) -> str:
     place = geolocation(
         round(float(np.degrees(lat_rad)), 9), round(float(np.degrees(lon_rad)), 9), round(float(height_m), 4)
     )
-    heard = [window for name in scenario.attack_names for window in windows_of(sky, name)]
+    received = [window for name in scenario.attack_names for window in windows_of(sky, name)]
     comments = ("false signals", "interference")
     annotations = [
         _annotated(scene, rendering, window, comment)
-        for comment, windows in zip(comments, (heard, interference_of(scene, sky)), strict=True)
+        for comment, windows in zip(comments, (received, interference_of(scene, sky)), strict=True)
         for window in windows
     ]
     of_several = len(scene.skies) > 1
@@ -225,9 +225,9 @@ def _sigmf_text(scene: Scene, rendering: Rendering, sha512: str) -> str:
     )
 
 
-def _annotated(scene: Scene, rendering: Rendering, heard: SourceWindow, comment: str) -> dict[str, Any] | None:
+def _annotated(scene: Scene, rendering: Rendering, received: SourceWindow, comment: str) -> dict[str, Any] | None:
     """A stretch of samples, from the first that holds it on; none if it is not in the recording."""
-    name, *edges_s = heard
+    name, *edges_s = received
     edges = np.ceil(rendering.sky.elapsed_at(np.array(edges_s)) * rendering.front_end.rate_hz)
     first, last = np.clip(edges, 0, rendering.n_samples).astype(np.int64).tolist()
     if first >= last:

@@ -84,7 +84,7 @@ def ideal_signals(
     """
     signal, n = motion.signal, len(sats)
     cn0 = np.broadcast_to(np.asarray(cn0_dbhz, np.float64), (n,))
-    heard = tuple(ReceivedSignal(SignalId(sat), "sky", "authentic", ((-np.inf, np.inf),)) for sat in sats)
+    received = tuple(ReceivedSignal(SignalId(sat), "sky", "authentic", ((-np.inf, np.inf),)) for sat in sats)
 
     def strength(elapsed_s: ArrayLike) -> Reals:
         return np.broadcast_to(cn0, (*np.shape(elapsed_s), n))
@@ -96,7 +96,7 @@ def ideal_signals(
         antenna=receiver.antennas[0],
         name=receiver.name,
         number=0,
-        signals=heard,
+        signals=received,
         delays_s=lambda elapsed_s: (motion.code_delay_s(elapsed_s), motion.carrier_delay_s(elapsed_s)),
         cn0_dbhz=strength,
         point=standing.at,
@@ -108,7 +108,7 @@ def ideal_signals(
     symbol_s = signal.period_s * signal.periods_per_symbol
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1 << 20,)))
     symbols = 1 - 2 * rng.integers(0, 2, (n, int((duration_s + 2.0 * _SPARE_S) / symbol_s)), dtype=np.int8)
-    codes = codes_of(heard, signal)
+    codes = codes_of(received, signal)
     return Rendering(
         sky=sky,
         front_end=front_end,

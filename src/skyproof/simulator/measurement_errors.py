@@ -7,11 +7,11 @@ noise alone takes them for another place or time.
 |---|---|---|
 | reflections near the receiver | of code 0.13 m + 0.53 m exp(-elevation / 10 deg) | nobody |
 | the same, of a transmitter on the ground | at elevation 0 | all its signals at one antenna: they come one way |
-| the same, at the ears of a relay | by the satellite's elevation there | all that hear the relay |
+| the same, at the receive antenna of a relay | by the satellite's elevation there | all that receive the relay |
 | ionosphere left over | vertical one by obliquity; carrier the other way | a satellite's at places near each other |
 | troposphere left over | vertical one by obliquity | the same |
 
-False signals that are made on the ground never went through air; a relay's did, where its ears are. A reflection moves
+False signals that are made on the ground never went through air; a relay's did, on their way to it. A reflection moves
 the carrier by a quarter of a cycle at most, being weaker than its signal, and by the sine of the angle whose cosine
 moves the code, so that the two do not correlate.
 
@@ -90,8 +90,8 @@ class FieldErrors:
 class SignalPath:
     """How a signal came to an antenna.
 
-    air_ecef_m : (3,) where it left the air: at the antenna itself or at a relay's ears; None if it was made on the
-        ground. relay : the name of the relay that heard it, "" for none. transmitter : of the transmit antenna that it
+    air_ecef_m : (3,) where it left the air: at the antenna itself or at a relay's; None if it was made on the
+        ground. relay : name of the relay, "" for none. transmitter : of the transmit antenna that it
         comes from, "" for the satellite. carrier_hz : reflections of different carriers are independent, their
         ionosphere is one, by the inverse square.
     """
@@ -105,7 +105,8 @@ class SignalPath:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Exposure:
-    """What one antenna hears, when: epochs number `first` and on, `interval_s` apart, since an instant that all share.
+    """What an antenna receives, when: epochs number `first` and on, `interval_s` apart, since an instant that all
+    share.
 
     el_rad : (n_epochs, n_ways) of the satellite where the signal left the air.
     """
@@ -234,7 +235,7 @@ class _World:
         return next((number for number, place in known if bool((place == way.air_ecef_m).all())), None)
 
     def _window(self, paths: Reals, exposure: Exposure) -> Reals:
-        """(n_epochs, all draws, n) to what an antenna hears of it, (*draws, n_epochs, n)."""
+        """(n_epochs, all draws, n) to what an antenna receives of it, (*draws, n_epochs, n)."""
         those = paths[exposure.first : exposure.first + exposure.el_rad.shape[0]]
         return np.moveaxis(those, 0, -2).reshape(*self.draws, those.shape[0], those.shape[-1])
 

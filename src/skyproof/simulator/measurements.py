@@ -278,16 +278,19 @@ def _exposure(scene: Scene, sky: ReceiverSky, kept: Integers, true_s: Reals, fir
     attacks = dict(zip(scene.scenario.attack_names, zip(scene.scenario.attacks, scene.shown, strict=True), strict=True))
     middle_s = true_s[true_s.size // 2 :][:1]
 
-    def way(heard: ReceivedSignal) -> SignalPath:
-        if heard.source not in attacks:
-            return SignalPath(sat=heard.id.sat, air_ecef_m=_first_place(sky.point, middle_s))
-        attack, shown = attacks[heard.source]
-        transmitter = f"{heard.source}/{attack.antenna_of(heard.id.sat)}"
+    def way(received: ReceivedSignal) -> SignalPath:
+        if received.source not in attacks:
+            return SignalPath(sat=received.id.sat, air_ecef_m=_first_place(sky.point, middle_s))
+        attack, shown = attacks[received.source]
+        transmitter = f"{received.source}/{attack.antenna_of(received.id.sat)}"
         if isinstance(attack, Meaconer):
             return SignalPath(
-                sat=heard.id.sat, air_ecef_m=_first_place(shown, middle_s), relay=heard.source, transmitter=transmitter
+                sat=received.id.sat,
+                air_ecef_m=_first_place(shown, middle_s),
+                relay=received.source,
+                transmitter=transmitter,
             )
-        return SignalPath(sat=heard.id.sat, air_ecef_m=None, transmitter=transmitter)
+        return SignalPath(sat=received.id.sat, air_ecef_m=None, transmitter=transmitter)
 
     at = np.clip(np.searchsorted(sky.knots_s, true_s) - 1, 0, sky.knots_s.size - 2)
     share = ((true_s - sky.knots_s[at]) / (sky.knots_s[at + 1] - sky.knots_s[at]))[:, np.newaxis]

@@ -30,7 +30,7 @@ _FARTHEST_CHIPS = 1.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Pull:
-    """Of each signal that is heard, (n_epochs, n_signals): measured minus its own truth. Zero where it stands alone.
+    """Of each signal that is received, (n_epochs, n_signals): measured minus its own truth. Zero where it stands alone.
 
     code_m, carrier_cyc : late is positive; the carrier to the nearest half a cycle either way. doppler_hz.
     level_db : power of the prompt over that of the signal alone.
@@ -61,9 +61,9 @@ def pull_of(
     parts = correlate(scene, index, halves_s, delays_chips=[0.0], coherent_s=half_s, quantised=False).parts
     weight = parts.weight.reshape(middle_s.size, 2, -1)
     lag_chips = parts.lag_chips.reshape(middle_s.size, 2, -1).mean(axis=1)
-    sats = sorted({heard.id.sat for heard in sky.signals})
+    sats = sorted({received.id.sat for received in sky.signals})
     tables = correlation([prn_of(sat) for sat in sats], sky.signal, scene.scenario.front_end, replica=replica)
-    table_of = np.array([sats.index(heard.id.sat) for heard in sky.signals], np.int64)
+    table_of = np.array([sats.index(received.id.sat) for received in sky.signals], np.int64)
     own = (parts.ray < 0) & (parts.signal == parts.channel)
     many = np.bincount(parts.channel, minlength=n_signals) > 1
 

@@ -1,4 +1,4 @@
-"""What antennas hear, as records: signals, reflections, noise and messages, as functions of time.
+"""What antennas receive, as records: signals, reflections, noise and messages, as functions of time.
 
 A delay is the time of reception minus the time that the satellite's clock showed at transmission, as the code (or the
 carrier) has it: travel time, satellite clock, group delay, ionosphere (code late, carrier early), troposphere, and,
@@ -124,7 +124,7 @@ class ReceiverSky:
     number : of the antenna, counted over all receivers. name : the receiver's, and the antenna's where it has several.
     delays_s : of all signals. cn0_dbhz : true times (n,) to (n, n_signals).
     point : the antenna's motion.
-    knots_s, az_rad, el_rad : (n_knots,), (n_knots, n_signals), of the satellites as seen from the antenna that hears
+    knots_s, az_rad, el_rad : (n_knots,), (n_knots, n_signals), of the satellites as seen from the antenna that receives
         them; a meaconer's or a false place's for false signals.
     """
 
@@ -197,13 +197,13 @@ class Scene:
     @property
     def labels(self) -> dict[SignalRef, str]:
         """The truth: "authentic" or "spoofed" for every signal at every antenna."""
-        return {SignalRef(s.name, heard.id): heard.label for s in self.skies for heard in s.signals}
+        return {SignalRef(s.name, received.id): received.label for s in self.skies for received in s.signals}
 
     @cached_property
     def messages(self) -> Messages:
-        """Every message that is heard, over the whole scene."""
+        """Every message that is received, over the whole scene."""
         scenario, nav = self.scenario, self.navigation
-        names = tuple(sorted({(heard.id.sat, heard.message) for sky in self.skies for heard in sky.signals}))
+        names = tuple(sorted({(received.id.sat, received.message) for sky in self.skies for received in sky.signals}))
         attacks = dict(zip(scenario.attack_names, scenario.attacks, strict=True))
         week, tow_s = week_and_tow(scenario.start_gpst)
         first_s = min(sky.receiver.start_offset_s for sky in self.skies) - _SPARE_S
@@ -246,9 +246,9 @@ def ephemeris_of(navigation: NavigationData, sat: str, scenario: Scenario) -> Br
 
 def row_of(messages: Messages, signals: Sequence[ReceivedSignal]) -> Integers:
     """The row of `messages.symbols` that each signal carries."""
-    return np.array([messages.names.index((heard.id.sat, heard.message)) for heard in signals], dtype=np.int64)
+    return np.array([messages.names.index((received.id.sat, received.message)) for received in signals], dtype=np.int64)
 
 
 def codes_of(signals: Sequence[ReceivedSignal], signal: SignalDescription) -> NDArray[np.int8]:
     """The spreading codes, shape (n_signals, code_length)."""
-    return np.stack([signal.code(prn_of(heard.id.sat)) for heard in signals])
+    return np.stack([signal.code(prn_of(received.id.sat)) for received in signals])

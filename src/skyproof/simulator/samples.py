@@ -320,10 +320,10 @@ def _there(rendering: Rendering, firsts: Integers) -> tuple[Integers, Integers]:
     Counted from each chunk's first sample and held within the chunk. Pauses are longer than chunks.
     """
     sky = rendering.sky
-    most = max(len(heard.windows_s) for heard in sky.signals)
+    most = max(len(received.windows_s) for received in sky.signals)
     windows_s = np.full((len(sky.signals), most, 2), np.inf)
-    for row, heard in enumerate(sky.signals):
-        windows_s[row, : len(heard.windows_s)] = heard.windows_s
+    for row, received in enumerate(sky.signals):
+        windows_s[row, : len(received.windows_s)] = received.windows_s
     sample = _first_sample(rendering, windows_s)
     inside = np.clip(sample[..., np.newaxis] - firsts, 0, CHUNK).astype(np.int64)  # (signal, window, edge, chunk)
     which = np.argmax(inside[:, :, 1] > inside[:, :, 0], axis=1)[:, np.newaxis]

@@ -1,4 +1,4 @@
-"""From a scenario to what each antenna hears."""
+"""From a scenario to what each antenna receives."""
 
 from collections.abc import Iterator, Sequence
 
@@ -39,7 +39,7 @@ _MARGIN_S = 4.0
 
 
 def scene_of(scenario: Scenario, navigation: NavigationData, *, sats: Sequence[str] = GPS_SATS) -> Scene:
-    """Work out who hears what.
+    """Work out who receives what.
 
     sats : that there are. Those of other systems than GPS are for measurements only (`kinds`): nothing renders their
     codes.
@@ -153,7 +153,7 @@ class _World:
         return np.asarray(sky.horizon_cn0_dbhz + span_db * np.maximum(np.sin(el_rad), 0.0))
 
     def sky(self, index: int, antenna: Antenna, number: int) -> ReceiverSky:
-        """What one antenna hears; `number` counts antennas over all receivers."""
+        """What one antenna receives; `number` counts antennas over all receivers."""
         scenario, receiver = self.scenario, self.scenario.receivers[index]
         point = antenna_point(self.trajectories[index], antenna)
         groups = [self._true_signals(self._view(point), antenna)]
@@ -162,14 +162,14 @@ class _World:
             groups.append(
                 false_signals(attacker, point, antenna, self.cn0_dbhz, knots_s=self.knots_s, mask_deg=scenario.mask_deg)
             )
-        heard = [signal for group in groups for signal in group.heard]
-        if not heard:
+        received = [signal for group in groups for signal in group.received]
+        if not received:
             raise ScenarioError(
                 f"mask_deg: nothing stands above {scenario.mask_deg:g} degrees at receiver {receiver.name}; lower the "
                 "mask"
             )
-        order = sorted(range(len(heard)), key=lambda column: heard[column].id)
-        signals = tuple(heard[column] for column in order)
+        order = sorted(range(len(received)), key=lambda column: received[column].id)
+        signals = tuple(received[column] for column in order)
         bias_s = antenna.line_bias_cyc / GPS_L1_CA.carrier_hz
 
         def delays_s(true_s: Reals) -> tuple[Reals, Reals]:
@@ -226,7 +226,7 @@ class _World:
             return np.asarray(level_dbhz(true_s) + patch_db(toward, here.position_ecef_m, here.attitude))
 
         return Group(
-            heard=tuple(
+            received=tuple(
                 ReceivedSignal(SignalId(sats[column]), "sky", "authentic", (window,)) for column, window in kept
             ),
             delays_s=delays_s,
@@ -261,8 +261,8 @@ class _World:
         for reflection in receiver.multipath:
             if antenna.name not in (reflection.antennas or (antenna.name,)):
                 continue
-            for column, heard in enumerate(signals):
-                if heard.label == "authentic" and heard.id.sat in (reflection.sats or (heard.id.sat,)):
+            for column, received in enumerate(signals):
+                if received.label == "authentic" and received.id.sat in (reflection.sats or (received.id.sat,)):
                     yield self._ray(reflection, column, el_rad[:, column])
 
     def _ray(self, reflection: Multipath, column: int, el_rad: Reals) -> Ray:

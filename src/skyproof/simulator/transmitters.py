@@ -38,7 +38,7 @@ class Group:
     delays_s, cn0_dbhz : true times (n,) and the antenna's motion then to (n, n_signals).
     """
 
-    heard: tuple[ReceivedSignal, ...]
+    received: tuple[ReceivedSignal, ...]
     delays_s: Callable[[Reals, Motion], tuple[Reals, Reals]]
     cn0_dbhz: Callable[[Reals, Motion], Reals]
     az_rad: Reals
@@ -175,7 +175,7 @@ def false_signals(
     Raises ScenarioError if a satellite that is asked for cannot be seen from the place shown.
     """
     attack, view, radios = attacker.attack, attacker.view, attacker.radios
-    columns, heard = _imitated(attacker, point, knots_s, mask_deg)
+    columns, received = _imitated(attacker, point, knots_s, mask_deg)
     sats = [view.orbits.sats[column] for column in columns]
     offset_db = np.array([attack.sat_db.get(sat, 0.0) for sat in sats])
     senders = np.array([attack.antenna_of(sat) for sat in sats], np.int64)
@@ -208,7 +208,7 @@ def false_signals(
         return level
 
     return Group(
-        heard=tuple(heard),
+        received=tuple(received),
         delays_s=delays_s,
         cn0_dbhz=cn0_dbhz,
         az_rad=view.az_rad[:, all_columns],
@@ -219,12 +219,12 @@ def false_signals(
 def _imitated(
     attacker: Attacker, point: Point, knots_s: Reals, mask_deg: float
 ) -> tuple[list[int], list[ReceivedSignal]]:
-    """The columns of the satellites that an attack imitates, and what is heard of them when."""
+    """The columns of the satellites that an attack imitates, and what is received of them when."""
     attack, view = attacker.attack, attacker.view
     own_message = attack.message != "true" or attack.message_later_s or attack.guess_s
     message = attacker.name if own_message else ""
     known = {sat: column for column, sat in enumerate(view.orbits.sats)}
-    columns, heard, unseen = [], [], []
+    columns, received, unseen = [], [], []
     for sat in attack.sats if attack.sats is not None else view.orbits.sats:
         column = known.get(sat)
         above = None if column is None else when_above(view.el_rad[:, column], knots_s, mask_deg)
@@ -242,13 +242,13 @@ def _imitated(
         if windows:
             columns.append(column)
             copy = SignalId(sat, copy=chr(ord("b") + attacker.number))
-            heard.append(ReceivedSignal(copy, attacker.name, "spoofed", windows, message))
+            received.append(ReceivedSignal(copy, attacker.name, "spoofed", windows, message))
     if attack.sats is not None and unseen:
         raise ScenarioError(
             f"attacks[{attacker.number}].sats: {', '.join(unseen)} cannot be seen above {mask_deg:g} degrees from the "
             "place shown; leave them out, or leave out sats to imitate all that can"
         )
-    return columns, heard
+    return columns, received
 
 
 def added_noise(attacker: Attacker, point: Point) -> AddedNoise | None:

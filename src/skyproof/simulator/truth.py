@@ -50,7 +50,7 @@ _SHORT_S: Final = 0.01
 
 
 def sky_of(scene: Scene, antenna: str) -> ReceiverSky:
-    """What an antenna hears. Raises KeyError with the names that there are."""
+    """What an antenna receives. Raises KeyError with the names that there are."""
     for sky in scene.skies:
         if sky.name == antenna:
             return sky
@@ -122,8 +122,8 @@ def signal_truth(scene: Scene, antenna: str, rate_hz: float = SIGNALS_HZ) -> Tab
     pseudorange_m : c times (what the receiver's clock shows minus the time of transmission that the code shows).
     carrier_cyc : the same by the carrier's phase, with its sign; whole cycles are true, none is unknown.
     doppler_hz : apparent frequency minus nominal, by the receiver's own clock.
-    azimuth_deg, elevation_deg : of the satellite, as seen from whoever hears it: for false signals a meaconer's receive
-        antenna or the place that they show.
+    azimuth_deg, elevation_deg : of the satellite, as seen from where it is received: for false signals a meaconer's
+        receive antenna or the place that they show.
     amplitude_to_authentic, delay_to_authentic_m, phase_to_authentic_cyc, doppler_to_authentic_hz : of the satellite's
         true signal: ratio of amplitudes; code later by; carrier ahead by, whole cycles included; carrier higher by. NaN
         while that is not there.
@@ -152,8 +152,8 @@ def _signals(scene: Scene, sky: ReceiverSky, shown_s: Reals, shown_at_start_s: f
     code_s, carrier_s = sky.delays_s(true_s)
     clock_s = (shown_at_start_s - late_s)[:, np.newaxis]
     there = np.zeros(code_s.shape, bool)
-    for column, heard in enumerate(sky.signals):
-        for begin_s, end_s in heard.windows_s:
+    for column, received in enumerate(sky.signals):
+        for begin_s, end_s in received.windows_s:
             there[:, column] |= (begin_s <= true_s) & (true_s <= end_s)
     epoch, of = np.nonzero(there)
     level_dbhz, doppler = sky.cn0_dbhz(true_s), doppler_hz(sky, elapsed_s)
@@ -172,10 +172,10 @@ def _signals(scene: Scene, sky: ReceiverSky, shown_s: Reals, shown_at_start_s: f
         "gpst": moment(scene, true_s)[epoch],
         "true_s": true_s[epoch],
         "elapsed_s": elapsed_s[epoch],
-        "sat": np.array([heard.id.sat for heard in sky.signals])[of],
-        "copy": np.array([heard.id.copy for heard in sky.signals])[of],
-        "label": np.array([heard.label for heard in sky.signals])[of],
-        "source": np.array([heard.source for heard in sky.signals])[of],
+        "sat": np.array([received.id.sat for received in sky.signals])[of],
+        "copy": np.array([received.id.copy for received in sky.signals])[of],
+        "label": np.array([received.label for received in sky.signals])[of],
+        "source": np.array([received.source for received in sky.signals])[of],
         "pseudorange_m": (SPEED_OF_LIGHT_M_S * (clock_s + code_s))[there],
         "carrier_cyc": (sky.signal.carrier_hz * (clock_s + carrier_s))[there],
         "doppler_hz": doppler[there],
@@ -191,8 +191,8 @@ def _signals(scene: Scene, sky: ReceiverSky, shown_s: Reals, shown_at_start_s: f
 
 def _authentic(sky: ReceiverSky) -> Integers:
     """The column of each signal's satellite's true signal, (n_signals,); -1 where there is none."""
-    columns = {heard.id.sat: column for column, heard in enumerate(sky.signals) if heard.label == "authentic"}
-    return np.array([columns.get(heard.id.sat, -1) for heard in sky.signals], np.int64)
+    columns = {received.id.sat: column for column, received in enumerate(sky.signals) if received.label == "authentic"}
+    return np.array([columns.get(received.id.sat, -1) for received in sky.signals], np.int64)
 
 
 def doppler_hz(sky: ReceiverSky, elapsed_s: Reals) -> Reals:

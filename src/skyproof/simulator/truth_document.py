@@ -23,7 +23,7 @@ from skyproof.simulator.truth import moment
 __all__ = ["FORMAT", "SourceWindow", "interference_of", "truth_of", "windows_of"]
 
 SourceWindow = tuple[str, float, float]
-"""What is heard, and true times of its first and last wave."""
+"""What is received, and true times of its first and last wave."""
 
 FORMAT: Final = "skyproof-truth/1"
 
@@ -54,12 +54,12 @@ def truth_of(
     }
 
 
-# --- what is heard when
+# --- what is received when
 
 
 def windows_of(sky: ReceiverSky, source: str) -> list[SourceWindow]:
     """From when to when any signal of an attack is at an antenna, in order, one for each time it is switched on."""
-    windows = sorted(window for heard in sky.signals if heard.source == source for window in heard.windows_s)
+    windows = sorted(window for received in sky.signals if received.source == source for window in received.windows_s)
     joined: list[SourceWindow] = []
     for begin_s, end_s in windows:
         if joined and begin_s <= joined[-1][2]:
@@ -74,8 +74,8 @@ def interference_of(scene: Scene, sky: ReceiverSky) -> list[SourceWindow]:
     sources = scene.scenario.interference
     noises = iter(sky.noises[len(sky.noises) - sum(source.kind == "noise" for source in sources) :])
     lines = iter(sky.jammers)
-    heard = [next(noises) if source.kind == "noise" else next(lines) for source in sources]
-    return [(source.name or source.kind, one.from_s, one.until_s) for source, one in zip(sources, heard, strict=True)]
+    windows = [next(noises) if source.kind == "noise" else next(lines) for source in sources]
+    return [(source.name or source.kind, one.from_s, one.until_s) for source, one in zip(sources, windows, strict=True)]
 
 
 # --- receivers
@@ -137,18 +137,20 @@ def _imu_truth(receiver: SceneReceiver) -> dict[str, Any] | None:
 def _signal_truths(scene: Scene, sky: ReceiverSky) -> list[dict[str, Any]]:
     """One row a signal; the values are those at the first and the last moment of the recording when it is there."""
     start_s, end_s = _ends_s(scene, sky)
-    authentic = {heard.id.sat: column for column, heard in enumerate(sky.signals) if heard.label == "authentic"}
+    authentic = {
+        received.id.sat: column for column, received in enumerate(sky.signals) if received.label == "authentic"
+    }
     rows = []
-    for column, heard in enumerate(sky.signals):
-        ends_s = np.clip([heard.from_s, heard.until_s], start_s, end_s)
+    for column, received in enumerate(sky.signals):
+        ends_s = np.clip([received.from_s, received.until_s], start_s, end_s)
         code_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(ends_s)
-        lag_m = code_m[:, column] - code_m[:, authentic[heard.id.sat]] if heard.id.sat in authentic else None
+        lag_m = code_m[:, column] - code_m[:, authentic[received.id.sat]] if received.id.sat in authentic else None
         rows.append(
             {
-                "sat": heard.id.sat,
-                "copy": heard.id.copy,
-                "label": heard.label,
-                "source": heard.source,
+                "sat": received.id.sat,
+                "copy": received.id.copy,
+                "label": received.label,
+                "source": received.source,
                 "from_gpst": iso(moment(scene, ends_s[0]), 9),
                 "to_gpst": iso(moment(scene, ends_s[1]), 9),
                 "cn0_dbhz_first_last": _rounded(sky.cn0_dbhz(ends_s)[:, column], 3),
@@ -177,7 +179,7 @@ def _attack_truth(scene: Scene, number: int) -> dict[str, Any]:
         "onset_means": "first wave leaves the transmit antenna at this GPS time",
         "on_gpst": _on_gpst(scene, attack.windows_s),
         "heard": {sky.name: _on_gpst(scene, [(b, e) for _, b, e in windows_of(sky, name)]) for sky in scene.skies},
-        "sats": sorted({heard.id.sat for sky in scene.skies for heard in sky.signals if heard.source == name}),
+        "sats": sorted({received.id.sat for sky in scene.skies for received in sky.signals if received.source == name}),
         "captured_receiver_shows_position": _geodetic(scene.shown[number], attack.onset_s),
         "captured_receiver_shows_position_at_end": _geodetic(scene.shown[number], last_s),
         "captured_clock_extra_s": _clock_extra_s(scene, number),

@@ -189,7 +189,7 @@ def count(settings: StudySettings) -> Iterator[Row]:
     """One signal: how often two are counted; and two signals: how often they are.
 
     noise: "thermal" is known; "other satellites" raise it by 20 % unseen; "estimated" from 100 values of the noise that
-    there is, raised, which mends that: the same correlations, judged by an estimate. second_above: how often the
+    there is, raised, which avoids that: the same correlations, judged by an estimate. second_above: how often the
     smaller amplitude of two signals is above 0.2, with one signal as with two.
     """
     rng = settings.rng()

@@ -124,7 +124,7 @@ CASES: Final = (
            draw=draws.parity_of(sums), why=why)
       for sums, amplitude, why in ((10, 14.14, ""), (1, 4.47, "code and phase of one satellite are not independent"))),
     Case(group=_VECTOR, method="vector_parity", test="parity, 5 ms, plain discriminators",
-         draw=draws.parity_of(5, scores=False), why="discriminators have heavier tails than normal; scores mend it"),
+         draw=draws.parity_of(5, scores=False), why="discriminators have heavier tails than normal; scores correct it"),
     Case(group=_VECTOR, method="vector_parity", test="what the attacked satellite leaves",
          draw=draws.suspect_left,
          why="discriminators are linear in lock only, and the attack takes them off it"),

@@ -334,7 +334,7 @@ def test_the_last_sentence_says_what_can_be_done_and_what_is_missing(stored: tup
     tens = advice(replace(samples, n_samples=int(20 * 4e6)), short.satellites, gaps=1, mirrored=False)
     assert "--nav" in tens
     assert "loses no samples" in tens
-    assert "no satellite was heard" in advice(samples, (), gaps=0, mirrored=False)
+    assert "no satellite was found" in advice(samples, (), gaps=0, mirrored=False)
     assert "give no position" in advice(
         replace(samples, n_samples=int(60 * 4e6)), short.satellites[:3], gaps=0, mirrored=False
     )

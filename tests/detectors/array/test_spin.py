@@ -19,11 +19,11 @@ from skyproof.detectors.array.spin import (
     estimate_rate,
     full_fit,
     full_information,
-    mend_slips,
     minus_mean,
     paired_fit,
     paired_information,
     predicted_test,
+    repair_slips,
     spoofed_detection,
     step_statistics,
 )
@@ -384,21 +384,21 @@ def test_a_half_cycle_slip_stands_out_and_would_divide_a_pair():
             assert float(found) == pytest.approx(bias, abs=0.5)
 
 
-def test_slips_are_mended_where_they_are_and_nowhere_else():
+def test_slips_are_repaired_where_they_are_and_nowhere_else():
     rng = np.random.default_rng(10)
     y = series(rng, SKY[:4], 150, trials=(300,))
     place, size = rng.integers(10, 140, 300), rng.choice([-1.0, -0.5, 0.5, 1.0], 300)
     y[:, 2] += size[:, None] * (np.arange(150) >= place[:, None])
     second = rng.integers(10, 140, 300)
     y[:, 0] += 0.5 * (np.arange(150) >= second[:, None])
-    mended = mend_slips(y, arm_angles(150, W), sigma_cyc=0.01)
+    repaired = repair_slips(y, arm_angles(150, W), sigma_cyc=0.01)
     expected = np.zeros(y.shape)
     expected[np.arange(300), 2, place] += size
     expected[np.arange(300), 0, second] += 0.5
     # Two of four slipping at once by a half are the other two slipping back: only differences count.
-    np.testing.assert_allclose(minus_mean(mended.jump_cyc), minus_mean(expected), atol=1e-12)
-    np.testing.assert_allclose(mended.phase_cyc, y - np.cumsum(mended.jump_cyc, axis=-1), atol=1e-9)
-    clean = mend_slips(mended.phase_cyc, arm_angles(150, W), sigma_cyc=0.01)
+    np.testing.assert_allclose(minus_mean(repaired.jump_cyc), minus_mean(expected), atol=1e-12)
+    np.testing.assert_allclose(repaired.phase_cyc, y - np.cumsum(repaired.jump_cyc, axis=-1), atol=1e-9)
+    clean = repair_slips(repaired.phase_cyc, arm_angles(150, W), sigma_cyc=0.01)
     assert not clean.jump_cyc.any()
 
 

@@ -42,7 +42,7 @@ def advice(samples: Samples, satellites: Sequence[FoundSatellite], *, gaps: int,
     n, several = len(satellites), sum(satellite.peaks > 1 for satellite in satellites)
     if n == 0:
         return (
-            "`protect` can do nothing with it: no satellite was heard; check rate_hz, centre_hz and if_hz first, then "
+            "`protect` can do nothing with it: no satellite was found; check rate_hz, centre_hz and if_hz first, then "
             "the antenna."
         )
     needs = []
@@ -51,7 +51,7 @@ def advice(samples: Samples, satellites: Sequence[FoundSatellite], *, gaps: int,
     if samples.duration_s < _TRACKED_S:
         needs.append(f"{_EPHEMERIS_S:.0f} s of recording (with --nav {_SUBFRAME_S:.0f} s)")
         can = "is too short for `protect`, which follows signals for seconds"
-        can += "; that several signals of one satellite were heard already speaks of false ones" if several else ""
+        can += "; that several signals of one satellite are received suggests false ones already" if several else ""
         return f"It {can}; what it needs: {_listed(needs)}."
     if n < _FIX_SATS:
         can = "can look for second signals of a satellite, but give no position"
@@ -143,12 +143,12 @@ def summary(
     long = f"{samples.duration_s:.1f} s" if samples.duration_s >= 1.0 else f"{samples.duration_s * 1e3:.0f} ms"
     n = len(satellites)
     if n == 0:
-        heard = f"{long} in which no {GPS_L1_CA.name} signal was found"
+        text = f"{long} in which no {GPS_L1_CA.name} signal was found"
     else:
         strongest = max(satellite.cn0_dbhz for satellite in satellites)
-        heard = f"{long} with {n} GPS satellite{'' if n == 1 else 's'}, the strongest at {strongest:.0f} dB-Hz"
+        text = f"{long} with {n} GPS satellite{'' if n == 1 else 's'}, the strongest at {strongest:.0f} dB-Hz"
     if several := [satellite.sat for satellite in satellites if satellite.peaks > 1]:
-        heard += f"; more than one signal of {', '.join(several)}"
+        text += f"; more than one signal of {', '.join(several)}"
     but = []
     if conjugate:
         but.append("the spectrum is mirrored")
@@ -159,7 +159,7 @@ def summary(
         but.append("a narrow-band line hurts" if hurting == 1 else f"{hurting} narrow-band lines hurt")
     if n and n < _FIX_SATS:
         but.append("fewer than four satellites give no position")
-    return heard + (f"; but {', '.join(but[:-1])}{' and ' if but[:-1] else ''}{but[-1]}." if but else ".")
+    return text + (f"; but {', '.join(but[:-1])}{' and ' if but[:-1] else ''}{but[-1]}." if but else ".")
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -24,7 +24,7 @@ _LEVELS_LISTED: Final = 16
 
 @dataclass(frozen=True, kw_only=True)
 class Satellite:
-    """One satellite heard. `code_phase_chips`: how long after the recording's first sample a code period begins, 0 to
+    """A satellite received. `code_phase_chips`: how long after the recording's first sample a code period begins, 0 to
     1023. `peaks` : how many signals of it there are; the numbers are those of the strongest."""
 
     sat: str
@@ -149,7 +149,7 @@ class Inspection:
         return cleaned
 
     def _repr_html_(self) -> str:
-        """What it is, what is odd and which satellites were heard, for a notebook."""
+        """What it is, what is odd and which satellites were received, for a notebook."""
         samples = self.samples
         kind = "real" if self.front_end.real else "complex"
         columns = ("satellite", "C/N0, dB-Hz", "Doppler, Hz", "code phase, chips", "signals")

@@ -21,7 +21,7 @@ _CORRELATED_S: Final = 0.02
 
 
 def write_pictures(inspections: "Sequence[Inspection]", folder: str | Path) -> tuple[Path, ...]:
-    """Write NAME-levels.svg, NAME-spectrum.svg and, where satellites were heard, NAME-correlation.svg of each channel.
+    """Write NAME-levels.svg, NAME-spectrum.svg and, where there are satellites, NAME-correlation.svg of each channel.
 
     Raises OutputError if the folder cannot be made or a file cannot be written.
     """

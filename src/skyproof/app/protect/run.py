@@ -165,7 +165,7 @@ def _received(
     arrays: Mapping[str, AntennaArray],
     workspace: Workspace,
 ) -> tuple[list[Reception], bool]:
-    """What each source's receiver heard, in their order, and whether Ctrl-C ended the tracking early."""
+    """What each source's receiver received, in their order, and whether Ctrl-C ended the tracking early."""
     recordings = [source for source in sources if isinstance(source, Samples)]
     trackers, interrupted = track(
         recordings, settings, progress, navigation, summed=True, asked=asked(), workspace=workspace
@@ -182,12 +182,12 @@ def _received(
 
 
 def _span_of(receptions: Sequence[Reception]) -> Records:
-    """From the start of the first recording to the last epoch of any; without times if nothing was heard."""
-    heard = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size]
-    if not heard:
+    """From the start of the first recording to the last epoch of any; without times if nothing was received."""
+    received = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size]
+    if not received:
         return Records(start_gpst=np.datetime64("NaT", "ns"), end_gpst=np.datetime64("NaT", "ns"))
-    starts = [o.gpst[0] - np.timedelta64(round(float(o.elapsed_s[0]) * 1e9), "ns") for o in heard]
-    return Records(start_gpst=min(starts), end_gpst=max(o.gpst[-1] for o in heard))
+    starts = [o.gpst[0] - np.timedelta64(round(float(o.elapsed_s[0]) * 1e9), "ns") for o in received]
+    return Records(start_gpst=min(starts), end_gpst=max(o.gpst[-1] for o in received))
 
 
 def verdict_of(
@@ -255,21 +255,21 @@ def judge(
     workspace: Workspace | None = None,
     foresights: Mapping[str, Foresight] | None = None,
 ) -> tuple[Outcome, bool]:
-    """Windows, evidence, decision and fixes from what the receivers heard, and whether Ctrl-C left windows out.
+    """Windows, evidence, decision and fixes from what the receivers received, and whether Ctrl-C left windows out.
 
     body : that carries all antennas. workspace : where evidence is written as it comes. foresights : by receiver, what
         chooses between skies where nothing else does; from the settings alone if absent.
     """
     orbits = navigation if navigation is not None else _pooled([r.decoded for r in receptions])
-    heard = [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
-    observed = [r.observations for r in heard if r.observations is not None]
+    received = [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
+    observed = [r.observations for r in received if r.observations is not None]
     windows = windows_of(
         observed,
         orbits,
         settings,
-        taps=[r.taps for r in heard if r.taps is not None],
-        ccaf=[r.ccaf for r in heard if r.ccaf is not None],
-        array_phases=[r.array_phases for r in heard if r.array_phases is not None],
+        taps=[r.taps for r in received if r.taps is not None],
+        ccaf=[r.ccaf for r in received if r.ccaf is not None],
+        array_phases=[r.array_phases for r in received if r.array_phases is not None],
         spin_arms=spin_arms,
         body=body,
     )
@@ -363,9 +363,9 @@ def _same_day(navigation: NavigationData, gpst: np.datetime64, source: Measureme
 
 def _same_time(receptions: Sequence[Reception], navigation: NavigationData | None) -> None:
     """Raise InputError if two receivers were recorded at different times, or the orbits are of another one."""
-    heard = [(r.source.path, r.observations) for r in receptions if r.observations is not None]
-    heard = [(path, o) for path, o in heard if o.gpst.size]
-    for (path, a), (other_path, b) in combinations(heard, 2):
+    received = [(r.source.path, r.observations) for r in receptions if r.observations is not None]
+    received = [(path, o) for path, o in received if o.gpst.size]
+    for (path, a), (other_path, b) in combinations(received, 2):
         if overlap_s(a, b) <= 0.0:
             raise InputError(
                 f"{other_path} was recorded from {iso(b.gpst[0], 1)} to {iso(b.gpst[-1], 1)}, but {path} from "

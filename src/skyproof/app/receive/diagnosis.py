@@ -49,8 +49,8 @@ def diagnosis(samples: Samples, doppler_max_hz: float, inspected: Callable[[], I
     if highest_hz > doppler_max_hz:
         reach_hz = _REACH_STEP_HZ * math.ceil(highest_hz / _REACH_STEP_HZ + 0.5)
         cures.append(f"satellites appear at up to {highest_hz:.0f} Hz: give doppler_max_hz = {reach_hz:.0f}")
-    heard = 0 if cures or found.given is not None else len(found.satellites)
-    return Diagnosis(mirrored=bool(found.conjugate), cure="; ".join([*cures, more]), n_sats=heard)
+    received = 0 if cures or found.given is not None else len(found.satellites)
+    return Diagnosis(mirrored=bool(found.conjugate), cure="; ".join([*cures, more]), n_sats=received)
 
 
 def oscillator_remarks_of(dopplers_hz: Sequence[float]) -> tuple[str, ...]:

@@ -82,7 +82,7 @@ def observe(
     modulo 1024, resolved by nothing better than the calendar's present era).
     """
     samples = tracker.samples
-    heard = {arc.signal for arc in tracker.arcs.values()}
+    received = {arc.signal for arc in tracker.arcs.values()}
     remarks: list[str] = [*tracker.remarks]
     week = week_of(tracker, navigation, remarks)
     label = time_tag(tracker, week)
@@ -120,7 +120,7 @@ def observe(
     remarks += differ
     left_out = None
     if observations is None:
-        left_out = _no_time(tracker, len(heard)) if heard else _nothing_heard(tracker, found)
+        left_out = _no_time(tracker, len(received)) if received else _nothing_received(tracker, found)
         left_out += "" if found is None else f"; {found.cure}"
         remarks.append(f"left out: {left_out}")
     elif found is not None:
@@ -129,7 +129,7 @@ def observe(
         source=samples,
         observations=observations,
         decoded=decoded,
-        n_signals=len(heard),
+        n_signals=len(received),
         examined_s=tracker.examined_s,
         left_out=left_out,
         remarks=tuple(remarks),
@@ -161,11 +161,11 @@ def require_signals(trackers: Sequence[Tracker]) -> None:
         paths = ", ".join(t.samples.path or t.samples.name for t in trackers)
         first = trackers[0]
         found = diagnosis(first.samples, first.receiver.settings.doppler_max_hz, first.inspected)
-        raise NotEnoughData(f"{paths}: {_nothing_heard(first, found)}; {found.cure}")
+        raise NotEnoughData(f"{paths}: {_nothing_received(first, found)}; {found.cure}")
 
 
 def _is_doubtful(tracker: Tracker) -> bool:
-    """Whether what was heard looks as if the recording was not read as it should be."""
+    """Whether what was received looks as if the recording was not read as it should be."""
     n_sats = len({arc.signal.sat for arc in tracker.arcs.values()})
     return n_sats < ENOUGH_SATS or len(tracker.arcs) > MANY_ARCS * n_sats
 
@@ -185,7 +185,7 @@ def _dopplers_hz(tracker: Tracker) -> list[float]:
     return [float(np.nanmean(of_sat)) for of_sat in values.values()]
 
 
-def _nothing_heard(tracker: Tracker, found: Diagnosis | None) -> str:
+def _nothing_received(tracker: Tracker, found: Diagnosis | None) -> str:
     """What to check if no satellite was followed, in the order of likelihood."""
     samples = tracker.samples
     if found is not None and found.n_sats and samples.duration_s < FOLLOWED_S:

@@ -214,17 +214,17 @@ def signals_of(o: ObservationLog | None) -> tuple[dict[str, Any], ...]:
 
 def _signal(o: ObservationLog, column: int) -> dict[str, Any]:
     """One signal; without a pseudorange it never gave a time."""
-    signal, heard = o.signals[column], np.flatnonzero(o.measured[:, column])
-    there = heard.size > 0
+    signal, received = o.signals[column], np.flatnonzero(o.measured[:, column])
+    there = received.size > 0
     return {
         "sat": signal.sat,
         "band": signal.band,
         "code": signal.code,
         "copy": signal.copy,
         "found_s": float(o.found_elapsed_s[column]),
-        "first_gpst": iso(o.gpst[heard[0]], DIGITS) if there else None,
-        "last_gpst": iso(o.gpst[heard[-1]], DIGITS) if there else None,
-        "n_epochs": int(heard.size),
-        "cn0_dbhz": float(np.median(o.series("cn0_dbhz", column)[heard])) if there else None,
-        "doppler_hz": float(np.median(o.series("doppler_hz", column)[heard])) if there else None,
+        "first_gpst": iso(o.gpst[received[0]], DIGITS) if there else None,
+        "last_gpst": iso(o.gpst[received[-1]], DIGITS) if there else None,
+        "n_epochs": int(received.size),
+        "cn0_dbhz": float(np.median(o.series("cn0_dbhz", column)[received])) if there else None,
+        "doppler_hz": float(np.median(o.series("doppler_hz", column)[received])) if there else None,
     }

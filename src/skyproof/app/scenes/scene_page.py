@@ -179,7 +179,7 @@ def _events(scene: Scene) -> Iterator[str]:
     if scenario.sky.until_s is not None:
         yield f"The true sky falls silent after {scenario.sky.until_s:g} s."
     for name, attack in zip(scenario.attack_names, scenario.attacks, strict=True):
-        sats = sorted({heard.id.sat for sky in scene.skies for heard in sky.signals if heard.source == name})
+        sats = sorted({received.id.sat for sky in scene.skies for received in sky.signals if received.source == name})
         antennas = "" if not attack.antennas else f" from {1 + len(attack.antennas)} antennas"
         imitated = f"{_count(len(sats), 'satellite')} ({', '.join(sats)}){antennas}"
         yield f"{name} {_does(attack)}; {imitated}, {_when(attack)}."
@@ -194,9 +194,9 @@ def _events(scene: Scene) -> Iterator[str]:
 
 def _does(attack: Attack) -> str:
     if isinstance(attack, Meaconer):
-        return f"rebroadcasts what it hears with its receive antenna, {1e6 * attack.delay_s:.4g} µs later"
+        return f"rebroadcasts what its receive antenna receives, {1e6 * attack.delay_s:.4g} µs later"
     if isinstance(attack, Spoofer):
-        return "sends the signals that a receiver at the place shown would hear"
+        return "sends the signals that a receiver at the place shown would receive"
     locked = ", carriers kept at the true ones’ frequencies" if attack.carrier == "locked" else ""
     return f"lays its signals on the true ones of {attack.target} and draws them off{locked}"
 
@@ -235,7 +235,7 @@ def _ways(scene: Scene, at_s: Reals, origin: Reals) -> Iterator[GroundTrack]:
         for number, site in enumerate(attack.transmit_sites):
             several = "" if number == 0 else f" antenna {number + 1}"
             yield way(f"{name}{several}", "transmits", _point(site), at_s)
-        yield way(name, "hears" if isinstance(attack, Meaconer) else "shows", shown, on_s)
+        yield way(name, "receives" if isinstance(attack, Meaconer) else "shows", shown, on_s)
     for source in scenario.interference:
         yield way(source.name or source.kind, "disturbs", _point(source.transmit), at_s)
 
@@ -287,12 +287,12 @@ def _sky(scene: Scene, sky: ReceiverSky) -> SceneSky:
     positions = [
         SkyPosition(
             receiver=sky.name,
-            signal=str(heard.id),
-            label=_label(heard),
+            signal=str(received.id),
+            label=_label(received),
             azimuth_deg=float(np.degrees(sky.az_rad[row, column])),
             elevation_deg=float(np.degrees(sky.el_rad[row, column])),
         )
-        for column, heard in enumerate(sky.signals)
+        for column, received in enumerate(sky.signals)
     ]
     transmitters = [
         (name if number == 0 else f"{name} {number + 1}", site)
@@ -315,8 +315,8 @@ def _sky(scene: Scene, sky: ReceiverSky) -> SceneSky:
     )
 
 
-def _label(heard: ReceivedSignal) -> Any:
-    return heard.label
+def _label(received: ReceivedSignal) -> Any:
+    return received.label
 
 
 def _direction(name: str, place: Reals, target: Reals) -> SkySource:
@@ -333,22 +333,22 @@ def _has_attitude(receiver: SceneReceiver) -> bool:
 # --- over time
 
 
-def _heard_at(heard: ReceivedSignal, at_s: Reals) -> Any:
-    return np.any([(at_s >= begin) & (at_s <= end) for begin, end in heard.windows_s], axis=0)
+def _received_at(received: ReceivedSignal, at_s: Reals) -> Any:
+    return np.any([(at_s >= begin) & (at_s <= end) for begin, end in received.windows_s], axis=0)
 
 
 def _levels(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[SignalSeries]:
     at_s = _own(sky, at_s, duration_s)
     added = sum((_within(noise, at_s) for noise in sky.noises), np.zeros(at_s.shape))
     cn0_dbhz = sky.cn0_dbhz(at_s) - 10.0 * np.log10(1.0 + added)[:, np.newaxis]
-    for column, heard in enumerate(sky.signals):
+    for column, received in enumerate(sky.signals):
         yield SignalSeries(
             receiver=sky.receiver.name,
-            signal=str(heard.id),
-            label=_label(heard),
+            signal=str(received.id),
+            label=_label(received),
             seconds=at_s,
             cn0_dbhz=np.where(
-                _heard_at(heard, at_s) & (cn0_dbhz[:, column] >= _WEAKEST_DBHZ), cn0_dbhz[:, column], np.nan
+                _received_at(received, at_s) & (cn0_dbhz[:, column] >= _WEAKEST_DBHZ), cn0_dbhz[:, column], np.nan
             ),
         )
 
@@ -367,15 +367,15 @@ def _within(source: Any, at_s: Reals) -> Reals:
 def _offsets(scene: Scene, sky: ReceiverSky, at_s: Reals) -> Iterator[PlotLine]:
     at_s = _own(sky, at_s, scene.scenario.duration_s)
     behind_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(at_s)
-    true = {heard.id.sat: column for column, heard in enumerate(sky.signals) if heard.source == "sky"}
-    for column, heard in enumerate(sky.signals):
-        other = true.get(heard.id.sat)
-        if heard.source == "sky" or other is None:
+    true = {received.id.sat: column for column, received in enumerate(sky.signals) if received.source == "sky"}
+    for column, received in enumerate(sky.signals):
+        other = true.get(received.id.sat)
+        if received.source == "sky" or other is None:
             continue
-        both = _heard_at(heard, at_s) & _heard_at(sky.signals[other], at_s)
-        several = f" {heard.source}" if len(scene.scenario.attacks) > 1 else ""
+        both = _received_at(received, at_s) & _received_at(sky.signals[other], at_s)
+        several = f" {received.source}" if len(scene.scenario.attacks) > 1 else ""
         yield PlotLine(
-            name=f"{heard.id.sat}{several}",
+            name=f"{received.id.sat}{several}",
             kind="spoofed",
             seconds=at_s,
             values=np.where(both, behind_m[:, column] - behind_m[:, other], np.nan),
@@ -401,10 +401,13 @@ def _disturbance(scenario: Scenario, sky: ReceiverSky, at_s: Reals) -> Iterator[
 def _reflections(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[PlotLine]:
     at_s = _own(sky, at_s, duration_s)
     for ray in sky.rays:
-        heard = sky.signals[ray.of]
+        received = sky.signals[ray.of]
         longer_m = SPEED_OF_LIGHT_M_S * ray.further_s(at_s)
         yield PlotLine(
-            name=heard.id.sat, kind="multipath", seconds=at_s, values=np.where(_heard_at(heard, at_s), longer_m, np.nan)
+            name=received.id.sat,
+            kind="multipath",
+            seconds=at_s,
+            values=np.where(_received_at(received, at_s), longer_m, np.nan),
         )
 
 

@@ -35,8 +35,8 @@ from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = [
     "DEGREE_2_LASTS_S",
-    "Mended",
     "PredictedTest",
+    "RepairedPhase",
     "Spin",
     "SpinFit",
     "SpinRate",
@@ -48,11 +48,11 @@ __all__ = [
     "estimate_rate",
     "full_fit",
     "full_information",
-    "mend_slips",
     "minus_mean",
     "paired_fit",
     "paired_information",
     "predicted_test",
+    "repair_slips",
     "spoofed_detection",
     "step_statistics",
 ]
@@ -290,14 +290,14 @@ def step_statistics(
     return seen**2 / power / sigma_cyc**2, seen / power
 
 
-class Mended(NamedTuple):
+class RepairedPhase(NamedTuple):
     """phase_cyc : (..., n, N). jump_cyc : (..., n, N) what was taken off from each sample on, multiples of a half."""
 
     phase_cyc: Reals
     jump_cyc: Reals
 
 
-def mend_slips(
+def repair_slips(
     phase_cyc: ArrayLike,
     angle_rad: ArrayLike,
     *,
@@ -306,12 +306,12 @@ def mend_slips(
     time: ArrayLike | None = None,
     false_alarm_probability: float = 1e-3,
     most: int = 10,
-) -> Mended:
+) -> RepairedPhase:
     """Take off half-cycle slips of n signals, the largest first, `most` at most.
 
     Without slips something is found with at most `false_alarm_probability` (union bound over signals and samples), and
     even then nothing is changed unless its size is nearer to a half cycle than to none. Of two signals
-    either may be mended: the difference is the same.
+    either may be repaired: the difference is the same.
 
     Parameters
     ----------
@@ -338,7 +338,7 @@ def mend_slips(
             break
         phase[todo, signal] -= half[:, None] * (np.arange(count) > before[:, None])
         jump[todo, signal, before + 1] += half
-    return Mended(phase.reshape(phase_cyc.shape), jump.reshape(phase_cyc.shape))
+    return RepairedPhase(phase.reshape(phase_cyc.shape), jump.reshape(phase_cyc.shape))
 
 
 # The detector ---------------------------------------------------------------------------------------------------------
@@ -414,7 +414,7 @@ class Spin:
         phase_cyc = -observations.carrier_cyc[np.ix_(epochs, channels)].T
         rate_rad_s = arm.rate_rad_s
         angle_rad = rate_rad_s * time_s
-        phase_cyc = mend_slips(phase_cyc, angle_rad, sigma_cyc=sigma_cyc, degree=degree, time=time_s).phase_cyc
+        phase_cyc = repair_slips(phase_cyc, angle_rad, sigma_cyc=sigma_cyc, degree=degree, time=time_s).phase_cyc
         if arm.rate_sigma_rad_s > 0.0:
             rate_rad_s = float(
                 estimate_rate(

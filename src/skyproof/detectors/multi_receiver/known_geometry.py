@@ -107,7 +107,7 @@ class AntennaDistance:
 
 @dataclass(frozen=True, eq=False)
 class LearntBaseline:
-    """Baselines of windows in which both skies were heard in every receiver, for those in which they were not."""
+    """Baselines of windows in which both skies were received in every receiver, for those in which they were not."""
 
     baseline: Baseline
 

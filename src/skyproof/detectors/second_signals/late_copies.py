@@ -18,7 +18,7 @@ from skyproof.statistics.distributions import chi_square_threshold
 __all__ = ["MOST_LATE_M", "WEAKER_DB", "is_late_copy", "without_late_copies"]
 
 MOST_LATE_M = 3000.0
-"""By which a copy is late at most: no reflector that a receiver hears is farther off, nor a repeater's cable longer."""
+"""By which a copy is late at most: no reflector that counts is farther off, nor a repeater's cable longer."""
 WEAKER_DB = 1.0
 """By which a late copy is weaker at least: an equal one is no reflection."""
 SAME_PLACE_PROBABILITY = 1e-3

@@ -69,7 +69,7 @@ JAMMED_S = (9.1, 14.0)
 def demo(*, seed: int = 1) -> Scenario:
     """The pair of `meaconed`, jammed until it has lost the sky, then given a false one 8 dB stronger.
 
-    Whoever looks for the strongest signals after the jamming is led to where the meaconer's ears are, 0.9 km away. The
+    Whoever looks for the strongest signals after the jamming is led to the meaconer's receive antenna, 0.9 km away. The
     jammer is 30 dB over the receivers' noise, for 5 s; the meaconer stands beside it.
     """
     scene = meaconed(seed=seed, duration_s=34.0, onset_s=JAMMED_S[1], power_db=8.0)
@@ -85,7 +85,7 @@ def demo(*, seed: int = 1) -> Scenario:
 
 
 def meaconed(*, seed: int = 1, duration_s: float, onset_s: float, power_db: float = 0.0) -> Scenario:
-    """Two receivers 60 m apart on a ship at a quay, and a meaconer whose ears are 0.9 km away.
+    """Two receivers 60 m apart on a ship at a quay, and a meaconer that receives 0.9 km away.
 
     One bit for I and for Q at 2.6 million samples a second. The meaconer's own noise lies 13 dB below theirs while
     its signals are as strong as the true ones, and grows with `power_db`.
@@ -142,7 +142,7 @@ def clean(
     front_end: FrontEnd | None = None,
     seed: int = 0,
 ) -> Scenario:
-    """Receivers around `place` that hear nothing but the sky.
+    """Receivers around `place` that receive nothing but the sky.
 
     The first stands at `place`, the others `baseline_m` from it, spread evenly over the compass from north on. Clocks
     and oscillators differ from receiver to receiver, by what `seed` gives.
