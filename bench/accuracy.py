@@ -324,7 +324,7 @@ def _motions() -> Iterator[str]:
 
 def _carrier_to_noise() -> Iterator[str]:
     table = _Table(
-        "C/N0 as told, 2.6 Msps, 2 MHz: mean of the ratio in dB less the true one, and spread of one epoch",
+        "C/N0 as reported, 2.6 Msps, 2 MHz: mean of the ratio in dB less the true one, and spread of one epoch",
         ("C/N0", "bias dB", "spread dB", "epochs"),
     )
     for cn0_dbhz in range(25, 60, 5):

@@ -332,7 +332,7 @@ def _listed(rows: Sequence[dict[str, Any]], kind: str) -> Iterator[str]:
         yield f"  {title}: {len(found)}  {' '.join(row['name'].partition('-')[2] for row in found[:40])}"
 
 
-def told(name: str) -> Iterator[str]:
+def reported(name: str) -> Iterator[str]:
     """Everything about one scene."""
     drawn, made, by_samples = scene_of_name(name)
     yield from _fields(drawn)
@@ -397,7 +397,7 @@ def main() -> None:
         rows = read(chosen.table)
     elif chosen.only and chosen.verbose:
         for name in chosen.only:
-            print("\n".join(told(name)))
+            print("\n".join(reported(name)))
         return
     else:
         names = chosen.only or names_of(chosen.attacks, chosen.clean, chosen.samples, chosen.first)

@@ -202,7 +202,7 @@ def _said(windows: Sequence[Taps] | Iterator[Taps], settings: SqmSettings | None
 
 
 def _word(e: Evidence) -> str:
-    """attack; open: so many at once that the verdict stays open; named: some signals are told as distorted."""
+    """attack; open: so many at once that the verdict stays open; named: some signals are reported as distorted."""
     return "open" if e.failed else "named" if e.noted else e.says
 
 

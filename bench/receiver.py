@@ -121,11 +121,11 @@ def _received(path: Path, out: Path) -> Run:
     """One run of the command."""
     command = [str(Path(sys.executable).with_name("skyproof")), "receive", str(path), "--out", str(out)]
     begin = perf_counter()
-    told = subprocess.run([sys.executable, "-S", "-c", _USED, *command], capture_output=True, text=True, check=False)
+    ended = subprocess.run([sys.executable, "-S", "-c", _USED, *command], capture_output=True, text=True, check=False)
     wall_s = perf_counter() - begin
-    if told.returncode:
-        raise SystemExit(f"{' '.join(command)} failed: {told.stderr}")
-    cpu_s, peak_mb = map(float, told.stdout.split())
+    if ended.returncode:
+        raise SystemExit(f"{' '.join(command)} failed: {ended.stderr}")
+    cpu_s, peak_mb = map(float, ended.stdout.split())
     bodies = [file.read_text(encoding="ascii").partition("END OF HEADER")[2] for file in out.glob("*.obs")]
     cells = sum(row.startswith("G") for body in bodies for row in body.splitlines())
     return Run(wall_s, cpu_s, peak_mb, cells * 0.2)

@@ -152,7 +152,7 @@ def write_as_bytes(samples: Samples, path: Path) -> None:
 
 
 def _positions_ecef_m(folder: Path) -> np.ndarray:
-    """From the GGA sentences it wrote; they tell a height above the ellipsoid, with no undulation taken off."""
+    """From the GGA sentences it wrote; they give a height above the ellipsoid, with no undulation taken off."""
     sentences = "\n".join(path.read_text(encoding="ascii") for path in folder.glob("*.nmea"))
     pattern = r"\$GPGGA,[\d.]+,(\d\d)([\d.]+),([NS]),(\d{3})([\d.]+),([EW]),\d,\d+,[\d.]*,(-?[\d.]+),M"
     places = [

@@ -2,8 +2,8 @@
 
 Two recordings: the rendered pair's rx1.bin if the folder of recordings ($SKYPROOF_DATA) is there, or those that are
 named; and a clean sky that skyproof simulates, where the truth is known. Then two receivers at once, the rendered pair
-and one that skyproof simulates: RTKLIB fixes the baseline between their RINEX files. What is not installed is told and
-skipped.
+and one that skyproof simulates: RTKLIB fixes the baseline between their RINEX files. What is not installed is reported
+and skipped.
 """
 
 import json
@@ -90,12 +90,12 @@ def _rendered(name: str) -> Path:
 def _recorded(named: list[str]) -> Iterator[Case]:
     for path in [Path(name) for name in named] or [_rendered("rx1.bin")]:
         if path.is_file():
-            yield Case(str(path.name), path, None, _place_told(path))
+            yield Case(str(path.name), path, None, _stated_place(path))
         else:
             print(f"skipped: no recording at {path}; give one, or set SKYPROOF_DATA to the folder of recordings")
 
 
-def _place_told(path: Path) -> np.ndarray | None:
+def _stated_place(path: Path) -> np.ndarray | None:
     """Where the receiver stood, if a truth.json beside the recording says so."""
     truth = path.with_name("truth.json")
     if not truth.is_file():
@@ -118,7 +118,9 @@ def _simulated(folder: Path) -> Case:
 def _recorded_pair(named: list[str]) -> Iterator[Pair]:
     base, rover = _rendered("rx1.bin"), _rendered("rx2.bin")
     if not named and base.is_file() and rover.is_file():
-        yield Pair("rendered", "rx1.bin and rx2.bin", (base, rover), np.stack([_place_told(base), _place_told(rover)]))
+        yield Pair(
+            "rendered", "rx1.bin and rx2.bin", (base, rover), np.stack([_stated_place(base), _stated_place(rover)])
+        )
 
 
 def _simulated_pair(folder: Path) -> Pair:
@@ -227,8 +229,8 @@ def _read_elsewhere(who: str, observations: Path, navigation: Path | None, place
     if readers.georinex_found():
         epochs, sats, ranges = readers.georinex_counts(observations)
         track = read_tracks([observations], who)
-        told = track.label_s.size, len(track.signals), int(np.isfinite(track.pseudorange_m).sum())
-        same = "as we do" if (epochs, sats, ranges) == told else f"but we read {told}"
+        reported = track.label_s.size, len(track.signals), int(np.isfinite(track.pseudorange_m).sum())
+        same = "as we do" if (epochs, sats, ranges) == reported else f"but we read {reported}"
         yield f"    georinex reads {observations.name}: {epochs} epochs, {sats} satellites, {ranges} ranges, {same}"
 
 

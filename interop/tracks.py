@@ -1,4 +1,4 @@
-"""What a receiver measured, as its RINEX file tells it: the common ground on which receivers are compared."""
+"""What a receiver measured, as its RINEX file states it: the common ground on which receivers are compared."""
 
 import re
 from collections.abc import Iterable, Sequence

@@ -26,7 +26,7 @@ __all__ = ["NEVER_RAISED", "Message", "Recorder", "Site", "sites", "table", "unr
 SOURCE = Path(skyproof.__file__).parent
 COMMAND_LINE = "command line"
 SHOWN = 12
-"""Messages of one place that are told."""
+"""Messages of one place that are printed."""
 
 NEVER_RAISED: dict[str, str] = {}
 """Places ("file function") whose errors no test can raise, with the reason."""
@@ -143,7 +143,7 @@ def table(messages: list[Message]) -> str:
     lines = [
         "# Messages",
         "",
-        "Every error that the tests raise, as it is told: `skyproof: ` and these words on one line, exit code 2. "
+        "Every error that the tests raise, as it is printed: `skyproof: ` and these words on one line, exit code 2. "
         "Folders are left out; of one place in the source no more than "
         f"{SHOWN} messages are shown.",
     ]

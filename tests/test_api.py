@@ -1,4 +1,4 @@
-"""What a user of the package may rely on: its names, in any order of imports, each told with an example."""
+"""What a user of the package may rely on: its names, in any order of imports, each documented with an example."""
 
 import ast
 import inspect
@@ -21,14 +21,14 @@ def test_the_promise_is_exactly_these_names() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_name_is_a_function_that_is_told_whole(name: str) -> None:
+def test_a_name_is_a_function_that_is_documented_whole(name: str) -> None:
     function = getattr(sp, name)
     assert inspect.isfunction(function)
-    told = inspect.getdoc(function) or ""
+    reported = inspect.getdoc(function) or ""
     for part in ("Parameters\n----", "Returns\n----", "Raises\n----"):
-        assert part in told
+        assert part in reported
     for parameter in inspect.signature(function).parameters:
-        assert re.search(rf"^(\w+, )*{parameter}(, \w+)* : ", told, re.MULTILINE), parameter
+        assert re.search(rf"^(\w+, )*{parameter}(, \w+)* : ", reported, re.MULTILINE), parameter
     hints = typing.get_type_hints(function)
     assert hints.keys() == {*inspect.signature(function).parameters, "return"}
 
@@ -36,8 +36,8 @@ def test_a_name_is_a_function_that_is_told_whole(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_name_has_an_example_that_calls_it_as_it_may_be_called(name: str) -> None:
     code = "\n".join(line.strip() for line in re.findall(r"^    +.*\bsp\.\w+\(.*", sp.__doc__ or "", re.MULTILINE))
-    told = inspect.getdoc(getattr(sp, name)) or ""
-    own = [line.strip() for line in told.splitlines() if f"sp.{name}(" in line]
+    reported = inspect.getdoc(getattr(sp, name)) or ""
+    own = [line.strip() for line in reported.splitlines() if f"sp.{name}(" in line]
     assert own
     calls = [node for node in ast.walk(ast.parse("\n".join([code, *own]))) if isinstance(node, ast.Call)]
     mine = [call for call in calls if isinstance(call.func, ast.Attribute) and call.func.attr == name]

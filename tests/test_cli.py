@@ -149,7 +149,7 @@ def test_a_run_to_the_end_exits_with_0_whatever_the_verdict(app: App, word: str)
 
 
 @pytest.mark.parametrize(("word", "code"), [("authentic", 0), ("spoofed", 1), ("undecided", 3)])
-def test_the_exit_code_tells_the_verdict_when_asked_to(app: App, word: str, code: int) -> None:
+def test_the_exit_code_is_the_verdict_when_asked_to(app: App, word: str, code: int) -> None:
     app.verdict = said(word)
     assert cli.main([*PROTECT, "--exit-code"]) == code
     assert cli.main([*PROTECT, "--exit-code", "--json"]) == code
@@ -185,7 +185,7 @@ def test_debug_shows_the_traceback(app: App, capsys: pytest.CaptureFixture[str])
     assert err.splitlines()[-1] == "skyproof: cannot be written"
 
 
-def test_an_interrupted_run_tells_what_is_decided_and_exits_with_130(
+def test_an_interrupted_run_prints_what_is_decided_and_exits_with_130(
     app: App, capsys: pytest.CaptureFixture[str]
 ) -> None:
     app.interrupted = True
@@ -415,12 +415,12 @@ def test_a_long_path_stays_on_one_line(app: App, capsys: pytest.CaptureFixture[s
     assert f"report: {folder}/report.html\n" in capsys.readouterr().out
 
 
-def test_receive_says_what_was_heard(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+def test_receive_says_what_was_received(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["receive", "rx1.bin", "--out", "d"]) == 0
     assert capsys.readouterr().out == "rx1: 12 signals\n  a [dim] remark\nfiles in d\n"
 
 
-def test_receive_tells_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+def test_receive_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["receive", "rx1.bin", "--out", "d", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["format"], document["folder"], document["interrupted"]) == ("skyproof-receive/1", "d", False)
@@ -442,7 +442,7 @@ def test_simulate_says_what_was_made_and_how_to_make_it_again(app: App, capsys: 
     ]
 
 
-def test_simulate_tells_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+def test_simulate_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     app.interrupted = True
     assert cli.main(["simulate", "takeover", "--out", "d", "--json"]) == 130
     out, err = capsys.readouterr()
@@ -462,7 +462,7 @@ def test_the_ready_made_scenes_are_listed_with_a_sentence_each(app: App, capsys:
     assert not app.calls
 
 
-def test_study_tells_its_rows_and_claims(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+def test_study_prints_its_rows_and_claims(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["study", "multi-receiver.false-alarm", "--trials", "9", "--seed", "4"]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert lines[0] == "multi-receiver.false-alarm: What is kept"
@@ -471,7 +471,7 @@ def test_study_tells_its_rows_and_claims(app: App, capsys: pytest.CaptureFixture
     assert app.calls == [("study", 9, {"seed": 4, "quick": False})]
 
 
-def test_study_tells_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_study_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     command = ["study", "multi-receiver.false-alarm", "--quick", "--json", "--plot", "--out", str(tmp_path / "new")]
     assert cli.main(command) == 0
     out, err = capsys.readouterr()
@@ -499,7 +499,7 @@ def test_a_chart_without_a_folder_is_written_here(
     assert "chart: multi-receiver.false-alarm.svg\n" in capsys.readouterr().out
 
 
-def test_an_interrupted_study_tells_the_rows_that_were_ready(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupted_study_prints_the_rows_that_were_ready(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     app.error = KeyboardInterrupt()
     assert cli.main(["study", "multi-receiver.false-alarm", "--json"]) == 130
     out, err = capsys.readouterr()
@@ -616,12 +616,12 @@ def test_an_error_in_a_stage_gives_the_terminal_back(
 WORKING = """
 import sys, time
 from skyproof.cli.progress import progress
-told = progress()
-with told.stage("a name that is longer than there is room for beside a bar on eighty columns", 20.0) as stage:
+stages = progress()
+with stages.stage("a name that is longer than there is room for beside a bar on eighty columns", 20.0) as stage:
     for done in range(1, 16):
         stage.advance(float(done))
         time.sleep(0.1)
-with told.stage("rows", None) as stage:
+with stages.stage("rows", None) as stage:
     stage.advance(7)
     time.sleep(0.3)
 print("the result")
@@ -728,7 +728,7 @@ def test_without_a_command_the_commands_are_listed_and_where_to_begin(capsys: py
         assert line in out
 
 
-def test_version_tells_what_a_report_of_a_fault_needs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_prints_what_a_report_of_a_fault_needs(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["--version"]) == 0
     out = capsys.readouterr().out
     lines = out.splitlines()
@@ -740,7 +740,7 @@ def test_version_tells_what_a_report_of_a_fault_needs(capsys: pytest.CaptureFixt
     assert "compiled kernels: " in out
 
 
-def test_version_tells_whether_kernels_are_compiled(
+def test_version_prints_whether_kernels_are_compiled(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
@@ -848,8 +848,8 @@ def test_interrupted_pages_are_whole_and_their_folder_is_named(
 
     monkeypatch.setattr("skyproof.app.scenes.pages.write_pages", interrupted)
     assert cli.main(["simulate", "--pages", str(tmp_path)]) == 130
-    told = f"interrupted: not all pages were drawn; those in {tmp_path} are whole"
-    assert capsys.readouterr().err == f"skyproof: {told}\n"
+    reported = f"interrupted: not all pages were drawn; those in {tmp_path} are whole"
+    assert capsys.readouterr().err == f"skyproof: {reported}\n"
 
 
 # The examples of the help, as they stand

@@ -121,8 +121,8 @@ def test_every_option_that_is_named_is_one() -> None:
     known = {option for command in COMMANDS for option in options_of(command)} | {name for name in app if "--" in name}
     pages = [page for page in GUIDE if page.parent.name != "design"]  # which name options of other programs
     spans = [span for page in pages for span in code_spans(page) if span.startswith(("--", "skyproof "))]
-    told = {option for span in spans for option in re.findall(r"(?<!\S)--[a-z][a-z-]+", span)}
-    assert told - known == set()
+    reported = {option for span in spans for option in re.findall(r"(?<!\S)--[a-z][a-z-]+", span)}
+    assert reported - known == set()
 
 
 def command_lines() -> list[str]:
@@ -151,12 +151,12 @@ def test_every_command_line_of_the_first_pages_runs(
     assert (tmp_path / "result" / "report.html").is_file()
 
 
-def test_every_make_target_that_is_named_exists_and_is_told() -> None:
+def test_every_make_target_that_is_named_exists_and_is_described() -> None:
     made_by_make = set(re.findall(r"^([a-z-]+):.*?## ", text_of(ROOT / "Makefile"), re.MULTILINE))
     pattern = r"(?:^|`)make ([a-z][a-z-]*)"
-    told = {name for page in GUIDE for name in re.findall(pattern, text_of(page), re.MULTILINE)}
-    assert told <= made_by_make
-    assert made_by_make - {"help"} <= told
+    reported = {name for page in GUIDE for name in re.findall(pattern, text_of(page), re.MULTILINE)}
+    assert reported <= made_by_make
+    assert made_by_make - {"help"} <= reported
 
 
 # Files
@@ -185,7 +185,7 @@ def test_every_mark_of_a_page_names_what_there_is(tables: ModuleType) -> None:
     assert untold == []
 
 
-def test_every_page_holds_what_the_code_tells_now(fill: ModuleType) -> None:
+def test_every_page_holds_what_the_code_says_now(fill: ModuleType) -> None:
     """So that it can be read where nothing is built: `make fill` writes it."""
     assert len(fill.pages()) > 10
     texts = {page.name: text_of(page) for page in fill.pages()}
@@ -220,14 +220,14 @@ def test_the_files_that_the_manual_shows_are_read(tmp_path: Path) -> None:
     assert (samples.rate_hz, samples.n_samples) == (4e6, 4000)
 
 
-def test_every_column_of_fixes_and_every_key_for_sigmf_is_told() -> None:
+def test_every_column_of_fixes_and_every_key_for_sigmf_is_described() -> None:
     page = text_of(DOCS / "formats.md")
     assert [name for name in FIXES_COLUMNS if f"`{name}`" not in page] == []
     own = set(re.findall(r"skyproof:\w+", text_of(ROOT / "src" / "skyproof" / "formats" / "sigmf.py")))
     assert {key for key in own if f"`{key}`" not in page} == set()
 
 
-def test_every_ready_made_scene_is_told() -> None:
+def test_every_ready_made_scene_is_described() -> None:
     page = text_of(DOCS / "scenarios.md")
     assert [name for name in ready_made() if f"### {name}\n" not in page] == []
     assert f"{len(ready_made())} ready-made scenes" in text_of(ROOT / "README.md")
@@ -297,14 +297,14 @@ def test_the_detector_of_the_manual_meets_the_contract_and_is_found(
     for name, content in files.items():
         (tmp_path / name).write_text(content, encoding="utf-8")
     project = tomllib.loads(files["pyproject.toml"])["project"]
-    told = tmp_path / f"{project['name']}-{project['version']}.dist-info"
-    told.mkdir()
-    (told / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    folder = tmp_path / f"{project['name']}-{project['version']}.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
     lines = [
         f"[{group}]\n" + "".join(f"{name} = {at}\n" for name, at in points.items())
         for group, points in project["entry-points"].items()
     ]
-    (told / "entry_points.txt").write_text("\n".join(lines))
+    (folder / "entry_points.txt").write_text("\n".join(lines))
     monkeypatch.syspath_prepend(str(tmp_path))
     names: dict[str, object] = {}
     exec(compile(files["test_restless.py"], "test_restless.py", "exec"), names)

@@ -20,7 +20,7 @@ def name_of(cell: str) -> str:
     return cell.strip().strip("`").removesuffix("/").removesuffix(".py")
 
 
-def rooms_told(text: str) -> dict[str, tuple[int, set[str]]]:
+def rooms_stated(text: str) -> dict[str, tuple[int, set[str]]]:
     """Floor and imports of each room, from the table with the columns floor, room, ..., imports."""
     rows = [line.strip("|").split("|") for line in text.splitlines() if re.match(r"\| *\d+ *\|", line)]
     return {name_of(row[1]): (int(row[0]), set(re.findall(r"`(\w+)`", row[-1]))) for row in rows}
@@ -42,33 +42,33 @@ def rooms_built(package: str) -> dict[str, set[str]]:
 
 
 @pytest.fixture(scope="module")
-def told() -> dict[str, tuple[int, set[str]]]:
-    return rooms_told(PAGE.read_text(encoding="utf-8"))
+def stated() -> dict[str, tuple[int, set[str]]]:
+    return rooms_stated(PAGE.read_text(encoding="utf-8"))
 
 
-def test_the_page_tells_every_arrow_between_rooms_and_no_other(told):
-    assert {room: imports for room, (_, imports) in told.items()} == rooms_built("skyproof")
+def test_the_page_shows_every_arrow_between_rooms_and_no_other(stated):
+    assert {room: imports for room, (_, imports) in stated.items()} == rooms_built("skyproof")
 
 
-def test_the_page_tells_every_room(told):
+def test_the_page_shows_every_room(stated):
     modules, packages = PACKAGE.glob("*.py"), (file.parent for file in PACKAGE.glob("*/__init__.py"))
-    assert set(told) == {name_of(path.name) for path in (*modules, *packages)}
+    assert set(stated) == {name_of(path.name) for path in (*modules, *packages)}
 
 
-def test_every_arrow_points_down(told):
-    up = [(room, other) for room, (floor, imports) in told.items() for other in imports if told[other][0] >= floor]
+def test_every_arrow_points_down(stated):
+    up = [(room, other) for room, (floor, imports) in stated.items() for other in imports if stated[other][0] >= floor]
     assert up == []
 
 
-def test_the_floors_are_those_of_the_contract(told):
+def test_the_floors_are_those_of_the_contract(stated):
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
     (layers,) = [contract["layers"] for contract in settings["contracts"] if contract["type"] == "layers"]
     held = [{room.strip().removeprefix("skyproof.") for room in layer.split("|")} for layer in layers]
-    floors = sorted({floor for floor, _ in told.values()}, reverse=True)
-    assert [{room for room, (floor, _) in told.items() if floor == f} for f in floors] == [{"__init__"}, *held]
+    floors = sorted({floor for floor, _ in stated.values()}, reverse=True)
+    assert [{room for room, (floor, _) in stated.items() if floor == f} for f in floors] == [{"__init__"}, *held]
 
 
-def test_an_arrow_in_the_code_that_the_page_does_not_tell_is_seen(tmp_path, monkeypatch):
+def test_an_arrow_in_the_code_that_the_page_does_not_show_is_seen(tmp_path, monkeypatch):
     house = tmp_path / "smallhouse"
     house.mkdir()
     (house / "__init__.py").write_text("from smallhouse.attic import view\n", encoding="utf-8")
@@ -76,9 +76,9 @@ def test_an_arrow_in_the_code_that_the_page_does_not_tell_is_seen(tmp_path, monk
     (house / "cellar.py").write_text("wine = 1\n", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     page = "| floor | room | imports |\n| 2 | `__init__.py` | `attic` |\n| 1 | `attic.py` | |\n| 0 | `cellar/` | |"
-    built, told = rooms_built("smallhouse"), {room: imports for room, (_, imports) in rooms_told(page).items()}
+    built, stated = rooms_built("smallhouse"), {room: imports for room, (_, imports) in rooms_stated(page).items()}
     assert built == {"__init__": {"attic"}, "attic": {"cellar"}, "cellar": set()}
-    assert told == {"__init__": {"attic"}, "attic": set(), "cellar": set()}
+    assert stated == {"__init__": {"attic"}, "attic": set(), "cellar": set()}
 
 
 def test_no_two_public_classes_share_a_name():

@@ -111,7 +111,7 @@ def test_an_error_time_of_a_filter_is_more_than_zero() -> None:
         ({"receivers": [3]}, "receivers[0] = 3, expected a table"),
     ],
 )
-def test_a_wrong_scenario_tells_what_came_and_what_was_expected(table: dict[str, Any], words: str) -> None:
+def test_a_wrong_scenario_names_what_came_and_what_was_expected(table: dict[str, Any], words: str) -> None:
     with pytest.raises(ScenarioError) as raised:
         parse_scenario(table)
     assert words in str(raised.value)
@@ -170,7 +170,7 @@ def test_a_moment_of_samples_without_a_date_asks_for_one() -> None:
         snapshot(samples, None)  # type: ignore[arg-type]
 
 
-def test_files_that_the_system_refuses_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_that_the_system_refuses_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = recording(tmp_path / "rx1.bin")
 
     def refused(*_: object, **__: object) -> None:
@@ -236,7 +236,7 @@ def refuse(*_: object, **__: object) -> None:
     raise PermissionError(13, "Permission denied")
 
 
-def test_what_cannot_be_removed_of_an_earlier_run_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_removed_of_an_earlier_run_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "nav.rnx").write_text("old", encoding="ascii")
     scene = ["clean", "--depth", "measurements", "--duration-s", "2"]
     assert cli.main(["simulate", *scene, "--out", str(tmp_path / "scene")]) == 0
@@ -301,7 +301,7 @@ def faults_of(content: Any) -> list[str]:
         (3, "the whole = 3, expected a table"),
     ],
 )
-def test_a_fault_tells_place_what_came_and_what_was_expected(content: Any, words: str) -> None:
+def test_a_fault_names_place_what_came_and_what_was_expected(content: Any, words: str) -> None:
     assert faults_of(content) == [words]
 
 
@@ -318,7 +318,7 @@ def test_messages_that_differ_in_numbers_and_folders_only_are_one() -> None:
     assert MESSAGE.key != Message("InputError", "formats/a.py", 13, MESSAGE.words, MESSAGE.test).key
 
 
-def test_the_table_shows_a_message_as_it_is_told_without_folders() -> None:
+def test_the_table_shows_a_message_as_it_is_printed_without_folders() -> None:
     text = table([MESSAGE])
     assert "## formats/a.py" in text
     assert "| InputError | rx1.bin: 7 of 8 &#124; &#42;bytes&#42;; mend it | 12 | tests/a.py::test |" in text
@@ -329,7 +329,7 @@ def test_folders_are_left_out_and_other_strokes_stay() -> None:
     assert without_folders("no /a/b/c.bin beside it, /a/b") == "no c.bin beside it, b"
 
 
-def test_a_place_whose_error_was_not_seen_is_told() -> None:
+def test_a_place_whose_error_was_not_seen_is_reported() -> None:
     seen = [Message("InputError", site.file, site.first_line, "", "") for site in sites()]
     assert len(seen) > 150
     assert unraised(seen) == []

@@ -1,4 +1,4 @@
-"""The tutorial runs from its first cell to its last, and what it makes holds what the manual tells of it."""
+"""The tutorial runs from its first cell to its last, and what it makes holds what the manual says of it."""
 
 import importlib
 import json
@@ -39,7 +39,7 @@ def test_the_tutorial_shows_what_its_cells_give() -> None:
 
 
 @pytest.mark.long
-def test_the_tutorial_runs_and_writes_the_columns_that_the_manual_tells(
+def test_the_tutorial_runs_and_writes_the_columns_that_the_manual_lists(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: ModuleType
 ) -> None:
     """Its cells in one namespace, as a notebook runs them."""
@@ -57,8 +57,8 @@ def test_the_tutorial_runs_and_writes_the_columns_that_the_manual_tells(
         columns = pq.read_schema(tmp_path / "result" / f"{table}.parquet").names
         heads = page.partition(f"| column of `{table}.parquet` |" if table != "fixes" else "### Fixes")[2]
         rows = re.findall(r"^\| (`.*?) \|", heads.partition("\n\n| column" if table == "signals" else "\n## ")[0], re.M)
-        told = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
-        assert [name for name in columns if name not in told] == []
+        reported = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+        assert [name for name in columns if name not in reported] == []
 
 
 def _printed(output: dict[str, Any]) -> str:

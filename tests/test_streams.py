@@ -31,11 +31,11 @@ def ended(redirections: str, *arguments: str, encoding: str = "utf-8") -> tuple[
 @pytest.mark.parametrize(
     ("redirections", "words"), [(">/dev/full", "No space left on device"), (">&-", "it is closed")]
 )
-def test_standard_output_that_cannot_be_written_is_told_in_one_line(redirections, words):
-    code, _, told = ended(redirections, "--version")
+def test_standard_output_that_cannot_be_written_is_reported_in_one_line(redirections, words):
+    code, _, reported = ended(redirections, "--version")
     assert code == 2
-    assert told.startswith(f"skyproof: standard output cannot be written ({words})")
-    assert len(told.splitlines()) == 1
+    assert reported.startswith(f"skyproof: standard output cannot be written ({words})")
+    assert len(reported.splitlines()) == 1
 
 
 def test_standard_error_that_cannot_be_written_changes_nothing():
@@ -45,7 +45,7 @@ def test_standard_error_that_cannot_be_written_changes_nothing():
 
 
 @pytest.mark.parametrize("arguments", [["--version"], ["study", "--list"]], ids=["plain", "Rich"])
-def test_who_has_read_enough_is_not_told_of_it(arguments):
+def test_who_has_read_enough_is_not_bothered_with_it(arguments):
     read, write = os.pipe()
     os.close(read)
     code = "import sys; from skyproof.cli import main; sys.exit(main())"
@@ -55,13 +55,13 @@ def test_who_has_read_enough_is_not_told_of_it(arguments):
 
 
 def test_an_encoding_without_the_signs_that_are_needed_gets_escapes():
-    code, out, told = ended("", "study", "--list", "--json", encoding="ascii")
-    assert (code, told) == (0, "")
+    code, out, reported = ended("", "study", "--list", "--json", encoding="ascii")
+    assert (code, reported) == (0, "")
     assert out.isascii()
     assert json.loads(out)["studies"]
-    code, out, told = ended("", "inspect", "h\u00f6.bin", encoding="ascii")
+    code, out, reported = ended("", "inspect", "h\u00f6.bin", encoding="ascii")
     assert code == 2
-    assert told.startswith("skyproof: h\\xf6.bin")
+    assert reported.startswith("skyproof: h\\xf6.bin")
 
 
 @pytest.mark.parametrize(
@@ -79,8 +79,8 @@ def test_an_empty_argument_is_refused(capsys, arguments, name):
 
 def test_a_name_does_not_command_the_terminal(capsys):
     assert cli.main(["inspect", "\x1b[31mred\x07\udcff.bin"]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("skyproof: \\x1b[31mred\\x07\\xff.bin")
+    reported = capsys.readouterr().err
+    assert reported.startswith("skyproof: \\x1b[31mred\\x07\\xff.bin")
 
 
 @given(st.text(st.characters()))

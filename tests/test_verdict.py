@@ -62,8 +62,14 @@ def test_what_makes_no_sense_is_refused(change: Callable[[Document], object], wo
 
 def test_a_verdict_shows_itself_in_a_notebook() -> None:
     shown = Verdict.model_validate(SAMPLE)._repr_html_()
-    for told in ("Spoofed", SAMPLE["summary"], "Since 2022-01-01 10:00:24 ± 0.5 s, GPS time.", "59.4121000", "trusted"):
-        assert told in shown, told
+    for text in (
+        "Spoofed",
+        SAMPLE["summary"],
+        "Since 2022-01-01 10:00:24 ± 0.5 s, GPS time.",
+        "59.4121000",
+        "trusted",
+    ):
+        assert text in shown, text
 
 
 def test_a_notebook_shows_names_and_runs_nothing() -> None:

@@ -93,8 +93,8 @@ def _made(word: str, what: str, so_far: str, page: Page) -> str:
         case "output":
             return f"```text\n{runs.output(what).rstrip()}\n```" if FIGURES else so_far
     name, *options = runs.figure_words(what)
-    one, told = studies()[name], f"`skyproof study {' '.join([name, *options])} --plot`"
+    one, command = studies()[name], f"`skyproof study {' '.join([name, *options])} --plot`"
     if not FIGURES:
         return so_far
     path = posixpath.relpath(f"figures/{name}.svg", posixpath.dirname(page.file.src_uri))
-    return f"![{one.title}]({path}){{ .figure }}\n\n*{one.title}: {told}*"
+    return f"![{one.title}]({path}){{ .figure }}\n\n*{one.title}: {command}*"

@@ -46,9 +46,9 @@ WORDS = {
     "attacks": "A table for each.",
     "interference": "A table for each.",
     "antennas": "Further antennas, a table for each.",
-    "message_later_s": "By so much is the time of week later that the message tells.",
-    "receive": "The place or way of the antenna that hears the sky.",
-    "delay_s": "By how much later the sky is sent than it is heard.",
+    "message_later_s": "By so much is the time of week later that the message states.",
+    "receive": "The place or way of the antenna that receives the sky.",
+    "delay_s": "By how much later the sky is sent than it is received.",
     "shows": "The place or way that a receiver is to believe.",
     "transmit": "The place or way of the transmit antenna.",
     "power_points_db": "(time, further power), straight between, held beyond the ends.",
@@ -68,7 +68,7 @@ WORDS = {
     "Multipath.height_m": "Of the antenna over a level mirror, which makes the longer way 2 h sin(elevation).",
     "FromFile.path": "The file: CSV, NMEA or KML.",
 }
-"""What keys mean that are told nowhere else, by key or by Model.key."""
+"""What keys mean that are given nowhere else, by key or by Model.key."""
 
 
 def commands() -> str:
@@ -77,12 +77,12 @@ def commands() -> str:
     return "\n\n".join(_command(name, text) for name, text in zip(sections[::2], sections[1::2], strict=True))
 
 
-def _command(name: str, told: str) -> str:
+def _command(name: str, text: str) -> str:
     usage = (app[name].usage or f"skyproof {name}").removeprefix("Usage: ").strip()
-    body = re.sub(r"^```console\n.*?```", f"```text\n{usage}\n```", told.strip(), count=1, flags=re.DOTALL)
+    body = re.sub(r"^```console\n.*?```", f"```text\n{usage}\n```", text.strip(), count=1, flags=re.DOTALL)
     body = body.replace("**Parameters**", "**Options**").replace(" **[required]**", " *[needed]*")
-    told = f"{app[name].help_epilogue or ''}\n"
-    example = re.sub(r"((?:^skyproof .*\n)+)", r"```sh\n\1```\n", told, flags=re.MULTILINE)
+    epilogue = f"{app[name].help_epilogue or ''}\n"
+    example = re.sub(r"((?:^skyproof .*\n)+)", r"```sh\n\1```\n", epilogue, flags=re.MULTILINE)
     return f"## `skyproof {name}`\n\n{body}\n\n{example.strip()}"
 
 
@@ -91,13 +91,13 @@ def keys(name: str) -> str:
     module, _, model_name = name.partition(":")
     model: type[BaseModel] = getattr(importlib.import_module(module), model_name)
     kinds = [kind for kind in reversed(model.__mro__) if issubclass(kind, BaseModel) and kind is not BaseModel]
-    told = {key: text for kind in kinds for names, text in items_of(kind.__doc__ or "") for key in names}
+    documented = {key: text for kind in kinds for names, text in items_of(kind.__doc__ or "") for key in names}
     fields = {key: field for key, field in model.model_fields.items() if key not in _of_site(model)}
     rows = []
     for key, field in fields.items():
         default = "needed" if field.is_required() else _toml(field.get_default(call_default_factory=True))
         default = default if default in ("needed", NOT_GIVEN) else f"`{default}`"
-        text = field.description or told.get(key) or WORDS.get(f"{model_name}.{key}") or WORDS.get(key, "")
+        text = field.description or documented.get(key) or WORDS.get(f"{model_name}.{key}") or WORDS.get(key, "")
         choices = _choices(field.annotation)
         means = text if all(word in text for word in choices) else f"{text} {_listed(choices)}".strip()
         example = f"`{one_line(field.examples[0])}`" if field.examples else ""
@@ -107,8 +107,8 @@ def keys(name: str) -> str:
         heads.remove("example")
         if all(default == "needed" for _, default, _, _ in rows):  # a document that is written, not one to write
             heads.remove("default")
-    told_of = [dict(zip(("key", "default", "example", "means"), row, strict=True)) for row in rows]
-    return _table(heads, [[row[head] for head in heads] for row in told_of])
+    cells_of = [dict(zip(("key", "default", "example", "means"), row, strict=True)) for row in rows]
+    return _table(heads, [[row[head] for head in heads] for row in cells_of])
 
 
 def _of_site(model: type[BaseModel]) -> set[str]:

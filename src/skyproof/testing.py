@@ -313,7 +313,7 @@ class MeasuredScene:
 
     antennas_enu_m : where each receiver's antenna is, east, north, up of `place_deg` (latitude, longitude, height in
         m).
-    sky : the receivers that receive the true sky; None for all.
+    sky : the receivers that the true sky reaches; None for all.
     clock_bias_s, first_epoch_s : of each receiver; by default some tenths of a millisecond and of an epoch apart.
     max_satellites : keep the highest only.
 
@@ -354,7 +354,7 @@ class MeasuredScene:
         for i, (receiver, enu_m) in enumerate(self.antennas_enu_m.items()):
             bias_s = self.clock_bias_s[i]
             since_s = self.step_s * np.asarray(self.first_epoch_s[i] + np.arange(self.epochs), float)
-            # Where the signals are received that this receiver receives, and how far they go from there.
+            # Where the signals are received that reach this receiver, and how far they go from there.
             received = [(ecef(enu_m), 0.0)] if self.sky is None or receiver in self.sky else []
             for attack in self.false:
                 if not attack.receivers or receiver in attack.receivers:

@@ -68,8 +68,8 @@ def run(capsys, tmp_path):
         folder = out or tmp_path / "out"
         argv = ["protect", *map(str, inputs), "--out", str(folder), *options]
         code = cli.main(argv + (["--nav", str(nav)] if nav is not None else []))
-        told = capsys.readouterr()
-        return Ended(code, told.out, told.err.splitlines(), folder)
+        reported = capsys.readouterr()
+        return Ended(code, reported.out, reported.err.splitlines(), folder)
 
     return run
 
@@ -151,7 +151,7 @@ def wide(kit, tmp_path_factory):
 
 
 @pytest.mark.long
-def test_an_odd_byte_at_the_end_is_left_out_and_told(run, wide, tmp_path):
+def test_an_odd_byte_at_the_end_is_left_out_and_reported(run, wide, tmp_path):
     cut = copied(wide, tmp_path, n_bytes=wide.stat().st_size - 1)
     ended = run(cut)
     assert ended.code == 0
@@ -160,7 +160,7 @@ def test_an_odd_byte_at_the_end_is_left_out_and_told(run, wide, tmp_path):
     assert "signals found" in ended.remarks(0)  # it was worked on
 
 
-def test_a_saturated_recording_is_worked_on_and_told(run, wide, tmp_path):
+def test_a_saturated_recording_is_worked_on_and_reported(run, wide, tmp_path):
     path = copied(wide, tmp_path)
     numbers = np.fromfile(path, np.int8).astype(np.int64) * 12
     np.clip(numbers, -127, 127).astype(np.int8).tofile(path)
@@ -294,7 +294,7 @@ def test_receivers_recorded_at_different_times_are_refused(run, pair, later, tmp
     )
 
 
-def test_a_wrong_date_is_told_and_the_signals_time_is_used(run, pair, tmp_path):
+def test_a_wrong_date_is_reported_and_the_signals_time_is_used(run, pair, tmp_path):
     wrong = copied(pair.paths[0], tmp_path, start_gpst='"2024-05-14T08:30:00"')
     ended = run(wrong, nav=pair.nav)
     assert ended.code == 0
@@ -304,7 +304,7 @@ def test_a_wrong_date_is_told_and_the_signals_time_is_used(run, pair, tmp_path):
 
 
 @pytest.mark.long
-def test_a_date_in_the_wrong_week_is_told_and_the_messages_week_is_used(kit, run, tmp_path):
+def test_a_date_in_the_wrong_week_is_reported_and_the_messages_week_is_used(kit, run, tmp_path):
     recorded = kit.record(kit.scenario_of(receivers=1, duration_s=10.0), tmp_path)  # subframe 1 is whole after 8.1 s
     wrong = copied(recorded.paths[0], tmp_path / "wrong", start_gpst='"2024-05-07T09:59:58"')
     ended = run(wrong)

@@ -62,7 +62,7 @@ def names(rows):
     return [row["name"] for row in rows]
 
 
-def test_a_late_copy_of_the_sky_is_told_as_every_other_word_is():
+def test_a_late_copy_of_the_sky_is_counted_as_every_other_word_is():
     # In this scene "multipath" is said of one window.
     row = drawn.examined("attack-90")
     assert not drawn.wrong_attacks([row])

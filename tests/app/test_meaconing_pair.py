@@ -1,6 +1,6 @@
 """The rendered pair of recordings under a meaconer, through the command: its files against the truth of the scene.
 
-Which copy of a satellite's signal is authentic is told by the truth alone: by the nearest true delay.
+Which copy of a satellite's signal is authentic is decided by the truth alone: by the nearest true delay.
 """
 
 import contextlib

@@ -13,7 +13,7 @@ BESIDE_STERN = ScenePlace(lat_deg=57.7009, lon_deg=11.932967, height_m=51.2)  # 
 
 
 def given(kit, what):
-    """What is told of the antennas."""
+    """What is stated of the antennas."""
     places = {name: kit.ENU_M[name] for name in ("bow", "stern")}
     distance = {"antenna_distance_m": kit.DISTANCE_M}
     return {"nothing": {}, "distance": distance, "places": {"antennas_enu_m": places}}[what]

@@ -176,7 +176,7 @@ def test_a_self_consistent_spoofer_is_named(kit, spoofer, tmp_path, clock_offset
 
 @pytest.mark.parametrize("clock_offset_s", [-0.3, 0.2])
 def test_a_spoofer_far_off_in_time_is_named(kit, spoofer, tmp_path, clock_offset_s):
-    """Without a clock of GPS time: its message tells another time of week than the sky's."""
+    """Without a clock of GPS time: its message states another time of week than the sky's."""
     judged = kit.protected(kit.scenario_of(attacks=(spoofer(clock_offset_s=clock_offset_s),)), tmp_path)
     assert_spoofed(judged)
     assert judged.verdict.sources[0].time_offset_s == pytest.approx(clock_offset_s, abs=1e-6)

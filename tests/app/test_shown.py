@@ -20,7 +20,7 @@ def samples(name: str) -> Samples:
 
 
 def observations(receiver: str) -> Observations:
-    """Two signals over three epochs; the second never told a time."""
+    """Two signals over three epochs; the second never gave a time."""
     cells = np.full((3, 2), np.nan)
     cells[:, 0] = 1.0
     return Observations(
@@ -48,7 +48,7 @@ def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> Non
         source=samples("<stern>"), observations=None, decoded=NOBODY, n_signals=0, examined_s=3.0, left_out="no signal"
     )
     shown = ReceiveResult(receptions=(heard, deaf), signals=(signals_of(heard.observations), ()))._repr_html_()
-    for told in (
+    for reported in (
         "bow: 2 signals in 3.0 s",
         "&lt;stern&gt;: 0 signals in 3.0 s; left out: no signal",
         "G05 L1 CA a",
@@ -57,7 +57,7 @@ def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> Non
         "-1234",
         "2.6",
     ):
-        assert told in shown, told
+        assert reported in shown, reported
     assert shown.count("<tr>") == 3
 
 
@@ -67,8 +67,8 @@ def test_a_scene_is_shown_with_the_files_that_there_are(tmp_path) -> None:
         scenario=ready("two-antennas"), folder=tmp_path, files=("rx1.obs", "rx2.obs"), recordings=(), observations=()
     )
     shown = made._repr_html_()
-    for told in ("Scene two-antennas", "receivers: rx1, rx2; attacks: spoofer.", "rx1.obs", "2.5 kB"):
-        assert told in shown, told
+    for reported in ("Scene two-antennas", "receivers: rx1, rx2; attacks: spoofer.", "rx1.obs", "2.5 kB"):
+        assert reported in shown, reported
     assert "rx2.obs" not in shown
 
 

@@ -191,7 +191,7 @@ def test_two_signals_a_quarter_chip_apart_are_separated_at_the_bound(rate_hz, at
     assert 0.9 < rms <= 1.1
 
 
-def test_the_covariance_told_with_an_estimate_is_that_of_its_errors():
+def test_the_covariance_given_with_an_estimate_is_that_of_its_errors():
     rng = np.random.default_rng(8)
     delay, _, variance, taps = two_signals(rng, 2000, 0.4, 10e6)
     found = decompose(taps, delay_dictionary(10e6), noise_variance=variance)
@@ -261,8 +261,10 @@ def test_the_swarm_costs_what_numpy_says():
         rng=rng,
         settings=SwarmSettings(particles=20, iterations=20),
     )
-    told = model(fit.amplitude, fit.delay_chips, fit.doppler_hz, taps_chips=delays.points, coherent_s=0.02, band_hz=5e6)
-    assert fit.cost[0] == pytest.approx(np.sum(np.abs(taps - told[:, 0]) ** 2), rel=1e-3)
+    fitted = model(
+        fit.amplitude, fit.delay_chips, fit.doppler_hz, taps_chips=delays.points, coherent_s=0.02, band_hz=5e6
+    )
+    assert fit.cost[0] == pytest.approx(np.sum(np.abs(taps - fitted[:, 0]) ** 2), rel=1e-3)
 
 
 # How many signals

@@ -40,7 +40,7 @@ ECHOING = len(ECHOES.records(np.random.default_rng(0)).observations[0].signals) 
 
 
 def with_seconds(rng, kept, delay_m=None, *, scene=ECHOES):
-    """A clean sky in which the satellites `kept` have a second signal, `delay_m` after the first if told."""
+    """A clean sky in which the satellites `kept` have a second signal, `delay_m` after the first if given."""
     records = scene.records(rng)
     (o,) = records.observations
     n = len(o.signals) // 2

@@ -29,7 +29,7 @@ def test_a_detector_that_cannot_be_loaded_is_named_with_its_package(monkeypatch)
         base.load_detectors()
 
 
-def test_what_is_missing_is_told_in_the_words_of_the_user():
+def test_what_is_missing_is_given_in_the_words_of_the_user():
     (evidence,) = base.missing(MultiReceiver(), Records(start_gpst=START, end_gpst=START))
     assert evidence.says == "undecided"
     assert "second receiver nearby" in evidence.would_need

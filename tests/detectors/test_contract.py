@@ -79,7 +79,7 @@ CASES = (
         CLEAN.records,
         50,
         1000,
-        conservative="the antennas are farther apart than it was told",
+        conservative="the antennas are farther apart than it was given",
     ),
     Case(
         "echoes",
@@ -122,7 +122,7 @@ CASES = (
         "a union bound over all epochs, and multipath may change more than it does in these records",
     ),
     Case(
-        "reflections, as many as it is told",
+        "reflections, as many as it is given",
         lambda: Sqm(SqmSettings(false_alarm_probability=0.2, reflection_probability=0.3)),
         lambda rng: nulls.reflected(rng, 0.3),
         40,

@@ -33,7 +33,7 @@ def test_a_clean_sky_fits_one_position():
     assert "fit one position" in evidence.because
 
 
-def test_a_single_fault_is_told_and_nothing_else():
+def test_a_single_fault_is_named_and_nothing_else():
     records = scene().records(np.random.default_rng(0))
     (evidence,) = Residual().examine(shifted(records, 4, 60.0))[0]
     assert evidence.says == "undecided"

@@ -85,7 +85,7 @@ def test_a_file_that_grows_is_read_and_summed_as_far_as_it_was_opened(path):
     assert "has grown by 1000 bytes" in octets.changes()[0]
 
 
-def test_a_file_that_is_cut_while_it_is_read_is_told_so_and_what_was_read_is_summed(path):
+def test_a_file_that_is_cut_while_it_is_read_is_reported_and_what_was_read_is_summed(path):
     octets = FileBytes(path)
     octets.sum_as_read()
     assert octets[:300].size == 300

@@ -60,6 +60,6 @@ def test_what_is_interrupted_leaves_nothing(tmp_path, error):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_another_ending_is_told(tmp_path):
+def test_another_ending_is_reported(tmp_path):
     with pytest.raises(OutputError, match=r"\.xlsx"), growing_tables([tmp_path / "t.xlsx"]):
         pass

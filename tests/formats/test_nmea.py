@@ -71,7 +71,7 @@ def test_time_is_utc_and_rounded_as_a_whole():
     assert fields_of(first)[1][0] == "214540.00"
 
 
-def test_without_a_geoid_altitude_is_empty_and_the_ellipsoidal_height_is_told():
+def test_without_a_geoid_altitude_is_empty_and_the_ellipsoidal_height_is_reported():
     _, found = epoch(hdop=0.87)
     assert found["GGA"][5:] == ["1", "09", "0.9", "", "M", "", "M", "", ""]
     assert found["TXT"] == ["01", "01", "02", "HAE=52.314"]
@@ -82,7 +82,7 @@ def test_with_a_geoid_altitude_counts_from_it():
     assert found["GGA"][5:] == ["1", "09", "", "27.21", "M", "25.1", "M", "", ""]
 
 
-def test_speed_course_and_sigmas_are_told():
+def test_speed_course_and_sigmas_are_reported():
     _, found = epoch(speed_m_s=10.0, course_deg=-90.0, sigma_east_m=1.25, sigma_north_m=2.5, sigma_up_m=4.0)
     assert found["RMC"][6:8] == ["19.438", "270.00"]
     assert found["GST"][1:] == ["", "", "", "", "2.500", "1.250", "4.000"]  # latitude, longitude, altitude
@@ -113,7 +113,7 @@ def test_the_longest_sentence_keeps_to_82_characters():
     assert kinds == ["GGA", "RMC", "GST"]
 
 
-def test_another_talker_is_told():
+def test_another_talker_is_reported():
     epoch(talker="GN")
 
 

@@ -1,4 +1,4 @@
-"""Raw recordings: every packing reads back, every fault is told, and the levels are looked at."""
+"""Raw recordings: every packing reads back, every fault is reported, and the levels are looked at."""
 
 import hashlib
 import json
@@ -118,7 +118,7 @@ def draw(encoding, bits, rng):
     return magnitude * int(rng.choice([-1, 1]))
 
 
-def test_a_channel_that_never_changes_is_left_out_and_told(tmp_path):
+def test_a_channel_that_never_changes_is_left_out_and_reported(tmp_path):
     values = np.stack([noise(5000), np.full(10_000, 3.0)]).reshape(2, -1, 2).swapaxes(0, 1)
     layout = layout_of(channels=2)
     (alive,) = open_raw_channels(write(tmp_path, layout, values.astype(np.int8).tobytes()))
@@ -204,7 +204,7 @@ def test_an_intermediate_frequency_is_folded_as_sampling_does(tmp_path):
     assert samples.if_hz == pytest.approx(4.1304e6 - 5.714e6)
 
 
-def test_the_record_tells_what_the_sidecar_told(tmp_path):
+def test_the_record_states_what_the_sidecar_stated(tmp_path):
     path = write(
         tmp_path,
         layout_of(centre_hz=1575e6, if_hz=0.42e6, start_gpst="2022-01-01T21:45:58.25", antenna="mast"),
@@ -292,7 +292,7 @@ def test_a_sidecar_may_hold_a_bare_date_and_time(tmp_path):
     ],
     ids=lambda value: json.dumps(value)[:50],
 )
-def test_a_wrong_sidecar_is_told_with_file_key_and_what_is_expected(tmp_path, change, words):
+def test_a_wrong_sidecar_is_reported_with_file_key_and_what_is_expected(tmp_path, change, words):
     fields = {"rate_hz": 2.6e6, "kind": "complex", "encoding": "int", "bits": 8} | change
     path = tmp_path / "rec.toml"
     path.write_text(
@@ -318,7 +318,7 @@ def test_a_wrong_sidecar_is_told_with_file_key_and_what_is_expected(tmp_path, ch
     ],
     ids=["syntax", "no table", "empty", "misspelt table", "key missing", "no table but a number"],
 )
-def test_a_sidecar_of_another_form_is_told(tmp_path, text, words):
+def test_a_sidecar_of_another_form_is_reported(tmp_path, text, words):
     path = tmp_path / "rec.toml"
     path.write_text(text)
     with pytest.raises(InputError) as raised:
@@ -327,14 +327,14 @@ def test_a_sidecar_of_another_form_is_told(tmp_path, text, words):
     assert words in str(raised.value)
 
 
-def test_a_sidecar_that_is_no_text_is_told(tmp_path):
+def test_a_sidecar_that_is_no_text_is_reported(tmp_path):
     path = tmp_path / "rec.toml"
     path.write_bytes(b"# \xff\xfe")
     with pytest.raises(InputError, match="not UTF-8"):
         read_sidecar(path)
 
 
-def test_a_missing_sidecar_is_told_with_an_example_that_works(tmp_path):
+def test_a_missing_sidecar_is_reported_with_an_example_that_works(tmp_path):
     path = tmp_path / "rec.bin"
     path.write_bytes(noise(1000).astype(np.int8).tobytes())
     with pytest.raises(InputError) as raised:
@@ -354,7 +354,7 @@ def test_a_sidecar_may_stand_elsewhere(tmp_path):
 # --- the file
 
 
-def test_a_missing_recording_is_told(tmp_path):
+def test_a_missing_recording_is_reported(tmp_path):
     with pytest.raises(InputError, match=r"gone\.bin does not exist"):
         open_raw(tmp_path / "gone.bin")
 
@@ -364,7 +364,7 @@ def test_a_folder_is_no_recording(tmp_path):
         open_raw(tmp_path)
 
 
-def test_an_empty_recording_is_told(tmp_path):
+def test_an_empty_recording_is_reported(tmp_path):
     with pytest.raises(InputError, match=r"rec\.bin is empty"):
         open_raw(write(tmp_path, layout_of(), b""))
 
@@ -380,20 +380,20 @@ def test_a_cut_recording_loses_its_last_part_of_a_sample_and_says_so(tmp_path, b
 
 
 @pytest.mark.parametrize(("octets", "header"), [(b"\x01\x02\x03", 0), (b"\x01" * 8, 8), (b"\x01" * 8, 100)])
-def test_less_than_one_sample_is_told(tmp_path, octets, header):
+def test_less_than_one_sample_is_reported(tmp_path, octets, header):
     path = write(tmp_path, layout_of("int", 16), octets)
     path.with_suffix(".toml").write_text(sidecar_text(layout_of("int", 16, header_bytes=header)))
     with pytest.raises(InputError, match="hold no sample of 32 bits"):
         open_raw(path)
 
 
-def test_the_digest_is_that_of_the_file_and_its_progress_is_told(tmp_path):
+def test_the_digest_is_that_of_the_file_and_its_progress_is_reported(tmp_path):
     path = tmp_path / "a.bin"
     octets = np.random.default_rng(1).bytes(5_000_000)
     path.write_bytes(octets)
-    told = []
-    assert sha256(path, lambda done, size: told.append((done, size))) == hashlib.sha256(octets).hexdigest()
-    assert told == [(1 << 22, 5_000_000), (5_000_000, 5_000_000)]
+    reported = []
+    assert sha256(path, lambda done, size: reported.append((done, size))) == hashlib.sha256(octets).hexdigest()
+    assert reported == [(1 << 22, 5_000_000), (5_000_000, 5_000_000)]
     with pytest.raises(InputError, match="does not exist"):
         sha256(tmp_path / "gone")
 
@@ -472,20 +472,20 @@ def test_good_levels_call_for_no_remark(tmp_path):
 
 
 @pytest.mark.parametrize("sigma", [100.0, 1000.0])
-def test_saturation_is_told(tmp_path, sigma):
+def test_saturation_is_reported(tmp_path, sigma):
     (remark,) = open_raw(write(tmp_path, layout_of(), noise(100_000, sigma=sigma).astype(np.int8).tobytes())).remarks
     clipped = 20 if sigma == 100.0 else 90  # percent beyond 126.5: 2 (1 - Phi(1.265)) and 2 (1 - Phi(0.1265))
     assert "saturated" in remark
     assert abs(int(remark.split("%")[0].split()[-1]) - clipped) <= 1
 
 
-def test_saturated_two_bit_samples_are_told(tmp_path):
+def test_saturated_two_bit_samples_are_reported(tmp_path):
     strong = np.clip(np.floor(np.random.default_rng(5).normal(size=600_000, scale=5.0)), -2, 1)
     (remark,) = open_raw(write(tmp_path, layout_of(), (2 * strong + 1).astype(np.int8).tobytes())).remarks
     assert "saturated" in remark
 
 
-def test_offset_and_imbalance_are_told(tmp_path):
+def test_offset_and_imbalance_are_reported(tmp_path):
     octets = noise(200_000).reshape(-1, 2)
     octets[:, 0] += 4.0  # a fifth of sigma
     octets[:, 1] *= 0.9  # 0.92 dB
@@ -494,7 +494,7 @@ def test_offset_and_imbalance_are_told(tmp_path):
     assert "I/Q imbalance +0.9 dB (I over Q)" in remarks
 
 
-def test_a_dead_branch_is_told(tmp_path):
+def test_a_dead_branch_is_reported(tmp_path):
     octets = noise(100_000).reshape(-1, 2)
     octets[:, 1] = 0.0
     (remark,) = open_raw(write(tmp_path, layout_of(), octets.astype(np.int8).tobytes())).remarks
@@ -506,7 +506,7 @@ def test_real_samples_have_no_dead_branch(tmp_path):
     assert open_raw(write(tmp_path, layout_of(kind="real", if_hz=1e6), octets)).remarks == ()
 
 
-def test_a_gap_is_told_with_its_time(tmp_path):
+def test_a_gap_is_reported_with_its_time(tmp_path):
     octets = noise(2_600_000).astype(np.int8)
     octets[2_600_000:] = 0
     (remark,) = open_raw(write(tmp_path, layout_of(), octets.tobytes())).remarks
@@ -514,7 +514,7 @@ def test_a_gap_is_told_with_its_time(tmp_path):
     assert 0.5 <= float(remark.split("first at ")[1].split()[0]) < 0.6
 
 
-def test_floats_that_are_no_numbers_are_told_and_read_as_zero(tmp_path):
+def test_floats_that_are_no_numbers_are_reported_and_read_as_zero(tmp_path):
     values = noise(100_000).astype(np.float32)
     values[20:2020:2] = np.nan
     values[5] = np.inf

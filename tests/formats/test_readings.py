@@ -26,7 +26,7 @@ def kinds_of(stored: np.ndarray) -> set[tuple]:
 
 
 @pytest.mark.parametrize("rms", [3.0, 20.0, 60.0])
-def test_whole_bytes_are_told_by_their_hump(rms: float) -> None:
+def test_whole_bytes_are_recognized_by_their_hump(rms: float) -> None:
     values = np.clip(normal(rms), -128, 127)
     assert kinds_of(octets(values, "<i1")) == {("int", 8)}
     assert kinds_of(octets(np.clip(values + 128, 0, 255), "<u1")) == {("offset-binary", 8)}
@@ -34,7 +34,7 @@ def test_whole_bytes_are_told_by_their_hump(rms: float) -> None:
 
 @pytest.mark.parametrize("rms", [100.0, 2000.0])
 @pytest.mark.parametrize("order", ["little", "big"])
-def test_wide_numbers_are_told_by_their_quiet_byte(rms: float, order: str) -> None:
+def test_wide_numbers_are_recognized_by_their_quiet_byte(rms: float, order: str) -> None:
     stored = octets(normal(rms), f"{'<' if order == 'little' else '>'}i2")
     assert kinds_of(stored) == {("int", 16)}
     assert {one.packing.byte_order for one in likely_packings(stored)} == {order}
@@ -44,7 +44,7 @@ def test_wide_numbers_are_told_by_their_quiet_byte(rms: float, order: str) -> No
 @pytest.mark.parametrize("order", ["little", "big"])
 @pytest.mark.parametrize("step", [256.0, 1000.0, 4096.0])
 @pytest.mark.parametrize("rms", [0.4, 1.0, 3.0])
-def test_the_order_of_wide_numbers_with_quiet_low_bytes_is_told(rms: float, step: float, order: str) -> None:
+def test_the_order_of_wide_numbers_with_quiet_low_bytes_is_found(rms: float, step: float, order: str) -> None:
     values = np.clip(step * np.round(normal(rms)), -32768, 32767)
     (first, *_) = likely_packings(octets(values, f"{'<' if order == 'little' else '>'}i2"))
     assert (first.packing.encoding, first.packing.bits, first.packing.byte_order) == ("int", 16, order)
@@ -73,11 +73,11 @@ def test_a_wide_number_that_begins_late_is_found() -> None:
 
 
 @pytest.mark.parametrize(("kind", "bits"), [("<f4", 32), (">f4", 32), ("<f8", 64), (">f8", 64)])
-def test_floats_are_told_by_being_near_each_other(kind: str, bits: int) -> None:
+def test_floats_are_recognized_by_being_near_each_other(kind: str, bits: int) -> None:
     assert kinds_of(octets(normal(0.01), kind)) == {("float", bits)}
 
 
-def test_numbers_of_two_and_four_bits_are_told_by_their_codes() -> None:
+def test_numbers_of_two_and_four_bits_are_recognized_by_their_codes() -> None:
     shares = {"sign-magnitude": (0.34, 0.16, 0.34, 0.16), "offset-binary": (0.16, 0.34, 0.34, 0.16)}
     shares["int"] = (0.34, 0.16, 0.16, 0.34)
     rng = np.random.default_rng(2)
@@ -130,7 +130,7 @@ def test_samples_are_not_taken_for_anything_else() -> None:
         assert other_than_samples(octets(normal(20.0, seed)[:4096], "<i1").tobytes()) is None
 
 
-def test_a_wav_header_tells_how_to_read_what_follows() -> None:
+def test_a_wav_header_states_how_to_read_what_follows() -> None:
     head = struct.pack("<4sI4s4sIHHIIHH", b"RIFF", 0, b"WAVE", b"fmt ", 16, 1, 2, 2_500_000, 10_000_000, 4, 16)
     extra = struct.pack("<4sI", b"LIST", 3) + b"abc\0"
     found = wav_header(head + extra + struct.pack("<4sI", b"data", 1000) + bytes(100))
@@ -141,7 +141,7 @@ def test_a_wav_header_tells_how_to_read_what_follows() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "reported"),
     [
         ("fs4.092_if1.405.bin", NameHints(rate_hz=4.092e6, if_hz=1.405e6)),
         ("rec_2.6Msps.cs8", NameHints(rate_hz=2.6e6, kind="complex", encoding="int", bits=8)),
@@ -157,5 +157,5 @@ def test_a_wav_header_tells_how_to_read_what_follows() -> None:
         ("20211399_004000.bin", NameHints()),
     ],
 )
-def test_a_name_tells_what_it_tells(name: str, told: NameHints) -> None:
-    assert hints_of(name) == told
+def test_a_name_states_what_it_states(name: str, reported: NameHints) -> None:
+    assert hints_of(name) == reported

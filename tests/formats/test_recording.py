@@ -53,7 +53,7 @@ def test_metadata_beside_a_raw_file_without_sidecar_are_used(tmp_path):
     assert (samples.format, samples.path) == ("SigMF", str(tmp_path / "rec.bin"))
 
 
-def test_a_raw_file_that_nothing_describes_is_told_as_ever(tmp_path):
+def test_a_raw_file_that_nothing_describes_is_reported_as_ever(tmp_path):
     with pytest.raises(InputError, match=r"nothing says how to read it, for there is no sidecar .*rec\.toml"):
         open_recording(write(tmp_path))
     with pytest.raises(InputError, match=r"gone\.bin does not exist"):
@@ -64,7 +64,7 @@ def test_a_raw_file_that_nothing_describes_is_told_as_ever(tmp_path):
     ("name", "words"),
     [("a.sigmf.gz", "unpack it first"), ("a.sigmf-collection", "sigmf-meta of each recording")],
 )
-def test_containers_that_are_not_read_are_told(tmp_path, name, words):
+def test_containers_that_are_not_read_are_reported(tmp_path, name, words):
     with pytest.raises(InputError, match=words):
         open_recording(tmp_path / name)
 

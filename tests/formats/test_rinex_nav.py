@@ -357,13 +357,13 @@ def test_many_damaged_records_are_counted_not_listed():
     assert navigation.remarks[-1] == "20 further damaged records left out"
 
 
-def test_a_damaged_header_line_is_told_and_left_out():
+def test_a_damaged_header_line_is_reported_and_left_out():
     navigation = parse_nav(changed(VERSION_2, 2, "0.1211D-07", "0.1211D-x7"))
     assert navigation.ionosphere is None
     assert navigation.remarks == ("line 3: ION ALPHA cannot be read and is left out",)
 
 
-def test_leap_seconds_come_from_the_date_where_only_the_polynomial_is_told():
+def test_leap_seconds_come_from_the_date_where_only_the_polynomial_is_given():
     assert parse_nav(without(VERSION_2, 5)).utc.leap_seconds == 18
     nothing = parse_nav(without(without(VERSION_2, 4), 4))
     assert nothing.utc is None
@@ -404,7 +404,7 @@ def test_no_damage_ends_in_anything_but_data_or_a_message(data):
         ([*VERSION_3_HEADER, *GPS_RECORD[:3]], "line 10: G05 left out, 3 lines of 8"),
     ],
 )
-def test_what_is_no_navigation_file_is_told_with_place_and_remedy(lines, words):
+def test_what_is_no_navigation_file_is_reported_with_place_and_remedy(lines, words):
     with pytest.raises(InputError) as caught:
         parse_nav(lines, source="some.file")
     assert str(caught.value).startswith("some.file")
@@ -412,7 +412,7 @@ def test_what_is_no_navigation_file_is_told_with_place_and_remedy(lines, words):
     assert "give a RINEX navigation file" in str(caught.value) or "fetch it again" in str(caught.value)
 
 
-def test_files_that_cannot_be_read_are_told(tmp_path):
+def test_files_that_cannot_be_read_are_reported(tmp_path):
     for name, content in (("cut.gz", gzip.compress("\n".join(VERSION_2).encode())[:-20]), ("junk.gz", b"\x1f\x8bjunk")):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(InputError, match=f"{re.escape(name)}: damaged gzip file"):
@@ -497,7 +497,7 @@ def test_every_accuracy_index_and_week_survives(tmp_path):
     assert (back.ionosphere, back.utc) == (None, None)
 
 
-def test_a_place_that_cannot_be_written_is_told(tmp_path):
+def test_a_place_that_cannot_be_written_is_reported(tmp_path):
     with pytest.raises(OutputError, match="cannot be written"):
         write_nav(tmp_path / "absent" / "nav.rnx", parse_nav(VERSION_3))
 

@@ -181,8 +181,8 @@ def test_signal_strength_is_the_digit_of_the_format():
 
 def test_a_file_is_dated_by_its_first_epoch_so_that_equal_observations_make_equal_bytes():
     observations = missing(observations_of(), (slice(0, 4), slice(None)))  # the first two seconds
-    (told,) = parsed_from(observations, "G05a", created_utc=None).header["PGM / RUN BY / DATE"]
-    assert told[40:] == "20220101 214643 UTC "  # 18 leap seconds after 21:46:59 and 2 s later
+    (reported,) = parsed_from(observations, "G05a", created_utc=None).header["PGM / RUN BY / DATE"]
+    assert reported[40:] == "20220101 214643 UTC "  # 18 leap seconds after 21:46:59 and 2 s later
 
 
 def lost_locks(observations, *names, sat="G07"):
@@ -190,12 +190,12 @@ def lost_locks(observations, *names, sat="G07"):
     return [epoch for epoch in range(len(observations.gpst)) if cells.get((epoch, sat, "L1C"), (0, " "))[1] == "1"]
 
 
-def test_a_cycle_slip_is_told():
+def test_a_cycle_slip_is_reported():
     assert lost_locks(observations_of(), "G07a") == []
     assert lost_locks(with_cells(observations_of(), (3, 1), status=3), "G07a") == [3]
 
 
-def test_a_gap_is_told_as_lost_lock_but_the_first_measurement_is_not():
+def test_a_gap_is_reported_as_lost_lock_but_the_first_measurement_is_not():
     observations = missing(observations_of(), (slice(0, 2), 1))
     assert lost_locks(observations, "G07a", "G30a") == []
     assert lost_locks(missing(observations, (4, 1)), "G07a", "G30a") == [5]
@@ -211,7 +211,7 @@ def test_a_phase_that_may_be_half_a_cycle_off_has_bit_1_of_the_indicator():
     assert {cells[epoch, "G07", "C1C"][1] for epoch in range(6)} == {" "}
 
 
-def test_another_channel_of_the_satellite_is_told_as_lost_lock():
+def test_another_channel_of_the_satellite_is_reported_as_lost_lock():
     observations = missing(missing(observations_of(), (slice(0, 3), 2)), (slice(3, None), 1))
     assert lost_locks(observations, "G07a", "G07b") == [3]
     cells = parsed_from(observations, "G07a", "G07b").cells
@@ -269,7 +269,7 @@ def test_an_epoch_just_below_the_minute_is_rounded_as_a_whole():
     assert parsed.header["TIME OF FIRST OBS"][0].split() == ["2022", "1", "1", "0", "0", "0.0000000", "GPS"]
 
 
-def test_a_folder_that_is_not_there_is_told(tmp_path):
+def test_a_folder_that_is_not_there_is_reported(tmp_path):
     with pytest.raises(OutputError, match="folder does not exist"):
         write_obs(tmp_path / "gone" / "a.obs", observations_of(), signals=signals_of("G05a"), **GIVEN)
 

@@ -133,7 +133,7 @@ def test_more_than_twelve_satellites_continue_on_the_next_line():
     np.testing.assert_array_equal(seen.pseudorange_m[0, l1], 2e7 + np.arange(27))
 
 
-def test_slips_told_by_an_event_record_are_told():
+def test_slips_in_an_event_record_are_reported():
     slips = [*epoch_2(30.0, ["G 3"], flag=6), *record_2(1.0)]
     body = [*epoch_2(0.0, ["G 3"]), *record_2(0.0), *slips, *epoch_2(30.0, ["G 3"]), *record_2(1.0)]
     seen = parsed([*HEADER_2, *body]).observations
@@ -181,7 +181,7 @@ def test_a_zero_is_no_measurement_and_odd_spellings_are_numbers():
 # --- damage
 
 
-def test_a_damaged_epoch_costs_that_epoch_and_is_told():
+def test_a_damaged_epoch_costs_that_epoch_and_is_reported():
     bodies = [[*epoch_2(float(t), ["G 3", "G12"]), *record_2(t), *record_2(t)] for t in range(5)]
     del bodies[2][3]
     file = parsed([*HEADER_2, *(text for body in bodies for text in body)])
@@ -246,7 +246,7 @@ def test_a_cut_costs_only_what_is_cut(which, share):
         ("\n".join([HEADER_3[0], HEADER_3[-1]]).encode(), "no observation types"),
     ],
 )
-def test_what_is_no_observation_file_is_told(content, words):
+def test_what_is_no_observation_file_is_reported(content, words):
     with pytest.raises(InputError, match=words):
         parse_obs(content)
 
@@ -294,7 +294,7 @@ def test_what_our_writer_writes_is_read_back(tmp_path):
 # --- real files
 
 # Epochs, satellites in all, most at one epoch, by a plain count over the heads of the epochs (compact files expanded by
-# RNXCMP); the same as the README of the recordings, but for KMS3, which holds 19 of the 120 epochs its header tells.
+# RNXCMP); the same as the README of the recordings, but for KMS3, which holds 19 of the 120 epochs its header states.
 REAL = {
     "rinex-variety/KOSG0010.95O": (3, 18, 8),
     "rinex-variety/aopr0010.17o": (3, 19, 11),
@@ -369,9 +369,9 @@ def test_compact_differences_of_every_order_and_a_fresh_start_are_summed():
         HEADER_3[7],
     ]
     values = [20000000000, 20000000100, 20000000250, 20000000470, 20000000800]
-    told = ["3&20000000000", "100", "50", "20", "40", "3&20000000800"]
-    body = ["> 2024 10 27 15 47 40.0000000  0  1      G05", "", told[0]]
-    for k, number in enumerate(told[1:], start=1):
+    reported = ["3&20000000000", "100", "50", "20", "40", "3&20000000800"]
+    body = ["> 2024 10 27 15 47 40.0000000  0  1      G05", "", reported[0]]
+    for k, number in enumerate(reported[1:], start=1):
         body += [" " * 20 + f"{k}", "", number]
     plain, remarks = expanded("\n".join([*header, *body, ""]).encode())
     assert remarks == ()

@@ -1,4 +1,4 @@
-"""SigMF: every data type, channel and capture reads back, every fault is told, and an independent writer agrees."""
+"""SigMF: every data type, channel and capture reads back, every fault is reported, and an independent writer agrees."""
 
 import hashlib
 import json
@@ -233,7 +233,7 @@ def test_what_the_package_sigmf_writes_is_read(tmp_path):
     assert packed.path == str(tmp_path / "packed.sigmf")
 
 
-def test_the_record_tells_what_the_metadata_told(tmp_path):
+def test_the_record_states_what_the_metadata_stated(tmp_path):
     captures = [
         {
             "core:sample_start": 0,
@@ -266,7 +266,7 @@ def test_dates_are_utc_and_become_gps_time(tmp_path, text, gpst):
     assert one(write(tmp_path, meta, noise(100).tobytes())).start_gpst == np.datetime64(gpst)
 
 
-def test_a_clock_that_was_never_set_is_told_and_not_used(tmp_path):
+def test_a_clock_that_was_never_set_is_reported_and_not_used(tmp_path):
     captures = [{"core:sample_start": 0, "core:frequency": 1.5e9, "core:datetime": "1970-01-01T00:00:07Z"}]
     samples = one(write(tmp_path, meta_of(captures=captures), noise(100).tobytes()))
     assert samples.start_gpst is None
@@ -289,7 +289,7 @@ def test_the_start_is_carried_back_from_the_capture_that_is_dated(tmp_path):
     assert any("2000000 before sample 400" in remark for remark in samples.remarks)
 
 
-def test_dates_that_samples_contradict_are_told(tmp_path):
+def test_dates_that_samples_contradict_are_reported(tmp_path):
     captures = [
         {"core:sample_start": start, "core:frequency": 1.5e9, "core:datetime": f"2022-01-01T00:00:{second}Z"}
         for start, second in ((0, "00"), (400, "07"))
@@ -299,7 +299,7 @@ def test_dates_that_samples_contradict_are_told(tmp_path):
     assert any("captures[1] is +7.000 s off" in remark for remark in samples.remarks)
 
 
-def test_a_count_that_goes_back_is_told_and_is_no_gap(tmp_path):
+def test_a_count_that_goes_back_is_reported_and_is_no_gap(tmp_path):
     captures = [
         {"core:sample_start": 0, "core:frequency": 1.5e9, "core:global_index": 900},
         {"core:sample_start": 400, "core:frequency": 1.5e9, "core:global_index": 1000},
@@ -350,13 +350,13 @@ def test_samples_before_the_first_capture_are_read(tmp_path):
     assert samples.gaps == ()
 
 
-def test_no_capture_is_one_capture_on_l1_and_told(tmp_path):
+def test_no_capture_is_one_capture_on_l1_and_reported(tmp_path):
     samples = one(write(tmp_path, meta_of(captures=[]), noise(500).tobytes()))
     assert samples.centre_hz == 1575.42e6
     assert "no core:frequency is given" in samples.remarks[0]
 
 
-def test_annotations_are_counted_and_labels_told(tmp_path):
+def test_annotations_are_counted_and_labels_reported(tmp_path):
     annotations = [{"core:sample_start": 4000 * n, "core:label": f"mark {n}"} for n in range(12)] + [{}, "damaged"]
     (remark,) = one(write(tmp_path, meta_of(annotations=annotations), noise(5000).tobytes())).remarks
     assert remark == "14 annotations: " + ", ".join(f'"mark {n}" at 0.00{n} s' for n in range(10)) + ", and 2 more"
@@ -383,14 +383,14 @@ def test_a_channel_that_never_changes_costs_itself_only(tmp_path):
 # --- the digest
 
 
-def test_a_digest_that_differs_is_told_and_one_that_agrees_is_not(tmp_path):
+def test_a_digest_that_differs_is_reported_and_one_that_agrees_is_not(tmp_path):
     octets = noise(5000).tobytes()
     right = hashlib.sha512(octets).hexdigest()
     path = write(tmp_path, meta_of(sha512=right), octets)
     assert one(path).remarks == ()
-    told = []
-    assert sha512_remarks(path, lambda done, size: told.append((done, size))) == ()
-    assert told == [(10_000, 10_000)]
+    reported = []
+    assert sha512_remarks(path, lambda done, size: reported.append((done, size))) == ()
+    assert reported == [(10_000, 10_000)]
     path.with_suffix(".sigmf-data").write_bytes(octets[:-1] + b"\x00")
     assert "not those that core:sha512 was made of" in one(path).remarks[0]
     assert len(sha512_remarks(path)) == 1
@@ -430,7 +430,7 @@ def test_long_data_are_not_digested_on_opening(tmp_path):
     ],
     ids=lambda value: json.dumps(value)[:60],
 )
-def test_wrong_metadata_are_told_with_file_key_and_what_is_expected(tmp_path, change, words):
+def test_wrong_metadata_are_reported_with_file_key_and_what_is_expected(tmp_path, change, words):
     meta = meta_of()
     path = write(tmp_path, meta, noise(100).tobytes())
     meta["global"] |= change
@@ -456,7 +456,7 @@ def test_wrong_metadata_are_told_with_file_key_and_what_is_expected(tmp_path, ch
         ([{"core:sample_start": n, "core:frequency": 1e9 + n} for n in range(40)], "40 tunings, more than 32"),
     ],
 )
-def test_wrong_captures_are_told_with_their_place(tmp_path, captures, words):
+def test_wrong_captures_are_reported_with_their_place(tmp_path, captures, words):
     with pytest.raises(InputError) as raised:
         open_sigmf(write(tmp_path, meta_of(captures=captures), noise(100).tobytes()))
     assert words in str(raised.value)
@@ -474,14 +474,14 @@ def test_wrong_captures_are_told_with_their_place(tmp_path, captures, words):
         ('{"global": ' + "9" * 5000 + "}", "not valid JSON"),
     ],
 )
-def test_metadata_of_another_form_are_told(tmp_path, text, words):
+def test_metadata_of_another_form_are_reported(tmp_path, text, words):
     with pytest.raises(InputError) as raised:
         open_sigmf(write(tmp_path, text, noise(100).tobytes()))
     assert str(tmp_path / "rec.sigmf-meta") in str(raised.value)
     assert words in str(raised.value)
 
 
-def test_missing_files_are_told(tmp_path):
+def test_missing_files_are_reported(tmp_path):
     with pytest.raises(InputError, match=r"gone\.sigmf-meta does not exist"):
         open_sigmf(tmp_path / "gone.sigmf-meta")
     path = write(tmp_path, meta_of(), noise(100).tobytes())
@@ -497,7 +497,7 @@ def test_missing_files_are_told(tmp_path):
         open_sigmf(path)
 
 
-def test_a_misspelt_key_that_would_move_the_samples_is_told(tmp_path):
+def test_a_misspelt_key_that_would_move_the_samples_is_reported(tmp_path):
     captures = [{"core:sample_start": 0, "core:frequency": 1.5e9, "core:headr_bytes": 4}]
     (remark,) = one(write(tmp_path, meta_of(captures=captures), noise(5000).tobytes())).remarks
     assert remark == "captures[0].core:headr_bytes is no known key; did you mean core:header_bytes?"
@@ -529,13 +529,13 @@ def test_data_cut_anywhere_lose_what_is_cut_and_say_so(tmp_path, cut):
     assert not refusal or whole < 2  # one sample never changes
     for channel, samples in enumerate(opened):
         np.testing.assert_array_equal(samples.read(0, 200), planes_of(stored[:whole, channel]))
-        told = any("cut" in remark for remark in samples.remarks)
-        assert told or cut == 3 + 5 + 8 * whole  # the last capture has no end of its own
+        reported = any("cut" in remark for remark in samples.remarks)
+        assert reported or cut == 3 + 5 + 8 * whole  # the last capture has no end of its own
 
 
 @given(place=st.integers(0, 10**6), bit=st.integers(0, 7))
 @settings(max_examples=100, deadline=None, suppress_health_check=NO_TMP_PER_EXAMPLE)
-def test_metadata_with_a_flipped_bit_are_refused_or_told_or_read_as_they_stand(tmp_path, place, bit):
+def test_metadata_with_a_flipped_bit_are_refused_or_reported_or_read_as_they_stand(tmp_path, place, bit):
     stored = noise(100)
     octets = b"\x01" * 3 + stored[:60].tobytes() + b"\x02" * 5 + stored[60:].tobytes()
     meta = meta_of(captures=CAPTURES, sha512=hashlib.sha512(octets).hexdigest(), num_channels=1)
@@ -549,12 +549,12 @@ def test_metadata_with_a_flipped_bit_are_refused_or_told_or_read_as_they_stand(t
         assert str(tmp_path) in refusal
         assert "\n" not in refusal
         return
-    told = opened[0].remarks != right.remarks or len(opened) > 1
+    reported = opened[0].remarks != right.remarks or len(opened) > 1
     differs = not np.array_equal(opened[0].read(0, 999), right.read(0, 999)) or any(
         getattr(opened[0], field) != getattr(right, field)
         for field in ("rate_hz", "centre_hz", "if_hz", "gaps", "start_gpst")
     )
-    if differs and not told:  # then a value was changed to another one that can stand there; no key went unread
+    if differs and not reported:  # then a value was changed to another one that can stand there; no key went unread
         flipped = json.loads(text)
         assert [list(c) for c in flipped["captures"]] == [list(c) for c in meta["captures"]]
         assert set(flipped["global"]) == set(meta["global"])
@@ -596,7 +596,7 @@ def test_a_cut_archive_loses_what_is_cut_and_says_so(tmp_path):
     assert max(lengths) < 3000
 
 
-def test_no_archive_is_told(tmp_path):
+def test_no_archive_is_reported(tmp_path):
     (tmp_path / "a.sigmf").write_bytes(b"no tar at all" * 100)
     with pytest.raises(InputError, match="no archive of SigMF"):
         open_sigmf(tmp_path / "a.sigmf")

@@ -100,7 +100,7 @@ def test_columns_of_unequal_length_are_refused(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_another_ending_is_told(tmp_path):
+def test_another_ending_is_reported(tmp_path):
     with pytest.raises(OutputError, match=r"use \.csv or \.parquet"):
         write_table(tmp_path / "a.xlsx", columns())
 
@@ -220,7 +220,7 @@ def test_a_link_keeps_pointing(tmp_path):
     ],
     ids=["no folder", "a file for a folder", "a folder", "too long"],
 )
-def test_a_place_that_cannot_be_written_is_told_with_a_remedy(tmp_path, name, words):
+def test_a_place_that_cannot_be_written_is_reported_with_a_remedy(tmp_path, name, words):
     (tmp_path / "file").write_text("")
     (tmp_path / "folder.csv").mkdir()
     with pytest.raises(OutputError, match=words) as raised:
@@ -228,7 +228,7 @@ def test_a_place_that_cannot_be_written_is_told_with_a_remedy(tmp_path, name, wo
     assert str(tmp_path / name) in str(raised.value)
 
 
-def test_a_folder_without_permission_is_told(tmp_path, monkeypatch):
+def test_a_folder_without_permission_is_reported(tmp_path, monkeypatch):
     def refuse(*_):
         raise PermissionError(13, "Permission denied")
 
@@ -238,7 +238,7 @@ def test_a_folder_without_permission_is_told(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_full_disk_is_told(tmp_path, monkeypatch):
+def test_a_full_disk_is_reported(tmp_path, monkeypatch):
     def refuse(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 

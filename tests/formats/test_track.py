@@ -1,4 +1,4 @@
-"""Files of points: what is written comes back, and what is damaged is told or refused."""
+"""Files of points: what is written comes back, and what is damaged is reported or refused."""
 
 import numpy as np
 import pytest
@@ -131,7 +131,7 @@ def test_any_place_comes_back_through_nmea(lat_deg, lon_deg, height_m):
 # --- CSV
 
 
-def test_rows_without_a_place_are_left_out_and_told():
+def test_rows_without_a_place_are_left_out_and_reported():
     track = parse_csv("t_s,lat_deg,lon_deg,height_m\n0,40,3,1\n1,,,\n\n2,40,3,2\n")
     np.testing.assert_array_equal(track.t_s, [0.0, 2.0])
     assert track.remarks == ("1 rows without a place are left out",)
@@ -156,7 +156,7 @@ def test_rows_without_a_place_are_left_out_and_told():
         ("t_s,lat_deg,lon_deg,height_m,heading_deg,pitch_deg,roll_deg\n0,40,3,1,9,,0\n", 'line 2, pitch_deg: "" is'),
     ],
 )
-def test_a_table_that_tells_no_track_is_refused(text, words):
+def test_a_table_that_holds_no_track_is_refused(text, words):
     with pytest.raises(InputError, match=f"^a.csv: {words}"):
         parse_csv(text, source="a.csv")
 
@@ -164,7 +164,7 @@ def test_a_table_that_tells_no_track_is_refused(text, words):
 # --- NMEA
 
 
-def test_damaged_sentences_and_epochs_without_a_fix_are_left_out_and_told():
+def test_damaged_sentences_and_epochs_without_a_fix_are_left_out_and_reported():
     gpst, *places = points()
     places[0][7] = np.nan
     lines = list(nmea_sentences(gpst, *places, 9, geoid_separation_m=60.2))
@@ -178,15 +178,15 @@ def test_damaged_sentences_and_epochs_without_a_fix_are_left_out_and_told():
     )
 
 
-def test_nmea_without_a_date_has_times_only_and_without_separation_is_told():
+def test_nmea_without_a_date_has_times_only_and_without_separation_is_reported():
     bare = GGA.replace("60.2", "")
     track = parse_nmea([line(bare), line(bare.replace("214540.50", "214542.25"))])
     assert track.start_gpst is None
     np.testing.assert_array_equal(track.t_s, [0.0, 1.75])
     assert "above the geoid" in track.remarks[0]
-    told = parse_nmea([line(bare)], geoid_separation_m=60.2)
-    assert told.remarks == ()
-    assert apart_m(told, [np.array([v]) for v in (59.41, -16.88, 70.7)]) < 1e-6
+    reported = parse_nmea([line(bare)], geoid_separation_m=60.2)
+    assert reported.remarks == ()
+    assert apart_m(reported, [np.array([v]) for v in (59.41, -16.88, 70.7)]) < 1e-6
 
 
 def test_rmc_alone_puts_the_points_on_the_ellipsoid_and_says_so():
@@ -205,7 +205,7 @@ def test_rmc_alone_puts_the_points_on_the_ellipsoid_and_says_so():
         ([line(GGA), line(GGA.replace("214540", "214530"))], "line 2: its time is not after that of line 1"),
     ],
 )
-def test_nmea_that_tells_no_track_is_refused(lines, words):
+def test_nmea_that_holds_no_track_is_refused(lines, words):
     with pytest.raises(InputError, match=f"^a.nmea: {words}"):
         parse_nmea(lines, source="a.nmea")
 
@@ -235,7 +235,7 @@ def test_a_line_has_points_without_times():
     assert apart_m(track, np.array([[40, 3, 10], [40.2, 3.1, 0], [40.3, 3.2, 5]]).T) < 1e-6
 
 
-def test_a_track_has_times_of_any_zone_and_angles_if_told():
+def test_a_track_has_times_of_any_zone_and_angles_if_given():
     track = parse_kml(kml(gx(*TWO, more="<gx:angles>90 5 -3</gx:angles><gx:angles>91 5 -3</gx:angles>")))
     assert track.start_gpst == START
     np.testing.assert_array_equal(track.t_s, [0.0, 2.0])
@@ -257,8 +257,8 @@ def test_moments_without_a_place_are_left_out():
 
 def test_absolute_heights_count_from_the_geoid():
     text = kml(gx(*TWO), "<altitudeMode>absolute</altitudeMode>")
-    told = parse_kml(text, geoid_separation_m=50.0)
-    assert apart_m(told, np.array([[40, 3, 60], [40.1, 3, 61]]).T) < 1e-6
+    reported = parse_kml(text, geoid_separation_m=50.0)
+    assert apart_m(reported, np.array([[40, 3, 60], [40.1, 3, 61]]).T) < 1e-6
     assert "above the geoid" in parse_kml(text).remarks[0]
     ground = parse_kml(text.replace("absolute", "relativeToGround"))
     assert "above the ground" in ground.remarks[0]
@@ -282,7 +282,7 @@ def test_absolute_heights_count_from_the_geoid():
         (kml(gx(*TWO[::-1])), "point 2: its time is not after that of point 1"),
     ],
 )
-def test_kml_that_tells_no_track_is_refused(text, words):
+def test_kml_that_holds_no_track_is_refused(text, words):
     with pytest.raises(InputError, match=f"^a.kml: {words}"):
         parse_kml(text, source="a.kml")
 

@@ -157,7 +157,7 @@ def test_a_surveyed_place_chooses_from_the_first_moment_on(led_away):
     assert set(map(frozenset, after(taken, found, "authentic").values())) == {frozenset(NEW)}
 
 
-def test_a_push_of_the_clock_is_not_told_by_a_place(led_away):
+def test_a_push_of_the_clock_is_not_recognized_by_a_place(led_away):
     taken = led_away(away=8.0 * CLOCK)
     found = taken.chosen(standing())
     assert not after(taken, found, "authentic")
@@ -169,7 +169,7 @@ def test_a_push_of_the_clock_is_not_told_by_a_place(led_away):
     assert {s.label for s in decision.labels if s.last_epoch > 40} == {"unknown"}
 
 
-def test_a_push_of_the_clock_is_told_by_an_oscillator_whether_or_not_it_stands(led_away):
+def test_a_push_of_the_clock_is_recognized_by_an_oscillator_whether_or_not_it_stands(led_away):
     taken = led_away(away=8.0 * CLOCK)
     for stands in (True, False):
         found = taken.chosen(standing("ocxo", stands=stands))

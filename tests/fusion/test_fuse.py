@@ -221,7 +221,7 @@ def test_an_attack_from_the_first_moment_has_no_sigma(invented, pair):
     assert (decision.onset.gpst, decision.onset.sigma_s) == (invented.at(0), None)
 
 
-def test_an_attack_that_ends_is_told(invented):
+def test_an_attack_that_ends_is_reported(invented):
     observed = [
         invented.observations(
             (*SKY, *FALSE), receiver=r, there=dict.fromkeys(FALSE, (13, 28)), found=dict.fromkeys(FALSE, (11.5, 12.0))

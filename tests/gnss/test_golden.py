@@ -1,7 +1,7 @@
 """Golden numbers that programs of others gave: RTKLIB, PROJ, pymap3d, astropy. `interop/golden.py` prints them anew.
 
 Each tolerance is what the printed digits and double precision leave, but for those that say otherwise. Where orbits
-really were, nothing here tells: precise products of the days of these files are not at hand.
+really were, nothing here shows: precise products of the days of these files are not at hand.
 """
 
 import numpy as np

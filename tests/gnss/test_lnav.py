@@ -89,7 +89,7 @@ def subframes_of(stream):
 
 @pytest.mark.parametrize("inverted", [0, 1])
 @pytest.mark.parametrize(("number", "tow_s"), [(1, 408660), (2, 408636), (3, 408642)])
-def test_real_subframes_hold_and_tell_their_time(number, tow_s, inverted):
+def test_real_subframes_hold_and_give_their_time(number, tow_s, inverted):
     bits = bits_of(G32[number]) ^ inverted
     subframe = decode_subframe(bits)
     assert (subframe.id, subframe.tow_s, subframe.inverted) == (number, tow_s, bool(inverted))
@@ -414,7 +414,7 @@ def test_a_false_start_does_not_appear_beside_true_ones():
     assert find_subframes(np.concatenate([whole, stream[283:]])) == list(range(317, 300 - 283 + 3000, 300))
 
 
-def test_a_cut_subframe_still_tells_the_time():
+def test_a_cut_subframe_still_gives_the_time():
     assert find_subframes(STREAM[:60]) == [0]
     assert find_subframes(STREAM[:59]) == []
     assert decode_how(STREAM[:60]).tow_s == 596760

@@ -57,13 +57,13 @@ def stepping(sky, *, step_s=1.0, carrier_too=True, dopplers=True):
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     drift = 1e-4
     free = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=30, drift=drift, step_s=step_s).observations
-    told = anchored(free, drift * step_s * np.arange(30))
-    told = replace(told, elapsed_s=(told.gpst - told.gpst[0]) / np.timedelta64(1, "ns") * 1e-9)
+    reported = anchored(free, drift * step_s * np.arange(30))
+    reported = replace(reported, elapsed_s=(reported.gpst - reported.gpst[0]) / np.timedelta64(1, "ns") * 1e-9)
     if not carrier_too:
-        told = replace(told, carrier_cyc=free.carrier_cyc)
+        reported = replace(reported, carrier_cyc=free.carrier_cyc)
     if not dopplers:
-        told = replace(told, doppler_hz=np.full_like(told.doppler_hz, np.nan))
-    return free, told
+        reported = replace(reported, doppler_hz=np.full_like(reported.doppler_hz, np.nan))
+    return free, reported
 
 
 @pytest.mark.parametrize("step_s", [0.5, 1.0])
@@ -73,14 +73,14 @@ def stepping(sky, *, step_s=1.0, carrier_too=True, dopplers=True):
 def test_steps_of_a_clock_are_taken_back_however_the_receiver_makes_them(
     sky, step_s, carrier_too, dopplers, stretch_epochs
 ):
-    free, told = stepping(sky, step_s=step_s, carrier_too=carrier_too, dopplers=dopplers)
-    found = clock_steps(told, stretch_epochs)
-    steady = unstepped(told, found)
+    free, reported = stepping(sky, step_s=step_s, carrier_too=carrier_too, dopplers=dopplers)
+    found = clock_steps(reported, stretch_epochs)
+    steady = unstepped(reported, found)
     np.testing.assert_allclose(steady.pseudorange_m, free.pseudorange_m, atol=1e-6)
     np.testing.assert_allclose(steady.carrier_cyc, free.carrier_cyc, atol=1e-4)
     np.testing.assert_array_equal(steady.gpst, free.gpst)
     np.testing.assert_allclose(steady.elapsed_s, free.elapsed_s, atol=1e-8)
-    middle = unstepped(told.read(10, 20), found, 10)
+    middle = unstepped(reported.read(10, 20), found, 10)
     np.testing.assert_array_equal(middle.pseudorange_m, steady.pseudorange_m[10:20])
     assert sum(step.milliseconds for step in found.steps) == -round(1e-4 * step_s * 29 * 1e3)
 

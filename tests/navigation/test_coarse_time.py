@@ -154,7 +154,7 @@ def test_a_code_with_known_bits_reaches_twenty_times_as_far(sky):
     assert error_m(fix, truth) < 40.0
 
 
-def test_a_false_peak_is_told_and_not_fitted(sky):
+def test_a_false_peak_is_reported_and_not_fitted(sky):
     rng = np.random.default_rng(6)
     for _ in range(4):
         truth = shot(sky, rng)
@@ -166,14 +166,14 @@ def test_a_false_peak_is_told_and_not_fitted(sky):
 
 
 @pytest.mark.parametrize("wrong", ["time", "place"])
-def test_a_time_or_place_further_off_than_stated_is_told(sky, wrong):
+def test_a_time_or_place_further_off_than_stated_is_reported(sky, wrong):
     truth = shot(sky, np.random.default_rng(7))
     late_s, away_m = (600.0, 0.0) if wrong == "time" else (10.0, 900e3)
     fix = truth.solve(late_s, place_ecef_m=truth.place + np.array([away_m, 0.0, 0.0]))
     assert fix.status == 4
 
 
-def test_several_sets_that_fit_are_told(sky):
+def test_several_sets_that_fit_are_reported(sky):
     """Five satellites leave nothing to check with, and a place good to 1000 km leaves many whole numbers."""
     rng = np.random.default_rng(8)
     truth = shot(sky, rng)
@@ -184,7 +184,7 @@ def test_several_sets_that_fit_are_told(sky):
     assert "several" in fix.because
 
 
-def test_fewer_than_five_satellites_are_told(sky):
+def test_fewer_than_five_satellites_are_reported(sky):
     truth = shot(sky, np.random.default_rng(9)).keep(np.arange(4))
     assert truth.solve(0.0, place_ecef_m=truth.place).status == 1
 

@@ -1,4 +1,4 @@
-"""Exclusion by covariance: the wrong choice comes as often as predicted, and doubt is told."""
+"""Exclusion by covariance: the wrong choice comes as often as predicted, and doubt is reported."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_the_true_fix_fails_its_test_as_often_as_stated():
         assert np.mean(found.p_value[:, 0] < asked) == pytest.approx(asked, rel=0.1)
 
 
-def test_a_choice_is_wrong_less_often_than_asked_and_doubt_is_told():
+def test_a_choice_is_wrong_less_often_than_asked_and_doubt_is_reported():
     rng = np.random.default_rng(3)
     found = chosen(rng, 200_000, np.diag([93.0, 93.0, 17.3]) ** 2, OFFSET)
     assert np.mean(found.chosen == 1) < 1e-3

@@ -155,22 +155,22 @@ def test_a_moving_receiver_has_its_path_and_velocity(sky):
     assert np.linalg.norm(found.fix.velocity_ecef_m_s - velocity, axis=1)[10:].max() < 1.5
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_a_slip_costs_an_arc_and_not_the_position(sky, told):
+@pytest.mark.parametrize("reported", [True, False])
+def test_a_slip_costs_an_arc_and_not_the_position(sky, reported):
     seen, nav, place = clean(sky)
     carrier, status = seen.carrier_cyc.copy(), seen.status.copy()
     carrier[30:, 4] += 7.0
-    status[30, 4] = 3 if told else 0
+    status[30, 4] = 3 if reported else 0
     found, _ = step(None, replace(seen, carrier_cyc=carrier, status=status), nav)
     plain, _ = step(None, seen, nav)
-    assert found.slipped.sum() == (0 if told else 1)
-    assert found.slipped[30, 4] == (not told)
+    assert found.slipped.sum() == (0 if reported else 1)
+    assert found.slipped[30, 4] == (not reported)
     moved = np.linalg.norm(found.fix.position_ecef_m - plain.fix.position_ecef_m, axis=1)
     assert moved.max() < 0.3
     assert np.linalg.norm(found.fix.position_ecef_m[-1] - place) < 2.0
 
 
-def test_a_code_that_does_not_fit_is_left_out_and_told(sky):
+def test_a_code_that_does_not_fit_is_left_out_and_reported(sky):
     seen, nav, _ = clean(sky)
     code = seen.pseudorange_m.copy()
     code[25, 3] += 60.0

@@ -117,7 +117,7 @@ def test_only_what_all_have_is_compared():
         choose(only_clock, [a_fix(0.0, 1.0)])
 
 
-def test_a_push_of_the_clock_alone_is_told_by_the_oscillator():
+def test_a_push_of_the_clock_alone_is_recognized_by_the_oscillator():
     """A standing receiver: 300 m of clock in a minute; a poor crystal leaves that open, a rubidium does not."""
     last = known(
         GPS_EPOCH,

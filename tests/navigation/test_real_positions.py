@@ -57,7 +57,7 @@ CASES = [
 
 @pytest.mark.parametrize("how", ["fix", "static"])
 @pytest.mark.parametrize(("name", "systems"), CASES)
-def test_a_station_is_found_within_a_few_metres_and_within_the_sigma_that_is_told(shared_data, name, systems, how):
+def test_a_station_is_found_within_a_few_metres_and_within_the_sigma_that_is_stated(shared_data, name, systems, how):
     seen, nav, signals, truth = station(shared_data, name, systems)
     if how == "fix":
         found = fix(seen, nav, signals=signals, elevation_mask_deg=10.0)

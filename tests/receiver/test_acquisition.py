@@ -230,8 +230,8 @@ def test_the_separation_of_overlapping_signals_is_right_though_each_was_measured
     planes = planes_of(noise(rng, n) + one - 0.6 * other)
     wrong = KnownSignal(delay_s=0.4e-3 - 0.2 * np.sign(apart) * CHIP_S, doppler_hz=1100.0)
     beyond = KnownSignal(delay_s=0.4e-3 + (apart + 0.3 * np.sign(apart)) * CHIP_S, doppler_hz=1102.0)
-    told = separation_chips(planes, GPS_L1_CA, RATE_HZ, 0.0, "G07", wrong, beyond)
-    assert told == pytest.approx(abs(apart), abs=0.15)
+    reported = separation_chips(planes, GPS_L1_CA, RATE_HZ, 0.0, "G07", wrong, beyond)
+    assert reported == pytest.approx(abs(apart), abs=0.15)
 
 
 def test_a_strong_signal_is_not_taken_for_other_satellites_nor_for_itself_again():

@@ -19,26 +19,26 @@ PPM = 1e-6
 
 
 def measured_at(wrong_ppm, rate_hz=2.6e6, **front_end):
-    """What a survey tells of a clean sky whose rate is given wrong; Dopplers as they are seen at that rate."""
+    """What a survey shows of a clean sky whose rate is given wrong; Dopplers as they are seen at that rate."""
     samples, heard = recorded(rate_hz, **front_end)
     given_hz = samples.rate_hz * (1.0 + wrong_ppm * PPM)
     for one in heard:
         one.doppler_hz += wrong_ppm * PPM * (samples.if_hz + one.doppler_hz)
-    told = survey(replace(samples, rate_hz=given_hz), samples.if_hz, heard)
-    return replace(samples, rate_hz=given_hz), told, {one.sat: one.doppler_hz for one in heard}
+    reported = survey(replace(samples, rate_hz=given_hz), samples.if_hz, heard)
+    return replace(samples, rate_hz=given_hz), reported, {one.sat: one.doppler_hz for one in heard}
 
 
 WRONG_PPM = (-100.0, -30.0, -10.0, -3.0, -1.0, 1.0, 3.0, 10.0, 30.0, 100.0)
 
 
 def check_rate(wrong_ppm, rate_hz, **front_end):
-    samples, told, dopplers_hz = measured_at(wrong_ppm, rate_hz, **front_end)
-    apart = in_survey(told, dopplers_hz)
+    samples, reported, dopplers_hz = measured_at(wrong_ppm, rate_hz, **front_end)
+    apart = in_survey(reported, dopplers_hz)
     assert apart.certain
     assert not apart.of_carrier
     assert apart.sigma < 0.15 * PPM
     assert corrected(samples, apart).rate_hz == pytest.approx(rate_hz, rel=max(4.0 * apart.sigma, 1e-7))
-    assert told.gaps == ()
+    assert reported.gaps == ()
 
 
 @pytest.mark.parametrize("wrong_ppm", [-100.0, 3.0, 10.0])
@@ -56,13 +56,13 @@ def test_a_rate_that_is_given_wrong_is_measured(wrong_ppm):
     ],
 )
 def test_rates_that_are_given_wrong_are_measured(wrong_ppm, rate_hz, front_end):
-    """In less than 0.5 s a drift of few ppm may look like a mirrored spectrum: then nothing is told."""
+    """In less than 0.5 s a drift of few ppm may look like a mirrored spectrum: then nothing is reported."""
     check_rate(wrong_ppm, rate_hz, duration_s=0.5, **front_end)
 
 
 def test_a_right_rate_is_left_alone():
-    _, told, dopplers_hz = measured_at(0.0)
-    assert not in_survey(told, dopplers_hz).certain
+    _, reported, dopplers_hz = measured_at(0.0)
+    assert not in_survey(reported, dopplers_hz).certain
 
 
 # --- by what was tracked
@@ -101,7 +101,7 @@ def test_the_drift_of_tracked_signals_is_measured(share, n_sats, seed):
 
 
 def test_signals_that_agree_are_corrected_less_than_once_in_a_thousand_times():
-    """The scatter of few satellites tells the sigma badly; the least that counts holds against that."""
+    """The scatter of few satellites determines the sigma badly; the least that counts holds against that."""
     certain = [in_tracks(tracked(0.0, n_sats=4 + seed % 9, seed=seed), sats(12)).certain for seed in range(300)]
     assert sum(certain) <= 1
 
@@ -114,7 +114,7 @@ def test_two_of_eight_signals_that_are_drawn_away_move_nothing():
     assert not in_tracks(measurements, sats(8)).certain
 
 
-def test_too_few_or_too_short_signals_tell_nothing():
+def test_too_few_or_too_short_signals_show_nothing():
     assert in_tracks(tracked(1e-5, n_sats=3), sats(3)) is None
     assert in_tracks(tracked(1e-5, rows=5), sats(8)) is None
 

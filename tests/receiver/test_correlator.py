@@ -139,7 +139,7 @@ def test_two_pieces_add_up_to_the_whole(case, share):
 
 @settings(max_examples=30, deadline=None)
 @given(case=CASES, n=st.integers(1, c.CHUNK))
-def test_the_shift_told_is_the_shift_of_the_replica_used(case, n):
+def test_the_shift_returned_is_the_shift_of_the_replica_used(case, n):
     case.n = min(n, case.n)
     sums, shifts = case.run()
     for total, delay, shift in zip(sums[0], case.delays, shifts, strict=True):
@@ -161,8 +161,8 @@ def test_the_mean_shift_over_chunks_is_taken_off_without_bias():
         sums, shifts = case.run()
         early, prompt, late = sums[0].real
         errors.append([0.5 * (early - late) / prompt, 0.5 * (shifts[0] + shifts[2])])
-    seen, told = np.array(errors).T
-    assert np.abs(np.mean(seen - told)) < 1e-4
+    seen, reported = np.array(errors).T
+    assert np.abs(np.mean(seen - reported)) < 1e-4
 
 
 @pytest.mark.parametrize("rate_hz", [2.6e6, 25e6])

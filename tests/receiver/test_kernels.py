@@ -124,7 +124,7 @@ def test_the_kernel_equals_its_numpy_twin(doppler_hz, taps):
         assert np.abs(ours - twin).max() < 0.01 * n * CODE_SCALE
 
 
-def test_the_discriminator_tells_the_error_it_was_given():
+def test_the_discriminator_returns_the_error_it_was_given():
     for error_chips, tolerance in ((-0.08, 0.01), (-0.03, 0.003), (0.0, 0.003), (0.02, 0.003), (0.07, 0.01)):
         planes = signal(400_000, delay_chips=100.0, doppler_hz=1234.5)
         state = state_for(delay_chips=100.0 + error_chips, doppler_hz=1234.5)

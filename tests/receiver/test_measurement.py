@@ -82,7 +82,7 @@ def test_sigmas_are_the_bounds_of_theory():
 
 
 @pytest.mark.parametrize("cn0_dbhz", [25.0, 30.0, 40.0, 55.0])
-def test_the_strength_told_has_no_bias(cn0_dbhz):
+def test_the_strength_reported_has_no_bias(cn0_dbhz):
     table = measured(rows_of(np.random.default_rng(3), cn0_dbhz, 2000), cn0_dbhz)
     mean_dbhz = 10.0 * np.log10(np.mean(10.0 ** (0.1 * table[:, m.CN0_DBHZ])))
     assert abs(mean_dbhz - cn0_dbhz) < 0.1

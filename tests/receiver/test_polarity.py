@@ -18,10 +18,10 @@ MESSAGE = encode_subframes(NAVIGATION.ephemerides[0], None, None, 43_200, NAVIGA
 
 
 def sign_at(stretches, bit):
-    """What the stretches tell of a bit, by the code periods in it; None if nothing."""
-    told = {s.inverted for s in stretches if s.first_period <= 20 * bit < s.end_period}
-    assert len(told) < 2
-    return told.pop() if told else None
+    """What the stretches say of a bit, by the code periods in it; None if nothing."""
+    reported = {s.inverted for s in stretches if s.first_period <= 20 * bit < s.end_period}
+    assert len(reported) < 2
+    return reported.pop() if reported else None
 
 
 # ---------------------------------------------------------------------- the sign of the bits
@@ -32,17 +32,17 @@ def test_the_sign_of_the_bits_is_known_up_to_the_word_in_which_it_turns(lead, tu
     bits = MESSAGE[lead:].copy()
     truth = (np.arange(bits.size) >= turn) ^ inverted
     stretches = stretches_of(bits ^ truth.astype(np.int8), (-lead) % 300, 0)
-    told = [sign_at(stretches, bit) for bit in range(bits.size)]
-    assert all(t is None or t == truth[bit] for bit, t in enumerate(told) if abs(bit - turn) > 30)
+    reported = [sign_at(stretches, bit) for bit in range(bits.size)]
+    assert all(t is None or t == truth[bit] for bit, t in enumerate(reported) if abs(bit - turn) > 30)
     words = range((-lead) % 30 + 30, bits.size - 330, 30)  # whole ones with a word before them and a subframe after
     for first in words:
         if not first - 2 <= turn <= first + 30:
-            near = told[first : first + 30]
+            near = reported[first : first + 30]
             assert None not in near or abs(first - turn) < 300
 
 
 @given(seed=st.integers(0, 10_000), error_rate=st.sampled_from([0.003, 0.01, 0.03]))
-def test_damaged_bits_never_tell_a_wrong_sign(seed, error_rate):
+def test_damaged_bits_never_give_a_wrong_sign(seed, error_rate):
     rng = np.random.default_rng(seed)
     bits = MESSAGE ^ (rng.random(MESSAGE.size) < error_rate).astype(np.int8)
     assert not any(stretch.inverted for stretch in stretches_of(bits, 0, 0))
@@ -67,7 +67,7 @@ def test_what_is_known_of_the_sign_does_not_grow_with_time():
     assert len(feed(prompts(90, lead_periods=0, cn0_dbhz=40.0)).stretches) == 1
 
 
-def test_a_time_of_week_read_anew_forgets_the_sign_told_by_the_one_before():
+def test_a_time_of_week_read_anew_forgets_the_sign_given_by_the_one_before():
     known = tm.Telemetry(tow_ms_at_period_0=5, stretches=(Stretch(0, 500, True),), synchronised=True)
     state = tm.step(known, prompts(8, lead_periods=100, cn0_dbhz=45.0), 0)
     assert state.tow_ms_at_period_0 is not None
@@ -107,7 +107,7 @@ def test_a_loop_that_slips_half_a_cycle_changes_nothing():
     assert np.flatnonzero(found.slipped).tolist() == [30]
 
 
-def test_a_slip_ends_what_the_message_tells():
+def test_a_slip_ends_what_the_message_shows():
     slipped = (PERIODS == 6000) | (PERIODS == 8000)
     found = rows(Stretch(0, 5400, True), Stretch(8100, 20_000, False), slipped=slipped)
     assert found.added.tolist() == [1] * 30 + [0] * 70

@@ -256,11 +256,11 @@ def test_missing_samples_cost_the_way_back_and_no_letter(receiver, planes, whole
 
 
 @pytest.mark.parametrize("missing", [997, pytest.param(123_457, marks=pytest.mark.long)])
-def test_missing_samples_are_told_as_one_gap_of_their_length(receiver, planes, whole, missing):
+def test_missing_samples_are_reported_as_one_gap_of_their_length(receiver, planes, whole, missing):
     first = int(DAMAGED_S * RATE_HZ)
     heard = receive(receiver, np.delete(planes, slice(first, first + missing), axis=1))
     assert all(DAMAGED_S - 0.2 <= gap.elapsed_s <= DAMAGED_S + BACK_S for gap in heard.gaps)
-    (gap,) = (gap for gap in heard.gaps if gap.shift_s != 0.0)  # before it, the carriers' jump may tell of the same
+    (gap,) = (gap for gap in heard.gaps if gap.shift_s != 0.0)  # before it, the carriers' jump may show the same
     assert gap.signals >= 3
     off_s = gap.shift_s + missing / RATE_HZ  # the code comes earlier by what is missing
     assert abs(off_s - 1e-3 * np.rint(off_s * 1e3)) < 0.2 / 1.023e6

@@ -51,7 +51,7 @@ def test_errors_are_as_large_as_stated(duration_s, cn0_dbhz):
     assert abs(np.mean(code)) < 0.6
 
 
-def test_samples_in_step_with_the_chips_are_told_to_be_coarse():
+def test_samples_in_step_with_the_chips_are_reported_as_coarse():
     """At 16/3 samples a chip every edge falls on one of three places; noise is far less than what that leaves open."""
     code, _ = trials(np.random.default_rng(2), 12, 0.02, 55.0, rate_hz=5.456e6)
     assert 0.2 < np.sqrt(np.mean(code**2)) < 1.4

@@ -121,7 +121,7 @@ def test_a_line_costs_what_theory_says_and_is_notched(over_signal_db):
     assert undisturbed_dbhz - cn0_dbhz(corrected) < 0.15
 
 
-def test_a_line_that_does_not_hurt_is_told_and_left():
+def test_a_line_that_does_not_hurt_is_reported_and_left():
     n = 800_000
     samples = recording(noise(n) + wave(n, LINE_HZ, 38.0))
     front = measure_front_end(samples)
@@ -222,10 +222,10 @@ def test_imbalance_of_a_decibel_and_five_degrees_is_measured_and_its_image_remov
     assert 10.0 * np.log10(power_at(-LINE_HZ, corrected) / power_at(LINE_HZ, corrected)) < -40.0
 
 
-# The rest of what is told
+# The rest of what is reported
 
 
-def test_band_levels_and_clipping_are_told():
+def test_band_levels_and_clipping_are_reported():
     low_pass = filters.firwin(255, 0.5)  # of half the rate: -1 to 1 MHz
     planes = filters.lfilter(low_pass, 1.0, noise(300_000), axis=1)[:, 300:]
     front = measure_front_end(recording(np.clip(np.round(planes * 3.0), -3, 3)))

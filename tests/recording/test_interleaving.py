@@ -51,8 +51,8 @@ def test_as_many_real_channels_as_there_are(n: int, if_hz: float) -> None:
 @pytest.mark.parametrize("n", [2, 4])
 def test_real_channels_read_as_i_and_q_show_mirror_images(n: int, if_hz: float) -> None:
     numbers = woven([channel(RATE_HZ, 62_000, seed, if_hz=if_hz, real=True) for seed in range(n)])[0]
-    told = turns(numbers.reshape(-1, 2).T, n / 2 * RATE_HZ, carried(if_hz), real=False)
-    assert told == Turns(samples=n // 2, mirrored=True)
+    reported = turns(numbers.reshape(-1, 2).T, n / 2 * RATE_HZ, carried(if_hz), real=False)
+    assert reported == Turns(samples=n // 2, mirrored=True)
 
 
 def test_the_mirror_image_of_a_real_signal_at_a_quarter_of_the_rate_is_no_channel() -> None:
@@ -66,7 +66,7 @@ def test_a_channel_without_signals_takes_its_turn() -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5, 1.0])
-def test_copies_of_one_channel_have_no_images_and_are_told(noise: float) -> None:
+def test_copies_of_one_channel_have_no_images_and_are_reported(noise: float) -> None:
     one = channel(RATE_HZ, 62_000, 1)
     rng = np.random.default_rng(2)
     planes = woven([one + noise * rng.normal(size=one.shape).astype(np.float32) for _ in range(2)])

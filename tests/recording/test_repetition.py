@@ -1,4 +1,4 @@
-"""What repeats is found without rate or code, with an error that is told; noise and lines do not repeat."""
+"""What repeats is found without rate or code, with an error that is stated; noise and lines do not repeat."""
 
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def test_the_error_of_the_period_is_what_its_sigma_says() -> None:
         found = repetition(signals(2.6e6, 0.0, 0.05, seed=seed))
         ratios.append((found.period_samples - 2600.0) / found.period_sigma)
     assert np.abs(ratios).max() < 4.0
-    assert np.std(ratios) > 0.15  # not told many times too large either
+    assert np.std(ratios) > 0.15  # not stated many times too large either
 
 
 def test_too_few_samples_are_refused() -> None:

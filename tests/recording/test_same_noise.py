@@ -55,19 +55,19 @@ def found(first, second, carrier_cycles=0.0):
 def test_a_copy_is_seen_whatever_its_shift_and_its_gain(bits):
     rng = np.random.default_rng(1)
     one = quantised(sky(rng)[0] + noise(rng), bits)
-    told = found(one, 0.37 * np.roll(one, 3, axis=1))
-    assert told.coefficient > 0.97  # a lag between two that are tried loses up to 2.5 %
-    assert told.lag_s == pytest.approx(3.0 / RATE_HZ, abs=2e-9)
-    assert told.p_value < 1e-12
+    reported = found(one, 0.37 * np.roll(one, 3, axis=1))
+    assert reported.coefficient > 0.97  # a lag between two that are tried loses up to 2.5 %
+    assert reported.lag_s == pytest.approx(3.0 / RATE_HZ, abs=2e-9)
+    assert reported.p_value < 1e-12
 
 
 @pytest.mark.parametrize(("share", "least"), [(0.01, 0.96), (0.2, 0.5)])
 def test_turned_bits_hide_no_copy(share, least):
     rng = np.random.default_rng(2)
     one = quantised(sky(rng)[0] + noise(rng), 1)
-    told = found(one, np.where(rng.random(one.shape) < share, -one, one))
-    assert told.coefficient > least
-    assert told.p_value < 1e-12
+    reported = found(one, np.where(rng.random(one.shape) < share, -one, one))
+    assert reported.coefficient > least
+    assert reported.p_value < 1e-12
 
 
 @pytest.mark.parametrize("own_db", [-10.0, 0.0])
@@ -77,9 +77,9 @@ def test_two_receivers_on_one_antenna_are_seen(own_db):
     antenna = sky(rng)[0] + noise(rng)
     turn = np.exp(2j * np.pi * 90.0 * np.arange(N) / RATE_HZ)
     own = 10.0 ** (own_db / 20.0)
-    told = found(quantised(antenna + own * noise(rng), None), quantised(antenna * turn + own * noise(rng), None))
-    assert told.coefficient == pytest.approx(1.0 / (1.0 + own**2), abs=0.03)
-    assert told.p_value < 1e-12
+    reported = found(quantised(antenna + own * noise(rng), None), quantised(antenna * turn + own * noise(rng), None))
+    assert reported.coefficient == pytest.approx(1.0 / (1.0 + own**2), abs=0.03)
+    assert reported.p_value < 1e-12
 
 
 def test_a_recording_of_another_rate_and_kind_is_compared_as_well():
@@ -90,11 +90,11 @@ def test_a_recording_of_another_rate_and_kind_is_compared_as_well():
     wide[middle - N // 2 : middle - N // 2 + N] = antenna
     real = np.fft.ifft(np.fft.ifftshift(wide)).real
     first = quantised(np.fft.ifft(np.fft.ifftshift(antenna)), 1)
-    told = shared_noise(
+    reported = shared_noise(
         rows_of(first, 0.0, CELLS), rows_of(np.stack([np.sign(real), 0.0 * real]).astype(np.float32), 0.7 / 4.0, CELLS)
     )
-    assert told.coefficient > 0.6
-    assert abs(told.lag_s) < 1e-8
+    assert reported.coefficient > 0.6
+    assert abs(reported.lag_s) < 1e-8
 
 
 def common_signals(rng, stronger_db, sats, bits):
@@ -106,8 +106,8 @@ def common_signals(rng, stronger_db, sats, bits):
     ("stronger_db", "sats", "bits"), [(0, 10, 1), (10, 10, 2), (15, 4, 1), (20, 10, 1), (30, 10, None)]
 )
 def test_common_signals_are_no_common_noise(stronger_db, sats, bits):
-    told = common_signals(np.random.default_rng(5), stronger_db, sats, bits)
-    assert told.p_value == 1.0
+    reported = common_signals(np.random.default_rng(5), stronger_db, sats, bits)
+    assert reported.p_value == 1.0
 
 
 @pytest.mark.long
@@ -120,19 +120,19 @@ def test_no_strength_of_common_signals_is_taken_for_common_noise(sats, bits):
         first, second = sky(rng, cn0_dbhz=45.0 + stronger_db, sats=sats)
         rows = [rows_of(quantised(one + noise(rng), bits), 0.0, CELLS) for one in (first, second)]
         left = [without_repetition(one)[0] for one in rows]
-        told = shared_noise(*rows)
+        reported = shared_noise(*rows)
         repeats = max(1.0 - np.sum(np.abs(b) ** 2) / np.sum(np.abs(a) ** 2) for a, b in zip(rows, left, strict=True))
-        assert told.p_value == 1.0
-        assert told.coefficient < 0.5 * explained(float(repeats))
+        assert reported.p_value == 1.0
+        assert reported.coefficient < 0.5 * explained(float(repeats))
 
 
 def test_independent_noise_shares_nothing():
     rng = np.random.default_rng(7)
     for _ in range(30):
         one, other = (noise(rng, N_ROWS * 512).reshape(N_ROWS, 512).astype(np.complex64) for _ in range(2))
-        told = shared_noise(one, other)
-        assert told.p_value == 1.0
-        assert told.coefficient < 0.5 * EXPLAINED
+        reported = shared_noise(one, other)
+        assert reported.p_value == 1.0
+        assert reported.coefficient < 0.5 * EXPLAINED
 
 
 def test_what_is_explained_is_called_common_noise_no_oftener_than_stated():
@@ -142,9 +142,9 @@ def test_what_is_explained_is_called_common_noise_no_oftener_than_stated():
     for _ in range(60):
         common, one, other = (noise(rng, N_ROWS * cells).reshape(N_ROWS, cells) for _ in range(3))
         own = np.sqrt(1.0 / EXPLAINED - 1.0)
-        told = shared_noise((common + own * one).astype(np.complex64), (common + own * other).astype(np.complex64))
-        alarms += told.p_value < wanted
-        coefficients.append(told.coefficient)
+        reported = shared_noise((common + own * one).astype(np.complex64), (common + own * other).astype(np.complex64))
+        alarms += reported.p_value < wanted
+        coefficients.append(reported.coefficient)
     assert alarms <= 20  # 12 are stated; twice the sigma more
     assert np.mean(coefficients) == pytest.approx(EXPLAINED, rel=0.05)
 

@@ -1,4 +1,4 @@
-"""Lost samples, the mirrored spectrum and the oscillator, told by the code phases of the satellites."""
+"""Lost samples, the mirrored spectrum and the oscillator, shown by the code phases of the satellites."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -97,7 +97,7 @@ def test_whole_code_periods_are_missing_without_a_sign():
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("still", [slice(0, 400_000), slice(0, 120_000), slice(200_000, 206_000)])
-def test_nothing_is_told_of_samples_that_do_not_change(still):
+def test_nothing_is_said_of_samples_that_do_not_change(still):
     samples, heard = recorded(4e6, **INT8)
     planes = samples.read(0, samples.n_samples).copy()
     planes[:, still] = 0.0
@@ -123,10 +123,10 @@ def counted(trials, wanted):
     alarms, ratios, clocks = 0, [], []
     for seed in range(trials):
         samples, heard = recorded(2.6e6, seed=seed)
-        told = survey(samples, 0.0, heard, false_alarm_probability=wanted)
-        alarms += bool(told.gaps)
-        ratios.append((told.doppler_ratio - 1.0) / told.doppler_ratio_sigma)
-        clocks.append(told.clock_minus_lo_ppm / told.clock_minus_lo_sigma_ppm)
+        reported = survey(samples, 0.0, heard, false_alarm_probability=wanted)
+        alarms += bool(reported.gaps)
+        ratios.append((reported.doppler_ratio - 1.0) / reported.doppler_ratio_sigma)
+        clocks.append(reported.clock_minus_lo_ppm / reported.clock_minus_lo_sigma_ppm)
     return alarms, ratios, clocks
 
 
@@ -136,7 +136,7 @@ def test_a_continuous_recording_has_no_gap():
 
 
 @pytest.mark.long
-def test_gaps_are_told_in_continuous_recordings_no_oftener_than_stated_and_sigmas_are_right():
+def test_gaps_are_found_in_continuous_recordings_no_oftener_than_stated_and_sigmas_are_right():
     trials, wanted = 150, 0.2
     alarms, ratios, clocks = counted(trials, wanted)
     assert alarms <= stats.binom.ppf(0.999, trials, wanted)
@@ -145,7 +145,7 @@ def test_gaps_are_told_in_continuous_recordings_no_oftener_than_stated_and_sigma
         assert 0.75 < np.std(normalised) < 1.25
 
 
-def test_a_mirrored_spectrum_is_told():
+def test_a_mirrored_spectrum_is_found():
     samples, heard = recorded(2.6e6)
     right = survey(samples, 0.0, heard)
     assert right.conjugate is False
@@ -157,15 +157,15 @@ def test_a_mirrored_spectrum_is_told():
     assert wrong.doppler_ratio == pytest.approx(-1.0, abs=4.0 * wrong.doppler_ratio_sigma)
 
 
-def test_four_milliseconds_do_not_tell_whether_the_spectrum_is_mirrored():
+def test_four_milliseconds_do_not_show_whether_the_spectrum_is_mirrored():
     samples, heard = recorded(2.6e6, duration_s=0.004)
-    told = survey(samples, 0.0, heard)
-    assert told.conjugate is None
-    assert told.conjugate_error_probability == 0.5
+    reported = survey(samples, 0.0, heard)
+    assert reported.conjugate is None
+    assert reported.conjugate_error_probability == 0.5
 
 
-def test_a_sampling_clock_of_its_own_is_told():
-    """A rate told 2 ppm too low: delays in seconds seem to grow by 2 microseconds a second."""
+def test_a_sampling_clock_of_its_own_is_found():
+    """A rate stated 2 ppm too low: delays in seconds seem to grow by 2 microseconds a second."""
     samples, heard = recorded(2.6e6, duration_s=0.3)
     coupled = survey(samples, 0.0, heard)
     assert abs(coupled.clock_minus_lo_ppm) < 4.0 * coupled.clock_minus_lo_sigma_ppm
@@ -174,7 +174,7 @@ def test_a_sampling_clock_of_its_own_is_told():
     assert off.clock_minus_lo_ppm == pytest.approx(2.0, abs=4.0 * off.clock_minus_lo_sigma_ppm)
 
 
-def test_two_satellites_tell_nothing():
+def test_two_satellites_show_nothing():
     samples, heard = recorded(2.6e6, duration_s=0.02)
     assert survey(samples, 0.0, heard[:2]) == Survey()
 
@@ -196,8 +196,8 @@ def test_the_middle_of_the_dopplers_is_as_near_to_zero_as_stated():
         for column in range(instants.size):
             values = doppler_hz[above[:, column], column]
             if values.size >= n:
-                told = oscillator_error(rng.choice(values, n, replace=False) + 700.0)
-                middles.append((told.doppler_hz - 700.0) / told.sigma_hz)
+                reported = oscillator_error(rng.choice(values, n, replace=False) + 700.0)
+                middles.append((reported.doppler_hz - 700.0) / reported.sigma_hz)
         assert 0.85 < np.std(middles) < 1.15
 
 

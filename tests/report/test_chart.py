@@ -58,8 +58,8 @@ def lines(root: ElementTree.Element) -> list[Any]:
     return [corners for corners in found if corners[:, 1].max() <= bottom]
 
 
-def tick(root: ElementTree.Element, told: str) -> float:
-    return next(float(e.get("x", "nan")) for e in root.iter(f"{SVG}text") if e.text == told)
+def tick(root: ElementTree.Element, reported: str) -> float:
+    return next(float(e.get("x", "nan")) for e in root.iter(f"{SVG}text") if e.text == reported)
 
 
 def test_a_line_for_each_combination_and_its_name_in_the_legend() -> None:
@@ -86,8 +86,8 @@ def test_few_values_far_apart_are_the_ticks() -> None:
     rows = [{"method": "m", "window_s": x, "kept": 1.0 + x} for x in (2.0, 3.0, 5.0)]
     root = drawn(rows)
     (line,) = lines(root)
-    for told, corner in zip("235", line, strict=True):
-        assert tick(root, told) == pytest.approx(corner[0], abs=0.1)
+    for reported, corner in zip("235", line, strict=True):
+        assert tick(root, reported) == pytest.approx(corner[0], abs=0.1)
     assert {"2", "3", "5"} <= set(texts(root))
     assert "4" not in {e.text for e in root.iter(f"{SVG}text") if e.get("text-anchor") == "middle"}
 
@@ -95,9 +95,9 @@ def test_few_values_far_apart_are_the_ticks() -> None:
 def test_a_long_title_is_broken_and_the_chart_moved_down() -> None:
     words = "A title that is rather too long to stand in one line over so small a chart"
     root = drawn(title=words)
-    told = [e for e in root.iter(f"{SVG}text") if e.get("class") == "title"]
-    assert " ".join(e.text or "" for e in told) == words
-    assert all(len(e.text or "") <= 50 for e in told)
+    reported = [e for e in root.iter(f"{SVG}text") if e.get("class") == "title"]
+    assert " ".join(e.text or "" for e in reported) == words
+    assert all(len(e.text or "") <= 50 for e in reported)
     short, long = (float(one.get("viewBox", "").split()[3]) for one in (drawn(), root))
     assert long - short == pytest.approx(14.0)
 
@@ -106,8 +106,8 @@ def test_long_numbers_keep_clear_of_the_name_of_their_axis() -> None:
     rows = [{"method": "m", "window_s": x, "kept": 0.99991 + 1e-5 * x} for x in (0.0, 1.0, 2.0)]
     root = drawn(rows)
     ends = [(float(e.get("x", "nan")), e.text or "") for e in root.iter(f"{SVG}text") if e.get("text-anchor") == "end"]
-    assert max(len(told) for _, told in ends) >= 7
-    assert all(x - 5.6 * len(told) >= 18.0 for x, told in ends)
+    assert max(len(reported) for _, reported in ends) >= 7
+    assert all(x - 5.6 * len(reported) >= 18.0 for x, reported in ends)
 
 
 def test_a_logarithmic_axis_puts_decades_at_equal_steps() -> None:
@@ -125,7 +125,7 @@ def test_what_has_no_logarithm_breaks_the_line() -> None:
     assert path.count("M") == 2
 
 
-def test_small_powers_are_told_as_powers() -> None:
+def test_small_powers_are_written_as_powers() -> None:
     rows = [{"method": "m", "window_s": 1.0 + k, "kept": 10.0**-k} for k in range(0, 9)]
     assert "10⁻⁶" in texts(drawn(rows, y_log=True))
 

@@ -1,4 +1,4 @@
-"""The page: everything is told, nothing is loaded, nothing gets in unescaped, and it is the same every time."""
+"""The page: everything is there, nothing is loaded, nothing gets in unescaped, and it is the same every time."""
 
 import copy
 import re
@@ -51,9 +51,9 @@ def read(page: str) -> Reader:
     return reader
 
 
-def test_the_page_tells_everything_that_the_verdict_tells() -> None:
+def test_the_page_says_everything_that_the_verdict_says() -> None:
     text = read(report_html(VERDICT, pictures())).text
-    for told in (
+    for reported in (
         VERDICT.summary,
         "Spoofed since 10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time",
         "59.4121000",
@@ -81,7 +81,7 @@ def test_the_page_tells_everything_that_the_verdict_tells() -> None:
         "The last trusted fix of rx1 lies",
         "from the truth",
     ):
-        assert told in text, told
+        assert reported in text, reported
 
 
 def test_the_page_draws_what_it_was_given() -> None:
@@ -193,13 +193,13 @@ def test_a_page_without_pictures_or_signals_says_so() -> None:
         "methods": [],
     }
     reader = read(report_html(Verdict.model_validate(document), EMPTY))
-    for told in (
+    for reported in (
         "No position could be computed.",
         "No signals were received.",
         "No method could run",
         "Not decided: no signal was found; a longer recording would decide",
     ):
-        assert told in reader.text
+        assert reported in reader.text
     assert "figure" not in reader.tags
     assert "Since" not in reader.text
 
@@ -219,8 +219,8 @@ def test_how_sure_names_the_strongest_evidence_for_the_verdict(verdict: str, dec
         other | {"detector": "d2", "decision": decision, "p_value": 1e-3},
         other | {"detector": "d3", "decision": decision, "p_value": 0.4},
     ]
-    told = " ".join(how_sure(Verdict.model_validate(document | {"verdict": verdict, "methods": methods})))
-    assert f"that of d2: {words}" in told
+    reported = " ".join(how_sure(Verdict.model_validate(document | {"verdict": verdict, "methods": methods})))
+    assert f"that of d2: {words}" in reported
 
 
 def test_a_test_that_did_not_decide_rejects_no_clean_sky() -> None:
@@ -233,8 +233,8 @@ def test_a_test_that_did_not_decide_rejects_no_clean_sky() -> None:
 
 def test_a_signal_that_changes_its_label_is_one_signal() -> None:
     signals = [SAMPLE["signals"][0], SAMPLE["signals"][0] | {"label": "unknown"}]
-    told = how_sure(Verdict.model_validate(SAMPLE | {"signals": signals}))[-1]
-    assert told == "1 signal received: 1 authentic, 1 unknown; 1 with one label after another."
+    reported = how_sure(Verdict.model_validate(SAMPLE | {"signals": signals}))[-1]
+    assert reported == "1 signal received: 1 authentic, 1 unknown; 1 with one label after another."
 
 
 def facts_of(**changes: Any) -> dict[str, str]:
@@ -246,16 +246,16 @@ def facts_of(**changes: Any) -> dict[str, str]:
 
 
 def test_the_top_answers_since_when_where_and_how_sure() -> None:
-    told = facts_of()
-    assert told["Spoofed since"] == "10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time"
-    assert told["True position"].startswith("59.41210° N, 16.88370° E rx1, within ")
-    assert "rx1 seems" in told["The false signals show"]
-    assert told["How sure"].startswith("Once in 1\u202f000 hours at most, clean signals are called spoofed")
+    reported = facts_of()
+    assert reported["Spoofed since"] == "10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time"
+    assert reported["True position"].startswith("59.41210° N, 16.88370° E rx1, within ")
+    assert "rx1 seems" in reported["The false signals show"]
+    assert reported["How sure"].startswith("Once in 1\u202f000 hours at most, clean signals are called spoofed")
 
 
-def test_an_attack_from_the_start_is_told_as_such() -> None:
-    told = facts_of(since_gpst="2022-01-01T10:00:00.0", since_sigma_s=None)
-    assert told["Spoofed since"] == "10:00:00 or before the recording begins under attack, 2022-01-01, GPS time"
+def test_an_attack_from_the_start_is_described_as_such() -> None:
+    reported = facts_of(since_gpst="2022-01-01T10:00:00.0", since_sigma_s=None)
+    assert reported["Spoofed since"] == "10:00:00 or before the recording begins under attack, 2022-01-01, GPS time"
 
 
 def test_without_true_signals_the_true_position_is_not_known() -> None:
@@ -267,9 +267,9 @@ def test_an_undecided_page_gives_the_possible_positions() -> None:
     receivers = [receiver | {"trusted_fix": None, "false_fix": None} for receiver in SAMPLE["receivers"]]
     place = {"lat_deg": 59.0, "lon_deg": 16.0, "height_m": 1.0}
     sources = [SAMPLE["sources"][0] | {"name": name, "shows": place} for name in ("S1", "S2")]
-    told = facts_of(verdict="undecided", undecided_because="two skies", receivers=receivers, sources=sources)
-    assert "Spoofed since" not in told
-    assert told["True position: one of"].count("59.00000° N, 16.00000° E") == 2
+    reported = facts_of(verdict="undecided", undecided_because="two skies", receivers=receivers, sources=sources)
+    assert "Spoofed since" not in reported
+    assert reported["True position: one of"].count("59.00000° N, 16.00000° E") == 2
 
 
 def test_skies_that_differ_are_drawn_each() -> None:

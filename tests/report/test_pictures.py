@@ -181,8 +181,8 @@ def test_the_scale_bar_is_as_long_as_it_says(reach_m: float) -> None:
     start, end = (float(v) for v in re.findall(r"M([\d.]+) .*H([\d.]+)", bar.get("d", ""))[0])
     (disc,), (diamond,) = of_class(root, "mark", "trusted"), of_class(root, "mark", "false")
     metres = (end - start) / ((corners(diamond)[0, 0] - number(disc, "cx")) / reach_m)
-    (told,) = [t for t in texts(root) if re.fullmatch(r"[\d.]+ k?m", t)]
-    assert float(told.split()[0]) * (1000.0 if "km" in told else 1.0) == pytest.approx(metres, rel=0.02)
+    (reported,) = [t for t in texts(root) if re.fullmatch(r"[\d.]+ k?m", t)]
+    assert float(reported.split()[0]) * (1000.0 if "km" in reported else 1.0) == pytest.approx(metres, rel=0.02)
     assert 30.0 <= end - start <= 100.0
 
 
@@ -253,7 +253,7 @@ def test_a_gap_in_a_signal_is_a_gap_in_its_line() -> None:
     assert path.get("d", "").count("M") == 2
 
 
-def test_long_recordings_are_told_in_minutes_and_stay_small() -> None:
+def test_long_recordings_are_drawn_in_minutes_and_stay_small() -> None:
     svg = time_line([series("G05", "authentic", 0, 3601, 44)], title="t", zero="z", points=100)
     assert "time since z, min" in texts(parsed(svg))
     assert len(svg) < 6000
@@ -278,7 +278,7 @@ def test_the_end_of_an_attack_is_marked() -> None:
     assert {"onset", "end"} <= set(texts(root))
 
 
-def test_a_ribbon_tells_how_long_a_signal_is_there() -> None:
+def test_a_ribbon_shows_how_long_a_signal_is_there() -> None:
     line = series("G05", "spoofed", 0, 101, 44)
     cn0_dbhz = line.cn0_dbhz.copy()
     cn0_dbhz[40:60] = np.nan

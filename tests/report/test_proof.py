@@ -96,7 +96,7 @@ def test_without_anything_to_draw_nothing_is_drawn() -> None:
 # Words
 
 
-def test_places_and_ways_are_told_as_people_say_them() -> None:
+def test_places_and_ways_are_worded_as_people_say_them() -> None:
     assert place_words(-59.4121, -16.8837, 4) == "59.4121° S, 16.8837° W"
     assert [distance_words(m) for m in (3.26, 899.4, 12_400.0, 2.5e6)] == ["3.3 m", "899 m", "12.4 km", "2500 km"]
     north_deg = math.degrees(1000.0 / 6_367_382.0)  # WGS-84's radius of curvature along the meridian at 45 degrees

@@ -108,7 +108,7 @@ def test_the_way_of_what_moves_is_drawn_from_its_ring_to_its_mark() -> None:
     np.testing.assert_allclose(track[-1], (number(mark, "cx"), number(mark, "cy")), atol=0.1)
 
 
-def test_long_ways_are_told_in_kilometres() -> None:
+def test_long_ways_are_drawn_in_kilometres() -> None:
     root = parsed(scene_map([way("a", "receiver", (0, 0), (30_000, 10_000))], title="map"))
     assert "east, km" in texts(root)
     assert "20" in texts(root)
@@ -179,7 +179,7 @@ def test_names_at_the_ends_of_lines_do_not_overlap() -> None:
     assert min(np.diff(heights)) >= 11.5
 
 
-def test_far_offsets_are_told_in_kilometres() -> None:
+def test_far_offsets_are_drawn_in_kilometres() -> None:
     root = parsed(line_plot([line("G05", 3e4, 5e4)], title="t", zero="z", quantity="q", metres=True))
     assert "q, km" in texts(root)
     assert "40" in texts(root)

@@ -1,4 +1,4 @@
-"""What the report tells its reader to do."""
+"""What the report advises its reader to do."""
 
 import math
 
@@ -16,7 +16,7 @@ FALSE = SAMPLE["receivers"][0]["false_fix"]
 
 def verdict_of(word: str = "spoofed", **fixes: object) -> Verdict:
     receiver = SAMPLE["receivers"][0] | {"trusted_fix": None, "false_fix": None, "unprotected_fix": None} | fixes
-    because = "nothing tells" if word == "undecided" else None
+    because = "nothing decides" if word == "undecided" else None
     return Verdict.model_validate(
         SAMPLE | {"verdict": word, "receivers": [receiver], "signals": [], "undecided_because": because}
     )

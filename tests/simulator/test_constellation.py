@@ -38,11 +38,11 @@ def test_without_a_word_it_is_the_nominal_constellation() -> None:
 def test_a_navigation_file_is_read(tmp_path: Path) -> None:
     given = scenario()
     write_nav(tmp_path / "given.rnx", navigation_of(given))
-    told = scenario(directions=None).model_copy(update={"navigation": tmp_path / "given.rnx"})
-    assert {eph.sat for eph in navigation_of(told).ephemerides} == {sat for sat, _, _ in DIRECTIONS}
-    one, other = (scene_of(table, navigation_of(table)).skies[0] for table in (given, told))
+    reported = scenario(directions=None).model_copy(update={"navigation": tmp_path / "given.rnx"})
+    assert {eph.sat for eph in navigation_of(reported).ephemerides} == {sat for sat, _, _ in DIRECTIONS}
+    one, other = (scene_of(table, navigation_of(table)).skies[0] for table in (given, reported))
     np.testing.assert_allclose(one.delays_s(np.array([3.0])), other.delays_s(np.array([3.0])), rtol=0.0, atol=1e-14)
-    absent = told.model_copy(update={"navigation": tmp_path / "none.rnx"})
+    absent = reported.model_copy(update={"navigation": tmp_path / "none.rnx"})
     with pytest.raises(InputError, match=r"none\.rnx"):
         navigation_of(absent)
 

@@ -140,10 +140,10 @@ def test_sigmf_is_what_an_independent_reader_takes_for_it(
         assert general["core:collection"] == "arrays"
         assert general["core:datatype"] == "ci8"
         assert capture["core:datetime"] == "2023-03-04T05:05:49.000000000Z"  # the receiver's own clock, UTC
-        told = (capture if sky.receiver.name == "one" else general)["core:geolocation"]["coordinates"]
+        reported = (capture if sky.receiver.name == "one" else general)["core:geolocation"]["coordinates"]
         place = sky.point(np.array([0.0])).position_ecef_m[0]
         assert open_recording(path)[0].antenna == sky.antenna.name
-        assert told[:2] == pytest.approx([sky.receiver.lon_deg, sky.receiver.lat_deg], abs=1e-3)
+        assert reported[:2] == pytest.approx([sky.receiver.lon_deg, sky.receiver.lat_deg], abs=1e-3)
         assert np.isfinite(place).all()
     collection = sigmffile.fromfile(tmp_path / "arrays.sigmf-collection")
     assert isinstance(collection, SigMFCollection)
@@ -214,7 +214,7 @@ def test_progress_ends_with_all_samples(scenario: Scenario, navigation: Navigati
     assert calls[-1] == (2 * 7_800_000, 2 * 7_800_000)
 
 
-def test_a_folder_that_is_a_file_is_told(scenario: Scenario, navigation: NavigationData, tmp_path: Path) -> None:
+def test_a_folder_that_is_a_file_is_reported(scenario: Scenario, navigation: NavigationData, tmp_path: Path) -> None:
     place = tmp_path / "taken"
     place.write_text("")
     with pytest.raises(OutputError, match="taken: cannot be written"):
@@ -235,7 +235,7 @@ def test_an_interruption_leaves_no_file_that_is_not_whole(
     assert {path.name for path in tmp_path.iterdir()} == {f"one.l{ending}" for ending in endings}
 
 
-def test_a_full_disk_is_told(
+def test_a_full_disk_is_reported(
     scenario: Scenario, navigation: NavigationData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
@@ -272,10 +272,10 @@ def test_series_on_disk_are_the_series_in_memory(arrays: Scenario, navigation: N
             np.testing.assert_array_equal(parquet[name].to_numpy(), column, err_msg=name)
             if column.dtype.kind == "f":
                 np.testing.assert_array_equal([float(row[name]) for row in rows], column, err_msg=name)
-    told = pq.read_table(tmp_path / "one-imu.parquet").schema.metadata
-    assert told[b"grade"] == b"tactical"
-    assert b"forward, right, down" in told[b"axes"]
-    assert b"STIM300" in told[b"errors"]
+    reported = pq.read_table(tmp_path / "one-imu.parquet").schema.metadata
+    assert reported[b"grade"] == b"tactical"
+    assert b"forward, right, down" in reported[b"axes"]
+    assert b"STIM300" in reported[b"errors"]
 
 
 def test_room_for_the_series_is_guessed_high_but_not_by_much(

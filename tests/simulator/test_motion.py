@@ -483,8 +483,8 @@ def test_samples_that_make_no_motion_are_refused(t_s, places, more, words):
 def test_a_files_points_make_a_motion_from_the_time_asked_for():
     t_s = np.arange(0.0, 60.0)
     truth = circle(HOME, 80.0, 12.0).at(t_s)
-    told = np.stack(heading_pitch_roll_rad(truth.position_ecef_m, truth.attitude), axis=-1)
-    track = RecordedTrack(source="a.csv", position_ecef_m=truth.position_ecef_m, t_s=t_s, attitude_rad=told)
+    reported = np.stack(heading_pitch_roll_rad(truth.position_ecef_m, truth.attitude), axis=-1)
+    track = RecordedTrack(source="a.csv", position_ecef_m=truth.position_ecef_m, t_s=t_s, attitude_rad=reported)
     found = from_track(track, start_s=10.0)
     assert found.span_s == (10.0, 69.0)
     np.testing.assert_allclose(found.at(10.0 + t_s).position_ecef_m, truth.position_ecef_m, atol=1e-7)

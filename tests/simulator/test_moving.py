@@ -107,7 +107,7 @@ def scene_sight(scene: Scene, navigation: NavigationData, sat: str, sky: Receive
     return -np.array([(range_m(here + step) - range_m(here - step)) / 20.0 for step in 10.0 * np.eye(3)])
 
 
-def test_the_spinning_arm_turns_as_it_is_told(scene: Scene) -> None:
+def test_the_spinning_arm_turns_as_described(scene: Scene) -> None:
     at_s = np.linspace(0.0, 2.0, 401)
     arm, body = scene.skies[3].point(at_s), scene.skies[0].point(at_s)
     in_body_m = np.einsum("nij,ni->nj", body.attitude, arm.position_ecef_m - body.position_ecef_m)
@@ -126,7 +126,7 @@ TAKEOVER: dict[str, Any] = {
 }
 
 
-def test_a_takeover_lies_on_the_true_signals_and_leaves_as_told(navigation: NavigationData) -> None:
+def test_a_takeover_lies_on_the_true_signals_and_leaves_as_described(navigation: NavigationData) -> None:
     sky = scene_with(navigation, attacks=[TAKEOVER]).skies[0]
     for true_s, away in ((4.0, (0.0, 0.0, 0.0)), (18.0, (60.0, -20.0, 5.0))):
         code_s, carrier_s = sky.delays_s(np.array([true_s]))

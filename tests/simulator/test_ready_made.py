@@ -116,7 +116,7 @@ def test_a_name_that_is_none_is_refused_with_the_nearest() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(NAMES))
-def test_each_tells_of_itself_and_can_be_worked_out(name: str) -> None:
+def test_each_describes_itself_and_can_be_worked_out(name: str) -> None:
     made, scenario = ready_made()[name], ready(name)
     assert scenario.name == name == made.path.stem
     assert (made.title, made.source) == (scenario.description, scenario.source)

@@ -103,7 +103,7 @@ def test_a_seamless_takeover_that_is_none_is_refused(changes: dict[str, Any], wo
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
-def test_all_mistakes_are_told_at_once() -> None:
+def test_all_mistakes_are_reported_at_once() -> None:
     table = changed("receivers.0.height_m", -3000.0) | {"colour": "red"}
     with pytest.raises(ScenarioError, match=r"(?s)receivers\[0\]\.height_m.*colour"):
         parse_scenario(table)

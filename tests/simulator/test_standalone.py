@@ -94,6 +94,6 @@ def test_seed_and_duration_are_replaced_and_checked(scenario: Scenario) -> None:
         overridden(scenario, seed=-1)
 
 
-def test_a_file_that_is_not_there_is_told(scenario: Scenario) -> None:
+def test_a_file_that_is_not_there_is_reported(scenario: Scenario) -> None:
     with pytest.raises(ScenarioError, match=r"navigation: nowhere\.rnx: it cannot be read"):
         standalone(scenario.model_copy(update={"navigation": Path("nowhere.rnx")}))

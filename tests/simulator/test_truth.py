@@ -203,7 +203,7 @@ def test_what_false_signals_are_to_true_ones_is_the_difference_of_their_rows(sce
     assert all(np.isnan(table["delay_to_authentic_m"][row]) for row in alone)
 
 
-def test_a_name_that_is_not_there_is_told(scene: Scene) -> None:
+def test_a_name_that_is_not_there_is_reported(scene: Scene) -> None:
     with pytest.raises(KeyError, match=r"two\.l"):
         signal_truth(scene, "two")
     with pytest.raises(KeyError, match="one, two"):

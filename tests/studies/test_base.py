@@ -73,7 +73,7 @@ def test_the_seed_gives_the_numbers_and_streams_are_apart() -> None:
     assert len(set(draws)) == 3
 
 
-def test_trials_that_are_told_come_before_quick() -> None:
+def test_trials_that_are_given_come_before_quick() -> None:
     assert StudySettings().count(1000, 10) == 1000
     assert StudySettings(quick=True).count(1000, 10) == 10
     assert StudySettings(trials=7, quick=True).count(1000, 10) == 7
@@ -113,10 +113,10 @@ def test_a_better_figure_is_judged_where_there_is_no_same_one() -> None:
 
 def test_a_tolerance_may_depend_on_how_many_were_counted() -> None:
     loose = claim(same=lambda rows: 0.3, tolerance=lambda rows: 3.0 / np.sqrt(rows[0]["trials"]))
-    for trials, agrees, told in ((25, True, "| within 0.6 |"), (400, False, "| **not** within 0.15 |")):
+    for trials, agrees, reported in ((25, True, "| within 0.6 |"), (400, False, "| **not** within 0.15 |")):
         (one,) = check(toy(claims=(loose,)), [{"trials": trials}])
         assert one.agrees is agrees
-        assert told[2:-2] == one.cells()[-1]
+        assert reported[2:-2] == one.cells()[-1]
 
 
 def test_a_figure_that_cannot_be_made_again_stands_there_with_its_reason() -> None:

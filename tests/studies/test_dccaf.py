@@ -58,11 +58,11 @@ def test_false_second_signals_come_as_asked():
             assert row["counted_as_two"] == pytest.approx(row["p_fa_asked"], abs=3.5 * sigma + 0.1 * row["p_fa_asked"])
 
 
-def test_a_noise_that_is_told_wrong_scales_the_statistic_as_the_study_takes_for_granted():
+def test_a_noise_that_is_stated_wrong_scales_the_statistic_as_the_study_takes_for_granted():
     delays = dccaf.delay_dictionary(5e6)
     delay, amplitude = np.full((20, 1), 0.1), np.ones((20, 1), complex)
     taps = dccaf.simulate_taps(delay, amplitude, 0.002, delays, np.random.default_rng(6))
-    one, two = (dccaf.count_statistic(taps, delays, told)[0] for told in (0.002, 0.003))
+    one, two = (dccaf.count_statistic(taps, delays, reported)[0] for reported in (0.002, 0.003))
     np.testing.assert_allclose(one, 1.5 * two, rtol=1e-5)
 
 

@@ -83,6 +83,6 @@ def test_every_claim_on_one_spoofer_holds():
     assert all(one.agrees for one in check(study, table))
     # on the satellite with the largest noise-free parameter
     whole = [r for r in table if r["attack"] == "both" and r["code_chips"] == 0.4]
-    told = {r["prn"]: (r["tested_prn"], r["p_d_largest"]) for r in whole}
+    reported = {r["prn"]: (r["tested_prn"], r["p_d_largest"]) for r in whole}
     for prn, tested, p_d in ((12, 2, 0.8484), (13, 20, 0.5814), (17, 20, 0.9252), (28, 2, 0.8884)):
-        assert told[prn] == (tested, pytest.approx(p_d, abs=6e-5))
+        assert reported[prn] == (tested, pytest.approx(p_d, abs=6e-5))

@@ -23,9 +23,9 @@ def test_every_setting_stands_in_the_verdict():
         receivers=(), decision=fuse([], [], []), evidence=(), sets=(), navigation=NavigationData(ephemerides=())
     )
     verdict = document(nothing, [], Settings(**EVERYTHING))
-    told = json.loads(verdict_json(verdict))["settings"]
-    assert set(told) == set(Settings.model_fields)
-    assert told | EVERYTHING == told
+    reported = json.loads(verdict_json(verdict))["settings"]
+    assert set(reported) == set(Settings.model_fields)
+    assert reported | EVERYTHING == reported
 
 
 @pytest.mark.parametrize(

@@ -201,7 +201,7 @@ def wrong(layout: dict, case: Strange) -> dict:
     """What of a guess differs from how the file was made.
 
     A header may be a few samples longer or shorter, as long as I and Q stay what they are, and a frequency, which
-    no satellite tells from the oscillator's error, 2 ppm off.
+    no satellite separates from the oscillator's error, 2 ppm off.
     """
     differs = {key: (layout.get(key), value) for key, value in case.layout.items() if layout.get(key) != value}
     frame = 2 * case.layout["bits"] // 8
@@ -325,7 +325,7 @@ def stored(rows: np.ndarray, form: str) -> bytes:
     ("real", "form", "words"),
     [(False, "bits", "2 complex"), pytest.param(True, "i1", "2 real", marks=pytest.mark.long)],
 )
-def test_channels_that_take_turns_are_told_and_no_sidecar_is_written(
+def test_channels_that_take_turns_are_reported_and_no_sidecar_is_written(
     real: bool, form: str, words: str, tmp_path: Path
 ) -> None:
     words = f"{words} channels"
@@ -413,7 +413,7 @@ def swapped(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_sidecar_tells_what_was_measured_and_is_read_back(swapped: Path) -> None:
+def test_a_sidecar_states_what_was_measured_and_is_read_back(swapped: Path) -> None:
     (found,) = inspect(swapped, write=True)
     sidecar = swapped.with_suffix(".toml")
     assert found.sidecar == str(sidecar)
@@ -469,7 +469,7 @@ def test_the_command_shows_the_guess_writes_it_and_protect_asks_for_it(swapped: 
 
 
 @pytest.mark.usefixtures("guessed_once")
-def test_what_cannot_be_told_is_one_screen_and_one_document(tmp_path: Path, capsys) -> None:
+def test_what_cannot_be_decided_is_one_screen_and_one_document(tmp_path: Path, capsys) -> None:
     path = tmp_path / "noise.bin"
     path.write_bytes(noise("int8", 2))
     assert cli.main(["inspect", str(path)]) == 0
@@ -497,8 +497,8 @@ def test_a_name_is_tried_and_not_believed(tmp_path: Path) -> None:
     honest, lying = tmp_path / "gps_4Msps_cs8.bin", tmp_path / "gps_5Msps_real_if1.405.bin"
     for path in (honest, lying):
         path.write_bytes(octets)
-    told = guess(honest).proposals[0]
-    assert told.sources["rate_hz"] == "the file's name; code period agrees"
+    reported = guess(honest).proposals[0]
+    assert reported.sources["rate_hz"] == "the file's name; code period agrees"
     measured = guess(lying).proposals[0].layout
     assert (measured.rate_hz, measured.if_hz, measured.kind) == (4e6, 0.0, "complex")
 
@@ -522,25 +522,25 @@ def test_a_name_is_tried_and_not_believed(tmp_path: Path) -> None:
         (b"RIFF\x00\x10\x00\x00AVI " + bytes(500), ["a RIFF file", "PCM WAV"]),
     ],
 )
-def test_what_is_no_recording_is_told_by_name(octets: bytes, words: list[str], tmp_path: Path, capsys) -> None:
+def test_what_is_no_recording_is_recognized_by_name(octets: bytes, words: list[str], tmp_path: Path, capsys) -> None:
     path = tmp_path / "strange.bin"
     path.write_bytes(octets)
     for command in (["inspect", str(path)], ["protect", str(path), "--out", str(tmp_path / "out")]):
         assert cli.main(command) == 2
-        told = capsys.readouterr().err
-        assert told.count("\n") == 1
-        assert str(path) in told
-        assert all(word in told for word in words) or (command[0] == "protect" and b"AVI" in octets)
+        reported = capsys.readouterr().err
+        assert reported.count("\n") == 1
+        assert str(path) in reported
+        assert all(word in reported for word in words) or (command[0] == "protect" and b"AVI" in octets)
 
 
-def test_a_folder_and_a_file_that_is_not_there_are_told(tmp_path: Path) -> None:
+def test_a_folder_and_a_file_that_is_not_there_are_reported(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no regular file"):
         inspect(tmp_path)
     with pytest.raises(InputError, match="does not exist"):
         inspect(tmp_path / "gone.bin")
 
 
-def test_too_few_bytes_are_told(tmp_path: Path) -> None:
+def test_too_few_bytes_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "tiny.bin"
     path.write_bytes(np.random.default_rng(1).bytes(100))
     with pytest.raises(NotEnoughData, match="100 bytes are too few"):

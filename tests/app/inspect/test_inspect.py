@@ -27,7 +27,7 @@ INT8 = 'encoding = "int"\nbits = 8\n'
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 
 
-def told(path: Path, sidecar: str, folder: Path) -> dict:
+def reported(path: Path, sidecar: str, folder: Path) -> dict:
     beside = folder / "how.toml"
     beside.write_text("[samples]\n" + sidecar, encoding="utf-8")
     return json.loads(document_json(inspect(path, sidecar=beside)))
@@ -100,7 +100,7 @@ def is_gap(gap: dict, at_sample: int, missing: int) -> bool:
 @pytest.mark.shared_data
 def test_12_mhz_real_samples_lose_some_once(shared_data: Path, tmp_path: Path) -> None:
     path = shared_data / "real" / "iq-pocketsdr" / "L1_20211125_004000_12MHz_I.bin"
-    document = told(path, INT8 + 'rate_hz = 12e6\nif_hz = 3e6\nkind = "real"\n', tmp_path)
+    document = reported(path, INT8 + 'rate_hz = 12e6\nif_hz = 3e6\nkind = "real"\n', tmp_path)
     found = satellites(document)
     assert found <= set(REAL_12)
     assert set(REAL_12) - found <= {24, 28}
@@ -119,7 +119,7 @@ def test_12_mhz_real_samples_lose_some_once(shared_data: Path, tmp_path: Path) -
 @pytest.mark.shared_data
 def test_24_mhz_real_samples_lose_some_twice(shared_data: Path, tmp_path: Path) -> None:
     path = shared_data / "real" / "iq-pocketsdr" / "L1_20211201_054600_24MHz_I.bin"
-    document = told(path, INT8 + 'rate_hz = 24e6\nif_hz = 6e6\nkind = "real"\n', tmp_path)
+    document = reported(path, INT8 + 'rate_hz = 24e6\nif_hz = 6e6\nkind = "real"\n', tmp_path)
     found = satellites(document)
     assert found <= set(REAL_24)
     assert set(REAL_24) - found in (set(), {23}, {24}, {29})
@@ -135,7 +135,7 @@ def test_24_mhz_real_samples_lose_some_twice(shared_data: Path, tmp_path: Path) 
 def test_4_mhz_complex_samples_are_mirrored(shared_data: Path, tmp_path: Path, conjugate: bool) -> None:
     path = shared_data / "real" / "iq-pocketsdr" / "L1_20211202_084700_4MHz_IQ.bin"
     sidecar = INT8 + 'rate_hz = 4e6\nkind = "complex"\n' + ("conjugate = true\n" if conjugate else "")
-    document = told(path, sidecar, tmp_path)
+    document = reported(path, sidecar, tmp_path)
     assert document["conjugate"] is not conjugate
     assert document["conjugate_error_probability"] < 1e-6
     assert ("mirrored" in document["summary"]) is not conjugate
@@ -151,19 +151,19 @@ def test_4_mhz_complex_samples_are_mirrored(shared_data: Path, tmp_path: Path, c
 @pytest.mark.shared_data
 def test_on_another_carrier_there_is_nothing(shared_data: Path, tmp_path: Path) -> None:
     path = shared_data / "real" / "iq-pocketsdr" / "L2_20211202_084700_4MHz_IQ_first100ms.bin"
-    as_l1 = told(path, INT8 + 'rate_hz = 4e6\nkind = "complex"\n', tmp_path)
+    as_l1 = reported(path, INT8 + 'rate_hz = 4e6\nkind = "complex"\n', tmp_path)
     assert as_l1["satellites"] == []
     assert "no GPS L1 C/A signal" in as_l1["summary"]
     assert as_l1["conjugate"] is None
-    as_l2 = told(path, INT8 + 'rate_hz = 4e6\nkind = "complex"\ncentre_hz = 1227.6e6\n', tmp_path)
+    as_l2 = reported(path, INT8 + 'rate_hz = 4e6\nkind = "complex"\ncentre_hz = 1227.6e6\n', tmp_path)
     assert as_l2["satellites"] == []
     assert any("1227.600 MHz" in remark for remark in as_l2["remarks"])
 
 
 @pytest.mark.shared_data
-def test_an_oscillator_6_ppm_off_is_told(shared_data: Path, tmp_path: Path) -> None:
+def test_an_oscillator_6_ppm_off_is_reported(shared_data: Path, tmp_path: Path) -> None:
     path = shared_data / "real" / "iq-cttc" / "GSoC_CTTC_capture_2012_07_26_4Msps_4ms.dat"
-    document = told(path, 'encoding = "float"\nbits = 32\nrate_hz = 4e6\nkind = "complex"\n', tmp_path)
+    document = reported(path, 'encoding = "float"\nbits = 32\nrate_hz = 4e6\nkind = "complex"\n', tmp_path)
     found = satellites(document)
     assert found <= set(CTTC)
     assert set(CTTC) - found in (set(), {2}, {30})
@@ -293,7 +293,7 @@ def test_what_makes_no_sense_is_one_line(stored: tuple[Path, set[str]], tmp_path
         inspect(tmp_path / "short.bin", layout=LAYOUT)
 
 
-def test_options_go_before_a_sidecar_and_the_document_tells_where_each_fact_comes_from(
+def test_options_go_before_a_sidecar_and_the_document_states_where_each_fact_comes_from(
     stored: tuple[Path, set[str]],
 ) -> None:
     path, _ = stored
@@ -368,12 +368,12 @@ def test_pictures_are_written_where_asked_for(stored: tuple[Path, set[str]], tmp
     assert correlation.count('class="peak"') == len(heard)
     again = tmp_path / "again"
     assert cli.main(["inspect", str(path), *OPTIONS, "--plot", "--out", str(again), "--json"]) == 0
-    told = capsys.readouterr().out
-    json.loads(told[told.index("{\n") :])
+    reported = capsys.readouterr().out
+    json.loads(reported[reported.index("{\n") :])
     assert all((again / one.name).read_bytes() == one.read_bytes() for one in out.iterdir())
 
 
-def test_a_folder_for_pictures_that_cannot_be_made_is_told(
+def test_a_folder_for_pictures_that_cannot_be_made_is_reported(
     stored: tuple[Path, set[str]], inspected: tuple[Inspection, ...]
 ) -> None:
     path, _ = stored
@@ -393,7 +393,7 @@ def test_a_notebook_shows_the_recording_and_its_satellites_escaped(stored: tuple
     assert "4 MHz" in shown
 
 
-def test_what_was_found_before_is_not_searched_again_and_tells_the_same(
+def test_what_was_found_before_is_not_searched_again_and_shows_the_same(
     stored: tuple[Path, set[str]], inspected: tuple[Inspection, ...], monkeypatch
 ) -> None:
     path, _ = stored
@@ -402,7 +402,7 @@ def test_what_was_found_before_is_not_searched_again_and_tells_the_same(
     searched = []
     monkeypatch.setattr(
         "skyproof.app.inspect.signals._first_looks",
-        lambda *told, looks=_first_looks: searched.append(1) or looks(*told),
+        lambda *reported, looks=_first_looks: searched.append(1) or looks(*reported),
     )
     again = inspect_samples(described.samples, peaks=peaks)
     assert searched == []

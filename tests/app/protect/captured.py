@@ -16,7 +16,7 @@ def captured(own: Observations, other: Observations, row: int, *, rng: np.random
     """`own` with what `other` measured in the place of its own from epoch `row` on, by a clock and noise of its own.
 
     Signals that `other` does not have are lost. Each measurement is moved to the instant at which `own` measures, which
-    its label less the clock tells.
+    its label less the clock says.
     """
     other, _ = with_dopplers(other)
     nearest = np.clip(np.searchsorted(other.gpst, own.gpst - np.timedelta64(20, "ms")), 0, other.gpst.size - 1)

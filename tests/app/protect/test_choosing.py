@@ -41,7 +41,7 @@ def test_of_a_receiver_of_which_nothing_is_known_nothing_is_chosen():
     assert (found.verdict.assumed, choice_of(found), found.off_m.size) == (None, None, 0)
 
 
-def test_a_push_of_the_clock_is_told_by_an_oscillator_and_by_nothing_else():
+def test_a_push_of_the_clock_is_recognized_by_an_oscillator_and_by_nothing_else():
     scene = led_away(speed_m_s=0.0, clock_m_s=12.0)
     found = judged(scene, Settings(speed_max_m_s=0.0, oscillator="ocxo"))
     assert choice_of(found) is not None

@@ -1,4 +1,4 @@
-"""What the report draws of a run: peaks where signals are, one antenna's in one line, truth where it is told."""
+"""What the report draws of a run: peaks where signals are, one antenna's in one line, truth where it is known."""
 
 import json
 
@@ -83,7 +83,7 @@ def test_a_place_is_read_in_either_spelling(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "told",
+    "reported",
     [
         "",
         "[]",
@@ -97,9 +97,9 @@ def test_a_place_is_read_in_either_spelling(tmp_path):
         '{"receivers": [{"name": "other", "position": {"lat_deg": 1, "lon_deg": 1, "h_m": 2}}]}',
     ],
 )
-def test_a_truth_file_that_is_not_understood_tells_nothing(tmp_path, told):
+def test_a_truth_file_that_is_not_understood_is_ignored(tmp_path, reported):
     path = tmp_path / "truth.json"
-    path.write_text(told)
+    path.write_text(reported)
     assert pictures._stated_place(path, "rx1") is None
     assert pictures._stated_place(tmp_path / "none.json", "rx1") is None
 
@@ -117,6 +117,11 @@ def test_where_a_moving_receiver_was_is_read_from_its_table(tmp_path):
     at = np.datetime64("2024-05-14T10:00:00.05", "ns")
     np.testing.assert_allclose(pictures._stated_on_the_way(path, at), (1.5, 3.0, 4.5))
     assert pictures._stated_on_the_way(path, at + np.timedelta64(1, "s")) is None
-    for told in ("", "a,b\n1,2\n", "gpst,x_m,y_m,z_m\nnever,1,2,3\n", "gpst,x_m,y_m,z_m\n2024-05-14T10:00:00,1,2\n"):
-        path.write_text(told)
+    for reported in (
+        "",
+        "a,b\n1,2\n",
+        "gpst,x_m,y_m,z_m\nnever,1,2,3\n",
+        "gpst,x_m,y_m,z_m\n2024-05-14T10:00:00,1,2\n",
+    ):
+        path.write_text(reported)
         assert pictures._stated_on_the_way(path, at) is None

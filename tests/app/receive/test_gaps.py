@@ -1,4 +1,4 @@
-"""Samples that are missing, told by the recording or not: letters and ranges after it, and nothing wrong in between."""
+"""Samples that are missing, stated by the recording or not: letters and ranges after them, nothing wrong in between."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def reader(planes):
     return lambda start, count: planes[:, start : start + count].astype(np.float32)
 
 
-def without(samples: Samples, missing: int, *, told: bool = False) -> Samples:
+def without(samples: Samples, missing: int, *, reported: bool = False) -> Samples:
     """The recording without so many samples from `CUT_S` on."""
     at = int(CUT_S * RATE_HZ)
 
@@ -46,7 +46,7 @@ def without(samples: Samples, missing: int, *, told: bool = False) -> Samples:
         split = int(np.clip(at - start, 0, count))
         return np.concatenate([samples.read(start, split), samples.read(start + split + missing, count - split)], 1)
 
-    gaps = (SampleGap(at, missing),) if told else ()
+    gaps = (SampleGap(at, missing),) if reported else ()
     return replace(samples, read=read, n_samples=samples.n_samples - missing, gaps=gaps)
 
 
@@ -58,7 +58,7 @@ def received(samples, navigation):
 def range_errors_m(o, scene, missing_s):
     """(n_epochs, n_signals) of pseudoranges, what all share in an epoch taken off: the clock may step at a gap.
 
-    missing_s : by so much the samples after the cut are older than their number tells.
+    missing_s : by so much the samples after the cut are older than their number says.
     """
     (sky,) = scene.skies
     recorded_s = o.elapsed_s + np.where(o.elapsed_s > CUT_S, missing_s, 0.0)

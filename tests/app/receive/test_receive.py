@@ -50,20 +50,20 @@ def test_two_signals_of_a_satellite_stand_in_two_files_and_all_in_the_document(r
         assert dated[40:60] == "20240514 095941 UTC "  # of the recording, 18 leap seconds off GPS time
 
 
-def test_a_forged_message_beside_the_true_one_is_told(tracker):
+def test_a_forged_message_beside_the_true_one_is_reported(tracker):
     number, arc = next((number, arc) for number, arc in tracker.arcs.items() if 1 in arc.subframes)
     first = arc.subframes[1]
     fields = {**first.fields, "af0": first.fields["af0"] + 1e-6}
     forged = replace(arc, signal=replace(arc.signal, copy="z"), subframes={1: replace(first, fields=fields)})
     arcs = {number: arc, number + 1000: forged}
     reception = observe(replace(tracker, arcs=tracker.arcs | arcs), None)
-    (told,) = [words for words in reception.messages_differ if " z " in words]
-    assert told.startswith(f"{arc.signal.sat}: signals")
-    assert "af0" in told
-    assert told in reception.remarks
+    (reported,) = [words for words in reception.messages_differ if " z " in words]
+    assert reported.startswith(f"{arc.signal.sat}: signals")
+    assert "af0" in reported
+    assert reported in reception.remarks
 
 
-def test_a_repeated_message_is_not_told_as_another(tracker):
+def test_a_repeated_message_is_not_reported_as_another(tracker):
     assert observe(tracker, None).messages_differ == ()
 
 

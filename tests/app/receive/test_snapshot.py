@@ -50,7 +50,7 @@ def test_50_ms_and_a_time_good_to_a_minute_give_the_place(recording, start_s, la
     assert result.fix.signals == tuple(sorted(result.fix.signals))
 
 
-def test_a_time_off_by_half_an_hour_is_told(recording):
+def test_a_time_off_by_half_an_hour_is_reported(recording):
     samples, navigation = recording
     result = snapshot(samples, navigation, rough_gpst=START + np.timedelta64(1800, "s"))
     assert result.coarse.status == 4

@@ -1,4 +1,4 @@
-"""The page of every ready-made scene: well-formed, told whole, the same every time, and nothing is loaded."""
+"""The page of every ready-made scene: well-formed, complete, the same every time, and nothing is loaded."""
 
 import json
 import re
@@ -203,6 +203,6 @@ def test_every_ready_made_scene_has_its_section_with_source_and_commands() -> No
         assert f"\nskyproof simulate {name} --plot\n" in section
 
 
-def test_every_ready_made_scene_tells_its_source() -> None:
+def test_every_ready_made_scene_states_its_source() -> None:
     for made in scenes.ready_made().values():
         assert tomllib.loads(made.path.read_text(encoding="utf-8"))["source"]

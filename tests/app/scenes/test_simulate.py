@@ -198,7 +198,9 @@ def test_an_interruption_leaves_whole_files_only(tmp_path: Path, monkeypatch: py
     assert [path.name for path in result.recordings] == ["bow.bin"]
 
 
-def test_too_little_room_is_told_before_anything_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_little_room_is_reported_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(module.shutil, "disk_usage", lambda _: usage._replace(free=1_500_000))
     with pytest.raises(OutputError, match=r"\d MB would be written, but there is room for 1\.5 MB only; free space"):
@@ -207,7 +209,7 @@ def test_too_little_room_is_told_before_anything_is_written(tmp_path: Path, monk
     simulate(small(), out=tmp_path, depth="measurements")
 
 
-def test_names_that_would_meet_in_one_file_are_told(tmp_path: Path) -> None:
+def test_names_that_would_meet_in_one_file_are_reported(tmp_path: Path) -> None:
     one, two = small().receivers
     with pytest.raises(ScenarioError, match=r"two files would have the name scenario\.toml"):
         simulate(small(receivers=(one, two.model_copy(update={"name": "scenario"}))), out=tmp_path)
@@ -241,7 +243,7 @@ def test_every_ready_made_scene_has_a_sentence_and_can_be_asked_for() -> None:
         ("none.toml", "cannot be read"),
     ],
 )
-def test_a_scene_that_is_not_there_is_told(name: str, words: str) -> None:
+def test_a_scene_that_is_not_there_is_reported(name: str, words: str) -> None:
     with pytest.raises(ScenarioError, match=words):
         scenario_of(name)
 
@@ -252,6 +254,6 @@ def test_a_folder_with_the_name_of_a_scene_is_no_scenario(tmp_path: Path, monkey
     assert scenario_of("takeover").name == "takeover"
 
 
-def test_sizes_are_told_in_words() -> None:
+def test_sizes_are_written_in_words() -> None:
     words = [module._size(octets) for octets in (0, 1500, 999_400, 999_600, 21_400_000, 2e9, 5e12)]
     assert words == ["0 kB", "1.5 kB", "999 kB", "1 MB", "21.4 MB", "2 GB", "5000 GB"]

@@ -210,7 +210,7 @@ def test_averaging_meets_a_floor_that_calibration_does_not():
 
 
 @pytest.mark.parametrize(("side", "alone", "given", "unbiased"), [(1, 3.488, 1.484, 1.741), (5, 3.553, 1.486, 1.747)])
-def test_what_the_other_satellites_tell_of_the_errors(side, alone, given, unbiased):
+def test_what_the_other_satellites_show_of_the_errors(side, alone, given, unbiased):
     def mean_ratio(matrix, invert):
         own = [matrix[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)]
         own = [np.linalg.inv(block) if invert else block for block in own]

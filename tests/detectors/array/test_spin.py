@@ -464,7 +464,7 @@ def test_a_part_of_a_turn_decides_nothing():
     assert evidence[0].would_need
 
 
-def test_a_receiver_that_does_not_turn_is_told():
+def test_a_receiver_that_does_not_turn_is_reported():
     still = SpinArm(receiver="other", radius_m=0.1, rate_rad_s=1.0)
     evidence, _ = Spin().examine(spin_records(np.random.default_rng(16), SKY, arm=still))
     assert [e.says for e in evidence] == ["undecided"]

@@ -295,8 +295,8 @@ def test_a_label_that_moves_with_the_pseudoranges_is_no_step():
 
 
 @pytest.mark.parametrize("row", [70, 99, 100, 101, 140])
-@pytest.mark.parametrize("slip", [True, False], ids=["slips told", "carriers glued"])
-def test_halves_of_two_receivers_joined_are_told(row, slip):
+@pytest.mark.parametrize("slip", [True, False], ids=["slips marked", "carriers glued"])
+def test_halves_of_two_receivers_joined_are_reported(row, slip):
     found = said(spliced(observed(1, noise=WHITE), observed(2, noise=WHITE, place=(40.0, 46.0)), row, slip=slip))
     first = failed(found)[0]
     assert (first.says, first.overrules) == ("undecided", True)
@@ -313,22 +313,22 @@ def test_halves_of_two_receivers_joined_are_told(row, slip):
     assert any(e.overrules and e.because == first.because for e in last)
 
 
-def test_a_step_smaller_than_errors_is_not_told():
+def test_a_step_smaller_than_errors_is_not_reported():
     assert not failed(said(spliced(observed(1), observed(2, place=(2.0, 1.0)), 70)))
 
 
-def test_another_oscillator_is_told_by_its_rate():
+def test_another_oscillator_is_recognized_by_its_rate():
     (first, *_) = failed(said(spliced(observed(1), observed(2, lo_ppm=0.8, seed=1), 70)))
     assert "the clock's rate jumps by +0.50 ppm" in first.because
 
 
-def test_time_that_goes_back_is_told():
+def test_time_that_goes_back_is_reported():
     (first, *_) = failed(said(ahead(observed(), 77, -3e-6)))
     assert "the signals' time goes back by" in first.because
     assert "us and all carriers break at once" in first.because
 
 
-def test_a_recording_that_begins_again_is_told():
+def test_a_recording_that_begins_again_is_reported():
     o = observed()
     cells = {name: np.concatenate((getattr(o, name)[:80], getattr(o, name)[:80])) for name in CELLS}
     cells["pseudorange_m"][80:] += LIGHT_M_S * 16.0
@@ -343,7 +343,7 @@ def test_a_recording_that_begins_again_is_told():
 
 
 @pytest.mark.parametrize("motion", ["standing", "aircraft at 3 g"])
-def test_missing_samples_are_told_and_are_no_failure(motion):
+def test_missing_samples_are_reported_and_are_no_failure(motion):
     exact = observed(4, motion=motion, noise=FIELD)
     row, missing = 77, 2  # epochs of 0.2 s
     moved = np.arange(exact.gpst.size - missing) + np.where(np.arange(exact.gpst.size - missing) >= row, missing, 0)
@@ -368,11 +368,11 @@ def test_missing_samples_are_told_and_are_no_failure(motion):
     assert "samples are missing" in only.because
 
 
-def test_a_jump_that_no_platform_makes_in_an_outage_is_told_and_a_speed_limit_tells_more():
+def test_a_jump_that_no_platform_makes_in_an_outage_is_reported_and_a_speed_limit_finds_more():
     far = spliced(observed(1), observed(2, place=(900.0, 0.0)), 80)
     near = spliced(observed(1), observed(2, place=(90.0, 0.0)), 80)
-    told = failed(said(without_rows(far, 70, 85)))[0].because
-    assert "after 3.2 s without measurements the position jumps by 90" in told
+    reported = failed(said(without_rows(far, 70, 85)))[0].because
+    assert "after 3.2 s without measurements the position jumps by 90" in reported
     assert not failed(said(without_rows(near, 70, 85)))
     assert "position jumps by 9" in failed(said(without_rows(near, 70, 85), speed_max_m_s=5.0))[0].because
 
@@ -401,7 +401,7 @@ def test_signals_found_again_under_other_names_are_the_same_sky():
     assert "position jumps by 6" in failed(said(replace(joined, pseudorange_m=moved)))[0].because
 
 
-def test_what_is_lacking_is_told():
+def test_what_is_lacking_is_reported():
     records = windows(observed())[0]
     (evidence,), state = Continuity().examine(replace(records, sets=()))
     assert evidence.says == "undecided"
@@ -425,7 +425,7 @@ def test_satellites_that_fade_by_themselves_step_together_at_the_stated_rate():
 
 
 @pytest.mark.parametrize(("change_db", "word"), [(-12.0, "weaker by 12 dB"), (9.0, "stronger by 9 dB")])
-def test_a_drowned_sky_is_told(change_db, word):
+def test_a_drowned_sky_is_reported(change_db, word):
     o = observed()
     louder = np.where(np.arange(o.gpst.size)[:, None] >= 100, change_db, 0.0)
     (only,) = failed(said(replace(o, cn0_dbhz=o.cn0_dbhz + louder)))
@@ -440,7 +440,7 @@ def test_one_satellite_in_shade_is_not_a_drowned_sky():
     assert not failed(said(replace(o, cn0_dbhz=shaded)))
 
 
-def test_signals_stronger_than_any_from_space_are_told():
+def test_signals_stronger_than_any_from_space_are_reported():
     o = observed()
     loud = o.cn0_dbhz.copy()
     loud[:, 3] = CN0_MAX_DBHZ + 4.0

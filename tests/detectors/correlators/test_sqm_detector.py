@@ -34,7 +34,7 @@ def test_signals_alone_are_clean():
 
 
 @pytest.mark.parametrize("ray", [LATE, EARLY])
-def test_one_distorted_signal_is_told_and_turns_nothing(ray):
+def test_one_distorted_signal_is_reported_and_turns_nothing(ray):
     evidence = said(2, {3: ray})
     assert (evidence.says, evidence.noted, evidence.failed) == ("undecided", True, False)
     assert sats(evidence) == ["G04"]

@@ -396,7 +396,7 @@ def test_what_one_suspect_leaves_is_chi_square_if_it_is_the_right_one():
     assert np.mean(parity.suspects(y, white).p_value < 0.01) > 0.99
 
 
-def test_sets_that_explain_the_same_are_all_told():
+def test_sets_that_explain_the_same_are_all_reported():
     y, white = vectors(SKY, attack_on(2, size=0.4), attack_on(2, size=200.0), 1, 22)
     found = parity.explanations(y[0], white, 1e-3)
     assert [each.satellites for each in found] == [(0,)]

@@ -27,9 +27,9 @@ OF_A_RUN = 1e-3 * 10.0 / 3600.0 / 7.0
 def test_a_sky_shown_two_hundred_metres_off_in_overlapping_signals_is_an_attack():
     rng = np.random.default_rng(2)
     detector = Dccaf(DccafSettings(false_alarm_probability=1e-6))
-    told = [detector.examine(with_ccaf(OVERLAPPED_CCAF.records(rng), rng))[0][0] for _ in range(5)]
-    assert all(evidence.says == "attack" for evidence in told)
-    assert any("second position" in evidence.because for evidence in told)
+    reported = [detector.examine(with_ccaf(OVERLAPPED_CCAF.records(rng), rng))[0][0] for _ in range(5)]
+    assert all(evidence.says == "attack" for evidence in reported)
+    assert any("second position" in evidence.because for evidence in reported)
 
 
 @pytest.mark.parametrize("pushed_m", [100.0, -100.0])
@@ -38,9 +38,9 @@ def test_a_push_of_the_clock_alone_is_an_attack_whichever_way(pushed_m):
     rng = np.random.default_rng(3)
     sats = 8
     records = with_ccaf(with_seconds(rng, np.ones(sats, bool), pushed_m, scene=UNRELATED), rng, 1.0)
-    (told, *_), _ = Dccaf(DccafSettings(false_alarm_probability=1e-6)).examine(records)
-    assert told.says == "attack"
-    apart_m = float(told.because.split("a time ")[1].split(" m")[0])
+    (reported, *_), _ = Dccaf(DccafSettings(false_alarm_probability=1e-6)).examine(records)
+    assert reported.says == "attack"
+    apart_m = float(reported.because.split("a time ")[1].split(" m")[0])
     assert abs(apart_m) == pytest.approx(100.0, abs=10.0)
 
 
@@ -50,9 +50,9 @@ def test_a_mirror_all_around_is_no_attack():
     for _ in range(5):
         elevated = rng.uniform(0.2, 1.0, 8)
         records = with_ccaf(with_seconds(rng, np.ones(8, bool), 80.0 * elevated, scene=UNRELATED), rng, -4.0)
-        (told,), _ = Dccaf(DccafSettings(false_alarm_probability=1e-3)).examine(records)
-        assert told.says == "undecided"
-        assert told.p_value > 1e-3
+        (reported,), _ = Dccaf(DccafSettings(false_alarm_probability=1e-3)).examine(records)
+        assert reported.says == "undecided"
+        assert reported.p_value > 1e-3
 
 
 def test_a_mirror_all_around_and_two_odd_satellites_are_no_attack():
@@ -62,9 +62,9 @@ def test_a_mirror_all_around_and_two_odd_satellites_are_no_attack():
         delay_m = 80.0 * rng.uniform(0.2, 1.0, 8)
         delay_m[:2] *= -1.0
         records = with_ccaf(with_seconds(rng, np.ones(8, bool), delay_m, scene=UNRELATED), rng, -4.0)
-        (told,), _ = Dccaf(DccafSettings(false_alarm_probability=1e-3)).examine(records)
-        assert told.says == "undecided"
-        assert told.p_value > 0.1
+        (reported,), _ = Dccaf(DccafSettings(false_alarm_probability=1e-3)).examine(records)
+        assert reported.says == "undecided"
+        assert reported.p_value > 0.1
 
 
 @pytest.mark.parametrize("rays", [0, 1])
@@ -80,8 +80,8 @@ def test_five_hours_of_clean_sky_raise_no_alarm_at_the_rate_of_a_run(rays):
             records = with_near_reflections(rng, settings.no_reflection_probability)
         else:
             records = with_ccaf(CLEAN_CCAF.records(rng), rng)
-        (told, *_), _ = detector.examine(records)
-        p_values.append(told.p_value)
+        (reported, *_), _ = detector.examine(records)
+        p_values.append(reported.p_value)
     assert min(p_values) > OF_A_RUN
     for level in (0.1, 0.01):
         assert np.sum(np.array(p_values) <= level) <= binom.ppf(0.999, len(p_values), level)
@@ -181,12 +181,12 @@ def test_an_inertial_unit_says_which_of_the_two_skies_the_receiver_follows(offse
     detector = Dccaf()
     for _ in range(5):
         records = inertial(with_ccaf(OVERLAPPED_CCAF.records(rng), rng), offset_enu_m, 10.0, rng)
-        told, _ = detector.examine(records)
-        if told[0].says != "attack":
+        reported, _ = detector.examine(records)
+        if reported[0].says != "attack":
             continue
-        assert {evidence.says for evidence in told[1:]} == {says}  # the grid's reference is the true signal
-        assert told[1].p_value < 1e-3
-        assert 5 <= len(told[1].subject) <= len(told[0].subject)
+        assert {evidence.says for evidence in reported[1:]} == {says}  # the grid's reference is the true signal
+        assert reported[1].p_value < 1e-3
+        assert 5 <= len(reported[1].subject) <= len(reported[0].subject)
 
 
 def test_an_inertial_unit_that_drifts_too_far_chooses_nothing_and_rarely_wrong():
@@ -195,8 +195,8 @@ def test_an_inertial_unit_that_drifts_too_far_chooses_nothing_and_rarely_wrong()
     said = []
     for k in range(24):
         records = with_ccaf(OVERLAPPED_CCAF.records(rng), rng)
-        told, _ = detector.examine(inertial(records, (0.0, 0.0, 0.0), 40.0 if k % 2 else 400.0, rng))
-        said += [(k % 2, evidence.says) for evidence in told[1:]]
+        reported, _ = detector.examine(inertial(records, (0.0, 0.0, 0.0), 40.0 if k % 2 else 400.0, rng))
+        said += [(k % 2, evidence.says) for evidence in reported[1:]]
     assert (1, "authentic") in said
     assert {says for near, says in said if not near} == {"undecided"}
     assert all(says != "spoofed" for _, says in said)
@@ -205,9 +205,9 @@ def test_an_inertial_unit_that_drifts_too_far_chooses_nothing_and_rarely_wrong()
 def test_a_unit_that_fits_neither_sky_chooses_nothing():
     rng = np.random.default_rng(13)
     records = inertial(with_ccaf(OVERLAPPED_CCAF.records(rng), rng), (-500.0, 300.0, 0.0), 10.0, rng)
-    told, _ = Dccaf().examine(records)
-    assert [evidence.says for evidence in told] == ["attack", "undecided"]
-    assert told[1].because.startswith("neither")
+    reported, _ = Dccaf().examine(records)
+    assert [evidence.says for evidence in reported] == ["attack", "undecided"]
+    assert reported[1].because.startswith("neither")
 
 
 def test_a_state_of_another_time_without_covariance_or_whose_place_the_signals_gave_is_not_used():
@@ -219,5 +219,5 @@ def test_a_state_of_another_time_without_covariance_or_whose_place_the_signals_g
     unknown[:, range(6), range(6)] = np.inf
     later = state.gpst + np.timedelta64(10, "s")
     for changed in (replace(state, gpst=later), replace(state, covariance=None), replace(state, covariance=unknown)):
-        told, _ = detector.examine(replace(records, nav_state=changed))
-        assert [evidence.says for evidence in told] == ["attack"]
+        reported, _ = detector.examine(replace(records, nav_state=changed))
+        assert [evidence.says for evidence in reported] == ["attack"]

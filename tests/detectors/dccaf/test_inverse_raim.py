@@ -102,7 +102,7 @@ def test_all_531441_sets_of_twelve_satellites_pass_and_fail_alike_in_both_search
     assert [0] * 12 in every.choice.tolist()
 
 
-def test_more_passing_sets_than_there_was_room_for_are_all_told():
+def test_more_passing_sets_than_there_was_room_for_are_all_reported():
     rng = np.random.default_rng(4)
     units = sky(rng, 8)
     misfit = 0.01 * rng.standard_normal((8, 3))
@@ -153,7 +153,7 @@ def test_mixed_sets_pass_about_as_often_as_the_guide_counts():
     assert 35.0 < np.mean(mixed) < 75.0  # guide: 47, in its own geometries
 
 
-def test_an_attack_on_time_alone_is_told():
+def test_an_attack_on_time_alone_is_reported():
     rng = np.random.default_rng(8)
     late, moved = [], []
     for _ in range(50):

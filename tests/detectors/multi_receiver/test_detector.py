@@ -102,7 +102,7 @@ def test_a_clean_sky_over_antennas_too_near_to_tell_is_undecided():
     assert evidence[0].p_value > evidence[0].false_alarm_probability  # of one antenna: the test was made
 
 
-def test_antennas_farther_apart_than_was_allowed_are_told_where_that_is_set():
+def test_antennas_farther_apart_than_was_allowed_are_reported_where_that_is_set():
     (evidence,) = examine(scene().records(rng()), max_separation_m=10.0)
     assert "30 m apart, more than the 10 m that they may be" in evidence.because
     assert "a larger max_separation_m in the table [protect] of a platform file" in evidence.would_need
@@ -162,7 +162,7 @@ def test_the_attacker_who_hits_the_distance_is_left_by_it_and_not_by_places():
     assert all("no false position of one receiver alone" in " ".join(e.assumes) for e in fooled)
 
 
-def test_of_three_receivers_one_that_is_captured_is_told_by_places_and_the_others_stay_authentic():
+def test_of_three_receivers_one_that_is_captured_is_found_by_places_and_the_others_stay_authentic():
     attack = replace(MEACONER, receivers=("rx3",))
     evidence = examine(scene(3, sky=("rx1", "rx2"), false=(attack,)).records(rng()), **placed(3))
     assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
@@ -273,7 +273,7 @@ def test_signals_in_one_receiver_only_stay_unsaid():
     assert not gone & {ref.signal.sat for e in evidence for ref in e.subject}
 
 
-def test_too_few_common_satellites_are_told():
+def test_too_few_common_satellites_are_reported():
     records = scene().records(rng())
     cut = [replace(s, signals=s.signals[:4]) if s.receiver == "rx2" else s for s in records.sets]
     (evidence,) = examine(replace(records, sets=tuple(cut)))
@@ -315,7 +315,7 @@ def test_holes_cost_the_satellite_or_the_epoch_that_has_them():
     assert [e.says for e in examine(poorer, **placed())] == ["authentic"]
 
 
-def test_no_common_time_is_told():
+def test_no_common_time_is_reported():
     records = scene().records(rng())
     first, second = records.observations
     later = replace(second, gpst=second.gpst + np.timedelta64(3600, "s"))

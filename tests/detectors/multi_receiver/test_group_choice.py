@@ -73,7 +73,7 @@ def test_a_baseline_or_errors_that_receivers_share_make_it_only_more_careful(bas
         assert np.mean(test.fixes < 0.01) < 0.007
 
 
-def test_tracks_of_known_unequal_noise_keep_the_rate_and_spoil_it_if_not_told():
+def test_tracks_of_known_unequal_noise_keep_the_rate_and_spoil_it_if_not_given():
     rng = np.random.default_rng(1)
     sigma_m = np.array([[0.2, 3.0]] * 3 + [[3.0, 0.3]] * 4)[[0, 3, 1, 4, 2, 5, 6]]
     for shared_m in (0.0, 30.0):
@@ -105,9 +105,9 @@ def test_its_power_is_that_of_the_noncentral_law_over_all_noise():
     false, sky = tables(np.random.default_rng(34), 40_000, baseline, sigma_m)
     shown = -(UNITS @ baseline[0])
     squares = np.sum((shown - shown.mean()) ** 2) / 2.0 / sigma_m**2
-    told = noncentral_f_survival(f_threshold(1e-3, 3, 15), 3, 15, squares)
-    assert np.mean(span_test(sky, false, UNITS).fixes < 1e-3) == pytest.approx(float(told), abs=0.01)
-    assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.9 * told
+    reported = noncentral_f_survival(f_threshold(1e-3, 3, 15), 3, 15, squares)
+    assert np.mean(span_test(sky, false, UNITS).fixes < 1e-3) == pytest.approx(float(reported), abs=0.01)
+    assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.9 * reported
 
 
 def test_the_sky_is_seen_at_a_fraction_of_the_noise_that_an_average_leaves():
@@ -219,7 +219,7 @@ def test_a_choice_needs_all_others_to_be_rejected():
     np.testing.assert_allclose(choose(p_values, 1e-3).p_value[:2], [1e-5, 0.3])
 
 
-def test_a_choice_errs_no_more_often_than_stated_where_nothing_can_be_told():
+def test_a_choice_errs_no_more_often_than_stated_where_nothing_can_be_decided():
     false, sky = tables(np.random.default_rng(8), 40_000, np.zeros((1, 3)))
     p_values = np.stack([span_test(false, sky, UNITS).p_value, span_test(sky, false, UNITS).p_value], axis=-1)
     assert np.mean(choose(p_values, 0.01).which == 1) < 0.0125
@@ -236,12 +236,12 @@ def test_equal_fractions_pass_as_often_as_stated(modulus):
     assert well_calibrated(fraction_test(cycles, 0.01, modulus_cyc=modulus).p_value)
 
 
-def test_fractions_that_fit_by_chance_are_as_rare_as_told():
+def test_fractions_that_fit_by_chance_are_as_rare_as_stated():
     rng = np.random.default_rng(10)
     test = fraction_test(rng.random((400_000, 5)), 0.04)
     radius = 0.04 * np.sqrt(13.277)  # 1 % of chi-square with 4
-    told = np.sqrt(5) * np.pi**2 / 2.0 * radius**4
-    assert np.mean(test.p_value > 0.01) == pytest.approx(told, rel=0.15)
+    reported = np.sqrt(5) * np.pi**2 / 2.0 * radius**4
+    assert np.mean(test.p_value > 0.01) == pytest.approx(reported, rel=0.15)
 
 
 def test_half_cycles_that_are_open_are_told_apart_only_if_they_are_not_allowed():

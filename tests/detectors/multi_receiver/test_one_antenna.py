@@ -212,7 +212,7 @@ def test_one_antenna_is_told_from_a_distance():
     assert np.mean(distance_p_value(levels, baseline, 5.0, "at most") == 1.0) > 0.95
 
 
-def test_epochs_that_are_missing_are_told_by_their_gaps():
+def test_epochs_that_are_missing_are_known_by_their_gaps():
     rng = np.random.default_rng(13)
     kept = np.array([0, 1, 2, 6, 7, 8, 9, 14, 15, 16])
     ranges_m = tracks(rng, (2000, 17, 6, 2), phi=0.9)[:, kept]
