@@ -505,5 +505,5 @@ def received(scene: Scene, index: int, reception: Reception) -> Heard:
 
 
 def true_offset_s(heard: Heard, gpst: NDArray[np.datetime64], start_gpst: np.datetime64) -> Reals:
-    """By how much instants, one an epoch, are ahead of the true ones."""
+    """By how much instants, one per epoch, are ahead of the true ones."""
     return np.asarray(seconds_between(gpst, start_gpst) - heard.true_s)

@@ -45,7 +45,7 @@ class Message:
     @property
     def key(self) -> tuple[str, str, int, str]:
         """The same for messages that differ in numbers, quoted words and folders only."""
-        words = re.sub(r"\S+ is no known key; did you mean \S+", "…", without_folders(self.words))
+        words = re.sub(r"\S+ is not a known key; did you mean \S+", "…", without_folders(self.words))
         words = re.sub(r"\"[^\"]*\"|'[^']*'", "…", words)
         return self.error, self.file, self.line, re.sub(r"\d+(\.\d+)?(e[+-]?\d+)?", "0", words)[:120]
 

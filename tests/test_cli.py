@@ -225,7 +225,7 @@ def test_an_interruption_before_anything_is_decided_exits_with_130(
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("receive", "FILE is missing.*Expected: Recordings, one a receiver.*For help: skyproof receive --help"),
+        ("receive", "FILE is missing.*Expected: Recordings, one per receiver.*For help: skyproof receive --help"),
         ("protect rx1.bin", "--out is missing.*Expected: Folder for the verdict"),
         ("protect rx1.bin --out", "--out is missing, or lacks a value"),
         ("protect rx1.bin --uot d", "--uot. Did you mean --out?"),
@@ -449,7 +449,7 @@ def test_simulate_prints_the_same_as_one_document(app: App, capsys: pytest.Captu
     document = json.loads(out)
     assert (document["format"], document["folder"], document["interrupted"]) == ("skyproof-simulate/1", "d", True)
     assert document["files"] == ["rx1.bin", "truth.json"]
-    assert "skyproof: interrupted: 2 files in d are whole, the others are not there" in err
+    assert "skyproof: interrupted: 2 files in d are complete, the others are missing" in err
 
 
 def test_the_ready_made_scenes_are_listed_with_a_sentence_each(app: App, capsys: pytest.CaptureFixture[str]) -> None:
@@ -836,7 +836,7 @@ def test_an_interrupted_table_of_all_figures_is_not_written(
     assert cli.main(["study", "--validation", str(tmp_path / "validation.md")]) == 130
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.splitlines()[-1] == "skyproof: interrupted: not all studies were run, so that no table was written"
+    assert err.splitlines()[-1] == "skyproof: interrupted: not all studies were run, no table was written"
     assert list(tmp_path.iterdir()) == []
 
 

@@ -740,7 +740,7 @@ class Fix:
 
 @dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class ConsistentSet:
-    """Signals of one receiver, at most one a transmission, that together fit one position in one window, and a clock
+    """Signals of one receiver, at most one per transmission, that together fit one position in one window, and a clock
     for each kind of signal (`SignalId.kind`).
 
     The set says nothing of authenticity: a meaconed sky is as consistent as the true one.

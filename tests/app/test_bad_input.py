@@ -130,7 +130,7 @@ def test_a_file_that_is_not_there_is_refused(run, tmp_path):
 
 @pytest.mark.usefixtures("untracked")
 def test_no_file_at_all_is_refused():
-    with pytest.raises(InputError, match="no input given; give one a receiver"):
+    with pytest.raises(InputError, match="no input given; give one per receiver"):
         protect([])
 
 
@@ -185,7 +185,7 @@ def test_a_missing_sidecar_is_asked_for(run, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("rate_hz", "rate", ["samples.rate is no known key", "did you mean rate_hz?"]),
+        ("rate_hz", "rate", ["samples.rate is not a known key", "did you mean rate_hz?"]),
         ("2600000.0", "-2600000.0", ["samples.rate_hz = -2600000.0", "expected"]),
         ('"complex"', '"imaginary"', ['samples.kind = "imaginary"', 'expected "real" or "complex"']),
         ("bits = 1", "bits = 7", ["samples.bits = 7", "expected"]),
@@ -466,9 +466,9 @@ def test_a_recording_that_is_cut_while_it_is_worked_on_counts_as_far_as_it_was_r
     assert ended.code == 0
     assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
     assert [r.duration_s for r in ended.verdict.receivers] == [8.0, 6.5]
-    words = "only its first 6.5 s were worked on: .*stern.bin ends after 4500000 bytes, but had 5200000 when it was"
+    words = "only its first 6.5 s were processed: .*stern.bin ends after 4500000 bytes, but had 5200000 when it was"
     assert re.search(words, ended.remarks(1))
-    n_summed = int(re.search(r"the sum is of the first (\d+)", ended.remarks(1))[1])
+    n_summed = int(re.search(r"the checksum is of the first (\d+)", ended.remarks(1))[1])
     assert 4_225_000 <= n_summed <= 4_500_000
     assert ended.verdict.inputs[1].sha256 == hashlib.sha256(pair.paths[1].read_bytes()[:n_summed]).hexdigest()
 
@@ -486,7 +486,7 @@ def test_inputs_that_are_deleted_while_they_are_worked_on_cost_nothing(meddled, 
     assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
     sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (*pair.paths, pair.nav)]
     assert [one.sha256 for one in ended.verdict.inputs] == sums
-    assert "deleted or replaced while it was worked on" in ended.remarks(1)
+    assert "deleted or replaced while it was processed" in ended.remarks(1)
 
 
 @pytest.mark.long
@@ -535,7 +535,7 @@ def test_ctrl_c_writes_what_is_decided_so_far(kit, run, pair, monkeypatch):
     assert ended.verdict.summary.startswith("Interrupted; of what was read until then: ")
     assert ended.verdict.verdict == "authentic"
     assert [r.duration_s for r in ended.verdict.receivers] == [6.5, 6.5]
-    assert "6.5 of 8.0 s were worked on before the run was interrupted" in ended.remarks(1)
+    assert "6.5 of 8.0 s were processed before the run was interrupted" in ended.remarks(1)
     assert (ended.folder / "report.html").exists()
     assert_whole(ended.folder)
 

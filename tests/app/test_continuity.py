@@ -79,7 +79,7 @@ def test_halves_of_two_receivers_swapped_are_not_authentic(pair, row):
     assert verdict.verdict == "undecided"
     assert "the position jumps by 6" in verdict.undecided_because
     assert "all carriers break at once" in verdict.undecided_because
-    assert "not of one piece" in verdict.undecided_because
+    assert "the recording is not continuous" in verdict.undecided_because
     late = [s for s in verdict.signals if s.label == "authentic" and s.to_gpst > str(one.gpst[row])]
     assert not late
 

@@ -83,7 +83,7 @@ def test_what_is_not_finished_leaves_all_as_it_was(tmp_path):
 
 def test_two_runs_do_not_write_into_one_folder_at_once(tmp_path):
     with writing_together(tmp_path) as part:
-        with pytest.raises(OutputError, match="another run writes into it now; wait for its end"):
+        with pytest.raises(OutputError, match="another run is writing into it; wait until it ends"):
             write_run(tmp_path, "other")
         write_lines(part / "a.csv", ["new"])
     assert texts(tmp_path) == {"a.csv": "new"}

@@ -54,7 +54,7 @@ def test_the_sum_is_of_the_bytes_as_they_were_read(path):
     with open(path, "r+b") as file:
         file.write(OTHER)
     assert octets.sha256() == sha256(CONTENT)
-    assert "was written to while it was worked on" in octets.changes()[0]
+    assert "was written to while it was processed" in octets.changes()[0]
 
 
 def test_no_sum_is_given_where_the_bytes_as_they_were_read_are_not_known(path, monkeypatch):
@@ -94,7 +94,7 @@ def test_a_file_that_is_cut_while_it_is_read_is_reported_and_what_was_read_is_su
         octets[290:310]
     assert octets.sha256() == sha256(CONTENT[:300])
     assert octets.changes() == (
-        "the file had 1000 bytes when it was opened and was cut to 300 since: the sum is of the first 300",
+        "the file had 1000 bytes when it was opened and was cut to 300 since: the checksum is of the first 300",
     )
 
 

@@ -171,7 +171,10 @@ def at_sea(seed=0, sway_m_s2=0.3):
     ("columns", "words"),
     [
         (at_sea(), "as if these were in degrees a second, expected rad/s; multiply them by pi / 180"),
-        (table(readings(road(), duration_s=30.0)), r"\d turns a second, expected rad/s; multiply them by pi / 180 if"),
+        (
+            table(readings(road(), duration_s=30.0)),
+            r"\d turns per second, expected rad/s; multiply them by pi / 180 if",
+        ),
     ],
     ids=["at sea", "on a road"],
 )

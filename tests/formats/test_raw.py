@@ -272,8 +272,8 @@ def test_a_sidecar_may_hold_a_bare_date_and_time(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"rate": 2.6e6}, ["samples.rate is no known key", "did you mean rate_hz?"]),
-        ({"colour": 1}, ["samples.colour is no known key", "known are rate_hz, kind"]),
+        ({"rate": 2.6e6}, ["samples.rate is not a known key", "did you mean rate_hz?"]),
+        ({"colour": 1}, ["samples.colour is not a known key", "known are rate_hz, kind"]),
         ({"kind": "cmplx"}, ['samples.kind = "cmplx"', 'expected "real" or "complex"']),
         ({"bits": 3}, ["samples.bits = 3", "expected the bits of one number: 1, 2, 4"]),
         ({"conjugate": 1}, ["samples.conjugate = 1", "expected true if"]),
@@ -312,7 +312,7 @@ def test_a_wrong_sidecar_is_reported_with_file_key_and_what_is_expected(tmp_path
         ("[samples]\nrate_hz = = 3\n", "line 2"),
         ("rate_hz = 2.6e6\n", "rate_hz stands outside the table"),
         ("", "samples is missing; expected the table [samples]"),
-        ("[sample]\nbits = 1\n", "sample is no known key; did you mean samples?"),
+        ("[sample]\nbits = 1\n", "sample is not a known key; did you mean samples?"),
         ("[samples]\nbits = 1\n", "samples.rate_hz is missing; expected samples a second"),
         ("samples = 3\n", "samples = 3, expected the table [samples]"),
     ],
@@ -360,7 +360,7 @@ def test_a_missing_recording_is_reported(tmp_path):
 
 
 def test_a_folder_is_no_recording(tmp_path):
-    with pytest.raises(InputError, match="no regular file"):
+    with pytest.raises(InputError, match="not a regular file"):
         open_raw(tmp_path)
 
 

@@ -71,7 +71,7 @@ def test_containers_that_are_not_read_are_reported(tmp_path, name, words):
 
 def test_sigmf_takes_no_sidecar(tmp_path):
     write(tmp_path, "rec.sigmf-data", meta=True)
-    with pytest.raises(InputError, match="leave the sidecar"):
+    with pytest.raises(InputError, match="remove the sidecar"):
         open_recording(tmp_path / "rec.sigmf-meta", tmp_path / "rec.toml")
 
 

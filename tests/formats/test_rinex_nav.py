@@ -330,10 +330,10 @@ def test_beidou_and_galileo_keep_their_own_fields():
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        (lambda lines: changed(lines, 9, "0.398838041777D-08", "0.39883x041777D-08"), "is no number"),
-        (lambda lines: changed(lines, 9, "0.390000000000D+02", "*" * 18), "is no number"),
+        (lambda lines: changed(lines, 9, "0.398838041777D-08", "0.39883x041777D-08"), "is not a number"),
+        (lambda lines: changed(lines, 9, "0.390000000000D+02", "*" * 18), "is not a number"),
         (lambda lines: without(without(lines, 10), 10), "6 lines of 8"),
-        (lambda lines: changed(lines, 8, "22  1  1  0", "22 13  1  0"), "is no date and time"),
+        (lambda lines: changed(lines, 8, "22  1  1  0", "22 13  1  0"), "is not a date and time"),
         (lambda lines: changed(lines, 8, " 1 22", "77 22"), "no such satellite"),
         (lambda lines: changed(lines, 10, "0.515367499542D+04", "0.515367499542D+01"), "no GPS satellite can have"),
         (lambda lines: changed(lines, 9, "-0.141125000000D+03", " " * 19), "is missing"),

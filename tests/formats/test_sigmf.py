@@ -421,7 +421,7 @@ def test_long_data_are_not_digested_on_opening(tmp_path):
         ({"core:dataset": "../secret"}, ['global.core:dataset = "../secret"', "in the same folder"]),
         ({"core:dataset": "gone.bin"}, ["gone.bin does not exist"]),
         ({"core:extensions": [{"name": "vita49", "version": "1", "optional": False}]}, ["extension vita49"]),
-        ({"skyproof:if": 1.0}, ["global.skyproof:if is no known key", "did you mean skyproof:if_hz?"]),
+        ({"skyproof:if": 1.0}, ["global.skyproof:if is not a known key", "did you mean skyproof:if_hz?"]),
         ({"skyproof:encoding": "sign"}, ["skyproof:encoding and global.skyproof:bits go together"]),
         ({"skyproof:encoding": "sign", "skyproof:bits": 2}, ["global.skyproof:bits = 2 does not go with"]),
         ({"core:datatype": "ri8"}, ["captures[0].skyproof:if_hz is missing", "real samples need it"]),
@@ -469,7 +469,7 @@ def test_wrong_captures_are_reported_with_their_place(tmp_path, captures, words)
         ("[]", "expected an object with global"),
         ("{}", "global is missing"),
         ('{"global": 3, "captures": []}', "global = 3, expected an object"),
-        ('{"global": {}, "captuses": []}', '"captuses" is no part of the metadata of SigMF; did you mean captures?'),
+        ('{"global": {}, "captuses": []}', '"captuses" is not part of SigMF metadata; did you mean captures?'),
         ("[" * 100_000, "nested too deep"),
         ('{"global": ' + "9" * 5000 + "}", "not valid JSON"),
     ],
@@ -500,7 +500,7 @@ def test_missing_files_are_reported(tmp_path):
 def test_a_misspelt_key_that_would_move_the_samples_is_reported(tmp_path):
     captures = [{"core:sample_start": 0, "core:frequency": 1.5e9, "core:headr_bytes": 4}]
     (remark,) = one(write(tmp_path, meta_of(captures=captures), noise(5000).tobytes())).remarks
-    assert remark == "captures[0].core:headr_bytes is no known key; did you mean core:header_bytes?"
+    assert remark == "captures[0].core:headr_bytes is not a known key; did you mean core:header_bytes?"
 
 
 # --- damage
@@ -598,7 +598,7 @@ def test_a_cut_archive_loses_what_is_cut_and_says_so(tmp_path):
 
 def test_no_archive_is_reported(tmp_path):
     (tmp_path / "a.sigmf").write_bytes(b"no tar at all" * 100)
-    with pytest.raises(InputError, match="no archive of SigMF"):
+    with pytest.raises(InputError, match="not a SigMF archive"):
         open_sigmf(tmp_path / "a.sigmf")
     other = tmp_path / "b.txt"
     other.write_text("hello")

@@ -64,11 +64,11 @@ HEAD = "gpst,a,b\n2022-01-01T00:00:00,1,2\n"
         ("", "line 1: the columns are none, expected gpst or time_s, a, b as well"),
         ("a" * 140_000 + "\n", "line 1: field larger than field limit"),
         ("time_s,b\n", "line 1: the columns are time_s, b, expected a as well"),
-        ("time_s,a,a,b\n1,2,3,4\n", "line 1: the column a stands twice"),
+        ("time_s,a,a,b\n1,2,3,4\n", "line 1: the column a appears twice"),
         ("time_s,a,b\n", "no rows"),
         (HEAD + "2022-01-01T00:00:01,1\n", "line 3: 2 fields, expected 3"),
         (HEAD + "2022-01-01T00:00:01,1,2,3\n", "line 3: 4 fields, expected 3"),
-        (HEAD + "\n2022-01-01T00:00:01,1,two\n", 'line 4, b: "two" is no number'),
+        (HEAD + "\n2022-01-01T00:00:01,1,two\n", 'line 4, b: "two" is not a number'),
         (HEAD + "2022-01-01T00:00:01Z,1,2\n", "line 3, gpst: .*without a zone"),
         (HEAD + "1650-01-01T00:00:01,1,2\n", "line 3, gpst: the year is 1650, expected 1980 to 2199"),
         (HEAD + "9650-01-01T00:00:01,1,2\n", "line 3, gpst: the year is 9650, expected 1980 to 2199"),
@@ -89,7 +89,7 @@ def test_a_file_of_another_kind_is_refused(tmp_path):
         read_timed_rows(tmp_path / "a.txt", ("a",), "the rows")
     path = tmp_path / "a.parquet"
     path.write_bytes(b"PAR1, but not really")
-    with pytest.raises(InputError, match="no Parquet file that can be read"):
+    with pytest.raises(InputError, match="not a readable Parquet file"):
         read_timed_rows(path, ("a",), "the rows")
 
 

@@ -200,7 +200,7 @@ def test_a_satellite_without_an_ephemeris_is_not_used(sky):
 
 def test_what_makes_no_sense_is_refused(sky):
     truth = shot(sky, np.random.default_rng(11))
-    with pytest.raises(ValueError, match="comes twice"):
+    with pytest.raises(ValueError, match="appears twice"):
         replace(truth, sats=(truth.sats[1], *truth.sats[1:])).solve(0.0)
     with pytest.raises(ValueError, match="must be positive"):
         truth.solve(0.0, rough_sigma_s=0.0)

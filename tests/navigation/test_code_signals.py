@@ -1,4 +1,4 @@
-"""One signal a satellite, and that codes, orbits, clocks and delays of every system meet at a place that is known."""
+"""One signal per satellite, and that codes, orbits, clocks and delays of every system meet at a place that is known."""
 
 from dataclasses import replace
 

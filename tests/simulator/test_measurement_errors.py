@@ -162,7 +162,7 @@ def test_observations_have_them_if_asked(scene: Scene) -> None:
     np.testing.assert_array_equal(moved[0].pseudorange_m, again[0].pseudorange_m)
     error_m = [one.pseudorange_m - other.pseudorange_m for one, other in zip(moved, plain, strict=True)]
     assert np.nanstd(error_m[0][-1]) > 0.5
-    # a meaconer's errors differ between receivers by one number, the true ones by one a satellite
+    # a meaconer's errors differ between receivers by one number, the true ones by one per satellite
     _, at_one, at_two = np.intersect1d(plain[0].gpst, plain[1].gpst, return_indices=True)
     across_m = error_m[0][at_one[-1]] - error_m[1][at_two[-1]]
     false = np.array([labels[ref] == "spoofed" for ref in labels if ref.receiver == "one"])

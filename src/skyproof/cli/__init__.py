@@ -104,7 +104,7 @@ for _number, (_name, (_usage, _help, _example)) in enumerate(COMMANDS.items()):
 app.command(
     "skyproof.cli.about:about",
     name="--version",
-    help="Print the versions of skyproof and of what it runs on: put them into a report of a fault.",
+    help="Print the versions of skyproof and of what it runs on: include them in a bug report.",
 )
 app.command(
     "skyproof.cli.completion:install_completion",

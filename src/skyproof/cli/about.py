@@ -1,4 +1,4 @@
-"""`skyproof --version`: what a report of a fault needs to say."""
+"""`skyproof --version`: what a bug report needs to say."""
 
 import os
 import platform
@@ -13,7 +13,7 @@ PACKAGE = Path(__file__).resolve().parent.parent
 
 
 def about() -> int:
-    """Print the versions of skyproof and of what it runs on: put them into a report of a fault."""
+    """Print the versions of skyproof and of what it runs on: include them in a bug report."""
     for line in (
         f"skyproof {_version('skyproof')}",
         f"Python {platform.python_version()} ({platform.python_implementation()})",

@@ -18,14 +18,14 @@ def init(
         list[Path],
         Parameter(
             name="FILE",
-            help="One a receiver: recordings, each with its sidecar, and observation files; besides, inertial readings "
-            "or an attitude (CSV, Parquet).",
+            help="One per receiver: recordings, each with its sidecar, and observation files; besides, inertial "
+            "readings or an attitude (CSV, Parquet).",
         ),
     ],
     /,
     *,
     out: Annotated[Path, Parameter(help="The file to write.", show_default=True)] = Path("platform.toml"),
-    overwrite: Annotated[bool, Parameter(help="Replace the file if it is there already.")] = False,
+    overwrite: Annotated[bool, Parameter(help="Replace the file if it already exists.")] = False,
     debug: Debug = False,
 ) -> int:
     """Write a platform file from what inputs say of themselves, with lines to complete for all else."""

@@ -19,7 +19,7 @@ __all__ = ["inspect"]
 
 
 def inspect(
-    file: Annotated[Path, Parameter(help="A recording. If nothing says how to read it, that is found out.")],
+    file: Annotated[Path, Parameter(help="A recording. If nothing says how to read it, it is worked out.")],
     /,
     *,
     sidecar: Annotated[Path | None, Parameter(help="How to read raw samples; else NAME.toml beside NAME.bin.")] = None,

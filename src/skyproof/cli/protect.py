@@ -21,8 +21,8 @@ def protect(
         list[Path] | None,
         Parameter(
             name="INPUT",
-            help="One a receiver: recordings, each with its sidecar, and observation files. None if the platform file "
-            "names them.",
+            help="One per receiver: recordings, each with its sidecar, and observation files. None if the platform "
+            "file names them.",
         ),
     ] = None,
     /,

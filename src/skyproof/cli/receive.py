@@ -15,14 +15,14 @@ __all__ = ["receive"]
 
 
 def receive(
-    files: Annotated[list[Path], Parameter(name="FILE", help="Recordings, one a receiver, each with its sidecar.")],
+    files: Annotated[list[Path], Parameter(name="FILE", help="Recordings, one per receiver, each with its sidecar.")],
     /,
     *,
     out: Annotated[
         Path,
         Parameter(
             help="Folder for NAME-nav.rnx, NAME.obs and, where a satellite has several signals, NAME-2.obs and so on: "
-            "RINEX has room for one a satellite."
+            "RINEX has room for one per satellite."
         ),
     ],
     nav: Nav = None,

@@ -33,7 +33,7 @@ def simulate(
     ] = None,
     list_scenes: Annotated[bool, Parameter(name="--list", help="List the ready-made scenes instead.")] = False,
     seed: Annotated[
-        int | None, Parameter(help="Of all that is random: the same seed, the same data. Default: the scenario's.")
+        int | None, Parameter(help="Seed of all that is random: the same seed, the same data. Default: the scenario's.")
     ] = None,
     duration_s: Annotated[
         float | None, Parameter(help="Length of the scene. In seconds. Default: the scenario's.")
@@ -44,7 +44,7 @@ def simulate(
     ] = "all",
     container: Annotated[
         Literal["sigmf", "raw"] | None,
-        Parameter(name="--format", help="Of samples. Default: sigmf where it can hold them (8 bits and more)."),
+        Parameter(name="--format", help="Format of samples. Default: sigmf where it can hold them (8 bits and more)."),
     ] = None,
     plot: Annotated[
         bool,
@@ -81,7 +81,7 @@ def simulate(
         progress=progress(),
     )
     if result.interrupted:
-        complain(f"interrupted: {len(result.files)} files in {out} are whole, the others are not there")
+        complain(f"interrupted: {len(result.files)} files in {out} are complete, the others are missing")
     if json:
         print_document(app.simulate.document_json(result))
     else:

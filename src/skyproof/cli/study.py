@@ -35,7 +35,9 @@ def study(
         bool, Parameter(name="--list", help="List the studies with paper and figure instead.")
     ] = False,
     trials: Annotated[int | None, Parameter(help="How many trials, in place of the study's own number.")] = None,
-    seed: Annotated[int, Parameter(help="Of all that is random: the same seed, the same rows.", show_default=True)] = 1,
+    seed: Annotated[
+        int, Parameter(help="Seed of all that is random: the same seed, the same rows.", show_default=True)
+    ] = 1,
     quick: Annotated[bool, Parameter(help="Fewer trials: 20 s at most.")] = False,
     plot: Annotated[bool, Parameter(help="Draw the rows as a chart, NAME.svg, here or in the --out folder.")] = False,
     out: Annotated[Path | None, Parameter(help="Folder for NAME.json, the document that --json prints.")] = None,
@@ -131,7 +133,7 @@ def _validation(found: Mapping[str, Study], settings: StudySettings) -> str:
 
             return validation_table(found, settings, before=before)
     except KeyboardInterrupt:
-        raise KeyboardInterrupt("interrupted: not all studies were run, so that no table was written") from None
+        raise KeyboardInterrupt("interrupted: not all studies were run, no table was written") from None
 
 
 def _document(chosen: Study, settings: StudySettings, rows: Sequence[Row], *, interrupted: bool) -> str:
@@ -165,7 +167,7 @@ def _document(chosen: Study, settings: StudySettings, rows: Sequence[Row], *, in
 
 
 def _plain(value: Any) -> Any:
-    """NumPy's numbers as Python's; what is no number as null."""
+    """NumPy's numbers as Python's; what is not a number as null."""
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if isinstance(value, float) and not math.isfinite(value):

@@ -55,7 +55,7 @@ class ResidualSettings:
 class PlainFix(NamedTuple):
     """What a receiver without protection makes of a window.
 
-    signals : the first-found one of each transmission, at most one a satellite. test : of all of them together.
+    signals : the first-found one of each transmission, at most one per satellite. test : of all of them together.
     excluded : the one that has to go to make the others fit, None if none does or none has to.
     """
 
@@ -69,7 +69,7 @@ def plain_fixes(window: Observations, navigation: NavigationData, settings: Resi
     system, then to those of the second, and so on; those left out that have no signal to spare.
 
     Under the null (one sky, errors as in `settings`) each statistic is chi-square with as many degrees as there are
-    satellites beyond three and one a kind. So no satellite is in a fit twice, by two bands whose errors are one; fits
+    satellites beyond three and one per kind. So no satellite is in a fit twice, by two bands whose errors are one; fits
     of several bands are not independent. `settings.false_alarm_probability` is that of all.
     """
     mean, measurements, usable = window_measurements(

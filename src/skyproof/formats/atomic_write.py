@@ -113,7 +113,7 @@ def _locked(part: Path) -> int:
     except BlockingIOError:
         os.close(lock)
         raise OutputError(
-            f"{part.parent}: another run writes into it now; wait for its end, or name another folder"
+            f"{part.parent}: another run is writing into it; wait until it ends, or name another folder"
         ) from None
     except OSError:  # a file system without locks
         pass

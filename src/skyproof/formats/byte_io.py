@@ -40,7 +40,7 @@ def size_of(path: Path) -> int:
     with reading(path):
         size = path.stat().st_size
     if not path.is_file():
-        raise InputError(f"{path} is no regular file; give the file of a recording")
+        raise InputError(f"{path} is not a regular file; give the file of a recording")
     return size
 
 
@@ -96,7 +96,7 @@ def beginning(head: bytes) -> bytes:
 def require_size(size: int, most: int, what: str, to_do: str) -> None:
     """Raise InputError if a file holds more bytes than its kind ever does."""
     if size > most:
-        raise InputError(f"{what} holds more than {most / (1 << 20):g} MiB, which is more than is read; {to_do}")
+        raise InputError(f"{what} holds more than {most / (1 << 20):g} MiB, the limit; {to_do}")
 
 
 class FileBytes:
@@ -163,16 +163,20 @@ class FileBytes:
         now, was = os.fstat(self._descriptor), self._opened
         if now.st_size > was.st_size:
             more = now.st_size - was.st_size
-            return (f"the file has grown by {more} bytes since it was opened: they are neither used nor summed",)
+            return (
+                f"the file has grown by {more} bytes since it was opened: they are neither used nor in the checksum",
+            )
         if now.st_size < was.st_size:
             return (
                 f"the file had {was.st_size} bytes when it was opened and was cut to {now.st_size} since: the sum "
                 f"is of the first {self._summed}",
             )
         if now.st_mtime_ns != was.st_mtime_ns:
-            return ("the file was written to while it was worked on: let the recorder finish first",)
+            return ("the file was written to while it was processed: let the recorder finish first",)
         if now.st_nlink == 0:
-            return ("the file was deleted or replaced while it was worked on: it was read and summed to its end",)
+            return (
+                "the file was deleted or replaced while it was processed: it was read to its end, checksum included",
+            )
         return ()
 
     def _fill(self, at: int, octets: NDArray[np.uint8]) -> None:

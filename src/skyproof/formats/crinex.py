@@ -184,7 +184,7 @@ class _Decoder(ABC):
             return self.whole_epoch(lines, position)
         except _Lost as lost:
             self.remarks.add(
-                f"line {before + position + 1} of the compact RINEX: {lost}; left out until all starts anew"
+                f"line {before + position + 1} of the compact RINEX: {lost}; left out until the next complete epoch"
             )
             self.head, self.satellites, self.clock = "", {}, {}
             return position + 1, []

@@ -164,7 +164,7 @@ def _require_turning(source: str, force: Reals, rate: Reals, steps: Integers, in
         )
     if fastest > _FASTEST_RAD_S:
         raise InputError(
-            f"{source}: the gyros say {fastest:.3g} for half a second, {fastest / (2.0 * np.pi):.1f} turns a second, "
+            f"{source}: the gyros say {fastest:.3g} for half a second, {fastest / (2.0 * np.pi):.1f} turns per second, "
             f"{remedy} if they are in degrees a second"
         )
     if -slope > _SURE * sigma and _ALIKE[0] < -slope < _ALIKE[1]:

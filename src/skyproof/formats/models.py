@@ -49,7 +49,7 @@ def _written(value: np.datetime64) -> str:
 
 def _beside(path: Path, info: ValidationInfo) -> Path:
     if not path.name or "\0" in str(path):
-        raise ValueError("no name of a file; give its path, relative to this file")
+        raise ValueError("not the name of a file; give its path, relative to this file")
     folder: Path = (info.context or {}).get("folder", Path())
     return folder / path
 

@@ -134,7 +134,7 @@ def read_sidecar(path: str | os.PathLike[str]) -> SampleLayout:
         Path(path),
         "the sidecar",
         f"a sidecar reads like {_EXAMPLE}",
-        "check its name and rights, or give another with --sidecar",
+        "check its name and permissions, or give another with --sidecar",
     )
     try:
         return _Sidecar.model_validate(content).samples
@@ -162,7 +162,7 @@ def _fault(fault: Any) -> str:
             return f"{path} stands outside the table [samples]; put it below the line [samples]"
         near = difflib.get_close_matches(key[:60], known, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]}?" if near else "remove it; known are " + ", ".join(known)
-        return f"{path} is no known key; {hint}"
+        return f"{path} is not a known key; {hint}"
     expected = known[key].description
     if fault["type"] == "missing":
         return f"{path} is missing; expected {expected}" + ("" if key != "samples" else f", such as {_EXAMPLE}")

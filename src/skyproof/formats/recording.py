@@ -38,7 +38,7 @@ def open_recording(path: str | os.PathLike[str], sidecar: str | os.PathLike[str]
         raise InputError(f"{path}: a collection holds names only; give the .sigmf-meta of each recording in it")
     if sidecar is not None:
         if path.suffix in (".sigmf-meta", ".sigmf"):
-            raise InputError(f"{path}: says itself how to read its samples; leave the sidecar {sidecar} out")
+            raise InputError(f"{path}: states itself how to read its samples; remove the sidecar {sidecar}")
         return open_raw_channels(path, sidecar)
     if path.suffix in (".sigmf-meta", ".sigmf-data", ".sigmf"):
         return open_sigmf(path)

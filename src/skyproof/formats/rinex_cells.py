@@ -82,7 +82,7 @@ class SatelliteRows:
 class Cells:
     """Numbers of some records: value (NaN without one), lli and strength 0 to 9, all (n_rows, n_types).
 
-    bad : lines with a field that is no number.
+    bad : lines with a field that is not a number.
     """
 
     value: Reals
@@ -355,7 +355,7 @@ def cells(lines: Lines, first: Integers, kept: Sequence[int], *, five_a_line: bo
 
 
 def _numbers(text: NDArray[np.uint8], room: Integers) -> tuple[Reals, Booleans]:
-    """F14.3 of characters (..., 16) as float64, NaN for blank or zero; and where a field is no number, or is cut."""
+    """F14.3 of characters (..., 16) as float64, NaN for blank or zero; and where a field is not a number, or is cut."""
     value = np.full(text.shape[:-1], np.nan)
     wrong = np.zeros(text.shape[:-1], np.bool_)
     filled = np.flatnonzero((text[..., :14] != 32).any(axis=-1))

@@ -450,7 +450,7 @@ def _epoch(line: str, version: float) -> np.datetime64:
             raise ValueError(second)
         return start + np.timedelta64(round(second * 1e9), "ns")
     except ValueError:
-        raise ValueError(f"{' '.join(texts)!r} is no date and time") from None
+        raise ValueError(f"{' '.join(texts)!r} is not a date and time") from None
 
 
 def _row(line: str, first_column: int, count: int) -> tuple[float, ...]:
@@ -481,7 +481,7 @@ def _number(text: str) -> float:
             raise ValueError(f"{text.strip()!r} is too large for a number")
         return value if abs(value) >= 1e-99 else 0.0
     if text.strip():
-        raise ValueError(f"{text.strip()!r} is no number")
+        raise ValueError(f"{text.strip()!r} is not a number")
     return math.nan
 
 

@@ -355,10 +355,10 @@ class _Table:
             half_open[epochs, column[signal]] = halves
         lost |= _stated_slips(rows, place, instant_ns, signals) | _changes(half_open, np.isfinite(numbers["L"]))
         faults = [
-            f"line {lines.first_number + k}: a field that is no number is left out" for k in sorted(set(bad))[:10]
+            f"line {lines.first_number + k}: a field that is not a number is left out" for k in sorted(set(bad))[:10]
         ]
         if len(set(bad)) > 10:
-            faults.append(f"{len(set(bad)) - 10} further lines with fields that are no numbers")
+            faults.append(f"{len(set(bad)) - 10} further lines with fields that are not numbers")
         return cls(signals, instant_ns, numbers, strength, lost, half_open, (*remarks, *faults))
 
 
@@ -372,7 +372,7 @@ def _epochs_in_order(rows: SatelliteRows) -> tuple[Integers, Integers, list[str]
     place[order[new]] = np.arange(int(new.sum()))
     remarks = []
     if not new.all():
-        remarks.append(f"{int((~new).sum())} epochs come twice; the first of each is taken")
+        remarks.append(f"{int((~new).sum())} epochs appear twice; the first of each is taken")
     if (np.diff(epochs[np.argsort(order, kind="stable")]) < 0).any() or (np.diff(rows.instant_ns[epochs]) < 0).any():
         remarks.append("epochs are not in order of time; they were sorted")
     return place, instant_ns[new], remarks

@@ -176,7 +176,7 @@ def _segments(meta: Meta, packing: Packing, size: int, where: str, remarks: list
     if not any(segment.chunk.n_samples for segment in segments):
         raise InputError(
             f"{where}: {size} bytes of data hold no sample of {frame_bits} bits after {sum(headers)} header bytes and "
-            f"before {general.trailing_bytes} trailing bytes; the data are cut, or the metadata are not theirs"
+            f"before {general.trailing_bytes} trailing bytes; the data are cut, or the metadata belong to other data"
         )
     return segments
 
@@ -236,7 +236,7 @@ def _date(segment: _Segment, where: str, remarks: list[str]) -> np.datetime64 | 
             f"{where}: {segment.place}.core:datetime = {shown(text)}, expected UTC, as 2022-01-01T21:45:40.000Z"
         ) from error
     if not FIRST_YEAR <= label.year <= LAST_YEAR or np.datetime64(label.replace(tzinfo=None), "ns") < GPS_EPOCH:
-        remarks.append(f"core:datetime of {segment.place}, {text}, is no time of GPS: the recorder's clock was not set")
+        remarks.append(f"core:datetime of {segment.place}, {text}, is not a GPS time: the recorder's clock was not set")
         return None
     utc = np.datetime64(label.replace(tzinfo=None), "ns") + int(f"{match[7] or '':0<9}"[:9])
     return gpst_from_utc(utc) + np.timedelta64(leap_s, "s")
@@ -435,11 +435,11 @@ def _archived(path: Path) -> list[_Source]:
                         file = tar.extractfile(member)
                         metas[member.name] = file.read() if file is not None else b""
             except tarfile.TarError:
-                remarks = ("the archive is cut or damaged: what stands after the damage is lost",)
+                remarks = ("the archive is cut or damaged: what follows the damage is lost",)
     except (tarfile.TarError, ValueError, OverflowError, EOFError) as error:
-        raise InputError(f"{path}: no archive of SigMF, or a damaged one ({error}); fetch it again") from error
+        raise InputError(f"{path}: not a SigMF archive, or a damaged one ({error}); fetch it again") from error
     if not metas:
-        raise InputError(f"{path}: holds no .sigmf-meta; an archive of SigMF is a tar file with NAME.sigmf-meta in it")
+        raise InputError(f"{path}: holds no .sigmf-meta; a SigMF archive is a tar file with NAME.sigmf-meta in it")
     return [_archived_one(path, size, name, text, members, remarks) for name, text in metas.items()]
 
 

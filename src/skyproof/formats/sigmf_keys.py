@@ -134,7 +134,7 @@ def expected(key: str) -> str:
 
 def parsed(text: bytes, where: str) -> Meta:
     """The metadata in `text`. Raises InputError, which names the faults: key, what came, what was expected."""
-    content = json_of(text, where, "the file is damaged or no metadata of SigMF: fetch it again")
+    content = json_of(text, where, "the file is damaged or is not SigMF metadata: fetch it again")
     captures = content.get("captures") if isinstance(content, dict) else None
     if isinstance(captures, list) and len(captures) > CAPTURES:
         raise InputError(
@@ -153,7 +153,7 @@ def _fault(fault: Any) -> str:
     path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in known).lstrip(".")
     if fault["type"] == "extra_forbidden":
         key = str(fault["loc"][-1])
-        return f"{shown(key)} is no part of the metadata of SigMF" + _near(key, ("global", "captures", "annotations"))
+        return f"{shown(key)} is not part of SigMF metadata" + _near(key, ("global", "captures", "annotations"))
     if not known:
         return f"{shown(fault['input'])}, expected an object with global, captures and annotations"
     right = expected(next((part for part in reversed(known) if isinstance(part, str)), "global"))
@@ -199,7 +199,7 @@ def checked(meta: Meta, where: str) -> tuple[str, ...]:
     remarks = ["; ".join(first_few(strange, _unknown))] if strange else []
     if foreign and not isinstance(meta.general.extensions, dict):
         remarks.append(
-            "keys that SigMF does not have and core:extensions does not declare were passed over: "
+            "keys that SigMF does not have and core:extensions does not declare were ignored: "
             + ", ".join(some(foreign, ", "))
         )
     return tuple(remarks)
@@ -208,7 +208,7 @@ def checked(meta: Meta, where: str) -> tuple[str, ...]:
 def _unknown(key: tuple[str, str, _Part]) -> str:
     place, name, part = key
     known = [str(field.alias) for field in type(part).model_fields.values()]
-    return f"{place}.{shortened(name)} is no known key{_near(name, known)}"
+    return f"{place}.{shortened(name)} is not a known key{_near(name, known)}"
 
 
 def some(texts: Iterable[str], between: str) -> list[str]:

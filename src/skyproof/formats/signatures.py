@@ -17,7 +17,7 @@ HEAD: Final = 4096
 _UNPACK: Final = "unpack it and give the recording in it"
 _NAV: Final = "it holds no samples: `skyproof protect` takes it as --nav"
 _SAMPLES: Final = "it holds no samples: give the recording itself"
-_OBSERVED: Final = "it holds no samples, but what was measured: `skyproof protect` takes it as an input"
+_OBSERVED: Final = "it holds measurements, not samples: `skyproof protect` takes it as an input"
 _SIGNATURES: Final[tuple[tuple[int, bytes, str, str], ...]] = (
     (0, b"PK\x03\x04", "a ZIP archive", _UNPACK),
     (0, b"\x1f\x8b", "a gzip file", _UNPACK),

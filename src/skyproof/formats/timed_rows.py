@@ -74,7 +74,7 @@ _Read = tuple[str, Integers, Reals, Callable[[int], str]]
 
 
 def _columns_of(names: Sequence[str], columns: Sequence[str], where: str) -> str:
-    """The column of time. Raises InputError where a column is missing or stands twice."""
+    """The column of time. Raises InputError where a column is missing or appears twice."""
     time = next((name for name in TIMES if name in names), None)
     lacking = ([" or ".join(TIMES)] if time is None else []) + [name for name in columns if name not in names]
     if time is None or lacking:
@@ -84,7 +84,7 @@ def _columns_of(names: Sequence[str], columns: Sequence[str], where: str) -> str
         )
     for name in (time, *columns):
         if list(names).count(name) > 1:
-            raise InputError(f"{where}: the column {name} stands twice; leave one out")
+            raise InputError(f"{where}: the column {name} appears twice; leave one out")
     return time
 
 
@@ -172,7 +172,7 @@ def _number(text: str, column: str, where: str) -> float:
         return float(text) if text else np.nan
     except ValueError:
         raise InputError(
-            f'{where}, {column}: "{shortened(text)}" is no number; fix it, or leave the field empty'
+            f'{where}, {column}: "{shortened(text)}" is not a number; fix it, or leave the field empty'
         ) from None
 
 
@@ -188,7 +188,7 @@ def _read_parquet(content: bytes, columns: Sequence[str], source: str) -> _Read:
         table = file.read(columns=[time, *columns])
     except (pa.ArrowException, OSError) as error:
         words = shortened(str(error).splitlines()[0] if str(error) else type(error).__name__, 120)
-        raise InputError(f"{source}: no Parquet file that can be read ({words}); write it again") from error
+        raise InputError(f"{source}: not a readable Parquet file ({words}); write it again") from error
 
     def where(row: int) -> str:
         return f"{source}: row {row + 1}"
@@ -242,7 +242,7 @@ def _nanoseconds(column: pa.ChunkedArray, time: str, where: Callable[[int], str]
 
 def _require_rows(rows: int, source: str) -> None:
     if rows > SERIES_ROWS:
-        raise InputError(f"{source}: more than {SERIES_ROWS} rows, which is more than is read; give a shorter stretch")
+        raise InputError(f"{source}: more than {SERIES_ROWS} rows, the limit; give a shorter stretch")
 
 
 def _require_rising(times: Integers, time: str, where: Callable[[int], str]) -> None:

@@ -177,7 +177,7 @@ def _number(text: str, column: str, where: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise InputError(f'{where}, {column}: "{shortened(text)}" is no number; fix it or leave the line out')
+        raise InputError(f'{where}, {column}: "{shortened(text)}" is not a number; fix it or leave the line out')
     return value
 
 
@@ -368,7 +368,7 @@ def parse_kml(
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
-        raise InputError(f"{source}: no KML: {error}; give a .kml file (unpack a .kmz)") from error
+        raise InputError(f"{source}: not KML: {error}; give a .kml file (unpack a .kmz)") from error
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
     marks = [(mark.findtext("name", "").strip(), points) for mark in root.iter("Placemark") for points in _points(mark)]
@@ -416,7 +416,7 @@ def _kml_track(points: _Points, source: str, geoid_separation_m: float | None) -
         )
     if points.angles and len(points.angles) != len(points.coordinates):
         raise InputError(
-            f"{source}: {len(points.angles)} gx:angles but {len(points.coordinates)} points; give one a point, or none"
+            f"{source}: {len(points.angles)} gx:angles but {len(points.coordinates)} points; give one per point or none"
         )
     # a gx:Track may leave out the place, or all, of a moment
     kept = [k for k, words in enumerate(points.coordinates) if len(words) >= 2]
@@ -463,7 +463,7 @@ def _when_ns(text: str, where: str) -> int:
         require_year(utc.year)
     except (ValueError, OverflowError) as error:
         raise InputError(
-            f'{where}: "{shortened(text)}" is no time, expected one as 2022-01-01T21:45:40.5Z; fix it'
+            f'{where}: "{shortened(text)}" is not a time, expected one as 2022-01-01T21:45:40.5Z; fix it'
         ) from error
     return int(gpst_from_utc(np.datetime64(utc, "ns")).astype(np.int64))
 
@@ -499,7 +499,7 @@ def _rising_s(instants: Sequence[int], source: str, lines: Sequence[int], word: 
     for row in np.flatnonzero(np.diff(ns) <= 0).tolist():
         raise InputError(
             f"{source}: {word} {lines[row + 1]}: its time is not after that of {word} {lines[row]}; put the points "
-            "in order, one a moment, of one receiver only"
+            "in order, one per moment, of one receiver only"
         )
     since_s: Reals = (ns - ns[0]) / 1e9
     return since_s

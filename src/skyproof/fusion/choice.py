@@ -50,7 +50,7 @@ _Kind = tuple[str, str, str]
 @dataclass(frozen=True, kw_only=True)
 class ChoiceRules:
     """most_wrong : probability of a wrong choice above which nothing is chosen. clean_start_s : for so long from the
-    start of the run the signals are taken for true, unless there is a sign against it."""
+    start of the run the signals are taken as true, unless there is a sign against it."""
 
     most_wrong: float = 1e-3
     clean_start_s: float = 30.0

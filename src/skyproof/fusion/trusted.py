@@ -82,7 +82,7 @@ def fix_of(
 
 
 def _one_kind_a_scale(signals: Sequence[SignalId], usable: Booleans) -> Booleans:
-    """Which cells (n_epochs, n_signals) are of the kind that is taken: one a time scale and epoch.
+    """Which cells (n_epochs, n_signals) are of the kind that is taken: one per time scale and epoch.
 
     The first kind, L1 before L2, that has `NEARLY_AS_MANY` of the signals that any of the scale has. So the scale's
     clock is one kind's, where bands are false at different times as well; it steps where the kind changes.

@@ -66,14 +66,14 @@ def prn_of(sat: str) -> int:
     match = re.fullmatch(r"G(\d\d?)", sat)
     prn = int(match[1]) if match else 0
     if not 1 <= prn <= 32:
-        raise ValueError(f"{sat!r} is no GPS satellite; expected G01 to G32")
+        raise ValueError(f"{sat!r} is not a GPS satellite; expected G01 to G32")
     return prn
 
 
 def sat_name(prn: int) -> str:
     """ "G05" for 5. Raises ValueError outside 1 to 32."""
     if not 1 <= prn <= 32:
-        raise ValueError(f"PRN {prn} is no GPS satellite; expected 1 to 32")
+        raise ValueError(f"PRN {prn} is not a GPS satellite; expected 1 to 32")
     return GPS_SATS[prn - 1]
 
 

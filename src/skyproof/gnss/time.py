@@ -113,7 +113,7 @@ def parse_iso(text: str) -> np.datetime64:
     Raises ValueError for anything else, a zone included: GPS time has none; and for a year before 1980 or after 2199.
     """
     if not _ISO.fullmatch(text.strip()):
-        raise ValueError(f"{text!r} is no instant; expected GPS time as 2022-01-01T21:45:58.5, without a zone")
+        raise ValueError(f"{text!r} is not an instant; expected GPS time as 2022-01-01T21:45:58.5, without a zone")
     require_year(int(text.strip()[:4]))
     return np.datetime64(text.strip().replace(" ", "T"), "ns")
 

@@ -58,7 +58,7 @@ def chance_p_value(
 
 
 def set_combinations(copies: ArrayLike, satellites: ArrayLike) -> Reals:
-    """Number of sets of `satellites` signals, one a satellite, when each satellite k has `copies[k]` signals.
+    """Number of sets of `satellites` signals, one per satellite, when each satellite k has `copies[k]` signals.
 
     Shapes: copies (n,), satellites (...) -> (...).
     """

@@ -223,7 +223,7 @@ def coarse_fix(
         for a in (code_s, code_sigma_s, doppler_hz, doppler_sigma_hz, period_s)
     ]
     if len(set(sats)) != len(sats):
-        raise ValueError(f"a satellite comes twice in {', '.join(sats)}; give one signal of each")
+        raise ValueError(f"a satellite appears twice in {', '.join(sats)}; give one signal of each")
     if not (rough_sigma_s > 0.0 and place_sigma_m > 0.0):
         raise ValueError(f"rough_sigma_s {rough_sigma_s:g} and place_sigma_m {place_sigma_m:g} must be positive")
     found = [navigation.best(sat, rough_gpst) for sat in sats]

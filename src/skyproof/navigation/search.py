@@ -1,4 +1,4 @@
-"""Branch and bound for sets of signals, at most one a satellite, that fit one position and clock.
+"""Branch and bound for sets of signals, at most one per satellite, that fit one position and clock.
 
 Every four signals have closed-form solutions of their own (two skies can be thousands of kilometres apart: no common
 linearisation serves both). From there breadth first over the further satellites: each candidate takes one of a

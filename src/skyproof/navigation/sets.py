@@ -37,7 +37,7 @@ def consistent_sets(
     max_sets: int = 4,
     min_share: float = 0.5,
 ) -> tuple[ConsistentSet, ...]:
-    """Disjoint sets of signals, at most one a transmission in each, that fit one position; largest first.
+    """Disjoint sets of signals, at most one per transmission in each, that fit one position; largest first.
 
     Of each kind of signal the largest consistent set is found (of several the one with the smallest statistic), its
     signals are taken out, and so on. A set within the noise of an earlier one of its kind, in position and clock, is

@@ -62,7 +62,7 @@ class Part:
 class ConsistentSky:
     """Parts of different kinds that show one position; `state_m` (4,) is that and the clock of the first part's kind.
 
-    The position is by one signal a satellite, so that no error counts twice: of the first kind of each time scale, L1
+    The position is by one signal per satellite, so that no error counts twice: of the first kind of each time scale, L1
     before L2; the scale with most signals is first. rows : of all parts. clock_m : kind to clock. statistic, dof : of
     the signals that the position is by.
     """
@@ -161,7 +161,7 @@ def sky_of(measurements: WindowRanges, signals: Sequence[SignalId], parts: Seque
 def _solved(
     measurements: WindowRanges, signals: Sequence[SignalId], groups: Sequence[Indices], start_m: Reals
 ) -> ConsistentSky:
-    """Position by one signal a satellite of the groups of rows, each of one kind, and a clock for each group."""
+    """Position by one signal per satellite of the groups of rows, each of one kind, and a clock for each group."""
     taken: set[str] = set()
     used: list[Indices] = []
     for rows in groups:

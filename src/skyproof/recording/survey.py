@@ -124,7 +124,7 @@ def survey(
     Parameters
     ----------
     samples, carrier_hz : the recording and where the nominal carrier lies in it.
-    signals : found near its beginning; one a satellite is used, the first.
+    signals : found near its beginning; one per satellite is used, the first.
     false_alarm_probability : of one gap or more reported in a recording that has none. At least three satellites are
         needed, so that one signal's own jump is not taken for a gap. Nothing is reported where the samples do not
         change in one code period or more: what noise does to a delay cannot be learnt there.

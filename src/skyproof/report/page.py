@@ -432,7 +432,7 @@ def _time_lines(pictures: Pictures) -> list[Figure]:
                 until_s=pictures.until_s,
                 points=points,
             ),
-            "One row a satellite: carrier to noise density of each of its signals, and below it a bar for as long as "
+            "One row per satellite: carrier to noise density of each of its signals, and below it a bar for as long as "
             f"the signal is received, by label{band}.",
         )
         for receiver in _receivers(pictures.series)

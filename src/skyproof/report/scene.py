@@ -468,7 +468,7 @@ def _level(page: ScenePage, name: str) -> Figure:
             title=f"Carrier to noise density of every signal at {name} over time",
             points=points,
         ),
-        "One row a satellite, one line a signal: carrier to noise density. " + page.level_note,
+        "One row per satellite, one line per signal: carrier to noise density. " + page.level_note,
     )
 
 

@@ -126,7 +126,7 @@ def _apart(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
 
 
 def correlation_svg(lobes: Sequence[Lobe]) -> Markup:
-    """One row a satellite: amplitude of its correlation over the delay, with the peaks that were found marked."""
+    """One row per satellite: amplitude of its correlation over the delay, with the peaks that were found marked."""
     if not lobes:
         return Markup("")
     bottom = _TOP + _ROW * len(lobes)

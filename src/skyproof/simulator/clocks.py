@@ -201,4 +201,6 @@ def _named(kind: str) -> Oscillator:
     if kind in OSCILLATORS:
         return OSCILLATORS[kind]
     near = get_close_matches(kind.lower(), OSCILLATORS, n=1, cutoff=0.0)[0]
-    raise ScenarioError(f"clock: {kind!r} is no kind of oscillator, perhaps {near!r}? Known: {', '.join(OSCILLATORS)}")
+    raise ScenarioError(
+        f"clock: {kind!r} is not a class of oscillator, perhaps {near!r}? Known: {', '.join(OSCILLATORS)}"
+    )

@@ -286,4 +286,4 @@ def _named(grade: str) -> ImuGrade:
     if grade in GRADES:
         return GRADES[grade]
     near = get_close_matches(grade.lower(), GRADES, n=1, cutoff=0.0)[0]
-    raise ScenarioError(f"imu.grade: {grade!r} is no grade, perhaps {near!r}? Known: {', '.join(GRADES)}")
+    raise ScenarioError(f"imu.grade: {grade!r} is not a grade, perhaps {near!r}? Known: {', '.join(GRADES)}")

@@ -84,7 +84,7 @@ class _Chunks:
 
 
 def samples_of(scenario: Scenario, navigation: NavigationData) -> tuple[Samples, ...]:
-    """The recordings of a scene, one a receiver, rendered when they are read.
+    """The recordings of a scene, one per receiver, rendered when they are read.
 
     `read` gives the quantised values (sign: -1, 1; sign-magnitude: -3, -1, 1, 3; int: whole numbers) and is safe to
     call from several threads. Raises ScenarioError as `scene_of` does.

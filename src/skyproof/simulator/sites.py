@@ -32,7 +32,7 @@ LOWEST_M, HIGHEST_M = -500.0, 20_000.0
 
 def _sat(value: Any) -> str:
     if value not in GPS_SATS:
-        raise ValueError(f"{value!r} is no GPS satellite; write G01 to G32")
+        raise ValueError(f"{value!r} is not a GPS satellite; write G01 to G32")
     return str(value)
 
 

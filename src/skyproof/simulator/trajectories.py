@@ -308,7 +308,7 @@ def from_samples(
     if isinstance(attitude, np.ndarray):
         rotations = np.asarray(attitude, np.float64)
         if rotations.shape != (t_s.size, 3, 3):
-            raise ScenarioError(f"attitude: shape {rotations.shape}, expected ({t_s.size}, 3, 3); give one a sample")
+            raise ScenarioError(f"attitude: shape {rotations.shape}, expected ({t_s.size}, 3, 3); give one per sample")
     elif isinstance(attitude, Held):
         rotations = attitude_ecef(places, attitude.heading_rad, attitude.pitch_rad, attitude.roll_rad)
     else:
@@ -370,7 +370,7 @@ def _samples(t_s: ArrayLike, position_ecef_m: ArrayLike) -> tuple[Reals, Reals]:
     for row in np.flatnonzero(np.diff(t_s) <= 0.0):
         raise ScenarioError(
             f"samples[{row + 1}]: time {t_s[row + 1]:.9g} s is not after {t_s[row]:.9g} s; put the samples in order, "
-            "one a moment"
+            "one per moment"
         )
     return t_s, places
 

@@ -113,7 +113,7 @@ def _trajectory(scene: Scene, sky: ReceiverSky, true_s: Reals) -> Table:
 
 
 def signal_truth(scene: Scene, antenna: str, rate_hz: float = SIGNALS_HZ) -> Table:
-    """Every signal at an antenna while it is there, one row an epoch and signal.
+    """Every signal at an antenna while it is there, one row per epoch and signal.
 
     Epochs are the moments when the receiver's clock shows a whole multiple of 1 / rate, as in its observations; what
     it shows is `receiver_gpst`. Raises KeyError for an antenna that the scene does not have.

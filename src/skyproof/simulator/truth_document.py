@@ -135,7 +135,7 @@ def _imu_truth(receiver: SceneReceiver) -> dict[str, Any] | None:
 
 
 def _signal_truths(scene: Scene, sky: ReceiverSky) -> list[dict[str, Any]]:
-    """One row a signal; the values are those at the first and the last moment of the recording when it is there."""
+    """One row per signal; the values are those at the first and the last moment of the recording when it is there."""
     start_s, end_s = _ends_s(scene, sky)
     authentic = {
         received.id.sat: column for column, received in enumerate(sky.signals) if received.label == "authentic"

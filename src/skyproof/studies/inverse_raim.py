@@ -27,7 +27,7 @@ _PRUNED_REPEATS: Final = 20
 
 
 def sets(settings: StudySettings) -> Iterator[Row]:
-    """Which choices of one signal a satellite pass at 0.1 %: how many beside the true and the false one, and how fast.
+    """Which choices of one signal per satellite pass at 0.1 %: how many beside the true and the false one; how fast.
 
     attack "position": the false fix lies up-east; "time": all false signals are late by as much. With three signals the
     third is anywhere within 300 m. Satellites are those of the nominal constellation at places and times by chance.

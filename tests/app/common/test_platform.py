@@ -160,7 +160,7 @@ WRONG = [
     (f'{SECOND}name = "a"', "receivers: [1].name is a once more; give each receiver its own"),
     (f'{RECEIVER}inputs = "a.bin"', 'receivers[0].inputs = "a.bin", expected a list'),
     (f"{RECEIVER}inputs = [3]", "receivers[0].inputs[0] = 3, expected a text"),
-    (f'{RECEIVER}inputs = [""]', "receivers[0].inputs[0]: no name of a file; give its path"),
+    (f'{RECEIVER}inputs = [""]', "receivers[0].inputs[0]: not the name of a file; give its path"),
     (f'{RECEIVER}inputs = ["a", "a"]', "receivers[0].inputs: [1] is a once more; give each antenna's own"),
     (
         f'{RECEIVER}inputs = ["a"]\n{RECEIVER}inputs = ["b", "a"]',
@@ -196,7 +196,7 @@ WRONG = [
         "receivers[0].line_bias_cyc: is of 1 antennas, but antennas_m of 2",
     ),
     (f"{SECOND}spin = {{ radius_m = 0, rate_hz = 1 }}", "receivers[1].spin.radius_m = 0, expected more than 0"),
-    (f"{SECOND}spin = {{ radius_m = 1, rate_hz = 0 }}", "receivers[1].spin.rate_hz: is 0, expected turns a second"),
+    (f"{SECOND}spin = {{ radius_m = 1, rate_hz = 0 }}", "receivers[1].spin.rate_hz: is 0, expected turns per second"),
     (f"{SECOND}spin = {{ radius_m = 1, rate_hz = 51 }}", "receivers[1].spin.rate_hz = 51, expected 50 or less"),
     (
         f"{SECOND}spin = {{ radius_m = 1, rate_hz = 1, rate_sigma_hz = -1 }}",
@@ -217,7 +217,7 @@ WRONG = [
     (f"{ATTITUDE}yaw_deg = 3", "attitude.yaw_deg: unknown key, did you mean "),
     ('[imu]\ngrade = "tactical"', "imu.file is missing"),
     (f"{IMU}start_gpst = 2022-01-01T10:29:58Z", "imu.start_gpst: has a time zone; write GPS time without a zone"),
-    (f'{IMU}start_gpst = "noon"', "imu.start_gpst: 'noon' is no instant; expected GPS time as 2022-01-01T21:45:58"),
+    (f'{IMU}start_gpst = "noon"', "imu.start_gpst: 'noon' is not an instant; expected GPS time as 2022-01-01T21:45:58"),
     (f"{IMU}start_gpst = 10:29:58", "imu.start_gpst: is 10:29:58, expected GPS time as 2022-01-01T21:45:58"),
     (f'{IMU}grade = "toy"', "imu.grade = \"toy\", expected 'consumer', 'industrial', 'tactical', "),
     (

@@ -151,7 +151,7 @@ def test_readings_over_time_are_told_apart_by_their_columns(table: str, tmp_path
 def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
     out = tmp_path / "platform.toml"
     out.write_text("motion = 'static'\n", encoding="utf-8")
-    with pytest.raises(OutputError, match=r"platform\.toml: is there already; .*--overwrite"):
+    with pytest.raises(OutputError, match=r"platform\.toml: already exists; .*--overwrite"):
         init([recording(tmp_path)], out=out)
     assert read_platform(out).motion == "static"
     assert init([recording(tmp_path)], out=out, overwrite=True).platform.motion is None

@@ -69,7 +69,9 @@ def test_inputs_of_the_command_line_are_described_by_name(folder: Path) -> None:
 def test_inputs_in_two_places_and_in_none_are_refused(folder: Path) -> None:
     with pytest.raises(SettingsError, match=r"platform\.toml: receivers\[0\] has inputs, and the command line as well"):
         protect([folder / "one.obs"], platform=platform_of(folder))
-    with pytest.raises(InputError, match=r"no input given; give one a receiver: .* or a platform file that names them"):
+    with pytest.raises(
+        InputError, match=r"no input given; give one per receiver: .* or a platform file that names them"
+    ):
         protect()
 
 

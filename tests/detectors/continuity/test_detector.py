@@ -307,7 +307,7 @@ def test_halves_of_two_receivers_joined_are_reported(row, slip):
     when = np.datetime64(f"2023-03-04T{first.because.split('at ')[1][:10]}")
     assert abs(when - observed(1, noise=WHITE).gpst[row]) <= np.timedelta64(300, "ms")
     assert ("all carriers break at once" in first.because) is slip or not slip
-    assert "not of one piece" in first.because
+    assert "the recording is not continuous" in first.because
     assert len(failed(found)) == len([e for e in failed(found) if e.because == first.because])  # said once, and kept
     last = found[-1]
     assert any(e.overrules and e.because == first.because for e in last)

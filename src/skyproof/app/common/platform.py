@@ -35,7 +35,7 @@ class Platform(Model):
         default=None,
         gt=0.0,
         le=1e5,
-        description="It is never faster, metres a second; not known if absent.",
+        description="Highest speed, metres per second; not known if absent.",
         examples=[40.0],
     )
     oscillator: Literal["quartz", "tcxo", "ocxo", "csac", "rubidium"] | None = Field(
@@ -46,7 +46,7 @@ class Platform(Model):
     )
     receivers: tuple[PlatformReceiver, ...] = Field(default=(), max_length=64, description="A table for each.")
     attitude: StatedAttitude | None = Field(
-        default=None, description="How the body is turned, where no inertial unit states it."
+        default=None, description="Attitude of the body, where no inertial unit gives it."
     )
     imu: PlatformImu | None = Field(default=None, description="An inertial unit, one for all receivers.")
     protect: Settings = Field(default=Settings(), description="The settings.")

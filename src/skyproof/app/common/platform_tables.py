@@ -71,11 +71,13 @@ class Surveyed(Model):
 class PlatformSpin(Model):
     """An arm that carries the antenna round in a level circle."""
 
-    radius_m: Number = Field(gt=0.0, le=100.0, description="From the axis to the antenna, metres.", examples=[0.0951])
+    radius_m: Number = Field(
+        gt=0.0, le=100.0, description="Distance from the axis to the antenna, metres.", examples=[0.0951]
+    )
     rate_hz: Number = Field(
         ge=-50.0,
         le=50.0,
-        description="Turns a second; positive is clockwise, seen from above. Not zero.",
+        description="Turns per second; positive is clockwise, seen from above. Not zero.",
         examples=[0.25],
     )
     rate_sigma_hz: Number = Field(
@@ -90,7 +92,7 @@ class PlatformSpin(Model):
     @classmethod
     def _turns(cls, rate_hz: float) -> float:
         if rate_hz == 0.0:
-            raise ValueError("is 0, expected turns a second; leave spin out of an antenna that does not turn")
+            raise ValueError("is 0, expected turns per second; leave spin out of an antenna that does not turn")
         return rate_hz
 
 
@@ -99,19 +101,19 @@ class PlatformReceiver(Model):
 
     name: Name | None = Field(
         default=None,
-        description="By which outputs and settings call it; as its first input is named if absent.",
+        description="Name in outputs and settings; that of its first input if absent.",
         examples=["rx1"],
     )
     inputs: tuple[FilePath, ...] = Field(
         default=(),
         max_length=64,
-        description="Recordings, one file an antenna or one whose channels are the antennas, or an observation file; "
+        description="Recordings, one file per antenna or one whose channels are the antennas, or an observation file; "
         "relative to the platform file.",
         examples=[["rx1.bin"]],
     )
     position: Surveyed | None = Field(
         default=None,
-        description="Where its first antenna was surveyed to stand.",
+        description="Surveyed position of its first antenna.",
         examples=[{"lat_deg": 57.7, "lon_deg": 11.94, "height_m": 50.0, "sigma_m": 0.05}],
     )
     body_m: Vector | None = Field(
@@ -248,8 +250,8 @@ class PlatformImu(Model):
         | None
     ) = Field(
         default=None,
-        description="Of its errors: consumer, industrial, tactical, navigation, and the last two with -calibrated; or "
-        "give the four numbers. Consumer if neither is there.",
+        description="Grade of its errors: consumer, industrial, tactical, navigation, and the last two with "
+        "-calibrated; or give the four numbers. Consumer if neither is there.",
         examples=["tactical"],
     )
     gyro_bias_deg_h: Number | None = Field(

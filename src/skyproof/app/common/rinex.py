@@ -1,4 +1,4 @@
-"""RINEX files of signals: a file has room for one a transmission, so several of one stand in several files."""
+"""RINEX files of signals: a file has room for one per transmission, so several of one stand in several files."""
 
 from collections.abc import Iterable
 from importlib.metadata import version

@@ -73,7 +73,7 @@ class Settings(BaseModel):
         default=30.0,
         ge=0.0,
         le=1e5,
-        description="For so long from the start of the run the signals are taken for true, unless there is a sign "
+        description="For so long from the start of the run the signals are taken as true, unless there is a sign "
         "against it: where a receiver later gets two skies, what is predicted from then on says which is true. 0 takes "
         "nothing for true.",
     )

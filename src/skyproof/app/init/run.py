@@ -38,28 +38,26 @@ def init(files: Sequence[str | Path], *, out: str | Path = "platform.toml", over
 
     Parameters
     ----------
-    files : one a receiver: recordings with their sidecars, observation files; besides, inertial readings or an attitude
-        as CSV or Parquet.
+    files : one per receiver: recordings with their sidecars, observation files; besides, inertial readings or an
+        attitude as CSV or Parquet.
     out : the file to write; paths in it are relative to its folder.
-    overwrite : whether a file that is there already is replaced.
+    overwrite : whether an existing file is replaced.
 
     Raises
     ------
     InputError : a file that cannot be opened; inertial readings or attitudes in more than one.
-    OutputError : the file is there already, is an input or the sidecar of one, or cannot be written.
+    OutputError : the file already exists, is an input or the sidecar of one, or cannot be written.
     """
     out = Path(out)
     paths = [Path(file) for file in files]
     if any(out.resolve() in (path.resolve(), path.with_suffix(".toml").resolve()) for path in paths):
         raise OutputError(f"{out}: is an input or its sidecar; give another name with --out")
     if out.exists() and not overwrite:
-        raise OutputError(
-            f"{out}: is there already; give another name with --out, or --overwrite to replace what stands in it"
-        )
+        raise OutputError(f"{out}: already exists; give another name with --out, or --overwrite to replace it")
     series = [path for path in paths if path.suffix.lower() in _SERIES]
     receivers = _named([_found(path, out.parent) for path in paths if path not in series])
     if not receivers:
-        raise InputError("no recording and no observation file given; give one a receiver")
+        raise InputError("no recording and no observation file given; give one per receiver")
     tables = _tables(series, out.parent)
     version = importlib.metadata.version("skyproof")
     write_lines(out, platform_lines(receivers, tables, version), encoding="utf-8")

@@ -48,7 +48,7 @@ def platform_lines(receivers: Sequence[FoundReceiver], files: Mapping[str, str],
     yield from ("", *_examples(Platform))
     if sum(receiver.antennas == 1 for receiver in receivers) > 1:
         yield ""
-        yield from _prose("Files of several antennas of one receiver stand in inputs of one table, one an antenna.")
+        yield from _prose("Files of several antennas of one receiver stand in inputs of one table, one per antenna.")
     for number, receiver in enumerate(receivers):
         yield from ("", *_receiver(number, receiver))
     yield from ("", *_attitude(files.get("attitude")))

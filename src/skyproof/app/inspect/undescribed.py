@@ -139,7 +139,7 @@ def _with_sidecar(inspection: Inspection, sidecar: Path) -> Inspection:
         f"{line}  # {inspection.sources[key]}" if (key := line.split(" = ")[0]) in inspection.sources else line
         for line in sidecar_text(inspection.layout).splitlines()
     ]
-    lines[0] += ", found out by `skyproof inspect`"
+    lines[0] += ", determined by `skyproof inspect`"
     try:
         if sidecar.exists():
             return inspection

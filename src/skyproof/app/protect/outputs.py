@@ -131,7 +131,7 @@ def _parts(log: ObservationLog, epochs: int) -> Iterator[tuple[int, Observations
 
 
 def _signal_columns(o: Observations, labels: Any) -> dict[str, Any]:
-    """One row an epoch and signal: the measurement, why it is missing, and its label, (n_epochs, n_signals).
+    """One row per epoch and signal: the measurement, why it is missing, and its label, (n_epochs, n_signals).
 
     `receiver_clock` is what the receiver's clock shows, which pseudoranges count from; a fix of the same epoch has that
     less its clock bias.

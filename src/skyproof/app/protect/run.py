@@ -86,7 +86,7 @@ def protect(
 
     Parameters
     ----------
-    inputs : one a receiver: recordings, each with its sidecar NAME.toml, and observation files (RINEX); none if the
+    inputs : one per receiver: recordings, each with its sidecar NAME.toml, and observation files (RINEX); none if the
         platform file names them.
     nav : RINEX navigation file; without one the orbits come from the signals of recordings.
     imu : inertial readings (CSV or Parquet) in place of the file in [imu] of the platform file.
@@ -204,7 +204,7 @@ def verdict_of(
 
     Parameters
     ----------
-    inputs : one input, or several, one a receiver: raw samples with their sidecar NAME.toml, SigMF, or a RINEX
+    inputs : one input, or several, one per receiver: raw samples with their sidecar NAME.toml, SigMF, or a RINEX
         observation file (2.1x, 3.0x, 4.0x, compact and gzip too). None if the platform file names them.
     nav : RINEX navigation file of that day; without one the orbits come from the signals of recordings (30 s of them).
     out : folder for the verdict, the report, fixes and all other files, made if absent; None writes nothing.
@@ -404,7 +404,7 @@ def _sums(files: Mapping[str, OpenFile], progress: Progress) -> tuple[dict[str, 
     """SHA-256 of each file, of the bytes that were worked on as they were then; and whether Ctrl-C left some out."""
     sums: dict[str, str | None] = {}
     try:
-        with progress.stage("taking the sums of the inputs", float(len(files))) as stage:
+        with progress.stage("computing checksums of the inputs", float(len(files))) as stage:
             for number, (path, file) in enumerate(files.items()):
                 sums[path] = file.sha256(_from(number, stage))
                 stage.advance(number + 1.0)
@@ -420,7 +420,7 @@ def _from(number: int, stage: Stage) -> Callable[[int, int], None]:
 def _notes(reception: Reception, interrupted: bool, sums: Mapping[str, str | None]) -> list[InputNote]:
     """A row for each file of a receiver; what is to be said of the receiver stands in the first."""
     source = reception.source
-    read = f"{reception.examined_s:.1f} of {source.duration_s:.1f} s were worked on before the run was interrupted"
+    read = f"{reception.examined_s:.1f} of {source.duration_s:.1f} s were processed before the run was interrupted"
     files = _files([reception])
     notes = [
         InputNote(path=path, format=source.format or "raw", sha256=sums.get(path), remarks=file.changes())

@@ -77,11 +77,11 @@ def _gap_remark(gap: Gap, period_s: float) -> str:
     if gap.shift_s == 0.0:
         return (
             f"whole code periods of samples are missing near {gap.elapsed_s:.1f} s: data bits or carriers of "
-            f"{gap.signals} signals moved at once by what that makes of them; time was read anew after it"
+            f"{gap.signals} signals moved at once by what that makes of them; time was decoded again"
         )
     missing_ms = (-gap.shift_s % period_s) * 1e3
     about = "" if gap.missing_s < 0.5 else f", by the satellites' motion about {gap.missing_s:.1f} s in all"
     return (
         f"samples are missing near {gap.elapsed_s:.1f} s: {missing_ms:.4f} ms, or that and whole code periods of "
-        f"{period_s * 1e3:g} ms{about} ({gap.signals} signals came back with one shift); time was read anew after it"
+        f"{period_s * 1e3:g} ms{about} ({gap.signals} signals came back with one shift); time was decoded again"
     )

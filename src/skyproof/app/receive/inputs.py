@@ -1,4 +1,4 @@
-"""Inputs as sources, one a receiver: recordings of samples and observation files, in any mixture."""
+"""Inputs as sources, one per receiver: recordings of samples and observation files, in any mixture."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -47,7 +47,7 @@ def open_inputs(
     """
     if not paths:
         raise InputError(
-            "no input given; give one a receiver: samples with their sidecar, or an observation file; or a platform "
+            "no input given; give one per receiver: samples with their sidecar, or an observation file; or a platform "
             "file that names them"
         )
     opened: list[Samples | ObservedFile] = []
@@ -89,7 +89,7 @@ def _opened(
         if not isinstance(source, Samples):
             raise InputError(
                 f"{source.path}: an observation file among the antennas of one receiver; give recordings of samples, "
-                "one an antenna, or make a receiver of its own of it"
+                "one per antenna, or make a receiver of its own of it"
             )
         _require_own(source, antennas)
         antennas.append(source)

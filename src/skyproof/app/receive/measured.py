@@ -24,7 +24,7 @@ PIECE_S: Final = 10.0
 
 
 class MeasuredRows(Protocol):
-    """A dataclass of arrays with one row a signal and time, in order of time."""
+    """A dataclass of arrays with one row per signal and time, in order of time."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 

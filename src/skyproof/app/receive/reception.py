@@ -38,7 +38,7 @@ class Reception:
     """What one receiver received: its recording after tracking, or its own measurements.
 
     observations : None if there are none; `left_out` then says why.
-    examined_s : how much of the recording was worked on.
+    examined_s : how much of the recording was processed.
     same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
     messages_differ : where signals of one satellite carry different messages, in words; among the remarks as well.
     taps, ccaf : correlators beside the observations, if they were asked for.

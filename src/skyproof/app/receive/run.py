@@ -92,7 +92,7 @@ def receive(
 
     Parameters
     ----------
-    inputs : one recording, or several, one a receiver: raw samples with their sidecar NAME.toml, or SigMF.
+    inputs : one recording, or several, one per receiver: raw samples with their sidecar NAME.toml, or SigMF.
     nav : RINEX navigation file of that day; without one the orbits come from the signals.
     out : folder for NAME.obs, NAME-2.obs (second signals of satellites) and so on, and NAME-nav.rnx; None writes
         nothing.
@@ -101,7 +101,7 @@ def receive(
 
     Returns
     -------
-    ReceiveResult : `receptions`, one a receiver; `observations` are those of the first.
+    ReceiveResult : `receptions`, one per receiver; `observations` are those of the first.
 
     Raises
     ------

@@ -126,7 +126,7 @@ def snapshot(
 
 
 def _strongest(peaks: list[Peak], remarks: list[str]) -> list[Peak]:
-    """One a satellite. Which of several is the true one cannot be known in so short a time."""
+    """One per satellite. Which of several is the true one cannot be known in so short a time."""
     kept: dict[str, Peak] = {}
     for peak in sorted(peaks, key=lambda p: -p.cn0_dbhz):
         if peak.sat in kept:

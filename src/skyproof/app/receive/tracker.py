@@ -61,7 +61,7 @@ class Tracker:
             planes = self.samples.read_all(self.position, count)
         except InputError as error:
             self.broken = str(error)
-            self.remarks = (*self.remarks, f"only its first {self.examined_s:.1f} s were worked on: {error}")
+            self.remarks = (*self.remarks, f"only its first {self.examined_s:.1f} s were processed: {error}")
             return False
         output, self.state = self.receiver.step(self.state, planes)
         self.position += count
@@ -105,7 +105,7 @@ class Tracker:
 
     @property
     def ended(self) -> bool:
-        """Whether all of the recording was worked on."""
+        """Whether all of the recording was processed."""
         return self.position >= self.samples.n_samples
 
     @property

@@ -196,7 +196,7 @@ def scenario_of(scenario: str | Path | Scenario) -> Scenario:
     near = get_close_matches(name, ready_made(), 1, cutoff=0.4)
     hint = f"did you mean {near[0]!r}? " if near else ""
     raise ScenarioError(
-        f"{name!r} is no ready-made scene, and no file; {hint}`skyproof simulate --list` shows them, and a scenario's "
+        f"{name!r} is neither a ready-made scene nor a file; {hint}`skyproof simulate --list` shows them; a scenario's "
         "own file ends in .toml"
     )
 

@@ -100,7 +100,7 @@ class _Break(NamedTuple):
 class _Past:
     """What is remembered of a receiver: bounded by the number of transmissions and twice `span_s`.
 
-    tail : the last epochs, one signal a transmission. sources : which signal of each went on unbroken from it.
+    tail : the last epochs, one signal per transmission. sources : which signal of each went on unbroken from it.
     members : the last consistent set's signals. broke : the kinds of signals that no longer go on, and why.
     """
 
@@ -288,7 +288,7 @@ class _Window:
             false_alarm_probability=self.alpha,
             p_value=why.p_value,
             overrules=True,
-            would_need="the recording as the receiver made it, in one piece; or to protect what is before and what is "
+            would_need="the recording as the receiver made it, uncut; or to protect what is before and what is "
             "after by themselves",
         )
 
@@ -409,7 +409,7 @@ def _step_words(receiver: str, o: Observations, step: Step) -> str:
     words += ["all carriers break at once"] if step.broke else []
     after = f" after {step.outage_s:.1f} s without measurements" if step.outage_s > 0.0 else ""
     return (
-        f"{receiver}: at {_clock(o, step)}{after} {_listed(words)}: the recording is not of one piece, or the signals "
+        f"{receiver}: at {_clock(o, step)}{after} {_listed(words)}: the recording is not continuous, or the signals "
         "were exchanged"
     )
 

@@ -119,7 +119,7 @@ class Jump(NamedTuple):
 
 
 def series_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, limits: Limits) -> Series:
-    """The series of observations with one signal a satellite. `place_ecef_m` (3,) need be right to a few kilometres.
+    """The series of observations with one signal per satellite. `place_ecef_m` (3,) need be right to a few kilometres.
 
     Gaps of a signal beside others are bridged by its Dopplers on both sides, with the variance that the largest
     acceleration gives.

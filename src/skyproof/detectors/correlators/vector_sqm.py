@@ -103,7 +103,7 @@ def equilibrium(
 
     Code: S dC = S C^s and G^T gamma1(dC) = 0, four equations, by Newton. Phase: gamma2(dC, dphi) = pi T S f^s, one
     equation a satellite, on the branch from zero to the maximum of gamma2. `cn0_dbhz` is of one update of the loops
-    (`coherent_s` long), not of the sums that a metric takes; one number or one a satellite.
+    (`coherent_s` long), not of the sums that a metric takes; one number or one per satellite.
     """
     code_s, doppler_s, cn0 = np.broadcast_arrays(
         *(np.asarray(x, float) for x in (code_chips, doppler_hz, cn0_dbhz, where.design[..., 0]))

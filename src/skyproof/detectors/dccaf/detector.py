@@ -224,7 +224,7 @@ class Dccaf:
         probability = self.settings.set_probability
         best = passing_sets(sky.unit, sky.misfit_m, sky.sigma_m, false_alarm_probability=probability)
         if not best.statistic.size:
-            return None, 1.0, "; no choice of one signal a satellite fits one position"
+            return None, 1.0, "; no choice of one signal per satellite fits one position"
         misfit_m = sky.misfit_m.copy()
         like = np.flatnonzero(~np.isin(sky.rows, unlike))
         misfit_m[like, 1 - best.choice[0][like]] = np.nan
@@ -363,7 +363,7 @@ class Dccaf:
 
 
 def _first_of_each(ccaf: Ccaf, found: Delays | None) -> Integers:
-    """Rows of the channels that were taken apart, one a satellite: that of its signal that was found first."""
+    """Rows of the channels that were taken apart, one per satellite: that of its signal that was found first."""
     if found is None:
         return np.empty(0, np.int64)
     rows: dict[str, int] = {}

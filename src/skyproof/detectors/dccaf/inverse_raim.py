@@ -188,7 +188,7 @@ def passing_sets(
     false_alarm_probability: float = 1e-3,
     exhaustive: bool = False,
 ) -> PassingSets:
-    """All choices of one signal a satellite whose residuals pass a chi-square test, the smallest statistic first.
+    """All choices of one signal per satellite whose residuals pass a chi-square test, the smallest statistic first.
 
     Parameters
     ----------

@@ -412,7 +412,7 @@ class _Window:
         )
 
     def _left_over(self, false: list[Pairing]) -> list[Pairing]:
-        """The groups, one a kind, of sets that no false group takes, if it can only be those and none is of one
+        """The groups, one per kind, of sets that no false group takes, if it can only be those and none is of one
         antenna.
 
         Which of several it is, and whether anything but the false is left over when some receiver shows one set only,

@@ -49,7 +49,7 @@ filters delay frequencies differently."""
 
 @dataclass(frozen=True, eq=False)
 class Pairing:
-    """Sets, one a receiver, whose common transmissions are looked at together."""
+    """Sets, one per receiver, whose common transmissions are looked at together."""
 
     sets: tuple[ConsistentSet, ...]
     ranges: CommonRanges
@@ -225,7 +225,7 @@ class Pairing:
 def groups_in(sets: Sequence[ConsistentSet], min_satellites: int) -> list[Kind | None]:
     """The kinds that all sets have of enough satellites; [None], all kinds as one, where none is.
 
-    All kinds as one need as many transmissions beyond one a kind as a single kind does. Empty if they have fewer.
+    All kinds as one need as many transmissions beyond one per kind as a single kind does. Empty if they have fewer.
     """
     shared = shared_kinds(sets)
     enough: list[Kind | None] = [kind for kind, count in shared.items() if count >= min_satellites]

@@ -59,7 +59,7 @@ def ready(name: str) -> Scenario:
     if name not in scenes:
         near = get_close_matches(name, scenes, 1, cutoff=0.4)
         hint = f"did you mean {near[0]!r}? " if near else ""
-        raise ScenarioError(f"{name!r} is no ready-made scene; {hint}there are: {', '.join(scenes)}")
+        raise ScenarioError(f"{name!r} is not a ready-made scene; {hint}there are: {', '.join(scenes)}")
     return read_scenario(scenes[name].path)
 
 
