@@ -8,7 +8,6 @@ from scipy import stats
 
 from skyproof.fusion.choice import ChoiceRules, choices
 from skyproof.fusion.fuse import fuse
-from skyproof.fusion.skies import skies_of
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.foresight import Standing, surveyed
@@ -74,8 +73,10 @@ class Taken:
         )
 
     def chosen(self, foresight, **rules):
-        skies = skies_of(self.sets)
-        return choices(skies, self.evidence, [self.observations], self.sets, {"rx1": foresight}, ChoiceRules(**rules))
+        decision = fuse(self.evidence, [self.observations], self.sets)
+        return choices(
+            decision, self.evidence, [self.observations], self.sets, {"rx1": foresight}, ChoiceRules(**rules)
+        )
 
     def decided(self, foresight, **rules):
         return fuse([*self.evidence, *self.chosen(foresight, **rules)], [self.observations], self.sets)
@@ -127,7 +128,8 @@ def test_a_sky_that_came_from_afar_was_not_there_before(led_away):
     found = taken.chosen(standing())
     trusted = [e for e in found if e.says == "authentic" and e.end_gpst <= taken.invented.at(60.0)]
     assert len(trusted) == 5
-    assert "10:00:50" in trusted[0].assumes[0]
+    assert trusted[0].assumes[0] == "no two transmitters act in concert"
+    assert "10:00:50" in trusted[0].assumes[1]
 
 
 def test_a_window_that_does_not_go_on_ends_what_is_taken_for_true(led_away):
@@ -136,6 +138,24 @@ def test_a_window_that_does_not_go_on_ends_what_is_taken_for_true(led_away):
     found = taken.chosen(standing())
     assert "10:00:30" in next(e.assumes[0] for e in found if e.assumes)
     assert set(map(frozenset, after(taken, found, "authentic").values())) == {frozenset(NEW)}
+
+
+@pytest.mark.parametrize("speed_m_s", [0.2, 0.5, 2.0])
+def test_a_place_that_stays_is_not_led_away_slowly_while_a_decoy_is_awaited(led_away, speed_m_s):
+    """The only sky is drawn off from 40 s on, and at 105 s another false one appears far away: none is chosen that is
+    farther off than a fix is."""
+    taken = led_away(onset_s=40.0, away=speed_m_s * EAST, found_m=65.0 * speed_m_s, hidden=False)
+    far = {"a": np.zeros(3), "b": 3e4 * EAST[:3]}
+    taken.sets = [replace(s, position_ecef_m=s.position_ecef_m + far[s.signals[0].copy]) for s in taken.sets]
+    trusted = [e for e in taken.chosen(standing()) if e.says == "authentic"]
+    off_m = [
+        np.linalg.norm(s.position_ecef_m - HOME)
+        for e in trusted
+        for s in taken.sets
+        if s.signals[0].copy == "a" and e.start_gpst <= s.gpst < e.end_gpst
+    ]
+    assert len(trusted) > 2
+    assert max(off_m) < 6.0 * 1.5 * np.sqrt(3.0)
 
 
 @pytest.mark.parametrize(
@@ -182,6 +202,27 @@ def test_without_an_alarm_two_skies_are_left_alone(led_away):
     assert not after(taken, taken.chosen(standing()), "spoofed")
 
 
+def test_while_skies_have_not_parted_the_first_windows_are_true_and_nothing_else(led_away):
+    taken = led_away(away=1.0 * EAST)
+    assert taken.first is None
+    taken.evidence = [
+        replace(e, says="attack") if e.start_gpst >= taken.invented.at(80.0) else e for e in taken.evidence
+    ]
+    decision = taken.decided(standing())
+    assert [(s.label, s.first_epoch, s.last_epoch) for s in decision.labels[:2]] == [
+        ("authentic", 0, 29),
+        ("unknown", 30, 139),
+    ]
+    assert decision.verdict == "spoofed"
+    assert decision.open is not None
+
+
+def test_where_others_say_what_is_true_nothing_is_chosen(led_away):
+    taken = led_away()
+    taken.evidence.append(taken.invented.evidence(10, "authentic", *NEW))
+    assert taken.chosen(standing()) == []
+
+
 def test_a_late_copy_is_no_rival(led_away):
     taken = led_away()
     taken.evidence += [taken.invented.evidence(w, "multipath", *OLD) for w in range(taken.first, WINDOWS)]
@@ -195,14 +236,28 @@ def test_whole_milliseconds_of_a_receivers_clock_are_of_no_account(led_away):
 
 
 def test_the_chosen_sky_alone_again_is_still_the_one_and_another_is_not(led_away):
-    taken = led_away()
-    last = taken.invented.at(10.0 * (WINDOWS - 2))
+    last = led_away().invented.at(10.0 * (WINDOWS - 2))
     for left, expected in ((NEW, set(NEW)), (OLD, set())):
-        kept = [s for s in taken.sets if s.gpst < last or s.signals[0].copy == left[0][-1]]
-        found = choices(
-            skies_of(taken.sets), taken.evidence, [taken.observations], kept, {"rx1": standing()}, ChoiceRules()
-        )
+        taken = led_away()
+        taken.sets = [s for s in taken.sets if s.gpst < last or s.signals[0].copy == left[0][-1]]
+        found = taken.chosen(standing())
         assert after(taken, found, "authentic").get(WINDOWS - 1, set()) == expected
+
+
+def test_a_false_signal_that_fits_the_true_sky_for_a_window_is_still_false(led_away):
+    taken = led_away()
+    first = taken.invented.at(10.0 * taken.first)
+    late = taken.invented.ref("G05a").signal, taken.invented.ref("G05b").signal
+    taken.sets = [
+        replace(s, signals=tuple(late[1 - late.index(x)] if x in late else x for x in s.signals))
+        if first <= s.gpst < first + np.timedelta64(10, "s")
+        else s
+        for s in taken.sets
+    ]
+    found = taken.chosen(standing())
+    assert after(taken, found, "authentic")[taken.first] == set(NEW[1:])
+    assert after(taken, found, "spoofed")[taken.first] == set(OLD[1:])
+    assert after(taken, found, "spoofed")[taken.first + 1] == set(OLD)
 
 
 def outcomes(invented, draws, kind):

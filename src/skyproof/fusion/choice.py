@@ -4,9 +4,11 @@ Two skies within one receiver cannot both be true, so that one is false is evide
 says (`navigation.foresight`), by `navigation.prediction.choose`. It rests on an assumption that no measurement shows:
 that the signals were true until a certain time.
 
-- Where the second sky was seen from its first moment on, farther from the first than a search can hide: until then.
-  Every window before has to go on from those before it as the foresight expects.
-- Where it may have been hidden in the first one for any time, or a window does not go on so: for the first
+- Where the second sky was seen from its first moment on, farther from the first than a search can hide: until then, if
+  no two transmitters act in concert, one that leads the receiver away unseen and one that is seen from afar. Every
+  window before has to go on from those before it as the foresight expects, and a place that stays is learned of in the
+  first ones only.
+- Where it may have been hidden in the first one for any time, or still is, or a window does not go on so: for the first
   `clean_start_s` seconds of the run only. What was received in between may have been led away by a false sky already,
   and no prediction learns of it.
 - Where it was there from the first moment, or an alarm was: not at all; then nothing but a surveyed place chooses.
@@ -15,59 +17,45 @@ What is chosen is evidence, window by window: the chosen sky is authentic under 
 spoofed. Above the limit of the probability of a wrong choice the window stays open.
 """
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from skyproof.fusion.choice_words import DETECTOR, REFUSED, chosen, not_chosen, taken_for_true
+from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
+from skyproof.fusion.rivals import FixMaker, Kind, Rivals, reference_kind, rivals_of, with_clock_near
 from skyproof.fusion.skies import sky_onset
 from skyproof.fusion.timeline import Onset
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import iso
 from skyproof.navigation.foresight import Foresight, SkyFix
-from skyproof.navigation.known import KNOWN, Known
-from skyproof.navigation.prediction import Choice, choose
-from skyproof.records import ConsistentSet, Evidence, ObservationLog, SignalId, SignalRef
+from skyproof.navigation.known import Known
+from skyproof.navigation.prediction import choose
+from skyproof.records import ConsistentSet, Evidence, NavigationData, ObservationLog, SignalId, SignalRef
 
 __all__ = ["DETECTOR", "ChoiceRules", "choices"]
 
-DETECTOR: Final = "prediction"
-_REFUSED: Final = 1e-3
-"""Probability that the true sky is refused in a window because it does not fit."""
 _GOES_ON: Final = 1e-6
-"""And that a window which is taken for true, or a chosen sky that is alone again, does not go on."""
+"""Probability that a window which is taken for true, or a chosen sky that is alone again, does not go on."""
 _MOSTLY: Final = 0.75
 """Share of its signals by which a set is the sky that was chosen before."""
-_MS_M: Final = 1e-3 * SPEED_OF_LIGHT_M_S
-_LEAST_SHOWN: Final = 1e-12
-
-_Kind = tuple[str, str, str]
+_SIDES: Final = {"authentic": 1, "spoofed": -1}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChoiceRules:
     """most_wrong : probability of a wrong choice above which nothing is chosen. clean_start_s : for so long from the
-    start of the run the signals are taken as true, unless there is a sign against it."""
+    start of the run the signals are taken as true, unless there is a sign against it. The others are those of fixes.
+    """
 
     most_wrong: float = 1e-3
     clean_start_s: float = 30.0
-
-
-@dataclass(frozen=True, eq=False)
-class _Window:
-    """One receiver's sets that are no late copies of another one.
-
-    attacked : there is evidence of an attack; doubted : or a second set, or a failed test.
-    """
-
-    start: np.datetime64
-    end: np.datetime64
-    sets: tuple[ConsistentSet, ...]
-    attacked: bool
-    doubted: bool
+    multipath_sigma_m: float = 1.0
+    elevation_mask_deg: float = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,299 +67,188 @@ class _State:
     """
 
     foresight: Foresight
-    kind: _Kind | None = None
+    kind: Kind | None = None
     bias_s: float = 0.0
     chosen: frozenset[SignalId] = field(default_factory=frozenset)
     refused: frozenset[SignalId] = field(default_factory=frozenset)
 
+    def followed(self, shown: SkyFix, s: ConsistentSet) -> "_State":
+        return replace(self, foresight=self.foresight.followed(shown), bias_s=s.clock_bias_s)
+
 
 def choices(
-    skies: Sequence[FalseSource],
+    decision: Decision,
     evidence: Sequence[Evidence],
     observations: Sequence[ObservationLog],
     sets: Sequence[ConsistentSet],
     foresights: Mapping[str, Foresight],
     rules: ChoiceRules,
+    navigation: NavigationData | None = None,
 ) -> list[Evidence]:
-    """Evidence by prediction on the receivers of which `skies` are open and a foresight is there."""
+    """Evidence by prediction on the receivers that are attacked, of which nothing is named as true or false, and of
+    which there is a foresight.
+
+    navigation : orbits, for a foresight that learns from the fixes of epochs.
+    """
+    named = {s.ref.receiver for s in decision.labels if s.label in ("authentic", "spoofed")}
+    attacked = {ref.receiver for e in evidence if e.says == "attack" for ref in e.subject} - named
     found: list[Evidence] = []
     for o in observations:
-        own = [sky for sky in skies if any(ref.receiver == o.receiver for ref in sky.signals)]
-        if len(own) > 1 and o.receiver in foresights:
-            windows = _windows(o, evidence, sets)
-            found += _of_receiver(o, own, windows, foresights[o.receiver], rules)
+        own = [sky for sky in decision.skies if any(ref.receiver == o.receiver for ref in sky.signals)]
+        if o.receiver in attacked and o.receiver in foresights:
+            maker = FixMaker(
+                log=o,
+                navigation=navigation,
+                multipath_sigma_m=rules.multipath_sigma_m,
+                elevation_mask_deg=rules.elevation_mask_deg,
+            )
+            chooser = _Chooser(maker, rules, _second_onset(own, o))
+            found += chooser.of_windows(rivals_of(o, evidence, sets), foresights[o.receiver])
     return found
 
 
-def _of_receiver(
-    o: ObservationLog,
-    skies: Sequence[FalseSource],
-    windows: Sequence[_Window],
-    foresight: Foresight,
-    rules: ChoiceRules,
-) -> list[Evidence]:
-    doubted = min((w.start for w in windows if w.doubted), default=o.gpst[0])
-    windows = [w for w in windows if w.sets]
-    start_end = o.gpst[0] + np.timedelta64(round(rules.clean_start_s * 1e9), "ns")
-    onset = _second_onset(skies, o)
-    if onset is None or onset.from_start:
-        latest = o.gpst[0]
-    else:
-        latest = start_end if onset.earliest is None else onset.earliest
-    for until in (min(latest, doubted), min(start_end, latest, doubted)):
-        before = [w for w in windows if w.end <= until]
-        learned = _learned(_State(foresight), before, o)
-        if learned is not None:
-            return _walk(o, learned, before, windows[len(before) :], rules)
-    return []  # it does not go on within the run's first windows: then nothing is known of it
-
-
 def _second_onset(skies: Sequence[FalseSource], o: ObservationLog) -> Onset | None:
-    """When the first of the skies came that joined another one."""
+    """When the first of the skies came that joined another one; None while they have not parted."""
     onsets = [onset for sky in skies if (onset := sky_onset(sky, [o])) is not None]
     return sorted(onsets, key=lambda onset: onset.seen)[1] if len(onsets) > 1 else None
 
 
-def _windows(o: ObservationLog, evidence: Sequence[Evidence], sets: Sequence[ConsistentSet]) -> list[_Window]:
-    """The receiver's windows, in order; evidence is read once, for it may be too much to hold."""
-    said: dict[tuple[np.datetime64, np.datetime64], tuple[set[SignalId], list[bool]]] = {}
-    for e in evidence:
-        own = {ref.signal for ref in e.subject if ref.receiver == o.receiver}
-        if own:
-            late, (attacked, doubted) = said.setdefault((e.start_gpst, e.end_gpst), (set(), [False, False]))
-            late |= own if e.says == "multipath" else set()
-            attacked |= e.says == "attack"
-            said[e.start_gpst, e.end_gpst] = late, [attacked, doubted or e.says in ("attack", "spoofed") or e.failed]
-    mine = sorted((s for s in sets if s.receiver == o.receiver), key=lambda s: s.gpst)
-    middles = np.array([s.gpst for s in mine], "datetime64[ns]")
-    found: list[_Window] = []
-    for (start, end), (late, (attacked, doubted)) in sorted(said.items(), key=lambda item: item[0]):
-        if found and start < found[-1].end:
-            continue
-        here = mine[slice(*(int(row) for row in np.searchsorted(middles, np.array([start, end]))))]
-        kept = tuple(s for s in here if len(late.intersection(s.signals)) < 0.5 * len(s.signals))
-        found.append(_Window(start, end, kept, attacked, doubted or len(kept) > 1))
-    return found
+@dataclass(frozen=True, eq=False)
+class _Chooser:
+    """Of one receiver. onset : of its second sky."""
+
+    maker: FixMaker
+    rules: ChoiceRules
+    onset: Onset | None
+
+    @property
+    def log(self) -> ObservationLog:
+        return self.maker.log
+
+    @property
+    def clean_start(self) -> np.datetime64:
+        end: np.datetime64 = self.log.gpst[0] + np.timedelta64(round(self.rules.clean_start_s * 1e9), "ns")
+        return end
+
+    def of_windows(self, every: Sequence[Rivals], foresight: Foresight) -> list[Evidence]:
+        """By what is true before the second sky, or in the first windows alone; nothing where these do not go on."""
+        windows = [w for w in every if w.sets]
+        until = min([self._latest(), *(w.start for w in every if w.doubted)])
+        for last in (until, min(until, self.clean_start)):
+            before = [w for w in windows if w.end <= last]
+            learned = self._learned(_State(foresight), before)
+            if learned is not None:
+                return self._walked(learned, before, windows[len(before) :])
+        return []
+
+    def _latest(self) -> np.datetime64:
+        """Until when the signals may be taken for true."""
+        if self.onset is not None and self.onset.from_start:
+            start: np.datetime64 = self.log.gpst[0]
+            return start
+        return self.clean_start if self.onset is None or self.onset.earliest is None else self.onset.earliest
+
+    def _learned(self, state: _State, windows: Sequence[Rivals]) -> _State | None:
+        """The state after windows that are taken as true; None where one does not go on from those before it."""
+        for window in windows:
+            only = window.sets[0]
+            state = replace(state, kind=state.kind or reference_kind(only))
+            shown = self._shown(window, only, state)
+            expected = state.foresight.at(shown.whole.gpst)
+            if expected is not None:
+                shown = with_clock_near(shown, expected)
+                if not _goes_on(expected, shown.whole):
+                    return None
+            if window.end > self.clean_start:
+                state = state.followed(shown, only)
+            else:
+                state = replace(state, foresight=state.foresight.learned(shown), bias_s=only.clock_bias_s)
+        return state
+
+    def _walked(self, state: _State, before: Sequence[Rivals], windows: Sequence[Rivals]) -> list[Evidence]:
+        assumes = (*self._clean(before), *state.foresight.assumes)
+        found: list[Evidence] = []
+        for window in windows:
+            state = replace(state, foresight=state.foresight.until(window.start))
+            said, state = self._judged(window, state, assumes)
+            found += said
+        words = f"the only sky of {self.log.receiver}, before a second one was seen"
+        clean = [taken_for_true(self.log, window, end, assumes, words) for window, end in _spans(before)]
+        return [*clean, *_at_home(found)]
+
+    def _clean(self, before: Sequence[Rivals]) -> tuple[str, ...]:
+        """What is assumed of the windows before the second sky."""
+        if not before:
+            return ()
+        end = before[-1].end
+        alone = (
+            f"the signals of {self.log.receiver} were true until {iso(end, 0)[11:]}, before a second sky was seen",
+        )
+        return alone if end <= self.clean_start else ("no two transmitters act in concert", *alone)
+
+    def _judged(self, window: Rivals, state: _State, assumes: tuple[str, ...]) -> tuple[list[Evidence], _State]:
+        shown = [self._shown(window, s, state) for s in window.sets]
+        expected = state.foresight.at(shown[0].whole.gpst)
+        if expected is None:
+            return [], state
+        shown = [with_clock_near(one, expected) for one in shown]
+        if not set(expected.there).intersection(*(one.whole.there for one in shown)):
+            return [], state
+        if len(shown) == 1:
+            return self._alone(window, shown[0], expected, state, assumes)
+        if not window.attacked:
+            return [], state
+        by, most_wrong = state.foresight.by, self.rules.most_wrong
+        choice = choose(expected, [one.whole for one in shown], most_wrong=most_wrong, false_alarm_probability=REFUSED)
+        if choice.chosen is None:
+            return [not_chosen(self.log, window, shown, choice, by, most_wrong)], state
+        taken = window.sets[choice.chosen]
+        said = chosen(self.log, window, shown, choice, by, assumes, first=not state.chosen)
+        return said, replace(
+            state.followed(shown[choice.chosen], taken),
+            chosen=frozenset(taken.signals),
+            refused=frozenset(signal for s in window.sets if s is not taken for signal in s.signals),
+        )
+
+    def _alone(
+        self, window: Rivals, shown: SkyFix, expected: Known, state: _State, assumes: tuple[str, ...]
+    ) -> tuple[list[Evidence], _State]:
+        """A sky without another one beside it, after the second was seen: it is taken if it was chosen before."""
+        (only,) = window.sets
+        same = len(state.chosen.intersection(only.signals)) >= _MOSTLY * len(only.signals)
+        if not same or state.refused.intersection(only.signals) or not _goes_on(expected, shown.whole):
+            return [], state
+        words = f"the signals of {self.log.receiver} that were chosen before go on as expected by {state.foresight.by}"
+        said = taken_for_true(self.log, window, window.end, assumes, words)
+        return [said], replace(state.followed(shown, only), chosen=state.chosen.union(only.signals))
+
+    def _shown(self, window: Rivals, s: ConsistentSet, state: _State) -> SkyFix:
+        kind = state.kind or reference_kind(s)
+        return self.maker.shown(window, s, kind=kind, bias_s=state.bias_s, epochs=state.foresight.moves)
 
 
-def _learned(state: _State, windows: Sequence[_Window], o: ObservationLog) -> _State | None:
-    """The state after windows that are taken for true; None where one does not go on from those before it."""
-    for window in windows:
-        (only,) = window.sets[:1]
-        state = replace(state, kind=state.kind or _reference_kind(only))
-        shown = _shown(only, state, o)
-        expected = state.foresight.at(shown.whole.gpst)
-        if expected is not None and _fit(expected, shown.whole) < _GOES_ON:
-            return None
-        state = replace(state, foresight=state.foresight.learned(shown), bias_s=only.clock_bias_s)
-    return state
+def _goes_on(expected: Known, fix: Known) -> bool:
+    """Whether a fix is no farther from what was expected than chance allows; also where nothing of it was."""
+    if not set(expected.there).intersection(fix.there):
+        return True
+    return float(choose(expected, [fix]).fits[0]) >= _GOES_ON
 
 
-def _walk(
-    o: ObservationLog, state: _State, before: Sequence[_Window], windows: Sequence[_Window], rules: ChoiceRules
-) -> list[Evidence]:
-    assumes = state.foresight.assumes
-    if before:
-        until = iso(before[-1].end, 0)[11:]
-        assumes = (f"the signals of {o.receiver} were true until {until}, before a second sky was seen", *assumes)
-    found = [_taken_for_true(o, window, end, assumes) for window, end in _spans(before)]
-    for window in windows:
-        said, state = _judged(o, window, state, assumes, rules, first=not state.chosen)
-        found += said
-    return found
-
-
-def _spans(windows: Sequence[_Window]) -> list[tuple[_Window, np.datetime64]]:
+def _spans(windows: Sequence[Rivals]) -> list[tuple[Rivals, np.datetime64]]:
     """Each window with the start of the next one, up to which it speaks: of a long run not every window is kept."""
     return [*((one, two.start) for one, two in pairwise(windows)), *((w, w.end) for w in windows[-1:])]
 
 
-def _taken_for_true(o: ObservationLog, window: _Window, end_gpst: np.datetime64, assumes: tuple[str, ...]) -> Evidence:
-    return Evidence(
-        detector=DETECTOR,
-        start_gpst=window.start,
-        end_gpst=end_gpst,
-        subject=tuple(SignalRef(o.receiver, signal) for signal in window.sets[0].signals),
-        says="authentic",
-        because=f"the only sky of {o.receiver}, before a second one was seen",
-        assumes=assumes,
-    )
+def _at_home(found: Sequence[Evidence]) -> Iterator[Evidence]:
+    """Each signal on the side only where it was found most: while skies are near, a false signal may fit the true one.
 
-
-def _judged(
-    o: ObservationLog, window: _Window, state: _State, assumes: tuple[str, ...], rules: ChoiceRules, *, first: bool
-) -> tuple[list[Evidence], _State]:
-    shown = [_shown(s, state, o) for s in window.sets]
-    expected = state.foresight.at(shown[0].whole.gpst)
-    near = [replace(one, whole=_wrapped(one.whole, expected)) for one in shown] if expected is not None else []
-    if expected is None or not all(set(expected.there) & set(one.whole.there) for one in near):
-        return [], state
-    if len(near) == 1:
-        return _alone(o, window, near[0], expected, state, assumes)
-    if not window.attacked:
-        return [], state
-    choice = choose(
-        expected, [one.whole for one in near], most_wrong=rules.most_wrong, false_alarm_probability=_REFUSED
-    )
-    if choice.chosen is None:
-        return [_open(o, window, near, choice, state.foresight, rules)], state
-    taken = window.sets[choice.chosen]
-    state = replace(
-        state,
-        foresight=state.foresight.followed(near[choice.chosen]),
-        bias_s=taken.clock_bias_s,
-        chosen=frozenset(taken.signals),
-        refused=frozenset(signal for s in window.sets if s is not taken for signal in s.signals),
-    )
-    return _chosen(o, window, near, choice, state.foresight, assumes, first=first), state
-
-
-def _alone(
-    o: ObservationLog, window: _Window, shown: SkyFix, expected: Known, state: _State, assumes: tuple[str, ...]
-) -> tuple[list[Evidence], _State]:
-    """A sky without another one beside it, after the second was seen: it is taken if it is the one chosen before."""
-    (only,) = window.sets
-    same = len(state.chosen.intersection(only.signals)) >= _MOSTLY * len(only.signals)
-    if not same or state.refused.intersection(only.signals) or _fit(expected, shown.whole) < _GOES_ON:
-        return [], state
-    said = replace(
-        _taken_for_true(o, window, window.end, assumes),
-        because=f"the signals of {o.receiver} that were chosen before go on as expected by {state.foresight.by}",
-    )
-    return [said], replace(
-        state,
-        foresight=state.foresight.followed(shown),
-        bias_s=only.clock_bias_s,
-        chosen=state.chosen.union(only.signals),
-    )
-
-
-# ---------------------------------------------------------------------- fixes
-
-
-def _reference_kind(s: ConsistentSet) -> _Kind:
-    """The kind of signal that the set's clock is of."""
-    return next((kind for kind, off_s in s.offsets_s.items() if off_s == 0.0), s.signals[0].kind)
-
-
-def _shown(s: ConsistentSet, state: _State, o: ObservationLog) -> SkyFix:
-    """What a set shows, at the instant that the receiver's label is less the clock bias that was last taken for true:
-    a false sky's own time is of no account."""
-    gpst = s.gpst - np.timedelta64(round(state.bias_s * 1e9), "ns")
-    clock_m = SPEED_OF_LIGHT_M_S * s.clock_of_s(state.kind or _reference_kind(s))
-    mean, covariance = np.zeros(KNOWN), np.diag(np.full(KNOWN, np.inf))
-    rows = np.array([0, 1, 2, 6])[: 4 if np.isfinite(clock_m) else 3]
-    mean[rows] = np.append(s.position_ecef_m, clock_m)[: rows.size]
-    covariance[np.ix_(rows, rows)] = s.covariance_m2[: rows.size, : rows.size]
-    return SkyFix(whole=Known(gpst=gpst, mean=mean, covariance=covariance))
-
-
-def _wrapped(fix: Known, expected: Known) -> Known:
-    """A fix with its clock within half a millisecond of the expected one: receivers set theirs by whole ones."""
-    mean = fix.mean.copy()
-    mean[6] -= _MS_M * np.rint((mean[6] - expected.mean[6]) / _MS_M) if 6 in expected.there else 0.0
-    return replace(fix, mean=mean)
-
-
-def _fit(expected: Known, fix: Known) -> float:
-    """p-value of a fix's distance from what was expected; 1 where nothing of it was."""
-    if not set(expected.there) & set(fix.there):
-        return 1.0
-    return float(choose(expected, [_wrapped(fix, expected)]).fits[0])
-
-
-# ---------------------------------------------------------------------- words
-
-
-def _chosen(
-    o: ObservationLog,
-    window: _Window,
-    shown: Sequence[SkyFix],
-    choice: Choice,
-    foresight: Foresight,
-    assumes: tuple[str, ...],
-    *,
-    first: bool,
-) -> list[Evidence]:
-    assert choice.chosen is not None
-    wrong = max(choice.wrong_probability, _LEAST_SHOWN)
-    fits = {number: float(fit) for number, fit in enumerate(choice.fits)}
-    true_fit = fits.pop(choice.chosen)
-    words = f"of {len(shown)} skies of {o.receiver}, {_apart(shown, choice)}, "
-    stated = f"the probability that this is the wrong choice is {wrong:.0e} or less"
-    common = Evidence(
-        detector=DETECTOR,
-        start_gpst=window.start,
-        end_gpst=window.end,
-        subject=_refs(o, window.sets[choice.chosen]),
-        says="authentic",
-        because=f"{words}this one fits {foresight.by}; {stated}",
-        false_alarm_probability=_REFUSED,
-        p_value=max(fits.values()),
-        log_likelihood_ratio=float(np.log1p(-wrong) - np.log(wrong)),
-        assumes=assumes,
-    )
-    seen = iso(window.start, 0)[11:]
-    noted = replace(
-        common,
-        because=f"which of {len(shown)} skies of {o.receiver} is true was chosen from {seen} on by {foresight.by}; "
-        f"{stated}",
-        noted=True,
-    )
-    others = [
-        replace(
-            common,
-            subject=_refs(o, window.sets[number]),
-            says="spoofed",
-            because=f"{words}this one does not fit {foresight.by} (p = {fit:.0e}), and another one does (p = "
-            f"{true_fit:.2g}); {stated}",
-            p_value=fit,
-            assumes=(),
-            whole_sky=True,
-        )
-        for number, fit in fits.items()
-    ]
-    return [noted if first else common, *others]
-
-
-def _open(
-    o: ObservationLog,
-    window: _Window,
-    shown: Sequence[SkyFix],
-    choice: Choice,
-    foresight: Foresight,
-    rules: ChoiceRules,
-) -> Evidence:
-    fit = float(np.max(choice.fits))
-    if fit < _REFUSED:
-        why = f"none of them fits {foresight.by} (p = {fit:.0e})"
-    elif choice.wrong_probability > rules.most_wrong:
-        why = (
-            f"by {foresight.by} the likelier one is wrong with a probability of {choice.wrong_probability:.2g}, more "
-            f"than the limit of {rules.most_wrong:g}"
-        )
-    else:
-        why = f"in what {foresight.by} shows they do not differ by more than their noise"
-    return Evidence(
-        detector=DETECTOR,
-        start_gpst=window.start,
-        end_gpst=window.end,
-        subject=tuple(ref for s in window.sets for ref in _refs(o, s)),
-        says="undecided",
-        because=f"of {len(shown)} skies of {o.receiver}, {_apart(shown, choice)}, none is chosen: {why}",
-        false_alarm_probability=_REFUSED,
-        p_value=fit,
-        would_need="skies that part farther, or a better prediction: an inertial unit, a better oscillator, a surveyed "
-        "position",
-    )
-
-
-def _apart(shown: Sequence[SkyFix], choice: Choice) -> str:
-    """How far the likeliest two are from each other."""
-    one, other = (shown[k].whole for k in np.argsort(-choice.probabilities)[:2])
-    off = one.mean - other.mean
-    return f"{np.linalg.norm(off[:3]):.0f} m and {abs(off[6]) / SPEED_OF_LIGHT_M_S * 1e9:.0f} ns apart"
-
-
-def _refs(o: ObservationLog, s: ConsistentSet) -> tuple[SignalRef, ...]:
-    return tuple(SignalRef(o.receiver, signal) for signal in s.signals)
+    What a channel followed before the choice is of no account.
+    """
+    count: Counter[SignalRef] = Counter()
+    for e in found:
+        count.update(dict.fromkeys(e.subject, _SIDES.get(e.says, 0)))
+    for e in found:
+        side = _SIDES.get(e.says)
+        own = tuple(ref for ref in e.subject if side is None or side * count[ref] > 0)
+        if own:
+            yield replace(e, subject=own)

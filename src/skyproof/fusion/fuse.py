@@ -6,7 +6,6 @@ that overrules it; everything else is *undecided*, with what would decide it.
 Nothing here knows a particular detector.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -61,7 +60,7 @@ def fuse(
     false = [s for s in labels if s.label == "spoofed"]
     everyone = {o.receiver for o in observations}
     if attacked:
-        trusted = _vouched_for(labels, observations, sets)
+        trusted = _vouched_for(labels, observations, evidence)
         named = {ref.receiver for source in sources for ref in source.signals}
         skies = skies_of((s for s in sets if s.receiver not in named), first=len(sources) + 1)
         onset, until = _time_line(false, skies, observations)
@@ -90,14 +89,13 @@ def fuse(
 
 
 def _vouched_for(
-    labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog], sets: Sequence[ConsistentSet]
+    labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog], evidence: Sequence[Evidence]
 ) -> set[str]:
-    """Receivers with authentic signals; of one that receives two skies those before the second do not count."""
-    doubled = Counter((s.receiver, s.gpst) for s in sets)
+    """Receivers with authentic signals; those before the first evidence of an attack on the receiver do not count."""
     since: dict[str, np.datetime64] = {}
-    for (receiver, gpst), count in sorted(doubled.items()):
-        if count > 1:
-            since.setdefault(receiver, gpst)
+    for e in evidence:
+        for receiver in {ref.receiver for ref in e.subject} if e.says == "attack" else ():
+            since[receiver] = min(e.start_gpst, since.get(receiver, e.start_gpst))
     gpst_of = {o.receiver: o.gpst for o in observations}
     return {
         s.ref.receiver

@@ -5,7 +5,7 @@ follows the sky that was chosen. What it learned of a place that stays is not mo
 chosen sky away slowly does not lead the expectation away with it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Protocol, Self
 
@@ -14,7 +14,7 @@ import numpy as np
 from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import Oscillator
-from skyproof.navigation.known import KNOWN, Known
+from skyproof.navigation.known import KNOWN, Known, without
 from skyproof.navigation.prediction import standing_still
 
 __all__ = ["Foresight", "SkyFix", "Standing", "surveyed"]
@@ -27,22 +27,28 @@ _OPEN_DRIFT_M_S: Final = 1e-4 * SPEED_OF_LIGHT_M_S  # of a crystal of which noth
 class SkyFix:
     """What one sky shows in one window.
 
-    whole : of the window, at its middle. each : makes the fixes of its epochs, for whoever needs them.
+    whole : of the window, at its middle. each : the fixes of its epochs.
     """
 
     whole: Known
-    each: Callable[[], Sequence[Known]] = tuple
+    each: Sequence[Known] = ()
 
 
 class Foresight(Protocol):
-    """Of one receiver. by : what it rests on, in words; assumes : what that takes for given."""
+    """Of one receiver. by : what it rests on, in words; assumes : what that takes for given. moves : whether it
+    learns from the fixes of epochs, velocity too."""
 
     @property
     def by(self) -> str: ...
     @property
     def assumes(self) -> tuple[str, ...]: ...
+    @property
+    def moves(self) -> bool: ...
     def at(self, gpst: np.datetime64) -> Known | None:
         """What a fix of the true sky would show then; None if nothing is known."""
+
+    def until(self, gpst: np.datetime64) -> Self:
+        """Carried on to then: what is earlier will not be asked for."""
 
     def learned(self, shown: SkyFix) -> Self:
         """With what a sky shows that is taken for true."""
@@ -67,6 +73,7 @@ class Standing:
     known: Known | None = None
     lasting: Reals | None = None
     surveyed: bool = False
+    moves: bool = False
 
     def at(self, gpst: np.datetime64) -> Known | None:
         if self.known is None:
@@ -76,6 +83,9 @@ class Standing:
             return None
         lasting = 0.0 if self.lasting is None else self.lasting
         return Known(gpst=gpst, mean=carried.mean, covariance=carried.covariance + lasting)
+
+    def until(self, gpst: np.datetime64) -> "Standing":
+        return self
 
     def learned(self, shown: SkyFix) -> "Standing":
         return self._taken(shown.whole, place=self.stands and not self.surveyed)
@@ -87,7 +97,7 @@ class Standing:
         carried = standing_still(known, gpst, self.oscillator or Oscillator())
         open_ = np.zeros(KNOWN, np.bool_)
         open_[:6], open_[6:] = not self.stands, self.oscillator is None
-        return _without(carried, np.flatnonzero(open_))
+        return without(carried, np.flatnonzero(open_))
 
     def _taken(self, fix: Known, *, place: bool) -> "Standing":
         rows = np.concatenate((_PLACE if place else [], _CLOCK if self.oscillator is not None else [])).astype(np.intp)
@@ -115,14 +125,6 @@ def surveyed(foresight: Standing, position_ecef_m: Reals, position_m2: Reals) ->
 
 def _nothing(gpst: np.datetime64) -> Known:
     return Known(gpst=gpst, mean=np.zeros(KNOWN), covariance=np.diag(np.full(KNOWN, np.inf)))
-
-
-def _without(known: Known, rows: Indices) -> Known:
-    """As if those were not known."""
-    covariance = known.covariance.copy()
-    covariance[rows, :] = covariance[:, rows] = 0.0
-    covariance[rows, rows] = np.inf
-    return Known(gpst=known.gpst, mean=known.mean, covariance=covariance)
 
 
 def _parted(known: Known) -> Known:

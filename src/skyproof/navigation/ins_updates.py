@@ -34,7 +34,7 @@ from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import atmosphere, corrected_ranges, space_sigma_m, time_scales
 from skyproof.records import NavigationData, Observations, SignalId
 
-__all__ = ["by_fix", "by_gravity", "by_heading", "by_ranges", "by_rest", "expected"]
+__all__ = ["antenna_of", "by_fix", "by_gravity", "by_heading", "by_ranges", "by_rest", "expected"]
 
 _SPIN: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 
@@ -66,6 +66,13 @@ def _antenna(state: InsState, settings: InsSettings, gpst: np.datetime64) -> _An
     h[6] += ahead_s * h[7]
     place = state.position_ecef_m + arm + ahead_s * speed + 0.5 * ahead_s**2 * pull
     return _Antenna(np.concatenate((place, speed + ahead_s * pull, clock_m)), h)
+
+
+def antenna_of(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> Known:
+    """What is true of the antenna, at the state's instant or one near it."""
+    gpst = state.gpst if gpst is None else gpst
+    mean, h = _antenna(state, settings, gpst)
+    return Known(gpst=gpst, mean=mean, covariance=h @ state.covariance @ h.T)
 
 
 def expected(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> Known:

@@ -1,14 +1,22 @@
 """What is known of one antenna at one instant: position, velocity and clock with their covariance."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
-from skyproof.records import freeze
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import seconds_between
+from skyproof.records import Fix, FixStatus, freeze
 
-__all__ = ["KNOWN", "Known", "known"]
+__all__ = ["KNOWN", "Known", "known", "known_of", "without"]
 
+_RATE_SIGMA_M_S: Final = 0.05
+"""Of a velocity by Doppler, one sigma for each metre of the position's over `_RANGE_SIGMA_M`: reflections, beside
+which the carrier's own noise is small."""
+_RANGE_SIGMA_M: Final = 1.0
 KNOWN = 8
 """Numbers: ECEF position and velocity, c times clock bias and drift."""
 
@@ -57,3 +65,34 @@ def known(
         if value is not None:
             mean[rows], covariance[rows, rows] = value, spread
     return Known(gpst=gpst, mean=mean, covariance=covariance)
+
+
+def without(one: Known, rows: Indices) -> Known:
+    """As if those of the eight were not known."""
+    covariance = one.covariance.copy()
+    covariance[rows, :] = covariance[:, rows] = 0.0
+    covariance[rows, rows] = np.inf
+    return Known(gpst=one.gpst, mean=one.mean, covariance=covariance)
+
+
+def known_of(fix: Fix, *, every_s: float = 0.0) -> Iterator[Known]:
+    """The epochs of a fix, at least so far apart, with velocity and drift where there are any.
+
+    The covariance of velocity and drift is not in the fix: it has the geometry of that of position and clock, with
+    ranges of 1 m for rates of 0.05 m/s.
+    """
+    last: np.datetime64 | None = None
+    for row in np.flatnonzero(fix.status == FixStatus.OK):
+        gpst = fix.gpst[row]
+        if last is not None and seconds_between(gpst, last) < every_s:
+            continue
+        last = gpst
+        rate = np.append(fix.velocity_ecef_m_s[row], SPEED_OF_LIGHT_M_S * fix.clock_drift[row])
+        place = np.append(fix.position_ecef_m[row], SPEED_OF_LIGHT_M_S * fix.clock_bias_s[row])
+        mean, covariance = np.zeros(KNOWN), np.diag(np.full(KNOWN, np.inf))
+        places, rates = np.array([0, 1, 2, 6]), np.array([3, 4, 5, 7])
+        mean[places], covariance[np.ix_(places, places)] = place, fix.covariance_m2[row]
+        if np.isfinite(rate).all():
+            share = (_RATE_SIGMA_M_S / _RANGE_SIGMA_M) ** 2
+            mean[rates], covariance[np.ix_(rates, rates)] = rate, share * fix.covariance_m2[row]
+        yield Known(gpst=gpst, mean=mean, covariance=covariance)

@@ -293,7 +293,7 @@ def test_wrong_axes_are_noticed_by_gravity(tmp_path):
         open_body(platform(imu=imu(tmp_path, axes="flu")), "p.toml")
 
 
-def test_readings_without_an_initial_attitude_are_read_and_said_to_be_unused(tmp_path):
+def test_readings_without_an_initial_attitude_are_read_and_that_is_reported(tmp_path):
     unit = imu(tmp_path)
     carrier = with_imu(platform(), unit["file"])
     files = open_body(carrier)
@@ -301,7 +301,9 @@ def test_readings_without_an_initial_attitude_are_read_and_said_to_be_unused(tmp
     ((path, kind, remarks),) = files.remarks(None, window(0.0, 10.0))
     assert (path, kind) == (unit["file"], "inertial readings")
     assert files.sums[path] == sha256(path)
-    assert "not used: the attitude at the first reading is not stated" in remarks[-1]
+    assert remarks[-1].startswith("the attitude at the first reading is not stated: it is found from the motion")
+    late = files.remarks(None, window(1e5, 2e5), files.imu.series(START))
+    assert "not used: it is of 2022-01-01T10:29:58.0" in next(late)[2][-1]
     with pytest.raises(InputError, match=r"none\.csv does not exist"):
         open_body(with_imu(platform(imu=unit), "none.csv"))
 

@@ -54,6 +54,21 @@ def test_positions_that_are_not_all_there_say_nothing_of_the_antennas_and_are_us
     assert settings.antennas_enu_m is None
 
 
+@pytest.mark.parametrize(
+    ("tables", "used_by"),
+    [
+        ({}, True),
+        ({"motion": "moving"}, True),
+        ({"motion": "static"}, False),
+        ({"receivers": SURVEYED[:1]}, False),
+        ({"receivers": SURVEYED[:1], "motion": "moving"}, True),
+    ],
+)
+def test_an_inertial_unit_is_used_where_a_receiver_may_move(tables: dict[str, Any], used_by: bool) -> None:
+    _, remarks = used(names=NAMES[:1], imu={"file": "imu.csv"}, **tables)
+    assert any("imu" in remark for remark in remarks) != used_by
+
+
 def test_the_oscillator_is_a_setting_and_an_option_comes_before_it() -> None:
     settings, remarks = used(oscillator="ocxo")
     assert (settings.oscillator, remarks) == ("ocxo", ())
@@ -153,7 +168,7 @@ def test_what_no_method_uses_stands_in_one_remark() -> None:
         "receivers": [{"line_bias_cyc": [0.1], "spin": {"radius_m": 0.1, "rate_hz": 0.5}}],
     }
     _, remarks = used(names=["a"], **tables)
-    keys = "motion, attitude, imu, receivers[0].line_bias_cyc"
+    keys = "motion, attitude, receivers[0].line_bias_cyc"
     assert remarks == (f"{keys}: read, used by no method of this run",)
 
 

@@ -14,11 +14,17 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge
 from skyproof.app.protect.coasting import trusted_and_coasted
 from skyproof.app.protect.document import Outcome, document
+from skyproof.app.protect.foresights import InertialUnit, foresights_of
+from skyproof.gnss.frames import heading_pitch_roll_rad
+from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.records import FixStatus
+from skyproof.gnss.oscillators import OSCILLATORS
+from skyproof.navigation.ins import InsSettings
+from skyproof.records import Attitude, FixStatus
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver, Sky, Takeover
 from skyproof.simulator.sky import scene_of
+from skyproof.simulator.truth import imus_of
 from skyproof.verdict import Verdict
 
 NAVIGATION = nominal_constellation(START)
@@ -46,16 +52,21 @@ def led_away(
     oscillator: str = "ocxo",
     heading_deg: float = 90.0,
     seed: int = 1,
+    zenith_cn0_dbhz: float = 50.0,
     **receiver: object,
 ) -> Scene:
     """A receiver whose signals are taken over at the onset, aligned, and drawn off from 3 s later on to the end."""
     own = PLACES[0].model_dump(exclude_unset=True) | {"lo_ppm": 0.4, "oscillator": oscillator} | receiver
+    if "path" in receiver:
+        transmit = TRANSMIT
+    else:
+        transmit = TRANSMIT
     begin_s, long_s = onset_s + 3.0, duration_s - onset_s - 3.0
     far_m, late_s = speed_m_s * long_s, clock_m_s / WAVE_M_S * long_s
     east, north = np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg))
     attack = Takeover(
         target="bow",
-        transmit=TRANSMIT,
+        transmit=transmit,
         power_db=power_db,
         onset_s=onset_s,
         away_points_enu_m=((begin_s, 0.0, 0.0, 0.0), (duration_s, far_m * east, far_m * north, 0.0)),
@@ -68,7 +79,7 @@ def led_away(
         receivers=(SceneReceiver(**own),),
         attacks=(attack,),
         front_end=FrontEnd(),
-        sky=Sky(zenith_cn0_dbhz=50.0, horizon_cn0_dbhz=42.0),
+        sky=Sky(zenith_cn0_dbhz=zenith_cn0_dbhz, horizon_cn0_dbhz=zenith_cn0_dbhz - 8.0),
     )
     return scene_of(scenario, NAVIGATION)
 
@@ -76,7 +87,8 @@ def led_away(
 @dataclass(frozen=True, eq=False)
 class Judged:
     """off_m, sigma_m (n,) of all trusted fixes in space; source (n,) where each comes from; at_s (n,) since the start.
-    wrong : whether a signal was called what it is not for a second and more."""
+    wrong : whether a signal was called what it is not for a second and more. wrong_sky : whether most signals of the
+    sky that was chosen first were false; None where nothing was chosen."""
 
     outcome: Outcome
     verdict: Verdict
@@ -85,6 +97,7 @@ class Judged:
     source: np.ndarray
     at_s: np.ndarray
     wrong: bool
+    wrong_sky: bool | None
 
 
 def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0.5, **judging: object) -> Judged:
@@ -116,7 +129,37 @@ def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0
         np.concatenate(source or empty),
         np.concatenate(at_s or empty),
         bool(faults),
+        _wrong_sky(heard, outcome),
     )
+
+
+def inertia_of(scene: Scene, settings: Settings, grade: str, *, attitude_deg: float | None = 1.0, seed: int = 1):
+    """What is to be expected by the scene's unit, whose attitude at the first reading is stated with this error."""
+    unit = imus_of(scene)["bow"]
+    readings = unit.read(0, unit.n_samples)
+    true = scene.trajectories["bow"].at(np.zeros(1))
+    rng, initial = np.random.default_rng(seed), None
+    if attitude_deg is not None:
+        angles = np.stack(heading_pitch_roll_rad(true.position_ecef_m[0], true.attitude[0]))
+        sigma_rad = float(np.radians(attitude_deg))
+        initial = Attitude(
+            gpst=readings.gpst[:1],
+            angles_rad=(angles + sigma_rad * rng.standard_normal(3))[None],
+            sigma_rad=sigma_rad,
+        )
+    ins = InsSettings(grade=GRADES[grade], oscillator=OSCILLATORS["tcxo"])
+    own = InertialUnit(readings=readings, settings=ins, levers_m={"bow": np.zeros(3)}, initial=initial)
+    return foresights_of(["bow"], settings, unit=own)
+
+
+def _wrong_sky(heard, outcome: Outcome) -> bool | None:
+    first = next((e for e in outcome.evidence if e.detector == "prediction" and e.noted), None)
+    if first is None:
+        return None
+    o = heard.reception.observations
+    rows = slice(*np.searchsorted(o.gpst, np.array([first.start_gpst, first.end_gpst])))
+    shares = heard.false_share[rows][:, [o.signals.index(ref.signal) for ref in first.subject]]
+    return bool(np.nanmean(shares > 0.5) > 0.5)
 
 
 def choice_of(found: Judged):

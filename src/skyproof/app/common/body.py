@@ -9,7 +9,8 @@ does not reach from the attitude stated for the body. The position comes
   the attitude's variance holds for each of the positions that signals show in the window: signals that are true have a
   covariance that is, and those that are false gain nothing by it.
 
-Neither velocity nor position is carried on from the inertial unit: that would have to begin at a trusted position.
+Neither velocity nor position is carried on from the inertial unit here: that begins at fixes which are taken for true
+(`navigation.inertial_foresight`).
 """
 
 from collections.abc import Iterator, Mapping
@@ -54,19 +55,22 @@ class BodyFiles:
     initial: Attitude | None = None
     sums: Mapping[str, str] = field(default_factory=dict)
 
-    def remarks(self, body: "Body | None", run: Records) -> Iterator[tuple[str, str, tuple[str, ...]]]:
-        """Name, kind and remarks of each file, once its part in a run is known."""
+    def remarks(
+        self, body: "Body | None", run: Records, readings: ImuSeries | None = None
+    ) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+        """Name, kind and remarks of each file, once its part in a run is known. readings : in GPS time."""
         stated = None if body is None else body.stated
-        readings = None if body is None else body.readings
+        if readings is None and body is not None:
+            readings = body.readings
         if self.imu is not None:
-            words = _UNALIGNED if self.initial is None else _apart(readings, run)
+            words = _apart(readings, run) or (_UNALIGNED if self.initial is None else ())
             yield self.imu.source, "inertial readings", self.imu.remarks + words
         if self.attitude is not None:
             yield self.attitude.source, "attitude", self.attitude.remarks + _apart(stated, run)
 
 
 _UNALIGNED: Final = (
-    "not used: the attitude at the first reading is not stated, and aligning from the motion is not supported yet; "
+    "the attitude at the first reading is not stated: it is found from the motion, for positions only; for directions "
     "give initial in [imu] of a platform file",
 )
 

@@ -298,12 +298,13 @@ class PlatformImu(Model):
     )
     lever_arm_m: Vector = Field(
         default=(0.0, 0.0, 0.0),
-        description="From the unit to the first receiver's first antenna: forward, right, down, metres.",
+        description="From the unit to the first receiver's first antenna: forward, right, down, metres. To other "
+        "receivers it follows from body_m of both.",
         examples=[[0.4, 0.0, -1.2]],
     )
     initial: InitialAttitude | None = Field(
         default=None,
-        description="The attitude at the first reading; without it the readings are not used.",
+        description="The attitude at the first reading; without it, it is found from the motion, for positions only.",
         examples=[{"heading_deg": 40.0, "pitch_deg": 0.6, "roll_deg": 0.0, "sigma_deg": 0.5}],
     )
 

@@ -111,7 +111,7 @@ def settings_of(
         elif places.keys:
             remarks.append(f"{stated} is a setting of this run, and comes before {', '.join(sorted(places.keys))}")
             use = use + _Use(keys=places.keys)
-    use = use + _Use(keys=_of_body(platform) | _places(platform))
+    use = use + _Use(keys=_of_body(platform) | _expected(platform))
     unused = [key for key in _given(platform) if key not in use.keys]
     if unused:
         remarks.append(f"{', '.join(unused)}: read, used by no method of this run")
@@ -138,11 +138,14 @@ def _of_body(platform: Platform) -> frozenset[str]:
     return frozenset({"attitude", "imu", *place})
 
 
-def _places(platform: Platform) -> frozenset[str]:
-    """The keys of surveyed positions, by which `foresights` chooses between skies."""
+def _expected(platform: Platform) -> frozenset[str]:
+    """The keys by which `foresights` chooses between skies: surveyed positions, and inertia of what may move."""
+    tables = platform.receivers
     if platform.motion == "moving":
-        return frozenset()
-    return frozenset(f"receivers[{k}].position" for k, table in enumerate(platform.receivers) if table.position)
+        return frozenset({"imu"})
+    moves = platform.motion is None and not (tables and all(table.position for table in tables))
+    places = {f"receivers[{k}].position" for k, table in enumerate(tables) if table.position}
+    return frozenset(places | ({"imu"} if moves else set()))
 
 
 def _speed(platform: Platform) -> _Use:

@@ -1,21 +1,32 @@
-"""Where a receiver is while nothing is trusted: carried on from its last trusted fix.
+"""Where a receiver is while nothing is trusted: carried on from its trusted fixes. A false signal does not move it.
 
 A receiver that is known to stand is where it was, as well known as it was, for as long as it takes. Its clock runs on
 with the last drift; how far that is off is not stated. What is carried from stretch to stretch is the last trusted fix
-and nothing else: a false signal does not move it.
+and nothing else.
+
+One that has an inertial unit is where its navigator is, which all trusted fixes corrected, as well known as that says.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
-from skyproof.app.protect.positions import STRETCH_EPOCHS, Positions
+from skyproof.app.protect.positions import STRETCH_EPOCHS, Positions, epochs_of
 from skyproof.arrays import Instants, Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
+from skyproof.navigation.foresight import SkyFix
+from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.known import Known, known_of
 from skyproof.records import Fix, FixStatus
 
-__all__ = ["Last", "stands", "step", "trusted_and_coasted"]
+__all__ = ["Flown", "Last", "flown_on", "stands", "step", "trusted_and_coasted"]
+
+_EVERY_S: Final = 1.0  # between the fixes that are learned of
+_NOISE_SHARE: Final = 0.25  # of the variance
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -70,6 +81,72 @@ def step(last: Last | None, receiver: str, gpst: Instants, fix: Fix | None) -> t
     ), after
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Flown:
+    """What is carried of a receiver that moves: what is expected of it, and its last trusted fix."""
+
+    foresight: Inertial
+    last: Last | None = None
+
+
+def flown_on(flown: Flown, receiver: str, gpst: Instants, fix: Fix | None) -> tuple[Fix | None, Flown]:
+    """Fixes by inertia at those of a receiver's epochs (n,) that have none, and what is carried on after them.
+
+    Smoothed fixes share most of their errors: the whole of them is taken for lasting, some more for noise.
+    gpst : labels by the receiver's clock. fix : the trusted ones at the same epochs, None if there are none.
+    """
+    good = np.zeros(gpst.size, np.bool_) if fix is None else np.asarray(fix.status == FixStatus.OK)
+    foresight, last, found = flown.foresight, flown.last, list[Known]()
+    for first, stop in pairwise([0, *(np.flatnonzero(good[1:] != good[:-1]) + 1), gpst.size]):
+        if fix is not None and good[first:stop].all():
+            own = list(known_of(epochs_of(fix, slice(first, stop)), every_s=_EVERY_S))
+            foresight = foresight.learned(SkyFix(whole=own[0], each=tuple(map(_noise, own))))
+            last = _of(fix, gpst, stop - 1)
+            continue
+        if last is not None:
+            foresight = _free(foresight, last, gpst[first:stop], found)
+    return (_fixes(receiver, found) if found else None), Flown(foresight=foresight, last=last)
+
+
+def _free(foresight: Inertial, last: Last, gpst: Instants, found: list[Known]) -> Inertial:
+    """Carried on over epochs, what is true at which is added to `found`; a clock that is not known runs on."""
+    for label in gpst:
+        bias_s = _bias_s(last, label)
+        at = label - np.timedelta64(round(bias_s * 1e9), "ns")
+        foresight = foresight.until(at)
+        if (true := foresight.truth_at(at)) is not None:
+            clock_m = SPEED_OF_LIGHT_M_S * np.array([bias_s, last.clock_drift])
+            known = np.isfinite(np.diag(true.covariance))
+            found.append(replace(true, mean=np.where(known, true.mean, np.append(np.zeros(6), clock_m))))
+    return foresight
+
+
+def _bias_s(last: Last, gpst: np.datetime64) -> float:
+    """Of a clock that runs on."""
+    return last.clock_bias_s + float(seconds_between(gpst, last.gpst)) * float(np.nan_to_num(last.clock_drift))
+
+
+def _noise(fix: Known) -> Known:
+    return replace(fix, covariance=_NOISE_SHARE * fix.covariance)
+
+
+def _fixes(receiver: str, found: Sequence[Known]) -> Fix:
+    means, spreads = (np.stack([getattr(one, name) for one in found]) for name in ("mean", "covariance"))
+    rows = np.array([0, 1, 2, 6])
+    return Fix(
+        receiver=receiver,
+        signals=(),
+        gpst=np.array([one.gpst for one in found]),
+        position_ecef_m=means[:, :3],
+        velocity_ecef_m_s=means[:, 3:6],
+        clock_bias_s=means[:, 6] / SPEED_OF_LIGHT_M_S,
+        clock_drift=means[:, 7] / SPEED_OF_LIGHT_M_S,
+        covariance_m2=spreads[:, rows[:, None], rows],
+        residual_m=np.empty((len(found), 0)),
+        status=np.full(len(found), FixStatus.OK, np.uint8),
+    )
+
+
 def _of(fix: Fix, gpst: Instants, row: int) -> Last:
     return Last(
         gpst=gpst[row],
@@ -83,10 +160,15 @@ def _of(fix: Fix, gpst: Instants, row: int) -> Last:
 def trusted_and_coasted(positions: Positions) -> Iterator[tuple[str, Fix]]:
     """The trusted fixes of a run, stretch by stretch, each with where it comes from: "satellites" or "inertia"."""
     log, last = positions.log, None
+    flown = Flown(foresight=positions.foresight) if isinstance(positions.foresight, Inertial) else None
     for rows, fix in _stretches(positions):
         if fix is not None:
             yield "satellites", fix
-        if stands(positions):
+        if flown is not None:
+            between, flown = flown_on(flown, log.receiver, log.gpst[rows], fix)
+            if between is not None:
+                yield "inertia", between
+        elif stands(positions):
             between, last = step(last, log.receiver, log.gpst[rows], fix)
             if between is not None:
                 yield "inertia", between

@@ -12,10 +12,11 @@ from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.trusted import carries, fix_of, masked, of_signals
 from skyproof.fusion.unprotected import followed
+from skyproof.navigation.foresight import Foresight
 from skyproof.navigation.smooth import smooth
 from skyproof.records import Fix, FixStatus, NavigationData, ObservationLog, SignalId
 
-__all__ = ["KINDS", "STRETCH_EPOCHS", "Positions", "Track", "positions_of"]
+__all__ = ["KINDS", "STRETCH_EPOCHS", "Positions", "Track", "epochs_of", "positions_of"]
 
 KINDS: Final = ("trusted", "false", "unprotected")
 """Of a receiver's fixes. Others are named as the sources of false signals, or as skies of which one may be true."""
@@ -42,12 +43,14 @@ class Track:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Positions:
-    """masks : by kind, which cells (n_epochs, n_channels) of the log its fixes are made of."""
+    """masks : by kind, which cells (n_epochs, n_channels) of the log its fixes are made of. foresight : what is to be
+    expected of the receiver, before anything was learned."""
 
     log: ObservationLog
     orbits: NavigationData
     settings: Settings
     masks: Mapping[str, Callable[[], Booleans]]
+    foresight: Foresight | None = None
 
     def stretches(self, kind: str) -> Iterator[tuple[int, Fix]]:
         """The fixes of a kind as stretches, each with the epoch that it begins at; those without any are left out.
@@ -92,7 +95,7 @@ class Positions:
             good = np.flatnonzero(fix.status == FixStatus.OK)
             gpst[first + good], bias_s[first + good] = fix.gpst[good], fix.clock_bias_s[good]
             place_m[first + good] = fix.position_ecef_m[good]
-            last = _epochs(fix, good[-1:]) if good.size else last
+            last = epochs_of(fix, good[-1:]) if good.size else last
         if last is None:
             return None
         return Track(gpst=gpst, position_ecef_m=place_m, clock_bias_s=bias_s, last=last)
@@ -127,7 +130,13 @@ class Positions:
         return Fix(receiver=self.log.receiver, signals=signals, inter_system_s=offsets, **values)
 
 
-def positions_of(log: ObservationLog, decision: Decision, orbits: NavigationData, settings: Settings) -> Positions:
+def positions_of(
+    log: ObservationLog,
+    decision: Decision,
+    orbits: NavigationData,
+    settings: Settings,
+    foresight: Foresight | None = None,
+) -> Positions:
     """Of a receiver: from authentic signals, from spoofed ones, as a receiver without protection has them, and what
     each source of false signals shows, or each sky where it is open which is true.
     """
@@ -147,10 +156,10 @@ def positions_of(log: ObservationLog, decision: Decision, orbits: NavigationData
         for source in sources:
             own = tuple(ref.signal for ref in source.signals if ref.receiver == log.receiver)
             masks[source.name] = showing(own, decided)
-    return Positions(log=log, orbits=orbits, settings=settings, masks=masks)
+    return Positions(log=log, orbits=orbits, settings=settings, masks=masks, foresight=foresight)
 
 
-def _epochs(fix: Fix, rows: Any) -> Fix:
+def epochs_of(fix: Fix, rows: Any) -> Fix:
     """Some epochs of a fix."""
     per_epoch: dict[str, Any] = {
         f.name: getattr(fix, f.name)[rows] for f in fields(fix) if isinstance(getattr(fix, f.name), np.ndarray)

@@ -20,7 +20,7 @@ from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, detectors_for, examine_all, following_epochs, windows_of
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.protect.duplicates import one_receiver_each
-from skyproof.app.protect.foresights import foresights_of
+from skyproof.app.protect.foresights import foresights_of, unit_of
 from skyproof.app.protect.outputs import evidence_line, write_outputs
 from skyproof.app.protect.positions import positions_of
 from skyproof.app.receive.inputs import antennas_of, open_inputs
@@ -121,7 +121,9 @@ def protect(
         receptions = [_with_common_time(r, receptions) for r in receptions]
         receptions = one_receiver_each(receptions, settings)
         settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
-        body = body_of(carrier, body_files, _span_of(receptions).start_gpst, settings.max_separation_m)
+        start_gpst = _span_of(receptions).start_gpst
+        body = body_of(carrier, body_files, start_gpst, settings.max_separation_m)
+        unit = unit_of(carrier, body_files, names, tables, start_gpst)
         outcome, cut_short = judge(
             receptions,
             navigation,
@@ -130,7 +132,7 @@ def protect(
             spin_arms_of(tables),
             body,
             workspace,
-            foresights=foresights_of(names, settings, carrier, tables),
+            foresights=foresights_of(names, settings, carrier, tables, unit),
         )
         if interrupted and cut_short:
             raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
@@ -141,7 +143,9 @@ def protect(
         if nav is not None:
             remarks = _navigation_remarks(navigation)
             notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=remarks))
-        for path, kind, remarks in body_files.remarks(body, _span_of(receptions)):
+        for path, kind, remarks in body_files.remarks(
+            body, _span_of(receptions), None if unit is None else unit.readings
+        ):
             notes.append(InputNote(path=readable(path), format=kind, sha256=body_files.sums[path], remarks=remarks))
         if platform is not None:
             remarks = unused
@@ -282,12 +286,17 @@ def judge(
     decision = fuse(evidence, observed, sets)
     if foresights is None:
         foresights = foresights_of([o.receiver for o in observed], settings)
-    rules = ChoiceRules(most_wrong=settings.wrong_choice_probability, clean_start_s=settings.clean_start_s)
-    if chosen := choices(decision.skies, evidence, observed, sets, foresights, rules):
+    rules = ChoiceRules(
+        most_wrong=settings.wrong_choice_probability,
+        clean_start_s=settings.clean_start_s,
+        multipath_sigma_m=settings.multipath_sigma_m,
+        elevation_mask_deg=settings.elevation_mask_deg,
+    )
+    if chosen := choices(decision, evidence, observed, sets, foresights, rules, orbits):
         report(chosen)
         evidence = EvidenceLog(merge(evidence, chosen, key=lambda one: (one.start_gpst, one.end_gpst)))
         decision = fuse(evidence, observed, sets)
-    outcomes = [_receiver_outcome(r, decision, orbits, settings) for r in receptions]
+    outcomes = [_receiver_outcome(r, decision, orbits, settings, foresights) for r in receptions]
     outcome = Outcome(
         receivers=tuple(outcomes), decision=decision, evidence=evidence, sets=tuple(sets), navigation=orbits
     )
@@ -295,12 +304,16 @@ def judge(
 
 
 def _receiver_outcome(
-    reception: Reception, decision: Decision, orbits: NavigationData, settings: Settings
+    reception: Reception,
+    decision: Decision,
+    orbits: NavigationData,
+    settings: Settings,
+    foresights: Mapping[str, Foresight],
 ) -> ReceiverOutcome:
     o = reception.observations
     if o is None or not orbits.ephemerides:
         return ReceiverOutcome(reception=reception)
-    positions = positions_of(o, decision, orbits, settings)
+    positions = positions_of(o, decision, orbits, settings, foresights.get(o.receiver))
     tracks = {kind: positions.track(kind) for kind in positions.masks}
     return ReceiverOutcome(
         reception=reception,

@@ -1,0 +1,129 @@
+"""The skies that one receiver shows, window by window, and what each of them shows as a fix."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.fusion.trusted import fix_of, masked, of_signals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import seconds_between
+from skyproof.navigation.foresight import SkyFix
+from skyproof.navigation.known import KNOWN, Known, known_of
+from skyproof.records import ConsistentSet, Evidence, NavigationData, ObservationLog, SignalId
+
+__all__ = ["FixMaker", "Kind", "Rivals", "reference_kind", "rivals_of", "with_clock_near"]
+
+Kind: TypeAlias = tuple[str, str, str]
+_SAME_EPOCH_S: Final = 0.02
+_MS_M: Final = 1e-3 * SPEED_OF_LIGHT_M_S
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rivals:
+    """One receiver's sets in a window that are no late copies of another one; none where sets were not kept.
+
+    attacked : there is evidence of an attack. doubted : or a second set, or a failed test.
+    """
+
+    start: np.datetime64
+    end: np.datetime64
+    sets: tuple[ConsistentSet, ...]
+    attacked: bool
+    doubted: bool
+
+
+def rivals_of(o: ObservationLog, evidence: Sequence[Evidence], sets: Sequence[ConsistentSet]) -> list[Rivals]:
+    """The receiver's windows, in order; evidence is read once, for it may be too much to hold."""
+    said: dict[tuple[np.datetime64, np.datetime64], _Said] = {}
+    for e in evidence:
+        own = {ref.signal for ref in e.subject if ref.receiver == o.receiver}
+        if own:
+            said.setdefault((e.start_gpst, e.end_gpst), _Said(set())).add(e, own)
+    mine = sorted((s for s in sets if s.receiver == o.receiver), key=lambda s: s.gpst)
+    middles = np.array([s.gpst for s in mine], "datetime64[ns]")
+    found: list[Rivals] = []
+    for (start, end), one in sorted(said.items(), key=lambda item: item[0]):
+        if found and start < found[-1].end:
+            continue
+        here = mine[slice(*(int(row) for row in np.searchsorted(middles, np.array([start, end]))))]
+        kept = tuple(s for s in here if len(one.late.intersection(s.signals)) < 0.5 * len(s.signals))
+        doubted = one.doubted or len(kept) > 1
+        found.append(Rivals(start=start, end=end, sets=kept, attacked=one.attacked, doubted=doubted))
+    return found
+
+
+@dataclass
+class _Said:
+    """Of one window. late : signals that are late copies."""
+
+    late: set[SignalId]
+    attacked: bool = False
+    doubted: bool = False
+
+    def add(self, e: Evidence, own: set[SignalId]) -> None:
+        self.late |= own if e.says == "multipath" else set()
+        self.attacked |= e.says == "attack"
+        self.doubted |= e.says in ("attack", "spoofed") or e.failed
+
+
+def reference_kind(s: ConsistentSet) -> Kind:
+    """The kind of signal that the set's clock is of."""
+    return next((kind for kind, off_s in s.offsets_s.items() if off_s == 0.0), s.signals[0].kind)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FixMaker:
+    """Of one receiver. navigation : orbits, without which there are no fixes of epochs."""
+
+    log: ObservationLog
+    navigation: NavigationData | None
+    multipath_sigma_m: float
+    elevation_mask_deg: float
+
+    def shown(self, window: Rivals, s: ConsistentSet, *, kind: Kind, bias_s: float, epochs: bool) -> SkyFix:
+        """What a set shows, at the instant that the receiver's label is less a clock bias, the one that was last taken
+        for true: a false sky's own time is of no account.
+
+        kind : of the signals whose clock is compared. epochs : with the fixes of the window's epochs, and velocity.
+        """
+        gpst = s.gpst - np.timedelta64(round(bias_s * 1e9), "ns")
+        clock_m = SPEED_OF_LIGHT_M_S * s.clock_of_s(kind)
+        mean, covariance = np.zeros(KNOWN), np.diag(np.full(KNOWN, np.inf))
+        rows = np.array([0, 1, 2, 6])[: 4 if np.isfinite(clock_m) else 3]
+        mean[rows] = np.append(s.position_ecef_m, clock_m)[: rows.size]
+        covariance[np.ix_(rows, rows)] = s.covariance_m2[: rows.size, : rows.size]
+        each = self._each(window, s, kind) if epochs else ()
+        middle = [one for one in each if abs(float(seconds_between(one.gpst, gpst))) < _SAME_EPOCH_S]
+        if middle:
+            rates = np.intersect1d(middle[0].there, [3, 4, 5, 7])
+            mean[rates] = middle[0].mean[rates]
+            covariance[np.ix_(rates, rates)] = middle[0].covariance[np.ix_(rates, rates)]
+        return SkyFix(whole=Known(gpst=gpst, mean=mean, covariance=covariance), each=each)
+
+    def _each(self, window: Rivals, s: ConsistentSet, kind: Kind) -> tuple[Known, ...]:
+        """Of one kind of signals, of its own where the set has none of that."""
+        if self.navigation is None:
+            return ()
+        kinds = (kind, reference_kind(s))
+        own = next((same for k in kinds if (same := [signal for signal in s.signals if signal.kind == k])), [])
+        edges = np.array([window.start, window.end])
+        o = self.log.read(*(int(row) for row in np.searchsorted(self.log.gpst, edges)))
+        fix = fix_of(
+            masked(o, of_signals(o, own)),
+            self.navigation,
+            multipath_sigma_m=self.multipath_sigma_m,
+            elevation_mask_deg=self.elevation_mask_deg,
+        )
+        return () if fix is None else tuple(known_of(fix))
+
+
+def with_clock_near(shown: SkyFix, expected: Known) -> SkyFix:
+    """With its clock within half a millisecond of the expected one: receivers set theirs by whole ones."""
+    if 6 not in expected.there:
+        return shown
+    by_m: Reals = _MS_M * np.rint((shown.whole.mean[6] - expected.mean[6]) / _MS_M) * (np.arange(KNOWN) == 6)
+    whole, *each = (replace(one, mean=one.mean - by_m) for one in (shown.whole, *shown.each))
+    return SkyFix(whole=whole, each=tuple(each))

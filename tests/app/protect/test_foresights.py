@@ -1,0 +1,78 @@
+"""What is known of each receiver, by settings and platform file, that says which of two skies is true."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.app.kit import PLACES
+
+from skyproof.app.common.body import BodyFiles
+from skyproof.app.common.platform import Platform
+from skyproof.app.common.platform_use import described, settings_of
+from skyproof.app.protect.foresights import foresights_of, unit_of
+from skyproof.formats.imu import ImuFile
+from skyproof.gnss.frames import ecef_from_geodetic
+from skyproof.navigation.foresight import Standing
+from skyproof.navigation.inertial_foresight import Inertial
+
+START = np.datetime64("2024-05-14T10:00:00", "ns")
+PLACE = {"lat_deg": PLACES[0].lat_deg, "lon_deg": PLACES[0].lon_deg, "height_m": 52.0, "sigma_m": 0.5}
+READINGS = ImuFile(
+    source="imu.csv",
+    time_ns=np.arange(1, 11) * 10_000_000,
+    dated=False,
+    interval_s=0.01,
+    specific_force_m_s2=np.tile([0.0, 0.0, -9.81], (10, 1)),
+    angular_rate_rad_s=np.zeros((10, 3)),
+)
+
+
+def of_platform(names=("a",), **tables):
+    imu = {"imu": {"file": Path("imu.csv"), "lever_arm_m": [1.0, 0.0, -2.0], "grade": "tactical"}}
+    platform = Platform.model_validate(tables | (imu if tables.pop("with_imu", False) else {}))
+    own = described(platform, names)
+    settings, _ = settings_of(platform, platform.protect, names, own)
+    unit = unit_of(platform, BodyFiles(imu=READINGS), names, own, START)
+    return foresights_of(names, settings, platform, own, unit)
+
+
+def test_of_a_receiver_of_which_nothing_is_stated_nothing_is_expected():
+    assert of_platform() == {}
+    assert of_platform(motion="moving") == {}
+    assert of_platform(motion="moving", receivers=[{"position": PLACE}]) == {}
+
+
+@pytest.mark.parametrize(
+    ("tables", "by"),
+    [
+        ({"motion": "static"}, "its standing still"),
+        ({"motion": "static", "oscillator": "ocxo"}, "its standing still and its clock"),
+        ({"oscillator": "ocxo"}, "its clock"),
+        ({"receivers": [{"position": PLACE}]}, "its surveyed place"),
+        ({"with_imu": True, "motion": "static"}, "its standing still"),
+        ({"with_imu": True}, "the inertial unit"),
+        ({"with_imu": True, "motion": "moving", "oscillator": "csac"}, "the inertial unit and its clock"),
+        ({"with_imu": True, "motion": "moving", "receivers": [{"position": PLACE}]}, "the inertial unit"),
+    ],
+)
+def test_what_says_most_is_taken_and_stands_in_the_words(tables, by):
+    (one,) = of_platform(**tables).values()
+    assert one.by == by
+    assert isinstance(one, Inertial if "inertial" in by else Standing)
+    assert len(one.assumes) == 1 + (" and " in by)
+
+
+def test_a_surveyed_place_is_expected_from_the_first_moment_on():
+    (one,) = of_platform(receivers=[{"position": PLACE}]).values()
+    place = ecef_from_geodetic(np.radians(PLACE["lat_deg"]), np.radians(PLACE["lon_deg"]), 52.0)
+    expected = one.at(START)
+    assert expected.mean[:3] == pytest.approx(place)
+    assert expected.covariance[:3, :3] == pytest.approx(0.25 * np.eye(3))
+
+
+def test_an_antenna_whose_arm_is_not_known_is_not_carried_by_the_unit():
+    bodies = [{"name": "a", "body_m": [5.0, 0.0, 0.0]}, {"name": "b", "body_m": [2.0, 1.0, 0.0]}, {"name": "c"}]
+    found = of_platform(("a", "b", "c"), receivers=bodies, with_imu=True)
+    arms_m = {name: list(one.settings.lever_m) for name, one in found.items()}
+    assert arms_m == {"a": [1.0, 0.0, -2.0], "b": [-2.0, 1.0, -2.0]}
+    assert found["a"].readings.gpst[0] == START + np.timedelta64(10, "ms")

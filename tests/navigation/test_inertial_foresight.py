@@ -1,0 +1,129 @@
+"""What an inertial unit lets expect of a receiver that moves: as far off as stated, whatever it did not learn of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from tests.navigation.units import ARM, REST, ROUND, drawn_fix, erroneous, label, perfect, piece
+
+from skyproof.gnss.frames import heading_pitch_roll_rad
+from skyproof.gnss.imu_grades import GRADES
+from skyproof.gnss.oscillators import OSCILLATORS
+from skyproof.navigation.foresight import SkyFix
+from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.ins import InsSettings
+from skyproof.records import Attitude
+
+LEARNED_S, END_S = 30.0, 70.0
+TRUE = perfect(ROUND, END_S)
+
+
+def unit(grade, rng, *, attitude_deg=1.0, motion=ROUND, readings=TRUE):
+    drawn = erroneous(readings, GRADES[grade], rng).readings
+    initial = None
+    if attitude_deg is not None:
+        at = motion.at(np.zeros(1))
+        angles = np.stack(heading_pitch_roll_rad(at.position_ecef_m[0], at.attitude[0]))
+        sigma_rad = float(np.radians(attitude_deg))
+        initial = Attitude(
+            gpst=drawn.gpst[:1], angles_rad=(angles + sigma_rad * rng.standard_normal(3))[None], sigma_rad=sigma_rad
+        )
+    settings = InsSettings(grade=GRADES[grade], oscillator=OSCILLATORS["tcxo"], lever_m=ARM)
+    return Inertial(readings=drawn, settings=settings, initial=initial, clock=False, by="the inertial unit")
+
+
+def shown(rng, start_s, end_s, *, motion=ROUND, lasting=0.0):
+    each = [drawn_fix(motion, at_s, rng, shift=lasting) for at_s in np.arange(start_s, end_s)]
+    return SkyFix(whole=each[len(each) // 2], each=tuple(each))
+
+
+def learned(own, rng, *, lasting=0.0):
+    for start_s in np.arange(0.5, LEARNED_S, 10.0):
+        own = own.learned(shown(rng, start_s, start_s + 10.0, lasting=lasting))
+    return own
+
+
+def squares_of(grade, draws, at_s, **options):
+    """Squared errors of position and velocity of the antenna over what is stated, six degrees each."""
+    found = []
+    for seed in range(draws):
+        rng = np.random.default_rng(seed)
+        lasting = 1.5 * rng.standard_normal(3)
+        own = learned(unit(grade, rng, **options), rng, lasting=lasting)
+        true = own.truth_at(label(at_s))
+        exact = drawn_fix(ROUND, at_s, rng, place_m=0.0, speed_m_s=0.0)
+        off, spread = (true.mean - exact.mean)[:6], true.covariance[:6, :6]
+        found.append(float(off @ np.linalg.solve(spread, off)))
+    return np.array(found)
+
+
+def test_where_it_is_when_it_ran_free_is_known_as_stated():
+    squares = squares_of("tactical", 4, 60.0)
+    assert stats.chi2.sf(squares.sum(), 6 * 4) > 1e-4
+    assert stats.chi2.cdf(squares.sum(), 6 * 4) > 1e-4
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("grade", ["navigation", "tactical", "industrial"])
+@pytest.mark.parametrize("attitude_deg", [1.0, None], ids=["attitude stated", "aligned in motion"])
+def test_of_many_units_each_is_where_it_is_stated_to_be(grade, attitude_deg):
+    for at_s in (31.0, 45.0, 69.0):
+        squares = squares_of(grade, 40, at_s, attitude_deg=attitude_deg)
+        print(f"{grade}, {attitude_deg}, after {at_s - 30:g} s: squared errors {squares.mean() / 6:.2f} of stated")
+        assert 0.2 < squares.mean() / 6.0 < 1.5
+
+
+def test_what_a_fix_would_show_has_the_lasting_error_of_those_that_were_learned():
+    rng = np.random.default_rng(3)
+    lasting = np.array([3.0, -2.0, 1.0])
+    own = learned(unit("navigation", rng), rng, lasting=lasting)
+    at_s = label(31.0)
+    expected, true = own.at(at_s), own.truth_at(at_s)
+    exact = drawn_fix(ROUND, 31.0, rng, place_m=0.0, speed_m_s=0.0)
+    assert np.linalg.norm(expected.mean[:3] - exact.mean[:3] - lasting) < 1.5
+    assert np.trace(expected.covariance[:3, :3]) < 0.5 * np.trace(true.covariance[:3, :3])
+
+
+def test_of_a_clock_without_an_oscillator_nothing_is_said_and_before_the_first_fix_nothing_at_all():
+    rng = np.random.default_rng(1)
+    own = unit("tactical", rng)
+    assert own.at(label(5.0)) is None
+    assert list(learned(own, rng).at(label(40.0)).there) == [0, 1, 2, 3, 4, 5]
+
+
+def test_without_an_attitude_a_body_that_stands_is_not_aligned():
+    rng = np.random.default_rng(1)
+    own = unit("tactical", rng, attitude_deg=None, motion=REST, readings=perfect(REST, 20.0))
+    assert own.learned(shown(rng, 0.5, 15.0, motion=REST)).state is None
+
+
+def test_where_readings_are_missing_it_ends_and_begins_anew_by_what_is_learned_then():
+    rng = np.random.default_rng(2)
+    own = learned(unit("tactical", rng), rng)
+    early, late = piece(own.readings, 0.0, 35.0), piece(own.readings, 38.0, END_S)
+    rows = {
+        name: np.concatenate((getattr(early, name), getattr(late, name)))
+        for name in ("gpst", "specific_force_m_s2", "angular_rate_rad_s")
+    }
+    broken = replace(own, readings=replace(own.readings, **rows))
+    assert broken.at(label(34.0)) is not None
+    assert broken.at(label(45.0)) is None
+    again = broken.until(label(40.0))
+    assert again.state is None
+    for start_s in (40.5, 50.5):
+        again = again.learned(shown(rng, start_s, start_s + 10.0))
+    off = again.at(label(62.0)).mean - drawn_fix(ROUND, 62.0, rng, place_m=0.0, speed_m_s=0.0).mean
+    assert np.linalg.norm(off[:3]) < 10.0
+
+
+def test_carried_on_in_steps_or_at_once_it_is_the_same():
+    rng = np.random.default_rng(4)
+    own = learned(unit("tactical", rng), rng)
+    whole = own.at(label(60.0))
+    for at_s in (33.0, 41.02, 55.5):
+        own = own.until(label(at_s))
+    assert own.at(label(60.0)).mean == pytest.approx(whole.mean, abs=1e-3)
+    spreads = (np.diag(one.covariance)[:6] for one in (own.at(label(60.0)), whole))
+    ratio = np.divide(*spreads)
+    assert ratio == pytest.approx(1.0, abs=0.05)
