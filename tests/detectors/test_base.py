@@ -15,7 +15,7 @@ START = np.datetime64("2022-01-01", "ns")
 def test_our_detectors_are_found_by_their_entry_points():
     found = base.load_detectors()
     pair = {"multi_receiver", "second_signals", "residual"}
-    ours = pair | {"array_common", "dccaf", "ins_array", "spin", "sqm", "vector_sqm"}
+    ours = pair | {"array_common", "dccaf", "ins_array", "spin", "sqm", "vector_sqm"} | {"common_change", "continuity"}
     assert ours <= set(found)
     assert list(found) == sorted(found)
     assert all(isinstance(made(), base.Detector) and made.name == name for name, made in found.items())

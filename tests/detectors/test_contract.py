@@ -11,6 +11,7 @@ from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettin
 from skyproof.detectors.array.ins_array import InsArray
 from skyproof.detectors.array.spin import Spin, SpinSettings
 from skyproof.detectors.base import Detector, load_detectors
+from skyproof.detectors.common_change.detector import CommonChange, CommonChangeSettings
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings
@@ -120,6 +121,14 @@ CASES = (
         1000,
         ("undecided",),
         "a union bound over all epochs, and multipath may change more than it does in these records",
+    ),
+    Case(
+        "one receiver with nothing before",
+        lambda: CommonChange(CommonChangeSettings(false_alarm_probability=0.3)),
+        CLEAN.records,
+        20,
+        100,
+        conservative="it says undecided at most, and tests of its own count that, in windows in a row",
     ),
     Case(
         "reflections, as many as it is given",

@@ -36,6 +36,7 @@ OFF = {
     "satellites with a second signal": (0.5, 0.7),
     "one signal, not two": (0.8, 1.25),
     "one signal, not two, over a burst": (0.42, 0.75),
+    "code against carrier, alike": (0.93, 1.07),
     "magnitudes, A = 14.14": (0.8, 0.97),
     "magnitudes, A = 4.47": (0.2, 0.3),
     "slow and fast, magnitudes": (0.93, 1.03),

@@ -4,6 +4,7 @@ __all__ = ["about", "reason", "title"]
 
 _ABOUT = {
     "array_common": ("Directions on an antenna array", "Do signals of several satellites come from one direction?"),
+    "common_change": ("What changes alike", "Do all satellites change together as neither sky nor receiver does?"),
     "continuity": ("What goes on", "Do position, velocity, clock and time go on as a platform and an oscillator can?"),
     "dccaf": ("Two skies in the correlation", "Do overlapping signals hold two consistent sets of ranges?"),
     "ins_array": ("Directions against attitude", "Does each signal come from where its satellite stands?"),

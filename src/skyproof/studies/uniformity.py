@@ -109,6 +109,11 @@ CASES: Final = (
     Case(group=_POSITION, method="dccaf, bursts", test="one signal, not two, over a burst", usual=20_000, quick=300,
          draw=one_antenna.burst_of_one_signal,
          why="an upper bound by level crossings, with a degree of freedom for the first signal's delay"),
+    Case(group=_POSITION, method="common_change, laws", test="code against carrier, alike",
+         draw=one_antenna.rates_alike,
+         why="1 where not three of four have one sign, which is likelier than 0.29 of eight"),
+    Case(group=_POSITION, method="common_change, laws", test="turn of all carriers", draw=one_antenna.turns),
+    Case(group=_POSITION, method="common_change, laws", test="level of the noise", draw=one_antenna.levels),
     *(Case(group=_QUALITY, method="sqm", test=f"{metric}, A = {amplitude:g}",
            draw=draws.taps_metric(metric, amplitude))
       for metric, amplitude in (("delta", 14.14), ("ratio", 14.14), ("ratio", 4.47))),

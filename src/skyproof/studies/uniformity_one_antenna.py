@@ -1,12 +1,15 @@
-"""What one antenna shows, drawn under the null: bursts of grids of one signal."""
+"""What one antenna shows, drawn under the null: bursts of grids of one signal, and what all satellites do alike."""
 
 import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.decomposition.correlation import noise_variance
+from skyproof.detectors.common_change.laws import alike_p_value, level_p_value, turn_p_value, turn_sigma_m
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, own_correlation, shapes
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.oscillators import Oscillator
 
-__all__ = ["burst_of_one_signal"]
+__all__ = ["burst_of_one_signal", "levels", "rates_alike", "turns"]
 
 
 def burst_of_one_signal(rng: np.random.Generator, n: int) -> Reals:
@@ -22,3 +25,25 @@ def burst_of_one_signal(rng: np.random.Generator, n: int) -> Reals:
     stated = variance * rng.chisquare(2.0 * known, (n, 1)) / (2.0 * known) * np.ones(intervals)
     found = components(turn * signal[:, None] + np.sqrt(0.5 * variance) * noise, own, stated, band_hz)
     return joint_p_value(found.second, intervals, own.path, known)
+
+
+def rates_alike(rng: np.random.Generator, n: int) -> Reals:
+    """Code against carrier of eight satellites."""
+    sigma = np.linspace(0.2, 0.6, 8)
+    return alike_p_value(sigma * rng.standard_normal((n, 8)), sigma)
+
+
+def turns(rng: np.random.Generator, n: int) -> Reals:
+    """A clock of white frequency noise over twice ten seconds, by carriers to 2 cm."""
+    clock, apart_s, sigma_m = Oscillator(white_s=2e-22), 10.0, 0.02
+    steps_m = SPEED_OF_LIGHT_M_S * np.sqrt(0.5 * clock.white_s * apart_s) * rng.standard_normal((2, n))
+    turn_m = steps_m[1] - steps_m[0] + sigma_m * rng.standard_normal(n)
+    return turn_p_value(turn_m, sigma_m**2, turn_sigma_m(clock, apart_s))
+
+
+def levels(rng: np.random.Generator, n: int) -> Reals:
+    """Noise in 640 values at two times, the gain wandering by 1 dB."""
+    counted, gain_db = 640, 1.0
+    level = 10.0 * np.log10(rng.chisquare(2.0 * counted, (2, n)) / (2.0 * counted))
+    level += gain_db * rng.standard_normal((2, n))
+    return level_p_value(level[1] - level[0], gain_db, (counted, counted))

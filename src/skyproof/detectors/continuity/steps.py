@@ -34,7 +34,7 @@ from skyproof.navigation.ranges import corrected_ranges
 from skyproof.records import CellStatus, NavigationData, Observations
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
-__all__ = ["KINDS", "Jump", "Limits", "Series", "Step", "jumps", "largest_step", "p_values", "series_of"]
+__all__ = ["KINDS", "Jump", "Limits", "Series", "Step", "fitted_jump", "jumps", "largest_step", "p_values", "series_of"]
 
 KINDS = ("position", "clock", "velocity", "rate")
 """What is tested at each epoch: jumps of the position, the clock, the velocity and the clock's rate."""
@@ -255,11 +255,14 @@ def jumps(series: Series, rows: Indices, limits: Limits) -> tuple[Jump, Jump, Bo
     rate, rate_m2 = _contrast(series, series.rate_m_s, series.rate_m2_s2, rows, 0.0)  # one epoch: speeds change
     unit = _unit_at(series, rows)
     usable = np.isfinite(level).sum(axis=1) >= MIN_SATELLITES
-    return _fitted(unit, level, total), _fitted(unit, rate, rate_m2), usable
+    return fitted_jump(unit, level, total), fitted_jump(unit, rate, rate_m2), usable
 
 
-def _fitted(unit: Reals, difference: Reals, variance: Reals) -> Jump:
-    """The jump that explains differences (K, m) best, without the channels that jump by themselves."""
+def fitted_jump(unit: Reals, difference: Reals, variance: Reals) -> Jump:
+    """The jump that explains differences (K, m) best, without the channels that jump by themselves.
+
+    unit : (K, m, 3) to the satellites. variance : (K, m) of the differences; what is not finite is left out.
+    """
     design, sigma = design_matrix(unit), np.sqrt(variance)
     sigma = np.where(np.isfinite(difference) & np.isfinite(sigma), sigma, np.nan)
     enough = np.isfinite(sigma).sum(axis=1) >= MIN_SATELLITES

@@ -1,0 +1,335 @@
+"""What changes alike on all satellites of one antenna, as neither the sky nor its receiver does it.
+
+An attack that lies on the true signals to centimetres breaks nothing and makes no second peak. It still has to move all
+satellites together, and three things show that:
+
+- **code and carrier part** on all of them alike, where codes are drawn off and carriers are left (the ionosphere parts
+  them by centimetres a second at most);
+- **all carriers turn** as by a clock, faster than an oscillator of the stated class wanders, and as no motion does;
+- **the level** of the noise between the signals, or of all signals of a receiver that stands, rises or falls within a
+  minute.
+
+`continuity` has the same of one moment: steps of code against carrier, of the clock and of the levels. What goes on
+slowly for seconds is looked at here. `laws` has the statistics and what they take for given.
+
+All of this is *undecided*: a receiver whose sampling clock and carrier come from two oscillators parts code from
+carrier, and shade weakens all signals. The first two overrule what windows say one by one, as steps do.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.common_change.laws import alike_p_value, level_p_value, turn_p_value, turn_sigma_m
+from skyproof.detectors.common_change.series import rates_of, turn_of
+from skyproof.detectors.continuity.detector import common_level_p_value
+from skyproof.detectors.continuity.one_sky import (
+    MIN_SATELLITES,
+    Transmission,
+    columns_of,
+    followed_by,
+    one_signal_a_transmission,
+    rows_of,
+)
+from skyproof.errors import SettingsError, require_probability
+from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES
+from skyproof.records import Ccaf, ConsistentSet, Evidence, Need, Observations, Records, SignalId, SignalRef
+
+__all__ = ["CommonChange", "CommonChangeSettings"]
+
+SPANS_S = (10.0, 30.0)
+"""Over which code is held against carrier."""
+TURNS_S = (5.0, 10.0)
+"""From the first of three epochs to the second, and from there to the third."""
+LEVELS_S = 60.0
+"""For so long levels are remembered."""
+_OVERLAP = 0.1  # of a span, by which it may share epochs with that of a reference: windows end between epochs
+_SHARES = 3  # of the false alarms: code against carrier, turns, levels
+
+
+@dataclass(frozen=True)
+class CommonChangeSettings:
+    """Settings of `CommonChange`.
+
+    false_alarm_probability : of each receiver and window, for all tests together.
+    multipath_sigma_m : of one pseudorange, one sigma, with any correlation over time.
+    ionosphere_m_s : by which it may part code from carrier on all satellites alike, more than some minutes before.
+    oscillator : the class of the receivers' clocks, as in a platform file; turns are not looked at without.
+    oscillator_share : by which a single oscillator may wander more than `gnss.oscillators` has it of its class.
+    carrier_error_m : of a carrier beside noise, by reflections and the air, one sigma.
+    fading_db : as for `continuity`.
+    speed_max_m_s : levels of signals are held against those of a minute ago where it is 0 only: who moves passes shade.
+    gain_db : by which the receiver's gain wanders, one sigma.
+    """
+
+    false_alarm_probability: float = 1e-3
+    multipath_sigma_m: float = 1.0
+    ionosphere_m_s: float = 0.03
+    oscillator: str | None = None
+    oscillator_share: float = 3.0
+    carrier_error_m: float = 0.01
+    fading_db: float = 2.0
+    speed_max_m_s: float | None = None
+    gain_db: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_probability("common_change", "false_alarm_probability", self.false_alarm_probability)
+        for name in ("fading_db", "gain_db", "carrier_error_m", "oscillator_share"):
+            if not getattr(self, name) > 0.0:
+                raise SettingsError(f"common_change: {name} is {getattr(self, name)}, expected more than 0")
+        if self.oscillator is not None and self.oscillator not in PLATFORM_CLASSES:
+            raise SettingsError(
+                f"common_change: oscillator is {self.oscillator!r}, expected one of {', '.join(PLATFORM_CLASSES)}"
+            )
+
+
+class _Reference(NamedTuple):
+    """A rate of code less carrier over `span_s` until `until_s`, which later ones are held against."""
+
+    rate_m_s: float
+    sigma_m_s: float
+    span_s: float
+    until_s: float
+
+
+class _Level(NamedTuple):
+    """Levels of a window that ended at `elapsed_s`: of each signal, and of noise in so many complex values."""
+
+    elapsed_s: float
+    cn0_dbhz: Mapping[SignalId, float]
+    noise_db: float
+    noise_samples: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Past:
+    """What is remembered of a receiver: bounded by the number of transmissions, the longest span and `LEVELS_S`."""
+
+    tail: Observations
+    sources: Mapping[Transmission, SignalId]
+    members: tuple[SignalId, ...] = ()
+    references: Mapping[SignalId, _Reference] = field(default_factory=dict)
+    levels: tuple[_Level, ...] = ()
+
+
+class CommonChange:
+    """The detector: see the module's text. It remembers half a minute of each receiver, and of levels a minute."""
+
+    name = "common_change"
+    needs = (Need.OBSERVATIONS,)
+
+    def __init__(self, settings: CommonChangeSettings | None = None) -> None:
+        self.settings = settings or CommonChangeSettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
+        """Evidence of one window; never raises for what the data lack."""
+        if lacking := missing(self, records):
+            return lacking, state
+        pasts: dict[str, _Past] = dict(state or {})
+        said: list[Evidence] = []
+        for o in records.observations:
+            before = pasts.get(o.receiver)
+            if before is not None and o.elapsed_s[-1] <= before.tail.elapsed_s[-1]:
+                before = None  # another recording
+            evidence, past = _Window(self, records, o, before).examined()
+            said += evidence
+            if past is not None:
+                pasts[o.receiver] = past
+        return said, pasts
+
+
+class _Window:
+    """One receiver in one window, after what came before."""
+
+    def __init__(self, detector: CommonChange, records: Records, o: Observations, past: _Past | None) -> None:
+        self.detector, self.records, self.settings = detector, records, detector.settings
+        self.o, self.past = o, past
+        self.alpha = self.settings.false_alarm_probability / _SHARES
+        own = sorted(
+            (s for s in records.sets if s.receiver == o.receiver), key=lambda s: (-len(s.signals), s.statistic)
+        )
+        self.sky: ConsistentSet | None = own[0] if own else None
+        self.ccaf = next((one for one in records.ccaf if one.receiver == o.receiver), None)
+
+    def examined(self) -> tuple[list[Evidence], _Past | None]:
+        before = self.past.members if self.past is not None else ()
+        members = self.sky.signals if self.sky is not None else before
+        sources = self.past.sources if self.past is not None else {}
+        now, sources = one_signal_a_transmission(self.o, members, before, sources)
+        if now.gpst.size < 2:
+            return [self._nothing("fewer than five satellites with pseudoranges")], self.past
+        stretch = now if self.past is None else followed_by(self.past.tail, now)
+        past = self.past or _Past(tail=rows_of(now, slice(0)), sources={})
+        rates = [rates_of(stretch, span_s, self.settings.multipath_sigma_m) for span_s in SPANS_S]
+        level = _level_of(now, self.ccaf)
+        parted = self._parted(rates, past, float(stretch.elapsed_s[-1]))
+        said = [one for one in (parted, self._turned(stretch), self._levels(level, past)) if one is not None]
+        failed = parted is not None and parted.failed
+        references = past.references if failed else _remembered(rates, past.references, float(stretch.elapsed_s[-1]))
+        end_s = float(stretch.elapsed_s[-1])
+        first = int(np.searchsorted(stretch.elapsed_s, end_s - max(SPANS_S) - 1e-6))
+        return said or [self._nothing("nothing yet to hold this window against")], _Past(
+            tail=rows_of(stretch, slice(first, None)),
+            sources=sources,
+            members=members,
+            references=references,
+            levels=(*(old for old in past.levels if old.elapsed_s >= end_s - LEVELS_S), level),
+        )
+
+    def _parted(self, rates: list[Mapping[SignalId, Any]], past: _Past, end_s: float) -> Evidence | None:
+        """Code against carrier, less what it was when each satellite came."""
+        tests: list[tuple[float, float]] = []
+        for span_s, found in zip(SPANS_S, rates, strict=True):
+            begun_s = end_s - (1.0 - _OVERLAP) * span_s
+            earlier = {signal: old for signal, old in past.references.items() if old.until_s <= begun_s}
+            for own in _kinds(found.keys() & earlier.keys()):
+                pairs = [(found[signal], earlier[signal]) for signal in own]
+                difference = np.array([rate.rate_m_s - old.rate_m_s for rate, old in pairs])
+                sigma = np.array([np.hypot(rate.sigma_m_s, old.sigma_m_s) for rate, old in pairs])
+                p = float(alike_p_value(difference, sigma, self.settings.ionosphere_m_s))
+                tests.append((p, float(np.median(difference))))
+        if not tests:
+            return None
+        least, rate_m_s = min(tests)
+        p_value, receiver = min(1.0, len(tests) * least), self.o.receiver
+        failed = p_value < self.alpha
+        return self._said(
+            p_value,
+            f"code and carrier in {receiver} part by {rate_m_s:+.2f} m/s on all satellites alike: codes are drawn off "
+            "and carriers are not, or the sampling clock and the carrier come from two oscillators"
+            if failed
+            else f"code and carrier of the satellites in {receiver} stay together",
+            statistic=rate_m_s,
+            would_need="a receiver with one oscillator" if failed else None,
+            overrules=failed,
+        )
+
+    def _turned(self, stretch: Observations) -> Evidence | None:
+        """All carriers against the oscillator's class."""
+        settings, navigation = self.settings, self.records.navigation
+        if settings.oscillator is None or navigation is None or self.sky is None:
+            return None
+        oscillator = OSCILLATORS[PLATFORM_CLASSES[settings.oscillator]]
+        tests: list[tuple[float, float, float]] = []
+        kinds = [
+            columns_of(stretch, np.array([stretch.signals.index(s) for s in own])) for own in _kinds(stretch.signals)
+        ]
+        for own, apart_s in product(kinds, TURNS_S):
+            turn = turn_of(own, navigation, self.sky.position_ecef_m, apart_s, settings.carrier_error_m)
+            if turn is not None:
+                sigma_m = settings.oscillator_share * turn_sigma_m(oscillator, apart_s)
+                tests.append((float(turn_p_value(turn.turn_m, turn.variance_m2, sigma_m)), turn.turn_m, apart_s))
+        if not tests:
+            return None
+        least, turn_m, apart_s = min(tests)
+        p_value, receiver = min(1.0, len(tests) * least), self.o.receiver
+        failed = p_value < self.alpha
+        return self._said(
+            p_value,
+            f"all carriers in {receiver} turn by {turn_m:+.2f} m within {2.0 * apart_s:.0f} s as no motion turns them, "
+            f"more than an oscillator of the class {settings.oscillator} wanders"
+            if failed
+            else f"the carriers in {receiver} turn as motion and an oscillator of the class {settings.oscillator} do",
+            statistic=turn_m,
+            would_need="what the receiver's clock runs on, or whether it is steered" if failed else None,
+            overrules=failed,
+        )
+
+    def _levels(self, level: _Level, past: _Past) -> Evidence | None:
+        """Signals and noise against those of windows up to a minute before."""
+        tests: list[tuple[float, str]] = []
+        for old in {id(one): one for one in (*past.levels[:1], *past.levels[-1:])}.values():
+            noise_db = level.noise_db - old.noise_db
+            if np.isfinite(noise_db):
+                samples = (level.noise_samples, old.noise_samples)
+                p = float(level_p_value(noise_db, self.settings.gain_db, samples))
+                tests.append((p, f"the noise in {self.o.receiver} {_moved(noise_db)}"))
+        stands = self.settings.speed_max_m_s == 0.0
+        for old in past.levels[:-1][:1] if stands else ():  # against the window just before `continuity` holds them
+            for own in _kinds(level.cn0_dbhz.keys() & old.cn0_dbhz.keys()):
+                change_db = np.array([level.cn0_dbhz[signal] - old.cn0_dbhz[signal] for signal in own])
+                p = common_level_p_value(change_db, self.settings.fading_db)
+                tests.append((p, f"all satellites in {self.o.receiver} together {_moved(float(change_db.mean()))}"))
+        if not tests:
+            return None
+        least, words = min(tests)
+        p_value = min(1.0, len(tests) * least)
+        failed = p_value < self.alpha
+        return self._said(
+            p_value,
+            f"{words} within {LEVELS_S:.0f} s: shade, a change of gain, a jammer, or other signals in their place"
+            if failed
+            else f"levels of signals and noise in {self.o.receiver} stay what they are",
+            would_need="a second receiver, whose levels go on" if failed else None,
+        )
+
+    def _said(self, p_value: float, because: str, **more: Any) -> Evidence:
+        return Evidence(
+            detector=self.detector.name,
+            start_gpst=self.records.start_gpst,
+            end_gpst=self.records.end_gpst,
+            subject=self._subject(),
+            says="undecided" if p_value < self.alpha else "clean",
+            because=because,
+            false_alarm_probability=self.alpha,
+            p_value=p_value,
+            **more,
+        )
+
+    def _nothing(self, because: str) -> Evidence:
+        return undecided(
+            self.detector,
+            self.records,
+            self._subject(),
+            because=f"{self.o.receiver}: {because}",
+            would_need="5 or more satellites with code, carrier and C/N0 over half a minute",
+        )
+
+    def _subject(self) -> tuple[SignalRef, ...]:
+        there = np.isfinite(self.o.pseudorange_m).any(axis=0)
+        return tuple(SignalRef(self.o.receiver, self.o.signals[k]) for k in np.flatnonzero(there))
+
+
+def _kinds(signals: Iterable[SignalId]) -> list[list[SignalId]]:
+    """The signals of each kind of which there are five or more: one a satellite, and imitated alone or not at all."""
+    kinds: dict[tuple[str, str, str], list[SignalId]] = {}
+    for signal in sorted(signals):
+        kinds.setdefault(signal.kind, []).append(signal)
+    return [own for own in kinds.values() if len(own) >= MIN_SATELLITES]
+
+
+def _remembered(
+    rates: list[Mapping[SignalId, Any]], before: Mapping[SignalId, _Reference], end_s: float
+) -> Mapping[SignalId, _Reference]:
+    """The first rate of each satellite over the longest span that there was."""
+    references = dict(before)
+    for span_s, found in zip(SPANS_S, rates, strict=True):
+        for signal, rate in found.items():
+            if signal not in references or (
+                references[signal].span_s < span_s and end_s - references[signal].until_s <= span_s
+            ):
+                references[signal] = _Reference(rate.rate_m_s, rate.sigma_m_s, span_s, end_s)
+    return references
+
+
+def _level_of(o: Observations, ccaf: Ccaf | None) -> _Level:
+    """Medians of a window's C/N0, and the mean level of the noise in its grids."""
+    known = np.flatnonzero(np.isfinite(o.cn0_dbhz).any(axis=0))
+    medians: Reals = np.nanmedian(o.cn0_dbhz[:, known], axis=0) if known.size else np.empty(0)
+    noise_db, samples = np.nan, 1.0
+    if ccaf is not None and np.isfinite(ccaf.noise_variance).any():
+        bursts = np.isfinite(ccaf.noise_variance).any(axis=1)
+        each = np.nanmean(ccaf.noise_variance[bursts], axis=1)
+        noise_db, samples = 10.0 * float(np.log10(np.median(each))), float(ccaf.noise_samples or np.inf)
+    return _Level(
+        float(o.elapsed_s[-1]), {o.signals[k]: float(m) for k, m in zip(known, medians, strict=True)}, noise_db, samples
+    )
+
+
+def _moved(change_db: float) -> str:
+    return f"{'rose' if change_db > 0.0 else 'fell'} by {abs(change_db):.0f} dB"

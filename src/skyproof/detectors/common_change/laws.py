@@ -1,0 +1,92 @@
+"""Statistics of what all satellites of one antenna do alike, with their laws under the null: arrays only.
+
+**Code and carrier part alike.** The ionosphere, reflections and noise part a satellite's code from its carrier, each
+satellite's by itself but for the ionosphere's common rate, which is bounded. What a receiver's own oscillators make is
+constant. So x, the rate at which they part less that rate earlier, is for each satellite independent and normal of zero
+mean beside the bound, and most of them having one sign and a size has the chance of an order statistic
+(`alike_p_value`).
+
+**All carriers turn.** The clock at three moments t apart has a second difference x2 - 2 x1 + x0 whose variance is
+2 t^2 times the oscillator's Allan variance at t, whatever its time and rate are (D. W. Allan, Statistics of atomic
+frequency standards, Proc. IEEE 54(2), 1966; NIST SP 1065, 5.2.2). Carriers show it to a centimetre.
+
+**The level changes.** What is left of noise in many correlators tells the power of what comes in beside the signals; a
+receiver's gain wanders by a stated step from one time to another.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from skyproof.arrays import Reals
+from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.oscillators import Oscillator
+from skyproof.statistics.distributions import binomial_survival, normal_two_sided
+
+__all__ = ["MOST", "Rate", "alike_p_value", "level_p_value", "rate_of", "turn_p_value", "turn_sigma_m"]
+
+MOST = 0.75
+"""Of the satellites that have to part alike: the others may have slipped, or have a reflection of their own."""
+
+
+class Rate(NamedTuple):
+    """Slope of a series and its sigma, m/s: an upper bound where part of the noise has an unknown correlation."""
+
+    rate_m_s: float
+    sigma_m_s: float
+
+
+def rate_of(elapsed_s: Reals, values_m: Reals, sigma_m: Reals, multipath_sigma_m: float) -> Rate:
+    """The slope of the line through values (n,) with white noise of `sigma_m` (n,) and multipath beside it.
+
+    The slope is a sum w x. Multipath is normal with one sigma and any correlation from epoch to epoch, so its part has
+    a sigma of at most that times the sum of |w|: 3 over the span.
+    """
+    centred_s = elapsed_s - elapsed_s.mean()
+    weight = centred_s / np.sum(centred_s**2)
+    white, slow = np.sum((weight * sigma_m) ** 2), multipath_sigma_m * np.sum(np.abs(weight))
+    return Rate(float(weight @ (values_m - values_m[0])), float(np.sqrt(white + slow**2)))
+
+
+def alike_p_value(difference: ArrayLike, sigma: ArrayLike, slack: float = 0.0) -> Reals:
+    """Chance (...) that three of four values (..., n) lie as far out on one side, if they are independent, zero and
+    normal.
+
+    With m of n that have to, and the m-th largest of the values over their sigmas, the chance that so many are as large
+    is binomial; two sides double it. For `slack` zero and true sigmas it is uniform below the chance that m of n have
+    one sign (0.29 of eight), and 1 else; for smaller errors than stated it is a bound. 1 with fewer than five values.
+
+    slack : by which all may be off together.
+    """
+    values, sigmas = np.asarray(difference, np.float64), np.asarray(sigma, np.float64)
+    n = values.shape[-1]
+    if n < MIN_SATELLITES:
+        return np.ones(values.shape[:-1])
+    most = int(np.ceil(MOST * n))
+    up, down = (np.sort((side * values - slack) / sigmas, axis=-1)[..., n - most] for side in (1.0, -1.0))
+    farthest = np.maximum(up, down)
+    # Below zero a smaller error would be the likelier: a stated sigma would be no bound.
+    return np.where(farthest > 0.0, 2.0 * binomial_survival(most, n, special.ndtr(-farthest)), 1.0)
+
+
+def turn_sigma_m(oscillator: Oscillator, apart_s: float) -> float:
+    """Of the second difference of c times a clock over times `apart_s` apart."""
+    return float(SPEED_OF_LIGHT_M_S * np.sqrt(2.0) * apart_s * oscillator.allan_deviation(apart_s))
+
+
+def turn_p_value(turn_m: ArrayLike, variance_m2: ArrayLike, clock_sigma_m: ArrayLike) -> Reals:
+    """Two-sided, of a second difference of the clock measured with `variance_m2`; uniform if both sigmas are true."""
+    return np.asarray(normal_two_sided(np.asarray(turn_m) / np.sqrt(variance_m2 + np.square(clock_sigma_m))))
+
+
+def level_p_value(change_db: ArrayLike, gain_db: float, samples: tuple[float, float]) -> Reals:
+    """Two-sided, of a change of the noise's level from one time to another, each the mean of so many complex values.
+
+    gain_db : by which the receiver's gain wanders about its mean at each, one sigma. 10 lg of a mean of k exponential
+    values has a sigma of 10 / ln(10) / sqrt(k).
+    """
+    counted_db2 = (10.0 / np.log(10.0)) ** 2 * sum(1.0 / k for k in samples)
+    return np.asarray(normal_two_sided(np.asarray(change_db) / np.sqrt(2.0 * gain_db**2 + counted_db2)))

@@ -1,0 +1,117 @@
+"""Rates of code against carrier, and turns of all carriers, out of one sky's observations."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from skyproof.arrays import Indices, Reals
+from skyproof.detectors.common_change.laws import Rate, rate_of
+from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
+from skyproof.detectors.continuity.steps import fitted_jump
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import seconds_between
+from skyproof.navigation.least_squares import gauss_newton, line_of_sight
+from skyproof.navigation.ranges import corrected_ranges
+from skyproof.records import CellStatus, NavigationData, Observations, SignalId
+
+__all__ = ["Turn", "rates_of", "turn_of"]
+
+_WHOLE = 0.75  # of a span: a run of a satellite that is shorter gives no rate
+_JUMP_M = 100.0  # between epochs: no rate of code against carrier, but a slip that nobody reported
+_GAP = 1.5  # usual intervals
+_EVEN = 0.02  # by which the two times of a turn may be off
+
+
+class Turn(NamedTuple):
+    """Second difference of c times the clock over two times `apart_s`, and the variance of its measurement."""
+
+    turn_m: float
+    variance_m2: float
+    apart_s: float
+
+
+def rates_of(o: Observations, span_s: float, multipath_sigma_m: float) -> Mapping[SignalId, Rate]:
+    """Of each signal the rate of code less carrier over the last `span_s`, where its carrier is in one piece."""
+    wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
+    apart_m = o.pseudorange_m - wavelength_m * o.carrier_cyc
+    begin = int(np.searchsorted(o.elapsed_s, o.elapsed_s[-1] - span_s - 1e-6))
+    found: dict[SignalId, Rate] = {}
+    for column, signal in enumerate(o.signals):
+        rows = _last_run(o, apart_m[:, column], column, begin)
+        if rows.size < 3 or o.elapsed_s[rows[-1]] - o.elapsed_s[rows[0]] < _WHOLE * span_s:
+            continue
+        sigma_m = o.pseudorange_sigma_m[rows, column]
+        found[signal] = rate_of(o.elapsed_s[rows], apart_m[rows, column], sigma_m, multipath_sigma_m)
+    return found
+
+
+def _last_run(o: Observations, apart_m: Reals, column: int, begin: int) -> Indices:
+    """Rows from `begin` on in which a carrier goes on without a break to its last."""
+    rows = begin + np.flatnonzero(np.isfinite(apart_m[begin:]) & np.isfinite(o.pseudorange_sigma_m[begin:, column]))
+    if rows.size < 2:
+        return rows
+    usual_s = float(np.median(np.diff(o.elapsed_s)))
+    broken = (o.status[rows[1:], column] == CellStatus.SLIP) | (np.abs(np.diff(apart_m[rows])) > _JUMP_M)
+    broken |= np.diff(o.elapsed_s[rows]) > _GAP * usual_s
+    return rows[np.append(0, np.flatnonzero(broken) + 1)[-1] :]
+
+
+def turn_of(
+    o: Observations, navigation: NavigationData, place_ecef_m: Reals, apart_s: float, carrier_error_m: float
+) -> Turn | None:
+    """The clock's second difference over the last twice `apart_s`, whatever the antenna does meanwhile.
+
+    place_ecef_m : (3,) within kilometres of the antenna. carrier_error_m : of each carrier at each epoch, one sigma,
+        beside noise. None where there are no three epochs, or fewer than five carriers that go on over all of them.
+
+    With p the motion since the first epoch, a carrier less the way to the satellite is -u.p + c clock and a constant.
+    Motion turns u, so where it began is found from the ranges, and how it went from each epoch's difference from the
+    first one; what errors of both leave is linear in the second difference.
+    """
+    rows = _three_epochs(o.elapsed_s, apart_s)
+    if rows is None:
+        return None
+    wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
+    ranges = corrected_ranges(o.signals, o.gpst[rows], o.pseudorange_m[rows], navigation)
+    between = slice(int(rows[0]), int(rows[2]) + 1)
+    unbroken = np.isfinite(o.carrier_cyc[between]).all(axis=0)
+    unbroken &= (o.status[between][1:] != CellStatus.SLIP).all(axis=0)
+    ahead_m = SPEED_OF_LIGHT_M_S * (
+        seconds_between(o.gpst[rows], o.gpst[rows[0]]) - (o.elapsed_s[rows] - o.elapsed_s[rows[0]])
+    )
+    sent_m = wavelength_m * o.carrier_cyc[rows] + ranges.range_m - o.pseudorange_m[rows] - ahead_m[:, None]
+    sent_m = np.where(unbroken, sent_m, np.nan)
+    if np.isfinite(sent_m).all(axis=0).sum() < MIN_SATELLITES:
+        return None
+    variance_m2 = (wavelength_m * o.carrier_sigma_cyc[rows]) ** 2 + carrier_error_m**2
+    begun = gauss_newton(
+        ranges.satellite_ecef_m[0], ranges.range_m[0], o.pseudorange_sigma_m[rows[0]], np.append(place_ecef_m, 0.0)
+    )
+    place_m = np.tile(begun.state_m[:3], (3, 1))
+    for _ in range(2):
+        left_m, unit = _left(ranges.satellite_ecef_m, sent_m, place_m)
+        moved = fitted_jump(unit[1:], left_m[1:] - left_m[0], variance_m2[1:] + variance_m2[0])
+        place_m = place_m + np.vstack((np.zeros(3), moved.jump[:, :3]))
+    left_m, unit = _left(ranges.satellite_ecef_m, sent_m, place_m)
+    share = (o.elapsed_s[rows[2]] - o.elapsed_s[rows[0]]) / (o.elapsed_s[rows[1]] - o.elapsed_s[rows[0]])
+    weight = np.array([share - 1.0, -share, 1.0])  # 1, -2, 1: no time and no rate is left of it
+    fitted = fitted_jump(unit[1:2], (weight @ left_m)[None], (weight**2 @ variance_m2)[None])
+    turn = Turn(float(fitted.jump[0, 3]), float(fitted.covariance[0, 3, 3]), apart_s)
+    return turn if np.isfinite(turn.turn_m) and np.isfinite(turn.variance_m2) else None
+
+
+def _left(satellite_ecef_m: Reals, sent_m: Reals, place_m: Reals) -> tuple[Reals, Reals]:
+    """What is left of carriers (3, m) less their ways from places (3, 3), from the first epoch's; and unit vectors."""
+    _, unit, distance_m = line_of_sight(satellite_ecef_m, place_m)
+    left_m = sent_m - distance_m
+    return left_m - left_m[0], unit
+
+
+def _three_epochs(elapsed_s: Reals, apart_s: float) -> Indices | None:
+    """The last epoch, and those once and twice `apart_s` before it; None if there are none to a fiftieth of it."""
+    wanted_s = elapsed_s[-1] - apart_s * np.array([2.0, 1.0, 0.0])
+    after = np.clip(np.searchsorted(elapsed_s, wanted_s), 1, elapsed_s.size - 1)
+    nearer = wanted_s - elapsed_s[after - 1] < elapsed_s[after] - wanted_s
+    rows = np.where(nearer, after - 1, after)
+    return rows if np.all(np.abs(elapsed_s[rows] - wanted_s) < 0.5 * _EVEN * apart_s) else None

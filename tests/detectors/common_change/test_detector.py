@@ -1,0 +1,161 @@
+"""Slow attacks that move all satellites alike are named; skies, platforms and oscillators that do nothing of it are
+not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from tests.detectors.continuity.test_detector import FIELD, MOTIONS, WHITE, changed, observed, windows
+
+from skyproof.detectors.common_change.detector import CommonChange, CommonChangeSettings
+from skyproof.errors import SettingsError
+from skyproof.records import Ccaf
+from skyproof.testing import check_missing_named, check_pieces
+
+WAVE_M = 299_792_458.0 / 1575.42e6
+ONSET_S = 40.0
+DURATION_S = 92.0
+
+
+def said(records, **settings):
+    """Evidence of all windows, by window."""
+    detector, state, every = (
+        CommonChange(CommonChangeSettings(**{"false_alarm_probability": 1e-6} | settings)),
+        None,
+        [],
+    )
+    for one in records:
+        evidence, state = detector.examine(one, state)
+        every.append(evidence)
+    return every
+
+
+def failed(every):
+    """Words of the tests that failed, by window."""
+    return [[e.because for e in evidence if e.failed] for evidence in every]
+
+
+def parted(o, rate_m_s, columns=slice(None)):
+    """Code drawn off from the onset on, the carrier left."""
+    late_m = rate_m_s * np.maximum(o.elapsed_s - ONSET_S, 0.0)
+    moved = o.pseudorange_m.copy()
+    moved[:, columns] += late_m[:, None]
+    return changed(o, pseudorange_m=moved)
+
+
+def turned(o, turn_m_s2):
+    """Code and carrier of all moved by a clock that is pushed from the onset on."""
+    moved_m = 0.5 * turn_m_s2 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None] ** 2
+    return changed(o, pseudorange_m=o.pseudorange_m + moved_m, carrier_cyc=o.carrier_cyc + moved_m / WAVE_M)
+
+
+@pytest.mark.parametrize("rate_m_s", [1.2, -1.2])
+def test_code_drawn_off_while_the_carrier_stays_is_named_within_ten_seconds(rate_m_s):
+    every = said(windows(parted(observed(duration_s=DURATION_S), rate_m_s)))
+    words = failed(every)
+    assert not any(words[:4])
+    assert float(words[4][0].split("part by ")[1].split(" m/s")[0]) == pytest.approx(rate_m_s, abs=0.2)
+    assert words[5]
+    assert all(e.overrules and e.says == "undecided" for e in every[5] if e.failed)
+
+
+def test_slower_than_that_it_takes_half_a_minute_and_two_satellites_alone_are_no_evidence():
+    o = observed(duration_s=DURATION_S)
+    slow = failed(said(windows(parted(o, 0.5))))
+    assert not any(slow[:4])
+    assert slow[7]
+    assert not any(failed(said(windows(parted(o, 5.0, [1, 3])))))
+
+
+def test_two_oscillators_that_part_code_from_carrier_all_the_time_are_no_attack():
+    o = observed(duration_s=DURATION_S)
+    drifting = changed(o, pseudorange_m=o.pseudorange_m + 3.0 * o.elapsed_s[:, None])
+    assert not any(failed(said(windows(drifting))))
+
+
+def test_carriers_turn_faster_than_the_class_of_the_oscillator_wanders():
+    """By 1 cm/s more each second: ten wavelengths in twenty seconds."""
+    o = turned(observed(noise=WHITE, oscillator="ocxo", duration_s=DURATION_S), 0.01)
+    named = failed(said(windows(o), oscillator="ocxo"))
+    assert not any(named[:4])
+    assert "as no motion turns them" in named[5][0]
+    assert not any(failed(said(windows(o), oscillator="tcxo")))
+    assert not any(failed(said(windows(o))))
+
+
+def test_the_level_of_signals_or_of_noise_that_rises_within_a_minute_is_said():
+    o = observed(duration_s=DURATION_S)
+    rising = changed(o, cn0_dbhz=o.cn0_dbhz + 1.5 / 10.0 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None])
+    assert not any(failed(said(windows(rising))))  # who moves passes shade
+    named = failed(said(windows(rising), speed_max_m_s=0.0))
+    assert not any(named[:5])
+    assert "all satellites in rx1 together rose by" in named[-1][0]
+    loud = [replace(one, ccaf=(noise(one, 10.0 if k > 4 else 0.0),)) for k, one in enumerate(windows(o))]
+    named = failed(said(loud))
+    assert not any(named[:5])
+    assert "the noise in rx1 rose by 10 dB" in named[5][0]
+
+
+def noise(records, level_db):
+    """Grids whose noise has a level."""
+    (o,) = records.observations
+    n = len(o.signals)
+    return Ccaf(
+        receiver=o.receiver,
+        signals=o.signals,
+        gpst=o.gpst[-4:],
+        elapsed_s=o.elapsed_s[-4:],
+        coherent_s=0.02,
+        band_hz=3e6,
+        delays_chips=np.zeros(1),
+        dopplers_hz=np.zeros(1),
+        reference_m=np.zeros((4, n)),
+        reference_hz=np.zeros((4, n)),
+        value=np.zeros((4, n, 1, 1), complex),
+        noise_variance=np.full((4, n), 10.0 ** (0.1 * level_db)),
+        noise_samples=64,
+    )
+
+
+def test_what_it_lacks_is_said_and_pieces_give_what_the_whole_gives():
+    records = windows(observed())
+    check_pieces(CommonChange, records)
+    check_missing_named(CommonChange(), records[0])
+    (first,), _ = CommonChange().examine(records[0])
+    assert "nothing yet" in first.because
+
+
+def test_settings_that_make_no_sense_are_refused():
+    with pytest.raises(SettingsError, match="sundial"):
+        CommonChangeSettings(oscillator="sundial")
+    with pytest.raises(SettingsError, match="gain_db"):
+        CommonChangeSettings(gain_db=0.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("oscillator", ["ocxo", "rubidium"])
+def test_turns_of_true_clocks_have_uniform_p_values(oscillator):
+    """With the share that a class is trusted with at one, and no errors but those that are stated."""
+    p_values = []
+    for number in range(100):
+        o = observed(number, noise=WHITE, oscillator=oscillator, duration_s=42.0, seed=number)
+        every = said(windows(o), oscillator=oscillator, oscillator_share=1.0, carrier_error_m=1e-4)
+        p_values += [e.p_value for e in every[-1] if "carriers" in e.because]  # windows share epochs: one of each
+    assert len(p_values) == 100
+    for level in (0.1, 0.3):  # a bound of two spans
+        low, high = stats.binom.ppf([0.001, 0.999], len(p_values), level)
+        assert 0.5 * low <= np.sum(np.array(p_values) <= level) <= high
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_under_a_clean_sky_there_are_no_more_alarms_than_asked_for(motion):
+    """Reflections, ionosphere and oscillators as the simulator has them: two hours."""
+    asked, p_values = 0.03, []
+    for number in range(60):
+        o = observed(number, noise=FIELD, motion=motion, oscillator="ocxo", duration_s=122.0, seed=1 + number // 10)
+        every = said(windows(o), false_alarm_probability=asked, oscillator="ocxo")
+        p_values += [min(e.p_value for e in evidence if e.p_value is not None) for evidence in every[1:]]
+    alarms = int(np.sum(np.array(p_values) < asked / 3.0))
+    assert alarms <= stats.binom.ppf(0.999, len(p_values), asked)
