@@ -125,7 +125,7 @@ def test_an_empty_file_is_refused(run, tmp_path):
 @pytest.mark.usefixtures("untracked")
 def test_a_file_that_is_not_there_is_refused(run, tmp_path):
     assert_refused(run(tmp_path / "rx1.bin"), tmp_path / "rx1.bin", "does not exist", "check the name")
-    assert_refused(run(tmp_path), tmp_path, "no regular file", "give the file")
+    assert_refused(run(tmp_path), tmp_path, "is not a regular file", "give the file")
 
 
 @pytest.mark.usefixtures("untracked")

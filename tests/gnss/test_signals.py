@@ -19,13 +19,13 @@ def test_names_and_numbers_of_satellites_agree():
 
 @pytest.mark.parametrize("sat", ["G00", "G33", "E05", "5", "", "G005", "g05"])
 def test_a_name_that_is_no_gps_satellite_is_refused(sat):
-    with pytest.raises(ValueError, match="no GPS satellite"):
+    with pytest.raises(ValueError, match="is not a GPS satellite"):
         prn_of(sat)
 
 
 @pytest.mark.parametrize("prn", [0, 33])
 def test_a_number_that_is_no_gps_satellite_is_refused(prn):
-    with pytest.raises(ValueError, match="no GPS satellite"):
+    with pytest.raises(ValueError, match="is not a GPS satellite"):
         sat_name(prn)
 
 

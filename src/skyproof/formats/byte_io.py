@@ -168,8 +168,8 @@ class FileBytes:
             )
         if now.st_size < was.st_size:
             return (
-                f"the file had {was.st_size} bytes when it was opened and was cut to {now.st_size} since: the sum "
-                f"is of the first {self._summed}",
+                f"the file had {was.st_size} bytes when it was opened and was cut to {now.st_size} since: the "
+                f"checksum is of the first {self._summed}",
             )
         if now.st_mtime_ns != was.st_mtime_ns:
             return ("the file was written to while it was processed: let the recorder finish first",)

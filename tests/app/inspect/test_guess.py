@@ -534,7 +534,7 @@ def test_what_is_no_recording_is_recognized_by_name(octets: bytes, words: list[s
 
 
 def test_a_folder_and_a_file_that_is_not_there_are_reported(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no regular file"):
+    with pytest.raises(InputError, match="is not a regular file"):
         inspect(tmp_path)
     with pytest.raises(InputError, match="does not exist"):
         inspect(tmp_path / "gone.bin")
