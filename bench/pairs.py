@@ -7,7 +7,8 @@ trial. Errors are those of the measurements 2 to 3 s after the second signal was
 discriminator without noise. Where the tops of the two correlations touch, a loop need not have a place to stay near the
 weaker one; `stays` is the share of phases between the carriers for which it has.
 
-`python bench/pairs.py --trials 20` writes the whole table as markdown.
+`python bench/pairs.py --trials 20` writes the whole table as markdown; with `--joint` that of a receiver with joint
+channels.
 """
 
 import argparse
@@ -168,7 +169,7 @@ def trial(rng: np.random.Generator, cell: Cell, settings: ReceiverSettings | Non
     state, parts, arcs = ReceiverState(), [], {}
     n = round(BLOCK_S * RATE_HZ)
     stop_s = math.inf  # of the epochs that count
-    for block in range(math.ceil((onset_s + WAIT_S + TRACKED_S + SEEN_S) / BLOCK_S)):
+    for block in range(math.floor((onset_s + WAIT_S + TRACKED_S + SEEN_S) / BLOCK_S)):  # as long as there are bits
         planes = noise(rng, n)
         add(first, block * n, planes)
         add(second, block * n, planes)
@@ -399,10 +400,16 @@ def clean_recording(duration_s: float, seed: int) -> tuple[float, list[str]]:
     return 0.2 * epochs, sorted(f"{sat}{copy}" for sat, copy in names if copy != "a")
 
 
-def reflected(rng: np.random.Generator, apart_chips: float, relative_db: float, apart_hz: float) -> int:
+def reflected(
+    rng: np.random.Generator,
+    apart_chips: float,
+    relative_db: float,
+    apart_hz: float,
+    settings: ReceiverSettings | None = None,
+) -> int:
     """Signals reported beside a satellite's own, of one with a reflection."""
     cell = Cell(apart_chips=apart_chips, relative_db=relative_db, apart_hz=apart_hz, cn0_dbhz=rng.uniform(42.0, 50.0))
-    outcome = trial(rng, cell)
+    outcome = trial(rng, cell, settings)
     return outcome.others + outcome.both
 
 
@@ -429,10 +436,11 @@ def table(
     separations_chips: Sequence[float] = SEPARATIONS_CHIPS,
     powers_db: Sequence[float] = POWERS_DB,
     differences_hz: Sequence[float] = DIFFERENCES_HZ,
+    settings: ReceiverSettings | None = None,
 ) -> Iterator[Row]:
     """Row by row. A cell's trials are its own whatever other cells are asked for."""
     for apart_chips, relative_db, apart_hz in product(separations_chips, powers_db, differences_hz):
-        yield row_of(Cell(apart_chips=apart_chips, relative_db=relative_db, apart_hz=apart_hz), trials)
+        yield row_of(Cell(apart_chips=apart_chips, relative_db=relative_db, apart_hz=apart_hz), trials, settings)
 
 
 def row_of(cell: Cell, trials: int, settings: ReceiverSettings | None = None) -> Row:
@@ -534,9 +542,13 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--trials", type=int, default=10, help="of each cell")
     options.add_argument("--apart", type=float, nargs="*", default=SEPARATIONS_CHIPS, help="separations, chips")
+    options.add_argument("--power", type=float, nargs="*", default=POWERS_DB, help="of the second, dB")
+    options.add_argument("--hz", type=float, nargs="*", default=DIFFERENCES_HZ, help="between the Dopplers")
+    options.add_argument("--joint", action="store_true", help="with joint channels")
     chosen = options.parse_args()
+    settings = ReceiverSettings(sats=(SAT,), joint=chosen.joint)
     print(MARKDOWN_HEAD)
-    for row in table(chosen.trials, separations_chips=chosen.apart):
+    for row in table(chosen.trials, chosen.apart, chosen.power, chosen.hz, settings):
         print(_markdown(row), flush=True)
 
 

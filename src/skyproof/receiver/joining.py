@@ -5,8 +5,9 @@ they were. What it says of a signal later is of the same count, so an arc of the
 that is handed back goes on where the filter is.
 
 A joint channel costs as much as two loops, so it runs only where it is needed: on signals of one satellite that are
-near to each other; on a single one for one row now and then, to see whether there is another one beside it, or when its
-strength or its carrier moves as a second signal would move them; and then for as long as rows say that there may be.
+near to each other; on a single one for one row now and then, to see whether there is another one beside it, or when a
+search has found one, or its strength or its carrier moves as a second signal would move them; and then for as long as
+rows say that there may be.
 """
 
 import math
@@ -24,7 +25,16 @@ from skyproof.receiver.joint import Joint
 from skyproof.receiver.joint_channel import JointChannel, JointModel, JointRow
 from skyproof.receiver.joint_tracker import Followed, JointState, JointTracker, Replica
 
-__all__ = ["Components", "JointReceiver", "JointlyFollowed", "handed_back", "handed_over"]
+__all__ = [
+    "PARTED_CHIPS",
+    "Components",
+    "JointReceiver",
+    "JointlyFollowed",
+    "apart_chips",
+    "handed_back",
+    "handed_over",
+    "shown_chips",
+]
 
 TOGETHER_CHIPS = 1.4
 """Signals of a satellite nearer to each other than this are of one joint channel."""
@@ -52,7 +62,7 @@ def handed_over(tracker: JointTracker, loops: Reals, sample_power: float, at: fl
     for i, loop in enumerate(loops):
         size = math.sqrt(model.energy(float(loop[k.CN0_DBHZ])))
         mean[i, j.HZ] = loop[k.FREQUENCY] - replica.hz
-        mean[i, j.CHIPS] = _later_chips(loop, replica, signal, model.rate_hz)
+        mean[i, j.CHIPS] = apart_chips(shown_chips(loop, replica.start, model.rate_hz), replica.chip, signal)
         if i == 0:  # half a bit before the first one, to where the filter's first step begins
             mean[i, j.RE] = size
         spread = 0.3 * size + 1.0 if i == 0 else size + 1.0
@@ -71,7 +81,7 @@ def _bit_at(loop: Reals, model: JointModel, at: float) -> Replica:
     """
     signal = model.signal
     bit, length = signal.periods_per_symbol, signal.code_length
-    shown = loop[k.PERIODS] + (loop[k.CHIP] + (at - loop[k.START]) / model.rate_hz * loop[k.CODE_RATE]) / length
+    shown = loop[k.PERIODS] + shown_chips(loop, at, model.rate_hz) / length
     periods = math.floor((shown - loop[k.BIT_START]) / bit) * bit + int(loop[k.BIT_START])
     chips = (periods - loop[k.PERIODS]) * length - loop[k.CHIP]
     start = int(loop[k.START]) + math.ceil(chips / loop[k.CODE_RATE] * model.rate_hz)
@@ -85,12 +95,15 @@ def _bit_at(loop: Reals, model: JointModel, at: float) -> Replica:
     )
 
 
-def _later_chips(loop: Reals, replica: Replica, signal: SignalDescription, rate_hz: float) -> float:
-    """By how much a loop's code is later than the replica's, within half a code period."""
+def shown_chips(loop: Reals, at: float, rate_hz: float) -> float:
+    """Chips that a loop's code shows at a sample, since its next code period's start."""
+    return float(loop[k.CHIP] + (at - loop[k.START]) / rate_hz * loop[k.CODE_RATE])
+
+
+def apart_chips(one: float, other: float, signal: SignalDescription) -> float:
+    """By how much a code that shows `one` is later than a code that shows `other`, within half a code period."""
     length = signal.code_length
-    gone_s = (replica.start - loop[k.START]) / rate_hz
-    shown = loop[k.CHIP] + gone_s * loop[k.CODE_RATE]
-    return float((replica.chip - shown + 0.5 * length) % length - 0.5 * length)
+    return (other - one + 0.5 * length) % length - 0.5 * length
 
 
 def handed_back(loop: Reals, one: Followed, model: JointModel, if_hz: float = 0.0) -> Reals:
@@ -202,9 +215,11 @@ class JointReceiver:
         channels : arc and satellite of each of the loops (n, N_STATE), whose bits are known. at : sample from which on
         they begin.
         """
-        now = list(followed)
+        now, sats = list(followed), [sat for _, sat in channels]
         for i in sorted(range(len(channels)), key=lambda i: -float(loops[i, k.CN0_DBHZ])):
             sat = channels[i][1]
+            if not wanted[i] and sats.count(sat) == 1:
+                continue
             if any(sat == one.sat and self._near(loops[i], one.state) for one in now):
                 continue
             tracker = self.tracker(sat)
@@ -212,9 +227,7 @@ class JointReceiver:
             near = [
                 m
                 for m, (_, other) in enumerate(channels)
-                if m != i
-                and other == sat
-                and abs(_later_chips(loops[m], replica, self.signal, self.rate_hz)) < TOGETHER_CHIPS
+                if m != i and other == sat and abs(self._later(loops[m], replica)) < TOGETHER_CHIPS
             ]
             if not near and not wanted[i]:
                 continue
@@ -227,13 +240,16 @@ class JointReceiver:
 
     def _shown(self, loop: Reals, at: float) -> float:
         """Code periods that a loop has counted at a sample."""
-        gone_s = (at - loop[k.START]) / self.rate_hz
-        return float(loop[k.PERIODS] + (loop[k.CHIP] + gone_s * loop[k.CODE_RATE]) / self.signal.code_length)
+        return float(loop[k.PERIODS] + shown_chips(loop, at, self.rate_hz) / self.signal.code_length)
 
     def _near(self, loop: Reals, state: JointState) -> bool:
         """Whether a joint channel has a signal near a loop's."""
-        later = _later_chips(loop, state.replica, self.signal, self.rate_hz)
+        later = self._later(loop, state.replica)
         return bool(np.any(np.abs(later - state.channel.joint.mean[:, j.CHIPS]) < TOGETHER_CHIPS))
+
+    def _later(self, loop: Reals, replica: Replica) -> float:
+        """By how much (chips) a loop's code is later than a replica's."""
+        return apart_chips(shown_chips(loop, replica.start, self.rate_hz), replica.chip, self.signal)
 
     def step(
         self, followed: Sequence[JointlyFollowed], planes: Floats, first: int, strengths: Mapping[str, float]
@@ -263,4 +279,4 @@ class JointReceiver:
             return not channel.is_lost
         if len(channel.names) > 1:
             return float(np.ptp(channel.joint.mean[:, j.CHIPS])) < PARTED_CHIPS
-        return one.row.score > self.tracker(one.sat).model.suspicion
+        return one.row.suspected

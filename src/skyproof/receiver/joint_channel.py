@@ -155,6 +155,7 @@ class JointRow:
 
     names : of the n signals, in their order in `filtered` and `alone`. filtered : (n, N_STATE); sigma : (n, N_STATE).
     alone : white from row to row. score : largest of a further signal. came, went : names.
+    suspected : whether there may be a further signal that is no other satellite's.
     dark : whether the signs of half the data bits were not to be seen.
     """
 
@@ -163,6 +164,7 @@ class JointRow:
     sigma: Reals
     alone: Row
     score: float
+    suspected: bool = False
     dark: bool = False
     came: tuple[int, ...] = ()
     went: tuple[int, ...] = ()
@@ -263,6 +265,7 @@ def _rows(
             sigma=np.stack([channel.joint.sigma(column) for column in range(j.N_STATE)], axis=-1),
             alone=by_itself,
             score=float(score[i]),
+            suspected=bool(score[i] > model.suspicion and math.hypot(*state[i, [j.RE, j.IM]]) > least),
             dark=2 * channel.signs.count(0.0) >= model.bits_per_row,
         )
         expected = j.carried(channel.before.mean, back_s + model.bit_s, rho)

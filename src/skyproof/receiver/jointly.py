@@ -12,10 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
+from skyproof.receiver import joining
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Channel, arc_of, letter, lost_of
-from skyproof.receiver.joining import JointlyFollowed, JointReceiver, handed_back
+from skyproof.receiver.joining import JointlyFollowed, JointReceiver, apart_chips, handed_back, shown_chips
 from skyproof.receiver.joint_tracker import Followed
 from skyproof.receiver.keeping import Given
 from skyproof.receiver.measurement import SLIP_SUSPECTED_CYC
@@ -96,6 +97,7 @@ def led_on(
     power = 2.0 * float(np.mean(fresh[:, ::POWER_STRIDE] ** 2))
     channels = [(state.channels[i].arc, state.channels[i].sat) for i in ready]
     wanted = _wanted([arc for arc, _ in channels], state, settings, given.measured[-1])
+    wanted |= _beside_others(joint, state, end)[ready]
     now = joint.begin(state.joint, channels, state.loops[ready], wanted, power, end)
     loops = state.loops.copy()
     unknown = {arc for one in now[len(state.joint) :] for arc in list(one.arcs.values())[1:]}
@@ -117,6 +119,18 @@ def _wanted(arcs: Sequence[int], state: ReceiverState, settings: ReceiverSetting
         if row.size:
             due[place] |= _moves(last.table[row[-1]], mean_dbhz[arc], MEASURE_FRAMES * settings.frame_s)
     return due
+
+
+def _beside_others(joint: JointReceiver, state: ReceiverState, end: int) -> Booleans:
+    """Which channels have another one of their satellite near to them, proved or not (n_channels,)."""
+    shown = [shown_chips(loop, end, joint.rate_hz) for loop in state.loops]
+    found = np.zeros(len(shown), np.bool_)
+    for i, channel in enumerate(state.channels):
+        for n in range(i):
+            same = state.channels[n].sat == channel.sat
+            if same and abs(apart_chips(shown[i], shown[n], joint.signal)) < joining.PARTED_CHIPS:
+                found[[i, n]] = True
+    return found
 
 
 def _moves(row: Reals, mean_dbhz: float, duration_s: float) -> bool:
@@ -148,18 +162,16 @@ def _with_newcomers(
             arc, counted = state.channels[-1].arc, new.periods[next(iter(one.arcs))]
         else:
             arc = state.channels[known].arc
-            shown = (state.loops[known, k.START] - signals[name].at) / joint.rate_hz * state.loops[known, k.CODE_RATE]
-            later = state.loops[known, k.CHIP] - shown - signals[name].code_chips
-            counted = round(state.loops[known, k.PERIODS] + later / joint.signal.code_length)
+            more = shown_chips(state.loops[known], signals[name].at, joint.rate_hz) - signals[name].code_chips
+            counted = round(state.loops[known, k.PERIODS] + more / joint.signal.code_length)
         new = replace(new, arcs={**new.arcs, name: arc}, periods={**new.periods, name: counted})
     return replace(state, joint=tuple(new if each is one else each for each in state.joint))
 
 
-def _apart_chips(joint: JointReceiver, loop: Reals, signal: Followed) -> float:
-    """Between a loop's code and a signal's, within half a code period."""
-    length = joint.signal.code_length
-    shown = loop[k.CHIP] + (signal.at - loop[k.START]) / joint.rate_hz * loop[k.CODE_RATE]
-    return float(abs((shown - signal.code_chips + 0.5 * length) % length - 0.5 * length))
+def _near(joint: JointReceiver, loop: Reals, signal: Followed, settings: ReceiverSettings) -> bool:
+    """Whether a loop is on a signal."""
+    shown = shown_chips(loop, signal.at, joint.rate_hz)
+    return abs(apart_chips(shown, signal.code_chips, joint.signal)) < settings.merge_chips
 
 
 def _on(
@@ -168,7 +180,7 @@ def _on(
     """Number of a channel that is on a signal beside those of the joint channel."""
     for i, channel in enumerate(state.channels):
         other = channel.sat == one.sat and channel.arc not in one.arcs.values()
-        if other and _apart_chips(joint, state.loops[i], signal) < settings.merge_chips:
+        if other and _near(joint, state.loops[i], signal, settings):
             return i
     return None
 
@@ -178,7 +190,7 @@ def _without_unproved(
 ) -> ReceiverState:
     """Without channels on a signal that have no letter yet: the joint channel has proved it."""
     near = [
-        channel.sat == sat and channel.copy is None and _apart_chips(joint, loop, signal) < settings.merge_chips
+        channel.sat == sat and channel.copy is None and _near(joint, loop, signal, settings)
         for channel, loop in zip(state.channels, state.loops, strict=True)
     ]
     return kept(state, [i for i, is_near in enumerate(near) if not is_near])

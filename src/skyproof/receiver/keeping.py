@@ -262,8 +262,8 @@ def _doubles(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings) 
                 apart_s = math.remainder(float(delays_s[i] - delays_s[j]), signal.period_s)
                 same_hz = abs(hz[i] - hz[j]) < MERGE_HZ
                 arcs = {state.channels[i].arc, state.channels[j].arc}
-                if any(one.leads and arcs <= set(one.arcs.values()) for one in state.joint):
-                    continue  # a joint channel tells them apart
+                if any(not arcs.isdisjoint(one.arcs.values()) for one in state.joint):
+                    continue  # a joint channel tells them apart, or looks whether they are two
                 if same_hz and abs(apart_s) * signal.chip_rate_hz < settings.merge_chips:
                     doubles.add(i)
     return doubles

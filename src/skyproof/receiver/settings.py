@@ -63,7 +63,7 @@ class ReceiverSettings:
     look_share: float = 1.0
     grids: CcafAsked | None = None
     joint: bool = False
-    joint_look_s: float = 5.0
+    joint_look_s: float = 6.0
     code_phases: int = 32
     # Of 5 ms: a frequency loop of 1 ms shakes by 18 Hz at 35 dB-Hz and loses every other signal.
     pull_in: LoopSettings = LoopSettings(
