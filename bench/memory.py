@@ -5,6 +5,7 @@ Each run is a process of its own: `python memory.py samples MINUTES` or `python 
 """
 
 import json
+import math
 import resource
 import subprocess
 import sys
@@ -20,8 +21,17 @@ import numpy as np
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import obs_lines
+from skyproof.gnss.constants import (
+    BEIDOU_EARTH_ROTATION_RAD_S,
+    EARTH_ROTATION_RAD_S,
+    GALILEO_MU_M3_S2,
+    MU_M3_S2,
+    SECONDS_PER_WEEK,
+)
+from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.nominal_systems import nominal_systems
+from skyproof.gnss.time import gpst, week_and_tow
 from skyproof.records import NavigationData, Samples
 from skyproof.simulator.kinds import Kind
 from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
@@ -32,6 +42,7 @@ from skyproof.simulator.sky import scene_of
 START = np.datetime64("2022-01-01T10:30:00", "ns")
 LAT_DEG, LON_DEG, APART_DEG = 57.7, 11.94, 6.7e-4  # 40 m
 RATE_HZ = 2.6e6
+GEOSTATIONARY = {f"C{number:02d}" for number in range(1, 6)}
 KINDS = (("G", "L1", "CA"), ("G", "L2", "L"), ("E", "E1", "C"), ("C", "B1", "2I"))
 MINUTES, HOURS = (1, 10), (1, 6)
 WHOLE_MINUTES, WHOLE_HOURS = (1, 10, 60), (1, 24)
@@ -92,11 +103,14 @@ def samples(minutes: int, folder: Path) -> str:
 
 def rinex(hours: int, folder: Path) -> str:
     """The verdict on observation files of 1 Hz."""
-    sets = {}
     paths = [folder / f"rx{number}.obs" for number in (1, 2)]
+    nominal = nominal_systems(START + np.timedelta64(30, "m"), "GEC")
+    # BeiDou's geostationary satellites turn in a frame of their own, where one orbit has no second set.
+    first = replace(nominal, ephemerides=tuple(e for e in nominal.ephemerides if e.sat not in GEOSTATIONARY))
+    sets: list[Ephemeris] = []
     for hour in range(hours):
         start = START + np.timedelta64(hour, "h")
-        truth = nominal_systems(start + np.timedelta64(30, "m"), "GEC")
+        truth = replace(first, ephemerides=tuple(_hours_later(e, hour) for e in first.ephemerides))
         scenario = Scenario(seed=1, start_gpst=start, duration_s=3600.0, mask_deg=8.0, receivers=_receivers("rubidium"))
         scene = scene_of(scenario, truth, sats=[e.sat for e in truth.ephemerides])
         kinds = [Kind(*kind, {"rx1": 1.0, "rx2": 2.0}) for kind in KINDS]
@@ -109,10 +123,10 @@ def rinex(hours: int, folder: Path) -> str:
             body = next(row for row, text in enumerate(lines) if "END OF HEADER" in text) + 1
             with path.open("a") as file:
                 file.write("\n".join(lines[body if hour else 0 :]) + "\n")
-        sets |= {(e.sat, e.week, e.toe): e for e in truth.ephemerides}
+        sets += truth.ephemerides
     # What is believed of the ionosphere is not what it is.
-    believed = replace(truth.ionosphere, alpha=tuple(0.8 * a for a in truth.ionosphere.alpha))
-    write_nav(folder / "nav.rnx", NavigationData(ephemerides=tuple(sets.values()), ionosphere=believed))
+    believed = replace(first.ionosphere, alpha=tuple(0.8 * a for a in first.ionosphere.alpha))
+    write_nav(folder / "nav.rnx", NavigationData(ephemerides=tuple(sets), ionosphere=believed))
     # Making the files takes memory of its own: the run is another process.
     done = subprocess.run(
         [sys.executable, __file__, "protect", *map(str, paths), str(folder / "nav.rnx"), str(folder / "out")],
@@ -122,6 +136,30 @@ def rinex(hours: int, folder: Path) -> str:
     )
     print(done.stdout.strip())
     return ""
+
+
+def _hours_later(e: Ephemeris, hours: int) -> Ephemeris:
+    """The same orbit and clock by a set that counts from so many hours later: IS-GPS-200N, table 20-IV, with tk."""
+    later_s = 3600.0 * hours
+    week, toe_s = week_and_tow(gpst(e.week, e.toe + later_s))
+    gravity_m3_s2 = MU_M3_S2 if e.sat[0] == "G" else GALILEO_MU_M3_S2  # BeiDou's is Galileo's
+    earth_rad_s = BEIDOU_EARTH_ROTATION_RAD_S if e.sat[0] == "C" else EARTH_ROTATION_RAD_S
+    motion_rad_s = gravity_m3_s2**0.5 / e.sqrt_a**3 + e.delta_n
+    # The node counts from Greenwich at the week's beginning.
+    node_rad = e.omega0 + e.omega_dot * later_s - earth_rad_s * SECONDS_PER_WEEK * (week - e.week)
+    return replace(
+        e,
+        week=week,
+        toe=toe_s,
+        toc_week=week,
+        toc=toe_s,
+        iode=(e.iode + hours) % 128,
+        iodc=(e.iodc + hours) % 128,
+        af0=e.af0 + e.af1 * later_s,
+        m0=math.remainder(e.m0 + motion_rad_s * later_s, math.tau),
+        omega0=math.remainder(node_rad, math.tau),
+        i0=e.i0 + e.idot * later_s,
+    )
 
 
 def _measured(verdict: str, begin: float) -> str:

@@ -27,7 +27,7 @@ _STYLES: Final = {  # kind: colour as aabbggrr, width in pixels
 
 def write_kml(path: str | os.PathLike[str], tracks: Mapping[str, Track], *, name: str = "skyproof") -> None:
     """Write `tracks` to `path`, as `kml_lines` says. Raises ValueError as that does, OutputError as `writing` does."""
-    write_lines(path, list(kml_lines(tracks, name=name)), encoding="utf-8")
+    write_lines(path, kml_lines(tracks, name=name), encoding="utf-8")
 
 
 def kml_lines(tracks: Mapping[str, Track], *, name: str = "skyproof") -> Iterator[str]:

@@ -30,6 +30,7 @@ from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.recording.profile import delay_profiles
 from skyproof.records import ConsistentSet, ObservationLog, Observations, Records, Samples
+from skyproof.report.drawing import thin
 from skyproof.report.page import Pictures
 from skyproof.report.pictures import (
     DelayProfile,
@@ -49,6 +50,7 @@ PROFILES: Final = 6
 """Satellites whose correlation is drawn: more would show the same again."""
 PROFILE_REACH_CHIPS: Final = 60.0  # between a satellite's first and last signal; farther ones are not drawn together
 PAIRS: Final = 3  # of receivers, whose range differences are drawn
+SERIES_POINTS: Final = 2048  # of a signal over time: a page draws fewer, and a day of many signals would fill the memory
 COMPARED_WINDOWS: Final = 256  # from which the one to be drawn is chosen
 STANDS_M: Final = 0.5
 PERIOD_NS: Final = 1_000_000
@@ -184,15 +186,13 @@ def _series(o: ObservationLog | None, outcome: Outcome, zero: np.datetime64) -> 
     assert o is not None
     series = []
     for s in _labels_of(o, outcome):
-        rows = slice(s.first_epoch, s.last_epoch + 1)
-        column = o.signals.index(s.ref.signal)
+        stop = s.last_epoch + 1
+        seconds = np.asarray(seconds_between(o.gpst[s.first_epoch : stop], zero), np.float64)
+        cn0_dbhz = o.series("cn0_dbhz", o.signals.index(s.ref.signal), s.first_epoch, stop)
+        seconds, cn0_dbhz = thin(seconds, cn0_dbhz, SERIES_POINTS)
         series.append(
             SignalSeries(
-                receiver=o.receiver,
-                signal=str(s.ref.signal),
-                label=s.label,
-                seconds=np.asarray(seconds_between(o.gpst[rows], zero), np.float64),
-                cn0_dbhz=o.series("cn0_dbhz", column, s.first_epoch, s.last_epoch + 1),
+                receiver=o.receiver, signal=str(s.ref.signal), label=s.label, seconds=seconds, cn0_dbhz=cn0_dbhz
             )
         )
     return series
