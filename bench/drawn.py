@@ -44,7 +44,6 @@ FOLLOWED_S = 5.0
 SHOWN_FIELDS = ("kind", "place", "clock", "reached", "power_db", "noise_db", "onset_s")
 SAMPLES: dict[str, Any] = {"duration_s": 26.0, "most_receivers": 3}
 MOST_SATS = 8
-_HOLDS_DISTANCE = "antenna_distance_m" in Settings.model_fields
 
 
 def settings_of(made: Made) -> Settings:
@@ -52,8 +51,8 @@ def settings_of(made: Made) -> Settings:
     drawn = made.drawn
     if drawn.given == "positions":
         return Settings(antennas_enu_m=made.antennas_enu_m)
-    if drawn.given == "distance" and _HOLDS_DISTANCE:
-        return Settings(antenna_distance_m=drawn.given_distance_m)  # type: ignore[call-arg]
+    if drawn.given == "distance":
+        return Settings(antenna_distance_m=drawn.given_distance_m)
     return Settings()
 
 

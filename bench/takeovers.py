@@ -1,0 +1,414 @@
+"""Takeovers drawn at random, of one receiver with one antenna, through samples and the whole of `protect`.
+
+    python bench/takeovers.py --scenes 40 --out takeovers.jsonl --processes 2   goes on where it was stopped
+    python bench/takeovers.py --only 17                                         one scene, its row
+    python bench/takeovers.py --table takeovers.jsonl                           the counts alone
+
+False signals grow on the true ones, are held there, and drawn off in position, time or both. A trusted fix is wrong if
+it is off horizontally by more than three times its stated 95 % bound. The word comes at the end of the first window
+after the pull's start in which a test says spoofed or attack; the run's verdict is its last word.
+"""
+
+import argparse
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+import tomli_w
+
+from skyproof.app.protect import protect
+from skyproof.app.protect.coasting import trusted_and_coasted
+from skyproof.app.protect.document import Outcome
+from skyproof.arrays import Reals
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.time import seconds_between
+from skyproof.records import Fix, FixStatus
+from skyproof.simulator.attacks import Takeover
+from skyproof.simulator.files import write_samples, write_series
+from skyproof.simulator.received import ReceiverSky, Scene
+from skyproof.simulator.scenario import FrontEnd, Scenario, SceneImu, SceneReceiver, Sky
+from skyproof.simulator.sites import Site, WayPoints
+from skyproof.simulator.sky import scene_of
+
+SEED = 7
+TO_95 = 2.45  # of a circle about two equal sigmas
+WRONG_BOUNDS = 3.0
+CLEAN_S = 14.0
+"""Before the onset, which the run may take as true: shorter than by default, as samples cost time."""
+RATES_HZ = (4e6, 5e6, 8e6, 25e6)
+RATE_SHARES = (0.45, 0.4, 0.1, 0.05)
+AFTER_S = 6.0
+"""Of the run after the pull."""
+MOST_SATS = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """All that a scene is made of. push : which of position and time is drawn off. given : what the user states."""
+
+    number: int
+    seed: int
+    lat_deg: float
+    lon_deg: float
+    start_gpst: np.datetime64
+    rate_hz: float
+    bits: int
+    zenith_cn0_dbhz: float
+    horizon_cn0_dbhz: float
+    motion: Literal["standing", "walking", "driving"]
+    heading_deg: float
+    given: Literal["nothing", "static", "imu"]
+    power_db: float
+    rise_s: float
+    held_s: float
+    push: Literal["position", "clock", "both"]
+    pull_m_s: float
+    pull_s: float
+    bearing_rad: float
+    phase: Literal["aligned", "random"]
+    carrier: Literal["follows", "locked"]
+
+    @property
+    def pull_from_s(self) -> float:
+        return CLEAN_S + self.rise_s + self.held_s
+
+    @property
+    def duration_s(self) -> float:
+        return math.ceil(self.pull_from_s + self.pull_s + AFTER_S)
+
+
+def draw(number: int) -> Drawn:
+    """The scene of a number, whatever others are drawn."""
+    rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(number,)))
+    motion = str(rng.choice(["standing", "walking", "driving"], p=[0.5, 0.2, 0.3]))
+    helped = "static" if motion == "standing" else "imu"
+    pull_m_s = float(math.exp(rng.uniform(math.log(0.3), math.log(10.0))))
+    return Drawn(
+        number=number,
+        seed=int(rng.integers(2**31)),
+        lat_deg=float(rng.uniform(-65.0, 65.0)),
+        lon_deg=float(rng.uniform(-180.0, 180.0)),
+        start_gpst=np.datetime64("2021-01-01T00:00:00", "ns") + np.timedelta64(int(rng.integers(126_230_400)), "s"),
+        rate_hz=float(rng.choice(RATES_HZ, p=RATE_SHARES)),
+        bits=int(rng.choice([1, 2, 8])),
+        zenith_cn0_dbhz=float(rng.uniform(45.0, 50.0)),
+        horizon_cn0_dbhz=float(rng.uniform(38.0, 44.0)),
+        motion=motion,
+        heading_deg=float(rng.uniform(0.0, 360.0)),
+        given=str(rng.choice(["nothing", helped], p=[0.35, 0.65])),
+        power_db=0.0 if rng.random() < 0.2 else float(rng.uniform(-1.0, 10.0)),
+        rise_s=float(rng.uniform(0.0, 6.0)),
+        held_s=float(rng.choice([0.0, rng.uniform(0.0, 12.0), rng.uniform(12.0, 30.0)], p=[0.2, 0.6, 0.2])),
+        push=str(rng.choice(["position", "clock", "both"])),
+        pull_m_s=pull_m_s,
+        pull_s=float(np.clip(60.0 / pull_m_s, 12.0, 40.0)),
+        bearing_rad=float(rng.uniform(0.0, 2.0 * np.pi)),
+        phase=str(rng.choice(["aligned", "random"])),
+        carrier=str(rng.choice(["follows", "locked"], p=[0.7, 0.3])),
+    )  # type: ignore[arg-type]
+
+
+def made(drawn: Drawn) -> tuple[Scenario, Scene]:
+    """The scene of the highest satellites, worked out."""
+    navigation = nominal_constellation(drawn.start_gpst)
+    under = scene_of(_scenario(drawn, None), navigation)
+    sky = under.skies[0]
+    order = np.argsort(-sky.el_rad[sky.knots_s.size // 2])[:MOST_SATS]
+    scenario = _scenario(drawn, tuple(sorted(sky.signals[column].id.sat for column in order)))
+    return scenario, scene_of(scenario, navigation)
+
+
+def _scenario(drawn: Drawn, sats: tuple[str, ...] | None) -> Scenario:
+    begin_s, end_s = drawn.pull_from_s, drawn.pull_from_s + drawn.pull_s
+    off_m = drawn.pull_m_s * drawn.pull_s
+    east_m, north_m = off_m * math.sin(drawn.bearing_rad), off_m * math.cos(drawn.bearing_rad)
+    away = ((begin_s, 0.0, 0.0, 0.0), (end_s, east_m, north_m, 0.0)) if drawn.push != "clock" else ()
+    late = ((begin_s, 0.0), (end_s, off_m / SPEED_OF_LIGHT_M_S)) if drawn.push != "position" else ()
+    moving = {} if drawn.motion == "standing" else {"path": _way(drawn)}
+    attack = Takeover(
+        name="false",
+        transmit=Site(lat_deg=drawn.lat_deg + 1e-3, lon_deg=drawn.lon_deg, height_m=60.0, **moving),
+        target="rx",
+        power_db=drawn.power_db,
+        power_points_db=((CLEAN_S, -24.0), (CLEAN_S + drawn.rise_s, 0.0)) if drawn.rise_s else (),
+        onset_s=CLEAN_S,
+        away_points_enu_m=away,
+        clock_points_s=late,
+        phase=drawn.phase,
+        carrier=drawn.carrier,
+        sats=sats,
+    )
+    receiver = SceneReceiver(
+        name="rx",
+        lat_deg=drawn.lat_deg,
+        lon_deg=drawn.lon_deg,
+        height_m=50.0,
+        oscillator="tcxo-good",
+        imu=SceneImu(grade="tactical", rate_hz=100.0) if drawn.given == "imu" else None,
+        **moving,
+    )
+    return Scenario(
+        seed=drawn.seed,
+        start_gpst=drawn.start_gpst,
+        duration_s=drawn.duration_s,
+        mask_deg=8.0,
+        receivers=(receiver,),
+        front_end=FrontEnd(
+            rate_hz=drawn.rate_hz,
+            bandwidth_hz=0.8 * drawn.rate_hz,
+            bits=drawn.bits,
+            encoding="sign" if drawn.bits == 1 else "sign-magnitude" if drawn.bits == 2 else "int",
+        ),
+        attacks=(attack,),
+        sky=Sky(zenith_cn0_dbhz=drawn.zenith_cn0_dbhz, horizon_cn0_dbhz=drawn.horizon_cn0_dbhz, sats=sats),
+    )
+
+
+def _way(drawn: Drawn) -> WayPoints:
+    """Turns left and right every ten seconds or so."""
+    speed_m_s = 1.4 if drawn.motion == "walking" else 12.0
+    places, heading = [(0.0, 0.0, 0.0)], math.radians(drawn.heading_deg)
+    for leg in range(int(drawn.duration_s / 10.0) + 4):
+        turned = heading + (0.5 if leg % 2 else -0.3)
+        east_m, north_m, up_m = places[-1]
+        places.append(
+            (east_m + 10.0 * speed_m_s * math.sin(turned), north_m + 10.0 * speed_m_s * math.cos(turned), up_m)
+        )
+    return WayPoints(points_enu_m=tuple(places), speed_m_s=speed_m_s, start_s=-10.0, from_rest=False, to_rest=False)
+
+
+def platform_of(drawn: Drawn, folder: Path) -> Path:
+    """What the user states, as a platform file."""
+    stated: dict[str, Any] = {"receivers": [{"name": "rx"}], "protect": {"clean_start_s": CLEAN_S}}
+    if drawn.given == "static":
+        stated |= {"motion": "static", "oscillator": "tcxo"}
+    elif drawn.given == "imu":
+        stated |= {"motion": "moving", "imu": {"file": "rx-imu.csv", "grade": "tactical"}}
+    path = folder / "platform.toml"
+    path.write_text(tomli_w.dumps(stated), encoding="utf-8")
+    return path
+
+
+def row_of(number: int) -> dict[str, Any]:
+    """The row of `examined`, or what it failed with."""
+    try:
+        return examined(number)
+    except Exception as error:  # whatever it is, it is counted
+        return {"number": number, "verdict": "crashed", "error": f"{type(error).__name__}: {error}"}
+
+
+def examined(number: int) -> dict[str, Any]:
+    """One row of the result: what was drawn, said and wrong."""
+    begin = perf_counter()
+    drawn = draw(number)
+    _, scene = made(drawn)
+    with TemporaryDirectory(prefix="takeover") as name:
+        folder = Path(name)
+        paths = write_samples(scene, folder, "raw")
+        if drawn.given == "imu":
+            write_series(scene, folder)
+        nav = folder / "nav.rnx"
+        write_nav(nav, nominal_constellation(drawn.start_gpst))
+        rendered_s = perf_counter() - begin
+        result = protect(paths, nav=nav, platform=platform_of(drawn, folder))
+        row = vars(drawn) | {
+            "start_gpst": str(drawn.start_gpst),
+            "duration_s": drawn.duration_s,
+            "verdict": result.verdict.verdict,
+            "summary": result.verdict.summary,
+            "because": result.verdict.undecided_because,
+            "rendered_s": round(rendered_s, 1),
+            "seconds": round(perf_counter() - begin, 1),
+        }
+        return row | _words(drawn, scene, result.outcome) | _fixes(drawn, scene, result.outcome)
+
+
+def _words(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
+    """When a test said that there is an attack, and what was chosen."""
+    start = scene.scenario.start_gpst
+    saying = [e for e in outcome.evidence if e.says in ("spoofed", "attack")]
+    ends_s = sorted(float(seconds_between(e.end_gpst, start)) for e in saying)
+    early = [s for s in ends_s if s < CLEAN_S]
+    later = [s for s in ends_s if s >= CLEAN_S]
+    word_s = later[0] - drawn.pull_from_s if later else None
+    open_s = [
+        float(seconds_between(e.end_gpst, start)) for e in outcome.evidence if e.says == "undecided" and e.overrules
+    ]
+    return {
+        "alarms_before": len(early),
+        "word_s": word_s,
+        "word_m": None if word_s is None else max(word_s, 0.0) * drawn.pull_m_s,
+        "by": sorted({e.detector for e in saying}),
+        "doubt_s": min(open_s) - drawn.pull_from_s if open_s else None,
+    }
+
+
+def _fixes(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
+    """Trusted fixes against the truth; how long an ordinary receiver had a fix, and how far off it ended."""
+    sky, (r,) = scene.skies[0], outcome.receivers
+    row: dict[str, Any] = {"wrong": 0, "fixes": 0, "beyond": 0, "worst_m": None, "worst_bounds": None}
+    row |= {"ordinary": 0.0, "ordinary_off_m": None, "trusted_s": 0.0, "inertia_s": 0.0, "time_off_s": None}
+    o = r.reception.observations
+    if o is None or r.positions is None:
+        return row
+    interval_s = float(np.median(np.diff(o.elapsed_s)))
+    level, bounds, off_s = [], [], []
+    for source, fix in trusted_and_coasted(r.positions):
+        good = np.flatnonzero(fix.status == FixStatus.OK)
+        error_m, bound_m = _errors_m(scene, sky, fix, good)
+        level.append(error_m)
+        bounds.append(error_m / bound_m)
+        row["trusted_s" if source == "satellites" else "inertia_s"] += interval_s * good.size
+        if source == "satellites":
+            off_s.append(_time_off_s(scene, o, fix, good))
+    if level and (every := np.concatenate(level)).size:
+        times = np.concatenate(bounds)
+        row |= {
+            "fixes": int(every.size),
+            "wrong": int(np.sum(times > WRONG_BOUNDS)),
+            "beyond": int(np.sum(times > 1.0)),
+            "worst_m": float(every.max()),
+            "worst_bounds": float(times.max()),
+        }
+    if off_s and (late := np.concatenate(off_s)).size:
+        row["time_off_s"] = float(np.abs(late).max())
+    ordinary = r.positions.whole("unprotected") if "unprotected" in r.positions.masks else None
+    trusted = r.positions.whole("trusted")
+    fixed = sum(_fixed_seconds([f for f in (ordinary, trusted) if f is not None], drawn.duration_s, scene))
+    row["ordinary"] = round(fixed / max(drawn.duration_s - 6.0, 1.0), 3)
+    last = ordinary if ordinary is not None else trusted
+    if last is not None and (good := np.flatnonzero(last.status == FixStatus.OK)).size:
+        row["ordinary_off_m"] = float(_errors_m(scene, sky, last, good[-1:])[0][0])
+    return row
+
+
+def _errors_m(scene: Scene, sky: ReceiverSky, fix: Fix, good: Any) -> tuple[Reals, Reals]:
+    """Horizontal errors of epochs `good`, and their stated 95 % bounds."""
+    truth_m = sky.point(_true_s(scene, fix, good)).position_ecef_m
+    if not good.size:
+        return np.empty(0), np.empty(0)
+    rot = rot_enu_ecef(*geodetic_from_ecef(truth_m[0])[:2])
+    off_m = (fix.position_ecef_m[good] - truth_m) @ rot.T
+    variance = np.einsum("ij,njk,ik->ni", rot, fix.covariance_m2[good, :3, :3], rot)
+    return np.hypot(off_m[:, 0], off_m[:, 1]), TO_95 * np.sqrt(variance)[:, :2].max(axis=1)
+
+
+def _true_s(scene: Scene, fix: Fix, good: Any) -> Reals:
+    """Of a fix's own time: a false one is off by less than 3 us here, in which nothing moves."""
+    return np.asarray(seconds_between(fix.gpst[good], scene.scenario.start_gpst), np.float64)
+
+
+def _time_off_s(scene: Scene, o: Any, fix: Fix, good: Any) -> Reals:
+    """Time given less true time: epochs are evenly spaced by the receiver's clock, whose error before the attack and
+    its drift then are its own."""
+    t = _true_s(scene, fix, good)
+    bias = fix.clock_bias_s[good]
+    clean = t < CLEAN_S
+    if clean.sum() < 10:
+        return np.empty(0)
+    line = np.polyfit(t[clean], bias[clean], 1)
+    return np.asarray(bias - np.polyval(line, t))
+
+
+def _fixed_seconds(fixes: Sequence[Fix], duration_s: float, scene: Scene) -> list[int]:
+    """For each whole second, 1 if there is a fix of any kind in it."""
+    seen: set[int] = set()
+    for fix in fixes:
+        good = np.flatnonzero(fix.status == FixStatus.OK)
+        seen |= set(np.floor(_true_s(scene, fix, good)).astype(int).tolist())
+    return [int(second in seen) for second in range(6, int(duration_s))]
+
+
+# ---------------------------------------------------------------------- all of them
+
+
+def run(numbers: Sequence[int], out: Path | None, processes: int) -> list[dict[str, Any]]:
+    """Rows of all scenes; those that `out` has already are not made again."""
+    done = read(out) if out is not None and out.exists() else []
+    have = {row["number"] for row in done}
+    left = [number for number in numbers if number not in have]
+    for row in _worked(left, processes):
+        done.append(row)
+        if out is not None:
+            with out.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row, default=str) + "\n")
+    return done
+
+
+def _worked(numbers: Sequence[int], processes: int) -> Iterator[dict[str, Any]]:
+    if processes == 1:
+        yield from map(row_of, numbers)
+        return
+    with get_context("spawn").Pool(processes) as pool:
+        yield from pool.imap_unordered(row_of, numbers)
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
+
+
+def table(rows: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """The counts: by what is drawn off and what is given."""
+    rows = list(rows)
+    yield from (f"{row['number']} crashed: {row['error']}" for row in rows if row["verdict"] == "crashed")
+    rows = [row for row in rows if row["verdict"] != "crashed"]
+    for push in ("position", "clock", "both"):
+        for given in ("nothing", "static", "imu"):
+            part = [row for row in rows if row["push"] == push and row["given"] == given]
+            if part:
+                yield f"{push:<8} {given:<7} {_counts(part)}"
+    yield f"all              {_counts(rows)}"
+    for words, chosen in (
+        ("wrong trusted fixes", [r for r in rows if r["wrong"]]),
+        ("authentic", [r for r in rows if r["verdict"] == "authentic"]),
+        ("alarm before the onset", [r for r in rows if r["alarms_before"]]),
+    ):
+        yield f"{words}: {' '.join(str(r['number']) for r in chosen) or 'none'}"
+
+
+def _counts(part: Sequence[Mapping[str, Any]]) -> str:
+    n = {word: sum(row["verdict"] == word for row in part) for word in ("spoofed", "undecided", "authentic")}
+    named = [row for row in part if row["word_s"] is not None]
+    words = f"{len(part):3d}: spoofed {n['spoofed']:2d}, undecided {n['undecided']:2d}, authentic {n['authentic']:2d}"
+    if named:
+        s, m = (np.median([row[key] for row in named]) for key in ("word_s", "word_m"))
+        words += f"; word in {len(named)}, median {s:.0f} s and {m:.0f} m after the pull's start"
+    worst = [row["worst_m"] for row in part if row["worst_m"] is not None]
+    ordinary = np.mean([row["ordinary"] for row in part])
+    return (
+        f"{words}; wrong {sum(bool(row['wrong']) for row in part)}; worst trusted {max(worst, default=0.0):.1f} m; "
+        f"seconds with an ordinary fix {ordinary:.3f}"
+    )
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--scenes", type=int, default=0)
+    options.add_argument("--first", type=int, default=0)
+    options.add_argument("--only", type=int, nargs="*")
+    options.add_argument("--processes", type=int, default=1)
+    options.add_argument("--out", type=Path)
+    options.add_argument("--table", type=Path)
+    chosen = options.parse_args()
+    if chosen.table is not None:
+        rows = read(chosen.table)
+    elif chosen.only is not None:
+        rows = [examined(number) for number in chosen.only]
+        print(json.dumps(rows, default=str, indent=1))
+    else:
+        rows = run(range(chosen.first, chosen.first + chosen.scenes), chosen.out, chosen.processes)
+    print("\n".join(table(rows)))
+
+
+if __name__ == "__main__":
+    main()
