@@ -103,8 +103,8 @@ def noise_delays(prn: int) -> tuple[float, ...]:
 
     The nearest to zero beyond three chips, two chips apart at least.
     """
-    code = ca_code(prn).astype(np.int64)
-    like = np.array([int(code @ np.roll(code, lag)) for lag in range(code.size)])
+    code = ca_code(prn)
+    like = np.rint(np.fft.irfft(np.abs(np.fft.rfft(code)) ** 2, code.size))
     found: list[float] = []
     for size in range(4, code.size // 2):
         quiet = bool(np.all(like[[size - 1, size, size + 1]] == -1))

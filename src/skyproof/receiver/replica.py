@@ -55,6 +55,9 @@ def code_table(
     )
     period = np.fft.irfft(np.fft.fft(code)[line % code.size] * chip, code.size * points) * points
     samples = np.arange(n_samples + 2 * pad) - pad + np.arange(n_phases)[:, np.newaxis] / n_phases
+    # Straight lines between points that are evenly spaced: np.interp would search for each.
     at = samples * (chips_per_sample * points)
-    smooth = np.interp(at, np.arange(period.size), period, period=period.size)
+    whole = np.floor(at)
+    point = whole.astype(np.int64) % period.size
+    smooth = period[point] + (at - whole) * np.diff(period, append=period[:1])[point]
     return np.asarray(np.clip(np.rint(CODE_SCALE * smooth), -127, 127), np.int8)

@@ -50,7 +50,7 @@ PROFILES: Final = 6
 """Satellites whose correlation is drawn: more would show the same again."""
 PROFILE_REACH_CHIPS: Final = 60.0  # between a satellite's first and last signal; farther ones are not drawn together
 PAIRS: Final = 3  # of receivers, whose range differences are drawn
-SERIES_POINTS: Final = 2048  # of a signal over time: a page draws fewer, and a day of many signals would fill the memory
+SERIES_POINTS: Final = 2048  # of a signal over time: more than a page draws, and a day of all would fill the memory
 COMPARED_WINDOWS: Final = 256  # from which the one to be drawn is chosen
 STANDS_M: Final = 0.5
 PERIOD_NS: Final = 1_000_000
