@@ -111,7 +111,7 @@ def draw(number: int) -> Drawn:
         held_s=float(rng.choice([0.0, rng.uniform(0.0, 12.0), rng.uniform(12.0, 30.0)], p=[0.2, 0.6, 0.2])),
         push=str(rng.choice(["position", "clock", "both"])),
         pull_m_s=pull_m_s,
-        pull_s=float(np.clip(60.0 / pull_m_s, 12.0, 40.0)),
+        pull_s=float(np.clip(rng.uniform(60.0, 400.0) / pull_m_s, 12.0, 50.0)),
         bearing_rad=float(rng.uniform(0.0, 2.0 * np.pi)),
         phase=str(rng.choice(["aligned", "random"])),
         carrier=str(rng.choice(["follows", "locked"], p=[0.7, 0.3])),
@@ -121,7 +121,7 @@ def draw(number: int) -> Drawn:
 def made(drawn: Drawn) -> tuple[Scenario, Scene]:
     """The scene of the highest satellites, worked out."""
     navigation = nominal_constellation(drawn.start_gpst)
-    under = scene_of(_scenario(drawn, None), navigation)
+    under = scene_of(_scenario(drawn, None).model_copy(update={"attacks": ()}), navigation)
     sky = under.skies[0]
     order = np.argsort(-sky.el_rad[sky.knots_s.size // 2])[:MOST_SATS]
     scenario = _scenario(drawn, tuple(sorted(sky.signals[column].id.sat for column in order)))

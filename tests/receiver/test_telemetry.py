@@ -84,3 +84,33 @@ def test_a_time_of_week_is_dropped_once_bits_begin_elsewhere():
     assert state.synchronised
     assert state.tow_ms_at_period_0 is None
     assert tm.bit_start(state) == 4306 % 20
+
+
+def sent(bits, *, lead_periods, cn0_dbhz, rng):
+    """In-phase prompts of bits (n,), the first of which begins at period `lead_periods` (0 to 19)."""
+    strength = 10.0 ** (0.1 * cn0_dbhz) * 1e-3
+    values = np.sqrt(2.0 * strength) * np.repeat(bits, 20)[(20 - lead_periods) % 20 :]
+    return (values + rng.normal(size=values.size)).astype(np.float32)
+
+
+@pytest.mark.parametrize("cn0_dbhz", [30.0, 40.0, 50.0])
+def test_bits_that_do_not_turn_over_tell_no_start(cn0_dbhz):
+    """A message may send nothing but zeros for seconds: where its bits begin is then not seen, and not guessed."""
+    rng = np.random.default_rng(2)
+    for lead_periods in range(0, 20, 3):
+        quiet, turning = np.ones(150), rng.choice([-1.0, 1.0], 150)
+        values = sent(np.concatenate([quiet, turning]), lead_periods=lead_periods, cn0_dbhz=cn0_dbhz, rng=rng)
+        assert not feed(values[:2900]).synchronised
+        assert tm.bit_start(feed(values)) == lead_periods
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("turning", [0.02, 0.1, 0.4])
+@pytest.mark.parametrize("cn0_dbhz", [25.0, 32.0, 45.0])
+def test_bits_are_hardly_ever_taken_to_begin_where_they_do_not(turning, cn0_dbhz):
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        lead_periods = int(rng.integers(20))
+        bits = np.cumprod(np.where(rng.random(300) < turning, -1.0, 1.0))
+        state = feed(sent(bits, lead_periods=lead_periods, cn0_dbhz=cn0_dbhz, rng=rng))
+        assert tm.bit_start(state) in (None, lead_periods)

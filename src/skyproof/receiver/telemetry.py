@@ -6,15 +6,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.arrays import Floats, Reals
+from skyproof.arrays import Booleans, Floats, Reals
 from skyproof.gnss.lnav import Subframe, decode_how, decode_subframe, find_subframes
 from skyproof.receiver.bit_edges import PERIODS_PER_BIT, EdgeSums, add_bits, edge_scores, shift_limit
 from skyproof.receiver.polarity import Stretch, joined, stretches_of
 
 FALSE_REFUTATION = 1e-6
 """Probability that bits which begin where the time of week has them are taken for others."""
+FALSE_START = 1e-5
+"""Probability, at most, of each look that bits are taken to begin where they do not. A code period is 300 km."""
 BIT_SYNC_PERIODS = 1500
 """Code periods looked at to find where bits begin: some 35 transitions, enough down to 28 dB-Hz."""
+MOST_SYNC_PERIODS = 6000
+"""Kept while too few transitions tell where bits begin: a message may send zeros for two seconds, and words of reserved
+pages hardly turn over."""
 BITS_PER_SUBFRAME = 300
 BITS_KEPT = 2 * BITS_PER_SUBFRAME + 60
 """Two subframes and a head: a subframe is always whole in it, and starts can be checked against each other."""
@@ -53,6 +58,8 @@ def step(telemetry: Telemetry, prompts: NDArray[np.floating], first_period: int)
         if telemetry.prompts.size < BIT_SYNC_PERIODS:
             return telemetry
         telemetry = _synchronise(telemetry)
+        if not telemetry.synchronised:
+            return telemetry
     return _decode(_make_bits(telemetry), telemetry.bits.size)
 
 
@@ -74,15 +81,25 @@ def bit_start(telemetry: Telemetry) -> int | None:
 
 
 def _synchronise(telemetry: Telemetry) -> Telemetry:
-    """Bits begin where their energy is largest, or where a known time of week has them unless that is refuted."""
+    """Bits begin where a known time of week has them unless that is refuted, else where all other starts are refuted.
+
+    As long as neither is known, the latest prompts are kept for the next look.
+    """
     known = bit_start(telemetry)
-    offset = int(np.argmax(bit_energy(telemetry.prompts)))
+    best = int(np.argmax(bit_energy(telemetry.prompts)))
     if known is not None:
         expected = (known - telemetry.prompts_period) % PERIODS_PER_BIT
-        if offset == expected or not _refuted(telemetry.prompts, expected):
-            offset = expected
-        else:
-            telemetry = replace(telemetry, tow_ms_at_period_0=None, stretches=())
+        if expected == best or not np.any(_fitting_better(telemetry.prompts, expected)):
+            return _synchronised(telemetry, expected)
+        telemetry = replace(telemetry, tow_ms_at_period_0=None, stretches=())
+    if np.all(_fitting_worse(telemetry.prompts, best)):
+        return _synchronised(telemetry, best)
+    dropped = max(telemetry.prompts.size - MOST_SYNC_PERIODS, 0)
+    return replace(telemetry, prompts=telemetry.prompts[dropped:], prompts_period=telemetry.prompts_period + dropped)
+
+
+def _synchronised(telemetry: Telemetry, offset: int) -> Telemetry:
+    """With bits from the prompt of that number on."""
     return replace(
         telemetry,
         synchronised=True,
@@ -93,12 +110,21 @@ def _synchronise(telemetry: Telemetry) -> Telemetry:
     )
 
 
-def _refuted(prompts: Floats, offset: int) -> bool:
-    """Whether bits that begin at period `offset` are refuted by others that fit better."""
-    sums = add_bits(
-        EdgeSums(since_s=0.0), prompts[None].astype(np.complex128), np.zeros(1, np.int64), np.array([float(offset)])
+def _fitting_better(prompts: Floats, offset: int) -> Booleans:
+    """Which other starts (19,) refute bits that begin at period `offset`."""
+    return np.asarray(_scores(prompts, offset) > shift_limit(FALSE_REFUTATION))
+
+
+def _fitting_worse(prompts: Floats, offset: int) -> Booleans:
+    """Which other starts (19,) bits that begin at period `offset` refute."""
+    return np.asarray(_scores(prompts, offset) < -shift_limit(FALSE_START))
+
+
+def _scores(prompts: Floats, offset: int) -> Reals:
+    sums = EdgeSums(since_s=0.0)
+    return edge_scores(
+        add_bits(sums, prompts[None].astype(np.complex128), np.zeros(1, np.int64), np.array([float(offset)]))
     )
-    return bool(np.max(edge_scores(sums)) > shift_limit(FALSE_REFUTATION))
 
 
 def _make_bits(telemetry: Telemetry) -> Telemetry:
