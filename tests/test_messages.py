@@ -80,8 +80,8 @@ def test_a_wrong_option_is_refused_as_a_setting_and_not_as_the_files(tmp_path: P
         (lambda: ArrayCommonSettings(false_alarm_probability=0.0), "array_common: false_alarm_probability is 0.0"),
         (lambda: InsArraySettings(false_alarm_probability=1.0), "ins_array: false_alarm_probability is 1.0"),
         (
-            lambda: SecondSignalsSettings(long_echo_probability=float("nan")),
-            "second_signals: long_echo_probability is nan",
+            lambda: SecondSignalsSettings(unexplained_probability=float("nan")),
+            "second_signals: unexplained_probability is nan",
         ),
         (lambda: SpinSettings(false_alarm_probability=-1.0), "spin: false_alarm_probability is -1.0"),
         (lambda: FilterSettings(false_alarm_probability=2.0), "filter: false_alarm_probability is 2.0"),
@@ -91,6 +91,11 @@ def test_what_is_no_probability_is_refused(make: Callable[[], object], words: st
     with pytest.raises(SettingsError) as raised:
         make()
     assert str(raised.value) == f"{words}, expected above 0 and below 1; give one such as 0.001"
+
+
+def test_a_number_of_echoes_is_more_than_zero() -> None:
+    with pytest.raises(SettingsError, match="second_signals: echoes_per_satellite is 0, expected more than 0; give"):
+        SecondSignalsSettings(echoes_per_satellite=0.0)
 
 
 def test_an_error_time_of_a_filter_is_more_than_zero() -> None:

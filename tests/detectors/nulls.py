@@ -11,6 +11,7 @@ from skyproof.detectors.array.ins_array import InsArraySettings, equilateral_tri
 from skyproof.detectors.array.spin import arm_angles, arm_columns
 from skyproof.detectors.correlators.correlator_laws import prompt_amplitude, triangle
 from skyproof.detectors.correlators.sqm import tap_covariance
+from skyproof.detectors.second_signals.detector import SecondSignalsSettings, elevation_rad
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
@@ -22,6 +23,7 @@ from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.sets import consistent_sets
 from skyproof.records import ArrayPhases, Ccaf, NavState, Observations, Records, SignalId, SpinArm, Taps
 from skyproof.statistics.directions import direction_cosines, hemisphere
+from skyproof.studies.uniformity_echoes import drawn_seconds
 from skyproof.studies.vector_loops import draw_taps
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -54,9 +56,22 @@ def with_seconds(rng, kept, delay_m=None, *, scene=ECHOES):
     return replace(records, observations=(changed,), sets=records.sets[:1])
 
 
-def with_echoes(rng, probability=0.01):
-    """Each satellite has a far echo now and then."""
-    return with_seconds(rng, rng.random(ECHOING) < probability)
+def with_echoes(rng):
+    """Echoes as they are between towers, one a satellite at most."""
+    records = ECHOES.records(rng)
+    (o,) = records.observations
+    sets = records.sets[:1]
+    level_dbhz = np.median(o.cn0_dbhz[:, :ECHOING], axis=0)
+    elevation_deg = np.degrees([elevation_rad(records.navigation, sets, s.sat) for s in o.signals[:ECHOING]])
+    shown = {name: getattr(o, name).copy() for name in ("pseudorange_m", "cn0_dbhz", "doppler_hz")}
+    for name, values in shown.items():
+        values[:, ECHOING:] = values[:, :ECHOING] if name != "cn0_dbhz" else np.nan
+    for k, second in drawn_seconds(rng, SecondSignalsSettings().echoes, level_dbhz.max() - level_dbhz, elevation_deg):
+        shown["pseudorange_m"][:, ECHOING + k] = o.pseudorange_m[:, k] + second.late_m
+        shown["cn0_dbhz"][:, ECHOING + k] = o.cn0_dbhz[:, k] + second.over_db
+        shown["doppler_hz"][:, ECHOING + k] = o.doppler_hz[:, k] + second.apart_hz
+    shown["pseudorange_m"][:, ECHOING:] += 0.0 * shown["cn0_dbhz"][:, ECHOING:]
+    return replace(records, observations=(replace(o, **shown),), sets=sets)
 
 
 UNRELATED = MeasuredScene(antennas_enu_m=ONE, epochs=3, false=ECHOES.false, errors=ECHOES.errors, max_satellites=8)

@@ -84,10 +84,11 @@ CASES = (
     ),
     Case(
         "echoes",
-        lambda: SecondSignals(SecondSignalsSettings(false_alarm_probability=0.2, long_echo_probability=0.05)),
-        lambda rng: nulls.with_echoes(rng, 0.05),
-        800,
+        lambda: SecondSignals(SecondSignalsSettings(false_alarm_probability=0.02)),
+        nulls.with_echoes,
+        400,
         20_000,
+        conservative="most satellites have no second signal, which is less than a p-value of 1 says",
     ),
     Case(
         "one sky: RAIM",
@@ -256,12 +257,3 @@ def test_multi_receiver_false_alarms_at_one_percent_and_one_per_mille(receivers,
         check_false_alarms(
             lambda rate=rate: white(rate), (captured.records(rng) for _ in range(windows)), alarms=AUTHENTIC
         )
-
-
-@pytest.mark.long
-def test_second_signals_false_alarms_at_the_attained_rate():
-    rng = np.random.default_rng(7)
-    count, tests, rate = check_false_alarms(SecondSignals, (nulls.with_echoes(rng) for _ in range(100_000)))
-    assert rate < 1e-3
-    assert count > 0
-    assert tests == 100_000

@@ -18,6 +18,7 @@ from skyproof.detectors.multi_receiver.double_difference import Tested
 from skyproof.detectors.multi_receiver.one_antenna import WHITE, TrackNoise
 from skyproof.report.chart import Axes
 from skyproof.studies import uniformity_draws as draws
+from skyproof.studies import uniformity_echoes as echoes
 from skyproof.studies import uniformity_one_antenna as one_antenna
 from skyproof.studies.base import Claim, Row, Study, StudySettings
 from skyproof.studies.uniformity_draws import ASKED, Draw
@@ -100,8 +101,11 @@ CASES: Final = (
     Case(group=_POSITION, method="chance, residual", test="a second set of unrelated signals",
          draw=draws.unrelated_sets,
          why="the volume of noise at the worst geometry; p-values near 1 are cut off there"),
-    Case(group=_POSITION, method="second_signals", test="satellites with a second signal", draw=draws.echo_counts,
-         why="a count is whole: the share at p is p at the values that counts attain and less between them"),
+    Case(group=_POSITION, method="second_signals", test="second signals by echoes", draw=echoes.echoes_of_ten,
+         usual=100_000, quick=2000, at_once=5000,
+         why="most satellites have none, which is less than a p-value of 1 says; two at least make an alarm"),
+    Case(group=_GENERIC, method="many_small", test="some of ten small", draw=draws.many_of_ten,
+         usual=20_000, quick=1000),
     Case(group=_POSITION, method="inverse_raim", test="the true set", draw=draws.true_set),
     Case(group=_POSITION, method="exclusion", test="the true fix", draw=draws.exclusion, at_once=200_000),
     Case(group=_POSITION, method="decomposition", test="one signal, not two", draw=draws.count_of_signals,

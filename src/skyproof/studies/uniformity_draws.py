@@ -76,8 +76,9 @@ from skyproof.statistics.directions import (
     outsider_statistic,
     pair_statistics,
 )
-from skyproof.statistics.distributions import binomial_survival, chi_square_survival
+from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.linear_tests import linear_model, linear_test
+from skyproof.statistics.many_small import many_small
 from skyproof.studies.ins_array_figures import ERRORS, SIGMA_CYC
 from skyproof.studies.vector_loops import draw_discriminators
 from skyproof.studies.vector_sky import SKY, attack_on
@@ -92,7 +93,6 @@ __all__ = [
     "different",
     "distance",
     "divided",
-    "echo_counts",
     "equal_vectors",
     "exclusion",
     "fractions",
@@ -101,6 +101,7 @@ __all__ = [
     "known_sky",
     "lag_one",
     "line_parts",
+    "many_of_ten",
     "one_antenna",
     "outsider",
     "page_runs",
@@ -257,9 +258,9 @@ def unrelated_sets(rng: np.random.Generator, n: int) -> Reals:
     return chance_p_value(np.ones((n, 6)), window_m=100.0, largest_statistic=statistic)
 
 
-def echo_counts(rng: np.random.Generator, n: int) -> Reals:
-    """Twelve satellites, each with a second signal in one of a hundred."""
-    return binomial_survival(rng.binomial(12, 0.01, n), 12, 0.01)
+def many_of_ten(rng: np.random.Generator, n: int) -> Reals:
+    """Ten uniform p-values."""
+    return np.array([many_small(own).p_value for own in rng.random((n, 10))])
 
 
 def true_set(rng: np.random.Generator, n: int) -> Reals:

@@ -5,7 +5,6 @@ import pytest
 
 from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings, find_second_signals
 from skyproof.records import Observations, Records, SignalId
-from skyproof.statistics.distributions import binomial_survival
 
 START = np.datetime64("2022-01-01T00:00:00", "ns")
 
@@ -50,7 +49,8 @@ def test_many_second_signals_are_an_attack_and_one_is_an_echo():
     assert many.p_value < 1e-12
     assert {ref.signal.sat for ref in many.subject} == {f"G{k + 1:02d}" for k in range(8)}
     assert one.says == "clean"
-    assert one.statistic == 1.0
+    assert one.p_value == 1.0
+    assert "1 of 12 satellites in rx1 have a second credible signal" in one.because
 
 
 def test_without_cn0_it_says_that_this_is_what_is_missing():
@@ -62,11 +62,32 @@ def test_without_cn0_it_says_that_this_is_what_is_missing():
     assert weak.because == "0 satellites with a signal of 30 dB-Hz or more are too few"
 
 
-def test_the_rate_that_counts_attain_is_stated():
-    (evidence,) = examine(observations([3]))
-    assert evidence.threshold == 3.0
-    assert evidence.false_alarm_probability == pytest.approx(float(binomial_survival(3, 12, 0.01)))
-    assert evidence.false_alarm_probability < 1e-3
+def test_late_and_weak_seconds_are_echoes_where_strong_ones_are_not():
+    (weak,), (strong,) = (
+        examine(observations(range(4), weaker_db=db, delay_m=500.0, spread_m=60.0)) for db in (11.0, -9.0)
+    )
+    assert (weak.says, strong.says) == ("clean", "attack")
+    assert strong.p_value < 1e-9 < weak.p_value
+
+
+def test_two_signals_that_no_echo_is_like_are_needed():
+    alone, two, three = (examine(observations(range(k), weaker_db=-9.0, delay_m=900.0))[0] for k in (1, 2, 3))
+    assert alone.p_value == 1.0
+    assert alone.says == "clean"
+    assert 1e-6 < two.p_value < 1e-4
+    assert three.p_value < 1e-7
+
+
+def test_an_early_weak_signal_makes_the_other_a_late_strong_one():
+    early, late = (
+        find_second_signals(observations([3], delay_m=delay_m, weaker_db=db), SecondSignalsSettings())
+        for delay_m, db in ((-900.0, 7.0), (900.0, -7.0))
+    )
+    ((one,), (other,)) = early.seconds["G04"], late.seconds["G04"]
+    assert one.late_m == pytest.approx(900.0 - 36.0)
+    assert other.late_m == pytest.approx(900.0 + 36.0)
+    assert one.over_db == other.over_db == pytest.approx(7.0)
+    assert (one.below_db, other.below_db) == (pytest.approx(7.0), pytest.approx(0.0))
 
 
 @pytest.mark.parametrize(

@@ -1,44 +1,53 @@
-"""Satellites with more than one credible signal: an attack that does not hide the true signals shows beside them.
+"""Satellites with second signals that echoes do not explain: an attack that does not hide the true signals.
 
 Signals of one transmission are compared (satellite, band, code): what a satellite sends on two bands are no two signals
-of it. A satellite counts once, whichever of its transmissions has a second signal: one reflector makes all of them.
+of it. A satellite counts once, by its most telling second signal: one reflector makes all of them.
 
 A second signal must be clearly apart in delay or Doppler, which near echoes are not, and not much weaker, which the
-side lobes of a strong satellite's code are. Far echoes do happen, to one satellite here and there. So the statistic is
-the number of satellites with a second signal, binomial if echoes come to each satellite independently.
+side lobes of a strong satellite's code are. Of two signals the earlier is taken for the direct one, as an echo is
+late. How rarely an echo is like the other one is the satellite's p-value (`echoes`): how late, how strong over the
+direct one, how strong that is among the others, how fast. That more of these are small than chance explains is tested
+over all satellites, however many they are (`statistics.many_small`); two at least, for a reflector that no model
+describes may reach one.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.base import missing, signals_of, undecided
+from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
 from skyproof.detectors.second_signals.late_copies import MOST_LATE_M, WEAKER_DB
-from skyproof.errors import require_probability
+from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.records import Evidence, Need, Observations, Records, SignalId, SignalRef
-from skyproof.statistics.distributions import binomial_survival, binomial_threshold
+from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.sky import azimuth_elevation
+from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
+from skyproof.statistics.many_small import many_small
 
-__all__ = ["FoundSecondSignals", "SecondSignals", "SecondSignalsSettings", "find_second_signals"]
+__all__ = ["FoundSecondSignals", "SecondSignals", "SecondSignalsSettings", "elevation_rad", "find_second_signals"]
 
 _Transmission = tuple[str, str, str]
 LATE_HZ = 10.0
 """By which the carrier of a late copy differs at most: it is not sent anew."""
 SAME_DELAY = 4.0
 """Sigmas: second signals whose delays differ from the satellites' median by less are one late copy of the sky."""
+LEAST = 2
+"""Satellites that make an attack at least."""
+MOST = 0.05
+"""A p-value above this says nothing: that a satellite has an echo at all is no more likely."""
 
 
 @dataclass(frozen=True)
 class SecondSignalsSettings:
     """Settings of `SecondSignals`.
 
-    false_alarm_probability : at most, per receiver and window; counts are whole, so the attained rate is lower, and
-        is reported.
-    long_echo_probability : that a satellite has a credible second signal without an attack.
+    false_alarm_probability : at most, per receiver and window.
+    echoes_per_satellite : mean number of echoes of a satellite at a time, of any delay.
+    unexplained_probability : that a satellite has a credible second signal that neither an attack nor an echo makes.
     min_separation_chips : second signals nearer than this in delay and `min_separation_hz` in Doppler do not count.
     max_weaker_db : nor those weaker than the satellite's strongest by more.
     min_cn0_dbhz : nor any signal below.
@@ -47,7 +56,8 @@ class SecondSignalsSettings:
     """
 
     false_alarm_probability: float = 1e-3
-    long_echo_probability: float = 0.01
+    echoes_per_satellite: float = 1.0
+    unexplained_probability: float = 1e-3
     min_separation_chips: float = 1.5
     min_separation_hz: float = 50.0
     max_weaker_db: float = 12.0
@@ -56,8 +66,23 @@ class SecondSignalsSettings:
     multipath_sigma_m: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("false_alarm_probability", "long_echo_probability"):
+        for name in ("false_alarm_probability", "unexplained_probability"):
             require_probability("second_signals", name, getattr(self, name))
+        if not 0.0 < self.echoes_per_satellite < np.inf:
+            raise SettingsError(
+                f"second_signals: echoes_per_satellite is {self.echoes_per_satellite:g}, expected more than 0; give "
+                "the mean number of echoes of a satellite"
+            )
+
+    @property
+    def echoes(self) -> EchoModel:
+        """How reflections make second signals that are looked at."""
+        return EchoModel(
+            echoes_per_satellite=self.echoes_per_satellite,
+            unexplained_probability=self.unexplained_probability,
+            least_delay_m=self.min_separation_chips * SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ,
+            most_weaker_db=self.max_weaker_db,
+        )
 
 
 @dataclass(frozen=True)
@@ -65,14 +90,20 @@ class FoundSecondSignals:
     """Satellites of one receiver and window: all with a credible signal, those with a second one, and those of which it
     is not known, because the time of week, and with it the delay, is not known yet.
 
+    seconds : of each of the doubled, its second signals beside the one that is taken for the direct one.
     repeated : signals later and weaker than the strongest of their transmission, by a delay that several satellites
         share; so these do not make a satellite count as doubled.
     """
 
     sats: tuple[str, ...]
-    doubled: tuple[str, ...]
+    seconds: Mapping[str, tuple[Second, ...]]
     unknown: tuple[str, ...]
     repeated: tuple[SignalId, ...]
+
+    @property
+    def doubled(self) -> tuple[str, ...]:
+        """The satellites with a second signal."""
+        return tuple(self.seconds)
 
 
 def find_second_signals(observations: Observations, settings: SecondSignalsSettings) -> FoundSecondSignals:
@@ -84,14 +115,17 @@ def find_second_signals(observations: Observations, settings: SecondSignalsSetti
     sent: dict[_Transmission, list[int]] = {}
     for channel in np.flatnonzero(level_dbhz >= settings.min_cn0_dbhz):
         sent.setdefault(observations.signals[channel].transmission, []).append(int(channel))
-    verdicts = {name: _apart(observations, channels, level_dbhz, settings) for name, channels in sent.items()}
-    twice = sorted(name for name, apart in verdicts.items() if apart is True)
+    ordered = {name: _in_order(observations, channels, level_dbhz, settings) for name, channels in sent.items()}
+    best_dbhz = max((level_dbhz[channels[0]] for channels in ordered.values()), default=np.nan)
+    beside = {name: _beside(observations, own, level_dbhz, best_dbhz, settings) for name, own in ordered.items()}
+    twice = sorted(name for name, (seconds, _) in beside.items() if seconds)
     repeated = _repeated(observations, {name: sent[name] for name in twice}, level_dbhz, settings)
-    doubled = {sat for sat, *_ in set(twice) - {signal.transmission for signal in repeated}}
+    doubled = sorted(set(twice) - {signal.transmission for signal in repeated})
+    sats = sorted({sat for sat, *_ in doubled})
     return FoundSecondSignals(
         sats=tuple(sorted({sat for sat, *_ in sent})),
-        doubled=tuple(sorted(doubled)),
-        unknown=tuple(sorted({sat for (sat, *_), apart in verdicts.items() if apart is None} - doubled)),
+        seconds={sat: tuple(s for name in doubled if name[0] == sat for s in beside[name][0]) for sat in sats},
+        unknown=tuple(sorted({sat for (sat, *_), (_, known) in beside.items() if not known} - set(sats))),
         repeated=repeated,
     )
 
@@ -111,7 +145,7 @@ def _repeated(
         difference_m = observations.pseudorange_m[:, other] - observations.pseudorange_m[:, strong]
         known = np.isfinite(difference_m)
         apart_hz = _median_difference(observations.doppler_hz, strong, other, settings.min_epochs)
-        enough = known.sum() >= settings.min_epochs and not apart_hz > LATE_HZ
+        enough = known.sum() >= settings.min_epochs and not abs(apart_hz) > LATE_HZ
         if enough and 0.0 < np.median(difference_m[known]) <= MOST_LATE_M:
             thermal_m = observations.pseudorange_sigma_m[known][:, [strong, other]]
             variance = np.sum(thermal_m**2) / known.sum() ** 2 + 2.0 * settings.multipath_sigma_m**2
@@ -124,27 +158,57 @@ def _repeated(
     return tuple(observations.signals[c] for c in agreeing) if several else ()
 
 
-def _apart(
+def _in_order(
     observations: Observations, channels: list[int], level_dbhz: Reals, settings: SecondSignalsSettings
-) -> bool | None:
-    """Whether two of a transmission's channels are apart; None if that is not known."""
-    strong = [c for c in channels if level_dbhz[c] >= level_dbhz[channels].max() - settings.max_weaker_db]
+) -> list[int]:
+    """A transmission's channels that are not much weaker than its strongest: the earliest first, or the strongest where
+    that is not known."""
+    strong = sorted(
+        (c for c in channels if level_dbhz[c] >= level_dbhz[channels].max() - settings.max_weaker_db),
+        key=lambda c: -level_dbhz[c],
+    )
+    late_m = [_median_difference(observations.pseudorange_m, c, strong[0], settings.min_epochs) for c in strong]
+    if not np.all(np.isfinite(late_m[1:])):
+        return strong
+    return [strong[k] for k in np.argsort([0.0, *late_m[1:]], kind="stable")]
+
+
+def _beside(
+    observations: Observations,
+    channels: list[int],
+    level_dbhz: Reals,
+    best_dbhz: float,
+    settings: SecondSignalsSettings,
+) -> tuple[list[Second], bool]:
+    """What a transmission's channels are beside the first one, if clearly apart; and whether all delays are known."""
     chip_m = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
-    known = True
-    for one, other in combinations(strong, 2):
-        delay_m = _median_difference(observations.pseudorange_m, one, other, settings.min_epochs)
-        doppler_hz = _median_difference(observations.doppler_hz, one, other, settings.min_epochs)
-        if delay_m > settings.min_separation_chips * chip_m or doppler_hz > settings.min_separation_hz:
-            return True
-        known &= bool(np.isfinite(delay_m))
-    return False if known else None
+    direct, *others = channels
+    found, known = [], True
+    for other in others:
+        late_m = _median_difference(observations.pseudorange_m, other, direct, settings.min_epochs)
+        apart_hz = _median_difference(observations.doppler_hz, other, direct, settings.min_epochs)
+        late = abs(late_m) > settings.min_separation_chips * chip_m
+        known &= bool(np.isfinite(late_m))
+        if late or abs(apart_hz) > settings.min_separation_hz:
+            below_db = float(best_dbhz - level_dbhz[direct])
+            over_db = float(level_dbhz[other] - level_dbhz[direct])
+            found.append(Second(late_m if late else np.nan, over_db, apart_hz, below_db))
+    return found, known or bool(found)
 
 
 def _median_difference(values: Reals, one: int, other: int, min_epochs: int) -> float:
     """Within one receiver both have the same clock, so it does not matter."""
     difference = values[:, one] - values[:, other]
     known = difference[np.isfinite(difference)]
-    return float(np.abs(np.median(known))) if known.size >= min_epochs else np.nan
+    return float(np.median(known)) if known.size >= min_epochs else np.nan
+
+
+def elevation_rad(navigation: NavigationData | None, sets: Sequence[ConsistentSet], sat: str) -> float:
+    """Of a satellite, where the first of a receiver's sets puts it; NaN where nothing does."""
+    orbit = navigation.best(sat, sets[0].gpst) if navigation is not None and sets else None
+    if orbit is None:
+        return float("nan")
+    return float(azimuth_elevation(sets[0].position_ecef_m, satellite_state(orbit, sets[0].gpst).position_ecef_m)[1])
 
 
 class SecondSignals:
@@ -187,11 +251,16 @@ class SecondSignals:
                 would_need="C/N0 of the signals: of an observation file the types that begin with S",
                 because=f"{observations.receiver} gives no C/N0, without which no signal is known to be credible",
             )
-        n, k = len(found.sats), len(found.doubled)
-        count, attained = binomial_threshold(
-            self.settings.false_alarm_probability, n, self.settings.long_echo_probability
-        )
-        if count > n:
+        n, model, alpha = len(found.sats), self.settings.echoes, self.settings.false_alarm_probability
+        sets = [s for s in records.sets if s.receiver == observations.receiver]
+        least_p = {
+            sat: min(
+                _p_value(model, one._replace(elevation_rad=elevation_rad(records.navigation, sets, sat))) for one in own
+            )
+            for sat, own in found.seconds.items()
+        }
+        none = [1.0] * (n - len(least_p))
+        if n < LEAST:
             return undecided(
                 self,
                 records,
@@ -199,7 +268,13 @@ class SecondSignals:
                 would_need="more satellites in view",
                 because=f"{n} satellites with a signal of {self.settings.min_cn0_dbhz:g} dB-Hz or more are too few",
             )
-        if k < count <= k + len(found.unknown):
+        test = many_small([*least_p.values(), *none], least=LEAST, most=MOST)
+        worst = [self.settings.unexplained_probability] * len(found.unknown)
+        if (
+            test.p_value
+            >= alpha
+            > many_small([*least_p.values(), *worst, *none[len(worst) :]], least=LEAST, most=MOST).p_value
+        ):
             return undecided(
                 self,
                 records,
@@ -207,20 +282,34 @@ class SecondSignals:
                 because=f"of {len(found.unknown)} satellites with two signals the delay between them is not known yet",
                 would_need="6 s more of signal to decode the time of week, or a navigation file",
             )
-        attack = k >= count
+        attack = test.p_value < alpha
+        telling = sorted(least_p, key=lambda sat: least_p[sat])[: test.how_many]
+        words = f"{len(found.doubled)} of {n} satellites in {observations.receiver} have a second credible signal"
+        if attack:
+            often = max(least_p[sat] for sat in telling)
+            words += (
+                f"; what {test.how_many} of them have, echoes make of a satellite once in {_rounded(1.0 / often)} cases"
+            )
         return Evidence(
             detector=self.name,
             start_gpst=records.start_gpst,
             end_gpst=records.end_gpst,
-            subject=_signals(observations, found.doubled if attack else found.sats),
+            subject=_signals(observations, tuple(telling) if attack else found.sats),
             says="attack" if attack else "clean",
-            because=f"{k} of {n} satellites in {observations.receiver} have a second credible signal; far echoes make "
-            f"{count} or more of them once in {float(f'{1.0 / attained:.2g}'):.0f} windows",
-            statistic=float(k),
-            threshold=float(count),
-            false_alarm_probability=attained,
-            p_value=float(binomial_survival(k, n, self.settings.long_echo_probability)),
+            because=words,
+            statistic=float(-np.log10(test.p_value)),
+            threshold=float(-np.log10(alpha)),
+            false_alarm_probability=alpha,
+            p_value=test.p_value,
         )
+
+
+def _p_value(model: EchoModel, second: Second) -> float:
+    return echo_p_value(model, false_over_echo(model, second), second.below_db, second.elevation_rad)
+
+
+def _rounded(number: float) -> str:
+    return f"{float(f'{number:.2g}'):.0f}"
 
 
 def _signals(observations: Observations, sats: tuple[str, ...]) -> tuple[SignalRef, ...]:

@@ -1,0 +1,194 @@
+"""How reflections make second signals of a satellite, and how rarely one is like a given second signal.
+
+The model is that of dense urban canyons, the worst that is measured:
+
+- an echo is late by a gamma law whose scale falls with the satellite's elevation, and weaker by 12.35 dB and 0.0016 dB
+  per metre in the mean (X. Chen, D. He, L. Pei, Satellite Navigation 1:26, 2020, doi 10.1186/s43020-020-00027-7, table
+  1);
+- about that mean its power is exponential (a Rayleigh amplitude), and a few come from far, up to 15 us late, as in A.
+  Jahn, H. Bischl, G. Heiss, Channel characterisation for spread spectrum satellite communications, ISSSTA 1996;
+- the direct signal is blocked for a share of the time, by about 12 dB with a sigma of 4 dB, as in cities by E. Lutz and
+  others, IEEE Trans. Veh. Technol. 40(2), 1991, doi 10.1109/25.289418. It is blocked by no more than it lies below the
+  receiver's strongest direct signal, and some dB for antenna gains;
+- its Doppler is that of reflectors at up to 50 m/s, or of an antenna that moves so.
+
+Chosen here, on the careful side: a tenth of the echoes come from faces of metal or glass, any level down to 12 dB below
+the unblocked direct signal being as likely; and one satellite in a thousand has a second signal that no echo explains.
+
+A false signal may be earlier or later, weaker or stronger, each as likely over wide ranges. Second signals are ordered
+by their likelihood ratio of "false" over "an echo"; a satellite's p-value is the probability that it has one of a ratio
+at least as large, by the model.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special
+
+from skyproof.arrays import Reals
+
+__all__ = ["EchoModel", "Second", "echo_p_value", "false_over_echo"]
+
+_ELEVATION_DEG = 15.0  # width of a class
+_SHAPE = np.array([2.62, 2.77, 2.81, 2.56, 2.47, 2.40])
+_SCALE_M = np.array([129.83, 105.52, 80.93, 65.12, 53.22, 43.24])
+_LEVEL_DB, _FALL_DB_M = -12.35, -0.0016
+_FAR_M = 4500.0
+_BLOCKED_DB = np.arange(0.0, 30.5, 0.5)
+_OVER_DB = np.arange(-11.75, 30.0, 0.5)
+_HEADROOM_DB = 20.0  # a direct signal farther below the strongest may be blocked by anything
+_DOPPLER_HZ = np.array([50.0, 550.0])
+_ECHO_DOPPLER = np.array([0.95, 0.05 - 1e-6, 1e-6])
+_FALSE_DOPPLER = np.array([0.7, 0.15, 0.15])
+_NEAR_M, _ANYWHERE_M, _NEAR_SHARE = 3000.0, 150e3, 0.5  # of a false signal's delay, to either side
+_FALSE_DB = (-12.0, 30.0)
+
+
+@dataclass(frozen=True)
+class EchoModel:
+    """Parameters of the model that no source gives for every place.
+
+    echoes_per_satellite : of those that the delays' law describes, at any time, in the mean.
+    blocked_share : of the time, of the direct signal; blocked_db, blocked_sigma_db : by how much.
+    gain_db : by which an antenna may receive the echo's direction better than the satellite's.
+    smooth_share : of echoes from metal or glass.
+    far_share : of echoes as likely late by anything up to 15 us.
+    unexplained_probability : that a satellite has a second signal that is none of these.
+    early_share : of echoes that were taken for the direct signal, which is then the second one, and early.
+    least_delay_m, most_weaker_db : of second signals that are looked at.
+    """
+
+    echoes_per_satellite: float = 1.0
+    blocked_share: float = 0.6
+    blocked_db: float = 12.0
+    blocked_sigma_db: float = 4.0
+    gain_db: float = 3.0
+    smooth_share: float = 0.1
+    far_share: float = 0.01
+    unexplained_probability: float = 1e-3
+    early_share: float = 0.0
+    least_delay_m: float = 440.0
+    most_weaker_db: float = 12.0
+
+
+class Second(NamedTuple):
+    """A satellite's second signal beside the direct one.
+
+    late_m : after it; negative if before. over_db : over its C/N0. apart_hz : of their Dopplers. below_db : of the
+    direct one under the receiver's strongest direct signal. elevation_rad : of the satellite; NaN if not known.
+    """
+
+    late_m: float
+    over_db: float
+    apart_hz: float
+    below_db: float
+    elevation_rad: float = float("nan")
+
+
+def false_over_echo(model: EchoModel, second: Second) -> float:
+    """Likelihood ratio of "false" over "an echo, or what no echo explains", the latter with its probability.
+
+    At most the inverse of `EchoModel.unexplained_probability`. Without a delay the Doppler alone speaks.
+    """
+    kind = int(np.searchsorted(_DOPPLER_HZ, abs(second.apart_hz))) if np.isfinite(second.apart_hz) else 0
+    over = np.array([second.over_db])
+    if not np.isfinite(second.late_m):
+        ratio = _FALSE_DOPPLER[kind] / (
+            model.echoes_per_satellite * _ECHO_DOPPLER[kind] + model.unexplained_probability * _FALSE_DOPPLER[kind]
+        )
+        return float(ratio)
+    late = np.array([second.late_m])
+    false = _false_delay(late)[:, None] * _false_level(over)[None]
+    echo = _echo_density(model, late, over, second.below_db, _elevation_class(second.elevation_rad))
+    return float(_ratio(model, echo, false, kind)[0, 0])
+
+
+def echo_p_value(model: EchoModel, ratio: float, below_db: float, elevation_rad: float = float("nan")) -> float:
+    """P(a satellite of this direct signal and elevation has a second signal of this `false_over_echo` or more)."""
+    ratios, survival = _law(model, int(np.ceil(np.clip(below_db, 0.0, _HEADROOM_DB))), _elevation_class(elevation_rad))
+    place = int(np.searchsorted(ratios, ratio * (1.0 - 1e-9)))
+    return float(survival[max(place - 1, 0)])  # of the cell that it lies in
+
+
+# ----------------------------------------------------------------------------------------------------------- densities
+
+
+def _ratio(model: EchoModel, echo: Reals, false: Reals, doppler: int) -> Reals:
+    """Of densities (n, m) over delay and level, with the Doppler of this class."""
+    of_false = false * _FALSE_DOPPLER[doppler]
+    of_echo = model.echoes_per_satellite * echo * _ECHO_DOPPLER[doppler] + model.unexplained_probability * of_false
+    return np.asarray(of_false / of_echo)
+
+
+def _elevation_class(elevation_rad: float) -> int:
+    if not np.isfinite(elevation_rad):
+        return 0
+    return int(np.clip(np.degrees(elevation_rad) // _ELEVATION_DEG, 0, _SHAPE.size - 1))
+
+
+def _of_delay(model: EchoModel, late_m: Reals, elevation: int) -> Reals:
+    """Density of an echo's delay, per metre; 0 of early ones."""
+    shape, scale_m = _SHAPE[elevation], _SCALE_M[elevation]
+    x = np.maximum(late_m, 1e-9) / scale_m
+    near = np.exp((shape - 1.0) * np.log(x) - x - special.gammaln(shape)) / scale_m
+    far = (late_m <= _FAR_M) / _FAR_M
+    return np.where(late_m > 0.0, (1.0 - model.far_share) * near + model.far_share * far, 0.0)
+
+
+def _of_level(model: EchoModel, over_db: Reals, late_m: Reals, below_db: float) -> Reals:
+    """(n, m) density of an echo's level over the direct signal, per dB, at each delay."""
+    blocked = np.exp(-0.5 * ((_BLOCKED_DB - model.blocked_db) / model.blocked_sigma_db) ** 2)
+    blocked *= model.blocked_share / blocked.sum()
+    reach_db = np.inf if below_db >= _HEADROOM_DB else max(below_db, 0.0) + model.gain_db
+    weight = np.where(reach_db >= _BLOCKED_DB, blocked, 0.0)
+    weight[0] += 1.0 - model.blocked_share
+    weight /= weight.sum()
+    over = over_db[None, :, None] - _BLOCKED_DB
+    mean_db = _LEVEL_DB + _FALL_DB_M * late_m
+    power = 10.0 ** (0.1 * (over - mean_db[:, None, None]))
+    rough = power * np.exp(-power) * (np.log(10.0) / 10.0)
+    smooth = ((over >= -model.most_weaker_db) & (over <= model.gain_db)) / (model.most_weaker_db + model.gain_db)
+    return np.asarray(((1.0 - model.smooth_share) * rough + model.smooth_share * smooth) @ weight)
+
+
+def _echo_density(model: EchoModel, late_m: Reals, over_db: Reals, below_db: float, elevation: int) -> Reals:
+    """(n, m) over delay and level."""
+    late = _of_delay(model, late_m, elevation)[:, None] * _of_level(model, over_db, np.abs(late_m), below_db)
+    turned = _of_delay(model, -late_m, elevation)[:, None] * _of_level(model, -over_db, np.abs(late_m), _HEADROOM_DB)
+    return np.asarray((1.0 - model.early_share) * late + model.early_share * turned)
+
+
+def _false_delay(late_m: Reals) -> Reals:
+    far = np.abs(late_m)
+    near = (far <= _NEAR_M) * (_NEAR_SHARE / (2.0 * _NEAR_M))
+    return np.asarray(near + (1.0 - _NEAR_SHARE) / (2.0 * _ANYWHERE_M), float)
+
+
+def _false_level(over_db: Reals) -> Reals:
+    low, high = _FALSE_DB
+    return np.full(over_db.shape, 1.0 / (high - low))
+
+
+# ----------------------------------------------------------------------------------------------------------------- law
+
+
+@lru_cache(maxsize=512)
+def _law(model: EchoModel, below_db: int, elevation: int) -> tuple[Reals, Reals]:
+    """Likelihood ratios of cells of delay, level and Doppler, ascending, and the chance of each or a larger one."""
+    edges_m = np.geomspace(model.least_delay_m, _ANYWHERE_M, 121)
+    late_m, width_m = np.sqrt(edges_m[1:] * edges_m[:-1]), np.diff(edges_m)
+    if model.early_share > 0.0:
+        late_m, width_m = np.concatenate([-late_m[::-1], late_m]), np.concatenate([width_m[::-1], width_m])
+    echo = _echo_density(model, late_m, _OVER_DB, float(below_db), elevation)
+    false = _false_delay(late_m)[:, None] * _false_level(_OVER_DB)[None]
+    cell = width_m[:, None] * (_OVER_DB[1] - _OVER_DB[0])
+    ratios, chances = [], []
+    for doppler in range(_DOPPLER_HZ.size + 1):
+        ratios.append(_ratio(model, echo, false, doppler))
+        chance = model.echoes_per_satellite * echo * _ECHO_DOPPLER[doppler]
+        chances.append((chance + model.unexplained_probability * false * _FALSE_DOPPLER[doppler]) * cell)
+    ratio, chance = np.ravel(ratios), np.ravel(chances)
+    order = np.argsort(ratio)
+    return ratio[order], np.minimum(np.cumsum(chance[order][::-1])[::-1], 1.0)
