@@ -7,6 +7,11 @@ trial. Errors are those of the measurements 2 to 3 s after the second signal was
 discriminator without noise. Where the tops of the two correlations touch, a loop need not have a place to stay near the
 weaker one; `stays` is the share of phases between the carriers for which it has.
 
+`followed` is the share of epochs, from the one at which the second signal was found until errors were taken, that have
+both, each within a quarter of a chip of the truth and nearer to its own than to the other; `over bound` is the rms of
+the codes' errors over the Cramer-Rao bound of a row of 0.2 s in which nothing of the two is known (`receiver.joint`).
+`swapped` counts trials at whose end the letter of the first signal is not on it.
+
 `python bench/pairs.py --trials 20` writes the whole table as markdown; with `--joint` that of a receiver with joint
 channels.
 """
@@ -27,9 +32,11 @@ from skyproof.arrays import Floats, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
+from skyproof.receiver import joint as j
 from skyproof.receiver import measurement as m
 from skyproof.receiver.acquisition import KnownSignal, Peak, Searcher
 from skyproof.receiver.channels import Arc
+from skyproof.receiver.joint_channel import JointModel
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.replica import passed
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
@@ -46,6 +53,7 @@ ALONE_S = 1.5  # at least, before the second signal begins
 WAIT_S = 4.0  # for a second signal to be found
 TRACKED_S = 2.0  # before errors are taken
 SEEN_S = 1.0  # over which they are
+NEAR_CHIPS = 0.25
 
 SEPARATIONS_CHIPS = (0.5, 0.75, 1.0, 1.5, 2.0, 4.0, 8.0)
 POWERS_DB = (-10.0, -6.0, 0.0, 6.0, 10.0)
@@ -133,6 +141,7 @@ class Cell:
     relative_db: float
     apart_hz: float
     cn0_dbhz: float = 45.0  # of the first
+    rate_hz: float = RATE_HZ
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -141,12 +150,17 @@ class Outcome:
 
     wait_s : from the beginning of the second signal to the search that found it; NaN if not both were followed.
     others : confirmed channels beyond one on each; pulled : arcs that ended as pulled away.
-    code_m, doppler_hz : errors of first and second, (2, n_epochs), and their stated sigmas.
+    swapped : whether the first's letter ended elsewhere. followed : (n_epochs,) since both were found, if they are.
+    code_m, doppler_hz : errors of first and second, (2, n_epochs), and their stated sigmas; over_bound : codes' over
+        the Cramer-Rao bound, bound_m, infinite where there is none.
     """
 
     wait_s: float = math.nan
     others: int
     pulled: int
+    swapped: bool = False
+    followed: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
+    bound_m: Reals = field(default_factory=lambda: np.empty((2, 0)))
     code_m: Reals = field(default_factory=lambda: np.empty((2, 0)))
     code_sigma_m: Reals = field(default_factory=lambda: np.empty((2, 0)))
     doppler_hz: Reals = field(default_factory=lambda: np.empty((2, 0)))
@@ -160,28 +174,29 @@ class Outcome:
 
 def trial(rng: np.random.Generator, cell: Cell, settings: ReceiverSettings | None = None) -> Outcome:
     """One pair through the receiver."""
-    receiver = Receiver(RATE_HZ, 0.0, settings or ReceiverSettings(sats=(SAT,)))
+    receiver = Receiver(cell.rate_hz, 0.0, settings or ReceiverSettings(sats=(SAT,)))
     # At any moment between two searches.
     onset_s = ALONE_S + receiver.settings.near_search_s * rng.random()
     # Code and carrier belong together, so that signals of different Doppler move apart.
     middle_s = onset_s + 0.3 + TRACKED_S + 0.5 * SEEN_S
-    first, second = waves(rng, cell, onset_s, middle_s, onset_s + WAIT_S + TRACKED_S + SEEN_S)
+    wait_s = max(WAIT_S, receiver.settings.joint_look_s + 0.5 if receiver.settings.joint else 0.0)
+    first, second = waves(rng, cell, onset_s, middle_s, onset_s + wait_s + TRACKED_S + SEEN_S)
     state, parts, arcs = ReceiverState(), [], {}
-    n = round(BLOCK_S * RATE_HZ)
+    n = round(BLOCK_S * cell.rate_hz)
     stop_s = math.inf  # of the epochs that count
-    for block in range(math.floor((onset_s + WAIT_S + TRACKED_S + SEEN_S) / BLOCK_S)):  # as long as there are bits
+    for block in range(math.floor((onset_s + wait_s + TRACKED_S + SEEN_S) / BLOCK_S)):  # as long as there are bits
         planes = noise(rng, n)
-        add(first, block * n, planes)
-        add(second, block * n, planes)
+        add(first, block * n, planes, cell.rate_hz)
+        add(second, block * n, planes, cell.rate_hz)
         output, state = receiver.step(state, planes)
         parts.append(output.measurements)
         arcs |= output.arcs
         now_s = (block + 1) * BLOCK_S
         new = [c.found_s for c in state.channels if c.copy is not None and c.found_s > onset_s - 0.05]
         stop_s = min(new) + TRACKED_S + SEEN_S if new else math.inf
-        if now_s > min(stop_s + 0.3, math.inf if new else onset_s + WAIT_S + 1.0):
+        if now_s > min(stop_s + 0.3, math.inf if new else onset_s + wait_s + 1.0):
             break
-    return _outcome(Measurements.joined(parts), arcs, (first, second), onset_s, min(stop_s, now_s))
+    return _outcome(cell, Measurements.joined(parts), arcs, (first, second), onset_s, min(stop_s, now_s))
 
 
 def waves(
@@ -209,7 +224,7 @@ def waves(
 
 
 def _outcome(
-    measured: Measurements, arcs: dict[int, Arc], waves: tuple[Wave, Wave], onset_s: float, stop_s: float
+    cell: Cell, measured: Measurements, arcs: dict[int, Arc], waves: tuple[Wave, Wave], onset_s: float, stop_s: float
 ) -> Outcome:
     """Channels given to the signal that each is nearer to, within half a chip, in the last second."""
     t_s = measured.elapsed_s
@@ -235,10 +250,14 @@ def _outcome(
     n = min(int(found[0].sum()) for found in rows_of)
     numbers = [np.flatnonzero(found[0])[:n] for found in rows_of]
     table = np.stack([measured.table[rows] for rows in numbers])
+    since = (t_s > max(found_s) + 1e-9) & (t_s < stop_s + 1e-9)
     return Outcome(
         wait_s=max(found_s) - onset_s,
         others=others,
         pulled=pulled,
+        swapped=not any(letters[rows[0]] == "a" for rows in numbers[:1]),
+        followed=_followed(t_s[since], error_m[:, since], waves),
+        bound_m=bounds_m(cell, waves, t_s[numbers[0]]),
         code_m=np.stack([error_m[i, rows] for i, rows in enumerate(numbers)]),
         code_sigma_m=table[..., m.CODE_SIGMA_S] * SPEED_OF_LIGHT_M_S,
         doppler_hz=table[..., m.DOPPLER_HZ] - np.array([[one.doppler_hz] for one in waves]),
@@ -246,16 +265,45 @@ def _outcome(
     )
 
 
+def _followed(t_s: Reals, error_m: Reals, waves: tuple[Wave, Wave]) -> NDArray[np.bool_]:
+    """Whether both signals are followed at each epoch, by rows of errors (2, n_rows) beside each of them."""
+    apart_m = SPEED_OF_LIGHT_M_S * np.abs(waves[1].sent_s(t_s) - waves[0].sent_s(t_s))
+    near = np.abs(error_m) < np.minimum(NEAR_CHIPS * CHIP_M, 0.5 * apart_m)
+    return np.array([near[:, t_s == epoch].any(axis=1).all() for epoch in np.unique(t_s)], np.bool_)
+
+
+def bounds_m(cell: Cell, waves: tuple[Wave, Wave], t_s: Reals) -> Reals:
+    """Cramer-Rao bounds (2, n) of the codes of a pair in rows of measurements about these times; infinite where a row
+    does not determine them.
+    """
+    model = _model(cell.rate_hz)
+    mean = np.zeros((t_s.size, 2, j.N_STATE))
+    for n, (wave, db) in enumerate(zip(waves, (0.0, cell.relative_db), strict=True)):
+        phase = 2.0 * math.pi * (wave.phase_cyc + (wave.doppler_hz * t_s) % 1.0)
+        mean[:, n, j.RE] = math.sqrt(model.energy(cell.cn0_dbhz + db)) * np.cos(phase)
+        mean[:, n, j.IM] = math.sqrt(model.energy(cell.cn0_dbhz + db)) * np.sin(phase)
+        mean[:, n, j.HZ] = wave.doppler_hz - waves[0].doppler_hz
+        mean[:, n, j.CHIPS] = (waves[0].sent_s(t_s) - wave.sent_s(t_s)) / CHIP_S
+    limit = j.bound(mean, model.row_times_s, model.look_s, model.dictionary)
+    variance = np.diagonal(limit, axis1=-2, axis2=-1)[:, j.CHIPS :: j.N_FITTED]
+    return CHIP_M * np.sqrt(variance).T
+
+
+@cache
+def _model(rate_hz: float) -> JointModel:
+    return JointModel(signal=GPS_L1_CA, code=GPS_L1_CA.code(prn_of(SAT)), rate_hz=rate_hz)
+
+
 # ---------------------------------------------------------------------- theory
 
 
 @cache
-def _shape() -> tuple[Reals, Reals]:
+def _shape(rate_hz: float) -> tuple[Reals, Reals]:
     """Correlation of signal and replica out to 12 chips, side lobes of the code included: where, and how high.
 
     Sharp chips in the samples, chips behind the replica's low-pass against them; 1 at the highest.
     """
-    chips_per_sample = GPS_L1_CA.chip_rate_hz / RATE_HZ
+    chips_per_sample = GPS_L1_CA.chip_rate_hz / rate_hz
     f = (np.arange(4000) + 0.5) / 4000.0 * 0.5 / chips_per_sample
     weight = np.sinc(f) ** 2 * passed(f * chips_per_sample)
     x = np.linspace(-4.0, 4.0, 801)
@@ -267,20 +315,20 @@ def _shape() -> tuple[Reals, Reals]:
     return at, np.asarray(high)
 
 
-def correlation(delay_chips: Reals) -> Reals:
+def correlation(delay_chips: Reals, rate_hz: float = RATE_HZ) -> Reals:
     """Of signal and replica, at most 12 chips apart; any shape."""
-    return np.asarray(np.interp(delay_chips, *_shape()))
+    return np.asarray(np.interp(delay_chips, *_shape(rate_hz)))
 
 
 @cache
-def _receiver() -> Receiver:
-    return Receiver(RATE_HZ)
+def _receiver(rate_hz: float) -> Receiver:
+    return Receiver(rate_hz)
 
 
-def _taps(tau: Reals, apart_chips: float, wave: NDArray[np.complex128], half: float) -> NDArray[np.complex128]:
+def _taps(tau: Reals, cell: Cell, wave: NDArray[np.complex128], half: float) -> NDArray[np.complex128]:
     """Early, prompt, late, (3, ...), of a replica `tau` later than a signal of 1, beside the other one of `wave`."""
     at = tau + np.array([-half, 0.0, half]).reshape(3, *[1] * tau.ndim)
-    return correlation(at) + wave * correlation(at - apart_chips)
+    return correlation(at, cell.rate_hz) + wave * correlation(at - cell.apart_chips, cell.rate_hz)
 
 
 @cache
@@ -289,7 +337,7 @@ def stays(cell: Cell, of_second: bool, n_phases: int = 64) -> tuple[float, Reals
 
     The loop of `kernels`: normalised dot product, 4 Hz for the first half second, then 1 Hz; every 5 ms.
     """
-    receiver = _receiver()
+    receiver = _receiver(cell.rate_hz)
     half, gain = float(receiver.taps_chips[0]), receiver.discriminator.gain
     amplitude = 10.0 ** ((-cell.relative_db if of_second else cell.relative_db) / 20.0)
     phase = np.arange(n_phases) / n_phases
@@ -299,7 +347,7 @@ def stays(cell: Cell, of_second: bool, n_phases: int = 64) -> tuple[float, Reals
     settings = receiver.settings
     for k in range(600):
         wave = amplitude * np.exp(2j * np.pi * (phase + cell.apart_hz * k * step_s)) * np.sinc(cell.apart_hz * step_s)
-        early, prompt, late = _taps(tau, cell.apart_chips, wave, half)
+        early, prompt, late = _taps(tau, cell, wave, half)
         now = np.abs(prompt) ** 2
         power = now if power is None else power + 0.1 * (now - power)
         dot = ((late - early) * np.conj(prompt)).real / np.maximum(power, 0.05) / gain
@@ -315,7 +363,7 @@ def pulls(cell: Cell, of_second: bool, n_phases: int = 32) -> tuple[float, float
     Without a difference of Doppler the loop goes along with the pull, to where its discriminator is zero; with one it
     stands, and the measurement, over 0.2 s in bits of 20 ms, has the pull to itself.
     """
-    receiver = _receiver()
+    receiver = _receiver(cell.rate_hz)
     half, gain = float(receiver.taps_chips[0]), receiver.discriminator.gain
     if cell.apart_hz == 0.0:
         _, tau = stays(cell, of_second)
@@ -325,7 +373,7 @@ def pulls(cell: Cell, of_second: bool, n_phases: int = 32) -> tuple[float, float
     t_s = (np.arange(10) + 0.5) * 0.02 - 0.1
     phase = np.arange(n_phases)[:, None] / n_phases + cell.apart_hz * t_s
     wave = amplitude * np.exp(2j * np.pi * phase) * np.sinc(cell.apart_hz * 0.02)
-    early, prompt, late = _taps(np.zeros((n_phases, 1)), cell.apart_chips, wave, half)
+    early, prompt, late = _taps(np.zeros((n_phases, 1)), cell, wave, half)
     angle = 0.5 * np.unwrap(2.0 * np.angle(prompt), axis=1)
     fit = np.polynomial.polynomial.polyfit(t_s, angle.T, 2)
     wipe = np.exp(-1j * np.polynomial.polynomial.polyval(t_s, fit))
@@ -425,6 +473,10 @@ class Row:
     found: int
     others: int
     pulled: int
+    swapped: int
+    followed: float  # share of epochs
+    over_bound: tuple[float, float]
+    bound_m: tuple[float, float]
     wait_s: tuple[float, float]  # median and most
     stays: float
     code_m: tuple[tuple[float, float, float], ...]
@@ -437,10 +489,15 @@ def table(
     powers_db: Sequence[float] = POWERS_DB,
     differences_hz: Sequence[float] = DIFFERENCES_HZ,
     settings: ReceiverSettings | None = None,
+    rate_hz: float = RATE_HZ,
+    cn0_dbhz: float = 45.0,
 ) -> Iterator[Row]:
     """Row by row. A cell's trials are its own whatever other cells are asked for."""
     for apart_chips, relative_db, apart_hz in product(separations_chips, powers_db, differences_hz):
-        yield row_of(Cell(apart_chips=apart_chips, relative_db=relative_db, apart_hz=apart_hz), trials, settings)
+        cell = Cell(
+            apart_chips=apart_chips, relative_db=relative_db, apart_hz=apart_hz, cn0_dbhz=cn0_dbhz, rate_hz=rate_hz
+        )
+        yield row_of(cell, trials, settings)
 
 
 def row_of(cell: Cell, trials: int, settings: ReceiverSettings | None = None) -> Row:
@@ -453,19 +510,30 @@ def row_of(cell: Cell, trials: int, settings: ReceiverSettings | None = None) ->
 
     def rms(of: int, errors: str) -> float:
         values = [getattr(one, errors)[of] for one in good]
-        return float(np.sqrt(np.mean(np.concatenate(values) ** 2))) if good else math.nan
+        return _rms(np.concatenate(values)) if good else math.nan
 
+    at_best = [np.concatenate([one.bound_m[i] for one in good]) if good else np.empty(0) for i in (0, 1)]
+    errors = [np.concatenate([one.code_m[i] for one in good]) if good else np.empty(0) for i in (0, 1)]
+    known = [np.isfinite(bound) for bound in at_best]
     return Row(
         cell=cell,
         trials=trials,
         found=len(good),
         others=sum(one.others for one in outcomes),
         pulled=sum(one.pulled for one in outcomes),
+        swapped=sum(one.swapped for one in good),
+        followed=float(np.mean(np.concatenate([one.followed for one in good]))) if good else 0.0,
+        over_bound=tuple(_rms((errors[i] / at_best[i])[known[i]]) for i in (0, 1)),
+        bound_m=tuple(_rms(at_best[i][known[i]]) for i in (0, 1)),
         wait_s=(float(np.median(waits)), max(waits)) if good else (math.nan, math.nan),
         stays=min(stays(cell, of_second)[0] for of_second in (False, True)) if cell.apart_chips < 2.0 else 1.0,
         code_m=tuple((rms(i, "code_m"), rms(i, "code_sigma_m"), pulls_of[i][0]) for i in (0, 1)),
         doppler_hz=tuple((rms(i, "doppler_hz"), rms(i, "doppler_sigma_hz"), pulls_of[i][1]) for i in (0, 1)),
     )
+
+
+def _rms(values: Reals) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
 
 
 def _text(row: Row) -> str:
@@ -481,20 +549,23 @@ def _text(row: Row) -> str:
 
 def _markdown(row: Row) -> str:
     cell = row.cell
-    cells = [f"{cell.apart_chips:g}", f"{cell.relative_db:+.0f}", f"{cell.apart_hz:g}", f"{row.found}/{row.trials}"]
-    cells += [f"{row.stays:.2f}", str(row.others), str(row.pulled)]
+    cells = [f"{1e-6 * cell.rate_hz:.3g}", f"{cell.cn0_dbhz:g}", f"{cell.apart_chips:g}", f"{cell.relative_db:+.0f}"]
+    cells += [f"{cell.apart_hz:g}", f"{row.found}/{row.trials}", f"{row.stays:.2f}"]
+    cells += [str(row.others), str(row.pulled), str(row.swapped)]
     if row.found:
-        cells += ["{:.2f} / {:.2f}".format(*row.wait_s)]
+        cells += ["{:.2f} / {:.2f}".format(*row.wait_s), f"{row.followed:.3f}"]
+        cells += ["{:.2f} / {:.2f}".format(*row.over_bound), "{:.1f} / {:.1f}".format(*row.bound_m)]
         cells += ["{:.1f} ({:.1f}; {:.1f})".format(*one) for one in row.code_m]
         cells += ["{:.2f} ({:.2f}; {:.2f})".format(*one) for one in row.doppler_hz]
     else:
-        cells += ["–"] * 5
+        cells += ["–"] * 8
     return "| " + " | ".join(cells) + " |"
 
 
 MARKDOWN_HEAD = (
-    "| apart, chips | second, dB | Doppler, Hz | both | stays | others | pulled | wait median / most, s "
-    "| first, code m | second, code m | first, Doppler Hz | second, Doppler Hz |\n" + "|" + " --- |" * 12
+    "| Msps | dB-Hz | apart, chips | second, dB | Doppler, Hz | both | stays | others | pulled | swapped "
+    "| wait median / most, s | followed | code over bound | bound, m "
+    "| first, code m | second, code m | first, Doppler Hz | second, Doppler Hz |\n" + "|" + " --- |" * 18
 )
 
 
@@ -544,11 +615,13 @@ def main() -> None:
     options.add_argument("--apart", type=float, nargs="*", default=SEPARATIONS_CHIPS, help="separations, chips")
     options.add_argument("--power", type=float, nargs="*", default=POWERS_DB, help="of the second, dB")
     options.add_argument("--hz", type=float, nargs="*", default=DIFFERENCES_HZ, help="between the Dopplers")
+    options.add_argument("--cn0", type=float, default=45.0, help="of the first signal, dB-Hz")
+    options.add_argument("--rate", type=float, default=RATE_HZ, help="samples a second")
     options.add_argument("--joint", action="store_true", help="with joint channels")
     chosen = options.parse_args()
     settings = ReceiverSettings(sats=(SAT,), joint=chosen.joint)
     print(MARKDOWN_HEAD)
-    for row in table(chosen.trials, chosen.apart, chosen.power, chosen.hz, settings):
+    for row in table(chosen.trials, chosen.apart, chosen.power, chosen.hz, settings, chosen.rate, chosen.cn0):
         print(_markdown(row), flush=True)
 
 

@@ -4,11 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from tests.receiver.test_joint import noisy
 
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import joint as j
-from skyproof.receiver.joint_channel import JointModel, bits, rebased, started
+from skyproof.receiver.joint_channel import JointModel, bits, rebased, started, strongest
 from skyproof.receiver.joint_tracker import JointState, JointTracker, Replica
 
 MODEL = JointModel(signal=GPS_L1_CA, code=GPS_L1_CA.code(7), rate_hz=5e6)
@@ -68,6 +70,24 @@ def test_a_second_signal_comes_and_goes_and_the_first_keeps_its_name(apart_chips
             assert np.all(error < 5.0 * row.sigma[:, j.CHIPS])
     assert channel.names == (0,)
     assert abs(channel.joint.mean[0, j.CHIPS] - sky.at(sky.now_s - MODEL.bit_s)[0, j.CHIPS]) < 0.02
+
+
+@given(seed=st.integers(0, 1000), apart_chips=st.floats(-1.4, 1.4), apart_hz=st.floats(-50.0, 50.0))
+@settings(max_examples=25)
+def test_the_strongest_signal_is_found_without_signs_of_bits(seed, apart_chips, apart_hz):
+    sky = Sky(seed, apart_chips, 10.0, apart_hz, on_s=0.0)
+    turned, looks = [], []
+    for _ in range(MODEL.bits_per_row):
+        there = j.signals_in(sky.at(sky.now_s), MODEL.bit_times_s, MODEL.look_s, MODEL.dictionary)
+        sky.now_s += MODEL.bit_s
+        turned.append(sky.rng.choice([-1.0, 1.0]))
+        looks.append(noisy(sky.rng, turned[-1] * there))
+    signs, state = strongest(MODEL, np.stack(looks))
+    truth = sky.at(0.1)[1]
+    assert abs(np.dot(signs, turned)) == MODEL.bits_per_row
+    assert abs(state[0, j.CHIPS] - truth[j.CHIPS]) < 0.15
+    assert abs(state[0, j.HZ] - truth[j.HZ]) < 1.5
+    assert math.hypot(state[0, j.RE], state[0, j.IM]) == pytest.approx(math.hypot(truth[j.RE], truth[j.IM]), rel=0.4)
 
 
 def test_a_replica_that_moves_changes_no_signal():

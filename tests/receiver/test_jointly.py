@@ -71,6 +71,16 @@ def test_what_comes_beside_a_signal_and_goes_again_is_a_signal_of_its_own_in_bet
     assert np.abs(code[t_s > 6.2]).max() < 5.0
 
 
+def test_a_signal_that_is_overpowered_at_once_keeps_its_letter_and_its_arc():
+    cell = pairs.Cell(apart_chips=0.5, relative_db=6.0, apart_hz=2.0)
+    measured, arcs, (first, second), _ = received(cell, 2.0, 9.0, 3.6, JOINT)
+    assert sorted(arc.signal.copy for arc in arcs.values()) == ["a", "b"]
+    for wave, copy in ((first, "a"), (second, "b")):
+        t_s, code, _, _ = errors(measured, arcs, wave, copy)
+        assert np.sum(t_s > 2.9) >= 3
+        assert np.abs(code[t_s > 2.9]).max() < 4.5
+
+
 def test_signals_that_part_go_on_with_loops_of_their_own_without_a_seam(monkeypatch):
     cell = pairs.Cell(apart_chips=1.2, relative_db=0.0, apart_hz=45.0)
 

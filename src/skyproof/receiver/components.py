@@ -139,9 +139,9 @@ def _least_apart(mean: Reals, covariance: Reals, size: int) -> Reals:
     for k in range(n):
         for m in range(k):
             a, b = k * size + CHIPS, m * size + CHIPS
-            variance = covariance[..., a, a] + covariance[..., b, b] - 2.0 * covariance[..., a, b]
             distance = np.abs(mean[..., k, CHIPS] - mean[..., m, CHIPS])
             with np.errstate(invalid="ignore"):
+                variance = covariance[..., a, a] + covariance[..., b, b] - 2.0 * covariance[..., a, b]
                 sigmas = distance / np.sqrt(np.maximum(variance, 0.0))
             least = np.minimum(least, np.where(np.isfinite(variance), sigmas, 0.0))
     return least

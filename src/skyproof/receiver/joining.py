@@ -11,7 +11,7 @@ rows say that there may be.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -33,6 +33,7 @@ __all__ = [
     "apart_chips",
     "handed_back",
     "handed_over",
+    "is_needed",
     "shown_chips",
 ]
 
@@ -46,11 +47,15 @@ HZ_SIGMA = 2.0
 CHIPS_SIGMA = 0.05
 
 
-def handed_over(tracker: JointTracker, loops: Reals, sample_power: float, at: float) -> JointState:
+def handed_over(
+    tracker: JointTracker, loops: Reals, sample_power: float, at: float, pulled_chips: float = 0.0
+) -> JointState:
     """A joint channel on the loops (n, N_STATE) of one satellite's signals, the first of which gives the replica: from
     the last data bit that has begun at sample `at`, or where its rows fit epochs.
 
-    Its data bits must be known. sample_power : mean of I^2 + Q^2 of the samples' noise.
+    Its data bits must be known. sample_power : mean of I^2 + Q^2 of the samples' noise. pulled_chips : by how much the
+    first one's code has become later than its carrier says: a newcomer that draws it away is told from it by where it
+    is expected.
 
     A loop knows its carrier up to half a cycle, and beside another signal less than that: of all but the first the
     amplitude's size alone is taken over, and phases are what the first bit shows.
@@ -69,7 +74,9 @@ def handed_over(tracker: JointTracker, loops: Reals, sample_power: float, at: fl
         sigmas = [spread, spread, HZ_SIGMA, model.settings.common_hz_s, CHIPS_SIGMA, 2e-3]
         variance[i] = np.array(sigmas) ** 2
     joint = Joint(mean=mean, covariance=np.diag(variance.ravel()), settings=model.settings)
-    channel = JointChannel(joint=joint, before=joint, names=tuple(range(n)), next_name=n)
+    before = mean.copy()
+    before[0, j.CHIPS] -= pulled_chips
+    channel = JointChannel(joint=joint, before=replace(joint, mean=before), names=tuple(range(n)), next_name=n)
     noise = model.look_s * model.rate_hz * sample_power * tracker.replica_power
     return tracker.aligned(JointState(replica=replica, row_began=replica, channel=channel, noise=noise))
 
@@ -155,7 +162,8 @@ class JointlyFollowed:
 
     arcs : of the loops, by the names that the channel gives its signals. periods : by which the code periods of each
         are counted further than the channel's. row, seen : the row that was completed in the last step and its signals,
-        None and nothing where there was none.
+        None and nothing where there was none. rows : how many were completed. suspects : whether there may be a further
+        signal, by the last one.
     """
 
     sat: str
@@ -163,6 +171,8 @@ class JointlyFollowed:
     arcs: Mapping[int, int]
     periods: Mapping[int, int]
     row: JointRow | None = None
+    rows: int = 0
+    suspects: bool = True
     seen: tuple[Followed, ...] = ()
 
     @property
@@ -174,6 +184,11 @@ class JointlyFollowed:
     def leads(self) -> bool:
         """Whether it has several signals, whose loops follow it."""
         return len(self.arcs) > 1
+
+    def tells(self, arcs: Set[int]) -> bool:
+        """Whether it tells two arcs apart, or looks whether they are of two signals."""
+        known = arcs & set(self.arcs.values())
+        return len(known) == len(arcs) if self.leads else bool(known)
 
     @property
     def strongest(self) -> int:
@@ -208,12 +223,13 @@ class JointReceiver:
         wanted: Booleans,
         sample_power: float,
         at: float,
+        pulled_chips: Reals | None = None,
     ) -> list[JointlyFollowed]:
         """Joint channels with new ones on loops that none follows yet: where several are near to each other, and where
         a look is `wanted` (n,).
 
         channels : arc and satellite of each of the loops (n, N_STATE), whose bits are known. at : sample from which on
-        they begin.
+        they begin. pulled_chips : (n,) by which their codes have become later than their carriers say.
         """
         now, sats = list(followed), [sat for _, sat in channels]
         for i in sorted(range(len(channels)), key=lambda i: -float(loops[i, k.CN0_DBHZ])):
@@ -232,7 +248,9 @@ class JointReceiver:
             if not near and not wanted[i]:
                 continue
             chosen = [i, *near[: tracker.model.most - 1]]
-            state = handed_over(tracker, loops[chosen], sample_power, at)
+            state = handed_over(
+                tracker, loops[chosen], sample_power, at, 0.0 if pulled_chips is None else pulled_chips[i]
+            )
             counted = [round(self._shown(loops[m], at) - self._shown(loops[i], at)) for m in chosen]
             arcs = {name: channels[m][0] for name, m in enumerate(chosen)}
             now.append(JointlyFollowed(sat=sat, state=state, arcs=arcs, periods=dict(enumerate(counted))))
@@ -268,15 +286,16 @@ class JointReceiver:
             one = replace(one, state=state, row=None, seen=())
             for row, seen in rows:
                 found += [Components(arc=one.arc, sat=one.sat, followed=each, score=row.score) for each in seen]
-                one = replace(one, row=row, seen=tuple(seen))
-            if self._is_needed(one):
-                now.append(one)
+                one = replace(one, row=row, rows=one.rows + 1, suspects=row.suspected, seen=tuple(seen))
+            now.append(one)
         return found, now
 
-    def _is_needed(self, one: JointlyFollowed) -> bool:
-        channel = one.state.channel
-        if channel.is_lost or one.row is None:
-            return not channel.is_lost
-        if len(channel.names) > 1:
-            return float(np.ptp(channel.joint.mean[:, j.CHIPS])) < PARTED_CHIPS
-        return one.row.suspected
+
+def is_needed(one: JointlyFollowed) -> bool:
+    """Whether there are several signals near to each other, or may be."""
+    channel = one.state.channel
+    if channel.is_lost:
+        return False
+    if len(channel.names) > 1:
+        return float(np.ptp(channel.joint.mean[:, j.CHIPS])) < PARTED_CHIPS
+    return one.suspects

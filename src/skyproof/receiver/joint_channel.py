@@ -23,7 +23,7 @@ from skyproof.receiver.components import Candidates, birth_threshold, born, fain
 from skyproof.receiver.joint import Joint, JointSettings, Row
 from skyproof.receiver.replica import passed
 
-__all__ = ["JointChannel", "JointModel", "JointRow", "bits", "rebased", "started"]
+__all__ = ["JointChannel", "JointModel", "JointRow", "bits", "rebased", "started", "strongest"]
 
 WINDOW_CHIPS = 1.6
 REACH_CHIPS = 2.2
@@ -272,12 +272,13 @@ def _rows(
         joint = channel.joint
         if channel.young and np.isfinite(by_itself.covariance).all():
             joint = j.predict(_filter_of(by_itself, joint), back_s)
-        channel = replace(channel, joint=joint, looks=(), signs=(), before=joint, young=False)
+        # As long as there is clearly more than is known, the filter may be drawn away: what is foretold stays.
+        later = j.carried(expected, back_s, rho)
+        before = replace(joint, mean=later) if score[i] > model.threshold and later.shape == joint.mean.shape else joint
+        channel = replace(channel, joint=joint, looks=(), signs=(), before=before, young=False)
         if score[i] > model.threshold and len(channel.names) < model.most:
-            seen, beside = np.array(row_signs[i]), _signs_beside(model, raw[i], expected, state[i])
-            births = [_birth(model, raw[i], seen, middle[i]), _birth(model, raw[i], beside, expected)]
-            fitted, holds = min(births, key=lambda birth: (not birth[1], float(birth[0].misfit)))
-            if holds and _stronger_than(fitted, least):
+            fitted = _born(model, raw[i], np.array(row_signs[i]), middle[i], expected, state[i])
+            if fitted is not None and _stronger_than(fitted, least):
                 done.append(_with_the_newcomer(channel, row, _in_order(fitted, expected), back_s))
                 continue
         done.append(_without_the_lost(channel, row))
@@ -290,9 +291,55 @@ def _wiped(looks: Complexes, signs: Reals) -> Complexes:
     return np.asarray(signed.reshape(*looks.shape[:-3], -1, looks.shape[-1]))
 
 
-def _birth(model: JointModel, looks: Complexes, signs: Reals, start: Reals) -> tuple[Row, bool]:
-    """A row (bits, looks, d) fitted with one signal more than there are in `start`, and whether it holds; signs of the
-    bits are gone over again with what was fitted.
+def _born(model: JointModel, looks: Complexes, signs: Reals, seen: Reals, expected: Reals, state: Reals) -> Row | None:
+    """A row (bits, looks, d) fitted with a newcomer, None where no fit with one holds.
+
+    signs : of the bits, as the filter saw them. seen, expected : where the filter has the signals known, and where they
+    were expected, (n, N_STATE); state : (N_STATE,) of the newcomer beside those seen. A sudden strong newcomer has
+    drawn the filter to somewhere between the two, from where no fit finds either: so one begins with the strongest
+    alone.
+    """
+    births = [
+        _birth(model, looks, signs, seen),
+        _birth(model, looks, _signs_beside(model, looks, expected, state), expected),
+    ]
+    if len(expected) == 1:
+        births.append(_birth(model, looks, *strongest(model, looks)))
+    fewer = min(misfit for _, misfit, _ in births)
+    there = [fitted for fitted, _, holds in births if holds and 2.0 * (fewer - fitted.misfit) > model.threshold]
+    return min(there, key=lambda fitted: float(fitted.misfit), default=None)
+
+
+def strongest(model: JointModel, looks: Complexes) -> tuple[Reals, Reals]:
+    """The strongest signal in a row (bits, looks, d) whose bits' signs are not known: the signs, and its state
+    (1, N_STATE).
+    """
+    candidates, times_s = model.candidates, model.row_times_s.reshape(looks.shape[:-1])
+    value, _ = model.dictionary.at(candidates.chips)
+    coarse_hz = np.arange(-60.0, 61.0, 10.0)
+    turned = (
+        np.exp(-2j * np.pi * coarse_hz[:, None] * model.bit_times_s) / np.linalg.norm(value, axis=-1)[:, None, None]
+    )
+    of_bits = turned @ (looks @ value.conj().T).transpose(2, 1, 0)  # (chips, hz, bits)
+    place, step = np.unravel_index(np.argmax(np.sum(np.abs(of_bits) ** 2, axis=-1)), of_bits.shape[:2])
+    # Squares have no signs: twice the rest of the Doppler is what they turn by from bit to bit.
+    bits_s, fine_hz = times_s.mean(axis=-1), np.arange(-12.5, 12.5, 0.25)
+    seen = of_bits[place, step] * np.exp(-2j * np.pi * coarse_hz[step] * bits_s)
+    turns = np.exp(-2j * np.pi * fine_hz[:, None] * bits_s)
+    squares = turns**2 @ seen**2
+    best = int(np.argmax(np.abs(squares)))
+    told = seen * turns[best] * np.exp(-0.5j * np.angle(squares[best]))
+    signs = np.where(told.real < 0.0, -1.0, 1.0)
+    size = np.sum(signs * seen * turns[best]) / (times_s.size * np.linalg.norm(value[place]))
+    state = np.zeros((1, j.N_STATE))
+    state[0, [j.RE, j.IM]] = size.real, size.imag
+    state[0, [j.HZ, j.CHIPS]] = coarse_hz[step] + fine_hz[best], candidates.chips[place]
+    return signs, state
+
+
+def _birth(model: JointModel, looks: Complexes, signs: Reals, start: Reals) -> tuple[Row, float, bool]:
+    """A row (bits, looks, d) fitted with one signal more than there are in `start`, the misfit without it, and whether
+    it holds; signs of the bits are gone over again with what was fitted.
     """
     times_s, look_s, dictionary = model.row_times_s, model.look_s, model.dictionary
     for _ in range(RESIGNED):
@@ -300,12 +347,17 @@ def _birth(model: JointModel, looks: Complexes, signs: Reals, start: Reals) -> t
         fewer = j.fit_row(told, times_s, look_s, start, dictionary)
         _, state = newcomer(told, times_s, look_s, fewer, dictionary, model.candidates)
         fitted, holds = born(told, times_s, look_s, fewer, state, dictionary, model.threshold)
-        shown = j.signals_in(fitted.mean, times_s, look_s, dictionary).reshape(looks.shape)
-        again = np.where(np.sum((shown.conj() * looks).real, axis=(-2, -1)) < 0.0, -1.0, 1.0)
+        again = _signs_of(model, looks, fitted)
         if np.array_equal(again, signs):
             break
         signs = again
-    return fitted, bool(holds)
+    return fitted, float(fewer.misfit), bool(holds)
+
+
+def _signs_of(model: JointModel, looks: Complexes, row: Row) -> Reals:
+    """Signs of the bits of a row (bits, looks, d), by the signals fitted to it."""
+    shown = j.signals_in(row.mean, model.row_times_s, model.look_s, model.dictionary).reshape(looks.shape)
+    return np.asarray(np.where(np.sum((shown.conj() * looks).real, axis=(-2, -1)) < 0.0, -1.0, 1.0), np.float64)
 
 
 def _signs_beside(model: JointModel, looks: Complexes, expected: Reals, state: Reals) -> Reals:

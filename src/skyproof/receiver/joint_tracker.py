@@ -175,8 +175,10 @@ class JointTracker:
                 phase_cyc=replica.phase_cyc + n / model.rate_hz * replica.hz,
                 periods=replica.periods + skipped * model.signal.periods_per_symbol,
             )
-            joint = j.predict(state.channel.joint, skipped * model.bit_s)
-            state = replace(state, channel=replace(state.channel, joint=joint, before=joint))
+            skipped_s, rho = skipped * model.bit_s, model.settings.chips_per_cycle
+            joint = j.predict(state.channel.joint, skipped_s)
+            before = replace(joint, mean=j.carried(state.channel.before.mean, skipped_s, rho))
+            state = replace(state, channel=replace(state.channel, joint=joint, before=before))
         return replace(state, replica=replica, row_began=replica)
 
     def now(self, state: JointState) -> list[Followed]:

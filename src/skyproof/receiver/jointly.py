@@ -16,19 +16,30 @@ from skyproof.receiver import joining
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Channel, arc_of, letter, lost_of
-from skyproof.receiver.joining import JointlyFollowed, JointReceiver, apart_chips, handed_back, shown_chips
+from skyproof.receiver.joining import JointlyFollowed, JointReceiver, apart_chips, handed_back, is_needed, shown_chips
 from skyproof.receiver.joint_tracker import Followed
 from skyproof.receiver.keeping import Given
 from skyproof.receiver.measurement import SLIP_SUSPECTED_CYC
 from skyproof.receiver.settings import MEASURE_FRAMES, ReceiverSettings
 from skyproof.receiver.state import ReceiverState, kept, place_of, with_channel
 
-__all__ = ["followed_jointly", "joined", "led", "led_on", "measured_jointly", "unheard", "with_bits_of_the_strongest"]
+__all__ = [
+    "followed_jointly",
+    "joined",
+    "led",
+    "led_on",
+    "looked_into",
+    "measured_jointly",
+    "unheard",
+    "with_bits_of_the_strongest",
+]
 
 MOVED_DB = 1.0
 MOVED_SIGMAS = 4.0
 """A strength that differs so much from its mean over a second moves."""
 JUMP_SIGMAS = 6.0
+LOOK_ROWS = 3
+"""A joint channel that has found nothing in so many rows will not find anything soon."""
 POWER_STRIDE = 61
 
 
@@ -44,6 +55,17 @@ def joined(state: ReceiverState) -> Booleans:
     return np.array([channel.arc in arcs for channel in state.channels], np.bool_)
 
 
+def looked_into(state: ReceiverState) -> Booleans:
+    """Of which channels a joint channel, this one or one that can begin, has yet to say whether there is another signal
+    (n_channels,).
+    """
+    arcs = {one.arc for one in state.joint if one.rows < LOOK_ROWS and one.suspects}
+    taken = {one.sat for one in state.joint}
+    begun = state.loops[:, k.BIT_START] >= 0.0
+    found = [channel.arc in arcs or channel.sat not in taken for channel in state.channels]
+    return np.array(found, np.bool_) & begun & np.array([c.copy is not None for c in state.channels], np.bool_)
+
+
 def unheard(state: ReceiverState) -> Booleans:
     """Which of these are beside a stronger signal, so that their own prompts tell nothing (n_channels,)."""
     arcs = {arc for one in state.joint if one.leads for name, arc in one.arcs.items() if name != one.strongest}
@@ -51,9 +73,7 @@ def unheard(state: ReceiverState) -> Booleans:
 
 
 def followed_jointly(joint: JointReceiver, state: ReceiverState, given: Given, end: int) -> ReceiverState:
-    """Joint channels over the samples up to `end` (absolute), the end of a frame. Loops that they do not lead any more
-    go on where they are.
-    """
+    """Joint channels over the samples up to `end` (absolute), the end of a frame."""
     if not state.joint:
         return state
     strengths: dict[str, float] = {}
@@ -62,11 +82,7 @@ def followed_jointly(joint: JointReceiver, state: ReceiverState, given: Given, e
     samples = state.tail[0, :, : end - state.tail_start]
     found, now = joint.step(state.joint, samples, state.tail_start, strengths)
     given.components += found
-    loops, were_led = state.loops.copy(), led(state)
-    state = replace(state, joint=tuple(now))
-    freed = were_led & ~led(state)
-    loops[freed, k.RESIDUAL] = loops[freed, k.CODE_MINUS_CARRIER] = np.nan
-    return replace(state, loops=loops)
+    return replace(state, joint=tuple(now))
 
 
 def led_on(
@@ -97,14 +113,25 @@ def led_on(
     power = 2.0 * float(np.mean(fresh[:, ::POWER_STRIDE] ** 2))
     channels = [(state.channels[i].arc, state.channels[i].sat) for i in ready]
     wanted = _wanted([arc for arc, _ in channels], state, settings, given.measured[-1])
-    wanted |= _beside_others(joint, state, end)[ready]
-    now = joint.begin(state.joint, channels, state.loops[ready], wanted, power, end)
+    wanted |= _beside_others(joint, state, end)[ready] | (state.loops[ready, k.SLIPPED] > 0.0)
+    state = _without_the_needless(state)
+    followed = state.loops[ready]
+    now = joint.begin(state.joint, channels, followed, wanted, power, end, _pulled_chips(joint, followed, end))
     loops = state.loops.copy()
     unknown = {arc for one in now[len(state.joint) :] for arc in list(one.arcs.values())[1:]}
     for i, channel in enumerate(state.channels):
         if channel.arc in unknown:  # its carrier beside the first one's
             loops[i, k.SLIPPED] = 1.0
     return replace(state, joint=tuple(now), loops=loops)
+
+
+def _without_the_needless(state: ReceiverState) -> ReceiverState:
+    """Joint channels that are needed; loops that are not led any more go on where they are."""
+    loops, were_led = state.loops.copy(), led(state)
+    state = replace(state, joint=tuple(one for one in state.joint if is_needed(one)))
+    freed = were_led & ~led(state)
+    loops[freed, k.RESIDUAL] = loops[freed, k.CODE_MINUS_CARRIER] = np.nan
+    return replace(state, loops=loops)
 
 
 def _wanted(arcs: Sequence[int], state: ReceiverState, settings: ReceiverSettings, last: m.Measurements) -> Booleans:
@@ -131,6 +158,19 @@ def _beside_others(joint: JointReceiver, state: ReceiverState, end: int) -> Bool
             if same and abs(apart_chips(shown[i], shown[n], joint.signal)) < joining.PARTED_CHIPS:
                 found[[i, n]] = True
     return found
+
+
+def _pulled_chips(joint: JointReceiver, loops: Reals, end: int) -> Reals:
+    """By how much the codes of loops (n, N_STATE) have become later than their carriers say, (n,); 0 where those were
+    not compared yet.
+    """
+    signal, at_s = joint.signal, end / joint.rate_hz
+    gone_s = at_s - loops[:, k.START] / joint.rate_hz
+    code_s = loops[:, k.PERIODS] * signal.period_s - at_s
+    code_s += (loops[:, k.CHIP] + gone_s * loops[:, k.CODE_RATE]) / signal.chip_rate_hz
+    phase_cyc = loops[:, k.PHASE] + 0.5 * loops[:, k.HALF_CYCLES] + gone_s * loops[:, k.FREQUENCY]
+    apart_s = code_s + (joint.if_hz * at_s - phase_cyc) / signal.carrier_hz
+    return np.asarray(np.nan_to_num(loops[:, k.CODE_MINUS_CARRIER] - apart_s) * signal.chip_rate_hz)
 
 
 def _moves(row: Reals, mean_dbhz: float, duration_s: float) -> bool:

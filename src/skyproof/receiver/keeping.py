@@ -88,11 +88,20 @@ def forget_time(
 
 
 def end_diverged_arcs(
-    state: ReceiverState, table: Reals, good: Booleans, elapsed_s: float, settings: ReceiverSettings, given: Given
-) -> ReceiverState:
+    state: ReceiverState,
+    table: Reals,
+    good: Booleans,
+    looked_into: Booleans,
+    elapsed_s: float,
+    settings: ReceiverSettings,
+    given: Given,
+) -> tuple[ReceiverState, Booleans]:
     """End the arc of a channel whose code has left its carrier: it was pulled to another signal's peak.
 
     On one signal code minus carrier moves with the ionosphere only, millimetres a second.
+
+    looked_into : (n_channels,) those of which a joint channel has yet to say what there is: their arcs go on, and those
+        whose code has left its carrier (n_channels,) are returned, with slips that a joint channel looks for.
     """
     signal = settings.signal
     loops, channels = state.loops.copy(), list(state.channels)
@@ -102,6 +111,9 @@ def end_diverged_arcs(
     limit_s = np.maximum(settings.pulled_chips / signal.chip_rate_hz, 6.0 * table[:, m.CODE_SIGMA_S])
     new = good & ~np.isfinite(reference)
     pulled = good & (np.abs(apart_s - reference) > limit_s)
+    undecided = pulled & looked_into
+    good, pulled = good & ~undecided, pulled & ~undecided
+    loops[undecided, k.SLIPPED] = 1.0
     loops[good, k.CODE_MINUS_CARRIER] += 0.02 * (apart_s - reference)[good]
     loops[new | pulled, k.CODE_MINUS_CARRIER] = apart_s[new | pulled]
     number = state.next_arc
@@ -109,7 +121,7 @@ def end_diverged_arcs(
         if channels[i].copy is not None:
             channels[i] = _new_arc(channels[i], number, "pulled away", signal, given)
             number += 1
-    return replace(state, loops=loops, channels=tuple(channels), next_arc=number)
+    return replace(state, loops=loops, channels=tuple(channels), next_arc=number), undecided
 
 
 def messages_read(state: ReceiverState, settings: ReceiverSettings, given: Given) -> ReceiverState:
@@ -262,8 +274,8 @@ def _doubles(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings) 
                 apart_s = math.remainder(float(delays_s[i] - delays_s[j]), signal.period_s)
                 same_hz = abs(hz[i] - hz[j]) < MERGE_HZ
                 arcs = {state.channels[i].arc, state.channels[j].arc}
-                if any(not arcs.isdisjoint(one.arcs.values()) for one in state.joint):
-                    continue  # a joint channel tells them apart, or looks whether they are two
+                if any(one.tells(arcs) for one in state.joint):
+                    continue
                 if same_hz and abs(apart_s) * signal.chip_rate_hz < settings.merge_chips:
                     doubles.add(i)
     return doubles

@@ -32,6 +32,7 @@ from skyproof.receiver.jointly import (
     joined,
     led,
     led_on,
+    looked_into,
     measured_jointly,
     unheard,
     with_bits_of_the_strongest,
@@ -139,7 +140,7 @@ class Receiver:
         state = self._lookout.look(state, begin, self._rows_shape(state))
         before = state
         state = self._advance(state, begin, end)
-        joint = self.joint if state.tail.shape[0] == 1 else None
+        joint = self._joint(state)
         if joint is not None:
             state = followed_jointly(joint, with_bits_of_the_strongest(state), given, end)
         state = self._check_locks(state, end)
@@ -154,6 +155,9 @@ class Receiver:
         if joint is not None:
             state = led_on(joint, state, self.settings, given, end, self._rows_shape(state))
         return replace(state, frame=state.frame + 1)
+
+    def _joint(self, state: ReceiverState) -> JointReceiver | None:
+        return self.joint if state.tail.shape[0] == 1 else None
 
     def _delay_s(self, loops: Reals, begin: int) -> Reals:
         return delay_s(loops, begin, self.rate_hz, self.signal.period_s)
@@ -298,12 +302,13 @@ class Receiver:
             given.gaps.append(look.gap)
         if look.gap is not None or look.untimed:
             return forget_time(state, self.signal, given)
-        state = end_diverged_arcs(state, table, good & ~joined(state), elapsed_s, settings, given)
+        told, looked = good & ~joined(state), looked_into(state) & (self._joint(state) is not None)
+        state, undecided = end_diverged_arcs(state, table, told, looked, elapsed_s, settings, given)
         if look.withheld:
             loops = state.loops.copy()
             loops[good, k.SLIPPED] = 1.0
             return replace(state, loops=loops)
-        good &= proved
+        good &= proved & ~undecided
         own, last_phases = self._on_each_antenna(state, earlier, later, taps, wipe, good, elapsed_s)
         numbers = np.array([c.arc for c in state.channels], np.int64)
         looks = taps[:, np.newaxis, : self.n_taps]
