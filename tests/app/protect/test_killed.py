@@ -33,7 +33,8 @@ def read(left: Path) -> tuple[int, int]:
     rows = 0
     for path in left.rglob("*.npz"):
         with np.load(path) as piece:
-            lengths = {len(piece[name]) for name in ("elapsed_s", "arc", "table", "sat")} if "arc" in piece else set()
+            columns = ("elapsed_s", "arc", *(("table", "sat") if path.parent.name == "measured" else ("value",)))
+            lengths = {len(piece[name]) for name in columns} if "arc" in piece else set()
             assert len(lengths) <= 1
             rows += sum(lengths) if path.parent.name == "measured" else 0
     lines = left / "evidence.jsonl"
