@@ -17,7 +17,7 @@ from skyproof.decomposition.fit import (
     simulate_taps,
 )
 from skyproof.detectors.array.array_common import equal_statistic
-from skyproof.detectors.array.ins_array import (
+from skyproof.detectors.array.array_model import (
     array_design,
     equilateral_triangle,
     joint_statistic,

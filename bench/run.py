@@ -9,6 +9,7 @@ from time import perf_counter
 
 import accuracy
 import acquisition
+import arrays
 import deciding
 import drawn
 import house
@@ -52,6 +53,7 @@ BENCHES = {
     "joint": joint,
     "startup": startup,
     "drawn": drawn,
+    "arrays": arrays,
     "real-code": real_code,
     "memory": memory,
     "house": house,

@@ -795,19 +795,28 @@ class Baseline:
         return tuple((d, float(np.sqrt(u @ c @ u))) for d, u, c in zip(away, units, blocks, strict=True))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Direction:
     """Where a signal comes from, as seen from the antenna, radians.
 
     azimuth_rad : from north by east, or in the body frame from forward to the right. elevation_rad : above the horizon,
         or above the body's plane of forward and right.
-    sigma_rad : one sigma of the angle between the estimate and the truth, on each of two axes across it.
+    covariance_rad2 : (2, 2) of the angles between the estimate and the truth, along the horizon to where the azimuth
+        grows, and upwards.
     """
 
     azimuth_rad: float
     elevation_rad: float
-    sigma_rad: float
+    covariance_rad2: Reals
     frame: Literal["enu", "body"]
+
+    def __post_init__(self) -> None:
+        freeze(self, {"covariance_rad2": ("2", "2")})
+
+    @property
+    def sigma_rad(self) -> float:
+        """One sigma of each of the two angles, root mean square."""
+        return float(np.sqrt(0.5 * np.trace(self.covariance_rad2)))
 
 
 Says = Literal["authentic", "spoofed", "attack", "clean", "multipath", "undecided"]
@@ -831,7 +840,8 @@ class Evidence:
     log_likelihood_ratio : of what it says over its opposite, natural logarithm; None where no model is stated.
     noted : it stands beside the verdict, whatever that is.
     lacking : what the test needs and did not get; it could not run.
-    direction : where the subject's signals come from, if they come from one place and the test can tell it.
+    directions : where the subject's signals come from, if that is one place and the test can tell it: all that fit, the
+        likeliest first.
     assumes : under what the word holds that the measurements cannot show, in words; each stands beside the verdict.
     baselines : what the subject's signals say of the antennas, over the whole window first and then over parts of it.
     whole_sky : of "spoofed": the subject is one sky of two that cannot both be true; from how many antennas it came is
@@ -856,7 +866,7 @@ class Evidence:
     overrules: bool = False
     noted: bool = False
     lacking: tuple[Need, ...] = ()
-    direction: Direction | None = None
+    directions: tuple[Direction, ...] = ()
     assumes: tuple[str, ...] = ()
     baselines: tuple[Baseline, ...] = ()
     whole_sky: bool = False

@@ -8,8 +8,8 @@ where one window contradicts itself the label is unknown.
 
 A window in which a test of the signal failed (its p-value is below what it was asked for, and it says "undecided")
 does not say nothing: true and false signals may be mixed in it. What was authentic before is open there, unless the
-window itself has evidence of authenticity for nearly all of the signals that failed together. Not even that helps where
-the test overrules the others, unless false signals are named in the window.
+window itself has evidence for nearly all of the signals that failed together, that they are authentic or that they are
+false. Not even that helps where the test overrules the others, unless false signals are named in the window.
 """
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
@@ -114,7 +114,8 @@ def _votes(evidence: Sequence[Evidence], o: ObservationLog) -> dict[SignalRef, l
             continue
         said = list(of_window)
         # Where false signals are named beside the true ones it is no wonder that what is received does not go on.
-        attacked = any(e.says == "spoofed" and any(r.receiver == o.receiver for r in e.subject) for e in said)
+        false = {ref for e in said if e.says == "spoofed" for ref in e.subject if ref.receiver == o.receiver}
+        attacked = bool(false)
         tests = [
             (e, {r for r in e.subject if r.receiver == o.receiver})
             for e in said
@@ -126,7 +127,7 @@ def _votes(evidence: Sequence[Evidence], o: ObservationLog) -> dict[SignalRef, l
         for e in said:
             own = {ref for ref in e.subject if ref.receiver == o.receiver}
             label: Label = e.says if e.says in ("authentic", "spoofed", "multipath") else "unknown"
-            if label == "authentic" and any(len(own & f) < NEARLY_ALL * len(f) for f in failed):
+            if label == "authentic" and any(len((own | false) & f) < NEARLY_ALL * len(f) for f in failed):
                 label = "unknown"
             if e.says == "authentic":
                 own -= overruled

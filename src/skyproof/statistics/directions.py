@@ -4,9 +4,10 @@ Azimuth is the angle from the x axis towards the y axis, elevation the angle abo
 Covariances are positive definite. All functions take free leading axes, written (...).
 """
 
+from collections.abc import Iterator
 from functools import lru_cache
 from itertools import product
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +34,10 @@ __all__ = [
     "pair_statistics",
     "squared_norm",
 ]
+
+
+ALL_NEIGHBOURS: Final = 4
+"""Components up to which all neighbours of whole numbers are tried."""
 
 
 def direction_cosines(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> Reals:
@@ -80,9 +85,10 @@ def squared_norm(vector: ArrayLike, covariance: ArrayLike) -> Reals:
 def nearest_whole(vector: ArrayLike, covariance: ArrayLike) -> tuple[Reals, Reals]:
     """The vector less the whole numbers that leave the least vector' covariance^-1 vector, and that least.
 
-    Each component is rounded and its neighbours tried, 3^d in all; exact while standard deviations are small against
-    one half. Then the least is chi-square with d degrees for N(0, covariance) plus any whole numbers, and does not
-    depend on which antenna differences refer to (rounding alone does).
+    Each component is rounded and its neighbours tried: all 3^d up to `ALL_NEIGHBOURS` components; of more, which are
+    taken for differences against one antenna, those that rounding against each other antenna gives. Exact while
+    standard deviations are small against one half. Then the least is chi-square with d degrees for N(0, covariance)
+    plus any whole numbers, and does not depend on which antenna differences refer to (rounding alone does).
 
     Parameters
     ----------
@@ -98,13 +104,21 @@ def nearest_whole(vector: ArrayLike, covariance: ArrayLike) -> tuple[Reals, Real
     white = _whitened(remainder, whitener)
     least = np.sum(white**2, axis=-1)
     choice = np.zeros(white.shape)
-    for step in product((-1.0, 0.0, 1.0), repeat=vector.shape[-1]):
-        if any(step):
-            tried = np.sum((white - whitener @ np.array(step)) ** 2, axis=-1)
-            better = tried < least
-            least = np.where(better, tried, least)
-            choice[better] = step
+    for step in _neighbours(remainder):
+        tried = np.sum((white - _whitened(step, whitener)) ** 2, axis=-1)
+        better = tried < least
+        least = np.where(better, tried, least)
+        choice = np.where(better[..., None], step, choice)
     return remainder - choice, least
+
+
+def _neighbours(remainder: Reals) -> Iterator[Reals]:
+    """Whole numbers (..., d) or (d,) that may leave less than none."""
+    d = remainder.shape[-1]
+    if d > ALL_NEIGHBOURS:
+        yield from (np.rint(remainder - remainder[..., k : k + 1]) for k in range(d))
+    else:
+        yield from (np.array(step) for step in product((-1.0, 0.0, 1.0), repeat=d) if any(step))
 
 
 def pair_statistics(values: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from skyproof.arrays import Reals
-from skyproof.detectors.array.ins_array import (
+from skyproof.detectors.array.array_model import (
     array_design,
     blind_directions,
     conditional_statistics,

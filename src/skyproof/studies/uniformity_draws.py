@@ -21,7 +21,7 @@ from skyproof.decomposition.fit import (
     simulate_taps,
 )
 from skyproof.detectors.array.array_common import cluster_chance
-from skyproof.detectors.array.ins_array import (
+from skyproof.detectors.array.array_model import (
     array_design,
     conditional_statistics,
     equilateral_triangle,

@@ -12,7 +12,7 @@ from skyproof.app.protect import protect
 from skyproof.app.receive.inputs import open_inputs
 from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import track
-from skyproof.detectors.array.ins_array import mean_differences, white_covariance
+from skyproof.detectors.array.array_model import mean_differences, white_covariance
 from skyproof.errors import SettingsError
 from skyproof.records import AntennaArray
 from skyproof.simulator.scenario import Sky
@@ -44,8 +44,10 @@ def test_a_clean_sky_comes_from_several_directions(kit, array_files, tmp_path):
     assert (said.says, {ref.receiver for ref in said.subject}) == ("authentic", {"array"})
     assert len(said.subject) > 7
     assert said.assumes[0] in result.verdict.assumed
-    (lacks,) = said_by(result, "ins_array")
-    assert [need.value for need in lacks.lacking] == ["nav_state"]
+    (said,) = said_by(result, "ins_array")  # by the attitude and the lines that the sky itself shows
+    assert (said.says, {ref.receiver for ref in said.subject}) == ("authentic", {"array"})
+    assert len(said.subject) > 7
+    assert said.assumes[0] in result.verdict.assumed
     assert not any(signal.label == "spoofed" for signal in result.verdict.signals)
 
 

@@ -5,7 +5,12 @@ import pytest
 from tests.detectors.nulls import array_phases, window
 
 from skyproof.detectors.array.array_common import ArrayCommon, cluster_chance
-from skyproof.detectors.array.ins_array import array_design, equilateral_triangle, regular_tetrahedron, white_covariance
+from skyproof.detectors.array.array_model import (
+    array_design,
+    equilateral_triangle,
+    regular_tetrahedron,
+    white_covariance,
+)
 from skyproof.records import ArrayPhases
 from skyproof.statistics.directions import (
     complete_linkage,

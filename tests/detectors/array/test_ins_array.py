@@ -3,6 +3,7 @@
 Golden numbers are those of an independent re-derivation of the paper, to the digits printed there.
 """
 
+import re
 import time
 from dataclasses import replace
 
@@ -12,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 from tests.detectors.nulls import NAVIGATION, PLACE_M, SIGNALS, START, STATE, TRUE, array_records
 
-from skyproof.detectors.array.ins_array import (
-    InsArray,
+from skyproof.detectors.array.array_model import (
     array_design,
     between_signals,
     blind_directions,
@@ -29,6 +29,8 @@ from skyproof.detectors.array.ins_array import (
     unexplained,
     white_covariance,
 )
+from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
+from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import azimuth_elevation
@@ -465,47 +467,106 @@ def test_predicted_directions_are_those_of_azimuth_and_elevation():
         np.testing.assert_allclose(TRUE[0, k], forward_right_down, atol=3e-5)  # the satellite moves on by 300 m
 
 
-def test_false_signals_are_named_and_the_true_ones_are_not():
-    direction = TRUE.copy()
-    direction[:, 2:4] = direction[:, :1]
-    (said,), _ = InsArray().examine(array_records(np.random.default_rng(8), direction))
-    assert said.says == "spoofed"
-    assert [ref.signal for ref in said.subject] == list(SIGNALS[2:4])
-
-
-def test_one_source_for_all_is_found():
-    direction = np.repeat(TRUE[:, :1], len(SIGNALS), axis=1)
-    (said,), _ = InsArray().examine(array_records(np.random.default_rng(9), direction))
-    assert said.says == "spoofed"
-    assert said.p_value < 1e-12
-
-
-def test_at_a_position_that_only_signals_show_no_signal_without_one_is_tested():
-    """False signals that fit no position are left alone then: the true place may be another one."""
-    direction = TRUE.copy()
-    direction[:, 2:4] = direction[:, :1]
-    covariance = np.tile(np.radians(0.05) ** 2 * np.eye(9), (STATE.gpst.size, 1, 1))
-    covariance[:, range(6), range(6)] = np.inf
-    records = replace(
-        array_records(np.random.default_rng(8), direction), nav_state=replace(STATE, covariance=covariance)
-    )
-    (said,), _ = InsArray().examine(records)
-    assert said.says == "undecided"
-    assert "its position" in said.because
-    one = ConsistentSet(
+def sky(*numbers, place_m=PLACE_M):
+    """A consistent set of these signals at a place."""
+    return ConsistentSet(
         receiver="rx1",
-        signals=SIGNALS[:3],
+        signals=tuple(SIGNALS[k] for k in numbers),
         gpst=START,
-        position_ecef_m=PLACE_M,
+        position_ecef_m=place_m,
         clock_bias_s=0.0,
         covariance_m2=np.eye(4),
         statistic=1.0,
         dof=1,
         p_value=0.5,
     )
-    (said,), _ = InsArray().examine(replace(records, sets=(one,)))
-    assert said.says == "spoofed"
-    assert [ref.signal for ref in said.subject] == [SIGNALS[2]]
+
+
+def said_of(records, **settings):
+    """What is said of the signals: of each word the signals."""
+    evidence, _ = InsArray(InsArraySettings(**settings)).examine(records)
+    assert len({e.says for e in evidence}) == len(evidence)
+    return {e.says: {ref.signal for ref in e.subject} for e in evidence}, evidence
+
+
+def with_two_elsewhere():
+    direction = TRUE.copy()
+    direction[:, 2:4] = direction[:, :1]
+    return array_records(np.random.default_rng(8), direction)
+
+
+def test_false_signals_are_named_and_the_true_ones_are_not():
+    words, _ = said_of(with_two_elsewhere())
+    assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
+
+
+def test_where_false_signals_come_from_is_among_the_directions_given():
+    direction = TRUE.copy()
+    direction[:, 2:4] = direction_cosines(np.radians(40.0), np.radians(-25.0))  # down is positive in the body
+    _, evidence = said_of(array_records(np.random.default_rng(8), direction))
+    (spoofed,) = [e for e in evidence if e.says == "spoofed"]
+    # Level, north at the first epoch and turned by a degree in each second.
+    azimuth_rad, elevation_rad = np.radians(40.0 + 1.5), np.radians(25.0)
+    off = [
+        np.hypot((d.azimuth_rad - azimuth_rad) * np.cos(elevation_rad), d.elevation_rad - elevation_rad) / d.sigma_rad
+        for d in spoofed.directions
+    ]
+    assert min(off) < 3.0
+    assert all(d.frame == "enu" for d in spoofed.directions)
+
+
+def test_one_source_for_all_is_found():
+    direction = np.repeat(TRUE[:, :1], len(SIGNALS), axis=1)
+    words, evidence = said_of(array_records(np.random.default_rng(9), direction))
+    assert words == {"spoofed": set(SIGNALS)}
+    assert evidence[0].p_value < 1e-9
+
+
+def test_where_only_signals_show_the_place_it_is_that_of_a_set_whose_signals_come_from_their_satellites():
+    covariance = np.tile(np.radians(0.05) ** 2 * np.eye(9), (STATE.gpst.size, 1, 1))
+    covariance[:, range(6), range(6)] = np.inf
+    records = replace(with_two_elsewhere(), nav_state=replace(STATE, covariance=covariance))
+    words, (said,) = said_of(records)
+    assert "position" in said.because
+    far = ecef_from_geodetic(np.radians(-20.0), np.radians(80.0), 0.0)
+    words, _ = said_of(replace(records, sets=(sky(2, 3, place_m=far), sky(0, 1, 4, 5, 6, 7))))
+    assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
+
+
+@pytest.mark.parametrize("false", [False, True])
+def test_an_attitude_that_is_wrong_is_reported_and_no_true_signal_is_called_spoofed(false):
+    records = with_two_elsewhere() if false else array_records(np.random.default_rng(8))
+    turned = STATE.attitude @ Rotation.from_euler("z", 20.0, degrees=True).as_matrix()
+    evidence, _ = InsArray().examine(replace(records, nav_state=replace(STATE, attitude=turned)))
+    (noted,) = [e.because for e in evidence if e.noted]
+    # Fewer signals leave several attitudes open, one cycle of phase apart.
+    how = "not" if false else "(19|20|21) degrees from"
+    assert re.match(rf"the attitude given is {how} the one that the signals of rx1 show, and is not used", noted)
+    spoofed = {ref.signal for e in evidence if e.says == "spoofed" for ref in e.subject}
+    assert spoofed == (set(SIGNALS[2:4]) if false else set())
+
+
+@pytest.mark.parametrize("false", [False, True])
+def test_lines_that_are_not_what_was_given_are_reported_and_no_true_signal_is_called_spoofed(false):
+    records = with_two_elsewhere() if false else array_records(np.random.default_rng(8))
+    (phases,) = records.array_phases
+    moved = replace(phases, phase_cyc=phases.phase_cyc + np.array([0.0, 0.3, -0.2]))
+    evidence, _ = InsArray().examine(replace(records, array_phases=(moved,)))
+    (noted,) = [e.because for e in evidence if e.noted]
+    assert "line_bias_cyc of rx1 is not what its signals show" in noted
+    spoofed = {ref.signal for e in evidence if e.says == "spoofed" for ref in e.subject}
+    assert spoofed == (set(SIGNALS[2:4]) if false else set())
+
+
+def test_attitude_and_lines_that_are_not_known_come_from_the_sky_itself():
+    records = with_two_elsewhere()
+    (phases,) = records.array_phases
+    first = {name: getattr(phases, name)[:1] for name in ("gpst", "elapsed_s", "sigma_cyc")}  # the body turns
+    unknown = replace(phases, calibrated=False, phase_cyc=phases.phase_cyc[:1] + np.array([0.0, 0.3, -0.2]), **first)
+    words, _ = said_of(
+        replace(records, array_phases=(unknown,), nav_state=None, sets=(sky(0, 1, 4, 5, 6, 7),)),
+    )
+    assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
 
 
 def test_without_an_ephemeris_of_any_satellite_it_says_so():

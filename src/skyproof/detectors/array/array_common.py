@@ -8,6 +8,7 @@ is computed from the geometry (`equality_chance`).
 Clusters, and what is said of them, are shared with `spin`.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb
@@ -16,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
-from skyproof.detectors.array.ins_array import array_design, mean_differences, white_covariance
+from skyproof.detectors.array.array_model import array_design, mean_differences, white_covariance
+from skyproof.detectors.array.failing import failing, without
 from skyproof.detectors.base import Detector, missing, undecided
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -24,7 +26,7 @@ from skyproof.records import ArrayPhases, Evidence, Need, Records, SignalRef
 from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
-__all__ = ["ArrayCommon", "ArrayCommonSettings", "cluster_chance", "cluster_evidence", "of_one_carrier"]
+__all__ = ["ArrayCommon", "ArrayCommonSettings", "cluster_chance", "cluster_evidence", "of_one_carrier", "of_one_sky"]
 
 
 ONE_ANTENNA = "false signals are several, and come from one transmit antenna"
@@ -42,6 +44,17 @@ def of_one_carrier(carrier_hz: Reals) -> Indices:
     return np.flatnonzero(carrier_hz == values[counts.argmax()]) if values.size else np.zeros(0, np.intp)
 
 
+def of_one_sky(records: Records, receiver: str, refs: Sequence[SignalRef]) -> tuple[SignalRef, ...]:
+    """Those of a receiver's signals that the consistent set with most of them holds; where there is no set, those of
+    transmissions that are there once: of two signals of one, one is not what the satellite sent."""
+    own = [one for one in records.sets if one.receiver == receiver]
+    if own:
+        best = max(own, key=lambda one: sum(ref.signal in one.signals for ref in refs))
+        return tuple(ref for ref in refs if ref.signal in best.signals)
+    sent = Counter(ref.signal.transmission for ref in refs)
+    return tuple(ref for ref in refs if sent[ref.signal.transmission] == 1)
+
+
 def cluster_evidence(
     detector: Detector,
     records: Records,
@@ -55,8 +68,9 @@ def cluster_evidence(
     """What clusters of equal values say of the signals.
 
     A cluster of satellites that would be found in a true sky with less than the false-alarm probability is "spoofed".
-    If no two signals are equal and "all come from one antenna" is rejected, they are "authentic", by a test of
-    several directions; transmitters at several places would pass it as well.
+    If no two signals are equal and "all come from one antenna" is rejected, those that are one sky are "authentic", by
+    a test of several directions; transmitters at several places would pass it as well. Where there are two skies, one
+    of them is false, and it stays open which.
 
     Parameters
     ----------
@@ -118,14 +132,25 @@ def cluster_evidence(
                 "directions apart, and too few to have come from one",
             )
         ]
+    receiver = refs[0].receiver
+    if sum(one.receiver == receiver for one in records.sets) > 1:
+        return [
+            undecided(
+                detector,
+                records,
+                refs,
+                would_need="the attitude of the array, by which directions are held against the orbits",
+                because=f"no two of {n} signals come to {receiver} from one direction, but they are two skies",
+            )
+        ]
     return [
         Evidence(
             detector=detector.name,
             start_gpst=records.start_gpst,
             end_gpst=records.end_gpst,
-            subject=refs,
+            subject=of_one_sky(records, receiver, refs),
             says="authentic",
-            because=f"no two of {n} signals come to {refs[0].receiver} from one direction",
+            because=f"no two of {n} signals come to {receiver} from one direction",
             assumes=(ONE_ANTENNA,),
             statistic=statistic,
             threshold=float(chi_square_threshold(alpha, (n - 1) * d)),
@@ -169,6 +194,17 @@ class ArrayCommon:
         return [evidence for phases in records.array_phases for evidence in self._array(records, phases)], state
 
     def _array(self, records: Records, phases: ArrayPhases) -> list[Evidence]:
+        phases = without(phases, failing(phases))
+        if len(phases.elements_m) < 2:
+            return [
+                undecided(
+                    self,
+                    records,
+                    tuple(SignalRef(phases.receiver, s) for s in phases.signals),
+                    because=f"fewer than two antennas of {phases.receiver} give phases",
+                    would_need="phases of two antennas or more",
+                )
+            ]
         mean = mean_differences(phases)
         channels = of_one_carrier(phases.carrier_hz)
         used = channels[mean.epochs[channels] >= self.settings.min_epochs]

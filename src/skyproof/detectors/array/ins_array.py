@@ -1,342 +1,59 @@
-"""Does each signal come to an antenna array from where its satellite stands, by the attitude of an inertial system?
+"""Does each signal come to an antenna array from where its satellite stands, by an attitude or by the array's own?
 
-Between the antennas of an array the carrier phases differ by the array's baselines times the direction of arrival. The
-difference of that between what is predicted (ephemeris, position, attitude) and what is measured is noise for a true
-signal. After Zhang, Ding, Xia, Liu and Yao, "INS-Aided Multi-Antenna GNSS Carrier Phase Double Difference Spoofing
-Detection" ("the paper"; its double difference is predicted minus measured). The paper tests three antennas and one
-satellite with white noise only (equations 37 to 44). Here: any number of antennas in any geometry, phases known modulo
-one cycle, errors of antenna positions, line biases and attitude that all satellites share, any number of epochs.
-
-Corrected: 0.01 is the standard deviation of a phase, not a variance, and the mean belongs into equation 37; an
-error of 3 mm in each antenna's position is larger than the noise and makes the paper's test alarm in 27 % of trials
-instead of 1 %; whole cycles cannot be neglected: from baselines of 0.58 wavelengths on they make further blind
-directions. `docs/methods/ins-array.md` has the rest.
-
-Phases and lengths are in cycles (wavelengths of the carrier that the elements are counted in), angles in radians.
-Directions are unit vectors in the frame of the elements. M antennas make d = M - 1 differences against the first one;
-no statistic depends on which antenna is first.
+The model and its tests are in `array_model`; which signals agree, with what is known of attitude and lines or with what
+most of them show, in `agreement`; from where the others come in `arrivals`.
 """
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import comb
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from skyproof.arrays import Indices, Reals
+from skyproof.detectors.array.agreement import (
+    FREE_RAD,
+    Agreement,
+    ArrayFrame,
+    MeanPhases,
+    best_agreement,
+)
+from skyproof.detectors.array.array_common import cluster_chance, of_one_sky
+from skyproof.detectors.array.array_model import (
+    array_design,
+    mean_differences,
+    predicted_directions,
+    white_covariance,
+)
+from skyproof.detectors.array.arrivals import Arrival, across, arrivals
+from skyproof.detectors.array.failing import failing, without
+from skyproof.detectors.array.reflected import reflections
 from skyproof.detectors.base import missing, undecided
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.sky import rotate_to_reception, unit_vectors
-from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.nav_state import covered, state_at
-from skyproof.records import ArrayPhases, Evidence, NavigationData, NavState, Need, Records, SignalId, SignalRef
-from skyproof.statistics.directions import nearest_whole, squared_norm
+from skyproof.gnss.frames import attitude_ecef, geodetic_from_ecef, rot_enu_ecef
+from skyproof.records import (
+    ArrayPhases,
+    Direction,
+    Evidence,
+    NavigationData,
+    NavState,
+    Need,
+    Records,
+    SignalRef,
+)
+from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
-__all__ = [
-    "InsArray",
-    "InsArraySettings",
-    "MeanDifferences",
-    "array_design",
-    "between_signals",
-    "blind_directions",
-    "conditional_statistics",
-    "differences",
-    "direction_statistic",
-    "equilateral_triangle",
-    "joint_statistic",
-    "mean_differences",
-    "predicted_directions",
-    "regular_tetrahedron",
-    "residual_covariance",
-    "single_statistic",
-    "sky_p_value",
-    "unexplained",
-    "white_covariance",
-]
+__all__ = ["InsArray", "InsArraySettings"]
 
-
-def equilateral_triangle(side: float) -> Reals:
-    """Elements (3, 3) of the paper's array, the second on the x axis."""
-    return side * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, np.sqrt(0.75), 0.0]])
-
-
-def regular_tetrahedron(side: float) -> Reals:
-    """Elements (4, 3): the triangle and a fourth one above. Its power is the same in all directions."""
-    return np.vstack([equilateral_triangle(side), side * np.array([[0.5, np.sqrt(1 / 12), np.sqrt(2 / 3)]])])
-
-
-def differences(values: ArrayLike, axis: int = -1) -> Reals:
-    """Every antenna minus the first along `axis`, which gets one shorter."""
-    moved = np.moveaxis(np.asarray(values, np.float64), axis, -1)
-    return np.moveaxis(moved[..., 1:] - moved[..., :1], -1, axis)
-
-
-def array_design(elements_cyc: ArrayLike) -> Reals:
-    """(..., d, 3) phase differences in cycles for unit directions, from elements (..., M, 3)."""
-    return differences(elements_cyc, axis=-2)
-
-
-def white_covariance(sigma_cyc: ArrayLike) -> Reals:
-    """Covariance (..., d, d) of the differences of M phases with independent errors of standard deviation (..., M)."""
-    variance = np.asarray(sigma_cyc, np.float64) ** 2
-    d = variance.shape[-1] - 1
-    return np.asarray(variance[..., 1:, None] * np.eye(d) + variance[..., :1, None])
-
-
-def unexplained(phase_cyc: ArrayLike, elements_cyc: ArrayLike, direction: ArrayLike) -> Reals:
-    """Measured minus predicted phase differences z (..., n, d), any whole cycles in them.
-
-    Parameters
-    ----------
-    phase_cyc : (..., n, M), growing where an antenna is nearer to the source.
-    elements_cyc : (M, 3) or (..., n, M, 3). direction : (..., n, 3) predicted.
-    """
-    predicted = np.einsum("...ma,...a->...m", np.asarray(elements_cyc, np.float64), np.asarray(direction, np.float64))
-    return differences(np.asarray(phase_cyc, np.float64) - predicted)
-
-
-def residual_covariance(
-    elements_cyc: ArrayLike,
-    direction: ArrayLike,
-    *,
-    sigma_cyc: ArrayLike = 0.01,
-    position_sigma_cyc: ArrayLike = 0.0,
-    attitude_covariance_rad2: ArrayLike = 0.0,
-    bias_sigma_cyc: float = 0.0,
-    frequency_ratio: ArrayLike = 1.0,
-) -> Reals:
-    """Covariance V (..., n d, n d) of `unexplained`, signals outermost.
-
-    White noise is every signal's own. Position, bias and attitude errors are one draw for all signals, and for all
-    epochs if the n rows are signals at several epochs. The attitude error enters to first order.
-    A mean over epochs has the covariance of mean directions (then shorter than 1) and white noise less by the number.
-
-    Parameters
-    ----------
-    elements_cyc : (M, 3). direction : (..., n, 3) predicted.
-    sigma_cyc : of one antenna's phase; anything that broadcasts to (..., n, M).
-    position_sigma_cyc : of each antenna along each axis, one number or (M,).
-    attitude_covariance_rad2 : (3, 3) of the small rotation in the elements' frame, or one variance for each axis.
-    bias_sigma_cyc : of each antenna's line, the same for all signals.
-    frequency_ratio : (n,) carrier of each signal over the one whose wavelengths the elements are counted in.
-    """
-    elements_cyc = np.asarray(elements_cyc, np.float64)
-    direction = np.asarray(direction, np.float64)
-    antennas, n = elements_cyc.shape[0], direction.shape[-2]
-    ratio = np.broadcast_to(np.asarray(frequency_ratio, np.float64), (n,))
-    scaled = direction * ratio[:, None]
-    sigma_cyc = np.broadcast_to(np.asarray(sigma_cyc, np.float64), (*direction.shape[:-1], antennas))
-    position = white_covariance(np.broadcast_to(np.asarray(position_sigma_cyc, np.float64), (antennas,)))
-    bias = white_covariance(np.full(antennas, bias_sigma_cyc))
-    tilt = np.asarray(attitude_covariance_rad2, np.float64)
-    tilt = tilt if tilt.ndim else tilt * np.eye(3)
-    # D A [u x]: how the differences of each signal follow a small rotation.
-    lever = np.cross(array_design(elements_cyc), scaled[..., None, :])
-    gram = scaled @ np.swapaxes(scaled, -1, -2)
-    common = (
-        np.einsum("...ij,ab->...iajb", gram, position)
-        + bias[:, None, :]
-        + np.einsum("...iax,xy,...jby->...iajb", lever, tilt, lever)
-    )
-    white = white_covariance(sigma_cyc)
-    i = np.arange(n)
-    common[..., i, :, i, :] += np.moveaxis(white, -3, 0)
-    size = n * (antennas - 1)
-    return np.asarray(common.reshape(*common.shape[:-4], size, size))
-
-
-def single_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
-    """T (...) of one signal: chi-square with d degrees for a true one. The paper's test is that with the covariance of
-    white noise alone, not wrapped (equation 37).
-
-    Parameters
-    ----------
-    residual_cyc : (..., d). covariance : (..., d, d).
-    wrapped : choose the whole cycles that leave least; needs errors small against half a cycle.
-    """
-    return nearest_whole(residual_cyc, covariance)[1] if wrapped else squared_norm(residual_cyc, covariance)
-
-
-def joint_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
-    """T (...) of n signals, or of n signals and epochs: chi-square with n d degrees if all are true.
-
-    Parameters
-    ----------
-    residual_cyc : (..., n, d). covariance : (..., n d, n d) of `residual_covariance`.
-    wrapped : choose whole cycles signal by signal first.
-    """
-    residual_cyc = np.asarray(residual_cyc, np.float64)
-    if wrapped:
-        residual_cyc = nearest_whole(residual_cyc, _own(covariance, *residual_cyc.shape[-2:]))[0]
-    return squared_norm(residual_cyc.reshape(*residual_cyc.shape[:-2], -1), covariance)
-
-
-def conditional_statistics(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
-    """T (..., n) of each signal given the others, which show the errors that all share: chi-square with d degrees each.
-
-    Valid for a signal if the others are true. Parameters as in `joint_statistic`.
-    """
-    residual_cyc = np.asarray(residual_cyc, np.float64)
-    n, d = residual_cyc.shape[-2:]
-    if wrapped:
-        residual_cyc = nearest_whole(residual_cyc, _own(covariance, n, d))[0]
-    information = np.linalg.inv(np.asarray(covariance, np.float64))
-    weighted = np.einsum("...ij,...j->...i", information, residual_cyc.reshape(*residual_cyc.shape[:-2], n * d))
-    return squared_norm(weighted.reshape(residual_cyc.shape), _own(information, n, d))
-
-
-def sky_p_value(residual_cyc: ArrayLike, covariance: ArrayLike) -> Reals:
-    """p-value (...) that all of n signals are true, whole cycles unknown: the smaller of the joint one and n times the
-    smallest conditional one, doubled. By the union bound never too small; too large by what both tests have in common.
-
-    Parameters as in `joint_statistic`.
-    """
-    n, d = np.shape(residual_cyc)[-2:]
-    joint = chi_square_survival(joint_statistic(residual_cyc, covariance, wrapped=True), n * d)
-    if n == 1:
-        return joint
-    worst = conditional_statistics(residual_cyc, covariance, wrapped=True).max(axis=-1)
-    return np.asarray(np.minimum(1.0, 2.0 * np.minimum(joint, n * chi_square_survival(worst, d))))
-
-
-def between_signals(residual_cyc: ArrayLike, covariance: ArrayLike) -> tuple[Reals, Reals]:
-    """Residuals (..., n - 1, d) of signals against the first one and their full covariance: line biases cancel.
-
-    `joint_statistic` of them has (n - 1) d degrees, whichever signal is first. Parameters as in `joint_statistic`;
-    residuals wrapped to within half a cycle before.
-    """
-    residual_cyc = np.asarray(residual_cyc, np.float64)
-    covariance = np.asarray(covariance, np.float64)
-    n, d = residual_cyc.shape[-2:]
-    contrast = np.kron(np.column_stack([-np.ones(n - 1), np.eye(n - 1)]), np.eye(d))
-    return differences(residual_cyc, axis=-2), contrast @ covariance @ contrast.T
-
-
-def direction_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, design: ArrayLike) -> tuple[Reals, Reals, int]:
-    """Only what an error of direction can cause, and the rest as a check of phases and whole cycles.
-
-    Parameters
-    ----------
-    residual_cyc : (..., k). covariance : (..., k, k).
-    design : (k, q): `array_design` for one signal; stacked for several epochs or frequencies, or block by block.
-
-    Returns
-    -------
-    statistic : (...) chi-square with `dof` degrees. rest : (...) chi-square with k - dof, independent. dof : its rank.
-    """
-    residual_cyc = np.asarray(residual_cyc, np.float64)
-    covariance = np.asarray(covariance, np.float64)
-    design = np.asarray(design, np.float64)
-    dof = int(np.linalg.matrix_rank(design))
-    # An orthonormal basis of the columns makes the information regular also where the design is not.
-    basis = np.linalg.svd(design, full_matrices=False)[0][:, :dof]
-    weighted = np.linalg.solve(covariance, np.broadcast_to(basis, (*covariance.shape[:-2], *basis.shape)))
-    along = np.einsum("...kq,...k->...q", weighted, residual_cyc)
-    statistic = squared_norm(along, np.swapaxes(weighted, -1, -2) @ basis)
-    return statistic, squared_norm(residual_cyc, covariance) - statistic, dof
-
-
-def blind_directions(direction: ArrayLike, elements_cyc: ArrayLike, *, tolerance: float = 1e-9) -> Reals:
-    """Directions (k, 3), up and `direction` itself among them, that differ from it by whole cycles at every antenna of
-    a planar array in the x-y plane: no test of one signal and epoch can tell them apart.
-
-    Raises
-    ------
-    ValueError : the array is not planar, or is a line.
-    """
-    design = array_design(elements_cyc)
-    if np.any(design[:, 2]) or np.linalg.matrix_rank(design[:, :2]) < 2:
-        raise ValueError("blind_directions: elements must span the x-y plane, with z the same for all")
-    level = np.asarray(direction, np.float64)[:2]
-    # Two independent baselines give all candidates; the others must then be whole, too.
-    pair = design[_independent(design[:, :2]), :2]
-    reach = np.ceil(2.0 * np.linalg.norm(pair, axis=-1)).astype(int)
-    whole = np.stack(np.meshgrid(*(np.arange(-k, k + 1) for k in reach), indexing="ij"), axis=-1).reshape(-1, 2)
-    there = level + np.linalg.solve(pair, whole.T).T
-    others = (there - level) @ design[:, :2].T
-    squared = np.sum(there**2, axis=-1)
-    keep = (squared < 1.0) & np.all(np.abs(others - np.rint(others)) < tolerance, axis=-1)
-    return np.column_stack([there[keep], np.sqrt(1.0 - squared[keep])])
-
-
-class MeanDifferences(NamedTuple):
-    """cycles : (n_channels, d). sigma_cyc : (n_channels, n_antennas) of the means of the antennas. share : (n_epochs,
-    n_channels) of each epoch in the mean. epochs : (n_channels,) their number."""
-
-    cycles: Reals
-    sigma_cyc: Reals
-    share: Reals
-    epochs: Indices
-
-
-def mean_differences(phases: ArrayPhases, predicted_cyc: ArrayLike = 0.0) -> MeanDifferences:
-    """Mean over the epochs of measured minus predicted phase differences, each signal over those that it has whole.
-
-    Parameters
-    ----------
-    predicted_cyc : (n_epochs, n_channels, n_antennas); without it the mean is of the differences themselves, which have
-        to stay within a small part of a cycle over the window.
-    """
-    z = differences(phases.phase_cyc - np.asarray(predicted_cyc, np.float64))
-    whole = np.all(np.isfinite(z), axis=-1) & np.all(np.isfinite(phases.sigma_cyc), axis=-1)
-    z = np.where(whole[..., None], z, 0.0)
-    count = whole.sum(axis=0)
-    share = whole / np.maximum(count, 1)
-    # Wrapped about the middle of the circle's mean, so that values near half a cycle do not cancel.
-    turns = np.sum(np.exp(2j * np.pi * z) * whole[..., None], axis=0)
-    middle = np.angle(turns) / (2.0 * np.pi)
-    about = z - middle
-    mean = middle + np.einsum("kn,kna->na", share, about - np.rint(about))
-    variance = np.where(whole[..., None], phases.sigma_cyc, 0.0) ** 2
-    variance_of_mean = np.einsum("kn,knm->nm", share**2, variance) + phases.lasting_sigma_cyc**2
-    return MeanDifferences(mean, np.sqrt(variance_of_mean), share, count)
-
-
-def predicted_directions(phases: ArrayPhases, state: NavState, navigation: NavigationData) -> Reals:
-    """Unit vectors (n_epochs, n_channels, 3) to the satellites in the body frame; NaN without a fresh ephemeris or
-    outside the time of the body's state.
-
-    Errors of position are of no account: 1 km is 50 microradians.
-    """
-    direction = np.full((*phases.phase_cyc.shape[:2], 3), np.nan)
-    inside = covered(state, phases.gpst)
-    if not inside.any():
-        return direction
-    gpst = phases.gpst[inside]
-    here = state_at(state, gpst)
-    week, tow_s = week_and_tow(gpst)
-    for channel, signal in enumerate(phases.signals):
-        orbit = navigation.best(signal.sat, gpst[gpst.size // 2])
-        if orbit is None:
-            continue
-        travel_s = np.full(gpst.shape, 0.075)
-        for _ in range(2):
-            sent_m = satellite_state_s(orbit, week, tow_s - travel_s).position_ecef_m
-            satellite_m = rotate_to_reception(sent_m, travel_s)
-            travel_s = np.linalg.norm(satellite_m - here.position_ecef_m, axis=-1) / SPEED_OF_LIGHT_M_S
-        to_satellite = unit_vectors(here.position_ecef_m, satellite_m)
-        direction[inside, channel] = np.einsum("kij,ki->kj", here.attitude, to_satellite)
-    return direction
-
-
-def _independent(design: Reals) -> list[int]:
-    """The longest baseline and the one farthest off its line."""
-    first = int(np.argmax(np.sum(design**2, axis=-1)))
-    off = np.abs(design[:, 0] * design[first, 1] - design[:, 1] * design[first, 0])
-    return [first, int(np.argmax(off))]
-
-
-def _own(matrix: ArrayLike, n: int, d: int) -> Reals:
-    """Blocks on the diagonal, (..., n, d, d)."""
-    matrix = np.asarray(matrix, np.float64)
-    i = np.arange(n)
-    return np.moveaxis(matrix.reshape(*matrix.shape[:-2], n, d, n, d)[..., i, :, i, :], 0, -3)
-
-
-# The detector ---------------------------------------------------------------------------------------------------------
+FROM_ELSEWHERE: Final = "no false signal comes from where its satellite stands"
+_LEAST_OF_ONE_PLACE: Final = 3
+"""Satellites whose signals come from one place: two may be reflected by one thing."""
+_MISSED: Final = (0.03, 1e-3)
+"""Gates within which agreement counts: few true signals are outside, and few others inside."""
+_BELOW_HORIZON: Final = -0.17  # sine of the elevation under which no transmitter is taken to stand
 
 
 @dataclass(frozen=True)
@@ -348,6 +65,7 @@ class InsArraySettings:
     bias_sigma_cyc : of what calibration leaves of each antenna's line.
     attitude_sigma_deg : about each axis, where the inertial system gives no covariance.
     min_epochs : of a signal that is tested.
+    multipath_sigma_m, ionosphere_share : of ranges, as of `navigation.sets`.
     """
 
     false_alarm_probability: float = 1e-3
@@ -355,23 +73,43 @@ class InsArraySettings:
     bias_sigma_cyc: float = 0.005
     attitude_sigma_deg: float = 0.05
     min_epochs: int = 1
+    multipath_sigma_m: float = 1.0
+    ionosphere_share: float = 0.25
 
     def __post_init__(self) -> None:
         require_probability("ins_array", "false_alarm_probability", self.false_alarm_probability)
 
 
-class InsArray:
-    """The detector: one Evidence per array and window, from `array_phases` (a tuple of `ArrayPhases`) and
-    `nav_state` (`NavState`, the body that carries the arrays).
+class _View(NamedTuple):
+    """A window's phases as seen from one place with one first attitude. refs : of the rows of `measured`."""
 
-    Where the state's position is only what the signals show (its variance is infinite), only signals of consistent sets
-    are tested: if they are true, one of the positions that the attitude's covariance allows for is theirs.
+    state: NavState
+    refs: tuple[SignalRef, ...]
+    measured: MeanPhases
+    agreed: Agreement
+    accepted: bool
+
+    @property
+    def satellites(self) -> int:
+        return len({self.refs[k].signal.sat for k in self.agreed.members})
+
+
+class InsArray:
+    """The detector, from `array_phases` (a tuple of `ArrayPhases`), orbits, and the attitude in `nav_state` where there
+    is one.
+
+    Where the body's place is not known it is that of a consistent set of signals, each in turn: if the set's signals
+    come from where their satellites stand by it, it is the true place. Where attitude or line delays are not known, or
+    those stated do not fit and others fit distinctly more signals, they are those that most satellites agree on. That
+    is good enough if so many agree by chance with less than the false-alarm probability.
 
     The joint test of all signals and the conditional tests of each share the false alarms evenly, by the union bound.
+    Of a sky that fails it, signals are "spoofed" that come from elsewhere than their satellites and are earlier or
+    stronger than reflections are, or come from one place for three satellites or more.
     """
 
     name = "ins_array"
-    needs = (Need.ARRAY_PHASES, Need.NAV_STATE, Need.NAVIGATION)
+    needs = (Need.ARRAY_PHASES, Need.NAVIGATION)
 
     def __init__(self, settings: InsArraySettings | None = None) -> None:
         self.settings = settings or InsArraySettings()
@@ -379,68 +117,219 @@ class InsArray:
     def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
         """Evidence of one window; never raises for what the data lack."""
         lacking = missing(self, records)
-        if lacking or records.navigation is None or records.nav_state is None:
+        if lacking or records.navigation is None:
             return lacking, state
-        body, orbits = records.nav_state, records.navigation
-        return [self._array(records, phases, body, orbits) for phases in records.array_phases], state
+        orbits = records.navigation
+        return [said for phases in records.array_phases for said in self._array(records, phases, orbits)], state
 
-    def _array(self, records: Records, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> Evidence:
-        if not phases.calibrated:
-            return undecided(
-                self,
-                records,
-                tuple(SignalRef(phases.receiver, s) for s in phases.signals),
-                because=f"by how much the antenna lines of {phases.receiver} delay the carrier is not known",
-                would_need="line_bias_cyc of that receiver in the platform file",
-            )
+    def _array(self, records: Records, phases: ArrayPhases, navigation: NavigationData) -> list[Evidence]:
+        lost = failing(phases)
+        notes = [
+            self._note(records, phases, f"antenna {k + 1} of {phases.receiver} {how}, and is left out")
+            for k, how in lost.items()
+        ]
+        phases = without(phases, lost)
+        views = (
+            [
+                view
+                for body in _bodies(records, phases.receiver)
+                if (view := self._seen(phases, body, navigation)) is not None
+            ]
+            if len(phases.elements_m) > 1
+            else []
+        )
+        if not views:
+            every = tuple(SignalRef(phases.receiver, s) for s in phases.signals)
+            return [
+                *notes,
+                undecided(
+                    self,
+                    records,
+                    every,
+                    because=f"no signal on all antennas of {phases.receiver} while its position and orbits are known",
+                    would_need="phases of two antennas or more, ephemerides, and a position",
+                ),
+            ]
+        view = max(views, key=lambda one: (one.accepted, -one.agreed.cost))
+        notes += [self._note(records, phases, words) for words in _at_odds(view, phases, records)]
+        return [*notes, *self._judged(records, view, navigation)]
+
+    def _seen(self, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> _View | None:
+        """None if no signal can be compared."""
         direction = predicted_directions(phases, state, navigation)
         elements_cyc = phases.elements_m * (L1_HZ / SPEED_OF_LIGHT_M_S)
         ratio = phases.carrier_hz / L1_HZ
         mean = mean_differences(phases, np.einsum("kni,mi,n->knm", direction, elements_cyc, ratio))
-        testable = [not _is_of_signals(state) or signal in _placed(records) for signal in phases.signals]
-        used = np.flatnonzero((mean.epochs >= self.settings.min_epochs) & testable)
-        refs = tuple(SignalRef(phases.receiver, phases.signals[k]) for k in used)
-        if used.size == 0:
-            return undecided(
-                self,
-                records,
-                tuple(SignalRef(phases.receiver, s) for s in phases.signals),
-                because=f"no signal on all antennas of {phases.receiver} while its attitude"
-                f"{', its position' if _is_of_signals(state) else ''} and an ephemeris are known",
-                would_need="phases of all antennas, ephemerides, and attitudes over the same time",
-            )
+        used = np.flatnonzero(mean.epochs >= self.settings.min_epochs)
+        if not used.size:
+            return None
         known_m = phases.elements_sigma_m
-        covariance = residual_covariance(
-            elements_cyc,
-            np.einsum("kn,kni->ni", mean.share, np.nan_to_num(direction))[used],
+        measured = MeanPhases(
+            cycles=mean.cycles[used],
+            direction=np.einsum("kn,kni->ni", mean.share, np.nan_to_num(direction))[used],
             sigma_cyc=mean.sigma_cyc[used],
+            elements_cyc=elements_cyc,
+            ratio=ratio[used],
             position_sigma_cyc=(self.settings.position_sigma_m if known_m is None else known_m)
             * L1_HZ
             / SPEED_OF_LIGHT_M_S,
+        )
+        refs = tuple(SignalRef(phases.receiver, phases.signals[k]) for k in used)
+        stated = ArrayFrame(
+            turn=np.eye(3),
+            bias_cyc=np.zeros(len(elements_cyc) - 1),
             attitude_covariance_rad2=self._attitude_covariance(state),
             bias_sigma_cyc=self.settings.bias_sigma_cyc,
-            frequency_ratio=ratio[used],
         )
-        residual = mean.cycles[used]
-        p_value = float(sky_p_value(residual, covariance))
+        stated = stated.loosened(attitude=stated.attitude_free, bias=not phases.calibrated)
+        return self._best(state, refs, measured, stated)
+
+    def _best(self, state: NavState, refs: tuple[SignalRef, ...], measured: MeanPhases, stated: ArrayFrame) -> _View:
+        """What is stated of attitude and lines, unless other ones fit distinctly more signals."""
+        names, sats = np.unique([ref.signal.sat for ref in refs], return_inverse=True)
         alpha = self.settings.false_alarm_probability
-        false = _out_of_place(residual, covariance, alpha) if p_value < alpha else []
-        n = used.size
-        because = f"{n} signals come to the array {phases.receiver} from where their satellites stand"
-        if false:
-            because = f"{len(false)} of {n} signals do not come to the array {phases.receiver} from their satellites"
+
+        def view(frame: ArrayFrame) -> _View:
+            agreed = best_agreement(measured, frame, alpha)
+            return _View(state, refs, measured, agreed, self._is_no_chance(measured, agreed, sats))
+
+        found = view(stated)
+        if found.agreed.p_value >= alpha or len(names) - found.satellites < 2:
+            return found
+        for attitude, bias in ((True, False), (False, True), (True, True)):
+            attitude, bias = attitude or stated.attitude_free, bias or stated.bias_free
+            other = stated.loosened(attitude=attitude, bias=bias)
+            tried = view(other) if other.freed > stated.freed else found
+            if tried.accepted and tried.satellites > found.satellites + 1:
+                return tried
+        return found
+
+    def _is_no_chance(self, measured: MeanPhases, agreed: Agreement, sats: Indices) -> bool:
+        """Whether so many satellites agree, or agree well, by chance with less than the false-alarm probability."""
+        d = measured.cycles.shape[1]
+        alpha, total = self.settings.false_alarm_probability, np.unique(sats).size
+        position = white_covariance(np.full(d + 1, measured.position_sigma_cyc))
+        own = white_covariance(measured.sigma_cyc).mean(axis=0) + position
+        design = array_design(measured.elements_cyc)
+        for missed in _MISSED:
+            size = np.unique(sats[agreed.members[agreed.p_values[agreed.members] >= missed]]).size
+            beyond = size - agreed.frame.freed / d
+            if beyond <= 1.0:
+                continue
+            # A signal from anywhere is taken for that of a satellite; the pair that is compared has half of it each.
+            chance = equality_chance(design, 0.5 * own, float(chi_square_threshold(missed, d)), wrapped=True)
+            if len(_MISSED) * min(1.0, comb(total, size) * chance**beyond) < alpha:
+                return True
+        return False
+
+    def _judged(self, records: Records, view: _View, navigation: NavigationData) -> list[Evidence]:
+        alpha, agreed, receiver = self.settings.false_alarm_probability, view.agreed, view.refs[0].receiver
+        n = len(view.refs)
+        sure = np.setdiff1d(agreed.members, agreed.doubtful)
+        others = np.setdiff1d(np.arange(n), np.union1d(agreed.members, agreed.doubtful) if view.accepted else [])
+        true = of_one_sky(records, receiver, [view.refs[k] for k in sure]) if view.accepted else ()
+        spoofed = self._spoofed(records, view, others, true, navigation) if agreed.p_value < alpha else []
+        said = [self._false(records, view, rows, p_value) for rows, p_value in spoofed]
+        p_one = self._of_one_place(view, [k for k in sure if view.refs[k] in true])
+        if p_one < alpha:
+            left = others.size - sum(len(rows) for rows, _ in spoofed)
+            because = f"{len(true)} of {n} signals come to the array {receiver} from where their satellites stand"
+            if left:
+                because += f"; {left} do not, as reflections do"
+            said.append(self._say(records, tuple(true), "authentic", because, p_one, assumes=(FROM_ELSEWHERE,)))
+        if said:
+            return said
+        if agreed.p_value >= alpha:
+            because = f"{n} signals come to the array {receiver} from where their satellites stand"
+            return [self._say(records, view.refs, "clean", because, agreed.p_value)]
+        return [
+            replace(
+                self._say(
+                    records,
+                    view.refs,
+                    "undecided",
+                    f"{n - agreed.members.size} of {n} signals do not come to the array {receiver} from where their "
+                    "satellites stand, and too few do to show that its attitude, lines and antennas are as stated",
+                    agreed.p_value,
+                ),
+                would_need=f"attitude, antennas_m and line_bias_cyc of {receiver} in the platform file, checked",
+            )
+        ]
+
+    def _spoofed(
+        self,
+        records: Records,
+        view: _View,
+        others: Indices,
+        true: Sequence[SignalRef],
+        navigation: NavigationData,
+    ) -> list[tuple[list[int], float]]:
+        """Signals that are false, by the place that they come from, with a p-value each."""
+        if not others.size:
+            return []
+        alpha, measured, n = self.settings.false_alarm_probability, view.measured, len(view.refs)
+        white = white_covariance(measured.sigma_cyc[others])
+        clusters = equal_clusters(measured.raw_cyc[others], white, false_alarm_probability=alpha, wrapped=True)
+        every = len({ref.signal.sat for ref in view.refs})
+        chance = equality_chance(array_design(measured.elements_cyc), white.mean(axis=0), clusters.limit, wrapped=True)
+        own = {o.receiver: o for o in records.observations}
+        explained = reflections(
+            own.get(view.refs[0].receiver),
+            navigation,
+            view.state.position_ecef_m[0],
+            [ref.signal for ref in true],
+            [view.refs[k].signal for k in others],
+            multipath_sigma_m=self.settings.multipath_sigma_m,
+            ionosphere_share=self.settings.ionosphere_share,
+        )
+        found = []
+        for label in np.unique(clusters.labels):
+            rows = others[clusters.labels == label]
+            size = len({view.refs[k].signal.sat for k in rows})
+            by_chance = cluster_chance(every, size, chance)
+            if size >= _LEAST_OF_ONE_PLACE and by_chance < alpha:
+                found.append((rows.tolist(), by_chance))
+                continue
+            rows = [k for k in rows if view.refs[k].signal not in explained] if true else []
+            if rows:
+                found.append((rows, min(1.0, n * float(view.agreed.p_values[rows].max()))))
+        return found
+
+    def _false(self, records: Records, view: _View, rows: list[int], p_value: float) -> Evidence:
+        directions = _directions(view, rows)
+        satellites, receiver = sorted({view.refs[k].signal.sat for k in rows}), view.refs[0].receiver
+        if len(satellites) == 1:
+            because = f"a signal of {satellites[0]} comes to the array {receiver} from elsewhere than its satellite"
+        else:
+            because = f"signals of {len(satellites)} satellites come to the array {receiver} from one direction"
+        return self._say(records, tuple(view.refs[k] for k in rows), "spoofed", because, p_value, directions=directions)
+
+    def _of_one_place(self, view: _View, rows: list[int]) -> float:
+        """p-value that these signals come from one place; 1 of fewer than three satellites."""
+        if len({view.refs[k].signal.sat for k in rows}) < _LEAST_OF_ONE_PLACE:
+            return 1.0
+        part = view.measured.part(np.array(rows))
+        statistic = equal_statistic(part.raw_cyc, white_covariance(part.sigma_cyc), wrapped=True)[0]
+        return float(chi_square_survival(statistic, (len(rows) - 1) * part.cycles.shape[1]))
+
+    def _say(
+        self, records: Records, subject: tuple[SignalRef, ...], says: Any, because: str, p_value: float, **more: Any
+    ) -> Evidence:
         return Evidence(
             detector=self.name,
             start_gpst=records.start_gpst,
             end_gpst=records.end_gpst,
-            subject=tuple(refs[k] for k in false) if false else refs,
-            says="spoofed" if false else "clean",
+            subject=subject,
+            says=says,
             because=because,
             p_value=p_value,
-            false_alarm_probability=alpha,
-            statistic=float(joint_statistic(residual, covariance, wrapped=True)),
-            threshold=float(chi_square_threshold(0.5 * alpha, residual.size)),
+            false_alarm_probability=self.settings.false_alarm_probability,
+            **more,
         )
+
+    def _note(self, records: Records, phases: ArrayPhases, because: str) -> Evidence:
+        every = tuple(SignalRef(phases.receiver, s) for s in phases.signals)
+        return self._say(records, every, "clean", because, 1.0, noted=True)
 
     def _attitude_covariance(self, state: NavState) -> Reals:
         """(3, 3) in the body frame, in the middle of the window: an inertial system's error hardly changes in it."""
@@ -451,25 +340,89 @@ class InsArray:
         return np.asarray(attitude.T @ state.covariance[middle, 6:, 6:] @ attitude)
 
 
-def _is_of_signals(state: NavState) -> bool:
-    """Whether the position is only what the signals show."""
-    return state.covariance is not None and not bool(np.isfinite(state.covariance[0, 0, 0]))
+def _bodies(records: Records, receiver: str) -> list[NavState]:
+    """The states that the body may be in: as known, else at the place of each consistent set, level and to the north
+    with nothing known of that where no attitude is."""
+    state = records.nav_state
+    if state is not None and (state.covariance is None or bool(np.isfinite(state.covariance[0, 0, 0]))):
+        return [state]
+    places = [one.position_ecef_m for one in records.sets if one.receiver == receiver]
+    if state is not None:
+        return [replace(state, position_ecef_m=np.tile(place, (state.gpst.size, 1))) for place in places]
+    gpst = np.array([records.start_gpst, records.end_gpst])
+    covariance = np.tile(np.diag(np.repeat([np.inf, np.inf, FREE_RAD**2], 3)), (2, 1, 1))
+    return [
+        NavState(
+            gpst=gpst,
+            position_ecef_m=np.tile(place, (2, 1)),
+            velocity_ecef_m_s=np.zeros((2, 3)),
+            attitude=attitude_ecef(np.tile(place, (2, 1)), *np.zeros((3, 2))),
+            covariance=covariance,
+        )
+        for place in places
+    ]
 
 
-def _placed(records: Records) -> frozenset[SignalId]:
-    """The signals that belong to a consistent set."""
-    return frozenset(signal for one in records.sets for signal in one.signals)
+def _at_odds(view: _View, phases: ArrayPhases, records: Records) -> list[str]:
+    """What was stated and is not used, in words."""
+    frame, said = view.agreed.frame, []
+    if frame.attitude_free and records.nav_state is not None:
+        off_deg = np.degrees(np.arccos(np.clip(0.5 * (np.trace(frame.turn) - 1.0), -1.0, 1.0)))
+        how = f"{off_deg:.0f} degrees from" if view.agreed.lone else "not"
+        said.append(
+            f"the attitude given is {how} the one that the signals of {phases.receiver} show, and is not used: check "
+            "[attitude] or [imu], antennas_m and their order"
+        )
+    if frame.bias_free and phases.calibrated:
+        said.append(
+            f"line_bias_cyc of {phases.receiver} is not what its signals show, and is not used: calibrate again"
+        )
+    return said
 
 
-def _out_of_place(residual: Reals, covariance: Reals, false_alarm_probability: float) -> list[int]:
-    """The signals to take out, the least likely first, until the others pass; at least one."""
-    n, d = residual.shape
-    left = list(range(n))
-    out: list[int] = []
-    while left:
-        rows = np.add.outer(np.array(left) * d, np.arange(d)).ravel()
-        rest, own = residual[left], covariance[np.ix_(rows, rows)]
-        if out and sky_p_value(rest, own) >= false_alarm_probability:
-            break
-        out.append(left.pop(int(conditional_statistics(rest, own, wrapped=True).argmax())))
-    return sorted(out)
+def _directions(view: _View, rows: list[int]) -> tuple[Direction, ...]:
+    """From where signals of one place may come, the likeliest first."""
+    measured, agreed = view.measured, view.agreed
+    on_ground = agreed.lone if view.accepted else not agreed.frame.attitude_free
+    if not view.accepted:
+        if agreed.frame.bias_free:
+            return ()
+        frame = replace(agreed.frame, turn=np.eye(3))
+        agreed = replace(agreed, frame=frame, members=np.zeros(0, np.intp), residual_cyc=agreed.residual_cyc[:0])
+    part = measured.part(np.array(rows))
+    if np.unique(part.ratio).size > 1:
+        part = part.part(np.flatnonzero(part.ratio == part.ratio[0]))
+    _, cycles, covariance = equal_statistic(part.raw_cyc, white_covariance(part.sigma_cyc), wrapped=True)
+    if not on_ground and not view.accepted:
+        agreed = replace(agreed, frame=replace(agreed.frame, attitude_covariance_rad2=np.zeros((3, 3))))
+    found = arrivals(measured, agreed, cycles, covariance, float(part.ratio[0]))
+    turn = _rot_enu_body(view.state) if on_ground else np.diag([1.0, 1.0, -1.0]) @ agreed.frame.turn
+    seen = [_direction(one, turn, "enu" if on_ground else "body") for one in found]
+    above = [one for one in seen if np.sin(one.elevation_rad) > _BELOW_HORIZON]
+    return tuple(above or seen)
+
+
+def _rot_enu_body(state: NavState) -> Reals:
+    """(3, 3) from body to east, north, up in the middle of the window."""
+    middle = state.gpst.size // 2
+    lat, lon, _ = geodetic_from_ecef(state.position_ecef_m[middle])
+    return np.asarray(rot_enu_ecef(lat, lon) @ state.attitude[middle])
+
+
+def _direction(arrival: Arrival, turn: Reals, frame: Any) -> Direction:
+    """In azimuth and elevation: of east, north, up from north by east, of the body from forward to the right."""
+    there = turn @ arrival.direction
+    azimuth = np.arctan2(there[0], there[1]) if frame == "enu" else np.arctan2(there[1], there[0])
+    elevation = np.arcsin(np.clip(there[2], -1.0, 1.0))
+    # The axes of the covariance, turned, along growing azimuth and elevation.
+    axes = across(there)
+    if frame == "enu":
+        axes = axes * [[-1.0], [1.0]]
+    mixed = axes @ turn @ across(arrival.direction).T
+    covariance = mixed @ arrival.covariance_rad2 @ mixed.T
+    return Direction(
+        azimuth_rad=float(azimuth % (2.0 * np.pi)),
+        elevation_rad=float(elevation),
+        covariance_rad2=covariance,
+        frame=frame,
+    )

@@ -1,0 +1,265 @@
+"""Arrays of antennas under drawn attacks and clean skies, at measurement level: what is named, and what wrongly.
+
+    python bench/arrays.py --attacks 300 --clean 600     counts
+    python bench/arrays.py --only 17                     all that is said of one scene
+
+Each scene is one window of 10 s, judged by `ins_array`, `array_common` and `residual` and fused as `protect` does. A
+wrong word is a true signal called spoofed or a false one called authentic. A direction's error is that of the nearest
+of the directions given, which are more than one where whole cycles leave it open.
+"""
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from skyproof.arrays import Reals
+from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
+from skyproof.detectors.array.array_model import predicted_directions
+from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
+from skyproof.detectors.residual import Residual, ResidualSettings
+from skyproof.fusion.fuse import fuse
+from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, rot_enu_ecef
+from skyproof.navigation.sets import consistent_sets
+from skyproof.records import ArrayPhases, Evidence, NavState, Observations, Records
+from skyproof.statistics.directions import direction_cosines
+from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
+
+WAVE_M = SPEED_OF_LIGHT_M_S / L1_HZ
+ALPHA = 1e-3 * 10.0 / 3600.0 / 9.0
+"""Of a test: one false word in a thousand hours of windows of 10 s, shared by nine detectors."""
+EPOCHS, STEP_S = 50, 0.2
+LASTING_CYC = 0.01
+LOST_DB = 10.0  # by which a false signal drowns the true one of its satellite
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What was drawn. false : whether each signal is; place : number of the place that it comes from, -1 for the sky.
+    directions : (places, 3) east, north, up."""
+
+    records: Records
+    false: np.ndarray[Any, np.dtype[np.bool_]]
+    place: np.ndarray[Any, np.dtype[np.intp]]
+    directions: Reals
+    words: dict[str, Any]
+
+
+def elements_of(rng: np.random.Generator, antennas: int, side_m: float, flat: bool) -> Reals:
+    """(M, 3): a regular polygon, of seven one in the middle; not flat: every other one raised by half a side."""
+    ring = antennas - (antennas == 7)
+    turn = 2.0 * np.pi * np.arange(ring) / ring
+    radius_m = 0.5 * side_m / np.sin(np.pi / ring)
+    places = np.column_stack([radius_m * np.cos(turn), radius_m * np.sin(turn), np.zeros(ring)])
+    places = np.vstack([np.zeros((antennas - ring, 3)), places])
+    if not flat:
+        places[1::2, 2] -= 0.5 * side_m
+    return places @ Rotation.from_euler("z", rng.uniform(0.0, 2.0 * np.pi)).as_matrix().T
+
+
+def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0) -> Drawn:
+    """One scene by its number."""
+    rng = np.random.default_rng([number, attack])
+    words: dict[str, Any] = {
+        "antennas": int(rng.choice([3, 4, 7])),
+        "side": float(rng.uniform(0.5, 2.0)),
+        "flat": bool(rng.random() < 0.5),
+        "attitude_deg": rng.choice([0.1, 0.5, 1.0, 2.0, 5.0, np.inf]),
+        "lines": bool(rng.random() < 0.5),
+        "places": int(rng.integers(1, 4)) if attack else 0,
+        "power_db": float(rng.uniform(-3.0, 20.0)),
+    }
+    lat_deg, lon_deg = rng.uniform(-65.0, 65.0), rng.uniform(-180.0, 180.0)
+    shows_m = (*rng.uniform(-1e3, 1e3, 2), rng.uniform(-20.0, 20.0))
+    scene = MeasuredScene(
+        antennas_enu_m={"rx1": (0.0, 0.0, 0.0)},
+        false=(FalseSky(shows_enu_m=shows_m, delay_m=rng.uniform(-1e3, 1e3)),) * attack,
+        epochs=EPOCHS,
+        step_s=STEP_S,
+        errors=TrackErrors(1.0, 0.9, 0.7),
+        place_deg=(lat_deg, lon_deg, 50.0),
+        max_satellites=int(rng.integers(7, 13)),
+    )
+    records = scene.records(rng)
+    (o,) = records.observations
+    false = np.array([s.copy == "b" for s in o.signals])
+    sats = sorted({s.sat for s in o.signals})
+    copied = set(rng.choice(sats, rng.integers(1, len(sats) + 1), replace=False)) if attack else set()
+    lost = copied if words["power_db"] > LOST_DB else set()
+    kept = np.array([(s.sat in copied) if s.copy == "b" else s.sat not in lost for s in o.signals])
+    o, false = _columns(o, kept), false[kept]
+    o = replace(o, cn0_dbhz=o.cn0_dbhz + np.where(false, words["power_db"], 0.0))
+    directions = direction_cosines(rng.uniform(0.0, 2.0 * np.pi, 3), np.radians(rng.uniform(0.0, 40.0, 3)))[
+        : words["places"]
+    ][:, [1, 0, 2]]
+    of_sat = dict(zip(sats, rng.integers(0, max(words["places"], 1), len(sats)), strict=True))
+    place = np.where(false, [of_sat[s.sat] for s in o.signals], -1)
+    phases, state = _phases(rng, scene, o, place, directions, words, reflections_cyc)
+    records = replace(
+        records,
+        observations=(o,),
+        sets=tuple(consistent_sets(o, records.navigation)),
+        array_phases=(phases,),
+        nav_state=state,
+    )
+    return Drawn(records, false, place, directions, words)
+
+
+def _columns(o: Observations, kept: Any) -> Observations:
+    changes = {
+        name: value[:, kept]
+        for name, value in vars(o).items()
+        if isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] == kept.size
+    }
+    single = {name: getattr(o, name)[kept] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
+    signals = tuple(s for s, there in zip(o.signals, kept, strict=True) if there)
+    return replace(o, signals=signals, **changes, **single)
+
+
+def _phases(
+    rng: np.random.Generator,
+    scene: MeasuredScene,
+    o: Observations,
+    place: Any,
+    directions: Reals,
+    words: dict[str, Any],
+    reflections_cyc: float,
+) -> tuple[ArrayPhases, NavState | None]:
+    lat, lon = np.radians(scene.place_deg[:2])
+    here = np.tile(ecef_from_geodetic(lat, lon, scene.place_deg[2]), (2, 1))
+    angles = np.array([rng.uniform(0.0, 2.0 * np.pi), *np.radians(rng.uniform(-10.0, 10.0, 2))])
+    true = attitude_ecef(here, *np.tile(angles[:, None], 2))
+    gpst = np.array([o.gpst[0] - np.timedelta64(1, "s"), o.gpst[-1] + np.timedelta64(1, "s")])
+    state = NavState(gpst=gpst, position_ecef_m=here, velocity_ecef_m_s=np.zeros((2, 3)), attitude=true)
+    elements_m = elements_of(rng, words["antennas"], words["side"] * WAVE_M, words["flat"])
+    cn0_hz = 10.0 ** (0.1 * o.cn0_dbhz)
+    shape = (*cn0_hz.shape, words["antennas"])
+    sigma_cyc = np.repeat((1.0 / np.sqrt(2.0 * STEP_S * cn0_hz) / (2.0 * np.pi))[..., None], shape[2], axis=2)
+    made = ArrayPhases(
+        receiver="rx1",
+        signals=o.signals,
+        gpst=o.gpst,
+        elapsed_s=o.elapsed_s,
+        elements_m=elements_m,
+        phase_cyc=np.zeros(shape),
+        sigma_cyc=sigma_cyc,
+        calibrated=words["lines"],
+        elements_sigma_m=0.003,
+        lasting_sigma_cyc=LASTING_CYC,
+    )
+    towards = predicted_directions(made, state, scene.navigation)
+    ground = directions @ rot_enu_ecef(lat, lon) @ true[0]
+    for k, number in enumerate(place):
+        if number >= 0:
+            towards[:, k] = ground[number]
+    wrong_m = elements_m + 0.003 * rng.standard_normal(elements_m.shape)
+    phase = towards @ wrong_m.T / WAVE_M + sigma_cyc * rng.standard_normal(shape)
+    phase = phase + LASTING_CYC * rng.standard_normal(shape[1:]) + rng.random((*shape[:2], 1))
+    phase = phase + reflections_cyc * rng.standard_normal(shape[1:])
+    phase = phase + (0.005 if words["lines"] else 1.0) * rng.standard_normal(shape[2])
+    made = replace(made, phase_cyc=phase - np.floor(phase))
+    if not np.isfinite(words["attitude_deg"]):
+        return made, None
+    sigma_rad = np.radians(words["attitude_deg"])
+    turned = Rotation.from_rotvec(sigma_rad * rng.standard_normal(3)).as_matrix() @ true
+    covariance = np.tile(np.diag(np.repeat([np.inf, np.inf, sigma_rad**2], 3)), (2, 1, 1))
+    return made, replace(state, attitude=turned, covariance=covariance)
+
+
+def judged(scene: Drawn) -> tuple[list[Evidence], dict[Any, str]]:
+    """All evidence, and the label of each signal."""
+    detectors = (
+        InsArray(InsArraySettings(false_alarm_probability=ALPHA)),
+        ArrayCommon(ArrayCommonSettings(false_alarm_probability=ALPHA)),
+        Residual(ResidualSettings(false_alarm_probability=ALPHA)),
+    )
+    evidence = [said for detector in detectors for said in detector.examine(scene.records)[0]]
+    decision = fuse(evidence, scene.records.observations, scene.records.sets)
+    return evidence, {s.ref.signal: s.label for s in decision.labels}
+
+
+def counted(scenes: Iterator[Drawn]) -> tuple[Counter[str], list[float], list[str]]:
+    """Signals and scenes by what was said, direction errors over sigma, and the scenes with a wrong word."""
+    count: Counter[str] = Counter()
+    off: list[float] = []
+    wrong: list[str] = []
+    for number, scene in enumerate(scenes):
+        evidence, labels = judged(scene)
+        signals = scene.records.observations[0].signals
+        said = [(labels.get(s, "unknown"), bool(f)) for s, f in zip(signals, scene.false, strict=True)]
+        count.update(f"{'false' if f else 'true'} {label}" for label, f in said)
+        words = {("spoofed", False), ("authentic", True)} & set(said)
+        if words:
+            wrong.append(f"{number}: {sorted(words)} {scene.words}")
+        count["scenes"] += 1
+        count["attitude noted"] += any(e.noted for e in evidence)
+        for e in evidence:
+            if e.directions and e.says == "spoofed" and e.directions[0].frame == "enu":
+                of = scene.place[signals.index(e.subject[0].signal)]
+                if of >= 0:
+                    off.append(min(_off(d, scene.directions[of]) for d in e.directions))
+                    count["directions given"] += len(e.directions)
+    return count, off, wrong
+
+
+def _off(direction: Any, true: Reals) -> float:
+    """Normalised distance, the square root of chi-square with two degrees."""
+    seen = direction_cosines(direction.azimuth_rad, direction.elevation_rad)[[1, 0, 2]]
+    east = np.array([np.cos(direction.azimuth_rad), -np.sin(direction.azimuth_rad), 0.0])
+    error = np.array([east @ true, np.cross(east, seen) @ true])
+    return float(np.sqrt(error @ np.linalg.solve(direction.covariance_rad2, error)))
+
+
+def report() -> Iterator[str]:
+    """Rows of the table of `make bench`: few scenes, for the counts of a run of its own."""
+    yield from table(attacks=20, clean=20)
+
+
+def table(*, attacks: int, clean: int) -> Iterator[str]:
+    """Counts of drawn scenes."""
+    kinds = (
+        ("attacks", attacks, {"attack": True}),
+        ("clean", clean, {"attack": False}),
+        ("clean, reflections of 0.02 cycle", clean, {"attack": False, "reflections_cyc": 0.02}),
+    )
+    for name, number, how in kinds:
+        count, off, wrong = counted(drawn(k, **how) for k in range(number))
+        yield f"{name}: {dict(sorted(count.items()))}"
+        if off:
+            squares = np.array(off) ** 2
+            yield (
+                f"  direction errors over sigma: {len(off)}, median {np.sqrt(np.median(squares)):.2f} (1.18), "
+                f"beyond 3.03 (1 %): {np.mean(squares > 9.21):.3f}"
+            )
+        yield from (f"  WRONG {one}" for one in wrong)
+
+
+def main() -> None:
+    """Counts, or one scene."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--attacks", type=int, default=300)
+    parser.add_argument("--clean", type=int, default=600)
+    parser.add_argument("--only", type=int)
+    parser.add_argument("--quiet-sky", action="store_true", help="of --only: the clean scene of that number")
+    given = parser.parse_args()
+    if given.only is None:
+        for row in table(attacks=given.attacks, clean=given.clean):
+            print(row, flush=True)
+        return
+    scene = drawn(given.only, attack=not given.quiet_sky)
+    evidence, labels = judged(scene)
+    print(scene.words)
+    for e in evidence:
+        print(e.detector, e.says, e.because, e.p_value, [f"{r.signal.sat}{r.signal.copy}" for r in e.subject])
+        print("   ", [np.degrees([d.azimuth_rad, d.elevation_rad]).round(1).tolist() for d in e.directions])
+    for signal, label in labels.items():
+        print(signal, label)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,343 @@
+"""Which signals agree with one attitude of an array and one set of line delays? And where is the attitude, if unknown?
+
+What all signals share (attitude, line delays, places of antennas) is normal with a stated covariance, wide where it is
+not known. The signals that agree are found by leaving out the least likely one after another, and are taken back where
+the others, once they have shown the shared errors, expect them. Where attitude or lines are unknown, the search begins
+with candidates: of the lines those that each signal alone would show, of the attitude the places on a grid of rotations
+where the phases of most signals add up, whatever the rest does (an ambiguity function: Counselman and Gourevitch, IEEE
+Transactions on Geoscience and Remote Sensing 19(4), 1981).
+
+Units and shapes are those of `array_model`: n signals, M antennas, d = M - 1 differences.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from skyproof.arrays import Indices, Reals
+from skyproof.detectors.array.array_model import (
+    array_design,
+    own_blocks,
+    residual_covariance,
+    sky_p_value,
+    white_covariance,
+)
+from skyproof.statistics.directions import hemisphere, nearest_whole, squared_norm
+from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
+
+__all__ = [
+    "Agreement",
+    "ArrayFrame",
+    "MeanPhases",
+    "agreement",
+    "best_agreement",
+    "frames",
+    "residuals",
+    "shared_given",
+]
+
+FREE_RAD: Final = 1.0
+"""Sigma of what is left of an attitude that is not known, once it is found."""
+FREE_CYC: Final = 1.0
+"""Likewise of line delays."""
+_GATE_CYC: Final = 0.2  # of a component beside a candidate, at first
+_TILT_MOST_RAD: Final = np.radians(60.0)  # of a body that carries antennas
+_CELL_RAD: Final = 0.12  # of the grid of rotations, times wavelengths of the longest baseline
+_MOST_ROTATIONS: Final = 400_000
+_CANDIDATES: Final = 16
+_AS_GOOD: Final = 20.0  # of cost, twice a log likelihood ratio
+_ALIKE_RAD: Final = np.radians(3.0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeanPhases:
+    """One window's phases beside what a first attitude predicts.
+
+    cycles : (n, d) measured minus predicted differences, any whole cycles in them. direction : (n, 3) predicted, of
+    which the rest follows. sigma_cyc : (n, M). elements_cyc : (M, 3). ratio : (n,) of carriers.
+    position_sigma_cyc : of each antenna along each axis.
+    """
+
+    cycles: Reals
+    direction: Reals
+    sigma_cyc: Reals
+    elements_cyc: Reals
+    ratio: Reals
+    position_sigma_cyc: float
+
+    def part(self, rows: Indices) -> "MeanPhases":
+        """Some of the signals."""
+        own = {name: getattr(self, name)[rows] for name in ("cycles", "direction", "sigma_cyc", "ratio")}
+        return replace(self, **own)
+
+    @property
+    def raw_cyc(self) -> Reals:
+        """(n, d) the differences as they were measured, any whole cycles in them."""
+        return np.asarray(self.cycles + self.ratio[:, None] * (self.direction @ array_design(self.elements_cyc).T))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ArrayFrame:
+    """What is taken for known of attitude and lines.
+
+    turn : (3, 3) directions are `turn @ predicted`. bias_cyc : (d,). attitude_covariance_rad2 : (3, 3) of what is left.
+    bias_sigma_cyc : of each antenna. freed : how many numbers were fitted to the signals.
+    """
+
+    turn: Reals
+    bias_cyc: Reals
+    attitude_covariance_rad2: Reals
+    bias_sigma_cyc: float
+    freed: int = 0
+
+    def loosened(self, *, attitude: bool, bias: bool) -> "ArrayFrame":
+        """With attitude or lines not known."""
+        covariance = FREE_RAD**2 * np.eye(3) if attitude else self.attitude_covariance_rad2
+        return replace(
+            self,
+            attitude_covariance_rad2=covariance,
+            bias_sigma_cyc=FREE_CYC if bias else self.bias_sigma_cyc,
+            freed=3 * attitude + self.bias_cyc.size * bias,
+        )
+
+    @property
+    def attitude_free(self) -> bool:
+        """Whether the attitude is not known."""
+        return bool(self.attitude_covariance_rad2[0, 0] >= FREE_RAD**2)
+
+    @property
+    def bias_free(self) -> bool:
+        """Whether the lines are not known."""
+        return self.bias_sigma_cyc >= FREE_CYC
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Agreement:
+    """The signals that agree, in a frame that they were fitted to.
+
+    members : rows. residual_cyc : (members, d) about the frame, without whole cycles. p_value : that all signals agree;
+    p_values : (n,) of each given the (other) members. cost : the members' joint statistic, and for each other signal
+    what it may have at most. doubtful : rows that other frames as good would have in or out. lone : there are none.
+    """
+
+    frame: ArrayFrame
+    members: Indices
+    residual_cyc: Reals
+    p_value: float
+    p_values: Reals
+    cost: float
+    doubtful: Indices = field(default_factory=lambda: np.zeros(0, np.intp))
+    lone: bool = True
+
+
+def residuals(measured: MeanPhases, frame: ArrayFrame) -> Reals:
+    """MeanPhases minus predicted differences (n, d) in a frame, any whole cycles in them."""
+    moved = measured.direction @ (frame.turn - np.eye(3)).T
+    return measured.cycles - measured.ratio[:, None] * (moved @ array_design(measured.elements_cyc).T) - frame.bias_cyc
+
+
+def covariance_of(measured: MeanPhases, frame: ArrayFrame) -> Reals:
+    """Covariance (n d, n d) of `residuals`."""
+    return residual_covariance(
+        measured.elements_cyc,
+        measured.direction @ frame.turn.T,
+        sigma_cyc=measured.sigma_cyc,
+        position_sigma_cyc=measured.position_sigma_cyc,
+        attitude_covariance_rad2=frame.attitude_covariance_rad2,
+        bias_sigma_cyc=frame.bias_sigma_cyc,
+        frequency_ratio=measured.ratio,
+    )
+
+
+def shared_given(residual_cyc: Reals, covariance: Reals, members: Indices, others: Indices) -> tuple[Reals, Reals]:
+    """What members lead to expect of other rows: mean (o, d) and covariance (o, d, d) of each by itself.
+
+    residual_cyc : (members, d). covariance : (n d, n d) of all rows.
+    """
+    d = residual_cyc.shape[1]
+    inside, outside = _rows(members, d), _rows(others, d)
+    cross = covariance[np.ix_(outside, inside)]
+    gain = np.linalg.solve(covariance[np.ix_(inside, inside)], cross.T).T if members.size else cross
+    left = own_blocks(covariance[np.ix_(outside, outside)] - gain @ cross.T, others.size, d)
+    return np.asarray((gain @ residual_cyc.ravel()).reshape(-1, d)), left
+
+
+def agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probability: float) -> Agreement:
+    """The signals that agree with a frame whose rest is small against half a cycle."""
+    n, d = measured.cycles.shape
+    covariance = covariance_of(measured, frame)
+    tight = covariance_of(measured, _tightened(frame))
+    residual, least = nearest_whole(residuals(measured, frame), own_blocks(tight, n, d))
+    p_value = float(sky_p_value(residual, covariance, wrapped=False))
+    if p_value >= false_alarm_probability:
+        return _agreed(frame, residual, covariance, np.arange(n), p_value, np.ones(n), false_alarm_probability)
+    # Few are enough to show what all share; who stands far off alone must not.
+    members = np.flatnonzero(chi_square_survival(least, d) >= false_alarm_probability / n)
+    members = _without_strangers(residual, covariance, members, false_alarm_probability)
+    p_values = np.ones(n)
+    while True:
+        others = np.setdiff1d(np.arange(n), members)
+        if not others.size:
+            break
+        mean, left = shared_given(residual[members], covariance, members, others)
+        off, statistic = nearest_whole(residual[others] - mean, left)
+        p_values[others] = chi_square_survival(statistic, d)
+        best = int(p_values[others].argmax())
+        if not members.size or p_values[others[best]] < false_alarm_probability / n:
+            break
+        residual[others[best]] = off[best] + mean[best]
+        more = np.sort(np.append(members, others[best]))
+        kept = _without_strangers(residual, covariance, more, false_alarm_probability)
+        if kept.size <= members.size:
+            break
+        members = kept
+    return _agreed(frame, residual, covariance, members, p_value, p_values, false_alarm_probability)
+
+
+def frames(measured: MeanPhases, frame: ArrayFrame) -> Iterator[ArrayFrame]:
+    """The frame itself where attitude and lines are known, else candidates for what is not, fitted to most signals."""
+    if frame.attitude_free:
+        for turn, bias_cyc in _rotations(measured, frame):
+            yield _fitted(measured, replace(frame, turn=turn, bias_cyc=bias_cyc))
+    elif frame.bias_free:
+        for bias_cyc in residuals(measured, frame):
+            yield _fitted(measured, replace(frame, bias_cyc=frame.bias_cyc + bias_cyc))
+    else:
+        yield frame
+
+
+def best_agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probability: float) -> Agreement:
+    """Of all candidates of `frames` the agreement that costs least, and what others nearly as good say otherwise."""
+    found = [agreement(measured, one, false_alarm_probability) for one in frames(measured, frame)]
+    best = min(found, key=lambda one: one.cost)
+    doubtful, lone = np.zeros(0, np.intp), True
+    for other in found:
+        if other.cost - best.cost < _AS_GOOD:
+            doubtful = np.union1d(doubtful, np.setxor1d(best.members, other.members))
+            turned = 0.5 * (np.trace(best.frame.turn.T @ other.frame.turn) - 1.0)
+            lone &= bool(turned > np.cos(_ALIKE_RAD))
+    return replace(best, doubtful=doubtful, lone=lone)
+
+
+def _agreed(
+    frame: ArrayFrame,
+    residual: Reals,
+    covariance: Reals,
+    members: Indices,
+    p_value: float,
+    p_values: Reals,
+    false_alarm_probability: float,
+) -> Agreement:
+    """With the members' own p-values and the cost."""
+    n, d = residual.shape
+    rows = _rows(members, d)
+    own = covariance[np.ix_(rows, rows)]
+    p_values = p_values.copy()
+    p_values[members] = chi_square_survival(_conditional(residual[members], own), d)
+    most = float(chi_square_threshold(false_alarm_probability / n, d))
+    cost = float(squared_norm(residual[members].ravel(), own)) if members.size else 0.0
+    return Agreement(
+        frame=frame,
+        members=members,
+        residual_cyc=residual[members],
+        p_value=p_value,
+        p_values=p_values,
+        cost=cost + most * (n - members.size),
+    )
+
+
+def _without_strangers(residual: Reals, covariance: Reals, members: Indices, false_alarm_probability: float) -> Indices:
+    """Members without the least likely ones, until the rest passes."""
+    d = residual.shape[1]
+    while members.size:
+        rows = _rows(members, d)
+        own = covariance[np.ix_(rows, rows)]
+        if float(sky_p_value(residual[members], own, wrapped=False)) >= false_alarm_probability:
+            break
+        members = np.delete(members, int(_conditional(residual[members], own).argmax()))
+    return members
+
+
+def _conditional(residual: Reals, covariance: Reals) -> Reals:
+    n, d = residual.shape
+    information = np.linalg.inv(covariance)
+    weighted = (information @ residual.ravel()).reshape(n, d)
+    return squared_norm(weighted, own_blocks(information, n, d))
+
+
+def _tightened(frame: ArrayFrame) -> ArrayFrame:
+    """By which whole cycles are chosen: about a frame that fits, errors are small."""
+    return replace(
+        frame,
+        attitude_covariance_rad2=np.radians(3.0) ** 2 * np.eye(3)
+        if frame.attitude_free
+        else frame.attitude_covariance_rad2,
+        bias_sigma_cyc=0.03 if frame.bias_free else frame.bias_sigma_cyc,
+    )
+
+
+def _fitted(measured: MeanPhases, frame: ArrayFrame) -> ArrayFrame:
+    """A frame of which something is not known, moved to where the signals near it have it."""
+    bias_covariance = white_covariance(np.full(frame.bias_cyc.size + 1, frame.bias_sigma_cyc))
+    design = array_design(measured.elements_cyc)
+    for _ in range(4):
+        z = residuals(measured, frame)
+        z = z - np.rint(z)
+        near = np.flatnonzero(np.all(np.abs(z) < _GATE_CYC, axis=1))
+        if not near.size:
+            break
+        own = measured.part(near)
+        weighted = np.linalg.solve(covariance_of(own, frame), z[near].ravel()).reshape(near.size, -1)
+        if frame.bias_free:
+            frame = replace(frame, bias_cyc=frame.bias_cyc + bias_covariance @ weighted.sum(axis=0))
+        if frame.attitude_free:
+            lever = np.cross(design, (own.direction @ frame.turn.T * own.ratio[:, None])[:, None, :])
+            step = -frame.attitude_covariance_rad2 @ np.einsum("nax,na->x", lever, weighted)
+            frame = replace(frame, turn=Rotation.from_rotvec(step).as_matrix() @ frame.turn)
+    return frame
+
+
+def _rotations(measured: MeanPhases, frame: ArrayFrame) -> Iterator[tuple[Reals, Reals]]:
+    """Rotations and line delays about which the phases of most signals add up, the best ones first."""
+    reach = float(np.linalg.norm(array_design(measured.elements_cyc), axis=1).max()) if frame.bias_cyc.size else 1.0
+    cell_rad = max(_CELL_RAD / max(reach, 0.5), (4.0 * np.pi**2 / _MOST_ROTATIONS) ** (1.0 / 3.0))
+    turns = _grid(cell_rad)
+    raw = measured.raw_cyc - frame.bias_cyc
+    score = np.empty(len(turns))
+    sums = np.empty((len(turns), raw.shape[1]), np.complex128)
+    elements = array_design(measured.elements_cyc)
+    for first in range(0, len(turns), 20_000):
+        rows = slice(first, first + 20_000)
+        predicted = np.einsum(
+            "ax,rxy,ny,n->rna", elements, turns[rows], measured.direction, measured.ratio, optimize=True
+        )
+        sums[rows] = np.exp(2j * np.pi * (raw - predicted)).sum(axis=1)
+        score[rows] = (np.abs(sums[rows]) if frame.bias_free else sums[rows].real).sum(axis=1)
+    kept: list[int] = []
+    for row in np.argsort(-score):
+        # Neighbours on the grid lead to one maximum; the trace of a turn is 1 + 2 cos.
+        if all(np.sum(turns[row] * turns[other]) < 1.0 + 2.0 * np.cos(2.0 * cell_rad) for other in kept):
+            kept.append(int(row))
+            bias_cyc = np.angle(sums[row]) / (2.0 * np.pi) if frame.bias_free else 0.0
+            yield turns[row], frame.bias_cyc + bias_cyc
+        if len(kept) == _CANDIDATES:
+            return
+
+
+def _grid(cell_rad: float) -> Reals:
+    """Rotations (r, 3, 3) some `cell_rad` apart that tilt the vertical by no more than bodies are tilted."""
+    cap = hemisphere(max(int(2.0 * np.pi / cell_rad**2), 1))
+    cap = cap[cap[:, 2] >= np.cos(_TILT_MOST_RAD)]
+    tilt = np.arccos(np.clip(cap[:, 2], -1.0, 1.0))
+    axis = np.column_stack([-cap[:, 1], cap[:, 0], np.zeros(len(cap))])
+    length = np.linalg.norm(axis, axis=1, keepdims=True)
+    tilted = Rotation.from_rotvec(np.divide(axis, length, out=np.zeros_like(axis), where=length > 0) * tilt[:, None])
+    turned = Rotation.from_rotvec(np.outer(np.arange(0.0, 2.0 * np.pi, cell_rad), [0.0, 0.0, 1.0]))
+    return np.asarray((tilted.as_matrix()[:, None] @ turned.as_matrix()[None]).reshape(-1, 3, 3))
+
+
+def _rows(signals: Indices, d: int) -> Indices:
+    return np.add.outer(np.asarray(signals, np.intp) * d, np.arange(d)).ravel()

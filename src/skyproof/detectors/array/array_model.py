@@ -1,0 +1,332 @@
+"""The phases of an antenna array under signals from known directions, and tests whether they come from there.
+
+Between the antennas of an array the carrier phases differ by the array's baselines times the direction of arrival. The
+difference of that between what is predicted (ephemeris, position, attitude) and what is measured is noise for a true
+signal. After Zhang, Ding, Xia, Liu and Yao, "INS-Aided Multi-Antenna GNSS Carrier Phase Double Difference Spoofing
+Detection" ("the paper"; its double difference is predicted minus measured). The paper tests three antennas and one
+satellite with white noise only (equations 37 to 44). Here: any number of antennas in any geometry, phases known modulo
+one cycle, errors of antenna positions, line biases and attitude that all satellites share, any number of epochs.
+
+Corrected: 0.01 is the standard deviation of a phase, not a variance, and the mean belongs into equation 37; an
+error of 3 mm in each antenna's position is larger than the noise and makes the paper's test alarm in 27 % of trials
+instead of 1 %; whole cycles cannot be neglected: from baselines of 0.58 wavelengths on they make further blind
+directions. `docs/methods/ins-array.md` has the rest.
+
+Phases and lengths are in cycles (wavelengths of the carrier that the elements are counted in), angles in radians.
+Directions are unit vectors in the frame of the elements. M antennas make d = M - 1 differences against the first one;
+no statistic depends on which antenna is first.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skyproof.arrays import Indices, Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.sky import rotate_to_reception, unit_vectors
+from skyproof.gnss.time import week_and_tow
+from skyproof.navigation.nav_state import covered, state_at
+from skyproof.records import ArrayPhases, NavigationData, NavState
+from skyproof.statistics.directions import nearest_whole, squared_norm
+from skyproof.statistics.distributions import chi_square_survival
+
+__all__ = [
+    "MeanDifferences",
+    "array_design",
+    "between_signals",
+    "blind_directions",
+    "conditional_statistics",
+    "differences",
+    "direction_statistic",
+    "equilateral_triangle",
+    "joint_statistic",
+    "mean_differences",
+    "own_blocks",
+    "predicted_directions",
+    "regular_tetrahedron",
+    "residual_covariance",
+    "single_statistic",
+    "sky_p_value",
+    "unexplained",
+    "white_covariance",
+]
+
+
+def equilateral_triangle(side: float) -> Reals:
+    """Elements (3, 3) of the paper's array, the second on the x axis."""
+    return side * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, np.sqrt(0.75), 0.0]])
+
+
+def regular_tetrahedron(side: float) -> Reals:
+    """Elements (4, 3): the triangle and a fourth one above. Its power is the same in all directions."""
+    return np.vstack([equilateral_triangle(side), side * np.array([[0.5, np.sqrt(1 / 12), np.sqrt(2 / 3)]])])
+
+
+def differences(values: ArrayLike, axis: int = -1) -> Reals:
+    """Every antenna minus the first along `axis`, which gets one shorter."""
+    moved = np.moveaxis(np.asarray(values, np.float64), axis, -1)
+    return np.moveaxis(moved[..., 1:] - moved[..., :1], -1, axis)
+
+
+def array_design(elements_cyc: ArrayLike) -> Reals:
+    """(..., d, 3) phase differences in cycles for unit directions, from elements (..., M, 3)."""
+    return differences(elements_cyc, axis=-2)
+
+
+def white_covariance(sigma_cyc: ArrayLike) -> Reals:
+    """Covariance (..., d, d) of the differences of M phases with independent errors of standard deviation (..., M)."""
+    variance = np.asarray(sigma_cyc, np.float64) ** 2
+    d = variance.shape[-1] - 1
+    return np.asarray(variance[..., 1:, None] * np.eye(d) + variance[..., :1, None])
+
+
+def unexplained(phase_cyc: ArrayLike, elements_cyc: ArrayLike, direction: ArrayLike) -> Reals:
+    """Measured minus predicted phase differences z (..., n, d), any whole cycles in them.
+
+    Parameters
+    ----------
+    phase_cyc : (..., n, M), growing where an antenna is nearer to the source.
+    elements_cyc : (M, 3) or (..., n, M, 3). direction : (..., n, 3) predicted.
+    """
+    predicted = np.einsum("...ma,...a->...m", np.asarray(elements_cyc, np.float64), np.asarray(direction, np.float64))
+    return differences(np.asarray(phase_cyc, np.float64) - predicted)
+
+
+def residual_covariance(
+    elements_cyc: ArrayLike,
+    direction: ArrayLike,
+    *,
+    sigma_cyc: ArrayLike = 0.01,
+    position_sigma_cyc: ArrayLike = 0.0,
+    attitude_covariance_rad2: ArrayLike = 0.0,
+    bias_sigma_cyc: float = 0.0,
+    frequency_ratio: ArrayLike = 1.0,
+) -> Reals:
+    """Covariance V (..., n d, n d) of `unexplained`, signals outermost.
+
+    White noise is every signal's own. Position, bias and attitude errors are one draw for all signals, and for all
+    epochs if the n rows are signals at several epochs. The attitude error enters to first order.
+    A mean over epochs has the covariance of mean directions (then shorter than 1) and white noise less by the number.
+
+    Parameters
+    ----------
+    elements_cyc : (M, 3). direction : (..., n, 3) predicted.
+    sigma_cyc : of one antenna's phase; anything that broadcasts to (..., n, M).
+    position_sigma_cyc : of each antenna along each axis, one number or (M,).
+    attitude_covariance_rad2 : (3, 3) of the small rotation in the elements' frame, or one variance for each axis.
+    bias_sigma_cyc : of each antenna's line, the same for all signals.
+    frequency_ratio : (n,) carrier of each signal over the one whose wavelengths the elements are counted in.
+    """
+    elements_cyc = np.asarray(elements_cyc, np.float64)
+    direction = np.asarray(direction, np.float64)
+    antennas, n = elements_cyc.shape[0], direction.shape[-2]
+    ratio = np.broadcast_to(np.asarray(frequency_ratio, np.float64), (n,))
+    scaled = direction * ratio[:, None]
+    sigma_cyc = np.broadcast_to(np.asarray(sigma_cyc, np.float64), (*direction.shape[:-1], antennas))
+    position = white_covariance(np.broadcast_to(np.asarray(position_sigma_cyc, np.float64), (antennas,)))
+    bias = white_covariance(np.full(antennas, bias_sigma_cyc))
+    tilt = np.asarray(attitude_covariance_rad2, np.float64)
+    tilt = tilt if tilt.ndim else tilt * np.eye(3)
+    # D A [u x]: how the differences of each signal follow a small rotation.
+    lever = np.cross(array_design(elements_cyc), scaled[..., None, :])
+    gram = scaled @ np.swapaxes(scaled, -1, -2)
+    common = (
+        np.einsum("...ij,ab->...iajb", gram, position)
+        + bias[:, None, :]
+        + np.einsum("...iax,xy,...jby->...iajb", lever, tilt, lever)
+    )
+    white = white_covariance(sigma_cyc)
+    i = np.arange(n)
+    common[..., i, :, i, :] += np.moveaxis(white, -3, 0)
+    size = n * (antennas - 1)
+    return np.asarray(common.reshape(*common.shape[:-4], size, size))
+
+
+def single_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
+    """T (...) of one signal: chi-square with d degrees for a true one. The paper's test is that with the covariance of
+    white noise alone, not wrapped (equation 37).
+
+    Parameters
+    ----------
+    residual_cyc : (..., d). covariance : (..., d, d).
+    wrapped : choose the whole cycles that leave least; needs errors small against half a cycle.
+    """
+    return nearest_whole(residual_cyc, covariance)[1] if wrapped else squared_norm(residual_cyc, covariance)
+
+
+def joint_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
+    """T (...) of n signals, or of n signals and epochs: chi-square with n d degrees if all are true.
+
+    Parameters
+    ----------
+    residual_cyc : (..., n, d). covariance : (..., n d, n d) of `residual_covariance`.
+    wrapped : choose whole cycles signal by signal first.
+    """
+    residual_cyc = np.asarray(residual_cyc, np.float64)
+    if wrapped:
+        residual_cyc = nearest_whole(residual_cyc, own_blocks(covariance, *residual_cyc.shape[-2:]))[0]
+    return squared_norm(residual_cyc.reshape(*residual_cyc.shape[:-2], -1), covariance)
+
+
+def conditional_statistics(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
+    """T (..., n) of each signal given the others, which show the errors that all share: chi-square with d degrees each.
+
+    Valid for a signal if the others are true. Parameters as in `joint_statistic`.
+    """
+    residual_cyc = np.asarray(residual_cyc, np.float64)
+    n, d = residual_cyc.shape[-2:]
+    if wrapped:
+        residual_cyc = nearest_whole(residual_cyc, own_blocks(covariance, n, d))[0]
+    information = np.linalg.inv(np.asarray(covariance, np.float64))
+    weighted = np.einsum("...ij,...j->...i", information, residual_cyc.reshape(*residual_cyc.shape[:-2], n * d))
+    return squared_norm(weighted.reshape(residual_cyc.shape), own_blocks(information, n, d))
+
+
+def sky_p_value(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = True) -> Reals:
+    """p-value (...) that all of n signals are true: the smaller of the joint one and n times the smallest conditional
+    one, doubled. By the union bound never too small; too large by what both tests have in common.
+
+    Parameters as in `joint_statistic`.
+    """
+    n, d = np.shape(residual_cyc)[-2:]
+    joint = chi_square_survival(joint_statistic(residual_cyc, covariance, wrapped=wrapped), n * d)
+    if n == 1:
+        return joint
+    worst = conditional_statistics(residual_cyc, covariance, wrapped=wrapped).max(axis=-1)
+    return np.asarray(np.minimum(1.0, 2.0 * np.minimum(joint, n * chi_square_survival(worst, d))))
+
+
+def between_signals(residual_cyc: ArrayLike, covariance: ArrayLike) -> tuple[Reals, Reals]:
+    """Residuals (..., n - 1, d) of signals against the first one and their full covariance: line biases cancel.
+
+    `joint_statistic` of them has (n - 1) d degrees, whichever signal is first. Parameters as in `joint_statistic`;
+    residuals wrapped to within half a cycle before.
+    """
+    residual_cyc = np.asarray(residual_cyc, np.float64)
+    covariance = np.asarray(covariance, np.float64)
+    n, d = residual_cyc.shape[-2:]
+    contrast = np.kron(np.column_stack([-np.ones(n - 1), np.eye(n - 1)]), np.eye(d))
+    return differences(residual_cyc, axis=-2), contrast @ covariance @ contrast.T
+
+
+def direction_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, design: ArrayLike) -> tuple[Reals, Reals, int]:
+    """Only what an error of direction can cause, and the rest as a check of phases and whole cycles.
+
+    Parameters
+    ----------
+    residual_cyc : (..., k). covariance : (..., k, k).
+    design : (k, q): `array_design` for one signal; stacked for several epochs or frequencies, or block by block.
+
+    Returns
+    -------
+    statistic : (...) chi-square with `dof` degrees. rest : (...) chi-square with k - dof, independent. dof : its rank.
+    """
+    residual_cyc = np.asarray(residual_cyc, np.float64)
+    covariance = np.asarray(covariance, np.float64)
+    design = np.asarray(design, np.float64)
+    dof = int(np.linalg.matrix_rank(design))
+    # An orthonormal basis of the columns makes the information regular also where the design is not.
+    basis = np.linalg.svd(design, full_matrices=False)[0][:, :dof]
+    weighted = np.linalg.solve(covariance, np.broadcast_to(basis, (*covariance.shape[:-2], *basis.shape)))
+    along = np.einsum("...kq,...k->...q", weighted, residual_cyc)
+    statistic = squared_norm(along, np.swapaxes(weighted, -1, -2) @ basis)
+    return statistic, squared_norm(residual_cyc, covariance) - statistic, dof
+
+
+def blind_directions(direction: ArrayLike, elements_cyc: ArrayLike, *, tolerance: float = 1e-9) -> Reals:
+    """Directions (k, 3), up and `direction` itself among them, that differ from it by whole cycles at every antenna of
+    a planar array in the x-y plane: no test of one signal and epoch can tell them apart.
+
+    Raises
+    ------
+    ValueError : the array is not planar, or is a line.
+    """
+    design = array_design(elements_cyc)
+    if np.any(design[:, 2]) or np.linalg.matrix_rank(design[:, :2]) < 2:
+        raise ValueError("blind_directions: elements must span the x-y plane, with z the same for all")
+    level = np.asarray(direction, np.float64)[:2]
+    # Two independent baselines give all candidates; the others must then be whole, too.
+    pair = design[_independent(design[:, :2]), :2]
+    reach = np.ceil(2.0 * np.linalg.norm(pair, axis=-1)).astype(int)
+    whole = np.stack(np.meshgrid(*(np.arange(-k, k + 1) for k in reach), indexing="ij"), axis=-1).reshape(-1, 2)
+    there = level + np.linalg.solve(pair, whole.T).T
+    others = (there - level) @ design[:, :2].T
+    squared = np.sum(there**2, axis=-1)
+    keep = (squared < 1.0) & np.all(np.abs(others - np.rint(others)) < tolerance, axis=-1)
+    return np.column_stack([there[keep], np.sqrt(1.0 - squared[keep])])
+
+
+class MeanDifferences(NamedTuple):
+    """cycles : (n_channels, d). sigma_cyc : (n_channels, n_antennas) of the means of the antennas. share : (n_epochs,
+    n_channels) of each epoch in the mean. epochs : (n_channels,) their number."""
+
+    cycles: Reals
+    sigma_cyc: Reals
+    share: Reals
+    epochs: Indices
+
+
+def mean_differences(phases: ArrayPhases, predicted_cyc: ArrayLike = 0.0) -> MeanDifferences:
+    """Mean over the epochs of measured minus predicted phase differences, each signal over those that it has whole.
+
+    Parameters
+    ----------
+    predicted_cyc : (n_epochs, n_channels, n_antennas); without it the mean is of the differences themselves, which have
+        to stay within a small part of a cycle over the window.
+    """
+    z = differences(phases.phase_cyc - np.asarray(predicted_cyc, np.float64))
+    whole = np.all(np.isfinite(z), axis=-1) & np.all(np.isfinite(phases.sigma_cyc), axis=-1)
+    z = np.where(whole[..., None], z, 0.0)
+    count = whole.sum(axis=0)
+    share = whole / np.maximum(count, 1)
+    # Wrapped about the middle of the circle's mean, so that values near half a cycle do not cancel.
+    turns = np.sum(np.exp(2j * np.pi * z) * whole[..., None], axis=0)
+    middle = np.angle(turns) / (2.0 * np.pi)
+    about = z - middle
+    mean = middle + np.einsum("kn,kna->na", share, about - np.rint(about))
+    variance = np.where(whole[..., None], phases.sigma_cyc, 0.0) ** 2
+    variance_of_mean = np.einsum("kn,knm->nm", share**2, variance) + phases.lasting_sigma_cyc**2
+    return MeanDifferences(mean, np.sqrt(variance_of_mean), share, count)
+
+
+def predicted_directions(phases: ArrayPhases, state: NavState, navigation: NavigationData) -> Reals:
+    """Unit vectors (n_epochs, n_channels, 3) to the satellites in the body frame; NaN without a fresh ephemeris or
+    outside the time of the body's state.
+
+    Errors of position are of no account: 1 km is 50 microradians.
+    """
+    direction = np.full((*phases.phase_cyc.shape[:2], 3), np.nan)
+    inside = covered(state, phases.gpst)
+    if not inside.any():
+        return direction
+    gpst = phases.gpst[inside]
+    here = state_at(state, gpst)
+    week, tow_s = week_and_tow(gpst)
+    for channel, signal in enumerate(phases.signals):
+        orbit = navigation.best(signal.sat, gpst[gpst.size // 2])
+        if orbit is None:
+            continue
+        travel_s = np.full(gpst.shape, 0.075)
+        for _ in range(2):
+            sent_m = satellite_state_s(orbit, week, tow_s - travel_s).position_ecef_m
+            satellite_m = rotate_to_reception(sent_m, travel_s)
+            travel_s = np.linalg.norm(satellite_m - here.position_ecef_m, axis=-1) / SPEED_OF_LIGHT_M_S
+        to_satellite = unit_vectors(here.position_ecef_m, satellite_m)
+        direction[inside, channel] = np.einsum("kij,ki->kj", here.attitude, to_satellite)
+    return direction
+
+
+def _independent(design: Reals) -> list[int]:
+    """The longest baseline and the one farthest off its line."""
+    first = int(np.argmax(np.sum(design**2, axis=-1)))
+    off = np.abs(design[:, 0] * design[first, 1] - design[:, 1] * design[first, 0])
+    return [first, int(np.argmax(off))]
+
+
+def own_blocks(matrix: ArrayLike, n: int, d: int) -> Reals:
+    """Blocks (..., n, d, d) on the diagonal of a matrix (..., n d, n d)."""
+    matrix = np.asarray(matrix, np.float64)
+    i = np.arange(n)
+    return np.moveaxis(matrix.reshape(*matrix.shape[:-2], n, d, n, d)[..., i, :, i, :], 0, -3)

@@ -1,0 +1,72 @@
+"""Antennas of an array that fail: dead, noisy, or with a phase that jumps. They are left out, and named.
+
+What all antennas share drops out of the step from one epoch to the next less its median over the antennas, so that one
+that jumps or is noisy stands out against two that do not. Of two antennas it stays open which one fails.
+"""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Indices
+from skyproof.records import ArrayPhases
+
+__all__ = ["Failing", "failing", "without"]
+
+Failing = dict[int, str]
+"""Number of an antenna, from 0, to what is wrong with it."""
+
+_LEAST_SHARE: Final = 0.5  # of the phases that the best antenna has
+_JUMP_CYC: Final = 0.08  # of most signals at once: half a wavelength in a tenth of a second turns no array so far
+_NOISE_CYC: Final = 0.04  # of a step, root mean square: reflections change more slowly
+_SIGMAS: Final = 6.0
+_EXCESS: Final = 3.0  # of noise over what the signal's strength makes
+_MEDIAN_OF_SQUARE: Final = 0.455  # of chi-square with one degree
+
+
+def failing(phases: ArrayPhases) -> Failing:
+    """The antennas that fail within a window, and how."""
+    there = np.isfinite(phases.phase_cyc) & np.isfinite(phases.sigma_cyc)
+    count = there.sum(axis=(0, 1))
+    few = count < _LEAST_SHARE * count.max(initial=0)
+    found = {k: "gives no phases" for k in np.flatnonzero(few).tolist()}
+    good = [k for k in range(count.size) if k not in found]
+    if len(good) < 3:
+        return found
+    jumps, noisy = _jumps_and_noise(phases, np.array(good))
+    found |= {good[k]: "is noisy" for k in np.flatnonzero(noisy).tolist()}
+    found |= {good[k]: "has a phase that jumps" for k in np.flatnonzero(jumps & ~noisy).tolist()}
+    return found if len(good) - int((jumps | noisy).sum()) >= 2 else {}
+
+
+def without(phases: ArrayPhases, lost: Failing) -> ArrayPhases:
+    """The other antennas' phases."""
+    kept = np.array([k for k in range(len(phases.elements_m)) if k not in lost], np.intp)
+    return replace(
+        phases,
+        elements_m=phases.elements_m[kept],
+        phase_cyc=phases.phase_cyc[..., kept],
+        sigma_cyc=phases.sigma_cyc[..., kept],
+    )
+
+
+def _jumps_and_noise(phases: ArrayPhases, good: Indices) -> tuple[Booleans, Booleans]:
+    phase, sigma = phases.phase_cyc[..., good], phases.sigma_cyc[..., good]
+    step = np.diff(phase, axis=0)
+    noise = np.hypot(sigma[1:], sigma[:-1])
+    whole = np.isfinite(step).all(axis=-1) & np.isfinite(noise).all(axis=-1)
+    if not whole.any():
+        return np.zeros(good.size, np.bool_), np.zeros(good.size, np.bool_)
+    own = step[whole] - step[whole][:, :1]
+    own = own - np.rint(own)
+    own = own - np.median(own, axis=-1, keepdims=True)
+    noise = noise[whole]
+    # Epoch by epoch, what most signals do at once on an antenna.
+    epoch = np.nonzero(whole)[0]
+    begins = np.flatnonzero(np.diff(epoch, prepend=-1))
+    common = np.array([np.median(part, axis=0) for part in np.split(own, begins[1:])])
+    usual = np.median(noise, axis=0)
+    jumps = np.any(np.abs(common) > np.maximum(_JUMP_CYC, _SIGMAS * usual), axis=0)
+    rms = np.sqrt(np.median(own**2, axis=0) / _MEDIAN_OF_SQUARE)
+    return np.asarray(jumps), np.asarray(rms > np.maximum(_NOISE_CYC, _EXCESS * usual))

@@ -1,0 +1,67 @@
+"""Signals from elsewhere than their satellites that a reflection alone would explain: late, and not stronger."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.detectors.second_signals.late_copies import MOST_LATE_M, WEAKER_DB
+from skyproof.navigation.search import misfits
+from skyproof.navigation.sets import window_measurements
+from skyproof.records import NavigationData, Observations, SignalId
+
+__all__ = ["reflections"]
+
+_SIGMAS: Final = 3.0
+
+
+def reflections(
+    observations: Observations | None,
+    navigation: NavigationData,
+    place_ecef_m: Reals,
+    true: Sequence[SignalId],
+    others: Sequence[SignalId],
+    *,
+    multipath_sigma_m: float,
+    ionosphere_share: float,
+) -> frozenset[SignalId]:
+    """Those of `others` that are no earlier than the place (3,) and the clock of `true` make them, and weaker than the
+    true signal of their satellite, or where there is none no stronger than the strongest true one.
+
+    Nothing is known of signals without a pseudorange: they are none of these.
+    """
+    if observations is None or not others or observations.gpst.size == 0:
+        return frozenset()
+    mean, ranges, usable = window_measurements(
+        observations, navigation, multipath_sigma_m=multipath_sigma_m, ionosphere_share=ionosphere_share, min_share=0.1
+    )
+    rows = np.flatnonzero(usable)
+    if not rows.size:
+        return frozenset()
+    misfit_m, sigma_m, _ = misfits(ranges, rows, np.append(place_ecef_m, 0.0))
+    late = {mean.signals[row]: (m, s) for row, m, s in zip(rows, misfit_m, sigma_m, strict=True)}
+    level = dict(zip(observations.signals, _levels_dbhz(observations), strict=True))
+    clocks: dict[tuple[str, str, str], list[float]] = {}
+    for signal in true:
+        if signal in late:
+            clocks.setdefault(signal.kind, []).append(late[signal][0])
+    found = set()
+    for signal in others:
+        if signal not in late or signal.kind not in clocks:
+            continue
+        late_m = late[signal][0] - float(np.median(clocks[signal.kind]))
+        of_sat = [level[one] for one in true if one.transmission == signal.transmission]
+        usual = max(of_sat) - WEAKER_DB if of_sat else max(level[one] for one in true if one.kind == signal.kind)
+        if -_SIGMAS * np.sqrt(2.0) * late[signal][1] < late_m < MOST_LATE_M and level[signal] <= usual:
+            found.add(signal)
+    return frozenset(found)
+
+
+def _levels_dbhz(observations: Observations) -> list[float]:
+    levels = []
+    for column in range(len(observations.signals)):
+        values = observations.cn0_dbhz[:, column]
+        known = values[np.isfinite(values)]
+        levels.append(float(np.median(known)) if known.size else -np.inf)
+    return levels

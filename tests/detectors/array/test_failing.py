@@ -1,0 +1,87 @@
+"""An antenna of an array that fails is found, left out and named, and no true signal is called spoofed for it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.detectors.nulls import SIGNALS, START, STATE, TRUE, array_records, empty_phases
+
+from skyproof.detectors.array.array_common import ArrayCommon
+from skyproof.detectors.array.failing import failing, without
+from skyproof.detectors.array.ins_array import InsArray
+
+WAVE = np.linalg.norm(empty_phases().elements_m[1])
+ELEMENTS_M = WAVE * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.87, 0.0], [0.5, 0.3, -0.8]])
+EPOCHS = 40
+
+
+def sky(rng):
+    """Forty epochs of four antennas under a true sky."""
+    direction = np.repeat(TRUE[1:2], EPOCHS, axis=0)
+    phase = direction @ ELEMENTS_M.T / WAVE + 0.003 * rng.standard_normal((EPOCHS, len(SIGNALS), 4))
+    shape = phase.shape
+    return replace(
+        empty_phases(EPOCHS),
+        gpst=START + np.timedelta64(900, "ms") + np.arange(EPOCHS) * np.timedelta64(5, "ms"),
+        elements_m=ELEMENTS_M,
+        phase_cyc=(phase + rng.random((*shape[:2], 1))) % 1.0,
+        sigma_cyc=np.full(shape, 0.003),
+    )
+
+
+def dead(phases, rng):
+    phase = phases.phase_cyc.copy()
+    phase[4:, :, 2] = np.nan
+    return replace(phases, phase_cyc=phase)
+
+
+def noisy(phases, rng):
+    phase = phases.phase_cyc.copy()
+    phase[..., 2] += 0.1 * rng.standard_normal(phase.shape[:2])
+    return replace(phases, phase_cyc=phase)
+
+
+def jumping(phases, rng):
+    phase = phases.phase_cyc.copy()
+    phase[17:, :, 2] += 0.3
+    return replace(phases, phase_cyc=phase)
+
+
+def silent(phases, rng):
+    return replace(phases, phase_cyc=np.full_like(phases.phase_cyc, np.nan))
+
+
+FAULTS = {dead: "gives no phases", noisy: "is noisy", jumping: "has a phase that jumps"}
+
+
+@pytest.mark.parametrize(("fault", "how"), FAULTS.items())
+@pytest.mark.parametrize("seed", range(3))
+def test_the_antenna_that_fails_is_found(fault, how, seed):
+    rng = np.random.default_rng(seed)
+    phases = fault(sky(rng), rng)
+    assert failing(phases) == {2: how}
+    left = without(phases, {2: how})
+    np.testing.assert_array_equal(left.elements_m, ELEMENTS_M[[0, 1, 3]])
+
+
+def test_antennas_that_work_stay():
+    rng = np.random.default_rng(1)
+    assert not any(failing(sky(rng)) for _ in range(50))
+    assert not failing(silent(sky(rng), rng))
+
+
+def test_of_two_antennas_it_stays_open_which_one_jumps():
+    rng = np.random.default_rng(1)
+    assert not failing(without(jumping(sky(rng), rng), {0: "", 1: ""}))
+
+
+@pytest.mark.parametrize(("fault", "how"), FAULTS.items())
+def test_it_is_reported_and_the_signals_stay_authentic(fault, how):
+    rng = np.random.default_rng(4)
+    records = replace(array_records(rng), array_phases=(fault(sky(rng), rng),), nav_state=STATE)
+    noted, said = InsArray().examine(records)[0]
+    assert noted.noted
+    assert noted.because == f"antenna 3 of rx1 {how}, and is left out"
+    assert said.says == "authentic"
+    (said,), _ = ArrayCommon().examine(records)
+    assert said.says == "authentic"
