@@ -221,6 +221,13 @@ def test_an_attack_from_the_first_moment_has_no_sigma(invented, pair):
     assert (decision.onset.gpst, decision.onset.sigma_s) == (invented.at(0), None)
 
 
+def test_an_attack_that_names_no_signal_was_there_when_a_window_that_shows_it_ended(invented, pair):
+    says = ["clean", "attack", "clean", "attack"]
+    evidence = [invented.evidence(w, s, *SKY, receivers=BOTH) for w, s in enumerate(says)]
+    decision = fuse(evidence, pair, [])
+    assert (decision.onset.seen, decision.onset.earliest) == (evidence[1].end_gpst, None)
+
+
 def test_an_attack_that_ends_is_reported(invented):
     observed = [
         invented.observations(

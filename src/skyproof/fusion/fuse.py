@@ -64,6 +64,7 @@ def fuse(
         named = {ref.receiver for source in sources for ref in source.signals}
         skies = skies_of((s for s in sets if s.receiver not in named), first=len(sources) + 1)
         onset, until = _time_line(false, skies, observations)
+        onset = onset or _first_seen(evidence)
         verdict: VerdictWord = "spoofed"
         settled = trusted == everyone
     else:
@@ -147,6 +148,11 @@ def _time_line(
     onsets = [sky_onset(sky, observations) for sky in skies]
     known = [replace(onset, earliest=None) for onset in onsets if onset is not None]
     return max(known, key=lambda onset: onset.seen, default=None), None
+
+
+def _first_seen(evidence: Sequence[Evidence]) -> Onset:
+    """Of an attack that no signal or sky dates: at the end of the first window that shows it."""
+    return Onset(seen=min(e.end_gpst for e in evidence if e.says in ("spoofed", "attack")), earliest=None)
 
 
 def _capture(s: LabelledSignal, observations: Sequence[ObservationLog]) -> Onset:
