@@ -284,6 +284,8 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
             "0.5",
             "--antenna-separation-m",
             "2.5",
+            "--tracking",
+            "vector",
             "--doppler-max-hz",
             "9e3",
             "--place-deg",
@@ -303,6 +305,8 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
             "rx1.bin",
             "--out",
             "d",
+            "--tracking",
+            "vector",
             "--doppler-max-hz",
             "9e3",
             "--place-deg",
@@ -322,7 +326,7 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
         ["simulate", "spin", "--out", "d", "--seed", "7", "--duration-s", "5", "--depth", "samples", "--format", "raw"]
     )
     cli.main(["simulate", "s.toml", "--out", "d"])
-    stretch = ("doppler_max_hz", "place_deg", "start_s", "duration_s")
+    stretch = ("tracking", "doppler_max_hz", "place_deg", "start_s", "duration_s")
     antennas = ("antenna_distance_m", "antenna_distance_sigma_m", "antenna_separation_m")
     settings = ("false_alarm_probability_per_hour", *antennas, *stretch)
     assert app.calls == [
@@ -334,7 +338,7 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
                 "imu": Path("imu.csv"),
                 "platform": Path("p.toml"),
                 "out": Path("result"),
-                **dict(zip(settings, (1e-4, 60.0, 0.5, 2.5, 9e3, (57.7, 11.9), 27.0, 33.0), strict=True)),
+                **dict(zip(settings, (1e-4, 60.0, 0.5, 2.5, "vector", 9e3, (57.7, 11.9), 27.0, 33.0), strict=True)),
             },
         ),
         (
@@ -346,7 +350,11 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
         (
             "receive",
             [Path("rx1.bin")],
-            {"out": Path("d"), "nav": None, **dict(zip(stretch, (9e3, (57.7, 11.9), 27.0, 33.0), strict=True))},
+            {
+                "out": Path("d"),
+                "nav": None,
+                **dict(zip(stretch, ("vector", 9e3, (57.7, 11.9), 27.0, 33.0), strict=True)),
+            },
         ),
         ("init", [Path("rx1.bin"), Path("rx2.obs")], {"out": Path("platform.toml"), "overwrite": False}),
         ("init", [Path("rx1.bin")], {"out": Path("p.toml"), "overwrite": True}),

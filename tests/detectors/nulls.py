@@ -90,16 +90,16 @@ def with_unrelated(rng, spread_m=60.0):
 TAPS_SCENE = MeasuredScene(antennas_enu_m=ONE, epochs=3, step_s=0.02, max_satellites=8, cn0_dbhz=45.0)
 
 
-def with_vector_taps(rng, code_chips=0.0, phase_rad=0.0):
-    """Records with taps of a vector receiver's channels at the offsets."""
+def with_vector_taps(rng, code_chips=0.0, phase_rad=0.0, n=200):
+    """Records with `n` looks at the taps of a vector receiver's channels at the offsets."""
     records = TAPS_SCENE.records(rng)
     (o,) = records.observations
-    amplitude = prompt_amplitude(TAPS_SCENE.cn0_dbhz, coherent_s=TAPS_SCENE.step_s)
-    value = draw_taps(rng, (TAPS_SCENE.epochs, len(o.signals)), amplitude, code_chips, phase_rad) / amplitude
+    amplitude = prompt_amplitude(TAPS_SCENE.cn0_dbhz, coherent_s=LOOKED_S)
+    value = draw_taps(rng, (n, len(o.signals)), amplitude, code_chips, phase_rad) / amplitude
     taps = Taps(
         receiver=o.receiver,
         signals=o.signals,
-        elapsed_s=o.elapsed_s,
+        elapsed_s=LOOK_S * np.arange(n),
         delays_chips=np.array([0.5, 0.0, -0.5]),
         dopplers_hz=np.zeros(1),
         value=(0.07 * value[:, :, None, :]).astype(np.complex64),

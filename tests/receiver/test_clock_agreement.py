@@ -86,6 +86,7 @@ def tracked(share, *, n_sats=8, seed=0, rows=11, oscillator_hz=0.0, sigma_m=1.0)
         table=table,
         taps=np.zeros((arc.size, 1, 3), np.complex64),
         own=np.empty((arc.size, 0, 8)),
+        turns_rad=np.full((arc.size, 1), np.nan),
     )
 
 

@@ -1,13 +1,13 @@
 """The options that several commands have."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from skyproof.app.common.settings import Settings
 
-__all__ = ["Debug", "Duration", "Json", "Nav", "OneDocument", "Place", "Reach", "Start", "setting"]
+__all__ = ["Debug", "Duration", "Json", "Nav", "OneDocument", "Place", "Reach", "Start", "Tracking", "setting"]
 
 
 _NOT_GIVEN = {
@@ -22,9 +22,13 @@ _UNITS = {"s": "seconds", "hz": "hertz", "m": "metres", "deg": "degrees"}
 def setting(name: str) -> Parameter:
     """The help of an option that is a setting: its description, unit and default, from where they are defined."""
     field = Settings.model_fields[name]
-    default = _NOT_GIVEN[name] if field.default is None else f"{field.default:g}"
+    default = _NOT_GIVEN[name] if field.default is None else _shown(field.default)
     unit = _UNITS.get(name.rpartition("_")[2])
     return Parameter(help=" ".join(filter(None, (field.description, unit and f"In {unit}.", f"Default: {default}."))))
+
+
+def _shown(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 Nav = Annotated[Path | None, Parameter(help="RINEX navigation file; without it the signals' own messages are used.")]
@@ -32,6 +36,7 @@ Start = Annotated[float | None, setting("start_s")]
 Duration = Annotated[float | None, setting("duration_s")]
 Place = Annotated[tuple[float, float] | None, setting("place_deg")]
 Reach = Annotated[float | None, setting("doppler_max_hz")]
+Tracking = Annotated[Literal["scalar", "vector"] | None, setting("tracking")]
 Json = Annotated[bool, Parameter(name="--json", help="Print verdict.json on standard output, and nothing else there.")]
 OneDocument = Annotated[bool, Parameter(name="--json", help="Print one JSON document, and nothing else there.")]
 # `main` looks for --debug itself, since it is to work for errors in the options as well; here it is for the help.

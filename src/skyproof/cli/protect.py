@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from skyproof import app
-from skyproof.cli.options import Debug, Duration, Json, Nav, Place, Reach, Start, setting
+from skyproof.cli.options import Debug, Duration, Json, Nav, Place, Reach, Start, Tracking, setting
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED
 from skyproof.cli.summary import print_result
@@ -40,6 +40,7 @@ def protect(
     antenna_distance_m: Annotated[float | None, setting("antenna_distance_m")] = None,
     antenna_distance_sigma_m: Annotated[float | None, setting("antenna_distance_sigma_m")] = None,
     antenna_separation_m: Annotated[float | None, setting("antenna_separation_m")] = None,
+    tracking: Tracking = None,
     doppler_max_hz: Reach = None,
     place_deg: Place = None,
     start_s: Start = None,
@@ -59,6 +60,7 @@ def protect(
         antenna_distance_m=antenna_distance_m,
         antenna_distance_sigma_m=antenna_distance_sigma_m,
         antenna_separation_m=antenna_separation_m,
+        tracking=tracking,
         doppler_max_hz=doppler_max_hz,
         place_deg=place_deg,
         start_s=start_s,

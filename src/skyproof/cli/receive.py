@@ -7,7 +7,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from skyproof import app
-from skyproof.cli.options import Debug, Duration, Nav, OneDocument, Place, Reach, Start
+from skyproof.cli.options import Debug, Duration, Nav, OneDocument, Place, Reach, Start, Tracking
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED, complain, print_document, print_path, words
 
@@ -26,6 +26,7 @@ def receive(
         ),
     ],
     nav: Nav = None,
+    tracking: Tracking = None,
     doppler_max_hz: Reach = None,
     place_deg: Place = None,
     start_s: Start = None,
@@ -38,6 +39,7 @@ def receive(
         files,
         out=out,
         nav=nav,
+        tracking=tracking,
         doppler_max_hz=doppler_max_hz,
         place_deg=place_deg,
         start_s=start_s,

@@ -27,6 +27,7 @@ from skyproof.receiver.channels import (
     tow_kept,
 )
 from skyproof.receiver.grids import Grids
+from skyproof.receiver.guidance import is_guided
 from skyproof.receiver.joining import Components
 from skyproof.receiver.lock import lock_threshold
 from skyproof.receiver.measurement import Measurements
@@ -235,7 +236,7 @@ def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, g
     """Let go of channels that never locked, lost lock, or fell on the signal of another channel.
 
     A confirmed channel whose signal has faded is kept for `coast_s`, and for as long as a lock takes to be judged after
-    that.
+    that; a guided one for `guided_s`.
 
     delays_s : (n_channels,) of a code period's start after the frame's end.
     """
@@ -246,7 +247,8 @@ def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, g
     if held.all() and not doubles:
         return replace(state, lost=lost) if lost != state.lost else state
     judged = ~np.isnan(state.lock[:, :, 0]).any(axis=1)
-    lasts = ~judged & (end_s - state.locked_at[:, 0] < settings.coast_s)
+    away_s = end_s - state.locked_at[:, 0]
+    lasts = ~judged & (away_s < settings.coast_s) | is_guided(state.guides, end_s) & (away_s < settings.guided_s)
     stay: list[int] = []
     for i, channel in enumerate(state.channels):
         is_young = end_s - channel.began_s < settings.confirm_s - 1e-9

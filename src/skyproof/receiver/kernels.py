@@ -46,7 +46,8 @@ SHIFT_OWED = 32  # chips by which the replica was late so far, all periods toget
 RESIDUAL_VARIANCE = 33  # of the measurements: how well that residual is known, cycles squared
 CODE_STEER = 34  # chips/s beside all else; where other signals of the satellite swing the discriminator, instead of it
 SLIPPED = 35  # of the measurements: 1 if the carrier slipped, or may have, since the last row that was given out
-N_STATE = 36
+CARRIER_CORRECTION = 36  # cycles beside what the phase discriminator says
+N_STATE = 37
 
 # Columns of what one code period of one channel gives (float64), followed by real and imaginary part of every tap, of
 # the antennas' weighted sum; then, where there are several, by those of early, prompt and late of each antenna.
@@ -98,6 +99,7 @@ def _steer(
     dot = (i_early - i_late) * i_prompt + (q_early - q_late) * q_prompt
     code_error = dot / signal / code_gain - state[SUM_SHIFT] / periods
     phase_error = math.atan(q_prompt / i_prompt) / (2.0 * math.pi) if i_prompt != 0.0 else 0.25
+    phase_error += state[CARRIER_CORRECTION]
     w_pll = state[PLL_BANDWIDTH] / 0.7845
     state[PLL_ACCELERATION] += duration_s * w_pll**3 * phase_error
     state[PLL_VELOCITY] += duration_s * (state[PLL_ACCELERATION] + 1.1 * w_pll**2 * phase_error)

@@ -59,6 +59,8 @@ class Measurements:
     elapsed_s : (n,) receiver time. arc : (n,) int64, which stretch of tracking. table : (n, N_COLUMNS).
     taps : (n, n_looks, n_taps) complex64, mean correlator of a code period with bits and carrier wiped off, over each
         look: equal parts of the block, or the whole of it; NaN where none was taken.
+    turns_rad : (n, n_looks) by which the taps of a guided channel were turned to take off what its carrier was ahead of
+        the replica's, bits aside; NaN of all others.
     own : (n, n_antennas, N_OWN) of each antenna, if there are several: `table` and `taps` are of their sum then. Of one
         antenna it is (n, 0, N_OWN).
     """
@@ -68,6 +70,7 @@ class Measurements:
     table: Reals
     taps: ComplexFloats
     own: Reals
+    turns_rad: Reals
 
     def __len__(self) -> int:
         return int(self.arc.size)
@@ -108,6 +111,7 @@ class Measurements:
             table=np.empty((0, N_COLUMNS)),
             taps=np.empty((0, n_looks, n_taps), np.complex64),
             own=np.empty((0, n_antennas, N_OWN)),
+            turns_rad=np.empty((0, n_looks)),
         )
 
     @staticmethod

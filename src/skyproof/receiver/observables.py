@@ -190,15 +190,21 @@ def taps_of(
     samples_per_period: float,
     averaged_s: float,
     look_share: float = 1.0,
+    as_replica: bool = False,
 ) -> Taps:
     """All correlators as one record: columns as in `assemble`, a row for each look at the middle of what it averages.
 
     elapsed_s : (n_epochs,) as in `assemble`. look_share : of each look, in which all taps were taken.
+    as_replica : correlators as the replica's carrier gives them, bits taken off, of guided channels alone (NaN of
+        others): what code and carrier are ahead of where one position puts them stays in them.
     """
     rows, columns, signals = _cells(measurements, arcs, elapsed_s, averaged_s)
     n_looks, grid = measurements.taps.shape[1], (dopplers_hz.size, delays_chips.size)
     value = np.full((elapsed_s.size, n_looks, len(signals), *grid), complex(np.nan, np.nan), np.complex64)
-    value[rows, :, columns] = measurements.taps.reshape(-1, n_looks, *grid) / (CODE_SCALE * samples_per_period)
+    taken = measurements.taps.reshape(-1, n_looks, *grid) / (CODE_SCALE * samples_per_period)
+    if as_replica:
+        taken = taken * np.exp(-1j * measurements.turns_rad)[:, :, None, None]
+    value[rows, :, columns] = taken
     middle_s = averaged_s * ((np.arange(n_looks) + 0.5 * look_share) / n_looks - 0.5)
     return Taps(
         receiver=receiver,

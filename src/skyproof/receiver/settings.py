@@ -45,6 +45,7 @@ class ReceiverSettings:
         `weak_dbhz` (with 2 dB of hysteresis).
     confirm_s : after that time a channel must be locked or is dropped.
     coast_s : for so long a confirmed channel whose signal has faded goes on without it; then the signal is lost.
+    guided_s : for so long it does where it is guided (`guidance`).
     false_hold_probability : that noise passes for a locked signal in one look at the last half second.
     false_return_probability : that noise passes for a signal in the power of one frame.
     false_gap_probability : that bits which did not move are taken for moved by missing samples, a look.
@@ -77,6 +78,7 @@ class ReceiverSettings:
     pull_in_s: float = 0.5
     confirm_s: float = 0.8
     coast_s: float = 10.0
+    guided_s: float = 60.0
     false_hold_probability: float = 1e-4
     false_return_probability: float = 1e-3
     false_gap_probability: float = 1e-8

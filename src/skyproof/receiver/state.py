@@ -14,13 +14,25 @@ from skyproof.receiver.channels import Arc, Channel, DelayDoppler, Gap, LostSign
 from skyproof.receiver.coasting import N_COURSE
 from skyproof.receiver.false_lock import N_TURNS
 from skyproof.receiver.grids import Grids
+from skyproof.receiver.guidance import N_GUIDE
 from skyproof.receiver.joining import Components, JointlyFollowed
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.settings import LOCK_FRAMES
 
 __all__ = ["ReceiverState", "StepOutput", "kept", "place_of", "with_channel"]
 
-_OF_CHANNELS: Final = ("loops", "rows", "counts", "weights", "last_phases", "lock", "locked_at", "courses", "turns")
+_OF_CHANNELS: Final = (
+    "loops",
+    "rows",
+    "counts",
+    "weights",
+    "last_phases",
+    "lock",
+    "locked_at",
+    "courses",
+    "turns",
+    "guides",
+)
 """Arrays with a row a channel."""
 
 
@@ -32,8 +44,9 @@ class ReceiverState:
     number of prompts of the last frames, NaN before the channel began and while it coasted; where it was when it was
     last locked (time, delay, Doppler, number of the code period). weights : of the antennas, with which `rows` were
     summed; last_phases : as `antennas.unwrapped` gives them, NaN before. courses : as in `coasting`; turns : as in
-    `false_lock`. noise : power of noise alone in the prompt of one code period, in the frame before. moved : whether
-    data bits begin elsewhere since the carriers jumped, while that is open; asked_s : when they last did.
+    `false_lock`; guides : as in `guidance`. noise : power of noise alone in the prompt of one code period, in the frame
+    before. moved : whether data bits begin elsewhere since the carriers jumped, while that is open; asked_s : when they
+    last did.
     """
 
     tail: Floats = field(default_factory=lambda: np.empty((1, 2, 0), np.float32))
@@ -50,6 +63,7 @@ class ReceiverState:
     locked_at: Reals = field(default_factory=lambda: np.empty((0, 4)))
     courses: Reals = field(default_factory=lambda: np.empty((0, N_COURSE)))
     turns: Reals = field(default_factory=lambda: np.empty((0, N_TURNS)))
+    guides: Reals = field(default_factory=lambda: np.empty((0, N_GUIDE)))
     noise: float = 0.0
     moved: EdgeSums | None = None
     asked_s: float = -np.inf
@@ -108,6 +122,7 @@ def with_channel(
         "locked_at": np.array([begun_s, delay_s, loop[k.PLL_VELOCITY], 0.0]),
         "courses": course,
         "turns": np.zeros(N_TURNS),
+        "guides": np.full(N_GUIDE, np.nan),
     }
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(state, name), row[None]]) if state.channels else row[None]

@@ -6,6 +6,7 @@ advances all channels, lock control, telemetry, and at every second frame a row 
 """
 
 import os
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -26,6 +27,8 @@ from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.false_lock import off_false_locks
 from skyproof.receiver.gaps import looked_for_gap
 from skyproof.receiver.grids import GridCorrelator, Grids, at_stake
+from skyproof.receiver.guidance import SINCE_S as GUIDED_SINCE_S
+from skyproof.receiver.guidance import guided_loops, is_guided
 from skyproof.receiver.joining import JointReceiver
 from skyproof.receiver.jointly import (
     followed_jointly,
@@ -40,7 +43,7 @@ from skyproof.receiver.jointly import (
 from skyproof.receiver.keeping import Given, confirmed, dropped, end_diverged_arcs, forget_time, holds, messages_read
 from skyproof.receiver.lock import lock_value
 from skyproof.receiver.looking import Lookout, delay_s
-from skyproof.receiver.looks import look_means
+from skyproof.receiver.looks import look_means, look_turns
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.replica import CODE_SCALE, code_table
 from skyproof.receiver.settings import MEASURE_FRAMES, LoopSettings, ReceiverSettings
@@ -134,6 +137,36 @@ class Receiver:
         # A copy of what is left, so that the state does not hold on to the whole block.
         return output, replace(state, tail=state.tail[..., keep - state.tail_start :].copy(), tail_start=keep)
 
+    def guided(self, state: ReceiverState, guides: Mapping[int, Reals]) -> ReceiverState:
+        """The state with new guides (N_GUIDE,) of these arcs; the others keep what they have until it lapses.
+
+        Of a guide's columns `SINCE_S` is not used. Guides are to come after a row of measurements, before the next
+        frame.
+        """
+        now_s = state.frame * self.settings.frame_s
+        before, after = is_guided(state.guides, now_s), state.guides.copy()
+        for i, channel in enumerate(state.channels):
+            if channel.arc in guides:
+                after[i] = guides[channel.arc]
+                after[i, GUIDED_SINCE_S] = state.guides[i, GUIDED_SINCE_S] if before[i] else now_s
+        return self._follow_guides(replace(state, guides=after), now_s)
+
+    def _follow_guides(self, state: ReceiverState, now_s: float) -> ReceiverState:
+        if not np.isfinite(state.guides).any():
+            return state
+        unseen = np.isfinite(state.courses[:, SINCE_S]) | ~holds(state, MEASURE_FRAMES, self.settings)
+        loops, guides = guided_loops(
+            state.loops,
+            np.where(led(state)[:, None], np.nan, state.guides),
+            unseen,
+            now_s,
+            frame_s=self.settings.frame_s,
+            rate_hz=self.rate_hz,
+            if_hz=self.if_hz,
+            signal=self.signal,
+        )
+        return replace(state, loops=loops, guides=guides)
+
     def _frame(self, state: ReceiverState, given: Given) -> ReceiverState:
         begin, end = self.frame_start(state.frame), self.frame_start(state.frame + 1)
         end_s = (state.frame + 1) * self.settings.frame_s
@@ -149,7 +182,7 @@ class Receiver:
             if self.grids is not None:
                 given.grids += self._take_grids(self.grids, state, given.measured[-1])
         state = messages_read(state, self.settings, given)
-        state = steered(state, self.settings, end_s, led(state))
+        state = self._follow_guides(steered(state, self.settings, end_s, led(state)), end_s)
         state = confirmed(state, self.settings, given)
         state = dropped(state, self._delay_s(state.loops, end), self.settings, given)
         if joint is not None:
@@ -322,9 +355,32 @@ class Receiver:
                 epoch_samples=elapsed_s * self.rate_hz,
                 n_taps=self.n_taps,
             )
-        of_all = Measurements(elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=looks, own=own)
+        turns = self._turns(state, before, wipe, elapsed_s)
+        of_all = Measurements(
+            elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=looks, own=own, turns_rad=turns
+        )
         given.measured.append(of_all.chosen(good))
         return replace(state, last_phases=last_phases)
+
+    def _turns(self, state: ReceiverState, before: ReceiverState, wipe: Complexes, elapsed_s: float) -> Reals:
+        """By how much the correlators of each look were turned to take the carrier off; NaN where not guided."""
+        turns = np.full((len(state.channels), self.n_looks), np.nan)
+        since_s = state.guides[:, GUIDED_SINCE_S]
+        guided = is_guided(state.guides, elapsed_s) & (
+            since_s < elapsed_s - 0.5 * MEASURE_FRAMES * self.settings.frame_s + 1e-9
+        )
+        if self.settings.looks_per_frame and guided.any():
+            found = look_turns(
+                (before.rows, before.counts),
+                (state.rows, state.counts),
+                wipe,
+                n_looks=self.n_looks,
+                look_samples=self._look_samples,
+                epoch_samples=elapsed_s * self.rate_hz,
+                n_taps=self.n_taps,
+            )
+            turns[guided] = found[guided]
+        return turns
 
     def _take_grids(self, grids: GridCorrelator, state: ReceiverState, row: Measurements) -> list[Grids]:
         """Of the channels that were just measured, if it is time."""

@@ -4,41 +4,110 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 from tests.detectors.nulls import with_vector_taps
 
+from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.detectors.correlators.vector_sqm import equilibrium, satellite_geometry
-from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings, _design
+from skyproof.detectors.correlators.vector_sqm_detector import (
+    VectorSqm,
+    VectorSqmSettings,
+    code_offset_chips,
+    directions,
+    pair_of_taps,
+    t_squared_survival,
+)
 from skyproof.errors import SettingsError
 
 
-def settled(records, code_chips, doppler_hz, place):
-    """Offsets when one satellite is attacked."""
+def settled(records, code_chips, doppler_hz, places):
+    """Offsets when these satellites are attacked alike."""
     (o,), (taps,) = records.observations, records.vector_taps
-    where = satellite_geometry(_design(o, records.navigation, taps, records.sets[0].position_ecef_m))
-    attack = np.eye(len(o.signals))[place]
+    where = satellite_geometry(directions(o, records.navigation, taps.signals, VectorSqmSettings()).design)
+    attack = np.isin(np.arange(len(o.signals)), places)
     return equilibrium(where, code_chips * attack, doppler_hz * attack, 45.0)
 
 
-def test_an_inconsistent_satellite_is_an_attack_and_named():
-    rng = np.random.default_rng(5)
-    offsets = settled(with_vector_taps(rng), 0.3, 150.0, 3)
-    records = with_vector_taps(rng, *offsets)
+def examined(places, code_chips=0.3, doppler_hz=150.0, seed=5):
+    """What is said of an attack, and the names of the signals."""
+    offsets = settled(with_vector_taps(np.random.default_rng(seed)), code_chips, doppler_hz, places)
+    records = with_vector_taps(np.random.default_rng(seed), *offsets)
     (evidence,) = VectorSqm().examine(records)[0]
-    assert evidence.says == "attack"
-    assert str(records.observations[0].signals[3]) in evidence.because
+    return evidence, [str(signal) for signal in records.vector_taps[0].signals]
+
+
+def test_a_signal_that_does_not_fit_fails_the_test_and_is_named():
+    evidence, names = examined([3])
+    assert evidence.failed
+    assert f"{names[3]} alone would explain it" in evidence.because
+    assert evidence.would_need
+
+
+def test_nobody_is_called_false_where_many_sets_fit_alike():
+    evidence, _ = examined([0, 2, 4, 6])
+    assert evidence.failed
+    assert evidence.says == "undecided"
+    assert "any of" in evidence.because
+
+
+def test_signals_that_agree_on_one_false_place_show_nothing():
+    rng = np.random.default_rng(8)
+    records = with_vector_taps(rng)
+    (o,), (taps,) = records.observations, records.vector_taps
+    design = directions(o, records.navigation, taps.signals, VectorSqmSettings()).design
+    offsets = equilibrium(
+        satellite_geometry(design), design @ [0.3, -0.2, 0.1, 0.2], design @ [50.0, 80.0, 0.0, 0.0], 45
+    )
+    (evidence,) = VectorSqm().examine(with_vector_taps(np.random.default_rng(8), *offsets))[0]
+    assert evidence.says == "clean"
+
+
+def test_an_error_that_ranges_have_as_well_is_no_alarm():
+    code_chips = np.random.default_rng(3).normal(0.0, 1.5 / 293.05, 8)  # 1.5 m
+    records = with_vector_taps(np.random.default_rng(9), code_chips, n=2000)
+    assert VectorSqm(VectorSqmSettings(multipath_sigma_m=1.5)).examine(records)[0][0].says == "clean"
+    strict = VectorSqmSettings(multipath_sigma_m=0.0, ionosphere_share=0.0, false_alarm_probability=0.1)
+    measured = replace(records.observations[0], pseudorange_sigma_m=1e-3 * records.observations[0].pseudorange_sigma_m)
+    assert VectorSqm(strict).examine(replace(records, observations=(measured,)))[0][0].failed
 
 
 def test_without_the_right_taps_nothing_is_said():
     records = with_vector_taps(np.random.default_rng(6))
     (taps,) = records.vector_taps
     for changed in (
-        replace(taps, delays_chips=np.array([0.25, 0.0, -0.25])),
         replace(taps, delays_chips=np.array([0.5, 0.1, -0.5])),
+        replace(taps, delays_chips=np.array([0.5, 0.0, -0.4])),
         replace(taps, value=np.full(taps.value.shape, np.nan, np.complex64)),
+        taps.between(0.0, 0.3),
     ):
         (evidence,) = VectorSqm().examine(replace(records, vector_taps=(changed,)))[0]
         assert evidence.says == "undecided"
+        assert not evidence.failed
         assert evidence.would_need
+
+
+def test_of_several_pairs_the_one_nearest_to_half_a_chip_is_taken():
+    (taps,) = with_vector_taps(np.random.default_rng(6)).vector_taps
+    delays = np.array([0.125, 0.0, -0.125, 0.504, -0.504, 0.996, -0.996])
+    several = replace(taps, delays_chips=delays, value=np.zeros((200, 8, 1, 7), np.complex64))
+    assert pair_of_taps(several) == (0.504, 3, 1, 4)
+
+
+@pytest.mark.parametrize("spacing", [0.25, 0.5, 0.75])
+def test_the_offset_of_a_triangle_is_found_at_any_spacing(spacing):
+    offset = np.linspace(-0.2, 0.2, 9)
+    found = code_offset_chips(triangle(offset - spacing), triangle(offset + spacing), spacing)
+    np.testing.assert_allclose(found, offset, atol=1e-12)
+
+
+def test_the_law_of_t_squared_is_that_of_means_over_estimated_covariances():
+    rng = np.random.default_rng(2)
+    draws = rng.standard_normal((4000, 30, 3))
+    mean, apart = draws.mean(axis=1), draws - draws.mean(axis=1, keepdims=True)
+    covariance = np.einsum("tki,tkj->tij", apart, apart) / 29 / 30
+    statistic = np.einsum("ti,tij,tj->t", mean, np.linalg.inv(covariance), mean)
+    p_values = [t_squared_survival(one, 3, 30) for one in statistic]
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
 
 
 def test_settings_that_make_no_sense_are_refused():
@@ -46,3 +115,5 @@ def test_settings_that_make_no_sense_are_refused():
         VectorSqmSettings(min_satellites=4)
     with pytest.raises(SettingsError, match="above 0 and below 1"):
         VectorSqmSettings(false_alarm_probability=0.0)
+    with pytest.raises(SettingsError, match="expected 0 or more"):
+        VectorSqmSettings(multipath_sigma_m=-1.0)

@@ -94,6 +94,11 @@ class Settings(BaseModel):
     )
     smoothing_s: Number = Field(default=100.0, gt=0.0, le=1e5, description="Carrier smoothing of the positions given.")
     elevation_mask_deg: Number = Field(default=5.0, ge=0.0, lt=90.0, description="Satellites below are not used.")
+    tracking: Literal["scalar", "vector"] = Field(
+        default="scalar",
+        description="scalar: every channel follows its own signal; vector: one position and clock of all channels "
+        "steers their loops, once it is known.",
+    )
     doppler_max_hz: Number = Field(
         default=7000.0, gt=0.0, le=1e6, description="Reach of the search, oscillator error included."
     )

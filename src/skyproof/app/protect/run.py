@@ -272,6 +272,7 @@ def judge(
         orbits,
         settings,
         taps=[r.taps for r in received if r.taps is not None],
+        vector_taps=[r.vector_taps for r in received if r.vector_taps is not None],
         ccaf=[r.ccaf for r in received if r.ccaf is not None],
         array_phases=[r.array_phases for r in received if r.array_phases is not None],
         spin_arms=spin_arms,

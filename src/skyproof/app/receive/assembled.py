@@ -73,6 +73,12 @@ class Assembled:
         """The correlators that were asked for, at the epochs of the observations."""
         return _Taps(self) if self.tracker.receiver.settings.looks_per_frame else None
 
+    def vector_taps(self) -> Stretched[Taps] | None:
+        """Those of channels that one position steers, as their replicas gave them."""
+        if self.tracker.vector is None or not self.tracker.receiver.settings.looks_per_frame:
+            return None
+        return _Taps(self, as_replica=True)
+
     def ccaf(self, observations: ObservationLog) -> Stretched[Ccaf] | None:
         """The correlation grids that were asked for."""
         grids = self.tracker.receiver.grids
@@ -98,6 +104,7 @@ class _Taps:
     """`Stretched[Taps]` of a tracked recording."""
 
     of: Assembled
+    as_replica: bool = False
 
     @property
     def receiver(self) -> str:
@@ -116,6 +123,7 @@ class _Taps:
             samples_per_period=receiver.rate_hz * receiver.signal.period_s,
             averaged_s=tracker.epoch_s,
             look_share=receiver.settings.look_share,
+            as_replica=self.as_replica,
         )
         return found.between(begin_s, end_s)
 

@@ -41,7 +41,7 @@ class Reception:
     examined_s : how much of the recording was processed.
     same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
     messages_differ : where signals of one satellite carry different messages, in words; among the remarks as well.
-    taps, ccaf : correlators beside the observations, if they were asked for.
+    taps, ccaf : correlators beside the observations, if they were asked for. vector_taps : of vector tracking.
     antennas : the same signals at the same epochs on each antenna, where the receiver has several; `observations` are
         those of the first, or if that has clearly fewer those of the antenna that has most.
     array_phases : the carrier's phases on all of them, if it is known where they are.
@@ -57,6 +57,7 @@ class Reception:
     remarks: tuple[str, ...] = ()
     messages_differ: tuple[str, ...] = ()
     taps: Stretched[Taps] | None = None
+    vector_taps: Stretched[Taps] | None = None
     ccaf: Stretched[Ccaf] | None = None
     antennas: tuple[ObservationLog, ...] = ()
     array_phases: Stretched[ArrayPhases] | None = None
@@ -83,7 +84,7 @@ def observe(
     """
     samples = tracker.samples
     received = {arc.signal for arc in tracker.arcs.values()}
-    remarks: list[str] = [*tracker.remarks]
+    remarks: list[str] = [*tracker.remarks, *(() if tracker.vector is None else tracker.vector.remarks)]
     week = week_of(tracker, navigation, remarks)
     label = time_tag(tracker, week)
     if label is not None:
@@ -92,7 +93,7 @@ def observe(
     decoded = navigation_of(tracker.arcs, week, samples.path or samples.name)
     orbits = navigation if navigation is not None else decoded
     antennas: tuple[ObservationLog, ...] = ()
-    observations = phases = taps = ccaf = None
+    observations = phases = taps = vector_taps = ccaf = None
     if label is not None:
         best = _best(tracker.measured.counts(tracker.arcs))
         assembled = Assembled(tracker, tracker.arcs, label)
@@ -104,7 +105,7 @@ def observe(
         biases_s = clock_biases_s(shown, tracker.gaps)
         antennas = assembled.on_antennas(biases_s, workspace or Workspace())
         observations = antennas[best]
-        taps, ccaf = assembled.taps(), assembled.ccaf(observations)
+        taps, vector_taps, ccaf = assembled.taps(), assembled.vector_taps(), assembled.ccaf(observations)
         if array is not None:
             phases = assembled.array_phases(array, observations.gpst)
         if best:
@@ -135,6 +136,7 @@ def observe(
         remarks=tuple(remarks),
         messages_differ=differ,
         taps=taps,
+        vector_taps=vector_taps,
         ccaf=ccaf,
         antennas=antennas if len(antennas) > 1 else (),
         array_phases=phases,

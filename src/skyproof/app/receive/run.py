@@ -97,7 +97,8 @@ def receive(
     out : folder for NAME.obs, NAME-2.obs (second signals of satellites) and so on, and NAME-nav.rnx; None writes
         nothing.
     progress : is called with how far the work is.
-    options : `start_s`, `duration_s`, `doppler_max_hz`, `place_deg` of `skyproof.app.common.settings.Settings`.
+    options : `start_s`, `duration_s`, `doppler_max_hz`, `place_deg` and `tracking` of
+        `skyproof.app.common.settings.Settings`.
 
     Returns
     -------

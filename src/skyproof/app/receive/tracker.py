@@ -1,6 +1,6 @@
 """Recordings tracked side by side, block by block: every signal in them, and all that it sends."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,9 +12,12 @@ from skyproof.app.inspect.advice import correction_remark
 from skyproof.app.receive.bridge import bridged
 from skyproof.app.receive.clock_check import CHECKED_S, MOST_CHECKS, agreeing
 from skyproof.app.receive.measured import MeasurementLog, RowLog
+from skyproof.app.receive.vector import Guiding, guided
+from skyproof.arrays import Floats
 from skyproof.errors import InputError
 from skyproof.formats.pieces import Workspace
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
+from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.horizon import sats_above
 from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.grids import Grids
@@ -36,6 +39,7 @@ class Tracker:
     broken : why the recording could be read no further, if it could not: all that came before counts.
     given : the recording as it is described, if its codes and carriers agree at another rate or carrier only; `samples`
         are read so then, and `remarks` ends with it. checks : how often that is looked at yet.
+    vector : of vector tracking.
     """
 
     samples: Samples
@@ -45,6 +49,7 @@ class Tracker:
     remarks: tuple[str, ...] = ()
     broken: str = ""
     given: Samples | None = None
+    vector: Guiding | None = None
     checks: int = MOST_CHECKS
     state: ReceiverState = field(default_factory=ReceiverState)
     position: int = 0
@@ -63,15 +68,34 @@ class Tracker:
             self.broken = str(error)
             self.remarks = (*self.remarks, f"only its first {self.examined_s:.1f} s were processed: {error}")
             return False
-        output, self.state = self.receiver.step(self.state, planes)
+        for part in self._parts(planes):
+            self._step(part)
         self.position += count
+        if self.checks and (self.examined_s >= CHECKED_S or self.ended):
+            self._check_clock()
+        return True
+
+    def _parts(self, planes: Floats) -> Iterator[Floats]:
+        """A block, cut where a row of measurements is complete if that guides the loops."""
+        first, stop = self.position, self.position + planes.shape[-1]
+        while self.vector is not None:
+            row = -(-self.state.frame // MEASURE_FRAMES) * MEASURE_FRAMES
+            end = self.receiver.frame_start(row + 1)
+            if end > stop:
+                break
+            yield planes[..., first - self.position : end - self.position]
+            first = end
+        yield planes[..., first - self.position :]
+
+    def _step(self, planes: Floats) -> None:
+        frame = self.state.frame
+        output, self.state = self.receiver.step(self.state, planes)
         self.arcs |= output.arcs  # before the measurements that name them, whenever Ctrl-C comes
         self.measured.append(output.measurements, self.arcs)
         self.gaps += output.gaps
         self.grids.append(output.grids, self.arcs)
-        if self.checks and (self.examined_s >= CHECKED_S or self.ended):
-            self._check_clock()
-        return True
+        if self.vector is not None and self.state.frame > frame and (self.state.frame - 1) % MEASURE_FRAMES == 0:
+            self.vector, self.state = guided(self.vector, self.receiver, self.state, output, self.arcs)
 
     def _check_clock(self) -> None:
         """Begin anew where codes and carriers do not agree at the rate given."""
@@ -86,6 +110,7 @@ class Tracker:
         self.remarks = (*self.remarks, correction_remark(self.given, self.samples, apart.sigma))
         self.receiver = Receiver(self.samples.rate_hz, carrier_at_hz(self.samples), self.receiver.settings)
         self.state, self.position = ReceiverState(), 0
+        self.vector = None if self.vector is None else self.vector.anew()
         self.measured.clear()
         self.grids.clear()
         self.arcs, self.gaps = {}, []
@@ -195,8 +220,22 @@ def _tracker(
     grids: RowLog[Grids] = RowLog(workspace, f"{samples.name}/grids")
     measured = MeasurementLog(workspace, samples.name, MEASURE_FRAMES * receiver_settings.frame_s)
     return Tracker(
-        samples=whole, receiver=receiver, measured=measured, grids=grids, remarks=(*cleaned, *filled, *narrowed)
+        samples=whole,
+        receiver=receiver,
+        measured=measured,
+        grids=grids,
+        remarks=(*cleaned, *filled, *narrowed),
+        vector=_guiding(whole, navigation) if settings.tracking == "vector" else None,
     )
+
+
+def _guiding(samples: Samples, navigation: NavigationData | None) -> Guiding:
+    """Vector tracking that has not begun."""
+    near = samples.start_gpst if samples.start_gpst is not None else np.datetime64("now", "ns")
+    week = int(week_and_tow(near)[0])
+    if samples.start_gpst is None and navigation is not None and navigation.ephemerides:
+        week = int(np.median([ephemeris.week for ephemeris in navigation.ephemerides]))
+    return Guiding(navigation=navigation, week=week)
 
 
 def _sats(

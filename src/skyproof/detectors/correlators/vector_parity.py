@@ -45,6 +45,7 @@ __all__ = [
     "separability",
     "suspects",
     "whitener",
+    "whitener_of",
 ]
 
 BANK: Final = ((1, 1.0), (10, 1.0), (10, 0.25))
@@ -68,11 +69,16 @@ class Whitener(NamedTuple):
 def whitener(parity: Reals, amplitude: ArrayLike) -> Whitener:
     """From a parity basis B (n - 4, n) and prompt amplitudes A_K, one number or (n,)."""
     a = np.broadcast_to(np.asarray(amplitude, float), parity.shape[-1:])
-    sigma_chips, sigma_rad = law.code_sigma_chips(a), law.phase_sigma_rad(a)
+    return whitener_of(parity, law.code_sigma_chips(a), law.phase_sigma_rad(a), a)
+
+
+def whitener_of(parity: Reals, sigma_chips: Reals, sigma_rad: Reals, amplitude: ArrayLike = np.nan) -> Whitener:
+    """From the discriminators' own sigmas (n,), whatever they are of; without amplitudes there are no scores."""
     code, phase = (
         np.linalg.solve(np.linalg.cholesky((parity * sigma**2) @ parity.T), parity)
         for sigma in (sigma_chips, sigma_rad)
     )
+    a = np.broadcast_to(np.asarray(amplitude, float), parity.shape[-1:])
     return Whitener(a, sigma_chips, sigma_rad, code, phase)
 
 

@@ -1,83 +1,118 @@
-"""The detector over `vector_sqm` and `vector_parity`: do a vector receiver's channels fit one place?"""
+"""The detector over `vector_parity`: do a vector receiver's channels fit one place?
+
+It works on correlators as they come, at any spacing and behind any front end: the noise of code and phase is what they
+show from look to look. Beside it each code may be off by what multipath and the models leave, as ranges may.
+"""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from scipy import special
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Indices, Reals
 from skyproof.detectors.base import missing, undecided
-from skyproof.detectors.correlators.correlator_laws import code_discriminator, phase_discriminator, prompt_amplitude
+from skyproof.detectors.correlators.correlator_laws import phase_discriminator
 from skyproof.detectors.correlators.vector_parity import (
     explanations,
     parity_test,
-    parity_threshold,
     parity_vector,
     separability,
-    whitener,
+    whitener_of,
 )
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.errors import SettingsError, require_probability
-from skyproof.navigation.least_squares import design_matrix, line_of_sight
-from skyproof.navigation.ranges import corrected_ranges
-from skyproof.navigation.window import window_mean
+from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.navigation.least_squares import design_matrix
+from skyproof.navigation.search import below, misfits, solve
+from skyproof.navigation.sets import window_measurements
 from skyproof.records import Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef, Taps
 
 __all__ = ["VectorSqm", "VectorSqmSettings"]
+
+CHIP_M: Final = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
+LEAST_SHARE: Final = 0.8
+"""Of a window's looks: channels that were guided in fewer are left out."""
+LOOKS_MORE: Final = 20
+"""Than the numbers tested, so that the noise is known."""
+MOST_NAMED: Final = 6
 
 
 @dataclass(frozen=True)
 class VectorSqmSettings:
     """Settings of `VectorSqm`.
 
-    false_alarm_probability : of each receiver's window, for thermal noise. Multipath and errors of the orbits shift
-        channels as well; windows beyond some tenths of a second see them.
+    false_alarm_probability : of each receiver's window.
     min_satellites : five can be tested, six are needed to name one.
+    multipath_sigma_m : error of a code that stays over the window, one sigma.
+    ionosphere_share : of the ionosphere's delay, one sigma of what the model leaves.
     """
 
     false_alarm_probability: float = 1e-3
     min_satellites: int = 5
+    multipath_sigma_m: float = 1.0
+    ionosphere_share: float = 0.25
 
     def __post_init__(self) -> None:
         require_probability("vector_sqm", "false_alarm_probability", self.false_alarm_probability)
         if self.min_satellites < 5:
             raise SettingsError(f"vector_sqm: min_satellites is {self.min_satellites}; four always fit, take 5 or more")
+        for name in ("multipath_sigma_m", "ionosphere_share"):
+            if getattr(self, name) < 0.0:
+                raise SettingsError(f"vector_sqm: {name} is {getattr(self, name):g}, expected 0 or more")
+
+
+class Directions(NamedTuple):
+    """Of signals (n,): rows of the geometry (n, 4), and the error that a code may keep over a window, in chips; NaN
+    where no orbit is known."""
+
+    design: Reals
+    lasting_chips: Reals
 
 
 def pair_of_taps(taps: Taps) -> tuple[float, int, int, int] | None:
-    """Spacing in chips and places of early, prompt and late: the widest pair within a chip that stands evenly about the
-    prompt; None if there is none. Early is the replica ahead."""
+    """Spacing in chips and places of early, prompt and late: of the pairs within a chip that stand evenly about the
+    prompt the one nearest to half a chip, which sees furthest; None if there is none. Early is the replica ahead."""
     delays = taps.delays_chips
     prompt = np.flatnonzero(np.abs(delays) < 1e-6)
-    for early in np.argsort(-delays):
+    for early in np.argsort(np.abs(delays - 0.5), kind="stable"):
         late = np.flatnonzero(np.abs(delays + delays[early]) < 1e-6)
         if prompt.size and late.size and 1e-6 < delays[early] < 1.0:
             return float(delays[early]), int(early), int(prompt[0]), int(late[0])
     return None
 
 
-def level_dbhz(observations: Observations, signals: tuple[SignalId, ...]) -> Reals:
-    """Median C/N0 of each signal over the window, (n,); NaN where it was not measured."""
-    column = {signal: i for i, signal in enumerate(observations.signals)}
-    levels = np.full(len(signals), np.nan)
-    for i, signal in enumerate(signals):
-        if signal in column:
-            known = observations.cn0_dbhz[:, column[signal]]
-            known = known[np.isfinite(known)]
-            levels[i] = np.median(known) if known.size else np.nan
-    return levels
+def code_offset_chips(early: Reals, late: Reals, spacing_chips: float) -> Reals:
+    """Code ahead of its replica, of |early| and |late| `spacing_chips` off the prompt, of any shape: exact for a
+    triangle and offsets up to the spacing. For half a chip it is the paper's discriminator."""
+    return np.asarray((1.0 - spacing_chips) * (early - late) / (early + late))
+
+
+def t_squared_survival(statistic: float, dof: int, samples: int) -> float:
+    """Probability that Hotelling's T^2 of `dof` means exceeds a value; their covariance is that of `samples` draws.
+
+    (samples - dof) / (dof (samples - 1)) T^2 has the F law with dof and samples - dof degrees: H. Hotelling, "The
+    generalization of Student's ratio", 1931. Where only the variances are estimated, or a part of them is known, the
+    statistic is smaller: it alarms more rarely.
+    """
+    return float(special.fdtrc(dof, samples - dof, (samples - dof) / (dof * (samples - 1)) * statistic))
 
 
 class VectorSqm:
-    """The detector: one Evidence per receiver and window, from `vector_taps`, a tuple of `Taps` whose
-    channels one solution steers, with early and late half a chip from the prompt.
+    """The detector: one Evidence per receiver and window, from `vector_taps`, a tuple of `Taps` whose channels one
+    solution steers.
 
-    The window is one sum. Its statistic is chi-square with 2 (n - 4) degrees without an attack. Taps of scalar tracking
+    u and q, the means of code and phase discriminators over the window's looks, are taken into the parity space of the
+    geometry. Under the null the squared length of what comes, over the variances that the looks show, exceeds the law
+    of T^2 with 2 (n - 4) degrees at most as often as stated.
+
+    That signals do not fit one position is said, with those that would explain it, and no more: a reflection that is
+    followed alone, or a fault of a satellite, displaces a channel just as a false signal does. Taps of scalar tracking
     show nothing here: each channel follows its own signal.
     """
 
     name = "vector_sqm"
-    needs = (Need.OBSERVATIONS, Need.NAVIGATION, Need.SETS, Need.VECTOR_TAPS)
+    needs = (Need.OBSERVATIONS, Need.NAVIGATION, Need.VECTOR_TAPS)
 
     def __init__(self, settings: VectorSqmSettings | None = None) -> None:
         self.settings = settings or VectorSqmSettings()
@@ -97,54 +132,57 @@ class VectorSqm:
         self, records: Records, navigation: NavigationData, observations: Observations | None, taps: Taps
     ) -> Evidence:
         refs = tuple(SignalRef(taps.receiver, signal) for signal in taps.signals)
-        positions = [s.position_ecef_m for s in records.sets if s.receiver == taps.receiver]
         pair = pair_of_taps(taps)
-        if observations is None or observations.gpst.size == 0 or observations.averaged_s <= 0.0 or not positions:
+        if pair is None:
             return undecided(
                 self,
                 records,
                 refs,
-                because=f"no position or no averaged observations of {taps.receiver}",
-                would_need="pseudoranges of five or more satellites with their orbits",
-            )
-        if pair is None or abs(pair[0] - 0.5) > 1e-6:
-            return undecided(
-                self,
-                records,
-                refs,
-                because=f"{taps.receiver} has no early and late at half a chip",
+                because=f"{taps.receiver} has no early and late within a chip that stand evenly about the prompt",
                 would_need="correlators at -0.5, 0 and +0.5 chip",
             )
-        _, early, prompt, late = pair
+        there = None
+        if observations is not None and observations.gpst.size:
+            there = directions(observations, navigation, taps.signals, self.settings)
+        spacing_chips, early, prompt, late = pair
         value = taps.value[:, :, int(np.argmin(np.abs(taps.dopplers_hz)))].astype(np.complex128)
-        design = _design(observations, navigation, taps, positions[0])
-        level = level_dbhz(observations, taps.signals)
-        tracked = np.isfinite(value).all(axis=(0, 2))
-        kept = np.flatnonzero(tracked & np.isfinite(design).all(axis=1) & np.isfinite(level))
-        if kept.size < self.settings.min_satellites or np.linalg.matrix_rank(design[kept]) < 4:
+        kept = _kept(value, there)
+        n = kept.size
+        rows = np.isfinite(value[:, kept]).all(axis=(1, 2))
+        dof, looks = 2 * (n - 4), int(rows.sum())
+        if there is None or n < self.settings.min_satellites or np.linalg.matrix_rank(there.design[kept]) < 4:
             return undecided(
                 self,
                 records,
                 refs,
-                because=f"{kept.size} satellites in {taps.receiver} tracked through the window",
-                would_need=f"{self.settings.min_satellites} or more satellites tracked through the window",
+                because=f"{n} satellites in {taps.receiver} tracked together through the window",
+                would_need=f"{self.settings.min_satellites} or more satellites tracked together through the window",
             )
-        summed = value[:, kept].mean(axis=0)
-        u = code_discriminator(summed[:, early], summed[:, late])
-        q = phase_discriminator(summed[:, prompt])
-        where = satellite_geometry(design[kept])
-        amplitude = prompt_amplitude(level[kept], value.shape[0], coherent_s=observations.averaged_s)
-        white = whitener(where.parity, amplitude)
-        test = parity_test(parity_vector(u, q, white))
-        alpha = self.settings.false_alarm_probability
-        attack = float(test.p_value) < alpha
-        because = f"{kept.size} channels of {taps.receiver} sit where one position and clock put them"
-        if attack:
-            found = explanations(parity_vector(u, q, white, scores=False), white, alpha)
-            named = [" and ".join(str(taps.signals[kept[k]]) for k in each.satellites) for each in found[:6]]
+        if looks < dof + LOOKS_MORE:
+            return undecided(
+                self,
+                records,
+                refs,
+                because=f"{looks} looks at the {n} channels of {taps.receiver} together",
+                would_need=f"{dof + LOOKS_MORE} looks or more",
+            )
+        chosen = value[rows][:, kept]
+        u = code_offset_chips(np.abs(chosen[..., early]), np.abs(chosen[..., late]), spacing_chips)
+        q = phase_discriminator(chosen[..., prompt])
+        noise_chips, noise_rad = (x.std(axis=0, ddof=1) / np.sqrt(looks) for x in (u, q))
+        where = satellite_geometry(there.design[kept])
+        white = whitener_of(where.parity, np.hypot(noise_chips, there.lasting_chips[kept]), noise_rad)
+        y = parity_vector(u.mean(axis=0), q.mean(axis=0), white, scores=False)
+        statistic = float(parity_test(y).statistic)
+        p_value = t_squared_survival(statistic, dof, looks)
+        fits = p_value >= self.settings.false_alarm_probability
+        said = f"{n} channels of {taps.receiver}"
+        because = f"{said} sit where one position and clock put them"
+        if not fits:
+            sets = explanations(y, white, self.settings.false_alarm_probability)
+            found = [tuple(taps.signals[kept[k]] for k in each.satellites) for each in sets]
             because = (
-                f"{kept.size} channels of {taps.receiver} do not fit one position and clock; explained by "
-                f"{', or '.join(named)}{' or others' if len(found) > 6 else ''} alone (smallest singular value of two "
+                f"{said} do not fit one position and clock; {_suspects(found)} (smallest singular value of two "
                 f"satellites' directions {separability(where.parity, 1):.2g})"
             )
         return Evidence(
@@ -152,19 +190,56 @@ class VectorSqm:
             start_gpst=records.start_gpst,
             end_gpst=records.end_gpst,
             subject=tuple(refs[k] for k in kept),
-            says="attack" if attack else "clean",
+            says="clean" if fits else "undecided",
             because=because,
-            statistic=float(test.statistic),
-            threshold=float(parity_threshold(alpha, kept.size)),
-            false_alarm_probability=alpha,
-            p_value=float(test.p_value),
+            statistic=statistic,
+            false_alarm_probability=self.settings.false_alarm_probability,
+            p_value=p_value,
+            would_need=None
+            if fits
+            else "what tells a false signal from a reflection or a fault: another receiver, or several antennas",
         )
 
 
-def _design(observations: Observations, navigation: NavigationData, taps: Taps, position_ecef_m: Reals) -> Reals:
-    """Rows of the geometry, (n, 4), by the taps' channels; NaN where a satellite's place is not known."""
-    mean = window_mean(observations)
-    ranges = corrected_ranges(mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], navigation)
-    _, unit, _ = line_of_sight(ranges.satellite_ecef_m[0], position_ecef_m)
-    rows = {signal: row for signal, row in zip(mean.signals, design_matrix(unit), strict=True)}
-    return np.array([rows.get(signal, np.full(4, np.nan)) for signal in taps.signals])
+def _suspects(found: list[tuple[SignalId, ...]]) -> str:
+    """Which signals alone explain a misfit, in words."""
+    named = [" and ".join(map(str, signals)) for signals in found]
+    if len(named) == 1:
+        return f"{named[0]} alone would explain it"
+    shown = ", ".join(named[:MOST_NAMED])
+    return f"any of {len(named)} would explain it alone: {shown}{' or others' if len(named) > MOST_NAMED else ''}"
+
+
+def _kept(value: Any, there: Directions | None) -> Indices:
+    """Channels whose place is known and that were guided nearly all the time that any was."""
+    if there is None:
+        return np.empty(0, np.intp)
+    tracked = np.isfinite(value).all(axis=2)
+    share = tracked.sum(axis=0) / max(int(tracked.any(axis=1).sum()), 1)
+    return np.flatnonzero((share >= LEAST_SHARE) & np.isfinite(there.lasting_chips))
+
+
+def directions(
+    observations: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], settings: VectorSqmSettings
+) -> Directions | None:
+    """Of the signals from where they themselves put the receiver; None if that is not to be found."""
+    mean, measurements, usable = window_measurements(
+        observations,
+        navigation,
+        multipath_sigma_m=settings.multipath_sigma_m,
+        ionosphere_share=settings.ionosphere_share,
+        min_share=0.0,
+    )
+    row_of = {signal: row for row, signal in enumerate(mean.signals) if usable[row]}
+    rows = np.array([row_of[signal] for signal in signals if signal in row_of], np.intp)
+    if rows.size < 4:
+        return None
+    start_m = np.append(below(measurements, rows), 0.0)
+    state_m = solve(measurements, rows[None], start_m[None], rounds=3).state_m[0]
+    if not np.all(np.isfinite(state_m)):
+        return None
+    _, sigma_m, unit = misfits(measurements, rows, state_m)
+    design, lasting_chips = np.full((len(signals), 4), np.nan), np.full(len(signals), np.nan)
+    places = [k for k, signal in enumerate(signals) if signal in row_of]
+    design[places], lasting_chips[places] = design_matrix(unit), sigma_m / CHIP_M
+    return Directions(design, lasting_chips)

@@ -1,0 +1,336 @@
+"""Vector tracking: the navigation filter between a receiver's rows of measurements and its loops.
+
+A row of measurements goes into the filter, and what the filter predicts goes back as guides of the channels, which hold
+until the next row. All of it is a step with an explicit state.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Integers, Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import gpst
+from skyproof.navigation.least_squares import gauss_newton
+from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.vector_filter import (
+    VectorEpoch,
+    VectorSettings,
+    VectorState,
+    VectorUpdate,
+    ahead,
+    dopplers_hz,
+    expected,
+    shown_rates,
+    started,
+    updated,
+)
+from skyproof.navigation.vector_sky import SkyAhead, SkyEpoch, sky_ahead
+from skyproof.receiver import guidance as g
+from skyproof.receiver import measurement as m
+from skyproof.receiver.channels import Arc
+from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.observables import WEEK_MS, ReceiverTimeTag, navigation_of, receiver_time_tag
+from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverState, StepOutput
+from skyproof.records import NavigationData, SignalId
+
+__all__ = ["Guiding", "guided"]
+
+AHEAD_EPOCHS: Final = 24
+"""For which orbits are computed at once: 5 s."""
+LAPSE_EPOCHS: Final = 2
+"""A guide that is not renewed lapses: scalar loops take over within half a second."""
+AGREED_EPOCHS: Final = 3
+"""In a row, before the loops follow a filter that has just begun."""
+WORST_START_M: Final = 150.0
+"""Root mean square of what a fit may leave with which a filter begins: half a chip."""
+FURTHEST_M: Final = 8e6
+"""From the Earth's centre."""
+OUT_CHIPS, OUT_HZ = 0.25, 150.0
+"""Further off what is predicted a channel goes by itself: the discriminator then is past its straight part, and the
+carrier's at half a radian."""
+COMES, COMES_BACK = 2.5, 0.5
+"""Times that: so far off a channel that has not driven the filter yet may be to do so, and one that went off it."""
+OUT_S: Final = 1.0
+SURE_M, SURE_M_S = 75.0, 10.0
+"""One sigma of a prediction that still leads a loop to its signal: a quarter of a chip, and 50 Hz."""
+DECODE_S: Final = 6.0
+"""How often orbits are looked for in the messages, where none are given."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Guiding:
+    """What vector tracking remembers from one row of measurements to the next.
+
+    navigation : orbits, None until they are known. week : of the first sample, roughly. label : what the receiver's
+    clock shows; None before a time of week was read. filter : None before it has begun. agreed : epochs in a row in
+    which it was not contradicted. sky : orbits of the next epochs. driving : signals that drive the filter and are
+    guided by it. out : those that ever went off it, and until when they go by themselves. began_s : when the loops
+    first followed the filter. diverged : how often it went wrong. misfit_m : with which a filter could not begin.
+    """
+
+    navigation: NavigationData | None
+    week: int
+    settings: VectorSettings = field(default_factory=VectorSettings)
+    label: ReceiverTimeTag | None = None
+    filter: VectorState | None = None
+    agreed: int = 0
+    sky: SkyAhead | None = None
+    driving: frozenset[SignalId] = frozenset()
+    out: Mapping[SignalId, float] = field(default_factory=dict)
+    began_s: float | None = None
+    diverged: int = 0
+    misfit_m: float | None = None
+
+    def anew(self) -> "Guiding":
+        """For the same recording from its first sample on."""
+        return Guiding(navigation=self.navigation, week=self.week, settings=self.settings)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is to be said of it when the recording has ended."""
+        if self.began_s is None:
+            why = "no time of week, or fewer than five satellites with orbits"
+            if self.misfit_m is not None:
+                why = f"the signals leave {self.misfit_m:.3g} m in a fit of one position: are these the day's orbits?"
+            return (f"vector tracking never began, and every channel followed its own signal: {why}",)
+        often = f"; its filter was given up {self.diverged} times" if self.diverged else ""
+        return (f"vector tracking from {self.began_s:.1f} s on{often}",)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Channels:
+    """The channels (k,) that the filter may use, one a satellite: arcs, signals, time of week in ms at which each one's
+    code period 0 was sent; pseudorange and its rate that the loops show, roughly; what the row of measurements holds,
+    NaN where nothing."""
+
+    arcs: tuple[int, ...]
+    signals: tuple[SignalId, ...]
+    sent_ms: Integers
+    rough_m: Reals
+    rough_m_s: Reals
+    pseudorange_m: Reals
+    doppler_hz: Reals
+    range_sigma_m: Reals
+    doppler_sigma_hz: Reals
+
+
+def guided(
+    guiding: Guiding, receiver: Receiver, state: ReceiverState, output: StepOutput, arcs: Mapping[int, Arc]
+) -> tuple[Guiding, ReceiverState]:
+    """Carry the filter over the row of measurements that a step has just completed, and guide the channels by it.
+
+    output : of a step that ended with the frame of a row.
+    """
+    elapsed_s = (state.frame - 1) * receiver.settings.frame_s
+    if output.gaps:  # by an unknown time, all that was known of the clock has moved
+        guiding = _without_filter(replace(guiding, label=None))
+    guiding = _known(guiding, output.measurements, arcs, elapsed_s)
+    if guiding.label is None or guiding.navigation is None:
+        return guiding, state
+    channels = _channels(guiding, receiver, state, output.measurements, arcs, elapsed_s)
+    if not channels.arcs:
+        return guiding, state
+    if guiding.filter is None:
+        return _begun(guiding, channels, elapsed_s, receiver), state
+    return _followed(guiding, receiver, state, channels, elapsed_s)
+
+
+def _known(guiding: Guiding, measured: Measurements, arcs: Mapping[int, Arc], elapsed_s: float) -> Guiding:
+    """With time and orbits, as soon as there are any."""
+    if guiding.label is None:
+        guiding = replace(guiding, label=receiver_time_tag(measured, arcs, guiding.week))
+    if guiding.navigation is None and guiding.label is not None and (elapsed_s + 1e-6) % DECODE_S < 0.1:
+        found = navigation_of(arcs, guiding.label.week, "the signals")
+        if len({ephemeris.sat for ephemeris in found.ephemerides}) >= 5:
+            guiding = replace(guiding, navigation=found)
+    return guiding
+
+
+def _without_filter(guiding: Guiding) -> Guiding:
+    return replace(guiding, filter=None, agreed=0, sky=None, driving=frozenset(), out={})
+
+
+def _channels(
+    guiding: Guiding,
+    receiver: Receiver,
+    state: ReceiverState,
+    measured: Measurements,
+    arcs: Mapping[int, Arc],
+    elapsed_s: float,
+) -> _Channels:
+    assert guiding.label is not None
+    assert guiding.navigation is not None
+    known = {ephemeris.sat for ephemeris in guiding.navigation.ephemerides}
+    of_sat: dict[str, int] = {}
+    for i, channel in sorted(enumerate(state.channels), key=lambda one: (one[1].copy or "~", one[1].found_s)):
+        if channel.copy is not None and channel.telemetry.tow_ms_at_period_0 is not None and channel.sat in known:
+            of_sat.setdefault(channel.sat, i)
+    places = [i for _, i in sorted(of_sat.items())]
+    chosen = [state.channels[i] for i in places]
+    k = len(chosen)
+    sent_ms = np.array([one.telemetry.tow_ms_at_period_0 for one in chosen], np.int64)
+    pseudorange_m, doppler_hz, range_sigma_m, doppler_sigma_hz = np.full((4, k), np.nan)
+    row_of = {int(arc): row for row, arc in enumerate(measured.arc) if abs(measured.elapsed_s[row] - elapsed_s) < 1e-6}
+    for i, one in enumerate(chosen):
+        if (row := row_of.get(one.arc)) is None:
+            continue
+        table = measured.table[row]
+        whole_ms = _whole_ms(guiding.label, elapsed_s, sent_ms[i] + int(table[m.PERIODS]))
+        pseudorange_m[i] = SPEED_OF_LIGHT_M_S * (whole_ms * 1e-3 - table[m.FRACTION_S])
+        doppler_hz[i], doppler_sigma_hz[i] = table[m.DOPPLER_HZ], table[m.DOPPLER_SIGMA_HZ]
+        range_sigma_m[i] = SPEED_OF_LIGHT_M_S * table[m.CODE_SIGMA_S]
+    shown_s, doppler_shown_hz = g.shown_by_loops(
+        state.loops[places], elapsed_s, rate_hz=receiver.rate_hz, if_hz=receiver.if_hz, signal=receiver.signal
+    )
+    whole_ms_all = np.array([_whole_ms(guiding.label, elapsed_s, int(sent)) for sent in sent_ms])
+    return _Channels(
+        arcs=tuple(one.arc for one in chosen),
+        signals=tuple(arcs[one.arc].signal for one in chosen),
+        sent_ms=sent_ms,
+        rough_m=SPEED_OF_LIGHT_M_S * (whole_ms_all * 1e-3 - shown_s),
+        rough_m_s=-SPEED_OF_LIGHT_M_S / receiver.signal.carrier_hz * doppler_shown_hz,
+        pseudorange_m=pseudorange_m,
+        doppler_hz=doppler_hz,
+        range_sigma_m=range_sigma_m,
+        doppler_sigma_hz=doppler_sigma_hz,
+    )
+
+
+def _whole_ms(label: ReceiverTimeTag, elapsed_s: float, sent_ms: int) -> int:
+    """Receiver time less time of transmission, both in whole milliseconds of the week."""
+    return (label.tow_ms + round(elapsed_s * 1e3) - sent_ms + WEEK_MS // 2) % WEEK_MS - WEEK_MS // 2
+
+
+def _begun(guiding: Guiding, channels: _Channels, elapsed_s: float, receiver: Receiver) -> Guiding:
+    """With a filter, if five satellites or more fit one position."""
+    assert guiding.label is not None
+    assert guiding.navigation is not None
+    label = gpst(guiding.label.week, np.array([guiding.label.tow_ms * 1e-3 + elapsed_s]))
+    ranges = corrected_ranges(channels.signals, label, channels.pseudorange_m[None], guiding.navigation)
+    used = np.isfinite(ranges.range_m[0]) & np.isfinite(channels.doppler_hz)
+    if used.sum() < 5:
+        return guiding
+    rough = gauss_newton(ranges.satellite_ecef_m[0], ranges.range_m[0], np.where(used, 1.0, np.nan), np.zeros(4))
+    misfit_m = float(np.sqrt(np.mean(rough.residual_m[used] ** 2)))
+    place_m = rough.state_m[:3]
+    if not misfit_m < WORST_START_M or not np.linalg.norm(place_m) < FURTHEST_M:
+        return replace(guiding, misfit_m=misfit_m)
+    guiding, sky = _sky(guiding, receiver, channels, place_m, elapsed_s)
+    began = started(_epoch(channels, sky, receiver, guiding.settings), sky, place_m, elapsed_s)
+    driving = frozenset(signal for signal, uses in zip(channels.signals, used.tolist(), strict=True) if uses)
+    return replace(guiding, filter=began, agreed=0, driving=driving, out={})
+
+
+def _sky(
+    guiding: Guiding, receiver: Receiver, channels: _Channels, place_ecef_m: Reals, elapsed_s: float
+) -> tuple[Guiding, SkyEpoch]:
+    """Orbits at an epoch, computed ahead where they are not yet."""
+    assert guiding.label is not None
+    assert guiding.navigation is not None
+    known = guiding.sky
+    if known is not None and known.signals == channels.signals and (found := known.at(elapsed_s)) is not None:
+        return guiding, found
+    at_s = elapsed_s + MEASURE_FRAMES * receiver.settings.frame_s * np.arange(AHEAD_EPOCHS, dtype=np.float64)
+    sky = sky_ahead(
+        channels.signals,
+        at_s,
+        gpst(guiding.label.week, guiding.label.tow_ms * 1e-3 + at_s),
+        channels.rough_m,
+        channels.rough_m_s,
+        place_ecef_m,
+        guiding.navigation,
+    )
+    first = sky.at(elapsed_s)
+    assert first is not None
+    return replace(guiding, sky=sky), first
+
+
+def _epoch(channels: _Channels, sky: SkyEpoch, receiver: Receiver, settings: VectorSettings) -> VectorEpoch:
+    wavelength_m = SPEED_OF_LIGHT_M_S / receiver.signal.carrier_hz
+    return VectorEpoch(
+        range_m=channels.pseudorange_m + sky.offset_m,
+        range_sigma_m=np.sqrt(channels.range_sigma_m**2 + sky.delay_sigma_m**2 + settings.range_sigma_m**2),
+        rate_m_s=shown_rates(sky, channels.doppler_hz, receiver.signal.carrier_hz),
+        rate_sigma_m_s=np.hypot(wavelength_m * channels.doppler_sigma_hz, settings.rate_sigma_m_s),
+    )
+
+
+def _followed(
+    guiding: Guiding, receiver: Receiver, state: ReceiverState, channels: _Channels, elapsed_s: float
+) -> tuple[Guiding, ReceiverState]:
+    """The filter carried over a row, and the channels guided by it."""
+    assert guiding.filter is not None
+    before = ahead(guiding.filter, elapsed_s, guiding.settings)
+    guiding, sky = _sky(guiding, receiver, channels, before.mean[:3], elapsed_s)
+    epoch = _epoch(channels, sky, receiver, guiding.settings)
+    waits = np.array([guiding.out.get(signal, -np.inf) > elapsed_s for signal in channels.signals])
+    drove = np.array([signal in guiding.driving for signal in channels.signals])
+    limit = np.where([signal in guiding.out for signal in channels.signals], COMES_BACK, COMES)
+    range_m, rate_m_s, _ = expected(before.mean, sky)
+    comes = ~waits & (_away(epoch.range_m - range_m, epoch.rate_m_s - rate_m_s, receiver) < limit)
+    found = updated(before, epoch, sky, drove | comes, guiding.settings)
+    if found.diverged:
+        nothing = dict.fromkeys(channels.arcs, g.no_guide())
+        return replace(_without_filter(guiding), diverged=guiding.diverged + 1), receiver.guided(state, nothing)
+    off_m = np.fmax(np.abs(found.range_left_m), 0.5 * np.abs(epoch.range_m - found.range_m))
+    away = np.nan_to_num(np.where(drove | comes, _away(off_m, found.rate_left_m_s, receiver), 0.0))
+    stays = (drove | comes) & ~((away == away.max()) & (away > 1.0))
+    left = [i for i in np.flatnonzero(drove & ~stays)]
+    agreed = guiding.agreed + 1 if found.state.misses == 0 else 0
+    guiding = replace(
+        guiding,
+        filter=found.state,
+        agreed=agreed,
+        driving=frozenset(channels.signals[i] for i in np.flatnonzero(stays)),
+        out={**guiding.out, **{channels.signals[i]: elapsed_s + OUT_S for i in left}},
+    )
+    guides = {channels.arcs[i]: g.no_guide() for i in left}
+    if guiding.began_s is not None or agreed >= AGREED_EPOCHS:
+        guiding = replace(guiding, began_s=elapsed_s if guiding.began_s is None else guiding.began_s)
+    if agreed >= AGREED_EPOCHS:
+        guides |= _guides(guiding, receiver, channels, found, sky, stays, elapsed_s)
+    return guiding, receiver.guided(state, guides)
+
+
+def _away(misfit_m: Reals, rate_left_m_s: Reals, receiver: Receiver) -> Reals:
+    """(k,) how far channels are off, over what is too far; NaN where neither is known."""
+    signal = receiver.signal
+    chips = np.abs(misfit_m) * signal.chip_rate_hz / SPEED_OF_LIGHT_M_S
+    hz = np.abs(rate_left_m_s) * signal.carrier_hz / SPEED_OF_LIGHT_M_S
+    return np.fmax(chips / OUT_CHIPS, hz / OUT_HZ)
+
+
+def _guides(
+    guiding: Guiding,
+    receiver: Receiver,
+    channels: _Channels,
+    found: VectorUpdate,
+    sky: SkyEpoch,
+    stays: Booleans,
+    elapsed_s: float,
+) -> dict[int, Reals]:
+    """Of the channels that stay and whose prediction is sure enough."""
+    assert guiding.label is not None
+    signal, settings = receiver.signal, receiver.settings
+    _, _, design = expected(found.state.mean, sky)
+    sigma_m, sigma_m_s = (
+        np.sqrt(np.einsum("ki,ij,kj->k", design, found.state.covariance[np.ix_(places, places)], design))
+        for places in ([0, 1, 2, 6], [3, 4, 5, 7])
+    )
+    sure = stays & (sigma_m < SURE_M) & (sigma_m_s < SURE_M_S)
+    doppler_hz = dopplers_hz(sky, found.rate_m_s, signal.carrier_hz)
+    correction_hz = np.nan_to_num(found.rate_left_m_s) * signal.carrier_hz / SPEED_OF_LIGHT_M_S
+    delay_s = (found.range_m - sky.offset_m) / SPEED_OF_LIGHT_M_S
+    until_s = elapsed_s + (LAPSE_EPOCHS + 0.5) * MEASURE_FRAMES * settings.frame_s
+    guides = {}
+    for i in np.flatnonzero(sure).tolist():
+        guide = np.full(g.N_GUIDE, np.nan)
+        guide[g.AT_S] = elapsed_s
+        guide[g.SENT_S] = _whole_ms(guiding.label, elapsed_s, int(channels.sent_ms[i])) * 1e-3 - delay_s[i]
+        guide[g.DOPPLER_HZ], guide[g.CORRECTION_HZ] = doppler_hz[i], correction_hz[i]
+        guide[g.UNTIL_S] = until_s
+        guides[channels.arcs[i]] = guide
+    return guides

@@ -1,0 +1,137 @@
+"""Vector tracking through a recording: the same in pieces, through a blockage, and given up when it goes wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.receive import tracker as tracking
+from skyproof.app.receive.reception import observe
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.navigation.fix import fix
+from skyproof.receiver import measurement as m
+from skyproof.records import Asked, TapsAsked
+from skyproof.simulator import scenes
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd, ScenePlace
+
+START = np.datetime64("2024-05-14T09:59:58", "ns")
+RATE_HZ = 1.6e6
+NAV = nominal_constellation(START)
+ASKED = Asked(taps=TapsAsked(delays_chips=(0.5, -0.5), every_s=0.02, coherent_s=0.004))
+
+
+@pytest.fixture(scope="module")
+def sky():
+    """8 s of clean sky, and its samples."""
+    scenario = scenes.clean(
+        ScenePlace(lat_deg=57.7, lon_deg=11.94, height_m=50.0),
+        START,
+        duration_s=8.0,
+        receivers=1,
+        mask_deg=10.0,
+        front_end=FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=1.28e6, encoding="int", bits=8),
+        seed=3,
+    )
+    samples = samples_of(scenario, NAV)[0]
+    return samples, samples.read(0, samples.n_samples)
+
+
+def tracker_of(sky, planes=None, nav=NAV, **settings):
+    samples, clean = sky
+    planes = clean if planes is None else planes
+    held = replace(samples, read=lambda first, count: planes[:, first : first + count])
+    chosen = Settings(tracking="vector", **settings)
+    return tracking._tracker(held, chosen, nav, False, ASKED, tracking.Workspace())
+
+
+def to_the_end(tracker):
+    while tracker.advance():
+        pass
+    return tracker
+
+
+@pytest.fixture(scope="module")
+def whole(sky):
+    return to_the_end(tracker_of(sky))
+
+
+def test_the_filter_takes_over_and_is_where_the_receiver_is(whole):
+    assert whole.vector.began_s < 5.5
+    assert whole.vector.diverged == 0
+    assert len(whole.vector.driving) == len(whole.state.channels)
+    found = fix(whole_observations(whole), NAV)
+    apart_m = whole.vector.filter.mean[:3] - found.position_ecef_m[-1]
+    assert np.linalg.norm(apart_m) < 3.0
+
+
+def whole_observations(tracker):
+    o = observe(tracker, NAV).observations
+    return o.read(0, o.gpst.size)
+
+
+def test_pieces_give_what_the_whole_gives(sky, whole, monkeypatch):
+    monkeypatch.setattr(tracking, "BLOCK_S", 0.37)
+    pieces = to_the_end(tracker_of(sky))
+    one, other = whole.measured.whole(), pieces.measured.whole()
+    np.testing.assert_array_equal(one.table, other.table)
+    np.testing.assert_array_equal(one.turns_rad, other.turns_rad)
+    np.testing.assert_array_equal(whole.vector.filter.mean, pieces.vector.filter.mean)
+
+
+def test_taps_of_guided_channels_alone_are_given_and_stand_about_zero(whole):
+    taps = observe(whole, NAV).vector_taps.between(0.0, 8.0)
+    guided = np.isfinite(taps.value).all(axis=(1, 2, 3))
+    assert not guided[taps.elapsed_s < whole.vector.began_s].any()
+    assert guided[(taps.elapsed_s > whole.vector.began_s + 0.5) & (taps.elapsed_s < 7.7)].all()
+    mean = taps.value[guided][:, :, 0].astype(complex).mean(axis=0)
+    order = np.argsort(-taps.delays_chips)
+    early, late = np.abs(mean[:, order[0]]), np.abs(mean[:, order[-1]])
+    assert np.all(np.abs((early - late) / (early + late)) < 0.05)
+    assert np.all(np.abs(np.angle(mean[:, np.argmin(np.abs(taps.delays_chips))])) < 0.05)
+
+
+def test_a_blocked_channel_goes_on_and_is_there_again_at_once(sky):
+    _, clean = sky
+    planes = clean.copy()
+    gone = slice(int(5.8 * RATE_HZ), int(6.9 * RATE_HZ))
+    rng = np.random.default_rng(1)
+    planes[:, gone] = rng.normal(0.0, clean.std(), planes[:, gone].shape)
+    tracker = to_the_end(tracker_of(sky, planes))
+    measured = tracker.measured.whole()
+    n = len(tracker.state.channels)
+    assert {arc.began for arc in tracker.arcs.values()} == {"found"}
+    assert not np.any((measured.elapsed_s > 6.1) & (measured.elapsed_s < 6.7))
+    assert np.sum(np.abs(measured.elapsed_s - 7.4) < 0.05) == n
+    code_m = 3e8 * measured.column(m.CODE_SIGMA_S)
+    assert np.all(code_m[measured.elapsed_s > 7.3] < 10.0)
+
+
+def test_a_filter_gone_wrong_is_given_up_within_a_second_and_comes_back(sky):
+    tracker = tracker_of(sky)
+    while tracker.examined_s < 5.9:
+        tracker.advance()
+    wrong = tracker.vector.filter
+    mean = wrong.mean + np.array([60.0, 60.0, 50.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    tracker.vector = replace(tracker.vector, filter=replace(wrong, mean=mean))
+    tracker.advance()
+    tracker.advance()
+    assert tracker.vector.diverged == 1
+    to_the_end(tracker)
+    assert tracker.vector.agreed > 0
+    rows = tracker.measured.whole()
+    last = rows.elapsed_s == rows.elapsed_s[-1]
+    assert last.sum() == len(tracker.state.channels)
+    assert {arc.began for arc in tracker.arcs.values()} == {"found"}
+
+
+def test_orbits_of_another_day_do_not_begin_a_filter_and_are_reported(sky):
+    other = nominal_constellation(START + np.timedelta64(9, "h"))
+    moved = replace(
+        NAV,
+        ephemerides=tuple(replace(e, m0=o.m0) for e in NAV.ephemerides for o in other.ephemerides if o.sat == e.sat),
+    )
+    tracker = to_the_end(tracker_of(sky, nav=moved))
+    assert tracker.vector.began_s is None
+    assert "are these the day's orbits?" in tracker.vector.remarks[0]
