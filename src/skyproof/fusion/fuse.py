@@ -125,12 +125,13 @@ def _always_authentic(
     Moments last `MOMENT_S`, or as long as two epochs that are missing.
     """
     received = o.measured
-    authentic = np.zeros_like(received)
+    authentic = np.zeros(o.gpst.size, np.int64)
     for s in labels:
         if s.ref.receiver == o.receiver and s.label == "authentic":
-            authentic[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)] = True
+            rows = slice(s.first_epoch, s.last_epoch + 1)
+            authentic[rows] += received[rows, o.signals.index(s.ref.signal)]
     matters = (received.sum(axis=1) > ENOUGH) & (o.gpst >= common[0]) & (o.gpst <= common[1])
-    kept_s = o.elapsed_s[~matters | ((received & authentic).sum(axis=1) >= ENOUGH)]
+    kept_s = o.elapsed_s[~matters | (authentic >= ENOUGH)]
     edges_s = np.concatenate([o.elapsed_s[:1], kept_s, o.elapsed_s[-1:]])
     return bool(authentic.any() and np.diff(edges_s).max() <= max(MOMENT_S, 2.5 * interval_s(o.elapsed_s)))
 

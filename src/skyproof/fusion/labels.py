@@ -93,7 +93,7 @@ def label_signals(evidence: Sequence[Evidence], observations: Sequence[Observati
 
 def _window_by_window(evidence: Sequence[Evidence]) -> Sequence[Evidence]:
     """In the order of the windows' times, as it comes from a run, where it may be too much to hold."""
-    times = np.array([(e.start_gpst, e.end_gpst) for e in evidence], "datetime64[ns]").reshape(-1, 2)
+    times = np.fromiter((t for e in evidence for t in (e.start_gpst, e.end_gpst)), "datetime64[ns]").reshape(-1, 2)
     order = np.lexsort((times[:, 1], times[:, 0]))
     return evidence if np.array_equal(order, np.arange(order.size)) else [evidence[place] for place in order]
 

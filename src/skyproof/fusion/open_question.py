@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from skyproof.records import Baseline, Evidence, ObservationLog
+from skyproof.records import Evidence, ObservationLog
 
-__all__ = ["OpenQuestion", "measured_distance_m", "open_question"]
+__all__ = ["OpenQuestion", "open_question"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ def open_question(
     chosen = max(ran, key=lambda reason: reason.weight(attacked))
     *before, last = chosen.latest
     remedy = last.would_need
-    far = measured_distance_m(chosen.baselines)
+    far = _distance_m(chosen.distances)
     if remedy is not None and far is not None:
         remedy += f"; these signals come from the sky if the antennas stand {far[0]:.1f} ± {far[1]:.1f} m apart"
     others = _kinds(before) - _kinds([last])
@@ -58,18 +58,19 @@ def open_question(
 class _Reason:
     """Undecided pieces of evidence of one test with one remedy.
 
-    compared : how many had something to look at; latest : of these those of the last window. baselines : of each piece,
-    over its whole window. overrules : whether a failed one overrules other tests.
+    compared : how many had something to look at; latest : of these those of the last window. distances : of two
+    antennas and its sigma, metres, by each piece over its whole window. overrules : whether a failed one overrules
+    other tests.
     """
 
     compared: int = 0
     latest: list[Evidence] = field(default_factory=list)
-    baselines: list[Baseline] = field(default_factory=list)
+    distances: list[tuple[float, float]] = field(default_factory=list)
     overrules: bool = False
     has_remedy: bool = False
 
     def add(self, e: Evidence) -> None:
-        self.baselines += e.baselines[:1]
+        self.distances += [b.distances_m[0] for b in e.baselines[:1] if len(b.receivers) == 2]
         self.overrules |= e.overrules and e.failed
         self.has_remedy = e.would_need is not None
         if _compared(e):
@@ -86,15 +87,14 @@ def _kinds(evidence: Sequence[Evidence]) -> set[str]:
     return {f"{ref.signal.sat[0]} {ref.signal.band} {ref.signal.code}" for e in evidence for ref in e.subject}
 
 
-def measured_distance_m(baselines: Sequence[Baseline]) -> tuple[float, float] | None:
-    """Distance of two antennas by all windows, and its sigma; None for none, or more than two receivers.
+def _distance_m(distances: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
+    """Distance of two antennas by all windows, and its sigma; None where no window shows it.
 
     Errors that stay from window to window do not average out: the sigma is that of one window.
     """
-    pairs = [b.distances_m[0] for b in baselines if len(b.receivers) == 2]
-    if not pairs:
+    if not distances:
         return None
-    return float(np.mean([d for d, _ in pairs])), float(np.median([s for _, s in pairs]))
+    return float(np.mean([d for d, _ in distances])), float(np.median([s for _, s in distances]))
 
 
 def _compared(e: Evidence) -> bool:
