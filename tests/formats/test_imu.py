@@ -110,6 +110,37 @@ def test_labels_that_scatter_are_kept_and_the_interval_is_their_mean(tmp_path):
     assert not found.remarks
 
 
+@settings(max_examples=20)
+@given(polled_s=st.floats(0.3, 0.9), seed=st.integers(0, 99))
+def test_readings_that_a_logger_repeats_count_once(tmp_path_factory, polled_s, seed):
+    """Read out at uneven times, every `polled_s` intervals in the mean: what the unit gave comes back, evenly."""
+    series = readings(duration_s=20.0)
+    n, rng = series.gpst.size, np.random.default_rng(seed)
+    polls = np.cumsum(polled_s * rng.uniform(0.9, 1.1, round(n / polled_s)))
+    seen = np.clip(polls.astype(int), 0, n - 1)
+    rows = {name: column[seen] for name, column in table(series).items()}
+    rows["gpst"] = START + np.rint(polls * series.interval_s * 1e9).astype("timedelta64[ns]")
+    found = read_imu(written(tmp_path_factory.mktemp("polled"), rows))
+    first, last = seen[0], seen[-1]
+    given_once = np.unique(seen)
+    assert found.interval_s == pytest.approx(series.interval_s, rel=0.01)
+    assert np.array_equal(found.specific_force_m_s2, series.specific_force_m_s2[given_once])
+    ends = START + np.rint((given_once + 1) * series.interval_s * 1e9).astype("timedelta64[ns]")
+    late_s = (found.series(START).gpst - ends) / np.timedelta64(1, "s")
+    assert np.abs(late_s).max() < series.interval_s
+    assert np.ptp(late_s) < 0.3 * series.interval_s
+    assert given_once.size >= 0.95 * (last - first)
+    assert "repeat the reading before" in found.remarks[0]
+
+
+def test_a_body_at_rest_that_reads_the_same_for_ever_keeps_its_rows(tmp_path):
+    series = readings(static(HOME), grade=None)
+    rows = table(series)
+    for name in COLUMNS:
+        rows[name] = np.full(series.gpst.size, rows[name][0])
+    assert read_imu(written(tmp_path, rows)).time_ns.size == series.gpst.size
+
+
 @pytest.mark.parametrize(
     "steps_s",
     [

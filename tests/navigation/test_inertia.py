@@ -123,8 +123,9 @@ def test_errors_are_as_large_as_the_covariance_says(name, grade, angle_deg):
     exact, ends = readings(motion, rate_hz, duration_s), truth(motion, [duration_s])
     states, run = coast(begin(truth(motion, [0.0], np.diag(sigma**2)), errs), exact, errs)
     assert run is not None
-    rng, n = np.random.default_rng(7), exact.gpst.size
-    drawn = np.stack([_sensor_errors(errs, seed, rate_hz, n) for seed in range(UNITS)])
+    rng = np.random.default_rng(7)
+    felt = np.concatenate((exact.specific_force_m_s2, exact.angular_rate_rad_s), axis=1)
+    drawn = np.stack([_sensor_errors(errs, seed, rate_hz, felt) for seed in range(UNITS)])
     wrong = sigma * rng.standard_normal((UNITS, 9))
     start = truth(motion, [0.0])
     places, speeds, attitudes = strapdown_paths(
@@ -148,9 +149,10 @@ def test_errors_are_as_large_as_the_covariance_says(name, grade, angle_deg):
         assert squares.mean() > 5.0
 
 
-def _sensor_errors(grade, seed, rate_hz, n):
+def _sensor_errors(grade, seed, rate_hz, felt):
     errors = ImuErrors.of(grade, rate_hz, 1, seed)
-    return errors.bias + errors.drawn(0)[:n]
+    gain = np.concatenate((felt[:, :3] @ errors.gain[:3].T, felt[:, 3:] @ errors.gain[3:].T), axis=1)
+    return gain + errors.bias + errors.drawn(0)[: len(felt)]
 
 
 def test_a_run_ends_where_its_errors_are_too_large_for_the_model():

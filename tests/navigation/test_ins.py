@@ -158,11 +158,11 @@ def test_each_sensitivity_is_the_derivative_of_its_innovation(what):
         "heading": lambda s: by_heading(s, 0.4, 0.01),
     }[what]
     there = make(state)
-    for column in range(21):
+    for column in range(39):
         size = 1e-4
         moved = make(_off(state, column, size))
         slope = (moved.innovation - there.innovation) / size
-        # An acceleration within the time to the fix is not followed: at most g times that.
+        # An acceleration within the time to the fix is not followed: at most g times that, and a gain of g.
         assert slope == pytest.approx(there.sensitivity[:, column], abs=0.05 if what == "fix" else 2e-3)
 
 
@@ -172,10 +172,11 @@ def _off(state, column, size):
     wrong[column] = size
     row = state.run.state
     bias = state.bias - wrong[9:21]
-    less = wrong[9:21].reshape(4, 3)
+    less, gain = wrong[9:21].reshape(4, 3), wrong[21:39].reshape(2, 3, 3)
     return replace(
         state,
         bias=bias,
+        gain=state.gain - gain,
         run=replace(
             state.run,
             state=replace(
@@ -184,7 +185,9 @@ def _off(state, column, size):
                 velocity_ecef_m_s=row.velocity_ecef_m_s + wrong[3:6],
                 attitude=Rotation.from_rotvec(wrong[6:9]).as_matrix() @ row.attitude,
             ),
-            last=state.run.last + np.stack((less[0] + less[2], less[1] + less[3])),
+            last=state.run.last
+            + np.stack((less[0] + less[2], less[1] + less[3]))
+            + np.einsum("sjk,sk->sj", gain, state.run.last),
         ),
     )
 

@@ -61,9 +61,8 @@ def test_without_fixes_the_position_is_off_as_far_as_stated(walk, states, cut_s)
         f"{cut_s:g} s, {n} cuts: off {np.median(off_m):.2f} m, at most {max(off_m):.2f}; stated "
         f"{np.median(sigma_m):.2f} m; {np.mean(squares) / 3:.2f} of what is stated"
     )
-    # Scale factors and the filtering of the readings are not in the model, and the grade is a guess: a hand that turns
-    # by 2 rad/s is off by more than stated. Twice as far would be a fault of the filter.
-    assert 0.1 < np.mean(squares) / 3.0 < 4.0
+    # Cuts of one unit share its errors, and its grade is a guess: as stated, or better, by what a few may scatter.
+    assert 0.1 < np.mean(squares) / 3.0 < 2.0
 
 
 @pytest.mark.parametrize("speed_m_s", [1.0, 2.0, 5.0])

@@ -31,7 +31,7 @@ def perfect(motion, duration_s, rate_hz=20.0, start_s=0.0):
 
 @dataclass(frozen=True)
 class Unit:
-    """readings with errors; bias (n + 1, 6) of accelerometers and gyros, constant and slow part together."""
+    """readings with errors, of bias and gain; bias (n + 1, 6) of accelerometers and gyros, constant and slow part."""
 
     readings: ImuSeries
     bias: np.ndarray
@@ -48,11 +48,15 @@ def erroneous(true: ImuSeries, grade: ImuGrade, rng: np.random.Generator) -> Uni
     for k in range(n):
         bias[k + 1] = fade * bias[k] + sigma * np.sqrt(1.0 - fade**2) * rng.standard_normal(6)
     bias += six * rng.standard_normal(6)
+    own = rng.spawn(1)[0]
+    gain = grade.misalignment_rad * own.standard_normal((2, 3, 3))
+    for part, scale in zip(gain, (grade.accelerometer_scale, grade.gyro_scale), strict=True):
+        part[np.diag_indices(3)] = scale * own.standard_normal(3)
     wrong = 0.5 * (bias[1:] + bias[:-1]) + walk / np.sqrt(dt) * rng.standard_normal((n, 6))
     readings = replace(
         true,
-        specific_force_m_s2=true.specific_force_m_s2 + wrong[:, :3],
-        angular_rate_rad_s=true.angular_rate_rad_s + wrong[:, 3:],
+        specific_force_m_s2=true.specific_force_m_s2 @ (np.eye(3) + gain[0]).T + wrong[:, :3],
+        angular_rate_rad_s=true.angular_rate_rad_s @ (np.eye(3) + gain[1]).T + wrong[:, 3:],
     )
     return Unit(readings, bias)
 

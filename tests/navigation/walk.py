@@ -1,15 +1,20 @@
 """A real walk with a hand-held inertial unit and a carrier-phase receiver, as readings and fixes.
 
-The unit's model is not stated: the grade "consumer" is taken, which its bias at rest fits (0.2 deg/s, 12 mg). Its
-readings were filtered to 10 Hz by whoever recorded them, at uneven times; they are brought to 150 Hz. Its axes are x, y
-and z with z up; body axes are x, -y and -z. The antenna is 5 cm from the unit, along an axis that is not certain: the
-fixes of 1 to 3 cm are taken for ones of 5 cm.
+The unit's model is not stated: the grade "consumer" is taken, which its bias at rest fits (0.2 deg/s, 12 mg). The raw
+log is read as any log is (`formats.imu`), by the times in GPS time that its owner gave to the same rows: it was read
+out every 6 to 9 ms, but the unit renews its readings every 10 ms. Its axes are x, y and z with z up; body axes are x,
+-y and -z. The antenna is 5 cm from the unit across the way, as its owner states; the side is that which the fixes
+agree with. The fixes of 1 to 3 cm are taken for ones of 5 cm.
 """
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+from tests.written import write_table
 
+from skyproof.formats.imu import COLUMNS, read_imu
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
@@ -19,9 +24,9 @@ from skyproof.navigation.ins_updates import by_fix, expected
 from skyproof.navigation.known import Known, known
 from skyproof.records import ImuSeries
 
-RATE_HZ = 150.0
 UNIX = np.datetime64("1970-01-01", "ns")
-SETTINGS = InsSettings(grade=GRADES["consumer"], oscillator=OSCILLATORS["tcxo"])
+AXES = np.diag([1.0, -1.0, -1.0])  # from the unit's to the body's
+SETTINGS = InsSettings(grade=GRADES["consumer"], oscillator=OSCILLATORS["tcxo"], lever_m=np.array([-0.05, 0.0, 0.0]))
 PLACE_M, SPEED_M_S = 0.05, 0.1
 
 
@@ -35,21 +40,20 @@ class Walk:
     to_enu: np.ndarray
 
 
+def read_log(folder) -> ImuSeries:
+    """The raw log, through a file as this program takes it."""
+    times = np.loadtxt(folder / "imu_1730_sf.csv", delimiter=",", usecols=0)
+    raw = np.genfromtxt(folder / "imu_1730.csv", delimiter=",", skip_header=1, skip_footer=1, usecols=range(6))
+    values = np.concatenate((9.80665 * raw[:, :3], np.radians(raw[:, 3:])), axis=1)
+    gpst = UNIX + np.rint(times * 1e9).astype("timedelta64[ns]")
+    with TemporaryDirectory() as made:
+        path = Path(made) / "imu.csv"
+        write_table(path, {"gpst": gpst, **dict(zip(COLUMNS, values.T, strict=True))})
+        return read_imu(path, rot_body_unit=AXES).series(UNIX)
+
+
 def read_walk(folder) -> Walk:
-    rows = np.loadtxt(folder / "imu_1730_sf.csv", delimiter=",", usecols=range(7))
-    at_s = rows[:, 0] - rows[0, 0]
-    ends = np.arange(1.0, np.floor(at_s[-1] * RATE_HZ)) / RATE_HZ
-    middle = ends - 0.5 / RATE_HZ
-    even = np.stack([np.interp(middle, at_s, column) for column in rows[:, 1:].T], axis=1) * np.tile(
-        [1.0, -1.0, -1.0], 2
-    )
-    zero = UNIX + np.rint(rows[0, 0] * 1e9).astype("timedelta64[ns]")
-    readings = ImuSeries(
-        gpst=zero + np.rint(ends * 1e9).astype("timedelta64[ns]"),
-        interval_s=1.0 / RATE_HZ,
-        specific_force_m_s2=9.80665 * even[:, :3],
-        angular_rate_rad_s=even[:, 3:],
-    )
+    readings = read_log(folder)
     solution = [line.split() for line in (folder / "gnss_1730_sf.pos").read_text().splitlines() if line[0] != "%"]
     values = np.array([[float(word) for word in line[2:]] for line in solution])
     gpst = np.array([np.datetime64(line[0].replace("/", "-") + "T" + line[1], "ns") for line in solution])
@@ -67,7 +71,7 @@ def read_walk(folder) -> Walk:
         )
         for when, place, speed in zip(gpst[within], places[within], speeds[within], strict=True)
     ]
-    return Walk(readings, fixes, (gpst[within] - zero) / np.timedelta64(1, "s"), to_enu)
+    return Walk(readings, fixes, (gpst[within] - readings.gpst[0]) / np.timedelta64(1, "s"), to_enu)
 
 
 def between(readings: ImuSeries, start_gpst, end_gpst) -> ImuSeries:

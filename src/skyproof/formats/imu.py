@@ -5,6 +5,10 @@ is 9.8 m/s2 upwards at rest, and `gyro_x_rad_s` to `gyro_z_rad_s`, relative to i
 that end at the time, in the unit's own axes. Rows come at an even rate. A row that lacks a number, or is absent, is a
 reading that is missing, which is reported and left out of the series.
 
+A logger may read a unit out faster than it renews its readings: then rows repeat the one before, and the times are the
+logger's. Summed up as they stand, some readings count once and others twice, by chance. Repeats are left out, and the
+others get even times of the unit's own clock, which runs by the logger's over ten seconds.
+
 Units that are confused are noticed by what the numbers say, and refused: accelerations by gravity; rates by how far
 gravity turns in the accelerometers where the body tilts, or by turns that are too fast. Rates of a body that does
 neither show nothing.
@@ -16,6 +20,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 
 from skyproof.arrays import Indices, Instants, Integers, Reals
 from skyproof.errors import InputError
@@ -27,6 +32,8 @@ __all__ = ["COLUMNS", "ImuFile", "read_imu"]
 COLUMNS: Final = tuple(f"accel_{axis}_m_s2" for axis in "xyz") + tuple(f"gyro_{axis}_rad_s" for axis in "xyz")
 _NO_READING: Final = 1e5  # m/s2 or rad/s: what no unit measures
 _UNEVEN: Final = 0.2  # of an interval, root mean square: more is no even rate
+_REPEATED: Final = 0.05  # of the rows, if a logger reads faster than the unit renews; fewer are chance
+_EVEN_S: Final = 10.0
 _LEAST_SHARE: Final = 0.5  # of the readings that an even rate makes between the first and the last
 _FORCE_M_S2: Final = 5.0, 20.0  # between which the median of a body that moves on the Earth lies
 _FORCE_UNITS: Final = (("g", 9.80665), ("mg", 9.80665e-3), ("ft/s2", 0.3048))
@@ -80,39 +87,70 @@ def read_imu(path: str | os.PathLike[str], *, rot_body_unit: ArrayLike | None = 
         raise InputError(
             f"{rows.source}: {whole.size} rows have all six readings, expected two or more; give a file with readings"
         )
+    whole, late_s, repeats = _renewed(rows, whole)
     force, rate = rows.values[whole, :3], rows.values[whole, 3:]
-    interval_s, steps = _rate(rows, whole)
+    interval_s, steps = _rate(rows, whole, late_s)
     _require_force(rows.source, force)
     _require_turning(rows.source, force, rate, steps, interval_s)
     rotation = np.eye(3) if rot_body_unit is None else np.asarray(rot_body_unit, np.float64)
     return ImuFile(
         source=rows.source,
-        time_ns=rows.time_ns[whole],
+        time_ns=_even(rows.time_ns[whole], steps, interval_s) if late_s > 0.0 else rows.time_ns[whole],
         dated=rows.dated,
         interval_s=interval_s,
         specific_force_m_s2=force @ rotation.T,
         angular_rate_rad_s=rate @ rotation.T,
-        remarks=_missing(steps, interval_s),
+        remarks=(*repeats, *_missing(steps, interval_s)),
     )
 
 
-def _rate(rows: TimedRows, whole: Indices) -> tuple[float, Integers]:
+def _renewed(rows: TimedRows, whole: Indices) -> tuple[Indices, float, tuple[str, ...]]:
+    """The rows that do not repeat the reading before, by how much their times may be late, and what to report.
+
+    Where nothing but repeats is there, a reading without noise is that of a body that stands: all rows are kept.
+    """
+    new = np.append(True, (np.diff(rows.values[whole], axis=0) != 0.0).any(axis=1))
+    repeated = int(whole.size - new.sum())
+    if not _REPEATED * whole.size < repeated < 0.9 * whole.size:
+        return whole, 0.0, ()
+    read_s = float(np.median(np.diff(rows.time_ns[whole]))) * 1e-9
+    words = (
+        f"{repeated} of {whole.size} rows repeat the reading before, as if the unit were read every "
+        f"{1e3 * read_s:.3g} ms but renewed its readings less often; they are left out"
+    )
+    return whole[new], read_s, (words,)
+
+
+def _rate(rows: TimedRows, whole: Indices, late_s: float = 0.0) -> tuple[float, Integers]:
     """Length of an interval, and how many of them lie between neighbouring readings (n - 1,): more than one at a gap.
 
-    Raises InputError if no even rate can be seen in the times.
+    late_s : by which each time may be late. Raises InputError if no even rate can be seen in them.
     """
     apart_s = np.diff(rows.time_ns[whole]) * 1e-9
-    steps = np.maximum(np.rint(apart_s / np.median(apart_s)), 1.0)
+    usual_s = float(np.median(apart_s))
+    alone = apart_s < 1.5 * usual_s + late_s
+    steps = np.where(alone, 1.0, np.maximum(np.rint(apart_s / apart_s[alone].mean()), 1.0))
     interval_s = float(apart_s.sum() / steps.sum())
     uneven = apart_s / interval_s - steps
-    if np.sqrt(np.mean(uneven**2)) > _UNEVEN or apart_s.size < _LEAST_SHARE * steps.sum():
+    if (
+        np.sqrt(np.mean(uneven**2)) > np.hypot(_UNEVEN, late_s / interval_s / np.sqrt(2.0))
+        or apart_s.size < _LEAST_SHARE * steps.sum()
+    ):
         worst = int(np.argmax(np.abs(uneven)))
         raise InputError(
             f"{rows.where(int(whole[worst + 1]))}: {apart_s[worst]:.6g} s after the reading before, where one every "
-            f"{np.median(apart_s):.6g} s is usual: the rate is not even, or most readings are missing; give readings "
+            f"{usual_s:.6g} s is usual: the rate is not even, or most readings are missing; give readings "
             "at an even rate"
         )
     return interval_s, steps.astype(np.int64)
+
+
+def _even(time_ns: Integers, steps: Integers, interval_s: float) -> Integers:
+    """Times (n,) without the lateness of each: even intervals, which follow the mean over `_EVEN_S`."""
+    even_ns = np.append(0, np.cumsum(steps)) * (1e9 * interval_s)
+    late_ns = (time_ns - time_ns[0]) - even_ns
+    usual_ns = ndimage.uniform_filter1d(late_ns, round(_EVEN_S / interval_s) | 1, mode="reflect")
+    return np.asarray(time_ns[0] + np.rint(even_ns + usual_ns).astype(np.int64))
 
 
 def _missing(steps: Integers, interval_s: float) -> tuple[str, ...]:

@@ -41,12 +41,14 @@ def imu_grade(
     gyro_noise_deg_sqrt_h: float,
     accel_bias_ug: float,
     accel_noise_m_s_sqrt_h: float,
+    scale_ppm: float = 0.0,
+    misalignment_mrad: float = 0.0,
     source: str = "as stated",
 ) -> ImuGrade:
-    """The grade of four figures of a data sheet.
+    """The grade of figures of a data sheet.
 
     Bias is what a unit has after turn-on, one sigma; a tenth of it changes during a run (300 s), which is our choice.
-    Noise is angular and velocity random walk.
+    Noise is angular and velocity random walk. Scale factors are of gyros and accelerometers alike.
     """
     return _grade(
         m_s_rthour=accel_noise_m_s_sqrt_h,
@@ -55,6 +57,9 @@ def imu_grade(
         deg_hour=_IN_RUN * gyro_bias_deg_h,
         turn_on_milli_g=1e-3 * accel_bias_ug,
         turn_on_deg_hour=gyro_bias_deg_h,
+        gyro_ppm=scale_ppm,
+        accelerometer_ppm=scale_ppm,
+        misalignment_mrad=misalignment_mrad,
         source=source,
     )
 
@@ -67,6 +72,9 @@ def _grade(
     deg_hour: float,
     turn_on_milli_g: float,
     turn_on_deg_hour: float,
+    gyro_ppm: float,
+    accelerometer_ppm: float,
+    misalignment_mrad: float,
     source: str,
 ) -> ImuGrade:
     """In the units of data sheets."""
@@ -77,13 +85,16 @@ def _grade(
         gyro_instability_rad_s=deg_hour * _DEG_PER_HOUR_RAD_S,
         accelerometer_repeatability_m_s2=turn_on_milli_g * _MILLI_G_M_S2,
         gyro_repeatability_rad_s=turn_on_deg_hour * _DEG_PER_HOUR_RAD_S,
+        gyro_scale=1e-6 * gyro_ppm,
+        accelerometer_scale=1e-6 * accelerometer_ppm,
+        misalignment_rad=1e-3 * misalignment_mrad,
         source=source,
     )
 
 
 _GROVES = "Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., table 4.1"
 _TABLE = "Ahmed, Khanafseh, Pervan, table 1"
-_OURS = "turn-on bias and correlation time, which the paper does not give, are ours"
+_OURS = "turn-on bias, correlation time and, where not of the data sheet, gain errors are ours"
 _CALIBRATED = "as a calibration leaves them"
 _NAVIGATION = {"m_s_rthour": 0.0143, "milli_g": 0.01, "deg_rthour": 0.001, "deg_hour": 0.0035}
 _TACTICAL = {"m_s_rthour": 0.06, "milli_g": 0.05, "deg_rthour": 0.15, "deg_hour": 0.5}
@@ -93,6 +104,8 @@ GRADES: dict[str, ImuGrade] = {
         gyro_noise_deg_sqrt_h=1.0,
         accel_bias_ug=30_000.0,
         accel_noise_m_s_sqrt_h=0.6,
+        scale_ppm=10_000.0,
+        misalignment_mrad=10.0,
         source=f"{_GROVES}: above 100 deg/h and 3 mg; the figures are ours, of chips as they leave the factory",
     ),
     "industrial": imu_grade(
@@ -100,19 +113,45 @@ GRADES: dict[str, ImuGrade] = {
         gyro_noise_deg_sqrt_h=0.4,
         accel_bias_ug=5_000.0,
         accel_noise_m_s_sqrt_h=0.06,
+        scale_ppm=1_000.0,
+        misalignment_mrad=1.0,
         source=f"between consumer and tactical of {_GROVES}; the figures are ours, of calibrated MEMS units",
     ),
     "navigation": _grade(
-        **_NAVIGATION, turn_on_milli_g=0.025, turn_on_deg_hour=0.003, source=f"{_TABLE} (Honeywell HG9900); {_OURS}"
+        **_NAVIGATION,
+        turn_on_milli_g=0.025,
+        turn_on_deg_hour=0.003,
+        gyro_ppm=5.0,
+        accelerometer_ppm=100.0,
+        misalignment_mrad=0.025,
+        source=f"{_TABLE} (Honeywell HG9900); {_OURS}",
     ),
     "tactical": _grade(
-        **_TACTICAL, turn_on_milli_g=0.75, turn_on_deg_hour=4.0, source=f"{_TABLE} (Safran STIM300); {_OURS}"
+        **_TACTICAL,
+        turn_on_milli_g=0.75,
+        turn_on_deg_hour=4.0,
+        gyro_ppm=500.0,
+        accelerometer_ppm=300.0,
+        misalignment_mrad=1.0,
+        source=f"{_TABLE} (Safran STIM300); {_OURS}",
     ),
     "navigation-calibrated": _grade(
-        **_NAVIGATION, turn_on_milli_g=0.01, turn_on_deg_hour=0.002, source=f"{_TABLE}; {_OURS}, {_CALIBRATED}"
+        **_NAVIGATION,
+        turn_on_milli_g=0.01,
+        turn_on_deg_hour=0.002,
+        gyro_ppm=2.0,
+        accelerometer_ppm=40.0,
+        misalignment_mrad=0.01,
+        source=f"{_TABLE}; {_OURS}, {_CALIBRATED}",
     ),
     "tactical-calibrated": _grade(
-        **_TACTICAL, turn_on_milli_g=0.2, turn_on_deg_hour=1.0, source=f"{_TABLE}; {_OURS}, {_CALIBRATED}"
+        **_TACTICAL,
+        turn_on_milli_g=0.2,
+        turn_on_deg_hour=1.0,
+        gyro_ppm=130.0,
+        accelerometer_ppm=80.0,
+        misalignment_mrad=0.27,
+        source=f"{_TABLE}; {_OURS}, {_CALIBRATED}",
     ),
 }
 """By name. Biases of tactical units are from 1 to 100 deg/h (Groves, table 4.1): state the figures of a poor one, or of

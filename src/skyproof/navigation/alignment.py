@@ -16,7 +16,7 @@ which later ones are linear, as it would in a filter whose attitude is open.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -36,6 +36,7 @@ from skyproof.navigation.ins import (
     begin,
     corrected,
     put_right,
+    without_errors,
 )
 from skyproof.navigation.ins_errors import STATES, transitions, updated
 from skyproof.navigation.ins_updates import by_fix, by_gravity, by_heading, by_rest
@@ -118,9 +119,12 @@ def align_standing(
             seen.append(by_heading(begun, heading_rad, heading_sigma))
         state, fit = corrected(begun, _together(seen))
         rough = state.attitude
-        turned_m_s2 = heading_sigma_rad(state) * np.hypot(
-            grade.accelerometer_repeatability_m_s2, grade.accelerometer_instability_m_s2
+        unleveled_m_s2 = (
+            grade.accelerometer_repeatability_m_s2,
+            grade.accelerometer_instability_m_s2,
+            grade.misalignment_rad * float(np.linalg.norm(gravity)),
         )
+        turned_m_s2 = heading_sigma_rad(state) * float(np.linalg.norm(unleveled_m_s2))
     return _judged(
         state, fit.p_value, heading_most_rad, "the gyros are not good enough to find north; give the heading"
     )
@@ -160,34 +164,41 @@ def align_moving(
     within = _until(readings, first_gpst, fixes[-1].gpst)
     if np.diff(seconds_between(within.gpst, first_gpst), prepend=0.0).max() > _HOLE * readings.interval_s:
         return _nothing("readings are missing")
-    bias, place_ecef_m = np.zeros(12), fixes[0].mean[0:3]
-    rough = _by_velocities(within, _turned(within, place_ecef_m, bias[3:6]), fixes)
+    errors, place_ecef_m = _SensorErrors(np.zeros(12), np.zeros((2, 3, 3))), fixes[0].mean[0:3]
+    rough = _by_velocities(within, _turned(within, place_ecef_m), fixes)
     for _ in range(_ROUNDS):
         start = _start(first_gpst, fixes[0], fixes[0].mean[3:6], rough, settings)
-        state, nis, dof = _batch(start, within, fixes, bias, settings)
-        bias = state.bias
-        rough = state.attitude @ _turned(within, place_ecef_m, state.gyro_bias_rad_s)[-1].T
+        state, nis, dof = _batch(start, within, fixes, errors, settings)
+        errors = _SensorErrors(state.bias, state.gain)
+        rough = state.attitude @ _turned(errors.off(within), place_ecef_m)[-1].T
     p_value = float(chi_square_survival(nis, dof))
     return _judged(state, p_value, heading_most_rad, "the motion does not show the heading yet")
 
 
+class _SensorErrors(NamedTuple):
+    """As a state has them: bias (12,), gain (2, 3, 3)."""
+
+    bias: Reals
+    gain: Reals
+
+    def off(self, readings: ImuSeries) -> ImuSeries:
+        """Readings without them."""
+        return without_errors(readings, self.bias[:6] + self.bias[6:], self.gain)
+
+
 def _batch(
-    start: NavState, readings: ImuSeries, fixes: Sequence[Known], bias: Reals, settings: InsSettings
+    start: NavState, readings: ImuSeries, fixes: Sequence[Known], errors: _SensorErrors, settings: InsSettings
 ) -> tuple[InsState, float, int]:
-    """The state at the last reading by all fixes, linear about the path from a rough start and biases (12,) on that
+    """The state at the last reading by all fixes, linear about the path from a rough start and sensor errors on that
     nothing corrects; and the sum of squares of what came unexpected, with its degrees."""
-    right = replace(
-        readings,
-        specific_force_m_s2=readings.specific_force_m_s2 - bias[0:3] - bias[6:9],
-        angular_rate_rad_s=readings.angular_rate_rad_s - bias[3:6] - bias[9:12],
-    )
+    right = errors.off(readings)
     path = strapdown(start, right)
     rows = np.searchsorted(path.gpst, np.array([fix.gpst for fix in fixes]), side="right") - 1
     every = max(int(_KNOT_S / readings.interval_s), 1)
     knots = np.unique(np.concatenate((np.arange(0, path.gpst.size, every), rows, [path.gpst.size - 1])))
     steps, noises = transitions(_rows(path, knots), settings.grade, most_s=2.0 * max(_KNOT_S, readings.interval_s))
     wrong, covariance, nis, dof = np.zeros(SIZE), begin(start, settings).covariance, 0.0, 0
-    wrong[9:STATES] = -bias  # before, all biases were expected to be nothing
+    wrong[9:STATES] = -np.concatenate((errors.bias, errors.gain.ravel()))  # before, none were expected
     for number, knot in enumerate(knots):
         if number:
             moves, noise = np.eye(SIZE), np.zeros((SIZE, SIZE))
@@ -196,7 +207,8 @@ def _batch(
         last = np.stack((right.specific_force_m_s2[max(knot - 1, 0)], right.angular_rate_rad_s[max(knot - 1, 0)]))
         state = InsState(
             run=FreeRun(state=_rows(path, np.array([knot])), covariance=covariance, last=last),
-            bias=bias,
+            bias=errors.bias,
+            gain=errors.gain,
             clock_m=np.zeros(2),
             lasting_m=np.zeros(4),
         )
@@ -236,7 +248,7 @@ def _until(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.datetime
     )
 
 
-def _turned(readings: ImuSeries, place_ecef_m: Reals, gyro_bias_rad_s: Reals) -> Reals:
+def _turned(readings: ImuSeries, place_ecef_m: Reals) -> Reals:
     """Turns (n + 1, 3, 3) from the body's axes at the begin of the readings to those after each; the Earth's own turn,
     which is about other axes, left in."""
     return strapdown_paths(
@@ -244,7 +256,7 @@ def _turned(readings: ImuSeries, place_ecef_m: Reals, gyro_bias_rad_s: Reals) ->
         np.zeros(3),
         np.eye(3),
         np.zeros_like(readings.specific_force_m_s2),
-        readings.angular_rate_rad_s - gyro_bias_rad_s,
+        readings.angular_rate_rad_s,
         readings.interval_s,
     )[2]
 

@@ -56,7 +56,7 @@ _EARTH_RAD_S: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 class FreeRun:
     """A free-running navigator at one instant.
 
-    state : one row, of the unit (not the antenna). covariance : (21 + k, 21 + k) as `ins_errors` has its states, and k
+    state : one row, of the unit (not the antenna). covariance : (39 + k, 39 + k) as `ins_errors` has its states, and k
         more of whoever runs it.
     last : (2, 3) specific force and angular rate of the last reading, None before the first.
     """

@@ -6,10 +6,10 @@ covariance's states and put right after each measurement, the attitude by a rota
 Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., 14.1 and 14.2.6).
 
 States are errors, what the navigator has minus truth: the 15 of position, velocity, attitude, accelerometers and gyros,
-with each sensor's bias in its constant and its slow part (21, `ins_errors`: biases are what is left of them in the
-readings); c times clock bias and drift (2); and the lasting error of fixes, of position and c times clock (4): what
-multipath and models leave in every fix for minutes. A filter without it takes a thousand fixes for a thousand
-independent ones and claims a thirtieth of their error.
+with each sensor's bias in its constant and its slow part, and the gain errors of both (39, `ins_errors`: of sensors it
+is what is left of them in the readings); c times clock bias and drift (2); and the lasting error of fixes, of position
+and c times clock (4): what multipath and models leave in every fix for minutes. A filter without it takes a thousand
+fixes for a thousand independent ones and claims a thirtieth of their error.
 """
 
 from dataclasses import dataclass, field, replace
@@ -27,7 +27,7 @@ from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.oscillators import Oscillator, clock_step
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.inertia import FreeRun, coast, turn_and_tilt
-from skyproof.navigation.ins_errors import STATES, start_covariance, updated
+from skyproof.navigation.ins_errors import GAINS, STATES, start_covariance, updated
 from skyproof.records import ImuSeries, NavState
 from skyproof.statistics.distributions import chi_square_survival
 
@@ -48,6 +48,7 @@ __all__ = [
     "corrected",
     "put_right",
     "step",
+    "without_errors",
 ]
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -55,7 +56,7 @@ ACCELEROMETER, GYRO = (slice(9, 12), slice(15, 18)), (slice(12, 15), slice(18, 2
 """Of each sensor the constant and the slow part of the bias."""
 CLOCK, LASTING = slice(STATES, STATES + 2), slice(STATES + 2, STATES + 6)
 SIZE: Final = STATES + 6
-_BIASES = slice(9, STATES)
+_BIASES, _GAINS = slice(9, 21), slice(GAINS[0].start, GAINS[1].stop)
 _GRAVITY_M_S2: Final = 9.81
 _TURNS_S: Final = 5.0  # our choice: what bodies take to turn
 _OPEN_CLOCK: Final = 1e6, 1e4  # m and m/s: nothing is known
@@ -83,13 +84,15 @@ class InsSettings:
 class InsState:
     """What is known at one instant.
 
-    run : the unit's state, and the covariance (27, 27) of all errors.
+    run : the unit's state, and the covariance (45, 45) of all errors.
     bias : (12,) of the sensors, in their covariance's order: constant of accelerometers and gyros, then slow.
+    gain : (2, 3, 3) errors of the gains of accelerometers and gyros.
     clock_m : (2,) c times bias and drift. lasting_m : (4,) what a fix there and then has more than truth.
     """
 
     run: FreeRun
     bias: Reals
+    gain: Reals
     clock_m: Reals
     lasting_m: Reals
 
@@ -100,7 +103,7 @@ class InsState:
 
     @property
     def covariance(self) -> Reals:
-        """(27, 27) of the errors."""
+        """(45, 45) of the errors."""
         return self.run.covariance
 
     @property
@@ -128,9 +131,19 @@ class InsState:
         """(3,) in body axes, constant and slow part together."""
         return self.bias[3:6] + self.bias[9:12]
 
+    def true_force(self, specific_force_m_s2: ArrayLike) -> Reals:
+        """Readings (..., 3) of the accelerometers at the state's instant, without bias and gain error."""
+        less = np.asarray(specific_force_m_s2, np.float64) - self.accelerometer_bias_m_s2
+        return np.asarray(less - less @ self.gain[0].T)
+
+    def true_rate(self, angular_rate_rad_s: ArrayLike) -> Reals:
+        """Readings (..., 3) of the gyros at the state's instant, without bias and gain error."""
+        less = np.asarray(angular_rate_rad_s, np.float64) - self.gyro_bias_rad_s
+        return np.asarray(less - less @ self.gain[1].T)
+
     @property
     def last(self) -> Reals:
-        """(2, 3) specific force and angular rate of the last reading, without the biases; at rest before the first."""
+        """(2, 3) specific force and angular rate of the last reading, errors taken off; at rest before the first."""
         return np.zeros((2, 3)) if self.run.last is None else self.run.last
 
 
@@ -138,7 +151,7 @@ class InsState:
 class Measurement:
     """What was measured, linear about a state.
 
-    innovation : (m,) what the navigator says minus what was measured. sensitivity : (m, 27) of that to the errors.
+    innovation : (m,) what the navigator says minus what was measured. sensitivity : (m, 45) of that to the errors.
     noise : (m, m) covariance of what was measured.
     """
 
@@ -181,6 +194,7 @@ def begin(
     return InsState(
         run=FreeRun(state=_at(start.gpst[-1], *_parts(start), covariance), covariance=covariance),
         bias=np.zeros(12),
+        gain=np.zeros((2, 3, 3)),
         clock_m=np.zeros(2) if clock_m is None else np.asarray(clock_m, np.float64),
         lasting_m=np.zeros(4),
     )
@@ -194,14 +208,10 @@ def step(state: InsState, readings: ImuSeries, settings: InsSettings) -> tuple[N
     """
     ahead_s = np.maximum(seconds_between(readings.gpst, state.gpst), 0.0)
     fade = np.exp(-ahead_s / settings.grade.correlation_s)[:, None]
-    whole = replace(
-        readings,
-        specific_force_m_s2=readings.specific_force_m_s2 - state.bias[0:3] - fade * state.bias[6:9],
-        angular_rate_rad_s=readings.angular_rate_rad_s - state.bias[3:6] - fade * state.bias[9:12],
-    )
+    bias = state.bias[:6] + fade * state.bias[6:]
     path, run = coast(
         state.run,
-        whole,
+        without_errors(readings, bias, state.gain),
         settings.grade,
         tilt_most_rad=settings.tilt_most_rad,
         further=partial(_clock_and_lasting, settings),
@@ -218,6 +228,13 @@ def step(state: InsState, readings: ImuSeries, settings: InsSettings) -> tuple[N
         clock_m=state.clock_m + [passed_s * state.clock_m[1], 0.0],
         lasting_m=np.exp(-passed_s / settings.lasting_s) * state.lasting_m,
     )
+
+
+def without_errors(readings: ImuSeries, bias: Reals, gain: Reals) -> ImuSeries:
+    """Readings less biases (6,) or (n, 6) of accelerometers and gyros and their gain errors (2, 3, 3)."""
+    force = readings.specific_force_m_s2 - bias[..., :3]
+    rate = readings.angular_rate_rad_s - bias[..., 3:]
+    return replace(readings, specific_force_m_s2=force - force @ gain[0].T, angular_rate_rad_s=rate - rate @ gain[1].T)
 
 
 def _clock_and_lasting(settings: InsSettings, seconds: float) -> tuple[Reals, Reals]:
@@ -261,18 +278,19 @@ def corrected(
 
 
 def put_right(state: InsState, wrong: Reals, covariance: Reals) -> InsState:
-    """The state less its estimated errors (27,), with the covariance (27, 27) of what is left of them."""
+    """The state less its estimated errors (45,), with the covariance (45, 45) of what is left of them."""
     covariance = 0.5 * (covariance + covariance.T)
     upright = Rotation.from_rotvec(-wrong[ATTITUDE]) * Rotation.from_matrix(state.attitude)
     place, speed = state.position_ecef_m - wrong[POSITION], state.velocity_ecef_m_s - wrong[VELOCITY]
-    more, last = wrong[_BIASES], state.run.last
+    more, gain, last = wrong[_BIASES], wrong[_GAINS].reshape(2, 3, 3), state.run.last
     if last is not None:  # by which the next piece is corrected for turning
-        last = last - np.stack((more[0:3] + more[6:9], more[3:6] + more[9:12]))
+        last = last - np.stack((more[0:3] + more[6:9], more[3:6] + more[9:12])) - np.einsum("sjk,sk->sj", gain, last)
     return InsState(
         run=FreeRun(
             state=_at(state.gpst, place, speed, upright.as_matrix(), covariance), covariance=covariance, last=last
         ),
         bias=state.bias + more,
+        gain=state.gain + gain,
         clock_m=state.clock_m - wrong[CLOCK],
         lasting_m=state.lasting_m - wrong[LASTING],
     )

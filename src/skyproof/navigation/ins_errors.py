@@ -1,13 +1,17 @@
 """How far a free-running inertial navigator may be off: the linear model of its errors, and its renewal by a fix.
 
-21 states: errors of position (3), velocity (3) and attitude (3) in ECEF axes as `NavState.covariance` has them, then in
+39 states: errors of position (3), velocity (3) and attitude (3) in ECEF axes as `NavState.covariance` has them, then in
 the unit's axes the constant bias of accelerometers (3) and gyros (3) and their slowly changing bias (3 + 3), a
-Gauss-Markov process whose driving noise has the density 2 sigma^2 / tau. With f the specific force,
+Gauss-Markov process whose driving noise has the density 2 sigma^2 / tau; and the gain errors of accelerometers (9) and
+gyros (9), row by row of a matrix M: scale factors on its diagonal, misalignments beside. With f the specific force and
+w the angular rate in the unit's axes,
 
-    dr' = dv,   dv' = psi x f + C b_a + (gravity gradient) dr - 2 Omega x dv,   psi' = C b_g - Omega x psi
+    dr' = dv,   dv' = psi x C f + C (b_a + M_a f) + (gravity gradient) dr - 2 Omega x dv
+    psi' = C (b_g + M_g w) - Omega x psi
 
-(Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., 14.2.3, with the sign of
-psi that `NavState` says). Scale factors and misalignments are left out: they are for bodies that manoeuvre.
+(Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., 4.4.6 and 14.2.3, with
+the sign of psi that `NavState` says). A gain error does what a bias of so many times the reading does, and that is how
+it is carried on. What depends on force in gyros, and bends with the size of a reading, is left out.
 
 The paper on decomposition (Ahmed, Khanafseh, Pervan) takes the figures of its table 1 for all there is; start errors
 and the bias that comes anew with each turn-on make most of the drift, and stand in `start_covariance`.
@@ -15,11 +19,12 @@ and the bias that comes anew with each turn-on make most of the drift, and stand
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
@@ -29,6 +34,7 @@ from skyproof.gnss.time import seconds_between
 from skyproof.records import NavState
 
 __all__ = [
+    "GAINS",
     "STATES",
     "error_covariance",
     "restarted",
@@ -39,7 +45,11 @@ __all__ = [
     "with_covariance",
 ]
 
-STATES: Final = 21
+STATES: Final = 39
+_CORE: Final = 21  # without the gain errors
+_BIASES: Final = slice(9, 12), slice(12, 15)  # of accelerometers and gyros, the constant ones
+GAINS: Final = slice(21, 30), slice(30, 39)
+"""Of accelerometers and gyros, row by row: of each sensor for what is along each axis."""
 _VELOCITY_AND_TILT: Final = np.arange(3, 9)
 _SPIN: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 
@@ -47,7 +57,8 @@ _SPIN: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 def start_covariance(
     grade: ImuGrade, *, position_m: float = 0.0, velocity_m_s: float = 0.0, tilt_rad: float = 0.0
 ) -> Reals:
-    """(21, 21) at the start: independent errors of these standard deviations per axis, and the grade's own biases."""
+    """(39, 39) at the start: independent errors of these standard deviations per axis, and the grade's own biases and
+    gain errors."""
     sigma = (
         position_m,
         velocity_m_s,
@@ -57,7 +68,11 @@ def start_covariance(
         grade.accelerometer_instability_m_s2,
         grade.gyro_instability_rad_s,
     )
-    return np.diag(np.repeat(np.square(sigma), 3))
+    gains = [
+        np.where(np.eye(3, dtype=np.bool_), scale, grade.misalignment_rad).ravel()
+        for scale in (grade.accelerometer_scale, grade.gyro_scale)
+    ]
+    return np.diag(np.square(np.concatenate((np.repeat(sigma, 3), *gains))))
 
 
 def error_covariance(
@@ -69,7 +84,7 @@ def error_covariance(
     extra: ArrayLike | None = None,
     further: Callable[[float], tuple[Reals, Reals]] | None = None,
 ) -> Reals:
-    """The covariance (n, 21 + k, 21 + k) at each time of `path` (n,), from `start` (21 + k, 21 + k) at its first.
+    """The covariance (n, 39 + k, 39 + k) at each time of `path` (n,), from `start` (39 + k, 39 + k) at its first.
 
     path : the navigator's, or a true one nearby. Its states should be at most `most_s` apart; where they are closer,
         the model is still stepped at every one, which costs time and nothing else. Force and attitude are taken as
@@ -96,7 +111,7 @@ def error_covariance(
 
 
 def transitions(path: NavState, grade: ImuGrade, *, most_s: float = 1.0) -> tuple[Reals, Reals]:
-    """How errors go on from each state of `path` (n,) to the next, and the noise that comes to them: (n - 1, 21, 21).
+    """How errors go on from each state of `path` (n,) to the next, and the noise that comes to them: (n - 1, 39, 39).
 
     Raises
     ------
@@ -105,19 +120,25 @@ def transitions(path: NavState, grade: ImuGrade, *, most_s: float = 1.0) -> tupl
     steps_s = seconds_between(path.gpst[1:], path.gpst[:-1])
     if np.any(steps_s <= 0.0) or np.any(steps_s > most_s * (1.0 + 1e-9)):
         raise ValueError(f"path: steps from {steps_s.min():g} to {steps_s.max():g} s, expected above 0 to {most_s:g}")
-    rates = _rates(path, grade)
+    felt = _felt(path, steps_s[:, None])
+    rates = _rates(path, felt, grade)
     # Van Loan, IEEE Trans. Automatic Control 23(3), 1978: both integrals from one exponential.
-    block = np.zeros((len(rates), 2 * STATES, 2 * STATES))
-    block[:, :STATES, :STATES] = -rates
-    block[:, :STATES, STATES:] = _noise(grade)
-    block[:, STATES:, STATES:] = np.swapaxes(rates, -1, -2)
+    block = np.zeros((len(rates), 2 * _CORE, 2 * _CORE))
+    block[:, :_CORE, :_CORE] = -rates
+    block[:, :_CORE, _CORE:] = _noise(grade)
+    block[:, _CORE:, _CORE:] = np.swapaxes(rates, -1, -2)
     powers = _exponential(block * steps_s[:, None, None])
-    step = np.swapaxes(powers[:, STATES:, STATES:], -1, -2)
-    return step, step @ powers[:, :STATES, STATES:]
+    core = np.swapaxes(powers[:, _CORE:, _CORE:], -1, -2)
+    step, noise = (np.zeros((len(rates), STATES, STATES)) for _ in range(2))
+    step[:], step[:, :_CORE, :_CORE] = np.eye(STATES), core
+    noise[:, :_CORE, :_CORE] = core @ powers[:, :_CORE, _CORE:]
+    for gains, bias, reading in zip(GAINS, _BIASES, (felt.force, felt.rate), strict=True):
+        step[:, :9, gains] = (core[:, :9, bias, None] * reading[:, None, None, :]).reshape(-1, 9, 9)
+    return step, noise
 
 
 def with_covariance(path: NavState, covariance: Reals) -> NavState:
-    """The path with the first nine states' covariance of (n, 21, 21)."""
+    """The path with the first nine states' covariance of (n, 39, 39)."""
     return replace(path, covariance=covariance[:, :9, :9])
 
 
@@ -143,7 +164,7 @@ def restarted(
     velocity_ecef_m_s: ArrayLike | None = None,
     velocity_covariance_m2_s2: ArrayLike | None = None,
 ) -> tuple[NavState, Reals, Reals]:
-    """The last of `state` put right by a fix, with the estimated biases (12,) and the covariance (21, 21) after it.
+    """The last of `state` put right by a fix, with the estimated biases (12,) and the covariance (39, 39) after it.
 
     A position alone leaves velocity and tilt nearly as they are; Dopplers give the velocity, and through the
     covariance the tilt and the biases that have led to the error. Subtract the biases (constant and slow ones of a
@@ -167,25 +188,49 @@ def restarted(
         attitude=attitude[None],
         covariance=after[None, :9, :9],
     )
-    return better, wrong[9:], after
+    return better, wrong[9:_CORE], after
 
 
-def _rates(path: NavState, grade: ImuGrade) -> Reals:
-    """The model's matrix (n - 1, 21, 21) between neighbouring states."""
-    dt = seconds_between(path.gpst[1:], path.gpst[:-1])[:, None]
+class _Felt(NamedTuple):
+    """Between neighbouring states (n - 1, ...): the attitude half-way; means of specific force and angular rate in the
+    unit's axes, as its readings are, and of the former in ECEF axes; the place."""
+
+    attitude: Reals
+    force: Reals
+    rate: Reals
+    force_ecef: Reals
+    place: Reals
+
+
+def _felt(path: NavState, steps_s: Reals) -> _Felt:
     velocity = 0.5 * (path.velocity_ecef_m_s[1:] + path.velocity_ecef_m_s[:-1])
     place = 0.5 * (path.position_ecef_m[1:] + path.position_ecef_m[:-1])
-    attitude = 0.5 * (path.attitude[1:] + path.attitude[:-1])
-    force = np.diff(path.velocity_ecef_m_s, axis=0) / dt + 2.0 * np.cross(_SPIN, velocity) - gravity_ecef_m_s2(place)
+    force = (
+        np.diff(path.velocity_ecef_m_s, axis=0) / steps_s + 2.0 * np.cross(_SPIN, velocity) - gravity_ecef_m_s2(place)
+    )
+    turned = Rotation.from_matrix(np.swapaxes(path.attitude[:-1], -1, -2) @ path.attitude[1:]).as_rotvec()
+    attitude = path.attitude[:-1] @ Rotation.from_rotvec(0.5 * turned).as_matrix()
+    return _Felt(
+        attitude=attitude,
+        force=np.einsum("nji,nj->ni", attitude, force),
+        rate=turned / steps_s + _SPIN @ attitude,
+        force_ecef=force,
+        place=place,
+    )
+
+
+def _rates(path: NavState, felt: _Felt, grade: ImuGrade) -> Reals:
+    """The model's matrix (n - 1, 21, 21) between neighbouring states, without the gain errors."""
+    place, attitude = felt.place, felt.attitude
     span_m = 1000.0 * np.eye(3)
     gradient = (
         gravity_ecef_m_s2(place[:, None, :] + span_m) - gravity_ecef_m_s2(place[:, None, :] - span_m)
     ) / 2000.0  # symmetric
-    rates = np.zeros((len(dt), STATES, STATES))
+    rates = np.zeros((len(place), _CORE, _CORE))
     rates[:, 0:3, 3:6] = np.eye(3)
     rates[:, 3:6, 0:3] = gradient
     rates[:, 3:6, 3:6] = -2.0 * skew(_SPIN)
-    rates[:, 3:6, 6:9] = -skew(force)
+    rates[:, 3:6, 6:9] = -skew(felt.force_ecef)
     rates[:, 6:9, 6:9] = -skew(_SPIN)
     for accelerometer in (9, 15):
         rates[:, 3:6, accelerometer : accelerometer + 3] = attitude

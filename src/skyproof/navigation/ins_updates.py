@@ -28,7 +28,7 @@ from skyproof.navigation.ins import (
     InsState,
     Measurement,
 )
-from skyproof.navigation.ins_errors import skew
+from skyproof.navigation.ins_errors import GAINS, skew
 from skyproof.navigation.known import KNOWN, Known
 from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import atmosphere, corrected_ranges, space_sigma_m, time_scales
@@ -40,7 +40,7 @@ _SPIN: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 
 
 class _Antenna(NamedTuple):
-    """Position, velocity, c times clock bias and drift (8,), and their sensitivity (8, 27) to the state's errors."""
+    """Position, velocity, c times clock bias and drift (8,), and their sensitivity (8, 45) to the state's errors."""
 
     mean: Reals
     sensitivity: Reals
@@ -59,13 +59,18 @@ def _antenna(state: InsState, settings: InsSettings, gpst: np.datetime64) -> _An
     h = np.zeros((KNOWN, SIZE))
     h[0:3, POSITION] = h[3:6, VELOCITY] = np.eye(3)
     h[0:3, ATTITUDE], h[3:6, ATTITUDE] = -skew(arm), -skew(swing)
-    for part in GYRO:
-        h[3:6, part] = -state.attitude @ skew(settings.lever_m)
+    _of_sensor(h[3:6], GYRO, GAINS[1], -state.attitude @ skew(settings.lever_m), rate)
     h[6:8, CLOCK] = np.eye(2)
     h[0:3] += ahead_s * h[3:6]
     h[6] += ahead_s * h[7]
     place = state.position_ecef_m + arm + ahead_s * speed + 0.5 * ahead_s**2 * pull
     return _Antenna(np.concatenate((place, speed + ahead_s * pull, clock_m)), h)
+
+
+def _of_sensor(h: Reals, biases: tuple[slice, slice], gains: slice, by: Reals, felt: Reals, slow: float = 1.0) -> None:
+    """Put into rows (m, 45) the sensitivity `by` (m, 3) to a sensor's error: biases, and gains by what it felt (3,)."""
+    h[:, biases[0]], h[:, biases[1]] = by, slow * by
+    h[:, gains] = (by[:, :, None] * felt).reshape(len(by), 9)
 
 
 def antenna_of(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> Known:
@@ -181,8 +186,9 @@ def by_rest(
     h = np.zeros((6, SIZE))
     h[0:3, VELOCITY] = np.eye(3)
     h[3:6, ATTITUDE] = -state.attitude.T @ skew(_SPIN)
-    h[3:6, GYRO[0]], h[3:6, GYRO[1]] = np.eye(3), slow * np.eye(3)
-    turn = np.asarray(angular_rate_rad_s, np.float64) - state.gyro_bias_rad_s - _SPIN @ state.attitude
+    rate = state.true_rate(angular_rate_rad_s)
+    _of_sensor(h[3:6], GYRO, GAINS[1], np.eye(3), rate, slow)
+    turn = rate - _SPIN @ state.attitude
     noise = np.diag(np.repeat(np.square([sway_m_s, rate_sigma_rad_s]), 3))
     return Measurement(innovation=np.concatenate((state.velocity_ecef_m_s, turn)), sensitivity=h, noise=noise)
 
@@ -199,8 +205,8 @@ def by_gravity(
     gravity = gravity_ecef_m_s2(state.position_ecef_m)
     h = np.zeros((3, SIZE))
     h[:, ATTITUDE] = state.attitude.T @ skew(gravity)
-    h[:, ACCELEROMETER[0]], h[:, ACCELEROMETER[1]] = np.eye(3), slow * np.eye(3)
-    felt = np.asarray(specific_force_m_s2, np.float64) - state.accelerometer_bias_m_s2
+    felt = state.true_force(specific_force_m_s2)
+    _of_sensor(h, ACCELEROMETER, GAINS[0], np.eye(3), felt, slow)
     return Measurement(
         innovation=felt + gravity @ state.attitude, sensitivity=h, noise=np.asarray(noise_m2_s4, np.float64)
     )

@@ -47,8 +47,13 @@ class _Start(NamedTuple):
     tilt_deg: float = 0.0
 
 
+def _level(grade: ImuGrade) -> ImuGrade:
+    """Without gain errors, of which the paper says nothing: on a straight approach they are a bias."""
+    return replace(grade, accelerometer_scale=0.0, gyro_scale=0.0, misalignment_rad=0.0)
+
+
 def _table_only(grade: ImuGrade) -> ImuGrade:
-    return replace(grade, accelerometer_repeatability_m_s2=0.0, gyro_repeatability_rad_s=0.0)
+    return replace(_level(grade), accelerometer_repeatability_m_s2=0.0, gyro_repeatability_rad_s=0.0)
 
 
 _MOVING: Final = _Start(position_m=1.0, velocity_m_s=0.05)
@@ -58,8 +63,8 @@ _UNITS: Final[dict[tuple[str, str], tuple[ImuGrade, _Start]]] = {
     for errors, unit in (
         ("table 1", (_table_only(GRADES[name]), _Start())),
         ("table 1, start", (_table_only(GRADES[name]), _MOVING)),
-        ("calibrated, start", (GRADES[f"{name}-calibrated"], _MOVING._replace(tilt_deg=calibrated_deg))),
-        ("switch-on, start", (GRADES[name], _MOVING._replace(tilt_deg=tilt_deg))),
+        ("calibrated, start", (_level(GRADES[f"{name}-calibrated"]), _MOVING._replace(tilt_deg=calibrated_deg))),
+        ("switch-on, start", (_level(GRADES[name]), _MOVING._replace(tilt_deg=tilt_deg))),
     )
 }
 

@@ -232,6 +232,9 @@ WRONG = [
     (f"{IMU}gyro_noise_deg_sqrt_h = -1", "imu.gyro_noise_deg_sqrt_h = -1, expected 0 or more"),
     (f"{IMU}accel_bias_ug = -1", "imu.accel_bias_ug = -1, expected 0 or more"),
     (f"{IMU}accel_noise_m_s_sqrt_h = -1", "imu.accel_noise_m_s_sqrt_h = -1, expected 0 or more"),
+    (f"{IMU}scale_ppm = -1", "imu.scale_ppm = -1, expected 0 or more"),
+    (f"{IMU}misalignment_mrad = -1", "imu.misalignment_mrad = -1, expected 0 or more"),
+    (f"{IMU}misalignment_mrad = 1", "imu: misalignment_mrad is given, but not gyro_bias_deg_h, gyro_noise_deg_sqrt_h"),
     (f'{IMU}axes = "ned"', "imu.axes: is \"ned\", expected 'frd', 'flu', 'rfu' or a rotation as three rows"),
     (f"{IMU}axes = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]", "expected a rotation: rows of length one at right angles"),
     (f"{IMU}axes = [[1, 0, 0], [0, 1, 0], [0.1, 0, 1]]", "expected a rotation: rows of length one at right angles"),
@@ -291,6 +294,10 @@ def test_errors_of_a_unit_are_those_of_its_grade_or_numbers_and_the_poorest_if_n
     assert stated.angular_random_walk_rad_rts == pytest.approx(np.radians(0.01))
     assert stated.accelerometer_repeatability_m_s2 == pytest.approx(9.80665e-3)
     assert stated.velocity_random_walk_m_s_rts == pytest.approx(0.001)
+    assert (stated.gyro_scale, stated.misalignment_rad) == (0.0, 0.0)
+    with_gains = PlatformImu(file=Path("imu.csv"), **numbers, scale_ppm=500.0, misalignment_mrad=1.0).errors
+    assert with_gains.gyro_scale == with_gains.accelerometer_scale == pytest.approx(5e-4)
+    assert with_gains.misalignment_rad == pytest.approx(1e-3)
     assert PlatformImu(file=Path("imu.csv"), grade="tactical").errors is GRADES["tactical"]
     assert PlatformImu(file=Path("imu.csv")).errors is GRADES["consumer"]
     assert max(GRADES.values(), key=lambda grade: grade.gyro_repeatability_rad_s) is GRADES["consumer"]

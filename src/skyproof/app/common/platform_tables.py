@@ -27,6 +27,7 @@ AXES: Final = {
 }
 """Rotations from the unit's axes, named by where they point, to forward, right, down."""
 ERRORS: Final = ("gyro_bias_deg_h", "gyro_noise_deg_sqrt_h", "accel_bias_ug", "accel_noise_m_s_sqrt_h")
+GAIN_ERRORS: Final = ("scale_ppm", "misalignment_mrad")
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 Metres = Annotated[Number, Field(ge=-1e3, le=1e3)]
@@ -274,6 +275,22 @@ class PlatformImu(Model):
         description="Velocity random walk, metres a second per root hour.",
         examples=[0.07],
     )
+    scale_ppm: Number | None = Field(
+        default=None,
+        ge=0.0,
+        le=1e5,
+        description="One sigma of gyros' and accelerometers' scale factors, millionths; beside the four numbers. None "
+        "if absent: then it drifts more than stated where it turns or speeds up.",
+        examples=[500.0],
+    )
+    misalignment_mrad: Number | None = Field(
+        default=None,
+        ge=0.0,
+        le=100.0,
+        description="One sigma of each sensor's axis towards each other axis, thousandths of a radian; beside the four "
+        "numbers. None if absent.",
+        examples=[1.0],
+    )
     axes: Annotated[
         str | Matrix,
         PlainValidator(_axes),
@@ -310,11 +327,11 @@ class PlatformImu(Model):
 
     @model_validator(mode="after")
     def _grade_or_numbers(self) -> Self:
-        given = [key for key in ERRORS if getattr(self, key) is not None]
+        given = [key for key in (*ERRORS, *GAIN_ERRORS) if getattr(self, key) is not None]
         if self.grade is not None and given:
             raise ValueError(f"grade and {given[0]} both state its errors; leave one out")
-        if given and len(given) < len(ERRORS):
-            lacking = ", ".join(key for key in ERRORS if key not in given)
+        lacking = ", ".join(key for key in ERRORS if key not in given)
+        if given and lacking:
             raise ValueError(f"{given[0]} is given, but not {lacking}; give all four, or a grade")
         return self
 
@@ -323,7 +340,8 @@ class PlatformImu(Model):
         """The size of its errors: of the grade or the numbers given, else of the poorest units."""
         if self.gyro_bias_deg_h is None:
             return GRADES[self.grade or "consumer"]
-        return imu_grade(**{name: getattr(self, name) for name in ERRORS})
+        numbers: dict[str, Any] = {name: getattr(self, name) or 0.0 for name in (*ERRORS, *GAIN_ERRORS)}
+        return imu_grade(**numbers)
 
     @property
     def rotation(self) -> Reals:
