@@ -1,6 +1,7 @@
 """Attacks and clean skies drawn at random, judged as `protect` judges, held against the truth and counted.
 
     python bench/drawn.py --attacks 1000 --clean 500 --out drawn.jsonl --processes 2   goes on where it was stopped
+    python bench/drawn.py --several 300 --out drawn.jsonl                              some satellites, some antennas
     python bench/drawn.py --samples 60 --out drawn.jsonl                               attacks through samples
     python bench/drawn.py --only attack-17 -v                                          everything about one scene
     python bench/drawn.py --table drawn.jsonl                                          the counts alone
@@ -41,7 +42,7 @@ TO_95_UP = 2.80  # of a sphere
 WRONG_BOUNDS = 3.0
 FOLLOWED_S = 5.0
 """An attack that no receiver follows with a signal for so long, or more weakly than by half, is not there for it."""
-SHOWN_FIELDS = ("kind", "place", "clock", "reached", "power_db", "noise_db", "onset_s")
+SHOWN_FIELDS = ("kind", "place", "clock", "reached", "power_db", "noise_db", "onset_s", "n_sats", "others_enu_m")
 SAMPLES: dict[str, Any] = {"duration_s": 26.0, "most_receivers": 3}
 MOST_SATS = 8
 
@@ -118,6 +119,7 @@ def examined(name: str, **options: Any) -> dict[str, Any]:
         "captured": any(one["captured_s"] >= FOLLOWED_S for one in rows),
         "fits": fits_distance(made, heard, outcome) if any(one["wrong"] for one in rows) else None,
         "wrong_labels": wrong_labels(heard, outcome),
+        "epochs": epochs_by_label(heard, outcome),
     }
 
 
@@ -222,6 +224,19 @@ def wrong_labels(heard: Sequence[Heard], outcome: Outcome) -> list[str]:
     return faults
 
 
+def epochs_by_label(heard: Sequence[Heard], outcome: Outcome) -> dict[str, dict[str, int]]:
+    """How many epochs of true and of false signals bear each label."""
+    found: dict[str, Counter[str]] = {"true": Counter(), "false": Counter()}
+    for h in heard:
+        o = h.reception.observations
+        for s in outcome.decision.labels if o is not None else ():
+            if o is not None and s.ref.receiver == o.receiver:
+                share = h.false_share[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)]
+                found["true"][s.label] += int((share < 0.4).sum())
+                found["false"][s.label] += int((share > 0.6).sum())
+    return {kind: dict(counts) for kind, counts in found.items()}
+
+
 # ---------------------------------------------------------------------- all of them
 
 
@@ -250,8 +265,8 @@ def read(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
 
 
-def names_of(attacks: int, clean: int, samples: int = 0, first: int = 0) -> list[str]:
-    counts = (("attack", attacks), ("clean", clean), ("samples-attack", samples))
+def names_of(attacks: int, clean: int, samples: int = 0, first: int = 0, several: int = 0) -> list[str]:
+    counts = (("attack", attacks), ("clean", clean), ("samples-attack", samples), ("several", several))
     return [f"{kind}-{k}" for kind, n in counts for k in range(first, first + n)]
 
 
@@ -273,7 +288,7 @@ def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """The counts."""
     yield from (f"{row['name']} crashed: {row['error']}" for row in rows if row["verdict"] == "crashed")
     rows = [row for row in rows if row["verdict"] not in ("no scene", "crashed")]
-    for kind in ("attack", "clean", "samples"):
+    for kind in ("attack", "several", "clean", "samples"):
         mine = [row for row in rows if row["name"].startswith(kind)]
         if not mine:
             continue
@@ -288,6 +303,7 @@ def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
             if part:
                 yield f"  {given:<9} {sub or '':<8} {_counts(part)}"
         yield f"  all                {_counts(mine)}"
+        yield f"  {_shares(mine)}"
         yield from _listed(mine, kind)
 
 
@@ -302,6 +318,22 @@ def _counts(part: Sequence[dict[str, Any]]) -> str:
         f"{sum(bool(row['fits']) for row in part):2d}; {fixes:6d} trusted fixes, beyond 95 % "
         f"{100.0 * beyond / max(fixes, 1):4.1f} %"
     )
+
+
+def _shares(rows: Sequence[dict[str, Any]]) -> str:
+    """Of all epochs of signals: how many were named, rightly or wrongly."""
+    words = []
+    for kind, named in (("false", "spoofed"), ("true", "authentic")):
+        count: Counter[str] = Counter()
+        for row in rows:
+            count.update(row.get("epochs", {}).get(kind, {}))
+        total = max(sum(count.values()), 1)
+        other = "authentic" if named == "spoofed" else "spoofed"
+        words.append(
+            f"{kind} signals {named} in {100.0 * count[named] / total:.1f} %, {other} in "
+            f"{100.0 * count[other] / total:.2f} % of {sum(count.values())} epochs"
+        )
+    return "; ".join(words)
 
 
 def _listed(rows: Sequence[dict[str, Any]], kind: str) -> Iterator[str]:
@@ -324,6 +356,7 @@ def _listed(rows: Sequence[dict[str, Any]], kind: str) -> Iterator[str]:
         ],
         "time off by over 1 us": [row for row in rows if any(one.get("time_off_s", 0) > 1e-6 for one in row["each"])],
         "a label wrong": [row for row in rows if row["wrong_labels"]],
+        "an attack, and no sign is said": [row for row in rows if "kind" in row and "no sign" in row["summary"]],
     }
     if kind == "clean":
         groups["called spoofed"] = [row for row in rows if row["verdict"] == "spoofed"]
@@ -384,6 +417,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--attacks", type=int, default=0)
     options.add_argument("--clean", type=int, default=0)
+    options.add_argument("--several", type=int, default=0, help="some satellites imitated from one to four antennas")
     options.add_argument("--samples", type=int, default=0, help="attacks that go through samples and protect itself")
     options.add_argument("--first", type=int, default=0, help="number of the first scene of each kind")
     options.add_argument("--only", nargs="+", help="names of scenes, such as attack-17")
@@ -399,7 +433,7 @@ def main() -> None:
             print("\n".join(reported(name)))
         return
     else:
-        names = chosen.only or names_of(chosen.attacks, chosen.clean, chosen.samples, chosen.first)
+        names = chosen.only or names_of(chosen.attacks, chosen.clean, chosen.samples, chosen.first, chosen.several)
         rows = run(names, chosen.out, chosen.processes)
     print("\n".join(table(rows)))
 

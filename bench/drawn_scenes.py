@@ -13,6 +13,7 @@ from skyproof.errors import ScenarioError
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.simulator.attacks import TransmitAntenna
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import (
     Antenna,
@@ -34,8 +35,10 @@ Vector = tuple[float, float, float]
 Given = Literal["nothing", "distance", "positions"]
 
 SEED = 1
-KINDS = ("clean", "attack")
+KINDS = ("clean", "attack", "several")
+"""No attack; one transmitter that does anything; one or several antennas that imitate one satellite, or more."""
 NEAREST_M, FARTHEST_M = 3.0, 300.0  # of two antennas
+FARTHEST_OF_SEVERAL_M = 100.0
 CHIP_S = 1e-3 / 1023
 RIDES_WITHIN_M = 300.0
 """A transmitter nearer than this to what moves goes with it: it would be left behind within the scene."""
@@ -56,7 +59,7 @@ class DrawnAttack:
     place : how the false place was chosen; away_enu_m : that place from the focus's true one.
     drawn_off_s : of a takeover, from the first offset to all of it; at_s : after the onset.
     late_s, drift : of the false time.
-    n_sats : how many are imitated, None for all.
+    n_sats : how many are imitated, None for all. others_enu_m : further transmit antennas, which share them.
     """
 
     kind: Literal["takeover", "spoofer", "meaconer"]
@@ -80,6 +83,7 @@ class DrawnAttack:
     phase: Literal["aligned", "random"]
     carrier: Literal["follows", "locked"]
     n_sats: int | None
+    others_enu_m: tuple[Vector, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,19 +143,21 @@ def stated_sigma_m(distance_m: float) -> float:
     return 0.5 * max(0.05 * distance_m, 1.0)
 
 
-def draw_scene(name: str, *, most_receivers: int = 4, duration_s: float | None = None) -> DrawnScene:
+def draw_scene(name: str, *, most_receivers: int = 5, duration_s: float | None = None) -> DrawnScene:
     """The scene of a name such as "attack-17". duration_s : in place of a drawn one."""
     kind, _, number = name.partition("-")
     if kind not in KINDS or not number.isdigit():
-        raise SystemExit(f"no scene named {name!r}; give attack-NUMBER or clean-NUMBER")
+        raise SystemExit(f"no scene named {name!r}; give attack-NUMBER, several-NUMBER or clean-NUMBER")
     rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(KINDS.index(kind), int(number))))
-    n = min(int(rng.choice([2, 3, 4], p=[0.6, 0.25, 0.15])), most_receivers)
+    several = kind == "several"
+    counts, shares = ([2, 3, 4, 5], [0.5, 0.2, 0.15, 0.15]) if several else ([2, 3, 4], [0.6, 0.25, 0.15])
+    n = min(int(rng.choice(counts, p=shares)), most_receivers)
     motion = str(rng.choice(["still", "straight", "turning"], p=[0.6, 0.25, 0.15]))
     given = str(rng.choice(["nothing", "distance", "positions"]))
     if (given == "distance" and n > 2) or (given == "positions" and motion == "turning"):
         given = "nothing"
     lasts_s = duration_s or float(rng.uniform(40.0, 60.0))
-    antennas = _antennas(rng, n)
+    antennas = _antennas(rng, n, FARTHEST_OF_SEVERAL_M if several else FARTHEST_M)
     if motion == "turning" and max(math.hypot(*place) for place in antennas) > LONGEST_TURNING_M:
         motion = "straight"
     drawn: dict[str, Any] = {
@@ -177,7 +183,9 @@ def draw_scene(name: str, *, most_receivers: int = 4, duration_s: float | None =
         "given": given,
         "given_error": float(rng.uniform(-1.4, 1.4)),
     }
-    attack = _attack(rng, antennas, lasts_s, motion, drawn["zenith_cn0_dbhz"]) if kind == "attack" else None
+    attack = _attack(rng, antennas, lasts_s, motion, drawn["zenith_cn0_dbhz"]) if kind != "clean" else None
+    if several and attack is not None:
+        attack = _several(rng, attack, n)
     return DrawnScene(**drawn, attack=attack)
 
 
@@ -192,13 +200,13 @@ def _level(rng: np.random.Generator, distance: float, steepest: float) -> Vector
     return level * math.sin(az_rad), level * math.cos(az_rad), distance * math.sin(el_rad)
 
 
-def _antennas(rng: np.random.Generator, n: int) -> tuple[Vector, ...]:
-    """Each 3 to 300 m from every other."""
-    reach_m = _log_uniform(rng, NEAREST_M, FARTHEST_M)
+def _antennas(rng: np.random.Generator, n: int, farthest_m: float) -> tuple[Vector, ...]:
+    """Each 3 m to `farthest_m` from every other."""
+    reach_m = _log_uniform(rng, NEAREST_M, farthest_m)
     places: list[Vector] = [(0.0, 0.0, 0.0)]
     while len(places) < n:
-        place = _level(rng, reach_m if n == 2 else _log_uniform(rng, NEAREST_M, FARTHEST_M), 0.15)
-        if all(NEAREST_M <= math.dist(place, other) <= FARTHEST_M + 1e-6 for other in places):
+        place = _level(rng, reach_m if n == 2 else _log_uniform(rng, NEAREST_M, farthest_m), 0.15)
+        if all(NEAREST_M <= math.dist(place, other) <= farthest_m + 1e-6 for other in places):
             places.append(place)
     return tuple(places)
 
@@ -265,6 +273,26 @@ def _attack(
         carrier="locked" if rng.random() < 0.15 else "follows",
         n_sats=int(rng.integers(4, 8)) if rng.random() < 0.2 else None,
     )  # type: ignore[arg-type]
+
+
+def _several(rng: np.random.Generator, attack: DrawnAttack, n: int) -> DrawnAttack:
+    """The same, quiet, by up to four antennas, 50 m to 1 km from the receivers, that all of these hear."""
+    antennas = [_above(_level(rng, _log_uniform(rng, 50.0, 1000.0), 0.3)) for _ in range(int(rng.integers(1, 5)))]
+    away = _level(rng, _log_uniform(rng, 100.0, 2e4), 0.02)
+    return replace(
+        attack,
+        kind="meaconer" if rng.random() < 0.3 else "spoofer",
+        reached=tuple(range(n)),
+        transmit_enu_m=antennas[0],
+        others_enu_m=tuple(antennas[1:]),
+        power_db=float(rng.uniform(-6.0, 20.0)),
+        noise_db=None,
+        jam_s=0.0,
+        place="random",
+        away_enu_m=away,
+        late_s=abs(attack.late_s),
+        n_sats=int(rng.integers(1, 11)),
+    )
 
 
 def _above(place: Vector) -> Vector:
@@ -398,6 +426,13 @@ def _transmitters(drawn: DrawnScene, attack: DrawnAttack, under: Scene) -> tuple
         "noise_db": None if attack.noise_db is None else attack.noise_db + first_db,
         "sats": _sats(under, attack),
     }
+    if attack.others_enu_m and common["sats"]:
+        shared = [common["sats"][k :: len(attack.others_enu_m) + 1] for k in range(1, len(attack.others_enu_m) + 1)]
+        common["antennas"] = tuple(
+            TransmitAntenna(**at(place, attack.rides), sats=sats)
+            for place, sats in zip(attack.others_enu_m, shared, strict=True)
+            if sats
+        )
     if attack.power_rises_s:
         begin_s = attack.onset_s
         common["power_points_db"] = ((begin_s, -15.0), (begin_s + attack.power_rises_s, 0.0))

@@ -57,22 +57,28 @@ def with_seconds(rng, kept, delay_m=None, *, scene=ECHOES):
     return replace(records, observations=(changed,), sets=records.sets[:1])
 
 
-def with_echoes(rng):
-    """Echoes as they are between towers, one a satellite at most."""
-    records = ECHOES.records(rng)
-    (o,) = records.observations
-    sets = records.sets[:1]
-    level_dbhz = np.median(o.cn0_dbhz[:, :ECHOING], axis=0)
-    elevation_deg = np.degrees([elevation_rad(records.navigation, sets, s.sat) for s in o.signals[:ECHOING]])
+def with_echoes(rng, scene=ECHOES):
+    """Echoes as they are between towers, one a satellite and receiver at most."""
+    records = scene.records(rng)
+    sets = tuple(s for s in records.sets if s.signals[0].copy == "a")
+    heard = tuple(
+        _echoing(rng, o, records, [s for s in sets if s.receiver == o.receiver]) for o in records.observations
+    )
+    return replace(records, observations=heard, sets=sets)
+
+
+def _echoing(rng, o, records, sets):
+    n = len(o.signals) // 2
+    level_dbhz = np.median(o.cn0_dbhz[:, :n], axis=0)
+    elevation_deg = np.degrees([elevation_rad(records.navigation, sets, s.sat) for s in o.signals[:n]])
     shown = {name: getattr(o, name).copy() for name in ("pseudorange_m", "cn0_dbhz", "doppler_hz")}
-    for name, values in shown.items():
-        values[:, ECHOING:] = values[:, :ECHOING] if name != "cn0_dbhz" else np.nan
+    for values in shown.values():
+        values[:, n:] = np.nan
     for k, second in drawn_seconds(rng, SecondSignalsSettings().echoes, level_dbhz.max() - level_dbhz, elevation_deg):
-        shown["pseudorange_m"][:, ECHOING + k] = o.pseudorange_m[:, k] + second.late_m
-        shown["cn0_dbhz"][:, ECHOING + k] = o.cn0_dbhz[:, k] + second.over_db
-        shown["doppler_hz"][:, ECHOING + k] = o.doppler_hz[:, k] + second.apart_hz
-    shown["pseudorange_m"][:, ECHOING:] += 0.0 * shown["cn0_dbhz"][:, ECHOING:]
-    return replace(records, observations=(replace(o, **shown),), sets=sets)
+        shown["pseudorange_m"][:, n + k] = o.pseudorange_m[:, k] + second.late_m
+        shown["cn0_dbhz"][:, n + k] = o.cn0_dbhz[:, k] + second.over_db
+        shown["doppler_hz"][:, n + k] = o.doppler_hz[:, k] + second.apart_hz
+    return replace(o, **shown)
 
 
 UNRELATED = MeasuredScene(antennas_enu_m=ONE, epochs=3, false=ECHOES.false, errors=ECHOES.errors, max_satellites=8)

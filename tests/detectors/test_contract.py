@@ -24,6 +24,14 @@ from skyproof.testing import ALARMS, FalseSky, MeasuredScene, TrackErrors, check
 
 CAPTURED = MeasuredScene(sky=(), false=(FalseSky(),), epochs=8, errors=TrackErrors(1.0))
 CLEAN = MeasuredScene(epochs=4, errors=TrackErrors(1.0, constant_m=1.0))
+PLACES = {"rx1": (0.0, 0.0, 0.0), "rx2": (40.0, 0.0, 0.0)}
+ECHOING = MeasuredScene(
+    antennas_enu_m=PLACES,
+    false=(FalseSky(shows_enu_m=(0.0, 0.0, 0.0)),),
+    epochs=4,
+    errors=TrackErrors(1.0, constant_m=1.0),
+    max_satellites=10,
+)
 AUTHENTIC = ("authentic",)
 
 
@@ -81,6 +89,14 @@ CASES = (
         50,
         1000,
         conservative="the antennas are farther apart than it was given",
+    ),
+    Case(
+        "a true sky with echoes, antennas known",
+        lambda: MultiReceiver(MultiReceiverSettings(false_alarm_probability=0.01, antennas_enu_m=PLACES)),
+        lambda rng: nulls.with_echoes(rng, ECHOING),
+        50,
+        2000,
+        conservative="most satellites have no second signal, and tests share the rate",
     ),
     Case(
         "echoes",

@@ -25,6 +25,7 @@ NAMES = {
     "ins-array-1-location-2",
     "ins-array-2",
     "ins-array-2-location-2",
+    "some-satellites",
     "spin",
     "las-vegas",
     "static-austin",

@@ -137,6 +137,7 @@ MADE_ELSEWHERE = {
     "known_geometry": None,
     "late_copies": None,
     "echoes": "second_signals",
+    "further_signals": "second_signals",
     "multi_receiver": "one_antenna",
     "pairing": "one_antenna",
     "second_component": None,

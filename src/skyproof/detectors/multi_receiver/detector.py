@@ -33,6 +33,7 @@ import numpy as np
 
 from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.detectors.multi_receiver.common_epochs import Kind
+from skyproof.detectors.multi_receiver.further_signals import Rates, further_signals
 from skyproof.detectors.multi_receiver.known_geometry import (
     AntennaDistance,
     AntennaGeometry,
@@ -80,6 +81,7 @@ class MultiReceiverSettings:
         names it replaces all of the above, and decides what they cannot.
     antennas_sigma_m : standard deviation of these places, on each axis.
     unrelated_spread_m : delays of second signals that have nothing to do with each other spread over at least this.
+    mistaken_probability : share of echoes among further signals that are called false one by one, under an attack.
     """
 
     false_alarm_probability: float = 1e-3
@@ -96,9 +98,10 @@ class MultiReceiverSettings:
     antennas_enu_m: Mapping[str, tuple[float, float, float]] | None = None
     antennas_sigma_m: float = 0.1
     unrelated_spread_m: float = 300.0
+    mistaken_probability: float = 0.01
 
     def __post_init__(self) -> None:
-        for name in ("false_alarm_probability", "accept_probability"):
+        for name in ("false_alarm_probability", "accept_probability", "mistaken_probability"):
             require_probability("multi_receiver", name, getattr(self, name))
         for name in ("min_satellites", "min_epochs"):
             if getattr(self, name) < 4:
@@ -210,8 +213,31 @@ class _Window:
         every = [pair_up(records, sets, noise, min_satellites=least, kind=kind) for sets, kind in groups]
         self.pairings = [pairing for pairing in every if self._enough(pairing)]
         self.groups = itertools.count(1)
+        self.skies: list[Pairing] = []
 
     def evidence(self) -> list[Evidence]:
+        said = self._of_groups()
+        return [*said, *self._of_further_signals(said)] if self.skies else said
+
+    def _of_further_signals(self, said: Sequence[Evidence]) -> list[Evidence]:
+        """What is false beside the skies that are true, signal by signal."""
+        rates = Rates(
+            alarm=self.settings.false_alarm_probability,
+            mistaken=self.settings.mistaken_probability,
+            multipath_sigma_m=self.settings.multipath_sigma_m,
+            unrelated_spread_m=self.settings.unrelated_spread_m,
+        )
+        named = {ref for e in said if e.says == "spoofed" for ref in e.subject}
+        found = further_signals(self.records, self.skies, self.sets, named, rates)
+        return [
+            replace(
+                self._say("spoofed", one.subject, p_value=one.p_value, because=one.because, group=next(self.groups)),
+                whole_sky=not one.together,
+            )
+            for one in found
+        ]
+
+    def _of_groups(self) -> list[Evidence]:
         if len(self.sets) < 2:
             where = " and ".join(self.sets) or "no receiver"
             return [
@@ -391,17 +417,16 @@ class _Window:
 
     def _sky_group(self, sky: Pairing, false: list[Pairing]) -> Evidence | None:
         alpha, p_one = self.settings.false_alarm_probability, self._p_each(sky)
-        geometry = self.settings.geometry(sky.receivers)
-        p_ratio = max((float(versus(sky, pairing).p_value) for pairing in false), default=0.0)
-        if max(p_one, p_ratio) >= alpha:
+        if p_one >= alpha:
             return None
+        geometry = self.settings.geometry(sky.receivers)
         if geometry is not None:
+            # As with one set in each receiver: it is told from the false ones by where the antennas stand.
             if not self._agrees(sky, geometry):
                 return None
-            return self._authentic(
-                sky, max(p_one, p_ratio), geometry.assumes, because=f"; they agree with {geometry.words}"
-            )
-        if self._p_possible(sky) < alpha:
+            return self._authentic(sky, p_one, geometry.assumes, because=f"; they agree with {geometry.words}")
+        p_ratio = max((float(versus(sky, pairing).p_value) for pairing in false), default=0.0)
+        if p_ratio >= alpha or self._p_possible(sky) < alpha:
             return None
         return self._authentic(
             sky,
@@ -485,6 +510,7 @@ class _Window:
         because: str,
         baselines: tuple[Baseline, ...] = (),
     ) -> Evidence:
+        self.skies.append(pairing)
         return self._say(
             "authentic",
             pairing.subject,

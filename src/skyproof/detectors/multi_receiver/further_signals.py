@@ -1,0 +1,261 @@
+"""Every further signal of receivers whose true sky is known: false, or as an echo may be.
+
+A satellite is heard once from the sky. What a receiver has beside the signals that are shown to be true is held against
+two explanations, signal by signal:
+
+- an echo of the true signal, by how late, strong and fast it is (`second_signals.echoes`), where late is against the
+  range that the true signals predict, so that an early one shows as such;
+- a false signal: one of a second consistent set, which unrelated echoes make by chance with a known probability
+  (`second_signals.second_sky`), or one of several satellites' that echoes make so rarely that they are not.
+
+Two rates are kept: that of an alarm where there are echoes only (`alarm`), over all satellites of a receiver; and, in a
+window with an alarm, the share of echoes among the signals named one by one (`mistaken`; Y. Benjamini, Y. Hochberg,
+JRSS B 57, 1995: with n satellites, k of them at p or below, that share is at most n p / k in the mean).
+
+What is named in two receivers is parted by the antennas that it comes from: a false signal's range differs between two
+receivers by the same, whichever satellite it imitates. The number of antennas is too large with a stated probability
+(`statistics.clusters`).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from skyproof.arrays import Indices, Reals
+from skyproof.detectors.multi_receiver.pairing import Pairing
+from skyproof.detectors.second_signals.detector import LEAST, MOST, elevation_rad
+from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
+from skyproof.detectors.second_signals.second_sky import second_sky_p_value
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.navigation.search import innovation
+from skyproof.navigation.sets import window_measurements
+from skyproof.records import ConsistentSet, Observations, Records, SignalId, SignalRef
+from skyproof.statistics.clusters import line_clusters
+from skyproof.statistics.many_small import many_small
+
+__all__ = ["Named", "Rates", "further_signals"]
+
+ECHOES: Final = EchoModel(early_share=1e-3)
+"""A true signal fits the others of its receiver and, with the baseline, those of another one: an echo in its place does
+so by chance in 3 % of cases each, where delays spread over 300 m."""
+_CREDIBLE_DBHZ: Final = 30.0
+_BLOCKED_DB: Final = 20.0  # a satellite without a true signal: its own may be blocked by anything
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rates:
+    """alarm : of a false alarm in the window. mistaken : share of echoes among signals that are named one by one, and
+    probability of more antennas than there are. multipath_sigma_m, unrelated_spread_m : as of `MultiReceiverSettings`.
+    """
+
+    alarm: float
+    mistaken: float
+    multipath_sigma_m: float
+    unrelated_spread_m: float
+    echoes: EchoModel = ECHOES
+
+
+@dataclass(frozen=True)
+class Named:
+    """False signals. p_value : of the test that named them. together : whether they come from one antenna."""
+
+    subject: tuple[SignalRef, ...]
+    p_value: float
+    because: str
+    together: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """A signal beside a receiver's true ones: how late it is against their prediction, what it is beside its
+    satellite's own, and that one; None where it has none."""
+
+    ref: SignalRef
+    late_m: float
+    sigma_m: float
+    second: Second
+    direct: SignalId | None
+
+
+def further_signals(
+    records: Records,
+    skies: Sequence[Pairing],
+    sets: Mapping[str, Sequence[ConsistentSet]],
+    named: set[SignalRef],
+    rates: Rates,
+) -> list[Named]:
+    """What is false of the signals that neither belong to one of the true `skies`, a pairing each, nor are `named`.
+
+    sets : of each receiver, those that are no late copies of another one.
+    """
+    true = {(s.receiver, kind): s for sky in reversed(skies) for s in sky.sets for kind in sky.kinds}
+    each = replace(rates, alarm=rates.alarm / (2.0 * max(len(true), 1)))
+    observed = {o.receiver: o for o in records.observations}
+    found: list[Named] = []
+    for (receiver, _), chosen in true.items():
+        known = named.union(*(one.subject for one in found))
+        found += _second_skies(observed[receiver], chosen, sets.get(receiver, ()), known, each)
+    known = named.union(*(one.subject for one in found))
+    tested = []
+    for (receiver, kind), chosen in true.items():
+        beside = _beside(records, observed[receiver], chosen, kind, each)
+        tested.append(_Tested([b for b in beside if b.ref not in known], chosen, each))
+    attacked = bool(known) or any(one.p_value < each.alarm for one in tested)
+    alone = {b.ref: (b, one.p_value) for one in tested for b in one.told if attacked}
+    return [*found, *_by_antenna(alone, skies, each)]
+
+
+def _second_skies(
+    o: Observations, chosen: ConsistentSet, sets: Sequence[ConsistentSet], named: set[SignalRef], rates: Rates
+) -> list[Named]:
+    """Sets of a receiver beside its true one that chance does not make."""
+    found = []
+    for rival in sets:
+        subject = tuple(ref for s in rival.signals if (ref := SignalRef(o.receiver, s)) not in named)
+        shared = {s.transmission for s in rival.signals} & {s.transmission for s in chosen.signals}
+        if rival is chosen or not subject or not shared:
+            continue
+        p_value = second_sky_p_value(
+            o,
+            (chosen, rival) if len(rival.signals) <= len(chosen.signals) else (rival, chosen),
+            unrelated_spread_m=rates.unrelated_spread_m,
+            multipath_sigma_m=max(rates.multipath_sigma_m, 1.0),
+        )
+        if p_value < rates.alarm:
+            found.append(
+                Named(
+                    subject,
+                    p_value,
+                    f"{len(subject)} signals in {o.receiver} fit one position beside that of the signals that are true",
+                )
+            )
+    return found
+
+
+def _beside(
+    records: Records, o: Observations, chosen: ConsistentSet, kind: tuple[str, str, str], rates: Rates
+) -> list[_Beside]:
+    """Credible signals of a kind that are not in the true set and clearly apart from what it predicts."""
+    if records.navigation is None:
+        return []
+    mean, measurements, usable = window_measurements(
+        o, records.navigation, multipath_sigma_m=rates.multipath_sigma_m, ionosphere_share=0.25
+    )
+    own = {signal.transmission: signal for signal in chosen.signals}
+    rows: Indices = np.array(
+        [k for k in np.flatnonzero(usable) if mean.signals[k].kind == kind and mean.signals[k] not in chosen.signals],
+        np.intp,
+    )
+    if not rows.size:
+        return []
+    state_m = np.append(chosen.position_ecef_m, SPEED_OF_LIGHT_M_S * chosen.clock_of_s(kind))
+    late_m, variance_m2 = innovation(
+        measurements, rows, np.tile(state_m, (rows.size, 1)), np.tile(chosen.covariance_m2, (rows.size, 1, 1))
+    )
+    level_dbhz = {signal: _median(o.cn0_dbhz[:, column]) for column, signal in enumerate(o.signals)}
+    best_dbhz = max((level_dbhz[s] for s in chosen.signals if np.isfinite(level_dbhz[s])), default=np.nan)
+    found = []
+    for row, late, variance in zip(rows, late_m, variance_m2, strict=True):
+        signal = mean.signals[row]
+        direct = own.get(signal.transmission)
+        beside_dbhz = best_dbhz - _BLOCKED_DB if direct is None else level_dbhz[direct]
+        over_db = level_dbhz[signal] - beside_dbhz
+        if not (
+            abs(late) > rates.echoes.least_delay_m
+            and over_db >= -rates.echoes.most_weaker_db
+            and level_dbhz[signal] >= _CREDIBLE_DBHZ
+        ):
+            continue
+        apart_hz = 0.0 if direct is None else _apart_hz(o, signal, direct)
+        elevation = elevation_rad(records.navigation, (chosen,), signal.sat)
+        second = Second(float(late), float(over_db), apart_hz, float(best_dbhz - beside_dbhz), elevation)
+        found.append(_Beside(SignalRef(o.receiver, signal), float(late), float(np.sqrt(variance)), second, direct))
+    return found
+
+
+class _Tested:
+    """A receiver's signals of a kind held against echoes. p_value : of all of them. told : those that stand out."""
+
+    def __init__(self, beside: Sequence[_Beside], chosen: ConsistentSet, rates: Rates) -> None:
+        model = rates.echoes
+        own: dict[str, list[tuple[float, _Beside]]] = {}
+        for b in beside:
+            ratio = false_over_echo(model, b.second)
+            p_value = echo_p_value(model, ratio, b.second.below_db, b.second.elevation_rad)
+            own.setdefault(b.ref.signal.sat, []).append((p_value, b))
+        least = sorted(min(p for p, _ in signals) for signals in own.values())
+        n = len({signal.sat for signal in chosen.signals} | set(own))
+        self.p_value = many_small([*least, *[1.0] * (n - len(least))], least=LEAST, most=MOST).p_value
+        limit = max((p for k, p in enumerate(least, 1) if n * p <= rates.mistaken * k), default=0.0)
+        self.told = [b for signals in own.values() for p, b in signals if p <= limit]
+
+
+def _by_antenna(
+    alone: Mapping[SignalRef, tuple[_Beside, float]], skies: Sequence[Pairing], rates: Rates
+) -> list[Named]:
+    """The named ones by the antenna that they come from; those of one receiver only, or without a true signal beside
+    them, together."""
+    left = dict(alone)
+    found = []
+    for sky in skies:
+        first, *others = sky.receivers
+        pairs = [pair for other in others[:1] for pair in _pairs(left, sky, first, other)]
+        if len(pairs) < LEAST or sky.unit_enu is None:
+            continue
+        row = {sat: k for k, sat in enumerate(sky.ranges.sats)}
+        away_m = np.array(
+            [
+                b.late_m - a.late_m - float(sky.unit_enu[row[a.ref.signal.sat]] @ sky.baselines[0].enu_m[0])
+                for a, b in pairs
+            ]
+        )
+        sigma_m = np.array([np.hypot(a.sigma_m, b.sigma_m) for a, b in pairs])
+        for cluster in _parts(away_m, sigma_m, rates.mistaken):
+            refs = tuple(sorted(b.ref for k in cluster for b in pairs[k]))
+            found.append(_named(refs, alone, together=len(cluster) >= LEAST))
+            for ref in refs:
+                del left[ref]
+    for receiver in sorted({ref.receiver for ref in left}):
+        found.append(_named(tuple(sorted(r for r in left if r.receiver == receiver)), alone, together=False))
+    return found
+
+
+def _pairs(
+    left: Mapping[SignalRef, tuple[_Beside, float]], sky: Pairing, first: str, other: str
+) -> list[tuple[_Beside, _Beside]]:
+    """Of each satellite that has one named signal in each of two receivers, those two."""
+    by_sat: dict[tuple[str, str], list[_Beside]] = {}
+    for ref, (b, _) in left.items():
+        if ref.signal.sat in sky.ranges.sats and ref.signal.kind in sky.kinds:
+            by_sat.setdefault((ref.receiver, ref.signal.sat), []).append(b)
+    sats = sorted({sat for receiver, sat in by_sat if receiver == first})
+    both = [(by_sat[first, sat], by_sat.get((other, sat), [])) for sat in sats]
+    return [(one[0], two[0]) for one, two in both if len(one) == 1 and len(two) == 1]
+
+
+def _parts(away_m: Reals, sigma_m: Reals, probability: float) -> list[Indices]:
+    clusters = line_clusters(away_m, sigma_m, probability)
+    return [np.flatnonzero(clusters.label == number) for number in range(int(clusters.number))]
+
+
+def _named(refs: tuple[SignalRef, ...], alone: Mapping[SignalRef, tuple[_Beside, float]], *, together: bool) -> Named:
+    sats = len({ref.signal.sat for ref in refs})
+    where = " and ".join(sorted({ref.receiver for ref in refs}))
+    which = f"the second signals of {sats} satellites in {where}" if sats > 1 else f"a second signal in {where}"
+    because = f"{which} {'are' if sats > 1 else 'is'} earlier, later or stronger than echoes of true signals would be"
+    if together:
+        because += ", and come from one antenna"
+    return Named(refs, max(alone[ref][1] for ref in refs), because, together)
+
+
+def _apart_hz(o: Observations, one: SignalId, other: SignalId) -> float:
+    a, b = (o.doppler_hz[:, o.signals.index(signal)] for signal in (one, other))
+    apart = _median(a - b)
+    return apart if np.isfinite(apart) else 0.0
+
+
+def _median(values: Reals) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")

@@ -1,0 +1,85 @@
+"""Some satellites imitated, from several antennas: what is said of every signal, at the level of measurements."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings
+from skyproof.app.protect import judge
+from skyproof.app.protect.document import document
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.simulator.scenes import ready
+from skyproof.simulator.sky import scene_of
+
+BENCH = Path(__file__).parents[2] / "bench"
+
+
+@pytest.fixture(scope="module")
+def receiver():
+    """The receiver at the level of measurements."""
+    sys.path.insert(0, str(BENCH))
+    try:
+        return importlib.import_module("drawn_receiver")
+    finally:
+        sys.path.remove(str(BENCH))
+
+
+@pytest.fixture(scope="module")
+def heard(receiver):
+    """What both receivers of a ready-made scene measure, and the orbits."""
+    made = {}
+
+    def heard(name):
+        if name not in made:
+            scenario = ready(name).model_copy(update={"duration_s": 56.0})
+            navigation = nominal_constellation(scenario.start_gpst)
+            scene = scene_of(scenario, navigation)
+            own = receiver.hear(scene, receiver.Noise(code_m=0.5), rng=np.random.default_rng(1))
+            made[name] = own, navigation
+        return made[name]
+
+    return heard
+
+
+def judged(heard, **given):
+    """The outcome, its document, and (label, whether false) of every signal's epochs."""
+    own, navigation = heard
+    settings = Settings(**given)
+    outcome, _ = judge([h.reception for h in own], navigation, settings, Silent())
+    share = {h.reception.observations.receiver: (h.reception.observations, h.false_share) for h in own}
+    epochs: dict[tuple[str, bool], int] = {}
+    for s in outcome.decision.labels:
+        o, false = share[s.ref.receiver]
+        mean = float(np.nanmean(false[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)]))
+        key = s.label, mean > 0.5
+        epochs[key] = epochs.get(key, 0) + s.last_epoch - s.first_epoch + 1
+    return outcome, document(outcome, (), settings), epochs
+
+
+def test_four_of_ten_from_two_antennas_are_an_attack_whatever_is_known(heard):
+    _, verdict, epochs = judged(heard("some-satellites"))
+    assert verdict.verdict == "spoofed"
+    assert "no sign" not in verdict.summary
+    assert {label for label, _ in epochs} == {"unknown"}
+
+
+def test_four_of_ten_from_two_antennas_are_named_where_the_distance_is_known(heard):
+    outcome, verdict, epochs = judged(heard("some-satellites"), antenna_distance_m=40.0)
+    assert verdict.verdict == "spoofed"
+    assert "4 satellites were imitated by 2 transmitters" in verdict.summary
+    assert set(epochs) <= {("authentic", False), ("spoofed", True), ("unknown", True)}
+    assert epochs["spoofed", True] > 0.6 * sum(n for (_, false), n in epochs.items() if false)
+    parts = [{ref.signal.sat for ref in source.signals} for source in outcome.decision.sources]
+    assert sorted(map(sorted, parts)) == [["G07", "G21"], ["G17", "G29"]]
+    assert all(source.one_antenna for source in outcome.decision.sources)
+
+
+def test_a_sky_shared_by_two_antennas_is_named_whole_where_the_distance_is_known(heard):
+    _, verdict, epochs = judged(heard("two-antennas"), antenna_distance_m=20.0)
+    assert verdict.verdict == "spoofed"
+    assert "10 satellites were imitated" in verdict.summary
+    assert set(epochs) == {("authentic", False), ("spoofed", True)}
