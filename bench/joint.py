@@ -28,7 +28,8 @@ from skyproof.arrays import Floats, Reals
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
 from skyproof.receiver import joint as j
 from skyproof.receiver.acquisition import Peak
-from skyproof.receiver.joint_channel import JointModel, JointRow, bits, started
+from skyproof.receiver.joint_channel import JointRow, bits, started
+from skyproof.receiver.joint_model import JointModel
 from skyproof.receiver.joint_tracker import JointState, JointTracker, Replica
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 

@@ -36,7 +36,7 @@ from skyproof.receiver import joint as j
 from skyproof.receiver import measurement as m
 from skyproof.receiver.acquisition import KnownSignal, Peak, Searcher
 from skyproof.receiver.channels import Arc
-from skyproof.receiver.joint_channel import JointModel
+from skyproof.receiver.joint_model import JointModel
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.replica import passed
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState

@@ -8,7 +8,7 @@ from tests.receiver.test_joint import noisy
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import joint as j
 from skyproof.receiver.components import birth_threshold, born, faint, newcomer, unresolved
-from skyproof.receiver.joint_channel import JointModel
+from skyproof.receiver.joint_model import JointModel
 
 MODEL = JointModel(signal=GPS_L1_CA, code=GPS_L1_CA.code(7), rate_hz=5e6)
 TIMES_S, LOOK_S = MODEL.row_times_s, MODEL.look_s

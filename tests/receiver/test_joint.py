@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import joint as j
-from skyproof.receiver.joint_channel import JointModel
+from skyproof.receiver.joint_model import JointModel
 
 RATE_HZ = 5e6
 MODEL = JointModel(signal=GPS_L1_CA, code=GPS_L1_CA.code(7), rate_hz=RATE_HZ)

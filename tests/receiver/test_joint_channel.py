@@ -1,6 +1,7 @@
 """One channel of several signals: who comes, who goes, who is who, and the same from samples."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from tests.receiver.test_joint import noisy
 
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import joint as j
-from skyproof.receiver.joint_channel import JointModel, bits, rebased, started, strongest
+from skyproof.receiver.births import strongest
+from skyproof.receiver.joint_channel import bits, rebased, started
+from skyproof.receiver.joint_model import JointModel
 from skyproof.receiver.joint_tracker import JointState, JointTracker, Replica
 
 MODEL = JointModel(signal=GPS_L1_CA, code=GPS_L1_CA.code(7), rate_hz=5e6)
@@ -88,6 +91,23 @@ def test_the_strongest_signal_is_found_without_signs_of_bits(seed, apart_chips, 
     assert abs(state[0, j.CHIPS] - truth[j.CHIPS]) < 0.15
     assert abs(state[0, j.HZ] - truth[j.HZ]) < 1.5
     assert math.hypot(state[0, j.RE], state[0, j.IM]) == pytest.approx(math.hypot(truth[j.RE], truth[j.IM]), rel=0.4)
+
+
+@pytest.mark.parametrize(("seed", "off_hz"), [(3, 25.0), (4, -40.0), (5, 60.0)])
+def test_signals_that_the_filter_has_lost_are_found_anew_and_rows_until_then_are_not_believed(seed, off_hz):
+    sky = Sky(seed, 0.4, 0.0, 10.0, on_s=0.0)
+    _, channel = run(sky, begun(sky), 0.6)
+    assert channel.names == (0, 1)
+    mean = channel.joint.mean.copy()
+    mean[:, j.HZ] += off_hz
+    mean[1, j.CHIPS] -= 0.3
+    rows, channel = run(sky, replace(channel, joint=replace(channel.joint, mean=mean)), 0.8)
+    assert rows[0][1].lost
+    for middle_s, row in rows:
+        assert row.names == (0, 1)
+        off = row.alone.mean[:, j.CHIPS] - sky.at(middle_s)[:, j.CHIPS]
+        assert row.lost or np.abs(off / row.alone.sigma(j.CHIPS)).max() < 5.0
+    assert not rows[-1][1].lost
 
 
 def test_a_replica_that_moves_changes_no_signal():

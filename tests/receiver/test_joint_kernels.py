@@ -9,7 +9,7 @@ from tests.receiver.test_joint import noisy
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import joint as j
 from skyproof.receiver.components import LEFT, Candidates, newcomer
-from skyproof.receiver.joint_channel import JointModel
+from skyproof.receiver.joint_model import JointModel
 
 MODEL = JointModel(signal=GPS_L1_CA, code=GPS_L1_CA.code(7), rate_hz=2.6e6)
 LOOK_S = MODEL.look_s

@@ -22,7 +22,8 @@ from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.receiver import joint as j
 from skyproof.receiver import kernels as k
 from skyproof.receiver.joint import Joint
-from skyproof.receiver.joint_channel import JointChannel, JointModel, JointRow
+from skyproof.receiver.joint_channel import JointChannel, JointRow
+from skyproof.receiver.joint_model import JointModel
 from skyproof.receiver.joint_tracker import Followed, JointState, JointTracker, Replica
 
 __all__ = [
@@ -285,6 +286,7 @@ class JointReceiver:
             rows, state = self.tracker(one.sat).step(one.state, planes, first, least_dbhz)
             one = replace(one, state=state, row=None, seen=())
             for row, seen in rows:
+                seen = [] if row.lost else seen
                 found += [Components(arc=one.arc, sat=one.sat, followed=each, score=row.score) for each in seen]
                 one = replace(one, row=row, rows=one.rows + 1, suspects=row.suspected, seen=tuple(seen))
             now.append(one)

@@ -7,146 +7,23 @@ are: `rebased`.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from itertools import permutations
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyproof.arrays import Complexes, Reals
-from skyproof.decomposition.fit import Dictionary
-from skyproof.decomposition.shape import Filter, code_dictionary, filter_loss, quiet_lags
-from skyproof.gnss.signals import SignalDescription
 from skyproof.receiver import joint as j
-from skyproof.receiver.components import Candidates, birth_threshold, born, faint, newcomer, unresolved
-from skyproof.receiver.joint import Joint, JointSettings, Row
-from skyproof.receiver.replica import passed
+from skyproof.receiver.births import found_anew, wiped, with_newcomer
+from skyproof.receiver.components import faint, newcomer, unresolved
+from skyproof.receiver.joint import Joint, Row
+from skyproof.receiver.joint_model import JointModel
 
-__all__ = ["JointChannel", "JointModel", "JointRow", "bits", "rebased", "started", "strongest"]
+__all__ = ["JointChannel", "JointRow", "bits", "rebased", "replica_of", "started"]
 
-WINDOW_CHIPS = 1.6
-REACH_CHIPS = 2.2
-QUIET_TAPS = 4
 BORN_CHIPS_S = 0.02
 """How fast code and carrier of a newcomer may part, rms: 6 m/s."""
-SUSPICION = 0.05
-"""Of rows with nothing more in them, so many are followed by another."""
-SURE_SIGMAS = 4.0
-RESIGNED = 3
 LEAVE_ROWS = 5
 """So many rows on end a signal is faint, or not told from another, before it is given up."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class JointModel:
-    """What does not change while a satellite is followed.
-
-    code : (n,) of +1 and -1. false_births_per_h : of a channel on clean sky. most : signals at once.
-    low_pass : amplitude that the replica keeps at frequencies in cycles a sample, nothing from half a cycle on.
-    front_end : likewise of the samples; None where they hold all that the replica lets through.
-    """
-
-    signal: SignalDescription
-    code: NDArray[np.int8]
-    rate_hz: float
-    periods_per_look: int = 4
-    bits_per_row: int = 10
-    false_births_per_h: float = 0.01
-    most: int = 2
-    settings: JointSettings = field(default_factory=JointSettings)
-    low_pass: Filter = passed
-    front_end: Filter | None = None
-
-    @property
-    def look_s(self) -> float:
-        """Duration of a look."""
-        return self.periods_per_look * self.signal.period_s
-
-    @property
-    def bit_s(self) -> float:
-        """Duration of a data bit."""
-        return self.signal.periods_per_symbol * self.signal.period_s
-
-    @cached_property
-    def bit_times_s(self) -> Reals:
-        """Of the looks of a bit, about its middle."""
-        n = self.signal.periods_per_symbol // self.periods_per_look
-        return np.asarray((np.arange(n) + 0.5) * self.look_s - 0.5 * self.bit_s, np.float64)
-
-    @cached_property
-    def row_times_s(self) -> Reals:
-        """Of the looks of a row, about its middle."""
-        n = self.bits_per_row * self.bit_times_s.size
-        return np.asarray((np.arange(n) + 0.5) * self.look_s - 0.5 * self.bits_per_row * self.bit_s, np.float64)
-
-    @property
-    def chips_per_sample(self) -> float:
-        """At the nominal rate."""
-        return self.signal.chip_rate_hz / self.rate_hz
-
-    @cached_property
-    def taps_chips(self) -> Reals:
-        """Delays of the replicas, later positive: one a sample, and then `QUIET_TAPS` that show noise alone."""
-        side = int(REACH_CHIPS / self.chips_per_sample)
-        near = np.arange(-side, side + 1) * self.chips_per_sample
-        # A whole number of samples as well, so that all are rounded alike.
-        quiet = quiet_lags(self.code, QUIET_TAPS)
-        return np.concatenate([near, np.rint(quiet / self.chips_per_sample) * self.chips_per_sample])
-
-    @property
-    def band_cycles(self) -> float:
-        """Highest frequency of the replica, cycles a chip."""
-        return 0.5 / self.chips_per_sample
-
-    @cached_property
-    def dictionary(self) -> Dictionary:
-        """Of the taps that show signals."""
-        return code_dictionary(
-            self.code,
-            self.taps_chips[:-QUIET_TAPS].tolist(),
-            self._replica,
-            None if self.front_end is None else self._front_end,
-            band_cycles=self.band_cycles,
-            window_chips=WINDOW_CHIPS,
-        )
-
-    @cached_property
-    def loss(self) -> float:
-        """Of C/N0 by the replica's low-pass."""
-        return filter_loss(self._replica, band_cycles=self.band_cycles)
-
-    @cached_property
-    def candidates(self) -> Candidates:
-        """Where further signals are looked for."""
-        return Candidates.of(self.dictionary, self.band_cycles, self.bits_per_row * self.bit_s)
-
-    @cached_property
-    def threshold(self) -> float:
-        """Of the score at which a signal is born."""
-        probability = self.false_births_per_h * self.bits_per_row * self.bit_s / 3600.0
-        return birth_threshold(probability, self.dictionary, self.candidates, self.row_times_s, self.look_s)
-
-    @cached_property
-    def suspicion(self) -> float:
-        """Of the score at which another row is worth its time."""
-        return birth_threshold(SUSPICION, self.dictionary, self.candidates, self.row_times_s, self.look_s)
-
-    def _replica(self, cycles: Reals) -> Reals:
-        return self.low_pass(cycles * self.chips_per_sample)
-
-    def _front_end(self, cycles: Reals) -> Reals:
-        assert self.front_end is not None
-        return self.front_end(cycles * self.chips_per_sample)
-
-    def energy(self, cn0_dbhz: float) -> float:
-        """Amplitude squared, in sigmas of a look, of a signal of this strength."""
-        return float(10.0 ** (0.1 * cn0_dbhz) * self.look_s * self.loss)
-
-    def cn0_dbhz(self, mean: Reals) -> Reals:
-        """Strengths (n,) of signals (n, N_STATE)."""
-        energy = mean[..., j.RE] ** 2 + mean[..., j.IM] ** 2
-        return np.asarray(10.0 * np.log10(np.maximum(energy, 1e-9) / (self.look_s * self.loss)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -156,6 +33,7 @@ class JointRow:
     names : of the n signals, in their order in `filtered` and `alone`. filtered : (n, N_STATE); sigma : (n, N_STATE).
     alone : white from row to row. score : largest of a further signal. came, went : names.
     suspected : whether there may be a further signal that is no other satellite's.
+    lost : whether it shows that the filter does not have the signals, so that nothing of it is to be believed.
     dark : whether the signs of half the data bits were not to be seen.
     """
 
@@ -165,6 +43,7 @@ class JointRow:
     alone: Row
     score: float
     suspected: bool = False
+    lost: bool = False
     dark: bool = False
     came: tuple[int, ...] = ()
     went: tuple[int, ...] = ()
@@ -250,7 +129,7 @@ def _rows(
     """Rows of channels of as many signals, and what becomes of the channels."""
     raw = np.stack([channel.looks for channel in channels])  # (channels, bits, looks of a bit, d)
     row_signs = [channel.signs for channel in channels]
-    looks = _wiped(raw, np.array(row_signs))
+    looks = wiped(raw, np.array(row_signs))
     back_s, rho = 0.5 * (model.bits_per_row - 1) * model.bit_s, model.settings.chips_per_cycle
     times_s, look_s, dictionary = model.row_times_s, model.look_s, model.dictionary
     middle = j.carried(np.stack([channel.joint.mean for channel in channels]), -back_s, rho)
@@ -266,6 +145,7 @@ def _rows(
             alone=by_itself,
             score=float(score[i]),
             suspected=bool(score[i] > model.suspicion and math.hypot(*state[i, [j.RE, j.IM]]) > least),
+            lost=bool(channel.young and score[i] > model.threshold),
             dark=2 * channel.signs.count(0.0) >= model.bits_per_row,
         )
         expected = j.carried(channel.before.mean, back_s + model.bit_s, rho)
@@ -274,140 +154,35 @@ def _rows(
             joint = j.predict(_filter_of(by_itself, joint), back_s)
         # As long as there is clearly more than is known, the filter may be drawn away: what is foretold stays.
         later = j.carried(expected, back_s, rho)
-        before = replace(joint, mean=later) if score[i] > model.threshold and later.shape == joint.mean.shape else joint
+        before = replace(joint, mean=later) if score[i] > model.threshold else joint
         channel = replace(channel, joint=joint, looks=(), signs=(), before=before, young=False)
-        if score[i] > model.threshold and len(channel.names) < model.most:
-            fitted = _born(model, raw[i], np.array(row_signs[i]), middle[i], expected, state[i])
-            if fitted is not None and _stronger_than(fitted, least):
-                done.append(_with_the_newcomer(channel, row, _in_order(fitted, expected), back_s))
-                continue
+        fitted, more = None, score[i] > model.threshold
+        if more and len(channel.names) < model.most:
+            signs = np.array(row_signs[i])
+            fitted = with_newcomer(model, raw[i], signs, middle[i], expected, state[i], least)
+        elif more and len(channel.names) == 2:
+            fitted = found_anew(model, raw[i], float(by_itself.misfit), expected, least)
+        if fitted is not None:
+            done.append(_set_anew(channel, row, fitted, back_s))
+            continue
         done.append(_without_the_lost(channel, row))
     return done
 
 
-def _wiped(looks: Complexes, signs: Reals) -> Complexes:
-    """Looks (..., bits, looks of a bit, d) with the bits' signs (..., bits) taken off, bit behind bit."""
-    signed = looks * signs[..., None, None]
-    return np.asarray(signed.reshape(*looks.shape[:-3], -1, looks.shape[-1]))
-
-
-def _born(model: JointModel, looks: Complexes, signs: Reals, seen: Reals, expected: Reals, state: Reals) -> Row | None:
-    """A row (bits, looks, d) fitted with a newcomer, None where no fit with one holds.
-
-    signs : of the bits, as the filter saw them. seen, expected : where the filter has the signals known, and where they
-    were expected, (n, N_STATE); state : (N_STATE,) of the newcomer beside those seen. A sudden strong newcomer has
-    drawn the filter to somewhere between the two, from where no fit finds either: so one begins with the strongest
-    alone.
-    """
-    births = [
-        _birth(model, looks, signs, seen),
-        _birth(model, looks, _signs_beside(model, looks, expected, state), expected),
-    ]
-    if len(expected) == 1:
-        births.append(_birth(model, looks, *strongest(model, looks)))
-    fewer = min(misfit for _, misfit, _ in births)
-    there = [fitted for fitted, _, holds in births if holds and 2.0 * (fewer - fitted.misfit) > model.threshold]
-    return min(there, key=lambda fitted: float(fitted.misfit), default=None)
-
-
-def strongest(model: JointModel, looks: Complexes) -> tuple[Reals, Reals]:
-    """The strongest signal in a row (bits, looks, d) whose bits' signs are not known: the signs, and its state
-    (1, N_STATE).
-    """
-    candidates, times_s = model.candidates, model.row_times_s.reshape(looks.shape[:-1])
-    value, _ = model.dictionary.at(candidates.chips)
-    coarse_hz = np.arange(-60.0, 61.0, 10.0)
-    turned = (
-        np.exp(-2j * np.pi * coarse_hz[:, None] * model.bit_times_s) / np.linalg.norm(value, axis=-1)[:, None, None]
-    )
-    of_bits = turned @ (looks @ value.conj().T).transpose(2, 1, 0)  # (chips, hz, bits)
-    place, step = np.unravel_index(np.argmax(np.sum(np.abs(of_bits) ** 2, axis=-1)), of_bits.shape[:2])
-    # Squares have no signs: twice the rest of the Doppler is what they turn by from bit to bit.
-    bits_s, fine_hz = times_s.mean(axis=-1), np.arange(-12.5, 12.5, 0.25)
-    seen = of_bits[place, step] * np.exp(-2j * np.pi * coarse_hz[step] * bits_s)
-    turns = np.exp(-2j * np.pi * fine_hz[:, None] * bits_s)
-    squares = turns**2 @ seen**2
-    best = int(np.argmax(np.abs(squares)))
-    told = seen * turns[best] * np.exp(-0.5j * np.angle(squares[best]))
-    signs = np.where(told.real < 0.0, -1.0, 1.0)
-    size = np.sum(signs * seen * turns[best]) / (times_s.size * np.linalg.norm(value[place]))
-    state = np.zeros((1, j.N_STATE))
-    state[0, [j.RE, j.IM]] = size.real, size.imag
-    state[0, [j.HZ, j.CHIPS]] = coarse_hz[step] + fine_hz[best], candidates.chips[place]
-    return signs, state
-
-
-def _birth(model: JointModel, looks: Complexes, signs: Reals, start: Reals) -> tuple[Row, float, bool]:
-    """A row (bits, looks, d) fitted with one signal more than there are in `start`, the misfit without it, and whether
-    it holds; signs of the bits are gone over again with what was fitted.
-    """
-    times_s, look_s, dictionary = model.row_times_s, model.look_s, model.dictionary
-    for _ in range(RESIGNED):
-        told = _wiped(looks, signs)
-        fewer = j.fit_row(told, times_s, look_s, start, dictionary)
-        _, state = newcomer(told, times_s, look_s, fewer, dictionary, model.candidates)
-        fitted, holds = born(told, times_s, look_s, fewer, state, dictionary, model.threshold)
-        again = _signs_of(model, looks, fitted)
-        if np.array_equal(again, signs):
-            break
-        signs = again
-    return fitted, float(fewer.misfit), bool(holds)
-
-
-def _signs_of(model: JointModel, looks: Complexes, row: Row) -> Reals:
-    """Signs of the bits of a row (bits, looks, d), by the signals fitted to it."""
-    shown = j.signals_in(row.mean, model.row_times_s, model.look_s, model.dictionary).reshape(looks.shape)
-    return np.asarray(np.where(np.sum((shown.conj() * looks).real, axis=(-2, -1)) < 0.0, -1.0, 1.0), np.float64)
-
-
-def _signs_beside(model: JointModel, looks: Complexes, expected: Reals, state: Reals) -> Reals:
-    """Signs of the bits of a row (bits, looks, d) in which a newcomer (N_STATE,) came beside those that were expected.
-
-    A filter that does not know the newcomer sees the sum, which turns over at each null of the beat: it takes that for
-    data. So amplitudes are solved for at the delays of all, bit by bit, and the signs are those of the signals known.
-    """
-    mean = np.concatenate([expected, state[None]])
-    n, d = len(mean), looks.shape[-1]
-    turn = j.turns(mean, model.row_times_s, model.look_s).reshape(n, len(looks), -1)
-    value, _ = model.dictionary.at(mean[:, j.CHIPS])
-    shown = (turn[..., None] * value[:, None, None, :]).transpose(1, 0, 2, 3).reshape(len(looks), n, -1)
-    gram = shown.conj() @ np.swapaxes(shown, -1, -2)
-    seen = shown.conj() @ looks.reshape(len(looks), -1, 1)
-    amplitude = np.linalg.solve(gram + 1e-6 * d * np.eye(n), seen)[..., 0]
-    foretold = expected[:, j.RE] + 1j * expected[:, j.IM]
-    agreement = np.sum((amplitude[:, : n - 1] * foretold.conj()).real, axis=-1)
-    return np.asarray(np.where(agreement < 0.0, -1.0, 1.0), np.float64)
-
-
-def _stronger_than(row: Row, least: float) -> bool:
-    """Whether all amplitudes are surely larger."""
-    size = np.hypot(row.mean[:, j.RE], row.mean[:, j.IM])
-    sigma = np.hypot(row.sigma(j.RE), row.sigma(j.IM)) / math.sqrt(2.0)
-    return bool(np.all(size - SURE_SIGMAS * sigma > least))
-
-
-def _with_the_newcomer(
-    channel: JointChannel, row: JointRow, fitted: Row, later_s: float
-) -> tuple[JointChannel, JointRow]:
-    joint, came = j.predict(_filter_of(fitted, channel.joint), later_s), channel.next_name
+def _set_anew(channel: JointChannel, row: JointRow, fitted: Row, later_s: float) -> tuple[JointChannel, JointRow]:
+    """The channel with the signals of a fitted row: those it had, and maybe a newcomer."""
+    joint, known = j.predict(_filter_of(fitted, channel.joint), later_s), len(channel.names)
+    came = tuple(channel.next_name + n for n in range(len(fitted.mean) - known))
     channel = replace(
-        channel, joint=joint, before=joint, names=(*channel.names, came), next_name=came + 1, doubtful=0, young=True
+        channel,
+        joint=joint,
+        before=joint,
+        names=(*channel.names, *came),
+        next_name=channel.next_name + len(came),
+        doubtful=0,
+        young=True,
     )
-    return channel, replace(row, came=(came,))
-
-
-def _in_order(row: Row, expected: Reals) -> Row:
-    """The row with its signals in the order of those that were expected, the newcomer last.
-
-    A sudden strong newcomer draws the filter of one signal over to itself within a row: what was there before is what
-    the row before foretold.
-    """
-    chips, foretold = row.mean[:, j.CHIPS], expected[:, j.CHIPS]
-    orders = list(permutations(range(chips.size)))
-    off = [float(np.sum(np.abs(chips[list(order[: foretold.size])] - foretold))) for order in orders]
-    order = np.array(orders[int(np.argmin(off))])
-    states = (order[:, None] * j.N_FITTED + np.arange(j.N_FITTED)).ravel()
-    return replace(row, mean=row.mean[order], covariance=row.covariance[np.ix_(states, states)])
+    return channel, replace(row, came=came, lost=row.lost or not came)
 
 
 def _filter_of(row: Row, before: Joint) -> Joint:

@@ -15,15 +15,8 @@ from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.compiled import compiled
 from skyproof.receiver import joint as j
 from skyproof.receiver.correlator import correlate_period, scratch_for, table_pad
-from skyproof.receiver.joint_channel import (
-    QUIET_TAPS,
-    JointChannel,
-    JointModel,
-    JointRow,
-    bits,
-    rebased,
-    replica_of,
-)
+from skyproof.receiver.joint_channel import JointChannel, JointRow, bits, rebased, replica_of
+from skyproof.receiver.joint_model import QUIET_TAPS, JointModel
 from skyproof.receiver.replica import code_table
 
 __all__ = ["Followed", "JointState", "JointTracker", "Replica"]
