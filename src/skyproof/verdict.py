@@ -134,6 +134,20 @@ with warnings.catch_warnings():
         because: tuple[Because, ...] = Field(description="The evidence for the label; empty for unknown.")
 
 
+class SourceDirection(_Model):
+    """One direction from which a source's signals may come."""
+
+    frame: Literal["ground", "body"] = Field(
+        description="What the angles refer to: north and the horizon, or the body's forward axis and its plane of "
+        "forward and right."
+    )
+    azimuth_deg: float = Field(ge=0.0, le=360.0, description="Clockwise from north or from forward, degrees.")
+    elevation_deg: float = Field(ge=-90.0, le=90.0, description="Above the horizon or the body's plane, degrees.")
+    along_sigma_deg: Sigma = Field(description="Standard deviation along the horizon (or the plane), degrees.")
+    up_sigma_deg: Sigma = Field(description="Standard deviation of the elevation, degrees.")
+    correlation: float = Field(ge=-1.0, le=1.0, description="Correlation of the two.")
+
+
 class Source(_Model):
     """Signals of one origin: a transmitter of false ones or, while that is open, one consistent sky of several.
 
@@ -145,9 +159,24 @@ class Source(_Model):
         description="What is known of it, in words: one antenna; a false sky; a sky of which that is open."
     )
     sats: tuple[str, ...] = Field(description="Satellites whose signals are ascribed to it.")
-    azimuth_deg: float | None = Field(ge=0.0, le=360.0, description="Direction seen, clockwise from north, degrees.")
+    azimuth_deg: float | None = Field(
+        ge=0.0, le=360.0, description="Direction seen, clockwise from north, degrees; null if it is not known, or open."
+    )
     elevation_deg: float | None = Field(ge=-90.0, le=90.0, description="Direction seen, above the horizon, degrees.")
     direction_sigma_deg: Sigma | None = Field(description="Standard deviation of the direction, degrees.")
+    body_azimuth_deg: float | None = Field(
+        default=None,
+        ge=0.0,
+        le=360.0,
+        description="Direction seen, from forward in the body to the right, degrees, if its attitude is not known.",
+    )
+    body_elevation_deg: float | None = Field(
+        default=None, ge=-90.0, le=90.0, description="Direction seen, above the body's plane, degrees."
+    )
+    directions: tuple[SourceDirection, ...] = Field(
+        default=(),
+        description="Every direction that the phases allow; the keys before are null where these are several.",
+    )
     shows: Place | None = Field(description="The place that a receiver of these signals is led to believe.")
     time_offset_s: float | None = Field(
         description="Clock bias of a receiver by these signals minus that by authentic ones (while it is open which "

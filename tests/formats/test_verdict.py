@@ -30,7 +30,9 @@ KEYS = {
     "signals": "receiver sat band code copy label source from_gpst to_gpst cn0_dbhz doppler_hz delay_to_authentic_m "
     "because",
     "signals.because": "detector p_value",
-    "sources": "name kind sats azimuth_deg elevation_deg direction_sigma_deg shows time_offset_s",
+    "sources": "name kind sats azimuth_deg elevation_deg direction_sigma_deg body_azimuth_deg body_elevation_deg "
+    "directions shows time_offset_s",
+    "sources.directions": "frame azimuth_deg elevation_deg along_sigma_deg up_sigma_deg correlation",
     "sources.shows": "lat_deg lon_deg height_m",
     "methods": "detector ran why_not would_need decision tests statistic threshold p_value false_alarm_probability",
     "inputs": "path format sha256 remarks",
@@ -97,6 +99,7 @@ def faults(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> Iterator
         "$ref",
         "title",
         "description",
+        "default",
         "type",
         "const",
         "anyOf",

@@ -118,7 +118,7 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
     evil = "</style><script>alert('x')</script>\"<b>&"
 
     def poison(value: Any) -> Any:
-        fixed = ("format", "verdict", "label", "gpst")
+        fixed = ("format", "verdict", "label", "gpst", "frame")
         if isinstance(value, dict):
             return {
                 key: item if any(word in key for word in fixed) and isinstance(item, str) else poison(item)

@@ -25,6 +25,7 @@ _REASONS = {
     ("multi_receiver", "spoofed"): "reaches the receivers as from one antenna",
     ("array_common", "authentic"): "comes from a direction of its own",
     ("array_common", "spoofed"): "comes from the same direction as others",
+    ("ins_array", "authentic"): "comes from where its satellite stands",
     ("ins_array", "spoofed"): "does not come from where its satellite stands",
     ("spin", "authentic"): "swings as from a direction of its own",
     ("spin", "spoofed"): "swings as from the same direction as others",

@@ -141,8 +141,8 @@ class PlatformReceiver(Model):
     line_bias_cyc: tuple[Number, ...] | None = Field(
         default=None,
         max_length=64,
-        description="By how much each antenna's line delays the carrier, cycles; if absent, directions are not held "
-        "against the orbits.",
+        description="By how much each antenna's line delays the carrier, cycles; if absent, it is estimated from the "
+        "signals.",
         examples=[[0.0, 0.12, -0.3]],
     )
     spin: PlatformSpin | None = Field(

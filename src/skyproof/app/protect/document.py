@@ -5,6 +5,7 @@ import platform as machine
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from skyproof.fusion.labels import FalseSource, LabelledSignal
 from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso
-from skyproof.records import ConsistentSet, Evidence, Fix, NavigationData, Need, ObservationLog
+from skyproof.records import ConsistentSet, Direction, Evidence, Fix, NavigationData, Need, ObservationLog
 from skyproof.report.positions import radius_95_m
 from skyproof.verdict import (
     VERDICT_FORMAT,
@@ -29,6 +30,7 @@ from skyproof.verdict import (
     Position,
     ReceiverResult,
     Signal,
+    SourceDirection,
     Verdict,
 )
 from skyproof.verdict import Source as SourceModel
@@ -152,6 +154,8 @@ def _attack_words(outcome: Outcome) -> str:
         sats = {s.signal.sat for source in decision.sources for s in source.signals}
         n = len([source for source in decision.sources if source.one_antenna])
         by = "one transmitter" if n == 1 else f"{n} transmitters" if n else "a second sky beside the true one"
+        if n == 1 and len(decision.sources) == 1:
+            by += _direction_words(_seen_from(decision.sources[0], outcome))
         were = "satellite was" if len(sats) == 1 else "satellites were"
         return f"{since}{len(sats)} {were} imitated by {by}{_kept(outcome, '; the')}"
     if decision.skies:
@@ -398,14 +402,51 @@ def _sources(outcome: Outcome) -> list[SourceModel]:
                 name=source.name,
                 kind=_kind(source, outcome.decision),
                 sats=tuple(sorted({ref.signal.sat for ref in source.signals})),
-                azimuth_deg=None,
-                elevation_deg=None,
-                direction_sigma_deg=None,
+                **_seen_from(source, outcome),
                 shows=place_of(places[0]) if places else None,
                 time_offset_s=_time_offset_s(source.name, outcome),
             )
         )
     return models
+
+
+def _seen_from(source: FalseSource, outcome: Outcome) -> dict[str, Any]:
+    """From where a source's signals come, by the window that shows it best: what windows share does not average."""
+    signals = frozenset(source.signals)
+    shown = [e.directions for e in outcome.evidence if e.directions and signals.issuperset(e.subject)]
+    best = min(shown, key=lambda directions: directions[0].sigma_rad, default=())
+    directions = tuple(_source_direction(one) for one in best)
+    keys = dict.fromkeys(("azimuth_deg", "elevation_deg", "direction_sigma_deg"))
+    if len(directions) != 1:
+        return {**keys, "directions": directions}
+    (only,) = directions
+    body = "body_" if only.frame == "body" else ""
+    angles = {f"{body}azimuth_deg": only.azimuth_deg, f"{body}elevation_deg": only.elevation_deg}
+    return {**keys, **angles, "direction_sigma_deg": float(np.degrees(best[0].sigma_rad)), "directions": directions}
+
+
+def _direction_words(seen: dict[str, Any]) -> str:
+    """Where a source is seen, if that is one direction; empty else."""
+    for body, whose in (("", ""), ("body_", " of the body")):
+        azimuth_deg, elevation_deg = seen.get(f"{body}azimuth_deg"), seen.get(f"{body}elevation_deg")
+        if azimuth_deg is not None and elevation_deg is not None:
+            return (
+                f" at azimuth {azimuth_deg:.0f}, elevation {elevation_deg:.0f} degrees{whose} "
+                f"(one sigma {seen['direction_sigma_deg']:.1f})"
+            )
+    return ""
+
+
+def _source_direction(direction: Direction) -> SourceDirection:
+    along, up = np.sqrt(np.diag(direction.covariance_rad2))
+    return SourceDirection(
+        frame="ground" if direction.frame == "enu" else "body",
+        azimuth_deg=float(np.degrees(direction.azimuth_rad)),
+        elevation_deg=float(np.degrees(direction.elevation_rad)),
+        along_sigma_deg=float(np.degrees(along)),
+        up_sigma_deg=float(np.degrees(up)),
+        correlation=float(np.clip(direction.covariance_rad2[0, 1] / (along * up), -1.0, 1.0)),
+    )
 
 
 def _kind(source: FalseSource, decision: Decision) -> str:

@@ -43,7 +43,7 @@ FREE_RAD: Final = 1.0
 """Sigma of what is left of an attitude that is not known, once it is found."""
 FREE_CYC: Final = 1.0
 """Likewise of line delays."""
-_GATE_CYC: Final = 0.2  # of a component beside a candidate, at first
+_GATE_CYC: Final = 0.2  # of a component beside a candidate, at first; less of baselines below a wavelength
 _TILT_MOST_RAD: Final = np.radians(60.0)  # of a body that carries antennas
 _CELL_RAD: Final = 0.12  # of the grid of rotations, times wavelengths of the longest baseline
 _MOST_ROTATIONS: Final = 400_000
@@ -95,18 +95,26 @@ class ArrayFrame:
 
     def loosened(self, *, attitude: bool, bias: bool) -> "ArrayFrame":
         """With attitude or lines not known."""
-        covariance = FREE_RAD**2 * np.eye(3) if attitude else self.attitude_covariance_rad2
+        covariance = self.attitude_covariance_rad2
+        if attitude and not self.attitude_free:
+            covariance = FREE_RAD**2 * np.eye(3)
+        axes = int(np.sum(np.diag(covariance) >= FREE_RAD**2))
         return replace(
             self,
             attitude_covariance_rad2=covariance,
             bias_sigma_cyc=FREE_CYC if bias else self.bias_sigma_cyc,
-            freed=3 * attitude + self.bias_cyc.size * bias,
+            freed=axes + self.bias_cyc.size * bias,
         )
 
     @property
     def attitude_free(self) -> bool:
-        """Whether the attitude is not known."""
-        return bool(self.attitude_covariance_rad2[0, 0] >= FREE_RAD**2)
+        """Whether the attitude, or the heading alone, is not known."""
+        return bool(self.attitude_covariance_rad2[2, 2] >= FREE_RAD**2)
+
+    @property
+    def level(self) -> bool:
+        """Whether the vertical is known."""
+        return bool(self.attitude_covariance_rad2[0, 0] < FREE_RAD**2)
 
     @property
     def bias_free(self) -> bool:
@@ -283,10 +291,11 @@ def _fitted(measured: MeanPhases, frame: ArrayFrame) -> ArrayFrame:
     """A frame of which something is not known, moved to where the signals near it have it."""
     bias_covariance = white_covariance(np.full(frame.bias_cyc.size + 1, frame.bias_sigma_cyc))
     design = array_design(measured.elements_cyc)
+    gate_cyc = _GATE_CYC * min(1.0, float(np.linalg.norm(design, axis=1).max()))
     for _ in range(4):
         z = residuals(measured, frame)
         z = z - np.rint(z)
-        near = np.flatnonzero(np.all(np.abs(z) < _GATE_CYC, axis=1))
+        near = np.flatnonzero(np.all(np.abs(z) < gate_cyc, axis=1))
         if not near.size:
             break
         own = measured.part(near)
@@ -304,7 +313,7 @@ def _rotations(measured: MeanPhases, frame: ArrayFrame) -> Iterator[tuple[Reals,
     """Rotations and line delays about which the phases of most signals add up, the best ones first."""
     reach = float(np.linalg.norm(array_design(measured.elements_cyc), axis=1).max()) if frame.bias_cyc.size else 1.0
     cell_rad = max(_CELL_RAD / max(reach, 0.5), (4.0 * np.pi**2 / _MOST_ROTATIONS) ** (1.0 / 3.0))
-    turns = _grid(cell_rad)
+    turns = _grid(cell_rad, level=frame.level)
     raw = measured.raw_cyc - frame.bias_cyc
     score = np.empty(len(turns))
     sums = np.empty((len(turns), raw.shape[1]), np.complex128)
@@ -327,15 +336,17 @@ def _rotations(measured: MeanPhases, frame: ArrayFrame) -> Iterator[tuple[Reals,
             return
 
 
-def _grid(cell_rad: float) -> Reals:
-    """Rotations (r, 3, 3) some `cell_rad` apart that tilt the vertical by no more than bodies are tilted."""
+def _grid(cell_rad: float, *, level: bool) -> Reals:
+    """Rotations (r, 3, 3) some `cell_rad` apart that tilt the vertical by no more than bodies are tilted, or not."""
+    turned = Rotation.from_rotvec(np.outer(np.arange(0.0, 2.0 * np.pi, cell_rad), [0.0, 0.0, 1.0]))
+    if level:
+        return np.asarray(turned.as_matrix())
     cap = hemisphere(max(int(2.0 * np.pi / cell_rad**2), 1))
     cap = cap[cap[:, 2] >= np.cos(_TILT_MOST_RAD)]
     tilt = np.arccos(np.clip(cap[:, 2], -1.0, 1.0))
     axis = np.column_stack([-cap[:, 1], cap[:, 0], np.zeros(len(cap))])
     length = np.linalg.norm(axis, axis=1, keepdims=True)
     tilted = Rotation.from_rotvec(np.divide(axis, length, out=np.zeros_like(axis), where=length > 0) * tilt[:, None])
-    turned = Rotation.from_rotvec(np.outer(np.arange(0.0, 2.0 * np.pi, cell_rad), [0.0, 0.0, 1.0]))
     return np.asarray((tilted.as_matrix()[:, None] @ turned.as_matrix()[None]).reshape(-1, 3, 3))
 
 

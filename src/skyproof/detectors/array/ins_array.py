@@ -46,13 +46,14 @@ from skyproof.records import (
 from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
-__all__ = ["InsArray", "InsArraySettings"]
+__all__ = ["ArrayView", "InsArray", "InsArraySettings", "level_bodies", "likeliest"]
 
 FROM_ELSEWHERE: Final = "no false signal comes from where its satellite stands"
 _LEAST_OF_ONE_PLACE: Final = 3
 """Satellites whose signals come from one place: two may be reflected by one thing."""
-_MISSED: Final = (0.03, 1e-3)
-"""Gates within which agreement counts: few true signals are outside, and few others inside."""
+_MISSED: Final = (0.03, 0.5, 0.9)
+"""Of true signals, by gates within which agreement counts; fewer others are within narrow ones, and signals may agree
+better than stated errors make them."""
 _BELOW_HORIZON: Final = -0.17  # sine of the elevation under which no transmitter is taken to stand
 
 
@@ -80,7 +81,7 @@ class InsArraySettings:
         require_probability("ins_array", "false_alarm_probability", self.false_alarm_probability)
 
 
-class _View(NamedTuple):
+class ArrayView(NamedTuple):
     """A window's phases as seen from one place with one first attitude. refs : of the rows of `measured`."""
 
     state: NavState
@@ -133,7 +134,7 @@ class InsArray:
             [
                 view
                 for body in _bodies(records, phases.receiver)
-                if (view := self._seen(phases, body, navigation)) is not None
+                if (view := self.seen(phases, body, navigation)) is not None
             ]
             if len(phases.elements_m) > 1
             else []
@@ -150,12 +151,12 @@ class InsArray:
                     would_need="phases of two antennas or more, ephemerides, and a position",
                 ),
             ]
-        view = max(views, key=lambda one: (one.accepted, -one.agreed.cost))
+        view = likeliest(views)
         notes += [self._note(records, phases, words) for words in _at_odds(view, phases, records)]
-        return [*notes, *self._judged(records, view, navigation)]
+        return [*notes, *self.judged(records, view, navigation)]
 
-    def _seen(self, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> _View | None:
-        """None if no signal can be compared."""
+    def seen(self, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> ArrayView | None:
+        """What agrees as seen from a place; None if no signal can be compared."""
         direction = predicted_directions(phases, state, navigation)
         elements_cyc = phases.elements_m * (L1_HZ / SPEED_OF_LIGHT_M_S)
         ratio = phases.carrier_hz / L1_HZ
@@ -184,14 +185,16 @@ class InsArray:
         stated = stated.loosened(attitude=stated.attitude_free, bias=not phases.calibrated)
         return self._best(state, refs, measured, stated)
 
-    def _best(self, state: NavState, refs: tuple[SignalRef, ...], measured: MeanPhases, stated: ArrayFrame) -> _View:
+    def _best(
+        self, state: NavState, refs: tuple[SignalRef, ...], measured: MeanPhases, stated: ArrayFrame
+    ) -> ArrayView:
         """What is stated of attitude and lines, unless other ones fit distinctly more signals."""
         names, sats = np.unique([ref.signal.sat for ref in refs], return_inverse=True)
         alpha = self.settings.false_alarm_probability
 
-        def view(frame: ArrayFrame) -> _View:
+        def view(frame: ArrayFrame) -> ArrayView:
             agreed = best_agreement(measured, frame, alpha)
-            return _View(state, refs, measured, agreed, self._is_no_chance(measured, agreed, sats))
+            return ArrayView(state, refs, measured, agreed, self._is_no_chance(measured, agreed, sats))
 
         found = view(stated)
         if found.agreed.p_value >= alpha or len(names) - found.satellites < 2:
@@ -222,7 +225,8 @@ class InsArray:
                 return True
         return False
 
-    def _judged(self, records: Records, view: _View, navigation: NavigationData) -> list[Evidence]:
+    def judged(self, records: Records, view: ArrayView, navigation: NavigationData) -> list[Evidence]:
+        """What is said of the signals of a view."""
         alpha, agreed, receiver = self.settings.false_alarm_probability, view.agreed, view.refs[0].receiver
         n = len(view.refs)
         sure = np.setdiff1d(agreed.members, agreed.doubtful)
@@ -233,14 +237,14 @@ class InsArray:
         p_one = self._of_one_place(view, [k for k in sure if view.refs[k] in true])
         if p_one < alpha:
             left = others.size - sum(len(rows) for rows, _ in spoofed)
-            because = f"{len(true)} of {n} signals come to the array {receiver} from where their satellites stand"
+            because = f"{len(true)} of {n} signals come to {receiver} from where their satellites stand"
             if left:
                 because += f"; {left} do not, as reflections do"
             said.append(self._say(records, tuple(true), "authentic", because, p_one, assumes=(FROM_ELSEWHERE,)))
         if said:
             return said
         if agreed.p_value >= alpha:
-            because = f"{n} signals come to the array {receiver} from where their satellites stand"
+            because = f"{n} signals come to {receiver} from where their satellites stand"
             return [self._say(records, view.refs, "clean", because, agreed.p_value)]
         return [
             replace(
@@ -248,7 +252,7 @@ class InsArray:
                     records,
                     view.refs,
                     "undecided",
-                    f"{n - agreed.members.size} of {n} signals do not come to the array {receiver} from where their "
+                    f"{n - agreed.members.size} of {n} signals do not come to {receiver} from where their "
                     "satellites stand, and too few do to show that its attitude, lines and antennas are as stated",
                     agreed.p_value,
                 ),
@@ -259,7 +263,7 @@ class InsArray:
     def _spoofed(
         self,
         records: Records,
-        view: _View,
+        view: ArrayView,
         others: Indices,
         true: Sequence[SignalRef],
         navigation: NavigationData,
@@ -295,16 +299,16 @@ class InsArray:
                 found.append((rows, min(1.0, n * float(view.agreed.p_values[rows].max()))))
         return found
 
-    def _false(self, records: Records, view: _View, rows: list[int], p_value: float) -> Evidence:
+    def _false(self, records: Records, view: ArrayView, rows: list[int], p_value: float) -> Evidence:
         directions = _directions(view, rows)
         satellites, receiver = sorted({view.refs[k].signal.sat for k in rows}), view.refs[0].receiver
         if len(satellites) == 1:
-            because = f"a signal of {satellites[0]} comes to the array {receiver} from elsewhere than its satellite"
+            because = f"a signal of {satellites[0]} comes to {receiver} from elsewhere than its satellite"
         else:
-            because = f"signals of {len(satellites)} satellites come to the array {receiver} from one direction"
+            because = f"signals of {len(satellites)} satellites come to {receiver} from one direction"
         return self._say(records, tuple(view.refs[k] for k in rows), "spoofed", because, p_value, directions=directions)
 
-    def _of_one_place(self, view: _View, rows: list[int]) -> float:
+    def _of_one_place(self, view: ArrayView, rows: list[int]) -> float:
         """p-value that these signals come from one place; 1 of fewer than three satellites."""
         if len({view.refs[k].signal.sat for k in rows}) < _LEAST_OF_ONE_PLACE:
             return 1.0
@@ -340,6 +344,11 @@ class InsArray:
         return np.asarray(attitude.T @ state.covariance[middle, 6:, 6:] @ attitude)
 
 
+def likeliest(views: Sequence[ArrayView]) -> ArrayView:
+    """Of views from several places."""
+    return max(views, key=lambda one: (one.accepted, -one.agreed.cost))
+
+
 def _bodies(records: Records, receiver: str) -> list[NavState]:
     """The states that the body may be in: as known, else at the place of each consistent set, level and to the north
     with nothing known of that where no attitude is."""
@@ -349,21 +358,33 @@ def _bodies(records: Records, receiver: str) -> list[NavState]:
     places = [one.position_ecef_m for one in records.sets if one.receiver == receiver]
     if state is not None:
         return [replace(state, position_ecef_m=np.tile(place, (state.gpst.size, 1))) for place in places]
+    return level_bodies(records, places, FREE_RAD)
+
+
+def level_bodies(records: Records, places: Sequence[Reals], tilt_sigma_rad: float) -> list[NavState]:
+    """At each place (3,) a body to the north, of whose heading nothing is known, and level by so much."""
     gpst = np.array([records.start_gpst, records.end_gpst])
-    covariance = np.tile(np.diag(np.repeat([np.inf, np.inf, FREE_RAD**2], 3)), (2, 1, 1))
-    return [
-        NavState(
-            gpst=gpst,
-            position_ecef_m=np.tile(place, (2, 1)),
-            velocity_ecef_m_s=np.zeros((2, 3)),
-            attitude=attitude_ecef(np.tile(place, (2, 1)), *np.zeros((3, 2))),
-            covariance=covariance,
+    known = np.diag([tilt_sigma_rad**2, tilt_sigma_rad**2, FREE_RAD**2])
+    states = []
+    for place in places:
+        both = np.tile(place, (2, 1))
+        attitude = attitude_ecef(both, *np.zeros((3, 2)))
+        covariance = np.zeros((2, 9, 9))
+        covariance[:, range(6), range(6)] = np.inf
+        covariance[:, 6:, 6:] = attitude @ known @ np.swapaxes(attitude, -1, -2)
+        states.append(
+            NavState(
+                gpst=gpst,
+                position_ecef_m=both,
+                velocity_ecef_m_s=np.zeros((2, 3)),
+                attitude=attitude,
+                covariance=covariance,
+            )
         )
-        for place in places
-    ]
+    return states
 
 
-def _at_odds(view: _View, phases: ArrayPhases, records: Records) -> list[str]:
+def _at_odds(view: ArrayView, phases: ArrayPhases, records: Records) -> list[str]:
     """What was stated and is not used, in words."""
     frame, said = view.agreed.frame, []
     if frame.attitude_free and records.nav_state is not None:
@@ -380,7 +401,7 @@ def _at_odds(view: _View, phases: ArrayPhases, records: Records) -> list[str]:
     return said
 
 
-def _directions(view: _View, rows: list[int]) -> tuple[Direction, ...]:
+def _directions(view: ArrayView, rows: list[int]) -> tuple[Direction, ...]:
     """From where signals of one place may come, the likeliest first."""
     measured, agreed = view.measured, view.agreed
     on_ground = agreed.lone if view.accepted else not agreed.frame.attitude_free

@@ -25,12 +25,13 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 from scipy import optimize, special
 
-from skyproof.arrays import Complexes, Reals
+from skyproof.arrays import Complexes, Indices, Reals
 from skyproof.detectors.array.array_common import cluster_evidence, of_one_carrier
+from skyproof.detectors.array.ins_array import InsArray, InsArraySettings, level_bodies, likeliest
 from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import Evidence, Need, Observations, Records, SignalRef, SpinArm
+from skyproof.records import ArrayPhases, Evidence, Need, Observations, Records, SignalRef, SpinArm
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = [
@@ -56,6 +57,9 @@ __all__ = [
     "spoofed_detection",
     "step_statistics",
 ]
+
+_SCALE_CYC = 0.24
+"""Baseline of an array that measures level direction cosines without whole cycles."""
 
 DEGREE_2_LASTS_S = 15.0
 """Up to here what a quadratic leaves of the motion of a pair of satellites adds less than 1 to the noncentrality; from
@@ -352,11 +356,16 @@ class SpinSettings:
         true sky is said to have a cluster.
     degree : of the polynomial for clocks and motion; None for 2 up to 15 s and 3 beyond.
     min_share : of the window's epochs in which a signal has to be there.
+    tilt_sigma_deg : of the circle's plane against the horizon, about each axis. radius_sigma_m : of the arm.
+    lasting_sigma_cyc : of what reflections and other satellites' codes write into a phase in step with the arm.
     """
 
     false_alarm_probability: float = 1e-3
     degree: int | None = None
     min_share: float = 0.9
+    tilt_sigma_deg: float = 2.0
+    radius_sigma_m: float = 0.002
+    lasting_sigma_cyc: float = 0.01
 
     def __post_init__(self) -> None:
         require_probability("spin", "false_alarm_probability", self.false_alarm_probability)
@@ -366,7 +375,8 @@ class Spin:
     """The detector: which signals of a receiver on an arm come from one direction.
 
     From its observations and `spin_arms`, a tuple of `SpinArm`. The arm must turn by most of a turn within the
-    window; with less nothing is decided.
+    window; with less nothing is decided. With orbits and a consistent set, directions are held against the satellites',
+    up to the angle from which the arm starts, as `ins_array` does; without, with each other.
     """
 
     name = "spin"
@@ -432,8 +442,62 @@ class Spin:
         fit = full_fit(
             minus_mean(phase_cyc), angle_rad, radius_cyc=radius_cyc, sigma_cyc=sigma_cyc, degree=degree, time=time_s
         )
-        covariance = np.broadcast_to(np.linalg.inv(fit.information), (len(refs), 2, 2))
-        return cluster_evidence(self, records, refs, fit.level, covariance, np.eye(3)[:2], wrapped=False)
+        covariance = np.asarray(np.linalg.inv(fit.information), np.float64)
+        if found := self._against_orbits(records, observations, channels, arm, radius_cyc, fit.level, covariance):
+            return found
+        covariances = np.broadcast_to(covariance, (len(refs), 2, 2))
+        return cluster_evidence(self, records, refs, fit.level, covariances, np.eye(3)[:2], wrapped=False)
+
+    def _against_orbits(
+        self,
+        records: Records,
+        observations: Observations,
+        channels: Indices,
+        arm: SpinArm,
+        radius_cyc: float,
+        level: Reals,
+        covariance: Reals,
+    ) -> list[Evidence]:
+        """What is authentic and what is spoofed by the directions of the satellites; empty if that shows nothing.
+
+        Level direction cosines are what a small flat array measures: its heading is the arm's start, which is not known
+        nor needed, and what all share is not known either.
+        """
+        places = [one.position_ecef_m for one in records.sets if one.receiver == observations.receiver]
+        if records.navigation is None or not places:
+            return []
+        middle = [observations.gpst.size // 2]
+        seen = _SCALE_CYC * level * [1.0, -1.0]  # the arm turns clockwise: forward is its start, then right
+        shape = (1, channels.size, 3)
+        sigma = _SCALE_CYC * np.sqrt(np.linalg.eigvalsh(covariance).max())
+        carrier_hz = observations.carrier_hz[channels]
+        wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz[0]
+        phases = ArrayPhases(
+            receiver=observations.receiver,
+            signals=tuple(observations.signals[k] for k in channels),
+            gpst=observations.gpst[middle],
+            elapsed_s=observations.elapsed_s[middle],
+            elements_m=_SCALE_CYC * wavelength_m * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            phase_cyc=np.concatenate([np.zeros((channels.size, 1)), seen], axis=1)[None],
+            sigma_cyc=np.broadcast_to([1e-6, sigma, sigma], shape),
+            carrier_hz=carrier_hz,
+            calibrated=False,
+            elements_sigma_m=_SCALE_CYC * wavelength_m * self.settings.radius_sigma_m / arm.radius_m,
+            lasting_sigma_cyc=_SCALE_CYC * self.settings.lasting_sigma_cyc / radius_cyc,
+        )
+        judge = _ByArm(InsArraySettings(false_alarm_probability=self.settings.false_alarm_probability))
+        bodies = level_bodies(records, places, float(np.radians(self.settings.tilt_sigma_deg)))
+        views = [view for body in bodies if (view := judge.seen(phases, body, records.navigation)) is not None]
+        if not views:
+            return []
+        said = judge.judged(records, likeliest(views), records.navigation)
+        return said if any(one.says in ("spoofed", "authentic") for one in said) else []
+
+
+class _ByArm(InsArray):
+    """Directions of an arm, judged as those of an array."""
+
+    name = "spin"
 
 
 # Shared ---------------------------------------------------------------------------------------------------------------

@@ -1,0 +1,107 @@
+"""A turning antenna against the orbits: false signals are named with their direction, true ones stay authentic."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.array.spin import Spin, SpinSettings
+from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.time import week_and_tow
+from skyproof.records import SpinArm
+from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
+
+RADIUS_M, RATE_HZ = 0.0951, 0.25
+SCENE = MeasuredScene(
+    antennas_enu_m={"rx1": (0.0, 0.0, 0.0)},
+    false=(FalseSky(shows_enu_m=(300.0, 200.0, 0.0), delay_m=50.0),),
+    epochs=50,
+    step_s=0.2,
+    errors=TrackErrors(1.0, 0.9),
+    max_satellites=9,
+)
+FROM = np.radians(160.0), np.radians(25.0)
+
+
+def turning(rng, false=3, *, rate_hz=RATE_HZ, tilt_rad=0.0, slips=(), start_rad=None):
+    """A window of an arm that turns clockwise, with `false` satellites imitated from one direction."""
+    records = SCENE.records(rng)
+    (o,) = records.observations
+    n = len(o.signals) // 2
+    kept = np.r_[np.arange(n), n + np.arange(false)]
+    start_rad = rng.uniform(0.0, 2.0 * np.pi) if start_rad is None else start_rad
+    arm = start_rad + 2.0 * np.pi * rate_hz * o.elapsed_s
+    axis = rng.uniform(0.0, 2.0 * np.pi)
+    place = np.column_stack([np.cos(arm), np.sin(arm), tilt_rad * np.cos(arm - axis)]) * RADIUS_M  # north, east, up
+    week, tow_s = week_and_tow(SCENE.start_gpst)
+    carrier = o.carrier_cyc.copy()
+    for k in kept:
+        az, el = FROM
+        if k < n:
+            orbit = records.navigation.best(o.signals[k].sat, SCENE.start_gpst)
+            where = satellite_state_s(orbit, week, tow_s).position_ecef_m
+            az, el = azimuth_elevation(records.sets[0].position_ecef_m, where)
+        towards = np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
+        carrier[:, k] -= place @ towards * L1_HZ / SPEED_OF_LIGHT_M_S
+    for signal, epoch, size in slips:
+        carrier[epoch:, signal] += size
+    fields = ("pseudorange_m", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc", "doppler_sigma_hz")
+    cells = {name: getattr(o, name)[:, kept] for name in (*fields, "status", "half_cycle_open")}
+    single = {name: getattr(o, name)[kept] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
+    cells["cn0_dbhz"] = cells["cn0_dbhz"] + np.where(kept >= n, 3.0, 0.0)
+    part = replace(o, signals=tuple(o.signals[k] for k in kept), carrier_cyc=carrier[:, kept], **cells, **single)
+    return replace(records, observations=(part,), sets=records.sets[:1])
+
+
+def said_of(records, *, rate_sigma_hz=0.0, alpha=1e-4):
+    arm = SpinArm(
+        receiver="rx1",
+        radius_m=RADIUS_M,
+        rate_rad_s=2.0 * np.pi * RATE_HZ,
+        rate_sigma_rad_s=2.0 * np.pi * rate_sigma_hz,
+    )
+    evidence, _ = Spin(SpinSettings(false_alarm_probability=alpha)).examine(replace(records, spin_arms=(arm,)))
+    words = {e.says: {ref.signal for ref in e.subject} for e in evidence}
+    return words, evidence
+
+
+CASES = {
+    "as stated": ({}, {}),
+    "rate wrong by 1 %": ({"rate_hz": 1.01 * RATE_HZ}, {"rate_sigma_hz": 0.0025}),
+    "wobble of 2 degrees": ({"tilt_rad": np.radians(2.0)}, {}),
+    "slips": ({"slips": ((1, 20, 0.5), (4, 33, -1.0))}, {}),
+}
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("made", "stated"), CASES.values(), ids=CASES.keys())
+def test_false_signals_are_named_and_true_ones_stay_authentic(made, stated, seed):
+    records = turning(np.random.default_rng(seed), **made)
+    words, evidence = said_of(records, **stated)
+    signals = records.observations[0].signals
+    assert words == {
+        "authentic": {s for s in signals if s.copy == "a"},
+        "spoofed": {s for s in signals if s.copy == "b"},
+    }
+    (spoofed,) = [e for e in evidence if e.says == "spoofed"]
+    (direction,) = spoofed.directions
+    assert direction.frame == "enu"
+    off = (direction.azimuth_rad - FROM[0]) * np.cos(FROM[1]), direction.elevation_rad - FROM[1]
+    assert np.sqrt(off @ np.linalg.solve(direction.covariance_rad2, off)) < 3.7  # 1 in 1000
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("made", "stated"), CASES.values(), ids=CASES.keys())
+def test_a_true_sky_is_authentic(made, stated, seed):
+    records = turning(np.random.default_rng(seed), false=0, **made)
+    words, _ = said_of(records, **stated)
+    assert words == {"authentic": set(records.observations[0].signals)}
+
+
+def test_without_orbits_signals_are_compared_with_each_other():
+    records = turning(np.random.default_rng(1), false=7)
+    words, evidence = said_of(replace(records, navigation=None), alpha=1e-3)
+    assert words == {"spoofed": {s for s in records.observations[0].signals if s.copy == "b"}}
+    assert not evidence[0].directions
