@@ -101,7 +101,8 @@ def further_signals(
     tested = []
     for (receiver, kind), chosen in true.items():
         beside = _beside(records, observed[receiver], chosen, kind, each)
-        tested.append(_Tested([b for b in beside if b.ref not in known], chosen, each))
+        sats = {signal.sat for signal in chosen.signals if signal.kind == kind}
+        tested.append(_Tested([b for b in beside if b.ref not in known], sats, each))
     attacked = bool(known) or any(one.p_value < each.alarm for one in tested)
     alone = {b.ref: (b, one.p_value) for one in tested for b in one.told if attacked}
     return [*found, *_by_antenna(alone, skies, each)]
@@ -143,7 +144,7 @@ def _beside(
     mean, measurements, usable = window_measurements(
         o, records.navigation, multipath_sigma_m=rates.multipath_sigma_m, ionosphere_share=0.25
     )
-    own = {signal.transmission: signal for signal in chosen.signals}
+    own = {signal.transmission: signal for signal in chosen.signals if signal.kind == kind}
     rows: Indices = np.array(
         [k for k in np.flatnonzero(usable) if mean.signals[k].kind == kind and mean.signals[k] not in chosen.signals],
         np.intp,
@@ -155,7 +156,7 @@ def _beside(
         measurements, rows, np.tile(state_m, (rows.size, 1)), np.tile(chosen.covariance_m2, (rows.size, 1, 1))
     )
     level_dbhz = {signal: _median(o.cn0_dbhz[:, column]) for column, signal in enumerate(o.signals)}
-    best_dbhz = max((level_dbhz[s] for s in chosen.signals if np.isfinite(level_dbhz[s])), default=np.nan)
+    best_dbhz = max((level_dbhz[s] for s in own.values() if np.isfinite(level_dbhz[s])), default=np.nan)
     found = []
     for row, late, variance in zip(rows, late_m, variance_m2, strict=True):
         signal = mean.signals[row]
@@ -178,7 +179,7 @@ def _beside(
 class _Tested:
     """A receiver's signals of a kind held against echoes. p_value : of all of them. told : those that stand out."""
 
-    def __init__(self, beside: Sequence[_Beside], chosen: ConsistentSet, rates: Rates) -> None:
+    def __init__(self, beside: Sequence[_Beside], sats: set[str], rates: Rates) -> None:
         model = rates.echoes
         own: dict[str, list[tuple[float, _Beside]]] = {}
         for b in beside:
@@ -186,7 +187,7 @@ class _Tested:
             p_value = echo_p_value(model, ratio, b.second.below_db, b.second.elevation_rad)
             own.setdefault(b.ref.signal.sat, []).append((p_value, b))
         least = sorted(min(p for p, _ in signals) for signals in own.values())
-        n = len({signal.sat for signal in chosen.signals} | set(own))
+        n = len(sats | set(own))
         self.p_value = many_small([*least, *[1.0] * (n - len(least))], least=LEAST, most=MOST).p_value
         limit = max((p for k, p in enumerate(least, 1) if n * p <= rates.mistaken * k), default=0.0)
         self.told = [b for signals in own.values() for p, b in signals if p <= limit]
@@ -200,8 +201,8 @@ def _by_antenna(
     left = dict(alone)
     found = []
     for sky in skies:
-        first, *others = sky.receivers
-        pairs = [pair for other in others[:1] for pair in _pairs(left, sky, first, other)]
+        first, other, *_ = sky.receivers
+        pairs = _pairs(left, sky, first, other)
         if len(pairs) < LEAST or sky.unit_enu is None:
             continue
         row = {sat: k for k, sat in enumerate(sky.ranges.sats)}
@@ -213,7 +214,13 @@ def _by_antenna(
         )
         sigma_m = np.array([np.hypot(a.sigma_m, b.sigma_m) for a, b in pairs])
         for cluster in _parts(away_m, sigma_m, rates.mistaken):
-            refs = tuple(sorted(b.ref for k in cluster for b in pairs[k]))
+            sats = {a.ref.signal.sat for a, _ in (pairs[k] for k in cluster)}
+            elsewhere = [
+                r
+                for r in left
+                if r.signal.sat in sats and r.signal.kind in sky.kinds and r.receiver not in (first, other)
+            ]
+            refs = tuple(sorted([*(b.ref for k in cluster for b in pairs[k]), *elsewhere]))
             found.append(_named(refs, alone, together=len(cluster) >= LEAST))
             for ref in refs:
                 del left[ref]

@@ -1,0 +1,78 @@
+"""What is said of each signal beside a sky that is known to be true."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.multi_receiver.detector import MultiReceiver, MultiReceiverSettings
+from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
+
+PLACES = {"rx1": (0.0, 0.0, 0.0), "rx2": (40.0, 0.0, 0.0), "rx3": (0.0, 30.0, 2.0)}
+NEAR = FalseSky(antenna_enu_m=(400.0, 300.0, 10.0), delay_m=600.0)
+FAR = FalseSky(antenna_enu_m=(-300.0, 500.0, 10.0), delay_m=600.0)
+
+
+def records(imitated, *, over_db=9.0, receivers=2, late_m=None):
+    """A true sky of ten satellites; of the antennas NEAR and FAR the satellites of these numbers, as second signals."""
+    antennas = dict(list(PLACES.items())[:receivers])
+    made = MeasuredScene(
+        antennas_enu_m=antennas, false=(NEAR, FAR), epochs=8, errors=TrackErrors(0.5), max_satellites=10
+    ).records(np.random.default_rng(3))
+    heard = []
+    for o in made.observations:
+        n = len(o.signals) // 3
+        column = np.arange(len(o.signals))
+        there = np.isin(column, [n * (1 + which) + k for which, own in enumerate(imitated) for k in own]) | (column < n)
+        shown = {name: np.where(there, getattr(o, name), np.nan) for name in ("pseudorange_m", "cn0_dbhz")}
+        shown["cn0_dbhz"][:, n:] += over_db
+        if late_m is not None:
+            shown["pseudorange_m"][:, n:] = np.where(there, np.tile(o.pseudorange_m[:, :n], 3) + late_m, np.nan)[:, n:]
+        heard.append(replace(o, **shown))
+    sets = tuple(s for s in made.sets if s.signals[0].copy == "a")
+    return replace(made, observations=tuple(heard), sets=sets), [s.sat for s in made.observations[0].signals[:n]]
+
+
+def said(made, **given):
+    settings = MultiReceiverSettings(antennas_enu_m=PLACES, false_alarm_probability=1e-6, **given)
+    evidence, _ = MultiReceiver(settings).examine(made)
+    return [e for e in evidence if e.says == "spoofed"], [e for e in evidence if e.says == "authentic"]
+
+
+def subjects(evidence):
+    return sorted(sorted({ref.signal.sat for ref in e.subject}) for e in evidence)
+
+
+@pytest.mark.parametrize("receivers", [2, 3])
+def test_few_signals_are_named_in_every_receiver_by_the_antenna_they_come_from(receivers):
+    made, sats = records(([0, 2], [4, 7]), receivers=receivers)
+    spoofed, authentic = said(made)
+    assert len(authentic) == 1
+    assert subjects(spoofed) == sorted([sorted([sats[0], sats[2]]), sorted([sats[4], sats[7]])])
+    assert all({ref.receiver for ref in e.subject} == set(list(PLACES)[:receivers]) for e in spoofed)
+    assert not any(e.whole_sky for e in spoofed)
+    assert all("come from one antenna" in e.because for e in spoofed)
+
+
+def test_one_odd_signal_is_not_named():
+    made, _ = records(([0], []))
+    spoofed, authentic = said(made)
+    assert spoofed == []
+    assert len(authentic) == 1
+
+
+def test_signals_as_late_and_weak_as_echoes_are_not_named():
+    made, _ = records(([0, 2, 5], [4]), over_db=-10.0, late_m=500.0)
+    assert said(made)[0] == []
+
+
+def test_early_signals_are_named_however_weak():
+    made, sats = records(([0, 2, 5], [4]), over_db=-8.0, late_m=-700.0)
+    spoofed, _ = said(made)
+    assert {ref.signal.sat for e in spoofed for ref in e.subject} == {sats[k] for k in (0, 2, 4, 5)}
+
+
+def test_nothing_is_named_where_no_sky_is_known_to_be_true():
+    made, _ = records(([0, 2], [4, 7]))
+    evidence, _ = MultiReceiver(MultiReceiverSettings(false_alarm_probability=1e-6)).examine(made)
+    assert {e.says for e in evidence} == {"undecided"}
