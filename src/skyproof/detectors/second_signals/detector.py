@@ -297,7 +297,7 @@ class SecondSignals:
             subject=_signals(observations, tuple(telling) if attack else found.sats),
             says="attack" if attack else "clean",
             because=words,
-            statistic=float(-np.log10(test.p_value)),
+            statistic=max(0.0, -float(np.log10(test.p_value))),
             threshold=float(-np.log10(alpha)),
             false_alarm_probability=alpha,
             p_value=test.p_value,
