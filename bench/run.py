@@ -28,6 +28,7 @@ import real_code
 import rinex
 import sets
 import startup
+import vector
 from timing import machine
 
 import receiver
@@ -51,6 +52,7 @@ BENCHES = {
     "position": position,
     "pairs": pairs,
     "joint": joint,
+    "vector": vector,
     "startup": startup,
     "drawn": drawn,
     "arrays": arrays,

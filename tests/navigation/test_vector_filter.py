@@ -63,7 +63,7 @@ def run(state, truth, rng, steps, change=lambda epoch: epoch, drives=None):
     for _ in range(steps):
         truth = moved(truth)
         before = ahead(state, state.elapsed_s + STEP_S, SETTINGS)
-        outcomes.append(updated(before, change(measured(truth, rng)), SKY, drives, SETTINGS))
+        outcomes.append(updated(before, change(measured(truth, rng)), expected(before.mean, SKY), drives, SETTINGS))
         state = outcomes[-1].state
     return outcomes, truth
 

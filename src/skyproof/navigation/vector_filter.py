@@ -13,6 +13,7 @@ and 4 unknowns by which the state can be checked.
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from skyproof.navigation.vector_sky import SkyEpoch
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = [
+    "Expected",
     "VectorEpoch",
     "VectorSettings",
     "VectorState",
@@ -86,11 +88,20 @@ class VectorEpoch(NamedTuple):
     rate_sigma_m_s: Reals
 
 
+class Expected(NamedTuple):
+    """What a state predicts: ranges and rates (k,) in the terms of `VectorEpoch`, rows of the geometry (k, 4)."""
+
+    range_m: Reals
+    rate_m_s: Reals
+    design: Reals
+
+
 class VectorUpdate(NamedTuple):
     """An update.
 
     state : after it. diverged : whether the measurements have contradicted the state for so long that it is wrong.
     range_m, rate_m_s : (k,) what the updated state predicts of all satellites, in the terms of `VectorEpoch`.
+    design : (k, 4) rows of the geometry.
     range_left_m, rate_left_m_s : (k,) measured less fitted, of the epoch's own least squares; NaN of satellites not in
         them.
     """
@@ -99,6 +110,7 @@ class VectorUpdate(NamedTuple):
     diverged: bool
     range_m: Reals
     rate_m_s: Reals
+    design: Reals
     range_left_m: Reals
     rate_left_m_s: Reals
 
@@ -118,12 +130,12 @@ def ahead(state: VectorState, elapsed_s: float, settings: VectorSettings) -> Vec
     return replace(state, elapsed_s=elapsed_s, mean=step @ state.mean, covariance=covariance)
 
 
-def expected(mean: Reals, sky: SkyEpoch) -> tuple[Reals, Reals, Reals]:
-    """Ranges and rates (k,) that a state (8,) predicts, and the rows (k, 4) of the geometry."""
+def expected(mean: Reals, sky: SkyEpoch) -> Expected:
+    """What a state (8,) predicts."""
     _, unit, distance_m = line_of_sight(sky.satellite_ecef_m, mean[POSITION])
     range_m = distance_m + mean[CLOCK]
     rate_m_s = -unit @ mean[VELOCITY] + sky.drift_gain * mean[DRIFT]
-    return range_m, rate_m_s, design_matrix(unit)
+    return Expected(range_m, rate_m_s, design_matrix(unit))
 
 
 def started(epoch: VectorEpoch, sky: SkyEpoch, place_ecef_m: Reals, elapsed_s: float) -> VectorState | None:
@@ -148,13 +160,13 @@ def started(epoch: VectorEpoch, sky: SkyEpoch, place_ecef_m: Reals, elapsed_s: f
 
 
 def updated(
-    state: VectorState, epoch: VectorEpoch, sky: SkyEpoch, drives: Booleans, settings: VectorSettings
+    state: VectorState, epoch: VectorEpoch, predicted: Expected, drives: Booleans, settings: VectorSettings
 ) -> VectorUpdate:
     """Carry a state, of the epoch's time already, over an epoch's measurements.
 
-    drives : (k,) satellites whose measurements are used.
+    predicted : by the state. drives : (k,) satellites whose measurements are used.
     """
-    range_m, rate_m_s, design = expected(state.mean, sky)
+    range_m, rate_m_s, design = predicted
     ranges = drives & np.isfinite(epoch.range_m)
     rates = drives & np.isfinite(epoch.rate_m_s)
     by_range = _judged(design, epoch.range_m - range_m, epoch.range_sigma_m, ranges, state, _PLACE, settings)
@@ -178,8 +190,16 @@ def updated(
         covariance = rest @ covariance @ rest.T + (gain * variance) @ gain.T
     misses = state.misses + 1 if by_range.contradicts or by_rate.contradicts else 0
     after = replace(state, mean=mean, covariance=covariance, misses=misses)
-    range_m, rate_m_s, _ = expected(mean, sky)
-    return VectorUpdate(after, misses >= settings.misses, range_m, rate_m_s, by_range.left, by_rate.left)
+    moved = mean - state.mean  # by 100 m: straight to a millimetre
+    return VectorUpdate(
+        after,
+        misses >= settings.misses,
+        range_m + design @ moved[_PLACE],
+        rate_m_s + design @ moved[_RATES],
+        design,
+        by_range.left,
+        by_rate.left,
+    )
 
 
 def shown_rates(sky: SkyEpoch, doppler_hz: Reals, carrier_hz: float) -> Reals:
@@ -210,6 +230,11 @@ def _fit(design: Reals, misfit: Reals, sigma: Reals) -> _Fit:
     return _Fit(step, covariance, residual, float(np.sum((residual / sigma) ** 2)))
 
 
+@cache
+def _limit(probability: float, dof: int) -> float:
+    return float(chi_square_threshold(probability, dof))
+
+
 class _Judged(NamedTuple):
     factor: float
     contradicts: bool
@@ -235,8 +260,8 @@ def _judged(
         return _Judged(1.0, False, left, np.zeros((4, 4)))
     left[used] = fit.residual
     factor = 1.0
-    if n > 4 and fit.left > chi_square_threshold(settings.misfit_probability, n - 4):
+    if n > 4 and fit.left > _limit(settings.misfit_probability, n - 4):
         factor = fit.left / (n - 4)
     total = state.covariance[np.ix_(places, places)] + factor * fit.covariance
     off = float(fit.step @ np.linalg.solve(total, fit.step))
-    return _Judged(factor, off > float(chi_square_threshold(settings.divergence_probability, 4)), left, fit.covariance)
+    return _Judged(factor, off > _limit(settings.divergence_probability, 4), left, fit.covariance)

@@ -269,9 +269,10 @@ def _followed(
     waits = np.array([guiding.out.get(signal, -np.inf) > elapsed_s for signal in channels.signals])
     drove = np.array([signal in guiding.driving for signal in channels.signals])
     limit = np.where([signal in guiding.out for signal in channels.signals], COMES_BACK, COMES)
-    range_m, rate_m_s, _ = expected(before.mean, sky)
-    comes = ~waits & (_away(epoch.range_m - range_m, epoch.rate_m_s - rate_m_s, receiver) < limit)
-    found = updated(before, epoch, sky, drove | comes, guiding.settings)
+    predicted = expected(before.mean, sky)
+    off_m, off_m_s = epoch.range_m - predicted.range_m, epoch.rate_m_s - predicted.rate_m_s
+    comes = ~waits & (_away(off_m, off_m_s, receiver) < limit)
+    found = updated(before, epoch, predicted, drove | comes, guiding.settings)
     if found.diverged:
         nothing = dict.fromkeys(channels.arcs, g.no_guide())
         return replace(_without_filter(guiding), diverged=guiding.diverged + 1), receiver.guided(state, nothing)
@@ -315,9 +316,8 @@ def _guides(
     """Of the channels that stay and whose prediction is sure enough."""
     assert guiding.label is not None
     signal, settings = receiver.signal, receiver.settings
-    _, _, design = expected(found.state.mean, sky)
     sigma_m, sigma_m_s = (
-        np.sqrt(np.einsum("ki,ij,kj->k", design, found.state.covariance[np.ix_(places, places)], design))
+        np.sqrt(np.einsum("ki,ij,kj->k", found.design, found.state.covariance[np.ix_(places, places)], found.design))
         for places in ([0, 1, 2, 6], [3, 4, 5, 7])
     )
     sure = stays & (sigma_m < SURE_M) & (sigma_m_s < SURE_M_S)

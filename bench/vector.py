@@ -1,0 +1,297 @@
+"""Vector tracking: false alarms of its correlators through the whole receiver, what it costs beside scalar tracking,
+what a blockage does to either, and which satellites `vector_sqm` names.
+
+`python bench/vector.py alarms` and so on for a part.
+"""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from time import process_time
+
+import numpy as np
+from timing import Spread, line
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.receive.reception import observe
+from skyproof.app.receive.tracker import Tracker, Workspace, _tracker
+from skyproof.arrays import Complexes, Floats, Reals
+from skyproof.detectors.correlators.correlator_laws import (
+    code_discriminator,
+    code_sigma_chips,
+    combined_taps,
+    phase_discriminator,
+    phase_sigma_rad,
+    prompt_amplitude,
+)
+from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector, whitener_of
+from skyproof.detectors.correlators.vector_sqm import (
+    detection_probability,
+    equilibrium,
+    rule_alarm_probability,
+    satellite_geometry,
+    two_step,
+)
+from skyproof.detectors.correlators.vector_sqm_detector import (
+    VectorSqm,
+    VectorSqmSettings,
+    directions,
+    pair_of_taps,
+    t_squared_survival,
+)
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.receiver import measurement as m
+from skyproof.records import Asked, NavigationData, Samples, Taps, TapsAsked
+from skyproof.simulator import scenes
+from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.samples import samples_of
+from skyproof.simulator.scenario import FrontEnd, Scenario, ScenePlace
+from skyproof.studies.vector_loops import draw_taps
+from skyproof.testing import MeasuredScene
+
+START_GPST = np.datetime64("2024-05-14T09:59:58", "ns")
+PLACE = ScenePlace(lat_deg=57.7, lon_deg=11.94, height_m=50.0)
+EVERY_MS = Asked(taps=TapsAsked(delays_chips=(0.5, -0.5), every_s=1e-3, coherent_s=1e-3))
+LEVELS_DBHZ, ALARM_S = (40.0, 45.0), 20.0
+COST_RATE_HZ, COST_S, COST_FROM_S, RUNS = 5e6, 10.0, 6.0, 3
+BLOCKED_S = (2.0, 5.0, 10.0)
+DRAWS, LOOKS, LOOKED_S = 200, 100, 0.004
+
+
+def report(parts: tuple[str, ...] = ("cost", "alarms", "blockage", "named")) -> Iterator[str]:
+    """Rows of the table."""
+    for part in parts:
+        yield from {"cost": _cost, "alarms": _alarms, "blockage": _blockage, "named": _named}[part]()
+
+
+def _in_memory(samples: Samples, planes: Floats) -> Samples:
+    return replace(samples, read=lambda first, count: planes[:, first : first + count])
+
+
+def _tracked(
+    samples: Samples, navigation: NavigationData, tracking: str, asked: Asked | None = None, from_s: float = 0.0
+) -> tuple[Tracker, float]:
+    """A recording tracked to its end, and the processor's time from `from_s` on."""
+    tracker = _tracker(samples, Settings(tracking=tracking), navigation, False, asked or Asked(), Workspace())
+    begin = process_time()
+    while tracker.advance():
+        if tracker.examined_s <= from_s:
+            begin = process_time()
+    return tracker, process_time() - begin
+
+
+def _cost() -> Iterator[str]:
+    yield f"vector over scalar tracking, {COST_RATE_HZ / 1e6:g} Msps, the same channels, once both are under way"
+    for mask_deg in (25.0, 10.0):
+        scenario = _clean(COST_S, COST_RATE_HZ, mask_deg)
+        samples = samples_of(scenario, nominal_constellation(START_GPST))[0]
+        held = _in_memory(samples, samples.read(0, samples.n_samples))
+        took: dict[str, list[float]] = {"scalar": [], "vector": []}
+        for _ in range(RUNS + 1):
+            for tracking, seconds in took.items():
+                tracker, cpu_s = _tracked(held, nominal_constellation(START_GPST), tracking, from_s=COST_FROM_S)
+                seconds.append(cpu_s)
+        n = len(tracker.state.channels)
+        cells = n * (COST_S - COST_FROM_S) * COST_RATE_HZ * 1e-9
+        for tracking, seconds in took.items():
+            beside = f"{min(took['vector'][1:]) / min(took['scalar'][1:]):.2f} of scalar, least of each"
+            spread = Spread.of([one / cells for one in seconds[1:]])
+            yield line(f"{tracking}, {n} channels", spread, "ns a sample", beside if tracking == "vector" else "")
+
+
+def _clean(duration_s: float, rate_hz: float, mask_deg: float = 10.0, seed: int = 3) -> Scenario:
+    return scenes.clean(
+        PLACE,
+        START_GPST,
+        duration_s=duration_s,
+        receivers=1,
+        mask_deg=mask_deg,
+        front_end=FrontEnd(rate_hz=rate_hz, bandwidth_hz=0.8 * rate_hz, encoding="int", bits=8),
+        seed=seed,
+    )
+
+
+# False alarms ---------------------------------------------------------------------------------------------------------
+
+
+def _alarms() -> Iterator[str]:
+    yield f"false alarms through the receiver, {ALARM_S:g} s at 10 Msps, six satellites, windows of K ms"
+    for level in LEVELS_DBHZ:
+        scene = scenes.ready("vector-one-spoofer")
+        assert scene.sky.directions is not None
+        sats = tuple(one.sat for one in scene.sky.directions)
+        sky = scene.sky.model_copy(update={"sats": sats, "zenith_cn0_dbhz": level, "horizon_cn0_dbhz": level})
+        front_end = FrontEnd(rate_hz=10e6, bandwidth_hz=8e6, encoding="int", bits=8)
+        scenario = scene.model_copy(update={"sky": sky, "attacks": (), "duration_s": ALARM_S, "front_end": front_end})
+        navigation = navigation_of(scenario)
+        tracker, _ = _tracked(samples_of(scenario, navigation)[0], navigation, "vector", EVERY_MS)
+        reception = observe(tracker, navigation)
+        assert reception.vector_taps is not None
+        assert reception.observations is not None
+        taps = reception.vector_taps.between(0.0, ALARM_S)
+        o = reception.observations.read(0, reception.observations.gpst.size)
+        there = directions(o, navigation, taps.signals, VectorSqmSettings())
+        assert there is not None
+        cn0_dbhz = np.nanmedian(o.cn0_dbhz, axis=0)
+        yield from _counted(f"{level:g} dB-Hz", _three(taps), cn0_dbhz, there.design)
+
+
+def _three(taps: Taps) -> Complexes:
+    """(looks, n, 3) early, prompt, late of the looks in which all channels were guided."""
+    pair = pair_of_taps(taps)
+    assert pair is not None
+    value = taps.value[:, :, 0, list(pair[1:])].astype(np.complex128)
+    return value[np.isfinite(value).all(axis=(1, 2))]
+
+
+def _counted(name: str, value: Complexes, cn0_dbhz: Reals, design: Reals) -> Iterator[str]:
+    for sums in (1, 10):
+        blocks = value[: len(value) // sums * sums].reshape(-1, sums, *value.shape[1:])
+        summed = combined_taps(blocks, axis=1)
+        u, q = code_discriminator(summed[..., 0], summed[..., 2]), phase_discriminator(summed[..., 1])
+        amplitude = prompt_amplitude(cn0_dbhz, sums)
+        beyond = (np.abs(u) > 0.1) | (np.abs(q) > 0.05 * np.pi)
+        one, rule = detection_probability(amplitude).mean(), rule_alarm_probability(amplitude, 0.0, 0.0)
+        counted = two_step(u, q).alarm.mean()
+        yield (
+            f"  {name}, K = {sums:<3} {len(u):6} windows: one satellite {beyond.mean():.4f} (theory {one:.4f}), "
+            f"the largest {counted:.4f} (theory {rule:.4f}); sd of code {u.std(axis=0).mean():.4f} "
+            f"({code_sigma_chips(amplitude).mean():.4f}), of phase {q.std(axis=0).mean():.4f} "
+            f"({phase_sigma_rad(amplitude).mean():.4f})"
+        )
+    parity = satellite_geometry(design).parity
+    u, q = code_discriminator(value[..., 0], value[..., 2]), phase_discriminator(value[..., 1])
+    for looks in (100, 500):
+        p_values = []
+        for first in range(0, len(u) - looks + 1, looks):
+            rows = slice(first, first + looks)
+            sigmas = (x[rows].std(axis=0, ddof=1) / np.sqrt(looks) for x in (u, q))
+            white = whitener_of(parity, *sigmas)
+            y = parity_vector(u[rows].mean(axis=0), q[rows].mean(axis=0), white, scores=False)
+            p_values.append(t_squared_survival(float(parity_test(y).statistic), y.size, looks))
+        found = np.array(p_values)
+        rates = ", ".join(f"{np.mean(found < p):.4f} at {p:g}" for p in (0.1, 0.01))
+        yield f"  {name}, T^2 of {looks} ms, {found.size} windows, no allowance for errors that stay: {rates}"
+
+
+# Blockage -------------------------------------------------------------------------------------------------------------
+
+
+def _blockage() -> Iterator[str]:
+    yield "blockage from 7 s on, 2.6 Msps, receiver at rest: of the blocked signals, s until measured again, new arcs,"
+    yield "largest error of the first code after it over the sigma that it states"
+    for share in (0.5, 1.0):
+        for blocked_s in BLOCKED_S:
+            yield from _blocked(share, blocked_s)
+
+
+def _blocked(share: float, blocked_s: float) -> Iterator[str]:
+    scenario = _clean(7.0 + blocked_s + 3.0, 2.6e6)
+    navigation = nominal_constellation(START_GPST)
+    samples = samples_of(scenario, navigation)[0]
+    planes = samples.read(0, samples.n_samples)
+    gone = slice(round(7.0 * samples.rate_hz), round((7.0 + blocked_s) * samples.rate_hz))
+    reference, _ = _tracked(_in_memory(samples, planes), navigation, "scalar")
+    sats = sorted({arc.signal.sat for arc in reference.arcs.values()})
+    blocked = sats if share == 1.0 else sats[::2]
+    left = tuple(sat for sat in sats if sat not in blocked)
+    if left:
+        sky = scenario.sky.model_copy(update={"sats": left})
+        planes[:, gone] = samples_of(scenario.model_copy(update={"sky": sky}), navigation)[0].read(
+            gone.start, gone.stop - gone.start
+        )
+    else:
+        planes[:, gone] = np.random.default_rng(0).normal(0.0, planes.std(), (2, gone.stop - gone.start))
+    clean = observe(reference, navigation).observations
+    assert clean is not None
+    truth = clean.read(0, clean.gpst.size)
+    for tracking in ("scalar", "vector"):
+        tracker, _ = _tracked(_in_memory(samples, planes), navigation, tracking)
+        rows = tracker.measured.whole()
+        back_s, errors = [], []
+        for sat in blocked:
+            arcs = [number for number, arc in tracker.arcs.items() if arc.signal.sat == sat]
+            after = np.flatnonzero(np.isin(rows.arc, arcs) & (rows.elapsed_s > 7.0 + blocked_s - 0.05))
+            if not after.size:
+                back_s.append(np.inf)
+                continue
+            row = after[0]
+            back_s.append(rows.elapsed_s[row] - 7.0 - blocked_s)
+            again = np.flatnonzero(np.abs(truth.elapsed_s - rows.elapsed_s[row]) < 0.05)
+            column = [signal.sat for signal in truth.signals].index(sat)
+            known = tracker.arcs[int(rows.arc[row])].tow_ms_at_period_0 is not None
+            if again.size and known:
+                found = observe(tracker, navigation).observations
+                assert found is not None
+                o = found.read(0, found.gpst.size)
+                own = [signal.sat for signal in o.signals].index(sat)
+                apart_m = o.pseudorange_m[again[0], own] - truth.pseudorange_m[again[0], column]
+                errors.append(abs(apart_m) / (3e8 * rows.table[row, m.CODE_SIGMA_S]))
+        new = sum(arc.began != "found" for arc in tracker.arcs.values())
+        yield (
+            f"  {tracking:<8} {len(blocked)} of {len(sats)} for {blocked_s:4.0f} s: {np.median(back_s):5.1f} "
+            f"(last {max(back_s):.1f}); {new} new arcs; {max(errors, default=np.nan):.1f} sigma"
+        )
+
+
+# Which satellite ------------------------------------------------------------------------------------------------------
+
+
+def _named() -> Iterator[str]:
+    settings = VectorSqmSettings(false_alarm_probability=1e-4)
+    yield (
+        f"named by vector_sqm, {DRAWS} draws a row of settled correlators ({LOOKS} looks, 2 s), 0.05 to 1 chip, 5 to "
+        "500 Hz, 38 to 50 dB-Hz"
+    )
+    for n in (6, 8, 10):
+        scene = MeasuredScene(antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=3, max_satellites=n, mask_deg=5.0)
+        for attacked in (0, 1, 2, 3):
+            yield _drawn(scene, attacked, settings, np.random.default_rng([n, attacked]))
+
+
+def _drawn(scene: MeasuredScene, attacked: int, settings: VectorSqmSettings, rng: np.random.Generator) -> str:
+    detector = VectorSqm(settings)
+    failed = right = wrong = several = lost = 0
+    for _ in range(DRAWS):
+        records = scene.records(rng)
+        (o,) = records.observations
+        assert records.navigation is not None
+        there = directions(o, records.navigation, o.signals, settings)
+        assert there is not None
+        n, level = len(o.signals), rng.uniform(38.0, 50.0)
+        hit = rng.permutation(n)[:attacked]
+        code, doppler = np.zeros(n), np.zeros(n)
+        code[hit] = rng.uniform(0.05, 1.0, attacked) * rng.choice([-1.0, 1.0], attacked)
+        doppler[hit] = rng.uniform(5.0, 500.0, attacked) * rng.choice([-1.0, 1.0], attacked)
+        offsets = equilibrium(satellite_geometry(there.design), code, doppler, level)
+        if not all(np.isfinite(one).all() for one in offsets) or np.abs(offsets.code_chips).max() > 0.5:
+            lost += 1
+            continue
+        amplitude = prompt_amplitude(level, coherent_s=LOOKED_S)
+        value = draw_taps(rng, (LOOKS, n), amplitude, *offsets) / amplitude
+        taps = Taps(
+            receiver=o.receiver,
+            signals=o.signals,
+            elapsed_s=0.02 * np.arange(LOOKS),
+            delays_chips=np.array([0.5, 0.0, -0.5]),
+            dopplers_hz=np.zeros(1),
+            value=value[:, :, None, :].astype(np.complex64),
+        )
+        (evidence,) = detector.examine(replace(records, vector_taps=(taps,)))[0]
+        failed += evidence.failed
+        names = " and ".join(str(o.signals[k]) for k in sorted(hit))
+        if evidence.failed and "alone would explain it" in evidence.because:
+            named = f"; {names} alone" in evidence.because
+            right, wrong = right + named, wrong + (not named)
+        elif evidence.failed:
+            several += 1
+    settled = DRAWS - lost
+    return (
+        f"  {attacked} of {scene.max_satellites:2}: {lost:3} without an equilibrium; of {settled} others {failed} "
+        f"noticed, {right} rightly named, {wrong} wrongly, {several} open between several"
+    )
+
+
+if __name__ == "__main__":
+    for text in report(tuple(sys.argv[1:]) or ("cost", "alarms", "blockage", "named")):
+        print(text, flush=True)

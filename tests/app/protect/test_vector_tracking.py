@@ -1,0 +1,40 @@
+"""A vector receiver in `protect`: what its correlators say stands beside the verdict, and labels nobody."""
+
+import pytest
+
+from skyproof.app.protect import protect
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.simulator import scenes
+from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.files import write
+from skyproof.simulator.scenario import FrontEnd
+
+
+def judged(folder, **changes):
+    """The scene with one false satellite of six, 24 s at a low rate, through `protect`."""
+    front_end = FrontEnd(rate_hz=2.6e6, bandwidth_hz=2.4e6, encoding="sign-magnitude", bits=2)
+    scene = scenes.ready("vector-one-spoofer").model_copy(
+        update={"duration_s": 24.0, "front_end": front_end, **changes}
+    )
+    navigation = navigation_of(scene)
+    write_nav(folder / "nav.rnx", navigation)
+    result = protect(write(scene, navigation, folder), nav=folder / "nav.rnx", tracking="vector")
+    return result, [one for one in result.outcome.evidence if one.detector == "vector_sqm"]
+
+
+@pytest.mark.long
+def test_the_false_satellite_is_named_and_no_true_one_is_called_spoofed(tmp_path):
+    result, said = judged(tmp_path)
+    assert said
+    assert all(one.failed and "G02 L1 CA a alone would explain it" in one.because for one in said)
+    assert result.verdict.verdict == "undecided"
+    assert all(signal.label not in ("spoofed", "authentic") for signal in result.verdict.signals)
+
+
+@pytest.mark.long
+def test_a_clean_sky_of_the_same_satellites_fits(tmp_path):
+    scene = scenes.ready("vector-one-spoofer")
+    sky = scene.sky.model_copy(update={"sats": tuple(one.sat for one in scene.sky.directions)})
+    _, said = judged(tmp_path, attacks=(), sky=sky)
+    assert [one.says for one in said] == ["clean"] * len(said)
+    assert said
