@@ -1,0 +1,244 @@
+"""What is held of place and time while overlapping signals draw a receiver off: ready-made scenes through `protect`.
+
+    python bench/held.py texbat-like-3 texbat-like-7     rows of these scenes
+    python bench/held.py --folder /tmp/held las-vegas    samples are kept there, and used again
+
+Scenes are shorter than the ready-made ones and of 5 Msps, but for `static-austin`, which is as it is: onset and pull
+come sooner, the pull's speed and the powers stay. What the user states: that the receiver stands, its inertial unit
+with the attitude at the start, the oscillator's class; and the navigation file of the day. The word comes at the end of
+the first window in which a test says spoofed or attack; errors are in space.
+"""
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import numpy as np
+import tomli_w
+
+from skyproof.app.protect import protect
+from skyproof.app.protect.coasting import trusted_and_coasted
+from skyproof.app.protect.document import Outcome
+from skyproof.app.scenes.simulate import scenario_of
+from skyproof.arrays import Reals
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import heading_pitch_roll_rad
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.time import seconds_between
+from skyproof.records import Fix, FixStatus
+from skyproof.simulator.files import write_samples, write_series
+from skyproof.simulator.received import Scene
+from skyproof.simulator.scenario import FrontEnd, SceneImu
+from skyproof.simulator.sky import scene_of
+
+FIVE_MSPS: Final = FrontEnd(rate_hz=5e6, bandwidth_hz=4e6, encoding="sign-magnitude", bits=2)
+STANDS: Final = {"motion": "static", "oscillator": "ocxo"}
+DRIVES: Final = {"motion": "moving", "oscillator": "ocxo"}
+FLIES: Final = {"motion": "moving"}
+_LATE: Final = ((58.0, 0.0), (178.0, 600.0 / SPEED_OF_LIGHT_M_S))
+_UP: Final = ((58.0, 0.0, 0.0, 0.0), (178.0, 0.0, 0.0, 600.0))
+_SEAMLESS: Final = {
+    "onset_s": 40.0,
+    "seamless_s": (40.0, 60.0),
+    "amplitude_points": ((65.0, 1.0), (315.0, 0.5)),
+    "clock_points_s": ((65.0, 0.0), (383.0, 381.6 / SPEED_OF_LIGHT_M_S)),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Held:
+    """How a ready-made scene is changed, and what is stated. pull_s : when the pull begins, nothing if there is none.
+
+    attack : fields of its takeover. onset_s : as there. changes : of the scenario.
+    """
+
+    duration_s: float
+    onset_s: float
+    pull_s: float | None
+    stated: Mapping[str, Any]
+    attack: Mapping[str, Any] = field(default_factory=dict)
+    front_end: FrontEnd | None = FIVE_MSPS
+    sky_until_s: float | None = None
+    sigma_deg: float | None = None
+
+
+SCENES: Final[dict[str, Held]] = {
+    "texbat-like-1": Held(
+        duration_s=80.0, onset_s=55.0, pull_s=None, stated=STANDS, attack={"onset_s": 55.0}, sky_until_s=55.0
+    ),
+    "texbat-like-2": Held(
+        duration_s=110.0,
+        onset_s=40.1,
+        pull_s=58.0,
+        stated=STANDS,
+        attack={"onset_s": 40.1, "clock_points_s": _LATE},
+    ),
+    "texbat-like-3": Held(
+        duration_s=150.0,
+        onset_s=48.9,
+        pull_s=84.0,
+        stated=STANDS,
+        attack={"onset_s": 48.9, "clock_points_s": ((84.0, 0.0), (204.0, 600.0 / SPEED_OF_LIGHT_M_S))},
+    ),
+    "texbat-like-4": Held(
+        duration_s=110.0,
+        onset_s=43.8,
+        pull_s=58.0,
+        stated=STANDS,
+        attack={"onset_s": 43.8, "away_points_enu_m": _UP},
+    ),
+    "texbat-like-5": Held(
+        duration_s=110.0,
+        onset_s=32.0,
+        pull_s=58.0,
+        stated=DRIVES,
+        attack={"onset_s": 32.0, "clock_points_s": _LATE},
+    ),
+    "texbat-like-6": Held(
+        duration_s=110.0,
+        onset_s=35.0,
+        pull_s=58.0,
+        stated=DRIVES,
+        attack={"onset_s": 35.0, "away_points_enu_m": _UP},
+    ),
+    "texbat-like-7": Held(duration_s=140.0, onset_s=40.0, pull_s=65.0, stated=STANDS, attack=_SEAMLESS),
+    "texbat-like-8": Held(duration_s=140.0, onset_s=40.0, pull_s=65.0, stated=STANDS, attack=_SEAMLESS),
+    "static-austin": Held(duration_s=130.0, onset_s=20.0, pull_s=20.0, stated=STANDS, front_end=None),
+    "las-vegas": Held(
+        duration_s=115.0,
+        onset_s=35.0,
+        pull_s=35.0,
+        stated=FLIES,
+        attack={"away_points_enu_m": ((35.0, 0.0, 0.0, 0.0), (95.0, 127.279, 0.0, 127.279))},  # 3 m/s
+        sigma_deg=0.1,
+    ),
+}
+
+
+def scene_named(name: str, grade: str = "navigation") -> Scene:
+    """The scene, worked out. grade : of the inertial unit, where it has one."""
+    held, ready = SCENES[name], scenario_of(name)
+    (receiver,), (attack,) = ready.receivers, ready.attacks
+    changes: dict[str, Any] = {
+        "duration_s": held.duration_s,
+        "attacks": (attack.model_copy(update=dict(held.attack)),),
+        "sky": ready.sky.model_copy(update={"until_s": held.sky_until_s}),
+    }
+    if held.front_end is not None:
+        changes["front_end"] = held.front_end
+    if receiver.imu is not None:
+        changes["receivers"] = (receiver.model_copy(update={"imu": SceneImu(grade=grade, rate_hz=100.0)}),)
+    scenario = ready.model_copy(update=changes)
+    return scene_of(scenario, nominal_constellation(scenario.start_gpst))
+
+
+def judged(name: str, folder: Path, grade: str = "navigation") -> dict[str, Any]:
+    """A scene's row; its samples are rendered into the folder if they are not there."""
+    scene, held = scene_named(name, grade), SCENES[name]
+    (receiver,) = scene.scenario.receivers
+    recording = folder / f"{receiver.name}.bin"
+    if not recording.exists():
+        write_samples(scene, folder, "raw")
+    stated = dict(held.stated) | {"receivers": [{"name": receiver.name}]}
+    if receiver.imu is not None:
+        write_series(scene, folder)
+        stated["imu"] = {"file": f"{receiver.name}-imu.csv", "grade": grade, "initial": _attitude(scene, held)}
+    platform, nav = folder / "platform.toml", folder / "broadcast.rnx"
+    platform.write_text(tomli_w.dumps(stated), encoding="utf-8")
+    write_nav(nav, scene.navigation)
+    result = protect([recording], nav=nav, platform=platform)
+    return (
+        {"scene": name, "verdict": result.verdict.verdict}
+        | _words(scene, held, result.outcome)
+        | _fixes(scene, held, result.outcome)
+    )
+
+
+def _attitude(scene: Scene, held: Held) -> dict[str, float]:
+    (name,) = (receiver.name for receiver in scene.scenario.receivers)
+    at = scene.trajectories[name].at(np.zeros(1))
+    heading, pitch, roll = np.degrees(heading_pitch_roll_rad(at.position_ecef_m[0], at.attitude[0]))
+    return {
+        "heading_deg": float(heading),
+        "pitch_deg": float(pitch),
+        "roll_deg": float(roll),
+        "sigma_deg": float(held.sigma_deg or 1.0),
+    }
+
+
+def _words(scene: Scene, held: Held, outcome: Outcome) -> dict[str, Any]:
+    start = scene.scenario.start_gpst
+    saying = [e for e in outcome.evidence if e.says in ("spoofed", "attack")]
+    ends_s = sorted(float(seconds_between(e.end_gpst, start)) for e in saying)
+    later = [s for s in ends_s if s > held.onset_s]
+    return {
+        "alarms_before": len(ends_s) - len(later),
+        "after_onset_s": later[0] - held.onset_s if later else None,
+        "after_pull_s": later[0] - held.pull_s if later and held.pull_s is not None else None,
+        "by": sorted({e.detector for e in saying}),
+        "chosen": any(e.detector == "prediction" and e.noted for e in outcome.evidence),
+    }
+
+
+def _fixes(scene: Scene, held: Held, outcome: Outcome) -> dict[str, Any]:
+    """Errors of place and time, m: 95 % and worst of the trusted ones, worst of an ordinary receiver's."""
+    (r,) = outcome.receivers
+    if r.positions is None:
+        return {"trusted": 0}
+    trusted = [_errors_m(scene, fix) for _, fix in trusted_and_coasted(r.positions)]
+    whole = r.positions.whole("unprotected")
+    ordinary = np.empty((0, 3)) if whole is None else _errors_m(scene, whole)
+    rows = np.concatenate(trusted) if trusted else np.empty((0, 3))
+    clock_m = _parted(rows, held.onset_s)
+    return {
+        "trusted": len(rows),
+        "trusted_95_m": float(np.quantile(rows[:, 1], 0.95)) if len(rows) else None,
+        "trusted_worst_m": float(rows[:, 1].max()) if len(rows) else None,
+        "trusted_clock_m": float(np.abs(clock_m).max()) if clock_m.size else None,
+        "ordinary_worst_m": float(ordinary[:, 1].max()) if len(ordinary) else None,
+        "ordinary_clock_m": float(np.abs(_parted(ordinary, held.onset_s)).max()) if len(ordinary) else None,
+    }
+
+
+def _errors_m(scene: Scene, fix: Fix) -> Reals:
+    """Of each fix (n, 3): its time in s, error of place, c times the clock less the true one."""
+    good = np.flatnonzero(fix.status == FixStatus.OK)
+    at_s = np.asarray(seconds_between(fix.gpst[good], scene.scenario.start_gpst), np.float64)
+    sky = scene.skies[0]
+    place_m = np.linalg.norm(fix.position_ecef_m[good] - sky.point(at_s).position_ecef_m, axis=1)
+    return np.stack((at_s, place_m, SPEED_OF_LIGHT_M_S * fix.clock_bias_s[good]), axis=1)
+
+
+def _parted(rows: Reals, onset_s: float) -> Reals:
+    """The clock's departure from the straight line that it was on before the onset."""
+    early = rows[rows[:, 0] < onset_s]
+    if len(early) < 10:
+        return np.empty(0)
+    return np.asarray(rows[:, 2] - np.polyval(np.polyfit(early[:, 0], early[:, 2], 1), rows[:, 0]))
+
+
+def main() -> None:
+    """Print a row for each scene that is named."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="+", choices=SCENES)
+    parser.add_argument("--grade", default="navigation", help="of the inertial unit")
+    parser.add_argument("--folder", type=Path, help="where samples are kept")
+    asked = parser.parse_args()
+    for name in asked.scenes:
+        with TemporaryDirectory(prefix="held") as made:
+            folder = Path(made) if asked.folder is None else asked.folder / name
+            folder.mkdir(parents=True, exist_ok=True)
+            row = judged(name, folder, asked.grade)
+        print(
+            "  ".join(
+                f"{key} {value:.1f}" if isinstance(value, float) else f"{key} {value}" for key, value in row.items()
+            )
+        )
+
+
+if __name__ == "__main__":
+    main()
