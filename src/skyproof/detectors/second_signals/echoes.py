@@ -38,6 +38,7 @@ _LEVEL_DB, _FALL_DB_M = -12.35, -0.0016
 _FAR_M = 4500.0
 _BLOCKED_DB = np.arange(0.0, 30.5, 0.5)
 _OVER_DB = np.arange(-11.75, 30.0, 0.5)
+_NEVER_LOG = 50.0  # exp(-exp(50)) is 0
 _HEADROOM_DB = 20.0  # a direct signal farther below the strongest may be blocked by anything
 _DOPPLER_HZ = np.array([50.0, 550.0])
 _ECHO_DOPPLER = np.array([0.95, 0.05 - 1e-6, 1e-6])
@@ -147,8 +148,9 @@ def _of_level(model: EchoModel, over_db: Reals, late_m: Reals, below_db: float) 
     weight /= weight.sum()
     over = over_db[None, :, None] - _BLOCKED_DB
     mean_db = _LEVEL_DB + _FALL_DB_M * late_m
-    power = 10.0 ** (0.1 * (over - mean_db[:, None, None]))
-    rough = power * np.exp(-power) * (np.log(10.0) / 10.0)
+    # An echo from 100 km has no power left, and any level is beyond it: above `_NEVER_LOG` the density is 0.
+    power_log = np.minimum((np.log(10.0) / 10.0) * (over - mean_db[:, None, None]), _NEVER_LOG)
+    rough = np.exp(power_log - np.exp(power_log)) * (np.log(10.0) / 10.0)
     smooth = ((over >= -model.most_weaker_db) & (over <= model.gain_db)) / (model.most_weaker_db + model.gain_db)
     return np.asarray(((1.0 - model.smooth_share) * rough + model.smooth_share * smooth) @ weight)
 
