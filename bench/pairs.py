@@ -50,6 +50,7 @@ CHIP_S = 1.0 / GPS_L1_CA.chip_rate_hz
 CHIP_M = SPEED_OF_LIGHT_M_S * CHIP_S
 BLOCK_S = 0.1
 ALONE_S = 1.5  # at least, before the second signal begins
+BITS_S = 2.5  # likewise with joint channels: the first has its bits by then, without which none begins
 WAIT_S = 4.0  # for a second signal to be found
 TRACKED_S = 2.0  # before errors are taken
 SEEN_S = 1.0  # over which they are
@@ -176,7 +177,7 @@ def trial(rng: np.random.Generator, cell: Cell, settings: ReceiverSettings | Non
     """One pair through the receiver."""
     receiver = Receiver(cell.rate_hz, 0.0, settings or ReceiverSettings(sats=(SAT,)))
     # At any moment between two searches.
-    onset_s = ALONE_S + receiver.settings.near_search_s * rng.random()
+    onset_s = (BITS_S if receiver.settings.joint else ALONE_S) + receiver.settings.near_search_s * rng.random()
     # Code and carrier belong together, so that signals of different Doppler move apart.
     middle_s = onset_s + 0.3 + TRACKED_S + 0.5 * SEEN_S
     wait_s = max(WAIT_S, receiver.settings.joint_look_s + 0.5 if receiver.settings.joint else 0.0)
