@@ -112,6 +112,11 @@ class ArrayFrame:
         return bool(self.attitude_covariance_rad2[2, 2] >= FREE_RAD**2)
 
     @property
+    def attitude_sigma_rad(self) -> float:
+        """Of what is left of the attitude, about the axis where that is most."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.attitude_covariance_rad2).max()))
+
+    @property
     def level(self) -> bool:
         """Whether the vertical is known."""
         return bool(self.attitude_covariance_rad2[0, 0] < FREE_RAD**2)

@@ -54,6 +54,8 @@ _LEAST_OF_ONE_PLACE: Final = 3
 _MISSED: Final = (0.03, 0.5, 0.9)
 """Of true signals, by gates within which agreement counts; fewer others are within narrow ones, and signals may agree
 better than stated errors make them."""
+_VAGUE_CYC: Final = 0.1  # one sigma
+_OFF_SIGMAS: Final = 5.0  # by which an attitude is not what was stated
 _BELOW_HORIZON: Final = -0.17  # sine of the elevation under which no transmitter is taken to stand
 
 
@@ -82,9 +84,11 @@ class InsArraySettings:
 
 
 class ArrayView(NamedTuple):
-    """A window's phases as seen from one place with one first attitude. refs : of the rows of `measured`."""
+    """A window's phases as seen from one place with one first attitude. refs : of the rows of `measured`. stated : what
+    was known before."""
 
     state: NavState
+    stated: ArrayFrame
     refs: tuple[SignalRef, ...]
     measured: MeanPhases
     agreed: Agreement
@@ -152,7 +156,7 @@ class InsArray:
                 ),
             ]
         view = likeliest(views)
-        notes += [self._note(records, phases, words) for words in _at_odds(view, phases, records)]
+        notes += [self._note(records, phases, words) for words in _at_odds(view)]
         return [*notes, *self.judged(records, view, navigation)]
 
     def seen(self, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> ArrayView | None:
@@ -194,15 +198,19 @@ class InsArray:
 
         def view(frame: ArrayFrame) -> ArrayView:
             agreed = best_agreement(measured, frame, alpha)
-            return ArrayView(state, refs, measured, agreed, self._is_no_chance(measured, agreed, sats))
+            return ArrayView(state, stated, refs, measured, agreed, self._is_no_chance(measured, agreed, sats))
 
-        found = view(stated)
+        # Whole cycles are chosen by an attitude only if it leaves less than that of the longest baseline.
+        reach = float(np.linalg.norm(array_design(measured.elements_cyc), axis=1).max(initial=0.0))
+        vague = bool(stated.attitude_sigma_rad * reach > _VAGUE_CYC)
+        start = stated.loosened(attitude=vague or stated.attitude_free, bias=stated.bias_free)
+        found = view(start)
         if found.agreed.p_value >= alpha or len(names) - found.satellites < 2:
             return found
         for attitude, bias in ((True, False), (False, True), (True, True)):
-            attitude, bias = attitude or stated.attitude_free, bias or stated.bias_free
-            other = stated.loosened(attitude=attitude, bias=bias)
-            tried = view(other) if other.freed > stated.freed else found
+            attitude, bias = attitude or start.attitude_free, bias or start.bias_free
+            other = start.loosened(attitude=attitude, bias=bias)
+            tried = view(other) if other.freed > start.freed else found
             if tried.accepted and tried.satellites > found.satellites + 1:
                 return tried
         return found
@@ -384,20 +392,19 @@ def level_bodies(records: Records, places: Sequence[Reals], tilt_sigma_rad: floa
     return states
 
 
-def _at_odds(view: ArrayView, phases: ArrayPhases, records: Records) -> list[str]:
+def _at_odds(view: ArrayView) -> list[str]:
     """What was stated and is not used, in words."""
-    frame, said = view.agreed.frame, []
-    if frame.attitude_free and records.nav_state is not None:
-        off_deg = np.degrees(np.arccos(np.clip(0.5 * (np.trace(frame.turn) - 1.0), -1.0, 1.0)))
-        how = f"{off_deg:.0f} degrees from" if view.agreed.lone else "not"
+    frame, receiver, said = view.agreed.frame, view.refs[0].receiver, list[str]()
+    off_rad = float(np.arccos(np.clip(0.5 * (np.trace(frame.turn) - 1.0), -1.0, 1.0)))
+    off = not view.agreed.lone or off_rad > _OFF_SIGMAS * view.stated.attitude_sigma_rad
+    if frame.attitude_free and not view.stated.attitude_free and view.accepted and off:
+        how = f"{np.degrees(off_rad):.0f} degrees from" if view.agreed.lone else "not"
         said.append(
-            f"the attitude given is {how} the one that the signals of {phases.receiver} show, and is not used: check "
+            f"the attitude given is {how} the one that the signals of {receiver} show, and is not used: check "
             "[attitude] or [imu], antennas_m and their order"
         )
-    if frame.bias_free and phases.calibrated:
-        said.append(
-            f"line_bias_cyc of {phases.receiver} is not what its signals show, and is not used: calibrate again"
-        )
+    if frame.bias_free and not view.stated.bias_free:
+        said.append(f"line_bias_cyc of {receiver} is not what its signals show, and is not used: calibrate again")
     return said
 
 
