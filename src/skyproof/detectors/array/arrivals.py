@@ -23,6 +23,7 @@ _MISSED: Final = 1e-3  # probability that the true direction is none of those gi
 _ROUNDS: Final = 30
 _STEP_LEAST_RAD: Final = 1e-5
 _STEP_MOST_RAD: Final = 0.05
+_ALIKE: Final = 9.0  # squared distance over sigma of two directions that are one
 
 
 class Arrival(NamedTuple):
@@ -66,9 +67,16 @@ def arrivals(
     fitted = [_fitted(known, agreed, cycles, covariance, design, start, ratio) for start in starts]
     found: list[Arrival] = []
     for statistic, arrival in sorted(fitted, key=lambda one: one[0]):
-        if statistic < limit and all(arrival.direction @ one.direction < 1.0 - 1e-5 for one in found):
+        if statistic < limit and not any(_within(arrival, one.direction) for one in found):
             found.append(arrival)
     return found
+
+
+def _within(arrival: Arrival, other: Reals) -> bool:
+    """Whether a direction lies within the errors of an arrival: in a flat array's plane its elevation is open."""
+    off = across(arrival.direction) @ (other - arrival.direction)
+    near = bool(arrival.direction @ other > 0.0)
+    return near and float(off @ np.linalg.solve(arrival.covariance_rad2, off)) < _ALIKE
 
 
 def _shared(known: MeanPhases, agreed: Agreement, direction: Reals, ratio: float) -> tuple[Reals, Reals]:

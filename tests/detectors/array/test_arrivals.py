@@ -1,0 +1,52 @@
+"""Directions that the phases of an array allow."""
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.array.agreement import Agreement, ArrayFrame, MeanPhases
+from skyproof.detectors.array.array_model import array_design, equilateral_triangle, white_covariance
+from skyproof.detectors.array.arrivals import across, arrivals
+from skyproof.statistics.directions import direction_cosines
+
+
+def found_of(direction, elements):
+    """Arrivals of a signal by a calibrated array, no other signal being known."""
+    frame = ArrayFrame(
+        turn=np.eye(3),
+        bias_cyc=np.zeros(len(elements) - 1),
+        attitude_covariance_rad2=np.zeros((3, 3)),
+        bias_sigma_cyc=1e-6,
+    )
+    none = np.zeros(0, np.intp)
+    agreed = Agreement(
+        frame=frame, members=none, residual_cyc=np.zeros((0, len(elements) - 1)), p_value=1.0, p_values=none, cost=0.0
+    )
+    measured = MeanPhases(
+        cycles=np.zeros((0, len(elements) - 1)),
+        direction=np.zeros((0, 3)),
+        sigma_cyc=np.zeros((0, len(elements))),
+        elements_cyc=elements,
+        ratio=np.zeros(0),
+        position_sigma_cyc=1e-6,
+    )
+    cycles = array_design(elements) @ direction
+    return arrivals(measured, agreed, cycles - np.rint(cycles), white_covariance([0.01] * len(elements)))
+
+
+@pytest.mark.parametrize("el_deg", [3.0, 25.0, 60.0, 85.0])
+@pytest.mark.parametrize("side", [0.5, 1.0, 2.0])
+def test_the_true_direction_is_one_of_a_few(side, el_deg):
+    direction = direction_cosines(np.radians(150.0), np.radians(el_deg))
+    found = found_of(direction, equilateral_triangle(side))
+    near = [one for one in found if one.direction @ direction > 0.9]
+    off = [across(one.direction) @ (direction - one.direction) for one in near]
+    assert min(a @ np.linalg.solve(one.covariance_rad2, a) for a, one in zip(off, near, strict=True)) < 9.0
+    # Those that whole cycles leave open within the circle of level directions, above and below the plane.
+    assert len(found) <= 2 * (3.7 * side**2 + 3.0)
+
+
+def test_antennas_out_of_the_plane_leave_one_direction():
+    direction = direction_cosines(np.radians(150.0), np.radians(-25.0))
+    elements = np.vstack([equilateral_triangle(0.5), [[0.25, 0.14, 0.4]]])
+    (only,) = found_of(direction, elements)
+    np.testing.assert_allclose(only.direction, direction, atol=1e-4)
