@@ -76,3 +76,19 @@ def test_nothing_is_named_where_no_sky_is_known_to_be_true():
     made, _ = records(([0, 2], [4, 7]))
     evidence, _ = MultiReceiver(MultiReceiverSettings(false_alarm_probability=1e-6)).examine(made)
     assert {e.says for e in evidence} == {"undecided"}
+
+
+def test_a_sky_over_near_antennas_is_not_taken_for_one_antenna_for_want_of_another():
+    """Receivers 6 m apart with two sets each, of which the false ones have too few satellites in common to compare."""
+    near = {"rx1": (0.0, 0.0, 0.0), "rx2": (6.0, 0.0, 0.0)}
+    made = MeasuredScene(
+        antennas_enu_m=near, false=(NEAR,), epochs=20, errors=TrackErrors(0.6), max_satellites=6
+    ).records(np.random.default_rng(5))
+    sets = []
+    for receiver, part in zip(near, (slice(0, 5), slice(1, 6)), strict=True):
+        true, false = (s for s in made.sets if s.receiver == receiver)
+        sets += [true, replace(false, signals=false.signals[part])]
+    evidence, _ = MultiReceiver(MultiReceiverSettings(false_alarm_probability=1e-6)).examine(
+        replace(made, sets=tuple(sets))
+    )
+    assert not any(ref.signal.copy == "a" for e in evidence if e.says == "spoofed" for ref in e.subject)

@@ -384,11 +384,23 @@ class _Window:
     def _several_sets(self) -> list[Evidence]:
         alpha = self.settings.false_alarm_probability
         could_be = [p for p in self.pairings if self._p_one(p) >= max(self.settings.accept_probability, alpha)]
+        could_be = [p for p in could_be if self._shows_one_place(p)]
         false = _disjoint(sorted(could_be, key=lambda p: float(p.one_antenna.statistic)))
         skies = self._left_over(false)
         said = [self._false_group(pairing, false, decided=bool(skies)) for pairing in false]
         said += [self._sky_group(sky, false) for sky in skies]
         return [e for e in said if e is not None] or [self._who()]
+
+    def _shows_one_place(self, pairing: Pairing) -> bool:
+        """Whether its baselines are zero, by the noise as it looks: one antenna puts the receivers in one place.
+
+        False signals from several antennas, or with few satellites in common, may leave the true sky over near
+        antennas as the pairing of the least contrast: all that shows it then is that its baseline is there.
+        """
+        if not pairing.baselines:
+            return True
+        nowhere = AntennaPlaces(dict.fromkeys(pairing.receivers, (0.0, 0.0, 0.0)), sigma_m=0.0)
+        return agreement(nowhere, pairing.baselines[:1]) >= self.settings.accept_probability
 
     def _false_group(self, pairing: Pairing, false: list[Pairing], *, decided: bool) -> Evidence | None:
         """`decided`: the sets left over make one sky, so the other false groups are no rivals."""
