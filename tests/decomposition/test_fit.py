@@ -287,6 +287,7 @@ def test_one_signal_is_called_two_as_often_as_asked():
         assert abs(alarms - 6000 * asked) < 3.5 * sigma + 0.05 * 6000 * asked
 
 
+@pytest.mark.long
 def test_two_signals_are_counted():
     rng = np.random.default_rng(14)
     delays = delay_dictionary(25e6)

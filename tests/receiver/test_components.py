@@ -42,6 +42,7 @@ def check_rate(found, runs, stated):
     assert stats.binom.cdf(found, runs, stated / 3.0) > 1e-3, found
 
 
+@pytest.mark.long
 def test_noise_is_taken_for_a_signal_as_often_as_stated():
     check_rate(count_false_births(np.random.default_rng(1), MODEL, 400, 1, 0.1), 400, 0.1)
 

@@ -129,6 +129,7 @@ def test_loops_near_each_other_make_one_channel_and_others_their_own_where_a_loo
     assert RECEIVER.begin(both, channels, loops, wanted, 2.0, first[k.START]) == both
 
 
+@pytest.mark.long
 def test_a_look_ends_with_its_row_where_nothing_more_is_seen_and_a_second_signal_keeps_it():
     for apart_chips, stays in ((None, False), (0.45, True)):
         delay_s, hz = 1.5e-3, 1234.5

@@ -126,6 +126,7 @@ def test_no_strength_of_common_signals_is_taken_for_common_noise(sats, bits):
         assert reported.coefficient < 0.5 * explained(float(repeats))
 
 
+@pytest.mark.long
 def test_independent_noise_shares_nothing():
     rng = np.random.default_rng(7)
     for _ in range(30):

@@ -38,6 +38,7 @@ def spoofer(kit, **given):
     return {"kind": "spoofer", "shows": shows, "transmit": transmit, "power_db": 3.0, "clock_offset_s": 3e-6, **given}
 
 
+@pytest.mark.long
 def test_a_clean_sky_comes_from_several_directions(kit, array_files, tmp_path):
     result = protect(platform=described(kit, tmp_path, [array_files.sigmf]), nav=array_files.nav)
     (said,) = said_by(result, "array_common")

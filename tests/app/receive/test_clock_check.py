@@ -55,6 +55,7 @@ def check_followed(ppm, samples):
     assert ("too high" in remark) == (ppm > 0.0)
 
 
+@pytest.mark.long
 def test_a_rate_that_loses_every_signal_is_put_right_and_they_are_followed():
     check_followed(10.0, recorded(3.2))
 

@@ -108,6 +108,7 @@ def test_a_blocked_channel_goes_on_and_is_there_again_at_once(sky):
     assert np.all(code_m[measured.elapsed_s > 7.3] < 10.0)
 
 
+@pytest.mark.long
 def test_a_filter_gone_wrong_is_given_up_within_a_second_and_comes_back(sky):
     tracker = tracker_of(sky)
     while tracker.examined_s < 5.9:

@@ -136,6 +136,7 @@ def test_missing_grids_cost_their_channel_only():
     assert Dccaf().examine(none)[0][0].says == "undecided"
 
 
+@pytest.mark.long
 def test_a_detector_with_several_bins_sees_what_one_with_the_right_bin_sees():
     rng = np.random.default_rng(9)
     records = with_ccaf(OVERLAPPED_CCAF.records(rng), rng)

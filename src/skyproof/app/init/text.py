@@ -9,14 +9,16 @@ import tomli_w
 from pydantic import BaseModel
 
 from skyproof.app.common.platform import Platform
-from skyproof.app.common.platform_tables import PlatformImu, PlatformReceiver, StatedAttitude
+from skyproof.app.common.platform_tables import ERRORS, GAIN_ERRORS, PlatformImu, PlatformReceiver, StatedAttitude
 from skyproof.app.common.settings import Settings
 
 __all__ = ["FoundReceiver", "one_line", "platform_lines"]
 
 _WIDTH: Final = 100
-_INSTEAD: Final = {"file": "heading_deg, pitch_deg and roll_deg"} | dict.fromkeys(
-    (key for key in PlatformImu.model_fields if key.startswith(("gyro_", "accel_"))), "grade, with the three others"
+_INSTEAD: Final = (
+    {"file": "heading_deg, pitch_deg and roll_deg"}
+    | dict.fromkeys(ERRORS, "grade, with the three others")
+    | dict.fromkeys(GAIN_ERRORS, "grade, beside the four numbers")
 )
 """Keys that stand in the place of others."""
 _OF_RECEIVERS: Final = ("antennas_enu_m", "antennas_sigma_m", "speed_max_m_s", "oscillator")
