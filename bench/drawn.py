@@ -16,7 +16,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -26,6 +25,7 @@ import numpy as np
 from drawn_receiver import Heard, Noise, hear, received, true_offset_s
 from drawn_scenes import DrawnScene, Made, draw_scene, make, stated_sigma_m
 from numpy.typing import NDArray
+from rows import read, run
 
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
@@ -240,31 +240,6 @@ def epochs_by_label(heard: Sequence[Heard], outcome: Outcome) -> dict[str, dict[
 # ---------------------------------------------------------------------- all of them
 
 
-def run(names: Sequence[str], out: Path | None, processes: int) -> list[dict[str, Any]]:
-    """Rows of all scenes; those that `out` has already are not made again."""
-    done = read(out) if out is not None and out.exists() else []
-    have = {row["name"] for row in done}
-    left = [name for name in names if name not in have]
-    for row in _worked(left, processes):
-        done.append(row)
-        if out is not None:
-            with out.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row, default=str) + "\n")
-    return [row for row in done if row["name"] in set(names)]
-
-
-def _worked(names: Sequence[str], processes: int) -> Iterator[dict[str, Any]]:
-    if processes == 1:
-        yield from map(row_of, names)
-        return
-    with get_context("spawn").Pool(processes) as pool:
-        yield from pool.imap_unordered(row_of, names)
-
-
-def read(path: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
-
-
 def names_of(attacks: int, clean: int, samples: int = 0, first: int = 0, several: int = 0) -> list[str]:
     counts = (("attack", attacks), ("clean", clean), ("samples-attack", samples), ("several", several))
     return [f"{kind}-{k}" for kind, n in counts for k in range(first, first + n)]
@@ -402,7 +377,7 @@ def reported(name: str) -> Iterator[str]:
 def report() -> Iterator[str]:
     """Rows of the table of `make bench`: some of all."""
     yield "attacks and clean skies drawn at random, at the level of measurements"
-    yield from table(run(names_of(40, 20), None, 1))
+    yield from table(run(names_of(40, 20), row_of, None, 1))
 
 
 def _fields(drawn: DrawnScene) -> Iterator[str]:
@@ -434,7 +409,7 @@ def main() -> None:
         return
     else:
         names = chosen.only or names_of(chosen.attacks, chosen.clean, chosen.samples, chosen.first, chosen.several)
-        rows = run(names, chosen.out, chosen.processes)
+        rows = run(names, row_of, chosen.out, chosen.processes)
     print("\n".join(table(rows)))
 
 

@@ -1,7 +1,7 @@
 """What is held of place and time while overlapping signals draw a receiver off: ready-made scenes through `protect`.
 
     python bench/held.py texbat-like-3 texbat-like-7     rows of these scenes
-    python bench/held.py --folder /tmp/held las-vegas    samples are kept there, and used again
+    python bench/held.py --folder held las-vegas    samples are kept there, and used again
 
 Scenes are shorter than the ready-made ones and of 5 Msps, but for `static-austin`, which is as it is: onset and pull
 come sooner, the pull's speed and the powers stay. What the user states: that the receiver stands, its inertial unit

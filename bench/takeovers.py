@@ -14,7 +14,6 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -22,6 +21,7 @@ from typing import Any, Literal
 
 import numpy as np
 import tomli_w
+from rows import read, run
 
 from skyproof.app.protect import protect
 from skyproof.app.protect.coasting import trusted_and_coasted
@@ -332,31 +332,6 @@ def _fixed_seconds(fixes: Sequence[Fix], duration_s: float, scene: Scene) -> lis
 # ---------------------------------------------------------------------- all of them
 
 
-def run(numbers: Sequence[int], out: Path | None, processes: int) -> list[dict[str, Any]]:
-    """Rows of all scenes; those that `out` has already are not made again."""
-    done = read(out) if out is not None and out.exists() else []
-    have = {row["number"] for row in done}
-    left = [number for number in numbers if number not in have]
-    for row in _worked(left, processes):
-        done.append(row)
-        if out is not None:
-            with out.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row, default=str) + "\n")
-    return done
-
-
-def _worked(numbers: Sequence[int], processes: int) -> Iterator[dict[str, Any]]:
-    if processes == 1:
-        yield from map(row_of, numbers)
-        return
-    with get_context("spawn").Pool(processes) as pool:
-        yield from pool.imap_unordered(row_of, numbers)
-
-
-def read(path: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
-
-
 def table(rows: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     """The counts: by what is drawn off and what is given."""
     rows = list(rows)
@@ -406,7 +381,8 @@ def main() -> None:
         rows = [examined(number) for number in chosen.only]
         print(json.dumps(rows, default=str, indent=1))
     else:
-        rows = run(range(chosen.first, chosen.first + chosen.scenes), chosen.out, chosen.processes)
+        numbers = range(chosen.first, chosen.first + chosen.scenes)
+        rows = run(numbers, row_of, chosen.out, chosen.processes, key="number")
     print("\n".join(table(rows)))
 
 
