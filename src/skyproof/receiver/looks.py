@@ -31,40 +31,10 @@ def look_means(
     -------
     (n_channels, n_looks, n_taps), NaN where none was taken.
     """
+    looks = _looks(before, now, wipe, n_looks, look_samples, epoch_samples, n_taps)
     taps = np.full((wipe.shape[0], n_looks, n_taps), complex(np.nan, np.nan))
-    first = math.floor(epoch_samples / look_samples + 0.5) - n_looks // 2
-    _look_means(*before, *now, wipe, look_samples, first, taps)
+    _look_means(*before, *now, wipe, looks, taps)
     return taps.astype(np.complex64)
-
-
-@compiled
-def _look_means(
-    rows_before: Reals,
-    count_before: Integers,
-    rows_now: Reals,
-    count_now: Integers,
-    wipe: Complexes,
-    look_samples: float,
-    first: int,
-    taps: Complexes,
-) -> None:
-    for channel in range(taps.shape[0]):
-        n_before = count_before[channel]
-        counts = np.zeros(taps.shape[1])
-        for r in range(n_before + count_now[channel]):
-            row = rows_before[channel, r] if r < n_before else rows_now[channel, r - n_before]
-            look = math.floor(row[k.OUT_START] / look_samples) - first
-            if look < 0 or look >= taps.shape[1] or math.isnan(row[k.OUT_TAPS + 2 * taps.shape[2] - 1]):
-                continue
-            if counts[look] == 0.0:
-                taps[channel, look] = 0.0
-            counts[look] += 1.0
-            for tap in range(taps.shape[2]):
-                value = complex(row[k.OUT_TAPS + 2 * tap], row[k.OUT_TAPS + 2 * tap + 1])
-                taps[channel, look, tap] += value * wipe[channel, r]
-        for look in range(taps.shape[1]):
-            if counts[look] > 0.0:
-                taps[channel, look] /= counts[look]
 
 
 def look_turns(
@@ -82,29 +52,75 @@ def look_turns(
     Parameters as of `look_means`. A carrier ahead of its replica's by less than a quarter of a cycle was turned back by
     as much.
     """
+    looks = _looks(before, now, wipe, n_looks, look_samples, epoch_samples, n_taps)
     sums = np.zeros((wipe.shape[0], n_looks), np.complex128)
-    first = math.floor(epoch_samples / look_samples + 0.5) - n_looks // 2
-    _look_turns(*before, *now, wipe, look_samples, first, n_taps, sums)
+    channels, rows = np.nonzero(looks >= 0)
+    turned = wipe[channels, rows]
+    np.add.at(sums, (channels, looks[channels, rows]), np.where(turned.real >= 0.0, turned, -turned))
     return np.where(sums == 0.0, np.nan, np.angle(sums))
 
 
+def _looks(
+    before: tuple[Reals, Integers],
+    now: tuple[Reals, Integers],
+    wipe: Complexes,
+    n_looks: int,
+    look_samples: float,
+    epoch_samples: float,
+    n_taps: int,
+) -> Integers:
+    """In which look each code period lies, as `wipe` has them; -1 in none, and where not all taps were taken."""
+    looks = np.full(wipe.shape, -1)
+    first = math.floor(epoch_samples / look_samples + 0.5) - n_looks // 2
+    _fill_looks(*before, *now, look_samples, first, n_looks, n_taps, looks)
+    return looks
+
+
 @compiled
-def _look_turns(
+def _fill_looks(
+    rows_before: Reals,
+    count_before: Integers,
+    rows_now: Reals,
+    count_now: Integers,
+    look_samples: float,
+    first: int,
+    n_looks: int,
+    n_taps: int,
+    looks: Integers,
+) -> None:
+    for channel in range(looks.shape[0]):
+        n_before = count_before[channel]
+        for r in range(n_before + count_now[channel]):
+            row = rows_before[channel, r] if r < n_before else rows_now[channel, r - n_before]
+            look = math.floor(row[k.OUT_START] / look_samples) - first
+            if 0 <= look < n_looks and not math.isnan(row[k.OUT_TAPS + 2 * n_taps - 1]):
+                looks[channel, r] = look
+
+
+@compiled
+def _look_means(
     rows_before: Reals,
     count_before: Integers,
     rows_now: Reals,
     count_now: Integers,
     wipe: Complexes,
-    look_samples: float,
-    first: int,
-    n_taps: int,
-    sums: Complexes,
+    looks: Integers,
+    taps: Complexes,
 ) -> None:
-    for channel in range(sums.shape[0]):
+    for channel in range(taps.shape[0]):
         n_before = count_before[channel]
+        counts = np.zeros(taps.shape[1])
         for r in range(n_before + count_now[channel]):
-            row = rows_before[channel, r] if r < n_before else rows_now[channel, r - n_before]
-            look = math.floor(row[k.OUT_START] / look_samples) - first
-            if look < 0 or look >= sums.shape[1] or math.isnan(row[k.OUT_TAPS + 2 * n_taps - 1]):
+            look = looks[channel, r]
+            if look < 0:
                 continue
-            sums[channel, look] += wipe[channel, r] if wipe[channel, r].real >= 0.0 else -wipe[channel, r]
+            if counts[look] == 0.0:
+                taps[channel, look] = 0.0
+            counts[look] += 1.0
+            row = rows_before[channel, r] if r < n_before else rows_now[channel, r - n_before]
+            for tap in range(taps.shape[2]):
+                value = complex(row[k.OUT_TAPS + 2 * tap], row[k.OUT_TAPS + 2 * tap + 1])
+                taps[channel, look, tap] += value * wipe[channel, r]
+        for look in range(taps.shape[1]):
+            if counts[look] > 0.0:
+                taps[channel, look] /= counts[look]
