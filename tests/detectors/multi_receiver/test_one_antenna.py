@@ -27,18 +27,20 @@ def tracks(rng, shape, sigma_m=1.0, phi=0.0, constant_m=0.0):
     )
 
 
-def p_values(ranges_m, noise, sigma_m=None):
+def p_values(ranges_m, noise, sigma_m=None, unit_enu=None):
+    """Along baselines alone, if the directions of the satellites are known."""
     sigma_m = np.ones(ranges_m.shape[-2:]) if sigma_m is None else sigma_m
-    values, gain, _ = table_contrasts(ranges_m, sigma_m)
-    return one_antenna_test(contrast_levels(values, gain, noise)).p_value
+    values, gain, matrix = table_contrasts(ranges_m, sigma_m)
+    along = None if unit_enu is None else baseline_design(matrix, unit_enu)
+    return one_antenna_test(contrast_levels(values, gain, noise), along=along).p_value
 
 
-def counted(rng, trials, shape, noise, rates, **errors):
+def counted(rng, trials, shape, noise, rates, unit_enu=None, **errors):
     """How often the p-value is below each of `rates`, in blocks that fit into memory."""
     block = max(1, 400_000 // int(np.prod(shape)))
     counts = np.zeros(len(rates), int)
     for begin in range(0, trials, block):
-        p = p_values(tracks(rng, (min(block, trials - begin), *shape), **errors), noise)
+        p = p_values(tracks(rng, (min(block, trials - begin), *shape), **errors), noise, unit_enu=unit_enu)
         counts += np.sum(p[:, None] < np.array(rates), axis=0)
     return counts
 
@@ -57,6 +59,22 @@ def test_with_white_noise_wrong_authentications_come_at_exactly_the_stated_rate(
     trials = 1_500_000 // (n * receivers)
     (count,) = counted(np.random.default_rng(n), trials, (n, 5, receivers), WHITE, [0.01])
     assert binomial_two_sided(count, trials, 0.01) > 1e-3
+
+
+@pytest.mark.parametrize("receivers", [2, 3])
+def test_along_baselines_the_stated_rate_is_exact_as_well(receivers):
+    trials = 40_000
+    (count,) = counted(np.random.default_rng(5), trials, (10, 7, receivers), WHITE, [0.01], unit_enu=sky())
+    assert binomial_two_sided(count, trials, 0.01) > 1e-3
+
+
+def test_along_baselines_near_antennas_are_told_that_all_contrasts_together_do_not_tell():
+    unit_enu = sky(10)
+    away_m = np.stack([np.zeros(10), -unit_enu @ (4.0, 3.0, 0.0)], axis=-1)
+    errors_m = tracks(np.random.default_rng(6), (200, 60, 10, 2), phi=0.5, constant_m=1.0)
+    noise = TrackNoise(miss_probability=1e-4)
+    along, whole = (np.mean(p_values(away_m + errors_m, noise, unit_enu=u) < 1e-3) for u in (unit_enu, None))
+    assert along > whole + 0.1
 
 
 @pytest.mark.long
@@ -99,8 +117,11 @@ def test_coloured_noise_and_constant_errors_do_not_authenticate(n, sats, receive
 def test_wrong_authentications_stay_below_the_stated_rate(sats, receivers, n, errors, rate):
     trials = 10_000
     noise = TrackNoise(miss_probability=rate / 10)
-    (count,) = counted(np.random.default_rng(1), trials, (n, sats, receivers), noise, [rate], **errors)
-    assert binomial_survival(count, trials, rate) > 1e-3
+    for unit_enu in (None, sky(sats)):
+        (count,) = counted(
+            np.random.default_rng(1), trials, (n, sats, receivers), noise, [rate], unit_enu=unit_enu, **errors
+        )
+        assert binomial_survival(count, trials, rate) > 1e-3
 
 
 def test_what_the_cures_are_for():

@@ -15,6 +15,9 @@ satellite's term plus a receiver's term. M = (K-1)(R-1) contrasts remove both te
 (`statistics.lines.additive_contrasts`, weighted by the thermal sigma of each track, which need be known up to a common
 factor only). Under H0 they have zero mean.
 
+With orbits the means are looked at along baselines alone: each receiver's signals fit a position, so what is not of one
+antenna shows as 3(R-1) numbers, and the other contrasts are noise under every hypothesis, which would only hide them.
+
 What is tested is the mean over the window. The slope is left out, although it is zero under H0 as well: antennas that
 stand still see it change by 1e-4 m/s per metre of baseline, which after a minute is a five hundredth of what the mean
 shows, and testing it would only spend degrees of freedom. The noise is measured from the residuals around a line, so
@@ -190,18 +193,32 @@ class MeanTest(NamedTuple):
     decides: Indices
 
 
-def one_antenna_test(levels: ContrastLevels, expected: Reals | None = None) -> MeanTest:
+def one_antenna_test(levels: ContrastLevels, expected: Reals | None = None, *, along: Reals | None = None) -> MeanTest:
     """Test that the mean contrasts are zero (one antenna), or `expected` (..., M) (a known baseline).
 
     The statistic is the mean square of the means over their sigmas, under the noise that decides. Under H0 with white
-    noise and no constant error: F with M
-        and `dof` degrees. With a constant error part of the denominator is known, not estimated; the law is then
-        between F and chi-square/M, and the p-value errs to the safe side (high).
+    noise and no constant error: F with M and `dof` degrees. With a constant error part of the denominator is known, not
+    estimated; the law is then between F and chi-square/M, and the p-value errs to the safe side (high).
+
+    along : (M, q) of full rank, as of `baseline_design`: only the part of the means that these q columns explain is
+        tested, whose law has q degrees in place of M.
     """
     level = levels.level if expected is None else levels.level - expected
-    statistic = np.mean(level**2 / levels.variance, axis=-1)
-    p_value, decides = levels.worst(f_survival(statistic, level.shape[-1], levels.dof_over(statistic)))
+    if along is None:
+        dof_num, squares = level.shape[-1], np.sum(level**2 / levels.variance, axis=-1)
+    else:
+        dof_num, squares = along.shape[-1], _explained(level, levels.variance, along)
+    statistic = squares / dof_num
+    p_value, decides = levels.worst(f_survival(statistic, dof_num, levels.dof_over(statistic)))
     return MeanTest(p_value, np.take_along_axis(statistic, decides[None], 0)[0], decides)
+
+
+def _explained(level: Reals, variance: Reals, along: Reals) -> Reals:
+    """(...) squares, in sigmas, of the weighted least-squares fit of `along` (M, q) to levels (..., M)."""
+    weighted = along / variance[..., None]
+    moment = np.einsum("...mq,...m->...q", weighted, level)
+    solved = np.linalg.solve(np.swapaxes(weighted, -1, -2) @ along, moment[..., None])[..., 0]
+    return np.asarray(np.sum(moment * solved, axis=-1), float)
 
 
 class RatioTest(NamedTuple):

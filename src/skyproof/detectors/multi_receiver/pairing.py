@@ -80,8 +80,16 @@ class Pairing:
 
     @cached_property
     def one_antenna(self) -> MeanTest:
-        """Test of "all from one antenna"."""
-        return one_antenna_test(self._levels[0])
+        """Test of "all from one antenna"; along baselines, where the orbits are known."""
+        return one_antenna_test(self._levels[0], along=self._design)
+
+    @cached_property
+    def _design(self) -> Reals | None:
+        """What baselines make of the contrasts; None without orbits, or where that is all that the contrasts hold."""
+        matrix = self._levels[1]
+        if self.unit_enu is None or matrix.shape[1] <= 3 * (len(self.sets) - 1):
+            return None
+        return baseline_design(matrix, self.unit_enu)
 
     @cached_property
     def one_antenna_each_p_value(self) -> float:
@@ -101,8 +109,9 @@ class Pairing:
 
     def threshold(self, false_alarm_probability: float) -> float:
         """What `one_antenna.statistic` has to exceed."""
-        levels, _ = self._levels
-        return float(levels.threshold(false_alarm_probability, levels.level.shape[-1], self.one_antenna.decides))
+        levels, matrix = self._levels
+        degrees = matrix.shape[1] if self._design is None else self._design.shape[1]
+        return float(levels.threshold(false_alarm_probability, degrees, self.one_antenna.decides))
 
     @cached_property
     def scatter_m(self) -> float:
