@@ -242,7 +242,7 @@ class Verdict(_Model):
     )
     undecided_because: str | None = Field(description="What is not decided, why, and what would decide it.")
     assumed: str | None = Field(
-        description="Under what the word and the trusted positions hold, in one sentence; null if nothing is trusted."
+        description="Under what the word and the trusted positions hold; null if nothing is assumed."
     )
     receivers: tuple[ReceiverResult, ...]
     signals: tuple[Signal, ...]

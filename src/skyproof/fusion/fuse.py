@@ -33,7 +33,7 @@ class Decision:
 
     open : what is left open, and why; None if nothing is.
     unexplained : signals that no evidence says anything of.
-    assumed : under what the labels hold, in words.
+    assumed : under what the word and the labels hold, in words.
     skies : under an attack that leaves open which signals of a receiver are true, its consistent sets of signals,
         linked over the windows; each is one position and time. None of a receiver of which false signals are named.
     """
@@ -107,8 +107,9 @@ def _vouched_for(
 
 
 def _assumed(evidence: Sequence[Evidence]) -> tuple[str, ...]:
-    """Each assumption of evidence for authenticity once, in the order of the windows."""
-    return tuple(dict.fromkeys(words for e in evidence if e.says == "authentic" for words in e.assumes))
+    """Each assumption of what was found once, in the order of the windows."""
+    found = ("authentic", "spoofed", "attack")
+    return tuple(dict.fromkeys(words for e in evidence if e.says in found for words in e.assumes))
 
 
 def _common(observations: Sequence[ObservationLog]) -> tuple[np.datetime64, np.datetime64]:

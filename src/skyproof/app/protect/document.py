@@ -124,13 +124,14 @@ def versions() -> dict[str, str]:
 
 
 def _assumed(decision: Decision) -> str | None:
-    """Under what the labels hold, in one sentence; None where nothing was called authentic."""
+    """Under what word and labels hold; None where nothing is assumed."""
     if not decision.assumed:
         return None
-    return (
-        f"Assumed: {'; '.join(decision.assumed)}. The time of a receiver that is attacked alone at its true place is "
-        "vouched for by its own past only."
-    )
+    said = f"Assumed: {'; '.join(decision.assumed)}."
+    if not any(s.label == "authentic" for s in decision.labels):
+        return said
+    alone = "The time of a receiver that is attacked alone at its true place is vouched for by its own past only."
+    return f"{said} {alone}"
 
 
 def _summary(outcome: Outcome) -> str:

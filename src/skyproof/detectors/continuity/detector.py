@@ -6,8 +6,12 @@ set are followed from window to window, by what was sent and not by channel: sig
 under another name are the same satellite's. `steps` finds where they step. Each kind of signal (time scale,
 band, code) is looked at alone, for it may be imitated alone; kinds of few satellites together with the largest.
 
-What is found is *undecided*, and not an attack: a recording that was cut and joined steps as well. But it overrules
-what windows say one by one, from the window of the step on: what comes after it is not vouched for by what was before.
+A receiver that is stated to stand and moves by all its carriers (`standing`) is attacked, or the statement is wrong:
+the word is "attack" under that assumption.
+
+What else is found is *undecided*, and not an attack: a recording that was cut and joined steps as well. But it
+overrules what windows say one by one, from the window of the step on: what comes after it is not vouched for by what
+was before.
 
 Levels are compared as well. Satellites fade independently of each other, by `fading_db`; so a step that all make
 together is the receiver's (its gain, its noise, shade) or the signals' (`common_level_p_value`). And no GPS signal is
@@ -31,9 +35,10 @@ from skyproof.detectors.continuity.one_sky import (
     one_signal_a_transmission,
     rows_of,
 )
-from skyproof.detectors.continuity.steps import Limits, Step, largest_step, series_of
+from skyproof.detectors.continuity.standing import Moved, moved_of
+from skyproof.detectors.continuity.steps import Limits, Series, Step, largest_step, series_of
+from skyproof.detectors.continuity.words import clock, moved_words, seconds, step_words
 from skyproof.errors import SettingsError, require_probability
-from skyproof.gnss.time import iso
 from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.distributions import normal_two_sided
 
@@ -45,7 +50,7 @@ system of 100 K, -208.6 dBW/Hz. Beams of many antennas and dishes receive more."
 _OTHERS_DB = 5.0
 """By which signals other than C/A are stronger at most: -148 dBW, for Galileo's E5 and those of L5."""
 Kind = tuple[str, str, str]
-_SHARES = 3  # of the false alarms: steps, common levels, levels that cannot be
+_SHARES = 4  # of the false alarms: steps, motion, common levels, levels that cannot be
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,7 @@ class ContinuitySettings:
     speed_max_m_s : likewise, if it is known.
     clock_jump, clock_pace_s : what an oscillator's rate may step by, and change by in a second.
     fading_db : how far the level of one satellite swings by reflections, one sigma, independently of others.
+    carrier_error_m : of a carrier beside noise, by reflections, one sigma: a quarter of a wavelength at most.
     """
 
     false_alarm_probability: float = 1e-3
@@ -69,10 +75,11 @@ class ContinuitySettings:
     clock_jump: float = 1e-8
     clock_pace_s: float = 1e-8
     fading_db: float = 2.0
+    carrier_error_m: float = 0.04
 
     def __post_init__(self) -> None:
         require_probability("continuity", "false_alarm_probability", self.false_alarm_probability)
-        for name in ("span_s", "acceleration_max_m_s2", "fading_db"):
+        for name in ("span_s", "acceleration_max_m_s2", "fading_db", "carrier_error_m"):
             if not getattr(self, name) > 0.0:
                 raise SettingsError(f"continuity: {name} is {getattr(self, name)}, expected more than 0")
 
@@ -102,6 +109,7 @@ class _Past:
 
     tail : the last epochs, one signal per transmission. sources : which signal of each went on unbroken from it.
     members : the last consistent set's signals. broke : the kinds of signals that no longer go on, and why.
+    moved : it did, and is stated to stand.
     """
 
     tail: Observations
@@ -109,6 +117,7 @@ class _Past:
     members: tuple[SignalId, ...]
     place_ecef_m: Reals
     broke: Mapping[Kind, _Break] = field(default_factory=dict)
+    moved: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -121,6 +130,7 @@ class _Look:
     sources: Mapping[Transmission, SignalId]
     new: int  # the first row of this window
     steps: tuple[tuple[frozenset[Kind], Step], ...] = ()  # the largest of each group of kinds
+    moved: Moved | None = None  # of a receiver that is stated to stand
 
     @property
     def p_value(self) -> float:
@@ -181,7 +191,7 @@ class _Window:
         if not looks:
             return [self._too_few()], self.past
         look = max(looks, key=lambda look: look.p_value)
-        return [*self._goes_on(look), *self._levels(look)], self._remembered(look)
+        return [*self._goes_on(look), *self._stands(look), *self._levels(look)], self._remembered(look)
 
     def _candidates(self) -> list[tuple[tuple[SignalId, ...], Reals]]:
         """The sets that may be the sky that was followed: those that share most signals with it, or all."""
@@ -207,18 +217,18 @@ class _Window:
         )
         if stretch.gpst.size < 3 or now.gpst.size == 0:
             return look
-        return replace(look, steps=self._steps(look))
+        own = [columns_of(stretch, columns) for columns in groups_of(stretch)]
+        groups = [(o, series_of(o, self.navigation, place_ecef_m, self.limits)) for o in own if o.gpst.size > 2]
+        return replace(look, steps=self._steps(look, groups), moved=self._moved(groups, place_ecef_m))
 
-    def _steps(self, look: _Look) -> tuple[tuple[frozenset[Kind], Step], ...]:
+    def _steps(
+        self, look: _Look, groups: Sequence[tuple[Observations, Series]]
+    ) -> tuple[tuple[frozenset[Kind], Step], ...]:
         """The largest step of each group of kinds; rows are the stretch's, p-values those of all groups together."""
-        stretch, groups = look.stretch, groups_of(look.stretch)
+        stretch = look.stretch
         since_s = stretch.elapsed_s[min(look.new, stretch.gpst.size - 1)] - self.limits.span_s
         found: list[tuple[frozenset[Kind], Step]] = []
-        for columns in groups:
-            own = columns_of(stretch, columns)
-            if own.gpst.size < 3:
-                continue
-            series = series_of(own, self.navigation, look.place_ecef_m, self.limits)
+        for own, series in groups:
             rows = np.flatnonzero(own.elapsed_s > since_s)
             step = largest_step(series, rows, self.limits, alpha=self.alpha / len(groups))
             if step is not None:
@@ -226,6 +236,24 @@ class _Window:
                 step = replace(step, row=row, p_value=min(1.0, len(groups) * step.p_value))
                 found.append((frozenset(signal.kind for signal in own.signals), step))
         return tuple(found)
+
+    def _moved(self, groups: Sequence[tuple[Observations, Series]], place_ecef_m: Reals) -> Moved | None:
+        """The least likely motion of a receiver that is stated to stand, by the carriers of any group of kinds."""
+        if self.settings.speed_max_m_s != 0.0:
+            return None
+        alpha, error_m = self.alpha / max(len(groups), 1), self.settings.carrier_error_m
+        found = [
+            moved_of(own, series, self.navigation, place_ecef_m, carrier_error_m=error_m, alpha=alpha)
+            for own, series in groups
+        ]
+        some = [one for one in found if one is not None]
+        if not some:
+            return None
+        worst = min(some, key=lambda one: (one.whole_sky_p_value, one.p_value))
+        return worst._replace(
+            p_value=min(1.0, len(some) * min(one.p_value for one in some)),
+            whole_sky_p_value=min(1.0, len(some) * worst.whole_sky_p_value),
+        )
 
     def _goes_on(self, look: _Look) -> list[Evidence]:
         """Of the kinds of signals that broke, by what broke them, and of the others."""
@@ -246,7 +274,7 @@ class _Window:
         broke = {} if self.past is None else dict(self.past.broke)
         for kinds, step in look.steps:
             if step.p_value < self.alpha:
-                words = _step_words(self.o.receiver, look.stretch, step)
+                words = step_words(self.o.receiver, look.stretch, step)
                 broke |= dict.fromkeys(kinds, _Break(words, step.p_value, step.statistic))
         return broke
 
@@ -254,12 +282,12 @@ class _Window:
         receiver = self.o.receiver
         step = min(steps, key=lambda step: (-step.missing_s, step.p_value))
         if step.missing_s > 0.0 and step.row >= look.new:
-            when = _clock(look.stretch, step)
+            when = clock(look.stretch, step)
             ahead = undecided(
                 self.detector,
                 self.records,
                 subject,
-                because=f"{receiver}: at {when} the signals' time is {_seconds(step.missing_s)} ahead and all carriers "
+                because=f"{receiver}: at {when} the signals' time is {seconds(step.missing_s)} ahead and all carriers "
                 "break at once: samples are missing there, or time is false",
                 would_need="a recording without gaps",
             )
@@ -292,6 +320,41 @@ class _Window:
             "after by themselves",
         )
 
+    def _stands(self, look: _Look) -> list[Evidence]:
+        """Of a receiver that is stated to stand."""
+        moved, receiver = look.moved, self.o.receiver
+        if moved is None:
+            return []
+        still = Evidence(
+            detector=self.detector.name,
+            start_gpst=self.records.start_gpst,
+            end_gpst=self.records.end_gpst,
+            subject=self._subject(look),
+            says="clean",
+            because=f"by its carriers {receiver} stands",
+            statistic=moved.metres,
+            false_alarm_probability=self.alpha,
+            p_value=moved.p_value,
+        )
+        if moved.p_value >= self.alpha:
+            return [still]
+        shown = moved_words(receiver, moved)
+        if moved.whole_sky_p_value >= self.alpha:
+            because = f"{shown}; some two of them do so alone: what moves nearby reflects them, or they are false"
+            remedy = "more satellites, or a second receiver"
+            return [replace(still, says="undecided", because=because, overrules=True, would_need=remedy)]
+        return [
+            replace(
+                still,
+                says="attack",
+                because=f"{shown}: the signals are false, or it moves",
+                p_value=moved.whole_sky_p_value,
+                assumes=(f"{receiver} does not move",),
+                noted=self.past is None or not self.past.moved,
+                would_need="a second receiver; if it does move, a platform file without the statement that it stands",
+            )
+        ]
+
     def _too_few(self) -> Evidence:
         return undecided(
             self.detector,
@@ -319,6 +382,8 @@ class _Window:
             members=look.members,
             place_ecef_m=look.place_ecef_m,
             broke={kind: why._replace(statistic=None) for kind, why in self._broke(look).items()},
+            moved=(self.past is not None and self.past.moved)
+            or (look.moved is not None and look.moved.whole_sky_p_value < self.alpha),
         )
 
     # Levels -----------------------------------------------------------------------------------------------------------
@@ -392,42 +457,3 @@ class _Window:
 
 def _largest(sets: Sequence[ConsistentSet]) -> Sequence[ConsistentSet]:
     return sorted(sets, key=lambda s: (-len(s.signals), s.statistic))[:1]
-
-
-# Words ----------------------------------------------------------------------------------------------------------------
-
-
-def _step_words(receiver: str, o: Observations, step: Step) -> str:
-    """What does not go on, when, by how much, and what that may be."""
-    found = {
-        "position": f"the position jumps by {_metres(step.position_m)}",
-        "clock": f"the signals' time goes {'back' if step.clock_s > 0.0 else 'ahead'} by {_seconds(abs(step.clock_s))}",
-        "velocity": f"the velocity jumps by {step.speed_m_s:.1f} m/s",
-        "rate": f"the clock's rate jumps by {step.rate * 1e6:+.2f} ppm",
-    }
-    words = [found[kind] for kind in step.kinds]
-    words += ["all carriers break at once"] if step.broke else []
-    after = f" after {step.outage_s:.1f} s without measurements" if step.outage_s > 0.0 else ""
-    return (
-        f"{receiver}: at {_clock(o, step)}{after} {_listed(words)}: the recording is not continuous, or the signals "
-        "were exchanged"
-    )
-
-
-def _clock(o: Observations, step: Step) -> str:
-    return iso(o.gpst[step.row], 1)[11:]
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-
-
-def _metres(metres: float) -> str:
-    return f"{metres:.1f} m" if metres < 1000.0 else f"{metres / 1000.0:.1f} km"
-
-
-def _seconds(seconds: float) -> str:
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
-        if seconds >= size:
-            return f"{seconds / size:.4g} {unit}"
-    return f"{seconds * 1e9:.0f} ns"

@@ -34,7 +34,19 @@ from skyproof.navigation.ranges import corrected_ranges
 from skyproof.records import CellStatus, NavigationData, Observations
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
-__all__ = ["KINDS", "Jump", "Limits", "Series", "Step", "fitted_jump", "jumps", "largest_step", "p_values", "series_of"]
+__all__ = [
+    "KINDS",
+    "Jump",
+    "Limits",
+    "Series",
+    "Step",
+    "chance",
+    "fitted_jump",
+    "jumps",
+    "largest_step",
+    "p_values",
+    "series_of",
+]
 
 KINDS = ("position", "clock", "velocity", "rate")
 """What is tested at each epoch: jumps of the position, the clock, the velocity and the clock's rate."""
@@ -68,8 +80,9 @@ class Limits:
 class Series:
     """One sky's satellites over time: (n_epochs, n_satellites) but for elapsed_s (n_epochs,) and unit (.., 3).
 
-    offset_m : level - move, constant but for jumps. variance_m2 : of its noise. bridge_m2 : accumulated variance of
-    bridges by Doppler. rate_m_s, rate_m2_s2 : -u . v + c drift, and its variance.
+    offset_m : level - move, constant but for jumps. variance_m2 : of its noise. move_m : what carriers and Dopplers
+    show, -u . p + c clock from the first epoch on. bridge_m2 : accumulated variance of bridges by Doppler.
+    rate_m_s, rate_m2_s2 : -u . v + c drift, and its variance.
     divides : (n_epochs,) nothing was measured for a while before, or nearly all carriers broke: what lies on the two
     sides is compared at this epoch only. broke : (n_epochs,) that it was the carriers.
     """
@@ -77,6 +90,7 @@ class Series:
     elapsed_s: Reals
     offset_m: Reals
     variance_m2: Reals
+    move_m: Reals
     bridge_m2: Reals
     rate_m_s: Reals
     rate_m2_s2: Reals
@@ -150,6 +164,7 @@ def series_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, 
         elapsed_s=o.elapsed_s,
         offset_m=_unsteered(level_m - move_m),
         variance_m2=o.pseudorange_sigma_m**2,
+        move_m=move_m,
         bridge_m2=_summed(np.where(whole, 0.0, np.nan_to_num(bridge_m2))),
         rate_m_s=rates.measured_m_s,
         rate_m2_s2=rates.sigma_m_s**2,
@@ -205,10 +220,10 @@ def p_values(series: Series, rows: Indices, jump: Jump, rate: Jump, missing_s: R
     pace_m_s = SPEED_OF_LIGHT_M_S * (limits.clock_jump + limits.clock_pace_s * apart_s)
     return np.stack(
         [
-            _chance(moved_m, jump.covariance[:, :3, :3], slack_m, jump),
-            _chance(stepped_m[:, None], jump.covariance[:, 3:, 3:], clock_m, jump),
-            _chance(rate.jump[:, :3], rate.covariance[:, :3, :3], limits.acceleration_m_s2 * apart_s, rate),
-            _chance(rate.jump[:, 3:], rate.covariance[:, 3:, 3:], pace_m_s, rate),
+            chance(moved_m, jump.covariance[:, :3, :3], slack_m, jump),
+            chance(stepped_m[:, None], jump.covariance[:, 3:, 3:], clock_m, jump),
+            chance(rate.jump[:, :3], rate.covariance[:, :3, :3], limits.acceleration_m_s2 * apart_s, rate),
+            chance(rate.jump[:, 3:], rate.covariance[:, 3:, 3:], pace_m_s, rate),
         ],
         axis=1,
     )
@@ -229,7 +244,7 @@ def _clock_slack_m(unseen_s: Reals, limits: Limits) -> Reals:
     return SPEED_OF_LIGHT_M_S * (0.5 * limits.clock_jump + 0.25 * limits.clock_pace_s * unseen_s) * unseen_s
 
 
-def _chance(jump: Reals, covariance: Reals, slack: Reals, fitted: Jump) -> Reals:
+def chance(jump: Reals, covariance: Reals, slack: Reals, fitted: Jump) -> Reals:
     """P(so far out) of jumps (K, d): chi-square with d degrees, from the rim of what `slack` (K,) explains.
 
     Where residuals show that more than jumps is the matter, and no exclusion cured it, the covariance is taken as known
