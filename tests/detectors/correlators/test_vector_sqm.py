@@ -6,7 +6,7 @@ from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.correlators import vector_sqm as rule
 from skyproof.statistics.cusum import cusum_threshold
-from skyproof.statistics.distributions import binomial_two_sided
+from skyproof.statistics.distributions import binomial_survival, binomial_two_sided
 from skyproof.statistics.roc import chi_square_power
 from skyproof.studies.vector_loops import draw_discriminators, draw_taps, tap_noise, vector_loops
 from skyproof.studies.vector_sky import PRNS, SKY, attack_on
@@ -414,6 +414,24 @@ def test_the_true_set_is_missed_as_often_as_stated():
     y, white = vectors(SKY, attack_on(2, size=0.1), attack_on(2, size=50.0), 500, 26)
     missed = sum((0,) not in [each.satellites for each in parity.explanations(one, white, 0.1)] for one in y)
     assert binomial_two_sided(missed, 500, 0.1) > 1e-3
+
+
+def test_of_sets_that_fit_those_far_less_likely_are_left_out_and_the_rest_is_wrong_as_often_as_stated():
+    attack = attack_on(17, size=0.04)
+    y, white = vectors(SKY, attack, 500.0 * attack, 400, 27)
+    found = [[each.satellites for each in parity.likely_sets(one, white, 0.1)] for one in y]
+    place = (PRNS.index(17),)
+    wrong = sum(len(sets) > 0 and place not in sets for sets in found)
+    assert binomial_survival(wrong, 400, 0.1) > 1e-3
+    named = sum(sets == [place] for sets in found)
+    fit = [[each.satellites for each in parity.explanations(one, white, 0.05)] for one in y]
+    assert named > sum(sets == [place] for sets in fit)
+
+
+def test_no_set_is_likely_where_as_many_cannot_be_told_apart():
+    pair = attack_on(2, size=0.3) + attack_on(20, size=-0.2)
+    y, white = vectors(SKY, pair, 150.0 * pair[::-1], 1, 24)
+    assert parity.likely_sets(y[0], white, 0.01) == ()
 
 
 def test_two_of_eight_satellites_can_be_named():

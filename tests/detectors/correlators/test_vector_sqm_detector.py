@@ -43,11 +43,24 @@ def test_a_signal_that_does_not_fit_fails_the_test_and_is_named():
     assert evidence.would_need
 
 
+def test_an_offset_that_no_window_shows_alone_is_found_over_several_and_dated():
+    offsets = settled(with_vector_taps(np.random.default_rng(5)), 0.0, 5.0, [3])
+    rng, strict = np.random.default_rng(12), VectorSqm(VectorSqmSettings(1e-6))
+    state, together, alone = None, [], []
+    for _ in range(14):
+        records = with_vector_taps(rng, *offsets)
+        alone += strict.examine(records)[0]
+        evidence, state = strict.examine(records, state)
+        together += evidence
+    assert not any(one.failed for one in alone)
+    assert any(one.failed and "seen at" in one.because for one in together)
+
+
 def test_nobody_is_called_false_where_many_sets_fit_alike():
     evidence, _ = examined([0, 2, 4, 6])
     assert evidence.failed
     assert evidence.says == "undecided"
-    assert "any of" in evidence.because
+    assert "which of them are false does not show" in evidence.because
 
 
 def test_signals_that_agree_on_one_false_place_show_nothing():

@@ -37,6 +37,7 @@ __all__ = [
     "cusum_bank",
     "explanations",
     "indistinguishable_attack",
+    "likely_sets",
     "parity_noncentrality",
     "parity_test",
     "parity_threshold",
@@ -227,6 +228,31 @@ def explanations(y: Reals, white: Whitener, probability: float) -> tuple[Explana
         if found:
             return tuple(sorted(found, key=lambda each: each.statistic))
     return ()
+
+
+def likely_sets(y: Reals, white: Whitener, wrong_probability: float) -> tuple[Explanation, ...]:
+    """The sets of `explanations` that cannot be left out, the likeliest first: one alone is named.
+
+    Of the sets of one size that fit, the fewest that hold the true one but for `wrong_probability`: half of it that the
+    true set does not fit, half that it is not among those kept. Each set's offsets of code and of phase are taken as
+    equally likely over all sizes, so that its weight is exp(-left / 2) / sqrt(det C'C det F'F), C and F its directions.
+    Empty where as many satellites would have to be false as cannot be told apart, n < 4 + 2 t: others would fit as
+    well, larger sets among them.
+    """
+    half = white.code.shape[0]
+    found = explanations(y, white, 0.5 * wrong_probability)
+    if not found or 2 * len(found[0].satellites) > half:
+        return ()
+    log_weight = np.empty(len(found))
+    for i, each in enumerate(found):
+        columns = list(each.satellites)
+        volumes = (np.linalg.slogdet(w[:, columns].T @ w[:, columns]).logabsdet for w in (white.code, white.phase))
+        log_weight[i] = -0.5 * (each.statistic + sum(volumes))
+    order = np.argsort(-log_weight)
+    weight = np.exp(log_weight[order] - log_weight[order[0]])
+    share = np.cumsum(weight) / np.sum(weight)
+    kept = int(np.searchsorted(share, 1.0 - 0.5 * wrong_probability)) + 1
+    return tuple(found[i] for i in order[:kept])
 
 
 def _left(y: Reals, columns: Reals) -> float:

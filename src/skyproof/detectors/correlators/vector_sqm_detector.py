@@ -4,6 +4,7 @@ It works on correlators as they come, at any spacing and behind any front end: t
 show from look to look. Beside it each code may be off by what multipath and the models leave, as ranges may.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -13,8 +14,10 @@ from scipy import special
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.correlators.correlator_laws import phase_discriminator
+from skyproof.detectors.correlators.vector_cusum import BankFound, BankState, bank_over_looks
 from skyproof.detectors.correlators.vector_parity import (
-    explanations,
+    Whitener,
+    likely_sets,
     parity_test,
     parity_vector,
     separability,
@@ -36,6 +39,9 @@ LEAST_SHARE: Final = 0.8
 LOOKS_MORE: Final = 20
 """Than the numbers tested, so that the noise is known."""
 MOST_NAMED: Final = 6
+BENT: Final = 0.05
+"""Of a code's offset, one sigma, by which its discriminator is not straight: |E| and |L| of weak signals are larger by
+their noise (5 % at an offset of 0.2 chip and an amplitude of 8), and a front end rounds the triangle."""
 
 
 @dataclass(frozen=True)
@@ -43,18 +49,22 @@ class VectorSqmSettings:
     """Settings of `VectorSqm`.
 
     false_alarm_probability : of each receiver's window.
+    wrong_name_probability : that of the sets of signals that explain a misfit, as few as possible, those given do not
+        hold the true one.
     min_satellites : five can be tested, six are needed to name one.
     multipath_sigma_m : error of a code that stays over the window, one sigma.
     ionosphere_share : of the ionosphere's delay, one sigma of what the model leaves.
     """
 
     false_alarm_probability: float = 1e-3
+    wrong_name_probability: float = 0.01
     min_satellites: int = 5
     multipath_sigma_m: float = 1.0
     ionosphere_share: float = 0.25
 
     def __post_init__(self) -> None:
-        require_probability("vector_sqm", "false_alarm_probability", self.false_alarm_probability)
+        for name in ("false_alarm_probability", "wrong_name_probability"):
+            require_probability("vector_sqm", name, getattr(self, name))
         if self.min_satellites < 5:
             raise SettingsError(f"vector_sqm: min_satellites is {self.min_satellites}; four always fit, take 5 or more")
         for name in ("multipath_sigma_m", "ionosphere_share"):
@@ -102,9 +112,10 @@ class VectorSqm:
     """The detector: one Evidence per receiver and window, from `vector_taps`, a tuple of `Taps` whose channels one
     solution steers.
 
-    u and q, the means of code and phase discriminators over the window's looks, are taken into the parity space of the
-    geometry. Under the null the squared length of what comes, over the variances that the looks show, exceeds the law
-    of T^2 with 2 (n - 4) degrees at most as often as stated.
+    Code and phase discriminators of the window's looks are taken into the parity space of the geometry. Half of the
+    false-alarm probability goes to the squared length of their means, over the variances that the looks show: it
+    exceeds the law of T^2 with 2 (n - 4) degrees at most as often as stated. Half goes to cumulative sums over the
+    looks (`vector_cusum`), which go on from window to window in the state and show when an offset began.
 
     That signals do not fit one position is said, with those that would explain it, and no more: a reflection that is
     followed alone, or a fault of a satellite, displaces a channel just as a false signal does. Taps of scalar tracking
@@ -123,14 +134,22 @@ class VectorSqm:
         if lacking or records.navigation is None:
             return lacking, state
         by_receiver = {o.receiver: o for o in records.observations}
-        return [
-            self._receiver(records, records.navigation, by_receiver.get(taps.receiver), taps)
-            for taps in records.vector_taps
-        ], state
+        banks: dict[str, BankState] = {}
+        said = []
+        for taps in records.vector_taps:
+            looked = self._looks(records, records.navigation, by_receiver.get(taps.receiver), taps)
+            if isinstance(looked, _Looks):
+                before: Mapping[str, BankState] = state or {}
+                evidence, banks[taps.receiver] = self._judged(records, looked, taps, before.get(taps.receiver))
+            else:
+                evidence = looked
+            said.append(evidence)
+        return said, banks
 
-    def _receiver(
+    def _looks(
         self, records: Records, navigation: NavigationData, observations: Observations | None, taps: Taps
-    ) -> Evidence:
+    ) -> "_Looks | Evidence":
+        """Discriminators of one receiver's channels that can be tested together, or what they lack."""
         refs = tuple(SignalRef(taps.receiver, signal) for signal in taps.signals)
         pair = pair_of_taps(taps)
         if pair is None:
@@ -149,7 +168,6 @@ class VectorSqm:
         kept = _kept(value, there)
         n = kept.size
         rows = np.isfinite(value[:, kept]).all(axis=(1, 2))
-        dof, looks = 2 * (n - 4), int(rows.sum())
         if there is None or n < self.settings.min_satellites or np.linalg.matrix_rank(there.design[kept]) < 4:
             return undecided(
                 self,
@@ -158,52 +176,109 @@ class VectorSqm:
                 because=f"{n} satellites in {taps.receiver} tracked together through the window",
                 would_need=f"{self.settings.min_satellites} or more satellites tracked together through the window",
             )
-        if looks < dof + LOOKS_MORE:
+        needed = 2 * (n - 4) + LOOKS_MORE
+        if rows.sum() < needed:
             return undecided(
                 self,
                 records,
                 refs,
-                because=f"{looks} looks at the {n} channels of {taps.receiver} together",
-                would_need=f"{dof + LOOKS_MORE} looks or more",
+                because=f"{int(rows.sum())} looks at the {n} channels of {taps.receiver} together",
+                would_need=f"{needed} looks or more",
             )
         chosen = value[rows][:, kept]
-        u = code_offset_chips(np.abs(chosen[..., early]), np.abs(chosen[..., late]), spacing_chips)
-        q = phase_discriminator(chosen[..., prompt])
-        noise_chips, noise_rad = (x.std(axis=0, ddof=1) / np.sqrt(looks) for x in (u, q))
-        where = satellite_geometry(there.design[kept])
-        white = whitener_of(where.parity, np.hypot(noise_chips, there.lasting_chips[kept]), noise_rad)
-        y = parity_vector(u.mean(axis=0), q.mean(axis=0), white, scores=False)
-        statistic = float(parity_test(y).statistic)
-        p_value = t_squared_survival(statistic, dof, looks)
-        fits = p_value >= self.settings.false_alarm_probability
-        said = f"{n} channels of {taps.receiver}"
+        return _Looks(
+            signals=tuple(taps.signals[k] for k in kept),
+            elapsed_s=taps.elapsed_s[rows],
+            code_chips=code_offset_chips(np.abs(chosen[..., early]), np.abs(chosen[..., late]), spacing_chips),
+            phase_rad=phase_discriminator(chosen[..., prompt]),
+            design=there.design[kept],
+            lasting_chips=there.lasting_chips[kept],
+        )
+
+    def _judged(
+        self, records: Records, looks: "_Looks", taps: Taps, before: BankState | None
+    ) -> tuple[Evidence, BankState]:
+        asked = self.settings.false_alarm_probability
+        parity = satellite_geometry(looks.design).parity
+        noise_chips, noise_rad = (x.std(axis=0, ddof=1) for x in (looks.code_chips, looks.phase_rad))
+        bank = bank_over_looks(
+            looks.signals,
+            looks.code_chips,
+            looks.phase_rad,
+            whitener_of(parity, noise_chips, noise_rad),
+            looks.lasting_chips,
+            0.5 * asked,
+            before,
+        )
+        n_looks = len(looks.code_chips)
+        statistic, y, _ = looks.mean_over(slice(None), parity, 0.0)
+        p_value = min(2.0 * min(t_squared_survival(statistic, y.size, n_looks), bank.p_value), 1.0)
+        said = f"{len(looks.signals)} channels of {taps.receiver}"
         because = f"{said} sit where one position and clock put them"
-        if not fits:
-            sets = explanations(y, white, self.settings.false_alarm_probability)
-            found = [tuple(taps.signals[kept[k]] for k in each.satellites) for each in sets]
+        if p_value < asked:
+            from_look = min(max(bank.began or 0, 0), n_looks - y.size - LOOKS_MORE)
+            _, y, white = looks.mean_over(slice(from_look, None), parity, BENT)
+            sets = likely_sets(y, white, self.settings.wrong_name_probability)
+            found = [tuple(looks.signals[k] for k in each.satellites) for each in sets]
             because = (
-                f"{said} do not fit one position and clock; {_suspects(found)} (smallest singular value of two "
-                f"satellites' directions {separability(where.parity, 1):.2g})"
+                f"{said} do not fit one position and clock{_when(bank, looks)}; {_suspects(found)} (smallest singular "
+                f"value of two satellites' directions {separability(parity, 1):.2g})"
             )
-        return Evidence(
+        evidence = Evidence(
             detector=self.name,
             start_gpst=records.start_gpst,
             end_gpst=records.end_gpst,
-            subject=tuple(refs[k] for k in kept),
-            says="clean" if fits else "undecided",
+            subject=tuple(SignalRef(taps.receiver, signal) for signal in looks.signals),
+            says="clean" if p_value >= asked else "undecided",
             because=because,
             statistic=statistic,
-            false_alarm_probability=self.settings.false_alarm_probability,
+            false_alarm_probability=asked,
             p_value=p_value,
             would_need=None
-            if fits
+            if p_value >= asked
             else "what tells a false signal from a reflection or a fault: another receiver, or several antennas",
         )
+        return evidence, bank.state
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Looks:
+    """Discriminators (looks, n) of channels that are tested together, with rows of the geometry (n, 4) and lasting
+    errors (n,)."""
+
+    signals: tuple[SignalId, ...]
+    elapsed_s: Reals
+    code_chips: Reals
+    phase_rad: Reals
+    design: Reals
+    lasting_chips: Reals
+
+    def mean_over(self, rows: slice, parity: Reals, bent: float) -> tuple[float, Reals, Whitener]:
+        """Statistic, y and its whitener of the means over some looks, each code off by `bent` of its offset besides."""
+        u, q = self.code_chips[rows], self.phase_rad[rows]
+        noise_chips, noise_rad = u.std(axis=0, ddof=1), q.std(axis=0, ddof=1)
+        code, phase = u.mean(axis=0), q.mean(axis=0)
+        sigma_chips = np.sqrt(noise_chips**2 / len(u) + self.lasting_chips**2 + (bent * code) ** 2)
+        white = whitener_of(parity, sigma_chips, noise_rad / np.sqrt(len(u)))
+        y = parity_vector(code, phase, white, scores=False)
+        return float(parity_test(y).statistic), y, white
+
+
+def _when(bank: BankFound, looks: _Looks) -> str:
+    """Since when, in words, as far as the sums show it."""
+    if bank.seen is None:
+        return ""
+    seen = f", seen at {looks.elapsed_s[bank.seen - 1]:.1f} s of the recording"
+    return seen if bank.began is None or bank.began < 0 else f"{seen}, from {looks.elapsed_s[bank.began]:.1f} s on"
 
 
 def _suspects(found: list[tuple[SignalId, ...]]) -> str:
     """Which signals alone explain a misfit, in words."""
+    if found == [()]:
+        return "too little of it is seen to say which signals would explain it"
     named = [" and ".join(map(str, signals)) for signals in found]
+    if not named:
+        return "so many that which of them are false does not show"
     if len(named) == 1:
         return f"{named[0]} alone would explain it"
     shown = ", ".join(named[:MOST_NAMED])

@@ -1,0 +1,121 @@
+"""Cumulative sums over a vector receiver's looks: small offsets over many windows, and when large ones began.
+
+Each look leaves residuals of code and of phase, over their noise: t = s W'W x with x the discriminators of n
+satellites, s their sigmas and W the whitened parity basis (`vector_parity`). They have n numbers and n - 4 degrees, and
+unlike W x they are the same for every basis, so that a sum goes on while the geometry turns. Code and phase have a bank
+of Crosier's sums each (`statistics.cusum`) over steps of some looks.
+
+Codes may be off by errors that stay (multipath, ionosphere, orbits), which a sum would add up without end. Its
+reference grows by b, a length that they exceed with a stated probability: since |s + y + e| - (k + b) <= |s + y| - k
+where |e| <= b, and the law of |s + y| grows with |s|, alarms come at most as often as without such errors.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.detectors.correlators.vector_parity import Whitener
+from skyproof.records import SignalId
+from skyproof.statistics.cusum import cusum_path, cusum_run_length, cusum_threshold
+from skyproof.statistics.distributions import chi_square_threshold
+
+__all__ = ["BRANCHES", "BankFound", "BankState", "bank_over_looks"]
+
+BRANCHES: Final = ((5, 1.0), (50, 0.5))
+"""Looks of one step, and reference k: a tenth of a second and a second where looks come every 20 ms."""
+LASTING_SHARE: Final = 0.1
+"""Of the false-alarm probability: that lasting errors are longer than b."""
+LONGEST_STEPS: Final = 1e12
+"""Between false alarms that the integral equation still resolves."""
+LARGEST_SIZE: Final = 60.0
+"""Of a sum, whose probability still makes a difference."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BankState:
+    """What goes on from window to window: sums (n,) of each branch, of code and then of phase, with these signals."""
+
+    signals: tuple[SignalId, ...]
+    sums: tuple[Reals, ...]
+
+
+class BankFound(NamedTuple):
+    """Over one window.
+
+    p_value : that any sum goes as far within the window without an attack, at most. began, seen : looks, counted in the
+    window, at which the alarming sum last left zero (-1: before the window) and at which it passed its threshold; None
+    without an alarm. state : for the next window; begins anew after an alarm.
+    """
+
+    p_value: float
+    began: int | None
+    seen: int | None
+    state: BankState
+
+
+def bank_over_looks(
+    signals: tuple[SignalId, ...],
+    code_chips: Reals,
+    phase_rad: Reals,
+    white: Whitener,
+    lasting_chips: Reals,
+    false_alarm_probability: float,
+    state: BankState | None = None,
+) -> BankFound:
+    """Carry the bank over one window's discriminators (looks, n).
+
+    white : of one look's noise. lasting_chips : (n,) one sigma of what codes may be off for good.
+    """
+    n, dof = len(signals), white.code.shape[0]
+    kinds = ((code_chips, white.code, white.sigma_chips), (phase_rad, white.phase, white.sigma_rad))
+    if state is None or state.signals != signals:
+        state = BankState(signals=signals, sums=(np.zeros(n),) * (len(kinds) * len(BRANCHES)))
+    share = (1.0 - LASTING_SHARE) * false_alarm_probability / len(state.sums)
+    lasting = _longest_lasting(white, lasting_chips, LASTING_SHARE * false_alarm_probability)
+    ended, p_values, alarms = [], [1.0], []
+    for i, total in enumerate(state.sums):
+        (x, rows, sigma), (looks, reference) = kinds[i // len(BRANCHES)], BRANCHES[i % len(BRANCHES)]
+        steps = len(x) // looks
+        mean = np.sqrt(looks) * x[: steps * looks].reshape(steps, looks, n).mean(axis=1)
+        bound = np.sqrt(looks) * lasting if x is code_chips else 0.0
+        path = cusum_path(sigma * (mean @ rows.T @ rows), reference + bound, sigma * ((sigma * total) @ rows.T @ rows))
+        ended.append(path.state)
+        if steps:
+            p_values.append(_reached(float(path.size.max()), steps, reference, dof))
+            if p_values[-1] < share:
+                alarms.append(_alarm(path.size, _threshold(steps / share, reference, dof), looks))
+    seen, began = min(alarms, default=(None, None))
+    if alarms:
+        ended = [np.zeros(n) for _ in ended]
+    p_value = min(len(ended) * min(p_values) + LASTING_SHARE * false_alarm_probability, 1.0)
+    return BankFound(p_value, began, seen, BankState(signals=signals, sums=tuple(ended)))
+
+
+def _reached(size: float, steps: int, reference: float, degrees: int) -> float:
+    """Probability that a sum that has run for long reaches a size within some steps, without an attack."""
+    length = _run_length(reference, min(max(size, 1e-3), LARGEST_SIZE), degrees)
+    return float(-np.expm1(-steps / min(length, LONGEST_STEPS)))
+
+
+_run_length = lru_cache(maxsize=64)(cusum_run_length)
+
+
+def _alarm(size: Reals, threshold: float, looks: int) -> tuple[int, int]:
+    """Looks at which a sum passed its threshold, and at which it last left zero, -1 for before the window."""
+    first = int(np.argmax(size > threshold))
+    zeros = np.flatnonzero(size[:first] <= 0.0)
+    return (first + 1) * looks, (int(zeros[-1]) + 1) * looks if zeros.size else -1
+
+
+def _longest_lasting(white: Whitener, lasting_chips: Reals, probability: float) -> float:
+    """Length in one look's y that lasting errors of code exceed at most so often."""
+    spread = np.linalg.norm(white.code * lasting_chips, ord=2)
+    return float(spread * np.sqrt(chi_square_threshold(probability, white.code.shape[0])))
+
+
+@lru_cache(maxsize=64)
+def _threshold(mean_steps: float, reference: float, degrees: int) -> float:
+    return cusum_threshold(min(mean_steps, LONGEST_STEPS), reference, degrees)

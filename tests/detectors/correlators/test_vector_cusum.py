@@ -1,0 +1,95 @@
+"""Cumulative sums over a vector receiver's looks: how often they alarm, what goes on between windows, and when."""
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.correlators import vector_parity as parity
+from skyproof.detectors.correlators.vector_cusum import BankState, bank_over_looks
+from skyproof.records import SignalId
+from skyproof.statistics.distributions import binomial_survival
+from skyproof.studies.vector_sky import PRNS, SKY
+
+SIGNALS = tuple(SignalId(f"G{prn:02d}") for prn in PRNS)
+CODE_CHIPS, PHASE_RAD = 0.05, 0.07
+ONE = parity.whitener_of(SKY.parity, np.full(6, CODE_CHIPS), np.full(6, PHASE_RAD))
+NO_ERRORS = np.zeros(6)
+
+
+def looks(rng, n, code_chips=0.0, phase_rad=0.0):
+    """Discriminators (n, 6) of channels off by so much."""
+    u, q = rng.standard_normal((2, n, 6))
+    return code_chips + CODE_CHIPS * u, phase_rad + PHASE_RAD * q
+
+
+def windows(rng, count, n, probability, code_chips=0.0, phase_rad=0.0, lasting=NO_ERRORS, carried=True):
+    """Of `count` windows of `n` looks what the bank finds in each."""
+    state: BankState | None = None
+    for _ in range(count):
+        found = bank_over_looks(SIGNALS, *looks(rng, n, code_chips, phase_rad), ONE, lasting, probability, state)
+        state = found.state if carried else None
+        yield found
+
+
+def test_alarms_come_at_most_as_often_as_stated_and_p_values_with_them():
+    found = list(windows(np.random.default_rng(1), 400, 100, 0.1))
+    alarms = sum(one.seen is not None for one in found)
+    assert all((one.seen is None) == (one.p_value >= 0.1) for one in found)
+    assert binomial_survival(alarms, 400, 0.1) > 1e-3
+    assert alarms > 8  # the sums' exact laws, less what one share for each of four dependent sums loses
+
+
+def test_errors_that_stay_are_no_alarm_and_without_an_allowance_they_are():
+    rng = np.random.default_rng(2)
+    sigma = np.full(6, 0.02)
+    alarms = without = 0
+    for _ in range(30):
+        stays = sigma * rng.standard_normal(6)
+        alarms += sum(one.seen is not None for one in windows(rng, 5, 100, 0.05, stays, lasting=sigma))
+        without += sum(one.seen is not None for one in windows(rng, 5, 100, 0.05, stays))
+    assert binomial_survival(alarms, 150, 0.05) > 1e-3
+    assert without > 50
+
+
+def test_a_small_offset_is_found_over_windows_that_do_not_show_it_alone():
+    code, phase = 0.25 * CODE_CHIPS * SKY.projector[0], 0.25 * PHASE_RAD * SKY.projector[0]
+    alone = list(windows(np.random.default_rng(3), 12, 200, 1e-5, code, phase, carried=False))
+    assert not any(one.seen for one in alone)
+    together = list(windows(np.random.default_rng(3), 12, 200, 1e-5, code, phase))
+    assert any(one.seen for one in together)
+
+
+def test_when_a_large_offset_began_is_found_to_tenths_of_a_second():
+    rng = np.random.default_rng(4)
+    quiet, off = looks(rng, 230), looks(rng, 270, 0.2 * SKY.projector[0], 0.3 * SKY.projector[0])
+    u, q = (np.concatenate(pair) for pair in zip(quiet, off, strict=True))
+    found = bank_over_looks(SIGNALS, u, q, ONE, NO_ERRORS, 1e-6)
+    assert 205 <= found.began <= 235
+    assert 235 <= found.seen <= 245
+    assert all(np.all(total == 0.0) for total in found.state.sums)
+
+
+def test_sums_stand_in_the_parity_space_whatever_its_basis_and_begin_anew_with_other_signals():
+    rng = np.random.default_rng(5)
+    u, q = looks(rng, 100)
+    turned = parity.whitener_of(
+        np.array([[0.6, 0.8], [-0.8, 0.6]]) @ SKY.parity, np.full(6, CODE_CHIPS), np.full(6, PHASE_RAD)
+    )
+    first = bank_over_looks(SIGNALS, u, q, ONE, NO_ERRORS, 1e-3)
+    for white in (ONE, turned):
+        again = bank_over_looks(SIGNALS, u, q, white, NO_ERRORS, 1e-3, first.state)
+        for total, other in zip(
+            again.state.sums,
+            bank_over_looks(SIGNALS, u, q, ONE, NO_ERRORS, 1e-3, first.state).state.sums,
+            strict=True,
+        ):
+            np.testing.assert_allclose(total, other, atol=1e-12)
+    others = (SignalId("G01"), *SIGNALS[1:])
+    anew = bank_over_looks(others, u, q, ONE, NO_ERRORS, 1e-3, first.state)
+    np.testing.assert_array_equal(anew.state.sums, bank_over_looks(others, u, q, ONE, NO_ERRORS, 1e-3).state.sums)
+
+
+@pytest.mark.long
+def test_alarms_at_one_in_a_thousand_windows():
+    alarms = sum(one.seen is not None for one in windows(np.random.default_rng(6), 30_000, 100, 1e-3))
+    assert binomial_survival(alarms, 30_000, 1e-3) > 1e-3
+    assert alarms > 5
