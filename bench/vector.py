@@ -313,7 +313,8 @@ def _drawn(skies: list[MeasuredScene], attacked: int, settings: VectorSqmSetting
     return (
         f"  {attacked} of {skies[0].max_satellites:2}: {lost:3} without an equilibrium; of {DRAWS - lost} others "
         f"{counted['noticed']} noticed, {counted['right']} rightly named, {counted['part']} in part, "
-        f"{counted['wrong']} wrongly, {counted['several']} open (the true ones among {counted['among']}); {delays or 'no delay'}"
+        f"{counted['wrong']} wrongly, {counted['several']} open (the true ones among {counted['among']}); "
+        f"{delays or 'no delay'}"
     )
 
 
