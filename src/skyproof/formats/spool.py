@@ -192,10 +192,13 @@ class ObservationSpool:
                 yield number, slice(begin - piece.first, end - piece.first), slice(begin - first, end - first)
 
     def _time(self, name: str) -> NDArray[Any]:
-        """What every epoch has, of all pieces; put together once after a piece came."""
+        """What every epoch has, of all pieces; put together once after a piece came, which then holds a part of it."""
         if name not in self._times:
             dtype = "datetime64[ns]" if name == "gpst" else np.float64
-            self._times[name] = np.concatenate([np.empty(0, dtype), *(getattr(piece, name) for piece in self._pieces)])
+            whole = np.concatenate([np.empty(0, dtype), *(getattr(piece, name) for piece in self._pieces)])
+            parts: list[dict[str, Any]] = [{name: whole[piece.first : piece.stop]} for piece in self._pieces]
+            self._pieces = [replace(piece, **part) for piece, part in zip(self._pieces, parts, strict=True)]
+            self._times[name] = whole
         return self._times[name]
 
     def _flag(self, name: str) -> Booleans:

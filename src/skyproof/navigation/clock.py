@@ -67,7 +67,7 @@ class ClockSteps:
     steps: tuple[ClockStep, ...]
 
 
-def clock_steps(log: ObservationLog, stretch_epochs: int = 4096) -> ClockSteps | None:
+def clock_steps(log: ObservationLog, stretch_epochs: int = 1024) -> ClockSteps | None:
     """The steps of whole milliseconds that a receiver's clock made; None if there are none.
 
     Where all pseudoranges step by the same k milliseconds, less than 150 m and what a platform's acceleration may do

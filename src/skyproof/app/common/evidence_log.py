@@ -1,41 +1,55 @@
-"""The evidence of a run of any length in little memory: packed, and unpacked a stretch at a time as it is read."""
+"""The evidence of a run of any length in little memory: packed, on a disk where it is much, unpacked as it is read."""
 
 import pickle
+import tempfile
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, overload
 
+from skyproof.formats.atomic_write import output_error
 from skyproof.records import Evidence
 
-__all__ = ["EvidenceLog"]
+__all__ = ["PACKED", "EvidenceLog"]
 
 PACKED: Final = 512
 """Pieces of evidence in a stretch. A window has some ten, of 100 bytes each once packed: most of its words, signals and
 times are those of the window before."""
+HELD_BYTES: Final = 1 << 20
+"""Of packs in memory; more go to a temporary file."""
 
 
 class EvidenceLog(Sequence[Evidence]):
     """Pieces of evidence in the order of their windows. Each read gives them anew: equal, not the same objects."""
 
     def __init__(self, evidence: Iterable[Evidence] = ()) -> None:
-        self._packs: list[bytes] = []
+        self._file = tempfile.SpooledTemporaryFile(HELD_BYTES)  # noqa: SIM115 (as long as the log)
+        self._ends = [0]  # of the packs in the file
         self._last: list[Evidence] = []
         self._read: tuple[int, list[Evidence]] = (-1, [])
         self.extend(evidence)
 
     def extend(self, evidence: Iterable[Evidence]) -> None:
-        """Add pieces at the end."""
+        """Add pieces at the end. Raises OutputError if the temporary file cannot be written."""
         for one in evidence:
             self._last.append(one)
             if len(self._last) == PACKED:
-                self._packs.append(zlib.compress(pickle.dumps(self._last, pickle.HIGHEST_PROTOCOL)))
-                self._last = []
+                self._pack()
+
+    def _pack(self) -> None:
+        packed = zlib.compress(pickle.dumps(self._last, pickle.HIGHEST_PROTOCOL))
+        try:
+            self._file.seek(self._ends[-1])
+            self._file.write(packed)
+        except OSError as error:
+            raise output_error(tempfile.gettempdir(), error) from error
+        self._ends.append(self._ends[-1] + len(packed))
+        self._last = []
 
     def __len__(self) -> int:
-        return PACKED * len(self._packs) + len(self._last)
+        return PACKED * self._packs + len(self._last)
 
     def __iter__(self) -> Iterator[Evidence]:
-        for number in range(len(self._packs)):
+        for number in range(self._packs):
             yield from self._stretch(number)
         yield from self._last
 
@@ -49,10 +63,16 @@ class EvidenceLog(Sequence[Evidence]):
         if not -len(self) <= index < len(self):
             raise IndexError(f"evidence {index} of {len(self)}")
         number, place = divmod(index % len(self), PACKED)
-        return self._stretch(number)[place] if number < len(self._packs) else self._last[place]
+        return self._stretch(number)[place] if number < self._packs else self._last[place]
+
+    @property
+    def _packs(self) -> int:
+        return len(self._ends) - 1
 
     def _stretch(self, number: int) -> list[Evidence]:
         """Unpacked; the one that was read last is kept."""
         if self._read[0] != number:
-            self._read = number, pickle.loads(zlib.decompress(self._packs[number]))
+            self._file.seek(self._ends[number])
+            packed = self._file.read(self._ends[number + 1] - self._ends[number])
+            self._read = number, pickle.loads(zlib.decompress(packed))
         return self._read[1]

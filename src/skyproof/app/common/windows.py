@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from skyproof.app.common.body import Body, Carried, body_state
-from skyproof.app.common.evidence_log import EvidenceLog
+from skyproof.app.common.evidence_log import PACKED, EvidenceLog
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
 from skyproof.detectors.base import Detector, load_detectors
@@ -306,7 +306,9 @@ def examine_all(
 
 
 class _Kept:
-    """Evidence in little memory: what is equal is kept once, and that a test cannot run is said once in a row."""
+    """Evidence in little memory: what is equal in windows that follow each other is kept once, and that a test cannot
+    run is said once in a row.
+    """
 
     def __init__(self) -> None:
         self.all = EvidenceLog()
@@ -326,6 +328,8 @@ class _Kept:
             because, assumes = self._once(one.because), self._once(one.assumes)
             self.all.extend((replace(one, subject=subject, because=because, assumes=assumes),))
         self._lacking = lacking
+        if len(self._same) > PACKED:  # words with figures in them hardly ever come again
+            self._same.clear()
 
     def _once(self, value: H) -> H:
         kept: H = self._same.setdefault(value, value)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from skyproof.app.common.memory import give_back
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import Settings
@@ -100,6 +101,7 @@ def _write_tables(folder: Path, outcome: Outcome) -> None:
             for kind in kinds_of(r):
                 for source, fix in _fixes(r, kind):
                     take(fixes_columns([(kind, fix)], source))
+    give_back()
     logs = [r.reception.observations for r in outcome.receivers if r.reception.observations is not None]
     with growing_tables((folder / "signals.parquet",)) as take:
         for log in logs:
@@ -107,6 +109,7 @@ def _write_tables(folder: Path, outcome: Outcome) -> None:
                 take(_signal_columns(part, _label_cells(part, first, outcome.decision.labels)))
         if not logs:
             take({})
+    give_back()
     with growing_tables((folder / "evidence.parquet",)) as take:
         take(_evidence_columns([]))
         for first in range(0, len(outcome.evidence), _TABLE_EVIDENCE):

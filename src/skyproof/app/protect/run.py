@@ -12,6 +12,7 @@ import numpy as np
 from skyproof.app.common.body import Body, body_of, open_body, with_imu
 from skyproof.app.common.evidence_log import EvidenceLog
 from skyproof.app.common.folder import check_folder
+from skyproof.app.common.memory import give_back
 from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
 from skyproof.app.common.platform_use import described, inputs_of, settings_of
@@ -117,6 +118,7 @@ def protect(
         _require_two(settings, names)
         _require_orbits(sources, navigation)
         receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace)
+        give_back()
         _same_time(receptions, navigation)
         receptions = [_with_common_time(r, receptions) for r in receptions]
         receptions = one_receiver_each(receptions, settings)
@@ -284,6 +286,7 @@ def judge(
             workspace.add_lines("evidence.jsonl", [evidence_line(one) for one in said])
 
     evidence, sets, interrupted = examine_all(windows, detectors_for(settings, windows.run), progress, report)
+    give_back()
     decision = fuse(evidence, observed, sets)
     if foresights is None:
         foresights = foresights_of([o.receiver for o in observed], settings)
@@ -316,6 +319,7 @@ def _receiver_outcome(
         return ReceiverOutcome(reception=reception)
     positions = positions_of(o, decision, orbits, settings, foresights.get(o.receiver))
     tracks = {kind: positions.track(kind) for kind in positions.masks}
+    give_back()
     return ReceiverOutcome(
         reception=reception,
         positions=positions,

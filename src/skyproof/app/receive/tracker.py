@@ -169,6 +169,8 @@ def track(
 
     Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
     """
+    if not recordings:
+        return [], False
     progress = progress or Silent()
     kept = workspace or Workspace()
     trackers = [_tracker(samples, settings, navigation, watchful, asked or Asked(), kept) for samples in recordings]
