@@ -95,6 +95,7 @@ def _settings_lines(settings: Settings) -> list[str]:
 
 
 def _write_tables(folder: Path, outcome: Outcome) -> None:
+    give_back()
     with growing_tables((folder / "fixes.csv", folder / "fixes.parquet")) as take:
         take(fixes_columns([]))
         for r in outcome.receivers:
