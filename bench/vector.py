@@ -42,6 +42,7 @@ from skyproof.detectors.correlators.vector_sqm_detector import (
     pair_of_taps,
     t_squared_survival,
 )
+from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.receiver import measurement as m
 from skyproof.records import Asked, Evidence, NavigationData, Records, Samples, Taps, TapsAsked
@@ -55,6 +56,8 @@ from skyproof.testing import MeasuredScene
 START_GPST = np.datetime64("2024-05-14T09:59:58", "ns")
 PLACE = ScenePlace(lat_deg=57.7, lon_deg=11.94, height_m=50.0)
 EVERY_MS = Asked(taps=TapsAsked(delays_chips=(0.5, -0.5), every_s=1e-3, coherent_s=1e-3))
+EVERY_20_MS = Asked(taps=TapsAsked(delays_chips=(0.5, -0.5), every_s=0.02, coherent_s=0.004))
+JUDGED_S = 24.0
 LEVELS_DBHZ, ALARM_S = (40.0, 45.0), 20.0
 COST_RATE_HZ, COST_S, COST_FROM_S, RUNS = 5e6, 10.0, 6.0, 3
 BLOCKED_S = (2.0, 5.0, 10.0)
@@ -62,10 +65,10 @@ NUMBERS = (6, 8, 10)
 DRAWS, SKIES, WINDOW_S, LOOK_S, LOOKED_S = 200, 20, 4.0, 0.02, 0.004
 
 
-def report(parts: tuple[str, ...] = ("cost", "alarms", "blockage", "named")) -> Iterator[str]:
+def report(parts: tuple[str, ...] = ("cost", "alarms", "blockage", "judge", "named")) -> Iterator[str]:
     """Rows of the table."""
     for part in parts:
-        yield from {"cost": _cost, "alarms": _alarms, "blockage": _blockage, "named": _named}[part]()
+        yield from {"cost": _cost, "alarms": _alarms, "blockage": _blockage, "judge": _judge, "named": _named}[part]()
 
 
 def _in_memory(samples: Samples, planes: Floats) -> Samples:
@@ -73,10 +76,16 @@ def _in_memory(samples: Samples, planes: Floats) -> Samples:
 
 
 def _tracked(
-    samples: Samples, navigation: NavigationData, tracking: str, asked: Asked | None = None, from_s: float = 0.0
+    samples: Samples,
+    navigation: NavigationData,
+    tracking: str,
+    asked: Asked | None = None,
+    from_s: float = 0.0,
+    not_driving: tuple[str, ...] = (),
 ) -> tuple[Tracker, float]:
     """A recording tracked to its end, and the processor's time from `from_s` on."""
-    tracker = _tracker(samples, Settings(tracking=tracking), navigation, False, asked or Asked(), Workspace())
+    settings = Settings(tracking=tracking, not_driving=not_driving)
+    tracker = _tracker(samples, settings, navigation, False, asked or Asked(), Workspace())
     begin = process_time()
     while tracker.advance():
         if tracker.examined_s <= from_s:
@@ -140,11 +149,11 @@ def _alarms() -> Iterator[str]:
         yield from _counted(f"{level:g} dB-Hz", _three(taps), cn0_dbhz, there.design)
 
 
-def _three(taps: Taps) -> Complexes:
-    """(looks, n, 3) early, prompt, late of the looks in which all channels were guided."""
+def _three(taps: Taps, channels: list[int] | slice = slice(None)) -> Complexes:
+    """(looks, n, 3) early, prompt, late of the looks in which all of these channels were guided."""
     pair = pair_of_taps(taps)
     assert pair is not None
-    value = taps.value[:, :, 0, list(pair[1:])].astype(np.complex128)
+    value = taps.value[:, channels, 0][..., list(pair[1:])].astype(np.complex128)
     return value[np.isfinite(value).all(axis=(1, 2))]
 
 
@@ -236,6 +245,38 @@ def _blocked(share: float, blocked_s: float) -> Iterator[str]:
             f"  {tracking:<8} {len(blocked)} of {len(sats)} for {blocked_s:4.0f} s: {np.median(back_s):5.1f} "
             f"(last {max(back_s):.1f}); {new} new arcs; {max(errors, default=np.nan):.1f} sigma"
         )
+
+
+# Judge ----------------------------------------------------------------------------------------------------------------
+
+
+def _judge() -> Iterator[str]:
+    yield (
+        f"{JUDGED_S:g} s of vector-one-spoofer at 2.6 Msps: the false one drives the filter, or not; second half, "
+        "mean offsets of true signals, and the error of the position"
+    )
+    front_end = FrontEnd(rate_hz=2.6e6, bandwidth_hz=2.4e6, encoding="int", bits=8)
+    scene = scenes.ready("vector-one-spoofer").model_copy(update={"duration_s": JUDGED_S, "front_end": front_end})
+    navigation = navigation_of(scene)
+    samples = samples_of(scene, navigation)[0]
+    held = _in_memory(samples, samples.read(0, samples.n_samples))
+    false = tuple(sorted({sat for attack in scene.attacks for sat in attack.sats or ()}))
+    at = scene.receivers[0]
+    place_m = ecef_from_geodetic(np.radians(at.lat_deg), np.radians(at.lon_deg), at.height_m)
+    for barred in ((), false):
+        tracker, _ = _tracked(held, navigation, "vector", EVERY_20_MS, not_driving=barred)
+        reception = observe(tracker, navigation)
+        assert reception.vector_taps is not None
+        assert tracker.vector is not None
+        guided = "no filter"
+        if (filtered := tracker.vector.filter) is not None:
+            guided = f"{np.linalg.norm(filtered.mean[:3] - place_m):.1f} m"
+        taps = reception.vector_taps.between(0.5 * JUDGED_S, JUDGED_S)
+        true = [k for k, signal in enumerate(taps.signals) if signal.sat not in false]
+        value = _three(taps, true)
+        u, q = code_discriminator(value[..., 0], value[..., 2]), phase_discriminator(value[..., 1])
+        worst = f"{np.abs(u.mean(axis=0)).max():.3f} chip, {np.abs(q.mean(axis=0)).max():.3f} rad"
+        yield f"  without {' '.join(barred) or 'none':<11}: {worst} at most; {guided}"
 
 
 # Which satellite ------------------------------------------------------------------------------------------------------
@@ -343,5 +384,5 @@ def _examined(
 
 
 if __name__ == "__main__":
-    for text in report(tuple(sys.argv[1:]) or ("cost", "alarms", "blockage", "named")):
+    for text in report(tuple(sys.argv[1:]) or ("cost", "alarms", "blockage", "judge", "named")):
         print(text, flush=True)

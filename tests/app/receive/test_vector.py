@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.app.common.settings import Settings
+from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.receive import tracker as tracking
 from skyproof.app.receive.reception import observe
+from skyproof.errors import SettingsError
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.navigation.fix import fix
 from skyproof.receiver import measurement as m
@@ -106,6 +107,29 @@ def test_a_blocked_channel_goes_on_and_is_there_again_at_once(sky):
     assert np.sum(np.abs(measured.elapsed_s - 7.4) < 0.05) == n
     code_m = 3e8 * measured.column(m.CODE_SIGMA_S)
     assert np.all(code_m[measured.elapsed_s > 7.3] < 10.0)
+
+
+def test_a_satellite_that_does_not_drive_is_measured_and_not_guided(sky, whole):
+    sat = sorted({signal.sat for signal in whole.vector.driving})[0]
+    tracker = tracker_of(sky, not_driving=(sat,))
+    while tracker.examined_s < 6.5:
+        tracker.advance()
+    assert tracker.vector.agreed > 0
+    assert {signal.sat for signal in whole.vector.driving} - {signal.sat for signal in tracker.vector.driving} == {sat}
+    rows = tracker.measured.whole()
+    (arc,) = (number for number, arc in tracker.arcs.items() if arc.signal.sat == sat)
+    assert rows.elapsed_s[rows.arc == arc][-1] == rows.elapsed_s[-1]
+    taps = observe(tracker, NAV).vector_taps.between(6.0, 6.3)
+    guided = {signal.sat: np.isfinite(taps.value[:, k]).any() for k, signal in enumerate(taps.signals)}
+    assert not guided.pop(sat, False)
+    assert guided
+    assert all(guided.values())
+    assert f"without {sat}" in tracker.vector.remarks[0]
+
+
+def test_a_satellite_that_is_no_gps_satellite_is_refused():
+    with pytest.raises(SettingsError, match="'X1' is no GPS satellite, expected G01 to G32"):
+        resolve_settings(not_driving=("X1",))
 
 
 @pytest.mark.long

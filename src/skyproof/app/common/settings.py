@@ -2,16 +2,26 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from skyproof.errors import SettingsError
 from skyproof.formats.models import Number, faults_of
+from skyproof.gnss.signals import GPS_SATS
 
 __all__ = ["Settings", "resolve_settings"]
 
 _Metres = Annotated[Number, Field(ge=-1e5, le=1e5)]
 _Latitude = Annotated[Number, Field(ge=-90.0, le=90.0)]
 _Longitude = Annotated[Number, Field(ge=-180.0, le=360.0)]
+
+
+def _gps(sat: str) -> str:
+    if sat not in GPS_SATS:
+        raise ValueError(f"{sat!r:.20} is no GPS satellite, expected G01 to G32")
+    return sat
+
+
+_GpsSatellite = Annotated[str, AfterValidator(_gps)]
 
 
 class Settings(BaseModel):
@@ -98,6 +108,12 @@ class Settings(BaseModel):
         default="scalar",
         description="scalar: every channel follows its own signal; vector: one position and clock of all channels "
         "steers their loops, once it is known.",
+    )
+    not_driving: tuple[_GpsSatellite, ...] | None = Field(
+        default=None,
+        examples=[["G02"]],
+        description="Satellites whose signals do not drive vector tracking, such as those that a run before has "
+        "labelled spoofed: each of their channels follows its own signal, and is measured and judged as ever.",
     )
     doppler_max_hz: Number = Field(
         default=7000.0, gt=0.0, le=1e6, description="Reach of the search, oscillator error included."

@@ -227,17 +227,17 @@ def _tracker(
         measured=measured,
         grids=grids,
         remarks=(*cleaned, *filled, *narrowed),
-        vector=_guiding(whole, navigation) if settings.tracking == "vector" else None,
+        vector=_guiding(whole, navigation, settings) if settings.tracking == "vector" else None,
     )
 
 
-def _guiding(samples: Samples, navigation: NavigationData | None) -> Guiding:
+def _guiding(samples: Samples, navigation: NavigationData | None, settings: Settings) -> Guiding:
     """Vector tracking that has not begun."""
     near = samples.start_gpst if samples.start_gpst is not None else np.datetime64("now", "ns")
     week = int(week_and_tow(near)[0])
     if samples.start_gpst is None and navigation is not None and navigation.ephemerides:
         week = int(np.median([ephemeris.week for ephemeris in navigation.ephemerides]))
-    return Guiding(navigation=navigation, week=week)
+    return Guiding(navigation=navigation, week=week, barred=frozenset(settings.not_driving or ()))
 
 
 def _sats(

@@ -64,15 +64,17 @@ DECODE_S: Final = 6.0
 class Guiding:
     """What vector tracking remembers from one row of measurements to the next.
 
-    navigation : orbits, None until they are known. week : of the first sample, roughly. label : what the receiver's
-    clock shows; None before a time of week was read. filter : None before it has begun. agreed : epochs in a row in
-    which it was not contradicted. sky : orbits of the next epochs. driving : signals that drive the filter and are
-    guided by it. out : those that ever went off it, and until when they go by themselves. began_s : when the loops
-    first followed the filter. diverged : how often it went wrong. misfit_m : with which a filter could not begin.
+    navigation : orbits, None until they are known. week : of the first sample, roughly. barred : satellites that
+    neither drive the filter nor are guided. label : what the receiver's clock shows; None before a time of week was
+    read. filter : None before it has begun. agreed : epochs in a row in which it was not contradicted. sky : orbits of
+    the next epochs. driving : signals that drive the filter and are guided by it. out : those that ever went off it,
+    and until when they go by themselves. began_s : when the loops first followed the filter. diverged : how often it
+    went wrong. misfit_m : with which a filter could not begin.
     """
 
     navigation: NavigationData | None
     week: int
+    barred: frozenset[str] = frozenset()
     settings: VectorSettings = field(default_factory=VectorSettings)
     label: ReceiverTimeTag | None = None
     filter: VectorState | None = None
@@ -86,7 +88,7 @@ class Guiding:
 
     def anew(self) -> "Guiding":
         """For the same recording from its first sample on."""
-        return Guiding(navigation=self.navigation, week=self.week, settings=self.settings)
+        return Guiding(navigation=self.navigation, week=self.week, barred=self.barred, settings=self.settings)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -96,8 +98,9 @@ class Guiding:
             if self.misfit_m is not None:
                 why = f"the signals leave {self.misfit_m:.3g} m in a fit of one position: are these the day's orbits?"
             return (f"vector tracking never began, and every channel followed its own signal: {why}",)
+        without = f" without {', '.join(sorted(self.barred))}" if self.barred else ""
         often = f"; its filter was given up {self.diverged} times" if self.diverged else ""
-        return (f"vector tracking from {self.began_s:.1f} s on{often}",)
+        return (f"vector tracking from {self.began_s:.1f} s on{without}{often}",)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -163,7 +166,7 @@ def _channels(
 ) -> _Channels:
     assert guiding.label is not None
     assert guiding.navigation is not None
-    known = {ephemeris.sat for ephemeris in guiding.navigation.ephemerides}
+    known = {ephemeris.sat for ephemeris in guiding.navigation.ephemerides} - guiding.barred
     of_sat: dict[str, int] = {}
     for i, channel in sorted(enumerate(state.channels), key=lambda one: (one[1].copy or "~", one[1].found_s)):
         if channel.copy is not None and channel.telemetry.tow_ms_at_period_0 is not None and channel.sat in known:
