@@ -7,7 +7,8 @@ under another name are the same satellite's. `steps` finds where they step. Each
 band, code) is looked at alone, for it may be imitated alone; kinds of few satellites together with the largest.
 
 A receiver that is stated to stand and moves by all its carriers (`standing`) is attacked, or the statement is wrong:
-the word is "attack" under that assumption.
+the word is "attack" under that assumption. Codes that show a motion which carriers do not show (`drawn_off`) are an
+attack whatever is stated.
 
 What else is found is *undecided*, and not an attack: a recording that was cut and joined steps as well. But it
 overrules what windows say one by one, from the window of the step on: what comes after it is not vouched for by what
@@ -26,6 +27,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.continuity.drawn_off import drawn_off_of
 from skyproof.detectors.continuity.one_sky import (
     MIN_SATELLITES,
     Transmission,
@@ -35,9 +37,10 @@ from skyproof.detectors.continuity.one_sky import (
     one_signal_a_transmission,
     rows_of,
 )
-from skyproof.detectors.continuity.standing import Moved, moved_of
+from skyproof.detectors.continuity.standing import moved_of
 from skyproof.detectors.continuity.steps import Limits, Series, Step, largest_step, series_of
-from skyproof.detectors.continuity.words import clock, moved_words, seconds, step_words
+from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely
+from skyproof.detectors.continuity.words import clock, drawn_off_words, moved_words, seconds, step_words
 from skyproof.errors import SettingsError, require_probability
 from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.distributions import normal_two_sided
@@ -50,7 +53,7 @@ system of 100 K, -208.6 dBW/Hz. Beams of many antennas and dishes receive more."
 _OTHERS_DB = 5.0
 """By which signals other than C/A are stronger at most: -148 dBW, for Galileo's E5 and those of L5."""
 Kind = tuple[str, str, str]
-_SHARES = 4  # of the false alarms: steps, motion, common levels, levels that cannot be
+_SHARES = 5  # of the false alarms: steps, motion by carriers, by codes alone, common levels, levels that cannot be
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,7 @@ class _Past:
 
     tail : the last epochs, one signal per transmission. sources : which signal of each went on unbroken from it.
     members : the last consistent set's signals. broke : the kinds of signals that no longer go on, and why.
-    moved : it did, and is stated to stand.
+    attacked : motions that are none were shown. stepped_s : when the last step was.
     """
 
     tail: Observations
@@ -117,7 +120,8 @@ class _Past:
     members: tuple[SignalId, ...]
     place_ecef_m: Reals
     broke: Mapping[Kind, _Break] = field(default_factory=dict)
-    moved: bool = False
+    attacked: bool = False
+    stepped_s: float = -np.inf
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -130,7 +134,8 @@ class _Look:
     sources: Mapping[Transmission, SignalId]
     new: int  # the first row of this window
     steps: tuple[tuple[frozenset[Kind], Step], ...] = ()  # the largest of each group of kinds
-    moved: Moved | None = None  # of a receiver that is stated to stand
+    moved: SkyMotion | None = None  # by carriers, of a receiver that is stated to stand
+    drawn_off: SkyMotion | None = None  # by codes, and not by carriers
 
     @property
     def p_value(self) -> float:
@@ -191,7 +196,12 @@ class _Window:
         if not looks:
             return [self._too_few()], self.past
         look = max(looks, key=lambda look: look.p_value)
-        return [*self._goes_on(look), *self._stands(look), *self._levels(look)], self._remembered(look)
+        return [
+            *self._goes_on(look),
+            *self._stands(look),
+            *self._together(look),
+            *self._levels(look),
+        ], self._remembered(look)
 
     def _candidates(self) -> list[tuple[tuple[SignalId, ...], Reals]]:
         """The sets that may be the sky that was followed: those that share most signals with it, or all."""
@@ -217,9 +227,20 @@ class _Window:
         )
         if stretch.gpst.size < 3 or now.gpst.size == 0:
             return look
+        groups = self._groups(stretch, place_ecef_m)
+        kept = stretch.elapsed_s >= (-np.inf if self.past is None else self.past.stepped_s)
+        unbroken = groups if kept.all() else self._groups(rows_of(stretch, kept), place_ecef_m)
+        return replace(
+            look,
+            steps=self._steps(look, unbroken),
+            moved=self._moved(groups, place_ecef_m),
+            drawn_off=self._drawn_off(groups),
+        )
+
+    def _groups(self, stretch: Observations, place_ecef_m: Reals) -> list[tuple[Observations, Series]]:
+        """The kinds of signals that may step alone, each with its series."""
         own = [columns_of(stretch, columns) for columns in groups_of(stretch)]
-        groups = [(o, series_of(o, self.navigation, place_ecef_m, self.limits)) for o in own if o.gpst.size > 2]
-        return replace(look, steps=self._steps(look, groups), moved=self._moved(groups, place_ecef_m))
+        return [(o, series_of(o, self.navigation, place_ecef_m, self.limits)) for o in own if o.gpst.size > 2]
 
     def _steps(
         self, look: _Look, groups: Sequence[tuple[Observations, Series]]
@@ -237,22 +258,21 @@ class _Window:
                 found.append((frozenset(signal.kind for signal in own.signals), step))
         return tuple(found)
 
-    def _moved(self, groups: Sequence[tuple[Observations, Series]], place_ecef_m: Reals) -> Moved | None:
+    def _moved(self, groups: Sequence[tuple[Observations, Series]], place_ecef_m: Reals) -> SkyMotion | None:
         """The least likely motion of a receiver that is stated to stand, by the carriers of any group of kinds."""
         if self.settings.speed_max_m_s != 0.0:
             return None
         alpha, error_m = self.alpha / max(len(groups), 1), self.settings.carrier_error_m
-        found = [
+        return least_likely(
             moved_of(own, series, self.navigation, place_ecef_m, carrier_error_m=error_m, alpha=alpha)
             for own, series in groups
-        ]
-        some = [one for one in found if one is not None]
-        if not some:
-            return None
-        worst = min(some, key=lambda one: (one.whole_sky_p_value, one.p_value))
-        return worst._replace(
-            p_value=min(1.0, len(some) * min(one.p_value for one in some)),
-            whole_sky_p_value=min(1.0, len(some) * worst.whole_sky_p_value),
+        )
+
+    def _drawn_off(self, groups: Sequence[tuple[Observations, Series]]) -> SkyMotion | None:
+        """The least likely motion that the codes of any group of kinds show, and not the carriers."""
+        alpha, multipath_m = self.alpha / max(len(groups), 1), self.settings.multipath_sigma_m
+        return least_likely(
+            drawn_off_of(own, series, multipath_sigma_m=multipath_m, alpha=alpha) for own, series in groups
         )
 
     def _goes_on(self, look: _Look) -> list[Evidence]:
@@ -325,35 +345,45 @@ class _Window:
         moved, receiver = look.moved, self.o.receiver
         if moved is None:
             return []
+        shown = moved_words(receiver, moved)
+        two = f"{shown}; without some two of them it may be chance: what moves nearby reflects them, or they are false"
+        word = self._of_motion(look, moved, f"by its carriers {receiver} stands", two)
+        if word.says != "attack":
+            return [word]
+        remedy = "a second receiver; if it does move, a platform file without the statement that it stands"
+        because = f"{shown}: the signals are false, or it moves"
+        return [replace(word, because=because, assumes=(f"{receiver} does not move",), would_need=remedy)]
+
+    def _together(self, look: _Look) -> list[Evidence]:
+        """Of codes and carriers."""
+        motion, receiver = look.drawn_off, self.o.receiver
+        if motion is None or (motion.whole_sky_p_value >= self.alpha > motion.p_value and self._broke(look)):
+            return []  # a step, which is said
+        shown = drawn_off_words(receiver, motion)
+        two = f"{shown}; without some two of them, or but for one moment, it may be chance"
+        word = self._of_motion(look, motion, f"codes and carriers in {receiver} show one motion", two)
+        return [replace(word, because=shown) if word.says == "attack" else word]
+
+    def _of_motion(self, look: _Look, motion: SkyMotion, clean: str, two: str) -> Evidence:
+        """Of the whole sky it is an attack, of some satellites undecided, in the words `two`."""
         still = Evidence(
             detector=self.detector.name,
             start_gpst=self.records.start_gpst,
             end_gpst=self.records.end_gpst,
             subject=self._subject(look),
             says="clean",
-            because=f"by its carriers {receiver} stands",
-            statistic=moved.metres,
+            because=clean,
+            statistic=motion.metres,
             false_alarm_probability=self.alpha,
-            p_value=moved.p_value,
+            p_value=motion.p_value,
         )
-        if moved.p_value >= self.alpha:
-            return [still]
-        shown = moved_words(receiver, moved)
-        if moved.whole_sky_p_value >= self.alpha:
-            because = f"{shown}; some two of them do so alone: what moves nearby reflects them, or they are false"
-            remedy = "more satellites, or a second receiver"
-            return [replace(still, says="undecided", because=because, overrules=True, would_need=remedy)]
-        return [
-            replace(
-                still,
-                says="attack",
-                because=f"{shown}: the signals are false, or it moves",
-                p_value=moved.whole_sky_p_value,
-                assumes=(f"{receiver} does not move",),
-                noted=self.past is None or not self.past.moved,
-                would_need="a second receiver; if it does move, a platform file without the statement that it stands",
-            )
-        ]
+        if motion.p_value >= self.alpha:
+            return still
+        remedy = "a second receiver"
+        if motion.whole_sky_p_value >= self.alpha:
+            return replace(still, says="undecided", because=two, overrules=True, would_need=remedy)
+        first = self.past is None or not self.past.attacked
+        return replace(still, says="attack", p_value=motion.whole_sky_p_value, noted=first, would_need=remedy)
 
     def _too_few(self) -> Evidence:
         return undecided(
@@ -373,17 +403,17 @@ class _Window:
     def _remembered(self, look: _Look) -> _Past:
         stretch = look.stretch
         first = np.searchsorted(stretch.elapsed_s, stretch.elapsed_s[-1] - 2.0 * self.limits.span_s - 1e-6)
-        for _, step in look.steps:
-            if step.p_value < self.alpha:
-                first = max(int(first), step.row)  # what came before is no measure of what comes next
+        stepped = [float(stretch.elapsed_s[step.row]) for _, step in look.steps if step.p_value < self.alpha]
         return _Past(
             tail=rows_of(stretch, slice(int(first), None)),
             sources=look.sources,
             members=look.members,
             place_ecef_m=look.place_ecef_m,
+            # What came before a step is no measure of the steps that come next.
+            stepped_s=max([-np.inf if self.past is None else self.past.stepped_s, *stepped]),
             broke={kind: why._replace(statistic=None) for kind, why in self._broke(look).items()},
-            moved=(self.past is not None and self.past.moved)
-            or (look.moved is not None and look.moved.whole_sky_p_value < self.alpha),
+            attacked=(self.past is not None and self.past.attacked)
+            or any(one is not None and one.whole_sky_p_value < self.alpha for one in (look.moved, look.drawn_off)),
         )
 
     # Levels -----------------------------------------------------------------------------------------------------------

@@ -11,45 +11,29 @@ need have nothing in common: one that is weaker than the direct signal turns a c
 most, so that `carrier_error_m` of 4 cm is more than any has on L1 and as much as the largest has on L5.
 
 An attack that draws a position off moves all carriers; walls that move, and what a loop makes of two signals that beat,
-move those of some satellites. So a motion counts as that of the whole sky only where it is there without any two of the
-satellites, too (`whole_sky_p_value`).
+move those of some satellites (`whole_sky`).
 
 A position that is drawn off by code alone is no motion by this: code and carrier part then (`common_change`).
 """
 
-from itertools import combinations
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
-from skyproof.detectors.continuity.steps import Jump, Series, chance, fitted_jump
+from skyproof.detectors.continuity.steps import Series
+from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely, motion_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import atmosphere
 from skyproof.records import NavigationData, Observations
 
-__all__ = ["SPANS_S", "Moved", "moved_of"]
+__all__ = ["SPANS_S", "moved_of"]
 
 SPANS_S: Final = (2.5, 10.0)
 """Over which a motion is looked for."""
-_LEFT_OUT: Final = 2  # satellites, without any of which the rest has to show it too
 _LATE: Final = 0.1  # of a span, by which its first epoch may come late
 _AIR: Final = 0.25  # of the change of the air's delay: what models leave
 _FAR_M: Final = 2.5e7
-
-
-class Moved(NamedTuple):
-    """How far a receiver moved within a span, by its carriers.
-
-    p_value : of "it stands", by all satellites. whole_sky_p_value : the largest one without any two of them.
-    """
-
-    metres: float
-    span_s: float
-    satellites: int
-    p_value: float
-    whole_sky_p_value: float
 
 
 def moved_of(
@@ -60,7 +44,7 @@ def moved_of(
     *,
     carrier_error_m: float,
     alpha: float,
-) -> Moved | None:
+) -> SkyMotion | None:
     """The least likely motion of a receiver that stands, of those over `SPANS_S` up to the last epoch.
 
     o : one signal a transmission, and `series` of it (`steps.series_of`). place_ecef_m : (3,) to some metres.
@@ -68,23 +52,17 @@ def moved_of(
     without some of the satellites. P-values are those of all spans together: bounds. None where the carriers of fewer
     than five satellites reach over a span.
     """
-    found: list[Moved] = []
+    sats, found = np.array([signal.sat for signal in o.signals]), list[SkyMotion | None]()
     for span_s in SPANS_S:
         rows = _ends(series, span_s)
         if rows is None:
             continue
         change_m, variance_m2 = _changes(o, series, navigation, place_ecef_m, rows)
         variance_m2 = variance_m2 + 2.0 * carrier_error_m**2
-        one = _tested(o, series.unit[rows[1]], change_m, variance_m2, alpha / len(SPANS_S))
-        if one is not None:
-            found.append(one._replace(span_s=float(series.elapsed_s[rows[1]] - series.elapsed_s[rows[0]])))
-    if not found:
-        return None
-    worst = min(found, key=lambda one: (one.whole_sky_p_value, one.p_value))
-    return worst._replace(
-        p_value=min(1.0, len(found) * min(one.p_value for one in found)),
-        whole_sky_p_value=min(1.0, len(found) * worst.whole_sky_p_value),
-    )
+        time_s = float(series.elapsed_s[rows[1]] - series.elapsed_s[rows[0]])
+        unit, share = series.unit[rows[1]], alpha / len(SPANS_S)
+        found.append(motion_of(sats, unit, change_m, variance_m2, time_s, alpha=share))
+    return least_likely(found)
 
 
 def _ends(series: Series, span_s: float) -> tuple[int, int] | None:
@@ -109,29 +87,3 @@ def _changes(
     slowed_m = np.diff(air.delay_m - 2.0 * air.ionosphere_m, axis=0)[0]  # what delays code puts carriers ahead
     change_m = np.where(there, series.move_m[last] - series.move_m[first] - slowed_m, np.nan)
     return change_m, series.bridge_m2[last] - series.bridge_m2[first] + (_AIR * slowed_m) ** 2
-
-
-def _tested(o: Observations, unit: Reals, change_m: Reals, variance_m2: Reals, alpha: float) -> Moved | None:
-    fitted = fitted_jump(unit[None], change_m[None], variance_m2[None])
-    if not fitted.dof[0]:
-        return None
-    p_value = float(_p_values(fitted)[0])
-    sats = np.array([signal.sat for signal in o.signals])
-    whole = _without_some(unit, change_m, variance_m2, sats) if p_value < alpha else 1.0
-    satellites = len(set(sats[np.isfinite(change_m)]))
-    return Moved(float(np.linalg.norm(fitted.jump[0, :3])), np.nan, satellites, p_value, whole)
-
-
-def _without_some(unit: Reals, change_m: Reals, variance_m2: Reals, sats: np.ndarray) -> float:
-    """The largest p-value without any two satellites; 1 where fewer than five are left then."""
-    used = sorted(set(sats[np.isfinite(change_m)]))
-    if len(used) < MIN_SATELLITES + _LEFT_OUT:
-        return 1.0
-    changes_m = np.array([np.where(np.isin(sats, some), np.nan, change_m) for some in combinations(used, _LEFT_OUT)])
-    units = np.broadcast_to(unit, (len(changes_m), *unit.shape))
-    fitted = fitted_jump(units, changes_m, np.broadcast_to(variance_m2, changes_m.shape))
-    return float(np.max(_p_values(fitted)))
-
-
-def _p_values(fitted: Jump) -> Reals:
-    return chance(fitted.jump[:, :3], fitted.covariance[:, :3, :3], np.zeros(len(fitted.jump)), fitted)

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from skyproof.detectors.continuity.standing import Moved
 from skyproof.detectors.continuity.steps import Step
+from skyproof.detectors.continuity.whole_sky import SkyMotion
 from skyproof.gnss.time import iso
 from skyproof.records import Observations
 
-__all__ = ["clock", "moved_words", "seconds", "step_words"]
+__all__ = ["clock", "drawn_off_words", "moved_words", "seconds", "step_words"]
 
 
 def step_words(receiver: str, o: Observations, step: Step) -> str:
@@ -46,9 +46,17 @@ def seconds(time_s: float) -> str:
     return f"{time_s * 1e9:.0f} ns"
 
 
-def moved_words(receiver: str, moved: Moved) -> str:
+def moved_words(receiver: str, moved: SkyMotion) -> str:
     """Of a receiver that is stated to stand."""
     return (
         f"the carriers of {moved.satellites} satellites in {receiver} move its position by {_metres(moved.metres)} "
-        f"within {moved.span_s:.1f} s, and it is stated to stand"
+        f"within {moved.time_s:.1f} s, and it is stated to stand"
+    )
+
+
+def drawn_off_words(receiver: str, motion: SkyMotion) -> str:
+    """Of codes that carriers do not follow."""
+    return (
+        f"the codes of {motion.satellites} satellites in {receiver} move its position by {_metres(motion.metres)} "
+        f"within {motion.time_s:.0f} s, and their carriers do not"
     )

@@ -1,0 +1,94 @@
+"""Do codes show a motion that carriers do not show: arrays only.
+
+`level - move` (`steps`) is constant for each satellite whatever the antenna and the oscillator do. An attack that draws
+codes off to another position and leaves the carriers, for it does not know the phases that it lies on, changes it over
+seconds:
+
+    change = -u . drawn off + clock + errors                                u receiver to satellite
+
+The means over the first and the last quarter of a span are compared, with twice the variance of multipath: it may have
+changed altogether. Where codes go with carriers, `drawn off` is nothing, and over its covariance chi-square with 3
+degrees. What two oscillators of a receiver make of code and carrier is a clock's, and the ionosphere's part is
+centimetres a second; reflections are each satellite's own (`whole_sky`).
+
+Recordings that are joined step in a moment. Where all carriers break a span is not looked at; and where loops did not
+see the moment, it is in one of the span's halves: a motion that is not in the first third and in the last third counts
+as that of some satellites.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.detectors.continuity.steps import Series, fitted_jump
+from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely, motion_of
+from skyproof.records import Observations
+
+__all__ = ["SPANS_S", "drawn_off_of"]
+
+SPANS_S: Final = (10.0, 20.0)
+_QUARTERS: Final = 4
+_LATE: Final = 0.1  # of a span, by which its first epoch may come late
+_IONOSPHERE_M_S: Final = 0.06  # by which it parts code from carrier of one satellite more than of another, one sigma
+_SURE: Final = 3.1  # sigmas of a third of the motion along the whole: a chance of 0.001
+
+
+def drawn_off_of(o: Observations, series: Series, *, multipath_sigma_m: float, alpha: float) -> SkyMotion | None:
+    """The least likely one of those over `SPANS_S` up to the last epoch.
+
+    o : one signal a transmission, and `series` of it (`steps.series_of`). alpha : as of `whole_sky.motion_of`. P-values
+    are those of all spans together: bounds. None where fewer than five satellites reach over a span.
+    """
+    sats, found = np.array([signal.sat for signal in o.signals]), list[SkyMotion | None]()
+    for span_s in SPANS_S:
+        quarters = _quarters(series, span_s)
+        if quarters is None:
+            continue
+        mean_m, mean_m2, time_s = quarters
+        slow_m2 = multipath_sigma_m**2 + 0.5 * (_IONOSPHERE_M_S * time_s) ** 2
+        variance_m2 = mean_m2 + slow_m2
+        both_m2 = variance_m2[0] + variance_m2[-1]
+        change_m, unit = mean_m[-1] - mean_m[0], series.unit[-1]
+        motion = motion_of(sats, unit, change_m, both_m2, time_s, alpha=alpha / len(SPANS_S))
+        if motion is not None and motion.whole_sky_p_value < 1.0 and not _goes_on(unit, mean_m, variance_m2):
+            motion = motion._replace(whole_sky_p_value=1.0)
+        found.append(motion)
+    return least_likely(found)
+
+
+def _quarters(series: Series, span_s: float) -> tuple[Reals, Reals, float] | None:
+    """(4, m) means over the quarters of a span, their variance by noise and bridges, and the time from the first to the
+    last; None where the span is not there, or a break of all lies in it."""
+    t = series.elapsed_s
+    first = int(np.searchsorted(t, t[-1] - span_s - 1e-6))
+    if t[-1] - t[first] < (1.0 - _LATE) * span_s or series.divides[first + 1 :].any():
+        return None
+    edges = np.searchsorted(t, np.linspace(t[first], t[-1], _QUARTERS + 1)[1:-1])
+    parts = [slice(a, b) for a, b in zip((first, *edges), (*edges, t.size), strict=True)]
+    if any(part.stop <= part.start for part in parts):
+        return None
+    means, variances = zip(*(_mean(series, part) for part in parts), strict=True)
+    bridged_m2 = 0.5 * (series.bridge_m2[-1] - series.bridge_m2[first])
+    return np.array(means), np.array(variances) + bridged_m2, float(t[parts[-1]].mean() - t[parts[0]].mean())
+
+
+def _mean(series: Series, rows: slice) -> tuple[Reals, Reals]:
+    """(m,) of offsets by their noise, and its variance; NaN where there are none."""
+    offset_m, variance_m2 = series.offset_m[rows], series.variance_m2[rows]
+    known = np.isfinite(offset_m) & (variance_m2 > 0.0)
+    weight = np.where(known, 1.0 / np.where(known, variance_m2, 1.0), 0.0)
+    total = weight.sum(axis=0)
+    there = np.where(total > 0.0, total, np.nan)
+    return np.sum(weight * np.where(known, offset_m, 0.0), axis=0) / there, 1.0 / there
+
+
+def _goes_on(unit: Reals, mean_m: Reals, variance_m2: Reals) -> bool:
+    """Whether the motion is in the first third and in the last: no step is in both."""
+    units = np.broadcast_to(unit, (3, *unit.shape))
+    rows = np.array([[0, 3], [0, 1], [2, 3]])
+    fitted = fitted_jump(units, mean_m[rows[:, 1]] - mean_m[rows[:, 0]], variance_m2[rows].sum(axis=1))
+    moved, covariance = fitted.jump[:, :3], fitted.covariance[:, :3, :3]
+    along = moved[0] / np.linalg.norm(moved[0])
+    sigmas = (moved[1:] @ along) / np.sqrt(along @ covariance[1:] @ along)
+    return bool(np.all(sigmas > _SURE))

@@ -1,0 +1,76 @@
+"""A motion that all satellites of a sky show, and not some two of them alone: arrays only.
+
+For changes of ranges, or rates, of one receiver's satellites
+
+    change = -u . moved + clock + errors                                    u receiver to satellite
+
+independent normal errors give a `moved` that over its covariance is chi-square with 3 degrees where nothing moves.
+Reflections, and what a loop makes of two signals that beat, change those of some satellites by more than that. So a
+motion is that of the whole sky only where it is there without any two of the satellites, too: the largest p-value
+without two of them is no smaller than that without those two that err.
+"""
+
+from collections.abc import Iterable
+from itertools import combinations
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.arrays import Reals
+from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
+from skyproof.detectors.continuity.steps import Jump, chance, fitted_jump
+
+__all__ = ["SkyMotion", "least_likely", "motion_of"]
+
+_LEFT_OUT: Final = 2
+
+
+class SkyMotion(NamedTuple):
+    """metres : of `moved`, within a time. satellites : that show it. p_value : of "nothing moves", by all satellites.
+    whole_sky_p_value : the largest one without any two of them; 1 with fewer than seven satellites.
+    """
+
+    metres: float
+    time_s: float
+    satellites: int
+    p_value: float
+    whole_sky_p_value: float
+
+
+def least_likely(motions: Iterable[SkyMotion | None]) -> SkyMotion | None:
+    """The one of several tests that is least likely by chance, with the p-values of all together: bounds."""
+    found = [one for one in motions if one is not None]
+    if not found:
+        return None
+    worst = min(found, key=lambda one: (one.whole_sky_p_value, one.p_value))
+    return worst._replace(
+        p_value=min(1.0, len(found) * min(one.p_value for one in found)),
+        whole_sky_p_value=min(1.0, len(found) * worst.whole_sky_p_value),
+    )
+
+
+def motion_of(
+    sats: NDArray[np.str_], unit: Reals, change: Reals, variance: Reals, time_s: float, *, alpha: float
+) -> SkyMotion | None:
+    """Of changes (m,) within a time with their variance (m,) and directions (m, 3); None with fewer than five changes.
+
+    sats : (m,) whose they are; of one satellite there may be several. alpha : where the p-value is above it, none is
+    left out to see what the others show.
+    """
+    fitted = fitted_jump(unit[None], change[None], variance[None])
+    if not fitted.dof[0]:
+        return None
+    p_value = float(_p_values(fitted)[0])
+    known = np.isfinite(change) & np.isfinite(variance)
+    used = sorted(set(sats[known]))
+    whole = 1.0
+    if p_value < alpha and len(used) >= MIN_SATELLITES + _LEFT_OUT:
+        left = np.array([np.where(np.isin(sats, some), np.nan, change) for some in combinations(used, _LEFT_OUT)])
+        units = np.broadcast_to(unit, (len(left), *unit.shape))
+        whole = float(np.max(_p_values(fitted_jump(units, left, np.broadcast_to(variance, left.shape)))))
+    return SkyMotion(float(np.linalg.norm(fitted.jump[0, :3])), time_s, len(used), p_value, whole)
+
+
+def _p_values(fitted: Jump) -> Reals:
+    return chance(fitted.jump[:, :3], fitted.covariance[:, :3, :3], np.zeros(len(fitted.jump)), fitted)

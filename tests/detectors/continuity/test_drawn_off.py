@@ -1,0 +1,109 @@
+"""Codes that show a motion which carriers do not show: an attack, unless reflections, clocks or a cut explain it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from tests.detectors.continuity.test_detector import (
+    FIELD,
+    MOTIONS,
+    NAVIGATION,
+    PLACE_ECEF_M,
+    WHITE,
+    changed,
+    observed,
+    said,
+    spliced,
+)
+
+from skyproof.detectors.continuity.drawn_off import drawn_off_of
+from skyproof.detectors.continuity.one_sky import rows_of
+from skyproof.detectors.continuity.steps import Limits, series_of
+
+ONSET_S = 25.0
+WORDS = "their carriers do not"
+
+
+def attacks(found):
+    return [[e for e in evidence if e.says == "attack"] for evidence in found]
+
+
+def codes_moved(o, moved_m):
+    return changed(o, pseudorange_m=o.pseudorange_m + moved_m)
+
+
+def drawn_off(o, speed_m_s):
+    """Codes to the east from the onset on; carriers stay."""
+    unit = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits()).unit
+    east = np.array([0.05, 0.999, 0.0])
+    return codes_moved(o, -(unit @ east) * speed_m_s * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None])
+
+
+@pytest.mark.parametrize("motion", ["standing", "car at 2 g"])
+def test_codes_drawn_off_to_another_place_are_an_attack_within_two_windows(motion):
+    found = said(drawn_off(observed(motion=motion, duration_s=52.0), 2.5))
+    words = attacks(found)
+    assert not any(words[:2])
+    assert any(words[2:4])
+    (first, *_) = (e for evidence in words for e in evidence)
+    assert WORDS in first.because
+    assert (first.noted, first.assumes) == (True, ())
+
+
+def test_codes_that_part_from_carriers_as_a_clock_does_are_no_attack_of_this_kind():
+    o = observed()
+    late_m = np.broadcast_to(3.0 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None], o.pseudorange_m.shape)
+    assert not any(attacks(said(codes_moved(o, late_m))))
+
+
+@pytest.mark.parametrize("satellites", [1, 2])
+def test_reflections_of_two_satellites_are_no_attack(satellites):
+    o = observed()
+    late_m = np.zeros(o.pseudorange_m.shape)
+    late_m[:, :satellites] = 4.0 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None]
+    assert not any(attacks(said(codes_moved(o, late_m))))
+
+
+@pytest.mark.parametrize("row", [62, 70, 75, 85, 110])
+def test_recordings_that_are_joined_unseen_are_no_attack(row):
+    """Codes step by 61 m, and loops that have seen nothing go on."""
+    found = said(spliced(observed(1, noise=WHITE), observed(2, noise=WHITE, place=(40.0, 46.0)), row, slip=False))
+    assert not any(attacks(found))
+    assert any(e.failed for evidence in found for e in evidence)
+
+
+def test_the_p_value_is_uniform_where_multipath_changes_as_stated():
+    """Of a single span: reflections of the first quarter have nothing to do with those of the last."""
+    o = observed(noise=WHITE)
+    o = rows_of(o, o.elapsed_s <= o.elapsed_s[0] + 10.01)
+    series, rng, found = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits()), np.random.default_rng(5), []
+    half = (np.arange(o.gpst.size) < o.gpst.size // 2)[:, None]
+    exact = replace(series, variance_m2=np.full_like(series.variance_m2, 1e-6))
+    for _ in range(400):
+        before_m, after_m = rng.normal(0.0, 1.0, (2, series.unit.shape[1]))
+        one = replace(exact, offset_m=np.where(half, before_m, after_m))
+        motion = drawn_off_of(o, one, multipath_sigma_m=1.0, alpha=0.0)
+        assert motion is not None
+        found.append(motion.p_value)
+    chances = np.array(found)
+    # The ionosphere's share of a few per cent makes it larger than uniform by as much.
+    assert stats.kstest(chances, "uniform").pvalue > 1e-3
+    assert stats.binomtest(int((chances < 0.1).sum()), 400, 0.1).pvalue > 1e-3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_hours_under_the_errors_of_the_model_raise_no_alarm(motion):
+    windows, alarms, low, least = 0, 0, 0, 1.0
+    for seed in range(3):
+        for draw in range(10):
+            for evidence in said(observed(draw, noise=FIELD, seed=seed, motion=motion, duration_s=242.0)):
+                own = [e for e in evidence if "show one motion" in e.because or WORDS in e.because]
+                windows += 1
+                alarms += any(e.says != "clean" for e in own)
+                low += any(e.p_value < 0.1 for e in own)
+                least = min([least, *(e.p_value for e in own)])
+    print(f"{motion}: {windows} windows, {alarms} alarms at 2e-7, p below 0.1 in {low}, least {least:.2g}")
+    assert alarms == 0
+    assert stats.binomtest(low, windows, 0.1, alternative="greater").pvalue > 1e-3
