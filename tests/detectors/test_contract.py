@@ -16,7 +16,8 @@ from skyproof.detectors.continuity.detector import Continuity, ContinuitySetting
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings
 from skyproof.detectors.dccaf.detector import Dccaf, DccafSettings
-from skyproof.detectors.multi_receiver.detector import MultiReceiver, MultiReceiverSettings
+from skyproof.detectors.multi_receiver.detector import MultiReceiver
+from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings
 from skyproof.records import Records

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.multi_receiver.common_epochs import common_ranges
-from skyproof.detectors.multi_receiver.detector import MultiReceiver, MultiReceiverSettings
+from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.one_antenna import TrackNoise
 from skyproof.detectors.multi_receiver.pairing import pair_up
+from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.errors import SettingsError
 from skyproof.fusion.open_question import open_question
 from skyproof.navigation.sets import consistent_sets

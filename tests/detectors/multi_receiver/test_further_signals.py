@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.detectors.multi_receiver.detector import MultiReceiver, MultiReceiverSettings
+from skyproof.detectors.multi_receiver.detector import MultiReceiver
+from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 PLACES = {"rx1": (0.0, 0.0, 0.0), "rx2": (40.0, 0.0, 0.0), "rx3": (0.0, 30.0, 2.0)}

@@ -1,11 +1,11 @@
 """Ranges of the same transmissions in several receivers, brought to common instants by their own Dopplers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skyproof.arrays import Indices, Reals
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import service_of
 from skyproof.gnss.time import seconds_between
@@ -19,8 +19,8 @@ _FEW = 5  # epochs: where there are no more, who lacks one would take it from al
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CommonRanges:
-    """range_m (N, K, R) of K transmissions in R receivers at N common instants; sigma_m (K, R) thermal; gaps (N-1,)
-    steps. tracks (R, K) : each receiver's signals.
+    """range_m (N, K, R) of K transmissions in R receivers at N common instants; sigma_m (K, R) thermal. tracks (R, K) :
+    each receiver's signals. time_s (N,) : since the window's start. step_s : the usual one between instants.
 
     Every number is there: transmissions and epochs that would leave holes are left out.
     """
@@ -28,7 +28,13 @@ class CommonRanges:
     tracks: tuple[tuple[SignalId, ...], ...]
     range_m: Reals
     sigma_m: Reals
-    gaps: Reals
+    time_s: Reals
+    step_s: float
+
+    @property
+    def gaps(self) -> Reals:
+        """(N-1,) between the instants, in usual steps."""
+        return np.asarray(np.diff(self.time_s) / self.step_s)
 
     @property
     def signals(self) -> tuple[SignalId, ...]:
@@ -47,12 +53,12 @@ class CommonRanges:
 
     def take(self, rows: Indices) -> "CommonRanges":
         """Those transmissions alone, at the same instants."""
-        return CommonRanges(
-            tracks=tuple(tuple(own[k] for k in rows) for own in self.tracks),
-            range_m=self.range_m[:, rows],
-            sigma_m=self.sigma_m[rows],
-            gaps=self.gaps,
-        )
+        tracks = tuple(tuple(own[k] for k in rows) for own in self.tracks)
+        return replace(self, tracks=tracks, range_m=self.range_m[:, rows], sigma_m=self.sigma_m[rows])
+
+    def at(self, instants: Indices | Booleans) -> "CommonRanges":
+        """The same transmissions at these of the instants."""
+        return replace(self, range_m=self.range_m[instants], time_s=self.time_s[instants])
 
     @property
     def apart_m(self) -> Reals:
@@ -136,7 +142,7 @@ def common_ranges(
         near = np.abs(dt_s) <= 0.51 * step_s
         ranges[..., i] = np.where(near[:, None], observations.pseudorange_m[cells] + shift_m, np.nan)
         sigma_m[..., i] = observations.pseudorange_sigma_m[cells]
-    return _without_holes(shared, ranges, sigma_m, instants_s / step_s, min_share, min_satellites)
+    return _without_holes(shared, ranges, sigma_m, instants_s, step_s, min_share, min_satellites)
 
 
 def _drift(rate_m_s: Reals, reference_m_s: Reals) -> float:
@@ -170,7 +176,8 @@ def _without_holes(
     shared: list[tuple[SignalId, ...]],
     ranges: Reals,
     sigma_m: Reals,
-    steps: Reals,
+    time_s: Reals,
+    step_s: float,
     min_share: float,
     min_satellites: int,
 ) -> CommonRanges:
@@ -187,5 +194,6 @@ def _without_holes(
         tracks=tuple(tuple(tracks[i] for tracks in left) for i in range(ranges.shape[2])),
         range_m=ranges[rows][:, kept],
         sigma_m=np.sqrt(used_m2.sum(axis=0) / max(len(used_m2), 1)),
-        gaps=np.diff(steps[rows]),
+        time_s=time_s[rows],
+        step_s=step_s,
     )

@@ -130,12 +130,11 @@ def survival(geometry: AntennaGeometry, receivers: Sequence[str], estimate: Base
 
 
 def agreement(geometry: AntennaGeometry, baselines: Sequence[Baseline]) -> float:
-    """p-value of the worst of these baselines, times their number: 1 where all are as known."""
-    p_values = []
-    for baseline in baselines:
-        misfit = geometry.misfit(baseline.receivers, baseline.enu_m.ravel(), baseline.covariance_m2)
-        p_values.append(float(chi_square_survival(misfit.squared, misfit.exact)))
-    return min(1.0, len(p_values) * min(p_values))
+    """p-value of the worst of these baselines of the same receivers, times their number: 1 where all are as known."""
+    enu_m = np.array([baseline.enu_m.ravel() for baseline in baselines])
+    covariance_m2 = np.array([baseline.covariance_m2 for baseline in baselines])
+    misfit = geometry.misfit(baselines[0].receivers, enu_m, covariance_m2)
+    return min(1.0, len(baselines) * float(np.min(chi_square_survival(misfit.squared, misfit.exact))))
 
 
 def _from_vector(off_m: Reals, covariance_m2: Reals) -> Misfit:

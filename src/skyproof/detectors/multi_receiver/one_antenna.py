@@ -47,6 +47,7 @@ __all__ = [
     "ContrastLevels",
     "MeanTest",
     "Means",
+    "TableContrasts",
     "TrackNoise",
     "baseline_design",
     "baseline_estimate",
@@ -118,7 +119,16 @@ class ContrastLevels(NamedTuple):
         return self.dof.reshape((-1,) + (1,) * (array.ndim - 1))
 
 
-def table_contrasts(ranges_m: Reals, sigma_m: Reals, kinds: Indices | None = None) -> tuple[Reals, Reals, Reals]:
+class TableContrasts(NamedTuple):
+    """Of a series of tables. values : (..., N, M). gain : (..., M) variance that a constant error of 1 m per track
+    adds. matrix : (..., K*R, M), as of `additive_contrasts`."""
+
+    values: Reals
+    gain: Reals
+    matrix: Reals
+
+
+def table_contrasts(ranges_m: Reals, sigma_m: Reals, kinds: Indices | None = None) -> TableContrasts:
     """Contrasts of a series of tables.
 
     Parameters
@@ -126,17 +136,12 @@ def table_contrasts(ranges_m: Reals, sigma_m: Reals, kinds: Indices | None = Non
     ranges_m : (..., N, K, R) pseudoranges at common instants.
     sigma_m : (..., K, R) thermal noise of each track, up to a common factor.
     kinds : (K,) number of each row's kind of signal; all of one kind if absent.
-
-    Returns
-    -------
-    values : (..., N, M); gain : (..., M) variance that a constant error of 1 m per track adds;
-    matrix : (..., K*R, M), as of `additive_contrasts`.
     """
     matrix, gain = additive_contrasts(sigma_m, kinds)
     flat = ranges_m.reshape(*ranges_m.shape[:-2], -1)
     # Ranges are 2e7 m and what is sought is millimetres: take the common part off before multiplying.
     flat = flat - flat[..., :1]
-    return flat @ matrix, gain, matrix
+    return TableContrasts(flat @ matrix, gain, matrix)
 
 
 def contrast_levels(values: Reals, gain: Reals, noise: TrackNoise, gaps: Reals | None = None) -> ContrastLevels:

@@ -11,13 +11,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, Kind, common_ranges, shared_kinds
 from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, survival
 from skyproof.detectors.multi_receiver.one_antenna import (
     ContrastLevels,
     MeanTest,
     RatioTest,
+    TableContrasts,
     TrackNoise,
     baseline_design,
     baseline_estimate,
@@ -121,7 +122,7 @@ class Pairing:
     @cached_property
     def noise_m(self) -> float:
         """Of a track about a line over the window, rms, metres: what a signal that is drawn off shows as well."""
-        rms_of_sigma = float(np.sqrt(np.mean(fit_line(self._contrasts[0]).residual ** 2)))
+        rms_of_sigma = float(np.sqrt(np.mean(fit_line(self.contrasts[0]).residual ** 2)))
         return rms_of_sigma * float(np.sqrt(np.mean(self.ranges.sigma_m**2)))
 
     @cached_property
@@ -184,7 +185,7 @@ class Pairing:
         """Where the antennas stand by these signals, over the window and over parts of it; nothing without orbits."""
         if self.unit_enu is None:
             return ()
-        values, gain, matrix = self._contrasts
+        values, gain, matrix = self.contrasts
         length_s = float(seconds_between(self.end_gpst, self.start_gpst))
         parts = max(1, min(len(values) // _PART_EPOCHS, round(length_s / _PART_S)))
         edges = np.linspace(0, len(values), parts + 1).astype(int)
@@ -211,14 +212,20 @@ class Pairing:
         return instant
 
     @cached_property
-    def _contrasts(self) -> tuple[Reals, Reals, Reals]:
-        """Of all receivers, over the window: values, gain and matrix as of `table_contrasts`."""
+    def contrasts(self) -> TableContrasts:
+        """Of all receivers, over the window."""
         return table_contrasts(self.ranges.range_m, self.ranges.sigma_m, self.ranges.kinds)
+
+    @property
+    def plausible(self) -> Booleans:
+        """Which coefficients of `statistics.autoregression.correlation_grid` the noise may have."""
+        levels, _ = self._levels
+        return levels.plausible[:-1] if levels.bounded else levels.plausible
 
     @cached_property
     def _levels(self) -> tuple[ContrastLevels, Reals]:
         """Of all receivers; the levels of two of them are `_levels_of`."""
-        values, gain, matrix = self._contrasts
+        values, gain, matrix = self.contrasts
         return contrast_levels(values, gain, self.noise, self.ranges.gaps), matrix
 
     def _levels_of(self, receivers: list[int]) -> tuple[ContrastLevels, Reals]:

@@ -1,0 +1,112 @@
+"""One set of signals in each receiver: from one antenna, from the sky, or of two skies that the receivers share."""
+
+import itertools
+
+from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry
+from skyproof.detectors.multi_receiver.pairing import Pairing, pair_up
+from skyproof.detectors.multi_receiver.window import Window, far, names
+from skyproof.records import Evidence
+
+__all__ = ["one_set_each"]
+
+
+def one_set_each(window: Window, pairing: Pairing) -> list[Evidence]:
+    """What is said of the one set that each receiver has."""
+    alpha, p_one = window.settings.false_alarm_probability, window.p_one(pairing)
+    geometry = window.settings.geometry(pairing.receivers)
+    if (p_each := window.p_each(pairing)) < alpha:
+        if geometry is None:
+            return [_open(window, pairing, p_each)]
+        return _by_geometry(window, pairing, geometry, p_each)
+    p_false, because = window.p_not_sky(pairing, geometry)
+    if p_one >= window.settings.accept_probability and p_false < alpha:
+        return [window.say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(window.groups))]
+    return [
+        window.say(
+            "undecided",
+            pairing.subject,
+            p_value=p_one,
+            because=f"{names(pairing)} could come from one antenna or from the sky: range differences between the "
+            f"receivers vary by {pairing.scatter_m:.1f} m between satellites, which errors may explain",
+            would_need="a longer window, or antennas farther apart"
+            + ("" if geometry is not None else f", or to know {window.where()}"),
+        )
+    ]
+
+
+def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_one: float) -> list[Evidence]:
+    """Not of one antenna: of the sky if the antennas stand where they are known to."""
+    alpha = window.settings.false_alarm_probability
+    if window.agrees(pairing, geometry):
+        return [window.authentic(pairing, p_one, geometry.assumes, because=f"; they agree with {geometry.words}")]
+    p_known = pairing.survival(geometry)
+    steady = pairing.noise_m <= window.settings.error_bound_m
+    found = _agreeing_pairs(window, pairing) if len(pairing.sets) > 2 else []
+    vouched = {ref for e in found for ref in e.subject}
+    rest = tuple(ref for ref in pairing.subject if ref not in vouched)
+    of_rest = f"{names(pairing)} disagree with {geometry.words}" + (f": {far(pairing)}" if far(pairing) else "")
+    if p_known < alpha and rest and steady:
+        found.append(
+            window.say(
+                "attack",
+                rest,
+                p_value=p_known,
+                because=f"{of_rest}; some of them are imitations, or what was given is wrong",
+                would_need="what was given of the antennas, measured again",
+            )
+        )
+    elif rest:
+        swings = f"the range differences of {names(pairing)} swing by {pairing.noise_m:.0f} m within the window"
+        found.append(
+            window.say(
+                "undecided",
+                rest,
+                p_value=min(p_one, p_known),
+                because=of_rest if steady else swings,
+                would_need="a longer recording, or to know better where the antennas stand",
+            )
+        )
+    return found
+
+
+def _agreeing_pairs(window: Window, pairing: Pairing) -> list[Evidence]:
+    """Of three receivers or more: pairs that agree with the known places among themselves.
+
+    One transmitter cannot bring two receivers to agree, and one that holds one of them alone shows its true place.
+    """
+    pairs = list(itertools.combinations(pairing.sets, 2))
+    settings, found = window.settings, []
+    kind = next(iter(pairing.kinds)) if len(pairing.kinds) == 1 else None
+    tests = len(pairs) * window.tests
+    for sets in pairs:
+        noise = settings.noise(tests)
+        pair = pair_up(window.records, sets, noise, min_satellites=settings.min_satellites, kind=kind)
+        geometry = settings.geometry(pair.receivers)
+        if not window.enough(pair):
+            continue
+        p_one = min(1.0, tests * pair.one_antenna_each_p_value)
+        if geometry is not None and p_one < settings.false_alarm_probability and window.agrees(pair, geometry):
+            found.append(window.authentic(pair, p_one, geometry.assumes, because=f"; they agree with {geometry.words}"))
+    return found
+
+
+def _open(window: Window, pairing: Pairing, p_one: float) -> Evidence:
+    """Not of one antenna, and nothing says whether the baseline is the true one."""
+    alpha = window.settings.false_alarm_probability
+    if window.p_possible(pairing) < alpha:
+        return window.say(
+            "undecided",
+            pairing.subject,
+            p_value=p_one,
+            because=window.toofar(pairing),
+            would_need=f"{window.where()}; or, if they may be that far apart, a larger max_separation_m in the "
+            "table [protect] of a platform file",
+        )
+    return window.say(
+        "undecided",
+        pairing.subject,
+        p_value=p_one,
+        baselines=window.believed(pairing),
+        because=f"{names(pairing)} do not come from one antenna, but one receiver alone may follow a false sky",
+        would_need="the distance between the antennas (antenna_distance_m), or where they stand (antennas_enu_m)",
+    )

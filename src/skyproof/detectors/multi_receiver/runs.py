@@ -1,0 +1,233 @@
+"""Windows in a row, taken together: for antennas too near, or a geometry too weak, for one window to decide.
+
+A *run* is what up to `LONGEST` windows measured of the same transmissions in the same receivers. In a longer time the
+thermal noise averages out and, above all, shows how correlated it is. The constant error of a track does not average
+out: past a minute or two a run learns nothing more, so it is bounded.
+
+A run as a whole may be of the sky though its end is not. So a window is decided by all ways in which its signals can
+have come from one antenna: from some instant to some later one, around the window, while they came from the sky before
+and after (`window_p_values`). Where nothing of the run is left outside, the mean shows it, as in a single window
+(`pairing.Pairing.one_antenna`). Otherwise the step at its ends shows it as well: it is the known baseline, and the
+constant errors cancel in it. That one antenna sent the window is rejected if each of these ways is, so how many there
+are costs nothing (R. L. Berger, Technometrics 24, 1982, doi 10.2307/1267823); how often a window is looked at does,
+`LONGEST` times at most. That the sky sent it is tested likewise, with the parts changed over.
+
+Instants are told apart to half a window. The halves in which a stretch begins and ends take no part, as what they hold
+is mixed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+
+from skyproof.arrays import Indices, Reals
+from skyproof.detectors.multi_receiver.common_epochs import CommonRanges
+from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry
+from skyproof.detectors.multi_receiver.one_antenna import baseline_design
+from skyproof.detectors.multi_receiver.pairing import Pairing
+from skyproof.gnss.time import seconds_between
+from skyproof.records import SignalId
+from skyproof.statistics.autoregression import ar1_whiten, correlation_grid
+from skyproof.statistics.distributions import f_survival
+
+__all__ = ["LONGEST", "WindowRun", "prolonged", "window_p_values"]
+
+LONGEST: Final = 12
+"""Windows of a run: two minutes of usual ones."""
+_INSTANTS = 20
+"""Of a window that are kept: every so many of them, whose noise is AR(1) as well."""
+_TURN_RAD_S = 1.5e-4
+"""By which the direction of a satellite turns at most, seen from the ground."""
+_OUT, _IN, _BEGINS, _ENDS = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What one window measured. open : nothing was said of it yet."""
+
+    ranges: CommonRanges
+    start_gpst: np.datetime64
+    end_gpst: np.datetime64
+    open: bool
+
+
+@dataclass(frozen=True, eq=False)
+class WindowRun:
+    """Windows that follow each other, oldest first, of one pairing of the receivers' signals."""
+
+    receivers: tuple[str, ...]
+    parts: tuple[_Part, ...]
+
+    def of(self, pairing: Pairing) -> bool:
+        """Whether `pairing` is its last window."""
+        last = self.parts[-1]
+        same = self.receivers == pairing.receivers and last.end_gpst == pairing.end_gpst
+        return same and last.ranges.tracks == pairing.ranges.tracks
+
+    @property
+    def tracks(self) -> tuple[tuple[SignalId, ...], ...]:
+        """(R, K) the transmissions that all windows have, by receiver."""
+        shared = set.intersection(*(set(zip(*part.ranges.tracks, strict=True)) for part in self.parts))
+        return tuple(zip(*sorted(shared), strict=True))
+
+    @property
+    def length_s(self) -> float:
+        """From the first window's start to the last one's end."""
+        return float(seconds_between(self.parts[-1].end_gpst, self.parts[0].start_gpst))
+
+    def closed(self, which: Sequence[bool]) -> "WindowRun":
+        """The same with these of its windows decided."""
+        pairs = zip(self.parts, which, strict=True)
+        return replace(self, parts=tuple(replace(part, open=part.open and not done) for part, done in pairs))
+
+    def joined(self, pairing: Pairing) -> tuple[Pairing, Indices]:
+        """Its windows as one, of the kind of `pairing`, the last; and the number of each instant's half
+        window."""
+        tracks = self.tracks
+        cells, times_s, ranges_m = [], [], []
+        squares_m2 = np.zeros((len(tracks[0]), len(tracks)))
+        for number, part in enumerate(self.parts):
+            places = {row: k for k, row in enumerate(zip(*part.ranges.tracks, strict=True))}
+            own = part.ranges.take(np.array([places[row] for row in zip(*tracks, strict=True)], np.intp))
+            half_s = 0.5 * float(seconds_between(part.end_gpst, part.start_gpst))
+            cells.append(2 * number + (own.time_s >= half_s))
+            times_s.append(own.time_s + float(seconds_between(part.start_gpst, self.parts[0].start_gpst)))
+            ranges_m.append(own.range_m)
+            squares_m2 += own.sigma_m**2 / len(self.parts)
+        ranges = CommonRanges(
+            tracks=tracks,
+            range_m=np.concatenate(ranges_m),
+            sigma_m=np.sqrt(squares_m2),
+            time_s=np.concatenate(times_s),
+            step_s=self.parts[-1].ranges.step_s,
+        )
+        return replace(pairing, ranges=ranges, start_gpst=self.parts[0].start_gpst), np.concatenate(cells)
+
+
+def prolonged(runs: Sequence[WindowRun], pairing: Pairing, *, still_open: bool, least: int) -> WindowRun:
+    """The run that goes on with this pairing, or a new one: a window must follow, with `least` transmissions of all."""
+    stride = -(-len(pairing.ranges.range_m) // _INSTANTS)
+    ranges = pairing.ranges.at(np.arange(0, len(pairing.ranges.range_m), stride))
+    part = _Part(replace(ranges, step_s=stride * ranges.step_s), pairing.start_gpst, pairing.end_gpst, open=still_open)
+    rows = set(zip(*ranges.tracks, strict=True))
+    going_on = [
+        run
+        for run in runs
+        if run.receivers == pairing.receivers
+        and run.parts[-1].end_gpst == pairing.start_gpst
+        and len(rows & set(zip(*run.parts[-1].ranges.tracks, strict=True))) >= least
+    ]
+    before = max(
+        going_on, key=lambda run: len(rows & set(zip(*run.parts[-1].ranges.tracks, strict=True))), default=None
+    )
+    parts = (*before.parts[1 - LONGEST :], part) if before is not None else (part,)
+    run = WindowRun(pairing.receivers, parts)
+    while len(run.parts) > 1 and (not (tracks := run.tracks) or len(tracks[0]) < least):
+        run = replace(run, parts=run.parts[1:])
+    return run
+
+
+def window_p_values(
+    joined: Pairing, cells: Indices, geometry: AntennaGeometry, sender: Literal["one antenna", "the sky"], limit: float
+) -> Reals:
+    """(W,) of "`sender` sent this window's signals", of each window of a run, over antennas that stand as known.
+
+    cells : of each instant, the number of its half window, as of `WindowRun.joined`. limit : larger ones are of no use;
+    where the run as a whole has one, so has each window. Without orbits all are 1.
+    """
+    n_windows = int(cells.max()) // 2 + 1
+    names, cell = np.unique(cells, return_inverse=True)
+    n = names.size
+    if joined.unit_enu is None or _of_part(joined, cell, 0, n - 1, geometry, sender) > limit:
+        return np.ones(n_windows)
+    stretches = [(first, last) for first in range(n) for last in range(first, n)]
+    inner = [(first, last) for first, last in stretches if first > 1 or last < n - 2]
+    own = dict(zip(inner, _of_stretches(joined, cell, inner, geometry, sender), strict=True)) if inner else {}
+    p_values = [own[s] if s in own else _of_part(joined, cell, *s, geometry, sender) for s in stretches]
+    found = np.ones(n_windows)
+    for window in np.unique(names // 2):
+        first, last = np.flatnonzero(names // 2 == window)[[0, -1]]
+        found[window] = max(p for p, (a, b) in zip(p_values, stretches, strict=True) if a <= first and b >= last)
+    return found
+
+
+def _of_part(joined: Pairing, cell: Indices, first: int, last: int, geometry: AntennaGeometry, sender: str) -> float:
+    """Of the instants in the cells first to last, whatever the others are."""
+    part = replace(joined, ranges=joined.ranges.at((cell >= first) & (cell <= last)))
+    return part.survival(geometry) if sender == "the sky" else part.one_antenna_each_p_value
+
+
+def _of_stretches(
+    joined: Pairing, cell: Indices, stretches: Sequence[tuple[int, int]], geometry: AntennaGeometry, sender: str
+) -> Reals:
+    """(S,) p-values of `sender` within each stretch of cells, and the other one of the two without.
+
+    The baselines within and without, as they are measured, share the constant errors. Of one antenna the first is zero
+    but for errors; given those, the second is to be one that the known geometry allows.
+    """
+    assert joined.unit_enu is not None
+    phi = correlation_grid(joined.noise.correlation_max)[joined.plausible]
+    fit = _Cells(joined.contrasts.values, cell, phi, joined.ranges.gaps)
+    levels = [fit.levels(first, last) for first, last in stretches]
+    dof = np.array([level.dof for level in levels])[:, None]
+    constant_m2 = joined.noise.multipath_sigma_m**2 * joined.contrasts.gain
+    design = baseline_design(joined.contrasts.matrix, joined.unit_enu)
+    means, noise = np.stack([level.mean for level in levels]), np.stack([level.variance for level in levels])
+    weighted = design / (noise[..., 0, 0, None] + constant_m2)[..., None]
+    solve = np.linalg.solve(np.swapaxes(weighted, -1, -2) @ design, np.swapaxes(weighted, -1, -2))  # (S, G, q, M)
+    baseline_m = means @ np.swapaxes(solve, -1, -2)  # (S, G, 2, q)
+    of_noise, of_constant = solve @ np.swapaxes(solve, -1, -2), solve * constant_m2 @ np.swapaxes(solve, -1, -2)
+    covariance_m2 = noise[..., None, None] * of_noise[..., None, None, :, :] + of_constant[..., None, None, :, :]
+    turned = _TURN_RAD_S * float(joined.ranges.time_s[-1] - joined.ranges.time_s[0])
+
+    zero, sky = (0, 1) if sender == "one antenna" else (1, 0)
+    between = covariance_m2[..., sky, zero, :, :]
+    inverse = np.linalg.inv(covariance_m2[..., zero, zero, :, :])
+    carried = between @ inverse
+    level = np.einsum("...i,...ij,...j->...", baseline_m[..., zero, :], inverse, baseline_m[..., zero, :])
+    shown_m = baseline_m[..., sky, :] - (carried @ baseline_m[..., zero, :, None])[..., 0]
+    turned_m2 = (turned * np.linalg.norm(baseline_m[..., sky, :], axis=-1)[..., None, None]) ** 2
+    left_m2 = covariance_m2[..., sky, sky, :, :] - carried @ np.swapaxes(between, -1, -2)
+    misfit = geometry.misfit(joined.receivers, shown_m, left_m2 + turned_m2 * np.eye(left_m2.shape[-1]))
+    degrees = baseline_m.shape[-1] + misfit.dof
+    p_value = f_survival((level + misfit.squared) / degrees, degrees, dof)
+    return np.asarray(np.minimum(np.max(p_value, axis=-1) + joined.noise.miss_probability, 1.0))
+
+
+class _Levels(NamedTuple):
+    """mean (G, 2, M) of the contrasts within a stretch and without it; variance (G, 2, 2) by noise, of any; dof."""
+
+    mean: Reals
+    variance: Reals
+    dof: float
+
+
+class _Cells:
+    """Least squares of one mean contrast for each cell, under AR(1) noise of the coefficients phi (G,): its sums."""
+
+    def __init__(self, values: Reals, cell: Indices, phi: Reals, gaps: Reals) -> None:
+        n = int(cell.max()) + 1
+        within = ar1_whiten((cell[:, None] == np.arange(n)).astype(float), phi, gaps)
+        white = ar1_whiten(values, phi, gaps)
+        self.gram = np.swapaxes(within, -1, -2) @ within  # (G, n, n)
+        self.moment = np.swapaxes(within, -1, -2) @ white  # (G, n, M)
+        self.square = np.sum(white**2, axis=(-1, -2))
+        self.n_cells, self.shape = n, values.shape
+
+    def levels(self, first: int, last: int) -> _Levels:
+        """Of the cells first to last; those beside them stand for themselves."""
+        number = np.arange(self.n_cells)
+        part = np.full(self.n_cells, _OUT)
+        part[(number >= first) & (number <= last)] = _IN
+        part[number == first - 1], part[number == last + 1] = _BEGINS, _ENDS
+        there = np.unique(part)
+        columns = (part[:, None] == there).astype(float)
+        inverse = np.linalg.inv(columns.T @ self.gram @ columns)
+        moment = columns.T @ self.moment
+        means = inverse @ moment
+        dof = float((self.shape[0] - there.size) * self.shape[1])
+        rss = self.square - np.sum(moment * means, axis=(-1, -2))
+        two = np.searchsorted(there, [_IN, _OUT])
+        return _Levels(means[:, two], (rss / dof)[:, None, None] * inverse[:, two[:, None], two], dof)

@@ -1,0 +1,85 @@
+"""What a run states of its receivers and asks of the detector."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from skyproof.detectors.multi_receiver.known_geometry import AntennaDistance, AntennaGeometry, AntennaPlaces
+from skyproof.detectors.multi_receiver.one_antenna import TrackNoise
+from skyproof.errors import SettingsError, require_probability
+
+__all__ = ["MultiReceiverSettings"]
+
+SHARE = 0.05
+"""To which a distance is known, of itself, in 95 of 100 cases, if nothing is said of that."""
+
+
+@dataclass(frozen=True)
+class MultiReceiverSettings:
+    """Settings of `MultiReceiver`.
+
+    false_alarm_probability : of each window's decision: authenticating signals of one antenna, or naming those of the
+        sky false.
+    accept_probability : a pairing counts as "could be one antenna", and a baseline as the known one, from this p-value
+        on.
+    min_satellites : common satellites of a pairing, 4 at least.
+    min_epochs : common epochs of a pairing, 4 at least.
+    multipath_sigma_m : error of a track that stays constant over the window, one sigma.
+    correlation_max : largest AR(1) coefficient of the noise from epoch to epoch; 0 if it is known to be white.
+    error_bound_m : no track's slow error has a larger sigma; infinite if that is not known.
+    antenna_separation_m : the antennas stand at least this far from the first one, horizontally; 0 if they may share
+        one, or nobody said.
+    max_separation_m : they stand at most this far from it. It catches pairings of one receiver's true with another's
+        false signals, but for false positions nearer than this.
+    antenna_distance_m : the antennas of two receivers stand so far apart; None if that is not known.
+    antenna_distance_sigma_m : its standard deviation; None is half of 5 %, and at least 0.5 m.
+    antennas_enu_m : where each receiver's antenna is, east, north, up of any common point; for the receivers that it
+        names it replaces all of the above, and decides what they cannot.
+    antennas_sigma_m : standard deviation of these places, on each axis.
+    unrelated_spread_m : delays of second signals that have nothing to do with each other spread over at least this.
+    mistaken_probability : share of echoes among further signals that are called false one by one, under an attack.
+    """
+
+    false_alarm_probability: float = 1e-3
+    accept_probability: float = 1e-3
+    min_satellites: int = 5
+    min_epochs: int = 4
+    multipath_sigma_m: float = 1.0
+    correlation_max: float = 0.98
+    error_bound_m: float = 3.0
+    antenna_separation_m: float = 0.0
+    max_separation_m: float = 300.0
+    antenna_distance_m: float | None = None
+    antenna_distance_sigma_m: float | None = None
+    antennas_enu_m: Mapping[str, tuple[float, float, float]] | None = None
+    antennas_sigma_m: float = 0.1
+    unrelated_spread_m: float = 300.0
+    mistaken_probability: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name in ("false_alarm_probability", "accept_probability", "mistaken_probability"):
+            require_probability("multi_receiver", name, getattr(self, name))
+        for name in ("min_satellites", "min_epochs"):
+            if getattr(self, name) < 4:
+                raise SettingsError(f"multi_receiver: {name} is {getattr(self, name)}, expected 4 or more; give more")
+        if not 0.0 <= self.correlation_max < 1.0:
+            raise SettingsError(f"multi_receiver: correlation_max is {self.correlation_max}, expected 0 to below 1")
+
+    def geometry(self, receivers: Sequence[str]) -> AntennaGeometry | None:
+        """What is known of where these receivers' antennas stand; None if nothing is."""
+        if self.antennas_enu_m is not None and all(name in self.antennas_enu_m for name in receivers):
+            return AntennaPlaces(self.antennas_enu_m, self.antennas_sigma_m)
+        if self.antenna_distance_m is not None and len(receivers) == 2:
+            sigma_m = self.antenna_distance_sigma_m
+            given_m = self.antenna_distance_m
+            return AntennaDistance(given_m, max(0.5 * SHARE * given_m, 0.5) if sigma_m is None else sigma_m)
+        return None
+
+    def noise(self, tests: int) -> TrackNoise:
+        """The noise model for one of `tests` tests; a tenth of the error rate goes to the unknown correlation."""
+        white = self.correlation_max == 0.0
+        return TrackNoise(
+            multipath_sigma_m=self.multipath_sigma_m,
+            correlation_max=self.correlation_max,
+            miss_probability=0.0 if white else 0.1 * self.false_alarm_probability / tests,
+            bound_m=self.error_bound_m,
+        )

@@ -1,0 +1,134 @@
+"""Several sets of signals in some receiver: which pairing comes from one antenna, and which is of the sky."""
+
+from skyproof.detectors.multi_receiver.common_epochs import Kind
+from skyproof.detectors.multi_receiver.known_geometry import AntennaPlaces, agreement
+from skyproof.detectors.multi_receiver.pairing import Pairing, versus
+from skyproof.detectors.multi_receiver.window import ONE_FALSE_SKY, Window, names
+from skyproof.detectors.second_signals.second_sky import second_sky_p_value
+from skyproof.records import Evidence
+
+__all__ = ["several_sets"]
+
+
+def several_sets(window: Window) -> list[Evidence]:
+    """What is said of sets of which some receiver has several."""
+    alpha = window.settings.false_alarm_probability
+    could_be = [p for p in window.pairings if window.p_one(p) >= max(window.settings.accept_probability, alpha)]
+    could_be = [p for p in could_be if _shows_one_place(window, p)]
+    false = _disjoint(sorted(could_be, key=lambda p: float(p.one_antenna.statistic)))
+    skies = _left_over(window, false)
+    said = [_false_group(window, pairing, false, decided=bool(skies)) for pairing in false]
+    said += [_sky_group(window, sky, false) for sky in skies]
+    return [e for e in said if e is not None] or [_who(window)]
+
+
+def _shows_one_place(window: Window, pairing: Pairing) -> bool:
+    """Whether its baselines are zero, by the noise as it looks: one antenna puts the receivers in one place.
+
+    False signals from several antennas, or with few satellites in common, may leave the true sky over near
+    antennas as the pairing of the least contrast: all that shows it then is that its baseline is there.
+    """
+    if not pairing.baselines:
+        return True
+    nowhere = AntennaPlaces(dict.fromkeys(pairing.receivers, (0.0, 0.0, 0.0)), sigma_m=0.0)
+    return agreement(nowhere, pairing.baselines[:1]) >= window.settings.accept_probability
+
+
+def _false_group(window: Window, pairing: Pairing, false: list[Pairing], *, decided: bool) -> Evidence | None:
+    """`decided`: the sets left over make one sky, so the other false groups are no rivals."""
+    alpha = window.settings.false_alarm_probability
+    rivals = [p for p in window.pairings if p is not pairing and not (decided and p in false)]
+    tests = [versus(rival, pairing) for rival in rivals]
+    worst = max(tests, key=lambda test: float(test.p_value), default=None)
+    # With two skies in every receiver one of the pairings is false altogether; with fewer it may have been missed.
+    complete = all(len(sets) >= 2 for sets in window.sets.values())
+    if complete and worst is not None and worst.p_value < alpha:
+        return window.say(
+            "spoofed",
+            pairing.subject,
+            p_value=float(worst.p_value),
+            ratio=worst,
+            group=next(window.groups),
+            because=f"{names(pairing)} come from one antenna: range differences between the receivers vary by "
+            f"{pairing.scatter_m:.2f} m between satellites, those of any other pairing by "
+            f"{min(p.scatter_m for p in rivals):.1f} m or more",
+        )
+    p_false, because = window.p_not_sky(pairing, window.settings.geometry(pairing.receivers))
+    p_false = min(1.0, window.tests * p_false)
+    if p_false < alpha:
+        return window.say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(window.groups))
+    return None
+
+
+def _sky_group(window: Window, sky: Pairing, false: list[Pairing]) -> Evidence | None:
+    alpha, p_one = window.settings.false_alarm_probability, window.p_each(sky)
+    if p_one >= alpha:
+        return None
+    geometry = window.settings.geometry(sky.receivers)
+    if geometry is not None:
+        # As with one set in each receiver: it is told from the false ones by where the antennas stand.
+        if not window.agrees(sky, geometry):
+            return None
+        return window.authentic(sky, p_one, geometry.assumes, because=f"; they agree with {geometry.words}")
+    p_ratio = max((float(versus(sky, pairing).p_value) for pairing in false), default=0.0)
+    if p_ratio >= alpha or window.p_possible(sky) < alpha:
+        return None
+    return window.authentic(
+        sky,
+        max(p_one, p_ratio),
+        (ONE_FALSE_SKY,),
+        baselines=window.believed(sky),
+        because="; the receivers' other signals come from one antenna",
+    )
+
+
+def _left_over(window: Window, false: list[Pairing]) -> list[Pairing]:
+    """The groups, one per kind, of sets that no false group takes, if it can only be those and none is of one
+    antenna.
+
+    Which of several it is, and whether anything but the false is left over when some receiver shows one set only,
+    a known baseline decides: of the pairings that agree with it there must be just one of each kind.
+    """
+    taken = set[tuple[int, Kind]]().union(*(p.takes for p in false))
+    free = [p for p in window.pairings if not taken & p.takes]
+    free = [p for p in free if window.p_each(p) < window.settings.false_alarm_probability]
+    known = [window.settings.geometry(p.receivers) for p in free]
+    if free and all(g is not None for g in known):
+        free = [p for p, g in zip(free, known, strict=True) if g is not None and window.agrees(p, g)]
+        return [p for p in free if not any(p is not q and p.kinds & q.kinds for q in free)]
+    whole = {id(s) for pairing in false for s in pairing.sets}
+    single = all(sum(id(s) not in whole for s in sets) == 1 for sets in window.sets.values())
+    free = [p for p in free if not whole & {id(s) for s in p.sets}]
+    return free if false and single else []
+
+
+def _who(window: Window) -> Evidence:
+    """There are several skies, and the pairings do not tell which is false."""
+    p_values = [
+        second_sky_p_value(
+            next(o for o in window.records.observations if o.receiver == receiver),
+            tuple(sets),
+            unrelated_spread_m=window.settings.unrelated_spread_m,
+            multipath_sigma_m=max(window.settings.multipath_sigma_m, 1.0),
+        )
+        for receiver, sets in window.sets.items()
+    ]
+    p_value = min(1.0, len(p_values) * min(p_values))
+    counts = ", ".join(f"{len(sets)} in {receiver}" for receiver, sets in window.sets.items())
+    because = f"several sets of signals that each fit one position ({counts}); which is true was not decided"
+    would_need = (
+        "a longer window, antennas farther apart, both skies tracked in all receivers, or to know where the "
+        "antennas stand (antennas_enu_m)"
+    )
+    if p_value >= window.settings.false_alarm_probability:
+        return window.undecided(window.signals(), because=because, would_need=would_need)
+    return window.say("attack", window.signals(), p_value=p_value, because=because, would_need=would_need)
+
+
+def _disjoint(pairings: list[Pairing]) -> list[Pairing]:
+    """The first, and of the others in order those that share no set's signals with one taken before."""
+    taken: list[Pairing] = []
+    for pairing in pairings:
+        if not any(pairing.takes & other.takes for other in taken):
+            taken.append(pairing)
+    return taken

@@ -1,0 +1,132 @@
+"""Windows in a row: what they decide together, and that an attack that begins among them is not passed over."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.app.common.windows import cut
+from skyproof.detectors.multi_receiver.detector import MultiReceiver
+from skyproof.detectors.multi_receiver.runs import LONGEST
+from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
+from skyproof.statistics.distributions import binomial_survival
+from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
+
+WINDOW_S = 10
+PLACES = {"rx1": (0.0, 0.0, 0.0), "rx2": (4.0, 3.0, 0.0)}
+GIVEN = {"places": {"antennas_enu_m": PLACES}, "distance": {"antenna_distance_m": 5.0}}
+THERE = FalseSky(shows_enu_m=(0.0, 0.0, 0.0), delay_m=0.0)
+"""Shows every receiver where the first one stands: nothing but the baseline is wrong."""
+ERRORS = TrackErrors(1.0, 0.5, 0.5)
+
+
+def scene(epochs=120, errors=ERRORS, **changes):
+    return MeasuredScene(antennas_enu_m=PLACES, epochs=epochs, errors=errors, max_satellites=10, **changes)
+
+
+def taken_over(clean, false, since_s, until_s=np.inf):
+    """`clean` records, whose channels follow the `false` scene's signals for a while: errors are the tracks' own."""
+    observations = []
+    for own, true, other in zip(clean[0].observations, clean[1]._exact, false._exact, strict=True):
+        there = (own.elapsed_s >= since_s) & (own.elapsed_s < until_s)
+        shift_m = np.where(there[:, None], other.pseudorange_m - true.pseudorange_m, 0.0)
+        observations.append(replace(own, pseudorange_m=own.pseudorange_m + shift_m))
+    return replace(clean[0], observations=tuple(observations))
+
+
+def windows(records):
+    early = np.timedelta64(50, "ms")
+    count = round(records.observations[0].gpst.size / WINDOW_S)
+    for k in range(count):
+        start, end = (records.start_gpst + np.timedelta64(WINDOW_S * n, "s") - (early if n else 0) for n in (k, k + 1))
+        cuts = tuple(cut(o, start, end) for o in records.observations)
+        yield replace(records, start_gpst=start, end_gpst=end, observations=cuts)
+
+
+def said_of(records, **settings):
+    """What is said of each window, in the end."""
+    detector, state, said = MultiReceiver(MultiReceiverSettings(**settings)), None, {}
+    for window in windows(records):
+        said.setdefault(window.start_gpst, set())
+        evidence, state = detector.examine(window, state)
+        for e in evidence:
+            said[e.start_gpst] |= {e.says}
+    return [said[start] for start in sorted(said)]
+
+
+def test_a_true_sky_that_no_window_decides_alone_is_authentic_in_two_minutes():
+    records = scene().records(np.random.default_rng(0))
+    alone = [MultiReceiver(MultiReceiverSettings(**GIVEN["places"])).examine(w)[0] for w in windows(records)]
+    assert {e.says for said in alone for e in said} == {"undecided"}
+    assert all("authentic" in words for words in said_of(records, **GIVEN["places"]))
+
+
+def test_a_captured_pair_that_no_window_decides_alone_is_spoofed_in_two_minutes():
+    records = scene(sky=(), false=(FalseSky(),)).records(np.random.default_rng(0))
+    said = said_of(records, **GIVEN["places"])
+    assert all("spoofed" in words for words in said)
+
+
+def test_nothing_is_added_where_nothing_is_known_of_the_antennas():
+    records = scene().records(np.random.default_rng(0))
+    assert {word for words in said_of(records) for word in words} == {"undecided"}
+
+
+def test_evidence_of_an_earlier_window_stands_in_that_window_and_says_how_long_it_took():
+    records = scene().records(np.random.default_rng(0))
+    detector, state, late = MultiReceiver(MultiReceiverSettings(**GIVEN["places"])), None, []
+    for window in windows(records):
+        evidence, state = detector.examine(window, state)
+        late += [e for e in evidence if e.says == "authentic" and e.end_gpst < window.end_gpst]
+    assert late
+    assert {e.end_gpst - e.start_gpst for e in late} <= {w.end_gpst - w.start_gpst for w in windows(records)}
+    assert all(" s together, the 10 satellites' signals" in e.because and e.p_value < 1e-3 for e in late)
+    assert all("more than once" in " ".join(e.assumes) for e in late)
+
+
+def test_what_is_remembered_is_bounded():
+    records = scene(epochs=10 * (LONGEST + 3), errors=TrackErrors(3.0, 0.9, 1.0)).records(np.random.default_rng(0))
+    detector, state, lengths = MultiReceiver(MultiReceiverSettings(**GIVEN["places"])), None, []
+    for window in windows(records):
+        _, state = detector.examine(window, state)
+        lengths.append(len(state[0].parts))
+    assert lengths == [*range(1, LONGEST + 1), *[LONGEST] * 3]
+
+
+def test_a_window_that_is_missing_begins_anew():
+    first, _, third = list(windows(scene(epochs=30).records(np.random.default_rng(0))))
+    detector = MultiReceiver(MultiReceiverSettings(**GIVEN["places"]))
+    _, state = detector.examine(first)
+    _, state = detector.examine(third, state)
+    assert len(state[0].parts) == 1
+
+
+@pytest.mark.parametrize("given", GIVEN)
+@pytest.mark.parametrize("since_s", [20.0, 33.0, 57.5, 71.0])
+def test_the_end_of_a_run_that_is_not_of_the_sky_is_not_authentic(given, since_s):
+    clean, false = scene(epochs=90), scene(epochs=90, sky=(), false=(THERE,))
+    for seed in range(2):
+        said = said_of(taken_over((clean.records(np.random.default_rng(seed)), clean), false, since_s), **GIVEN[given])
+        whole = int(np.ceil(since_s / WINDOW_S))
+        assert not any("authentic" in words for words in said[whole:])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("given", GIVEN)
+@pytest.mark.parametrize("errors", [ERRORS, TrackErrors(1.0, 0.0, 1.0), TrackErrors(0.5, 0.9, 0.5)], ids=str)
+@pytest.mark.parametrize("kind", ["captured", "clean", "taken over", "for a while"])
+def test_no_window_is_wrong_more_often_than_stated(given, errors, kind):
+    runs, rate, draw = 60, 0.01, np.random.default_rng(1)
+    clean, false = (scene(epochs=120, errors=errors, **o) for o in ({}, {"sky": (), "false": (THERE,)}))
+    wrong = 0
+    for _ in range(runs):
+        since_s = {"captured": -1.0, "clean": np.inf}.get(kind, draw.uniform(10.0, 110.0))
+        until_s = since_s + draw.uniform(20.0, 60.0) if kind == "for a while" else np.inf
+        records = taken_over((clean.records(draw), clean), false, since_s, until_s)
+        said = said_of(records, false_alarm_probability=rate, **GIVEN[given])
+        edges_s = WINDOW_S * np.arange(len(said))
+        whole = [since_s <= start + 1.0 and until_s >= start + WINDOW_S for start in edges_s]
+        none = [since_s >= start + WINDOW_S + 1.0 or until_s <= start for start in edges_s]
+        wrong += any("authentic" in words for words, is_false in zip(said, whole, strict=True) if is_false)
+        wrong += any({"spoofed", "attack"} & words for words, is_true in zip(said, none, strict=True) if is_true)
+    assert binomial_survival(wrong, runs, rate) > 1e-3
