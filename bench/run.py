@@ -27,6 +27,7 @@ import reading
 import real_code
 import rinex
 import sets
+import snapshots
 import startup
 import vector
 from timing import machine
@@ -56,6 +57,7 @@ BENCHES = {
     "startup": startup,
     "drawn": drawn,
     "arrays": arrays,
+    "snapshots": snapshots,
     "real-code": real_code,
     "memory": memory,
     "house": house,

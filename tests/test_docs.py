@@ -205,7 +205,7 @@ def test_a_page_that_is_filled_twice_is_the_same_and_has_nothing_twice(fill: Mod
 
 
 def test_the_files_that_the_manual_shows_are_read(tmp_path: Path) -> None:
-    sidecar, scenario = blocks(DOCS / "formats.md", "toml")
+    sidecar, _, scenario = blocks(DOCS / "formats.md", "toml")
     (tmp_path / "rx1.toml").write_text(sidecar, encoding="utf-8")
     read_sidecar(tmp_path / "rx1.toml")
     for page in ("commands.md", "platform.md"):

@@ -66,12 +66,14 @@ T_co = TypeVar("T_co", covariant=True)
 
 
 class CellStatus(IntEnum):
-    """Why a cell of `Observations` is as it is. `OK` and `SLIP` have numbers; the others NaN."""
+    """Why a cell of `Observations` is as it is. `OK` and `SLIP` have numbers; `NO_RANGE` all but the range; the others
+    NaN."""
 
     OK = 0
     NOT_TRACKED = 1
     NO_TIME = 2
     SLIP = 3
+    NO_RANGE = 4
 
 
 class FixStatus(IntEnum):
@@ -90,6 +92,7 @@ CELL_STATUS: dict[int, str] = {
     CellStatus.NOT_TRACKED: "not tracked",
     CellStatus.NO_TIME: "no time of week decoded yet",
     CellStatus.SLIP: "cycle slip since the epoch before",
+    CellStatus.NO_RANGE: "the code's phase alone is known, and no range",
 }
 """A `CellStatus` in words."""
 
@@ -359,8 +362,8 @@ class Observations:
 
     @property
     def measured(self) -> Booleans:
-        """(n_epochs, n_channels) where there is a pseudorange."""
-        return np.isfinite(self.pseudorange_m)
+        """(n_epochs, n_channels) where there is a pseudorange, or a signal whose range cannot be known."""
+        return np.asarray(np.isfinite(self.pseudorange_m) | (self.status == CellStatus.NO_RANGE))
 
     @property
     def slipped(self) -> Booleans:

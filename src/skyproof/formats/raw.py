@@ -35,7 +35,16 @@ from skyproof.formats.signatures import head_of, other_than_samples
 from skyproof.gnss.time import GPS_EPOCH, iso, parse_iso
 from skyproof.records import Samples
 
-__all__ = ["SampleLayout", "check_levels", "open_raw", "open_raw_channels", "read_sidecar", "sha256", "sidecar_text"]
+__all__ = [
+    "SampleLayout",
+    "check_levels",
+    "open_raw",
+    "open_raw_channels",
+    "read_sidecar",
+    "samples_of_layout",
+    "sha256",
+    "sidecar_text",
+]
 
 MOST_CHANNELS: Final = 64
 _EXAMPLE: Final = 'samples = {rate_hz = 2600000.0, kind = "complex", encoding = "int", bits = 8}'
@@ -128,14 +137,19 @@ class _Sidecar(BaseModel):
     samples: SampleLayout = Field(description="the table [samples]")
 
 
-def read_sidecar(path: str | os.PathLike[str]) -> SampleLayout:
-    """The sidecar at `path`. Raises InputError, which names every fault: key, what came, what was expected."""
+def read_sidecar(path: str | os.PathLike[str], **known: Any) -> SampleLayout:
+    """The sidecar at `path`. Raises InputError, which names every fault: key, what came, what was expected.
+
+    known : keys of its table that the recording itself says; stated in the sidecar that counts.
+    """
     content = read_toml(
         Path(path),
         "the sidecar",
         f"a sidecar reads like {_EXAMPLE}",
         "check its name and permissions, or give another with --sidecar",
     )
+    if isinstance(table := content.get("samples"), dict):
+        content = {**content, "samples": {**known, **table}}
     try:
         return _Sidecar.model_validate(content).samples
     except ValidationError as error:
@@ -228,19 +242,33 @@ def open_raw_channels(
         )
     stored = FileBytes(path, layout.header_bytes, body - tail)
     packed = [PackedSamples(stored, packing, [Chunk(0, n_samples)], channel) for channel in range(layout.channels)]
-    samples = Samples(
+    samples = samples_of_layout(path, layout, n_samples, packed[0], stored, format="raw", remarks=tuple(remarks))
+    stated_by = f"kind, encoding, bits, byte_order and header_bytes of {sidecar.name}"
+    return without_dead(*live_channels(samples, packed, stated_by))
+
+
+def samples_of_layout(
+    path: Path,
+    layout: SampleLayout,
+    n_samples: int,
+    packed: PackedSamples,
+    stored: FileBytes,
+    *,
+    format: str,
+    remarks: tuple[str, ...] = (),
+) -> Samples:
+    """One channel of a file as a recording, described by a sidecar."""
+    return Samples(
         name=readable(path.stem),
         rate_hz=layout.rate_hz,
         n_samples=n_samples,
-        read=packed[0].read,
+        read=packed.read,
         centre_hz=layout.centre_hz,
         if_hz=math.remainder(layout.if_hz, layout.rate_hz),  # sampling folds it so
         start_gpst=layout.start_gpst,
         antenna=layout.antenna,
         path=readable(str(path)),
-        format="raw",
-        remarks=tuple(remarks),
+        format=format,
+        remarks=remarks,
         file=stored,
     )
-    stated_by = f"kind, encoding, bits, byte_order and header_bytes of {sidecar.name}"
-    return without_dead(*live_channels(samples, packed, stated_by))

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from skyproof.errors import InputError
+from skyproof.formats.npy import open_npy
 from skyproof.formats.raw import open_raw_channels
 from skyproof.formats.sigmf import open_sigmf
 from skyproof.records import Samples
@@ -14,13 +15,13 @@ _PACKED = (".sigmf.gz", ".sigmf.xz", ".sigmf.zip")
 
 
 def open_recording(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None) -> tuple[Samples, ...]:
-    """Open the recordings that a file holds: SigMF by its names, anything else as raw samples with a sidecar.
+    """Open the recordings that a file holds: SigMF and NumPy by its names, anything else as raw samples with a sidecar.
 
     Raw samples that have no sidecar NAME.toml, but NAME.sigmf-meta beside them, are read as that says.
 
     Parameters
     ----------
-    path : NAME.sigmf-meta, NAME.sigmf-data, the archive NAME.sigmf, or a file of raw samples.
+    path : NAME.sigmf-meta, NAME.sigmf-data, the archive NAME.sigmf, NAME.npy, or a file of raw samples.
     sidecar : how to read raw samples; not for SigMF, except to read NAME.sigmf-data otherwise than its metadata say.
 
     Returns
@@ -36,6 +37,8 @@ def open_recording(path: str | os.PathLike[str], sidecar: str | os.PathLike[str]
         raise InputError(f"{path}: a compressed archive would have to be unpacked as a whole; unpack it first")
     if path.suffix == ".sigmf-collection":
         raise InputError(f"{path}: a collection holds names only; give the .sigmf-meta of each recording in it")
+    if path.suffix == ".npy":
+        return open_npy(path, sidecar)
     if sidecar is not None:
         if path.suffix in (".sigmf-meta", ".sigmf"):
             raise InputError(f"{path}: states itself how to read its samples; remove the sidecar {sidecar}")

@@ -285,6 +285,23 @@ def array_phases_of(
     phase_cyc, sigma_cyc = np.full(shape, np.nan), np.full(shape, np.nan)
     phase_cyc[rows, columns] = measurements.own[..., m.OWN_PHASE_CYC]
     sigma_cyc[rows, columns] = measurements.own[..., m.OWN_PHASE_SIGMA_CYC]
+    return phases_with_lines(
+        receiver, signals, gpst, elapsed_s, phase_cyc, sigma_cyc, array=array, carrier_hz=carrier_hz
+    )
+
+
+def phases_with_lines(
+    receiver: str,
+    signals: tuple[SignalId, ...],
+    gpst: Instants,
+    elapsed_s: Reals,
+    phase_cyc: Reals,
+    sigma_cyc: Reals,
+    *,
+    array: AntennaArray,
+    carrier_hz: float,
+) -> ArrayPhases:
+    """Phases (n_epochs, n_signals, n_antennas) as a record, with what is known of the antennas and their lines."""
     return ArrayPhases(
         receiver=receiver,
         signals=signals,

@@ -14,7 +14,7 @@ import numpy as np
 from skyproof.arrays import Complexes, Floats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
 
-__all__ = ["CodePhase", "code_phase"]
+__all__ = ["CodePhase", "code_phase", "grid_sigma_chips", "replica_of", "spacing_chips", "symbols_of"]
 
 _MAX_SYMBOLS: Final = 9  # 0.16 s: all their signs are tried
 _NARROWEST_CHIPS: Final = 0.1
@@ -82,8 +82,8 @@ def code_phase(
     k = np.arange(n)
     turn = np.exp(-2j * np.pi * np.mod((if_hz + doppler_hz) / rate_hz * k, 1.0))
     base = (samples[0] + 1j * samples[1]) * turn
-    grid = _grid_sigma_chips(rate_hz, signal)
-    spacing = max(signal.chip_rate_hz / rate_hz, _NARROWEST_CHIPS)
+    grid = grid_sigma_chips(rate_hz, signal)
+    spacing = spacing_chips(rate_hz, signal)
     code = signal.code(prn_of(sat)).astype(np.float64)
     chip_rate_hz = signal.chip_rate_hz * (1.0 + doppler_hz / signal.carrier_hz)
     chip = (middle_s - delay_s) * chip_rate_hz  # at the middle
@@ -93,9 +93,9 @@ def code_phase(
         period = np.floor(chips / code.size).astype(np.int64)
         first = np.flatnonzero(np.diff(period, prepend=period[0] - 1))
         centre_s = (first + np.append(first[1:], n) - 1) / 2.0 / rate_hz - middle_s
-        prompt = np.add.reduceat(base * _replica(code, chips, 0.0), first)
+        prompt = np.add.reduceat(base * replica_of(code, chips, 0.0), first)
         if number < 2 or sign.size != prompt.size:  # the delay found in the first round makes the second's bits surer
-            off_hz, sign = _coherent(prompt, centre_s, period[first], doppler_reach_hz, duration_s, signal)
+            off_hz, sign = symbols_of(prompt, centre_s, period[first], doppler_reach_hz, duration_s, signal)
         wiped = sign * np.exp(-2j * np.pi * off_hz * centre_s)
         total = complex(prompt @ wiped)
         cn0_hz = _carrier_to_noise_hz(base, total, rate_hz)
@@ -103,7 +103,7 @@ def code_phase(
         # The samples' grid makes early minus late a staircase: the mean over some delays climbs it evenly.
         errors = []
         for offset in spacing * (_OFFSETS if number == _ROUNDS - 1 else _OFFSETS[2:3]):
-            apart = _replica(code, chips, offset + spacing / 2) - _replica(code, chips, offset - spacing / 2)
+            apart = replica_of(code, chips, offset + spacing / 2) - replica_of(code, chips, offset - spacing / 2)
             difference = np.add.reduceat(base * apart, first) @ wiped
             errors.append(offset + float((difference * np.conj(total)).real / abs(total) ** 2) / 2.0)
         error = float(np.mean(errors))
@@ -121,7 +121,12 @@ def code_phase(
     )
 
 
-def _grid_sigma_chips(rate_hz: float, signal: SignalDescription) -> float:
+def spacing_chips(rate_hz: float, signal: SignalDescription) -> float:
+    """Between the early and the late replica: one sample, at least a tenth of a chip."""
+    return max(signal.chip_rate_hz / rate_hz, _NARROWEST_CHIPS)
+
+
+def grid_sigma_chips(rate_hz: float, signal: SignalDescription) -> float:
     """What samples of steep edges leave open without any noise, one sigma, chips.
 
     An edge lies anywhere between two samples: 1/sqrt(12) of their distance. The edges of a period, half as many as
@@ -134,11 +139,12 @@ def _grid_sigma_chips(rate_hz: float, signal: SignalDescription) -> float:
     return float(signal.chip_rate_hz / rate_hz / np.sqrt(12.0) / min(places, np.sqrt(signal.code_length / 2.0)))
 
 
-def _replica(code: Reals, chips: Reals, ahead_chips: float) -> Reals:
+def replica_of(code: Reals, chips: Reals, ahead_chips: float) -> Reals:
+    """The code (n_chips,) where it stands at `chips` and so much ahead."""
     return code[np.floor(chips + ahead_chips).astype(np.int64) % code.size]
 
 
-def _coherent(
+def symbols_of(
     prompt: Complexes,
     centre_s: Reals,
     period: Integers,

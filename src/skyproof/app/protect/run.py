@@ -27,6 +27,7 @@ from skyproof.app.protect.positions import positions_of
 from skyproof.app.receive.inputs import antennas_of, open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
+from skyproof.app.receive.short import is_short, observe_short, require_some
 from skyproof.app.receive.tracker import track
 from skyproof.errors import InputError, SettingsError, readable
 from skyproof.formats.byte_io import sha256
@@ -172,19 +173,26 @@ def _received(
     workspace: Workspace,
 ) -> tuple[list[Reception], bool]:
     """What each source's receiver received, in their order, and whether Ctrl-C ended the tracking early."""
-    recordings = [source for source in sources if isinstance(source, Samples)]
+    recordings = [one for one in sources if isinstance(one, Samples) and not is_short(one)]
     trackers, interrupted = track(
         recordings, settings, progress, navigation, summed=True, asked=asked(), workspace=workspace
     )
     if not interrupted and len(recordings) == len(sources):
         require_signals(trackers)
     tracked = iter(trackers)
-    return [
-        observe(next(tracked), navigation, arrays.get(source.name), workspace)
-        if isinstance(source, Samples)
-        else observed(source, workspace)
-        for source in sources
-    ], interrupted
+
+    def received(source: Samples | ObservedFile) -> Reception:
+        if not isinstance(source, Samples):
+            return observed(source, workspace)
+        array = arrays.get(source.name)
+        if is_short(source):
+            return observe_short(source, navigation, settings, progress, array)
+        return observe(next(tracked), navigation, array, workspace)
+
+    receptions = [received(source) for source in sources]
+    if all(is_short(source) for source in sources):
+        require_some(receptions)
+    return receptions, interrupted
 
 
 def _span_of(receptions: Sequence[Reception]) -> Records:

@@ -25,7 +25,7 @@ from skyproof.records import (
     Taps,
 )
 
-__all__ = ["Reception", "observe", "overlap_s", "require_signals"]
+__all__ = ["Reception", "nothing_found", "observe", "overlap_s", "require_signals"]
 
 NEARLY_ALL = 0.9
 MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
@@ -195,8 +195,14 @@ def _nothing_received(tracker: Tracker, found: Diagnosis | None) -> str:
             f"it holds {found.n_sats} satellites, read as it is described, but lasts {samples.duration_s:.3g} s, and "
             f"signals have to be followed for seconds: give {TIME_OF_WEEK_S:g} s or more"
         )
+    return nothing_found(samples, tracker.examined_s)
+
+
+def nothing_found(samples: Samples, examined_s: float) -> str:
+    """What to check of a recording in which no satellite is found, in the order of likelihood."""
+    length = f"{examined_s:.1f}" if examined_s >= 1.0 else f"{examined_s:.3g}"
     return (
-        f"no GPS L1 C/A signal found in {tracker.examined_s:.1f} s; it was read as {samples.format}, "
+        f"no GPS L1 C/A signal found in {length} s; it was read as {samples.format}, "
         f"{samples.rate_hz:g} samples/s, carrier at {carrier_at_hz(samples):g} Hz: "
         "check rate_hz, if_hz, kind, encoding, bits and bit_order in its sidecar, that the antenna was connected, and "
         "whether the oscillator may be off by more than the search reaches (doppler_max_hz)"

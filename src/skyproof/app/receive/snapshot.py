@@ -1,11 +1,12 @@
 """A position from tens of milliseconds of samples, with orbits and a rough time from elsewhere."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from skyproof.app.receive.tracker import carrier_at_hz
-from skyproof.arrays import Reals
+from skyproof.arrays import Floats, Reals
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
@@ -14,10 +15,10 @@ from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.snapshot import CodePhase, code_phase
 from skyproof.records import Fix, FixStatus, NavigationData, Samples, SignalId
 
-__all__ = ["Snapshot", "snapshot"]
+__all__ = ["CROSS_DB", "RoughKnowledge", "Snapshot", "searched", "snapshot", "solved"]
 
 _MAX_SEARCHED_S = 0.02  # added non-coherently; twice as much found cross-correlations before it found more satellites
-_CROSS_DB = 18.0  # cross-correlations stand 21.6 dB and more below the signal that makes them, and noise lifts some
+CROSS_DB = 18.0  # cross-correlations stand 21.6 dB and more below the signal that makes them, and noise lifts some
 _MIN_LEFT = 7
 _DOPPLER_STEP_HZ = 500.0
 
@@ -75,21 +76,56 @@ def snapshot(
         )
     planes = samples.read(first, count)
     if_hz = carrier_at_hz(samples)
-    periods = int((min(duration_s, _MAX_SEARCHED_S) - 2.0 / samples.rate_hz) / GPS_L1_CA.period_s)
-    searcher = Searcher(GPS_L1_CA, samples.rate_hz, SearchSettings(n_sums=periods, doppler_step_hz=_DOPPLER_STEP_HZ))
-    reach = int(np.ceil(doppler_max_hz / _DOPPLER_STEP_HZ))
-    grid_hz = _DOPPLER_STEP_HZ * np.arange(-reach, reach + 1, dtype=np.float64)
-    peaks = searcher.search(planes, if_hz, {sat: grid_hz for sat in GPS_SATS}, {})
     remarks: list[str] = []
     phases = [
         code_phase(planes, samples.rate_hz, if_hz, peak.sat, peak.delay_s, peak.doppler_hz)
-        for peak in _strongest(peaks, remarks)
+        for peak in _strongest(searched(planes, samples.rate_hz, if_hz, doppler_max_hz), remarks)
     ]
     phases = _credible(phases, remarks)
     middle_s = start_s + 0.5 * (count - 1) / samples.rate_hz
     at_gpst = begin + np.timedelta64(round(middle_s * 1e9), "ns")
+    known = RoughKnowledge(rough_sigma_s=rough_sigma_s, place_ecef_m=place_ecef_m, place_sigma_m=place_sigma_m)
+    coarse, used = solved(phases, at_gpst, navigation, known, remarks, settings)
+    return Snapshot(
+        coarse=coarse,
+        phases=tuple(used),
+        fix=_as_fix(samples.name, coarse) if coarse.status == 0 else None,
+        remarks=tuple(remarks),
+    )
 
-    def solve(some: list[CodePhase]) -> CoarseFix:
+
+def searched(planes: Floats, rate_hz: float, if_hz: float, doppler_max_hz: float) -> list[Peak]:
+    """All signals that a search of one antenna's samples (2, n) finds."""
+    periods = int((min(planes.shape[1] / rate_hz, _MAX_SEARCHED_S) - 2.0 / rate_hz) / GPS_L1_CA.period_s)
+    searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings(n_sums=periods, doppler_step_hz=_DOPPLER_STEP_HZ))
+    reach = int(np.ceil(doppler_max_hz / _DOPPLER_STEP_HZ))
+    grid_hz = _DOPPLER_STEP_HZ * np.arange(-reach, reach + 1, dtype=np.float64)
+    return searcher.search(planes, if_hz, dict.fromkeys(GPS_SATS, grid_hz), {})
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RoughKnowledge:
+    """What is known before a snapshot is solved, as `snapshot` takes it."""
+
+    rough_sigma_s: float = 60.0
+    place_ecef_m: Reals | None = None
+    place_sigma_m: float = 100e3
+
+
+def solved(
+    phases: Sequence[CodePhase],
+    at_gpst: np.datetime64,
+    navigation: NavigationData,
+    known: RoughKnowledge,
+    remarks: list[str],
+    settings: CoarseSettings | None = None,
+) -> tuple[CoarseFix, list[CodePhase]]:
+    """The position that code phases of one instant show, one a satellite, and those used: all if there is none.
+
+    remarks : gets what was left out.
+    """
+
+    def solve(some: Sequence[CodePhase]) -> CoarseFix:
         rows = [(p.code_s, p.code_sigma_s, p.doppler_hz, p.doppler_sigma_hz) for p in some]
         code_s, code_sigma_s, doppler_hz, doppler_sigma_hz = np.array(rows, np.float64).reshape(-1, 4).T
         return coarse_fix(
@@ -99,30 +135,26 @@ def snapshot(
             doppler_hz,
             doppler_sigma_hz,
             at_gpst,
-            rough_sigma_s,
+            known.rough_sigma_s,
             navigation,
-            place_ecef_m=place_ecef_m,
-            place_sigma_m=place_sigma_m,
+            place_ecef_m=known.place_ecef_m,
+            place_sigma_m=known.place_sigma_m,
             settings=settings,
         )
 
-    coarse, used = solve(phases), phases
+    coarse, used = solve(phases), list(phases)
     # A false peak is a weak one. So the weakest goes first, while enough are left to catch a wrong set.
     least = max(_MIN_LEFT, int(np.ceil(2 * len(phases) / 3)))
     while coarse.status == 4 and len(used) > least:
         weakest = min(used, key=lambda p: p.cn0_dbhz)
         used = [p for p in used if p is not weakest]
         coarse = solve(used)
-    if coarse.status == 0 and len(used) < len(phases):
+    if coarse.status != 0:
+        return coarse, list(phases)
+    if len(used) < len(phases):
         left_out = ", ".join(p.sat for p in phases if p not in used)
         remarks.append(f"{left_out}: the weakest, left out until the others fitted one position")
-    solved = coarse.status == 0
-    return Snapshot(
-        coarse=coarse,
-        phases=tuple(used if solved else phases),
-        fix=_as_fix(samples.name, coarse) if solved else None,
-        remarks=tuple(remarks),
-    )
+    return coarse, used
 
 
 def _strongest(peaks: list[Peak], remarks: list[str]) -> list[Peak]:
@@ -145,7 +177,7 @@ def _credible(phases: list[CodePhase], remarks: list[str]) -> list[CodePhase]:
     for phase in phases:
         if not phase.found:
             remarks.append(f"{phase.sat}: found by the search, but its delay could not be measured; left out")
-        elif phase.cn0_dbhz < strongest_dbhz - _CROSS_DB:
+        elif phase.cn0_dbhz < strongest_dbhz - CROSS_DB:
             remarks.append(
                 f"{phase.sat}: {strongest_dbhz - phase.cn0_dbhz:.1f} dB below the strongest, as its "
                 "cross-correlation would be; left out"

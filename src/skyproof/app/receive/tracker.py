@@ -25,7 +25,7 @@ from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSetting
 from skyproof.recording.conditioning import conditioned, measure_front_end
 from skyproof.records import Asked, NavigationData, Samples
 
-__all__ = ["ENOUGH_SATS", "Tracker", "carrier_at_hz", "track"]
+__all__ = ["ENOUGH_SATS", "Tracker", "carrier_at_hz", "cleaned", "track"]
 
 BLOCK_S = 0.5
 ENOUGH_SATS = 4
@@ -201,7 +201,7 @@ def _tracker(
     workspace: Workspace,
 ) -> Tracker:
     """A recording made ready: what hurts in its samples taken off, gaps that it states bridged."""
-    clean, cleaned = _cleaned_all(samples)
+    clean, words = cleaned(samples)
     whole, filled = bridged(clean, begun_s=settings.start_s)
     sats, narrowed = _sats(samples, settings, navigation)
     receiver_settings = ReceiverSettings(
@@ -226,7 +226,7 @@ def _tracker(
         receiver=receiver,
         measured=measured,
         grids=grids,
-        remarks=(*cleaned, *filled, *narrowed),
+        remarks=(*words, *filled, *narrowed),
         vector=_guiding(whole, navigation, settings) if settings.tracking == "vector" else None,
     )
 
@@ -260,8 +260,9 @@ def _sats(
     return above, (f"only the {len(above)} satellites above the horizon of place_deg were looked for",)
 
 
-def _cleaned_all(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
-    """`_cleaned` antenna by antenna: each has a front end of its own behind the one oscillator."""
+def cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """A recording without what costs C/N0, and what was done in words; antenna by antenna, as each has a front end of
+    its own behind the one oscillator."""
     if not samples.others:
         return _cleaned(samples)
     (first, *others), done = zip(*map(_cleaned, (samples, *samples.others)), strict=True)

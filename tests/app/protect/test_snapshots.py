@@ -1,0 +1,95 @@
+"""Recordings of tens of milliseconds, too short to follow signals, through the whole of `protect`."""
+
+import numpy as np
+import pytest
+import tomli_w
+
+from skyproof.app.protect import protect
+from skyproof.errors import NotEnoughData
+from skyproof.formats.recording import open_recording
+from skyproof.simulator.scenario import FrontEnd
+
+FRONT_END = FrontEnd(rate_hz=4_092_000, if_hz=1_023_000, kind="real", encoding="sign", bits=1, bandwidth_hz=2e6)
+
+
+@pytest.fixture(scope="module")
+def snapshots(kit, made_once):
+    """Folder of 64 ms of one sky, with and without a transmitter 100 m off: one bit, real, four antennas."""
+
+    def fill(folder):
+        shows, transmit = kit.ELSEWHERE.model_dump(), kit.TRANSMIT.model_dump()
+        attack = {"kind": "spoofer", "shows": shows, "transmit": transmit, "power_db": 3.0, "clock_offset_s": 3e-6}
+        for name, attacks in (("clean", ()), ("attacked", ({**attack, "onset_s": -1.0},))):
+            scenario = kit.array_scenario(duration_s=0.064, seed=5, attacks=attacks)
+            recorded = kit.record(scenario.model_copy(update={"front_end": FRONT_END}), folder / name)
+            (folder / name / "broadcast.rnx").rename(folder / name / "nav.rnx")
+            table = {"name": "array", "antennas_m": [list(place) for place in kit.ELEMENTS_M]}
+            inputs = {"inputs": [path.name for path in recorded.paths]}
+            (folder / name / "platform.toml").write_text(tomli_w.dumps({"receivers": [table | inputs]}))
+            # The same in one file of NumPy.
+            (first, *others) = [open_recording(path)[0] for path in recorded.paths]
+            planes = np.stack([one.read(0, first.n_samples)[0] for one in (first, *others)]).astype(np.int8)
+            np.save(folder / name / "whole.npy", planes)
+            stated = f'rate_hz = 4092000.0\nif_hz = 1023000.0\nstart_gpst = "{first.start_gpst}"\n'
+            (folder / name / "whole.toml").write_text(f"[samples]\n{stated}")
+            (folder / name / "one.toml").write_text(tomli_w.dumps({"receivers": [table | {"inputs": ["whole.npy"]}]}))
+
+    return made_once("snapshots", fill)
+
+
+def labels_of(result):
+    return {(s.sat, s.copy): s.label for s in result.verdict.signals}
+
+
+def place_of(kit, position):
+    return np.hypot(
+        (position.lat_deg - kit.PLACES[0].lat_deg) * 111e3,
+        (position.lon_deg - kit.PLACES[0].lon_deg) * 111e3 * np.cos(np.radians(position.lat_deg)),
+    )
+
+
+def test_a_clean_sky_without_orbits_comes_from_several_directions(snapshots, tmp_path):
+    folder = snapshots / "clean"
+    result = protect(platform=folder / "one.toml", out=tmp_path / "out")
+    assert result.verdict.verdict == "authentic"
+    labels = labels_of(result)
+    assert len(labels) > 6
+    assert set(labels.values()) == {"authentic"}
+    assert result.verdict.receivers[0].trusted_fix is None
+    assert any("no position" in remark for remark in result.verdict.inputs[0].remarks)
+
+
+@pytest.mark.long
+def test_one_transmitter_is_named_without_orbits(snapshots):
+    result = protect(platform=snapshots / "attacked" / "one.toml")
+    assert result.verdict.verdict == "spoofed"
+    assert {copy for (_, copy), label in labels_of(result).items() if label == "spoofed"} == {"a"}  # the stronger
+
+
+def test_one_transmitter_is_named_and_the_true_place_found(kit, snapshots):
+    folder = snapshots / "attacked"
+    result = protect(platform=folder / "platform.toml", nav=folder / "nav.rnx")
+    assert result.verdict.verdict == "spoofed"
+    labels = labels_of(result)
+    assert {label for (_, copy), label in labels.items() if copy == "a"} == {"spoofed"}
+    assert {label for (_, copy), label in labels.items() if copy == "b"} == {"authentic"}
+    fix = result.verdict.receivers[0].trusted_fix
+    assert place_of(kit, fix) < 4.0 * np.hypot(fix.sigma_east_m, fix.sigma_north_m)
+    assert place_of(kit, result.verdict.receivers[0].unprotected_fix) > 400.0
+
+
+def test_one_antenna_gives_its_position_and_no_verdict(kit, snapshots):
+    folder = snapshots / "clean"
+    result = protect([next(folder.glob("*.1.bin"))], nav=folder / "nav.rnx")
+    assert result.verdict.verdict == "undecided"
+    fix = result.verdict.receivers[0].unprotected_fix
+    assert place_of(kit, fix) < 4.0 * np.hypot(fix.sigma_east_m, fix.sigma_north_m)
+
+
+def test_noise_alone_is_said(tmp_path):
+    np.save(tmp_path / "noise.npy", np.random.default_rng(1).integers(-9, 10, (2, 200_000), dtype=np.int8))
+    (tmp_path / "noise.toml").write_text("[samples]\nrate_hz = 4092000.0\nif_hz = 1023000.0\n")
+    table = {"name": "array", "inputs": ["noise.npy"], "antennas_m": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]}
+    (tmp_path / "platform.toml").write_text(tomli_w.dumps({"receivers": [table]}))
+    with pytest.raises(NotEnoughData, match=r"no GPS L1 C/A signal found in 0\.0489 s"):
+        protect(platform=tmp_path / "platform.toml")
