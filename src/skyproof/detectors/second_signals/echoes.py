@@ -5,15 +5,19 @@ The model is that of dense urban canyons, the worst that is measured:
 - an echo is late by a gamma law whose scale falls with the satellite's elevation, and weaker by 12.35 dB and 0.0016 dB
   per metre in the mean (X. Chen, D. He, L. Pei, Satellite Navigation 1:26, 2020, doi 10.1186/s43020-020-00027-7, table
   1);
-- about that mean its power is exponential (a Rayleigh amplitude), and a few come from far, up to 15 us late, as in A.
-  Jahn, H. Bischl, G. Heiss, Channel characterisation for spread spectrum satellite communications, ISSSTA 1996;
-- the direct signal is blocked for a share of the time, by about 12 dB with a sigma of 4 dB, as in cities by E. Lutz and
-  others, IEEE Trans. Veh. Technol. 40(2), 1991, doi 10.1109/25.289418. It is blocked by no more than it lies below the
-  receiver's strongest direct signal, and some dB for antenna gains;
 - its Doppler is that of reflectors at up to 50 m/s, or of an antenna that moves so.
 
-Chosen here, on the careful side: a tenth of the echoes come from faces of metal or glass, any level down to 12 dB below
-the unblocked direct signal being as likely; and one satellite in a thousand has a second signal that no echo explains.
+Assumed here, on the careful side, and by no source that could be looked up for it (A. Jahn, H. Bischl, G. Heiss,
+ISSSTA 1996, and E. Lutz and others, IEEE Trans. Veh. Technol. 40(2), 1991, doi 10.1109/25.289418, measured such
+channels; their tables are not quoted here):
+
+- about the mean an echo's power is exponential, a Rayleigh amplitude, and one in a hundred comes from far, up to 15 us
+  late;
+- the direct signal is blocked in 60 % of the time, by about 12 dB with a sigma of 4 dB, but by no more than it lies
+  below the receiver's strongest direct signal, and some dB for antenna gains;
+- a tenth of the echoes come from faces of metal or glass, any level down to 12 dB below the unblocked direct signal
+  being as likely;
+- one satellite in a thousand has a second signal that no echo explains.
 
 A false signal may be earlier or later, weaker or stronger, each as likely over wide ranges. Second signals are ordered
 by their likelihood ratio of "false" over "an echo"; a satellite's p-value is the probability that it has one of a ratio
