@@ -5,6 +5,7 @@ import pytest
 
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver.array_snapshot import snapshot_signal
+from skyproof.receiver.snapshot import grid_sigma_chips
 
 RATE_HZ, IF_HZ = 3e6, 0.7e6
 N = round(0.064 * RATE_HZ)
@@ -71,3 +72,10 @@ def test_noise_has_no_energy_and_a_dead_antenna_no_phase():
     found = snapshot_signal(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
     assert np.isnan(found.phase_cyc[:, 2]).all()
     assert np.isfinite(found.phase_cyc[:, [0, 1, 3]]).all()
+
+
+def test_the_mean_of_the_parts_is_no_surer_than_the_grid_of_the_samples_lets_it_be():
+    rng = np.random.default_rng(5)
+    found = snapshot_signal(received(rng, rng.random(4), 60.0, 1234.0, 3e-4), RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
+    of_mean_s = np.sqrt(np.mean(found.code_sigma_s**2) / found.code_sigma_s.size)
+    assert of_mean_s > grid_sigma_chips(RATE_HZ, GPS_L1_CA) / CHIP_HZ

@@ -39,8 +39,8 @@ class SnapshotSignal:
     """One signal in one stretch of samples, cut into parts of whole code periods.
 
     code : of the antennas' sum, in the middle of the stretch; its C/N0 is that of the sum.
-    middle_s : (n_parts,) from the first sample on. code_s, code_sigma_s : (n_parts,) as in `CodePhase`, part by part,
-    with noise of their own.
+    middle_s : (n_parts,) from the first sample on. code_s, code_sigma_s : (n_parts,) as in `CodePhase`, part by part:
+    the noise is each part's own, and what they share is in the sigma as often as makes that of their mean right.
     phase_cyc, sigma_cyc : (n_parts, n_antennas), modulo one cycle; what the antennas share is arbitrary.
     cn0_dbhz : (n_antennas,). energy : over the noise density, of all antennas, of the sum of everything.
     """
@@ -104,11 +104,13 @@ def snapshot_signal(
     ahead_chips = _ahead_chips(fine, summed, wiped, firsts)
     code_s = code.code_s + at_s * (1.0 + code.doppler_hz / signal.carrier_hz) + ahead_chips / signal.chip_rate_hz
     white = spacing_chips(rate_hz, signal) / (4.0 * counts / rate_hz * 10.0 ** (0.1 * code.cn0_dbhz))
+    # What the samples' grid does is about the same in all parts: their mean must not look surer than that.
+    grid = firsts.size * grid_sigma_chips(rate_hz, signal) ** 2
     return SnapshotSignal(
         code=code,
         middle_s=middle_s + at_s,
         code_s=np.mod(code_s, signal.period_s),
-        code_sigma_s=np.sqrt(white + grid_sigma_chips(rate_hz, signal) ** 2) / signal.chip_rate_hz,
+        code_sigma_s=np.sqrt(white + grid) / signal.chip_rate_hz,
         phase_cyc=np.where(np.isfinite(sigma_cyc), np.angle(sums) / (2.0 * np.pi), np.nan),
         sigma_cyc=np.where(np.isfinite(sigma_cyc), sigma_cyc, np.nan).reshape(-1, n_antennas),
         cn0_dbhz=cn0_dbhz,
