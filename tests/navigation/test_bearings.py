@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.navigation.bearings import Ray, meeting
+from skyproof.navigation.bearings import BearingRay, meeting
 
 LAT, LON = np.radians(47.0), np.radians(8.0)
 HERE_M = ecef_from_geodetic(LAT, LON, 400.0)
@@ -18,7 +18,7 @@ def at(east_m, north_m, up_m=0.0):
 def ray(place_m, target_m, *, sigma_rad=0.01, off_rad=(0.0, 0.0), place_sigma_m=1.0, body="ship"):
     east, north, up = TURN @ (target_m - place_m)
     azimuth_rad, elevation_rad = np.arctan2(east, north), np.arctan2(up, np.hypot(east, north))
-    return Ray(
+    return BearingRay(
         place_ecef_m=place_m,
         place_covariance_m2=place_sigma_m**2 * np.eye(3),
         azimuth_rad=azimuth_rad + off_rad[0] / np.cos(elevation_rad),

@@ -20,7 +20,7 @@ from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import freeze
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["Meeting", "Ray", "meeting"]
+__all__ = ["BearingRay", "Meeting", "meeting"]
 
 _MOST_STEPS: Final = 30
 _CONVERGED: Final = 1e-6  # of the distance
@@ -29,7 +29,7 @@ _NEAREST_M: Final = 1.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Ray:
+class BearingRay:
     """A direction from a place.
 
     place_ecef_m : (3,). place_covariance_m2 : (3, 3). azimuth_rad, elevation_rad : from north by east, above the
@@ -75,7 +75,7 @@ class Meeting:
         freeze(self, {"position_ecef_m": ("3",), "covariance_m2": ("3", "3")})
 
 
-def meeting(rays: Sequence[Ray]) -> Meeting | None:
+def meeting(rays: Sequence[BearingRay]) -> Meeting | None:
     """Where rays meet; None if fewer than two, if they diverge, or run too nearly alike for a distance."""
     if len(rays) < 2:
         return None
@@ -118,7 +118,9 @@ def _nearest(places: Reals, towards: Reals) -> Reals | None:
     return np.asarray(middle + np.linalg.solve(normal, np.einsum("kij,kj->i", across, places - middle)))
 
 
-def _seen_from(rays: Sequence[Ray], places: Reals, axes: Reals, place_m: Reals) -> tuple[Reals, Reals, Reals, Reals]:
+def _seen_from(
+    rays: Sequence[BearingRay], places: Reals, axes: Reals, place_m: Reals
+) -> tuple[Reals, Reals, Reals, Reals]:
     """Of each ray: how far along it a point lies (negative behind), angles (k, 2) by which the point is off, their
     derivatives (k, 2, 3), and their information (k, 2, 2)."""
     to_point = place_m - places
