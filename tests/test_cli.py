@@ -30,6 +30,7 @@ from skyproof.app.common.platform_tables import PlatformReceiver
 from skyproof.app.init import InitResult
 from skyproof.app.receive import ReceiveResult
 from skyproof.app.scenes.simulate import SimulateResult
+from skyproof.app.verify import FileState, Verified
 from skyproof.cli import demo as demo_command
 from skyproof.cli import inspect as inspect_command
 from skyproof.cli import progress as progress_of
@@ -43,7 +44,7 @@ from skyproof.verdict import InputFile, Verdict
 
 VERDICT = read_verdict(Path(__file__).parent / "formats" / "verdict-sample.json")
 PROTECT = ["protect", "rx1.bin", "rx2.bin", "--out", "result"]
-COMMANDS = ("protect", "inspect", "receive", "simulate", "init", "study", "demo")
+COMMANDS = ("protect", "inspect", "receive", "simulate", "init", "verify", "study", "demo")
 
 
 def said(word: str) -> Verdict:
@@ -105,6 +106,11 @@ class App:
         self.calls.append(("init", files, options))
         return InitResult(path=options["out"], platform=Platform(receivers=(PlatformReceiver(name="bow"),)))
 
+    def verify(self, folder: Path, **options: Any) -> Verified:
+        del options["progress"]
+        self.calls.append(("verify", folder, options))
+        return Verified(verdict=self.verdict, files=(FileState(name="report.html", kind="output", state="same"),))
+
     def inspect(self, file: Path, **options: Any) -> list[Any]:
         self.calls.append(("inspect", file, options))
         return []
@@ -134,6 +140,7 @@ def app(monkeypatch: pytest.MonkeyPatch) -> Iterator[App]:
             f"skyproof.app.{name}.{name}", lambda inputs, _name=name, **options: fake.run(_name, inputs, options)
         )
     monkeypatch.setattr("skyproof.app.init.init", fake.init)
+    monkeypatch.setattr("skyproof.app.verify.verify", fake.verify)
     monkeypatch.setattr(inspect_command, "run_inspect", fake.inspect)
     monkeypatch.setattr(study_command, "studies", fake.studies)
     return fake
@@ -321,6 +328,7 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
     cli.main(["init", "rx1.bin", "rx2.obs"])
     cli.main(["init", "rx1.bin", "--out", "p.toml", "--overwrite"])
     cli.main(["protect", "--platform", "p.toml", "--out", "d"])
+    cli.main(["verify", "d", "--inputs-in", "e"])
     cli.main(["demo", "--out", "there"])
     cli.main(
         ["simulate", "spin", "--out", "d", "--seed", "7", "--duration-s", "5", "--depth", "samples", "--format", "raw"]
@@ -363,6 +371,7 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
             [],
             {"nav": None, "imu": None, "platform": Path("p.toml"), "out": Path("d"), **dict.fromkeys(settings)},
         ),
+        ("verify", Path("d"), {"inputs_in": Path("e")}),
         ("demo", Path("there"), {}),
         (
             "simulate",

@@ -58,6 +58,11 @@ COMMANDS = {
         "Write a platform file from what inputs say of themselves, with lines to complete for all else.",
         AFTER_DEMO + "skyproof init demo/bow.bin demo/stern.bin --out demo/platform.toml",
     ),
+    "verify": (
+        "FOLDER [OPTIONS]",
+        "Check that the results of a run, and what it read, are still the bytes that they were.",
+        AFTER_DEMO + "skyproof verify demo",
+    ),
     "study": (
         "NAME [OPTIONS]",
         "Make a figure of a paper again, with ours beside it.",

@@ -20,6 +20,7 @@ from skyproof.app.protect.pictures import kinds_of, pictures_of
 from skyproof.app.protect.positions import KINDS, Track
 from skyproof.errors import InputError
 from skyproof.formats.atomic_write import UNFINISHED, write_lines, writing_together
+from skyproof.formats.checksums import write_checksums
 from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
 from skyproof.formats.rinex_nav import write_nav
@@ -51,7 +52,7 @@ _TABLE_EVIDENCE = 1 << 10  # of some kilobytes each
 
 
 def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> None:
-    """Write verdict, tables, RINEX, tracks and the report, in place of what an earlier run wrote; all or nothing."""
+    """Write verdict, tables, RINEX, tracks, report and sums, in place of what an earlier run wrote; all or nothing."""
     with (
         progress.stage("writing outputs", 5) as stage,
         writing_together(folder, instead_of=_older(folder), last="verdict.json") as part,
@@ -66,6 +67,7 @@ def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Se
         _write_tracks(part, outcome)
         stage.advance(4)
         write_lines(part / "report.html", [report_html(verdict, pictures_of(outcome))], encoding="utf-8")
+        write_checksums(part, [path.name for path in part.iterdir()])
         stage.advance(5)
 
 

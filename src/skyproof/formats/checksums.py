@@ -1,0 +1,48 @@
+"""Sums of the files of a folder, as `sha256sum --check` reads them: 64 hexadecimal digits, two spaces, the name."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from skyproof.errors import InputError
+from skyproof.formats.atomic_write import write_lines
+from skyproof.formats.bounds import METADATA_BYTES
+from skyproof.formats.byte_io import content_of, sha256
+
+__all__ = ["CHECKSUMS", "read_checksums", "write_checksums"]
+
+CHECKSUMS: Final = "checksums.sha256"
+"""Name of the file."""
+_LINE = re.compile(r"([0-9a-f]{64})  ([^/\\]+)")
+
+
+def write_checksums(folder: Path, names: Iterable[str]) -> None:
+    """Write the sums of files of a folder beside them.
+
+    Raises
+    ------
+    InputError : one cannot be read. OutputError : the sums cannot be written.
+    """
+    write_lines(folder / CHECKSUMS, [f"{sha256(folder / name)}  {name}" for name in sorted(names)], encoding="utf-8")
+
+
+def read_checksums(path: Path) -> dict[str, str]:
+    """The SHA-256 of each file, hexadecimal, by its name.
+
+    Raises
+    ------
+    InputError : the file cannot be read, or a line is none of `write_checksums`.
+    """
+    what, remedy = "the sums of its files", "give the folder that skyproof protect wrote"
+    sums: dict[str, str] = {}
+    for number, line in enumerate(
+        content_of(path, METADATA_BYTES, what, remedy).decode("utf-8", "replace").splitlines(), 1
+    ):
+        if (found := _LINE.fullmatch(line)) is None:
+            raise InputError(
+                f"{path}: line {number}: expected 64 hexadecimal digits, two spaces and the name of a file; take the "
+                "file from where the folder came from"
+            )
+        sums[found[2]] = found[1]
+    return sums
