@@ -148,6 +148,20 @@ class SourceDirection(_Model):
     correlation: float = Field(ge=-1.0, le=1.0, description="Correlation of the two.")
 
 
+class SourcePlace(_Model):
+    """Where a source stands: where the directions meet in which it is seen from several places."""
+
+    lat_deg: LatDeg
+    lon_deg: LonDeg
+    height_m: HeightM
+    sigma_up_m: Sigma = Field(description="Standard deviation upwards, metres.")
+    ellipse_major_m: Sigma = Field(description="Greater half axis of the ellipse of 95 %, horizontally, metres.")
+    ellipse_minor_m: Sigma = Field(description="Smaller half axis of that ellipse, metres.")
+    ellipse_azimuth_deg: float = Field(
+        ge=0.0, le=180.0, description="Direction of the greater axis, clockwise from north, degrees."
+    )
+
+
 class Source(_Model):
     """Signals of one origin: a transmitter of false ones or, while that is open, one consistent sky of several.
 
@@ -176,6 +190,11 @@ class Source(_Model):
     directions: tuple[SourceDirection, ...] = Field(
         default=(),
         description="Every direction that the phases allow; the keys before are null where these are several.",
+    )
+    stands: SourcePlace | None = Field(
+        default=None,
+        description="Where it stands, if its directions meet: a receiver that moves, or several, see it from several "
+        "places; errors of direction may be the same in all.",
     )
     shows: Place | None = Field(description="The place that a receiver of these signals is led to believe.")
     time_offset_s: float | None = Field(

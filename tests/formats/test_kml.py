@@ -72,3 +72,20 @@ def test_the_file_is_utf8(tmp_path):
     write_kml(path, {"Höjd trusted": track()})
     root = ElementTree.parse(path).getroot()
     assert root.findtext(f".//{KML}Placemark/{KML}name") == "Höjd trusted"
+
+
+def test_points_lines_and_areas_are_drawn_as_such():
+    shapes = {
+        "S1 stands here": ([59.0], [-16.0]),
+        "S1 from rx1": ([59.0, 59.1], [-16.0, -16.2]),
+        "S1 within": ([59.0, 59.1, 59.2, 59.0], [-16.0, -16.2, -16.1, -16.0]),
+    }
+    root = ElementTree.fromstring("\n".join(kml_lines({}, shapes)).encode())
+    found = {p.findtext(f"{KML}name"): p for p in root.iter(f"{KML}Placemark")}
+    assert list(found) == list(shapes)
+    point, line, area = found.values()
+    assert point.findtext(f"{KML}Point/{KML}coordinates") == "-16.000000000,59.000000000"
+    assert len(line.findtext(f"{KML}LineString/{KML}coordinates").split()) == 2
+    ring = area.findtext(f"{KML}Polygon/{KML}outerBoundaryIs/{KML}LinearRing/{KML}coordinates").split()
+    assert len(ring) == 4
+    assert ring[0] == ring[-1]

@@ -12,10 +12,13 @@ from skyproof.arrays import Instants, Reals
 from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.time import iso, utc_from_gpst
 
-__all__ = ["Track", "kml_lines", "write_kml"]
+__all__ = ["Shape", "Track", "kml_lines", "write_kml"]
 
 Track = tuple[Instants, ArrayLike, ArrayLike, ArrayLike]
 """gpst, lat_deg, lon_deg, height_m above the ellipsoid, each of shape (n_points,); a point with a NaN is left out."""
+
+Shape = tuple[ArrayLike, ArrayLike]
+"""lat_deg, lon_deg, each of shape (n_points,): one point, a line of two or more, or an area whose last is its first."""
 
 _STYLES: Final = {  # kind: colour as aabbggrr, width in pixels
     "trusted": ("ff4bb33c", 4),  # green
@@ -23,14 +26,25 @@ _STYLES: Final = {  # kind: colour as aabbggrr, width in pixels
     "unprotected": ("ffa0a0a0", 2),  # grey
     "possible": ("ffc08000", 4),  # blue
 }
+_SHAPE_STYLE: Final = "source"
+_SHAPE_COLOUR: Final = "0080ff"  # orange, as bbggrr
 
 
-def write_kml(path: str | os.PathLike[str], tracks: Mapping[str, Track], *, name: str = "skyproof") -> None:
-    """Write `tracks` to `path`, as `kml_lines` says. Raises ValueError as that does, OutputError as `writing` does."""
-    write_lines(path, kml_lines(tracks, name=name), encoding="utf-8")
+def write_kml(
+    path: str | os.PathLike[str],
+    tracks: Mapping[str, Track],
+    shapes: Mapping[str, Shape] | None = None,
+    *,
+    name: str = "skyproof",
+) -> None:
+    """Write `tracks` and `shapes` to `path`, as `kml_lines` says. Raises ValueError as that does, OutputError as
+    `writing` does."""
+    write_lines(path, kml_lines(tracks, shapes, name=name), encoding="utf-8")
 
 
-def kml_lines(tracks: Mapping[str, Track], *, name: str = "skyproof") -> Iterator[str]:
+def kml_lines(
+    tracks: Mapping[str, Track], shapes: Mapping[str, Shape] | None = None, *, name: str = "skyproof"
+) -> Iterator[str]:
     """The lines of a KML document with one placemark a track, times in UTC to the millisecond.
 
     Points are laid on the ground: KML counts heights from the geoid, ours count from the ellipsoid, and the two are up
@@ -40,6 +54,8 @@ def kml_lines(tracks: Mapping[str, Track], *, name: str = "skyproof") -> Iterato
     ----------
     tracks : each with a name whose last word is its kind, "trusted", "false", "unprotected" or "possible": "rx1
         trusted". The kind gives the colour. A track without a point is left out.
+
+    shapes : points, lines and areas on the ground, each with its name: where sources of signals are seen.
 
     Raises
     ------
@@ -57,8 +73,14 @@ def kml_lines(tracks: Mapping[str, Track], *, name: str = "skyproof") -> Iterato
             f"<Style id={quoteattr(kind)}><IconStyle><color>{colour}</color></IconStyle>"
             f"<LineStyle><color>{colour}</color><width>{width}</width></LineStyle></Style>"
         )
+    yield (
+        f"<Style id={quoteattr(_SHAPE_STYLE)}><LineStyle><color>ff{_SHAPE_COLOUR}</color><width>2</width></LineStyle>"
+        f"<PolyStyle><color>40{_SHAPE_COLOUR}</color></PolyStyle></Style>"
+    )
     for track, points in tracks.items():
         yield from _placemark(track, *points)
+    for shape, corners in (shapes or {}).items():
+        yield from _shape(shape, *corners)
     yield "</Document>"
     yield "</kml>"
 
@@ -78,6 +100,20 @@ def _placemark(
     yield from (f"<when>{iso(utc_from_gpst(instant), 3)}Z</when>" for instant in gpst[good])
     yield from (f"<gx:coord>{lon:.9f} {lat:.9f} {height:.3f}</gx:coord>" for lon, lat, height in places[good].tolist())
     yield "</gx:Track>"
+    yield "</Placemark>"
+
+
+def _shape(name: str, lat_deg: ArrayLike, lon_deg: ArrayLike) -> Iterator[str]:
+    corners = [f"{lon:.9f},{lat:.9f}" for lat, lon in np.transpose([lat_deg, lon_deg]).tolist()]
+    yield f"<Placemark><name>{_text(name)}</name><styleUrl>#{_SHAPE_STYLE}</styleUrl>"
+    text = f"<coordinates>{' '.join(corners)}</coordinates>"
+    if len(corners) == 1:
+        yield f"<Point>{text}</Point>"
+    elif corners[0] == corners[-1]:
+        ring = f"<outerBoundaryIs><LinearRing>{text}</LinearRing></outerBoundaryIs>"
+        yield f"<Polygon><tessellate>1</tessellate>{ring}</Polygon>"
+    else:
+        yield f"<LineString><tessellate>1</tessellate>{text}</LineString>"
     yield "</Placemark>"
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.app.common.settings import Settings
+from skyproof.app.protect.bearings import Bearing, bearings_of, ellipse_95
 from skyproof.app.protect.methods import of_detectors
 from skyproof.app.protect.positions import KINDS, Positions, Track
 from skyproof.app.receive.reception import Reception
@@ -31,6 +32,7 @@ from skyproof.verdict import (
     ReceiverResult,
     Signal,
     SourceDirection,
+    SourcePlace,
     Verdict,
 )
 from skyproof.verdict import Source as SourceModel
@@ -81,6 +83,12 @@ class Outcome:
     evidence: Sequence[Evidence]
     sets: tuple[ConsistentSet, ...]
     navigation: NavigationData
+
+    @cached_property
+    def bearings(self) -> Mapping[str, Bearing]:
+        """Of the sources that are seen from trusted places, by their names."""
+        trusted = {r.reception.source.name: r.tracks["trusted"] for r in self.receivers if "trusted" in r.tracks}
+        return {one.source.name: one for one in bearings_of(self.decision.sources, self.evidence, trusted)}
 
 
 def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *, interrupted: bool = False) -> Verdict:
@@ -157,6 +165,7 @@ def _attack_words(outcome: Outcome) -> str:
         by = "one transmitter" if n == 1 else f"{n} transmitters" if n else "a second sky beside the true one"
         if n == 1 and len(decision.sources) == 1:
             by += _direction_words(_seen_from(decision.sources[0], outcome))
+            by += _distance_words(outcome.bearings.get(decision.sources[0].name))
         were = "satellite was" if len(sats) == 1 else "satellites were"
         return f"{since}{len(sats)} {were} imitated by {by}{_kept(outcome, '; the')}"
     if decision.skies:
@@ -404,11 +413,39 @@ def _sources(outcome: Outcome) -> list[SourceModel]:
                 kind=_kind(source, outcome.decision),
                 sats=tuple(sorted({ref.signal.sat for ref in source.signals})),
                 **_seen_from(source, outcome),
+                stands=_stands(outcome.bearings.get(source.name)),
                 shows=place_of(places[0]) if places else None,
                 time_offset_s=_time_offset_s(source.name, outcome),
             )
         )
     return models
+
+
+def _stands(bearing: Bearing | None) -> SourcePlace | None:
+    """Where a source's rays meet."""
+    if bearing is None or bearing.meets is None:
+        return None
+    place = place_of(bearing.meets.position_ecef_m)
+    lat, lon, _ = geodetic_from_ecef(bearing.meets.position_ecef_m)
+    up = rot_enu_ecef(lat, lon)[2]
+    major_m, minor_m, azimuth_deg = ellipse_95(bearing.meets)
+    return SourcePlace(
+        lat_deg=place.lat_deg,
+        lon_deg=place.lon_deg,
+        height_m=place.height_m,
+        sigma_up_m=float(np.sqrt(up @ bearing.meets.covariance_m2 @ up)),
+        ellipse_major_m=major_m,
+        ellipse_minor_m=minor_m,
+        ellipse_azimuth_deg=azimuth_deg,
+    )
+
+
+def _distance_words(bearing: Bearing | None) -> str:
+    """How far away the rays meet, if they do."""
+    if bearing is None or bearing.meets is None:
+        return ""
+    away_m = [np.linalg.norm(bearing.meets.position_ecef_m - ray.place_ecef_m) for ray in bearing.last.values()]
+    return f", {float(min(away_m)) / 1e3:.2g} km away at last"
 
 
 def _seen_from(source: FalseSource, outcome: Outcome) -> dict[str, Any]:

@@ -231,12 +231,30 @@ def _write_tracks(folder: Path, outcome: Outcome) -> None:
         for r in outcome.receivers
         for kind in kinds_of(r)
     }
-    write_kml(folder / "tracks.kml", tracks)
+    write_kml(folder / "tracks.kml", tracks, _shapes(outcome))
     for r in outcome.receivers:
         if "trusted" in r.tracks:
             path = folder / f"{r.reception.source.name}-trusted.nmea"
             fixes = (fix for _, fix in _stretches(r, "trusted"))
             write_nmea(path, (line for fix in fixes for line in _sentences(fix, outcome.navigation)))
+
+
+def _shapes(outcome: Outcome) -> dict[str, Any]:
+    """Of each source the last ray to it from each receiver, two sigmas to either side, and where it stands."""
+    shapes = {}
+    for name, bearing in outcome.bearings.items():
+        for words, line, wedge in bearing.drawn():
+            shapes[words] = _on_ground(line)
+            shapes[f"{words}, two sigmas"] = _on_ground(wedge)
+        if (ring := bearing.ring()) is not None and bearing.meets is not None:
+            shapes[f"{name} stands here"] = _on_ground(bearing.meets.position_ecef_m[None])
+            shapes[f"{name} stands within, 95 %"] = _on_ground(ring)
+    return shapes
+
+
+def _on_ground(ecef_m: Any) -> tuple[Any, Any]:
+    lat, lon, _ = geodetic_from_ecef(ecef_m)
+    return np.degrees(lat), np.degrees(lon)
 
 
 def _points(track: Track) -> tuple[Any, Any, Any, Any]:
