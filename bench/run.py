@@ -30,6 +30,8 @@ import sets
 import snapshots
 import startup
 import vector
+import vector_drawn
+import vector_limits
 from timing import machine
 
 import receiver
@@ -54,6 +56,8 @@ BENCHES = {
     "pairs": pairs,
     "joint": joint,
     "vector": vector,
+    "vector-limits": vector_limits,
+    "vector-drawn": vector_drawn,
     "startup": startup,
     "drawn": drawn,
     "arrays": arrays,

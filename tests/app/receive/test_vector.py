@@ -133,12 +133,16 @@ def test_a_satellite_that_is_no_gps_satellite_is_refused():
 
 
 @pytest.mark.long
-def test_a_filter_gone_wrong_is_given_up_within_a_second_and_comes_back(sky):
+@pytest.mark.parametrize(
+    "wrong_m", [(60.0, 60.0, 50.0, 0.0), (0.0, 0.0, 0.0, 299_792.458)], ids=["100 m", "1 ms of the clock"]
+)
+def test_a_filter_gone_wrong_is_given_up_within_a_second_and_comes_back(sky, wrong_m):
     tracker = tracker_of(sky)
     while tracker.examined_s < 5.9:
         tracker.advance()
     wrong = tracker.vector.filter
-    mean = wrong.mean + np.array([60.0, 60.0, 50.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    mean = wrong.mean.copy()
+    mean[[0, 1, 2, 6]] += wrong_m
     tracker.vector = replace(tracker.vector, filter=replace(wrong, mean=mean))
     tracker.advance()
     tracker.advance()
