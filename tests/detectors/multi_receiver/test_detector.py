@@ -244,6 +244,20 @@ def test_two_skies_in_one_receiver_and_one_in_the_other_need_a_baseline(other):
         assert named(certain, "authentic") == set()
 
 
+@pytest.mark.parametrize("known", [{"antenna_distance_m": DISTANCE_M}, {"antennas_enu_m": PAIR}, {}], ids=str)
+@pytest.mark.parametrize("reached", [("rx1", "rx2"), ("rx2",)], ids=str)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_false_sky_that_shows_the_first_receiver_where_it_is_makes_no_true_signal_false(seed, reached, known):
+    """What rx1 gets from the sky and rx2 from the transmitter show one place as well."""
+    there = replace(MEACONER, shows_enu_m=(0.0, 0.0, 0.0), receivers=reached)
+    evidence = examine(scene(false=(there,)).records(rng(seed)), **known)
+    assert not {("rx1", "a"), ("rx2", "a")} & named(evidence, "spoofed")
+    assert not {("rx1", "b"), ("rx2", "b")} & named(evidence, "authentic")
+    if reached == ("rx2",) and known:
+        assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
+        assert named(evidence, "spoofed") == {("rx2", "b")}
+
+
 def test_two_false_skies_are_two_groups():
     second = FalseSky(antenna_enu_m=(-500.0, 100.0, 20.0), shows_enu_m=(-900.0, 300.0, 5.0), delay_m=700.0)
     evidence = examine(scene(false=(MEACONER, second)).records(rng()))

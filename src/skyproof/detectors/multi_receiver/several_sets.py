@@ -1,5 +1,7 @@
 """Several sets of signals in some receiver: which pairing comes from one antenna, and which is of the sky."""
 
+from collections.abc import Sequence
+
 from skyproof.detectors.multi_receiver.common_epochs import Kind
 from skyproof.detectors.multi_receiver.known_geometry import AntennaPlaces, agreement
 from skyproof.detectors.multi_receiver.pairing import Pairing, versus
@@ -15,11 +17,38 @@ def several_sets(window: Window) -> list[Evidence]:
     alpha = window.settings.false_alarm_probability
     could_be = [p for p in window.pairings if window.p_one(p) >= max(window.settings.accept_probability, alpha)]
     could_be = [p for p in could_be if _shows_one_place(window, p)]
-    false = _disjoint(sorted(could_be, key=lambda p: float(p.one_antenna.statistic)))
+    could_be.sort(key=lambda p: float(p.one_antenna.statistic))
+    false = [p for p in could_be if not _contested(window, p, could_be)]
     skies = _left_over(window, false)
     said = [_false_group(window, pairing, false, decided=bool(skies)) for pairing in false]
     said += [_sky_group(window, sky, false) for sky in skies]
     return [e for e in said if e is not None] or [_who(window)]
+
+
+def _contested(window: Window, pairing: Pairing, could_be: Sequence[Pairing]) -> bool:
+    """Whether some of its signals may as well be another transmitter's, or the sky's.
+
+    A false sky that shows the true place of a receiver has no range difference to what that receiver gets from the sky
+    either. So of pairings that share signals one is of one antenna only if the others are much worse; and not even then
+    if all that agrees with where the antennas are known to stand shares signals with it.
+    """
+    alpha = window.settings.false_alarm_probability
+    rivals = (other for other in could_be if other is not pairing and other.takes & pairing.takes)
+    if any(versus(other, pairing).p_value >= alpha for other in rivals):
+        return True
+    skies = _agreeing(window, [p for p in window.pairings if p.kinds & pairing.kinds])
+    return bool(skies) and all(sky.takes & pairing.takes for sky in skies)
+
+
+def _agreeing(window: Window, pairings: Sequence[Pairing]) -> list[Pairing]:
+    """Those that are not of one antenna, and show the antennas where they are known to stand."""
+    found = []
+    for p in pairings:
+        geometry = window.settings.geometry(p.receivers)
+        apart = geometry is not None and window.p_each(p) < window.settings.false_alarm_probability
+        if geometry is not None and apart and window.agrees(p, geometry):
+            found.append(p)
+    return found
 
 
 def _shows_one_place(window: Window, pairing: Pairing) -> bool:
@@ -92,9 +121,8 @@ def _left_over(window: Window, false: list[Pairing]) -> list[Pairing]:
     taken = set[tuple[int, Kind]]().union(*(p.takes for p in false))
     free = [p for p in window.pairings if not taken & p.takes]
     free = [p for p in free if window.p_each(p) < window.settings.false_alarm_probability]
-    known = [window.settings.geometry(p.receivers) for p in free]
-    if free and all(g is not None for g in known):
-        free = [p for p, g in zip(free, known, strict=True) if g is not None and window.agrees(p, g)]
+    if free and all(window.settings.geometry(p.receivers) is not None for p in free):
+        free = _agreeing(window, free)
         return [p for p in free if not any(p is not q and p.kinds & q.kinds for q in free)]
     whole = {id(s) for pairing in false for s in pairing.sets}
     single = all(sum(id(s) not in whole for s in sets) == 1 for sets in window.sets.values())
@@ -123,12 +151,3 @@ def _who(window: Window) -> Evidence:
     if p_value >= window.settings.false_alarm_probability:
         return window.undecided(window.signals(), because=because, would_need=would_need)
     return window.say("attack", window.signals(), p_value=p_value, because=because, would_need=would_need)
-
-
-def _disjoint(pairings: list[Pairing]) -> list[Pairing]:
-    """The first, and of the others in order those that share no set's signals with one taken before."""
-    taken: list[Pairing] = []
-    for pairing in pairings:
-        if not any(pairing.takes & other.takes for other in taken):
-            taken.append(pairing)
-    return taken
