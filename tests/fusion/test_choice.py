@@ -76,7 +76,7 @@ class Taken:
         decision = fuse(self.evidence, [self.observations], self.sets)
         return choices(
             decision, self.evidence, [self.observations], self.sets, {"rx1": foresight}, ChoiceRules(**rules)
-        )
+        )[0]
 
     def decided(self, foresight, **rules):
         return fuse([*self.evidence, *self.chosen(foresight, **rules)], [self.observations], self.sets)

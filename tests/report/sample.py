@@ -7,6 +7,7 @@ import numpy as np
 
 from skyproof.report.page import FixTrack, Pictures, SignalSeries, SkyPosition
 from skyproof.report.pictures import DelayProfile, DelayTag, Finding, RangeDifference, TruePlace
+from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins, OriginSpan, TimeOffset
 from skyproof.verdict import Place, Verdict
 
 SAMPLE = json.loads((Path(__file__).parents[1] / "formats" / "verdict-sample.json").read_text(encoding="utf-8"))
@@ -71,6 +72,20 @@ def pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
             for sat in range(sats)
             for label, metres in (("authentic", 20.0 * sat - 20.0), ("spoofed", 0.0))
         ),
+        correlations=tuple(_correlation(f"G{sat + 1:02}") for sat in range(min(sats, 6))),
+        compared=(_compared(),),
+        origins=(
+            FixOrigins(
+                receiver="rx1",
+                trusted=(
+                    OriginSpan("satellites", 0.0, 20.0),
+                    OriginSpan("inertia", 20.0, 30.0),
+                    OriginSpan("held", 30.0, 49.0),
+                ),
+                seconds=np.arange(50.0),
+                away_m=np.maximum(np.arange(50.0) - 24.0, 0.0),
+            ),
+        ),
         findings=(
             Finding(
                 detector="multi_receiver",
@@ -79,4 +94,42 @@ def pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
                 to_gpst="2022-01-01T10:00:40",
             ),
         ),
+    )
+
+
+def _correlation(sat: str) -> CorrelationParts:
+    delays = np.linspace(-1.5, 1.5, 151)
+    parts = np.stack([size * np.maximum(1.0 - np.abs(delays - at), 0.0) for size, at in ((20.0, 0.0), (12.0, -0.5))])
+    return CorrelationParts(
+        receiver="rx1",
+        sat=sat,
+        at_s=48.0,
+        delays_chips=delays,
+        value=parts[0] + parts[1] * np.exp(2j),
+        parts=parts,
+        second_chips=-0.5,
+        second_db=-4.4,
+        second_deg=114.6,
+    )
+
+
+def _compared() -> ComparedSkies:
+    kinds = (("expected", "expected", 0.0), ("sky 1", "trusted", 1.0), ("sky 2", "false", 80.0))
+    return ComparedSkies(
+        receiver="rx1",
+        at_s=45.0,
+        by="a receiver that stands",
+        tracks=tuple(
+            FixTrack(
+                receiver=name,
+                kind=kind,
+                east_m=np.array([east_m]),
+                north_m=np.zeros(1),
+                covariance_m2=np.eye(2),
+            )
+            for name, kind, east_m in kinds
+        ),
+        offsets=tuple(TimeOffset(name=name, kind=kind, ns=3.0 * ns, sigma_ns=4.0) for name, kind, ns in kinds),
+        wrong=1e-6,
+        chosen=True,
     )

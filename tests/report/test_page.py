@@ -95,9 +95,13 @@ def test_the_page_draws_what_it_was_given() -> None:
         "Signals of rx2",
         "Two peaks where there should be one: rx1",
         "The way to rx2 against the way to rx1",
+        "What the trusted position of rx1 came from",
+        "Which sky of rx1 is true: position",
+        "Which sky of rx1 is true: time",
+        "Two signals in one peak: rx1",
     ):
         assert f"<h3>{heading}</h3>" in page
-    assert read(page).tags.count("figure") == 8
+    assert read(page).tags.count("figure") == 12
 
 
 def test_the_same_input_gives_the_same_bytes() -> None:

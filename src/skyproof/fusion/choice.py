@@ -34,10 +34,10 @@ from skyproof.fusion.timeline import Onset
 from skyproof.gnss.time import iso
 from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.known import Known
-from skyproof.navigation.prediction import choose
+from skyproof.navigation.prediction import Choice, choose
 from skyproof.records import ConsistentSet, Evidence, NavigationData, ObservationLog, SignalId, SignalRef
 
-__all__ = ["DETECTOR", "ChoiceRules", "choices"]
+__all__ = ["DETECTOR", "ChoiceRules", "Compared", "choices"]
 
 _GOES_ON: Final = 1e-6
 """Probability that a window which is taken for true, or a chosen sky that is alone again, does not go on."""
@@ -58,12 +58,27 @@ class ChoiceRules:
     elevation_mask_deg: float = 5.0
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Compared:
+    """Skies of one receiver beside what was expected of the true one, in the first window in which one was chosen, or
+    the last one in which none was.
+
+    by : what `expected` rests on, in words. skies : what each shows, in the order of `choice`.
+    """
+
+    receiver: str
+    by: str
+    expected: Known
+    skies: tuple[Known, ...]
+    choice: Choice
+
+
 @dataclass(frozen=True, eq=False)
 class _State:
     """What is carried from window to window.
 
     kind : of the signals whose clock is compared. bias_s : of the last fix that was taken for true. chosen, refused :
-    the signals of the skies called true and false last.
+    the signals of the skies called true and false last. compared : None as long as there were no two skies.
     """
 
     foresight: Foresight
@@ -71,6 +86,7 @@ class _State:
     bias_s: float = 0.0
     chosen: frozenset[SignalId] = field(default_factory=frozenset)
     refused: frozenset[SignalId] = field(default_factory=frozenset)
+    compared: Compared | None = None
 
     def followed(self, shown: SkyFix, s: ConsistentSet) -> "_State":
         return replace(self, foresight=self.foresight.followed(shown), bias_s=s.clock_bias_s)
@@ -84,15 +100,15 @@ def choices(
     foresights: Mapping[str, Foresight],
     rules: ChoiceRules,
     navigation: NavigationData | None = None,
-) -> list[Evidence]:
+) -> tuple[list[Evidence], list[Compared]]:
     """Evidence by prediction on the receivers that are attacked, of which nothing is named as true or false, and of
-    which there is a foresight.
+    which there is a foresight; and what was compared, one a receiver that had two skies.
 
     navigation : orbits, for a foresight that learns from the fixes of epochs.
     """
     named = {s.ref.receiver for s in decision.labels if s.label in ("authentic", "spoofed")}
     attacked = {ref.receiver for e in evidence if e.says == "attack" for ref in e.subject} - named
-    found: list[Evidence] = []
+    found, compared = list[Evidence](), list[Compared]()
     for o in observations:
         own = [sky for sky in decision.skies if any(ref.receiver == o.receiver for ref in sky.signals)]
         if o.receiver in attacked and o.receiver in foresights:
@@ -103,8 +119,10 @@ def choices(
                 elevation_mask_deg=rules.elevation_mask_deg,
             )
             chooser = _Chooser(maker, rules, _second_onset(own, o))
-            found += chooser.of_windows(rivals_of(o, evidence, sets), foresights[o.receiver])
-    return found
+            said, seen = chooser.of_windows(rivals_of(o, evidence, sets), foresights[o.receiver])
+            found += said
+            compared += [seen] if seen is not None else []
+    return found, compared
 
 
 def _second_onset(skies: Sequence[FalseSource], o: ObservationLog) -> Onset | None:
@@ -130,7 +148,7 @@ class _Chooser:
         end: np.datetime64 = self.log.gpst[0] + np.timedelta64(round(self.rules.clean_start_s * 1e9), "ns")
         return end
 
-    def of_windows(self, every: Sequence[Rivals], foresight: Foresight) -> list[Evidence]:
+    def of_windows(self, every: Sequence[Rivals], foresight: Foresight) -> tuple[list[Evidence], Compared | None]:
         """By what is true before the second sky, or in the first windows alone; nothing where these do not go on."""
         windows = [w for w in every if w.sets]
         until = min([self._latest(), *(w.start for w in every if w.doubted)])
@@ -139,7 +157,7 @@ class _Chooser:
             learned = self._learned(_State(foresight), before)
             if learned is not None:
                 return self._walked(learned, before, windows[len(before) :])
-        return []
+        return [], None
 
     def _latest(self) -> np.datetime64:
         """Until when the signals may be taken for true."""
@@ -165,7 +183,9 @@ class _Chooser:
                 state = replace(state, foresight=state.foresight.learned(shown), bias_s=only.clock_bias_s)
         return state
 
-    def _walked(self, state: _State, before: Sequence[Rivals], windows: Sequence[Rivals]) -> list[Evidence]:
+    def _walked(
+        self, state: _State, before: Sequence[Rivals], windows: Sequence[Rivals]
+    ) -> tuple[list[Evidence], Compared | None]:
         assumes = (*self._clean(before), *state.foresight.assumes)
         found: list[Evidence] = []
         for window in windows:
@@ -174,7 +194,7 @@ class _Chooser:
             found += said
         words = f"the only sky of {self.log.receiver}, before a second one was seen"
         clean = [taken_for_true(self.log, window, end, assumes, words) for window, end in _spans(before)]
-        return [*clean, *_at_home(found)]
+        return [*clean, *_at_home(found)], state.compared
 
     def _clean(self, before: Sequence[Rivals]) -> tuple[str, ...]:
         """What is assumed of the windows before the second sky."""
@@ -199,7 +219,11 @@ class _Chooser:
         if not window.attacked:
             return [], state
         by, most_wrong = state.foresight.by, self.rules.most_wrong
-        choice = choose(expected, [one.whole for one in shown], most_wrong=most_wrong, false_alarm_probability=REFUSED)
+        skies = tuple(one.whole for one in shown)
+        choice = choose(expected, skies, most_wrong=most_wrong, false_alarm_probability=REFUSED)
+        if not state.chosen:
+            seen = Compared(receiver=self.log.receiver, by=by, expected=expected, skies=skies, choice=choice)
+            state = replace(state, compared=seen)
         if choice.chosen is None:
             return [not_chosen(self.log, window, shown, choice, by, most_wrong)], state
         taken = window.sets[choice.chosen]

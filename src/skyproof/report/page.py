@@ -13,7 +13,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from skyproof.report import methods, proof
+from skyproof.report import methods, proof, takeover
 from skyproof.report import pictures as draw
 from skyproof.report.pictures import (
     DelayProfile,
@@ -26,6 +26,7 @@ from skyproof.report.pictures import (
     TruePlace,
 )
 from skyproof.report.positions import away_words, within_m
+from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins
 from skyproof.report.what_now import ended, what_now
 from skyproof.report.words import (
     chance_words,
@@ -47,6 +48,7 @@ MOST_OPEN = 80  # signals whose tables are unfolded at first
 MOST_NAMED_ABOVE = 3  # receivers at the top of the page; the table below has all
 MOST_CLOSE = 6  # receivers that get a map of their own
 SURE = "95\N{NO-BREAK SPACE}%"
+LEAST_WRONG = 1e-12  # of a choice, as its words have it
 LEAST_STATED = 1e-30  # a smaller probability says more of the model than of the world
 ORDER = ("spoofed", "attack", "authentic", "multipath", "undecided", "clean")  # of methods, by what they say
 
@@ -72,6 +74,9 @@ class Pictures:
     sky: tuple[SkyPosition, ...] = ()
     profiles: tuple[DelayProfile, ...] = ()
     differences: tuple[RangeDifference, ...] = ()
+    correlations: tuple[CorrelationParts, ...] = ()
+    compared: tuple[ComparedSkies, ...] = ()
+    origins: tuple[FixOrigins, ...] = ()
     findings: tuple[Finding, ...] = ()
 
 
@@ -122,9 +127,9 @@ def report_html(verdict: Verdict, pictures: Pictures) -> str:
         undecided=_undecided(verdict),
         how_sure=how_sure(verdict),
         positions=_positions(verdict),
-        maps=_maps(pictures),
+        maps=[*_maps(pictures), *_origins(pictures), *_compared(pictures)],
         labels=[label for label in draw.LABELS if any(s.label == label for s in verdict.signals)],
-        signals=[*_time_lines(pictures), *_proofs(pictures), *_skies(verdict, pictures)],
+        signals=[*_time_lines(pictures), *_proofs(pictures), *_correlations(pictures), *_skies(verdict, pictures)],
         ran=[_tested(method, pictures) for method in ran],
         not_run=[(m, methods.title(m.detector)) for m in verdict.methods if not m.ran],
         tables=_tables(verdict),
@@ -377,6 +382,63 @@ def _off_truth(track: FixTrack, pictures: Pictures) -> str:
     return f" The last trusted fix of {track.receiver} lies {distance_words(off_m)} from the truth, horizontally."
 
 
+ORIGINS = {
+    "satellites": "filled: satellites",
+    "inertia": "light: inertia, since the last trusted fix",
+    "held": "dashed: held, as the receiver stands",
+}
+
+
+def _origins(pictures: Pictures) -> list[Figure]:
+    zero = f"{instant_words(pictures.zero_gpst)} GPS time"
+    return [
+        Figure(
+            f"What the trusted position of {one.receiver} came from",
+            takeover.origins_plot(
+                one,
+                title=f"Origin of the trusted position of {one.receiver} and error of an ordinary receiver over time",
+                zero=zero,
+                onset_s=pictures.onset_s,
+                until_s=pictures.until_s,
+            ),
+            "Line: distance between what a receiver without protection shows and the trusted position. Bar: what the "
+            f"trusted position came from ({'; '.join(ORIGINS[kind] for kind in ORIGINS if kind in _kinds(one))}); "
+            "nothing where there is none.",
+        )
+        for one in pictures.origins
+    ]
+
+
+def _kinds(origins: FixOrigins) -> set[str]:
+    return {one.origin for one in origins.trusted}
+
+
+def _compared(pictures: Pictures) -> list[Figure]:
+    """Skies beside what was expected: position on a map, time on a line; in words how sure the choice is."""
+    figures = []
+    for one in pictures.compared:
+        heading = f"Which sky of {one.receiver} is true"
+        how = (
+            f"At {number_words(one.at_s)} s; expected by {one.by}. "
+            + (f"Disc: chosen; diamond: refused; this is wrong {_wrong_words(one.wrong)}." if one.chosen else "")
+            + (f"None is chosen: the likelier one is wrong {_wrong_words(one.wrong)}." if not one.chosen else "")
+        )
+        if one.tracks:
+            svg = takeover.skies_map(one, title=f"Positions by the skies of {one.receiver} and the expected one")
+            words = "Metres east and north of the expected position (square), with 95 % ellipses."
+            figures.append(Figure(f"{heading}: position", svg, f"{how} {words}"))
+        if one.offsets:
+            svg = takeover.clock_plot(one, title=f"Times by the skies of {one.receiver} against the expected one")
+            words = "" if one.tracks else f"{how} "
+            words += "The receiver’s clock by each sky, two sigma to either side."
+            figures.append(Figure(f"{heading}: time", svg, words))
+    return figures
+
+
+def _wrong_words(probability: float) -> str:
+    return chance_words(max(probability, LEAST_WRONG))
+
+
 # Signals
 
 
@@ -465,6 +527,22 @@ def _proofs(pictures: Pictures) -> list[Figure]:
             )
         )
     return figures
+
+
+def _correlations(pictures: Pictures) -> list[Figure]:
+    """Of satellites with two signals within a chip or so."""
+    if not pictures.correlations:
+        return []
+    one = pictures.correlations[0]
+    return [
+        Figure(
+            f"Two signals in one peak: {one.receiver}",
+            takeover.correlation_plot(pictures.correlations, title=f"Correlation of {one.receiver} taken apart"),
+            f"Correlation at {number_words(one.at_s)} s, 20 ms: height is its magnitude, colour its phase, both from "
+            "the samples. Lines: the stronger signal (full) and the second one (dashed) as they were taken apart; in "
+            "numbers the second’s delay, power and phase against the stronger one. One signal alone has one colour.",
+        )
+    ]
 
 
 def _tables(verdict: Verdict) -> list[tuple[str, str, bool, list[tuple[Signal, str]]]]:

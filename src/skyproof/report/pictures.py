@@ -31,10 +31,11 @@ __all__ = [
     "time_line",
 ]
 
-Kind = Literal["trusted", "false", "unprotected", "possible"]
-"""What a position comes from; possible: from a consistent sky of which it is open whether it is the true one."""
+Kind = Literal["trusted", "false", "unprotected", "possible", "expected"]
+"""What a position comes from; possible: from a consistent sky of which it is open whether it is the true one;
+expected: from what was known before."""
 
-KINDS: tuple[Kind, ...] = ("trusted", "false", "possible", "unprotected")  # in the order of their weight
+KINDS: tuple[Kind, ...] = ("trusted", "false", "possible", "expected", "unprotected")  # in the order of their weight
 
 Spot = Literal[Kind, "truth"]
 SPOTS: tuple[Spot, ...] = (*KINDS, "truth")
@@ -181,7 +182,7 @@ def _ellipse(track: FixTrack) -> Reals:
 
 
 def _mark(x: float, y: float, kind: Spot) -> Markup:
-    """One shape a kind, so that colour is not needed: disc, diamond, triangle, ring, cross."""
+    """One shape a kind, so that colour is not needed: disc, diamond, triangle, square, ring, cross."""
     if kind == "truth":
         return Markup('<path class="true-place" d="M{:.1f} {:.1f}h14m-7 -7v14"/>').format(x - 7.0, y)
     if kind == "trusted":
@@ -190,6 +191,8 @@ def _mark(x: float, y: float, kind: Spot) -> Markup:
         return Markup('<path class="mark false" d="M{:.1f} {:.1f}l6 6l-6 6l-6 -6z"/>').format(x, y - 6.0)
     if kind == "possible":
         return Markup('<path class="mark possible" d="M{:.1f} {:.1f}l5.5 9.5h-11z"/>').format(x, y - 6.0)
+    if kind == "expected":
+        return draw.rect(x - 7.0, y - 7.0, x + 7.0, y + 7.0, "ring expected")
     return draw.circle(x, y, 8.5, "ring unprotected")
 
 

@@ -35,7 +35,8 @@ def profile_plot(profiles: Sequence[DelayProfile], *, title: str) -> Markup:
         lowest = row == rows - 1 or index + columns >= len(profiles)
         parts += _panel(profile, across, up, numbered=(column == 0, lowest))
     bottom = top + rows * _PANEL
-    names = ("delay, chips (1 chip = 293 m)", "correlation power, noise = 1")
+    upwards = "correlation power, noise = 1" if rows > 1 else "power, noise = 1"  # one panel is no longer than that
+    names = ("delay, chips (1 chip = 293 m)", upwards)
     parts += [
         draw.text((left + right) / 2.0, bottom + 16.0, names[0], anchor="middle", css="axis"),
         draw.text(9.0, (top + bottom) / 2.0, names[1], anchor="middle", css="axis", turn=True),

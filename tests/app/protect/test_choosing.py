@@ -8,6 +8,7 @@ from scipy import stats
 from tests.app.protect.choosing import choice_of, inertia_of, judged, led_away
 
 from skyproof.app.common.settings import Settings
+from skyproof.app.protect.takeover_pictures import compared_skies, origins
 
 STANDS = Settings(speed_max_m_s=0.0)
 
@@ -34,6 +35,22 @@ def test_fixes_come_from_satellites_then_inertia_then_satellites(pushed):
     changes = np.flatnonzero(source[1:] != source[:-1])
     assert [str(word) for word in (*source[changes], source[-1])] == ["satellites", "inertia", "satellites"]
     assert np.diff(pushed.at_s[order]).max() < 0.6
+
+
+def test_the_report_draws_what_was_expected_both_skies_and_where_positions_come_from(pushed):
+    zero = pushed.outcome.receivers[0].reception.observations.gpst[0]
+    (compared,) = compared_skies(pushed.outcome, zero)
+    away_m = {track.kind: float(np.hypot(track.east_m[0], track.north_m[0])) for track in compared.tracks}
+    assert away_m["expected"] == 0.0
+    assert away_m["trusted"] < 5.0 < away_m["false"]
+    assert compared.chosen
+    assert compared.wrong <= 1e-3
+    (came,) = origins(pushed.outcome, zero)
+    assert [one.origin for one in came.trusted] == ["satellites", "held", "satellites"]
+    held = pushed.at_s[pushed.source == "inertia"]
+    assert came.trusted[1].from_s == pytest.approx(held.min(), abs=0.6)
+    assert came.trusted[1].to_s == pytest.approx(held.max(), abs=0.6)
+    assert np.nanmax(came.away_m) > 100.0
 
 
 def test_of_a_receiver_of_which_nothing_is_known_nothing_is_chosen():

@@ -16,6 +16,7 @@ from skyproof.app.protect.positions import KINDS, Positions, Track
 from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NEEDS
+from skyproof.fusion.choice import Compared
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource, LabelledSignal
 from skyproof.fusion.unexplained import Kind, Unexplained
@@ -76,13 +77,14 @@ class ReceiverOutcome:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
-    """Everything that a run found out."""
+    """Everything that a run found out. compared : skies beside what was expected, of receivers that had two."""
 
     receivers: tuple[ReceiverOutcome, ...]
     decision: Decision
     evidence: Sequence[Evidence]
     sets: tuple[ConsistentSet, ...]
     navigation: NavigationData
+    compared: tuple[Compared, ...] = ()
 
     @cached_property
     def bearings(self) -> Mapping[str, Bearing]:

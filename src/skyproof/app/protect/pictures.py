@@ -15,6 +15,7 @@ from skyproof.app.common.windows import cut
 from skyproof.app.protect.document import Outcome, ReceiverOutcome, place_of
 from skyproof.app.protect.methods import of_detectors
 from skyproof.app.protect.positions import KINDS
+from skyproof.app.protect.takeover_pictures import compared_skies, correlations, origins
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges
@@ -87,6 +88,9 @@ def pictures_of(outcome: Outcome) -> Pictures:
         sky=tuple(p for r in observed for p in _sky(r, outcome)),
         profiles=tuple(_profiles(observed, outcome, zero)),
         differences=tuple(_differences(observed, outcome)),
+        correlations=tuple(correlations(outcome, zero)),
+        compared=tuple(compared_skies(outcome, zero)),
+        origins=tuple(origins(outcome, zero)),
         findings=findings,
     )
 

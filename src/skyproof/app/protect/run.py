@@ -304,13 +304,19 @@ def judge(
         multipath_sigma_m=settings.multipath_sigma_m,
         elevation_mask_deg=settings.elevation_mask_deg,
     )
-    if chosen := choices(decision, evidence, observed, sets, foresights, rules, orbits):
+    chosen, compared = choices(decision, evidence, observed, sets, foresights, rules, orbits)
+    if chosen:
         report(chosen)
         evidence = EvidenceLog(merge(evidence, chosen, key=lambda one: (one.start_gpst, one.end_gpst)))
         decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings, foresights) for r in receptions]
     outcome = Outcome(
-        receivers=tuple(outcomes), decision=decision, evidence=evidence, sets=tuple(sets), navigation=orbits
+        receivers=tuple(outcomes),
+        decision=decision,
+        evidence=evidence,
+        sets=tuple(sets),
+        navigation=orbits,
+        compared=tuple(compared),
     )
     return outcome, interrupted
 

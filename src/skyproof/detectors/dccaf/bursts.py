@@ -27,7 +27,17 @@ from skyproof.compiled import compiled
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
 
-__all__ = ["REFLECTED_DB", "BurstComponents", "Shapes", "components", "joint_p_value", "own_correlation", "shapes"]
+__all__ = [
+    "REFLECTED_DB",
+    "BurstComponents",
+    "Shapes",
+    "amplitudes",
+    "between_taps",
+    "components",
+    "joint_p_value",
+    "own_correlation",
+    "shapes",
+]
 
 REFLECTED_DB = 3.0
 """By which a reflection is weaker at least: a wall takes that of a circular wave."""
@@ -69,6 +79,18 @@ def shapes(prn: int, taps_chips: tuple[float, ...], band_hz: float, window_chips
     lag = taps[:, None] - grid
     value, slope = (whiten @ _read(table, lag)).T.copy(), -(whiten @ _read(slopes, lag)).T
     return Shapes(whiten=whiten, grid=grid, value=value, slope=np.ascontiguousarray(slope), path=_path(value, slope))
+
+
+def amplitudes(taps: Complexes, own: Shapes, seen: Reals) -> Complexes:
+    """Of signals (n,) in one interval (m,), by least squares in its noise: `seen` (m, n) is what each looks like in the
+    taps, of amplitude 1."""
+    return np.asarray(np.linalg.lstsq(own.whiten @ seen + 0j, own.whiten @ taps, rcond=None)[0])
+
+
+def between_taps(taps: Complexes, own: Shapes, read: Reals) -> Complexes:
+    """An interval's correlation (m,) at other delays (n,): what is in the band and goes through the taps. `read` (n, m)
+    is the code's correlation from those to the taps."""
+    return np.asarray(read @ (own.whiten.T @ (own.whiten @ taps)))
 
 
 def own_correlation(prn: int, lag_chips: ArrayLike, band_hz: float) -> Reals:

@@ -1,0 +1,216 @@
+"""What the report draws of signals on top of a receiver's own, taken from a run's outcome: correlation and what it was
+taken apart into, skies beside what was expected, and what positions came from.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.app.protect.coasting import stands, trusted_and_coasted
+from skyproof.app.protect.document import Outcome, ReceiverOutcome
+from skyproof.app.protect.positions import Track
+from skyproof.arrays import Instants, Integers, Reals
+from skyproof.detectors.dccaf.bursts import amplitudes, between_taps, own_correlation, shapes
+from skyproof.detectors.dccaf.detector import Dccaf, DccafSettings, Delays, delays_of, last_burst
+from skyproof.fusion.choice import Compared
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.signals import prn_of
+from skyproof.gnss.time import seconds_between
+from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.known import Known
+from skyproof.records import Ccaf, Evidence
+from skyproof.report.pictures import FixTrack, Kind
+from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins, Origin, OriginSpan, TimeOffset
+
+__all__ = ["compared_skies", "correlations", "origins"]
+
+_SATELLITES: Final = 6
+"""Whose correlation is drawn: more would show the same again."""
+_STEP_CHIPS: Final = 0.02
+_RECEIVERS: Final = 6
+_PLACE, _CLOCK = slice(0, 3), 6
+_NS_A_M: Final = 1e9 / SPEED_OF_LIGHT_M_S
+
+
+# ---------------------------------------------------------------------- correlation
+
+
+def correlations(outcome: Outcome, zero: np.datetime64) -> list[CorrelationParts]:
+    """Of the receiver and window in which `dccaf` found most; none where it found a clean sky."""
+    found = _most_telling(outcome)
+    if found is None:
+        return []
+    name = found.subject[0].receiver
+    reception = next(r.reception for r in outcome.receivers if r.reception.source.name == name)
+    o, grids = reception.observations, reception.ccaf
+    if o is None or grids is None:
+        return []
+    ends = np.searchsorted(o.gpst, np.array([found.start_gpst, found.end_gpst]))
+    begin_s, end_s = (float(o.elapsed_s[min(int(row), o.elapsed_s.size - 1)]) for row in ends)
+    ccaf = grids.between(begin_s, end_s)
+    epochs = last_burst(ccaf) if ccaf.gpst.size else np.empty(0, np.int64)
+    return _taken_apart(ccaf, epochs, float(seconds_between(ccaf.gpst[epochs[-1]], zero))) if epochs.size else []
+
+
+def _most_telling(outcome: Outcome) -> Evidence | None:
+    """The last of the least p-value among the pieces that are not of a clean sky."""
+    best: Evidence | None = None
+    for e in outcome.evidence:
+        if e.detector != Dccaf.name or e.says == "clean" or e.p_value is None or e.lacking or not e.subject:
+            continue
+        if best is None or best.p_value is None or e.p_value <= best.p_value:
+            best = e
+    return best
+
+
+def _taken_apart(ccaf: Ccaf, epochs: Integers, at_s: float) -> list[CorrelationParts]:
+    settings = DccafSettings()
+    found = delays_of(ccaf, epochs, settings)
+    rows = np.flatnonzero(np.isfinite(found.delay_chips).all(axis=1))
+    surest: dict[str, int] = {}  # of each satellite's signals: a second one is followed with the first in its grid
+    for row in rows[np.argsort(found.p_value[rows], kind="stable")].tolist():
+        surest.setdefault(ccaf.signals[row].sat, row)
+    chosen = dict(list(surest.items())[:_SATELLITES])
+    return [_parts(ccaf, int(epochs[-1]), chosen[sat], found, settings, at_s) for sat in sorted(chosen)]
+
+
+def _parts(ccaf: Ccaf, epoch: int, row: int, found: Delays, settings: DccafSettings, at_s: float) -> CorrelationParts:
+    taps = np.asarray(ccaf.delays_chips, np.float64)
+    middle = int(np.argmin(np.abs(ccaf.dopplers_hz)))
+    value = np.asarray(ccaf.value[epoch, row, middle], np.complex128) / np.sqrt(ccaf.noise_variance[epoch, row])
+    prn = prn_of(ccaf.signals[row].sat)
+    own = shapes(prn, tuple(taps.tolist()), ccaf.band_hz, settings.window_chips)
+
+    def read(at: Reals, from_: Reals) -> Reals:
+        return own_correlation(prn, at[:, None] - from_, ccaf.band_hz)
+
+    delay = found.delay_chips[row]
+    size = amplitudes(value, own, read(taps, delay))
+    order = np.argsort(-np.abs(size), kind="stable")
+    delay, size = delay[order], size[order]
+    drawn = np.arange(round((taps[-1] - taps[0]) / _STEP_CHIPS) + 1) * _STEP_CHIPS + taps[0]
+    turned = np.exp(-1j * np.angle(size[0]))
+    return CorrelationParts(
+        receiver=ccaf.receiver,
+        sat=ccaf.signals[row].sat,
+        at_s=at_s,
+        delays_chips=drawn - delay[0],
+        value=between_taps(value, own, read(drawn, taps)) * turned,
+        parts=np.abs(size)[:, None] * np.abs(read(drawn, delay).T),
+        second_chips=float(delay[1] - delay[0]),
+        second_db=float(20.0 * np.log10(np.abs(size[1]) / np.abs(size[0]))),
+        second_deg=float(np.degrees(np.angle(size[1] * turned))),
+    )
+
+
+# ---------------------------------------------------------------------- skies
+
+
+def compared_skies(outcome: Outcome, zero: np.datetime64) -> list[ComparedSkies]:
+    """Of each receiver that had two skies which something was expected of."""
+    return [_compared(one, float(seconds_between(one.expected.gpst, zero))) for one in outcome.compared[:_RECEIVERS]]
+
+
+def _compared(one: Compared, at_s: float) -> ComparedSkies:
+    chosen = one.choice.chosen
+    named: list[tuple[str, Kind, Known]] = [("", "expected", one.expected)]
+    for number, sky in enumerate(one.skies):
+        kind: Kind = "possible" if chosen is None else "trusted" if number == chosen else "false"
+        named.append((f"sky {number + 1}", kind, sky))
+    places = all(set(range(3)) <= set(known.there) for _, _, known in named)
+    clocks = all(_CLOCK in known.there for _, _, known in named)
+    return ComparedSkies(
+        receiver=one.receiver,
+        at_s=at_s,
+        by=one.by,
+        tracks=tuple(_fix(name or one.receiver, kind, known, one.expected) for name, kind, known in named)
+        if places
+        else (),
+        offsets=tuple(_offset(name or "expected", kind, known, one.expected) for name, kind, known in named)
+        if clocks
+        else (),
+        wrong=float(one.choice.wrong_probability),
+        chosen=chosen is not None,
+    )
+
+
+def _fix(name: str, kind: Kind, known: Known, expected: Known) -> FixTrack:
+    lat, lon, _ = geodetic_from_ecef(expected.mean[_PLACE])
+    rot = np.asarray(rot_enu_ecef(lat, lon))
+    east_m, north_m, _ = rot @ (known.mean[_PLACE] - expected.mean[_PLACE])
+    return FixTrack(
+        receiver=name,
+        kind=kind,
+        east_m=np.array([east_m]),
+        north_m=np.array([north_m]),
+        covariance_m2=(rot @ known.covariance[_PLACE, _PLACE] @ rot.T)[:2, :2],
+    )
+
+
+def _offset(name: str, kind: Kind, known: Known, expected: Known) -> TimeOffset:
+    return TimeOffset(
+        name=name,
+        kind=kind,
+        ns=float(known.mean[_CLOCK] - expected.mean[_CLOCK]) * _NS_A_M,
+        sigma_ns=float(np.sqrt(known.covariance[_CLOCK, _CLOCK])) * _NS_A_M,
+    )
+
+
+# ---------------------------------------------------------------------- where positions come from
+
+
+def origins(outcome: Outcome, zero: np.datetime64) -> list[FixOrigins]:
+    """Of receivers with trusted positions, where there is an attack or something else than satellites gave some."""
+    found = [one for r in outcome.receivers if (one := _origins(r, zero)) is not None]
+    attacked = outcome.decision.verdict == "spoofed"
+    return [one for one in found if attacked or {s.origin for s in one.trusted} != {"satellites"}][:_RECEIVERS]
+
+
+def _origins(r: ReceiverOutcome, zero: np.datetime64) -> FixOrigins | None:
+    trusted, ordinary = r.tracks.get("trusted"), r.tracks.get("unprotected")
+    if trusted is None or r.positions is None:
+        return None
+    place_m, origin = trusted.position_ecef_m.copy(), np.where(trusted.fixed, "satellites", "")
+    if isinstance(r.positions.foresight, Inertial):
+        for at, carried_m in _flown(r):
+            rows = np.clip(np.searchsorted(trusted.gpst, at), 0, origin.size - 1)
+            free = origin[rows] == ""
+            place_m[rows[free]], origin[rows[free]] = carried_m[free], "inertia"
+    elif stands(r.positions):
+        number = np.cumsum(trusted.fixed)
+        held = (number > 0) & ~trusted.fixed
+        place_m[held], origin[held] = trusted.position_ecef_m[trusted.fixed][number[held] - 1], "held"
+    seconds = np.asarray(seconds_between(trusted.gpst, zero), np.float64)
+    return FixOrigins(
+        receiver=r.reception.source.name,
+        trusted=tuple(_stretches(origin, seconds)),
+        seconds=seconds,
+        away_m=_away_m(place_m, ordinary),
+    )
+
+
+def _flown(r: ReceiverOutcome) -> Iterator[tuple[Instants, Reals]]:
+    """Times and positions by inertia, stretch by stretch."""
+    assert r.positions is not None
+    for source, fix in trusted_and_coasted(r.positions):
+        if source == "inertia":
+            yield fix.gpst, fix.position_ecef_m
+
+
+def _away_m(place_m: Reals, ordinary: Track | None) -> Reals:
+    if ordinary is None:
+        return np.full(len(place_m), np.nan)
+    return np.asarray(np.linalg.norm(ordinary.position_ecef_m - place_m, axis=1))
+
+
+def _stretches(origin: NDArray[np.str_], seconds: Reals) -> Iterator[OriginSpan]:
+    """Runs of epochs of one origin, each until the next one begins."""
+    edges = [0, *(np.flatnonzero(origin[1:] != origin[:-1]) + 1).tolist(), origin.size]
+    for first, stop in pairwise(edges):
+        if origin[first]:
+            name: Origin = origin[first].item()
+            yield OriginSpan(name, float(seconds[first]), float(seconds[min(stop, origin.size - 1)]))

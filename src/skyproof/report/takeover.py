@@ -1,0 +1,279 @@
+"""What one antenna shows of signals on top of its own, drawn: a satellite's correlation coloured by its phase, skies
+beside what was expected of the true one, and what positions came from over time.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from markupsafe import Markup
+
+from skyproof.arrays import Complexes, Integers, Reals
+from skyproof.records import freeze
+from skyproof.report import drawing as draw
+from skyproof.report.pictures import FixTrack, Kind, local_map
+
+__all__ = ["ComparedSkies", "CorrelationParts", "FixOrigins", "Origin", "OriginSpan", "TimeOffset"]
+__all__ += ["clock_plot", "correlation_plot", "origins_plot", "skies_map"]
+
+_PHASES = 12  # colours round the circle
+_COLUMNS = 2
+_PANEL = 116.0  # units, the height of one
+_POINTS = 240  # of a line over time
+_LEAST_NS = 1.0
+
+Origin = Literal["satellites", "inertia", "held"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CorrelationParts:
+    """One satellite's correlation in one coherent interval, and the signals it was taken apart into.
+
+    delays_chips : (n,) behind the stronger signal, ascending. value : (n,) in units of the root of one value's noise
+    variance; its phase counts from the stronger signal's. parts : (2, n) magnitude of each signal alone, the stronger
+    first. second_chips, second_db, second_deg : delay, power and phase of the second against it.
+    """
+
+    receiver: str
+    sat: str
+    at_s: float
+    delays_chips: Reals
+    value: Complexes
+    parts: Reals
+    second_chips: float
+    second_db: float
+    second_deg: float
+
+    def __post_init__(self) -> None:
+        freeze(self, {"delays_chips": ("delay",), "value": ("delay",), "parts": ("2", "delay")})
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeOffset:
+    """Clock by one sky, less what was expected of it."""
+
+    name: str
+    kind: Kind
+    ns: float
+    sigma_ns: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ComparedSkies:
+    """Skies of one receiver beside what was expected of the true one at `at_s` of the pictures' time.
+
+    tracks : one fix each, metres east and north of the expected position, which is one of them; none if it was not
+    known. offsets : likewise of time. by : what the expectation rests on. wrong : probability that the likeliest sky is
+    not the true one. chosen : whether one was.
+    """
+
+    receiver: str
+    at_s: float
+    by: str
+    tracks: tuple[FixTrack, ...]
+    offsets: tuple[TimeOffset, ...]
+    wrong: float
+    chosen: bool
+
+
+@dataclass(frozen=True)
+class OriginSpan:
+    """So long positions came from there, in seconds of the pictures' time."""
+
+    origin: Origin
+    from_s: float
+    to_s: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FixOrigins:
+    """What a receiver's trusted positions came from, and how far an ordinary receiver's position was from them.
+
+    seconds, away_m : (n,) ascending; NaN where there is not both.
+    """
+
+    receiver: str
+    trusted: tuple[OriginSpan, ...]
+    seconds: Reals
+    away_m: Reals
+
+    def __post_init__(self) -> None:
+        freeze(self, {"seconds": ("epoch",), "away_m": ("epoch",)})
+
+
+# Correlation
+
+
+def correlation_plot(satellites: Sequence[CorrelationParts], *, title: str) -> Markup:
+    """A panel a satellite: height is the magnitude of its correlation, colour its phase; lines are the two signals."""
+    if not satellites:
+        return Markup("")
+    left, gap, top, right = 40.0, 14.0, 8.0, 352.0
+    columns = min(_COLUMNS, len(satellites))
+    wide = (right - left - gap * (columns - 1)) / columns
+    rows = math.ceil(len(satellites) / columns)
+    highest = max(float(np.max(np.abs(one.value))) for one in satellites)
+    parts: list[Markup] = []
+    for index, one in enumerate(satellites):
+        row, column = divmod(index, columns)
+        x0, y0 = left + column * (wide + gap), top + row * _PANEL
+        across = draw.Scale(float(one.delays_chips[0]), float(one.delays_chips[-1]), x0, x0 + wide)
+        up = draw.Scale(0.0, 1.4 * highest, y0 + _PANEL - 24.0, y0)
+        parts += _panel(one, across, up, numbered=column == 0)
+    bottom = top + rows * _PANEL
+    parts += [
+        draw.text((left + right) / 2.0, bottom + 14.0, "delay, chips (1 chip = 293 m)", anchor="middle", css="axis"),
+        draw.text(9.0, (top + bottom) / 2.0, "magnitude, noise = 1", anchor="middle", css="small axis", turn=True),
+        *_phase_key(left, right, bottom + 24.0),
+    ]
+    return draw.svg(bottom + 52.0, title, parts)
+
+
+def _panel(one: CorrelationParts, across: draw.Scale, up: draw.Scale, *, numbered: bool) -> list[Markup]:
+    parts: list[Markup] = []
+    for tick in draw.nice_ticks(across.low, across.high, 5):
+        parts += [
+            draw.line(across(tick), up.end, across(tick), up.start, "grid"),
+            draw.text(across(tick), up.start + 12.0, draw.number(tick), anchor="middle", css="small"),
+        ]
+    for tick in draw.nice_ticks(up.low, up.high, 3):
+        if numbered:
+            parts.append(draw.text(across.start - 4.0, up(tick) + 3.5, draw.number(tick), anchor="end", css="small"))
+    x, y = across.pixels(one.delays_chips), up.pixels(np.abs(one.value))
+    colour = _colours(one.value)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(colour)) + 1, [colour.size]])
+    for first, stop in pairwise(edges):
+        over = slice(first, min(stop + 1, colour.size))
+        line = "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x[over], y[over], strict=True))
+        shape = f"M{x[over][0]:.1f} {up.start:.1f}L{line}L{x[over][-1]:.1f} {up.start:.1f}z"
+        parts.append(Markup('<path class="phase p{}" d="{}"/>').format(int(colour[first]), shape))
+    parts += [
+        draw.path(x, up.pixels(own), f"part {name}") for own, name in zip(one.parts, ("first", "second"), strict=True)
+    ]
+    words = f"{one.second_chips:+.2f} chip, {one.second_db:+.0f} dB, {one.second_deg:+.0f}°"
+    return [
+        *parts,
+        draw.line(across.start, up.start, across.end, up.start, "frame"),
+        draw.text(across.start + 3.0, up.end + 10.0, one.sat, css="halo"),
+        draw.text(across.start + 3.0, up.end + 21.0, words.replace("-", "\N{MINUS SIGN}"), css="small halo"),
+    ]
+
+
+def _colours(value: Complexes) -> Integers:
+    """Which twelfth of the circle each phase is next to."""
+    return np.asarray(np.rint(np.angle(value) / (2.0 * np.pi / _PHASES)).astype(np.int64) % _PHASES)
+
+
+def _phase_key(left: float, right: float, y: float) -> list[Markup]:
+    """A bar of all colours from -180 to 180 degrees."""
+    across = draw.Scale(-180.0, 180.0, left + 60.0, right - 60.0)
+    step = 360.0 / _PHASES
+    parts = []
+    for k in range(-_PHASES // 2, _PHASES // 2 + 1):
+        edges = [across(min(max(step * (k + side), -180.0), 180.0)) for side in (-0.5, 0.5)]
+        parts.append(draw.rect(edges[0], y, edges[1], y + 8.0, f"phase p{k % _PHASES}"))
+    for degrees in (-180.0, -90.0, 0.0, 90.0, 180.0):
+        parts.append(
+            draw.text(across(degrees), y + 19.0, f"{draw.number(degrees)}°", anchor="middle", css="small"),
+        )
+    return [*parts, draw.text(across.start - 8.0, y + 7.5, "phase", anchor="end", css="small")]
+
+
+# Skies
+
+
+def skies_map(compared: ComparedSkies, *, title: str) -> Markup:
+    """Where the skies put the receiver, about where it was expected."""
+    return local_map(compared.tracks, title=title, least_m=4.0)
+
+
+def clock_plot(compared: ComparedSkies, *, title: str) -> Markup:
+    """A row a sky: its time against the expected one, two sigma to either side."""
+    if not compared.offsets:
+        return Markup("")
+    left, right, top, step = 76.0, 346.0, 6.0, 20.0
+    bottom = top + step * len(compared.offsets)
+    reach = 1.15 * max(*(abs(one.ns) + 2.0 * one.sigma_ns for one in compared.offsets), _LEAST_NS)
+    across = draw.Scale(-reach, reach, left, right)
+    parts: list[Markup] = []
+    for tick in draw.nice_ticks(-reach, reach):
+        parts += [
+            draw.line(across(tick), top, across(tick), bottom, "limit" if tick == 0.0 else "grid"),
+            draw.text(across(tick), bottom + 14.0, draw.number(tick), anchor="middle"),
+        ]
+    for row, one in enumerate(compared.offsets):
+        y = top + step * (row + 0.5)
+        ends = np.array([across(one.ns + side * one.sigma_ns) for side in (-2.0, 2.0)])
+        mark = "ring expected" if one.kind == "expected" else f"mark {one.kind}"
+        parts += [
+            draw.text(left - 6.0, y + 4.0, one.name, anchor="end", css=f"name {one.kind}"),
+            draw.path(ends, np.array([y, y]), f"range {one.kind}"),
+            draw.circle(across(one.ns), y, 4.5, mark),
+        ]
+    parts += [
+        draw.rect(left, top, right, bottom, "frame"),
+        draw.text((left + right) / 2.0, bottom + 31.0, "time less the expected one, ns", anchor="middle", css="axis"),
+    ]
+    return draw.svg(bottom + 38.0, title, parts)
+
+
+# Where positions come from
+
+
+def origins_plot(
+    origins: FixOrigins, *, title: str, zero: str, onset_s: float | None = None, until_s: float | None = None
+) -> Markup:
+    """How far an ordinary receiver's position was from the trusted one, and below it what the trusted one came from."""
+    spans = [s for one in origins.trusted for s in (one.from_s, one.to_s)]
+    start_s = min([*spans, *origins.seconds[:1].tolist()], default=0.0)
+    end_s = max([*spans, *origins.seconds[-1:].tolist()], default=0.0)
+    if end_s <= start_s:
+        return Markup("")
+    left, right, top, bottom = 52.0, 346.0, 14.0, 130.0
+    unit, scale = draw.time_unit(end_s - start_s)
+    across = draw.Scale(start_s, end_s, left, right)
+    away = origins.away_m[np.isfinite(origins.away_m)]
+    up = draw.Scale(0.0, max(1.1 * float(away.max(initial=0.0)), 10.0), bottom, top)
+    low = bottom + 8.0
+    seconds, away_m = draw.thin(origins.seconds, origins.away_m, _POINTS)
+    parts = [
+        *_axes(across, up, scale, low + 14.0),
+        draw.path(across.pixels(seconds), up.pixels(away_m), "curve"),
+        draw.text(left - 5.0, low + 9.0, "from", anchor="end", css="small axis"),
+        *(
+            draw.rect(across(one.from_s), low, max(across(one.to_s), across(one.from_s) + 1.0), low + 11.0, css)
+            for one in origins.trusted
+            for css in (f"from {one.origin}",)
+        ),
+    ]
+    for name, at_s in (("onset", onset_s), ("end", until_s)):
+        if at_s is not None and start_s <= at_s <= end_s:
+            x = across(at_s)
+            parts += [
+                draw.line(x, top - 3.0, x, low + 11.0, "onset"),
+                draw.text(min(max(x, left + 20.0), right - 20.0), top - 4.0, name, anchor="middle", css="name false"),
+            ]
+    parts += [
+        draw.text(10.0, (top + bottom) / 2.0, "distance, m", anchor="middle", css="axis", turn=True),
+        draw.text((left + right) / 2.0, low + 44.0, f"time since {zero}, {unit}", anchor="middle", css="axis"),
+    ]
+    return draw.svg(low + 50.0, title, parts)
+
+
+def _axes(across: draw.Scale, up: draw.Scale, seconds: float, numbers_at: float) -> list[Markup]:
+    parts = []
+    for tick in draw.nice_ticks(across.low / seconds, across.high / seconds):
+        x = across(tick * seconds)
+        parts += [
+            draw.line(x, up.end, x, up.start, "grid"),
+            draw.text(x, numbers_at + 11.0, draw.number(tick), anchor="middle"),
+        ]
+    for tick in draw.nice_ticks(up.low, up.high, 4):
+        parts += [
+            draw.line(across.start, up(tick), across.end, up(tick), "grid"),
+            draw.text(across.start - 5.0, up(tick) + 4.0, draw.number(tick), anchor="end"),
+        ]
+    return [*parts, draw.rect(across.start, up.end, across.end, up.start, "frame")]
