@@ -17,6 +17,7 @@ from skyproof.records import ConsistentSet, Evidence, NavigationData, Observatio
 __all__ = ["FixMaker", "Kind", "Rivals", "reference_kind", "rivals_of", "with_clock_near"]
 
 Kind: TypeAlias = tuple[str, str, str]
+_AT_END: Final = 4  # epochs, of which one has a fix
 _SAME_EPOCH_S: Final = 0.02
 _MS_M: Final = 1e-3 * SPEED_OF_LIGHT_M_S
 
@@ -103,14 +104,25 @@ class FixMaker:
             covariance[np.ix_(rates, rates)] = middle[0].covariance[np.ix_(rates, rates)]
         return SkyFix(whole=Known(gpst=gpst, mean=mean, covariance=covariance), each=each)
 
+    def at_end(self, window: Rivals, s: ConsistentSet, without: Sequence[str]) -> Known | None:
+        """The last fix of a window by its first kind of signals, without some satellites; None if there is none."""
+        own = [signal for signal in s.signals if signal.kind == reference_kind(s) and signal.sat not in without]
+        stop = int(np.searchsorted(self.log.gpst, window.end))
+        found = self._of(own, max(stop - _AT_END, 0), stop)
+        return found[-1] if found else None
+
     def _each(self, window: Rivals, s: ConsistentSet, kind: Kind) -> tuple[Known, ...]:
         """Of one kind of signals, of its own where the set has none of that."""
-        if self.navigation is None:
-            return ()
         kinds = (kind, reference_kind(s))
         own = next((same for k in kinds if (same := [signal for signal in s.signals if signal.kind == k])), [])
         edges = np.array([window.start, window.end])
-        o = self.log.read(*(int(row) for row in np.searchsorted(self.log.gpst, edges)))
+        return self._of(own, *(int(row) for row in np.searchsorted(self.log.gpst, edges)))
+
+    def _of(self, own: Sequence[SignalId], first: int, stop: int) -> tuple[Known, ...]:
+        """The fixes of epochs by some signals."""
+        if self.navigation is None:
+            return ()
+        o = self.log.read(first, stop)
         fix = fix_of(
             masked(o, of_signals(o, own)),
             self.navigation,

@@ -198,16 +198,18 @@ def windows_of(
     return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m)
 
 
-def detectors_for(settings: Settings, run: Holding) -> list[Detector]:
+def detectors_for(settings: Settings, run: Holding, *, further: int = 0) -> list[Detector]:
     """Every installed detector with the run's settings.
 
     The probability allowed per hour is shared evenly among windows, detectors and receivers (union bound; a detector
     may test each receiver), so that the whole keeps it whatever the dependence between tests. Detectors for equipment
     that the run does not have cannot raise an alarm, and get no share.
+
+    further : tests beside the detectors, of each receiver, that are left a share.
     """
     classes = load_detectors()
     n_receivers = len(run.observations)
-    tests = max(sum(_equipped(cls(), run) for cls in classes.values()), 1) * max(n_receivers, 1)
+    tests = max(sum(_equipped(cls(), run) for cls in classes.values()) + further, 1) * max(n_receivers, 1)
     alpha = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0 / tests
     shared: dict[str, Any] = settings.model_dump() | {"false_alarm_probability": alpha}
     detectors = []

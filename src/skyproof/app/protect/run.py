@@ -34,9 +34,12 @@ from skyproof.formats.byte_io import sha256
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.choice import ChoiceRules, choices
+from skyproof.fusion.departure import departures
 from skyproof.fusion.fuse import Decision, fuse
+from skyproof.fusion.rivals import FixMaker
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.navigation.foresight import Foresight
+from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.records import (
     AntennaArray,
     Evidence,
@@ -293,11 +296,26 @@ def judge(
         if workspace is not None:
             workspace.add_lines("evidence.jsonl", [evidence_line(one) for one in said])
 
-    evidence, sets, interrupted = examine_all(windows, detectors_for(settings, windows.run), progress, report)
-    give_back()
-    decision = fuse(evidence, observed, sets)
     if foresights is None:
         foresights = foresights_of([o.receiver for o in observed], settings)
+    moving = any(isinstance(one, Inertial) for one in foresights.values())
+    detectors = detectors_for(settings, windows.run, further=int(moving))
+    evidence, sets, interrupted = examine_all(windows, detectors, progress, report)
+    give_back()
+    makers = [
+        FixMaker(
+            log=o,
+            navigation=orbits,
+            multipath_sigma_m=settings.multipath_sigma_m,
+            elevation_mask_deg=settings.elevation_mask_deg,
+        )
+        for o in observed
+    ]
+    alpha = detectors[0].settings.false_alarm_probability
+    if left := departures(evidence, sets, makers, foresights, alpha):
+        report(left)
+        evidence = EvidenceLog(merge(evidence, left, key=lambda one: (one.start_gpst, one.end_gpst)))
+    decision = fuse(evidence, observed, sets)
     rules = ChoiceRules(
         most_wrong=settings.wrong_choice_probability,
         clean_start_s=settings.clean_start_s,

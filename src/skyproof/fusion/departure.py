@@ -1,0 +1,242 @@
+"""Does what a receiver shows leave what its inertial unit lets expect?
+
+The navigator is corrected by the fixes of every window that goes on as it expects, and at the end of each the next
+fix, position and velocity, is held against it: the squared distance over both covariances is chi-square if the signals
+are true and the unit errs no more than is stated of it (`navigation.inertial_foresight`). From the first window on that
+does not go on the unit runs free. The clock is not looked at here.
+
+What leaves it may be false signals, reflections or the unit. It is an attack only where
+
+- without any two of the satellites the rest shows it too: reflections are some satellites';
+- the unit has gone on with the signals before, through changes of velocity at least half as large as those that it
+  shows while they part: a log with wrong axes, units, times or gains errs where it is moved;
+- the velocities part within two seconds and stay so for four: what a unit errs by adds up for as long as it errs;
+- no single reading is to blame.
+
+Else it stays undecided, with the reason.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_of
+from skyproof.gnss.time import seconds_between
+from skyproof.navigation.foresight import Foresight, SkyFix
+from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.known import Known, without
+from skyproof.navigation.prediction import choose
+from skyproof.records import ConsistentSet, Evidence, SignalRef
+
+__all__ = ["DETECTOR", "departures"]
+
+DETECTOR: Final = "inertia"
+_TRIED: Final = 2.0
+"""So much larger than before may changes of velocity be while they part."""
+_QUIET_M_S: Final = 0.5
+"""A change of velocity that is never too large."""
+_WINDOWS: Final = 2
+"""In which the unit has to have gone on with the signals."""
+_AT_ONCE_S, _AFTER_S, _SHARE = 2.0, 4.0, 0.7
+"""Within so long velocities part by this share of all, and stay so for so long."""
+_BLOW_M_S: Final = 0.1
+"""What one reading beside its neighbours may change the velocity by: more is a blow, or an error of the log."""
+_CLOCK: Final = np.array([6, 7])
+_EVERY_S: Final = 0.25  # between looks at a window
+_LEFT_OUT, _LEAST = 2, 5  # satellites
+
+
+def departures(
+    evidence: Sequence[Evidence],
+    sets: Sequence[ConsistentSet],
+    makers: Sequence[FixMaker],
+    foresights: Mapping[str, Foresight],
+    alpha: float,
+) -> list[Evidence]:
+    """Evidence on the receivers whose antenna an inertial unit carries, one piece for each window that leaves it.
+
+    alpha : probability of a false alarm in a window.
+    """
+    found: list[Evidence] = []
+    for maker in makers:
+        foresight = foresights.get(maker.log.receiver)
+        if isinstance(foresight, Inertial):
+            found += _Walk(maker, foresight, alpha).through(rivals_of(maker.log, evidence, sets))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What a window's set shows, its last fix and what was expected then. p_value : of so large a distance."""
+
+    sky: ConsistentSet
+    fix: SkyFix
+    last: Known
+    expected: Known
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """At one instant: velocity by the unit (3,), and what that of the signals is more."""
+
+    gpst: np.datetime64
+    speed_m_s: Reals
+    apart_m_s: Reals
+
+
+class _Walk:
+    """Of one receiver, window by window."""
+
+    def __init__(self, maker: FixMaker, foresight: Inertial, alpha: float) -> None:
+        self.maker, self.foresight, self.alpha = maker, foresight, alpha
+        self.bias_s = 0.0
+        self.went_on, self.tried_m_s = 0, 0.0
+        self.looks: list[_Look] = []  # since they part
+        self.named = False
+
+    def through(self, windows: Sequence[Rivals]) -> list[Evidence]:
+        found: list[Evidence] = []
+        for window in windows:
+            shown = [one for s in window.sets if (one := self._shown(window, s)) is not None]
+            if not shown:
+                self._begin(window)
+                continue
+            best = max(shown, key=lambda one: one.p_value)
+            if best.p_value < self.alpha:
+                self.looks += self._looked(best.fix)
+                found.append(self._said(window, best))
+                self.named |= found[-1].says == "attack"
+            elif not self.looks:
+                self._learn(best.fix, best.sky)
+                self.went_on += 1
+        return found
+
+    def _begin(self, window: Rivals) -> None:
+        """Before the unit is aligned there is nothing to hold a window against."""
+        if not self.looks and len(window.sets) == 1:
+            (sky,) = window.sets
+            self._learn(self._fix(window, sky), sky)
+
+    def _learn(self, fix: SkyFix, sky: ConsistentSet) -> None:
+        self.tried_m_s = max(self.tried_m_s, _change_m_s(self._looked(fix)))
+        self.foresight, self.bias_s = self.foresight.learned(fix), sky.clock_bias_s
+
+    def _fix(self, window: Rivals, sky: ConsistentSet) -> SkyFix:
+        return self.maker.shown(window, sky, kind=reference_kind(sky), bias_s=self.bias_s, epochs=True)
+
+    def _shown(self, window: Rivals, sky: ConsistentSet) -> _Shown | None:
+        if self.foresight.state is None:
+            return None
+        fix = self._fix(window, sky)
+        moving = [one for one in fix.each if one.there.size >= 6]
+        expected = self.foresight.at(moving[-1].gpst) if moving else None
+        if expected is None:
+            return None
+        expected = without(expected, _CLOCK)
+        return _Shown(sky, fix, moving[-1], expected, float(choose(expected, [moving[-1]]).fits[0]))
+
+    def _looked(self, fix: SkyFix) -> list[_Look]:
+        """At both velocities through a window."""
+        ahead, found = self.foresight, list[_Look]()
+        for one in fix.each:
+            near = found and float(seconds_between(one.gpst, found[-1].gpst)) < _EVERY_S
+            if near or one.there.size < 6:
+                continue
+            ahead = ahead.until(one.gpst)
+            if (expected := ahead.at(one.gpst)) is not None:
+                found.append(_Look(one.gpst, expected.mean[3:6], one.mean[3:6] - expected.mean[3:6]))
+        return found
+
+    def _said(self, window: Rivals, shown: _Shown) -> Evidence:
+        o = self.maker.log
+        off = shown.last.mean - shown.expected.mean
+        words = (
+            f"position and velocity in {o.receiver} leave what the inertial unit lets expect by "
+            f"{np.linalg.norm(off[:3]):.1f} m and {np.linalg.norm(off[3:6]):.1f} m/s"
+        )
+        why_open = self._why_open(window, shown)
+        said = Evidence(
+            detector=DETECTOR,
+            start_gpst=window.start,
+            end_gpst=window.end,
+            subject=tuple(SignalRef(o.receiver, signal) for signal in shown.sky.signals),
+            says="undecided",
+            because=f"{words}: {why_open}",
+            statistic=float(np.linalg.norm(off[:3])),
+            false_alarm_probability=self.alpha,
+            p_value=shown.p_value,
+            overrules=True,
+            would_need="a second receiver, or an inertial unit that is tried by manoeuvres before",
+        )
+        if why_open is not None:
+            return said
+        because = f"{words}, which had gone on with the signals before"
+        more = {"says": "attack", "because": because, "overrules": False, "would_need": None}
+        return replace(said, **more, noted=not self.named, assumes=self.foresight.assumes)  # type: ignore[arg-type]
+
+    def _why_open(self, window: Rivals, shown: _Shown) -> str | None:
+        """What else than an attack may be the reason; None where nothing is."""
+        if self.named:
+            return None
+        if self.went_on < _WINDOWS:
+            return "they have not gone on together before, and the unit or what is stated of it may be wrong"
+        if _change_m_s(self.looks) > max(_TRIED * self.tried_m_s, _QUIET_M_S):
+            return "it was not moved so much before, and the unit or what is stated of it may be wrong"
+        if not _at_once(self.looks):
+            return "they part slowly, as they do if the unit errs"
+        if self._blow_m_s(window) > _BLOW_M_S:
+            return "there was a blow, or an error in the unit's readings"
+        if not self._whole_sky(window, shown):
+            return "without some two satellites it may be chance, or reflections"
+        return None
+
+    def _whole_sky(self, window: Rivals, shown: _Shown) -> bool:
+        """Whether it is there without any two satellites."""
+        sats = sorted({signal.sat for signal in shown.sky.signals})
+        if len(sats) < _LEAST + _LEFT_OUT:
+            return False
+        for some in combinations(sats, _LEFT_OUT):
+            fix = self.maker.at_end(window, shown.sky, some)
+            expected = None if fix is None else self.foresight.at(fix.gpst)
+            if fix is None or expected is None:
+                return False
+            if choose(without(expected, _CLOCK), [fix]).fits[0] >= self.alpha:
+                return False
+        return True
+
+    def _blow_m_s(self, window: Rivals) -> float:
+        """The largest change of velocity that one reading makes beside its neighbours, since the last fix learned."""
+        readings, state = self.foresight.readings, self.foresight.state
+        start = window.start if state is None else state.gpst
+        rows = slice(*np.searchsorted(readings.gpst, np.array([start, window.end])))
+        force = readings.specific_force_m_s2[rows]
+        if len(force) < 3:
+            return np.inf
+        alone = force[1:-1] - 0.5 * (force[2:] + force[:-2])
+        return float(np.linalg.norm(alone, axis=1).max() * readings.interval_s)
+
+
+def _change_m_s(looks: Sequence[_Look]) -> float:
+    """By how much the unit shows the velocity to change at most."""
+    return float(np.linalg.norm(np.ptp([one.speed_m_s for one in looks], axis=0))) if looks else 0.0
+
+
+def _at_once(looks: Sequence[_Look]) -> bool:
+    """Whether velocities part within moments and stay so."""
+    if len(looks) < 3:
+        return False
+    t = np.asarray(seconds_between(np.array([one.gpst for one in looks]), looks[0].gpst), np.float64)
+    apart = np.array([one.apart_m_s for one in looks])
+    late = apart[t >= t[-1] - _AT_ONCE_S].mean(axis=0)
+    size = float(np.linalg.norm(late))
+    if not size:
+        return False
+    along = apart @ (late / size)
+    begun = np.searchsorted(t, t + _AT_ONCE_S)
+    early = np.flatnonzero((begun < t.size) & (t + _AT_ONCE_S <= t[-1] - _AFTER_S))
+    return bool(np.any(along[begun[early]] - along[early] >= _SHARE * size))

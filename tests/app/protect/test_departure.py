@@ -1,0 +1,153 @@
+"""What a receiver shows leaves what its inertial unit lets expect: an attack, or a unit that may err."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import stats
+from tests.app.protect.choosing import NAVIGATION, drawn_receiver, inertia_of, led_away
+from tests.app.protect.test_choosing import DRIVE, WALK
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.common.windows import windows_of
+from skyproof.fusion import departure
+from skyproof.fusion.departure import departures
+from skyproof.fusion.rivals import FixMaker
+from skyproof.records import Evidence, SignalRef
+from skyproof.simulator.sky import scene_of
+
+ALPHA = 1e-7
+PULL_S = 45.0
+
+
+@cache
+def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0):
+    """A scene's measurements, its windows with their sets, and what its unit lets expect; an attack if it is fast."""
+    way = {"drive": DRIVE, "walk": WALK}[path]
+    unit = {"grade": "tactical", "rate_hz": 50.0}
+    scene = led_away(
+        path=way, imu=unit, seed=seed, duration_s=duration_s, onset_s=PULL_S - 3.0, speed_m_s=speed_m_s or 1.0
+    )
+    if not speed_m_s:
+        scene = scene_of(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
+    (one,) = drawn_receiver.hear(scene, drawn_receiver.Noise(code_m=0.5), rng=np.random.default_rng(seed))
+    o = one.reception.observations
+    windows = list(windows_of([o], NAVIGATION, Settings()))
+    settings = Settings(oscillator="ocxo")
+    return o, windows, inertia_of(scene, settings, "tactical", seed=seed)["bow"]
+
+
+def said(found, change=lambda readings: readings, shown=None):
+    """Departures of what was heard, with changed readings or measurements."""
+    o, windows, foresight = found
+    o = o if shown is None else shown(o)
+    evidence = [
+        Evidence(
+            detector="none",
+            start_gpst=w.start_gpst,
+            end_gpst=w.end_gpst,
+            subject=tuple(SignalRef("bow", signal) for signal in o.signals),
+            says="clean",
+            because="",
+        )
+        for w in windows
+    ]
+    sets = [s for w in windows for s in w.sets]
+    maker = FixMaker(log=o, navigation=NAVIGATION, multipath_sigma_m=1.0, elevation_mask_deg=5.0)
+    unit = replace(foresight, readings=change(foresight.readings))
+    return departures(evidence, sets, [maker], {"bow": unit}, ALPHA)
+
+
+def later(readings, since_s):
+    return (readings.gpst >= readings.gpst[0] + np.timedelta64(round(since_s * 1e9), "ns"))[:, None]
+
+
+def test_a_position_that_is_drawn_off_is_an_attack_in_the_window_in_which_it_begins():
+    found = heard(speed_m_s=2.0)
+    start = found[0].gpst[0]
+    first, *rest = said(found)
+    assert first.says == "attack"
+    assert PULL_S < float((first.end_gpst - start) / np.timedelta64(1, "s")) <= PULL_S + 10.0
+    assert "the inertial unit errs no more than is stated of it" in first.assumes
+    assert (first.noted, any(e.noted for e in rest)) == (True, False)
+
+
+def test_a_clean_drive_says_nothing():
+    assert said(heard()) == []
+
+
+def spiked(readings):
+    force = readings.specific_force_m_s2.copy()
+    force[(52 * 50)] += [100.0, 0.0, 0.0]
+    return replace(readings, specific_force_m_s2=force)
+
+
+BAD = {
+    "half a second late": (lambda r: replace(r, gpst=r.gpst + np.timedelta64(500, "ms")), "gone on together"),
+    "a tenth too much": (lambda r: replace(r, specific_force_m_s2=1.1 * r.specific_force_m_s2), "gone on together"),
+    "axes exchanged": (
+        lambda r: replace(
+            r,
+            specific_force_m_s2=r.specific_force_m_s2[:, [1, 0, 2]],
+            angular_rate_rad_s=r.angular_rate_rad_s[:, [1, 0, 2]],
+        ),
+        "gone on together",
+    ),
+    "turns the wrong way": (
+        lambda r: replace(r, angular_rate_rad_s=r.angular_rate_rad_s * [1.0, 1.0, -1.0]),
+        "it was not moved so much before",
+    ),
+    "a bias from 50 s on": (
+        lambda r: replace(r, specific_force_m_s2=r.specific_force_m_s2 + 0.5 * later(r, 50.0) * [1.0, 0.0, 0.0]),
+        "they part slowly",
+    ),
+    "one reading is wrong": (spiked, "a blow, or an error"),
+}
+
+QUICK = {"half a second late", "a bias from 50 s on", "one reading is wrong"}
+
+
+@pytest.mark.parametrize(
+    ("change", "because"),
+    [pytest.param(*bad, id=name, marks=() if name in QUICK else pytest.mark.long) for name, bad in BAD.items()],
+)
+def test_a_log_that_errs_is_no_attack_and_the_reason_is_said(change, because):
+    found = said(heard(), change)
+    assert found
+    assert all(e.says == "undecided" and e.failed and e.overrules for e in found)
+    assert because in found[0].because
+
+
+@pytest.mark.parametrize("satellites", [pytest.param(1, marks=pytest.mark.long), 2])
+def test_what_a_few_satellites_alone_show_is_no_attack(satellites):
+    """Reflections by what drives past: the Dopplers of some are off by 4 m/s."""
+
+    def shown(o):
+        off = np.zeros(o.doppler_hz.shape)
+        off[o.elapsed_s > PULL_S + 2.0, :satellites] = 20.0
+        return replace(o, doppler_hz=o.doppler_hz + off)
+
+    found = said(heard(), shown=shown)
+    assert not any(e.says == "attack" for e in found)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("path", ["drive", "walk"])
+def test_of_clean_ways_no_more_p_values_are_small_than_stated(path, monkeypatch):
+    chances, one = [], departure.choose
+
+    def counted(*given, **more):
+        found = one(*given, **more)
+        chances.append(float(found.fits[0]))
+        return found
+
+    monkeypatch.setattr(departure, "choose", counted)
+    for seed in range(24):
+        assert said(heard.__wrapped__(path, seed, duration_s=150.0)) == []
+    p = np.array(chances)
+    print(
+        f"{path}: {p.size} windows, below 0.1 {np.mean(p < 0.1):.3f}, below 0.01 {np.mean(p < 0.01):.4f}, {p.min():.2g}"
+    )
+    for level in (0.1, 0.01):
+        assert stats.binomtest(int((p < level).sum()), p.size, level, alternative="greater").pvalue > 1e-3
