@@ -210,8 +210,9 @@ MOST_NOTED = 2
 
 
 def _noted(outcome: Outcome) -> str:
-    """What stands beside the verdict, whatever it is: each sentence once."""
-    said = list(dict.fromkeys(e.because for e in outcome.evidence if e.noted))
+    """What stands beside the verdict, whatever it is: each sentence once, what names signals first."""
+    noted = sorted((e for e in outcome.evidence if e.noted), key=lambda one: one.says == "attack")
+    said = list(dict.fromkeys(e.because for e in noted))
     more = f" {len(said) - MOST_NOTED} more such moments stand in the evidence." if len(said) > MOST_NOTED else ""
     return "".join(f" {text[:1].upper()}{text[1:]}." for text in said[:MOST_NOTED]) + more
 
