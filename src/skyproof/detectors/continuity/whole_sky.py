@@ -8,6 +8,10 @@ independent normal errors give a `moved` that over its covariance is chi-square 
 Reflections, and what a loop makes of two signals that beat, change those of some satellites by more than that. So a
 motion is that of the whole sky only where it is there without any two of the satellites, too: the largest p-value
 without two of them is no smaller than that without those two that err.
+
+And only where errors are as stated: a motion and a clock have to explain all changes, of no satellite more or less.
+Between houses all ranges err by many times what is stated, and without the satellites that fit least the rest show any
+motion.
 """
 
 from collections.abc import Iterable
@@ -20,15 +24,18 @@ from numpy.typing import NDArray
 from skyproof.arrays import Reals
 from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
 from skyproof.detectors.continuity.steps import Jump, chance, fitted_jump
+from skyproof.statistics.distributions import chi_square_survival
 
 __all__ = ["SkyMotion", "least_likely", "motion_of"]
 
 _LEFT_OUT: Final = 2
+_MISFIT: Final = 0.01  # chance of residuals at which errors no longer count as stated
 
 
 class SkyMotion(NamedTuple):
     """metres : of `moved`, within a time. satellites : that show it. p_value : of "nothing moves", by all satellites.
-    whole_sky_p_value : the largest one without any two of them; 1 with fewer than seven satellites.
+    whole_sky_p_value : the largest one without any two of them; 1 with fewer than seven satellites, and where motion
+    and clock leave residuals that are larger than stated.
     """
 
     metres: float
@@ -65,11 +72,17 @@ def motion_of(
     known = np.isfinite(change) & np.isfinite(variance)
     used = sorted(set(sats[known]))
     whole = 1.0
-    if p_value < alpha and len(used) >= MIN_SATELLITES + _LEFT_OUT:
+    if p_value < alpha and len(used) >= MIN_SATELLITES + _LEFT_OUT and _as_stated(fitted, int(known.sum())):
         left = np.array([np.where(np.isin(sats, some), np.nan, change) for some in combinations(used, _LEFT_OUT)])
         units = np.broadcast_to(unit, (len(left), *unit.shape))
         whole = float(np.max(_p_values(fitted_jump(units, left, np.broadcast_to(variance, left.shape)))))
     return SkyMotion(float(np.linalg.norm(fitted.jump[0, :3])), time_s, len(used), p_value, whole)
+
+
+def _as_stated(fitted: Jump, changes: int) -> bool:
+    """Whether no change was excluded, and residuals are as large as errors are stated to be."""
+    dof = int(fitted.dof[0])
+    return dof == changes - 4 and float(chi_square_survival(fitted.misfit[0], dof)) >= _MISFIT
 
 
 def _p_values(fitted: Jump) -> Reals:

@@ -1,0 +1,44 @@
+"""A motion of the whole sky: not of some satellites, and not of errors larger than stated."""
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.continuity.whole_sky import motion_of
+
+ALPHA = 1e-7
+
+
+def unit_of(satellites, rng):
+    elevation_rad = np.arcsin(rng.uniform(0.15, 1.0, satellites))
+    azimuth_rad = rng.uniform(0.0, 2.0 * np.pi, satellites)
+    along = np.cos(elevation_rad)
+    return np.stack([along * np.sin(azimuth_rad), along * np.cos(azimuth_rad), np.sin(elevation_rad)], axis=1)
+
+
+def tried(unit, change):
+    names = np.array([f"G{number:02d}" for number in range(len(unit))])
+    motion = motion_of(names, unit, change, np.ones(len(unit)), 10.0, alpha=ALPHA)
+    assert motion is not None
+    return motion
+
+
+@pytest.mark.parametrize("satellites", [8, 10, 12])
+def test_a_motion_under_errors_as_stated_is_that_of_the_whole_sky(satellites):
+    rng = np.random.default_rng(satellites)
+    shown = []
+    for _ in range(40):
+        unit = unit_of(satellites, rng)
+        change = -unit @ [60.0, 0.0, 0.0] + 7.0 + rng.normal(size=satellites)
+        shown.append(tried(unit, change).whole_sky_p_value < ALPHA)
+    assert np.mean(shown) > 0.9
+
+
+@pytest.mark.parametrize("scale", [5.0, 10.0, 30.0])
+@pytest.mark.parametrize("satellites", [8, 10, 12])
+def test_errors_many_times_as_large_as_stated_are_no_motion_of_the_whole_sky(satellites, scale):
+    """As between houses: without this rule up to 66 of 150 draws were one."""
+    rng = np.random.default_rng(satellites)
+    chances = [
+        tried(unit_of(satellites, rng), scale * rng.normal(size=satellites)).whole_sky_p_value for _ in range(150)
+    ]
+    assert sum(chance < ALPHA for chance in chances) <= 1
