@@ -58,7 +58,7 @@ PLACE = ScenePlace(lat_deg=57.7, lon_deg=11.94, height_m=50.0)
 EVERY_MS = Asked(taps=TapsAsked(delays_chips=(0.5, -0.5), every_s=1e-3, coherent_s=1e-3))
 EVERY_20_MS = Asked(taps=TapsAsked(delays_chips=(0.5, -0.5), every_s=0.02, coherent_s=0.004))
 JUDGED_S = 24.0
-LEVELS_DBHZ, ALARM_S = (40.0, 45.0), 20.0
+LEVELS_DBHZ, ALARM_S = (40.0, 45.0), 31.0
 COST_RATE_HZ, COST_S, COST_FROM_S, RUNS = 5e6, 10.0, 6.0, 3
 BLOCKED_S = (2.0, 5.0, 10.0)
 NUMBERS = (6, 8, 10)

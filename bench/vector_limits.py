@@ -30,6 +30,7 @@ from skyproof.simulator.scenario import FrontEnd, Scenario
 RATE_HZ, LEVEL_DBHZ, FROM_S = 1.6e6, 45.0, 7.0
 FALL_DB_S, LOWEST_DBHZ, SEEDS = 1.5, 12.0, 2
 BANDS_DBHZ = (36.0, 33.0, 30.0, 27.0, 24.0, 21.0, 18.0, 15.0, 12.0)
+NUMBERS = (5, 10)
 LOST_CHIPS, LOST_HZ = 0.5, 25.0
 STEPS_DBHZ = (40.0, 35.0, 32.0, 31.0, 30.0, 29.0, 28.0, 27.0, 26.0, 25.0)
 BLOCKED_S = (2.0, 5.0, 10.0)
@@ -124,7 +125,7 @@ def _lock() -> Iterator[str]:
         f"C/N0 of all signals falls by {FALL_DB_S:g} dB a second from {LEVEL_DBHZ:g} dB-Hz on, receiver at rest: root "
         f"mean square error of replicas by C/N0, and where they are {LOST_CHIPS:g} chip or {LOST_HZ:g} Hz off for good"
     )
-    for n in (5, 11):
+    for n in NUMBERS:
         scene = _sky(FROM_S + (LEVEL_DBHZ - LOWEST_DBHZ) / FALL_DB_S, n)
         samples, planes, navigation = _rendered(scene)
         reference = _followed(samples, planes, navigation, "scalar")
@@ -141,8 +142,8 @@ def _lock() -> Iterator[str]:
                 lost += [level[np.flatnonzero(one)[-1]] for one in good.T]
                 last += [level[np.flatnonzero(one)[-1]] for one in found.measured[:, on].T > 0.0]
             yield (
-                f"  {n:2} satellites, {tracking}: off for good at {np.mean(lost):.1f} dB-Hz (first {max(lost):.1f}, "
-                f"last {min(lost):.1f}); measured down to {np.mean(last):.1f}"
+                f"  {on.sum():2} satellites, {tracking}: off for good at {np.mean(lost):.1f} dB-Hz (first "
+                f"{max(lost):.1f}, last {min(lost):.1f}); measured down to {np.mean(last):.1f}"
             )
             bands = [(level > low) & (level <= low + 3.0) & (reference.at_s > FROM_S) for low in BANDS_DBHZ]
             chips, hz_rms = ([np.sqrt(np.mean(np.square(one)[:, band])) for band in bands] for one in (code, carrier))
@@ -241,7 +242,7 @@ def _steps() -> Iterator[str]:
         f"to 16 s, {SEEDS} noises: share of channels within {LOST_CHIPS:g} chip and {LOST_HZ:g} Hz at the end, and "
         "their largest error of code on the way"
     )
-    for n in (5, 11):
+    for n in NUMBERS:
         samples, planes, navigation = _rendered(_speeding(_sky(16.0, n), FROM_S + 1.0))
         reference = _followed(samples, planes, navigation, "scalar")
         rows, on = reference.at_s > FROM_S + 1.0, np.isfinite(reference.shown_s[-1])
@@ -257,7 +258,7 @@ def _steps() -> Iterator[str]:
                     held += good.tolist()
                     worst += np.nanmax(np.abs(code_chips[:, good]), axis=0).tolist()
                 cells.append(f"{level:g}: {np.mean(held):.2f} {293.05 * max(worst):.1f} m")
-            yield f"  {n:2} satellites, {tracking}: {', '.join(cells)}"
+            yield f"  {on.sum():2} satellites, {tracking}: {', '.join(cells)}"
 
 
 # Scenes ---------------------------------------------------------------------------------------------------------------
