@@ -10,6 +10,7 @@ from time import perf_counter
 import accuracy
 import acquisition
 import arrays
+import clean_grids
 import deciding
 import drawn
 import house
@@ -55,6 +56,7 @@ BENCHES = {
     "position": position,
     "pairs": pairs,
     "joint": joint,
+    "clean-grids": clean_grids,
     "vector": vector,
     "vector-limits": vector_limits,
     "vector-drawn": vector_drawn,
