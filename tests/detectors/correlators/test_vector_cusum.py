@@ -89,7 +89,7 @@ def test_sums_stand_in_the_parity_space_whatever_its_basis_and_begin_anew_with_o
 
 
 @pytest.mark.long
-def test_alarms_at_one_in_a_thousand_windows():
-    alarms = sum(one.seen is not None for one in windows(np.random.default_rng(6), 30_000, 100, 1e-3))
-    assert binomial_survival(alarms, 30_000, 1e-3) > 1e-3
-    assert alarms > 5
+def test_alarms_in_many_windows_at_one_percent():
+    alarms = sum(one.seen is not None for one in windows(np.random.default_rng(6), 6000, 100, 0.01))
+    assert binomial_survival(alarms, 6000, 0.01) > 1e-3
+    assert alarms > 12
