@@ -16,7 +16,7 @@ from time import process_time
 
 import numpy as np
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, own_correlation, shapes
 from skyproof.detectors.dccaf.detector import GRIDS, OF_A_SKY, SIGNAL_LEVEL, DccafSettings
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
@@ -105,7 +105,7 @@ def satellites_counted(rng: np.random.Generator, rays: list[Rays]) -> tuple[int,
     return second, unlike
 
 
-def _burst(rng: np.random.Generator, prn: int, delay_chips: Reals, level_db: Reals, hz: Reals) -> np.ndarray:  # type: ignore[type-arg]
+def _burst(rng: np.random.Generator, prn: int, delay_chips: Reals, level_db: Reals, hz: Reals) -> Complexes:
     """Taps (intervals, points) in noise of variance 1, 38 to 50 dB-Hz."""
     n = GRIDS.intervals
     size = np.sqrt(10.0 ** (0.1 * rng.uniform(38.0, 50.0)) * GRIDS.coherent_s)

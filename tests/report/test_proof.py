@@ -48,7 +48,7 @@ def test_every_signal_is_marked_above_its_peak_with_its_label() -> None:
         x, y = place(mark)
         assert x == pytest.approx(np.interp(delay, np.linspace(-3.0, 9.0, 121), points[:, 0]), abs=0.2)
         assert 0.0 < np.interp(x, points[:, 0], points[:, 1]) - y < 12.0
-    assert {"G05", "delay, chips (1 chip = 293 m)", "correlation power, noise = 1"} <= set(texts(root))
+    assert {"G05", "delay, chips (1 chip = 293 m)", "power, noise = 1"} <= set(texts(root))
 
 
 def test_all_panels_have_one_scale() -> None:
