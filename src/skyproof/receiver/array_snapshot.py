@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from skyproof.arrays import Complexes, Floats, Integers, Reals
+from skyproof.arrays import Booleans, Complexes, Floats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
 from skyproof.receiver.snapshot import (
@@ -31,6 +31,7 @@ __all__ = ["SnapshotSignal", "snapshot_signal"]
 
 _REACH_HZ: Final = 40.0  # of what the search leaves open of a Doppler
 _LEFT_HZ: Final = 4.0  # the same once it has been measured
+_THERE: Final = -np.log(1e-6) - 1.0
 _OFFSETS: Final = np.array([-0.3, 0.0, 0.3])  # delays over which early minus late is averaged: the samples' grid
 
 
@@ -43,6 +44,7 @@ class SnapshotSignal:
     the noise is each part's own, and what they share is in the sigma as often as makes that of their mean right.
     phase_cyc, sigma_cyc : (n_parts, n_antennas), modulo one cycle; what the antennas share is arbitrary.
     cn0_dbhz : (n_antennas,). energy : over the noise density, of all antennas, of the sum of everything.
+    there : (n_antennas,) whether an antenna has more energy than noise once in a million.
     """
 
     code: CodePhase
@@ -53,6 +55,7 @@ class SnapshotSignal:
     sigma_cyc: Reals
     cn0_dbhz: Reals
     energy: float
+    there: Booleans
 
 
 def snapshot_signal(
@@ -115,6 +118,7 @@ def snapshot_signal(
         sigma_cyc=np.where(np.isfinite(sigma_cyc), sigma_cyc, np.nan).reshape(-1, n_antennas),
         cn0_dbhz=cn0_dbhz,
         energy=float(energy.sum()),
+        there=energy > _THERE,
     )
 
 

@@ -86,6 +86,41 @@ def test_one_antenna_gives_its_position_and_no_verdict(kit, snapshots):
     assert place_of(kit, fix) < 4.0 * np.hypot(fix.sigma_east_m, fix.sigma_north_m)
 
 
+FAILURES = {
+    "noise": lambda plane, rng: rng.choice([-1, 1], plane.size),
+    "a phase that jumps": lambda plane, rng: np.where(np.arange(plane.size) < plane.size // 2, plane, -plane),
+    "recorded at another time": lambda plane, rng: np.roll(plane, plane.size // 3),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("failed", FAILURES.values(), ids=FAILURES.keys())
+def test_an_antenna_that_fails_is_left_out_and_reported(snapshots, tmp_path, failed):
+    planes = np.load(snapshots / "clean" / "whole.npy")
+    planes[2] = failed(planes[2], np.random.default_rng(1))
+    np.save(tmp_path / "whole.npy", planes)
+    for name in ("whole.toml", "one.toml"):
+        (tmp_path / name).write_text((snapshots / "clean" / name).read_text())
+    result = protect(platform=tmp_path / "one.toml", nav=snapshots / "clean" / "nav.rnx")
+    assert result.verdict.verdict == "authentic"
+    assert set(labels_of(result).values()) == {"authentic"}
+    assert "Antenna 3 of array gives no phases, and is left out" in result.verdict.summary
+    assert any("antenna 3 does not receive what the others do" in r for r in result.verdict.inputs[0].remarks)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("heading_deg", "off_deg"), [(30.0, None), (50.0, 20), (210.0, 180)])
+def test_an_attitude_that_is_wrong_is_reported_and_not_used(snapshots, tmp_path, heading_deg, off_deg):
+    folder = snapshots / "clean"
+    attitude = {"heading_deg": heading_deg, "pitch_deg": 2.0, "roll_deg": 0.0, "sigma_deg": 0.2}
+    text = (folder / "one.toml").read_text().replace("whole.npy", str(folder / "whole.npy"))
+    (tmp_path / "platform.toml").write_text(text + tomli_w.dumps({"attitude": attitude}))
+    result = protect(platform=tmp_path / "platform.toml", nav=folder / "nav.rnx")
+    assert result.verdict.verdict == "authentic"
+    words = f"The attitude given is {off_deg} degrees from the one that the signals of array show, and is not used"
+    assert (words in result.verdict.summary) == (off_deg is not None)
+
+
 def test_noise_alone_is_said(tmp_path):
     np.save(tmp_path / "noise.npy", np.random.default_rng(1).integers(-9, 10, (2, 200_000), dtype=np.int8))
     (tmp_path / "noise.toml").write_text("[samples]\nrate_hz = 4092000.0\nif_hz = 1023000.0\n")

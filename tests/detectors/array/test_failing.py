@@ -47,11 +47,18 @@ def jumping(phases, rng):
     return replace(phases, phase_cyc=phase)
 
 
+def jumping_by_half_a_cycle(phases, rng):
+    phase = phases.phase_cyc.copy()
+    phase[17:, :, 2] += 0.5
+    return replace(phases, phase_cyc=phase)
+
+
 def silent(phases, rng):
     return replace(phases, phase_cyc=np.full_like(phases.phase_cyc, np.nan))
 
 
-FAULTS = {dead: "gives no phases", noisy: "is noisy", jumping: "has a phase that jumps"}
+JUMPS = "has a phase that jumps"
+FAULTS = {dead: "gives no phases", noisy: "is noisy", jumping: JUMPS, jumping_by_half_a_cycle: JUMPS}
 
 
 @pytest.mark.parametrize(("fault", "how"), FAULTS.items())

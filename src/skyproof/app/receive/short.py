@@ -54,6 +54,7 @@ _MOST_BLOCKS: Final = 4
 _NOISE: Final = 1e-12
 """Chance that noise has a signal's energy, at one delay, Doppler and message; thousands of those are tried."""
 _NOTHING_NEW: Final = 2
+_LEAST_TO_VOTE: Final = 3
 _APART_CHIPS: Final = 0.5
 _APART_HZ: Final = 300.0
 _PERIOD_S: Final = GPS_L1_CA.period_s
@@ -92,6 +93,7 @@ def observe_short(
     remarks = [*words, *filled]
     blocks = _blocks(whole)
     found: list[_Found] = []
+    lost: list[int] = []
     if blocks:
         with progress.stage(f"searching {samples.name}", float(len(blocks))) as stage:
             peaks: list[Peak] = []
@@ -101,7 +103,12 @@ def observe_short(
                     peaks = _peaks(planes, whole, settings.doppler_max_hz)
                 found = _with_block(found, peaks, planes, whole, first, number)
                 stage.advance(number + 1.0)
-        found = _credible(found, remarks)
+        found, lost = _of_all(_credible(found, remarks))
+        remarks += [
+            f"antenna {number + 1} does not receive what the others do, and its phases are not used: check it, its "
+            "line, and that all antennas were recorded together"
+            for number in lost
+        ]
     examined_s = sum(count for _, count in blocks) / whole.rate_hz
     reception = Reception(
         source=samples,
@@ -115,7 +122,7 @@ def observe_short(
         why = nothing_found(samples, examined_s)
         why += f"; {diagnosis(samples, settings.doppler_max_hz, lambda: inspect_recording(samples)).cure}"
         return replace(reception, left_out=why, remarks=(*remarks, f"left out: {why}"))
-    measured, phases = _records(found, blocks, whole, array)
+    measured, phases = _records(found, blocks, whole, array, lost)
     measured, words = _with_ranges(measured, found, whole, navigation, settings)
     if examined_s < 0.9 * whole.duration_s:
         words += (f"{len(blocks)} stretches of it were looked at, {examined_s:.3g} s of {whole.duration_s:.3g} s",)
@@ -237,11 +244,29 @@ def _credible(found: Sequence[_Found], remarks: list[str]) -> list[_Found]:
     return kept
 
 
+def _of_all(found: Sequence[_Found]) -> tuple[list[_Found], list[int]]:
+    """The signals, and which antennas have fewer than half of those that most antennas have; without signals that only
+    such antennas have."""
+    if not found or found[0].first.cn0_dbhz.size < _LEAST_TO_VOTE:
+        return list(found), []
+    there = np.array([one.first.there for one in found])
+    common = there.mean(axis=1) > 0.5
+    if not common.any():
+        return list(found), []
+    lost = there[common].mean(axis=0) < 0.5
+    kept = [one for one, own in zip(found, there, strict=True) if own[~lost].any()]
+    return kept, np.flatnonzero(lost).tolist()
+
+
 # ---------------------------------------------------------------------- records
 
 
 def _records(
-    found: Sequence[_Found], blocks: Sequence[tuple[int, int]], samples: Samples, array: AntennaArray | None
+    found: Sequence[_Found],
+    blocks: Sequence[tuple[int, int]],
+    samples: Samples,
+    array: AntennaArray | None,
+    lost: Sequence[int],
 ) -> tuple[Observations, ArrayPhases | None]:
     """Every part of every block as an epoch, without ranges: `pseudorange_m` holds nothing."""
     n_parts = found[0].first.middle_s.size
@@ -258,6 +283,7 @@ def _records(
             own["doppler_sigma_hz"][rows, column] = block.code.doppler_sigma_hz
             own["cn0_dbhz"][rows, column] = 10.0 * np.log10(np.mean(10.0 ** (0.1 * block.cn0_dbhz)))
             phase_cyc[rows, column], sigma_cyc[rows, column] = block.phase_cyc, block.sigma_cyc
+    phase_cyc[..., lost] = sigma_cyc[..., lost] = np.nan
     # Parts end where code periods do, which each signal has elsewhere, by less than a period.
     at_s = found[0].first.middle_s
     elapsed_s = np.concatenate([first / samples.rate_hz + at_s for first, _ in blocks])

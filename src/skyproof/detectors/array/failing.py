@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Indices
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.records import ArrayPhases
 
 __all__ = ["Failing", "failing", "without"]
@@ -61,12 +61,20 @@ def _jumps_and_noise(phases: ArrayPhases, good: Indices) -> tuple[Booleans, Bool
     own = step[whole] - step[whole][:, :1]
     own = own - np.rint(own)
     own = own - np.median(own, axis=-1, keepdims=True)
+    own = own - np.rint(own)
     noise = noise[whole]
     # Epoch by epoch, what most signals do at once on an antenna.
     epoch = np.nonzero(whole)[0]
     begins = np.flatnonzero(np.diff(epoch, prepend=-1))
-    common = np.array([np.median(part, axis=0) for part in np.split(own, begins[1:])])
+    common = np.array([_middle(part) for part in np.split(own, begins[1:])])
     usual = np.median(noise, axis=0)
     jumps = np.any(np.abs(common) > np.maximum(_JUMP_CYC, _SIGMAS * usual), axis=0)
     rms = np.sqrt(np.median(own**2, axis=0) / _MEDIAN_OF_SQUARE)
     return np.asarray(jumps), np.asarray(rms > np.maximum(_NOISE_CYC, _EXCESS * usual))
+
+
+def _middle(steps: Reals) -> Reals:
+    """Median (n_antennas,) of steps (n, n_antennas) known modulo one cycle: half a cycle is not minus half a cycle."""
+    about = np.angle(np.exp(2j * np.pi * steps).sum(axis=0)) / (2.0 * np.pi)
+    rest = steps - about
+    return np.asarray(about + np.median(rest - np.rint(rest), axis=0))
