@@ -56,6 +56,7 @@ _NOISE: Final = 1e-12
 _NOTHING_NEW: Final = 2
 _LEAST_TO_VOTE: Final = 3
 _APART_CHIPS: Final = 0.5
+_OVERLAP_CHIPS: Final = 1.2  # two codes, and what the front end adds to the flanks of their peaks
 _APART_HZ: Final = 300.0
 _PERIOD_S: Final = GPS_L1_CA.period_s
 
@@ -224,9 +225,12 @@ def _lettered(seen: Sequence[tuple[str, SnapshotSignal]]) -> list[_Found]:
 
 
 def _is_same(one: SnapshotSignal, other: SnapshotSignal) -> bool:
-    apart_s = (one.code.code_s - other.code.code_s + 0.5 * _PERIOD_S) % _PERIOD_S - 0.5 * _PERIOD_S
-    near = abs(apart_s) * GPS_L1_CA.chip_rate_hz < _APART_CHIPS
+    near = abs(_apart_s(one, other)) * GPS_L1_CA.chip_rate_hz < _APART_CHIPS
     return near and abs(one.code.doppler_hz - other.code.doppler_hz) < _APART_HZ
+
+
+def _apart_s(one: SnapshotSignal, other: SnapshotSignal) -> float:
+    return (one.code.code_s - other.code.code_s + 0.5 * _PERIOD_S) % _PERIOD_S - 0.5 * _PERIOD_S
 
 
 def _credible(found: Sequence[_Found], remarks: list[str]) -> list[_Found]:
@@ -282,7 +286,8 @@ def _records(
             own["doppler_hz"][rows, column] = block.code.doppler_hz
             own["doppler_sigma_hz"][rows, column] = block.code.doppler_sigma_hz
             own["cn0_dbhz"][rows, column] = 10.0 * np.log10(np.mean(10.0 ** (0.1 * block.cn0_dbhz)))
-            phase_cyc[rows, column], sigma_cyc[rows, column] = block.phase_cyc, block.sigma_cyc
+            if not _is_overlapped(one, found):
+                phase_cyc[rows, column], sigma_cyc[rows, column] = block.phase_cyc, block.sigma_cyc
     phase_cyc[..., lost] = sigma_cyc[..., lost] = np.nan
     # Parts end where code periods do, which each signal has elsewhere, by less than a period.
     at_s = found[0].first.middle_s
@@ -311,6 +316,17 @@ def _records(
         return observations, None
     return observations, phases_with_lines(
         samples.name, signals, gpst, elapsed_s, phase_cyc, sigma_cyc, array=array, carrier_hz=GPS_L1_CA.carrier_hz
+    )
+
+
+def _is_overlapped(one: _Found, found: Sequence[_Found]) -> bool:
+    """Whether another signal of the satellite stands so near that each antenna's sum holds both: its phases are then
+    those of neither direction."""
+    return any(
+        other is not one
+        and other.signal.sat == one.signal.sat
+        and abs(_apart_s(one.first, other.first)) * GPS_L1_CA.chip_rate_hz < _OVERLAP_CHIPS
+        for other in found
     )
 
 
