@@ -143,6 +143,28 @@ def test_a_second_signal_that_no_echo_explains_leaves_the_whole_open(invented, l
     assert decision.verdict == verdict
 
 
+@pytest.mark.parametrize(
+    ("late_m", "over_db", "kind", "verdict"),
+    [
+        (500.0, -6.0, "echo", "authentic"),
+        (-500.0, 6.0, "echo", "authentic"),
+        (500.0, 3.0, "rival", "undecided"),
+        (-500.0, -6.0, "rival", "undecided"),
+    ],
+)
+@pytest.mark.parametrize("epoch_s", [1.0, 0.001])
+def test_two_signals_of_a_satellite_of_which_neither_is_known_leave_the_whole_open(
+    invented, late_m, over_db, kind, verdict, epoch_s
+):
+    """Also in a recording of tens of milliseconds."""
+    evidence = [invented.evidence(w, "authentic", *SKY[1:], receivers=BOTH) for w in range(4)]
+    observed = [replace(o, elapsed_s=epoch_s * o.elapsed_s) for o in doubled(invented, late_m=late_m, over_db=over_db)]
+    decision = fuse(evidence, observed, [])
+    found = {str(u.ref.signal): u.kind for u in decision.unexplained if u.ref.receiver == "rx1"}
+    assert found == {"G05 L1 CA a": "untested", "G05 L1 CA b": kind}
+    assert decision.verdict == verdict
+
+
 def test_where_nothing_is_decided_satellites_that_are_received_twice_are_counted(invented):
     (o, _) = doubled(invented, late_m=500.0, over_db=8.0)
     decision = fuse([], [o], [])

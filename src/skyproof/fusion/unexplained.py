@@ -15,12 +15,14 @@ __all__ = ["Kind", "Unexplained", "unexplained"]
 Kind = Literal["double", "echo", "rival", "misfit", "untested"]
 """double : beside another one of its satellite, where it is open which of them is true.
 echo : beside an authentic signal of its satellite, later and weaker: a reflection would explain it.
-rival : beside one, but earlier or stronger: no reflection is.
+rival : beside one, but earlier or stronger: no reflection is. Likewise of two of a satellite that are both unknown,
+    the one found later, unless the weaker of them is the later one.
 misfit : the only signal of its satellite there, in a test that failed: a fault, an echo alone or an imitation.
 untested : the only one of its satellite, and nothing spoke of it: received by one receiver only, or too shortly.
 """
 SHORT_S = 5.0
-"""What is received for less than this is not counted: a search's false alarm lives no longer."""
+"""What is received for less than this, or less than half of a shorter recording, is not counted: a search's false alarm
+lives no longer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +59,8 @@ def unexplained(
         for s in own:
             if s.label == "unknown" and (s.ref not in longest or _length_s(s, o) > _length_s(longest[s.ref], o)):
                 longest[s.ref] = s
-        least_s = {True: 1.01 * window_s if parts else np.inf, False: SHORT_S}
+        short_s = min(SHORT_S, 0.5 * float(o.elapsed_s[-1] - o.elapsed_s[0])) if o.elapsed_s.size else SHORT_S
+        least_s = {True: 1.01 * window_s if parts else np.inf, False: short_s}
         left = [s for ref, s in longest.items() if _length_s(s, o) >= least_s[ref in decided]]
         # Where nothing at all is decided it is no news that a signal is not; that a satellite is there twice is.
         found += [_explained(s, own, o, s.ref in failed) for s in left] if decided else _doubles(left, o)
@@ -70,13 +73,18 @@ def _doubles(left: Sequence[LabelledSignal], o: ObservationLog) -> list[Unexplai
     for s in left:
         for other in left:
             first, last = max(s.first_epoch, other.first_epoch), min(s.last_epoch, other.last_epoch)
-            earlier = (len(other.ref.signal.copy), other.ref.signal.copy) < (len(s.ref.signal.copy), s.ref.signal.copy)
-            if other.ref.signal.transmission == s.ref.signal.transmission and earlier and last >= first:
+            if _found_after(s, other) and last >= first:
                 a, b = (_series(o, "cn0_dbhz", one.ref.signal, first, last) for one in (s, other))
                 over_db, cn0_dbhz = _median(a - b), _median(a)
                 found.append(Unexplained(ref=s.ref, kind="double", cn0_dbhz=cn0_dbhz, over_db=over_db))
                 break
     return found
+
+
+def _found_after(s: LabelledSignal, other: LabelledSignal) -> bool:
+    """Whether both are of one transmission and the other one was found first."""
+    own, first = s.ref.signal, other.ref.signal
+    return own.transmission == first.transmission and (len(first.copy), first.copy) < (len(own.copy), own.copy)
 
 
 def _length_s(s: LabelledSignal, o: ObservationLog) -> float:
@@ -85,16 +93,17 @@ def _length_s(s: LabelledSignal, o: ObservationLog) -> float:
 
 def _explained(s: LabelledSignal, own: Sequence[LabelledSignal], o: ObservationLog, failed: bool) -> Unexplained:
     cn0_dbhz = _mean(_series(o, "cn0_dbhz", s.ref.signal, s.first_epoch, s.last_epoch))
-    for other in own:
-        same = other.ref.signal.transmission == s.ref.signal.transmission and other.ref != s.ref
+    transmission = s.ref.signal.transmission
+    beside = [other for other in own if other.label == "authentic" and other.ref.signal.transmission == transmission]
+    for other in beside or [other for other in own if other.label == "unknown" and _found_after(s, other)]:
         first, last = max(s.first_epoch, other.first_epoch), min(s.last_epoch, other.last_epoch)
-        if not same or other.label != "authentic" or last < first:
+        if last < first:
             continue
         late_m, over_db = (
             _median(_series(o, name, s.ref.signal, first, last) - _series(o, name, other.ref.signal, first, last))
             for name in ("pseudorange_m", "cn0_dbhz")
         )
-        is_echo = late_m > 0.0 and over_db < 0.0
+        is_echo = late_m > 0.0 and over_db < 0.0 if other.label == "authentic" else late_m * over_db < 0.0
         return Unexplained(ref=s.ref, kind="echo" if is_echo else "rival", cn0_dbhz=cn0_dbhz, over_db=over_db)
     return Unexplained(ref=s.ref, kind="misfit" if failed else "untested", cn0_dbhz=cn0_dbhz)
 
