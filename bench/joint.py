@@ -21,8 +21,8 @@ from time import process_time
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-import pairs
-from pairs import SAT, Cell
+from waves import SAT, Cell, Wave, add, pair_of
+from waves import noise as noise_of
 
 from skyproof.arrays import Floats, Reals
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
@@ -98,7 +98,7 @@ def draws_of(model: JointModel, cell: Cell, rng: np.random.Generator, count: int
 def drawn_from_samples(model: JointModel, cell: Cell, rng: np.random.Generator) -> tuple[Result, float]:
     """One pair from samples; and the tracker's time on the processor, s a second."""
     rate_hz = model.rate_hz
-    waves = pairs.waves(rng, cell, ONSET_S, 0.5 * (ONSET_S + END_S), END_S + 0.1)
+    waves = pair_of(rng, cell, ONSET_S, 0.5 * (ONSET_S + END_S), END_S + 0.1)
     first = waves[0]
     start = math.ceil(first.delay_s * rate_hz)
     chip = float(first.sent_s(start / rate_hz)) * GPS_L1_CA.chip_rate_hz
@@ -110,9 +110,9 @@ def drawn_from_samples(model: JointModel, cell: Cell, rng: np.random.Generator) 
     state = JointState(replica=replica, row_began=replica, channel=started(model, complex(amplitude), 1.0), noise=noise)
     n, tail, begin, spent_s, rows = round(0.1 * rate_hz), np.empty((2, 0), np.float32), 0, 0.0, []
     for block in range(round((END_S + 0.05) / 0.1)):
-        planes: Floats = pairs.noise(rng, n)
+        planes: Floats = noise_of(rng, n)
         for wave in waves:
-            pairs.add(wave, block * n, planes, rate_hz)
+            add(wave, block * n, planes, rate_hz)
         tail = np.concatenate([tail, planes], axis=1)
         since = process_time()
         found, state = tracker.step(state, tail, begin)
@@ -128,9 +128,7 @@ def drawn_from_samples(model: JointModel, cell: Cell, rng: np.random.Generator) 
     return _result(rows, model), spent_s / END_S
 
 
-def _truth(
-    model: JointModel, cell: Cell, waves: Sequence[pairs.Wave], t_s: float, zero_chips: float, hz: float
-) -> Reals:
+def _truth(model: JointModel, cell: Cell, waves: Sequence[Wave], t_s: float, zero_chips: float, hz: float) -> Reals:
     """States beside a replica that shows `zero_chips` at that moment."""
     mean = np.zeros((2, j.N_STATE))
     for n, (wave, db) in enumerate(zip(waves, (0.0, cell.relative_db), strict=True)):
@@ -256,13 +254,13 @@ def _receiver_s(rate_hz: float, sats: tuple[str, ...], rng: np.random.Generator)
     """Time on the processor, s a second, of a receiver that follows these satellites."""
     receiver = Receiver(rate_hz, 0.0, ReceiverSettings(sats=sats, full_search_s=1e6, near_search_s=1e6))
     planes, state = (
-        pairs.noise(rng, round(END_S * rate_hz)),
+        noise_of(rng, round(END_S * rate_hz)),
         ReceiverState(frame=1, tail=np.zeros((1, 2, 0), np.float32)),
     )
     cell = Cell(apart_chips=0.5, relative_db=0.0, apart_hz=0.0)
     for sat in sats:
-        wave = replace(pairs.waves(rng, cell, 0.0, 0.0, END_S + 0.1)[0], sat=sat)
-        pairs.add(wave, 0, planes, rate_hz)
+        wave = replace(pair_of(rng, cell, 0.0, 0.0, END_S + 0.1)[0], sat=sat)
+        add(wave, 0, planes, rate_hz)
         peak = Peak(
             sat=sat, delay_s=wave.delay_s, doppler_hz=wave.doppler_hz, cn0_dbhz=wave.cn0_dbhz, power=100.0, p_value=0.0
         )

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from tests.receiver.test_pairs import pairs
+from tests.receiver.test_pairs import waves
 
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import joining
@@ -11,30 +11,30 @@ from skyproof.receiver import measurement as m
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 
-RATE_HZ, SAT = pairs.RATE_HZ, pairs.SAT
+RATE_HZ, SAT = waves.RATE_HZ, waves.SAT
 JOINT = ReceiverSettings(sats=(SAT,), joint=True)
 
 
 def received(cell, begin_s, end_s, seconds, settings, *, seed=1, between=None):
-    """Measurements, arcs, waves of a pair, the second of which is there for a while, and what joint channels said.
+    """Measurements, arcs, a pair of waves, the second of which is there for a while, and what joint channels said.
 
     between : time, and what is done then.
     """
     rng = np.random.default_rng(seed)
-    waves = pairs.waves(rng, cell, begin_s, 0.5 * (begin_s + end_s), seconds)
+    pair = waves.pair_of(rng, cell, begin_s, 0.5 * (begin_s + end_s), seconds)
     receiver, state, parts, arcs, said = Receiver(RATE_HZ, 0.0, settings), ReceiverState(), [], {}, []
     n = round(0.1 * RATE_HZ)
     for block in range(round(seconds / 0.1)):
         if between is not None and block == round(between[0] / 0.1):
             between[1]()
-        planes = pairs.noise(rng, n)
-        for wave in waves if begin_s <= 0.1 * block < end_s else waves[:1]:
-            pairs.add(wave, block * n, planes)
+        planes = waves.noise(rng, n)
+        for wave in pair if begin_s <= 0.1 * block < end_s else pair[:1]:
+            waves.add(wave, block * n, planes)
         output, state = receiver.step(state, planes)
         parts.append(output.measurements)
         arcs |= output.arcs
         said += output.components
-    return Measurements.joined(parts), arcs, waves, said
+    return Measurements.joined(parts), arcs, pair, said
 
 
 def errors(measured, arcs, wave, copy):
@@ -48,7 +48,7 @@ def errors(measured, arcs, wave, copy):
 
 
 def test_what_comes_beside_a_signal_and_goes_again_is_a_signal_of_its_own_in_between():
-    cell = pairs.Cell(apart_chips=0.5, relative_db=-3.0, apart_hz=3.0)
+    cell = waves.Cell(apart_chips=0.5, relative_db=-3.0, apart_hz=3.0)
     measured, arcs, (first, second), _ = received(cell, 2.4, 4.6, 6.6, JOINT)
     assert {arc.signal.copy for arc in arcs.values()} == {"a", "b"}
     t_s, code, carrier_cyc, slip = errors(measured, arcs, second, "b")
@@ -72,7 +72,7 @@ def test_what_comes_beside_a_signal_and_goes_again_is_a_signal_of_its_own_in_bet
 
 
 def test_a_signal_that_is_overpowered_at_once_keeps_its_letter_and_its_arc():
-    cell = pairs.Cell(apart_chips=0.5, relative_db=6.0, apart_hz=2.0)
+    cell = waves.Cell(apart_chips=0.5, relative_db=6.0, apart_hz=2.0)
     measured, arcs, (first, second), _ = received(cell, 2.0, 9.0, 3.6, JOINT)
     assert sorted(arc.signal.copy for arc in arcs.values()) == ["a", "b"]
     for wave, copy in ((first, "a"), (second, "b")):
@@ -82,15 +82,15 @@ def test_a_signal_that_is_overpowered_at_once_keeps_its_letter_and_its_arc():
 
 
 def test_signals_that_part_go_on_with_loops_of_their_own_without_a_seam(monkeypatch):
-    cell = pairs.Cell(apart_chips=1.2, relative_db=0.0, apart_hz=45.0)
+    cell = waves.Cell(apart_chips=1.2, relative_db=0.0, apart_hz=45.0)
 
     def part():
         monkeypatch.setattr(joining, "PARTED_CHIPS", 0.6)
         monkeypatch.setattr(joining, "TOGETHER_CHIPS", 0.6)
 
-    measured, arcs, waves, _ = received(cell, 2.4, 9.0, 5.2, JOINT, between=(4.2, part))
+    measured, arcs, pair, _ = received(cell, 2.4, 9.0, 5.2, JOINT, between=(4.2, part))
     assert {arc.signal.copy for arc in arcs.values()} == {"a", "b"}
-    for wave, copy in zip(waves, "ab", strict=True):
+    for wave, copy in zip(pair, "ab", strict=True):
         t_s, code, carrier_cyc, slip = errors(measured, arcs, wave, copy)
         late = t_s > 3.5
         np.testing.assert_allclose(np.diff(t_s[late]), 0.2)
@@ -100,7 +100,7 @@ def test_signals_that_part_go_on_with_loops_of_their_own_without_a_seam(monkeypa
 
 
 def test_a_clean_sky_is_measured_as_without():
-    cell = pairs.Cell(apart_chips=0.5, relative_db=0.0, apart_hz=0.0)
+    cell = waves.Cell(apart_chips=0.5, relative_db=0.0, apart_hz=0.0)
     often = replace(JOINT, joint_look_s=0.4)
     (joint, _, _, said), (plain, *_) = (
         received(cell, 9.0, 9.0, 3.6, one) for one in (often, ReceiverSettings(sats=(SAT,)))

@@ -1,6 +1,6 @@
 """Two signals of one satellite through the whole receiver, and none where there is one: `bench/pairs.py`."""
 
-import importlib.util
+import importlib
 import math
 import sys
 from itertools import product
@@ -16,22 +16,23 @@ PER_SEARCH = 1e-4
 """False alarms of a search of clean sky, as it is set."""
 
 
-def _bench() -> ModuleType:
-    """The simulation, theory and counts behind the table."""
-    spec = importlib.util.spec_from_file_location("pairs", Path(__file__).parents[2] / "bench" / "pairs.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["pairs"] = module  # where its dataclasses look for their types
-    spec.loader.exec_module(module)
-    return module
+BENCH = Path(__file__).parents[2] / "bench"
 
 
-pairs = _bench()
+def bench(name: str) -> ModuleType:
+    """A module of the benches: the simulation, theory and counts behind the table."""
+    sys.path.insert(0, str(BENCH))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(BENCH))
+
+
+pairs, pulls, second_signals, waves = (bench(name) for name in ("pairs", "pulls", "second_signals", "waves"))
 
 
 def cell(apart_chips, relative_db, apart_hz):
-    return pairs.Cell(apart_chips=apart_chips, relative_db=relative_db, apart_hz=apart_hz)
+    return waves.Cell(apart_chips=apart_chips, relative_db=relative_db, apart_hz=apart_hz)
 
 
 def expected_m(row, of):
@@ -61,9 +62,9 @@ def test_both_signals_of_a_pair_are_followed_and_measured_right(apart_chips, rel
 @pytest.mark.parametrize(("apart_hz", "least", "most"), [(0.0, 0.25, 0.65), (10.0, 0.0, 0.1)])
 def test_a_chip_apart_the_weaker_one_has_a_place_to_stay_for_some_phases_only(apart_hz, least, most):
     # Sharp tops and taps close together: where the cosine of the phase between them is below the ratio of amplitudes.
-    assert least <= pairs.stays(cell(1.0, -10.0, apart_hz), True)[0] <= most
-    assert pairs.stays(cell(1.0, -10.0, apart_hz), False)[0] == 1.0
-    assert pairs.stays(cell(1.5, -10.0, apart_hz), True)[0] == 1.0
+    assert least <= pulls.stays(cell(1.0, -10.0, apart_hz), True)[0] <= most
+    assert pulls.stays(cell(1.0, -10.0, apart_hz), False)[0] == 1.0
+    assert pulls.stays(cell(1.5, -10.0, apart_hz), True)[0] == 1.0
 
 
 # ---------------------------------------------------------------------- one signal
@@ -71,13 +72,13 @@ def test_a_chip_apart_the_weaker_one_has_a_place_to_stay_for_some_phases_only(ap
 
 def test_searches_of_a_clean_sky_find_nothing_more():
     rng = np.random.default_rng(5)
-    assert pairs.clean_searches(rng, 150, full=False).alarms == 0
-    assert pairs.clean_searches(rng, 5, full=True).alarms == 0
+    assert second_signals.clean_searches(rng, 150, full=False).alarms == 0
+    assert second_signals.clean_searches(rng, 5, full=True).alarms == 0
 
 
 @pytest.mark.parametrize("apart_hz", [0.0, 0.3])
 def test_a_reflection_is_not_reported_as_a_signal(apart_hz):
-    assert pairs.reflected(np.random.default_rng(6), 0.35, -6.0, apart_hz) == 0
+    assert second_signals.reflected(np.random.default_rng(6), 0.35, -6.0, apart_hz) == 0
 
 
 # ---------------------------------------------------------------------- counts
@@ -99,14 +100,14 @@ def test_pairs_from_one_and_a_half_chips_on_are_followed_and_their_errors_are_ex
 @pytest.mark.long
 @pytest.mark.parametrize(("full", "searches"), [(False, 9000), (True, 600)])
 def test_false_alarms_on_clean_sky_come_at_most_at_the_stated_rate(full, searches):
-    count = pairs.clean_searches(np.random.default_rng([8, full]), searches, full=full)
+    count = second_signals.clean_searches(np.random.default_rng([8, full]), searches, full=full)
     assert stats.binomtest(count.alarms, searches, PER_SEARCH, alternative="greater").pvalue > 1e-3
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_clean_sky_through_the_whole_receiver_has_one_signal_a_satellite(seed):
-    followed_s, seconds = pairs.clean_recording(60.0, seed)
+    followed_s, seconds = second_signals.clean_recording(60.0, seed)
     assert followed_s > 180.0
     assert seconds == []
 
@@ -114,6 +115,6 @@ def test_a_clean_sky_through_the_whole_receiver_has_one_signal_a_satellite(seed)
 @pytest.mark.long
 def test_reflections_within_half_a_chip_are_hardly_ever_reported():
     rng = np.random.default_rng(9)
-    reflections = [one for one in pairs.REFLECTIONS if one[0] <= 0.5]
-    reported = [pairs.reflected(rng, *one) > 0 for one in reflections for _ in range(4)]
+    reflections = [one for one in second_signals.REFLECTIONS if one[0] <= 0.5]
+    reported = [second_signals.reflected(rng, *one) > 0 for one in reflections for _ in range(4)]
     assert np.mean(reported) < 0.05
