@@ -5,8 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
-from skyproof.report.page import FixTrack, Pictures, SignalSeries, SkyPosition
-from skyproof.report.pictures import DelayProfile, DelayTag, Finding, RangeDifference, TruePlace
+from skyproof.report.figures import Pictures
+from skyproof.report.pictures import (
+    DelayProfile,
+    DelayTag,
+    Finding,
+    FixTrack,
+    RangeDifference,
+    SignalSeries,
+    SkyPosition,
+    TruePlace,
+)
 from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins, OriginSpan, TimeOffset
 from skyproof.verdict import Place, Verdict
 

@@ -9,8 +9,19 @@ from typing import Any
 import pytest
 from tests.report.sample import EMPTY, SAMPLE, VERDICT, pictures
 
-from skyproof.report.page import FixTrack, Pictures, SignalSeries, SkyPosition, how_sure, report_html
-from skyproof.report.pictures import DelayProfile, DelayTag, Finding, RangeDifference, TruePlace
+from skyproof.report.figures import Pictures
+from skyproof.report.page import report_html
+from skyproof.report.pictures import (
+    DelayProfile,
+    DelayTag,
+    Finding,
+    FixTrack,
+    RangeDifference,
+    SignalSeries,
+    SkyPosition,
+    TruePlace,
+)
+from skyproof.report.summary import how_sure
 from skyproof.verdict import Verdict
 
 

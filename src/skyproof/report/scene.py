@@ -10,8 +10,8 @@ from markupsafe import Markup
 from skyproof.arrays import Reals
 from skyproof.records import freeze
 from skyproof.report import drawing as draw
-from skyproof.report.page import Figure, environment
 from skyproof.report.pictures import LABELS, SignalSeries, SkyPosition, SkySource, sky_plot, time_line
+from skyproof.report.template import Figure, environment
 
 __all__ = [
     "Element",

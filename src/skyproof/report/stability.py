@@ -9,7 +9,7 @@ from markupsafe import Markup
 from skyproof.arrays import Reals
 from skyproof.records import freeze
 from skyproof.report import drawing as draw
-from skyproof.report.page import Figure, environment
+from skyproof.report.template import Figure, environment
 
 __all__ = ["AllanCurve", "allan_plot", "stability_html"]
 

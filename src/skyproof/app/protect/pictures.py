@@ -32,7 +32,7 @@ from skyproof.gnss.time import iso, seconds_between
 from skyproof.recording.profile import delay_profiles
 from skyproof.records import ConsistentSet, ObservationLog, Observations, Records, Samples
 from skyproof.report.drawing import thin
-from skyproof.report.page import Pictures
+from skyproof.report.figures import Pictures
 from skyproof.report.pictures import (
     DelayProfile,
     DelayTag,

@@ -1,0 +1,86 @@
+"""Methods that ran, in words: what each asked, what it found, and how often chance gives as much."""
+
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from skyproof.report import methods, proof
+from skyproof.report.pictures import Finding
+from skyproof.report.words import chance_words, number_words, p_value_words
+from skyproof.verdict import Method, Verdict
+
+__all__ = ["Tested", "by_chance", "quoted", "ran", "strongest"]
+
+ORDER = ("spoofed", "attack", "authentic", "multipath", "undecided", "clean")  # of methods, by what they say
+
+
+@dataclass(frozen=True)
+class Tested:
+    """A method that ran, as the page shows it."""
+
+    method: Method
+    title: str
+    about: str
+    found: str
+    sentences: tuple[str, ...]
+    scale: Markup
+
+
+def ran(verdict: Verdict, findings: tuple[Finding, ...]) -> list[Tested]:
+    """Methods that ran, those first that say most."""
+    return [_tested(m, findings) for m in sorted((m for m in verdict.methods if m.ran), key=_weight)]
+
+
+def _weight(method: Method) -> tuple[int, str]:
+    says = method.decision or "clean"
+    return ORDER.index(says) if says in ORDER else len(ORDER), method.detector
+
+
+def strongest(verdict: Verdict) -> Method | None:
+    """The method with the least p-value for the verdict."""
+    saying = {"spoofed": ("spoofed", "attack"), "authentic": ("authentic",), "undecided": ()}[verdict.verdict]
+    for_it = [m for m in verdict.methods if m.ran and m.decision in saying and m.p_value is not None]
+    return min(for_it, key=lambda method: method.p_value if method.p_value is not None else 1.0, default=None)
+
+
+def quoted(detector: str) -> str:
+    """Its heading on this page, or its own name."""
+    return f"“{methods.title(detector)}”" if methods.about(detector) else detector
+
+
+def by_chance(decision: str | None, p_value: float) -> str:
+    """How often chance gives as much, and of what."""
+    otherwise = "were the signals false" if decision == "authentic" else "in a clean sky"
+    return f"{otherwise}, chance alone gives as much {chance_words(p_value)} ({p_value_words(p_value)})."
+
+
+def _tested(method: Method, findings: tuple[Finding, ...]) -> Tested:
+    found = next((f.words for f in findings if f.detector == method.detector), "")
+    scale = Markup("")
+    if method.p_value is not None:
+        title = f"{method.detector}: {p_value_words(method.p_value)}"
+        scale = proof.chance_scale(method.p_value, method.false_alarm_probability, title=title)
+    return Tested(
+        method,
+        methods.title(method.detector),
+        methods.about(method.detector),
+        f"{found[:1].upper()}{found[1:]}." if found else "",
+        tuple(_words_of_test(method)),
+        scale,
+    )
+
+
+def _words_of_test(method: Method) -> list[str]:
+    sentences = []
+    if method.p_value is not None:
+        words = by_chance(method.decision, method.p_value)
+        if method.decision == "undecided":  # what was tested, one antenna or a clean sky, the evidence says
+            words = f"it did not decide ({p_value_words(method.p_value)})."
+        sentences.append(words[0].upper() + words[1:])
+    if method.statistic is not None:
+        against = f", its threshold {number_words(method.threshold)}" if method.threshold is not None else ""
+        sentences.append(f"Statistic {number_words(method.statistic)}{against}.")
+    made = f"{method.tests} {'test' if method.tests == 1 else 'tests'} made"
+    if method.false_alarm_probability is not None:
+        made += f", false alarms allowed in each: {chance_words(method.false_alarm_probability)}"
+    return [*sentences, f"{made}."]

@@ -1,0 +1,275 @@
+"""Every figure of the page, with its heading and what stands below it."""
+
+import math
+from dataclasses import dataclass
+
+from skyproof.report import pictures as draw
+from skyproof.report import proof, takeover
+from skyproof.report.pictures import (
+    DelayProfile,
+    Finding,
+    FixTrack,
+    RangeDifference,
+    SignalSeries,
+    SkyPosition,
+    SkySource,
+    TruePlace,
+)
+from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins
+from skyproof.report.template import Figure
+from skyproof.report.words import chance_words, distance_words, instant_words, number_words, place_words
+from skyproof.verdict import Label, Place, Verdict
+
+__all__ = ["Pictures", "map_figures", "signal_figures"]
+
+MAX_POINTS = 20_000  # of all time lines together: keeps the page small, whatever the number of receivers
+MOST_CLOSE = 6  # receivers that get a map of their own
+LEAST_WRONG = 1e-12  # of a choice, as its words have it
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Pictures:
+    """What the report draws beside the verdict. Whatever is left empty is left out of the page.
+
+    zero_gpst : the instant of second zero of all series, ISO 8601 without a zone, GPS time.
+    onset_s, until_s : onset and end of the attack in these seconds; None draws no mark. onset_sigma_s : one sigma.
+    origin : the point about which the tracks give east and north.
+    truth : where receivers truly were, if something else than the recordings states it.
+    """
+
+    zero_gpst: str
+    origin: Place | None = None
+    onset_s: float | None = None
+    onset_sigma_s: float | None = None
+    until_s: float | None = None
+    series: tuple[SignalSeries, ...] = ()
+    tracks: tuple[FixTrack, ...] = ()
+    truth: tuple[TruePlace, ...] = ()
+    sky: tuple[SkyPosition, ...] = ()
+    profiles: tuple[DelayProfile, ...] = ()
+    differences: tuple[RangeDifference, ...] = ()
+    correlations: tuple[CorrelationParts, ...] = ()
+    compared: tuple[ComparedSkies, ...] = ()
+    origins: tuple[FixOrigins, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+def map_figures(pictures: Pictures) -> list[Figure]:
+    """Where it was, what that came from, and which sky is true."""
+    return [*_maps(pictures), *_origins(pictures), *_compared(pictures)]
+
+
+def signal_figures(verdict: Verdict, pictures: Pictures) -> list[Figure]:
+    """Which signals there were, and what shows that they are false."""
+    return [*_time_lines(pictures), *_proofs(pictures), *_correlations(pictures), *_skies(verdict, pictures)]
+
+
+def _maps(pictures: Pictures) -> list[Figure]:
+    """All fixes, then the trusted ones of each receiver close up, where the large map is too coarse for them."""
+    overview = draw.local_map(pictures.tracks, pictures.truth, title="Map of all fixes")
+    if pictures.origin is None or not overview:
+        return []
+    kinds = {track.kind for track in pictures.tracks if len(track.points())}
+    keys = {
+        "trusted": "disc: last trusted fix with its 95 % ellipse",
+        "false": "diamond: what the false signals show",
+        "unprotected": "ring: what a receiver without protection shows",
+        "possible": "triangle: a place that the evidence leaves open",
+    }
+    legend = [words for kind, words in keys.items() if kind in kinds]
+    legend += ["cross: the true place, by a file beside the recording, which the verdict does not use"] * bool(
+        pictures.truth
+    )
+    close = [
+        track
+        for track in pictures.tracks
+        if track.kind == "trusted"
+        and len(track.points())
+        and draw.extent_m([track]) < 0.1 * draw.extent_m(pictures.tracks)
+    ][:MOST_CLOSE]
+    figures = [
+        Figure(
+            "Where it was, where it seemed to be" if "false" in kinds else "Map of the fixes",
+            overview,
+            f"Metres east and north of {place_words(pictures.origin.lat_deg, pictures.origin.lon_deg)}. "
+            + "; ".join([*legend, "lines: the way there"]).capitalize()
+            + "."
+            + "".join(_off_truth(track, pictures) for track in pictures.tracks if track not in close),
+        )
+    ]
+    for track in close:
+        truth = [place for place in pictures.truth if place.receiver == track.receiver]
+        svg = draw.local_map([track], truth, title=f"Trusted fixes of {track.receiver}", least_m=4.0, names=False)
+        caption = "Trusted fixes on the map’s axes, the last one marked, with its 95 % ellipse."
+        figures.append(Figure(f"{track.receiver} close up", svg, caption + _off_truth(track, pictures)))
+    return figures
+
+
+def _off_truth(track: FixTrack, pictures: Pictures) -> str:
+    """How far the last trusted fix lies from the truth; empty where that is not known."""
+    place = next((place for place in pictures.truth if place.receiver == track.receiver), None)
+    if track.kind != "trusted" or place is None or not len(track.points()):
+        return ""
+    east_m, north_m = track.points()[-1]
+    off_m = math.hypot(float(east_m) - place.east_m, float(north_m) - place.north_m)
+    return f" The last trusted fix of {track.receiver} lies {distance_words(off_m)} from the truth, horizontally."
+
+
+ORIGINS = {
+    "satellites": "filled: satellites",
+    "inertia": "light: inertia, since the last trusted fix",
+    "held": "dashed: held, as the receiver stands",
+}
+
+
+def _origins(pictures: Pictures) -> list[Figure]:
+    zero = f"{instant_words(pictures.zero_gpst)} GPS time"
+    return [
+        Figure(
+            f"What the trusted position of {one.receiver} came from",
+            takeover.origins_plot(
+                one,
+                title=f"Origin of the trusted position of {one.receiver} and error of an ordinary receiver over time",
+                zero=zero,
+                onset_s=pictures.onset_s,
+                until_s=pictures.until_s,
+            ),
+            "Line: distance between what a receiver without protection shows and the trusted position. Bar: what the "
+            f"trusted position came from ({'; '.join(ORIGINS[kind] for kind in ORIGINS if kind in _kinds(one))}); "
+            "nothing where there is none.",
+        )
+        for one in pictures.origins
+    ]
+
+
+def _kinds(origins: FixOrigins) -> set[str]:
+    return {one.origin for one in origins.trusted}
+
+
+def _compared(pictures: Pictures) -> list[Figure]:
+    """Skies beside what was expected: position on a map, time on a line; in words how sure the choice is."""
+    figures = []
+    for one in pictures.compared:
+        heading = f"Which sky of {one.receiver} is true"
+        how = (
+            f"At {number_words(one.at_s)} s; expected by {one.by}. "
+            + (f"Disc: chosen; diamond: refused; this is wrong {_wrong_words(one.wrong)}." if one.chosen else "")
+            + (f"None is chosen: the likelier one is wrong {_wrong_words(one.wrong)}." if not one.chosen else "")
+        )
+        if one.tracks:
+            svg = takeover.skies_map(one, title=f"Positions by the skies of {one.receiver} and the expected one")
+            words = "Metres east and north of the expected position (square), with 95 % ellipses."
+            figures.append(Figure(f"{heading}: position", svg, f"{how} {words}"))
+        if one.offsets:
+            svg = takeover.clock_plot(one, title=f"Times by the skies of {one.receiver} against the expected one")
+            words = "" if one.tracks else f"{how} "
+            words += "The receiver’s clock by each sky, two sigma to either side."
+            figures.append(Figure(f"{heading}: time", svg, words))
+    return figures
+
+
+def _wrong_words(probability: float) -> str:
+    return chance_words(max(probability, LEAST_WRONG))
+
+
+def _receivers(items: tuple[SkyPosition, ...] | tuple[SignalSeries, ...]) -> list[str]:
+    return sorted({item.receiver for item in items})
+
+
+def _skies(verdict: Verdict, pictures: Pictures) -> list[Figure]:
+    sources = [
+        SkySource(name=source.name, azimuth_deg=source.azimuth_deg, elevation_deg=source.elevation_deg)
+        for source in verdict.sources
+        if source.azimuth_deg is not None and source.elevation_deg is not None
+    ]
+    caption = (
+        "Where the satellites stand, zenith in the middle; rings of elevation every 30°. Symbols side by side are "
+        "signals of one satellite."
+    )
+    if sources:
+        caption += " Cross: a source of false signals."
+    figures = []
+    for receivers in _same_sky(pictures.sky):
+        title = f"Sky over {', '.join(receivers)}"
+        here = [p for p in pictures.sky if p.receiver == receivers[0]]
+        figures.append(Figure(title, draw.sky_plot(here, sources, title=title), caption))
+    return figures
+
+
+def _same_sky(sky: tuple[SkyPosition, ...]) -> list[list[str]]:
+    """Receivers together that have the same labels in the same directions: one drawing shows all."""
+    groups: dict[frozenset[tuple[str, str, int, int]], list[str]] = {}
+    for receiver in _receivers(sky):
+        seen = frozenset(
+            (p.signal.split()[0], p.label, round(p.azimuth_deg), round(p.elevation_deg))
+            for p in sky
+            if p.receiver == receiver
+        )
+        groups.setdefault(seen, []).append(receiver)
+    return list(groups.values())
+
+
+def _time_lines(pictures: Pictures) -> list[Figure]:
+    points = min(240, max(40, MAX_POINTS // max(len(pictures.series), 1)))
+    band = "; the shaded band is two sigma of the onset to either side" if pictures.onset_sigma_s is not None else ""
+    return [
+        Figure(
+            f"Signals of {receiver}",
+            draw.time_line(
+                [series for series in pictures.series if series.receiver == receiver],
+                title=f"Carrier to noise density and label of every signal of {receiver} over time",
+                zero=f"{instant_words(pictures.zero_gpst)} GPS time",
+                onset_s=pictures.onset_s,
+                onset_sigma_s=pictures.onset_sigma_s,
+                until_s=pictures.until_s,
+                points=points,
+            ),
+            "One row per satellite: carrier to noise density of each of its signals, and below it a bar for as long as "
+            f"the signal is received, by label{band}.",
+        )
+        for receiver in _receivers(pictures.series)
+    ]
+
+
+def _proofs(pictures: Pictures) -> list[Figure]:
+    """Correlation of attacked satellites, and range differences of each pair of receivers."""
+    figures = []
+    if pictures.profiles:
+        one = pictures.profiles[0]
+        several = any(len(profile.tags) > 1 for profile in pictures.profiles)
+        shown: set[Label] = {tag.label for profile in pictures.profiles for tag in profile.tags}
+        figures.append(
+            Figure(
+                f"Two peaks where there should be one: {one.receiver}" if several else f"Correlation in {one.receiver}",
+                proof.profile_plot(pictures.profiles, title=f"Correlation over delay of satellites in {one.receiver}"),
+                f"Samples of 50 ms at {number_words(one.at_s)} s, compared with each satellite’s code at every delay. "
+                f"Each peak is a signal; delays count from the {'true' if 'authentic' in shown else 'first'} one.",
+            )
+        )
+    for pair in sorted({d.receivers for d in pictures.differences}):
+        rows = [d for d in pictures.differences if d.receivers == pair]
+        figures.append(
+            Figure(
+                f"The way to {pair[1]} against the way to {pair[0]}",
+                proof.difference_plot(rows, title=f"Range differences between {pair[0]} and {pair[1]} by satellite"),
+                "How much longer a satellite’s way is to one antenna than to the other. From the sky every satellite "
+                "has a difference of its own; signals of one transmitter share theirs, and stand in one line.",
+            )
+        )
+    return figures
+
+
+def _correlations(pictures: Pictures) -> list[Figure]:
+    """Of satellites with two signals within a chip or so."""
+    if not pictures.correlations:
+        return []
+    one = pictures.correlations[0]
+    return [
+        Figure(
+            f"Two signals in one peak: {one.receiver}",
+            takeover.correlation_plot(pictures.correlations, title=f"Correlation of {one.receiver} taken apart"),
+            f"Correlation at {number_words(one.at_s)} s, 20 ms: height is its magnitude, colour its phase, both from "
+            "the samples. Lines: the stronger signal (full) and the second one (dashed) as they were taken apart; in "
+            "numbers the second’s delay, power and phase against the stronger one. One signal alone has one colour.",
+        )
+    ]

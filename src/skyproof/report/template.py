@@ -1,0 +1,45 @@
+"""The templates of all pages, how they write numbers, and a figure as they set it."""
+
+from dataclasses import dataclass
+from functools import cache
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from skyproof.report.words import instant_words, p_value_words, seconds_words, span_words
+
+__all__ = ["Figure", "environment"]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One drawing with its heading and the words below it."""
+
+    heading: str
+    svg: Markup
+    caption: str
+
+
+def _fixed(value: float | None, digits: int) -> str | None:
+    return None if value is None else f"{value:.{digits}f}"
+
+
+@cache
+def environment() -> Environment:
+    """The templates of all pages, and how they write numbers."""
+    environment = Environment(
+        loader=PackageLoader("skyproof.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {
+        "fixed": _fixed,
+        "instant": instant_words,
+        "p_value": p_value_words,
+        "seconds": seconds_words,
+    }
+    environment.globals["span"] = span_words
+    return environment
