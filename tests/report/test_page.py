@@ -78,7 +78,7 @@ def test_the_page_says_everything_that_the_verdict_says() -> None:
         "812",
         "13.8",
         "an antenna array and its attitude",
-        "p = 1.3·10⁻⁹",
+        "p\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}1.3·10⁻⁹",
         "no evidence",
         "antenna_separation_m = 5.0",
         "loops.dll_hz = 1.0",
@@ -242,7 +242,7 @@ def test_a_test_that_did_not_decide_rejects_no_clean_sky() -> None:
     document = copy.deepcopy(SAMPLE)
     document["methods"] = [document["methods"][0] | {"decision": "undecided", "p_value": 1e-9}]
     text = read(report_html(Verdict.model_validate(document), EMPTY)).text
-    assert "It did not decide (p = 1.0·10⁻⁹)." in text
+    assert "It did not decide (p\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}1.0·10⁻⁹)." in text
     assert "in a clean sky, chance alone" not in text
 
 

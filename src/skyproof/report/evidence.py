@@ -80,6 +80,8 @@ def _words_of_test(method: Method) -> list[str]:
     if method.statistic is not None:
         against = f", its threshold {number_words(method.threshold)}" if method.threshold is not None else ""
         sentences.append(f"Statistic {number_words(method.statistic)}{against}.")
+    if not method.tests:
+        return [*sentences, "No test was made."]
     made = f"{method.tests} {'test' if method.tests == 1 else 'tests'} made"
     if method.false_alarm_probability is not None:
         made += f", false alarms allowed in each: {chance_words(method.false_alarm_probability)}"

@@ -21,7 +21,7 @@ def profile_plot(profiles: Sequence[DelayProfile], *, title: str) -> Markup:
     """A panel a satellite: correlation power over delay, all to one scale, with every signal's place marked."""
     if not profiles:
         return Markup("")
-    left, gap, top, right = 34.0, 14.0, 8.0, 352.0
+    left, gap, top, right = 40.0, 14.0, 8.0, 352.0
     columns = min(_COLUMNS, len(profiles))
     wide = (right - left - gap * (columns - 1)) / columns
     rows = math.ceil(len(profiles) / columns)

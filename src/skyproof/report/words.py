@@ -23,6 +23,7 @@ __all__ = [
 ]
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_HOLD = "\N{NO-BREAK SPACE}"
 _LEAST = 1e-300  # below this a float64 soon holds nothing; said as "practically never"
 
 
@@ -52,17 +53,18 @@ def chance_words(probability: float) -> str:
 
 def number_words(value: float) -> str:
     """A number of any size to four figures, without an exponent as long as that is readable."""
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
+    text = f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
+    return text.replace("-", "\N{MINUS SIGN}")
 
 
 def p_value_words(p_value: float) -> str:
-    """A p-value to two figures: p = 0.33, p = 1.3·10⁻⁹, p < 10⁻³⁰⁰."""
+    """A p-value to two figures, which no line breaks: p = 0.33, p = 1.3·10⁻⁹, p < 10⁻³⁰⁰."""
     if p_value < _LEAST:
-        return f"p < {power_words(-300)}"
+        return f"p{_HOLD}<{_HOLD}{power_words(-300)}"
     if p_value >= 1e-3:
-        return f"p = {p_value:.2g}"
+        return f"p{_HOLD}={_HOLD}{p_value:.2g}"
     figures, exponent = f"{p_value:.1e}".split("e")
-    return f"p = {figures}·{power_words(int(exponent))}"
+    return f"p{_HOLD}={_HOLD}{figures}·{power_words(int(exponent))}"
 
 
 def rate_words(probability_per_hour: float) -> str:
