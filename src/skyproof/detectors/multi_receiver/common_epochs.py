@@ -11,18 +11,41 @@ from skyproof.gnss.signals import service_of
 from skyproof.gnss.time import seconds_between
 from skyproof.records import ConsistentSet, Observations, Records, SignalId
 
-__all__ = ["CommonRanges", "Kind", "common_ranges", "shared_kinds"]
+__all__ = ["CommonPhases", "CommonRanges", "Kind", "common_ranges", "shared_kinds"]
 
 Kind = tuple[str, str, str]
 _FEW = 5  # epochs: where there are no more, who lacks one would take it from all
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class CommonPhases:
+    """cyc (N, K, R) carriers of K transmissions in R receivers at N common instants, NaN where there is none; sigma_cyc
+    (K, R) noise of their mean, that of moving them to these instants included. wave_m, half_open, whole_cycles (K,) :
+    wavelength; whether some carrier may be half a cycle off; whether differences between satellites are of whole
+    cycles, which those of GLONASS are not, as each satellite has a frequency of its own.
+    """
+
+    cyc: Reals
+    sigma_cyc: Reals
+    wave_m: Reals
+    half_open: Booleans
+    whole_cycles: Booleans
+
+    def take(self, rows: Indices) -> "CommonPhases":
+        """Those transmissions alone."""
+        return replace(self, cyc=self.cyc[:, rows], **{n: getattr(self, n)[rows] for n in _OF_TRANSMISSIONS})
+
+
+_OF_TRANSMISSIONS = ("sigma_cyc", "wave_m", "half_open", "whole_cycles")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CommonRanges:
     """range_m (N, K, R) of K transmissions in R receivers at N common instants; sigma_m (K, R) thermal. tracks (R, K) :
-    each receiver's signals. time_s (N,) : since the window's start. step_s : the usual one between instants.
+    each receiver's signals. time_s (N,) : since the window's start. step_s : the usual one between instants. phases :
+    carriers of the same; None where they were not kept.
 
-    Every number is there: transmissions and epochs that would leave holes are left out.
+    Every range is there: transmissions and epochs that would leave holes are left out.
     """
 
     tracks: tuple[tuple[SignalId, ...], ...]
@@ -30,6 +53,7 @@ class CommonRanges:
     sigma_m: Reals
     time_s: Reals
     step_s: float
+    phases: CommonPhases | None = None
 
     @property
     def gaps(self) -> Reals:
@@ -54,11 +78,12 @@ class CommonRanges:
     def take(self, rows: Indices) -> "CommonRanges":
         """Those transmissions alone, at the same instants."""
         tracks = tuple(tuple(own[k] for k in rows) for own in self.tracks)
-        return replace(self, tracks=tracks, range_m=self.range_m[:, rows], sigma_m=self.sigma_m[rows])
+        phases = None if self.phases is None else self.phases.take(rows)
+        return replace(self, tracks=tracks, range_m=self.range_m[:, rows], sigma_m=self.sigma_m[rows], phases=phases)
 
     def at(self, instants: Indices | Booleans) -> "CommonRanges":
-        """The same transmissions at these of the instants."""
-        return replace(self, range_m=self.range_m[instants], time_s=self.time_s[instants])
+        """The same transmissions at these of the instants, without their carriers."""
+        return replace(self, range_m=self.range_m[instants], time_s=self.time_s[instants], phases=None)
 
     @property
     def apart_m(self) -> Reals:
@@ -123,7 +148,8 @@ def common_ranges(
     instants_s = _true_time_s(receivers[sets[0].receiver], records, sets[0])
     step_s = float(np.median(np.diff(instants_s))) if instants_s.size > 1 else 1.0
     ranges = np.full((instants_s.size, len(shared), len(sets)), np.nan)
-    sigma_m = np.full_like(ranges, np.nan)
+    sigma_m, phase_cyc = np.full_like(ranges, np.nan), np.full_like(ranges, np.nan)
+    of_phase = _PhaseErrors(shared, receivers[sets[0].receiver])
     paces_m_s: list[Reals] = []
     for i, chosen in enumerate(sets):
         observations = receivers[chosen.receiver]
@@ -142,7 +168,63 @@ def common_ranges(
         near = np.abs(dt_s) <= 0.51 * step_s
         ranges[..., i] = np.where(near[:, None], observations.pseudorange_m[cells] + shift_m, np.nan)
         sigma_m[..., i] = observations.pseudorange_sigma_m[cells]
-    return _without_holes(shared, ranges, sigma_m, instants_s, step_s, min_share, min_satellites)
+        steady_hz = _steady(observations.doppler_hz[:, columns], time_s)
+        turned_cyc = np.where(np.abs(dt_s)[:, None] > 1e-9, -steady_hz[nearest] * dt_s[:, None], 0.0)
+        phase_cyc[..., i] = np.where(near[:, None], observations.carrier_cyc[cells] + turned_cyc, np.nan)
+        of_phase.add(observations, columns, nearest, dt_s)
+    return _without_holes(
+        shared, ranges, sigma_m, of_phase.phases(phase_cyc), instants_s, step_s, min_share, min_satellites
+    )
+
+
+def _steady(doppler_hz: Reals, time_s: Reals) -> Reals:
+    """Dopplers (N, K) without what only noise makes of them: what signals have in common, and a line of each beside it.
+
+    Ranges change by a line over a window to better than 0.1 mm in half a second; what signals have in common, the
+    receiver's clock, cancels between satellites whatever it is.
+    """
+    if len(time_s) < _FEW:
+        return doppler_hz
+    common_hz = np.nanmean(doppler_hz, axis=1, keepdims=True) if np.isfinite(doppler_hz).any(axis=1).all() else 0.0
+    own_hz = doppler_hz - common_hz
+    smooth_hz = np.full_like(own_hz, np.nan)
+    at_s = time_s - time_s.mean()
+    for k in range(own_hz.shape[1]):
+        known = np.isfinite(own_hz[:, k])
+        if known.sum() >= _FEW:
+            smooth_hz[known, k] = np.polyval(np.polyfit(at_s[known], own_hz[known, k], 1), at_s[known])
+    return smooth_hz + common_hz
+
+
+class _PhaseErrors:
+    """Noise of carriers at common instants, and what else is known of them, receiver by receiver."""
+
+    def __init__(self, shared: Sequence[tuple[SignalId, ...]], first: Observations) -> None:
+        columns = [first.signals.index(tracks[0]) for tracks in shared]
+        self.wave_m = SPEED_OF_LIGHT_M_S / first.carrier_hz[columns]
+        self.half_open = np.zeros(len(shared), bool)
+        self.whole_cycles = np.array([tracks[0].kind[0] != "R" for tracks in shared], bool)
+        self.variance_cyc2: list[Reals] = []
+
+    def add(self, observations: Observations, columns: Indices, nearest: Indices, dt_s: Reals) -> None:
+        """One more receiver's."""
+        self.half_open |= observations.half_cycle_open[:, columns].any(axis=0)
+        cells = np.ix_(nearest, columns)
+        own = observations.carrier_sigma_cyc[cells] ** 2 + (dt_s[:, None] * observations.doppler_sigma_hz[cells]) ** 2
+        own = np.where(np.isfinite(own), own, 0.0)
+        self.variance_cyc2.append(own.mean(axis=0) / max(len(own), 1))
+
+    def phases(self, cyc: Reals) -> CommonPhases | None:
+        """All receivers'; None if one has no epochs."""
+        if len(self.variance_cyc2) < cyc.shape[2]:
+            return None
+        return CommonPhases(
+            cyc=cyc,
+            sigma_cyc=np.sqrt(np.stack(self.variance_cyc2, axis=-1)),
+            wave_m=self.wave_m,
+            half_open=self.half_open,
+            whole_cycles=self.whole_cycles,
+        )
 
 
 def _drift(rate_m_s: Reals, reference_m_s: Reals) -> float:
@@ -176,6 +258,7 @@ def _without_holes(
     shared: list[tuple[SignalId, ...]],
     ranges: Reals,
     sigma_m: Reals,
+    phases: CommonPhases | None,
     time_s: Reals,
     step_s: float,
     min_share: float,
@@ -196,4 +279,5 @@ def _without_holes(
         sigma_m=np.sqrt(used_m2.sum(axis=0) / max(len(used_m2), 1)),
         time_s=time_s[rows],
         step_s=step_s,
+        phases=None if phases is None else replace(phases, cyc=phases.cyc[rows]).take(np.flatnonzero(kept)),
     )

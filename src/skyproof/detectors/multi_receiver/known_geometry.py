@@ -28,12 +28,14 @@ __all__ = [
     "AntennaPlaces",
     "LearntBaseline",
     "Misfit",
+    "Reach",
     "agreement",
     "survival",
 ]
 
 _ROUNDS = 80  # of bisection
 _LEAST_M = 1e-6
+_REACH = 5.0  # sigmas
 
 
 class Misfit(NamedTuple):
@@ -43,6 +45,18 @@ class Misfit(NamedTuple):
     squared: Reals
     dof: int
     exact: int
+
+
+class Reach(NamedTuple):
+    """Where a baseline may be: between two spheres about `centre_m` (3,)."""
+
+    centre_m: Reals
+    inner_m: float
+    outer_m: float
+
+    @property
+    def volume_m3(self) -> float:
+        return 4.0 / 3.0 * np.pi * (self.outer_m**3 - self.inner_m**3)
 
 
 class AntennaGeometry(Protocol):
@@ -60,6 +74,10 @@ class AntennaGeometry(Protocol):
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         """Of baselines (..., 3 (R - 1)) from the first receiver with covariance (..., 3 (R - 1), 3 (R - 1))."""
+        ...
+
+    def reach(self, receivers: Sequence[str]) -> Reach:
+        """Where the baseline of two receivers is, at five sigmas."""
         ...
 
 
@@ -81,6 +99,9 @@ class AntennaPlaces:
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         own = self.sigma_m**2 * (np.eye(len(receivers) - 1) + 1.0)  # the first antenna's error is in every baseline
         return _from_vector(enu_m - self.expected_m(receivers), covariance_m2 + np.kron(own, np.eye(3)))
+
+    def reach(self, receivers: Sequence[str]) -> Reach:
+        return Reach(self.expected_m(receivers), 0.0, _REACH * float(np.sqrt(2.0)) * self.sigma_m)
 
 
 @dataclass(frozen=True)
@@ -104,6 +125,10 @@ class AntennaDistance:
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         return Misfit(_from_sphere(enu_m, covariance_m2, self.distance_m, self.sigma_m), dof=4, exact=1)
 
+    def reach(self, receivers: Sequence[str]) -> Reach:
+        spread_m = _REACH * self.sigma_m
+        return Reach(np.zeros(3), max(self.distance_m - spread_m, 0.0), self.distance_m + spread_m)
+
 
 @dataclass(frozen=True, eq=False)
 class LearntBaseline:
@@ -117,6 +142,10 @@ class LearntBaseline:
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         off_m = enu_m - self.baseline.enu_m.ravel()
         return _from_vector(off_m, covariance_m2 + self.baseline.covariance_m2)
+
+    def reach(self, receivers: Sequence[str]) -> Reach:
+        sigma_m = float(np.sqrt(np.linalg.eigvalsh(self.baseline.covariance_m2)[-1]))
+        return Reach(np.asarray(self.baseline.enu_m[0]), 0.0, _REACH * sigma_m)
 
 
 def survival(geometry: AntennaGeometry, receivers: Sequence[str], estimate: BaselineEstimate, dof_den: Reals) -> Reals:

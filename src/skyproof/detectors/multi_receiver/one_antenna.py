@@ -68,12 +68,14 @@ class TrackNoise:
     correlation_max : largest coefficient of AR(1) noise from epoch to epoch; 0 if the noise is white.
     miss_probability : chance, added to every p-value, that the confidence set of the coefficient misses it.
     bound_m : no track's AR(1) error has a larger sigma than this, however slow it is; infinite if nothing is known.
+    carrier_multipath_sigma_m : error of a carrier that stays constant over the window, one sigma.
     """
 
     multipath_sigma_m: float = 1.0
     correlation_max: float = 0.98
     miss_probability: float = 1e-4
     bound_m: float = 3.0
+    carrier_multipath_sigma_m: float = 0.005
 
 
 WHITE = TrackNoise(multipath_sigma_m=0.0, correlation_max=0.0, miss_probability=0.0, bound_m=np.inf)

@@ -28,7 +28,7 @@ def one_set_each(window: Window, pairing: Pairing) -> list[Evidence]:
             p_value=p_one,
             because=f"{names(pairing)} could come from one antenna or from the sky: range differences between the "
             f"receivers vary by {pairing.scatter_m:.1f} m between satellites, which errors may explain",
-            would_need="a longer window, or antennas farther apart"
+            would_need=f"a longer window, or antennas farther apart{window.of_carriers(pairing)}"
             + ("" if geometry is not None else f", or to know {window.where()}"),
         )
     ]

@@ -12,6 +12,13 @@ from itertools import pairwise
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
+from skyproof.detectors.multi_receiver.carriers import (
+    CarrierTest,
+    Fractions,
+    fractions,
+    one_antenna_carriers,
+    sky_carriers,
+)
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, Kind, common_ranges, shared_kinds
 from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, survival
 from skyproof.detectors.multi_receiver.one_antenna import (
@@ -36,7 +43,7 @@ from skyproof.gnss.time import seconds_between
 from skyproof.records import Baseline, ConsistentSet, NavigationData, Records, SignalRef
 from skyproof.statistics.lines import fit_line
 
-__all__ = ["Pairing", "groups_in", "pair_up", "versus"]
+__all__ = ["Pairing", "groups_in", "pair_up", "sky_by_carriers", "versus"]
 
 _TRAVEL_S = 0.075  # to 10 ms: 40 m along the orbit, 2 microradians
 _PART_S = 2.0
@@ -181,6 +188,22 @@ class Pairing:
         return float(levels.worst(survival(geometry, self.receivers, estimate, levels.dof))[0])
 
     @cached_property
+    def fractions(self) -> tuple[Fractions, ...]:
+        """Of carriers, of each receiver against the first one; nothing where some cannot be compared, or of several
+        kinds of signals."""
+        phases = self.ranges.phases
+        if phases is None or self.unit_enu is None or self.ranges.kinds.max(initial=0) > 0:
+            return ()
+        found = [fractions(phases, k, self.noise.carrier_multipath_sigma_m) for k in range(1, len(self.sets))]
+        known = tuple(one for one in found if one is not None)
+        return known if len(known) == len(found) else ()
+
+    @cached_property
+    def one_antenna_carriers(self) -> CarrierTest | None:
+        """Test of "all from one antenna" by carriers, of the receiver that fits it best."""
+        return max(map(one_antenna_carriers, self.fractions), key=lambda test: test.p_value, default=None)
+
+    @cached_property
     def baselines(self) -> tuple[Baseline, ...]:
         """Where the antennas stand by these signals, over the window and over parts of it; nothing without orbits."""
         if self.unit_enu is None:
@@ -271,6 +294,22 @@ def pair_up(
         start_gpst=records.start_gpst,
         end_gpst=records.end_gpst,
     )
+
+
+def sky_by_carriers(pairings: Sequence[Pairing], geometry: AntennaGeometry) -> CarrierTest | None:
+    """Test of "the sky over antennas that stand so" by carriers, of pairings of the same sets, a kind each; of the
+    receiver that fits worst. None where carriers do not tell."""
+    worst = None
+    receivers = pairings[0].receivers if pairings else ()
+    for other in range(1, len(receivers)):
+        own = [(p.fractions[other - 1], p.unit_enu) for p in pairings if p.fractions and p.unit_enu is not None]
+        two = (receivers[0], receivers[other])
+        units = [unit[one.rows] for one, unit in own]
+        test = sky_carriers([one for one, _ in own], units, geometry, two) if own else None
+        if test is None:
+            return None
+        worst = test if worst is None or test.p_value < worst.p_value else worst
+    return worst
 
 
 def versus(larger: Pairing, smaller: Pairing) -> RatioTest:

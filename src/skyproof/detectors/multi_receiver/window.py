@@ -1,11 +1,13 @@
 """One window: the receivers' sets, their pairings, and what tests of them have in common, words included."""
 
 import itertools
+from collections.abc import Sequence
 
 from skyproof.detectors.base import Detector, undecided
+from skyproof.detectors.multi_receiver.carriers import CarrierTest
 from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, agreement
 from skyproof.detectors.multi_receiver.one_antenna import RatioTest
-from skyproof.detectors.multi_receiver.pairing import Pairing, groups_in, pair_up
+from skyproof.detectors.multi_receiver.pairing import Pairing, groups_in, pair_up, sky_by_carriers
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.records import Baseline, ConsistentSet, Evidence, Records, Says, SignalRef
@@ -32,6 +34,7 @@ class Window:
         self.pairings = [pairing for pairing in every if self.enough(pairing)]
         self.groups = itertools.count(1)
         self.skies: list[Pairing] = []
+        self._of_sky: dict[tuple[int, ...], CarrierTest | None] = {}
 
     def enough(self, pairing: Pairing) -> bool:
         """Whether it has as many satellites and epochs in common as are asked for."""
@@ -51,11 +54,50 @@ class Window:
 
     def p_one(self, pairing: Pairing) -> float:
         """Of "one antenna", for all tests of the window together."""
-        return min(1.0, self.tests * float(pairing.one_antenna.p_value))
+        return min(1.0, self.tests * self._with_carriers(pairing, float(pairing.one_antenna.p_value)))
 
     def p_each(self, pairing: Pairing) -> float:
         """The same, of any of its kinds."""
-        return min(1.0, self.tests * pairing.one_antenna_each_p_value)
+        return min(1.0, self.tests * self._with_carriers(pairing, pairing.one_antenna_each_p_value))
+
+    def _with_carriers(self, pairing: Pairing, p_code: float) -> float:
+        """Of "one antenna" by code, and by carriers where they fit the sky: the smaller one, for two tests."""
+        carriers = self.not_one_by_carriers(pairing)
+        return p_code if carriers is None else min(1.0, 2.0 * min(p_code, carriers.p_value))
+
+    def not_one_by_carriers(self, pairing: Pairing) -> CarrierTest | None:
+        """Test of "one antenna" by carriers, where they fit the sky over antennas that stand as known; else None.
+
+        Carriers that fit neither are not what is assumed of them, so they are no evidence. To fit the sky is asked of
+        all kinds of signals of the same sets together, or, if some do not, of this one alone.
+        """
+        same = [p for p in self.pairings if p.sets == pairing.sets and p.fractions]
+        for together in (same, [pairing]):
+            sky = self._sky_by_carriers(together)
+            if sky is not None and sky.fits(self.settings.accept_probability):
+                return pairing.one_antenna_carriers
+        return None
+
+    def _sky_by_carriers(self, pairings: Sequence[Pairing]) -> CarrierTest | None:
+        """Test of "the sky over antennas that stand as known" by carriers; None where these do not tell."""
+        key = tuple(id(pairing) for pairing in pairings)
+        if key not in self._of_sky:
+            geometry = self.settings.geometry(pairings[0].receivers) if pairings else None
+            self._of_sky[key] = None if geometry is None else sky_by_carriers(pairings, geometry)
+        return self._of_sky[key]
+
+    def of_carriers(self, pairing: Pairing) -> str:
+        """What their carriers would need to tell, to follow "or"; nothing where it is not known how antennas stand."""
+        phases = pairing.ranges.phases
+        single = pairing.ranges.kinds.max(initial=0) == 0 and (phases is None or phases.whole_cycles.all())
+        if self.settings.geometry(pairing.receivers) is None or not single:
+            return ""
+        if not pairing.fractions:
+            return ", or carrier phases of 5 satellites in each receiver, steady over a window, at known instants"
+        sky = self._sky_by_carriers([pairing])
+        if sky is None or sky.p_value >= self.settings.accept_probability:
+            return ", or to know more closely where the antennas stand (antennas_enu_m), which carriers would tell"
+        return ", or better carriers: they fit neither one antenna nor what is known of the antennas"
 
     def p_possible(self, pairing: Pairing) -> float:
         """Of "antennas no farther apart than they may be"."""
@@ -65,12 +107,19 @@ class Window:
         """p-value of "the sky over these antennas", and what to say if it is rejected."""
         because = f"{names(pairing)} come from one antenna"
         if geometry is not None:
-            return pairing.survival(geometry), f"{because}: they do not show {geometry.words}"
+            return self._not_sky(pairing, geometry), f"{because}: they do not show {geometry.words}"
         limit_m = self.settings.antenna_separation_m
         if limit_m <= 0.0:
             return 1.0, ""
         because = f"{because}, if the receivers' antennas are {limit_m:g} m or more apart"
         return pairing.at_least_p_value(limit_m), because
+
+    def _not_sky(self, pairing: Pairing, geometry: AntennaGeometry) -> float:
+        """Of "the sky" by code, and by carriers where they fit one antenna: the smaller one, for two tests."""
+        p_code, one, sky = pairing.survival(geometry), pairing.one_antenna_carriers, self._sky_by_carriers([pairing])
+        if one is None or sky is None or one.p_value < self.settings.accept_probability:
+            return p_code
+        return min(1.0, 2.0 * min(p_code, sky.p_value))
 
     def authentic(
         self,
@@ -82,16 +131,21 @@ class Window:
         baselines: tuple[Baseline, ...] = (),
     ) -> Evidence:
         self.skies.append(pairing)
+        share = self.settings.false_alarm_probability / self.tests
+        statistic, threshold = float(pairing.one_antenna.statistic), pairing.threshold(share)
+        shown = f"range differences between the receivers vary by {pairing.scatter_m:.1f} m between satellites"
+        if statistic <= threshold and (carriers := self.not_one_by_carriers(pairing)) is not None:
+            statistic, threshold = carriers.statistic, carriers.threshold(0.5 * share)
+            shown = "the carriers' differences between the receivers are no whole cycles from satellite to satellite"
         return self.say(
             "authentic",
             pairing.subject,
             p_value=p_value,
             group=next(self.groups),
             baselines=baselines,
-            statistic=float(pairing.one_antenna.statistic),
-            threshold=pairing.threshold(self.settings.false_alarm_probability / self.tests),
-            because=f"{names(pairing)} do not come from one antenna: range differences between the receivers vary by "
-            f"{pairing.scatter_m:.1f} m between satellites{because}",
+            statistic=statistic,
+            threshold=threshold,
+            because=f"{names(pairing)} do not come from one antenna: {shown}{because}",
             assumes=(ONE_TRANSMITTER, *assumes),
         )
 

@@ -1,0 +1,229 @@
+"""Carrier between two receivers: from one antenna, or from the sky over antennas that stand as known.
+
+Between two receivers the carrier of a satellite differs by whole cycles, by what the receivers' clocks differ, which is
+the same for all satellites of a kind of signal, and by the way: of one antenna the same for all, of the sky -b.u_k for
+the baseline b. So fractions of cycles of the differences, less those of another satellite (double differences), are
+zero for one antenna, and for the sky what b makes of them: with noise of millimetres against a wavelength of 0.2 m,
+where code has a metre. After N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1), 2022, doi
+10.33012/navi.510, who test how fast the differences change; fractions decide at once, slopes at 1 m after a minute.
+
+Errors are taken as normal, of stated sigma. Whole cycles are free, so both statistics are smallest values over them:
+chi-square at the true ones, and no larger. p-values are never too small then.
+
+For the sky, cycles and baseline are sought together: three satellites' whole cycles that the known geometry allows give
+a baseline, that gives the next one's cycles, and these a better baseline (each rounded in turn, as in P. Teunissen,
+"GNSS ambiguity bootstrapping", 1998). What the geometry allows is part of the statistic. Where it allows so much that
+fractions fit by chance nothing is said; signals of several kinds, of one set, fit together by chance rarely.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from skyproof.arrays import Booleans, Complexes, Indices, Reals
+from skyproof.detectors.multi_receiver.common_epochs import CommonPhases
+from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, Reach
+from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
+
+__all__ = ["CarrierTest", "Fractions", "fractions", "one_antenna_carriers", "sky_carriers"]
+
+_LEAST: Final = 5
+"""Satellites: fewer fit some baseline whatever their fractions are."""
+_STEADY: Final = 0.8
+"""Length of the mean phasor of a difference over the window: at 0.1 cycles of scatter."""
+_MOST_WAYS: Final = 400_000
+"""To choose three whole cycles."""
+_BY_CHANCE: Final = 0.05
+"""Ways to choose the cycles that any fractions are expected to fit; where it is more, that they fit says nothing."""
+_FITS: Final = 1e-3  # p-value
+_NEVER: Final = 1e-15  # p-value of ways that are not followed
+_SLACK: Final = 5.0  # sigmas
+_UNKNOWN: Final = 1e6  # variance of what is not known yet, m^2 and cycles^2
+
+
+class CarrierTest(NamedTuple):
+    """Chi-square of `dof` degrees at most, if the hypothesis is true, and its tail.
+
+    by_chance : ways to choose whole cycles that any fractions are expected to fit; where these are several, a large
+    p-value says nothing.
+    """
+
+    statistic: float
+    dof: int
+    by_chance: float = 0.0
+
+    def fits(self, probability: float) -> bool:
+        """Whether the p-value reaches `probability`, and would not by chance."""
+        return self.p_value >= probability and self.by_chance < _BY_CHANCE
+
+    @property
+    def p_value(self) -> float:
+        return float(chi_square_survival(self.statistic, self.dof))
+
+    def threshold(self, false_alarm_probability: float) -> float:
+        """What the statistic has to exceed."""
+        return float(chi_square_threshold(false_alarm_probability, self.dof))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fractions:
+    """Of K transmissions of one kind, the second receiver's carrier minus the first one's.
+
+    rows : (K,) which of the transmissions that were given. cycles : (K,) fraction of a cycle of `wave_m`, up to a
+    constant for all; of half a wavelength where half cycles are open. sigma_cyc : (K,).
+    """
+
+    rows: Indices
+    cycles: Reals
+    sigma_cyc: Reals
+    wave_m: float
+
+
+def fractions(phases: CommonPhases, other: int, multipath_sigma_m: float) -> Fractions | None:
+    """Those of receiver `other` against the first one; None where fewer than five satellites' differences are steady.
+
+    multipath_sigma_m : error of a carrier that stays over the window, one sigma.
+    """
+    if not phases.whole_cycles.all():
+        return None
+    folded = 2.0 if phases.half_open.any() else 1.0
+    cycles, steady = _between_satellites(folded * (phases.cyc[..., other] - phases.cyc[..., 0]))
+    rows = np.flatnonzero(steady)
+    if rows.size < _LEAST:
+        return None
+    wave_m = float(phases.wave_m[0]) / folded
+    thermal_cyc2 = np.sum((folded * phases.sigma_cyc[rows][:, [0, other]]) ** 2, axis=1)
+    sigma_cyc = np.sqrt(2.0 * (multipath_sigma_m / wave_m) ** 2 + thermal_cyc2)
+    return Fractions(rows=rows, cycles=cycles[rows], sigma_cyc=sigma_cyc, wave_m=wave_m)
+
+
+def _between_satellites(cyc: Reals) -> tuple[Reals, Booleans]:
+    """(K,) mean fractions of differences (N, K) against the satellite that most are steady with; which are."""
+    known = np.isfinite(cyc)
+    phasor: Complexes = np.where(known, np.exp(2j * np.pi * np.where(known, cyc, 0.0)), 0.0)
+    together = known.T.astype(float) @ known
+    mean = (phasor.conj().T @ phasor) / np.maximum(together, 1.0)
+    steady = (np.abs(mean) >= _STEADY) & (together >= 0.5 * len(cyc))
+    reference = int(np.argmax(steady.sum(axis=1)))
+    return np.asarray(np.angle(mean[reference]) / (2.0 * np.pi)), steady[reference]
+
+
+def one_antenna_carriers(one: Fractions) -> CarrierTest:
+    """Test of "all from one antenna": the fractions are the same."""
+    weight = one.sigma_cyc**-2
+    off = _wrapped(one.cycles - one.cycles[:, None])
+    off -= (off @ weight / weight.sum())[:, None]
+    return CarrierTest(float(np.min(off**2 @ weight)), one.cycles.size - 1)
+
+
+def sky_carriers(
+    kinds: Sequence[Fractions], unit_enu: Sequence[Reals], geometry: AntennaGeometry, receivers: Sequence[str]
+) -> CarrierTest | None:
+    """Test of "the sky over two antennas that stand as known"; None where that leaves too much to look through.
+
+    kinds : of one kind of signal or several. unit_enu : (K, 3) directions of the satellites of each. receivers : the
+    two.
+    """
+    rows = _Rows(kinds, unit_enu)
+    reach = geometry.reach(receivers)
+    ways = rows.ways(reach)
+    if ways is None:
+        return None
+    dof = rows.cycles.size - rows.design.shape[1]
+    gate = float(chi_square_threshold(_NEVER, dof + 3))
+    state, squares = np.zeros((len(ways), rows.design.shape[1])), np.zeros(len(ways))
+    covariance, log_sigmas = _UNKNOWN * np.eye(rows.design.shape[1]), 0.0
+    for row, whole in zip(rows.base, ways.T, strict=True):
+        off = rows.cycles[row] - whole - state @ rows.design[row]
+        gain, covariance, _ = rows.added(row, covariance)
+        state = state + off[:, None] * gain
+    left = [row for row in range(rows.cycles.size) if row not in rows.base]
+    while left:
+        row = rows.next(left, covariance)
+        left.remove(row)
+        off = rows.cycles[row] - state @ rows.design[row]
+        off -= np.rint(off)
+        gain, covariance, variance = rows.added(row, covariance)
+        state = state + off[:, None] * gain
+        if row not in rows.firsts:  # which give their kind's constant, and fit anything
+            squares = squares + off**2 / variance
+            log_sigmas += 0.5 * np.log(variance)
+            state, squares = state[squares < gate], squares[squares < gate]
+    misfit = geometry.misfit(receivers, state[:, :3], covariance[:3, :3])
+    test = CarrierTest(float(np.min(squares + misfit.squared, initial=gate)), dof + misfit.dof)
+    density = abs(float(np.linalg.det(rows.three)))  # of ways, per m^3
+    log_chance = np.log(density * reach.volume_m3) + log_sigmas + _log_ball(dof, test.threshold(_FITS))
+    return test._replace(by_chance=float(np.exp(min(log_chance, 100.0))))
+
+
+class _Rows:
+    """Fractions of several kinds as rows of one least-squares problem: of a baseline, and a constant for each kind.
+
+    cycles, sigma_cyc (n,); design (n, 3 + kinds). firsts : the first row of each kind. base : four rows of one kind, of
+    which the last three, less the first, measure a baseline by `three` (3, 3).
+    """
+
+    def __init__(self, kinds: Sequence[Fractions], unit_enu: Sequence[Reals]) -> None:
+        number = np.repeat(np.arange(len(kinds)), [one.cycles.size for one in kinds])
+        along = np.concatenate([-unit / one.wave_m for one, unit in zip(kinds, unit_enu, strict=True)])
+        self.cycles = np.concatenate([one.cycles for one in kinds])
+        self.sigma_cyc = np.concatenate([one.sigma_cyc for one in kinds])
+        self.design = np.column_stack([along, number[:, None] == np.arange(len(kinds))]).astype(float)
+        self.firsts = [int(np.flatnonzero(number == kind)[0]) for kind in range(len(kinds))]
+        first, *others = np.flatnonzero(number == np.argmax(np.bincount(number)))
+        chosen = _apart(along[others] - along[first])
+        self.base = [int(first), *(int(others[k]) for k in chosen)]
+        self.three = along[self.base[1:]] - along[first]
+
+    def ways(self, reach: Reach) -> Reals | None:
+        """(C, 4) whole cycles of the base that put the antennas within reach; None if those are too many."""
+        if np.linalg.cond(self.three) > 100.0:
+            return None
+        back = np.linalg.inv(self.three)
+        slack_m = _SLACK * float(np.linalg.norm(back) * np.max(self.sigma_cyc) * np.sqrt(2.0))
+        x = self.cycles[self.base[1:]] - self.cycles[self.base[0]]
+        half = (reach.outer_m + slack_m) * np.linalg.norm(self.three, axis=1)
+        middle = x - self.three @ reach.centre_m
+        low, high = np.ceil(middle - half), np.floor(middle + half)
+        if np.prod(high - low + 1.0) > _MOST_WAYS:
+            return None
+        ranges = (np.arange(a, b + 1.0) for a, b in zip(low, high, strict=True))
+        whole = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
+        away_m = np.linalg.norm((x - whole) @ back.T - reach.centre_m, axis=1)
+        inside = (away_m <= reach.outer_m + slack_m) & (away_m >= reach.inner_m - slack_m)
+        return np.column_stack([np.zeros(np.sum(inside)), whole[inside]])
+
+    def added(self, row: int, covariance: Reals) -> tuple[Reals, Reals, float]:
+        """Gain (p,), covariance (p, p) with this row, and the variance of what was to be expected of it."""
+        along = covariance @ self.design[row]
+        variance = float(self.design[row] @ along) + float(self.sigma_cyc[row]) ** 2
+        gain = along / variance
+        return gain, covariance - np.outer(gain, along), variance
+
+    def next(self, left: Sequence[int], covariance: Reals) -> int:
+        """The row whose cycles are known best."""
+        own = self.design[left]
+        return left[int(np.argmin(np.einsum("ij,jk,ik->i", own, covariance, own) + self.sigma_cyc[left] ** 2))]
+
+
+def _log_ball(dimensions: int, squared_radius: float) -> float:
+    """Logarithm of a ball's volume."""
+    half = 0.5 * dimensions
+    return float(half * np.log(np.pi * squared_radius) - special.gammaln(half + 1.0))
+
+
+def _apart(rows: Reals) -> list[int]:
+    """Three rows (K, 3) that are far from depending on each other: each the longest beside those before it."""
+    left, chosen = rows.copy(), list[int]()
+    for _ in range(3):
+        chosen.append(int(np.argmax(np.sum(left**2, axis=1))))
+        along = left[chosen[-1]] / np.linalg.norm(left[chosen[-1]])
+        left = left - np.outer(left @ along, along)
+    return chosen
+
+
+def _wrapped(cycles: Reals) -> Reals:
+    return np.asarray(cycles - np.rint(cycles))

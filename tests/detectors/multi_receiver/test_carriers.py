@@ -1,0 +1,225 @@
+"""Carriers between receivers: rates under both hypotheses, and what they decide where code cannot."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.multi_receiver.carriers import Fractions, fractions, one_antenna_carriers, sky_carriers
+from skyproof.detectors.multi_receiver.common_epochs import CommonPhases
+from skyproof.detectors.multi_receiver.detector import MultiReceiver
+from skyproof.detectors.multi_receiver.known_geometry import AntennaDistance, AntennaPlaces
+from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
+from skyproof.records import CellStatus
+from skyproof.statistics.distributions import binomial_survival
+from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
+
+TRUE_M = np.array([0.6, -0.75, 0.25])
+PLACES = {"rx1": (0.0, 0.0, 0.0), "rx2": tuple(TRUE_M)}
+GIVEN = {
+    "places": {"antennas_enu_m": PLACES, "antennas_sigma_m": 0.01},
+    "distance": {"antenna_distance_m": 1.0, "antenna_distance_sigma_m": 0.02},
+}
+WAVE_M = 0.19029
+ERRORS = TrackErrors(sigma_m=1.0, correlation=0.5, constant_m=1.0)
+RATE = 1e-6
+
+
+def directions(rng, count):
+    """Of satellites above 10 degrees."""
+    up = np.sin(rng.uniform(np.radians(10.0), 0.5 * np.pi, count))
+    azimuth, level = rng.uniform(0.0, 2.0 * np.pi, count), np.sqrt(1.0 - up**2)
+    return np.column_stack([level * np.sin(azimuth), level * np.cos(azimuth), up])
+
+
+def drawn(rng, way_cyc, sigma_cyc):
+    """Fractions of differences of this way, with whole cycles and noise of their own."""
+    cycles = way_cyc + rng.integers(-50, 50, way_cyc.size) + sigma_cyc * rng.standard_normal(way_cyc.size)
+    cycles -= cycles[0]
+    return Fractions(rows=np.arange(cycles.size), cycles=cycles - np.rint(cycles), sigma_cyc=sigma_cyc, wave_m=WAVE_M)
+
+
+def sigmas(rng, count):
+    return rng.uniform(0.02, 0.06, count)
+
+
+@pytest.mark.parametrize("count", [5, 8, 14])
+def test_of_one_antenna_small_p_values_are_as_rare_as_they_say(count):
+    rng, draws = np.random.default_rng(count), 3000
+    p_values = np.array(
+        [one_antenna_carriers(drawn(rng, np.zeros(count), sigmas(rng, count))).p_value for _ in range(draws)]
+    )
+    for rate in (0.1, 0.01):
+        assert binomial_survival(np.sum(p_values < rate), draws, rate) > 1e-3
+    assert np.mean(p_values < 0.1) > 0.05  # and not much rarer
+
+
+@pytest.mark.parametrize("known", ["places", "distance"])
+@pytest.mark.parametrize("count", [6, 10])
+def test_of_the_sky_small_p_values_are_no_more_frequent_than_they_say(known, count):
+    rng, draws = np.random.default_rng(count), 150
+    p_values = np.empty(draws)
+    for k in range(draws):
+        off_m = 0.01 * rng.standard_normal((2, 3))
+        if known == "places":
+            geometry, true_m = AntennaPlaces(PLACES, 0.01), TRUE_M + off_m[1] - off_m[0]
+        else:
+            length_m = 1.0 + 0.02 * rng.standard_normal()
+            geometry, true_m = AntennaDistance(1.0, 0.02), directions(rng, 1)[0] * length_m
+        unit, sigma = directions(rng, count), sigmas(rng, count)
+        test = sky_carriers([drawn(rng, -unit @ true_m / WAVE_M, sigma)], [unit], geometry, ("rx1", "rx2"))
+        p_values[k] = 1.0 if test is None else test.p_value
+    for rate in (0.1, 0.01):
+        assert binomial_survival(np.sum(p_values < rate), draws, rate) > 1e-3
+
+
+def test_the_best_cycles_and_baseline_of_all_are_found():
+    """Where some fit, against every way to choose the whole cycles of all satellites near the place that is known."""
+    rng = np.random.default_rng(4)
+    geometry = AntennaPlaces(PLACES, 0.02)
+    for _ in range(5):
+        unit, sigma = directions(rng, 5), np.full(5, 0.03)
+        one = drawn(rng, -unit @ TRUE_M / WAVE_M, sigma)
+        columns = np.column_stack([-unit / WAVE_M, np.ones(5)]) / sigma[:, None]
+        expected_m = np.append(np.asarray(TRUE_M), 0.0)
+        prior = np.diag([1.0 / (np.sqrt(2.0) * 0.02)] * 3 + [0.0])
+        stacked, least = np.vstack([columns, prior]), np.inf
+        middle = np.rint(one.cycles - (-unit @ TRUE_M / WAVE_M))
+        for whole in np.stack(np.meshgrid(*[np.arange(-3, 4)] * 4, indexing="ij"), -1).reshape(-1, 4):
+            y = np.append((one.cycles - middle - np.append(0.0, whole)) / sigma, prior @ expected_m)
+            left = y - stacked @ np.linalg.lstsq(stacked, y, rcond=None)[0]
+            least = min(least, float(left @ left))
+        assert sky_carriers([one], [unit], geometry, ("rx1", "rx2")).statistic == pytest.approx(least, rel=1e-4)
+
+
+def scene(**changes):
+    options = {"antennas_enu_m": PLACES, "epochs": 10, "errors": ERRORS, "max_satellites": 10}
+    return MeasuredScene(**(options | changes))
+
+
+def examine(records, **settings):
+    return MultiReceiver(MultiReceiverSettings(false_alarm_probability=RATE, **settings)).examine(records)[0]
+
+
+def named(evidence, says):
+    return {(ref.receiver, ref.signal.copy) for e in evidence if e.says == says for ref in e.subject}
+
+
+def test_a_metre_apart_ten_seconds_tell_the_sky_from_one_antenna():
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        (sky,) = examine(scene().records(rng), **GIVEN["places"])
+        assert sky.says == "authentic"
+        assert "no whole cycles from satellite to satellite" in sky.because
+        assert sky.statistic > sky.threshold
+        assert sky.p_value < RATE
+        (false,) = examine(scene(sky=(), false=(FalseSky(),)).records(rng), **GIVEN["places"])
+        assert false.says == "spoofed"
+
+
+def test_where_fractions_would_fit_by_chance_that_they_do_says_nothing():
+    """Ten signals of one kind fit somewhere on a shell of 2 cm with any fractions; carriers of more kinds do not."""
+    (sky,) = examine(scene().records(np.random.default_rng(0)), **GIVEN["distance"])
+    assert sky.says == "undecided"
+    assert "to know more closely where the antennas stand" in sky.would_need
+
+
+def test_a_metre_apart_the_false_sky_beside_the_true_one_is_named():
+    evidence = examine(scene(false=(FalseSky(),)).records(np.random.default_rng(0)), **GIVEN["places"])
+    assert named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
+    assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
+
+
+@pytest.mark.parametrize("kinds", [1, 3])
+def test_how_often_any_fractions_fit_is_no_more_than_expected(kinds):
+    rng, draws, fit, expected = np.random.default_rng(kinds), 60, 0, 0.0
+    for _ in range(draws):
+        units = [directions(rng, 7) for _ in range(kinds)]
+        ones = [drawn(rng, rng.uniform(0.0, 1.0, 7), np.full(7, 0.04)) for _ in range(kinds)]
+        test = sky_carriers(ones, units, AntennaDistance(1.0, 0.02), ("rx1", "rx2"))
+        fit += test.p_value >= 1e-3
+        expected += min(test.by_chance, 1.0)
+    assert fit <= expected + 4.0 * np.sqrt(expected) + 1.0
+    assert (kinds == 1) == (fit > 0.1 * draws)
+
+
+def test_of_three_receivers_all_have_to_fit():
+    places = PLACES | {"rx3": (-0.8, 0.4, 0.1)}
+    clean = scene(antennas_enu_m=places).records(np.random.default_rng(0))
+    assert [e.says for e in examine(clean, antennas_enu_m=places, antennas_sigma_m=0.01)] == ["authentic"]
+    moved = places | {"rx3": (-0.8, 0.7, 0.1)}
+    said = examine(clean, antennas_enu_m=moved, antennas_sigma_m=0.01)
+    assert {e.says for e in said} == {"undecided"}
+    assert "fit neither one antenna nor" in said[0].would_need
+
+
+@pytest.mark.parametrize("given", GIVEN)
+def test_a_receiver_that_is_captured_alone_is_not_authentic(given):
+    for seed in range(3):
+        made = scene(sky=("rx1",), false=(FalseSky(receivers=("rx2",), shows_enu_m=(0.5, 0.0, 0.0), delay_m=0.0),))
+        evidence = examine(made.records(np.random.default_rng(seed)), **GIVEN[given])
+        assert named(evidence, "authentic") == set()
+
+
+def changed(records, **cells):
+    """With these cells of the second receiver, as functions of its observations."""
+    first, second = records.observations
+    return replace(records, observations=(first, replace(second, **{n: f(second) for n, f in cells.items()})))
+
+
+def test_carriers_of_no_whole_cycles_are_no_evidence():
+    records = scene(sky=(), false=(FalseSky(),)).records(np.random.default_rng(0))
+    odd = np.random.default_rng(1).uniform(0.0, 1.0, 10)
+    said = examine(changed(records, carrier_cyc=lambda o: o.carrier_cyc + odd), **GIVEN["places"])
+    assert [e.says for e in said] == ["undecided"]
+
+
+def test_whole_cycles_that_slip_and_half_cycles_that_are_open_change_nothing():
+    rng = np.random.default_rng(0)
+    for made, word in ((scene(), "authentic"), (scene(sky=(), false=(FalseSky(),)), "spoofed")):
+        records = made.records(rng)
+        slipped = changed(records, carrier_cyc=lambda o: o.carrier_cyc + rng.integers(-9, 9, o.carrier_cyc.shape))
+        assert [e.says for e in examine(slipped, **GIVEN["places"])] == [word]
+        halves = 0.5 * rng.integers(0, 2, 10)
+        half_open = changed(
+            records,
+            carrier_cyc=lambda o, halves=halves: o.carrier_cyc + halves,
+            half_cycle_open=lambda o: np.full(o.status.shape, True),
+        )
+        assert [e.says for e in examine(half_open, carrier_multipath_sigma_m=0.002, **GIVEN["places"])] == [word]
+
+
+@pytest.mark.parametrize("missing", ["carrier_cyc", "doppler_hz"])
+def test_what_carriers_lack_is_said(missing):
+    """Epochs of the two lie some tenths of a second apart: without Dopplers they cannot be brought together."""
+    records = scene().records(np.random.default_rng(0))
+    records = changed(records, **{missing: lambda o: np.full(o.status.shape, np.nan)})
+    if missing == "doppler_hz":
+        pytest.skip("ranges need Dopplers as well") if not examine(records, **GIVEN["places"]) else None
+    assert all(e.says == "undecided" for e in examine(records, **GIVEN["places"]))
+
+
+def test_a_place_known_too_roughly_decides_nothing_by_carriers():
+    (said,) = examine(scene().records(np.random.default_rng(0)), antennas_enu_m=PLACES, antennas_sigma_m=1.0)
+    assert said.says == "undecided"
+    assert "to know more closely where the antennas stand" in said.would_need
+
+
+def test_frequencies_of_their_own_have_no_fractions():
+    n = 6
+    phases = CommonPhases(
+        cyc=np.zeros((5, n, 2)),
+        sigma_cyc=np.full((n, 2), 0.01),
+        wave_m=np.full(n, WAVE_M),
+        half_open=np.zeros(n, bool),
+        whole_cycles=np.ones(n, bool),
+    )
+    assert fractions(phases, 1, 0.005) is not None
+    assert fractions(replace(phases, whole_cycles=np.zeros(n, bool)), 1, 0.005) is None
+    assert fractions(phases.take(np.arange(4)), 1, 0.005) is None
+
+
+def test_status_of_cells_is_of_no_concern():
+    records = scene().records(np.random.default_rng(0))
+    slips = changed(records, status=lambda o: np.full(o.status.shape, CellStatus.SLIP, np.uint8))
+    assert [e.says for e in examine(slips, **GIVEN["places"])] == ["authentic"]
