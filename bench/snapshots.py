@@ -6,7 +6,8 @@
 Each is 64 ms of one-bit real samples, made here from a drawn sky (place, time, attitude, line delays; array of half a
 wavelength's spacing and more) and judged as `protect` does, with orbits and without. The code of a satellite reaches
 all antennas at once, and its carrier with the phase of the antenna. An attack shows another place from one direction,
-for some or all satellites. A wrong word is a true signal called spoofed or a false one called authentic.
+for some or all satellites. A wrong word is a true signal called spoofed or a false one called authentic; of a true and
+a false signal that are received as one, since they lie within a chip, neither word is wrong.
 """
 
 import argparse
@@ -33,6 +34,8 @@ from skyproof.statistics.directions import direction_cosines
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 WAVE_M = SPEED_OF_LIGHT_M_S / L1_HZ
+CHIP_M = SPEED_OF_LIGHT_M_S / GPS_L1_CA.chip_rate_hz
+TRUTH = {False: "true", True: "false"}
 DURATION_S = 0.064
 STEP_S = 0.02
 
@@ -76,6 +79,8 @@ class DrawnSnapshot:
         towards[self.false] = source @ rot_enu_ecef(*np.radians((lat_deg, lon_deg)))
         true_m = elements_m + 0.002 * rng.standard_normal(elements_m.shape)
         phase_cyc = towards @ body @ true_m.T / WAVE_M + rng.random(count)  # and line delays
+        self.phase_cyc = phase_cyc
+        self.delay_m = o.pseudorange_m[0, kept]
         self.array = AntennaArray(elements_m=elements_m, sigma_m=0.003)
         planes = self._planes(rng, o, np.flatnonzero(kept), phase_cyc, rate_hz)
         self.samples = _recording(planes, rate_hz, o.gpst[0] + np.timedelta64(round(rng.uniform(-30.0, 30.0)), "s"))
@@ -141,20 +146,25 @@ def judged(scene: DrawnSnapshot, *, with_orbits: bool) -> tuple[Any, float]:
     return outcome, time.process_time() - begin
 
 
-def said_of(scene: DrawnSnapshot, outcome: Any) -> list[tuple[bool, str]]:
-    """Of each signal received whether it is false, and its label. Which letter it has says the Doppler and the delay:
-    of two of a satellite the one nearer to what was made."""
-    labels = {s.ref.signal: s.label for s in outcome.decision.labels}
-    strength = {s.sat: scene.power_db > 0.0 for s, false in zip(scene.signals, scene.false, strict=True) if false}
-    said = []
-    for signal, label in labels.items():
-        twice = sum(other.sat == signal.sat for other in labels) > 1
-        if signal.sat not in strength:
-            said.append((False, label))
-        elif twice:  # the strongest has the letter a
-            said.append(((signal.copy == "a") == strength[signal.sat], label))
-        else:
-            said.append((strength[signal.sat], label))
+def said_of(scene: DrawnSnapshot, outcome: Any) -> list[tuple[str, str]]:
+    """Of each signal received what it is, "true", "false" or "both" of them in one, and its label."""
+    reception = outcome.receivers[0].reception
+    phases, said = reception.array_phases, []
+    received = Counter(signal.sat for signal in reception.observations.signals)
+    for s in outcome.decision.labels:
+        made = [k for k, one in enumerate(scene.signals) if one.sat == s.ref.signal.sat]
+        if not made:
+            said.append(("nothing", s.label))
+            continue
+        column = phases.signals.index(s.ref.signal)
+        near = np.ptp(scene.delay_m[made]) < 1.5 * CHIP_M
+        if near and (received[s.ref.signal.sat] == 1 or not np.isfinite(phases.phase_cyc[:, column]).any()):
+            said.append(("both" if len(made) > 1 else TRUTH[bool(scene.false[made[0]])], s.label))
+            continue
+        # From which direction it comes says the phases; what the antennas share is arbitrary.
+        turns = np.exp(2j * np.pi * (phases.phase_cyc[:, column, None] - scene.phase_cyc[made]))
+        alike = np.abs(np.nanmean(turns, axis=-1)).mean(axis=0)
+        said.append((TRUTH[bool(scene.false[made[int(np.argmax(alike))]])], s.label))
     return said
 
 
@@ -169,9 +179,9 @@ def counted(
         outcome, took_s = judged(scene, with_orbits=with_orbits)
         seconds.append(took_s)
         said = said_of(scene, outcome)
-        count.update(f"{'false' if false else 'true'} {label}" for false, label in said)
+        count.update(f"{truth} {label}" for truth, label in said)
         count[f"verdict {outcome.decision.verdict}"] += 1
-        if {(False, "spoofed"), (True, "authentic")} & set(said):
+        if {("true", "spoofed"), ("false", "authentic")} & set(said):
             wrong.append(f"{k}: {sorted(set(said))} power {scene.power_db:.1f} dB")
         if not attack and outcome.decision.verdict == "spoofed":
             wrong.append(f"{k}: a clean sky is called spoofed")

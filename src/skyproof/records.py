@@ -240,6 +240,7 @@ class Samples:
     file : what `read` reads from, if it is a file; several recordings may share one.
     others : of the further antennas of the same receiver, sampled at the same instants behind the same oscillator. What
         stands here of rate, frequency and length holds for them too.
+    dead : why nothing comes from it, of one whose samples never change; `read` gives zeros then.
     """
 
     name: str
@@ -256,6 +257,7 @@ class Samples:
     gaps: tuple[SampleGap, ...] = ()
     file: OpenFile | None = None
     others: tuple["Samples", ...] = ()
+    dead: str = ""
 
     @property
     def duration_s(self) -> float:

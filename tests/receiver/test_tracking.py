@@ -49,6 +49,12 @@ def observations(rendered, measurements, arcs):
     return assemble("rx", measurements, arcs, label, elapsed_s, carriers, carrier_hz=1575.42e6, averaged_s=0.2)
 
 
+def test_an_antenna_that_receives_nothing_has_no_carriers():
+    nothing = np.zeros(0, np.int64)
+    of_none = nothing.astype(bool)
+    assert arc_carriers(nothing, nothing, nothing, of_none, of_none, {}, averaged_s=0.2) == {}
+
+
 @pytest.fixture(scope="session")
 def tracked(clean):
     return receive(clean, [])

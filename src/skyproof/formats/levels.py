@@ -1,17 +1,17 @@
 """Are the samples plausible? A look at a few stretches of a recording, whatever container it came in."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Floats, Reals
 from skyproof.errors import InputError
 from skyproof.formats.layout import PackedSamples
 from skyproof.records import Samples
 
-__all__ = ["check_levels", "live_channels", "looked_at", "without_dead"]
+__all__ = ["channels_of", "check_levels", "looked_at", "without_dead"]
 
 _STRETCHES, _STRETCH_SAMPLES = 16, 32768  # what the check of levels looks at: at most half a million samples
 _DC_LIMIT = 0.05  # of the rms; above that the line at zero frequency costs acquisition more than 0.01 dB
@@ -22,15 +22,12 @@ _SATURATED, _SATURATED_FEW_LEVELS = 0.10, 0.60
 (Max, IRE Trans. Inf. Theory 6, 1960: 32 % with 4, 8 % with 8 equally spaced levels of least distortion)."""
 
 
-def live_channels(
-    one: Samples, packed: Sequence[PackedSamples], stated_by: str
-) -> tuple[list[Samples], list[InputError]]:
-    """Each channel of a recording as one of its own, and why others are left out: those that never change.
+def channels_of(one: Samples, packed: Sequence[PackedSamples], stated_by: str) -> list[Samples]:
+    """Each channel of a recording as one of its own; those that never change are `dead`.
 
     one : the recording but for `read`; its name and antenna get the channel's number where there are several.
     """
     opened: list[Samples] = []
-    dead: list[InputError] = []
     for number, channel in enumerate(packed, 1):
         samples = replace(one, read=channel.read)
         if len(packed) > 1:
@@ -38,15 +35,22 @@ def live_channels(
         try:
             opened.append(looked_at(samples, channel, stated_by))
         except InputError as error:
-            dead.append(InputError(f"{samples.name}: {error}") if len(packed) > 1 else error)
-    return opened, dead
+            dead = f"{samples.name}: {error}" if len(packed) > 1 else str(error)
+            opened.append(replace(samples, read=_silence(samples.n_samples), dead=dead))
+    return opened
 
 
-def without_dead(opened: Sequence[Samples], dead: Sequence[InputError]) -> tuple[Samples, ...]:
-    """The channels that change, which say of the others that they are left out. Raises the first error if none does."""
-    if not opened:
-        raise dead[0]
-    return tuple(replace(one, remarks=(*one.remarks, *(f"left out: {error}" for error in dead))) for one in opened)
+def without_dead(channels: Sequence[Samples]) -> tuple[Samples, ...]:
+    """The channels that change, which say of the others that they are left out. Raises InputError if none does."""
+    dead = [one.dead for one in channels if one.dead]
+    if len(dead) == len(channels):
+        raise InputError(dead[0])
+    words = tuple(f"left out: {why}" for why in dead)
+    return tuple(replace(one, remarks=(*one.remarks, *words)) for one in channels if not one.dead)
+
+
+def _silence(n_samples: int) -> Callable[[int, int], Floats]:
+    return lambda start, count: np.zeros((2, max(0, min(count, n_samples - start))), np.float32)
 
 
 def looked_at(samples: Samples, packed: PackedSamples, stated_by: str) -> Samples:

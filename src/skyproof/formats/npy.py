@@ -27,7 +27,7 @@ from numpy.lib import format as npy_format
 from skyproof.errors import InputError, readable
 from skyproof.formats.byte_io import FileBytes, size_of
 from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, Kind, PackedSamples
-from skyproof.formats.levels import live_channels, without_dead
+from skyproof.formats.levels import channels_of, without_dead
 from skyproof.formats.raw import MOST_CHANNELS, read_sidecar, samples_of_layout
 from skyproof.records import Samples
 
@@ -53,7 +53,9 @@ class _Stored(NamedTuple):
     by_row: bool
 
 
-def open_npy(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None) -> tuple[Samples, ...]:
+def open_npy(
+    path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None, *, dead: bool = False
+) -> tuple[Samples, ...]:
     """Open the channels of a NumPy file, as `open_raw_channels` opens those of a raw one.
 
     Raises
@@ -90,7 +92,8 @@ def open_npy(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
         chunks = [(woven, Chunk(0, n_samples), channel) for channel in range(stored.channels)]
     packed = [PackedSamples(octets, packing, [chunk], channel) for packing, chunk, channel in chunks]
     samples = samples_of_layout(path, layout, n_samples, packed[0], octets, format="NumPy")
-    return without_dead(*live_channels(samples, packed, f"{sidecar.name} and the array in {path.name}"))
+    channels = channels_of(samples, packed, f"{sidecar.name} and the array in {path.name}")
+    return tuple(channels) if dead else without_dead(channels)
 
 
 def _header(path: Path, size: int) -> _Stored:

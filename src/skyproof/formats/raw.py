@@ -30,7 +30,7 @@ from skyproof.formats.bounds import first_few
 from skyproof.formats.byte_io import FileBytes, sha256, size_of
 from skyproof.formats.documents import read_toml
 from skyproof.formats.layout import FITTING_BITS, BitOrder, ByteOrder, Chunk, Encoding, Kind, PackedSamples, Packing
-from skyproof.formats.levels import check_levels, live_channels, without_dead
+from skyproof.formats.levels import channels_of, check_levels, without_dead
 from skyproof.formats.signatures import head_of, other_than_samples
 from skyproof.gnss.time import GPS_EPOCH, iso, parse_iso
 from skyproof.records import Samples
@@ -192,7 +192,7 @@ def open_raw(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | Non
 
 
 def open_raw_channels(
-    path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None
+    path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None, *, dead: bool = False
 ) -> tuple[Samples, ...]:
     """Open the channels of a raw recording; nothing but a few stretches of it, for the check of levels, is read now.
 
@@ -200,6 +200,7 @@ def open_raw_channels(
     ----------
     path : the file of samples.
     sidecar : how to read it; NAME.toml beside NAME.bin if not given.
+    dead : keep channels that never change, which say why in `dead`, so that numbers of channels stay.
 
     Returns
     -------
@@ -244,7 +245,8 @@ def open_raw_channels(
     packed = [PackedSamples(stored, packing, [Chunk(0, n_samples)], channel) for channel in range(layout.channels)]
     samples = samples_of_layout(path, layout, n_samples, packed[0], stored, format="raw", remarks=tuple(remarks))
     stated_by = f"kind, encoding, bits, byte_order and header_bytes of {sidecar.name}"
-    return without_dead(*live_channels(samples, packed, stated_by))
+    channels = channels_of(samples, packed, stated_by)
+    return tuple(channels) if dead else without_dead(channels)
 
 
 def samples_of_layout(

@@ -14,7 +14,9 @@ __all__ = ["open_recording"]
 _PACKED = (".sigmf.gz", ".sigmf.xz", ".sigmf.zip")
 
 
-def open_recording(path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None) -> tuple[Samples, ...]:
+def open_recording(
+    path: str | os.PathLike[str], sidecar: str | os.PathLike[str] | None = None, *, dead: bool = False
+) -> tuple[Samples, ...]:
     """Open the recordings that a file holds: SigMF and NumPy by its names, anything else as raw samples with a sidecar.
 
     Raw samples that have no sidecar NAME.toml, but NAME.sigmf-meta beside them, are read as that says.
@@ -23,6 +25,7 @@ def open_recording(path: str | os.PathLike[str], sidecar: str | os.PathLike[str]
     ----------
     path : NAME.sigmf-meta, NAME.sigmf-data, the archive NAME.sigmf, NAME.npy, or a file of raw samples.
     sidecar : how to read raw samples; not for SigMF, except to read NAME.sigmf-data otherwise than its metadata say.
+    dead : keep channels that never change, as `open_raw_channels` does.
 
     Returns
     -------
@@ -38,13 +41,13 @@ def open_recording(path: str | os.PathLike[str], sidecar: str | os.PathLike[str]
     if path.suffix == ".sigmf-collection":
         raise InputError(f"{path}: a collection holds names only; give the .sigmf-meta of each recording in it")
     if path.suffix == ".npy":
-        return open_npy(path, sidecar)
+        return open_npy(path, sidecar, dead=dead)
     if sidecar is not None:
         if path.suffix in (".sigmf-meta", ".sigmf"):
             raise InputError(f"{path}: states itself how to read its samples; remove the sidecar {sidecar}")
-        return open_raw_channels(path, sidecar)
+        return open_raw_channels(path, sidecar, dead=dead)
     if path.suffix in (".sigmf-meta", ".sigmf-data", ".sigmf"):
-        return open_sigmf(path)
+        return open_sigmf(path, dead=dead)
     if path.is_file() and not path.with_suffix(".toml").exists() and path.with_suffix(".sigmf-meta").exists():
-        return open_sigmf(path)
-    return open_raw_channels(path)
+        return open_sigmf(path, dead=dead)
+    return open_raw_channels(path, dead=dead)

@@ -41,7 +41,7 @@ from skyproof.errors import InputError, readable
 from skyproof.formats.bounds import METADATA_BYTES
 from skyproof.formats.byte_io import FileBytes, content_of, digest, reading, require_size, size_of
 from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, PackedSamples, Packing
-from skyproof.formats.levels import live_channels, without_dead
+from skyproof.formats.levels import channels_of, without_dead
 from skyproof.formats.raw import SampleLayout
 from skyproof.formats.sigmf_keys import DATATYPE, LARGEST, Capture, Global, Meta, checked, expected, parsed, shown, some
 from skyproof.gnss.constants import L1_HZ
@@ -271,8 +271,10 @@ class _Source:
     remarks: tuple[str, ...] = ()
 
 
-def open_sigmf(path: str | os.PathLike[str]) -> tuple[Samples, ...]:
+def open_sigmf(path: str | os.PathLike[str], *, dead: bool = False) -> tuple[Samples, ...]:
     """Open the recordings that NAME.sigmf-meta, NAME.sigmf-data or the archive NAME.sigmf holds.
+
+    dead : as of `open_raw_channels`.
 
     Nothing but a few stretches of the samples, for the check of levels, is read now, however long they are; only data
     of less than 64 MiB are held against core:sha512 (`sha512_remarks` does it for any).
@@ -288,7 +290,8 @@ def open_sigmf(path: str | os.PathLike[str]) -> tuple[Samples, ...]:
     InputError : a file is missing or unreadable, the metadata are wrong or need an extension that is not known, or no
         sample ever changes.
     """
-    return tuple(samples for source in _sources(Path(path)) for samples in _recordings(source))
+    channels = [_recordings(source) for source in _sources(Path(path))]
+    return tuple(one for of_source in channels for one in (of_source if dead else without_dead(of_source)))
 
 
 def sha512_remarks(path: str | os.PathLike[str], progress: Callable[[int, int], None] | None = None) -> tuple[str, ...]:
@@ -331,7 +334,6 @@ def _recordings(source: _Source) -> list[Samples]:
     octets = FileBytes(source.data, source.start, source.size)
     stated_by = f"core:datatype, core:num_channels and core:header_bytes of {where}"
     opened: list[Samples] = []
-    dead: list[InputError] = []
     for tuning, name in zip(tuned, _names(source.name, tuned), strict=True):
         here = list(remarks)
         start_gpst = _dates(tuned[tuning], rate_hz, where, here)
@@ -356,9 +358,8 @@ def _recordings(source: _Source) -> list[Samples]:
             gaps=gaps,
             file=octets,
         )
-        alive, still = live_channels(one, packed, stated_by)
-        opened, dead = [*opened, *alive], [*dead, *still]
-    return list(without_dead(opened, dead))
+        opened += channels_of(one, packed, stated_by)
+    return opened
 
 
 def _names(name: str, tunings: Iterable[_Tuning]) -> list[str]:

@@ -40,11 +40,12 @@ class Lookout:
         """
         now_s = state.frame * self.settings.frame_s
         settings = self.settings
+        alive = np.flatnonzero(state.tail.any(axis=(1, 2))).tolist() or [0]
         for searcher, every_s, dopplers in (
             (self.searcher, self._full_search_s(state), self._everywhere(state)),
             (self.near_searcher, settings.near_search_s, self._nearby(state, now_s)),
         ):
-            antenna = round(now_s / every_s) % state.tail.shape[0]
+            antenna = alive[round(now_s / every_s) % len(alive)]
             samples = state.tail[antenna, :, begin - state.tail_start :]
             if not dopplers or samples.shape[1] < searcher.n_samples:
                 continue

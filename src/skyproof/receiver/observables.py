@@ -99,7 +99,9 @@ def arc_carriers(
     begun: set[SignalId] = set()
     by_arc = np.argsort(arc, kind="stable")
     numbers, starts = np.unique(arc[by_arc], return_index=True)
-    for number, rows in zip(numbers.tolist(), np.split(by_arc, starts[1:]), strict=True):
+    stops = np.append(starts[1:], by_arc.size)[: starts.size]  # nothing at all, of an antenna that receives nothing
+    for number, first, stop in zip(numbers.tolist(), starts, stops, strict=True):
+        rows = by_arc[first:stop]
         if arcs[number].tow_ms_at_period_0 is None:
             continue
         halves = half_cycles(periods[rows], turned[rows], slipped[rows], arcs[number].stretches, reach_periods)

@@ -58,6 +58,37 @@ def test_other_antennas_than_the_inputs_have_are_refused(kit, array_files, tmp_p
         protect(platform=three, nav=array_files.nav)
 
 
+SILENT = "gives no phases"
+JUMPS = "has a phase that jumps"
+FAILURES = {
+    "dead": (lambda iq, rng: np.zeros_like(iq), SILENT),
+    "constant": (lambda iq, rng: np.full_like(iq, 7), SILENT),
+    "dead before its middle": (lambda iq, rng: iq * (np.arange(len(iq)) < 0.4 * len(iq))[:, None], SILENT),
+    "noise": (lambda iq, rng: np.rint(20.0 * rng.standard_normal(iq.shape)), SILENT),
+    "begun late": (lambda iq, rng: np.roll(iq, 12_345, axis=0), SILENT),
+    "at another rate": (lambda iq, rng: iq[np.rint(np.arange(len(iq)) * 0.999).astype(int)], SILENT),
+    "mirrored": (lambda iq, rng: iq[:, ::-1], SILENT),
+    "a jump": (lambda iq, rng: np.where((np.arange(len(iq)) < 0.6 * len(iq))[:, None], iq, -iq), JUMPS),
+    "turned over": (lambda iq, rng: -iq, None),  # half a cycle of its line: it is no failure
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("failed", "how"), FAILURES.values(), ids=FAILURES.keys())
+def test_an_antenna_that_fails_is_left_out_and_reported(kit, array_files, tmp_path, failed, how):
+    iq = np.fromfile(array_files.woven, np.int8).reshape(-1, 4, 2)
+    iq[:, 1] = np.clip(failed(iq[:, 1].astype(float), np.random.default_rng(1)), -127, 127)
+    iq.tofile(tmp_path / "woven.bin")
+    (tmp_path / "woven.toml").write_text(array_files.woven.with_suffix(".toml").read_text())
+    result = protect(platform=described(kit, tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
+    labels = {signal.label for signal in result.verdict.signals}
+    assert "spoofed" not in labels
+    (said,) = said_by(result, "array_common")
+    assert said.says == "authentic"
+    assert len(said.subject) > 7
+    assert (f"Antenna 2 of array {how}, and is left out" in result.verdict.summary) == (how is not None)
+
+
 @pytest.mark.long
 def test_no_true_signal_is_called_false_and_false_ones_from_one_transmitter_are_named(kit, tmp_path):
     clean = kit.record(kit.array_scenario(duration_s=34.0, seed=3), tmp_path / "clean")

@@ -5,7 +5,7 @@ import pytest
 import tomli_w
 
 from skyproof.app.protect import protect
-from skyproof.errors import NotEnoughData
+from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.recording import open_recording
 from skyproof.simulator.scenario import FrontEnd
 
@@ -87,6 +87,8 @@ def test_one_antenna_gives_its_position_and_no_verdict(kit, snapshots):
 
 
 FAILURES = {
+    "dead": lambda plane, rng: np.zeros_like(plane),
+    "constant": lambda plane, rng: np.ones_like(plane),
     "noise": lambda plane, rng: rng.choice([-1, 1], plane.size),
     "a phase that jumps": lambda plane, rng: np.where(np.arange(plane.size) < plane.size // 2, plane, -plane),
     "recorded at another time": lambda plane, rng: np.roll(plane, plane.size // 3),
@@ -108,6 +110,30 @@ def test_an_antenna_that_fails_is_left_out_and_reported(snapshots, tmp_path, fai
     assert any("antenna 3 does not receive what the others do" in r for r in result.verdict.inputs[0].remarks)
 
 
+def test_a_dead_file_among_those_of_the_antennas_is_left_out_and_reported(snapshots, tmp_path):
+    folder = snapshots / "attacked"
+    for path in [*folder.glob("array.?.bin"), *folder.glob("array.?.toml"), folder / "platform.toml"]:
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    dead = tmp_path / "array.1.bin"
+    dead.write_bytes(bytes(dead.stat().st_size))
+    result = protect(platform=tmp_path / "platform.toml", nav=folder / "nav.rnx")
+    assert result.verdict.verdict == "spoofed"
+    labels = labels_of(result)
+    assert {copy for (_, copy), label in labels.items() if label == "spoofed"} == {"a"}
+    assert {copy for (_, copy), label in labels.items() if label == "authentic"} == {"b"}
+    assert "Antenna 1 of array gives no phases, and is left out" in result.verdict.summary
+    remarks = [remark for note in result.verdict.inputs for remark in note.remarks]
+    assert any("antenna 1: nothing comes from it" in r and "all samples are" in r for r in remarks)
+
+
+def test_antennas_of_which_none_gives_anything_are_an_error(snapshots, tmp_path):
+    np.save(tmp_path / "whole.npy", np.ones_like(np.load(snapshots / "clean" / "whole.npy")))
+    for name in ("whole.toml", "one.toml"):
+        (tmp_path / name).write_text((snapshots / "clean" / name).read_text())
+    with pytest.raises(InputError, match="all samples are 1 in each of"):
+        protect(platform=tmp_path / "one.toml")
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("heading_deg", "off_deg"), [(30.0, None), (50.0, 20), (210.0, 180)])
 def test_an_attitude_that_is_wrong_is_reported_and_not_used(snapshots, tmp_path, heading_deg, off_deg):
@@ -119,6 +145,22 @@ def test_an_attitude_that_is_wrong_is_reported_and_not_used(snapshots, tmp_path,
     assert result.verdict.verdict == "authentic"
     words = f"The attitude given is {off_deg} degrees from the one that the signals of array show, and is not used"
     assert (words in result.verdict.summary) == (off_deg is not None)
+
+
+@pytest.mark.long
+def test_an_attitude_of_another_day_is_reported_and_not_used(snapshots, tmp_path):
+    folder = snapshots / "clean"
+    (tmp_path / "attitude.csv").write_text(
+        "gpst,heading_deg,pitch_deg,roll_deg\n2024-05-13T09:00:00,50,2,0\n2024-05-13T11:00:00,50,2,0\n"
+    )
+    text = (folder / "one.toml").read_text().replace("whole.npy", str(folder / "whole.npy"))
+    attitude = {"attitude": {"file": "attitude.csv", "sigma_deg": 0.2}}
+    (tmp_path / "platform.toml").write_text(text + tomli_w.dumps(attitude))
+    result = protect(platform=tmp_path / "platform.toml", nav=folder / "nav.rnx")
+    assert result.verdict.verdict == "authentic"
+    assert set(labels_of(result).values()) == {"authentic"}
+    remarks = [remark for note in result.verdict.inputs for remark in note.remarks]
+    assert any("not used: it is of 2024-05-13" in remark for remark in remarks)
 
 
 def test_noise_alone_is_said(tmp_path):

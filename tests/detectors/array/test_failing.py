@@ -53,12 +53,25 @@ def jumping_by_half_a_cycle(phases, rng):
     return replace(phases, phase_cyc=phase)
 
 
+def jumping_within_an_epoch(phases, rng):
+    phase = phases.phase_cyc.copy()
+    phase[18:, :, 2] += 0.5
+    phase[17, :, 2] = np.nan
+    return replace(phases, phase_cyc=phase)
+
+
 def silent(phases, rng):
     return replace(phases, phase_cyc=np.full_like(phases.phase_cyc, np.nan))
 
 
 JUMPS = "has a phase that jumps"
-FAULTS = {dead: "gives no phases", noisy: "is noisy", jumping: JUMPS, jumping_by_half_a_cycle: JUMPS}
+FAULTS = {
+    dead: "gives no phases",
+    noisy: "is noisy",
+    jumping: JUMPS,
+    jumping_by_half_a_cycle: JUMPS,
+    jumping_within_an_epoch: JUMPS,
+}
 
 
 @pytest.mark.parametrize(("fault", "how"), FAULTS.items())

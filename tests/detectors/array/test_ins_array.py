@@ -500,6 +500,20 @@ def test_false_signals_are_named_and_the_true_ones_are_not():
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
 
 
+def test_reflections_of_several_satellites_from_one_direction_leave_the_sky_open(monkeypatch):
+    late = "skyproof.detectors.array.ins_array.reflections"
+    monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
+    direction = TRUE.copy()
+    direction[:, 2:4] = direction_cosines(np.radians([40.0, 200.0]), np.radians([-25.0, -60.0]))
+    words, _ = said_of(array_records(np.random.default_rng(8), direction))
+    assert words == {"authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
+    words, evidence = said_of(with_two_elsewhere())
+    assert words == {"undecided": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
+    (open_still,) = [e for e in evidence if e.says == "undecided"]
+    assert open_still.failed
+    assert open_still.overrules
+
+
 def test_where_false_signals_come_from_is_among_the_directions_given():
     direction = TRUE.copy()
     direction[:, 2:4] = direction_cosines(np.radians(40.0), np.radians(-25.0))  # down is positive in the body

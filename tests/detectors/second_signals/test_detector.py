@@ -117,6 +117,13 @@ def test_a_late_copy_of_the_whole_sky_is_named_and_no_attack():
     assert {(ref.signal.sat, ref.signal.copy) for ref in late.subject} == {(f"G{k + 1:02d}", "b") for k in range(8)}
 
 
+def test_delays_that_are_coarse_agree_by_chance_and_show_no_late_copy():
+    copied = observations(range(3), weaker_db=2.5, delay_m=500.0, spread_m=0.0)
+    coarse = replace(copied, pseudorange_sigma_m=np.where(np.isfinite(copied.pseudorange_sigma_m), 100.0, np.nan))
+    assert len(find_second_signals(copied, SecondSignalsSettings()).repeated) == 3
+    assert find_second_signals(coarse, SecondSignalsSettings()).repeated == ()
+
+
 @pytest.mark.parametrize(
     "kind",
     [

@@ -53,7 +53,7 @@ def in_step(antennas: Sequence[Samples], name: str) -> Samples:
     own = [
         f"antenna {called}: {remark}"
         for called, one in zip(names, antennas, strict=True)
-        for remark in one.remarks
+        for remark in (*one.remarks, *([f"nothing comes from it: {one.dead}"] if one.dead else ()))
         if remark not in of_all
     ]
     first, *others = (replace(one, antenna=called) for called, one in zip(names, antennas, strict=True))

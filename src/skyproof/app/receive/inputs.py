@@ -81,8 +81,10 @@ def _opened(
 ) -> tuple[Samples | ObservedFile, ...]:
     """The stretch asked for of one source, or of several if a file has several channels, each a receiver."""
     paths = wanted if isinstance(wanted, tuple) else (wanted,)
-    sources = [source for path in paths for source in _of_file(path, settings, navigation, workspace)]
-    if len(sources) == 1 or not isinstance(wanted, tuple):
+    several = isinstance(wanted, tuple)  # antennas, which keep their numbers if one of them is dead
+    sources = [s for path in paths for s in _of_file(path, settings, navigation, workspace, dead=several)]
+    if len(sources) == 1 or not several:
+        _require_living(sources)
         return tuple(sources)
     antennas: list[Samples] = []
     for source in sources:
@@ -93,14 +95,27 @@ def _opened(
             )
         _require_own(source, antennas)
         antennas.append(source)
+    _require_living(antennas)
     return (in_step(antennas, _short(paths[0].stem)),)
 
 
+def _require_living(antennas: Sequence[Samples | ObservedFile]) -> None:
+    """Raise InputError if none of the antennas gives anything."""
+    dead = [one.dead for one in antennas if isinstance(one, Samples) and one.dead]
+    if dead and len(dead) == len(antennas):
+        raise InputError(dead[0])
+
+
 def _of_file(
-    path: Path, settings: Settings, navigation: NavigationData | None, workspace: Workspace | None
+    path: Path,
+    settings: Settings,
+    navigation: NavigationData | None,
+    workspace: Workspace | None,
+    *,
+    dead: bool,
 ) -> tuple[Samples | ObservedFile, ...]:
     if not holds_observations(path):
-        return tuple(stretch(one, settings.start_s, settings.duration_s) for one in open_recording(path))
+        return tuple(stretch(one, settings.start_s, settings.duration_s) for one in open_recording(path, dead=dead))
     channels = None if navigation is None else glonass_channels(navigation)
     return (
         open_observations(

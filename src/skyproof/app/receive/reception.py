@@ -30,6 +30,7 @@ __all__ = ["Reception", "nothing_found", "observe", "overlap_s", "require_signal
 NEARLY_ALL = 0.9
 MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
 FOLLOWED_S = 2.0  # shorter, a signal that is there may not have proved itself
+AT_ONCE_S = 0.9  # of an array's: shorter than what is followed (`short`)
 TIME_OF_WEEK_S = 12.0  # by then a signal has sent its time of week: it does so every 6 s, once its bits can be read
 
 
@@ -193,7 +194,7 @@ def _nothing_received(tracker: Tracker, found: Diagnosis | None) -> str:
     if found is not None and found.n_sats and samples.duration_s < FOLLOWED_S:
         return (
             f"it holds {found.n_sats} satellites, read as it is described, but lasts {samples.duration_s:.3g} s, and "
-            f"signals have to be followed for seconds: give {TIME_OF_WEEK_S:g} s or more"
+            f"signals have to be followed for seconds: give {TIME_OF_WEEK_S:g} s or more{_at_once(samples)}"
         )
     return nothing_found(samples, tracker.examined_s)
 
@@ -216,7 +217,17 @@ def _no_time(tracker: Tracker, n_signals: int) -> str:
         if tracker.examined_s < TIME_OF_WEEK_S
         else "the signals are too weak or too often interrupted to read their messages"
     )
+    cure += _at_once(tracker.samples)
     return f"{n_signals} signals found, but no time of week read from them in {tracker.examined_s:.1f} s: {cure}"
+
+
+def _at_once(samples: Samples) -> str:
+    """What of an array's recording can be judged without following signals."""
+    if not samples.others:
+        return ""
+    return (
+        f"; or have part of it judged by its directions alone, which takes no time of week: duration_s = {AT_ONCE_S:g}"
+    )
 
 
 def overlap_s(a: ObservationLog, b: ObservationLog) -> float:

@@ -162,6 +162,8 @@ def _peaks(planes: Floats, samples: Samples, doppler_max_hz: float) -> list[Peak
     kept: list[Peak] = []
     idle = 0
     for antenna in _spread(len(planes)):
+        if not planes[antenna].any():
+            continue
         found = searched(planes[antenna], samples.rate_hz, carrier_at_hz(samples), doppler_max_hz)
         fresh = [peak for peak in found if not any(_is_one(one, peak) for one in kept)]
         same = [(one, peak) for one in kept for peak in found if _is_one(one, peak)]

@@ -17,6 +17,8 @@ __all__ = ["Failing", "failing", "without"]
 Failing = dict[int, str]
 """Number of an antenna, from 0, to what is wrong with it."""
 
+_BESIDE: Final = 3
+"""Epochs from one phase to the next at most: where an antenna's phase jumps it may have none."""
 _LEAST_SHARE: Final = 0.5  # of the phases that the best antenna has
 _JUMP_CYC: Final = 0.08  # of most signals at once: half a wavelength in a tenth of a second turns no array so far
 _NOISE_CYC: Final = 0.04  # of a step, root mean square: reflections change more slowly
@@ -53,18 +55,22 @@ def without(phases: ArrayPhases, lost: Failing) -> ArrayPhases:
 
 def _jumps_and_noise(phases: ArrayPhases, good: Indices) -> tuple[Booleans, Booleans]:
     phase, sigma = phases.phase_cyc[..., good], phases.sigma_cyc[..., good]
-    step = np.diff(phase, axis=0)
-    noise = np.hypot(sigma[1:], sigma[:-1])
-    whole = np.isfinite(step).all(axis=-1) & np.isfinite(noise).all(axis=-1)
-    if not whole.any():
+    there = np.isfinite(phase).all(axis=-1) & np.isfinite(sigma).all(axis=-1)
+    # From each epoch of a signal to the next that it has.
+    signal, epoch = np.nonzero(there.T)
+    follows = (np.diff(signal) == 0) & (np.diff(epoch) <= _BESIDE)
+    order = np.argsort(epoch[1:][follows], kind="stable")
+    before, after = np.flatnonzero(follows)[order], np.flatnonzero(follows)[order] + 1
+    if not after.size:
         return np.zeros(good.size, np.bool_), np.zeros(good.size, np.bool_)
-    own = step[whole] - step[whole][:, :1]
+    own = phase[epoch[after], signal[after]] - phase[epoch[before], signal[before]]
+    noise = np.hypot(sigma[epoch[after], signal[after]], sigma[epoch[before], signal[before]])
+    own = own - own[:, :1]
     own = own - np.rint(own)
     own = own - np.median(own, axis=-1, keepdims=True)
     own = own - np.rint(own)
-    noise = noise[whole]
     # Epoch by epoch, what most signals do at once on an antenna.
-    epoch = np.nonzero(whole)[0]
+    epoch = epoch[after]
     begins = np.flatnonzero(np.diff(epoch, prepend=-1))
     common = np.array([_middle(part) for part in np.split(own, begins[1:])])
     usual = np.median(noise, axis=0)

@@ -54,6 +54,8 @@ _LEAST_OF_ONE_PLACE: Final = 3
 _MISSED: Final = (0.03, 0.5, 0.9)
 """Of true signals, by gates within which agreement counts; fewer others are within narrow ones, and signals may agree
 better than stated errors make them."""
+_ALIKE: Final = 0.01
+"""Chance that as many reflections come from one direction, below which it stays open whether they are reflections."""
 _VAGUE_CYC: Final = 0.1  # one sigma
 _OFF_SIGMAS: Final = 5.0  # by which an attitude is not what was stated
 _BELOW_HORIZON: Final = -0.17  # sine of the elevation under which no transmitter is taken to stand
@@ -240,7 +242,7 @@ class InsArray:
         sure = np.setdiff1d(agreed.members, agreed.doubtful)
         others = np.setdiff1d(np.arange(n), np.union1d(agreed.members, agreed.doubtful) if view.accepted else [])
         true = of_one_sky(records, receiver, [view.refs[k] for k in sure]) if view.accepted else ()
-        spoofed = self._spoofed(records, view, others, true, navigation) if agreed.p_value < alpha else []
+        spoofed, alike = self._spoofed(records, view, others, true, navigation) if agreed.p_value < alpha else ([], [])
         said = [self._false(records, view, rows, p_value) for rows, p_value in spoofed]
         p_one = self._of_one_place(view, [k for k in sure if view.refs[k] in true])
         if p_one < alpha:
@@ -249,6 +251,7 @@ class InsArray:
             if left:
                 because += f"; {left} do not, as reflections do"
             said.append(self._say(records, tuple(true), "authentic", because, p_one, assumes=(FROM_ELSEWHERE,)))
+            said += [self._alike(records, view, rows, chance) for rows, chance in alike]
         if said:
             return said
         if agreed.p_value >= alpha:
@@ -275,14 +278,16 @@ class InsArray:
         others: Indices,
         true: Sequence[SignalRef],
         navigation: NavigationData,
-    ) -> list[tuple[list[int], float]]:
-        """Signals that are false, by the place that they come from, with a p-value each."""
+    ) -> tuple[list[tuple[list[int], float]], list[tuple[list[int], float]]]:
+        """Signals that are false, by the place that they come from, with a p-value each; and those that reflections
+        explain but for this, that they come from one place, with the chance of that."""
         if not others.size:
-            return []
+            return [], []
         alpha, measured, n = self.settings.false_alarm_probability, view.measured, len(view.refs)
+        # Those that come from where their satellites stand are no choice for a cluster, and so count for none.
         white = white_covariance(measured.sigma_cyc[others])
         clusters = equal_clusters(measured.raw_cyc[others], white, false_alarm_probability=alpha, wrapped=True)
-        every = len({ref.signal.sat for ref in view.refs})
+        every = len({view.refs[k].signal.sat for k in others})
         chance = equality_chance(array_design(measured.elements_cyc), white.mean(axis=0), clusters.limit, wrapped=True)
         own = {o.receiver: o for o in records.observations}
         explained = reflections(
@@ -294,7 +299,8 @@ class InsArray:
             multipath_sigma_m=self.settings.multipath_sigma_m,
             ionosphere_share=self.settings.ionosphere_share,
         )
-        found = []
+        found: list[tuple[list[int], float]] = []
+        alike: list[tuple[list[int], float]] = []
         for label in np.unique(clusters.labels):
             rows = others[clusters.labels == label]
             size = len({view.refs[k].signal.sat for k in rows})
@@ -302,10 +308,12 @@ class InsArray:
             if size >= _LEAST_OF_ONE_PLACE and by_chance < alpha:
                 found.append((rows.tolist(), by_chance))
                 continue
-            rows = [k for k in rows if view.refs[k].signal not in explained] if true else []
-            if rows:
-                found.append((rows, min(1.0, n * float(view.agreed.p_values[rows].max()))))
-        return found
+            false = [k for k in rows if view.refs[k].signal not in explained] if true else []
+            if false:
+                found.append((false, min(1.0, n * float(view.agreed.p_values[false].max()))))
+            elif size > 1 and by_chance < _ALIKE:
+                alike.append((rows.tolist(), by_chance))
+        return found, alike
 
     def _false(self, records: Records, view: ArrayView, rows: list[int], p_value: float) -> Evidence:
         directions = _directions(view, rows)
@@ -315,6 +323,23 @@ class InsArray:
         else:
             because = f"signals of {len(satellites)} satellites come to {receiver} from one direction"
         return self._say(records, tuple(view.refs[k] for k in rows), "spoofed", because, p_value, directions=directions)
+
+    def _alike(self, records: Records, view: ArrayView, rows: list[int], chance: float) -> Evidence:
+        """Later and weaker than true ones as reflections are, but from one place: it stays open which they are."""
+        satellites = len({view.refs[k].signal.sat for k in rows})
+        return Evidence(
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=tuple(view.refs[k] for k in rows),
+            says="undecided",
+            because=f"signals of {satellites} satellites come to {view.refs[0].receiver} from one direction that is "
+            "none of theirs, later and weaker than true ones: a repeater, a reflector, or false signals",
+            would_need="more antennas, or antennas farther apart",
+            p_value=chance,
+            false_alarm_probability=_ALIKE,
+            overrules=True,
+        )
 
     def _of_one_place(self, view: ArrayView, rows: list[int]) -> float:
         """p-value that these signals come from one place; 1 of fewer than three satellites."""

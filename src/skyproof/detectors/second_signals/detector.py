@@ -13,6 +13,7 @@ describes may reach one.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,8 @@ LATE_HZ = 10.0
 """By which the carrier of a late copy differs at most: it is not sent anew."""
 SAME_DELAY = 4.0
 """Sigmas: second signals whose delays differ from the satellites' median by less are one late copy of the sky."""
+BY_CHANCE = 0.05
+"""Chance that as many delays of echoes agree, above which that shows no late copy: coarse delays always agree."""
 LEAST = 2
 """Satellites that make an attack at least."""
 MOST = 0.05
@@ -136,7 +139,11 @@ def _repeated(
     level_dbhz: Reals,
     settings: SecondSignalsSettings,
 ) -> tuple[SignalId, ...]:
-    """Second signals of transmissions with two, later and weaker, whose delays agree: a late copy of the whole sky."""
+    """Second signals of transmissions with two, later and weaker, whose delays agree: a late copy of the whole sky.
+
+    That k of n delays, anywhere up to `MOST_LATE_M`, lie within a width has a chance of at most C(n, k) k times the
+    (k - 1)th power of the width's share of that (of k places one is the first, and the others follow it).
+    """
     late: dict[int, tuple[float, float]] = {}
     for channels in doubled.values():
         strong, other = sorted(channels, key=lambda c: -level_dbhz[c])[:2]
@@ -154,8 +161,11 @@ def _repeated(
         return ()
     common_m = float(np.median([delay_m for delay_m, _ in late.values()]))
     agreeing = [c for c, (delay_m, sigma_m) in late.items() if abs(delay_m - common_m) < SAME_DELAY * sigma_m]
-    several = len({observations.signals[c].sat for c in agreeing}) > 1
-    return tuple(observations.signals[c] for c in agreeing) if several else ()
+    if len({observations.signals[c].sat for c in agreeing}) < 2:
+        return ()
+    width = 2.0 * SAME_DELAY * max(late[c][1] for c in agreeing) / MOST_LATE_M
+    by_chance = comb(len(late), len(agreeing)) * len(agreeing) * width ** (len(agreeing) - 1)
+    return tuple(observations.signals[c] for c in agreeing) if by_chance < BY_CHANCE else ()
 
 
 def _in_order(
