@@ -32,7 +32,7 @@ FALL_DB_S, LOWEST_DBHZ, SEEDS = 1.5, 12.0, 2
 BANDS_DBHZ = (36.0, 33.0, 30.0, 27.0, 24.0, 21.0, 18.0, 15.0, 12.0)
 NUMBERS = (5, 10)
 LOST_CHIPS, LOST_HZ = 0.5, 25.0
-STEPS_DBHZ = (40.0, 35.0, 32.0, 31.0, 30.0, 29.0, 28.0, 27.0, 26.0, 25.0)
+STEPS_DBHZ = (40.0, 34.0, 32.0, 31.0, 30.0, 28.0, 26.0, 24.0, 23.0, 22.0, 21.0, 20.0, 18.0)
 BLOCKED_S = (2.0, 5.0, 10.0)
 SCENE_S = 30.0
 BOTH = ("scalar", "vector")
@@ -239,15 +239,15 @@ def _without(
 def _steps() -> Iterator[str]:
     yield (
         f"{LEVEL_DBHZ:g} dB-Hz, from {FROM_S:g} s on as stated; a second later speeding up by 2 g to 40 m/s, then on "
-        f"to 16 s, {SEEDS} noises: share of channels within {LOST_CHIPS:g} chip and {LOST_HZ:g} Hz at the end, and "
-        "their largest error of code on the way"
+        f"to 16 s, {SEEDS} noises: share of channels within {LOST_CHIPS:g} chip and {LOST_HZ:g} Hz at the end, their "
+        "largest error of code on the way, and the C/N0 at which half of them are lost"
     )
     for n in NUMBERS:
         samples, planes, navigation = _rendered(_speeding(_sky(16.0, n), FROM_S + 1.0))
         reference = _followed(samples, planes, navigation, "scalar")
         rows, on = reference.at_s > FROM_S + 1.0, np.isfinite(reference.shown_s[-1])
         for tracking in BOTH:
-            cells = []
+            cells, shares = [], []
             for level in STEPS_DBHZ:
                 held, worst = [], [0.0]
                 for seed in range(SEEDS):
@@ -257,8 +257,20 @@ def _steps() -> Iterator[str]:
                     good = (np.abs(code_chips[-1]) < LOST_CHIPS) & (np.abs(hz[-1]) < LOST_HZ)
                     held += good.tolist()
                     worst += np.nanmax(np.abs(code_chips[:, good]), axis=0).tolist()
-                cells.append(f"{level:g}: {np.mean(held):.2f} {293.05 * max(worst):.1f} m")
-            yield f"  {on.sum():2} satellites, {tracking}: {', '.join(cells)}"
+                shares.append(float(np.mean(held)))
+                cells.append(f"{level:g}: {shares[-1]:.2f} {293.05 * max(worst):.1f} m")
+            half = f"half lost at {_half_lost_dbhz(np.array(shares)):.1f} dB-Hz"
+            yield f"  {on.sum():2} satellites, {tracking}, {half}: {', '.join(cells)}"
+
+
+def _half_lost_dbhz(shares: Reals) -> float:
+    """Where the share of channels that are held, by level as in `STEPS_DBHZ`, last falls below a half; NaN where it
+    never does."""
+    held = np.flatnonzero(shares >= 0.5)
+    if not held.size or held[-1] + 1 == shares.size:
+        return float("nan")
+    i, levels = int(held[-1]), np.array(STEPS_DBHZ)
+    return float(np.interp(0.5, shares[[i + 1, i]], levels[[i + 1, i]]))
 
 
 # Scenes ---------------------------------------------------------------------------------------------------------------

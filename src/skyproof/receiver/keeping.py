@@ -50,6 +50,7 @@ class Given:
     gaps: list[Gap] = field(default_factory=list)
     grids: list[Grids] = field(default_factory=list)
     components: list[Components] = field(default_factory=list)
+    unheld: list[Measurements] = field(default_factory=list)
 
 
 def holds(state: ReceiverState, n_frames: int, settings: ReceiverSettings) -> Booleans:

@@ -77,7 +77,8 @@ class ReceiverState:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StepOutput:
     """What a step gives: measurements, the arcs that were followed as they stand, gaps that were bridged, the
-    correlation grids that were asked for, and what joint channels say.
+    correlation grids that were asked for, and what joint channels say. unheld : rows of guided channels by what they
+    show without a phase (`unheld`): for the filter that guides them, and no measurements.
     """
 
     measurements: Measurements
@@ -85,6 +86,7 @@ class StepOutput:
     gaps: tuple[Gap, ...] = ()
     grids: Grids = field(default_factory=Grids.nothing)
     components: tuple[Components, ...] = ()
+    unheld: Measurements = field(default_factory=Measurements.nothing)
 
 
 def kept(state: ReceiverState, stay: Sequence[int]) -> ReceiverState:

@@ -27,6 +27,7 @@ from skyproof.receiver.discriminator import discriminator
 from skyproof.receiver.false_lock import off_false_locks
 from skyproof.receiver.gaps import looked_for_gap
 from skyproof.receiver.grids import GridCorrelator, Grids, at_stake
+from skyproof.receiver.guidance import DOPPLER_HZ as GUIDED_DOPPLER_HZ
 from skyproof.receiver.guidance import SINCE_S as GUIDED_SINCE_S
 from skyproof.receiver.guidance import guided_loops, is_guided
 from skyproof.receiver.joining import JointReceiver
@@ -49,6 +50,7 @@ from skyproof.receiver.replica import CODE_SCALE, code_table
 from skyproof.receiver.settings import MEASURE_FRAMES, LoopSettings, ReceiverSettings
 from skyproof.receiver.state import ReceiverState, StepOutput
 from skyproof.receiver.steering import steered
+from skyproof.receiver.unheld import without_phase
 
 __all__ = ["MEASURE_FRAMES", "LoopSettings", "Receiver", "ReceiverSettings", "ReceiverState", "StepOutput"]
 
@@ -131,6 +133,7 @@ class Receiver:
             gaps=tuple(given.gaps),
             grids=Grids.joined(given.grids),
             components=tuple(given.components),
+            unheld=Measurements.joined([nothing, *given.unheld]),
         )
         joint = [one.state.replica.start for one in state.joint]
         keep = int(min([self.frame_start(state.frame), *state.loops[:, k.START].tolist(), *joint]))
@@ -360,7 +363,33 @@ class Receiver:
             elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=looks, own=own, turns_rad=turns
         )
         given.measured.append(of_all.chosen(good))
+        given.unheld.append(self._unheld(state, of_all, taps, (earlier, later), proved & ~good))
         return replace(state, last_phases=last_phases)
+
+    def _unheld(
+        self,
+        state: ReceiverState,
+        of_all: Measurements,
+        taps: ComplexFloats,
+        frames: tuple[Rows, Rows],
+        among: Booleans,
+    ) -> Measurements:
+        """Rows of the guided channels among these that do not hold a phase, by what they show without one."""
+        guided = is_guided(state.guides, state.frame * self.settings.frame_s)
+        table = without_phase(
+            of_all.table,
+            taps,
+            frames,
+            state.loops[:, k.BIT_START],
+            np.where(among & guided, state.guides[:, GUIDED_DOPPLER_HZ], np.nan),
+            state.noise,
+            rate_hz=self.rate_hz,
+            if_hz=self.if_hz,
+            signal=self.signal,
+            discriminator=self.discriminator,
+            probability=self.settings.false_return_probability,
+        )
+        return replace(of_all, table=table).chosen(np.isfinite(table[:, m.DOPPLER_HZ]))
 
     def _turns(self, state: ReceiverState, before: ReceiverState, wipe: Complexes, elapsed_s: float) -> Reals:
         """By how much the correlators of each look were turned to take the carrier off; NaN where not guided."""

@@ -109,6 +109,35 @@ def test_a_blocked_channel_goes_on_and_is_there_again_at_once(sky):
     assert np.all(code_m[measured.elapsed_s > 7.3] < 10.0)
 
 
+@pytest.fixture(scope="module")
+def weak(sky):
+    """From 5.8 s on as weak as 22 dB-Hz: no channel holds a phase, nothing is measured."""
+    _, clean = sky
+    planes, first = clean.copy(), int(5.8 * RATE_HZ)
+    noise = np.random.default_rng(2).standard_normal(planes[:, first:].shape, np.float32)
+    planes[:, first:] += np.sqrt(10.0**2.4 - 1.0) * clean.std() * noise  # of 46 dB-Hz
+    planes[:, first:] *= 10.0**-1.2
+    return to_the_end(tracker_of(sky, planes)), planes
+
+
+def test_signals_whose_phase_nobody_holds_still_drive_the_filter(sky, whole, weak):
+    tracker, _ = weak
+    rows = tracker.measured.whole()
+    assert np.sum(rows.elapsed_s > 6.3) < 5  # of eight rows of nine channels
+    assert tracker.vector.filter.elapsed_s == whole.vector.filter.elapsed_s
+    assert tracker.vector.diverged == 0
+    off = tracker.vector.filter.mean - whole.vector.filter.mean
+    sigma = np.sqrt(np.diag(tracker.vector.filter.covariance))
+    assert np.all(sigma[3:6] < 1.5)  # with nothing measured for 1.4 s they would be 4 m/s and more
+    assert np.all(np.abs(off) < 5.0 * sigma)
+
+
+def test_pieces_give_what_the_whole_gives_where_no_phase_is_held(sky, weak, monkeypatch):
+    monkeypatch.setattr(tracking, "BLOCK_S", 0.53)
+    tracker, planes = weak
+    np.testing.assert_array_equal(tracker.vector.filter.mean, to_the_end(tracker_of(sky, planes)).vector.filter.mean)
+
+
 def test_a_satellite_that_does_not_drive_is_measured_and_not_guided(sky, whole):
     sat = sorted({signal.sat for signal in whole.vector.driving})[0]
     tracker = tracker_of(sky, not_driving=(sat,))

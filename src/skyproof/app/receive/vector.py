@@ -133,7 +133,8 @@ def guided(
     guiding = _known(guiding, output.measurements, arcs, elapsed_s)
     if guiding.label is None or guiding.navigation is None:
         return guiding, state
-    channels = _channels(guiding, receiver, state, output.measurements, arcs, elapsed_s)
+    shown = Measurements.joined([output.measurements, output.unheld])
+    channels = _channels(guiding, receiver, state, shown, arcs, elapsed_s)
     if not channels.arcs:
         return guiding, state
     if guiding.filter is None:
