@@ -52,6 +52,20 @@ def test_a_platform_file_is_all_that_a_run_needs(folder: Path, tmp_path: Path) -
     assert result.verdict.settings["oscillator"] == "tcxo"
 
 
+def test_signals_that_agree_on_another_place_than_stated_are_not_authentic(folder: Path) -> None:
+    """Both places 200 m too far north: how the antennas stand to each other is right."""
+    path = platform_of(folder)
+    for place in PLACES:
+        path.write_text(path.read_text().replace(f"{place.lat_deg},", f"{place.lat_deg + 1.8e-3},"))
+    verdict = protect(platform=path, nav=folder / "brdc.rnx").verdict
+    assert verdict.verdict == "undecided"
+    assert (
+        "m from where it was surveyed: they are false, or what is stated of the place or of errors is wrong"
+        in verdict.summary
+    )
+    assert "surveyed position checked (WGS-84, height above the ellipsoid)" in verdict.model_dump_json()
+
+
 def test_inputs_of_the_command_line_are_described_by_name(folder: Path) -> None:
     path = platform_of(folder, inputs=False)
     both = [folder / "two.obs", folder / "one.obs"]

@@ -39,6 +39,8 @@ __all__ = ["Body", "BodyFiles", "Carried", "body_of", "body_state", "open_body",
 _TILT_MOST_RAD: Final = np.radians(60.0)
 """Between the vertical of the attitude stated and of the accelerometers: more than bodies bank or speed up."""
 _LEVEL_S: Final = 10.0  # over which the latter is averaged
+_MISSING: Final = np.timedelta64(2, "s")
+"""Of a run, without readings before the first or after the last, is worth a remark."""
 _PIECE_S: Final = 10.0  # of readings that are worked on at once
 _EQUATOR: Final = ecef_from_geodetic(0.0, 0.0, 0.0)
 
@@ -63,10 +65,10 @@ class BodyFiles:
         if readings is None and body is not None:
             readings = body.readings
         if self.imu is not None:
-            words = _apart(readings, run) or (_UNALIGNED if self.initial is None else ())
+            words = _coverage(readings, run) or (_UNALIGNED if self.initial is None else ())
             yield self.imu.source, "inertial readings", self.imu.remarks + words
         if self.attitude is not None:
-            yield self.attitude.source, "attitude", self.attitude.remarks + _apart(stated, run)
+            yield self.attitude.source, "attitude", self.attitude.remarks + _coverage(stated, run)
 
 
 _UNALIGNED: Final = (
@@ -75,13 +77,17 @@ _UNALIGNED: Final = (
 )
 
 
-def _apart(series: ImuSeries | Attitude | None, run: Records) -> tuple[str, ...]:
-    if series is None or (series.gpst[0] <= run.end_gpst and series.gpst[-1] >= run.start_gpst):
+def _coverage(series: ImuSeries | Attitude | None, run: Records) -> tuple[str, ...]:
+    """What of a run a series leaves out."""
+    if series is None or series.gpst.size == 1:  # which holds at all times
         return ()
-    return (
-        f"not used: it is of {iso(series.gpst[0], 1)} to {iso(series.gpst[-1], 1)}, the signals of "
-        f"{iso(run.start_gpst, 1)} to {iso(run.end_gpst, 1)}; check start_gpst",
-    )
+    own = f"it is of {iso(series.gpst[0], 1)} to {iso(series.gpst[-1], 1)}, the signals of "
+    own += f"{iso(run.start_gpst, 1)} to {iso(run.end_gpst, 1)}"
+    if series.gpst[0] > run.end_gpst or series.gpst[-1] < run.start_gpst:
+        return (f"not used: {own}; check start_gpst",)
+    if max(series.gpst[0] - run.start_gpst, run.end_gpst - series.gpst[-1]) > _MISSING:
+        return (f"not there all the time: {own}; what needs it cannot run for the rest",)
+    return ()
 
 
 def with_imu(platform: Platform, imu: str | Path | None) -> Platform:

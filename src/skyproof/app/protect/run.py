@@ -36,9 +36,10 @@ from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.choice import ChoiceRules, choices
 from skyproof.fusion.departure import departures
 from skyproof.fusion.fuse import Decision, fuse
+from skyproof.fusion.place import displacements
 from skyproof.fusion.rivals import FixMaker
 from skyproof.gnss.time import iso, seconds_between
-from skyproof.navigation.foresight import Foresight
+from skyproof.navigation.foresight import Foresight, Standing
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.records import (
     AntennaArray,
@@ -299,7 +300,8 @@ def judge(
     if foresights is None:
         foresights = foresights_of([o.receiver for o in observed], settings)
     moving = any(isinstance(one, Inertial) for one in foresights.values())
-    detectors = detectors_for(settings, windows.run, further=int(moving))
+    standing = any(isinstance(one, Standing) and one.stands for one in foresights.values())
+    detectors = detectors_for(settings, windows.run, further=moving + standing)
     evidence, sets, interrupted = examine_all(windows, detectors, progress, report)
     give_back()
     makers = [
@@ -312,9 +314,12 @@ def judge(
         for o in observed
     ]
     alpha = detectors[0].settings.false_alarm_probability
-    if left := departures(evidence, sets, makers, foresights, alpha):
+    left = departures(evidence, sets, makers, foresights, alpha)
+    left += displacements(evidence, sets, makers, foresights, alpha)
+    if left:
+        left.sort(key=_window)
         report(left)
-        evidence = EvidenceLog(merge(evidence, left, key=lambda one: (one.start_gpst, one.end_gpst)))
+        evidence = EvidenceLog(merge(evidence, left, key=_window))
     decision = fuse(evidence, observed, sets)
     rules = ChoiceRules(
         most_wrong=settings.wrong_choice_probability,
@@ -325,7 +330,7 @@ def judge(
     chosen, compared = choices(decision, evidence, observed, sets, foresights, rules, orbits)
     if chosen:
         report(chosen)
-        evidence = EvidenceLog(merge(evidence, chosen, key=lambda one: (one.start_gpst, one.end_gpst)))
+        evidence = EvidenceLog(merge(evidence, chosen, key=_window))
         decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings, foresights) for r in receptions]
     outcome = Outcome(
@@ -337,6 +342,10 @@ def judge(
         compared=tuple(compared),
     )
     return outcome, interrupted
+
+
+def _window(one: Evidence) -> tuple[np.datetime64, np.datetime64]:
+    return one.start_gpst, one.end_gpst
 
 
 def _receiver_outcome(

@@ -1,0 +1,179 @@
+"""Do the signals put a receiver where it stands?
+
+A receiver stands at a surveyed place, or wherever its first window put it; the place that each later window shows is
+held against it. The squared distance over both covariances is chi-square with three degrees if the signals are true and
+what is stated holds: a fix's covariance has what models of the atmosphere and reflections leave.
+
+A place that is left may be that of false signals, of reflections, or wrongly stated. It is an attack only where
+
+- a window before did show the place where it stands: what was stated then holds;
+- there as now no more than one of the satellites did not fit: with errors many times as large as stated those that
+  happen to agree show some place, and others another one in the next window;
+- without any two of the satellites the rest shows it too: reflections are some satellites'.
+
+Else it stays undecided, with the reason. Where one of several skies shows the right place nothing is said here: which
+of them is true is `choice`'s to say.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_of
+from skyproof.navigation.foresight import Foresight, SkyFix, Standing
+from skyproof.navigation.known import KNOWN, Known, without
+from skyproof.navigation.prediction import choose
+from skyproof.records import ConsistentSet, Evidence, SignalRef
+
+__all__ = ["DETECTOR", "displacements"]
+
+DETECTOR: Final = "place"
+_ALL_BUT_PLACE: Final = np.arange(3, 8)
+_LEFT_OUT, _LEAST = 2, 5  # satellites
+_MISFITS: Final = 1  # satellites
+_DATUM_M: Final = 2.0
+"""One sigma on each axis of what a survey's datum differs by from that of the orbits: NAD 83 lies 1 to 2 m from WGS 84
+(EPSG:1188 takes them for equal, accuracy 4 m)."""
+
+
+def displacements(
+    evidence: Sequence[Evidence],
+    sets: Sequence[ConsistentSet],
+    makers: Sequence[FixMaker],
+    foresights: Mapping[str, Foresight],
+    alpha: float,
+) -> list[Evidence]:
+    """Evidence on the receivers that stand, one piece for each window that shows them elsewhere.
+
+    alpha : probability of a false alarm in a window.
+    """
+    found: list[Evidence] = []
+    for maker in makers:
+        foresight = foresights.get(maker.log.receiver)
+        if isinstance(foresight, Standing) and foresight.stands:
+            found += _Watch(maker, foresight, alpha).through(rivals_of(maker.log, evidence, sets))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What a window's set shows, and what is expected. p_value : of so large a distance."""
+
+    sky: ConsistentSet
+    fix: Known
+    expected: Known
+    p_value: float
+
+    @property
+    def off_m(self) -> Reals:
+        return self.fix.mean[:3] - self.expected.mean[:3]
+
+
+class _Watch:
+    """Over one receiver, window by window."""
+
+    def __init__(self, maker: FixMaker, foresight: Standing, alpha: float) -> None:
+        self.maker, self.foresight, self.alpha = maker, foresight, alpha
+        self.seen_there = self.named = False
+        self.fitted = set[str]()
+
+    def through(self, windows: Sequence[Rivals]) -> list[Evidence]:
+        found: list[Evidence] = []
+        for window in windows:
+            self.fitted.update(signal.sat for sky in window.sets for signal in sky.signals)
+            fixes = [(sky, self._fix(window, sky)) for sky in window.sets]
+            shown = [one for sky, fix in fixes if (one := self._shown(sky, fix.whole)) is not None]
+            if not shown:
+                if len(fixes) == 1 and not window.doubted:
+                    self.foresight = self.foresight.learned(fixes[0][1])
+                continue
+            best = max(shown, key=lambda one: one.p_value)
+            if best.p_value >= self.alpha:
+                self.seen_there |= self._fits_all(window, best.sky)
+                continue
+            found.append(self._said(window, best))
+            self.named |= found[-1].says == "attack"
+        return found
+
+    def _fix(self, window: Rivals, sky: ConsistentSet) -> SkyFix:
+        return self.maker.shown(window, sky, kind=reference_kind(sky), bias_s=0.0, epochs=False)
+
+    def _shown(self, sky: ConsistentSet, fix: Known) -> _Shown | None:
+        expected = self.foresight.at(fix.gpst)
+        place = None if expected is None else without(expected, _ALL_BUT_PLACE)
+        if place is None or not place.there.size:
+            return None
+        if self.foresight.surveyed:
+            place = replace(place, covariance=place.covariance + _DATUM_M**2 * np.diag(np.arange(KNOWN) < 3))
+        return _Shown(sky, fix, place, float(choose(place, [fix]).fits[0]))
+
+    def _said(self, window: Rivals, shown: _Shown) -> Evidence:
+        receiver = self.maker.log.receiver
+        distance_m = float(np.linalg.norm(shown.off_m))
+        there = "stood at first, and it is stated not to move"
+        remedy = "a second receiver"
+        if self.foresight.surveyed:
+            there, remedy = "was surveyed", "the surveyed position checked (WGS-84, height above the ellipsoid)"
+        words = f"the signals put {receiver} {distance_m:.1f} m from where it {there}"
+        why_open = self._why_open(window, shown)
+        open_ = Evidence(
+            detector=DETECTOR,
+            start_gpst=window.start,
+            end_gpst=window.end,
+            subject=tuple(SignalRef(receiver, signal) for signal in shown.sky.signals),
+            says="undecided",
+            because=f"{words}: {why_open}",
+            statistic=distance_m,
+            false_alarm_probability=self.alpha,
+            p_value=shown.p_value,
+            overrules=True,
+            would_need=remedy,
+        )
+        if why_open is not None:
+            return open_
+        because = f"{words}, as they did before"
+        return replace(
+            open_,
+            says="attack",
+            because=because,
+            overrules=False,
+            would_need=None,
+            noted=not self.named,
+            assumes=self.foresight.assumes,
+        )
+
+    def _why_open(self, window: Rivals, shown: _Shown) -> str | None:
+        """What else than an attack may be the reason; None where nothing is."""
+        if self.named:
+            return None
+        if not self.seen_there:
+            return "they are false, or what is stated of the place or of errors is wrong"
+        if not self._fits_all(window, shown.sky):
+            return "other satellites do not fit it, as where errors are larger than stated"
+        if not self._whole_sky(window, shown):
+            return "without some two satellites it may be chance, or reflections"
+        return None
+
+    def _fits_all(self, window: Rivals, sky: ConsistentSet) -> bool:
+        """Whether of the satellites that ever fitted a position, and are measured in a window, one at most is not in
+        this set."""
+        log = self.maker.log
+        o = log.read(*(int(row) for row in np.searchsorted(log.gpst, np.array([window.start, window.end]))))
+        measured = np.flatnonzero(np.isfinite(o.pseudorange_m).any(axis=0))
+        there = {o.signals[column].sat for column in measured}
+        return len(there & self.fitted - {signal.sat for signal in sky.signals}) <= _MISFITS
+
+    def _whole_sky(self, window: Rivals, shown: _Shown) -> bool:
+        """Whether it is there without any two satellites."""
+        sats = sorted({signal.sat for signal in shown.sky.signals})
+        if len(sats) < _LEAST + _LEFT_OUT:
+            return False
+        for some in combinations(sats, _LEFT_OUT):
+            fix = self.maker.at_end(window, shown.sky, some)
+            if fix is None or choose(shown.expected, [fix]).fits[0] >= self.alpha:
+                return False
+        return True

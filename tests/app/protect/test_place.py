@@ -1,0 +1,98 @@
+"""Signals that put a receiver elsewhere than where it is stated to stand: an attack, or a wrong statement."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from tests.app.protect.choosing import NAVIGATION, drawn_receiver, led_away
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.common.windows import windows_of
+from skyproof.fusion.place import displacements
+from skyproof.fusion.rivals import FixMaker
+from skyproof.gnss.frames import rot_enu_ecef
+from skyproof.navigation.foresight import Standing, surveyed
+from skyproof.records import Evidence, SignalRef
+from skyproof.simulator.sky import scene_of
+
+ALPHA = 1e-7
+ONSET_S = 35.0
+STANDS = Standing(stands=True, oscillator=None, by="its standing still", assumes=("bow does not move",))
+
+
+@cache
+def received(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, constant_m=0.0):
+    """A standing receiver's measurements, its windows with their sets, and where it is; an attack if it is fast."""
+    scene = led_away(speed_m_s=speed_m_s or 1.0, onset_s=ONSET_S, duration_s=duration_s, seed=seed)
+    if not speed_m_s:
+        scene = scene_of(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
+    noise = drawn_receiver.Noise(code_m=code_m, ar1=ar1, constant_m=constant_m)
+    (one,) = drawn_receiver.hear(scene, noise, rng=np.random.default_rng(seed))
+    o = one.reception.observations
+    return o, list(windows_of([o], NAVIGATION, Settings())), one.position_ecef_m[0]
+
+
+def said(found, foresight):
+    o, windows, _ = found
+    evidence = [
+        Evidence(
+            detector="none",
+            start_gpst=w.start_gpst,
+            end_gpst=w.end_gpst,
+            subject=tuple(SignalRef("bow", signal) for signal in o.signals),
+            says="clean",
+            because="",
+        )
+        for w in windows
+    ]
+    sets = [s for w in windows for s in w.sets]
+    maker = FixMaker(log=o, navigation=NAVIGATION, multipath_sigma_m=1.0, elevation_mask_deg=5.0)
+    return displacements(evidence, sets, [maker], {"bow": foresight}, ALPHA)
+
+
+def at(found, *, north_m=0.0, up_m=0.0):
+    """Stated to stand so far from where it does."""
+    away_m = rot_enu_ecef(np.radians(57.7), np.radians(11.94)).T @ [0.0, north_m, up_m]
+    return surveyed(STANDS, found[2] + away_m, 0.01 * np.eye(3))
+
+
+def test_what_stands_where_it_is_stated_to_says_nothing():
+    found = received()
+    assert said(found, STANDS) == []
+    assert said(found, at(found)) == []
+
+
+@pytest.mark.parametrize("where", [{"north_m": 200.0}, {"up_m": 40.0}])
+def test_a_place_that_no_window_shows_is_false_or_wrongly_stated(where):
+    found = received()
+    every = said(found, at(found, **where))
+    assert len(every) == len(found[1])
+    assert {(e.says, e.failed, e.overrules) for e in every} == {("undecided", True, True)}
+    assert (
+        "m from where it was surveyed: they are false, or what is stated of the place or of errors is wrong"
+        in every[0].because
+    )
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_a_place_that_was_shown_and_is_left_is_an_attack(stated):
+    found = received(speed_m_s=3.0)
+    first, *rest = said(found, at(found) if stated else STANDS)
+    after_s = float((first.end_gpst - found[0].gpst[0]) / np.timedelta64(1, "s")) - ONSET_S - 3.0
+    assert first.says == "attack"
+    assert 0.0 < after_s <= 15.0
+    assert "bow does not move" in first.assumes
+    assert {e.says for e in rest} == {"attack"}
+    assert [e.noted for e in (first, *rest)] == [True] + [False] * len(rest)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("constant_m", "code_m", "ar1"), [(3.0, 1.0, 0.9), (10.0, 3.0, 0.9), (30.0, 10.0, 0.9)])
+def test_errors_many_times_as_large_as_stated_are_no_attack(constant_m, code_m, ar1):
+    windows = open_ = 0
+    for seed in range(60):
+        found = received.__wrapped__(seed=seed, code_m=code_m, ar1=ar1, constant_m=constant_m)
+        every = said(found, STANDS)
+        windows, open_ = windows + len(found[1]), open_ + len(every)
+        assert not any(e.says == "attack" for e in every), seed
+    print(f"{constant_m:.0f} m constant, {code_m:.0f} m with {ar1}: {windows} windows, {open_} open")
