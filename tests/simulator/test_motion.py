@@ -1,7 +1,5 @@
 """Trajectories: what each one gives belongs to one smooth curve, and that curve is the one asked for."""
 
-import time
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -559,15 +557,3 @@ def test_an_arm_that_cannot_be_is_refused(more, words):
 def test_a_place_that_is_none_is_refused():
     with pytest.raises(ScenarioError, match=r"position_ecef_m: \[1.0, 2.0\], expected three numbers"):
         static([1.0, 2.0])
-
-
-@ALL
-def test_a_hundred_thousand_moments_take_less_than_half_a_second(trajectory):
-    t_s = np.linspace(0.0, 240.0, 100_000)
-
-    def took_s():
-        start_s = time.process_time()
-        trajectory.at(t_s)
-        return time.process_time() - start_s
-
-    assert min(took_s() for _ in range(2)) < 0.5

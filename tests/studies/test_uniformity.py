@@ -3,7 +3,6 @@
 import importlib
 import inspect
 import pkgutil
-import time
 from functools import cache
 
 import pytest
@@ -70,10 +69,8 @@ def shares_hold(p):
 
 
 @pytest.mark.parametrize("name", ["tests", pytest.param("distribution", marks=pytest.mark.long)])
-def test_quick_is_quick(name):
-    start = time.process_time()
-    rows_of(name)
-    assert time.process_time() - start < 20.0
+def test_quick_draws_few(name):
+    assert all(row["trials"] <= 10_000 for row in rows_of(name))
 
 
 def test_a_row_has_the_promised_columns_and_every_test_has_one():

@@ -2,7 +2,6 @@
 
 import json
 import struct
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -233,13 +232,10 @@ def test_the_reading_that_shows_satellites_is_proposed_first(case: Strange, tmp_
 @pytest.mark.parametrize("case", TEN, ids=lambda case: case.name)
 def test_ten_recordings_of_mixed_formats_are_read_right(case: Strange, tmp_path: Path) -> None:
     path = case.write(tmp_path)
-    begun = time.process_time()
     (found,) = inspect(path, write=True)
-    took_s = time.process_time() - begun
     assert wrong(read_as(found), case) == {}
     assert found.layout.conjugate is case.mirrored
     assert found.conjugate in (False, None)
-    assert took_s < 5.0
     assert read_sidecar(path.with_suffix(".toml")) == found.layout
 
 
