@@ -29,6 +29,7 @@ import real_code
 import rinex
 import sets
 import snapshots
+import spatial
 import startup
 import vector
 import vector_drawn
@@ -64,6 +65,7 @@ BENCHES = {
     "drawn": drawn,
     "arrays": arrays,
     "snapshots": snapshots,
+    "spatial": spatial,
     "real-code": real_code,
     "memory": memory,
     "house": house,
