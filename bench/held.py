@@ -1,12 +1,14 @@
 """What is held of place and time while overlapping signals draw a receiver off: ready-made scenes through `protect`.
 
-    python bench/held.py texbat-like-3 texbat-like-7     rows of these scenes
-    python bench/held.py --folder held las-vegas    samples are kept there, and used again
+    python bench/held.py texbat-like-3 texbat-like-7         rows of these scenes, whole, behind drawn correlators
+    python bench/held.py --short texbat-like-3               shorter, of 5 Msps
+    python bench/held.py --samples --folder held las-vegas   short and through samples, which are kept and used again
 
-Scenes are shorter than the ready-made ones and of 5 Msps, but for `static-austin`, which is as it is: onset and pull
-come sooner, the pull's speed and the powers stay. What the user states: that the receiver stands, its inertial unit
-with the attitude at the start, the oscillator's class; and the navigation file of the day. The word comes at the end of
-the first window in which a test says spoofed or attack; errors are in space.
+Drawn correlators (`drawn_correlators.py`) take some seconds a scene, samples hours. Short scenes are of 5 Msps, but for
+`static-austin`, which is as it is: onset and pull come sooner, the pull's speed and the powers stay. What the user
+states: that the receiver stands, its inertial unit with the attitude at the start, the oscillator's class; and the
+navigation file of the day. The word comes at the end of the first window in which a test says spoofed or attack; errors
+are in space. An attack that is there from the first sample counts from its pull on.
 """
 
 import argparse
@@ -18,6 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 import tomli_w
+from drawn_correlators import judged
 
 from skyproof.app.protect import protect
 from skyproof.app.protect.coasting import trusted_and_coasted
@@ -34,6 +37,7 @@ from skyproof.simulator.files import write_samples, write_series
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, SceneImu
 from skyproof.simulator.sky import scene_of
+from skyproof.verdict import Verdict
 
 FIVE_MSPS: Final = FrontEnd(rate_hz=5e6, bandwidth_hz=4e6, encoding="sign-magnitude", bits=2)
 STANDS: Final = {"motion": "static", "oscillator": "ocxo"}
@@ -51,14 +55,12 @@ _SEAMLESS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class Held:
-    """How a ready-made scene is changed, and what is stated. pull_s : when the pull begins, nothing if there is none.
+    """How a ready-made scene is made shorter, and what is stated. attack : fields of its takeover.
 
-    attack : fields of its takeover. onset_s : as there. changes : of the scenario.
+    sigma_deg : of the attitude at the start.
     """
 
     duration_s: float
-    onset_s: float
-    pull_s: float | None
     stated: Mapping[str, Any]
     attack: Mapping[str, Any] = field(default_factory=dict)
     front_end: FrontEnd | None = FIVE_MSPS
@@ -67,51 +69,37 @@ class Held:
 
 
 SCENES: Final[dict[str, Held]] = {
-    "texbat-like-1": Held(
-        duration_s=80.0, onset_s=55.0, pull_s=None, stated=STANDS, attack={"onset_s": 55.0}, sky_until_s=55.0
-    ),
+    "texbat-like-1": Held(duration_s=80.0, stated=STANDS, attack={"onset_s": 55.0}, sky_until_s=55.0),
     "texbat-like-2": Held(
         duration_s=110.0,
-        onset_s=40.1,
-        pull_s=58.0,
         stated=STANDS,
         attack={"onset_s": 40.1, "clock_points_s": _LATE},
     ),
     "texbat-like-3": Held(
         duration_s=150.0,
-        onset_s=48.9,
-        pull_s=84.0,
         stated=STANDS,
         attack={"onset_s": 48.9, "clock_points_s": ((84.0, 0.0), (204.0, 600.0 / SPEED_OF_LIGHT_M_S))},
     ),
     "texbat-like-4": Held(
         duration_s=110.0,
-        onset_s=43.8,
-        pull_s=58.0,
         stated=STANDS,
         attack={"onset_s": 43.8, "away_points_enu_m": _UP},
     ),
     "texbat-like-5": Held(
         duration_s=110.0,
-        onset_s=32.0,
-        pull_s=58.0,
         stated=DRIVES,
         attack={"onset_s": 32.0, "clock_points_s": _LATE},
     ),
     "texbat-like-6": Held(
         duration_s=110.0,
-        onset_s=35.0,
-        pull_s=58.0,
         stated=DRIVES,
         attack={"onset_s": 35.0, "away_points_enu_m": _UP},
     ),
-    "texbat-like-7": Held(duration_s=140.0, onset_s=40.0, pull_s=65.0, stated=STANDS, attack=_SEAMLESS),
-    "texbat-like-8": Held(duration_s=140.0, onset_s=40.0, pull_s=65.0, stated=STANDS, attack=_SEAMLESS),
-    "static-austin": Held(duration_s=130.0, onset_s=20.0, pull_s=20.0, stated=STANDS, front_end=None),
+    "texbat-like-7": Held(duration_s=140.0, stated=STANDS, attack=_SEAMLESS),
+    "texbat-like-8": Held(duration_s=140.0, stated=STANDS, attack=_SEAMLESS),
+    "static-austin": Held(duration_s=130.0, stated=STANDS, front_end=None),
     "las-vegas": Held(
         duration_s=115.0,
-        onset_s=35.0,
-        pull_s=35.0,
         stated=FLIES,
         attack={"away_points_enu_m": ((35.0, 0.0, 0.0, 0.0), (95.0, 127.279, 0.0, 127.279))},  # 3 m/s
         sigma_deg=0.1,
@@ -119,43 +107,48 @@ SCENES: Final[dict[str, Held]] = {
 }
 
 
-def scene_named(name: str, grade: str = "navigation") -> Scene:
+def scene_named(name: str, grade: str = "navigation", *, short: bool = False) -> Scene:
     """The scene, worked out. grade : of the inertial unit, where it has one."""
-    held, ready = SCENES[name], scenario_of(name)
-    (receiver,), (attack,) = ready.receivers, ready.attacks
-    changes: dict[str, Any] = {
-        "duration_s": held.duration_s,
-        "attacks": (attack.model_copy(update=dict(held.attack)),),
-        "sky": ready.sky.model_copy(update={"until_s": held.sky_until_s}),
-    }
-    if held.front_end is not None:
-        changes["front_end"] = held.front_end
+    held, scenario = SCENES[name], scenario_of(name)
+    (receiver,), (attack,) = scenario.receivers, scenario.attacks
+    changes: dict[str, Any] = {}
+    if short:
+        changes |= {
+            "duration_s": held.duration_s,
+            "attacks": (attack.model_copy(update=dict(held.attack)),),
+            "sky": scenario.sky.model_copy(update={"until_s": held.sky_until_s}),
+            "front_end": held.front_end or scenario.front_end,
+        }
     if receiver.imu is not None:
         changes["receivers"] = (receiver.model_copy(update={"imu": SceneImu(grade=grade, rate_hz=100.0)}),)
-    scenario = ready.model_copy(update=changes)
+    scenario = scenario.model_copy(update=changes)
     return scene_of(scenario, nominal_constellation(scenario.start_gpst))
 
 
-def judged(name: str, folder: Path, grade: str = "navigation") -> dict[str, Any]:
-    """A scene's row; its samples are rendered into the folder if they are not there."""
-    scene, held = scene_named(name, grade), SCENES[name]
-    (receiver,) = scene.scenario.receivers
-    recording = folder / f"{receiver.name}.bin"
-    if not recording.exists():
-        write_samples(scene, folder, "raw")
+def row_of(scene: Scene, name: str, folder: Path, grade: str, *, samples: bool) -> dict[str, Any]:
+    """A scene's row; samples are rendered into the folder if they are not there."""
+    held, (receiver,) = SCENES[name], scene.scenario.receivers
     stated = dict(held.stated) | {"receivers": [{"name": receiver.name}]}
     if receiver.imu is not None:
         write_series(scene, folder)
         stated["imu"] = {"file": f"{receiver.name}-imu.csv", "grade": grade, "initial": _attitude(scene, held)}
-    platform, nav = folder / "platform.toml", folder / "broadcast.rnx"
+    platform = folder / "platform.toml"
     platform.write_text(tomli_w.dumps(stated), encoding="utf-8")
+    verdict, outcome = (_by_samples if samples else _by_correlators)(scene, folder, platform)
+    return {"scene": name, "verdict": verdict.verdict} | _words(scene, outcome) | _fixes(scene, outcome)
+
+
+def _by_samples(scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Outcome]:
+    recording, nav = folder / f"{scene.skies[0].name}.bin", folder / "broadcast.rnx"
+    if not recording.exists():
+        write_samples(scene, folder, "raw")
     write_nav(nav, scene.navigation)
     result = protect([recording], nav=nav, platform=platform)
-    return (
-        {"scene": name, "verdict": result.verdict.verdict}
-        | _words(scene, held, result.outcome)
-        | _fixes(scene, held, result.outcome)
-    )
+    return result.verdict, result.outcome
+
+
+def _by_correlators(scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Outcome]:
+    return judged(scene, scene.navigation, platform, scene.scenario.seed)
 
 
 def _attitude(scene: Scene, held: Held) -> dict[str, float]:
@@ -170,21 +163,29 @@ def _attitude(scene: Scene, held: Held) -> dict[str, float]:
     }
 
 
-def _words(scene: Scene, held: Held, outcome: Outcome) -> dict[str, Any]:
-    start = scene.scenario.start_gpst
+def _begins_s(scene: Scene) -> tuple[float, float | None]:
+    """Onset and pull of the attack, None if nothing is drawn off. One that was there before begins with its pull."""
+    (attack,) = scene.scenario.attacks
+    points = [*attack.away_points_enu_m[:1], *attack.clock_points_s[:1]]  # type: ignore[union-attr]
+    pull_s = min((point[0] for point in points), default=None)
+    return (attack.onset_s if attack.onset_s > 0.0 or pull_s is None else pull_s), pull_s
+
+
+def _words(scene: Scene, outcome: Outcome) -> dict[str, Any]:
+    start, (onset_s, pull_s) = scene.scenario.start_gpst, _begins_s(scene)
     saying = [e for e in outcome.evidence if e.says in ("spoofed", "attack")]
     ends_s = sorted(float(seconds_between(e.end_gpst, start)) for e in saying)
-    later = [s for s in ends_s if s > held.onset_s]
+    later = [s for s in ends_s if s > onset_s]
     return {
         "alarms_before": len(ends_s) - len(later),
-        "after_onset_s": later[0] - held.onset_s if later else None,
-        "after_pull_s": later[0] - held.pull_s if later and held.pull_s is not None else None,
+        "after_onset_s": later[0] - onset_s if later else None,
+        "after_pull_s": later[0] - pull_s if later and pull_s is not None else None,
         "by": sorted({e.detector for e in saying}),
         "chosen": any(e.detector == "prediction" and e.noted for e in outcome.evidence),
     }
 
 
-def _fixes(scene: Scene, held: Held, outcome: Outcome) -> dict[str, Any]:
+def _fixes(scene: Scene, outcome: Outcome) -> dict[str, Any]:
     """Errors of place and time, m: 95 % and worst of the trusted ones, worst of an ordinary receiver's."""
     (r,) = outcome.receivers
     if r.positions is None:
@@ -193,14 +194,15 @@ def _fixes(scene: Scene, held: Held, outcome: Outcome) -> dict[str, Any]:
     whole = r.positions.whole("unprotected")
     ordinary = np.empty((0, 3)) if whole is None else _errors_m(scene, whole)
     rows = np.concatenate(trusted) if trusted else np.empty((0, 3))
-    clock_m = _parted(rows, held.onset_s)
+    onset_s, _ = _begins_s(scene)
+    clock_m = _parted(rows, onset_s)
     return {
         "trusted": len(rows),
         "trusted_95_m": float(np.quantile(rows[:, 1], 0.95)) if len(rows) else None,
         "trusted_worst_m": float(rows[:, 1].max()) if len(rows) else None,
         "trusted_clock_m": float(np.abs(clock_m).max()) if clock_m.size else None,
         "ordinary_worst_m": float(ordinary[:, 1].max()) if len(ordinary) else None,
-        "ordinary_clock_m": float(np.abs(_parted(ordinary, held.onset_s)).max()) if len(ordinary) else None,
+        "ordinary_clock_m": float(np.abs(_parted(ordinary, onset_s)).max()) if len(ordinary) else None,
     }
 
 
@@ -226,13 +228,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="+", choices=SCENES)
     parser.add_argument("--grade", default="navigation", help="of the inertial unit")
+    parser.add_argument("--short", action="store_true")
+    parser.add_argument("--samples", action="store_true", help="short ones, through samples")
     parser.add_argument("--folder", type=Path, help="where samples are kept")
     asked = parser.parse_args()
     for name in asked.scenes:
         with TemporaryDirectory(prefix="held") as made:
             folder = Path(made) if asked.folder is None else asked.folder / name
             folder.mkdir(parents=True, exist_ok=True)
-            row = judged(name, folder, asked.grade)
+            scene = scene_named(name, asked.grade, short=asked.short or asked.samples)
+            row = row_of(scene, name, folder, asked.grade, samples=asked.samples)
         print(
             "  ".join(
                 f"{key} {value:.1f}" if isinstance(value, float) else f"{key} {value}" for key, value in row.items()

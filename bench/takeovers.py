@@ -1,12 +1,14 @@
-"""Takeovers drawn at random, of one receiver with one antenna, through samples and the whole of `protect`.
+"""Takeovers drawn at random, of one receiver with one antenna, through the whole of `protect`.
 
-    python bench/takeovers.py --scenes 40 --out takeovers.jsonl --processes 2   goes on where it was stopped
+    python bench/takeovers.py --scenes 300 --out drawn.jsonl                     behind drawn correlators, seconds each
+    python bench/takeovers.py --samples --scenes 30 --out takeovers.jsonl        through samples, a minute each and more
     python bench/takeovers.py --only 17                                         one scene, its row
     python bench/takeovers.py --table takeovers.jsonl                           the counts alone
 
-False signals grow on the true ones, are held there, and drawn off in position, time or both. A trusted fix is wrong if
-it is off horizontally by more than three times its stated 95 % bound. The word comes at the end of the first window
-after the pull's start in which a test says spoofed or attack; the run's verdict is its last word.
+Both go on where they were stopped. False signals grow on the true ones, are held there, and drawn off in position, time
+or both. A trusted fix is wrong if it is off horizontally by more than three times its stated 95 % bound. The word comes
+at the end of the first window after the pull's start in which a test says spoofed or attack; the run's verdict is its
+last word.
 """
 
 import argparse
@@ -14,13 +16,15 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter
+from time import process_time
 from typing import Any, Literal
 
 import numpy as np
 import tomli_w
+from drawn_correlators import judged
 from rows import read, run
 
 from skyproof.app.protect import protect
@@ -39,6 +43,7 @@ from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneImu, SceneReceiver, Sky
 from skyproof.simulator.sites import Site, WayPoints
 from skyproof.simulator.sky import scene_of
+from skyproof.verdict import Verdict
 
 SEED = 7
 TO_95 = 2.45  # of a circle about two equal sigmas
@@ -199,38 +204,44 @@ def platform_of(drawn: Drawn, folder: Path) -> Path:
     return path
 
 
-def row_of(number: int) -> dict[str, Any]:
+def row_of(number: int, *, samples: bool = False) -> dict[str, Any]:
     """The row of `examined`, or what it failed with."""
     try:
-        return examined(number)
+        return examined(number, samples=samples)
     except Exception as error:  # whatever it is, it is counted
         return {"number": number, "verdict": "crashed", "error": f"{type(error).__name__}: {error}"}
 
 
-def examined(number: int) -> dict[str, Any]:
-    """One row of the result: what was drawn, said and wrong."""
-    begin = perf_counter()
+def examined(number: int, *, samples: bool = False) -> dict[str, Any]:
+    """One row of the result: what was drawn, said and wrong. samples : else behind drawn correlators."""
+    begin = process_time()
     drawn = draw(number)
     _, scene = made(drawn)
     with TemporaryDirectory(prefix="takeover") as name:
         folder = Path(name)
-        paths = write_samples(scene, folder, "raw")
         if drawn.given == "imu":
             write_series(scene, folder)
-        nav = folder / "nav.rnx"
-        write_nav(nav, nominal_constellation(drawn.start_gpst))
-        rendered_s = perf_counter() - begin
-        result = protect(paths, nav=nav, platform=platform_of(drawn, folder))
-        row = vars(drawn) | {
-            "start_gpst": str(drawn.start_gpst),
-            "duration_s": drawn.duration_s,
-            "verdict": result.verdict.verdict,
-            "summary": result.verdict.summary,
-            "because": result.verdict.undecided_because,
-            "rendered_s": round(rendered_s, 1),
-            "seconds": round(perf_counter() - begin, 1),
-        }
-        return row | _words(drawn, scene, result.outcome) | _fixes(drawn, scene, result.outcome)
+        verdict, outcome = (_by_samples if samples else _by_correlators)(drawn, scene, folder)
+    row = vars(drawn) | {
+        "start_gpst": str(drawn.start_gpst),
+        "duration_s": drawn.duration_s,
+        "verdict": verdict.verdict,
+        "summary": verdict.summary,
+        "because": verdict.undecided_because,
+        "cpu_s": round(process_time() - begin, 1),
+    }
+    return row | _words(drawn, scene, outcome) | _fixes(drawn, scene, outcome)
+
+
+def _by_samples(drawn: Drawn, scene: Scene, folder: Path) -> tuple[Verdict, Outcome]:
+    paths, nav = write_samples(scene, folder, "raw"), folder / "nav.rnx"
+    write_nav(nav, nominal_constellation(drawn.start_gpst))
+    result = protect(paths, nav=nav, platform=platform_of(drawn, folder))
+    return result.verdict, result.outcome
+
+
+def _by_correlators(drawn: Drawn, scene: Scene, folder: Path) -> tuple[Verdict, Outcome]:
+    return judged(scene, nominal_constellation(drawn.start_gpst), platform_of(drawn, folder), drawn.seed)
 
 
 def _words(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
@@ -371,6 +382,7 @@ def main() -> None:
     options.add_argument("--scenes", type=int, default=0)
     options.add_argument("--first", type=int, default=0)
     options.add_argument("--only", type=int, nargs="*")
+    options.add_argument("--samples", action="store_true")
     options.add_argument("--processes", type=int, default=1)
     options.add_argument("--out", type=Path)
     options.add_argument("--table", type=Path)
@@ -378,11 +390,11 @@ def main() -> None:
     if chosen.table is not None:
         rows = read(chosen.table)
     elif chosen.only is not None:
-        rows = [examined(number) for number in chosen.only]
+        rows = [examined(number, samples=chosen.samples) for number in chosen.only]
         print(json.dumps(rows, default=str, indent=1))
     else:
         numbers = range(chosen.first, chosen.first + chosen.scenes)
-        rows = run(numbers, row_of, chosen.out, chosen.processes, key="number")
+        rows = run(numbers, partial(row_of, samples=chosen.samples), chosen.out, chosen.processes, key="number")
     print("\n".join(table(rows)))
 
 

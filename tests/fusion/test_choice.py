@@ -304,3 +304,19 @@ def test_of_many_choices_no_more_are_wrong_than_the_limit(invented, kind):
     _, wrong, chose = outcomes(invented, 2000, kind)
     assert chose > 600
     assert stats.binom.sf(wrong - 1, chose, ChoiceRules().most_wrong) > 1e-3
+
+
+@pytest.mark.parametrize(("pushed", "expected"), [(EAST, standing("ocxo", stands=False)), (CLOCK, standing())])
+def test_a_false_sky_that_is_true_in_all_that_is_expected_is_not_chosen_beside_a_mixture(led_away, pushed, expected):
+    """A push of the position leaves the clock; some true and some false signals fit a place and a time by chance."""
+    taken = led_away(away=8.0 * pushed)
+    mixed = 300.0 * (EAST + CLOCK)
+    taken.sets = [
+        replace(s, position_ecef_m=s.position_ecef_m + mixed[:3], clock_bias_s=s.clock_bias_s + 1e-6)
+        if set(signal.sat + signal.copy for signal in s.signals) == set(NEW)
+        else s
+        for s in taken.sets
+    ]
+    found = taken.chosen(expected)
+    assert not after(taken, found, "authentic")
+    assert "both may be false" in found[-1].because

@@ -13,6 +13,9 @@ that the signals were true until a certain time.
   and no prediction learns of it.
 - Where it was there from the first moment, or an alarm was: not at all; then nothing but a surveyed place chooses.
 
+Nothing is chosen by half: where skies have parted in place and the clock alone is expected, or the other way round, a
+false sky may be true in what is compared, and the other one a mixture that fits by chance; both have to be more.
+
 What is chosen is evidence, window by window: the chosen sky is authentic under those assumptions, the others are
 spoofed. Above the limit of the probability of a wrong choice the window stays open.
 """
@@ -34,7 +37,7 @@ from skyproof.fusion.timeline import Onset
 from skyproof.gnss.time import iso
 from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.known import Known
-from skyproof.navigation.prediction import Choice, choose
+from skyproof.navigation.prediction import Choice, choose, parted_unseen
 from skyproof.records import ConsistentSet, Evidence, NavigationData, ObservationLog, SignalId, SignalRef
 
 __all__ = ["DETECTOR", "ChoiceRules", "Compared", "choices"]
@@ -43,6 +46,9 @@ _GOES_ON: Final = 1e-6
 """Probability that a window which is taken for true, or a chosen sky that is alone again, does not go on."""
 _MOSTLY: Final = 0.75
 """Share of its signals by which a set is the sky that was chosen before."""
+_NO_CHANCE: Final = 7
+"""Satellites of a sky that true and false signals, some of each, do not make by chance: three ranges beyond the four
+that fit any position, within metres of hundreds."""
 _SIDES: Final = {"authentic": 1, "spoofed": -1}
 
 
@@ -224,7 +230,7 @@ class _Chooser:
         if not state.chosen:
             seen = Compared(receiver=self.log.receiver, by=by, expected=expected, skies=skies, choice=choice)
             state = replace(state, compared=seen)
-        if choice.chosen is None:
+        if choice.chosen is None or self._by_half(window, skies, choice):
             return [not_chosen(self.log, window, shown, choice, by, most_wrong)], state
         taken = window.sets[choice.chosen]
         said = chosen(self.log, window, shown, choice, by, assumes, first=not state.chosen)
@@ -233,6 +239,16 @@ class _Chooser:
             chosen=frozenset(taken.signals),
             refused=frozenset(signal for s in window.sets if s is not taken for signal in s.signals),
         )
+
+    def _by_half(self, window: Rivals, skies: Sequence[Known], choice: Choice) -> bool:
+        """Whether what is expected cannot choose: skies have parted in what it says nothing of, and one may be chance.
+
+        Then both may be false: one that is true in what is expected, and some true and false signals that fit together.
+        """
+        assert choice.chosen is not None
+        taken, most_wrong = skies[choice.chosen], self.rules.most_wrong
+        parted = any(parted_unseen(taken, one, choice.used, probability=most_wrong) for one in skies)
+        return parted and min(len({signal.sat for signal in s.signals}) for s in window.sets) < _NO_CHANCE
 
     def _alone(
         self, window: Rivals, shown: SkyFix, expected: Known, state: _State, assumes: tuple[str, ...]

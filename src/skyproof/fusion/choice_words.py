@@ -99,8 +99,10 @@ def not_chosen(
             f"by {by} the likelier one is wrong with a probability of {choice.wrong_probability:.2g}, more than the "
             f"limit of {most_wrong:g}"
         )
-    else:
+    elif choice.chosen is None:
         why = f"in what {by} shows they do not differ by more than their noise"
+    else:
+        why = f"they differ in what {by} does not show, too, and are of so few satellites that both may be false"
     return Evidence(
         detector=DETECTOR,
         start_gpst=window.start,

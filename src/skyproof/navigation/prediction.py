@@ -37,7 +37,7 @@ from skyproof.gnss.time import seconds_between
 from skyproof.navigation.known import KNOWN, Known
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["Choice", "choose", "standing_still", "wrong_choice_probability"]
+__all__ = ["Choice", "choose", "parted_unseen", "standing_still", "wrong_choice_probability"]
 
 _PLACE, _SPEED, _CLOCK = slice(0, 3), slice(3, 6), slice(6, 8)
 
@@ -123,6 +123,20 @@ def choose(
         wrong_probability=wrong,
         used=tuple(int(k) for k in used),
     )
+
+
+def parted_unseen(one: Known, other: Known, used: Sequence[int], *, probability: float) -> bool:
+    """Whether two fixes are farther apart in place or clock than noise has it with `probability`, in what was not
+    `used` to choose.
+
+    "Anywhere" does not hold there for a false sky: who draws the position off leaves the clock as it is, and who draws
+    the clock off the position. Its fix is then the true one in all that is compared.
+    """
+    for numbers in (range(*_PLACE.indices(KNOWN)), (6,)):
+        rest = np.array(sorted(set(numbers).intersection(one.there, other.there) - set(used)), np.int64)
+        if rest.size and _alike(one, other, rest) <= probability:
+            return True
+    return False
 
 
 def _alike(one: Known, other: Known, used: Indices) -> float:

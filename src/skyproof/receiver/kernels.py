@@ -68,7 +68,7 @@ def row_size(n_taps: int, n_antennas: int) -> int:
 
 
 @compiled
-def _steer(
+def steer(
     state: Reals,
     sample_power: float,
     rate_hz: float,
@@ -123,6 +123,20 @@ def _steer(
     state[LOCK_Q] += q_prompt * q_prompt / periods
     state[LOCK_COUNT] += 1.0
     state[SUM_PERIODS : SUM_TAPS + 6] = 0.0
+
+
+@compiled
+def close_period(state: Reals, row: Reals, n: int, rate_hz: float, chips_per_sample: float, code_length: int) -> None:
+    """Add a code period's row, of `n` samples, to the sums, and carry the replica on to the next period."""
+    for k in range(6):
+        state[SUM_TAPS + k] += row[OUT_TAPS + k]
+    state[SUM_PERIODS] += 1.0
+    state[SUM_SHIFT] += row[OUT_SHIFT]
+    state[SUM_SAMPLES] += n
+    state[PHASE] += n * state[FREQUENCY] / rate_hz
+    state[CHIP] += n * chips_per_sample - code_length
+    state[START] += n
+    state[PERIODS] += 1.0
 
 
 @compiled
@@ -233,16 +247,8 @@ def advance(
             row[OUT_FREQUENCY] = state[FREQUENCY]
             row[OUT_PERIOD] = state[PERIODS]
             row[OUT_SHIFT] = shift
-            for k in range(6):
-                state[SUM_TAPS + k] += row[OUT_TAPS + k]
-            state[SUM_PERIODS] += 1.0
-            state[SUM_SHIFT] += shift
-            state[SUM_SAMPLES] += n
-            state[PHASE] += n * state[FREQUENCY] / rate_hz
-            state[CHIP] += n * chips_per_sample - code_length
-            state[START] += n
-            state[PERIODS] += 1.0
+            close_period(state, row, n, rate_hz, chips_per_sample, code_length)
             if (state[PERIODS] - max(state[BIT_START], 0.0)) % state[INTEGRATION] == 0.0:
-                _steer(state, sample_power, rate_hz, if_hz, code_rate_hz, carrier_hz, code_gain)
+                steer(state, sample_power, rate_hz, if_hz, code_rate_hz, carrier_hz, code_gain)
             count += 1
         counts[channel] = count

@@ -25,7 +25,7 @@ from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSetting
 from skyproof.recording.conditioning import conditioned, measure_front_end
 from skyproof.records import Asked, NavigationData, Samples
 
-__all__ = ["ENOUGH_SATS", "Tracker", "carrier_at_hz", "cleaned", "track"]
+__all__ = ["ENOUGH_SATS", "Tracker", "carrier_at_hz", "cleaned", "receiver_settings", "track"]
 
 BLOCK_S = 0.5
 ENOUGH_SATS = 4
@@ -204,23 +204,10 @@ def _tracker(
     clean, words = cleaned(samples)
     whole, filled = bridged(clean, begun_s=settings.start_s)
     sats, narrowed = _sats(samples, settings, navigation)
-    receiver_settings = ReceiverSettings(
-        sats=sats,
-        doppler_max_hz=settings.doppler_max_hz,
-        near_search_s=0.5 if watchful else 1.0,
-        full_search_s=10.0 if watchful else 20.0,
-        grids=asked.ccaf,
-    )
-    if (taps := asked.taps) is not None:
-        receiver_settings = replace(
-            receiver_settings,
-            further_taps_chips=taps.delays_chips,
-            looks_per_frame=max(round(receiver_settings.frame_s / taps.every_s), 1),
-            look_share=taps.coherent_s / taps.every_s,
-        )
-    receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), receiver_settings)
+    wanted = receiver_settings(sats, settings, asked, watchful=watchful)
+    receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), wanted)
     grids: RowLog[Grids] = RowLog(workspace, f"{samples.name}/grids")
-    measured = MeasurementLog(workspace, samples.name, MEASURE_FRAMES * receiver_settings.frame_s)
+    measured = MeasurementLog(workspace, samples.name, MEASURE_FRAMES * wanted.frame_s)
     return Tracker(
         samples=whole,
         receiver=receiver,
@@ -228,6 +215,27 @@ def _tracker(
         grids=grids,
         remarks=(*words, *filled, *narrowed),
         vector=_guiding(whole, navigation, settings) if settings.tracking == "vector" else None,
+    )
+
+
+def receiver_settings(
+    sats: tuple[str, ...], settings: Settings, asked: Asked, *, watchful: bool = True
+) -> ReceiverSettings:
+    """Of a receiver that looks for `sats` and takes the correlators asked for. watchful : as in `track`."""
+    wanted = ReceiverSettings(
+        sats=sats,
+        doppler_max_hz=settings.doppler_max_hz,
+        near_search_s=0.5 if watchful else 1.0,
+        full_search_s=10.0 if watchful else 20.0,
+        grids=asked.ccaf,
+    )
+    if (taps := asked.taps) is None:
+        return wanted
+    return replace(
+        wanted,
+        further_taps_chips=taps.delays_chips,
+        looks_per_frame=max(round(wanted.frame_s / taps.every_s), 1),
+        look_share=taps.coherent_s / taps.every_s,
     )
 
 
