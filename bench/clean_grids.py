@@ -54,14 +54,14 @@ def _levels(rng: np.random.Generator, n: int) -> Reals:
 
 def nothing(rng: np.random.Generator, sky: Sky) -> list[Rays]:
     """No reflection."""
-    return [(np.empty(0), np.empty(0), np.empty(0))] * SATELLITES
+    return [(np.empty(0), np.empty(0), np.empty(0))] * sky.azimuth.size
 
 
 def ground(rng: np.random.Generator, sky: Sky) -> list[Rays]:
     """Below an antenna 1 to 60 m up."""
     longer_m = 2.0 * rng.uniform(1.0, 60.0) * np.sin(sky.elevation)
-    level_db = _levels(rng, SATELLITES)
-    return [(longer_m[k : k + 1] / CHIP_M, level_db[k : k + 1], np.zeros(1)) for k in range(SATELLITES)]
+    level_db = _levels(rng, sky.azimuth.size)
+    return [(longer_m[k : k + 1] / CHIP_M, level_db[k : k + 1], np.zeros(1)) for k in range(sky.azimuth.size)]
 
 
 def wall(rng: np.random.Generator, sky: Sky, *, speed_m_s: float = 0.0) -> list[Rays]:
@@ -69,10 +69,10 @@ def wall(rng: np.random.Generator, sky: Sky, *, speed_m_s: float = 0.0) -> list[
     away_m, faces = rng.uniform(3.0, 100.0), rng.uniform(0.0, 2.0 * np.pi)
     along = np.cos(sky.elevation) * np.cos(sky.azimuth - faces)
     hz = -2.0 * speed_m_s * np.cos(rng.uniform(0.0, 2.0 * np.pi)) * along * L1_HZ / SPEED_OF_LIGHT_M_S
-    level_db = _levels(rng, SATELLITES)
+    level_db = _levels(rng, sky.azimuth.size)
     return [
         (2.0 * away_m * along[[k]] / CHIP_M, level_db[[k]], hz[[k]]) if along[k] > 0.0 else (np.empty(0),) * 3
-        for k in range(SATELLITES)
+        for k in range(sky.azimuth.size)
     ]
 
 
@@ -82,7 +82,8 @@ def vehicle(rng: np.random.Generator, sky: Sky) -> list[Rays]:
     below = [(np.array([4.0 * np.sin(e)]) / CHIP_M, _levels(rng, 1), np.zeros(1)) for e in sky.elevation]
     sides = [wall(rng, sky, speed_m_s=speed_m_s) for _ in range(3)]
     return [
-        tuple(np.concatenate([one[k][part] for one in (below, *sides)]) for part in range(3)) for k in range(SATELLITES)
+        tuple(np.concatenate([one[k][part] for one in (below, *sides)]) for part in range(3))
+        for k in range(sky.azimuth.size)
     ]
 
 

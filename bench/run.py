@@ -11,6 +11,7 @@ import accuracy
 import acquisition
 import arrays
 import clean_grids
+import clean_skies
 import deciding
 import drawn
 import house
@@ -58,6 +59,7 @@ BENCHES = {
     "pairs": pairs,
     "joint": joint,
     "clean-grids": clean_grids,
+    "clean-skies": clean_skies,
     "vector": vector,
     "vector-limits": vector_limits,
     "vector-drawn": vector_drawn,
