@@ -1,4 +1,4 @@
-"""The paper's two scenes through samples and the whole of `protect`: what is held while overlapping signals pull."""
+"""Ready-made scenes through the whole of `protect`: what is held while overlapping signals pull."""
 
 import importlib
 import sys
@@ -18,8 +18,29 @@ def held():
         sys.path.pop(0)
 
 
+def through_samples(held, name, folder):
+    return held.row_of(held.scene_named(name, short=True), name, folder, "navigation", samples=True)
+
+
+def behind_drawn_correlators(held, name, folder):
+    return held.row_of(held.scene_named(name), name, folder, "navigation", samples=False)
+
+
+@pytest.mark.parametrize("name", ["texbat-like-4", "texbat-like-5", "texbat-like-6"])
+def test_whole_likenesses_behind_drawn_correlators_are_named_and_nothing_false_is_trusted(held, name, tmp_path):
+    """The sixth pushes the position of a car of which the oscillator alone is known: its false clock is the true one."""
+    row = behind_drawn_correlators(held, name, tmp_path)
+    print(row)
+    assert row["verdict"] == "spoofed"
+    assert row["alarms_before"] == 0
+    assert row["after_pull_s"] < 20.0
+    assert row["trusted"] > 100
+    assert row["trusted_worst_m"] < 10.0
+    assert row["ordinary_clock_m"] > 50.0
+
+
 def test_a_roof_in_austin_that_is_drawn_off_keeps_its_place(held, tmp_path):
-    row = held.judged("static-austin", tmp_path)
+    row = through_samples(held, "static-austin", tmp_path)
     print(row)
     assert row["verdict"] == "spoofed"
     assert row["alarms_before"] == 0
@@ -31,7 +52,7 @@ def test_a_roof_in_austin_that_is_drawn_off_keeps_its_place(held, tmp_path):
 
 def test_an_approach_at_a_rate_too_low_to_part_its_signals_is_not_called_authentic(held, tmp_path):
     """5 Msps part signals from 0.2 chip on: too few satellites show two for a word, and nothing false is trusted."""
-    row = held.judged("las-vegas", tmp_path)
+    row = through_samples(held, "las-vegas", tmp_path)
     print(row)
     assert row["verdict"] in ("undecided", "spoofed")
     assert row["alarms_before"] == 0
