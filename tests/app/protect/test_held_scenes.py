@@ -28,7 +28,7 @@ def behind_drawn_correlators(held, name, folder):
 
 @pytest.mark.parametrize("name", ["texbat-like-4", "texbat-like-5", "texbat-like-6"])
 def test_whole_likenesses_behind_drawn_correlators_are_named_and_nothing_false_is_trusted(held, name, tmp_path):
-    """The sixth pushes the position of a car of which the oscillator alone is known: its false clock is the true one."""
+    """The sixth pushes the position of a car of which only the oscillator is known: the false clock is the true one."""
     row = behind_drawn_correlators(held, name, tmp_path)
     print(row)
     assert row["verdict"] == "spoofed"
