@@ -135,14 +135,16 @@ def _without_the_needless(state: ReceiverState) -> ReceiverState:
 
 
 def _wanted(arcs: Sequence[int], state: ReceiverState, settings: ReceiverSettings, last: m.Measurements) -> Booleans:
-    """Which arcs are to be looked at: each every few seconds, one after the other, and those that moved in their last
-    row as a second signal would move them.
+    """Which arcs are to be looked at: each every few seconds, one after the other, those that moved in their last row
+    as a second signal would move them, and those without one: a loop between two signals of some tens of hertz has
+    neither.
     """
     rows = round(settings.joint_look_s / settings.frame_s / MEASURE_FRAMES)
     due = np.array([(state.frame // MEASURE_FRAMES + arc) % rows == 0 for arc in arcs])
     mean_dbhz = {c.arc: loop[k.CN0_DBHZ] for c, loop in zip(state.channels, state.loops, strict=True)}
     for place, arc in enumerate(arcs):
         row = np.flatnonzero(last.arc == arc)
+        due[place] |= not row.size
         if row.size:
             due[place] |= _moves(last.table[row[-1]], mean_dbhz[arc], MEASURE_FRAMES * settings.frame_s)
     return due

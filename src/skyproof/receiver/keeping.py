@@ -237,7 +237,8 @@ def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, g
     """Let go of channels that never locked, lost lock, or fell on the signal of another channel.
 
     A confirmed channel whose signal has faded is kept for `coast_s`, and for as long as a lock takes to be judged after
-    that; a guided one for `guided_s`.
+    that; a guided one for `guided_s`; one that a joint channel leads, or has yet to look into, until that one says what
+    there is.
 
     delays_s : (n_channels,) of a code period's start after the frame's end.
     """
@@ -250,6 +251,7 @@ def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, g
     judged = ~np.isnan(state.lock[:, :, 0]).any(axis=1)
     away_s = end_s - state.locked_at[:, 0]
     lasts = ~judged & (away_s < settings.coast_s) | is_guided(state.guides, end_s) & (away_s < settings.guided_s)
+    lasts |= _looked_into(state)
     stay: list[int] = []
     for i, channel in enumerate(state.channels):
         is_young = end_s - channel.began_s < settings.confirm_s - 1e-9
@@ -259,6 +261,13 @@ def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, g
             given.arcs[channel.arc] = arc_of(channel, settings.signal)
             lost = (*lost, lost_of(channel, place_of(state.locked_at[i])))
     return replace(kept(state, stay), lost=lost)
+
+
+def _looked_into(state: ReceiverState) -> Booleans:
+    """Channels (n_channels,) of joint channels that lead them, will from this frame's end on, or have no row yet."""
+    joint = [one for one in state.joint if one.leads or not one.rows or (one.row is not None and one.row.came)]
+    arcs = {arc for one in joint for arc in one.arcs.values()}
+    return np.array([channel.arc in arcs for channel in state.channels], np.bool_)
 
 
 def _doubles(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings) -> set[int]:
