@@ -14,6 +14,7 @@ import clean_grids
 import clean_skies
 import deciding
 import drawn
+import grids
 import house
 import joint
 import kernel
@@ -58,6 +59,7 @@ BENCHES = {
     "position": position,
     "pairs": pairs,
     "joint": joint,
+    "grids": grids,
     "clean-grids": clean_grids,
     "clean-skies": clean_skies,
     "vector": vector,

@@ -1,0 +1,89 @@
+"""Correlation grids and their decomposition: processor time for each satellite, and for each second of a recording.
+
+Eight satellites in noise, one core. Grids are those that `dccaf` asks for, of one burst; how often bursts are taken
+depends on what is at stake. Beside them stand the loops of the same channels.
+"""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from time import process_time
+
+import numpy as np
+from timing import Spread, line, take_turns
+from waves import Cell, add, noise, pair_of
+
+from skyproof.detectors.dccaf.bursts import components, joint_p_value, shapes
+from skyproof.detectors.dccaf.detector import GRIDS, DccafSettings
+from skyproof.gnss.signals import GPS_SATS, prn_of
+from skyproof.receiver.acquisition import Peak
+from skyproof.receiver.grids import GridCorrelator, Grids
+from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
+
+RATES_HZ = (2.6037e6, 5.0037e6, 25.0037e6)
+SATS = GPS_SATS[:8]
+FOLLOWED_S = 0.5
+RUNS = 5
+
+
+def report() -> Iterator[str]:
+    """Rows of the table."""
+    yield (
+        f"correlation grids of {len(SATS)} satellites, {GRIDS.intervals} intervals of {1e3 * GRIDS.coherent_s:g} ms a "
+        f"burst, one core, processor time a satellite; a second of recording has 1/{GRIDS.every_s:g} bursts, "
+        f"1/{GRIDS.soon_s:g} while much is at stake"
+    )
+    for rate_hz in RATES_HZ:
+        yield from _rows(rate_hz, np.random.default_rng(1))
+
+
+def _rows(rate_hz: float, rng: np.random.Generator) -> Iterator[str]:
+    settings = ReceiverSettings(sats=SATS, full_search_s=1e6, near_search_s=1e6)
+    receiver, state = Receiver(rate_hz, 0.0, settings), ReceiverState(frame=1, tail=np.zeros((1, 2, 0), np.float32))
+    planes, cell = noise(rng, round(FOLLOWED_S * rate_hz)), Cell(apart_chips=0.5, relative_db=0.0, apart_hz=0.0)
+    for sat in SATS:
+        wave = replace(pair_of(rng, cell, 0.0, 0.0, FOLLOWED_S + 0.1)[0], sat=sat)
+        add(wave, 0, planes, rate_hz)
+        peak = Peak(
+            sat=sat, delay_s=wave.delay_s, doppler_hz=wave.doppler_hz, cn0_dbhz=wave.cn0_dbhz, power=100.0, p_value=0.0
+        )
+        state = receiver.started(state, peak)
+    n = planes.shape[1] // 2
+    _, state = receiver.step(state, planes[:, :n])
+    since = process_time()
+    _, state = receiver.step(state, planes[:, n:])
+    loops_ms = 1e3 * (process_time() - since) / (len(SATS) * 0.5 * FOLLOWED_S)
+
+    correlator = GridCorrelator(GRIDS, rate_hz, 0.0, settings.signal, settings.code_phases)
+    begin_s, bits = (state.frame - 1) * settings.frame_s, np.zeros(len(SATS))
+    arcs = np.array([channel.arc for channel in state.channels])
+
+    with ThreadPoolExecutor(1) as threads:
+
+        def take() -> Grids:
+            frame = state.rows, state.counts
+            return correlator.take(planes, 0, frame, bits, SATS, arcs, begin_s, threads, 1)
+
+        grids = take()
+        assert len(grids) == len(SATS) * GRIDS.intervals
+        values = grids.value.reshape(len(SATS), GRIDS.intervals, *grids.value.shape[1:])[:, :, 0].astype(np.complex128)
+        variance = grids.noise_variance.reshape(len(SATS), GRIDS.intervals)
+
+        def apart() -> None:
+            for row, sat in enumerate(SATS):
+                taps = tuple(correlator.delays_chips.tolist())
+                own = shapes(prn_of(sat), taps, correlator.band_hz, DccafSettings().window_chips)
+                found = components(values[row][None], own, variance[row][None], correlator.band_hz)
+                joint_p_value(found.second, GRIDS.intervals, own.path, correlator.noise_samples)
+
+        taken, decomposed = (one * (1e3 / len(SATS)) for one in take_turns(take, apart, runs=RUNS, clock=process_time))
+    whole = taken.median + decomposed.median
+    yield f"  {1e-6 * rate_hz:.1f} Msps, {correlator.delays_chips.size} delays"
+    yield line("  grids of a burst", taken, "ms")
+    yield line("  decomposition of a burst", decomposed, "ms")
+    yield line(
+        "  both, a second of recording",
+        Spread(whole / GRIDS.every_s, whole / GRIDS.every_s, whole / GRIDS.soon_s),
+        "ms",
+        f"the loops of a channel: {loops_ms:.1f} ms",
+    )
