@@ -8,6 +8,9 @@ two explanations, signal by signal:
 - a false signal: one of a second consistent set, which unrelated echoes make by chance with a known probability
   (`second_signals.second_sky`), or one of several satellites' that echoes make so rarely that they are not.
 
+Echoes are other ones in another receiver, where no reflector serves both: signals of receivers a kilometre apart are
+also held against echoes together.
+
 Two rates are kept: that of an alarm where there are echoes only (`alarm`), over all satellites of a receiver; and, in a
 window with an alarm, the share of echoes among the signals named one by one (`mistaken`; Y. Benjamini, Y. Hochberg,
 JRSS B 57, 1995: with n satellites, k of them at p or below, that share is at most n p / k in the mean).
@@ -24,6 +27,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
+from skyproof.detectors.multi_receiver.common_epochs import Kind
 from skyproof.detectors.multi_receiver.pairing import Pairing
 from skyproof.detectors.second_signals.detector import LEAST, MOST, elevation_rad
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
@@ -41,7 +45,12 @@ ECHOES: Final = EchoModel(early_share=1e-3)
 """A true signal fits the others of its receiver and, with the baseline, those of another one: an echo in its place does
 so by chance in 3 % of cases each, where delays spread over 300 m."""
 _CREDIBLE_DBHZ: Final = 30.0
+_NO_REFLECTOR_M: Final = 1000.0
+"""Between antennas, from which on echoes are taken as independent: those of the model, but for one in a hundred from
+afar, are late by less."""
 _BLOCKED_DB: Final = 20.0  # a satellite without a true signal: its own may be blocked by anything
+
+_Place = tuple[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,18 +100,20 @@ def further_signals(
     sets : of each receiver, those that are no late copies of another one.
     """
     true = {(s.receiver, kind): s for sky in reversed(skies) for s in sky.sets for kind in sky.kinds}
-    each = replace(rates, alarm=rates.alarm / (2.0 * max(len(true), 1)))
+    each = replace(rates, alarm=rates.alarm / (3.0 * max(len(true), 1)))  # a second sky, echoes, echoes together
     observed = {o.receiver: o for o in records.observations}
     found: list[Named] = []
     for (receiver, _), chosen in true.items():
         known = named.union(*(one.subject for one in found))
         found += _second_skies(observed[receiver], chosen, sets.get(receiver, ()), known, each)
     known = named.union(*(one.subject for one in found))
-    tested = []
+    own = {}
     for (receiver, kind), chosen in true.items():
         beside = _beside(records, observed[receiver], chosen, kind, each)
-        sats = {signal.sat for signal in chosen.signals if signal.kind == kind}
-        tested.append(_Tested([b for b in beside if b.ref not in known], sats, each))
+        places = {(receiver, signal.sat) for signal in chosen.signals if signal.kind == kind}
+        own[receiver, kind] = [b for b in beside if b.ref not in known], places
+    together = [_merged([own[name, kind] for name in sky.receivers]) for sky in skies for kind in _far_apart(sky)]
+    tested = [_Tested(beside, places, each) for beside, places in [*own.values(), *together]]
     attacked = bool(known) or any(one.p_value < each.alarm for one in tested)
     alone = {b.ref: (b, one.p_value) for one in tested for b in one.told if attacked}
     return [*found, *_by_antenna(alone, skies, each)]
@@ -176,18 +187,35 @@ def _beside(
     return found
 
 
-class _Tested:
-    """A receiver's signals of a kind held against echoes. p_value : of all of them. told : those that stand out."""
+def _far_apart(sky: Pairing) -> list[Kind]:
+    """The kind of a true sky whose antennas all stand so far apart that they share no reflector."""
+    if not sky.baselines or len(sky.kinds) != 1:
+        return []
+    places_m = np.vstack([np.zeros(3), sky.baselines[0].enu_m])
+    apart_m = np.linalg.norm(places_m[:, None] - places_m, axis=-1)[np.triu_indices(len(places_m), 1)]
+    return list(sky.kinds) if apart_m.min() >= _NO_REFLECTOR_M else []
 
-    def __init__(self, beside: Sequence[_Beside], sats: set[str], rates: Rates) -> None:
+
+def _merged(own: Sequence[tuple[list[_Beside], set[_Place]]]) -> tuple[list[_Beside], set[_Place]]:
+    """Several receivers' signals as one."""
+    return [b for beside, _ in own for b in beside], set[_Place]().union(*(places for _, places in own))
+
+
+class _Tested:
+    """Signals of a kind held against echoes. p_value : of all of them. told : those that stand out.
+
+    places : the satellites that are received, in which receiver.
+    """
+
+    def __init__(self, beside: Sequence[_Beside], places: set[_Place], rates: Rates) -> None:
         model = rates.echoes
-        own: dict[str, list[tuple[float, _Beside]]] = {}
+        own: dict[_Place, list[tuple[float, _Beside]]] = {}
         for b in beside:
             ratio = false_over_echo(model, b.second)
             p_value = echo_p_value(model, ratio, b.second.below_db, b.second.elevation_rad)
-            own.setdefault(b.ref.signal.sat, []).append((p_value, b))
+            own.setdefault((b.ref.receiver, b.ref.signal.sat), []).append((p_value, b))
         least = sorted(min(p for p, _ in signals) for signals in own.values())
-        n = len(sats | set(own))
+        n = len(places | set(own))
         self.p_value = many_small([*least, *[1.0] * (n - len(least))], least=LEAST, most=MOST).p_value
         limit = max((p for k, p in enumerate(least, 1) if n * p <= rates.mistaken * k), default=0.0)
         self.told = [b for signals in own.values() for p, b in signals if p <= limit]
