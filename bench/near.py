@@ -3,12 +3,16 @@ most that any test could decide that is given the errors.
 
     python bench/near.py                 5 m apart, the stated rate of 0.1 %
     python bench/near.py --distance-m 10 --probability 1e-7 --runs 50
+    python bench/near.py --distance-m 1 --known "places to 1 cm, and carriers"
+
+The bound is that of code.
 """
 
 import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from time import process_time
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -65,12 +69,19 @@ def most(scene: MeasuredScene, enu_m: Reals, seconds: int, rate: float) -> float
     return float(stats.norm.sf(stats.norm.isf(rate) - shift_m / np.sqrt(1.0 / information + errors.constant_m**2)))
 
 
-def row(scene: MeasuredScene, settings: MultiReceiverSettings, runs: int, right: set[str]) -> str:
+def by_code_alone(records: Records) -> Records:
+    """The same without carriers."""
+    observations = (replace(o, carrier_cyc=np.full_like(o.carrier_cyc, np.nan)) for o in records.observations)
+    return replace(records, observations=tuple(observations))
+
+
+def row(scene: MeasuredScene, settings: MultiReceiverSettings, runs: int, right: set[str], *, carriers: bool) -> str:
     """Share of the windows up to each time that are decided by then as they should be, and of all that are not."""
     rng, detector = np.random.default_rng(1), MultiReceiver(settings)
     decided, wrong, begin = np.zeros(len(AFTER_S)), 0, process_time()
     for _ in range(runs):
-        said = said_of(detector, scene.records(rng))
+        records = scene.records(rng)
+        said = said_of(detector, records if carriers else by_code_alone(records))
         for k, after_s in enumerate(AFTER_S):
             count = after_s // WINDOW_S
             decided[k] += len({which for when, which, says in said if when <= count and says in right}) / count / runs
@@ -85,9 +96,14 @@ def main() -> None:
     parser.add_argument("--distance-m", type=float, default=5.0)
     parser.add_argument("--probability", type=float, default=1e-3)
     parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--known", nargs="*", help="of the rows by what is known: all")
     args = parser.parse_args()
     places = {"rx1": (0.0, 0.0, 0.0), "rx2": (0.8 * args.distance_m, 0.6 * args.distance_m, 0.0)}
-    known = {"distance": {"antenna_distance_m": args.distance_m}, "places": {"antennas_enu_m": places}}
+    known: dict[str, dict[str, Any]] = {
+        "distance": {"antenna_distance_m": args.distance_m},
+        "places": {"antennas_enu_m": places},
+        "places to 1 cm, and carriers": {"antennas_enu_m": places, "antennas_sigma_m": 0.01},
+    }
     times = " ".join(f"{s:3d} s" for s in AFTER_S)
     print(f"sky | errors | known | decided after {times} | wrong | ms a window | the most")
     for errors in ERRORS:
@@ -95,10 +111,14 @@ def main() -> None:
         clean, captured = MeasuredScene(**options), MeasuredScene(**options, sky=(), false=(FalseSky(),))
         bound = " ".join(f"{most(clean, np.array(places['rx2']), s, args.probability):.2f}" for s in AFTER_S)
         words = f"{errors.sigma_m:g} m, AR(1) {errors.correlation:g}, {errors.constant_m:g} m constant"
-        for name, stated in known.items():
-            settings = MultiReceiverSettings(false_alarm_probability=args.probability, **stated)
+        for name in args.known or known:
+            settings = MultiReceiverSettings(false_alarm_probability=args.probability, **known[name])
+            carriers = "carriers" in name
             for sky, scene, right in (("true", clean, {"authentic"}), ("false", captured, DOUBTS)):
-                print(f"{sky} | {words} | {name} | {row(scene, settings, args.runs, right)} | {bound}", flush=True)
+                print(
+                    f"{sky} | {words} | {name} | {row(scene, settings, args.runs, right, carriers=carriers)} | {bound}",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ import grids
 import house
 import joint
 import kernel
+import many_receivers
 import memory
 import metadata
 import methods
@@ -60,6 +61,7 @@ BENCHES = {
     "pairs": pairs,
     "joint": joint,
     "grids": grids,
+    "many-receivers": many_receivers,
     "clean-grids": clean_grids,
     "clean-skies": clean_skies,
     "vector": vector,

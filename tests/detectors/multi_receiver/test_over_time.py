@@ -89,7 +89,7 @@ def test_what_is_remembered_is_bounded():
     detector, state, lengths = MultiReceiver(MultiReceiverSettings(**GIVEN["places"])), None, []
     for window in windows(records):
         _, state = detector.examine(window, state)
-        lengths.append(len(state[0].parts))
+        lengths.append(len(state.runs[0].parts))
     assert lengths == [*range(1, LONGEST + 1), *[LONGEST] * 3]
 
 
@@ -98,7 +98,7 @@ def test_a_window_that_is_missing_begins_anew():
     detector = MultiReceiver(MultiReceiverSettings(**GIVEN["places"]))
     _, state = detector.examine(first)
     _, state = detector.examine(third, state)
-    assert len(state[0].parts) == 1
+    assert len(state.runs[0].parts) == 1
 
 
 @pytest.mark.parametrize("given", GIVEN)

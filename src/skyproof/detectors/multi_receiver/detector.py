@@ -16,6 +16,9 @@ false. Several sets in each: the pairing with the least contrast is the false on
 it cannot be the false one itself (`one_antenna.ratio_test`, which needs no noise model), and the sets left over are
 authentic if both this test and the one for "one antenna" say so. What is decided is decided for whole groups.
 
+The distance of the antennas in windows in which both skies were received holds after them, where none is given: when
+the true sky is drowned, one antenna does not show it (`learnt`).
+
 What a window leaves open because its noise hides a baseline, windows in a row decide together (`runs`), where it is
 known how the antennas stand; what they decide is said of each window as its own evidence.
 
@@ -29,13 +32,14 @@ is white.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from skyproof.detectors.base import missing, signals_of
 from skyproof.detectors.multi_receiver.further_signals import Rates, further_signals
 from skyproof.detectors.multi_receiver.known_geometry import LearntBaseline, agreement
+from skyproof.detectors.multi_receiver.learnt import LearntDistances
 from skyproof.detectors.multi_receiver.one_set import one_set_each
 from skyproof.detectors.multi_receiver.over_time import over_time
 from skyproof.detectors.multi_receiver.runs import WindowRun
@@ -50,8 +54,16 @@ MAJORITY = 0.5
 """Of the windows in which both skies are received: where fewer agree on the baseline, the antennas move."""
 
 
+class _Memory(NamedTuple):
+    """What goes from window to window."""
+
+    runs: tuple[WindowRun, ...]
+    learnt: LearntDistances
+
+
 class MultiReceiver:
-    """The detector: see the module's text. It remembers two minutes of what its pairings measured."""
+    """The detector: see the module's text. It remembers two minutes of what its pairings measured, and how far
+    apart they put the antennas."""
 
     name = "multi_receiver"
     needs = (Need.TWO_RECEIVERS, Need.SETS)
@@ -61,15 +73,19 @@ class MultiReceiver:
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
         """Evidence of this window, and of those before it that it helps to decide; never raises for what data lack."""
+        memory: _Memory = state or _Memory((), LearntDistances())
         lacking = missing(self, records)
         if lacking:
-            return lacking, None
-        window = Window(self, self.settings, records)
-        runs: tuple[WindowRun, ...] = state or ()
+            return lacking, memory
+        window = Window(self, self.settings, records, memory.learnt)
         said = _of_groups(window)
-        late, runs = over_time(window, runs, said)
+        learnt = memory.learnt
+        for e in said:
+            if self._is_own(e) and e.says == "authentic" and ONE_FALSE_SKY in e.assumes:
+                learnt = learnt.and_of(e.baselines[0])
+        late, runs = over_time(window, memory.runs, said)
         said += late
-        return [*said, *(_of_further_signals(window, said) if window.skies else ())], runs
+        return [*said, *(_of_further_signals(window, said) if window.skies else ())], _Memory(runs, learnt)
 
     def review(self, evidence: Sequence[Evidence]) -> Iterator[Evidence]:
         """All windows' evidence once more, now that all of it is known; a sequence may read it from where it is kept.

@@ -27,6 +27,7 @@ __all__ = [
     "AntennaGeometry",
     "AntennaPlaces",
     "LearntBaseline",
+    "LearntDistance",
     "Misfit",
     "Reach",
     "agreement",
@@ -128,6 +129,19 @@ class AntennaDistance:
     def reach(self, receivers: Sequence[str]) -> Reach:
         spread_m = _REACH * self.sigma_m
         return Reach(np.zeros(3), max(self.distance_m - spread_m, 0.0), self.distance_m + spread_m)
+
+
+@dataclass(frozen=True)
+class LearntDistance(AntennaDistance):
+    """The distance that windows showed in which both skies were received: whatever way the antennas turn together."""
+
+    @property
+    def assumes(self) -> tuple[str, ...]:
+        return ("the antennas keep the distance that they had while both skies were received", *super().assumes)
+
+    @property
+    def words(self) -> str:
+        return f"the distance of {self.distance_m:.1f} m that they had while both skies were received"
 
 
 @dataclass(frozen=True, eq=False)

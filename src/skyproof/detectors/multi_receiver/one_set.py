@@ -13,7 +13,7 @@ __all__ = ["one_set_each"]
 def one_set_each(window: Window, pairing: Pairing) -> list[Evidence]:
     """What is said of the one set that each receiver has."""
     alpha, p_one = window.settings.false_alarm_probability, window.p_one(pairing)
-    geometry = window.settings.geometry(pairing.receivers)
+    geometry = window.geometry(pairing)
     if (p_each := window.p_each(pairing)) < alpha:
         if geometry is None:
             return [_open(window, pairing, p_each)]

@@ -34,7 +34,7 @@ def _followed(
     window: Window, pairing: Pairing, runs: Sequence[WindowRun], said: Sequence[Evidence]
 ) -> "_Followed | None":
     """A window's pairing with its run; None where nothing can come of one."""
-    geometry = window.settings.geometry(pairing.receivers)
+    geometry = window.geometry(pairing)
     refs = set(pairing.subject)
     doubts = ("spoofed", "attack") if window.one_choice else ("spoofed",)  # of several skies one is false anyway
     doubted = any(refs & set(e.subject) for e in said if e.says in doubts or e.failed)

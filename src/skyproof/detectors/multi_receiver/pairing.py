@@ -134,10 +134,10 @@ class Pairing:
 
     @cached_property
     def unit_enu(self) -> Reals | None:
-        """(K, 3) directions at the first set's position in the window's middle; None without all orbits."""
+        """(K, 3) directions at the first set's position in the middle of the time; None without all orbits."""
         if self.navigation is None:
             return None
-        place, when = self.sets[0].position_ecef_m, self.sets[0].gpst
+        place, when = self.sets[0].position_ecef_m, self._instant(0.5)
         orbits = [self.navigation.best(sat, when) for sat in self.ranges.sats]
         sent = when - np.timedelta64(round(_TRAVEL_S * 1e9), "ns")
         sat_ecef_m = [satellite_state(orbit, sent).position_ecef_m for orbit in orbits if orbit is not None]

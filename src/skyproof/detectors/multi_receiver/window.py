@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from skyproof.detectors.base import Detector, undecided
 from skyproof.detectors.multi_receiver.carriers import CarrierTest
 from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, agreement
+from skyproof.detectors.multi_receiver.learnt import LearntDistances
 from skyproof.detectors.multi_receiver.one_antenna import RatioTest
 from skyproof.detectors.multi_receiver.pairing import Pairing, groups_in, pair_up, sky_by_carriers
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
@@ -21,8 +22,10 @@ ONE_TRANSMITTER = "no two transmitters act in concert"
 class Window:
     """One window's pairings. skies : those that were called authentic; groups : numbers of what is decided together."""
 
-    def __init__(self, detector: Detector, settings: MultiReceiverSettings, records: Records) -> None:
-        self.detector, self.settings, self.records = detector, settings, records
+    def __init__(
+        self, detector: Detector, settings: MultiReceiverSettings, records: Records, learnt: LearntDistances
+    ) -> None:
+        self.detector, self.settings, self.records, self.learnt = detector, settings, records, learnt
         self.sets = _sets_to_decide(records)
         choices = list(itertools.product(*self.sets.values())) if len(self.sets) >= 2 else []
         self.one_choice = len(choices) <= 1
@@ -35,6 +38,11 @@ class Window:
         self.groups = itertools.count(1)
         self.skies: list[Pairing] = []
         self._of_sky: dict[tuple[int, ...], CarrierTest | None] = {}
+
+    def geometry(self, pairing: Pairing) -> AntennaGeometry | None:
+        """What is given of where antennas stand; of one set in each receiver also what earlier windows showed."""
+        given = self.settings.geometry(pairing.receivers)
+        return self.learnt.of(pairing.receivers) if given is None and self.one_choice else given
 
     def enough(self, pairing: Pairing) -> bool:
         """Whether it has as many satellites and epochs in common as are asked for."""

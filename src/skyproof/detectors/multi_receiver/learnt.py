@@ -1,0 +1,48 @@
+"""How far apart the antennas stood while both skies were received, for windows after that.
+
+An attack that begins beside the true sky and then drowns it leaves one set of signals in each receiver, which one
+antenna sends. Windows of the beginning, in which the true sky was told from the false one, showed how far apart the
+antennas stand. On a body that turns this distance is all that lasts.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from skyproof.detectors.multi_receiver.known_geometry import LearntDistance
+from skyproof.records import Baseline
+
+__all__ = ["LearntDistances"]
+
+_LEAST: Final = 3
+_MOST: Final = 12
+"""Windows."""
+_APART: Final = 3.0
+"""Sigmas by which one of them may be off the middle: antennas that move apart have no distance."""
+
+
+@dataclass(frozen=True, eq=False)
+class LearntDistances:
+    """Of pairs of receivers. baselines : of the last windows in which both skies were received."""
+
+    baselines: Mapping[tuple[str, ...], tuple[Baseline, ...]] = field(default_factory=dict)
+
+    def and_of(self, baseline: Baseline) -> "LearntDistances":
+        """With one window more."""
+        if len(baseline.receivers) != 2:
+            return self
+        kept = (*self.baselines.get(baseline.receivers, ()), baseline)[-_MOST:]
+        return LearntDistances({**self.baselines, baseline.receivers: kept})
+
+    def of(self, receivers: tuple[str, ...]) -> LearntDistance | None:
+        """Their distance, with the sigma of one window, as errors that last do not average out; None if few windows
+        showed it, or not the same one."""
+        shown = np.array([b.distances_m[0] for b in self.baselines.get(receivers, ())]).reshape(-1, 2)
+        if len(shown) < _LEAST:
+            return None
+        middle_m, sigma_m = float(np.median(shown[:, 0])), float(np.max(shown[:, 1]))
+        if np.any(np.abs(shown[:, 0] - middle_m) > _APART * sigma_m):
+            return None
+        return LearntDistance(middle_m, sigma_m)
