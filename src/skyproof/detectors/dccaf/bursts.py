@@ -98,7 +98,7 @@ def own_correlation(prn: int, lag_chips: ArrayLike, band_hz: float) -> Reals:
     return _read(_period(prn, band_hz)[0], np.asarray(lag_chips, np.float64))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=2)  # 8 MB each, and `shapes` of a satellite are made once
 def _period(prn: int, band_hz: float) -> tuple[Reals, Reals]:
     """The whole of it and its derivative a chip, `_POINTS` a chip."""
     code = ca_code(prn).astype(np.float64)
