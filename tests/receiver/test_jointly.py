@@ -89,6 +89,12 @@ def test_a_signal_that_is_overpowered_at_once_keeps_its_letter_and_its_arc(cell,
         assert np.abs(code[t_s > 2.9]).max() < 4.5
 
 
+def test_the_side_lobes_of_a_signal_chips_away_are_no_signals():
+    cell = waves.Cell(apart_chips=8.0, relative_db=6.0, apart_hz=50.0)
+    _, arcs, _, _ = received(cell, 2.0, 9.0, 3.4, replace(JOINT, joint_look_s=0.4))
+    assert sorted(arc.signal.copy for arc in arcs.values()) == ["a", "b"]
+
+
 def test_signals_that_part_go_on_with_loops_of_their_own_without_a_seam(monkeypatch):
     cell = waves.Cell(apart_chips=1.2, relative_db=0.0, apart_hz=45.0)
 

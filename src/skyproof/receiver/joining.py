@@ -43,7 +43,8 @@ TOGETHER_CHIPS = 1.4
 PARTED_CHIPS = 1.6
 """Further apart they are of loops of their own again."""
 OTHER_CODE = 65.0 / 1023.0
-"""Of another satellite's amplitude, what a correlator has of it at most (IS-GPS-200, side lobes of Gold codes)."""
+"""Of the amplitude of another satellite's signal, or of one of the same code that is farther away, what a correlator
+has of it at most (IS-GPS-200, side lobes of Gold codes)."""
 HZ_SIGMA = 2.0
 CHIPS_SIGMA = 0.05
 
@@ -271,18 +272,21 @@ class JointReceiver:
         return apart_chips(shown_chips(loop, replica.start, self.rate_hz), replica.chip, self.signal)
 
     def step(
-        self, followed: Sequence[JointlyFollowed], planes: Floats, first: int, strengths: Mapping[str, float]
+        self,
+        followed: Sequence[JointlyFollowed],
+        planes: Floats,
+        first: int,
+        strengths: Mapping[int, tuple[str, float]],
     ) -> tuple[list[Components], list[JointlyFollowed]]:
         """All joint channels over the samples (2, n), of which the first has absolute index `first`.
 
-        strengths : C/N0 as a ratio, Hz, of the strongest signal of each satellite.
+        strengths : satellite, and C/N0 as a ratio, Hz, of each loop's arc.
 
         Gives what the rows that were completed say, and the channels that are needed further.
         """
         found, now = [], []
         for one in followed:
-            others = sum(strength for sat, strength in strengths.items() if sat != one.sat)
-            least_dbhz = 10.0 * math.log10(max(OTHER_CODE**2 * others, 1e-9))
+            least_dbhz = 10.0 * math.log10(max(OTHER_CODE**2 * _beside(one, strengths), 1e-9))
             rows, state = self.tracker(one.sat).step(one.state, planes, first, least_dbhz)
             one = replace(one, state=state, row=None, seen=())
             for row, seen in rows:
@@ -291,6 +295,18 @@ class JointReceiver:
                 one = replace(one, row=row, rows=one.rows + 1, suspects=row.suspected, seen=tuple(seen))
             now.append(one)
         return found, now
+
+
+def _beside(one: JointlyFollowed, strengths: Mapping[int, tuple[str, float]]) -> float:
+    """C/N0 as a ratio, Hz, of all whose side lobes reach a joint channel: the strongest of each other satellite, and
+    signals of its own that lie farther away.
+    """
+    others: dict[str | int, float] = {}
+    for arc, (sat, strength) in strengths.items():
+        if arc not in one.arcs.values():
+            source = sat if sat != one.sat else arc
+            others[source] = max(others.get(source, 0.0), strength)
+    return sum(others.values())
 
 
 def is_needed(one: JointlyFollowed) -> bool:

@@ -76,9 +76,8 @@ def followed_jointly(joint: JointReceiver, state: ReceiverState, given: Given, e
     """Joint channels over the samples up to `end` (absolute), the end of a frame."""
     if not state.joint:
         return state
-    strengths: dict[str, float] = {}
-    for channel, strength in zip(state.channels, (10.0 ** (0.1 * state.loops[:, k.CN0_DBHZ])).tolist(), strict=True):
-        strengths[channel.sat] = max(strengths.get(channel.sat, 0.0), strength)
+    ratios = (10.0 ** (0.1 * state.loops[:, k.CN0_DBHZ])).tolist()
+    strengths = {channel.arc: (channel.sat, ratio) for channel, ratio in zip(state.channels, ratios, strict=True)}
     samples = state.tail[0, :, : end - state.tail_start]
     found, now = joint.step(state.joint, samples, state.tail_start, strengths)
     given.components += found
