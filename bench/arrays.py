@@ -1,6 +1,6 @@
 """Arrays of antennas under drawn attacks and clean skies, at measurement level: what is named, and what wrongly.
 
-    python bench/arrays.py --attacks 300 --clean 600     counts
+    python bench/arrays.py --attacks 300 --clean 600     counts; --first 300 goes on elsewhere
     python bench/arrays.py --only 17                     all that is said of one scene
 
 Each scene is one window of 10 s, judged by `ins_array`, `array_common` and `residual` and fused as `protect` does. A
@@ -43,6 +43,7 @@ class Drawn:
     """What was drawn. false : whether each signal is; place : number of the place that it comes from, -1 for the sky.
     directions : (places, 3) east, north, up."""
 
+    number: int
     records: Records
     false: np.ndarray[Any, np.dtype[np.bool_]]
     place: np.ndarray[Any, np.dtype[np.intp]]
@@ -107,7 +108,7 @@ def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0) -> Drawn:
         array_phases=(phases,),
         nav_state=state,
     )
-    return Drawn(records, false, place, directions, words)
+    return Drawn(number, records, false, place, directions, words)
 
 
 def _columns(o: Observations, kept: Any) -> Observations:
@@ -188,14 +189,14 @@ def counted(scenes: Iterator[Drawn]) -> tuple[Counter[str], list[float], list[st
     count: Counter[str] = Counter()
     off: list[float] = []
     wrong: list[str] = []
-    for number, scene in enumerate(scenes):
+    for scene in scenes:
         evidence, labels = judged(scene)
         signals = scene.records.observations[0].signals
         said = [(labels.get(s, "unknown"), bool(f)) for s, f in zip(signals, scene.false, strict=True)]
         count.update(f"{'false' if f else 'true'} {label}" for label, f in said)
         words = {("spoofed", False), ("authentic", True)} & set(said)
         if words:
-            wrong.append(f"{number}: {sorted(words)} {scene.words}")
+            wrong.append(f"{scene.number}: {sorted(words)} {scene.words}")
         count["scenes"] += 1
         count["attitude noted"] += any(e.noted for e in evidence)
         for e in evidence:
@@ -220,7 +221,7 @@ def report() -> Iterator[str]:
     yield from table(attacks=20, clean=20)
 
 
-def table(*, attacks: int, clean: int) -> Iterator[str]:
+def table(*, attacks: int, clean: int, first: int = 0) -> Iterator[str]:
     """Counts of drawn scenes."""
     kinds = (
         ("attacks", attacks, {"attack": True}),
@@ -228,7 +229,7 @@ def table(*, attacks: int, clean: int) -> Iterator[str]:
         ("clean, reflections of 0.02 cycle", clean, {"attack": False, "reflections_cyc": 0.02}),
     )
     for name, number, how in kinds:
-        count, off, wrong = counted(drawn(k, **how) for k in range(number))
+        count, off, wrong = counted(drawn(k, **how) for k in range(first, first + number))
         yield f"{name}: {dict(sorted(count.items()))}"
         if off:
             squares = np.array(off) ** 2
@@ -244,11 +245,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--attacks", type=int, default=300)
     parser.add_argument("--clean", type=int, default=600)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--only", type=int)
     parser.add_argument("--quiet-sky", action="store_true", help="of --only: the clean scene of that number")
     given = parser.parse_args()
     if given.only is None:
-        for row in table(attacks=given.attacks, clean=given.clean):
+        for row in table(attacks=given.attacks, clean=given.clean, first=given.first):
             print(row, flush=True)
         return
     scene = drawn(given.only, attack=not given.quiet_sky)

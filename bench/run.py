@@ -9,6 +9,7 @@ from time import perf_counter
 
 import accuracy
 import acquisition
+import array_snapshots
 import arrays
 import clean_grids
 import clean_skies
@@ -72,6 +73,7 @@ BENCHES = {
     "arrays": arrays,
     "snapshots": snapshots,
     "spatial": spatial,
+    "array-snapshots": array_snapshots,
     "real-code": real_code,
     "memory": memory,
     "house": house,

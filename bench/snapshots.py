@@ -2,6 +2,7 @@
 
     python bench/snapshots.py --clean 100 --attacks 60          counts; --first 200 goes on elsewhere
     python bench/snapshots.py --only 17 --antennas 24           all that is said of one
+    python bench/snapshots.py --kind alone --attacks 20         of another kind; see KINDS
 
 Each is 64 ms of one-bit real samples, made here from a drawn sky (place, time, attitude, line delays; array of half a
 wavelength's spacing and more) and judged as `protect` does, with orbits and without. The code of a satellite reaches
@@ -40,10 +41,24 @@ DURATION_S = 0.064
 STEP_S = 0.02
 
 
+KINDS = {
+    "": "as above",
+    "alone": "of an attack: the true signals are not received, and all satellites imitated",
+    "two": "of an attack: each signal from one of two transmitters",
+    "one": "of an attack: one satellite is imitated",
+    "frequency": "the intermediate frequency is stated 1.5 kHz off",
+    "gains": "antennas that receive all up to 15 dB weaker",
+    "tone": "a tone up to 25 dB stronger than the noise",
+}
+
+
 class DrawnSnapshot:
     """A snapshot by its number. false : (n_signals,). samples : of all antennas; array : where they are."""
 
-    def __init__(self, number: int, *, attack: bool, antennas: int | None = None, rate_hz: float = 4.092e6) -> None:
+    def __init__(
+        self, number: int, *, attack: bool, antennas: int | None = None, rate_hz: float = 4.092e6, kind: str = ""
+    ) -> None:
+        self.kind = kind
         rng = np.random.default_rng([number, attack, 64])
         count = antennas or int(rng.choice([4, 7, 12, 24]))
         self.power_db = float(rng.uniform(-3.0, 12.0))
@@ -63,7 +78,9 @@ class DrawnSnapshot:
         false = np.array([s.copy == "b" for s in o.signals])
         sats = sorted({s.sat for s in o.signals})
         copied = set(rng.choice(sats, rng.integers(1, len(sats) + 1), replace=False)) if attack else set()
-        kept = np.array([s.copy != "b" or s.sat in copied for s in o.signals])
+        if attack and kind:
+            copied = {"alone": set(sats), "one": {sats[0]}}.get(kind, copied)
+        kept = np.array([s.sat in copied if s.copy == "b" else kind != "alone" or not attack for s in o.signals])
         self.signals = [s for s, there in zip(o.signals, kept, strict=True) if there]
         self.false = false[kept]
         here = np.tile(ecef_from_geodetic(*np.radians((lat_deg, lon_deg)), 50.0), (1, 1))
@@ -77,13 +94,19 @@ class DrawnSnapshot:
         towards = (to_sats / np.linalg.norm(to_sats, axis=1, keepdims=True))[kept]
         source = direction_cosines(rng.uniform(0.0, 2.0 * np.pi), np.radians(rng.uniform(0.0, 40.0)))[[1, 0, 2]]
         towards[self.false] = source @ rot_enu_ecef(*np.radians((lat_deg, lon_deg)))
+        if kind == "two":
+            other = direction_cosines(rng.uniform(0.0, 2.0 * np.pi), np.radians(rng.uniform(0.0, 40.0)))[[1, 0, 2]]
+            towards[np.flatnonzero(self.false)[::2]] = other @ rot_enu_ecef(*np.radians((lat_deg, lon_deg)))
         true_m = elements_m + 0.002 * rng.standard_normal(elements_m.shape)
         phase_cyc = towards @ body @ true_m.T / WAVE_M + rng.random(count)  # and line delays
         self.phase_cyc = phase_cyc
         self.delay_m = o.pseudorange_m[0, kept]
         self.array = AntennaArray(elements_m=elements_m, sigma_m=0.003)
         planes = self._planes(rng, o, np.flatnonzero(kept), phase_cyc, rate_hz)
-        self.samples = _recording(planes, rate_hz, o.gpst[0] + np.timedelta64(round(rng.uniform(-30.0, 30.0)), "s"))
+        if_hz = rate_hz / 4.0 + (1500.0 if kind == "frequency" else 0.0)
+        self.samples = _recording(
+            planes, rate_hz, if_hz, o.gpst[0] + np.timedelta64(round(rng.uniform(-30.0, 30.0)), "s")
+        )
 
     def _planes(
         self, rng: np.random.Generator, o: Observations, columns: Any, phase_cyc: Reals, rate_hz: float
@@ -106,6 +129,13 @@ class DrawnSnapshot:
             cycles = np.mod((rate_hz / 4.0 + doppler_hz) * t, 1.0)
             waves[row] = amplitude * bits[symbol] * code * np.exp(2j * np.pi * cycles)
         turns = np.exp(2j * np.pi * phase_cyc).astype(np.complex64)
+        if self.kind == "gains":
+            turns *= 10.0 ** (-0.05 * rng.uniform(0.0, 15.0, turns.shape[1])).astype(np.float32)
+        if self.kind == "tone":
+            tone = np.exp(2j * np.pi * np.mod((rate_hz / 4.0 + rng.uniform(-4e5, 4e5)) * t, 1.0))
+            over = np.sqrt(2.0) * 10.0 ** (0.05 * rng.uniform(0.0, 25.0))
+            waves = np.vstack([waves, (over * tone).astype(np.complex64)])
+            turns = np.vstack([turns, np.exp(2j * np.pi * rng.random((1, turns.shape[1]))).astype(np.complex64)])
         planes = np.empty((turns.shape[1], n), np.int8)
         for antenna, plane in enumerate(planes):
             received = turns[:, antenna].real @ waves.real - turns[:, antenna].imag @ waves.imag
@@ -113,7 +143,7 @@ class DrawnSnapshot:
         return planes
 
 
-def _recording(planes: Any, rate_hz: float, start_gpst: np.datetime64) -> Samples:
+def _recording(planes: Any, rate_hz: float, if_hz: float, start_gpst: np.datetime64) -> Samples:
     def of(antenna: int) -> Any:
         def read(start: int, count: int) -> Floats:
             plane = planes[antenna, start : start + count].astype(np.float32)
@@ -127,7 +157,7 @@ def _recording(planes: Any, rate_hz: float, start_gpst: np.datetime64) -> Sample
             rate_hz=rate_hz,
             n_samples=planes.shape[1],
             read=of(antenna),
-            if_hz=rate_hz / 4.0,
+            if_hz=if_hz,
             start_gpst=start_gpst,
             antenna=str(antenna + 1),
             format="drawn",
@@ -149,6 +179,8 @@ def judged(scene: DrawnSnapshot, *, with_orbits: bool) -> tuple[Any, float]:
 def said_of(scene: DrawnSnapshot, outcome: Any) -> list[tuple[str, str]]:
     """Of each signal received what it is, "true", "false" or "both" of them in one, and its label."""
     reception = outcome.receivers[0].reception
+    if reception.observations is None:
+        return []
     phases, said = reception.array_phases, []
     received = Counter(signal.sat for signal in reception.observations.signals)
     for s in outcome.decision.labels:
@@ -163,19 +195,27 @@ def said_of(scene: DrawnSnapshot, outcome: Any) -> list[tuple[str, str]]:
             continue
         # From which direction it comes says the phases; what the antennas share is arbitrary.
         turns = np.exp(2j * np.pi * (phases.phase_cyc[:, column, None] - scene.phase_cyc[made]))
-        alike = np.abs(np.nanmean(turns, axis=-1)).mean(axis=0)
+        there = np.isfinite(turns).all(axis=(1, 2))
+        alike = np.abs(np.mean(turns[there], axis=-1)).sum(axis=0)
         said.append((TRUTH[bool(scene.false[made[int(np.argmax(alike))]])], s.label))
     return said
 
 
 def counted(
-    *, number: int, attack: bool, with_orbits: bool, antennas: int | None, rate_hz: float, first: int = 0
+    *,
+    number: int,
+    attack: bool,
+    with_orbits: bool,
+    antennas: int | None,
+    rate_hz: float,
+    first: int = 0,
+    kind: str = "",
 ) -> Iterator[str]:
     """Rows of a table: words of signals and verdicts, then the scenes with a wrong word."""
     count: Counter[str] = Counter()
     wrong, seconds, off = [], [], []
     for k in range(first, first + number):
-        scene = DrawnSnapshot(k, attack=attack, antennas=antennas, rate_hz=rate_hz)
+        scene = DrawnSnapshot(k, attack=attack, antennas=antennas, rate_hz=rate_hz, kind=kind)
         outcome, took_s = judged(scene, with_orbits=with_orbits)
         seconds.append(took_s)
         said = said_of(scene, outcome)
@@ -183,20 +223,25 @@ def counted(
         count[f"verdict {outcome.decision.verdict}"] += 1
         if {("true", "spoofed"), ("false", "authentic")} & set(said):
             wrong.append(f"{k}: {sorted(set(said))} power {scene.power_db:.1f} dB")
+        if attack and outcome.decision.verdict == "authentic":
+            wrong.append(f"{k}: an attack is called authentic, power {scene.power_db:.1f} dB, {Counter(said)}")
         if not attack and outcome.decision.verdict == "spoofed":
             wrong.append(f"{k}: a clean sky is called spoofed")
         off += [e.p_value for e in outcome.evidence if e.detector == "residual" and e.p_value is not None]
-    kind = ("attacks" if attack else "clean") + (", orbits" if with_orbits else ", no orbits")
-    yield f"{kind}: {number}: {dict(sorted(count.items()))}; {np.median(seconds):.1f} s of processor each"
+    name = ("attacks" if attack else "clean") + (", orbits" if with_orbits else ", no orbits")
+    name += f", {kind}" if kind else ""
+    yield f"{name}: {number}: {dict(sorted(count.items()))}; {np.median(seconds):.1f} s of processor each"
     if off and not attack:
         low = [float(np.mean(np.array(off) < p)) for p in (0.1, 0.01)]
         yield f"  residual's p-values: {len(off)}, below 0.1: {low[0]:.3f}, below 0.01: {low[1]:.3f}"
     yield from (f"  WRONG {one}" for one in wrong)
 
 
-def table(*, attacks: int, clean: int, antennas: int | None, rate_hz: float, first: int = 0) -> Iterator[str]:
+def table(
+    *, attacks: int, clean: int, antennas: int | None, rate_hz: float, first: int = 0, kind: str = ""
+) -> Iterator[str]:
     """Counts with orbits and without."""
-    how = {"antennas": antennas, "rate_hz": rate_hz, "first": first}
+    how: dict[str, Any] = {"antennas": antennas, "rate_hz": rate_hz, "first": first, "kind": kind}
     for number, attack in ((clean, False), (attacks, True)):
         for with_orbits in (True, False):
             if number:
@@ -219,15 +264,16 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=4.092e6)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--only", type=int)
+    parser.add_argument("--kind", choices=KINDS, default="", help=str(KINDS))
     parser.add_argument("--quiet-sky", action="store_true", help="of --only: the clean sky of that number")
     given = parser.parse_args()
     if given.only is None:
-        for row in table(
-            attacks=given.attacks, clean=given.clean, antennas=given.antennas, rate_hz=given.rate, first=given.first
-        ):
+        how = {"antennas": given.antennas, "rate_hz": given.rate, "first": given.first, "kind": given.kind}
+        for row in table(attacks=given.attacks, clean=given.clean, **how):
             print(row, flush=True)
         return
-    scene = DrawnSnapshot(given.only, attack=not given.quiet_sky, antennas=given.antennas, rate_hz=given.rate)
+    how = {"antennas": given.antennas, "rate_hz": given.rate, "kind": given.kind}
+    scene = DrawnSnapshot(given.only, attack=not given.quiet_sky, **how)
     for with_orbits in (True, False):
         outcome, took_s = judged(scene, with_orbits=with_orbits)
         print(outcome.decision.verdict, f"{took_s:.1f} s", f"power {scene.power_db:.1f} dB")
@@ -236,6 +282,7 @@ def main() -> None:
                 print("  ", e.detector, e.says, e.because, e.p_value)
         print("  ", {str(s.ref.signal): s.label for s in outcome.decision.labels})
         print("  ", outcome.receivers[0].reception.remarks)
+        print("  ", Counter(said_of(scene, outcome)))
 
 
 if __name__ == "__main__":

@@ -227,9 +227,8 @@ def coarse_fix(
     if not (rough_sigma_s > 0.0 and place_sigma_m > 0.0):
         raise ValueError(f"rough_sigma_s {rough_sigma_s:g} and place_sigma_m {place_sigma_m:g} must be positive")
     found = [navigation.best(sat, rough_gpst) for sat in sats]
-    used = np.flatnonzero(
-        [isinstance(e, Ephemeris) and e.health == 0 for e in found] & np.isfinite(columns[0]) & (columns[1] > 0.0)
-    )
+    healthy = np.array([isinstance(e, Ephemeris) and e.health == 0 for e in found], np.bool_)
+    used = np.flatnonzero(healthy & np.isfinite(columns[0]) & (columns[1] > 0.0))
     code, code_sigma, doppler, doppler_sigma, period = (column[used] for column in columns)
     week, tow_s = week_and_tow(rough_gpst)
     there = np.isfinite(doppler) & (doppler_sigma > 0.0)

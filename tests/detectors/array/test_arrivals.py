@@ -9,7 +9,7 @@ from skyproof.detectors.array.arrivals import across, arrivals
 from skyproof.statistics.directions import direction_cosines
 
 
-def found_of(direction, elements):
+def found_of(direction, elements, sigma_cyc=0.01):
     """Arrivals of a signal by a calibrated array, no other signal being known."""
     frame = ArrayFrame(
         turn=np.eye(3),
@@ -30,7 +30,7 @@ def found_of(direction, elements):
         position_sigma_cyc=1e-6,
     )
     cycles = array_design(elements) @ direction
-    return arrivals(measured, agreed, cycles - np.rint(cycles), white_covariance([0.01] * len(elements)))
+    return arrivals(measured, agreed, cycles - np.rint(cycles), white_covariance([sigma_cyc] * len(elements)))
 
 
 @pytest.mark.parametrize("el_deg", [3.0, 25.0, 60.0, 85.0])
@@ -43,6 +43,14 @@ def test_the_true_direction_is_one_of_a_few(side, el_deg):
     assert min(a @ np.linalg.solve(one.covariance_rad2, a) for a, one in zip(off, near, strict=True)) < 9.0
     # Those that whole cycles leave open within the circle of level directions, above and below the plane.
     assert len(found) <= 2 * (3.7 * side**2 + 3.0)
+
+
+def test_a_direction_that_is_known_far_better_than_the_grid_is_found():
+    elements = np.array([(k // 3, k % 3, 0.0) for k in range(7)]) * 0.7
+    for az_deg in range(0, 360, 30):
+        direction = direction_cosines(np.radians(az_deg), np.radians(40.0))
+        found = found_of(direction, elements, sigma_cyc=1e-4)
+        assert min(float(np.linalg.norm(one.direction - direction)) for one in found) < 1e-4
 
 
 def test_antennas_out_of_the_plane_leave_one_direction():

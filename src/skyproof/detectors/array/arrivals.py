@@ -58,8 +58,11 @@ def arrivals(
     total = covariance + _shared(known, agreed, grid[0], ratio)[1]
     far = nearest_whole(cycles - frame.bias_cyc - grid @ design.T, total)[1]
     limit = float(chi_square_threshold(_MISSED, len(cycles)))
+    # The nearest direction of the grid is off by up to half a cell's diagonal: where errors are small, by many sigmas.
+    sharpest = float(np.linalg.eigvalsh(design.T @ np.linalg.solve(total, design))[-1])
+    most = (2.0 * np.sqrt(limit) + _CELL_RAD / reach * np.sqrt(0.5 * sharpest)) ** 2
     starts: list[Reals] = []
-    for row in np.argsort(far)[: np.searchsorted(np.sort(far), 4.0 * limit)]:
+    for row in np.argsort(far)[: np.searchsorted(np.sort(far), most)]:
         if all(grid[row] @ one < np.cos(2.0 * _CELL_RAD / reach) for one in starts):
             starts.append(grid[row])
         if len(starts) == _STARTS:
