@@ -9,7 +9,8 @@ from scipy import stats
 
 from skyproof.app.common.windows import cut
 from skyproof.detectors.continuity.detector import CN0_MAX_DBHZ, Continuity, ContinuitySettings, common_level_p_value
-from skyproof.detectors.continuity.steps import Limits, jumps, p_values, series_of
+from skyproof.detectors.continuity.steps import Limits, Step, jumps, p_values, series_of
+from skyproof.detectors.continuity.words import step_words
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
@@ -373,8 +374,37 @@ def test_a_jump_that_no_platform_makes_in_an_outage_is_reported_and_a_speed_limi
     near = spliced(observed(1), observed(2, place=(90.0, 0.0)), 80)
     reported = failed(said(without_rows(far, 70, 85)))[0].because
     assert "after 3.2 s without measurements the position jumps by 90" in reported
+    assert "multipath_sigma_m" not in reported  # reflections do not reach so far
     assert not failed(said(without_rows(near, 70, 85)))
     assert "position jumps by 9" in failed(said(without_rows(near, 70, 85), speed_max_m_s=5.0))[0].because
+
+
+@pytest.mark.parametrize(
+    ("changes", "reflections"),
+    [
+        ({}, True),
+        ({"kinds": ("position", "velocity")}, True),
+        ({"kinds": ("position", "clock"), "clock_s": 1e-6}, False),
+        ({"broke": True}, False),
+        ({"position_m": 400.0}, False),
+    ],
+)
+def test_reflections_stand_among_the_causes_where_they_may_be_one(changes, reflections):
+    step = Step(
+        row=5,
+        p_value=1e-9,
+        kinds=("position",),
+        position_m=22.0,
+        clock_s=0.0,
+        speed_m_s=4.0,
+        rate=0.0,
+        broke=False,
+        outage_s=0.0,
+        missing_s=0.0,
+        statistic=90.0,
+    )
+    words = step_words("rx1", observed(), replace(step, **changes), 1.5)
+    assert ("reflections draw ranges off by more than the 1.5 m, one sigma, that is stated" in words) is reflections
 
 
 def test_signals_found_again_under_other_names_are_the_same_sky():

@@ -294,7 +294,7 @@ class _Window:
         broke = {} if self.past is None else dict(self.past.broke)
         for kinds, step in look.steps:
             if step.p_value < self.alpha:
-                words = step_words(self.o.receiver, look.stretch, step)
+                words = step_words(self.o.receiver, look.stretch, step, self.settings.multipath_sigma_m)
                 broke |= dict.fromkeys(kinds, _Break(words, step.p_value, step.statistic))
         return broke
 

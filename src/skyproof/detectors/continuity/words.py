@@ -10,8 +10,14 @@ from skyproof.records import Observations
 __all__ = ["clock", "drawn_off_words", "moved_words", "seconds", "step_words"]
 
 
-def step_words(receiver: str, o: Observations, step: Step) -> str:
-    """What does not go on, when, by how much, and what that may be."""
+_REFLECTED_M = 150.0  # half a chip of C/A: a reflection draws a code loop off by no more
+
+
+def step_words(receiver: str, o: Observations, step: Step, multipath_sigma_m: float) -> str:
+    """What does not go on, when, by how much, and what that may be.
+
+    Reflections draw a position off, or a velocity; not what all signals have in common, and they break no carriers.
+    """
     found = {
         "position": f"the position jumps by {_metres(step.position_m)}",
         "clock": f"the signals' time goes {'back' if step.clock_s > 0.0 else 'ahead'} by {seconds(abs(step.clock_s))}",
@@ -21,10 +27,13 @@ def step_words(receiver: str, o: Observations, step: Step) -> str:
     words = [found[kind] for kind in step.kinds]
     words += ["all carriers break at once"] if step.broke else []
     after = f" after {step.outage_s:.1f} s without measurements" if step.outage_s > 0.0 else ""
-    return (
-        f"{receiver}: at {clock(o, step)}{after} {_listed(words)}: the recording is not continuous, or the signals "
-        "were exchanged"
-    )
+    may_be = ["the recording is not continuous", "the signals were exchanged"]
+    if set(step.kinds) <= {"position", "velocity"} and not step.broke and step.position_m <= _REFLECTED_M:
+        may_be.append(
+            f"reflections draw ranges off by more than the {multipath_sigma_m:g} m, one sigma, that is stated "
+            "(multipath_sigma_m)"
+        )
+    return f"{receiver}: at {clock(o, step)}{after} {_listed(words)}: {', or '.join(may_be)}"
 
 
 def clock(o: Observations, step: Step) -> str:
