@@ -42,6 +42,7 @@ def test_one_antenna_after_the_sky_is_drowned_is_spoofed():
         *_, last = said_of(*(replace(made, antennas_enu_m=places) for made in (*both(3), *drowned[:windows])))
         (spoofed,) = [e for e in last if e.says == "spoofed"]
         assert "while both skies were received" in spoofed.because
+        assert any("keep the distance" in words for words in spoofed.assumes)
 
 
 def test_without_windows_of_both_skies_it_is_undecided():
@@ -61,6 +62,12 @@ def test_the_true_sky_alone_is_authentic_after_the_attack_also_on_a_platform_tha
 def test_one_receiver_that_is_captured_alone_is_not_authentic():
     *_, last = said_of(*both(3), scene(31.5, sky=("rx1",), false=(FalseSky(receivers=("rx2",)),)))
     assert "authentic" not in {e.says for e in last}
+
+
+def test_a_true_sky_over_antennas_that_moved_apart_since_is_not_called_an_attack():
+    apart = {"rx1": (0.0, 0.0, 0.0), "rx2": (90.0, 70.0, 0.0)}
+    *_, last = said_of(*both(3), scene(31.5, antennas_enu_m=apart))
+    assert [e.says for e in last] == ["undecided"]
 
 
 @pytest.mark.parametrize("moved_m", [0.0, 40.0])

@@ -1,8 +1,9 @@
 """One set of signals in each receiver: from one antenna, from the sky, or of two skies that the receivers share."""
 
 import itertools
+from dataclasses import replace
 
-from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry
+from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance
 from skyproof.detectors.multi_receiver.pairing import Pairing, pair_up
 from skyproof.detectors.multi_receiver.window import Window, far, names
 from skyproof.records import Evidence
@@ -20,7 +21,8 @@ def one_set_each(window: Window, pairing: Pairing) -> list[Evidence]:
         return _by_geometry(window, pairing, geometry, p_each)
     p_false, because = window.p_not_sky(pairing, geometry)
     if p_one >= window.settings.accept_probability and p_false < alpha:
-        return [window.say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(window.groups))]
+        said = window.say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(window.groups))
+        return [replace(said, assumes=geometry.assumes) if isinstance(geometry, LearntDistance) else said]
     return [
         window.say(
             "undecided",
@@ -41,11 +43,12 @@ def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_
         return [window.authentic(pairing, p_one, geometry.assumes, because=f"; they agree with {geometry.words}")]
     p_known = pairing.survival(geometry)
     steady = pairing.noise_m <= window.settings.error_bound_m
+    learnt = isinstance(geometry, LearntDistance)  # antennas may have moved apart since
     found = _agreeing_pairs(window, pairing) if len(pairing.sets) > 2 else []
     vouched = {ref for e in found for ref in e.subject}
     rest = tuple(ref for ref in pairing.subject if ref not in vouched)
     of_rest = f"{names(pairing)} disagree with {geometry.words}" + (f": {far(pairing)}" if far(pairing) else "")
-    if p_known < alpha and rest and steady:
+    if p_known < alpha and rest and steady and not learnt:
         found.append(
             window.say(
                 "attack",

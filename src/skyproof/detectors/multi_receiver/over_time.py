@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Final
 
 from skyproof.arrays import Indices, Reals
-from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry
+from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance
 from skyproof.detectors.multi_receiver.pairing import Pairing
 from skyproof.detectors.multi_receiver.runs import LONGEST, WindowRun, prolonged, window_p_values
 from skyproof.detectors.multi_receiver.window import ONE_TRANSMITTER, Window, names
@@ -89,7 +89,9 @@ class _Followed:
         joined, cells = self.joined
         because = f"{self._how()} come from one antenna: they do not show {self.geometry.words}"
         p_values = self.tests * window_p_values(joined, cells, self.geometry, "the sky", alpha / self.tests)
-        return self._of_open("spoofed", p_values, alpha, because)
+        said = self._of_open("spoofed", p_values, alpha, because)
+        learnt = isinstance(self.geometry, LearntDistance)
+        return [replace(e, assumes=self.geometry.assumes) for e in said] if learnt else said
 
     def _of_open(self, says: Says, p_values: Reals, alpha: float, because: str) -> list[Evidence]:
         """This of each open window whose p-value is small."""

@@ -60,12 +60,6 @@ class WindowRun:
     receivers: tuple[str, ...]
     parts: tuple[_Part, ...]
 
-    def of(self, pairing: Pairing) -> bool:
-        """Whether `pairing` is its last window."""
-        last = self.parts[-1]
-        same = self.receivers == pairing.receivers and last.end_gpst == pairing.end_gpst
-        return same and last.ranges.tracks == pairing.ranges.tracks
-
     @property
     def tracks(self) -> tuple[tuple[SignalId, ...], ...]:
         """(R, K) the transmissions that all windows have, by receiver."""
