@@ -21,7 +21,7 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.signals import GPS_SATS
 from skyproof.navigation.fix import fix
 from skyproof.receiver import guidance as g
-from skyproof.records import Asked, NavigationData, Samples
+from skyproof.records import Asked, NavigationData, Observations, Samples, SignalId
 from skyproof.simulator import scenes
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.samples import samples_of
@@ -291,12 +291,20 @@ def _scenes() -> Iterator[str]:
             observations = observe(tracker, navigation).observations
             assert observations is not None
             o = observations.read(0, observations.gpst.size)
-            off_m = np.linalg.norm(fix(o, navigation).position_ecef_m - place_m, axis=1)
+            off_m = np.linalg.norm(fix(o, navigation, signals=_strongest(o)).position_ecef_m - place_m, axis=1)
             known = np.isfinite(off_m)
             yield (
                 f"  {name}, {tracking}: {known.sum()} of {known.size}; {np.median(off_m[known]):.2f} m, "
                 f"{off_m[known].max():.2f} m; {np.isfinite(o.pseudorange_m).sum()} ranges"
             )
+
+
+def _strongest(o: Observations) -> tuple[SignalId, ...]:
+    """One signal of each satellite: a reflection may be followed beside it."""
+    of_sat: dict[str, tuple[float, SignalId]] = {}
+    for signal, cn0_dbhz in zip(o.signals, np.nanmean(o.cn0_dbhz, axis=0), strict=True):
+        of_sat[signal.sat] = max(of_sat.get(signal.sat, (0.0, signal)), (float(cn0_dbhz), signal))
+    return tuple(signal for _, signal in of_sat.values())
 
 
 if __name__ == "__main__":

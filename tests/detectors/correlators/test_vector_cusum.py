@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.correlators import vector_parity as parity
-from skyproof.detectors.correlators.vector_cusum import BankState, bank_over_looks
+from skyproof.detectors.correlators.vector_cusum import BRANCHES, LASTING_SHARE, BankState, bank_over_looks
 from skyproof.records import SignalId
+from skyproof.statistics.cusum import cusum_threshold
 from skyproof.statistics.distributions import binomial_survival
 from skyproof.studies.vector_sky import PRNS, SKY
 
@@ -66,6 +67,21 @@ def test_when_a_large_offset_began_is_found_to_tenths_of_a_second():
     assert 205 <= found.began <= 235
     assert 235 <= found.seen <= 245
     assert all(np.all(total == 0.0) for total in found.state.sums)
+
+
+def test_a_sum_that_just_alarms_is_seen_at_the_step_in_which_it_does():
+    probability, (step, reference) = 0.5, BRANCHES[0]
+    share = (1.0 - LASTING_SHARE) * probability / 4
+    steps, dof = 3, len(SKY.parity)
+    low, high = (cusum_threshold(length, reference, dof) for length in (-steps / np.log1p(-share), steps / share))
+    y = np.zeros(dof)
+    y[0] = 0.5 * (low + high) + reference  # from zero, in one step, to between the two
+    direction = CODE_CHIPS**2 * ONE.code.T @ y / np.sqrt(step)  # W x = y
+    u = np.zeros((steps * step, 6))
+    u[-step:] = direction
+    found = bank_over_looks(SIGNALS, u, np.zeros_like(u), ONE, NO_ERRORS, probability)
+    assert found.p_value < probability
+    assert (found.began, found.seen) == (2 * step, steps * step)
 
 
 def test_sums_stand_in_the_parity_space_whatever_its_basis_and_begin_anew_with_other_signals():
