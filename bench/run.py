@@ -34,10 +34,13 @@ import rinex
 import sets
 import snapshots
 import spatial
+import sqm_roc
 import startup
 import vector
 import vector_drawn
+import vector_figures
 import vector_limits
+import vector_takeovers
 from timing import machine
 
 import receiver
@@ -68,6 +71,9 @@ BENCHES = {
     "vector": vector,
     "vector-limits": vector_limits,
     "vector-drawn": vector_drawn,
+    "vector-figures": vector_figures,
+    "vector-takeovers": vector_takeovers,
+    "sqm-roc": sqm_roc,
     "startup": startup,
     "drawn": drawn,
     "arrays": arrays,

@@ -1,9 +1,11 @@
 """Which signals `vector_sqm` names through the whole vector receiver: drawn scenes of samples.
 
 `python bench/vector_drawn.py 10` : so many scenes. Fewer and slower than the draws of correlators in `bench/vector.py`.
+`python bench/vector_drawn.py ready` : the ready-made scenes, and one of them without its false signals.
 """
 
 import sys
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -21,6 +23,7 @@ from skyproof.simulator.scenario import FrontEnd, SatelliteDirection, Scenario
 
 SCENES, SCENE_S, WINDOW_S, SETTLED_S = 8, 16.0, 3.0, 7.0
 RATE_HZ = 2.6e6
+READY_S, READY_WINDOW_S, READY_FROM_S = 20.0, 2.0, 10.0
 FURTHER = (("G06", 30.0, 45.0), ("G19", 130.0, 15.0))
 
 
@@ -47,6 +50,23 @@ def report(count: int = SCENES) -> Iterator[str]:
         f"  of {sums['windows']} windows with false signals {sums['alarms']} noticed, {sums['right']} rightly named, "
         f"{sums['wrong']} wrongly"
     )
+
+
+def ready() -> Iterator[str]:
+    """A row for each ready-made scene."""
+    yield f"{READY_S:g} s, {RATE_HZ / 1e6:g} Msps, windows of {READY_WINDOW_S:g} s from {READY_FROM_S:g} s on"
+    front_end = FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=2.4e6, encoding="int", bits=8)
+    one, many = (scenes.ready(f"vector-{name}") for name in ("one-spoofer", "many"))
+    assert one.sky.directions is not None
+    all_true = one.sky.model_copy(update={"sats": tuple(each.sat for each in one.sky.directions)})
+    clean = one.model_copy(update={"sky": all_true, "attacks": ()})
+    for name, scene in (("vector-one-spoofer", one), ("vector-many", many), ("without false signals", clean)):
+        short = scene.model_copy(update={"duration_s": READY_S, "front_end": front_end})
+        said = _said(short, READY_WINDOW_S, READY_FROM_S)
+        p_values = [evidence.p_value for evidence in said if evidence.p_value is not None]
+        words = Counter(evidence.because.split("; ")[-1].split(" (")[0] for evidence in said)
+        shown = "; ".join(f"{number} x {text}" for text, number in words.items())
+        yield f"  {name}: {sum(each.failed for each in said)} of {len(said)}, p at most {max(p_values):.2g}; {shown}"
 
 
 def _names(evidence: Evidence) -> set[str]:
@@ -88,7 +108,7 @@ def _scene(rng: np.random.Generator, attacked: int) -> tuple[Scenario, tuple[str
     return scene.model_copy(update=changes), false
 
 
-def _said(scene: Scenario) -> list[Evidence]:
+def _said(scene: Scenario, window_s: float = WINDOW_S, settled_s: float = SETTLED_S) -> list[Evidence]:
     """Of each window once the loops have settled."""
     navigation = navigation_of(scene)
     samples = samples_of(scene, navigation)[0]
@@ -97,16 +117,17 @@ def _said(scene: Scenario) -> list[Evidence]:
     assert reception.observations is not None
     assert reception.vector_taps is not None
     windows = windows_of(
-        [reception.observations], navigation, Settings(window_s=WINDOW_S), vector_taps=[reception.vector_taps]
+        [reception.observations], navigation, Settings(window_s=window_s), vector_taps=[reception.vector_taps]
     )
     detector, state, said = VectorSqm(VectorSqmSettings(false_alarm_probability=1e-4)), None, []
     for records in windows:
         evidence, state = detector.examine(records, state)
         looks = records.vector_taps[0].elapsed_s
-        said += [one for one in evidence if one.p_value is not None and looks.size and looks[0] > SETTLED_S]
+        said += [one for one in evidence if one.p_value is not None and looks.size and looks[0] > settled_s - 0.1]
     return said
 
 
 if __name__ == "__main__":
-    for text in report(int(sys.argv[1]) if len(sys.argv) > 1 else SCENES):
+    asked = sys.argv[1] if len(sys.argv) > 1 else str(SCENES)
+    for text in ready() if asked == "ready" else report(int(asked)):
         print(text, flush=True)

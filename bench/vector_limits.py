@@ -7,6 +7,7 @@ samples without what disturbs.
 
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,8 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.signals import GPS_SATS
 from skyproof.navigation.fix import fix
 from skyproof.receiver import guidance as g
+from skyproof.receiver.settings import LoopSettings
+from skyproof.receiver.tracking import Receiver
 from skyproof.records import Asked, NavigationData, Observations, Samples, SignalId
 from skyproof.simulator import scenes
 from skyproof.simulator.constellation import navigation_of
@@ -36,6 +39,8 @@ STEPS_DBHZ = (40.0, 34.0, 32.0, 31.0, 30.0, 28.0, 26.0, 24.0, 23.0, 22.0, 21.0, 
 BLOCKED_S = (2.0, 5.0, 10.0)
 SCENE_S = 30.0
 BOTH = ("scalar", "vector")
+AGILE, AGILE_LOOPS = "scalar, 18 Hz", LoopSettings(integration=5, pll_bandwidth_hz=18.0, dll_bandwidth_hz=0.5)
+"""A scalar receiver whose carrier loops stay as wide below 31 dB-Hz as 2 g asks for; others get 6 Hz there."""
 
 
 class Replicas(NamedTuple):
@@ -89,8 +94,11 @@ def _rendered(scene: Scenario) -> tuple[Samples, Floats, NavigationData]:
 def _followed(samples: Samples, planes: Floats, navigation: NavigationData, tracking: str) -> Replicas:
     """A recording tracked, and its replicas on the way."""
     held = _in_memory(samples, planes)
-    settings = Settings(tracking=tracking)
+    settings = Settings(tracking="scalar" if tracking == AGILE else tracking)
     tracker = _tracker(held, settings, navigation, False, Asked(), Workspace())
+    if tracking == AGILE:
+        own = tracker.receiver
+        tracker.receiver = Receiver(own.rate_hz, own.if_hz, replace(own.settings, weak=AGILE_LOOPS))
     at_s, rows = [], []
     while tracker.advance():
         receiver, state = tracker.receiver, tracker.state
@@ -246,7 +254,7 @@ def _steps() -> Iterator[str]:
         samples, planes, navigation = _rendered(_speeding(_sky(16.0, n), FROM_S + 1.0))
         reference = _followed(samples, planes, navigation, "scalar")
         rows, on = reference.at_s > FROM_S + 1.0, np.isfinite(reference.shown_s[-1])
-        for tracking in BOTH:
+        for tracking in (*BOTH, AGILE):
             cells, shares = [], []
             for level in STEPS_DBHZ:
                 held, worst = [], [0.0]
@@ -300,9 +308,9 @@ def _scenes() -> Iterator[str]:
 
 
 def _strongest(o: Observations) -> tuple[SignalId, ...]:
-    """One signal of each satellite: a reflection may be followed beside it."""
+    """One signal of each satellite, strong and measured for long: a reflection may be followed beside it."""
     of_sat: dict[str, tuple[float, SignalId]] = {}
-    for signal, cn0_dbhz in zip(o.signals, np.nanmean(o.cn0_dbhz, axis=0), strict=True):
+    for signal, cn0_dbhz in zip(o.signals, np.nansum(o.cn0_dbhz, axis=0), strict=True):
         of_sat[signal.sat] = max(of_sat.get(signal.sat, (0.0, signal)), (float(cn0_dbhz), signal))
     return tuple(signal for _, signal in of_sat.values())
 

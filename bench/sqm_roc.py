@@ -1,0 +1,155 @@
+"""The signal quality metrics of the literature on correlators of a scalar receiver: false alarms, detection, delay.
+
+`python bench/sqm_roc.py`. Correlators at 0, +-1/8 and +-1/2 chip (and 25 Hz to either side) of 20 ms of a true signal
+and a second one of its satellite, sharp chips, noise correlated as theirs is; a code loop of 1 Hz follows their sum, a
+phase loop holds it. Metrics are means over a second against their exact law (`ratio_p_value`), and delta's variance
+over a second against its own. Powers, speeds and carriers of the second signal are those of the scenes that rows are
+named after, by satellite: the scenes' samples are not run. Eight satellites; a receiver alarms when one of them does at
+an eighth of the level.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from skyproof.arrays import Complexes, Reals
+from skyproof.detectors.correlators import sqm
+from skyproof.detectors.correlators.correlator_laws import triangle
+from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
+
+LOOK_S, LOOKS, ALIGNED_S, SATELLITES, RECEIVERS = 0.02, 50, 5, 8, 25
+DELAYS = np.array([0.5, 0.125, 0.0, -0.125, -0.5])
+OFFSET_HZ, LOOP_HZ = 25.0, 1.0
+CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
+LEVELS = (1e-2, 1e-3, 1e-4)
+NAMES = ("delta", "ratio", "magnitude", "slow-fast", "variance")
+
+
+class Second(NamedTuple):
+    """A second signal: power over the true one; metres a second by which it leaves it, the largest or (`common`) of
+    all; whether its carrier goes with its code; metres by which it is off from the beginning, and its phase's rate."""
+
+    power_db: float
+    speed_m_s: float = 0.0
+    common: bool = False
+    follows: bool = True
+    off_m: tuple[float, float] = (0.0, 0.0)
+    beat_hz: float = 0.0
+    seconds: int = 45
+
+
+SCENES = {
+    "takeover": Second(4.0, 10.5),
+    "static-austin": Second(0.0, 1.0, seconds=105),
+    "texbat-like-2": Second(10.0, 5.0, common=True),
+    "texbat-like-3": Second(1.3, 5.0, common=True, follows=False),
+    "texbat-like-4": Second(0.4, 5.0, follows=False),
+    "reflections": Second(-6.0, off_m=(30.0, 150.0), beat_hz=0.2),
+}
+
+
+def report() -> Iterator[str]:
+    """Rows of the table."""
+    yield f"no second signal, share of seconds below 0.01, 0.001: {', '.join(NAMES)}"
+    for level_dbhz in (35.0, 40.0, 45.0, 50.0):
+        p = _p_values(None, level_dbhz, 1000)
+        yield f"  {level_dbhz:g} dB-Hz: " + _shares(p, LEVELS[:2])
+    yield f"45 dB-Hz, seconds from the pull on: share below {', '.join(f'{one:g}' for one in LEVELS)}"
+    for name, second in SCENES.items():
+        p = _p_values(second, 45.0, second.seconds)
+        yield f"  {name}: " + _shares(p[:, :, ALIGNED_S:], LEVELS)
+        by_receiver = p.reshape(len(NAMES), RECEIVERS, SATELLITES, -1).min(axis=2) < 1e-3 / SATELLITES
+        yield "    receiver at 0.001, first alarm: " + "; ".join(
+            f"{metric} {_first(alarm)}" for metric, alarm in zip(NAMES, by_receiver, strict=True)
+        )
+
+
+def _shares(p: Reals, levels: tuple[float, ...]) -> str:
+    return "; ".join(
+        f"{metric} " + " ".join(f"{np.mean(one < level):.4f}" for level in levels)
+        for metric, one in zip(NAMES, p, strict=True)
+    )
+
+
+def _first(alarm: np.ndarray) -> str:
+    """Of (receivers, seconds): alarms while aligned, and the median of the seconds from the pull on to the first."""
+    before = alarm[:, :ALIGNED_S].any(axis=1).mean()
+    after = alarm[:, ALIGNED_S:]
+    found = after.any(axis=1)
+    at_s = np.where(found, after.argmax(axis=1) + 1.0, np.inf)
+    return f"{found.mean():.2f}, median {np.median(at_s):.0f} s (before the pull {before:.2f})"
+
+
+def _p_values(second: Second | None, level_dbhz: float, seconds: int) -> Reals:
+    """(metrics, tracks, seconds)."""
+    rng = np.random.default_rng(7)
+    n = RECEIVERS * SATELLITES if second is not None else SATELLITES
+    found = [_second_by_second(track, level_dbhz) for track in _tracks(rng, n, second, level_dbhz, seconds)]
+    return np.stack(found, axis=-1)
+
+
+def _tracks(
+    rng: np.random.Generator, n: int, second: Second | None, level_dbhz: float, seconds: int
+) -> Iterator[tuple[Complexes, Complexes]]:
+    """Of each second the correlators (looks, n, 5) and those slow and fast (looks, n, 2), unit noise a component."""
+    amplitude = np.sqrt(2.0 * LOOK_S * 10.0 ** (0.1 * level_dbhz))
+    ratio = 0.0 if second is None else 10.0 ** (0.05 * second.power_db)
+    one = second or Second(0.0)
+    speed_m_s = one.speed_m_s * (np.ones(n) if one.common else rng.uniform(-1.0, 1.0, n))
+    off_m, phase_cyc = rng.uniform(*one.off_m, n), rng.uniform(0.0, 1.0, n)
+    mixed, code, angle = np.linalg.cholesky(sqm.tap_covariance(DELAYS)), np.zeros(n), np.zeros(n)
+    side = np.sinc(OFFSET_HZ * LOOK_S)
+    sides = np.linalg.cholesky(np.eye(2) - side**2 + 1e-12 * np.eye(2))
+    for at in range(seconds):
+        taps, slow_fast = np.empty((LOOKS, n, 5), complex), np.empty((LOOKS, n, 2), complex)
+        for look in range(LOOKS):
+            pulled = at + look * LOOK_S >= ALIGNED_S
+            hz = -speed_m_s / SPEED_OF_LIGHT_M_S * L1_HZ if one.follows and pulled else 0.0
+            hz = np.broadcast_to(hz + one.beat_hz, (n,))
+            off_m = off_m + (speed_m_s * LOOK_S if pulled else 0.0)
+            phase_cyc = phase_cyc + hz * LOOK_S
+            later = ratio * np.exp(2j * np.pi * phase_cyc) * np.sinc(hz * LOOK_S)
+            # Replica ahead by `code`; a tap at a delay of d is ahead by d more.
+            true, false = (triangle(code[:, None] + DELAYS - s[:, None]) for s in (np.zeros(n), off_m / CHIP_M))
+            value = amplitude * (true + later[:, None] * false)
+            turn = np.exp(-1j * np.angle(value[:, 2]))
+            own_hz = np.angle(turn.conj() * np.exp(-1j * angle)) / (2.0 * np.pi * LOOK_S) if at + look else 0.0 * code
+            angle = -np.angle(turn)
+            noise = (rng.standard_normal((n, 5)) + 1j * rng.standard_normal((n, 5))) @ mixed.T
+            taps[look] = value * turn[:, None] + noise
+            more = (rng.standard_normal((n, 2)) + 1j * rng.standard_normal((n, 2))) @ sides.T
+            for k, offset_hz in enumerate((-OFFSET_HZ, OFFSET_HZ)):
+                first = true[:, 2] * np.sinc((-own_hz - offset_hz) * LOOK_S)
+                other = (
+                    ratio * np.exp(2j * np.pi * phase_cyc) * false[:, 2] * np.sinc((hz - own_hz - offset_hz) * LOOK_S)
+                )
+                slow_fast[look, :, k] = amplitude * turn * (first + other) + side * noise[:, 2] + more[:, k]
+            prompt = taps[look, :, 2]
+            error = np.real((taps[look, :, 1] - taps[look, :, 3]) * prompt.conj()) / np.abs(prompt) ** 2 / 2.0
+            code = code + 4.0 * LOOP_HZ * LOOK_S * np.clip(error, -0.5, 0.5)
+        yield taps, slow_fast
+
+
+def _second_by_second(track: tuple[Complexes, Complexes], level_dbhz: float) -> Reals:
+    """(metrics, n) p-values of one second."""
+    taps, slow_fast = (one.mean(axis=0) for one in track)
+    early, prompt, late = taps[:, 0], taps[:, 2], taps[:, 4]
+    amplitude = np.sqrt(LOOKS) * np.abs(prompt)
+    delta = sqm.delta_metric(track[0][..., 0], track[0][..., 2], track[0][..., 4])
+    sigma = np.sqrt(sqm.delta_law(0.5).variance(amplitude / np.sqrt(LOOKS)))
+    doppler = sqm.doppler_law(OFFSET_HZ, LOOK_S)
+    return np.stack(
+        [
+            sqm.ratio_p_value(sqm.delta_metric(early, prompt, late), sqm.delta_law(0.5), amplitude),
+            sqm.ratio_p_value(sqm.ratio_metric(early, prompt, late), sqm.ratio_law(0.5), amplitude),
+            sqm.ratio_p_value(sqm.magnitude_difference(early, prompt, late), sqm.delta_law(0.5), amplitude),
+            sqm.ratio_p_value(sqm.doppler_metric(slow_fast[:, 0], prompt, slow_fast[:, 1]), doppler, amplitude),
+            sqm.moving_variance_p_value(delta.var(axis=0, ddof=1), sigma, LOOKS),
+        ]
+    )
+
+
+if __name__ == "__main__":
+    for text in report():
+        print(text, flush=True)
