@@ -10,6 +10,7 @@ from time import perf_counter
 import accuracy
 import acquisition
 import array_snapshots
+import antennas
 import arrays
 import clean_grids
 import clean_skies
@@ -77,6 +78,7 @@ BENCHES = {
     "startup": startup,
     "drawn": drawn,
     "arrays": arrays,
+    "antennas": antennas,
     "snapshots": snapshots,
     "spatial": spatial,
     "array-snapshots": array_snapshots,

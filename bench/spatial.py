@@ -55,10 +55,10 @@ def report() -> Iterator[str]:
 
 
 def _rows(power_db: float) -> Iterator[str]:
-    scene, samples = _scene(power_db)
-    true, false = (_columns(scene, label) for label in ("authentic", "spoofed"))
+    scene, samples = scene_and_samples(power_db)
+    true, false = (columns_of(scene, label) for label in ("authentic", "spoofed"))
     alone_dbhz = scene.skies[0].cn0_dbhz(np.array([0.5 * DURATION_S]))[0, true]
-    signature = _measured_signature(_track(samples, scene, false))
+    signature = _measured_signature(track(samples, scene, false))
     held, noise = _first_filter(samples, signature)
     null_db = -10.0 * np.log10(np.sum(np.abs(held @ _steering(scene, false[0])) ** 2) * noise / 3.0)
     steerings = [_steering(scene, column) for column in true]
@@ -70,7 +70,7 @@ def _rows(power_db: float) -> Iterator[str]:
         ("three, summed", samples),
         ("three, filtered", filtered(samples, lambda _: signature[:, None])),
     ):
-        got = _errors(_track(recording, scene, true), scene, true)
+        got = _errors(track(recording, scene, true), scene, true)
         yield f"    {name:<16} {got.kept} of {true.size} kept {_listed(got.cn0_dbhz - alone_dbhz)} dB"
         yield (
             f"    {'':<16} code {_rms(got.code_rms_m):.2f} m, carrier {_rms(got.carrier_rms_mm):.1f} mm rms; position "
@@ -78,7 +78,8 @@ def _rows(power_db: float) -> Iterator[str]:
         )
 
 
-def _scene(power_db: float) -> tuple[Scene, Samples]:
+def scene_and_samples(power_db: float) -> tuple[Scene, Samples]:
+    """The scene with all satellites imitated at this power, and the array's recording."""
     scenario = ready("ins-array-2")
     attack = scenario.attacks[0].model_copy(update={"sats": None, "power_db": power_db})
     front_end = FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=0.8 * RATE_HZ, encoding="int", bits=16, agc=True)
@@ -88,7 +89,8 @@ def _scene(power_db: float) -> tuple[Scene, Samples]:
     return scene_of(scenario, navigation), replace(first, others=tuple(others))
 
 
-def _columns(scene: Scene, label: str) -> Indices:
+def columns_of(scene: Scene, label: str) -> Indices:
+    """Of the scene's signals."""
     return np.flatnonzero([signal.label == label for signal in scene.skies[0].signals])
 
 
@@ -123,7 +125,7 @@ def _first_filter(samples: Samples, signature: Complexes) -> tuple[Complexes, fl
     return filter_of(covariance, signature[:, None]), float(np.linalg.eigvalsh(covariance)[0])
 
 
-def _track(samples: Samples, scene: Scene, columns: Indices) -> Measurements:
+def track(samples: Samples, scene: Scene, columns: Indices) -> Measurements:
     """What channels measure that begin on these signals, and look for no others; arcs are numbered in their order."""
     receiver = Receiver(RATE_HZ, samples.if_hz, ReceiverSettings(sats=()))
     state = ReceiverState(tail=samples.read_all(0, 0))
