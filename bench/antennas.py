@@ -1,7 +1,7 @@
 """What each further antenna of an array costs: tracked with the others, beside a receiver of its own.
 
-One replica serves all antennas, so that a further one costs its sums alone. Processor time, of all cores together; the
-samples are in memory. And how many windows a second the tests of arrays judge.
+A further antenna is correlated like the first, and shares loops, search and what is taken off for other signals.
+Processor time, of all cores together; the samples are in memory. And how many windows a second tests of arrays judge.
 """
 
 from collections.abc import Callable, Iterator

@@ -9,8 +9,9 @@ from time import perf_counter
 
 import accuracy
 import acquisition
-import array_snapshots
 import antennas
+import arms
+import array_snapshots
 import arrays
 import clean_grids
 import clean_skies
@@ -79,6 +80,7 @@ BENCHES = {
     "drawn": drawn,
     "arrays": arrays,
     "antennas": antennas,
+    "arms": arms,
     "snapshots": snapshots,
     "spatial": spatial,
     "array-snapshots": array_snapshots,

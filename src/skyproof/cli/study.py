@@ -4,6 +4,7 @@ import difflib
 import json as json_text
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,6 +14,8 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.text import Text
 
+from skyproof.app.common.platform import read_platform
+from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
 from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import INTERRUPTED, complain, print_document, print_path, print_table, table
@@ -39,6 +42,12 @@ def study(
         int, Parameter(help="Seed of all that is random: the same seed, the same rows.", show_default=True)
     ] = 1,
     quick: Annotated[bool, Parameter(help="Fewer trials: 20 s at most.")] = False,
+    platform: Annotated[
+        Path | None,
+        Parameter(
+            help="Platform file with the antennas_m or spin of your receivers, for geometry.array, geometry.arm."
+        ),
+    ] = None,
     plot: Annotated[bool, Parameter(help="Draw the rows as a chart, NAME.svg, here or in the --out folder.")] = False,
     out: Annotated[Path | None, Parameter(help="Folder for NAME.json, the document that --json prints.")] = None,
     validation: Annotated[
@@ -59,6 +68,7 @@ def study(
         print_path("table:", validation)
         return 0
     chosen = _chosen(name, found)
+    settings = _on_platform(chosen, settings, platform)
     if out is not None:
         _make(out)
     rows, interrupted = _run(chosen, settings)
@@ -86,6 +96,21 @@ def _settings(trials: int | None, seed: int, quick: bool) -> StudySettings:
     if seed < 0:
         raise SettingsError(f"--seed is {seed}, expected 0 or more; give another one")
     return StudySettings(trials=trials, seed=seed, quick=quick)
+
+
+def _on_platform(chosen: Study, settings: StudySettings, platform: Path | None) -> StudySettings:
+    """With the arrays and arms of the platform file, if one is given."""
+    if platform is None:
+        return settings
+    if chosen.platform is None:
+        raise SettingsError(f"{chosen.name} takes no --platform; geometry.array and geometry.arm do")
+    receivers = read_platform(platform).receivers
+    tables = {one.name or f"receiver {number}": one for number, one in enumerate(receivers, 1)}
+    arrays = arrays_of(tables, {name: len(one.antennas_m or ()) for name, one in tables.items()}, str(platform))
+    arms = spin_arms_of(tables)
+    if not (arrays if chosen.platform == "antennas_m" else arms):
+        raise SettingsError(f"{platform}: no receiver has {chosen.platform}, of which {chosen.name} is; give it there")
+    return replace(settings, arrays=arrays, arms=arms)
 
 
 def _chosen(name: str | None, found: Mapping[str, Study]) -> Study:

@@ -5,11 +5,12 @@ the same rows whatever else is run; `quick` takes no more than 20 s.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
 
 import numpy as np
 
+from skyproof.records import AntennaArray, SpinArm
 from skyproof.report.chart import Axes
 
 __all__ = ["Claim", "Row", "Study", "StudySettings"]
@@ -23,11 +24,16 @@ COLUMNS: Final = (PAPER, SAME, BETTER, REFERENCE)
 
 @dataclass(frozen=True, kw_only=True)
 class StudySettings:
-    """trials : None means the study's own number, fewer if `quick`."""
+    """trials : None means the study's own number, fewer if `quick`.
+
+    arrays, arms : of the user's platform, for studies that take one; some usual ones where there are none.
+    """
 
     trials: int | None = None
     seed: int = 1
     quick: bool = False
+    arrays: Mapping[str, AntennaArray] = field(default_factory=dict)
+    arms: tuple[SpinArm, ...] = ()
 
     def count(self, usual: int, quick: int) -> int:
         """How many trials to run."""
@@ -62,7 +68,10 @@ class Claim:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """name : paper.figure, as on the command line. figure : where in the paper; `run` yields rows as they are ready."""
+    """name : paper.figure, as on the command line. figure : where in the paper; `run` yields rows as they are ready.
+
+    platform : which key of a receiver in a platform file the study takes; None if it takes none.
+    """
 
     name: str
     title: str
@@ -71,3 +80,4 @@ class Study:
     run: Callable[[StudySettings], Iterator[Row]]
     charts: tuple[Axes, ...] = ()
     claims: tuple[Claim, ...] = ()
+    platform: Literal["antennas_m", "spin"] | None = None

@@ -36,6 +36,7 @@ from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = [
     "DEGREE_2_LASTS_S",
+    "Levels",
     "PredictedTest",
     "RepairedPhase",
     "Spin",
@@ -49,6 +50,7 @@ __all__ = [
     "estimate_rate",
     "full_fit",
     "full_information",
+    "levels_of",
     "minus_mean",
     "paired_fit",
     "paired_information",
@@ -345,6 +347,61 @@ def repair_slips(
     return RepairedPhase(phase.reshape(phase_cyc.shape), jump.reshape(phase_cyc.shape))
 
 
+# A window's measurements ----------------------------------------------------------------------------------------------
+
+
+class Levels(NamedTuple):
+    """Of those signals of a receiver whose phase is unbroken. channels : (n,) of the observations. level : (n, 2) level
+    direction cosines from the arm at the window's elapsed time 0, less what all share; covariance : (2, 2) of each."""
+
+    channels: Indices
+    level: Reals
+    covariance: Reals
+
+
+def levels_of(
+    observations: Observations, arm: SpinArm, *, degree: int | None = None, min_share: float = 0.9
+) -> Levels | None:
+    """Level direction cosines by a receiver's carrier phases on an arm, slips taken off, its rate estimated where it is
+    not known exactly; None with fewer than two signals or too few epochs for the polynomial.
+
+    degree, min_share : as in `SpinSettings`.
+    """
+    channels = of_one_carrier(observations.carrier_hz)
+    there = np.isfinite(observations.carrier_cyc[:, channels])
+    channels = channels[there.mean(axis=0) >= min_share] if there.size else channels[:0]
+    epochs = np.all(np.isfinite(observations.carrier_cyc[:, channels]), axis=-1)
+    time_s = observations.elapsed_s[epochs]
+    if degree is None:
+        degree = 2 if time_s.size == 0 or time_s[-1] - time_s[0] <= DEGREE_2_LASTS_S else 3
+    if channels.size < 2 or time_s.size < degree + 5:
+        return None
+    radius_cyc = arm.radius_m * observations.carrier_hz[channels[0]] / SPEED_OF_LIGHT_M_S
+    sigma_cyc = float(np.median(observations.carrier_sigma_cyc[np.ix_(epochs, channels)]))
+    phase_cyc = -observations.carrier_cyc[np.ix_(epochs, channels)].T
+    rate_rad_s = arm.rate_rad_s
+    angle_rad = rate_rad_s * time_s
+    phase_cyc = repair_slips(phase_cyc, angle_rad, sigma_cyc=sigma_cyc, degree=degree, time=time_s).phase_cyc
+    if arm.rate_sigma_rad_s > 0.0:
+        rate_rad_s = float(
+            estimate_rate(
+                phase_cyc,
+                arm.rate_rad_s,
+                radius_cyc=radius_cyc,
+                sigma_cyc=sigma_cyc,
+                degree=degree,
+                time=time_s,
+                rate_sigma_rad=arm.rate_sigma_rad_s,
+                within=5.0 * arm.rate_sigma_rad_s / abs(arm.rate_rad_s),
+            ).rate_rad
+        )
+        angle_rad = rate_rad_s * time_s
+    fit = full_fit(
+        minus_mean(phase_cyc), angle_rad, radius_cyc=radius_cyc, sigma_cyc=sigma_cyc, degree=degree, time=time_s
+    )
+    return Levels(channels, fit.level, np.asarray(np.linalg.inv(fit.information), np.float64))
+
+
 # The detector ---------------------------------------------------------------------------------------------------------
 
 
@@ -399,16 +456,8 @@ class Spin:
         return [said for o in turning for said in self._receiver(records, o, arms[o.receiver])], state
 
     def _receiver(self, records: Records, observations: Observations, arm: SpinArm) -> list[Evidence]:
-        channels = of_one_carrier(observations.carrier_hz)
-        there = np.isfinite(observations.carrier_cyc[:, channels])
-        channels = channels[there.mean(axis=0) >= self.settings.min_share] if there.size else channels[:0]
-        epochs = np.all(np.isfinite(observations.carrier_cyc[:, channels]), axis=-1)
-        time_s = observations.elapsed_s[epochs]
-        refs = [SignalRef(observations.receiver, observations.signals[k]) for k in channels]
-        degree = self.settings.degree
-        if degree is None:
-            degree = 2 if time_s.size == 0 or time_s[-1] - time_s[0] <= DEGREE_2_LASTS_S else 3
-        if len(refs) < 2 or time_s.size < degree + 5:
+        seen = levels_of(observations, arm, degree=self.settings.degree, min_share=self.settings.min_share)
+        if seen is None:
             return [
                 undecided(
                     self,
@@ -418,45 +467,18 @@ class Spin:
                     would_need="carrier phases of two or more signals, ten times a second or so",
                 )
             ]
-        wavelength_m = SPEED_OF_LIGHT_M_S / observations.carrier_hz[channels[0]]
-        radius_cyc = arm.radius_m / wavelength_m
-        sigma_cyc = float(np.median(observations.carrier_sigma_cyc[np.ix_(epochs, channels)]))
-        phase_cyc = -observations.carrier_cyc[np.ix_(epochs, channels)].T
-        rate_rad_s = arm.rate_rad_s
-        angle_rad = rate_rad_s * time_s
-        phase_cyc = repair_slips(phase_cyc, angle_rad, sigma_cyc=sigma_cyc, degree=degree, time=time_s).phase_cyc
-        if arm.rate_sigma_rad_s > 0.0:
-            rate_rad_s = float(
-                estimate_rate(
-                    phase_cyc,
-                    arm.rate_rad_s,
-                    radius_cyc=radius_cyc,
-                    sigma_cyc=sigma_cyc,
-                    degree=degree,
-                    time=time_s,
-                    rate_sigma_rad=arm.rate_sigma_rad_s,
-                    within=5.0 * arm.rate_sigma_rad_s / abs(arm.rate_rad_s),
-                ).rate_rad
-            )
-            angle_rad = rate_rad_s * time_s
-        fit = full_fit(
-            minus_mean(phase_cyc), angle_rad, radius_cyc=radius_cyc, sigma_cyc=sigma_cyc, degree=degree, time=time_s
-        )
-        covariance = np.asarray(np.linalg.inv(fit.information), np.float64)
-        if found := self._against_orbits(records, observations, channels, arm, radius_cyc, fit.level, covariance):
+        if found := self._against_orbits(records, observations, arm, seen):
             return found
-        covariances = np.broadcast_to(covariance, (len(refs), 2, 2))
-        return cluster_evidence(self, records, refs, fit.level, covariances, np.eye(3)[:2], wrapped=False)
+        refs = [SignalRef(observations.receiver, observations.signals[k]) for k in seen.channels]
+        covariances = np.broadcast_to(seen.covariance, (len(refs), 2, 2))
+        return cluster_evidence(self, records, refs, seen.level, covariances, np.eye(3)[:2], wrapped=False)
 
     def _against_orbits(
         self,
         records: Records,
         observations: Observations,
-        channels: Indices,
         arm: SpinArm,
-        radius_cyc: float,
-        level: Reals,
-        covariance: Reals,
+        levels: Levels,
     ) -> list[Evidence]:
         """What is authentic and what is spoofed by the directions of the satellites; empty if that shows nothing.
 
@@ -466,12 +488,14 @@ class Spin:
         places = [one.position_ecef_m for one in records.sets if one.receiver == observations.receiver]
         if records.navigation is None or not places:
             return []
+        channels = levels.channels
         middle = [observations.gpst.size // 2]
-        seen = _SCALE_CYC * level * [1.0, -1.0]  # the arm turns clockwise: forward is its start, then right
+        seen = _SCALE_CYC * levels.level * [1.0, -1.0]  # the arm turns clockwise: forward is its start, then right
         shape = (1, channels.size, 3)
-        sigma = _SCALE_CYC * np.sqrt(np.linalg.eigvalsh(covariance).max())
+        sigma = _SCALE_CYC * np.sqrt(np.linalg.eigvalsh(levels.covariance).max())
         carrier_hz = observations.carrier_hz[channels]
         wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz[0]
+        radius_cyc = arm.radius_m / wavelength_m
         phases = ArrayPhases(
             receiver=observations.receiver,
             signals=tuple(observations.signals[k] for k in channels),
