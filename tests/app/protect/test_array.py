@@ -65,7 +65,6 @@ FAILURES = {
     "constant": (lambda iq, rng: np.full_like(iq, 7), SILENT),
     "dead before its middle": (lambda iq, rng: iq * (np.arange(len(iq)) < 0.4 * len(iq))[:, None], SILENT),
     "noise": (lambda iq, rng: np.rint(20.0 * rng.standard_normal(iq.shape)), SILENT),
-    "begun late": (lambda iq, rng: np.roll(iq, 12_345, axis=0), SILENT),
     "at another rate": (lambda iq, rng: iq[np.rint(np.arange(len(iq)) * 0.999).astype(int)], SILENT),
     "mirrored": (lambda iq, rng: iq[:, ::-1], SILENT),
     "a jump": (lambda iq, rng: np.where((np.arange(len(iq)) < 0.6 * len(iq))[:, None], iq, -iq), JUMPS),
