@@ -131,6 +131,7 @@ MADE_ELSEWHERE = {
     "agreement": "ins_array",
     "array_model": "ins_array",
     "base": None,
+    "carriers": None,
     "continuity": None,
     "drawn_off": None,
     "steps": None,

@@ -100,7 +100,9 @@ def further_signals(
     sets : of each receiver, those that are no late copies of another one.
     """
     true = {(s.receiver, kind): s for sky in reversed(skies) for s in sky.sets for kind in sky.kinds}
-    each = replace(rates, alarm=rates.alarm / (3.0 * max(len(true), 1)))  # a second sky, echoes, echoes together
+    apart = [(sky, kind) for sky in skies for kind in _far_apart(sky)]
+    tests = 3.0 if apart else 2.0  # a second sky, echoes, echoes together
+    each = replace(rates, alarm=rates.alarm / (tests * max(len(true), 1)))
     observed = {o.receiver: o for o in records.observations}
     found: list[Named] = []
     for (receiver, _), chosen in true.items():
@@ -112,7 +114,7 @@ def further_signals(
         beside = _beside(records, observed[receiver], chosen, kind, each)
         places = {(receiver, signal.sat) for signal in chosen.signals if signal.kind == kind}
         own[receiver, kind] = [b for b in beside if b.ref not in known], places
-    together = [_merged([own[name, kind] for name in sky.receivers]) for sky in skies for kind in _far_apart(sky)]
+    together = [_merged([own[name, kind] for name in sky.receivers]) for sky, kind in apart]
     tested = [_Tested(beside, places, each) for beside, places in [*own.values(), *together]]
     attacked = bool(known) or any(one.p_value < each.alarm for one in tested)
     alone = {b.ref: (b, one.p_value) for one in tested for b in one.told if attacked}
