@@ -13,7 +13,7 @@ RECORDER = pytest.StashKey[Recorder]()
 
 # The same examples every time, however slow the machine; `pytest --hypothesis-profile search` looks for new ones, and
 # for more where a test does not say how many.
-settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=40)
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.register_profile("search", deadline=None, max_examples=1000)
 settings.load_profile("repeatable")
 

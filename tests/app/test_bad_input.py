@@ -160,6 +160,7 @@ def test_an_odd_byte_at_the_end_is_left_out_and_reported(run, wide, tmp_path):
     assert "signals found" in ended.remarks(0)  # it was worked on
 
 
+@pytest.mark.long
 def test_a_saturated_recording_is_worked_on_and_reported(run, wide, tmp_path):
     path = copied(wide, tmp_path)
     numbers = np.fromfile(path, np.int8).astype(np.int64) * 12
@@ -407,6 +408,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(run, pair, t
     assert (tmp_path / "taken").read_text() == "a file"
 
 
+@pytest.mark.long
 def test_the_results_of_two_runs_never_mix(run, wide, tmp_path):
     ended = run(wide)
     mine = ["bow-authentic.obs", "bow-other-2.obs", "bow-trusted.nmea", "nav.rnx"]

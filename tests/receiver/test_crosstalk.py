@@ -67,6 +67,7 @@ def rms(values) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("apart_chips", "stronger_db", "apart_hz", "same_bits"),
     [

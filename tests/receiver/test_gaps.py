@@ -115,6 +115,7 @@ def received(rendered, planes):
     return output, state, there
 
 
+@pytest.mark.long
 def test_a_beat_of_all_signals_is_no_gap_and_costs_no_channel(overlapping):
     output, _, there = received(overlapping, overlapping.planes)
     assert len(there) >= 5

@@ -236,7 +236,9 @@ def differences_modulo_ms(heard, whole, signal, tenths_from, missing_s):
 HALF_A_BIT = pytest.param(26_000, marks=pytest.mark.long)
 
 
-@pytest.mark.parametrize("missing", [pytest.param(997, marks=pytest.mark.long), HALF_A_BIT, 123_457])
+@pytest.mark.parametrize(
+    "missing", [pytest.param(997, marks=pytest.mark.long), HALF_A_BIT, pytest.param(123_457, marks=pytest.mark.long)]
+)
 def test_missing_samples_cost_the_way_back_and_no_letter(receiver, planes, whole, missing):
     """Signals are lost and found again, each under its name, at its new delay.
 

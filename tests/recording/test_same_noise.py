@@ -136,6 +136,7 @@ def test_independent_noise_shares_nothing():
         assert reported.coefficient < 0.5 * EXPLAINED
 
 
+@pytest.mark.long
 def test_what_is_explained_is_called_common_noise_no_oftener_than_stated():
     """Noise that has in common just what signals may have: at one lag, so that the bound over all lags is ample."""
     rng, wanted, cells = np.random.default_rng(8), 0.2, 512

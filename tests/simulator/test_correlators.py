@@ -181,6 +181,7 @@ def outputs_of(scene: Scene, tracked: Tracked, kind: Replica, draws: int, quanti
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["filtered", "chips"])
 def test_outputs_follow_the_law_of_rendered_samples(navigation: NavigationData, kind: Replica) -> None:
     scene = overlapping(navigation, FILTERED)
@@ -295,6 +296,7 @@ def test_means_are_those_of_samples_without_noise(
     assert np.abs(found - outputs.mean[0]).max() < 2.5e-3 * np.abs(found).max()
 
 
+@pytest.mark.long
 def test_other_satellites_are_the_noise_that_they_are_said_to_be(
     navigation: NavigationData, scenario: Scenario
 ) -> None:

@@ -105,6 +105,7 @@ def test_claims_hold():
     assert all(one.agrees for one in check(BY_NAME["uniformity.tests"], rows_of("tests")))
 
 
+@pytest.mark.long
 def test_shares_rise_to_one_and_the_right_line_is_beside_them():
     rows = rows_of("distribution")
     charts = BY_NAME["uniformity.distribution"].charts

@@ -63,6 +63,7 @@ def test_it_is_a_sequence_like_any_other(n, places, cuts):
                     log[place]
 
 
+@pytest.mark.long
 def test_a_day_of_it_takes_a_few_megabytes_of_a_disk():
     rng = np.random.default_rng(1)
     log = EvidenceLog(piece(number, rng) for number in range(12 * 360))

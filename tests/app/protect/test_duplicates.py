@@ -21,6 +21,7 @@ DURATION_S = 14.0
 FAR = Settings(antenna_separation_m=50.0)
 
 
+@pytest.mark.long
 def test_a_copy_that_begins_a_second_later_is_one_receiver_and_no_spoofing(kit, tmp_path):
     recorded = kit.record(kit.scenario_of(receivers=1, duration_s=DURATION_S), tmp_path)
     (original,) = recorded.paths

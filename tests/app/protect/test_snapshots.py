@@ -110,6 +110,7 @@ def test_an_antenna_that_fails_is_left_out_and_reported(snapshots, tmp_path, fai
     assert any("antenna 3 does not receive what the others do" in r for r in result.verdict.inputs[0].remarks)
 
 
+@pytest.mark.long
 def test_a_dead_file_among_those_of_the_antennas_is_left_out_and_reported(snapshots, tmp_path):
     folder = snapshots / "attacked"
     for path in [*folder.glob("array.?.bin"), *folder.glob("array.?.toml"), folder / "platform.toml"]:

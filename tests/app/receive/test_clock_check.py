@@ -85,6 +85,7 @@ def test_an_inspection_reads_at_the_rate_that_it_measures(ppm):
     assert found.document()["given"]["rate_hz"] == RATE_HZ * (1.0 + ppm * 1e-6)
 
 
+@pytest.mark.long
 def test_a_carrier_that_is_given_wrong_is_no_rate():
     found = inspect_recording(replace(recorded(0.5), if_hz=6000.0))
     assert found.samples.rate_hz == RATE_HZ

@@ -167,6 +167,7 @@ def test_one_page_is_written_under_the_scenes_name(tmp_path: Path) -> None:
     assert "5 s, 1 receiver" in path.read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_all_pages_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     two = {name: scenes.ready_made()[name] for name in ("clean", "spin")}
     monkeypatch.setattr(scenes, "ready_made", lambda: two)

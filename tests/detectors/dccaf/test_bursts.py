@@ -28,6 +28,7 @@ def test_a_satellites_own_side_lobes_are_in_its_shape():
     np.testing.assert_allclose(np.linalg.pinv(shape.whiten) @ middle, own_correlation(PRN, lag), atol=2e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cn0_dbhz", [36.0, 50.0])
 def test_one_signal_counts_as_two_at_most_as_often_as_stated(cn0_dbhz):
     rng = np.random.default_rng(1)
