@@ -59,6 +59,7 @@ def test_whoever_is_killed_at_any_moment_leaves_no_old_file_beside_a_new_one(tmp
         left = texts(folder)
         assert left.pop("mine.txt") == "mine"
         assert set(left.values()) in ({"old"}, {"new"}, set()), f"at step {step}"
+        assert "verdict.json" not in left or set(NAMES) <= set(left), f"at step {step}"
         if left.get("verdict.json") == "new":
             assert left == dict.fromkeys(NAMES, "new")
         write_run(folder, "third", NAMES[1:])

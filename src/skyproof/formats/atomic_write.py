@@ -14,7 +14,7 @@ from typing import BinaryIO, Final
 
 from skyproof.errors import OutputError
 
-__all__ = ["UNFINISHED", "output_error", "write_lines", "writing", "writing_together"]
+__all__ = ["UNFINISHED", "output_error", "replaced", "write_lines", "writing", "writing_together"]
 
 UNFINISHED: Final = ".skyproof-unfinished"
 """The folder within another one that holds what `writing_together` has not finished."""
@@ -74,7 +74,8 @@ def writing_together(folder: Path, *, instead_of: Iterable[str] = (), last: str 
     Parameters
     ----------
     instead_of : names of files in `folder` that go first; files of the new names go as well.
-    last : of all of them the one that goes and comes last: where it is, its fellows are.
+    last : of all of them the one that goes first and comes last: where it is, its fellows are. Until all are there, the
+        one that went is kept as `replaced(last)` in the unfinished folder, for whoever comes after a kill.
 
     Raises
     ------
@@ -84,13 +85,16 @@ def writing_together(folder: Path, *, instead_of: Iterable[str] = (), last: str 
     lock = _locked(part)
     try:
         for left in part.iterdir():
-            left.unlink()
+            if left.name != replaced(last):
+                left.unlink()
         yield part
-        names = sorted((path.name for path in part.iterdir()), key=lambda name: (name == last, name))
+        names = {path.name for path in part.iterdir()} - {replaced(last)}
         with _undisturbed():
-            for name in sorted({*instead_of, *names}, key=lambda name: name == last):
+            if last and (folder / last).exists():
+                os.replace(folder / last, part / replaced(last))
+            for name in {*instead_of, *names}:
                 (folder / name).unlink(missing_ok=True)
-            for name in names:
+            for name in sorted(names, key=lambda name: (name == last, name)):
                 os.replace(part / name, folder / name)
     except OutputError as error:
         raise OutputError(str(error).replace(f"{UNFINISHED}{os.sep}", "")) from error
@@ -99,6 +103,11 @@ def writing_together(folder: Path, *, instead_of: Iterable[str] = (), last: str 
     finally:
         shutil.rmtree(part, ignore_errors=True)
         os.close(lock)
+
+
+def replaced(name: str) -> str:
+    """What a file is called that is about to be replaced."""
+    return f"replaced-{name}"
 
 
 def _locked(part: Path) -> int:

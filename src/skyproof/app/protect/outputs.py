@@ -19,7 +19,7 @@ from skyproof.app.protect.document import Outcome, ReceiverOutcome, versions
 from skyproof.app.protect.pictures import kinds_of, pictures_of
 from skyproof.app.protect.positions import KINDS, Track
 from skyproof.errors import InputError
-from skyproof.formats.atomic_write import UNFINISHED, write_lines, writing_together
+from skyproof.formats.atomic_write import UNFINISHED, replaced, write_lines, writing_together
 from skyproof.formats.checksums import write_checksums
 from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
@@ -47,6 +47,7 @@ from skyproof.verdict import Verdict
 
 __all__ = ["evidence_line", "write_outputs"]
 
+VERDICT = "verdict.json"
 _TABLE_CELLS = 1 << 15  # made into rows at once, of some 400 bytes each
 _TABLE_EVIDENCE = 1 << 10  # of some kilobytes each
 
@@ -55,9 +56,9 @@ def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Se
     """Write verdict, tables, RINEX, tracks, report and sums, in place of what an earlier run wrote; all or nothing."""
     with (
         progress.stage("writing outputs", 5) as stage,
-        writing_together(folder, instead_of=_older(folder), last="verdict.json") as part,
+        writing_together(folder, instead_of=_older(folder), last=VERDICT) as part,
     ):
-        write_verdict(part / "verdict.json", verdict)
+        write_verdict(part / VERDICT, verdict)
         write_lines(part / "settings.toml", _settings_lines(settings), encoding="utf-8")
         stage.advance(1)
         _write_tables(part, outcome)
@@ -79,7 +80,8 @@ def _older(folder: Path) -> list[str]:
     while its files appeared: the results of two runs never mix.
     """
     names = []
-    for verdict in (folder / "verdict.json", folder / UNFINISHED / "verdict.json"):
+    unfinished = folder / UNFINISHED
+    for verdict in (folder / VERDICT, unfinished / VERDICT, unfinished / replaced(VERDICT)):
         with contextlib.suppress(InputError):
             names += [re.escape(r.name) for r in read_verdict(verdict).receivers]
     own = re.compile(rf"({'|'.join(names)})-((authentic|other|unknown)(-\d+)?\.obs|trusted\.nmea)|nav\.rnx")
