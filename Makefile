@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo pages docs fill messages test test-long check bench interop lock clean
+.PHONY: help setup demo pages docs fill messages test test-long check bench interop ray lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -53,9 +53,15 @@ bench: $(READY) ## speed, each figure beside what it is compared with
 interop: $(READY) ## the same recordings through independent receivers, signal by signal (where installed)
 	$(BIN)/python interop/run.py
 
+ray: $(READY) ## the extra ray into .venv, for fleets on many machines and its tests (240 MB)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-ray.lock
+
 lock: $(READY) ## pin the newest versions anew (needs uv)
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
 	    --no-emit-index-url --no-emit-find-links --group dev pyproject.toml -o requirements.lock
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
+	    --no-emit-index-url --no-emit-find-links --extra ray --constraints requirements.lock pyproject.toml \
+	    -o requirements-ray.lock
 
 clean: ## remove the environment and what was made
 	rm -rf .venv demo docs/pages site .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis

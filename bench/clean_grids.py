@@ -18,7 +18,8 @@ import numpy as np
 
 from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, own_correlation, shapes
-from skyproof.detectors.dccaf.detector import GRIDS, OF_A_SKY, SIGNAL_LEVEL, DccafSettings
+from skyproof.detectors.dccaf.delays import DccafSettings
+from skyproof.detectors.dccaf.detector import GRIDS, OF_A_SKY, SIGNAL_LEVEL
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.statistics.distributions import binomial_survival
 

@@ -3,6 +3,7 @@
     python bench/drawn.py --attacks 1000 --clean 500 --out drawn.jsonl --processes 2   goes on where it was stopped
     python bench/drawn.py --several 300 --out drawn.jsonl                              some satellites, some antennas
     python bench/drawn.py --samples 60 --out drawn.jsonl                               attacks through samples
+    python bench/drawn.py --several-samples 30 --out drawn.jsonl                       some satellites through samples
     python bench/drawn.py --only attack-17 -v                                          everything about one scene
     python bench/drawn.py --table drawn.jsonl                                          the counts alone
 
@@ -14,7 +15,7 @@ import argparse
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -43,7 +44,10 @@ WRONG_BOUNDS = 3.0
 FOLLOWED_S = 5.0
 """An attack that no receiver follows with a signal for so long, or more weakly than by half, is not there for it."""
 SHOWN_FIELDS = ("kind", "place", "clock", "reached", "power_db", "noise_db", "onset_s", "n_sats", "others_enu_m")
-SAMPLES: dict[str, Any] = {"duration_s": 26.0, "most_receivers": 3}
+SAMPLES: dict[str, dict[str, Any]] = {
+    "attack": {"duration_s": 26.0, "most_receivers": 3},
+    "several": {"duration_s": 26.0, "most_receivers": 5},
+}
 MOST_SATS = 8
 
 
@@ -129,7 +133,7 @@ def scene_of_name(name: str, **options: Any) -> tuple[DrawnScene, Made | None, b
     if own == name:
         drawn = draw_scene(name, **options)
         return drawn, make(drawn), False
-    drawn = draw_scene(own, **(SAMPLES | options))
+    drawn = draw_scene(own, **(SAMPLES[own.partition("-")[0]] | options))
     return drawn, make(drawn, n_sats=MOST_SATS), True
 
 
@@ -240,9 +244,9 @@ def epochs_by_label(heard: Sequence[Heard], outcome: Outcome) -> dict[str, dict[
 # ---------------------------------------------------------------------- all of them
 
 
-def names_of(attacks: int, clean: int, samples: int = 0, first: int = 0, several: int = 0) -> list[str]:
-    counts = (("attack", attacks), ("clean", clean), ("samples-attack", samples), ("several", several))
-    return [f"{kind}-{k}" for kind, n in counts for k in range(first, first + n)]
+def names_of(counts: Mapping[str, int], first: int = 0) -> list[str]:
+    """Of so many scenes of each kind, from the number `first` on."""
+    return [f"{kind}-{k}" for kind, n in counts.items() for k in range(first, first + n)]
 
 
 def wrong_attacks(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -263,7 +267,7 @@ def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """The counts."""
     yield from (f"{row['name']} crashed: {row['error']}" for row in rows if row["verdict"] == "crashed")
     rows = [row for row in rows if row["verdict"] not in ("no scene", "crashed")]
-    for kind in ("attack", "several", "clean", "samples"):
+    for kind in ("attack", "several", "clean", "samples-attack", "samples-several"):
         mine = [row for row in rows if row["name"].startswith(kind)]
         if not mine:
             continue
@@ -377,7 +381,7 @@ def reported(name: str) -> Iterator[str]:
 def report() -> Iterator[str]:
     """Rows of the table of `make bench`: some of all."""
     yield "attacks and clean skies drawn at random, at the level of measurements"
-    yield from table(run(names_of(40, 20), row_of, None, 1))
+    yield from table(run(names_of({"attack": 40, "clean": 20}), row_of, None, 1))
 
 
 def _fields(drawn: DrawnScene) -> Iterator[str]:
@@ -394,6 +398,7 @@ def main() -> None:
     options.add_argument("--clean", type=int, default=0)
     options.add_argument("--several", type=int, default=0, help="some satellites imitated from one to four antennas")
     options.add_argument("--samples", type=int, default=0, help="attacks that go through samples and protect itself")
+    options.add_argument("--several-samples", type=int, default=0, help="those that go through samples and protect")
     options.add_argument("--first", type=int, default=0, help="number of the first scene of each kind")
     options.add_argument("--only", nargs="+", help="names of scenes, such as attack-17")
     options.add_argument("-v", "--verbose", action="store_true", help="with --only: everything about them")
@@ -408,7 +413,14 @@ def main() -> None:
             print("\n".join(reported(name)))
         return
     else:
-        names = chosen.only or names_of(chosen.attacks, chosen.clean, chosen.samples, chosen.first, chosen.several)
+        counts = {
+            "attack": chosen.attacks,
+            "clean": chosen.clean,
+            "several": chosen.several,
+            "samples-attack": chosen.samples,
+            "samples-several": chosen.several_samples,
+        }
+        names = chosen.only or names_of(counts, chosen.first)
         rows = run(names, row_of, chosen.out, chosen.processes)
     print("\n".join(table(rows)))
 

@@ -35,15 +35,16 @@ from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, following_epochs
 from skyproof.app.protect.document import Outcome, document
-from skyproof.app.protect.foresights import foresights_of, unit_of
+from skyproof.app.protect.foresights import antenna_units, foresights_of, unit_of
 from skyproof.app.protect.run import judge
 from skyproof.app.receive.measured import MeasurementLog, RowLog
 from skyproof.app.receive.reception import Reception, observe
-from skyproof.app.receive.tracker import Tracker, receiver_settings
+from skyproof.app.receive.tracker import Tracker, guiding_of, receiver_settings
 from skyproof.arrays import Complexes, Floats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.formats.pieces import Workspace
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
+from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.receiver import kernels as k
 from skyproof.receiver.acquisition import KnownSignal, Peak
 from skyproof.receiver.grids import N_META, NOISE_TAPS, GridCorrelator, Grids
@@ -58,7 +59,7 @@ from skyproof.simulator.received import Scene, row_of
 from skyproof.simulator.samples import low_pass
 from skyproof.verdict import Verdict
 
-__all__ = ["DrawnReceiver", "judged", "received_of"]
+__all__ = ["DrawnReceiver", "Waves", "judged", "received_of", "reception_of", "waves_of"]
 
 POINTS = 32
 """A chip, of tables of correlation."""
@@ -216,11 +217,11 @@ class DrawnReceiver(Receiver):
         loops[:, [k.LOCK_I, k.LOCK_Q, k.LOCK_COUNT]] = 0.0
         power = float(self.waves.power[min(state.frame, len(self.waves.power) - 1)]) * CODE_SCALE**2
         noise = self._rng.standard_normal((n, self._max_periods, self.n_taps, 2))
-        w = self.waves
-        for i, channel in enumerate(state.channels):
-            of, table, root = self._known(channel.sat)
+        arriving = [(w, stop, i) for w, stop in self._stretches(begin, end) for i in range(n)]
+        for w, stop, i in arriving:
+            of, table, root = self._known(state.channels[i].sat)
             _followed(
-                end,
+                stop,
                 power,
                 loops[i],
                 w.code_s[:, of],
@@ -251,6 +252,10 @@ class DrawnReceiver(Receiver):
         )
         noise_power = power * self.rate_hz * SIGNAL.period_s
         return replace(state, loops=loops, rows=rows, counts=counts, prompts=prompts, noise=noise_power)
+
+    def _stretches(self, begin: int, end: int) -> list[tuple[Waves, int]]:
+        """What arrives from sample `begin` on, and up to where."""
+        return [(self.waves, end)]
 
     def _known(self, sat: str) -> tuple[Integers, Reals, Reals]:
         if sat not in self._of:
@@ -516,9 +521,27 @@ class _Undiagnosed(Tracker):
 
 
 def received_of(
-    scene: Scene, index: int, settings: Settings, navigation: NavigationData, rng: np.random.Generator
+    scene: Scene,
+    index: int,
+    settings: Settings,
+    navigation: NavigationData,
+    rng: np.random.Generator,
+    unit: AntennaUnit | None = None,
 ) -> Reception:
     """What a receiver behind drawn correlators receives at antenna number `index`."""
+    wanted = receiver_settings(GPS_SATS, settings, asked())
+    return reception_of(scene, index, DrawnReceiver(scene, index, wanted, rng), navigation, settings, unit)[0]
+
+
+def reception_of(
+    scene: Scene,
+    index: int,
+    receiver: DrawnReceiver,
+    navigation: NavigationData,
+    settings: Settings,
+    unit: AntennaUnit | None = None,
+) -> tuple[Reception, Tracker]:
+    """What a receiver receives of the whole scene, and what it kept of how."""
     front_end, name = scene.scenario.front_end, scene.skies[index].name
     samples = Samples(
         name=name,
@@ -528,17 +551,18 @@ def received_of(
         if_hz=front_end.if_hz,
         start_gpst=scene.scenario.start_gpst,
     )
-    wanted, workspace = receiver_settings(GPS_SATS, settings, asked()), Workspace()
+    workspace = Workspace()
     tracker = _Undiagnosed(
         samples=samples,
-        receiver=DrawnReceiver(scene, index, wanted, rng),
-        measured=MeasurementLog(workspace, name, MEASURE_FRAMES * wanted.frame_s),
+        receiver=receiver,
+        measured=MeasurementLog(workspace, name, MEASURE_FRAMES * receiver.settings.frame_s),
         grids=RowLog(workspace, f"{name}/grids"),
+        vector=guiding_of(samples, navigation, settings, unit) if settings.tracking == "vector" else None,
         checks=0,
     )
     while tracker.advance():
         pass
-    return observe(tracker, navigation, None, workspace)
+    return observe(tracker, navigation, None, workspace), tracker
 
 
 def judged(scene: Scene, navigation: NavigationData, platform_path: Path, seed: int) -> tuple[Verdict, Outcome]:
@@ -548,13 +572,15 @@ def judged(scene: Scene, navigation: NavigationData, platform_path: Path, seed: 
     tables = described(platform, names, str(platform_path))
     settings, _ = settings_of(platform, resolve_settings(platform.protect), names, tables)
     rng = np.random.default_rng(seed)
-    receptions = [received_of(scene, index, settings, navigation, rng) for index in range(len(names))]
+    start_gpst, files = scene.scenario.start_gpst, open_body(platform)
+    unit = unit_of(platform, files, names, tables, start_gpst)
+    carrying = antenna_units(unit)
+    receptions = [
+        received_of(scene, index, settings, navigation, rng, carrying.get(name)) for index, name in enumerate(names)
+    ]
     observed = [r.observations for r in receptions if r.observations is not None]
     settings = following_epochs(settings, observed)
-    start_gpst = scene.scenario.start_gpst
-    files = open_body(platform)
     body = body_of(platform, files, start_gpst, settings.max_separation_m)
-    unit = unit_of(platform, files, names, tables, start_gpst)
     foresights = foresights_of(names, settings, platform, tables, unit)
     outcome, _ = judge(receptions, navigation, settings, Silent(), body=body, foresights=foresights)
     return document(outcome, (), settings), outcome

@@ -14,7 +14,8 @@ from timing import Spread, line, take_turns
 from waves import Cell, add, noise, pair_of
 
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, shapes
-from skyproof.detectors.dccaf.detector import GRIDS, DccafSettings
+from skyproof.detectors.dccaf.delays import DccafSettings
+from skyproof.detectors.dccaf.detector import GRIDS
 from skyproof.gnss.signals import GPS_SATS, prn_of
 from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.grids import GridCorrelator, Grids

@@ -1,7 +1,9 @@
 """Peak memory of the main job on runs of different lengths: two receivers' samples, rendered as they are read, and
 observation files of 1 Hz. Memory should not grow with the run.
 
-Each run is a process of its own: `python memory.py samples MINUTES` or `python memory.py rinex HOURS` is one.
+Each run is a process of its own: `python memory.py samples MINUTES` or `python memory.py rinex HOURS` is one. What is
+rendered grows with the scene: `python memory.py rendering MINUTES` does that alone, and what it takes more than for the
+shortest run is taken off.
 """
 
 import json
@@ -52,12 +54,17 @@ def report(minutes: tuple[int, ...] = MINUTES, hours: tuple[int, ...] = HOURS) -
     """Rows of the table."""
     for kind, lengths, unit in (("samples", minutes, "min"), ("rinex", hours, "h")):
         first: float | None = None
+        least: float | None = None
         for length in lengths:
             run = _run_of_its_own(kind, length)
-            first = first or run["peak_mb"]
+            scene_mb = _run_of_its_own("rendering", length)["peak_mb"] if kind == "samples" else 0.0
+            least = scene_mb if least is None else least
+            own_mb = run["peak_mb"] - (scene_mb - least)
+            first = first or own_mb
+            ratio = f"{own_mb:.0f} MB without what rendering grows by, {own_mb / first:.2f} of the shortest"
             yield (
-                f"  {kind} of two receivers, {length:2d} {unit}: peak {run['peak_mb']:.0f} MB "
-                f"({run['peak_mb'] / first:.2f} of the shortest), {run['seconds']:.0f} s, {run['verdict']}"
+                f"  {kind} of two receivers, {length:2d} {unit}: peak {run['peak_mb']:.0f} MB ({ratio}), "
+                f"{run['seconds']:.0f} s, {run['verdict']}"
             )
 
 
@@ -85,8 +92,7 @@ def _receivers(oscillator: str) -> tuple[SceneReceiver, ...]:
     )
 
 
-def samples(minutes: int, folder: Path) -> str:
-    """The verdict on samples that are rendered as they are read."""
+def _rendered(minutes: int) -> tuple[list[Samples], NavigationData]:
     scenario = Scenario(
         seed=1,
         start_gpst=START,
@@ -95,8 +101,22 @@ def samples(minutes: int, folder: Path) -> str:
         receivers=_receivers("ocxo"),
     )
     navigation = nominal_constellation(START + np.timedelta64(30 * minutes, "s"))
+    return list(samples_of(scenario, navigation)), navigation
+
+
+def rendering(minutes: int) -> str:
+    """A tenth of a second of each minute, of both receivers."""
+    sources, _ = _rendered(minutes)
+    for source in sources:
+        for minute in range(minutes):
+            source.read(int(60 * minute * RATE_HZ), int(0.1 * RATE_HZ))
+    return ""
+
+
+def samples(minutes: int, folder: Path) -> str:
+    """The verdict on samples that are rendered as they are read."""
+    sources, navigation = _rendered(minutes)
     write_nav(folder / "nav.rnx", navigation)
-    sources: list[Samples] = list(samples_of(scenario, navigation))
     with patch("skyproof.app.protect.run.open_inputs", lambda *_: sources):
         return protect(["rendered"], nav=folder / "nav.rnx", out=folder / "out").verdict.verdict
 
@@ -173,6 +193,8 @@ def main(kind: str, *rest: str) -> None:
         begin = perf_counter()
         if kind == "samples":
             print(_measured(samples(int(rest[0]), Path(folder)), begin))
+        elif kind == "rendering":
+            print(_measured(rendering(int(rest[0])), begin))
         elif kind == "rinex":
             rinex(int(rest[0]), Path(folder))
         else:

@@ -13,7 +13,8 @@ from timing import line
 from skyproof.arrays import Reals
 from skyproof.decomposition.correlation import noise_variance
 from skyproof.detectors.dccaf.bursts import own_correlation
-from skyproof.detectors.dccaf.detector import Dccaf, DccafSettings
+from skyproof.detectors.dccaf.delays import DccafSettings
+from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import prn_of
 from skyproof.receiver.grids import BAND_SHARE, NOISE_TAPS, TAPS_A_BAND

@@ -17,6 +17,7 @@ import clean_grids
 import clean_skies
 import deciding
 import drawn
+import fleet
 import grids
 import house
 import joint
@@ -41,6 +42,7 @@ import startup
 import vector
 import vector_drawn
 import vector_figures
+import vector_inertia
 import vector_limits
 import vector_takeovers
 from timing import machine
@@ -71,12 +73,14 @@ BENCHES = {
     "clean-grids": clean_grids,
     "clean-skies": clean_skies,
     "vector": vector,
+    "vector-inertia": vector_inertia,
     "vector-limits": vector_limits,
     "vector-drawn": vector_drawn,
     "vector-figures": vector_figures,
     "vector-takeovers": vector_takeovers,
     "sqm-roc": sqm_roc,
     "startup": startup,
+    "fleet": fleet,
     "drawn": drawn,
     "arrays": arrays,
     "antennas": antennas,

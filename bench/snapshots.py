@@ -49,6 +49,8 @@ KINDS = {
     "frequency": "the intermediate frequency is stated 1.5 kHz off",
     "gains": "antennas that receive all up to 15 dB weaker",
     "tone": "a tone up to 25 dB stronger than the noise",
+    "begins": "of an attack: it begins within the snapshot, with 0.25 to 0.8 of it over",
+    "lies": "of an attack: it begins so, upon the true signals: within half a chip of them",
 }
 
 
@@ -56,17 +58,27 @@ class DrawnSnapshot:
     """A snapshot by its number. false : (n_signals,). samples : of all antennas; array : where they are."""
 
     def __init__(
-        self, number: int, *, attack: bool, antennas: int | None = None, rate_hz: float = 4.092e6, kind: str = ""
+        self,
+        number: int,
+        *,
+        attack: bool,
+        antennas: int | None = None,
+        rate_hz: float = 4.092e6,
+        kind: str = "",
+        duration_s: float = DURATION_S,
     ) -> None:
-        self.kind = kind
+        self.kind, self.duration_s = kind, duration_s
         rng = np.random.default_rng([number, attack, 64])
         count = antennas or int(rng.choice([4, 7, 12, 24]))
         self.power_db = float(rng.uniform(-3.0, 12.0))
         lat_deg, lon_deg = rng.uniform(-65.0, 65.0), rng.uniform(-180.0, 180.0)
         shows_m = (*rng.uniform(-1e3, 1e3, 2), rng.uniform(-20.0, 20.0))
+        delay_m = rng.uniform(-1e3, 1e3)
+        if kind == "lies":
+            shows_m, delay_m = (shows_m[0] / 20.0, shows_m[1] / 20.0, shows_m[2]), delay_m / 20.0
         scene = MeasuredScene(
             antennas_enu_m={"array": (0.0, 0.0, 0.0)},
-            false=(FalseSky(shows_enu_m=shows_m, delay_m=rng.uniform(-1e3, 1e3)),) * attack,
+            false=(FalseSky(shows_enu_m=shows_m, delay_m=delay_m),) * attack,
             epochs=5,
             step_s=STEP_S,
             errors=TrackErrors(1.0, 0.9, 0.7),
@@ -112,7 +124,8 @@ class DrawnSnapshot:
         self, rng: np.random.Generator, o: Observations, columns: Any, phase_cyc: Reals, rate_hz: float
     ) -> Floats:
         """(n_antennas, n) signs."""
-        n = round(DURATION_S * rate_hz)
+        n = round(self.duration_s * rate_hz)
+        begin = rng.uniform(0.25, 0.8) * self.duration_s if self.kind in ("begins", "lies") else 0.0
         t = np.arange(n) / rate_hz
         label_s = (o.gpst[0].astype("datetime64[ns]").astype(np.int64) % 1_000_000) * 1e-9
         waves = np.empty((columns.size, n), np.complex64)
@@ -121,13 +134,15 @@ class DrawnSnapshot:
             shown_s = label_s - o.pseudorange_m[0, column] / SPEED_OF_LIGHT_M_S
             chips = (shown_s + t * (1.0 + doppler_hz / L1_HZ)) * GPS_L1_CA.chip_rate_hz
             code = GPS_L1_CA.code(prn_of(signal.sat))[np.floor(chips).astype(np.int64) % GPS_L1_CA.code_length]
-            bits = rng.choice([-1.0, 1.0], 6)
+            bits = rng.choice([-1.0, 1.0], round(50.0 * self.duration_s) + 3)
             period = np.floor(chips / GPS_L1_CA.code_length).astype(np.int64)
             symbol = (period - period[0] + rng.integers(20)) // 20
             power_db = o.cn0_dbhz[0, column] + (self.power_db if self.false[row] else 0.0)
             amplitude = np.sqrt(4.0 * 10.0 ** (0.1 * power_db) / rate_hz)
             cycles = np.mod((rate_hz / 4.0 + doppler_hz) * t, 1.0)
             waves[row] = amplitude * bits[symbol] * code * np.exp(2j * np.pi * cycles)
+            if self.false[row]:
+                waves[row] *= t >= begin
         turns = np.exp(2j * np.pi * phase_cyc).astype(np.complex64)
         if self.kind == "gains":
             turns *= 10.0 ** (-0.05 * rng.uniform(0.0, 15.0, turns.shape[1])).astype(np.float32)
@@ -210,12 +225,13 @@ def counted(
     rate_hz: float,
     first: int = 0,
     kind: str = "",
+    duration_s: float = DURATION_S,
 ) -> Iterator[str]:
     """Rows of a table: words of signals and verdicts, then the scenes with a wrong word."""
     count: Counter[str] = Counter()
     wrong, seconds, off = [], [], []
     for k in range(first, first + number):
-        scene = DrawnSnapshot(k, attack=attack, antennas=antennas, rate_hz=rate_hz, kind=kind)
+        scene = DrawnSnapshot(k, attack=attack, antennas=antennas, rate_hz=rate_hz, kind=kind, duration_s=duration_s)
         outcome, took_s = judged(scene, with_orbits=with_orbits)
         seconds.append(took_s)
         said = said_of(scene, outcome)
@@ -237,11 +253,8 @@ def counted(
     yield from (f"  WRONG {one}" for one in wrong)
 
 
-def table(
-    *, attacks: int, clean: int, antennas: int | None, rate_hz: float, first: int = 0, kind: str = ""
-) -> Iterator[str]:
+def table(*, attacks: int, clean: int, **how: Any) -> Iterator[str]:
     """Counts with orbits and without."""
-    how: dict[str, Any] = {"antennas": antennas, "rate_hz": rate_hz, "first": first, "kind": kind}
     for number, attack in ((clean, False), (attacks, True)):
         for with_orbits in (True, False):
             if number:
@@ -266,13 +279,18 @@ def main() -> None:
     parser.add_argument("--only", type=int)
     parser.add_argument("--kind", choices=KINDS, default="", help=str(KINDS))
     parser.add_argument("--quiet-sky", action="store_true", help="of --only: the clean sky of that number")
+    parser.add_argument("--duration", type=float, default=DURATION_S, help="seconds of a snapshot")
     given = parser.parse_args()
+    how = {
+        "antennas": given.antennas,
+        "rate_hz": given.rate,
+        "kind": given.kind,
+        "duration_s": given.duration,
+    }
     if given.only is None:
-        how = {"antennas": given.antennas, "rate_hz": given.rate, "first": given.first, "kind": given.kind}
-        for row in table(attacks=given.attacks, clean=given.clean, **how):
+        for row in table(attacks=given.attacks, clean=given.clean, first=given.first, **how):
             print(row, flush=True)
         return
-    how = {"antennas": given.antennas, "rate_hz": given.rate, "kind": given.kind}
     scene = DrawnSnapshot(given.only, attack=not given.quiet_sky, **how)
     for with_orbits in (True, False):
         outcome, took_s = judged(scene, with_orbits=with_orbits)

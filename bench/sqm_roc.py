@@ -2,21 +2,35 @@
 
 `python bench/sqm_roc.py`. Correlators at 0, +-1/8 and +-1/2 chip (and 25 Hz to either side) of 20 ms of a true signal
 and a second one of its satellite, sharp chips, noise correlated as theirs is; a code loop of 1 Hz follows their sum, a
-phase loop holds it. Metrics are means over a second against their exact law (`ratio_p_value`), and delta's variance
-over a second against its own. Powers, speeds and carriers of the second signal are those of the scenes that rows are
-named after, by satellite: the scenes' samples are not run. Eight satellites; a receiver alarms when one of them does at
-an eighth of the level.
+phase loop holds it. Metrics are means over a second against their exact law (`ratio_deviate`), with the code loop's own
+jitter, and delta's variance over a second against its own. Powers, speeds and carriers of the second signal are those
+of the scenes that rows are named after, by satellite: the scenes' samples are not run. Eight satellites; a receiver
+alarms when one of them does at an eighth of the level.
+
+`python bench/sqm_roc.py receiver takeover texbat-like-3` : the same metrics on correlators of the whole receiver, its
+loops, front end and search as they are, behind drawn correlators; no law fits a front end's peak, so that each signal's
+mean and scatter are those of its own seconds before the onset, and rates those counted in as many clean runs.
 """
 
+import sys
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from drawn_correlators import received_of
+from held import SCENES as HELD
+from held import scene_named
+from scipy import special
 
+from skyproof.app.common.settings import Settings
+from skyproof.app.scenes.simulate import scenario_of
 from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.correlators import sqm
 from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.simulator.received import Scene
+from skyproof.simulator.sky import scene_of
 
 LOOK_S, LOOKS, ALIGNED_S, SATELLITES, RECEIVERS = 0.02, 50, 5, 8, 25
 DELAYS = np.array([0.5, 0.125, 0.0, -0.125, -0.5])
@@ -85,7 +99,7 @@ def _p_values(second: Second | None, level_dbhz: float, seconds: int) -> Reals:
     """(metrics, tracks, seconds)."""
     rng = np.random.default_rng(7)
     n = RECEIVERS * SATELLITES if second is not None else SATELLITES
-    found = [_second_by_second(track, level_dbhz) for track in _tracks(rng, n, second, level_dbhz, seconds)]
+    found = [_second_by_second(track) for track in _tracks(rng, n, second, level_dbhz, seconds)]
     return np.stack(found, axis=-1)
 
 
@@ -131,25 +145,94 @@ def _tracks(
         yield taps, slow_fast
 
 
-def _second_by_second(track: tuple[Complexes, Complexes], level_dbhz: float) -> Reals:
-    """(metrics, n) p-values of one second."""
-    taps, slow_fast = (one.mean(axis=0) for one in track)
+def _second_by_second(track: tuple[Complexes, Complexes]) -> Reals:
+    """(metrics, n) p-values of one second; amplitudes are what prompts show."""
+    taps, slow_fast = (np.sqrt(LOOKS) * one.mean(axis=0) for one in track)
     early, prompt, late = taps[:, 0], taps[:, 2], taps[:, 4]
-    amplitude = np.sqrt(LOOKS) * np.abs(prompt)
-    delta = sqm.delta_metric(track[0][..., 0], track[0][..., 2], track[0][..., 4])
-    sigma = np.sqrt(sqm.delta_law(0.5).variance(amplitude / np.sqrt(LOOKS)))
-    doppler = sqm.doppler_law(OFFSET_HZ, LOOK_S)
+    jitter_chips = sqm.code_jitter_chips(LOOP_HZ, 0.125, np.abs(prompt) / np.sqrt(LOOKS), LOOK_S)
+    lost = 0.0, 2.0 * np.sqrt(2.0 / np.pi) * jitter_chips  # on the mean over a second half of it, give or take
+    delta, doppler = sqm.delta_law(0.5), sqm.doppler_law(OFFSET_HZ, LOOK_S)
+    of_looks = sqm.delta_metric(track[0][..., 0], track[0][..., 2], track[0][..., 4])
+    deviates = (
+        sqm.ratio_deviate(sqm.delta_metric(early, prompt, late), prompt, delta),
+        sqm.ratio_deviate(sqm.ratio_metric(early, prompt, late), prompt, *(sqm.ratio_law(0.5, one) for one in lost)),
+        sqm.ratio_deviate(sqm.magnitude_difference(early, prompt, late), prompt, delta),
+        sqm.ratio_deviate(sqm.doppler_metric(slow_fast[:, 0], prompt, slow_fast[:, 1]), prompt, doppler),
+    )
+    variance = sqm.ratio_deviate(of_looks, track[0][..., 2], delta).var(axis=0, ddof=1)
     return np.stack(
         [
-            sqm.ratio_p_value(sqm.delta_metric(early, prompt, late), sqm.delta_law(0.5), amplitude),
-            sqm.ratio_p_value(sqm.ratio_metric(early, prompt, late), sqm.ratio_law(0.5), amplitude),
-            sqm.ratio_p_value(sqm.magnitude_difference(early, prompt, late), sqm.delta_law(0.5), amplitude),
-            sqm.ratio_p_value(sqm.doppler_metric(slow_fast[:, 0], prompt, slow_fast[:, 1]), doppler, amplitude),
-            sqm.moving_variance_p_value(delta.var(axis=0, ddof=1), sigma, LOOKS),
+            *(2.0 * special.ndtr(-np.abs(one)) for one in deviates),
+            sqm.moving_variance_p_value(variance, 1.0, LOOKS),
         ]
     )
 
 
+# Through the receiver -------------------------------------------------------------------------------------------------
+
+SETTLED_S, LEARNT_S, CLEAN_RUNS = 3, 8, 3
+RECEIVED = ("delta", "ratio", "magnitude", "variance")
+RATES = (0.01,)
+
+
+def received(names: tuple[str, ...]) -> Iterator[str]:
+    """Rows of the table: share of seconds after the pull above what so many of the clean ones exceed, and delays."""
+    for name in names:
+        scene = scene_named(name, short=True) if name in HELD else _scene_of(name)
+        (attack,) = scene.scenario.attacks
+        pull_s = min(point[0] for point in [*attack.away_points_enu_m, *attack.clock_points_s])  # type: ignore[union-attr]
+        quiet = scene_of(scene.scenario.model_copy(update={"attacks": ()}), scene.navigation)
+        clean = np.concatenate([_scores(quiet, seed) for seed in range(1, 1 + CLEAN_RUNS)], axis=1)
+        attacked = _scores(scene, 1)
+        yield f"{name}: {clean.shape[1]} clean seconds of a receiver, {attacked.shape[1]} with an onset, a pull later"
+        for k, metric in enumerate(RECEIVED):
+            at_s = SETTLED_S + LEARNT_S + 0.5 + np.arange(attacked.shape[1])
+            pulled = attacked[k, at_s > pull_s]
+            cells = []
+            for rate in RATES:
+                limit = np.quantile(clean[k], 1.0 - rate)
+                over = np.flatnonzero((attacked[k] > limit) & (at_s > attack.onset_s))
+                late_s = at_s[over[0]] + 0.5 - attack.onset_s if over.size else np.inf
+                cells.append(f"at {rate:g}: {np.mean(pulled > limit):.2f}, first {late_s:.0f} s after the onset")
+            area = np.mean(pulled[:, None] > clean[k][None])
+            yield f"  {metric:<9} {'; '.join(cells)}; area {area:.3f}"
+
+
+def _scene_of(name: str) -> Scene:
+    scenario = scenario_of(name)
+    return scene_of(scenario, nominal_constellation(scenario.start_gpst))
+
+
+def _scores(scene: Scene, seed: int) -> Reals:
+    """(metrics, seconds) of a receiver: the largest deviation of any signal over its own scatter in
+    its first seconds."""
+    reception = received_of(scene, 0, Settings(), scene.navigation, np.random.default_rng(seed))
+    (taps,) = [] if reception.taps is None else [reception.taps.between(SETTLED_S, scene.scenario.duration_s)]
+    at = [int(np.argmin(np.abs(taps.delays_chips - delay))) for delay in (0.5, 0.0, -0.5)]
+    first = [k for k, signal in enumerate(taps.signals) if signal.copy == "a"]
+    seconds = int(taps.elapsed_s[-1]) - SETTLED_S
+    looks = np.full((seconds, LOOKS, len(first), 3), np.nan, complex)
+    for second in range(seconds):
+        rows = np.flatnonzero((taps.elapsed_s >= SETTLED_S + second) & (taps.elapsed_s < SETTLED_S + second + 1))[
+            :LOOKS
+        ]
+        looks[second, : rows.size] = taps.value[rows][:, first, 0][..., at]
+    mean = looks.mean(axis=1)
+    early, prompt, late = mean[..., 0], mean[..., 1], mean[..., 2]
+    values = np.stack(
+        [
+            sqm.delta_metric(early, prompt, late),
+            sqm.ratio_metric(early, prompt, late),
+            sqm.magnitude_difference(early, prompt, late),
+            np.log(sqm.delta_metric(looks[..., 0], looks[..., 1], looks[..., 2]).var(axis=1)),
+        ]
+    )
+    learnt = values[:, :LEARNT_S]
+    deviates = np.abs(values - learnt.mean(axis=1, keepdims=True)) / learnt.std(axis=1, ddof=1, keepdims=True)
+    return np.asarray(np.nanmax(np.where(np.isfinite(deviates), deviates, 0.0), axis=2)[:, LEARNT_S:])
+
+
 if __name__ == "__main__":
-    for text in report():
+    chosen = sys.argv[1:]
+    for text in received(tuple(chosen[1:])) if chosen[:1] == ["receiver"] else report():
         print(text, flush=True)

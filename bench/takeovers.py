@@ -3,6 +3,7 @@
     python bench/takeovers.py --scenes 300 --out drawn.jsonl                     behind drawn correlators, seconds each
     python bench/takeovers.py --samples --scenes 30 --out takeovers.jsonl        through samples, a minute each and more
     python bench/takeovers.py --only 17                                         one scene, its row
+    python bench/takeovers.py --tracking vector --scenes 30 --out vector.jsonl  the same, loops closed by one filter
     python bench/takeovers.py --table takeovers.jsonl                           the counts alone
 
 Both go on where they were stopped. False signals grow on the true ones, are held there, and drawn off in position, time
@@ -192,9 +193,10 @@ def _way(drawn: Drawn) -> WayPoints:
     return WayPoints(points_enu_m=tuple(places), speed_m_s=speed_m_s, start_s=-10.0, from_rest=False, to_rest=False)
 
 
-def platform_of(drawn: Drawn, folder: Path) -> Path:
+def platform_of(drawn: Drawn, folder: Path, tracking: str = "scalar") -> Path:
     """What the user states, as a platform file."""
-    stated: dict[str, Any] = {"receivers": [{"name": "rx"}], "protect": {"clean_start_s": CLEAN_S}}
+    chosen = {"clean_start_s": CLEAN_S, "tracking": tracking}
+    stated: dict[str, Any] = {"receivers": [{"name": "rx"}], "protect": chosen}
     if drawn.given == "static":
         stated |= {"motion": "static", "oscillator": "tcxo"}
     elif drawn.given == "imu":
@@ -204,15 +206,15 @@ def platform_of(drawn: Drawn, folder: Path) -> Path:
     return path
 
 
-def row_of(number: int, *, samples: bool = False) -> dict[str, Any]:
+def row_of(number: int, *, samples: bool = False, tracking: str = "scalar") -> dict[str, Any]:
     """The row of `examined`, or what it failed with."""
     try:
-        return examined(number, samples=samples)
+        return examined(number, samples=samples, tracking=tracking)
     except Exception as error:  # whatever it is, it is counted
         return {"number": number, "verdict": "crashed", "error": f"{type(error).__name__}: {error}"}
 
 
-def examined(number: int, *, samples: bool = False) -> dict[str, Any]:
+def examined(number: int, *, samples: bool = False, tracking: str = "scalar") -> dict[str, Any]:
     """One row of the result: what was drawn, said and wrong. samples : else behind drawn correlators."""
     begin = process_time()
     drawn = draw(number)
@@ -221,7 +223,8 @@ def examined(number: int, *, samples: bool = False) -> dict[str, Any]:
         folder = Path(name)
         if drawn.given == "imu":
             write_series(scene, folder)
-        verdict, outcome = (_by_samples if samples else _by_correlators)(drawn, scene, folder)
+        platform = platform_of(drawn, folder, tracking)
+        verdict, outcome = (_by_samples if samples else _by_correlators)(drawn, scene, folder, platform)
     row = vars(drawn) | {
         "start_gpst": str(drawn.start_gpst),
         "duration_s": drawn.duration_s,
@@ -233,15 +236,15 @@ def examined(number: int, *, samples: bool = False) -> dict[str, Any]:
     return row | _words(drawn, scene, outcome) | _fixes(drawn, scene, outcome)
 
 
-def _by_samples(drawn: Drawn, scene: Scene, folder: Path) -> tuple[Verdict, Outcome]:
+def _by_samples(drawn: Drawn, scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Outcome]:
     paths, nav = write_samples(scene, folder, "raw"), folder / "nav.rnx"
     write_nav(nav, nominal_constellation(drawn.start_gpst))
-    result = protect(paths, nav=nav, platform=platform_of(drawn, folder))
+    result = protect(paths, nav=nav, platform=platform)
     return result.verdict, result.outcome
 
 
-def _by_correlators(drawn: Drawn, scene: Scene, folder: Path) -> tuple[Verdict, Outcome]:
-    return judged(scene, nominal_constellation(drawn.start_gpst), platform_of(drawn, folder), drawn.seed)
+def _by_correlators(drawn: Drawn, scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Outcome]:
+    return judged(scene, nominal_constellation(drawn.start_gpst), platform, drawn.seed)
 
 
 def _words(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
@@ -252,15 +255,15 @@ def _words(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
     early = [s for s in ends_s if s < CLEAN_S]
     later = [s for s in ends_s if s >= CLEAN_S]
     word_s = later[0] - drawn.pull_from_s if later else None
-    open_s = [
-        float(seconds_between(e.end_gpst, start)) for e in outcome.evidence if e.says == "undecided" and e.overrules
-    ]
+    doubting = [e for e in outcome.evidence if e.says == "undecided" and e.overrules]
+    open_s = [float(seconds_between(e.end_gpst, start)) for e in doubting]
     return {
         "alarms_before": len(early),
         "word_s": word_s,
         "word_m": None if word_s is None else max(word_s, 0.0) * drawn.pull_m_s,
         "by": sorted({e.detector for e in saying}),
         "doubt_s": min(open_s) - drawn.pull_from_s if open_s else None,
+        "doubted_by": sorted({e.detector for e in doubting}),
     }
 
 
@@ -383,6 +386,7 @@ def main() -> None:
     options.add_argument("--first", type=int, default=0)
     options.add_argument("--only", type=int, nargs="*")
     options.add_argument("--samples", action="store_true")
+    options.add_argument("--tracking", choices=("scalar", "vector"), default="scalar")
     options.add_argument("--processes", type=int, default=1)
     options.add_argument("--out", type=Path)
     options.add_argument("--table", type=Path)
@@ -390,11 +394,17 @@ def main() -> None:
     if chosen.table is not None:
         rows = read(chosen.table)
     elif chosen.only is not None:
-        rows = [examined(number, samples=chosen.samples) for number in chosen.only]
+        rows = [examined(number, samples=chosen.samples, tracking=chosen.tracking) for number in chosen.only]
         print(json.dumps(rows, default=str, indent=1))
     else:
         numbers = range(chosen.first, chosen.first + chosen.scenes)
-        rows = run(numbers, partial(row_of, samples=chosen.samples), chosen.out, chosen.processes, key="number")
+        rows = run(
+            numbers,
+            partial(row_of, samples=chosen.samples, tracking=chosen.tracking),
+            chosen.out,
+            chosen.processes,
+            key="number",
+        )
     print("\n".join(table(rows)))
 
 

@@ -44,6 +44,7 @@ from skyproof.detectors.correlators.vector_sqm_detector import (
 )
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.navigation.vector_filter import VectorSettings
 from skyproof.receiver import measurement as m
 from skyproof.records import Asked, Evidence, NavigationData, Records, Samples, Taps, TapsAsked
 from skyproof.simulator import scenes
@@ -82,10 +83,13 @@ def _tracked(
     asked: Asked | None = None,
     from_s: float = 0.0,
     not_driving: tuple[str, ...] = (),
+    filter_settings: VectorSettings | None = None,
 ) -> tuple[Tracker, float]:
     """A recording tracked to its end, and the processor's time from `from_s` on."""
     settings = Settings(tracking=tracking, not_driving=not_driving)
     tracker = _tracker(samples, settings, navigation, False, asked or Asked(), Workspace())
+    if tracker.vector is not None and filter_settings is not None:
+        tracker.vector = replace(tracker.vector, settings=filter_settings)
     begin = process_time()
     while tracker.advance():
         if tracker.examined_s <= from_s:

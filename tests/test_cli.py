@@ -27,6 +27,8 @@ from rich.console import Console
 from skyproof import cli
 from skyproof.app.common.platform import Platform
 from skyproof.app.common.platform_tables import PlatformReceiver
+from skyproof.app.fleet import FleetResult
+from skyproof.app.fleet.rows import FleetRow
 from skyproof.app.init import InitResult
 from skyproof.app.receive import ReceiveResult
 from skyproof.app.scenes.simulate import SimulateResult
@@ -44,7 +46,14 @@ from skyproof.verdict import InputFile, Verdict
 
 VERDICT = read_verdict(Path(__file__).parent / "formats" / "verdict-sample.json")
 PROTECT = ["protect", "rx1.bin", "rx2.bin", "--out", "result"]
-COMMANDS = ("protect", "inspect", "receive", "simulate", "init", "verify", "study", "demo")
+COMMANDS = ("protect", "inspect", "receive", "simulate", "init", "verify", "fleet", "study", "demo")
+
+NO_FILES: dict[str, None] = dict.fromkeys(("nav", "imu", "platform"))
+FLEET = (
+    FleetRow(name="mast", inputs="mast.obs", state="done", verdict="spoofed", **NO_FILES),
+    FleetRow(name="quay", inputs="quay.obs", state="done", verdict="spoofed", **NO_FILES),
+    *(FleetRow(name=f"x{n}", inputs="x", state="failed", error="x: no such file", **NO_FILES) for n in range(12)),
+)
 
 
 def said(word: str) -> Verdict:
@@ -111,6 +120,11 @@ class App:
         self.calls.append(("verify", folder, options))
         return Verified(verdict=self.verdict, files=(FileState(name="report.html", kind="output", state="same"),))
 
+    def fleet(self, catalogue: Path, **options: Any) -> FleetResult:
+        del options["progress"]
+        self.calls.append(("fleet", catalogue, options))
+        return FleetResult(rows=FLEET, folder=options["out"], interrupted=self.interrupted)
+
     def inspect(self, file: Path, **options: Any) -> list[Any]:
         self.calls.append(("inspect", file, options))
         return []
@@ -141,6 +155,7 @@ def app(monkeypatch: pytest.MonkeyPatch) -> Iterator[App]:
         )
     monkeypatch.setattr("skyproof.app.init.init", fake.init)
     monkeypatch.setattr("skyproof.app.verify.verify", fake.verify)
+    monkeypatch.setattr("skyproof.app.fleet.fleet", fake.fleet)
     monkeypatch.setattr(inspect_command, "run_inspect", fake.inspect)
     monkeypatch.setattr(study_command, "studies", fake.studies)
     return fake
@@ -329,6 +344,8 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
     cli.main(["init", "rx1.bin", "--out", "p.toml", "--overwrite"])
     cli.main(["protect", "--platform", "p.toml", "--out", "d"])
     cli.main(["verify", "d", "--inputs-in", "e"])
+    cli.main(["fleet", "c.csv", "--out", "d", "--workers", "3"])
+    cli.main(["fleet", "c.csv", "--out", "d", "--ray", "auto"])
     cli.main(["demo", "--out", "there"])
     cli.main(
         ["simulate", "spin", "--out", "d", "--seed", "7", "--duration-s", "5", "--depth", "samples", "--format", "raw"]
@@ -372,6 +389,8 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
             {"nav": None, "imu": None, "platform": Path("p.toml"), "out": Path("d"), **dict.fromkeys(settings)},
         ),
         ("verify", Path("d"), {"inputs_in": Path("e")}),
+        ("fleet", Path("c.csv"), {"out": Path("d"), "workers": 3, "ray": None}),
+        ("fleet", Path("c.csv"), {"out": Path("d"), "workers": None, "ray": "auto"}),
         ("demo", Path("there"), {}),
         (
             "simulate",
@@ -477,6 +496,29 @@ def test_the_ready_made_scenes_are_listed_with_a_sentence_each(app: App, capsys:
     assert cli.main(["simulate", "--list", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["scenes"]) == len(ready_made())
     assert not app.calls
+
+
+def test_fleet_counts_its_items_and_names_the_first_that_failed(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["fleet", "c.csv", "--out", "d"]) == 0
+    out, err = capsys.readouterr()
+    assert [line.split() for line in out.splitlines()[1:]] == [
+        ["12", "failed"],
+        ["2", "spoofed"],
+        ["page:", "d/fleet.html"],
+    ]
+    assert err.splitlines() == [
+        *(f"skyproof: x{n}: x: no such file" for n in range(10)),
+        "skyproof: and 2 more that failed; d/fleet.html lists all",
+    ]
+
+
+def test_fleet_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.interrupted = True
+    assert cli.main(["fleet", "c.csv", "--out", "d", "--json"]) == 130
+    out, err = capsys.readouterr()
+    items = json.loads(out)["items"]
+    assert (len(items), items[0]["verdict"], items[-1]["error"]) == (14, "spoofed", "x: no such file")
+    assert err.splitlines()[-1] == "skyproof: interrupted: not all items were done; the same command goes on from here"
 
 
 def test_study_prints_its_rows_and_claims(app: App, capsys: pytest.CaptureFixture[str]) -> None:
@@ -743,6 +785,16 @@ def test_without_a_command_the_commands_are_listed_and_where_to_begin(capsys: py
         "--install-completion",
     ):
         assert line in out
+
+
+def test_numpy_is_loaded_after_it_was_given_one_thread() -> None:
+    program = (
+        "import os, sys; from skyproof.cli import main; assert main(['--version']) == 0; "
+        "assert 'numpy' not in sys.modules; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment)
+    assert run.stdout.splitlines()[-1] == "1"
 
 
 def test_version_prints_what_a_report_of_a_fault_needs(capsys: pytest.CaptureFixture[str]) -> None:

@@ -181,7 +181,9 @@ def test_every_mark_of_a_page_names_what_there_is(tables: ModuleType) -> None:
             untold += [f"{what}: {line}" for line in lines if line.endswith(("|  |", "| . |"))]
         elif word == "figure":
             assert studies()[what.split()[0]].charts, f"{what} draws nothing"
-    assert {word for word, _ in marks} <= {"keys", "figure", "output", "root", "notebook"}
+        elif word == "chart":
+            assert len(what.split("|")) >= 3, what
+    assert {word for word, _ in marks} <= {"chart", "keys", "figure", "output", "root", "notebook"}
     assert untold == []
 
 
@@ -202,6 +204,19 @@ def test_a_page_that_is_filled_twice_is_the_same_and_has_nothing_twice(fill: Mod
     assert fill.marks.filled(once, lambda word, what, so_far: f"{word} {what}") == once
     assert fill.marks.filled(once, lambda word, what, so_far: so_far) == once
     assert "<!--" not in fill.marks.replaced(once, lambda word, what, so_far: so_far)
+
+
+def test_a_table_is_drawn_with_a_line_for_each_row_and_every_chart_s_mark_has_one(fill: ModuleType) -> None:
+    page = "| of | 2 s | 5 s | end |\n|---|---|---|---|\n| one | 1.5, 3 | 20 (1) | 7 |\n| two | | 4 | |\n\n"
+    ((what, table),) = fill.charts.charts_in(page + "<!-- chart: Growth | s | m | log -->\n")
+    svg = fill.charts.chart_of(what, table)
+    assert [name for name in ("one", "two", "Growth") if svg.count(f">{name}<") != 1] == []
+    points = sum(path.count("z") for path in re.findall(r'class="point.*?/>', svg))
+    assert points == 3 + 2 * 2  # and two a line in the legend
+    for path in fill.pages():
+        text = text_of(path)
+        asked = re.findall(r"<!-- chart: (.*?) -->", text)
+        assert [what for what, _ in fill.charts.charts_in(text)] == asked, path.name
 
 
 def test_the_files_that_the_manual_shows_are_read(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import charts
 import marks
 import runs
 import tables
@@ -29,6 +30,8 @@ def unbuilt(word: str, what: str, so_far: str) -> str:
     table = tables.table_of(word, what, "../src/skyproof/simulator/scenes/{}.toml")
     if table is not None:
         return table
+    if word == "chart":
+        return charts.UNBUILT
     if word == "figure":
         name, *options = runs.figure_words(what)
         command = f"skyproof study {' '.join([name, *options])} --plot"

@@ -3,6 +3,8 @@
 With SKYPROOF_FIGURES=no nothing is run, which takes seconds: figures and outputs stay as the page has them.
 """
 
+import base64
+import html
 import logging
 import os
 import posixpath
@@ -10,6 +12,7 @@ import re
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import charts
 import marks
 import runs
 import tables
@@ -62,7 +65,17 @@ def _figure(name: str) -> Any:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files, **_: Any) -> str:
     """Replace the marks of a page. Those of a page of the root are text about marks and stay."""
-    return marks.replaced(markdown, lambda word, what, so_far: _made(word, what, so_far, page))
+    drawn = {what: charts.chart_of(what, table) for what, table in charts.charts_in(markdown)}
+
+    def made(word: str, what: str, so_far: str) -> str:
+        return _chart(what, drawn[what]) if word == "chart" else _made(word, what, so_far, page)
+
+    return marks.replaced(markdown, made)
+
+
+def _chart(what: str, svg: str) -> str:
+    title, octets = html.escape(what.partition("|")[0].strip()), base64.b64encode(svg.encode("utf-8")).decode("ascii")
+    return f'<img class="figure" alt="{title}" src="data:image/svg+xml;base64,{octets}">'
 
 
 def on_post_page(output: str, page: Page, **_: Any) -> str:
@@ -75,10 +88,10 @@ def on_post_template(output_content: str, template_name: str, **_: Any) -> str:
     return _with_our_worker(output_content, template_name)
 
 
-def _with_our_worker(html: str, uri: str) -> str:
+def _with_our_worker(page: str, uri: str) -> str:
     """What stands in for a worker where pages are opened from a disk is ours: the theme would fetch one."""
     ours = posixpath.relpath("worker.js", posixpath.dirname(uri))
-    return re.sub(r'src="?[^"> ]+/iframe-worker/shim"?', f'src="{ours}"', html)
+    return re.sub(r'src="?[^"> ]+/iframe-worker/shim"?', f'src="{ours}"', page)
 
 
 def _made(word: str, what: str, so_far: str, page: Page) -> str:

@@ -1,4 +1,4 @@
-"""Kernels: functions that Numba compiles, and where their machine code is kept from run to run.
+"""Kernels: functions that Numba compiles, where their machine code is kept from run to run, and how many threads work.
 
 It is read where setup left it, beside the source, also where nothing may be written; what was not compiled there is
 kept in the user's own cache folder ($NUMBA_CACHE_DIR, if set, comes before both), and where that cannot be written
@@ -6,6 +6,7 @@ either, it is compiled in each run anew. Numba's own caching refuses all work wh
 what it may not write.
 """
 
+import os
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -19,7 +20,16 @@ from numba.core.caching import (
     UserWideCacheLocator,
 )
 
-__all__ = ["compiled"]
+__all__ = ["compiled", "threads"]
+
+
+def threads() -> int:
+    """How many threads a process of ours starts for one job: as many as the cores that it may use, or as
+    $SKYPROOF_THREADS says, where many processes share the cores. What they compute does not depend on it.
+    """
+    if (asked := os.environ.get("SKYPROOF_THREADS", "")).isdecimal():
+        return max(int(asked), 1)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:

@@ -11,14 +11,12 @@ from skyproof.app.protect import ProtectResult, protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.time import seconds_between
 from skyproof.records import Fix, NavigationData, Observations
 from skyproof.simulator.files import write
 from skyproof.simulator.scenario import FrontEnd, Scenario, ScenePlace, SceneReceiver, Sky
 from skyproof.simulator.sky import ReceiverSky, Scene, scene_of
+from skyproof.studies.protection.score import false_labels, true_labels
 
-LIGHT_M_S = 299_792_458.0
-NEAR_M = 100.0  # a signal whose delay is no nearer than this to any true one is none of them
 START = np.datetime64("2024-05-14T09:59:58", "ns")  # two seconds before subframe 1
 
 PLACES = (
@@ -151,20 +149,7 @@ class Judged:
 
     def false_labels(self) -> list[str]:
         """Every stretch that is called authentic and is spoofed, or the other way round, for a second or more."""
-        faults = []
-        for o in self.observed():
-            true = true_labels(o, self._sky(o.receiver), self.scene)
-            for s in self.result.outcome.decision.labels:
-                if s.ref.receiver == o.receiver and s.label in ("authentic", "spoofed"):
-                    rows = slice(s.first_epoch, s.last_epoch + 1)
-                    column = true[rows, o.signals.index(s.ref.signal)]
-                    wrong = (column != "") & (column != s.label)
-                    if np.sum(wrong) * np.median(np.diff(o.elapsed_s)) >= 1.0:
-                        faults.append(
-                            f"{s.ref} is called {s.label}, but is {set(column[wrong])} in {wrong.sum()} "
-                            f"of {wrong.size} epochs"
-                        )
-        return faults
+        return list(false_labels(self.scene, self.result.outcome))
 
     def named(self, label: str, receiver: str) -> set[str]:
         """Satellites with a signal of that label whose label is right in truth."""
@@ -194,23 +179,3 @@ class Judged:
 def error_m(fix: Fix, place: ScenePlace) -> NDArray[np.float64]:
     """(n_epochs,)"""
     return np.linalg.norm(fix.position_ecef_m - ecef_from_geodetic(*place.geodetic_rad), axis=1)
-
-
-def true_labels(o: Observations, sky: ReceiverSky, scene: Scene) -> NDArray[np.str_]:
-    """(n_epochs, n_channels) of what each measured signal is, by the nearest delay among the true signals of its
-    satellite that are there; "" where none is near, where two of different labels are, or where nothing was measured.
-    """
-    true_s = o.elapsed_s + sky.true_minus_elapsed_s(o.elapsed_s)
-    clock_s = seconds_between(o.gpst, scene.scenario.start_gpst) - true_s
-    there_m = o.pseudorange_m - LIGHT_M_S * clock_s[:, None]  # what is left is delay alone
-    delay_m = LIGHT_M_S * sky.code_delay_s(true_s)
-    for column, heard in enumerate(sky.signals):
-        delay_m[(true_s < heard.from_s) | (true_s >= heard.until_s), column] = np.nan
-    labels = np.full(o.pseudorange_m.shape, "", dtype="U9")
-    for channel, signal in enumerate(o.signals):
-        own = [column for column, heard in enumerate(sky.signals) if heard.id.sat == signal.sat]
-        near = np.abs(there_m[:, channel, None] - delay_m[:, own]) < NEAR_M
-        one = near.sum(axis=1) == 1
-        which = np.array([sky.signals[column].label for column in own] or [""])
-        labels[one, channel] = which[near.argmax(axis=1)[one]] if own else ""
-    return labels

@@ -32,7 +32,7 @@ SHORT = {"duration_s": 25.0, "most_receivers": 2}
 
 
 def rows_of(attacks: int, clean: int, **options) -> list[dict]:
-    rows = [drawn.examined(name, **options) for name in drawn.names_of(attacks, clean)]
+    rows = [drawn.examined(name, **options) for name in drawn.names_of({"attack": attacks, "clean": clean})]
     return [row for row in rows if row["verdict"] != "no scene"]
 
 

@@ -15,7 +15,8 @@ from skyproof.detectors.common_change.detector import CommonChange, CommonChange
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings
-from skyproof.detectors.dccaf.detector import Dccaf, DccafSettings
+from skyproof.detectors.dccaf.delays import DccafSettings
+from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.residual import Residual, ResidualSettings

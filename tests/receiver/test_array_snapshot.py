@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.receiver.array_snapshot import snapshot_signal
+from skyproof.receiver.array_snapshot import MOST_LATE, snapshot_signal
 from skyproof.receiver.snapshot import grid_sigma_chips
 
 RATE_HZ, IF_HZ = 3e6, 0.7e6
@@ -79,3 +79,14 @@ def test_the_mean_of_the_parts_is_no_surer_than_the_grid_of_the_samples_lets_it_
     found = snapshot_signal(received(rng, rng.random(4), 60.0, 1234.0, 3e-4), RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
     of_mean_s = np.sqrt(np.mean(found.code_sigma_s**2) / found.code_sigma_s.size)
     assert of_mean_s > grid_sigma_chips(RATE_HZ, GPS_L1_CA) / CHIP_HZ
+
+
+@pytest.mark.parametrize("late_periods", [3, -5])
+def test_an_antenna_that_begins_periods_later_is_found_by_its_data_bits(late_periods):
+    rng = np.random.default_rng(8)
+    planes = received(rng, rng.random(4), 45.0, 1234.0, 3e-4)
+    planes[2] = np.roll(planes[2], -round(late_periods * PERIOD_S * RATE_HZ), axis=-1)
+    later = snapshot_signal(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0).later
+    assert later[2].argmax() - MOST_LATE == late_periods
+    assert later[2].max() > 100.0
+    assert later[[0, 1, 3]].max() < 15.0

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 
@@ -6,6 +8,7 @@ from skyproof.statistics.cusum import (
     cusum_run_length,
     cusum_step,
     cusum_threshold,
+    cusum_within,
     page_run_length,
     page_threshold,
 )
@@ -57,6 +60,31 @@ def test_run_length_is_what_is_counted():
 def test_run_length_in_one_dimension_is_two_sided_and_is_what_is_counted():
     mean, error = counted_run_length(0.5, 3.0, 1, 4000, np.random.default_rng(2), cusum_path)
     assert cusum_run_length(0.5, 3.0, 1) == pytest.approx(mean, abs=4.0 * error)
+
+
+@pytest.mark.parametrize(
+    ("reference", "steps", "degrees", "size"),
+    [(0.5, 2, 2, 4.0), (1.0, 20, 2, 3.2), (0.5, 2, 8, 13.0), (2.0, 50, 5, 3.0)],
+)
+def test_the_largest_sum_of_a_window_has_the_law_of_one_that_has_run_for_long(reference, steps, degrees, size):
+    rng, trials = np.random.default_rng(3), 8000
+    before = cusum_path(rng.standard_normal((trials, 120, degrees)), reference)
+    largest = cusum_path(rng.standard_normal((trials, steps, degrees)), reference, before.state).size.max(axis=1)
+    found = cusum_within(size, steps, reference, degrees)
+    assert 0.01 < found < 0.2
+    assert np.mean(largest > size) == pytest.approx(found, abs=4.0 * np.sqrt(found / trials))
+
+
+def test_small_probabilities_of_a_window_keep_their_digits_and_fall_with_size():
+    # Between alarms a sum of k = 1 passes a high threshold alone: steps over the run length, and more by what lasts.
+    high = 14.0
+    rare = cusum_within(high, 20, 1.0, 2)
+    assert 1.0 < rare * cusum_run_length(1.0, high, 2) / 20 < 1.2
+    sizes = [cusum_within(size, 20, 1.0, 2) for size in (1.0, 5.0, 20.0, 40.0, 59.0)]
+    assert all(later < 1e-2 * sooner for sooner, later in itertools.pairwise(sizes[1:]))
+    assert sizes[0] > 0.9
+    assert sizes[-1] > 0.0
+    assert cusum_within(90.0, 20, 1.0, 2) == cusum_within(60.0, 20, 1.0, 2)
 
 
 # D. C. Montgomery, Introduction to Statistical Quality Control, 6th edition, table 9.3: two-sided 168 and 465;

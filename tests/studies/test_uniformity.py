@@ -133,6 +133,7 @@ MADE_ELSEWHERE = {
     "array_model": "ins_array",
     "base": None,
     "carriers": None,
+    "delays": "bursts",
     "continuity": None,
     "drawn_off": None,
     "steps": None,

@@ -8,10 +8,10 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from skyproof.app import init, inspect, protect, receive, verify
+    from skyproof.app import fleet, init, inspect, protect, receive, verify
     from skyproof.app.scenes import demo, pages, scene_page, simulate
 
-__all__ = ["demo", "init", "inspect", "pages", "protect", "receive", "scene_page", "simulate", "verify"]
+__all__ = ["demo", "fleet", "init", "inspect", "pages", "protect", "receive", "scene_page", "simulate", "verify"]
 
 _OF_SCENES = {"demo", "pages", "scene_page", "simulate"}
 

@@ -63,6 +63,11 @@ COMMANDS = {
         "Check that the results of a run, and what it read, are still the bytes that they were.",
         AFTER_DEMO + "skyproof verify demo",
     ),
+    "fleet": (
+        "CATALOGUE --out FOLDER [OPTIONS]",
+        "Protect every recording, pair or station of a catalogue, side by side, with one page over all.",
+        AFTER_DEMO + "skyproof fleet demo/catalogue.csv --out fleet",
+    ),
     "study": (
         "NAME [OPTIONS]",
         "Make a figure of a paper again, with ours beside it.",
@@ -122,6 +127,9 @@ app.command(
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line (without the program's name) and return its exit code; never raises."""
     tokens = list(sys.argv[1:] if argv is None else argv)
+    # Read when NumPy is loaded, which is later. On a busy machine threads that share a small matrix wait for each other
+    # fifty times as long as the work takes; what is worth sharing out is shared out by satellite.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _open_streams()
     try:
         _require_no_empty(tokens)

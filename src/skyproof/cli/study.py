@@ -71,6 +71,7 @@ def study(
     settings = _on_platform(chosen, settings, platform)
     if out is not None:
         _make(out)
+        settings = replace(settings, folder=out)
     rows, interrupted = _run(chosen, settings)
     document = _document(chosen, settings, rows, interrupted=interrupted)
     if json:
@@ -137,7 +138,7 @@ def _run(chosen: Study, settings: StudySettings) -> tuple[list[Row], bool]:
     rows: list[Row] = []
     try:
         with progress().stage(f"rows of {chosen.name}", None) as stage:
-            for row in chosen.run(settings):
+            for row in chosen.run(replace(settings, report=stage.advance)):
                 rows.append(row)
                 stage.advance(len(rows))
     except KeyboardInterrupt:

@@ -152,7 +152,8 @@ def _fix_columns(kind: str, fix: Fix, source: str) -> dict[str, Column]:
 def _arrow(column: Column) -> Any:
     if column.dtype.kind == "M":
         column = column.astype("datetime64[ns]")
-    return pa.array(column, from_pandas=True)  # NaN to null
+    values = pa.array(column, from_pandas=True)  # NaN to null
+    return values.cast(pa.string()) if pa.types.is_null(values.type) else values  # texts, none of them there
 
 
 def _csv_lines(columns: Mapping[str, Column], *, headed: bool) -> Iterator[str]:

@@ -125,7 +125,7 @@ def choices(
                 elevation_mask_deg=rules.elevation_mask_deg,
             )
             chooser = _Chooser(maker, rules, _second_onset(own, o))
-            said, seen = chooser.of_windows(rivals_of(o, evidence, sets), foresights[o.receiver])
+            said, seen = chooser.of_windows(list(rivals_of(o, evidence, sets)), foresights[o.receiver])
             found += said
             compared += [seen] if seen is not None else []
     return found, compared

@@ -16,7 +16,7 @@ What leaves it may be false signals, reflections or the unit. It is an attack on
 Else it stays undecided, with the reason.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
@@ -99,7 +99,7 @@ class _Walk:
         self.looks: list[_Look] = []  # since they part
         self.named = False
 
-    def through(self, windows: Sequence[Rivals]) -> list[Evidence]:
+    def through(self, windows: Iterable[Rivals]) -> list[Evidence]:
         found: list[Evidence] = []
         for window in windows:
             shown = [one for s in window.sets if (one := self._shown(window, s)) is not None]

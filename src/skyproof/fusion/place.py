@@ -15,7 +15,7 @@ Else it stays undecided, with the reason. Where one of several skies shows the r
 of them is true is `choice`'s to say.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
@@ -81,7 +81,7 @@ class _Watch:
         self.seen_there = self.named = False
         self.fitted = set[str]()
 
-    def through(self, windows: Sequence[Rivals]) -> list[Evidence]:
+    def through(self, windows: Iterable[Rivals]) -> list[Evidence]:
         found: list[Evidence] = []
         for window in windows:
             self.fitted.update(signal.sat for sky in window.sets for signal in sky.signals)

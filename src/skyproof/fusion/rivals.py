@@ -1,6 +1,6 @@
 """The skies that one receiver shows, window by window, and what each of them shows as a fix."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
 
@@ -24,7 +24,7 @@ _MS_M: Final = 1e-3 * SPEED_OF_LIGHT_M_S
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Rivals:
-    """One receiver's sets in a window that are no late copies of another one; none where sets were not kept.
+    """One receiver's sets in a window that are no late copies of another one.
 
     attacked : there is evidence of an attack. doubted : or a second set, or a failed test.
     """
@@ -36,24 +36,30 @@ class Rivals:
     doubted: bool
 
 
-def rivals_of(o: ObservationLog, evidence: Sequence[Evidence], sets: Sequence[ConsistentSet]) -> list[Rivals]:
-    """The receiver's windows, in order; evidence is read once, for it may be too much to hold."""
+def rivals_of(o: ObservationLog, evidence: Sequence[Evidence], sets: Iterable[ConsistentSet]) -> Iterator[Rivals]:
+    """The receiver's windows, in order; evidence and sets are read once, for they may be too much to hold.
+
+    sets : in the order of their windows.
+    """
     said: dict[tuple[np.datetime64, np.datetime64], _Said] = {}
     for e in evidence:
         own = {ref.signal for ref in e.subject if ref.receiver == o.receiver}
         if own:
             said.setdefault((e.start_gpst, e.end_gpst), _Said(set())).add(e, own)
-    mine = sorted((s for s in sets if s.receiver == o.receiver), key=lambda s: s.gpst)
-    middles = np.array([s.gpst for s in mine], "datetime64[ns]")
-    found: list[Rivals] = []
+    mine = (s for s in sets if s.receiver == o.receiver)
+    following = next(mine, None)
+    before: np.datetime64 | None = None
     for (start, end), one in sorted(said.items(), key=lambda item: item[0]):
-        if found and start < found[-1].end:
+        if before is not None and start < before:
             continue
-        here = mine[slice(*(int(row) for row in np.searchsorted(middles, np.array([start, end]))))]
+        before = end
+        here = []
+        while following is not None and following.gpst < end:
+            here += [following] if following.gpst >= start else []
+            following = next(mine, None)
         kept = tuple(s for s in here if len(one.late.intersection(s.signals)) < 0.5 * len(s.signals))
         doubted = one.doubted or len(kept) > 1
-        found.append(Rivals(start=start, end=end, sets=kept, attacked=one.attacked, doubted=doubted))
-    return found
+        yield Rivals(start=start, end=end, sets=kept, attacked=one.attacked, doubted=doubted)
 
 
 @dataclass

@@ -2,8 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-
-import numpy as np
+from itertools import groupby
 
 from skyproof.fusion.labels import FalseSource
 from skyproof.fusion.timeline import Onset, onset_of
@@ -18,14 +17,12 @@ def skies_of(sets: Iterable[ConsistentSet], *, first: int = 1) -> tuple[FalseSou
     A set goes on with the sky whose signals it has most of, and a signal belongs to the sky that it was seen in most:
     a set that takes a wrong signal for a window does not tie two skies together.
 
-    first : number of the first in the names.
+    sets : in the order of their windows, a receiver's together. first : number of the first in the names.
     """
-    windows: dict[tuple[np.datetime64, str], list[ConsistentSet]] = {}
-    for s in sets:
-        windows.setdefault((s.gpst, s.receiver), []).append(s)
     skies: list[Counter[SignalRef]] = []
-    for (_, receiver), rivals in sorted(windows.items()):
-        members = [{SignalRef(receiver, signal) for signal in s.signals} for s in rivals if len(rivals) > 1]
+    for (receiver, _), window in groupby(sets, key=lambda s: (s.receiver, s.gpst)):
+        members = [{SignalRef(receiver, signal) for signal in s.signals} for s in window]
+        members = members if len(members) > 1 else []
         shared = [(sum(sky[r] for r in own), n, m) for n, own in enumerate(members) for m, sky in enumerate(skies)]
         goes_on: dict[int, int] = {}
         for seen, n, m in sorted(shared, reverse=True):

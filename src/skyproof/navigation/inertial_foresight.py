@@ -22,7 +22,7 @@ from skyproof.navigation.ins_updates import antenna_of, by_fix, expected
 from skyproof.navigation.known import Known, without
 from skyproof.records import Attitude, ImuSeries, NavState
 
-__all__ = ["Inertial"]
+__all__ = ["Inertial", "begun", "readings_between"]
 
 _EVERY_S: Final = 1.0  # between corrections
 _WAITING: Final = 120  # fixes, by which it is aligned
@@ -69,7 +69,7 @@ class Inertial:
     def until(self, gpst: np.datetime64) -> "Inertial":
         if self.state is None:
             return self
-        rows = _between(self.readings, self.state.gpst, gpst)
+        rows = readings_between(self.readings, self.state.gpst, gpst)
         if not rows.gpst.size:
             return self
         return replace(self, state=step(self.state, rows, self.settings)[1])
@@ -136,7 +136,7 @@ def begun(readings: ImuSeries, initial: Attitude, fix: Known, settings: InsSetti
         attitude=attitude_ecef(place[None], *initial.angles_rad.T),
         covariance=np.diag(np.repeat([0.0, 0.0, initial.sigma_rad**2], 3))[None],
     )
-    before = _between(readings, readings.gpst[0], fix.gpst)
+    before = readings_between(readings, readings.gpst[0], fix.gpst)
     _, run = coast(
         begin_free(start, settings.grade), before, settings.grade, tilt_most_rad=np.inf, turn_most_rad=TURN_MOST_RAD
     )
@@ -159,7 +159,7 @@ def begun(readings: ImuSeries, initial: Attitude, fix: Known, settings: InsSetti
     )
 
 
-def _between(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
+def readings_between(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
     """Those later than one instant and no later than the other."""
     rows = slice(*np.searchsorted(readings.gpst, np.array([start_gpst, end_gpst]), side="right"))
     return replace(

@@ -115,8 +115,19 @@ class VectorUpdate(NamedTuple):
     rate_left_m_s: Reals
 
 
-def ahead(state: VectorState, elapsed_s: float, settings: VectorSettings) -> VectorState:
-    """The state at a later time: F x, F P F' + Q."""
+def ahead(
+    state: VectorState,
+    elapsed_s: float,
+    settings: VectorSettings,
+    change: Reals | None = None,
+    *,
+    walk2: float = np.inf,
+) -> VectorState:
+    """The state at a later time: F x + u, F P F' + Q.
+
+    change : (6,) of position beside that of an even motion, and of velocity, where an inertial unit shows them; what
+        these leave open is a random walk of density `walk2`, m^2/s^3, in place of the settings', if it is smaller.
+    """
     dt_s = elapsed_s - state.elapsed_s
     step = np.eye(CORE)
     step[POSITION, VELOCITY] = dt_s * np.eye(3)
@@ -124,10 +135,13 @@ def ahead(state: VectorState, elapsed_s: float, settings: VectorSettings) -> Vec
     covariance = step @ state.covariance @ step.T
     walk = np.array([[dt_s**3 / 3.0, dt_s**2 / 2.0], [dt_s**2 / 2.0, dt_s]])
     for axis in range(3):
-        covariance[np.ix_([axis, axis + 3], [axis, axis + 3])] += settings.acceleration_m2_s3 * walk
+        covariance[np.ix_([axis, axis + 3], [axis, axis + 3])] += min(settings.acceleration_m2_s3, walk2) * walk
     covariance[np.ix_([CLOCK, DRIFT], [CLOCK, DRIFT])] += settings.drift_m2_s3 * walk
     covariance[CLOCK, CLOCK] += settings.clock_m2_s * dt_s
-    return replace(state, elapsed_s=elapsed_s, mean=step @ state.mean, covariance=covariance)
+    mean = step @ state.mean
+    if change is not None:
+        mean[:6] += change
+    return replace(state, elapsed_s=elapsed_s, mean=mean, covariance=covariance)
 
 
 def expected(mean: Reals, sky: SkyEpoch) -> Expected:

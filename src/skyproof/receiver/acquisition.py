@@ -16,7 +16,6 @@ for nothing; by transforms shared between satellites and between Dopplers that d
 kernel of its own for what is done for each satellite, Doppler and block (`fourier`).
 """
 
-import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -29,7 +28,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from skyproof.arrays import Booleans, ComplexFloats, Floats, Integers, Reals
-from skyproof.compiled import compiled
+from skyproof.compiled import compiled, threads
 from skyproof.gnss.signals import GPS_SATS, SignalDescription, prn_of
 from skyproof.receiver.calibration import tail_of, unused_codes, white_tail
 from skyproof.receiver.cancellation import KnownSignal, Measured, measure, noise_of, remove, separation_chips
@@ -137,7 +136,7 @@ class Searcher:
         self._codes: dict[str, Floats] = {}
         self._unused_codes = unused_codes(8)
         self._unused = [self._code_spectrum(code) for code in self._unused_codes]
-        self._threads = ThreadPoolExecutor(os.cpu_count())
+        self._threads = ThreadPoolExecutor(threads())
         self._glance: Searcher | None = None
 
     @property
@@ -296,7 +295,7 @@ class Searcher:
         if row.size * spectra.shape[1] < _WORTH_THREADS:
             work((0, row.size))
         else:
-            edges = np.linspace(0, row.size, 4 * (os.cpu_count() or 1) + 1).astype(int).tolist()
+            edges = np.linspace(0, row.size, 4 * threads() + 1).astype(int).tolist()
             list(self._threads.map(work, pairwise(edges)))
         return power, highest
 

@@ -27,7 +27,10 @@ from skyproof.receiver.snapshot import (
     symbols_of,
 )
 
-__all__ = ["SnapshotSignal", "snapshot_signal"]
+__all__ = ["MOST_LATE", "SnapshotSignal", "snapshot_signal"]
+
+MOST_LATE: Final = 25
+"""Code periods, by which an antenna's samples may begin later or earlier and be found out by its data bits."""
 
 _REACH_HZ: Final = 40.0  # of what the search leaves open of a Doppler
 _LEFT_HZ: Final = 4.0  # the same once it has been measured
@@ -45,6 +48,9 @@ class SnapshotSignal:
     phase_cyc, sigma_cyc : (n_parts, n_antennas), modulo one cycle; what the antennas share is arbitrary.
     cn0_dbhz : (n_antennas,). energy : over the noise density, of all antennas, of the sum of everything.
     there : (n_antennas,) whether an antenna has more energy than noise once in a million.
+    sums : (n_parts, n_antennas) what `phase_cyc` is the phase of, in units of its noise (the mean square of that is 1).
+    later : (n_antennas, 2 `MOST_LATE` + 1) by how much an antenna's logarithmic likelihood is better, in the periods
+    that both have, if its data bits are so many code periods ahead of the others': its samples begin so much later.
     """
 
     code: CodePhase
@@ -56,6 +62,8 @@ class SnapshotSignal:
     cn0_dbhz: Reals
     energy: float
     there: Booleans
+    sums: Complexes
+    later: Reals
 
 
 def snapshot_signal(
@@ -119,7 +127,23 @@ def snapshot_signal(
         cn0_dbhz=cn0_dbhz,
         energy=float(energy.sum()),
         there=energy > _THERE,
+        sums=sums / np.sqrt(power * counts[:, None]),
+        later=_later(prompts * np.exp(-2j * np.pi * off_hz * fine.centre_s), sign, fine.counts) / power[:, None],
     )
+
+
+def _later(prompts: Complexes, sign: Reals, counts: Integers) -> Reals:
+    """Of antennas' prompts (n_antennas, n_periods) with their bits, as `SnapshotSignal.later`, times their power."""
+    better = np.zeros((len(prompts), 2 * MOST_LATE + 1))
+    n = sign.size
+    for column, ahead in enumerate(range(-MOST_LATE, MOST_LATE + 1)):
+        both = slice(max(-ahead, 0), min(n - ahead, n))
+        if both.stop - both.start < n // 2:
+            continue
+        own, later = sign[both], sign[both.start + ahead : both.stop + ahead]
+        powers = [np.abs(prompts[:, both] @ bits) ** 2 for bits in (later, own)]
+        better[:, column] = (powers[0] - powers[1]) / counts[both].sum()
+    return better
 
 
 class _Replica:

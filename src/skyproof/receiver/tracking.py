@@ -5,7 +5,6 @@ cut of the recording gives the same result. Each frame: search for new signals w
 advances all channels, lock control, telemetry, and at every second frame a row of measurements for each channel.
 """
 
-import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Complexes, ComplexFloats, Floats, Reals
+from skyproof.compiled import threads
 from skyproof.gnss.signals import prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
@@ -86,7 +86,7 @@ class Receiver:
         self._reach_chips = max(REACH_CHIPS, float(np.max(np.abs(self.taps_chips))) + 1.0)
         self._pad = table_pad(self.signal.chip_rate_hz / rate_hz, self._reach_chips)
         self._max_periods = int(self.settings.frame_s / self.signal.period_s) + 4
-        self._n_threads = os.cpu_count() or 1
+        self._n_threads = threads()
         self._threads = ThreadPoolExecutor(self._n_threads)
         self.grids: GridCorrelator | None = None
         if self.settings.grids is not None:

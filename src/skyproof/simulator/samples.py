@@ -17,7 +17,6 @@ whichever stretches are asked for, by however many threads.
 """
 
 import math
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Floats, Integers, Reals
-from skyproof.compiled import compiled
+from skyproof.compiled import compiled, threads
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records import Samples
 from skyproof.simulator.received import AddedNoise, Jammer, Messages, ReceiverSky, Scene, codes_of, row_of
@@ -192,7 +191,7 @@ def quantised(rendering: Rendering, block: int) -> Floats:
 
 def ahead_of(function: Callable[[int], T], blocks: range) -> Iterator[T]:
     """`function(block)` for each block in order, worked out by as many threads as there are cores, few at a time."""
-    workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    workers = threads()
     if len(blocks) < 2 or workers < 2:
         yield from map(function, blocks)
         return

@@ -226,6 +226,7 @@ class Scenario(Model):
     """One scene: receivers under the true sky, the attacks on them, and what else transmits.
 
     source : where the scene is described, for people.
+    duration_s : of each receiver's recording.
     navigation : a RINEX navigation file; the nominal constellation if absent, which serves any date.
     """
 
@@ -251,10 +252,9 @@ class Scenario(Model):
                 raise ValueError(f"two {what} have one name ({', '.join(names)}); give each its own")
         for what, transmitters in (("attacks", self.attacks), ("interference", self.interference)):
             for index, transmitter in enumerate(transmitters):
-                if transmitter.onset_s >= self.duration_s:
+                if transmitter.onset_s >= self.end_s:
                     raise ValueError(
-                        f"{what}[{index}].onset_s {transmitter.onset_s:g} is not before the scene's end, "
-                        f"{self.duration_s:g}"
+                        f"{what}[{index}].onset_s {transmitter.onset_s:g} is not before the scene's end, {self.end_s:g}"
                     )
         if self.navigation is not None and self.sky.directions is not None:
             raise ValueError("sky.directions and navigation both say where the satellites are; leave one out")
@@ -262,6 +262,11 @@ class Scenario(Model):
             if isinstance(attack, Takeover):
                 known_name(attack.target, receivers, f"attacks[{index}].target")
         return self
+
+    @property
+    def end_s(self) -> float:
+        """When the last receiver stops."""
+        return self.duration_s + max(receiver.start_offset_s for receiver in self.receivers)
 
     @property
     def attack_names(self) -> list[str]:

@@ -14,6 +14,7 @@ Page's one-sided form in one dimension, s <- max(0, s + y - k), alarm if s > h, 
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -28,11 +29,16 @@ __all__ = [
     "cusum_run_length",
     "cusum_step",
     "cusum_threshold",
+    "cusum_within",
     "page_run_length",
     "page_threshold",
 ]
 
 _LONGEST_THRESHOLD = 50.0  # beyond, run lengths exceed what float64 resolves
+_ORIGIN = 1e-9  # at s = 0 the density has a limit, reached well before
+_LARGEST = 60.0  # no sum is larger under the null but with a probability that makes no difference
+_STEP = 8.0  # no single one is longer under the null but with a probability of 1e-15
+_LONG_RUN = 4096  # steps
 
 
 def cusum_step(state: Reals, y: Reals, reference: float) -> Reals:
@@ -61,8 +67,11 @@ def cusum_path(y: Reals, reference: float, state: Reals | None = None) -> CusumP
 
 def _nodes(threshold: float) -> tuple[Reals, Reals]:
     """Gauss-Legendre nodes and weights on (0, threshold), two and more for each unit: the kernel is one unit wide."""
-    x, w = np.polynomial.legendre.leggauss(24 + 2 * int(np.ceil(threshold)))
+    x, w = _legendre(24 + 2 * int(np.ceil(threshold)))
     return 0.5 * threshold * (x + 1.0), 0.5 * threshold * w
+
+
+_legendre = lru_cache(np.polynomial.legendre.leggauss)
 
 
 def _chi_density(x: Reals, degrees: int, r: Reals) -> Reals:
@@ -74,10 +83,49 @@ def _chi_density(x: Reals, degrees: int, r: Reals) -> Reals:
 def cusum_run_length(reference: float, threshold: float, degrees: int) -> float:
     """Mean number of steps from s = 0 to an alarm under the null; infinite where float64 cannot express it any more."""
     nodes, weights = _nodes(threshold)
-    start = np.concatenate(([1e-9], nodes))  # at the origin the density has a limit, reached well before
-    kernel = weights * _chi_density(nodes + reference, degrees, start[:, None])
+    start = np.concatenate(([_ORIGIN], nodes))
+    return _solve(_transition(start, nodes, weights, reference, degrees))
+
+
+def cusum_within(size: float, steps: int, reference: float, degrees: int) -> float:
+    """Probability under the null that a sum which has run for long is `size` > 0 or more in one of so many steps.
+
+    It is the law of a window's largest |s|, where the window goes on with the sum that the one before it left: what
+    began to grow there counts here as well, so that this is more than `steps` over the run length. All terms are
+    positive, and small probabilities keep their digits. A size beyond 60 counts as 60.
+    """
+    size = min(size, _LARGEST)
+    start, law = _stationary(reference, degrees)
+    near = start < size + _STEP  # from further off no step leads below
+    start, law, further = start[near], law[near], float(law[~near].sum())
+    below, weights = _nodes(size)
+    above, weights_above = _nodes(2.0 * _STEP)
+    above = above + size
+    start_below = np.concatenate(([_ORIGIN], below))
+    stays = _transition(start_below, below, weights, reference, degrees)
+    leaves = _chi_density(above + reference, degrees, start_below[:, None]) @ weights_above
+    reached = np.zeros(len(start_below))
+    for _ in range(steps - 1):
+        reached = leaves + stays @ reached
+    first = np.concatenate((law[:1], weights * (law @ _chi_density(below + reference, degrees, start[:, None]))))
+    beyond = law @ _chi_density(above + reference, degrees, start[:, None]) @ weights_above
+    return min(float(further + beyond + first @ reached), 1.0)
+
+
+def _transition(start: Reals, nodes: Reals, weights: Reals, reference: float, degrees: int) -> Reals:
+    """Probabilities of one step from each start to zero and to each node: (n_start, 1 + n_nodes)."""
     back = special.chndtr(reference**2, degrees, start**2)
-    return _solve(np.column_stack((back, kernel)))
+    return np.column_stack((back, weights * _chi_density(nodes + reference, degrees, start[:, None])))
+
+
+@lru_cache(maxsize=64)
+def _stationary(reference: float, degrees: int) -> tuple[Reals, Reals]:
+    """Sizes, zero and nodes up to the largest, and the probability of each in the long run."""
+    nodes, weights = _nodes(_LARGEST)
+    start = np.concatenate(([_ORIGIN], nodes))
+    # Powers of a positive matrix keep the digits of small probabilities; solving for its eigenvector does not.
+    law = np.linalg.matrix_power(_transition(start, nodes, weights, reference, degrees), _LONG_RUN)[0]
+    return start, law / law.sum()
 
 
 def page_run_length(reference: float, threshold: float) -> float:

@@ -6,6 +6,7 @@ the same rows whatever else is run; `quick` takes no more than 20 s.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -27,6 +28,8 @@ class StudySettings:
     """trials : None means the study's own number, fewer if `quick`.
 
     arrays, arms : of the user's platform, for studies that take one; some usual ones where there are none.
+    folder : where a study that takes hours keeps what is ready, and finds it again. report : is given how many pieces
+        of such a study are done.
     """
 
     trials: int | None = None
@@ -34,6 +37,8 @@ class StudySettings:
     quick: bool = False
     arrays: Mapping[str, AntennaArray] = field(default_factory=dict)
     arms: tuple[SpinArm, ...] = ()
+    folder: Path | None = None
+    report: Callable[[int], None] = lambda done: None
 
     def count(self, usual: int, quick: int) -> int:
         """How many trials to run."""

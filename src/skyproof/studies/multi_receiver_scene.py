@@ -40,6 +40,7 @@ __all__ = [
     "ALPHA_OURS",
     "ALPHA_PAPER",
     "CARRIER_PER_CODE",
+    "MEACONER_ENU_M",
     "NOISES",
     "PLACES",
     "SATS",
@@ -73,7 +74,7 @@ _ACROSS = np.array([-1.0, -1.0, 0.0]) / np.sqrt(2.0)  # to the south-west
 _ALONG_M = {"rx1": 0.0, "rx2": 100.0, "rx5": 1.0, "rx6": 5.0, "rx7": 10.0, "rx8": 20.0, "rx9": 35.0, "rx10": 50.0}
 PLACES = {name: along_m * _LINE for name, along_m in _ALONG_M.items()}
 PLACES |= {"rx3": -50.0 * _ACROSS, "rx4": 50.0 * _ACROSS}
-_MEACONER_ENU_M = -500.0 * _LINE
+MEACONER_ENU_M = -500.0 * _LINE
 _DELAY_M = 400.0
 _FIRST, _STEP_MIN = np.datetime64("2012-07-01T20:00:16", "ns"), 10
 # The nominal constellation has three slots split in two (GPS SPS Performance Standard, 2020, table 3.2-2): one of each
@@ -195,8 +196,8 @@ def ranges_of(geometry: SatelliteTracks, receivers: tuple[str, ...], window_s: i
     places_m = np.array([PLACES[name] for name in receivers])
     base_m = np.linalg.norm(sat_enu_m, axis=-1)
     true_m = np.linalg.norm(sat_enu_m - places_m, axis=-1) - base_m
-    shown_m = np.linalg.norm(sat_enu_m - _MEACONER_ENU_M, axis=-1) - base_m
-    way_m = np.linalg.norm(places_m - _MEACONER_ENU_M, axis=-1) + _DELAY_M
+    shown_m = np.linalg.norm(sat_enu_m - MEACONER_ENU_M, axis=-1) - base_m
+    way_m = np.linalg.norm(places_m - MEACONER_ENU_M, axis=-1) + _DELAY_M
     return np.stack([true_m, shown_m + way_m], axis=-1)
 
 

@@ -9,7 +9,7 @@ from skyproof.detectors.second_signals.detector import LEAST, MOST
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
 from skyproof.statistics.many_small import many_small
 
-__all__ = ["drawn_seconds", "echoes_of_ten"]
+__all__ = ["drawn_seconds", "echo_delays_m", "echoes_of_ten"]
 
 _SHAPE: Final = (2.62, 2.77, 2.81, 2.56, 2.47, 2.40)  # of delays, by elevations of 15 degrees each
 _SCALE_M: Final = (129.83, 105.52, 80.93, 65.12, 53.22, 43.24)
@@ -25,9 +25,7 @@ def drawn_seconds(
     n = below_db.size
     sat = np.repeat(np.arange(n), rng.poisson(model.echoes_per_satellite, n))
     m = sat.size
-    kind = np.minimum(elevation_deg[sat] // 15.0, 5).astype(int)
-    near_m = rng.gamma(np.take(_SHAPE, kind), np.take(_SCALE_M, kind))
-    late_m = np.where(rng.random(m) < model.far_share, rng.uniform(0.0, 4500.0, m), near_m)
+    late_m = echo_delays_m(rng, model, elevation_deg[sat])
     blocked_db = _blocked_db(rng, model, below_db[sat] + model.gain_db)
     rough_db = -12.35 - 0.0016 * late_m + 10.0 * np.log10(rng.exponential(size=m))
     smooth_db = rng.uniform(-model.most_weaker_db, model.gain_db, m)
@@ -52,6 +50,14 @@ def drawn_seconds(
         )
         for k in seen
     ]
+
+
+def echo_delays_m(rng: np.random.Generator, model: EchoModel, elevation_deg: Reals) -> Reals:
+    """How late an echo is of satellites at these elevations (m,)."""
+    m = elevation_deg.size
+    kind = np.minimum(elevation_deg // 15.0, 5).astype(int)
+    near_m = rng.gamma(np.take(_SHAPE, kind), np.take(_SCALE_M, kind))
+    return np.where(rng.random(m) < model.far_share, rng.uniform(0.0, 4500.0, m), near_m)
 
 
 def _blocked_db(rng: np.random.Generator, model: EchoModel, most_db: Reals) -> Reals:

@@ -1,12 +1,14 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import RECEIVED, asked, detectors_for, following_epochs, windows_of
+from skyproof.app.common.windows import RECEIVED, asked, detectors_for, examine_all, following_epochs, windows_of
 from skyproof.detectors.base import load_detectors
-from skyproof.records import NavigationData, Need, Observations, Records, SignalId, SpinArm, Taps
+from skyproof.records import ConsistentSet, NavigationData, Need, Observations, Records, SignalId, SpinArm, Taps
 from skyproof.testing import MeasuredScene
 
 START = np.datetime64("2022-01-01", "ns")
@@ -124,3 +126,20 @@ def test_a_run_with_correlators_shares_the_false_alarms_with_sqm():
     )
     run = Records(start_gpst=START, end_gpst=START, taps=(taps,))
     assert share(run) == pytest.approx(of_a_window / (len(usual) + 1))
+
+
+def test_the_sets_of_every_window_are_kept_however_long_the_run():
+    one = ConsistentSet(
+        receiver="rx1",
+        signals=(SignalId("G05"),),
+        gpst=START,
+        position_ecef_m=np.zeros(3),
+        clock_bias_s=0.0,
+        covariance_m2=np.eye(4),
+        statistic=0.0,
+        dof=0,
+        p_value=1.0,
+    )
+    windows = [SimpleNamespace(sets=(replace(one, clock_bias_s=number),)) for number in range(700)]
+    _, sets, _ = examine_all(windows, [], Silent())
+    assert [s.clock_bias_s for s in sets] == list(range(700))

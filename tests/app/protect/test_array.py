@@ -60,6 +60,7 @@ def test_other_antennas_than_the_inputs_have_are_refused(kit, array_files, tmp_p
 
 SILENT = "gives no phases"
 JUMPS = "has a phase that jumps"
+LATE, LATE_SAMPLES = "receives none of the signals that the others do", 20_000
 FAILURES = {
     "dead": (lambda iq, rng: np.zeros_like(iq), SILENT),
     "constant": (lambda iq, rng: np.full_like(iq, 7), SILENT),
@@ -68,6 +69,7 @@ FAILURES = {
     "at another rate": (lambda iq, rng: iq[np.rint(np.arange(len(iq)) * 0.999).astype(int)], SILENT),
     "mirrored": (lambda iq, rng: iq[:, ::-1], SILENT),
     "a jump": (lambda iq, rng: np.where((np.arange(len(iq)) < 0.6 * len(iq))[:, None], iq, -iq), JUMPS),
+    "begun late": (lambda iq, rng: np.roll(iq, -LATE_SAMPLES, axis=0), LATE),
     "turned over": (lambda iq, rng: -iq, None),  # half a cycle of its line: it is no failure
 }
 
@@ -86,6 +88,19 @@ def test_an_antenna_that_fails_is_left_out_and_reported(kit, array_files, tmp_pa
     assert said.says == "authentic"
     assert len(said.subject) > 7
     assert (f"Antenna 2 of array {how}, and is left out" in result.verdict.summary) == (how is not None)
+    late = f"leave out the first {LATE_SAMPLES} samples of the others"
+    assert (late in " ".join(result.verdict.inputs[0].remarks)) == (how == LATE)
+
+
+@pytest.mark.long
+def test_a_first_antenna_that_is_begun_late_does_not_stand_for_the_receiver(kit, array_files, tmp_path):
+    iq = np.fromfile(array_files.woven, np.int8).reshape(-1, 4, 2)
+    iq[:, 0] = np.roll(iq[:, 0], -LATE_SAMPLES, axis=0)
+    iq.tofile(tmp_path / "woven.bin")
+    (tmp_path / "woven.toml").write_text(array_files.woven.with_suffix(".toml").read_text())
+    result = protect(platform=described(kit, tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
+    assert result.verdict.verdict == "authentic"
+    assert "antenna 1 begins 12.5 ms after antenna 2" in " ".join(result.verdict.inputs[0].remarks)
 
 
 @pytest.mark.long

@@ -110,6 +110,40 @@ def test_an_antenna_that_fails_is_left_out_and_reported(snapshots, tmp_path, fai
     assert any("antenna 3 does not receive what the others do" in r for r in result.verdict.inputs[0].remarks)
 
 
+def with_planes(snapshots, folder, planes):
+    """A platform file of these samples, otherwise as the clean ones."""
+    np.save(folder / "whole.npy", planes)
+    for name in ("whole.toml", "one.toml"):
+        (folder / name).write_text((snapshots / "clean" / name).read_text())
+    return folder / "one.toml"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("with_orbits", [True, False])
+@pytest.mark.parametrize("begun", [0.3, 0.6])
+def test_an_attack_that_begins_within_is_not_passed_over(snapshots, tmp_path, begun, with_orbits):
+    clean, attacked = (np.load(snapshots / name / "whole.npy") for name in ("clean", "attacked"))
+    count = round(begun * clean.shape[1])
+    platform = with_planes(snapshots, tmp_path, np.hstack([clean[:, :count], attacked[:, count:]]))
+    result = protect(platform=platform, nav=snapshots / "clean" / "nav.rnx" if with_orbits else None)
+    said = [e for e in result.outcome.evidence if e.detector == "snapshot"]
+    assert "change within array's recording, as when an attack begins" in said[0].because
+    assert result.verdict.verdict == "spoofed" if with_orbits else result.verdict.verdict != "authentic"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("late_ms", [3, -7])
+def test_an_antenna_that_begins_whole_milliseconds_late_is_left_out_and_reported(snapshots, tmp_path, late_ms):
+    planes = np.load(snapshots / "attacked" / "whole.npy")
+    planes[1] = np.roll(planes[1], -4092 * late_ms)
+    result = protect(platform=with_planes(snapshots, tmp_path, planes), nav=snapshots / "clean" / "nav.rnx")
+    remarks = " ".join(result.verdict.inputs[0].remarks)
+    how, whose = ("after", "the other antennas") if late_ms > 0 else ("before", "antenna 2")
+    assert f"antenna 2 begins {abs(late_ms)} ms {how} the others" in remarks
+    assert f"the first {4092 * abs(late_ms)} samples of {whose}" in remarks
+    assert result.verdict.verdict == "spoofed"
+
+
 @pytest.mark.long
 def test_a_dead_file_among_those_of_the_antennas_is_left_out_and_reported(snapshots, tmp_path):
     folder = snapshots / "attacked"

@@ -1,13 +1,15 @@
 """A vector receiver in `protect`: what its correlators say stands beside the verdict, and labels nobody."""
 
+import numpy as np
 import pytest
 
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.simulator import scenes
 from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.files import write
-from skyproof.simulator.scenario import FrontEnd
+from skyproof.simulator.files import write, write_series
+from skyproof.simulator.scenario import FrontEnd, SceneImu, SceneReceiver
+from skyproof.simulator.sky import scene_of
 
 
 def judged(folder, **changes):
@@ -38,3 +40,29 @@ def test_a_clean_sky_of_the_same_satellites_fits(tmp_path):
     _, said = judged(tmp_path, attacks=(), sky=sky)
     assert [one.says for one in said] == ["clean"] * len(said)
     assert said
+
+
+@pytest.mark.long
+def test_an_inertial_unit_of_the_platform_carries_it_where_its_attitude_is_stated(tmp_path):
+    receiver = SceneReceiver(
+        name="rx1", lat_deg=57.7, lon_deg=11.94, height_m=50.0, imu=SceneImu(grade="tactical", rate_hz=100.0)
+    )
+    front_end = FrontEnd(rate_hz=1.6e6, bandwidth_hz=1.28e6, encoding="sign-magnitude", bits=2)
+    scene = scenes.clean(
+        receiver, np.datetime64("2024-05-14T09:59:58"), duration_s=8.0, receivers=1, front_end=front_end
+    )
+    scene = scene.model_copy(update={"receivers": (receiver,)})
+    navigation = navigation_of(scene)
+    write_nav(tmp_path / "nav.rnx", navigation)
+    recordings = [path for path in write(scene, navigation, tmp_path) if path.name.startswith("rx1")]
+    write_series(scene_of(scene, navigation), tmp_path)
+    for stated, helped in (
+        ("", False),
+        ("initial = { heading_deg = 0, pitch_deg = 0, roll_deg = 0, sigma_deg = 0.2 }", True),
+    ):
+        platform = tmp_path / "platform.toml"
+        platform.write_text(f'[imu]\nfile = "rx1-imu.csv"\ngrade = "tactical"\n{stated}\n', encoding="utf-8")
+        result = protect(recordings, nav=tmp_path / "nav.rnx", platform=platform, tracking="vector")
+        (one,) = result.outcome.receivers
+        assert any("carried by the inertial unit" in remark for remark in one.reception.remarks) == helped
+        assert any("vector tracking from" in remark for remark in one.reception.remarks)

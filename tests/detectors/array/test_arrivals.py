@@ -58,3 +58,16 @@ def test_antennas_out_of_the_plane_leave_one_direction():
     elements = np.vstack([equilateral_triangle(0.5), [[0.25, 0.14, 0.4]]])
     (only,) = found_of(direction, elements)
     np.testing.assert_allclose(only.direction, direction, atol=1e-4)
+
+
+@pytest.mark.parametrize("el_deg", [9.0, 15.0, 40.0])
+@pytest.mark.parametrize("sigmas", [-3.0, 3.0])
+def test_three_sigmas_of_the_phases_are_three_of_the_ellipse_near_the_plane_too(el_deg, sigmas):
+    side, sigma_cyc = 0.5, 0.0006
+    seen = direction_cosines(0.0, np.radians(el_deg))
+    true_rad = np.arccos(np.cos(np.radians(el_deg)) + sigmas * np.sqrt(2.0) * sigma_cyc / side)
+    true = direction_cosines(0.0, true_rad)
+    found = found_of(seen, equilateral_triangle(side), sigma_cyc)
+    (near,) = [one for one in found if one.direction @ seen > 0.99 and one.direction[2] > 0.0]
+    off = across(near.direction) @ (true - near.direction)
+    assert 2.4 < np.sqrt(off @ np.linalg.solve(near.covariance_rad2, off)) < 3.05

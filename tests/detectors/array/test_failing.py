@@ -35,6 +35,20 @@ def dead(phases, rng):
     return replace(phases, phase_cyc=phase)
 
 
+def late(phases, rng):
+    """Antenna 2 has every signal as another one, of its own."""
+    own = np.where(np.arange(4) == 2, phases.phase_cyc, np.nan)
+    rest = np.where(np.arange(4) == 2, np.nan, phases.phase_cyc)
+    copies = tuple(replace(signal, copy="b") for signal in phases.signals)
+    return replace(
+        phases,
+        signals=(*phases.signals, *copies),
+        phase_cyc=np.concatenate([rest, own], axis=1),
+        sigma_cyc=np.tile(phases.sigma_cyc, (1, 2, 1)),
+        carrier_hz=np.tile(phases.carrier_hz, 2),
+    )
+
+
 def noisy(phases, rng):
     phase = phases.phase_cyc.copy()
     phase[..., 2] += 0.1 * rng.standard_normal(phase.shape[:2])
@@ -66,6 +80,7 @@ def silent(phases, rng):
 
 JUMPS = "has a phase that jumps"
 FAULTS = {
+    late: "receives none of the signals that the others do",
     dead: "gives no phases",
     noisy: "is noisy",
     jumping: JUMPS,

@@ -91,6 +91,10 @@ def test_the_level_of_signals_or_of_noise_that_rises_within_a_minute_is_said():
     named = failed(said(windows(rising), speed_max_m_s=0.0))
     assert not any(named[:5])
     assert "all satellites in rx1 together rose by" in named[-1][0]
+    faster = np.clip(0.43 * (o.elapsed_s - ONSET_S), 0.0, 8.6)  # by less than 5 dB from one window to the next
+    named = failed(said(windows(changed(o, cn0_dbhz=o.cn0_dbhz + faster[:, None]))))
+    assert not any(named[:5])
+    assert "all satellites in rx1 together rose by" in named[5][0] + named[6][0]
     loud = [replace(one, ccaf=(noise(one, 10.0 if k > 4 else 0.0),)) for k, one in enumerate(windows(o))]
     named = failed(said(loud))
     assert not any(named[:5])

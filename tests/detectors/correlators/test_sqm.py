@@ -4,7 +4,7 @@ from scipy import stats
 
 from skyproof.detectors.correlators import sqm
 from skyproof.detectors.correlators.correlator_laws import prompt_amplitude, triangle
-from skyproof.statistics.distributions import binomial_two_sided
+from skyproof.statistics.distributions import binomial_survival, binomial_two_sided
 
 
 def drawn(rng, trials, amplitude, spacing):
@@ -49,6 +49,43 @@ def test_p_values_of_delta_and_ratio_are_uniform(amplitude, spacing):
         p_value = sqm.ratio_p_value(metric(*taps), law(spacing), amplitude)
         assert stats.kstest(p_value, "uniform").pvalue > 1e-4
         assert binomial_two_sided(int(np.sum(p_value < 1e-3)), 100_000, 1e-3) > 1e-3
+
+
+@pytest.mark.parametrize("amplitude", [3.0, 14.14])
+def test_deviates_are_normal_whatever_the_amplitude(amplitude):
+    early, prompt, late = drawn(np.random.default_rng(7), 100_000, amplitude, 0.5)
+    for metric, law in ((sqm.delta_metric, sqm.delta_law(0.5)), (sqm.ratio_metric, sqm.ratio_law(0.5))):
+        value = metric(early, prompt, late)
+        deviate = sqm.ratio_deviate(value, prompt, law)
+        assert stats.kstest(deviate, "norm").pvalue > 1e-4
+        plain = (value - law.mean) / np.sqrt(law.variance(amplitude))
+        for limit in (2.6, 3.3):
+            rate = 2.0 * stats.norm.sf(limit)
+            assert binomial_two_sided(int(np.sum(np.abs(deviate) > limit)), 100_000, rate) > 1e-3
+            assert amplitude > 5.0 or np.sum(np.abs(plain) > limit) > 2.0 * rate * 100_000
+
+
+def test_a_loop_s_jitter_rounds_the_prompt_and_the_law_of_the_ratio_allows_for_it():
+    rng, tracks, looks, amplitude, hz, coherent_s = np.random.default_rng(8), 3000, 50, 35.0, 1.0, 0.02
+    delays = np.array([0.5, 0.125, 0.0, -0.125, -0.5])
+    root = np.linalg.cholesky(sqm.tap_covariance(delays))
+    code, total = np.zeros(tracks), np.zeros((tracks, 5))
+    jitter = sqm.code_jitter_chips(hz, 0.125, amplitude, coherent_s)
+    for look in range(-20, looks):
+        taps = amplitude * triangle(code[:, None] + delays) + rng.standard_normal((tracks, 5)) @ root.T
+        total += taps if look >= 0 else 0.0
+        if look == 0:
+            assert np.std(code) == pytest.approx(jitter, rel=0.1)
+        code = code + 4.0 * hz * coherent_s * sqm.delta_metric(taps[:, 1], taps[:, 2], taps[:, 3])
+    early, prompt, late = total[:, [0, 2, 4]].T / np.sqrt(looks)
+    value = sqm.ratio_metric(early, prompt, late)
+    none, lost = sqm.ratio_law(0.5), sqm.ratio_law(0.5, 2.0 * np.sqrt(2.0 / np.pi) * jitter)
+    allowed, not_allowed = (
+        int(np.sum(np.abs(sqm.ratio_deviate(value, prompt, none, up_to)) > 2.5758)) for up_to in (lost, None)
+    )
+    assert binomial_survival(allowed, tracks, 0.01) > 1e-3
+    assert allowed > 0.3 * 0.01 * tracks
+    assert binomial_survival(not_allowed, tracks, 0.01) < 1e-3
 
 
 def test_tails_are_heavier_than_normal():

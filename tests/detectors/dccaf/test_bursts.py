@@ -6,7 +6,8 @@ from tests.detectors.nulls import CCAF_POINTS, CCAF_RATE_HZ, INTERVALS, burst, o
 
 from skyproof.decomposition.correlation import noise_variance
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, shapes
-from skyproof.detectors.dccaf.detector import SIGNAL_LEVEL, DccafSettings
+from skyproof.detectors.dccaf.delays import DccafSettings
+from skyproof.detectors.dccaf.detector import SIGNAL_LEVEL
 
 PRN = 7
 OWN = shapes(PRN, tuple(CCAF_POINTS.tolist()), CCAF_RATE_HZ, 1.3)

@@ -15,7 +15,8 @@ from tests.detectors.nulls import (
     with_seconds,
 )
 
-from skyproof.detectors.dccaf.detector import Dccaf, DccafSettings, delays_of, last_burst
+from skyproof.detectors.dccaf.delays import DccafSettings, delays_of, last_burst, second_signals
+from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.records import NavState
@@ -121,6 +122,46 @@ def test_the_last_burst_of_most_channels_is_looked_at():
     longer = replace(grid, value=value, noise_variance=variance, elapsed_s=elapsed_s, gpst=gpst, **earlier)
     assert last_burst(longer).tolist() == list(range(n, 2 * n))
     assert last_burst(replace(grid, value=np.full_like(grid.value, np.nan))).size == 0
+
+
+def bursts_of(scene, rng, second_db, n):
+    """The grids of one moment, drawn `n` times with new phases and noise, two seconds apart."""
+    ccaf = [with_ccaf(scene, rng, second_db).ccaf[0] for _ in range(n)]
+    many = {name: np.concatenate([getattr(one, name) for one in ccaf]) for name in ("value", "noise_variance")}
+    many |= {name: np.concatenate([getattr(ccaf[0], name)] * n) for name in ("reference_m", "reference_hz")}
+    elapsed_s = np.concatenate([ccaf[0].elapsed_s + 2.0 * k for k in range(n)])
+    gpst = np.concatenate([ccaf[0].gpst + np.timedelta64(2 * k, "s") for k in range(n)])
+    return replace(ccaf[0], elapsed_s=elapsed_s, gpst=gpst, **many)
+
+
+def test_signals_too_near_for_one_burst_are_seen_in_those_of_a_window():
+    """Two skies 6 m apart, equally strong: how many of eight satellites one burst shows, and how many five do."""
+    rng, one, five, clean = np.random.default_rng(8), [], [], []
+    for _ in range(3):
+        near, alone = (with_seconds(rng, np.full(8, there), 6.0, scene=UNRELATED) for there in (True, False))
+        for counts, ccaf in (
+            (one, bursts_of(near, rng, 0.0, 1)),
+            (five, bursts_of(near, rng, 0.0, 5)),
+            (clean, bursts_of(alone, rng, 0.0, 5)),
+        ):
+            epochs, settings = last_burst(ccaf), DccafSettings()
+            counts.append(second_signals(ccaf, epochs, delays_of(ccaf, epochs, settings), settings).sum())
+    assert sum(clean) <= 1
+    assert min(five) >= 5
+    assert np.mean(one) < np.mean(five) - 2.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("n", [1, 5])
+def test_a_single_signal_has_a_second_one_no_oftener_than_stated(n):
+    """In a window of one burst, and of several: 200 windows of eight satellites."""
+    rng, settings, seen = np.random.default_rng(9), DccafSettings(second_signal_probability=0.2), 0
+    for _ in range(200):
+        ccaf = bursts_of(with_seconds(rng, np.zeros(8, bool), scene=UNRELATED), rng, 0.0, n)
+        epochs = last_burst(ccaf)
+        seen += second_signals(ccaf, epochs, delays_of(ccaf, epochs, settings), settings).sum()
+    assert seen <= binom.ppf(0.999, 200 * 8, 0.2 / 8)
+    print(seen, "of", 200 * 8 * 0.2 / 8)
 
 
 def test_missing_grids_cost_their_channel_only():

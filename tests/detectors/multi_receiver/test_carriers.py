@@ -9,6 +9,8 @@ from skyproof.detectors.multi_receiver.carriers import Fractions, fractions, one
 from skyproof.detectors.multi_receiver.common_epochs import CommonPhases
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.known_geometry import AntennaDistance, AntennaPlaces
+from skyproof.detectors.multi_receiver.one_antenna import TrackNoise
+from skyproof.detectors.multi_receiver.pairing import pair_up, sky_by_carriers
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.records import CellStatus
 from skyproof.statistics.distributions import binomial_survival
@@ -103,6 +105,15 @@ def examine(records, **settings):
 
 def named(evidence, says):
     return {(ref.receiver, ref.signal.copy) for e in evidence if e.says == says for ref in e.subject}
+
+
+def test_carriers_without_errors_fit_the_sky_whatever_the_epochs_the_distance_and_the_heights():
+    """Half a step between the receivers' epochs, 100 m of distance and 10 m of height: millimetres each."""
+    places = {"rx1": (0.0, 0.0, 0.0), "rx2": (60.0, 80.0, 10.0)}
+    exact = scene(antennas_enu_m=places, first_epoch_s=(0.0, 0.45))
+    records = replace(exact.records(np.random.default_rng(0)), observations=tuple(exact._exact))
+    pairing = pair_up(records, records.sets, TrackNoise(), min_satellites=5)
+    assert sky_by_carriers([pairing], AntennaPlaces(places, 0.01)).statistic < 0.1
 
 
 def test_a_metre_apart_ten_seconds_tell_the_sky_from_one_antenna():

@@ -151,6 +151,15 @@ def test_one_receiver_under_a_false_sky_and_one_under_the_true_one_are_never_aut
     assert ("measured again" if known else "antenna_distance_m") in evidence[0].would_need
 
 
+@pytest.mark.parametrize(("count", "says"), [(6, "undecided"), (10, "attack")])
+def test_few_signals_at_a_wrong_place_may_be_echoes_and_many_are_an_attack(count, says):
+    attack = replace(MEACONER, receivers=("rx2",))
+    records = scene(sky=("rx1",), false=(attack,), max_satellites=count).records(rng())
+    (e,) = examine(records, false_alarm_probability=1e-6, **placed())
+    assert e.says == says
+    assert ("echoes of so few satellites" in e.because) == (says == "undecided")
+
+
 def test_what_was_given_wrong_is_the_reason_that_is_reported():
     records = scene().records(rng())
     reason = open_question(examine(records, antenna_distance_m=45.0), records.observations, set())

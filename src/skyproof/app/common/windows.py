@@ -1,6 +1,5 @@
 """From whole observations to windows of records, and what every detector says of each."""
 
-from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
@@ -9,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from skyproof.app.common.body import Body, Carried, body_state
-from skyproof.app.common.evidence_log import PACKED, EvidenceLog
+from skyproof.app.common.packed_log import PACKED, PackedLog
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
 from skyproof.detectors.base import Detector, load_detectors
@@ -55,8 +54,6 @@ RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAV
 """What any detector may need that every receiver makes, sooner or later; the rest is of special equipment."""
 LEAST_EPOCHS = 5
 """Of a window."""
-SETS_KEPT = 256
-"""Windows of a long run, evenly spread."""
 MIN_WINDOW_SHARE = 0.5
 """A last window shorter than this share of a whole one is joined to the one before."""
 
@@ -273,7 +270,7 @@ def reviewed(detectors: Sequence[Detector], evidence: Sequence[Evidence]) -> Seq
     seen = evidence
     for detector in detectors:
         if (review := getattr(detector, "review", None)) is not None:
-            seen = EvidenceLog(review(seen))
+            seen = PackedLog(review(seen))
     return seen
 
 
@@ -282,16 +279,14 @@ def examine_all(
     detectors: Sequence[Detector],
     progress: Progress,
     report: Callable[[Sequence[Evidence]], None] | None = None,
-) -> tuple[Sequence[Evidence], list[ConsistentSet], bool]:
+) -> tuple[Sequence[Evidence], Sequence[ConsistentSet], bool]:
     """The evidence of all detectors and windows, the sets found in them, and whether Ctrl-C left windows out.
 
     report : is called with the evidence of each window as it comes.
-    Of the sets are kept those beside which there is another one, and of a long run those of `SETS_KEPT` windows.
     """
-    evidence, sets = _Kept(), []
+    evidence, sets = _Kept(), PackedLog[ConsistentSet]()
     states: States = {}
     interrupted = False
-    stride = -(-len(windows) // SETS_KEPT)
     try:
         with progress.stage("examining the signals, window by window", len(windows)) as stage:
             for number, records in enumerate(windows, 1):
@@ -299,8 +294,7 @@ def examine_all(
                 evidence.take(said)
                 if report is not None:
                     report(said)
-                several = Counter(one.receiver for one in records.sets)
-                sets += [one for one in records.sets if number % stride == 0 or several[one.receiver] > 1]
+                sets.extend(records.sets)
                 stage.advance(number)
     except KeyboardInterrupt:
         interrupted = True
@@ -313,7 +307,7 @@ class _Kept:
     """
 
     def __init__(self) -> None:
-        self.all = EvidenceLog()
+        self.all = PackedLog[Evidence]()
         self._same: dict[Hashable, Any] = {}
         self._lacking: set[tuple[str, tuple[SignalRef, ...], tuple[Need, ...]]] = set()
 

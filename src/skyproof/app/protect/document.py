@@ -77,12 +77,15 @@ class ReceiverOutcome:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
-    """Everything that a run found out. compared : skies beside what was expected, of receivers that had two."""
+    """Everything that a run found out.
+
+    sets : in the order of their windows. compared : skies beside what was expected, of receivers that had two.
+    """
 
     receivers: tuple[ReceiverOutcome, ...]
     decision: Decision
     evidence: Sequence[Evidence]
-    sets: tuple[ConsistentSet, ...]
+    sets: Sequence[ConsistentSet]
     navigation: NavigationData
     compared: tuple[Compared, ...] = ()
 

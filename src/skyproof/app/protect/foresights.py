@@ -14,9 +14,10 @@ from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES
 from skyproof.navigation.foresight import Foresight, Standing, surveyed
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.ins import InsSettings
+from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import Attitude, ImuSeries
 
-__all__ = ["InertialUnit", "foresights_of", "unit_of"]
+__all__ = ["InertialUnit", "antenna_units", "foresights_of", "unit_of"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -58,6 +59,16 @@ def unit_of(
         levers_m=levers_m,
         initial=files.initial,
     )
+
+
+def antenna_units(unit: InertialUnit | None) -> dict[str, AntennaUnit]:
+    """By receiver, where attitude and lever arm are stated: what carries vector tracking from row to row."""
+    if unit is None or unit.initial is None:
+        return {}
+    return {
+        name: AntennaUnit(unit.readings, unit.initial, replace(unit.settings, lever_m=lever_m))
+        for name, lever_m in unit.levers_m.items()
+    }
 
 
 def foresights_of(

@@ -3,6 +3,7 @@ range differences between receivers, and what each detector found in words.
 """
 
 import csv
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -412,8 +413,9 @@ def _sets_by_label(
     row = int(np.clip(np.searchsorted(o.gpst, middle), 0, o.gpst.size - 1))
     labels = {s.ref.signal: s.label for s in _labels_of(o, outcome) if s.first_epoch <= row <= s.last_epoch}
     chosen: dict[Label, list[ConsistentSet]] = {}
-    for one in outcome.sets:
-        if one.receiver == o.receiver and window[0] <= one.gpst < window[1]:
+    first, stop = (bisect_left(outcome.sets, edge, key=lambda one: one.gpst) for edge in window)
+    for one in outcome.sets[first:stop]:
+        if one.receiver == o.receiver:
             carried = [labels.get(signal, "unknown") for signal in one.signals]
             chosen.setdefault(max(sorted(set(carried)), key=carried.count), []).append(one)
     return chosen

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from skyproof.app.common.body import Body, body_of, open_body, with_imu
-from skyproof.app.common.evidence_log import EvidenceLog
 from skyproof.app.common.folder import check_folder
 from skyproof.app.common.memory import give_back
+from skyproof.app.common.packed_log import PackedLog
 from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
 from skyproof.app.common.platform_use import described, inputs_of, settings_of
@@ -21,7 +21,7 @@ from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, detectors_for, examine_all, following_epochs, windows_of
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.protect.duplicates import one_receiver_each
-from skyproof.app.protect.foresights import foresights_of, unit_of
+from skyproof.app.protect.foresights import antenna_units, foresights_of, unit_of
 from skyproof.app.protect.outputs import evidence_line, write_outputs
 from skyproof.app.protect.positions import positions_of
 from skyproof.app.receive.inputs import antennas_of, open_inputs
@@ -41,6 +41,7 @@ from skyproof.fusion.rivals import FixMaker
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.navigation.foresight import Foresight, Standing
 from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
     AntennaArray,
     Evidence,
@@ -122,7 +123,8 @@ def protect(
         arrays = arrays_of(tables, {source.name: len(antennas_of(source)) for source in sources}, str(platform))
         _require_two(settings, names)
         _require_orbits(sources, navigation)
-        receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace)
+        units = antenna_units(unit_of(carrier, body_files, names, tables, _first_sample(sources)))
+        receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace, units)
         give_back()
         _same_time(receptions, navigation)
         receptions = [_with_common_time(r, receptions) for r in receptions]
@@ -175,11 +177,12 @@ def _received(
     progress: Progress,
     arrays: Mapping[str, AntennaArray],
     workspace: Workspace,
+    units: Mapping[str, AntennaUnit],
 ) -> tuple[list[Reception], bool]:
     """What each source's receiver received, in their order, and whether Ctrl-C ended the tracking early."""
     recordings = [one for one in sources if isinstance(one, Samples) and not is_short(one)]
     trackers, interrupted = track(
-        recordings, settings, progress, navigation, summed=True, asked=asked(), workspace=workspace
+        recordings, settings, progress, navigation, summed=True, asked=asked(), workspace=workspace, units=units
     )
     if not interrupted and len(recordings) == len(sources):
         require_signals(trackers)
@@ -197,6 +200,12 @@ def _received(
     if all(is_short(source) for source in sources):
         require_some(receptions)
     return receptions, interrupted
+
+
+def _first_sample(sources: Sequence[Samples | ObservedFile]) -> np.datetime64:
+    """Of the recordings of which it is stated; NaT without one."""
+    starts = [one.start_gpst for one in sources if isinstance(one, Samples) and one.start_gpst is not None]
+    return min(starts, default=np.datetime64("NaT", "ns"))
 
 
 def _span_of(receptions: Sequence[Reception]) -> Records:
@@ -316,10 +325,11 @@ def judge(
     alpha = detectors[0].settings.false_alarm_probability
     left = departures(evidence, sets, makers, foresights, alpha)
     left += displacements(evidence, sets, makers, foresights, alpha)
+    left += [e for r in received for e in r.evidence]
     if left:
         left.sort(key=_window)
         report(left)
-        evidence = EvidenceLog(merge(evidence, left, key=_window))
+        evidence = PackedLog(merge(evidence, left, key=_window))
     decision = fuse(evidence, observed, sets)
     rules = ChoiceRules(
         most_wrong=settings.wrong_choice_probability,
@@ -330,14 +340,14 @@ def judge(
     chosen, compared = choices(decision, evidence, observed, sets, foresights, rules, orbits)
     if chosen:
         report(chosen)
-        evidence = EvidenceLog(merge(evidence, chosen, key=_window))
+        evidence = PackedLog(merge(evidence, chosen, key=_window))
         decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings, foresights) for r in receptions]
     outcome = Outcome(
         receivers=tuple(outcomes),
         decision=decision,
         evidence=evidence,
-        sets=tuple(sets),
+        sets=sets,
         navigation=orbits,
         compared=tuple(compared),
     )

@@ -14,7 +14,8 @@ from skyproof.app.protect.document import Outcome, ReceiverOutcome
 from skyproof.app.protect.positions import Track
 from skyproof.arrays import Instants, Integers, Reals
 from skyproof.detectors.dccaf.bursts import amplitudes, between_taps, own_correlation, shapes
-from skyproof.detectors.dccaf.detector import Dccaf, DccafSettings, Delays, delays_of, last_burst
+from skyproof.detectors.dccaf.delays import DccafSettings, Delays, delays_of, last_burst
+from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.fusion.choice import Compared
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef

@@ -156,13 +156,16 @@ class MeasurementLog:
         return found if antenna is None else found.on_antenna(antenna)
 
     def counts(self, arcs: Mapping[int, Arc]) -> list[int]:
-        """How many measurements with a time of week each antenna has; of a receiver with one, it has."""
+        """How many measurements with a time of week each antenna has; of a receiver with one, it has. Of several those
+        count that most of them share, if there are any: one that was begun late has signals of its own."""
         timed = [number for number, arc in arcs.items() if arc.tow_ms_at_period_0 is not None]
         columns = self._rows.at_hand()
         rows = np.isin(columns["arc"], timed)
         if not self.n_antennas:
             return [int(rows.sum())]
-        return [int(n) for n in columns["there"][rows].sum(axis=0)]
+        there = columns["there"][rows]
+        shared = there.sum(axis=1) > 0.5 * self.n_antennas
+        return [int(n) for n in there[shared if shared.any() else slice(None)].sum(axis=0)]
 
     def carriers(self, arcs: Mapping[int, Arc], antenna: int | None) -> dict[int, ArcCarrier]:
         """`observables.arc_carriers` of all measurements, or of those of one of several antennas."""

@@ -9,14 +9,17 @@ from skyproof.app.receive.assembled import Assembled
 from skyproof.app.receive.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_remarks_of
 from skyproof.app.receive.time_tag import clock_biases_s, near_date, shown_by, time_tag, timed_by_others, week_of
 from skyproof.app.receive.tracker import ENOUGH_SATS, Tracker, carrier_at_hz
+from skyproof.arrays import Reals
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.pieces import Workspace
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.receiver.observables import messages_that_differ, navigation_of
 from skyproof.records import (
     AntennaArray,
     ArrayPhases,
     Ccaf,
+    Evidence,
     MeasurementSource,
     NavigationData,
     ObservationLog,
@@ -28,6 +31,7 @@ from skyproof.records import (
 __all__ = ["Reception", "nothing_found", "observe", "overlap_s", "require_signals"]
 
 NEARLY_ALL = 0.9
+_LATE_M = 300.0  # a chip: what is nearer is received with the others
 MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
 FOLLOWED_S = 2.0  # shorter, a signal that is there may not have proved itself
 AT_ONCE_S = 0.9  # of an array's: shorter than what is followed (`short`)
@@ -46,6 +50,7 @@ class Reception:
     antennas : the same signals at the same epochs on each antenna, where the receiver has several; `observations` are
         those of the first, or if that has clearly fewer those of the antenna that has most.
     array_phases : the carrier's phases on all of them, if it is known where they are.
+    evidence : what already shows while it is received.
     """
 
     source: MeasurementSource
@@ -62,6 +67,7 @@ class Reception:
     ccaf: Stretched[Ccaf] | None = None
     antennas: tuple[ObservationLog, ...] = ()
     array_phases: Stretched[ArrayPhases] | None = None
+    evidence: tuple[Evidence, ...] = ()
 
     @property
     def samples(self) -> Samples | None:
@@ -109,6 +115,7 @@ def observe(
         taps, vector_taps, ccaf = assembled.taps(), assembled.vector_taps(), assembled.ccaf(observations)
         if array is not None:
             phases = assembled.array_phases(array, observations.gpst)
+        remarks += _late_remarks(antennas, best, samples.rate_hz)
         if best:
             remarks.append(
                 f"its measurements are those on antenna {best + 1} of {len(antennas)}, for the first has fewer: check "
@@ -150,6 +157,39 @@ def _best(counts: Sequence[int]) -> int:
     counts : of measurements on each.
     """
     return 0 if counts[0] >= NEARLY_ALL * max(counts) else int(np.argmax(counts))
+
+
+def _late_remarks(antennas: Sequence[ObservationLog], best: int, rate_hz: float) -> list[str]:
+    """Which antennas begin later or earlier than the one whose measurements are used: their signals are others, and
+    their ranges differ by the same for all satellites."""
+    said = []
+    for number, one in enumerate(antennas):
+        apart_m = _apart_m(antennas[best], one)
+        if number == best or len(apart_m) < ENOUGH_SATS:
+            continue
+        middle_m = float(np.median(apart_m))
+        late_s = -middle_m / SPEED_OF_LIGHT_M_S
+        if abs(middle_m) > _LATE_M and np.median(np.abs(apart_m - middle_m)) < _LATE_M:
+            whose = f"antenna {number + 1}" if late_s < 0.0 else "the others"
+            said.append(
+                f"antenna {number + 1} begins {abs(late_s) * 1e3:.4g} ms {'after' if late_s > 0.0 else 'before'} "
+                f"antenna {best + 1}, by the ranges of {len(apart_m)} satellites, and its phases are not used: record "
+                f"all antennas together, or leave out the first {round(abs(late_s) * rate_hz)} samples of {whose}"
+            )
+    return said
+
+
+def _apart_m(a: ObservationLog, b: ObservationLog) -> Reals:
+    """By how much ranges of b are longer than of a, satellite by satellite, of signals that only one of them has."""
+    apart = []
+    only = a.measured.any(axis=0), b.measured.any(axis=0)
+    for column in np.flatnonzero(only[0] & ~only[1]).tolist():
+        for other in np.flatnonzero(only[1] & ~only[0]).tolist():
+            if a.signals[column].sat == b.signals[other].sat:
+                longer = b.series("pseudorange_m", other) - a.series("pseudorange_m", column)
+                if np.isfinite(longer).any():
+                    apart.append(float(np.nanmedian(longer)))
+    return np.array(apart)
 
 
 def require_signals(trackers: Sequence[Tracker]) -> None:

@@ -15,9 +15,9 @@ from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.snapshot import CodePhase, code_phase
 from skyproof.records import Fix, FixStatus, NavigationData, Samples, SignalId
 
-__all__ = ["CROSS_DB", "RoughKnowledge", "Snapshot", "searched", "snapshot", "solved"]
+__all__ = ["CROSS_DB", "SEARCHED_S", "RoughKnowledge", "Snapshot", "searched", "snapshot", "solved"]
 
-_MAX_SEARCHED_S = 0.02  # added non-coherently; twice as much found cross-correlations before it found more satellites
+SEARCHED_S = 0.02  # added non-coherently; twice as much found cross-correlations before it found more satellites
 CROSS_DB = 18.0  # cross-correlations stand 21.6 dB and more below the signal that makes them, and noise lifts some
 _MIN_LEFT = 7
 _DOPPLER_STEP_HZ = 500.0
@@ -96,7 +96,7 @@ def snapshot(
 
 def searched(planes: Floats, rate_hz: float, if_hz: float, doppler_max_hz: float) -> list[Peak]:
     """All signals that a search of one antenna's samples (2, n) finds."""
-    periods = int((min(planes.shape[1] / rate_hz, _MAX_SEARCHED_S) - 2.0 / rate_hz) / GPS_L1_CA.period_s)
+    periods = int((min(planes.shape[1] / rate_hz, SEARCHED_S) - 2.0 / rate_hz) / GPS_L1_CA.period_s)
     searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings(n_sums=periods, doppler_step_hz=_DOPPLER_STEP_HZ))
     reach = int(np.ceil(doppler_max_hz / _DOPPLER_STEP_HZ))
     grid_hz = _DOPPLER_STEP_HZ * np.arange(-reach, reach + 1, dtype=np.float64)

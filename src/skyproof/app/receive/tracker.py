@@ -1,6 +1,6 @@
 """Recordings tracked side by side, block by block: every signal in them, and all that it sends."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,13 +19,14 @@ from skyproof.formats.pieces import Workspace
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.horizon import sats_above
+from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.grids import Grids
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
 from skyproof.recording.conditioning import conditioned, measure_front_end
 from skyproof.records import Asked, NavigationData, Samples
 
-__all__ = ["ENOUGH_SATS", "Tracker", "carrier_at_hz", "cleaned", "receiver_settings", "track"]
+__all__ = ["ENOUGH_SATS", "Tracker", "carrier_at_hz", "cleaned", "guiding_of", "receiver_settings", "track"]
 
 BLOCK_S = 0.5
 ENOUGH_SATS = 4
@@ -154,6 +155,7 @@ def track(
     summed: bool = False,
     asked: Asked | None = None,
     workspace: Workspace | None = None,
+    units: Mapping[str, AntennaUnit] | None = None,
 ) -> tuple[list[Tracker], bool]:
     """Track all recordings side by side, so that an interruption leaves all equally far.
 
@@ -167,13 +169,18 @@ def track(
 
     workspace : where measurements are kept; a temporary folder if None.
 
+    units : inertial units by recording, which carry vector tracking from row to row.
+
     Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
     """
     if not recordings:
         return [], False
     progress = progress or Silent()
     kept = workspace or Workspace()
-    trackers = [_tracker(samples, settings, navigation, watchful, asked or Asked(), kept) for samples in recordings]
+    trackers = [
+        _tracker(samples, settings, navigation, watchful, asked or Asked(), kept, (units or {}).get(samples.name))
+        for samples in recordings
+    ]
     for samples in (one for recording in recordings for one in (recording, *recording.others)):
         if summed and samples.file is not None:
             samples.file.sum_as_read()
@@ -199,6 +206,7 @@ def _tracker(
     watchful: bool,
     asked: Asked,
     workspace: Workspace,
+    unit: AntennaUnit | None = None,
 ) -> Tracker:
     """A recording made ready: what hurts in its samples taken off, gaps that it states bridged."""
     clean, words = cleaned(samples)
@@ -214,7 +222,7 @@ def _tracker(
         measured=measured,
         grids=grids,
         remarks=(*words, *filled, *narrowed),
-        vector=_guiding(whole, navigation, settings) if settings.tracking == "vector" else None,
+        vector=guiding_of(whole, navigation, settings, unit) if settings.tracking == "vector" else None,
     )
 
 
@@ -239,13 +247,15 @@ def receiver_settings(
     )
 
 
-def _guiding(samples: Samples, navigation: NavigationData | None, settings: Settings) -> Guiding:
+def guiding_of(
+    samples: Samples, navigation: NavigationData | None, settings: Settings, unit: AntennaUnit | None = None
+) -> Guiding:
     """Vector tracking that has not begun."""
     near = samples.start_gpst if samples.start_gpst is not None else np.datetime64("now", "ns")
     week = int(week_and_tow(near)[0])
     if samples.start_gpst is None and navigation is not None and navigation.ephemerides:
         week = int(np.median([ephemeris.week for ephemeris in navigation.ephemerides]))
-    return Guiding(navigation=navigation, week=week, barred=frozenset(settings.not_driving or ()))
+    return Guiding(navigation=navigation, week=week, barred=frozenset(settings.not_driving or ()), unit=unit)
 
 
 def _sats(

@@ -13,6 +13,7 @@ import numpy as np
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import gpst
+from skyproof.navigation.filter_state import CLOCK
 from skyproof.navigation.least_squares import gauss_newton
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.navigation.vector_filter import (
@@ -27,6 +28,7 @@ from skyproof.navigation.vector_filter import (
     started,
     updated,
 )
+from skyproof.navigation.vector_inertia import AntennaUnit, FreeMotion, carried, carrying
 from skyproof.navigation.vector_sky import SkyAhead, SkyEpoch, sky_ahead
 from skyproof.receiver import guidance as g
 from skyproof.receiver import measurement as m
@@ -65,7 +67,8 @@ class Guiding:
     """What vector tracking remembers from one row of measurements to the next.
 
     navigation : orbits, None until they are known. week : of the first sample, roughly. barred : satellites that
-    neither drive the filter nor are guided. label : what the receiver's clock shows; None before a time of week was
+    neither drive the filter nor are guided. unit : of inertia, that carries the filter from row to row, until one
+    has diverged; carried : its navigator. label : what the receiver's clock shows; None before a time of week was
     read. filter : None before it has begun. agreed : epochs in a row in which it was not contradicted. sky : orbits of
     the next epochs. driving : signals that drive the filter and are guided by it. out : those that ever went off it,
     and until when they go by themselves. began_s : when the loops first followed the filter. diverged : how often it
@@ -76,6 +79,8 @@ class Guiding:
     week: int
     barred: frozenset[str] = frozenset()
     settings: VectorSettings = field(default_factory=VectorSettings)
+    unit: AntennaUnit | None = None
+    carried: FreeMotion | None = None
     label: ReceiverTimeTag | None = None
     filter: VectorState | None = None
     agreed: int = 0
@@ -88,7 +93,8 @@ class Guiding:
 
     def anew(self) -> "Guiding":
         """For the same recording from its first sample on."""
-        return Guiding(navigation=self.navigation, week=self.week, barred=self.barred, settings=self.settings)
+        known = replace(self, label=None, filter=None, agreed=0, sky=None, driving=frozenset(), out={}, carried=None)
+        return replace(known, began_s=None, diverged=0, misfit_m=None)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -100,7 +106,8 @@ class Guiding:
             return (f"vector tracking never began, and every channel followed its own signal: {why}",)
         without = f" without {', '.join(sorted(self.barred))}" if self.barred else ""
         often = f"; its filter was given up {self.diverged} times" if self.diverged else ""
-        return (f"vector tracking from {self.began_s:.1f} s on{without}{often}",)
+        helped = "" if self.carried is None else ", carried by the inertial unit"
+        return (f"vector tracking from {self.began_s:.1f} s on{without}{helped}{often}",)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -154,7 +161,7 @@ def _known(guiding: Guiding, measured: Measurements, arcs: Mapping[int, Arc], el
 
 
 def _without_filter(guiding: Guiding) -> Guiding:
-    return replace(guiding, filter=None, agreed=0, sky=None, driving=frozenset(), out={})
+    return replace(guiding, filter=None, agreed=0, sky=None, driving=frozenset(), out={}, carried=None)
 
 
 def _channels(
@@ -225,7 +232,31 @@ def _begun(guiding: Guiding, channels: _Channels, elapsed_s: float, receiver: Re
     guiding, sky = _sky(guiding, receiver, channels, place_m, elapsed_s)
     began = started(_epoch(channels, sky, receiver, guiding.settings), sky, place_m, elapsed_s)
     driving = frozenset(signal for signal, uses in zip(channels.signals, used.tolist(), strict=True) if uses)
-    return replace(guiding, filter=began, agreed=0, driving=driving, out={})
+    at = (
+        None
+        if began is None or guiding.unit is None
+        else carrying(guiding.unit, began, _when(guiding, began, elapsed_s))
+    )
+    return replace(guiding, filter=began, carried=at, agreed=0, driving=driving, out={})
+
+
+def _when(guiding: Guiding, filtered: VectorState, elapsed_s: float) -> np.datetime64:
+    """True GPS time of an epoch, by the filter's clock."""
+    assert guiding.label is not None
+    late_s = float(filtered.mean[CLOCK]) / SPEED_OF_LIGHT_M_S
+    return gpst(guiding.label.week, guiding.label.tow_ms * 1e-3 + elapsed_s - late_s)
+
+
+def _ahead(guiding: Guiding, elapsed_s: float) -> tuple[Guiding, VectorState]:
+    """The filter's state at the next row, by the inertial unit where there is one."""
+    assert guiding.filter is not None
+    if guiding.carried is None:
+        return guiding, ahead(guiding.filter, elapsed_s, guiding.settings)
+    found = carried(guiding.carried, _when(guiding, guiding.filter, elapsed_s))
+    if found is None:
+        return replace(guiding, carried=None), ahead(guiding.filter, elapsed_s, guiding.settings)
+    own, (change, walk2) = found
+    return replace(guiding, carried=own), ahead(guiding.filter, elapsed_s, guiding.settings, change, walk2=walk2)
 
 
 def _sky(
@@ -267,7 +298,7 @@ def _followed(
 ) -> tuple[Guiding, ReceiverState]:
     """The filter carried over a row, and the channels guided by it."""
     assert guiding.filter is not None
-    before = ahead(guiding.filter, elapsed_s, guiding.settings)
+    guiding, before = _ahead(guiding, elapsed_s)
     guiding, sky = _sky(guiding, receiver, channels, before.mean[:3], elapsed_s)
     epoch = _epoch(channels, sky, receiver, guiding.settings)
     waits = np.array([guiding.out.get(signal, -np.inf) > elapsed_s for signal in channels.signals])
@@ -279,7 +310,9 @@ def _followed(
     found = updated(before, epoch, predicted, drove | comes, guiding.settings)
     if found.diverged:
         nothing = dict.fromkeys(channels.arcs, g.no_guide())
-        return replace(_without_filter(guiding), diverged=guiding.diverged + 1), receiver.guided(state, nothing)
+        # A unit that is not what is stated of it would lead the next filter wrong as well.
+        anew = replace(_without_filter(guiding), unit=None, diverged=guiding.diverged + 1)
+        return anew, receiver.guided(state, nothing)
     off_m = np.fmax(np.abs(found.range_left_m), 0.5 * np.abs(epoch.range_m - found.range_m))
     away = np.nan_to_num(np.where(drove | comes, _away(off_m, found.rate_left_m_s, receiver), 0.0))
     stays = (drove | comes) & ~((away == away.max()) & (away > 1.0))

@@ -1,10 +1,12 @@
 """The demonstration: simulate two receivers that are jammed, then led away, protect them, write the report."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from skyproof.app.common.folder import check_folder, stamps, written_since
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.protect import ProtectResult, protect
+from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.time import utc_from_gpst
@@ -12,6 +14,12 @@ from skyproof.simulator import scenes
 from skyproof.simulator.files import write
 
 __all__ = ["demo"]
+
+
+def _catalogue(recordings: Sequence[Path], nav: Path) -> list[str]:
+    """Each receiver alone, and both together, for `skyproof fleet`."""
+    each = [f"{one.stem},{one.name},{nav.name}" for one in recordings]
+    return ["name,inputs,nav", *each, f"both,{';'.join(one.name for one in recordings)},{nav.name}"]
 
 
 def demo(out: str | Path, *, progress: Progress | None = None, seed: int = 1) -> ProtectResult:
@@ -36,4 +44,5 @@ def demo(out: str | Path, *, progress: Progress | None = None, seed: int = 1) ->
         raise KeyboardInterrupt(
             f"interrupted while recordings were simulated; whole in {folder}: {written_since(folder, before)}"
         ) from None
+    write_lines(folder / "catalogue.csv", _catalogue(recordings, nav))
     return protect(recordings, nav=nav, out=folder, progress=progress)

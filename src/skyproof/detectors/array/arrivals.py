@@ -110,17 +110,37 @@ def _fitted(
     for _ in range(2):  # what is shared hardly depends on the direction
         mean, shared = _shared(known, agreed, direction, ratio)
         total = covariance + shared
-        inverse = np.linalg.inv(total)
+        inverse = np.asarray(np.linalg.inv(total), np.float64)
         for _ in range(_ROUNDS):
             off, statistic = nearest_whole(cycles - agreed.frame.bias_cyc - mean - design @ direction, total)
             axes = across(direction)
             columns = design @ axes.T
-            # A line of antennas, or a direction in the plane of flat ones, leaves an angle open: by a radian, say.
-            of_angles = np.asarray(np.linalg.inv(columns.T @ inverse @ columns + np.eye(2)), np.float64)
+            of_angles = _of_angles(design, inverse, direction)
             step = of_angles @ (columns.T @ inverse @ off)
             size = float(np.linalg.norm(step))
             if size < _STEP_LEAST_RAD:
                 break
             moved = direction + step * min(1.0, _STEP_MOST_RAD / size) @ axes
             direction = np.asarray(moved / np.linalg.norm(moved))
-    return float(statistic), Arrival(direction, of_angles)
+    return float(statistic), Arrival(direction, _bent(design, inverse, direction, of_angles))
+
+
+def _of_angles(design: Reals, inverse: Reals, direction: Reals) -> Reals:
+    """Covariance (2, 2) across a direction, by the slope there. A line of antennas, or a direction in the plane of flat
+    ones, leaves an angle open: by a radian, say."""
+    columns = design @ across(direction).T
+    return np.asarray(np.linalg.inv(columns.T @ inverse @ columns + np.eye(2)), np.float64)
+
+
+def _bent(design: Reals, inverse: Reals, direction: Reals, of_angles: Reals) -> Reals:
+    """The covariance by which three sigmas along its longer axis are three sigmas of the phases on either side.
+
+    Towards the plane of a flat array an angle is known less and less. The slope halfway to where three sigmas end is
+    that of the chord. Where that comes near the plane the axis is at most doubled.
+    """
+    values, vectors = np.linalg.eigh(of_angles)
+    longer = vectors[:, -1]
+    halves = 1.5 * np.sqrt(values[-1]) * np.array([[1.0], [-1.0]]) * longer @ across(direction)
+    there = [moved / np.linalg.norm(moved) for moved in direction + halves]
+    most = max(float(longer @ _of_angles(design, inverse, one) @ longer) for one in there)
+    return np.asarray(of_angles + (np.clip(most, values[-1], 4.0 * values[-1]) - values[-1]) * np.outer(longer, longer))

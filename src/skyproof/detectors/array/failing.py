@@ -1,4 +1,4 @@
-"""Antennas of an array that fail: dead, noisy, or with a phase that jumps. They are left out, and named.
+"""Antennas of an array that fail: dead, begun late, noisy, or with a phase that jumps. They are left out, and named.
 
 What all antennas share drops out of the step from one epoch to the next less its median over the antennas, so that one
 that jumps or is noisy stands out against two that do not. Of two antennas it stays open which one fails.
@@ -32,7 +32,11 @@ def failing(phases: ArrayPhases) -> Failing:
     there = np.isfinite(phases.phase_cyc) & np.isfinite(phases.sigma_cyc)
     count = there.sum(axis=(0, 1))
     few = count < _LEAST_SHARE * count.max(initial=0)
+    most = there.sum(axis=-1) > 0.5 * count.size
+    with_most = there[most].sum(axis=0)
+    alone = ~few & (with_most < _LEAST_SHARE * with_most.max(initial=0))
     found = {k: "gives no phases" for k in np.flatnonzero(few).tolist()}
+    found |= {k: "receives none of the signals that the others do" for k in np.flatnonzero(alone).tolist()}
     good = [k for k in range(count.size) if k not in found]
     if len(good) < 3:
         return found

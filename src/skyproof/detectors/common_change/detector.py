@@ -63,7 +63,8 @@ class CommonChangeSettings:
     oscillator_share : by which a single oscillator may wander more than `gnss.oscillators` has it of its class.
     carrier_error_m : of a carrier beside noise, by reflections and the air, one sigma.
     fading_db : as for `continuity`.
-    speed_max_m_s : levels of signals are held against those of a minute ago where it is 0 only: who moves passes shade.
+    speed_max_m_s : where it is 0 levels of signals are held against those of a minute ago; else of two windows ago
+        only, for who moves passes shade.
     gain_db : by which the receiver's gain wanders, one sigma.
     """
 
@@ -242,27 +243,31 @@ class _Window:
 
     def _levels(self, level: _Level, past: _Past) -> Evidence | None:
         """Signals and noise against those of windows up to a minute before."""
-        tests: list[tuple[float, str]] = []
+        tests: list[tuple[float, float, str]] = []
         for old in {id(one): one for one in (*past.levels[:1], *past.levels[-1:])}.values():
             noise_db = level.noise_db - old.noise_db
             if np.isfinite(noise_db):
                 samples = (level.noise_samples, old.noise_samples)
                 p = float(level_p_value(noise_db, self.settings.gain_db, samples))
-                tests.append((p, f"the noise in {self.o.receiver} {_moved(noise_db)}"))
+                tests.append((p, old.elapsed_s, f"the noise in {self.o.receiver} {_moved(noise_db)}"))
+        # Against the window just before `continuity` holds them. Who moves passes shade: the one before that only.
         stands = self.settings.speed_max_m_s == 0.0
-        for old in past.levels[:-1][:1] if stands else ():  # against the window just before `continuity` holds them
+        earlier = past.levels[:-1][:1] if stands else past.levels[-2:-1]
+        for old in earlier:
             for own in _kinds(level.cn0_dbhz.keys() & old.cn0_dbhz.keys()):
                 change_db = np.array([level.cn0_dbhz[signal] - old.cn0_dbhz[signal] for signal in own])
                 p = common_level_p_value(change_db, self.settings.fading_db)
-                tests.append((p, f"all satellites in {self.o.receiver} together {_moved(float(change_db.mean()))}"))
+                moved = f"all satellites in {self.o.receiver} together {_moved(float(change_db.mean()))}"
+                tests.append((p, old.elapsed_s, moved))
         if not tests:
             return None
-        least, words = min(tests)
+        least, since_s, words = min(tests)
         p_value = min(1.0, len(tests) * least)
         failed = p_value < self.alpha
         return self._said(
             p_value,
-            f"{words} within {LEVELS_S:.0f} s: shade, a change of gain, a jammer, or other signals in their place"
+            f"{words} within {level.elapsed_s - since_s:.0f} s: shade, a change of gain, a jammer, or other signals in "
+            "their place"
             if failed
             else f"levels of signals and noise in {self.o.receiver} stay what they are",
             would_need="a second receiver, whose levels go on" if failed else None,

@@ -7,7 +7,9 @@ independent, or forget the factor 2; the thresholds are then wrong by factors.
 For a metric Z = c^T I / I_P, I the in-phase parts, mean mu of c^T R:
     var Z = (c^T C c - 2 mu c^T C e_P + mu^2) / A^2                                          (first order)
     Prob(Z <= z) = Phi(A (z - mu) / sqrt(c^T C c - 2 z c^T C e_P + z^2))                     (exact while I_P > 0)
-The tails are heavier than normal, so thresholds come from the exact law.
+The tails are heavier than normal, so thresholds come from the exact law. Where A is not known but by the prompt itself,
+c^T I - mu I_P is exactly normal whatever A is (E. C. Fieller, "Some problems in interval estimation", Journal of the
+Royal Statistical Society B 16(2), 1954): `ratio_deviate`.
 
 Metrics: R. E. Phelts, "Multicorrelator techniques for robust mitigation of threats to GPS signal quality", Stanford,
 2001 (delta, ratio); X. Zhang, H. Li, C. Yang and M. Lu, IET Radar, Sonar & Navigation, 2020, doi
@@ -33,6 +35,7 @@ from skyproof.statistics.distributions import (
 __all__ = [
     "RatioLaw",
     "alarm_starts",
+    "code_jitter_chips",
     "delta_law",
     "delta_metric",
     "doppler_law",
@@ -44,6 +47,7 @@ __all__ = [
     "moving_variance_power",
     "moving_variance_threshold",
     "ratio_cumulative",
+    "ratio_deviate",
     "ratio_law",
     "ratio_metric",
     "ratio_p_value",
@@ -110,10 +114,27 @@ def delta_law(spacing_chips: ArrayLike) -> RatioLaw:
     return RatioLaw(zero, 0.5 * (1.0 - triangle(2.0 * d)), zero)
 
 
-def ratio_law(spacing_chips: ArrayLike) -> RatioLaw:
-    """Law of ratio in lock: variance d (1 - d) / A^2 for 2 d <= 1."""
+def ratio_law(spacing_chips: ArrayLike, lost_chips: ArrayLike = 0.0) -> RatioLaw:
+    """Law of ratio in lock: variance d (1 - d) / A^2 for 2 d <= 1.
+
+    lost_chips : mean distance of the replica from the peak, below d. Early and late together stay what they are and the
+    prompt loses so much, so that the mean is larger. By `code_jitter_chips` it is sqrt(2 / pi) of these, which is 0.4
+    of the metric's sigma over a second of a loop of 1 Hz.
+    """
     d = np.asarray(spacing_chips, float)
-    return RatioLaw(triangle(d), 0.5 * (1.0 + triangle(2.0 * d)), triangle(d))
+    mean = triangle(d) / (1.0 - np.asarray(lost_chips, float))
+    return RatioLaw(np.asarray(mean), 0.5 * (1.0 + triangle(2.0 * d)), triangle(d))
+
+
+def code_jitter_chips(
+    bandwidth_hz: ArrayLike, spacing_chips: ArrayLike, amplitude: ArrayLike, coherent_s: ArrayLike
+) -> Reals:
+    """One sigma of the replica of a first-order code loop that takes early less late over 2 I_P every `coherent_s`.
+
+    With gain g = 4 B T of each update the noise of one, of `delta_law`, is left with a share of g / (2 - g).
+    """
+    gain = 4.0 * np.asarray(bandwidth_hz, float) * np.asarray(coherent_s, float)
+    return np.asarray(np.sqrt(delta_law(spacing_chips).variance(amplitude) * gain / (2.0 - gain)))
 
 
 def doppler_law(offset_hz: ArrayLike, coherent_s: ArrayLike) -> RatioLaw:
@@ -141,6 +162,17 @@ def ratio_p_value(value: ArrayLike, law: RatioLaw, amplitude: ArrayLike) -> Real
     z, a = np.asarray(value, float), np.asarray(amplitude, float)
     deviate = a * (z - law.mean) / np.sqrt(law.noise - 2.0 * z * law.shared + z**2)
     return np.asarray(2.0 * special.ndtr(-np.abs(deviate)), float)
+
+
+def ratio_deviate(value: ArrayLike, prompt: ArrayLike, law: RatioLaw, up_to: RatioLaw | None = None) -> Reals:
+    """(c^T I - mu I_P) over its noise: standard normal under the null at any amplitude, which need not be known.
+
+    prompt : whose in-phase part I_P the ratio `value` was taken by, in units of the noise of one component.
+    up_to : with a larger mean; of all laws from one to the other the one that makes the deviate smallest.
+    """
+    z, in_phase = np.asarray(value, float), np.real(prompt)
+    deviates = [(z - one.mean) * in_phase / np.sqrt(one.variance(1.0)) for one in (law, up_to or law)]
+    return np.asarray(np.minimum(deviates[0], 0.0) + np.maximum(deviates[1], 0.0))
 
 
 def ratio_threshold(probability: ArrayLike, law: RatioLaw, amplitude: ArrayLike) -> tuple[Reals, Reals]:

@@ -13,19 +13,15 @@ by `navigation.exclusion`: where its state is among the records, with its covari
 show both skies are named, or it is reported that they cannot be.
 """
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Integers, Reals
-from skyproof.decomposition.fit import at_strongest_doppler, taps_dictionary
 from skyproof.detectors.base import missing, undecided
-from skyproof.detectors.dccaf.bursts import REFLECTED_DB, components, joint_p_value, shapes
+from skyproof.detectors.dccaf.bursts import REFLECTED_DB
+from skyproof.detectors.dccaf.delays import CHIP_M, DccafSettings, Delays, delays_of, last_burst, second_signals
 from skyproof.detectors.dccaf.inverse_raim import passing_sets, second_subset, set_states
-from skyproof.errors import require_probability
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.signals import prn_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.chance import chance_p_value, set_combinations
 from skyproof.navigation.exclusion import choose_fix, wrong_choice_rule
@@ -35,9 +31,8 @@ from skyproof.navigation.ranges import atmosphere, corrected_ranges
 from skyproof.records import Asked, Ccaf, CcafAsked, Evidence, NavigationData, Need, Records, Says, SignalRef
 from skyproof.statistics.distributions import binomial_survival, chi_square_threshold
 
-__all__ = ["GRIDS", "Dccaf", "DccafSettings", "Delays", "delays_of"]
+__all__ = ["GRIDS", "SIGNAL_LEVEL", "Dccaf"]
 
-_CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
 SIGNAL_LEVEL = 1e-4
 """By chance a satellite counts as one with a second signal that no reflection explains so often."""
 GRIDS = CcafAsked(reach_chips=1.5, every_s=2.0, soon_s=1.0)
@@ -45,100 +40,6 @@ GRIDS = CcafAsked(reach_chips=1.5, every_s=2.0, soon_s=1.0)
 where fading signals lose some."""
 OF_A_SKY = 5
 """So many satellites make a sky: ranges of four fit any position."""
-
-
-@dataclass(frozen=True)
-class DccafSettings:
-    """Settings of `Dccaf`.
-
-    false_alarm_probability : of a receiver's window.
-    second_signal_probability : that a satellite alone is said to have two signals, divided by the number of satellites.
-    no_reflection_probability : that a satellite seems to have a second signal that is earlier, or not weaker by 3 dB,
-        without an attack. Of satellites with two reflections each, 3 to 20 dB weaker, it is one in thirteen at most,
-        with three one in six: street canyons.
-    set_probability : that a true set fails its chi-square test, and that the true fix fails its own.
-    wrong_choice_probability : that the false sky is chosen, both being equally likely before; else none is.
-    multipath_sigma_m, ionosphere_share : as for `residual`.
-    window_chips : delays are searched this far to both sides of the reference.
-    """
-
-    false_alarm_probability: float = 1e-3
-    second_signal_probability: float = 0.01
-    no_reflection_probability: float = 0.15
-    set_probability: float = 1e-3
-    wrong_choice_probability: float = 1e-3
-    multipath_sigma_m: float = 1.0
-    ionosphere_share: float = 0.25
-    window_chips: float = 1.3
-
-    def __post_init__(self) -> None:
-        for name in (
-            "false_alarm_probability",
-            "second_signal_probability",
-            "no_reflection_probability",
-            "set_probability",
-            "wrong_choice_probability",
-        ):
-            require_probability("dccaf", name, getattr(self, name))
-
-
-class Delays(NamedTuple):
-    """delay_chips, sigma_chips (channels, 2): NaN for a second signal that is not there. Strongest first. p_value
-    (channels,) of "one signal"; unlike_p_value (channels,) of "one signal, or a signal and its reflection"."""
-
-    delay_chips: Reals
-    sigma_chips: Reals
-    p_value: Reals
-    unlike_p_value: Reals
-
-
-def last_burst(ccaf: Ccaf) -> Integers:
-    """The epochs of the last run of intervals that follow each other, of those with most channels; none without any."""
-    there = np.isfinite(ccaf.value).all(axis=(2, 3)) & np.isfinite(ccaf.noise_variance) & np.isfinite(ccaf.reference_m)
-    if not there.any():
-        return np.empty(0, np.int64)
-    first = np.flatnonzero(np.diff(ccaf.elapsed_s, prepend=-np.inf) > 1.5 * ccaf.coherent_s)
-    runs = np.split(np.arange(ccaf.elapsed_s.size), first[1:])
-    counts = np.array([int(there[run].all(axis=0).sum()) for run in runs])
-    return runs[int(np.flatnonzero(counts == counts.max())[-1])]
-
-
-def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
-    """One or two delays of each channel over a burst, from the reference of its last epoch."""
-    n = len(ccaf.signals)
-    grid = np.asarray(ccaf.value[epochs], np.complex128)
-    variance = np.asarray(ccaf.noise_variance[epochs], np.float64)
-    there = np.isfinite(grid).all(axis=(0, 2, 3)) & np.isfinite(variance).all(axis=0)
-    there &= np.isfinite(ccaf.reference_m[epochs]).all(axis=0)
-    points = tuple(float(x) for x in ccaf.delays_chips)
-    delay, sigma = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
-    p_value, unlike = np.full(n, np.nan), np.full(n, np.nan)
-    moved = _moved_chips(ccaf, epochs)
-    for row in np.flatnonzero(there):
-        taps, noise = grid[:, row, 0], variance[:, row]
-        if ccaf.dopplers_hz.size > 1:
-            table = taps_dictionary(points, ccaf.band_hz, window_chips=settings.window_chips)
-            taps, factor, _ = at_strongest_doppler(grid[:, row], table, ccaf.dopplers_hz, ccaf.coherent_s)
-            noise = factor * noise
-        own = shapes(prn_of(ccaf.signals[row].sat), points, ccaf.band_hz, settings.window_chips)
-        found = components(taps[None], own, noise[None], ccaf.band_hz)
-        law = len(epochs), own.path, ccaf.noise_samples
-        p_value[row] = joint_p_value(found.second, *law)[0]
-        unlike[row] = joint_p_value(found.unlike, *law)[0]
-        delay[row, 0], sigma[row, 0] = found.one_chips[0], found.one_sigma[0]
-        if p_value[row] < settings.second_signal_probability / there.sum():
-            delay[row], sigma[row] = found.two_chips[0], np.sqrt(found.two_variance[0])
-    return Delays(delay + moved[:, None], sigma, p_value, unlike)
-
-
-def _moved_chips(ccaf: Ccaf, epochs: Integers) -> Reals:
-    """(n_channels,) by how much the mean of the grids' zeros over a burst lies after that of its last epoch, beyond
-    what the carrier says: the loop may move it from interval to interval."""
-    after_s = (ccaf.elapsed_s[epochs] - ccaf.elapsed_s[epochs[-1]])[:, None]
-    wavelengths_m = -ccaf.reference_hz[epochs] * (SPEED_OF_LIGHT_M_S / L1_HZ) * after_s
-    return np.asarray(
-        np.mean(ccaf.reference_m[epochs] - wavelengths_m - ccaf.reference_m[epochs[-1]], axis=0) / _CHIP_M
-    )
 
 
 class _Sky(NamedTuple):
@@ -202,7 +103,7 @@ class Dccaf:
         unlike = first[found.unlike_p_value[first] < SIGNAL_LEVEL]
         chance = self.settings.no_reflection_probability + SIGNAL_LEVEL
         p_count = float(binomial_survival(unlike.size, first.size, chance))
-        doubles = int(np.isfinite(found.delay_chips[first, 1]).sum())
+        doubles = int(second_signals(ccaf, epochs, found, self.settings)[first].sum())
         words = (
             f"of {first.size} satellites in {ccaf.receiver}, {unlike.size} have a second signal within a chip that no "
             f"reflection explains: before the stronger one, or not {REFLECTED_DB:g} dB weaker"
@@ -235,7 +136,7 @@ class Dccaf:
         p_value = float(
             chance_p_value(
                 sky.sigma_m[rows],
-                window_m=2.0 * self.settings.window_chips * _CHIP_M,
+                window_m=2.0 * self.settings.window_chips * CHIP_M,
                 largest_statistic=chi_square_threshold(probability, len(rows) - 4),
                 combinations=set_combinations(np.isfinite(misfit_m).sum(axis=1) - 1, len(rows)),
             )
@@ -337,14 +238,14 @@ class Dccaf:
     def _sky(self, navigation: NavigationData, ccaf: Ccaf, epoch: int, found: Delays, first: Integers) -> _Sky | None:
         """Around the fix of the strongest signals of the channels `first`; None with fewer than five satellites."""
         gpst = ccaf.gpst[epoch]
-        measured_m = ccaf.reference_m[epoch][:, None] + found.delay_chips * _CHIP_M
+        measured_m = ccaf.reference_m[epoch][:, None] + found.delay_chips * CHIP_M
         ranges = corrected_ranges(ccaf.signals, np.array([gpst]), measured_m[None, :, 0], navigation)
         rows = first[np.isfinite(ranges.range_m[0, first])]
         rows = rows[np.argsort([ccaf.signals[row].sat for row in rows], kind="stable")]
         if rows.size < OF_A_SKY:
             return None
         satellite, range_m = ranges.satellite_ecef_m[0, rows], ranges.range_m[0, rows]
-        sigma_m = np.hypot(_CHIP_M * np.nanmax(found.sigma_chips[rows], axis=1), self.settings.multipath_sigma_m)
+        sigma_m = np.hypot(CHIP_M * np.nanmax(found.sigma_chips[rows], axis=1), self.settings.multipath_sigma_m)
         tow_s = np.asarray(week_and_tow(gpst)[1])
         state_m = gauss_newton(satellite, range_m, sigma_m, np.zeros(4), tolerance_m=10.0).state_m
         for _ in range(2):

@@ -168,8 +168,9 @@ def common_ranges(
         near = np.abs(dt_s) <= 0.51 * step_s
         ranges[..., i] = np.where(near[:, None], observations.pseudorange_m[cells] + shift_m, np.nan)
         sigma_m[..., i] = observations.pseudorange_sigma_m[cells]
-        steady_hz = _steady(observations.doppler_hz[:, columns], time_s)
-        turned_cyc = np.where(np.abs(dt_s)[:, None] > 1e-9, -steady_hz[nearest] * dt_s[:, None], 0.0)
+        steady_hz, pace_hz_s = _steady(observations.doppler_hz[:, columns], time_s)
+        middle_hz = steady_hz[nearest] + 0.5 * pace_hz_s * dt_s[:, None]
+        turned_cyc = np.where(np.abs(dt_s)[:, None] > 1e-9, -middle_hz * dt_s[:, None], 0.0)
         phase_cyc[..., i] = np.where(near[:, None], observations.carrier_cyc[cells] + turned_cyc, np.nan)
         of_phase.add(observations, columns, nearest, dt_s)
     return _without_holes(
@@ -177,14 +178,16 @@ def common_ranges(
     )
 
 
-def _steady(doppler_hz: Reals, time_s: Reals) -> Reals:
-    """Dopplers (N, K) without what only noise makes of them: what signals have in common, and a line of each beside it.
+def _steady(doppler_hz: Reals, time_s: Reals) -> tuple[Reals, Reals]:
+    """Dopplers (N, K) without what only noise makes of them: what signals have in common, and a line of each beside it;
+    and how fast these lines rise (K,), Hz/s.
 
-    Ranges change by a line over a window to better than 0.1 mm in half a second; what signals have in common, the
-    receiver's clock, cancels between satellites whatever it is.
+    Dopplers are lines over a window to better than 0.1 mm in half a second, in which their rise alone makes up to 16 mm
+    of range; what signals have in common, the receiver's clock, cancels between satellites whatever it is.
     """
+    pace_hz_s = np.zeros(doppler_hz.shape[1])
     if len(time_s) < _FEW:
-        return doppler_hz
+        return doppler_hz, pace_hz_s
     common_hz = np.nanmean(doppler_hz, axis=1, keepdims=True) if np.isfinite(doppler_hz).any(axis=1).all() else 0.0
     own_hz = doppler_hz - common_hz
     smooth_hz = np.full_like(own_hz, np.nan)
@@ -192,8 +195,9 @@ def _steady(doppler_hz: Reals, time_s: Reals) -> Reals:
     for k in range(own_hz.shape[1]):
         known = np.isfinite(own_hz[:, k])
         if known.sum() >= _FEW:
-            smooth_hz[known, k] = np.polyval(np.polyfit(at_s[known], own_hz[known, k], 1), at_s[known])
-    return smooth_hz + common_hz
+            line = np.polyfit(at_s[known], own_hz[known, k], 1)
+            smooth_hz[known, k], pace_hz_s[k] = np.polyval(line, at_s[known]), line[0]
+    return smooth_hz + common_hz, pace_hz_s
 
 
 class _PhaseErrors:

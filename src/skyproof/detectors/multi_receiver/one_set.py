@@ -47,28 +47,27 @@ def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_
     found = _agreeing_pairs(window, pairing) if len(pairing.sets) > 2 else []
     vouched = {ref for e in found for ref in e.subject}
     rest = tuple(ref for ref in pairing.subject if ref not in vouched)
+    p_echoes = window.p_of_echoes({ref.receiver for ref in rest}, pairing)
+    p_attack = min(1.0, p_known + p_echoes)
     of_rest = f"{names(pairing)} disagree with {geometry.words}" + (f": {far(pairing)}" if far(pairing) else "")
-    if p_known < alpha and rest and steady and not learnt:
+    if p_attack < alpha and rest and steady and not learnt:
         found.append(
             window.say(
                 "attack",
                 rest,
-                p_value=p_known,
+                p_value=p_attack,
                 because=f"{of_rest}; some of them are imitations, or what was given is wrong",
                 would_need="what was given of the antennas, measured again",
             )
         )
     elif rest:
-        swings = f"the range differences of {names(pairing)} swing by {pairing.noise_m:.0f} m within the window"
-        found.append(
-            window.say(
-                "undecided",
-                rest,
-                p_value=min(p_one, p_known),
-                because=of_rest if steady else swings,
-                would_need="a longer recording, or to know better where the antennas stand",
-            )
-        )
+        because, would_need = of_rest, "a longer recording, or to know better where the antennas stand"
+        if not steady:
+            because = f"the range differences of {names(pairing)} swing by {pairing.noise_m:.0f} m within the window"
+        elif p_known < alpha <= p_attack and not learnt:
+            because += "; echoes of so few satellites, received in place of blocked signals, may fit a wrong place"
+            would_need = "more satellites in view"
+        found.append(window.say("undecided", rest, p_value=min(p_one, p_known), because=because, would_need=would_need))
     return found
 
 

@@ -1,7 +1,7 @@
 """One window: the receivers' sets, their pairings, and what tests of them have in common, words included."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from skyproof.detectors.base import Detector, undecided
 from skyproof.detectors.multi_receiver.carriers import CarrierTest
@@ -11,6 +11,7 @@ from skyproof.detectors.multi_receiver.one_antenna import RatioTest
 from skyproof.detectors.multi_receiver.pairing import Pairing, groups_in, pair_up, sky_by_carriers
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.second_signals.late_copies import without_late_copies
+from skyproof.detectors.second_signals.second_sky import echoes_p_value
 from skyproof.records import Baseline, ConsistentSet, Evidence, Records, Says, SignalRef
 
 __all__ = ["ONE_FALSE_SKY", "ONE_TRANSMITTER", "Window", "far", "names"]
@@ -110,6 +111,21 @@ class Window:
     def p_possible(self, pairing: Pairing) -> float:
         """Of "antennas no farther apart than they may be"."""
         return pairing.at_most_p_value(self.settings.max_separation_m)
+
+    def p_of_echoes(self, receivers: Collection[str], pairing: Pairing) -> float:
+        """That echoes in place of blocked signals make such a set at a wrong place, in any of these receivers."""
+        settings = self.settings
+        observed = {o.receiver: o for o in self.records.observations}
+        return sum(
+            echoes_p_value(
+                observed[chosen.receiver],
+                chosen,
+                unrelated_spread_m=settings.unrelated_spread_m,
+                multipath_sigma_m=max(settings.multipath_sigma_m, 1.0),
+            )
+            for chosen in pairing.sets
+            if chosen.receiver in receivers
+        )
 
     def p_not_sky(self, pairing: Pairing, geometry: AntennaGeometry | None) -> tuple[float, str]:
         """p-value of "the sky over these antennas", and what to say if it is rejected."""

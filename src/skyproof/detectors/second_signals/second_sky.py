@@ -1,4 +1,4 @@
-"""How improbable a second consistent set is, if a receiver's second signals have nothing to do with each other."""
+"""How improbable a consistent set is, if a receiver's signals, or its second ones, are echoes of one path each."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -8,14 +8,49 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.chance import chance_p_value, set_combinations
+from skyproof.navigation.ranges import time_scale
 from skyproof.navigation.skies import apart_p_value
 from skyproof.navigation.window import window_mean
 from skyproof.records import ConsistentSet, Observations, SignalId
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["second_sky_p_value"]
+__all__ = ["echoes_p_value", "second_sky_p_value"]
 
 _FITS_PROBABILITY = 1e-4  # of the sets' chi-square test
+
+
+def echoes_p_value(
+    observations: Observations,
+    chosen: ConsistentSet,
+    *,
+    unrelated_spread_m: float,
+    multipath_sigma_m: float = 1.0,
+) -> float:
+    """Chance that echoes, received in place of direct signals that are blocked, make such a set at a wrong place.
+
+    True signals pin a position down where they are four or more; so all that is beyond four has to fit by chance, as in
+    `second_sky_p_value`, among all sets of so many satellites that the receiver could form. A satellite's signals of
+    several kinds take one way: they count once, and each further time scale takes one satellite for its clock.
+    """
+    mean = window_mean(observations)
+    sigma_m = dict(zip(mean.signals, np.hypot(mean.sigma_m, multipath_sigma_m), strict=True))
+    kinds = {signal.kind for signal in chosen.signals}
+    copies = Counter(signal.sat for signal in observations.signals if signal.kind in kinds)
+    each_m: dict[str, float] = {}
+    for signal in chosen.signals:
+        each_m[signal.sat] = max(each_m.get(signal.sat, 0.0), float(sigma_m.get(signal, multipath_sigma_m)))
+    free = len({time_scale(signal) for signal in chosen.signals}) - 1
+    largest_m = np.sort(list(each_m.values()))[free:]
+    own = len(kinds) == 1
+    fits = float(chi_square_threshold(_FITS_PROBABILITY, max(largest_m.size - 4, 1)))
+    return float(
+        chance_p_value(
+            largest_m,
+            window_m=unrelated_spread_m,
+            largest_statistic=max(chosen.statistic, 1e-6) if own else fits,
+            combinations=set_combinations(np.array(list(copies.values())), len(each_m)),
+        )
+    )
 
 
 def second_sky_p_value(

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyproof.app.common import evidence_log
-from skyproof.app.common.evidence_log import EvidenceLog
+from skyproof.app.common import packed_log
+from skyproof.app.common.packed_log import PackedLog
 from skyproof.records import Baseline, Evidence, SignalId, SignalRef
 
 START = np.datetime64("2024-03-03T12:00:00", "ns")
@@ -46,9 +46,9 @@ def words(evidence):
 @settings(max_examples=40)
 def test_it_is_a_sequence_like_any_other(n, places, cuts):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evidence_log, "PACKED", 7)
+        patch.setattr(packed_log, "PACKED", 7)
         plain = [piece(number, np.random.default_rng(number)) for number in range(n)]
-        log = EvidenceLog()
+        log = PackedLog()
         edges = [0, *sorted(cut for cut in cuts if cut <= n), n]
         for first, end in pairwise(edges):
             log.extend(plain[first:end])
@@ -66,7 +66,7 @@ def test_it_is_a_sequence_like_any_other(n, places, cuts):
 @pytest.mark.long
 def test_a_day_of_it_takes_a_few_megabytes_of_a_disk():
     rng = np.random.default_rng(1)
-    log = EvidenceLog(piece(number, rng) for number in range(12 * 360))
+    log = PackedLog(piece(number, rng) for number in range(12 * 360))
     a_day_mb = 24 * log._ends[-1] / 1e6
     assert 1.0 < a_day_mb < 15.0
     assert log[12].baselines[0].enu_m.shape == (1, 3)

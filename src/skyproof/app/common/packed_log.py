@@ -1,36 +1,38 @@
-"""The evidence of a run of any length in little memory: packed, on a disk where it is much, unpacked as it is read."""
+"""What the windows of a run leave, in little memory however many: packed, on a disk where it is much."""
 
 import pickle
 import tempfile
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Final, overload
+from typing import Final, Generic, TypeVar, overload
 
 from skyproof.formats.atomic_write import output_error
-from skyproof.records import Evidence
 
-__all__ = ["PACKED", "EvidenceLog"]
+__all__ = ["PACKED", "PackedLog"]
+
+T = TypeVar("T")
 
 PACKED: Final = 512
-"""Pieces of evidence in a stretch. A window has some ten, of 100 bytes each once packed: most of its words, signals and
+"""Pieces in a stretch. A window has some ten of evidence, of 100 bytes each once packed: most of its words, signals and
 times are those of the window before."""
 HELD_BYTES: Final = 1 << 20
 """Of packs in memory; more go to a temporary file."""
 
 
-class EvidenceLog(Sequence[Evidence]):
-    """Pieces of evidence in the order of their windows. Each read gives them anew: equal, not the same objects."""
+class PackedLog(Sequence[T], Generic[T]):
+    """Pieces (evidence, consistent sets) in the order of their windows. Each read gives them anew: equal, not the same
+    objects."""
 
-    def __init__(self, evidence: Iterable[Evidence] = ()) -> None:
+    def __init__(self, pieces: Iterable[T] = ()) -> None:
         self._file = tempfile.SpooledTemporaryFile(HELD_BYTES)  # noqa: SIM115 (as long as the log)
         self._ends = [0]  # of the packs in the file
-        self._last: list[Evidence] = []
-        self._read: tuple[int, list[Evidence]] = (-1, [])
-        self.extend(evidence)
+        self._last: list[T] = []
+        self._read: tuple[int, list[T]] = (-1, [])
+        self.extend(pieces)
 
-    def extend(self, evidence: Iterable[Evidence]) -> None:
+    def extend(self, pieces: Iterable[T]) -> None:
         """Add pieces at the end. Raises OutputError if the temporary file cannot be written."""
-        for one in evidence:
+        for one in pieces:
             self._last.append(one)
             if len(self._last) == PACKED:
                 self._pack()
@@ -48,20 +50,20 @@ class EvidenceLog(Sequence[Evidence]):
     def __len__(self) -> int:
         return PACKED * self._packs + len(self._last)
 
-    def __iter__(self) -> Iterator[Evidence]:
+    def __iter__(self) -> Iterator[T]:
         for number in range(self._packs):
             yield from self._stretch(number)
         yield from self._last
 
     @overload
-    def __getitem__(self, index: int) -> Evidence: ...
+    def __getitem__(self, index: int) -> T: ...
     @overload
-    def __getitem__(self, index: slice) -> list[Evidence]: ...
-    def __getitem__(self, index: int | slice) -> Evidence | list[Evidence]:
+    def __getitem__(self, index: slice) -> list[T]: ...
+    def __getitem__(self, index: int | slice) -> T | list[T]:
         if isinstance(index, slice):
             return [self[one] for one in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
-            raise IndexError(f"evidence {index} of {len(self)}")
+            raise IndexError(f"piece {index} of {len(self)}")
         number, place = divmod(index % len(self), PACKED)
         return self._stretch(number)[place] if number < self._packs else self._last[place]
 
@@ -69,7 +71,7 @@ class EvidenceLog(Sequence[Evidence]):
     def _packs(self) -> int:
         return len(self._ends) - 1
 
-    def _stretch(self, number: int) -> list[Evidence]:
+    def _stretch(self, number: int) -> list[T]:
         """Unpacked; the one that was read last is kept."""
         if self._read[0] != number:
             self._file.seek(self._ends[number])

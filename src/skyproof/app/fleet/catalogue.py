@@ -1,0 +1,143 @@
+"""The catalogue of a fleet: a CSV table with a line an item, as a spreadsheet writes it.
+
+    name,inputs,nav,antenna_distance_m
+    harbour,harbour/bow.bin;harbour/stern.bin,brdc0010.22n,61.5
+    mast,mast.obs.gz,brdc0010.22n,
+
+`inputs` holds one path a receiver with ";" between them; `nav`, `imu` and `platform` what the options of
+`skyproof protect` of these names take; a column may have the name of any setting that is one number or word. What is
+empty is not given. Paths are relative to the catalogue.
+"""
+
+import csv
+import difflib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from skyproof.app.common.settings import Settings, resolve_settings
+from skyproof.errors import InputError, SettingsError, shortened
+from skyproof.formats.bounds import METADATA_BYTES
+from skyproof.formats.byte_io import content_of
+
+__all__ = ["CatalogueItem", "read_catalogue"]
+
+FILES: Final = ("nav", "imu", "platform")
+WORDS: Final = ("oscillator", "tracking")
+IN_PLATFORM: Final = ("antennas_enu_m", "not_driving", "place_deg")
+"""Settings of several numbers or words."""
+SETTINGS: Final = tuple(name for name in Settings.model_fields if name not in IN_PLATFORM)
+COLUMNS: Final = ("name", "inputs", *FILES, *SETTINGS)
+_NAME: Final = re.compile(r"\w[\w.+ -]{0,99}(?<! )")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CatalogueItem:
+    """What `protect` takes, once. name : of its folder. Paths are relative to the catalogue's folder."""
+
+    name: str
+    inputs: tuple[str, ...]
+    nav: str | None = None
+    imu: str | None = None
+    platform: str | None = None
+    settings: Mapping[str, Any]
+
+
+def read_catalogue(path: Path) -> list[CatalogueItem]:
+    """The items of a catalogue, in its order.
+
+    Raises
+    ------
+    InputError : it cannot be read, or a line or column is wrong; names file, line and column. SettingsError : a
+        setting makes no sense.
+    """
+    content = content_of(path, METADATA_BYTES, "the catalogue", "give a CSV file with a line an item")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is no UTF-8; save the table as CSV in UTF-8") from error
+    lines = _rows(text, path)
+    number, head = next(lines, (1, []))
+    names = [name.strip() for name in head]
+    _require_columns(names, f"{path}: line {number}")
+    items: dict[str, CatalogueItem] = {}
+    at: dict[str, int] = {}
+    for number, cells in lines:
+        where = f"{path}: line {number}"
+        if len(cells) > len(names):
+            raise InputError(
+                f"{where}: {len(cells)} fields, but the first line names {len(names)} columns; several inputs are "
+                'parted by ";", and a field that holds a comma stands in quotes'
+            )
+        item = _item({name: cell.strip() for name, cell in zip(names, cells, strict=False) if cell.strip()}, where)
+        if (taken := item.name.casefold()) in at:  # of folders, which some file systems tell apart by letters alone
+            raise InputError(
+                f"{where}: name = {item.name!r} is that of line {at[taken]}; give each line a name of its own, in the "
+                "column name"
+            )
+        at[taken], items[item.name] = number, item
+    if not items:
+        raise InputError(f"{path}: no item; write a line an item under the first line, which names the columns")
+    return list(items.values())
+
+
+def _rows(text: str, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Number and cells of each line that holds any."""
+    rows = csv.reader(text.splitlines(keepends=True), strict=True)
+    try:
+        for cells in rows:
+            if any(cell.strip() for cell in cells):
+                yield rows.line_num, cells
+    except csv.Error as error:
+        raise InputError(f"{path}: line {rows.line_num}: {error}; save the table as CSV again") from error
+
+
+def _require_columns(names: list[str], where: str) -> None:
+    for name in names:
+        if name in IN_PLATFORM:
+            raise InputError(f"{where}: column {name!r} holds several numbers; give them in a platform file")
+        if name not in COLUMNS:
+            near = difflib.get_close_matches(name, COLUMNS, n=1) or ["inputs"]
+            raise InputError(
+                f"{where}: column {shortened(name)!r} is not known, nearest is {near[0]!r}; the first line names the "
+                "columns: name, inputs, nav, imu, platform, and settings"
+            )
+        if names.count(name) > 1:
+            raise InputError(f"{where}: column {name!r} stands there twice; leave one out")
+    if not {"inputs", "platform"} & set(names):
+        raise InputError(f"{where}: no column inputs, nor platform; one of them says what each line works on")
+
+
+def _item(cells: dict[str, str], where: str) -> CatalogueItem:
+    inputs = tuple(one.strip() for one in cells.get("inputs", "").split(";") if one.strip())
+    if not inputs and "platform" not in cells:
+        raise InputError(f"{where}: inputs is empty; give one path a receiver, or a platform file that names them")
+    name = cells.get("name") or _named_after(inputs or (cells["platform"],))
+    if not _NAME.fullmatch(name):
+        raise InputError(
+            f"{where}: name = {shortened(name)!r} cannot be that of a folder; give one of letters, digits, "
+            '"_", "-", "+", "." and spaces, at most 100, that begins with a letter or digit'
+        )
+    settings: dict[str, Any] = {key: _value(key, cells[key], where) for key in SETTINGS if key in cells}
+    try:
+        resolve_settings(**settings)
+    except SettingsError as error:
+        raise SettingsError(f"{where}: {error}") from error
+    return CatalogueItem(name=name, inputs=inputs, settings=settings, **{key: cells.get(key) for key in FILES})
+
+
+def _named_after(paths: Sequence[str]) -> str:
+    """A name of the files' names up to their first point."""
+    names = (Path(path).name.lstrip(".").partition(".")[0] for path in paths)
+    return re.sub(r"[^\w+-]", "_", "_" + "+".join(names))[1:101] or "_"
+
+
+def _value(key: str, text: str, where: str) -> float | str:
+    if key in WORDS:
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{where}: {key} = {shortened(text)!r}, expected a number; write it with a point") from None

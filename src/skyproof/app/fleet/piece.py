@@ -1,0 +1,76 @@
+"""One item of a catalogue as a piece of work: what is done for it, and what its result depends on."""
+
+import json
+import os
+import tomllib
+from collections.abc import Iterator
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from skyproof.app.fleet.catalogue import CatalogueItem
+from skyproof.app.protect import protect
+from skyproof.batch import Item
+from skyproof.errors import SkyproofError
+
+__all__ = ["piece_of", "protect_piece"]
+
+BESIDE = (".toml", ".sigmf-meta", ".sigmf-data")
+"""Endings of what is read with an input."""
+
+
+def piece_of(item: CatalogueItem, folder: Path) -> Item:
+    """folder : of the catalogue."""
+    return Item(key=item.name, given=(item, str(folder.absolute())), same_as=_same_as(item, folder))
+
+
+def protect_piece(given: tuple[CatalogueItem, str], out: Path) -> None:
+    """Protect one item, in a process of its own: its paths are seen from the catalogue's folder, so that the outputs
+    name inputs as the catalogue does, wherever it stands.
+    """
+    item, folder = given
+    try:
+        os.chdir(folder)
+    except OSError as error:
+        raise SkyproofError(
+            f"{folder}: this node cannot enter the catalogue's folder ({error.strerror}); all nodes see the same files"
+        ) from error
+    protect(item.inputs, nav=item.nav, imu=item.imu, platform=item.platform, out=out, **item.settings)
+
+
+def _same_as(item: CatalogueItem, folder: Path) -> str:
+    """The item, the version, and length and time of every file that is read: to read them whole takes as long as work
+    on them does.
+    """
+    paths = [folder / one for one in (*item.inputs, item.nav, item.imu, item.platform) if one is not None]
+    if item.platform is not None:
+        paths += _named_in(folder / item.platform)
+    paths += [path.with_suffix(ending) for path in list(paths) for ending in BESIDE]
+    files = {os.path.relpath(path, folder): _stamp(path) for path in paths}
+    return json.dumps([asdict(item), files, version("skyproof")], sort_keys=True)
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_size, found.st_mtime_ns
+
+
+def _named_in(platform: Path) -> list[Path]:
+    """Whatever a platform file names may be a file; one that cannot be read costs its item when that is begun."""
+    try:
+        table = tomllib.loads(platform.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return []
+    return [platform.parent / text for text in _texts(table) if "\0" not in text]
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for one in value.values() if isinstance(value, dict) else value:
+            yield from _texts(one)

@@ -1,0 +1,102 @@
+"""What a verdict comes to in one row, and the table of all rows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.app.fleet.catalogue import CatalogueItem
+from skyproof.formats.tables import Column, growing_tables
+from skyproof.formats.verdict import read_verdict
+from skyproof.verdict import Verdict
+
+__all__ = ["FleetRow", "row_of", "write_rows"]
+
+LABELS: Final = ("authentic", "spoofed", "multipath", "unknown")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetRow:
+    """One item and how it ended. Without how long it took: the same items give the same table, whatever did them.
+
+    state : done, failed or not run. share_... : of its signals by label. trusted_... : position of the first receiver
+        that has one, of its last epoch. What is not there is None.
+    """
+
+    name: str
+    inputs: str
+    nav: str | None
+    imu: str | None
+    platform: str | None
+    state: str
+    error: str | None = None
+    verdict: str | None = None
+    summary: str | None = None
+    undecided_because: str | None = None
+    since_gpst: str | None = None
+    since_sigma_s: float | None = None
+    until_gpst: str | None = None
+    signals: int = 0
+    share_authentic: float | None = None
+    share_spoofed: float | None = None
+    share_multipath: float | None = None
+    share_unknown: float | None = None
+    trusted_receiver: str | None = None
+    trusted_gpst: str | None = None
+    trusted_lat_deg: float | None = None
+    trusted_lon_deg: float | None = None
+    trusted_height_m: float | None = None
+    trusted_sigma_east_m: float | None = None
+    trusted_sigma_north_m: float | None = None
+    trusted_sigma_up_m: float | None = None
+
+
+def row_of(item: CatalogueItem, results: Path, error: str | None) -> FleetRow:
+    """results : the item's folder. error : why it failed; None if it is done or was not run.
+
+    Raises
+    ------
+    InputError : the verdict there cannot be read.
+    """
+    named: dict[str, Any] = {key: getattr(item, key) for key in ("name", "nav", "imu", "platform")}
+    named["inputs"] = ";".join(item.inputs)
+    if error is not None:
+        return FleetRow(**named, state="failed", error=error)
+    if not (results / "verdict.json").exists():
+        return FleetRow(**named, state="not run")
+    return FleetRow(**named, state="done", **_of_verdict(read_verdict(results / "verdict.json")))
+
+
+def _of_verdict(verdict: Verdict) -> dict[str, Any]:
+    keys = ("verdict", "summary", "undecided_because", "since_gpst", "since_sigma_s", "until_gpst")
+    found: dict[str, Any] = {key: getattr(verdict, key) for key in keys}
+    labels = [signal.label for signal in verdict.signals]
+    found["signals"] = len(labels)
+    if labels:
+        found |= {f"share_{label}": labels.count(label) / len(labels) for label in LABELS}
+    for receiver in verdict.receivers:
+        if receiver.trusted_fix is not None:
+            fix = receiver.trusted_fix.model_dump()
+            return found | {"trusted_receiver": receiver.name} | {f"trusted_{key}": fix[key] for key in fix}
+    return found
+
+
+def write_rows(rows: Sequence[FleetRow], path: Path) -> None:
+    """Raises OutputError as `growing_tables` does."""
+    with growing_tables([path]) as take:
+        take(
+            {field.name: _column(field.name, [getattr(row, field.name) for row in rows]) for field in fields(FleetRow)}
+        )
+
+
+def _column(name: str, values: list[Any]) -> Column:
+    kind = FleetRow.__annotations__[name]
+    if name.endswith("_gpst"):
+        return np.array([np.datetime64(value or "NaT", "ns") for value in values])
+    if kind is int:
+        return np.array(values, np.int64)
+    if kind == float | None:
+        return np.array([np.nan if value is None else value for value in values], float)
+    return np.array(values, object)

@@ -1,0 +1,96 @@
+"""Every item of a catalogue protected, by processes of this machine or the nodes of a Ray cluster."""
+
+from collections import Counter
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from skyproof.app.common.folder import check_folder
+from skyproof.app.common.progress import Progress, Silent
+from skyproof.app.fleet.catalogue import read_catalogue
+from skyproof.app.fleet.piece import piece_of, protect_piece
+from skyproof.app.fleet.rows import FleetRow, row_of, write_rows
+from skyproof.batch import Processes, Runner, Store, run
+from skyproof.compiled import threads
+from skyproof.errors import SettingsError
+from skyproof.formats.atomic_write import write_lines
+from skyproof.report.fleet import fleet_html
+
+__all__ = ["PAGE", "TABLE", "FleetResult", "fleet"]
+
+PAGE, TABLE = "fleet.html", "fleet.parquet"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetResult:
+    """A row an item, in the catalogue's order; the folder with all outputs; whether Ctrl-C left items out."""
+
+    rows: tuple[FleetRow, ...]
+    folder: Path
+    interrupted: bool = False
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Items by verdict, those without one by how they ended: failed, not run."""
+        return Counter(row.verdict or row.state for row in self.rows)
+
+
+def fleet(
+    catalogue: str | Path,
+    *,
+    out: str | Path,
+    workers: int | None = None,
+    ray: str | None = None,
+    progress: Progress | None = None,
+) -> FleetResult:
+    """Protect every item of a catalogue; the same bytes whatever did it, in however many processes.
+
+    Items that `out` has are not done again, unless their files, settings or our version changed; those that failed
+    are. An item that cannot be done costs itself.
+
+    Parameters
+    ----------
+    catalogue : CSV, a line an item; see `skyproof.app.fleet.catalogue`.
+    out : folder, made if absent: items/NAME holds what `protect` writes for each, fleet.html and fleet.parquet all.
+    workers : processes; as many as cores if None.
+    ray : address of a Ray cluster, whose nodes do the items in place of processes of this machine.
+
+    Raises
+    ------
+    InputError, SettingsError : the catalogue cannot be read, or a line of it makes no sense. OutputError : the folder
+        cannot be written, or another run writes into it.
+    """
+    progress, path, folder = progress or Silent(), Path(catalogue), Path(out)
+    items = read_catalogue(path)
+    runner = _runner(workers, ray)
+    check_folder(folder)
+    with Store(folder) as store:
+        pieces = [piece_of(item, path.parent) for item in items]
+        with progress.stage(f"protecting {len(items)} items", float(len(items))) as stage, runner as doing:
+            errors, interrupted = run(pieces, protect_piece, store, doing, report=stage.advance, say=progress.say)
+        rows = tuple(row_of(item, store.of(item.name), errors.get(item.name)) for item in items)
+        write_rows(rows, folder / TABLE)
+        write_lines(folder / PAGE, [fleet_html(rows)], end="", encoding="utf-8")
+    return FleetResult(rows=rows, folder=folder, interrupted=interrupted)
+
+
+def _runner(workers: int | None, ray: str | None) -> AbstractContextManager[Runner]:
+    if ray is not None:
+        return _ray_nodes(ray, workers)
+    if workers is not None and workers < 1:
+        raise SettingsError(f"workers is {workers}, expected 1 or more; leave it out for one a core")
+    return Processes(threads() if workers is None else workers)
+
+
+def _ray_nodes(address: str, workers: int | None) -> AbstractContextManager[Runner]:
+    """Ray is loaded, and need be installed, only where it is asked for."""
+    if workers is not None:
+        raise SettingsError("workers and ray are both given; a cluster does as many items as it has processors")
+    try:
+        nodes: AbstractContextManager[Runner] = import_module("skyproof.batch.ray_nodes").RayNodes(address)
+    except ModuleNotFoundError as error:
+        raise SettingsError(
+            f"{error.name} is not installed, which a cluster needs; install skyproof[ray], on every node"
+        ) from error
+    return nodes

@@ -1,0 +1,100 @@
+"""Items done by the nodes of a Ray cluster, which see the same files and have the same version installed.
+
+Of the package's extra `ray`; nothing else imports this module.
+"""
+
+import socket
+from importlib.metadata import version
+from typing import Any, Final, Self
+
+import ray
+from ray.exceptions import RayError
+
+from skyproof.batch.attempt import ONE_THREAD, attempt
+from skyproof.batch.item import Ended, Task
+from skyproof.errors import SettingsError
+
+__all__ = ["RayNodes"]
+
+AHEAD: Final = 2
+"""Tasks given to the cluster for each of its processors: one at work, and one that need not be waited for."""
+
+REACHED_S: Final = 5.0
+
+
+class RayNodes:
+    """The cluster at an address: "auto" for the one that this machine belongs to, HOST:PORT, ray://HOST:PORT. For a
+    block `with`, for which the driver is connected.
+
+    Raises
+    ------
+    SettingsError : on entering, if there is no cluster at the address.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self._keys: dict[Any, str] = {}
+
+    def __enter__(self) -> Self:
+        try:
+            _require_reached(self.address)
+            ray.init(
+                address=self.address,
+                runtime_env={"env_vars": ONE_THREAD},
+                log_to_driver=False,
+                logging_level="ERROR",
+            )
+        except (OSError, RuntimeError, ValueError) as error:
+            raise SettingsError(
+                f"no Ray cluster can be used at {self.address!r} ({' '.join(str(error).split())}); start one with "
+                "`ray start --head` and name its address"
+            ) from error
+        # A worker that dies is noticed and its item repeated by the run, with any runner alike.
+        self._attempt = ray.remote(num_cpus=1, max_retries=0)(_attempt)
+        self._version = version("skyproof")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for reference in self._keys:
+            ray.cancel(reference, force=True)
+        ray.shutdown()
+
+    @property
+    def free(self) -> int:
+        """How many tasks can be begun now; grows with nodes that join."""
+        return AHEAD * max(int(ray.cluster_resources().get("CPU", 0.0)), 1) - len(self._keys)
+
+    def begin(self, task: Task) -> None:
+        """Give a task to the cluster."""
+        self._keys[self._attempt.remote(task, self._version)] = task.item.key
+
+    def ended(self, timeout_s: float) -> list[Ended]:
+        """The tasks that ended since it was asked last; waits so long for one."""
+        ready, _ = ray.wait(list(self._keys), num_returns=1, timeout=timeout_s)
+        return [self._ended(reference) for reference in ready]
+
+    def _ended(self, reference: Any) -> Ended:
+        key = self._keys.pop(reference)
+        try:
+            answer: Ended = ray.get(reference)
+        except RayError as error:
+            return Ended(
+                key=key, error=f"the process that did it ended before it (Ray: {type(error).__name__})", lost=True
+            )
+        return answer
+
+
+def _require_reached(address: str) -> None:
+    """Raise OSError, at once, where Ray itself would try for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if host and port.isdecimal():
+        socket.create_connection((host, int(port)), REACHED_S).close()
+
+
+def _attempt(task: Task, expected: str) -> Ended:
+    """On a node. Another version makes other bytes."""
+    if (found := version("skyproof")) != expected:
+        return Ended(
+            key=task.item.key, error=f"a node has skyproof {found}, the run {expected}; install the same on all"
+        )
+    return attempt(task)

@@ -1,0 +1,71 @@
+"""`skyproof fleet`."""
+
+import json as json_text
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from skyproof import app
+from skyproof.cli.options import Debug, OneDocument
+from skyproof.cli.progress import progress
+from skyproof.cli.screen import INTERRUPTED, complain, print_document, print_path, print_table, table, words
+
+if TYPE_CHECKING:
+    from skyproof.app.fleet import FleetResult
+
+__all__ = ["fleet"]
+
+MOST_FAILED = 10
+"""Of those that are named at the terminal."""
+
+
+def fleet(
+    catalogue: Annotated[
+        Path,
+        Parameter(help="CSV, a line an item: inputs (with ; between receivers), nav, imu, platform, name, settings."),
+    ],
+    /,
+    *,
+    out: Annotated[
+        Path, Parameter(help="Folder for what every item leaves and for all together; given again, it is gone on with.")
+    ],
+    workers: Annotated[int | None, Parameter(help="Processes at work side by side. Default: one a core.")] = None,
+    ray: Annotated[
+        str | None,
+        Parameter(
+            name="--ray",
+            help="Address of a Ray cluster whose nodes do the work: auto, HOST:PORT. They need the same files at the "
+            "same paths, and the extra ray of the package.",
+        ),
+    ] = None,
+    json: OneDocument = False,
+    debug: Debug = False,
+) -> int:
+    """Protect every recording, pair or station of a catalogue, side by side, with one page over all."""
+    result = app.fleet.fleet(catalogue, out=out, workers=workers, ray=ray, progress=progress())
+    if json:
+        document = {"format": "skyproof-fleet/1", "items": [asdict(row) for row in result.rows]}
+        print_document(json_text.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    else:
+        _print_counts(result)
+    failed = [row for row in result.rows if row.state == "failed"]
+    for row in failed[:MOST_FAILED]:
+        complain(f"{row.name}: {row.error}")
+    if len(failed) > MOST_FAILED:
+        complain(f"and {len(failed) - MOST_FAILED} more that failed; {result.folder / 'fleet.html'} lists all")
+    if result.interrupted:
+        complain("interrupted: not all items were done; the same command goes on from here")
+        return INTERRUPTED
+    return 0
+
+
+def _print_counts(result: "FleetResult") -> None:
+    console = Console()
+    counts = table("items", "", numbers=0)
+    for how, count in result.counts.most_common():
+        counts.add_row(str(count), words(how))
+    print_table(console, counts)
+    print_path("page:", result.folder / "fleet.html")

@@ -1,0 +1,153 @@
+"""One delay or two of each satellite, from the correlation grids of a window.
+
+What is decided about a window rests on one burst, in which delays hardly move. Whether a satellite has a second signal
+at all is also asked of all bursts together: a false signal within a tenth of a chip of the true one is rarely seen in
+one burst, and by turning phases in several.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special
+
+from skyproof.arrays import Booleans, Integers, Reals
+from skyproof.decomposition.fit import at_strongest_doppler, taps_dictionary
+from skyproof.detectors.dccaf.bursts import BurstComponents, Shapes, components, joint_p_value, shapes
+from skyproof.errors import require_probability
+from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.signals import prn_of
+from skyproof.records import Ccaf
+
+__all__ = ["CHIP_M", "DccafSettings", "Delays", "delays_of", "last_burst", "second_signals"]
+
+CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
+
+
+@dataclass(frozen=True)
+class DccafSettings:
+    """Settings of `Dccaf`.
+
+    false_alarm_probability : of a receiver's window.
+    second_signal_probability : that a satellite alone is said to have two signals, divided by the number of satellites.
+    no_reflection_probability : that a satellite seems to have a second signal that is earlier, or not weaker by 3 dB,
+        without an attack. Of satellites with two reflections each, 3 to 20 dB weaker, it is one in thirteen at most,
+        with three one in six: street canyons.
+    set_probability : that a true set fails its chi-square test, and that the true fix fails its own.
+    wrong_choice_probability : that the false sky is chosen, both being equally likely before; else none is.
+    multipath_sigma_m, ionosphere_share : as for `residual`.
+    window_chips : delays are searched this far to both sides of the reference.
+    """
+
+    false_alarm_probability: float = 1e-3
+    second_signal_probability: float = 0.01
+    no_reflection_probability: float = 0.15
+    set_probability: float = 1e-3
+    wrong_choice_probability: float = 1e-3
+    multipath_sigma_m: float = 1.0
+    ionosphere_share: float = 0.25
+    window_chips: float = 1.3
+
+    def __post_init__(self) -> None:
+        for name in (
+            "false_alarm_probability",
+            "second_signal_probability",
+            "no_reflection_probability",
+            "set_probability",
+            "wrong_choice_probability",
+        ):
+            require_probability("dccaf", name, getattr(self, name))
+
+
+class Delays(NamedTuple):
+    """delay_chips, sigma_chips (channels, 2): NaN for a second signal that is not there. Strongest first. p_value
+    (channels,) of "one signal"; unlike_p_value (channels,) of "one signal, or a signal and its reflection"."""
+
+    delay_chips: Reals
+    sigma_chips: Reals
+    p_value: Reals
+    unlike_p_value: Reals
+
+
+def last_burst(ccaf: Ccaf) -> Integers:
+    """The epochs of the last run of intervals that follow each other, of those with most channels; none without any."""
+    whole = _whole(ccaf)
+    if not whole.any():
+        return np.empty(0, np.int64)
+    runs = _runs(ccaf)
+    counts = np.array([int(whole[run].all(axis=0).sum()) for run in runs])
+    return runs[int(np.flatnonzero(counts == counts.max())[-1])]
+
+
+def _runs(ccaf: Ccaf) -> list[Integers]:
+    """The epochs of each burst."""
+    first = np.flatnonzero(np.diff(ccaf.elapsed_s, prepend=-np.inf) > 1.5 * ccaf.coherent_s)
+    return np.split(np.arange(ccaf.elapsed_s.size), first[1:])
+
+
+def _whole(ccaf: Ccaf) -> Booleans:
+    """(n_epochs, n_channels) whether a grid is there with all that belongs to it."""
+    there = np.isfinite(ccaf.value).all(axis=(2, 3)) & np.isfinite(ccaf.noise_variance)
+    return np.asarray(there & np.isfinite(ccaf.reference_m))
+
+
+def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
+    """One or two delays of each channel over a burst, from the reference of its last epoch."""
+    n, whole = len(ccaf.signals), _whole(ccaf)[epochs].all(axis=0)
+    delay, sigma = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
+    p_value, unlike = np.full(n, np.nan), np.full(n, np.nan)
+    moved = _moved_chips(ccaf, epochs)
+    for row in np.flatnonzero(whole).tolist():
+        found, own = _taken_apart(ccaf, epochs, row, settings)
+        law = len(epochs), own.path, ccaf.noise_samples
+        p_value[row] = joint_p_value(found.second, *law)[0]
+        unlike[row] = joint_p_value(found.unlike, *law)[0]
+        delay[row, 0], sigma[row, 0] = found.one_chips[0], found.one_sigma[0]
+        if p_value[row] < settings.second_signal_probability / whole.sum():
+            delay[row], sigma[row] = found.two_chips[0], np.sqrt(found.two_variance[0])
+    return Delays(delay + moved[:, None], sigma, p_value, unlike)
+
+
+def second_signals(ccaf: Ccaf, epochs: Integers, found: Delays, settings: DccafSettings) -> Booleans:
+    """(n_channels,) which of those in `found` show a second signal, in the burst `epochs` or in all of the window.
+
+    Half of `second_signal_probability` goes to either. Noise of one burst has nothing to do with that of another, so
+    minus twice the sum of the logarithms of n p-values is chi-square of 2 n at most (Fisher).
+    """
+    there, whole = np.isfinite(found.p_value), _whole(ccaf)
+    logs = np.where(there, np.log(np.maximum(found.p_value, 1e-300)), 0.0)
+    count = there.astype(np.int64)
+    for run in _runs(ccaf):
+        if np.array_equal(run, epochs):
+            continue
+        for row in np.flatnonzero(there & whole[run].all(axis=0)).tolist():
+            burst, own = _taken_apart(ccaf, run, row, settings)
+            logs[row] += np.log(
+                max(float(joint_p_value(burst.second, len(run), own.path, ccaf.noise_samples)[0]), 1e-300)
+            )
+            count[row] += 1
+    together = special.chdtrc(2.0 * np.maximum(count, 1), -2.0 * logs)
+    level = 0.5 * settings.second_signal_probability / max(int(there.sum()), 1)
+    return np.asarray(there & ((found.p_value < level) | (together < level)))
+
+
+def _taken_apart(ccaf: Ccaf, epochs: Integers, row: int, settings: DccafSettings) -> tuple[BurstComponents, Shapes]:
+    """One channel over a burst, and what its signal looks like."""
+    points = tuple(float(x) for x in ccaf.delays_chips)
+    grid = np.asarray(ccaf.value[epochs, row], np.complex128)
+    noise = np.asarray(ccaf.noise_variance[epochs, row], np.float64)
+    taps = grid[:, 0]
+    if ccaf.dopplers_hz.size > 1:
+        table = taps_dictionary(points, ccaf.band_hz, window_chips=settings.window_chips)
+        taps, factor, _ = at_strongest_doppler(grid, table, ccaf.dopplers_hz, ccaf.coherent_s)
+        noise = factor * noise
+    own = shapes(prn_of(ccaf.signals[row].sat), points, ccaf.band_hz, settings.window_chips)
+    return components(taps[None], own, noise[None], ccaf.band_hz), own
+
+
+def _moved_chips(ccaf: Ccaf, epochs: Integers) -> Reals:
+    """(n_channels,) by how much the mean of the grids' zeros over a burst lies after that of its last epoch, beyond
+    what the carrier says: the loop may move it from interval to interval."""
+    after_s = (ccaf.elapsed_s[epochs] - ccaf.elapsed_s[epochs[-1]])[:, None]
+    wavelengths_m = -ccaf.reference_hz[epochs] * (SPEED_OF_LIGHT_M_S / L1_HZ) * after_s
+    return np.asarray(np.mean(ccaf.reference_m[epochs] - wavelengths_m - ccaf.reference_m[epochs[-1]], axis=0) / CHIP_M)

@@ -1,0 +1,58 @@
+"""The page over all items of a fleet: how many came out how, and a line an item with a link to its own report."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Final, Protocol
+from urllib.parse import quote
+
+from skyproof.report.template import environment
+
+__all__ = ["FleetLine", "fleet_html"]
+
+ORDER: Final = ("spoofed", "undecided", "authentic", "failed", "not run")
+"""What needs a look first comes first."""
+
+
+class FleetLine(Protocol):
+    """What the page shows of an item."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def inputs(self) -> str: ...
+    @property
+    def state(self) -> str: ...
+    @property
+    def error(self) -> str | None: ...
+    @property
+    def verdict(self) -> str | None: ...
+    @property
+    def summary(self) -> str | None: ...
+    @property
+    def since_gpst(self) -> str | None: ...
+    @property
+    def since_sigma_s(self) -> float | None: ...
+    @property
+    def signals(self) -> int: ...
+    @property
+    def share_spoofed(self) -> float | None: ...
+    @property
+    def share_unknown(self) -> float | None: ...
+    @property
+    def trusted_lat_deg(self) -> float | None: ...
+    @property
+    def trusted_lon_deg(self) -> float | None: ...
+    @property
+    def trusted_height_m(self) -> float | None: ...
+
+
+def fleet_html(rows: Sequence[FleetLine]) -> str:
+    """The whole page; it knows no clock, so that the same rows give the same bytes."""
+    counts = Counter(_how(row) for row in rows)
+    groups = [(how, [row for row in rows if _how(row) == how]) for how in ORDER if counts[how]]
+    page = environment().get_template("fleet.html.j2")
+    return page.render(total=len(rows), groups=groups, link=lambda name: f"items/{quote(name)}/report.html")
+
+
+def _how(row: FleetLine) -> str:
+    return row.verdict or row.state

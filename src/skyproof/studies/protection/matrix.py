@@ -1,0 +1,99 @@
+"""Every ready-made scene with every equipment: `skyproof study protection-matrix`.
+
+A cell takes half a minute of a processor. Cells are items of work, done by as many processes as there are cores; what a
+folder has is not done again, whenever and however the run before it ended.
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from skyproof.batch import Item, Processes, Store, run
+from skyproof.compiled import threads
+from skyproof.simulator.scenario import Scenario
+from skyproof.simulator.scenes import ready, ready_made
+from skyproof.studies.base import Row, Study, StudySettings
+from skyproof.studies.protection.cell import cell_of, stretch_of
+from skyproof.studies.protection.equipment import EQUIPMENT, equipped
+
+__all__ = ["STUDIES"]
+
+NAME: Final = "protection-matrix"
+ROW: Final = "row.json"
+QUICK: Final = (("takeover", "standing"),)
+QUICK_S: Final = 12.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """What is run. duration_s : in place of the scene's, then without its attacks."""
+
+    scene: str
+    equipment: str
+    seed: int
+    duration_s: float | None = None
+
+    @property
+    def scenario(self) -> Scenario:
+        scenario = ready(self.scene)
+        changes: dict[str, Any] = {"seed": scenario.seed + self.seed - 1}
+        if self.duration_s is not None:
+            changes |= {"duration_s": self.duration_s, "attacks": ()}
+        return scenario.model_copy(update=changes)
+
+    @property
+    def item(self) -> Item:
+        made = stretch_of(self.scenario).model_dump_json()
+        same_as = "\n".join((version("skyproof"), json.dumps(asdict(self)), made))
+        return Item(key=f"{self.scene}--{self.equipment.replace(' ', '-')}", given=self, same_as=same_as)
+
+
+def cells(settings: StudySettings) -> list[Cell]:
+    """All that can be, by equipment; trials : how many of them."""
+    if settings.quick:
+        return [Cell(scene=s, equipment=e, seed=settings.seed, duration_s=QUICK_S) for s, e in QUICK]
+    every = [Cell(scene=s, equipment=e, seed=settings.seed) for e in EQUIPMENT for s in ready_made()]
+    possible = [cell for cell in every if equipped(cell.scenario, cell.equipment) is not None]
+    return possible[: settings.trials]
+
+
+def work(cell: Cell, folder: Path) -> None:
+    """A cell's row, into the folder: the same but for the seconds that it took."""
+    with TemporaryDirectory(prefix="skyproof-cell") as made:
+        row = cell_of(cell.scenario, cell.equipment, Path(made))
+    (folder / ROW).write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
+
+
+def rows(settings: StudySettings) -> Iterator[Row]:
+    """A row a cell; of those that could not be done, the error.
+
+    Raises KeyboardInterrupt after the rows that are there, if Ctrl-C left some out.
+    """
+    asked = cells(settings)
+    with TemporaryDirectory(prefix="skyproof-matrix") as made:
+        folder = Path(made) if settings.folder is None else settings.folder / NAME
+        with Store(folder) as store, Processes(min(threads(), len(asked))) as processes:
+            items = [cell.item for cell in asked]
+            errors, interrupted = run(items, work, store, processes, report=settings.report)
+            for cell, item in zip(asked, items, strict=True):
+                if item.key in errors:
+                    yield {"scene": cell.scene, "equipment": cell.equipment, "error": errors[item.key]}
+                elif store.has(item):
+                    yield json.loads((store.of(item.key) / ROW).read_text(encoding="utf-8"))
+    if interrupted:
+        raise KeyboardInterrupt
+
+
+STUDIES = (
+    Study(
+        name=NAME,
+        title="What every equipment makes of every ready-made scene, through samples and the whole job.",
+        paper="skyproof",
+        figure="protection matrix",
+        run=rows,
+    ),
+)

@@ -1,0 +1,155 @@
+"""What `protect` said of a simulated scene, held against the truth."""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.app.protect.coasting import trusted_and_coasted
+from skyproof.app.protect.document import Outcome, ReceiverOutcome
+from skyproof.arrays import Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.time import seconds_between
+from skyproof.records import Fix, FixStatus, Observations
+from skyproof.simulator.received import ReceiverSky, Scene
+from skyproof.verdict import Verdict
+
+__all__ = ["NEAR_M", "WRONG_BOUNDS", "errors_m", "false_labels", "onset_s", "score", "true_labels"]
+
+NEAR_M: Final = 100.0
+"""A signal whose delay is no nearer than this to any that is there is none of them."""
+WRONG_BOUNDS: Final = 3.0
+"""A trusted fix that is off by so many of its 95 % bounds is a false position that was trusted."""
+_TO_95: Final = 2.45  # of a circle about two equal sigmas
+_WRONGLY_S: Final = 1.0
+
+
+def score(scene: Scene, verdict: Verdict, outcome: Outcome) -> dict[str, Any]:
+    """The columns of a cell that need the truth.
+
+    delay_s : from the onset, or the first sample if the attack was there before, to the end of the first window in
+        which a test says so; None if none does. onset_error_s : of the onset that the verdict states.
+    wrong_labels : signals called authentic or spoofed that are not, for a second or more.
+    trusted_* : errors in space of trusted fixes; wrong_fixes : how many of them are off by more than `WRONG_BOUNDS`
+        bounds, level. trusted_share : of all epochs of all receivers.
+    """
+    began_s = onset_s(scene)
+    off_m, wrong, epochs, ordinary = list[Reals](), 0, 0, 0.0
+    for sky, receiver in _pairs(scene, outcome):
+        log = receiver.reception.observations
+        if log is None or receiver.positions is None:
+            continue
+        epochs += log.gpst.size
+        for _, fix in trusted_and_coasted(receiver.positions):
+            space_m, times = errors_m(scene, sky, fix)
+            off_m.append(space_m)
+            wrong += int(np.sum(times > WRONG_BOUNDS))
+        if (plain := receiver.positions.whole("unprotected")) is not None:
+            ordinary = max(ordinary, float(errors_m(scene, sky, plain)[0].max(initial=0.0)))
+    trusted_m = np.concatenate(off_m) if off_m else np.empty(0)
+    p50, p95, worst = np.quantile(trusted_m, [0.5, 0.95, 1.0]) if trusted_m.size else [None] * 3
+    return {
+        "delay_s": _delay_s(scene, outcome, began_s),
+        "onset_error_s": _onset_error_s(scene, verdict, began_s),
+        "wrong_labels": len(list(false_labels(scene, outcome))),
+        "wrong_fixes": wrong,
+        "trusted_p50_m": p50,
+        "trusted_p95_m": p95,
+        "trusted_worst_m": worst,
+        "unprotected_worst_m": ordinary or None,
+        "trusted_share": round(trusted_m.size / epochs, 3) if epochs else 0.0,
+    }
+
+
+def onset_s(scene: Scene) -> float | None:
+    """When the first false wave is there at any antenna, of the scene's time; None without any.
+
+    Of what was there before it is the first sample.
+    """
+    found = []
+    for sky in scene.skies:
+        first_s = [received.from_s for received in sky.signals if received.label != "authentic"]
+        if first_s:
+            found.append(max(min(first_s), sky.receiver.start_offset_s))
+    return min(found, default=None)
+
+
+def _pairs(scene: Scene, outcome: Outcome) -> Iterator[tuple[ReceiverSky, ReceiverOutcome]]:
+    """Each receiver's outcome beside what its first antenna received."""
+    for receiver in outcome.receivers:
+        name = receiver.reception.source.name
+        yield next(sky for sky in scene.skies if sky.receiver.name == name), receiver
+
+
+def _delay_s(scene: Scene, outcome: Outcome, began_s: float | None) -> float | None:
+    start = scene.scenario.start_gpst
+    ends_s = [float(seconds_between(e.end_gpst, start)) for e in outcome.evidence if e.says in ("spoofed", "attack")]
+    later_s = [end_s - began_s for end_s in ends_s if began_s is not None and end_s > began_s]
+    return round(min(later_s), 1) if later_s else None
+
+
+def _onset_error_s(scene: Scene, verdict: Verdict, began_s: float | None) -> float | None:
+    if began_s is None or verdict.since_gpst is None:
+        return None
+    stated_s = float(seconds_between(np.datetime64(verdict.since_gpst, "ns"), scene.scenario.start_gpst))
+    return round(stated_s - began_s, 2)
+
+
+# --- positions
+
+
+def errors_m(scene: Scene, sky: ReceiverSky, fix: Fix) -> tuple[Reals, Reals]:
+    """Of its fixes (n,): error in space, and the level one over its stated 95 % bound."""
+    good = np.flatnonzero(fix.status == FixStatus.OK)
+    if not good.size:
+        return np.empty(0), np.empty(0)
+    at_s = np.asarray(seconds_between(fix.gpst[good], scene.scenario.start_gpst), np.float64)
+    truth_m = sky.point(at_s).position_ecef_m
+    rot = rot_enu_ecef(*geodetic_from_ecef(truth_m[0])[:2])
+    off_m = (fix.position_ecef_m[good] - truth_m) @ rot.T
+    sigma_m = np.sqrt(np.einsum("ij,njk,ik->ni", rot, fix.covariance_m2[good, :3, :3], rot))
+    level_m, bound_m = np.hypot(off_m[:, 0], off_m[:, 1]), _TO_95 * sigma_m[:, :2].max(axis=1)
+    return np.linalg.norm(off_m, axis=1), level_m / bound_m
+
+
+# --- labels
+
+
+def false_labels(scene: Scene, outcome: Outcome) -> Iterator[str]:
+    """Every stretch of a second or more that is called authentic and is spoofed, or the other way round, in words."""
+    for sky, receiver in _pairs(scene, outcome):
+        log = receiver.reception.observations
+        if log is None:
+            continue
+        o = log.read(0, log.gpst.size)
+        true = true_labels(o, sky, scene)
+        for s in outcome.decision.labels:
+            if s.ref.receiver == o.receiver and s.label in ("authentic", "spoofed"):
+                column = true[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)]
+                wrong = (column != "") & (column != s.label)
+                if np.sum(wrong) * np.median(np.diff(o.elapsed_s)) >= _WRONGLY_S:
+                    share = f"{wrong.sum()} of {wrong.size} epochs"
+                    yield f"{s.ref} is called {s.label}, but is {set(column[wrong])} in {share}"
+
+
+def true_labels(o: Observations, sky: ReceiverSky, scene: Scene) -> NDArray[np.str_]:
+    """(n_epochs, n_channels) of what each measured signal is, by the nearest delay among the signals of its satellite
+    that are there; "" where none is near, where two of different labels are, or where nothing was measured.
+    """
+    true_s = o.elapsed_s + sky.true_minus_elapsed_s(o.elapsed_s)
+    clock_s = seconds_between(o.gpst, scene.scenario.start_gpst) - true_s
+    there_m = o.pseudorange_m - SPEED_OF_LIGHT_M_S * clock_s[:, None]  # what is left is delay alone
+    delay_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(true_s)
+    for column, received in enumerate(sky.signals):
+        delay_m[(true_s < received.from_s) | (true_s >= received.until_s), column] = np.nan
+    labels = np.full(o.pseudorange_m.shape, "", dtype="U9")
+    for channel, signal in enumerate(o.signals):
+        own = [column for column, received in enumerate(sky.signals) if received.id.sat == signal.sat]
+        kinds = np.array([sky.signals[column].label for column in own])
+        near = np.abs(there_m[:, channel, None] - delay_m[:, own]) < NEAR_M
+        for kind in sorted(set(kinds)):
+            alone = near[:, kinds == kind].any(axis=1) & ~near[:, kinds != kind].any(axis=1)
+            labels[alone, channel] = kind
+    return labels

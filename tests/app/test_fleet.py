@@ -1,0 +1,206 @@
+"""A catalogue's lines, what an item depends on, the table and page over all; whole fleets in the long tests."""
+
+import dataclasses
+import os
+import random
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from skyproof.app.fleet import fleet
+from skyproof.app.fleet.catalogue import CatalogueItem, read_catalogue
+from skyproof.app.fleet.piece import piece_of
+from skyproof.app.fleet.rows import FleetRow, row_of, write_rows
+from skyproof.app.scenes.simulate import simulate
+from skyproof.errors import InputError, SettingsError, SkyproofError
+from skyproof.report.fleet import fleet_html
+
+SAMPLE = Path(__file__).parent.parent / "formats" / "verdict-sample.json"
+
+
+def catalogue(folder: Path, *lines: str, encoding: str = "utf-8") -> Path:
+    path = folder / "catalogue.csv"
+    path.write_text("\n".join(lines) + "\n", encoding=encoding)
+    return path
+
+
+def test_a_line_is_what_protect_takes(tmp_path: Path) -> None:
+    path = catalogue(
+        tmp_path,
+        "name, inputs ,nav,antenna_distance_m,oscillator,platform",
+        "harbour,a/bow.bin; a/stern.bin,brdc.22n,61.5,,",
+        "",
+        ',"mast, north.obs.gz;b.obs",,,ocxo,',
+        ",,,,,p/ferry.toml",
+        encoding="utf-8-sig",
+    )
+    pair = ("a/bow.bin", "a/stern.bin")
+    assert read_catalogue(path) == [
+        CatalogueItem(name="harbour", inputs=pair, nav="brdc.22n", settings={"antenna_distance_m": 61.5}),
+        CatalogueItem(name="mast__north+b", inputs=("mast, north.obs.gz", "b.obs"), settings={"oscillator": "ocxo"}),
+        CatalogueItem(name="ferry", inputs=(), platform="p/ferry.toml", settings={}),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        (["name,input", "a,b"], "line 1: column 'input' is not known, nearest is 'inputs'"),
+        (["name,nav", "a,b"], "line 1: no column inputs, nor platform"),
+        (["inputs,nav,nav", "a,b,c"], "line 1: column 'nav' stands there twice"),
+        (["inputs,place_deg", "a,1"], "line 1: column 'place_deg' holds several numbers; give them in a platform file"),
+        (["inputs,nav", "a,b", "c,d,e"], "line 3: 3 fields, but the first line names 2 columns"),
+        (["inputs,nav", "a,b", ",d"], "line 3: inputs is empty"),
+        (["inputs", "d/a.bin", "", "A.obs"], "line 4: name = 'A' is that of line 2; give each line a name of its own"),
+        (["name,inputs", "../a,b"], "line 2: name = '../a' cannot be that of a folder"),
+        (["inputs,window_s", "a,ten"], "line 2: window_s = 'ten', expected a number"),
+        (["inputs"], "no item; write a line an item"),
+        (['inputs', '"a'], "line 2: unexpected end of data; save the table as CSV again"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_catalogue_is_said_with_file_line_and_remedy(
+    tmp_path: Path, lines: list[str], words: str
+) -> None:
+    with pytest.raises(InputError) as raised:
+        read_catalogue(catalogue(tmp_path, *lines))
+    assert f"{tmp_path / 'catalogue.csv'}: {words}" in str(raised.value)
+
+
+def test_a_setting_that_makes_no_sense_is_named_with_its_line(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"catalogue.csv: line 3: setting window_s = 1.0, expected 2 or more"):
+        read_catalogue(catalogue(tmp_path, "inputs,window_s", "a,", "b,1"))
+
+
+def test_what_an_item_reads_is_part_of_what_its_result_depends_on(tmp_path: Path) -> None:
+    for name in ("a.bin", "a.toml", "n.rnx", "imu.csv"):
+        (tmp_path / name).write_text("x")
+    (tmp_path / "p.toml").write_text('[imu]\nfile = "imu.csv"\n')
+    one = CatalogueItem(name="a", inputs=("a.bin",), nav="n.rnx", platform="p.toml", settings={})
+    before = piece_of(one, tmp_path).same_as
+    assert piece_of(one, tmp_path).same_as == before
+    assert piece_of(dataclasses.replace(one, settings={"window_s": 9.0}), tmp_path).same_as != before
+    for name in ("a.bin", "a.toml", "n.rnx", "p.toml", "imu.csv"):
+        stat = (tmp_path / name).stat()
+        os.utime(tmp_path / name, ns=(stat.st_atime_ns, stat.st_mtime_ns + 1000))
+        after = piece_of(one, tmp_path).same_as
+        assert after != before, name
+        before = after
+
+
+def rows(folder: Path) -> list[FleetRow]:
+    done, bad, open_ = (
+        CatalogueItem(name=name, inputs=("a.obs", "b.obs"), nav="n.rnx", settings={}) for name in ("<done>", "bad", "x")
+    )
+    (folder / "done").mkdir()
+    shutil.copy(SAMPLE, folder / "done" / "verdict.json")
+    return [
+        row_of(done, folder / "done", None),
+        row_of(bad, folder / "bad", "a.obs: no such file & more"),
+        row_of(open_, folder / "x", None),
+    ]
+
+
+def test_an_item_is_one_row_of_the_table(tmp_path: Path) -> None:
+    found = rows(tmp_path)
+    write_rows(found, tmp_path / "fleet.parquet")
+    table = pq.read_table(tmp_path / "fleet.parquet").to_pylist()
+    assert [row["state"] for row in table] == ["done", "failed", "not run"]
+    assert [row["verdict"] for row in table] == [found[0].verdict, None, None]
+    shares = [table[0][f"share_{label}"] for label in ("authentic", "spoofed", "multipath", "unknown")]
+    assert sum(shares) == pytest.approx(1.0)
+    assert table[0]["trusted_lat_deg"] == found[0].trusted_lat_deg is not None
+    assert table[1]["error"] == "a.obs: no such file & more"
+    assert table[1]["trusted_lat_deg"] is None
+    assert "seconds" not in table[0]
+
+
+def test_a_table_has_the_same_columns_whatever_came_out(tmp_path: Path) -> None:
+    found = rows(tmp_path)
+    write_rows(found, tmp_path / "all.parquet")
+    write_rows(found[2:], tmp_path / "none.parquet")
+    assert pq.read_schema(tmp_path / "all.parquet") == pq.read_schema(tmp_path / "none.parquet")
+
+
+def test_the_page_lists_every_item_and_loads_nothing(tmp_path: Path) -> None:
+    page = fleet_html(rows(tmp_path))
+    assert 'href="items/%3Cdone%3E/report.html">&lt;done&gt;</a>' in page
+    assert "a.obs: no such file &amp; more" in page
+    assert page.index("1 failed") < page.index("1 not run") < page.index("give the same command again")
+    assert "http" not in page.replace("http-equiv", "")
+
+
+def test_a_cluster_without_ray_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    monkeypatch.delitem(sys.modules, "skyproof.batch.ray_nodes", raising=False)
+    with pytest.raises(SettingsError, match=r"ray is not installed, .*; install skyproof\[ray\], on every node"):
+        fleet(catalogue(tmp_path, "inputs", "a"), out=tmp_path / "out", ray="auto")
+
+
+@pytest.mark.parametrize(("workers", "ray", "words"), [(0, None, "workers is 0"), (1, "auto", "both given")])
+def test_workers_that_make_no_sense_are_refused(tmp_path: Path, workers: int, ray: str | None, words: str) -> None:
+    with pytest.raises(SkyproofError, match=words):
+        fleet(catalogue(tmp_path, "inputs", "a"), out=tmp_path / "out", workers=workers, ray=ray)
+    assert not (tmp_path / "out").exists()
+
+
+# Whole fleets
+
+
+def small_fleet(folder: Path, pairs: int) -> Path:
+    """Pairs of receivers as RINEX, and one line whose input is not there."""
+    lines = ["name,inputs,nav,antenna_separation_m", "absent,absent.obs,,"]
+    for number in range(pairs):
+        made = simulate(
+            "two-antennas", out=folder / str(number), seed=number, duration_s=25.0, depth="measurements"
+        ).observations
+        inputs = ";".join(f"{number}/{path.name}" for path in made if not path.stem.endswith("-2"))
+        lines.append(f"pair-{number},{inputs},{number}/broadcast.rnx,10")
+    return catalogue(folder, *lines)
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    """Every byte that counts."""
+    files = [path for path in out.rglob("*") if path.is_file()]
+    return {
+        path.relative_to(out).as_posix(): path.read_bytes() for path in files if ".skyproof-batch" not in path.parts
+    }
+
+
+@pytest.mark.long
+def test_a_fleet_is_the_same_bytes_however_many_workers_and_however_often_it_is_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = small_fleet(tmp_path / "in", 8)
+    one = fleet(path, out=tmp_path / "one", workers=1)
+    assert one.counts["failed"] == 1
+    assert sum(one.counts.values()) == 9
+    assert "absent.obs" in (one.rows[0].error or "")
+    expected = contents(tmp_path / "one")
+    assert sum(name.endswith("report.html") for name in expected) == 8
+
+    monkeypatch.chdir(tmp_path)  # and named from elsewhere
+    call = "import sys; from skyproof.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", call, "fleet", "in/catalogue.csv", "--out", "killed", "--workers", "2"]
+    begin = time.monotonic()
+    fleet(path, out=tmp_path / "two", workers=2)
+    whole_s = time.monotonic() - begin
+    assert contents(tmp_path / "two") == expected
+
+    moments, killed, completed = random.Random(1), 0, 0
+    while killed < 20 or not completed:
+        run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            assert run.wait(moments.uniform(0.3, 1.0) * whole_s) == 0
+        except subprocess.TimeoutExpired:
+            run.kill()
+            run.wait()
+            killed += 1
+        else:
+            assert contents(tmp_path / "killed") == expected
+            shutil.rmtree(tmp_path / "killed")
+            completed += 1

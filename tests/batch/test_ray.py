@@ -1,0 +1,86 @@
+"""Items done by the nodes of a Ray cluster; skipped where the extra `ray` is not installed (`make ray`)."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.app.test_fleet import contents, small_fleet
+from tests.batch.fake_work import Fake, content, fake_work, item
+
+from skyproof.app.fleet import fleet
+from skyproof.batch import Processes, Store, run
+from skyproof.errors import SettingsError
+
+ray = pytest.importorskip("ray")
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture
+def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Its first node; tests add others."""
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    made = pytest.importorskip("ray.cluster_utils").Cluster(
+        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
+    )
+    yield made
+    ray.shutdown()
+    made.shutdown()
+
+
+@contextmanager
+def removal(cluster: Any, out: Path, after: int) -> Iterator[list[int]]:
+    """While the block lasts: a node is killed when so many items are done. Gives how many were, then."""
+    node, at = cluster.add_node(num_cpus=1), list[int]()
+    cluster.add_node(num_cpus=1)
+
+    def remove() -> None:
+        while (count := len(list((out / ".skyproof-batch" / "done").glob("*")))) < after:
+            time.sleep(0.05)
+        cluster.remove_node(node, allow_graceful=False)  # raises if a process of it is left
+        at.append(count)
+
+    remover = threading.Thread(target=remove, daemon=True)
+    remover.start()
+    yield at
+    remover.join(60.0)
+
+
+def done(folder: Path, fakes: list[Fake], runner: Any) -> dict[str, str]:
+    with Store(folder) as store, runner as doing:
+        errors, left = run([item(one) for one in fakes], fake_work, store, doing)
+    assert not left
+    return errors
+
+
+def test_a_node_and_a_worker_that_die_leave_the_same_bytes(tmp_path: Path, cluster: Any) -> None:
+    (tmp_path / "kills").mkdir()
+    fakes = [Fake(n, sleep_s=0.2) for n in range(40)]
+    fakes += [Fake(40, error=True), Fake(41, kills=str(tmp_path / "kills"), how_often=1)]
+    with removal(cluster, tmp_path / "ray", 8) as removed:
+        errors = done(tmp_path / "ray", fakes, import_module("skyproof.batch.ray_nodes").RayNodes(cluster.address))
+    assert removed[0] < 30
+    assert len(list((tmp_path / "kills").iterdir())) == 1
+    assert errors == {"item-40": "item 40: line 7 is no number; fix that line"}
+    assert done(tmp_path / "processes", fakes, Processes(2)) == errors
+    assert content(tmp_path / "ray") == content(tmp_path / "processes")
+    assert len(content(tmp_path / "ray")) == 2 * 41
+
+
+def test_a_fleet_on_a_cluster_that_loses_a_node_is_the_same_bytes(tmp_path: Path, cluster: Any) -> None:
+    path = small_fleet(tmp_path / "in", 8)
+    with removal(cluster, tmp_path / "ray", 2) as removed:
+        result = fleet(path, out=tmp_path / "ray", ray=cluster.address)
+    assert removed[0] < 6
+    assert sum(row.state == "done" for row in result.rows) == 8
+    fleet(path, out=tmp_path / "processes", workers=1)
+    assert contents(tmp_path / "ray") == contents(tmp_path / "processes")
+
+
+def test_an_address_without_a_cluster_is_an_error_that_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"no Ray cluster can be used at '127.0.0.1:1' .* `ray start --head`"):
+        import_module("skyproof.batch.ray_nodes").RayNodes("127.0.0.1:1").__enter__()

@@ -1,0 +1,163 @@
+"""Items done once and whole, whatever dies on the way. The long tests kill at random moments."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from tests.batch.fake_work import Fake, broken_work, content, fake_work, item
+
+from skyproof.batch import Item, Processes, Store, Work, run
+from skyproof.errors import OutputError
+
+
+def done(
+    items: Sequence[Item], folder: Path, work: Work = fake_work, *, workers: int = 2
+) -> tuple[dict[str, str], list[int]]:
+    """Errors, and how many items were said to have ended, from first to last."""
+    reported: list[int] = []
+    with Store(folder) as store, Processes(workers) as processes:
+        errors, left = run(items, work, store, processes, report=reported.append)
+    assert not left
+    return errors, reported
+
+
+def test_a_bad_item_a_killed_worker_and_a_second_run_cost_nothing_else(tmp_path: Path) -> None:
+    once, always = tmp_path / "once", tmp_path / "always"
+    once.mkdir()
+    always.mkdir()
+    fakes = [Fake(n) for n in range(6)]
+    fakes += [Fake(6, error=True), Fake(7, kills=str(once), how_often=1), Fake(8, kills=str(always), how_often=99)]
+    errors, reported = done([item(one) for one in fakes], tmp_path / "a")
+    assert errors == {
+        "item-6": "item 6: line 7 is no number; fix that line",
+        "item-8": "the process that did it ended before it (signal 9), twice",
+    }
+    assert len(list(once.iterdir())) == 1
+    assert len(list(always.iterdir())) == 2
+    assert reported == sorted(reported)
+    assert (reported[0], reported[-1]) == (0, 9)
+    whole = {f"item-{n}/half.txt": b"whole\n" for n in (0, 1, 2, 3, 4, 5, 7)}
+    assert content(tmp_path / "a") == whole | {f"item-{n}/inner/sum.txt": b"%d\n" % n**2 for n in (0, 1, 2, 3, 4, 5, 7)}
+
+    # Again, with what failed put right and another version of one: only these are done, and one worker is enough.
+    times = {path: path.stat().st_mtime_ns for path in (tmp_path / "a" / "items").iterdir()}
+    repaired = [item(Fake(n), version="2" if n == 3 else "1") for n in range(9)]
+    errors, reported = done(repaired, tmp_path / "a", workers=1)
+    assert (errors, reported[0]) == ({}, 6)
+    kept = {path.name for path, before in times.items() if path.stat().st_mtime_ns == before}
+    assert kept == {f"item-{n}" for n in (0, 1, 2, 4, 5, 7)}
+    assert len(content(tmp_path / "a")) == 18
+
+
+def test_our_own_mistake_costs_the_item_and_says_whose_it_is(tmp_path: Path) -> None:
+    errors, _ = done([item(Fake(1))], tmp_path, broken_work, workers=1)
+    assert errors == {
+        "item-1": "unexpected ZeroDivisionError: of 1. This is a fault of skyproof, not of the input",
+    }
+    assert content(tmp_path) == {}
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
+    with Store(tmp_path), pytest.raises(OutputError, match="another run is writing into it; wait until it ends"):
+        Store(tmp_path).__enter__()
+    with Store(tmp_path):
+        pass
+
+
+def test_two_items_of_one_key_are_refused(tmp_path: Path) -> None:
+    with Store(tmp_path) as store, pytest.raises(ValueError, match="two items have one key"):
+        run([item(Fake(1)), item(Fake(1))], fake_work, store, Processes(1))
+
+
+@pytest.mark.parametrize("step", ["rename", "replace"])
+def test_an_item_is_done_again_if_its_last_steps_were_not_all_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    one = item(Fake(1))
+
+    def fill() -> None:
+        with store.filling(one) as folder:
+            fake_work(one.given, folder)
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with Store(tmp_path) as store:
+        with monkeypatch.context() as patched:
+            patched.setattr(os, step, interrupt)
+            with pytest.raises(KeyboardInterrupt):
+                fill()
+        assert not store.has(one)
+        fill()
+        assert store.has(one)
+        assert list(content(tmp_path)) == ["item-1/half.txt", "item-1/inner/sum.txt"]
+
+
+DRIVER = """
+import sys
+from pathlib import Path
+from skyproof.batch import Processes, Store, run
+from tests.batch.fake_work import Fake, fake_work, item
+with Store(Path(sys.argv[1])) as store, Processes(2) as processes:
+    print("begun", flush=True)
+    errors, left = run([item(Fake(n, sleep_s=0.05)) for n in range(int(sys.argv[2]))], fake_work, store, processes,
+                       say=lambda text: print(text, flush=True))
+print(errors, left, flush=True)
+"""
+
+
+def driver(folder: Path, count: int) -> subprocess.Popen[str]:
+    started = subprocess.Popen(
+        [sys.executable, "-c", DRIVER, str(folder), str(count)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    assert started.stdout is not None
+    assert started.stdout.readline() == "begun\n"
+    return started
+
+
+def wait_for_an_item(folder: Path) -> None:
+    until = time.monotonic() + 60.0
+    while not any((folder / ".skyproof-batch" / "done").iterdir()):
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def test_ctrl_c_lets_items_end_and_what_is_left_is_done_next_time(tmp_path: Path) -> None:
+    started = driver(tmp_path, 1000)
+    wait_for_an_item(tmp_path)
+    started.send_signal(signal.SIGINT)
+    out, _ = started.communicate(timeout=60)
+    assert out.splitlines() == [
+        "interrupted: items under way come to their end; interrupt again to stop them too",
+        "{} True",
+    ]
+    there = {path.split("/")[0] for path in content(tmp_path)}
+    assert 0 < len(there) < 1000
+    with Store(tmp_path) as store:
+        assert sum(store.has(item(Fake(n))) for n in range(1000)) == len(there)
+
+
+@pytest.mark.long
+def test_a_driver_killed_at_twenty_moments_leaves_the_same_bytes(tmp_path: Path) -> None:
+    moments = random.Random(1)
+    count, killed = 60, 0
+    for _ in range(20):
+        started = driver(tmp_path / "killed", count)
+        time.sleep(moments.uniform(0.0, 1.2))
+        started.kill()
+        started.wait()
+        killed += started.returncode == -signal.SIGKILL
+    assert killed >= 10
+    assert done([item(Fake(n)) for n in range(count)], tmp_path / "killed")[0] == {}
+    done([item(Fake(n)) for n in range(count)], tmp_path / "whole", workers=1)
+    assert content(tmp_path / "killed") == content(tmp_path / "whole")
+    assert list((tmp_path / "killed" / ".skyproof-batch" / "doing").iterdir()) == []

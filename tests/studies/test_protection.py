@@ -1,0 +1,139 @@
+"""The protection matrix: what equipment makes of a scene, and how a run's answer is held against the truth."""
+
+import json
+from contextlib import nullcontext
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from skyproof.batch import Store
+from skyproof.fusion.labels import LabelledSignal
+from skyproof.records import SignalRef
+from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.measurements import observations_of
+from skyproof.simulator.scenario import parse_scenario
+from skyproof.simulator.scenes import ready, ready_made
+from skyproof.simulator.sky import scene_of
+from skyproof.studies.base import StudySettings
+from skyproof.studies.protection import matrix
+from skyproof.studies.protection.cell import LONGEST_S, stretch_of
+from skyproof.studies.protection.equipment import APART_M, EQUIPMENT, equipped
+from skyproof.studies.protection.score import errors_m, false_labels, onset_s, true_labels
+
+
+@pytest.mark.parametrize("name", ready_made())
+def test_a_stretch_is_a_scene_that_could_be_written_and_holds_the_onset(name):
+    made = stretch_of(ready(name))
+    assert made.duration_s <= LONGEST_S
+    again = parse_scenario(made.model_dump(exclude_none=True))
+    assert again.duration_s == made.duration_s
+    start_s = made.receivers[0].start_offset_s
+    for attack in made.attacks:
+        points = (*attack.away_points_enu_m, *attack.clock_points_s) if attack.kind == "takeover" else ()
+        begins_s = min((point[0] for point in points), default=attack.onset_s)
+        assert begins_s < start_s + made.duration_s - 35.0
+
+
+@pytest.mark.parametrize("equipment", EQUIPMENT)
+def test_every_equipment_stands_where_the_first_receiver_of_the_scene_does(equipment):
+    scenario = ready("takeover").model_copy(update={"duration_s": 16.0})
+    found = equipped(scenario, equipment)
+    assert found is not None
+    scene = scene_of(found.scenario, navigation_of(found.scenario))
+    places = [sky.point(np.zeros(1)).position_ecef_m[0] for sky in scene.skies]
+    of = [sky.receiver.name for sky in scene.skies]
+    assert (
+        np.linalg.norm(places[0] - scene_of(scenario, scene.navigation).skies[0].point(np.zeros(1)).position_ecef_m) < 1
+    )
+    if len(found.scenario.receivers) > 1:
+        second = places[of.index(found.scenario.receivers[1].name)]
+        assert np.linalg.norm(second - places[0]) == pytest.approx(APART_M, abs=0.1)
+    assert [table["name"] for table in found.stated["receivers"]] == [r.name for r in found.scenario.receivers]
+
+
+def test_what_moves_is_not_stated_to_stand_and_what_flies_over_las_vegas_has_no_second_receiver():
+    assert equipped(ready("texbat-like-5"), "standing") is None
+    assert equipped(ready("las-vegas"), "second receiver at 20 m") is None
+    assert equipped(ready("las-vegas"), "everything") is not None
+
+
+@pytest.fixture(scope="module")
+def measured():
+    scenario = ready("starts-spoofed").model_copy(update={"duration_s": 20.0})
+    scene = scene_of(scenario, navigation_of(scenario))
+    observed, labels = observations_of(scenario, scene.navigation, rng=np.random.default_rng(1))
+    return scene, observed, labels
+
+
+def test_the_truth_of_labels_is_that_of_the_simulator(measured):
+    scene, observed, labels = measured
+    for o, sky in zip(observed, scene.skies, strict=True):
+        found = true_labels(o, sky, scene)
+        for column, signal in enumerate(o.signals):
+            assert set(found[:, column]) == {labels[SignalRef(o.receiver, signal)]}
+
+
+def test_a_label_that_is_false_for_a_second_is_reported(measured):
+    scene, observed, labels = measured
+    o = observed[0]
+    receiver = SimpleNamespace(reception=SimpleNamespace(source=SimpleNamespace(name=o.receiver), observations=o))
+    right = [
+        LabelledSignal(ref=ref, label=labels[ref], first_epoch=0, last_epoch=9, because=())
+        for ref in (SignalRef(o.receiver, signal) for signal in o.signals)
+    ]
+    one = right[3]
+    swapped = replace(one, label="authentic" if one.label == "spoofed" else "spoofed")
+    for given, faults in ((right, 0), ([*right[:3], swapped], 1), ([replace(swapped, label="unknown")], 0)):
+        outcome = SimpleNamespace(receivers=[receiver], decision=SimpleNamespace(labels=given))
+        assert len(list(false_labels(scene, outcome))) == faults
+
+
+def test_an_attack_that_was_there_before_begins_with_the_first_sample(measured):
+    scene, _, _ = measured
+    assert onset_s(scene) == pytest.approx(min(sky.receiver.start_offset_s for sky in scene.skies))
+
+
+def test_errors_are_in_space_and_bounds_level(measured):
+    scene, _, _ = measured
+    sky = scene.skies[0]
+    at = sky.point(np.array([5.0]))
+    up = at.position_ecef_m[0] / np.linalg.norm(at.position_ecef_m[0])
+    fix = SimpleNamespace(
+        status=np.zeros(1, np.uint8),
+        gpst=scene.scenario.start_gpst + np.array([5_000_000_000]).astype("timedelta64[ns]"),
+        position_ecef_m=at.position_ecef_m + 30.0 * up,
+        covariance_m2=np.eye(4)[None],
+    )
+    space_m, times = errors_m(scene, sky, fix)
+    assert space_m[0] == pytest.approx(30.0, abs=0.01)
+    assert times[0] < 0.1
+
+
+def test_cells_that_a_folder_has_are_not_made_again(tmp_path, monkeypatch):
+    settings = StudySettings(quick=True, folder=tmp_path)
+    (cell,) = matrix.cells(settings)
+    with Store(tmp_path / matrix.NAME) as store, store.filling(cell.item) as folder:
+        (folder / matrix.ROW).write_text(json.dumps({"scene": "takeover", "verdict": "spoofed"}))
+    monkeypatch.setattr(matrix, "Processes", lambda count: nullcontext(Nobody()))
+    assert [row["verdict"] for row in matrix.rows(settings)] == ["spoofed"]
+    with pytest.raises(AssertionError):
+        list(matrix.rows(replace(settings, seed=2)))
+
+
+class Nobody:
+    """Does nothing, and is not to be asked."""
+
+    @property
+    def free(self):
+        raise AssertionError
+
+
+@pytest.mark.long
+def test_a_cell_goes_through_samples(tmp_path):
+    (row,) = matrix.rows(StudySettings(quick=True, folder=tmp_path))
+    assert row["verdict"] == "undecided"
+    assert row["no_sign"]
+    assert row["wrong_fixes"] == row["wrong_labels"] == 0
+    assert list(tmp_path.rglob(matrix.ROW))
