@@ -208,6 +208,7 @@ def test_a_wrong_rate_finds_nothing_and_says_what_to_check(run, pair, tmp_path):
     assert list(ended.folder.iterdir()) == []
 
 
+@pytest.mark.long
 def test_nothing_but_noise_in_all_receivers_is_refused(tmp_path):
     silent = [noise(tmp_path / f"rx{n}.bin", 0.5, seed=n) for n in (1, 2)]
     with pytest.raises(NotEnoughData, match=r"rx1\.bin, .*rx2\.bin: no GPS L1 C/A signal .*antenna was connected"):
@@ -334,6 +335,7 @@ def test_receivers_in_files_of_one_name_keep_apart(pair, tmp_path):
     assert [s.name for s in open_inputs(paths, Settings())] == ["rx", "rx-2", "rx-3"]
 
 
+@pytest.mark.long
 def test_recordings_that_overlap_in_part_are_compared_in_that_part(kit, run, tmp_path):
     scenario = kit.scenario_of(duration_s=9.0, start_gpst=START)
     second = scenario.receivers[1].model_copy(update={"start_offset_s": 4.0})

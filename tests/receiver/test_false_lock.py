@@ -40,7 +40,7 @@ def test_bits_are_taken_whole_wherever_they_begin():
 
 @pytest.mark.parametrize("probability", [0.01, 0.1])
 @pytest.mark.parametrize("cn0_dbhz", [25, 29, 35, 50])
-@pytest.mark.parametrize("off_hz", [12.5, -12.5])
+@pytest.mark.parametrize("off_hz", [12.5, pytest.param(-12.5, marks=pytest.mark.long)])
 def test_a_carrier_half_way_to_the_first_false_lock_is_taken_for_one_as_often_as_stated(off_hz, cn0_dbhz, probability):
     """To one of two sides: half as often. The bits' products are normal enough for Student's t."""
     n = 20_000

@@ -128,7 +128,8 @@ def test_a_beat_of_all_signals_is_no_gap_and_costs_no_channel(overlapping):
         assert np.unique(rows).size >= 4
 
 
-@pytest.mark.parametrize("periods", [7, pytest.param(113, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("periods", [7, 113])
 def test_samples_missing_within_the_beat_are_found(overlapping, periods):
     first = round(GAP_S * RATE_HZ)
     planes = np.delete(overlapping.planes, slice(first, first + periods * RATE_HZ // 1000), axis=1)

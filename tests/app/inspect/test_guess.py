@@ -434,6 +434,7 @@ def test_nothing_is_written_unasked_nor_over_what_is_there(swapped: Path) -> Non
     assert sidecar.read_text(encoding="utf-8") == "[samples]\nrate_hz = 1"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("guessed_once")
 def test_another_proposal_can_be_taken(swapped: Path) -> None:
     (first,) = inspect(swapped)

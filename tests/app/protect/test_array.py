@@ -52,6 +52,7 @@ def test_a_clean_sky_comes_from_several_directions(kit, array_files, tmp_path):
     assert not any(signal.label == "spoofed" for signal in result.verdict.signals)
 
 
+@pytest.mark.long
 def test_other_antennas_than_the_inputs_have_are_refused(kit, array_files, tmp_path):
     three = described(kit, tmp_path, [array_files.woven], antennas_m=[list(place) for place in kit.ELEMENTS_M[:3]])
     with pytest.raises(SettingsError, match=r"antennas_m of receiver array is of 3 antennas, but its inputs have 4"):

@@ -48,6 +48,7 @@ def place_of(kit, position):
     )
 
 
+@pytest.mark.long
 def test_a_clean_sky_without_orbits_comes_from_several_directions(snapshots, tmp_path):
     folder = snapshots / "clean"
     result = protect(platform=folder / "one.toml", out=tmp_path / "out")

@@ -67,6 +67,7 @@ def test_a_repeated_message_is_not_reported_as_another(tracker):
     assert observe(tracker, None).messages_differ == ()
 
 
+@pytest.mark.long
 def test_a_rough_place_narrows_the_search_to_what_stands_above_it(recorded, tracker):
     navigation = read_nav(recorded.nav)
     inputs = open_inputs(recorded.paths, Settings(duration_s=3.0))
