@@ -713,6 +713,8 @@ class Fix:
     inter_system_s : time scale ("G", "E", "C", "R") to (n_epochs,), the clock bias by its signals minus
         `clock_bias_s`; NaN where it has none. Zero for the scale that the clock bias refers to: the first of G, E, C, R
         that is there. Empty from sources that do not state it.
+    protection_m : (n_epochs, 2) horizontal and vertical protection level, see `navigation.protection`; NaN where none
+        is promised. By default none is at any epoch.
     """
 
     receiver: str
@@ -726,8 +728,11 @@ class Fix:
     residual_m: Reals
     status: NDArray[np.uint8]
     inter_system_s: Mapping[str, Reals] = field(default_factory=dict)
+    protection_m: Reals = field(default_factory=lambda: np.full(2, np.nan))
 
     def __post_init__(self) -> None:
+        if self.protection_m.ndim == 1:  # the same at every epoch
+            object.__setattr__(self, "protection_m", np.broadcast_to(self.protection_m, (len(self.gpst), 2)))
         freeze(
             self,
             {
@@ -739,6 +744,7 @@ class Fix:
                 "covariance_m2": ("epoch", "4", "4"),
                 "residual_m": ("epoch", "signal"),
                 "status": ("epoch",),
+                "protection_m": ("epoch", "2"),
             },
         )
 

@@ -85,6 +85,12 @@ class Position(_Model):
     sigma_east_m: Sigma = Field(description="Standard deviation to the east, metres.")
     sigma_north_m: Sigma = Field(description="Standard deviation to the north, metres.")
     sigma_up_m: Sigma = Field(description="Standard deviation upwards, metres.")
+    horizontal_protection_m: Sigma | None = Field(
+        default=None,
+        description="Protection level, metres: a trusted fix is off by more, horizontally, with a probability of "
+        "`integrity_risk` of the settings at most, whatever one satellite is wrong by; null where none is promised.",
+    )
+    vertical_protection_m: Sigma | None = Field(default=None, description="The same vertically, metres.")
 
 
 class ReceiverResult(_Model):

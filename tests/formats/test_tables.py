@@ -5,6 +5,7 @@ import errno
 import os
 import re
 import stat
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -135,7 +136,8 @@ def fix_of(receiver="rx1", lat_deg=59.41, lon_deg=16.88, status=(0, 0, 2), sigma
 
 def test_fixes_have_the_columns_of_the_design():
     assert ",".join(FIXES_COLUMNS) == (
-        "receiver,gpst,kind,lat_deg,lon_deg,height_m,sigma_east_m,sigma_north_m,sigma_up_m,clock_bias_m,satellites,from"
+        "receiver,gpst,kind,lat_deg,lon_deg,height_m,sigma_east_m,sigma_north_m,sigma_up_m,clock_bias_m,satellites,from,"
+        "horizontal_protection_m,vertical_protection_m"
     )
     assert tuple(fixes_columns([("trusted", fix_of())])) == FIXES_COLUMNS
 
@@ -161,6 +163,13 @@ def test_sigmas_are_east_north_up():
     np.testing.assert_allclose(table["sigma_east_m"], 1.0, rtol=1e-9)
     np.testing.assert_allclose(table["sigma_north_m"], 2.0, rtol=1e-9)
     np.testing.assert_allclose(table["sigma_up_m"], 5.0, rtol=1e-9)
+
+
+def test_a_protection_level_that_is_not_promised_is_empty():
+    fix = replace(fix_of(), protection_m=np.array([[3.0, 5.0], [np.nan, 6.0], [np.nan, np.nan]]))
+    table = fixes_columns([("trusted", fix), ("false", fix_of())])
+    np.testing.assert_array_equal(table["horizontal_protection_m"], [3.0, np.nan, np.nan, np.nan])
+    np.testing.assert_array_equal(table["vertical_protection_m"], [5.0, 6.0, np.nan, np.nan])
 
 
 def test_csv_and_parquet_of_the_fixes_agree(tmp_path):

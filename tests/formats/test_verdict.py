@@ -19,7 +19,9 @@ SAMPLE_PATH = Path(__file__).with_name("verdict-sample.json")
 SAMPLE = json.loads(SAMPLE_PATH.read_text(encoding="utf-8"))
 
 # The keys of the documented format, in order; what reads these files elsewhere relies on them.
-FIX = "gpst lat_deg lon_deg height_m sigma_east_m sigma_north_m sigma_up_m"
+FIX = (
+    "gpst lat_deg lon_deg height_m sigma_east_m sigma_north_m sigma_up_m horizontal_protection_m vertical_protection_m"
+)
 KEYS = {
     "": "format verdict summary since_gpst since_sigma_s since_earliest_gpst since_latest_gpst until_gpst "
     "false_alarm_probability_per_hour undecided_because assumed receivers signals sources methods "

@@ -1,8 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.navigation.protection import protection_levels
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.navigation.fix import fix_and_geometry
+from skyproof.navigation.protection import protected, protection_levels
 
 EYE = np.eye(3)
 
@@ -113,3 +117,39 @@ def test_levels_turn_with_the_axes_and_shrink_with_the_noise():
     np.testing.assert_allclose(again.vertical_m, plain.vertical_m, rtol=1e-8)
     half = protection_levels(design, misfit, np.full((30, 9), 0.5), EYE)
     np.testing.assert_allclose(half.vertical_m, 0.5 * plain.vertical_m, rtol=1e-8)
+
+
+def fixed(sky, n_satellites, *, bias_m=0.0, risk=1e-4):
+    """Ten epochs of a fix, with the levels; a satellite of the last epoch is off by `bias_m`."""
+    nav, place = sky.navigation(), sky.place(48.0, 11.0, 500.0)
+    names = sky.visible(nav, place)[:n_satellites]
+    seen = sky.scene(nav, [(names, place, 3e-4)], noise_m=0.3).observations
+    ranges_m = seen.pseudorange_m.copy()
+    ranges_m[-1, 2] += bias_m
+    fix, geometry = fix_and_geometry(replace(seen, pseudorange_m=ranges_m), nav)
+    return protected(fix, geometry, integrity_risk=risk)
+
+
+def test_the_level_of_a_fix_is_not_below_what_its_covariance_gives(sky):
+    found, risk = fixed(sky, 9), 1e-4
+    lat_rad, lon_rad, _ = geodetic_from_ecef(found.position_ecef_m)
+    rot = rot_enu_ecef(lat_rad, lon_rad)
+    covariance_m2 = rot @ found.covariance_m2[:, :3, :3] @ np.swapaxes(rot, -1, -2)
+    level_sigma_m = np.sqrt(np.linalg.eigvalsh(covariance_m2[:, :2, :2])[:, 1])
+    assert (found.protection_m[:, 0] > np.sqrt(-2.0 * np.log(risk)) * level_sigma_m).all()
+    assert (found.protection_m[:, 1] > stats.norm.isf(0.5 * risk) * np.sqrt(covariance_m2[:, 2, 2])).all()
+    assert (found.protection_m < 100.0).all()
+
+
+def test_a_fix_with_an_alarm_is_promised_no_level_and_its_neighbours_are(sky):
+    found = fixed(sky, 9, bias_m=60.0)
+    assert (found.status == 0).all()
+    assert np.isnan(found.protection_m[-1]).all()
+    assert np.isfinite(found.protection_m[:-1]).all()
+
+
+def test_a_fix_without_a_redundant_satellite_or_without_enough_is_promised_no_level(sky):
+    assert np.isnan(fixed(sky, 4).protection_m).all()
+    three = fixed(sky, 3)
+    assert (three.status != 0).all()
+    assert np.isnan(three.protection_m).all()

@@ -36,6 +36,8 @@ FIXES_COLUMNS: Final = (
     "clock_bias_m",
     "satellites",
     "from",
+    "horizontal_protection_m",
+    "vertical_protection_m",
 )
 _CSV_ROWS: Final = 8192  # turned to text at once, so that memory does not grow with the table
 
@@ -110,7 +112,8 @@ def fixes_columns(fixes: Iterable[tuple[str, Fix]], source: str = "satellites") 
     the signals of the fix give: the receiver's clock less the clock bias. An epoch without a fix (status not 0) has no
     row. Sigmas are the roots of the diagonal of the covariance, turned from ECEF to east, north, up at the fix itself;
     `clock_bias_m` is c times the clock bias; `satellites` counts those used; `from` is `source`:
-    "satellites", or "inertia" for what is carried on from an earlier fix. Rows stand in the order given.
+    "satellites", or "inertia" for what is carried on from an earlier fix. The protection levels are NaN where none is
+    promised. Rows stand in the order given.
     """
     parts = [_fix_columns(kind, fix, source) for kind, fix in fixes]
     empty = {name: np.empty(0) for name in FIXES_COLUMNS}
@@ -145,6 +148,7 @@ def _fix_columns(kind: str, fix: Fix, source: str) -> dict[str, Column]:
         SPEED_OF_LIGHT_M_S * fix.clock_bias_s[good],
         satellites,
         np.full(lat_rad.size, source),
+        *fix.protection_m[good].T,
     )
     return dict(zip(FIXES_COLUMNS, values, strict=True))
 

@@ -9,6 +9,7 @@ import numpy as np
 from skyproof.arrays import Booleans
 from skyproof.fusion.labels import Label, LabelledSignal
 from skyproof.navigation.fix import fix_and_geometry
+from skyproof.navigation.protection import protected
 from skyproof.navigation.screen import screened
 from skyproof.records import OBSERVABLES, CellStatus, Fix, NavigationData, ObservationLog, Observations, SignalId
 
@@ -50,6 +51,7 @@ def fix_of(
     multipath_sigma_m: float,
     elevation_mask_deg: float,
     ordinary: bool = False,
+    integrity_risk: float | None = None,
 ) -> Fix | None:
     """The fix from all cells that are left, at each epoch of one kind of signal of each time scale; None without any.
 
@@ -57,6 +59,7 @@ def fix_of(
 
     ordinary : as a good receiver without protection makes it, which leaves measurements out that fit worst, and shows
         what the rest gives whether it fits or not.
+    integrity_risk : if given, with protection levels that promise it.
 
     Two signals of one transmission with the same label leave it open which is meant: neither is used.
     """
@@ -70,7 +73,7 @@ def fix_of(
     if kept.size < 4:
         return None
     signals = tuple(observations.signals[k] for k in kept)
-    found = fix_and_geometry(
+    found, geometry = fix_and_geometry(
         masked(observations, usable),
         navigation,
         signals=signals,
@@ -78,7 +81,8 @@ def fix_of(
         elevation_mask_deg=elevation_mask_deg,
         false_alarm_probability=ORDINARY_ALARMS if ordinary else None,
     )
-    return screened(*found, with_misfits=ordinary)
+    kept_fix = screened(found, geometry, with_misfits=ordinary)
+    return kept_fix if integrity_risk is None else protected(kept_fix, geometry, integrity_risk=integrity_risk)
 
 
 def _one_kind_a_scale(signals: Sequence[SignalId], usable: Booleans) -> Booleans:

@@ -10,16 +10,19 @@ and the first term is known up to the alarm's threshold while there is no alarm,
 a bias of any size, without a search for the worst. Leading axes are free, the axis before the last is the satellite.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
 
 from skyproof.arrays import Booleans, Reals
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.navigation.fix import FixGeometry
 from skyproof.navigation.raim import unknowns_of, whitened_fit
+from skyproof.records import Fix, FixStatus
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["Protection", "protection_levels"]
+__all__ = ["Protection", "protected", "protection_levels"]
 
 _UNCONTROLLED = 1e-9  # a share of variance in the residual below this is rounding
 _UNMOVED_M = 1e-6  # a position that a metre of bias moves by less is not touched
@@ -106,6 +109,30 @@ def protection_levels(
         threshold=np.asarray(threshold),
         alarm=statistic > threshold,
     )
+
+
+def protected(fix: Fix, geometry: FixGeometry, *, integrity_risk: float) -> Fix:
+    """The fix with the protection levels of its epochs, by the sigmas that its covariance is made of.
+
+    None is promised (NaN) where there is no fix, where the alarm comes, and where a satellite that moves the position
+    is not controlled by the others, as with no more satellites than unknowns. So nobody has to ask for the alarm: the
+    error is beyond a level that is there with a probability of `integrity_risk` at most.
+
+    geometry : what `fix.fix_and_geometry` gave with the fix. A fix that was emptied since then gets no level.
+    """
+    good = np.flatnonzero(fix.status == FixStatus.OK)
+    lat_rad, lon_rad, _ = geodetic_from_ecef(fix.position_ecef_m[good])
+    found = protection_levels(
+        geometry.design[good],
+        geometry.misfit_m[good],
+        geometry.sigma_m[good],
+        rot_enu_ecef(lat_rad, lon_rad),
+        integrity_risk=integrity_risk,
+    )
+    both_m = np.stack((found.horizontal_m, found.vertical_m), axis=-1)
+    levels_m = np.full((len(fix.gpst), 2), np.nan)
+    levels_m[good] = np.where(np.isfinite(both_m) & ~found.alarm[:, None], both_m, np.nan)
+    return replace(fix, protection_m=levels_m)
 
 
 def _largest_variance(matrix: Reals) -> Reals:

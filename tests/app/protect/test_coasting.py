@@ -1,7 +1,5 @@
 """While nothing is trusted a receiver that stands is where its last trusted fix was; false signals move nothing."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +8,7 @@ from tests.app.protect.test_positions import RECORDS, WHOLE, decision
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.coasting import step, trusted_and_coasted
-from skyproof.app.protect.positions import positions_of
+from skyproof.app.protect.positions import epochs_of, positions_of
 from skyproof.records import Fix
 
 LABELS = np.datetime64("2022-01-01T21:45:58", "ns") + np.arange(12) * np.timedelta64(1, "s")
@@ -30,25 +28,7 @@ def fix_at(good) -> Fix:
         covariance_m2=np.tile(4.0 * np.eye(4), (n, 1, 1)),
         residual_m=np.empty((n, 0)),
         status=np.where(good, 0, 1).astype(np.uint8),
-    )
-
-
-def rows_of(fix: Fix, rows: slice) -> Fix:
-    return replace(
-        fix,
-        **{
-            name: getattr(fix, name)[rows]
-            for name in (
-                "gpst",
-                "position_ecef_m",
-                "velocity_ecef_m_s",
-                "clock_bias_s",
-                "clock_drift",
-                "covariance_m2",
-                "residual_m",
-                "status",
-            )
-        },
+        protection_m=10.0 + np.arange(n)[:, None] + np.array([0.0, 0.5]),
     )
 
 
@@ -57,6 +37,7 @@ def test_epochs_without_a_fix_have_the_last_ones_position_and_sigma():
     found, last = step(None, "rx1", LABELS[:7], fix_at(good))
     assert found.position_ecef_m[:, 0] - 6.4e6 == pytest.approx([2.0, 2.0, 5.0])
     assert found.covariance_m2[:, :3, :3] == pytest.approx(np.tile(4.0 * np.eye(3), (3, 1, 1)))
+    assert found.protection_m == pytest.approx(np.array([[12.0, 12.5], [12.0, 12.5], [15.0, 15.5]]))
     assert found.clock_bias_s == pytest.approx(1e-3 + 1e-6 * np.array([3.0, 4.0, 6.0]))
     assert np.abs(found.gpst - (LABELS[[3, 4, 6]] - np.timedelta64(1_000_000, "ns"))).max() < np.timedelta64(10, "us")
     assert last.gpst == LABELS[5]
@@ -69,8 +50,8 @@ def test_before_the_first_fix_there_is_nothing():
 @given(st.lists(st.booleans(), min_size=12, max_size=12), st.integers(0, 12))
 def test_pieces_give_what_the_whole_gives(good, cut):
     whole, fix = step(None, "rx1", LABELS, fix_at(good))[0], fix_at(good)
-    first, last = step(None, "rx1", LABELS[:cut], rows_of(fix, slice(0, cut)))
-    second, _ = step(last, "rx1", LABELS[cut:], rows_of(fix, slice(cut, 12)))
+    first, last = step(None, "rx1", LABELS[:cut], epochs_of(fix, slice(0, cut)))
+    second, _ = step(last, "rx1", LABELS[cut:], epochs_of(fix, slice(cut, 12)))
     parts = [part.position_ecef_m for part in (first, second) if part is not None]
     if whole is None:
         assert not parts

@@ -72,6 +72,18 @@ def test_a_track_is_what_of_the_fixes_stays_at_hand(monkeypatch):
     np.testing.assert_allclose(track.last.covariance_m2[0], whole.covariance_m2[59], rtol=1e-9)
 
 
+def test_trusted_fixes_alone_have_a_protection_level_and_a_smaller_risk_a_larger_one():
+    def levels_of(kind, risk):
+        settings = Settings(smoothing_s=20.0, integrity_risk=risk)
+        found = positions_of(WHOLE, decision(), RECORDS.navigation, settings).whole(kind)
+        return found.protection_m[found.status == 0]
+
+    often, seldom = levels_of("trusted", 1e-2), levels_of("trusted", 1e-7)
+    assert (seldom > often).all()
+    assert np.isnan(levels_of("false", 1e-2)).all()
+    assert np.isnan(levels_of("unprotected", 1e-2)).all()
+
+
 def test_what_there_is_no_fix_of_is_none():
     false = tuple(s for s in decision().labels if s.label == "spoofed")
     found = positions_of(WHOLE, replace(decision(), labels=false), RECORDS.navigation, Settings())

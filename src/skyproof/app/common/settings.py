@@ -93,6 +93,13 @@ class Settings(BaseModel):
         lt=0.5,
         description="Of two skies none is chosen by prediction while the probability of a wrong choice is above this.",
     )
+    integrity_risk: Number = Field(
+        default=1e-7,
+        gt=0.0,
+        lt=0.1,
+        description="Probability that a trusted fix is off by more than its protection level, whatever one satellite "
+        "is wrong by; for the horizontal and the vertical level each.",
+    )
     multipath_sigma_m: Number = Field(
         default=1.0,
         ge=0.0,

@@ -2,9 +2,10 @@
 
 A receiver that is known to stand is where it was, as well known as it was, for as long as it takes. Its clock runs on
 with the last drift; how far that is off is not stated. What is carried from stretch to stretch is the last trusted fix
-and nothing else.
+and nothing else. Its error is that of the last fix, so the protection level of that fix holds for as long.
 
 One that has an inertial unit is where its navigator is, which all trusted fixes corrected, as well known as that says.
+No protection level is promised of it: what becomes of a bias that one satellite had in all those fixes is not bounded.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,13 +32,15 @@ _NOISE_SHARE: Final = 0.25  # of the variance
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Last:
-    """The last trusted fix: its label by the receiver's clock, position (3,), covariance (4, 4), clock bias, drift."""
+    """The last trusted fix: its label by the receiver's clock, position (3,), covariance (4, 4), clock bias, drift, and
+    protection levels (2,)."""
 
     gpst: np.datetime64
     position_ecef_m: Reals
     covariance_m2: Reals
     clock_bias_s: float
     clock_drift: float
+    protection_m: Reals
 
 
 def stands(positions: Positions) -> bool:
@@ -78,6 +81,7 @@ def step(last: Last | None, receiver: str, gpst: Instants, fix: Fix | None) -> t
         covariance_m2=covariance,
         residual_m=np.empty((rows.size, 0)),
         status=np.full(rows.size, FixStatus.OK, np.uint8),
+        protection_m=np.stack([one.protection_m for one in carried]),
     ), after
 
 
@@ -154,6 +158,7 @@ def _of(fix: Fix, gpst: Instants, row: int) -> Last:
         covariance_m2=fix.covariance_m2[row],
         clock_bias_s=float(fix.clock_bias_s[row]),
         clock_drift=float(fix.clock_drift[row]),
+        protection_m=fix.protection_m[row],
     )
 
 

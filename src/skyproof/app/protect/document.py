@@ -328,6 +328,7 @@ def _position(track: Track | None) -> Position | None:
     fix = track.last
     place = place_of(fix.position_ecef_m[0])
     east, north, up = _sigmas_enu_m(fix)
+    horizontal, vertical = (float(level) if np.isfinite(level) else None for level in fix.protection_m[0])
     return Position(
         gpst=iso(fix.gpst[0], DIGITS),
         lat_deg=place.lat_deg,
@@ -336,6 +337,8 @@ def _position(track: Track | None) -> Position | None:
         sigma_east_m=east,
         sigma_north_m=north,
         sigma_up_m=up,
+        horizontal_protection_m=horizontal,
+        vertical_protection_m=vertical,
     )
 
 

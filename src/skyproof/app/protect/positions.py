@@ -75,6 +75,7 @@ class Positions:
                 multipath_sigma_m=self.settings.multipath_sigma_m,
                 elevation_mask_deg=self.settings.elevation_mask_deg,
                 ordinary=kind == "unprotected",
+                integrity_risk=self.settings.integrity_risk if kind == "trusted" else None,
             )
             if found is None:
                 continue
@@ -114,6 +115,7 @@ class Positions:
             "clock_drift": (),
             "covariance_m2": (4, 4),
             "residual_m": (len(signals),),
+            "protection_m": (2,),
         }
         values: dict[str, Any] = {name: np.full((n, *shape), np.nan) for name, shape in shapes.items()}
         values["gpst"] = self.log.gpst.copy()
