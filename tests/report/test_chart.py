@@ -26,6 +26,8 @@ class Axes:
     where: Mapping[str, Any] = field(default_factory=dict)
     x_log: bool = False
     y_log: bool = False
+    scattered: bool = False
+    diagonal: bool = False
 
 
 ROWS = [
@@ -163,6 +165,20 @@ def test_the_legend_keeps_clear_of_the_frame_and_inside_the_picture() -> None:
     assert len(heights) == 7
     assert max(heights) < height
     assert min(heights) > 280.0
+
+
+def test_a_scatter_has_marks_alone_however_many_and_the_diagonal_goes_through_equal_ticks() -> None:
+    rows = [{"method": "one", "window_s": 10.0 ** (k / 50), "kept": 10.0 ** (1 - k / 50)} for k in range(100)]
+    root = drawn(rows, x_log=True, y_log=True, scattered=True, diagonal=True)
+    assert not [path for path in root.iter(f"{SVG}path") if "curve" in path.get("class", "")]
+    marks = [path.get("d", "").count("M") for path in root.iter(f"{SVG}path") if "point" in path.get("class", "")]
+    assert marks[0] == 100
+    (line,) = (one for one in root.iter(f"{SVG}line") if one.get("class") == "frame")
+    x1, y1, x2, y2 = (float(line.get(name, "nan")) for name in ("x1", "y1", "x2", "y2"))
+    assert x1 < x2
+    assert y1 > y2
+    plain = drawn(rows, x_log=True, y_log=True)
+    assert not [one for one in plain.iter(f"{SVG}line") if one.get("class") == "frame"]
 
 
 def test_several_charts_stand_below_each_other() -> None:

@@ -20,7 +20,8 @@ from skyproof.studies.base import StudySettings
 from skyproof.studies.protection import matrix
 from skyproof.studies.protection.cell import LONGEST_S, stretch_of
 from skyproof.studies.protection.equipment import APART_M, EQUIPMENT, equipped
-from skyproof.studies.protection.score import errors_m, false_labels, onset_s, true_labels
+from skyproof.studies.protection.errors import STANFORD, FixErrors, fix_errors, protection_columns, stanford_rows
+from skyproof.studies.protection.score import false_labels, onset_s, true_labels
 
 
 @pytest.mark.parametrize("name", ready_made())
@@ -105,10 +106,34 @@ def test_errors_are_in_space_and_bounds_level(measured):
         gpst=scene.scenario.start_gpst + np.array([5_000_000_000]).astype("timedelta64[ns]"),
         position_ecef_m=at.position_ecef_m + 30.0 * up,
         covariance_m2=np.eye(4)[None],
+        protection_m=np.array([[5.0, 20.0]]),
     )
-    space_m, times = errors_m(scene, sky, fix)
-    assert space_m[0] == pytest.approx(30.0, abs=0.01)
-    assert times[0] < 0.1
+    found = fix_errors(scene, sky, fix)
+    assert found.space_m[0] == pytest.approx(30.0, abs=0.01)
+    assert found.horizontal_m[0] < 0.1 * found.bound_m[0]
+    columns = protection_columns([found])
+    assert (columns["beyond_protection"], columns["beyond_vertical_protection"]) == (0, 1)
+
+
+def test_what_has_no_level_is_not_beyond_it_and_every_fix_with_one_is_in_the_diagram():
+    off_enu_m = np.array([[3.0, 4.0, 1.0], [0.0, 0.0, -8.0], [50.0, 0.0, 0.0], [0.3, 0.4, 0.0]])
+    levels_m = np.array([[4.9, 7.0], [5.1, 7.9], [np.nan, np.nan], [5.1, 7.0]])
+    found = FixErrors(off_enu_m=off_enu_m, bound_m=np.ones(4), protection_m=levels_m)
+    assert protection_columns([found]) == {
+        "protection_share": 0.75,
+        "protection_p50_m": 5.1,
+        "vertical_protection_p50_m": 7.0,
+        "beyond_protection": 1,
+        "beyond_vertical_protection": 1,
+    }
+    rows = stanford_rows([found, found])
+    for axis in ("horizontal", "vertical"):
+        assert sum(row["fixes"] for row in rows if row["axis"] == axis) == 6
+    (worst,) = (row for row in rows if row["axis"] == "vertical" and row["error_m"] > 2.0)
+    assert worst["protection_m"] == pytest.approx(7.9, rel=0.06)
+    assert worst["error_m"] == pytest.approx(8.0, rel=0.06)
+    assert protection_columns([])["protection_share"] is None
+    assert stanford_rows([]) == []
 
 
 def test_cells_that_a_folder_has_are_not_made_again(tmp_path, monkeypatch):
@@ -120,6 +145,23 @@ def test_cells_that_a_folder_has_are_not_made_again(tmp_path, monkeypatch):
     assert [row["verdict"] for row in matrix.rows(settings)] == ["spoofed"]
     with pytest.raises(AssertionError):
         list(matrix.rows(replace(settings, seed=2)))
+
+
+def test_the_diagram_counts_the_fixes_of_all_cells_and_the_matrix_leaves_them_out(tmp_path, monkeypatch):
+    bins = [
+        {"axis": "horizontal", "protection_m": 12.0, "error_m": 1.5, "fixes": 7},
+        {"axis": "vertical", "protection_m": 20.0, "error_m": 2.0, "fixes": 7},
+    ]
+    monkeypatch.setattr(matrix, "QUICK", (("takeover", "standing"), ("takeover", "with IMU")))
+    settings = StudySettings(quick=True, folder=tmp_path)
+    with Store(tmp_path / matrix.NAME) as store:
+        for cell in matrix.cells(settings):
+            with store.filling(cell.item) as folder:
+                (folder / matrix.ROW).write_text(json.dumps({"scene": cell.scene, STANFORD: bins}))
+    monkeypatch.setattr(matrix, "Processes", lambda count: nullcontext(Nobody()))
+    assert list(matrix.rows(settings)) == [{"scene": "takeover"}] * 2
+    found = list(matrix.stanford(settings))
+    assert found == [{**one, "fixes": 14, "fixes_from": 10} for one in bins]
 
 
 class Nobody:

@@ -25,6 +25,8 @@ class Axes:
     """What of the rows is drawn: column `y` over column `x`, a line for each combination of the values of `by`.
 
     where : only rows with these values.
+    scattered : marks alone, however many, as the order of the rows means nothing.
+    diagonal : a line where x and y are the same; for axes that are both straight or both logarithmic.
     """
 
     title: str
@@ -36,6 +38,8 @@ class Axes:
     where: Mapping[str, Any] = field(default_factory=dict)
     x_log: bool = False
     y_log: bool = False
+    scattered: bool = False
+    diagonal: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,9 +172,12 @@ def _chart(rows: Sequence[Mapping[str, Any]], axes: Axes) -> tuple[Markup, float
     across = draw.Scale(*((-0.5, len(names) - 0.5) if names else _bounds(x, x_log, 0.2)), left, _RIGHT)
     across_ticks = [(float(index), name) for index, name in enumerate(names)]
     parts = _grid(across, up, axes, across_ticks or _ticks_at(x, across, x_log) or _ticks(across, x_log), up_ticks)
+    if axes.diagonal:
+        ends = max(across.low, up.low), min(across.high, up.high)
+        parts += [draw.line(across(ends[0]), up(ends[0]), across(ends[1]), up(ends[1]), "frame")] * (ends[0] < ends[1])
     for index, curve in enumerate(curves):
-        parts += _drawn(across.pixels(curve.x), up.pixels(curve.y), index)
-    legend, lines = _legend([curve.name for curve in curves])
+        parts += _drawn(across.pixels(curve.x), up.pixels(curve.y), index, scattered=axes.scattered)
+    legend, lines = _legend([curve.name for curve in curves], scattered=axes.scattered)
     title = textwrap.wrap(axes.title, _TITLE_LETTERS)
     lower = _TITLE_STEP * (len(title) - 1)
     body = Markup("\n").join([*parts, *legend])
@@ -180,17 +187,17 @@ def _chart(rows: Sequence[Mapping[str, Any]], axes: Axes) -> tuple[Markup, float
     return Markup("\n").join([*written, body]), lower + _BOTTOM + _LEGEND_FROM + _LEGEND_STEP * lines
 
 
-def _drawn(x: Reals, y: Reals, index: int) -> list[Markup]:
+def _drawn(x: Reals, y: Reals, index: int, *, scattered: bool) -> list[Markup]:
     colour = f"c{index % _COLOURS}"
-    parts = [draw.path(x, y, f"curve {colour} d{index // _COLOURS % _DASHES}")]
-    if x.size <= _MOST_MARKS:
+    parts = [] if scattered else [draw.path(x, y, f"curve {colour} d{index // _COLOURS % _DASHES}")]
+    if scattered or x.size <= _MOST_MARKS:
         shape = _MARKS[index % len(_MARKS)]
         spots = "".join(f"M{a:.1f} {b:.1f}{shape}" for a, b in zip(x, y, strict=True) if math.isfinite(a + b))
         parts.append(Markup('<path class="point {}" d="{}"/>').format(colour, spots))
     return parts
 
 
-def _legend(names: Sequence[str]) -> tuple[list[Markup], int]:
+def _legend(names: Sequence[str], *, scattered: bool) -> tuple[list[Markup], int]:
     """Keys and names in as many columns as the longest name leaves room for; nothing for one line without a name."""
     if not any(names):
         return [], 0
@@ -200,7 +207,7 @@ def _legend(names: Sequence[str]) -> tuple[list[Markup], int]:
     for index, name in enumerate(names):
         x, y = 8.0 + index % columns * width, _BOTTOM + _LEGEND_FROM + index // columns * _LEGEND_STEP
         parts += [
-            *_drawn(np.array([x, x + 22.0]), np.array([y - 3.5, y - 3.5]), index),
+            *_drawn(np.array([x, x + 22.0]), np.array([y - 3.5, y - 3.5]), index, scattered=scattered),
             draw.text(x + 28.0, y, name, css="small axis"),
         ]
     return parts, math.ceil(len(names) / columns)

@@ -1,10 +1,12 @@
-"""Every ready-made scene with every equipment: `skyproof study protection-matrix`.
+"""Every ready-made scene with every equipment: `skyproof study protection-matrix`, and `protection-stanford`, which
+shows the trusted fixes of the same cells and takes them from the same folder.
 
 A cell takes half a minute of a processor. Cells are items of work, done by as many processes as there are cores; what a
 folder has is not done again, whenever and however the run before it ended.
 """
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -14,11 +16,13 @@ from typing import Any, Final
 
 from skyproof.batch import Item, Processes, Store, run
 from skyproof.compiled import threads
+from skyproof.report.chart import Axes
 from skyproof.simulator.scenario import Scenario
 from skyproof.simulator.scenes import ready, ready_made
 from skyproof.studies.base import Row, Study, StudySettings
 from skyproof.studies.protection.cell import cell_of, stretch_of
 from skyproof.studies.protection.equipment import EQUIPMENT, equipped
+from skyproof.studies.protection.errors import STANFORD
 
 __all__ = ["STUDIES"]
 
@@ -73,6 +77,31 @@ def rows(settings: StudySettings) -> Iterator[Row]:
 
     Raises KeyboardInterrupt after the rows that are there, if Ctrl-C left some out.
     """
+    for row in _done(settings):
+        yield {name: value for name, value in row.items() if name != STANFORD}
+
+
+def stanford(settings: StudySettings) -> Iterator[Row]:
+    """A row for each bin of protection level and error that a trusted fix of any cell is in, the smallest level first.
+
+    fixes_from : the power of ten that `fixes` reaches. Raises as `rows`, once all rows are there.
+    """
+    found, interrupted = Counter[tuple[str, float, float]](), False
+    try:
+        for row in _done(settings):
+            for one in row.get(STANFORD, ()):
+                found[one["axis"], one["protection_m"], one["error_m"]] += one["fixes"]
+    except KeyboardInterrupt:
+        interrupted = True
+    for (axis, protection_m, error_m), fixes in sorted(found.items()):
+        size = {"fixes": fixes, "fixes_from": 10 ** (len(str(fixes)) - 1)}
+        yield {"axis": axis, "protection_m": protection_m, "error_m": error_m, **size}
+    if interrupted:
+        raise KeyboardInterrupt
+
+
+def _done(settings: StudySettings) -> Iterator[dict[str, Any]]:
+    """What the folder has of each cell once all are done."""
     asked = cells(settings)
     with TemporaryDirectory(prefix="skyproof-matrix") as made:
         folder = Path(made) if settings.folder is None else settings.folder / NAME
@@ -95,5 +124,28 @@ STUDIES = (
         paper="skyproof",
         figure="protection matrix",
         run=rows,
+    ),
+    Study(
+        name="protection-stanford",
+        title="Errors of the trusted fixes of all those cells beside their protection levels: a Stanford diagram",
+        paper="skyproof",
+        figure="Stanford diagram",
+        run=stanford,
+        charts=tuple(
+            Axes(
+                title=f"Trusted fixes, {axis}: beyond their level above the line",
+                x="protection_m",
+                y="error_m",
+                x_label="protection level, m",
+                y_label="error, m",
+                by=("fixes_from",),
+                where={"axis": axis},
+                x_log=True,
+                y_log=True,
+                scattered=True,
+                diagonal=True,
+            )
+            for axis in ("horizontal", "vertical")
+        ),
     ),
 )

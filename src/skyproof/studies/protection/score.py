@@ -8,21 +8,19 @@ from numpy.typing import NDArray
 
 from skyproof.app.protect.coasting import trusted_and_coasted
 from skyproof.app.protect.document import Outcome, ReceiverOutcome
-from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between
-from skyproof.records import Fix, FixStatus, Observations
+from skyproof.records import Observations
 from skyproof.simulator.received import ReceiverSky, Scene
+from skyproof.studies.protection.errors import STANFORD, FixErrors, fix_errors, protection_columns, stanford_rows
 from skyproof.verdict import Verdict
 
-__all__ = ["NEAR_M", "WRONG_BOUNDS", "errors_m", "false_labels", "onset_s", "score", "true_labels"]
+__all__ = ["NEAR_M", "WRONG_BOUNDS", "false_labels", "onset_s", "score", "true_labels"]
 
 NEAR_M: Final = 100.0
 """A signal whose delay is no nearer than this to any that is there is none of them."""
 WRONG_BOUNDS: Final = 3.0
 """A trusted fix that is off by so many of its 95 % bounds is a false position that was trusted."""
-_TO_95: Final = 2.45  # of a circle about two equal sigmas
 _WRONGLY_S: Final = 1.0
 
 
@@ -34,32 +32,33 @@ def score(scene: Scene, verdict: Verdict, outcome: Outcome) -> dict[str, Any]:
     wrong_labels : signals called authentic or spoofed that are not, for a second or more.
     trusted_* : errors in space of trusted fixes; wrong_fixes : how many of them are off by more than `WRONG_BOUNDS`
         bounds, level. trusted_share : of all epochs of all receivers.
+    protection_*, beyond_* : of their protection levels, as `protection_columns` has them; the bins of a Stanford
+        diagram, `stanford_rows`, stand under `STANFORD`.
     """
     began_s = onset_s(scene)
-    off_m, wrong, epochs, ordinary = list[Reals](), 0, 0, 0.0
+    trusted, epochs, ordinary = list[FixErrors](), 0, 0.0
     for sky, receiver in _pairs(scene, outcome):
         log = receiver.reception.observations
         if log is None or receiver.positions is None:
             continue
         epochs += log.gpst.size
-        for _, fix in trusted_and_coasted(receiver.positions):
-            space_m, times = errors_m(scene, sky, fix)
-            off_m.append(space_m)
-            wrong += int(np.sum(times > WRONG_BOUNDS))
+        trusted += [fix_errors(scene, sky, fix) for _, fix in trusted_and_coasted(receiver.positions)]
         if (plain := receiver.positions.whole("unprotected")) is not None:
-            ordinary = max(ordinary, float(errors_m(scene, sky, plain)[0].max(initial=0.0)))
-    trusted_m = np.concatenate(off_m) if off_m else np.empty(0)
+            ordinary = max(ordinary, float(fix_errors(scene, sky, plain).space_m.max(initial=0.0)))
+    trusted_m = np.concatenate([one.space_m for one in trusted]) if trusted else np.empty(0)
     p50, p95, worst = np.quantile(trusted_m, [0.5, 0.95, 1.0]) if trusted_m.size else [None] * 3
     return {
         "delay_s": _delay_s(scene, outcome, began_s),
         "onset_error_s": _onset_error_s(scene, verdict, began_s),
         "wrong_labels": len(list(false_labels(scene, outcome))),
-        "wrong_fixes": wrong,
+        "wrong_fixes": sum(int(np.sum(one.horizontal_m > WRONG_BOUNDS * one.bound_m)) for one in trusted),
         "trusted_p50_m": p50,
         "trusted_p95_m": p95,
         "trusted_worst_m": worst,
         "unprotected_worst_m": ordinary or None,
         "trusted_share": round(trusted_m.size / epochs, 3) if epochs else 0.0,
+        **protection_columns(trusted),
+        STANFORD: stanford_rows(trusted),
     }
 
 
@@ -95,23 +94,6 @@ def _onset_error_s(scene: Scene, verdict: Verdict, began_s: float | None) -> flo
         return None
     stated_s = float(seconds_between(np.datetime64(verdict.since_gpst, "ns"), scene.scenario.start_gpst))
     return round(stated_s - began_s, 2)
-
-
-# --- positions
-
-
-def errors_m(scene: Scene, sky: ReceiverSky, fix: Fix) -> tuple[Reals, Reals]:
-    """Of its fixes (n,): error in space, and the level one over its stated 95 % bound."""
-    good = np.flatnonzero(fix.status == FixStatus.OK)
-    if not good.size:
-        return np.empty(0), np.empty(0)
-    at_s = np.asarray(seconds_between(fix.gpst[good], scene.scenario.start_gpst), np.float64)
-    truth_m = sky.point(at_s).position_ecef_m
-    rot = rot_enu_ecef(*geodetic_from_ecef(truth_m[0])[:2])
-    off_m = (fix.position_ecef_m[good] - truth_m) @ rot.T
-    sigma_m = np.sqrt(np.einsum("ij,njk,ik->ni", rot, fix.covariance_m2[good, :3, :3], rot))
-    level_m, bound_m = np.hypot(off_m[:, 0], off_m[:, 1]), _TO_95 * sigma_m[:, :2].max(axis=1)
-    return np.linalg.norm(off_m, axis=1), level_m / bound_m
 
 
 # --- labels

@@ -1,0 +1,107 @@
+"""How far fixes of a simulated scene are off, beside what they promise: the numbers of a Stanford diagram."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.time import seconds_between
+from skyproof.records import Fix, FixStatus
+from skyproof.simulator.received import ReceiverSky, Scene
+
+__all__ = ["STANFORD", "FixErrors", "fix_errors", "protection_columns", "stanford_rows"]
+
+_TO_95: Final = 2.45  # of a circle about two equal sigmas
+STANFORD: Final = "stanford"
+BIN_RATIO: Final = 10.0**0.05
+"""Of the edges of a bin of a Stanford diagram: twenty a decade."""
+LEAST_M: Final = 0.01
+"""Errors are counted as no smaller, that they have a logarithm."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FixErrors:
+    """Of the epochs that have a fix.
+
+    off_enu_m : (n, 3) fix minus truth. bound_m : (n,) what it states at 95 %, level. protection_m : (n, 2) its levels,
+        NaN where none is promised.
+    """
+
+    off_enu_m: Reals
+    bound_m: Reals
+    protection_m: Reals
+
+    @property
+    def horizontal_m(self) -> Reals:
+        """(n,)"""
+        return np.asarray(np.hypot(self.off_enu_m[:, 0], self.off_enu_m[:, 1]))
+
+    @property
+    def space_m(self) -> Reals:
+        """(n,)"""
+        return np.asarray(np.linalg.norm(self.off_enu_m, axis=1))
+
+    @property
+    def sizes_m(self) -> Reals:
+        """(n, 2) of what the levels are of: horizontally, vertically."""
+        return np.stack((self.horizontal_m, np.abs(self.off_enu_m[:, 2])), axis=1)
+
+
+def fix_errors(scene: Scene, sky: ReceiverSky, fix: Fix) -> FixErrors:
+    """Of a receiver's fixes, against where its first antenna was."""
+    good = np.flatnonzero(fix.status == FixStatus.OK)
+    if not good.size:
+        return FixErrors(off_enu_m=np.empty((0, 3)), bound_m=np.empty(0), protection_m=np.empty((0, 2)))
+    at_s = np.asarray(seconds_between(fix.gpst[good], scene.scenario.start_gpst), np.float64)
+    truth_m = sky.point(at_s).position_ecef_m
+    rot = rot_enu_ecef(*geodetic_from_ecef(truth_m[0])[:2])
+    sigma_m = np.sqrt(np.einsum("ij,njk,ik->ni", rot, fix.covariance_m2[good, :3, :3], rot))
+    return FixErrors(
+        off_enu_m=(fix.position_ecef_m[good] - truth_m) @ rot.T,
+        bound_m=_TO_95 * sigma_m[:, :2].max(axis=1),
+        protection_m=fix.protection_m[good],
+    )
+
+
+def protection_columns(found: Sequence[FixErrors]) -> dict[str, Any]:
+    """Of trusted fixes: the share that has a level, the median of the levels, and how many are off by more.
+
+    Those without a level cannot be: what promises nothing does not break it.
+    """
+    levels_m, sizes_m = _levels_and_sizes(found)
+    there = np.isfinite(levels_m)
+    p50_m = [float(np.median(levels_m[there[:, k], k])) if there[:, k].any() else None for k in range(2)]
+    beyond = [int(np.sum(sizes_m[:, k] > levels_m[:, k])) for k in range(2)]  # never true of NaN
+    return {
+        "protection_share": round(float(there[:, 0].mean()), 3) if there.size else None,
+        "protection_p50_m": p50_m[0],
+        "vertical_protection_p50_m": p50_m[1],
+        "beyond_protection": beyond[0],
+        "beyond_vertical_protection": beyond[1],
+    }
+
+
+def stanford_rows(found: Sequence[FixErrors]) -> list[dict[str, Any]]:
+    """A row for each bin of level and error that holds a fix, horizontally and vertically: its middle, and how many."""
+    levels_m, sizes_m = _levels_and_sizes(found)
+    rows = []
+    for k, axis in enumerate(("horizontal", "vertical")):
+        there = np.isfinite(levels_m[:, k])
+        pairs_m = np.stack((levels_m[there, k], np.maximum(sizes_m[there, k], LEAST_M)), axis=1)
+        bins = np.floor(np.log(pairs_m) / np.log(BIN_RATIO))
+        for (level, size), fixes in zip(*np.unique(bins, axis=0, return_counts=True), strict=True):
+            level_m, error_m = (round(float(BIN_RATIO ** (number + 0.5)), 4) for number in (level, size))
+            rows.append({"axis": axis, "protection_m": level_m, "error_m": error_m, "fixes": int(fixes)})
+    return rows
+
+
+def _levels_and_sizes(found: Sequence[FixErrors]) -> tuple[Reals, Reals]:
+    """(n, 2) each, of all fixes."""
+    empty = np.empty((0, 2))
+    return (
+        np.concatenate([empty, *(one.protection_m for one in found)]),
+        np.concatenate([empty, *(one.sizes_m for one in found)]),
+    )

@@ -1,0 +1,47 @@
+"""Fixes against their protection levels, where the risks asked can be counted."""
+
+import pytest
+from scipy import stats
+
+from skyproof.studies.base import StudySettings
+from skyproof.studies.protection_level import RISKS, STUDIES
+
+(STUDY,) = STUDIES
+
+
+def held(rows):
+    """No more are beyond than asked, whatever the bias; and on one axis, without a fault, as many as
+    the covariance has."""
+    for row in rows:
+        risk, trials = row["integrity_risk"], row["trials"]
+        assert stats.binomtest(row["beyond"], trials, risk, alternative="greater").pvalue > 1e-4, row
+        if row["share_beyond_covariance"] is not None:
+            count = round(row["share_beyond_covariance"] * trials)
+            which = "two-sided" if row["axis"] == "vertical" else "greater"
+            assert stats.binomtest(count, trials, risk, alternative=which).pvalue > 1e-4, row
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return list(STUDY.run(StudySettings(quick=True, trials=960)))
+
+
+def test_no_more_fixes_are_beyond_their_level_than_asked(rows):
+    held(rows)
+    assert {row["integrity_risk"] for row in rows} == set(RISKS)
+
+
+def test_a_bias_that_is_seen_is_promised_no_level_and_one_that_is_not_moves_the_fix(rows):
+    for axis in ("horizontal", "vertical"):
+        own = {row["bias_sigma"]: row for row in rows if row["axis"] == axis and row["integrity_risk"] == RISKS[0]}
+        assert own[0.0]["with_level"] > 0.99
+        assert own[30.0]["with_level"] < 0.01
+        assert own[5.0]["error_p50_m"] > 3.0 * own[0.0]["error_p50_m"]
+        assert own[0.0]["protection_p50_m"] > own[0.0]["error_p50_m"]
+
+
+@pytest.mark.long
+def test_no_more_fixes_are_beyond_their_level_than_asked_over_many_skies():
+    found = list(STUDY.run(StudySettings()))
+    held(found)
+    assert max(row["beyond"] for row in found) > 0  # the level is no larger than need be by far
