@@ -51,6 +51,8 @@ class FleetRow:
     trusted_sigma_east_m: float | None = None
     trusted_sigma_north_m: float | None = None
     trusted_sigma_up_m: float | None = None
+    trusted_horizontal_protection_m: float | None = None
+    trusted_vertical_protection_m: float | None = None
 
 
 def row_of(item: CatalogueItem, results: Path, error: str | None) -> FleetRow:
