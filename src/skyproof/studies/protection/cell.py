@@ -20,7 +20,7 @@ from skyproof.simulator.sky import scene_of
 from skyproof.studies.protection.equipment import ATTITUDE_DEG, Equipped, equipped
 from skyproof.studies.protection.score import score
 
-__all__ = ["cell_of", "stretch_of"]
+__all__ = ["cell_of", "stretch_of", "written"]
 
 AT_MOST_HZ: Final = 5e6
 FIVE_MSPS: Final = FrontEnd(rate_hz=5e6, bandwidth_hz=4e6, encoding="sign-magnitude", bits=2)
@@ -62,7 +62,7 @@ def cell_of(scenario: Scenario, equipment: str, folder: Path) -> dict[str, Any] 
     if found is None:
         return None
     scene = scene_of(found.scenario, navigation_of(found.scenario))
-    platform = _written(scene, found, folder)
+    platform = written(scene, found, folder)
     begin = perf_counter()
     result = protect(nav=folder / "broadcast.rnx", platform=platform, out=folder / "out")
     seconds = perf_counter() - begin
@@ -83,8 +83,8 @@ def _said(result: ProtectResult) -> dict[str, Any]:
     return {"verdict": result.verdict.verdict, "no_sign": "no sign of spoofing" in result.verdict.summary}
 
 
-def _written(scene: Scene, found: Equipped, folder: Path) -> Path:
-    """The platform file, with all that it names."""
+def written(scene: Scene, found: Equipped, folder: Path) -> Path:
+    """The platform file, with all that it names; the orbits in `broadcast.rnx` beside it."""
     write_nav(folder / "broadcast.rnx", scene.navigation)
     files = write_samples(scene, folder, "raw")
     write_series(scene, folder)
