@@ -9,7 +9,7 @@ from tests.simulator.exact import delays_at
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
-from skyproof.gnss.frames import ecef_from_geodetic
+from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.scenario import parse_scenario
 from skyproof.simulator.sites import ScenePlace
@@ -137,6 +137,28 @@ def test_a_takeover_lies_on_the_true_signals_and_leaves_as_described(navigation:
         for delay_s in (code_s, carrier_s):
             apart_m = SPEED_OF_LIGHT_M_S * (delay_s[0, false_columns] - delay_s[0, true_columns])
             assert apart_m == pytest.approx(-sights @ np.array(away), abs=0.05 * MM if not any(away) else 0.1)
+
+
+def test_whoever_takes_over_an_antenna_on_an_arm_does_not_know_the_arms_angle(
+    navigation: NavigationData, scene: Scene
+) -> None:
+    alone = [{**TABLE["receivers"][0], "antennas": TABLE["receivers"][0]["antennas"][3:]}]
+    sky = scene_with(navigation, receivers=alone, attacks=[TAKEOVER]).skies[0]
+    at_s = np.array([3.0, 3.2, 3.4, 3.6])
+    code_s, carrier_s = sky.delays_s(at_s)
+    true_columns, false_columns = columns(sky, "authentic"), columns(sky, "spoofed")
+    hub_m = scene.skies[0].point(at_s).position_ecef_m
+    arm_m = sky.point(at_s).position_ecef_m - hub_m
+    az, el = sky.az_rad[:, true_columns].mean(axis=0), sky.el_rad[:, true_columns].mean(axis=0)
+    sights = np.stack([np.sin(az) * np.cos(el), np.cos(az) * np.cos(el), np.sin(el)], axis=1)
+    here_rad = np.radians(PLACE["lat_deg"]), np.radians(PLACE["lon_deg"])
+    by_satellite_m = arm_m @ (sights @ rot_enu_ecef(*here_rad)).T
+    to_transmit_m = ecef(np.array(list(TRANSMIT.values()))) - hub_m
+    by_transmitter_m = np.sum(arm_m * to_transmit_m, axis=1) / np.linalg.norm(to_transmit_m, axis=1)
+    for delay_s in (code_s, carrier_s):
+        apart_m = SPEED_OF_LIGHT_M_S * (delay_s[:, false_columns] - delay_s[:, true_columns])
+        assert apart_m == pytest.approx(by_satellite_m - by_transmitter_m[:, None], abs=2.0 * MM)
+    assert np.ptp(apart_m, axis=0).max() > 0.2
 
 
 def test_a_locked_carrier_keeps_the_true_frequency_while_code_is_drawn_off(navigation: NavigationData) -> None:

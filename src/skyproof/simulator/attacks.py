@@ -149,7 +149,8 @@ class Spoofer(_Transmitter):
 class Takeover(_Transmitter):
     """Lays its signals on the true ones of one receiver, and draws them off.
 
-    target : the receiver's name; the way to its first antenna is taken off, so that all arrives as if true.
+    target : the receiver's name; the way to its first antenna is taken off, so that all arrives as if true. Of an
+        antenna that turns, the way to what it turns about: the angle of the arm is not known from afar.
     away_points_enu_m : (time, east, north, up): by how much the place shown leaves the true one; straight
         lines with rounded corners between.
     code_offset_m : of all false codes at the onset.

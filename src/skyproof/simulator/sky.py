@@ -88,7 +88,7 @@ class _World:
             for index, receiver in enumerate(scenario.receivers)
         ]
         self.clocks = [self._clock(index) for index in range(len(scenario.receivers))]
-        self.first = self._antenna(0)  # powers are stated for it
+        self.first = self._first_antenna(0)  # powers are stated for it
         self.cn0_dbhz = scipy.interpolate.CubicSpline(self.knots_s, self._level_dbhz(self._view(self.first).el_rad))
         self.attackers = [self._attacker(number) for number in range(len(scenario.attacks))]
 
@@ -97,9 +97,10 @@ class _World:
         require_span(trajectory, from_s, from_s + self.scenario.duration_s, where)
         return trajectory
 
-    def _antenna(self, receiver: int) -> Point:
-        """The first of a receiver's."""
-        return antenna_point(self.trajectories[receiver], self.scenario.receivers[receiver].antennas[0])
+    def _first_antenna(self, receiver: int) -> Point:
+        """Where the first of a receiver's is or, if it is on an arm, what it turns about: no transmitter knows more."""
+        antenna = self.scenario.receivers[receiver].antennas[0].model_copy(update={"spin": None})
+        return antenna_point(self.trajectories[receiver], antenna)
 
     def _view(self, point: Point) -> View:
         return View(point, self.orbits, self.knots_s, self.scenario, self.navigation.ionosphere)
@@ -126,7 +127,7 @@ class _World:
         )
         target = true = None
         if isinstance(attack, Takeover):
-            target = self._antenna([receiver.name for receiver in scenario.receivers].index(attack.target))
+            target = self._first_antenna([receiver.name for receiver in scenario.receivers].index(attack.target))
             true = self._view(target)
             shown = led_away(target, attack)
         else:
