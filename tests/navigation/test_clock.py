@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.navigation.clock import anchored, clock_steps, unstepped
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.navigation.clock import anchored, clock_steps, time_breaks, unstepped
 from skyproof.navigation.fix import fix
 from skyproof.navigation.ranges import corrected_ranges
 
@@ -102,3 +103,46 @@ def test_what_is_no_whole_millisecond_is_no_step_of_the_clock(sky):
     code_m = free.pseudorange_m.copy()
     code_m[15:] += 299792.458 + 400.0
     assert clock_steps(replace(free, pseudorange_m=code_m)) is None
+
+
+def with_missing(sky, missing_s, back):
+    """A second between epochs, of which a recording misses some before the 15th; its channels come back at `back`."""
+    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    sats = sky.visible(nav, position)
+    before = sky.scene(nav, [(sats, position, 0.0)], n=30, noise_m=3.0).observations
+    missing = np.timedelta64(round(missing_s * 1e9), "ns")
+    after = sky.scene(nav, [(sats, position, 0.0)], n=30, noise_m=3.0, start=before.gpst[0] + missing).observations
+    labelled_ms = round(missing_s * 1e3)  # the label takes up whole milliseconds, ranges what is left
+    range_m = after.pseudorange_m - (missing_s - 1e-3 * labelled_ms) * SPEED_OF_LIGHT_M_S
+    later = np.arange(30) >= 15
+    there = ~later[:, None] | (np.arange(30)[:, None] >= 15 + np.resize(back, len(sats)))
+    code_m = np.where(later[:, None], range_m, before.pseudorange_m)
+    return replace(
+        before,
+        gpst=before.gpst + np.where(later, labelled_ms, 0).astype("timedelta64[ms]"),
+        pseudorange_m=np.where(there, code_m, np.nan),
+    )
+
+
+@pytest.mark.parametrize("missing_s", [2e-6, 1e-3, 0.3331, 0.25])
+@pytest.mark.parametrize("back", [[0], [3], [1, 2, 3, 4], [2, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4]])
+@pytest.mark.parametrize("stretch_epochs", [1024, 7, 16])
+def test_time_breaks_once_where_samples_are_missing_however_channels_come_back(sky, missing_s, back, stretch_epochs):
+    observed = with_missing(sky, missing_s, back)
+    (found,) = time_breaks(observed, stretch_epochs)
+    assert found == observed.gpst[15 + min(back)]
+
+
+@pytest.mark.parametrize("back", [[0], [6], [1, 2, 3, 4]])
+def test_time_goes_on_where_signals_are_blocked_and_where_the_clock_is_set(sky, back):
+    assert not time_breaks(with_missing(sky, 0.0, back)).size
+    free, _ = stepping(sky)
+    assert not time_breaks(free).size
+    assert not time_breaks(anchored(free, 1e-4 * np.arange(30))).size
+
+
+def test_one_signal_that_leaps_is_no_break_of_time(sky):
+    observed = with_missing(sky, 0.0, [0])
+    code_m = observed.pseudorange_m.copy()
+    code_m[15:, :2] += 5000.0
+    assert not time_breaks(replace(observed, pseudorange_m=code_m)).size

@@ -6,11 +6,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skyproof.arrays import Integers, Reals
+from skyproof.arrays import Instants, Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import seconds_between
 from skyproof.records import ObservationLog, Observations
 
-__all__ = ["ClockStep", "ClockSteps", "anchored", "clock_steps", "unstepped"]
+__all__ = ["ClockStep", "ClockSteps", "anchored", "clock_steps", "time_breaks", "unstepped"]
 
 _MS_M: Final = SPEED_OF_LIGHT_M_S * 1e-3
 _WITHIN_M: Final = 150.0
@@ -116,6 +117,62 @@ def unstepped(observations: Observations, steps: ClockSteps, first: int = 0) -> 
         pseudorange_m=observations.pseudorange_m - by_code[:, None] * _MS_M,
         carrier_cyc=observations.carrier_cyc - by_carrier[:, None] * (observations.carrier_hz * 1e-3),
     )
+
+
+def time_breaks(log: ObservationLog, stretch_epochs: int = 1024) -> Instants:
+    """Labels of the epochs before which a receiver's time broke, (n_breaks,): samples are missing there, or all signals
+    became others.
+
+    The time that the signals tell goes on as `elapsed_s` does, but for their Dopplers and the clock's drift. It broke
+    where it leaps, for the median of three channels or more, by more than 150 m and what a platform's acceleration may
+    do since each was there before. Channels that come back one by one after it are none of the next break's.
+    """
+    found: list[np.datetime64] = []
+    last: tuple[Reals, Reals, Reals] | None = None
+    for first in range(0, log.gpst.size, stretch_epochs):
+        o = log.read(first, first + stretch_epochs)
+        ahead_m = SPEED_OF_LIGHT_M_S * (seconds_between(o.gpst, log.gpst[0]) - o.elapsed_s)
+        range_m = o.pseudorange_m - ahead_m[:, None]
+        rate_m_s = -SPEED_OF_LIGHT_M_S / o.carrier_hz * o.doppler_hz
+        begin = 0
+        while begin < o.gpst.size:
+            known = range_m[begin:], rate_m_s[begin:], np.broadcast_to(o.elapsed_s[begin:, None], range_m[begin:].shape)
+            row, last = _first_break(known, last)
+            if row is None:
+                break
+            found.append(o.gpst[begin + row])
+            begin, last = begin + row, None
+    return np.array(found, "datetime64[ns]")
+
+
+def _first_break(
+    rows: tuple[Reals, Reals, Reals], last: tuple[Reals, Reals, Reals] | None
+) -> tuple[int | None, tuple[Reals, Reals, Reals]]:
+    """The first row before which the time broke, None if none did, and what each channel had last.
+
+    rows : ranges, rates and times, (n, n_channels). last : (n_channels,) each, of before.
+    """
+    n_channels = rows[0].shape[1]
+    before = (np.full(n_channels, np.nan),) * 3 if last is None else last
+    range_m, rate_m_s, at_s = (np.vstack((own, after)) for own, after in zip(before, rows, strict=True))
+    there = np.isfinite(range_m) & np.isfinite(rate_m_s)
+    number = np.where(there, np.arange(len(there))[:, None], -1)
+    latest = np.maximum.accumulate(number, axis=0)
+    columns, earlier = np.arange(n_channels), np.maximum(latest[:-1], 0)
+    dt_s = at_s[1:] - at_s[earlier, columns]
+    by_doppler_m = 0.5 * dt_s * (rate_m_s[1:] + rate_m_s[earlier, columns])
+    leap_m = np.where(there[1:] & (latest[:-1] >= 0), range_m[1:] - range_m[earlier, columns] - by_doppler_m, np.nan)
+    slack_m = _WITHIN_M + 0.25 * _ACCELERATION_M_S2 * dt_s**2
+    median_m = _median_of_rows(leap_m)
+    broken = np.abs(median_m) > _median_of_rows(np.where(np.isfinite(leap_m), slack_m, np.nan))
+    if not broken.any():
+        end = np.maximum(latest[-1], 0)
+        return None, (range_m[end, columns], rate_m_s[end, columns], at_s[end, columns])
+    row = int(np.argmax(broken))
+    decided = np.flatnonzero(np.isfinite(median_m[:row]))
+    few = slice(int(decided[-1]) + 1 if decided.size else 0, row + 1)  # some come back before there are three
+    leapt = np.flatnonzero((np.abs(leap_m[few]) > slack_m[few]).any(axis=1))
+    return few.start + int(leapt[0]), before
 
 
 def _steps_ms(range_m: Reals, rate_m_s: Reals, elapsed_s: Reals) -> Integers:

@@ -143,3 +143,21 @@ def test_the_sets_of_every_window_are_kept_however_long_the_run():
     windows = [SimpleNamespace(sets=(replace(one, clock_bias_s=number),)) for number in range(700)]
     _, sets, _ = examine_all(windows, [], Silent())
     assert [s.clock_bias_s for s in sets] == list(range(700))
+
+
+def test_a_window_ends_where_a_receivers_time_breaks():
+    rng = np.random.default_rng(1)
+    (whole,) = MeasuredScene(epochs=40, antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}).records(rng).observations
+    later = np.arange(40) >= 4
+    broken = replace(whole, pseudorange_m=whole.pseudorange_m - np.where(later, 99_000.0, 0.0)[:, None])
+    windows = windows_of([broken], NavigationData(ephemerides=()), Settings(window_s=10.0))
+    assert [window.observations[0].gpst.size for window in windows] == [4, 10, 10, 10, 6]
+    assert windows.mean_s == pytest.approx(7.8, abs=0.01)
+    plain = windows_of([whole], NavigationData(ephemerides=()), Settings(window_s=10.0))
+    assert [window.observations[0].gpst.size for window in plain] == [10, 10, 10, 10]
+
+
+def test_short_windows_share_the_false_alarms_of_an_hour():
+    bare = Records(start_gpst=START, end_gpst=START)
+    usual, halved = (detectors_for(Settings(), bare, mean_s=s)[0].settings for s in (20.0, 5.0))
+    assert halved.false_alarm_probability == pytest.approx(0.5 * usual.false_alarm_probability)

@@ -1,5 +1,7 @@
 """Clusters of one direction, with an array and no attitude."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.detectors.nulls import array_phases, window
@@ -11,7 +13,7 @@ from skyproof.detectors.array.array_model import (
     regular_tetrahedron,
     white_covariance,
 )
-from skyproof.records import ArrayPhases
+from skyproof.records import ArrayPhases, SignalId
 from skyproof.statistics.directions import (
     complete_linkage,
     direction_cosines,
@@ -137,6 +139,19 @@ def test_signals_of_one_antenna_are_named_and_a_true_one_among_them_is_not():
     assert said.says == "spoofed"
     assert [ref.signal.sat for ref in said.subject] == ["G02", "G03", "G04", "G05", "G06"]
     assert said.p_value < 1e-3
+
+
+def test_of_two_signals_of_one_satellite_from_the_transmitter_neither_is_named():
+    """The satellite stands behind the transmitter: one of them is its own."""
+    rng = np.random.default_rng(12)
+    phases = array_phases(rng, np.repeat(SKY[6:7], 6, axis=0))
+    twice = SignalId("G02", copy="b")
+    phases = replace(phases, signals=(*phases.signals[:5], twice))
+    evidence, _ = ArrayCommon().examine(window(phases))
+    (said,) = evidence
+    assert said.says == "spoofed"
+    assert said.because.startswith("signals of 5 of 5 satellites")
+    assert sorted(ref.signal.sat for ref in said.subject) == ["G01", "G03", "G04", "G05"]
 
 
 def test_a_sky_of_eight_is_authentic():

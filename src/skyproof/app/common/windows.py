@@ -12,6 +12,7 @@ from skyproof.app.common.packed_log import PACKED, PackedLog
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
 from skyproof.detectors.base import Detector, load_detectors
+from skyproof.navigation.clock import time_breaks
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import interval_s
 from skyproof.records import (
@@ -85,17 +86,30 @@ def following_epochs(settings: Settings, observations: Sequence[ObservationLog])
 
 
 def window_edges(observations: Sequence[ObservationLog], window_s: float) -> list[np.datetime64]:
-    """Edges of the windows, common to all receivers: from the first epoch of any to past the last."""
+    """Edges of the windows, common to all receivers: from the first epoch of any to past the last.
+
+    Where a receiver's time breaks one window ends and another begins: ranges before and after it have nothing in
+    common, and a mean over both is of neither.
+    """
     if not observations:
         return [NO_TIME, NO_TIME]
     first = min(o.gpst[0] for o in observations)
     last = max(o.gpst[-1] for o in observations) + np.timedelta64(1, "ms")
-    step = np.timedelta64(round(window_s * 1e9), "ns")
-    count = max(int((last - first) / step + (1.0 - MIN_WINDOW_SHARE)), 1)
     # Between epochs: those of receivers that do not steer their clocks come some milliseconds early or late.
     early = np.timedelta64(round(0.5e9 * max(interval_s(o.elapsed_s) for o in observations)), "ns")
-    edges: list[np.datetime64] = [first + k * step - early for k in range(1, count)]
-    return [first, *edges, last]
+    breaks = np.unique(np.concatenate([time_breaks(o) for o in observations]))
+    edges = [first]
+    for begin, end in pairwise([first, *breaks, last]):
+        if end - begin > early or end == last:  # not at the break that another receiver saw at its own epoch
+            edges += [*_evenly(begin, end, window_s, early), end if end == last else end - early]
+    return edges
+
+
+def _evenly(begin: np.datetime64, end: np.datetime64, window_s: float, early: np.timedelta64) -> list[np.datetime64]:
+    """Edges between two instants, every so often."""
+    step = np.timedelta64(round(window_s * 1e9), "ns")
+    count = max(int((end - begin) / step + (1.0 - MIN_WINDOW_SHARE)), 1)
+    return [begin + k * step - early for k in range(1, count)]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -133,6 +147,11 @@ class Windows:
 
     def __len__(self) -> int:
         return len(self.edges) - 1
+
+    @property
+    def mean_s(self) -> float:
+        """Length at the mean, seconds: less than is asked where breaks of time cut windows short."""
+        return float((self.edges[-1] - self.edges[0]) / np.timedelta64(1, "s")) / len(self)
 
     def __iter__(self) -> Iterator[Records]:
         carried = Carried()
@@ -195,19 +214,22 @@ def windows_of(
     return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m)
 
 
-def detectors_for(settings: Settings, run: Holding, *, further: int = 0) -> list[Detector]:
+def detectors_for(
+    settings: Settings, run: Holding, *, further: int = 0, mean_s: float = float("inf")
+) -> list[Detector]:
     """Every installed detector with the run's settings.
 
     The probability allowed per hour is shared evenly among windows, detectors and receivers (union bound; a detector
     may test each receiver), so that the whole keeps it whatever the dependence between tests. Detectors for equipment
     that the run does not have cannot raise an alarm, and get no share.
 
-    further : tests beside the detectors, of each receiver, that are left a share.
+    further : tests beside the detectors, of each receiver, that are left a share. mean_s : length of the windows, where
+        breaks of time make more of them than the settings do.
     """
     classes = load_detectors()
     n_receivers = len(run.observations)
     tests = max(sum(_equipped(cls(), run) for cls in classes.values()) + further, 1) * max(n_receivers, 1)
-    alpha = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0 / tests
+    alpha = settings.false_alarm_probability_per_hour * min(settings.window_s, mean_s) / 3600.0 / tests
     shared: dict[str, Any] = settings.model_dump() | {"false_alarm_probability": alpha}
     detectors = []
     for cls in classes.values():

@@ -310,7 +310,7 @@ def judge(
         foresights = foresights_of([o.receiver for o in observed], settings)
     moving = any(isinstance(one, Inertial) for one in foresights.values())
     standing = any(isinstance(one, Standing) and one.stands for one in foresights.values())
-    detectors = detectors_for(settings, windows.run, further=moving + standing)
+    detectors = detectors_for(settings, windows.run, further=moving + standing, mean_s=windows.mean_s)
     evidence, sets, interrupted = examine_all(windows, detectors, progress, report)
     give_back()
     makers = [

@@ -26,7 +26,15 @@ from skyproof.records import ArrayPhases, Evidence, Need, Records, SignalRef
 from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
-__all__ = ["ArrayCommon", "ArrayCommonSettings", "cluster_chance", "cluster_evidence", "of_one_carrier", "of_one_sky"]
+__all__ = [
+    "ArrayCommon",
+    "ArrayCommonSettings",
+    "cluster_chance",
+    "cluster_evidence",
+    "of_one_carrier",
+    "of_one_sky",
+    "once_each",
+]
 
 
 ONE_ANTENNA = "false signals are several, and come from one transmit antenna"
@@ -51,8 +59,13 @@ def of_one_sky(records: Records, receiver: str, refs: Sequence[SignalRef]) -> tu
     if own:
         best = max(own, key=lambda one: sum(ref.signal in one.signals for ref in refs))
         return tuple(ref for ref in refs if ref.signal in best.signals)
-    sent = Counter(ref.signal.transmission for ref in refs)
-    return tuple(ref for ref in refs if sent[ref.signal.transmission] == 1)
+    return tuple(refs[k] for k in once_each(refs, range(len(refs))))
+
+
+def once_each(refs: Sequence[SignalRef], rows: Sequence[int]) -> list[int]:
+    """Of some signals those whose transmission is there once among them."""
+    sent = Counter(refs[k].signal.transmission for k in rows)
+    return [k for k in rows if sent[refs[k].signal.transmission] == 1]
 
 
 def cluster_evidence(
@@ -68,6 +81,8 @@ def cluster_evidence(
     """What clusters of equal values say of the signals.
 
     A cluster of satellites that would be found in a true sky with less than the false-alarm probability is "spoofed".
+    Of two signals of one satellite in it one is what the transmitter sends; the other may be the true one, of a
+    satellite that stands behind it, so that neither is named.
     If no two signals are equal and "all come from one antenna" is rejected, those that are one sky are "authentic", by
     a test of several directions; transmitters at several places would pass it as well. Where there are two skies, one
     of them is false, and it stays open which.
@@ -100,7 +115,8 @@ def cluster_evidence(
         if size < 2:
             continue
         p_value = cluster_chance(satellites, size, chance)
-        if p_value >= alpha:
+        named = tuple(refs[k] for k in once_each(refs, members.tolist()))
+        if p_value >= alpha or not named:
             unclear = True
             continue
         found.append(
@@ -108,7 +124,7 @@ def cluster_evidence(
                 detector=detector.name,
                 start_gpst=records.start_gpst,
                 end_gpst=records.end_gpst,
-                subject=tuple(refs[k] for k in members),
+                subject=named,
                 says="spoofed",
                 false_alarm_probability=alpha,
                 p_value=p_value,

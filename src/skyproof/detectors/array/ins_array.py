@@ -19,7 +19,7 @@ from skyproof.detectors.array.agreement import (
     MeanPhases,
     best_agreement,
 )
-from skyproof.detectors.array.array_common import cluster_chance, of_one_sky
+from skyproof.detectors.array.array_common import cluster_chance, of_one_sky, once_each
 from skyproof.detectors.array.array_model import (
     array_design,
     mean_differences,
@@ -306,7 +306,9 @@ class InsArray:
             size = len({view.refs[k].signal.sat for k in rows})
             by_chance = cluster_chance(every, size, chance)
             if size >= _LEAST_OF_ONE_PLACE and by_chance < alpha:
-                found.append((rows.tolist(), by_chance))
+                # Of two signals of one satellite from there, one may be the true one of a satellite behind it.
+                named = once_each(view.refs, rows.tolist())
+                (found if named else alike).append((named or rows.tolist(), by_chance))
                 continue
             false = [k for k in rows if view.refs[k].signal not in explained] if true else []
             if false:
