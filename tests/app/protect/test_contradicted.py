@@ -1,0 +1,95 @@
+"""Equipment that is not as the platform file says, or that fails on the way: told, the rest used, no wrong word."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skyproof.app.protect import protect
+from skyproof.errors import SettingsError
+from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.scenario import FrontEnd
+from skyproof.simulator.scenes import ready
+from skyproof.simulator.sky import scene_of
+from skyproof.studies.protection.cell import written
+from skyproof.studies.protection.equipment import ELEMENTS_M, Equipped, equipped
+from skyproof.studies.protection.score import score
+
+pytestmark = pytest.mark.long
+
+RATE_HZ = 1_600_000
+CHANGES = {"duration_s": 26.0, "front_end": FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=1.28e6, encoding="int", bits=8)}
+
+
+def elements_off(found: Equipped) -> Equipped:
+    off = (*ELEMENTS_M[:2], (ELEMENTS_M[2][0] + 3.0, *ELEMENTS_M[2][1:]))
+    return found.with_first({"antennas_m": off})
+
+
+def stating(key: str, **values: object):
+    return lambda found: found.stating(**{key: dict(found.stated.get(key, {})) | values})
+
+
+def heading_off(platform: Path) -> None:
+    text = platform.read_text()
+    turned = re.sub(r"heading_deg = (\S+)", lambda found: f"heading_deg = {(float(found[1]) + 150.0) % 360.0}", text)
+    assert turned != text
+    platform.write_text(turned)
+
+
+def imu_stops(platform: Path) -> None:
+    (file,) = platform.parent.glob("*-imu.csv")
+    lines = file.read_text().splitlines(keepends=True)
+    file.write_text("".join(lines[: len(lines) // 2]))
+
+
+def imu_of_another_day(platform: Path) -> None:
+    (file,) = platform.parent.glob("*-imu.csv")
+    file.write_text(file.read_text().replace("2024-05-14", "2024-05-12"))
+
+
+def samples_missing(platform: Path) -> None:
+    """A third of a second of the second receiver's."""
+    file = next(path for path in platform.parent.glob("*.bin") if "east" in path.name)
+    samples = np.fromfile(file, np.int8)
+    cut = samples.size // 2 // 2 * 2
+    np.delete(samples, slice(cut, cut + 2 * RATE_HZ // 3)).tofile(file)
+
+
+WRONG = {
+    "as stated": (None, None, ""),
+    "an antenna 3 m off": (elements_off, None, "do not come to rx1 from where their satellites stand, and too few do"),
+    "attitude": (None, heading_off, "the one that the signals of rx1 show, and is not used: check [attitude] or [imu]"),
+    "inertial unit stops": (None, imu_stops, "not there all the time"),
+    "inertial unit of another day": (None, imu_of_another_day, "not used: it is of 2024-05-12"),
+    "samples missing": (None, samples_missing, "samples are missing near 13.1 s"),
+}
+
+
+def made(name, folder, stated=None):
+    """A scene as somebody with everything records it, and who states something else if `stated` says what."""
+    found = equipped(ready(name).model_copy(update=CHANGES), "everything")
+    scene = scene_of(found.scenario, navigation_of(found.scenario))
+    return scene, written(scene, found if stated is None else stated(found), folder)
+
+
+@pytest.mark.parametrize("name", ["clean", "starts-spoofed"])
+@pytest.mark.parametrize(("stated", "files", "told"), WRONG.values(), ids=WRONG)
+def test_what_is_not_as_stated_is_told_and_makes_no_wrong_word(name, stated, files, told, tmp_path):
+    scene, platform = made(name, tmp_path, stated)
+    if files is not None:
+        files(platform)
+    result = protect(nav=tmp_path / "broadcast.rnx", platform=platform, out=tmp_path / "out")
+    row = score(scene, result.verdict, result.outcome)
+    assert (row["wrong_labels"], row["wrong_fixes"]) == (0, 0)
+    assert result.verdict.verdict != ("spoofed" if name == "clean" else "authentic")
+    told_of = [*(evidence.because for evidence in result.outcome.evidence if evidence.says == "undecided")]
+    told_of += [remark for note in result.verdict.inputs for remark in note.remarks]
+    assert told in result.verdict.summary + " ".join(told_of)
+
+
+def test_axes_that_gravity_contradicts_are_refused(tmp_path):
+    _, platform = made("clean", tmp_path, stating("imu", axes="flu"))
+    with pytest.raises(SettingsError, match=r"180 degrees from the vertical.*correct axes or initial in \[imu\]"):
+        protect(nav=tmp_path / "broadcast.rnx", platform=platform, out=tmp_path / "out")
