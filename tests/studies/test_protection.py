@@ -17,8 +17,8 @@ from skyproof.simulator.scenario import parse_scenario
 from skyproof.simulator.scenes import ready, ready_made
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.base import StudySettings
-from skyproof.studies.protection import matrix
-from skyproof.studies.protection.cell import LONGEST_S, stretch_of
+from skyproof.studies.protection import cell, matrix
+from skyproof.studies.protection.cell import LONGEST_S, rows_of, stretch_of
 from skyproof.studies.protection.equipment import APART_M, EQUIPMENT, equipped
 from skyproof.studies.protection.errors import STANFORD, FixErrors, fix_errors, protection_columns, stanford_rows
 from skyproof.studies.protection.score import false_labels, onset_s, true_labels
@@ -138,9 +138,9 @@ def test_what_has_no_level_is_not_beyond_it_and_every_fix_with_one_is_in_the_dia
 
 def test_cells_that_a_folder_has_are_not_made_again(tmp_path, monkeypatch):
     settings = StudySettings(quick=True, folder=tmp_path)
-    (cell,) = matrix.cells(settings)
-    with Store(tmp_path / matrix.NAME) as store, store.filling(cell.item) as folder:
-        (folder / matrix.ROW).write_text(json.dumps({"scene": "takeover", "verdict": "spoofed"}))
+    (asked,) = matrix.cells(settings)
+    with Store(tmp_path / matrix.NAME) as store, store.filling(asked.item) as folder:
+        (folder / matrix.ROWS).write_text(json.dumps([{"scene": "takeover", "verdict": "spoofed"}]))
     monkeypatch.setattr(matrix, "Processes", lambda count: nullcontext(Nobody()))
     assert [row["verdict"] for row in matrix.rows(settings)] == ["spoofed"]
     with pytest.raises(AssertionError):
@@ -152,14 +152,13 @@ def test_the_diagram_counts_the_fixes_of_all_cells_and_the_matrix_leaves_them_ou
         {"axis": "horizontal", "protection_m": 12.0, "error_m": 1.5, "fixes": 7},
         {"axis": "vertical", "protection_m": 20.0, "error_m": 2.0, "fixes": 7},
     ]
-    monkeypatch.setattr(matrix, "QUICK", (("takeover", "standing"), ("takeover", "with IMU")))
-    settings = StudySettings(quick=True, folder=tmp_path)
+    settings = StudySettings(trials=2, folder=tmp_path)
     with Store(tmp_path / matrix.NAME) as store:
-        for cell in matrix.cells(settings):
-            with store.filling(cell.item) as folder:
-                (folder / matrix.ROW).write_text(json.dumps({"scene": cell.scene, STANFORD: bins}))
+        for asked in matrix.cells(settings):
+            with store.filling(asked.item) as folder:
+                (folder / matrix.ROWS).write_text(json.dumps([{"scene": asked.scene, STANFORD: bins}]))
     monkeypatch.setattr(matrix, "Processes", lambda count: nullcontext(Nobody()))
-    assert list(matrix.rows(settings)) == [{"scene": "takeover"}] * 2
+    assert list(matrix.rows(settings)) == [{"scene": next(iter(ready_made()))}] * 2
     found = list(matrix.stanford(settings))
     assert found == [{**one, "fixes": 14, "fixes_from": 10} for one in bins]
 
@@ -172,10 +171,41 @@ class Nobody:
         raise AssertionError
 
 
+def test_every_scene_is_there_with_every_equipment_that_it_can_have():
+    every = [(asked.scene, name) for asked in matrix.cells(StudySettings()) for name in asked.equipments]
+    assert len(every) == len(set(every))
+    assert {scene for scene, _ in every} == set(ready_made())
+    left_out = {(scene, name) for scene in ready_made() for name in EQUIPMENT} - set(every)
+    assert ("texbat-like-5", "standing") in left_out
+    assert {name for _, name in left_out} == {"standing", "second receiver at 20 m"}
+
+
+def quick_scenario():
+    return matrix.Cells(scene="takeover", equipments=(), seed=1, duration_s=12.0).scenario
+
+
+@pytest.mark.long
+def test_the_first_antenna_of_an_array_is_what_a_single_one_receives(tmp_path):
+    one, three = rows_of(quick_scenario(), ("one receiver", "three antennas"), tmp_path)
+    assert (one["equipment"], three["equipment"]) == ("one receiver", "three antennas")
+    assert len(list(tmp_path.glob("*.bin"))) == 3
+    assert one["wrong_fixes"] == three["wrong_fixes"] == 0
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    (again,) = rows_of(quick_scenario(), ("one receiver",), alone)
+    assert {**again, "seconds": 0.0} == {**one, "seconds": 0.0}
+
+
+def test_equipment_with_an_antenna_that_none_else_has_needs_samples_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(cell, "write_samples", lambda scene, folder, container: [folder] * len(scene.skies))
+    with pytest.raises(ValueError, match="second receiver at 20 m: has an antenna that no other equipment"):
+        rows_of(quick_scenario(), ("second receiver at 20 m", "three antennas"), tmp_path)
+
+
 @pytest.mark.long
 def test_a_cell_goes_through_samples(tmp_path):
     (row,) = matrix.rows(StudySettings(quick=True, folder=tmp_path))
-    assert row["verdict"] == "undecided"
-    assert row["no_sign"]
+    assert row["verdict"] == "undecided"  # one antenna that stands: nothing can vouch for its signals
+    assert not row["no_sign"]
     assert row["wrong_fixes"] == row["wrong_labels"] == 0
-    assert list(tmp_path.rglob(matrix.ROW))
+    assert list(tmp_path.rglob(matrix.ROWS))

@@ -1,4 +1,4 @@
-"""One cell of the matrix: a scene rendered for certain equipment, protected as a user would, beside the truth."""
+"""Cells of the matrix: a scene rendered for certain equipment, protected as a user would, beside the truth."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,19 +8,19 @@ from typing import Any, Final
 import numpy as np
 import tomli_w
 
-from skyproof.app.protect import ProtectResult, protect
+from skyproof.app.protect import protect
 from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.files import write_samples, write_series
 from skyproof.simulator.received import Scene
-from skyproof.simulator.scenario import Attack, FrontEnd, Interference, Scenario, Takeover
+from skyproof.simulator.scenario import Antenna, Attack, FrontEnd, Interference, Scenario, Takeover
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.protection.equipment import ATTITUDE_DEG, Equipped, equipped
 from skyproof.studies.protection.score import score
 
-__all__ = ["cell_of", "stretch_of", "written"]
+__all__ = ["rows_of", "stretch_of", "written"]
 
 AT_MOST_HZ: Final = 5e6
 FIVE_MSPS: Final = FrontEnd(rate_hz=5e6, bandwidth_hz=4e6, encoding="sign-magnitude", bits=2)
@@ -53,24 +53,45 @@ def _begins_s(attack: Attack | Interference) -> float:
     return min((point[0] for point in (*attack.away_points_enu_m, *attack.clock_points_s)), default=0.0)
 
 
-def cell_of(scenario: Scenario, equipment: str, folder: Path) -> dict[str, Any] | None:
-    """A cell's row; None where the scene cannot have the equipment.
+def rows_of(scenario: Scenario, equipments: Sequence[str], folder: Path) -> list[dict[str, Any]]:
+    """A row for each equipment that the scene can have.
 
-    folder : for the samples and outputs, empty.
+    Samples are rendered once, for the equipment that has all antennas of the others, which use some of its files.
+    Raises ValueError if none of them has. folder : for samples and outputs, empty.
     """
-    found = equipped(stretch_of(scenario), equipment)
-    if found is None:
-        return None
-    scene = scene_of(found.scenario, navigation_of(found.scenario))
-    platform = written(scene, found, folder)
+    stretch = stretch_of(scenario)
+    found = {name: one for name in equipments if (one := equipped(stretch, name)) is not None}
+    scenes = {name: scene_of(one.scenario, navigation_of(one.scenario)) for name, one in found.items()}
+    files = _rendered(max(scenes.values(), key=lambda scene: len(scene.skies)), folder)
+    return [_row(scenario.name, name, scenes[name], one, files, folder) for name, one in found.items()]
+
+
+_Files = Mapping[tuple[str, Antenna], Path]
+"""By receiver and antenna, whatever that is called."""
+
+
+def _rendered(scene: Scene, folder: Path) -> _Files:
+    return dict(zip(_antennas(scene), write_samples(scene, folder, "raw"), strict=True))
+
+
+def _antennas(scene: Scene) -> list[tuple[str, Antenna]]:
+    return [(sky.receiver.name, sky.antenna.model_copy(update={"name": ""})) for sky in scene.skies]
+
+
+def _row(name: str, equipment: str, scene: Scene, found: Equipped, files: _Files, folder: Path) -> dict[str, Any]:
+    if not files.keys() >= set(_antennas(scene)):
+        raise ValueError(f"{equipment}: has an antenna that no other equipment of the same samples has")
+    platform = _platform(scene, found, [files[key] for key in _antennas(scene)], folder)
+    out = folder / equipment.replace(" ", "-")
     begin = perf_counter()
-    result = protect(nav=folder / "broadcast.rnx", platform=platform, out=folder / "out")
+    result = protect(nav=folder / "broadcast.rnx", platform=platform, out=out)
     seconds = perf_counter() - begin
     made = found.scenario
     return {
-        "scene": scenario.name,
+        "scene": name,
         "equipment": equipment,
-        **_said(result),
+        "verdict": result.verdict.verdict,
+        "no_sign": "no sign of spoofing" in result.verdict.summary,
         **score(scene, result.verdict, result.outcome),
         "from_s": made.receivers[0].start_offset_s,
         "duration_s": made.duration_s,
@@ -79,14 +100,14 @@ def cell_of(scenario: Scenario, equipment: str, folder: Path) -> dict[str, Any] 
     }
 
 
-def _said(result: ProtectResult) -> dict[str, Any]:
-    return {"verdict": result.verdict.verdict, "no_sign": "no sign of spoofing" in result.verdict.summary}
-
-
 def written(scene: Scene, found: Equipped, folder: Path) -> Path:
     """The platform file, with all that it names; the orbits in `broadcast.rnx` beside it."""
+    return _platform(scene, found, list(_rendered(scene, folder).values()), folder)
+
+
+def _platform(scene: Scene, found: Equipped, files: Sequence[Path], folder: Path) -> Path:
+    """files : of the antennas of the scene, in their order."""
     write_nav(folder / "broadcast.rnx", scene.navigation)
-    files = write_samples(scene, folder, "raw")
     write_series(scene, folder)
     stated = dict(found.stated) | {"receivers": _tables(scene, found.stated["receivers"], files)}
     if "imu" in stated:

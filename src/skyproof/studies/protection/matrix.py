@@ -1,8 +1,9 @@
 """Every ready-made scene with every equipment: `skyproof study protection-matrix`, and `protection-stanford`, which
 shows the trusted fixes of the same cells and takes them from the same folder.
 
-A cell takes half a minute of a processor. Cells are items of work, done by as many processes as there are cores; what a
-folder has is not done again, whenever and however the run before it ended.
+The cells of a scene that can use the same samples are one item of work, which takes some minutes of a processor, half
+of them to render the samples. Items are done by as many processes as there are cores; what a folder has is not done
+again, whenever and however the run before it ended.
 """
 
 import json
@@ -20,24 +21,28 @@ from skyproof.report.chart import Axes
 from skyproof.simulator.scenario import Scenario
 from skyproof.simulator.scenes import ready, ready_made
 from skyproof.studies.base import Row, Study, StudySettings
-from skyproof.studies.protection.cell import cell_of, stretch_of
+from skyproof.studies.protection.cell import rows_of, stretch_of
 from skyproof.studies.protection.equipment import EQUIPMENT, equipped
 from skyproof.studies.protection.errors import STANFORD
 
 __all__ = ["STUDIES"]
 
 NAME: Final = "protection-matrix"
-ROW: Final = "row.json"
-QUICK: Final = (("takeover", "standing"),)
+ROWS: Final = "rows.json"
+QUICK: Final = ("takeover", ("standing",))
 QUICK_S: Final = 12.0
 
 
+SAME_SAMPLES: Final = (tuple(name for name in EQUIPMENT if name != "spinning"), ("spinning",))
+"""Equipment by what can share samples: a body's antennas stand still or turn."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class Cell:
+class Cells:
     """What is run. duration_s : in place of the scene's, then without its attacks."""
 
     scene: str
-    equipment: str
+    equipments: tuple[str, ...]
     seed: int
     duration_s: float | None = None
 
@@ -53,23 +58,27 @@ class Cell:
     def item(self) -> Item:
         made = stretch_of(self.scenario).model_dump_json()
         same_as = "\n".join((version("skyproof"), json.dumps(asdict(self)), made))
-        return Item(key=f"{self.scene}--{self.equipment.replace(' ', '-')}", given=self, same_as=same_as)
+        return Item(key=f"{self.scene}--{self.equipments[0].replace(' ', '-')}", given=self, same_as=same_as)
 
 
-def cells(settings: StudySettings) -> list[Cell]:
-    """All that can be, by equipment; trials : how many of them."""
+def cells(settings: StudySettings) -> list[Cells]:
+    """All that can be; trials : how many items of them."""
     if settings.quick:
-        return [Cell(scene=s, equipment=e, seed=settings.seed, duration_s=QUICK_S) for s, e in QUICK]
-    every = [Cell(scene=s, equipment=e, seed=settings.seed) for e in EQUIPMENT for s in ready_made()]
-    possible = [cell for cell in every if equipped(cell.scenario, cell.equipment) is not None]
-    return possible[: settings.trials]
+        scene, equipments = QUICK
+        return [Cells(scene=scene, equipments=equipments, seed=settings.seed, duration_s=QUICK_S)]
+    every = []
+    for scene in ready_made():
+        for same in SAME_SAMPLES:
+            possible = tuple(name for name in same if equipped(ready(scene), name) is not None)
+            every += [Cells(scene=scene, equipments=possible, seed=settings.seed)] if possible else []
+    return every[: settings.trials]
 
 
-def work(cell: Cell, folder: Path) -> None:
-    """A cell's row, into the folder: the same but for the seconds that it took."""
-    with TemporaryDirectory(prefix="skyproof-cell") as made:
-        row = cell_of(cell.scenario, cell.equipment, Path(made))
-    (folder / ROW).write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
+def work(asked: Cells, folder: Path) -> None:
+    """The cells' rows, into the folder: the same but for the seconds that they took."""
+    with TemporaryDirectory(prefix="skyproof-cells") as made:
+        rows = rows_of(asked.scenario, asked.equipments, Path(made))
+    (folder / ROWS).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
 
 
 def rows(settings: StudySettings) -> Iterator[Row]:
@@ -110,9 +119,9 @@ def _done(settings: StudySettings) -> Iterator[dict[str, Any]]:
             errors, interrupted = run(items, work, store, processes, report=settings.report)
             for cell, item in zip(asked, items, strict=True):
                 if item.key in errors:
-                    yield {"scene": cell.scene, "equipment": cell.equipment, "error": errors[item.key]}
+                    yield {"scene": cell.scene, "equipment": ", ".join(cell.equipments), "error": errors[item.key]}
                 elif store.has(item):
-                    yield json.loads((store.of(item.key) / ROW).read_text(encoding="utf-8"))
+                    yield from json.loads((store.of(item.key) / ROWS).read_text(encoding="utf-8"))
     if interrupted:
         raise KeyboardInterrupt
 
