@@ -1,0 +1,98 @@
+"""Writes the page of the protection matrix from the rows of its study.
+
+python docs/build/matrix.py ROWS.json > docs/protection.md
+"""
+
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from skyproof.simulator.scenes import ready
+from skyproof.studies.base import StudySettings
+from skyproof.studies.protection import matrix
+from skyproof.studies.protection.equipment import EQUIPMENT
+
+Row = Mapping[str, Any]
+HEAD = """# Protection matrix
+
+What `protect` makes of every ready-made [scene](scenarios.md), with nine kinds of equipment: samples are simulated,
+written as a receiver would record them, and protected with a platform file, as a user would do it. Scenes are
+shortened to 110 s from 20 s before the attack begins, and sampled at 5 Msps at most; a scene that moves has no standing
+equipment.
+
+skyproof {version}, {date}: {cells}. `skyproof study protection-matrix --json` makes them again (some minutes of a
+processor each scene; it goes on where it was stopped, with `--out DIR`).
+
+A cell holds the verdict (**S** spoofed, **U** undecided, **A** authentic), seconds from the first false wave, or the
+first sample if it was there before, to the end of the first window in which a test says so (– : none does), the largest
+error of a trusted fix in metres, and the share of epochs that have one. *Unprotected* is the largest error of an
+ordinary receiver's fixes in the same samples.
+
+"""
+
+
+def table(rows: Sequence[Row]) -> Iterator[str]:
+    cells = {(row["scene"], row["equipment"]): row for row in rows}
+    yield "| scene | unprotected | " + " | ".join(EQUIPMENT) + " |"
+    yield "|---|---:|" + "---|" * len(EQUIPMENT)
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        own = [cells.get((scene, name)) for name in EQUIPMENT]
+        plain = next((row for row in own if row is not None and "unprotected_worst_m" in row), None)
+        worst_m = None if plain is None else plain["unprotected_worst_m"]
+        yield f"| `{scene}` | {_metres(worst_m)} | " + " | ".join(_cell(row) for row in own) + " |"
+
+
+def _cell(row: Row | None) -> str:
+    if row is None:
+        return ""
+    if "error" in row:
+        return "error"
+    delay = "–" if row["delay_s"] is None else f"{row['delay_s']:.0f} s"
+    return f"**{row['verdict'][0].upper()}** {delay}; {_metres(row['trusted_worst_m'])}, {row['trusted_share']:.0%}"
+
+
+def _metres(value: float | None) -> str:
+    return "–" if value is None else f"{value:.1f} m" if value < 100.0 else f"{value:.0f} m"
+
+
+def sums(rows: Sequence[Row]) -> Iterator[str]:
+    good = [row for row in rows if "error" not in row]
+    attacked = [row for row in good if ready(row["scene"]).attacks]
+    told = sum(row["verdict"] == "spoofed" for row in attacked)
+    missed = sum(row["verdict"] == "authentic" or row["no_sign"] for row in attacked)
+    false = sum(row["verdict"] == "spoofed" for row in good) - told
+    yield f"- With an attack: {told} of {len(attacked)} cells *spoofed*, {missed} *authentic*, the others *undecided*."
+    yield f"- Without one: {false} of {len(good) - len(attacked)} cells *spoofed*."
+    yield f"- Trusted fixes off by more than three of their 95 % bounds: {_sum(good, 'wrong_fixes')}."
+    yield f"- Signals called authentic or spoofed for a second or more that are not: {_sum(good, 'wrong_labels')}."
+    beyond = _sum(good, "beyond_protection"), _sum(good, "beyond_vertical_protection")
+    yield f"- Trusted fixes beyond their protection level: {beyond[0]} horizontally, {beyond[1]} vertically."
+
+
+def _sum(rows: Sequence[Row], key: str) -> int:
+    return sum(row[key] for row in rows)
+
+
+def page(rows: Sequence[Row]) -> str:
+    possible = sum(len(asked.equipments) for asked in matrix.cells(StudySettings()))
+    there = sum("error" not in row for row in rows)
+    head = HEAD.format(
+        version=version("skyproof"),
+        date=datetime.now(UTC).date(),
+        cells=f"{there} of {possible} cells" if there < possible else f"all {possible} cells",
+    )
+    return "\n".join([head, *sums(rows), "", *table(rows), ""])
+
+
+def main() -> None:
+    """Print the page."""
+    found = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    sys.stdout.write(page(found["rows"] if isinstance(found, dict) else found))
+
+
+if __name__ == "__main__":
+    main()
