@@ -154,6 +154,17 @@ def test_of_two_signals_of_one_satellite_from_the_transmitter_neither_is_named()
     assert sorted(ref.signal.sat for ref in said.subject) == ["G01", "G03", "G04", "G05"]
 
 
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_what_a_channel_follows_that_has_lost_its_signal_is_not_compared(share):
+    rng = np.random.default_rng(13)
+    phases = array_phases(rng, np.repeat(SKY[6:7], 6, axis=0), epochs=20)
+    phase_cyc = phases.phase_cyc.copy()
+    phase_cyc[round(share * 20) :, 2] = np.nan
+    evidence, _ = ArrayCommon().examine(window(replace(phases, phase_cyc=phase_cyc)))
+    (said,) = evidence
+    assert len(said.subject) == (5 if share < 0.2 else 6)
+
+
 def test_a_sky_of_eight_is_authentic():
     evidence, _ = ArrayCommon().examine(window(array_phases(np.random.default_rng(12), SKY)))
     assert [e.says for e in evidence] == ["authentic"]

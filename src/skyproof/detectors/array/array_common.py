@@ -182,11 +182,11 @@ class ArrayCommonSettings:
 
     false_alarm_probability : of each array and window: that signals of one antenna are divided, and, at most, that a
         true sky is said to have a cluster.
-    min_epochs : of a signal that is compared.
+    min_share : of a signal that is compared, of the epochs of the signal that has most.
     """
 
     false_alarm_probability: float = 1e-3
-    min_epochs: int = 1
+    min_share: float = 0.2
 
     def __post_init__(self) -> None:
         require_probability("array_common", "false_alarm_probability", self.false_alarm_probability)
@@ -223,7 +223,7 @@ class ArrayCommon:
             ]
         mean = mean_differences(phases)
         channels = of_one_carrier(phases.carrier_hz)
-        used = channels[mean.epochs[channels] >= self.settings.min_epochs]
+        used = channels[mean.long_enough(self.settings.min_share)[channels]]
         # Whole cycles are taken off against the first signal: let that not depend on the order of the channels.
         used = np.array(sorted(used, key=lambda k: phases.signals[k]), np.intp)
         wavelength_m = SPEED_OF_LIGHT_M_S / (phases.carrier_hz[used[0]] if used.size else 1.0)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skyproof.arrays import Indices, Reals
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
@@ -266,6 +266,11 @@ class MeanDifferences(NamedTuple):
     sigma_cyc: Reals
     share: Reals
     epochs: Indices
+
+    def long_enough(self, min_share: float) -> Booleans:
+        """(n,) signals with at least this share of the epochs of the one that has most. A channel that has lost its
+        signal follows noise until that shows, and a window may begin just then."""
+        return np.asarray(self.epochs >= np.maximum(min_share * self.epochs.max(initial=0), 1.0))
 
 
 def mean_differences(phases: ArrayPhases, predicted_cyc: ArrayLike = 0.0) -> MeanDifferences:

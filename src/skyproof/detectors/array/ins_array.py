@@ -69,7 +69,7 @@ class InsArraySettings:
     position_sigma_m : of each antenna's phase centre along each axis, where the array does not state it.
     bias_sigma_cyc : of what calibration leaves of each antenna's line.
     attitude_sigma_deg : about each axis, where the inertial system gives no covariance.
-    min_epochs : of a signal that is tested.
+    min_share : of a signal that is tested, of the epochs of the signal that has most.
     multipath_sigma_m, ionosphere_share : of ranges, as of `navigation.sets`.
     """
 
@@ -77,7 +77,7 @@ class InsArraySettings:
     position_sigma_m: float = 0.003
     bias_sigma_cyc: float = 0.005
     attitude_sigma_deg: float = 0.05
-    min_epochs: int = 1
+    min_share: float = 0.2
     multipath_sigma_m: float = 1.0
     ionosphere_share: float = 0.25
 
@@ -167,7 +167,7 @@ class InsArray:
         elements_cyc = phases.elements_m * (L1_HZ / SPEED_OF_LIGHT_M_S)
         ratio = phases.carrier_hz / L1_HZ
         mean = mean_differences(phases, np.einsum("kni,mi,n->knm", direction, elements_cyc, ratio))
-        used = np.flatnonzero(mean.epochs >= self.settings.min_epochs)
+        used = np.flatnonzero(mean.long_enough(self.settings.min_share))
         if not used.size:
             return None
         known_m = phases.elements_sigma_m
