@@ -63,12 +63,16 @@ def settings_of(made: Made) -> Settings:
 
 def judged(made: Made) -> tuple[list[Heard], Outcome, Settings]:
     """A scene through the receivers at measurement level and the judge."""
-    drawn = made.drawn
-    noise = Noise(code_m=drawn.code_sigma_m, ar1=drawn.ar1, constant_m=drawn.constant_m, field=drawn.field)
-    heard = hear(made.scene, noise, rng=np.random.default_rng(drawn.seed))
-    settings = settings_of(made)
+    heard, settings = heard_of(made), settings_of(made)
     outcome, _ = judge([h.reception for h in heard], made.navigation, settings, Silent())
     return heard, outcome, settings
+
+
+def heard_of(made: Made) -> list[Heard]:
+    """What a scene's receivers measure, with the errors that were drawn for it."""
+    drawn = made.drawn
+    noise = Noise(code_m=drawn.code_sigma_m, ar1=drawn.ar1, constant_m=drawn.constant_m, field=drawn.field)
+    return hear(made.scene, noise, rng=np.random.default_rng(drawn.seed))
 
 
 def protected(made: Made) -> tuple[list[Heard], Outcome, Settings]:

@@ -1,105 +1,226 @@
-"""Ways to make one alarm out of many p-values, on drawn scenes: false alarms counted against asked ones, detection.
+"""Ways to make one alarm out of many p-values, on drawn scenes: detection against false alarms of each.
 
-    python bench/fused.py --attacks 300 --clean 300      scenes of drawn_scenes.py, a second of a processor each
+    python bench/fused.py --attacks 300 --clean 300 --out fused.jsonl    goes on where it was stopped
+    python bench/fused.py --table fused.jsonl                            the counts alone
 
-Each test of each window that rejects a clean sky gives a p-value. A run's own p-value by
-    union      the least one times their number (Bonferroni); Holm's first step is the same, and an alarm is its first
+Scenes are those of drawn_scenes.py, at measurement level through the whole decision; clean ones once with reflections
+and what models of the air leave ("clean") and once without ("plain"). A run's own p-value, out of the p-values of all
+tests that may reject a clean sky, or of those alone that speak of an attack where they do, is by
+    union      the least one times their number (Bonferroni)
+    Holm       the least of Holm's stepwise ones: as an alarm the same; it rejects more tests beside the first
     Cauchy     tan((1/2 - p) pi) averaged: valid in the tail whatever the dependence (Liu, Xie, JASA 115, 2020)
     Fisher     -2 sum(log p), as if tests were independent
     majority   in some window more than half of its detectors are below it (least over windows of the median p, times
                their number and 2)
-    by us      the verdict, which weighs what else may be the reason: no p-value, one point
+The verdict, which weighs what else may be the reason, has no p-value: a point at each rate that is asked an hour.
 """
 
 import argparse
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from itertools import groupby
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from drawn import judged, scene_of_name
+from drawn import FOLLOWED_S, heard_of, of_receiver, pairs_of, settings_of
+from drawn_scenes import Made, draw_scene, make
+from rows import Row, read, run
 from scipy import stats
 
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings
+from skyproof.app.protect import judge
+from skyproof.app.protect.document import Outcome
 from skyproof.arrays import Reals
 from skyproof.records import Evidence
 
-ASKED: Final = (1e-2, 1e-3, 1e-4, 1e-6)
+Test = tuple[str, float, bool]
+"""Of a detector, its p-value, and whether it speaks of an attack where it rejects."""
+Windows = Sequence[Sequence[Test]]
+
+RATES: Final = (1e-3, 0.4)
+"""Asked of the verdict an hour: what it is asked by itself, and nearly the most that it takes."""
+ASKED: Final = (1e-2, 1e-4, 1e-6)
 COUNTED: Final = 0.02
+TOLD: Final = 1e-3
 LEAST: Final = 1e-300
-_REJECTS_CLEAN: Final = ("spoofed", "attack", "clean", "undecided")
+JOINT: Final = 0.01
+AGAINST: Final = ("spoofed", "attack")
 
 
-def p_values(evidence: Iterable[Evidence]) -> list[list[tuple[str, float]]]:
-    """By window: detector and p-value of each test of a clean sky."""
-    tested = [e for e in evidence if e.p_value is not None and not e.lacking and e.says in _REJECTS_CLEAN]
-    tested = [e for e in tested if e.detector != "multi_receiver" or e.says in ("spoofed", "attack")]
-    tested.sort(key=lambda e: (e.start_gpst, e.end_gpst))
-    windows = groupby(tested, key=lambda e: (e.start_gpst, e.end_gpst))
-    return [[(e.detector, max(float(e.p_value or 0.0), LEAST)) for e in rows] for _, rows in windows]
+def tests_of(evidence: Iterable[Evidence]) -> list[list[Test]]:
+    """By window, the tests of a clean sky.
+
+    `multi_receiver` rejects "one antenna" in a clean sky, as it should: it counts where it speaks against the sky. Of
+    an attack speak all tests of `second_signals`, and those of others that did: where `residual` or `continuity` fail
+    otherwise it may be an echo, a shade or a gap.
+    """
+    windows: dict[Any, list[Test]] = {}
+    for e in sorted(evidence, key=lambda e: (e.start_gpst, e.end_gpst)):
+        against = e.says in AGAINST
+        null = against or (e.says in ("clean", "undecided") and e.detector != "multi_receiver")
+        if e.p_value is not None and not e.lacking and null:
+            speaks = against or e.detector == "second_signals"
+            windows.setdefault((e.start_gpst, e.end_gpst), []).append((e.detector, float(e.p_value), speaks))
+    return list(windows.values())
 
 
-def union(windows: Sequence[Sequence[tuple[str, float]]]) -> float:
+# ---------------------------------------------------------------------- ways
+
+
+def union(windows: Windows) -> float:
     every = _all(windows)
     return min(1.0, float(every.min() * every.size))
 
 
-def cauchy(windows: Sequence[Sequence[tuple[str, float]]]) -> float:
-    every = np.minimum(_all(windows), 1.0 - 1e-12)
+def holm(windows: Windows) -> float:
+    return float(_by_holm(_all(windows)).min())
+
+
+def cauchy(windows: Windows) -> float:
+    """A p-value of 1 has no tangent: it counts as 1 - 1/n."""
+    every = _all(windows)
+    every = np.minimum(every, 1.0 - 1.0 / max(every.size, 2))
     # tan((1/2 - p) pi) is 1 / (p pi) where p is so small that the tangent loses it
     each = np.where(every < 1e-8, 1.0 / (np.pi * every), np.tan((0.5 - every) * np.pi))
     mean = float(each.mean())
     return 1.0 / (np.pi * mean) if mean > 1e8 else float(0.5 - np.arctan(mean) / np.pi)
 
 
-def fisher(windows: Sequence[Sequence[tuple[str, float]]]) -> float:
+def fisher(windows: Windows) -> float:
     every = _all(windows)
     return float(stats.chi2.sf(-2.0 * np.log(every).sum(), 2 * every.size))
 
 
-def majority(windows: Sequence[Sequence[tuple[str, float]]]) -> float:
+def majority(windows: Windows) -> float:
     """Of a detector's tests in a window the least counts, times their number."""
-    found = []
-    for window in windows:
-        own = [np.array([p for name, p in window if name == one]) for one in {name for name, _ in window}]
-        found.append(float(np.median([min(1.0, p.min() * p.size) for p in own])))
+    found = [float(np.median(list(by_detector(window).values()))) for window in windows]
     return min(1.0, 2.0 * min(found) * len(found))
 
 
-WAYS: Final = {"union": union, "Cauchy": cauchy, "Fisher": fisher, "majority": majority}
+WAYS: Final[Mapping[str, Callable[[Windows], float]]] = {
+    "union": union,
+    "Holm": holm,
+    "Cauchy": cauchy,
+    "Fisher": fisher,
+    "majority": majority,
+}
 
 
-def _all(windows: Sequence[Sequence[tuple[str, float]]]) -> Reals:
-    return np.array([p for window in windows for _, p in window])
+def by_detector(window: Sequence[Test]) -> dict[str, float]:
+    """The least p-value of each detector's tests, times their number."""
+    own: dict[str, list[float]] = {}
+    for name, p, _ in window:
+        own.setdefault(name, []).append(max(p, LEAST))
+    return {name: min(1.0, min(ps) * len(ps)) for name, ps in own.items()}
 
 
-def row_of(name: str) -> dict[str, Any] | None:
-    """A scene's p-value by each way, and the verdict; None where there is no scene of that name."""
-    _, made, _ = scene_of_name(name)
-    if made is None:
-        return None
-    _, outcome, _ = judged(made)
-    windows = p_values(outcome.evidence)
-    if not windows:
-        return None
-    return {way: combine(windows) for way, combine in WAYS.items()} | {"verdict": outcome.decision.verdict}
+def _by_holm(every: Reals) -> Reals:
+    """In ascending order, each the largest so far of p times the number of those that are not below it."""
+    ordered = np.sort(every)
+    return np.minimum(np.maximum.accumulate(ordered * np.arange(every.size, 0, -1)), 1.0)
 
 
-def table(clean: Sequence[Mapping[str, Any]], attacks: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    yield f"{len(clean)} clean runs, {len(attacks)} attacks; shares with their 95 % intervals"
-    heads = " ".join(f"{f'false at {asked:g}':>21}" for asked in ASKED)
-    yield f"{'way':9} {heads}  named at {COUNTED:.0%} counted"
-    for way in WAYS:
-        null = np.array([row[way] for row in clean])
-        under = np.array([row[way] for row in attacks])
-        false = " ".join(f"{_share(null < asked):>21}" for asked in ASKED)
-        yield f"{way:9} {false}  {_share(under < np.quantile(null, COUNTED))}"
-    for words in (("spoofed",), ("spoofed", "undecided")):
-        false, named = (np.array([row["verdict"] in words for row in rows]) for rows in (clean, attacks))
-        yield f"by us, {' or '.join(words)}: false {_share(false)}, named {_share(named)}"
+def _all(windows: Windows) -> Reals:
+    return np.maximum([p for window in windows for _, p, _ in window], LEAST)
 
 
-def _share(hits: Any) -> str:
+def _of_an_attack(windows: Windows) -> Windows:
+    return [[(name, p if speaks else 1.0, speaks) for name, p, speaks in window] for window in windows]
+
+
+# ---------------------------------------------------------------------- scenes
+
+
+def row_of(name: str) -> Row:
+    """A scene's tests and verdicts; no windows where there is no scene of that name."""
+    kind, _, number = name.partition("-")
+    drawn = draw_scene(f"{'clean' if kind == 'plain' else kind}-{number}")
+    made = make(replace(drawn, field=kind != "plain"))
+    return {"name": name, "windows": []} if made is None else {"name": name} | _judged(made)
+
+
+def _judged(made: Made) -> Row:
+    heard = heard_of(made)
+    outcomes = [outcome_of([h.reception for h in heard], made, settings_of(made), rate) for rate in RATES]
+    each = [of_receiver(made, h, r) for h, r in pairs_of(heard, outcomes[0])]
+    return {
+        "windows": tests_of(outcomes[0].evidence),
+        "verdicts": [outcome.decision.verdict for outcome in outcomes],
+        "captured": any(one["captured_s"] >= FOLLOWED_S for one in each),
+    }
+
+
+def outcome_of(receptions: Sequence[Any], made: Made, settings: Settings, rate: float) -> Outcome:
+    """What is decided at a rate asked an hour."""
+    own = settings.model_copy(update={"false_alarm_probability_per_hour": rate})
+    return judge(receptions, made.navigation, own, Silent())[0]
+
+
+# ---------------------------------------------------------------------- tables
+
+
+def table(rows: Sequence[Row]) -> Iterator[str]:
+    rows = [row for row in rows if row["windows"]]
+    kinds = {kind: [row for row in rows if row["name"].startswith(kind)] for kind in ("plain", "clean", "attack")}
+    kinds["captured"] = [row for row in kinds["attack"] if row["captured"]]
+    yield ", ".join(f"{len(some)} {kind}" for kind, some in kinds.items()) + "; shares with their 95 % intervals"
+    plain, clean, captured = kinds["plain"], kinds["clean"], kinds["captured"]
+    if not (plain and clean and captured):
+        return
+    for title, chosen in (("every test", lambda windows: windows), ("tests of an attack", _of_an_attack)):
+        yield title
+        for way, combine in WAYS.items():
+            values = {k: np.array([combine(chosen(row["windows"])) for row in some]) for k, some in kinds.items()}
+            for asked in ASKED:
+                cells = (f"{k} {share(p < asked)}" for k, p in values.items())
+                yield f"  {way:9} at {asked:g}: " + ", ".join(cells)
+            cut = {k: np.quantile(values[k], COUNTED, method="lower") for k in ("plain", "clean")}
+            cells = (f"{k} {share(values['captured'] < at)}" for k, at in cut.items())
+            yield f"  {way:9} captured, at {COUNTED:.0%} counted on: " + ", ".join(cells)
+    for place, rate in enumerate(RATES):
+        for words in (("spoofed",), ("spoofed", "undecided")):
+            cells = (f"{k} {share([row['verdicts'][place] in words for row in some])}" for k, some in kinds.items())
+            yield f"verdict at {rate:g} an hour, {' or '.join(words)}: " + ", ".join(cells)
+    told = np.array([_rejected(row["windows"]) for row in captured])
+    yield f"tests rejected in {len(captured)} captured runs at {TOLD:g}: union {told[:, 0].sum()}, Holm {told[:, 1].sum()}"
+    for name, some in (("plain", plain), ("clean", clean)):
+        yield f"{name}: tests below {ASKED[-1]:g} over their number, by detector: {_blamed(some)}"
+        yield from (f"  {words}" for words in dependence(some))
+
+
+def _rejected(windows: Windows) -> tuple[int, int]:
+    every = _all(windows)
+    return int(np.sum(every * every.size < TOLD)), int(np.sum(_by_holm(every) < TOLD))
+
+
+def _blamed(rows: Sequence[Row]) -> str:
+    """Which detectors' tests make the union's false alarms: runs with one, by detector."""
+    found = Counter[str]()
+    for row in rows:
+        n = sum(map(len, row["windows"]))
+        found.update({name for window in row["windows"] for name, p, _ in window if p * n < ASKED[-1]})
+    return ", ".join(f"{name} {count}" for name, count in found.most_common()) or "none"
+
+
+def dependence(rows: Sequence[Row]) -> Iterator[str]:
+    """Of the detectors' p-values in a window: Spearman's correlation, and how often both are small."""
+    windows = [by_detector(window) for row in rows for window in row["windows"]]
+    for one, other in combinations(sorted({name for window in windows for name in window}), 2):
+        both = np.array([(w[one], w[other]) for w in windows if one in w and other in w])
+        if not both.size or (np.ptp(both, axis=0) == 0.0).any():
+            continue
+        small = both < JOINT
+        expected = small.mean(axis=0).prod() * len(both)
+        yield (
+            f"{one}, {other}: rank correlation {stats.spearmanr(both).statistic:+.3f} in {len(both)} windows; both below "
+            f"{JOINT:g} in {small.all(axis=1).sum()}, {expected:.2f} expected if independent"
+        )
+
+
+def share(hits: Any) -> str:
     """With its 95 % interval (Clopper, Pearson)."""
     found = stats.binomtest(int(np.sum(hits)), len(hits)).proportion_ci()
     return f"{np.mean(hits):.3f} ({found.low:.3f}-{found.high:.3f})"
@@ -108,13 +229,20 @@ def _share(hits: Any) -> str:
 def main() -> None:
     """Draw, judge and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--attacks", type=int, default=300)
-    parser.add_argument("--clean", type=int, default=300)
+    parser.add_argument("--attacks", type=int, default=0)
+    parser.add_argument("--clean", type=int, default=0, help="with errors of the field, and as many without")
+    parser.add_argument("--out", type=Path, help="JSON lines, one a scene; those in it are not made again")
+    parser.add_argument("--table", type=Path, help="print the counts of such a file")
+    parser.add_argument("--processes", type=int, default=1)
     asked = parser.parse_args()
-    names = [f"clean-{n}" for n in range(asked.clean)], [f"attack-{n}" for n in range(asked.attacks)]
-    with ProcessPoolExecutor() as pool:
-        clean, attacks = ([row for row in pool.map(row_of, some, chunksize=8) if row is not None] for some in names)
-        print("\n".join(table(clean, attacks)))
+    if asked.table:
+        rows = read(asked.table)
+    else:
+        counts = {"attack": asked.attacks, "clean": asked.clean, "plain": asked.clean}
+        # Of all kinds alike, so that what was stopped can be counted.
+        turns = [(number, kind) for kind, n in counts.items() for number in range(n)]
+        rows = run([f"{kind}-{number}" for number, kind in sorted(turns)], row_of, asked.out, asked.processes)
+    print("\n".join(table(rows)))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,146 @@
+"""Hours of clean sky at measurement level through the whole decision: false alarms counted against the asked rate.
+
+    python bench/clean_hours.py --hours 100 --out hours.jsonl     goes on where it was stopped
+    python bench/clean_hours.py --table hours.jsonl               the counts alone
+
+Half of the hours are of two receivers ("pair"), half of one ("single"), in runs of ten minutes at drawn places and
+times, standing, moving or turning, with antennas known or not, as drawn_scenes.py has them; no reflections, and errors
+as they are assumed: code noise of 0.4 to 0.9 m, white or AR(1) 0.9 from epoch to epoch, and an error of each signal that
+stays. Windows are of 10 s. Every run is judged at the rate that is asked by itself, 0.001 an hour. `--asked 0.4` judges
+further runs at that rate, which shows too few alarms as well as too many.
+
+Counted are windows and runs that are said to be attacked, with Poisson's 95 % interval of their rate; windows in which
+a test fails that says so without the word; verdicts; and p-values by detector, of which a share of 1 % would be below
+0.01, and above 0.99, were they uniform. Windows of one run share its constant errors: intervals of shares are by runs.
+"""
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from drawn import heard_of, settings_of
+from drawn_scenes import draw_scene, make
+from fused import AGAINST, by_detector, dependence, outcome_of, tests_of
+from rows import Row, read, run
+from scipy import stats
+
+from skyproof.app.common.settings import Settings
+
+RUN_S: Final = 600.0
+FIRST: Final = 1_000_000
+"""Number of the first scene: those before are of other counts."""
+CONSTANT_M: Final = 1.0
+ASKED: Final = 1e-3
+LIMITS: Final = (0.1, 0.01, 0.001)
+PLACES: Final = 4
+"""Digits that are kept of a p-value."""
+
+
+def row_of(name: str) -> Row:
+    """A run of a name such as "pair-17-0.001"."""
+    kind, number, rate = name.split("-", 2)
+    drawn = draw_scene(f"clean-{FIRST + int(number)}", most_receivers=2, duration_s=RUN_S)
+    made = make(replace(drawn, field=False, constant_m=CONSTANT_M))
+    assert made is not None
+    heard = heard_of(made)[: 2 if kind == "pair" else 1]
+    settings = settings_of(made) if kind == "pair" else Settings()
+    outcome = outcome_of([h.reception for h in heard], made, settings, float(rate))
+    said = [e for e in outcome.evidence if e.says in AGAINST]
+    failed = [e for e in outcome.evidence if e.failed]
+    return {
+        "name": name,
+        "hours": RUN_S / 3600.0,
+        "verdict": outcome.decision.verdict,
+        "n_windows": len({(e.start_gpst, e.end_gpst) for e in outcome.evidence}),
+        "against": sorted({str(e.start_gpst) for e in said}),
+        "failed": sorted({(str(e.start_gpst), e.detector) for e in failed}),
+        "why": sorted({f"{e.detector}: {e.because}" for e in (*said, *failed)}),
+        "labels": sum(s.label == "spoofed" for s in outcome.decision.labels),
+        "windows": [[(d, float(f"{p:.{PLACES}g}"), s) for d, p, s in w] for w in tests_of(outcome.evidence)],
+    }
+
+
+def table(rows: Sequence[Row]) -> Iterator[str]:
+    for rate in sorted({row["name"].rpartition("-")[2] for row in rows}, key=float):
+        at_rate = [row for row in rows if row["name"].endswith(f"-{rate}")]
+        yield f"asked: {rate} an hour"
+        for kind in ("pair", "single", ""):
+            yield from _counts([row for row in at_rate if row["name"].startswith(kind)], kind or "all")
+    for kind in ("pair", "single"):
+        some = [row for row in rows if row["name"].startswith(kind)]
+        yield f"{kind}: p-values by detector, shares of windows with intervals by runs"
+        for detector in sorted({name for row in some for window in row["windows"] for name, _, _ in window}):
+            yield f"  {detector:15} {_shares(some, detector)}"
+        yield from (f"  {words}" for words in dependence(some))
+
+
+def _counts(rows: Sequence[Row], kind: str) -> Iterator[str]:
+    if not rows:
+        return
+    hours = sum(row["hours"] for row in rows)
+    windows = sum(len(row["against"]) for row in rows)
+    runs = sum(row["verdict"] == "spoofed" for row in rows)
+    failed = sum(bool(row["failed"]) for row in rows)
+    yield f"  {kind}: {len(rows)} runs, {sum(row['n_windows'] for row in rows)} windows, {hours:.1f} h"
+    yield f"    windows said to be attacked {windows}: {_rate(windows, hours)} an hour; runs {runs}: {_rate(runs, hours)}"
+    yield f"    runs in which a test fails without that word {failed}: {_rate(failed, hours)}"
+    yield f"    labels false {sum(row['labels'] for row in rows)}; {dict(Counter(row['verdict'] for row in rows))}"
+    yield from (f"    {row['name']}: {words}" for row in rows for words in row["why"])
+
+
+def _rate(count: int, hours: float) -> str:
+    """Poisson's exact 95 % interval."""
+    low = stats.chi2.ppf(0.025, 2 * count) / 2.0 if count else 0.0
+    return f"{count / hours:.4f} ({low / hours:.4f}-{stats.chi2.ppf(0.975, 2 * count + 2) / 2.0 / hours:.4f})"
+
+
+def _shares(rows: Sequence[Row], detector: str) -> str:
+    """Of the p-values below and above some, each with the error of the mean over runs."""
+    own = [np.array([p for w in row["windows"] for name, p, _ in w if name == detector]) for row in rows]
+    own = [p for p in own if p.size]
+    cells = [f"below {at:g} {_by_runs([p < at for p in own])}" for at in LIMITS]
+    cells += [f"above 0.99 {_by_runs([p > 0.99 for p in own])}", f"of 1 {_by_runs([p == 1.0 for p in own])}"]
+    return f"{sum(p.size for p in own)}: " + ", ".join(cells)
+
+
+def _by_runs(hits: Sequence[Any]) -> str:
+    """A share, and its standard error times 1.96 with runs as what is independent."""
+    n, k = np.array([hit.size for hit in hits]), np.array([hit.sum() for hit in hits])
+    mean = k.sum() / n.sum()
+    error = np.sqrt(np.sum((k - mean * n) ** 2)) / n.sum()
+    return f"{mean:.5f} ± {1.96 * error:.5f}"
+
+
+def least_rates(rows: Sequence[Row]) -> Iterator[str]:
+    """At which rates the least p-value of each window, times all its tests, would have been an alarm."""
+    least = np.array([min(by_detector(w).values()) * len(by_detector(w)) for row in rows for w in row["windows"]])
+    for at in LIMITS:
+        yield f"  windows whose least p-value times detectors and tests is below {at:g}: {np.mean(least < at):.5f}"
+
+
+def main() -> None:
+    """Run and print the counts."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--hours", type=float, default=0.0)
+    parser.add_argument("--asked", type=float, default=ASKED, help="false alarms an hour")
+    parser.add_argument("--first", type=int, default=0, help="number of the first run")
+    parser.add_argument("--out", type=Path, help="JSON lines, one a run; those in it are not made again")
+    parser.add_argument("--table", type=Path, help="print the counts of such a file")
+    parser.add_argument("--processes", type=int, default=1)
+    chosen = parser.parse_args()
+    if chosen.table:
+        rows = read(chosen.table)
+    else:
+        each = round(chosen.hours * 3600.0 / RUN_S / 2.0)
+        numbers = range(chosen.first, chosen.first + each)
+        names = [f"{kind}-{number}-{chosen.asked:g}" for number in numbers for kind in ("pair", "single")]
+        rows = run(names, row_of, chosen.out, chosen.processes)
+    print("\n".join(table(rows)))
+
+
+if __name__ == "__main__":
+    main()
