@@ -12,7 +12,7 @@ tests that may reject a clean sky, or of those alone that speak of an attack whe
     Fisher     -2 sum(log p), as if tests were independent
     majority   in some window more than half of its detectors are below it (least over windows of the median p, times
                their number and 2)
-The verdict, which weighs what else may be the reason, has no p-value: a point at each rate that is asked an hour.
+The verdict, which weighs what else may be the reason, has no p-value: one point, at the rate asked by itself.
 """
 
 import argparse
@@ -30,9 +30,7 @@ from rows import Row, read, run
 from scipy import stats
 
 from skyproof.app.common.progress import Silent
-from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge
-from skyproof.app.protect.document import Outcome
 from skyproof.arrays import Reals
 from skyproof.records import Evidence
 
@@ -40,8 +38,6 @@ Test = tuple[str, float, bool]
 """Of a detector, its p-value, and whether it speaks of an attack where it rejects."""
 Windows = Sequence[Sequence[Test]]
 
-RATES: Final = (1e-3, 0.4)
-"""Asked of the verdict an hour: what it is asked by itself, and nearly the most that it takes."""
 ASKED: Final = (1e-2, 1e-4, 1e-6)
 COUNTED: Final = 0.02
 TOLD: Final = 1e-3
@@ -82,7 +78,7 @@ def holm(windows: Windows) -> float:
 def cauchy(windows: Windows) -> float:
     """A p-value of 1 has no tangent: it counts as 1 - 1/n."""
     every = _all(windows)
-    every = np.minimum(every, 1.0 - 1.0 / max(every.size, 2))
+    every = np.where(every < 1.0, np.minimum(every, 1.0 - 1e-12), 1.0 - 1.0 / max(every.size, 2))
     # tan((1/2 - p) pi) is 1 / (p pi) where p is so small that the tangent loses it
     each = np.where(every < 1e-8, 1.0 / (np.pi * every), np.tan((0.5 - every) * np.pi))
     mean = float(each.mean())
@@ -144,19 +140,13 @@ def row_of(name: str) -> Row:
 
 def _judged(made: Made) -> Row:
     heard = heard_of(made)
-    outcomes = [outcome_of([h.reception for h in heard], made, settings_of(made), rate) for rate in RATES]
-    each = [of_receiver(made, h, r) for h, r in pairs_of(heard, outcomes[0])]
+    outcome, _ = judge([h.reception for h in heard], made.navigation, settings_of(made), Silent())
+    each = [of_receiver(made, h, r) for h, r in pairs_of(heard, outcome)]
     return {
-        "windows": tests_of(outcomes[0].evidence),
-        "verdicts": [outcome.decision.verdict for outcome in outcomes],
+        "windows": tests_of(outcome.evidence),
+        "verdict": outcome.decision.verdict,
         "captured": any(one["captured_s"] >= FOLLOWED_S for one in each),
     }
-
-
-def outcome_of(receptions: Sequence[Any], made: Made, settings: Settings, rate: float) -> Outcome:
-    """What is decided at a rate asked an hour."""
-    own = settings.model_copy(update={"false_alarm_probability_per_hour": rate})
-    return judge(receptions, made.navigation, own, Silent())[0]
 
 
 # ---------------------------------------------------------------------- tables
@@ -180,12 +170,11 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
             cut = {k: np.quantile(values[k], COUNTED, method="lower") for k in ("plain", "clean")}
             cells = (f"{k} {share(values['captured'] < at)}" for k, at in cut.items())
             yield f"  {way:9} captured, at {COUNTED:.0%} counted on: " + ", ".join(cells)
-    for place, rate in enumerate(RATES):
-        for words in (("spoofed",), ("spoofed", "undecided")):
-            cells = (f"{k} {share([row['verdicts'][place] in words for row in some])}" for k, some in kinds.items())
-            yield f"verdict at {rate:g} an hour, {' or '.join(words)}: " + ", ".join(cells)
-    told = np.array([_rejected(row["windows"]) for row in captured])
-    yield f"tests rejected in {len(captured)} captured runs at {TOLD:g}: union {told[:, 0].sum()}, Holm {told[:, 1].sum()}"
+    for words in (("spoofed",), ("spoofed", "undecided")):
+        cells = (f"{k} {share([row['verdict'] in words for row in some])}" for k, some in kinds.items())
+        yield f"verdict {' or '.join(words)}: " + ", ".join(cells)
+    by_union, by_holm = np.sum([_rejected(row["windows"]) for row in captured], axis=0)
+    yield f"tests rejected in {len(captured)} captured runs at {TOLD:g}: union {by_union}, Holm {by_holm}"
     for name, some in (("plain", plain), ("clean", clean)):
         yield f"{name}: tests below {ASKED[-1]:g} over their number, by detector: {_blamed(some)}"
         yield from (f"  {words}" for words in dependence(some))
@@ -215,8 +204,8 @@ def dependence(rows: Sequence[Row]) -> Iterator[str]:
         small = both < JOINT
         expected = small.mean(axis=0).prod() * len(both)
         yield (
-            f"{one}, {other}: rank correlation {stats.spearmanr(both).statistic:+.3f} in {len(both)} windows; both below "
-            f"{JOINT:g} in {small.all(axis=1).sum()}, {expected:.2f} expected if independent"
+            f"{one}, {other}: rank correlation {stats.spearmanr(both).statistic:+.3f} in {len(both)} windows; below "
+            f"{JOINT:g} {small.sum(axis=0).tolist()}, both {small.all(axis=1).sum()}, {expected:.2f} if independent"
         )
 
 
