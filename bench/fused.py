@@ -1,11 +1,13 @@
 """Ways to make one alarm out of many p-values, on drawn scenes: detection against false alarms of each.
 
-    python bench/fused.py --attacks 300 --clean 300 --out fused.jsonl    goes on where it was stopped
-    python bench/fused.py --table fused.jsonl                            the counts alone
+    python bench/fused.py --attacks 300 --clean 300 --shade 40 --out fused.jsonl    goes on where it was stopped
+    python bench/fused.py --table fused.jsonl                                       the counts alone
 
-Scenes are those of drawn_scenes.py, at measurement level through the whole decision; clean ones once with reflections
-and what models of the air leave ("clean") and once without ("plain"). A run's own p-value, out of the p-values of all
-tests that may reject a clean sky, or of those alone that speak of an attack where they do, is by
+Scenes are those of drawn_scenes.py, at measurement level through the whole decision; clean ones with reflections and
+what models of the air leave ("clean"), without ("plain"), and without but with the first receiver's signals weaker by
+10 dB in the middle third ("shade", as many as --shade says). A run's own p-value, out of the p-values of all
+tests that may reject a clean sky, of all but `residual`'s that measurements fit one position, or of those alone that
+speak of an attack where they reject, is by
     union      the least one times their number (Bonferroni)
     Holm       the least of Holm's stepwise ones: as an alarm the same; it rejects more tests beside the first
     Cauchy     tan((1/2 - p) pi) averaged: valid in the tail whatever the dependence (Liu, Xie, JASA 115, 2020)
@@ -25,6 +27,7 @@ from typing import Any, Final
 
 import numpy as np
 from drawn import FOLLOWED_S, heard_of, of_receiver, pairs_of, settings_of
+from drawn_receiver import Heard
 from drawn_scenes import Made, draw_scene, make
 from rows import Row, read, run
 from scipy import stats
@@ -43,6 +46,7 @@ COUNTED: Final = 0.02
 TOLD: Final = 1e-3
 LEAST: Final = 1e-300
 JOINT: Final = 0.01
+SHADE_DB: Final = 10.0
 AGAINST: Final = ("spoofed", "attack")
 
 
@@ -123,23 +127,42 @@ def _all(windows: Windows) -> Reals:
     return np.maximum([p for window in windows for _, p, _ in window], LEAST)
 
 
-def _of_an_attack(windows: Windows) -> Windows:
-    return [[(name, p if speaks else 1.0, speaks) for name, p, speaks in window] for window in windows]
+def _kept(windows: Windows, keep: Callable[[Test], bool]) -> Windows:
+    """With the other tests' p-values as 1, so that they take their share."""
+    return [[test if keep(test) else (test[0], 1.0, test[2]) for test in window] for window in windows]
+
+
+CHOICES: Final[Mapping[str, Callable[[Windows], Windows]]] = {
+    "every test": lambda windows: windows,
+    "all but that measurements fit one position": lambda windows: _kept(windows, lambda t: t[2] or t[0] != "residual"),
+    "tests of an attack": lambda windows: _kept(windows, lambda t: t[2]),
+}
 
 
 # ---------------------------------------------------------------------- scenes
 
 
 def row_of(name: str) -> Row:
-    """A scene's tests and verdicts; no windows where there is no scene of that name."""
+    """A scene's tests and verdict; no windows where there is no scene of that name."""
     kind, _, number = name.partition("-")
-    drawn = draw_scene(f"{'clean' if kind == 'plain' else kind}-{number}")
-    made = make(replace(drawn, field=kind != "plain"))
-    return {"name": name, "windows": []} if made is None else {"name": name} | _judged(made)
+    drawn = draw_scene(f"{kind if kind == 'attack' else 'clean'}-{number}")
+    made = make(replace(drawn, field=kind in ("clean", "attack")))
+    if made is None:
+        return {"name": name, "windows": []}
+    first, *others = heard_of(made)
+    return {"name": name} | _judged(made, [_shaded(first) if kind == "shade" else first, *others])
 
 
-def _judged(made: Made) -> Row:
-    heard = heard_of(made)
+def _shaded(heard: Heard) -> Heard:
+    """As under trees: all satellites together."""
+    o = heard.reception.observations
+    assert o is not None
+    level_db = o.cn0_dbhz.copy()
+    level_db[level_db.shape[0] // 3 : 2 * level_db.shape[0] // 3] -= SHADE_DB
+    return replace(heard, reception=replace(heard.reception, observations=replace(o, cn0_dbhz=level_db)))
+
+
+def _judged(made: Made, heard: Sequence[Heard]) -> Row:
     outcome, _ = judge([h.reception for h in heard], made.navigation, settings_of(made), Silent())
     each = [of_receiver(made, h, r) for h, r in pairs_of(heard, outcome)]
     return {
@@ -154,13 +177,16 @@ def _judged(made: Made) -> Row:
 
 def table(rows: Sequence[Row]) -> Iterator[str]:
     rows = [row for row in rows if row["windows"]]
-    kinds = {kind: [row for row in rows if row["name"].startswith(kind)] for kind in ("plain", "clean", "attack")}
+    kinds = {
+        kind: [row for row in rows if row["name"].startswith(kind)] for kind in ("plain", "clean", "shade", "attack")
+    }
     kinds["captured"] = [row for row in kinds["attack"] if row["captured"]]
+    kinds = {kind: some for kind, some in kinds.items() if some}
     yield ", ".join(f"{len(some)} {kind}" for kind, some in kinds.items()) + "; shares with their 95 % intervals"
-    plain, clean, captured = kinds["plain"], kinds["clean"], kinds["captured"]
-    if not (plain and clean and captured):
+    if not kinds.keys() >= {"plain", "clean", "captured"}:
         return
-    for title, chosen in (("every test", lambda windows: windows), ("tests of an attack", _of_an_attack)):
+    plain, clean, captured = kinds["plain"], kinds["clean"], kinds["captured"]
+    for title, chosen in CHOICES.items():
         yield title
         for way, combine in WAYS.items():
             values = {k: np.array([combine(chosen(row["windows"])) for row in some]) for k, some in kinds.items()}
@@ -220,6 +246,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--attacks", type=int, default=0)
     parser.add_argument("--clean", type=int, default=0, help="with errors of the field, and as many without")
+    parser.add_argument("--shade", type=int, default=0)
     parser.add_argument("--out", type=Path, help="JSON lines, one a scene; those in it are not made again")
     parser.add_argument("--table", type=Path, help="print the counts of such a file")
     parser.add_argument("--processes", type=int, default=1)
@@ -227,7 +254,7 @@ def main() -> None:
     if asked.table:
         rows = read(asked.table)
     else:
-        counts = {"attack": asked.attacks, "clean": asked.clean, "plain": asked.clean}
+        counts = {"attack": asked.attacks, "clean": asked.clean, "plain": asked.clean, "shade": asked.shade}
         # Of all kinds alike, so that what was stopped can be counted.
         turns = [(number, kind) for kind, n in counts.items() for number in range(n)]
         rows = run([f"{kind}-{number}" for number, kind in sorted(turns)], row_of, asked.out, asked.processes)
