@@ -43,6 +43,7 @@ from skyproof.detectors.multi_receiver.learnt import LearntDistances
 from skyproof.detectors.multi_receiver.one_set import one_set_each
 from skyproof.detectors.multi_receiver.over_time import over_time
 from skyproof.detectors.multi_receiver.runs import WindowRun
+from skyproof.detectors.multi_receiver.same_direction import without_doubtful
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.multi_receiver.several_sets import several_sets
 from skyproof.detectors.multi_receiver.window import ONE_FALSE_SKY, ONE_TRANSMITTER, Window
@@ -85,7 +86,8 @@ class MultiReceiver:
                 learnt = learnt.and_of(e.baselines[0])
         late, runs = over_time(window, memory.runs, said)
         said += late
-        return [*said, *(_of_further_signals(window, said) if window.skies else ())], _Memory(runs, learnt)
+        said += _of_further_signals(window, said) if window.skies else []
+        return without_doubtful(records, window.skies, said), _Memory(runs, learnt)
 
     def review(self, evidence: Sequence[Evidence]) -> Iterator[Evidence]:
         """All windows' evidence once more, now that all of it is known; a sequence may read it from where it is kept.

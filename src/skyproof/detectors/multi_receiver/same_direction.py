@@ -1,0 +1,79 @@
+"""Signals of a true sky that the antenna of false ones could as well have sent, as the receivers stand.
+
+A set of signals fits one position, and with five of them a sixth is not missed: one that is false fits by chance, if
+its satellite's range differs between the receivers by what it would from the false antenna. Nothing that receivers
+compare tells such a signal from a true one, so nothing vouches for it; unless what the antenna sends of that satellite
+is known as another signal.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Reals
+from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges
+from skyproof.detectors.multi_receiver.pairing import Pairing
+from skyproof.records import Evidence, Records, SignalRef
+
+__all__ = ["without_doubtful"]
+
+_SIGMAS: Final = 3.3  # a signal of the antenna is within so many in all but one case in a thousand
+_SLOW: Final = 19.0
+"""(1 + a) / (1 - a) at a = 0.9: by how much the variance of a mean is larger if noise goes from epoch to epoch so."""
+_LEAST: Final = 4
+"""Satellites that are left: fewer make no fix."""
+
+
+def without_doubtful(records: Records, skies: Sequence[Pairing], said: Sequence[Evidence]) -> list[Evidence]:
+    """What is said of a window, where "authentic" leaves out what an antenna of the false signals could have sent."""
+    groups = [e.subject for e in said if e.says == "spoofed" and not e.whole_sky]
+    doubtful = {ref for sky in skies for group in groups for ref in _doubtful(records, sky, group)}
+    return [_without(e, doubtful) if e.says == "authentic" else e for e in said]
+
+
+def _without(e: Evidence, doubtful: set[SignalRef]) -> Evidence:
+    left = tuple(ref for ref in e.subject if ref not in doubtful)
+    n = len({ref.signal.sat for ref in e.subject}) - len({ref.signal.sat for ref in left})
+    if not n:
+        return e
+    because = f"{e.because}; {n} of them could as well come from the antenna of the false signals"
+    if len({ref.signal.sat for ref in left}) < _LEAST:
+        would_need = "a third receiver, or antennas in another direction from each other"
+        return replace(e, says="undecided", because=because, would_need=would_need, group=None)
+    return replace(e, subject=left, because=f"{because}, and are left out")
+
+
+def _doubtful(records: Records, sky: Pairing, group: Sequence[SignalRef]) -> Iterator[SignalRef]:
+    """Of the sky's signals, in all its receivers."""
+    ranges = sky.ranges
+    sets = tuple(
+        replace(chosen, signals=tuple(ref.signal for ref in group if ref.receiver == chosen.receiver))
+        for chosen in sky.sets
+    )
+    if any(not chosen.signals for chosen in sets):
+        return
+    false = common_ranges(records, sets, kind=ranges.signals[0].kind, min_satellites=1)
+    sent = {ref.signal.transmission for ref in group}
+    for k in np.flatnonzero(_alike(ranges, false, sky.noise.multipath_sigma_m)):
+        tracks = [own[k] for own in ranges.tracks]
+        if tracks[0].transmission not in sent:
+            yield from (SignalRef(name, track) for name, track in zip(sky.receivers, tracks, strict=True))
+
+
+def _alike(ranges: CommonRanges, false: CommonRanges, multipath_sigma_m: float) -> Booleans:
+    """(K,) transmissions whose ranges differ between receivers as those of one antenna do."""
+    _, own, other = np.intersect1d(np.round(ranges.time_s, 6), np.round(false.time_s, 6), return_indices=True)
+    if not own.size or not false.signals:
+        return np.zeros(len(ranges.signals), np.bool_)
+    away_m = (ranges.range_m[own, :, 1:] - ranges.range_m[own, :, :1]).mean(axis=0)
+    false_m = (false.range_m[other, :, 1:] - false.range_m[other, :, :1]).mean(axis=0)
+    slow = min(_SLOW / own.size, 1.0)
+
+    def variance_m2(some: CommonRanges) -> Reals:
+        each_m2 = some.sigma_m**2 * slow + multipath_sigma_m**2
+        return np.asarray(each_m2[:, 1:] + each_m2[:, :1])
+
+    sigma_m = np.sqrt(variance_m2(ranges) + variance_m2(false).mean(axis=0) / len(false.signals))
+    return np.asarray((np.abs(away_m - false_m.mean(axis=0)) < _SIGMAS * sigma_m).all(axis=1))

@@ -1,0 +1,87 @@
+"""A true sky's signals that the antenna of false ones could have sent as well are vouched for by nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.multi_receiver.pairing import pair_up
+from skyproof.detectors.multi_receiver.same_direction import without_doubtful
+from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
+from skyproof.records import Evidence, SignalRef
+from skyproof.testing import FalseSky, MeasuredScene
+
+FAR_M = 50_000.0
+
+
+def scene_with(azimuth_rad):
+    antenna = (FAR_M * np.sin(azimuth_rad), FAR_M * np.cos(azimuth_rad), 0.0)
+    return MeasuredScene(false=(FalseSky(antenna_enu_m=antenna, shows_enu_m=(300.0, 0.0, 0.0)),))
+
+
+def sky_of(records):
+    """The pairing of the true sets."""
+    true = tuple(next(s for s in records.sets if s.receiver == r) for r in ("rx1", "rx2"))
+    return pair_up(records, true, MultiReceiverSettings().noise(1), min_satellites=5)
+
+
+@pytest.fixture(scope="module")
+def behind():
+    """Records in which one satellite's range differs between the receivers as the false antenna's does; and which."""
+    plain = sky_of(scene_with(0.0).records(np.random.default_rng(1)))
+    east = plain.unit_enu[:, 0]
+    k = int(np.argmin(np.abs(east - 0.3)))
+    records = scene_with(np.arcsin(east[k])).records(np.random.default_rng(2))
+    return records, sky_of(records), plain.ranges.sats[k]
+
+
+def said(records, sky, imitated, **changes):
+    false = [SignalRef(r, s) for r in sky.receivers for s in records.sets[1].signals if s.sat in imitated]
+    window = {"detector": "multi_receiver", "start_gpst": records.start_gpst, "end_gpst": records.end_gpst}
+    true = Evidence(**window, subject=sky.subject, says="authentic", because="shown", group=1)
+    return [true, replace(Evidence(**window, subject=tuple(false), says="spoofed", because="one antenna"), **changes)]
+
+
+def test_a_satellite_behind_the_antenna_is_left_out_unless_its_false_signal_is_known(behind):
+    records, sky, sat = behind
+    others = [s for s in sky.ranges.sats if s != sat]
+    kept, spoofed = without_doubtful(records, [sky], said(records, sky, others))
+    assert {ref.signal.sat for ref in sky.subject} - {ref.signal.sat for ref in kept.subject} == {sat}
+    assert kept.says == "authentic"
+    assert "1 of them could as well come from the antenna" in kept.because
+    assert spoofed.says == "spoofed"
+    whole = said(records, sky, sky.ranges.sats)
+    assert without_doubtful(records, [sky], whole) == whole
+
+
+def test_signals_that_are_not_known_to_be_of_one_antenna_make_none_doubtful(behind):
+    records, sky, sat = behind
+    given = said(records, sky, [s for s in sky.ranges.sats if s != sat], whole_sky=True)
+    assert without_doubtful(records, [sky], given) == given
+
+
+def test_three_satellites_that_are_left_are_not_authentic(behind):
+    records, sky, sat = behind
+    others = [s for s in sky.ranges.sats if s != sat]
+    true, false = said(records, sky, others)
+    few = replace(true, subject=tuple(ref for ref in true.subject if ref.signal.sat in (sat, *others[:3])))
+    kept, _ = without_doubtful(records, [sky], [few, false])
+    assert kept.says == "undecided"
+    assert kept.would_need
+
+
+def test_a_false_signal_of_the_antenna_is_doubtful_with_the_stated_probability():
+    rng, kept, drawn = np.random.default_rng(3), 0, 40
+    for _ in range(drawn):
+        records = scene_with(rng.uniform(0.0, 2.0 * np.pi)).records(rng)
+        sky = sky_of(records)
+        sat = sky.ranges.sats[0]
+        # The sky has the false signal of a satellite in place of its own.
+        mixed = tuple(
+            replace(s, signals=tuple(sorted([f for f in other.signals if f.sat == sat] + list(s.signals[1:]))))
+            for s, other in zip(sky.sets, [s for s in records.sets if s not in sky.sets], strict=True)
+        )
+        wrong = pair_up(records, mixed, sky.noise, min_satellites=5)
+        (true, _) = without_doubtful(records, [wrong], said(records, wrong, [s for s in sky.ranges.sats if s != sat]))
+        kept += sat in {ref.signal.sat for ref in true.subject}
+    assert kept == 0
