@@ -123,6 +123,19 @@ def test_what_was_received_while_the_attack_may_have_been_hidden_is_not_taken_fo
     assert old == [("authentic", 0, 29), ("unknown", 30, 89), ("spoofed", 90, 139)]
 
 
+def test_the_start_is_not_clean_where_that_of_a_receiver_nearby_is_not(led_away):
+    taken = led_away()
+    nearby = replace(taken.observations, receiver="rx2")
+    subject = tuple(replace(ref, receiver="rx2") for ref in taken.evidence[0].subject)
+    for window, believed in ((0, False), (3, True)):
+        doubted = replace(taken.evidence[window], subject=subject, says="attack")
+        evidence = sorted([*taken.evidence, doubted], key=lambda e: e.start_gpst)
+        both = [taken.observations, nearby]
+        decision = fuse(evidence, both, taken.sets)
+        found, _ = choices(decision, evidence, both, taken.sets, {"rx1": standing()}, ChoiceRules())
+        assert any(e.says == "authentic" for e in found) is believed
+
+
 def test_a_sky_that_came_from_afar_was_not_there_before(led_away):
     taken = led_away(onset_s=60.0, away=1e4 * EAST, hidden=False)
     found = taken.chosen(standing())

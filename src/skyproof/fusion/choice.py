@@ -114,10 +114,14 @@ def choices(
     """
     named = {s.ref.receiver for s in decision.labels if s.label in ("authentic", "spoofed")}
     attacked = {ref.receiver for e in evidence if e.says == "attack" for ref in e.subject} - named
+    asked = attacked & foresights.keys()
+    every = {o.receiver: list(rivals_of(o, evidence, sets)) for o in observations} if asked else {}
+    # Whoever attacks one receiver is within reach of the others: the start of none is clean where that of one is not.
+    doubted = [w.start for windows in every.values() for w in windows if w.doubted]
     found, compared = list[Evidence](), list[Compared]()
     for o in observations:
         own = [sky for sky in decision.skies if any(ref.receiver == o.receiver for ref in sky.signals)]
-        if o.receiver in attacked and o.receiver in foresights:
+        if o.receiver in asked:
             maker = FixMaker(
                 log=o,
                 navigation=navigation,
@@ -125,7 +129,7 @@ def choices(
                 elevation_mask_deg=rules.elevation_mask_deg,
             )
             chooser = _Chooser(maker, rules, _second_onset(own, o))
-            said, seen = chooser.of_windows(list(rivals_of(o, evidence, sets)), foresights[o.receiver])
+            said, seen = chooser.of_windows(every[o.receiver], foresights[o.receiver], doubted)
             found += said
             compared += [seen] if seen is not None else []
     return found, compared
@@ -154,10 +158,15 @@ class _Chooser:
         end: np.datetime64 = self.log.gpst[0] + np.timedelta64(round(self.rules.clean_start_s * 1e9), "ns")
         return end
 
-    def of_windows(self, every: Sequence[Rivals], foresight: Foresight) -> tuple[list[Evidence], Compared | None]:
-        """By what is true before the second sky, or in the first windows alone; nothing where these do not go on."""
+    def of_windows(
+        self, every: Sequence[Rivals], foresight: Foresight, doubted: Sequence[np.datetime64]
+    ) -> tuple[list[Evidence], Compared | None]:
+        """By what is true before the second sky, or in the first windows alone; nothing where these do not go on.
+
+        doubted : when windows begin in which the signals of any receiver are.
+        """
         windows = [w for w in every if w.sets]
-        until = min([self._latest(), *(w.start for w in every if w.doubted)])
+        until = min([self._latest(), *doubted])
         for last in (until, min(until, self.clean_start)):
             before = [w for w in windows if w.end <= last]
             learned = self._learned(_State(foresight), before)
