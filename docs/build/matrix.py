@@ -24,14 +24,13 @@ written as a receiver would record them, and protected with a platform file, as 
 shortened to 110 s from 20 s before the attack begins, and sampled at 5 Msps at most; a scene that moves has no standing
 equipment.
 
-skyproof {version}, {date}: {cells}. `skyproof study protection-matrix --json` makes them again (some minutes of a
-processor each scene; it goes on where it was stopped, with `--out DIR`).
+skyproof {version}, {date}: {cells}. `skyproof study protection-matrix --json` makes them again: some minutes of
+a processor each scene; with `--out DIR` it goes on where it was stopped.
 
 A cell holds the verdict (**S** spoofed, **U** undecided, **A** authentic), seconds from the first false wave, or the
 first sample if it was there before, to the end of the first window in which a test says so (– : none does), the largest
 error of a trusted fix in metres, and the share of epochs that have one. *Unprotected* is the largest error of an
-ordinary receiver's fixes in the same samples.
-
+ordinary receiver's fixes in the same samples. An empty cell was not made, or cannot be.
 """
 
 
