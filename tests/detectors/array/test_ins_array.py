@@ -6,6 +6,7 @@ Golden numbers are those of an independent re-derivation of the paper, to the di
 import re
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -498,6 +499,30 @@ def with_two_elsewhere():
 def test_false_signals_are_named_and_the_true_ones_are_not():
     words, _ = said_of(with_two_elsewhere())
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
+
+
+def test_a_satellite_behind_the_transmitter_is_not_authentic():
+    direction = TRUE.copy()
+    direction[:, 2:5] = direction[:, :1]
+    words, _ = said_of(array_records(np.random.default_rng(8), direction))
+    assert words == {"spoofed": set(SIGNALS[2:5]), "authentic": {SIGNALS[1], *SIGNALS[5:]}}
+
+
+@pytest.mark.parametrize(("apart_m", "named"), [(200.0, False), (2000.0, True)])
+def test_a_signal_that_overlaps_with_another_of_its_satellite_is_not_named_by_itself(monkeypatch, apart_m, named):
+    """Its phases are a mixture of both."""
+    monkeypatch.setattr("skyproof.detectors.array.ins_array.reflections", lambda *given, **more: frozenset())
+    direction = TRUE.copy()
+    direction[:, 3], direction[:, 2] = TRUE[:, 2], TRUE[:, 0]
+    records = array_records(np.random.default_rng(8), direction)
+    signals = (*SIGNALS[:3], replace(SIGNALS[2], copy="b"), *SIGNALS[4:])
+    phases = tuple(replace(phases, signals=signals) for phases in records.array_phases)
+    range_m = np.full((2, len(signals)), 2.1e7)
+    range_m[:, 3] += apart_m
+    observed = SimpleNamespace(receiver="rx1", signals=signals, pseudorange_m=range_m)
+    words, _ = said_of(replace(records, array_phases=phases, observations=(observed,)))
+    assert words.get("spoofed", set()) == ({signals[2]} if named else set())
+    assert {*SIGNALS[:2], *SIGNALS[4:]} <= words["authentic"]
 
 
 def test_reflections_of_several_satellites_from_one_direction_leave_the_sky_open(monkeypatch):

@@ -6,6 +6,7 @@ most of them show, in `agreement`; from where the others come in `arrivals`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from math import comb
 from typing import Any, Final, NamedTuple
 
@@ -40,6 +41,7 @@ from skyproof.records import (
     NavigationData,
     NavState,
     Need,
+    Observations,
     Records,
     SignalRef,
 )
@@ -54,6 +56,8 @@ _LEAST_OF_ONE_PLACE: Final = 3
 _MISSED: Final = (0.03, 0.5, 0.9)
 """Of true signals, by gates within which agreement counts; fewer others are within narrow ones, and signals may agree
 better than stated errors make them."""
+_OVERLAP_M: Final = 450.0
+"""Between two signals of one satellite: a chip and a half of C/A, beyond which no correlator sees both."""
 _ALIKE: Final = 0.01
 """Chance that as many reflections come from one direction, below which it stays open whether they are reflections."""
 _VAGUE_CYC: Final = 0.1  # one sigma
@@ -244,6 +248,11 @@ class InsArray:
         true = of_one_sky(records, receiver, [view.refs[k] for k in sure]) if view.accepted else ()
         spoofed, alike = self._spoofed(records, view, others, true, navigation) if agreed.p_value < alpha else ([], [])
         said = [self._false(records, view, rows, p_value) for rows, p_value in spoofed]
+        true = tuple(
+            view.refs[k]
+            for k in sure
+            if view.refs[k] in true and not any(self._as_from_there(view, k, rows) for rows, _ in spoofed)
+        )
         p_one = self._of_one_place(view, [k for k in sure if view.refs[k] in true])
         if p_one < alpha:
             left = others.size - sum(len(rows) for rows, _ in spoofed)
@@ -299,6 +308,7 @@ class InsArray:
             multipath_sigma_m=self.settings.multipath_sigma_m,
             ionosphere_share=self.settings.ionosphere_share,
         )
+        overlapped = _overlapped(own.get(view.refs[0].receiver), view.refs)
         found: list[tuple[list[int], float]] = []
         alike: list[tuple[list[int], float]] = []
         for label in np.unique(clusters.labels):
@@ -310,7 +320,8 @@ class InsArray:
                 named = once_each(view.refs, rows.tolist())
                 (found if named else alike).append((named or rows.tolist(), by_chance))
                 continue
-            false = [k for k in rows if view.refs[k].signal not in explained] if true else []
+            by_itself = [k for k in rows if view.refs[k] not in overlapped]
+            false = [k for k in by_itself if view.refs[k].signal not in explained] if true else []
             if false:
                 found.append((false, min(1.0, n * float(view.agreed.p_values[false].max()))))
             elif size > 1 and by_chance < _ALIKE:
@@ -342,6 +353,17 @@ class InsArray:
             false_alarm_probability=_ALIKE,
             overrules=True,
         )
+
+    def _as_from_there(self, view: ArrayView, k: int, rows: list[int]) -> bool:
+        """Whether a signal could as well come from the place of false ones, of which none is its satellite's: then its
+        satellite stands behind the transmitter, and nothing tells whose signal it is."""
+        sent = {view.refs[row].signal.transmission for row in rows}
+        if len(sent) < _LEAST_OF_ONE_PLACE or view.refs[k].signal.transmission in sent:
+            return False
+        part = view.measured.part(np.array([*rows, k]))
+        statistic = equal_statistic(part.raw_cyc, white_covariance(part.sigma_cyc), wrapped=True)[0]
+        p_value = float(chi_square_survival(statistic, len(rows) * part.cycles.shape[1]))
+        return p_value >= self.settings.false_alarm_probability
 
     def _of_one_place(self, view: ArrayView, rows: list[int]) -> float:
         """p-value that these signals come from one place; 1 of fewer than three satellites."""
@@ -377,6 +399,20 @@ class InsArray:
         middle = state.gpst.size // 2
         attitude = state.attitude[middle]
         return np.asarray(attitude.T @ state.covariance[middle, 6:, 6:] @ attitude)
+
+
+def _overlapped(o: Observations | None, refs: Sequence[SignalRef]) -> set[SignalRef]:
+    """Signals that overlap with another one of their satellite, whose phases are a mixture of both."""
+    if o is None:
+        return set()
+    range_m = {ref: o.pseudorange_m[:, o.signals.index(ref.signal)] for ref in refs if ref.signal in o.signals}
+    found = set[SignalRef]()
+    for one, other in combinations(range_m, 2):
+        if one.signal.transmission == other.signal.transmission:
+            apart_m = np.abs(range_m[one] - range_m[other])
+            if np.any(apart_m < _OVERLAP_M):  # NaN is not
+                found |= {one, other}
+    return found
 
 
 def likeliest(views: Sequence[ArrayView]) -> ArrayView:
