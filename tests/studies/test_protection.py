@@ -181,7 +181,7 @@ def test_every_scene_is_there_with_every_equipment_that_it_can_have():
 
 
 def quick_scenario():
-    return matrix.Cells(scene="takeover", equipments=(), seed=1, duration_s=12.0).scenario
+    return matrix.SceneCells(scene="takeover", equipments=(), seed=1, duration_s=12.0).scenario
 
 
 @pytest.mark.long

@@ -38,7 +38,7 @@ SAME_SAMPLES: Final = (tuple(name for name in EQUIPMENT if name != "spinning"), 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cells:
+class SceneCells:
     """What is run. duration_s : in place of the scene's, then without its attacks."""
 
     scene: str
@@ -61,20 +61,20 @@ class Cells:
         return Item(key=f"{self.scene}--{self.equipments[0].replace(' ', '-')}", given=self, same_as=same_as)
 
 
-def cells(settings: StudySettings) -> list[Cells]:
+def cells(settings: StudySettings) -> list[SceneCells]:
     """All that can be; trials : how many items of them."""
     if settings.quick:
         scene, equipments = QUICK
-        return [Cells(scene=scene, equipments=equipments, seed=settings.seed, duration_s=QUICK_S)]
+        return [SceneCells(scene=scene, equipments=equipments, seed=settings.seed, duration_s=QUICK_S)]
     every = []
     for scene in ready_made():
         for same in SAME_SAMPLES:
             possible = tuple(name for name in same if equipped(ready(scene), name) is not None)
-            every += [Cells(scene=scene, equipments=possible, seed=settings.seed)] if possible else []
+            every += [SceneCells(scene=scene, equipments=possible, seed=settings.seed)] if possible else []
     return every[: settings.trials]
 
 
-def work(asked: Cells, folder: Path) -> None:
+def work(asked: SceneCells, folder: Path) -> None:
     """The cells' rows, into the folder: the same but for the seconds that they took."""
     with TemporaryDirectory(prefix="skyproof-cells") as made:
         rows = rows_of(asked.scenario, asked.equipments, Path(made))
