@@ -30,7 +30,8 @@ a processor each scene; with `--out DIR` it goes on where it was stopped.
 A cell holds the verdict (**S** spoofed, **U** undecided, **A** authentic), seconds from the first false wave, or the
 first sample if it was there before, to the end of the first window in which a test says so (– : none does), the largest
 error of a trusted fix in metres, and the share of epochs that have one. *Unprotected* is the largest error of an
-ordinary receiver's fixes in the same samples. An empty cell was not made, or cannot be.
+ordinary receiver's fixes in the same samples. An empty cell was not made, or cannot be; one that showed a fault was
+made again after that was mended.
 """
 
 
