@@ -349,6 +349,17 @@ def test_a_damaged_record_costs_that_record_only(damage, words):
     assert words in remark
 
 
+@pytest.mark.parametrize("line", [-1, -2], ids=["last line", "line before, which may be the last"])
+def test_a_file_cut_within_a_number_loses_that_record_only(line):
+    """A group delay of 1.8E-0 in place of 1.8E-08 would be a clock that is off by seconds."""
+    whole = VERSION_2[: len(VERSION_2) + line + 1]
+    for kept in range(4, 79):
+        navigation = parse_nav([*whole[:-1], whole[-1][:kept]])
+        between = len(whole[-1][:kept].rstrip()) in (0, 22, 41, 60, 79)
+        assert [eph.sat for eph in navigation.ephemerides] == (["G01", "G02"] if between else ["G01"])
+        assert between or "line 16: G02 left out, the file ends within a number" in navigation.remarks[0]
+
+
 def test_many_damaged_records_are_counted_not_listed():
     record = changed(VERSION_2[7:15], 1, "0.390000000000D+02", "0.39x000000000D+02")
     navigation = parse_nav([*VERSION_2, *record * 30])

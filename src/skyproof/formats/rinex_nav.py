@@ -212,12 +212,16 @@ def _take_header_line(header: _Header, line: str, label: str) -> None:
 
 @dataclass(frozen=True)
 class _Record:
-    """The lines of one record and the number of the first; `kind` is as in RINEX 4, e.g. "EPH LNAV"."""
+    """The lines of one record and the number of the first; `kind` is as in RINEX 4, e.g. "EPH LNAV".
+
+    ends_file : nothing follows, so that it may be cut.
+    """
 
     line_number: int
     sat: str
     kind: str
     lines: Sequence[str]
+    ends_file: bool = False
 
 
 def _records(body: Iterator[tuple[int, str]], version: float, default_system: str) -> Iterator[_Record]:
@@ -236,7 +240,7 @@ def _records(body: Iterator[tuple[int, str]], version: float, default_system: st
         if line.startswith(">"):
             start += 1
     if lines:
-        yield _Record(start, sat, kind, lines)
+        yield _Record(start, sat, kind, lines, ends_file=True)
 
 
 def _beginning(line: str, version: float, default_system: str) -> tuple[str, str] | None:
@@ -419,6 +423,9 @@ def _values(
         raise ValueError(f"its data are of {record.lines[0][:3]!r}")
     if not 1 <= int(record.sat[1:]) <= _MOST_SATS[record.sat[0]]:
         raise ValueError("there is no such satellite")
+    columns = len(record.lines[-1][: first_column + 4 * _FIELD_WIDTH].rstrip())
+    if record.ends_file and columns > first_column and (columns - first_column) % _FIELD_WIDTH:
+        raise ValueError(f"the file ends within a number of its line {len(record.lines)}: fetch it again")
     clock = _row(record.lines[0], first_column + _FIELD_WIDTH, 3)
     below = [value for line in record.lines[1:8] for value in _row(line, first_column, 4)]
     return _epoch(record.lines[0], version), clock, (*below, *[math.nan] * (28 - len(below)))
