@@ -85,6 +85,26 @@ def test_a_few_signals_are_too_few_for_authentic(invented, pair):
     assert decision.verdict == "undecided"
 
 
+def test_a_receiver_that_never_had_signals_for_a_fix_is_not_authentic(invented):
+    """Two signals from different directions for some seconds say nothing of a recording in which nobody had a fix."""
+    observed = [invented.observations(SKY[:3])]
+    evidence = [invented.evidence(w, "authentic", *SKY[:3]) for w in range(4)]
+    assert fuse(evidence, observed, []).verdict == "undecided"
+
+
+def test_four_signals_are_enough_to_be_misled(invented):
+    observed = [invented.observations(SKY[:4])]
+    assert fuse([invented.evidence(0, "authentic", *SKY[:4])], observed, []).verdict == "undecided"
+    assert fuse([invented.evidence(w, "authentic", *SKY[:4]) for w in range(4)], observed, []).verdict == "authentic"
+
+
+def test_time_in_which_nobody_had_a_fix_is_stated_beside_authentic(invented):
+    observed = [invented.observations(there=dict.fromkeys(SKY[2:], (0, 24)))]
+    decision = fuse([invented.evidence(w, "authentic", *SKY) for w in (0, 1, 2)], observed, [])
+    assert decision.verdict == "authentic"
+    assert decision.without_fix_s == (("rx1", 15.0),)
+
+
 def test_signals_that_are_lost_for_a_moment_do_no_harm(invented):
     observed = [invented.observations(receiver=r, slips=dict.fromkeys(SKY, (17,))) for r in BOTH]  # 3 s of window 1
     evidence = [invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in range(4)]

@@ -6,12 +6,13 @@ that overrules it; everything else is *undecided*, with what would decide it.
 Nothing here knows a particular detector.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from skyproof.arrays import Booleans
 from skyproof.fusion.labels import FalseSource, LabelledSignal, label_signals, sources_of
 from skyproof.fusion.open_question import OpenQuestion, open_question
 from skyproof.fusion.skies import skies_of, sky_onset
@@ -34,6 +35,8 @@ class Decision:
     open : what is left open, and why; None if nothing is.
     unexplained : signals that no evidence says anything of.
     assumed : under what the word and the labels hold, in words.
+    without_fix_s : of an authentic run, receivers that received too few signals for a fix for more than a moment, and
+        for how long.
     skies : under an attack that leaves open which signals of a receiver are true, its consistent sets of signals,
         linked over the windows; each is one position and time. None of a receiver of which false signals are named.
     """
@@ -47,6 +50,7 @@ class Decision:
     open: OpenQuestion | None
     unexplained: tuple[Unexplained, ...] = ()
     assumed: tuple[str, ...] = ()
+    without_fix_s: tuple[tuple[str, float], ...] = ()
 
 
 def fuse(
@@ -68,7 +72,7 @@ def fuse(
         verdict: VerdictWord = "spoofed"
         settled = trusted == everyone
     else:
-        trusted = {o.receiver for o in observations if _always_authentic(o, labels, _common(observations))}
+        trusted = {o.receiver for o in observations if _always_authentic(o, labels, observations)}
         trusted -= {ref.receiver for e in evidence if e.overrules and e.failed for ref in e.subject}
         # What neither the sky nor an echo explains leaves the whole open, though the rest is authentic.
         odd = {u.ref.receiver for u in left if u.kind in ("rival", "misfit")}
@@ -85,6 +89,7 @@ def fuse(
         until=until,
         unexplained=left,
         assumed=_assumed(evidence),
+        without_fix_s=tuple(_without_fix(labels, observations)) if verdict == "authentic" else (),
         open=None if settled else open_question(evidence, observations, trusted),
     )
 
@@ -112,29 +117,45 @@ def _assumed(evidence: Sequence[Evidence]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(words for e in evidence if e.says in found for words in e.assumes))
 
 
-def _common(observations: Sequence[ObservationLog]) -> tuple[np.datetime64, np.datetime64]:
-    """First and last epoch of the time in which all receivers were recorded."""
-    received = [o.gpst for o in observations if o.gpst.size]
-    return max(gpst[0] for gpst in received), min(gpst[-1] for gpst in received)
-
-
-def _always_authentic(
-    o: ObservationLog, labels: Sequence[LabelledSignal], common: tuple[np.datetime64, np.datetime64]
-) -> bool:
-    """Whether a fix could be made of authentic signals, but for moments, whenever enough signals were received.
+def _always_authentic(o: ObservationLog, labels: Sequence[LabelledSignal], all_of: Sequence[ObservationLog]) -> bool:
+    """Whether a fix could be made of authentic signals, but for moments, whenever enough signals were received for one,
+    and ever.
 
     Moments last `MOMENT_S`, or as long as two epochs that are missing.
     """
-    received = o.measured
+    fixed = _fixed(o, labels)
+    matters = (o.measured.sum(axis=1) >= ENOUGH) & _in_common(o, all_of)
+    edges_s = np.concatenate([o.elapsed_s[:1], o.elapsed_s[~matters | fixed], o.elapsed_s[-1:]])
+    return bool(fixed.any() and np.diff(edges_s).max() <= max(MOMENT_S, 2.5 * interval_s(o.elapsed_s)))
+
+
+def _without_fix(
+    labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog]
+) -> Iterator[tuple[str, float]]:
+    for o in observations:
+        missed = ~_fixed(o, labels) & _in_common(o, observations)
+        seconds = float(missed.sum() * interval_s(o.elapsed_s))
+        if seconds > MOMENT_S:
+            yield o.receiver, seconds
+
+
+def _fixed(o: ObservationLog, labels: Sequence[LabelledSignal]) -> Booleans:
+    """(n_epochs,) where enough authentic signals were received for a fix."""
     authentic = np.zeros(o.gpst.size, np.int64)
     for s in labels:
         if s.ref.receiver == o.receiver and s.label == "authentic":
             rows = slice(s.first_epoch, s.last_epoch + 1)
-            authentic[rows] += received[rows, o.signals.index(s.ref.signal)]
-    matters = (received.sum(axis=1) > ENOUGH) & (o.gpst >= common[0]) & (o.gpst <= common[1])
-    kept_s = o.elapsed_s[~matters | (authentic >= ENOUGH)]
-    edges_s = np.concatenate([o.elapsed_s[:1], kept_s, o.elapsed_s[-1:]])
-    return bool(authentic.any() and np.diff(edges_s).max() <= max(MOMENT_S, 2.5 * interval_s(o.elapsed_s)))
+            authentic[rows] += o.measured[rows, o.signals.index(s.ref.signal)]
+    fixed: Booleans = authentic >= ENOUGH
+    return fixed
+
+
+def _in_common(o: ObservationLog, observations: Sequence[ObservationLog]) -> Booleans:
+    """(n_epochs,) in the time in which all receivers were recorded."""
+    received = [other.gpst for other in observations if other.gpst.size]
+    begin, end = max(gpst[0] for gpst in received), min(gpst[-1] for gpst in received)
+    common: Booleans = (o.gpst >= begin) & (o.gpst <= end)
+    return common
 
 
 def _time_line(

@@ -152,7 +152,7 @@ def _summary(outcome: Outcome) -> str:
     left = _unexplained(decision.unexplained)
     if decision.verdict == "authentic":
         n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
-        sign = f". {left}" if left else "; no sign of spoofing."
+        sign = (f". {left}" if left else "; no sign of spoofing.") + _without_fix(outcome)
         return f"The signals of {n} satellites come from the sky{sign}{_repeated(outcome)}{_kept(outcome, ' The')}"
     if decision.verdict == "undecided":
         why = (_undecided_because(outcome) or "").split(CURE)[0]  # the document has the remedy
@@ -207,6 +207,14 @@ def _unexplained(left: Sequence[Unexplained]) -> str:
         return ""
     n = len(left)
     return f"{n} further signal{'s stay' if n > 1 else ' stays'} unexplained: {'; '.join(words_of_kinds)}."
+
+
+def _without_fix(outcome: Outcome) -> str:
+    """For how long the word is of receivers that nobody could have misled, as they had no fix."""
+    return "".join(
+        f" For {seconds:.0f} s {receiver} received too few signals for a position."
+        for receiver, seconds in outcome.decision.without_fix_s
+    )
 
 
 MOST_NOTED = 2
