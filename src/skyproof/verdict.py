@@ -10,11 +10,12 @@ probabilities outside 0 to 1, and names that point nowhere are refused.
 import warnings
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Annotated, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 __all__ = [
+    "CURE",
     "VERDICT_FORMAT",
     "Because",
     "InputFile",
@@ -32,6 +33,8 @@ __all__ = [
 ]
 
 VERDICT_FORMAT: Literal["skyproof-verdict/1"] = "skyproof-verdict/1"
+CURE: Final = "; would decide it: "
+"""Between what is open and its remedy, in `undecided_because`."""
 
 VerdictWord = Literal["authentic", "spoofed", "undecided"]
 Label = Literal["authentic", "spoofed", "multipath", "unknown"]
@@ -308,14 +311,20 @@ class Verdict(_Model):
             return f"Since {since}, when the recording begins, or before"
         return f"Seen since {since}; it began then at the latest"
 
+    @property
+    def open_words(self) -> tuple[tuple[str, str], ...]:
+        """What is open, but for what the summary says already, and what would decide it: headings and words."""
+        why, _, cure = (self.undecided_because or "").partition(CURE)
+        parts = (("Not decided:", "" if why in self.summary else why), ("Would decide it:", cure))
+        return tuple((heading, words) for heading, words in parts if words)
+
     def _repr_html_(self) -> str:
         """The answer, the positions and the labels, for a notebook."""
         sentences = [self.summary]
         if self.since_gpst is not None:
             until = "" if self.until_gpst is None else f", until {_instant_words(self.until_gpst)}"
             sentences.append(f"{self.onset_words}, GPS time{until}.")
-        if self.undecided_because is not None:
-            sentences.append(f"Not decided: {self.undecided_because}.")
+        sentences += [f"{heading} {words}." for heading, words in self.open_words]
         if self.assumed is not None:
             sentences.append(self.assumed)
         kinds = [

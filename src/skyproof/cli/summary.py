@@ -41,8 +41,8 @@ def _print_summary(verdict: Verdict) -> None:
     if verdict.since_gpst is not None:
         until = "" if verdict.until_gpst is None else f", until {instant_words(verdict.until_gpst)}"
         console.print(words(f"{verdict.onset_words}, GPS time{until}"))
-    if verdict.undecided_because:
-        console.print(words(f"Not decided: {verdict.undecided_because}"))
+    for heading, said in verdict.open_words:
+        console.print(words(f"{heading} {said}"))
     if verdict.assumed:
         console.print(words(verdict.assumed))
     console.print()

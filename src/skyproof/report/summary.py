@@ -32,17 +32,10 @@ class Fact:
     kind: str = ""
 
 
-CURE = "; would decide it: "
-
-
 def undecided(verdict: Verdict) -> list[tuple[str, str]]:
     """What is open and what would decide it, but for what the summary says already; and what is assumed."""
     assumed = [("Assumed:", verdict.assumed.removeprefix("Assumed: "))] if verdict.assumed is not None else []
-    if verdict.undecided_because is None:
-        return assumed
-    why, _, cure = verdict.undecided_because.partition(CURE)
-    parts = [("Not decided:", why)] if why not in verdict.summary else []
-    return [*parts, *([("Would decide it:", cure)] if cure else []), *assumed]
+    return [*verdict.open_words, *assumed]
 
 
 def scope(verdict: Verdict) -> str:

@@ -25,6 +25,7 @@ from skyproof.gnss.time import iso
 from skyproof.records import ConsistentSet, Direction, Evidence, Fix, NavigationData, Need, ObservationLog
 from skyproof.report.positions import radius_95_m
 from skyproof.verdict import (
+    CURE,
     VERDICT_FORMAT,
     Because,
     InputFile,
@@ -247,7 +248,6 @@ def _repeated(outcome: Outcome) -> str:
 GIVEN = (Need.NAVIGATION, Need.TWO_RECEIVERS, Need.SETS, Need.ARRAY_PHASES, Need.NAV_STATE, Need.SPIN_ARMS)
 """Records that users can bring, the easiest first; the others are the receiver's own affair."""
 MOST_CURES = 2
-CURE = "; would decide it: "
 
 
 def _undecided_because(outcome: Outcome) -> str | None:
