@@ -16,6 +16,7 @@ from skyproof.decomposition.fit import (
     delay_dictionary,
     simulate_taps,
 )
+from skyproof.detectors.array.arm_phases import arm_angles, full_fit, paired_fit
 from skyproof.detectors.array.array_common import equal_statistic
 from skyproof.detectors.array.array_model import (
     array_design,
@@ -25,7 +26,6 @@ from skyproof.detectors.array.array_model import (
     single_statistic,
     white_covariance,
 )
-from skyproof.detectors.array.spin import arm_angles, full_fit, paired_fit
 from skyproof.detectors.correlators.sqm import delta_law, delta_metric, moving_variance, ratio_p_value
 from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector, whitener
 from skyproof.detectors.correlators.vector_sqm import geometry_matrix, satellite_geometry, two_step

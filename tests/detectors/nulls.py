@@ -7,9 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from skyproof.decomposition.correlation import correlation, noise_variance
+from skyproof.detectors.array.arm_phases import arm_angles, arm_columns
 from skyproof.detectors.array.array_model import equilateral_triangle, predicted_directions
 from skyproof.detectors.array.ins_array import InsArraySettings
-from skyproof.detectors.array.spin import arm_angles, arm_columns
 from skyproof.detectors.correlators.correlator_laws import prompt_amplitude, triangle
 from skyproof.detectors.correlators.sqm import tap_covariance
 from skyproof.detectors.second_signals.detector import SecondSignalsSettings, elevation_rad

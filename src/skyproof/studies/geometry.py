@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
+from skyproof.detectors.array.arm_phases import DEGREE_2_LASTS_S, arm_angles, full_information
 from skyproof.detectors.array.array_model import (
     array_design,
     equilateral_triangle,
     regular_tetrahedron,
     white_covariance,
 )
-from skyproof.detectors.array.spin import DEGREE_2_LASTS_S, arm_angles, full_information
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.records import AntennaArray, SpinArm
 from skyproof.report.chart import Axes

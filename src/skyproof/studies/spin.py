@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.array.spin import (
+from skyproof.detectors.array.arm_phases import (
     arm_angles,
     arm_columns,
     authentic_threshold,

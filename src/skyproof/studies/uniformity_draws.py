@@ -20,6 +20,16 @@ from skyproof.decomposition.fit import (
     delay_dictionary,
     simulate_taps,
 )
+from skyproof.detectors.array.arm_phases import (
+    arm_angles,
+    estimate_rate,
+    full_fit,
+    full_information,
+    minus_mean,
+    paired_fit,
+    paired_information,
+    predicted_test,
+)
 from skyproof.detectors.array.array_common import cluster_chance
 from skyproof.detectors.array.array_model import (
     array_design,
@@ -31,16 +41,6 @@ from skyproof.detectors.array.array_model import (
     sky_p_value,
     unexplained,
     white_covariance,
-)
-from skyproof.detectors.array.spin import (
-    arm_angles,
-    estimate_rate,
-    full_fit,
-    full_information,
-    minus_mean,
-    paired_fit,
-    paired_information,
-    predicted_test,
 )
 from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators import sqm

@@ -25,8 +25,11 @@ SCENE = MeasuredScene(
 FROM = np.radians(160.0), np.radians(25.0)
 
 
-def turning(rng, false=3, *, rate_hz=RATE_HZ, tilt_rad=0.0, slips=(), start_rad=None):
-    """A window of an arm that turns clockwise, with `false` satellites imitated from one direction."""
+def turning(rng, false=3, *, beside=(), rate_hz=RATE_HZ, tilt_rad=0.0, slips=(), start_rad=None):
+    """A window of an arm that turns clockwise, with `false` satellites imitated from one direction.
+
+    beside : columns of true signals within a chip of which a false one of half their amplitude is drawn off.
+    """
     records = SCENE.records(rng)
     (o,) = records.observations
     n = len(o.signals) // 2
@@ -45,6 +48,11 @@ def turning(rng, false=3, *, rate_hz=RATE_HZ, tilt_rad=0.0, slips=(), start_rad=
             az, el = azimuth_elevation(records.sets[0].position_ecef_m, where)
         towards = np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
         carrier[:, k] -= place @ towards * L1_HZ / SPEED_OF_LIGHT_M_S
+        if k in beside:
+            az, el = FROM
+            other = np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
+            apart = place @ (towards - other) * L1_HZ / SPEED_OF_LIGHT_M_S + 0.4 * o.elapsed_s + rng.uniform()
+            carrier[:, k] += np.angle(1.0 + 0.5 * np.exp(2j * np.pi * apart)) / (2.0 * np.pi)
     for signal, epoch, size in slips:
         carrier[epoch:, signal] += size
     fields = ("pseudorange_m", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc", "doppler_sigma_hz")
@@ -98,6 +106,20 @@ def test_a_true_sky_is_authentic(made, stated, seed):
     records = turning(np.random.default_rng(seed), false=0, **made)
     words, _ = said_of(records, **stated)
     assert words == {"authentic": set(records.observations[0].signals)}
+
+
+@pytest.mark.parametrize("orbits", [True, False])
+def test_a_signal_of_no_one_direction_is_not_authentic_and_of_several_none_is(orbits):
+    """A takeover within a chip: every phase is of two directions, and shows a third one."""
+    for beside in ((2,), (1, 4), tuple(range(9))):
+        records = turning(np.random.default_rng(4), false=0, beside=beside)
+        words, _ = said_of(records if orbits else replace(records, navigation=None), alpha=1e-4)
+        signals = records.observations[0].signals
+        bent = {signals[k] for k in beside}
+        if len(beside) == 1:
+            assert words == {"authentic": set(signals) - bent}
+        else:
+            assert set(words) == {"undecided"}
 
 
 def test_without_orbits_signals_are_compared_with_each_other():

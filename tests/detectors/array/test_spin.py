@@ -10,11 +10,11 @@ from scipy.stats import kstest
 from tests.detectors.nulls import ARM, spin_records
 from tests.detectors.nulls import spin_series as series
 
-from skyproof.detectors.array.spin import (
-    Spin,
+from skyproof.detectors.array.arm_phases import (
     arm_angles,
     arm_columns,
     authentic_threshold,
+    bent_signals,
     circular_threshold,
     estimate_rate,
     full_fit,
@@ -27,6 +27,7 @@ from skyproof.detectors.array.spin import (
     spoofed_detection,
     step_statistics,
 )
+from skyproof.detectors.array.spin import Spin
 from skyproof.records import SpinArm
 from skyproof.statistics.directions import (
     blocks,
@@ -468,3 +469,43 @@ def test_a_receiver_that_does_not_turn_is_reported():
     still = SpinArm(receiver="other", radius_m=0.1, rate_rad_s=1.0)
     evidence, _ = Spin().examine(spin_records(np.random.default_rng(16), SKY, arm=still))
     assert [e.says for e in evidence] == ["undecided"]
+
+
+# Of no one direction --------------------------------------------------------------------------------------------------
+
+
+def mixed_phases(rng, n=6, count=50, *, mixed=(), cycles_apart=3.0):
+    """Phases (n, count) of a sky on an arm, 0.01 cycles of noise each; those `mixed` have a second signal of half the
+    amplitude beside them, from one direction, which is drawn off by some cycles."""
+    angle = 2.0 * np.pi * np.arange(count) / 20.0
+    columns = arm_columns(angle, 0.5)
+    second = columns @ level(100, 30)
+    phases = []
+    for k in range(n):
+        phase = columns @ SKY[k]
+        if k in mixed:
+            turned = second + cycles_apart * np.arange(count) / count + rng.uniform()
+            phase = phase + np.angle(1.0 + 0.5 * np.exp(2j * np.pi * (turned - phase))) / (2.0 * np.pi)
+        phases.append(1e7 * (k + 1) + phase + 0.01 * rng.standard_normal(count))
+    return np.array(phases), angle
+
+
+def test_signals_of_one_direction_each_are_seldom_said_to_be_bent():
+    rng = np.random.default_rng(8)
+    for asked, draws in ((0.1, 1500), (0.01, 1500)):
+        found = sum(
+            bent_signals(*mixed_phases(rng), np.full(6, 0.01), accept_probability=asked).size > 0 for _ in range(draws)
+        )
+        assert 0.6 * asked * draws - 3.0 * np.sqrt(asked * draws) < found < asked * draws + 3.0 * np.sqrt(asked * draws)
+
+
+def test_signals_that_two_directions_share_are_bent_and_no_others():
+    rng = np.random.default_rng(9)
+    for mixed in ((), (2,), (0, 3), (0, 1, 2, 3)):
+        phases, angle = mixed_phases(rng, mixed=mixed)
+        assert tuple(bent_signals(phases, angle, np.full(6, 0.01))) == mixed
+
+
+def test_of_two_signals_none_is_said_to_be_bent():
+    phases, angle = mixed_phases(np.random.default_rng(10), n=2, mixed=(1,))
+    assert bent_signals(phases, angle, np.full(2, 0.01)).size == 0

@@ -1,0 +1,419 @@
+"""Do signals come from one direction? One antenna on a spinning arm writes the direction into each carrier phase.
+
+On an arm of radius r (cycles) at the angle a(n) the phase of a signal from azimuth az and elevation el has a part
+r cos(el) cos(a(n) + az), which is linear in its level direction cosines L = [cos el cos az, cos el sin az]. Signals of
+one transmitter have the same L. After Zhang, Chen, Huang, Zhang and Ou, "Spoofing Detection Technique Based on Carrier
+Phase Double Difference of Spin-Antenna", 2016, in Chinese, doi 10.13203/j.whugis20140360
+("the paper"). The paper takes differences over two samples that do not
+overlap, which loses all but 1/40 of the information and supposes all motion removed. Here the whole series is used,
+with a polynomial for cycles, clocks and motion.
+
+Corrected: equation 6 holds sin w, cos w; equation 18 is one minus a tail probability; the paper's threshold supposes
+the direction of the authentic signal known (with the estimate put in, as it proposes, spoofed pairs are found with
+probability 0.0101, see `circular_threshold`); motion is not removed by the ephemeris where a signal is false.
+`docs/methods/spin.md` has the rest.
+
+Phases and the radius are in cycles, angles in radians; phases grow where the antenna is nearer to the source (the
+opposite sign of range only mirrors all directions). Series run along the last axis, N samples.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import ArrayLike
+from scipy import optimize, special
+
+from skyproof.arrays import Complexes, Indices, Reals
+from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
+
+__all__ = [
+    "DEGREE_2_LASTS_S",
+    "PredictedTest",
+    "RepairedPhase",
+    "SpinFit",
+    "SpinRate",
+    "arm_angles",
+    "arm_columns",
+    "authentic_threshold",
+    "bent_signals",
+    "circular_threshold",
+    "estimate_rate",
+    "full_fit",
+    "full_information",
+    "minus_mean",
+    "paired_fit",
+    "paired_information",
+    "predicted_test",
+    "repair_slips",
+    "spoofed_detection",
+    "step_statistics",
+]
+
+DEGREE_2_LASTS_S = 15.0
+"""Up to here what a quadratic leaves of the motion of a pair of satellites adds less than 1 to the noncentrality; from
+here on a cubic is needed."""
+
+
+def arm_angles(count: int, rate_rad: float, *, start_rad: float = 0.0) -> Reals:
+    """Angle (N,) of the arm at each sample, for `rate_rad` a sample."""
+    return np.asarray(start_rad + rate_rad * np.arange(count))
+
+
+def arm_columns(angle_rad: ArrayLike, radius_cyc: float) -> Reals:
+    """S (..., N, 2): a signal's phase has the part S @ L."""
+    angle_rad = np.asarray(angle_rad, np.float64)
+    return radius_cyc * np.stack((np.cos(angle_rad), -np.sin(angle_rad)), axis=-1)
+
+
+class SpinFit(NamedTuple):
+    """level : (..., 2) level direction cosines (their difference, for a pair's difference of phases). information :
+    (2, 2), the inverse covariance of `level`. statistic : (...) chi-square with 2 degrees where the true one is 0."""
+
+    level: Reals
+    information: Reals
+    statistic: Reals
+
+
+# The paper's test -----------------------------------------------------------------------------------------------------
+
+
+def paired_information(angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float) -> Reals:
+    """H'H over the variance, (2, 2), of the paper's differences (equations 12, 19); parameters as in `paired_fit`."""
+    columns = _paired(arm_columns(angle_rad, radius_cyc).T).T
+    return np.asarray(columns.T @ columns / (2.0 * sigma_cyc**2))
+
+
+def paired_fit(phase_cyc: ArrayLike, angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float) -> SpinFit:
+    """The paper's statistic (equations 10 to 17): differences of samples (0, 2), (1, 3), (4, 6), (5, 7), ...,
+    each sample used once at most.
+
+    Parameters
+    ----------
+    phase_cyc : (..., N) difference of two signals, motion removed. angle_rad : (N,).
+    sigma_cyc : of a sample of the series; for a difference of two signals sqrt(2) times that of one.
+    """
+    columns = _paired(arm_columns(angle_rad, radius_cyc).T).T
+    return _fit(_paired(np.asarray(phase_cyc, np.float64)), columns, 2.0 * sigma_cyc**2)
+
+
+def authentic_threshold(false_alarm_probability: ArrayLike, noncentrality: ArrayLike) -> Reals:
+    """The paper's threshold (equation 16): a pair known to be apart by `noncentrality` stays below it with this chance.
+
+    The paper calls pairs below the threshold spoofed. Its false alarm is an authentic pair that is called so.
+    """
+    return np.asarray(special.chndtrix(false_alarm_probability, 2, noncentrality), np.float64)
+
+
+def spoofed_detection(threshold: ArrayLike) -> Reals:
+    """The chance that a pair from one direction is below the threshold (equation 18 as it has to be read)."""
+    return np.asarray(-np.expm1(-0.5 * np.asarray(threshold, np.float64)))
+
+
+def circular_threshold(false_alarm_probability: float) -> float:
+    """What the paper's rule comes to if the noncentrality is the estimate from the same data, that is the statistic.
+
+    "T below the threshold that belongs to T" is "T below this", whatever the samples, the radius and the rate:
+    0.0203 at 0.01, and spoofed pairs are then found with a probability of 0.0101.
+    """
+    return float(optimize.brentq(lambda t: special.chndtr(t, 2, t) - false_alarm_probability, 1e-12, 100.0, xtol=1e-14))
+
+
+# The whole series -----------------------------------------------------------------------------------------------------
+
+
+def full_information(
+    angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float, degree: int = 2, time: ArrayLike | None = None
+) -> Reals:
+    """Information (2, 2) of the whole series less a polynomial; parameters as in `full_fit`."""
+    columns = arm_columns(angle_rad, radius_cyc)
+    polynomial = _polynomial(columns.shape[0], degree, time)
+    columns = columns - polynomial @ (polynomial.T @ columns)
+    return np.asarray(columns.T @ columns / sigma_cyc**2)
+
+
+def full_fit(
+    phase_cyc: ArrayLike,
+    angle_rad: ArrayLike,
+    *,
+    radius_cyc: float,
+    sigma_cyc: float,
+    degree: int = 2,
+    time: ArrayLike | None = None,
+) -> SpinFit:
+    """Least squares of the whole series: polynomial and arm. The statistic keeps its distribution whatever the cycles,
+    the drift and (degree 2) the curvature, and if the arm starts elsewhere or turns at another rate.
+
+    Parameters
+    ----------
+    phase_cyc : (..., N) a signal less the mean of all (`minus_mean`), or the difference of two.
+    angle_rad : (N,). time : (N,) where samples are not even. degree : of the polynomial.
+    sigma_cyc : of a sample of the series. For levels of several signals less their mean give that of one signal: then
+        differences of levels have the right covariance.
+    """
+    columns = arm_columns(angle_rad, radius_cyc)
+    polynomial = _polynomial(columns.shape[0], degree, time)
+    columns = columns - polynomial @ (polynomial.T @ columns)
+    return _fit(np.asarray(phase_cyc, np.float64), columns, sigma_cyc**2)
+
+
+def minus_mean(phase_cyc: ArrayLike) -> Reals:
+    """Each of n signals (..., n, N) less the mean of all at each sample: any receiver clock drops out."""
+    phase_cyc = np.asarray(phase_cyc, np.float64)
+    return np.asarray(phase_cyc - phase_cyc.mean(axis=-2, keepdims=True))
+
+
+class SpinRate(NamedTuple):
+    """rate_rad : (...) a unit of time. sigma_rad : (...) its standard deviation."""
+
+    rate_rad: Reals
+    sigma_rad: Reals
+
+
+def estimate_rate(
+    phase_cyc: ArrayLike,
+    rate_rad: float,
+    *,
+    radius_cyc: float,
+    sigma_cyc: float,
+    degree: int = 2,
+    time: ArrayLike | None = None,
+    rate_sigma_rad: float = np.inf,
+    within: float = 0.05,
+) -> SpinRate:
+    """The rate that explains most of n signals together.
+
+    A grid over `rate_rad` (1 ± `within`), then variable projection (Kaufman, BIT 15, 1975), within the same limits.
+    Signals of one direction say nothing of the rate: what is known before decides then.
+
+    Parameters
+    ----------
+    phase_cyc : (..., n, N), n at least 2.
+    rate_sigma_rad : of `rate_rad`, normal.
+    time : (N,) in the units of the rate; sample numbers if None. Other parameters as in `full_fit`.
+    """
+    series = minus_mean(phase_cyc)
+    count = series.shape[-1]
+    time = np.arange(count, dtype=float) if time is None else np.asarray(time, np.float64)
+    centred = time - 0.5 * (time[0] + time[-1])  # with the phase in the middle, rate and direction hardly correlate
+    polynomial = _polynomial(count, degree, time)
+    series = series - (series @ polynomial) @ polynomial.T
+    steps = 2 * int(np.ceil(2.0 * within * rate_rad * (time[-1] - time[0]))) + 1
+    grid = rate_rad * (1.0 + within * np.linspace(-1.0, 1.0, max(3, steps)))
+    explained = np.stack(
+        [np.sum((series @ _basis(polynomial, arm_columns(rate * centred, 1.0))) ** 2, axis=(-1, -2)) for rate in grid],
+        axis=-1,
+    )
+    prior = rate_sigma_rad**-2.0
+    rate = grid[(explained / sigma_cyc**2 - prior * (grid - rate_rad) ** 2).argmax(axis=-1)]
+    for _ in range(4):
+        columns = arm_columns(rate[..., None] * centred, radius_cyc)
+        columns = columns - polynomial @ (polynomial.T @ columns)
+        basis = np.linalg.qr(columns).Q
+        level = (series @ columns) @ np.linalg.inv(np.swapaxes(columns, -1, -2) @ columns)
+        turned = centred[:, None] * arm_columns(rate[..., None] * centred + 0.5 * np.pi, radius_cyc)
+        slope = level @ np.swapaxes(turned, -1, -2)
+        slope = slope - (slope @ polynomial) @ polynomial.T
+        slope = slope - (slope @ basis) @ np.swapaxes(basis, -1, -2)
+        weight = np.sum(slope**2, axis=(-1, -2)) / sigma_cyc**2 + prior
+        pull = np.sum(slope * series, axis=(-1, -2)) / sigma_cyc**2 + prior * (rate_rad - rate)
+        rate = np.clip(rate + pull / weight, grid[0], grid[-1])
+    return SpinRate(rate, weight**-0.5)
+
+
+class PredictedTest(NamedTuple):
+    """statistic : (...) chi-square with `dof` degrees if all signals come from where predicted. start_rad : (...) the
+    arm's angle at its zero, estimated or 0."""
+
+    statistic: Reals
+    dof: int
+    start_rad: Reals
+
+
+def predicted_test(
+    level: ArrayLike, predicted: ArrayLike, information: ArrayLike, *, start_known: bool = True
+) -> PredictedTest:
+    """Do n signals come from their predicted directions, up to what is common to all and, if not known, a rotation?
+
+    Parameters
+    ----------
+    level : (..., n, 2) of `full_fit`. predicted : (..., n, 2) level direction cosines, azimuths from the arm at its
+        zero, or with `start_known` False from anywhere.
+    information : (2, 2) of one signal.
+    """
+    seen = _centred(np.asarray(level, np.float64))
+    meant = _centred(np.asarray(predicted, np.float64))
+    information = np.asarray(information, np.float64)
+    start = np.zeros(np.broadcast_shapes(seen.shape, meant.shape)[:-1], np.float64)
+    if not start_known:
+        start = np.angle(np.sum(seen * meant.conj(), axis=-1))  # exact where the information is a multiple of I
+        for _ in range(4):
+            turned = meant * np.exp(1j * start)[..., None]
+            slope = _real(1j * turned)
+            weighted = slope @ information
+            step = np.sum(weighted * _real(seen - turned), axis=(-1, -2)) / np.sum(weighted * slope, axis=(-1, -2))
+            start = start + step
+    rest = _real(seen - meant * np.exp(1j * start)[..., None])
+    dof = 2 * (seen.shape[-1] - 1) - (not start_known)
+    return PredictedTest(np.sum((rest @ information) * rest, axis=(-1, -2)), dof, start)
+
+
+# Slips ----------------------------------------------------------------------------------------------------------------
+
+
+def step_statistics(
+    phase_cyc: ArrayLike,
+    angle_rad: ArrayLike,
+    *,
+    sigma_cyc: float,
+    degree: int = 2,
+    time: ArrayLike | None = None,
+) -> tuple[Reals, Reals]:
+    """A step before each sample but the first: statistic (..., N - 1), chi-square with 1 degree where there is none,
+    and its size in cycles (..., N - 1). Parameters as in `full_fit`."""
+    series = np.asarray(phase_cyc, np.float64)
+    count = series.shape[-1]
+    polynomial = _polynomial(count, degree, time)
+    basis = np.hstack([polynomial, _basis(polynomial, arm_columns(angle_rad, 1.0))])
+    rest = series - (series @ basis) @ basis.T
+    seen = _after(rest)
+    power = np.arange(count - 1.0, 0.0, -1.0) - np.sum(_after(basis.T) ** 2, axis=0)
+    # With fewer samples on a side than the fit has parameters a step may be no different from them.
+    power = np.where(power > 1e-6, power, np.inf)
+    return seen**2 / power / sigma_cyc**2, seen / power
+
+
+class RepairedPhase(NamedTuple):
+    """phase_cyc : (..., n, N). jump_cyc : (..., n, N) what was taken off from each sample on, multiples of a half."""
+
+    phase_cyc: Reals
+    jump_cyc: Reals
+
+
+def repair_slips(
+    phase_cyc: ArrayLike,
+    angle_rad: ArrayLike,
+    *,
+    sigma_cyc: float,
+    degree: int = 2,
+    time: ArrayLike | None = None,
+    false_alarm_probability: float = 1e-3,
+    most: int = 10,
+) -> RepairedPhase:
+    """Take off half-cycle slips of n signals, the largest first, `most` at most.
+
+    Without slips something is found with at most `false_alarm_probability` (union bound over signals and samples), and
+    even then nothing is changed unless its size is nearer to a half cycle than to none. Of two signals
+    either may be repaired: the difference is the same.
+
+    Parameters
+    ----------
+    phase_cyc : (..., n, N), n at least 2. sigma_cyc : of a sample of one signal. Others as in `full_fit`.
+    """
+    phase_cyc = np.asarray(phase_cyc, np.float64)
+    n, count = phase_cyc.shape[-2:]
+    phase = phase_cyc.reshape(-1, n, count).copy()
+    jump = np.zeros(phase.shape)
+    share = 1.0 - 1.0 / n
+    limit = float(chi_square_threshold(false_alarm_probability / (n * (count - 1)), 1))
+    todo = np.arange(phase.shape[0])
+    for _ in range(most):
+        statistic, size = step_statistics(
+            minus_mean(phase[todo]), angle_rad, sigma_cyc=sigma_cyc * np.sqrt(share), degree=degree, time=time
+        )
+        place = statistic.reshape(len(todo), -1).argmax(axis=-1)
+        signal, before = np.divmod(place, count - 1)
+        row = np.arange(len(todo))
+        half = np.rint(2.0 * size[row, signal, before] / share) / 2.0
+        found = (statistic[row, signal, before] > limit) & (half != 0.0)
+        todo, signal, before, half = todo[found], signal[found], before[found], half[found]
+        if todo.size == 0:
+            break
+        phase[todo, signal] -= half[:, None] * (np.arange(count) > before[:, None])
+        jump[todo, signal, before + 1] += half
+    return RepairedPhase(phase.reshape(phase_cyc.shape), jump.reshape(phase_cyc.shape))
+
+
+# Of no one direction --------------------------------------------------------------------------------------------------
+
+
+def bent_signals(
+    phase_cyc: ArrayLike,
+    angle_rad: ArrayLike,
+    sigma_cyc: ArrayLike,
+    *,
+    degree: int = 2,
+    time: ArrayLike | None = None,
+    accept_probability: float = 1e-3,
+) -> Indices:
+    """Which of n signals leave more beside polynomial and arm than noise: their phases are not of one direction each.
+
+    The worst first: what it leaves is in the mean of all as well, so that the others are judged without it. Of two
+    signals none is said to be bent, as either may be. Where none is, one is found with `accept_probability` at most
+    (union bound over signals).
+
+    Parameters
+    ----------
+    phase_cyc : (n, N). sigma_cyc : (n,) of a sample of each signal. Others as in `full_fit`.
+    """
+    phase_cyc, sigma_cyc = np.asarray(phase_cyc, np.float64), np.asarray(sigma_cyc, np.float64)
+    n, count = phase_cyc.shape
+    polynomial = _polynomial(count, degree, time)
+    basis = np.hstack([polynomial, _basis(polynomial, arm_columns(angle_rad, 1.0))])
+    left, found = np.arange(n), list[int]()
+    while left.size > 2:
+        series = minus_mean(phase_cyc[left])
+        rest = series - (series @ basis) @ basis.T
+        # Of a signal less the mean of all: its own noise and a share of the others'.
+        others = np.sum(sigma_cyc[left] ** 2) - sigma_cyc[left] ** 2
+        variance = (1.0 - 1.0 / left.size) ** 2 * sigma_cyc[left] ** 2 + others / left.size**2
+        p_value = chi_square_survival(np.sum(rest**2, axis=-1) / variance, count - basis.shape[1])
+        worst = int(p_value.argmin())
+        if p_value[worst] * left.size >= accept_probability:
+            break
+        found.append(int(left[worst]))
+        left = np.delete(left, worst)
+    return np.array(sorted(found), np.intp)
+
+
+# Shared ---------------------------------------------------------------------------------------------------------------
+
+
+def _paired(series: Reals) -> Reals:
+    """Sample k + 1 less sample k - 1 for k = 1, 2, 5, 6, 9, 10, ..., along the last axis."""
+    fours = series[..., : series.shape[-1] // 4 * 4].reshape(*series.shape[:-1], -1, 4)
+    return np.asarray((fours[..., 2:] - fours[..., :2]).reshape(*series.shape[:-1], -1))
+
+
+def _fit(series: Reals, columns: Reals, variance: float) -> SpinFit:
+    gram = columns.T @ columns
+    level = (series @ columns) @ np.linalg.inv(gram)
+    information = gram / variance
+    return SpinFit(level, information, np.sum((level @ information) * level, axis=-1))
+
+
+def _polynomial(count: int, degree: int, time: ArrayLike | None) -> Reals:
+    """Orthonormal columns (N, degree + 1)."""
+    at = np.arange(count, dtype=float) if time is None else np.asarray(time, np.float64)
+    scaled = (2.0 * at - at[0] - at[-1]) / (at[-1] - at[0])
+    return np.asarray(np.linalg.qr(legendre.legvander(scaled, degree)).Q, float)
+
+
+def _basis(polynomial: Reals, columns: Reals) -> Reals:
+    """Orthonormal columns of what the polynomial leaves of `columns`."""
+    return np.asarray(np.linalg.qr(columns - polynomial @ (polynomial.T @ columns)).Q, float)
+
+
+def _after(series: Reals) -> Reals:
+    """Sums from each sample but the first to the end."""
+    return np.asarray(np.cumsum(series[..., ::-1], axis=-1)[..., -2::-1])
+
+
+def _centred(level: Reals) -> Complexes:
+    """Vectors (..., n, 2) less their mean, as complex numbers (..., n): a rotation is a factor."""
+    of_plane = level[..., 0] + 1j * level[..., 1]
+    return np.asarray(of_plane - of_plane.mean(axis=-1, keepdims=True), np.complex128)
+
+
+def _real(level: Complexes) -> Reals:
+    return np.stack((level.real, level.imag), axis=-1)
