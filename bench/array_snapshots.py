@@ -19,6 +19,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from arrays import off_sigma
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
@@ -143,21 +144,13 @@ def attacked(draws: int, antennas: int) -> Iterator[str]:
                 continue
             count[f"{e.says}, {'false' if subject <= false else 'true' if not subject & false else 'both'}"] += 1
             if e.says == "spoofed" and e.directions:
-                off.append(min(_off(d, source) for d in e.directions))
+                off.append(min(off_sigma(d, source) for d in e.directions))
     yield f"attacks, {antennas} antennas, {draws} draws: {dict(sorted(count.items()))}"
     squares = np.array(off) ** 2
     yield (
         f"  directions over sigma: {len(off)}, median {np.sqrt(np.median(squares)):.2f} (1.18), beyond 3.03 (1 %): "
         f"{np.mean(squares > 9.21):.3f}"
     )
-
-
-def _off(direction: Any, true: Reals) -> float:
-    """Normalised distance, the square root of chi-square with two degrees."""
-    seen = direction_cosines(direction.azimuth_rad, direction.elevation_rad)[[1, 0, 2]]
-    east = np.array([np.cos(direction.azimuth_rad), -np.sin(direction.azimuth_rad), 0.0])
-    error = np.array([east @ true, np.cross(east, seen) @ true])
-    return float(np.sqrt(error @ np.linalg.solve(direction.covariance_rad2, error)))
 
 
 def report() -> Iterator[str]:

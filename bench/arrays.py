@@ -203,13 +203,13 @@ def counted(scenes: Iterator[Drawn]) -> tuple[Counter[str], list[float], list[st
             if e.directions and e.says == "spoofed" and e.directions[0].frame == "enu":
                 of = scene.place[signals.index(e.subject[0].signal)]
                 if of >= 0:
-                    off.append(min(_off(d, scene.directions[of]) for d in e.directions))
+                    off.append(min(off_sigma(d, scene.directions[of]) for d in e.directions))
                     count["directions given"] += len(e.directions)
     return count, off, wrong
 
 
-def _off(direction: Any, true: Reals) -> float:
-    """Normalised distance, the square root of chi-square with two degrees."""
+def off_sigma(direction: Any, true: Reals) -> float:
+    """How far a direction is off, the square root of chi-square with two degrees. true : (3,) east, north, up."""
     seen = direction_cosines(direction.azimuth_rad, direction.elevation_rad)[[1, 0, 2]]
     east = np.array([np.cos(direction.azimuth_rad), -np.sin(direction.azimuth_rad), 0.0])
     error = np.array([east @ true, np.cross(east, seen) @ true])

@@ -16,18 +16,16 @@ below 0.01, and above 0.99, were they uniform. Windows of one run share its cons
 runs.
 """
 
-import argparse
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from drawn import heard_of, settings_of
 from drawn_scenes import draw_scene, make
 from fused import AGAINST, dependence, tests_of
-from rows import Row, read, run
+from rows import Row, parser_of, rows_of
 from scipy import stats
 
 from skyproof.app.common.progress import Silent
@@ -139,22 +137,15 @@ def _by_runs(hits: Sequence[Any]) -> str:
 
 def main() -> None:
     """Run and print the counts."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--hours", type=float, default=0.0)
     parser.add_argument("--asked", type=float, default=ASKED, help="false alarms an hour")
     parser.add_argument("--first", type=int, default=0, help="number of the first run")
-    parser.add_argument("--out", type=Path, help="JSON lines, one a run; those in it are not made again")
-    parser.add_argument("--table", type=Path, help="print the counts of such a file")
-    parser.add_argument("--processes", type=int, default=1)
     chosen = parser.parse_args()
-    if chosen.table:
-        rows = read(chosen.table)
-    else:
-        each = round(chosen.hours * 3600.0 / RUN_S / 2.0)
-        numbers = range(chosen.first, chosen.first + each)
-        names = [f"{kind}-{number}-{chosen.asked:g}" for number in numbers for kind in ("pair", "single")]
-        rows = run(names, row_of, chosen.out, chosen.processes)
-    print("\n".join(table(rows)))
+    each = round(chosen.hours * 3600.0 / RUN_S / 2.0)
+    numbers = range(chosen.first, chosen.first + each)
+    names = [f"{kind}-{number}-{chosen.asked:g}" for number in numbers for kind in ("pair", "single")]
+    print("\n".join(table(rows_of(chosen, names, row_of))))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ A trusted fix is wrong if it is off horizontally by more than three times its st
 horizontal sigma. Where only a distance is stated, a false place that fits it within three sigma is counted apart.
 """
 
-import argparse
 import json
 import math
 from collections import Counter
@@ -26,7 +25,7 @@ import numpy as np
 from drawn_receiver import Heard, Noise, hear, received, true_offset_s
 from drawn_scenes import DrawnScene, Made, draw_scene, make, stated_sigma_m
 from numpy.typing import NDArray
-from rows import read, run
+from rows import parser_of, rows_of, run
 
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
@@ -397,7 +396,7 @@ def _fields(drawn: DrawnScene) -> Iterator[str]:
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = parser_of(__doc__)
     options.add_argument("--attacks", type=int, default=0)
     options.add_argument("--clean", type=int, default=0)
     options.add_argument("--several", type=int, default=0, help="some satellites imitated from one to four antennas")
@@ -406,27 +405,19 @@ def main() -> None:
     options.add_argument("--first", type=int, default=0, help="number of the first scene of each kind")
     options.add_argument("--only", nargs="+", help="names of scenes, such as attack-17")
     options.add_argument("-v", "--verbose", action="store_true", help="with --only: everything about them")
-    options.add_argument("--out", type=Path, help="JSON lines, one a scene; those in it are not made again")
-    options.add_argument("--processes", type=int, default=1)
-    options.add_argument("--table", type=Path, help="print the counts of such a file")
     chosen = options.parse_args()
-    if chosen.table:
-        rows = read(chosen.table)
-    elif chosen.only and chosen.verbose:
+    if chosen.only and chosen.verbose:
         for name in chosen.only:
             print("\n".join(reported(name)))
         return
-    else:
-        counts = {
-            "attack": chosen.attacks,
-            "clean": chosen.clean,
-            "several": chosen.several,
-            "samples-attack": chosen.samples,
-            "samples-several": chosen.several_samples,
-        }
-        names = chosen.only or names_of(counts, chosen.first)
-        rows = run(names, row_of, chosen.out, chosen.processes)
-    print("\n".join(table(rows)))
+    counts = {
+        "attack": chosen.attacks,
+        "clean": chosen.clean,
+        "several": chosen.several,
+        "samples-attack": chosen.samples,
+        "samples-several": chosen.several_samples,
+    }
+    print("\n".join(table(rows_of(chosen, chosen.only or names_of(counts, chosen.first), row_of))))
 
 
 if __name__ == "__main__":

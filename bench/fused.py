@@ -17,19 +17,17 @@ speak of an attack where they reject, is by
 The verdict, which weighs what else may be the reason, has no p-value: one point, at the rate asked by itself.
 """
 
-import argparse
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from drawn import FOLLOWED_S, heard_of, of_receiver, pairs_of, settings_of
 from drawn_receiver import Heard
 from drawn_scenes import Made, draw_scene, make
-from rows import Row, read, run
+from rows import Row, parser_of, rows_of
 from scipy import stats
 
 from skyproof.app.common.progress import Silent
@@ -243,22 +241,15 @@ def share(hits: Any) -> str:
 
 def main() -> None:
     """Draw, judge and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--attacks", type=int, default=0)
     parser.add_argument("--clean", type=int, default=0, help="with errors of the field, and as many without")
     parser.add_argument("--shade", type=int, default=0)
-    parser.add_argument("--out", type=Path, help="JSON lines, one a scene; those in it are not made again")
-    parser.add_argument("--table", type=Path, help="print the counts of such a file")
-    parser.add_argument("--processes", type=int, default=1)
-    asked = parser.parse_args()
-    if asked.table:
-        rows = read(asked.table)
-    else:
-        counts = {"attack": asked.attacks, "clean": asked.clean, "plain": asked.clean, "shade": asked.shade}
-        # Of all kinds alike, so that what was stopped can be counted.
-        turns = [(number, kind) for kind, n in counts.items() for number in range(n)]
-        rows = run([f"{kind}-{number}" for number, kind in sorted(turns)], row_of, asked.out, asked.processes)
-    print("\n".join(table(rows)))
+    chosen = parser.parse_args()
+    counts = {"attack": chosen.attacks, "clean": chosen.clean, "plain": chosen.clean, "shade": chosen.shade}
+    # Of all kinds alike, so that what was stopped can be counted.
+    turns = [(number, kind) for kind, n in counts.items() for number in range(n)]
+    print("\n".join(table(rows_of(chosen, [f"{kind}-{number}" for number, kind in sorted(turns)], row_of))))
 
 
 if __name__ == "__main__":

@@ -6,20 +6,17 @@ depends on what is at stake. What the loops of a channel cost, `joint` prints.
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from time import process_time
 
 import numpy as np
+from following import following
 from timing import Spread, line, take_turns
-from waves import Cell, add, noise, pair_of
 
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, shapes
 from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.detector import GRIDS
 from skyproof.gnss.signals import GPS_SATS, prn_of
-from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.grids import GridCorrelator, Grids
-from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 
 RATES_HZ = (2.6037e6, 5.0037e6, 25.0037e6)
 SATS = GPS_SATS[:8]
@@ -39,16 +36,8 @@ def report() -> Iterator[str]:
 
 
 def _rows(rate_hz: float, rng: np.random.Generator) -> Iterator[str]:
-    settings = ReceiverSettings(sats=SATS, full_search_s=1e6, near_search_s=1e6)
-    receiver, state = Receiver(rate_hz, 0.0, settings), ReceiverState(frame=1, tail=np.zeros((1, 2, 0), np.float32))
-    planes, cell = noise(rng, round(FOLLOWED_S * rate_hz)), Cell(apart_chips=0.5, relative_db=0.0, apart_hz=0.0)
-    for sat in SATS:
-        wave = replace(pair_of(rng, cell, 0.0, 0.0, FOLLOWED_S + 0.1)[0], sat=sat)
-        add(wave, 0, planes, rate_hz)
-        peak = Peak(
-            sat=sat, delay_s=wave.delay_s, doppler_hz=wave.doppler_hz, cn0_dbhz=wave.cn0_dbhz, power=100.0, p_value=0.0
-        )
-        state = receiver.started(state, peak)
+    receiver, state, planes = following(rate_hz, SATS, FOLLOWED_S, rng)
+    settings = receiver.settings
     _, state = receiver.step(state, planes)
 
     correlator = GridCorrelator(GRIDS, rate_hz, 0.0, settings.signal, settings.code_phases)

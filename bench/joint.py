@@ -14,24 +14,23 @@ import argparse
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
+from following import following
 from waves import SAT, Cell, Wave, add, pair_of
 from waves import noise as noise_of
 
 from skyproof.arrays import Floats, Reals
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
 from skyproof.receiver import joint as j
-from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.joint_channel import JointRow, bits, started
 from skyproof.receiver.joint_model import JointModel
 from skyproof.receiver.joint_tracker import JointState, JointTracker, Replica
-from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 
 ONSET_S = 0.2
 GRACE_S = 0.4
@@ -252,19 +251,7 @@ def single_channel(rate_hz: float, rng: np.random.Generator, more: int = 6) -> f
 
 def _receiver_s(rate_hz: float, sats: tuple[str, ...], rng: np.random.Generator) -> float:
     """Time on the processor, s a second, of a receiver that follows these satellites."""
-    receiver = Receiver(rate_hz, 0.0, ReceiverSettings(sats=sats, full_search_s=1e6, near_search_s=1e6))
-    planes, state = (
-        noise_of(rng, round(END_S * rate_hz)),
-        ReceiverState(frame=1, tail=np.zeros((1, 2, 0), np.float32)),
-    )
-    cell = Cell(apart_chips=0.5, relative_db=0.0, apart_hz=0.0)
-    for sat in sats:
-        wave = replace(pair_of(rng, cell, 0.0, 0.0, END_S + 0.1)[0], sat=sat)
-        add(wave, 0, planes, rate_hz)
-        peak = Peak(
-            sat=sat, delay_s=wave.delay_s, doppler_hz=wave.doppler_hz, cn0_dbhz=wave.cn0_dbhz, power=100.0, p_value=0.0
-        )
-        state = receiver.started(state, peak)
+    receiver, state, planes = following(rate_hz, sats, END_S, rng)
     n = round(0.1 * rate_hz)
     _, state = receiver.step(state, planes[:, :n])  # which makes the tables of the codes
     since = process_time()

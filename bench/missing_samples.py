@@ -8,18 +8,16 @@ False signals, -1 to +10 dB, grow on the true ones of seven satellites and are d
 a second; its length modulo a code period is what codes moved by, in all what a fix's time is ahead of before.
 """
 
-import argparse
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
 from drawn_correlators import STEP_S, DrawnReceiver, Waves, reception_of
-from rows import read, run
+from rows import parser_of, rows_of
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import asked
@@ -225,22 +223,17 @@ def _parts(rows: list[Mapping[str, Any]]) -> Iterator[tuple[str, list[Mapping[st
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = parser_of(__doc__)
     options.add_argument("--scenes", type=int, default=0)
     options.add_argument("--first", type=int, default=0)
     options.add_argument("--only", type=int, nargs="*")
-    options.add_argument("--processes", type=int, default=1)
-    options.add_argument("--out", type=Path)
-    options.add_argument("--table", type=Path)
     chosen = options.parse_args()
-    if chosen.table is not None:
-        rows = read(chosen.table)
-    elif chosen.only is not None:
+    if chosen.only is not None:
         rows = [row_of(number) for number in chosen.only]
         print(json.dumps(rows, indent=1))
     else:
         numbers = range(chosen.first, chosen.first + chosen.scenes)
-        rows = run(numbers, row_of, chosen.out, chosen.processes, key="number")
+        rows = rows_of(chosen, numbers, row_of, key="number")
     print("\n".join(table(rows)))
 
 

@@ -1,5 +1,6 @@
 """Rows of many scenes, one a line of JSON, made by several processes: a run goes on where it was stopped."""
 
+import argparse
 import json
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing import get_context
@@ -7,6 +8,22 @@ from pathlib import Path
 from typing import Any
 
 Row = dict[str, Any]
+
+
+def parser_of(text: str | None) -> argparse.ArgumentParser:
+    """The options of a bench of rows, whose help is `text`; the others are the bench's own."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, help="JSON lines, one a scene; those in it are not made again")
+    parser.add_argument("--table", type=Path, help="print the counts of such a file")
+    parser.add_argument("--processes", type=int, default=1)
+    return parser
+
+
+def rows_of(
+    chosen: argparse.Namespace, names: Sequence[Any], row_of: Callable[[Any], Row], *, key: str = "name"
+) -> list[Row]:
+    """The rows that the options ask for: those of a file, or of these scenes as `run` makes them."""
+    return read(chosen.table) if chosen.table else run(names, row_of, chosen.out, chosen.processes, key=key)
 
 
 def run(

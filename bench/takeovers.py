@@ -12,7 +12,6 @@ at the end of the first window after the pull's start in which a test says spoof
 last word.
 """
 
-import argparse
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,7 +25,7 @@ from typing import Any, Literal
 import numpy as np
 import tomli_w
 from drawn_correlators import judged
-from rows import read, run
+from rows import parser_of, rows_of
 
 from skyproof.app.protect import protect
 from skyproof.app.protect.coasting import trusted_and_coasted
@@ -381,30 +380,20 @@ def _counts(part: Sequence[Mapping[str, Any]]) -> str:
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = parser_of(__doc__)
     options.add_argument("--scenes", type=int, default=0)
     options.add_argument("--first", type=int, default=0)
     options.add_argument("--only", type=int, nargs="*")
     options.add_argument("--samples", action="store_true")
     options.add_argument("--tracking", choices=("scalar", "vector"), default="scalar")
-    options.add_argument("--processes", type=int, default=1)
-    options.add_argument("--out", type=Path)
-    options.add_argument("--table", type=Path)
     chosen = options.parse_args()
-    if chosen.table is not None:
-        rows = read(chosen.table)
-    elif chosen.only is not None:
+    if chosen.only is not None:
         rows = [examined(number, samples=chosen.samples, tracking=chosen.tracking) for number in chosen.only]
         print(json.dumps(rows, default=str, indent=1))
     else:
         numbers = range(chosen.first, chosen.first + chosen.scenes)
-        rows = run(
-            numbers,
-            partial(row_of, samples=chosen.samples, tracking=chosen.tracking),
-            chosen.out,
-            chosen.processes,
-            key="number",
-        )
+        way = partial(row_of, samples=chosen.samples, tracking=chosen.tracking)
+        rows = rows_of(chosen, numbers, way, key="number")
     print("\n".join(table(rows)))
 
 

@@ -26,7 +26,7 @@ from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.frames import attitude_ecef, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.time import seconds_between
-from skyproof.navigation.inertia import FreeRun
+from skyproof.navigation.inertia import FreeRun, readings_between
 from skyproof.navigation.ins import (
     ATTITUDE,
     SIZE,
@@ -161,7 +161,7 @@ def align_moving(
     if len(fixes) < 3:
         return _nothing("fewer than three fixes with velocity")
     first_gpst = readings.gpst[np.searchsorted(readings.gpst, fixes[0].gpst, side="right") - 1]
-    within = _until(readings, first_gpst, fixes[-1].gpst)
+    within = readings_between(readings, first_gpst, fixes[-1].gpst)
     if np.diff(seconds_between(within.gpst, first_gpst), prepend=0.0).max() > _HOLE * readings.interval_s:
         return _nothing("readings are missing")
     errors, place_ecef_m = _SensorErrors(np.zeros(12), np.zeros((2, 3, 3))), fixes[0].mean[0:3]
@@ -235,17 +235,6 @@ def _of_motion(fix: Known) -> Known:
 
 def _nothing(because: str) -> Alignment:
     return Alignment(state=None, heading_sigma_rad=np.inf, p_value=1.0, because=because)
-
-
-def _until(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
-    """Those later than one instant and no later than the other."""
-    rows = slice(*np.searchsorted(readings.gpst, np.array([start_gpst, end_gpst]), side="right"))
-    return replace(
-        readings,
-        gpst=readings.gpst[rows],
-        specific_force_m_s2=readings.specific_force_m_s2[rows],
-        angular_rate_rad_s=readings.angular_rate_rad_s[rows],
-    )
 
 
 def _turned(readings: ImuSeries, place_ecef_m: Reals) -> Reals:

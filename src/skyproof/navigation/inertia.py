@@ -40,6 +40,7 @@ __all__ = [
     "begin",
     "coast",
     "moved",
+    "readings_between",
     "turn_and_tilt",
 ]
 
@@ -251,6 +252,17 @@ def apparent_tilt_rad(state: NavState, specific_force_m_s2: ArrayLike) -> float:
     felt = state.attitude[-1] @ np.mean(np.asarray(specific_force_m_s2, np.float64), axis=0)
     up = -gravity_ecef_m_s2(state.position_ecef_m[-1])
     return float(np.arctan2(np.linalg.norm(np.cross(felt, up)), felt @ up))
+
+
+def readings_between(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
+    """Those later than one instant and no later than the other."""
+    rows = slice(*np.searchsorted(readings.gpst, np.array([start_gpst, end_gpst]), side="right"))
+    return replace(
+        readings,
+        gpst=readings.gpst[rows],
+        specific_force_m_s2=readings.specific_force_m_s2[rows],
+        angular_rate_rad_s=readings.angular_rate_rad_s[rows],
+    )
 
 
 def _row(state: NavState, row: int) -> NavState:

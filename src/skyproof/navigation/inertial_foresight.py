@@ -15,14 +15,14 @@ from skyproof.gnss.frames import attitude_ecef
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.alignment import align_moving
 from skyproof.navigation.foresight import SkyFix
-from skyproof.navigation.inertia import TURN_MOST_RAD, coast
+from skyproof.navigation.inertia import TURN_MOST_RAD, coast, readings_between
 from skyproof.navigation.inertia import begin as begin_free
 from skyproof.navigation.ins import InsSettings, InsState, begin, corrected, step
 from skyproof.navigation.ins_updates import antenna_of, by_fix, expected
 from skyproof.navigation.known import Known, without
 from skyproof.records import Attitude, ImuSeries, NavState
 
-__all__ = ["Inertial", "begun", "readings_between"]
+__all__ = ["Inertial", "begun"]
 
 _EVERY_S: Final = 1.0  # between corrections
 _WAITING: Final = 120  # fixes, by which it is aligned
@@ -156,15 +156,4 @@ def begun(readings: ImuSeries, initial: Attitude, fix: Known, settings: InsSetti
             covariance=covariance[None],
         ),
         settings,
-    )
-
-
-def readings_between(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
-    """Those later than one instant and no later than the other."""
-    rows = slice(*np.searchsorted(readings.gpst, np.array([start_gpst, end_gpst]), side="right"))
-    return replace(
-        readings,
-        gpst=readings.gpst[rows],
-        specific_force_m_s2=readings.specific_force_m_s2[rows],
-        angular_rate_rad_s=readings.angular_rate_rad_s[rows],
     )

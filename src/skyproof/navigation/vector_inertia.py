@@ -14,7 +14,8 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.gnss.time import seconds_between
-from skyproof.navigation.inertial_foresight import begun, readings_between
+from skyproof.navigation.inertia import readings_between
+from skyproof.navigation.inertial_foresight import begun
 from skyproof.navigation.ins import InsSettings, InsState, step
 from skyproof.navigation.ins_updates import antenna_of
 from skyproof.navigation.known import Known

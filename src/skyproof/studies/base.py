@@ -14,7 +14,7 @@ import numpy as np
 from skyproof.records import AntennaArray, SpinArm
 from skyproof.report.chart import Axes
 
-__all__ = ["Claim", "Row", "Study", "StudySettings"]
+__all__ = ["Claim", "Row", "Study", "StudySettings", "rows_where", "value_of"]
 
 Row = Mapping[str, Any]
 """One line of a study's result: names with units to numbers, words or None."""
@@ -86,3 +86,23 @@ class Study:
     charts: tuple[Axes, ...] = ()
     claims: tuple[Claim, ...] = ()
     platform: Literal["antennas_m", "spin"] | None = None
+
+
+def rows_where(rows: Sequence[Row], **where: Any) -> list[Row]:
+    """The rows with these values."""
+    return [row for row in rows if all(row.get(key) == value for key, value in where.items())]
+
+
+def value_of(
+    column: str, choose: Callable[[Sequence[float]], float] = lambda values: values[0], **where: Any
+) -> Callable[[Sequence[Row]], float]:
+    """For a claim: from rows to one figure, which `choose` makes of a column in `rows_where`, its first if not given.
+
+    None in the column does not count; NaN if nothing is left, as in a quick run that leaves those rows out.
+    """
+
+    def found(rows: Sequence[Row]) -> float:
+        values = [row[column] for row in rows_where(rows, **where) if row[column] is not None]
+        return float(choose(values)) if values else float("nan")
+
+    return found

@@ -22,7 +22,7 @@ from skyproof.decomposition.fit import (
 )
 from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
 from skyproof.report.chart import Axes
-from skyproof.studies.base import Claim, Row, Study, StudySettings
+from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 from skyproof.studies.dccaf_exclusion import STUDIES_OF_EXCLUSION
 from skyproof.studies.dccaf_grid import STUDIES_OF_THE_GRID
 
@@ -261,24 +261,14 @@ def _statistics(
 # What is claimed ------------------------------------------------------------------------------------------------------
 
 
-def _value(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
-    def found(rows: Sequence[Row]) -> float:
-        for row in rows:
-            if all(row[key] == value for key, value in where.items()):
-                return float(row[column])
-        return float("nan")  # not among the rows of a quick run
-
-    return found
-
-
 def _ratio(**where: Any) -> Callable[[Sequence[Row]], float]:
-    rms, bound = _value("rms_chip", **where), _value("crlb_chip", **where)
+    rms, bound = value_of("rms_chip", **where), value_of("crlb_chip", **where)
     return lambda rows: rms(rows) / bound(rows)
 
 
 def _share_of(asked: float) -> Callable[[Sequence[Row]], float]:
     """A fifth of what is asked, or three standard deviations of a count that is too small to show that."""
-    counted = _value("trials", case="one signal", p_fa_asked=asked)
+    counted = value_of("trials", case="one signal", p_fa_asked=asked)
 
     def tolerance(rows: Sequence[Row]) -> float:
         trials = counted(rows)
@@ -291,8 +281,8 @@ def _share_of(asked: float) -> Callable[[Sequence[Row]], float]:
 _WHOLE: Final = 100_000
 _NOT_STATED: Final = "not stated"
 _USUAL: Final = {"separation_chip": 0.25, "cn0_dbhz": 45.0, "coherent_ms": 20.0}
-_OURS: Final = {"method": "variable projection", **_USUAL}
-_SWARM: Final = {"method": "swarm 200 x 600, 6 unknowns", **_USUAL}
+_OURS: Final[dict[str, Any]] = {"method": "variable projection", **_USUAL}
+_SWARM: Final[dict[str, Any]] = {"method": "swarm 200 x 600, 6 unknowns", **_USUAL}
 
 STUDIES: tuple[Study, ...] = (
     *STUDIES_OF_THE_GRID,
@@ -335,7 +325,7 @@ STUDIES: tuple[Study, ...] = (
                         what=f"success, 0.25 chip, 45 dB-Hz, 20 ms, {rate_hz / 1e6:g} Msps (promised: {least:g})",
                         paper=_NOT_STATED,
                         reference=success,
-                        better=_value("success", rate_hz=rate_hz, **_OURS),
+                        better=value_of("success", rate_hz=rate_hz, **_OURS),
                         tolerance=success - least,
                     ),
                     Claim(
@@ -354,7 +344,7 @@ STUDIES: tuple[Study, ...] = (
                     paper=_NOT_STATED,
                     reference=swarm,
                     tolerance=0.13,
-                    same=_value("success", rate_hz=rate_hz, **_SWARM),
+                    same=value_of("success", rate_hz=rate_hz, **_SWARM),
                 )
                 for rate_hz, swarm in ((5e6, 0.75), (25e6, 0.84))
             ),
@@ -389,7 +379,7 @@ STUDIES: tuple[Study, ...] = (
                     paper="no test is given",
                     reference=asked,
                     tolerance=_share_of(asked),
-                    better=_value("counted_as_two", case="one signal", rate_hz=5e6, noise=noise, p_fa_asked=asked),
+                    better=value_of("counted_as_two", case="one signal", rate_hz=5e6, noise=noise, p_fa_asked=asked),
                 )
                 for noise in ("thermal", "estimated")
                 for asked in (0.1, 0.01, 0.001)
@@ -400,7 +390,7 @@ STUDIES: tuple[Study, ...] = (
                     paper="no test is given",
                     reference=reference,
                     tolerance=tolerance,
-                    better=_value("threshold", case="one signal", rate_hz=5e6, noise="thermal", p_fa_asked=asked),
+                    better=value_of("threshold", case="one signal", rate_hz=5e6, noise="thermal", p_fa_asked=asked),
                 )
                 for asked, reference, tolerance in ((0.1, 9.6, 0.4), (0.01, 14.6, 0.4), (0.001, 19.5, 1.0))
             ),
@@ -409,7 +399,7 @@ STUDIES: tuple[Study, ...] = (
                 paper="no test is given",
                 reference=0.0335,
                 tolerance=0.0065,
-                same=_value(
+                same=value_of(
                     "counted_as_two", case="one signal", rate_hz=5e6, noise="other satellites", p_fa_asked=0.01
                 ),
             ),
@@ -419,7 +409,7 @@ STUDIES: tuple[Study, ...] = (
                     paper="no test is given",
                     reference=power,
                     tolerance=0.08,
-                    better=_value("counted_as_two", case="two signals", rate_hz=5e6, separation_chip=apart),
+                    better=value_of("counted_as_two", case="two signals", rate_hz=5e6, separation_chip=apart),
                 )
                 for apart, power in ((0.05, 0.27), (0.1, 0.75), (0.15, 0.93), (0.25, 1.0))
             ),
@@ -427,7 +417,7 @@ STUDIES: tuple[Study, ...] = (
                 what="second amplitude above 0.2 where there is one signal, share, 5 Msps",
                 paper="near zero: 0",
                 reference=0.11,
-                same=_value("second_above", case="one signal", rate_hz=5e6, noise="thermal"),
+                same=value_of("second_above", case="one signal", rate_hz=5e6, noise="thermal"),
                 tolerance=0.02,
             ),
         ),

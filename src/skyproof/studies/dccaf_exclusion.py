@@ -1,7 +1,7 @@
 """Studies of exclusion, the third part of the paper on decomposition (Ahmed, Khanafseh, Pervan): on the approach to Las
 Vegas a free-running inertial unit says which of two fixes is true."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
@@ -23,7 +23,7 @@ from skyproof.report.chart import Axes
 from skyproof.simulator.inertial import inertial
 from skyproof.simulator.trajectories import las_vegas, las_vegas_false
 from skyproof.statistics.gauss_markov import gauss_markov_step
-from skyproof.studies.base import Claim, Row, Study, StudySettings
+from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 
 __all__ = ["STUDIES_OF_EXCLUSION"]
 
@@ -373,16 +373,6 @@ def _restarted(flown: _Flown, covariance: Reals, taken: str, grade: ImuGrade, rn
 # What is claimed ------------------------------------------------------------------------------------------------------
 
 
-def _value(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
-    def found(rows: Sequence[Row]) -> float:
-        for row in rows:
-            if all(row[key] == value for key, value in where.items()):
-                return float(row[column])
-        return float("nan")
-
-    return found
-
-
 def _farthest(rows: Sequence[Row]) -> float:
     """The drift counted over the drift predicted, of the row and axis where the two are farthest apart."""
     ratios = [row[f"{axis}_m"] / row[f"{axis}_predicted_m"] for row in rows for axis in ("east", "north", "up")]
@@ -453,7 +443,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
                     what=what,
                     paper=_PICTURE,
                     reference=reference,
-                    same=_value(column, time_s=time_s),
+                    same=value_of(column, time_s=time_s),
                     tolerance=tolerance,
                     digits=5,
                 )
@@ -516,15 +506,15 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
                         paper=_ONE_RUN,
                         reference=drift,
                         tolerance=0.1 * drift,
-                        same=_value("east_m", grade=grade, errors=errors, time_s=233),
+                        same=value_of("east_m", grade=grade, errors=errors, time_s=233),
                     ),
                     Claim(
                         what=f"{grade} grade, {errors}: wrong choice at 233 s by distance (same) and covariance "
                         "(better)",
                         paper=_PICTURE,
                         reference=wrong,
-                        same=_value("wrong_nearest", grade=grade, errors=errors, time_s=233),
-                        better=_value("wrong_covariance", grade=grade, errors=errors, time_s=233),
+                        same=value_of("wrong_nearest", grade=grade, errors=errors, time_s=233),
+                        better=value_of("wrong_covariance", grade=grade, errors=errors, time_s=233),
                     ),
                 )
             ),
@@ -556,8 +546,8 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
                     "thumb (same) and as counted (better)",
                     paper="left for later",
                     reference=reference,
-                    same=_value("wrong_rule", grade=grade, errors=errors, interval_s=interval_s),
-                    better=_value("wrong_covariance", grade=grade, errors=errors, interval_s=interval_s),
+                    same=value_of("wrong_rule", grade=grade, errors=errors, interval_s=interval_s),
+                    better=value_of("wrong_covariance", grade=grade, errors=errors, interval_s=interval_s),
                     tolerance=tolerance,
                 )
                 for grade, errors, interval_s, reference, tolerance in (
@@ -596,14 +586,14 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
                 what="table 1: wrong choice at 233 s by distance, without a restart",
                 paper="unreliable",
                 reference=0.24,
-                same=_value("wrong_nearest", errors="table 1", restart="none"),
+                same=value_of("wrong_nearest", errors="table 1", restart="none"),
                 tolerance=0.04,
             ),
             Claim(
                 what="table 1: wrong choice at 233 s, place set at 190 s, by distance (same) and covariance (better)",
                 paper="none: a picture of one run",
-                same=_value("wrong_nearest", errors="table 1", restart=_SET),
-                better=_value("wrong_covariance", errors="table 1", restart=_SET),
+                same=value_of("wrong_nearest", errors="table 1", restart=_SET),
+                better=value_of("wrong_covariance", errors="table 1", restart=_SET),
             ),
             *(
                 Claim(
@@ -611,8 +601,8 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
                     "(better) at 190 s",
                     paper=_ONE_RUN,
                     reference="none is given: see the covariance below",
-                    same=_value("east_m", errors=errors, restart=_SET),
-                    better=_value("east_m", errors=errors, restart=_BOTH),
+                    same=value_of("east_m", errors=errors, restart=_SET),
+                    better=value_of("east_m", errors=errors, restart=_BOTH),
                 )
                 for errors in ("table 1", "calibrated, start")
             ),

@@ -7,8 +7,8 @@ kilohertz, so delays and the band are exact. None of the correlation functions o
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Final
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,7 @@ from skyproof.decomposition.correlation import noise_variance
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
 from skyproof.report.chart import Axes
-from skyproof.studies.base import Claim, Row, Study, StudySettings
+from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 
 __all__ = ["STUDIES_OF_THE_GRID"]
 
@@ -175,21 +175,8 @@ def _others(rate_hz: float, coherent_s: float, rng: np.random.Generator) -> Comp
 # What is claimed ------------------------------------------------------------------------------------------------------
 
 
-def _of(column: str, choose: Callable[[Sequence[float]], float], **where: Any) -> Callable[[Sequence[Row]], float]:
-    def found(rows: Sequence[Row]) -> float:
-        kept = [row for row in rows if all(row[key] == value for key, value in where.items())]
-        values = [row[column] for row in kept if row[column] is not None]
-        return float(choose(values)) if values else float("nan")
-
-    return found
-
-
 def _span(values: Sequence[float]) -> float:
     return float(np.nanmax(values) - np.nanmin(values))
-
-
-def _first(values: Sequence[float]) -> float:
-    return values[0]
 
 
 _PICTURE: Final = "a picture"
@@ -232,7 +219,7 @@ STUDIES_OF_THE_GRID: Final[tuple[Study, ...]] = (
                     what=f"{case}: number of peaks",
                     paper=stated,
                     reference=float(peaks),
-                    same=_of("peaks", _first, case=case),
+                    same=value_of("peaks", case=case),
                     tolerance=0.0,
                 )
                 for case, peaks, stated in zip(_CASES, (1, 2, 1), ("one", "two", "one, the phase differs"), strict=True)
@@ -241,7 +228,7 @@ STUDIES_OF_THE_GRID: Final[tuple[Study, ...]] = (
                 Claim(
                     what=f"{case}: change of phase along delay, cycles",
                     paper=stated,
-                    same=_of("phase_cyc", _span, case=case, along="delay"),
+                    same=value_of("phase_cyc", _span, case=case, along="delay"),
                     reference=reference,
                     tolerance=tolerance,
                 )
@@ -279,22 +266,21 @@ STUDIES_OF_THE_GRID: Final[tuple[Study, ...]] = (
                 what="noise level at 20 ms",
                 paper="a picture",
                 reference=0.040,
-                same=_of("noise_rms", _first, coherent_ms=20),
+                same=value_of("noise_rms", coherent_ms=20),
                 tolerance=0.001,
             ),
             Claim(
                 what="power that eleven others add at 20 ms",
                 paper="not stated",
                 reference="3.2e-4 to 3.9e-4",
-                same=_of("added_power", _first, coherent_ms=20),
+                same=value_of("added_power", coherent_ms=20),
             ),
             Claim(
                 what="the same over the integral of the spectrum squared",
                 paper="none",
                 reference=1.0,
                 same=lambda rows: (
-                    _of("added_power", _first, coherent_ms=20)(rows)
-                    / _of("added_predicted", _first, coherent_ms=20)(rows)
+                    value_of("added_power", coherent_ms=20)(rows) / value_of("added_predicted", coherent_ms=20)(rows)
                 ),
                 tolerance=0.1,
             ),
@@ -302,7 +288,7 @@ STUDIES_OF_THE_GRID: Final[tuple[Study, ...]] = (
                 what="rise of the noise at 20 ms, dB",
                 paper="not stated",
                 reference=0.9,
-                same=_of("rise_db", _first, coherent_ms=20),
+                same=value_of("rise_db", coherent_ms=20),
                 tolerance=0.15,
                 digits=2,
             ),
@@ -311,7 +297,7 @@ STUDIES_OF_THE_GRID: Final[tuple[Study, ...]] = (
                 paper="not stated",
                 reference=20.0,
                 same=lambda rows: (
-                    _of("added_power", _first, coherent_ms=1)(rows) / _of("added_power", _first, coherent_ms=20)(rows)
+                    value_of("added_power", coherent_ms=1)(rows) / value_of("added_power", coherent_ms=20)(rows)
                 ),
                 tolerance=3.0,
             ),

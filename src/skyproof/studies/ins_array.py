@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from skyproof.report.chart import Axes
-from skyproof.studies.base import Claim, Row, Study
+from skyproof.studies.base import Claim, Row, Study, value_of
 from skyproof.studies.ins_array_figures import dead_zones, eight, position_error, roc, scenarios, solid_angle, threshold
 
 __all__ = ["STUDIES"]
@@ -19,33 +19,24 @@ PAPER: Final = (
 )
 
 
-def _row(rows: Sequence[Row], **where: Any) -> Row:
-    return next(row for row in rows if all(row.get(key) == value for key, value in where.items()))
-
-
-def _value(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
-    return lambda rows: float(_row(rows, **where)[column])
-
-
 def _percent(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
     """The largest of a column, in percent."""
-    return lambda rows: (
-        100.0 * max(float(row[column]) for row in rows if all(row.get(key) == value for key, value in where.items()))
-    )
+    largest = value_of(column, max, **where)
+    return lambda rows: 100.0 * largest(rows)
 
 
 _BY_FORMULA: Final = "figure not in the copy"
 
 
 def _scenario_claim(location: str, scenario: str, sat: str, paper: float, reference: float, better: float) -> Claim:
-    where = {"location": location, "scenario": scenario, "sat": sat}
+    where: dict[str, Any] = {"location": location, "scenario": scenario, "sat": sat}
     return Claim(
         what=f"P_D of {sat}, scenario {scenario}, no errors (better: calibrated, with errors; {better:g} expected)",
         paper=paper,
         reference=reference,
         tolerance=0.005,
-        same=_value("p_d_simulated", **where, errors=False, test="paper"),
-        better=_value("p_d_simulated", **where, errors=True, test="calibrated"),
+        same=value_of("p_d_simulated", **where, errors=False, test="paper"),
+        better=value_of("p_d_simulated", **where, errors=True, test="calibrated"),
     )
 
 
@@ -63,7 +54,7 @@ STUDIES = (
                 reference=9.2103,
                 tolerance=5e-5,
                 digits=5,
-                same=_value("threshold", p_fa=0.01),
+                same=value_of("threshold", p_fa=0.01),
             ),
         ),
     ),
@@ -100,7 +91,7 @@ STUDIES = (
                 what=f"noncentrality, (20, 40) against (21, 40), b = {side:g}",
                 paper=_BY_FORMULA,
                 reference=reference,
-                same=_value("noncentrality", figure="5", baseline=side),
+                same=value_of("noncentrality", figure="5", baseline=side),
                 tolerance=1e-4,
             )
             for side, reference in ((1.0, 0.8938), (2.0, 3.5750), (3.0, 8.0439), (4.0, 14.3002), (5.0, 22.3440))
@@ -119,7 +110,7 @@ STUDIES = (
                     paper=most,
                     reference=most,
                     tolerance=1.0,
-                    same=_value("max_blocks", baseline=side),
+                    same=value_of("max_blocks", baseline=side),
                 )
                 for side, most in ((1.0, 1554), (5.0, 232))
             ),
@@ -186,21 +177,21 @@ STUDIES = (
                 paper="not shown",
                 reference=0.2668,
                 tolerance=0.005,
-                same=_value("p_fa_simulated", location="1", sat="G03", errors=True, test="paper"),
-                better=_value("p_fa_simulated", location="1", sat="G03", errors=True, test="calibrated"),
+                same=value_of("p_fa_simulated", location="1", sat="G03", errors=True, test="paper"),
+                better=value_of("p_fa_simulated", location="1", sat="G03", errors=True, test="calibrated"),
             ),
             Claim(
                 what="P_D of G03 with errors",
                 paper=0.0657,
                 reference=0.344,
                 tolerance=0.01,
-                same=_value("p_d_simulated", location="1", scenario="1", sat="G03", errors=True, test="paper"),
+                same=value_of("p_d_simulated", location="1", scenario="1", sat="G03", errors=True, test="paper"),
             ),
             Claim(
                 what="P_D of the three together with errors, scenario 2 (better only)",
                 paper="no joint test",
                 reference=1.0,
-                better=_value("p_d_simulated", location="1", scenario="2", sat="all", errors=True),
+                better=value_of("p_d_simulated", location="1", scenario="2", sat="all", errors=True),
             ),
         ),
     ),
@@ -216,7 +207,7 @@ STUDIES = (
                 paper="not shown",
                 reference=reference,
                 tolerance=0.006,
-                same=_value("p_fa", assumption=assumption, baseline=1.0, elevation_deg=30.0),
+                same=value_of("p_fa", assumption=assumption, baseline=1.0, elevation_deg=30.0),
             )
             for assumption, reference in (
                 ("per antenna and axis", 0.266),
@@ -249,8 +240,8 @@ STUDIES = (
                 paper="no joint use",
                 reference=0.285,
                 tolerance=0.002,
-                same=_value("p_d", baseline=1.0, shift_deg=5.0, test="alone"),
-                better=_value("p_d", baseline=1.0, shift_deg=5.0, test="conditional"),
+                same=value_of("p_d", baseline=1.0, shift_deg=5.0, test="alone"),
+                better=value_of("p_d", baseline=1.0, shift_deg=5.0, test="conditional"),
             ),
         ),
     ),

@@ -1,7 +1,7 @@
 """Studies of inverse RAIM, the second half of the paper on decomposition (Ahmed, Khanafseh, Pervan)."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +14,7 @@ from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import unit_vectors
 from skyproof.gnss.time import week_and_tow
 from skyproof.report.chart import Axes
-from skyproof.studies.base import Claim, Row, Study, StudySettings
+from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 
 __all__ = ["STUDIES"]
 
@@ -168,17 +168,7 @@ def _row(**values: Any) -> Row:
     return {name: values.get(name) for name in names}
 
 
-def _value(column: str, **where: Any) -> Any:
-    def found(rows: Sequence[Row]) -> float:
-        for row in rows:
-            if row[column] is not None and all(row[key] == value for key, value in where.items()):
-                return float(row[column])
-        return float("nan")
-
-    return found
-
-
-_SIX: Final = {"satellites": 6, "attack": "position", "offset_m": 100.0}
+_SIX: Final[dict[str, Any]] = {"satellites": 6, "attack": "position", "offset_m": 100.0}
 STUDIES: tuple[Study, ...] = (
     Study(
         name="inverse-raim.sets",
@@ -214,28 +204,28 @@ STUDIES: tuple[Study, ...] = (
                 what="mixed sets that pass, 6 satellites, 1 m, 100 m",
                 paper="none",
                 reference=1.0,
-                same=_value("mixed_passing", sigma_m=1.0, **_SIX),
+                same=value_of("mixed_passing", sigma_m=1.0, **_SIX),
             ),
             Claim(
                 what="two smallest residuals pure, the same",
                 paper="always",
                 reference=0.75,
-                same=_value("two_smallest_pure", sigma_m=1.0, **_SIX),
-                better=_value("pair_is_pure", sigma_m=1.0, **_SIX),
+                same=value_of("two_smallest_pure", sigma_m=1.0, **_SIX),
+                better=value_of("pair_is_pure", sigma_m=1.0, **_SIX),
             ),
             Claim(
                 what="mixed sets that pass, 6 satellites, 3 m, 100 m",
                 paper="none",
                 reference=4.8,
-                same=_value("mixed_passing", sigma_m=3.0, **_SIX),
+                same=value_of("mixed_passing", sigma_m=3.0, **_SIX),
             ),
             *(
                 Claim(
                     what=f"{name} sets, ms (same: every set; better: branch and bound)",
                     paper="not stated",
                     reference=reference,
-                    same=_value("ms_exhaustive", satellites=satellites, signals=signals),
-                    better=_value("ms_pruned", satellites=satellites, signals=signals),
+                    same=value_of("ms_exhaustive", satellites=satellites, signals=signals),
+                    better=value_of("ms_pruned", satellites=satellites, signals=signals),
                 )
                 for name, satellites, signals, reference in (
                     ("2^6", 6, 2, "not timed"),
@@ -248,7 +238,7 @@ STUDIES: tuple[Study, ...] = (
                 paper="not stated",
                 reference=1.0,
                 tolerance=0.0,
-                better=_value("same_sets", satellites=12, signals=3),
+                better=value_of("same_sets", satellites=12, signals=3),
             ),
             Claim(
                 what="numbers of the two passing sets of figure 9",

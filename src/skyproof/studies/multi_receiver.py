@@ -19,7 +19,7 @@ from skyproof.detectors.multi_receiver.double_difference import Degrees, Tested,
 from skyproof.report.chart import Axes
 from skyproof.statistics.distributions import binomial_threshold, f_threshold
 from skyproof.statistics.roc import count_interval
-from skyproof.studies.base import Claim, Row, Study, StudySettings
+from skyproof.studies.base import Claim, Row, Study, StudySettings, rows_where, value_of
 from skyproof.studies.multi_receiver_scene import (
     ALPHA_OURS,
     ALPHA_PAPER,
@@ -101,20 +101,15 @@ def _counts(receivers: int, n: int, trials: int, rng: np.random.Generator) -> di
     return counts
 
 
-def _rows(rows: Sequence[Row], **wanted: Any) -> list[Row]:
-    """The rows with these values."""
-    return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
-
-
 def _mean(key: str, **wanted: Any) -> Callable[[Sequence[Row]], float]:
-    return lambda rows: float(np.mean([row[key] for row in _rows(rows, **wanted)] or [np.nan]))
+    return value_of(key, lambda values: float(np.mean(values)), **wanted)
 
 
 def _worst_rate(nominal: float) -> Callable[[Sequence[Row]], float]:
     """The rate farthest from the nominal one, as a multiple of it."""
 
     def ratio(rows: Sequence[Row]) -> float:
-        ratios = [row["p_fa"] / nominal for row in _rows(rows, form="corrected", nominal=nominal)]
+        ratios = [row["p_fa"] / nominal for row in rows_where(rows, form="corrected", nominal=nominal)]
         return float(max(ratios, key=lambda r: abs(np.log(max(r, 1e-9)))))
 
     return ratio
@@ -284,7 +279,7 @@ def _share(key: str, pair: str, window_s: int, detector: str, noise: str) -> Cal
 
 def _least(method: str, detector: str, noises: Sequence[str], window_s: int, pairs: Sequence[str]) -> Any:
     def least(rows: Sequence[Row]) -> float:
-        of = _rows(rows, method=method, detector=detector, window_s=window_s)
+        of = rows_where(rows, method=method, detector=detector, window_s=window_s)
         return min(float(row["authenticated_mean"]) for row in of if row["noise"] in noises and row["pair"] in pairs)
 
     return least
@@ -297,7 +292,7 @@ def _most_wrong(method: str, noises: Sequence[str], pairs: Sequence[str], detect
         return (
             max(
                 float(row["wrong_mean"])
-                for row in _rows(rows, method=method)
+                for row in rows_where(rows, method=method)
                 if row["noise"] in noises and row["pair"] in pairs and detector in (None, row["detector"])
             )
             / SATS
@@ -310,7 +305,7 @@ def _pooled_wrong(key: str, **wanted: Any) -> Callable[[Sequence[Row]], float]:
     """Share of wrong signals of our detector that has most, all its cells of these together."""
 
     def share(rows: Sequence[Row]) -> float:
-        cells = [_rows(rows, detector=detector, **wanted) for detector in (UNKNOWN, KNOWN, CARRIER)]
+        cells = [rows_where(rows, detector=detector, **wanted) for detector in (UNKNOWN, KNOWN, CARRIER)]
         weighted = (np.average([r[key] for r in of], weights=[r["windows"] for r in of]) for of in cells)
         return float(max(weighted)) / SATS
 
@@ -321,7 +316,7 @@ def _most_by_count(rate: float, **wanted: Any) -> Callable[[Sequence[Row]], floa
     """The share that a count at this rate exceeds with a chance of 0.1 %."""
 
     def share(rows: Sequence[Row]) -> float:
-        windows = sum(row["windows"] for row in _rows(rows, **wanted))
+        windows = sum(row["windows"] for row in rows_where(rows, **wanted))
         return float((binomial_threshold(1e-3, windows, rate)[0] - 1) / windows)
 
     return share

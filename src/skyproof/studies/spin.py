@@ -6,7 +6,7 @@ radius 0.5 wavelengths, a turn in 4 s, 10 samples a second, 0.01 cycles of noise
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from skyproof.detectors.array.arm_phases import (
 from skyproof.report.chart import Axes
 from skyproof.statistics.directions import DirectionBlocks, blocks, dead_zone, direction_cosines
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
-from skyproof.studies.base import Claim, Row, Study, StudySettings
+from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 
 __all__ = ["STUDIES"]
 
@@ -56,14 +56,6 @@ def _information(test: str, n: int) -> Reals:
 def _noncentrality(test: str, n: int, one: Degrees, other: Degrees) -> float:
     apart = _level(one) - _level(other)
     return float(apart @ _information(test, n) @ apart)
-
-
-def _row(rows: Sequence[Row], **where: Any) -> Row:
-    return next(row for row in rows if all(row.get(key) == value for key, value in where.items()))
-
-
-def _value(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
-    return lambda rows: float(_row(rows, **where)[column])
 
 
 # Receiver operating characteristics -----------------------------------------------------------------------------------
@@ -259,8 +251,8 @@ STUDIES = (
                 paper=paper,
                 reference=right,
                 tolerance=1.0,
-                same=_value("blocks", test="paper", reference=reference, n=n),
-                better=_value("blocks", test="full", reference=reference, n=n),
+                same=value_of("blocks", test="paper", reference=reference, n=n),
+                better=value_of("blocks", test="full", reference=reference, n=n),
             )
             for n, reference, paper, right in _TABLE
         ),
@@ -277,8 +269,8 @@ STUDIES = (
                 paper="blocks only",
                 reference=right,
                 tolerance=0.01 * right,
-                same=_value("share", test="paper", reference=reference, n=150),
-                better=_value("share", test="full", reference=reference, n=150),
+                same=value_of("share", test="paper", reference=reference, n=150),
+                better=value_of("share", test="full", reference=reference, n=150),
             )
             for reference, right in (
                 ("(40, 35)", 0.01101),
@@ -302,7 +294,7 @@ STUDIES = (
                     reference=value,
                     tolerance=5e-5,
                     digits=6,
-                    same=_value("threshold", pair=pair, test="paper"),
+                    same=value_of("threshold", pair=pair, test="paper"),
                 )
                 for pair, value in (("[3,1]", 22.0503), ("[4,1]", 0.0760), ("[2,1]", 0.0201))
             ),
@@ -312,8 +304,8 @@ STUDIES = (
                     paper=paper,
                     reference=right,
                     tolerance=1e-4,
-                    same=_value("p_d_theory", pair=pair, test="paper"),
-                    better=_value("p_d_theory", pair=pair, test="full"),
+                    same=value_of("p_d_theory", pair=pair, test="paper"),
+                    better=value_of("p_d_theory", pair=pair, test="full"),
                 )
                 for pair, paper, right in (
                     ("[3,1]", 0.9999, 0.999984),
@@ -370,7 +362,7 @@ STUDIES = (
                 paper="taken as known",
                 reference=0.0101,
                 tolerance=0.0022,
-                same=_value("p_d_simulated", p_fa=0.01),
+                same=value_of("p_d_simulated", p_fa=0.01),
             ),
         ),
     ),

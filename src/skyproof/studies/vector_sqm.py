@@ -15,7 +15,7 @@ from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.correlators import vector_sqm as rule
 from skyproof.report.chart import Axes
 from skyproof.statistics.roc import chi_square_power
-from skyproof.studies.base import Claim, Row, Study, StudySettings
+from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 from skyproof.studies.vector_delay import ATTACKS, delay_rows
 from skyproof.studies.vector_loops import draw_discriminators, vector_loops
 from skyproof.studies.vector_sky import CHIPS, HZ, PRNS, SKY, attack_on, of_prn
@@ -40,14 +40,6 @@ def _settled(prns: Sequence[int], code_chips: float, doppler_hz: float, cn0_dbhz
 def _number(value: Any) -> float | None:
     """A number, or None where there is none."""
     return float(value) if np.isfinite(value) else None
-
-
-def _row(rows: Sequence[Row], **where: Any) -> Row:
-    return next(row for row in rows if all(row[key] == value for key, value in where.items()))
-
-
-def _value(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
-    return lambda rows: float(_row(rows, **where)[column])
 
 
 # Table 1 --------------------------------------------------------------------------------------------------------------
@@ -284,7 +276,7 @@ _PICTURE = "picture only"
 
 def _delay_claim(code: float, doppler: float) -> Claim:
     def of(method: str, column: str) -> Callable[[Sequence[Row]], float]:
-        return _value(column, code_chips=code, doppler_hz=doppler, method=method)
+        return value_of(column, code_chips=code, doppler_hz=doppler, method=method)
 
     def paper(rows: Sequence[Row]) -> float:
         return min(of(f"paper, limits {kind}", "mean_delay_ms")(rows) for kind in ("scaled", "balanced"))
@@ -311,7 +303,7 @@ STUDIES: tuple[Study, ...] = (
                 paper=paper,
                 reference=reference,
                 tolerance=0.0005,
-                same=_value("p_fa_theory", cn0_dbhz=cn0, k=k),
+                same=value_of("p_fa_theory", cn0_dbhz=cn0, k=k),
             )
             for cn0, k, paper, reference, _ in _TABLE_1
         )
@@ -320,7 +312,7 @@ STUDIES: tuple[Study, ...] = (
                 what=f"P_FA of the whole rule, {cn0} dB-Hz, K = {k}",
                 paper="selection ignored",
                 reference=reference,
-                same=_value("p_fa_rule", cn0_dbhz=cn0, k=k),
+                same=value_of("p_fa_rule", cn0_dbhz=cn0, k=k),
                 tolerance=0.003,
             )
             for cn0, k, _, _, reference in _TABLE_1
@@ -356,28 +348,28 @@ STUDIES: tuple[Study, ...] = (
                 paper=_PICTURE,
                 reference=0.2271,
                 tolerance=1e-4,
-                same=_value("code_chips", cn0_dbhz=40, prn=2),
+                same=value_of("code_chips", cn0_dbhz=40, prn=2),
             ),
             Claim(
                 what="the same with the loops closed",
                 paper=_PICTURE,
                 reference=0.2271,
                 tolerance=0.002,
-                same=_value("code_simulated_chips", cn0_dbhz=40, prn=2),
+                same=value_of("code_simulated_chips", cn0_dbhz=40, prn=2),
             ),
             Claim(
                 what="phase offset of PRN 2 at 40 dB-Hz, rad",
                 paper=_PICTURE,
                 reference=0.1118 * np.pi,
                 tolerance=2e-4,
-                same=_value("phase_rad", cn0_dbhz=40, prn=2),
+                same=value_of("phase_rad", cn0_dbhz=40, prn=2),
             ),
             Claim(
                 what="the same with the loops closed",
                 paper=_PICTURE,
                 reference=0.1118 * np.pi,
                 tolerance=0.003,
-                same=_value("phase_simulated_rad", cn0_dbhz=40, prn=2),
+                same=value_of("phase_simulated_rad", cn0_dbhz=40, prn=2),
             ),
         ),
     ),
@@ -432,7 +424,7 @@ STUDIES: tuple[Study, ...] = (
                 what=f"PRN 2 has the largest parameter, 40 dB-Hz, K = {k}",
                 paper=_PICTURE,
                 reference=reference,
-                same=_value("p_largest", attack="PRN 2", k=k, prn=2),
+                same=value_of("p_largest", attack="PRN 2", k=k, prn=2),
                 tolerance=0.01,
                 digits=3,
             )
@@ -480,28 +472,28 @@ STUDIES: tuple[Study, ...] = (
                 what="P_D, 0.2 chip and 0.1 pi, 30 dB-Hz, K = 1",
                 paper=_NOT_STATED,
                 reference=0.9453,
-                same=_value("p_d", figure="7", cn0_dbhz=30, k=1),
+                same=value_of("p_d", figure="7", cn0_dbhz=30, k=1),
                 tolerance=1e-4,
             ),
             Claim(
                 what="the same at 40 dB-Hz",
                 paper=_NOT_STATED,
                 reference=0.9286,
-                same=_value("p_d", figure="7", cn0_dbhz=40, k=1),
+                same=value_of("p_d", figure="7", cn0_dbhz=40, k=1),
                 tolerance=1e-4,
             ),
             Claim(
                 what="P_D, 0.2 chip and 0.1 pi, 40 dB-Hz, K = 5",
                 paper=_NOT_STATED,
                 reference=0.9900,
-                same=_value("p_d", figure="8", k=5),
+                same=value_of("p_d", figure="8", k=5),
                 tolerance=1e-4,
             ),
             Claim(
                 what="P_D, 0.1 chip and 0.05 pi, 40 dB-Hz, K = 10",
                 paper=_PICTURE,
                 reference=0.7418,
-                same=_value("p_d", figure="9", code_chips=0.1, phase_pi=0.05),
+                same=value_of("p_d", figure="9", code_chips=0.1, phase_pi=0.05),
                 tolerance=1e-4,
             ),
         ),
@@ -534,8 +526,8 @@ STUDIES: tuple[Study, ...] = (
                 paper=_PICTURE,
                 reference=reference,
                 tolerance=1e-4,
-                same=_value("p_d", attack="both", prn=prn, code_chips=CHIPS),
-                better=_value("p_d_parity", attack="both", prn=prn, code_chips=CHIPS),
+                same=value_of("p_d", attack="both", prn=prn, code_chips=CHIPS),
+                better=value_of("p_d_parity", attack="both", prn=prn, code_chips=CHIPS),
             )
             for prn, reference in zip(PRNS, (0.9546, 0.7908, 0.4650, 0.8164, 0.9908, 0.8568), strict=True)
         ),
@@ -552,8 +544,8 @@ STUDIES: tuple[Study, ...] = (
                 paper=paper,
                 reference=reference,
                 tolerance=0.002,
-                same=_value("p_d_theory", attack="PRN 2", cn0_dbhz=cn0, k=k),
-                better=_value("p_d_parity", attack="PRN 2", cn0_dbhz=cn0, k=k),
+                same=value_of("p_d_theory", attack="PRN 2", cn0_dbhz=cn0, k=k),
+                better=value_of("p_d_parity", attack="PRN 2", cn0_dbhz=cn0, k=k),
             )
             for cn0, k, paper, reference in _TABLE_2
         )
@@ -562,7 +554,7 @@ STUDIES: tuple[Study, ...] = (
                 what="P_D of PRN 20, which is authentic, PRN 12, 13, 17 attacked, 45 dB-Hz, K = 1",
                 paper=_PICTURE,
                 reference=0.9855,
-                same=_value("p_d_theory", attack="PRN 12, 13, 17", k=1),
+                same=value_of("p_d_theory", attack="PRN 12, 13, 17", k=1),
                 tolerance=1e-4,
             ),
         ),
