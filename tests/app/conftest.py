@@ -1,28 +1,15 @@
 """Scenes and the truth about them, which the tests of this room share."""
 
-import importlib.util
 import json
 import os
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
-
-
-@pytest.fixture(scope="session")
-def kit() -> ModuleType:
-    """`kit.py` beside this file: tests are no package here, so that it is loaded by its path."""
-    name = "app_test_kit"
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("kit.py"))
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+from tests.app import kit
 
 
 @pytest.fixture(scope="session")
@@ -64,7 +51,7 @@ class ArrayFiles:
 
 
 @pytest.fixture(scope="session")
-def array_files(kit, made_once) -> ArrayFiles:
+def array_files(made_once) -> ArrayFiles:
     """8 s of clean sky on four antennas, from 1.5 s before a subframe on: just enough for a time of week."""
 
     def fill(folder: Path) -> None:

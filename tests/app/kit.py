@@ -1,4 +1,4 @@
-"""Scenes through the whole job, and the truth that its answer is held against. Loaded by `conftest.py`."""
+"""Scenes through the whole job, and the truth that its answer is held against."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

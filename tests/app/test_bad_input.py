@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.app import kit
 
 from skyproof import cli
 from skyproof.app.common.progress import Silent
@@ -34,7 +35,7 @@ SIDECAR = '[samples]\nrate_hz = 2600000.0\nkind = "complex"\nencoding = "sign"\n
 
 
 @pytest.fixture(scope="session")
-def pair(kit, tmp_path_factory):
+def pair(tmp_path_factory):
     """Two receivers under a clean sky for 8 s: just enough for a time of week, and for a verdict."""
     return kit.record(kit.scenario_of(duration_s=8.0, start_gpst=START), tmp_path_factory.mktemp("pair"))
 
@@ -143,7 +144,7 @@ def test_zeros_are_refused(run, tmp_path):
 
 
 @pytest.fixture(scope="session")
-def wide(kit, tmp_path_factory):
+def wide(tmp_path_factory):
     """A second of one receiver in 8-bit numbers."""
     front_end = FrontEnd(encoding="int", bits=8)
     scenario = kit.scenario_of(receivers=1, duration_s=1.0, front_end=front_end)
@@ -270,7 +271,7 @@ def test_a_navigation_file_that_is_not_there_is_refused(run, pair, tmp_path):
 
 
 @pytest.fixture(scope="session")
-def later(kit, tmp_path_factory):
+def later(tmp_path_factory):
     """The same scene five minutes later."""
     start = START + np.timedelta64(300, "s")
     return kit.record(kit.scenario_of(duration_s=7.0, start_gpst=start), tmp_path_factory.mktemp("later"))
@@ -306,7 +307,7 @@ def test_a_wrong_date_is_reported_and_the_signals_time_is_used(run, pair, tmp_pa
 
 
 @pytest.mark.long
-def test_a_date_in_the_wrong_week_is_reported_and_the_messages_week_is_used(kit, run, tmp_path):
+def test_a_date_in_the_wrong_week_is_reported_and_the_messages_week_is_used(run, tmp_path):
     recorded = kit.record(kit.scenario_of(receivers=1, duration_s=10.0), tmp_path)  # subframe 1 is whole after 8.1 s
     wrong = copied(recorded.paths[0], tmp_path / "wrong", start_gpst='"2024-05-07T09:59:58"')
     ended = run(wrong)
@@ -336,7 +337,7 @@ def test_receivers_in_files_of_one_name_keep_apart(pair, tmp_path):
 
 
 @pytest.mark.long
-def test_recordings_that_overlap_in_part_are_compared_in_that_part(kit, run, tmp_path):
+def test_recordings_that_overlap_in_part_are_compared_in_that_part(run, tmp_path):
     scenario = kit.scenario_of(duration_s=9.0, start_gpst=START)
     second = scenario.receivers[1].model_copy(update={"start_offset_s": 4.0})
     recorded = kit.record(scenario.model_copy(update={"receivers": (scenario.receivers[0], second)}), tmp_path)
@@ -453,7 +454,7 @@ class Meddling(Watched):
 
 
 @pytest.fixture
-def meddled(kit, run, pair, tmp_path, monkeypatch):
+def meddled(run, pair, tmp_path, monkeypatch):
     """A run on copies of the pair while something happens to the second one, and the first one's sum."""
 
     def meddled(meddle, after=13.0):
@@ -530,7 +531,7 @@ def assert_whole(folder: Path) -> None:
         read_verdict(folder / "verdict.json")
 
 
-def test_ctrl_c_writes_what_is_decided_so_far(kit, run, pair, monkeypatch):
+def test_ctrl_c_writes_what_is_decided_so_far(run, pair, monkeypatch):
     monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("tracking", 13.0)))
     ended = run(*pair.paths, nav=pair.nav, options=["--json", "--antenna-distance-m", f"{kit.DISTANCE_M}"])
     assert ended.code == 130
@@ -544,7 +545,7 @@ def test_ctrl_c_writes_what_is_decided_so_far(kit, run, pair, monkeypatch):
     assert_whole(ended.folder)
 
 
-def test_ctrl_c_at_once_decides_nothing_and_says_so(kit, run, pair, monkeypatch):
+def test_ctrl_c_at_once_decides_nothing_and_says_so(run, pair, monkeypatch):
     monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("tracking", 2.0)))
     ended = run(*pair.paths, nav=pair.nav, options=["--json", "--antenna-distance-m", f"{kit.DISTANCE_M}"])
     assert ended.code == 130

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.app import kit
 
 from skyproof.app.common import windows
 from skyproof.app.common.progress import Silent
@@ -58,7 +59,7 @@ def judged(observed, navigation):
 
 
 @pytest.fixture(scope="module")
-def pair(kit):
+def pair():
     """Two receivers, 61 m apart, over 35 s."""
     scenario = kit.scenario_of(duration_s=35.0)
     navigation = nominal_constellation(scenario.start_gpst)
@@ -85,7 +86,7 @@ def test_halves_of_two_receivers_swapped_are_not_authentic(pair, row):
 
 
 @pytest.mark.long
-def test_a_file_joined_to_itself_is_not_authentic(kit, tmp_path):
+def test_a_file_joined_to_itself_is_not_authentic(tmp_path):
     front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
     recorded = kit.record(kit.scenario_of(duration_s=16.0, front_end=front_end), tmp_path)
     for path in recorded.paths:

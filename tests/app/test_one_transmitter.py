@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.app import kit
 
 from skyproof.simulator.attacks import TransmitAntenna
 from skyproof.simulator.scenario import Multipath, ScenePlace, Spoofer, Takeover
@@ -12,7 +13,7 @@ SHOWS = ScenePlace(lat_deg=57.6985, lon_deg=11.9275, height_m=60.0)  # 400 m off
 BESIDE_STERN = ScenePlace(lat_deg=57.7009, lon_deg=11.932967, height_m=51.2)  # 1 m from it, 60 m from bow
 
 
-def given(kit, what):
+def given(what):
     """What is stated of the antennas."""
     places = {name: kit.ENU_M[name] for name in ("bow", "stern")}
     distance = {"antenna_distance_m": kit.DISTANCE_M}
@@ -32,19 +33,19 @@ def off_bounds(judged):
 
 
 @pytest.mark.parametrize("known", ["nothing", "distance", "places"])
-def test_one_captured_receiver_of_two_is_never_trusted(kit, tmp_path, known):
+def test_one_captured_receiver_of_two_is_never_trusted(tmp_path, known):
     """A spoofer 1 m from stern, 20 dB above its true signals with noise that drowns them; bow hears the true sky."""
     captured = Spoofer(
         shows=SHOWS, transmit=BESIDE_STERN, clock_offset_s=3e-6, onset_s=-10.0, power_db=-15.6, noise_db=-23.6
     )
-    judged = kit.protected(kit.scenario_of(attacks=(captured,)), tmp_path, **given(kit, known))
+    judged = kit.protected(kit.scenario_of(attacks=(captured,)), tmp_path, **given(known))
     assert judged.verdict.verdict != "authentic"
     assert "no sign" not in judged.verdict.summary
     assert off_bounds(judged) < 1.0
 
 
 @pytest.mark.parametrize("known", ["nothing", "distance", "places"])
-def test_a_takeover_at_one_receivers_place_leaves_no_false_trusted_fix(kit, tmp_path, known):
+def test_a_takeover_at_one_receivers_place_leaves_no_false_trusted_fix(tmp_path, known):
     """Aligned with bow's signals, misaligned at stern by what the antennas are apart; drawn off 1.2 km from 24 s on."""
     takeover = Takeover(
         target="bow",
@@ -54,7 +55,7 @@ def test_a_takeover_at_one_receivers_place_leaves_no_false_trusted_fix(kit, tmp_
         power_points_db=((12.0, -20.0), (20.0, 0.0)),
         away_points_enu_m=((24.0, 0.0, 0.0, 0.0), (60.0, 1150.0, 350.0, 0.0)),
     )
-    judged = kit.protected(kit.scenario_of(attacks=(takeover,), duration_s=60.0), tmp_path, **given(kit, known))
+    judged = kit.protected(kit.scenario_of(attacks=(takeover,), duration_s=60.0), tmp_path, **given(known))
     assert judged.verdict.verdict == "spoofed"
     assert off_bounds(judged) < 1.5
     onset = judged.scene.scenario.start_gpst + np.timedelta64(12, "s")
@@ -62,7 +63,7 @@ def test_a_takeover_at_one_receivers_place_leaves_no_false_trusted_fix(kit, tmp_
     assert judged.verdict.since_earliest_gpst is None  # it may have lain hidden in the true signals for any time
 
 
-def test_a_few_second_signals_from_two_antennas_are_counted(kit, tmp_path):
+def test_a_few_second_signals_from_two_antennas_are_counted(tmp_path):
     """Two of ten, up to 8 dB stronger, in both receivers."""
     few = Spoofer(
         shows=SHOWS,
@@ -73,18 +74,18 @@ def test_a_few_second_signals_from_two_antennas_are_counted(kit, tmp_path):
         sats=("G07", "G17"),
         antennas=(TransmitAntenna(lat_deg=57.7035, lon_deg=11.9346, height_m=58.0, sats=("G17",)),),
     )
-    judged = kit.protected(kit.scenario_of(attacks=(few,)), tmp_path, **given(kit, "distance"))
+    judged = kit.protected(kit.scenario_of(attacks=(few,)), tmp_path, **given("distance"))
     assert judged.verdict.verdict != "authentic"
     assert "no sign" not in judged.verdict.summary
     assert "4 further signals stay unexplained: 4 earlier or stronger" in judged.verdict.summary
     assert off_bounds(judged) < 1.0
 
 
-def test_a_whole_sky_repeated_late_in_one_receiver_is_named_and_no_attack(kit, tmp_path):
+def test_a_whole_sky_repeated_late_in_one_receiver_is_named_and_no_attack(tmp_path):
     scenario = kit.scenario_of()
     stern = scenario.receivers[1].model_copy(update={"multipath": (Multipath(delay_m=450.0, power_db=-6.0),)})
     scenario = scenario.model_copy(update={"receivers": (scenario.receivers[0], stern)})
-    judged = kit.protected(scenario, tmp_path, **given(kit, "distance"))
+    judged = kit.protected(scenario, tmp_path, **given("distance"))
     assert judged.verdict.verdict == "authentic"
     assert "received again, late and weaker" in judged.verdict.summary
     assert {s.label for s in judged.verdict.signals if s.receiver == "bow"} == {"authentic"}

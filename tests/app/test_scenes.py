@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.app import kit
 
 from skyproof.simulator.scenario import FrontEnd, Meaconer, ScenePlace, Sky, Spoofer
 
@@ -11,7 +12,7 @@ NEARBY = ScenePlace(lat_deg=57.7013, lon_deg=11.934, height_m=52.0)  # 110 m fro
 
 
 @pytest.fixture
-def meaconer(kit):
+def meaconer():
     """Ears 0.9 km away, from 12 s on: its copies come two chips and more after the true signals."""
 
     def meaconer(**changes):
@@ -22,7 +23,7 @@ def meaconer(kit):
 
 
 @pytest.fixture
-def spoofer(kit):
+def spoofer():
     """Shows a place 3 km away, from 12 s on."""
 
     def spoofer(**changes):
@@ -65,7 +66,7 @@ def assert_not_authentic(judged) -> None:
 
 
 @pytest.mark.parametrize(("receivers", "duration_s"), [(2, 34.0), (3, 16.0)])
-def test_a_clean_sky_is_authentic(kit, tmp_path, receivers, duration_s):
+def test_a_clean_sky_is_authentic(tmp_path, receivers, duration_s):
     given = {"antenna_distance_m": kit.DISTANCE_M} if receivers == 2 else {"antennas_enu_m": kit.ENU_M}
     judged = kit.protected(kit.scenario_of(receivers=receivers, duration_s=duration_s), tmp_path, **given)
     assert judged.verdict.verdict == "authentic"
@@ -79,7 +80,7 @@ def test_a_clean_sky_is_authentic(kit, tmp_path, receivers, duration_s):
 
 
 @pytest.mark.parametrize("nav", [True, False])
-def test_a_meaconer_is_named(kit, meaconer, tmp_path, nav):
+def test_a_meaconer_is_named(meaconer, tmp_path, nav):
     judged = kit.protected(kit.scenario_of(attacks=(meaconer(),)), tmp_path, with_nav=nav)
     assert_spoofed(judged)
     assert judged.verdict.until_gpst is None
@@ -87,39 +88,39 @@ def test_a_meaconer_is_named(kit, meaconer, tmp_path, nav):
     assert source.time_offset_s == pytest.approx(4.33e-6, abs=3e-8)
 
 
-def test_three_receivers_under_a_meaconer(kit, meaconer, tmp_path):
+def test_three_receivers_under_a_meaconer(meaconer, tmp_path):
     assert_spoofed(kit.protected(kit.scenario_of(receivers=3, attacks=(meaconer(),)), tmp_path))
 
 
 @pytest.mark.parametrize("power_db", [0.0, 10.0])
-def test_an_attack_that_was_on_at_the_start(kit, meaconer, tmp_path, power_db):
+def test_an_attack_that_was_on_at_the_start(meaconer, tmp_path, power_db):
     """The strongest signal is found first, so here the false one has the first letter."""
     scenario = kit.scenario_of(duration_s=24.0, attacks=(meaconer(onset_s=-10.0, power_db=power_db),))
     assert_spoofed(kit.protected(scenario, tmp_path), onset_s=None)
 
 
-def test_a_stronger_meaconer(kit, meaconer, tmp_path):
+def test_a_stronger_meaconer(meaconer, tmp_path):
     assert_spoofed(kit.protected(kit.scenario_of(attacks=(meaconer(power_db=10.0),)), tmp_path))
 
 
-def test_a_weaker_meaconer(kit, meaconer, tmp_path):
+def test_a_weaker_meaconer(meaconer, tmp_path):
     """Not all of its signals are found."""
     assert_spoofed(kit.protected(kit.scenario_of(attacks=(meaconer(power_db=-6.0),)), tmp_path), spoofed=6)
 
 
-def test_weak_signals(kit, meaconer, tmp_path):
+def test_weak_signals(meaconer, tmp_path):
     """Between 35 and 42 dB-Hz not all of them are found, nor all messages read."""
     sky = Sky(zenith_cn0_dbhz=42.0, horizon_cn0_dbhz=35.0)
     scenario = kit.scenario_of(attacks=(meaconer(),)).model_copy(update={"sky": sky})
     assert_spoofed(kit.protected(scenario, tmp_path), authentic=6, spoofed=6)
 
 
-def test_true_signals_20_db_under_the_false_ones_are_told_apart(kit, meaconer, tmp_path):
+def test_true_signals_20_db_under_the_false_ones_are_told_apart(meaconer, tmp_path):
     """They are found and followed at 25 to 34 dB-Hz, and measured without the false ones' sidelobes, 30 m of range."""
     assert_spoofed(kit.protected(kit.scenario_of(attacks=(meaconer(power_db=20.0),)), tmp_path))
 
 
-def test_a_meaconer_that_drowns_the_true_signals(kit, meaconer, tmp_path):
+def test_a_meaconer_that_drowns_the_true_signals(meaconer, tmp_path):
     """One sky is left, the false one: only who knows how far apart the antennas are can tell, and trust what was
     before."""
     scenario = kit.scenario_of(attacks=(meaconer(power_db=35.0),))
@@ -130,14 +131,14 @@ def test_a_meaconer_that_drowns_the_true_signals(kit, meaconer, tmp_path):
     assert_trusted(judged)
 
 
-def test_an_attack_that_ends(kit, meaconer, tmp_path):
+def test_an_attack_that_ends(meaconer, tmp_path):
     judged = kit.protected(kit.scenario_of(duration_s=40.0, attacks=(meaconer(until_s=28.0),)), tmp_path)
     assert_spoofed(judged)
     end = np.datetime64(judged.verdict.until_gpst, "ns")
     assert abs((end - judged.scene.scenario.start_gpst) / np.timedelta64(10**9, "ns") - 28.0) < 3.0
 
 
-def test_an_attack_on_some_satellites(kit, meaconer, tmp_path):
+def test_an_attack_on_some_satellites(meaconer, tmp_path):
     sats = ("G02", "G05", "G06", "G07", "G10", "G17")
     judged = kit.protected(kit.scenario_of(attacks=(meaconer(sats=sats),)), tmp_path)
     assert_spoofed(judged, spoofed=6)
@@ -152,13 +153,13 @@ def test_an_attack_on_some_satellites(kit, meaconer, tmp_path):
     ],
     ids=["real-int8-with-an-if", "two-bits"],
 )
-def test_other_front_ends(kit, meaconer, tmp_path, front_end):
+def test_other_front_ends(meaconer, tmp_path, front_end):
     scenario = kit.scenario_of(duration_s=26.0, attacks=(meaconer(),), front_end=front_end)
     assert_spoofed(kit.protected(scenario, tmp_path))
 
 
 @pytest.mark.parametrize("nav", [True, False])
-def test_the_week_turns_over(kit, meaconer, tmp_path, nav):
+def test_the_week_turns_over(meaconer, tmp_path, nav):
     """The message was read in the old week, of orbits that hold for the new one."""
     start = np.datetime64("2024-05-18T23:59:28", "ns")
     scenario = kit.scenario_of(duration_s=38.0, start_gpst=start, attacks=(meaconer(),))
@@ -169,27 +170,27 @@ def test_the_week_turns_over(kit, meaconer, tmp_path, nav):
 
 
 @pytest.mark.parametrize("clock_offset_s", [-8e-6, 0.0])
-def test_a_self_consistent_spoofer_is_named(kit, spoofer, tmp_path, clock_offset_s):
+def test_a_self_consistent_spoofer_is_named(spoofer, tmp_path, clock_offset_s):
     scenario = kit.scenario_of(attacks=(spoofer(clock_offset_s=clock_offset_s),))
     assert_spoofed(kit.protected(scenario, tmp_path))
 
 
 @pytest.mark.parametrize("clock_offset_s", [-0.3, 0.2])
-def test_a_spoofer_far_off_in_time_is_named(kit, spoofer, tmp_path, clock_offset_s):
+def test_a_spoofer_far_off_in_time_is_named(spoofer, tmp_path, clock_offset_s):
     """Without a clock of GPS time: its message states another time of week than the sky's."""
     judged = kit.protected(kit.scenario_of(attacks=(spoofer(clock_offset_s=clock_offset_s),)), tmp_path)
     assert_spoofed(judged)
     assert judged.verdict.sources[0].time_offset_s == pytest.approx(clock_offset_s, abs=1e-6)
 
 
-def test_false_signals_on_top_of_some_true_ones(kit, spoofer, tmp_path):
+def test_false_signals_on_top_of_some_true_ones(spoofer, tmp_path):
     """Three of ten copies come within a chip of the true signal: those satellites cannot be parted."""
     judged = kit.protected(kit.scenario_of(attacks=(spoofer(clock_offset_s=8e-6),)), tmp_path)
     assert_spoofed(judged, authentic=7, spoofed=6)
 
 
 @pytest.mark.parametrize("power_db", [0.0, 15.0], ids=["mixed", "captured"])
-def test_signals_that_are_drawn_off_their_delays_do_not_stay_authentic(kit, spoofer, tmp_path, power_db):
+def test_signals_that_are_drawn_off_their_delays_do_not_stay_authentic(spoofer, tmp_path, power_db):
     """All copies come within a chip of the true signals: no second signal shows, and no channel slips."""
     scenario = kit.scenario_of(attacks=(spoofer(shows=NEARBY, power_db=power_db),))
     judged = kit.protected(scenario, tmp_path, antenna_distance_m=kit.DISTANCE_M)
@@ -197,7 +198,7 @@ def test_signals_that_are_drawn_off_their_delays_do_not_stay_authentic(kit, spoo
     assert_trusted(judged)
 
 
-def test_two_attackers(kit, meaconer, spoofer, tmp_path):
+def test_two_attackers(meaconer, spoofer, tmp_path):
     second = spoofer(
         shows=ScenePlace(lat_deg=57.73, lon_deg=11.95, height_m=30.0),
         clock_offset_s=2e-5,

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.navigation import sky
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.clock import anchored, clock_steps, time_breaks, unstepped
@@ -10,7 +11,7 @@ from skyproof.navigation.ranges import corrected_ranges
 
 
 @pytest.mark.parametrize("bias_s", [0.0, 0.00049, 0.00051, -0.0214, 0.93])
-def test_the_clock_comes_within_half_a_millisecond_and_nothing_else_moves(sky, bias_s):
+def test_the_clock_comes_within_half_a_millisecond_and_nothing_else_moves(bias_s):
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, bias_s)], n=5).observations
     moved = anchored(seen, bias_s)
@@ -24,7 +25,7 @@ def test_the_clock_comes_within_half_a_millisecond_and_nothing_else_moves(sky, b
     np.testing.assert_allclose(seen.carrier_cyc - moved.carrier_cyc, k * 1575420.0, atol=1e-5)
 
 
-def test_times_of_transmission_stay(sky):
+def test_times_of_transmission_stay():
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, -0.0437)], n=3).observations
     moved = anchored(seen, -0.0437)
@@ -33,7 +34,7 @@ def test_times_of_transmission_stay(sky):
     np.testing.assert_allclose(a.transmission_tow_s, b.transmission_tow_s, atol=3e-10)
 
 
-def test_a_drifting_clock_steps_by_a_millisecond_with_code_and_carrier_together(sky):
+def test_a_drifting_clock_steps_by_a_millisecond_with_code_and_carrier_together():
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     drift = 1e-4
     seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=30, drift=drift).observations
@@ -46,14 +47,14 @@ def test_a_drifting_clock_steps_by_a_millisecond_with_code_and_carrier_together(
 
 
 @pytest.mark.parametrize("bias_s", [np.nan, np.zeros(3), np.array([0.0, np.nan, 0.0, 0.0, 0.0])])
-def test_a_bias_that_is_no_number_or_does_not_fit_is_refused(sky, bias_s):
+def test_a_bias_that_is_no_number_or_does_not_fit_is_refused(bias_s):
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=5).observations
     with pytest.raises(ValueError, match="clock_bias_s must be finite"):
         anchored(seen, bias_s)
 
 
-def stepping(sky, *, step_s=1.0, carrier_too=True, dopplers=True):
+def stepping(*, step_s=1.0, carrier_too=True, dopplers=True):
     """A clock that drifts by 100 us a second, which the receiver sets by a millisecond now and then; and as it runs."""
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     drift = 1e-4
@@ -71,10 +72,8 @@ def stepping(sky, *, step_s=1.0, carrier_too=True, dopplers=True):
 @pytest.mark.parametrize("carrier_too", [True, False])
 @pytest.mark.parametrize("dopplers", [True, False])
 @pytest.mark.parametrize("stretch_epochs", [1024, 7])
-def test_steps_of_a_clock_are_taken_back_however_the_receiver_makes_them(
-    sky, step_s, carrier_too, dopplers, stretch_epochs
-):
-    free, reported = stepping(sky, step_s=step_s, carrier_too=carrier_too, dopplers=dopplers)
+def test_steps_of_a_clock_are_taken_back_however_the_receiver_makes_them(step_s, carrier_too, dopplers, stretch_epochs):
+    free, reported = stepping(step_s=step_s, carrier_too=carrier_too, dopplers=dopplers)
     found = clock_steps(reported, stretch_epochs)
     steady = unstepped(reported, found)
     np.testing.assert_allclose(steady.pseudorange_m, free.pseudorange_m, atol=1e-6)
@@ -86,26 +85,26 @@ def test_steps_of_a_clock_are_taken_back_however_the_receiver_makes_them(
     assert sum(step.milliseconds for step in found.steps) == -round(1e-4 * step_s * 29 * 1e3)
 
 
-def test_a_clock_that_runs_on_is_left_alone(sky):
-    free, _ = stepping(sky)
+def test_a_clock_that_runs_on_is_left_alone():
+    free, _ = stepping()
     assert clock_steps(free) is None
 
 
-def test_a_step_that_not_all_satellites_make_is_no_step_of_the_clock(sky):
-    free, _ = stepping(sky)
+def test_a_step_that_not_all_satellites_make_is_no_step_of_the_clock():
+    free, _ = stepping()
     code_m = free.pseudorange_m.copy()
     code_m[15:, : code_m.shape[1] // 2 - 1] += 299792.458
     assert clock_steps(replace(free, pseudorange_m=code_m)) is None
 
 
-def test_what_is_no_whole_millisecond_is_no_step_of_the_clock(sky):
-    free, _ = stepping(sky)
+def test_what_is_no_whole_millisecond_is_no_step_of_the_clock():
+    free, _ = stepping()
     code_m = free.pseudorange_m.copy()
     code_m[15:] += 299792.458 + 400.0
     assert clock_steps(replace(free, pseudorange_m=code_m)) is None
 
 
-def with_missing(sky, missing_s, back):
+def with_missing(missing_s, back):
     """A second between epochs, of which a recording misses some before the 15th; its channels come back at `back`."""
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     sats = sky.visible(nav, position)
@@ -127,22 +126,22 @@ def with_missing(sky, missing_s, back):
 @pytest.mark.parametrize("missing_s", [2e-6, 1e-3, 0.3331, 0.25])
 @pytest.mark.parametrize("back", [[0], [3], [1, 2, 3, 4], [2, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4]])
 @pytest.mark.parametrize("stretch_epochs", [1024, 7, 16])
-def test_time_breaks_once_where_samples_are_missing_however_channels_come_back(sky, missing_s, back, stretch_epochs):
-    observed = with_missing(sky, missing_s, back)
+def test_time_breaks_once_where_samples_are_missing_however_channels_come_back(missing_s, back, stretch_epochs):
+    observed = with_missing(missing_s, back)
     (found,) = time_breaks(observed, stretch_epochs)
     assert found == observed.gpst[15 + min(back)]
 
 
 @pytest.mark.parametrize("back", [[0], [6], [1, 2, 3, 4]])
-def test_time_goes_on_where_signals_are_blocked_and_where_the_clock_is_set(sky, back):
-    assert not time_breaks(with_missing(sky, 0.0, back)).size
-    free, _ = stepping(sky)
+def test_time_goes_on_where_signals_are_blocked_and_where_the_clock_is_set(back):
+    assert not time_breaks(with_missing(0.0, back)).size
+    free, _ = stepping()
     assert not time_breaks(free).size
     assert not time_breaks(anchored(free, 1e-4 * np.arange(30))).size
 
 
-def test_one_signal_that_leaps_is_no_break_of_time(sky):
-    observed = with_missing(sky, 0.0, [0])
+def test_one_signal_that_leaps_is_no_break_of_time():
+    observed = with_missing(0.0, [0])
     code_m = observed.pseudorange_m.copy()
     code_m[15:, :2] += 5000.0
     assert not time_breaks(replace(observed, pseudorange_m=code_m)).size

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from tests.navigation import sky
 
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
@@ -53,7 +54,7 @@ class Shot:
         )
 
 
-def shot(sky, rng, *, noise: float = 1.0, period_s: float = 1e-3, drift: float | None = None) -> Shot:
+def shot(rng, *, noise: float = 1.0, period_s: float = 1e-3, drift: float | None = None) -> Shot:
     """Anywhere on the Earth, at any second of some days: 50 ms at 40 to 48 dB-Hz."""
     gpst = np.datetime64("2024-03-03T00:00:00", "ns") + np.timedelta64(int(rng.integers(0, 3 * 86400 * 10**9)), "ns")
     navigation = nominal_constellation(gpst)
@@ -84,8 +85,8 @@ def error_m(fix: CoarseFix, truth: Shot) -> float:
     return float(np.linalg.norm(fix.position_ecef_m - truth.place))
 
 
-def test_without_noise_place_and_time_are_exact(sky):
-    truth = shot(sky, np.random.default_rng(1), noise=0.0, drift=2e-6)
+def test_without_noise_place_and_time_are_exact():
+    truth = shot(np.random.default_rng(1), noise=0.0, drift=2e-6)
     fix = truth.solve(37.0)
     assert fix.status == 0
     assert error_m(fix, truth) < 0.05
@@ -98,21 +99,21 @@ def test_without_noise_place_and_time_are_exact(sky):
     )
 
 
-def test_the_dopplers_alone_find_the_place_to_start_from_anywhere(sky):
+def test_the_dopplers_alone_find_the_place_to_start_from_anywhere():
     rng = np.random.default_rng(2)
     for _ in range(8):
-        truth = shot(sky, rng)
+        truth = shot(rng)
         fix = truth.solve(rng.uniform(-60, 60))
         assert fix.status == 0
         assert error_m(fix, truth) < 40.0
         assert abs(fix.time_error_s) < 61.0
 
 
-def test_a_rough_place_without_dopplers_will_do(sky):
+def test_a_rough_place_without_dopplers_will_do():
     """As far off as stated, so that the nearest whole numbers are not the right ones."""
     rng = np.random.default_rng(3)
     for late_s in (-60.0, 60.0):
-        truth = shot(sky, rng)
+        truth = shot(rng)
         lat, lon, _ = geodetic_from_ecef(truth.place)
         place = truth.place + rot_enu_ecef(lat, lon).T @ np.array([75e3, np.sign(late_s) * 65e3, 0.0])
         truth = replace(truth, doppler_hz=np.full(len(truth.sats), np.nan))
@@ -121,13 +122,13 @@ def test_a_rough_place_without_dopplers_will_do(sky):
         assert error_m(fix, truth) < 40.0
 
 
-def test_errors_are_as_large_as_stated(sky):
+def test_errors_are_as_large_as_stated():
     """Of code noise alone: without multipath and ionosphere in the sigmas, as without them in the measurements."""
     rng = np.random.default_rng(4)
     settings = CoarseSettings(multipath_sigma_m=0.0, ionosphere_share=0.0)
     squares, times, p_values = [], [], []
     for _ in range(24):
-        truth = shot(sky, rng)
+        truth = shot(rng)
         late_s = rng.uniform(-60, 60)
         fix = truth.solve(late_s, place_ecef_m=off_by(truth.place, rng, 50e3), settings=settings)
         assert fix.status == 0
@@ -143,9 +144,9 @@ def test_errors_are_as_large_as_stated(sky):
     assert np.min(p_values) > 1e-4
 
 
-def test_a_code_with_known_bits_reaches_twenty_times_as_far(sky):
+def test_a_code_with_known_bits_reaches_twenty_times_as_far():
     rng = np.random.default_rng(5)
-    truth = shot(sky, rng, period_s=0.02)
+    truth = shot(rng, period_s=0.02)
     fix = replace(truth, doppler_hz=np.full(len(truth.sats), np.nan)).solve(
         40.0, place_ecef_m=off_by(truth.place, rng, 100e3), period_s=0.02
     )
@@ -154,10 +155,10 @@ def test_a_code_with_known_bits_reaches_twenty_times_as_far(sky):
     assert error_m(fix, truth) < 40.0
 
 
-def test_a_false_peak_is_reported_and_not_fitted(sky):
+def test_a_false_peak_is_reported_and_not_fitted():
     rng = np.random.default_rng(6)
     for _ in range(4):
-        truth = shot(sky, rng)
+        truth = shot(rng)
         code_s = truth.code_s.copy()
         code_s[rng.integers(len(code_s))] += rng.uniform(1e-5, 0.99e-3)
         fix = replace(truth, code_s=np.mod(code_s, 1e-3)).solve(rng.uniform(-60, 60))
@@ -166,17 +167,17 @@ def test_a_false_peak_is_reported_and_not_fitted(sky):
 
 
 @pytest.mark.parametrize("wrong", ["time", "place"])
-def test_a_time_or_place_further_off_than_stated_is_reported(sky, wrong):
-    truth = shot(sky, np.random.default_rng(7))
+def test_a_time_or_place_further_off_than_stated_is_reported(wrong):
+    truth = shot(np.random.default_rng(7))
     late_s, away_m = (600.0, 0.0) if wrong == "time" else (10.0, 900e3)
     fix = truth.solve(late_s, place_ecef_m=truth.place + np.array([away_m, 0.0, 0.0]))
     assert fix.status == 4
 
 
-def test_several_sets_that_fit_are_reported(sky):
+def test_several_sets_that_fit_are_reported():
     """Five satellites leave nothing to check with, and a place good to 1000 km leaves many whole numbers."""
     rng = np.random.default_rng(8)
-    truth = shot(sky, rng)
+    truth = shot(rng)
     few = replace(truth, doppler_hz=np.full(len(truth.sats), np.nan)).keep(np.arange(5))
     fix = few.solve(20.0, place_ecef_m=off_by(truth.place, rng, 500e3), place_sigma_m=1000e3)
     assert fix.status == 5
@@ -184,14 +185,14 @@ def test_several_sets_that_fit_are_reported(sky):
     assert "several" in fix.because
 
 
-def test_fewer_than_five_satellites_are_reported(sky):
-    truth = shot(sky, np.random.default_rng(9))
+def test_fewer_than_five_satellites_are_reported():
+    truth = shot(np.random.default_rng(9))
     for left in (np.arange(4), np.arange(0)):
         assert truth.keep(left).solve(0.0, place_ecef_m=truth.place).status == 1
 
 
-def test_a_satellite_without_an_ephemeris_is_not_used(sky):
-    truth = shot(sky, np.random.default_rng(10))
+def test_a_satellite_without_an_ephemeris_is_not_used():
+    truth = shot(np.random.default_rng(10))
     kept = tuple(e for e in truth.navigation.ephemerides if e.sat != truth.sats[0])
     fix = replace(truth, navigation=replace(truth.navigation, ephemerides=kept)).solve(5.0)
     assert fix.status == 0
@@ -199,8 +200,8 @@ def test_a_satellite_without_an_ephemeris_is_not_used(sky):
     assert np.isfinite(fix.residual_m[1:]).all()
 
 
-def test_what_makes_no_sense_is_refused(sky):
-    truth = shot(sky, np.random.default_rng(11))
+def test_what_makes_no_sense_is_refused():
+    truth = shot(np.random.default_rng(11))
     with pytest.raises(ValueError, match="appears twice"):
         replace(truth, sats=(truth.sats[1], *truth.sats[1:])).solve(0.0)
     with pytest.raises(ValueError, match="must be positive"):
@@ -210,13 +211,13 @@ def test_what_makes_no_sense_is_refused(sky):
 @pytest.mark.long
 @pytest.mark.parametrize("n_sats", [5, 6, 7, 9])
 @pytest.mark.parametrize("start", ["place", "dopplers"])
-def test_no_wrong_position_is_ever_given_and_few_right_ones_are_withheld(sky, n_sats, start):
+def test_no_wrong_position_is_ever_given_and_few_right_ones_are_withheld(n_sats, start):
     """Geometry may be as poor as five satellites make it, so that what counts as wrong is beyond eight sigmas."""
     rng = np.random.default_rng(n_sats)
     solved = wrong = unfit = 0
     trials = 250
     for _ in range(trials):
-        truth = shot(sky, rng)
+        truth = shot(rng)
         truth = truth.keep(np.sort(rng.permutation(len(truth.sats))[:n_sats]))
         options = {"place_ecef_m": off_by(truth.place, rng, 100e3)} if start == "place" else {}
         fix = truth.solve(rng.uniform(-60, 60), **options)

@@ -3,6 +3,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from scipy import stats
+from tests.navigation import sky
 
 from skyproof.errors import SettingsError
 from skyproof.navigation.filter import FilterSettings, step
@@ -10,7 +11,7 @@ from skyproof.navigation.filter import FilterSettings, step
 STATIC, KINEMATIC = FilterSettings(mode="static"), FilterSettings(mode="kinematic")
 
 
-def driven(sky, rng, settings, *, n=40, doppler=True, sats=9):
+def driven(rng, settings, *, n=40, doppler=True, sats=9):
     """Observations that follow the filter's own model in every part, with the truth (n, 4) of place and clock."""
     nav, place = sky.navigation(), sky.place(48.0, 11.0, 400.0)
     walk = np.linalg.cholesky(np.array([[1 / 3, 1 / 2], [1 / 2, 1.0]]))
@@ -53,7 +54,7 @@ def driven(sky, rng, settings, *, n=40, doppler=True, sats=9):
     return seen, nav, np.column_stack((place + path, clock))
 
 
-def errors(found, truth, sky):
+def errors(found, truth):
     return np.column_stack((found.fix.position_ecef_m, sky.C * found.fix.clock_bias_s)) - truth
 
 
@@ -62,13 +63,13 @@ def errors(found, truth, sky):
     [(STATIC, True), pytest.param(KINEMATIC, False, marks=pytest.mark.long)],
     ids=["static", "kinematic"],
 )
-def test_errors_and_innovations_are_as_large_as_the_filter_says(sky, settings, doppler):
+def test_errors_and_innovations_are_as_large_as_the_filter_says(settings, doppler):
     rng = np.random.default_rng(11)
     trials, nees, nis, dof = 30, [], 0.0, 0
     for _ in range(trials):
-        seen, nav, truth = driven(sky, rng, settings, doppler=doppler)
+        seen, nav, truth = driven(rng, settings, doppler=doppler)
         found, _ = step(None, seen, nav, settings=replace(settings, false_alarm_probability=1e-9))
-        error = errors(found, truth, sky)[-1]
+        error = errors(found, truth)[-1]
         nees.append(error @ np.linalg.solve(found.fix.covariance_m2[-1], error))
         inner = slice(2, -1)  # the generator's Doppler at the ends is a difference to one side
         nis, dof = nis + found.nis[inner].sum(), dof + int(found.nis_dof[inner].sum())
@@ -79,7 +80,7 @@ def test_errors_and_innovations_are_as_large_as_the_filter_says(sky, settings, d
     assert low < nis < high, nis / dof
 
 
-def clean(sky, *, n=60, noise_m=0.5, seed=5, sats=10, **scene):
+def clean(*, n=60, noise_m=0.5, seed=5, sats=10, **scene):
     nav, place = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     names = sky.visible(nav, place, 10.0)[:sats]
     rng = np.random.default_rng(seed)
@@ -100,8 +101,8 @@ def cut(observations, rows):
 
 
 @pytest.mark.parametrize("at", [1, 17, 40])
-def test_pieces_give_what_the_whole_gives(sky, at):
-    seen, nav, _ = clean(sky)
+def test_pieces_give_what_the_whole_gives(at):
+    seen, nav, _ = clean()
     code, status = seen.pseudorange_m.copy(), seen.status.copy()
     code[:15, 2], code[15:20, 3] = np.nan, np.nan
     status[30, 1] = 3
@@ -116,8 +117,8 @@ def test_pieces_give_what_the_whole_gives(sky, at):
     np.testing.assert_allclose(again.mean, end.mean, rtol=1e-12, atol=1e-5)
 
 
-def test_at_rest_the_filter_is_better_than_the_fix_and_stands_still(sky):
-    seen, nav, place = clean(sky, n=120, noise_m=3.0)
+def test_at_rest_the_filter_is_better_than_the_fix_and_stands_still():
+    seen, nav, place = clean(n=120, noise_m=3.0)
     found, _ = step(None, seen, nav, settings=STATIC)
     error = np.linalg.norm(found.fix.position_ecef_m - place, axis=1)
     assert error[-1] < 1.5
@@ -125,17 +126,17 @@ def test_at_rest_the_filter_is_better_than_the_fix_and_stands_still(sky):
     assert np.linalg.norm(np.diff(found.fix.position_ecef_m[60:], axis=0), axis=1).max() < 0.3
 
 
-def test_the_carrier_is_as_early_as_the_code_is_late(sky):
+def test_the_carrier_is_as_early_as_the_code_is_late():
     # Over an hour the model's ionosphere changes by metres; ambiguities that may not walk must not notice.
-    seen, nav, place = clean(sky, n=60, noise_m=0.0, sats=7, step_s=60.0, start=sky.START - np.timedelta64(30, "m"))
+    seen, nav, place = clean(n=60, noise_m=0.0, sats=7, step_s=60.0, start=sky.START - np.timedelta64(30, "m"))
     fixed = replace(STATIC, ambiguity_m2_s=1e-9, elevation_mask_deg=0.0)
     found, _ = step(None, replace(seen, doppler_hz=np.full_like(seen.doppler_hz, np.nan)), nav, settings=fixed)
     assert not found.slipped.any()
     assert np.linalg.norm(found.fix.position_ecef_m - place, axis=1).max() < 0.02
 
 
-def test_errors_that_stay_are_not_averaged_away_without_a_carrier(sky):
-    seen, nav, _ = clean(sky, n=60)
+def test_errors_that_stay_are_not_averaged_away_without_a_carrier():
+    seen, nav, _ = clean(n=60)
     code_only = replace(
         seen, carrier_cyc=np.full_like(seen.carrier_cyc, np.nan), doppler_hz=np.full_like(seen.doppler_hz, np.nan)
     )
@@ -144,7 +145,7 @@ def test_errors_that_stay_are_not_averaged_away_without_a_carrier(sky):
     assert sigma[-1] > 0.7 * sigma[0]  # a tenth of the time after which they are others
 
 
-def test_a_moving_receiver_has_its_path_and_velocity(sky):
+def test_a_moving_receiver_has_its_path_and_velocity():
     nav, place = sky.navigation(), sky.place(48.0, 11.0, 200.0)
     angle = np.arange(90) * 0.1
     path = place + 150.0 * np.column_stack((np.cos(angle), np.sin(angle), 0.0 * angle))
@@ -156,8 +157,8 @@ def test_a_moving_receiver_has_its_path_and_velocity(sky):
 
 
 @pytest.mark.parametrize("reported", [True, False])
-def test_a_slip_costs_an_arc_and_not_the_position(sky, reported):
-    seen, nav, place = clean(sky)
+def test_a_slip_costs_an_arc_and_not_the_position(reported):
+    seen, nav, place = clean()
     carrier, status = seen.carrier_cyc.copy(), seen.status.copy()
     carrier[30:, 4] += 7.0
     status[30, 4] = 3 if reported else 0
@@ -170,8 +171,8 @@ def test_a_slip_costs_an_arc_and_not_the_position(sky, reported):
     assert np.linalg.norm(found.fix.position_ecef_m[-1] - place) < 2.0
 
 
-def test_a_code_that_does_not_fit_is_left_out_and_reported(sky):
-    seen, nav, _ = clean(sky)
+def test_a_code_that_does_not_fit_is_left_out_and_reported():
+    seen, nav, _ = clean()
     code = seen.pseudorange_m.copy()
     code[25, 3] += 60.0
     found, _ = step(None, replace(seen, pseudorange_m=code), nav)
@@ -180,8 +181,8 @@ def test_a_code_that_does_not_fit_is_left_out_and_reported(sky):
     assert np.isnan(found.fix.residual_m[25, 3])
 
 
-def test_a_clock_moved_by_a_millisecond_moves_the_clock_only(sky):
-    seen, nav, _ = clean(sky)
+def test_a_clock_moved_by_a_millisecond_moves_the_clock_only():
+    seen, nav, _ = clean()
     code, gpst = seen.pseudorange_m.copy(), seen.gpst.copy()
     code[30:] += 1e-3 * sky.C
     gpst[30:] += np.timedelta64(1, "ms")
@@ -192,8 +193,8 @@ def test_a_clock_moved_by_a_millisecond_moves_the_clock_only(sky):
     assert not found.rejected.any()
 
 
-def test_epochs_without_measurements_have_no_numbers_and_the_filter_goes_on(sky):
-    seen, nav, place = clean(sky)
+def test_epochs_without_measurements_have_no_numbers_and_the_filter_goes_on():
+    seen, nav, place = clean()
     code = seen.pseudorange_m.copy()
     code[:3, 3:] = np.nan  # no fix yet
     code[20:26] = np.nan
@@ -209,8 +210,8 @@ def test_epochs_without_measurements_have_no_numbers_and_the_filter_goes_on(sky)
     assert empty.fix.gpst.size == 0
 
 
-def test_what_makes_no_sense_is_refused(sky):
-    seen, nav, _ = clean(sky, n=6)
+def test_what_makes_no_sense_is_refused():
+    seen, nav, _ = clean(n=6)
     _, state = step(None, seen, nav)
     with pytest.raises(ValueError, match="order of time"):
         step(state, seen, nav)

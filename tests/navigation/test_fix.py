@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from tests.navigation import sky
 
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.navigation import fix as fix_module
@@ -12,7 +13,7 @@ from skyproof.records import SignalId
 
 @pytest.mark.parametrize("bias_s", [0.0, 0.0213, -0.93, 1.0])
 @pytest.mark.parametrize("where", [(59.0, 17.0, 100.0), (-33.0, 151.0, -20.0), (0.0, 180.0, 12000.0)])
-def test_without_noise_the_fix_is_right_to_a_millimetre(sky, bias_s, where):
+def test_without_noise_the_fix_is_right_to_a_millimetre(bias_s, where):
     nav, position = sky.navigation(), sky.place(*where)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, bias_s)], n=20, drift=3e-7).observations
     found = fix(seen, nav)
@@ -27,7 +28,7 @@ def test_without_noise_the_fix_is_right_to_a_millimetre(sky, bias_s, where):
     assert np.nanmax(np.abs(found.residual_m)) < 1e-3
 
 
-def test_a_moving_receiver_has_its_velocity(sky):
+def test_a_moving_receiver_has_its_velocity():
     nav, position = sky.navigation(), sky.place(48.0, 11.0, 9000.0)
     velocity = np.array([120.0, -180.0, 90.0])
     path = position + np.arange(9)[:, None] * velocity
@@ -37,7 +38,7 @@ def test_a_moving_receiver_has_its_velocity(sky):
     np.testing.assert_allclose(found.velocity_ecef_m_s[1:-1], np.tile(velocity, (7, 1)), atol=2e-4)
 
 
-def test_errors_are_as_large_as_the_covariance_says(sky):
+def test_errors_are_as_large_as_the_covariance_says():
     rng = np.random.default_rng(100)
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     sats = sky.visible(nav, position)
@@ -55,7 +56,7 @@ def test_errors_are_as_large_as_the_covariance_says(sky):
     assert stats.kstest(residual, stats.chi2(len(sats) - 4).cdf).pvalue > 1e-3
 
 
-def test_bad_epochs_have_a_status_and_nan_and_the_good_ones_do_not_notice(sky):
+def test_bad_epochs_have_a_status_and_nan_and_the_good_ones_do_not_notice():
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=6, noise_m=1.0).observations
     pseudorange = seen.pseudorange_m.copy()
@@ -80,7 +81,7 @@ def test_bad_epochs_have_a_status_and_nan_and_the_good_ones_do_not_notice(sky):
     assert (fix(seen, nav, max_gdop=1.0).status == 2).all()
 
 
-def test_low_satellites_are_left_out_and_their_residual_is_nan(sky):
+def test_low_satellites_are_left_out_and_their_residual_is_nan():
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     sats = sky.visible(nav, position, 3.0)
     seen = sky.scene(nav, [(sats, position, 0.0)], n=2).observations
@@ -90,7 +91,7 @@ def test_low_satellites_are_left_out_and_their_residual_is_nan(sky):
     assert (np.degrees(elevation) < 20.0).any()
 
 
-def test_two_signals_of_a_satellite_at_once_are_refused_but_one_after_the_other_is_fine(sky):
+def test_two_signals_of_a_satellite_at_once_are_refused_but_one_after_the_other_is_fine():
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     sats = sky.visible(nav, position)
     seen = sky.scene(nav, [(sats, position, 0.0), (sats[:1], position, 1e-6)], n=4).observations
@@ -109,7 +110,7 @@ def test_two_signals_of_a_satellite_at_once_are_refused_but_one_after_the_other_
     )
 
 
-def test_blocks_of_epochs_give_what_the_whole_gives(sky, monkeypatch):
+def test_blocks_of_epochs_give_what_the_whole_gives(monkeypatch):
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=25, noise_m=2.0).observations
     whole = fix(seen, nav)
@@ -122,7 +123,7 @@ def test_blocks_of_epochs_give_what_the_whole_gives(sky, monkeypatch):
 @pytest.mark.shared_data
 @pytest.mark.parametrize("receiver", ["rx1", "rx2"])
 @pytest.mark.parametrize("label", ["authentic", "spoofed"])
-def test_the_true_measurements_of_the_meaconing_pair_give_the_places_of_its_truth(sky, shared_data, receiver, label):
+def test_the_true_measurements_of_the_meaconing_pair_give_the_places_of_its_truth(shared_data, receiver, label):
     seen, clock_s, truth = sky.meaconing_pair(shared_data, receiver)
     found = fix(
         seen,

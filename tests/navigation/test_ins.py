@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
+from tests.navigation import sky
 from tests.navigation.units import (
     ARM,
     HOME,
@@ -192,7 +193,7 @@ def _off(state, column, size):
     )
 
 
-def test_ranges_and_rates_of_few_satellites_fit_as_stated_and_make_the_state_better(sky):
+def test_ranges_and_rates_of_few_satellites_fit_as_stated_and_make_the_state_better():
     nav, place = sky.navigation(), sky.place(48.0, 11.0, 400.0)
     motion, arm = static(place, heading_rad=0.5), np.array([0.5, 0.2, -1.0])
     antenna = place + motion.at(np.zeros(1)).attitude[0] @ arm

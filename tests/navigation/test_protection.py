@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from tests.navigation import sky
 
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.fix import fix_and_geometry
@@ -11,7 +12,7 @@ from skyproof.navigation.protection import protected, protection_levels
 EYE = np.eye(3)
 
 
-def sky(rng, leading, k, clocks=1):
+def design_of(rng, leading, k, clocks=1):
     """Design matrices of random skies, east-north-up for ECEF, the satellites dealt out to the clocks in turn."""
     azimuth, elevation = rng.uniform(0, 2 * np.pi, (*leading, k)), np.arcsin(rng.uniform(0.1, 1.0, (*leading, k)))
     unit = np.stack(
@@ -38,7 +39,7 @@ def most_harmful(design, sigma):
 def test_alarms_without_a_fault_come_at_most_at_the_stated_rate_and_not_much_below(k, clocks):
     rng = np.random.default_rng(k)
     trials, rate = 20000, 0.01
-    design = sky(rng, (trials,), k, clocks)
+    design = design_of(rng, (trials,), k, clocks)
     sigma = rng.uniform(0.5, 3.0, (trials, k))
     found = protection_levels(
         design, sigma * rng.standard_normal(sigma.shape), sigma, EYE, false_alarm_probability=rate
@@ -50,7 +51,7 @@ def test_alarms_without_a_fault_come_at_most_at_the_stated_rate_and_not_much_bel
 
 def test_with_one_redundant_satellite_the_alarm_comes_exactly_at_the_stated_rate():
     rng = np.random.default_rng(1)
-    design, trials = sky(rng, (40000,), 5), 40000
+    design, trials = design_of(rng, (40000,), 5), 40000
     found = protection_levels(
         design, rng.standard_normal((trials, 5)), np.ones((trials, 5)), EYE, false_alarm_probability=0.02
     )
@@ -62,7 +63,7 @@ def worst_count(k, clocks, biases_sigma, trials, risk, rng, scale=1.0):
 
     Biases in sigmas of the residual's own test, so that those near the threshold are among them everywhere.
     """
-    design = sky(rng, (trials,), k, clocks)
+    design = design_of(rng, (trials,), k, clocks)
     sigma = rng.uniform(0.5, 3.0, (trials, k))
     faulty, redundancy = most_harmful(design, sigma)
     cell = np.arange(trials), faulty
@@ -93,13 +94,13 @@ def test_the_level_is_not_so_wide_that_it_says_nothing():
 
 def test_an_uncontrolled_satellite_has_no_finite_level_unless_it_moves_nothing():
     rng = np.random.default_rng(4)
-    design = sky(rng, (), 4)
+    design = design_of(rng, (), 4)
     four = protection_levels(design, np.zeros(4), np.ones(4), EYE)
     assert np.isinf(four.horizontal_m)
     assert np.isnan(four.statistic)
     assert not four.alarm
     alone = np.zeros((8, 5))  # seven of one clock, and one that is alone with its own
-    alone[:7, :4], alone[7, :3], alone[7, 4] = sky(rng, (), 7), [0.3, -0.4, -0.87], 1.0
+    alone[:7, :4], alone[7, :3], alone[7, 4] = design_of(rng, (), 7), [0.3, -0.4, -0.87], 1.0
     assert np.isfinite(protection_levels(alone, np.zeros(8), np.ones(8), EYE).horizontal_m)
     none = protection_levels(design, np.zeros(4), np.array([1.0, 1.0, 1.0, np.nan]), EYE)
     assert np.isnan(none.horizontal_m)
@@ -107,7 +108,7 @@ def test_an_uncontrolled_satellite_has_no_finite_level_unless_it_moves_nothing()
 
 def test_levels_turn_with_the_axes_and_shrink_with_the_noise():
     rng = np.random.default_rng(5)
-    design, misfit = sky(rng, (30,), 9), rng.standard_normal((30, 9))
+    design, misfit = design_of(rng, (30,), 9), rng.standard_normal((30, 9))
     plain = protection_levels(design, misfit, np.ones((30, 9)), EYE)
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     turned = design.copy()
@@ -119,7 +120,7 @@ def test_levels_turn_with_the_axes_and_shrink_with_the_noise():
     np.testing.assert_allclose(half.vertical_m, 0.5 * plain.vertical_m, rtol=1e-8)
 
 
-def fixed(sky, n_satellites, *, bias_m=0.0, risk=1e-4):
+def fixed(n_satellites, *, bias_m=0.0, risk=1e-4):
     """Ten epochs of a fix, with the levels; a satellite of the last epoch is off by `bias_m`."""
     nav, place = sky.navigation(), sky.place(48.0, 11.0, 500.0)
     names = sky.visible(nav, place)[:n_satellites]
@@ -130,8 +131,8 @@ def fixed(sky, n_satellites, *, bias_m=0.0, risk=1e-4):
     return protected(fix, geometry, integrity_risk=risk)
 
 
-def test_the_level_of_a_fix_is_not_below_what_its_covariance_gives(sky):
-    found, risk = fixed(sky, 9), 1e-4
+def test_the_level_of_a_fix_is_not_below_what_its_covariance_gives():
+    found, risk = fixed(9), 1e-4
     lat_rad, lon_rad, _ = geodetic_from_ecef(found.position_ecef_m)
     rot = rot_enu_ecef(lat_rad, lon_rad)
     covariance_m2 = rot @ found.covariance_m2[:, :3, :3] @ np.swapaxes(rot, -1, -2)
@@ -141,15 +142,15 @@ def test_the_level_of_a_fix_is_not_below_what_its_covariance_gives(sky):
     assert (found.protection_m < 100.0).all()
 
 
-def test_a_fix_with_an_alarm_is_promised_no_level_and_its_neighbours_are(sky):
-    found = fixed(sky, 9, bias_m=60.0)
+def test_a_fix_with_an_alarm_is_promised_no_level_and_its_neighbours_are():
+    found = fixed(9, bias_m=60.0)
     assert (found.status == 0).all()
     assert np.isnan(found.protection_m[-1]).all()
     assert np.isfinite(found.protection_m[:-1]).all()
 
 
-def test_a_fix_without_a_redundant_satellite_or_without_enough_is_promised_no_level(sky):
-    assert np.isnan(fixed(sky, 4).protection_m).all()
-    three = fixed(sky, 3)
+def test_a_fix_without_a_redundant_satellite_or_without_enough_is_promised_no_level():
+    assert np.isnan(fixed(4).protection_m).all()
+    three = fixed(3)
     assert (three.status != 0).all()
     assert np.isnan(three.protection_m).all()

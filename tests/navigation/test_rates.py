@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.navigation import sky
 
 from skyproof.detectors.continuity.one_sky import rows_of
 from skyproof.navigation.rates import with_dopplers
@@ -15,7 +16,7 @@ def without(o, rows=slice(None)):
 
 
 @pytest.fixture
-def seen(sky):
+def seen():
     """Nine epochs of a sky whose Dopplers are right: those at the ends of a scene are of one side only."""
 
     def made(step_s):

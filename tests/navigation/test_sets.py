@@ -4,6 +4,7 @@ from itertools import combinations, product
 import numpy as np
 import pytest
 from scipy import stats
+from tests.navigation import sky
 
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.navigation import search
@@ -15,17 +16,17 @@ WHITE = {"multipath_sigma_m": 0.01, "ionosphere_share": 0.0}  # the noise of the
 
 
 @pytest.fixture(scope="module")
-def nav(sky):
+def nav():
     return sky.navigation()
 
 
 @pytest.fixture(scope="module")
-def here(sky):
+def here():
     return sky.place(0.0, 150.0, 50.0)
 
 
 @pytest.fixture(scope="module")
-def twelve(sky, nav, here):
+def twelve(nav, here):
     return sky.visible(nav, here, 5.0)[:12]
 
 
@@ -37,7 +38,7 @@ def copies_of(seen, sats):
     return [np.flatnonzero([s.sat == sat for s in seen.signals]) for sat in sats]
 
 
-def far_from(sky, rng, position, distance_m):
+def far_from(rng, position, distance_m):
     """A place on the Earth `distance_m` away along the great circle, in any direction, up to 300 m higher or lower."""
     up = position / np.linalg.norm(position)
     along = np.cross(up, rng.standard_normal(3))
@@ -47,7 +48,7 @@ def far_from(sky, rng, position, distance_m):
     return sky.ecef_from_geodetic(lat, lon, rng.uniform(0.0, 300.0))
 
 
-def strangers(scene, consistent, nav, sky, skies):
+def strangers(scene, consistent, nav, skies):
     """Members of a set that are of another sky than most, and by how many metres its own copy differs."""
     owners = scene.owners_of(consistent.signals)
     own = int(np.bincount(owners).argmax())
@@ -62,13 +63,13 @@ def strangers(scene, consistent, nav, sky, skies):
     return found
 
 
-def trial(sky, nav, rng, n_skies):
+def trial(nav, rng, n_skies):
     """Random places, offsets from 100 m to 3000 km, clocks, missing satellites and noise from 1 to 5 m."""
     sats: list[str] = []
     while len(sats) < 8:
         first = sky.place(np.degrees(np.arcsin(rng.uniform(-0.95, 0.95))), rng.uniform(-180.0, 180.0), 100.0)
         sats = sky.visible(nav, first, 5.0)
-    places = [first] + [far_from(sky, rng, first, 10 ** rng.uniform(2.0, 6.48)) for _ in range(n_skies - 1)]
+    places = [first] + [far_from(rng, first, 10 ** rng.uniform(2.0, 6.48)) for _ in range(n_skies - 1)]
     clock = rng.uniform(-1e-3, 1e-3)
     clocks = [clock] + [clock + rng.choice([0.0, 1e-6, 1e-3, 0.3]) * rng.uniform(-1, 1) for _ in range(n_skies - 1)]
     skies = [([s for s in sats if rng.random() > 0.1], p, b) for p, b in zip(places, clocks, strict=True)]
@@ -76,36 +77,36 @@ def trial(sky, nav, rng, n_skies):
     return sky.scene(nav, skies, n=6, noise_m=noise_m * np.sqrt(6), rng=rng, shuffle=True), skies, noise_m
 
 
-def count_mistakes(sky, nav, rng, trials, n_skies):
+def count_mistakes(nav, rng, trials, n_skies):
     wrong_sizes = mixed = 0
     for _ in range(trials):
-        scene, skies, noise_m = trial(sky, nav, rng, n_skies)
+        scene, skies, noise_m = trial(nav, rng, n_skies)
         sets = consistent_sets(scene.observations, nav, **WHITE)
         expected = sorted((len(sats) for sats, _, _ in skies if len(sats) >= 5), reverse=True)
         wrong_sizes += [len(s.signals) for s in sets] != expected
         for found in sets:
             # Within six sigma of each other copies cannot be told apart, nor does it matter.
-            mixed += sum(difference > 6.0 * noise_m for difference in strangers(scene, found, nav, sky, skies))
+            mixed += sum(difference > 6.0 * noise_m for difference in strangers(scene, found, nav, skies))
     return wrong_sizes, mixed
 
 
 @pytest.mark.parametrize(("n_skies", "trials"), [(2, 12), (3, 6)])
-def test_skies_are_not_mixed(sky, nav, n_skies, trials):
-    wrong_sizes, mixed = count_mistakes(sky, nav, np.random.default_rng(n_skies), trials, n_skies)
+def test_skies_are_not_mixed(nav, n_skies, trials):
+    wrong_sizes, mixed = count_mistakes(nav, np.random.default_rng(n_skies), trials, n_skies)
     assert mixed == 0
     assert wrong_sizes <= 0.03 * trials  # a missing satellite's place can be taken by chance
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("n_skies", "trials"), [(2, 1000), (3, 500)])
-def test_skies_are_not_mixed_in_many_trials(sky, nav, n_skies, trials):
-    wrong_sizes, mixed = count_mistakes(sky, nav, np.random.default_rng(100 + n_skies), trials, n_skies)
+def test_skies_are_not_mixed_in_many_trials(nav, n_skies, trials):
+    wrong_sizes, mixed = count_mistakes(nav, np.random.default_rng(100 + n_skies), trials, n_skies)
     print(f"{n_skies} skies: {wrong_sizes} of {trials} with another size, {mixed} strangers beyond six sigma")
     assert mixed <= 0.003 * trials
     assert wrong_sizes <= 0.02 * trials
 
 
-def test_each_sky_has_its_place_clock_and_covariance(sky, nav, here, twelve):
+def test_each_sky_has_its_place_clock_and_covariance(nav, here, twelve):
     rng = np.random.default_rng(5)
     there = sky.moved(here, 900.0, -250.0, 15.0)
     squares = {0: 0.0, 1: 0.0}
@@ -130,7 +131,7 @@ def test_each_sky_has_its_place_clock_and_covariance(sky, nav, here, twelve):
     assert stats.kstest(statistics, stats.chi2(8).cdf).pvalue > 1e-3
 
 
-def test_a_clean_sky_loses_a_signal_at_the_stated_rate(sky, nav, here, twelve):
+def test_a_clean_sky_loses_a_signal_at_the_stated_rate(nav, here, twelve):
     rng = np.random.default_rng(6)
     clean = sky.scene(nav, [(twelve[:8], here, 0.0)], n=1).observations
     trials, short = 150, 0
@@ -142,7 +143,7 @@ def test_a_clean_sky_loses_a_signal_at_the_stated_rate(sky, nav, here, twelve):
     assert stats.binomtest(short, trials, 0.05).pvalue > 1e-3
 
 
-def test_a_clean_sky_with_one_faulty_signal_is_one_set_without_it(sky, nav, here, twelve):
+def test_a_clean_sky_with_one_faulty_signal_is_one_set_without_it(nav, here, twelve):
     seen = sky.scene(nav, [(twelve, here, 0.0)], noise_m=2.0).observations
     pseudorange = seen.pseudorange_m.copy()
     pseudorange[:, 4] += 150.0
@@ -150,7 +151,7 @@ def test_a_clean_sky_with_one_faulty_signal_is_one_set_without_it(sky, nav, here
     assert set(seen.signals) - set(found.signals) == {seen.signals[4]}
 
 
-def test_four_satellites_make_no_set_and_five_do(sky, nav, here, twelve):
+def test_four_satellites_make_no_set_and_five_do(nav, here, twelve):
     for count, sets in ((4, 0), (5, 1)):
         seen = sky.scene(nav, [(twelve[:count], here, 0.0)], noise_m=1.0).observations
         assert len(consistent_sets(seen, nav)) == sets
@@ -158,12 +159,12 @@ def test_four_satellites_make_no_set_and_five_do(sky, nav, here, twelve):
         consistent_sets(seen, nav, min_satellites=4)
 
 
-def test_without_ephemerides_there_is_no_set(sky, nav, here, twelve):
+def test_without_ephemerides_there_is_no_set(nav, here, twelve):
     seen = sky.scene(nav, [(twelve, here, 0.0)]).observations
     assert consistent_sets(seen, NavigationData(ephemerides=())) == ()
 
 
-def test_a_spoofer_of_few_satellites_shows_beside_the_full_sky(sky, nav, here, twelve):
+def test_a_spoofer_of_few_satellites_shows_beside_the_full_sky(nav, here, twelve):
     rng = np.random.default_rng(8)
     there = sky.moved(here, -2000.0, 4000.0, 100.0)
     scene = sky.scene(nav, [(twelve, here, 0.0), (twelve[3:9], there, 3e-6)], noise_m=2.0, rng=rng, shuffle=True)
@@ -172,27 +173,27 @@ def test_a_spoofer_of_few_satellites_shows_beside_the_full_sky(sky, nav, here, t
     assert [set(scene.owners_of(s.signals)) for s in sets] == [{0}, {1}]
 
 
-def test_a_timing_attack_shows_as_two_clocks_at_one_place(sky, nav, here, twelve):
+def test_a_timing_attack_shows_as_two_clocks_at_one_place(nav, here, twelve):
     scene = sky.scene(nav, [(twelve, here, 0.0), (twelve, here, 1e-6)], noise_m=2.0, shuffle=True)
     one, two = consistent_sets(scene.observations, nav)
     assert np.linalg.norm(one.position_ecef_m - two.position_ecef_m) < 15.0
     np.testing.assert_allclose(abs(one.clock_bias_s - two.clock_bias_s), 1e-6, atol=3e-8)
 
 
-def test_one_sky_tracked_thrice_is_one_set(sky, nav, here, twelve):
+def test_one_sky_tracked_thrice_is_one_set(nav, here, twelve):
     scene = sky.scene(nav, [(twelve, here, 0.0)] * 3, noise_m=2.0, rng=np.random.default_rng(9))
     (found,) = consistent_sets(scene.observations, nav)
     assert len(found.signals) == 12
 
 
-def test_underground_there_is_no_set_and_in_low_orbit_there_is(sky, nav, twelve):
+def test_underground_there_is_no_set_and_in_low_orbit_there_is(nav, twelve):
     for height_m, sets in ((-15e3, 1), (900e3, 1), (-30e3, 0)):
         position = sky.place(0.0, 150.0, height_m)
         seen = sky.scene(nav, [(twelve, position, 0.0)], noise_m=1.0).observations
         assert len(consistent_sets(seen, nav)) == sets, height_m
 
 
-def test_a_chance_member_goes_back_to_the_set_where_it_is_likelier(sky, nav, here, twelve):
+def test_a_chance_member_goes_back_to_the_set_where_it_is_likelier(nav, here, twelve):
     rng = np.random.default_rng(12)
     there = sky.moved(here, 1500.0, 900.0, 0.0)
     apart = [
@@ -222,7 +223,7 @@ def test_a_chance_member_goes_back_to_the_set_where_it_is_likelier(sky, nav, her
     assert [len(s.signals) for s in sets] == [12, 11]
 
 
-def test_the_cost_of_a_signal_in_a_set_is_its_likelihood_beside_the_others(sky, nav, here, twelve):
+def test_the_cost_of_a_signal_in_a_set_is_its_likelihood_beside_the_others(nav, here, twelve):
     seen = sky.scene(nav, [(twelve[:7], here, 0.0)], n=1, noise_m=2.0).observations
     measurements, sats = measurements_of(seen, nav), np.array([s.sat for s in seen.signals])
     start = np.append(here, 0.0)[None]
@@ -235,7 +236,7 @@ def test_the_cost_of_a_signal_in_a_set_is_its_likelihood_beside_the_others(sky, 
         np.testing.assert_allclose(cost[k], -2.0 * logarithm - np.log(2.0 * np.pi), atol=1e-2)
 
 
-def test_a_sky_through_a_narrow_gap_is_found(sky, nav, here):
+def test_a_sky_through_a_narrow_gap_is_found(nav, here):
     position = np.concatenate((here, [0.0]))
     sats = sky.visible(nav, here, 5.0)
     seen = sky.scene(nav, [(sats, here, 0.0)], n=1).observations
@@ -252,7 +253,7 @@ def test_a_sky_through_a_narrow_gap_is_found(sky, nav, here):
         assert np.sqrt(np.trace(found.covariance_m2)) > 20.0  # narrow indeed
 
 
-def test_the_search_finds_what_trying_all_combinations_finds(sky, nav, here, twelve):
+def test_the_search_finds_what_trying_all_combinations_finds(nav, here, twelve):
     rng = np.random.default_rng(13)
     there = sky.moved(here, 120.0, 80.0, 10.0)
     for _ in range(5):
@@ -272,7 +273,7 @@ def test_the_search_finds_what_trying_all_combinations_finds(sky, nav, here, twe
         np.testing.assert_allclose(found.statistic, np.sort(solved.statistic[passing]), atol=1e-3)
 
 
-def test_the_closed_form_has_the_place_among_its_solutions_and_none_with_negative_distances(sky, nav, here, twelve):
+def test_the_closed_form_has_the_place_among_its_solutions_and_none_with_negative_distances(nav, here, twelve):
     for four in ([0, 1, 2, 3], [2, 5, 7, 9], [1, 4, 8, 11]):
         seen = sky.scene(nav, [([twelve[k] for k in four], here, 1e-3)], n=1, air=False).observations
         measurements = measurements_of(seen, nav)
@@ -283,7 +284,7 @@ def test_the_closed_form_has_the_place_among_its_solutions_and_none_with_negativ
     assert np.isnan(search._bancroft(flat, np.full((1, 4), 2.2e7))).all()
 
 
-def test_each_four_is_solved_with_the_atmosphere_of_its_own_place(sky, nav, here, twelve):
+def test_each_four_is_solved_with_the_atmosphere_of_its_own_place(nav, here, twelve):
     seen = sky.scene(nav, [(twelve, here, 1e-3)], n=1).observations
     measurements = measurements_of(seen, nav)
     whole = search.SetSearch(measurements, copies_of(seen, twelve))
@@ -297,7 +298,7 @@ def test_each_four_is_solved_with_the_atmosphere_of_its_own_place(sky, nav, here
 
 @pytest.mark.shared_data
 @pytest.mark.parametrize("receiver", ["rx1", "rx2"])
-def test_the_meaconing_pair_shows_two_skies_after_the_onset_and_one_before(sky, shared_data, receiver):
+def test_the_meaconing_pair_shows_two_skies_after_the_onset_and_one_before(shared_data, receiver):
     rng = np.random.default_rng(14)
     nav = read_nav(shared_data / "rf" / "brdc0010.22n")
     seen, clock_s, truth = sky.meaconing_pair(shared_data, receiver)

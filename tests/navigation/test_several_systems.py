@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from tests.navigation import sky
 
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.filter import FilterSettings, step
@@ -18,7 +19,7 @@ NAMES = {"G": ("L1", "CA"), "E": ("E1", "C"), "C": ("B1C", "1P"), "J": ("L1", "C
 LATE_S = {"G": 0.0, "J": 0.0, "E": -35e-9, "C": 210e-9}
 
 
-def sky_of(sky, shares, *, bias_s=3e-4, n=6, **scene):
+def sky_of(shares, *, bias_s=3e-4, n=6, **scene):
     """Observations in which each system has its share of the visible satellites and its own lateness."""
     nav, place = sky.navigation(), sky.place(48.0, 11.0, 500.0)
     names = sky.visible(nav, place)
@@ -42,8 +43,8 @@ def sky_of(sky, shares, *, bias_s=3e-4, n=6, **scene):
 
 
 @pytest.mark.parametrize("shares", [{"G": 4, "E": 3, "C": 2}, {"G": 1, "E": 6}, {"E": 4, "C": 3}, {"G": 4, "J": 4}])
-def test_each_time_scale_has_its_clock_and_the_place_is_right_to_a_millimetre(sky, shares):
-    seen, nav, place = sky_of(sky, shares)
+def test_each_time_scale_has_its_clock_and_the_place_is_right_to_a_millimetre(shares):
+    seen, nav, place = sky_of(shares)
     found = fix(seen, nav)
     assert (found.status == 0).all()
     np.testing.assert_allclose(found.position_ecef_m, np.tile(place, (6, 1)), atol=1e-3)
@@ -56,8 +57,8 @@ def test_each_time_scale_has_its_clock_and_the_place_is_right_to_a_millimetre(sk
     np.testing.assert_allclose(found.velocity_ecef_m_s[1:-1], 0.0, atol=1e-3)
 
 
-def test_a_system_that_is_away_for_some_epochs_costs_nothing_and_the_next_one_keeps_the_clock(sky):
-    seen, nav, place = sky_of(sky, {"G": 4, "E": 5})
+def test_a_system_that_is_away_for_some_epochs_costs_nothing_and_the_next_one_keeps_the_clock():
+    seen, nav, place = sky_of({"G": 4, "E": 5})
     code = seen.pseudorange_m.copy()
     gps = np.array([s.sat[0] == "G" for s in seen.signals])
     code[np.ix_([1], ~gps)], code[np.ix_([2], gps)] = np.nan, np.nan
@@ -70,9 +71,9 @@ def test_a_system_that_is_away_for_some_epochs_costs_nothing_and_the_next_one_ke
     np.testing.assert_allclose(found.clock_bias_s[2], 3e-4 + LATE_S["E"], atol=1e-3 / sky.C)
 
 
-def test_errors_with_three_clocks_are_as_large_as_the_covariance_says(sky):
+def test_errors_with_three_clocks_are_as_large_as_the_covariance_says():
     rng = np.random.default_rng(4)
-    seen, nav, place = sky_of(sky, {"G": 4, "E": 3, "C": 2}, n=2000, step_s=0.1)
+    seen, nav, place = sky_of({"G": 4, "E": 3, "C": 2}, n=2000, step_s=0.1)
     quiet, _ = fix_and_geometry(seen, nav, ionosphere_share=0.0)
     _, geometry = fix_and_geometry(seen, nav, ionosphere_share=0.0)
     noise = geometry.sigma_m * rng.standard_normal(geometry.sigma_m.shape)
@@ -89,9 +90,9 @@ def test_errors_with_three_clocks_are_as_large_as_the_covariance_says(sky):
     assert stats.binomtest(int((~tested.consistent).sum()), 2000, 0.02).pvalue > 1e-3
 
 
-def test_faults_are_left_out_whatever_the_system_and_a_lonely_satellite_never(sky):
+def test_faults_are_left_out_whatever_the_system_and_a_lonely_satellite_never():
     rng = np.random.default_rng(6)
-    seen, nav, place = sky_of(sky, {"G": 4, "E": 4, "C": 1}, noise_m=0.3, rng=rng)
+    seen, nav, place = sky_of({"G": 4, "E": 4, "C": 1}, noise_m=0.3, rng=rng)
     code = seen.pseudorange_m.copy()
     galileo = [i for i, s in enumerate(seen.signals) if s.sat[0] == "E"]
     alone = next(i for i, s in enumerate(seen.signals) if s.sat[0] == "C")
@@ -129,8 +130,8 @@ def test_several_faults_go_one_by_one_and_none_goes_where_that_does_not_help():
     assert not exclude_several(design, hopeless, sigma, false_alarm_probability=1e-5)[0].any()
 
 
-def test_a_real_geometry_has_finite_protection_levels_and_the_lonely_satellite_does_not_matter(sky):
-    seen, nav, place = sky_of(sky, {"G": 5, "E": 3, "C": 1}, noise_m=0.5)
+def test_a_real_geometry_has_finite_protection_levels_and_the_lonely_satellite_does_not_matter():
+    seen, nav, place = sky_of({"G": 5, "E": 3, "C": 1}, noise_m=0.5)
     _, geometry = fix_and_geometry(seen, nav)
     lat, lon, _ = geodetic_from_ecef(place)
     levels = protection_levels(geometry.design, geometry.misfit_m, geometry.sigma_m, rot_enu_ecef(lat, lon))
@@ -139,8 +140,8 @@ def test_a_real_geometry_has_finite_protection_levels_and_the_lonely_satellite_d
     assert not levels.alarm.any()
 
 
-def test_the_filter_takes_in_a_system_that_comes_late_and_far_off(sky):
-    seen, nav, place = sky_of(sky, {"G": 5, "E": 4}, n=40, noise_m=0.4)
+def test_the_filter_takes_in_a_system_that_comes_late_and_far_off():
+    seen, nav, place = sky_of({"G": 5, "E": 4}, n=40, noise_m=0.4)
     galileo = np.array([s.sat[0] == "E" for s in seen.signals])
     code = seen.pseudorange_m.copy()
     code[:20, galileo] = np.nan

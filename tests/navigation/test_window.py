@@ -3,27 +3,28 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from scipy import stats
+from tests.navigation import sky
 
 from skyproof.navigation.window import window_mean
 
 
-def seen_by(sky, position=None, **settings):
+def seen_by(position=None, **settings):
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0) if position is None else position
     return sky.scene(nav, [(sky.visible(nav, sky.place(59.0, 17.0, 100.0)), position, 1e-3)], **settings).observations
 
 
-def test_a_window_without_noise_gives_the_middle_epoch(sky):
+def test_a_window_without_noise_gives_the_middle_epoch():
     velocity = np.array([30.0, -250.0, 10.0])
     path = sky.place(59.0, 17.0, 100.0) + np.arange(15)[:, None] * velocity
-    seen = seen_by(sky, path, n=15)
+    seen = seen_by(path, n=15)
     mean = window_mean(seen)
     assert mean.gpst == seen.gpst[7]
     # Code and carrier part by twice the ionosphere's change, which is even about the middle to first order.
     np.testing.assert_allclose(mean.pseudorange_m, seen.pseudorange_m[7], atol=2e-3)
 
 
-def test_the_noise_averages_as_the_sigma_says(sky):
-    clean, rng = seen_by(sky, n=16), np.random.default_rng(1)
+def test_the_noise_averages_as_the_sigma_says():
+    clean, rng = seen_by(n=16), np.random.default_rng(1)
     sigma = rng.uniform(1.0, 6.0, clean.pseudorange_m.shape)
     squares, channels = 0.0, len(clean.signals)
     truth = window_mean(clean).pseudorange_m
@@ -35,8 +36,8 @@ def test_the_noise_averages_as_the_sigma_says(sky):
     assert 1e-3 < stats.chi2(200 * channels).cdf(squares) < 1 - 1e-3
 
 
-def test_a_slip_is_bridged_by_the_doppler_at_the_price_of_its_noise(sky):
-    seen = seen_by(sky, n=11, air=False)
+def test_a_slip_is_bridged_by_the_doppler_at_the_price_of_its_noise():
+    seen = seen_by(n=11, air=False)
     carrier, status = seen.carrier_cyc.copy(), seen.status.copy()
     carrier[8:, 0] += 12345.5
     status[8, 0] = 3
@@ -47,8 +48,8 @@ def test_a_slip_is_bridged_by_the_doppler_at_the_price_of_its_noise(sky):
     np.testing.assert_array_equal(mean.sigma_m[1:], whole.sigma_m[1:])
 
 
-def test_a_channel_without_carrier_follows_its_doppler_and_one_without_both_has_its_middle_epoch(sky):
-    seen = seen_by(sky, n=11, air=False)
+def test_a_channel_without_carrier_follows_its_doppler_and_one_without_both_has_its_middle_epoch():
+    seen = seen_by(n=11, air=False)
     carrier, doppler = seen.carrier_cyc.copy(), seen.doppler_hz.copy()
     carrier[:, :2], doppler[:, 1] = np.nan, np.nan
     mean = window_mean(replace(seen, carrier_cyc=carrier, doppler_hz=doppler))
@@ -57,8 +58,8 @@ def test_a_channel_without_carrier_follows_its_doppler_and_one_without_both_has_
     np.testing.assert_allclose(mean.sigma_m[1], seen.pseudorange_sigma_m[5, 1])
 
 
-def test_tracks_of_less_than_half_of_the_window_are_left_out(sky):
-    seen = seen_by(sky, n=10)
+def test_tracks_of_less_than_half_of_the_window_are_left_out():
+    seen = seen_by(n=10)
     pseudorange = seen.pseudorange_m.copy()
     pseudorange[4:, 0] = np.nan
     pseudorange[5:, 1] = np.nan
@@ -66,11 +67,11 @@ def test_tracks_of_less_than_half_of_the_window_are_left_out(sky):
     seen = replace(seen, pseudorange_m=pseudorange)
     assert window_mean(seen).signals == (seen.signals[1], *seen.signals[3:])
     assert window_mean(seen, min_share=0.0).signals == (*seen.signals[:2], *seen.signals[3:])
-    np.testing.assert_allclose(window_mean(seen).pseudorange_m[0], seen_by(sky, n=10).pseudorange_m[5, 1], atol=0.1)
+    np.testing.assert_allclose(window_mean(seen).pseudorange_m[0], seen_by(n=10).pseudorange_m[5, 1], atol=0.1)
 
 
-def test_one_epoch_is_a_window(sky):
-    seen = seen_by(sky, n=1)
+def test_one_epoch_is_a_window():
+    seen = seen_by(n=1)
     np.testing.assert_array_equal(window_mean(seen).pseudorange_m, seen.pseudorange_m[0])
     arrays = {f.name: getattr(seen, f.name) for f in fields(seen) if np.ndim(getattr(seen, f.name))}
     per_epoch = {name: array[:0] for name, array in arrays.items() if len(array) == 1}

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import tomli_w
 from scipy import stats
+from tests.app import kit
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import protect
@@ -19,7 +20,7 @@ from skyproof.simulator.scenario import Sky
 from skyproof.statistics.directions import equal_statistic
 
 
-def described(kit, folder: Path, inputs, **receiver) -> Path:
+def described(folder: Path, inputs, **receiver) -> Path:
     """A platform file of the array."""
     places_m = [list(place) for place in kit.ELEMENTS_M]
     table = {"name": "array", "inputs": [str(path) for path in inputs], "antennas_m": places_m, **receiver}
@@ -32,15 +33,15 @@ def said_by(result, detector):
     return [e for e in result.outcome.evidence if e.detector == detector]
 
 
-def spoofer(kit, **given):
+def spoofer(**given):
     """A transmitter 100 m off, which shows another place."""
     shows, transmit = kit.ELSEWHERE.model_dump(), kit.TRANSMIT.model_dump()
     return {"kind": "spoofer", "shows": shows, "transmit": transmit, "power_db": 3.0, "clock_offset_s": 3e-6, **given}
 
 
 @pytest.mark.long
-def test_a_clean_sky_comes_from_several_directions(kit, array_files, tmp_path):
-    result = protect(platform=described(kit, tmp_path, [array_files.sigmf]), nav=array_files.nav)
+def test_a_clean_sky_comes_from_several_directions(array_files, tmp_path):
+    result = protect(platform=described(tmp_path, [array_files.sigmf]), nav=array_files.nav)
     (said,) = said_by(result, "array_common")
     assert (said.says, {ref.receiver for ref in said.subject}) == ("authentic", {"array"})
     assert len(said.subject) > 7
@@ -53,8 +54,8 @@ def test_a_clean_sky_comes_from_several_directions(kit, array_files, tmp_path):
 
 
 @pytest.mark.long
-def test_other_antennas_than_the_inputs_have_are_refused(kit, array_files, tmp_path):
-    three = described(kit, tmp_path, [array_files.woven], antennas_m=[list(place) for place in kit.ELEMENTS_M[:3]])
+def test_other_antennas_than_the_inputs_have_are_refused(array_files, tmp_path):
+    three = described(tmp_path, [array_files.woven], antennas_m=[list(place) for place in kit.ELEMENTS_M[:3]])
     with pytest.raises(SettingsError, match=r"antennas_m of receiver array is of 3 antennas, but its inputs have 4"):
         protect(platform=three, nav=array_files.nav)
 
@@ -77,12 +78,12 @@ FAILURES = {
 
 @pytest.mark.long
 @pytest.mark.parametrize(("failed", "how"), FAILURES.values(), ids=FAILURES.keys())
-def test_an_antenna_that_fails_is_left_out_and_reported(kit, array_files, tmp_path, failed, how):
+def test_an_antenna_that_fails_is_left_out_and_reported(array_files, tmp_path, failed, how):
     iq = np.fromfile(array_files.woven, np.int8).reshape(-1, 4, 2)
     iq[:, 1] = np.clip(failed(iq[:, 1].astype(float), np.random.default_rng(1)), -127, 127)
     iq.tofile(tmp_path / "woven.bin")
     (tmp_path / "woven.toml").write_text(array_files.woven.with_suffix(".toml").read_text())
-    result = protect(platform=described(kit, tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
+    result = protect(platform=described(tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
     labels = {signal.label for signal in result.verdict.signals}
     assert "spoofed" not in labels
     (said,) = said_by(result, "array_common")
@@ -94,24 +95,24 @@ def test_an_antenna_that_fails_is_left_out_and_reported(kit, array_files, tmp_pa
 
 
 @pytest.mark.long
-def test_a_first_antenna_that_is_begun_late_does_not_stand_for_the_receiver(kit, array_files, tmp_path):
+def test_a_first_antenna_that_is_begun_late_does_not_stand_for_the_receiver(array_files, tmp_path):
     iq = np.fromfile(array_files.woven, np.int8).reshape(-1, 4, 2)
     iq[:, 0] = np.roll(iq[:, 0], -LATE_SAMPLES, axis=0)
     iq.tofile(tmp_path / "woven.bin")
     (tmp_path / "woven.toml").write_text(array_files.woven.with_suffix(".toml").read_text())
-    result = protect(platform=described(kit, tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
+    result = protect(platform=described(tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
     assert result.verdict.verdict == "authentic"
     assert "antenna 1 begins 12.5 ms after antenna 2" in " ".join(result.verdict.inputs[0].remarks)
 
 
 @pytest.mark.long
-def test_no_true_signal_is_called_false_and_false_ones_from_one_transmitter_are_named(kit, tmp_path):
+def test_no_true_signal_is_called_false_and_false_ones_from_one_transmitter_are_named(tmp_path):
     clean = kit.record(kit.array_scenario(duration_s=34.0, seed=3), tmp_path / "clean")
-    result = protect(platform=described(kit, tmp_path, clean.paths), nav=clean.nav)
+    result = protect(platform=described(tmp_path, clean.paths), nav=clean.nav)
     assert result.verdict.verdict == "authentic"
-    scenario = kit.array_scenario(duration_s=34.0, seed=3, attacks=(spoofer(kit, onset_s=8.0),))
+    scenario = kit.array_scenario(duration_s=34.0, seed=3, attacks=(spoofer(onset_s=8.0),))
     attacked = kit.record(scenario, tmp_path / "attacked")
-    result = protect(platform=described(kit, tmp_path, attacked.paths), nav=attacked.nav)
+    result = protect(platform=described(tmp_path, attacked.paths), nav=attacked.nav)
     assert result.verdict.verdict == "spoofed"
     labels = {label.ref.signal: label.label for label in result.outcome.decision.labels}
     # The attitude that the sky itself shows vouches for those that come from where their satellites stand.
@@ -122,10 +123,10 @@ def test_no_true_signal_is_called_false_and_false_ones_from_one_transmitter_are_
 
 
 @pytest.mark.long
-def test_false_signals_of_one_transmitter_are_as_equal_as_noise_allows(kit, tmp_path):
+def test_false_signals_of_one_transmitter_are_as_equal_as_noise_allows(tmp_path):
     # Weak: the transmitter's other codes are noise of one direction too, which antennas share; their phases then differ
     # by less than the noise of each (statistic over its mean: 0.94 at -3 dB, 0.83 at +3 dB, 0.53 at +10 dB).
-    scenario = kit.array_scenario(duration_s=40.0, seed=7, attacks=(spoofer(kit, onset_s=-1.0, power_db=-3.0),))
+    scenario = kit.array_scenario(duration_s=40.0, seed=7, attacks=(spoofer(onset_s=-1.0, power_db=-3.0),))
     alone = scenario.model_copy(update={"sky": Sky(zenith_cn0_dbhz=41.0, horizon_cn0_dbhz=39.0, until_s=-0.5)})
     recorded = kit.record(alone, tmp_path)
     (source,) = open_inputs([tuple(recorded.paths)], Settings(), None, ["array"])

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import signal as filters
+from tests.app import kit
 
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
@@ -22,7 +23,7 @@ FAR = Settings(antenna_separation_m=50.0)
 
 
 @pytest.mark.long
-def test_a_copy_that_begins_a_second_later_is_one_receiver_and_no_spoofing(kit, tmp_path):
+def test_a_copy_that_begins_a_second_later_is_one_receiver_and_no_spoofing(tmp_path):
     recorded = kit.record(kit.scenario_of(receivers=1, duration_s=DURATION_S), tmp_path)
     (original,) = recorded.paths
     copy = tmp_path / "copy.bin"
@@ -41,7 +42,7 @@ def test_a_copy_that_begins_a_second_later_is_one_receiver_and_no_spoofing(kit, 
 class Pair:
     """A clean pair of receivers in memory, with a hand to make copies of the first one."""
 
-    def __init__(self, kit, front_end):
+    def __init__(self, front_end):
         scenario = kit.scenario_of(duration_s=DURATION_S, front_end=front_end)
         self.navigation = nominal_constellation(scenario.start_gpst)
         self.rng = np.random.default_rng(1)
@@ -90,8 +91,8 @@ def clocked(wave, faster, rate_hz, carrier_hz=1575.42e6):
 
 
 @pytest.mark.long
-def test_copies_are_seen_however_they_were_changed_and_another_antenna_is_none(kit):
-    pair = Pair(kit, FrontEnd())
+def test_copies_are_seen_however_they_were_changed_and_another_antenna_is_none():
+    pair = Pair(FrontEnd())
     whole = pair.planes[0]
     original = pair.heard(whole, name="original")
 
@@ -111,8 +112,8 @@ def test_copies_are_seen_however_they_were_changed_and_another_antenna_is_none(k
 
 
 @pytest.mark.long
-def test_receivers_with_clocks_and_rates_of_their_own_on_one_antenna_are_one(kit):
-    pair = Pair(kit, FrontEnd(encoding="float", bits=32))
+def test_receivers_with_clocks_and_rates_of_their_own_on_one_antenna_are_one():
+    pair = Pair(FrontEnd(encoding="float", bits=32))
     antenna = (pair.planes[0][0] + 1j * pair.planes[0][1]).astype(np.complex64)
     own = np.float32(np.sqrt(0.1))
     original = pair.heard(np.sign(planes_of(antenna + own * pair.noise(antenna.size))), name="original")
@@ -124,9 +125,9 @@ def test_receivers_with_clocks_and_rates_of_their_own_on_one_antenna_are_one(kit
 
 
 @pytest.mark.long
-def test_a_jammer_that_two_antennas_hear_does_not_make_them_one(kit):
+def test_a_jammer_that_two_antennas_hear_does_not_make_them_one():
     """Its noise is four times the receivers' own; but the satellites' signals are not as late as it is."""
-    pair = Pair(kit, FrontEnd(encoding="float", bits=32))
+    pair = Pair(FrontEnd(encoding="float", bits=32))
     first, second = ((planes[0] + 1j * planes[1]).astype(np.complex64) for planes in pair.planes)
     plain = pair.heard(planes_of(first)).observations, pair.heard(planes_of(second)).observations
     sat = plain[0].signals.index(plain[1].signals[0])

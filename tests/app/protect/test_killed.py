@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.app import kit
 
 from skyproof.formats.pieces import UNFINISHED_RUN
 
@@ -16,7 +17,7 @@ MOMENTS = 20
 
 
 @pytest.fixture(scope="module")
-def recorded(kit, tmp_path_factory):
+def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("killed")
     return kit.record(kit.scenario_of(duration_s=34.0), folder)
 

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.app import kit
 
 from skyproof.app.protect import pictures
 from skyproof.app.protect.pictures import pictures_of
@@ -15,7 +16,7 @@ PLACE = {"lat_deg": 57.7, "lon_deg": 11.9, "height_m": 50.0}
 
 
 @pytest.fixture(scope="module")
-def judged(kit, tmp_path_factory):
+def judged(tmp_path_factory):
     """Two receivers under a meaconer that is switched on after 12 s."""
     attack = Meaconer(receive=kit.ELSEWHERE, transmit=kit.TRANSMIT, delay_s=4e-6, onset_s=12.0, noise_db=-13.0)
     scenario = kit.scenario_of(attacks=(attack,), duration_s=26.0)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import tomli_w
+from tests.app import kit
 
 from skyproof.app.protect import protect
 from skyproof.errors import InputError, NotEnoughData
@@ -13,7 +14,7 @@ FRONT_END = FrontEnd(rate_hz=4_092_000, if_hz=1_023_000, kind="real", encoding="
 
 
 @pytest.fixture(scope="module")
-def snapshots(kit, made_once):
+def snapshots(made_once):
     """Folder of 64 ms of one sky, with and without a transmitter 100 m off: one bit, real, four antennas."""
 
     def fill(folder):
@@ -41,7 +42,7 @@ def labels_of(result):
     return {(s.sat, s.copy): s.label for s in result.verdict.signals}
 
 
-def place_of(kit, position):
+def place_of(position):
     return np.hypot(
         (position.lat_deg - kit.PLACES[0].lat_deg) * 111e3,
         (position.lon_deg - kit.PLACES[0].lon_deg) * 111e3 * np.cos(np.radians(position.lat_deg)),
@@ -67,7 +68,7 @@ def test_one_transmitter_is_named_without_orbits(snapshots):
     assert {copy for (_, copy), label in labels_of(result).items() if label == "spoofed"} == {"a"}  # the stronger
 
 
-def test_one_transmitter_is_named_and_the_true_place_found(kit, snapshots):
+def test_one_transmitter_is_named_and_the_true_place_found(snapshots):
     folder = snapshots / "attacked"
     result = protect(platform=folder / "platform.toml", nav=folder / "nav.rnx")
     assert result.verdict.verdict == "spoofed"
@@ -75,16 +76,16 @@ def test_one_transmitter_is_named_and_the_true_place_found(kit, snapshots):
     assert {label for (_, copy), label in labels.items() if copy == "a"} == {"spoofed"}
     assert {label for (_, copy), label in labels.items() if copy == "b"} == {"authentic"}
     fix = result.verdict.receivers[0].trusted_fix
-    assert place_of(kit, fix) < 4.0 * np.hypot(fix.sigma_east_m, fix.sigma_north_m)
-    assert place_of(kit, result.verdict.receivers[0].unprotected_fix) > 400.0
+    assert place_of(fix) < 4.0 * np.hypot(fix.sigma_east_m, fix.sigma_north_m)
+    assert place_of(result.verdict.receivers[0].unprotected_fix) > 400.0
 
 
-def test_one_antenna_gives_its_position_and_no_verdict(kit, snapshots):
+def test_one_antenna_gives_its_position_and_no_verdict(snapshots):
     folder = snapshots / "clean"
     result = protect([next(folder.glob("*.1.bin"))], nav=folder / "nav.rnx")
     assert result.verdict.verdict == "undecided"
     fix = result.verdict.receivers[0].unprotected_fix
-    assert place_of(kit, fix) < 4.0 * np.hypot(fix.sigma_east_m, fix.sigma_north_m)
+    assert place_of(fix) < 4.0 * np.hypot(fix.sigma_east_m, fix.sigma_north_m)
 
 
 FAILURES = {

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.app import kit
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.reception import observe
@@ -22,7 +23,7 @@ WRONG_M = 30.0  # more than noise, the filter of the code loop and multipath mak
 
 
 @pytest.fixture(scope="module")
-def sky(kit):
+def sky():
     """24 s of a clean sky in two-bit samples, in memory, and the scene."""
     scenario = kit.scenario_of(
         receivers=1, duration_s=24.0, front_end=FrontEnd(rate_hz=RATE_HZ, encoding="sign-magnitude", bits=2)

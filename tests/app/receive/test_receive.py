@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.app import kit
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive import document_json, receive
@@ -17,7 +18,7 @@ from skyproof.simulator.scenario import Meaconer
 
 
 @pytest.fixture(scope="module")
-def recorded(kit, tmp_path_factory):
+def recorded(tmp_path_factory):
     """9 s under a meaconer that was on before; the message's first subframe comes whole."""
     repeated = Meaconer(receive=kit.ELSEWHERE, transmit=kit.TRANSMIT, delay_s=4e-6, onset_s=-10.0, noise_db=-13.0)
     scenario = kit.scenario_of(receivers=1, duration_s=9.0, attacks=(repeated,))
