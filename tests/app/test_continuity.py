@@ -15,19 +15,10 @@ from skyproof.app.receive.reception import Reception
 from skyproof.detectors.base import load_detectors
 from skyproof.detectors.continuity.detector import Continuity
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.records import NavigationData, Samples
+from skyproof.records import OBSERVABLES, NavigationData, Samples
 from skyproof.simulator.measurements import NoiseModel, observations_of
 from skyproof.simulator.scenario import FrontEnd
 
-CELLS = (
-    "pseudorange_m",
-    "carrier_cyc",
-    "doppler_hz",
-    "cn0_dbhz",
-    "pseudorange_sigma_m",
-    "carrier_sigma_cyc",
-    "doppler_sigma_hz",
-)
 EPOCH_S = 0.2
 
 
@@ -46,7 +37,7 @@ def reception(o):
 
 def halves(one, other, row):
     """The first half of one receiver's file and the second of another's."""
-    cells = {name: np.concatenate((getattr(one, name)[:row], getattr(other, name)[row:])) for name in CELLS}
+    cells = {name: np.concatenate((getattr(one, name)[:row], getattr(other, name)[row:])) for name in OBSERVABLES}
     status = one.status.copy()
     status[row] = 3
     return replace(one, status=status, **cells)

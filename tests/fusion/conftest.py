@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.records import ConsistentSet, Evidence, Observations, SignalId, SignalRef
+from skyproof.records import OBSERVABLES, ConsistentSet, Evidence, Observations, SignalId, SignalRef
 
 START = np.datetime64("2024-05-14T10:00:00", "ns")
 WINDOW_S = 10.0
@@ -48,15 +48,7 @@ class Invented:
         status[~measured] = 1
         range_m = np.where(measured, 2.2e7, np.nan)
         numbers = dict.fromkeys(
-            (
-                "pseudorange_m",
-                "carrier_cyc",
-                "doppler_hz",
-                "cn0_dbhz",
-                "pseudorange_sigma_m",
-                "carrier_sigma_cyc",
-                "doppler_sigma_hz",
-            ),
+            OBSERVABLES,
             range_m,
         )
         elapsed_s = np.arange(n, dtype=float)

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal as filters
 from scipy import stats
+from tests.recordings import COMPLEX_4, CTTC, REAL_12, REAL_24
 
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
 from skyproof.receiver.acquisition import KnownSignal, Searcher, SearchSettings, _covered
@@ -450,51 +451,21 @@ REAL = {
         3e6,
         87,
         28,
-        {
-            2: (-2748, 454.2),
-            5: (147, 478.3),
-            11: (-3272, 938.1),
-            13: (-241, 511.8),
-            15: (1743, 794.1),
-            18: (3229, 560.9),
-            20: (-1347, 696.7),
-            24: (4224, 325.1),
-            28: (2316, 368.5),
-            29: (-2011, 773.6),
-            30: (-1865, 402.3),
-        },
+        REAL_12,
     ),
     "iq-pocketsdr/L1_20211201_054600_24MHz_I.bin": (
         24e6,
         6e6,
         43,
         23,
-        {
-            10: (-2036, 871.1),
-            12: (-1850, 154.2),
-            23: (-3282, 788.2),
-            24: (-2439, 11.8),
-            25: (368, 684.9),
-            29: (3322, 148.6),
-            31: (2542, 458.1),
-            32: (2124, 66.2),
-        },
+        REAL_24,
     ),
     "iq-pocketsdr/L1_20211202_084700_4MHz_IQ.bin": (
         4e6,
         0.0,
         100,
         25,
-        {
-            4: (3234, 958.0),
-            16: (2577, 1012.0),
-            18: (2726, 624.0),
-            25: (-2782, 140.4),
-            26: (649, 920.4),
-            29: (-2216, 422.8),
-            31: (-205, 296.4),
-            32: (-3284, 707.4),
-        },
+        COMPLEX_4,
     ),
     "iq-pocketsdr/L2_20211202_084700_4MHz_IQ_first100ms.bin": (4e6, 0.0, 99, None, {}),
     "iq-cttc/GSoC_CTTC_capture_2012_07_26_4Msps_4ms.dat": (
@@ -502,18 +473,11 @@ REAL = {
         0.0,
         4,
         30,
-        {
-            2: (8050, 223.3),
-            12: (7200, 130.4),
-            25: (9000, 175.4),
-            29: (9725, 947.6),
-            30: (12750, 945.8),
-            31: (11800, 498.5),
-        },
+        CTTC,
     ),
 }
-"""Rate, intermediate frequency, periods that are continuous, the weakest satellite, and all of them with Doppler in Hz
-and code phase in chips: README of the recordings."""
+"""Rate, intermediate frequency, periods that are continuous, the weakest satellite, and all of them: README of the
+recordings."""
 
 
 @pytest.mark.shared_data

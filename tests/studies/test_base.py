@@ -12,7 +12,7 @@ import pytest
 
 from skyproof.report.chart import Axes
 from skyproof.studies import studies
-from skyproof.studies.base import Claim, Row, Study, StudySettings
+from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 from skyproof.studies.validation import check, table
 
 FOUND = studies()
@@ -169,3 +169,13 @@ def test_rows_are_plain_and_come_again_with_the_same_seed_and_hold_what_charts_a
         assert all(any(by in row for row in drawn) for by in chart.by), chart.title
     for one in check(study, rows):
         assert one.same is None or isinstance(one.same, float)
+
+
+def test_the_figure_of_a_claim_is_of_the_rows_asked_for_and_not_found_where_there_are_none() -> None:
+    rows = [{"n": 1, "p": None}, {"n": 1, "p": 0.25}, {"n": 1, "p": 0.75}, {"n": 2, "p": 0.5, "only": "here"}]
+    assert value_of("p", n=1)(rows) == 0.25
+    assert value_of("p", max, n=1)(rows) == 0.75
+    assert value_of("p", only="here")(rows) == 0.5
+    assert math.isnan(value_of("p", n=3)(rows))
+    with pytest.raises(KeyError):
+        value_of("q", n=1)(rows)

@@ -3,10 +3,10 @@
 import importlib
 import inspect
 import pkgutil
-from functools import cache
 
 import pytest
 from scipy import stats
+from tests.studies.quick import rows_of
 
 import skyproof.detectors
 import skyproof.statistics
@@ -58,11 +58,6 @@ OFF = {
 }
 
 
-@cache
-def rows_of(name, **settings):
-    return list(BY_NAME[f"uniformity.{name}"].run(StudySettings(**({"quick": True} | settings))))
-
-
 def shares_hold(p):
     """Whether both tails may be those of a uniform p-value, on both sides."""
     return all(binomial_two_sided(int((p <= level).sum()), p.size, level) > 1e-4 for level in (0.001, 0.01, 0.1, 0.5))
@@ -70,11 +65,11 @@ def shares_hold(p):
 
 @pytest.mark.parametrize("name", ["tests", pytest.param("distribution", marks=pytest.mark.long)])
 def test_quick_draws_few(name):
-    assert all(row["trials"] <= 10_000 for row in rows_of(name))
+    assert all(row["trials"] <= 10_000 for row in rows_of(f"uniformity.{name}"))
 
 
 def test_a_row_has_the_promised_columns_and_every_test_has_one():
-    rows = rows_of("tests")
+    rows = rows_of("uniformity.tests")
     assert [row["test"] for row in rows] == [case.test for case in CASES]
     for row in rows:
         assert set(row) == {
@@ -95,19 +90,19 @@ def test_a_row_has_the_promised_columns_and_every_test_has_one():
 
 
 def test_exact_tests_have_uniform_p_values_in_the_coarse():
-    for row in rows_of("tests"):
+    for row in rows_of("uniformity.tests"):
         if row["exact"]:
             assert row["ks_p"] > 1e-4, row
             assert binomial_two_sided(round(row["tail_01"] * row["trials"]), row["trials"], 0.01) > 1e-4, row
 
 
 def test_claims_hold():
-    assert all(one.agrees for one in check(BY_NAME["uniformity.tests"], rows_of("tests")))
+    assert all(one.agrees for one in check(BY_NAME["uniformity.tests"], rows_of("uniformity.tests")))
 
 
 @pytest.mark.long
 def test_shares_rise_to_one_and_the_right_line_is_beside_them():
-    rows = rows_of("distribution")
+    rows = rows_of("uniformity.distribution")
     charts = BY_NAME["uniformity.distribution"].charts
     assert {row["group"] for row in rows} == {chart.where["group"] for chart in charts}
     for case in CASES:

@@ -8,7 +8,17 @@ from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import RECEIVED, asked, detectors_for, examine_all, following_epochs, windows_of
 from skyproof.detectors.base import load_detectors
-from skyproof.records import ConsistentSet, NavigationData, Need, Observations, Records, SignalId, SpinArm, Taps
+from skyproof.records import (
+    OBSERVABLES,
+    ConsistentSet,
+    NavigationData,
+    Need,
+    Observations,
+    Records,
+    SignalId,
+    SpinArm,
+    Taps,
+)
 from skyproof.testing import MeasuredScene
 
 START = np.datetime64("2022-01-01", "ns")
@@ -35,15 +45,7 @@ def epochs_every(step_s, n, late_s=0.0):
     """Observations of nothing in particular at epochs that come a little early or late."""
     elapsed_s = step_s * np.arange(n) + late_s * np.resize([0.0, 1.0, 0.0, -1.0], n)
     cells = dict.fromkeys(
-        (
-            "pseudorange_m",
-            "carrier_cyc",
-            "doppler_hz",
-            "cn0_dbhz",
-            "pseudorange_sigma_m",
-            "carrier_sigma_cyc",
-            "doppler_sigma_hz",
-        ),
+        OBSERVABLES,
         np.ones((n, 1)),
     )
     return Observations(

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from tests.recordings import COMPLEX_4, CTTC, REAL_12, REAL_24
 
 from skyproof import cli
 from skyproof.app.inspect.advice import advice
@@ -44,49 +45,6 @@ def agrees(document: dict, table: dict[int, tuple[float, float]], *, doppler_hz:
         if (listed := table.get(int(one["sat"][1:]))) is not None:
             assert one["doppler_hz"] == pytest.approx(listed[0], abs=doppler_hz)
             assert (one["code_phase_chips"] - listed[1] + 511.5) % 1023 - 511.5 == pytest.approx(0.0, abs=1.0)
-
-
-REAL_12 = {
-    2: (-2748, 454.2),
-    5: (147, 478.3),
-    11: (-3272, 938.1),
-    13: (-241, 511.8),
-    15: (1743, 794.1),
-    18: (3229, 560.9),
-    20: (-1347, 696.7),
-    24: (4224, 325.1),
-    28: (2316, 368.5),
-    29: (-2011, 773.6),
-    30: (-1865, 402.3),
-}
-REAL_24 = {
-    10: (-2036, 871.1),
-    12: (-1850, 154.2),
-    23: (-3282, 788.2),
-    24: (-2439, 11.8),
-    25: (368, 684.9),
-    29: (3322, 148.6),
-    31: (2542, 458.1),
-    32: (2124, 66.2),
-}
-COMPLEX_4 = {
-    4: (3234, 958.0),
-    16: (2577, 1012.0),
-    18: (2726, 624.0),
-    25: (-2782, 140.4),
-    26: (649, 920.4),
-    29: (-2216, 422.8),
-    31: (-205, 296.4),
-    32: (-3284, 707.4),
-}
-CTTC = {
-    2: (8050, 223.3),
-    12: (7200, 130.4),
-    25: (9000, 175.4),
-    29: (9725, 947.6),
-    30: (12750, 945.8),
-    31: (11800, 498.5),
-}
 
 
 def is_gap(gap: dict, at_sample: int, missing: int) -> bool:

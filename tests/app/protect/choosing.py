@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -20,7 +21,7 @@ from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.ins import InsSettings
-from skyproof.records import Attitude, FixStatus
+from skyproof.records import Attitude, Evidence, FixStatus, Records, SignalId, SignalRef
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver, Sky, Takeover
 from skyproof.simulator.sky import scene_of
@@ -57,16 +58,12 @@ def led_away(
 ) -> Scene:
     """A receiver whose signals are taken over at the onset, aligned, and drawn off from 3 s later on to the end."""
     own = PLACES[0].model_dump(exclude_unset=True) | {"lo_ppm": 0.4, "oscillator": oscillator} | receiver
-    if "path" in receiver:
-        transmit = TRANSMIT
-    else:
-        transmit = TRANSMIT
     begin_s, long_s = onset_s + 3.0, duration_s - onset_s - 3.0
     far_m, late_s = speed_m_s * long_s, clock_m_s / WAVE_M_S * long_s
     east, north = np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg))
     attack = Takeover(
         target="bow",
-        transmit=transmit,
+        transmit=TRANSMIT,
         power_db=power_db,
         onset_s=onset_s,
         away_points_enu_m=((begin_s, 0.0, 0.0, 0.0), (duration_s, far_m * east, far_m * north, 0.0)),
@@ -82,6 +79,21 @@ def led_away(
         sky=Sky(zenith_cn0_dbhz=zenith_cn0_dbhz, horizon_cn0_dbhz=zenith_cn0_dbhz - 8.0),
     )
     return scene_of(scenario, NAVIGATION)
+
+
+def nothing_found(windows: Sequence[Records], signals: Sequence[SignalId]) -> list[Evidence]:
+    """Evidence of no detector in particular that every window is clean."""
+    return [
+        Evidence(
+            detector="none",
+            start_gpst=w.start_gpst,
+            end_gpst=w.end_gpst,
+            subject=tuple(SignalRef("bow", signal) for signal in signals),
+            says="clean",
+            because="",
+        )
+        for w in windows
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import stats
-from tests.app.protect.choosing import NAVIGATION, drawn_receiver, inertia_of, led_away
+from tests.app.protect.choosing import NAVIGATION, drawn_receiver, inertia_of, led_away, nothing_found
 from tests.app.protect.test_choosing import DRIVE, WALK
 
 from skyproof.app.common.settings import Settings
@@ -14,7 +14,6 @@ from skyproof.app.common.windows import windows_of
 from skyproof.fusion import departure
 from skyproof.fusion.departure import departures
 from skyproof.fusion.rivals import FixMaker
-from skyproof.records import Evidence, SignalRef
 from skyproof.simulator.sky import scene_of
 
 ALPHA = 1e-7
@@ -42,21 +41,10 @@ def said(found, change=lambda readings: readings, shown=None):
     """Departures of what was heard, with changed readings or measurements."""
     o, windows, foresight = found
     o = o if shown is None else shown(o)
-    evidence = [
-        Evidence(
-            detector="none",
-            start_gpst=w.start_gpst,
-            end_gpst=w.end_gpst,
-            subject=tuple(SignalRef("bow", signal) for signal in o.signals),
-            says="clean",
-            because="",
-        )
-        for w in windows
-    ]
     sets = [s for w in windows for s in w.sets]
     maker = FixMaker(log=o, navigation=NAVIGATION, multipath_sigma_m=1.0, elevation_mask_deg=5.0)
     unit = replace(foresight, readings=change(foresight.readings))
-    return departures(evidence, sets, [maker], {"bow": unit}, ALPHA)
+    return departures(nothing_found(windows, o.signals), sets, [maker], {"bow": unit}, ALPHA)
 
 
 def later(readings, since_s):

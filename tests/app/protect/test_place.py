@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.app.protect.choosing import NAVIGATION, drawn_receiver, led_away
+from tests.app.protect.choosing import NAVIGATION, drawn_receiver, led_away, nothing_found
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
@@ -12,7 +12,6 @@ from skyproof.fusion.place import displacements
 from skyproof.fusion.rivals import FixMaker
 from skyproof.gnss.frames import rot_enu_ecef
 from skyproof.navigation.foresight import Standing, surveyed
-from skyproof.records import Evidence, SignalRef
 from skyproof.simulator.sky import scene_of
 
 ALPHA = 1e-7
@@ -34,20 +33,9 @@ def received(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, consta
 
 def said(found, foresight):
     o, windows, _ = found
-    evidence = [
-        Evidence(
-            detector="none",
-            start_gpst=w.start_gpst,
-            end_gpst=w.end_gpst,
-            subject=tuple(SignalRef("bow", signal) for signal in o.signals),
-            says="clean",
-            because="",
-        )
-        for w in windows
-    ]
     sets = [s for w in windows for s in w.sets]
     maker = FixMaker(log=o, navigation=NAVIGATION, multipath_sigma_m=1.0, elevation_mask_deg=5.0)
-    return displacements(evidence, sets, [maker], {"bow": foresight}, ALPHA)
+    return displacements(nothing_found(windows, o.signals), sets, [maker], {"bow": foresight}, ALPHA)
 
 
 def at(found, *, north_m=0.0, up_m=0.0):

@@ -14,7 +14,7 @@ from skyproof.detectors.continuity.words import step_words
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.records import ConsistentSet, Records, SignalId
+from skyproof.records import OBSERVABLES, ConsistentSet, Records, SignalId
 from skyproof.simulator.measurement_errors import FieldErrors
 from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
 from skyproof.simulator.scenario import parse_scenario
@@ -46,15 +46,6 @@ WINDOW_S, EPOCH_S = 10, 0.2
 FIELD = NoiseModel(sigma_m=1.5, carrier_sigma_cyc=0.01, doppler_sigma_hz=0.3, field=FieldErrors())
 WHITE = NoiseModel(sigma_m=1.5, carrier_sigma_cyc=0.01, doppler_sigma_hz=0.3)
 LIGHT_M_S = 299_792_458.0
-CELLS = (
-    "pseudorange_m",
-    "carrier_cyc",
-    "doppler_hz",
-    "cn0_dbhz",
-    "pseudorange_sigma_m",
-    "carrier_sigma_cyc",
-    "doppler_sigma_hz",
-)
 
 
 @cache
@@ -129,7 +120,7 @@ def failed(found):
 
 def spliced(one, other, row, *, slip=True):
     """The first rows of one, the rest of the other, as a file that was cut and joined: the counter goes on."""
-    cells = {name: np.concatenate((getattr(one, name)[:row], getattr(other, name)[row:])) for name in CELLS}
+    cells = {name: np.concatenate((getattr(one, name)[:row], getattr(other, name)[row:])) for name in OBSERVABLES}
     carrier_cyc, doppler_hz = cells["carrier_cyc"], cells["doppler_hz"]
     goes_on_cyc = carrier_cyc[row - 1] - 0.5 * EPOCH_S * (doppler_hz[row - 1] + doppler_hz[row])
     carrier_cyc[row:] += np.rint(goes_on_cyc - carrier_cyc[row])  # as a loop that has seen nothing counts them
@@ -153,7 +144,7 @@ def ahead(o, row, seconds):
 
 def without_rows(o, first, last):
     """Nothing was measured in these rows, and carriers start anew after them."""
-    hidden = {name: getattr(o, name).copy() for name in CELLS}
+    hidden = {name: getattr(o, name).copy() for name in OBSERVABLES}
     status = o.status.copy()
     for cells in hidden.values():
         cells[first:last] = np.nan
@@ -167,7 +158,7 @@ def without_rows(o, first, last):
 
 def disturbed(o, rng):
     """Slips, gaps of single signals, and one outage of all, after which they come back one by one."""
-    cells, status = {name: getattr(o, name).copy() for name in CELLS}, o.status.copy()
+    cells, status = {name: getattr(o, name).copy() for name in OBSERVABLES}, o.status.copy()
     n, m = status.shape
 
     def lost(first, last, channel):
@@ -331,7 +322,7 @@ def test_time_that_goes_back_is_reported():
 
 def test_a_recording_that_begins_again_is_reported():
     o = observed()
-    cells = {name: np.concatenate((getattr(o, name)[:80], getattr(o, name)[:80])) for name in CELLS}
+    cells = {name: np.concatenate((getattr(o, name)[:80], getattr(o, name)[:80])) for name in OBSERVABLES}
     cells["pseudorange_m"][80:] += LIGHT_M_S * 16.0
     status = np.concatenate((o.status[:80], o.status[:80]))
     status[80] = 3
@@ -348,7 +339,7 @@ def test_missing_samples_are_reported_and_are_no_failure(motion):
     exact = observed(4, motion=motion, noise=FIELD)
     row, missing = 77, 2  # epochs of 0.2 s
     moved = np.arange(exact.gpst.size - missing) + np.where(np.arange(exact.gpst.size - missing) >= row, missing, 0)
-    cells = {name: getattr(exact, name)[moved] for name in CELLS}
+    cells = {name: getattr(exact, name)[moved] for name in OBSERVABLES}
     kept = slice(None, exact.gpst.size - missing)
     late_s = np.where(np.arange(exact.gpst.size - missing) >= row, missing * EPOCH_S, 0.0)[:, None]
     cells["pseudorange_m"] = cells["pseudorange_m"] - LIGHT_M_S * late_s
@@ -416,7 +407,7 @@ def test_signals_found_again_under_other_names_are_the_same_sky():
     def doubled(first, second):
         return np.concatenate((np.where(n < 70, first, np.nan), np.where(n >= 78, second, np.nan)), axis=1)
 
-    cells = {name: doubled(getattr(o, name), getattr(again, name)) for name in CELLS}
+    cells = {name: doubled(getattr(o, name), getattr(again, name)) for name in OBSERVABLES}
     status = np.where(np.isfinite(cells["pseudorange_m"]), 0, 1).astype(np.uint8)
     lives = {
         f.name: np.concatenate((getattr(o, f.name),) * 2)

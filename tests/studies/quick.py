@@ -1,0 +1,25 @@
+"""Rows of quick runs, each made once for all tests of a file, and what every study that is quick must hold."""
+
+import time
+from functools import cache
+
+from skyproof.studies import studies
+from skyproof.studies.base import Row, StudySettings
+from skyproof.studies.validation import check
+
+FOUND = studies()
+
+
+@cache
+def rows_of(name: str, **settings: object) -> list[Row]:
+    return list(FOUND[name].run(StudySettings(**({"quick": True} | settings))))
+
+
+def hold(name: str) -> None:
+    """A study takes no more than 20 s, and every claim finds its figure and is not contradicted."""
+    start = time.process_time()
+    rows = rows_of(name)
+    assert time.process_time() - start < 20.0
+    for one in check(FOUND[name], rows):
+        assert one.agrees is not False, one.cells()
+        assert "not found" not in one.cells(), one.cells()
