@@ -446,35 +446,11 @@ def test_a_tracked_satellite_alone_gives_no_second_signal(cn0_dbhz):
 # ---------------------------------------------------------------------- recordings
 
 REAL = {
-    "iq-pocketsdr/L1_20211125_004000_12MHz_I.bin": (
-        12e6,
-        3e6,
-        87,
-        28,
-        REAL_12,
-    ),
-    "iq-pocketsdr/L1_20211201_054600_24MHz_I.bin": (
-        24e6,
-        6e6,
-        43,
-        23,
-        REAL_24,
-    ),
-    "iq-pocketsdr/L1_20211202_084700_4MHz_IQ.bin": (
-        4e6,
-        0.0,
-        100,
-        25,
-        COMPLEX_4,
-    ),
+    "iq-pocketsdr/L1_20211125_004000_12MHz_I.bin": (12e6, 3e6, 87, 28, REAL_12),
+    "iq-pocketsdr/L1_20211201_054600_24MHz_I.bin": (24e6, 6e6, 43, 23, REAL_24),
+    "iq-pocketsdr/L1_20211202_084700_4MHz_IQ.bin": (4e6, 0.0, 100, 25, COMPLEX_4),
     "iq-pocketsdr/L2_20211202_084700_4MHz_IQ_first100ms.bin": (4e6, 0.0, 99, None, {}),
-    "iq-cttc/GSoC_CTTC_capture_2012_07_26_4Msps_4ms.dat": (
-        4e6,
-        0.0,
-        4,
-        30,
-        CTTC,
-    ),
+    "iq-cttc/GSoC_CTTC_capture_2012_07_26_4Msps_4ms.dat": (4e6, 0.0, 4, 30, CTTC),
 }
 """Rate, intermediate frequency, periods that are continuous, the weakest satellite, and all of them: README of the
 recordings."""

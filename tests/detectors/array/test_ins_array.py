@@ -597,11 +597,49 @@ def test_lines_that_are_not_what_was_given_are_reported_and_no_true_signal_is_ca
     assert spoofed == (set(SIGNALS[2:4]) if false else set())
 
 
+def at_first(phases, **changes):
+    """The first epoch alone: the body turns."""
+    first = {name: getattr(phases, name)[:1] for name in ("gpst", "elapsed_s", "phase_cyc", "sigma_cyc")}
+    return replace(phases, **first, **changes)
+
+
+def with_an_antenna_off(records, *, lines_known=True):
+    """The third antenna is stated 3 m forward of where it is."""
+    (phases,) = records.array_phases
+    stated = replace(phases, elements_m=phases.elements_m + np.array([[0.0], [0.0], [3.0]]) * [1.0, 0.0, 0.0])
+    return replace(records, array_phases=(replace(stated, calibrated=lines_known),))
+
+
+@pytest.mark.parametrize(("false", "lines_known"), [(0, True), (0, False), (4, False)])
+def test_that_an_antenna_is_not_where_it_is_stated_is_told_by_true_signals_alone_and_beside_false_ones(
+    false, lines_known
+):
+    direction = TRUE.copy()
+    direction[:, :false] = direction_cosines(np.radians(40.0), np.radians(-25.0))
+    records = array_records(np.random.default_rng(8), direction)
+    words, evidence = said_of(with_an_antenna_off(records, lines_known=lines_known))
+    assert words == {"undecided": set(SIGNALS[false:])} | ({"spoofed": set(SIGNALS[:false])} if false else {})
+    (undecided,) = [e for e in evidence if e.says == "undecided"]
+    assert "too few do to show that its attitude, lines and antennas are as stated" in undecided.because
+    assert "antennas_m" in undecided.would_need
+
+
+def test_signals_of_one_transmitter_alone_say_the_same_wherever_antennas_are_stated_while_lines_are_not_known():
+    """A line that is longer by the way to an antenna elsewhere gives the same phases: no test can tell them apart."""
+    direction = np.broadcast_to(direction_cosines(np.radians(40.0), np.radians(-25.0)), TRUE.shape)
+    records = array_records(np.random.default_rng(8), direction)
+    records = replace(records, array_phases=(at_first(records.array_phases[0], calibrated=False),))
+    (right,), _ = InsArray().examine(records)
+    (wrong,), _ = InsArray().examine(with_an_antenna_off(records, lines_known=False))
+    assert (wrong.says, wrong.subject, wrong.because) == (right.says, right.subject, right.because)
+    assert wrong.says == "spoofed"
+    assert wrong.directions == right.directions == ()
+
+
 def test_attitude_and_lines_that_are_not_known_come_from_the_sky_itself():
     records = with_two_elsewhere()
     (phases,) = records.array_phases
-    first = {name: getattr(phases, name)[:1] for name in ("gpst", "elapsed_s", "sigma_cyc")}  # the body turns
-    unknown = replace(phases, calibrated=False, phase_cyc=phases.phase_cyc[:1] + np.array([0.0, 0.3, -0.2]), **first)
+    unknown = at_first(replace(phases, phase_cyc=phases.phase_cyc + np.array([0.0, 0.3, -0.2])), calibrated=False)
     words, _ = said_of(
         replace(records, array_phases=(unknown,), nav_state=None, sets=(sky(0, 1, 4, 5, 6, 7),)),
     )

@@ -262,23 +262,37 @@ class InsArray:
             said.append(self._say(records, tuple(true), "authentic", because, p_one, assumes=(FROM_ELSEWHERE,)))
             said += [self._alike(records, view, rows, chance) for rows, chance in alike]
         if said:
-            return said
+            return [*said, *self._left(records, view, said)]
         if agreed.p_value >= alpha:
             because = f"{n} signals come to {receiver} from where their satellites stand"
             return [self._say(records, view.refs, "clean", because, agreed.p_value)]
-        return [
-            replace(
-                self._say(
-                    records,
-                    view.refs,
-                    "undecided",
-                    f"{n - agreed.members.size} of {n} signals do not come to {receiver} from where their "
-                    "satellites stand, and too few do to show that its attitude, lines and antennas are as stated",
-                    agreed.p_value,
-                ),
-                would_need=f"attitude, antennas_m and line_bias_cyc of {receiver} in the platform file, checked",
-            )
-        ]
+        return [self._not_as_stated(records, view, f"{n}")]
+
+    def _left(self, records: Records, view: ArrayView, said: Sequence[Evidence]) -> list[Evidence]:
+        """Beside signals that were named: that the others agree with no attitude and no lines, where they should."""
+        named = {ref for evidence in said for ref in evidence.subject}
+        rest = np.array([k for k, ref in enumerate(view.refs) if ref not in named], np.intp)
+        if view.accepted or not rest.size:
+            return []
+        left = self._best(view.state, tuple(view.refs[k] for k in rest), view.measured.part(rest), view.stated)
+        if left.accepted or left.agreed.p_value >= self.settings.false_alarm_probability:
+            return []
+        return [self._not_as_stated(records, left, f"the other {rest.size}")]
+
+    def _not_as_stated(self, records: Records, view: ArrayView, which: str) -> Evidence:
+        """Too few of the view's signals agree, with any attitude and lines. which : what they are called."""
+        receiver = view.refs[0].receiver
+        return replace(
+            self._say(
+                records,
+                view.refs,
+                "undecided",
+                f"{len(view.refs) - view.agreed.members.size} of {which} signals do not come to {receiver} from where "
+                "their satellites stand, and too few do to show that its attitude, lines and antennas are as stated",
+                view.agreed.p_value,
+            ),
+            would_need=f"attitude, antennas_m and line_bias_cyc of {receiver} in the platform file, checked",
+        )
 
     def _spoofed(
         self,
