@@ -1,0 +1,147 @@
+"""Exit codes, and one line for an error, for an interruption and for what a person typed wrong."""
+
+import json
+import re
+import shlex
+import signal
+from pathlib import Path
+
+import pytest
+from tests.cli.use_cases import PROTECT, App, said
+
+from skyproof import cli
+from skyproof.errors import InputError, OutputError
+from skyproof.verdict import InputFile
+
+
+@pytest.mark.parametrize("word", ["authentic", "spoofed", "undecided"])
+def test_a_run_to_the_end_exits_with_0_whatever_the_verdict(app: App, word: str) -> None:
+    app.verdict = said(word)
+    assert cli.main(PROTECT) == 0
+
+
+@pytest.mark.parametrize(("word", "code"), [("authentic", 0), ("spoofed", 1), ("undecided", 3)])
+def test_the_exit_code_is_the_verdict_when_asked_to(app: App, word: str, code: int) -> None:
+    app.verdict = said(word)
+    assert cli.main([*PROTECT, "--exit-code"]) == code
+    assert cli.main([*PROTECT, "--exit-code", "--json"]) == code
+
+
+@pytest.mark.parametrize(
+    "command", [PROTECT, ["receive", "rx1.bin", "--out", "d"], ["demo"], ["simulate", "spin", "--out", "d"]]
+)
+def test_an_error_of_the_input_is_one_line_and_2(
+    app: App, capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    app.error = InputError("rx1.bin: odd number of bytes,\n  expected pairs; cut the last one")
+    assert cli.main(command) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines()[-1] == "skyproof: rx1.bin: odd number of bytes, expected pairs; cut the last one"
+    assert "Traceback" not in err
+
+
+def test_our_own_mistake_is_one_line_too_and_says_whose_it_is(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.error = ZeroDivisionError("division by zero")
+    assert cli.main(PROTECT) == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith("skyproof: unexpected ZeroDivisionError: division by zero. This is a fault of skyproof")
+    assert "--debug" in last
+
+
+def test_debug_shows_the_traceback(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.error = OutputError("cannot be written")
+    assert cli.main([*PROTECT, "--debug"]) == 2
+    err = capsys.readouterr().err
+    assert "Traceback (most recent call last)" in err
+    assert err.splitlines()[-1] == "skyproof: cannot be written"
+
+
+def test_an_interrupted_run_prints_what_is_decided_and_exits_with_130(
+    app: App, capsys: pytest.CaptureFixture[str]
+) -> None:
+    app.interrupted = True
+    assert cli.main([*PROTECT, "--exit-code"]) == 130
+    out, err = capsys.readouterr()
+    assert out.startswith("SPOOFED\n")
+    assert "skyproof: interrupted: this is what was decided so far" in err
+    assert cli.main([*PROTECT, "--json"]) == 130
+    assert json.loads(capsys.readouterr().out)["verdict"] == "spoofed"
+    assert cli.main(["demo"]) == cli.main(["receive", "rx1.bin", "--out", "d"]) == 130
+
+
+def test_what_of_a_platform_file_no_method_uses_is_said_in_one_line(
+    app: App, capsys: pytest.CaptureFixture[str]
+) -> None:
+    remark = "attitude: read, used by no method of this run"
+    given = InputFile(path="ship.toml", format="platform", sha256=None, remarks=(remark,))
+    app.verdict = said("authentic").model_copy(update={"inputs": (given,)})
+    for more in ([], ["--json"]):
+        assert cli.main([*PROTECT, *more]) == 0
+        assert capsys.readouterr().err.splitlines()[-1] == f"skyproof: ship.toml: {remark}"
+
+
+def test_an_interruption_before_anything_is_decided_exits_with_130(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("skyproof.app.protect.protect", lambda *_, **__: signal.raise_signal(signal.SIGINT))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+    try:
+        assert cli.main(PROTECT) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", "skyproof: interrupted before there was a result\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("receive", "FILE is missing.*Expected: Recordings, one per receiver.*For help: skyproof receive --help"),
+        ("protect rx1.bin", "--out is missing.*Expected: Folder for the verdict"),
+        ("protect rx1.bin --out", "--out is missing, or lacks a value"),
+        ("protect rx1.bin --uot d", "--uot. Did you mean --out?"),
+        ("protect rx1.bin --out d --nva f", "--nva. Did you mean --nav?"),
+        ("protect rx1.bin --out d --start-s soon", "--start-s = .soon., expected a number"),
+        ("protct rx1.bin", "protct.*Did you mean .protect."),
+        ("receive --out d", "FILE is missing"),
+        ("protect rx1.bin --out d --place-deg 57.7", "--place-deg is missing, or lacks a value. Expected: Lat"),
+        ("protect rx1.bin --out d --json=3", "--json = .3., expected nothing: it is a switch"),
+        ("protect rx1.bin --out d --start-s 1 --start-s 2", "--start-s is given more than once; give it once"),
+        ("demo here", "Not understood: here; leave it out"),
+        ("study spin.roc --trials many", "--trials = .many., expected a whole number"),
+        ("demo --jsn", "--jsn. Did you mean --json?"),
+        ("simulate", "SCENARIO is missing.*--list"),
+        ("simulate spin", "--out is missing"),
+        ("simulate spin --out d --depth deep", "--depth"),
+        ("study", "NAME is missing.*--list"),
+        ("study multi-receiver.alarms", "no study is named 'multi-.*'; nearest: multi-receiver.false-alarm"),
+        ("study spin", "nearest: spin.roc"),
+        ("study qqq", "no study is named 'qqq'.*--list"),
+        ("study spin.roc --trials 0", "--trials is 0, expected 1 or more"),
+        ("study spin.roc --seed -1", "--seed is -1"),
+        ("triangulate rx1.bin", "Unknown command .triangulate"),
+    ],
+)
+def test_a_usage_error_is_one_line_that_helps(
+    app: App, capsys: pytest.CaptureFixture[str], line: str, words: str
+) -> None:
+    assert cli.main(shlex.split(line)) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith("skyproof: ")
+    assert re.search(words, err)
+    assert not app.calls
+
+
+def test_interrupted_pages_are_whole_and_their_folder_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("skyproof.app.scenes.pages.write_pages", interrupted)
+    assert cli.main(["simulate", "--pages", str(tmp_path)]) == 130
+    reported = f"interrupted: not all pages were drawn; those in {tmp_path} are whole"
+    assert capsys.readouterr().err == f"skyproof: {reported}\n"

@@ -1,0 +1,169 @@
+"""What commands print: a summary for a person, or one document for --json."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from tests.cli.use_cases import PROTECT, VERDICT, App, said
+
+from skyproof import cli
+from skyproof.cli import demo as demo_command
+from skyproof.formats.verdict import verdict_json
+from skyproof.simulator.scenes import ready, ready_made
+from skyproof.verdict import Verdict
+
+
+@pytest.mark.parametrize("command", [PROTECT, ["demo"]])
+def test_json_is_one_document_and_nothing_else(
+    app: App, capsys: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    cli.main([*command, "--json"])
+    out, err = capsys.readouterr()
+    assert out == verdict_json(VERDICT)
+    assert f"skyproof: doing {command[0]}\nskyproof: a remark [red]\n" in err
+
+
+def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    cli.main(PROTECT)
+    out = capsys.readouterr().out
+    lines = [re.sub(" +", " ", line).strip() for line in out.splitlines()]
+    assert lines[0] == "SPOOFED"
+    assert len(lines) < 27
+    for line in (
+        "Since 2022-01-01 10:00:24 ± 0.5 s, GPS time",
+        "rx1 trusted 59.4121000 16.8837000 31.0 0.8/1.1/2.3",
+        "rx1 false 59.4064892 16.8951443 43.1 0.8/1.1/2.3",
+        "rx1 1 authentic G05",
+        "rx1 1 spoofed G05",
+        "rx2 1 unknown G07",
+        "not tested: ins_array (the report says why)",
+        "report: result/report.html",
+    ):
+        assert line in lines, line
+
+
+def test_what_is_not_decided_is_said(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.verdict = said("undecided")
+    cli.main(PROTECT)
+    out = capsys.readouterr().out
+    assert out.startswith("UNDECIDED\n")
+    assert "Not decided: a second receiver would decide" in out
+
+
+def test_a_long_path_stays_on_one_line(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = "/".join(["a-folder"] * 30)
+    cli.main(["protect", "rx1.bin", "--out", folder])
+    assert f"report: {folder}/report.html\n" in capsys.readouterr().out
+
+
+def test_receive_says_what_was_received(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["receive", "rx1.bin", "--out", "d"]) == 0
+    assert capsys.readouterr().out == "rx1: 12 signals\n  a [dim] remark\nfiles in d\n"
+
+
+def test_receive_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["receive", "rx1.bin", "--out", "d", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["format"], document["folder"], document["interrupted"]) == ("skyproof-receive/1", "d", False)
+    (receiver,) = document["receivers"]
+    assert (receiver["n_signals"], receiver["remarks"], receiver["files"]) == (12, ["a [dim] remark"], ["rx1-nav.rnx"])
+
+
+def test_simulate_says_what_was_made_and_how_to_make_it_again(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["simulate", "takeover", "--out", "d"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "takeover"
+    assert ready("takeover").description.startswith(lines[1].strip())
+    assert [line for line in lines if line.startswith("recording:")] == [f"recording: d/rx{k}.bin" for k in range(1, 9)]
+    assert lines[-4:] == [
+        "  and 2 more",
+        "observations: d/rx1.obs",
+        "truth: d/truth.json",
+        "the same again: skyproof simulate d/scenario.toml",
+    ]
+
+
+def test_simulate_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.interrupted = True
+    assert cli.main(["simulate", "takeover", "--out", "d", "--json"]) == 130
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert (document["format"], document["folder"], document["interrupted"]) == ("skyproof-simulate/1", "d", True)
+    assert document["files"] == ["rx1.bin", "truth.json"]
+    assert "skyproof: interrupted: 2 files in d are complete, the others are missing" in err
+
+
+def test_the_ready_made_scenes_are_listed_with_a_sentence_each(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["simulate", "--list"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert all(name in out for name in ready_made())
+    assert "Reflections from the ground and a wall, and no attack" in out
+    assert cli.main(["simulate", "--list", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["scenes"]) == len(ready_made())
+    assert not app.calls
+
+
+def test_fleet_counts_its_items_and_names_the_first_that_failed(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["fleet", "c.csv", "--out", "d"]) == 0
+    out, err = capsys.readouterr()
+    assert [line.split() for line in out.splitlines()[1:]] == [
+        ["12", "failed"],
+        ["2", "spoofed"],
+        ["page:", "d/fleet.html"],
+    ]
+    assert err.splitlines() == [
+        *(f"skyproof: x{n}: x: no such file" for n in range(10)),
+        "skyproof: and 2 more that failed; d/fleet.html lists all",
+    ]
+
+
+def test_fleet_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.interrupted = True
+    assert cli.main(["fleet", "c.csv", "--out", "d", "--json"]) == 130
+    out, err = capsys.readouterr()
+    items = json.loads(out)["items"]
+    assert (len(items), items[0]["verdict"], items[-1]["error"]) == (14, "spoofed", "x: no such file")
+    assert err.splitlines()[-1] == "skyproof: interrupted: not all items were done; the same command goes on from here"
+
+
+def open_skies() -> Verdict:
+    """One receiver that hears two skies, of which the evidence leaves open which is true."""
+    sample = VERDICT.model_dump(mode="json")
+    receiver = sample["receivers"][0] | {"trusted_fix": None, "false_fix": None, "unprotected_fix": None}
+    [source], signal = sample["sources"], sample["signals"][0] | {"label": "unknown", "receiver": "rx1", "because": []}
+    places = {
+        "S1": {"lat_deg": 59.41, "lon_deg": 16.88, "height_m": 31.0},
+        "S2": {"lat_deg": 58.25, "lon_deg": 15.5, "height_m": -4.0},
+    }
+    return Verdict.model_validate(
+        sample
+        | {
+            "receivers": [receiver],
+            "undecided_because": "which is true",
+            "sources": [source | {"name": name, "shows": place} for name, place in places.items()],
+            "signals": [signal | {"source": name, "copy": copy} for name, copy in zip(places, "ab", strict=True)],
+        }
+    )
+
+
+def test_the_places_of_two_skies_are_shown_while_it_is_open_which_is_true(
+    app: App, capsys: pytest.CaptureFixture[str]
+) -> None:
+    app.verdict = open_skies()
+    cli.main(PROTECT)
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["rx1", "S1", "59.4100000", "16.8800000", "31.0"] in rows
+    assert ["rx1", "S2", "58.2500000", "15.5000000", "-4.0"] in rows
+    shown = app.verdict._repr_html_()
+    assert "59.4100000" in shown
+    assert "58.2500000" in shown
+
+
+def test_demo_opens_the_report_when_asked_to(app: App, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(demo_command.webbrowser, "open", opened.append)
+    cli.main(["demo", "--out", str(tmp_path)])
+    assert opened == []
+    cli.main(["demo", "--out", str(tmp_path), "--open"])
+    assert opened == [(tmp_path / "report.html").as_uri()]
