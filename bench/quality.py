@@ -20,10 +20,11 @@ from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import Evidence, Records, Taps
 from skyproof.simulator import FrontEnd, ScenePlace, clean, scenes
-from skyproof.simulator.correlators import aligned, correlate
+from skyproof.simulator.correlators import correlate
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import Multipath, Scenario
 from skyproof.simulator.sky import scene_of
+from skyproof.simulator.tracked import aligned
 
 START_GPST = np.datetime64("2024-05-14T09:59:58", "ns")
 PLACE = ScenePlace(lat_deg=57.7, lon_deg=11.94, height_m=50.0)

@@ -10,11 +10,12 @@ from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
 from skyproof.simulator.attacks import Interference, Takeover
 from skyproof.simulator.correlation import Replica, correlation, read
-from skyproof.simulator.correlators import CorrelatorOutputs, Tracked, aligned, correlate
+from skyproof.simulator.correlators import CorrelatorOutputs, correlate
 from skyproof.simulator.received import Scene
 from skyproof.simulator.samples import BLOCK, Rendering, quantised, render, rendering_of
 from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, ScenePlace, SceneReceiver, Sky
 from skyproof.simulator.sky import scene_of
+from skyproof.simulator.tracked import Tracked, aligned
 
 START = np.datetime64("2023-03-04T05:06:07.25", "ns")
 RATE_HZ = 4_000_250.0  # no millisecond is a whole number of samples, so that what sharp chips fold back averages out

@@ -8,7 +8,8 @@ import pytest
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
-from skyproof.simulator.samples import BLOCK, CHUNK, render, rendering_of, samples_of
+from skyproof.simulator.sample_kernels import CHUNK
+from skyproof.simulator.samples import BLOCK, render, rendering_of, samples_of
 from skyproof.simulator.scenario import parse_scenario
 from skyproof.simulator.sky import scene_of
 

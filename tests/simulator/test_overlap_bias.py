@@ -6,12 +6,13 @@ import pytest
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.simulator.attacks import Takeover
-from skyproof.simulator.correlators import aligned, correlate
+from skyproof.simulator.correlators import correlate
 from skyproof.simulator.measurements import ideal_measurements_of
 from skyproof.simulator.overlap_bias import pull_of
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, ScenePlace, SceneReceiver, Sky
 from skyproof.simulator.sky import scene_of
+from skyproof.simulator.tracked import aligned
 
 START = np.datetime64("2023-03-04T05:06:07.25", "ns")
 WIDE = FrontEnd(rate_hz=4e6, encoding="float", bits=32)

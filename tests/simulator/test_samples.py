@@ -14,7 +14,8 @@ from skyproof.gnss.signals import GPS_L1_CA, prn_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.simulator import samples as samples_module
 from skyproof.simulator.received import Scene
-from skyproof.simulator.samples import BLOCK, CHUNK, Rendering, render, rendering_of, samples_of
+from skyproof.simulator.sample_kernels import CHUNK
+from skyproof.simulator.samples import BLOCK, Rendering, render, rendering_of, samples_of
 from skyproof.simulator.scenario import FrontEnd, Scenario
 from skyproof.simulator.sky import scene_of
 

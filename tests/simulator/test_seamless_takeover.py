@@ -15,12 +15,13 @@ from skyproof.arrays import Booleans, Complexes, Reals
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
 from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.correlators import CorrelatorOutputs, aligned, correlate
+from skyproof.simulator.correlators import CorrelatorOutputs, correlate
 from skyproof.simulator.received import Scene
 from skyproof.simulator.samples import BLOCK, Rendering, render, rendering_of, samples_of
 from skyproof.simulator.scenario import Scenario
 from skyproof.simulator.scenes import ready
 from skyproof.simulator.sky import scene_of
+from skyproof.simulator.tracked import aligned
 from skyproof.simulator.truth import signal_truth
 
 RATE_HZ = 25e6

@@ -1,7 +1,7 @@
 """Scenes to samples and measurements, with the truth. Knows no receiver and no detector: none hides its faults."""
 
 from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.correlators import CorrelatorOutputs, aligned, correlate
+from skyproof.simulator.correlators import CorrelatorOutputs, correlate
 from skyproof.simulator.files import write
 from skyproof.simulator.measurement_errors import FieldErrors
 from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of, observations_of
@@ -26,6 +26,7 @@ from skyproof.simulator.scenario import (
 )
 from skyproof.simulator.scenes import ReadyMade, clean, demo, meaconed, ready, ready_made
 from skyproof.simulator.sky import scene_of
+from skyproof.simulator.tracked import aligned
 from skyproof.simulator.truth import imus_of, signal_truth, trajectory_truth
 from skyproof.simulator.truth_document import truth_of
 

@@ -36,6 +36,7 @@ __all__ = [
     "codes_of",
     "ephemeris_of",
     "row_of",
+    "windows_of",
 ]
 
 Delay = Callable[[Reals], tuple[Reals, Reals]]
@@ -252,3 +253,12 @@ def row_of(messages: Messages, signals: Sequence[ReceivedSignal]) -> Integers:
 def codes_of(signals: Sequence[ReceivedSignal], signal: SignalDescription) -> NDArray[np.int8]:
     """The spreading codes, shape (n_signals, code_length)."""
     return np.stack([signal.code(prn_of(received.id.sat)) for received in signals])
+
+
+def windows_of(received: Sequence[ReceivedSignal]) -> Reals:
+    """When each signal is there, true times (n, n_windows, 2), filled up with infinity."""
+    most = max(len(each.windows_s) for each in received)
+    windows_s = np.full((len(received), most, 2), np.inf)
+    for row, each in enumerate(received):
+        windows_s[row, : len(each.windows_s)] = each.windows_s
+    return windows_s

@@ -27,10 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Floats, Integers, Reals
-from skyproof.compiled import compiled, threads
+from skyproof.compiled import threads
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records import Samples
-from skyproof.simulator.received import AddedNoise, Jammer, Messages, ReceiverSky, Scene, codes_of, row_of
+from skyproof.simulator.received import AddedNoise, Jammer, Messages, ReceiverSky, Scene, codes_of, row_of, windows_of
+from skyproof.simulator.recorder import quantise
+from skyproof.simulator.sample_kernels import CHUNK, ROWS, SPARE, add_line, add_signals
 from skyproof.simulator.scenario import FrontEnd, Scenario
 from skyproof.simulator.sky import scene_of
 
@@ -38,17 +40,7 @@ __all__ = ["BLOCK", "Rendering", "low_pass", "render", "rendering_of", "samples_
 
 T = TypeVar("T")
 
-CHUNK = 4096
-"""Samples over which carrier and code phase run straight: at most 4 ms, where a GPS range bends by nanometres."""
 BLOCK = 32 * CHUNK
-ROWS = 32
-"""Fractions of a sample at which a filtered code is tabled, with straight lines between them: they leave out a
-thousandth of what lies at half the rate."""
-_SPARE = 2  # columns of such a table before the code's start and after its end
-_STEP = 128  # within a chunk the carrier is (128 phasors) x (32 phasors): 160 to work out, not 4096
-_FRACTION_BITS = 40  # of the fixed-point chip counter, whose rounding reaches 2e-9 chips at the end of a chunk
-_INT_SIGMA = {8: 24.0, 16: 4096.0}
-"""One sigma of receiver noise in steps of the integer samples: leaves 14 and 18 dB for stronger signals."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -127,8 +119,8 @@ def filtered_codes(codes: NDArray[np.int8], chip_rate_hz: float, front_end: Fron
     turns = np.arange(length * points // 2 + 1) / length  # of each line, a chip
     passed = np.sinc(turns) * np.exp(-1j * np.pi * turns) * low_pass(turns * chip_rate_hz, front_end.bandwidth_hz)
     chips_per_sample = chip_rate_hz / front_end.rate_hz
-    columns = math.ceil(length / chips_per_sample) + 2 * _SPARE + 1
-    at = (np.arange(columns) - _SPARE + np.arange(ROWS + 1)[:, np.newaxis] / ROWS) * chips_per_sample * points
+    columns = math.ceil(length / chips_per_sample) + 2 * SPARE + 1
+    at = (np.arange(columns) - SPARE + np.arange(ROWS + 1)[:, np.newaxis] / ROWS) * chips_per_sample * points
     waves = np.empty((n_codes, ROWS + 1, columns), np.float32)
     for wave, code in zip(waves, codes, strict=True):
         lines = np.fft.fft(code)[np.arange(turns.size) % length] * passed
@@ -154,7 +146,7 @@ def render(rendering: Rendering, block: int, *, noise: bool = True) -> Floats:
     chunks = _chunks(rendering, block)
     for jammer in rendering.sky.jammers:
         _jam(planes, rendering, jammer, block)
-    _add_signals(
+    add_signals(
         planes,
         rendering.codes,
         rendering.waves,
@@ -183,7 +175,7 @@ def quantised(rendering: Rendering, block: int) -> Floats:
         planes *= _gain(rendering, block)
     planes = planes[:, : rendering.n_samples - block * BLOCK]
     real = rendering.front_end.kind == "real"
-    _quantise(planes[:1] if real else planes, rendering.front_end)
+    quantise(planes[:1] if real else planes, rendering.front_end)
     if real:
         planes[1] = 0.0
     return planes
@@ -319,11 +311,7 @@ def _there(rendering: Rendering, firsts: Integers) -> tuple[Integers, Integers]:
     Counted from each chunk's first sample and held within the chunk. Pauses are longer than chunks.
     """
     sky = rendering.sky
-    most = max(len(received.windows_s) for received in sky.signals)
-    windows_s = np.full((len(sky.signals), most, 2), np.inf)
-    for row, received in enumerate(sky.signals):
-        windows_s[row, : len(received.windows_s)] = received.windows_s
-    sample = _first_sample(rendering, windows_s)
+    sample = _first_sample(rendering, windows_of(sky.signals))
     inside = np.clip(sample[..., np.newaxis] - firsts, 0, CHUNK).astype(np.int64)  # (signal, window, edge, chunk)
     which = np.argmax(inside[:, :, 1] > inside[:, :, 0], axis=1)[:, np.newaxis]
     of = _signal_of(sky)
@@ -390,7 +378,7 @@ def _jam(planes: Floats, rendering: Rendering, jammer: Jammer, block: int) -> No
     amplitude = np.sqrt(2.0 * powers[sky.jammers.index(jammer)])
     sweep_cyc = source.sweep_hz * source.period_s if source.kind == "chirp" else 0.0
     turns = left_s / source.period_s
-    _add_line(planes, phase_cyc[:-1], step_cyc, amplitude, turns[:-1], np.diff(turns) / CHUNK, sweep_cyc, first, last)
+    add_line(planes, phase_cyc[:-1], step_cyc, amplitude, turns[:-1], np.diff(turns) / CHUNK, sweep_cyc, first, last)
 
 
 def _gain(rendering: Rendering, block: int) -> Floats:
@@ -409,216 +397,3 @@ def _gain(rendering: Rendering, block: int) -> Floats:
     signals = 0.5 * _amplitudes(rendering, whole_s + rest_s + late_s) ** 2 * (last_in - first_in) / CHUNK
     power += np.repeat(signals.sum(axis=0).astype(np.float32), CHUNK)
     return np.asarray(np.float32(1.0) / np.sqrt(power))
-
-
-def _quantise(planes: Floats, front_end: FrontEnd) -> None:
-    """In place, with levels for a noise of variance 1."""
-    if front_end.encoding == "sign":
-        np.copysign(np.float32(1.0), planes, out=planes)
-    elif front_end.encoding == "sign-magnitude":  # threshold at one sigma, best to 0.01 dB (Max, 1960: 0.98)
-        np.copysign(np.where(np.abs(planes) > 1.0, np.float32(3.0), np.float32(1.0)), planes, out=planes)
-    elif front_end.encoding == "int":
-        limit = 2 ** (front_end.bits - 1) - 1
-        np.multiply(planes, np.float32(_INT_SIGMA[front_end.bits]), out=planes)
-        np.clip(np.rint(planes, out=planes), -limit, limit, out=planes)
-
-
-# --- kernels. Measured at 12 signals on one core: 3.1 ns a sample and signal with a cosine every 64 samples and a
-# floating chip counter; 0.9 as below. What made it fast: few cosines, and the code spread to samples in a loop of its
-# own with an unsigned index (a signed one costs a test for wrapping), so that both loops run in vectors.
-
-
-@compiled
-def _turn(step_cyc: float, cosine: Floats, sine: Floats) -> None:
-    """Phasors of 0, 1, 2, ... steps; float64 recursion over at most 128 keeps 1e-14."""
-    angle_rad = 2.0 * math.pi * (step_cyc - math.floor(step_cyc))
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    re, im = 1.0, 0.0
-    for k in range(cosine.shape[0]):
-        cosine[k] = re
-        sine[k] = im
-        re, im = re * c - im * s, re * s + im * c
-
-
-@compiled
-def _spread(code: Floats, chips: Floats, chip: float, chip_step: float) -> None:
-    """Chips to samples: sample k lies in chip floor(chip + k chip_step)."""
-    unit = 2.0**_FRACTION_BITS
-    start, step = np.int64(chip * unit), np.int64(chip_step * unit)
-    for k in range(code.shape[0]):
-        code[k] = chips[np.uint64(start + step * k) >> np.uint64(_FRACTION_BITS)]
-
-
-@compiled
-def _spread_wave(code: Floats, wave: Floats, symbol: np.float32, begin: float, step: float) -> None:
-    """A filtered code to samples, within one period: sample k lies `begin` + k `step` samples of the table after the
-    period's start.
-
-    Over 128 samples what the step is off from 1 is taken as it is in their middle: 2e-4 sample off at their ends at
-    3 ppm, to both sides.
-    """
-    for first in range(0, code.shape[0], _STEP):
-        n = min(_STEP, code.shape[0] - first)
-        middle = 0.5 * (n - 1)
-        at = begin + (first + middle) * step - middle + _SPARE
-        column = np.int64(math.floor(at))
-        row = min(int((at - column) * ROWS), ROWS - 1)
-        later = np.float32((at - column) * ROWS - row)
-        _blend(
-            code[first : first + n],
-            wave[row, column : column + n],
-            wave[row + 1, column : column + n],
-            symbol * (np.float32(1.0) - later),
-            symbol * later,
-        )
-
-
-@compiled
-def _guess(
-    code: Floats,
-    symbols: NDArray[np.int8],
-    guesses: NDArray[np.int8],
-    guess_chips: float,
-    periods_per_symbol: int,
-    length: int,
-    period: int,
-    chip: float,
-    chip_step: float,
-) -> None:
-    """Turn over what was guessed wrong in a chunk of code: from each symbol's beginning on, for `guess_chips`."""
-    symbol_chips = periods_per_symbol * length
-    symbol = period // periods_per_symbol
-    begin = chip + (period - symbol * periods_per_symbol) * length  # of the chunk, chips after the symbol's beginning
-    while begin + chip_step * code.shape[0] > 0.0:
-        if symbols[symbol] != guesses[symbol]:
-            first = min(max(math.ceil(-begin / chip_step), 0), code.shape[0])
-            last = min(max(math.ceil((guess_chips - begin) / chip_step), 0), code.shape[0])
-            for k in range(first, last):
-                code[k] = -code[k]
-        symbol += 1
-        begin -= symbol_chips
-
-
-@compiled
-def _blend(code: Floats, one: Floats, other: Floats, share: np.float32, other_share: np.float32) -> None:
-    for k in range(code.shape[0]):
-        code[k] = share * one[k] + other_share * other[k]
-
-
-@compiled
-def _mix(
-    i_plane: Floats, q_plane: Floats, code: Floats, re: np.float32, im: np.float32, cosine: Floats, sine: Floats
-) -> None:
-    for k in range(i_plane.shape[0]):
-        i_plane[k] += code[k] * (re * cosine[k] - im * sine[k])
-        q_plane[k] += code[k] * (re * sine[k] + im * cosine[k])
-
-
-@compiled
-def _add_line(
-    planes: Floats,
-    phase_cyc: Reals,
-    step_cyc: Reals,
-    amplitude: Reals,
-    turns: Reals,
-    turn_step: Reals,
-    sweep_cyc: float,
-    first: int,
-    last: int,
-) -> None:
-    """Over each turn u from 0 to 1 the frequency rises evenly, from half the sweep below the middle to half above."""
-    for n in range(first, last):
-        c, k = n // CHUNK, n % CHUNK
-        u = turns[c] + k * turn_step[c]
-        u -= math.floor(u)
-        cycles = phase_cyc[c] + k * step_cyc[c] + 0.5 * sweep_cyc * u * (u - 1.0)
-        angle_rad = 2.0 * math.pi * (cycles - math.floor(cycles))
-        planes[0, n] += np.float32(amplitude[c] * math.cos(angle_rad))
-        planes[1, n] += np.float32(amplitude[c] * math.sin(angle_rad))
-
-
-@compiled
-def _add_signals(
-    planes: Floats,
-    codes: NDArray[np.int8],
-    waves: Floats,
-    chips_per_sample: float,
-    symbols: NDArray[np.int8],
-    guesses: NDArray[np.int8],
-    guess_chips: Reals,
-    rows: Integers,
-    periods_per_symbol: int,
-    period: Integers,
-    chip: Reals,
-    chip_step: Reals,
-    phase_cyc: Reals,
-    phase_step_cyc: Reals,
-    amplitude: Reals,
-    first: Integers,
-    last: Integers,
-) -> None:
-    """Add every signal to planes (2, n_chunks * CHUNK); the other arrays are those of `Rendering` and `_Chunks`."""
-    n_signals, n_chunks = chip.shape
-    length = codes.shape[1]
-    filtered = waves.shape[2] > 0
-    chips = np.empty(int(np.max(chip_step) * CHUNK) + 2 * length + 2, np.float32)
-    code = np.empty(CHUNK, np.float32)
-    cosine, sine = np.empty(_STEP, np.float32), np.empty(_STEP, np.float32)
-    coarse_cosine, coarse_sine = np.empty(CHUNK // _STEP, np.float32), np.empty(CHUNK // _STEP, np.float32)
-    for c in range(n_chunks):
-        for s in range(n_signals):
-            begin, end = first[s, c], last[s, c]
-            if begin >= end:
-                continue
-            n_chips = int(chip[s, c] + chip_step[s, c] * CHUNK) + 2
-            done = 0
-            for turn in range(-(-n_chips // length)):
-                symbol = symbols[rows[s], (period[s, c] + turn) // periods_per_symbol]
-                if filtered:
-                    until = min(math.ceil(((turn + 1) * length - chip[s, c]) / chip_step[s, c]), CHUNK)
-                    behind = chip[s, c] + done * chip_step[s, c] - turn * length  # the period's start, chips
-                    _spread_wave(
-                        code[done:until],
-                        waves[s],
-                        np.float32(symbol),
-                        behind / chips_per_sample,
-                        chip_step[s, c] / chips_per_sample,
-                    )
-                    done = until
-                else:
-                    for k in range(length):
-                        chips[turn * length + k] = codes[s, k] * symbol
-            if not filtered:
-                _spread(code, chips, chip[s, c], chip_step[s, c])
-            if guess_chips[rows[s]] > 0.0:
-                _guess(
-                    code,
-                    symbols[rows[s]],
-                    guesses[rows[s]],
-                    guess_chips[rows[s]],
-                    periods_per_symbol,
-                    length,
-                    period[s, c],
-                    chip[s, c],
-                    chip_step[s, c],
-                )
-            _turn(phase_step_cyc[s, c], cosine, sine)
-            _turn(phase_step_cyc[s, c] * _STEP, coarse_cosine, coarse_sine)
-            angle_rad = 2.0 * math.pi * (phase_cyc[s, c] - math.floor(phase_cyc[s, c]))
-            re = np.float32(amplitude[s, c] * math.cos(angle_rad))
-            im = np.float32(amplitude[s, c] * math.sin(angle_rad))
-            for j in range(CHUNK // _STEP):
-                # the signal may begin and end within these steps
-                low, high = max(begin, j * _STEP), min(end, (j + 1) * _STEP)
-                if low < high:
-                    a, b = c * CHUNK + low, c * CHUNK + high
-                    k = low - j * _STEP
-                    _mix(
-                        planes[0, a:b],
-                        planes[1, a:b],
-                        code[low:high],
-                        re * coarse_cosine[j] - im * coarse_sine[j],
-                        re * coarse_sine[j] + im * coarse_cosine[j],
-                        cosine[k:],
-                        sine[k:],
-                    )
