@@ -17,7 +17,16 @@ from skyproof.gnss.signals import SignalDescription
 from skyproof.simulator.received import Delay, ReceiverSky, Scene, row_of, windows_of
 from skyproof.simulator.tracked import Tracked
 
-__all__ = ["Spans", "Waves", "couplings", "pairs_of", "received_waves", "replica_waves", "spans_of", "there_throughout"]
+__all__ = [
+    "StraightSpans",
+    "WaveEdges",
+    "couplings",
+    "pairs_of",
+    "received_waves",
+    "replica_waves",
+    "spans_of",
+    "there_throughout",
+]
 
 STRAIGHT_S = 0.02
 """Over which phases and lags run straight: a GPS carrier bends by 5e-5 cycles, differences of copies by less."""
@@ -25,7 +34,7 @@ _JITTER = 1e-12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Spans:
+class StraightSpans:
     """Edges of the stretches over which phases run straight: (n_epochs, n_stretches + 1)."""
 
     elapsed_s: Reals
@@ -37,7 +46,7 @@ class Spans:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Waves:
+class WaveEdges:
     """Signals or replicas at the edges: delays (n_epochs, n_edges, n), the bits' positions, which bits, when there.
 
     sent : symbols since the first of the message. symbols, guesses : (n_messages, n_symbols), as in `Messages`.
@@ -57,7 +66,7 @@ class Waves:
     of: Integers
 
 
-def spans_of(sky: ReceiverSky, middle_s: Reals, coherent_s: float) -> Spans:
+def spans_of(sky: ReceiverSky, middle_s: Reals, coherent_s: float) -> StraightSpans:
     """Even stretches, cut where a signal comes or goes: carriers may bend sharply there."""
     stretches = math.ceil(coherent_s / STRAIGHT_S * (1.0 - _JITTER))
     elapsed_s = middle_s[:, np.newaxis] + coherent_s * (np.arange(stretches + 1) / stretches - 0.5)
@@ -66,10 +75,10 @@ def spans_of(sky: ReceiverSky, middle_s: Reals, coherent_s: float) -> Spans:
     inside = np.abs(middle_s[:, np.newaxis] - edges_s) < 0.5 * coherent_s
     cuts_s = np.sort(np.where(inside, edges_s, elapsed_s[:, -1:]), axis=1)[:, : inside.sum(axis=1).max(initial=0)]
     elapsed_s = np.sort(np.concatenate([elapsed_s, cuts_s], axis=1), axis=1)
-    return Spans(elapsed_s=elapsed_s, true_s=elapsed_s + sky.true_minus_elapsed_s(elapsed_s))
+    return StraightSpans(elapsed_s=elapsed_s, true_s=elapsed_s + sky.true_minus_elapsed_s(elapsed_s))
 
 
-def received_waves(scene: Scene, sky: ReceiverSky, spans: Spans) -> Waves:
+def received_waves(scene: Scene, sky: ReceiverSky, spans: StraightSpans) -> WaveEdges:
     """Signals, then their reflections."""
     code_s, carrier_s = _at(sky.delays_s, spans.true_s)
     of = np.array([*range(len(sky.signals)), *(ray.of for ray in sky.rays)], np.int64)
@@ -80,7 +89,7 @@ def received_waves(scene: Scene, sky: ReceiverSky, spans: Spans) -> Waves:
         carrier_s[..., row] += further_s - (ray.phase_cyc + ray.rate_hz * spans.true_s) / sky.signal.carrier_hz
     received = [sky.signals[column] for column in of]
     message = row_of(scene.messages, received)
-    return Waves(
+    return WaveEdges(
         sats=[each.id.sat for each in received],
         code_s=code_s,
         carrier_s=carrier_s,
@@ -94,11 +103,11 @@ def received_waves(scene: Scene, sky: ReceiverSky, spans: Spans) -> Waves:
     )
 
 
-def replica_waves(scene: Scene, sky: ReceiverSky, tracked: Tracked, spans: Spans, wiped: bool) -> Waves:
+def replica_waves(scene: Scene, sky: ReceiverSky, tracked: Tracked, spans: StraightSpans, wiped: bool) -> WaveEdges:
     """Replicas."""
     code_s, carrier_s = _at(tracked.delays_s, spans.true_s)
     always_s = np.tile([-np.inf, np.inf], (len(tracked.signals), 1, 1))
-    return Waves(
+    return WaveEdges(
         sats=[signal.sat for signal in tracked.signals],
         code_s=code_s,
         carrier_s=carrier_s,
@@ -112,7 +121,7 @@ def replica_waves(scene: Scene, sky: ReceiverSky, tracked: Tracked, spans: Spans
     )
 
 
-def there_throughout(sky: ReceiverSky, tracked: Tracked, spans: Spans) -> Booleans:
+def there_throughout(sky: ReceiverSky, tracked: Tracked, spans: StraightSpans) -> Booleans:
     windows_s = windows_of(sky.signals)
     first_s, last_s = (spans.true_s[:, edge, np.newaxis, np.newaxis] for edge in (0, -1))
     there: Booleans = np.any((windows_s[..., 0] <= first_s) & (last_s <= windows_s[..., 1]), axis=2)
@@ -125,9 +134,9 @@ def pairs_of(channel_sats: Sequence[str], row_sats: Sequence[str]) -> Integers:
 
 
 def couplings(
-    spans: Spans,
-    channels: Waves,
-    rows: Waves,
+    spans: StraightSpans,
+    channels: WaveEdges,
+    rows: WaveEdges,
     pairs: Integers,
     dopplers_hz: Reals,
     signal: SignalDescription,

@@ -8,16 +8,16 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.simulator.correlation import Correlation
-from skyproof.simulator.correlator_coupling import Spans, Waves
+from skyproof.simulator.correlator_coupling import StraightSpans, WaveEdges
 from skyproof.simulator.received import AddedNoise, Jammer, ReceiverSky
 from skyproof.simulator.recorder import recorded
 from skyproof.simulator.scenario import FrontEnd
 
-__all__ = ["Levels", "levels_of"]
+__all__ = ["CorrelatorLevels", "levels_of"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Levels:
+class CorrelatorLevels:
     """amplitude : (n_epochs, n_rows) of correlation. sigma : (n_epochs, n_channels), of noise in I and in Q."""
 
     amplitude: Reals
@@ -27,14 +27,14 @@ class Levels:
 def levels_of(
     sky: ReceiverSky,
     front_end: FrontEnd,
-    rows: Waves,
-    spans: Spans,
+    rows: WaveEdges,
+    spans: StraightSpans,
     coherent_s: float,
     tables: Correlation,
     others: Literal["neglected", "noise"],
     quantised: bool,
     channel_sats: Sequence[str],
-) -> Levels:
+) -> CorrelatorLevels:
     at_s, signal = spans.middle_true_s, sky.signal
     band_hz = front_end.rate_hz * (0.5 if front_end.kind == "real" else 1.0)
     power = 10.0 ** (sky.cn0_dbhz(at_s)[:, rows.of] / 10.0) / band_hz  # over the noise's
@@ -58,7 +58,7 @@ def levels_of(
         other = np.array(rows.sats)[:, np.newaxis] != np.array(channel_sats)
         noise += gain[:, np.newaxis] ** 2 * (of_signals @ other) * through * band_hz / signal.chip_rate_hz
     real = front_end.kind == "real"  # half of a real signal's amplitude, and of the noise's power, meets the replica
-    return Levels(
+    return CorrelatorLevels(
         amplitude=gain[:, np.newaxis] * np.sqrt((0.5 if real else 2.0) * power),
         sigma=np.sqrt((0.5 if real else 1.0) * noise / (front_end.rate_hz * coherent_s)),
     )

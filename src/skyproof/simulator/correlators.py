@@ -33,8 +33,8 @@ from skyproof.gnss.signals import prn_of
 from skyproof.records import SignalId, Taps, freeze
 from skyproof.simulator.correlation import Replica, correlation
 from skyproof.simulator.correlator_coupling import (
-    Spans,
-    Waves,
+    StraightSpans,
+    WaveEdges,
     couplings,
     pairs_of,
     received_waves,
@@ -190,8 +190,8 @@ def correlate(
 
 def _parts(
     sky: ReceiverSky,
-    spans: Spans,
-    rows: Waves,
+    spans: StraightSpans,
+    rows: WaveEdges,
     pairs: Integers,
     lag_chips: Reals,
     turns_cyc: Reals,

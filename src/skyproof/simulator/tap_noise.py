@@ -9,7 +9,7 @@ import numpy as np
 from skyproof.arrays import Complexes, ComplexFloats, Integers, Reals
 from skyproof.gnss.signals import SignalDescription
 from skyproof.simulator.correlation import Correlation, read
-from skyproof.simulator.correlator_coupling import Spans, Waves, couplings
+from skyproof.simulator.correlator_coupling import StraightSpans, WaveEdges, couplings
 
 __all__ = ["TapNoise"]
 
@@ -43,8 +43,8 @@ class TapNoise:
         draws: tuple[int, ...],
         channel_sats: Sequence[str],
         sats: Sequence[str],
-        spans: Spans,
-        channels: Waves,
+        spans: StraightSpans,
+        channels: WaveEdges,
     ) -> ComplexFloats:
         """(*draws, n_epochs, n_channels, n_dopplers, n_delays)."""
         cell = self.dopplers.size, self.which.shape[0]
@@ -66,7 +66,7 @@ class TapNoise:
                 noise[:, near[:, np.newaxis], mine] = together
         return noise.reshape(*draws, *noise.shape[1:])
 
-    def _near(self, mine: list[int], channels: Waves) -> Integers:
+    def _near(self, mine: list[int], channels: WaveEdges) -> Integers:
         """The epochs in which replicas of these channels overlap."""
         late_chips = channels.code_s[..., mine] * self.signal.chip_rate_hz
         distance = np.diff(np.sort(late_chips, axis=-1), axis=-1)
@@ -79,13 +79,13 @@ class TapNoise:
         near: Integers,
         mine: list[int],
         table: Reals,
-        spans: Spans,
-        channels: Waves,
+        spans: StraightSpans,
+        channels: WaveEdges,
     ) -> ComplexFloats:
         """Channels of one satellite in these epochs: (count, n_near, n_mine, n_dopplers, n_delays)."""
         pairs = np.array([(one, other) for one in mine for other in mine])
         apart_hz = np.subtract.outer(self.dopplers, self.dopplers).ravel()
-        those = Spans(elapsed_s=spans.elapsed_s[near], true_s=spans.true_s[near])
+        those = StraightSpans(elapsed_s=spans.elapsed_s[near], true_s=spans.true_s[near])
         taken = replace(
             channels, code_s=channels.code_s[near], carrier_s=channels.carrier_s[near], sent=channels.sent[near]
         )
