@@ -16,6 +16,7 @@ all satellites. `conditioned` takes the delay off; `Conditioner.step`, for what 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -50,6 +51,8 @@ NOTCH_HZ: Final = 10e3
 """Least width of a notch: about a hundredth of a C/A signal is lost with it, 0.03 dB; a line known to 200 Hz is
 attenuated by more than 50 dB."""
 MOST_NOTCHES: Final = 8
+"""Of the least width, or of fewer that are wider: more would take so much out of the middle of a code's spectrum that
+every correlation peak has others beside it, which look like second signals of all satellites with one delay."""
 
 _STRETCHES, _STRETCH_SAMPLES = 16, 32768
 _SEGMENTS, _LEAST_FFT, _MOST_FFT = 16, 256, 4096
@@ -151,9 +154,17 @@ class MeasuredFrontEnd:
 
     @property
     def notched(self) -> tuple[SpectralLine, ...]:
-        """The lines that are taken off: those that hurt, the worst first."""
-        worst = sorted((line for line in self.lines if line.hurts), key=lambda line: -line.loss_db)
-        return tuple(worst[:MOST_NOTCHES])
+        """The lines that are taken off: those that hurt, the worst first, but for those for which there is no room."""
+        taken: tuple[SpectralLine, ...] = ()
+        for line in sorted((line for line in self.lines if line.hurts), key=lambda line: -line.loss_db):
+            if (len(taken) + 1) * _notch_hz((*taken, line)) <= MOST_NOTCHES * NOTCH_HZ:
+                taken = (*taken, line)
+        return taken
+
+    @property
+    def notch_hz(self) -> float:
+        """The width of all notches, wide enough for the widest of the lines."""
+        return _notch_hz(self.notched)
 
     @property
     def acts(self) -> bool:
@@ -177,15 +188,21 @@ class MeasuredFrontEnd:
                 f"a line at {line.frequency_hz / 1e3:+.1f} kHz, {line.jn0_dbhz:.0f} dB-Hz over the noise "
                 f"density, costs {line.loss_db:.2f} dB of C/N0 and is notched"
             )
-        if len(hurting) > MOST_NOTCHES:
-            left = hurting[MOST_NOTCHES:]
-            remarks.append(f"{len(left)} more lines hurt and are left in, for at most {MOST_NOTCHES} are notched")
+        if left := len(hurting) - len(self.notched):
+            what = "line hurts and is" if left == 1 else "lines hurt and are"
+            room = f"{MOST_NOTCHES} times {NOTCH_HZ / 1e3:g} kHz"
+            remarks.append(f"{left} more {what} left in: notches of more than {room} together would bend the signals")
         if harmless := [line for line in self.lines if not line.hurts]:
             at = ", ".join(f"{line.frequency_hz / 1e3:+.1f}" for line in harmless[:6])
             more = f" and {len(harmless) - 6} more" if len(harmless) > 6 else ""
             what = "line that costs" if len(harmless) == 1 else "lines that cost"
             remarks.append(f"{len(harmless)} narrow {what} less than {LOSS_LIMIT_DB:g} dB left in, at {at} kHz{more}")
         return tuple(remarks)
+
+
+def _notch_hz(lines: Sequence[SpectralLine]) -> float:
+    """Of notches that take off lines of their width as well as sharp ones: twenty times the widest's, at least."""
+    return max([NOTCH_HZ, *(20.0 * line.width_hz for line in lines)])
 
 
 # --- measuring
@@ -344,9 +361,7 @@ class Conditioner:
     def __init__(self, front_end: MeasuredFrontEnd) -> None:
         self.front_end = front_end
         self.turns = np.array([line.frequency_hz / front_end.rate_hz for line in front_end.notched])
-        width_hz = max((20.0 * line.width_hz for line in front_end.notched), default=0.0)
-        spacing_hz = min(max(width_hz, NOTCH_HZ), 10.0 * NOTCH_HZ)
-        self.length = max(round(front_end.rate_hz / spacing_hz), 2) if self.turns.size else 1
+        self.length = max(round(front_end.rate_hz / front_end.notch_hz), 2) if self.turns.size else 1
         self.matrix, self.offset = _correction(front_end)
 
     @property
