@@ -13,6 +13,7 @@ from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import Fix, NavigationData, Observations
 from skyproof.simulator.files import write
+from skyproof.simulator.measurements import NoiseModel, observations_of
 from skyproof.simulator.scenario import FrontEnd, Scenario, ScenePlace, SceneReceiver, Sky
 from skyproof.simulator.sky import ReceiverSky, Scene, scene_of
 from skyproof.studies.protection.score import false_labels, true_labels
@@ -179,3 +180,11 @@ class Judged:
 def error_m(fix: Fix, place: ScenePlace) -> NDArray[np.float64]:
     """(n_epochs,)"""
     return np.linalg.norm(fix.position_ecef_m - ecef_from_geodetic(*place.geodetic_rad), axis=1)
+
+
+def measured(duration_s: float) -> tuple[NavigationData, tuple[Observations, ...]]:
+    """Orbits, and what the first two receivers measure of them, an epoch a second, with the errors of loops."""
+    scenario = scenario_of(duration_s=duration_s)
+    navigation = nominal_constellation(scenario.start_gpst)
+    noise = NoiseModel(sigma_m=1.0, ar1=0.9, constant_m=0.5)
+    return navigation, observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)[0]

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.app.kit import PLACES, scenario_of
+from tests.app import kit
+from tests.app.kit import PLACES
 
 from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.platform_tables import (
@@ -28,8 +29,6 @@ from skyproof.formats.raw import SampleLayout, sidecar_text
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulator.measurements import NoiseModel, observations_of
 
 EXAMPLE = re.compile(r"^#(?=[\w\[])", re.MULTILINE)
 
@@ -38,10 +37,7 @@ EXAMPLE = re.compile(r"^#(?=[\w\[])", re.MULTILINE)
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two observation files and their navigation file."""
     folder = tmp_path_factory.mktemp("measured")
-    scenario = scenario_of(duration_s=31.0)
-    navigation = nominal_constellation(scenario.start_gpst)
-    noise = NoiseModel(sigma_m=1.0, ar1=0.9, constant_m=0.5)
-    pair, _ = observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)
+    navigation, pair = kit.measured(31.0)
     for marker, name, o, place in zip(("BOW 1", "BOW 1"), ("one", "two"), pair, PLACES, strict=False):
         here_m = ecef_from_geodetic(*place.geodetic_rad)
         write_obs(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.app import kit
 from tests.app.kit import ENU_M, scenario_of
 from tests.app.protect.captured import captured
 
@@ -26,10 +27,7 @@ MIDDLE = 30
 @pytest.fixture(scope="module")
 def measured():
     """A minute of two receivers at one epoch a second."""
-    scenario = scenario_of(duration_s=61.0)
-    navigation = nominal_constellation(scenario.start_gpst)
-    noise = NoiseModel(sigma_m=1.0, ar1=0.9, constant_m=0.5)
-    (bow, stern), _ = observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)
+    navigation, (bow, stern) = kit.measured(61.0)
     return bow, stern, navigation
 
 

@@ -4,25 +4,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.app.kit import ENU_M, PLACES, scenario_of
+from tests.app import kit
+from tests.app.kit import ENU_M, PLACES
 
 from skyproof.app.protect import protect
 from skyproof.errors import InputError, SettingsError
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulator.measurements import NoiseModel, observations_of
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A minute of two receivers as observation files one.obs and two.obs, and the navigation file."""
     folder = tmp_path_factory.mktemp("platform")
-    scenario = scenario_of(duration_s=61.0)
-    navigation = nominal_constellation(scenario.start_gpst)
-    noise = NoiseModel(sigma_m=1.0, ar1=0.9, constant_m=0.5)
-    pair, _ = observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)
+    navigation, pair = kit.measured(61.0)
     for name, o in zip(("one", "two"), pair, strict=True):
         write_obs(folder / f"{name}.obs", o, signals=o.signals, holds="simulated", marker=name, version="test")
     write_nav(folder / "brdc.rnx", navigation)

@@ -4,9 +4,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import numpy as np
 import pytest
-from tests.app.kit import scenario_of
+from tests.app import kit
 
 from skyproof.app.protect import protect
 from skyproof.app.verify import verify
@@ -14,18 +13,13 @@ from skyproof.cli import main
 from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.simulator.measurements import NoiseModel, observations_of
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with inputs, and in it one with the outputs."""
     folder = tmp_path_factory.mktemp("run")
-    scenario = scenario_of(duration_s=21.0)
-    navigation = nominal_constellation(scenario.start_gpst)
-    noise = NoiseModel(sigma_m=1.0, ar1=0.9, constant_m=0.5)
-    pair, _ = observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)
+    navigation, pair = kit.measured(21.0)
     write_obs(folder / "one.obs", pair[0], signals=pair[0].signals, holds="simulated", marker="ONE", version="test")
     write_nav(folder / "brdc.rnx", navigation)
     protect([folder / "one.obs"], nav=folder / "brdc.rnx", out=folder / "out")

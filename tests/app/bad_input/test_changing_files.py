@@ -1,0 +1,80 @@
+"""Files that change while they are worked on, or were left by a run that was killed."""
+
+import hashlib
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from tests.app import kit
+from tests.app.bad_input.common import Watched, copied
+
+from skyproof.cli import protect as protect_command
+
+
+class Meddling(Watched):
+    """Something happens to a file when `after` seconds of all recordings are tracked."""
+
+    def __init__(self, after: float, meddle) -> None:
+        self.after, self.meddle = after, meddle
+
+    def advance(self, to: float) -> None:
+        if self.name.startswith("tracking") and to >= self.after and self.meddle is not None:
+            meddle, self.meddle = self.meddle, None
+            meddle()
+
+
+@pytest.fixture
+def meddled(run, pair, tmp_path, monkeypatch):
+    """A run on copies of the pair while something happens to the second one, and the first one's sum."""
+
+    def meddled(meddle, after=13.0):
+        first, second = (copied(path, tmp_path) for path in pair.paths)
+        nav = shutil.copy(pair.nav, tmp_path)
+        monkeypatch.setattr(protect_command, "progress", lambda: Meddling(after, lambda: meddle(second, Path(nav))))
+        return run(first, second, nav=nav, options=["--antenna-distance-m", f"{kit.DISTANCE_M}"])
+
+    return meddled
+
+
+def test_a_recording_that_is_cut_while_it_is_worked_on_counts_as_far_as_it_was_read(meddled, pair):
+    ended = meddled(lambda path, _: os.truncate(path, 4_500_000))
+    assert ended.code == 0
+    assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
+    assert [r.duration_s for r in ended.verdict.receivers] == [8.0, 6.5]
+    words = "only its first 6.5 s were processed: .*stern.bin ends after 4500000 bytes, but had 5200000 when it was"
+    assert re.search(words, ended.remarks(1))
+    n_summed = int(re.search(r"the checksum is of the first (\d+)", ended.remarks(1))[1])
+    assert 4_225_000 <= n_summed <= 4_500_000
+    assert ended.verdict.inputs[1].sha256 == hashlib.sha256(pair.paths[1].read_bytes()[:n_summed]).hexdigest()
+
+
+def test_a_recording_that_is_cut_at_once_is_left_out(meddled):
+    ended = meddled(lambda path, _: os.truncate(path, 0), after=1.0)
+    assert ended.code == 0
+    assert "Without stern" in ended.verdict.summary
+    assert "ends after" in ended.remarks(1)
+
+
+def test_inputs_that_are_deleted_while_they_are_worked_on_cost_nothing(meddled, pair):
+    ended = meddled(lambda path, nav: (path.unlink(), nav.unlink()))
+    assert ended.code == 0
+    assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
+    sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (*pair.paths, pair.nav)]
+    assert [one.sha256 for one in ended.verdict.inputs] == sums
+    assert "deleted or replaced while it was processed" in ended.remarks(1)
+
+
+@pytest.mark.long
+def test_files_of_a_run_that_was_killed_while_they_appeared_do_not_outlive_the_next(run, wide):
+    ended = run(wide)
+    names = {path.name for path in ended.folder.iterdir()}
+    left = ended.folder / ".skyproof-unfinished"  # the verdict comes last, so that it is left here
+    left.mkdir()
+    (left / "verdict.json").write_text((ended.folder / "verdict.json").read_text().replace('"bow"', '"mast"'))
+    (ended.folder / "verdict.json").unlink()
+    for name in ("mast-authentic.obs", "mast-other-2.obs", "notes.obs"):
+        (ended.folder / name).write_text("old")
+    run(wide)
+    assert {path.name for path in ended.folder.iterdir()} == names | {"notes.obs"}

@@ -1,0 +1,313 @@
+"""Bad input: one line that names the file, what is wrong and what to do; and what good data allow is not lost."""
+
+import os
+import shutil
+
+import numpy as np
+import pytest
+from tests.app import kit
+from tests.app.bad_input.common import SIDECAR, START, assert_refused, copied, noise
+
+from skyproof import cli
+from skyproof.app.common.settings import Settings
+from skyproof.app.protect import protect
+from skyproof.app.receive.inputs import open_inputs
+from skyproof.errors import InputError, NotEnoughData
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.gnss.nominal import nominal_constellation
+
+# --- the file
+
+
+@pytest.mark.usefixtures("untracked")
+def test_an_empty_file_is_refused(run, tmp_path):
+    path = tmp_path / "rx1.bin"
+    path.write_bytes(b"")
+    path.with_suffix(".toml").write_text(SIDECAR)
+    assert_refused(run(path), path, "is empty", "check the recorder or the copy")
+
+
+@pytest.mark.usefixtures("untracked")
+def test_a_file_that_is_not_there_is_refused(run, tmp_path):
+    assert_refused(run(tmp_path / "rx1.bin"), tmp_path / "rx1.bin", "does not exist", "check the name")
+    assert_refused(run(tmp_path), tmp_path, "is not a regular file", "give the file")
+
+
+@pytest.mark.usefixtures("untracked")
+def test_no_file_at_all_is_refused():
+    with pytest.raises(InputError, match="no input given; give one per receiver"):
+        protect([])
+
+
+@pytest.mark.usefixtures("untracked")
+def test_zeros_are_refused(run, tmp_path):
+    path = tmp_path / "rx1.bin"
+    path.write_bytes(bytes(100_000))
+    path.with_suffix(".toml").write_text(SIDECAR.replace('"sign"', '"int"').replace("bits = 1", "bits = 8"))
+    assert_refused(run(path), path, "all samples are zero", "check the recorder")
+
+
+@pytest.mark.long
+def test_an_odd_byte_at_the_end_is_left_out_and_reported(run, wide, tmp_path):
+    cut = copied(wide, tmp_path, n_bytes=wide.stat().st_size - 1)
+    ended = run(cut)
+    assert ended.code == 0
+    assert "the last 1 bytes are less than one sample" in ended.remarks(0)
+    assert "the file is cut" in ended.remarks(0)
+    assert "signals found" in ended.remarks(0)  # it was worked on
+
+
+@pytest.mark.long
+def test_a_saturated_recording_is_worked_on_and_reported(run, wide, tmp_path):
+    path = copied(wide, tmp_path)
+    numbers = np.fromfile(path, np.int8).astype(np.int64) * 12
+    np.clip(numbers, -127, 127).astype(np.int8).tofile(path)
+    ended = run(path)
+    assert ended.code == 0
+    assert "saturated: " in ended.remarks(0)
+    assert "lower the gain" in ended.remarks(0)
+    assert "signals found" in ended.remarks(0)
+
+
+# --- the sidecar
+
+
+@pytest.mark.usefixtures("untracked")
+def test_a_missing_sidecar_is_asked_for(run, tmp_path):
+    path = tmp_path / "rx1.bin"
+    path.write_bytes(bytes(range(256)))
+    assert_refused(run(path), path, f"there is no sidecar {tmp_path / 'rx1.toml'}", "write it with the keys", "rate_hz")
+
+
+@pytest.mark.usefixtures("untracked")
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("rate_hz", "rate", ["samples.rate is not a known key", "did you mean rate_hz?"]),
+        ("2600000.0", "-2600000.0", ["samples.rate_hz = -2600000.0", "expected"]),
+        ('"complex"', '"imaginary"', ['samples.kind = "imaginary"', 'expected "real" or "complex"']),
+        ("bits = 1", "bits = 7", ["samples.bits = 7", "expected"]),
+        ("[samples]", "[samples", ["not valid TOML", "a sidecar reads like"]),
+        ("[samples]", "", ["samples is missing", "put it below the line [samples]"]),
+    ],
+)
+def test_a_wrong_sidecar_is_refused_by_the_key(run, tmp_path, old, new, words):
+    path = tmp_path / "rx1.bin"
+    path.write_bytes(bytes(range(256)))
+    path.with_suffix(".toml").write_text(SIDECAR.replace(old, new))
+    assert_refused(run(path), tmp_path / "rx1.toml", *words)
+
+
+def test_a_wrong_rate_finds_nothing_and_says_what_to_check(run, pair, tmp_path):
+    wrong = copied(pair.paths[0], tmp_path, n_bytes=650_000, rate_hz="2400000.0")
+    ended = run(wrong, options=["--json"])
+    assert_refused(ended, wrong, "no GPS L1 C/A signal found in 1.1 s", "2.4e+06 samples/s", "check rate_hz, if_hz")
+    assert list(ended.folder.iterdir()) == []
+
+
+@pytest.mark.long
+def test_nothing_but_noise_in_all_receivers_is_refused(tmp_path):
+    silent = [noise(tmp_path / f"rx{n}.bin", 0.5, seed=n) for n in (1, 2)]
+    with pytest.raises(NotEnoughData, match=r"rx1\.bin, .*rx2\.bin: no GPS L1 C/A signal .*antenna was connected"):
+        protect(silent)
+
+
+def test_a_receiver_that_hears_nothing_costs_itself_and_not_the_run(run, pair, tmp_path):
+    ended = run(noise(tmp_path / "dead.bin"), pair.paths[0], nav=pair.nav)
+    assert ended.code == 0
+    assert ended.verdict.verdict == "undecided"  # one receiver alone
+    assert ended.verdict.summary.endswith(
+        " Without dead, which gave no measurements (the remarks on the inputs say why)."
+    )
+    assert "left out: no GPS L1 C/A signal found in 6.0 s" in ended.remarks(0)
+    assert ended.remarks(1) == ""
+    dead, bow = ended.verdict.receivers
+    assert (dead.unprotected_fix, dead.duration_s) == (None, 6.0)
+    assert bow.unprotected_fix is not None
+    assert bow.unprotected_fix.lat_deg == pytest.approx(57.7012, abs=1e-4)
+
+
+# --- the navigation file
+
+
+@pytest.mark.usefixtures("untracked")
+def test_a_navigation_file_of_another_day_is_refused(run, pair, tmp_path):
+    write_nav(tmp_path / "old.rnx", nominal_constellation(np.datetime64("2024-05-12T10:00:00", "ns")))
+    ended = run(*pair.paths, nav=tmp_path / "old.rnx")
+    assert_refused(
+        ended,
+        tmp_path / "old.rnx",
+        "are for 2024-05-12T10:00:00 to 2024-05-12T10:00:00",
+        f"{pair.paths[0]} was",
+        "recorded at 2024-05-14T09:59:5",
+        "give the navigation file of that day",
+    )
+
+
+@pytest.mark.shared_data
+@pytest.mark.usefixtures("untracked")
+def test_a_real_navigation_file_of_another_year_is_refused(run, pair, shared_data):
+    nav = shared_data / "real" / "brdc" / "brdc3050.12n"
+    assert_refused(run(*pair.paths, nav=nav), nav, "2012-1", "was recorded at 2024-05-14", "of that day")
+
+
+@pytest.mark.usefixtures("untracked")
+@pytest.mark.parametrize("content", [b"", b"hello\n", bytes(range(256)) * 40], ids=["empty", "text", "samples"])
+def test_what_is_no_navigation_file_is_refused(run, pair, tmp_path, content):
+    (tmp_path / "nav.22n").write_bytes(content)
+    assert_refused(run(*pair.paths, nav=tmp_path / "nav.22n"), tmp_path / "nav.22n", "expected", ";")
+
+
+@pytest.mark.usefixtures("untracked")
+def test_a_navigation_file_that_is_not_there_is_refused(run, pair, tmp_path):
+    assert_refused(run(*pair.paths, nav=tmp_path / "nav.22n"), tmp_path / "nav.22n", "cannot be read")
+
+
+# --- receivers that do not belong together
+
+
+@pytest.mark.parametrize(
+    "date",
+    [
+        pytest.param(None, id="true-dates", marks=pytest.mark.long),
+        pytest.param('"2024-05-14T09:59:56"', id="the-dates-agree"),
+    ],
+)
+def test_receivers_recorded_at_different_times_are_refused(run, pair, later, tmp_path, date):
+    """By the signals' own time: a recorder's date may be wrong, and may hide it."""
+    other = later.paths[1] if date is None else copied(later.paths[1], tmp_path, start_gpst=date)
+    ended = run(pair.paths[0], other, nav=pair.nav)
+    assert_refused(
+        ended,
+        f"{other} was recorded from 2024-05-14T10:04:5",
+        f"but {pair.paths[0]} from 2024-05-14T09:59:5",
+        "no common time",
+        "give recordings of the same time",
+    )
+
+
+def test_a_wrong_date_is_reported_and_the_signals_time_is_used(run, pair, tmp_path):
+    wrong = copied(pair.paths[0], tmp_path, start_gpst='"2024-05-14T08:30:00"')
+    ended = run(wrong, nav=pair.nav)
+    assert ended.code == 0
+    assert "start_gpst is 2024-05-14T08:30:00" in ended.remarks(0)
+    assert "the signals' time is used" in ended.remarks(0)
+    assert ended.verdict.receivers[0].start_gpst.startswith("2024-05-14T09:59:56")
+
+
+@pytest.mark.long
+def test_a_date_in_the_wrong_week_is_reported_and_the_messages_week_is_used(run, tmp_path):
+    recorded = kit.record(kit.scenario_of(receivers=1, duration_s=10.0), tmp_path)  # subframe 1 is whole after 8.1 s
+    wrong = copied(recorded.paths[0], tmp_path / "wrong", start_gpst='"2024-05-07T09:59:58"')
+    ended = run(wrong)
+    assert ended.code == 0
+    assert "differs from it by +604800.0 s; the signals' time is used" in ended.remarks(0)
+    assert ended.verdict.receivers[0].start_gpst.startswith("2024-05-14T09:59:58")
+
+
+@pytest.mark.usefixtures("untracked")
+def test_one_recording_given_twice_is_refused(run, pair, tmp_path):
+    """It would look like one antenna that feeds both."""
+    first = pair.paths[0]
+    link = tmp_path / "linked.bin"
+    link.symlink_to(first)
+    shutil.copy(first.with_suffix(".toml"), tmp_path / "linked.toml")
+    longer = copied(first, tmp_path, name="copied.bin", n_bytes=4_000_000)
+    for again in (first, link, longer):
+        assert_refused(run(first, again), again, f"the same recording as {first}", "give each receiver's own recording")
+
+
+def test_receivers_in_files_of_one_name_keep_apart(pair, tmp_path):
+    paths = []
+    for seed, folder in enumerate(map(tmp_path.joinpath, "abc")):
+        folder.mkdir()
+        paths.append(noise(folder / "rx.bin", 0.01, seed=seed))
+    assert [s.name for s in open_inputs(paths, Settings())] == ["rx", "rx-2", "rx-3"]
+
+
+@pytest.mark.long
+def test_recordings_that_overlap_in_part_are_compared_in_that_part(run, tmp_path):
+    scenario = kit.scenario_of(duration_s=9.0, start_gpst=START)
+    second = scenario.receivers[1].model_copy(update={"start_offset_s": 4.0})
+    recorded = kit.record(scenario.model_copy(update={"receivers": (scenario.receivers[0], second)}), tmp_path)
+    ended = run(*recorded.paths, nav=recorded.nav, options=["--antenna-distance-m", f"{kit.DISTANCE_M}"])
+    assert ended.code == 0
+    assert ended.verdict.verdict == "authentic"
+    assert f"s with measurements are common with {recorded.paths[1]}" in ended.remarks(0)
+    bow, stern = ended.verdict.receivers
+    assert bow.trusted_fix is not None
+    assert stern.trusted_fix is not None
+    assert np.datetime64(bow.trusted_fix.gpst) < np.datetime64(stern.trusted_fix.gpst) - np.timedelta64(3, "s")
+
+
+@pytest.mark.long
+def test_a_recording_of_any_name_is_worked_on_and_named_so_that_it_can_be_read(run, wide, tmp_path):
+    name = os.fsdecode(b"[x] \xff\x1b[31m%" + b"n" * 230 + b".bin")
+    assert len(os.fsencode(name)) >= 245
+    path = copied(wide, tmp_path, name=name)
+    ended = run(path)
+    assert ended.code == 0
+    shown = "[x] \\xff\\x1b[31m%" + "n" * 230
+    assert ended.verdict.inputs[0].path == f"{tmp_path}/{shown}.bin"
+    assert ended.verdict.receivers[0].name == shown[:200]
+    assert "\x1b" not in ended.stdout
+    assert shown[:60] in ended.stdout.replace("\n", "")
+    assert cli.main(["receive", str(path), "--out", str(tmp_path / "received"), "--json"]) == 0
+
+
+# --- too little
+
+
+def test_without_a_time_of_week_it_is_undecided_and_says_what_is_missing(run, pair, tmp_path):
+    short = [copied(path, tmp_path, n_bytes=3 * 650_000) for path in pair.paths]
+    ended = run(*short, nav=pair.nav)
+    assert ended.code == 0
+    assert ended.verdict.verdict == "undecided"
+    because = ended.verdict.undecided_because
+    assert "bow: 10 signals found, but no time of week read from them in 3.0 s: give 12 s of signal or more" in because
+    assert ended.verdict.methods
+    assert not any(m.ran for m in ended.verdict.methods)
+    assert all(m.would_need for m in ended.verdict.methods)
+    assert {"report.html", "verdict.json", "fixes.csv"} <= {p.name for p in ended.folder.iterdir()}
+
+
+@pytest.mark.long
+def test_a_receiver_without_a_time_of_week_costs_itself_and_not_the_run(run, pair, tmp_path):
+    ended = run(copied(pair.paths[1], tmp_path, n_bytes=2 * 650_000), pair.paths[0], nav=pair.nav)
+    assert ended.code == 0
+    assert "left out: 10 signals found, but no time of week" in ended.remarks(0)
+    assert "Without stern" in ended.verdict.summary
+    assert ended.verdict.receivers[1].unprotected_fix is not None
+
+
+def test_without_orbits_it_is_undecided_and_says_so(run, pair):
+    ended = run(pair.paths[0])
+    assert ended.code == 0
+    assert ended.verdict.verdict == "undecided"
+    assert "a navigation file, or 30 s of signals" in ended.verdict.undecided_because
+    assert {s.label for s in ended.verdict.signals} == {"unknown"}
+    assert len(ended.verdict.signals) == 10
+
+
+# --- the folder
+
+
+@pytest.mark.usefixtures("untracked")
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(run, pair, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    for folder in (tmp_path / "taken", tmp_path / "taken" / "out"):
+        assert_refused(run(*pair.paths, nav=pair.nav, out=folder), folder, "cannot be written", "--out")
+    assert (tmp_path / "taken").read_text() == "a file"
+
+
+@pytest.mark.long
+def test_the_results_of_two_runs_never_mix(run, wide, tmp_path):
+    ended = run(wide)
+    mine = ["bow-authentic.obs", "bow-other-2.obs", "bow-trusted.nmea", "nav.rnx"]
+    others = ["notes.obs", "bow-other-than.obs", "mast-authentic.obs"]
+    for name in (*mine, *others):
+        (ended.folder / name).write_text("old")
+    run(wide)
+    left = {path.name for path in ended.folder.iterdir()}
+    assert left.isdisjoint(mine)
+    assert left.issuperset(others)
