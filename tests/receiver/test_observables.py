@@ -12,21 +12,26 @@ from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 from skyproof.records import SignalId
 
 
-def test_taps_show_the_correlation_function_on_the_real_axis(clean):
-    settings = ReceiverSettings(further_taps_chips=(0.5, -0.5, 1.5), further_taps_hz=(400.0,))
-    receiver = Receiver(clean.samples.rate_hz, clean.samples.if_hz, settings)
-    output, _ = receiver.step(ReceiverState(), clean.planes[:, : int(3.05 * clean.samples.rate_hz)])
-    elapsed_s = 0.2 * np.arange(1.0, 15.0)
-    taps = taps_of(
+def taken(receiver, output):
+    """All correlators over the first three seconds."""
+    return taps_of(
         "rx",
         output.measurements,
         output.arcs,
-        elapsed_s,
+        0.2 * np.arange(1.0, 15.0),
         delays_chips=receiver.taps_chips,
         dopplers_hz=receiver.taps_hz,
         samples_per_period=receiver.rate_hz * 1e-3,
         averaged_s=0.2,
+        look_share=receiver.settings.look_share,
     )
+
+
+def test_taps_show_the_correlation_function_on_the_real_axis(clean):
+    settings = ReceiverSettings(further_taps_chips=(0.5, -0.5, 1.5), further_taps_hz=(400.0,))
+    receiver = Receiver(clean.samples.rate_hz, clean.samples.if_hz, settings)
+    output, _ = receiver.step(ReceiverState(), clean.planes[:, : int(3.05 * clean.samples.rate_hz)])
+    taps = taken(receiver, output)
     assert taps.value.shape == (14, len(taps.signals), 2, 6)
     late = taps.value[10:]
     prompt = late[:, :, 0, 1]
@@ -45,22 +50,11 @@ def test_taps_of_looks_stand_at_their_times_and_show_the_same(clean):
     """A signal's looks, by themselves, average to what all the time shows, and lie evenly over the receiver's time."""
     further = {"further_taps_chips": (0.5, -0.5), "sats": ("G05", "G10")}
     planes = clean.planes[:, : int(3.05 * clean.samples.rate_hz)]
-    elapsed_s = 0.2 * np.arange(1.0, 15.0)
     shapes = []
     for looks in ({}, {"looks_per_frame": 5, "look_share": 0.2}):
         receiver = Receiver(clean.samples.rate_hz, clean.samples.if_hz, ReceiverSettings(**further, **looks))
         output, _ = receiver.step(ReceiverState(), planes)
-        taps = taps_of(
-            "rx",
-            output.measurements,
-            output.arcs,
-            elapsed_s,
-            delays_chips=receiver.taps_chips,
-            dopplers_hz=receiver.taps_hz,
-            samples_per_period=receiver.rate_hz * 1e-3,
-            averaged_s=0.2,
-            look_share=receiver.settings.look_share,
-        )
+        taps = taken(receiver, output)
         late = taps.value[taps.elapsed_s > 2.0, :, 0]
         assert np.isfinite(late).all()
         shapes.append(late.mean(axis=0) / late[:, :, 1].mean(axis=0)[:, None])
