@@ -859,6 +859,8 @@ class Evidence:
         not known.
     overrules : of a test that failed ("undecided", and p_value below false_alarm_probability): its subject stays open
         whatever other tests say of this window, and the verdict with it.
+    skies : of each instant at which overlapping signals were taken apart, the consistent sets that they make, of which
+        one is true at most; `signals` of a set are the channels that its signals were found in.
     """
 
     detector: str
@@ -881,6 +883,7 @@ class Evidence:
     assumes: tuple[str, ...] = ()
     baselines: tuple[Baseline, ...] = ()
     whole_sky: bool = False
+    skies: tuple[tuple[ConsistentSet, ...], ...] = ()
 
     @property
     def failed(self) -> bool:

@@ -15,7 +15,7 @@ from tests.detectors.nulls import (
     with_seconds,
 )
 
-from skyproof.detectors.dccaf.delays import DccafSettings, delays_of, last_burst, second_signals
+from skyproof.detectors.dccaf.delays import DccafSettings, bursts_of, delays_of, last_burst, second_signals
 from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
@@ -124,7 +124,7 @@ def test_the_last_burst_of_most_channels_is_looked_at():
     assert last_burst(replace(grid, value=np.full_like(grid.value, np.nan))).size == 0
 
 
-def bursts_of(scene, rng, second_db, n):
+def with_bursts(scene, rng, second_db, n):
     """The grids of one moment, drawn `n` times with new phases and noise, two seconds apart."""
     ccaf = [with_ccaf(scene, rng, second_db).ccaf[0] for _ in range(n)]
     many = {name: np.concatenate([getattr(one, name) for one in ccaf]) for name in ("value", "noise_variance")}
@@ -134,18 +134,23 @@ def bursts_of(scene, rng, second_db, n):
     return replace(ccaf[0], elapsed_s=elapsed_s, gpst=gpst, **many)
 
 
+def doubled(ccaf, settings):
+    """Which channels have a second signal by all bursts."""
+    *others, last = (delays_of(ccaf, epochs, settings) for epochs in bursts_of(ccaf))
+    return second_signals(last, others, settings)
+
+
 def test_signals_too_near_for_one_burst_are_seen_in_those_of_a_window():
     """Two skies 6 m apart, equally strong: how many of eight satellites one burst shows, and how many five do."""
     rng, one, five, clean = np.random.default_rng(8), [], [], []
     for _ in range(3):
         near, alone = (with_seconds(rng, np.full(8, there), 6.0, scene=UNRELATED) for there in (True, False))
         for counts, ccaf in (
-            (one, bursts_of(near, rng, 0.0, 1)),
-            (five, bursts_of(near, rng, 0.0, 5)),
-            (clean, bursts_of(alone, rng, 0.0, 5)),
+            (one, with_bursts(near, rng, 0.0, 1)),
+            (five, with_bursts(near, rng, 0.0, 5)),
+            (clean, with_bursts(alone, rng, 0.0, 5)),
         ):
-            epochs, settings = last_burst(ccaf), DccafSettings()
-            counts.append(second_signals(ccaf, epochs, delays_of(ccaf, epochs, settings), settings).sum())
+            counts.append(doubled(ccaf, DccafSettings()).sum())
     assert sum(clean) <= 1
     assert min(five) >= 5
     assert np.mean(one) < np.mean(five) - 2.0
@@ -157,9 +162,8 @@ def test_a_single_signal_has_a_second_one_no_oftener_than_stated(n):
     """In a window of one burst, and of several: 200 windows of eight satellites."""
     rng, settings, seen = np.random.default_rng(9), DccafSettings(second_signal_probability=0.2), 0
     for _ in range(200):
-        ccaf = bursts_of(with_seconds(rng, np.zeros(8, bool), scene=UNRELATED), rng, 0.0, n)
-        epochs = last_burst(ccaf)
-        seen += second_signals(ccaf, epochs, delays_of(ccaf, epochs, settings), settings).sum()
+        ccaf = with_bursts(with_seconds(rng, np.zeros(8, bool), scene=UNRELATED), rng, 0.0, n)
+        seen += doubled(ccaf, settings).sum()
     assert seen <= binom.ppf(0.999, 200 * 8, 0.2 / 8)
     print(seen, "of", 200 * 8 * 0.2 / 8)
 

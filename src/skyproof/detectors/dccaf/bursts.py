@@ -156,7 +156,8 @@ class BurstComponents:
     """One signal, and two, of each burst (n,).
 
     one_chips, one_sigma : (n,) delay of the signal, if it is one. two_chips : (n, 2) of two, the stronger first;
-    two_variance : (n, 2). two_energy : (n, 2) mean square amplitude in units of the noise's variance.
+    two_variance : (n, 2), infinite where they lie at an edge of what is searched: as near as two may be, or as far.
+    two_energy : (n, 2) mean square amplitude in units of the noise's variance.
     second : (n,) 2 (Q2 - Q1), what a second signal explains. unlike : (n,) 2 (Q2 - Q_reflection), at most `second`.
     """
 
@@ -294,6 +295,20 @@ def _alone(data, t, table, room):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _information(data, t1, t2, table, room):  # type: ignore[no-untyped-def]
+    """Of both delays and what they share: the curvature at the top; nothing where an edge of the search is near."""
+    h, sides = 0.002, np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            sides[i, j] = _explained(data, t1 + (i - 1) * h, t2 + (j - 1) * h, -1.0, table, room)
+    if sides.min() < 0.0:
+        return 0.0, 0.0, 0.0
+    i11 = (2.0 * sides[1, 1] - sides[2, 1] - sides[0, 1]) / h**2
+    i22 = (2.0 * sides[1, 1] - sides[1, 2] - sides[1, 0]) / h**2
+    return i11, i22, (sides[2, 0] + sides[0, 2] - sides[2, 2] - sides[0, 0]) / (4.0 * h**2)
+
+
+@compiled
 def _second(data, t1, weaker, coarse, seen, table, room):  # type: ignore[no-untyped-def]
     """The best cell beside a signal at t1."""
     first, step, value, slope = table
@@ -363,16 +378,7 @@ def _all_components(data, first, step, value, slope, coarse, reflected, out):  #
             _vector(at2, first, step, value, slope, room[1])
             g11, g22, g12 = _seen(one, room[0], room[2]), _seen(one, room[1], room[3]), np.sum(room[0] * room[1])
             _, out[burst, 5], out[burst, 6] = _pair(room[2], room[3], g11, g22, g12)
-            q00 = most
-            q1 = _explained(one, at1 + h, at2, -1.0, table, room) + _explained(one, at1 - h, at2, -1.0, table, room)
-            q2 = _explained(one, at1, at2 + h, -1.0, table, room) + _explained(one, at1, at2 - h, -1.0, table, room)
-            q12 = 0.25 * (
-                _explained(one, at1 + h, at2 + h, -1.0, table, room)
-                + _explained(one, at1 - h, at2 - h, -1.0, table, room)
-                - _explained(one, at1 + h, at2 - h, -1.0, table, room)
-                - _explained(one, at1 - h, at2 + h, -1.0, table, room)
-            )
-            i11, i22, i12 = (2.0 * q00 - q1) / h**2, (2.0 * q00 - q2) / h**2, -q12 / h**2
+            i11, i22, i12 = _information(one, at1, at2, table, room)
             det = i11 * i22 - i12 * i12
             sure = det > 1e-9 * abs(i11 * i22) and i11 > 0.0
             out[burst, 7] = i22 / det if sure else np.inf

@@ -5,8 +5,9 @@ at all is also asked of all bursts together: a false signal within a tenth of a 
 one burst, and by turning phases in several.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -19,9 +20,10 @@ from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import prn_of
 from skyproof.records import Ccaf
 
-__all__ = ["CHIP_M", "DccafSettings", "Delays", "delays_of", "last_burst", "second_signals"]
+__all__ = ["CHIP_M", "DccafSettings", "Delays", "bursts_of", "delays_of", "last_burst", "second_signals", "told_apart"]
 
 CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
+_APART_SIGMAS: Final = 3.0
 
 
 @dataclass(frozen=True)
@@ -74,12 +76,12 @@ def last_burst(ccaf: Ccaf) -> Integers:
     whole = _whole(ccaf)
     if not whole.any():
         return np.empty(0, np.int64)
-    runs = _runs(ccaf)
+    runs = bursts_of(ccaf)
     counts = np.array([int(whole[run].all(axis=0).sum()) for run in runs])
     return runs[int(np.flatnonzero(counts == counts.max())[-1])]
 
 
-def _runs(ccaf: Ccaf) -> list[Integers]:
+def bursts_of(ccaf: Ccaf) -> list[Integers]:
     """The epochs of each burst."""
     first = np.flatnonzero(np.diff(ccaf.elapsed_s, prepend=-np.inf) > 1.5 * ccaf.coherent_s)
     return np.split(np.arange(ccaf.elapsed_s.size), first[1:])
@@ -108,27 +110,29 @@ def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
     return Delays(delay + moved[:, None], sigma, p_value, unlike)
 
 
-def second_signals(ccaf: Ccaf, epochs: Integers, found: Delays, settings: DccafSettings) -> Booleans:
-    """(n_channels,) which of those in `found` show a second signal, in the burst `epochs` or in all of the window.
+def second_signals(found: Delays, others: Sequence[Delays], settings: DccafSettings) -> Booleans:
+    """(n_channels,) which of those in `found` show a second signal, in that burst or in it and `others` together.
 
     Half of `second_signal_probability` goes to either. Noise of one burst has nothing to do with that of another, so
     minus twice the sum of the logarithms of n p-values is chi-square of 2 n at most (Fisher).
     """
-    there, whole = np.isfinite(found.p_value), _whole(ccaf)
-    logs = np.where(there, np.log(np.maximum(found.p_value, 1e-300)), 0.0)
-    count = there.astype(np.int64)
-    for run in _runs(ccaf):
-        if np.array_equal(run, epochs):
-            continue
-        for row in np.flatnonzero(there & whole[run].all(axis=0)).tolist():
-            burst, own = _taken_apart(ccaf, run, row, settings)
-            logs[row] += np.log(
-                max(float(joint_p_value(burst.second, len(run), own.path, ccaf.noise_samples)[0]), 1e-300)
-            )
-            count[row] += 1
+    there = np.isfinite(found.p_value)
+    p_values = np.stack([found.p_value, *(other.p_value for other in others)])
+    count = np.isfinite(p_values).sum(axis=0)
+    logs = np.nansum(np.log(np.maximum(p_values, 1e-300)), axis=0)
     together = special.chdtrc(2.0 * np.maximum(count, 1), -2.0 * logs)
     level = 0.5 * settings.second_signal_probability / max(int(there.sum()), 1)
     return np.asarray(there & ((found.p_value < level) | (together < level)))
+
+
+def told_apart(found: Delays) -> Booleans:
+    """(n_channels,) which have two delays whose sigmas hold: those differ by more than their noise.
+
+    Nearer ones are two sides of one peak, with amplitudes that cancel.
+    """
+    apart = np.abs(found.delay_chips[:, 1] - found.delay_chips[:, 0])
+    noise = np.sqrt(np.sum(found.sigma_chips**2, axis=1))
+    return np.asarray(np.isfinite(noise) & (apart > _APART_SIGMAS * noise))
 
 
 def _taken_apart(ccaf: Ccaf, epochs: Integers, row: int, settings: DccafSettings) -> tuple[BurstComponents, Shapes]:

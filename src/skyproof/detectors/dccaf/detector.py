@@ -13,6 +13,7 @@ by `navigation.exclusion`: where its state is among the records, with its covari
 show both skies are named, or it is reported that they cannot be.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,16 +21,38 @@ import numpy as np
 from skyproof.arrays import Integers, Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.dccaf.bursts import REFLECTED_DB
-from skyproof.detectors.dccaf.delays import CHIP_M, DccafSettings, Delays, delays_of, last_burst, second_signals
+from skyproof.detectors.dccaf.delays import (
+    CHIP_M,
+    DccafSettings,
+    Delays,
+    bursts_of,
+    delays_of,
+    last_burst,
+    second_signals,
+    told_apart,
+)
 from skyproof.detectors.dccaf.inverse_raim import passing_sets, second_subset, set_states
+from skyproof.detectors.dccaf.two_skies import TwoSkies, two_skies
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.chance import chance_p_value, set_combinations
 from skyproof.navigation.exclusion import choose_fix, wrong_choice_rule
 from skyproof.navigation.least_squares import gauss_newton, line_of_sight
 from skyproof.navigation.nav_state import covered, state_at
 from skyproof.navigation.ranges import atmosphere, corrected_ranges
-from skyproof.records import Asked, Ccaf, CcafAsked, Evidence, NavigationData, Need, Records, Says, SignalRef
-from skyproof.statistics.distributions import binomial_survival, chi_square_threshold
+from skyproof.records import (
+    Asked,
+    Ccaf,
+    CcafAsked,
+    ConsistentSet,
+    Evidence,
+    NavigationData,
+    Need,
+    Records,
+    Says,
+    SignalRef,
+)
+from skyproof.statistics.distributions import binomial_survival, chi_square_survival, chi_square_threshold
 
 __all__ = ["GRIDS", "SIGNAL_LEVEL", "Dccaf"]
 
@@ -44,13 +67,14 @@ OF_A_SKY = 5
 
 class _Sky(NamedTuple):
     """Satellites of one epoch around a fix: unit vectors in ECEF (n, 3) to them, misfits (n, 2) of their signals,
-    sigmas (n,), channels (n,), and the fix (3,)."""
+    sigmas (n,), channels (n,), and the fix: place (3,) and clock."""
 
     unit: Reals
     misfit_m: Reals
     sigma_m: Reals
     rows: Any
     place_ecef_m: Reals
+    clock_m: float
 
 
 class _Fixes(NamedTuple):
@@ -88,7 +112,8 @@ class Dccaf:
     def _receiver(self, records: Records, navigation: NavigationData, ccaf: Ccaf) -> list[Evidence]:
         every = tuple(SignalRef(ccaf.receiver, signal) for signal in sorted(ccaf.signals))
         epochs = last_burst(ccaf)
-        found = delays_of(ccaf, epochs, self.settings) if epochs.size else None
+        bursts = [(int(run[-1]), delays_of(ccaf, run, self.settings)) for run in bursts_of(ccaf)] if epochs.size else []
+        found = next((own for epoch, own in bursts if epoch == epochs[-1]), None)
         first = _first_of_each(ccaf, found)
         if found is None or first.size < OF_A_SKY:
             return [
@@ -103,13 +128,15 @@ class Dccaf:
         unlike = first[found.unlike_p_value[first] < SIGNAL_LEVEL]
         chance = self.settings.no_reflection_probability + SIGNAL_LEVEL
         p_count = float(binomial_survival(unlike.size, first.size, chance))
-        doubles = int(second_signals(ccaf, epochs, found, self.settings)[first].sum())
+        others = [own for _, own in bursts if own is not found]
+        doubles = int(second_signals(found, others, self.settings)[first].sum())
         words = (
             f"of {first.size} satellites in {ccaf.receiver}, {unlike.size} have a second signal within a chip that no "
             f"reflection explains: before the stronger one, or not {REFLECTED_DB:g} dB weaker"
         )
+        skies = self._overlapping(navigation, ccaf, bursts) if doubles >= OF_A_SKY else ()
         if unlike.size < OF_A_SKY:
-            return [self._of_receiver(records, every, p_count, words, doubles)]
+            return [self._of_receiver(records, every, p_count, words, doubles, skies)]
         epoch = int(epochs[-1])
         sky = self._sky(navigation, ccaf, epoch, found, first)
         fixes, p_sky, beside = (None, 1.0, "") if sky is None else self._second_sky(sky, unlike)
@@ -118,7 +145,29 @@ class Dccaf:
         chosen: list[Evidence] = []
         if p_value < self._alpha and sky is not None and fixes is not None:
             chosen = self._chosen(records, ccaf, epoch, found, sky, fixes)
-        return [self._of_receiver(records, every, p_value, words + beside, doubles), *chosen]
+        return [self._of_receiver(records, every, p_value, words + beside, doubles, skies), *chosen]
+
+    def _overlapping(
+        self, navigation: NavigationData, ccaf: Ccaf, bursts: Sequence[tuple[int, Delays]]
+    ) -> tuple[tuple[ConsistentSet, ...], ...]:
+        """The two skies of each burst that shows them, reflections or not: `fusion` has to know of an attack."""
+        shown: list[tuple[ConsistentSet, ...]] = []
+        for epoch, found in bursts:
+            first = _first_of_each(ccaf, found)
+            sky = self._sky(navigation, ccaf, epoch, found, first[told_apart(found)[first]])
+            two = None
+            if sky is not None:
+                two = two_skies(
+                    sky.unit,
+                    sky.misfit_m,
+                    sky.sigma_m,
+                    window_m=2.0 * self.settings.window_chips * CHIP_M,
+                    set_probability=self.settings.set_probability,
+                    most_doubt=self.settings.wrong_choice_probability,
+                )
+            if sky is not None and two is not None:
+                shown.append(_sets(ccaf, epoch, sky, two))
+        return tuple(shown)
 
     def _second_sky(self, sky: _Sky, unlike: Integers) -> tuple[_Fixes | None, float, str]:
         """Both skies, the second one of the channels `unlike`; the chance that its ranges agree without one; words."""
@@ -155,7 +204,13 @@ class Dccaf:
         return self.settings.false_alarm_probability
 
     def _of_receiver(
-        self, records: Records, every: tuple[SignalRef, ...], p_value: float, because: str, doubles: int
+        self,
+        records: Records,
+        every: tuple[SignalRef, ...],
+        p_value: float,
+        because: str,
+        doubles: int,
+        skies: tuple[tuple[ConsistentSet, ...], ...],
     ) -> Evidence:
         attack = p_value < self._alpha
         sky = doubles >= OF_A_SKY  # a reflection here and there is under most skies
@@ -171,6 +226,7 @@ class Dccaf:
             p_value=p_value,
             false_alarm_probability=self._alpha,
             would_need="second signals of more satellites, or farther apart" if sky and not attack else None,
+            skies=skies,
         )
 
     def _chosen(
@@ -240,7 +296,8 @@ class Dccaf:
         gpst = ccaf.gpst[epoch]
         measured_m = ccaf.reference_m[epoch][:, None] + found.delay_chips * CHIP_M
         ranges = corrected_ranges(ccaf.signals, np.array([gpst]), measured_m[None, :, 0], navigation)
-        rows = first[np.isfinite(ranges.range_m[0, first])]
+        known = np.isfinite(ranges.range_m[0]) & ~np.isinf(found.sigma_chips).any(axis=1)
+        rows = first[known[first]]
         rows = rows[np.argsort([ccaf.signals[row].sat for row in rows], kind="stable")]
         if rows.size < OF_A_SKY:
             return None
@@ -260,7 +317,7 @@ class Dccaf:
         _, unit, distance_m = line_of_sight(satellite, state_m[:3])
         first = range_m - delays.delay_m - distance_m - state_m[3]
         second = first + (measured_m[rows, 1] - measured_m[rows, 0])
-        return _Sky(unit, np.stack((first, second), axis=1), total_m, rows, state_m[:3])
+        return _Sky(unit, np.stack((first, second), axis=1), total_m, rows, state_m[:3], float(state_m[3]))
 
 
 def _first_of_each(ccaf: Ccaf, found: Delays | None) -> Integers:
@@ -273,6 +330,25 @@ def _first_of_each(ccaf: Ccaf, found: Delays | None) -> Integers:
         if signal.sat not in rows or signal.copy < ccaf.signals[rows[signal.sat]].copy:
             rows[signal.sat] = int(row)
     return np.array(sorted(rows.values()), np.int64)
+
+
+def _sets(ccaf: Ccaf, epoch: int, sky: _Sky, two: TwoSkies) -> tuple[ConsistentSet, ...]:
+    """Both skies of an epoch as sets of the channels that they were found in."""
+    signals = tuple(sorted(ccaf.signals[row] for row in sky.rows))
+    return tuple(
+        ConsistentSet(
+            receiver=ccaf.receiver,
+            signals=signals,
+            gpst=ccaf.gpst[epoch],
+            position_ecef_m=sky.place_ecef_m + state_m[:3],
+            clock_bias_s=float(sky.clock_m + state_m[3]) / SPEED_OF_LIGHT_M_S,
+            covariance_m2=covariance_m2,
+            statistic=float(statistic),
+            dof=two.dof,
+            p_value=float(chi_square_survival(statistic, two.dof)),
+        )
+        for state_m, covariance_m2, statistic in zip(two.state_m, two.covariance_m2, two.statistic, strict=True)
+    )
 
 
 def _fixes(sky: _Sky, choice: Any, rows: Any) -> _Fixes:
