@@ -782,6 +782,18 @@ class ConsistentSet:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, slots=True)
+class OverlappingSkies:
+    """Skies in signals of one receiver that overlap within a chip, taken apart at one instant; one is true at most.
+
+    sets : what each shows; their `signals` are the channels that it was found in. doubt : bound of the probability that
+    these are not the skies, under the model of the signals.
+    """
+
+    sets: tuple[ConsistentSet, ...]
+    doubt: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class Baseline:
     """Where these receivers' antennas stand relative to the first one, by what their signals show over a stretch.
 
@@ -859,8 +871,7 @@ class Evidence:
         not known.
     overrules : of a test that failed ("undecided", and p_value below false_alarm_probability): its subject stays open
         whatever other tests say of this window, and the verdict with it.
-    skies : of each instant at which overlapping signals were taken apart, the consistent sets that they make, of which
-        one is true at most; `signals` of a set are the channels that its signals were found in.
+    overlapping : skies in signals that were taken apart, instant by instant.
     """
 
     detector: str
@@ -883,7 +894,7 @@ class Evidence:
     assumes: tuple[str, ...] = ()
     baselines: tuple[Baseline, ...] = ()
     whole_sky: bool = False
-    skies: tuple[tuple[ConsistentSet, ...], ...] = ()
+    overlapping: tuple[OverlappingSkies, ...] = ()
 
     @property
     def failed(self) -> bool:

@@ -76,7 +76,7 @@ class Taken:
         decision = fuse(self.evidence, [self.observations], self.sets)
         return choices(
             decision, self.evidence, [self.observations], self.sets, {"rx1": foresight}, ChoiceRules(**rules)
-        )[0]
+        ).evidence
 
     def decided(self, foresight, **rules):
         return fuse([*self.evidence, *self.chosen(foresight, **rules)], [self.observations], self.sets)
@@ -132,7 +132,7 @@ def test_the_start_is_not_clean_where_that_of_a_receiver_nearby_is_not(led_away)
         evidence = sorted([*taken.evidence, doubted], key=lambda e: e.start_gpst)
         both = [taken.observations, nearby]
         decision = fuse(evidence, both, taken.sets)
-        found, _ = choices(decision, evidence, both, taken.sets, {"rx1": standing()}, ChoiceRules())
+        found = choices(decision, evidence, both, taken.sets, {"rx1": standing()}, ChoiceRules()).evidence
         assert any(e.says == "authentic" for e in found) is believed
 
 

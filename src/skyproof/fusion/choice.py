@@ -18,6 +18,11 @@ false sky may be true in what is compared, and the other one a mixture that fits
 
 What is chosen is evidence, window by window: the chosen sky is authentic under those assumptions, the others are
 spoofed. Above the limit of the probability of a wrong choice the window stays open.
+
+Skies that overlap within a chip are no signals that the receiver follows: its channels follow their sum. A detector
+that took them apart hands on their fixes, and where a window shows no second sky otherwise, these are compared alike,
+whether or not that window alone shows that the second one is no reflection. Nothing is named by that; the fixes of the
+chosen sky are trusted, and the foresight follows them.
 """
 
 from collections import Counter
@@ -28,7 +33,7 @@ from typing import Final
 
 import numpy as np
 
-from skyproof.fusion.choice_words import DETECTOR, REFUSED, chosen, not_chosen, taken_for_true
+from skyproof.fusion.choice_words import DETECTOR, REFUSED, chosen, chosen_overlapping, not_chosen, taken_for_true
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
 from skyproof.fusion.rivals import FixMaker, Kind, Rivals, reference_kind, rivals_of, with_clock_near
@@ -40,7 +45,7 @@ from skyproof.navigation.known import Known
 from skyproof.navigation.prediction import Choice, choose, parted_unseen
 from skyproof.records import ConsistentSet, Evidence, NavigationData, ObservationLog, SignalId, SignalRef
 
-__all__ = ["DETECTOR", "ChoiceRules", "Compared", "choices"]
+__all__ = ["DETECTOR", "ChoiceRules", "Chosen", "Compared", "choices"]
 
 _GOES_ON: Final = 1e-6
 """Probability that a window which is taken for true, or a chosen sky that is alone again, does not go on."""
@@ -79,12 +84,23 @@ class Compared:
     choice: Choice
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Chosen:
+    """evidence : by prediction. compared : one a receiver that had two skies. fixes : by receiver, those of chosen
+    skies that overlapped with others, in order."""
+
+    evidence: Sequence[Evidence]
+    compared: Sequence[Compared]
+    fixes: Mapping[str, tuple[Known, ...]]
+
+
 @dataclass(frozen=True, eq=False)
 class _State:
     """What is carried from window to window.
 
     kind : of the signals whose clock is compared. bias_s : of the last fix that was taken for true. chosen, refused :
-    the signals of the skies called true and false last. compared : None as long as there were no two skies.
+    the signals of the skies called true and false last. fixes : of chosen skies that overlapped with others.
+    compared : None as long as there were no two skies.
     """
 
     foresight: Foresight
@@ -92,6 +108,7 @@ class _State:
     bias_s: float = 0.0
     chosen: frozenset[SignalId] = field(default_factory=frozenset)
     refused: frozenset[SignalId] = field(default_factory=frozenset)
+    fixes: tuple[Known, ...] = ()
     compared: Compared | None = None
 
     def followed(self, shown: SkyFix, s: ConsistentSet) -> "_State":
@@ -106,9 +123,9 @@ def choices(
     foresights: Mapping[str, Foresight],
     rules: ChoiceRules,
     navigation: NavigationData | None = None,
-) -> tuple[list[Evidence], list[Compared]]:
-    """Evidence by prediction on the receivers that are attacked, of which nothing is named as true or false, and of
-    which there is a foresight; and what was compared, one a receiver that had two skies.
+) -> Chosen:
+    """What prediction says of the receivers that are attacked, of which nothing is named as true or false, and of which
+    there is a foresight.
 
     navigation : orbits, for a foresight that learns from the fixes of epochs.
     """
@@ -118,7 +135,7 @@ def choices(
     every = {o.receiver: list(rivals_of(o, evidence, sets)) for o in observations} if asked else {}
     # Whoever attacks one receiver is within reach of the others: the start of none is clean where that of one is not.
     doubted = [w.start for windows in every.values() for w in windows if w.doubted]
-    found, compared = list[Evidence](), list[Compared]()
+    found, compared, fixes = list[Evidence](), list[Compared](), dict[str, tuple[Known, ...]]()
     for o in observations:
         own = [sky for sky in decision.skies if any(ref.receiver == o.receiver for ref in sky.signals)]
         if o.receiver in asked:
@@ -129,10 +146,11 @@ def choices(
                 elevation_mask_deg=rules.elevation_mask_deg,
             )
             chooser = _Chooser(maker, rules, _second_onset(own, o))
-            said, seen = chooser.of_windows(every[o.receiver], foresights[o.receiver], doubted)
+            said, last = chooser.of_windows(every[o.receiver], foresights[o.receiver], doubted)
             found += said
-            compared += [seen] if seen is not None else []
-    return found, compared
+            compared += [last.compared] if last.compared is not None else []
+            fixes[o.receiver] = last.fixes
+    return Chosen(evidence=found, compared=compared, fixes=fixes)
 
 
 def _second_onset(skies: Sequence[FalseSource], o: ObservationLog) -> Onset | None:
@@ -160,19 +178,19 @@ class _Chooser:
 
     def of_windows(
         self, every: Sequence[Rivals], foresight: Foresight, doubted: Sequence[np.datetime64]
-    ) -> tuple[list[Evidence], Compared | None]:
+    ) -> tuple[list[Evidence], _State]:
         """By what is true before the second sky, or in the first windows alone; nothing where these do not go on.
 
         doubted : when windows begin in which the signals of any receiver are.
         """
-        windows = [w for w in every if w.sets]
         until = min([self._latest(), *doubted])
         for last in (until, min(until, self.clean_start)):
-            before = [w for w in windows if w.end <= last]
+            before = [w for w in every if w.sets and w.end <= last]
             learned = self._learned(_State(foresight), before)
             if learned is not None:
-                return self._walked(learned, before, windows[len(before) :])
-        return [], None
+                after = [w for w in every if (w.sets or w.overlapping) and w.end > last]
+                return self._walked(learned, before, after)
+        return [], _State(foresight)
 
     def _latest(self) -> np.datetime64:
         """Until when the signals may be taken for true."""
@@ -185,8 +203,11 @@ class _Chooser:
         """The state after windows that are taken as true; None where one does not go on from those before it."""
         for window in windows:
             only = window.sets[0]
-            state = replace(state, kind=state.kind or reference_kind(only))
+            kind = state.kind or reference_kind(only)
+            state = replace(state, kind=kind)
             shown = self._shown(window, only, state)
+            if state.foresight.moves:
+                shown = replace(shown, each=self.maker.smoothed(window, only, kind=kind))
             expected = state.foresight.at(shown.whole.gpst)
             if expected is not None:
                 shown = with_clock_near(shown, expected)
@@ -200,16 +221,18 @@ class _Chooser:
 
     def _walked(
         self, state: _State, before: Sequence[Rivals], windows: Sequence[Rivals]
-    ) -> tuple[list[Evidence], Compared | None]:
+    ) -> tuple[list[Evidence], _State]:
         assumes = (*self._clean(before), *state.foresight.assumes)
         found: list[Evidence] = []
         for window in windows:
             state = replace(state, foresight=state.foresight.until(window.start))
-            said, state = self._judged(window, state, assumes)
+            said, state = self._judged(window, state, assumes) if window.sets else ([], state)
+            if not said:
+                said, state = self._overlapping(window, state, assumes)
             found += said
         words = f"the only sky of {self.log.receiver}, before a second one was seen"
         clean = [taken_for_true(self.log, window, end, assumes, words) for window, end in _spans(before)]
-        return [*clean, *_at_home(found)], state.compared
+        return [*clean, *_at_home(found)], state
 
     def _clean(self, before: Sequence[Rivals]) -> tuple[str, ...]:
         """What is assumed of the windows before the second sky."""
@@ -234,13 +257,9 @@ class _Chooser:
         if not window.attacked:
             return [], state
         by, most_wrong = state.foresight.by, self.rules.most_wrong
-        skies = tuple(one.whole for one in shown)
-        choice = choose(expected, skies, most_wrong=most_wrong, false_alarm_probability=REFUSED)
-        if not state.chosen:
-            seen = Compared(receiver=self.log.receiver, by=by, expected=expected, skies=skies, choice=choice)
-            state = replace(state, compared=seen)
-        if choice.chosen is None or self._by_half(window, skies, choice):
-            return [not_chosen(self.log, window, shown, choice, by, most_wrong)], state
+        choice, state = self._compared(expected, shown, state)
+        if choice.chosen is None or self._by_half(window, [one.whole for one in shown], choice):
+            return [not_chosen(self.log, window, window.sets, shown, choice, by, most_wrong)], state
         taken = window.sets[choice.chosen]
         said = chosen(self.log, window, shown, choice, by, assumes, first=not state.chosen)
         return said, replace(
@@ -248,6 +267,51 @@ class _Chooser:
             chosen=frozenset(taken.signals),
             refused=frozenset(signal for s in window.sets if s is not taken for signal in s.signals),
         )
+
+    def _compared(
+        self, expected: Known, shown: Sequence[SkyFix], state: _State, doubt: float = 0.0
+    ) -> tuple[Choice, _State]:
+        """doubt : that these are not the skies."""
+        skies = tuple(one.whole for one in shown)
+        most_wrong = max(self.rules.most_wrong - doubt, 0.0)
+        choice = choose(expected, skies, most_wrong=most_wrong, false_alarm_probability=REFUSED)
+        if state.chosen or state.fixes:
+            return choice, state
+        by = state.foresight.by
+        seen = Compared(receiver=self.log.receiver, by=by, expected=expected, skies=skies, choice=choice)
+        return choice, replace(state, compared=seen)
+
+    def _overlapping(self, window: Rivals, state: _State, assumes: tuple[str, ...]) -> tuple[list[Evidence], _State]:
+        """The skies that were taken apart, instant by instant; what is said is of the last one.
+
+        That they are two skies, and not one and what happens to fit, is known of them: what is expected need not say
+        all that they differ in.
+        """
+        said, before = list[Evidence](), state
+        for skies in window.overlapping:
+            shown = [self._at_once(window, s, state) for s in skies.sets]
+            expected = state.foresight.at(shown[0].whole.gpst)
+            if expected is None:
+                continue
+            shown = [with_clock_near(one, expected) for one in shown]
+            if not set(expected.there).intersection(*(one.whole.there for one in shown)):
+                continue
+            choice, state = self._compared(expected, shown, state, skies.doubt)
+            by = state.foresight.by
+            if choice.chosen is not None:
+                true = shown[choice.chosen]
+                state = replace(state.followed(true, skies.sets[choice.chosen]), fixes=(*state.fixes, true.whole))
+                first = not before.fixes
+                said = [chosen_overlapping(self.log, window, skies, shown, choice, by, assumes, first=first)]
+            elif state.fixes == before.fixes:
+                said = [not_chosen(self.log, window, skies.sets, shown, choice, by, self.rules.most_wrong)]
+        return said, state
+
+    def _at_once(self, window: Rivals, s: ConsistentSet, state: _State) -> SkyFix:
+        """What a set shows that is of one instant."""
+        kind = state.kind or reference_kind(s)
+        shown = self.maker.shown(window, s, kind=kind, bias_s=state.bias_s, epochs=False)
+        return replace(shown, each=(shown.whole,))
 
     def _by_half(self, window: Rivals, skies: Sequence[Known], choice: Choice) -> bool:
         """Whether what is expected cannot choose: skies have parted in what it says nothing of, and one may be chance.

@@ -11,9 +11,9 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import iso
 from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.prediction import Choice
-from skyproof.records import ConsistentSet, Evidence, ObservationLog, SignalRef
+from skyproof.records import ConsistentSet, Evidence, ObservationLog, OverlappingSkies, SignalRef
 
-__all__ = ["DETECTOR", "REFUSED", "chosen", "not_chosen", "taken_for_true"]
+__all__ = ["DETECTOR", "REFUSED", "chosen", "chosen_overlapping", "not_chosen", "taken_for_true"]
 
 DETECTOR: Final = "prediction"
 REFUSED: Final = 1e-3
@@ -52,7 +52,7 @@ def chosen(
     fits = {number: float(fit) for number, fit in enumerate(choice.fits)}
     true_fit = fits.pop(choice.chosen)
     words = f"of {len(shown)} skies of {o.receiver}, {_apart(shown, choice)}, "
-    stated = f"the probability that this is the wrong choice is {_rounded_up(wrong)} or less"
+    stated = f"the probability that this is the wrong choice is {_stated(choice)} or less"
     because = f"{words}this one fits {by}; {stated}"
     if first:
         seen = iso(window.start, 0)[11:]
@@ -87,10 +87,47 @@ def chosen(
     return [true, *false]
 
 
-def not_chosen(
-    o: ObservationLog, window: Rivals, shown: Sequence[SkyFix], choice: Choice, by: str, most_wrong: float
+def chosen_overlapping(
+    o: ObservationLog,
+    window: Rivals,
+    skies: OverlappingSkies,
+    shown: Sequence[SkyFix],
+    choice: Choice,
+    by: str,
+    assumes: tuple[str, ...],
+    *,
+    first: bool,
 ) -> Evidence:
-    """The window stays open, and why."""
+    """Which of two skies within a chip is true: no signal is named, for the receiver's channels follow their sum.
+
+    That the other one is false, and no reflection, is not shown by that.
+    """
+    assert choice.chosen is not None
+    of = f"{_apart(shown, choice)}, of {len(skies.sets[0].signals)} satellites each"
+    return Evidence(
+        detector=DETECTOR,
+        start_gpst=window.start,
+        end_gpst=window.end,
+        subject=_refs(o, skies.sets[0]),
+        says="attack" if window.attacked else "undecided",
+        because=f"in signals of {o.receiver} that overlap within a chip are {len(shown)} skies, {of}; the true one was "
+        f"chosen by {by}, and its fixes are trusted; the probability that this is the wrong choice is "
+        f"{_stated(choice, skies.doubt)} or less",
+        assumes=(*assumes, f"one of the skies that overlap in {o.receiver} is the true one"),
+        noted=first,
+    )
+
+
+def not_chosen(
+    o: ObservationLog,
+    window: Rivals,
+    skies: Sequence[ConsistentSet],
+    shown: Sequence[SkyFix],
+    choice: Choice,
+    by: str,
+    most_wrong: float,
+) -> Evidence:
+    """The window stays open, and why. skies : that were compared."""
     fit = float(np.max(choice.fits))
     if fit < REFUSED:
         why = f"none of them fits {by} (p = {fit:.0e})"
@@ -107,7 +144,7 @@ def not_chosen(
         detector=DETECTOR,
         start_gpst=window.start,
         end_gpst=window.end,
-        subject=tuple(ref for s in window.sets for ref in _refs(o, s)),
+        subject=tuple(dict.fromkeys(ref for s in skies for ref in _refs(o, s))),
         says="undecided",
         because=f"of {len(shown)} skies of {o.receiver}, {_apart(shown, choice)}, none is chosen: {why}",
         false_alarm_probability=REFUSED,
@@ -115,6 +152,11 @@ def not_chosen(
         would_need="skies that part farther, or a better prediction: an inertial unit, a better oscillator, a surveyed "
         "position",
     )
+
+
+def _stated(choice: Choice, doubt: float = 0.0) -> str:
+    """The probability of a wrong choice. doubt : that it was one between other skies."""
+    return _rounded_up(max(choice.wrong_probability + doubt, _LEAST_SHOWN))
 
 
 def _rounded_up(probability: float) -> str:

@@ -11,8 +11,10 @@ from skyproof.fusion.trusted import fix_of, masked, of_signals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.foresight import SkyFix
+from skyproof.navigation.inertial_foresight import noise_of
 from skyproof.navigation.known import KNOWN, Known, known_of
-from skyproof.records import ConsistentSet, Evidence, NavigationData, ObservationLog, SignalId
+from skyproof.navigation.smooth import smooth
+from skyproof.records import ConsistentSet, Evidence, NavigationData, ObservationLog, OverlappingSkies, SignalId
 
 __all__ = ["FixMaker", "Kind", "Rivals", "reference_kind", "rivals_of", "with_clock_near"]
 
@@ -26,7 +28,8 @@ _MS_M: Final = 1e-3 * SPEED_OF_LIGHT_M_S
 class Rivals:
     """One receiver's sets in a window that are no late copies of another one.
 
-    attacked : there is evidence of an attack. doubted : or a second set, or a failed test.
+    attacked : there is evidence of an attack. doubted : or a second set, or a failed test. overlapping : skies in
+    signals within a chip, in order.
     """
 
     start: np.datetime64
@@ -34,6 +37,7 @@ class Rivals:
     sets: tuple[ConsistentSet, ...]
     attacked: bool
     doubted: bool
+    overlapping: tuple[OverlappingSkies, ...] = ()
 
 
 def rivals_of(o: ObservationLog, evidence: Sequence[Evidence], sets: Iterable[ConsistentSet]) -> Iterator[Rivals]:
@@ -59,7 +63,15 @@ def rivals_of(o: ObservationLog, evidence: Sequence[Evidence], sets: Iterable[Co
             following = next(mine, None)
         kept = tuple(s for s in here if len(one.late.intersection(s.signals)) < 0.5 * len(s.signals))
         doubted = one.doubted or len(kept) > 1
-        yield Rivals(start=start, end=end, sets=kept, attacked=one.attacked, doubted=doubted)
+        overlapping = tuple(sorted(one.overlapping, key=lambda skies: skies.sets[0].gpst))
+        yield Rivals(
+            start=start,
+            end=end,
+            sets=kept,
+            attacked=one.attacked,
+            doubted=doubted,
+            overlapping=overlapping,
+        )
 
 
 @dataclass
@@ -69,10 +81,12 @@ class _Said:
     late: set[SignalId]
     attacked: bool = False
     doubted: bool = False
+    overlapping: tuple[OverlappingSkies, ...] = ()
 
     def add(self, e: Evidence, own: set[SignalId]) -> None:
         self.late |= own if e.says == "multipath" else set()
         self.attacked |= e.says == "attack"
+        self.overlapping += e.overlapping
         self.doubted |= e.says in ("attack", "spoofed") or e.failed
 
 
@@ -110,6 +124,10 @@ class FixMaker:
             covariance[np.ix_(rates, rates)] = middle[0].covariance[np.ix_(rates, rates)]
         return SkyFix(whole=Known(gpst=gpst, mean=mean, covariance=covariance), each=each)
 
+    def smoothed(self, window: Rivals, s: ConsistentSet, *, kind: Kind) -> tuple[Known, ...]:
+        """The fixes of a window's epochs for an inertial unit to learn of, their codes smoothed over it by carriers."""
+        return tuple(noise_of(one) for one in self._each(window, s, kind, smoothed=True))
+
     def at_end(self, window: Rivals, s: ConsistentSet, without: Sequence[str]) -> Known | None:
         """The last fix of a window by its first kind of signals, without some satellites; None if there is none."""
         own = [signal for signal in s.signals if signal.kind == reference_kind(s) and signal.sat not in without]
@@ -117,20 +135,22 @@ class FixMaker:
         found = self._of(own, max(stop - _AT_END, 0), stop)
         return found[-1] if found else None
 
-    def _each(self, window: Rivals, s: ConsistentSet, kind: Kind) -> tuple[Known, ...]:
+    def _each(self, window: Rivals, s: ConsistentSet, kind: Kind, *, smoothed: bool = False) -> tuple[Known, ...]:
         """Of one kind of signals, of its own where the set has none of that."""
         kinds = (kind, reference_kind(s))
         own = next((same for k in kinds if (same := [signal for signal in s.signals if signal.kind == k])), [])
         edges = np.array([window.start, window.end])
-        return self._of(own, *(int(row) for row in np.searchsorted(self.log.gpst, edges)))
+        first, stop = (int(row) for row in np.searchsorted(self.log.gpst, edges))
+        return self._of(own, first, stop, smoothed=smoothed)
 
-    def _of(self, own: Sequence[SignalId], first: int, stop: int) -> tuple[Known, ...]:
+    def _of(self, own: Sequence[SignalId], first: int, stop: int, *, smoothed: bool = False) -> tuple[Known, ...]:
         """The fixes of epochs by some signals."""
         if self.navigation is None:
             return ()
         o = self.log.read(first, stop)
+        o = masked(o, of_signals(o, own))
         fix = fix_of(
-            masked(o, of_signals(o, own)),
+            smooth(o) if smoothed else o,
             self.navigation,
             multipath_sigma_m=self.multipath_sigma_m,
             elevation_mask_deg=self.elevation_mask_deg,

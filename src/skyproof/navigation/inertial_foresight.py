@@ -22,13 +22,14 @@ from skyproof.navigation.ins_updates import antenna_of, by_fix, expected
 from skyproof.navigation.known import Known, without
 from skyproof.records import Attitude, ImuSeries, NavState
 
-__all__ = ["Inertial", "begun"]
+__all__ = ["Inertial", "begun", "noise_of"]
 
 _EVERY_S: Final = 1.0  # between corrections
 _WAITING: Final = 120  # fixes, by which it is aligned
 _BEHIND: Final = 2.0  # intervals by which the last reading may be earlier than what is asked for
 _OPEN_M: Final = 1e3
 _SWING_M_S: Final = 0.3  # of the antenna about the unit, when it begins
+_NOISE_SHARE: Final = 0.25  # of the variance of smoothed fixes
 _CLOCK = np.array([6, 7])
 
 
@@ -120,6 +121,12 @@ class Inertial:
         if self.initial is None or not fixes or fixes[0] is not self.waiting[0]:
             return None
         return begun(self.readings, self.initial, fixes[0], self.settings)
+
+
+def noise_of(fix: Known) -> Known:
+    """One of smoothed fixes with what of its error is taken for noise. They share most of it: the whole is taken for
+    lasting, and some more for noise."""
+    return replace(fix, covariance=_NOISE_SHARE * fix.covariance)
 
 
 def begun(readings: ImuSeries, initial: Attitude, fix: Known, settings: InsSettings) -> InsState | None:

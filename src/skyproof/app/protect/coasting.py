@@ -4,7 +4,8 @@ A receiver that is known to stand is where it was, as well known as it was, for 
 with the last drift; how far that is off is not stated. What is carried from stretch to stretch is the last trusted fix
 and nothing else. Its error is that of the last fix, so the protection level of that fix holds for as long.
 
-One that has an inertial unit is where its navigator is, which all trusted fixes corrected, as well known as that says.
+One that has an inertial unit is where its navigator is, which all trusted fixes corrected, as well known as that says;
+also those of a true sky that overlaps with a false one, which stand in no row of measurements.
 No protection level is promised of it: what becomes of a bias that one satellite had in all those fixes is not bounded.
 """
 
@@ -20,14 +21,13 @@ from skyproof.arrays import Instants, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.foresight import SkyFix
-from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.inertial_foresight import Inertial, noise_of
 from skyproof.navigation.known import Known, known_of
 from skyproof.records import Fix, FixStatus
 
 __all__ = ["Flown", "Last", "flown_on", "stands", "step", "trusted_and_coasted"]
 
 _EVERY_S: Final = 1.0  # between the fixes that are learned of
-_NOISE_SHARE: Final = 0.25  # of the variance
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,51 +87,56 @@ def step(last: Last | None, receiver: str, gpst: Instants, fix: Fix | None) -> t
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Flown:
-    """What is carried of a receiver that moves: what is expected of it, and its last trusted fix."""
+    """What is carried of a receiver that moves: what is expected of it, and its last trusted fix.
+
+    coming : those of `Positions.overlapping` that are later.
+    """
 
     foresight: Inertial
     last: Last | None = None
+    coming: tuple[Known, ...] = ()
 
 
 def flown_on(flown: Flown, receiver: str, gpst: Instants, fix: Fix | None) -> tuple[Fix | None, Flown]:
     """Fixes by inertia at those of a receiver's epochs (n,) that have none, and what is carried on after them.
 
-    Smoothed fixes share most of their errors: the whole of them is taken for lasting, some more for noise.
     gpst : labels by the receiver's clock. fix : the trusted ones at the same epochs, None if there are none.
     """
     good = np.zeros(gpst.size, np.bool_) if fix is None else np.asarray(fix.status == FixStatus.OK)
-    foresight, last, found = flown.foresight, flown.last, list[Known]()
+    foresight, last, coming, found = flown.foresight, flown.last, flown.coming, list[Known]()
     for first, stop in pairwise([0, *(np.flatnonzero(good[1:] != good[:-1]) + 1), gpst.size]):
         if fix is not None and good[first:stop].all():
             own = list(known_of(epochs_of(fix, slice(first, stop)), every_s=_EVERY_S))
-            foresight = foresight.learned(SkyFix(whole=own[0], each=tuple(map(_noise, own))))
+            foresight = foresight.learned(SkyFix(whole=own[0], each=tuple(map(noise_of, own))))
             last = _of(fix, gpst, stop - 1)
             continue
         if last is not None:
-            foresight = _free(foresight, last, gpst[first:stop], found)
-    return (_fixes(receiver, found) if found else None), Flown(foresight=foresight, last=last)
+            foresight, coming = _free(foresight, coming, last, gpst[first:stop], found)
+    return (_fixes(receiver, found) if found else None), Flown(foresight=foresight, last=last, coming=coming)
 
 
-def _free(foresight: Inertial, last: Last, gpst: Instants, found: list[Known]) -> Inertial:
+def _free(
+    foresight: Inertial, coming: tuple[Known, ...], last: Last, gpst: Instants, found: list[Known]
+) -> tuple[Inertial, tuple[Known, ...]]:
     """Carried on over epochs, what is true at which is added to `found`; a clock that is not known runs on."""
     for label in gpst:
         bias_s = _bias_s(last, label)
         at = label - np.timedelta64(round(bias_s * 1e9), "ns")
+        while coming and coming[0].gpst <= at:
+            if coming[0].gpst > last.gpst:
+                foresight = foresight.followed(SkyFix(whole=coming[0], each=coming[:1]))
+            coming = coming[1:]
         foresight = foresight.until(at)
         if (true := foresight.truth_at(at)) is not None:
             clock_m = SPEED_OF_LIGHT_M_S * np.array([bias_s, last.clock_drift])
             known = np.isfinite(np.diag(true.covariance))
             found.append(replace(true, mean=np.where(known, true.mean, np.append(np.zeros(6), clock_m))))
-    return foresight
+    return foresight, coming
 
 
 def _bias_s(last: Last, gpst: np.datetime64) -> float:
     """Of a clock that runs on."""
     return last.clock_bias_s + float(seconds_between(gpst, last.gpst)) * float(np.nan_to_num(last.clock_drift))
-
-
-def _noise(fix: Known) -> Known:
-    return replace(fix, covariance=_NOISE_SHARE * fix.covariance)
 
 
 def _fixes(receiver: str, found: Sequence[Known]) -> Fix:
@@ -165,7 +170,9 @@ def _of(fix: Fix, gpst: Instants, row: int) -> Last:
 def trusted_and_coasted(positions: Positions) -> Iterator[tuple[str, Fix]]:
     """The trusted fixes of a run, stretch by stretch, each with where it comes from: "satellites" or "inertia"."""
     log, last = positions.log, None
-    flown = Flown(foresight=positions.foresight) if isinstance(positions.foresight, Inertial) else None
+    flown: Flown | None = None
+    if isinstance(positions.foresight, Inertial):
+        flown = Flown(foresight=positions.foresight, coming=positions.overlapping)
     for rows, fix in _stretches(positions):
         if fix is not None:
             yield "satellites", fix

@@ -13,6 +13,7 @@ from skyproof.fusion.fuse import Decision
 from skyproof.fusion.trusted import carries, fix_of, masked, of_signals
 from skyproof.fusion.unprotected import followed
 from skyproof.navigation.foresight import Foresight
+from skyproof.navigation.known import Known
 from skyproof.navigation.smooth import smooth
 from skyproof.records import Fix, FixStatus, NavigationData, ObservationLog, SignalId
 
@@ -44,13 +45,15 @@ class Track:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Positions:
     """masks : by kind, which cells (n_epochs, n_channels) of the log its fixes are made of. foresight : what is to be
-    expected of the receiver, before anything was learned."""
+    expected of the receiver, before anything was learned. overlapping : fixes of a true sky that was taken apart from a
+    false one, in order."""
 
     log: ObservationLog
     orbits: NavigationData
     settings: Settings
     masks: Mapping[str, Callable[[], Booleans]]
     foresight: Foresight | None = None
+    overlapping: tuple[Known, ...] = ()
 
     def stretches(self, kind: str) -> Iterator[tuple[int, Fix]]:
         """The fixes of a kind as stretches, each with the epoch that it begins at; those without any are left out.
@@ -138,6 +141,7 @@ def positions_of(
     orbits: NavigationData,
     settings: Settings,
     foresight: Foresight | None = None,
+    overlapping: tuple[Known, ...] = (),
 ) -> Positions:
     """Of a receiver: from authentic signals, from spoofed ones, as a receiver without protection has them, and what
     each source of false signals shows, or each sky where it is open which is true.
@@ -158,7 +162,9 @@ def positions_of(
         for source in sources:
             own = tuple(ref.signal for ref in source.signals if ref.receiver == log.receiver)
             masks[source.name] = showing(own, decided)
-    return Positions(log=log, orbits=orbits, settings=settings, masks=masks, foresight=foresight)
+    return Positions(
+        log=log, orbits=orbits, settings=settings, masks=masks, foresight=foresight, overlapping=overlapping
+    )
 
 
 def epochs_of(fix: Fix, rows: Any) -> Fix:

@@ -41,6 +41,7 @@ from skyproof.fusion.rivals import FixMaker
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.navigation.foresight import Foresight, Standing
 from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.known import Known
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
     AntennaArray,
@@ -337,19 +338,19 @@ def judge(
         multipath_sigma_m=settings.multipath_sigma_m,
         elevation_mask_deg=settings.elevation_mask_deg,
     )
-    chosen, compared = choices(decision, evidence, observed, sets, foresights, rules, orbits)
-    if chosen:
-        report(chosen)
-        evidence = PackedLog(merge(evidence, chosen, key=_window))
+    chosen = choices(decision, evidence, observed, sets, foresights, rules, orbits)
+    if chosen.evidence:
+        report(chosen.evidence)
+        evidence = PackedLog(merge(evidence, chosen.evidence, key=_window))
         decision = fuse(evidence, observed, sets)
-    outcomes = [_receiver_outcome(r, decision, orbits, settings, foresights) for r in receptions]
+    outcomes = [_receiver_outcome(r, decision, orbits, settings, foresights, chosen.fixes) for r in receptions]
     outcome = Outcome(
         receivers=tuple(outcomes),
         decision=decision,
         evidence=evidence,
         sets=sets,
         navigation=orbits,
-        compared=tuple(compared),
+        compared=tuple(chosen.compared),
     )
     return outcome, interrupted
 
@@ -364,11 +365,13 @@ def _receiver_outcome(
     orbits: NavigationData,
     settings: Settings,
     foresights: Mapping[str, Foresight],
+    overlapping: Mapping[str, tuple[Known, ...]],
 ) -> ReceiverOutcome:
     o = reception.observations
     if o is None or not orbits.ephemerides:
         return ReceiverOutcome(reception=reception)
-    positions = positions_of(o, decision, orbits, settings, foresights.get(o.receiver))
+    own = overlapping.get(o.receiver, ())
+    positions = positions_of(o, decision, orbits, settings, foresights.get(o.receiver), own)
     tracks = {kind: positions.track(kind) for kind in positions.masks}
     give_back()
     return ReceiverOutcome(

@@ -48,6 +48,7 @@ from skyproof.records import (
     Evidence,
     NavigationData,
     Need,
+    OverlappingSkies,
     Records,
     Says,
     SignalRef,
@@ -149,9 +150,9 @@ class Dccaf:
 
     def _overlapping(
         self, navigation: NavigationData, ccaf: Ccaf, bursts: Sequence[tuple[int, Delays]]
-    ) -> tuple[tuple[ConsistentSet, ...], ...]:
+    ) -> tuple[OverlappingSkies, ...]:
         """The two skies of each burst that shows them, reflections or not: `fusion` has to know of an attack."""
-        shown: list[tuple[ConsistentSet, ...]] = []
+        shown: list[OverlappingSkies] = []
         for epoch, found in bursts:
             first = _first_of_each(ccaf, found)
             sky = self._sky(navigation, ccaf, epoch, found, first[told_apart(found)[first]])
@@ -166,7 +167,7 @@ class Dccaf:
                     most_doubt=self.settings.wrong_choice_probability,
                 )
             if sky is not None and two is not None:
-                shown.append(_sets(ccaf, epoch, sky, two))
+                shown.append(OverlappingSkies(sets=_sets(ccaf, epoch, sky, two), doubt=two.doubt))
         return tuple(shown)
 
     def _second_sky(self, sky: _Sky, unlike: Integers) -> tuple[_Fixes | None, float, str]:
@@ -210,7 +211,7 @@ class Dccaf:
         p_value: float,
         because: str,
         doubles: int,
-        skies: tuple[tuple[ConsistentSet, ...], ...],
+        skies: tuple[OverlappingSkies, ...],
     ) -> Evidence:
         attack = p_value < self._alpha
         sky = doubles >= OF_A_SKY  # a reflection here and there is under most skies
@@ -226,7 +227,7 @@ class Dccaf:
             p_value=p_value,
             false_alarm_probability=self._alpha,
             would_need="second signals of more satellites, or farther apart" if sky and not attack else None,
-            skies=skies,
+            overlapping=skies,
         )
 
     def _chosen(
