@@ -11,6 +11,7 @@ from skyproof.fusion.fuse import fuse
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.foresight import Standing, surveyed
+from skyproof.records import OverlappingSkies
 from skyproof.simulator.clocks import clock
 
 HOME = np.array([3.8e6, 7.9e5, 5.0e6])
@@ -333,3 +334,68 @@ def test_a_false_sky_that_is_true_in_all_that_is_expected_is_not_chosen_beside_a
     found = taken.chosen(expected)
     assert not after(taken, found, "authentic")
     assert "both may be false" in found[-1].because
+
+
+# Skies that overlap: fixes that a detector took out of signals of which the receiver follows the sum
+
+
+def overlapping(taken, apart_m, doubt=3.2e-4, sigma_m=3.0):
+    """In every window from the seventh on, two skies at its middle, the true one at home; evidence and true fixes."""
+    rng, evidence = np.random.default_rng(7), []
+    for window, one in enumerate(taken.evidence):
+        shown = []
+        for away in (np.zeros(4), apart_m * EAST):
+            off = (away + sigma_m * rng.standard_normal(4))[:3]
+            s = replace(
+                taken.invented.sky(window, *OLD),
+                position_ecef_m=HOME + off,
+                clock_bias_s=0.0,
+                covariance_m2=sigma_m**2 * np.eye(4),
+            )
+            shown.append(s)
+        skies = (OverlappingSkies(sets=tuple(shown[:: rng.choice([-1, 1])]), doubt=doubt),)
+        says = "attack" if window == 9 else "clean"
+        evidence.append(replace(one, says=says, overlapping=skies if window >= 6 else ()))
+    return evidence
+
+
+def chosen_of(taken, evidence, foresight):
+    """With the signals of the receiver's only set led away."""
+    sets = [s for s in taken.sets if s.signals[0].copy == "a"]
+    decision = fuse(evidence, [taken.observations], sets)
+    return choices(decision, evidence, [taken.observations], sets, {"rx1": foresight}, ChoiceRules())
+
+
+def test_of_skies_that_overlap_the_one_at_home_is_chosen_and_no_signal_is_named(led_away):
+    taken = led_away()
+    evidence = overlapping(taken, 100.0)
+    found = chosen_of(taken, evidence, standing())
+    fixes = found.fixes["rx1"]
+    assert len(fixes) == WINDOWS - 6
+    off_m = np.stack([fix.mean[:3] - HOME for fix in fixes])
+    assert np.abs(off_m).max() < 5.0 * 3.0
+    later = [e for e in found.evidence if e.start_gpst >= taken.invented.at(60.0)]
+    assert [e.says for e in later] == ["attack" if window == 9 else "undecided" for window in range(6, WINDOWS)]
+    assert sum(e.noted for e in later) == 1
+    assert "is the wrong choice is 4e-04 or less" in later[0].because
+    assert any("is the true one" in words for words in later[0].assumes)
+    both = fuse([*evidence, *found.evidence], [taken.observations], taken.sets)
+    assert not [s for s in both.labels if s.label == "spoofed"]
+    assert len(found.compared) == 1
+
+
+@pytest.mark.parametrize(("apart_m", "doubt"), [(8.0, 3.2e-4), (100.0, 1e-3)])
+def test_of_skies_that_have_not_parted_or_are_in_doubt_none_is_chosen(led_away, apart_m, doubt):
+    taken = led_away()
+    found = chosen_of(taken, overlapping(taken, apart_m, doubt), standing())
+    assert found.fixes["rx1"] == ()
+    later = [e for e in found.evidence if e.start_gpst >= taken.invented.at(60.0)]
+    assert {e.says for e in later} == {"undecided"}
+    assert all("none is chosen" in e.because for e in later)
+
+
+def test_skies_that_overlap_where_no_test_shows_an_attack_are_not_compared(led_away):
+    taken = led_away()
+    calm = [replace(e, says="clean") for e in overlapping(taken, 100.0)]
+    found = chosen_of(taken, calm, standing())
+    assert (found.evidence, found.fixes) == ([], {})

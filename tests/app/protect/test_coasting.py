@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from tests.app.protect.test_positions import RECORDS, WHOLE, decision
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.protect.coasting import step, trusted_and_coasted
+from skyproof.app.protect.coasting import Flown, flown_on, step, trusted_and_coasted
 from skyproof.app.protect.positions import epochs_of, positions_of
+from skyproof.navigation.known import known
 from skyproof.records import Fix
 
 LABELS = np.datetime64("2022-01-01T21:45:58", "ns") + np.arange(12) * np.timedelta64(1, "s")
@@ -73,3 +74,44 @@ def test_a_run_goes_on_where_its_receiver_stands_and_only_there(speed_m_s):
     last = np.flatnonzero(trusted[0].status == 0)[-1]
     assert after.gpst.size == 90 - 1 - last  # the false sky goes on to the end
     assert after.position_ecef_m == pytest.approx(np.tile(trusted[0].position_ecef_m[last], (after.gpst.size, 1)))
+
+
+class Heard:
+    """In place of an inertial unit's foresight: when it was asked and told what."""
+
+    def __init__(self):
+        self.told = []
+
+    def learned(self, shown):
+        self.told += [("learned", one.gpst) for one in shown.each]
+        return self
+
+    def followed(self, shown):
+        self.told += [("followed", one.gpst) for one in shown.each]
+        return self
+
+    def until(self, gpst):
+        self.told.append(("until", gpst))
+        return self
+
+    def truth_at(self, gpst):
+        return None
+
+
+@pytest.mark.parametrize("cuts", [(12,), (5, 12), (3, 7, 12)])
+def test_fixes_of_a_sky_that_overlaps_with_another_correct_the_unit_in_their_turn_and_once(cuts):
+    """Two are after the last trusted fix; the one before it comes too late to tell anything."""
+    good = [True] * 4 + [False] * 8
+    whole, heard = fix_at(good), Heard()
+    times = [LABELS[k] + np.timedelta64(500, "ms") for k in (1, 5, 8)]
+    place = {"position_ecef_m": np.zeros(3), "position_m2": np.eye(3)}
+    flown = Flown(foresight=heard, coming=tuple(known(gpst, **place) for gpst in times))
+    first = 0
+    for stop in cuts:
+        rows = slice(first, stop)
+        _, flown = flown_on(flown, "rx1", LABELS[rows], epochs_of(whole, rows))
+        first = stop
+    assert [gpst for word, gpst in heard.told if word == "followed"] == times[1:]
+    assert flown.coming == ()
+    asked = [gpst for word, gpst in heard.told if word != "learned"]
+    assert asked == sorted(asked)

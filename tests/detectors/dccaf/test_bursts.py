@@ -97,3 +97,14 @@ def test_an_estimated_variance_makes_the_law_wider():
     t = np.array([20.0, 40.0])
     assert np.all(joint_p_value(t, 4, OWN.path, 64) > joint_p_value(t, 4, OWN.path))
     np.testing.assert_allclose(joint_p_value(t, 4, OWN.path, 10**7), joint_p_value(t, 4, OWN.path), rtol=0.01)
+
+
+def test_two_sides_of_one_peak_have_no_sigma():
+    """Signals 0.04 chip apart with one phase: the fit makes them as near as it may, and then its curvature is none."""
+    rng = np.random.default_rng(11)
+    delay = np.tile([0.0, 0.04], (60, 1))
+    found = bursts(60, delay, np.tile([1.0, 1.0], (60, 1)), 50.0, rng)
+    nearest = np.abs(np.diff(found.two_chips, axis=1))[:, 0] < 0.006
+    assert nearest.any()
+    assert np.isinf(found.two_variance[nearest]).all()
+    assert np.isfinite(found.two_variance[~nearest]).mean() > 0.9

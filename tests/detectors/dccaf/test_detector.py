@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, chi2
 from tests.detectors.nulls import (
     CHIP_M,
     CLEAN_CCAF,
@@ -267,3 +267,27 @@ def test_a_state_of_another_time_without_covariance_or_whose_place_the_signals_g
     for changed in (replace(state, gpst=later), replace(state, covariance=None), replace(state, covariance=unknown)):
         reported, _ = detector.examine(replace(records, nav_state=changed))
         assert [evidence.says for evidence in reported] == ["attack"]
+
+
+def test_both_skies_are_handed_on_as_fixes_and_one_is_the_true_one():
+    rng, detector, squares = np.random.default_rng(12), Dccaf(), []
+    lat_deg, lon_deg, height_m = OVERLAPPED_CCAF.place_deg
+    place_m = ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), height_m)
+    for _ in range(12):
+        (reported, *_), _ = detector.examine(with_ccaf(OVERLAPPED_CCAF.records(rng), rng))
+        for skies in reported.overlapping:
+            assert len(skies.sets) == 2
+            assert skies.doubt <= detector.settings.wrong_choice_probability
+            off_m = [place_m - sky.position_ecef_m for sky in skies.sets]
+            square = [d @ np.linalg.solve(s.covariance_m2[:3, :3], d) for d, s in zip(off_m, skies.sets, strict=True)]
+            squares.append(min(square))
+            assert max(square) > 100.0
+    assert len(squares) >= 6
+    assert sum(squares) < chi2.ppf(0.999, 3 * len(squares))
+
+
+def test_single_signals_and_a_reflection_here_and_there_make_no_two_skies():
+    rng, detector = np.random.default_rng(13), Dccaf()
+    for records in (with_ccaf(CLEAN_CCAF.records(rng), rng), with_near_reflections(rng, 0.15)):
+        (reported, *_), _ = detector.examine(records)
+        assert reported.overlapping == ()
