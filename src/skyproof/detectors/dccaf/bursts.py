@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from skyproof.arrays import Complexes, Reals
+from skyproof.arrays import Booleans, Complexes, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
@@ -156,7 +156,8 @@ class BurstComponents:
     """One signal, and two, of each burst (n,).
 
     one_chips, one_sigma : (n,) delay of the signal, if it is one. two_chips : (n, 2) of two, the stronger first;
-    two_variance : (n, 2), infinite where they lie at an edge of what is searched: as near as two may be, or as far.
+    two_variance : (n, 2). at_edge : (n,) whether they lie at an edge of what is searched, as near as two may be or as
+    far off as any: then their variance is none.
     two_energy : (n, 2) mean square amplitude in units of the noise's variance.
     second : (n,) 2 (Q2 - Q1), what a second signal explains. unlike : (n,) 2 (Q2 - Q_reflection), at most `second`.
     """
@@ -165,6 +166,7 @@ class BurstComponents:
     one_sigma: Reals
     two_chips: Reals
     two_variance: Reals
+    at_edge: Booleans
     two_energy: Reals
     second: Reals
     unlike: Reals
@@ -194,14 +196,16 @@ def components(taps: Complexes, own: Shapes, noise_variance: Reals, band_hz: flo
         one_sigma=np.sqrt(out[:, 2]),
         two_chips=each[0],
         two_variance=each[1],
+        at_edge=out[:, 11] > 0.0,
         two_energy=each[2] / taps.shape[1],
         second=np.maximum(2.0 * (out[:, 9] - out[:, 0]), 0.0),
         unlike=np.maximum(2.0 * (out[:, 9] - np.maximum(out[:, 10], out[:, 0])), 0.0),
     )
 
 
-# Columns: 0 Q1, 1 delay, 2 its variance, 3 4 delays of two, 5 6 energies, 7 8 variances, 9 Q2, 10 Q of a reflection.
-_N_OUT = 11
+# Columns: 0 Q1, 1 delay, 2 its variance, 3 4 delays of two, 5 6 energies, 7 8 variances, 9 Q2, 10 Q of a reflection,
+# 11 whether the two are at an edge.
+_N_OUT = 12
 
 
 @compiled
@@ -296,16 +300,15 @@ def _alone(data, t, table, room):  # type: ignore[no-untyped-def]
 
 @compiled
 def _information(data, t1, t2, table, room):  # type: ignore[no-untyped-def]
-    """Of both delays and what they share: the curvature at the top; nothing where an edge of the search is near."""
+    """Of both delays and what they share, the curvature at the top; and whether an edge of the search spoils it."""
     h, sides = 0.002, np.empty((3, 3))
     for i in range(3):
         for j in range(3):
             sides[i, j] = _explained(data, t1 + (i - 1) * h, t2 + (j - 1) * h, -1.0, table, room)
-    if sides.min() < 0.0:
-        return 0.0, 0.0, 0.0
     i11 = (2.0 * sides[1, 1] - sides[2, 1] - sides[0, 1]) / h**2
     i22 = (2.0 * sides[1, 1] - sides[1, 2] - sides[1, 0]) / h**2
-    return i11, i22, (sides[2, 0] + sides[0, 2] - sides[2, 2] - sides[0, 0]) / (4.0 * h**2)
+    i12 = (sides[2, 0] + sides[0, 2] - sides[2, 2] - sides[0, 0]) / (4.0 * h**2)
+    return i11, i22, i12, sides.min() < 0.0
 
 
 @compiled
@@ -372,13 +375,13 @@ def _all_components(data, first, step, value, slope, coarse, reflected, out):  #
             out[burst, 9] = most
             out[burst, 3], out[burst, 4] = at1, at2
             if most < 0.0:
-                out[burst, 5:9] = np.nan
+                out[burst, 5:9], out[burst, 11] = np.nan, 1.0
                 continue
             _vector(at1, first, step, value, slope, room[0])
             _vector(at2, first, step, value, slope, room[1])
             g11, g22, g12 = _seen(one, room[0], room[2]), _seen(one, room[1], room[3]), np.sum(room[0] * room[1])
             _, out[burst, 5], out[burst, 6] = _pair(room[2], room[3], g11, g22, g12)
-            i11, i22, i12 = _information(one, at1, at2, table, room)
+            i11, i22, i12, out[burst, 11] = _information(one, at1, at2, table, room)
             det = i11 * i22 - i12 * i12
             sure = det > 1e-9 * abs(i11 * i22) and i11 > 0.0
             out[burst, 7] = i22 / det if sure else np.inf

@@ -20,7 +20,7 @@ from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import prn_of
 from skyproof.records import Ccaf
 
-__all__ = ["CHIP_M", "DccafSettings", "Delays", "bursts_of", "delays_of", "last_burst", "second_signals", "told_apart"]
+__all__ = ["CHIP_M", "DccafSettings", "Delays", "bursts_of", "delays_of", "last_burst", "second_signals"]
 
 CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
 _APART_SIGMAS: Final = 3.0
@@ -63,12 +63,15 @@ class DccafSettings:
 
 class Delays(NamedTuple):
     """delay_chips, sigma_chips (channels, 2): NaN for a second signal that is not there. Strongest first. p_value
-    (channels,) of "one signal"; unlike_p_value (channels,) of "one signal, or a signal and its reflection"."""
+    (channels,) of "one signal"; unlike_p_value (channels,) of "one signal, or a signal and its reflection". apart
+    (channels,) : two whose sigmas hold, for they differ by more than their noise; nearer ones may be two sides of one
+    peak, with amplitudes that cancel."""
 
     delay_chips: Reals
     sigma_chips: Reals
     p_value: Reals
     unlike_p_value: Reals
+    apart: Booleans
 
 
 def last_burst(ccaf: Ccaf) -> Integers:
@@ -97,7 +100,7 @@ def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
     """One or two delays of each channel over a burst, from the reference of its last epoch."""
     n, whole = len(ccaf.signals), _whole(ccaf)[epochs].all(axis=0)
     delay, sigma = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
-    p_value, unlike = np.full(n, np.nan), np.full(n, np.nan)
+    p_value, unlike, apart = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, np.bool_)
     moved = _moved_chips(ccaf, epochs)
     for row in np.flatnonzero(whole).tolist():
         found, own = _taken_apart(ccaf, epochs, row, settings)
@@ -107,7 +110,9 @@ def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
         delay[row, 0], sigma[row, 0] = found.one_chips[0], found.one_sigma[0]
         if p_value[row] < settings.second_signal_probability / whole.sum():
             delay[row], sigma[row] = found.two_chips[0], np.sqrt(found.two_variance[0])
-    return Delays(delay + moved[:, None], sigma, p_value, unlike)
+            noise = _APART_SIGMAS * np.sqrt(found.two_variance[0].sum())
+            apart[row] = not found.at_edge[0] and abs(delay[row, 1] - delay[row, 0]) > noise
+    return Delays(delay + moved[:, None], sigma, p_value, unlike, apart)
 
 
 def second_signals(found: Delays, others: Sequence[Delays], settings: DccafSettings) -> Booleans:
@@ -123,16 +128,6 @@ def second_signals(found: Delays, others: Sequence[Delays], settings: DccafSetti
     together = special.chdtrc(2.0 * np.maximum(count, 1), -2.0 * logs)
     level = 0.5 * settings.second_signal_probability / max(int(there.sum()), 1)
     return np.asarray(there & ((found.p_value < level) | (together < level)))
-
-
-def told_apart(found: Delays) -> Booleans:
-    """(n_channels,) which have two delays whose sigmas hold: those differ by more than their noise.
-
-    Nearer ones are two sides of one peak, with amplitudes that cancel.
-    """
-    apart = np.abs(found.delay_chips[:, 1] - found.delay_chips[:, 0])
-    noise = np.sqrt(np.sum(found.sigma_chips**2, axis=1))
-    return np.asarray(np.isfinite(noise) & (apart > _APART_SIGMAS * noise))
 
 
 def _taken_apart(ccaf: Ccaf, epochs: Integers, row: int, settings: DccafSettings) -> tuple[BurstComponents, Shapes]:

@@ -29,7 +29,6 @@ from skyproof.detectors.dccaf.delays import (
     delays_of,
     last_burst,
     second_signals,
-    told_apart,
 )
 from skyproof.detectors.dccaf.inverse_raim import passing_sets, second_subset, set_states
 from skyproof.detectors.dccaf.two_skies import TwoSkies, two_skies
@@ -155,7 +154,7 @@ class Dccaf:
         shown: list[OverlappingSkies] = []
         for epoch, found in bursts:
             first = _first_of_each(ccaf, found)
-            sky = self._sky(navigation, ccaf, epoch, found, first[told_apart(found)[first]])
+            sky = self._sky(navigation, ccaf, epoch, found, first[found.apart[first]])
             two = None
             if sky is not None:
                 two = two_skies(
@@ -297,8 +296,7 @@ class Dccaf:
         gpst = ccaf.gpst[epoch]
         measured_m = ccaf.reference_m[epoch][:, None] + found.delay_chips * CHIP_M
         ranges = corrected_ranges(ccaf.signals, np.array([gpst]), measured_m[None, :, 0], navigation)
-        known = np.isfinite(ranges.range_m[0]) & ~np.isinf(found.sigma_chips).any(axis=1)
-        rows = first[known[first]]
+        rows = first[np.isfinite(ranges.range_m[0, first])]
         rows = rows[np.argsort([ccaf.signals[row].sat for row in rows], kind="stable")]
         if rows.size < OF_A_SKY:
             return None
