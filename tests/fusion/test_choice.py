@@ -339,7 +339,7 @@ def test_a_false_sky_that_is_true_in_all_that_is_expected_is_not_chosen_beside_a
 # Skies that overlap: fixes that a detector took out of signals of which the receiver follows the sum
 
 
-def overlapping(taken, apart_m, doubt=3.2e-4, sigma_m=3.0):
+def overlapping(taken, apart_m, doubt=3.2e-4, reflected=(1e-6, 1.0), sigma_m=3.0):
     """In every window from the seventh on, two skies at its middle, the true one at home; evidence and true fixes."""
     rng, evidence = np.random.default_rng(7), []
     for window, one in enumerate(taken.evidence):
@@ -353,7 +353,8 @@ def overlapping(taken, apart_m, doubt=3.2e-4, sigma_m=3.0):
                 covariance_m2=sigma_m**2 * np.eye(4),
             )
             shown.append(s)
-        skies = (OverlappingSkies(sets=tuple(shown[:: rng.choice([-1, 1])]), doubt=doubt),)
+        order = int(rng.choice([-1, 1]))
+        skies = (OverlappingSkies(sets=tuple(shown[::order]), doubt=doubt, reflected=reflected[::order]),)
         says = "attack" if window == 9 else "clean"
         evidence.append(replace(one, says=says, overlapping=skies if window >= 6 else ()))
     return evidence
@@ -384,10 +385,14 @@ def test_of_skies_that_overlap_the_one_at_home_is_chosen_and_no_signal_is_named(
     assert len(found.compared) == 1
 
 
-@pytest.mark.parametrize(("apart_m", "doubt"), [(8.0, 3.2e-4), (100.0, 1e-3)])
-def test_of_skies_that_have_not_parted_or_are_in_doubt_none_is_chosen(led_away, apart_m, doubt):
+@pytest.mark.parametrize(
+    ("apart_m", "doubt", "reflected"),
+    [(8.0, 3.2e-4, (1e-6, 1.0)), (100.0, 1e-3, (1e-6, 1.0)), (100.0, 3.2e-4, (1e-2, 1e-6))],
+)
+def test_of_skies_that_have_not_parted_or_are_in_doubt_none_is_chosen(led_away, apart_m, doubt, reflected):
+    """The third may be one at home and its reflections."""
     taken = led_away()
-    found = chosen_of(taken, overlapping(taken, apart_m, doubt), standing())
+    found = chosen_of(taken, overlapping(taken, apart_m, doubt, reflected), standing())
     assert found.fixes["rx1"] == ()
     later = [e for e in found.evidence if e.start_gpst >= taken.invented.at(60.0)]
     assert {e.says for e in later} == {"undecided"}

@@ -147,6 +147,7 @@ MADE_ELSEWHERE = {
     "second_sky": "chance",
     "several_sets": "one_antenna",
     "sqm_detector": "sqm",
+    "two_skies": "chance",
     "vector_cusum": None,
     "vector_sqm_detector": "vector_parity",
     "window": "one_antenna",

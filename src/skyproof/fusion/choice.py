@@ -271,7 +271,7 @@ class _Chooser:
     def _compared(
         self, expected: Known, shown: Sequence[SkyFix], state: _State, doubt: float = 0.0
     ) -> tuple[Choice, _State]:
-        """doubt : that these are not the skies."""
+        """doubt : that these are not skies to choose from."""
         skies = tuple(one.whole for one in shown)
         most_wrong = max(self.rules.most_wrong - doubt, 0.0)
         choice = choose(expected, skies, most_wrong=most_wrong, false_alarm_probability=REFUSED)
@@ -285,7 +285,9 @@ class _Chooser:
         """The skies that were taken apart, instant by instant; what is said is of the last one.
 
         That they are two skies, and not one and what happens to fit, is known of them: what is expected need not say
-        all that they differ in.
+        all that they differ in. One that may have made the other by reflections is not chosen: then it may be the only
+        sky, and false. The other way round it may: that reflections of a false sky make one where the receiver is
+        expected is no likelier than that any signals do.
         """
         said, before = list[Evidence](), state
         for skies in window.overlapping:
@@ -296,15 +298,17 @@ class _Chooser:
             shown = [with_clock_near(one, expected) for one in shown]
             if not set(expected.there).intersection(*(one.whole.there for one in shown)):
                 continue
-            choice, state = self._compared(expected, shown, state, skies.doubt)
+            likeliest = int(np.argmax(choose(expected, [one.whole for one in shown]).probabilities))
+            doubt = skies.doubt + skies.reflected[likeliest]
+            choice, state = self._compared(expected, shown, state, doubt)
             by = state.foresight.by
             if choice.chosen is not None:
                 true = shown[choice.chosen]
                 state = replace(state.followed(true, skies.sets[choice.chosen]), fixes=(*state.fixes, true.whole))
                 first = not before.fixes
-                said = [chosen_overlapping(self.log, window, skies, shown, choice, by, assumes, first=first)]
+                said = [chosen_overlapping(self.log, window, skies, shown, choice, by, assumes, doubt, first=first)]
             elif state.fixes == before.fixes:
-                said = [not_chosen(self.log, window, skies.sets, shown, choice, by, self.rules.most_wrong)]
+                said = [not_chosen(self.log, window, skies.sets, shown, choice, by, self.rules.most_wrong, doubt)]
         return said, state
 
     def _at_once(self, window: Rivals, s: ConsistentSet, state: _State) -> SkyFix:

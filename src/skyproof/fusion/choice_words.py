@@ -95,12 +95,13 @@ def chosen_overlapping(
     choice: Choice,
     by: str,
     assumes: tuple[str, ...],
+    doubt: float,
     *,
     first: bool,
 ) -> Evidence:
     """Which of two skies within a chip is true: no signal is named, for the receiver's channels follow their sum.
 
-    That the other one is false, and no reflection, is not shown by that.
+    doubt : that these are not skies to choose from.
     """
     assert choice.chosen is not None
     of = f"{_apart(shown, choice)}, of {len(skies.sets[0].signals)} satellites each"
@@ -112,7 +113,7 @@ def chosen_overlapping(
         says="attack" if window.attacked else "undecided",
         because=f"in signals of {o.receiver} that overlap within a chip are {len(shown)} skies, {of}; the true one was "
         f"chosen by {by}, and its fixes are trusted; the probability that this is the wrong choice is "
-        f"{_stated(choice, skies.doubt)} or less",
+        f"{_stated(choice, doubt)} or less",
         assumes=(*assumes, f"one of the skies that overlap in {o.receiver} is the true one"),
         noted=first,
     )
@@ -126,8 +127,9 @@ def not_chosen(
     choice: Choice,
     by: str,
     most_wrong: float,
+    doubt: float = 0.0,
 ) -> Evidence:
-    """The window stays open, and why. skies : that were compared."""
+    """The window stays open, and why. skies : that were compared; doubt : that these are not skies to choose from."""
     fit = float(np.max(choice.fits))
     if fit < REFUSED:
         why = f"none of them fits {by} (p = {fit:.0e})"
@@ -136,6 +138,8 @@ def not_chosen(
             f"by {by} the likelier one is wrong with a probability of {choice.wrong_probability:.2g}, more than the "
             f"limit of {most_wrong:g}"
         )
+    elif choice.wrong_probability + doubt > most_wrong:
+        why = f"the likelier one alone, with its reflections or by chance, may make the others (p = {doubt:.2g})"
     elif choice.chosen is None:
         why = f"in what {by} shows they do not differ by more than their noise"
     else:

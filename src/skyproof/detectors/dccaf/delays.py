@@ -65,13 +65,14 @@ class Delays(NamedTuple):
     """delay_chips, sigma_chips (channels, 2): NaN for a second signal that is not there. Strongest first. p_value
     (channels,) of "one signal"; unlike_p_value (channels,) of "one signal, or a signal and its reflection". apart
     (channels,) : two whose sigmas hold, for they differ by more than their noise; nearer ones may be two sides of one
-    peak, with amplitudes that cancel."""
+    peak, with amplitudes that cancel. weaker_db (channels,) : the second one."""
 
     delay_chips: Reals
     sigma_chips: Reals
     p_value: Reals
     unlike_p_value: Reals
     apart: Booleans
+    weaker_db: Reals
 
 
 def last_burst(ccaf: Ccaf) -> Integers:
@@ -100,7 +101,8 @@ def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
     """One or two delays of each channel over a burst, from the reference of its last epoch."""
     n, whole = len(ccaf.signals), _whole(ccaf)[epochs].all(axis=0)
     delay, sigma = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
-    p_value, unlike, apart = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, np.bool_)
+    p_value, unlike, weaker_db = np.full((3, n), np.nan)
+    apart = np.zeros(n, np.bool_)
     moved = _moved_chips(ccaf, epochs)
     for row in np.flatnonzero(whole).tolist():
         found, own = _taken_apart(ccaf, epochs, row, settings)
@@ -111,8 +113,10 @@ def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
         if p_value[row] < settings.second_signal_probability / whole.sum():
             delay[row], sigma[row] = found.two_chips[0], np.sqrt(found.two_variance[0])
             noise = _APART_SIGMAS * np.sqrt(found.two_variance[0].sum())
+            strong, weak = np.maximum(found.two_energy[0], 1e-9)
+            weaker_db[row] = 10.0 * np.log10(strong / weak)
             apart[row] = not found.at_edge[0] and abs(delay[row, 1] - delay[row, 0]) > noise
-    return Delays(delay + moved[:, None], sigma, p_value, unlike, apart)
+    return Delays(delay + moved[:, None], sigma, p_value, unlike, apart, weaker_db)
 
 
 def second_signals(found: Delays, others: Sequence[Delays], settings: DccafSettings) -> Booleans:

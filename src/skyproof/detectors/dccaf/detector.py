@@ -150,7 +150,7 @@ class Dccaf:
     def _overlapping(
         self, navigation: NavigationData, ccaf: Ccaf, bursts: Sequence[tuple[int, Delays]]
     ) -> tuple[OverlappingSkies, ...]:
-        """The two skies of each burst that shows them, reflections or not: `fusion` has to know of an attack."""
+        """The two skies of each burst that shows them, reflections or not: the true one may be later and weaker."""
         shown: list[OverlappingSkies] = []
         for epoch, found in bursts:
             first = _first_of_each(ccaf, found)
@@ -166,7 +166,8 @@ class Dccaf:
                     most_doubt=self.settings.wrong_choice_probability,
                 )
             if sky is not None and two is not None:
-                shown.append(OverlappingSkies(sets=_sets(ccaf, epoch, sky, two), doubt=two.doubt))
+                reflected = _reflected(sky, two, found.weaker_db[sky.rows], self.settings.no_reflection_probability)
+                shown.append(OverlappingSkies(sets=_sets(ccaf, epoch, sky, two), doubt=two.doubt, reflected=reflected))
         return tuple(shown)
 
     def _second_sky(self, sky: _Sky, unlike: Integers) -> tuple[_Fixes | None, float, str]:
@@ -329,6 +330,16 @@ def _first_of_each(ccaf: Ccaf, found: Delays | None) -> Integers:
         if signal.sat not in rows or signal.copy < ccaf.signals[rows[signal.sat]].copy:
             rows[signal.sat] = int(row)
     return np.array(sorted(rows.values()), np.int64)
+
+
+def _reflected(sky: _Sky, two: TwoSkies, weaker_db: Reals, chance: float) -> tuple[float, ...]:
+    """Of each sky, how probably so many of the other one's signals are before its own, or not weak enough, if they are its
+    reflections; `chance` : that one is."""
+    n = len(two.choice)
+    late_m = sky.misfit_m[:, 1] - sky.misfit_m[:, 0]
+    unlike = np.stack((np.ones(n, np.bool_), (late_m < 0.0) | (weaker_db < REFLECTED_DB)), axis=1)
+    counts = [int(unlike[np.arange(n), other].sum()) for other in (1 - two.choice, two.choice)]
+    return tuple(float(binomial_survival(count, n, chance)) for count in counts)
 
 
 def _sets(ccaf: Ccaf, epoch: int, sky: _Sky, two: TwoSkies) -> tuple[ConsistentSet, ...]:

@@ -28,12 +28,14 @@ _LEAST = 5  # satellites: ranges of four fit any position
 
 class TwoSkies(NamedTuple):
     """state_m (2, 4), covariance_m2 (2, 4, 4): place and clock of each from the reference. statistic (2,), chi-square
-    with `dof` degrees for a true sky. doubt : bound of the probability that these are not two skies, or others."""
+    with `dof` degrees for a true sky. choice (n,) : which signal of each satellite is in the first. doubt : bound of
+    the probability that these are not two skies, or others."""
 
     state_m: Reals
     covariance_m2: Reals
     statistic: Reals
     dof: int
+    choice: Integers
     doubt: float
 
 
@@ -74,7 +76,7 @@ def two_skies(
     mean = np.einsum("p,pki->ki", share, state)
     off = state - mean
     spread = covariance + np.einsum("p,pki,pkj->kij", share, off, off)
-    return TwoSkies(mean, spread, statistic[best], dof, doubt)
+    return TwoSkies(mean, spread, statistic[best], dof, choice[best], doubt)
 
 
 def _pairings(misfit_m: Reals, sigma_m: Reals) -> Integers:
