@@ -333,8 +333,8 @@ def _first_of_each(ccaf: Ccaf, found: Delays | None) -> Integers:
 
 
 def _reflected(sky: _Sky, two: TwoSkies, weaker_db: Reals, chance: float) -> tuple[float, ...]:
-    """Of each sky, how probably so many of the other one's signals are before its own, or not weak enough, if they are its
-    reflections; `chance` : that one is."""
+    """Of each sky, how probably so many of the other one's signals are before its own, or not weak enough, if they are
+    its reflections; `chance` : that one is."""
     n = len(two.choice)
     late_m = sky.misfit_m[:, 1] - sky.misfit_m[:, 0]
     unlike = np.stack((np.ones(n, np.bool_), (late_m < 0.0) | (weaker_db < REFLECTED_DB)), axis=1)
