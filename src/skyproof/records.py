@@ -786,8 +786,8 @@ class OverlappingSkies:
     """Skies in signals of one receiver that overlap within a chip, taken apart at one instant; one is true at most.
 
     sets : what each shows; their `signals` are the channels that it was found in. doubt : bound of the probability that
-    these are not the skies, under the model of the signals. reflected : of each set, bound of the probability that the
-    signals of the others are as they are, if they are reflections of this one's.
+    these are not the skies, under the model of the signals. reflected : of each set, bound of the probability that its
+    signals or the others' are as they are, if one sky made all by reflections and this set is taken for the true one.
     """
 
     sets: tuple[ConsistentSet, ...]

@@ -286,8 +286,7 @@ class _Chooser:
 
         That they are two skies, and not one and what happens to fit, is known of them: what is expected need not say
         all that they differ in. One that may have made the other by reflections is not chosen: then it may be the only
-        sky, and false. The other way round it may: that reflections of a false sky make one where the receiver is
-        expected is no likelier than that any signals do.
+        sky, and false.
         """
         said, before = list[Evidence](), state
         for skies in window.overlapping:

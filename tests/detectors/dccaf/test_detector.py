@@ -278,12 +278,26 @@ def test_both_skies_are_handed_on_as_fixes_and_one_is_the_true_one():
         for skies in reported.overlapping:
             assert len(skies.sets) == 2
             assert skies.doubt <= detector.settings.wrong_choice_probability
+            assert max(skies.reflected) < 1e-3  # all are as strong
             off_m = [place_m - sky.position_ecef_m for sky in skies.sets]
             square = [d @ np.linalg.solve(s.covariance_m2[:3, :3], d) for d, s in zip(off_m, skies.sets, strict=True)]
             squares.append(min(square))
             assert max(square) > 100.0
     assert len(squares) >= 6
     assert sum(squares) < chi2.ppf(0.999, 3 * len(squares))
+
+
+def test_a_sky_whose_signals_are_all_the_stronger_ones_may_have_made_the_other_and_not_the_other_way_round():
+    rng, detector, seen = np.random.default_rng(14), Dccaf(), 0
+    lat_deg, lon_deg, height_m = OVERLAPPED_CCAF.place_deg
+    place_m = ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), height_m)
+    for _ in range(12):
+        (reported, *_), _ = detector.examine(with_ccaf(OVERLAPPED_CCAF.records(rng), rng, -6.0))
+        for skies in reported.overlapping:
+            true = int(np.argmin([np.linalg.norm(s.position_ecef_m - place_m) for s in skies.sets]))
+            assert skies.reflected[true] > skies.reflected[1 - true]
+            seen += 1
+    assert seen >= 3
 
 
 def test_single_signals_and_a_reflection_here_and_there_make_no_two_skies():

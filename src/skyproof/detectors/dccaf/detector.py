@@ -333,13 +333,22 @@ def _first_of_each(ccaf: Ccaf, found: Delays | None) -> Integers:
 
 
 def _reflected(sky: _Sky, two: TwoSkies, weaker_db: Reals, chance: float) -> tuple[float, ...]:
-    """Of each sky, how probably so many of the other one's signals are before its own, or not weak enough, if they are
-    its reflections; `chance` : that one is."""
+    """Of each sky, how probably it made the other one by reflections, or was made by those of the other one.
+
+    How many signals of a sky are before the other one's, or not weak enough, is binomial if they are its reflections;
+    `chance` : that one is. A mirror's image fits a position; but where the receiver is expected only those of several
+    walls are, which fit by chance.
+    """
     n = len(two.choice)
     late_m = sky.misfit_m[:, 1] - sky.misfit_m[:, 0]
     unlike = np.stack((np.ones(n, np.bool_), (late_m < 0.0) | (weaker_db < REFLECTED_DB)), axis=1)
     counts = [int(unlike[np.arange(n), other].sum()) for other in (1 - two.choice, two.choice)]
-    return tuple(float(binomial_survival(count, n, chance)) for count in counts)
+    made = np.array([float(binomial_survival(count, n, chance)) for count in counts])
+    fits = [
+        float(chance_p_value(sky.sigma_m, window_m=np.abs(late_m).max(), largest_statistic=statistic))
+        for statistic in two.statistic
+    ]
+    return tuple((made + made[::-1] * fits).tolist())
 
 
 def _sets(ccaf: Ccaf, epoch: int, sky: _Sky, two: TwoSkies) -> tuple[ConsistentSet, ...]:
