@@ -10,6 +10,9 @@ from skyproof.records import Evidence
 
 __all__ = ["one_set_each"]
 
+FEW_ECHOES = "echoes of so few satellites, received in place of blocked signals, may fit a wrong place"
+MORE_SATS = "more satellites in view"
+
 
 def one_set_each(window: Window, pairing: Pairing) -> list[Evidence]:
     """What is said of the one set that each receiver has."""
@@ -19,21 +22,20 @@ def one_set_each(window: Window, pairing: Pairing) -> list[Evidence]:
         if geometry is None:
             return [_open(window, pairing, p_each)]
         return _by_geometry(window, pairing, geometry, p_each)
-    p_false, because = window.p_not_sky(pairing, geometry)
+    p_known, because = window.p_not_sky(pairing, geometry)
+    p_false = min(1.0, p_known + window.p_of_echoes(pairing.receivers, pairing))
     if p_one >= window.settings.accept_probability and p_false < alpha:
         said = window.say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(window.groups))
         return [replace(said, assumes=geometry.assumes) if isinstance(geometry, LearntDistance) else said]
-    return [
-        window.say(
-            "undecided",
-            pairing.subject,
-            p_value=p_one,
-            because=f"{names(pairing)} could come from one antenna or from the sky: range differences between the "
-            f"receivers vary by {pairing.scatter_m:.1f} m between satellites, which errors may explain",
-            would_need=f"a longer window, or antennas farther apart{window.of_carriers(pairing)}"
-            + ("" if geometry is not None else f", or to know {window.where()}"),
-        )
-    ]
+    because = (
+        f"{names(pairing)} could come from one antenna or from the sky: range differences between the receivers vary "
+        f"by {pairing.scatter_m:.1f} m between satellites, which errors may explain"
+    )
+    would_need = f"a longer window, or antennas farther apart{window.of_carriers(pairing)}"
+    would_need += "" if geometry is not None else f", or to know {window.where()}"
+    if p_one >= window.settings.accept_probability and p_known < alpha:
+        because, would_need = f"{names(pairing)} could come from one antenna, or from the sky: {FEW_ECHOES}", MORE_SATS
+    return [window.say("undecided", pairing.subject, p_value=p_one, because=because, would_need=would_need)]
 
 
 def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_one: float) -> list[Evidence]:
@@ -65,8 +67,7 @@ def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_
         if not steady:
             because = f"the range differences of {names(pairing)} swing by {pairing.noise_m:.0f} m within the window"
         elif p_known < alpha <= p_attack and not learnt:
-            because += "; echoes of so few satellites, received in place of blocked signals, may fit a wrong place"
-            would_need = "more satellites in view"
+            because, would_need = f"{because}; {FEW_ECHOES}", MORE_SATS
         found.append(window.say("undecided", rest, p_value=min(p_one, p_known), because=because, would_need=would_need))
     return found
 

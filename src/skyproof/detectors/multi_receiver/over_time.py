@@ -89,6 +89,7 @@ class _Followed:
         joined, cells = self.joined
         because = f"{self._how()} come from one antenna: they do not show {self.geometry.words}"
         p_values = self.tests * window_p_values(joined, cells, self.geometry, "the sky", alpha / self.tests)
+        p_values += self.window.p_of_echoes(self.pairing.receivers, self.pairing)  # of one place, as long as it lasts
         said = self._of_open("spoofed", p_values, alpha, because)
         learnt = isinstance(self.geometry, LearntDistance)
         return [replace(e, assumes=self.geometry.assumes) for e in said] if learnt else said
