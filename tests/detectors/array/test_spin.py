@@ -287,13 +287,14 @@ def test_what_an_error_of_the_rate_costs(n, kept):
         assert float(full_fit(y, arm_angles(n, W), **PAIR).statistic) / far("full", n) == pytest.approx(share, abs=6e-4)
 
 
-def test_the_rate_is_found_as_well_as_it_can_be():
+@pytest.mark.parametrize("w", [W, -W], ids=["clockwise", "counterclockwise"])
+def test_the_rate_is_found_as_well_as_it_can_be(w):
     rng = np.random.default_rng(5)
-    y = series(rng, SKY[:4], 150, trials=(1000,), rate=1.013 * W, start=0.3)
-    found = estimate_rate(y, W, **ONE)
-    error = found.rate_rad / W - 1.013
+    y = series(rng, SKY[:4], 150, trials=(1000,), rate=1.013 * w, start=0.3)
+    found = estimate_rate(y, w, **ONE)
+    error = found.rate_rad / w - 1.013
     assert error.std() == pytest.approx(2.5e-4, rel=0.15)
-    np.testing.assert_allclose(found.sigma_rad / W, error.std(), rtol=0.1)
+    np.testing.assert_allclose(found.sigma_rad / abs(w), error.std(), rtol=0.1)
     assert abs(error.mean()) < 4 * error.std() / np.sqrt(1000)
 
 

@@ -77,7 +77,8 @@ def test_a_meaconed_pair_is_named_spoofed_and_the_sky_beside_it_authentic(receiv
 def test_a_sky_of_one_antenna_may_be_echoes_where_satellites_are_few(satellites):
     """Three of six signals that were echoes fitted a wrong place beside the other receiver's, once in twenty hours of
     walls (`bench/no_attack.py --only walls`): a clean sky was spoofed with a p-value of 1e-27."""
-    records = without_carriers(scene(sky=(), false=(MEACONER,), max_satellites=satellites).records(rng(4)))
+    made = scene(sky=(), false=(MEACONER,), max_satellites=satellites, errors=TrackErrors(0.3, 0.0, 0.3))
+    records = without_carriers(made.records(rng(4)))
     (said,) = examine(records, **placed(), false_alarm_probability=1e-6)
     assert said.says == ("spoofed" if satellites == 10 else "undecided")
     if satellites == 6:

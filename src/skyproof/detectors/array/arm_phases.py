@@ -198,7 +198,7 @@ def estimate_rate(
     centred = time - 0.5 * (time[0] + time[-1])  # with the phase in the middle, rate and direction hardly correlate
     polynomial = _polynomial(count, degree, time)
     series = series - (series @ polynomial) @ polynomial.T
-    steps = 2 * int(np.ceil(2.0 * within * rate_rad * (time[-1] - time[0]))) + 1
+    steps = 2 * int(np.ceil(2.0 * within * abs(rate_rad) * (time[-1] - time[0]))) + 1
     grid = rate_rad * (1.0 + within * np.linspace(-1.0, 1.0, max(3, steps)))
     explained = np.stack(
         [np.sum((series @ _basis(polynomial, arm_columns(rate * centred, 1.0))) ** 2, axis=(-1, -2)) for rate in grid],
@@ -217,7 +217,7 @@ def estimate_rate(
         slope = slope - (slope @ basis) @ np.swapaxes(basis, -1, -2)
         weight = np.sum(slope**2, axis=(-1, -2)) / sigma_cyc**2 + prior
         pull = np.sum(slope * series, axis=(-1, -2)) / sigma_cyc**2 + prior * (rate_rad - rate)
-        rate = np.clip(rate + pull / weight, grid[0], grid[-1])
+        rate = np.clip(rate + pull / weight, grid.min(), grid.max())
     return SpinRate(rate, weight**-0.5)
 
 
