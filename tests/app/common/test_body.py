@@ -304,6 +304,11 @@ def test_readings_without_an_initial_attitude_are_read_and_that_is_reported(tmp_
     assert remarks[-1].startswith("the attitude at the first reading is not stated: it is found from the motion")
     late = files.remarks(None, window(1e5, 2e5), files.imu.series(START))
     assert "not used: it is of 2022-01-01T10:29:58.0" in next(late)[2][-1]
+    timeless = Records(
+        start_gpst=np.datetime64("NaT", "ns"), end_gpst=np.datetime64("NaT", "ns")
+    )  # nothing was received
+    ((_, _, remarks),) = files.remarks(None, timeless, files.imu.series(START))
+    assert remarks[-1].startswith("the attitude at the first reading is not stated")
     with pytest.raises(InputError, match=r"none\.csv does not exist"):
         open_body(with_imu(platform(imu=unit), "none.csv"))
 

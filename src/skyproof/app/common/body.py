@@ -78,8 +78,8 @@ _UNALIGNED: Final = (
 
 
 def _coverage(series: ImuSeries | Attitude | None, run: Records) -> tuple[str, ...]:
-    """What of a run a series leaves out."""
-    if series is None or series.gpst.size == 1:  # which holds at all times
+    """What of a run a series leaves out; nothing where no signal told the time, which is said by itself."""
+    if series is None or series.gpst.size == 1 or np.isnat(run.start_gpst):  # one alone holds at all times
         return ()
     own = f"it is of {iso(series.gpst[0], 1)} to {iso(series.gpst[-1], 1)}, the signals of "
     own += f"{iso(run.start_gpst, 1)} to {iso(run.end_gpst, 1)}"
