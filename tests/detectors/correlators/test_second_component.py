@@ -10,6 +10,8 @@ from tests.detectors.nulls import CHIP_M, DELAYS_CHIPS, LOOK_S, looks
 from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.detectors.correlators.second_component import (
     OTHER_CHIPS,
+    TWO_REFLECTIONS,
+    _spectrum,
     allowed_share,
     distortion,
     earlier,
@@ -101,6 +103,25 @@ def test_a_signal_before_the_tracked_one_is_seen_there(lag_chips, beat_hz, seed)
     line = earlier(value, DELAYS_CHIPS, LOOK_S)
     assert line.p_value < 1e-8
     assert line.lag_chips == pytest.approx(lag_chips, abs=0.3)
+
+
+def test_what_two_lags_explain_is_the_projection_on_both():
+    rng = np.random.default_rng(2)
+    spectrum = _spectrum(looks(rng, 45.0, second=0.3, lag_chips=0.5, beat_hz=4.0).astype(complex), LOOK_S, least_hz=2.0)
+    shape = triangle(DELAYS_CHIPS[:, None] + OTHER_CHIPS)
+    found = spectrum.by_two(shape, TWO_REFLECTIONS)
+    for row, pair in ((17, 3), (200, 0), (99, len(TWO_REFLECTIONS) - 1)):
+        two, inverse, line = shape[:, TWO_REFLECTIONS[pair]], spectrum.inverse[row], spectrum.bins[row]
+        seen, gram = two.T @ inverse @ line, two.T @ inverse @ two
+        assert found[row, pair] == pytest.approx(np.real(seen.conj() @ np.linalg.solve(gram, seen)))
+
+
+def test_two_reflections_of_one_beat_do_not_come_before_their_signal():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        value = looks(rng, 46.0, second=0.6, lag_chips=rng.uniform(0.3, 0.8), beat_hz=2.8)
+        other = looks(rng, 46.0, second=0.4, lag_chips=rng.uniform(0.0, 0.2), beat_hz=2.9) - triangle(DELAYS_CHIPS)
+        assert earlier(value + other, DELAYS_CHIPS, LOOK_S).p_value > 1e-4
 
 
 def test_reflections_that_are_allowed_for_are_not_counted():

@@ -22,7 +22,9 @@ prompt, which neither its fading, nor its phase, nor errors of its code (odd in 
 faster than the loops are, where the line lies: R(d + lag) with lags before the tracked signal against all others.
 """
 
+import itertools
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +41,10 @@ FASTEST_LOOP_HZ = 2.0
 EARLY_CHIPS = np.arange(-1.5, -0.249, 0.125)
 OTHER_CHIPS = np.arange(-0.125, 1.501, 0.125)
 """Lags that `earlier` compares. Within a quarter of a chip a second signal looks like a wider peak."""
+TWO_REFLECTIONS = [
+    (a, b) for a, b in itertools.combinations(range(OTHER_CHIPS.size), 2) if OTHER_CHIPS[b] - OTHER_CHIPS[a] >= 0.25
+]
+"""Places of two lags of `OTHER_CHIPS` that are no single one with a wider peak."""
 LINE_HZ = 1.0
 """To either side of a bin: how far a line may spread."""
 SHAPE_ERROR = 0.1
@@ -105,9 +111,11 @@ def distortion(looks: ComplexFloats, delays_chips: Reals, step_s: float, *, allo
 def earlier(looks: ComplexFloats, delays_chips: Reals, step_s: float) -> BeatLine:
     """The line that is most of a signal before the tracked one; arguments as of `distortion`.
 
-    The statistic is by how much lags before the tracked signal explain a bin better than all others do. Under noise it
-    is less than the whole of the bin, whose law is known; under a line at any other lag it is less still. So the
-    p-value is an upper bound.
+    The statistic is by how much a lag before the tracked signal explains a bin better than any two others do: in one bin
+    may be two reflections, or one and the tracked signal, which loops turn with the beat, and such sums lean to where
+    neither is. Under noise it is less than the
+    whole of the bin, whose law is known; under a line at any other lag it is less still. So the p-value is an upper
+    bound.
     """
     value = looks.astype(np.complex128)
     spectrum = _spectrum(value, step_s, least_hz=FASTEST_LOOP_HZ)
@@ -117,8 +125,9 @@ def earlier(looks: ComplexFloats, delays_chips: Reals, step_s: float) -> BeatLin
         shape = triangle(delays_chips[:, np.newaxis] + lags)  # (tap, lag)
         return np.asarray(np.abs(towards @ shape) ** 2 / spectrum.power(shape))
 
-    early, other = explained(EARLY_CHIPS), explained(OTHER_CHIPS)
-    more = early.max(axis=1) - other.max(axis=1) - SHAPE_ERROR * spectrum.odds()
+    early = explained(EARLY_CHIPS)
+    two = spectrum.by_two(triangle(delays_chips[:, np.newaxis] + OTHER_CHIPS), TWO_REFLECTIONS)
+    more = early.max(axis=1) - two.max(axis=1) - SHAPE_ERROR * spectrum.odds()
     p_values = line_p_value(more, value.shape[1], spectrum.n_others)
     best = int(np.argmin(p_values))
     return BeatLine(
@@ -155,6 +164,16 @@ class _Spectrum(NamedTuple):
     def power(self, shape: Reals | Complexes) -> Reals:
         """(n, n_shapes) of a line of each shape (m, n_shapes)."""
         return np.asarray(np.real(np.sum(shape.conj() * (self.inverse @ shape), axis=1)))
+
+    def by_two(self, shape: Reals, pairs: Sequence[tuple[int, int]]) -> Reals:
+        """(n, n_pairs) of what lines of two shapes (m, n_shapes) explain together."""
+        one, other = np.array(pairs).T
+        seen = self.towards().conj() @ shape
+        gram = np.einsum("ms,nmk,kt->nst", shape, self.inverse, shape, optimize=True)
+        a, b = seen[:, one], seen[:, other]
+        aa, bb, ab = (gram[:, i, k] for i, k in ((one, one), (other, other), (one, other)))
+        joint = np.abs(a) ** 2 * bb.real + np.abs(b) ** 2 * aa.real - 2.0 * np.real(a.conj() * b * ab.conj())
+        return np.asarray(joint / (aa.real * bb.real - np.abs(ab) ** 2))
 
 
 def _spectrum(value: Complexes, step_s: float, *, least_hz: float) -> _Spectrum:
