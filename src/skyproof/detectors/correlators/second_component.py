@@ -113,8 +113,8 @@ def earlier(looks: ComplexFloats, delays_chips: Reals, step_s: float) -> BeatLin
 
     The statistic is by how much a lag before the tracked signal explains a bin better than any two others do: in one
     bin may be two reflections, or one and the tracked signal, which loops turn with the beat, and such sums lean to
-    where neither is. Under noise it is less than the whole of the bin, whose law is known; under a line at any other lag
-    it is less still. So the p-value is an upper bound.
+    where neither is. Under noise it is less than the whole of the bin, whose law is known; under a line at any other
+    lag it is less still. So the p-value is an upper bound.
     """
     value = looks.astype(np.complex128)
     spectrum = _spectrum(value, step_s, least_hz=FASTEST_LOOP_HZ)
