@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from time import process_time
 
 import numpy as np
-from timing import line
 
 from skyproof.arrays import Reals
 from skyproof.decomposition.correlation import noise_variance
@@ -38,14 +37,12 @@ def report() -> Iterator[str]:
     for rate_hz in RATES_HZ:
         for push in ("position", "clock", "clock back"):
             shares = [_found(rate_hz, push, distance_m) for distance_m in DISTANCES_M]
-            yield line(
-                f"{rate_hz / 1e6:g} Msps, {push} pushed by",
-                "; ".join(f"{m:g} m: {share:.1f}" for m, share in zip(DISTANCES_M, shares, strict=True)),
-            )
+            found = "; ".join(f"{m:g} m: {share:.1f}" for m, share in zip(DISTANCES_M, shares, strict=True))
+            yield f"  {f'{rate_hz / 1e6:g} Msps, {push} pushed by':<42} {found}"
     yield f"false alarms at 0.01 a window and at that of a run, {CLEAN} windows each"
     for rate_hz in RATES_HZ:
         for name, reflected in (("clean", 0.0), ("a third of the satellites reflected", 0.33), ("all reflected", 1.0)):
-            yield line(f"{rate_hz / 1e6:g} Msps, {name}", _false(rate_hz, reflected))
+            yield f"  {f'{rate_hz / 1e6:g} Msps, {name}':<42} {_false(rate_hz, reflected)}"
 
 
 def _found(rate_hz: float, push: str, distance_m: float) -> float:

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.lnav import Subframe
+from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Arc
-from skyproof.receiver.observables import messages_that_differ, taps_of
+from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.observables import array_phases_of, messages_that_differ, taps_of
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.records import SignalId
+from skyproof.records import AntennaArray, SignalId
 
 
 def taken(receiver, output):
@@ -87,3 +89,39 @@ def test_messages_of_one_satellite_are_compared():
     assert "crs" in words
     later = replace(forged, subframes={2: replace(forged.subframes[2], fields={"iode": 18.0, "crs": 9.0})})
     assert messages_that_differ({1: true, 2: later}) == []  # another issue of data
+
+
+def test_what_tells_no_time_or_does_not_last_has_no_direction():
+    """A jammer's wave can be followed as a code, for moments, and comes from one direction like false signals."""
+    lasting = arc("a", 0.0)
+    arcs = {
+        0: replace(lasting, signal=SignalId("G01"), bit_synchronised=True),
+        1: replace(lasting, signal=SignalId("G02"), bit_synchronised=False, tow_ms_at_period_0=None),
+        2: replace(lasting, signal=SignalId("G03"), bit_synchronised=True),
+        3: replace(lasting, signal=SignalId("G03"), bit_synchronised=False, tow_ms_at_period_0=6000),
+    }
+    epochs = np.arange(1, 51)
+    number = np.concatenate([np.full(50, 0), np.full(50, 1), np.full(4, 2), np.full(46, 3)])
+    own = np.zeros((150, 2, m.N_OWN))
+    measurements = replace(
+        Measurements.nothing(n_antennas=2),
+        elapsed_s=0.2 * np.tile(epochs, 3),
+        arc=number,
+        table=np.zeros((150, m.N_COLUMNS)),
+        own=own,
+    )
+    gpst = np.datetime64("2024-05-14T10:00:00", "ns") + epochs * np.timedelta64(200, "ms")
+    phases = array_phases_of(
+        "rx",
+        measurements,
+        arcs,
+        0.2 * epochs,
+        gpst,
+        array=AntennaArray(elements_m=np.eye(3)[:2]),
+        carrier_hz=1575.42e6,
+        averaged_s=0.2,
+    )
+    assert [signal.sat for signal in phases.signals] == ["G01", "G02", "G03"]
+    there = np.isfinite(phases.phase_cyc).all(axis=-1)
+    np.testing.assert_array_equal(there.sum(axis=0), [50, 0, 46])
+    assert not there[:4, 2].any()

@@ -26,6 +26,8 @@ LASTING_SIGMA_CYC = 0.01
 """Another satellite's code has up to 65/1023 of its amplitude in a correlator (IS-GPS-200, side lobes of Gold codes),
 which turns a phase by 0.01 cycle, for as long as their Dopplers differ by whole kilohertz."""
 WEEK_MS = SECONDS_PER_WEEK * 1000
+_LEAST_ARC_S = 1.0
+"""That shows from where a signal comes."""
 _AS_MEASURED = {
     "doppler_hz": (m.DOPPLER_HZ, 1.0),
     "cn0_dbhz": (m.CN0_DBHZ, 1.0),
@@ -280,13 +282,19 @@ def array_phases_of(
 ) -> ArrayPhases:
     """The carrier's phase on each of several antennas as one record, with rows and columns as in `assemble`.
 
-    gpst : (n_epochs,) of the epochs. What is known of the delays of the antennas' lines is taken off.
+    gpst : (n_epochs,) of the epochs. What is known of the delays of the antennas' lines is taken off. An arc of which
+    neither data bits nor time were ever found, or that does not last, has no phases: what a jammer makes of a code can
+    be followed for moments as well, and comes from one direction, like signals of one transmitter.
     """
     rows, columns, signals = _cells(measurements, arcs, elapsed_s, averaged_s)
+    sent = {number for number, arc in arcs.items() if arc.bit_synchronised or arc.tow_ms_at_period_0 is not None}
+    numbers, row, count = np.unique(measurements.arc, return_inverse=True, return_counts=True)
+    lasts = count >= min(_LEAST_ARC_S / averaged_s, 0.5 * elapsed_s.size)
+    told = (np.array([number in sent for number in numbers.tolist()], np.bool_) & lasts)[row]
     shape = (elapsed_s.size, len(signals), measurements.own.shape[1])
     phase_cyc, sigma_cyc = np.full(shape, np.nan), np.full(shape, np.nan)
-    phase_cyc[rows, columns] = measurements.own[..., m.OWN_PHASE_CYC]
-    sigma_cyc[rows, columns] = measurements.own[..., m.OWN_PHASE_SIGMA_CYC]
+    phase_cyc[rows[told], columns[told]] = measurements.own[told][..., m.OWN_PHASE_CYC]
+    sigma_cyc[rows[told], columns[told]] = measurements.own[told][..., m.OWN_PHASE_SIGMA_CYC]
     return phases_with_lines(
         receiver, signals, gpst, elapsed_s, phase_cyc, sigma_cyc, array=array, carrier_hz=carrier_hz
     )

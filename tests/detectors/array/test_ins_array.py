@@ -88,23 +88,6 @@ def test_a_signal_that_overlaps_with_another_of_its_satellite_is_not_named_by_it
     assert {*SIGNALS[:2], *SIGNALS[4:]} <= words["authentic"]
 
 
-@pytest.mark.parametrize("timeless", [True, False])
-def test_a_signal_that_tells_no_time_is_not_named_by_itself(timeless):
-    """A channel that a jammer leads about has a direction, which is no satellite's."""
-    direction = TRUE.copy()
-    direction[:, 2] = direction[:, 0]
-    records = array_records(np.random.default_rng(8), direction)
-    range_m = np.full((2, len(SIGNALS)), 2.1e7)
-    range_m[:, 2] = np.nan if timeless else 2.1e7 + 5000.0
-    cn0_dbhz = np.full(range_m.shape, 45.0)
-    observed = SimpleNamespace(
-        receiver="rx1", signals=SIGNALS, pseudorange_m=range_m, cn0_dbhz=cn0_dbhz, gpst=records.array_phases[0].gpst[:0]
-    )
-    words, _ = said_of(replace(records, observations=(observed,)))
-    assert words.get("spoofed", set()) == (set() if timeless else {SIGNALS[2]})
-    assert {*SIGNALS[:2], *SIGNALS[3:]} <= words["authentic"]
-
-
 def test_reflections_of_several_satellites_from_one_direction_leave_the_sky_open(monkeypatch):
     late = "skyproof.detectors.array.ins_array.reflections"
     monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))

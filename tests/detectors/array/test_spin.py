@@ -3,6 +3,8 @@
 Golden numbers are those of an independent re-derivation of the paper, to the digits printed there.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.polynomial import legendre
@@ -470,6 +472,22 @@ def test_a_receiver_that_does_not_turn_is_reported():
     still = SpinArm(receiver="other", radius_m=0.1, rate_rad_s=1.0)
     evidence, _ = Spin().examine(spin_records(np.random.default_rng(16), SKY, arm=still))
     assert [e.says for e in evidence] == ["undecided"]
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_signals_that_tell_no_time_are_no_false_ones_beside_others_that_do(timed):
+    """A jammer's wave, followed as several codes, comes from one direction; a log of carriers alone has no times."""
+    directions = SKY.copy()
+    directions[:3] = SKY[:1]
+    records = spin_records(np.random.default_rng(17), directions)
+    (o,) = records.observations
+    range_m = o.pseudorange_m.copy()
+    range_m[:, :3] = np.nan
+    if not timed:
+        range_m[:] = np.nan
+    evidence, _ = Spin().examine(replace(records, observations=(replace(o, pseudorange_m=range_m),)))
+    named = {ref.signal for one in evidence if one.says == "spoofed" for ref in one.subject}
+    assert named == (set() if timed else set(o.signals[:3]))
 
 
 # Of no one direction --------------------------------------------------------------------------------------------------

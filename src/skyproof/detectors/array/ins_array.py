@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Indices, Reals
+from skyproof.arrays import Indices, Reals
 from skyproof.detectors.array.agreement import (
     FREE_RAD,
     Agreement,
@@ -322,8 +322,7 @@ class InsArray:
             multipath_sigma_m=self.settings.multipath_sigma_m,
             ionosphere_share=self.settings.ionosphere_share,
         )
-        unclear = _overlapped(own.get(view.refs[0].receiver), view.refs)
-        unclear |= _timeless(own.get(view.refs[0].receiver), view.refs)
+        overlapped = _overlapped(own.get(view.refs[0].receiver), view.refs)
         found: list[tuple[list[int], float]] = []
         alike: list[tuple[list[int], float]] = []
         for label in np.unique(clusters.labels):
@@ -335,7 +334,7 @@ class InsArray:
                 named = once_each(view.refs, rows.tolist())
                 (found if named else alike).append((named or rows.tolist(), by_chance))
                 continue
-            by_itself = [k for k in once_each(view.refs, rows.tolist()) if view.refs[k] not in unclear]
+            by_itself = [k for k in once_each(view.refs, rows.tolist()) if view.refs[k] not in overlapped]
             false = [k for k in by_itself if view.refs[k].signal not in explained] if true else []
             if false:
                 found.append((false, min(1.0, n * float(view.agreed.p_values[false].max()))))
@@ -428,14 +427,6 @@ def _overlapped(o: Observations | None, refs: Sequence[SignalRef]) -> set[Signal
             if np.any(apart_m < _OVERLAP_M):  # NaN is not
                 found |= {one, other}
     return found
-
-
-def _timeless(o: Observations | None, refs: Sequence[SignalRef]) -> set[SignalRef]:
-    """Signals without a pseudorange: what a jammer makes of a code has a direction too, and no time."""
-    if o is None:
-        return set()
-    told: Booleans = np.asarray(np.isfinite(o.pseudorange_m).any(axis=0), bool)
-    return {ref for ref in refs if ref.signal in o.signals and not told[o.signals.index(ref.signal)]}
 
 
 def likeliest(views: Sequence[ArrayView]) -> ArrayView:

@@ -60,6 +60,9 @@ def levels_of(
     Other parameters are as in `SpinSettings`.
     """
     channels = of_one_carrier(observations.carrier_hz)
+    told = np.isfinite(observations.pseudorange_m[:, channels]).any(axis=0)
+    if told.any():  # a jammer's carrier can be followed, too, and comes from one direction
+        channels = channels[told]
     there = np.isfinite(observations.carrier_cyc[:, channels])
     channels = channels[there.mean(axis=0) >= min_share] if there.size else channels[:0]
     epochs = np.all(np.isfinite(observations.carrier_cyc[:, channels]), axis=-1)
