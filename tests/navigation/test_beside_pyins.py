@@ -13,6 +13,7 @@ from tests.navigation.units import ROUND, drawn_fix, drawn_start, erroneous, lab
 from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
+from skyproof.navigation.inertia import readings_between
 from skyproof.navigation.ins import InsSettings, begin, corrected, step
 from skyproof.navigation.ins_updates import by_fix
 from skyproof.navigation.strapdown import strapdown_paths
@@ -91,9 +92,9 @@ def filtered_apart(start: NavState, readings, seconds, fixes, fix_seconds, grade
     first = np.stack((readings.specific_force_m_s2[0], readings.angular_rate_rad_s[0]))
     state = replace(state, run=replace(state.run, last=first))
     for fix in fixes:
-        _, state = step(state, real.between(readings, state.gpst, fix.gpst), settings)
+        _, state = step(state, readings_between(readings, state.gpst, fix.gpst), settings)
         state, _ = corrected(state, by_fix(state, fix, settings))
-    _, state = step(state, real.between(readings, state.gpst, readings.gpst[-1]), settings)
+    _, state = step(state, readings_between(readings, state.gpst, readings.gpst[-1]), settings)
     states = [
         NavState(
             gpst=start.gpst,

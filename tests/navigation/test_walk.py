@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
-from tests.navigation.walk import SETTINGS, aligned, between, follow, read_walk
+from tests.navigation.walk import SETTINGS, aligned, follow, read_walk
 
+from skyproof.navigation.inertia import readings_between
 from skyproof.navigation.ins import corrected, step
 from skyproof.navigation.ins_updates import by_fix
 from skyproof.navigation.known import known
@@ -77,7 +78,7 @@ def test_false_fixes_are_noticed(walk, states, speed_m_s, with_velocity):
             for fix, at in zip(walk.fixes, walk.seconds, strict=True):
                 if not start_s < at < start_s + 10.0:
                     continue
-                _, own = step(own, between(walk.readings, own.gpst, fix.gpst), SETTINGS)
+                _, own = step(own, readings_between(walk.readings, own.gpst, fix.gpst), SETTINGS)
                 false = known(
                     fix.gpst,
                     position_ecef_m=fix.mean[:3] + (at - start_s) * away,

@@ -7,7 +7,7 @@ out every 6 to 9 ms, but the unit renews its readings every 10 ms. Its axes are 
 agree with. The fixes of 1 to 3 cm are taken for ones of 5 cm.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,6 +19,7 @@ from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.alignment import align_moving
+from skyproof.navigation.inertia import readings_between
 from skyproof.navigation.ins import InsSettings, InsState, corrected, step
 from skyproof.navigation.ins_updates import by_fix, expected
 from skyproof.navigation.known import Known, known
@@ -74,16 +75,6 @@ def read_walk(folder) -> Walk:
     return Walk(readings, fixes, (gpst[within] - readings.gpst[0]) / np.timedelta64(1, "s"), to_enu)
 
 
-def between(readings: ImuSeries, start_gpst, end_gpst) -> ImuSeries:
-    rows = slice(*np.searchsorted(readings.gpst, np.array([start_gpst, end_gpst]), side="right"))
-    return replace(
-        readings,
-        gpst=readings.gpst[rows],
-        specific_force_m_s2=readings.specific_force_m_s2[rows],
-        angular_rate_rad_s=readings.angular_rate_rad_s[rows],
-    )
-
-
 def aligned(walk: Walk, start_s: float, end_s: float):
     return align_moving(
         walk.readings,
@@ -109,7 +100,7 @@ def follow(walk: Walk, state: InsState, end_s: float, *, use=None, fixes=None, f
     for fix, at in zip(fixes or walk.fixes, walk.seconds, strict=True):
         if fix.gpst <= state.gpst or at > end_s:
             continue
-        _, state = step(state, between(walk.readings, state.gpst, fix.gpst), SETTINGS)
+        _, state = step(state, readings_between(walk.readings, state.gpst, fix.gpst), SETTINGS)
         if state is None:
             break
         shown = expected(state, SETTINGS, fix.gpst)
