@@ -34,11 +34,16 @@ class Arrival(NamedTuple):
 
 
 def across(direction: Reals) -> Reals:
-    """(2, 3) unit vectors across a direction: horizontal (third component 0) to where the angle from the first axis to
-    the second grows, and towards a larger third component."""
-    level = np.hypot(direction[0], direction[1])
-    around = np.array([-direction[1], direction[0], 0.0]) / level if level > 1e-9 else np.array([0.0, 1.0, 0.0])
-    return np.stack([around, np.cross(direction, around)])
+    """(..., 2, 3) unit vectors across directions (..., 3): horizontal (third component 0) to where the angle from the
+    first axis to the second grows, and towards a larger third component."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    level = np.hypot(x, y)
+    there = level > 1e-9
+    least = np.where(there, level, 1.0)
+    east, north = np.where(there, -y / least, 0.0), np.where(there, x / least, 1.0)
+    around = np.stack([east, north, np.zeros_like(east)], axis=-1)
+    up = np.stack([-z * north, z * east, x * north - y * east], axis=-1)
+    return np.stack([around, up], axis=-2)
 
 
 def arrivals(
@@ -55,7 +60,7 @@ def arrivals(
     reach = max(float(np.linalg.norm(design, axis=1).max()), 0.5)
     upper = hemisphere(min(int(2.0 * np.pi * (reach / _CELL_RAD) ** 2), _MOST_CELLS))
     grid = np.concatenate([upper, upper * [1.0, 1.0, -1.0]])
-    total = covariance + _shared(known, agreed, grid[0], ratio)[1]
+    total = covariance + _shared(known, agreed, grid[:1], ratio)[1][0]
     far = nearest_whole(cycles - frame.bias_cyc - grid @ design.T, total)[1]
     limit = float(chi_square_threshold(_MISSED, len(cycles)))
     # The nearest direction of the grid is off by up to half a cell's diagonal: where errors are small, by many sigmas.
@@ -67,10 +72,13 @@ def arrivals(
             starts.append(grid[row])
         if len(starts) == _STARTS:
             break
-    fitted = [_fitted(known, agreed, cycles, covariance, design, start, ratio) for start in starts]
+    if not starts:
+        return []
+    statistics, directions, spreads = _fitted(known, agreed, cycles, covariance, design, np.stack(starts), ratio)
     found: list[Arrival] = []
-    for statistic, arrival in sorted(fitted, key=lambda one: one[0]):
-        if statistic < limit and not any(_within(arrival, one.direction) for one in found):
+    for row in np.argsort(statistics, kind="stable"):
+        arrival = Arrival(directions[row], spreads[row])
+        if statistics[row] < limit and not any(_within(arrival, one.direction) for one in found):
             found.append(arrival)
     return found
 
@@ -82,19 +90,18 @@ def _within(arrival: Arrival, other: Reals) -> bool:
     return near and float(off @ np.linalg.solve(arrival.covariance_rad2, off)) < _ALIKE
 
 
-def _shared(known: MeanPhases, agreed: Agreement, direction: Reals, ratio: float) -> tuple[Reals, Reals]:
-    """Mean (d,) and covariance (d, d) of what is common to all signals in one from a direction."""
-    n = agreed.members.size
+def _shared(known: MeanPhases, agreed: Agreement, directions: Reals, ratio: float) -> tuple[Reals, Reals]:
+    """Mean (s, d) and covariance (s, d, d) of what is common to all signals in one from each of `directions` (s, 3)."""
+    n, s = agreed.members.size, len(directions)
     both = MeanPhases(
-        cycles=np.vstack([known.cycles, np.zeros(known.cycles.shape[1])]),
-        direction=np.vstack([known.direction, direction]),
-        sigma_cyc=np.vstack([known.sigma_cyc, np.full(known.sigma_cyc.shape[1], 1e-9)]),
+        cycles=np.vstack([known.cycles, np.zeros((s, known.cycles.shape[1]))]),
+        direction=np.vstack([known.direction, directions]),
+        sigma_cyc=np.vstack([known.sigma_cyc, np.full((s, known.sigma_cyc.shape[1]), 1e-9)]),
         elements_cyc=known.elements_cyc,
-        ratio=np.append(known.ratio, ratio),
+        ratio=np.append(known.ratio, np.full(s, ratio)),
         position_sigma_cyc=known.position_sigma_cyc,
     )
-    mean, left = shared_given(agreed.residual_cyc, covariance_of(both, agreed.frame), np.arange(n), np.array([n]))
-    return mean[0], left[0]
+    return shared_given(agreed.residual_cyc, covariance_of(both, agreed.frame), np.arange(n), np.arange(n, n + s))
 
 
 def _fitted(
@@ -103,44 +110,56 @@ def _fitted(
     cycles: Reals,
     covariance: Reals,
     design: Reals,
-    direction: Reals,
+    directions: Reals,
     ratio: float,
-) -> tuple[float, Arrival]:
-    """Least squares on the sphere from a start."""
+) -> tuple[Reals, Reals, Reals]:
+    """Least squares on the sphere from each of `directions` (s, 3): statistics (s,), directions, covariances (s, 2, 2)
+    across them."""
+    statistics, of_angles = np.zeros(len(directions)), np.zeros((len(directions), 2, 2))
     for _ in range(2):  # what is shared hardly depends on the direction
-        mean, shared = _shared(known, agreed, direction, ratio)
+        mean, shared = _shared(known, agreed, directions, ratio)
         total = covariance + shared
         inverse = np.asarray(np.linalg.inv(total), np.float64)
+        going = np.arange(len(directions))
         for _ in range(_ROUNDS):
-            off, statistic = nearest_whole(cycles - agreed.frame.bias_cyc - mean - design @ direction, total)
-            axes = across(direction)
-            columns = design @ axes.T
-            of_angles = _of_angles(design, inverse, direction)
-            step = of_angles @ (columns.T @ inverse @ off)
-            size = float(np.linalg.norm(step))
-            if size < _STEP_LEAST_RAD:
+            at = directions[going]
+            off, statistics[going] = nearest_whole(
+                cycles - agreed.frame.bias_cyc - mean[going] - at @ design.T, total[going]
+            )
+            axes = across(at)
+            slope = np.einsum("ak,sjk,sab,sb->sj", design, axes, inverse[going], off, optimize=True)
+            of_angles[going] = _of_angles(design, inverse[going], at)
+            step = np.einsum("sij,sj->si", of_angles[going], slope)
+            size = np.linalg.norm(step, axis=-1)
+            left = size >= _STEP_LEAST_RAD
+            if not left.any():
                 break
-            moved = direction + step * min(1.0, _STEP_MOST_RAD / size) @ axes
-            direction = np.asarray(moved / np.linalg.norm(moved))
-    return float(statistic), Arrival(direction, _bent(design, inverse, direction, of_angles))
+            step *= np.minimum(1.0, _STEP_MOST_RAD / np.maximum(size, _STEP_LEAST_RAD))[:, None]
+            moved = (at + np.einsum("sj,sjk->sk", step, axes))[left]
+            going = going[left]
+            directions[going] = moved / np.linalg.norm(moved, axis=-1, keepdims=True)
+    return statistics, directions, _bent(design, inverse, directions, of_angles)
 
 
-def _of_angles(design: Reals, inverse: Reals, direction: Reals) -> Reals:
-    """Covariance (2, 2) across a direction, by the slope there. A line of antennas, or a direction in the plane of flat
-    ones, leaves an angle open: by a radian, say."""
-    columns = design @ across(direction).T
-    return np.asarray(np.linalg.inv(columns.T @ inverse @ columns + np.eye(2)), np.float64)
+def _of_angles(design: Reals, inverse: Reals, directions: Reals) -> Reals:
+    """Covariance (s, 2, 2) across directions, by the slope there. A line of antennas, or a direction in the plane of
+    flat ones, leaves an angle open: by a radian, say."""
+    columns = design @ np.swapaxes(across(directions), -1, -2)
+    return np.asarray(np.linalg.inv(np.swapaxes(columns, -1, -2) @ inverse @ columns + np.eye(2)), np.float64)
 
 
-def _bent(design: Reals, inverse: Reals, direction: Reals, of_angles: Reals) -> Reals:
-    """The covariance by which three sigmas along its longer axis are three sigmas of the phases on either side.
+def _bent(design: Reals, inverse: Reals, directions: Reals, of_angles: Reals) -> Reals:
+    """The covariances by which three sigmas along the longer axis are three sigmas of the phases on either side.
 
     Towards the plane of a flat array an angle is known less and less. The slope halfway to where three sigmas end is
     that of the chord. Where that comes near the plane the axis is at most doubled.
     """
     values, vectors = np.linalg.eigh(of_angles)
-    longer = vectors[:, -1]
-    halves = 1.5 * np.sqrt(values[-1]) * np.array([[1.0], [-1.0]]) * longer @ across(direction)
-    there = [moved / np.linalg.norm(moved) for moved in direction + halves]
-    most = max(float(longer @ _of_angles(design, inverse, one) @ longer) for one in there)
-    return np.asarray(of_angles + (np.clip(most, values[-1], 4.0 * values[-1]) - values[-1]) * np.outer(longer, longer))
+    longest, longer = values[:, -1], vectors[:, :, -1]
+    half = 1.5 * np.sqrt(longest)[:, None] * np.einsum("sj,sjk->sk", longer, across(directions))
+    most = np.zeros(len(directions))
+    for moved in (directions + half, directions - half):
+        there = _of_angles(design, inverse, moved / np.linalg.norm(moved, axis=-1, keepdims=True))
+        most = np.maximum(most, np.einsum("si,sij,sj->s", longer, there, longer))
+    more = np.clip(most, longest, 4.0 * longest) - longest
+    return np.asarray(of_angles + more[:, None, None] * longer[:, :, None] * longer[:, None, :])
