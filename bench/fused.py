@@ -14,6 +14,9 @@ speak of an attack where they reject, is by
     Fisher     -2 sum(log p), as if tests were independent
     majority   in some window more than half of its detectors are below it (least over windows of the median p, times
                their number and 2)
+    mixture    one likelihood ratio: an attack from any window to any later one, seen in each by any one detector, all
+               alike before; p-values as likelihood ratios by Vovk and Wang (Annals of Statistics 49(3), 2021, after
+               Sellke, Bayarri and Berger), so that it exceeds 1/p with p at most if windows are independent
 The verdict, which weighs what else may be the reason, has no p-value: one point, at the rate asked by itself.
 """
 
@@ -28,7 +31,7 @@ from drawn import FOLLOWED_S, heard_of, of_receiver, pairs_of, settings_of
 from drawn_receiver import Heard
 from drawn_scenes import Made, draw_scene, make
 from rows import Row, parser_of, rows_of
-from scipy import stats
+from scipy import special, stats
 
 from skyproof.app.common.progress import Silent
 from skyproof.app.protect import judge
@@ -98,12 +101,28 @@ def majority(windows: Windows) -> float:
     return min(1.0, 2.0 * min(found) * len(found))
 
 
+def mixture(windows: Windows) -> float:
+    """Adds up over time what is too weak in each window."""
+    each = [special.logsumexp(_log_ratio(list(by_detector(w).values()))) - np.log(len(by_detector(w))) for w in windows]
+    sums = np.concatenate([[0.0], np.cumsum(each)])
+    begins, ends = np.triu_indices(len(sums), 1)
+    return float(np.exp(-max(special.logsumexp(sums[ends] - sums[begins]) - np.log(begins.size), 0.0)))
+
+
+def _log_ratio(p_values: Sequence[float]) -> Reals:
+    """The mean over 0 < k < 1 of the densities k p^(k-1), (1 - p + p log p) / (p log^2 p); 1/2 of p = 1."""
+    p = np.minimum(p_values, 1.0 - 1e-4)
+    log_p = np.log(p)
+    return np.asarray(np.log(1.0 - p + p * log_p) - log_p - 2.0 * np.log(-log_p))
+
+
 WAYS: Final[Mapping[str, Callable[[Windows], float]]] = {
     "union": union,
     "Holm": holm,
     "Cauchy": cauchy,
     "Fisher": fisher,
     "majority": majority,
+    "mixture": mixture,
 }
 
 
