@@ -3,6 +3,7 @@
 Of the package's extra `ray`; nothing else imports this module.
 """
 
+import logging
 import socket
 from importlib.metadata import version
 from typing import Any, Final, Self
@@ -42,7 +43,7 @@ class RayNodes:
                 address=self.address,
                 runtime_env={"env_vars": ONE_THREAD},
                 log_to_driver=False,
-                logging_level="ERROR",
+                logging_level=logging.ERROR,
             )
         except (OSError, RuntimeError, ValueError) as error:
             raise SettingsError(

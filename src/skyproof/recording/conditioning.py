@@ -50,9 +50,13 @@ IMBALANCE_SIGMAS: Final = 5.0
 NOTCH_HZ: Final = 10e3
 """Least width of a notch: about a hundredth of a C/A signal is lost with it, 0.03 dB; a line known to 200 Hz is
 attenuated by more than 50 dB."""
+FEW_NOTCHES: Final = 4
 MOST_NOTCHES: Final = 8
 """Of the least width, or of fewer that are wider: more would take so much out of the middle of a code's spectrum that
-every correlation peak has others beside it, which look like second signals of all satellites with one delay."""
+every correlation peak has others beside it, which look like second signals of all satellites with one delay. Beside a
+peak of amplitude 1 they leave up to 1 % each (their width times a chip): four leave of 55 dB-Hz 27, which a search
+hardly finds. Eight leave 6 dB more, and only of what `WORTH_DB` each have weakened is that little."""
+WORTH_DB: Final = 1.0
 
 _STRETCHES, _STRETCH_SAMPLES = 16, 32768
 _SEGMENTS, _LEAST_FFT, _MOST_FFT = 16, 256, 4096
@@ -157,7 +161,8 @@ class MeasuredFrontEnd:
         """The lines that are taken off: those that hurt, the worst first, but for those for which there is no room."""
         taken: tuple[SpectralLine, ...] = ()
         for line in sorted((line for line in self.lines if line.hurts), key=lambda line: -line.loss_db):
-            if (len(taken) + 1) * _notch_hz((*taken, line)) <= MOST_NOTCHES * NOTCH_HZ:
+            most = MOST_NOTCHES if line.loss_db > WORTH_DB else FEW_NOTCHES
+            if (len(taken) + 1) * _notch_hz((*taken, line)) <= most * NOTCH_HZ:
                 taken = (*taken, line)
         return taken
 
@@ -190,8 +195,10 @@ class MeasuredFrontEnd:
             )
         if left := len(hurting) - len(self.notched):
             what = "line hurts and is" if left == 1 else "lines hurt and are"
-            room = f"{MOST_NOTCHES} times {NOTCH_HZ / 1e3:g} kHz"
-            remarks.append(f"{left} more {what} left in: notches of more than {room} together would bend the signals")
+            remarks.append(
+                f"{left} more {what} left in: notches of more than {FEW_NOTCHES * NOTCH_HZ / 1e3:g} kHz together "
+                f"({MOST_NOTCHES * NOTCH_HZ / 1e3:g} kHz of lines that cost {WORTH_DB:g} dB each) bend the signals"
+            )
         if harmless := [line for line in self.lines if not line.hurts]:
             at = ", ".join(f"{line.frequency_hz / 1e3:+.1f}" for line in harmless[:6])
             more = f" and {len(harmless) - 6} more" if len(harmless) > 6 else ""

@@ -71,9 +71,9 @@ def test_a_satellite_behind_the_transmitter_is_not_authentic():
     assert words == {"spoofed": set(SIGNALS[2:5]), "authentic": {SIGNALS[1], *SIGNALS[5:]}}
 
 
-@pytest.mark.parametrize(("apart_m", "named"), [(200.0, False), (2000.0, True)])
-def test_a_signal_that_overlaps_with_another_of_its_satellite_is_not_named_by_itself(monkeypatch, apart_m, named):
-    """Its phases are a mixture of both."""
+@pytest.mark.parametrize(("apart_m", "weaker_db", "named"), [(200.0, 0.0, 0), (2000.0, 0.0, 1), (2000.0, 16.0, 0)])
+def test_a_signal_that_another_of_its_satellite_covers_is_not_named_by_itself(monkeypatch, apart_m, weaker_db, named):
+    """Its phases are a mixture of both: where they overlap, and where filters leave some of a stronger one."""
     monkeypatch.setattr("skyproof.detectors.array.ins_array.reflections", lambda *given, **more: frozenset())
     direction = TRUE.copy()
     direction[:, 3], direction[:, 2] = TRUE[:, 2], TRUE[:, 0]
@@ -82,7 +82,9 @@ def test_a_signal_that_overlaps_with_another_of_its_satellite_is_not_named_by_it
     phases = tuple(replace(phases, signals=signals) for phases in records.array_phases)
     range_m = np.full((2, len(signals)), 2.1e7)
     range_m[:, 3] += apart_m
-    observed = SimpleNamespace(receiver="rx1", signals=signals, pseudorange_m=range_m)
+    cn0_dbhz = np.full(range_m.shape, 45.0)
+    cn0_dbhz[:, 2] -= weaker_db
+    observed = SimpleNamespace(receiver="rx1", signals=signals, pseudorange_m=range_m, cn0_dbhz=cn0_dbhz)
     words, _ = said_of(replace(records, array_phases=phases, observations=(observed,)))
     assert words.get("spoofed", set()) == ({signals[2]} if named else set())
     assert {*SIGNALS[:2], *SIGNALS[4:]} <= words["authentic"]

@@ -58,6 +58,9 @@ _MISSED: Final = (0.03, 0.5, 0.9)
 better than stated errors make them."""
 _OVERLAP_M: Final = 450.0
 """Between two signals of one satellite: a chip and a half of C/A, beyond which no correlator sees both."""
+_COVERED_DB: Final = 10.0
+"""By which another signal of a satellite is stronger where what filters and its code's side lobes leave of it, some
+hundredths of its amplitude, may turn a signal's phases by hundredths of a cycle as long as both are there."""
 _ALIKE: Final = 0.01
 """Chance that as many reflections come from one direction, below which it stays open whether they are reflections."""
 _VAGUE_CYC: Final = 0.1  # one sigma
@@ -416,16 +419,21 @@ class InsArray:
 
 
 def _overlapped(o: Observations | None, refs: Sequence[SignalRef]) -> set[SignalRef]:
-    """Signals that overlap with another one of their satellite, whose phases are a mixture of both."""
+    """Signals that overlap with another one of their satellite, or are covered by it: their phases are a mixture."""
     if o is None:
         return set()
-    range_m = {ref: o.pseudorange_m[:, o.signals.index(ref.signal)] for ref in refs if ref.signal in o.signals}
+    columns = {ref: o.signals.index(ref.signal) for ref in refs if ref.signal in o.signals}
     found = set[SignalRef]()
-    for one, other in combinations(range_m, 2):
+    for one, other in combinations(columns, 2):
         if one.signal.transmission == other.signal.transmission:
-            apart_m = np.abs(range_m[one] - range_m[other])
-            if np.any(apart_m < _OVERLAP_M):  # NaN is not
+            a, b = columns[one], columns[other]
+            stronger_db = o.cn0_dbhz[:, a] - o.cn0_dbhz[:, b]
+            if np.any(np.abs(o.pseudorange_m[:, a] - o.pseudorange_m[:, b]) < _OVERLAP_M):  # NaN is not
                 found |= {one, other}
+            elif np.any(stronger_db > _COVERED_DB):
+                found.add(other)
+            elif np.any(stronger_db < -_COVERED_DB):
+                found.add(one)
     return found
 
 
