@@ -124,16 +124,16 @@ def driver(folder: Path, count: int) -> subprocess.Popen[str]:
     return started
 
 
-def wait_for_an_item(folder: Path) -> None:
+def wait_for_items(folder: Path, count: int) -> None:
     until = time.monotonic() + 60.0
-    while not any((folder / ".skyproof-batch" / "done").iterdir()):
+    while len(list((folder / ".skyproof-batch" / "done").iterdir())) < count:
         assert time.monotonic() < until
-        time.sleep(0.01)
+        time.sleep(0.001)
 
 
 def test_ctrl_c_lets_items_end_and_what_is_left_is_done_next_time(tmp_path: Path) -> None:
     started = driver(tmp_path, 1000)
-    wait_for_an_item(tmp_path)
+    wait_for_items(tmp_path, 1)
     started.send_signal(signal.SIGINT)
     out, _ = started.communicate(timeout=60)
     assert out.splitlines() == [
@@ -149,14 +149,15 @@ def test_ctrl_c_lets_items_end_and_what_is_left_is_done_next_time(tmp_path: Path
 @pytest.mark.long
 def test_a_driver_killed_at_twenty_moments_leaves_the_same_bytes(tmp_path: Path) -> None:
     moments = random.Random(1)
-    count, killed = 60, 0
-    for _ in range(20):
+    count, killed = 1000, 0
+    for number in range(20):
         started = driver(tmp_path / "killed", count)
-        time.sleep(moments.uniform(0.0, 1.2))
+        wait_for_items(tmp_path / "killed", 5 * number)
+        time.sleep(moments.uniform(0.0, 0.05))
         started.kill()
         started.wait()
         killed += started.returncode == -signal.SIGKILL
-    assert killed >= 10
+    assert killed == 20
     assert done([item(Fake(n)) for n in range(count)], tmp_path / "killed")[0] == {}
     done([item(Fake(n)) for n in range(count)], tmp_path / "whole", workers=1)
     assert content(tmp_path / "killed") == content(tmp_path / "whole")
