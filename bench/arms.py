@@ -1,6 +1,8 @@
 """A turning antenna whose arm is not what is stated, drawn: false alarms, and detection beside theory.
 
     python bench/arms.py --draws 300          counts
+    python bench/arms.py --command 20         the zone around a satellite in which a false signal of it is not found,
+                                              through files and the whole of `protect`: so many runs at each distance
 
 Each is one window of 15 s, ten measurements a second (N = 150), of 7 to 10 satellites, an arm of half a wavelength that
 turns once in 4 s and starts anywhere. Three false signals are shown beside the true ones: two from one direction, one
@@ -12,12 +14,18 @@ import argparse
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import tomli_w
 
+from skyproof.app.common.rinex import write_channels
+from skyproof.app.protect import protect
 from skyproof.arrays import Reals
 from skyproof.detectors.array.spin import Levels, Spin, SpinSettings, levels_of
+from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import azimuth_elevation
@@ -31,6 +39,9 @@ RADIUS_M, RATE_HZ = 0.5 * SPEED_OF_LIGHT_M_S / L1_HZ, 0.25
 N, STEP_S = 150, 0.1
 FALSE = 3
 PAIRS_ALPHA, WINDOWS_ALPHA = 0.01, 1e-4
+OF_A_RUN = 1e-3 * N * STEP_S / 3600.0 / 6.0
+"""What `protect` allows a window of so many seconds, by default and of one receiver."""
+BESIDE_DEG = (2.0, 5.0, 10.0, 15.0, 20.0, 30.0)
 CASES: dict[str, dict[str, Any]] = {
     "as stated": {},
     "rate wrong by 1 %": {"rate_share": 0.01},
@@ -44,10 +55,19 @@ class DrawnArm:
     """A window by its number.
 
     records : its arm is as stated. towards : (n_signals, 3) directions, north, east, up; false : (n_signals,).
+    beside_rad : so far from its satellite's direction comes one false signal, in place of the true one; off : (3,) by
+    that.
     """
 
     def __init__(
-        self, number: int, *, attack: bool = True, rate_share: float = 0.0, wobble_rad: float = 0.0, slips: int = 0
+        self,
+        number: int,
+        *,
+        attack: bool = True,
+        rate_share: float = 0.0,
+        wobble_rad: float = 0.0,
+        slips: int = 0,
+        beside_rad: float | None = None,
     ) -> None:
         rng = np.random.default_rng([number, attack, 150])
         scene = MeasuredScene(
@@ -62,9 +82,17 @@ class DrawnArm:
         records = scene.records(rng)
         (o,) = records.observations
         n = len(o.signals) // 2
-        kept = np.r_[np.arange(n), n + rng.permutation(n)[: FALSE * attack]]
-        self.false = kept >= n
+        false = n + rng.permutation(n)[: FALSE * attack]
+        kept = np.r_[np.arange(n), false]
         self.towards = self._directions(rng, scene, records, kept[:n])
+        if beside_rad is not None:  # one alone, and not its true one
+            across = np.cross(self.towards[false[0] - n], rng.normal(size=3))
+            near = self.towards[false[0] - n] + np.tan(beside_rad) * across / np.linalg.norm(across)
+            near /= np.linalg.norm(near)
+            self.off = near - self.towards[false[0] - n]
+            kept = np.r_[np.delete(np.arange(n), false[0] - n), false[0]]
+            self.towards = np.vstack([np.delete(self.towards[:n], false[0] - n, axis=0), near])
+        self.false = kept >= n
         rate_rad_s = 2.0 * np.pi * RATE_HZ * (1.0 + rate_share * rng.choice([-1.0, 1.0]))
         arm_m = self._arm_m(rng, o.elapsed_s, rate_rad_s, wobble_rad)
         carrier = o.carrier_cyc[:, kept] - arm_m @ self.towards[: kept.size].T * L1_HZ / SPEED_OF_LIGHT_M_S
@@ -153,6 +181,44 @@ def _pairs(draws: int, how: dict[str, Any]) -> str:
     )
 
 
+def dead_zone(draws: int) -> Iterator[str]:
+    """By distance from its satellite: how often a false signal is named, and a true one."""
+    yield f"one false signal beside its satellite, N = {N}, {draws} runs each through RINEX and the command"
+    for beside_deg in BESIDE_DEG:
+        named, true, power = 0, 0, []
+        for number in range(draws):
+            drawn = DrawnArm(number, beside_rad=np.radians(beside_deg))
+            with TemporaryDirectory() as folder:
+                given = _labels(Path(folder), drawn)
+            (false,) = np.flatnonzero(drawn.false)
+            o = drawn.records.observations[0]
+            named += given.get(o.signals[false].sat) == "spoofed"
+            true += sum(given.get(o.signals[k].sat) == "spoofed" for k in np.flatnonzero(~drawn.false))
+            power.append(_power(drawn))
+        yield f"  {beside_deg:4g} degrees: named {named / draws:.2f} ({np.mean(power):.2f} by theory), true ones {true}"
+
+
+def _labels(folder: Path, drawn: DrawnArm) -> dict[str, str]:
+    """Of each satellite, after the whole command; a window is the whole run."""
+    (o,) = drawn.records.observations
+    write_channels(folder / "rx1.obs", o, "drawn", None, o.signals)
+    write_nav(folder / "nav.rnx", drawn.records.navigation)
+    table = {"name": "rx1", "inputs": ["rx1.obs"], "spin": {"radius_m": RADIUS_M, "rate_hz": RATE_HZ}}
+    settings = {"window_s": N * STEP_S}
+    (folder / "platform.toml").write_text(tomli_w.dumps({"receivers": [table], "protect": settings}))
+    result = protect(platform=folder / "platform.toml", nav=folder / "nav.rnx")
+    return {one.sat: one.label for one in result.verdict.signals}
+
+
+def _power(drawn: DrawnArm) -> float:
+    """Of the chi-square test of one signal by what the detector takes for its errors, with all others known exactly."""
+    wavelength_m = SPEED_OF_LIGHT_M_S / L1_HZ
+    white = np.trace(drawn.levels().covariance) / 2.0
+    variance = white + (SpinSettings().lasting_sigma_cyc * wavelength_m / RADIUS_M) ** 2
+    limit = float(chi_square_threshold(OF_A_RUN / len(drawn.false), 2))
+    return float(noncentral_chi_square_survival(limit, 2, np.sum(drawn.off[:2] ** 2) / variance))
+
+
 def _windows(draws: int, attack: bool, how: dict[str, Any]) -> str:
     detector = Spin(SpinSettings(false_alarm_probability=WINDOWS_ALPHA))
     count: Counter[str] = Counter()
@@ -168,5 +234,7 @@ def _windows(draws: int, attack: bool, how: dict[str, Any]) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draws", type=int, default=300)
-    for row in table(parser.parse_args().draws):
+    parser.add_argument("--command", type=int, default=0)
+    chosen = parser.parse_args()
+    for row in dead_zone(chosen.command) if chosen.command else table(chosen.draws):
         print(row, flush=True)
