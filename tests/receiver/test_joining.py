@@ -142,9 +142,9 @@ def test_a_look_ends_with_its_row_where_nothing_more_is_seen_and_a_second_signal
         chip -= delay_s * GPS_L1_CA.chip_rate_hz
         one = loop(start=start, chip=chip, periods=40, bit_start=0, hz=hz, phase_cyc=hz * start / RATE_HZ + 0.2)
         followed = RECEIVER.begin([], [(5, "G07")], one[None], np.ones(1, np.bool_), 2.0, start)
-        found, left = RECEIVER.step(followed, planes, 0, {"G07": 5e4})
+        found, left = RECEIVER.step(followed, planes, 0, {5: ("G07", 5e4)})
         assert [each.arc for each in found] == [5]
         assert [each.row.came for each in left if is_needed(each)] == ([(1,)] if stays else [])
         # Where another satellite's code may be so strong, nothing is said to come.
-        _, left = RECEIVER.step(followed, planes, 0, {"G07": 5e4, "G09": 5e4 * (1023 / 65) ** 2})
+        _, left = RECEIVER.step(followed, planes, 0, {5: ("G07", 5e4), 6: ("G09", 5e4 * (1023 / 65) ** 2)})
         assert not any(each.row.came for each in left)

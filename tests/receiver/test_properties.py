@@ -24,6 +24,8 @@ RECOVERY_S = 0.6
 """After a short damage: a loop of 1 Hz has forgotten it to 1 %, and epochs average 0.4 s."""
 BACK_S = 2.5
 """After a loss of lock: half a second to notice it, as much to the next search, 0.8 s to confirm, and an epoch."""
+FOUND_AGAIN_S = 3.0
+"""After samples that are missing: as much, and half a second in which it may be a fade."""
 
 
 class Heard:
@@ -247,7 +249,7 @@ def test_missing_samples_cost_the_way_back_and_no_letter(receiver, planes, whole
     first = int(DAMAGED_S * RATE_HZ)
     heard = receive(receiver, np.delete(planes, slice(first, first + missing), axis=1))
     assert heard.signals == whole.signals
-    back = int(np.ceil((DAMAGED_S + BACK_S) * 10))
+    back = int(np.ceil((DAMAGED_S + FOUND_AGAIN_S) * 10))
     for signal in whole.signals:
         at, _ = heard.code_s(signal)
         expected = epochs_of(whole, signal, back, int((DURATION_S - missing / RATE_HZ) * 10))
