@@ -72,7 +72,7 @@ def test_ctrl_c_while_windows_are_examined_keeps_those_that_were(run, pair, monk
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("press", [("taking the sums", 1.0), ("writing", 2)], ids=["sums", "writing"])
+@pytest.mark.parametrize("press", [("computing checksums", 1.0), ("writing", 2)], ids=["sums", "writing"])
 def test_ctrl_c_after_the_decision_does_not_lose_it(run, wide, monkeypatch, press):
     monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(press))
     ended = run(wide)
