@@ -1,6 +1,8 @@
-"""Writes the page of the protection matrix from the rows of its study.
+"""Writes the page of the protection matrix from the rows of its two studies, and draws the second's chart beside it.
 
-python docs/build/matrix.py ROWS.json > docs/protection.md
+skyproof study protection-matrix --json --out DIR > cells.json
+skyproof study protection-stanford --json --out DIR > levels.json
+python docs/build/matrix.py cells.json levels.json docs/protection.md
 """
 
 import json
@@ -9,14 +11,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
+
+from skyproof.report.chart import chart_svg
 from skyproof.simulator.scenes import ready
 from skyproof.studies.base import StudySettings
 from skyproof.studies.protection import matrix
 from skyproof.studies.protection.equipment import EQUIPMENT
 
 Row = Mapping[str, Any]
+PICTURE: Final = "protection.svg"
+CHARTS: Final = next(study.charts for study in matrix.STUDIES if study.name == "protection-stanford")
 HEAD = """# Protection matrix
 
 What `protect` makes of every ready-made [scene](scenarios.md), with nine kinds of equipment: samples are simulated,
@@ -33,6 +40,10 @@ error of a trusted fix in metres, and the share of epochs that have one. *Unprot
 ordinary receiver's fixes in the same samples. An empty cell was not made, or cannot be; one that showed a fault was
 made again after that was mended.
 """
+
+LEVELS: Final = """*`skyproof study protection-stanford --plot` draws it. A level allows for one satellite that is wrong
+by any amount and is not noticed. These scenes have none among the trusted ones, so errors are far below the levels; how
+often they hold with one is [counted](verdict.md#how-far-a-trusted-fix-may-be-off) for faults of all sizes.*"""
 
 
 def table(rows: Sequence[Row]) -> Iterator[str]:
@@ -77,7 +88,29 @@ def _sum(rows: Sequence[Row], key: str) -> int:
     return sum(row[key] for row in rows)
 
 
-def page(rows: Sequence[Row]) -> str:
+def levels(rows: Sequence[Row]) -> Iterator[str]:
+    """Sizes from the bins of the diagram, which are 12 % wide."""
+    yield "## Protection levels"
+    yield ""
+    yield "| trusted fixes | with a level | level: median | 95 % | error: median | 95 % | largest error over level |"
+    yield "|---|---:|---:|---:|---:|---:|---:|"
+    for axis in dict.fromkeys(row["axis"] for row in rows):
+        own = [row for row in rows if row["axis"] == axis]
+        counts = [row["fixes"] for row in own]
+        sizes = [
+            _metres(float(value))
+            for column in ("protection_m", "error_m")
+            for value in np.quantile(np.repeat([row[column] for row in own], counts), (0.5, 0.95))
+        ]
+        largest = max(row["error_m"] / row["protection_m"] for row in own)
+        yield f"| {axis} | {sum(counts)} | " + " | ".join(sizes) + f" | {largest:.3f} |"
+    yield ""
+    yield f"![Error of each trusted fix over its protection level; none is above the line]({PICTURE})"
+    yield ""
+    yield LEVELS
+
+
+def page(rows: Sequence[Row], bins: Sequence[Row]) -> str:
     possible = sum(len(asked.equipments) for asked in matrix.cells(StudySettings()))
     there = sum("error" not in row for row in rows)
     head = HEAD.format(
@@ -85,13 +118,20 @@ def page(rows: Sequence[Row]) -> str:
         date=datetime.now(UTC).date(),
         cells=f"{there} of {possible} cells" if there < possible else f"all {possible} cells",
     )
-    return "\n".join([head, *sums(rows), "", *table(rows), ""])
+    return "\n".join([head, *sums(rows), "", *table(rows), "", *levels(bins), ""])
 
 
 def main() -> None:
-    """Print the page."""
-    found = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    sys.stdout.write(page(found["rows"] if isinstance(found, dict) else found))
+    """Write the page and its picture."""
+    cells, bins = (_rows(Path(path)) for path in sys.argv[1:3])
+    written = Path(sys.argv[3])
+    written.write_text(page(cells, bins), encoding="utf-8")
+    (written.parent / PICTURE).write_text(chart_svg(bins, CHARTS), encoding="utf-8")
+
+
+def _rows(path: Path) -> list[Row]:
+    found: list[Row] = json.loads(path.read_text(encoding="utf-8"))["rows"]
+    return found
 
 
 if __name__ == "__main__":

@@ -181,6 +181,18 @@ def test_a_scatter_has_marks_alone_however_many_and_the_diagonal_goes_through_eq
     assert not [one for one in plain.iter(f"{SVG}line") if one.get("class") == "frame"]
 
 
+def test_a_diagonal_is_there_however_far_the_points_lie_from_it_and_a_key_of_a_scatter_is_one_mark() -> None:
+    rows = [{"method": "one", "window_s": 100.0 + k, "kept": 0.1 + 0.01 * k} for k in range(9)]
+    root = drawn(rows, x_log=True, y_log=True, scattered=True, diagonal=True)
+    (line,) = (one for one in root.iter(f"{SVG}line") if one.get("class") == "frame")
+    (frame,) = (one for one in root.iter(f"{SVG}rect") if one.get("class") == "frame")
+    left, width = float(frame.get("x", "nan")), float(frame.get("width", "nan"))
+    ends = [float(line.get(name, "nan")) for name in ("x1", "x2")]
+    assert ends == pytest.approx([left, left + width], abs=0.2)
+    marks = [path.get("d", "").count("M") for path in root.iter(f"{SVG}path") if "point" in path.get("class", "")]
+    assert marks == [9, 1]
+
+
 def test_several_charts_stand_below_each_other() -> None:
     one = chart_svg(ROWS, [Axes()])
     two = ElementTree.fromstring(chart_svg(ROWS, [Axes(), Axes(title="Another")]))

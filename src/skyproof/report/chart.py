@@ -26,7 +26,7 @@ class Axes:
 
     where : only rows with these values.
     scattered : marks alone, however many, as the order of the rows means nothing.
-    diagonal : a line where x and y are the same; for axes that are both straight or both logarithmic.
+    diagonal : a line where x and y are the same, at all x; for axes that are both straight or both logarithmic.
     """
 
     title: str
@@ -166,7 +166,8 @@ def _chart(rows: Sequence[Mapping[str, Any]], axes: Axes) -> tuple[Markup, float
     x = np.concatenate([curve.x[mask] for curve, mask in zip(curves, there, strict=True)])
     y = np.concatenate([curve.y[mask] for curve, mask in zip(curves, there, strict=True)])
     x_log = axes.x_log and not names
-    up = draw.Scale(*_bounds(y, axes.y_log, 0.5), _BOTTOM, _TOP)
+    seen = np.concatenate((y, x)) if axes.diagonal else y
+    up = draw.Scale(*_bounds(seen, axes.y_log, 0.5), _BOTTOM, _TOP)
     up_ticks = _ticks(up, axes.y_log)
     left = max(_LEFT, _AXIS_NAME + _LETTER * max((len(written) for _, written in up_ticks), default=0))
     across = draw.Scale(*((-0.5, len(names) - 0.5) if names else _bounds(x, x_log, 0.2)), left, _RIGHT)
@@ -206,8 +207,9 @@ def _legend(names: Sequence[str], *, scattered: bool) -> tuple[list[Markup], int
     parts: list[Markup] = []
     for index, name in enumerate(names):
         x, y = 8.0 + index % columns * width, _BOTTOM + _LEGEND_FROM + index // columns * _LEGEND_STEP
+        key_x = np.array([x + 11.0] if scattered else [x, x + 22.0])
         parts += [
-            *_drawn(np.array([x, x + 22.0]), np.array([y - 3.5, y - 3.5]), index, scattered=scattered),
+            *_drawn(key_x, np.full(key_x.size, y - 3.5), index, scattered=scattered),
             draw.text(x + 28.0, y, name, css="small axis"),
         ]
     return parts, math.ceil(len(names) / columns)

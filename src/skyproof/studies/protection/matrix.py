@@ -91,7 +91,7 @@ def rows(settings: StudySettings) -> Iterator[Row]:
 
 
 def stanford(settings: StudySettings) -> Iterator[Row]:
-    """A row for each bin of protection level and error that a trusted fix of any cell is in, the smallest level first.
+    """A row for each bin of protection level and error that a trusted fix of any cell is in, the emptiest first.
 
     fixes_from : the power of ten that `fixes` reaches. Raises as `rows`, once all rows are there.
     """
@@ -102,7 +102,7 @@ def stanford(settings: StudySettings) -> Iterator[Row]:
                 found[one["axis"], one["protection_m"], one["error_m"]] += one["fixes"]
     except KeyboardInterrupt:
         interrupted = True
-    for (axis, protection_m, error_m), fixes in sorted(found.items()):
+    for (axis, protection_m, error_m), fixes in sorted(found.items(), key=lambda one: (len(str(one[1])), one)):
         size = {"fixes": fixes, "fixes_from": 10 ** (len(str(fixes)) - 1)}
         yield {"axis": axis, "protection_m": protection_m, "error_m": error_m, **size}
     if interrupted:
