@@ -17,7 +17,7 @@ from skyproof.simulator.scenario import parse_scenario
 from skyproof.simulator.scenes import ready, ready_made
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.base import StudySettings
-from skyproof.studies.protection import cell, matrix
+from skyproof.studies.protection import cell, clean, items, matrix
 from skyproof.studies.protection.cell import LONGEST_S, rows_of, stretch_of
 from skyproof.studies.protection.equipment import APART_M, EQUIPMENT, equipped
 from skyproof.studies.protection.errors import STANFORD, FixErrors, fix_errors, protection_columns, stanford_rows
@@ -140,8 +140,8 @@ def test_cells_that_a_folder_has_are_not_made_again(tmp_path, monkeypatch):
     settings = StudySettings(quick=True, folder=tmp_path)
     (asked,) = matrix.cells(settings)
     with Store(tmp_path / matrix.NAME) as store, store.filling(asked.item) as folder:
-        (folder / matrix.ROWS).write_text(json.dumps([{"scene": "takeover", "verdict": "spoofed"}]))
-    monkeypatch.setattr(matrix, "Processes", lambda count: nullcontext(Nobody()))
+        (folder / items.ROWS).write_text(json.dumps([{"scene": "takeover", "verdict": "spoofed"}]))
+    monkeypatch.setattr(items, "Processes", lambda count: nullcontext(Nobody()))
     assert [row["verdict"] for row in matrix.rows(settings)] == ["spoofed"]
     with pytest.raises(AssertionError):
         list(matrix.rows(replace(settings, seed=2)))
@@ -156,8 +156,8 @@ def test_the_diagram_counts_the_fixes_of_all_cells_and_the_matrix_leaves_them_ou
     with Store(tmp_path / matrix.NAME) as store:
         for asked in matrix.cells(settings):
             with store.filling(asked.item) as folder:
-                (folder / matrix.ROWS).write_text(json.dumps([{"scene": asked.scene, STANFORD: bins}]))
-    monkeypatch.setattr(matrix, "Processes", lambda count: nullcontext(Nobody()))
+                (folder / items.ROWS).write_text(json.dumps([{"scene": asked.scenario.name, STANFORD: bins}]))
+    monkeypatch.setattr(items, "Processes", lambda count: nullcontext(Nobody()))
     assert list(matrix.rows(settings)) == [{"scene": next(iter(ready_made()))}] * 2
     found = list(matrix.stanford(settings))
     assert found == [{**one, "fixes": 14, "fixes_from": 10} for one in bins]
@@ -172,7 +172,7 @@ class Nobody:
 
 
 def test_every_scene_is_there_with_every_equipment_that_it_can_have():
-    every = [(asked.scene, name) for asked in matrix.cells(StudySettings()) for name in asked.equipments]
+    every = [(asked.scenario.name, name) for asked in matrix.cells(StudySettings()) for name in asked.equipments]
     assert len(every) == len(set(every))
     assert {scene for scene, _ in every} == set(ready_made())
     left_out = {(scene, name) for scene in ready_made() for name in EQUIPMENT} - set(every)
@@ -181,7 +181,8 @@ def test_every_scene_is_there_with_every_equipment_that_it_can_have():
 
 
 def quick_scenario():
-    return matrix.SceneCells(scene="takeover", equipments=(), seed=1, duration_s=12.0).scenario
+    (asked,) = matrix.cells(StudySettings(quick=True))
+    return asked.scenario
 
 
 @pytest.mark.long
@@ -208,4 +209,43 @@ def test_a_cell_goes_through_samples(tmp_path):
     assert row["verdict"] == "undecided"  # one antenna that stands: nothing can vouch for its signals
     assert not row["no_sign"]
     assert row["wrong_fixes"] == row["wrong_labels"] == 0
-    assert list(tmp_path.rglob(matrix.ROWS))
+    assert list(tmp_path.rglob(items.ROWS))
+
+
+def test_a_clean_sky_is_drawn_by_seed_and_number_could_be_written_and_has_no_attack():
+    skies = [clean.clean_sky(seed, number) for seed in (1, 2) for number in range(20)]
+    assert len({sky.model_dump_json() for sky in skies}) == len(skies)
+    assert clean.clean_sky(2, 19) == skies[-1]
+    for sky in skies:
+        assert not sky.attacks
+        assert parse_scenario(sky.model_dump(exclude_none=True)) == sky
+    moving = [sky.receivers[0].path is not None for sky in skies]
+    assert 8 <= sum(moving) <= 32
+    hours = sum(len(one.equipments) * one.scenario.duration_s for one in clean.cells(StudySettings())) / 3600.0
+    assert hours >= 20.0
+
+
+def test_clean_hours_are_summed_by_equipment_and_false_alarms_bound_their_rate(tmp_path, monkeypatch):
+    settings = StudySettings(trials=1, folder=tmp_path)
+    row = {
+        "verdict": "undecided",
+        "duration_s": 360.0,
+        "trusted_worst_m": None,
+        "trusted_share": 0.5,
+        **dict.fromkeys(clean.SUMS, 0),
+    }
+    with Store(tmp_path / clean.NAME) as store:
+        for asked in clean.cells(settings):
+            with store.filling(asked.item) as folder:
+                made = [{**row, "equipment": name} for name in asked.equipments]
+                made[0] |= {"false_alarms": 1, "verdict": "spoofed", "trusted_worst_m": 3.0}
+                (folder / items.ROWS).write_text(json.dumps(made))
+    monkeypatch.setattr(items, "Processes", lambda count: nullcontext(Nobody()))
+    found = {one["equipment"]: one for one in clean.rows(settings)}
+    assert list(found) == [name for name in EQUIPMENT if name in found] + ["all"]
+    first, whole = found["one receiver"], found["all"]
+    assert (first["hours"], first["spoofed"], first["false_alarms"]) == (0.1, 1, 1)
+    assert first["at_most_an_hour"] == pytest.approx(47.4, abs=0.1)  # 4.74 expected give one or none in 1 of 20
+    assert found["with IMU"]["at_most_an_hour"] == pytest.approx(30.0, abs=0.1)  # and 3.00 none
+    assert whole["runs"] == sum(one["runs"] for one in found.values()) - whole["runs"]
+    assert (whole["spoofed"], whole["trusted_worst_m"], whole["trusted_share"]) == (2, 3.0, 0.5)

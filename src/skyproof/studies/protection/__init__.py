@@ -1,5 +1,9 @@
-"""The protection matrix: every ready-made scene with every equipment through the whole job, held against the truth."""
+"""The whole job through samples, held against the truth: the protection matrix, which has every ready-made scene with
+every equipment, and hours of sky without an attack.
+"""
 
-from skyproof.studies.protection.matrix import STUDIES
+from skyproof.studies.protection import clean, matrix
 
 __all__ = ["STUDIES"]
+
+STUDIES = (*matrix.STUDIES, clean.STUDY)

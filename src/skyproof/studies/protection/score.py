@@ -29,6 +29,7 @@ def score(scene: Scene, verdict: Verdict, outcome: Outcome) -> dict[str, Any]:
 
     delay_s : from the onset, or the first sample if the attack was there before, to the end of the first window in
         which a test says so; None if none does. onset_error_s : of the onset that the verdict states.
+    false_alarms : windows that end before the onset, or any without one, in which a test says so.
     wrong_labels : signals called authentic or spoofed that are not, for a second or more.
     trusted_* : errors in space of trusted fixes; wrong_fixes : how many of them are off by more than `WRONG_BOUNDS`
         bounds, level. trusted_share : of all epochs of all receivers.
@@ -50,6 +51,7 @@ def score(scene: Scene, verdict: Verdict, outcome: Outcome) -> dict[str, Any]:
     return {
         "delay_s": _delay_s(scene, outcome, began_s),
         "onset_error_s": _onset_error_s(scene, verdict, began_s),
+        "false_alarms": _false_alarms(scene, outcome, began_s),
         "wrong_labels": len(list(false_labels(scene, outcome))),
         "wrong_fixes": sum(int(np.sum(one.horizontal_m > WRONG_BOUNDS * one.bound_m)) for one in trusted),
         "trusted_p50_m": p50,
@@ -83,10 +85,22 @@ def _pairs(scene: Scene, outcome: Outcome) -> Iterator[tuple[ReceiverSky, Receiv
 
 
 def _delay_s(scene: Scene, outcome: Outcome, began_s: float | None) -> float | None:
-    start = scene.scenario.start_gpst
-    ends_s = [float(seconds_between(e.end_gpst, start)) for e in outcome.evidence if e.says in ("spoofed", "attack")]
-    later_s = [end_s - began_s for end_s in ends_s if began_s is not None and end_s > began_s]
+    later_s = [end_s - began_s for _, end_s in _alarms_s(scene, outcome) if began_s is not None and end_s > began_s]
     return round(min(later_s), 1) if later_s else None
+
+
+def _false_alarms(scene: Scene, outcome: Outcome, began_s: float | None) -> int:
+    return sum(began_s is None or end_s <= began_s for _, end_s in _alarms_s(scene, outcome))
+
+
+def _alarms_s(scene: Scene, outcome: Outcome) -> set[tuple[float, float]]:
+    """From when to when the windows are in which a test says that there is an attack, of the scene's time."""
+    start = scene.scenario.start_gpst
+    return {
+        (float(seconds_between(e.start_gpst, start)), float(seconds_between(e.end_gpst, start)))
+        for e in outcome.evidence
+        if e.says in ("spoofed", "attack")
+    }
 
 
 def _onset_error_s(scene: Scene, verdict: Verdict, began_s: float | None) -> float | None:
