@@ -45,9 +45,9 @@ LEVELS: Final = """*`skyproof study protection-stanford --plot` draws it. A leve
 by any amount and is not noticed. These scenes have none among the trusted ones, so errors are far below the levels; how
 often they hold with one is [counted](verdict.md#how-far-a-trusted-fix-may-be-off) for faults of all sizes.*"""
 
-HOURS: Final = """*Runs of `skyproof study protection-clean`: 100 s of samples each, at drawn places and times, standing, on a
-way or in circles, with reflections from the ground and from walls. A false alarm is a window of 10 s in which a test says
-that there is an attack; no more than the next column come in an hour, at 95 %.*"""
+HOURS: Final = """*Runs of `skyproof study protection-clean`: 100 s of samples each, at drawn places and times,
+standing, on a way or in circles, with reflections from the ground and from walls. A false alarm is a window of 10 s
+in which a test says that there is an attack; no more than the next column come in an hour, at 95 %.*"""
 
 
 def table(rows: Sequence[Row]) -> Iterator[str]:

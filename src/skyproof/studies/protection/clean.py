@@ -17,7 +17,7 @@ from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, SceneRece
 from skyproof.simulator.sites import Circle, WayPoints
 from skyproof.studies.base import Row, Study, StudySettings
 from skyproof.studies.protection.equipment import EQUIPMENT
-from skyproof.studies.protection.items import Cells, cells_of, done
+from skyproof.studies.protection.items import SharedSamples, cells_of, done
 
 __all__ = ["NAME", "STUDY", "clean_sky"]
 
@@ -99,10 +99,10 @@ def _ray(rng: np.random.Generator) -> Multipath:
     return Multipath(power_db=rng.uniform(-20.0, -4.0), phase_deg=rng.uniform(0.0, 360.0), **way)
 
 
-def cells(settings: StudySettings) -> list[Cells]:
+def cells(settings: StudySettings) -> list[SharedSamples]:
     """trials : how many skies."""
     if settings.quick:
-        return [Cells(scenario=clean_sky(settings.seed, 0, QUICK_S), equipments=QUICK)]
+        return [SharedSamples(scenario=clean_sky(settings.seed, 0, QUICK_S), equipments=QUICK)]
     skies = [clean_sky(settings.seed, number) for number in range(settings.count(RUNS, 1))]
     return [one for sky in skies for one in cells_of(sky)]
 

@@ -19,7 +19,7 @@ from skyproof.studies.base import StudySettings
 from skyproof.studies.protection.cell import rows_of, stretch_of
 from skyproof.studies.protection.equipment import EQUIPMENT, equipped
 
-__all__ = ["ROWS", "Cells", "cells_of", "done"]
+__all__ = ["ROWS", "SharedSamples", "cells_of", "done"]
 
 ROWS: Final = "rows.json"
 SAME_SAMPLES: Final = (tuple(name for name in EQUIPMENT if name != "spinning"), ("spinning",))
@@ -27,7 +27,7 @@ SAME_SAMPLES: Final = (tuple(name for name in EQUIPMENT if name != "spinning"), 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cells:
+class SharedSamples:
     """A scene, and equipment that it can have."""
 
     scenario: Scenario
@@ -40,13 +40,13 @@ class Cells:
         return Item(key=f"{self.scenario.name}--{self.equipments[0].replace(' ', '-')}", given=self, same_as=same_as)
 
 
-def cells_of(scenario: Scenario) -> list[Cells]:
+def cells_of(scenario: Scenario) -> list[SharedSamples]:
     """With all equipment that it can have."""
     found = [tuple(name for name in same if equipped(scenario, name) is not None) for same in SAME_SAMPLES]
-    return [Cells(scenario=scenario, equipments=possible) for possible in found if possible]
+    return [SharedSamples(scenario=scenario, equipments=possible) for possible in found if possible]
 
 
-def done(asked: Sequence[Cells], name: str, settings: StudySettings) -> Iterator[dict[str, Any]]:
+def done(asked: Sequence[SharedSamples], name: str, settings: StudySettings) -> Iterator[dict[str, Any]]:
     """The rows of each cell once all are done; of those that could not be done, the error. name : of the folder.
 
     Raises KeyboardInterrupt after the rows that are there, if Ctrl-C left some out.
@@ -66,7 +66,7 @@ def done(asked: Sequence[Cells], name: str, settings: StudySettings) -> Iterator
         raise KeyboardInterrupt
 
 
-def _work(asked: Cells, folder: Path) -> None:
+def _work(asked: SharedSamples, folder: Path) -> None:
     """The cells' rows, into the folder: the same but for the seconds that they took."""
     with TemporaryDirectory(prefix="skyproof-cells") as made:
         rows = rows_of(asked.scenario, asked.equipments, Path(made))

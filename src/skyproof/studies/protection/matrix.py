@@ -10,7 +10,7 @@ from skyproof.report.chart import Axes
 from skyproof.simulator.scenes import ready, ready_made
 from skyproof.studies.base import Row, Study, StudySettings
 from skyproof.studies.protection.errors import STANFORD
-from skyproof.studies.protection.items import Cells, cells_of, done
+from skyproof.studies.protection.items import SharedSamples, cells_of, done
 
 __all__ = ["NAME", "STUDIES", "cells"]
 
@@ -19,7 +19,7 @@ QUICK: Final = ("takeover", ("standing",))
 QUICK_S: Final = 12.0
 
 
-def cells(settings: StudySettings) -> list[Cells]:
+def cells(settings: StudySettings) -> list[SharedSamples]:
     """All that can be; trials : how many items of them. What is quick ends before the attack."""
     every = []
     for name in ready_made():
@@ -30,7 +30,7 @@ def cells(settings: StudySettings) -> list[Cells]:
         scene, equipments = QUICK
         short = {"duration_s": QUICK_S, "attacks": ()}
         return [
-            Cells(scenario=one.scenario.model_copy(update=short), equipments=equipments)
+            SharedSamples(scenario=one.scenario.model_copy(update=short), equipments=equipments)
             for one in every
             if one.scenario.name == scene and set(equipments) <= set(one.equipments)
         ]
