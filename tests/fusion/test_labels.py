@@ -80,7 +80,14 @@ def test_authentic_ends_with_its_evidence(invented):
 
 def test_spoofed_holds_as_long_as_the_signal_is_tracked(invented):
     labels = label_signals([invented.evidence(2, "spoofed", *ALL)], [invented.observations(duration_s=100)])
-    assert stretches(labels) == [("unknown", 0, 14), ("spoofed", 15, 99)]  # it may have been captured long after 0
+    assert stretches(labels) == [("unknown", 0, 19), ("spoofed", 20, 99)]  # it may have been captured after 0
+
+
+def test_a_signal_that_begins_shortly_before_the_window_that_says_so_is_spoofed_from_the_start(invented):
+    said = [invented.evidence(2, "spoofed", "G05a")]
+    assert stretches(label_signals(said, [invented.observations(there={"G05a": (16, 39)})])) == [("spoofed", 16, 39)]
+    longer = label_signals(said, [invented.observations(there={"G05a": (14, 39)})])
+    assert stretches(longer) == [("unknown", 14, 19), ("spoofed", 20, 39)]
 
 
 def test_no_label_reaches_over_a_slip(invented):
@@ -92,7 +99,7 @@ def test_no_label_reaches_over_a_slip(invented):
 def test_a_window_speaks_for_what_fills_it(invented):
     observed = [invented.observations(slips={"G05a": [17]})]  # 3 s of the window lie behind the slip
     labels = label_signals([invented.evidence(1, "spoofed", "G05a")], observed)
-    assert stretches(labels) == [("unknown", 0, 4), ("spoofed", 5, 16), ("unknown", 17, 39)]
+    assert stretches(labels) == [("unknown", 0, 9), ("spoofed", 10, 16), ("unknown", 17, 39)]
 
 
 def test_labels_stay_where_the_signal_was_measured(invented):

@@ -33,8 +33,8 @@ BRIDGE_S = 11.0
 """Between two windows that say so, a signal that is tracked on is authentic for so long without evidence: one usual
 window, or one of this run where those are longer. Before the first and after the last it is not."""
 BEFORE_S = 5.0
-"""Before the first window that says so a signal is spoofed for so long: what a usual window leaves out at its end, or
-half of one of this run."""
+"""A signal that begins no longer than this before the first window that says so is spoofed from the start: what a usual
+window leaves out at its end, or half of one of this run. What was there longer can have been captured since."""
 NEARLY_ALL = 0.75
 """Of the signals that failed a test together: if fewer of them are authentic, that many are not just faulty ones."""
 Node = TypeVar("Node", bound=Hashable)
@@ -233,7 +233,7 @@ def _filled(said: Integers, elapsed_s: Reals, bridge_s: float, before_s: float) 
     agreed[agreed == SILENT] = unknown
     begun = before < said.size
     bridged = times_s[after] - np.where(begun, times_s[before], -np.inf) <= bridge_s
-    early = ~begun & (times_s[after] - times_s[row] > before_s)
+    early = ~begun & (times_s[after] - elapsed_s[0] > before_s)
     return np.where(((agreed == authentic) & ~bridged) | early, unknown, agreed)
 
 
