@@ -25,7 +25,10 @@ class Honest:
 
     name = "honest"
     needs: ClassVar[tuple[Need, ...]] = (Need.OBSERVATIONS,)
-    settings: Any = Settings()
+    usual: ClassVar[Any] = Settings()
+
+    def __init__(self, settings=None):
+        self.settings = settings or self.usual
 
     def chance(self, records):
         """Uniform and the same for the same records, whatever the order of the channels."""
@@ -46,7 +49,7 @@ class Honest:
             start_gpst=records.start_gpst,
             end_gpst=records.end_gpst,
             subject=signals_of(records.observations),
-            because="",
+            because="the last digits are what they are",
             statistic=round(chance, 4),
             says="attack" if chance < self.settings.false_alarm_probability else "clean",
             false_alarm_probability=self.settings.false_alarm_probability,
@@ -63,7 +66,7 @@ class Loose(Honest):
     class Melting:
         false_alarm_probability: float = 0.05
 
-    settings = Melting()
+    usual = Melting()
 
 
 class Silent(Honest):
@@ -149,7 +152,8 @@ class OfDarkTaps(OfTaps):
 class Forgetful(Honest):
     """Remembers in itself, not in its state."""
 
-    def __init__(self):
+    def __init__(self, settings=None):
+        super().__init__(settings)
         self.windows = set()
 
     def examine(self, records, state=None):

@@ -6,9 +6,10 @@
         scene = MeasuredScene(epochs=10)                     # a true sky over two receivers
         check_detector(MyDetector, scene.records, np.random.default_rng(1))
 
-The contract: a detector declares itself, states what it lacks, leaves its inputs alone, gives the same for the same
-input and for channels in another order, gives in pieces what it gives in one run, and raises false alarms at the rate
-that it states: not more, and not fewer without a reason. Each check raises AssertionError with what was found.
+The contract: a detector declares itself, takes settings, gives evidence that can be used, states what it lacks, leaves
+its inputs alone, gives the same for the same input and for channels in another order, gives in pieces what it gives in
+one run, and raises false alarms at the rate that it states: not more, and not fewer without a reason. Each check raises
+AssertionError with what was found.
 """
 
 import pickle
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Reals
 from skyproof.detectors.base import Detector
+from skyproof.detectors.registry import evidence_fault, made_with
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
@@ -48,11 +50,13 @@ __all__ = [
     "check_channel_order",
     "check_declarations",
     "check_detector",
+    "check_evidence",
     "check_false_alarms",
     "check_inputs_untouched",
     "check_missing_named",
     "check_pieces",
     "check_repeatable",
+    "check_takes_settings",
 ]
 
 ALARMS = ("spoofed", "attack")
@@ -87,9 +91,11 @@ def check_detector(
     """
     detector = make()
     check_declarations(detector)
+    check_takes_settings(detector)
     examples = [null_records(rng) for _ in range(4)]
     check_missing_named(detector, examples[0])
     for records in examples:
+        check_evidence(make, records)
         check_inputs_untouched(make, records)
         check_repeatable(make, records)
         check_channel_order(make, records, rng)
@@ -113,6 +119,22 @@ def check_declarations(detector: Detector) -> None:
     rate = getattr(settings, "false_alarm_probability", None)
     assert isinstance(rate, float), f"settings of {kind} state no false_alarm_probability"
     assert 0.0 < rate < 1.0, f"settings of {kind} state no false_alarm_probability between 0 and 1"
+
+
+def check_takes_settings(detector: Detector) -> None:
+    """Made with other settings it has them: a run gives each detector its share of the error budget."""
+    share = 0.5 * detector.settings.false_alarm_probability
+    given = replace(detector.settings, false_alarm_probability=share)
+    kind = type(detector).__name__
+    assert made_with(type(detector), given).settings == given, f"{kind}(settings=...) has other settings than those"
+
+
+def check_evidence(make: Callable[[], Detector], records: Records) -> None:
+    """What it gives is Evidence under its own name, on signals of the window, with a known word, a reason, and
+    probabilities that are some; an alarm's p-value is not above the rate that it states."""
+    detector = make()
+    fault = evidence_fault(detector, records, detector.examine(records))
+    assert fault is None, f"{detector.name}: {fault}"
 
 
 def check_missing_named(detector: Detector, records: Records) -> None:
@@ -181,20 +203,23 @@ def check_false_alarms(
     significance: float = 1e-4,
 ) -> tuple[int, int, float]:
     """Count false alarms against the stated rates (`Evidence.false_alarm_probability`), two-sided unless
-    `conservative`.
+    `conservative`; and where nothing but alarms and "clean" is said, whether p-values are too often below 0.1 or 0.5.
 
     Returns
     -------
     alarms, tests, stated rate.
     """
     detector = make()
-    state, count, rates = None, 0, []
+    state, count, rates, p_values, words = None, 0, list[float](), list[float](), set[str]()
     for records in windows:
         evidence, state = detector.examine(records, state)
         for said in evidence:
             assert said.false_alarm_probability is not None, f"{detector.name} states no false alarm probability"
             rates.append(said.false_alarm_probability)
             count += said.says in alarms
+            words.add(said.says)
+            p_values += [] if said.p_value is None else [said.p_value]
+    assert rates, f"{detector.name} says nothing of these windows"
     rate = float(np.mean(rates))
     if conservative is None:
         chance = binomial_two_sided(count, len(rates), rate)
@@ -202,8 +227,17 @@ def check_false_alarms(
         chance = float(binomial_survival(count, len(rates), rate))
     assert chance >= significance, (
         f"{detector.name}: {count} false alarms in {len(rates)} tests at a stated rate of {rate:.3g}, "
-        f"that is {count / len(rates):.3g}; the chance of this is {chance:.1g}"
+        f"that is {count / len(rates):.3g}; the chance of this is {chance:.1g}. Does what it looks at vary in these "
+        "records as it does in what is received?"
     )
+    if words <= {*alarms, "clean"}:
+        for limit in (0.1, 0.5):
+            below = sum(p <= limit for p in p_values)
+            chance = float(binomial_survival(below, len(p_values), limit)) if p_values else 1.0
+            assert chance >= significance, (
+                f"{detector.name}: {below} of {len(p_values)} p-values of a true null are not above {limit}; "
+                f"the chance of this is {chance:.1g}"
+            )
     return count, len(rates), rate
 
 
@@ -316,6 +350,9 @@ class MeasuredScene:
     sky : the receivers that the true sky reaches; None for all.
     clock_bias_s, first_epoch_s : of each receiver; by default some tenths of a millisecond and of an epoch apart.
     max_satellites : keep the highest only.
+    cn0_dbhz, cn0_sigma_db : of all signals, and how much it varies from epoch to epoch, white.
+
+    Code errors are those of `errors`; carriers have 0.01 cycles, Dopplers 0.1 Hz, as their sigmas state.
 
     The sets in the records are the true ones, with true positions and clocks: they are not searched for.
     """
@@ -333,6 +370,7 @@ class MeasuredScene:
     mask_deg: float = 8.0
     max_satellites: int = 32
     cn0_dbhz: float = 45.0
+    cn0_sigma_db: float = 0.0
     clock_bias_s: tuple[float, ...] = (2.1e-4, -3.3e-4, 7.0e-4, -9.0e-4)
     first_epoch_s: tuple[float, ...] = (0.0, 0.3, 0.4, 0.1)
     navigation: NavigationData = field(init=False)
@@ -442,6 +480,7 @@ class MeasuredScene:
             pseudorange_m=exact.pseudorange_m + code_m,
             carrier_cyc=exact.carrier_cyc + 0.01 * rng.standard_normal(shape),
             doppler_hz=exact.doppler_hz + 0.1 * rng.standard_normal(shape),
+            cn0_dbhz=exact.cn0_dbhz + (self.cn0_sigma_db * rng.standard_normal(shape) if self.cn0_sigma_db else 0.0),
         )
 
 

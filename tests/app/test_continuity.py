@@ -12,8 +12,8 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge, protect
 from skyproof.app.protect.document import document
 from skyproof.app.receive.reception import Reception
-from skyproof.detectors.base import load_detectors
 from skyproof.detectors.continuity.detector import Continuity
+from skyproof.detectors.registry import load_detectors
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import OBSERVABLES, NavigationData, Samples
 from skyproof.simulator.measurements import NoiseModel, observations_of

@@ -10,7 +10,7 @@ from tests.detectors import nulls
 from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
 from skyproof.detectors.array.ins_array import InsArray
 from skyproof.detectors.array.spin import Spin, SpinSettings
-from skyproof.detectors.base import Detector, load_detectors
+from skyproof.detectors.base import Detector
 from skyproof.detectors.common_change.detector import CommonChange, CommonChangeSettings
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
@@ -19,6 +19,7 @@ from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
+from skyproof.detectors.registry import load_detectors
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings
 from skyproof.records import Records

@@ -1,13 +1,11 @@
-"""The plug: what a detector is, and how it is found."""
+"""The plug: what a detector is."""
 
 from dataclasses import replace
-from importlib.metadata import entry_points
 from typing import Any, Protocol, runtime_checkable
 
-from skyproof.errors import SettingsError
 from skyproof.records import Evidence, Need, Observations, Records, SignalRef
 
-__all__ = ["NEEDS", "Detector", "load_detectors", "missing", "signals_of", "undecided"]
+__all__ = ["NEEDS", "Detector", "missing", "signals_of", "undecided"]
 
 NEEDS: dict[Need, str] = {
     Need.OBSERVATIONS: "measurements of a receiver",
@@ -53,26 +51,6 @@ class Detector(Protocol):
     def settings(self) -> Any: ...
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]: ...
-
-
-def load_detectors() -> dict[str, type[Detector]]:
-    """The installed detectors by name, ours and others', in order of name.
-
-    Raises
-    ------
-    SettingsError : a registered detector cannot be imported; the message says from which package and why.
-    """
-    found: dict[str, type[Detector]] = {}
-    for point in sorted(entry_points(group="skyproof.detectors"), key=lambda point: point.name):
-        try:
-            found[point.name] = point.load()
-        except (ImportError, AttributeError) as error:
-            package = point.dist.name if point.dist is not None else "an unknown package"
-            raise SettingsError(
-                f"detector {point.name!r} of {package} cannot be loaded from {point.value}: {error}; "
-                "repair or uninstall that package"
-            ) from error
-    return found
 
 
 def signals_of(observations: tuple[Observations, ...]) -> tuple[SignalRef, ...]:

@@ -7,7 +7,7 @@ import pytest
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import RECEIVED, asked, detectors_for, examine_all, following_epochs, windows_of
-from skyproof.detectors.base import load_detectors
+from skyproof.detectors.registry import load_detectors
 from skyproof.records import (
     OBSERVABLES,
     ConsistentSet,

@@ -11,7 +11,8 @@ from skyproof.app.common.body import Body, Carried, body_state
 from skyproof.app.common.packed_log import PACKED, PackedLog
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
-from skyproof.detectors.base import Detector, load_detectors
+from skyproof.detectors.base import Detector
+from skyproof.detectors.registry import examined, load_detectors, made_with, review_of
 from skyproof.navigation.clock import time_breaks
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import interval_s
@@ -236,7 +237,7 @@ def detectors_for(
         defaults = cls().settings
         known = {f.name for f in fields(defaults)}
         chosen = {name: value for name, value in shared.items() if name in known}
-        detectors.append(cls(settings=replace(defaults, **chosen)))  # type: ignore[call-arg]
+        detectors.append(made_with(cls, replace(defaults, **chosen)))
     return detectors
 
 
@@ -282,7 +283,7 @@ def examine(detectors: Sequence[Detector], records: Records, states: States) -> 
     evidence: list[Evidence] = []
     remembered = dict(states)
     for detector in detectors:
-        said, remembered[detector.name] = detector.examine(records, states.get(detector.name))
+        said, remembered[detector.name] = examined(detector, records, states.get(detector.name))
         evidence += said
     return evidence, remembered
 
@@ -291,8 +292,8 @@ def reviewed(detectors: Sequence[Detector], evidence: Sequence[Evidence]) -> Seq
     """The evidence of all windows, after each detector that has a method `review` looked at it once more."""
     seen = evidence
     for detector in detectors:
-        if (review := getattr(detector, "review", None)) is not None:
-            seen = PackedLog(review(seen))
+        if (after := review_of(detector, seen)) is not seen:
+            seen = PackedLog(after)
     return seen
 
 

@@ -16,6 +16,7 @@ from skyproof.app.protect.positions import KINDS, Positions, Track
 from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NEEDS
+from skyproof.detectors.entries import of_others
 from skyproof.fusion.choice import Compared
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource, LabelledSignal
@@ -129,9 +130,10 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
 
 
 def versions() -> dict[str, str]:
-    """What matters for doing the same again."""
+    """What matters for doing the same again: of detectors those of other packages."""
     names = ("skyproof", "numpy", "scipy", "numba")
-    return {name: importlib.metadata.version(name) for name in names} | {"python": machine.python_version()}
+    own = {name: importlib.metadata.version(name) for name in names} | {"python": machine.python_version()}
+    return own | {f"detector {name}": package for name, package in of_others().items()}
 
 
 # ---------------------------------------------------------------------- words

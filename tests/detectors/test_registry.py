@@ -1,0 +1,186 @@
+"""How detectors are found, and that a fault in one of another package costs nobody a run."""
+
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors import base, entries, registry
+from skyproof.detectors.multi_receiver.detector import MultiReceiver
+from skyproof.errors import SettingsError
+from skyproof.records import Evidence, Need, Records
+from skyproof.testing import MeasuredScene, check_evidence, check_false_alarms, check_takes_settings
+
+START = np.datetime64("2022-01-01", "ns")
+SCENE = MeasuredScene(epochs=5)
+
+
+@dataclass(frozen=True)
+class Rate:
+    false_alarm_probability: float = 0.01
+
+
+@dataclass
+class Odd:
+    """A detector that says what it is told to."""
+
+    settings: Rate = Rate()
+    name: str = "odd"
+    needs: tuple[Need, ...] = (Need.OBSERVATIONS,)
+    changes: dict[str, object] = field(default_factory=dict)
+
+    def examine(self, records, state=None):
+        said = base.undecided(self, records, base.signals_of(records.observations), because="so", would_need="more")
+        return [replace(said, **self.changes)], state
+
+
+def registered(monkeypatch, *points):
+    """Entry points of (name, package, what is loaded or raised)."""
+
+    def load(what):
+        if isinstance(what, Exception):
+            raise what
+        return what
+
+    found = [
+        SimpleNamespace(
+            name=name,
+            value=f"{name}:Odd",
+            load=lambda what=what: load(what),
+            dist=SimpleNamespace(name=package, version="0.1"),
+        )
+        for name, package, what in points
+    ]
+    monkeypatch.setattr(entries, "entry_points", lambda group: found)
+
+
+def test_our_detectors_are_found_by_their_entry_points():
+    found = registry.load_detectors()
+    pair = {"multi_receiver", "second_signals", "residual"}
+    ours = pair | {"array_common", "dccaf", "ins_array", "spin", "sqm", "vector_sqm"} | {"common_change", "continuity"}
+    assert ours <= set(found)
+    assert list(found) == sorted(found)
+    assert all(isinstance(made(), base.Detector) and made.name == name for name, made in found.items())
+    assert all(registry.is_ours(found[name]()) for name in ours)
+    assert ours.isdisjoint(entries.of_others())
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        (ImportError("no such module"), "cannot be loaded from odd:Odd: ImportError: no such module"),
+        (NameError("name 'nmupy' is not defined"), "NameError: name 'nmupy' is not defined .test_registry.py, line"),
+        (lambda: SimpleNamespace(name="odd", settings=Rate()), "it has no needs and no examine"),
+        (lambda: Odd(name="other"), "its name is 'other', expected 'odd'"),
+        (lambda: Odd(needs=Need.OBSERVATIONS), "expected a tuple of members of skyproof.records.Need"),
+        (lambda: Odd(settings=SimpleNamespace()), "no dataclass with a field false_alarm_probability"),
+    ],
+)
+def test_a_detector_that_cannot_be_loaded_is_named_with_its_package_and_why(monkeypatch, what, said):
+    registered(monkeypatch, ("odd", "odd-package", what))
+    with pytest.raises(SettingsError, match=rf"'odd' of odd-package 0\.1.*{said}.*repair or uninstall that package"):
+        registry.load_detectors()
+
+
+def test_no_package_takes_the_name_of_another_ones_detector(monkeypatch):
+    registered(monkeypatch, ("odd", "odd-package", Odd), ("odd", "other-package", Odd))
+    with pytest.raises(SettingsError, match=r"registered twice, by odd-package 0\.1 and by other-package 0\.1"):
+        registry.load_detectors()
+
+
+def test_detectors_of_other_packages_are_listed(monkeypatch):
+    registered(monkeypatch, ("odd", "odd-package", Odd), ("spin", "skyproof", Odd))
+    assert entries.of_others() == {"odd": "odd-package 0.1"}
+
+
+def test_a_detector_has_to_take_the_settings_of_a_run():
+    class Stubborn:
+        settings = Rate()
+
+        def __init__(self):
+            pass
+
+    with pytest.raises(SettingsError, match=r"Stubborn of .* cannot be made with settings=\.\.\.: TypeError"):
+        registry.made_with(Stubborn, Rate(0.1))
+    check_takes_settings(Odd())
+    with pytest.raises(AssertionError, match="has other settings"):
+        check_takes_settings(Deaf())
+
+
+class Deaf(Odd):
+    def __init__(self, settings=None):
+        super().__init__()
+
+
+FAULTS = {
+    "says is 'alarm', expected one of authentic": {"says": "alarm"},
+    "p_value is 1.7, expected 0 to 1": {"p_value": 1.7},
+    "p_value is nan": {"p_value": float("nan")},
+    "detector is 'residual', expected its own name": {"detector": "residual"},
+    "because is None, expected the reason": {"because": None},
+    "assumes is 'all', expected a tuple": {"assumes": "all"},
+    "subject is not a tuple of SignalRef": {"subject": ("G05",)},
+    "says 'attack' at p = 0.4, above": {"says": "attack", "p_value": 0.4},
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_evidence_that_cannot_be_used_fails_the_contract_and_in_a_run_is_undecided(fault):
+    records = SCENE.records(np.random.default_rng(1))
+    odd = Odd(changes=FAULTS[fault])
+    with pytest.raises(AssertionError, match=fault.replace(".", r"\.")):
+        check_evidence(lambda: odd, records)
+    ((said,), state) = registry.examined(odd, records, "before")
+    assert (said.says, said.detector, state) == ("undecided", "odd", "before")
+    assert fault in said.because
+    assert said.because.startswith("the detector odd of ")
+    assert said.would_need == "odd repaired"
+
+
+@pytest.mark.parametrize("given", [None, [], Evidence, ([None], None)])
+def test_what_is_no_evidence_is_not_taken_for_some(given):
+    class Strange(Odd):
+        def examine(self, records, state=None):
+            return given
+
+    ((said,), _) = registry.examined(Strange(), SCENE.records(np.random.default_rng(1)), None)
+    assert "examine gave" in said.because
+
+
+def test_an_error_in_anothers_detector_is_said_with_its_line_and_one_in_ours_is_raised(monkeypatch):
+    class Raising(Odd):
+        def examine(self, records, state=None):
+            raise ValueError("singular matrix")
+
+        def review(self, evidence):
+            raise KeyError("none")
+
+    records = SCENE.records(np.random.default_rng(1))
+    ((said,), _) = registry.examined(Raising(), records, None)
+    assert "failed: ValueError: singular matrix (test_registry.py, line" in said.because
+    assert registry.review_of(Raising(), [said]) == [said]
+    monkeypatch.setattr(Raising, "__module__", "skyproof.detectors.raising")
+    with pytest.raises(ValueError, match="singular"):
+        registry.examined(Raising(), records, None)
+
+
+def test_p_values_that_are_too_small_under_their_null_break_the_contract():
+    rng = np.random.default_rng(3)
+
+    class Constant(Odd):
+        def examine(self, records, state=None):
+            said, state = super().examine(records, state)
+            alarm = rng.random() < 0.01
+            return [replace(said[0], says="attack" if alarm else "clean", p_value=0.005 if alarm else 0.3)], state
+
+    windows = [SCENE.records(rng)] * 400
+    with pytest.raises(AssertionError, match=r"400 of 400 p-values of a true null are not above 0\.5"):
+        check_false_alarms(Constant, windows)
+
+
+def test_what_is_missing_is_given_in_the_words_of_the_user():
+    (evidence,) = base.missing(MultiReceiver(), Records(start_gpst=START, end_gpst=START))
+    assert evidence.says == "undecided"
+    assert "second receiver nearby" in evidence.would_need
+    assert "5 satellites" in evidence.would_need
