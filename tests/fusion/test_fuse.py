@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.fusion.fuse import fuse
+from skyproof.records import OBSERVABLES
 
 SKY = ("G05a", "G07a", "G10a", "G13a", "G15a")
 FALSE = ("G05b", "G07b", "G10b", "G13b", "G15b")
@@ -78,6 +79,17 @@ def test_authentic_for_the_common_time_is_authentic(invented):
         ("rx2", "authentic", 0, 19),
         ("rx2", "unknown", 20, 39),
     }
+    assert decision.alone_s == (("rx1", 20.0), ("rx2", 20.0))
+
+
+@pytest.mark.parametrize(("alone_s", "verdict"), [(5, "authentic"), (30, "authentic"), (40, "undecided")])
+def test_a_receiver_that_was_recorded_alone_for_long_leaves_the_verdict_open(invented, alone_s, verdict):
+    """One antenna cannot vouch for itself: false signals could have come in that time."""
+    observed = [invented.observations(duration_s=20 + alone_s), invented.observations(receiver="rx2", duration_s=20)]
+    evidence = [invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in (0, 1)]
+    decision = fuse(evidence, observed, [])
+    assert decision.verdict == verdict
+    assert decision.alone_s == ((("rx1", alone_s),) if verdict == "authentic" and alone_s > 5 else ())
 
 
 def test_a_few_signals_are_too_few_for_authentic(invented, pair):
@@ -108,6 +120,22 @@ def test_time_in_which_nobody_had_a_fix_is_stated_beside_authentic(invented):
 def test_signals_that_are_lost_for_a_moment_do_no_harm(invented):
     observed = [invented.observations(receiver=r, slips=dict.fromkeys(SKY, (17,))) for r in BOTH]  # 3 s of window 1
     evidence = [invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in range(4)]
+    assert fuse(evidence, observed, []).verdict == "authentic"
+
+
+def test_time_without_any_epoch_is_time_without_signals(invented):
+    kept = np.r_[0:20, 29:60]
+    observed = [
+        replace(
+            o,
+            **{
+                name: getattr(o, name)[kept]
+                for name in ("gpst", "elapsed_s", "status", "half_cycle_open", *OBSERVABLES)
+            },
+        )
+        for o in (invented.observations(duration_s=60, receiver=r) for r in BOTH)
+    ]
+    evidence = [invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in (0, 1, 3, 4, 5)]
     assert fuse(evidence, observed, []).verdict == "authentic"
 
 

@@ -1,8 +1,9 @@
 """All evidence to one decision.
 
 The words are never stronger than the evidence: *spoofed* needs evidence of an attack, *authentic* needs positive
-evidence for every receiver, all the time that the receivers have in common, no sign of an attack, and no failed test
-that overrules it; everything else is *undecided*, with what would decide it.
+evidence for every receiver, all the time but for half a minute before and after the time that the receivers have in
+common, no sign of an attack, and no failed test that overrules it; everything else is *undecided*, with what would
+decide it.
 Nothing here knows a particular detector.
 """
 
@@ -26,6 +27,9 @@ __all__ = ["Decision", "fuse"]
 VerdictWord = Literal["authentic", "spoofed", "undecided"]
 ENOUGH = 4  # signals for a fix
 MOMENT_S = 5.0  # after a loss of all signals it takes so long until a window can speak for the new ones
+ALONE_S = 30.0
+"""Recorders that are started and stopped by hand are apart by less. One that is recorded alone for longer leaves the
+verdict open: an attack on it could begin or end then."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -37,6 +41,8 @@ class Decision:
     assumed : under what the word and the labels hold, in words.
     without_fix_s : of an authentic run, receivers that received too few signals for a fix for more than a moment, and
         for how long.
+    alone_s : of an authentic run, receivers that were recorded for more than a moment while another was not and that
+        nothing vouches for then, and for how long.
     skies : under an attack that leaves open which signals of a receiver are true, its consistent sets of signals,
         linked over the windows; each is one position and time. None of a receiver of which false signals are named.
     """
@@ -51,6 +57,7 @@ class Decision:
     unexplained: tuple[Unexplained, ...] = ()
     assumed: tuple[str, ...] = ()
     without_fix_s: tuple[tuple[str, float], ...] = ()
+    alone_s: tuple[tuple[str, float], ...] = ()
 
 
 def fuse(
@@ -90,6 +97,7 @@ def fuse(
         unexplained=left,
         assumed=_assumed(evidence),
         without_fix_s=tuple(_without_fix(labels, observations)) if verdict == "authentic" else (),
+        alone_s=tuple(_alone(labels, observations)) if verdict == "authentic" else (),
         open=None if settled else open_question(evidence, observations, trusted),
     )
 
@@ -121,12 +129,14 @@ def _always_authentic(o: ObservationLog, labels: Sequence[LabelledSignal], all_o
     """Whether a fix could be made of authentic signals, but for moments, whenever enough signals were received for one,
     and ever.
 
-    Moments last `MOMENT_S`, or as long as two epochs that are missing.
+    Moments last `MOMENT_S`, or as long as two epochs that are missing; without any epoch nothing was received. What was
+    recorded alone does not matter for `ALONE_S`.
     """
-    fixed = _fixed(o, labels)
-    matters = (o.measured.sum(axis=1) >= ENOUGH) & _in_common(o, all_of)
-    edges_s = np.concatenate([o.elapsed_s[:1], o.elapsed_s[~matters | fixed], o.elapsed_s[-1:]])
-    return bool(fixed.any() and np.diff(edges_s).max() <= max(MOMENT_S, 2.5 * interval_s(o.elapsed_s)))
+    fixed, interval = _fixed(o, labels), interval_s(o.elapsed_s)
+    matters = (o.measured.sum(axis=1) >= ENOUGH) & _in_common(o, all_of, ALONE_S)
+    received_s = np.concatenate([[0.0], np.cumsum(np.minimum(np.diff(o.elapsed_s), interval))])
+    edges_s = np.concatenate([received_s[:1], received_s[~matters | fixed], received_s[-1:]])
+    return bool(fixed.any() and np.diff(edges_s).max() <= max(MOMENT_S, 2.5 * interval))
 
 
 def _without_fix(
@@ -150,12 +160,26 @@ def _fixed(o: ObservationLog, labels: Sequence[LabelledSignal]) -> Booleans:
     return fixed
 
 
-def _in_common(o: ObservationLog, observations: Sequence[ObservationLog]) -> Booleans:
-    """(n_epochs,) in the time in which all receivers were recorded."""
+def _alone(labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog]) -> Iterator[tuple[str, float]]:
+    for o in observations:
+        alone = ~_fixed(o, labels) & ~_in_common(o, observations) & (o.measured.sum(axis=1) >= ENOUGH)
+        seconds = float(alone.sum() * interval_s(o.elapsed_s))
+        if seconds > MOMENT_S:
+            yield o.receiver, seconds
+
+
+def _in_common(o: ObservationLog, observations: Sequence[ObservationLog], beside_s: float | None = None) -> Booleans:
+    """(n_epochs,) in the time in which all receivers were recorded; or in that and, before or after it, where it is
+    farther away than `beside_s`.
+    """
     received = [other.gpst for other in observations if other.gpst.size]
     begin, end = max(gpst[0] for gpst in received), min(gpst[-1] for gpst in received)
     common: Booleans = (o.gpst >= begin) & (o.gpst <= end)
-    return common
+    if beside_s is None:
+        return common
+    beside = np.timedelta64(round(beside_s * 1e9), "ns")
+    far: Booleans = (o.gpst < begin - beside) | (o.gpst > end + beside)
+    return common | far
 
 
 def _time_line(

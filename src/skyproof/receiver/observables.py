@@ -333,7 +333,8 @@ def _cells(
     """Row and column of each measurement, and the signals of the columns, as in `assemble`."""
     signals = tuple(sorted({arc.signal for arc in arcs.values()}))
     column = {signal: i for i, signal in enumerate(signals)}
-    rows = np.rint(measurements.elapsed_s / averaged_s).astype(np.int64) - round(float(elapsed_s[0]) / averaged_s)
+    first = round(float(elapsed_s[0]) / averaged_s) if elapsed_s.size else 0
+    rows = np.rint(measurements.elapsed_s / averaged_s).astype(np.int64) - first
     return rows, np.array([column[arcs[number].signal] for number in measurements.arc.tolist()], np.int64), signals
 
 

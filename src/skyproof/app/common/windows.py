@@ -56,6 +56,8 @@ RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAV
 """What any detector may need that every receiver makes, sooner or later; the rest is of special equipment."""
 LEAST_EPOCHS = 5
 """Of a window."""
+ALONE = np.timedelta64(2, "s")
+"""Receivers that begin or end so nearly together have the windows of the first and the last."""
 MIN_WINDOW_SHARE = 0.5
 """A last window shorter than this share of a whole one is joined to the one before."""
 
@@ -90,7 +92,8 @@ def window_edges(observations: Sequence[ObservationLog], window_s: float) -> lis
     """Edges of the windows, common to all receivers: from the first epoch of any to past the last.
 
     Where a receiver's time breaks one window ends and another begins: ranges before and after it have nothing in
-    common, and a mean over both is of neither.
+    common, and a mean over both is of neither. So it is where all receivers begin, and where the first of them ends:
+    what all measured says nothing of what one of them measured without the others.
     """
     if not observations:
         return [NO_TIME, NO_TIME]
@@ -98,7 +101,9 @@ def window_edges(observations: Sequence[ObservationLog], window_s: float) -> lis
     last = max(o.gpst[-1] for o in observations) + np.timedelta64(1, "ms")
     # Between epochs: those of receivers that do not steer their clocks come some milliseconds early or late.
     early = np.timedelta64(round(0.5e9 * max(interval_s(o.elapsed_s) for o in observations)), "ns")
-    breaks = np.unique(np.concatenate([time_breaks(o) for o in observations]))
+    all_from, all_to = max(o.gpst[0] for o in observations), min(o.gpst[-1] for o in observations)
+    alone = [at for at, by in ((all_from, all_from - first), (all_to + 2 * early, last - all_to)) if by > ALONE]
+    breaks = np.unique(np.concatenate([*(time_breaks(o) for o in observations), np.array(alone, "M8[ns]")]))
     edges = [first]
     for begin, end in pairwise([first, *breaks, last]):
         if end - begin > early or end == last:  # not at the break that another receiver saw at its own epoch
@@ -174,14 +179,18 @@ class Windows:
         spans_s = {o.receiver: span_s(o, start, end) for o in run.observations}
         grids = (log.between(*spans_s[log.receiver]) for log in run.ccaf)
         phases = (log.between(*spans_s[log.receiver]) for log in run.array_phases)
+        taps, vector_taps = (
+            tuple(one for log in logs if (one := log.between(*spans_s[log.receiver])).elapsed_s.size)
+            for logs in (run.taps, run.vector_taps)
+        )
         return Records(
             start_gpst=start,
             end_gpst=end,
             observations=cuts,
             navigation=run.navigation,
             sets=tuple(sets),
-            taps=tuple(log.between(*spans_s[log.receiver]) for log in run.taps),
-            vector_taps=tuple(log.between(*spans_s[log.receiver]) for log in run.vector_taps),
+            taps=taps,
+            vector_taps=vector_taps,
             ccaf=tuple(one for one in grids if one.gpst.size),
             array_phases=tuple(one for one in phases if one.gpst.size),
             spin_arms=run.spin_arms,

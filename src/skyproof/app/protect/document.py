@@ -155,7 +155,7 @@ def _summary(outcome: Outcome) -> str:
     left = _unexplained(decision.unexplained)
     if decision.verdict == "authentic":
         n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
-        sign = (f". {left}" if left else "; no sign of spoofing.") + _without_fix(outcome)
+        sign = (f". {left}" if left else "; no sign of spoofing.") + _without_fix(outcome) + _alone(outcome)
         return f"The signals of {n} satellites come from the sky{sign}{_repeated(outcome)}{_kept(outcome, ' The')}"
     if decision.verdict == "undecided":
         why = (_undecided_because(outcome) or "").split(CURE)[0]  # the document has the remedy
@@ -217,6 +217,14 @@ def _without_fix(outcome: Outcome) -> str:
     return "".join(
         f" For {seconds:.0f} s {receiver} received too few signals for a position."
         for receiver, seconds in outcome.decision.without_fix_s
+    )
+
+
+def _alone(outcome: Outcome) -> str:
+    """For how long the word is not of receivers that were recorded without the others."""
+    return "".join(
+        f" Nothing is said of {seconds:.0f} s in which {receiver} was recorded and another receiver was not."
+        for receiver, seconds in outcome.decision.alone_s
     )
 
 
