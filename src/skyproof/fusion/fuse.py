@@ -74,6 +74,7 @@ def fuse(
         trusted = _vouched_for(labels, observations, evidence)
         named = {ref.receiver for source in sources for ref in source.signals}
         skies = skies_of((s for s in sets if s.receiver not in named), first=len(sources) + 1)
+        left = tuple(u for u in left if not any(u.ref in sky.signals for sky in skies))
         onset, until = _time_line(false, skies, observations)
         onset = onset or _first_seen(evidence)
         verdict: VerdictWord = "spoofed"

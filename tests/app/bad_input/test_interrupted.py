@@ -45,8 +45,9 @@ def test_ctrl_c_writes_what_is_decided_so_far(run, pair, monkeypatch):
     assert ended.code == 130
     assert ended.stderr == ["skyproof: interrupted: this is what was decided so far"]
     assert json.loads(ended.stdout) == json.loads((ended.folder / "verdict.json").read_text())
-    assert ended.verdict.summary.startswith("Interrupted; of what was read until then: ")
-    assert ended.verdict.verdict == "authentic"
+    assert ended.verdict.summary.startswith("Interrupted after 6.5 of 8.0 s; up to then: The signals of ")
+    assert ended.verdict.verdict == "undecided"  # an attack can begin after what was read
+    assert "it was not read; would decide it: the same command, run to its end" in ended.verdict.undecided_because
     assert [r.duration_s for r in ended.verdict.receivers] == [6.5, 6.5]
     assert "6.5 of 8.0 s were processed before the run was interrupted" in ended.remarks(1)
     assert (ended.folder / "report.html").exists()

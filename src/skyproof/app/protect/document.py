@@ -105,11 +105,18 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
     onset = decision.onset
     summary = _summary(outcome) + _noted(outcome) + _left_out(outcome)
     summary = summary[:1].upper() + summary[1:]
+    word, because = decision.verdict, _undecided_because(outcome)
     if interrupted:
-        summary = f"Interrupted; of what was read until then: {summary}"
+        read = _read_until(outcome)
+        summary = f"Interrupted after {read}; up to then: {summary}"
+        if word == "authentic":  # an attack can begin after what was read
+            word, because = (
+                "undecided",
+                f"what comes after {read}: it was not read{CURE}the same command, run to its end",
+            )
     return Verdict(
         format=VERDICT_FORMAT,
-        verdict=decision.verdict,
+        verdict=word,
         summary=summary,
         since_gpst=None if onset is None else iso(onset.gpst, DIGITS),
         since_sigma_s=None if onset is None else onset.sigma_s,
@@ -117,7 +124,7 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         since_latest_gpst=None if onset is None else iso(onset.seen, DIGITS),
         until_gpst=None if decision.until is None else iso(decision.until, DIGITS),
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
-        undecided_because=_undecided_because(outcome),
+        undecided_because=because,
         assumed=_assumed(decision),
         receivers=receivers,
         signals=tuple(_signals(outcome)),
@@ -127,6 +134,13 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         settings=settings.model_dump(mode="json"),
         versions=versions(),
     )
+
+
+def _read_until(outcome: Outcome) -> str:
+    """How much of the recordings was read, in words."""
+    read_s = max((r.reception.examined_s for r in outcome.receivers), default=0.0)
+    whole_s = max((r.reception.source.duration_s for r in outcome.receivers), default=0.0)
+    return f"{read_s:.1f} of {whole_s:.1f} s"
 
 
 def versions() -> dict[str, str]:
@@ -189,7 +203,7 @@ _EXPLAINS: dict[Kind, str] = {
     "rival": "earlier or stronger than a true one of its satellite: a false signal would explain it",
     "misfit": "not fitting what the others show: a fault, an echo alone or a false signal would explain it",
     "echo": "later and weaker than a true one of its satellite: an echo would explain it",
-    "untested": "of a satellite that was not compared: it was received by one receiver only, or too shortly",
+    "untested": "without a comparison that tells: received by one receiver only, too shortly, or too much alike",
 }
 
 
@@ -258,6 +272,10 @@ def _repeated(outcome: Outcome) -> str:
 GIVEN = (Need.NAVIGATION, Need.TWO_RECEIVERS, Need.SETS, Need.ARRAY_PHASES, Need.NAV_STATE, Need.SPIN_ARMS)
 """Records that users can bring, the easiest first; the others are the receiver's own affair."""
 MOST_CURES = 2
+PREDICTS = (
+    'where the receiver is or how it moves, in a platform file: that it stands (motion = "static"), its surveyed '
+    "position, its oscillator, or an inertial unit"
+)
 
 
 def _undecided_because(outcome: Outcome) -> str | None:
@@ -271,11 +289,19 @@ def _undecided_because(outcome: Outcome) -> str | None:
     if question.why is not None:
         return f"{question.about}: {question.why}" + (f"{CURE}{question.remedy}" if question.remedy else "")
     if left := _unexplained(outcome.decision.unexplained).rstrip("."):
-        return f"{question.about}: {left}{CURE}a longer recording, or another receiver nearby"
-    lacking = {need for e in outcome.evidence for need in e.lacking}
-    cure = [NEEDS[need] for need in GIVEN if need in lacking][:MOST_CURES]
+        return f"{question.about}: {left}{CURE}{_cure(outcome) or 'a longer recording'}"
+    cure = _cure(outcome)
     why = f"{question.about}: no method that this input allows can tell"
-    return why + (f"{CURE}{', or '.join(cure)}" if cure else "")
+    return why + (f"{CURE}{cure}" if cure else "")
+
+
+def _cure(outcome: Outcome) -> str:
+    """What the user could bring that was lacking; of skies one of which is true, first what says where he is."""
+    lacking = {need for e in outcome.evidence for need in e.lacking}
+    cures = [NEEDS[need] for need in GIVEN if need in lacking]
+    if outcome.decision.skies and Need.NAVIGATION not in lacking:
+        cures.insert(0, PREDICTS)
+    return ", or ".join(cures[:MOST_CURES])
 
 
 def _left_out(outcome: Outcome) -> str:
