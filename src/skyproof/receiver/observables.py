@@ -413,10 +413,7 @@ def navigation_of(arcs: Mapping[int, Arc], week_near: int, source: str) -> Navig
     return NavigationData(ephemerides=ordered, ionosphere=ionosphere, utc=utc, source=source)
 
 
-def stated_week(arcs: Mapping[int, Arc]) -> int | None:
-    """The week modulo 1024 of any subframe 1, None without one."""
-    for arc in arcs.values():
-        first: Subframe | None = arc.subframes.get(1)
-        if first is not None:
-            return int(first.fields["week_mod_1024"])
-    return None
+def stated_weeks(arcs: Mapping[int, Arc]) -> set[int]:
+    """The weeks modulo 1024 that subframes 1 state; empty without one."""
+    firsts = (arc.subframes.get(1) for arc in arcs.values())
+    return {int(first.fields["week_mod_1024"]) for first in firsts if first is not None}

@@ -205,6 +205,20 @@ def test_a_date_in_the_wrong_week_is_reported_and_the_messages_week_is_used(run,
     assert ended.verdict.receivers[0].start_gpst.startswith("2024-05-14T09:59:58")
 
 
+@pytest.mark.long
+def test_a_navigation_file_whose_week_no_signal_states_is_refused_where_the_recording_has_no_date(run, tmp_path):
+    recorded = kit.record(kit.scenario_of(receivers=1, duration_s=10.0), tmp_path)
+    undated = copied(recorded.paths[0], tmp_path / "undated", start_gpst="")
+    write_nav(tmp_path / "old.rnx", nominal_constellation(np.datetime64("2005-04-02T21:46:00", "ns")))
+    assert_refused(
+        run(undated, nav=tmp_path / "old.rnx"),
+        f"{undated}: its signals are of GPS week 2314, from 2024-05-12 on",
+        "the navigation file is of GPS week 1316, from 2005-03-27 on",
+        "start_gpst in the sidecar",
+    )
+    assert run(undated, nav=recorded.nav).code == 0
+
+
 @pytest.mark.usefixtures("untracked")
 def test_one_recording_given_twice_is_refused(run, pair, tmp_path):
     """It would look like one antenna that feeds both."""

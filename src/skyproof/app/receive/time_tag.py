@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike
 
 from skyproof.app.receive.tracker import Tracker
 from skyproof.arrays import Booleans, Indices, Instants, Reals
+from skyproof.errors import InputError
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state
-from skyproof.gnss.time import iso, resolve_week, week_and_tow
+from skyproof.gnss.time import GPS_EPOCH, iso, resolve_week, week_and_tow
 from skyproof.navigation.fix import fix
 from skyproof.receiver.channels import Arc, Gap
-from skyproof.receiver.observables import ReceiverTimeTag, receiver_time_tag, stated_week, timed_by_range
+from skyproof.receiver.observables import ReceiverTimeTag, receiver_time_tag, stated_weeks, timed_by_range
 from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId
 
 __all__ = [
@@ -30,21 +31,36 @@ __all__ = [
 
 
 def week_of(tracker: Tracker, navigation: NavigationData | None, remarks: list[str]) -> int:
+    """The recording's GPS week: of its date, else of the navigation file, else as the signals say it, nearest to today.
+
+    Raises InputError if no signal's week is that of the navigation file.
+    """
     start = tracker.samples.start_gpst
     if start is not None:
         return int(week_and_tow(start)[0])
+    stated, near = min(stated_weeks(tracker.arcs), default=None), np.datetime64("now", "ns")
     if navigation is not None and navigation.ephemerides:
         week = int(np.median([e.week for e in navigation.ephemerides]))
+        if stated is not None and all((one - week + 1) % 1024 > 2 for one in stated_weeks(tracker.arcs)):
+            raise InputError(
+                f"{tracker.samples.path or tracker.samples.name}: its signals are of {_first_day(stated, near)} (or "
+                f"1024 weeks before or after), the navigation file is of {_first_day(week, near)}; give the file of "
+                "the day, or, if the signals may lie about it, start_gpst in the sidecar"
+            )
         remarks.append(f"no date in the sidecar: GPS week {week} taken from the navigation file")
         return week
-    stated = stated_week(tracker.arcs)
-    near = np.datetime64("now", "ns")
     week = resolve_week(stated, near) if stated is not None else int(week_and_tow(near)[0])
     remarks.append(
         f"no date in the sidecar and no navigation file: GPS week {week} taken "
         + ("from the message, as the one nearest to today" if stated is not None else "as today's; give start_gpst")
     )
     return week
+
+
+def _first_day(week: int, near: np.datetime64) -> str:
+    """Of a week, whole or modulo 1024, in words."""
+    whole = week if week >= 1024 else resolve_week(week, near)
+    return f"GPS week {whole}, from {iso(GPS_EPOCH + np.timedelta64(7 * whole, 'D'), 0)[:10]} on"
 
 
 def time_tag(tracker: Tracker, week: int) -> ReceiverTimeTag | None:
