@@ -11,6 +11,7 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
+from pathlib import Path
 from typing import Any, Final, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -238,6 +239,7 @@ class Samples:
     gaps : what the recording itself says is missing, in order; samples are numbered as recorded, so that `read` goes
         over a gap without a sign.
     file : what `read` reads from, if it is a file; several recordings may share one.
+    stated_in : the file beside it that says how to read it, if there is one.
     others : of the further antennas of the same receiver, sampled at the same instants behind the same oscillator. What
         stands here of rate, frequency and length holds for them too.
     dead : why nothing comes from it, of one whose samples never change; `read` gives zeros then.
@@ -256,6 +258,7 @@ class Samples:
     remarks: tuple[str, ...] = ()
     gaps: tuple[SampleGap, ...] = ()
     file: OpenFile | None = None
+    stated_in: Path | None = None
     others: tuple["Samples", ...] = ()
     dead: str = ""
 

@@ -257,7 +257,7 @@ def test_standard_output_is_the_document_and_nothing_else(whole):
 def test_the_document_is_complete(whole):
     verdict = whole.verdict  # read against the schema
     assert [r.name for r in verdict.receivers] == list(RECEIVERS)
-    assert [len(i.sha256) for i in verdict.inputs] == [64] * 3
+    assert [len(i.sha256) for i in verdict.inputs] == [64] * 5  # two recordings, their sidecars, orbits
     ran = {m.detector for m in verdict.methods if m.ran}
     assert ran >= {"multi_receiver", "second_signals", "residual"}
     assert all(m.tests > 0 for m in verdict.methods if m.ran)

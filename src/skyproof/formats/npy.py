@@ -91,7 +91,7 @@ def open_npy(
         woven = layout.model_copy(update={"channels": stored.channels}).packing
         chunks = [(woven, Chunk(0, n_samples), channel) for channel in range(stored.channels)]
     packed = [PackedSamples(octets, packing, [chunk], channel) for packing, chunk, channel in chunks]
-    samples = samples_of_layout(path, layout, n_samples, packed[0], octets, format="NumPy")
+    samples = samples_of_layout(path, layout, n_samples, packed[0], octets, format="NumPy", stated_in=sidecar)
     channels = channels_of(samples, packed, f"{sidecar.name} and the array in {path.name}")
     return tuple(channels) if dead else without_dead(channels)
 

@@ -243,7 +243,9 @@ def open_raw_channels(
         )
     stored = FileBytes(path, layout.header_bytes, body - tail)
     packed = [PackedSamples(stored, packing, [Chunk(0, n_samples)], channel) for channel in range(layout.channels)]
-    samples = samples_of_layout(path, layout, n_samples, packed[0], stored, format="raw", remarks=tuple(remarks))
+    samples = samples_of_layout(
+        path, layout, n_samples, packed[0], stored, format="raw", stated_in=sidecar, remarks=tuple(remarks)
+    )
     stated_by = f"kind, encoding, bits, byte_order and header_bytes of {sidecar.name}"
     channels = channels_of(samples, packed, stated_by)
     return tuple(channels) if dead else without_dead(channels)
@@ -257,6 +259,7 @@ def samples_of_layout(
     stored: FileBytes,
     *,
     format: str,
+    stated_in: Path | None = None,
     remarks: tuple[str, ...] = (),
 ) -> Samples:
     """One channel of a file as a recording, described by a sidecar."""
@@ -273,4 +276,5 @@ def samples_of_layout(
         format=format,
         remarks=remarks,
         file=stored,
+        stated_in=stated_in,
     )

@@ -269,6 +269,7 @@ class _Source:
     start: int
     size: int
     remarks: tuple[str, ...] = ()
+    beside: Path | None = None  # the metadata, if they are a file of their own
 
 
 def open_sigmf(path: str | os.PathLike[str], *, dead: bool = False) -> tuple[Samples, ...]:
@@ -357,6 +358,7 @@ def _recordings(source: _Source) -> list[Samples]:
             remarks=tuple(here),
             gaps=gaps,
             file=octets,
+            stated_in=source.beside,
         )
         opened += channels_of(one, packed, stated_by)
     return opened
@@ -406,7 +408,7 @@ def _sources(path: Path) -> list[_Source]:
     size = size_of(data)
     if size == 0:
         raise InputError(f"{data} is empty; check the recorder or the copy")
-    return [_Source(meta, str(meta_path), meta_path.stem, data, 0, size, tuple(remarks))]
+    return [_Source(meta, str(meta_path), meta_path.stem, data, 0, size, tuple(remarks), meta_path)]
 
 
 def _dataset(meta: Meta, stem: str, where: str) -> str:

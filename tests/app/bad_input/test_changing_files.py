@@ -61,7 +61,8 @@ def test_inputs_that_are_deleted_while_they_are_worked_on_cost_nothing(meddled, 
     ended = meddled(lambda path, nav: (path.unlink(), nav.unlink()))
     assert ended.code == 0
     assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
-    sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (*pair.paths, pair.nav)]
+    read = (*pair.paths, *(path.with_suffix(".toml") for path in pair.paths), pair.nav)
+    sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in read]
     assert [one.sha256 for one in ended.verdict.inputs] == sums
     assert "deleted or replaced while it was processed" in ended.remarks(1)
 

@@ -118,6 +118,7 @@ def protect(
     paths, called = inputs_of(carrier, inputs, str(platform))
     with Workspace(None if out is None else Path(out)) as workspace:
         sources = open_inputs(paths, settings, navigation, called, workspace)
+        stated = _stated_sums(sources)
         names = [source.name for source in sources]
         tables = described(carrier, names, str(platform))
         settings, unused = settings_of(carrier, settings, names, tables)
@@ -150,6 +151,7 @@ def protect(
         # Whoever interrupts does not wait for the sums of large files.
         sums, stopped = ({}, False) if interrupted else _sums(_files(receptions), progress)
         notes = [note for r in receptions for note in _notes(r, interrupted, sums)]
+        notes += [InputNote(path=path, format="sidecar", sha256=sum_, remarks=()) for path, sum_ in stated.items()]
         if nav is not None:
             remarks = _navigation_remarks(navigation)
             notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=remarks))
@@ -470,6 +472,12 @@ def _files(receptions: Sequence[Reception]) -> dict[str, OpenFile]:
     """What was read, by its path."""
     sources = [source for r in receptions for source in (r.source, *(() if r.samples is None else r.samples.others))]
     return {source.path: source.file for source in sources if source.file is not None}
+
+
+def _stated_sums(sources: Sequence[Samples | ObservedFile]) -> dict[str, str]:
+    """SHA-256 of what says how to read the recordings, now: it was just read, and may be gone at the end."""
+    files = [one.stated_in for source in sources if isinstance(source, Samples) for one in (source, *source.others)]
+    return {readable(str(file)): sha256(file) for file in dict.fromkeys(files) if file is not None}
 
 
 def _sums(files: Mapping[str, OpenFile], progress: Progress) -> tuple[dict[str, str | None], bool]:
