@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import platform as machine
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -183,8 +184,10 @@ def _attack_words(outcome: Outcome) -> str:
     since = _since(decision)
     if decision.sources:
         sats = {s.signal.sat for source in decision.sources for s in source.signals}
-        n = len([source for source in decision.sources if source.one_antenna])
+        n = _least_transmitters(decision.sources)
         by = "one transmitter" if n == 1 else f"{n} transmitters" if n else "a second sky beside the true one"
+        if n < len([source for source in decision.sources if source.one_antenna]):
+            by += " or more"
         if n == 1 and len(decision.sources) == 1:
             by += _direction_words(_seen_from(decision.sources[0], outcome))
             by += _distance_words(outcome.bearings.get(decision.sources[0].name))
@@ -196,6 +199,15 @@ def _attack_words(outcome: Outcome) -> str:
             "which of them is true is not decided."
         )
     return f"{since}signals are received that no true sky gives; which of them are true is not decided."
+
+
+def _least_transmitters(sources: Sequence[FalseSource]) -> int:
+    """How many there are at least: signals of different kinds are told apart from true ones by themselves, and may come
+    from one transmitter all the same."""
+    kinds = Counter(
+        kind for source in sources if source.one_antenna for kind in {ref.signal.kind for ref in source.signals}
+    )
+    return max(kinds.values(), default=0)
 
 
 _EXPLAINS: dict[Kind, str] = {
@@ -298,7 +310,8 @@ def _undecided_because(outcome: Outcome) -> str | None:
 def _cure(outcome: Outcome) -> str:
     """What the user could bring that was lacking; of skies one of which is true, first what says where he is."""
     lacking = {need for e in outcome.evidence for need in e.lacking}
-    cures = [NEEDS[need] for need in GIVEN if need in lacking]
+    said = [e.would_need for e in outcome.evidence if e.says in ("spoofed", "attack") and e.would_need is not None]
+    cures = [*dict.fromkeys(said), *(NEEDS[need] for need in GIVEN if need in lacking)]
     if outcome.decision.skies and Need.NAVIGATION not in lacking:
         cures.insert(0, PREDICTS)
     return ", or ".join(cures[:MOST_CURES])

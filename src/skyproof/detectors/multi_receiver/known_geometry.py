@@ -69,6 +69,11 @@ class AntennaGeometry(Protocol):
         ...
 
     @property
+    def stated(self) -> tuple[str, ...]:
+        """What has to hold for signals that disagree with it to be false."""
+        ...
+
+    @property
     def words(self) -> str:
         """What is known, to follow "with"."""
         ...
@@ -89,7 +94,7 @@ class AntennaPlaces:
     enu_m: Mapping[str, tuple[float, float, float]]
     sigma_m: float = 0.1
 
-    assumes = ("the antennas stand where they are said to",)
+    assumes = stated = ("the antennas stand where they are said to",)
     words = "where the antennas are known to stand"
 
     def expected_m(self, receivers: Sequence[str]) -> Reals:
@@ -120,6 +125,10 @@ class AntennaDistance:
         )
 
     @property
+    def stated(self) -> tuple[str, ...]:
+        return (f"the antennas stand {self.distance_m:g} ± {self.sigma_m:.2g} m apart",)
+
+    @property
     def words(self) -> str:
         return f"the distance of {self.distance_m:g} m that was given"
 
@@ -140,6 +149,10 @@ class LearntDistance(AntennaDistance):
         return ("the antennas keep the distance that they had while both skies were received", *super().assumes)
 
     @property
+    def stated(self) -> tuple[str, ...]:
+        return self.assumes
+
+    @property
     def words(self) -> str:
         return f"the distance of {self.distance_m:.1f} m that they had while both skies were received"
 
@@ -150,7 +163,7 @@ class LearntBaseline:
 
     baseline: Baseline
 
-    assumes = ("the antennas do not move relative to each other",)
+    assumes = stated = ("the antennas do not move relative to each other",)
     words = "where the antennas stand by the windows in which both skies are received"
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:

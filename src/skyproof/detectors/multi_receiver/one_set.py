@@ -12,6 +12,7 @@ __all__ = ["one_set_each"]
 
 FEW_ECHOES = "echoes of so few satellites, received in place of blocked signals, may fit a wrong place"
 MORE_SATS = "more satellites in view"
+MEASURED_AGAIN = "what was given of the antennas, measured again"
 
 
 def one_set_each(window: Window, pairing: Pairing) -> list[Evidence]:
@@ -26,7 +27,7 @@ def one_set_each(window: Window, pairing: Pairing) -> list[Evidence]:
     p_false = min(1.0, p_known + window.p_of_echoes(pairing.receivers, pairing))
     if p_one >= window.settings.accept_probability and p_false < alpha:
         said = window.say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(window.groups))
-        return [replace(said, assumes=geometry.assumes) if isinstance(geometry, LearntDistance) else said]
+        return [said if geometry is None else replace(said, assumes=geometry.stated, would_need=MEASURED_AGAIN)]
     because = (
         f"{names(pairing)} could come from one antenna or from the sky: range differences between the receivers vary "
         f"by {pairing.scatter_m:.1f} m between satellites, which errors may explain"
@@ -59,7 +60,8 @@ def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_
                 rest,
                 p_value=p_attack,
                 because=f"{of_rest}; some of them are imitations, or what was given is wrong",
-                would_need="what was given of the antennas, measured again",
+                would_need=MEASURED_AGAIN,
+                assumes=geometry.stated,
             )
         )
     elif rest:
