@@ -80,7 +80,7 @@ def test_simulate_says_what_was_made_and_how_to_make_it_again(app: App, capsys: 
         "  and 2 more",
         "observations: d/rx1.obs",
         "truth: d/truth.json",
-        "the same again: skyproof simulate d/scenario.toml",
+        "the same again: skyproof simulate --out FOLDER d/scenario.toml",
     ]
 
 

@@ -431,7 +431,7 @@ def test_files_that_cannot_be_read_are_reported(tmp_path):
     (tmp_path / "old.Z").write_bytes(b"\x1f\x9d\x90abc")
     with pytest.raises(InputError, match="uncompress it first"):
         read_nav(tmp_path / "old.Z")
-    with pytest.raises(InputError, match="absent: the navigation file cannot be read"):
+    with pytest.raises(InputError, match="absent: the navigation file does not exist"):
         read_nav(tmp_path / "absent")
     with pytest.raises(InputError, match="cannot be read"):
         read_nav(tmp_path)

@@ -35,8 +35,8 @@ COMMANDS = {
         AFTER_DEMO
         + "skyproof protect demo/bow.bin demo/stern.bin --nav demo/broadcast.rnx --out out\n\n"
         + "The same with a platform file:\n\n"
-        + "skyproof init demo/bow.bin demo/stern.bin --out demo/platform.toml\n"
-        + "skyproof protect --platform demo/platform.toml --out out",
+        + "skyproof init demo/bow.bin demo/stern.bin --out demo/ship.toml\n"
+        + "skyproof protect --platform demo/ship.toml --nav demo/broadcast.rnx --out out",
     ),
     "inspect": (
         "FILE [OPTIONS]",
@@ -56,7 +56,7 @@ COMMANDS = {
     "init": (
         "FILE... [--out PLATFORM] [OPTIONS]",
         "Write a platform file from what inputs say of themselves, with lines to complete for all else.",
-        AFTER_DEMO + "skyproof init demo/bow.bin demo/stern.bin --out demo/platform.toml",
+        AFTER_DEMO + "skyproof init demo/bow.bin demo/stern.bin --out demo/ship.toml",
     ),
     "verify": (
         "FOLDER [OPTIONS]",

@@ -33,5 +33,5 @@ def init(
     names = [receiver.name for receiver in result.platform.receivers]
     Console().print(words(f"{len(names)} receiver{'s' * (len(names) > 1)}: {', '.join(map(str, names))}"))
     print_path("complete what you know in", result.path)
-    print_path("then: skyproof protect --out out --platform", result.path)
+    print_path("then: skyproof protect --nav NAVIGATION_FILE --out FOLDER --platform", result.path)
     return 0

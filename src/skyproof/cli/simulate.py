@@ -113,7 +113,7 @@ def _print_result(result: "SimulateResult") -> None:
     print_path("truth:", result.folder / "truth.json")
     if app.scene_page.PAGE in result.files:
         print_path("page:", result.folder / app.scene_page.PAGE)
-    print_path("the same again: skyproof simulate", result.folder / "scenario.toml")
+    print_path("the same again: skyproof simulate --out FOLDER", result.folder / "scenario.toml")
 
 
 def _print_scenes(*, as_json: bool) -> None:

@@ -39,7 +39,11 @@ def study(
     ] = False,
     trials: Annotated[int | None, Parameter(help="How many trials, in place of the study's own number.")] = None,
     seed: Annotated[
-        int, Parameter(help="Seed of all that is random: the same seed, the same rows.", show_default=True)
+        int,
+        Parameter(
+            help="Seed of all that is random: the same seed, the same rows, but for times (ms, seconds).",
+            show_default=True,
+        ),
     ] = 1,
     quick: Annotated[bool, Parameter(help="Fewer trials: 20 s at most.")] = False,
     platform: Annotated[

@@ -60,6 +60,9 @@ def content_of(path: Path, most: int, what: str, to_do: str) -> bytes:
                 content = file.read(min(size, most) + 1)
         else:
             raise InputError(f"{path}: {what} is a pipe or a device, expected a regular file; {to_do}")
+    except FileNotFoundError as error:
+        check = to_do if to_do.startswith("check the name") else f"check the name and the folder, or {to_do}"
+        raise InputError(f"{path}: {what} does not exist; {check}") from error
     except OSError as error:
         raise InputError(f"{path}: {what} cannot be read ({error.strerror or error}); {to_do}") from error
     except ValueError as error:  # a zero byte in the name

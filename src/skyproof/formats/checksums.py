@@ -34,7 +34,7 @@ def read_checksums(path: Path) -> dict[str, str]:
     ------
     InputError : the file cannot be read, or a line is none of `write_checksums`.
     """
-    what, remedy = "the sums of its files", "give the folder that skyproof protect wrote"
+    what, remedy = "the list of sums", "give the folder that skyproof protect wrote"
     sums: dict[str, str] = {}
     for number, line in enumerate(
         content_of(path, METADATA_BYTES, what, remedy).decode("utf-8", "replace").splitlines(), 1

@@ -164,7 +164,10 @@ def _header(body: Iterator[tuple[int, str]], source: str) -> _Header:
     _, first = next(body, (1, ""))
     label, kind = first[60:80].strip(), first[20:21].upper()
     if label != "RINEX VERSION / TYPE":
-        what = "a compressed RINEX observation file" if label == "CRINEX VERS   / TYPE" else repr(first[:40])
+        legible = first.isascii() and first[:40].isprintable()
+        what = repr(first[:40]) if legible else "a binary file, such as samples"
+        if label == "CRINEX VERS   / TYPE":
+            what = "a compressed RINEX observation file"
         raise InputError(f"{source}, line 1: {what}, expected RINEX VERSION / TYPE in column 61; {_TO_DO}")
     version = float(first[:9]) if re.fullmatch(r" *\d+(\.\d*)? *", first[:9]) else math.nan
     if not 2.0 <= version < 5.0:

@@ -50,7 +50,8 @@ def init(files: Sequence[str | Path], *, out: str | Path = "platform.toml", over
     """
     out = Path(out)
     paths = [Path(file) for file in files]
-    if any(out.resolve() in (path.resolve(), path.with_suffix(".toml").resolve()) for path in paths):
+    there = [path.resolve() for path in paths]
+    if any(out.resolve() in (path, path.parent / f"{path.stem}.toml") for path in there):
         raise OutputError(f"{out}: is an input or its sidecar; give another name with --out")
     if out.exists() and not overwrite:
         raise OutputError(f"{out}: already exists; give another name with --out, or --overwrite to replace it")

@@ -46,7 +46,7 @@ def platform_lines(receivers: Sequence[FoundReceiver], files: Mapping[str, str],
     """
     yield f"# A platform file, begun by skyproof init {version}: what the inputs cannot say of what carries them."
     yield "# Lines with # right before a key are examples: where one holds, correct it and take its # away."
-    yield "#     skyproof protect --platform platform.toml --out out"
+    yield "#     skyproof protect --platform THIS_FILE --nav NAVIGATION_FILE --out FOLDER"
     yield from ("", *_examples(Platform))
     if sum(receiver.antennas == 1 for receiver in receivers) > 1:
         yield ""

@@ -19,8 +19,9 @@ __all__ = ["is_described", "opened", "opened_as", "read_as"]
 
 def is_described(path: Path) -> bool:
     """By SigMF or a sidecar. A file that is not there is left to those, who say so."""
-    beside = (path.with_suffix(".toml"), path.with_suffix(".sigmf-meta"))
-    return ".sigmf" in path.suffix or not path.is_file() or any(one.exists() for one in beside)
+    if ".sigmf" in path.suffix or not path.is_file():
+        return True
+    return any(path.with_suffix(suffix).exists() for suffix in (".toml", ".sigmf-meta"))
 
 
 def opened(path: Path, sidecar: str | Path | None) -> tuple[tuple[Samples, ...], dict[str, str], SampleLayout | None]:
