@@ -57,7 +57,7 @@ def _print_summary(verdict: Verdict) -> None:
 
 
 def _positions(verdict: Verdict) -> Table:
-    rows = table("receiver", "position", "latitude °", "longitude °", "height m", "± E/N/U m", numbers=4)
+    rows = table("receiver", "position", "latitude °", "longitude °", "height m", "± E/N/U m", "at", numbers=5)
     for receiver in verdict.receivers:
         kinds: tuple[tuple[str, Position | None], ...] = (
             ("trusted", receiver.trusted_fix),
@@ -74,10 +74,11 @@ def _positions(verdict: Verdict) -> Table:
                     f"{fix.lon_deg:.7f}",
                     f"{fix.height_m:.1f}",
                     sigmas,
+                    fix.gpst[11:19],
                 )
     for names, source, place in possible_places(verdict):
         rows.add_row(
-            words(names), words(source), f"{place.lat_deg:.7f}", f"{place.lon_deg:.7f}", f"{place.height_m:.1f}", ""
+            words(names), words(source), f"{place.lat_deg:.7f}", f"{place.lon_deg:.7f}", f"{place.height_m:.1f}", "", ""
         )
     return rows
 

@@ -12,6 +12,7 @@ __all__ = ["one_set_each"]
 
 FEW_ECHOES = "echoes of so few satellites, received in place of blocked signals, may fit a wrong place"
 MORE_SATS = "more satellites in view"
+BETTER = "a longer recording, to know better where the antennas stand, or to allow for longer reflections than"
 MEASURED_AGAIN = "what was given of the antennas, measured again"
 
 
@@ -65,7 +66,7 @@ def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_
             )
         )
     elif rest:
-        because, would_need = of_rest, "a longer recording, or to know better where the antennas stand"
+        because, would_need = of_rest, f"{BETTER} the {window.settings.multipath_sigma_m:g} m of multipath_sigma_m"
         if not steady:
             because = f"the range differences of {names(pairing)} swing by {pairing.noise_m:.0f} m within the window"
         elif p_known < alpha <= p_attack and not learnt:
