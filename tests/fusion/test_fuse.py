@@ -18,6 +18,12 @@ def pair(invented):
     return [invented.observations(receiver=receiver) for receiver in BOTH]
 
 
+def taken(o, rows):
+    """Of observations the epochs with these numbers."""
+    cells = ("gpst", "elapsed_s", "status", "half_cycle_open", *OBSERVABLES)
+    return replace(o, **{name: getattr(o, name)[rows] for name in cells})
+
+
 def attacked_pair(invented):
     """Every satellite twice from 12 s on."""
     return [
@@ -115,6 +121,17 @@ def test_time_in_which_nobody_had_a_fix_is_stated_beside_authentic(invented):
     decision = fuse([invented.evidence(w, "authentic", *SKY) for w in (0, 1, 2)], observed, [])
     assert decision.verdict == "authentic"
     assert decision.without_fix_s == (("rx1", 15.0),)
+
+
+@pytest.mark.parametrize(("word", "verdict"), [("clean", "undecided"), ("attack", "spoofed")])
+def test_time_without_signals_is_stated_whatever_the_verdict(invented, word, verdict):
+    lost = invented.observations(SKY, there=dict.fromkeys(SKY[1:], (8, 39)))
+    for observed in (lost, taken(lost, np.r_[0, 8:40])):
+        decision = fuse([invented.evidence(3, word, *SKY)], [observed], [])
+        assert decision.verdict == verdict
+        assert decision.without_fix_s == (("rx1", 8.0),)
+    moment = invented.observations(SKY, there=dict.fromkeys(SKY, (4, 39)))
+    assert fuse([invented.evidence(3, word, *SKY)], [moment], []).without_fix_s == ()
 
 
 def test_signals_that_are_lost_for_a_moment_do_no_harm(invented):

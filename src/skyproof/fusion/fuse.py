@@ -39,8 +39,8 @@ class Decision:
     open : what is left open, and why; None if nothing is.
     unexplained : signals that no evidence says anything of.
     assumed : under what the word and the labels hold, in words.
-    without_fix_s : of an authentic run, receivers that received too few signals for a fix for more than a moment, and
-        for how long.
+    without_fix_s : receivers that received too few signals for a fix for more than a moment, and for how long; of an
+        authentic run, too few authentic ones.
     alone_s : of an authentic run, receivers that were recorded for more than a moment while another was not and that
         nothing vouches for then, and for how long.
     skies : under an attack that leaves open which signals of a receiver are true, its consistent sets of signals,
@@ -97,7 +97,7 @@ def fuse(
         until=until,
         unexplained=left,
         assumed=_assumed(evidence),
-        without_fix_s=tuple(_without_fix(labels, observations)) if verdict == "authentic" else (),
+        without_fix_s=tuple(_without_fix(labels, observations, authentic=verdict == "authentic")),
         alone_s=tuple(_alone(labels, observations)) if verdict == "authentic" else (),
         open=None if settled else open_question(evidence, observations, trusted),
     )
@@ -141,12 +141,17 @@ def _always_authentic(o: ObservationLog, labels: Sequence[LabelledSignal], all_o
 
 
 def _without_fix(
-    labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog]
+    labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog], *, authentic: bool
 ) -> Iterator[tuple[str, float]]:
+    """Whether by many signals or by a few, or without any epoch.
+
+    authentic : of authentic signals, in the time that all have in common.
+    """
     for o in observations:
-        missed = ~_fixed(o, labels) & _in_common(o, observations)
-        seconds = float(missed.sum() * interval_s(o.elapsed_s))
-        if seconds > MOMENT_S:
+        good = _fixed(o, labels) | ~_in_common(o, observations) if authentic else o.measured.sum(axis=1) >= ENOUGH
+        apart_s = np.diff(np.concatenate([o.elapsed_s[:1], o.elapsed_s[good], o.elapsed_s[-1:]]))
+        seconds = float(apart_s[apart_s > max(MOMENT_S, 2.5 * interval_s(o.elapsed_s))].sum())
+        if seconds > 0.0:
             yield o.receiver, seconds
 
 

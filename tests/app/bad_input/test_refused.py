@@ -160,7 +160,7 @@ def test_what_is_no_navigation_file_is_refused(run, pair, tmp_path, content):
 
 @pytest.mark.usefixtures("untracked")
 def test_a_navigation_file_that_is_not_there_is_refused(run, pair, tmp_path):
-    assert_refused(run(*pair.paths, nav=tmp_path / "nav.22n"), tmp_path / "nav.22n", "cannot be read")
+    assert_refused(run(*pair.paths, nav=tmp_path / "nav.22n"), tmp_path / "nav.22n", "does not exist", "check the name")
 
 
 # --- receivers that do not belong together

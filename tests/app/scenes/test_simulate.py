@@ -239,8 +239,8 @@ def test_every_ready_made_scene_has_a_sentence_and_can_be_asked_for() -> None:
     [
         ("takover", "did you mean 'takeover'"),
         ("xyzzy", "simulate --list"),
-        ("no/where", "cannot be read"),
-        ("none.toml", "cannot be read"),
+        ("no/where", "does not exist"),
+        ("none.toml", "does not exist"),
     ],
 )
 def test_a_scene_that_is_not_there_is_reported(name: str, words: str) -> None:

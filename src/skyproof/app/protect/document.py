@@ -175,8 +175,8 @@ def _summary(outcome: Outcome) -> str:
     if decision.verdict == "undecided":
         why = (_undecided_because(outcome) or "").split(CURE)[0]  # the document has the remedy
         rest = f" {left}" if left and left.rstrip(".") not in why else ""
-        return f"Not decided {why}.{rest}{_repeated(outcome)}"
-    return _attack_words(outcome) + (f" {left}" if left else "") + _repeated(outcome)
+        return f"Not decided {why}.{rest}{_without_fix(outcome)}{_repeated(outcome)}"
+    return _attack_words(outcome) + (f" {left}" if left else "") + _without_fix(outcome) + _repeated(outcome)
 
 
 def _attack_words(outcome: Outcome) -> str:

@@ -269,7 +269,7 @@ class _Window:
             f"{words} within {level.elapsed_s - since_s:.0f} s: shade, a change of gain, a jammer, or other signals in "
             "their place"
             if failed
-            else f"levels of signals and noise in {self.o.receiver} stay what they are",
+            else f"levels of signals and noise in {self.o.receiver} stay what they are while they are received",
             would_need="a second receiver, whose levels go on" if failed else None,
         )
 
