@@ -240,9 +240,12 @@ def _unexplained(left: Sequence[Unexplained]) -> str:
 
 def _without_fix(outcome: Outcome) -> str:
     """For how long the word is of receivers that nobody could have misled, as they had no fix."""
+    together: dict[str, list[str]] = {}
+    for receiver, seconds in outcome.decision.without_fix_s:
+        together.setdefault(f"{seconds:.0f}", []).append(receiver)
     return "".join(
-        f" For {seconds:.0f} s {receiver} received too few signals for a position."
-        for receiver, seconds in outcome.decision.without_fix_s
+        f" For {seconds} s {' and '.join(receivers)} received too few signals for a position."
+        for seconds, receivers in together.items()
     )
 
 
