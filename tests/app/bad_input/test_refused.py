@@ -251,7 +251,8 @@ def test_recordings_that_overlap_in_part_are_compared_in_that_part(run, tmp_path
     bow, stern = ended.verdict.receivers
     assert bow.trusted_fix is not None
     assert stern.trusted_fix is not None
-    assert np.datetime64(bow.trusted_fix.gpst) < np.datetime64(stern.trusted_fix.gpst) - np.timedelta64(3, "s")
+    apart = np.datetime64(bow.trusted_fix.gpst) - np.datetime64(stern.trusted_fix.gpst)
+    assert abs(apart) < np.timedelta64(1, "ms")  # nobody vouches for stern where it was recorded alone
 
 
 @pytest.mark.long
