@@ -222,7 +222,7 @@ def test_a_file_that_is_no_verdict_says_what_is_wrong_and_where(tmp_path: Path, 
 
 
 def test_a_file_that_is_not_there_is_an_input_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="does not exist"):
         read_verdict(tmp_path / "verdict.json")
 
 

@@ -95,5 +95,5 @@ def test_seed_and_duration_are_replaced_and_checked(scenario: Scenario) -> None:
 
 
 def test_a_file_that_is_not_there_is_reported(scenario: Scenario) -> None:
-    with pytest.raises(ScenarioError, match=r"navigation: nowhere\.rnx: it cannot be read"):
+    with pytest.raises(ScenarioError, match=r"navigation: nowhere\.rnx: it does not exist"):
         standalone(scenario.model_copy(update={"navigation": Path("nowhere.rnx")}))

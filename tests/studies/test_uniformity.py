@@ -128,6 +128,7 @@ MADE_ELSEWHERE = {
     "arm_phases": "spin",
     "array_model": "ins_array",
     "base": None,
+    "registry": None,
     "carriers": None,
     "delays": "bursts",
     "continuity": None,
