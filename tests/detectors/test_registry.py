@@ -145,7 +145,7 @@ def test_what_is_no_evidence_is_not_taken_for_some(given):
             return given
 
     ((said,), _) = registry.examined(Strange(), SCENE.records(np.random.default_rng(1)), None)
-    assert "examine gave" in said.because
+    assert "gave" in said.because
 
 
 def test_an_error_in_anothers_detector_is_said_with_its_line_and_one_in_ours_is_raised(monkeypatch):
@@ -159,10 +159,50 @@ def test_an_error_in_anothers_detector_is_said_with_its_line_and_one_in_ours_is_
     records = SCENE.records(np.random.default_rng(1))
     ((said,), _) = registry.examined(Raising(), records, None)
     assert "failed: ValueError: singular matrix (test_registry.py, line" in said.because
-    assert registry.review_of(Raising(), [said]) == [said]
+    *before, failed = registry.review_of(Raising(), [said])
+    assert before == [said]
+    assert failed.says == "undecided"
+    assert failed.because.startswith("review of the detector odd of ")
+    assert "failed: KeyError: 'none' (test_registry.py, line" in failed.because
     monkeypatch.setattr(Raising, "__module__", "skyproof.detectors.raising")
     with pytest.raises(ValueError, match="singular"):
         registry.examined(Raising(), records, None)
+
+
+@pytest.mark.parametrize(
+    ("given", "fault"),
+    [
+        (lambda own, other: [own], "it gave 1 of 2 pieces of evidence"),
+        (lambda own, other: [None, other], "a NoneType among what it gave"),
+        (lambda own, other: [replace(own, p_value=1.7), other], "p_value is 1.7"),
+    ],
+)
+def test_a_review_that_cannot_be_used_is_said_and_changes_nothing(given, fault):
+    class Reviewing(Odd):
+        def review(self, evidence):
+            return given(*evidence)
+
+    own, other = _said_by_odd_and_another()
+    *before, failed = registry.review_of(Reviewing(), [own, other])
+    assert before == [own, other]
+    assert (failed.detector, failed.says, failed.start_gpst) == ("odd", "undecided", own.start_gpst)
+    assert fault in failed.because
+
+
+def test_a_review_changes_its_own_evidence_and_no_others():
+    class Reviewing(Odd):
+        def review(self, evidence):
+            return (replace(one, because="on second thoughts", says="clean") for one in evidence)
+
+    own, other = _said_by_odd_and_another()
+    changed, kept = registry.review_of(Reviewing(), [own, other])
+    assert (changed.says, changed.because) == ("clean", "on second thoughts")
+    assert kept is other
+
+
+def _said_by_odd_and_another():
+    ((own,), _) = Odd().examine(SCENE.records(np.random.default_rng(1)))
+    return own, replace(own, detector="residual", says="attack", because="they fit no position")
 
 
 def test_p_values_that_are_too_small_under_their_null_break_the_contract():

@@ -108,7 +108,7 @@ def evidence_fault(detector: Detector, records: Records, said: object) -> str | 
 
 def _evidence_fault(detector: Detector, one: Any, there: set[SignalRef]) -> str | None:
     if not isinstance(one, Evidence):
-        return f"examine gave a {type(one).__name__} in its list, expected Evidence"
+        return f"a {type(one).__name__} among what it gave, expected Evidence"
     if one.detector != detector.name:
         return f"detector is {one.detector!r}, expected its own name, {detector.name!r}"
     if one.says not in get_args(Says):
@@ -153,18 +153,34 @@ def examined(detector: Detector, records: Records, state: Any) -> tuple[list[Evi
 
 
 def review_of(detector: Detector, evidence: Sequence[Evidence]) -> Iterable[Evidence]:
-    """The evidence after a detector looked at all of it once more, if it does; as it was, where that fails as above."""
+    """The evidence after a detector looked at all of it once more, if it does.
+
+    One of another package changes what it said itself and nothing else. Where that fails as above, all stays as it was,
+    with one more that says so.
+    """
     review = getattr(detector, "review", None)
-    if review is None:
+    if review is None or not evidence:
         return evidence
     if is_ours(detector):
         seen: Iterable[Evidence] = review(evidence)
         return seen
     try:
-        others = list(review(evidence))
-    except Exception:
-        return evidence
-    return others if all(isinstance(one, Evidence) for one in others) else evidence
+        after = list(review(evidence))
+        if fault := _review_fault(detector, evidence, after):
+            raise _Faulty(fault)
+    except Exception as error:
+        because = f"review of the detector {detector.name} of {type(detector).__module__} failed: {_words(error)}"
+        last = Records(start_gpst=evidence[-1].start_gpst, end_gpst=evidence[-1].end_gpst)
+        return [*evidence, undecided(detector, last, (), because=because, would_need=f"{detector.name} repaired")]
+    return [new if old.detector == detector.name else old for old, new in zip(evidence, after, strict=True)]
+
+
+def _review_fault(detector: Detector, evidence: Sequence[Evidence], after: Sequence[Any]) -> str | None:
+    """What is wrong with what `review` gave, in words; None if nothing is."""
+    if len(after) != len(evidence):
+        return f"it gave {len(after)} of {len(evidence)} pieces of evidence, expected each once, in their order"
+    own = [(old, new) for old, new in zip(evidence, after, strict=True) if old.detector == detector.name]
+    return next((fault for old, new in own if (fault := _evidence_fault(detector, new, set(old.subject)))), None)
 
 
 def _words(error: Exception) -> str:
