@@ -122,6 +122,21 @@ def test_a_signal_of_no_one_direction_is_not_authentic_and_of_several_none_is(or
             assert set(words) == {"undecided"}
 
 
+def test_for_a_minute_after_several_signals_were_of_no_one_direction_none_is_authentic():
+    """What averages out in a window by its speed is still there."""
+    rng = np.random.default_rng(4)
+    arm = SpinArm(receiver="rx1", radius_m=RADIUS_M, rate_rad_s=2.0 * np.pi * RATE_HZ)
+    clear, bent = (replace(turning(rng, false=0, beside=beside), spin_arms=(arm,)) for beside in ((), (1, 4)))
+    detector, state, words = Spin(SpinSettings(false_alarm_probability=1e-4)), None, {}
+    for after_s, window in ((-20, clear), (0, bent), (15, clear), (65, clear), (75, clear)):
+        at = clear.start_gpst + np.timedelta64(after_s, "s")
+        (said,), state = detector.examine(replace(window, start_gpst=at, end_gpst=at + np.timedelta64(10, "s")), state)
+        words[after_s] = said.says
+        if after_s == 65:
+            assert "were not of one direction each 55 s before" in said.because
+    assert words == {-20: "authentic", 0: "undecided", 15: "undecided", 65: "undecided", 75: "authentic"}
+
+
 def test_without_orbits_signals_are_compared_with_each_other():
     records = turning(np.random.default_rng(1), false=7)
     words, evidence = said_of(replace(records, navigation=None), alpha=1e-3)

@@ -29,6 +29,9 @@ __all__ = ["Levels", "Spin", "SpinSettings", "levels_of"]
 
 _SCALE_CYC = 0.24
 """Baseline of an array that measures level direction cosines without whole cycles."""
+_BENT_FOR = np.timedelta64(60, "s")
+"""So long after signals were of no one direction nothing is authentic. What is laid upon true signals and drawn off
+swings against them, and shows in half of the windows: faster than the phases are measured, it averages out."""
 
 
 # A window's measurements ----------------------------------------------------------------------------------------------
@@ -157,9 +160,13 @@ class Spin:
             because = "no receiver of the window is on an arm"
             refs = signals_of(records.observations)
             return [undecided(self, records, refs, because=because, would_need="observations of it")], state
-        return [said for o in turning for said in self._receiver(records, o, arms[o.receiver])], state
+        bent_at: dict[str, np.datetime64] = dict(state or {})
+        return [said for o in turning for said in self._receiver(records, o, arms[o.receiver], bent_at)], bent_at
 
-    def _receiver(self, records: Records, observations: Observations, arm: SpinArm) -> list[Evidence]:
+    def _receiver(
+        self, records: Records, observations: Observations, arm: SpinArm, bent_at: dict[str, np.datetime64]
+    ) -> list[Evidence]:
+        """bent_at : when several signals of a receiver were bent last; brought up to date."""
         asked = self.settings
         seen = levels_of(
             observations,
@@ -184,26 +191,24 @@ class Spin:
             refs = [SignalRef(observations.receiver, observations.signals[k]) for k in seen.channels]
             covariances = np.broadcast_to(seen.covariance, (len(refs), 2, 2))
             said = cluster_evidence(self, records, refs, seen.level, covariances, np.eye(3)[:2], wrapped=False)
-        bent = [SignalRef(observations.receiver, observations.signals[k]) for k in seen.bent]
-        return [
-            self._but_for(records, one, bent, seen.channels.size) if one.says == "authentic" else one for one in said
-        ]
+        receiver = observations.receiver
+        bent = [SignalRef(receiver, observations.signals[k]) for k in seen.bent]
+        if len(bent) > 1:
+            bent_at[receiver] = records.end_gpst
+        doubt = _doubt(records, receiver, len(bent), seen.channels.size, bent_at.get(receiver))
+        return [self._but_for(records, one, bent, doubt) if one.says == "authentic" else one for one in said]
 
-    def _but_for(self, records: Records, authentic: Evidence, bent: Sequence[SignalRef], signals: int) -> Evidence:
-        """What is said to come from the sky, without what is not of one direction.
-
-        One signal alone may slip, be reflected or imitated. Where there are several, what makes them so may be in all
-        others as well, too weak to be seen in each: two skies within a chip.
-        """
+    def _but_for(self, records: Records, authentic: Evidence, bent: Sequence[SignalRef], doubt: str) -> Evidence:
+        """What is said to come from the sky, without what is not of one direction; nothing where there is `doubt`."""
         kept = tuple(ref for ref in authentic.subject if ref not in bent)
-        if len(bent) <= 1 and kept:
+        if kept and not doubt:
             return replace(authentic, subject=kept)
         return undecided(
             self,
             records,
             authentic.subject,
-            because=f"the phases of {len(bent)} of {signals} signals in {authentic.subject[0].receiver} are not of one "
-            "direction each: slips, strong reflections, or two signals within a chip",
+            because=f"{doubt or 'its phases are not of one direction'}: slips, strong reflections, or two signals "
+            "within a chip",
             would_need="a place without strong reflections; of two signals within a chip, time until they part",
         )
 
@@ -250,6 +255,20 @@ class Spin:
             return []
         said = judge.judged(records, likeliest(views), records.navigation)
         return said if any(one.says in ("spoofed", "authentic") for one in said) else []
+
+
+def _doubt(records: Records, receiver: str, bent: int, signals: int, bent_at: np.datetime64 | None) -> str:
+    """Why none of a receiver's signals is authentic, in words; empty if nothing speaks against it.
+
+    One signal alone may slip, be reflected or imitated. Where there are several, what makes them so may be in all
+    others as well, too weak or too fast to be seen in each: two skies within a chip. `bent_at` is when it was so last.
+    """
+    if bent > 1 or bent == signals:
+        return f"the phases of {bent} of {signals} signals in {receiver} are not of one direction each"
+    if bent_at is not None and (since := records.start_gpst - bent_at) < _BENT_FOR:
+        ago = f"{since / np.timedelta64(1, 's'):.0f} s before" if since else "just before"
+        return f"the phases of several signals in {receiver} were not of one direction each {ago}"
+    return ""
 
 
 class _ByArm(InsArray):
