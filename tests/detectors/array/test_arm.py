@@ -25,10 +25,12 @@ SCENE = MeasuredScene(
 FROM = np.radians(160.0), np.radians(25.0)
 
 
-def turning(rng, false=3, *, beside=(), rate_hz=RATE_HZ, tilt_rad=0.0, slips=(), start_rad=None):
+def turning(rng, false=3, *, beside=(), between=False, rate_hz=RATE_HZ, tilt_rad=0.0, slips=(), start_rad=None):
     """A window of an arm that turns clockwise, with `false` satellites imitated from one direction.
 
     beside : columns of true signals within a chip of which a false one of half their amplitude is drawn off.
+    between : within a chip of every true signal is a false one that is as strong and stays: the sum of their waves
+        is one from halfway between.
     """
     records = SCENE.records(rng)
     (o,) = records.observations
@@ -46,12 +48,13 @@ def turning(rng, false=3, *, beside=(), rate_hz=RATE_HZ, tilt_rad=0.0, slips=(),
             orbit = records.navigation.best(o.signals[k].sat, SCENE.start_gpst)
             where = satellite_state_s(orbit, week, tow_s).position_ecef_m
             az, el = azimuth_elevation(records.sets[0].position_ecef_m, where)
-        towards = np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
+        towards = direction_of((az, el))
         carrier[:, k] -= place @ towards * L1_HZ / SPEED_OF_LIGHT_M_S
+        apart = place @ (towards - direction_of(FROM)) * L1_HZ / SPEED_OF_LIGHT_M_S
+        if between:
+            carrier[:, k] += 0.5 * apart
         if k in beside:
-            az, el = FROM
-            other = np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
-            apart = place @ (towards - other) * L1_HZ / SPEED_OF_LIGHT_M_S + 0.4 * o.elapsed_s + rng.uniform()
+            apart = apart + 0.4 * o.elapsed_s + rng.uniform()
             carrier[:, k] += np.angle(1.0 + 0.5 * np.exp(2j * np.pi * apart)) / (2.0 * np.pi)
     for signal, epoch, size in slips:
         carrier[epoch:, signal] += size
@@ -61,6 +64,12 @@ def turning(rng, false=3, *, beside=(), rate_hz=RATE_HZ, tilt_rad=0.0, slips=(),
     cells["cn0_dbhz"] = cells["cn0_dbhz"] + np.where(kept >= n, 3.0, 0.0)
     part = replace(o, signals=tuple(o.signals[k] for k in kept), carrier_cyc=carrier[:, kept], **cells, **single)
     return replace(records, observations=(part,), sets=records.sets[:1])
+
+
+def direction_of(azimuth_elevation_rad):
+    """Unit vector, north, east and up."""
+    az, el = azimuth_elevation_rad
+    return np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
 
 
 def said_of(records, *, rate_sigma_hz=0.0, alpha=1e-4):
@@ -135,6 +144,14 @@ def test_for_a_minute_after_several_signals_were_of_no_one_direction_none_is_aut
         if after_s == 65:
             assert "were not of one direction each 55 s before" in said.because
     assert words == {-20: "authentic", 0: "undecided", 15: "undecided", 65: "undecided", 75: "authentic"}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_directions_that_differ_but_are_not_the_satellites_are_not_authentic(seed):
+    records = turning(np.random.default_rng(seed), false=0, between=True)
+    words, (said,) = said_of(records)
+    assert set(words) == {"undecided"}
+    assert "do not come to rx1 from where their satellites stand" in said.because
 
 
 def test_without_orbits_signals_are_compared_with_each_other():

@@ -187,10 +187,12 @@ class Spin:
                 )
             ]
         said = self._against_orbits(records, observations, arm, seen)
-        if not said:
+        if all(one.says == "undecided" for one in said):
             refs = [SignalRef(observations.receiver, observations.signals[k]) for k in seen.channels]
             covariances = np.broadcast_to(seen.covariance, (len(refs), 2, 2))
-            said = cluster_evidence(self, records, refs, seen.level, covariances, np.eye(3)[:2], wrapped=False)
+            alike = cluster_evidence(self, records, refs, seen.level, covariances, np.eye(3)[:2], wrapped=False)
+            # Directions that differ, but are not those of the satellites, are no sky's.
+            said = said if said and alike[0].says == "authentic" else alike
         receiver = observations.receiver
         bent = [SignalRef(receiver, observations.signals[k]) for k in seen.bent]
         if len(bent) > 1:
@@ -219,7 +221,8 @@ class Spin:
         arm: SpinArm,
         levels: Levels,
     ) -> list[Evidence]:
-        """What is authentic and what is spoofed by the directions of the satellites; empty if that shows nothing.
+        """What is authentic and what is spoofed by the directions of the satellites; undecided where most are not from
+        there, as of two equal signals within a chip, which show a direction between them. Empty if that shows nothing.
 
         Level direction cosines are what a small flat array measures: its heading is the arm's start, which is not known
         nor needed, and what all share is not known either.
@@ -253,8 +256,19 @@ class Spin:
         views = [view for body in bodies if (view := judge.seen(phases, body, records.navigation)) is not None]
         if not views:
             return []
-        said = judge.judged(records, likeliest(views), records.navigation)
-        return said if any(one.says in ("spoofed", "authentic") for one in said) else []
+        view = likeliest(views)
+        said = judge.judged(records, view, records.navigation)
+        if any(one.says in ("spoofed", "authentic") for one in said):
+            return said
+        if all(one.says == "clean" for one in said):
+            return []
+        n, off = len(view.refs), len(view.refs) - view.agreed.members.size
+        because = (
+            f"{off} of {n} signals do not come to {observations.receiver} from where their satellites stand: strong "
+            "reflections, two signals within a chip, or an arm that is not as stated"
+        )
+        would_need = "the arm in the platform file, checked; of two signals within a chip, time until they part"
+        return [undecided(self, records, view.refs, because=because, would_need=would_need)]
 
 
 def _doubt(records: Records, receiver: str, bent: int, signals: int, bent_at: np.datetime64 | None) -> str:
