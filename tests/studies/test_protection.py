@@ -249,3 +249,12 @@ def test_clean_hours_are_summed_by_equipment_and_false_alarms_bound_their_rate(t
     assert found["with IMU"]["at_most_an_hour"] == pytest.approx(30.0, abs=0.1)  # and 3.00 none
     assert whole["runs"] == sum(one["runs"] for one in found.values()) - whole["runs"]
     assert (whole["spoofed"], whole["trusted_worst_m"], whole["trusted_share"]) == (2, 3.0, 0.5)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("equipments", [("one receiver",), ("three antennas",)])
+def test_reflections_far_larger_than_stated_are_no_attack(equipments, tmp_path):
+    """Four reflections of up to 190 m of a receiver that drives in a circle: its position jumps by 50 m and back."""
+    (row,) = rows_of(clean.clean_sky(1, 47), equipments, tmp_path)
+    assert row["verdict"] == "undecided"
+    assert (row["false_alarms"], row["wrong_labels"], row["wrong_fixes"]) == (0, 0, 0)

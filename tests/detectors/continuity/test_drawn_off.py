@@ -73,6 +73,29 @@ def test_recordings_that_are_joined_unseen_are_no_attack(row):
     assert any(e.failed for evidence in found for e in evidence)
 
 
+def test_after_a_step_long_before_codes_that_move_are_no_attack():
+    """Reflections that make a step are larger than stated: some in a row are a motion."""
+    o = drawn_off(observed(duration_s=52.0), 2.5)
+    east = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits()).unit @ np.array([0.05, 0.999, 0.0])
+    found = said(codes_moved(o, -60.0 * east * (o.elapsed_s > 4.0)[:, None]))
+    assert not any(attacks(found))
+    assert any(e.failed for evidence in found[2:] for e in evidence)
+
+
+def test_two_steps_are_no_motion_even_where_no_step_is_looked_for():
+    o = observed()
+    o = rows_of(o, o.elapsed_s <= o.elapsed_s[0] + 10.01)
+    series = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits())
+    since_s = o.elapsed_s - o.elapsed_s[0]
+    east = series.unit @ np.array([0.05, 0.999, 0.0])
+    for stepped, moved_m in ((True, 30.0 * (since_s > 2.0) + 30.0 * (since_s > 8.0)), (False, 6.0 * since_s)):
+        drawn = replace(series, offset_m=series.offset_m - moved_m[:, None] * east)
+        motion = drawn_off_of(o, drawn, multipath_sigma_m=1.0, alpha=1e-4)
+        assert motion is not None
+        assert motion.p_value < 1e-6
+        assert motion.whole_sky_p_value == 1.0 if stepped else motion.whole_sky_p_value < 1e-6
+
+
 def test_the_p_value_is_uniform_where_multipath_changes_as_stated():
     """Of a single span: reflections of the first quarter have nothing to do with those of the last."""
     o = observed(noise=WHITE)

@@ -1,4 +1,4 @@
-"""Signals from elsewhere than their satellites that a reflection alone would explain: late, and not stronger."""
+"""Signals from elsewhere than their satellites that reflections alone would explain: late, and not stronger."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -7,6 +7,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.second_signals.late_copies import MOST_LATE_M, WEAKER_DB
+from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.navigation.search import misfits
 from skyproof.navigation.sets import window_measurements
 from skyproof.records import NavigationData, Observations, SignalId
@@ -14,6 +15,9 @@ from skyproof.records import NavigationData, Observations, SignalId
 __all__ = ["reflections"]
 
 _SIGMAS: Final = 3.0
+_BLENDED_M: Final = 0.25 * SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
+"""So early a signal can be that is one with its reflections and comes from none of their directions: half of the half
+chip from an early correlator to a late one, where opposite reflections are nearly as strong as it is."""
 
 
 def reflections(
@@ -26,8 +30,8 @@ def reflections(
     multipath_sigma_m: float,
     ionosphere_share: float,
 ) -> frozenset[SignalId]:
-    """Those of `others` that are no earlier than the place (3,) and the clock of `true` make them, and weaker than the
-    true signal of their satellite, or where there is none no stronger than the strongest true one.
+    """Those of `others` that are hardly earlier than the place (3,) and the clock of `true` make them, and weaker than
+    the true signal of their satellite, or where there is none no stronger than the strongest true one.
 
     Nothing is known of signals without a pseudorange: they are none of these.
     """
@@ -53,7 +57,8 @@ def reflections(
         late_m = late[signal][0] - float(np.median(clocks[signal.kind]))
         of_sat = [level[one] for one in true if one.transmission == signal.transmission]
         usual = max(of_sat) - WEAKER_DB if of_sat else max(level[one] for one in true if one.kind == signal.kind)
-        if -_SIGMAS * np.sqrt(2.0) * late[signal][1] < late_m < MOST_LATE_M and level[signal] <= usual:
+        early_m = max(_SIGMAS * np.sqrt(2.0) * late[signal][1], _BLENDED_M)
+        if -early_m < late_m < MOST_LATE_M and level[signal] <= usual:
             found.add(signal)
     return frozenset(found)
 

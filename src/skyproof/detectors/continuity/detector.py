@@ -27,7 +27,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.base import missing, undecided
-from skyproof.detectors.continuity.drawn_off import drawn_off_of
+from skyproof.detectors.continuity.drawn_off import SPANS_S, drawn_off_of
 from skyproof.detectors.continuity.one_sky import (
     MIN_SATELLITES,
     Transmission,
@@ -112,7 +112,7 @@ class _Past:
 
     tail : the last epochs, one signal per transmission. sources : which signal of each went on unbroken from it.
     members : the last consistent set's signals. broke : the kinds of signals that no longer go on, and why.
-    attacked : motions that are none were shown. stepped_s : when the last step was.
+    attacked : motions that are none were shown. stepped_s, first_step_s : when the last step was, and the first.
     """
 
     tail: Observations
@@ -122,6 +122,7 @@ class _Past:
     broke: Mapping[Kind, _Break] = field(default_factory=dict)
     attacked: bool = False
     stepped_s: float = -np.inf
+    first_step_s: float = np.inf
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -228,13 +229,18 @@ class _Window:
         if stretch.gpst.size < 3 or now.gpst.size == 0:
             return look
         groups = self._groups(stretch, place_ecef_m)
+        drawn_off = self._drawn_off(groups)
+        if drawn_off is not None and self.past is not None:
+            span_from_s = float(stretch.elapsed_s[-1]) - max(SPANS_S)
+            if self.past.first_step_s < span_from_s:  # by reflections larger than stated: some in a row are a motion
+                drawn_off = drawn_off._replace(whole_sky_p_value=1.0)
         kept = stretch.elapsed_s >= (-np.inf if self.past is None else self.past.stepped_s)
         unbroken = groups if kept.all() else self._groups(rows_of(stretch, kept), place_ecef_m)
         return replace(
             look,
             steps=self._steps(look, unbroken),
             moved=self._moved(groups, place_ecef_m),
-            drawn_off=self._drawn_off(groups),
+            drawn_off=drawn_off,
         )
 
     def _groups(self, stretch: Observations, place_ecef_m: Reals) -> list[tuple[Observations, Series]]:
@@ -411,6 +417,7 @@ class _Window:
             place_ecef_m=look.place_ecef_m,
             # What came before a step is no measure of the steps that come next.
             stepped_s=max([-np.inf if self.past is None else self.past.stepped_s, *stepped]),
+            first_step_s=min([np.inf if self.past is None else self.past.first_step_s, *stepped]),
             broke={kind: why._replace(statistic=None) for kind, why in self._broke(look).items()},
             attacked=(self.past is not None and self.past.attacked)
             or any(one is not None and one.whole_sky_p_value < self.alpha for one in (look.moved, look.drawn_off)),

@@ -12,8 +12,8 @@ degrees. What two oscillators of a receiver make of code and carrier is a clock'
 centimetres a second; reflections are each satellite's own (`whole_sky`).
 
 Recordings that are joined step in a moment. Where all carriers break a span is not looked at; and where loops did not
-see the moment, it is in one of the span's halves: a motion that is not in the first third and in the last third counts
-as that of some satellites.
+see the moment, it is in one of the span's thirds or between two: a motion that is not in every third counts as that of
+some satellites.
 """
 
 from typing import Final
@@ -84,9 +84,9 @@ def _mean(series: Series, rows: slice) -> tuple[Reals, Reals]:
 
 
 def _goes_on(unit: Reals, mean_m: Reals, variance_m2: Reals) -> bool:
-    """Whether the motion is in the first third and in the last: no step is in both."""
-    units = np.broadcast_to(unit, (3, *unit.shape))
-    rows = np.array([[0, 3], [0, 1], [2, 3]])
+    """Whether the motion is in every third: no step is, and no two."""
+    units = np.broadcast_to(unit, (4, *unit.shape))
+    rows = np.array([[0, 3], [0, 1], [1, 2], [2, 3]])
     fitted = fitted_jump(units, mean_m[rows[:, 1]] - mean_m[rows[:, 0]], variance_m2[rows].sum(axis=1))
     moved, covariance = fitted.jump[:, :3], fitted.covariance[:, :3, :3]
     along = moved[0] / np.linalg.norm(moved[0])
