@@ -277,7 +277,7 @@ def _doubt(records: Records, receiver: str, bent: int, signals: int, bent_at: np
     One signal alone may slip, be reflected or imitated. Where there are several, what makes them so may be in all
     others as well, too weak or too fast to be seen in each: two skies within a chip. `bent_at` is when it was so last.
     """
-    if bent > 1 or bent == signals:
+    if bent > 1:
         return f"the phases of {bent} of {signals} signals in {receiver} are not of one direction each"
     if bent_at is not None and (since := records.start_gpst - bent_at) < _BENT_FOR:
         ago = f"{since / np.timedelta64(1, 's'):.0f} s before" if since else "just before"
