@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.detectors.nulls import NAVIGATION, PLACE_M, SIGNALS, START, STATE, TRUE, array_records
 
+from skyproof.detectors.array.array_common import ArrayCommon
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
@@ -187,6 +188,17 @@ def test_that_an_antenna_is_not_where_it_is_stated_is_told_by_true_signals_alone
     (undecided,) = [e for e in evidence if e.says == "undecided"]
     assert "too few do to show that its attitude, lines and antennas are as stated" in undecided.because
     assert "antennas_m" in undecided.would_need
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_waves_that_are_sums_of_true_and_false_ones_are_of_no_sky_though_their_directions_differ(seed):
+    """A false signal on every true one, as strong and in step with it: the sum comes from halfway between."""
+    transmitter = direction_cosines(np.radians(40.0), np.radians(-25.0))
+    records = array_records(np.random.default_rng(seed), 0.5 * (TRUE + transmitter))
+    differing, _ = ArrayCommon().examine(records)
+    assert "authentic" in {e.says for e in differing}
+    said, _ = InsArray().examine(records)
+    assert [(e.says, e.failed, e.overrules, len(e.subject)) for e in said] == [("undecided", True, True, len(SIGNALS))]
 
 
 def test_signals_of_one_transmitter_alone_say_the_same_wherever_antennas_are_stated_while_lines_are_not_known():

@@ -269,7 +269,8 @@ class InsArray:
         if agreed.p_value >= alpha:
             because = f"{n} signals come to {receiver} from where their satellites stand"
             return [self._say(records, view.refs, "clean", because, agreed.p_value)]
-        return [self._not_as_stated(records, view, f"{n}")]
+        # Differing directions that are not the satellites' may be several waves in each signal: they vouch for nothing.
+        return [replace(self._not_as_stated(records, view, f"{n}"), overrules=True)]
 
     def _left(self, records: Records, view: ArrayView, said: Sequence[Evidence]) -> list[Evidence]:
         """Beside signals that were named: that the others agree with no attitude and no lines, where they should."""
