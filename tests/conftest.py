@@ -11,8 +11,8 @@ from tests.messages import Message, Recorder, table, unraised
 ROOT = Path(__file__).resolve().parent.parent
 RECORDER = pytest.StashKey[Recorder]()
 
-# The same examples every time, however slow the machine; `pytest --hypothesis-profile search` looks for new ones, and
-# for more where a test does not say how many.
+# The same examples every time, but for numbers that Hypothesis takes from the modules read so far, however slow the
+# machine; `pytest --hypothesis-profile search` looks for new ones, and for more where a test does not say how many.
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.register_profile("search", deadline=None, max_examples=1000)
 settings.load_profile("repeatable")

@@ -105,7 +105,7 @@ def test_a_loop_goes_on_where_the_joint_channel_has_the_signal(off_chips, turned
         alone=True,
     )
     back = handed_back(one, followed, TRACKER.model)
-    assert 0.0 <= back[k.CHIP] < 0.5
+    assert 0.0 <= back[k.CHIP] < 0.5 + 1e-6  # 0.1 of the loop, 0.4 from it at most, to a rounding
     assert shown_chips(back, one[k.START]) - shown_chips(one, one[k.START]) == pytest.approx(off_chips, abs=1e-6)
     phase_then = back[k.PHASE] - (back[k.START] - one[k.START]) / RATE_HZ * hz
     assert phase_then - one[k.PHASE] == pytest.approx(turned_cyc, abs=1e-6)
