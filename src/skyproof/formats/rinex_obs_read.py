@@ -23,6 +23,7 @@ from skyproof.formats.rinex_cells import Layout, Lines, SatelliteRows, cells, la
 from skyproof.formats.signatures import head_of
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal
+from skyproof.gnss.thermal_noise import carrier_sigma_cyc, code_sigma_m, doppler_sigma_hz
 from skyproof.gnss.time import gpst_from_utc
 from skyproof.records import CellStatus, Observations, SignalId
 
@@ -55,7 +56,6 @@ _BY_SYSTEM_2: Final = {
     "C": {"C1": "2I", "C2": "2I", "C7": "7I", "C6": "6I"},
 }
 _UNKNOWN_CN0_DBHZ: Final = 40.0
-_DLL_HZ, _SPACING_CHIPS, _PLL_HZ, _INTEGRATION_S = 1.0, 0.5, 15.0, 0.02
 _KINDS: Final = ("C", "L", "D", "S")
 _EMPTY_LINES: Final = 1 << 20  # beyond one in 16 bytes
 _FILLED: Final = 16  # epochs and signals are so many times the cells that are filled, at most
@@ -470,15 +470,8 @@ def _observations(table: _Table, header: Header, channels: Mapping[str, int], re
         where = "all" if unknown.sum() == there.sum() else "some"
         instead = f"the strength indicator or of {_UNKNOWN_CN0_DBHZ:g} dB-Hz"
         remarks.append(f"C/N0 is missing in {where} cells: sigmas there are those of {instead}")
-    cn0 = 10.0 ** (np.clip(np.where(np.isfinite(cn0_dbhz), cn0_dbhz, by_strength), 15.0, 60.0) / 10.0)
+    assumed_dbhz = np.where(np.isfinite(cn0_dbhz), cn0_dbhz, by_strength)
     chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in table.signals])
-    code_sigma_m = chip_m * np.sqrt(
-        _DLL_HZ * _SPACING_CHIPS / (2.0 * cn0) * (1.0 + 2.0 / (_INTEGRATION_S * cn0 * (2.0 - _SPACING_CHIPS)))
-    )
-    phase_sigma_cyc = np.sqrt(_PLL_HZ / cn0 * (1.0 + 0.5 / (_INTEGRATION_S * cn0))) / (2.0 * np.pi)
-    doppler_sigma_hz = np.sqrt(4.0 * _PLL_HZ / cn0 * (1.0 + 1.0 / (_INTEGRATION_S * cn0))) / (
-        2.0 * np.pi * _INTEGRATION_S
-    )
     elapsed_s = np.asarray((table.instant_ns - table.instant_ns[:1]) * 1e-9, np.float64)
     first = there.argmax(axis=0) if len(there) else np.zeros(len(table.signals), np.intp)
     return Observations(
@@ -490,9 +483,9 @@ def _observations(table: _Table, header: Header, channels: Mapping[str, int], re
         carrier_cyc=phase_cyc,
         doppler_hz=doppler_hz,
         cn0_dbhz=np.where(there, cn0_dbhz, np.nan),
-        pseudorange_sigma_m=np.where(np.isfinite(code_m), code_sigma_m, np.nan),
-        carrier_sigma_cyc=np.where(np.isfinite(phase_cyc), phase_sigma_cyc, np.nan),
-        doppler_sigma_hz=np.where(np.isfinite(doppler_hz), doppler_sigma_hz, np.nan),
+        pseudorange_sigma_m=np.where(np.isfinite(code_m), code_sigma_m(assumed_dbhz, chip_m), np.nan),
+        carrier_sigma_cyc=np.where(np.isfinite(phase_cyc), carrier_sigma_cyc(assumed_dbhz), np.nan),
+        doppler_sigma_hz=np.where(np.isfinite(doppler_hz), doppler_sigma_hz(assumed_dbhz), np.nan),
         status=np.where(there, np.where(table.lost, CellStatus.SLIP, CellStatus.OK), CellStatus.NOT_TRACKED).astype(
             np.uint8
         ),

@@ -1,0 +1,164 @@
+"""What a receiver's log holds, whatever its protocol: the records that every reader of logs gives.
+
+A reader takes blocks of bytes, cut anywhere, and gives one `LogPiece` after another, in order of time. Memory is
+bounded by the block. Damage costs the frame that is damaged and is counted, never the log.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.arrays import Instants, Integers, Octets, Reals
+from skyproof.records import Observations, freeze
+
+__all__ = [
+    "FRAME_BITS",
+    "BroadcastFrames",
+    "FrontEndLevels",
+    "LogPiece",
+    "LogReader",
+    "MessageKind",
+    "ReceiverFixes",
+    "ReceiverStates",
+]
+
+MessageKind = Literal["LNAV", "CNAV", "CNAV2", "INAV", "FNAV", "D1", "D2", "BCNAV1", "BCNAV2", "BCNAV3", "GLONASS"]
+FRAME_BITS: Final[dict[MessageKind, int]] = {
+    "LNAV": 300,
+    "CNAV": 300,
+    "CNAV2": 900,
+    "INAV": 240,
+    "FNAV": 244,
+    "D1": 300,
+    "D2": 300,
+    "BCNAV1": 878,
+    "BCNAV2": 288,
+    "BCNAV3": 486,
+    "GLONASS": 85,
+}
+"""Bits of a frame as the decoders of `skyproof.gnss` take it: a subframe, a message, a page pair, a string.
+
+LNAV, D1, D2 with their parity bits, upright; INAV the even and the odd page of 120 bits; FNAV a page without its
+12 bits of synchronisation; GLONASS a string without its time mark.
+"""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReceiverFixes:
+    """Positions, velocities and clocks that the receiver computed itself; NaN where it gives none.
+
+    gpst : (n,) of the fix. position_ecef_m, velocity_ecef_m_s : (n, 3). horizontal_sigma_m, vertical_sigma_m : (n,) as
+    the receiver states its accuracy, one sigma. clock_bias_s, clock_drift : (n,) receiver minus GPS time, s and s/s.
+    satellites : (n,) used, -1 where not known.
+    """
+
+    gpst: Instants
+    position_ecef_m: Reals
+    velocity_ecef_m_s: Reals
+    horizontal_sigma_m: Reals
+    vertical_sigma_m: Reals
+    clock_bias_s: Reals
+    clock_drift: Reals
+    satellites: Integers
+
+    def __post_init__(self) -> None:
+        row = dict.fromkeys(
+            ("gpst", "horizontal_sigma_m", "vertical_sigma_m", "clock_bias_s", "clock_drift", "satellites"), ("fix",)
+        )
+        freeze(self, row | dict.fromkeys(("position_ecef_m", "velocity_ecef_m_s"), ("fix", "3")))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FrontEndLevels:
+    """Levels that the receiver measured in its front end; NaN where it gives none.
+
+    gpst : (n,). band : (n,) text, such as "L1", "L2L5", or a receiver's own number of the chain. agc_db : (n,) gain of
+    the amplifier in decibels, of arbitrary zero, falling when the input grows; agc_share : (n,) the same as a share
+    of full scale, 0 to 1, where only that is known. noise_db : (n,) power of the samples, decibels of arbitrary zero.
+    jamming_share : (n,) the receiver's indicator of continuous waves, 0 to 1.
+    """
+
+    gpst: Instants
+    band: NDArray[np.str_]
+    agc_db: Reals
+    agc_share: Reals
+    noise_db: Reals
+    jamming_share: Reals
+
+    def __post_init__(self) -> None:
+        names = ("gpst", "band", "agc_db", "agc_share", "noise_db", "jamming_share")
+        freeze(self, dict.fromkeys(names, ("row",)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReceiverStates:
+    """What the receiver says of itself. It is shown beside our answer and is never evidence.
+
+    gpst : (n,). subject : (n,) "jamming", "spoofing" or "authentication". state : (n,) the protocol's own word, as
+    "indicated". alarm : (n,) whether the word claims jamming, spoofing or a failed authentication.
+    """
+
+    gpst: Instants
+    subject: NDArray[np.str_]
+    state: NDArray[np.str_]
+    alarm: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        freeze(self, dict.fromkeys(("gpst", "subject", "state", "alarm"), ("row",)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BroadcastFrames:
+    """Frames of one kind of broadcast message whose parity or checksum holds, in order of arrival.
+
+    gpst : (n,) when the frame ended, to a second or two. sat : (n,) "G05". band, code : (n,) the signal that carried
+    it, as `SignalId` names them. bits : (n, ceil(FRAME_BITS[kind] / 8)) packed, first bit first.
+    """
+
+    kind: MessageKind
+    gpst: Instants
+    sat: NDArray[np.str_]
+    band: NDArray[np.str_]
+    code: NDArray[np.str_]
+    bits: Octets
+
+    def __post_init__(self) -> None:
+        n_bytes = str(-(-FRAME_BITS[self.kind] // 8))
+        freeze(self, dict.fromkeys(("gpst", "sat", "band", "code"), ("frame",)) | {"bits": ("frame", n_bytes)})
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LogPiece:
+    """What a stretch of a log holds; None or empty where it holds none of a kind.
+
+    observations : elapsed time counts from the first epoch of the piece. messages : how many frames of each name were
+        read ("RXM-RAWX", "MSM7 1077", "GGA"). damaged_frames : how many failed their checksum or their length.
+    cut : the log ends inside a frame; in its last piece only.
+    """
+
+    observations: Observations | None = None
+    fixes: ReceiverFixes | None = None
+    levels: FrontEndLevels | None = None
+    states: ReceiverStates | None = None
+    frames: tuple[BroadcastFrames, ...] = ()
+    messages: dict[str, int]
+    damaged_frames: int = 0
+    cut: bool = False
+    remarks: tuple[str, ...] = ()
+
+
+class LogReader(Protocol):
+    """A function that reads one protocol: `read_ubx`, `read_sbf` and the like."""
+
+    def __call__(self, blocks: Iterable[bytes], *, source: str) -> Iterator[LogPiece]:
+        """Read blocks of bytes, cut anywhere.
+
+        source : names the log in messages.
+
+        Raises
+        ------
+        InputError : the log cannot be read as this protocol at all.
+        """

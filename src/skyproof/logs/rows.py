@@ -1,0 +1,100 @@
+"""Measurements as logs give them, a row a signal and epoch, to `Observations`."""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Integers, Reals
+from skyproof.gnss.signals import carrier_hz_of, chip_m_of
+from skyproof.gnss.thermal_noise import carrier_sigma_cyc, code_sigma_m, doppler_sigma_hz
+from skyproof.records import CellStatus, Observations, SignalId
+
+__all__ = ["SignalRows", "observations_from_rows"]
+
+_UNKNOWN_CN0_DBHZ: Final = 40.0  # of a cell without one, for its sigmas alone
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SignalRows:
+    """Measurements of one receiver, a row a signal and epoch, in any order; NaN where there is none.
+
+    instant_ns : (n_rows,) what the receiver's clock shows, nanoseconds of GPS time since 1970.
+    signal : (n_rows,) index into `signals`. frequency_numbers : of GLONASS's satellites, by name.
+    carrier_cyc : grows when the range grows. doppler_hz : falls with a growing range rate.
+    pseudorange_sigma_m, carrier_sigma_cyc, doppler_sigma_hz : as the receiver states them; NaN takes thermal noise.
+    slipped, half_cycle_open : (n_rows,) of the carrier.
+    """
+
+    signals: tuple[SignalId, ...]
+    frequency_numbers: dict[str, int]
+    instant_ns: Integers
+    signal: Integers
+    pseudorange_m: Reals
+    carrier_cyc: Reals
+    doppler_hz: Reals
+    cn0_dbhz: Reals
+    pseudorange_sigma_m: Reals
+    carrier_sigma_cyc: Reals
+    doppler_sigma_hz: Reals
+    slipped: Booleans
+    half_cycle_open: Booleans
+
+
+def observations_from_rows(rows: SignalRows, receiver: str) -> Observations | None:
+    """Put rows into a grid of epochs and signals; None where no row holds a measurement.
+
+    Of two rows of one signal and epoch the first counts. Zero is no measurement of a code or a carrier.
+    """
+    code_m, carrier_cyc = (np.where(values == 0.0, np.nan, values) for values in (rows.pseudorange_m, rows.carrier_cyc))
+    kept = np.flatnonzero(np.isfinite(code_m) | np.isfinite(carrier_cyc) | np.isfinite(rows.doppler_hz))
+    if not kept.size:
+        return None
+    used = np.unique(rows.signal[kept])
+    names = sorted(range(used.size), key=lambda k: rows.signals[used[k]])
+    signals = tuple(rows.signals[used[k]] for k in names)
+    place = np.empty(used.size, np.intp)
+    place[names] = np.arange(used.size)
+    column = place[np.searchsorted(used, rows.signal[kept])]
+    instant_ns, epoch = np.unique(rows.instant_ns[kept], return_inverse=True)
+    _, first = np.unique(epoch * used.size + column, return_index=True)
+    kept, column, epoch = kept[first], column[first], epoch[first]
+    shape = instant_ns.size, used.size
+
+    def grid(values: Any, empty: Any = np.nan) -> Any:
+        cells = np.full(shape, empty, np.asarray(values).dtype)
+        cells[epoch, column] = values
+        return cells
+
+    cn0_dbhz = rows.cn0_dbhz[kept]
+    assumed_dbhz = np.where(np.isfinite(cn0_dbhz), cn0_dbhz, _UNKNOWN_CN0_DBHZ)
+    chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in signals])[column]
+    sigmas = {
+        "pseudorange_sigma_m": (code_m[kept], rows.pseudorange_sigma_m[kept], code_sigma_m(assumed_dbhz, chip_m)),
+        "carrier_sigma_cyc": (carrier_cyc[kept], rows.carrier_sigma_cyc[kept], carrier_sigma_cyc(assumed_dbhz)),
+        "doppler_sigma_hz": (rows.doppler_hz[kept], rows.doppler_sigma_hz[kept], doppler_sigma_hz(assumed_dbhz)),
+    }
+    elapsed_s = (instant_ns - instant_ns[0]) * 1e-9
+    found = np.full(used.size, instant_ns.size)
+    np.minimum.at(found, column, epoch)
+    return Observations(
+        receiver=receiver,
+        signals=signals,
+        gpst=instant_ns.astype("datetime64[ns]"),
+        elapsed_s=elapsed_s,
+        pseudorange_m=grid(code_m[kept]),
+        carrier_cyc=grid(carrier_cyc[kept]),
+        doppler_hz=grid(rows.doppler_hz[kept]),
+        cn0_dbhz=grid(cn0_dbhz),
+        **{
+            name: grid(np.where(np.isfinite(value), np.where(np.isfinite(stated), stated, thermal), np.nan))
+            for name, (value, stated, thermal) in sigmas.items()
+        },
+        status=grid(
+            np.where(rows.slipped[kept], CellStatus.SLIP, CellStatus.OK).astype(np.uint8), CellStatus.NOT_TRACKED
+        ),
+        half_cycle_open=grid(rows.half_cycle_open[kept], False),
+        found_elapsed_s=elapsed_s[found],
+        missed_elapsed_s=np.where(found > 0, elapsed_s[np.maximum(found - 1, 0)], np.nan),
+        carrier_hz=np.array([carrier_hz_of(s.band, rows.frequency_numbers.get(s.sat)) for s in signals]),
+    )
