@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.multi_receiver.carriers import Fractions, fractions, one_antenna_carriers, sky_carriers
-from skyproof.detectors.multi_receiver.common_epochs import CommonPhases
+from skyproof.detectors.multi_receiver.common_epochs import CommonPhases, common_ranges
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.known_geometry import AntennaDistance, AntennaPlaces
 from skyproof.detectors.multi_receiver.one_antenna import TrackNoise
 from skyproof.detectors.multi_receiver.pairing import pair_up, sky_by_carriers
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
-from skyproof.records import CellStatus
+from skyproof.records import OBSERVABLES, CellStatus
 from skyproof.statistics.distributions import binomial_survival
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -200,6 +200,40 @@ def test_whole_cycles_that_slip_and_half_cycles_that_are_open_change_nothing():
         assert [e.says for e in examine(half_open, carrier_multipath_sigma_m=0.002, **GIVEN["places"])] == [word]
 
 
+def without_epochs(observations, dropped):
+    kept = np.setdiff1d(np.arange(observations.gpst.size), dropped)
+    cells = [*OBSERVABLES, "status", "half_cycle_open", "gpst", "elapsed_s"]
+    return replace(observations, **{name: getattr(observations, name)[kept] for name in cells})
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_epochs_that_one_receiver_lacks_cost_only_themselves(number):
+    """The noise of Dopplers over the whole step to an epoch that is not used does not count."""
+    made = scene(epochs=20, first_epoch_s=(0.0, 0.0))
+    records = made.records(np.random.default_rng(0))
+    dropped = np.arange(2, 20, 5)
+    rough = [replace(o, doppler_sigma_hz=np.full(o.status.shape, 1.0)) for o in records.observations]
+    both = replace(records, observations=tuple(without_epochs(o, dropped) for o in rough))
+    one = replace(
+        records, observations=tuple(without_epochs(o, dropped) if k == number else o for k, o in enumerate(rough))
+    )
+    expected, found = (fractions(common_ranges(r, r.sets).phases, 1, 0.005) for r in (both, one))
+    np.testing.assert_allclose(found.sigma_cyc, expected.sigma_cyc)
+    np.testing.assert_allclose(found.cycles, expected.cycles, atol=1e-3)
+    assert [e.says for e in examine(one, **GIVEN["places"])] == ["authentic"]
+
+
+def test_the_noise_of_a_stretch_is_that_of_its_instants():
+    records = scene(epochs=20).records(np.random.default_rng(0))
+    first, second = records.observations
+    grown = np.where(np.arange(20)[:, None] < 10, 1.0, 3.0) * np.ones(second.status.shape)
+    ranges = common_ranges(
+        replace(records, observations=(first, replace(second, pseudorange_sigma_m=grown))), records.sets
+    )
+    np.testing.assert_allclose(ranges.at(ranges.time_s < 9.0).sigma_m[:, 1], 1.0)
+    np.testing.assert_allclose(ranges.at(ranges.time_s > 11.0).sigma_m[:, 1], 3.0)
+
+
 @pytest.mark.parametrize("missing", ["carrier_cyc", "doppler_hz"])
 def test_what_carriers_lack_is_said(missing):
     """Epochs of the two lie some tenths of a second apart: without Dopplers they cannot be brought together."""
@@ -220,9 +254,9 @@ def test_frequencies_of_their_own_have_no_fractions():
     n = 6
     phases = CommonPhases(
         cyc=np.zeros((5, n, 2)),
-        sigma_cyc=np.full((n, 2), 0.01),
+        sigma_cyc=np.full((5, n, 2), 0.01),
         wave_m=np.full(n, WAVE_M),
-        half_open=np.zeros(n, bool),
+        half_open=np.zeros((5, n, 2), bool),
         whole_cycles=np.ones(n, bool),
     )
     assert fractions(phases, 1, 0.005) is not None

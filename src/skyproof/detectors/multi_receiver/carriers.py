@@ -89,13 +89,16 @@ def fractions(phases: CommonPhases, other: int, multipath_sigma_m: float) -> Fra
     """
     if not phases.whole_cycles.all():
         return None
-    folded = 2.0 if phases.half_open.any() else 1.0
-    cycles, steady = _between_satellites(folded * (phases.cyc[..., other] - phases.cyc[..., 0]))
+    cyc = phases.cyc[..., other] - phases.cyc[..., 0]
+    known = np.isfinite(cyc)
+    folded = 2.0 if phases.half_open[known][:, [0, other]].any() else 1.0
+    cycles, steady = _between_satellites(folded * cyc)
     rows = np.flatnonzero(steady)
     if rows.size < _LEAST:
         return None
     wave_m = float(phases.wave_m[0]) / folded
-    thermal_cyc2 = np.sum((folded * phases.sigma_cyc[rows][:, [0, other]]) ** 2, axis=1)
+    each_cyc2 = np.where(known, np.sum((folded * phases.sigma_cyc[..., [0, other]]) ** 2, axis=-1), 0.0)
+    thermal_cyc2 = (each_cyc2.sum(axis=0) / np.maximum(known.sum(axis=0), 1) ** 2)[rows]
     sigma_cyc = np.sqrt(2.0 * (multipath_sigma_m / wave_m) ** 2 + thermal_cyc2)
     return Fractions(rows=rows, cycles=cycles[rows], sigma_cyc=sigma_cyc, wave_m=wave_m)
 

@@ -19,10 +19,10 @@ _FEW = 5  # epochs: where there are no more, who lacks one would take it from al
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CommonPhases:
-    """cyc (N, K, R) carriers of K transmissions in R receivers at N common instants, NaN where there is none; sigma_cyc
-    (K, R) noise of their mean, that of moving them to these instants included. wave_m, half_open, whole_cycles (K,) :
-    wavelength; whether some carrier may be half a cycle off; whether differences between satellites are of whole
-    cycles, which those of GLONASS are not, as each satellite has a frequency of its own.
+    """cyc, sigma_cyc (N, K, R) carriers of K transmissions in R receivers at N common instants, NaN where there is
+    none, and the noise of each, that of moving it to its instant included. half_open (N, K, R) : where one may be half
+    a cycle off. wave_m, whole_cycles (K,) : wavelength; whether differences between satellites are of whole cycles,
+    which those of GLONASS are not, as each satellite has a frequency of its own.
     """
 
     cyc: Reals
@@ -33,24 +33,29 @@ class CommonPhases:
 
     def take(self, rows: Indices) -> "CommonPhases":
         """Those transmissions alone."""
-        return replace(self, cyc=self.cyc[:, rows], **{n: getattr(self, n)[rows] for n in _OF_TRANSMISSIONS})
+        cells = {name: getattr(self, name)[:, rows] for name in _OF_CELLS}
+        return replace(self, **cells, wave_m=self.wave_m[rows], whole_cycles=self.whole_cycles[rows])
+
+    def at(self, instants: Indices | Booleans) -> "CommonPhases":
+        """The same transmissions at these of the instants."""
+        return replace(self, **{name: getattr(self, name)[instants] for name in _OF_CELLS})
 
 
-_OF_TRANSMISSIONS = ("sigma_cyc", "wave_m", "half_open", "whole_cycles")
+_OF_CELLS = ("cyc", "sigma_cyc", "half_open")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CommonRanges:
-    """range_m (N, K, R) of K transmissions in R receivers at N common instants; sigma_m (K, R) thermal. tracks (R, K) :
-    each receiver's signals. time_s (N,) : since the window's start. step_s : the usual one between instants. phases :
-    carriers of the same; None where they were not kept.
+    """range_m, range_sigma_m (N, K, R) of K transmissions in R receivers at N common instants, and the thermal noise of
+    each. tracks (R, K) : each receiver's signals. time_s (N,) : since the window's start. step_s : the usual one
+    between instants. phases : carriers of the same; None where they were not kept.
 
     Every range is there: transmissions and epochs that would leave holes are left out.
     """
 
     tracks: tuple[tuple[SignalId, ...], ...]
     range_m: Reals
-    sigma_m: Reals
+    range_sigma_m: Reals
     time_s: Reals
     step_s: float
     phases: CommonPhases | None = None
@@ -79,11 +84,18 @@ class CommonRanges:
         """Those transmissions alone, at the same instants."""
         tracks = tuple(tuple(own[k] for k in rows) for own in self.tracks)
         phases = None if self.phases is None else self.phases.take(rows)
-        return replace(self, tracks=tracks, range_m=self.range_m[:, rows], sigma_m=self.sigma_m[rows], phases=phases)
+        range_m, range_sigma_m = self.range_m[:, rows], self.range_sigma_m[:, rows]
+        return replace(self, tracks=tracks, range_m=range_m, range_sigma_m=range_sigma_m, phases=phases)
 
     def at(self, instants: Indices | Booleans) -> "CommonRanges":
         """The same transmissions at these of the instants, without their carriers."""
-        return replace(self, range_m=self.range_m[instants], time_s=self.time_s[instants], phases=None)
+        range_m, range_sigma_m = self.range_m[instants], self.range_sigma_m[instants]
+        return replace(self, range_m=range_m, range_sigma_m=range_sigma_m, time_s=self.time_s[instants], phases=None)
+
+    @property
+    def sigma_m(self) -> Reals:
+        """(K, R) thermal noise of one range, root mean square over the instants."""
+        return np.asarray(np.sqrt((self.range_sigma_m**2).sum(axis=0) / max(len(self.range_sigma_m), 1)))
 
     @property
     def apart_m(self) -> Reals:
@@ -148,8 +160,8 @@ def common_ranges(
     instants_s = _true_time_s(receivers[sets[0].receiver], records, sets[0])
     step_s = float(np.median(np.diff(instants_s))) if instants_s.size > 1 else 1.0
     ranges = np.full((instants_s.size, len(shared), len(sets)), np.nan)
-    sigma_m, phase_cyc = np.full_like(ranges, np.nan), np.full_like(ranges, np.nan)
-    of_phase = _PhaseErrors(shared, receivers[sets[0].receiver])
+    sigma_m, phase_cyc, phase_sigma_cyc = (np.full_like(ranges, np.nan) for _ in range(3))
+    half_open = np.zeros(ranges.shape, np.bool_)
     paces_m_s: list[Reals] = []
     for i, chosen in enumerate(sets):
         observations = receivers[chosen.receiver]
@@ -163,19 +175,28 @@ def common_ranges(
             continue
         dt_s = instants_s - time_s[nearest]
         cells = np.ix_(nearest, columns)
-        # With equal instants the Doppler is not needed, and may be missing.
-        shift_m = np.where(np.abs(dt_s)[:, None] > 1e-9, rate_m_s[nearest] * dt_s[:, None], 0.0)
+        moved = np.abs(dt_s)[:, None] > 1e-9  # with equal instants the Doppler is not needed, and may be missing
+        shift_m = np.where(moved, rate_m_s[nearest] * dt_s[:, None], 0.0)
         near = np.abs(dt_s) <= 0.51 * step_s
         ranges[..., i] = np.where(near[:, None], observations.pseudorange_m[cells] + shift_m, np.nan)
         sigma_m[..., i] = observations.pseudorange_sigma_m[cells]
         steady_hz, pace_hz_s = _steady(observations.doppler_hz[:, columns], time_s)
         middle_hz = steady_hz[nearest] + 0.5 * pace_hz_s * dt_s[:, None]
-        turned_cyc = np.where(np.abs(dt_s)[:, None] > 1e-9, -middle_hz * dt_s[:, None], 0.0)
+        turned_cyc = np.where(moved, -middle_hz * dt_s[:, None], 0.0)
+        turned_sigma_cyc = np.where(moved, observations.doppler_sigma_hz[cells] * dt_s[:, None], 0.0)
+        phase_sigma_cyc[..., i] = np.hypot(observations.carrier_sigma_cyc[cells], turned_sigma_cyc)
         phase_cyc[..., i] = np.where(near[:, None], observations.carrier_cyc[cells] + turned_cyc, np.nan)
-        of_phase.add(observations, columns, nearest, dt_s)
-    return _without_holes(
-        shared, ranges, sigma_m, of_phase.phases(phase_cyc), instants_s, step_s, min_share, min_satellites
+        half_open[..., i] = observations.half_cycle_open[cells]
+    carrier_hz = receivers[sets[0].receiver].carrier_hz
+    signals = receivers[sets[0].receiver].signals
+    phases = CommonPhases(
+        cyc=np.where(np.isfinite(phase_sigma_cyc), phase_cyc, np.nan),
+        sigma_cyc=phase_sigma_cyc,
+        wave_m=SPEED_OF_LIGHT_M_S / carrier_hz[[signals.index(tracks[0]) for tracks in shared]],
+        half_open=half_open,
+        whole_cycles=np.array([tracks[0].kind[0] != "R" for tracks in shared], np.bool_),
     )
+    return _without_holes(shared, ranges, sigma_m, phases, instants_s, step_s, min_share, min_satellites)
 
 
 def _steady(doppler_hz: Reals, time_s: Reals) -> tuple[Reals, Reals]:
@@ -198,37 +219,6 @@ def _steady(doppler_hz: Reals, time_s: Reals) -> tuple[Reals, Reals]:
             line = np.polyfit(at_s[known], own_hz[known, k], 1)
             smooth_hz[known, k], pace_hz_s[k] = np.polyval(line, at_s[known]), line[0]
     return smooth_hz + common_hz, pace_hz_s
-
-
-class _PhaseErrors:
-    """Noise of carriers at common instants, and what else is known of them, receiver by receiver."""
-
-    def __init__(self, shared: Sequence[tuple[SignalId, ...]], first: Observations) -> None:
-        columns = [first.signals.index(tracks[0]) for tracks in shared]
-        self.wave_m = SPEED_OF_LIGHT_M_S / first.carrier_hz[columns]
-        self.half_open = np.zeros(len(shared), bool)
-        self.whole_cycles = np.array([tracks[0].kind[0] != "R" for tracks in shared], bool)
-        self.variance_cyc2: list[Reals] = []
-
-    def add(self, observations: Observations, columns: Indices, nearest: Indices, dt_s: Reals) -> None:
-        """One more receiver's."""
-        self.half_open |= observations.half_cycle_open[:, columns].any(axis=0)
-        cells = np.ix_(nearest, columns)
-        own = observations.carrier_sigma_cyc[cells] ** 2 + (dt_s[:, None] * observations.doppler_sigma_hz[cells]) ** 2
-        own = np.where(np.isfinite(own), own, 0.0)
-        self.variance_cyc2.append(own.mean(axis=0) / max(len(own), 1))
-
-    def phases(self, cyc: Reals) -> CommonPhases | None:
-        """All receivers'; None if one has no epochs."""
-        if len(self.variance_cyc2) < cyc.shape[2]:
-            return None
-        return CommonPhases(
-            cyc=cyc,
-            sigma_cyc=np.sqrt(np.stack(self.variance_cyc2, axis=-1)),
-            wave_m=self.wave_m,
-            half_open=self.half_open,
-            whole_cycles=self.whole_cycles,
-        )
 
 
 def _drift(rate_m_s: Reals, reference_m_s: Reals) -> float:
@@ -262,7 +252,7 @@ def _without_holes(
     shared: list[tuple[SignalId, ...]],
     ranges: Reals,
     sigma_m: Reals,
-    phases: CommonPhases | None,
+    phases: CommonPhases,
     time_s: Reals,
     step_s: float,
     min_share: float,
@@ -274,14 +264,13 @@ def _without_holes(
     kept = epochs >= max(min_share * best, min(_FEW, best))
     if kept.sum() < min_satellites:
         kept = epochs > 0
-    rows = whole[:, kept].all(axis=1)
-    used_m2 = sigma_m[rows][:, kept] ** 2
+    rows = np.asarray(whole[:, kept].all(axis=1))
     left = [tracks for tracks, keep in zip(shared, kept, strict=True) if keep]
     return CommonRanges(
         tracks=tuple(tuple(tracks[i] for tracks in left) for i in range(ranges.shape[2])),
         range_m=ranges[rows][:, kept],
-        sigma_m=np.sqrt(used_m2.sum(axis=0) / max(len(used_m2), 1)),
+        range_sigma_m=sigma_m[rows][:, kept],
         time_s=time_s[rows],
         step_s=step_s,
-        phases=None if phases is None else replace(phases, cyc=phases.cyc[rows]).take(np.flatnonzero(kept)),
+        phases=phases.at(rows).take(np.flatnonzero(kept)),
     )

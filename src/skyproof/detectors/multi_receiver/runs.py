@@ -80,8 +80,7 @@ class WindowRun:
         """Its windows as one, of the kind of `pairing`, the last; and the number of each instant's half
         window."""
         tracks = self.tracks
-        cells, times_s, ranges_m = [], [], []
-        squares_m2 = np.zeros((len(tracks[0]), len(tracks)))
+        cells, times_s, ranges_m, sigmas_m = [], [], [], []
         for number, part in enumerate(self.parts):
             places = {row: k for k, row in enumerate(zip(*part.ranges.tracks, strict=True))}
             own = part.ranges.take(np.array([places[row] for row in zip(*tracks, strict=True)], np.intp))
@@ -89,11 +88,11 @@ class WindowRun:
             cells.append(2 * number + (own.time_s >= half_s))
             times_s.append(own.time_s + float(seconds_between(part.start_gpst, self.parts[0].start_gpst)))
             ranges_m.append(own.range_m)
-            squares_m2 += own.sigma_m**2 / len(self.parts)
+            sigmas_m.append(own.range_sigma_m)
         ranges = CommonRanges(
             tracks=tracks,
             range_m=np.concatenate(ranges_m),
-            sigma_m=np.sqrt(squares_m2),
+            range_sigma_m=np.concatenate(sigmas_m),
             time_s=np.concatenate(times_s),
             step_s=self.parts[-1].ranges.step_s,
         )

@@ -75,5 +75,5 @@ def _alike(ranges: CommonRanges, false: CommonRanges, multipath_sigma_m: float) 
         each_m2 = some.sigma_m**2 * slow + multipath_sigma_m**2
         return np.asarray(each_m2[:, 1:] + each_m2[:, :1])
 
-    sigma_m = np.sqrt(variance_m2(ranges) + variance_m2(false).mean(axis=0) / len(false.signals))
+    sigma_m = np.sqrt(variance_m2(ranges.at(own)) + variance_m2(false.at(other)).mean(axis=0) / len(false.signals))
     return np.asarray((np.abs(away_m - false_m.mean(axis=0)) < _SIGMAS * sigma_m).all(axis=1))
